@@ -1,0 +1,1 @@
+"""The top of the suite: scenarios, the headless flight, its report and the `tombo` command."""

@@ -1,0 +1,274 @@
+"""The headless flight: plant, autopilot, detector, reaction and mission in lockstep, no server.
+
+Deterministic in (scenario, seed). Compiled code flies from one mocap sample to the next; detector,
+reaction and mission look at each sample as their nodes would.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_bringup.flight_metrics import Verdict, summarize
+from tombo_bringup.flight_record import FlightRecord
+from tombo_bringup.propulsion import propulsion_effects, thrust_map_of
+from tombo_bringup.scenario import Scenario, as_mapping
+from tombo_collision.detector import CollisionDetector, CollisionEvent
+from tombo_collision.reaction import ReactionState, react
+from tombo_control import mission as plan
+from tombo_control.autopilot import (
+    IDLE,
+    LAND,
+    LANDED,
+    MODE_NAMES,
+    TAKEOFF,
+    A,
+    new_autopilot,
+)
+from tombo_dynamics.effects.compose import pack_theta
+from tombo_dynamics.plant import P, new_plant, part
+from tombo_dynamics.rigid_body import begin_flight
+from tombo_dynamics.rotor_maps import rotor_maps
+from tombo_sim.kernel import ARRIVES, CAPTURED, POSE, fly
+from tombo_sim.log_columns import COLUMNS, LOG_WIDTH
+
+Array = NDArray[np.float64]
+
+TICK_S = 1e-3
+_BLOCK = 8192
+_AFTER_LANDING_S = 1.0
+_AFTER_CRASH_S = 1.5
+_NOISE = 9
+
+
+@dataclass
+class Workspace:
+    """Scratch memory for flights, reused from one to the next: fresh pages cost milliseconds."""
+
+    log: Array = field(default_factory=lambda: np.zeros((0, LOG_WIDTH)))
+
+    def rows(self, count: int) -> Array:
+        """Return a log of `count` rows; its content is what the last flight left."""
+        if self.log.shape[0] < count:
+            self.log = np.full((count, LOG_WIDTH), math.nan)
+        view: Array = self.log[:count]
+        return view
+
+
+@dataclass
+class _Course:
+    """What detector, reaction and mission have come to in the flight so far."""
+
+    mission: plan.MissionState
+    detector: CollisionDetector
+    reaction: ReactionState = field(default_factory=ReactionState)
+    events: list[dict[str, Any]] = field(default_factory=list)
+    detections: list[CollisionEvent] = field(default_factory=list)
+    arrivals: list[float] = field(default_factory=list)
+    reactions: list[ReactionState] = field(default_factory=list)
+    statistics: list[tuple[int, float]] = field(default_factory=list)
+    modes: list[tuple[float, int]] = field(default_factory=list)
+
+
+def fly_scenario(
+    scenario: Scenario,
+    seed: int,
+    workspace: Workspace | None = None,
+    progress: Callable[[float], None] | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> FlightRecord:
+    """Fly a scenario and return its record.
+
+    Args:
+        scenario: what to fly.
+        seed: all randomness derives from it.
+        workspace: memory to reuse; the record's log then lives in it until the next flight.
+        progress: called with the flight time [s] now and then.
+        stop: asked at each sample; True ends the flight where it is.
+
+    Raises:
+        InputError: the propeller cannot lift the vehicle.
+    """
+    vehicle = scenario.vehicle
+    maps = rotor_maps(thrust_map_of(scenario.propeller), vehicle)
+    effects = propulsion_effects(scenario)
+    theta = pack_theta(effects)
+    ticks = round(scenario.duration / TICK_S)
+    draw_seed, tick_seed, mocap_seed = np.random.SeedSequence(seed).spawn(3)
+    draws = np.random.default_rng(draw_seed).standard_normal(16)
+    tick_noise = np.random.default_rng(tick_seed)
+    captures = np.round(
+        np.arange(0.0, scenario.duration, 1.0 / scenario.estimator.mocap_rate) / TICK_S
+    ).astype(np.int64)
+    captures = np.append(captures, np.int64(2**62))
+    mocap_noise = np.random.default_rng(mocap_seed).standard_normal((captures.size, _NOISE))
+    mocap = np.zeros((captures.size, 10))
+    log = (workspace or Workspace()).rows(ticks)
+
+    m = new_plant(vehicle)
+    spread = scenario.spread
+    yaw = spread.yaw * draws[8]
+    start = np.array([spread.start * draws[9], spread.start * draws[10], vehicle.leg_height])
+    part(m, "body")[:3] = start
+    part(m, "body")[6:10] = [0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)]
+    part(m, "draws")[:] = draws[:8]
+    pole = scenario.obstacle
+    obstacle = [
+        pole.x + spread.obstacle * draws[11], pole.y + spread.obstacle * draws[12],
+        pole.radius, pole.top,
+    ]
+    part(m, "obstacle")[:] = obstacle
+    begin_flight(m, np.zeros(_NOISE), theta, TICK_S)
+    body = part(m, "body")
+    a = new_autopilot(scenario.control, scenario.estimator, vehicle, body[:3], body[6:10])
+
+    course = _Course(plan.begin(start), CollisionDetector(scenario.detector))
+    referee = _Referee(vehicle.leg_height)
+    state = np.zeros(3, dtype=np.int64)
+    began = time.perf_counter()
+    k = 0
+    end = ticks
+    noise = np.empty((0, _NOISE))
+    base = 0
+    while k < end:
+        if k >= base + noise.shape[0]:
+            base = k
+            noise = tick_noise.standard_normal((_BLOCK, _NOISE))
+        k, row = fly(
+            m, a, maps, theta, noise, mocap_noise, captures, mocap, state, log,
+            base, k, min(end, base + noise.shape[0]),
+        )
+        if row < 0:
+            continue
+        now = k * TICK_S
+        _look_at_sample(course, scenario, mocap[row], row, now, a)
+        finished = referee.watch(m, now, course.mission.mode)
+        if finished is not None:
+            end = min(end, k + round(finished / TICK_S))
+        if stop is not None and stop():
+            break
+        if progress is not None and row % 64 == 0:
+            progress(now)
+    wall = time.perf_counter() - began
+
+    flown = as_mapping(scenario)
+    flown["effects"] = effects
+    flown["seed"] = seed
+    flown["obstacle"] = dict(
+        zip(("x_m", "y_m", "radius_m", "top_m"), (float(v) for v in obstacle), strict=True)
+    )
+    return _record(scenario, seed, flown, log[:k], mocap, course, referee, wall)
+
+
+def _look_at_sample(
+    course: _Course, scenario: Scenario, sample: Array, row: int, now: float, a: Array
+) -> None:
+    """Hand a delivered pose to detector, reaction and mission, and the outcome to the autopilot."""
+    stamp = sample[CAPTURED] * TICK_S
+    event = course.detector.update(stamp, sample[POSE : POSE + 3], sample[POSE + 3 : POSE + 7])
+    course.statistics.append((row, course.detector.statistic))
+    before = course.mission
+    if event is not None:
+        course.detections.append(event)
+        course.arrivals.append(now)
+        course.events.append(
+            {
+                "time_s": now, "kind": "detection", "text": f"collision detected ({event.trigger})",
+                "trigger": event.trigger, "stamp_s": event.stamp_s,
+                "contact_time_s": event.contact_time_s, "x_c_m": event.x_c.tolist(),
+                "flight_direction": event.flight_direction.tolist(),
+                "confidence": event.confidence, "statistic": event.statistic,
+                "count": event.count,
+            }
+        )
+        if scenario.react and before.mode not in (LAND, LANDED):
+            course.reaction = react(course.reaction, event, scenario.reaction)
+            course.reactions.append(course.reaction)
+            course.mission = plan.escape(before, course.reaction.x_r, now)
+            course.events.append(
+                {
+                    "time_s": now, "kind": "setpoint_switch", "text": "set point moved to x_r",
+                    "x_c_m": event.x_c.tolist(), "x_r_m": course.reaction.x_r.tolist(),
+                    "n_r": course.reaction.n_r.tolist(), "count": course.reaction.collisions,
+                }
+            )
+    course.mission = plan.proceed(
+        course.mission, scenario.mission, now,
+        a[A.position : A.position + 3], a[A.velocity : A.velocity + 3],
+    )
+    if course.mission is not before:
+        if course.mission.leg is not before.leg:
+            a[A.leg : A.leg + 9] = course.mission.leg.as_array()
+        if course.mission.mode != before.mode:
+            a[A.mode] = course.mission.mode
+            course.modes.append((now, course.mission.mode))
+
+
+class _Referee:
+    """Decides from the truth when there is no more to see: landed, or crashed."""
+
+    def __init__(self, leg_height: float) -> None:
+        self._ground = leg_height
+        self._airborne = False
+        self._over = False
+
+    def watch(self, m: Array, now: float, mode: int) -> float | None:
+        """Return how long to go on [s] once the flight is decided, else None."""
+        height = m[P.body + 2]
+        if height > self._ground + 0.3:
+            self._airborne = True
+        if self._over or not self._airborne:
+            return None
+        if mode == LANDED:
+            self._over = True
+            return _AFTER_LANDING_S
+        upright = 1.0 - 2.0 * (m[P.body + 6] ** 2 + m[P.body + 7] ** 2)
+        fallen = height < self._ground - 0.02 or (height < self._ground + 0.05 and upright < 0.8)
+        if fallen and mode not in (IDLE, TAKEOFF, LAND):
+            self._over = True
+            return _AFTER_CRASH_S
+        return None
+
+
+def _record(
+    scenario: Scenario,
+    seed: int,
+    flown: dict[str, Any],
+    log: Array,
+    mocap: Array,
+    course: _Course,
+    referee: _Referee,
+    wall: float,
+) -> FlightRecord:
+    columns = {name: log[:, where] for name, where in COLUMNS.items()}
+    rows = np.array([row for row, _ in course.statistics], dtype=np.int64)
+    events = course.events + [
+        {"time_s": when, "kind": MODE_NAMES[mode], "text": MODE_NAMES[mode].replace("_", " ")}
+        for when, mode in course.modes
+    ]
+    t = np.arange(log.shape[0]) * TICK_S
+    summary, seen = summarize(
+        Verdict(
+            scenario, seed, t, columns, course.detections, course.arrivals, course.reactions, wall
+        )
+    )
+    events = sorted(events + seen, key=lambda e: float(e["time_s"]))
+    arrived = mocap[rows]
+    return FlightRecord(
+        t=t,
+        log=columns,
+        mocap_t=arrived[:, CAPTURED] * TICK_S,
+        mocap_arrival=arrived[:, ARRIVES] * TICK_S,
+        mocap_position=arrived[:, POSE : POSE + 3],
+        mocap_attitude=arrived[:, POSE + 3 : POSE + 7],
+        detector_statistic=np.array([value for _, value in course.statistics]),
+        events=events,
+        scenario=flown,
+        summary=summary,
+    )

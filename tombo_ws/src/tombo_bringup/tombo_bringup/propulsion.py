@@ -1,0 +1,77 @@
+"""From a propeller configuration to what the simulation needs of it: map, strike, wear, scatter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from tombo_bringup.scenario import PropellerChoice, Scenario
+from tombo_dynamics.effects import check_theta
+from tombo_dynamics.propeller import ThrustMap, configuration, configurations, thrust_map
+from tombo_dynamics.propeller.records import Configuration
+
+_ENDURANCE = 3.0
+"""Full strikes that a Tombo blade stands (paper: about three collisions a propeller)."""
+_BRITTLE = 0.01
+"""Share of a full strike that breaks a rigid blade: any real strike does."""
+
+
+def thrust_map_of(choice: PropellerChoice) -> ThrustMap:
+    """Return the thrust map of a configuration under a law of the nodus."""
+    return thrust_map(configuration(choice.conf), law=choice.law)
+
+
+def _same_matrix_mean(wanted: Configuration, name: str) -> float:
+    """Return the mean of a measured figure over the configurations with the same silicone."""
+    values = []
+    for other in configurations():
+        same = other.nodus is not None and wanted.nodus is not None
+        if same and other.nodus.matrix.name == wanted.nodus.matrix.name:  # type: ignore[union-attr]
+            value = getattr(other.measured, name) if other.measured is not None else None
+            if value is not None:
+                values.append(float(value))
+    return sum(values) / len(values)
+
+
+def measured_figures(conf: int) -> dict[str, float]:
+    """Return Table III's figures that the simulation uses for a configuration.
+
+    Configurations 1 to 4 are not in Table III: they get the mean over the measured ones with the
+    same silicone. The rigid propeller has no recovery.
+
+    Returns:
+        collision_force_N, recovery_s (0 for the rigid one), deviation (of thrust, share of it).
+    """
+    wanted = configuration(conf)
+    rigid = wanted.nodus is None
+    figures = {}
+    for name in ("collision_force_N", "recovery_s", "thrust_N", "thrust_dev_N"):
+        value = getattr(wanted.measured, name) if wanted.measured is not None else None
+        if value is None:
+            value = 0.0 if rigid else _same_matrix_mean(wanted, name)
+        figures[name] = float(value)
+    return {
+        "collision_force_N": figures["collision_force_N"],
+        "recovery_s": figures["recovery_s"],
+        "deviation": figures["thrust_dev_N"] / figures["thrust_N"],
+    }
+
+
+def propulsion_effects(scenario: Scenario) -> dict[str, dict[str, float]]:
+    """Return the scenario's effects with those that follow from the propeller filled in.
+
+    What the scenario says itself about an effect stays.
+    """
+    figures = measured_figures(scenario.propeller.conf)
+    rigid = configuration(scenario.propeller.conf).nodus is None
+    derived: Mapping[str, Mapping[str, float]] = {
+        "blade_strike": {
+            "peak_force": figures["collision_force_N"],
+            "recovery_time": figures["recovery_s"],
+        },
+        "propeller_wear": {"collisions": _BRITTLE if rigid else _ENDURANCE},
+        "thrust_scatter": {"deviation": figures["deviation"]},
+    }
+    effects = {name: dict(values) for name, values in scenario.effects.items()}
+    for name, values in derived.items():
+        effects[name] = {**values, **effects.get(name, {})}
+    return check_theta(effects, "effects")

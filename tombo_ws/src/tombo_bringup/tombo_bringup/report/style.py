@@ -1,0 +1,39 @@
+"""Colours of the figures: Okabe and Ito's palette, told apart by every kind of colour vision."""
+
+from __future__ import annotations
+
+from typing import Final
+
+BLUE: Final = "#0072B2"
+GREEN: Final = "#009E73"
+ORANGE: Final = "#E69F00"
+VERMILLION: Final = "#D55E00"
+PURPLE: Final = "#AA4499"
+SKY: Final = "#56B4E9"
+
+INK: Final = "#1B2733"
+MUTED: Final = "#66737F"
+FAINT: Final = "#D9DFE4"
+PAPER: Final = "#FFFFFF"
+
+FRONT_LEFT: Final = VERMILLION
+"""The rotor that meets the obstacle."""
+
+ROTOR_COLOURS: Final = ("#4C6E91", "#8FA3B5", FRONT_LEFT, "#2B9E8F")
+"""front_right, rear_left, front_left, rear_right."""
+
+UNSTABLE: Final = "#F4B183"
+RECOVERY: Final = "#9CC9E3"
+SETTLED: Final = "#A9D8C4"
+
+MODE_COLOURS: Final = {
+    0: "#C9D1D8",  # idle
+    1: "#8FB8DE",  # takeoff
+    2: "#B5D3EC",  # hover
+    3: "#5B8DB8",  # approach
+    4: "#E07B39",  # react
+    5: "#6DBE9E",  # hold
+    6: "#B7A6D3",  # land
+    7: "#C9D1D8",  # landed
+    8: "#C85C6B",  # descend_blind
+}

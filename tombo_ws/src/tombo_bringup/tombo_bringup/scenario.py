@@ -1,0 +1,209 @@
+"""Scenario files: what to fly, with what, against what; read, checked, and overridden by key."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from tombo_collision.params import TRIGGERS, DetectorParams, ReactionParams
+from tombo_control.mission import MissionParams
+from tombo_control.params import ControlParams, EstimatorParams
+from tombo_dynamics.effects import check_theta
+from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.params import check_number, from_mapping, param
+from tombo_dynamics.vehicle import VehicleParams
+
+LAWS = ("published", "repaired", "consistent")
+DEFAULT_SCENARIO = "paper_collision"
+
+
+@dataclass(frozen=True)
+class ObstacleParams:
+    """The obstacle: a vertical cylinder on the floor. Radius 0: there is none."""
+
+    x: float = param(0.0, "m", (-1e3, 1e3), "axis, map x")
+    y: float = param(0.0, "m", (-1e3, 1e3), "axis, map y")
+    radius: float = param(0.0, "m", (0.0, 100.0), "radius; 0: no obstacle")
+    top: float = param(0.0, "m", (0.0, 100.0), "height of its top")
+
+
+@dataclass(frozen=True)
+class PropellerChoice:
+    """Which propeller is mounted, and the law of its nodus."""
+
+    conf: int = param(13, "1", (0, 13), "configuration of the paper's Table I; 0 is rigid")
+    law: str = field(default="repaired", metadata={"doc": "published, repaired or consistent"})
+
+
+@dataclass(frozen=True)
+class SpreadParams:
+    """What differs from seed to seed besides the noise of the effects."""
+
+    start: float = param(0.02, "m", (0.0, 2.0), "standard deviation of the start, x and y")
+    yaw: float = param(0.02, "rad", (0.0, 3.2), "standard deviation of the heading at the start")
+    obstacle: float = param(0.01, "m", (0.0, 1.0), "standard deviation of the obstacle, x and y")
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One experiment, complete and checked."""
+
+    name: str = DEFAULT_SCENARIO
+    description: str = ""
+    duration: float = param(60.0, "s", (0.1, 3600.0), "the flight is cut off at this time")
+    react: bool = True
+    propeller: PropellerChoice = field(default_factory=PropellerChoice)
+    vehicle: VehicleParams = field(default_factory=VehicleParams)
+    control: ControlParams = field(default_factory=ControlParams)
+    estimator: EstimatorParams = field(default_factory=EstimatorParams)
+    mission: MissionParams = field(default_factory=MissionParams)
+    detector: DetectorParams = field(default_factory=DetectorParams)
+    reaction: ReactionParams = field(default_factory=ReactionParams)
+    obstacle: ObstacleParams = field(default_factory=ObstacleParams)
+    spread: SpreadParams = field(default_factory=SpreadParams)
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+
+_SECTIONS: dict[str, type] = {
+    "propeller": PropellerChoice,
+    "vehicle": VehicleParams,
+    "control": ControlParams,
+    "estimator": EstimatorParams,
+    "mission": MissionParams,
+    "detector": DetectorParams,
+    "reaction": ReactionParams,
+    "obstacle": ObstacleParams,
+    "spread": SpreadParams,
+}
+
+
+def builtin_scenarios() -> dict[str, str]:
+    """Return the names of the scenarios that come with the suite, and what each is for."""
+    table = {}
+    for path in sorted(resources.files("tombo_bringup").joinpath("scenarios").iterdir(), key=str):
+        if path.name.endswith(".yaml"):
+            values = yaml.safe_load(path.read_text())
+            table[path.name[:-5]] = str(values.get("description", ""))
+    return table
+
+
+def _read(name: str) -> tuple[dict[str, Any], str]:
+    """Return the content of a scenario by name or path, with what it extends merged in."""
+    path = Path(name)
+    if name.endswith((".yaml", ".yml")) or path.is_file():
+        if not path.is_file():
+            raise InputError(f"scenario file '{name}' does not exist")
+        try:
+            text = path.read_text()
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(f"scenario file '{name}' cannot be read: {error}") from error
+        label = path.stem
+    else:
+        source = resources.files("tombo_bringup").joinpath("scenarios", f"{name}.yaml")
+        if not source.is_file():
+            raise unknown_name("scenario", name, builtin_scenarios())
+        text, label = source.read_text(), name
+    try:
+        values = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        line = str(error).replace("\n", " ")
+        raise InputError(f"scenario '{name}' is not valid YAML: {line}") from error
+    if not isinstance(values, dict):
+        raise InputError(f"scenario '{name}': expected a mapping of keys, got {values!r}")
+    base = values.pop("extends", None)
+    if base is not None:
+        if base == name:
+            raise InputError(f"scenario '{name}': extends itself")
+        parent, _ = _read(str(base))
+        values = _merged(parent, values)
+    return values, label
+
+
+def _merged(base: dict[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    result = dict(base)
+    for key, value in over.items():
+        if isinstance(value, Mapping) and isinstance(result.get(key), Mapping):
+            result[key] = _merged(result[key], value)
+        else:
+            result[key] = value
+    return result
+
+
+def _override(values: dict[str, Any], setting: str) -> dict[str, Any]:
+    """Apply one `key.path=value` setting."""
+    key, separator, text = setting.partition("=")
+    if not separator or not key.strip():
+        raise InputError(f"--set '{setting}': expected key=value, as in vehicle.mass=1.4")
+    try:
+        value: Any = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise InputError(f"--set '{setting}': '{text}' is not a value") from error
+    if isinstance(value, str):
+        try:  # YAML 1.1 reads 1e-3 as text
+            value = float(value)
+        except ValueError:
+            pass
+    for name in reversed(key.strip().split(".")):
+        value = {name: value}
+    return _merged(values, value)
+
+
+def load_scenario(name: str = DEFAULT_SCENARIO, settings: Sequence[str] = ()) -> Scenario:
+    """Read a built-in scenario by name, or a file by path, apply settings, and check it.
+
+    Args:
+        name: built-in name or path of a YAML file.
+        settings: overrides such as "vehicle.mass=1.4" or "effects.steady_wind.east=2".
+
+    Raises:
+        InputError: unknown scenario or key, wrong type, NaN, a value out of bounds.
+    """
+    values, label = _read(name)
+    for setting in settings:
+        values = _override(values, setting)
+    return scenario_from_mapping(values, label)
+
+
+def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
+    """Build and check a scenario from a plain mapping.
+
+    Raises:
+        InputError: as `load_scenario`.
+    """
+    accepted = [f.name for f in dataclasses.fields(Scenario)]
+    built: dict[str, Any] = {"name": label}
+    for key, value in values.items():
+        if key not in accepted:
+            raise unknown_name(f"key in scenario '{label}'", key, accepted)
+        if key in _SECTIONS:
+            built[key] = from_mapping(_SECTIONS[key], value if value is not None else {}, key)
+        elif key == "effects":
+            if not isinstance(value, Mapping):
+                raise InputError(f"effects: expected a mapping of effects, got {value!r}")
+            built[key] = check_theta(value, "effects")
+        elif key == "duration":
+            built[key] = check_number("duration", value, "s", (0.1, 3600.0))
+        elif key == "react":
+            if not isinstance(value, bool):
+                raise InputError(f"react: {value!r} is not true or false")
+            built[key] = value
+        else:
+            built[key] = str(value)
+    scenario = Scenario(**built)
+    if scenario.propeller.law not in LAWS:
+        raise unknown_name("propeller.law", scenario.propeller.law, LAWS)
+    if scenario.detector.trigger not in TRIGGERS:
+        raise unknown_name("detector.trigger", scenario.detector.trigger, TRIGGERS)
+    return scenario
+
+
+def as_mapping(scenario: Scenario) -> dict[str, Any]:
+    """Return the scenario as plain nested dictionaries, as it could stand in a file."""
+    plain: dict[str, Any] = dataclasses.asdict(scenario)
+    return plain

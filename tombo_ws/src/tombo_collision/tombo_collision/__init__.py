@@ -1,0 +1,1 @@
+"""The collision detector on the motion-capture pose, and the reaction to a collision."""

@@ -1,0 +1,76 @@
+"""The reaction: after a collision the set point becomes x_r = x_c + d_r n_r, and stays there."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_collision.detector import CollisionEvent
+from tombo_collision.params import ReactionParams
+
+Array = NDArray[np.float64]
+
+IDLE, REACTING, BLIND = "idle", "reacting", "blind"
+_VERTICAL = 0.2
+
+
+def _zeros() -> Array:
+    return np.zeros(3)
+
+
+@dataclass(frozen=True)
+class ReactionState:
+    """What the reaction has decided. Positions and directions in map."""
+
+    state: str = IDLE
+    x_c: Array = field(default_factory=_zeros)
+    """Position of the vehicle at contact (3) [m]."""
+    n_r: Array = field(default_factory=_zeros)
+    """Unit vector, away from the obstacle: opposite to the flight before contact (3)."""
+    x_r: Array = field(default_factory=_zeros)
+    """Where to hold (3) [m]."""
+    since_s: float = math.nan
+    """Time of the last switch [s]."""
+    collisions: int = 0
+
+
+def escape_direction(flight_direction: Array) -> Array:
+    """Return n_r (3): opposite to the flight, horizontal unless the flight was nearly vertical."""
+    horizontal = np.array([flight_direction[0], flight_direction[1], 0.0])
+    length = math.sqrt(float(horizontal @ horizontal))
+    if length < _VERTICAL:
+        return -flight_direction
+    escape: Array = -horizontal / length
+    return escape
+
+
+def react(state: ReactionState, event: CollisionEvent, params: ReactionParams) -> ReactionState:
+    """Switch to x_r = x_c + d_r n_r (paper, Eq. of the reaction).
+
+    The decision is latched: only a further event moves x_r. After a second collision the vehicle
+    leaves along the new n_r; should that lead back to within half of d_r of an earlier x_c, it
+    leaves along the sum of both directions.
+    """
+    n_r = escape_direction(event.flight_direction)
+    x_r = event.x_c + params.distance * n_r
+    if state.collisions:
+        near = x_r - state.x_c
+        if math.sqrt(float(near @ near)) < 0.5 * params.distance:
+            both = n_r + state.n_r
+            size = math.sqrt(float(both @ both))
+            n_r = both / size if size > 0.3 else np.array([-n_r[1], n_r[0], 0.0])
+            x_r = event.x_c + params.distance * n_r
+    x_r[2] = max(x_r[2], params.height_min)
+    return ReactionState(REACTING, event.x_c, n_r, x_r, event.stamp_s, state.collisions + 1)
+
+
+def watch_mocap(state: ReactionState, age_s: float, limit_s: float) -> ReactionState:
+    """Say that mocap is lost (age above the limit) or back; x_r is kept meanwhile."""
+    if state.state == REACTING and age_s > limit_s:
+        return replace(state, state=BLIND)
+    if state.state == BLIND and age_s <= limit_s:
+        return replace(state, state=REACTING)
+    return state

@@ -1,0 +1,1 @@
+"""The cascade: estimator, position, attitude and rate control, allocation and mission."""

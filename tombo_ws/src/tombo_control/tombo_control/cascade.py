@@ -1,0 +1,57 @@
+"""The cascade: which loop runs in which tick, from set points to rotor speeds."""
+
+from __future__ import annotations
+
+from tombo_control.allocation import allocate, inertia_torque
+from tombo_control.attitude_control import attitude_control
+from tombo_control.autopilot import BLIND, IDLE, LANDED, A, G, N
+from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS
+from tombo_control.position_control import follow_leg, level_descent, position_control
+from tombo_control.rate_control import rate_control
+from tombo_dynamics.jit import compiled
+from tombo_dynamics.rotation import Array
+from tombo_dynamics.rotor_maps import R, speed_for_thrust
+
+_TICK = 1e-3
+
+
+@compiled
+def stand_by(a: Array) -> None:
+    """Stop the rotors and forget the integrals."""
+    for i in range(4):
+        a[A.command + i] = 0.0
+    for i in range(3):
+        a[A.velocity_integral + i] = 0.0
+        a[A.rate_integral + i] = 0.0
+        a[A.rate_filtered + i] = a[A.rates + i]
+        a[A.previous_velocity + i] = 0.0
+
+
+@compiled
+def cascade(a: Array, maps: Array, tick: int) -> None:
+    """Run the loops that are due in `tick` and set the rotor speeds, `A.command`.
+
+    Position at 50 Hz, attitude at 250 Hz, rates at 1000 Hz. With mocap older than
+    `blind_timeout` the vehicle levels and descends.
+    """
+    mode = a[A.mode]
+    if mode == IDLE or mode == LANDED:
+        a[A.mode + 1] = mode
+        stand_by(a)
+        return
+    if tick % POSITION_TICKS == 0:
+        time = tick * _TICK
+        if time - a[A.mode + 2] > a[G.blind_timeout]:
+            a[A.mode + 1] = BLIND
+            level_descent(a, a[N.mass])
+        else:
+            a[A.mode + 1] = mode
+            follow_leg(a, time)
+            position_control(a, a[N.mass], 4.0 * maps[R.thrust_highest])
+    if tick % ATTITUDE_TICKS == 0:
+        attitude_control(a)
+    rate_control(a)
+    inertia_torque(a)
+    allocate(a, maps[R.torque_ratio], maps[R.thrust_lowest], maps[R.thrust_highest])
+    for i in range(4):
+        a[A.command + i] = speed_for_thrust(maps, a[A.rotor_thrust + i])

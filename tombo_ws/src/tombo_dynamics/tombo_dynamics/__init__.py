@@ -1,0 +1,1 @@
+"""The one model: rotations, the Tombo propeller, the rigid body and the registry of effects."""

@@ -1,0 +1,96 @@
+"""Chain all registered effects into one compiled function per stage, over one flat vector theta.
+
+The chain is written out as source, because compiled code that is built at run time from closures
+cannot be cached on disk. An effect whose parameters are all null costs one comparison.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import sys
+import tempfile
+from collections.abc import Mapping
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_dynamics.effects import REGISTRY, Stage
+from tombo_dynamics.jit import CACHE_FOLDER
+
+_MODULE = "tombo_composed_effects"
+
+
+def layout() -> dict[str, dict[str, int]]:
+    """Return the index in theta of every parameter: effect -> parameter -> index."""
+    index = 0
+    table: dict[str, dict[str, int]] = {}
+    for name, effect in REGISTRY.items():
+        table[name] = {}
+        for p in effect.theta:
+            table[name][p.name] = index
+            index += 1
+    return table
+
+
+def null_theta() -> NDArray[np.float64]:
+    """Return theta with every parameter at its null value."""
+    return np.array([p.null for effect in REGISTRY.values() for p in effect.theta])
+
+
+def pack_theta(values: Mapping[str, Mapping[str, float]]) -> NDArray[np.float64]:
+    """Return theta with the given parameters (checked before) and null values elsewhere."""
+    theta = null_theta()
+    table = layout()
+    for name, given in values.items():
+        for key, value in given.items():
+            theta[table[name][key]] = value
+    return theta
+
+
+def _source() -> str:
+    lines = ['"""Generated from the registry of effects. Do not edit."""', ""]
+    for name, effect in REGISTRY.items():
+        lines.append(f"from {effect.module} import {effect.function.__name__} as {name}_")
+    lines.append("from tombo_dynamics.jit import compiled")
+    table = layout()
+    for stage in Stage:
+        lines += ["", "", "@compiled", f"def apply_{stage.value}(m, noise, theta):"]
+        body = []
+        for name, effect in REGISTRY.items():
+            if effect.stage is stage:
+                index = table[name]
+                active = " or ".join(f"theta[{index[p.name]}] != {p.null!r}" for p in effect.theta)
+                arguments = ", ".join(f"theta[{index[p.name]}]" for p in effect.theta)
+                body.append(f"    if {active}:")
+                body.append(f"        {name}_(m, noise, {arguments})")
+        lines += body or ["    pass"]
+    return "\n".join(lines) + "\n"
+
+
+def _load() -> ModuleType:
+    path = CACHE_FOLDER / f"{_MODULE}.py"
+    source = _source()
+    if not path.exists() or path.read_text() != source:
+        handle, temporary = tempfile.mkstemp(dir=CACHE_FOLDER, suffix=".tmp")
+        with os.fdopen(handle, "w") as stream:
+            stream.write(source)
+        os.replace(temporary, path)
+    spec = importlib.util.spec_from_file_location(_MODULE, path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"cannot load {path}")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[_MODULE] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+composed = _load()
+apply_body = composed.apply_body
+apply_air = composed.apply_air
+apply_rotor = composed.apply_rotor
+apply_command = composed.apply_command
+apply_wrench = composed.apply_wrench
+apply_imu = composed.apply_imu
+apply_mocap = composed.apply_mocap

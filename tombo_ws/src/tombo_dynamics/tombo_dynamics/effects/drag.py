@@ -1,0 +1,40 @@
+"""Drag of rotors and body against the air."""
+
+from __future__ import annotations
+
+import math
+from tombo_dynamics.effects.registry import Param, Stage, effect
+from tombo_dynamics.plant import Array, P
+
+
+@effect(
+    "linear_rotor_drag",
+    Stage.WRENCH,
+    [
+        Param("d_xy", "N s/m", 0.0, (0.0, 3.0), "drag per speed in the disc plane", 0.3),
+        Param("d_z", "N s/m", 0.0, (0.0, 3.0), "drag per speed along the rotor axis", 0.1),
+    ],
+    signature="lateral specific force against the velocity, grows linearly",
+    separates_from={"quadratic_body_drag": "three speeds", "steady_wind": "the same leg both ways"},
+)
+def linear_rotor_drag(m: Array, noise: Array, d_xy: float, d_z: float) -> None:
+    """Force -D v on the centre of mass, v through the air (Faessler et al. 2018, Eq. 2)."""
+    m[P.wrench] -= d_xy * m[P.flow]
+    m[P.wrench + 1] -= d_xy * m[P.flow + 1]
+    m[P.wrench + 2] -= d_z * m[P.flow + 2]
+
+
+@effect(
+    "quadratic_body_drag",
+    Stage.WRENCH,
+    [Param("c_area", "m^2", 0.0, (0.0, 0.5), "drag coefficient times frontal area", 0.05)],
+    signature="lateral specific force against the velocity, grows with its square",
+    separates_from={"linear_rotor_drag": "three speeds"},
+)
+def quadratic_body_drag(m: Array, noise: Array, c_area: float) -> None:
+    """Force -rho/2 c_area |v| v on the centre of mass, rho = 1.2041 kg/m^3."""
+    u, v, w = m[P.flow], m[P.flow + 1], m[P.flow + 2]
+    k = 0.5 * 1.2041 * c_area * math.sqrt(u * u + v * v + w * w)
+    m[P.wrench] -= k * u
+    m[P.wrench + 1] -= k * v
+    m[P.wrench + 2] -= k * w

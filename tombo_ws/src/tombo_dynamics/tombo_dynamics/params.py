@@ -1,0 +1,101 @@
+"""Parameter records: one frozen dataclass holds value, unit, bounds and meaning of each parameter.
+
+Everything else (reading YAML, checking bounds, documentation, ROS declarations, the tuples that
+compiled code takes) is derived from the record.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import namedtuple
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+from tombo_dynamics.errors import InputError, unknown_name
+
+_Record = TypeVar("_Record")
+
+
+def param(
+    default: float, unit: str, bounds: tuple[float, float], doc: str, source: str = ""
+) -> Any:
+    """Declare a numeric field of a parameter record.
+
+    Args:
+        default: value when nothing else is said.
+        unit: SI unit as text ("1" for none).
+        bounds: lowest and highest accepted value, both included.
+        doc: what the parameter means.
+        source: where the default comes from, or "estimated, because ...".
+    """
+    return dataclasses.field(
+        default=default, metadata={"unit": unit, "bounds": bounds, "doc": doc, "source": source}
+    )
+
+
+def check_number(
+    name: str, value: object, unit: str, bounds: tuple[float, float], integer: bool = False
+) -> float:
+    """Return `value` as a float, or raise InputError naming `name`, the value and the bounds."""
+    accepted = f"a number from {bounds[0]:g} to {bounds[1]:g} [{unit}]"
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"{name}: {value!r} is not {accepted}")
+    number = float(value)
+    if not math.isfinite(number) or not bounds[0] <= number <= bounds[1]:
+        raise InputError(f"{name}: {value} is out of bounds; accepted: {accepted}")
+    if integer and number != int(number):
+        raise InputError(f"{name}: {value} is not a whole number; accepted: {accepted}")
+    return number
+
+
+def validate(record: Any, name: str = "") -> None:
+    """Check every numeric field of `record` against its declared bounds.
+
+    Raises:
+        InputError: names the first field out of bounds, its value and what is accepted.
+    """
+    for field in dataclasses.fields(record):
+        if "bounds" in field.metadata:
+            check_number(
+                f"{name}.{field.name}" if name else field.name,
+                getattr(record, field.name),
+                field.metadata["unit"],
+                field.metadata["bounds"],
+                integer=field.type in (int, "int"),
+            )
+
+
+def from_mapping(cls: type[_Record], values: Mapping[str, Any], name: str) -> _Record:
+    """Build the record `cls` from a mapping (YAML, ROS parameters) and check it.
+
+    Raises:
+        InputError: unknown key, wrong type, NaN or a value out of bounds.
+    """
+    if not isinstance(values, Mapping):
+        raise InputError(f"{name}: expected a mapping of parameters, got {values!r}")
+    fields = {f.name: f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
+    for key in values:
+        if key not in fields:
+            raise unknown_name(f"key in {name}", key, fields)
+    converted: dict[str, Any] = {}
+    for key, value in values.items():
+        if "bounds" in fields[key].metadata:
+            integer = fields[key].type in (int, "int")
+            meta = fields[key].metadata
+            number = check_number(f"{name}.{key}", value, meta["unit"], meta["bounds"], integer)
+            converted[key] = int(number) if integer else number
+        else:
+            converted[key] = value
+    return cls(**converted)
+
+
+def tuple_type(cls: type[Any], name: str, module: str) -> Any:
+    """Make the named tuple type that carries the numeric fields of `cls` into compiled code."""
+    names = [f.name for f in dataclasses.fields(cls) if "bounds" in f.metadata]
+    return namedtuple(name, names, module=module)  # type: ignore[misc]
+
+
+def as_tuple(record: Any, kind: Any) -> Any:
+    """Carry the numeric fields of `record` into the named tuple type `kind`, as floats."""
+    return kind(*(float(getattr(record, field)) for field in kind._fields))

@@ -1,0 +1,1 @@
+"""The three laws of the nodus' equilibrium, and the compiled code that solves them."""

@@ -1,0 +1,194 @@
+"""Everything a law needs to know about a propeller, as one flat row of SI numbers.
+
+A row is what compiled code takes: rows of many configurations, or of many variations of one, stack
+into one array that a single call evaluates.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.jit import compiled
+from tombo_dynamics.propeller.laws.names import law_number
+from tombo_dynamics.propeller.moduli import nodus_moduli, published_moduli
+from tombo_dynamics.propeller.records import STANDARD, Blade, Configuration, Surroundings
+from tombo_dynamics.propeller.wing import rigid_integrals, wing
+
+Array = NDArray[np.float64]
+
+ROW_SIZE = 65
+SCALARS = {
+    name: i
+    for i, name in enumerate(
+        (
+            "air_density",  # rho [kg/m^3]
+            "wing_weight",  # W = m_w g [N]
+            "centrifugal",  # F_c / omega^2 = m_w x_c / 4 [kg m]
+            "flap_compliance",  # L^2 / (2 E_N I_f) [rad/N]
+            "lag_compliance",  # L^2 / (2 E_N I_l) [rad/N]
+            "twist_compliance",  # L / (G_N J) [rad/(N m)]; k_g in the law published
+            "joint_radius",  # r_N [m]
+            "wing_centroid",  # x_c [m]
+            "flap_offset",  # 0.1221 rad
+            "lag_offset",  # 0.1418 rad
+            "lift_arm",  # dy [m]
+            "drag_arm",  # dz [m]
+            "twist_limit",  # highest twist within the coefficients' range [rad]
+            "inner_thrust",  # A_T [m^4]
+            "inner_drag",  # A_D [m^4]
+            "inner_torque",  # A_Q [m^5]
+            "lift_rate",  # 2.13
+            "drag_rate",  # 2.04
+        )
+    )
+}
+"""Where a number stands in a row, for code that varies it."""
+_LIFT, _DRAG, _TORQUE, _SHAPE, _FITS = 18, 24, 30, 36, 56
+
+
+class Parameters(NamedTuple):
+    """A row with names; units as in `SCALARS`."""
+
+    air_density: float
+    wing_weight: float
+    centrifugal: float
+    flap_compliance: float
+    lag_compliance: float
+    twist_compliance: float
+    joint_radius: float
+    wing_centroid: float
+    flap_offset: float
+    lag_offset: float
+    lift_arm: float
+    drag_arm: float
+    twist_limit: float
+    inner_thrust: float
+    inner_drag: float
+    inner_torque: float
+    lift_rate: float
+    drag_rate: float
+    lift: Any
+    """(6,) weights of the wing's thrust [m^4]."""
+    drag: Any
+    """(6,) weights of the wing's drag [m^4]."""
+    torque: Any
+    """(6,) weights of the wing's torque [m^5]."""
+    shape: Any
+    """(20,), law published only: pivot (3), join of the pieces, depth and pitch polynomials
+    (4 + 4 inner, 4 + 4 outer), pitch in rad."""
+    fits: Any
+    """(9,), law published only: thrust, drag and torque integrals of the wing from the join of
+    the pieces, C_L (mean, swing, phase) and C_D (the same), phases in rad."""
+
+
+@compiled
+def unpack(row: Array) -> Parameters:
+    """Name the numbers of a row (ROW_SIZE,); nothing is copied."""
+    return Parameters(
+        row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10],
+        row[11], row[12], row[13], row[14], row[15], row[16], row[17], row[18:24], row[24:30],
+        row[30:36], row[36:56], row[56:65],
+    )  # fmt: skip
+
+
+@lru_cache(maxsize=256)
+def _row(configuration: Configuration, law: str, surroundings: Surroundings) -> Array:
+    law_number(law)
+    published = law == "published"
+    blade = configuration.blade
+    joint, integrals = blade.joint, wing(blade)
+    row = np.zeros(ROW_SIZE)
+    row[SCALARS["air_density"]] = surroundings.air_density_kg_m3
+    row[SCALARS["wing_weight"]] = joint.wing_mass_kg * surroundings.gravity_m_s2
+    row[SCALARS["centrifugal"]] = joint.wing_mass_kg * joint.wing_centroid_m / 4.0
+    flap, lag, twist = _compliances(configuration, published)
+    row[SCALARS["flap_compliance"]] = flap
+    row[SCALARS["lag_compliance"]] = lag
+    row[SCALARS["twist_compliance"]] = twist
+    row[SCALARS["joint_radius"]] = joint.outer_radius_m
+    row[SCALARS["wing_centroid"]] = joint.wing_centroid_m
+    row[SCALARS["flap_offset"]] = joint.flap_offset_rad
+    row[SCALARS["lag_offset"]] = joint.lag_offset_rad
+    row[SCALARS["lift_arm"]] = joint.lift_arm_mm * 1e-3
+    row[SCALARS["drag_arm"]] = joint.drag_arm_mm * 1e-3
+    row[SCALARS["twist_limit"]] = integrals.twist_limit
+    row[SCALARS["inner_thrust"]] = integrals.inner_thrust
+    row[SCALARS["inner_drag"]] = integrals.inner_drag
+    row[SCALARS["inner_torque"]] = integrals.inner_torque
+    row[SCALARS["lift_rate"]] = blade.section.lift_rate
+    row[SCALARS["drag_rate"]] = blade.section.drag_rate
+    row[_LIFT:_DRAG] = integrals.lift
+    row[_DRAG:_TORQUE] = integrals.drag
+    row[_TORQUE:_SHAPE] = integrals.torque
+    if published and not configuration.rigid:
+        _add_published(row, blade)
+    return row
+
+
+def parameter_row(
+    configuration: Configuration, law: str, surroundings: Surroundings = STANDARD
+) -> Array:
+    """Return the row (ROW_SIZE,) of a configuration under a law: a copy, free to be varied.
+
+    Raises:
+        InputError: unknown law, or a blade that the law published is not defined for.
+    """
+    return _row(configuration, law, surroundings).copy()
+
+
+def _compliances(configuration: Configuration, published: bool) -> tuple[float, float, float]:
+    nodus, joint = configuration.nodus, configuration.blade.joint
+    if nodus is None:
+        return 0.0, 0.0, 0.0
+    moduli = published_moduli(configuration) if published else nodus_moduli(configuration)
+    young, shear = moduli.E_N_MPa * 1e6, moduli.G_N_MPa * 1e6
+    length = nodus.length_mm * 1e-3
+    bending = length**2 / (2.0 * young)
+    twist = length / (shear * joint.torsion_constant_m4)
+    if published:
+        terms = configuration.blade.published
+        assert terms is not None
+        area, camber = terms.torsion_area_mm2 * 1e-6, terms.camber_length_mm * 1e-3
+        slender = 1.0 + 4.0 * terms.torsion_term_m4 / (3.0 * area * camber**2)
+        twist = 3.0 * slender * length / (shear * terms.torsion_term_m4)
+    return (
+        bending / (joint.flap_second_moment_mm4 * 1e-12),
+        bending / (joint.lag_second_moment_mm4 * 1e-12),
+        twist,
+    )
+
+
+def _add_published(row: Array, blade: Blade) -> None:
+    """Fill in what the authors' program does differently; see `laws.published`."""
+    terms, pieces = blade.published, blade.pieces
+    too_long = any(len(c) > 4 for piece in pieces for c in (piece.depth_m, piece.pitch_deg))
+    if terms is None or len(pieces) != 2 or too_long or len(terms.pivot_mm) != 3:
+        raise InputError(
+            f"law published: blade {blade.name} has not the form of the authors' program; "
+            "accepted: two pieces of order 3 at most and a pivot of three numbers"
+        )
+    inner, outer = pieces
+    thrust, drag, torque = rigid_integrals(blade, inner.start_m, inner.end_m)
+    between = rigid_integrals(blade, inner.end_m, blade.joint.outer_radius_m)
+    row[SCALARS["inner_thrust"]] = thrust + between[0]
+    row[SCALARS["inner_drag"]] = drag
+    row[SCALARS["inner_torque"]] = torque
+    polynomials = [
+        np.pad(scale * np.asarray(c, dtype=float), (4 - len(c), 0))
+        for piece in (inner, outer)
+        for c, scale in ((piece.depth_m, 1.0), (piece.pitch_deg, np.pi / 180.0))
+    ]
+    row[_SHAPE:_FITS] = np.concatenate(
+        [np.asarray(terms.pivot_mm) * 1e-3, [inner.end_m], *polynomials]
+    )
+    section = blade.section
+    row[_FITS:] = [
+        *rigid_integrals(blade, inner.end_m, outer.end_m),
+        section.lift_mean, section.lift_swing, np.radians(section.lift_phase_deg),
+        section.drag_mean, section.drag_swing, np.radians(section.drag_phase_deg),
+    ]  # fmt: skip

@@ -1,0 +1,204 @@
+"""The library of materials, blades, configurations and measurements, read from data files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.propeller.reading import read_yaml, record
+from tombo_dynamics.propeller.records import (
+    Blade,
+    BladePiece,
+    CollisionPosition,
+    Configuration,
+    Fibre,
+    Joint,
+    Matrix,
+    Measurement,
+    Nodus,
+    PublishedTorsion,
+    Section,
+)
+
+DATA = Path(__file__).parent / "data"
+_NODUS_KEYS = ("fibres", "fibre_diameter_mm", "length_mm")
+_PRINTED_KEYS = ("printed_E_N_MPa", "printed_G_N_MPa")
+_OTHER_KEYS = ("conf", "blade", "matrix", "fibre", "edge")
+
+
+@dataclass(frozen=True)
+class Library:
+    """Everything that the data files hold, by name or number."""
+
+    matrices: Mapping[str, Matrix]
+    fibres: Mapping[str, Fibre]
+    blades: Mapping[str, Blade]
+    configurations: Mapping[int, Configuration]
+    collision_positions: tuple[CollisionPosition, ...]
+
+
+@lru_cache(maxsize=8)
+def read_library(*folders: Path) -> Library:
+    """Read the built-in data and then each folder's; a name read later replaces the earlier one.
+
+    Args:
+        folders: folders with any of materials.yaml, blades.yaml, configurations.yaml,
+            measurements.yaml, in the form of the built-in ones.
+
+    Raises:
+        InputError: a file is not readable, or a key, a name or a number in it does not fit.
+    """
+    matrices: dict[str, Matrix] = {}
+    fibres: dict[str, Fibre] = {}
+    blades: dict[str, Blade] = {}
+    rows: dict[int, Mapping[str, Any]] = {}
+    measured: dict[int, Measurement] = {}
+    positions: tuple[CollisionPosition, ...] = ()
+    for folder in (DATA, *folders):
+        materials = _mapping(folder / "materials.yaml", ("matrices", "fibres"))
+        for name, values in materials.get("matrices", {}).items():
+            matrices[name] = record(Matrix, values, f"matrices.{name}", name=name)
+        for name, values in materials.get("fibres", {}).items():
+            fibres[name] = record(Fibre, values, f"fibres.{name}", name=name)
+        for name, values in _mapping(folder / "blades.yaml", None).items():
+            blades[name] = _blade(name, values)
+        for values in _rows(folder / "configurations.yaml"):
+            rows[_number(values, "configurations")] = values
+        tables = _mapping(folder / "measurements.yaml", ("at_2000_rpm", "collision_positions"))
+        for values in tables.get("at_2000_rpm", []):
+            number = _number(values, "at_2000_rpm")
+            rest = {key: value for key, value in values.items() if key != "conf"}
+            measured[number] = record(Measurement, rest, f"at_2000_rpm, conf {number}")
+        if "collision_positions" in tables:
+            positions = tuple(
+                record(CollisionPosition, values, f"collision_positions[{i}]")
+                for i, values in enumerate(tables["collision_positions"])
+            )
+    configurations = {
+        number: _configuration(number, rows[number], matrices, fibres, blades, measured)
+        for number in sorted(rows)
+    }
+    return Library(matrices, fibres, blades, configurations, positions)
+
+
+def configuration(number: int) -> Configuration:
+    """Return a configuration of the paper's Table I; 0 is the rigid propeller.
+
+    Raises:
+        InputError: there is no such configuration.
+    """
+    known = read_library().configurations
+    if isinstance(number, bool) or number not in known:
+        raise InputError(
+            f"unknown configuration {number!r}; accepted: {', '.join(map(str, known))}"
+        )
+    return known[number]
+
+
+def configurations() -> tuple[Configuration, ...]:
+    """Return all configurations of the paper's Table I, by number."""
+    return tuple(read_library().configurations.values())
+
+
+def _mapping(path: Path, accepted: tuple[str, ...] | None) -> Mapping[str, Any]:
+    if not path.is_file():
+        return {}
+    values = read_yaml(path)
+    if not isinstance(values, Mapping):
+        raise InputError(f"{path}: holds no mapping; accepted: names with their values")
+    for key in values:
+        if accepted is not None and key not in accepted:
+            raise unknown_name(f"key in {path}", key, accepted)
+    return values
+
+
+def _rows(path: Path) -> list[Mapping[str, Any]]:
+    if not path.is_file():
+        return []
+    rows = read_yaml(path)
+    if not isinstance(rows, list) or not all(isinstance(row, Mapping) for row in rows):
+        raise InputError(f"{path}: holds no list; accepted: a list of configurations")
+    return rows
+
+
+def _number(values: Mapping[str, Any], where: str) -> int:
+    number = values.get("conf") if isinstance(values, Mapping) else None
+    if isinstance(number, bool) or not isinstance(number, int) or number < 0:
+        raise InputError(f"{where}: conf {number!r}; accepted: a whole number from 0")
+    return number
+
+
+def _blade(name: str, values: object) -> Blade:
+    where = f"blades.{name}"
+    if not isinstance(values, Mapping):
+        raise InputError(f"{where}: {values!r}; accepted: a mapping of keys to values")
+    rest = dict(values)
+    pieces = rest.pop("pieces", [])
+    if not isinstance(pieces, list):
+        raise InputError(f"{where}.pieces: {pieces!r}; accepted: a list of pieces")
+    published = rest.pop("published", None)
+    return record(
+        Blade,
+        {key: value for key, value in rest.items() if key not in ("section", "joint")},
+        where,
+        name=name,
+        pieces=tuple(
+            record(BladePiece, piece, f"{where}.pieces[{i}]") for i, piece in enumerate(pieces)
+        ),
+        section=record(Section, rest.get("section"), f"{where}.section"),
+        joint=record(Joint, rest.get("joint"), f"{where}.joint"),
+        published=None
+        if published is None
+        else record(PublishedTorsion, published, f"{where}.published"),
+    )
+
+
+def _configuration(
+    number: int,
+    values: Mapping[str, Any],
+    matrices: Mapping[str, Matrix],
+    fibres: Mapping[str, Fibre],
+    blades: Mapping[str, Blade],
+    measured: Mapping[int, Measurement],
+) -> Configuration:
+    where = f"configuration {number}"
+    for key in values:
+        if key not in _OTHER_KEYS + _NODUS_KEYS + _PRINTED_KEYS:
+            raise unknown_name(f"key in {where}", key, _OTHER_KEYS + _NODUS_KEYS + _PRINTED_KEYS)
+    blade = _named(values.get("blade"), blades, "blade", where)
+    nodus = None
+    if values.get("matrix") is not None:
+        nodus = record(
+            Nodus,
+            {key: values[key] for key in _NODUS_KEYS if key in values},
+            where,
+            matrix=_named(values["matrix"], matrices, "matrix", where),
+            fibre=_named(values.get("fibre"), fibres, "fibre", where),
+        )
+        start = blade.joint.outer_radius_m - nodus.length_mm * 1e-3
+        if start < 0.0:
+            raise InputError(
+                f"{where}.length_mm: {nodus.length_mm} starts behind the hub's centre; accepted: "
+                f"at most {blade.joint.outer_radius_m * 1e3:g} mm"
+            )
+    edge = values.get("edge")
+    return record(
+        Configuration,
+        {key: values[key] for key in _PRINTED_KEYS if key in values},
+        where,
+        number=number,
+        blade=blade,
+        nodus=nodus,
+        edge=None if edge is None else _named(edge, matrices, "edge", where).name,
+        measured=measured.get(number),
+    )
+
+
+def _named(name: object, known: Mapping[str, Any], what: str, where: str) -> Any:
+    if name not in known:
+        raise unknown_name(f"{what} in {where}", name, known)
+    return known[name]  # type: ignore[index]
