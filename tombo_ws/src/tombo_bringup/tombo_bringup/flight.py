@@ -204,7 +204,7 @@ def _look_at_sample(
     )
     if course.mission is not before:
         if course.mission.leg is not before.leg:
-            a[A.leg : A.leg + 9] = course.mission.leg.as_array()
+            a[A.leg : A.leg + 10] = course.mission.leg.as_array()
         if course.mission.mode != before.mode:
             a[A.mode] = course.mission.mode
             course.modes.append((now, course.mission.mode))

@@ -44,11 +44,14 @@ class _Autopilot(NamedTuple):
     rates: int
     """3: body rates, bias removed [rad/s]."""
     leg: int
-    """9: the reference being flown: start (3), velocity (3), begin [s], end [s], yaw [rad]."""
+    """10: the reference being flown: start (3), cruise velocity (3), begin [s], end [s], ramp [s],
+    yaw [rad]."""
     position_setpoint: int
     """3: [m], map."""
     velocity_setpoint: int
     """3: [m/s], map."""
+    acceleration_setpoint: int
+    """3: feed-forward of the reference [m/s^2], map."""
     velocity_integral: int
     """3: acceleration of the velocity integral [m/s^2], map."""
     previous_velocity: int
@@ -78,7 +81,7 @@ class _Autopilot(NamedTuple):
 
 
 AUTOPILOT_SIZES = _Autopilot(
-    3, 3, 4, 3, 3, 3, 9, 3, 3, 3, 3, 4, 1, 3, 3, 3, 3, 3, 4, 4, 3, 8 * HISTORY_TICKS
+    3, 3, 4, 3, 3, 3, 10, 3, 3, 3, 3, 3, 4, 1, 3, 3, 3, 3, 3, 4, 4, 3, 8 * HISTORY_TICKS
 )
 
 

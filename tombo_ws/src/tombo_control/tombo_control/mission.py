@@ -21,10 +21,12 @@ from tombo_control.autopilot import (
     REACT,
     TAKEOFF,
 )
+from tombo_control.reference import progress
 from tombo_dynamics.params import param
 
 Array = NDArray[np.float64]
 
+_ACCELERATION = 0.8
 _ARRIVED = 0.08
 _STILL = 0.15
 _SETTLED_RADIUS = 0.1
@@ -45,8 +47,8 @@ class MissionParams:
         "set so that contact comes at about 23 s, as in the paper",
     )
     approach_speed: float = param(
-        0.6, "m/s", (0.05, 8.0), "speed towards the goal",
-        "estimated, because the paper does not print it: 1.7 m of free way, walking pace",
+        0.7, "m/s", (0.05, 8.0), "speed towards the goal",
+        "calibrated: the falling distance and unstable phase that the paper prints",
     )
     goal_x: float = param(3.4, "m", (-1e3, 1e3), "goal, map x", "twice the way to the obstacle")
     goal_y: float = param(0.0, "m", (-1e3, 1e3), "goal, map y", "straight ahead")
@@ -63,22 +65,25 @@ class MissionParams:
 
 @dataclass(frozen=True)
 class Leg:
-    """A straight reference at constant velocity from begin to end, then held (map, SI)."""
+    """A straight reference, from begin to end, then held (map, SI); see `reference.progress`."""
 
     start: tuple[float, float, float]
     velocity: tuple[float, float, float]
+    """While cruising."""
     begin_s: float
     end_s: float
+    ramp_s: float = 0.0
     yaw: float = 0.0
 
     def as_array(self) -> Array:
-        """Return start, velocity, begin, end, yaw as an array (9)."""
-        return np.array([*self.start, *self.velocity, self.begin_s, self.end_s, self.yaw])
+        """Return start, velocity, begin, end, ramp, yaw as an array (10)."""
+        times = (self.begin_s, self.end_s, self.ramp_s, self.yaw)
+        return np.array([*self.start, *self.velocity, *times])
 
     def position(self, time_s: float) -> tuple[float, float, float]:
         """Return the reference position at `time_s`."""
-        since = min(max(time_s - self.begin_s, 0.0), self.end_s - self.begin_s)
-        x, y, z = (s + v * since for s, v in zip(self.start, self.velocity, strict=True))
+        way, _, _ = progress(time_s - self.begin_s, self.end_s - self.begin_s, self.ramp_s)
+        x, y, z = (s + v * way for s, v in zip(self.start, self.velocity, strict=True))
         return x, y, z
 
 
@@ -90,13 +95,15 @@ def stay(point: tuple[float, float, float], now_s: float) -> Leg:
 def straight(
     start: tuple[float, float, float], goal: tuple[float, float, float], speed: float, now_s: float
 ) -> Leg:
-    """Return the leg from `start` to `goal` at `speed` [m/s]."""
+    """Return the leg from `start` to `goal` at `speed` [m/s], with ramps of 0.8 m/s^2."""
     way = [g - s for g, s in zip(goal, start, strict=True)]
     length = math.sqrt(sum(w * w for w in way))
     if length < 1e-9:
         return stay(goal, now_s)
-    vx, vy, vz = (speed * w / length for w in way)
-    return Leg(start, (vx, vy, vz), now_s, now_s + length / speed)
+    ramp = min(speed / _ACCELERATION, math.sqrt(length / _ACCELERATION))
+    cruise = ramp * _ACCELERATION
+    vx, vy, vz = (cruise * w / length for w in way)
+    return Leg(start, (vx, vy, vz), now_s, now_s + length / cruise + ramp, ramp)
 
 
 @dataclass(frozen=True)

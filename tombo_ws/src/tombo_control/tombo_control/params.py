@@ -16,7 +16,7 @@ class ControlParams:
     """Cascade: position P, velocity PID, attitude P, rate PID.
 
     Each loop is placed about a factor of three below the next inner one, whose lag it sees:
-    motor lag 35 ms -> rate crossover 17 rad/s -> attitude 6 -> velocity 2.4 -> position 0.95.
+    motor lag 35 ms -> rate crossover 20 rad/s -> attitude 6 -> velocity 2.5 -> position 0.95.
     `docs/control.md` has the margins; a test computes them from these numbers.
     """
 
@@ -25,8 +25,8 @@ class ControlParams:
         "two and a half times below the velocity loop; PX4's default is 0.95 as well",
     )
     velocity_p: float = param(
-        2.4, "1/s", (0.1, 15.0), "acceleration asked for per velocity error",
-        "crossover 2.4 rad/s, two and a half times below the attitude loop",
+        2.5, "1/s", (0.1, 15.0), "acceleration asked for per velocity error",
+        "crossover near 2.5 rad/s, below half of the attitude loop's",
     )
     velocity_i: float = param(
         0.6, "1/s^2", (0.0, 5.0), "acceleration per integrated velocity error",
@@ -54,16 +54,16 @@ class ControlParams:
     rate_max: float = param(3.8, "rad/s", (0.5, 20.0), "roll and pitch rate limit", "PX4: 220 deg/s")
     yaw_rate_max: float = param(1.5, "rad/s", (0.1, 10.0), "yaw rate limit", "PX4 class")
     rate_p: float = param(
-        17.0, "1/s", (1.0, 80.0), "angular acceleration per rate error, roll and pitch",
-        "crossover near 17 rad/s: the motor's 35 ms leave 65 deg of margin there with the lead",
+        22.0, "1/s", (1.0, 80.0), "angular acceleration per rate error, roll and pitch",
+        "crossover near 20 rad/s; the lead makes up for most of the motor's 35 ms there",
     )
     rate_i: float = param(
-        20.0, "1/s^2", (0.0, 400.0), "angular acceleration per integrated rate error",
-        "corner at rate_i / rate_p = 1.2 rad/s, below a tenth of the crossover",
+        25.0, "1/s^2", (0.0, 400.0), "angular acceleration per integrated rate error",
+        "corner at rate_i / rate_p = 1.1 rad/s, below a tenth of the crossover",
     )
     rate_d: float = param(
-        0.25, "1", (0.0, 2.0), "angular acceleration taken back per measured one",
-        "lead at rate_p / rate_d = 68 rad/s against the motor's 29 rad/s",
+        0.4, "1", (0.0, 2.0), "angular acceleration taken back per measured one",
+        "lead at rate_p / rate_d = 55 rad/s against the motor's 29 rad/s",
     )
     yaw_rate_p: float = param(
         7.0, "1/s", (0.5, 40.0), "angular acceleration per yaw rate error",

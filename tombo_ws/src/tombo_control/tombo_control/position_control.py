@@ -6,6 +6,7 @@ import math
 from tombo_control.autopilot import A, G
 from tombo_control.estimator import to_map
 from tombo_control.params import POSITION_TICKS
+from tombo_control.reference import progress
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.rotation import Array, normalize_quaternion
 from tombo_dynamics.vehicle import GRAVITY
@@ -16,15 +17,13 @@ _LOWEST_LIFT = 0.3 * GRAVITY
 
 @compiled
 def follow_leg(a: Array, time: float) -> None:
-    """Write the reference of the current leg at `time` [s] into the set points.
-
-    A leg is a straight line flown at constant velocity from its begin to its end, then held.
-    """
-    since = min(max(time - a[A.leg + 6], 0.0), a[A.leg + 7] - a[A.leg + 6])
-    moving = 1.0 if a[A.leg + 6] <= time < a[A.leg + 7] else 0.0
+    """Write the reference of the current leg at `time` [s] into the set points."""
+    duration = a[A.leg + 7] - a[A.leg + 6]
+    way, speed, change = progress(time - a[A.leg + 6], duration, a[A.leg + 8])
     for i in range(3):
-        a[A.position_setpoint + i] = a[A.leg + i] + a[A.leg + 3 + i] * since
-        a[A.velocity_setpoint + i] = a[A.leg + 3 + i] * moving
+        a[A.position_setpoint + i] = a[A.leg + i] + a[A.leg + 3 + i] * way
+        a[A.velocity_setpoint + i] = a[A.leg + 3 + i] * speed
+        a[A.acceleration_setpoint + i] = a[A.leg + 3 + i] * change
 
 
 @compiled
@@ -74,7 +73,7 @@ def position_control(a: Array, mass: float, thrust_max: float) -> None:
             total = a[A.velocity_integral + i] + a[G.velocity_i] * error * _PERIOD
             a[A.velocity_integral + i] = min(max(total, -a[G.velocity_i_max]), a[G.velocity_i_max])
         a[A.previous_velocity + i] = a[A.velocity + i]
-    attitude_from_thrust(ax, ay, lift, a[A.leg + 8], a, A.attitude_setpoint)
+    attitude_from_thrust(ax, ay, lift, a[A.leg + 9], a, A.attitude_setpoint)
     bx, by, bz = to_map(a, 0.0, 0.0, 1.0)
     wanted = mass * (ax * bx + ay * by + lift * bz)
     a[A.thrust_setpoint] = min(max(wanted, a[G.thrust_min] * thrust_max), thrust_max)
@@ -86,7 +85,10 @@ def velocity_pid(a: Array, i: int) -> float:
     measured = (a[A.velocity + i] - a[A.previous_velocity + i]) / _PERIOD
     error = a[A.velocity_setpoint + i] - a[A.velocity + i]
     return float(
-        a[G.velocity_p] * error + a[A.velocity_integral + i] - a[G.velocity_d] * measured
+        a[A.acceleration_setpoint + i]
+        + a[G.velocity_p] * error
+        + a[A.velocity_integral + i]
+        + a[G.velocity_d] * (a[A.acceleration_setpoint + i] - measured)
     )
 
 

@@ -35,6 +35,8 @@ class _Plant(NamedTuple):
     """4: factor on thrust and torque in this tick (1: the map's own)."""
     fold: int
     """4: 0 blade straight, 1 blade folded back at the nodus."""
+    folding: int
+    """4: 1 while a blade swings back after a strike, until it is folded."""
     damage: int
     """4: 0 new; at 1 the blade tears off."""
     command: int
@@ -82,7 +84,7 @@ class _Plant(NamedTuple):
 
 
 PLANT_SIZES = _Plant(
-    13, 4, 4, 4, 4, 4, 4, 4, 4, 6, 4, 8, 10, 3, 3, 3, 6, 9, 3, 15, 6, 10, 8, 4, 2,
+    13, 4, 4, 4, 4, 4, 4, 4, 4, 4, 6, 4, 8, 10, 3, 3, 3, 6, 9, 3, 15, 6, 10, 8, 4, 2,
     4 * DELAY_TICKS, 39,
 )
 

@@ -52,8 +52,8 @@ class VehicleParams:
         "paper: outer end of the nodus r_N = 35 mm",
     )
     rotor_inertia: float = param(
-        6.5e-5, "kg m^2", (1e-7, 1e-2), "inertia of propeller and motor bell about the axis",
-        "two wings of 5.715 g with centroid at 66.64 mm (5.1e-5) and an estimated 1.4e-5 of bell",
+        6.0e-5, "kg m^2", (1e-7, 1e-2), "inertia of propeller and motor bell about the axis",
+        "propeller.rotor_inertia: wings of 5.715 g 5.45e-5, roots 0.15e-5, bell 0.4e-5 estimated",
     )
     motor_time_constant: float = param(
         0.035, "s", (0.001, 0.5), "first-order lag of rotor speed",

@@ -10,11 +10,11 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from tombo_bringup.report.comparison import comparison_rows
 from tombo_bringup.report.payload import flight_block, script_json, story_block
 from tombo_bringup.report.story import FlightStory, Verdict, number, tell
 from tombo_bringup.report.tables import (
     cards,
-    comparison_rows,
     comparison_table,
     events_table,
     values_table,
@@ -23,7 +23,7 @@ from tombo_bringup.report.tables import (
 if TYPE_CHECKING:
     from tombo_bringup.flight_record import FlightRecord
 
-SCRIPTS: Final = ("flight.js", "scene.js", "charts.js", "player.js")
+SCRIPTS: Final = ("flight.js", "camera.js", "vehicle.js", "scene.js", "charts.js", "player.js")
 """Scripts of the page, in the order in which they are joined."""
 
 _CLASSES: Final = {
@@ -58,7 +58,7 @@ def report_html(record: FlightRecord, plot_png: bytes) -> str:
             "verdict": escape(story.verdict.value),
             "verdict_class": _CLASSES[story.verdict],
             "facts": escape(_facts(record, story)),
-            "cards": cards(story, rows),
+            "cards": cards(rows),
             "comparison": comparison_table(rows),
             "plot": base64.b64encode(plot_png).decode("ascii"),
             "events": events_table(record.events),
@@ -87,6 +87,8 @@ def _facts(record: FlightRecord, story: FlightStory) -> str:
         facts.append(f"seed {story.seed}")
     if story.conf is not None:
         facts.append(f"Conf. {story.conf} propellers")
+    if story.reaction is False:
+        facts.append("without the reaction")
     facts.append(f"{story.duration_s:.1f} s of flight")
     factor = number(record.summary, "real_time_factor")
     if factor is not None:

@@ -58,7 +58,8 @@ def kept_samples(t: NDArray[np.float64], mark_s: float | None) -> NDArray[np.int
         wanted += [np.arange(start_s, stop_s, 1.0 / FINE_HZ), np.array([mark_s])]
     half_tick_s = (t[1] - t[0]) / 2.0 if len(t) > 1 else 0.0
     index = np.searchsorted(t, np.concatenate(wanted) - half_tick_s)
-    return np.unique(np.clip(index, 0, len(t) - 1))
+    kept: NDArray[np.intp] = np.unique(np.clip(index, 0, len(t) - 1))
+    return kept
 
 
 def flight_block(record: FlightRecord, story: FlightStory) -> dict[str, Any]:
@@ -69,7 +70,7 @@ def flight_block(record: FlightRecord, story: FlightStory) -> dict[str, Any]:
     sample before, so that a blow of a few milliseconds is not lost.
     """
     index = kept_samples(record.t, story.mark_s)
-    blocks = [("t", record.t[index].reshape(-1, 1))]
+    blocks: list[tuple[str, NDArray[np.float64]]] = [("t", record.t[index].reshape(-1, 1))]
     blocks += [(name, record.log[name].reshape(len(record.t), -1)[index]) for name in COLUMNS]
     blocks.append(("contact_N", _largest_since(record.log["contact_force"], index)))
     raw = b"".join(np.ascontiguousarray(b, dtype="<f4").tobytes() for _, b in blocks)

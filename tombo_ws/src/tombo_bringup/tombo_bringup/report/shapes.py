@@ -96,7 +96,7 @@ class Airframe:
         return parts
 
 
-def circle(radius_m: float, height_m: float = 0.0, points: int = 48) -> Array:
+def circle(radius_m: float, height_m: float = 0.0, points: int = 49) -> Array:
     """(points, 3) closed outline of a horizontal circle about the origin."""
     angle = np.linspace(0.0, 2.0 * np.pi, points)
     return np.stack(

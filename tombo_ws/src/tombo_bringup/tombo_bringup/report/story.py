@@ -25,6 +25,9 @@ ROTOR_NAMES: Final = tuple(name.replace("_", " ") for name in vehicle.ROTOR_NAME
 FRONT_LEFT: Final = vehicle.ROTOR_NAMES.index("front_left")
 """The rotor that meets the obstacle in the paper's experiment."""
 
+UPRIGHT_RAD: Final = 0.17
+"""Tilt below which the unstable phase can end."""
+
 
 class Verdict(Enum):
     """How a flight ended, as one word for the header."""
@@ -70,6 +73,7 @@ class FlightStory:
     name: str
     seed: int | None
     conf: int | None
+    reaction: bool | None
     verdict: Verdict
     duration_s: float
     contact_s: float | None
@@ -96,11 +100,19 @@ class FlightStory:
         return self.contact_height_m - self.lowest_m
 
     @property
+    def unstable_phase_s(self) -> float | None:
+        """From contact until the vehicle stays upright and calm."""
+        return _between(self.contact_s, self.unstable_end_s)
+
+    @property
+    def recovery_time_s(self) -> float | None:
+        """From contact until the vehicle has settled at x_r."""
+        return _between(self.contact_s, self.recovery_end_s)
+
+    @property
     def recovery_phase_s(self) -> float | None:
         """The paper's second phase: from the end of the unstable one until settled."""
-        if self.unstable_end_s is None or self.recovery_end_s is None:
-            return None
-        return max(0.0, self.recovery_end_s - self.unstable_end_s)
+        return _between(self.unstable_end_s, self.recovery_end_s)
 
     @property
     def falling_rate_m_s(self) -> float | None:
@@ -146,6 +158,8 @@ def tell(record: FlightRecord) -> FlightStory:
     if contact_s is not None and t.size:
         end_s = duration_s if recovery_s is None else contact_s + recovery_s
         contact_height_m, lowest_s, lowest_m = _fall(record, contact_s, end_s)
+        fall_m = number(summary, "max_falling_distance_m")
+        lowest_m = lowest_m if fall_m is None else contact_height_m - fall_m
 
     x_c = point(summary, "x_c_m")
     if x_c is None and contact_s is not None and t.size:
@@ -156,6 +170,7 @@ def tell(record: FlightRecord) -> FlightStory:
         name=str(summary.get("scenario") or record.scenario.get("name") or "flight"),
         seed=_integer(summary, "seed"),
         conf=_integer(summary, "conf"),
+        reaction=None if "reaction" not in summary else bool(summary["reaction"]),
         verdict=_verdict(crashed, collided, recovery_s),
         duration_s=duration_s,
         contact_s=contact_s,
@@ -219,11 +234,13 @@ def mode_spans(t: Array, mode: NDArray[Any]) -> tuple[Span, ...]:
 
 
 def roll_pitch_yaw_deg(attitude: Array) -> Array:
-    """(N, 4) quaternions xyzw, map<-base_link, to (N, 3) roll, pitch, yaw [deg], yaw unwrapped."""
-    angles = yaw_pitch_roll(np.asarray(attitude, dtype=np.float64))[:, ::-1].copy()
-    angles[:, 2] = np.unwrap(angles[:, 2])
-    degrees: Array = np.degrees(angles)
-    return degrees
+    """(N, 4) quaternions xyzw, map<-base_link, to (N, 3) roll, pitch, yaw in degrees.
+
+    Within +-180; NaN stands where an angle jumps from one end to the other, to break the line.
+    """
+    angles: Array = np.degrees(yaw_pitch_roll(np.asarray(attitude, dtype=np.float64))[:, ::-1])
+    angles[1:][np.abs(np.diff(angles, axis=0)) > 180.0] = np.nan
+    return angles
 
 
 def _detection_s(record: FlightRecord, contact_s: float | None) -> float | None:
@@ -235,10 +252,11 @@ def _detection_s(record: FlightRecord, contact_s: float | None) -> float | None:
 
 
 def _fall(record: FlightRecord, contact_s: float, end_s: float) -> tuple[float, float, float]:
-    """Height at contact, and when and how low the vehicle comes before `end_s`."""
+    """Height at contact, and when and how low the vehicle comes before `end_s` or the landing."""
     first, last = nearest(record.t, contact_s), nearest(record.t, end_s)
     heights = record.log["position"][first : last + 1, 2]
-    lowest = int(np.argmin(heights))
+    landing = np.flatnonzero(record.log["mode"].reshape(-1)[first : last + 1] == autopilot.LAND)
+    lowest = int(np.argmin(heights[: landing[0] + 1] if landing.size else heights))
     return float(heights[0]), float(record.t[first + lowest]), float(heights[lowest])
 
 
@@ -259,6 +277,10 @@ def _obstacle(scenario: Mapping[str, Any]) -> Obstacle | None:
     if x_m is None or y_m is None or not radius_m or not top_m:
         return None
     return Obstacle(x_m, y_m, radius_m, top_m)
+
+
+def _between(start_s: float | None, end_s: float | None) -> float | None:
+    return None if start_s is None or end_s is None else max(0.0, end_s - start_s)
 
 
 def _after(start_s: float | None, length_s: float | None) -> float | None:

@@ -1,8 +1,8 @@
-"""Colours of the figures: Okabe and Ito's palette, told apart by every kind of colour vision."""
+"""How the figures look. Okabe and Ito's colours, told apart by every kind of colour vision."""
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 BLUE: Final = "#0072B2"
 GREEN: Final = "#009E73"
@@ -37,3 +37,33 @@ MODE_COLOURS: Final = {
     7: "#C9D1D8",  # landed
     8: "#C85C6B",  # descend_blind
 }
+
+RC: Final[dict[str, Any]] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.5,
+    "text.color": INK,
+    "axes.edgecolor": MUTED,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": FAINT,
+    "grid.linewidth": 0.5,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "xtick.major.size": 3.0,
+    "ytick.major.size": 3.0,
+    "lines.linewidth": 1.3,
+    "lines.solid_joinstyle": "round",
+    "hatch.linewidth": 0.5,
+    "mathtext.fontset": "dejavusans",
+    "legend.frameon": False,
+    "legend.fontsize": 7.8,
+    "figure.facecolor": PAPER,
+    "savefig.facecolor": PAPER,
+}
+"""Matplotlib's settings for every figure; the fonts come with matplotlib."""

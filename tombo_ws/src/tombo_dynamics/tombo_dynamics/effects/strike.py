@@ -9,40 +9,49 @@ from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import Array, P, V
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, SPIN
 
-_FULL_STRIKE = 7.5
-"""J: kinetic energy of a rotor in hover, 0.5 * 6.5e-5 kg m^2 * (480 rad/s)^2."""
-_FOLD_TIME = 0.004
-"""s: a blade folds within a quarter turn at hover speed (90 deg at 400 rad/s)."""
-_REACH = 0.95
-"""The recovery time of Table III is read as the time until 95 % of the thrust is back."""
+_FULL_STRIKE = 6.9
+"""J: kinetic energy of a rotor in hover, 0.5 * 6.0e-5 kg m^2 * (480 rad/s)^2."""
+_TURNING = 20.0
+"""rad/s: below this a blade rests against the obstacle and is not struck."""
+_REACH = 0.9
+"""The recovery time of Table III is read as the time until 90 % of the thrust is back."""
 _RECOVERY_CONSTANTS = -math.log(1.0 - _REACH ** (1.0 / 3.0))
 """Recovery time in time constants of the fold: thrust goes with (1 - fold)^3, see below."""
 
 
 @compiled
-def strike_rotor(m: Array, i: int, peak_force: float) -> None:
-    """Fold rotor `i` if its blade reaches the obstacle, and add the wrench of the strike.
+def reaches(m: Array, i: int) -> tuple[bool, float, float, float]:
+    """Return whether blade `i` reaches the obstacle, where on the blade [m], and the direction."""
+    hx = m[V.arm_length] * ARM_X[i]
+    hy = m[V.arm_length] * ARM_Y[i]
+    distance, ex, ey = disc_and_pole(m, hx, hy, m[V.rotor_height])
+    tip = m[V.nodus_radius] + (m[V.rotor_radius] - m[V.nodus_radius]) * (1.0 - m[P.fold + i])
+    return distance < tip + m[P.obstacle + 2], min(distance, tip), ex, ey
 
-    The hub takes the rim's force; the torque about the axis goes into the rotor's momentum.
+
+@compiled
+def push_rim(
+    m: Array, i: int, force: float, slant: float, reach: float, ex: float, ey: float
+) -> None:
+    """Push blade `i` with `force` [N] at `reach` [m] towards (ex, ey), where the obstacle is.
+
+    The push leans by `slant` from the radial direction, away from the obstacle, towards the one
+    against the blade's motion. The hub takes the force; its torque about the axis slows the rotor,
+    at most to a stop: then only the radial part is left.
     """
+    tick = m[P.clock + 1]
+    before = m[P.speed + i]
+    lever = max(reach, m[V.nodus_radius])
+    radial = force * math.cos(slant)
+    along = min(force * math.sin(slant), m[V.rotor_inertia] * before / (lever * tick))
+    after = before - along * lever * tick / m[V.rotor_inertia]
+    m[P.speed + i] = after
+    m[P.energy + i] += 0.5 * m[V.rotor_inertia] * (before * before - after * after)
     hx = m[V.arm_length] * ARM_X[i]
     hy = m[V.arm_length] * ARM_Y[i]
     hz = m[V.rotor_height]
-    distance, ex, ey = disc_and_pole(m, hx, hy, hz)
-    unfolded = 1.0 - m[P.fold + i]
-    tip = m[V.nodus_radius] + (m[V.rotor_radius] - m[V.nodus_radius]) * unfolded
-    if distance >= tip + m[P.obstacle + 2]:
-        return
-    dt = m[P.clock + 1]
-    to_stop = m[V.rotor_inertia] * m[P.speed + i] / (tip * dt)
-    force = min(peak_force * unfolded, to_stop)
-    before = m[P.speed + i]
-    after = before - force * tip * dt / m[V.rotor_inertia]
-    m[P.speed + i] = after
-    m[P.energy + i] += 0.5 * m[V.rotor_inertia] * (before * before - after * after)
-    m[P.fold + i] = min(1.0, m[P.fold + i] + dt / _FOLD_TIME)
-    fx = SPIN[i] * ey * force
-    fy = -SPIN[i] * ex * force
+    fx = -radial * ex + SPIN[i] * ey * along
+    fy = -radial * ey - SPIN[i] * ex * along
     m[P.strike] += fx
     m[P.strike + 1] += fy
     m[P.strike + 3] -= hz * fy
@@ -50,13 +59,11 @@ def strike_rotor(m: Array, i: int, peak_force: float) -> None:
     m[P.strike + 5] += hx * fy - hy * fx
     m[P.contact] = 1.0
     m[P.contact + 1] = i
-    rx = hx + ex * min(distance, tip)
-    ry = hy + ey * min(distance, tip)
-    r = P.rotation
+    rx = hx + ex * reach
+    ry = hy + ey * reach
     for k in range(3):
-        m[P.contact + 5 + k] = (
-            m[P.body + k] + m[r + 3 * k] * rx + m[r + 3 * k + 1] * ry + m[r + 3 * k + 2] * hz
-        )
+        r = P.rotation + 3 * k
+        m[P.contact + 5 + k] = m[P.body + k] + m[r] * rx + m[r + 1] * ry + m[r + 2] * hz
 
 
 @effect(
@@ -64,41 +71,55 @@ def strike_rotor(m: Array, i: int, peak_force: float) -> None:
     Stage.ROTOR,
     [
         Param("peak_force", "N", 0.0, (0.0, 1000.0), "collision force at the rim (Table III)", 145.5),
-        Param("recovery_time", "s", 0.0, (0.0, 5.0), "until 95 % of thrust is back", 0.42),
+        Param("recovery_time", "s", 0.0, (0.0, 5.0), "until 90 % of thrust is back", 0.42),
+        Param("slant", "rad", 0.0, (0.0, 1.5708), "push leans from radial to tangential", 0.4),
+        Param("duration", "s", 0.0, (0.0, 0.1), "from touch to folded; the push fades", 0.008),
     ],
     signature="one corner's thrust and speed collapse within milliseconds and return within half "
     "a second, with a push along the rim and a kick in yaw",
     separates_from={"weak_propeller": "a weak propeller does not recover"},
 )
 def blade_strike(
-    m: Array, noise: Array, peak_force: float, recovery_time: float
+    m: Array,
+    noise: Array,
+    peak_force: float,
+    recovery_time: float,
+    slant: float,
+    duration: float,
 ) -> None:
     """Fold the blades of a disc that cuts the obstacle, and let folded ones straighten.
 
-    The rim is pushed against the blade's motion with the measured peak force, fading as the nodus
-    folds, until the rotor's momentum is spent: what the rotor loses the vehicle gets. The folded
-    share f lowers the speed that the drive reaches to (1 - f) of the command, and thrust at a given
-    speed to (1 - f): thrust goes with (1 - f)^3, and f decays so that 95 % are back after the
-    recovery time. A blade whose damage has reached 1 never comes back.
+    A blade that is struck swings back at the nodus within a quarter turn; meanwhile the rim is
+    pushed with the measured peak force, fading as it folds: away from the obstacle, and by the
+    slant against the blade's motion (a blade enters a flat surface by some millimetres between two
+    passes, which with friction makes about 0.54 rad; a thin post inside the disc makes pi/2). The folded share f
+    lowers the speed that the drive reaches to (1 - f) of the command, and thrust at a given speed
+    to (1 - f): thrust goes with (1 - f)^3, and f decays so that 90 % are back after the
+    recovery time. A straightening blade that reaches the obstacle again is struck again. A blade whose
+    damage has reached 1 is gone.
     """
-    dt = m[P.clock + 1]
+    tick = m[P.clock + 1]
+    decay = max(0.0, 1.0 - _RECOVERY_CONSTANTS * tick / max(recovery_time, 1e-3))
+    dx = m[P.obstacle] - m[P.body]
+    dy = m[P.obstacle + 1] - m[P.body + 1]
+    reach = m[V.arm_length] + 1.5 * m[V.rotor_radius] + m[P.obstacle + 2]
+    near = m[P.obstacle + 2] > 0.0 and dx * dx + dy * dy < reach * reach
     for i in range(4):
         if m[P.damage + i] >= 1.0:
             m[P.fold + i] = 1.0
-        elif m[P.fold + i] > 0.0:
-            decay = _RECOVERY_CONSTANTS * dt / max(recovery_time, 1e-3)
-            m[P.fold + i] *= max(0.0, 1.0 - decay)
-            if m[P.fold + i] < 1e-4:
-                m[P.fold + i] = 0.0
-    if m[P.obstacle + 2] > 0.0:
-        dx = m[P.obstacle] - m[P.body]
-        dy = m[P.obstacle + 1] - m[P.body + 1]
-        reach = m[V.arm_length] + 1.5 * m[V.rotor_radius] + m[P.obstacle + 2]
-        if dx * dx + dy * dy < reach * reach:
-            for i in range(4):
-                if m[P.damage + i] < 1.0 and m[P.speed + i] > 20.0:
-                    strike_rotor(m, i, peak_force)
-    for i in range(4):
+        elif m[P.folding + i] == 0.0:
+            m[P.fold + i] = m[P.fold + i] * decay if m[P.fold + i] > 1e-4 else 0.0
+        if near and m[P.damage + i] < 1.0:
+            hit, where, ex, ey = reaches(m, i)
+            if hit and m[P.speed + i] > _TURNING:
+                m[P.folding + i] = 1.0
+            if m[P.folding + i] > 0.0:
+                push_rim(m, i, peak_force * (1.0 - m[P.fold + i]), slant, where, ex, ey)
+        if m[P.folding + i] > 0.0:
+            m[P.fold + i] += tick / max(duration, tick)
+            if m[P.fold + i] >= 1.0:
+                m[P.fold + i] = 1.0
+                m[P.folding + i] = 0.0
         m[P.efficiency + i] *= 1.0 - m[P.fold + i]
 
 

@@ -68,6 +68,8 @@ def evaluate(
         InputError: unknown law; a speed that is NaN, negative or above SPEED_LIMIT; with
             outside="error", a speed at which the law is not valid: the valid range is named.
     """
+    if outside not in _OUTSIDE:
+        raise unknown_name("outside", outside, _OUTSIDE)
     row = parameter_row(configuration, law, surroundings)
     operation = evaluate_rows(row, speed_rad_s, law, "keep" if outside == "error" else outside)
     if outside == "error" and not operation.valid.all():
@@ -100,8 +102,8 @@ def evaluate_rows(
             negative or above SPEED_LIMIT.
     """
     number = law_number(law)
-    if outside not in _OUTSIDE:
-        raise unknown_name("outside", outside, _OUTSIDE)
+    if outside not in _OUTSIDE[1:]:
+        raise unknown_name("outside", outside, _OUTSIDE[1:])
     speeds = _checked_speeds(speed_rad_s)
     table = np.asarray(rows, dtype=float)
     if table.ndim == 0 or table.shape[-1] != ROW_SIZE or not np.isfinite(table).all():

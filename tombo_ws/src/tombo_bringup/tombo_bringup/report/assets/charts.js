@@ -18,10 +18,7 @@ function chartPlan(flight, story) {
   };
   const angles = [[], [], []];
   for (let i = 0; i < flight.count; i++) {
-    rollPitchYaw(Array.from(flight.attitude.data.subarray(4 * i, 4 * i + 4))).forEach((a, k) => {
-      const last = angles[k][i - 1] ?? a;
-      angles[k].push(a + 360 * Math.round((last - a) / 360));
-    });
+    rollPitchYaw(flight.attitude.data.subarray(4 * i, 4 * i + 4)).forEach((a, k) => angles[k].push(a));
   }
   const size = (name) => Float32Array.from({ length: flight.count }, (_, i) =>
     Math.hypot(...flight[name].data.subarray(3 * i, 3 * i + 3)));
@@ -40,9 +37,9 @@ function chartPlan(flight, story) {
       { name: "estimate", colour: "purple", values: take("est_position", 2), hidden: true },
     ] },
     { title: "Attitude", unit: "°", digits: 1, least: 12, lines: [{ value: 9.74 }, { value: -9.74 }], series: [
-      { name: "roll", colour: "blue", values: angles[0] },
-      { name: "pitch", colour: "orange", values: angles[1] },
-      { name: "yaw", colour: "green", values: angles[2] },
+      { name: "roll", colour: "blue", turns: true, values: angles[0] },
+      { name: "pitch", colour: "orange", turns: true, values: angles[1] },
+      { name: "yaw", colour: "green", turns: true, values: angles[2] },
     ] },
     { title: "Speed", unit: "m/s", digits: 2, series: [
       { name: "speed", colour: "blue", values: size("velocity") },
@@ -190,7 +187,7 @@ class Charts {
     pen.fillStyle = colour("muted");
     pen.strokeStyle = colour("line");
     pen.lineWidth = 1;
-    const rows = niceTicks(chart.scale.low, chart.scale.high, 4);
+    const rows = niceTicks(chart.scale.low, chart.scale.high, 5);
     pen.textAlign = "right";
     pen.textBaseline = "middle";
     for (const tick of rows.ticks) {
@@ -198,7 +195,8 @@ class Charts {
       if (y(tick) > top + 4 || last) pen.fillText(tick.toFixed(rows.digits).replace("-", "−"), this.left - 6, y(tick));
     }
     // Around the contact the axis counts from it, as the paper's figure does.
-    const zero = story.mark_s !== null && this.end - this.start < 20 && this.start < story.mark_s && story.mark_s < this.end ? story.mark_s : 0;
+    const near = story.mark_s !== null && this.end - this.start < 20;
+    const zero = near && this.start < story.mark_s && story.mark_s < this.end ? story.mark_s : 0;
     const columns = niceTicks(this.start - zero, this.end - zero, Math.max(3, (right - this.left) / 62));
     pen.textAlign = "center";
     pen.textBaseline = "top";
@@ -226,7 +224,9 @@ class Charts {
       pen.fillText(stem, this.left + 5, level);
       pen.fillText(index, this.left + 12, level + 3);
     }
-    for (const [time, name] of [[story.contact_s, "ink"], [story.detection_s, "purple"], [story.switch_s, "green"], [story.crash_s, "vermillion"]]) {
+    const instants = [[story.contact_s, "ink"], [story.detection_s, "purple"], [story.switch_s, "green"],
+      [story.crash_s, "vermillion"]];
+    for (const [time, name] of instants) {
       if (time === null) continue;
       pen.strokeStyle = colour(name);
       this.line(pen, x(time), top, x(time), bottom);
@@ -264,7 +264,11 @@ class Charts {
   drawSeries(pen, series, x, y, first, stop) {
     const { t } = this.flight;
     pen.beginPath();
-    for (let i = first; i <= stop; i++) pen.lineTo(x(t[i]), y(series.values[i]));
+    // An angle that passes from one end to the other breaks the line; a gap in the data too.
+    for (let i = first, last = NaN; i <= stop; last = series.values[i++]) {
+      const step = Math.abs(series.values[i] - last), joined = series.turns ? step < 180 : step >= 0;
+      if (joined) pen.lineTo(x(t[i]), y(series.values[i])); else pen.moveTo(x(t[i]), y(series.values[i]));
+    }
     pen.setLineDash(series.dashed ? [5, 3] : []);
     pen.strokeStyle = this.paint(series.colour);
     pen.lineWidth = series.width || 1.4;
@@ -287,7 +291,8 @@ class Charts {
       if (this.selection) {
         pen.globalAlpha = 0.18;
         pen.fillStyle = this.paint("accent");
-        pen.fillRect(this.x(this.selection[0], width), top, this.x(this.selection[1], width) - this.x(this.selection[0], width), bottom - top);
+        const [from, to] = this.selection.map((time) => this.x(time, width));
+        pen.fillRect(from, top, to - from, bottom - top);
         pen.globalAlpha = 1;
       }
       for (const [time, name, dash] of [[this.time, "accent", []], [this.pointed, "muted", [3, 3]]]) {
@@ -298,10 +303,11 @@ class Charts {
         this.line(pen, this.x(time, width), top, this.x(time, width), bottom);
       }
       for (const series of chart.series) {
-        series.output.textContent = series.values[i].toFixed(chart.digits).replace("-", "−");
-        if (series.hidden || read < this.start || read > this.end) continue;
+        const value = series.values[i];
+        series.output.textContent = Number.isFinite(value) ? value.toFixed(chart.digits).replace("-", "−") : "–";
+        if (!Number.isFinite(value) || series.hidden || read < this.start || read > this.end) continue;
         pen.beginPath();
-        pen.arc(this.x(read, width), this.y(chart, series.values[i]), 3, 0, TURN);
+        pen.arc(this.x(read, width), this.y(chart, value), 3, 0, TURN);
         pen.fillStyle = this.paint(series.colour);
         pen.fill();
       }

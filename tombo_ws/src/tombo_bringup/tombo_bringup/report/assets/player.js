@@ -60,7 +60,7 @@ class Player {
       this.time = Math.min(this.time + passed * this.speed, this.story.duration_s);
       if (this.time >= this.story.duration_s) this.play(false);
     }
-    const gliding = this.scene.moving && this.scene.glide(passed);
+    const gliding = this.scene.camera.moving && this.scene.camera.glide(passed);
     this.draw();
     if (this.playing || gliding) this.ask(); else this.last = null;
   }
@@ -167,9 +167,9 @@ class Player {
     for (const button of document.querySelectorAll("[data-view]")) {
       button.addEventListener("click", () => {
         const view = button.dataset.view;
-        if (view === "follow") this.scene.following = !this.scene.following;
-        else this.scene.look(view);
-        document.querySelector("[data-view=follow]").setAttribute("aria-pressed", String(this.scene.following));
+        const { camera } = this.scene;
+        if (view === "follow") camera.following = !camera.following; else camera.look(view);
+        document.querySelector("[data-view=follow]").setAttribute("aria-pressed", String(camera.following));
         this.ask();
       });
     }

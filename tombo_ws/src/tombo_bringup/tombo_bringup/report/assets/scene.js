@@ -1,18 +1,17 @@
 "use strict";
 // The vehicle in space, drawn on a plain canvas: far things first, near things last.
 
-const TURN = 2 * Math.PI;
-const THRUST_M_PER_N = 0.05;
 const TRAIL_STEP_M = 0.012;
+const LIGHT_FROM = -2.16;
+const FRONT_LEFT = 2;
 
 class Scene {
   /** @param canvas where to draw @param flight decoded columns @param story what happened */
   constructor(canvas, flight, story) {
-    Object.assign(this, { canvas, flight, story, following: false, moving: true });
+    Object.assign(this, { canvas, flight, story });
     this.pen = canvas.getContext("2d");
     this.trail = this.thinTrail();
-    this.look("action", true);
-    this.handlePointers();
+    this.camera = new Camera(canvas, this.trail.map(({ p }) => p), story);
   }
 
   /** Re-read the colours of the page, which follow the system's light or dark scheme. */
@@ -26,102 +25,11 @@ class Scene {
     }
   }
 
-  // -- camera ----------------------------------------------------------------------------
-
-  /** Go to a named view; `at once` skips the glide. */
-  look(view, atOnce = false) {
-    const { story } = this, low = [1e9, 1e9, 1e9], high = [-1e9, -1e9, -1e9];
-    for (const { p } of this.trail) {
-      for (let k = 0; k < 3; k++) { low[k] = Math.min(low[k], p[k]); high[k] = Math.max(high[k], p[k]); }
-    }
-    const o = story.obstacle;
-    if (o) { low[2] = Math.min(low[2], 0); high[0] = Math.max(high[0], o.x_m); high[2] = Math.max(high[2], Math.min(o.top_m, high[2] + 0.8)); }
-    const whole = { target: scaled(add(low, high), 0.5), reach: Math.max(2, ...sub(high, low)) * 1.15 };
-    let action = whole;
-    if (story.x_c_m) {
-      const other = story.x_r_m || story.x_c_m, drop = (story.contact_height_m - story.lowest_m) || 0;
-      action = {
-        target: sub(scaled(add(story.x_c_m, other), 0.5), [-0.1, 0, Math.min(drop, 1) / 2.2]),
-        reach: Math.max(1.5, Math.hypot(...sub(story.x_c_m, other)) + 0.6, 1.4 * Math.min(drop, 1.2)),
-      };
-    }
-    const around = this.following && view !== "whole" ? { ...action, target: null } : action;
-    const goals = {
-      action: { ...around, yaw: -1.22, pitch: 0.24 },
-      side: { ...around, yaw: -Math.PI / 2, pitch: 0.03 },
-      top: { ...around, yaw: -Math.PI / 2, pitch: 1.45 },
-      whole: { ...whole, yaw: -1.22, pitch: 0.3 },
-    };
-    const goal = goals[view];
-    this.goal = { yaw: goal.yaw, pitch: goal.pitch, distance: goal.reach * 1.42,
-      target: goal.target || this.camera.target };
-    if (view === "whole") this.following = false;
-    if (atOnce) this.camera = { ...this.goal };
-    this.moving = true;
-  }
-
-  /** Ease the camera towards where it is wanted; returns whether it still moves. */
-  glide(seconds) {
-    const share = 1 - Math.exp(-9 * seconds), camera = this.camera, goal = this.goal;
-    let left = 0;
-    for (const key of ["yaw", "pitch", "distance"]) {
-      camera[key] += (goal[key] - camera[key]) * share;
-      left += Math.abs(goal[key] - camera[key]);
-    }
-    camera.target = camera.target.map((x, k) => x + (goal.target[k] - x) * share);
-    left += Math.hypot(...sub(goal.target, camera.target));
-    if (left < 1e-3) this.camera = { ...goal };
-    return (this.moving = left >= 1e-3);
-  }
-
-  handlePointers() {
-    const { canvas } = this, held = new Map();
-    const nudge = (change) => { change(this.goal); this.camera = { ...this.goal }; this.moving = true; };
-    canvas.addEventListener("pointerdown", (event) => {
-      canvas.setPointerCapture(event.pointerId);
-      held.set(event.pointerId, [event.clientX, event.clientY]);
-    });
-    for (const name of ["pointerup", "pointercancel"]) {
-      canvas.addEventListener(name, (event) => held.delete(event.pointerId));
-    }
-    canvas.addEventListener("pointermove", (event) => {
-      const last = held.get(event.pointerId);
-      if (!last) return;
-      const now = [event.clientX, event.clientY], dx = now[0] - last[0], dy = now[1] - last[1];
-      const others = [...held].filter(([id]) => id !== event.pointerId).map(([, place]) => place);
-      held.set(event.pointerId, now);
-      nudge((goal) => {
-        if (others.length) {
-          const span = (p) => Math.hypot(p[0] - others[0][0], p[1] - others[0][1]) || 1;
-          goal.distance = clamp((goal.distance * span(last)) / span(now), 0.5, 40);
-        } else if (event.shiftKey || event.buttons === 2) {
-          const { right, up } = this.basis(), step = goal.distance / canvas.clientHeight;
-          goal.target = add(goal.target, add(scaled(right, -dx * step), scaled(up, dy * step)));
-        } else {
-          goal.yaw -= dx * 0.008;
-          goal.pitch = clamp(goal.pitch + dy * 0.006, -0.02, 1.55);
-        }
-      });
-    });
-    canvas.addEventListener("wheel", (event) => {
-      event.preventDefault();
-      nudge((goal) => { goal.distance = clamp(goal.distance * Math.exp(event.deltaY * 0.0012), 0.5, 40); });
-    }, { passive: false });
-    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
-  }
-
-  basis() {
-    const { yaw, pitch, distance, target } = this.camera;
-    const back = [Math.cos(pitch) * Math.cos(yaw), Math.cos(pitch) * Math.sin(yaw), Math.sin(pitch)];
-    const forward = scaled(back, -1), right = [-Math.sin(yaw), Math.cos(yaw), 0];
-    return { eye: add(target, scaled(back, distance)), forward, right, up: cross(right, forward) };
-  }
-
   // -- one picture -----------------------------------------------------------------------
 
   /** Draw the flight at `time` [s]. */
   draw(time) {
-    const { canvas, pen, flight } = this, sharp = window.devicePixelRatio || 1;
+    const { canvas, pen, flight, story } = this, sharp = window.devicePixelRatio || 1;
     const width = canvas.clientWidth, height = canvas.clientHeight;
     if (canvas.width !== Math.round(width * sharp) || canvas.height !== Math.round(height * sharp)) {
       canvas.width = Math.round(width * sharp);
@@ -129,15 +37,9 @@ class Scene {
     }
     pen.setTransform(sharp, 0, 0, sharp, 0, 0);
     pen.lineCap = pen.lineJoin = "round";
-    const position = rowAt(flight, "position", time);
-    if (this.following) { this.goal.target = position; this.camera.target = position; }
-    const { eye, forward, right, up } = this.basis();
-    const focal = 1.72 * Math.min(width, height * 1.25) * 0.5;
-    this.eye = eye;
-    this.see = (p) => {
-      const r = sub(p, eye), depth = dot(r, forward), s = focal / Math.max(depth, 0.05);
-      return [width / 2 + dot(r, right) * s, height / 2 - dot(r, up) * s, depth, s];
-    };
+    this.camera.follow(rowAt(flight, "position", time));
+    this.eye = this.camera.axes.eye;
+    this.see = this.camera.projection(width, height);
 
     const sky = pen.createLinearGradient(0, 0, 0, height);
     sky.addColorStop(0, this.paint["sky-top"]);
@@ -145,7 +47,7 @@ class Scene {
     pen.fillStyle = sky;
     pen.fillRect(0, 0, width, height);
 
-    const parts = this.vehicle(time, position);
+    const parts = vehicleParts(flight, story.shape, time, this.eye);
     this.drawGround();
     this.drawShadows(parts);
     this.drawTrail(time, true);
@@ -197,14 +99,15 @@ class Scene {
   }
 
   drawGround() {
-    const { pen } = this, [cx, cy] = this.camera.target.map(Math.round), reach = 9;
+    const { pen } = this, [cx, cy] = this.camera.now.target.map(Math.round), reach = 9;
     const faint = Array.from({ length: 5 }, () => new Path2D());
     for (let k = -reach; k <= reach; k += 0.5) {
       for (let a = -reach; a < reach; a += 1) {
         const fade = 1 - Math.hypot(k, a + 0.5) / reach;
         if (fade <= 0) continue;
-        for (const [p, q] of [[[cx + k, cy + a, 0], [cx + k, cy + a + 1, 0]], [[cx + a, cy + k, 0], [cx + a + 1, cy + k, 0]]]) {
-          const s = this.see(p), e = this.see(q);
+        const along = [[cx + k, cy + a, 0], [cx + k, cy + a + 1, 0]];
+        const over = [[cx + a, cy + k, 0], [cx + a + 1, cy + k, 0]];
+        for (const [s, e] of [along.map(this.see), over.map(this.see)]) {
           if (s[2] < 0.1 || e[2] < 0.1) continue;
           const path = faint[Math.min(4, Math.floor(fade * 5))];
           path.moveTo(s[0], s[1]);
@@ -235,30 +138,25 @@ class Scene {
   drawPole() {
     const o = this.story.obstacle;
     if (!o) return;
-    const sides = 40, ring = (z) => (k) => [
-      o.x_m + o.radius_m * Math.cos((k * TURN) / sides), o.y_m + o.radius_m * Math.sin((k * TURN) / sides), z,
-    ];
-    const foot = ring(0), head = ring(o.top_m), light = unit([-0.5, -0.75, 0]);
-    // The visible half as one shape, shaded from silhouette to silhouette.
-    const away = Math.atan2(this.eye[1] - o.y_m, this.eye[0] - o.x_m);
-    const far = Math.hypot(this.eye[0] - o.x_m, this.eye[1] - o.y_m);
-    const half = far > o.radius_m ? Math.acos(o.radius_m / far) : 0;
-    const turns = Array.from({ length: 17 }, (_, k) => (sides * (away + half * (k / 8 - 1))) / TURN);
-    const level = clamp(this.camera.target[2], 0, o.top_m);
-    const ends = [turns[0], turns[16]].map((k) => this.see(ring(level)(k)));
-    if (ends.every((end) => end[2] > 0.06)) {
-      const glow = this.pen.createLinearGradient(ends[0][0], ends[0][1], ends[1][0], ends[1][1]);
-      const flat = ends.map(([x, y]) => [x, y]), across = sub([...flat[1], 0], [...flat[0], 0]);
-      for (const k of turns) {
-        const angle = (k * TURN) / sides, p = this.see(ring(level)(k));
-        const bright = 0.72 + 0.45 * Math.max(0, dot([Math.cos(angle), Math.sin(angle), 0], light));
-        const at = dot(sub([p[0], p[1], 0], [...flat[0], 0]), across) / (dot(across, across) || 1);
-        glow.addColorStop(clamp(at, 0, 1), `rgb(${this.paint.pole.split(" ").map((c) => Math.min(255, c * bright)).join(" ")})`);
+    const at = (angle, z) => [o.x_m + o.radius_m * Math.cos(angle), o.y_m + o.radius_m * Math.sin(angle), z];
+    const tint = (glow) => `rgb(${this.paint.pole.split(" ").map((c) => Math.min(255, c * glow)).join(" ")})`;
+    const east = this.eye[0] - o.x_m, north = this.eye[1] - o.y_m, far = Math.hypot(east, north);
+    if (far > o.radius_m) {
+      // The visible half as one shape, shaded from silhouette to silhouette.
+      const towards = Math.atan2(north, east), half = Math.acos(o.radius_m / far);
+      const angles = Array.from({ length: 17 }, (_, k) => towards + half * (k / 8 - 1));
+      const level = clamp(this.camera.now.target[2], 0, o.top_m);
+      const [from, to] = [angles[0], angles[16]].map((angle) => this.see(at(angle, level)));
+      const glow = this.pen.createLinearGradient(from[0], from[1], to[0], to[1]);
+      for (const angle of angles) {
+        const across = 0.5 + 0.5 * Math.sin(angle - towards) / Math.sin(half);
+        const lit = Math.max(0, Math.cos(angle - LIGHT_FROM));
+        glow.addColorStop(clamp(across, 0, 1), tint(0.72 + 0.45 * lit));
       }
-      this.fill([...turns.map(foot), ...turns.map(head).reverse()], glow);
+      const side = [...angles.map((angle) => at(angle, 0)), ...angles.map((angle) => at(angle, o.top_m)).reverse()];
+      this.fill(side, glow);
     }
-    const cap = Array.from({ length: sides }, (_, k) => head(k));
-    if (this.eye[2] > o.top_m) this.fill(cap, `rgb(${this.paint.pole})`);
+    if (this.eye[2] > o.top_m) this.fill(ring([o.x_m, o.y_m, o.top_m], o.radius_m), tint(1));
   }
 
   // -- the path --------------------------------------------------------------------------
@@ -342,20 +240,15 @@ class Scene {
     if (index) put(index, x + 0.5, y + size * 0.3, `${size * 0.7}px ${font}`);
   }
 
-  ring(centre, radius) {
-    return Array.from({ length: 49 }, (_, k) => add(centre, [
-      radius * Math.cos((k * TURN) / 48), radius * Math.sin((k * TURN) / 48), 0,
-    ]));
-  }
-
   drawMarkers(behind) {
     const { story, paint } = this;
-    for (const [point, name, colour] of [[story.x_c_m, "x_c", paint.vermillion], [story.x_r_m, "x_r", paint.green]]) {
+    const places = [[story.x_c_m, "x_c", paint.vermillion], [story.x_r_m, "x_r", paint.green]];
+    for (const [point, name, colour] of places) {
       if (!point || this.isBehind(point) !== behind) continue;
       const foot = [point[0], point[1], 0];
       this.stroke([foot, point], colour, 1, [2, 4]);
-      this.stroke(this.ring(foot, 0.1), colour, 1.5);
-      this.stroke(this.ring(point, 0.1), colour, 1.5);
+      this.stroke(ring(foot, 0.1), colour, 1.5);
+      this.stroke(ring(point, 0.1), colour, 1.5);
       const [x, y, depth] = this.see(add(point, [0, 0, 0.3]));
       this.stroke([point, add(point, [0, 0, 0.25])], colour, 1);
       if (depth > 0.1) this.text(name, x, y - 4, colour, 16);
@@ -402,63 +295,17 @@ class Scene {
 
   // -- the vehicle -----------------------------------------------------------------------
 
-  /** Pieces of the vehicle in the map frame: {kind, points, thickness [m], rotor, alpha, nearer}. */
-  vehicle(time, position) {
-    const { flight, story } = this, shape = story.shape, turn = turner(attitudeAt(flight, time));
-    const put = (points) => points.map((p) => add(position, turn(p)));
-    const fold = rowAt(flight, "fold", time), damage = rowAt(flight, "damage", time);
-    const speed = rowAt(flight, "rotor_speed", time), thrust = rowAt(flight, "rotor_thrust", time);
-    const parts = [];
-    for (const y of [-0.11, 0.11]) {
-      parts.push({ kind: "leg", points: put([[0, y / 2, 0], [0, y, -shape.leg_m]]), thickness: 0.01 });
-      parts.push({ kind: "leg", points: put([[-0.12, y, -shape.leg_m], [0.13, y, -shape.leg_m]]), thickness: 0.012 });
-    }
-    shape.rotors_m.forEach(([x, y, z], rotor) => {
-      const hub = [x, y, z], wing = shape.disc_m - shape.nodus_m;
-      parts.push({ kind: "arm", points: put([[0.2 * x, 0.2 * y, 0], [x, y, 0]]), thickness: 0.02, rotor });
-      parts.push({ kind: "motor", points: put([[x, y, -0.004], [x, y, z - 0.006]]), thickness: 0.028 });
-      // A stiff wing hinged at the nodus: the tip draws in linearly, as in the simulation.
-      const tipAt = (folded) => {
-        const stretched = 1 - clamp(folded, 0, 1);
-        return [shape.nodus_m + wing * stretched, -wing * Math.sqrt(1 - stretched * stretched)];
-      };
-      const rim = ([radius, sink]) => this.ring([x, y, z + sink], radius);
-      const tip = tipAt(fold[rotor]), whole = 1 - clamp(damage[rotor], 0, 1);
-      if (fold[rotor] > 0.02) parts.push({ kind: "ghost", points: put(rim(tipAt(0))), rotor });
-      parts.push({ kind: "disc", points: put(rim(tip)), thickness: 0.006, rotor, alpha: whole, nearer: 0.02 });
-      const spin = speed[rotor] > 20 ? (rotor < 2 ? 40 : -40) * time : 0;
-      for (const half of [0, Math.PI]) {
-        const along = [Math.cos(spin + half), Math.sin(spin + half), 0];
-        const end = add(scaled(along, tip[0]), [0, 0, tip[1]]);
-        const blade = [hub, add(hub, scaled(along, shape.nodus_m)), add(hub, end)];
-        if (whole > 0.05) parts.push({ kind: "blade", points: put(blade), thickness: 0.011, rotor, nearer: 0.02 });
-      }
-      if (thrust[rotor] > 0.05) {
-        const head = add(hub, [0, 0, THRUST_M_PER_N * thrust[rotor]]);
-        parts.push({ kind: "thrust", points: put([hub, head]), rotor, nearer: 0.03 });
-      }
-    });
-    const octagon = (z) => Array.from({ length: 9 }, (_, k) => [
-      0.07 * Math.cos((k * TURN) / 8), 0.07 * Math.sin((k * TURN) / 8), z,
-    ]);
-    const low = put(octagon(-0.02)), top = put(octagon(0.022));
-    for (let k = 0; k < 8; k++) parts.push({ kind: "side", points: [low[k], low[k + 1], top[k + 1], top[k]] });
-    const upward = dot(sub(this.eye, position), turn([0, 0, 1])) > 0;
-    parts.push({ kind: "deck", points: upward ? top : low, nearer: 0.03 });
-    if (upward) parts.push({ kind: "nose", points: put([[0.02, 0, 0.024], [0.058, 0, 0.024]]), thickness: 0.014, nearer: 0.04 });
-    return parts;
-  }
-
   drawParts(parts) {
     const { paint } = this;
-    const depth = ({ points, nearer = 0 }) => this.see(points.reduce((sum, p) => add(sum, scaled(p, 1 / points.length)), [0, 0, 0]))[2] - nearer;
-    const order = parts.map((part) => ({ part, far: depth(part) })).sort((a, b) => b.far - a.far);
+    const middle = (points) => scaled(points.reduce(add), 1 / points.length);
+    const order = parts.map((part) => ({ part, far: this.see(middle(part.points))[2] - (part.nearer || 0) }));
+    order.sort((a, b) => b.far - a.far);
     for (const { part: { kind, points, thickness, rotor, alpha = 1 } } of order) {
-      const hit = rotor === 2, rotorPaint = hit ? paint.vermillion : paint.steel;
+      const hit = rotor === FRONT_LEFT, rotorPaint = hit ? paint.vermillion : paint.steel;
       const width = Math.max(1, (thickness || 0) * this.see(points[0])[3]);
       if (kind === "disc") {
         this.fill(points, rotorPaint, 0.3 * alpha);
-        this.stroke(points, rotorPaint, Math.min(width, 3), alpha < 0.95 ? [4, 5] : []);
+        this.stroke(points, rotorPaint, Math.min(width, 3), alpha < 0.05 ? [4, 5] : []);
       } else if (kind === "ghost") this.stroke(points, rotorPaint, 1, [3, 3]);
       else if (kind === "blade") {
         this.pen.globalAlpha = 0.75;

@@ -27,6 +27,7 @@ _CLOSE = 1e-9
 """Newton's steps shrink quadratically: one below this leaves an error below rounding."""
 _ANGLE_LIMIT = 1.5
 _FOLLOW_ANGLE = 0.1
+_MOST_FOLLOWED = 200
 _CONSISTENT = LAWS["consistent"]
 _repaired_pull = repaired.in_plane_pull
 _consistent_pull = consistent.in_plane_pull
@@ -116,7 +117,9 @@ def follow(law: int, p: Parameters, square: float) -> tuple[float, float, float,
     alpha, beta = 0.0, -kb * p.wing_weight
     gamma = -p.twist_compliance * p.wing_weight * p.lift_arm
     here, step = 0.0, square / 16.0
-    while here < square:
+    for _ in range(_MOST_FOLLOWED):
+        if here >= square:
+            return alpha, beta, gamma, OK
         there = min(square, here + step)
         a, b, g, determinant, found = newton(law, p, there, alpha, beta, gamma)
         jump = max(abs(a - alpha), abs(b - beta), abs(g - gamma))
@@ -127,9 +130,7 @@ def follow(law: int, p: Parameters, square: float) -> tuple[float, float, float,
             step *= 2.0
         else:
             step *= 0.5
-            if step < 1e-9 * square:
-                return math.nan, math.nan, math.nan, LOST
-    return alpha, beta, gamma, OK
+    return math.nan, math.nan, math.nan, LOST
 
 
 @compiled

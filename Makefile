@@ -1,0 +1,54 @@
+# make fly      fly the paper's collision experiment (ARGS='hover --seed 3' for another flight)
+# make test     lint, then every test (PYTEST_ARGS='-k propeller' for some)
+# make lint     ruff and mypy
+# make format   lay the sources out as `make lint` wants them
+# make bench    measure the speed on this machine
+# make setup    only make .venv; every other target does it first when needed
+# make clean    remove .venv, builds and caches; flights in runs/ stay
+
+BIN := .venv/bin
+SETUP := @./scripts/setup.sh
+
+# A sourced ROS or another environment must not leak into .venv.
+unexport PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
+unexport LD_LIBRARY_PATH VIRTUAL_ENV _ROS_WHEELS_BOOTSTRAP_COMPLETE
+# What the tests say over DDS stays on this machine.
+export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+
+.DEFAULT_GOAL := help
+.PHONY: help setup fly test lint format bench clean
+
+help:
+	@sed -n 's/^# make /make /p' Makefile
+
+setup:
+	$(SETUP)
+	@echo "ready: $(BIN)/tombo --help"
+
+fly:
+	$(SETUP)
+	@$(BIN)/tombo fly $(ARGS)
+
+test: lint
+	$(SETUP)
+	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+lint:
+	$(SETUP) --no-kernels
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check --quiet .
+	$(BIN)/mypy
+
+format:
+	$(SETUP) --no-kernels
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench:
+	$(SETUP)
+	@$(BIN)/python -m tombo_bringup.bench $(ARGS)
+
+clean:
+	rm -rf .venv build install log .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf tombo_ws/build tombo_ws/install tombo_ws/log
+	find tombo_ws tests -name __pycache__ -prune -exec rm -rf {} +

@@ -1,0 +1,174 @@
+"""Every package is one that a standard ROS 2 Jazzy install builds and installs whole."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+import xml.etree.ElementTree as ET
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SRC = ROOT / "tombo_ws" / "src"
+PACKAGES = sorted(path.parent for path in SRC.glob("*/package.xml"))
+PYTHON_PACKAGES = [package for package in PACKAGES if (package / "setup.py").exists()]
+
+# Import name -> rosdep key, where the key is not the import name itself. rosdep has none for mcap,
+# lz4 and zstandard: mcap-ros2-support, which needs them, brings them.
+ROSDEP_KEY = {
+    "filterpy": "python3-filterpy-pip",
+    "lz4": "mcap-ros2-support",
+    "matplotlib": "python3-matplotlib",
+    "mcap": "mcap-ros2-support",
+    "mpl_toolkits": "python3-matplotlib",
+    "numba": "python3-numba",
+    "numpy": "python3-numpy",
+    "pymavlink": "python3-pymavlink-pip",
+    "rich": "python3-rich",
+    "rosbags": "python3-rosbags-pip",
+    "scipy": "python3-scipy",
+    "typer": "python3-typer",
+    "yaml": "python3-yaml",
+    "zstandard": "mcap-ros2-support",
+}
+
+
+def manifest(package: Path) -> ET.Element:
+    return ET.parse(package / "package.xml").getroot()
+
+
+def setup_arguments(package: Path) -> dict[str, ast.expr]:
+    tree = ast.parse((package / "setup.py").read_text())
+    call = next(
+        n for n in ast.walk(tree) if isinstance(n, ast.Call) and ast.unparse(n.func) == "setup"
+    )
+    return {keyword.arg: keyword.value for keyword in call.keywords if keyword.arg}
+
+
+def by_name(package: Path) -> str:
+    return package.name
+
+
+def test_the_workspace_has_its_packages():
+    names = {package.name for package in PACKAGES}
+    assert names >= {
+        "tombo_msgs",
+        "tombo_dynamics",
+        "tombo_control",
+        "tombo_collision",
+        "tombo_sim",
+        "tombo_bag",
+        "tombo_bringup",
+    }
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=by_name)
+def test_package_xml_is_complete(package: Path):
+    root = manifest(package)
+    assert root.get("format") == "3"
+    assert root.findtext("name") == package.name
+    assert re.fullmatch(r"\d+\.\d+\.\d+", root.findtext("version") or "")
+    assert len(root.findtext("description") or "") > 20
+    assert root.findtext("license") == "MIT"
+    maintainer = root.find("maintainer")
+    assert maintainer is not None and maintainer.text and "@" in maintainer.get("email", "")
+    built_by = root.findtext("export/build_type")
+    assert built_by == ("ament_cmake" if package.name == "tombo_msgs" else "ament_python")
+
+
+def test_all_packages_carry_one_version():
+    versions = {package.name: manifest(package).findtext("version") for package in PACKAGES}
+    for package in PYTHON_PACKAGES:
+        versions[f"{package.name}/setup.py"] = ast.literal_eval(
+            setup_arguments(package)["version"]
+        )
+    assert len(set(versions.values())) == 1, versions
+
+
+@pytest.mark.parametrize("package", PYTHON_PACKAGES, ids=by_name)
+def test_python_package_is_laid_out_for_ament(package: Path):
+    name = package.name
+    assert (package / "resource" / name).is_file()
+    assert f"$base/lib/{name}" in (package / "setup.cfg").read_text()
+    setup = (package / "setup.py").read_text()
+    for needed in ("resource_index/packages", "package.xml", "config/*.yaml", "launch/*.py"):
+        assert needed in setup
+    assert "test" in ast.literal_eval(setup_arguments(package)["extras_require"])
+
+
+@pytest.mark.parametrize("package", PYTHON_PACKAGES, ids=by_name)
+def test_every_folder_of_code_is_a_package(package: Path):
+    folders = {path.parent for path in (package / package.name).rglob("*.py")}
+    missing = [
+        str(f.relative_to(SRC)) for f in sorted(folders) if not (f / "__init__.py").exists()
+    ]
+    assert not missing, f"find_packages skips folders without __init__.py: {missing}"
+
+
+@pytest.mark.parametrize("package", PYTHON_PACKAGES, ids=by_name)
+def test_every_import_is_declared_in_package_xml(package: Path):
+    declared = {
+        element.text
+        for tag in ("depend", "exec_depend")
+        for element in manifest(package).findall(tag)
+    }
+    imported: set[str] = set()
+    for path in [*(package / package.name).rglob("*.py"), *package.glob("launch/*.py")]:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                imported |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level and node.module:
+                imported.add(node.module.split(".")[0])
+    needed = {
+        ROSDEP_KEY.get(name, name)
+        for name in imported - set(sys.stdlib_module_names) - {package.name}
+    }
+    assert needed <= declared, f"add to {package.name}/package.xml: {sorted(needed - declared)}"
+
+
+@pytest.mark.parametrize("package", PYTHON_PACKAGES, ids=by_name)
+def test_data_files_are_installed(package: Path):
+    """Every file beside the code matches a pattern of package_data."""
+    folder = package / package.name
+    patterns = next(
+        ast.literal_eval(value)
+        for value in ast.walk(setup_arguments(package)["package_data"])
+        if isinstance(value, ast.List)
+    )
+    installed = {path for pattern in patterns for path in folder.glob(pattern)}
+    data = {
+        p
+        for p in folder.rglob("*")
+        if p.is_file() and p.suffix not in {".py", ".pyc", ".nbi", ".nbc"}
+    }
+    left_out = sorted(str(path.relative_to(folder)) for path in data - installed)
+    assert not left_out, f"add to package_data in {package.name}/setup.py: {left_out}"
+
+
+def test_the_tombo_command_is_installed():
+    (command,) = entry_points(group="console_scripts", name="tombo")
+    assert command.value == "tombo_bringup.cli.main:run"
+    assert (Path(sys.prefix) / "bin" / "tombo").exists()
+
+
+def test_requirements_are_pinned_once_each():
+    seen: set[str] = set()
+    for path in sorted(ROOT.glob("requirements*.txt")):
+        for line in path.read_text().splitlines():
+            if not line or line.startswith("#"):
+                continue
+            match = re.fullmatch(r"([\w.-]+)==[\w.]+( ; python_version < \"3\.\d+\")?", line)
+            assert match, f"{path.name}: not pinned: {line}"
+            name = re.sub(r"[-_.]+", "-", match[1]).lower()
+            assert name not in seen, f"{path.name}: {name} is pinned twice"
+            seen.add(name)
+    assert {
+        "numpy",
+        "ros-jazzy-rclpy",
+        "ros-jazzy-rmw-fastrtps-cpp",
+        "colcon-core",
+        "pytest",
+    } <= seen

@@ -1,0 +1,262 @@
+"""scripts/setup.sh: says in one line what is missing, does a step only when needed, recovers.
+
+The interpreter, pip and colcon are stand-ins that note how they were called, so that a test takes
+a fraction of a second.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+TOOLS = """
+    bash basename cat chmod cp cut dirname env find flock head ls ln mkdir mv rm sed sha256sum
+    sleep sort tail uname xargs
+""".split()  # noqa: SIM905 - a list would take a line for each
+
+PYTHON = """#!/bin/bash
+root={root}
+echo "$*" >> $root/calls
+case "$*" in
+  *version_info*) cat $root/version ;;
+  *ensurepip*) [ ! -e $root/no_venv ] ;;
+  *Python.h*) [ ! -e $root/no_headers ] ;;
+  *purelib*) echo $root/.venv/site ;;
+  "-m venv "*) mkdir -p $3/bin $3/site && cp "$0" $3/bin/python ;;
+  "-m pip "*) [ ! -e $root/no_network ] || {{ echo "cannot reach the index"; exit 1; }} ;;
+  "-m colcon "*) mkdir -p $root/build/colcon; [ ! -e $root/bad_code ] ;;
+esac
+"""
+
+
+@dataclass
+class Clone:
+    """A clone of the project with a PATH of its own."""
+
+    root: Path
+    bin: Path
+
+    def setup(self, **environment: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [self.root / "scripts" / "setup.sh"],
+            env={"PATH": str(self.bin), "HOME": str(self.root), **environment},
+            capture_output=True,
+            text=True,
+            stdin=subprocess.DEVNULL,
+            timeout=60,
+        )
+
+    def write_tool(self, name: str, text: str) -> None:
+        path = self.bin / name
+        path.unlink(missing_ok=True)
+        path.write_text(text)
+        path.chmod(0o755)
+
+    def steps(self) -> list[str]:
+        """The steps done since last asked: venv, pip, colcon."""
+        calls = self.root / "calls"
+        lines = calls.read_text().splitlines() if calls.exists() else []
+        calls.unlink(missing_ok=True)
+        return [line.split()[1] for line in lines if line.startswith("-m ")]
+
+
+@pytest.fixture
+def clone(tmp_path: Path) -> Clone:
+    root, folder = tmp_path / "clone", tmp_path / "bin"
+    folder.mkdir()
+    (root / "scripts").mkdir(parents=True)
+    shutil.copy(ROOT / "scripts" / "setup.sh", root / "scripts")
+    for path in ROOT.glob("requirements*.txt"):
+        shutil.copy(path, root)
+    for name in ("tombo_msgs", "tombo_sim"):
+        package = root / "tombo_ws" / "src" / name
+        package.mkdir(parents=True)
+        (package / "package.xml").write_text(f"<name>{name}</name>")
+    (root / "tombo_ws/src/tombo_sim/setup.py").touch()
+    (root / "tombo_ws/src/tombo_msgs/msg").mkdir()
+    (root / "tombo_ws/src/tombo_msgs/msg/Contact.msg").write_text("bool in_contact")
+    for tool in TOOLS:
+        (folder / tool).symlink_to(shutil.which(tool) or f"/usr/bin/{tool}")
+    made = Clone(root, folder)
+    (root / "version").write_text("3.12\n")
+    made.write_tool("python3", PYTHON.format(root=root))
+    made.write_tool("cmake", "#!/bin/bash\necho cmake version 3.25.1\n")
+    for tool in ("g++", "make"):
+        made.write_tool(tool, "#!/bin/bash\n")
+    return made
+
+
+def missing_line(clone: Clone, **environment: str) -> str:
+    run = clone.setup(**environment)
+    assert run.returncode == 2, run
+    assert run.stdout == ""
+    assert run.stderr.count("\n") == 1 and run.stderr.startswith("set-up: "), run.stderr
+    assert not (clone.root / ".venv").exists(), "nothing is made before everything is there"
+    return run.stderr.strip()
+
+
+@pytest.mark.parametrize(
+    ("tool", "package"),
+    [("g++", "g++"), ("cmake", "cmake"), ("make", "make"), ("python3", "python3")],
+)
+def test_a_missing_tool_is_one_line_with_its_debian_package(clone: Clone, tool: str, package: str):
+    (clone.bin / tool).unlink()
+    assert f"Debian package {package}" in missing_line(clone)
+
+
+@pytest.mark.parametrize(
+    ("lacks", "package"), [("no_venv", "python3-venv"), ("no_headers", "python3-dev")]
+)
+def test_a_python_without_its_parts_is_one_line(clone: Clone, lacks: str, package: str):
+    (clone.root / lacks).touch()
+    assert missing_line(clone).endswith(f"install the Debian package {package}")
+
+
+def test_an_old_cmake_is_named_with_its_version(clone: Clone):
+    clone.write_tool("cmake", "#!/bin/bash\necho cmake version 3.16.3\n")
+    line = missing_line(clone)
+    assert "3.16.3" in line and "3.21" in line and "package cmake" in line
+
+
+@pytest.mark.parametrize("version", ["2.7", "3.9", "3.14", "4.0"])
+def test_a_python_out_of_range_is_refused(clone: Clone, version: str):
+    (clone.root / "version").write_text(version)
+    assert "3.10 to 3.13" in missing_line(clone)
+    assert version in missing_line(clone, PYTHON="python3")
+
+
+@pytest.mark.parametrize("version", ["3.10", "3.11", "3.12", "3.13"])
+def test_every_supported_python_is_accepted(clone: Clone, version: str):
+    (clone.root / "version").write_text(version)
+    assert clone.setup().returncode == 0
+    assert clone.steps() == ["venv", "pip", "colcon"]
+
+
+def test_another_python_is_found_when_python3_is_too_new(clone: Clone):
+    clone.write_tool("python3", "#!/bin/bash\necho 3.14\n")
+    clone.write_tool(
+        "python3.11", PYTHON.format(root=clone.root).replace("cat $root/version", "echo 3.11")
+    )
+    run = clone.setup()
+    assert run.returncode == 0 and "Python 3.11" in run.stdout
+
+
+def test_a_foreign_venv_is_left_alone(clone: Clone):
+    notes = clone.root / ".venv" / "notes"
+    notes.parent.mkdir()
+    notes.touch()
+    run = clone.setup()
+    assert run.returncode == 2 and "not made by this script" in run.stderr
+    assert notes.exists() and clone.steps() == []
+
+
+def test_a_set_up_waits_for_one_that_is_running(clone: Clone):
+    clone.write_tool(
+        "python3",
+        PYTHON.format(root=clone.root).replace("bin/python ;;", "bin/python; sleep 1 ;;"),
+    )
+    with ThreadPoolExecutor() as pool:
+        runs = list(pool.map(lambda _: clone.setup(), range(2)))
+    assert [run.returncode for run in runs] == [0, 0]
+    assert clone.steps() == ["venv", "pip", "colcon"]
+
+
+def test_a_second_run_says_and_does_nothing(clone: Clone):
+    first = clone.setup()
+    assert first.returncode == 0 and "[1/4]" in first.stdout and "[3/4]" in first.stdout
+    clone.steps()
+    second = clone.setup()
+    assert (second.returncode, second.stdout, second.stderr) == (0, "", "")
+    assert clone.steps() == []
+
+
+@pytest.mark.parametrize(
+    ("edited", "steps"),
+    [
+        ("requirements.txt", ["pip", "colcon"]),
+        ("tombo_ws/src/tombo_msgs/msg/Contact.msg", ["colcon"]),
+        ("tombo_ws/src/tombo_msgs/package.xml", ["colcon"]),
+        ("tombo_ws/src/tombo_sim/setup.py", ["colcon"]),
+        ("tombo_ws/src/tombo_sim/launch/sim.launch.py", ["colcon"]),
+        ("tombo_ws/src/tombo_sim/tombo_sim/simulator.py", []),
+    ],
+)
+def test_an_edit_redoes_only_what_depends_on_it(clone: Clone, edited: str, steps: list[str]):
+    clone.setup()
+    clone.steps()
+    path = clone.root / edited
+    path.parent.mkdir(exist_ok=True)
+    with path.open("a") as file:
+        file.write("\n# edited\n")
+    assert clone.setup().returncode == 0
+    assert clone.steps() == steps
+
+
+def test_another_interpreter_makes_a_new_environment(clone: Clone):
+    clone.setup()
+    clone.steps()
+    assert clone.setup(PYTHON="python3").returncode == 0
+    assert clone.steps() == [], "the same version keeps what is there"
+    clone.write_tool(
+        "python3.10", PYTHON.format(root=clone.root).replace("cat $root/version", "echo 3.10")
+    )
+    assert clone.setup(PYTHON="python3.10").returncode == 0
+    assert clone.steps() == ["venv", "pip", "colcon"]
+
+
+def test_a_moved_clone_makes_a_new_environment(clone: Clone, tmp_path: Path):
+    clone.setup()
+    moved = Clone(clone.root.rename(tmp_path / "moved"), clone.bin)
+    moved.write_tool("python3", PYTHON.format(root=moved.root))
+    moved.steps()
+    assert moved.setup().returncode == 0
+    assert moved.steps() == ["venv", "pip", "colcon"]
+
+
+def test_a_failed_install_shows_its_log_and_starts_afresh_next_time(clone: Clone):
+    (clone.root / "no_network").touch()
+    run = clone.setup()
+    assert run.returncode == 1
+    assert "cannot reach the index" in run.stderr and "setup-2.log" in run.stderr
+    clone.steps()
+    (clone.root / "no_network").unlink()
+    assert clone.setup().returncode == 0
+    assert clone.steps() == ["venv", "pip", "colcon"]
+
+
+def test_a_half_done_update_of_the_requirements_is_not_trusted(clone: Clone):
+    clone.setup()
+    (clone.root / "no_network").touch()
+    (clone.root / "requirements.txt").write_text("numpy==1.0\n")
+    assert clone.setup().returncode == 1
+    clone.steps()
+    shutil.copy(ROOT / "requirements.txt", clone.root)  # as it was: yet .venv may be half changed
+    (clone.root / "no_network").unlink()
+    assert clone.setup().returncode == 0
+    assert clone.steps() == ["venv", "pip", "colcon"]
+
+
+def test_a_failed_build_keeps_the_requirements(clone: Clone):
+    (clone.root / "bad_code").touch()
+    assert clone.setup().returncode == 1
+    (clone.root / "build/colcon/left_over").touch()
+    clone.steps()
+    (clone.root / "bad_code").unlink()
+    assert clone.setup().returncode == 0
+    assert clone.steps() == ["colcon"]
+    assert not (clone.root / "build/colcon/left_over").exists()
+
+
+def test_a_sourced_ros_does_not_leak_in(clone: Clone):
+    seen = clone.root / "seen"
+    note = f'echo "$PYTHONPATH$AMENT_PREFIX_PATH" >> {seen}\n'
+    spy = PYTHON.format(root=clone.root) + note
+    clone.write_tool("python3", spy)
+    clone.setup(PYTHONPATH="/opt/ros/python", AMENT_PREFIX_PATH="/opt/ros/jazzy")
+    assert "/opt/ros" not in seen.read_text()

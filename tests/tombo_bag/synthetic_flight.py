@@ -1,0 +1,110 @@
+"""A made-up flight with every column of a flight record: right in shape, not in physics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+EVENTS = [
+    {"time_s": 0.5, "kind": "takeoff", "text": "takes off"},
+    {"time_s": 12.0, "kind": "contact", "text": "front left propeller meets the obstacle"},
+    {
+        "time_s": 12.05,
+        "kind": "detection",
+        "text": "detected",
+        "trigger": "innovation",
+        "contact_time_s": 12.01,
+        "x_c_m": np.array([1.7, 0.0, 2.0]),
+        "flight_direction": np.array([1.0, 0.0, 0.0]),
+        "confidence": 0.9,
+        "statistic": 31.0,
+        "count": 1,
+    },
+    {
+        "time_s": 12.07,
+        "kind": "setpoint_switch",
+        "text": "switches",
+        "x_c_m": np.array([1.7, 0.0, 2.0]),
+        "x_r_m": np.array([0.9, 0.0, 2.0]),
+        "n_r": np.array([-1.0, 0.0, 0.0]),
+        "count": 1,
+    },
+]
+
+
+@dataclass(frozen=True)
+class SyntheticFlight:
+    t: np.ndarray
+    log: dict[str, np.ndarray]
+    mocap_t: np.ndarray
+    mocap_arrival: np.ndarray
+    mocap_position: np.ndarray
+    mocap_attitude: np.ndarray
+    events: list[dict[str, Any]]
+    scenario: dict[str, Any]
+
+
+def synthetic_flight(ticks: int = 40_000, seed: int = 0) -> SyntheticFlight:
+    """Make a flight of `ticks` ms: random walks, so that nothing compresses better than real."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(ticks) * 1e-3
+
+    def walk(width: int, step: float = 0.01) -> np.ndarray:
+        return np.cumsum(rng.normal(0.0, step, (ticks, width)), axis=0)
+
+    def attitude() -> np.ndarray:
+        q = np.concatenate([0.1 * np.tanh(walk(3)), np.ones((ticks, 1))], axis=1)
+        return q / np.linalg.norm(q, axis=1, keepdims=True)
+
+    def held(values: np.ndarray, every: int) -> np.ndarray:
+        return values[(np.arange(ticks) // every) * every]
+
+    touching = (t > 12.0) & (t < 12.1)
+    force = np.where(touching[:, None], walk(3) - 5.0, 0.0)
+    contact = np.concatenate(
+        [touching[:, None] * 1.0, np.where(touching, 2.0, -1.0)[:, None], walk(3)], axis=1
+    )
+    mode = np.searchsorted([0.5, 4.0, 9.0, 12.07, 16.0, 30.0, 38.0], t, side="right")
+    log = {
+        "position": walk(3),
+        "velocity": walk(3),
+        "attitude": attitude(),
+        "rates": walk(3),
+        "rotor_speed": 400.0 + walk(4),
+        "rotor_thrust": 3.0 + walk(4),
+        "fold": np.where(touching[:, None], 1.0, 0.0) * np.ones(4),
+        "damage": np.zeros((ticks, 4)),
+        "contact_force": force,
+        "contact": contact,
+        "gyro": walk(3),
+        "accel": walk(3) + np.array([0.0, 0.0, 9.81]),
+        "est_position": walk(3),
+        "est_velocity": walk(3),
+        "est_attitude": attitude(),
+        "position_setpoint": held(walk(3), 20),
+        "velocity_setpoint": held(walk(3), 20),
+        "attitude_setpoint": held(attitude(), 20),
+        "rates_setpoint": held(walk(3), 4),
+        "thrust_setpoint": held(14.0 + walk(1), 20),
+        "rotor_command": 400.0 + walk(4),
+        "mode": mode[:, None].astype(float),
+        "battery": np.abs(walk(3)),
+    }
+    frames = np.arange(0, ticks, 33)
+    captured = t[frames]
+    return SyntheticFlight(
+        t=t,
+        log=log,
+        mocap_t=captured,
+        mocap_arrival=captured + 0.008 + rng.exponential(0.004, len(frames)),
+        mocap_position=log["position"][frames],
+        mocap_attitude=log["attitude"][frames],
+        events=[event for event in EVENTS if event["time_s"] <= ticks * 1e-3],
+        scenario={
+            "name": "synthetic",
+            "seed": seed,
+            "obstacle": {"x_m": 2.1, "y_m": 0.3, "radius_m": 0.2, "top_m": 2.5},
+        },
+    )

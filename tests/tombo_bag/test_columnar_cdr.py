@@ -1,0 +1,159 @@
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from random_messages import ALL_TYPES, as_object, messages
+
+from tombo_bag.columnar_cdr import encode, layout, layout_of
+from tombo_bag.schemas import known_types, parse_schema, type_store
+from tombo_dynamics.errors import InputError
+
+MANY = settings(max_examples=300, deadline=None, suppress_health_check=list(HealthCheck))
+ODOMETRY = "nav_msgs/msg/Odometry"
+FRAMES = {"header": {"frame_id": "map"}, "child_frame_id": "base_link"}
+
+
+@MANY
+@given(st.data())
+def test_any_message_has_the_bytes_that_rosbags_gives_it(data):
+    typename = data.draw(st.sampled_from(ALL_TYPES))
+    values = data.draw(messages(typename))
+    expected = bytes(type_store().serialize_cdr(as_object(typename, values), typename))
+    assert encode(typename, values) == expected
+
+
+@MANY
+@given(st.data())
+def test_any_message_can_be_built_from_any_other_of_its_shape(data):
+    """Copy all numbers and texts through the layout: nothing but padding may be left out."""
+    typename = data.draw(st.sampled_from(ALL_TYPES))
+    message = encode(typename, data.draw(messages(typename)))
+    shape = layout_of(typename, message, known_types())
+    numbers = np.frombuffer(message, shape.dtype)
+    copy = bytearray(len(message))
+    copied = np.frombuffer(copy, shape.dtype)
+    for name in shape.dtype.names or ():
+        copied[name] = numbers[name]
+    for text in shape.texts:
+        copy[text.offset : text.offset + text.size] = message[text.offset :][: text.size]
+    for offset in (0, *shape.counts):
+        copy[offset : offset + 4] = message[offset : offset + 4]
+    assert bytes(copy) == message
+
+
+@MANY
+@given(st.data())
+def test_a_layout_never_overlaps_itself_and_is_aligned(data):
+    typename = data.draw(st.sampled_from(ALL_TYPES))
+    message = encode(typename, data.draw(messages(typename)))
+    shape = layout_of(typename, message, known_types())
+    used = np.zeros(len(message), int)
+    for leaf in shape.leaves:
+        size = leaf.dtype.itemsize * (1 if leaf.count is None else leaf.count)
+        used[leaf.offset : leaf.offset + size] += 1
+        assert leaf.count == 0 or (leaf.offset - 4) % leaf.dtype.itemsize == 0
+    for text in shape.texts:
+        used[text.offset : text.offset + text.size] += 1
+    for offset in shape.counts:
+        used[offset : offset + 4] += 1
+    assert used.max(initial=0) <= 1
+
+
+def test_columns_give_the_bytes_of_messages_written_one_by_one():
+    rng = np.random.default_rng(1)
+    position, covariance = rng.normal(size=(50, 3)), rng.normal(size=(50, 36))
+    records = layout(ODOMETRY, FRAMES).records(50)
+    records["header.stamp.sec"] = np.arange(50)
+    for i, axis in enumerate("xyz"):
+        records[f"pose.pose.position.{axis}"] = position[:, i]
+    records["pose.covariance"] = covariance
+    store = type_store()
+    for i, record in enumerate(records):
+        values = {
+            "header": {"stamp": {"sec": i, "nanosec": 0}, "frame_id": "map"},
+            "child_frame_id": "base_link",
+            "pose": {
+                "pose": {"position": dict(zip("xyz", position[i], strict=True))},
+                "covariance": covariance[i],
+            },
+        }
+        assert record.tobytes() == encode(ODOMETRY, values)
+        read = store.deserialize_cdr(record.tobytes(), ODOMETRY)
+        assert read.pose.pose.position.y == position[i, 1]
+        assert read.child_frame_id == "base_link"
+
+
+def test_sequences_of_a_fixed_count_are_columns_too():
+    """This is how TF messages are written."""
+    shape = layout("tf2_msgs/msg/TFMessage", {"transforms": [FRAMES]})
+    records = shape.records(2)
+    records["transforms[0].transform.rotation.w"] = [0.5, 1.0]
+    second = type_store().deserialize_cdr(records[1].tobytes(), "tf2_msgs/msg/TFMessage")
+    assert [t.transform.rotation.w for t in second.transforms] == [1.0]
+    assert second.transforms[0].header.frame_id == "map"
+
+
+def test_no_records_at_all():
+    assert layout(ODOMETRY, FRAMES).records(0).shape == (0,)
+
+
+@pytest.mark.parametrize(
+    ("typename", "values", "part"),
+    [
+        (ODOMETRY, {"hedder": {}}, "hedder"),
+        (ODOMETRY, {"pose": {"pose": {"position": {"q": 1.0}}}}, "pose.pose.position.q"),
+        (
+            ODOMETRY,
+            {"pose": {"covariance": [1.0]}},
+            "pose.covariance has 1 elements; accepted: 36",
+        ),
+        ("sensor_msgs/msg/JointState", {"name": "wheel"}, "name is 'wheel'"),
+        ("nav_msgs/msg/Nothing", {}, "nav_msgs/msg/Nothing"),
+    ],
+)
+def test_bad_values_are_named(typename, values, part):
+    with pytest.raises(InputError) as error:
+        encode(typename, values)
+    assert part in str(error.value)
+
+
+def test_a_type_with_a_field_of_unknown_kind_is_refused():
+    types = {"a/msg/B": ([], [("x", (1, ("float128", 0)))])}
+    with pytest.raises(InputError, match="float128"):
+        encode("a/msg/B", {}, types)
+
+
+@pytest.mark.parametrize("cut", [1, 4, 9, 40])
+def test_bytes_that_end_too_early_are_no_message(cut):
+    message = encode(ODOMETRY, FRAMES)
+    with pytest.raises(InputError, match=r"nav_msgs/msg/Odometry (ends|starts)"):
+        layout_of(ODOMETRY, message[:-cut] if cut < 40 else message[:cut], known_types())
+
+
+def test_a_count_larger_than_the_message_is_refused():
+    message = bytearray(encode("tf2_msgs/msg/TFMessage", {"transforms": [FRAMES]}))
+    message[4:8] = b"\xff\xff\xff\xff"
+    with pytest.raises(InputError, match="ends too early"):
+        layout_of("tf2_msgs/msg/TFMessage", bytes(message), known_types())
+
+
+def test_big_endian_is_refused_by_name():
+    with pytest.raises(InputError, match="00 00 00 00"):
+        layout_of("std_msgs/msg/String", b"\0\0\0\0\0\0\0\1\0", known_types())
+
+
+def test_a_message_without_fields_takes_a_byte():
+    text = "c/Nothing[] many\nc/Nothing one\nuint8 x\n" + "=" * 80 + "\nMSG: c/Nothing\n"
+    types = parse_schema("a/msg/B", text)
+    message = encode("a/msg/B", {"many": [{}, {}], "x": 7}, types)
+    assert message.hex(" ", 4) == "00010000 02000000 00000007"
+    assert layout_of("a/msg/B", message, types).leaves[-1].offset == 11
+    with pytest.raises(InputError, match="ends too early"):
+        layout_of("a/msg/B", message[:4] + b"\xff\xff\xff\xff" + message[8:], types)
+
+
+def test_types_can_come_from_a_schema():
+    types = parse_schema("a/msg/B", "uint8 x\nc/D d\n" + "=" * 80 + "\nMSG: c/D\nfloat64 y\n")
+    assert encode("a/msg/B", {"x": 1, "d": {"y": 1.0}}, types).hex(" ", 4) == (
+        "00010000 01000000 00000000 00000000 0000f03f"
+    )

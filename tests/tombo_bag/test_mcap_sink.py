@@ -1,0 +1,384 @@
+import signal
+import struct
+import subprocess
+import sys
+import zlib
+from collections import Counter
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.reader import NonSeekingReader, make_reader
+from mcap.records import Channel, Chunk, DataEnd, Message, MessageIndex, Schema
+from mcap.stream_reader import StreamReader, get_chunk_data_stream
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Reader as Rosbag2Reader
+
+from tombo_bag.columnar_cdr import encode, layout
+from tombo_bag.mcap_sink import SECOND_NS, Columns, McapSink
+from tombo_bag.qos import EVENT
+from tombo_bag.reader import Bag
+from tombo_dynamics.errors import InputError
+
+POSE = "geometry_msgs/msg/PoseStamped"
+STRING = "std_msgs/msg/String"
+MS = 1_000_000
+
+
+def poses(number, first=0.0):
+    records = layout(POSE, {"header": {"frame_id": "map"}}).records(number)
+    records["pose.position.x"] = first + np.arange(number)
+    return records
+
+
+def text(word):
+    return encode(STRING, {"data": word})
+
+
+def write_mixed(path, compression="zstd", **options):
+    """3.5 s of two channels in bulk, one of them out of order, then single messages."""
+    times = np.arange(3500) * MS + 7
+    late = np.arange(35) * 100 * MS + (np.arange(35) % 3) * 150 * MS
+    with McapSink(path, compression=compression, **options) as sink:
+        pose = sink.add_channel("/pose", POSE)
+        slow = sink.add_channel("/slow", POSE)
+        word = sink.add_channel("/word", STRING, EVENT)
+        sink.add_channel("/silent", STRING)
+        sink.add_metadata("about", {"what": "a test"})
+        sink.write_columns(
+            Columns(pose, times, poses(3500)),
+            Columns(slow, late, poses(35, 1e6), late + 5),
+            Columns(word, np.array([2 * SECOND_NS]), [text("two")]),
+        )
+        for i in range(40):
+            sink.write(word, text(f"word {i}"), 4 * SECOND_NS + i * 100 * MS)
+    return 3500 + 35 + 1 + 40
+
+
+@pytest.fixture(params=["zstd", "lz4", "none"])
+def mixed(request, tmp_path):
+    path = tmp_path / "mixed.mcap"
+    return path, write_mixed(path, request.param)
+
+
+def test_library_reads_all_in_order_with_checksums(mixed):
+    path, number = mixed
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        decoded = list(reader.iter_decoded_messages())
+    times = [item.message.log_time for item in decoded]
+    assert len(decoded) == number
+    assert times == sorted(times)
+    x = [item.decoded_message.pose.position.x for item in decoded if item.channel.topic == "/pose"]
+    assert x == list(range(3500))
+
+
+def test_library_reads_the_stream_without_seeking(mixed):
+    path, number = mixed
+    with path.open("rb") as file:
+        reader = NonSeekingReader(file, validate_crcs=True)
+        order = [m.log_time for _, _, m in reader.iter_messages(log_time_order=False)]
+    assert len(order) == number
+    assert order == sorted(order), "even in the order of the file, time never goes back"
+
+
+def test_library_seeks_to_a_span_of_time(mixed):
+    path, _ = mixed
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        span = reader.iter_messages(["/pose"], starting_at=1500 * MS, ending_before=1600 * MS)
+        assert [m.log_time for _, _, m in span] == [t * MS + 7 for t in range(1500, 1600)]
+
+
+def test_rosbags_reads_all_in_order(mixed):
+    path, number = mixed
+    with AnyReader([path]) as reader:
+        seen = [
+            (time, connection.topic, reader.deserialize(raw, connection.msgtype))
+            for connection, time, raw in reader.messages()
+        ]
+        assert reader.message_count == number
+        assert reader.topics["/silent"].msgcount == 0
+    assert [time for time, _, _ in seen] == sorted(time for time, _, _ in seen)
+    words = [message.data for _, topic, message in seen if topic == "/word"]
+    assert words == ["two"] + [f"word {i}" for i in range(40)]
+
+
+def test_quality_of_service_and_type_hash_stand_in_the_channels(mixed):
+    path, _ = mixed
+    with Rosbag2Reader(path) as reader:
+        profiles = {c.topic: c.ext.offered_qos_profiles[0] for c in reader.connections}
+    assert profiles["/word"].durability.name == "TRANSIENT_LOCAL"
+    assert profiles["/pose"].durability.name == "VOLATILE"
+    assert profiles["/pose"].reliability.name == "RELIABLE"
+    assert profiles["/pose"].history.name == "KEEP_LAST"
+    with path.open("rb") as file:
+        channels = make_reader(file).get_summary().channels.values()
+    assert all(c.metadata["topic_type_hash"].startswith("RIHS01_") for c in channels)
+
+
+def test_own_reader_gives_the_columns_back(mixed):
+    path, _ = mixed
+    bag = Bag(path, check=True)
+    assert bag.damage == ()
+    np.testing.assert_array_equal(bag.columns("/pose")["pose.position.x"], np.arange(3500))
+    slow = bag.columns("/slow")
+    assert (np.diff(slow["log_time_ns"]) >= 0).all()
+    np.testing.assert_array_equal(slow["publish_time_ns"], slow["log_time_ns"] + 5)
+    assert sorted(slow["pose.position.x"]) == [1e6 + i for i in range(35)]
+    assert [(m.name, m.metadata) for m in bag.metadata] == [("about", {"what": "a test"})]
+
+
+def test_statistics_and_summary_say_what_is_there(mixed):
+    path, number = mixed
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        header, summary = reader.get_header(), reader.get_summary()
+        counted = Counter(m.channel_id for _, _, m in reader.iter_messages())
+        times = [m.log_time for _, _, m in reader.iter_messages()]
+    assert header.profile == "ros2"
+    statistics = summary.statistics
+    assert statistics.message_count == number
+    assert statistics.channel_message_counts == counted
+    assert (statistics.message_start_time, statistics.message_end_time) == (min(times), max(times))
+    assert statistics.chunk_count == len(summary.chunk_indexes)
+    assert statistics.channel_count == 4 == len(summary.channels)
+    assert statistics.schema_count == 2 == len(summary.schemas)
+    assert statistics.metadata_count == 1 == len(summary.metadata_indexes)
+
+
+def test_no_chunk_holds_more_than_a_second(mixed):
+    path, _ = mixed
+    with path.open("rb") as file:
+        chunks = [r for r in StreamReader(file, emit_chunks=True).records if isinstance(r, Chunk)]
+    assert len(chunks) > 5
+    assert all(c.message_end_time - c.message_start_time <= SECOND_NS for c in chunks)
+
+
+def test_message_indexes_lead_to_the_messages(mixed):
+    path, number = mixed
+    content, found = path.read_bytes(), 0
+    with path.open("rb") as file:
+        chunks = make_reader(file).get_summary().chunk_indexes
+    for chunk in chunks:
+        place = chunk.chunk_start_offset
+        record = Chunk.read(ReadDataStream(BytesIO(content[place + 9 :])))
+        inside, _ = get_chunk_data_stream(record, validate_crc=True)
+        data = inside.read(chunk.uncompressed_size)
+        for channel, offset in chunk.message_index_offsets.items():
+            assert content[offset] == Opcode.MESSAGE_INDEX
+            index = MessageIndex.read(ReadDataStream(BytesIO(content[offset + 9 :])))
+            assert index.channel_id == channel
+            for time, at in index.records:
+                opcode, length = struct.unpack_from("<BQ", data, at)
+                message = Message.read(ReadDataStream(BytesIO(data[at + 9 :])), length)
+                assert (opcode, message.channel_id) == (Opcode.MESSAGE, channel)
+                assert message.log_time == time
+                found += 1
+    assert found == number
+
+
+def test_summary_checksum_is_that_of_the_format(mixed):
+    """Over everything from the summary's start up to the checksum itself, in the footer."""
+    path, _ = mixed
+    content = path.read_bytes()
+    start, offsets, checksum = struct.unpack("<QQI", content[-28:-8])
+    assert content[start] == Opcode.SCHEMA
+    assert content[offsets] == Opcode.SUMMARY_OFFSET
+    assert checksum == zlib.crc32(content[start:-12])
+
+
+def test_messages_are_numbered_per_channel_without_gap(mixed):
+    path, _ = mixed
+    with path.open("rb") as file:
+        numbers = {}
+        for _, channel, message in make_reader(file).iter_messages():
+            numbers.setdefault(channel.topic, []).append(message.sequence)
+    assert numbers["/pose"] == list(range(3500))
+    assert numbers["/word"] == list(range(41))
+    assert sorted(numbers["/slow"]) == list(range(35))
+
+
+def test_same_messages_give_the_same_bytes(tmp_path):
+    write_mixed(tmp_path / "a.mcap")
+    write_mixed(tmp_path / "b.mcap")
+    assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
+
+
+def test_single_messages_and_columns_give_equal_messages(tmp_path):
+    records, times = poses(2500), np.arange(2500) * MS
+    with McapSink(tmp_path / "a.mcap") as sink:
+        sink.write_columns(Columns(sink.add_channel("/pose", POSE), times, records))
+    with McapSink(tmp_path / "b.mcap") as sink:
+        channel = sink.add_channel("/pose", POSE)
+        for time, record in zip(times.tolist(), records, strict=True):
+            sink.write(channel, record.tobytes(), time)
+    assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
+
+
+def test_a_slice_of_messages_keeps_its_texts(tmp_path):
+    with McapSink(tmp_path / "a.mcap") as sink:
+        channel = sink.add_channel("/pose", POSE)
+        sink.write_columns(Columns(channel, np.arange(5) * MS, poses(15)[::3]))
+    table = Bag(tmp_path / "a.mcap").columns("/pose")
+    assert table["header.frame_id"].tolist() == ["map"] * 5
+    assert table["pose.position.x"].tolist() == [0.0, 3.0, 6.0, 9.0, 12.0]
+
+
+def test_an_empty_file_is_a_proper_file(tmp_path):
+    with McapSink(tmp_path / "none.mcap"):
+        pass
+    with McapSink(tmp_path / "announced.mcap") as sink:
+        channel = sink.add_channel("/pose", POSE)
+        sink.write_columns(Columns(channel, np.zeros(0, int), poses(0)))
+    for name in ("none", "announced"):
+        path = tmp_path / f"{name}.mcap"
+        with path.open("rb") as file:
+            assert make_reader(file).get_summary().statistics.message_count == 0
+            assert list(make_reader(file).iter_messages()) == []
+        with AnyReader([path]) as reader:
+            assert list(reader.messages()) == []
+        assert Bag(path).damage == ()
+    records = [type(r) for r in StreamReader(str(tmp_path / "announced.mcap")).records]
+    assert records.index(Schema) < records.index(Channel) < records.index(DataEnd)
+    assert Bag(tmp_path / "announced.mcap").topics["/pose"].typename == POSE
+    assert len(Bag(tmp_path / "announced.mcap").columns("/pose")["log_time_ns"]) == 0
+
+
+def test_times_far_apart_cost_nothing(tmp_path):
+    path = tmp_path / "gap.mcap"
+    with McapSink(path) as sink:
+        channel = sink.add_channel("/pose", POSE)
+        sink.write_columns(Columns(channel, np.array([0, 2**63 - 1]), poses(2)))
+    assert Bag(path).topics["/pose"].last_ns == 2**63 - 1
+
+
+def test_a_clock_that_jumps_back_still_closes_chunks(tmp_path):
+    path = tmp_path / "back.mcap"
+    with McapSink(path) as sink:
+        channel = sink.add_channel("/word", STRING)
+        for time in [*range(0, 30_000, 10), *range(0, 30_000, 10)]:
+            sink.write(channel, text("x"), time * MS)
+        waiting = 6000 - Bag(path).topics["/word"].count
+        assert waiting <= 100, "what is older than a second is on the disk at any time"
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    spans = [c.message_end_time - c.message_start_time for c in summary.chunk_indexes]
+    assert max(spans) <= SECOND_NS
+    assert summary.statistics.message_count == 6000
+
+
+def test_large_messages_close_a_chunk_early(tmp_path):
+    path = tmp_path / "large.mcap"
+    with McapSink(path, compression="none", chunk_bytes=10_000) as sink:
+        channel = sink.add_channel("/word", STRING)
+        for i in range(20):
+            sink.write(channel, text("x" * 5000), i)
+    with path.open("rb") as file:
+        chunks = make_reader(file).get_summary().chunk_indexes
+    assert len(chunks) >= 9
+    assert max(c.uncompressed_size for c in chunks) < 20_000
+
+
+def test_close_can_be_called_twice_and_ends_writing(tmp_path):
+    sink = McapSink(tmp_path / "a.mcap")
+    channel = sink.add_channel("/word", STRING)
+    sink.close()
+    size = sink.path.stat().st_size
+    sink.close()
+    assert sink.path.stat().st_size == size
+    with pytest.raises(ValueError, match="closed"):
+        sink.write(channel, text("late"), 0)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
+def test_an_exception_leaves_a_finished_file(tmp_path, error):
+    path = tmp_path / "a.mcap"
+    with pytest.raises(error), McapSink(path) as sink:
+        channel = sink.add_channel("/word", STRING)
+        sink.write(channel, text("before"), 0)
+        raise error
+    with path.open("rb") as file:
+        assert make_reader(file, validate_crcs=True).get_summary().statistics.message_count == 1
+
+
+def test_a_full_disk_loses_no_whole_chunk(tmp_path):
+    """The write that fails half-way is taken back, and the file is finished when there is room."""
+    path = tmp_path / "a.mcap"
+    sink = McapSink(path, compression="none")
+    channel = sink.add_channel("/pose", POSE)
+    sink.write_columns(Columns(channel, np.arange(100) * MS, poses(100)))
+    file = sink._file
+
+    class Full:
+        def write(self, data):
+            file.write(bytes(data[:50]))
+            raise OSError(28, "No space left on device")
+
+        def __getattr__(self, name):
+            return getattr(file, name)
+
+    sink._file = Full()
+    with pytest.raises(OSError, match="No space"):
+        sink.write_columns(Columns(channel, np.arange(100) * MS + SECOND_NS, poses(100)))
+    sink._file = file
+    sink.close()
+    assert Bag(path, check=True).damage == ()
+    assert Bag(path).topics["/pose"].count == 100
+
+
+KILLED = """
+import os, signal, sys
+from tombo_bag.columnar_cdr import encode
+from tombo_bag.mcap_sink import McapSink
+sink = McapSink(sys.argv[1])
+channel = sink.add_channel("/word", "std_msgs/msg/String")
+for i in range(12_345):
+    sink.write(channel, encode("std_msgs/msg/String", {"data": str(i)}), i * 1_000_000)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_killed_process_leaves_all_but_the_last_second(tmp_path):
+    path = tmp_path / "killed.mcap"
+    done = subprocess.run([sys.executable, "-c", KILLED, str(path)], check=False)
+    assert done.returncode == -signal.SIGKILL
+    bag = Bag(path)
+    words = bag.columns("/word")["data"]
+    assert len(words) >= 12_345 - 1000
+    assert list(words) == [str(i) for i in range(len(words))]
+    (damage,) = bag.damage
+    assert damage.kind == "not finished"
+    assert damage.from_ns == (len(words) - 1) * MS
+
+
+def test_bad_input_is_named(tmp_path):
+    with pytest.raises(InputError, match="nowhere"):
+        McapSink(tmp_path / "nowhere" / "a.mcap")
+    with pytest.raises(InputError, match=r"compression 'gzip'.*lz4, none, zstd"):
+        McapSink(tmp_path / "a.mcap", compression="gzip")
+    with McapSink(tmp_path / "a.mcap") as sink:
+        channel = sink.add_channel("/pose", POSE)
+        assert sink.add_channel("/pose", POSE) == channel
+        with pytest.raises(InputError, match="'/pose' has type std_msgs/msg/String"):
+            sink.add_channel("/pose", STRING)
+        with pytest.raises(InputError, match="no_msgs/msg/Nothing"):
+            sink.add_channel("/x", "no_msgs/msg/Nothing")
+        with pytest.raises(InputError, match="channel '7'"):
+            sink.write(7, b"", 0)
+        with pytest.raises(InputError, match="channel '7'"):
+            sink.write_columns(Columns(7, np.zeros(1, int), poses(1)))
+        with pytest.raises(InputError, match="2 log times, 2 publish times, 1 messages"):
+            sink.write_columns(Columns(channel, np.zeros(2, int), poses(1)))
+        with pytest.raises(InputError, match="integers from 0 up"):
+            sink.write_columns(Columns(channel, np.array([-1]), poses(1)))
+        with pytest.raises(InputError, match="float64"):
+            sink.write_columns(Columns(channel, np.array([0.5]), poses(1)))
+        with pytest.raises(InputError, match="log time -1"):
+            sink.write(channel, b"", -1)
+    assert Bag(sink.path, check=True).damage == ()
+    assert not Path(tmp_path / "nowhere").exists()

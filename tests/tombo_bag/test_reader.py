@@ -1,0 +1,318 @@
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.summary import Summary
+from mcap.writer import CompressionType, IndexType, Writer
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Rosbag2Writer
+
+from tombo_bag.columnar_cdr import encode, layout
+from tombo_bag.mcap_sink import SECOND_NS, Columns, McapSink
+from tombo_bag.reader import Bag, read_columns, topics
+from tombo_bag.recover import recover
+from tombo_bag.schemas import schema_text, type_store
+from tombo_dynamics.errors import InputError
+
+POSE = "geometry_msgs/msg/PoseStamped"
+STRING = "std_msgs/msg/String"
+JOINTS = "sensor_msgs/msg/JointState"
+MS = 1_000_000
+LAST_MS = 5200
+
+
+def write_sample(path, compression):
+    records = layout(POSE, {"header": {"frame_id": "map"}}).records(LAST_MS)
+    records["pose.position.x"] = np.random.default_rng(0).normal(size=LAST_MS)
+    with McapSink(path, compression=compression) as sink:
+        pose, word = sink.add_channel("/pose", POSE), sink.add_channel("/word", STRING)
+        words = [encode(STRING, {"data": f"word {i}"}) for i in range(LAST_MS // 10)]
+        sink.write_columns(
+            Columns(pose, np.arange(LAST_MS) * MS, records),
+            Columns(word, np.arange(len(words)) * 10 * MS, words),
+        )
+    return path.read_bytes(), records["pose.position.x"].copy()
+
+
+@dataclass(frozen=True, repr=False)
+class Sample:
+    folder: Path
+    content: bytes
+    x: np.ndarray
+    summary: Summary
+
+
+@pytest.fixture(scope="module", params=["zstd", "lz4", "none"])
+def sample(request, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sample")
+    content, x = write_sample(folder / "whole.mcap", request.param)
+    with (folder / "whole.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    return Sample(folder, content, x, summary)
+
+
+FEW = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+
+
+@FEW
+@given(share=st.floats(0.0, 1.0, exclude_max=True), tail=st.booleans())
+def test_a_file_cut_anywhere_gives_all_that_is_whole(sample, share, tail):
+    content, x, summary = sample.content, sample.x, sample.summary
+    size = int(share * len(content)) if not tail else len(content) - 1 - int(share * 2000)
+    if size == 0:
+        return
+    path = sample.folder / "cut.mcap"
+    path.write_bytes(content[:size])
+    bag = Bag(path)
+    assert bag.damage, "a cut is always noticed"
+    whole = [
+        chunk
+        for chunk in summary.chunk_indexes
+        if chunk.chunk_start_offset + chunk.chunk_length <= size
+    ]
+    expected = sum(
+        chunk.message_end_time // MS - chunk.message_start_time // MS + 1 for chunk in whole
+    )
+    if expected:
+        table = bag.columns("/pose")
+        assert len(table["log_time_ns"]) >= expected
+        np.testing.assert_array_equal(table["pose.position.x"], x[: len(table["log_time_ns"])])
+        words = bag.columns("/word")["data"]
+        assert list(words) == [f"word {i}" for i in range(len(words))]
+    damage = bag.damage[0]
+    assert damage.kind in ("cut off", "not finished")
+    assert damage.offset + damage.size <= size or damage.size == 0
+    if expected and expected < LAST_MS and damage.from_ns is not None:
+        assert damage.from_ns >= whole[-1].message_end_time
+
+
+def test_the_part_of_a_chunk_that_is_there_is_read(tmp_path):
+    content, x = write_sample(tmp_path / "whole.mcap", "none")
+    with (tmp_path / "whole.mcap").open("rb") as file:
+        chunk = make_reader(file).get_summary().chunk_indexes[2]
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(content[: chunk.chunk_start_offset + chunk.chunk_length // 2])
+    bag = Bag(path)
+    read = bag.columns("/pose")["pose.position.x"]
+    assert 2400 < len(read) < 2600
+    np.testing.assert_array_equal(read, x[: len(read)])
+    (damage,) = bag.damage
+    assert damage.offset == chunk.chunk_start_offset
+    assert damage.from_ns == (len(read) - 1) * MS
+    assert damage.to_ns == chunk.message_end_time
+    assert "cut off at byte" in damage.text
+
+
+def test_a_file_without_its_summary_has_all_messages(tmp_path):
+    content, _ = write_sample(tmp_path / "whole.mcap", "zstd")
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(content[:-20])
+    bag = Bag(path)
+    assert bag.topics["/pose"].count == LAST_MS
+    assert bag.damage[0].from_ns is None
+    assert "all messages are there" in bag.damage[0].text
+
+
+@FEW
+@given(place=st.floats(0.0, 1.0, exclude_max=True), bit=st.integers(0, 7))
+def test_a_flipped_bit_never_gives_wrong_messages(sample, place, bit):
+    content, x, summary = sample.content, sample.x, sample.summary
+    at = 8 + int(place * (len(content) - 8))
+    broken = bytearray(content)
+    broken[at] ^= 1 << bit
+    path = sample.folder / "flipped.mcap"
+    path.write_bytes(broken)
+    bag = Bag(path, check=True)
+    if "/pose" not in bag.topics:
+        assert bag.damage
+        return
+    hit = [
+        chunk
+        for chunk in summary.chunk_indexes
+        if chunk.chunk_start_offset + 60 <= at < chunk.chunk_start_offset + chunk.chunk_length
+    ]
+    table = bag.columns("/pose")
+    rows = table["log_time_ns"] // MS
+    if hit and bag.damage:  # in a run of zeros, lz4 can say the same in two ways
+        assert [d.kind for d in bag.damage] == ["corrupt"]
+        assert bag.damage[0].offset == hit[0].chunk_start_offset
+        first, last = hit[0].message_start_time // MS, hit[0].message_end_time // MS
+        assert set(rows.tolist()) == set(range(LAST_MS)) - set(range(first, last + 1))
+    elif not bag.damage:
+        assert len(rows) == LAST_MS
+    np.testing.assert_array_equal(table["pose.position.x"], x[rows])
+
+
+def test_zeros_at_the_end_are_noticed(tmp_path):
+    """What a power failure leaves."""
+    content, _ = write_sample(tmp_path / "whole.mcap", "zstd")
+    with (tmp_path / "whole.mcap").open("rb") as file:
+        chunk = make_reader(file).get_summary().chunk_indexes[3]
+    path = tmp_path / "zeros.mcap"
+    path.write_bytes(content[: chunk.chunk_start_offset] + bytes(5000))
+    bag = Bag(path)
+    assert bag.topics["/pose"].count == 3000
+    assert [(d.kind, d.size) for d in bag.damage] == [("corrupt", 5000)]
+
+
+def test_recovered_file_is_whole_and_says_what_is_missing(tmp_path):
+    content, x = write_sample(tmp_path / "whole.mcap", "zstd")
+    (tmp_path / "cut.mcap").write_bytes(content[: len(content) // 2])
+    result = recover(tmp_path / "cut.mcap", tmp_path / "new.mcap")
+    assert result.damage == Bag(tmp_path / "cut.mcap").damage
+    bag = Bag(tmp_path / "new.mcap", check=True)
+    assert bag.damage == ()
+    with (tmp_path / "new.mcap").open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        assert len(list(reader.iter_messages())) == result.messages > LAST_MS // 3
+        old = Bag(tmp_path / "whole.mcap").channels
+        assert reader.get_summary().channels == old
+    read = bag.columns("/pose")["pose.position.x"]
+    np.testing.assert_array_equal(read, x[: len(read)])
+
+
+@pytest.mark.parametrize(
+    ("content", "part"),
+    [
+        (b"", "is empty"),
+        (b"ROSBAG V2.0\n", "52 4f 53 42"),
+        (b"SQLite format 3\0", "53 51"),
+        (b"\x89MCAP1\r\n", "89 4d 43 41 50 31"),
+    ],
+)
+def test_a_foreign_file_is_named(tmp_path, content, part):
+    path = tmp_path / "foreign.mcap"
+    path.write_bytes(content)
+    for read in (topics, lambda path: read_columns(path, "/pose")):
+        with pytest.raises(InputError) as error:
+            read(path)
+        message = str(error.value)
+        assert "foreign.mcap" in message and part in message and "accepted" in message
+        assert "\n" not in message
+
+
+def test_a_missing_file_and_a_folder_are_named(tmp_path):
+    with pytest.raises(InputError, match=r"gone\.mcap.*No such file"):
+        topics(tmp_path / "gone.mcap")
+    with pytest.raises(InputError, match="is a folder"):
+        topics(tmp_path)
+
+
+def test_an_unknown_topic_is_named_with_those_that_are_there(tmp_path):
+    write_sample(tmp_path / "a.mcap", "zstd")
+    with pytest.raises(InputError, match=r"'/posse'.*did you mean '/pose'"):
+        read_columns(tmp_path / "a.mcap", "/posse")
+
+
+def test_topics_say_type_count_and_times(tmp_path):
+    write_sample(tmp_path / "a.mcap", "zstd")
+    table = topics(tmp_path / "a.mcap")
+    assert list(table) == ["/pose", "/word"]
+    assert table["/pose"].typename == POSE
+    assert table["/pose"].count == LAST_MS
+    assert (table["/pose"].first_ns, table["/pose"].last_ns) == (0, (LAST_MS - 1) * MS)
+
+
+def library_file(path, **options):
+    """A file as other programs write it."""
+    with path.open("wb") as file:
+        writer = Writer(file, **options)
+        writer.start("ros2")
+        schema = writer.register_schema(JOINTS, "ros2msg", schema_text(JOINTS).encode())
+        channels = [writer.register_channel("/joints", "cdr", schema) for _ in range(2)]
+        for i in range(500):
+            values = {"header": {"frame_id": "b"}, "position": [i, 2.0], "effort": [0.5] * (i % 3)}
+            if i % 3:
+                values["name"] = ["left", "right"]
+            writer.add_message(channels[i % 2], (500 - i) * 10**7, encode(JOINTS, values), i, i)
+        writer.finish()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"compression": CompressionType.LZ4, "chunk_size": 5000},
+        {"use_chunking": False},
+        {"index_types": IndexType.NONE},
+        {"repeat_channels": False, "repeat_schemas": False},
+    ],
+)
+def test_files_of_other_writers_and_messages_of_many_shapes(tmp_path, options):
+    path = tmp_path / "foreign.mcap"
+    library_file(path, **options)
+    bag = Bag(path)
+    table = bag.columns("/joints")
+    assert bag.damage == ()
+    assert bag.topics["/joints"].count == 500
+    number = 499 - np.arange(500)
+    np.testing.assert_array_equal(table["log_time_ns"], (500 - number) * 10**7)
+    np.testing.assert_array_equal(table["publish_time_ns"], number)
+    np.testing.assert_array_equal(table["position"], np.stack([number, 0 * number + 2.0], axis=1))
+    assert [len(effort) for effort in table["effort"]] == [n % 3 for n in number]
+    assert table["effort"][0].tolist() == [0.5] * (499 % 3)
+    assert table["name[1]"].tolist() == ["right" if n % 3 else "" for n in number]
+    assert set(table["header.frame_id"]) == {"b"}
+    assert table["velocity"].shape == (500, 0)
+
+
+def test_numbers_that_some_messages_lack_are_nan(tmp_path):
+    typename = "visualization_msgs/msg/MarkerArray"
+    messages = [
+        encode(typename, {"markers": [{"id": 5, "pose": {"position": {"x": 1.0}}}] * count})
+        for count in (1, 0, 2)
+    ]
+    with McapSink(tmp_path / "a.mcap") as sink:
+        channel = sink.add_channel("/markers", typename)
+        sink.write_columns(Columns(channel, np.arange(3), messages))
+    table = read_columns(tmp_path / "a.mcap", "/markers")
+    np.testing.assert_array_equal(table["markers[0].pose.position.x"], [1.0, np.nan, 1.0])
+    np.testing.assert_array_equal(table["markers[1].id"], [np.nan, np.nan, 5.0])
+
+
+def test_messages_of_equal_size_can_differ_in_shape(tmp_path):
+    typename = "diagnostic_msgs/msg/DiagnosticStatus"
+    pairs = [("aaaa", "b"), ("c", "dddd"), ("eeee", "f")]
+    messages = [encode(typename, {"name": a, "message": b}) for a, b in pairs]
+    assert len({len(message) for message in messages}) == 1
+    with McapSink(tmp_path / "a.mcap") as sink:
+        channel = sink.add_channel("/status", typename)
+        sink.write_columns(Columns(channel, np.arange(3), messages))
+    table = read_columns(tmp_path / "a.mcap", "/status")
+    assert list(zip(table["name"], table["message"], strict=True)) == pairs
+
+
+def test_a_bag_of_rosbags(tmp_path):
+    store = type_store()
+    with Rosbag2Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/word", STRING, typestore=store)
+        for i in range(10):
+            writer.write(connection, i * SECOND_NS, encode(STRING, {"data": "é" * i}))
+    (path,) = (tmp_path / "bag").glob("*.mcap")
+    table = read_columns(path, "/word")
+    assert table["data"].tolist() == ["é" * i for i in range(10)]
+
+
+def test_messages_of_another_encoding_are_listed_but_not_read(tmp_path):
+    path = tmp_path / "json.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("")
+        schema = writer.register_schema("thing", "jsonschema", b"{}")
+        channel = writer.register_channel("/thing", "json", schema)
+        writer.add_message(channel, 5, b"{}", 5)
+        writer.finish()
+    assert topics(path)["/thing"].count == 1
+    with pytest.raises(InputError, match=r"json\.mcap.*/thing.*'json'.*accepted: 'cdr'"):
+        read_columns(path, "/thing")
+
+
+def test_a_message_that_does_not_fit_its_type_is_named(tmp_path):
+    with McapSink(tmp_path / "a.mcap") as sink:
+        sink.write(sink.add_channel("/pose", POSE), b"\0\1\0\0\1\2", 0)
+    with pytest.raises(InputError, match=r"a\.mcap.*/pose.*PoseStamped ends too early"):
+        read_columns(tmp_path / "a.mcap", "/pose")

@@ -1,0 +1,1 @@
+"""Flights as MCAP files: written and read without ROS, readable by every ROS 2 tool."""

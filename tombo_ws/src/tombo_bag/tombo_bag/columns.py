@@ -1,0 +1,126 @@
+"""Messages read back as columns: N messages of one type as one array per number and string."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_bag.columnar_cdr import Layout, Text, layout_of
+from tombo_bag.schemas import Types
+
+ColumnTable: TypeAlias = dict[str, NDArray[Any]]
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Messages of one shape: which ones, and their bytes as a structured array."""
+
+    layout: Layout
+    rows: NDArray[np.intp]
+    block: NDArray[np.uint8]
+
+    @property
+    def records(self) -> NDArray[np.void]:
+        return self.block.view(self.layout.dtype).ravel()
+
+
+def columns_of(typename: str, messages: list[bytes], types: Types) -> ColumnTable:
+    """Take messages apart: path (as `pose.position.x`) → array with one row per message.
+
+    Messages of different shape (texts or sequences of different length) stand together all the
+    same. Where a message lacks a path that others have, its number is NaN and its text is empty.
+    An array or sequence of numbers is one column (N, k); if the lengths differ, an object array.
+
+    Raises:
+        InputError: a message doesn't fit its type.
+    """
+    groups = _groups(typename, messages, types)
+    table: ColumnTable = {}
+    for path in dict.fromkeys(leaf.path for group in groups for leaf in group.layout.leaves):
+        table[path] = _numbers(path, groups, len(messages))
+    for path in dict.fromkeys(text.path for group in groups for text in group.layout.texts):
+        table[path] = _strings(path, groups, len(messages))
+    if "header.stamp.sec" in table and "header.stamp.nanosec" in table:
+        seconds = table["header.stamp.sec"].astype(np.int64)
+        table["stamp_ns"] = seconds * 1_000_000_000 + table["header.stamp.nanosec"]
+    return table
+
+
+def _groups(typename: str, messages: list[bytes], types: Types) -> list[_Group]:
+    sizes = np.fromiter(map(len, messages), np.intp, len(messages))
+    left = np.ones(len(messages), bool)
+    groups: list[_Group] = []
+    while left.any():
+        first = messages[int(np.argmax(left))]
+        shape = layout_of(typename, first, types)
+        rows = np.flatnonzero(left & (sizes == len(first)))
+        joined = b"".join(messages if len(rows) == len(messages) else [messages[i] for i in rows])
+        block: NDArray[np.uint8]
+        block = np.frombuffer(joined, np.uint8).reshape(len(rows), len(first))
+        fits = _same_shape(shape, block)
+        if not fits.all():
+            rows, block = rows[fits], np.ascontiguousarray(block[fits])
+        left[rows] = False
+        groups.append(_Group(shape, rows, block))
+    return groups
+
+
+def _same_shape(shape: Layout, block: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Tell which messages of equal size have the template's encapsulation, lengths and counts."""
+    fixed = np.arange(4)[None, :] + np.array([0, *shape.counts])[:, None]
+    template = np.frombuffer(shape.template, np.uint8)
+    same: NDArray[np.bool_] = (block[:, fixed.ravel()] == template[fixed.ravel()]).all(axis=1)
+    return same
+
+
+def _numbers(path: str, groups: list[_Group], number: int) -> NDArray[Any]:
+    found = {
+        i: leaf
+        for i, group in enumerate(groups)
+        for leaf in group.layout.leaves
+        if leaf.path == path
+    }
+    leaf = next(iter(found.values()))
+    counts = {leaf.count for leaf in found.values()}
+    complete = len(found) == len(groups)
+    if len(counts) == 1 and (complete or leaf.count is None):
+        shape = (number,) if leaf.count is None else (number, leaf.count)
+        column = np.zeros(shape, leaf.dtype) if complete else np.full(shape, np.nan)
+        if leaf.count != 0:
+            for i in found:
+                column[groups[i].rows] = groups[i].records[path]
+        return column
+    ragged = np.empty(number, object)
+    for i, group in enumerate(groups):
+        filled = i in found and found[i].count
+        values = group.records[path] if filled else np.zeros((len(group.rows), 0), leaf.dtype)
+        for row, value in zip(group.rows, values, strict=True):
+            ragged[row] = value
+    return ragged
+
+
+def _strings(path: str, groups: list[_Group], number: int) -> NDArray[Any]:
+    column = np.full(number, "", object)
+    for group in groups:
+        for text in group.layout.texts:
+            if text.path == path:
+                column[group.rows] = _decoded(text, group.block)
+    return column.astype(np.str_)
+
+
+def _decoded(text: Text, block: NDArray[np.uint8]) -> NDArray[Any]:
+    if text.size == 0:
+        return np.full(len(block), "", object)
+    raw = np.ascontiguousarray(block[:, text.offset : text.offset + text.size])
+    if (raw == raw[0]).all():
+        return np.full(len(raw), _word(raw[0].tobytes()), object)
+    column = np.empty(len(raw), object)
+    column[:] = [_word(item) for item in raw.view(f"V{text.size}").ravel().tolist()]
+    return column
+
+
+def _word(raw: bytes) -> str:
+    return raw.decode("utf-8", "replace")

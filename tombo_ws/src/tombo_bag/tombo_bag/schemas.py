@@ -1,0 +1,151 @@
+"""What a message type looks like: fields, schema text and type hash, with no ROS installed.
+
+The standard types are those of ROS 2 Jazzy, as the `rosbags` library carries them; the types of
+`tombo_msgs` are read from its `.msg` files. A *type name* is always the long form,
+`geometry_msgs/msg/PoseStamped`.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from rosbags.interfaces import Nodetype
+
+from tombo_dynamics.errors import InputError, unknown_name
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
+Types: TypeAlias = "dict[str, tuple[list[Any], list[tuple[str, Any]]]]"
+"""Type name → (constants, fields), each field a name with its descriptor, as `rosbags` has it."""
+
+OWN_PACKAGE = "tombo_msgs"
+SEPARATOR = "=" * 80
+
+
+def message_directory() -> Path:
+    """Find the folder of the `tombo_msgs` definitions: the installed one, else the source tree's.
+
+    Raises:
+        InputError: no such folder; the message lists where it was looked for.
+    """
+    looked: list[Path] = []
+    for folder in _candidates():
+        if folder.is_dir() and any(folder.glob("*.msg")):
+            return folder
+        looked.append(folder)
+    places = ", ".join(str(folder) for folder in looked)
+    raise InputError(f"message definitions of {OWN_PACKAGE} not found; looked in: {places}")
+
+
+def _candidates() -> Iterator[Path]:
+    installed = Path("share") / OWN_PACKAGE / "msg"
+    for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
+        if prefix:
+            yield Path(prefix) / installed
+    yield Path(sys.prefix) / installed
+    workspace = Path(__file__).resolve().parents[2]
+    yield workspace / OWN_PACKAGE / "msg"
+
+
+@cache
+def own_definitions() -> dict[str, str]:
+    """Read the `.msg` files of `tombo_msgs`: type name → text of the file."""
+    return {
+        f"{OWN_PACKAGE}/msg/{file.stem}": file.read_text(encoding="utf-8")
+        for file in sorted(message_directory().glob("*.msg"))
+    }
+
+
+@cache
+def type_store() -> Typestore:
+    """Return the Jazzy type store with `tombo_msgs` added. Loading takes some 60 ms, once."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    added: Types = {}
+    for name, text in own_definitions().items():
+        added.update(get_types_from_msg(text, name))
+    store.register(added)
+    return store
+
+
+def known_types() -> Types:
+    """Return every type this package can write without being given its definition."""
+    return type_store().fielddefs
+
+
+def schema_text(typename: str) -> str:
+    """Return a type's definition in `ros2msg` form, followed by all the types it depends on.
+
+    Raises:
+        InputError: the type is not known.
+    """
+    types = known_types()
+    if typename not in types:
+        raise unknown_name("message type", typename, types)
+    parts = [_definition(typename)]
+    for name in _dependencies(typename, types):
+        package, _, short = name.split("/")
+        parts.append(f"{SEPARATOR}\nMSG: {package}/{short}\n{_definition(name)}")
+    return "".join(parts)
+
+
+def _definition(typename: str) -> str:
+    own = own_definitions().get(typename)
+    if own is not None:
+        return own.rstrip("\n") + "\n"
+    return type_store().gendefhash(typename, {}, ros_version=2)[0]
+
+
+def _dependencies(typename: str, types: Types) -> list[str]:
+    """List the types used by a type, directly or not, in order of first use."""
+    found: dict[str, None] = {}
+    queue = [typename]
+    while queue:
+        for _, descriptor in types[queue.pop(0)][1]:
+            used = named_type(descriptor)
+            if used is not None and used not in found:
+                found[used] = None
+                queue.append(used)
+    return list(found)
+
+
+def named_type(descriptor: Any) -> str | None:
+    """Return the message type in a field's descriptor; None for numbers and strings."""
+    kind, content = descriptor
+    if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+        kind, content = content[0]
+    return str(content) if kind == Nodetype.NAME else None
+
+
+def type_hash(typename: str) -> str:
+    """Return the type's `RIHS01_...` hash, by which ROS 2 tells versions of a type apart."""
+    if typename not in known_types():
+        raise unknown_name("message type", typename, known_types())
+    return type_store().hash_rihs01(typename)
+
+
+@cache
+def parse_schema(typename: str, text: str) -> Types:
+    """Read a `ros2msg` schema as it stands in a file: the type and all it depends on.
+
+    Raises:
+        InputError: the text is no message definition.
+    """
+    from rosbags.typesys import TypesysError, get_types_from_msg
+
+    try:
+        return get_types_from_msg(text, typename)
+    except TypesysError as error:
+        # the library's error: "Could not parse:", the whole text, a position, what is left of it
+        rest = (str(error).splitlines() + [""] * 4)[3]
+        raise InputError(
+            f"schema of '{typename}' can't be read from '{rest.strip()}'; "
+            "accepted: a ROS 2 message definition"
+        ) from error
