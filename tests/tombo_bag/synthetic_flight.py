@@ -15,6 +15,7 @@ EVENTS = [
         "kind": "detection",
         "text": "detected",
         "trigger": "innovation",
+        "stamp_s": 12.04,
         "contact_time_s": 12.01,
         "x_c_m": np.array([1.7, 0.0, 2.0]),
         "flight_direction": np.array([1.0, 0.0, 0.0]),

@@ -170,6 +170,7 @@ def test_contact_is_found_by_its_force_alone(flight, tmp_path):
 def test_collision_event(bag):
     table = bag.columns("/collision_event")
     assert flight_seconds(table["log_time_ns"]).tolist() == [12.05]
+    assert flight_seconds(table["stamp_ns"]).tolist() == [12.04]
     assert table["trigger"].tolist() == [2]
     assert (table["contact_stamp.sec"][0], table["contact_stamp.nanosec"][0]) == (13, 10_000_000)
     assert xyz(table, "contact_position").tolist() == [[1.7, 0.0, 2.0]]

@@ -60,7 +60,7 @@ def event_messages(
     """Build the messages of all topics that speak only when something happens.
 
     Args:
-        events: of the flight; `detection` with x_c_m, flight_direction and more,
+        events: of the flight; `detection` with stamp_s (capture), x_c_m and more,
             `setpoint_switch` with x_c_m, x_r_m, n_r; a missing value becomes NaN or 0.
         scenario: as flown; its obstacle is drawn.
         ticks_s: (N,) s.
@@ -81,7 +81,7 @@ def _collisions(events: Sequence[Mapping[str, Any]]) -> EventMessages:
         out.add(
             _time_ns(event),
             {
-                "header": _header(nanoseconds(event.get("sample_time_s", event["time_s"]))),
+                "header": _header(nanoseconds(event.get("stamp_s", event["time_s"]))),
                 "trigger": TRIGGERS.get(str(event.get("trigger")), 0),
                 "contact_stamp": stamp(0 if contact is None else int(nanoseconds(contact))),
                 "contact_position": _xyz(event.get("x_c_m")),

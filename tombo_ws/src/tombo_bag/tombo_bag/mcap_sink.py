@@ -34,10 +34,10 @@ from mcap.records import (
     Statistics,
     SummaryOffset,
 )
-from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
 from tombo_bag.chunks import (
+    MAGIC,
     RecordSource,
     Source,
     assemble,
@@ -117,7 +117,7 @@ class McapSink:
             self._file = FileIO(self.path, "wb")
         except OSError as error:
             raise InputError(f"can't write '{self.path}': {error.strerror}") from error
-        self._put(MCAP0_MAGIC + _bytes(Header(profile="ros2", library="tombo_bag")))
+        self._put(MAGIC + _bytes(Header(profile="ros2", library="tombo_bag")))
 
     def add_channel(self, topic: str, typename: str, qos: Qos = STATE) -> int:
         """Announce a topic; return the channel number under which its messages are written.
@@ -332,7 +332,7 @@ class McapSink:
         summary += _bytes(*offsets)
         footer = _bytes(Footer(start, offset_start, 0))
         checksum = zlib.crc32(footer[:-4], zlib.crc32(summary))
-        self._put(summary + _bytes(Footer(start, offset_start, checksum)) + MCAP0_MAGIC)
+        self._put(summary + _bytes(Footer(start, offset_start, checksum)) + MAGIC)
 
     def _statistics(self) -> Statistics:
         counts: Counter[int] = Counter()

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 from mcap.records import Channel, Metadata, Schema
-from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
+from tombo_bag.chunks import MAGIC
 from tombo_bag.columns import ColumnTable, columns_of
 from tombo_bag.scan import (
     ChunkPlace,
@@ -223,10 +223,10 @@ def _contents(path: Path) -> memoryview:
     """
     try:
         with path.open("rb") as file:
-            start = file.read(len(MCAP0_MAGIC))
+            start = file.read(len(MAGIC))
             if not start:
                 raise InputError(f"'{path}' is empty; accepted: an MCAP file")
-            if start != MCAP0_MAGIC[: len(start)]:
+            if start != MAGIC[: len(start)]:
                 found = start.hex(" ")
                 raise InputError(f"'{path}' starts with bytes {found}; accepted: an MCAP file")
             file.seek(0, os.SEEK_END)

@@ -17,10 +17,9 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata, Schema
-from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
-from tombo_bag.chunks import HEAD, PREFIX_SIZE
+from tombo_bag.chunks import HEAD, MAGIC, PREFIX_SIZE
 
 _RECORD = struct.Struct("<BQ")
 _CHUNK = struct.Struct("<QQQI")
@@ -90,7 +89,7 @@ def walk(file: memoryview) -> FileMap:
     found = FileMap()
     loose: dict[int, list[tuple[int, int]]] = {}
     indexed: dict[int, NDArray[np.uint64]] = {}
-    at = len(MCAP0_MAGIC)
+    at = len(MAGIC)
     while not found.finished:
         if at + PREFIX_SIZE > len(file):
             break
@@ -128,7 +127,7 @@ def walk(file: memoryview) -> FileMap:
         found.chunks.append(
             ChunkPlace(0, int(times.min()), int(times.max()), len(file), 0, "", file, index=index)
         )
-    if not found.finished or file[at:] != MCAP0_MAGIC:
+    if not found.finished or file[at:] != MAGIC:
         found.damage.append(_stopped(found, file, at))
     return found
 

@@ -146,6 +146,6 @@ def parse_schema(typename: str, text: str) -> Types:
         # the library's error: "Could not parse:", the whole text, a position, what is left of it
         rest = (str(error).splitlines() + [""] * 4)[3]
         raise InputError(
-            f"schema of '{typename}' can't be read from '{rest.strip()}'; "
+            f"schema of '{typename}' can't be read from {rest.strip()[:60]!r}; "
             "accepted: a ROS 2 message definition"
         ) from error

@@ -84,7 +84,11 @@ def compiled(function: _Function) -> _Function:
     config.CACHE_DIR = str(CACHE_FOLDER)
     try:
         decorated: Any = numba.njit(
-            cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"}
+            cache=True,
+            nogil=True,
+            forceinline=True,  # passing arrays to small functions costs more than their arithmetic
+            error_model="numpy",
+            fastmath={"contract", "nsz", "arcp"},
         )(function)
     finally:
         config.CACHE_DIR = previous

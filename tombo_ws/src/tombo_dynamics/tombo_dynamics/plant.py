@@ -50,8 +50,9 @@ class _Plant(NamedTuple):
     contact: int
     """8: touching (0/1), rotor (-1: frame), force on the frame in map (3), point in map (3)."""
     inertial: int
-    """10: mass, Ixx, Iyy, Izz, motor time constant, centre of gravity x, y, z in body, what is
-    left of a gap to the target after half a tick and after a whole one."""
+    """14: mass, Ixx, Iyy, Izz, motor time constant, centre of gravity x, y, z in body, what is
+    left of a gap to the target after half a tick and after a whole one; then the inverses of the
+    first four."""
     wind: int
     """3: velocity of the air in map [m/s] in this tick."""
     gust: int
@@ -84,7 +85,7 @@ class _Plant(NamedTuple):
 
 
 PLANT_SIZES = _Plant(
-    13, 4, 4, 4, 4, 4, 4, 4, 4, 4, 6, 4, 8, 10, 3, 3, 3, 6, 9, 3, 15, 6, 10, 8, 4, 2,
+    13, 4, 4, 4, 4, 4, 4, 4, 4, 4, 6, 4, 8, 14, 3, 3, 3, 6, 9, 3, 15, 6, 10, 8, 4, 2,
     4 * DELAY_TICKS, 39,
 )
 

@@ -53,7 +53,7 @@ def derivative(m: Array, noise: Array, theta: Array, row: int, out: int) -> None
     apply_wrench(m, noise, theta)
     if m[b + 2] < m[V.arm_length] + m[V.leg_height]:
         ground_contact(m)
-    per_mass = 1.0 / m[P.inertial]
+    per_mass = m[P.inertial + 10]
     fx, fy, fz = m[f] * per_mass, m[f + 1] * per_mass, m[f + 2] * per_mass
     m[out] = m[b + 3]
     m[out + 1] = m[b + 4]
@@ -67,9 +67,9 @@ def derivative(m: Array, noise: Array, theta: Array, row: int, out: int) -> None
     m[out + 8] = 0.5 * (qw * wz + qx * wy - qy * wx)
     m[out + 9] = -0.5 * (qx * wx + qy * wy + qz * wz)
     ix, iy, iz = m[P.inertial + 1], m[P.inertial + 2], m[P.inertial + 3]
-    m[out + 10] = (m[f + 3] - (iz - iy) * wy * wz) / ix
-    m[out + 11] = (m[f + 4] - (ix - iz) * wz * wx) / iy
-    m[out + 12] = (m[f + 5] - (iy - ix) * wx * wy) / iz
+    m[out + 10] = (m[f + 3] - (iz - iy) * wy * wz) * m[P.inertial + 11]
+    m[out + 11] = (m[f + 4] - (ix - iz) * wz * wx) * m[P.inertial + 12]
+    m[out + 12] = (m[f + 5] - (iy - ix) * wx * wy) * m[P.inertial + 13]
 
 
 @compiled
@@ -143,5 +143,7 @@ def begin_flight(m: Array, noise: Array, theta: Array, tick: float) -> None:
     m[P.clock] = 0.0
     m[P.clock + 1] = tick
     apply_body(m, noise, theta)
+    for i in range(4):
+        m[P.inertial + 10 + i] = 1.0 / m[P.inertial + i]
     m[P.inertial + 8] = math.exp(-0.5 * tick / m[P.inertial + 4])
     m[P.inertial + 9] = math.exp(-tick / m[P.inertial + 4])

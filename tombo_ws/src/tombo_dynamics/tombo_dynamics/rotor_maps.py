@@ -35,6 +35,10 @@ class _RotorIndex(NamedTuple):
     """Thrust at the highest commanded speed [N]."""
     torque_ratio: int = 4
     """Drag torque over thrust in hover [m]."""
+    step: int = 5
+    """Distance of the knots of rotor speed [rad/s]."""
+    root_step: int = 6
+    """Distance of the knots of the square root of thrust [N^0.5]."""
     thrust: int = 8
     """32 x 4: cubic coefficients of thrust [N] over rotor speed [rad/s], constant first."""
     torque: int = 8 + 4 * _PIECES
@@ -76,6 +80,8 @@ def rotor_maps(thrust_map: Any, vehicle: VehicleParams) -> Array:
     roots = np.linspace(0.0, math.sqrt(highest), _INVERSE_PIECES + 1)
     speed = PchipInterpolator(roots, PchipInterpolator(np.sqrt(thrust(fine)), fine)(roots))
     table = np.zeros(_SIZE)
+    table[R.step] = knots[1]
+    table[R.root_step] = roots[1]
     table[R.inverse_step] = 1.0 / knots[1]
     table[R.inverse_root_step] = 1.0 / roots[1]
     table[R.thrust_lowest] = float(thrust(vehicle.rotor_speed_min))
@@ -88,10 +94,11 @@ def rotor_maps(thrust_map: Any, vehicle: VehicleParams) -> Array:
 
 
 @compiled
-def _piece(table: Array, start: int, pieces: int, inverse_step: float, x: float) -> float:
-    scaled = x * inverse_step
-    i = min(max(int(scaled), 0), pieces - 1)
-    d = x - i / inverse_step
+def _piece(
+    table: Array, start: int, pieces: int, step: float, inverse_step: float, x: float
+) -> float:
+    i = min(max(int(x * inverse_step), 0), pieces - 1)
+    d = x - i * step
     k = start + 4 * i
     return float(table[k] + d * (table[k + 1] + d * (table[k + 2] + d * table[k + 3])))
 
@@ -99,17 +106,19 @@ def _piece(table: Array, start: int, pieces: int, inverse_step: float, x: float)
 @compiled
 def rotor_thrust(table: Array, speed: float) -> float:
     """Return the thrust [N] of a whole propeller at `speed` [rad/s]."""
-    return _piece(table, R.thrust, _PIECES, table[R.inverse_step], speed)
+    return _piece(table, R.thrust, _PIECES, table[R.step], table[R.inverse_step], speed)
 
 
 @compiled
 def rotor_torque(table: Array, speed: float) -> float:
     """Return the drag torque [N m] of a whole propeller at `speed` [rad/s]."""
-    return _piece(table, R.torque, _PIECES, table[R.inverse_step], speed)
+    return _piece(table, R.torque, _PIECES, table[R.step], table[R.inverse_step], speed)
 
 
 @compiled
 def speed_for_thrust(table: Array, thrust: float) -> float:
     """Return the rotor speed [rad/s] that gives `thrust` [N], clamped to the table's range."""
     root = math.sqrt(min(max(thrust, 0.0), table[R.thrust_highest]))
-    return _piece(table, R.speed, _INVERSE_PIECES, table[R.inverse_root_step], root)
+    return _piece(
+        table, R.speed, _INVERSE_PIECES, table[R.root_step], table[R.inverse_root_step], root
+    )

@@ -24,6 +24,7 @@ def sum_rotors(m: Array, maps: Array, decay: float, row: int) -> None:
     momentum = 0.0
     arm = m[V.arm_length]
     inertia = m[V.rotor_inertia]
+    pull = inertia / m[P.inertial + 4]
     for i in range(4):
         gap = (m[P.target + i] - m[P.speed + i]) * decay
         speed = m[P.target + i] - gap
@@ -35,7 +36,7 @@ def sum_rotors(m: Array, maps: Array, decay: float, row: int) -> None:
         thrust += t
         mx += (arm * ARM_Y[i] - m[P.inertial + 6]) * t
         my -= (arm * ARM_X[i] - m[P.inertial + 5]) * t
-        mz -= SPIN[i] * (q + inertia * gap / m[P.inertial + 4])
+        mz -= SPIN[i] * (q + pull * gap)
         momentum += SPIN[i] * inertia * speed
     out = P.rotors + 5 * row
     m[out] = thrust

@@ -30,7 +30,8 @@ def contact_force(
     px = m[P.obstacle] - m[P.body]
     py = m[P.obstacle + 1] - m[P.body + 1]
     clearance = m[P.obstacle + 2] + m[V.arm_radius]
-    if math.sqrt(px * px + py * py) > m[V.arm_length] + clearance:
+    reach = m[V.arm_length] + clearance
+    if px * px + py * py > reach * reach:
         return
     for i in range(4):
         ax = m[V.arm_length] * ARM_X[i]

@@ -99,7 +99,6 @@ def blade_strike(
     damage has reached 1 is gone.
     """
     tick = m[P.clock + 1]
-    decay = max(0.0, 1.0 - _RECOVERY_CONSTANTS * tick / max(recovery_time, 1e-3))
     dx = m[P.obstacle] - m[P.body]
     dy = m[P.obstacle + 1] - m[P.body + 1]
     reach = m[V.arm_length] + 1.5 * m[V.rotor_radius] + m[P.obstacle + 2]
@@ -107,8 +106,9 @@ def blade_strike(
     for i in range(4):
         if m[P.damage + i] >= 1.0:
             m[P.fold + i] = 1.0
-        elif m[P.folding + i] == 0.0:
-            m[P.fold + i] = m[P.fold + i] * decay if m[P.fold + i] > 1e-4 else 0.0
+        elif m[P.fold + i] > 0.0 and m[P.folding + i] == 0.0:
+            left = max(0.0, 1.0 - _RECOVERY_CONSTANTS * tick / max(recovery_time, 1e-3))
+            m[P.fold + i] = m[P.fold + i] * left if m[P.fold + i] > 1e-4 else 0.0
         if near and m[P.damage + i] < 1.0:
             hit, where, ex, ey = reaches(m, i)
             if hit and m[P.speed + i] > _TURNING:
