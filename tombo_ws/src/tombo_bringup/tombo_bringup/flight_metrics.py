@@ -170,7 +170,9 @@ def _detection(flight: Verdict, c: int | None) -> dict[str, Any]:
     true = [(e, at) for e, at in zip(flight.detections, flight.arrivals, strict=True)
             if e.stamp_s >= allowed]
     first, arrival = true[0] if true else (None, None)
-    reaction = flight.reactions[0] if flight.reactions else None
+    # x_c, n_r and x_r belong together: after a second collision they are the second one's
+    reaction = flight.reactions[-1] if flight.reactions else None
+    x_c = reaction.x_c if reaction else first.x_c if first else None
     return {
         "detected": first is not None,
         "detections": len(flight.detections),
@@ -178,7 +180,7 @@ def _detection(flight: Verdict, c: int | None) -> dict[str, Any]:
         "detection_latency_s": _number(arrival - contact) if arrival is not None else None,
         "detection_confidence": _number(first.confidence) if first else None,
         "false_alarms": len(flight.detections) - len(true),
-        "x_c_m": [_number(v) for v in first.x_c] if first else None,
+        "x_c_m": [_number(v) for v in x_c] if x_c is not None else None,
         "n_r": [_number(v) for v in reaction.n_r] if reaction else None,
         "x_r_m": [_number(v) for v in reaction.x_r] if reaction else None,
     }

@@ -144,14 +144,8 @@ class CollisionDetector:
         ay = GRAVITY * 2.0 * (my * mz - mw * mx) / upright
         rx, ry, rz = _rotation_vector(x0, y0, z0, w0, x, y, z, w)
         kf.predict(u=np.array([[ax], [ay], [0.0]]))
-        kf.update(
-            np.array(
-                [
-                    [position[0]], [position[1]], [position[2]],
-                    [rx / step], [ry / step], [rz / step],
-                ]
-            )
-        )
+        px, py, pz = position.tolist()
+        kf.update(np.array([[px], [py], [pz], [rx / step], [ry / step], [rz / step]]))
         y_ = kf.y[:, 0]
         self._samples += 1
         self.statistic = float(y_ @ kf.SI @ y_) if self._samples > _SETTLE_SAMPLES else 0.0
