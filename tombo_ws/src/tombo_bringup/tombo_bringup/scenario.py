@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
@@ -83,12 +84,27 @@ _SECTIONS: dict[str, type] = {
 }
 
 
+class _Loader(yaml.SafeLoader):
+    """Reads 6e-05 as a number, as YAML 1.2 does; PyYAML alone takes it for text."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)$"),
+    list("-+.0123456789"),
+)
+
+
+def _parse(text: str) -> Any:
+    return yaml.load(text, Loader=_Loader)  # noqa: S506 - a SafeLoader
+
+
 def builtin_scenarios() -> dict[str, str]:
     """Return the names of the scenarios that come with the suite, and what each is for."""
     table = {}
     for path in sorted(resources.files("tombo_bringup").joinpath("scenarios").iterdir(), key=str):
         if path.name.endswith(".yaml"):
-            values = yaml.safe_load(path.read_text())
+            values = _parse(path.read_text())
             table[path.name[:-5]] = str(values.get("description", ""))
     return table
 
@@ -110,7 +126,7 @@ def _read(name: str) -> tuple[dict[str, Any], str]:
             raise unknown_name("scenario", name, builtin_scenarios())
         text, label = source.read_text(), name
     try:
-        values = yaml.safe_load(text)
+        values = _parse(text)
     except yaml.YAMLError as error:
         line = str(error).replace("\n", " ")
         raise InputError(f"scenario '{name}' is not valid YAML: {line}") from error
@@ -141,14 +157,9 @@ def _override(values: dict[str, Any], setting: str) -> dict[str, Any]:
     if not separator or not key.strip():
         raise InputError(f"--set '{setting}': expected key=value, as in vehicle.mass=1.4")
     try:
-        value: Any = yaml.safe_load(text)
+        value: Any = _parse(text)
     except yaml.YAMLError as error:
         raise InputError(f"--set '{setting}': '{text}' is not a value") from error
-    if isinstance(value, str):
-        try:  # YAML 1.1 reads 1e-3 as text
-            value = float(value)
-        except ValueError:
-            pass
     for name in reversed(key.strip().split(".")):
         value = {name: value}
     return _merged(values, value)

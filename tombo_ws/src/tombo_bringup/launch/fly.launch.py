@@ -1,0 +1,21 @@
+"""Fly a scenario headless: `ros2 launch tombo_bringup fly.launch.py scenario:=hover seed:=3`."""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, ExecuteProcess
+from launch.substitutions import LaunchConfiguration
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return the `tombo fly` command with its arguments."""
+    arguments = (
+        ("scenario", "paper_collision", "built-in name (`tombo scenarios`) or path of a YAML file"),
+        ("seed", "0", "all randomness of the flight derives from it"),
+        ("folder", "runs/launched", "where the files go; replaced when flown again"),
+    )
+    declared = [
+        DeclareLaunchArgument(name, default_value=default, description=text)
+        for name, default, text in arguments
+    ]
+    scenario, seed, folder = (LaunchConfiguration(name) for name, _, _ in arguments)
+    command = ["tombo", "fly", scenario, "--seed", seed, "-o", folder, "--force"]
+    return LaunchDescription([*declared, ExecuteProcess(cmd=command, output="screen")])

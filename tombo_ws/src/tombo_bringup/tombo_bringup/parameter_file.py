@@ -1,0 +1,65 @@
+"""Every parameter of a scenario, written out as a YAML file to start from."""
+
+from __future__ import annotations
+
+import dataclasses
+import textwrap
+from typing import Any
+
+from tombo_bringup.scenario import Scenario
+from tombo_dynamics.effects import REGISTRY
+
+_WIDTH = 98
+
+
+def _comment(text: str, indent: str) -> list[str]:
+    return textwrap.wrap(text, _WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}#   ")
+
+
+def _line(field: dataclasses.Field[Any], value: object, indent: str) -> list[str]:
+    meta = field.metadata
+    text = str(meta.get("doc", ""))
+    if "bounds" in meta:
+        low, high = meta["bounds"]
+        text = f"{text} [{meta['unit']}], {low:g} to {high:g}"
+    source = f". {meta['source']}" if meta.get("source") else ""
+    shown = str(value).lower() if isinstance(value, bool) else value
+    return [*_comment(f"{text}{source}", indent), f"{indent}{field.name}: {shown}"]
+
+
+def parameter_file() -> str:
+    """Return the default scenario as YAML: each parameter with meaning, unit, bounds and source.
+
+    Effects stand there at their null values: as they are, they do nothing.
+    """
+    scenario = Scenario()
+    lines = [
+        "# Every parameter of a scenario at its default. Generated; copy it, keep what you change,",
+        "# and fly it with `tombo fly my_scenario.yaml`. `extends: paper_collision` takes the rest",
+        "# from a built-in scenario.",
+    ]
+    for field in dataclasses.fields(Scenario):
+        value = getattr(scenario, field.name)
+        if field.name == "name":
+            continue
+        if dataclasses.is_dataclass(value):
+            lines += ["", *_comment((type(value).__doc__ or "").split("\n")[0], ""), f"{field.name}:"]
+            for inner in dataclasses.fields(value):
+                lines += _line(inner, getattr(value, inner.name), "  ")
+        elif field.name == "effects":
+            lines += ["", *_comment("What the simulation adds to the nominal model.", ""), "effects:"]
+            for effect in REGISTRY.values():
+                lines += _comment(effect.doc.split("\n")[0], "  ")
+                lines.append(f"  {effect.name}:")
+                for p in effect.theta:
+                    text = f"{p.doc} [{p.unit}], {p.bounds[0]:g} to {p.bounds[1]:g}"
+                    lines += [*_comment(text, "    "), f"    {p.name}: {p.null}"]
+        elif field.name == "description":
+            lines.append(f'{field.name}: "all defaults"')
+        else:
+            lines += _line(field, value, "")
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    print(parameter_file(), end="")
