@@ -6,9 +6,7 @@ from tombo_bringup.parameter_file import parameter_file
 from tombo_bringup.scenario import Scenario, load_scenario
 from tombo_dynamics.effects.compose import null_theta, pack_theta
 
-FILE = (
-    Path(__file__).parents[2] / "tombo_ws/src/tombo_bringup/config/all_parameters.yaml"
-)
+FILE = Path(__file__).parents[2] / "tombo_ws/src/tombo_bringup/config/all_parameters.yaml"
 
 
 def test_file_is_up_to_date() -> None:

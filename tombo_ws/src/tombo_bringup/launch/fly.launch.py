@@ -1,14 +1,19 @@
 """Fly a scenario headless: `ros2 launch tombo_bringup fly.launch.py scenario:=hover seed:=3`."""
 
-from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess
 from launch.substitutions import LaunchConfiguration
+
+from launch import LaunchDescription
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the `tombo fly` command with its arguments."""
     arguments = (
-        ("scenario", "paper_collision", "built-in name (`tombo scenarios`) or path of a YAML file"),
+        (
+            "scenario",
+            "paper_collision",
+            "built-in name (`tombo scenarios`) or path of a YAML file",
+        ),
         ("seed", "0", "all randomness of the flight derives from it"),
         ("folder", "runs/launched", "where the files go; replaced when flown again"),
     )

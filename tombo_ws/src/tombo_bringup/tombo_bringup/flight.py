@@ -120,8 +120,10 @@ def fly_scenario(
     part(m, "draws")[:] = draws[:8]
     pole = scenario.obstacle
     obstacle = [
-        pole.x + spread.obstacle * draws[11], pole.y + spread.obstacle * draws[12],
-        pole.radius, pole.top,
+        pole.x + spread.obstacle * draws[11],
+        pole.y + spread.obstacle * draws[12],
+        pole.radius,
+        pole.top,
     ]
     part(m, "obstacle")[:] = obstacle
     begin_flight(m, np.zeros(_NOISE), theta, TICK_S)
@@ -134,15 +136,26 @@ def fly_scenario(
     began = time.perf_counter()
     k = 0
     end = ticks
-    noise = np.empty((0, _NOISE))
+    noise: Array = np.empty((0, _NOISE))
     base = 0
     while k < end:
         if k >= base + noise.shape[0]:
             base = k
             noise = tick_noise.standard_normal((_BLOCK, _NOISE))
         k, row = fly(
-            m, a, maps, theta, noise, mocap_noise, captures, mocap, state, log,
-            base, k, min(end, base + noise.shape[0]),
+            m,
+            a,
+            maps,
+            theta,
+            noise,
+            mocap_noise,
+            captures,
+            mocap,
+            state,
+            log,
+            base,
+            k,
+            min(end, base + noise.shape[0]),
         )
         if row < 0:
             continue
@@ -169,7 +182,7 @@ def fly_scenario(
 def _look_at_sample(
     course: _Course, scenario: Scenario, sample: Array, row: int, now: float, a: Array
 ) -> None:
-    """Hand a delivered pose to detector, reaction and mission, and the outcome to the autopilot."""
+    """Hand a delivered pose to detector, reaction and mission, their outcome to the autopilot."""
     stamp = sample[CAPTURED] * TICK_S
     event = course.detector.update(stamp, sample[POSE : POSE + 3], sample[POSE + 3 : POSE + 7])
     course.statistics.append((row, course.detector.statistic))
@@ -179,11 +192,16 @@ def _look_at_sample(
         course.arrivals.append(now)
         course.events.append(
             {
-                "time_s": now, "kind": "detection", "text": f"collision detected ({event.trigger})",
-                "trigger": event.trigger, "stamp_s": event.stamp_s,
-                "contact_time_s": event.contact_time_s, "x_c_m": event.x_c.tolist(),
+                "time_s": now,
+                "kind": "detection",
+                "text": f"collision detected ({event.trigger})",
+                "trigger": event.trigger,
+                "stamp_s": event.stamp_s,
+                "contact_time_s": event.contact_time_s,
+                "x_c_m": event.x_c.tolist(),
                 "flight_direction": event.flight_direction.tolist(),
-                "confidence": event.confidence, "statistic": event.statistic,
+                "confidence": event.confidence,
+                "statistic": event.statistic,
                 "count": event.count,
             }
         )
@@ -193,14 +211,21 @@ def _look_at_sample(
             course.mission = plan.escape(before, course.reaction.x_r, now)
             course.events.append(
                 {
-                    "time_s": now, "kind": "setpoint_switch", "text": "set point moved to x_r",
-                    "x_c_m": event.x_c.tolist(), "x_r_m": course.reaction.x_r.tolist(),
-                    "n_r": course.reaction.n_r.tolist(), "count": course.reaction.collisions,
+                    "time_s": now,
+                    "kind": "setpoint_switch",
+                    "text": "set point moved to x_r",
+                    "x_c_m": event.x_c.tolist(),
+                    "x_r_m": course.reaction.x_r.tolist(),
+                    "n_r": course.reaction.n_r.tolist(),
+                    "count": course.reaction.collisions,
                 }
             )
     course.mission = plan.proceed(
-        course.mission, scenario.mission, now,
-        a[A.position : A.position + 3], a[A.velocity : A.velocity + 3],
+        course.mission,
+        scenario.mission,
+        now,
+        a[A.position : A.position + 3],
+        a[A.velocity : A.velocity + 3],
     )
     if course.mission is not before:
         if course.mission.leg is not before.leg:
@@ -252,7 +277,7 @@ def _record(
         {"time_s": when, "kind": MODE_NAMES[mode], "text": MODE_NAMES[mode].replace("_", " ")}
         for when, mode in course.modes
     ]
-    t = np.arange(log.shape[0]) * TICK_S
+    t: Array = np.arange(log.shape[0], dtype=np.float64) * TICK_S
     summary, seen = summarize(
         Verdict(
             scenario, seed, t, columns, course.detections, course.arrivals, course.reactions, wall

@@ -58,11 +58,16 @@ def first_lasting(condition: NDArray[np.bool_], length: int) -> int | None:
 def lowest_point(vehicle: VehicleParams, position: Array, attitude: Array) -> Array:
     """Return the height of the lowest point of legs and motors (N,) [m]."""
     x, y, z, w = attitude.T
-    up = np.column_stack([2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)])
+    up = np.column_stack(
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)]
+    )
     spread = vehicle.leg_spread * math.sqrt(2.0)
     lowest = np.full(position.shape[0], np.inf)
     for i in range(4):
-        for reach, height in ((spread, -vehicle.leg_height), (vehicle.arm_length, vehicle.rotor_height)):
+        for reach, height in (
+            (spread, -vehicle.leg_height),
+            (vehicle.arm_length, vehicle.rotor_height),
+        ):
             point = up @ np.array([reach * ARM_X[i], reach * ARM_Y[i], height])
             lowest = np.minimum(lowest, point)
     result: Array = position[:, 2] + lowest
@@ -82,7 +87,6 @@ def summarize(flight: Verdict) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     log, t = flight.log, flight.t
     vehicle = flight.scenario.vehicle
     events: list[dict[str, Any]] = []
-    height = log["position"][:, 2]
     mode = log["mode"][:, 0]
     touching = log["contact"][:, 0] > 0.0
     collided = bool(touching.any())
@@ -137,8 +141,11 @@ def summarize(flight: Verdict) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 
 
 def _crash(vehicle: VehicleParams, log: dict[str, Array], mode: Array) -> int | None:
-    """First tick in which the frame touches the ground before landing is commanded, or from which
-    tilt stays beyond 2.1 rad. A level descent without mocap counts as a landing."""
+    """Return the tick of the crash, or None.
+
+    The frame touches the ground before landing is commanded (a level descent without mocap counts
+    as a landing), or tilt stays beyond 2.1 rad to the end.
+    """
     position = log["position"]
     flown = np.flatnonzero(position[:, 2] > vehicle.leg_height + 0.3)
     if not flown.size:
@@ -167,8 +174,11 @@ def _detection(flight: Verdict, c: int | None) -> dict[str, Any]:
     region = flight.scenario.detector.trigger == "region"
     # a known region may rightly fire before contact: by its depth over the speed
     allowed = contact - (1.0 if region else 0.0)
-    true = [(e, at) for e, at in zip(flight.detections, flight.arrivals, strict=True)
-            if e.stamp_s >= allowed]
+    true = [
+        (e, at)
+        for e, at in zip(flight.detections, flight.arrivals, strict=True)
+        if e.stamp_s >= allowed
+    ]
     first, arrival = true[0] if true else (None, None)
     # x_c, n_r and x_r belong together: after a second collision they are the second one's
     reaction = flight.reactions[-1] if flight.reactions else None
@@ -222,7 +232,8 @@ def _recovery(flight: Verdict, c: int | None, events: list[dict[str, Any]]) -> d
             result["settled_error_m"] = _number(error[settled:].mean())
             events.append(
                 {
-                    "time_s": float(flight.t[c + settled]), "kind": "settled",
+                    "time_s": float(flight.t[c + settled]),
+                    "kind": "settled",
                     "text": "settled at x_r",
                 }
             )

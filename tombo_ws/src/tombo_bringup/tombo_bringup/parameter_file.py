@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 import textwrap
 from typing import Any
 
@@ -13,7 +14,9 @@ _WIDTH = 98
 
 
 def _comment(text: str, indent: str) -> list[str]:
-    return textwrap.wrap(text, _WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}#   ")
+    return textwrap.wrap(
+        text, _WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}#   "
+    )
 
 
 def _line(field: dataclasses.Field[Any], value: object, indent: str) -> list[str]:
@@ -34,20 +37,28 @@ def parameter_file() -> str:
     """
     scenario = Scenario()
     lines = [
-        "# Every parameter of a scenario at its default. Generated; copy it, keep what you change,",
-        "# and fly it with `tombo fly my_scenario.yaml`. `extends: paper_collision` takes the rest",
-        "# from a built-in scenario.",
+        "# Every parameter of a scenario at its default. Generated; copy it, keep what you change",
+        "# and fly it: `tombo fly my_scenario.yaml`. With `extends: paper_collision` the rest",
+        "# comes from a built-in scenario.",
     ]
     for field in dataclasses.fields(Scenario):
         value = getattr(scenario, field.name)
         if field.name == "name":
             continue
         if dataclasses.is_dataclass(value):
-            lines += ["", *_comment((type(value).__doc__ or "").split("\n")[0], ""), f"{field.name}:"]
+            lines += [
+                "",
+                *_comment((type(value).__doc__ or "").split("\n")[0], ""),
+                f"{field.name}:",
+            ]
             for inner in dataclasses.fields(value):
                 lines += _line(inner, getattr(value, inner.name), "  ")
         elif field.name == "effects":
-            lines += ["", *_comment("What the simulation adds to the nominal model.", ""), "effects:"]
+            lines += [
+                "",
+                *_comment("What the simulation adds to the nominal model.", ""),
+                "effects:",
+            ]
             for effect in REGISTRY.values():
                 lines += _comment(effect.doc.split("\n")[0], "  ")
                 lines.append(f"  {effect.name}:")
@@ -62,4 +73,4 @@ def parameter_file() -> str:
 
 
 if __name__ == "__main__":
-    print(parameter_file(), end="")
+    sys.stdout.write(parameter_file())

@@ -1,4 +1,4 @@
-"""From a propeller configuration to what the simulation needs of it: map, strike, wear, scatter."""
+"""From a propeller configuration to its map and its effects: strike, wear, scatter."""
 
 from __future__ import annotations
 
@@ -34,8 +34,9 @@ def _same_matrix_mean(wanted: Configuration, name: str) -> float:
     """Return the mean of a measured figure over the configurations with the same silicone."""
     values = []
     for other in configurations():
-        same = other.nodus is not None and wanted.nodus is not None
-        if same and other.nodus.matrix.name == wanted.nodus.matrix.name:  # type: ignore[union-attr]
+        if other.nodus is None or wanted.nodus is None:
+            continue
+        if other.nodus.matrix.name == wanted.nodus.matrix.name:
             value = getattr(other.measured, name) if other.measured is not None else None
             if value is not None:
                 values.append(float(value))

@@ -12,6 +12,7 @@ from typing import Any
 
 import yaml
 
+from tombo_bringup.scenario_catalogue import builtin_scenarios
 from tombo_collision.params import TRIGGERS, DetectorParams, ReactionParams
 from tombo_control.mission import MissionParams
 from tombo_control.params import ControlParams, EstimatorParams
@@ -95,50 +96,57 @@ _Loader.add_implicit_resolver(
 )
 
 
-def _parse(text: str) -> Any:
-    return yaml.load(text, Loader=_Loader)  # noqa: S506 - a SafeLoader
-
-
-def builtin_scenarios() -> dict[str, str]:
-    """Return the names of the scenarios that come with the suite, and what each is for."""
-    table = {}
-    for path in sorted(resources.files("tombo_bringup").joinpath("scenarios").iterdir(), key=str):
-        if path.name.endswith(".yaml"):
-            values = _parse(path.read_text())
-            table[path.name[:-5]] = str(values.get("description", ""))
-    return table
-
-
-def _read(name: str) -> tuple[dict[str, Any], str]:
-    """Return the content of a scenario by name or path, with what it extends merged in."""
-    path = Path(name)
-    if name.endswith((".yaml", ".yml")) or path.is_file():
-        if not path.is_file():
-            raise InputError(f"scenario file '{name}' does not exist")
-        try:
-            text = path.read_text()
-        except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"scenario file '{name}' cannot be read: {error}") from error
-        label = path.stem
-    else:
-        source = resources.files("tombo_bringup").joinpath("scenarios", f"{name}.yaml")
-        if not source.is_file():
-            raise unknown_name("scenario", name, builtin_scenarios())
-        text, label = source.read_text(), name
+def _parse(text: str, what: str) -> Any:
     try:
-        values = _parse(text)
-    except yaml.YAMLError as error:
-        line = str(error).replace("\n", " ")
-        raise InputError(f"scenario '{name}' is not valid YAML: {line}") from error
+        return yaml.load(text, Loader=_Loader)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: no such date
+        raise InputError(f"{what} is not valid YAML: {' '.join(str(error).split())}") from error
+
+
+def _text_of(name: str, folder: Path) -> tuple[str, Path | None]:
+    """Return the text of a scenario, and its file; None for a built-in one, whose name wins."""
+    if re.fullmatch(r"\w+", name):
+        source = resources.files("tombo_bringup").joinpath("scenarios").joinpath(f"{name}.yaml")
+        if source.is_file():
+            return source.read_text(encoding="utf-8"), None
+    path = folder / name
+    if path.is_dir():
+        names = ", ".join(builtin_scenarios())
+        raise InputError(f"scenario '{name}' is a folder; accepted: a YAML file, or {names}")
+    if not path.is_file():
+        if path.suffix not in (".yaml", ".yml"):
+            raise unknown_name("scenario", name, builtin_scenarios())
+        raise InputError(f"scenario file '{name}' does not exist; accepted: a YAML file")
+    try:
+        return path.read_text(encoding="utf-8"), path.resolve()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"scenario file '{name}' cannot be read: {error}") from error
+
+
+def _read(
+    name: str, folder: Path = Path(), below: tuple[Path | None, ...] = ()
+) -> tuple[dict[str, Any], str]:
+    """Return the content of a scenario by name or path, with what it extends merged in.
+
+    Args:
+        name: built-in name or path.
+        folder: what a relative path is relative to: the folder of the file that extends this one.
+        below: the files that extend this one, directly or not.
+    """
+    text, path = _text_of(name, folder)
+    if path is not None and path in below:
+        raise InputError(f"scenario '{name}': extends itself")
+    values = _parse(text, f"scenario '{name}'")
     if not isinstance(values, dict):
-        raise InputError(f"scenario '{name}': expected a mapping of keys, got {values!r}")
+        found = f"{values!r:.60}"
+        raise InputError(
+            f"scenario '{name}': {found} is no scenario; accepted: keys and values"
+        )
     base = values.pop("extends", None)
     if base is not None:
-        if base == name:
-            raise InputError(f"scenario '{name}': extends itself")
-        parent, _ = _read(str(base))
+        parent, _ = _read(str(base), path.parent if path else folder, (*below, path))
         values = _merged(parent, values)
-    return values, label
+    return values, name if path is None else path.stem
 
 
 def _merged(base: dict[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
@@ -156,10 +164,7 @@ def _override(values: dict[str, Any], setting: str) -> dict[str, Any]:
     key, separator, text = setting.partition("=")
     if not separator or not key.strip():
         raise InputError(f"--set '{setting}': expected key=value, as in vehicle.mass=1.4")
-    try:
-        value: Any = _parse(text)
-    except yaml.YAMLError as error:
-        raise InputError(f"--set '{setting}': '{text}' is not a value") from error
+    value: Any = _parse(text, f"--set '{setting}': '{text}'")
     for name in reversed(key.strip().split(".")):
         value = {name: value}
     return _merged(values, value)
@@ -197,6 +202,11 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
         elif key == "effects":
             if not isinstance(value, Mapping):
                 raise InputError(f"effects: expected a mapping of effects, got {value!r}")
+            for effect, parameters in value.items():
+                if not isinstance(parameters, Mapping):
+                    raise InputError(
+                        f"effects.{effect}: expected a mapping of parameters, got {parameters!r}"
+                    )
             built[key] = check_theta(value, "effects")
         elif key == "duration":
             built[key] = check_number("duration", value, "s", (0.1, 3600.0))

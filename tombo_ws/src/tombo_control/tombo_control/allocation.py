@@ -1,4 +1,4 @@
-"""From collective thrust and torques to four rotor thrusts, with priorities when it is too much."""
+"""From collective thrust and torques to four rotor thrusts, with priorities at the limits."""
 
 from __future__ import annotations
 

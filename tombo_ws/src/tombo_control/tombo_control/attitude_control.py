@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+
 from tombo_control.autopilot import A, G
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.rotation import Array, relative_rotation

@@ -1,7 +1,7 @@
 """The memory of estimator and cascade: one flat array `a`, and the index of each of its parts.
 
-`a[A.position + 2]` is the estimated height, `a[G.position_p]` a gain of the cascade, `a[E.mocap_rate]`
-a parameter of the estimator; Python code uses `part(a, "position")`.
+`a[A.position + 2]` is the estimated height, `a[G.position_p]` a gain of the cascade,
+`a[E.mocap_rate]` a parameter of the estimator; Python code uses `part(a, "position")`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,15 @@ HISTORY_TICKS = 512
 IDLE, TAKEOFF, HOVER, APPROACH, REACT, HOLD, LAND, LANDED, BLIND = range(9)
 """Mode numbers, as in `tombo_msgs/MissionStatus`."""
 MODE_NAMES = (
-    "idle", "takeoff", "hover", "approach", "react", "hold", "land", "landed", "descend_blind",
+    "idle",
+    "takeoff",
+    "hover",
+    "approach",
+    "react",
+    "hold",
+    "land",
+    "landed",
+    "descend_blind",
 )
 
 

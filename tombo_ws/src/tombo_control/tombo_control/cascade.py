@@ -35,7 +35,7 @@ def cascade(a: Array, maps: Array, tick: int) -> None:
     `blind_timeout` the vehicle levels and descends.
     """
     mode = a[A.mode]
-    if mode == IDLE or mode == LANDED:
+    if mode == IDLE or mode == LANDED:  # noqa: SIM109 - a tuple costs time when compiled
         a[A.mode + 1] = mode
         stand_by(a)
         return

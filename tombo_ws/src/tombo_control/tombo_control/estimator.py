@@ -7,6 +7,7 @@ it at the time it was captured, known from its stamp, so latency costs no phase.
 from __future__ import annotations
 
 import math
+
 from tombo_control.autopilot import HISTORY_TICKS, A, E
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.rotation import Array, relative_rotation, rotate_by_vector

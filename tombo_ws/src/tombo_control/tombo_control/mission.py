@@ -43,11 +43,17 @@ class MissionParams:
     height: float = param(2.0, "m", (0.3, 50.0), "hover height", "paper: 2 m")
     climb_speed: float = param(0.5, "m/s", (0.1, 3.0), "climb to the hover", "estimated: calm")
     approach_time: float = param(
-        20.2, "s", (0.0, 3600.0), "begin of the flight towards the goal",
+        20.2,
+        "s",
+        (0.0, 3600.0),
+        "begin of the flight towards the goal",
         "set so that contact comes at about 23 s, as in the paper",
     )
     approach_speed: float = param(
-        0.7, "m/s", (0.05, 8.0), "speed towards the goal",
+        0.7,
+        "m/s",
+        (0.05, 8.0),
+        "speed towards the goal",
         "calibrated: the falling distance and unstable phase that the paper prints",
     )
     goal_x: float = param(3.4, "m", (-1e3, 1e3), "goal, map x", "twice the way to the obstacle")
@@ -144,7 +150,9 @@ def proceed(
         return _land(state, params, now_s, position)
     if mode == IDLE and now_s >= params.takeoff_time:
         top = (state.home[0], state.home[1], params.height)
-        return replace(state, mode=TAKEOFF, leg=straight(state.home, top, params.climb_speed, now_s))
+        return replace(
+            state, mode=TAKEOFF, leg=straight(state.home, top, params.climb_speed, now_s)
+        )
     if mode == TAKEOFF and now_s >= state.leg.end_s:
         top = (state.home[0], state.home[1], params.height)
         if _near(position, top, _ARRIVED) and _speed(velocity) < _STILL:
@@ -157,9 +165,9 @@ def proceed(
         return replace(
             state, mode=APPROACH, leg=straight(start, goal, params.approach_speed, now_s)
         )
-    if mode == APPROACH and params.step_size > 0.0:
-        if now_s >= params.approach_time + params.step_period * state.steps:
-            return _next_step(state, params, now_s)
+    next_step_s = params.approach_time + params.step_period * state.steps
+    if mode == APPROACH and params.step_size > 0.0 and now_s >= next_step_s:
+        return _next_step(state, params, now_s)
     if mode in (REACT, HOLD):
         return _settling(state, params, now_s, position, velocity)
     return state
@@ -193,9 +201,7 @@ def _land(
     x, y, _ = state.leg.position(now_s)
     height = float(position[2])
     below = (x, y, state.home[2] - 0.6)
-    return replace(
-        state, mode=LAND, leg=straight((x, y, height), below, params.land_speed, now_s)
-    )
+    return replace(state, mode=LAND, leg=straight((x, y, height), below, params.land_speed, now_s))
 
 
 def _landing(

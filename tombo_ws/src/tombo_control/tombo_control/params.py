@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+
 from tombo_dynamics.params import param
 
 RATE_TICKS = 1
@@ -21,75 +22,125 @@ class ControlParams:
     """
 
     position_p: float = param(
-        0.95, "1/s", (0.05, 5.0), "velocity asked for per position error",
+        0.95,
+        "1/s",
+        (0.05, 5.0),
+        "velocity asked for per position error",
         "two and a half times below the velocity loop; PX4's default is 0.95 as well",
     )
     velocity_p: float = param(
-        2.5, "1/s", (0.1, 15.0), "acceleration asked for per velocity error",
+        2.5,
+        "1/s",
+        (0.1, 15.0),
+        "acceleration asked for per velocity error",
         "crossover near 2.5 rad/s, below half of the attitude loop's",
     )
     velocity_i: float = param(
-        0.6, "1/s^2", (0.0, 5.0), "acceleration per integrated velocity error",
+        0.6,
+        "1/s^2",
+        (0.0, 5.0),
+        "acceleration per integrated velocity error",
         "corner at velocity_i / velocity_p = 0.25 rad/s, a tenth of the crossover",
     )
     velocity_d: float = param(
-        0.12, "1", (0.0, 1.0), "acceleration taken back per measured acceleration",
+        0.12,
+        "1",
+        (0.0, 1.0),
+        "acceleration taken back per measured acceleration",
         "damps the velocity loop's peak; beyond 0.3 it feeds accelerometer noise to attitude",
     )
     velocity_max_xy: float = param(2.0, "m/s", (0.1, 15.0), "horizontal velocity limit", "indoor")
     velocity_max_z: float = param(1.0, "m/s", (0.1, 8.0), "vertical velocity limit", "indoor")
     velocity_i_max: float = param(
-        2.5, "m/s^2", (0.0, 8.0), "limit of the integral's acceleration",
+        2.5,
+        "m/s^2",
+        (0.0, 8.0),
+        "limit of the integral's acceleration",
         "a quarter of gravity: covers wrong mass, thrust scatter and wind",
     )
     tilt_max: float = param(0.6, "rad", (0.05, 1.4), "limit of commanded tilt", "34 deg, indoor")
     attitude_p: float = param(
-        6.0, "1/s", (0.5, 20.0), "body rate asked for per attitude error, roll and pitch",
+        6.0,
+        "1/s",
+        (0.5, 20.0),
+        "body rate asked for per attitude error, roll and pitch",
         "crossover 6 rad/s, a third of the rate loop's",
     )
     yaw_p: float = param(
-        2.5, "1/s", (0.1, 10.0), "body rate asked for per yaw error",
+        2.5,
+        "1/s",
+        (0.1, 10.0),
+        "body rate asked for per yaw error",
         "yaw has a tenth of the authority of roll; half the bandwidth of tilt",
     )
-    rate_max: float = param(3.8, "rad/s", (0.5, 20.0), "roll and pitch rate limit", "PX4: 220 deg/s")
+    rate_max: float = param(
+        3.8, "rad/s", (0.5, 20.0), "roll and pitch rate limit", "PX4: 220 deg/s"
+    )
     yaw_rate_max: float = param(1.5, "rad/s", (0.1, 10.0), "yaw rate limit", "PX4 class")
     rate_p: float = param(
-        22.0, "1/s", (1.0, 80.0), "angular acceleration per rate error, roll and pitch",
+        22.0,
+        "1/s",
+        (1.0, 80.0),
+        "angular acceleration per rate error, roll and pitch",
         "crossover near 20 rad/s; the lead makes up for most of the motor's 35 ms there",
     )
     rate_i: float = param(
-        25.0, "1/s^2", (0.0, 400.0), "angular acceleration per integrated rate error",
+        25.0,
+        "1/s^2",
+        (0.0, 400.0),
+        "angular acceleration per integrated rate error",
         "corner at rate_i / rate_p = 1.1 rad/s, below a tenth of the crossover",
     )
     rate_d: float = param(
-        0.4, "1", (0.0, 2.0), "angular acceleration taken back per measured one",
+        0.4,
+        "1",
+        (0.0, 2.0),
+        "angular acceleration taken back per measured one",
         "lead at rate_p / rate_d = 55 rad/s against the motor's 29 rad/s",
     )
     yaw_rate_p: float = param(
-        7.0, "1/s", (0.5, 40.0), "angular acceleration per yaw rate error",
+        7.0,
+        "1/s",
+        (0.5, 40.0),
+        "angular acceleration per yaw rate error",
         "less than roll's: yaw torque is drag torque, slow and weak",
     )
     yaw_rate_i: float = param(
-        4.0, "1/s^2", (0.0, 100.0), "angular acceleration per integrated yaw rate error",
+        4.0,
+        "1/s^2",
+        (0.0, 100.0),
+        "angular acceleration per integrated yaw rate error",
         "corner at 0.6 rad/s",
     )
     rate_cutoff: float = param(
-        250.0, "rad/s", (20.0, 3000.0), "low-pass of the rate derivative",
+        250.0,
+        "rad/s",
+        (20.0, 3000.0),
+        "low-pass of the rate derivative",
         "40 Hz: above the lead, below the propellers' 150 Hz",
     )
     rate_i_max: float = param(
-        15.0, "rad/s^2", (0.0, 200.0), "limit of the rate integral",
+        15.0,
+        "rad/s^2",
+        (0.0, 200.0),
+        "limit of the rate integral",
         "a centre of gravity 1 cm off asks for about 9 rad/s^2",
     )
     thrust_min: float = param(
         0.05, "1", (0.0, 0.5), "lowest collective thrust, share of the highest", "keeps rotors on"
     )
     blind_timeout: float = param(
-        0.25, "s", (0.05, 5.0), "age of mocap after which the vehicle descends level",
+        0.25,
+        "s",
+        (0.05, 5.0),
+        "age of mocap after which the vehicle descends level",
         "eight samples at 30 Hz",
     )
     blind_thrust: float = param(
-        0.95, "1", (0.5, 1.0), "thrust over weight in a level descent without mocap",
+        0.95,
+        "1",
+        (0.5, 1.0),
+        "thrust over weight in a level descent without mocap",
         "a slow sink: 0.5 m/s^2 against drag and ground effect",
     )
 
@@ -99,11 +150,17 @@ class EstimatorParams:
     """Observer: gyro and accelerometer at 1 kHz, corrected by the mocap pose."""
 
     position_bandwidth: float = param(
-        9.0, "rad/s", (0.5, 60.0), "three equal poles of position, velocity, accelerometer bias",
+        9.0,
+        "rad/s",
+        (0.5, 60.0),
+        "three equal poles of position, velocity, accelerometer bias",
         "lets 1.2 mm of mocap noise through as 12 mm/s of velocity",
     )
     attitude_bandwidth: float = param(
-        3.0, "rad/s", (0.1, 40.0), "two equal poles of attitude and gyro bias",
+        3.0,
+        "rad/s",
+        (0.1, 40.0),
+        "two equal poles of attitude and gyro bias",
         "gyro below a minute's drift, mocap for the mean",
     )
     accel_bias_max: float = param(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+
 from tombo_control.autopilot import A, G
 from tombo_control.estimator import to_map
 from tombo_control.params import POSITION_TICKS
@@ -40,8 +41,12 @@ def position_control(a: Array, mass: float, thrust_max: float) -> None:
         thrust_max: highest collective thrust [N].
     """
     vx = a[A.velocity_setpoint] + a[G.position_p] * (a[A.position_setpoint] - a[A.position])
-    vy = a[A.velocity_setpoint + 1] + a[G.position_p] * (a[A.position_setpoint + 1] - a[A.position + 1])
-    vz = a[A.velocity_setpoint + 2] + a[G.position_p] * (a[A.position_setpoint + 2] - a[A.position + 2])
+    vy = a[A.velocity_setpoint + 1] + a[G.position_p] * (
+        a[A.position_setpoint + 1] - a[A.position + 1]
+    )
+    vz = a[A.velocity_setpoint + 2] + a[G.position_p] * (
+        a[A.position_setpoint + 2] - a[A.position + 2]
+    )
     fast = math.sqrt(vx * vx + vy * vy) / a[G.velocity_max_xy]
     if fast > 1.0:
         vx /= fast
@@ -68,7 +73,7 @@ def position_control(a: Array, mass: float, thrust_max: float) -> None:
         ax *= widest / across
         ay *= widest / across
     for i in range(3):
-        if (free_xy if i < 2 else free_z):
+        if free_xy if i < 2 else free_z:
             error = a[A.velocity_setpoint + i] - a[A.velocity + i]
             total = a[A.velocity_integral + i] + a[G.velocity_i] * error * _PERIOD
             a[A.velocity_integral + i] = min(max(total, -a[G.velocity_i_max]), a[G.velocity_i_max])
@@ -93,9 +98,7 @@ def velocity_pid(a: Array, i: int) -> float:
 
 
 @compiled
-def attitude_from_thrust(
-    fx: float, fy: float, fz: float, yaw: float, out: Array, i: int
-) -> None:
+def attitude_from_thrust(fx: float, fy: float, fz: float, yaw: float, out: Array, i: int) -> None:
     """Write into `out[i:i+4]` the attitude whose body z is along (fx, fy, fz) in map.
 
     The shortest turn from upright to that direction, after the turn by `yaw` about map z.

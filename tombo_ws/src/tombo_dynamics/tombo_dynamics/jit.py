@@ -66,7 +66,9 @@ def _open_cache() -> Path:
     folder = root / _source_hash()
     if not folder.is_dir():
         folder.mkdir(parents=True, exist_ok=True)
-        versions = sorted((p for p in root.iterdir() if p.is_dir()), key=lambda p: p.stat().st_mtime)
+        versions = sorted(
+            (p for p in root.iterdir() if p.is_dir()), key=lambda p: p.stat().st_mtime
+        )
         for old in versions[:-_KEPT_VERSIONS]:
             shutil.rmtree(old, ignore_errors=True)
     return folder

@@ -41,7 +41,10 @@ def check_number(
     accepted = f"a number from {bounds[0]:g} to {bounds[1]:g} [{unit}]"
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(f"{name}: {value!r} is not {accepted}")
-    number = float(value)
+    try:
+        number = float(value)
+    except OverflowError:  # a whole number beyond the range of floats
+        number = math.inf
     if not math.isfinite(number) or not bounds[0] <= number <= bounds[1]:
         raise InputError(f"{name}: {value} is out of bounds; accepted: {accepted}")
     if integer and number != int(number):
@@ -93,7 +96,7 @@ def from_mapping(cls: type[_Record], values: Mapping[str, Any], name: str) -> _R
 def tuple_type(cls: type[Any], name: str, module: str) -> Any:
     """Make the named tuple type that carries the numeric fields of `cls` into compiled code."""
     names = [f.name for f in dataclasses.fields(cls) if "bounds" in f.metadata]
-    return namedtuple(name, names, module=module)  # type: ignore[misc]
+    return namedtuple(name, names, module=module)
 
 
 def as_tuple(record: Any, kind: Any) -> Any:

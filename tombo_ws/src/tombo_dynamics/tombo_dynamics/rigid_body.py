@@ -105,7 +105,7 @@ def begin_tick(m: Array, maps: Array, noise: Array, theta: Array) -> None:
 
 @compiled
 def finish_tick(m: Array, noise: Array, theta: Array) -> None:
-    """Integrate the rigid body over the tick: the classical Runge-Kutta method, after `begin_tick`.
+    """Integrate the rigid body over the tick (classical Runge-Kutta), after `begin_tick`.
 
     The rotors' speeds have a closed form (first-order lag) and enter exactly.
     """

@@ -62,7 +62,7 @@ def rotor_maps(thrust_map: Any, vehicle: VehicleParams) -> Array:
         vehicle: the airframe and its drives.
 
     Raises:
-        InputError: the propeller cannot lift the vehicle with 10 % to spare.
+        InputError: the propeller cannot lift the vehicle with 10 % to spare, or idling does.
     """
     top = min(vehicle.rotor_speed_max, float(thrust_map.omega_max))
     knots = np.linspace(0.0, top, _PIECES + 1)
@@ -75,6 +75,12 @@ def rotor_maps(thrust_map: Any, vehicle: VehicleParams) -> Array:
             f"propeller.conf: one propeller gives at most {highest:.2f} N "
             f"({top * 30 / math.pi:.0f} rpm), but vehicle.mass {vehicle.mass:g} kg needs "
             f"{hover:.2f} N each to hover and a tenth more to climb"
+        )
+    idle = vehicle.rotor_speed_min
+    if idle >= top or float(thrust(idle)) >= hover:
+        raise InputError(
+            f"vehicle.rotor_speed_min: {idle:g} rad/s already lifts the vehicle; accepted: below "
+            f"{float(thrust.solve(hover, extrapolate=False)[0]):.0f} rad/s, the speed in hover"
         )
     fine = np.linspace(0.0, top, 2049)
     roots = np.linspace(0.0, math.sqrt(highest), _INVERSE_PIECES + 1)

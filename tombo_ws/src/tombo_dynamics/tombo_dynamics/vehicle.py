@@ -24,51 +24,82 @@ class VehicleParams:
     """Rigid airframe and drive train of the simulated vehicle."""
 
     mass: float = param(
-        1.3, "kg", (0.2, 10.0), "mass at take-off",
+        1.3,
+        "kg",
+        (0.2, 10.0),
+        "mass at take-off",
         "estimated, because: S500 frame 0.41, motors and ESCs 0.33, 3S battery 0.32, "
         "Pixhawk 4, Jetson TX2 and markers 0.24",
     )
     inertia_xx: float = param(
-        0.0135, "kg m^2", (1e-4, 1.0), "moment of inertia about body x",
+        0.0135,
+        "kg m^2",
+        (1e-4, 1.0),
+        "moment of inertia about body x",
         "estimated, because: four 85 g drive units at 0.24 m give 0.0098, the hub 0.0037",
     )
     inertia_yy: float = param(
         0.0135, "kg m^2", (1e-4, 1.0), "moment of inertia about body y", "as inertia_xx"
     )
     inertia_zz: float = param(
-        0.024, "kg m^2", (1e-4, 1.0), "moment of inertia about body z",
+        0.024,
+        "kg m^2",
+        (1e-4, 1.0),
+        "moment of inertia about body z",
         "estimated, because: four 85 g drive units at 0.24 m give 0.0196, the hub 0.0044",
     )
     arm_length: float = param(
         0.24, "m", (0.05, 1.0), "centre to rotor axis", "S500 frame, 480 mm diagonal"
     )
     rotor_height: float = param(
-        0.03, "m", (-0.2, 0.2), "disc plane above the centre of mass",
+        0.03,
+        "m",
+        (-0.2, 0.2),
+        "disc plane above the centre of mass",
         "estimated, because: motors stand on the arms, battery and computer hang below",
     )
     rotor_radius: float = param(0.1111, "m", (0.02, 0.5), "tip radius", "paper's 9-inch blade")
     nodus_radius: float = param(
-        0.035, "m", (0.005, 0.4), "radius at which a folded blade ends",
+        0.035,
+        "m",
+        (0.005, 0.4),
+        "radius at which a folded blade ends",
         "paper: outer end of the nodus r_N = 35 mm",
     )
     rotor_inertia: float = param(
-        6.0e-5, "kg m^2", (1e-7, 1e-2), "inertia of propeller and motor bell about the axis",
+        6.0e-5,
+        "kg m^2",
+        (1e-7, 1e-2),
+        "inertia of propeller and motor bell about the axis",
         "propeller.rotor_inertia: wings of 5.715 g 5.45e-5, roots 0.15e-5, bell 0.4e-5 estimated",
     )
     motor_time_constant: float = param(
-        0.035, "s", (0.001, 0.5), "first-order lag of rotor speed",
+        0.035,
+        "s",
+        (0.001, 0.5),
+        "first-order lag of rotor speed",
         "estimated, because: X2212-class motors with 9-inch propellers are given 20 to 50 ms",
     )
     rotor_speed_min: float = param(
-        100.0, "rad/s", (0.0, 1000.0), "idle speed of an armed rotor",
+        100.0,
+        "rad/s",
+        (0.0, 1000.0),
+        "idle speed of an armed rotor",
         "estimated, because: ESCs of this class idle at about 1000 rpm",
     )
     rotor_speed_max: float = param(
-        820.0, "rad/s", (100.0, 3000.0), "highest commanded rotor speed",
+        820.0,
+        "rad/s",
+        (100.0, 3000.0),
+        "highest commanded rotor speed",
         "estimated, because: 960 KV at 12 V turns 11 520 rpm unloaded, two thirds under load",
     )
     arm_radius: float = param(
-        0.02, "m", (0.001, 0.1), "half thickness of arms and motor mounts", "S500 frame, motor 27 mm"
+        0.02,
+        "m",
+        (0.001, 0.1),
+        "half thickness of arms and motor mounts",
+        "S500 frame, motor 27 mm",
     )
     leg_spread: float = param(
         0.12, "m", (0.02, 0.5), "landing-gear contact points at (+-s, +-s)", "S500 landing gear"
@@ -77,15 +108,24 @@ class VehicleParams:
         0.18, "m", (0.02, 0.5), "contact points below the centre of mass", "S500 landing gear"
     )
     ground_stiffness: float = param(
-        3000.0, "N/m", (100.0, 1e5), "stiffness of one contact point on the ground",
+        3000.0,
+        "N/m",
+        (100.0, 1e5),
+        "stiffness of one contact point on the ground",
         "estimated, because: 1 mm of sag a leg at rest",
     )
     ground_damping: float = param(
-        60.0, "N s/m", (0.0, 1000.0), "damping of one contact point on the ground",
+        60.0,
+        "N s/m",
+        (0.0, 1000.0),
+        "damping of one contact point on the ground",
         "estimated, because: a landing at 0.5 m/s should not bounce",
     )
     friction: float = param(
-        0.4, "1", (0.0, 2.0), "Coulomb friction of frame and legs",
+        0.4,
+        "1",
+        (0.0, 2.0),
+        "Coulomb friction of frame and legs",
         "estimated, because: plastic on concrete or wood",
     )
     battery_voltage: float = param(
@@ -100,5 +140,3 @@ class VehicleParams:
         """Hub positions (4, 3) in base_link [m], from the geometric centre."""
         z = np.full(4, self.rotor_height)
         return np.column_stack([self.arm_length * ARM_X, self.arm_length * ARM_Y, z])
-
-

@@ -1,1 +1,1 @@
-"""The simulator: physics at 1 kHz, contact with an obstacle, motion capture and inertial sensors."""
+"""The simulator: one compiled loop of physics, sensors, estimator and cascade at 1 kHz."""

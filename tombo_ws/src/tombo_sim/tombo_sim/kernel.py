@@ -1,4 +1,4 @@
-"""The fused flight kernel: plant, sensors, estimator and cascade, tick by tick, in machine code."""
+"""The fused flight kernel: plant, sensors, estimator and cascade, tick by tick, compiled."""
 
 from __future__ import annotations
 
@@ -137,9 +137,7 @@ def capture(
 
 
 @compiled
-def deliver(
-    a: Array, mocap: Array, state: NDArray[np.int64], tick: int, airborne: bool
-) -> int:
+def deliver(a: Array, mocap: Array, state: NDArray[np.int64], tick: int, airborne: bool) -> int:
     """Hand the estimator the sample that arrives in this tick; return its row, or -1."""
     head = state[OLDEST_UNDELIVERED]
     end = state[NEXT_CAPTURE]

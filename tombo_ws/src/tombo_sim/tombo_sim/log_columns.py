@@ -5,14 +5,30 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 _WIDTHS = {
-    "position": 3, "velocity": 3, "attitude": 4, "rates": 3,
-    "rotor_speed": 4, "rotor_thrust": 4, "fold": 4, "damage": 4,
-    "contact_force": 3, "contact": 5,
-    "gyro": 3, "accel": 3,
-    "est_position": 3, "est_velocity": 3, "est_attitude": 4,
-    "position_setpoint": 3, "velocity_setpoint": 3, "attitude_setpoint": 4,
-    "rates_setpoint": 3, "thrust_setpoint": 1, "rotor_command": 4, "mode": 1,
-    "wind": 3, "battery": 3,
+    "position": 3,
+    "velocity": 3,
+    "attitude": 4,
+    "rates": 3,
+    "rotor_speed": 4,
+    "rotor_thrust": 4,
+    "fold": 4,
+    "damage": 4,
+    "contact_force": 3,
+    "contact": 5,
+    "gyro": 3,
+    "accel": 3,
+    "est_position": 3,
+    "est_velocity": 3,
+    "est_attitude": 4,
+    "position_setpoint": 3,
+    "velocity_setpoint": 3,
+    "attitude_setpoint": 4,
+    "rates_setpoint": 3,
+    "thrust_setpoint": 1,
+    "rotor_command": 4,
+    "mode": 1,
+    "wind": 3,
+    "battery": 3,
 }
 
 
@@ -27,7 +43,7 @@ def _columns() -> dict[str, slice]:
 
 COLUMNS: dict[str, slice] = _columns()
 """Name -> columns of the log. Truth: position to contact (map ENU, body FLU, SI); `contact` is
-touching (0/1), rotor (-1 frame) and the point in map. Then what the autopilot knew and asked for."""
+touching (0/1), rotor (-1 frame) and the point in map. Then what the autopilot knew and wanted."""
 LOG_WIDTH: int = sum(_WIDTHS.values())
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+
 from tombo_dynamics.effects.registry import Param, Stage, effect
 from tombo_dynamics.plant import Array, P, V
 from tombo_dynamics.vehicle import ARM_X, ARM_Y
@@ -17,9 +18,7 @@ from tombo_dynamics.vehicle import ARM_X, ARM_Y
     ],
     signature="a short push away from the obstacle, at the arm that touches",
 )
-def contact_force(
-    m: Array, noise: Array, stiffness: float, damping: float
-) -> None:
+def contact_force(m: Array, noise: Array, stiffness: float, damping: float) -> None:
     """Push the arms (cylinders from centre to motor) off the vertical cylinder.
 
     Kelvin-Voigt normal force that never pulls, Coulomb friction against the sliding velocity.
@@ -55,8 +54,18 @@ def contact_force(
         sy = m[P.body + 12] * bx
         sz = m[P.body + 10] * by - m[P.body + 11] * bx
         vx = m[P.body + 3] + m[P.rotation] * sx + m[P.rotation + 1] * sy + m[P.rotation + 2] * sz
-        vy = m[P.body + 4] + m[P.rotation + 3] * sx + m[P.rotation + 4] * sy + m[P.rotation + 5] * sz
-        vz = m[P.body + 5] + m[P.rotation + 6] * sx + m[P.rotation + 7] * sy + m[P.rotation + 8] * sz
+        vy = (
+            m[P.body + 4]
+            + m[P.rotation + 3] * sx
+            + m[P.rotation + 4] * sy
+            + m[P.rotation + 5] * sz
+        )
+        vz = (
+            m[P.body + 5]
+            + m[P.rotation + 6] * sx
+            + m[P.rotation + 7] * sy
+            + m[P.rotation + 8] * sz
+        )
         approach = vx * nx + vy * ny
         normal = max(0.0, stiffness * depth - damping * approach)
         tx = vx - approach * nx

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+
 from tombo_dynamics.effects.registry import Param, Stage, effect
 from tombo_dynamics.plant import Array, P
 
@@ -15,7 +16,10 @@ from tombo_dynamics.plant import Array, P
         Param("d_z", "N s/m", 0.0, (0.0, 3.0), "drag per speed along the rotor axis", 0.1),
     ],
     signature="lateral specific force against the velocity, grows linearly",
-    separates_from={"quadratic_body_drag": "three speeds", "steady_wind": "the same leg both ways"},
+    separates_from={
+        "quadratic_body_drag": "three speeds",
+        "steady_wind": "the same leg both ways",
+    },
 )
 def linear_rotor_drag(m: Array, noise: Array, d_xy: float, d_z: float) -> None:
     """Force -D v on the centre of mass, v through the air (Faessler et al. 2018, Eq. 2)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+
 from tombo_dynamics.effects.registry import Param, Stage, effect
 from tombo_dynamics.plant import DELAY_TICKS, Array, P, V
 
@@ -50,9 +51,7 @@ def command_delay(m: Array, noise: Array, delay: float) -> None:
     signature="thrust falls with current and along the flight, with the voltage",
     separates_from={"ground_effect": "two heights at equal voltage"},
 )
-def battery_sag(
-    m: Array, noise: Array, resistance: float, discharge: float
-) -> None:
+def battery_sag(m: Array, noise: Array, resistance: float, discharge: float) -> None:
     """Scale the reachable rotor speed by supply voltage over the full one.
 
     The current is mechanical power over voltage and a drive efficiency of 0.7.
@@ -64,6 +63,8 @@ def battery_sag(
     m[P.supply] += current * m[P.clock + 1] / 3600.0
     m[P.supply + 1] = current
     voltage = m[V.battery_voltage] - resistance * current - discharge * m[P.supply]
-    m[P.supply + 2] += (max(voltage, 3.0) - m[P.supply + 2]) * (1.0 - math.exp(-m[P.clock + 1] / 0.01))
+    m[P.supply + 2] += (max(voltage, 3.0) - m[P.supply + 2]) * (
+        1.0 - math.exp(-m[P.clock + 1] / 0.01)
+    )
     for i in range(4):
         m[P.target + i] *= m[P.supply + 2] / m[V.battery_voltage]

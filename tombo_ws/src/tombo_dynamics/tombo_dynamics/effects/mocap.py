@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+
 import numpy as np
 
 from tombo_dynamics.effects.registry import Param, Stage, effect
@@ -25,9 +26,7 @@ from tombo_dynamics.rotation import (
     signature="velocity from mocap and acceleration from the IMU differ by a fixed rotation",
     separates_from={"steady_wind": "fly a square: a rotated frame turns with the velocity"},
 )
-def mocap_misalignment(
-    m: Array, noise: Array, yaw: float, roll: float, pitch: float
-) -> None:
+def mocap_misalignment(m: Array, noise: Array, yaw: float, roll: float, pitch: float) -> None:
     """Turn position and attitude by Rz(yaw) Ry(pitch) Rx(roll) about the map's origin."""
     turn = np.zeros(13)
     turn[3] = 1.0
@@ -57,9 +56,7 @@ def mocap_noise(m: Array, noise: Array, position: float, attitude: float) -> Non
     """Add white noise to position and attitude."""
     for i in range(3):
         m[P.mocap + i] += position * noise[i]
-    rotate_by_vector(
-        m, P.mocap + 3, attitude * noise[3], attitude * noise[4], attitude * noise[5]
-    )
+    rotate_by_vector(m, P.mocap + 3, attitude * noise[3], attitude * noise[4], attitude * noise[5])
 
 
 @effect(
@@ -85,9 +82,7 @@ def mocap_latency(m: Array, noise: Array, delay: float, jitter: float) -> None:
     ],
     signature="missing samples, singly or in gaps",
 )
-def mocap_dropouts(
-    m: Array, noise: Array, probability: float, duration: float
-) -> None:
+def mocap_dropouts(m: Array, noise: Array, probability: float, duration: float) -> None:
     """Drop samples in gaps whose lengths are exponentially distributed."""
     if m[P.mocap + 9] <= 0.0 and 0.5 * math.erfc(noise[7] / math.sqrt(2.0)) < probability:
         chance = max(0.5 * math.erfc(noise[8] / math.sqrt(2.0)), 1e-9)

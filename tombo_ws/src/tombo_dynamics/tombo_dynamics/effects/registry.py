@@ -1,8 +1,9 @@
-"""The registry: every effect that the simulation can switch on and the diagnosis can fit.
+"""The registry: every effect that a simulation can switch on and a diagnosis can fit.
 
 An effect is one decorated function. Its keyword-like trailing arguments are its parameters; with
-all of them at their null value the effect adds exactly nothing. The decorator compiles the function
-and enters it; simulation, scenario files, documentation and generic tests pick it up from here.
+all of them at their null value the effect adds exactly nothing. The decorator compiles the
+function and enters it; simulation, scenario files, documentation and generic tests pick it up from
+here.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, TypeVar
 
-from tombo_dynamics.errors import unknown_name
+from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.params import check_number
 
@@ -101,24 +102,34 @@ def effect(
             raise ValueError(f"effect '{name}': arguments do not match its parameters {names}")
         fast = compiled(function)
         REGISTRY[name] = Effect(
-            name, stage, tuple(theta), inspect.getdoc(function) or "", signature,
-            dict(separates_from or {}), fast, function.__module__,
+            name,
+            stage,
+            tuple(theta),
+            inspect.getdoc(function) or "",
+            signature,
+            dict(separates_from or {}),
+            fast,
+            function.__module__,
         )
         return fast
 
     return register
 
 
-def check_theta(values: Mapping[str, Mapping[str, Any]], where: str) -> dict[str, dict[str, float]]:
+def check_theta(
+    values: Mapping[str, Mapping[str, Any]], where: str
+) -> dict[str, dict[str, float]]:
     """Check effect parameters given by name (a scenario file, a fitted model).
 
     Raises:
-        InputError: an unknown effect or parameter, or a value out of bounds.
+        InputError: an unknown effect or parameter, no mapping, or a value out of bounds.
     """
     checked: dict[str, dict[str, float]] = {}
     for name, given in values.items():
         if name not in REGISTRY:
             raise unknown_name(f"effect in {where}", name, REGISTRY)
+        if not isinstance(given, Mapping):
+            raise InputError(f"{where}.{name}: expected a mapping of parameters, got {given!r}")
         declared = {p.name: p for p in REGISTRY[name].theta}
         checked[name] = {}
         for key, value in given.items():

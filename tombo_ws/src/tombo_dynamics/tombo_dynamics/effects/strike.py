@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+
 from tombo_dynamics.disc import disc_and_pole
 from tombo_dynamics.effects.registry import Param, Stage, effect
 from tombo_dynamics.jit import compiled
@@ -70,7 +71,9 @@ def push_rim(
     "blade_strike",
     Stage.ROTOR,
     [
-        Param("peak_force", "N", 0.0, (0.0, 1000.0), "collision force at the rim (Table III)", 145.5),
+        Param(
+            "peak_force", "N", 0.0, (0.0, 1000.0), "collision force at the rim (Table III)", 145.5
+        ),
         Param("recovery_time", "s", 0.0, (0.0, 5.0), "until 90 % of thrust is back", 0.42),
         Param("slant", "rad", 0.0, (0.0, 1.5708), "push leans from radial to tangential", 0.4),
         Param("duration", "s", 0.0, (0.0, 0.1), "from touch to folded; the push fades", 0.008),
@@ -89,14 +92,15 @@ def blade_strike(
 ) -> None:
     """Fold the blades of a disc that cuts the obstacle, and let folded ones straighten.
 
-    A blade that is struck swings back at the nodus within a quarter turn; meanwhile the rim is
-    pushed with the measured peak force, fading as it folds: away from the obstacle, and by the
-    slant against the blade's motion (a blade enters a flat surface by some millimetres between two
-    passes, which with friction makes about 0.54 rad; a thin post inside the disc makes pi/2). The folded share f
-    lowers the speed that the drive reaches to (1 - f) of the command, and thrust at a given speed
-    to (1 - f): thrust goes with (1 - f)^3, and f decays so that 90 % are back after the
-    recovery time. A straightening blade that reaches the obstacle again is struck again. A blade whose
-    damage has reached 1 is gone.
+    A blade that is struck swings back at the nodus within `duration`; meanwhile its rim is pushed
+    with the measured peak force, fading as it folds: away from the obstacle, and by the slant
+    against the blade's motion. (A blade enters a flat surface by some millimetres between two
+    passes, which with friction makes about 0.4 rad; a thin post inside the disc makes pi/2.)
+
+    The folded share f lowers the speed that the drive reaches to (1 - f) of the command, and
+    thrust at a given speed to (1 - f): thrust goes with (1 - f)^3, and f decays so that 90 % are
+    back after the recovery time. A straightening blade that reaches the obstacle again is struck again.
+    A blade whose damage has reached 1 is gone.
     """
     tick = m[P.clock + 1]
     dx = m[P.obstacle] - m[P.body]
@@ -128,8 +132,12 @@ def blade_strike(
     Stage.ROTOR,
     [
         Param(
-            "collisions", "1", 0.0, (0.0, 1000.0),
-            "full strikes at hover speed that tear a blade off (0: never)", 3.0,
+            "collisions",
+            "1",
+            0.0,
+            (0.0, 1000.0),
+            "full strikes at hover speed that tear a blade off (0: never)",
+            3.0,
         )
     ],
     signature="a corner's thrust does not come back after one of several strikes",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+
 from tombo_dynamics.effects.registry import Param, Stage, effect
 from tombo_dynamics.plant import Array, P
 
@@ -15,7 +16,10 @@ from tombo_dynamics.plant import Array, P
         Param("north", "m/s", 0.0, (-15.0, 15.0), "velocity of the air along map y", 0.0),
     ],
     signature="a constant horizontal force in map, whatever the heading",
-    separates_from={"imu_bias": "turn by 90 to 180 deg in hover", "linear_rotor_drag": "both ways"},
+    separates_from={
+        "imu_bias": "turn by 90 to 180 deg in hover",
+        "linear_rotor_drag": "both ways",
+    },
 )
 def steady_wind(m: Array, noise: Array, east: float, north: float) -> None:
     """Let the air move with a constant horizontal velocity."""
