@@ -129,7 +129,7 @@ def summarize(flight: Verdict) -> tuple[dict[str, Any], list[dict[str, Any]]]:
         "rotors_broken": int((log["damage"][-1] >= 1.0).sum()) if t.size else 0,
         "crashed": crash is not None,
         "crash_time_s": None if crash is None else _number(t[crash]),
-        "landed": bool(t.size and mode[-1] == LANDED),
+        "landed": bool(t.size and mode[-1] == LANDED and crash is None),
         "max_tilt_rad": _number(tilt(log["attitude"][c or 0 :]).max()) if t.size else None,
         "duration_s": _number(t[-1] + _TICK_S) if t.size else 0.0,
     }
@@ -169,15 +169,17 @@ def _crash(vehicle: VehicleParams, log: dict[str, Array], mode: Array) -> int | 
 
 
 def _detection(flight: Verdict, c: int | None) -> dict[str, Any]:
-    """Latency from true contact to the event's arrival; events before contact are false alarms."""
+    """Latency from true contact to the event's arrival, and false alarms.
+
+    An innovation event before contact is a false alarm. A known region may rightly fire before
+    contact, or prevent it: only without an obstacle is its event a false alarm.
+    """
     contact = math.inf if c is None else float(flight.t[c])
-    region = flight.scenario.detector.trigger == "region"
-    # a known region may rightly fire before contact: by its depth over the speed
-    allowed = contact - (1.0 if region else 0.0)
+    obstacle = flight.scenario.obstacle.radius > 0.0
     true = [
         (e, at)
         for e, at in zip(flight.detections, flight.arrivals, strict=True)
-        if e.stamp_s >= allowed
+        if e.stamp_s >= contact or (e.trigger == "region" and obstacle)
     ]
     first, arrival = true[0] if true else (None, None)
     # x_c, n_r and x_r belong together: after a second collision they are the second one's

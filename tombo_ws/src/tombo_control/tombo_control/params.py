@@ -52,11 +52,11 @@ class ControlParams:
     velocity_max_xy: float = param(2.0, "m/s", (0.1, 15.0), "horizontal velocity limit", "indoor")
     velocity_max_z: float = param(1.0, "m/s", (0.1, 8.0), "vertical velocity limit", "indoor")
     velocity_i_max: float = param(
-        2.5,
+        4.0,
         "m/s^2",
         (0.0, 8.0),
         "limit of the integral's acceleration",
-        "a quarter of gravity: covers wrong mass, thrust scatter and wind",
+        "0.4 of gravity: covers wrong mass, thrust scatter of the rigid propeller, and wind",
     )
     tilt_max: float = param(0.6, "rad", (0.05, 1.4), "limit of commanded tilt", "34 deg, indoor")
     attitude_p: float = param(
@@ -120,11 +120,11 @@ class ControlParams:
         "40 Hz: above the lead, below the propellers' 150 Hz",
     )
     rate_i_max: float = param(
-        15.0,
+        40.0,
         "rad/s^2",
         (0.0, 200.0),
         "limit of the rate integral",
-        "a centre of gravity 1 cm off asks for about 9 rad/s^2",
+        "thrust scatter of 10 % asks for 25 rad/s^2 at three sigma, 1 cm of gravity offset for 9",
     )
     thrust_min: float = param(
         0.05, "1", (0.0, 0.5), "lowest collective thrust, share of the highest", "keeps rotors on"

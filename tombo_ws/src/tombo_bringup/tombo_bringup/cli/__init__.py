@@ -1,0 +1,1 @@
+"""The `tombo` command: one file a subcommand."""

@@ -14,6 +14,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from tombo_bringup.cli.numbers import whole_number
+
 if TYPE_CHECKING:
     from tombo_dynamics.propeller import Configuration, Operation
 
@@ -42,7 +44,13 @@ def _bad_input_exits() -> Iterator[None]:
 def propeller(
     ctx: typer.Context,
     conf: Annotated[
-        int, typer.Option("--conf", help="Configuration of the paper's Table I, 0 is rigid.")
+        int,
+        typer.Option(
+            "--conf",
+            metavar="N",
+            parser=whole_number,
+            help="Configuration of the paper's Table I, 0 is rigid.",
+        ),
     ] = 13,
     law: Annotated[
         str, typer.Option("--law", help="published, repaired or consistent.")

@@ -99,7 +99,7 @@ def blade_strike(
 
     The folded share f lowers the speed that the drive reaches to (1 - f) of the command, and
     thrust at a given speed to (1 - f): thrust goes with (1 - f)^3, and f decays so that 90 % are
-    back after the recovery time. A straightening blade that reaches the obstacle again is struck again.
+    back after the recovery time. A straightening blade that reaches the obstacle is struck again.
     A blade whose damage has reached 1 is gone.
     """
     tick = m[P.clock + 1]
