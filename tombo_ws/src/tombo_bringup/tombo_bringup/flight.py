@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -32,9 +32,11 @@ from tombo_control.autopilot import (
     new_autopilot,
 )
 from tombo_dynamics.effects.compose import pack_theta
+from tombo_dynamics.errors import InputError
 from tombo_dynamics.plant import P, new_plant, part
 from tombo_dynamics.rigid_body import begin_flight
 from tombo_dynamics.rotor_maps import rotor_maps
+from tombo_dynamics.vehicle import VehicleParams
 from tombo_sim.kernel import ARRIVES, CAPTURED, POSE, fly
 from tombo_sim.log_columns import COLUMNS, LOG_WIDTH
 
@@ -93,7 +95,8 @@ def fly_scenario(
         stop: asked at each sample; True ends the flight where it is.
 
     Raises:
-        InputError: the propeller cannot lift the vehicle.
+        InputError: the propeller cannot lift the vehicle, the vehicle would start inside the
+            obstacle, or parameters are so stiff that the simulation diverges.
     """
     vehicle = scenario.vehicle
     maps = rotor_maps(thrust_map_of(scenario.propeller), vehicle)
@@ -126,6 +129,7 @@ def fly_scenario(
         pole.top,
     ]
     part(m, "obstacle")[:] = obstacle
+    _check_start(vehicle, start, obstacle)
     begin_flight(m, np.zeros(_NOISE), theta, TICK_S)
     body = part(m, "body")
     a = new_autopilot(scenario.control, scenario.estimator, vehicle, body[:3], body[6:10])
@@ -157,6 +161,12 @@ def fly_scenario(
             k,
             min(end, base + noise.shape[0]),
         )
+        if not math.isfinite(m[P.body + 2] + m[P.body + 10]):
+            raise InputError(
+                f"the simulation diverges at {k * TICK_S:.2f} s: vehicle and effects together are "
+                "too stiff for steps of 1 ms; accepted: larger inertia, or smaller stiffness and "
+                "damping"
+            )
         if row < 0:
             continue
         now = k * TICK_S
@@ -177,6 +187,22 @@ def fly_scenario(
         zip(("x_m", "y_m", "radius_m", "top_m"), (float(v) for v in obstacle), strict=True)
     )
     return _record(scenario, seed, flown, log[:k], mocap, course, referee, wall)
+
+
+def _check_start(vehicle: VehicleParams, start: Array, obstacle: Sequence[float]) -> None:
+    """Refuse an obstacle that stands where the vehicle starts.
+
+    Raises:
+        InputError: the discs of the vehicle reach into the obstacle at the start.
+    """
+    x, y, radius, _ = obstacle
+    free = radius + vehicle.arm_length + vehicle.rotor_radius
+    distance = math.hypot(x - start[0], y - start[1])
+    if radius > 0.0 and distance < free:
+        raise InputError(
+            f"obstacle: its axis is {distance:.2f} m from the start, its radius {radius:g} m; "
+            f"accepted: at least {free:.2f} m, so that the vehicle does not start inside"
+        )
 
 
 def _look_at_sample(

@@ -34,17 +34,17 @@ class VehicleParams:
     inertia_xx: float = param(
         0.0135,
         "kg m^2",
-        (1e-4, 1.0),
+        (4e-3, 1.0),
         "moment of inertia about body x",
         "estimated, because: four 85 g drive units at 0.24 m give 0.0098, the hub 0.0037",
     )
     inertia_yy: float = param(
-        0.0135, "kg m^2", (1e-4, 1.0), "moment of inertia about body y", "as inertia_xx"
+        0.0135, "kg m^2", (4e-3, 1.0), "moment of inertia about body y", "as inertia_xx"
     )
     inertia_zz: float = param(
         0.024,
         "kg m^2",
-        (1e-4, 1.0),
+        (4e-3, 1.0),
         "moment of inertia about body z",
         "estimated, because: four 85 g drive units at 0.24 m give 0.0196, the hub 0.0044",
     )
