@@ -215,14 +215,8 @@ def _recovery(flight: Verdict, c: int | None, events: list[dict[str, Any]]) -> d
     calm = (tilt(log["attitude"][c:]) < _CALM_TILT) & (
         np.linalg.norm(log["rates"][c:], axis=1) < _CALM_RATE
     )
-    # from contact on, the strike itself takes a moment to show: look from the first disturbed tick
-    disturbed = np.flatnonzero(~calm)
-    if disturbed.size:
-        first = int(disturbed[0])
-        quiet = first_lasting(calm[first:], round(_CALM_TIME / _TICK_S))
-        result["unstable_phase_s"] = None if quiet is None else _number((first + quiet) * _TICK_S)
-    else:
-        result["unstable_phase_s"] = 0.0
+    quiet = first_lasting(calm, round(_CALM_TIME / _TICK_S))
+    result["unstable_phase_s"] = None if quiet is None else _number(quiet * _TICK_S)
     settled = None
     if flight.reactions:
         x_r = flight.reactions[-1].x_r

@@ -25,9 +25,10 @@ from tombo_dynamics.vehicle import GRAVITY
 Array = NDArray[np.float64]
 
 _DEGREES = 6
-_QUIET = 22.5
-"""The innovation squared of an undisturbed sample stays below this in 99.9 % (chi2, 6 degrees)."""
-_TRACK_SAMPLES = 16
+_TRACK_TIME = 0.5
+"""s: the flight's direction is that over the last half second."""
+_RATE_STEP = 0.033
+"""s: `rate_noise` holds for attitudes this far apart or more; closer ones give noisier rates."""
 _SLOW = 0.03
 """m: a track shorter than this has no direction."""
 _SETTLE_SAMPLES = 8
@@ -72,7 +73,7 @@ class CollisionDetector:
         self._first_height = math.nan
         self._last_stamp = -math.inf
         self._last_attitude: Array = np.array([0.0, 0.0, 0.0, 1.0])
-        self._track: deque[tuple[float, Array]] = deque(maxlen=_TRACK_SAMPLES)
+        self._track: deque[tuple[float, Array]] = deque()
         self._samples = 0
         self._blocked_until = -math.inf
         self._count = 0
@@ -83,21 +84,27 @@ class CollisionDetector:
     def update(self, stamp_s: float, position: Array, attitude: Array) -> CollisionEvent | None:
         """Take a pose captured at `stamp_s` [s]; return an event if it shows a collision.
 
-        Samples that are not finite, or not newer than the last one, are ignored.
+        Samples that are not finite, or not newer than the last one, are ignored. A stamp that lies
+        further back than `gap_max` means that the clock was set: the filter starts anew. The
+        arrays may be used again by the caller.
 
         Args:
             stamp_s: capture time.
             position: (3) in map [m].
             attitude: quaternion xyzw (4), map from base_link.
         """
-        step = stamp_s - self._last_stamp
-        total = position[0] + position[1] + position[2] + attitude[0] + attitude[3]
-        if not (step > 0.0 and math.isfinite(total)):
+        if not math.isfinite(stamp_s + sum(position.tolist()) + sum(attitude.tolist())):
             return None
+        step = stamp_s - self._last_stamp
+        if -self._p.gap_max <= step <= 0.0:
+            return None
+        position, attitude = position.copy(), attitude.copy()
         if self._first_height != self._first_height:
             self._first_height = float(position[2])
         event = None
-        if self._filter is None or step > self._p.gap_max:
+        if step < 0.0:
+            self._blocked_until = -math.inf
+        if self._filter is None or not 0.0 < step <= self._p.gap_max:
             self._restart(position)
         else:
             self._advance(step, position, attitude)
@@ -115,6 +122,8 @@ class CollisionDetector:
             self._samples = 0
         elif stamp_s >= self._blocked_until and self.statistic < self._p.threshold:
             self._track.append((stamp_s, position))
+            while self._track[0][0] < stamp_s - _TRACK_TIME - 0.5 * step:
+                self._track.popleft()
         return event
 
     def _restart(self, position: Array) -> None:
@@ -123,7 +132,7 @@ class CollisionDetector:
         kf.P = np.diag([1e-6] * 3 + [1.0] * 3 + [1.0] * 3)
         kf.H = np.zeros((_DEGREES, 9))
         kf.H[[0, 1, 2, 3, 4, 5], [0, 1, 2, 6, 7, 8]] = 1.0
-        kf.R = np.diag([self._p.position_noise**2] * 3 + [self._p.rate_noise**2] * 3)
+        kf.inv = _inverse
         self._filter = kf
         self._samples = 0
         self.statistic = 0.0
@@ -132,7 +141,7 @@ class CollisionDetector:
     def _advance(self, step: float, position: Array, attitude: Array) -> None:
         """Predict over `step` [s], compare with the sample and correct."""
         kf = self._filter
-        kf.F, kf.B, kf.Q = _model(self._p, round(step, 6))
+        kf.F, kf.B, kf.Q, kf.R = _model(self._p, round(step, 6))
         x0, y0, z0, w0 = self._last_attitude.tolist()
         x, y, z, w = attitude.tolist()
         # acceleration of a free flight, from the mean attitude over the step
@@ -220,9 +229,15 @@ def _rotation_vector(
     return scale * ex, scale * ey, scale * ez
 
 
+def _inverse(matrix: Array) -> Array:
+    """Inverse of the innovation's covariance. It is diagonal: no axis has to do with another."""
+    inverse: Array = np.diag(1.0 / matrix.diagonal())
+    return inverse
+
+
 @lru_cache(maxsize=256)
-def _model(p: DetectorParams, step: float) -> tuple[Array, Array, Array]:
-    """Transition, input and process noise over `step` [s] (white acceleration held a step)."""
+def _model(p: DetectorParams, step: float) -> tuple[Array, Array, Array, Array]:
+    """Transition, input, process noise (acceleration held a step) and measurement noise."""
     transition = np.eye(9)
     push = np.zeros((9, 3))
     noise = np.zeros((9, 9))
@@ -234,4 +249,6 @@ def _model(p: DetectorParams, step: float) -> tuple[Array, Array, Array]:
         push[[i, 3 + i], i] = gain
         noise[np.ix_([i, 3 + i], [i, 3 + i])] = sizes[i] ** 2 * np.outer(gain, gain)
         noise[6 + i, 6 + i] = (turns[i] * step) ** 2
-    return transition, push, noise
+    rate_noise = p.rate_noise * max(1.0, _RATE_STEP / step)
+    measured = np.diag([p.position_noise**2] * 3 + [rate_noise**2] * 3)
+    return transition, push, noise, measured

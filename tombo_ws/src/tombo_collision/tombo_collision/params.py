@@ -52,7 +52,8 @@ class DetectorParams:
         0.12,
         "rad/s",
         (1e-4, 5.0),
-        "standard deviation of a rate from two mocap attitudes",
+        "standard deviation of a rate from two mocap attitudes 33 ms apart or more; in inverse "
+        "proportion to the time between closer ones",
         "0.002 rad twice, over a thirtieth of a second, plus margin",
     )
     acceleration_xy: float = param(

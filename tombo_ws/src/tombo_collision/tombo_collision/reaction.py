@@ -52,7 +52,7 @@ def react(state: ReactionState, event: CollisionEvent, params: ReactionParams) -
 
     The decision is latched: only a further event moves x_r. After a second collision the vehicle
     leaves along the new n_r; should that lead back to within half of d_r of an earlier x_c, it
-    leaves along the sum of both directions.
+    leaves along the sum of both directions, or sideways where the two cancel.
     """
     n_r = escape_direction(event.flight_direction)
     x_r = event.x_c + params.distance * n_r
@@ -61,10 +61,18 @@ def react(state: ReactionState, event: CollisionEvent, params: ReactionParams) -
         if math.sqrt(float(near @ near)) < 0.5 * params.distance:
             both = n_r + state.n_r
             size = math.sqrt(float(both @ both))
-            n_r = both / size if size > 0.3 else np.array([-n_r[1], n_r[0], 0.0])
+            n_r = both / size if size > 0.3 else _sideways(n_r)
             x_r = event.x_c + params.distance * n_r
     x_r[2] = max(x_r[2], params.height_min)
     return ReactionState(REACTING, event.x_c, n_r, x_r, event.stamp_s, state.collisions + 1)
+
+
+def _sideways(direction: Array) -> Array:
+    """Return a horizontal unit vector (3) across `direction`; map x for a vertical one."""
+    length = math.hypot(float(direction[0]), float(direction[1]))
+    if length < 1e-6:
+        return np.array([1.0, 0.0, 0.0])
+    return np.array([-direction[1], direction[0], 0.0]) / length
 
 
 def watch_mocap(state: ReactionState, age_s: float, limit_s: float) -> ReactionState:

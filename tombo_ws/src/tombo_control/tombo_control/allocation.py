@@ -31,7 +31,7 @@ def allocate(a: Array, ratio: float, lowest: float, highest: float) -> None:
     When a rotor would leave [lowest, highest]: roll and pitch are kept, the collective moves to
     make room for them, yaw gets what is left; only when roll and pitch alone span more than the
     range are they scaled down together. `A.saturated` gets -1, 0 or +1 for each axis: that
-    direction has no more to give.
+    direction has no more to give. A rotor whose thrust would not be a number idles.
 
     Args:
         a: the autopilot's memory.
@@ -64,7 +64,8 @@ def allocate(a: Array, ratio: float, lowest: float, highest: float) -> None:
             room = min(room, (lowest - a[out + i]) / wanted)
     room = max(room, 0.0)
     for i in range(4):
-        a[out + i] = min(max(a[out + i] - SPIN[i] * share * room, lowest), highest)
+        thrust = min(a[out + i] - SPIN[i] * share * room, highest)
+        a[out + i] = thrust if thrust > lowest else lowest
     a[A.saturated] = math.copysign(1.0, roll) if tilt_full else 0.0
     a[A.saturated + 1] = math.copysign(1.0, pitch) if tilt_full else 0.0
     a[A.saturated + 2] = math.copysign(1.0, yaw) if room < 1.0 else 0.0

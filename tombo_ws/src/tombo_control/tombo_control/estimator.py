@@ -29,9 +29,13 @@ def remember(a: Array, tick: int) -> None:
 
 @compiled
 def measure_rates(a: Array, imu: Array, i: int) -> None:
-    """Set the body rates that the cascade flies on: gyro `imu[i:i+3]` minus its bias [rad/s]."""
+    """Set the body rates that the cascade flies on: gyro `imu[i:i+3]` minus its bias [rad/s].
+
+    A reading that is not finite is left out; the last rate stands.
+    """
     for k in range(3):
-        a[A.rates + k] = imu[i + k] - a[A.gyro_bias + k]
+        if math.isfinite(imu[i + k]):
+            a[A.rates + k] = imu[i + k] - a[A.gyro_bias + k]
 
 
 @compiled
@@ -66,6 +70,8 @@ def to_body(a: Array, x: float, y: float, z: float) -> tuple[float, float, float
 def predict(a: Array, imu: Array, i: int, airborne: bool) -> None:
     """Carry the estimate over one tick of 1 ms with the body rates and the specific force.
 
+    With a force that is not finite the velocity is taken as constant over the tick.
+
     Args:
         a: the autopilot's memory; `A.rates` is up to date.
         imu: array that holds the specific force [m/s^2], body frame.
@@ -80,6 +86,8 @@ def predict(a: Array, imu: Array, i: int, airborne: bool) -> None:
             imu[i + 2] - a[A.accel_bias + 2],
         )
         az -= GRAVITY
+        if not math.isfinite(ax + ay + az):
+            ax = ay = az = 0.0
         half = 0.5 * _TICK * _TICK
         a[A.position] += _TICK * a[A.velocity] + half * ax
         a[A.position + 1] += _TICK * a[A.velocity + 1] + half * ay

@@ -132,8 +132,10 @@ def begin(home: Array) -> MissionState:
 
 
 def escape(state: MissionState, x_r: Array, now_s: float) -> MissionState:
-    """Leave the plan for the safe point x_r (3)."""
+    """Leave the plan for the safe point x_r (3); a point that is not finite changes nothing."""
     x, y, z = (float(v) for v in x_r)
+    if not math.isfinite(x + y + z):
+        return state
     return replace(
         state, mode=REACT, leg=stay((x, y, z), now_s), settled_since_s=math.inf, settled_s=math.nan
     )

@@ -7,7 +7,8 @@ import math
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import Array, P
 
-_FAR = 1e9
+FAR = 1e9
+"""m: distance of what cannot meet."""
 _STEEP = 0.2
 
 
@@ -28,13 +29,13 @@ def disc_and_pole(m: Array, hx: float, hy: float, hz: float) -> tuple[float, flo
     """
     r = P.rotation
     if abs(m[r + 8]) < _STEEP:
-        return _FAR, 1.0, 0.0
+        return FAR, 1.0, 0.0
     ax = m[P.obstacle] - (m[P.body] + m[r] * hx + m[r + 1] * hy + m[r + 2] * hz)
     ay = m[P.obstacle + 1] - (m[P.body + 1] + m[r + 3] * hx + m[r + 4] * hy + m[r + 5] * hz)
     az = -(m[r + 2] * ax + m[r + 5] * ay) / m[r + 8]
     z = m[P.body + 2] + m[r + 6] * hx + m[r + 7] * hy + m[r + 8] * hz + az
     if z > m[P.obstacle + 3] or z < 0.0:
-        return _FAR, 1.0, 0.0
+        return FAR, 1.0, 0.0
     ex = m[r] * ax + m[r + 3] * ay + m[r + 6] * az
     ey = m[r + 1] * ax + m[r + 4] * ay + m[r + 7] * az
     distance = math.sqrt(ex * ex + ey * ey)

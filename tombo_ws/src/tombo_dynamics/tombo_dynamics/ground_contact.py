@@ -12,6 +12,14 @@ _DIAGONAL = math.sqrt(2.0)
 
 
 @compiled
+def reach_down(m: Array) -> float:
+    """Return a height of the centre of gravity [m] above which nothing touches the floor."""
+    legs = math.hypot(m[V.leg_spread] * _DIAGONAL, m[V.leg_height])
+    motors = math.hypot(m[V.arm_length], m[V.rotor_height])
+    return max(legs, motors) + math.hypot(m[P.inertial + 5], m[P.inertial + 6])
+
+
+@compiled
 def ground_contact(m: Array) -> None:
     """Add the floor's push (z = 0 in map) on four legs and four motors to the wrench.
 
@@ -28,6 +36,8 @@ def ground_contact(m: Array) -> None:
             bx = m[V.arm_length] * ARM_X[j]
             by = m[V.arm_length] * ARM_Y[j]
             bz = m[V.rotor_height]
+        bx -= m[P.inertial + 5]
+        by -= m[P.inertial + 6]
         z = m[P.body + 2] + m[r + 6] * bx + m[r + 7] * by + m[r + 8] * bz
         if z >= 0.0:
             continue

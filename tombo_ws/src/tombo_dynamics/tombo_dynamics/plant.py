@@ -50,9 +50,9 @@ class _Plant(NamedTuple):
     contact: int
     """8: touching (0/1), rotor (-1: frame), force on the frame in map (3), point in map (3)."""
     inertial: int
-    """14: mass, Ixx, Iyy, Izz, motor time constant, centre of gravity x, y, z in body, what is
-    left of a gap to the target after half a tick and after a whole one; then the inverses of the
-    first four."""
+    """15: mass, Ixx, Iyy, Izz, motor time constant, centre of gravity x, y, z in body, what is
+    left of a gap to the target after half a tick and after a whole one; the inverses of the first
+    four; the height above which nothing touches the floor [m]."""
     wind: int
     """3: velocity of the air in map [m/s] in this tick."""
     gust: int
@@ -98,7 +98,7 @@ PLANT_SIZES = _Plant(
     6,
     4,
     8,
-    14,
+    15,
     3,
     3,
     3,

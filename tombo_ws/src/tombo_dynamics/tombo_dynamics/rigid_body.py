@@ -11,7 +11,7 @@ from tombo_dynamics.effects.compose import (
     apply_rotor,
     apply_wrench,
 )
-from tombo_dynamics.ground_contact import ground_contact
+from tombo_dynamics.ground_contact import ground_contact, reach_down
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import DELAY_TICKS, Array, P, V
 from tombo_dynamics.rotation import normalize_quaternion, rotation_matrix
@@ -51,7 +51,7 @@ def derivative(m: Array, noise: Array, theta: Array, row: int, out: int) -> None
     m[f + 4] = m[s + 4] + m[rotors + 2] + wx * spin
     m[f + 5] = m[s + 5] + m[rotors + 3]
     apply_wrench(m, noise, theta)
-    if m[b + 2] < m[V.arm_length] + m[V.leg_height]:
+    if m[b + 2] < m[P.inertial + 14]:
         ground_contact(m)
     per_mass = m[P.inertial + 10]
     fx, fy, fz = m[f] * per_mass, m[f + 1] * per_mass, m[f + 2] * per_mass
@@ -145,5 +145,6 @@ def begin_flight(m: Array, noise: Array, theta: Array, tick: float) -> None:
     apply_body(m, noise, theta)
     for i in range(4):
         m[P.inertial + 10 + i] = 1.0 / m[P.inertial + i]
+    m[P.inertial + 14] = reach_down(m)
     m[P.inertial + 8] = math.exp(-0.5 * tick / m[P.inertial + 4])
     m[P.inertial + 9] = math.exp(-tick / m[P.inertial + 4])

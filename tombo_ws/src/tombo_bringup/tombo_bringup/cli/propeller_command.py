@@ -14,7 +14,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from tombo_bringup.cli.numbers import whole_number
+from tombo_bringup.cli.whole_number import whole_number
 
 if TYPE_CHECKING:
     from tombo_dynamics.propeller import Configuration, Operation

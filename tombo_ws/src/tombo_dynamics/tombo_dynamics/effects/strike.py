@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from tombo_dynamics.disc import disc_and_pole
+from tombo_dynamics.disc import FAR, disc_and_pole
 from tombo_dynamics.effects.registry import Param, Stage, effect
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import Array, P, V
@@ -21,13 +21,18 @@ _RECOVERY_CONSTANTS = -math.log(1.0 - _REACH ** (1.0 / 3.0))
 
 
 @compiled
-def reaches(m: Array, i: int) -> tuple[bool, float, float, float]:
-    """Return whether blade `i` reaches the obstacle, where on the blade [m], and the direction."""
-    hx = m[V.arm_length] * ARM_X[i]
-    hy = m[V.arm_length] * ARM_Y[i]
-    distance, ex, ey = disc_and_pole(m, hx, hy, m[V.rotor_height])
-    tip = m[V.nodus_radius] + (m[V.rotor_radius] - m[V.nodus_radius]) * (1.0 - m[P.fold + i])
-    return distance < tip + m[P.obstacle + 2], min(distance, tip), ex, ey
+def hub_and_pole(m: Array, i: int) -> tuple[float, float, float]:
+    """Return distance [m] and direction from the hub of rotor `i` to the obstacle's axis."""
+    hx = m[V.arm_length] * ARM_X[i] - m[P.inertial + 5]
+    hy = m[V.arm_length] * ARM_Y[i] - m[P.inertial + 6]
+    return disc_and_pole(m, hx, hy, m[V.rotor_height])
+
+
+@compiled
+def tip_radius(m: Array, i: int) -> float:
+    """Return how far blade `i` reaches from its hub [m]: folded it ends at the nodus."""
+    straight = 1.0 - m[P.fold + i]
+    return float(m[V.nodus_radius] + (m[V.rotor_radius] - m[V.nodus_radius]) * straight)
 
 
 @compiled
@@ -48,8 +53,8 @@ def push_rim(
     after = before - along * lever * tick / m[V.rotor_inertia]
     m[P.speed + i] = after
     m[P.energy + i] += 0.5 * m[V.rotor_inertia] * (before * before - after * after)
-    hx = m[V.arm_length] * ARM_X[i]
-    hy = m[V.arm_length] * ARM_Y[i]
+    hx = m[V.arm_length] * ARM_X[i] - m[P.inertial + 5]
+    hy = m[V.arm_length] * ARM_Y[i] - m[P.inertial + 6]
     hz = m[V.rotor_height]
     fx = -radial * ex + SPIN[i] * ey * along
     fy = -radial * ey - SPIN[i] * ex * along
@@ -114,11 +119,13 @@ def blade_strike(
             left = max(0.0, 1.0 - _RECOVERY_CONSTANTS * tick / max(recovery_time, 1e-3))
             m[P.fold + i] = m[P.fold + i] * left if m[P.fold + i] > 1e-4 else 0.0
         if near and m[P.damage + i] < 1.0:
-            hit, where, ex, ey = reaches(m, i)
-            if hit and m[P.speed + i] > _TURNING:
+            distance, ex, ey = hub_and_pole(m, i)
+            tip = tip_radius(m, i)
+            if distance < tip + m[P.obstacle + 2] and m[P.speed + i] > _TURNING:
                 m[P.folding + i] = 1.0
-            if m[P.folding + i] > 0.0:
-                push_rim(m, i, peak_force * (1.0 - m[P.fold + i]), slant, where, ex, ey)
+            if m[P.folding + i] > 0.0 and distance < FAR:
+                force = peak_force * (1.0 - m[P.fold + i])
+                push_rim(m, i, force, slant, min(distance, tip), ex, ey)
         if m[P.folding + i] > 0.0:
             m[P.fold + i] += tick / max(duration, tick)
             if m[P.fold + i] >= 1.0:
@@ -149,5 +156,7 @@ def propeller_wear(m: Array, noise: Array, collisions: float) -> None:
     The paper: about three collisions a propeller (3 of them replaced in 10 trials). A strike that
     stops a rotor from hover speed counts as one collision, a lighter one by its energy.
     """
+    if collisions <= 0.0:
+        return
     for i in range(4):
         m[P.damage + i] += m[P.energy + i] / (_FULL_STRIKE * collisions)

@@ -1,0 +1,127 @@
+"""What the control tests fly: the nominal vehicle with Conf. 13, plant and cascade."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_control.autopilot import HOVER, A, new_autopilot
+from tombo_control.autopilot import part as autopilot_part
+from tombo_control.params import ControlParams, EstimatorParams
+from tombo_dynamics.effects.compose import null_theta, pack_theta
+from tombo_dynamics.plant import new_plant
+from tombo_dynamics.plant import part as plant_part
+from tombo_dynamics.propeller import configuration, thrust_map
+from tombo_dynamics.rigid_body import begin_flight, begin_tick, finish_tick
+from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
+from tombo_dynamics.vehicle import VehicleParams
+from tombo_sim.kernel import fly_on_truth
+
+Array = NDArray[np.float64]
+
+VEHICLE = VehicleParams()
+UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
+STILL = np.zeros(9)
+"""A tick's noise: none."""
+FOREVER = 1e9
+
+
+@lru_cache
+def rotor_table() -> Array:
+    return rotor_maps(thrust_map(configuration(13), law="repaired"), VEHICLE)
+
+
+def fresh_autopilot(
+    control: ControlParams | None = None,
+    position: Any = (0.0, 0.0, 10.0),
+    attitude: Any = UPRIGHT,
+    estimator: EstimatorParams | None = None,
+) -> Array:
+    """An autopilot that hovers where it is, with fresh mocap for ever."""
+    a = new_autopilot(
+        control or ControlParams(),
+        estimator or EstimatorParams(),
+        VEHICLE,
+        np.array(position, dtype=float),
+        np.array(attitude, dtype=float),
+    )
+    a[A.mode] = a[A.mode + 1] = HOVER
+    a[A.mode + 2] = FOREVER
+    a[A.thrust_setpoint] = 4.0 * VEHICLE.hover_thrust()
+    a[A.leg + 7] = FOREVER
+    return a
+
+
+@dataclass
+class Bench:
+    """A vehicle that starts in a perfect hover at 10 m, its cascade flying on the truth."""
+
+    m: Array
+    a: Array
+    theta: Array
+    tick: int = 0
+
+    def truth(self, name: str) -> Array:
+        return plant_part(self.m, name)
+
+    def known(self, name: str) -> Array:
+        return autopilot_part(self.a, name)
+
+    def fly(self, seconds: float, every: int = 5) -> Array:
+        """Fly on; return position, velocity, attitude, rates (13) every few ticks."""
+        rows = []
+        end = self.tick + round(seconds * 1000)
+        while self.tick < end:
+            stop = min(self.tick + every, end)
+            maps = rotor_table()
+            fly_on_truth(self.m, self.a, maps, self.theta, STILL, self.tick, stop)
+            self.tick = stop
+            rows.append(self.truth("body").copy())
+        return np.array(rows)
+
+    def fly_ticks(self, seconds: float, control: Callable[[Array, int], None]) -> Array:
+        """Fly with any controller `control(a, tick)` in place of the cascade."""
+        rows = []
+        for tick in range(self.tick, self.tick + round(seconds * 1000)):
+            begin_tick(self.m, rotor_table(), STILL, self.theta)
+            body = self.truth("body")
+            self.known("position")[:] = body[0:3]
+            self.known("velocity")[:] = body[3:6]
+            self.known("attitude")[:] = body[6:10]
+            self.known("rates")[:] = body[10:13]
+            control(self.a, tick)
+            self.truth("command")[:] = self.known("command")
+            finish_tick(self.m, STILL, self.theta)
+            self.tick = tick + 1
+            rows.append(body.copy())
+        return np.array(rows)
+
+
+def bench(control: ControlParams | None = None, **effects: dict[str, float]) -> Bench:
+    m = new_plant(VEHICLE)
+    plant_part(m, "body")[2] = 10.0
+    hover = speed_for_thrust(rotor_table(), VEHICLE.hover_thrust())
+    plant_part(m, "speed")[:] = hover
+    plant_part(m, "command")[:] = hover
+    theta = pack_theta(effects) if effects else null_theta()
+    begin_flight(m, STILL, theta, 1e-3)
+    return Bench(m, fresh_autopilot(control), theta)
+
+
+def quaternion(axis: Any, angle: float) -> Array:
+    """xyzw, about an axis by an angle [rad]."""
+    u = np.asarray(axis, dtype=float)
+    u = u / np.linalg.norm(u)
+    return np.append(math.sin(0.5 * angle) * u, math.cos(0.5 * angle))
+
+
+def body_z(q: Array) -> Array:
+    """Third column of the rotation matrix: body z in map."""
+    x, y, z, w = q
+    return np.array([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)])

@@ -1,0 +1,107 @@
+"""Rate control: derivative on the measurement, filter, integral and its limits."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from control_bench import bench, fresh_autopilot, quaternion, rotor_table
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tombo_control.autopilot import part
+from tombo_control.cascade import cascade
+from tombo_control.params import ControlParams
+from tombo_control.rate_control import rate_control
+from tombo_dynamics.rotation import tilt
+
+TICK = 1e-3
+C = ControlParams()
+
+
+def asked(a, setpoint, rates, saturated=(0.0, 0.0, 0.0)):
+    part(a, "rates_setpoint")[:] = setpoint
+    part(a, "rates")[:] = rates
+    part(a, "saturated")[:] = saturated
+    rate_control(a)
+    return part(a, "torque_setpoint").copy()
+
+
+def test_a_jump_of_the_set_point_gives_no_derivative_kick():
+    a = fresh_autopilot()
+    for _ in range(500):
+        before = asked(a, np.zeros(3), np.zeros(3))
+    jump = asked(a, np.array([2.0, -1.0, 0.5]), np.zeros(3)) - before
+    step = np.array([2.0, -1.0, 0.5])
+    p = np.array([C.rate_p, C.rate_p, C.yaw_rate_p])
+    i = np.array([C.rate_i, C.rate_i, C.yaw_rate_i])
+    assert np.allclose(jump, (p + i * TICK) * step)
+
+
+def test_derivative_is_that_of_the_filtered_rate():
+    """On a ramp it ends at rate_d times the slope; half-way there in the filter's time."""
+    a = fresh_autopilot(replace(C, rate_p=0.0, rate_i=0.0))
+    slope = 3.0
+    out = [asked(a, np.zeros(3), [slope * k * TICK, 0.0, 0.0])[0] for k in range(200)]
+    assert out[-1] == pytest.approx(-C.rate_d * slope, rel=1e-6)
+    half = next(k for k, v in enumerate(out) if v < -0.5 * C.rate_d * slope)
+    assert half * TICK == pytest.approx(math.log(2.0) / C.rate_cutoff, abs=1.5 * TICK)
+
+
+def test_the_filter_takes_away_noise_of_the_propellers():
+    def gain(w):
+        a = fresh_autopilot(replace(C, rate_p=0.0, rate_i=0.0))
+        wave = [asked(a, np.zeros(3), [math.sin(w * k * TICK), 0.0, 0.0])[0] for k in range(2000)]
+        return max(wave[1000:]) / C.rate_d
+
+    assert gain(20.0) == pytest.approx(20.0, rel=0.02)
+    assert gain(1000.0) < 0.5 * 1000.0  # the blades' 160 Hz
+
+
+@given(st.sampled_from([-1.0, 1.0]), st.integers(0, 2), st.floats(0.1, 5.0))
+def test_the_integral_stops_only_in_the_direction_that_is_used_up(direction, axis, error):
+    a = fresh_autopilot()
+    full = np.zeros(3)
+    full[axis] = direction
+    towards = np.zeros(3)
+    towards[axis] = direction * error
+    asked(a, towards, np.zeros(3), full)
+    assert part(a, "rate_integral")[axis] == 0.0
+    asked(a, -towards, np.zeros(3), full)
+    assert part(a, "rate_integral")[axis] * direction < 0.0
+
+
+@given(st.floats(-100.0, 100.0))
+def test_the_integral_is_bounded(error):
+    a = fresh_autopilot()
+    for _ in range(3000):
+        asked(a, [error, 0.0, error], np.zeros(3))
+    assert np.abs(part(a, "rate_integral")).max() <= C.rate_i_max
+
+
+def overshoot(control, held_s):
+    """Hold the vehicle down level while 0.4 rad is asked for, let go: how far does it go over?"""
+    b = bench(replace(control, position_p=0.0, velocity_p=0.0, velocity_i=0.0, velocity_d=0.0))
+    goal = quaternion((1, 0, 0), 0.4)
+
+    def towards_goal(a, tick):
+        cascade(a, maps, tick)
+        part(a, "attitude_setpoint")[:] = goal
+
+    maps = rotor_table()
+    b.known("attitude_setpoint")[:] = goal
+    ticks = round(held_s * 1000)
+    for tick in range(ticks):  # in a vice: the state does not move
+        towards_goal(b.a, tick)
+    b.tick = ticks
+    flown = b.fly_ticks(2.0, towards_goal)
+    return tilt(flown[:, 6:10]).max() - 0.4
+
+
+def test_long_saturation_does_not_blow_the_overshoot_up():
+    fresh = overshoot(C, 0.0)
+    held = overshoot(C, 5.0)
+    unlimited = overshoot(replace(C, rate_i_max=1e6), 5.0)
+    assert fresh < 0.05
+    assert held < 0.25
+    assert unlimited > held + 0.3

@@ -1,0 +1,76 @@
+"""The reference along a leg: continuous, monotone, exact in length, its own derivative."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from tombo_control.mission import stay, straight
+from tombo_control.reference import progress
+
+durations = st.floats(0.1, 100.0)
+shares = st.one_of(st.just(0.0), st.floats(1e-3, 0.5))
+
+
+def sampled(duration, ramp, n=2001):
+    t = np.linspace(-0.1 * duration, 1.1 * duration, n)
+    return t, *np.array([progress(x, duration, ramp) for x in t]).T
+
+
+@given(durations, shares)
+def test_way_never_goes_back_and_ends_at_the_full_length(duration, share):
+    ramp = share * duration
+    _, way, speed, _ = sampled(duration, ramp)
+    assert (np.diff(way) >= -1e-12 * duration).all()
+    assert way[0] == 0.0
+    assert way[-1] == pytest.approx(duration - ramp)
+    assert (speed >= 0.0).all()
+    assert (speed <= 1.0 + 1e-12).all()
+
+
+@given(durations, st.floats(0.05, 0.5))
+def test_speed_is_the_slope_of_the_way_and_acceleration_that_of_speed(duration, share):
+    ramp = share * duration
+    t, way, speed, change = sampled(duration, ramp)
+    step = t[1] - t[0]
+    assert np.abs(np.diff(way) / step - 0.5 * (speed[1:] + speed[:-1])).max() < step / ramp
+    assert np.abs(np.diff(speed)).max() <= step / ramp + 1e-9  # no jump anywhere
+    inner = np.abs(change[1:] - change[:-1]) < 1e-12  # away from the corners of the profile
+    slope = np.diff(speed) / step
+    assert np.allclose(slope[inner], change[1:][inner], atol=1e-6 / ramp)
+
+
+@given(durations, shares)
+def test_stands_still_before_and_after(duration, share):
+    ramp = share * duration
+    assert progress(-1e-9, duration, ramp) == (0.0, 0.0, 0.0)
+    way, speed, change = progress(duration + 1e-9, duration, ramp)
+    assert (way, speed, change) == (pytest.approx(duration - ramp), 0.0, 0.0)
+
+
+points = st.tuples(*[st.floats(-50.0, 50.0)] * 3)
+
+
+@given(points, points, st.floats(0.05, 8.0), st.floats(0.0, 1e4))
+def test_a_straight_leg_ends_at_its_goal_and_keeps_its_speed(start, goal, speed, now):
+    leg = straight(start, goal, speed, now)
+    assert leg.position(now) == pytest.approx(start, abs=1e-9)
+    assert leg.position(now + 1e7) == pytest.approx(goal, abs=1e-6)
+    assert np.linalg.norm(leg.velocity) <= speed * (1.0 + 1e-9)
+    length = np.linalg.norm(np.subtract(goal, start))
+    assume(length > 1.5 * speed**2 / 0.8)  # long enough to reach the speed
+    assert np.linalg.norm(leg.velocity) == pytest.approx(speed)
+    assert leg.end_s - leg.begin_s == pytest.approx(length / speed + speed / 0.8, rel=1e-6)
+
+
+def test_a_short_leg_ramps_up_and_down_at_the_same_acceleration():
+    leg = straight((0.0, 0.0, 0.0), (0.2, 0.0, 0.0), 2.0, 0.0)
+    top = np.linalg.norm(leg.velocity)
+    assert top == pytest.approx(np.sqrt(0.2 * 0.8))
+    assert leg.ramp_s == pytest.approx(top / 0.8)
+    assert leg.end_s == pytest.approx(2.0 * leg.ramp_s)
+
+
+@given(points, st.floats(0.0, 1e5), st.floats(-10.0, 1e5))
+def test_staying_is_staying(point, now, later):
+    assert stay(point, now).position(now + later) == point

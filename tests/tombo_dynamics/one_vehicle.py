@@ -1,0 +1,152 @@
+"""One simulated vehicle in a test's hands: make it, put it somewhere, fly it tick by tick."""
+
+from functools import cache
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tombo_dynamics.effects.compose import pack_theta
+from tombo_dynamics.plant import new_plant, part
+from tombo_dynamics.propeller import configuration, thrust_map
+from tombo_dynamics.rigid_body import begin_flight, begin_tick, finish_tick
+from tombo_dynamics.rotor_maps import R, rotor_maps, speed_for_thrust
+from tombo_dynamics.vehicle import GRAVITY, SPIN, VehicleParams
+
+TICK = 1e-3
+NOISE = 9
+QUIET = np.zeros(NOISE)
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+
+
+@cache
+def tombo_maps():
+    return rotor_maps(thrust_map(configuration(13)), VehicleParams())
+
+
+@cache
+def vacuum_maps():
+    table = tombo_maps().copy()
+    table[R.thrust : R.speed] = 0.0
+    return table
+
+
+class Vehicle:
+    """A plant with the theta and the maps that it flies with."""
+
+    def __init__(
+        self,
+        effects=None,
+        params=None,
+        maps=None,
+        tick=TICK,
+        position=(0.0, 0.0, 10.0),
+        velocity=(0.0, 0.0, 0.0),
+        attitude=UPRIGHT,
+        rates=(0.0, 0.0, 0.0),
+        speed=0.0,
+        obstacle=(0.0, 0.0, 0.0, 0.0),
+        draws=None,
+        theta=None,
+    ):
+        self.params = params or VehicleParams()
+        self.maps = tombo_maps() if maps is None else maps
+        self.theta = pack_theta(effects or {}) if theta is None else theta
+        self.tick = tick
+        self.m = new_plant(self.params)
+        self["body"] = [*position, *velocity, *attitude, *rates]
+        self["obstacle"] = obstacle
+        if draws is not None:
+            self["draws"] = draws
+        begin_flight(self.m, QUIET, self.theta, tick)
+        self.spin_up(speed)
+
+    def __getitem__(self, name):
+        return part(self.m, name)
+
+    def __setitem__(self, name, value):
+        part(self.m, name)[:] = value
+
+    def spin_up(self, speed):
+        """Let the rotors turn at `speed` [rad/s], and go on asking for it."""
+        self["speed"] = speed
+        self["command"] = speed
+        self["delay"].reshape(-1, 4)[:] = speed
+
+    def begin(self, noise=QUIET):
+        begin_tick(self.m, self.maps, noise, self.theta)
+
+    def finish(self, noise=QUIET):
+        finish_tick(self.m, noise, self.theta)
+
+    def fly(self, seconds, command=None, noise=None, watch=None):
+        """Fly on; `command(k)` gives rotor speeds, `noise[k]` a tick's normals.
+
+        Returns what `watch(self)`, called between the two halves of each tick, has returned.
+        """
+        seen = []
+        for k in range(round(seconds / self.tick)):
+            if command is not None:
+                self["command"] = command(k)
+            normals = QUIET if noise is None else noise[k]
+            begin_tick(self.m, self.maps, normals, self.theta)
+            if watch is not None:
+                seen.append(watch(self))
+            finish_tick(self.m, normals, self.theta)
+        return np.array(seen)
+
+    # --- what a physicist would ask of it ---------------------------------------------------
+
+    @property
+    def position(self):
+        return self["body"][:3]
+
+    @property
+    def velocity(self):
+        return self["body"][3:6]
+
+    @property
+    def rates(self):
+        return self["body"][10:13]
+
+    @property
+    def rotation(self):
+        return Rotation.from_quat(self["body"][6:10])
+
+    @property
+    def mass(self):
+        return self["inertial"][0]
+
+    @property
+    def inertia(self):
+        return self["inertial"][1:4]
+
+    def kinetic_energy(self):
+        """Return translation plus rotation of the airframe [J]; rotors' spin left out."""
+        return 0.5 * self.mass * (self.velocity @ self.velocity) + self.rotation_energy()
+
+    def rotation_energy(self):
+        return 0.5 * self.inertia @ self.rates**2
+
+    def energy(self):
+        """Return kinetic and potential energy [J]; rotors' spin left out."""
+        return self.kinetic_energy() + self.mass * GRAVITY * self.position[2]
+
+    def rotor_momentum(self):
+        """Return the spin momentum of the rotors along body z [kg m^2/s]."""
+        return self.params.rotor_inertia * SPIN @ self["speed"]
+
+    def angular_momentum(self):
+        """Return that of airframe and rotors about the centre of mass, in map [kg m^2/s]."""
+        body = self.inertia * self.rates
+        body[2] += self.rotor_momentum()
+        return self.rotation.apply(body)
+
+
+def hover_speed(params=None):
+    params = params or VehicleParams()
+    return speed_for_thrust(tombo_maps(), params.hover_thrust())
+
+
+def random_attitude(rng):
+    q = rng.standard_normal(4)
+    return q / np.linalg.norm(q)

@@ -1,0 +1,135 @@
+"""Wind, gusts and drag: forces against the motion through the air."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from one_vehicle import NOISE, Vehicle, hover_speed, random_attitude
+from scipy.spatial.transform import Rotation
+
+from tombo_dynamics.vehicle import GRAVITY
+
+AIR_DENSITY = 1.2041
+DRAG = {"linear_rotor_drag": {"d_xy": 0.5, "d_z": 0.3}, "quadratic_body_drag": {"c_area": 0.05}}
+HIGH = (0.0, 0.0, 2000.0)
+
+
+def test_wind_without_drag_does_nothing():
+    ends = []
+    for wind in ({}, {"steady_wind": {"east": 9.0, "north": -4.0}}):
+        v = Vehicle(wind, speed=hover_speed(), velocity=(1.0, 2.0, 0.5), rates=(0.1, 0.2, 0.3))
+        v.fly(0.5)
+        ends.append(v["body"].copy())
+    assert (ends[0] == ends[1]).all()
+
+
+def test_wind_carries_a_falling_body_along(no_air):
+    v = Vehicle(
+        DRAG | {"steady_wind": {"east": 4.0, "north": -3.0}}, maps=no_air, position=HIGH
+    )
+    v.fly(20.0)
+    assert v.velocity[:2] == pytest.approx([4.0, -3.0], abs=0.02)
+
+
+@given(st.integers(0, 10_000))
+def test_only_the_motion_through_the_air_counts(seed):
+    """Galilei: moving with the wind is standing still in calm air."""
+    rng = np.random.default_rng(seed)
+    attitude, rates, velocity = random_attitude(rng), rng.normal(size=3), rng.normal(0, 3, 3)
+    wind = np.append(rng.normal(0.0, 3.0, 2), 0.0)
+    calm = Vehicle(DRAG, attitude=attitude, rates=rates, velocity=velocity, speed=400.0)
+    windy = Vehicle(
+        DRAG | {"steady_wind": {"east": wind[0], "north": wind[1]}},
+        attitude=attitude, rates=rates, velocity=velocity + wind, speed=400.0,
+    )  # fmt: skip
+    calm.fly(0.1)
+    windy.fly(0.1)
+    assert windy.velocity - wind == pytest.approx(calm.velocity, abs=1e-9)
+    assert windy["body"][6:] == pytest.approx(calm["body"][6:], abs=1e-9)
+
+
+@given(st.integers(0, 10_000))
+def test_drag_takes_energy_from_every_motion(seed):
+    rng = np.random.default_rng(seed)
+    v = Vehicle(DRAG, attitude=random_attitude(rng), velocity=rng.normal(0.0, 5.0, 3))
+    v.begin()
+    power = v["wrench"][:3] @ v.rotation.inv().apply(v.velocity)
+    assert power < 0.0
+    assert not v["wrench"][3:].any()  # at the centre of mass
+
+
+def test_terminal_speed_under_linear_drag(no_air):
+    v = Vehicle(
+        {"linear_rotor_drag": {"d_xy": 2.0, "d_z": 1.5}}, maps=no_air, position=HIGH
+    )
+    v.fly(15.0)
+    assert v.velocity[2] == pytest.approx(-v.mass * GRAVITY / 1.5, rel=1e-4)
+    on_edge = Vehicle(
+        {"linear_rotor_drag": {"d_xy": 2.0, "d_z": 1.5}}, maps=no_air, position=HIGH,
+        attitude=Rotation.from_euler("y", 0.5 * math.pi).as_quat(),
+    )  # fmt: skip
+    on_edge.fly(15.0)
+    assert on_edge.velocity[2] == pytest.approx(-v.mass * GRAVITY / 2.0, rel=1e-4)
+
+
+def test_terminal_speed_under_quadratic_drag(no_air):
+    v = Vehicle({"quadratic_body_drag": {"c_area": 0.2}}, maps=no_air, position=HIGH)
+    v.fly(20.0)
+    expected = math.sqrt(2.0 * v.mass * GRAVITY / (AIR_DENSITY * 0.2))
+    assert v.velocity[2] == pytest.approx(-expected, rel=1e-4)
+
+
+def test_quadratic_drag_is_against_the_motion_and_grows_with_its_square():
+    forces = []
+    for speed in (1.0, 2.0):
+        v = Vehicle({"quadratic_body_drag": {"c_area": 0.1}}, velocity=(speed, -speed, speed))
+        v.begin()
+        forces.append(v["wrench"][:3].copy())
+    assert forces[1] == pytest.approx(4.0 * forces[0])
+    direction = forces[0] / np.linalg.norm(forces[0])
+    assert direction == pytest.approx(np.array([-1.0, 1.0, -1.0]) / math.sqrt(3.0))
+
+
+# --- gusts ----------------------------------------------------------------------------------
+
+
+def gusts(deviation, time, seconds=60.0, seed=0):
+    v = Vehicle({"gusts": {"deviation": deviation, "time": time}}, position=HIGH)
+    noise = np.random.default_rng(seed).standard_normal((round(seconds * 1e3), NOISE))
+    seen = []
+    for row in noise:
+        v["body"][2] = 2000.0
+        v.begin(row)
+        seen.append(v["wind"].copy())
+        v["clock"][0] += 1.0
+    return np.array(seen)
+
+
+def test_gusts_have_the_deviation_asked_for_on_each_axis():
+    wind = gusts(0.7, 0.05)  # 60 s are 600 independent samples
+    assert wind.std(axis=0) == pytest.approx(np.full(3, 0.7), rel=0.1)
+    assert np.abs(wind.mean(axis=0)).max() < 0.1
+    between = np.corrcoef(wind.T)[np.triu_indices(3, 1)]
+    assert np.abs(between).max() < 0.15
+
+
+@pytest.mark.parametrize("time", [0.05, 0.2])
+def test_gusts_forget_within_their_time(time):
+    wind = gusts(1.0, time, seed=1)
+    lag = round(time * 1e3)
+    correlation = np.mean(wind[lag:] * wind[:-lag]) / np.mean(wind**2)
+    assert correlation == pytest.approx(math.exp(-1.0), abs=0.1)
+    far = 6 * lag
+    assert abs(np.mean(wind[far:] * wind[:-far]) / np.mean(wind**2)) < 0.12
+
+
+def test_gusts_add_to_the_steady_wind():
+    v = Vehicle({"gusts": {"deviation": 1.0}, "steady_wind": {"east": 3.0, "north": 1.0}})
+    noise = np.zeros(NOISE)
+    noise[:3] = [1.0, -2.0, 0.5]
+    v.begin(noise)
+    assert v["wind"] - v["gust"] == pytest.approx([3.0, 1.0, 0.0])
+    assert v["gust"] == pytest.approx(v["gust"][0] * noise[:3])
+    assert v["gust"][0] > 0.0

@@ -1,0 +1,216 @@
+"""Every effect in the registry, whichever they are: declared, harmless at null, working, fittable."""
+
+import inspect
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+from effect_scenes import busy_memory, nulls, observe, typical
+from one_vehicle import NOISE
+from scipy.optimize import least_squares
+
+from tombo_dynamics.effects import REGISTRY, Param, Stage, check_theta, effect
+from tombo_dynamics.effects.compose import layout, null_theta, pack_theta
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.plant import P, PLANT_SIZES
+
+every_effect = pytest.mark.parametrize("name", REGISTRY)
+
+STEPWISE = {("mocap_dropouts", "probability")}
+"""Nothing moves between two values of it, except which samples are missing: counted elsewhere."""
+BOOKKEEPING = range(P.supply, P.supply + PLANT_SIZES.supply)
+"""Charge and current are kept while the battery's effect runs; voltage is what acts."""
+
+
+def test_every_effect_that_the_project_promises_is_there():
+    promised = {
+        "mass_error", "thrust_coefficient_error", "weak_propeller", "motor_lag", "command_delay",
+        "linear_rotor_drag", "quadratic_body_drag", "steady_wind", "gusts", "ground_effect",
+        "battery_sag", "cog_offset", "imu_bias", "mocap_latency", "mocap_misalignment",
+        "mocap_noise", "mocap_dropouts", "thrust_scatter", "blade_strike", "propeller_wear",
+        "contact_force",
+    }  # fmt: skip
+    assert promised <= set(REGISTRY)
+
+
+# --- declarations ---------------------------------------------------------------------------
+
+
+@every_effect
+def test_declaration_is_complete(name):
+    entry = REGISTRY[name]
+    assert entry.name == name
+    assert isinstance(entry.stage, Stage)
+    assert entry.doc.strip() and entry.signature.strip() and "\n" not in entry.signature
+    assert set(entry.separates_from) <= set(REGISTRY) - {name}
+    assert all(text.strip() for text in entry.separates_from.values())
+    assert entry.theta
+    for p in entry.theta:
+        low, high = p.bounds
+        assert p.unit.strip() and p.doc.strip()
+        assert math.isfinite(low) and math.isfinite(high) and low < high
+        assert low <= p.typical <= high
+        assert low <= p.null <= high
+    assert any(p.typical != p.null for p in entry.theta)
+
+
+@every_effect
+def test_arguments_are_the_parameters_in_order(name):
+    entry = REGISTRY[name]
+    arguments = list(inspect.signature(entry.function.py_func).parameters)
+    assert arguments == ["m", "noise", *(p.name for p in entry.theta)]
+
+
+def test_every_parameter_has_its_own_place_in_theta():
+    places = Counter(index for table in layout().values() for index in table.values())
+    assert set(places) == set(range(null_theta().size))
+    assert max(places.values()) == 1
+
+
+@every_effect
+def test_values_by_name_reach_their_place(name):
+    values = typical(name)
+    theta = pack_theta({name: values})
+    changed = np.flatnonzero(theta != null_theta())
+    assert sorted(changed) == sorted(layout()[name].values())
+    assert {key: theta[layout()[name][key]] for key in values} == values
+
+
+# --- at null, nothing -----------------------------------------------------------------------
+
+
+@every_effect
+def test_called_with_null_parameters_it_adds_nothing(name):
+    """The effect itself, without the comparison that the chain makes before it calls."""
+    v = busy_memory()
+    before = v.m.copy()
+    REGISTRY[name].function(v.m, np.linspace(-1.0, 1.0, NOISE), *nulls(name).values())
+    after, rest = np.delete(v.m, BOOKKEEPING), np.delete(before, BOOKKEEPING)
+    assert after == pytest.approx(rest, rel=1e-15, abs=1e-16)
+
+
+@every_effect
+def test_its_trace_vanishes_with_its_parameters(name):
+    """A millionth of the size leaves a millionth of the trace; what acts at once has a step."""
+    tiny = {k: nulls(name)[k] + 1e-6 * (v - nulls(name)[k]) for k, v in typical(name).items()}
+    nothing, something = observe(name, nulls(name)), observe(name, typical(name))
+    if name in ("blade_strike", "propeller_wear", "contact_force"):
+        return  # a touch is a touch, however soft; theirs are measured in their own files
+    full, left = np.abs(something - nothing).max(), np.abs(observe(name, tiny) - nothing).max()
+    assert left <= 1e-4 * full + 1e-12
+
+
+# --- at its typical size, something ---------------------------------------------------------
+
+
+@every_effect
+def test_typical_values_show_and_stay_finite(name):
+    seen = observe(name, typical(name))
+    assert np.isfinite(seen).all()
+    assert np.abs(seen - observe(name, nulls(name))).max() > 1e-4
+
+
+@every_effect
+@pytest.mark.parametrize("side", [0, 1], ids=["lowest", "highest"])
+def test_the_ends_of_the_bounds_stay_finite(name, side):
+    values = {p.name: p.bounds[side] for p in REGISTRY[name].theta}
+    assert np.isfinite(observe(name, values)).all()
+
+
+@every_effect
+def test_same_parameters_same_flight(name):
+    assert (observe(name, typical(name)) == observe(name, typical(name))).all()
+
+
+# --- fitting --------------------------------------------------------------------------------
+
+
+@every_effect
+def test_fit_recovers_the_parameters_of_simulated_data(name):
+    """Least squares over the very function that simulated, from a start well off."""
+    truth, null = typical(name), nulls(name)
+    free = [key for key in truth if (name, key) not in STEPWISE]
+    data = observe(name, truth)
+    trace = np.abs(data - observe(name, null | {k: truth[k] for k in truth if k not in free}))
+    scale = trace.max(axis=0)
+    seen = scale > 1e-12
+    size = np.array([truth[key] - null[key] for key in free])
+
+    def residuals(share):
+        given = truth | {key: null[key] + s * d for key, s, d in zip(free, share, size)}
+        return ((observe(name, given) - data)[:, seen] / scale[seen]).ravel()
+
+    start = np.linspace(0.7, 0.85, len(free))
+    coarse = least_squares(residuals, start, diff_step=0.02)  # steps over what ends on a tick
+    fit = least_squares(residuals, coarse.x, diff_step=1e-5, xtol=1e-12, ftol=1e-12, gtol=1e-12)
+    assert fit.x == pytest.approx(np.ones(len(free)), abs=2e-3)
+
+
+# --- bad input ------------------------------------------------------------------------------
+
+
+@every_effect
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, "much", None, True, [1.0]])
+def test_what_is_no_number_is_refused_by_name(name, value):
+    key = REGISTRY[name].theta[0].name
+    with pytest.raises(InputError) as caught:
+        check_theta({name: {key: value}}, "effects")
+    assert f"effects.{name}.{key}" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@every_effect
+def test_values_out_of_bounds_are_refused_and_bounds_accepted(name):
+    for p in REGISTRY[name].theta:
+        low, high = p.bounds
+        assert check_theta({name: {p.name: low}}, "x") == {name: {p.name: low}}
+        assert check_theta({name: {p.name: high}}, "x") == {name: {p.name: high}}
+        for value in (low - 1e-6 * (high - low), high + 1e-6 * (high - low)):
+            with pytest.raises(InputError) as caught:
+                check_theta({name: {p.name: value}}, "effects")
+            message = str(caught.value)
+            assert f"effects.{name}.{p.name}" in message
+            assert f"from {low:g} to {high:g}" in message and p.unit in message
+
+
+@every_effect
+@pytest.mark.parametrize("given", [1.0, None, "on", [0.5]])
+def test_an_effect_takes_a_mapping_of_parameters(name, given):
+    with pytest.raises(InputError, match=rf"effects\.{name}: expected a mapping"):
+        check_theta({name: given}, "effects")
+
+
+@every_effect
+def test_an_unknown_parameter_is_refused_with_those_that_there_are(name):
+    with pytest.raises(InputError) as caught:
+        check_theta({name: {"nonsense": 1.0}}, "effects")
+    assert f"effect '{name}'" in str(caught.value)
+    assert all(p.name in str(caught.value) for p in REGISTRY[name].theta)
+
+
+def test_an_unknown_effect_is_refused_with_the_closest_one():
+    with pytest.raises(InputError, match=r"'gust' \(did you mean 'gusts'\?\)"):
+        check_theta({"gust": {"deviation": 1.0}}, "effects")
+
+
+# --- registering ----------------------------------------------------------------------------
+
+
+def test_a_name_is_registered_once():
+    def again(m, noise, size):
+        """Do nothing."""
+
+    with pytest.raises(ValueError, match="'gusts' is registered twice"):
+        effect("gusts", Stage.AIR, [Param("size", "1", 0.0, (0.0, 1.0), "size", 0.5)], "none")(again)
+
+
+@pytest.mark.parametrize("names", [["other"], ["size", "more"], []])
+def test_arguments_that_do_not_match_are_refused(names):
+    def odd(m, noise, size):
+        """Do nothing."""
+
+    theta = [Param(n, "1", 0.0, (0.0, 1.0), "size", 0.5) for n in names]
+    with pytest.raises(ValueError, match="do not match"):
+        effect("odd", Stage.AIR, theta, "none")(odd)
+    assert "odd" not in REGISTRY

@@ -1,0 +1,136 @@
+"""A file dropped beside the others is an effect: composed, checked, flown, with nothing else edited.
+
+The copy of the package runs in a process of its own, uncompiled, so that it starts in a second.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import tombo_dynamics
+
+ROPE = '''
+"""A rope to the origin."""
+
+from __future__ import annotations
+
+from tombo_dynamics.effects.registry import Param, Stage, effect
+from tombo_dynamics.plant import Array, P
+
+
+@effect(
+    "rope",
+    Stage.WRENCH,
+    [
+        Param("stiffness", "N/m", 0.0, (0.0, 1e4), "of the rope", 50.0),
+        Param("length", "m", 5.0, (0.1, 100.0), "of the slack rope", 5.0),
+    ],
+    signature="force towards the anchor once the rope is taut",
+    separates_from={"steady_wind": "fly a circle: the rope pulls inwards"},
+)
+def rope(m: Array, noise: Array, stiffness: float, length: float) -> None:
+    """Pull an upright vehicle down once it is higher than the rope is long."""
+    m[P.wrench + 2] -= stiffness * max(0.0, m[P.body + 2] - length)
+'''
+
+FLY = """
+import json
+import numpy as np
+from tombo_dynamics.effects import REGISTRY, check_theta
+from tombo_dynamics.effects.compose import layout, null_theta, pack_theta
+from tombo_dynamics.jit import CACHE_FOLDER
+from tombo_dynamics.plant import new_plant, part
+from tombo_dynamics.rigid_body import begin_flight, begin_tick, finish_tick
+from tombo_dynamics.rotor_maps import _SIZE, R
+from tombo_dynamics.vehicle import VehicleParams
+
+def speed_after(values):
+    theta = pack_theta(check_theta(values, "effects"))
+    maps = np.zeros(_SIZE)
+    maps[R.step] = maps[R.inverse_step] = 1.0
+    m = new_plant(VehicleParams())
+    part(m, "body")[2] = 7.0
+    begin_flight(m, np.zeros(9), theta, 1e-3)
+    for _ in range(10):
+        begin_tick(m, maps, np.zeros(9), theta)
+        finish_tick(m, np.zeros(9), theta)
+    return part(m, "body")[5]
+
+rope = {"rope": {"stiffness": 65.0}} if "rope" in REGISTRY else {}
+errors = []
+for bad in ({"rope": {"stiffness": -1.0}}, {"rope": {"strength": 1.0}}):
+    try:
+        check_theta(bad, "effects")
+    except ValueError as error:
+        errors.append(str(error))
+print(json.dumps({
+    "effects": list(REGISTRY), "size": null_theta().size, "place": layout().get("rope"),
+    "free": speed_after({}), "held": speed_after(rope), "errors": errors,
+    "cache": CACHE_FOLDER.name,
+}))
+"""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("workspace")
+    package = folder / "tombo_dynamics"
+    shutil.copytree(
+        Path(tombo_dynamics.__file__).parent, package,
+        ignore=shutil.ignore_patterns("__pycache__"),
+    )  # fmt: skip
+
+    def run(source=None):
+        if source is not None:
+            (package / "effects" / "rope.py").write_text(source)
+        path = os.pathsep.join([str(folder), *filter(None, [os.environ.get("PYTHONPATH")])])
+        environment = os.environ | {
+            "PYTHONPATH": path, "TOMBO_CACHE_DIR": str(folder / "cache"), "NUMBA_DISABLE_JIT": "1",
+        }  # fmt: skip
+        done = subprocess.run(
+            [sys.executable, "-c", FLY], env=environment, capture_output=True, text=True,
+            timeout=60, cwd=folder,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout)
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def without(run):
+    return run()
+
+
+@pytest.fixture(scope="module")
+def with_rope(run, without):
+    return run(ROPE)
+
+
+def test_it_is_registered_with_two_more_places_in_theta(without, with_rope):
+    assert set(with_rope["effects"]) == {*without["effects"], "rope"}
+    assert with_rope["size"] == without["size"] + 2
+    assert set(with_rope["place"]) == {"stiffness", "length"}
+
+
+def test_it_acts_and_is_absent_at_null(without, with_rope):
+    assert with_rope["free"] == without["free"] == pytest.approx(-0.0980665)
+    pull = 65.0 * 2.0 / 1.3  # N/m times m of stretch over mass
+    assert with_rope["held"] - with_rope["free"] == pytest.approx(-pull * 0.01, rel=1e-3)
+
+
+def test_its_parameters_are_checked(with_rope):
+    bounds, name = with_rope["errors"]
+    assert bounds == (
+        "effects.rope.stiffness: -1.0 is out of bounds; accepted: a number from 0 to 10000 [N/m]"
+    )
+    assert "unknown parameter of effect 'rope' in effects 'strength'" in name
+
+
+def test_machine_code_of_other_sources_is_not_reused(without, with_rope):
+    assert with_rope["cache"] != without["cache"]

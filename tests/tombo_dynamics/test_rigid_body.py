@@ -1,0 +1,272 @@
+"""Newton-Euler equations: what physics conserves is conserved, what it demands happens."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from one_vehicle import Vehicle, hover_speed, random_attitude
+from scipy.spatial.transform import Rotation
+
+from tombo_dynamics.vehicle import GRAVITY, SPIN, VehicleParams
+
+UNLIKE = VehicleParams(inertia_xx=0.010, inertia_yy=0.0135, inertia_zz=0.020)
+"""Three different moments of inertia."""
+
+
+def tumbling(seed, **more):
+    rng = np.random.default_rng(seed)
+    return Vehicle(
+        attitude=random_attitude(rng), rates=rng.normal(0.0, 6.0, 3),
+        velocity=rng.normal(0.0, 2.0, 3), **more,
+    )  # fmt: skip
+
+
+# --- translation ----------------------------------------------------------------------------
+
+
+def test_a_thrown_vehicle_flies_a_parabola(no_air):
+    v = Vehicle(maps=no_air, position=(1.0, 2.0, 50.0), velocity=(3.0, -1.0, 4.0))
+    v.fly(1.5)
+    drop = 0.5 * GRAVITY * 1.5**2
+    assert v.position == pytest.approx([1.0 + 4.5, 2.0 - 1.5, 50.0 + 6.0 - drop], abs=1e-10)
+    assert v.velocity == pytest.approx([3.0, -1.0, 4.0 - GRAVITY * 1.5], abs=1e-11)
+
+
+def test_tumbling_does_not_bend_the_parabola(no_air):
+    v = tumbling(3, maps=no_air)
+    begin, velocity = v.position.copy(), v.velocity.copy()
+    v.fly(0.5)
+    expected = begin + 0.5 * velocity - [0.0, 0.0, 0.125 * GRAVITY]
+    assert v.position == pytest.approx(expected, abs=1e-11)
+
+
+def test_thrust_acts_along_body_z():
+    lean = Rotation.from_euler("zyx", [0.4, 0.3, -0.2])
+    v = Vehicle(attitude=lean.as_quat(), speed=600.0)
+    v.begin()
+    force = v["thrust"].sum() * lean.apply([0.0, 0.0, 1.0])
+    v.finish()
+    expected = (force / v.mass - [0.0, 0.0, GRAVITY]) * 1e-3
+    assert v.velocity == pytest.approx(expected, rel=1e-3, abs=1e-9)
+
+
+def test_hover_is_an_equilibrium(vehicle):
+    v = Vehicle(speed=hover_speed())
+    v.fly(1.0)
+    assert v.velocity[2] == pytest.approx(0.0, abs=1e-3)  # as exact as the table's inverse
+    assert np.delete(v.velocity, 2) == pytest.approx(np.zeros(2), abs=1e-12)
+    assert v.rates == pytest.approx(np.zeros(3), abs=1e-12)
+
+
+@given(st.floats(-50.0, 50.0), st.floats(-50.0, 50.0), st.floats(-2.0, 50.0))
+def test_physics_is_the_same_everywhere(x, y, z):
+    here, there = tumbling(4, speed=500.0), tumbling(4, speed=500.0)
+    there.position[:] += [x, y, z]
+    here.fly(0.05)
+    there.fly(0.05)
+    assert there.position - here.position == pytest.approx([x, y, z], abs=1e-9)
+    assert there["body"][3:] == pytest.approx(here["body"][3:], abs=1e-11)
+
+
+# --- rotation -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_free_rotation_keeps_angular_momentum_and_energy(no_air, seed):
+    v = tumbling(seed, maps=no_air, params=UNLIKE)
+    momentum, energy = v.angular_momentum(), v.rotation_energy()
+    rates = v.rates.copy()
+    v.fly(1.0)
+    assert v.angular_momentum() == pytest.approx(momentum, abs=1e-10)
+    assert v.rotation_energy() == pytest.approx(energy, rel=1e-9)
+    assert np.abs(v.rates - rates).max() > 0.5  # it did nutate
+
+
+def test_rotation_about_the_middle_axis_tips_over(no_air):
+    """Dzhanibekov's effect: only the axis between the two others is unstable."""
+    for axis, tips in ((0, False), (1, True), (2, False)):
+        rates = np.full(3, 1e-3)
+        rates[axis] = 10.0
+        v = Vehicle(maps=no_air, params=UNLIKE, rates=rates, position=(0.0, 0.0, 500.0))
+        seen = v.fly(4.0, watch=lambda v, axis=axis: v.rates[axis])
+        assert (seen.min() < -9.9) == tips
+
+
+def test_a_steady_turn_about_z_is_read_as_yaw(no_air):
+    v = Vehicle(maps=no_air, rates=(0.0, 0.0, 0.5))
+    v.fly(1.0)
+    assert v.rotation.as_euler("ZYX") == pytest.approx([0.5, 0.0, 0.0], abs=1e-12)
+
+
+def test_attitude_stays_a_unit_quaternion():
+    v = tumbling(5, speed=600.0)
+    norms = v.fly(2.0, watch=lambda v: np.linalg.norm(v["body"][6:10]))
+    assert norms == pytest.approx(np.ones(2000), abs=1e-14)
+
+
+# --- the rotors' gyroscopic torque ----------------------------------------------------------
+
+
+def test_gyroscopic_torque_does_no_work(no_air):
+    v = tumbling(6, maps=no_air, params=UNLIKE, speed=[800.0, 700.0, 100.0, 200.0])
+    momentum, energy = v.angular_momentum(), v.rotation_energy()
+    assert abs(v.rotor_momentum()) > 0.05
+    v.fly(1.0)
+    assert v.rotation_energy() == pytest.approx(energy, rel=1e-9)
+    assert v.angular_momentum() == pytest.approx(momentum, abs=1e-10)
+
+
+@pytest.mark.parametrize("rates", [(0.0, 0.0, 0.0), (3.0, -2.0, 1.0)])
+def test_spinning_rotors_up_turns_the_body_the_other_way(no_air, rates):
+    """Without drag torque nothing leaves: body and rotors together keep their momentum."""
+    v = Vehicle(maps=no_air, params=UNLIKE, rates=rates, speed=300.0)
+    momentum = v.angular_momentum()
+    yaw_rate = v.rates[2]
+
+    def command(k):
+        return [800.0, 700.0, 100.0, 50.0] if k < 200 else [100.0, 50.0, 600.0, 800.0]
+
+    v.fly(0.2, command)
+    assert v.rates[2] < yaw_rate - 1.0  # counter-clockwise ones up: the body turns clockwise
+    assert v.angular_momentum() == pytest.approx(momentum, abs=1e-9)
+    v.fly(0.4, lambda k: command(k + 200))
+    assert v.angular_momentum() == pytest.approx(momentum, abs=1e-9)
+
+
+def test_a_spinning_rotor_makes_roll_precess_into_pitch(no_air):
+    """Transverse rates turn in the body at H / I: the free precession of a gyroscope."""
+    v = Vehicle(maps=no_air, rates=(0.3, 0.0, 0.0), speed=[800.0, 800.0, 0.0, 0.0])
+    pace = v.rotor_momentum() / v.params.inertia_xx
+    t = 0.15
+    v.fly(t)
+    # yaw stays 0, so the body adds nothing of its own
+    assert v.rates == pytest.approx(
+        [0.3 * math.cos(pace * t), 0.3 * math.sin(pace * t), 0.0], abs=1e-9
+    )
+
+
+# --- moments of the rotors ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "stronger, axis, sign",
+    [
+        ((1, 2), 0, +1.0),  # left side lifts: rolls right, positive about x (forward)
+        ((0, 3), 0, -1.0),
+        ((1, 3), 1, +1.0),  # rear lifts: nose down, positive about y (left)
+        ((0, 2), 1, -1.0),
+        ((2, 3), 2, +1.0),  # clockwise rotors drag the body counter-clockwise
+        ((0, 1), 2, -1.0),
+    ],
+)
+def test_two_stronger_rotors_turn_the_body(stronger, axis, sign):
+    speed = np.full(4, 450.0)
+    speed[list(stronger)] = 500.0
+    v = Vehicle(speed=speed)
+    v.fly(0.05)
+    others = np.delete(v.rates, axis)
+    assert sign * v.rates[axis] > 0.01
+    assert np.abs(others).max() < 0.01 * abs(v.rates[axis])
+
+
+def test_roll_moment_is_thrust_times_arm(vehicle):
+    speed = np.full(4, 450.0)
+    speed[[1, 2]] = 500.0
+    v = Vehicle(speed=speed)
+    v.begin()
+    arm = vehicle.arm_length / math.sqrt(2.0)
+    excess = v["thrust"][[1, 2]].sum() - v["thrust"][[0, 3]].sum()
+    assert v["wrench"][3] == pytest.approx(arm * excess)
+    assert v["wrench"][5] == pytest.approx(-SPIN @ v["torque"], abs=1e-15)
+    assert v["wrench"][2] == pytest.approx(v["thrust"].sum())
+
+
+def test_one_rotor_alone_turns_the_body_against_itself():
+    for i in range(4):
+        speed = np.zeros(4)
+        speed[i] = 400.0
+        v = Vehicle(speed=speed)
+        v.fly(0.01)
+        assert SPIN[i] * v.rates[2] < 0.0
+
+
+# --- rotor speed ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("tick", [0.5e-3, 1e-3, 5e-3])
+def test_rotor_speed_follows_a_step_with_its_time_constant(vehicle, tick):
+    v = Vehicle(speed=300.0, tick=tick)
+    v.fly(vehicle.motor_time_constant, lambda k: np.full(4, 600.0))
+    reached = 600.0 - 300.0 * math.exp(-1.0)
+    assert v["speed"] == pytest.approx(np.full(4, reached), rel=1e-12)
+    assert (v["speed"][0] - 300.0) / 300.0 == pytest.approx(0.632, abs=1e-3)
+
+
+# --- integration ----------------------------------------------------------------------------
+
+SMOOTH = {"linear_rotor_drag": {"d_xy": 0.5, "d_z": 0.3}, "quadratic_body_drag": {"c_area": 0.05},
+          "steady_wind": {"east": 3.0, "north": -2.0}}  # fmt: skip
+
+
+def test_halving_the_tick_divides_the_error_by_sixteen():
+    """Rotor speeds stay within one piece of the map, so that all is smooth."""
+
+    def end(tick):
+        v = tumbling(7, effects=SMOOTH, params=UNLIKE, tick=tick, speed=466.0)
+        v.fly(0.32, lambda k: [484.0, 466.0, 470.0, 480.0])
+        return v["body"].copy()
+
+    exact = end(0.5e-3)
+    errors = [np.abs(end(tick) - exact).max() for tick in (16e-3, 8e-3, 4e-3)]
+    assert errors[0] > 1e-7
+    assert errors[0] / errors[1] == pytest.approx(16.0, rel=0.2)
+    assert errors[1] / errors[2] == pytest.approx(16.0, rel=0.2)
+
+
+@pytest.mark.parametrize("seed", [8, 9])
+def test_energy_changes_by_the_work_of_the_forces(seed):
+    v = tumbling(seed, effects=SMOOTH, speed=500.0)
+    before = v.energy()
+
+    def power(v):
+        moment = v["wrench"][3:]
+        return v["wrench"][:3] @ v.rotation.inv().apply(v.velocity) + moment @ v.rates
+
+    def command(k):
+        return [520.0, 500.0, 480.0, 510.0]
+
+    seen = v.fly(0.5, command, watch=power)
+    v.begin()
+    watts = np.append(seen, power(v))
+    work = 1e-3 * (watts.sum() - 0.5 * (watts[0] + watts[-1]))
+    assert abs(work) > 1.0
+    assert v.energy() - before == pytest.approx(work, rel=1e-3)
+
+
+def test_a_smaller_tick_does_not_change_the_flight():
+    ends = []
+    for tick in (0.25e-3, 1e-3):
+        v = tumbling(10, effects=SMOOTH, speed=450.0, tick=tick)
+        v.fly(0.5, lambda k: [600.0, 400.0, 500.0, 550.0])
+        ends.append(v["body"].copy())
+    assert ends[0] == pytest.approx(ends[1], abs=1e-5)
+
+
+# --- mass and inertia -----------------------------------------------------------------------
+
+
+def test_acceleration_is_force_over_mass_and_moment_over_inertia():
+    heavy = dataclasses.replace(
+        VehicleParams(), mass=2.6, inertia_xx=0.027, inertia_yy=0.027, inertia_zz=0.048
+    )
+    speed = [520.0, 480.0, 500.0, 540.0]
+    light, doubled = Vehicle(speed=speed), Vehicle(speed=speed, params=heavy)
+    for v in (light, doubled):
+        v.velocity[2] = 0.0
+        v.fly(1e-3)
+    gravity = np.array([0.0, 0.0, -GRAVITY * 1e-3])
+    assert doubled.velocity - gravity == pytest.approx((light.velocity - gravity) / 2, abs=1e-7)
+    assert doubled.rates == pytest.approx(light.rates / 2, rel=1e-2)

@@ -1,0 +1,155 @@
+"""Quaternions against the algebra that they must obey, and against SciPy's rotations."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from tombo_dynamics.rotation import (
+    normalize_quaternion,
+    quaternion_multiply,
+    relative_rotation,
+    rotate_by_vector,
+    rotation_matrix,
+    tilt,
+    yaw_pitch_roll,
+)
+
+component = st.floats(-1.0, 1.0, allow_subnormal=False)
+number = st.floats(-4.0, 4.0, allow_subnormal=False)
+vectors = st.tuples(number, number, number).map(np.array)
+
+
+@st.composite
+def quaternions(draw):
+    q = np.array([draw(component) for _ in range(4)])
+    assume(np.linalg.norm(q) > 0.1)
+    return q / np.linalg.norm(q)
+
+
+def conjugate(q):
+    return q * [-1.0, -1.0, -1.0, 1.0]
+
+
+def matrix(q):
+    out = np.zeros(9)
+    rotation_matrix(q, 0, out, 0)
+    return out.reshape(3, 3)
+
+
+def turned(q, v):
+    q = q.copy()
+    rotate_by_vector(q, 0, *v)
+    return q
+
+
+@given(quaternions(), quaternions(), quaternions())
+def test_product_is_a_group(a, b, c):
+    one = np.array([0.0, 0.0, 0.0, 1.0])
+    left = quaternion_multiply(quaternion_multiply(a, b), c)
+    right = quaternion_multiply(a, quaternion_multiply(b, c))
+    assert left == pytest.approx(right, abs=1e-14)
+    assert quaternion_multiply(a, one) == pytest.approx(a, abs=1e-15)
+    assert quaternion_multiply(a, conjugate(a)) == pytest.approx(one, abs=1e-15)
+    assert np.linalg.norm(left) == pytest.approx(1.0, abs=1e-14)
+
+
+@given(quaternions(), quaternions())
+def test_product_of_quaternions_is_product_of_matrices(a, b):
+    assert matrix(quaternion_multiply(a, b)) == pytest.approx(matrix(a) @ matrix(b), abs=1e-14)
+
+
+def test_product_works_on_stacks():
+    rng = np.random.default_rng(1)
+    a, b = rng.standard_normal((2, 5, 3, 4))
+    stacked = quaternion_multiply(a, b)
+    assert stacked.shape == (5, 3, 4)
+    assert stacked[4, 2] == pytest.approx(quaternion_multiply(a[4, 2], b[4, 2]))
+
+
+def test_positive_yaw_turns_forward_to_the_left():
+    q = turned(np.array([0.0, 0.0, 0.0, 1.0]), (0.0, 0.0, math.pi / 2))
+    assert matrix(q) @ [1.0, 0.0, 0.0] == pytest.approx([0.0, 1.0, 0.0], abs=1e-15)
+    assert matrix(q) @ [0.0, 1.0, 0.0] == pytest.approx([-1.0, 0.0, 0.0], abs=1e-15)
+
+
+@given(quaternions())
+def test_matrix_is_a_proper_rotation_and_scipys(q):
+    r = matrix(q)
+    assert r @ r.T == pytest.approx(np.eye(3), abs=1e-14)
+    assert np.linalg.det(r) == pytest.approx(1.0, abs=1e-14)
+    assert r == pytest.approx(Rotation.from_quat(q).as_matrix(), abs=1e-14)
+    assert r == pytest.approx(matrix(-q), abs=0.0)
+
+
+@given(quaternions(), vectors, st.floats(-9.0, 0.0))
+def test_turning_by_a_vector_is_the_exponential_in_the_own_frame(q, v, exponent):
+    v = v * 10.0**exponent
+    after = Rotation.from_quat(turned(q, v))
+    expected = Rotation.from_quat(q) * Rotation.from_rotvec(v)
+    assert (expected.inv() * after).magnitude() < 1e-14 + 1e-14 * np.linalg.norm(v)
+    assert np.linalg.norm(turned(q, v)) == pytest.approx(1.0, abs=1e-15)
+
+
+@pytest.mark.parametrize("angle", [0.0099, 0.00999999, 0.01, 0.0100001, 0.0101])
+def test_series_and_closed_form_agree_where_they_meet(angle):
+    q = turned(np.array([0.0, 0.0, 0.0, 1.0]), (0.0, angle, 0.0))
+    assert 2.0 * math.asin(q[1]) == pytest.approx(angle, abs=1e-15)
+
+
+@given(quaternions(), vectors, st.floats(-2.0, 2.0), st.floats(-2.0, 2.0))
+def test_turns_about_one_axis_add_up(q, v, s, t):
+    both = turned(turned(q, s * v), t * v)
+    assert matrix(both) == pytest.approx(matrix(turned(q, (s + t) * v)), abs=1e-12)
+
+
+@given(quaternions(), quaternions())
+def test_relative_rotation_leads_to_the_reference_the_short_way(q, reference):
+    step = np.array(relative_rotation(reference, 0, q, 0))
+    assert matrix(quaternion_multiply(q, step)) == pytest.approx(matrix(reference), abs=1e-14)
+    assert step[3] >= 0.0
+    assert np.array(relative_rotation(-reference, 0, q, 0)) == pytest.approx(step, abs=1e-14)
+
+
+def test_relative_rotation_is_in_the_frame_of_q():
+    yawed = turned(np.array([0.0, 0.0, 0.0, 1.0]), (0.0, 0.0, math.pi / 2))
+    then_rolled = turned(yawed, (0.2, 0.0, 0.0))
+    x, y, z, w = relative_rotation(then_rolled, 0, yawed, 0)
+    assert (x, y, z) == pytest.approx((math.sin(0.1), 0.0, 0.0), abs=1e-15)
+
+
+def test_functions_find_the_quaternion_at_its_index():
+    rng = np.random.default_rng(2)
+    memory = rng.standard_normal(20)
+    before = memory.copy()
+    normalize_quaternion(memory, 5)
+    assert np.linalg.norm(memory[5:9]) == pytest.approx(1.0, abs=1e-15)
+    assert memory[5:9] * np.linalg.norm(before[5:9]) == pytest.approx(before[5:9])
+    rotate_by_vector(memory, 5, 0.1, 0.2, 0.3)
+    rotation_matrix(memory, 5, memory, 10)
+    expected = Rotation.from_quat(before[5:9]) * Rotation.from_rotvec([0.1, 0.2, 0.3])
+    assert memory[10:19].reshape(3, 3) == pytest.approx(expected.as_matrix(), abs=1e-14)
+    untouched = [*range(5), 9, 19]
+    assert (memory[untouched] == before[untouched]).all()
+
+
+@given(
+    st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.floats(-3.1, 3.1),
+)  # fmt: skip
+def test_angles_build_the_quaternion_they_were_read_from(yaw, pitch, roll):
+    q = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat()
+    assert yaw_pitch_roll(q) == pytest.approx([yaw, pitch, roll], abs=1e-7)
+    upright = math.cos(pitch) * math.cos(roll)
+    assert math.cos(tilt(q)) == pytest.approx(upright, abs=1e-12)
+
+
+def test_tilt_of_stacks_does_not_see_yaw():
+    yaws = Rotation.from_euler("z", np.linspace(0.0, 6.0, 7)).as_quat()
+    assert tilt(yaws) == pytest.approx(np.zeros(7), abs=1e-7)
+    tilted = (
+        Rotation.from_euler("z", np.linspace(0.0, 6.0, 7)) * Rotation.from_euler("y", 0.7)
+    ).as_quat()
+    assert tilt(tilted) == pytest.approx(np.full(7, 0.7))

@@ -1,0 +1,154 @@
+"""Errors of IMU and motion capture: of the frame, the time, the noise, the gaps."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from one_vehicle import NOISE, QUIET, Vehicle, random_attitude
+from scipy.spatial.transform import Rotation
+
+from tombo_dynamics.effects.compose import apply_imu, apply_mocap, pack_theta
+from tombo_dynamics.plant import P
+
+ANGLE = st.floats(-0.5, 0.5)
+
+
+def measured_pose(effects, position, attitude, noise=QUIET):
+    v = Vehicle(effects)
+    v["mocap"][:3] = position
+    v["mocap"][3:7] = attitude
+    apply_mocap(v.m, noise, v.theta)
+    return v["mocap"].copy()
+
+
+def imu_readings(effects, noise):
+    """Return readings of a sensor that should read zero, a row for each row of normals."""
+    v = Vehicle(effects)
+    rows = []
+    for row in noise:
+        v["imu"] = 0.0
+        apply_imu(v.m, row, v.theta)
+        rows.append(v["imu"].copy())
+    return np.array(rows)
+
+
+# --- IMU ------------------------------------------------------------------------------------
+
+
+def test_bias_is_added_to_every_reading():
+    bias = {"gyro_x": 0.01, "gyro_y": -0.02, "gyro_z": 0.03,
+            "accel_x": 0.1, "accel_y": 0.2, "accel_z": -0.3}  # fmt: skip
+    rows = imu_readings({"imu_bias": bias}, np.zeros((5, NOISE)))
+    assert rows == pytest.approx(np.tile([0.01, -0.02, 0.03, 0.1, 0.2, -0.3], (5, 1)))
+
+
+def test_noise_has_its_deviation_on_each_axis_and_axes_are_independent():
+    noise = np.random.default_rng(0).standard_normal((4000, NOISE))
+    rows = imu_readings({"imu_noise": {"gyro": 0.02, "accel": 0.5}}, noise)
+    assert rows.std(axis=0) == pytest.approx([0.02] * 3 + [0.5] * 3, rel=0.05)
+    assert np.abs(rows.mean(axis=0) / rows.std(axis=0)).max() < 0.06
+    between = np.corrcoef(rows.T)[np.triu_indices(6, 1)]
+    assert np.abs(between).max() < 0.07
+    follow = [np.corrcoef(rows[1:, i], rows[:-1, i])[0, 1] for i in range(6)]
+    assert np.abs(follow).max() < 0.07
+
+
+# --- the frame ------------------------------------------------------------------------------
+
+
+@given(st.floats(-3.2, 3.2), ANGLE, ANGLE, st.integers(0, 1000))
+def test_misalignment_turns_the_world_about_z_then_y_then_x(yaw, roll, pitch, seed):
+    rng = np.random.default_rng(seed)
+    position, attitude = rng.normal(0.0, 3.0, 3), random_attitude(rng)
+    angles = {"yaw": yaw, "roll": roll, "pitch": pitch}
+    seen = measured_pose({"mocap_misalignment": angles}, position, attitude)
+    turn = (
+        Rotation.from_euler("z", yaw)
+        * Rotation.from_euler("y", pitch)
+        * Rotation.from_euler("x", roll)
+    )
+    assert seen[:3] == pytest.approx(turn.apply(position), abs=1e-12)
+    error = Rotation.from_quat(seen[3:7]).inv() * turn * Rotation.from_quat(attitude)
+    assert error.magnitude() < 1e-7
+    assert np.linalg.norm(seen[:3]) == pytest.approx(np.linalg.norm(position))
+    assert np.linalg.norm(seen[3:7]) == pytest.approx(1.0, abs=1e-14)
+
+
+def test_a_quarter_turn_of_the_frame_makes_east_north():
+    quarter = {"mocap_misalignment": {"yaw": 0.5 * math.pi}}
+    seen = measured_pose(quarter, (2.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0))
+    assert seen[:3] == pytest.approx([0.0, 2.0, 1.0], abs=1e-15)
+    assert Rotation.from_quat(seen[3:7]).as_euler("ZYX")[0] == pytest.approx(0.5 * math.pi)
+
+
+# --- noise ----------------------------------------------------------------------------------
+
+
+def test_pose_noise_has_its_deviation_and_leaves_a_unit_quaternion():
+    rng = np.random.default_rng(3)
+    position, attitude = np.array([1.0, 2.0, 3.0]), random_attitude(rng)
+    effects = {"mocap_noise": {"position": 0.01, "attitude": 0.03}}
+    poses = np.array([
+        measured_pose(effects, position, attitude, row)
+        for row in rng.standard_normal((3000, NOISE))
+    ])  # fmt: skip
+    assert (poses[:, :3] - position).std(axis=0) == pytest.approx([0.01] * 3, rel=0.05)
+    turns = (Rotation.from_quat(attitude).inv() * Rotation.from_quat(poses[:, 3:7])).as_rotvec()
+    assert turns.std(axis=0) == pytest.approx([0.03] * 3, rel=0.05)
+    assert np.linalg.norm(poses[:, 3:7], axis=1) == pytest.approx(np.ones(3000), abs=1e-14)
+    everything = np.hstack([poses[:, :3], turns])
+    between = np.corrcoef(everything.T)[np.triu_indices(6, 1)]
+    assert np.abs(between).max() < 0.08
+
+
+# --- time -----------------------------------------------------------------------------------
+
+
+def test_latency_has_mean_and_jitter_and_is_never_negative():
+    rng = np.random.default_rng(4)
+    effects = {"mocap_latency": {"delay": 0.03, "jitter": 0.004}}
+    pose = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    seen = np.array([
+        measured_pose(effects, *pose, row)[7] for row in rng.standard_normal((3000, NOISE))
+    ])  # fmt: skip
+    assert seen.mean() == pytest.approx(0.03, abs=3e-4)
+    assert seen.std() == pytest.approx(0.004, rel=0.05)
+    hasty = np.zeros(NOISE)
+    hasty[6] = -100.0
+    assert measured_pose(effects, *pose, hasty)[7] == 0.0
+
+
+# --- gaps -----------------------------------------------------------------------------------
+
+PERIOD = 1.0 / 30.0
+
+
+def dropped(probability, duration, samples=20_000, seed=5):
+    """Return which of many samples at 30 Hz are missing."""
+    theta = pack_theta({"mocap_dropouts": {"probability": probability, "duration": duration}})
+    v = Vehicle()
+    missing = np.zeros(samples, dtype=bool)
+    for i, row in enumerate(np.random.default_rng(seed).standard_normal((samples, NOISE))):
+        v.m[P.mocap + 8] = 0.0
+        v.m[P.mocap + 9] = max(v.m[P.mocap + 9] - PERIOD, 0.0)
+        apply_mocap(v.m, row, theta)
+        missing[i] = v.m[P.mocap + 8] > 0.0
+    return missing
+
+
+@pytest.mark.parametrize("probability, duration", [(0.05, 0.0), (0.02, 0.1), (0.01, 0.4)])
+def test_dropouts_are_as_frequent_and_as_long_as_asked_for(probability, duration):
+    """A gap of exponential length d swallows 1 / (1 - exp(-T / d)) samples on average."""
+    missing = dropped(probability, duration)
+    length = 1.0 if duration == 0.0 else 1.0 / (1.0 - math.exp(-PERIOD / duration))
+    share = probability * length / (1.0 - probability + probability * length)
+    assert missing.mean() == pytest.approx(share, rel=0.2)
+    begins = np.count_nonzero(missing[1:] & ~missing[:-1])
+    assert missing.sum() / begins == pytest.approx(length / (1.0 - probability), rel=0.2)
+
+
+def test_without_chance_nothing_drops_and_with_certainty_everything():
+    assert not dropped(0.0, 1.0, samples=500).any()
+    assert dropped(1.0, 0.0, samples=500).all()

@@ -1,0 +1,136 @@
+"""What changes thrust, mass and balance: coefficient, weak propellers, scatter, floor, cargo."""
+
+import numpy as np
+import pytest
+from one_vehicle import Vehicle, hover_speed
+from scipy.spatial.transform import Rotation
+
+from tombo_dynamics.vehicle import ROTOR_NAMES, SPIN
+
+
+def hovering(effects, height=10.0, **more):
+    v = Vehicle(effects, position=(0.0, 0.0, height), speed=hover_speed(), **more)
+    v.begin()
+    return v
+
+
+WHOLE = hovering({})["thrust"].copy()
+
+
+@pytest.mark.parametrize("fraction", [-0.3, -0.1, 0.2])
+def test_thrust_coefficient_error_scales_all_thrusts_and_torques(fraction):
+    v, nominal = hovering({"thrust_coefficient_error": {"fraction": fraction}}), hovering({})
+    assert v["thrust"] == pytest.approx((1.0 + fraction) * nominal["thrust"])
+    assert v["torque"] == pytest.approx((1.0 + fraction) * nominal["torque"])
+    assert not np.abs(v["wrench"][3:]).max() > 1e-12
+
+
+@pytest.mark.parametrize("i, name", enumerate(ROTOR_NAMES))
+def test_a_weak_propeller_is_the_one_that_is_named(i, name):
+    v = hovering({"weak_propeller": {name: 0.25}})
+    share = v["thrust"] / WHOLE
+    expected = np.ones(4)
+    expected[i] = 0.75
+    assert share == pytest.approx(expected)
+    hub = v.params.rotor_positions()[i]
+    lost = 0.25 * WHOLE[i]
+    assert v["wrench"][3:5] == pytest.approx([-hub[1] * lost, hub[0] * lost])
+    assert np.sign(v["wrench"][5]) == SPIN[i]  # the drag that it lacks held the body back
+
+
+def test_scatter_is_one_draw_for_each_rotor_and_flight():
+    draws = np.array([1.0, -0.5, 0.0, 2.0, 9.0, 9.0, 9.0, 9.0])
+    v = Vehicle({"thrust_scatter": {"deviation": 0.1}}, draws=draws, speed=hover_speed())
+    shares = v.fly(0.05, watch=lambda v: v["efficiency"].copy())
+    assert shares == pytest.approx(np.tile([1.1, 0.95, 1.0, 1.2], (50, 1)))
+
+
+def test_scatter_over_many_sets_has_the_deviation_of_the_table():
+    rng = np.random.default_rng(0)
+    shares = []
+    for _ in range(500):
+        v = Vehicle({"thrust_scatter": {"deviation": 0.1}}, draws=rng.standard_normal(8))
+        v.begin()
+        shares.append(v["efficiency"].copy())
+    assert np.std(shares) == pytest.approx(0.1, rel=0.05)
+    assert np.mean(shares) == pytest.approx(1.0, abs=0.01)
+
+
+# --- ground effect --------------------------------------------------------------------------
+
+
+def gain(height, strength=1.0):
+    """Return thrust over thrust far from the floor, with the disc at `height`."""
+    v = hovering({"ground_effect": {"strength": strength}}, height=height - 0.03)
+    return v["thrust"][0] / WHOLE[0]
+
+
+def test_thrust_near_the_floor_is_that_of_cheeseman_and_bennett(vehicle):
+    radius = vehicle.rotor_radius
+    assert gain(radius) == pytest.approx(16.0 / 15.0)
+    assert gain(2.0 * radius) == pytest.approx(64.0 / 63.0)
+
+
+def test_ground_effect_grows_towards_the_floor_and_vanishes_above():
+    gains = [gain(h) for h in (0.06, 0.1, 0.2, 0.5, 1.0, 3.0, 30.0)]
+    assert (np.diff(gains) < 0.0).all()
+    assert 1.0 < gains[-1] < 1.0001
+    assert gains[0] < 1.5
+    assert gain(0.001) == gain(0.05)  # the formula's end is held
+
+
+def test_ground_effect_holds_a_descent_up():
+    ends = []
+    for strength in (0.0, 1.0):
+        v = hovering({"ground_effect": {"strength": strength}}, height=0.3)
+        v.fly(0.5)
+        ends.append(v.position[2])
+    assert ends[1] > ends[0] + 1e-4
+
+
+# --- airframe -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("fraction", [-0.2, 0.1, 0.5])
+def test_mass_error_changes_acceleration_but_not_free_fall(no_air, vehicle, fraction):
+    heavy = {"mass_error": {"fraction": fraction}}
+    v, nominal = hovering(heavy), hovering({})
+    assert v.mass == pytest.approx(vehicle.mass * (1.0 + fraction))
+    specific = [x["wrench"][2] / x.mass for x in (v, nominal)]
+    assert specific[0] * (1.0 + fraction) == pytest.approx(specific[1])
+    falling = Vehicle(heavy, maps=no_air)
+    falling.fly(0.5)
+    assert falling.velocity[2] == pytest.approx(-9.80665 * 0.5)
+
+
+@pytest.mark.parametrize(
+    "offset, axis, sign",
+    [({"x": 0.02}, 1, +1.0), ({"x": -0.02}, 1, -1.0), ({"y": 0.02}, 0, -1.0)],
+    ids=["nose heavy", "tail heavy", "left heavy"],
+)
+def test_the_heavy_side_goes_down(vehicle, offset, axis, sign):
+    """FLU: positive pitch is nose down, negative roll is left side down."""
+    v = hovering({"cog_offset": offset})
+    lever = abs(next(iter(offset.values())))
+    assert v["wrench"][3 + axis] == pytest.approx(sign * lever * WHOLE.sum())
+    v.finish()
+    v.fly(0.1)
+    assert sign * v.rotation.as_rotvec()[axis] > 0.0
+
+
+def test_a_torque_free_body_does_not_feel_its_centre_of_gravity(no_air):
+    v = Vehicle({"cog_offset": {"x": 0.05, "y": 0.02}}, maps=no_air, rates=(1.0, 2.0, 3.0))
+    plain = Vehicle({}, maps=no_air, rates=(1.0, 2.0, 3.0))
+    v.fly(0.3)
+    plain.fly(0.3)
+    assert v["body"] == pytest.approx(plain["body"], abs=1e-12)
+
+
+def test_effects_on_one_rotor_multiply():
+    v = hovering(
+        {"thrust_coefficient_error": {"fraction": -0.1}, "weak_propeller": {"rear_left": 0.5}}
+    )
+    assert v["efficiency"] == pytest.approx([0.9, 0.45, 0.9, 0.9])
+    tilted = Rotation.from_euler("x", 0.3).as_quat()
+    leaning = hovering({"thrust_coefficient_error": {"fraction": -0.1}}, attitude=tilted)
+    assert leaning["thrust"] == pytest.approx(0.9 * WHOLE)

@@ -1,0 +1,118 @@
+"""The paper's experiment in the bare kernel: physics and cascade, truth in place of estimates."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_bringup.propulsion import propulsion_effects, thrust_map_of
+from tombo_bringup.scenario import Scenario
+from tombo_control import mission as plan
+from tombo_control.autopilot import APPROACH, HOVER, REACT, TAKEOFF, A, new_autopilot
+from tombo_dynamics.effects.compose import pack_theta
+from tombo_dynamics.plant import P, new_plant, part
+from tombo_dynamics.rigid_body import begin_flight
+from tombo_dynamics.rotor_maps import rotor_maps
+from tombo_sim.kernel import fly_on_truth
+
+Array = NDArray[np.float64]
+
+Stretch = tuple[plan.Leg, int, int, int]
+"""A leg, its mode, the first tick and the tick after the last."""
+
+TICK_S = 1e-3
+_REACTION_S = 0.04
+"""How long after the contact the set point moves: the detector's usual latency."""
+_LENGTH_S = 36.0
+"""As long as the paper's flight takes until the landing begins."""
+
+
+@dataclass
+class KernelFlight:
+    """One vehicle on its way: the memories of plant and autopilot, and what they fly with."""
+
+    scenario: Scenario
+    plant: Array
+    autopilot: Array
+    maps: Array
+    theta: Array
+    calm: Array
+    """The standard normal numbers of every tick: none, since the bare kernel takes one row."""
+
+    def stretch(self, leg: plan.Leg, mode: int, start: int, stop: int) -> None:
+        """Fly a leg from tick `start` to tick `stop`."""
+        self.autopilot[A.leg : A.leg + 10] = leg.as_array()
+        self.autopilot[A.mode] = mode
+        fly_on_truth(self.plant, self.autopilot, self.maps, self.theta, self.calm, start, stop)
+
+
+def new_flight(scenario: Scenario, seed: int) -> KernelFlight:
+    """Return a vehicle on the ground; the seed draws its thrust scatter and where it stands."""
+    vehicle = scenario.vehicle
+    theta = pack_theta(propulsion_effects(scenario))
+    draws = np.random.default_rng(seed).standard_normal(12)
+    m = new_plant(vehicle)
+    start = [scenario.spread.start * draws[8], scenario.spread.start * draws[9]]
+    part(m, "body")[:3] = [*start, vehicle.leg_height]
+    part(m, "draws")[:] = draws[:8]
+    pole = scenario.obstacle
+    part(m, "obstacle")[:] = [pole.x, pole.y, pole.radius, pole.top]
+    calm = np.zeros(9)
+    begin_flight(m, calm, theta, TICK_S)
+    body = part(m, "body")
+    a = new_autopilot(scenario.control, scenario.estimator, vehicle, body[:3], body[6:10])
+    maps = rotor_maps(thrust_map_of(scenario.propeller), vehicle)
+    return KernelFlight(scenario, m, a, maps, theta, calm)
+
+
+def stretches(flight: KernelFlight, contact_s: float) -> list[Stretch]:
+    """Return the legs of the mission with mode and ticks, from take-off to the hold at x_r.
+
+    Args:
+        flight: a vehicle on the ground.
+        contact_s: when it will meet the obstacle, see `contact_time`.
+    """
+    mission, reaction = flight.scenario.mission, flight.scenario.reaction
+    x, y, z = (float(v) for v in part(flight.plant, "body")[:3])
+    top = (x, y, mission.height)
+    goal = (mission.goal_x, mission.goal_y, mission.height)
+    up = plan.straight((x, y, z), top, mission.climb_speed, mission.takeoff_time)
+    ahead = plan.straight(top, goal, mission.approach_speed, mission.approach_time)
+    switch = min(contact_s + _REACTION_S, _LENGTH_S)
+    x_c, y_c, z_c = ahead.position(min(contact_s, _LENGTH_S))
+    back = plan.stay((x_c - reaction.distance, y_c, z_c), switch)
+    times = [0.0, up.end_s, mission.approach_time, switch, _LENGTH_S]
+    ticks = [round(time / TICK_S) for time in times]
+    legs = [(up, TAKEOFF), (plan.stay(top, up.end_s), HOVER), (ahead, APPROACH), (back, REACT)]
+    return [
+        (leg, mode, ticks[i], ticks[i + 1])
+        for i, (leg, mode) in enumerate(legs)
+        if ticks[i + 1] > ticks[i]
+    ]
+
+
+def contact_time(scenario: Scenario, seed: int) -> float:
+    """Return when the vehicle first touches the obstacle [s]; inf if it never does."""
+    flight = new_flight(scenario, seed)
+    for leg, mode, start, stop in stretches(flight, math.inf):
+        if mode != APPROACH:
+            flight.stretch(leg, mode, start, stop)
+            continue
+        flight.stretch(leg, mode, start, start)
+        for k in range(start, stop):
+            fly_on_truth(
+                flight.plant, flight.autopilot, flight.maps, flight.theta, flight.calm, k, k + 1
+            )
+            if flight.plant[P.contact] > 0.0:
+                return k * TICK_S
+    return math.inf
+
+
+def fly_whole(flight: KernelFlight, legs: list[Stretch]) -> int:
+    """Fly all stretches; return the number of ticks."""
+    for leg, mode, start, stop in legs:
+        flight.stretch(leg, mode, start, stop)
+    return legs[-1][3] - legs[0][2]

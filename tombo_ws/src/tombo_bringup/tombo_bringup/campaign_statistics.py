@@ -1,0 +1,80 @@
+"""Figures of many flights: how many ended how, and how each figure is spread."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+SPREAD_FIGURES = (
+    "detection_latency_s",
+    "max_falling_distance_m",
+    "unstable_phase_s",
+    "recovery_time_s",
+    "settled_error_m",
+    "max_tilt_rad",
+    "hover_rms_m",
+    "approach_rms_m",
+    "collision_time_s",
+    "duration_s",
+)
+"""Figures of a summary whose spread over the flights is given; SI units as the names say."""
+
+Summary = Mapping[str, Any]
+
+
+def spread(values: Sequence[float | None]) -> dict[str, float | int | None]:
+    """Return how the values are spread; flights without the figure (None) are left out.
+
+    Returns:
+        count, mean, std (of the sample; None for less than two), p5, p50, p95 (percentiles,
+        linear between neighbours) and max; None without any value.
+    """
+    found = np.array([value for value in values if value is not None], dtype=np.float64)
+    if not found.size:
+        return {"count": 0, **dict.fromkeys(("mean", "std", "p5", "p50", "p95", "max"))}
+    p5, p50, p95 = (round(float(p), 6) for p in np.percentile(found, (5.0, 50.0, 95.0)))
+    return {
+        "count": int(found.size),
+        "mean": round(float(found.mean()), 6),
+        "std": round(float(found.std(ddof=1)), 6) if found.size > 1 else None,
+        "p5": p5,
+        "p50": p50,
+        "p95": p95,
+        "max": round(float(found.max()), 6),
+    }
+
+
+def aggregate(flights: Sequence[Summary], wall_time_s: float) -> dict[str, Any]:
+    """Return the figures of a campaign.
+
+    Args:
+        flights: the summaries.
+        wall_time_s: from the first start to the last landing, start of the processes included.
+
+    Returns:
+        counts of flights, `false_alarms` in all of them, the spread of each of `SPREAD_FIGURES`,
+        `wall_time_s`, and `real_time_factor`: flight time of all over `wall_time_s`.
+    """
+    flown_s = sum(float(flight["duration_s"]) for flight in flights)
+    crashed = _count(flights, "crashed")
+    return {
+        "flights": len(flights),
+        "collided": _count(flights, "collided"),
+        "detected": _count(flights, "detected"),
+        "crashed": crashed,
+        "not_crashed": len(flights) - crashed,
+        "recovered": sum(
+            not flight["crashed"] and flight["recovery_time_s"] is not None for flight in flights
+        ),
+        "landed": _count(flights, "landed"),
+        "false_alarms": sum(int(flight["false_alarms"]) for flight in flights),
+        **{name: spread([flight[name] for flight in flights]) for name in SPREAD_FIGURES},
+        "wall_time_s": wall_time_s,
+        "real_time_factor": flown_s / wall_time_s if wall_time_s > 0.0 else None,
+    }
+
+
+def _count(flights: Sequence[Summary], key: str) -> int:
+    return sum(bool(flight[key]) for flight in flights)

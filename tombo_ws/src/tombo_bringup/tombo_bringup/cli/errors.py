@@ -1,0 +1,80 @@
+"""The one place where an exception becomes a line on standard error and an exit code."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import typer
+
+from tombo_dynamics.errors import InputError
+
+BAD_INPUT = 2
+"""Exit code of bad input, of output that can't be written and of a wrong command line."""
+INTERRUPTED = 130
+BROKEN_PIPE = 141
+
+_UsageError: type[Exception] = next(
+    kind
+    for kind in reversed(typer.BadParameter.__mro__)
+    if issubclass(kind, Exception) and hasattr(kind, "format_message")
+)
+"""What typer raises for a wrong command line: the class differs between its versions."""
+
+
+def exit_code_of(command: Callable[[], object]) -> int:
+    """Run a command and return its exit code; bad input becomes one line on standard error.
+
+    An exception that is none of these is a bug and passes through with its traceback.
+    """
+    try:
+        result = command()
+        sys.stdout.flush()
+    except typer.Exit as leave:
+        return int(leave.exit_code)
+    except InputError as error:
+        say(str(error))
+    except _UsageError as error:
+        say(_usage(error))
+    except (KeyboardInterrupt, typer.Abort):
+        say("interrupted")
+        return INTERRUPTED
+    except BrokenPipeError:
+        _let_go_of_standard_output()
+        return BROKEN_PIPE
+    except OSError as error:
+        where = f"'{error.filename}': " if error.filename else ""
+        say(f"{where}{error.strerror or error}")
+    else:
+        return result if isinstance(result, int) else 0
+    return BAD_INPUT
+
+
+def _usage(error: Any) -> str:
+    """Return what is wrong with a command line; for an unknown command with those there are."""
+    message = str(error.format_message())
+    context: Any = getattr(error, "ctx", None)
+    group: Any = getattr(context, "command", None)
+    if "No such command" in message and hasattr(group, "list_commands"):
+        message = f"{message.rstrip('.')}; accepted: {', '.join(group.list_commands(context))}"
+    return message
+
+
+def say(message: str) -> None:
+    """Write an error as one line, whatever is in the message."""
+    line = " ".join(message.split())
+    printable = "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
+    try:
+        print(f"Error: {printable}", file=sys.stderr)
+    except OSError:  # nobody is listening
+        return
+
+
+def _let_go_of_standard_output() -> None:
+    """Let what is still to be written go nowhere: whoever read it has left."""
+    try:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except (OSError, ValueError):
+        return

@@ -1,0 +1,240 @@
+"""`tombo fly`: one flight with all its files, or many seeds with one table."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tombo_bringup.cli.whole_number import whole_number
+
+if TYPE_CHECKING:
+    from tombo_bringup.scenario import Scenario
+
+EXIT_CODES = (
+    "Exit code: 0 when the flight was flown, whatever became of the vehicle (a crash is a "
+    "result); 2 for bad input or output that can't be written; 130 after Ctrl-C, 143 after "
+    "SIGTERM, with what was flown so far in the folder."
+)
+_SEED_LIMIT = 2**63
+_MOST_FLIGHTS = 100_000
+
+
+def fly(
+    scenario: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENARIO",
+            help="A name of `tombo scenarios`, or a YAML file.",
+            show_default=True,
+        ),
+    ] = "paper_collision",
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            "--seed",
+            metavar="N",
+            parser=whole_number,
+            help="All chance comes from it. Default: 0.",
+        ),
+    ] = None,
+    seeds: Annotated[
+        str | None,
+        typer.Option(
+            "--seeds",
+            metavar="A:B",
+            help="Fly seeds A to B-1 on all cores; one table, no files of single flights.",
+        ),
+    ] = None,
+    no_reaction: Annotated[
+        bool, typer.Option("--no-reaction", help="Detect collisions, but do nothing.")
+    ] = False,
+    conf: Annotated[
+        int | None,
+        typer.Option(
+            "--conf",
+            metavar="N",
+            parser=whole_number,
+            help="Propeller configuration of the paper's Table I, 0 to 13.",
+        ),
+    ] = None,
+    law: Annotated[
+        str | None,
+        typer.Option(
+            "--law", metavar="L", help="Law of the nodus: published, repaired, consistent."
+        ),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Change a value of the scenario, as in vehicle.mass=1.4 or "
+            "effects.steady_wind.east=2. May be given many times.",
+        ),
+    ] = None,
+    no_record: Annotated[bool, typer.Option("--no-record", help="Write no flight.mcap.")] = False,
+    output: Annotated[
+        str | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="DIR",
+            help="Folder of the results, new or empty. Default: runs/SCENARIO-SEED, replaced.",
+        ),
+    ] = None,
+    force: Annotated[
+        bool,
+        typer.Option(
+            "--force", help="Replace the results in DIR; other files in it are left alone."
+        ),
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the summary as JSON, and nothing else.")
+    ] = False,
+) -> None:
+    """Fly a scenario and write flight.mcap, summary.json, flight.png and report.html.
+
+    With --seeds: summary.json with all summaries and their statistics, and campaign.png.
+    """
+    many = None if seeds is None else parse_seeds(seeds)
+    if many is not None and seed is not None:
+        raise _input_error(f"--seed {seed} and --seeds {seeds}: accepted: one of them")
+    one = 0 if seed is None else check_seed(seed)
+    chosen = _load(scenario, settings or [], no_reaction, conf, law)
+    if many is None:
+        code = _fly_one(chosen, one, output, force, not no_record, as_json)
+    else:
+        code = _fly_many(chosen, many, output, force, as_json)
+    raise typer.Exit(code)
+
+
+def parse_seeds(text: str) -> range:
+    """Return the seeds that `A:B` means: A to B-1.
+
+    Raises:
+        InputError: not of this form, none, or too many.
+    """
+    accepted = f"accepted: A:B with 0 <= A < B, at most {_MOST_FLIGHTS} flights, as in 0:100"
+    found = re.fullmatch(r"([0-9]{1,19}):([0-9]{1,19})", text)
+    if found is None:
+        raise _input_error(f"--seeds {text}: not of the form A:B; {accepted}")
+    first, end = int(found[1]), int(found[2])
+    if first >= end:
+        raise _input_error(f"--seeds {text}: no seed at all; {accepted}")
+    if end - first > _MOST_FLIGHTS or end > _SEED_LIMIT:
+        raise _input_error(f"--seeds {text}: too many; {accepted}")
+    return range(first, end)
+
+
+def check_seed(seed: int) -> int:
+    """Return the seed, or raise InputError."""
+    if not 0 <= seed < _SEED_LIMIT:
+        raise _input_error(
+            f"--seed {seed}: out of bounds; accepted: a whole number from 0 to {_SEED_LIMIT - 1}"
+        )
+    return seed
+
+
+def default_folder(scenario: str, rest: str) -> Path:
+    """Return `runs/<scenario>-<rest>`; a name can't lead out of `runs`."""
+    name = re.sub(r"[^\w.+-]+", "_", scenario).lstrip(".") or "scenario"
+    return Path("runs") / f"{name[:100]}-{rest}"
+
+
+def _input_error(message: str) -> Exception:
+    from tombo_dynamics.errors import InputError
+
+    return InputError(message)
+
+
+def _load(
+    name: str, settings: list[str], no_reaction: bool, conf: int | None, law: str | None
+) -> Scenario:
+    """Read the scenario; options win over --set, as they are more to the point."""
+    from tombo_bringup.scenario import load_scenario
+
+    if conf is not None and not 0 <= conf <= 13:
+        raise _input_error(f"--conf {conf}: unknown configuration; accepted: 0 (rigid) to 13")
+    options = [] if conf is None else [f"propeller.conf={conf}"]
+    options += [] if law is None else [f"propeller.law={law}"]
+    options += ["react=false"] if no_reaction else []
+    return load_scenario(name, [*settings, *options])
+
+
+def _fly_one(
+    scenario: Scenario, seed: int, output: str | None, force: bool, record: bool, as_json: bool
+) -> int:
+    from tombo_bringup.cli.progress import progress_bar
+    from tombo_bringup.flight_output import as_json as to_json
+    from tombo_bringup.flight_output import fly_into, rehearse
+    from tombo_bringup.output_folder import open_output
+    from tombo_bringup.stop_signals import StopSignals
+
+    path = default_folder(scenario.name, str(seed)) if output is None else Path(output)
+    may_replace = force or output is None
+    with progress_bar() as tell:
+        tell("loading", 0.0)
+        rehearse(scenario)
+        with StopSignals() as stop, open_output(path, replace=may_replace) as folder:
+            flight = fly_into(folder, scenario, seed, stop, record=record, tell=tell)
+            names = sorted(p.name for p in folder.staging.iterdir())
+            folder.publish()
+    if as_json:
+        typer.echo(to_json(flight.summary), nl=False)
+    else:
+        from tombo_bringup.cli.flight_tables import print_files, print_flight
+
+        print_flight(flight)
+        if stop.asked() and not flight.summary["interrupted"]:
+            typer.echo("Interrupted after the flight: the pictures are not drawn.")
+        print_files(path, names)
+    return stop.exit_code
+
+
+def _fly_many(
+    scenario: Scenario, seeds: range, output: str | None, force: bool, as_json: bool
+) -> int:
+    from tombo_bringup.campaign import fly_campaign
+    from tombo_bringup.cli.progress import progress_bar
+    from tombo_bringup.flight_output import as_json as to_json
+    from tombo_bringup.flight_output import rehearse
+    from tombo_bringup.output_folder import open_output
+    from tombo_bringup.stop_signals import StopSignals
+
+    default = default_folder(scenario.name, f"{seeds.start}-{seeds.stop}")
+    path = default if output is None else Path(output)
+    may_replace = force or output is None
+    with progress_bar() as tell:
+        tell("loading", 0.0)
+        rehearse(scenario)
+        with StopSignals() as stop, open_output(path, replace=may_replace) as folder:
+            campaign = fly_campaign(
+                scenario,
+                seeds,
+                progress=lambda n: tell(f"{n} of {len(seeds)} flights", n / len(seeds)),
+                stop=stop.asked,
+            )
+            if not campaign["flights"]:  # stopped before the first landing: nothing to keep
+                return stop.exit_code
+            text = to_json(campaign)
+            (folder / "summary.json").write_text(text, encoding="utf-8", newline="\n")
+            names = ["summary.json"]
+            if not stop.asked():
+                tell("drawing campaign.png", 1.0)
+                from tombo_bringup.campaign_figure import draw_campaign
+                from tombo_bringup.report.flight_plot import png_bytes
+
+                (folder / "campaign.png").write_bytes(png_bytes(draw_campaign(campaign)))
+                names.insert(0, "campaign.png")
+            folder.publish()
+    if as_json:
+        typer.echo(text, nl=False)
+    else:
+        from tombo_bringup.cli.flight_tables import print_campaign, print_files
+
+        print_campaign(campaign)
+        print_files(path, names)
+    return stop.exit_code

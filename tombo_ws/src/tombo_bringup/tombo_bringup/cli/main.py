@@ -1,0 +1,78 @@
+"""The `tombo` command. What each subcommand needs is imported when it runs, so help is quick."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from tombo_bringup.cli import propeller_command
+from tombo_bringup.cli.effects_command import effects
+from tombo_bringup.cli.errors import exit_code_of
+from tombo_bringup.cli.fly_command import EXIT_CODES, fly
+from tombo_bringup.cli.scenarios_command import scenarios
+
+app = typer.Typer(
+    name="tombo",
+    help="Fly a quadrotor with Tombo propellers, which fold on impact: the collision experiment "
+    "of the paper, headless.",
+    context_settings={"help_option_names": ["-h", "--help"]},
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+app.command(epilog=EXIT_CODES)(fly)
+app.command()(scenarios)
+app.add_typer(
+    propeller_command.app,
+    name="propeller",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command()(effects)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from tombo_bringup.version import tombo_version
+
+        typer.echo(f"tombo {tombo_version()}")
+        raise typer.Exit()
+
+
+@app.callback(invoke_without_command=True)
+def tombo(
+    ctx: typer.Context,
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version",
+            help="Print the version and leave.",
+            callback=_print_version,
+            is_eager=True,
+        ),
+    ] = False,
+) -> None:
+    """Without a subcommand, say what there is."""
+    if ctx.invoked_subcommand is None:
+        typer.echo(ctx.get_help())
+
+
+def run(arguments: Sequence[str] | None = None) -> None:
+    """Run a command line, that of the process if None, and leave with its exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
+    sys.exit(
+        exit_code_of(
+            lambda: app(
+                args=None if arguments is None else list(arguments),
+                prog_name="tombo",
+                standalone_mode=False,
+            )
+        )
+    )
+
+
+if __name__ == "__main__":
+    run()

@@ -1,0 +1,54 @@
+"""A progress bar on standard error, if that is a terminal; elsewhere nothing."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Protocol
+
+_REFRESH_S = 0.1
+
+
+class Tell(Protocol):
+    """Told what is being done and how far it is."""
+
+    def __call__(self, stage: str, share: float) -> None:
+        """Take a stage and a share from 0 to 1."""
+        ...
+
+
+@contextmanager
+def progress_bar() -> Iterator[Tell]:
+    """Show stage and share while within the context; no thread, so it takes no time from a flight.
+
+    The bar is gone at the end.
+    """
+    if not sys.stderr.isatty():
+        yield lambda stage, share: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    progress = Progress(
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TimeElapsedColumn(),
+        console=Console(stderr=True),
+        transient=True,
+        auto_refresh=False,
+    )
+    task = progress.add_task("", total=1.0)
+    shown, when = "", 0.0
+
+    def tell(stage: str, share: float) -> None:
+        nonlocal shown, when
+        now = time.monotonic()
+        if stage == shown and now - when < _REFRESH_S:
+            return
+        shown, when = stage, now
+        progress.update(task, description=stage, completed=min(share, 1.0), refresh=True)
+
+    with progress:
+        yield tell

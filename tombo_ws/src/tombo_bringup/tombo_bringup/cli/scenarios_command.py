@@ -1,0 +1,25 @@
+"""`tombo scenarios`: what can be flown by name."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated
+
+import typer
+
+
+def scenarios(
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON only.")] = False,
+) -> None:
+    """List the scenarios that come with the suite."""
+    from tombo_bringup.scenario_catalogue import builtin_scenarios
+
+    table = builtin_scenarios()
+    if as_json:
+        listed = [{"name": name, "description": text} for name, text in table.items()]
+        typer.echo(json.dumps(listed, indent=1))
+        return
+    width = max(map(len, table))
+    for name, text in table.items():
+        typer.echo(f"{typer.style(name.ljust(width), bold=True)}  {text}")
+    typer.echo("\nYour own file: tombo fly my_scenario.yaml, with `extends: paper_collision`.")

@@ -1,0 +1,149 @@
+"""A folder of results that appears whole or not at all.
+
+Files are written into a hidden folder on the same file system and moved in place at the end. What
+else lies in the folder is nobody's business and stays.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from tombo_dynamics.errors import InputError
+
+RESULT_FILES = ("flight.mcap", "summary.json", "flight.png", "report.html", "campaign.png")
+"""All names that a flight or a campaign writes: those of an earlier run give way to a new one."""
+
+
+class OutputFolder:
+    """Results on their way into a folder; see `open_output`."""
+
+    def __init__(self, target: Path, shown: Path, *, replace: bool) -> None:
+        self.path = shown
+        """The folder as the user named it."""
+        self._target = target
+        self._replace = replace
+        self._made: list[Path] = []
+        self._inside = target.is_dir()
+        self._refuse_unsuitable()
+        try:
+            self.staging = self._make_staging()
+        except OSError as error:
+            self._remove_made()
+            raise self._unwritable(error) from error
+        self._published = False
+
+    def __truediv__(self, name: str) -> Path:
+        """Return where to write the file `name` for now."""
+        return self.staging / name
+
+    def publish(self) -> None:
+        """Move what was written in place, and what an earlier run left out of the way.
+
+        Raises:
+            InputError: the folder has been filled by somebody else meanwhile.
+            OSError: it can't be written any more.
+        """
+        if not self._inside:
+            try:
+                os.rename(self.staging, self._target)
+                self._published = True
+                return
+            except OSError:
+                if not self._target.is_dir():
+                    raise
+        self._refuse_unsuitable()
+        for name in RESULT_FILES:
+            (self._target / name).unlink(missing_ok=True)
+        for path in self.staging.iterdir():
+            os.replace(path, self._target / path.name)
+        self.staging.rmdir()
+        self._published = True
+
+    def discard(self) -> None:
+        """Take back everything that was made, unless it has been published."""
+        if not self._published:
+            shutil.rmtree(self.staging, ignore_errors=True)
+            self._remove_made()
+
+    def _make_staging(self) -> Path:
+        """Make the hidden folder: inside the target if that is there, else beside it."""
+        if self._inside:
+            staging = self._target / f".tombo-{secrets.token_hex(4)}"
+        else:
+            missing = [p for p in self._target.parents if not p.exists()]
+            for parent in reversed(missing):
+                parent.mkdir(exist_ok=True)
+                self._made.append(parent)
+            staging = self._target.parent / f".{self._target.name}-{secrets.token_hex(4)}"
+        staging.mkdir()
+        return staging
+
+    def _remove_made(self) -> None:
+        for folder in reversed(self._made):
+            try:
+                folder.rmdir()
+            except OSError:
+                return
+
+    def _refuse_unsuitable(self) -> None:
+        if not os.path.lexists(self._target):
+            return
+        if not self._target.is_dir():
+            raise InputError(
+                f"output folder '{self.path}': it is a file; accepted: a folder, new or empty"
+            )
+        try:
+            names = sorted(p.name for p in self._target.iterdir() if not self._is_staging(p))
+        except OSError as error:
+            raise self._unwritable(error) from error
+        if names and not self._replace:
+            some = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
+            raise InputError(
+                f"output folder '{self.path}': it is not empty ({some}); accepted: a new or empty "
+                "folder, or --force to replace the results in it"
+            )
+        for name in RESULT_FILES:
+            path = self._target / name
+            if path.is_dir() and not path.is_symlink():
+                raise InputError(
+                    f"output folder '{self.path}': {name} in it is a folder; accepted: a folder "
+                    "in which that name is free"
+                )
+
+    def _is_staging(self, path: Path) -> bool:
+        return path == getattr(self, "staging", None)
+
+    def _unwritable(self, error: OSError) -> InputError:
+        reason = error.strerror or str(error)
+        return InputError(
+            f"output folder '{self.path}': it can't be written ({reason}); accepted: a folder, "
+            "new or empty, in a place that can be written"
+        )
+
+
+@contextmanager
+def open_output(path: Path, *, replace: bool) -> Iterator[OutputFolder]:
+    """Prepare a folder of results now, so that it is known to be writable.
+
+    Within the context, write files to `folder / name` and end with `folder.publish()`; without
+    that, or after an error, nothing is left.
+
+    Args:
+        path: the folder; its parents are made as needed.
+        replace: whether results of an earlier run may be replaced, and other files be there.
+
+    Raises:
+        InputError: a file, not empty and `replace` is False, or not writable.
+    """
+    if not str(path) or "\0" in str(path):
+        raise InputError(f"output folder '{path}': no name; accepted: a folder, new or empty")
+    folder = OutputFolder(Path(os.path.realpath(path)), path, replace=replace)
+    try:
+        yield folder
+    finally:
+        folder.discard()

@@ -1,0 +1,73 @@
+"""Ctrl-C and SIGTERM as a wish: what is in the air ends, what is flown is kept."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType, TracebackType
+from typing import Any
+
+_WATCHED = (signal.SIGINT, signal.SIGTERM)
+
+
+class Stopped(Exception):
+    """Raised inside `StopSignals.at_once` when a signal comes."""
+
+
+class StopSignals:
+    """Within this context the first signal is remembered; the second one ends the work at once.
+
+    Outside of the main thread, where Python allows no handlers, it watches nothing.
+    """
+
+    def __init__(self) -> None:
+        self.number = 0
+        """The signal that came first; 0: none."""
+        self._raising = False
+        self._before: dict[signal.Signals, Any] = {}
+
+    def asked(self) -> bool:
+        """Return whether a signal has come."""
+        return self.number != 0
+
+    @property
+    def exit_code(self) -> int:
+        """What a shell expects of a process that ended because of the signal; 0 without one."""
+        return 128 + self.number if self.number else 0
+
+    @contextmanager
+    def at_once(self) -> Iterator[None]:
+        """Within this context a signal, also one that has come before, raises `Stopped`."""
+        self._raising = True
+        try:
+            if self.asked():
+                raise Stopped
+            yield
+        finally:
+            self._raising = False
+
+    def _receive(self, number: int, frame: FrameType | None) -> None:
+        if self.number:
+            raise KeyboardInterrupt
+        self.number = number
+        if self._raising:
+            raise Stopped
+
+    def __enter__(self) -> StopSignals:
+        """Watch for signals."""
+        if threading.current_thread() is threading.main_thread():
+            for watched in _WATCHED:
+                self._before[watched] = signal.signal(watched, self._receive)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Leave signals to whoever watched them before."""
+        for watched, handler in self._before.items():
+            signal.signal(watched, handler)

@@ -1,0 +1,64 @@
+"""Compiles and caches once what every command needs, so that the first flight starts at once.
+
+`python -m tombo_bringup.warmup`; the set-up runs it whenever the compiled sources have changed.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+
+def warm_propeller() -> None:
+    """Evaluate every law, of a soft and of the rigid propeller, and make the simulator's maps."""
+    from tombo_bringup.scenario import LAWS
+    from tombo_dynamics.propeller import configuration, evaluate, thrust_map, valid_speed
+
+    for law in LAWS:
+        for conf in (configuration(0), configuration(13)):
+            evaluate(conf, [0.5 * valid_speed(conf, law)], law, outside="mask")
+            thrust_map(conf, law=law)
+
+
+def warm_flight() -> None:
+    """Fly a moment with the whole autopilot, and with the bare kernel."""
+    from tombo_bringup.bench.kernel_flight import new_flight, stretches
+    from tombo_bringup.flight_output import rehearse
+    from tombo_bringup.scenario import load_scenario
+
+    scenario = load_scenario()
+    rehearse(scenario)
+    flight = new_flight(scenario, 0)
+    leg, mode, start, _ = stretches(flight, 1.0)[0]
+    flight.stretch(leg, mode, start, start + 1)
+
+
+def warm_files() -> None:
+    """Write the files of a short flight: message types, fonts, templates."""
+    from tombo_bringup.flight_output import fly_into
+    from tombo_bringup.output_folder import open_output
+    from tombo_bringup.scenario import load_scenario
+    from tombo_bringup.stop_signals import StopSignals
+
+    with TemporaryDirectory() as parent, open_output(Path(parent) / "o", replace=False) as folder:
+        fly_into(folder, load_scenario(settings=["duration=0.2"]), 0, StopSignals())
+
+
+def main() -> None:
+    """Do it all and say how long each part takes."""
+    parts: tuple[tuple[str, Callable[[], None]], ...] = (
+        ("propeller model", warm_propeller),
+        ("flight kernel", warm_flight),
+        ("recording, figure and report", warm_files),
+    )
+    for name, warm in parts:
+        print(f"{name} ... ", end="", flush=True)
+        began = time.perf_counter()
+        warm()
+        print(f"{time.perf_counter() - began:.1f} s", flush=True)
+
+
+if __name__ == "__main__":
+    main()
