@@ -26,9 +26,7 @@ def test_wind_without_drag_does_nothing():
 
 
 def test_wind_carries_a_falling_body_along(no_air):
-    v = Vehicle(
-        DRAG | {"steady_wind": {"east": 4.0, "north": -3.0}}, maps=no_air, position=HIGH
-    )
+    v = Vehicle(DRAG | {"steady_wind": {"east": 4.0, "north": -3.0}}, maps=no_air, position=HIGH)
     v.fly(20.0)
     assert v.velocity[:2] == pytest.approx([4.0, -3.0], abs=0.02)
 
@@ -61,9 +59,7 @@ def test_drag_takes_energy_from_every_motion(seed):
 
 
 def test_terminal_speed_under_linear_drag(no_air):
-    v = Vehicle(
-        {"linear_rotor_drag": {"d_xy": 2.0, "d_z": 1.5}}, maps=no_air, position=HIGH
-    )
+    v = Vehicle({"linear_rotor_drag": {"d_xy": 2.0, "d_z": 1.5}}, maps=no_air, position=HIGH)
     v.fly(15.0)
     assert v.velocity[2] == pytest.approx(-v.mass * GRAVITY / 1.5, rel=1e-4)
     on_edge = Vehicle(

@@ -1,4 +1,4 @@
-"""Every effect in the registry, whichever they are: declared, harmless at null, working, fittable."""
+"""Every effect in the registry: declared, harmless at null, working, fittable."""
 
 import inspect
 import math
@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 from tombo_dynamics.effects import REGISTRY, Param, Stage, check_theta, effect
 from tombo_dynamics.effects.compose import layout, null_theta, pack_theta
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.plant import P, PLANT_SIZES
+from tombo_dynamics.plant import PLANT_SIZES, P
 
 every_effect = pytest.mark.parametrize("name", REGISTRY)
 
@@ -138,7 +138,9 @@ def test_fit_recovers_the_parameters_of_simulated_data(name):
     size = np.array([truth[key] - null[key] for key in free])
 
     def residuals(share):
-        given = truth | {key: null[key] + s * d for key, s, d in zip(free, share, size)}
+        given = truth | {
+            key: null[key] + s * d for key, s, d in zip(free, share, size, strict=True)
+        }
         return ((observe(name, given) - data)[:, seen] / scale[seen]).ravel()
 
     start = np.linspace(0.7, 0.85, len(free))
@@ -201,8 +203,9 @@ def test_a_name_is_registered_once():
     def again(m, noise, size):
         """Do nothing."""
 
+    theta = [Param("size", "1", 0.0, (0.0, 1.0), "size", 0.5)]
     with pytest.raises(ValueError, match="'gusts' is registered twice"):
-        effect("gusts", Stage.AIR, [Param("size", "1", 0.0, (0.0, 1.0), "size", 0.5)], "none")(again)
+        effect("gusts", Stage.AIR, theta, "none")(again)
 
 
 @pytest.mark.parametrize("names", [["other"], ["size", "more"], []])

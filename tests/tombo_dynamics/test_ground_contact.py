@@ -133,5 +133,3 @@ def test_the_floor_is_felt_as_soon_as_the_lowest_leg_is_there(lean):
     v = Vehicle(params=wide, position=(0.0, 0.0, -lowest - 0.001), attitude=tilt.as_quat())
     v.begin()
     assert np.linalg.norm(v["wrench"][:3]) == pytest.approx(0.001 * wide.ground_stiffness)
-
-

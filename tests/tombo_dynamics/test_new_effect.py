@@ -1,4 +1,4 @@
-"""A file dropped beside the others is an effect: composed, checked, flown, with nothing else edited.
+"""A file dropped beside the others is an effect: composed, checked, flown; nothing else is edited.
 
 The copy of the package runs in a process of its own, uncompiled, so that it starts in a second.
 """

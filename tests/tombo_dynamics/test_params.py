@@ -115,8 +115,7 @@ def test_rotors_stand_where_their_names_say():
 def test_neighbours_turn_against_each_other():
     """Then drag torques cancel in hover, and yaw is free of roll and pitch."""
     assert SPIN.sum() == 0.0
-    assert SPIN @ ARM_X == pytest.approx(0.0)
-    assert SPIN @ ARM_Y == pytest.approx(0.0)
+    assert pytest.approx([0.0, 0.0]) == [SPIN @ ARM_X, SPIN @ ARM_Y]
     assert set(SPIN) == {-1.0, 1.0}
     front_right_and_rear_left = SPIN[[0, 1]]
     assert (front_right_and_rear_left == 1.0).all()  # PX4's quad-x: 1 and 2 counter-clockwise

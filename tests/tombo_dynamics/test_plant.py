@@ -3,6 +3,7 @@
 import ast
 import dataclasses
 import inspect
+import itertools
 import math
 import re
 
@@ -20,7 +21,7 @@ def documented_sizes():
     record = next(n for n in tree.body if isinstance(n, ast.ClassDef) and n.name == "_Plant")
     body = record.body
     sizes = {}
-    for field, doc in zip(body, body[1:], strict=False):
+    for field, doc in itertools.pairwise(body):
         if isinstance(field, ast.AnnAssign):
             numbers = re.match(r"(\d+)(?: x (\d+))?:", doc.value.value)
             sizes[field.target.id] = math.prod(int(n) for n in numbers.groups() if n)
@@ -42,9 +43,7 @@ def test_sizes_are_those_of_the_documentation():
 
 
 def test_every_vehicle_parameter_is_at_its_index():
-    values = {
-        f.name: (i + 1) * 1e-3 for i, f in enumerate(dataclasses.fields(VehicleParams))
-    }
+    values = {f.name: (i + 1) * 1e-3 for i, f in enumerate(dataclasses.fields(VehicleParams))}
     memory = new_plant(VehicleParams(**values))
     assert {name: memory[getattr(V, name)] for name in V._fields} == values
 

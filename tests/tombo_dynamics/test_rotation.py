@@ -117,7 +117,7 @@ def test_relative_rotation_leads_to_the_reference_the_short_way(q, reference):
 def test_relative_rotation_is_in_the_frame_of_q():
     yawed = turned(np.array([0.0, 0.0, 0.0, 1.0]), (0.0, 0.0, math.pi / 2))
     then_rolled = turned(yawed, (0.2, 0.0, 0.0))
-    x, y, z, w = relative_rotation(then_rolled, 0, yawed, 0)
+    x, y, z, _ = relative_rotation(then_rolled, 0, yawed, 0)
     assert (x, y, z) == pytest.approx((math.sin(0.1), 0.0, 0.0), abs=1e-15)
 
 

@@ -112,9 +112,7 @@ def test_room_to_climb_is_a_tenth():
 @pytest.mark.parametrize("lowest, highest", [(900.0, 820.0), (650.0, 640.0), (560.0, 820.0)])
 def test_an_idle_speed_that_already_lifts_is_refused(lowest, highest):
     """Idling rotors would carry the vehicle away, or idle faster than at full power."""
-    vehicle = dataclasses.replace(
-        VehicleParams(), rotor_speed_min=lowest, rotor_speed_max=highest
-    )
+    vehicle = dataclasses.replace(VehicleParams(), rotor_speed_min=lowest, rotor_speed_max=highest)
     with pytest.raises(InputError, match=r"rotor_speed_min"):
         rotor_maps(thrust_map(configuration(13)), vehicle)
 

@@ -30,14 +30,14 @@ def scene(seed):
     """Return a vehicle that flies into a pole, scrapes along it and falls to the ground."""
     rng = np.random.default_rng(seed)
     lean = Rotation.from_euler("ZYX", [rng.uniform(-3.0, 3.0), *rng.normal(0.0, 0.1, 2)])
-    flight = rng.normal(0.0, 0.2, 3) + [1.2, 0.0, 0.0]
+    flight = rng.normal((1.2, 0.0, 0.0), 0.2)
     sight = rng.uniform(-3.0, 3.0)
     return {
         "position": np.array([0.3, -0.2, 0.9]),
         "velocity": Rotation.from_euler("z", sight).apply(flight),
         "attitude": lean.as_quat(),
         "rates": rng.normal(0.0, 0.3, 3),
-        "obstacle": np.array([0.3 + 0.65 * math.cos(sight), -0.2 + 0.65 * math.sin(sight), 0.2, 2]),
+        "obstacle": np.array([0.3 + 0.65 * np.cos(sight), -0.2 + 0.65 * np.sin(sight), 0.2, 2.0]),
         "wind": np.array([2.0, 1.0]),
     }
 

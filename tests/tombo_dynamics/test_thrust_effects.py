@@ -96,6 +96,7 @@ def test_mass_error_changes_acceleration_but_not_free_fall(no_air, vehicle, frac
     heavy = {"mass_error": {"fraction": fraction}}
     v, nominal = hovering(heavy), hovering({})
     assert v.mass == pytest.approx(vehicle.mass * (1.0 + fraction))
+    assert (v.inertia == nominal.inertia).all()
     specific = [x["wrench"][2] / x.mass for x in (v, nominal)]
     assert specific[0] * (1.0 + fraction) == pytest.approx(specific[1])
     falling = Vehicle(heavy, maps=no_air)

@@ -28,9 +28,9 @@ class OutputFolder:
         self._target = target
         self._replace = replace
         self._made: list[Path] = []
-        self._inside = target.is_dir()
-        self._refuse_unsuitable()
         try:
+            self._inside = target.is_dir()
+            self._refuse_unsuitable()
             self.staging = self._make_staging()
         except OSError as error:
             self._remove_made()
@@ -97,10 +97,7 @@ class OutputFolder:
             raise InputError(
                 f"output folder '{self.path}': it is a file; accepted: a folder, new or empty"
             )
-        try:
-            names = sorted(p.name for p in self._target.iterdir() if not self._is_staging(p))
-        except OSError as error:
-            raise self._unwritable(error) from error
+        names = sorted(p.name for p in self._target.iterdir() if not self._is_staging(p))
         if names and not self._replace:
             some = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
             raise InputError(
@@ -140,8 +137,6 @@ def open_output(path: Path, *, replace: bool) -> Iterator[OutputFolder]:
     Raises:
         InputError: a file, not empty and `replace` is False, or not writable.
     """
-    if not str(path) or "\0" in str(path):
-        raise InputError(f"output folder '{path}': no name; accepted: a folder, new or empty")
     folder = OutputFolder(Path(os.path.realpath(path)), path, replace=replace)
     try:
         yield folder

@@ -139,9 +139,7 @@ def _read(
     values = _parse(text, f"scenario '{name}'")
     if not isinstance(values, dict):
         found = f"{values!r:.60}"
-        raise InputError(
-            f"scenario '{name}': {found} is no scenario; accepted: keys and values"
-        )
+        raise InputError(f"scenario '{name}': {found} is no scenario; accepted: keys and values")
     base = values.pop("extends", None)
     if base is not None:
         parent, _ = _read(str(base), path.parent if path else folder, (*below, path))

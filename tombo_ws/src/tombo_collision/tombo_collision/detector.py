@@ -122,7 +122,8 @@ class CollisionDetector:
             self._samples = 0
         elif stamp_s >= self._blocked_until and self.statistic < self._p.threshold:
             self._track.append((stamp_s, position))
-            while self._track[0][0] < stamp_s - _TRACK_TIME - 0.5 * step:
+            oldest = stamp_s - _TRACK_TIME - 0.5 * step
+            while len(self._track) > 1 and self._track[0][0] < oldest:
                 self._track.popleft()
         return event
 

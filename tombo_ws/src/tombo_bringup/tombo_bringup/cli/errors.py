@@ -31,7 +31,8 @@ def exit_code_of(command: Callable[[], object]) -> int:
     """
     try:
         result = command()
-        sys.stdout.flush()
+        if sys.stdout is not None:  # None: closed before the start
+            sys.stdout.flush()
     except typer.Exit as leave:
         return int(leave.exit_code)
     except InputError as error:

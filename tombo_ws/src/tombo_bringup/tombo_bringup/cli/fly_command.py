@@ -144,6 +144,12 @@ def default_folder(scenario: str, rest: str) -> Path:
     return Path("runs") / f"{name[:100]}-{rest}"
 
 
+def _folder(output: str | None, default: Path) -> Path:
+    if output is not None and not output.strip():
+        raise _input_error(f"-o '{output}': no name; accepted: a folder, new or empty")
+    return default if output is None else Path(output)
+
+
 def _input_error(message: str) -> Exception:
     from tombo_dynamics.errors import InputError
 
@@ -173,7 +179,7 @@ def _fly_one(
     from tombo_bringup.output_folder import open_output
     from tombo_bringup.stop_signals import StopSignals
 
-    path = default_folder(scenario.name, str(seed)) if output is None else Path(output)
+    path = _folder(output, default_folder(scenario.name, str(seed)))
     may_replace = force or output is None
     with progress_bar() as tell:
         tell("loading", 0.0)
@@ -205,7 +211,7 @@ def _fly_many(
     from tombo_bringup.stop_signals import StopSignals
 
     default = default_folder(scenario.name, f"{seeds.start}-{seeds.stop}")
-    path = default if output is None else Path(output)
+    path = _folder(output, default)
     may_replace = force or output is None
     with progress_bar() as tell:
         tell("loading", 0.0)

@@ -1,0 +1,147 @@
+"""Bad input: one line with the name, the value and what is accepted; exit 2; nothing written."""
+
+from __future__ import annotations
+
+import pytest
+
+
+def refused(tombo, tmp_path, arguments: tuple[str, ...], *words: str) -> None:
+    before = sorted(tmp_path.rglob("*"))
+    result = tombo(*arguments)
+    assert result.code == 2
+    assert result.out == ""
+    assert result.err.startswith("Error: ")
+    assert result.err.count("\n") == 1
+    assert "Traceback" not in result.err
+    for word in words:
+        assert word in result.err, result.err
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("vehicle.mas=1", ("mas", "did you mean 'mass'", "accepted")),
+        ("weather=1", ("weather", "accepted: ", "vehicle")),
+        ("vehicle.mass=-1", ("vehicle.mass", "-1", "accepted", "0.2 to 10 [kg]")),
+        ("vehicle.mass=nan", ("vehicle.mass", "nan", "[kg]")),
+        ("vehicle.mass=.nan", ("vehicle.mass", "nan", "accepted")),
+        ("vehicle.mass=1e400", ("vehicle.mass", "inf", "accepted")),
+        ("vehicle.mass=11", ("vehicle.mass", "11", "accepted")),
+        ("vehicle.mass=heavy", ("vehicle.mass", "heavy", "[kg]")),
+        ("vehicle.mass=", ("vehicle.mass", "None", "[kg]")),
+        ("vehicle.mass", ("vehicle.mass", "key=value")),
+        ("=3", ("=3", "key=value")),
+        ("vehicle=3", ("vehicle", "3", "mapping")),
+        ("vehicle.mass={a: b", ("vehicle.mass", "YAML")),
+        ("duration=2001-13-45", ("duration", "2001-13-45")),
+        ("duration=0", ("duration", "0.1 to 3600")),
+        ("react=perhaps", ("react", "perhaps", "true or false")),
+        ("effects=3", ("effects", "3", "mapping")),
+        ("effects.gusts=3", ("effects.gusts", "3", "mapping")),
+        ("effects.gust.deviation=1", ("gust", "did you mean 'gusts'")),
+        ("effects.gusts.size=1", ("gusts", "size", "accepted: deviation")),
+        ("effects.gusts.deviation=99", ("effects.gusts.deviation", "99", "0 to 5 [m/s]")),
+        ("detector.trigger=luck", ("detector.trigger", "luck", "region")),
+        ("propeller.law=hooke", ("propeller.law", "hooke", "repaired")),
+        ("propeller.conf=14", ("propeller.conf", "14", "0 to 13")),
+        ("propeller.conf=2.5", ("propeller.conf", "2.5", "whole number")),
+    ],
+)
+def test_settings(tombo, tmp_path, setting, words):
+    refused(tombo, tmp_path, ("fly", "--set", setting), *words)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--conf", "14"), ("--conf", "14", "0 (rigid) to 13")),
+        (("--conf", "-1"), ("--conf", "-1")),
+        (("--conf", "soft"), ("--conf", "soft", "whole number")),
+        (("--conf", "1"), ("propeller.conf", "1.82 N", "vehicle.mass")),
+        (("--law", "hooke"), ("law", "hooke", "published")),
+        (("--seed", "-1"), ("--seed", "-1", "from 0")),
+        (("--seed", "1.5"), ("--seed", "1.5", "whole number")),
+        (("--seed", "9" * 30), ("--seed", "9" * 30)),
+        (("--seed", "1", "--seeds", "0:2"), ("--seed 1", "--seeds 0:2")),
+        (("--seeds", "5"), ("--seeds", "5", "A:B")),
+        (("--seeds", "a:b"), ("--seeds", "a:b", "A:B")),
+        (("--seeds", "5:5"), ("--seeds", "5:5", "A < B")),
+        (("--seeds", "7:3"), ("--seeds", "7:3", "A < B")),
+        (("--seeds", "-3:4"), ("--seeds", "-3:4", "0 <= A")),
+        (("--seeds", "0:4:2"), ("--seeds", "0:4:2", "A:B")),
+        (("--seeds", ""), ("--seeds", "A:B")),
+        (("--seeds", "0:1000000"), ("--seeds", "0:1000000", "at most")),
+        (("-o", ""), ("-o", "accepted")),
+        (("--fast",), ("--fast",)),
+        (("a", "b"), ("b",)),
+    ],
+)
+def test_options(tombo, tmp_path, options, words):
+    refused(tombo, tmp_path, ("fly", *options), *words)
+
+
+def test_an_unknown_scenario_is_named_beside_those_there_are(tombo, tmp_path):
+    refused(
+        tombo, tmp_path, ("fly", "papr_collision"),
+        "papr_collision", "did you mean 'paper_collision'", "hover", "aggressive",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("vehicle: {mass: 1.2\neffects:", ("broken.yaml", "YAML", "line")),
+        ("extends: hover\nvehicle: {mass", ("broken.yaml", "YAML")),
+        ("", ("broken.yaml", "None")),
+        ("- a\n- b\n", ("broken.yaml", "['a', 'b']")),
+        ("extends: broken.yaml\n", ("broken.yaml", "extends itself")),
+        ("extends: nowhere\n", ("nowhere",)),
+        ("extends: hover\nvehicle: {mass: .nan}\n", ("vehicle.mass", "nan")),
+        ("extends: hover\nunit: inch\n", ("unit", "accepted")),
+        ("1: 2\n", ("1", "accepted")),
+        ("&a [*a, *a]", ("broken.yaml",)),
+        ("\t", ("broken.yaml",)),
+        ("a: !!python/object/apply:os.system [true]", ("broken.yaml",)),
+    ],
+)
+def test_scenario_files(tombo, tmp_path, text, words):
+    (tmp_path / "broken.yaml").write_text(text)
+    refused(tombo, tmp_path, ("fly", "broken.yaml"), *words)
+
+
+def test_files_that_extend_each_other(tombo, tmp_path):
+    (tmp_path / "a.yaml").write_text("extends: b.yaml\n")
+    (tmp_path / "b.yaml").write_text("extends: a.yaml\n")
+    refused(tombo, tmp_path, ("fly", "a.yaml"), "extends itself")
+
+
+def test_a_folder_a_missing_and_a_binary_file_as_scenario(tombo, tmp_path):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "binary.yaml").write_bytes(bytes(range(256)))
+    refused(tombo, tmp_path, ("fly", "folder"), "folder", "accepted")
+    refused(tombo, tmp_path, ("fly", "missing.yaml"), "missing.yaml", "does not exist")
+    refused(tombo, tmp_path, ("fly", "binary.yaml"), "binary.yaml")
+
+
+def test_a_key_with_an_escape_code_cannot_reach_the_terminal(tombo, tmp_path):
+    refused(tombo, tmp_path, ("fly", "--set", "\x1b[31mred=1"), r"\x1b[31mred")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("propeller", "--conf", "14"), ("14", "accepted", "13")),
+        (("propeller", "--conf", "soft"), ("--conf", "soft")),
+        (("propeller", "--law", "hooke"), ("hooke", "published")),
+        (("propeller", "--rpm", "1:2:3:4"), ("--rpm", "1:2:3:4", "accepted")),
+        (("propeller", "--rpm", "-5"), ("--rpm", "-5", "accepted")),
+        (("propeller", "--rpm", "17000", "--conf", "1"), ("1",)),
+        (("propeller", "-o", "nowhere/plot.png"), ("nowhere/plot.png", "accepted")),
+        (("propeller", "moduly"), ("moduly", "moduli")),
+        (("flie",), ("flie", "fly", "scenarios")),
+        (("--loud",), ("--loud",)),
+    ],
+)
+def test_other_commands(tombo, tmp_path, arguments, words):
+    refused(tombo, tmp_path, arguments, *words)

@@ -1,0 +1,203 @@
+"""The mission: its phases in order, escape and hold, landing."""
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tombo_control.autopilot import (
+    APPROACH,
+    HOLD,
+    HOVER,
+    IDLE,
+    LAND,
+    LANDED,
+    REACT,
+    TAKEOFF,
+)
+from tombo_control.mission import MissionParams, begin, escape, proceed
+
+HOME = np.array([0.1, -0.2, 0.18])
+PLAN = MissionParams()
+STEP = 1.0 / 30.0
+STILL = np.zeros(3)
+
+
+class Flight:
+    """A vehicle that follows the mission's reference exactly, and stops at the floor."""
+
+    def __init__(self, plan=PLAN):
+        self.plan = plan
+        self.state = begin(HOME)
+        self.position = HOME.copy()
+        self.velocity = STILL.copy()
+        self.now = 0.0
+        self.modes = [(0.0, IDLE)]
+
+    def run(self, until, stop=None):
+        while self.now < until and not (stop is not None and stop(self)):
+            self.now += STEP
+            there = np.array(self.state.leg.position(self.now))
+            there[2] = max(there[2], HOME[2])
+            self.velocity = (there - self.position) / STEP
+            self.position = there
+            self.state = proceed(self.state, self.plan, self.now, self.position, self.velocity)
+            if self.state.mode != self.modes[-1][1]:
+                self.modes.append((self.now, self.state.mode))
+        return self
+
+    def order(self):
+        return [mode for _, mode in self.modes]
+
+    def began(self, mode):
+        return next(t for t, m in self.modes if m == mode)
+
+
+def in_mode(mode):
+    return lambda flight: flight.state.mode == mode
+
+
+def collided(plan=PLAN, at=23.0):
+    """A flight that has been told to leave for x_r in its approach."""
+    flight = Flight(plan).run(at)
+    flight.state = escape(flight.state, flight.position - [0.8, 0.0, 0.0], flight.now)
+    flight.modes.append((flight.now, flight.state.mode))
+    return flight
+
+
+def test_phases_without_a_collision():
+    flight = Flight().run(60.0)
+    assert flight.order() == [IDLE, TAKEOFF, HOVER, APPROACH, LAND, LANDED]
+    assert flight.began(TAKEOFF) == pytest.approx(PLAN.takeoff_time, abs=STEP)
+    assert flight.began(APPROACH) == pytest.approx(PLAN.approach_time, abs=STEP)
+    assert flight.began(LAND) == pytest.approx(PLAN.land_time, abs=STEP)
+
+
+def test_phases_with_a_collision():
+    flight = collided().run(60.0)
+    assert flight.order() == [IDLE, TAKEOFF, HOVER, APPROACH, REACT, HOLD, LAND, LANDED]
+    assert flight.began(HOLD) - flight.began(REACT) == pytest.approx(1.0, abs=3 * STEP)
+    assert flight.began(LAND) - flight.began(HOLD) == pytest.approx(PLAN.hold_time, abs=2 * STEP)
+
+
+def test_without_reaction_it_flies_on_to_the_goal():
+    flight = Flight().run(PLAN.land_time - 0.1)
+    assert flight.position == pytest.approx([PLAN.goal_x, PLAN.goal_y, PLAN.height])
+
+
+def test_hovers_above_home_at_the_height_of_the_plan():
+    flight = Flight().run(15.0)
+    assert flight.state.mode == HOVER
+    assert flight.position == pytest.approx([HOME[0], HOME[1], PLAN.height])
+
+
+def test_the_set_point_never_jumps_before_the_escape():
+    flight = Flight()
+    way = [np.array(flight.run(t).state.leg.position(t)) for t in np.arange(0.0, 41.9, STEP)]
+    steps = np.linalg.norm(np.diff(way, axis=0), axis=1)
+    assert steps.max() < 1.05 * STEP * PLAN.approach_speed + 1e-6
+
+
+def test_goes_on_only_when_the_climb_has_come_to_rest():
+    flight = Flight().run(PLAN.takeoff_time + 1.0)
+    late = flight.state.leg.end_s + 1.0
+    top = np.array(flight.state.leg.position(late))
+    low, fast = top - [0.0, 0.0, 0.1], np.array([0.0, 0.0, 0.2])
+    assert proceed(flight.state, PLAN, late, low, STILL).mode == TAKEOFF
+    assert proceed(flight.state, PLAN, late, top, fast).mode == TAKEOFF
+    assert proceed(flight.state, PLAN, late, top, STILL).mode == HOVER
+
+
+def test_lands_at_the_latest_even_if_it_never_settles():
+    flight = collided()
+    away = flight.position + np.array([1.0, 0.0, 0.0])
+    state = flight.state
+    for now in np.arange(flight.now, PLAN.land_time + 1.0, STEP):
+        state = proceed(state, PLAN, now, away, STILL)
+        assert state.mode == (REACT if now < PLAN.land_time else LAND)
+
+
+@pytest.mark.parametrize(
+    ("offset", "velocity"),
+    [((0.11, 0.0, 0.0), (0.0, 0.0, 0.0)), ((0.0, 0.0, 0.0), (0.0, 0.11, 0.0))],
+)
+def test_settled_means_near_and_slow_for_a_whole_second(offset, velocity):
+    state = collided().state
+    there = np.array(state.leg.start)
+    disturbed_at = 23.0 + 0.9
+    for now in np.arange(23.1, 25.5, STEP):
+        bad = abs(now - disturbed_at) < 0.5 * STEP
+        position = there + offset if bad else there
+        state = proceed(state, PLAN, now, position, np.array(velocity) if bad else STILL)
+        settled = now > disturbed_at + 1.0 + 0.5 * STEP
+        assert state.mode == (HOLD if settled else REACT)
+
+
+def test_a_second_collision_moves_x_r_and_settles_anew():
+    flight = collided().run(60.0, in_mode(HOLD))
+    flight.run(flight.now + 1.0)
+    first = flight.state.leg.start
+    second = np.array([0.3, 0.9, 1.9])
+    flight.state = escape(flight.state, second, flight.now)
+    flight.modes.append((flight.now, flight.state.mode))
+    again = flight.now
+    assert flight.state.leg.start == pytest.approx(second) != pytest.approx(first)
+    flight.run(60.0, in_mode(LAND))
+    assert flight.order()[-3:] == [REACT, HOLD, LAND]
+    assert flight.now - again == pytest.approx(1.0 + PLAN.hold_time, abs=4 * STEP)
+
+
+@given(st.integers(0, 2), st.sampled_from([math.nan, math.inf]))
+def test_a_safe_point_that_is_no_number_is_not_flown_to(axis, value):
+    state = Flight().run(22.0).state
+    x_r = np.array([0.9, 0.0, 2.0])
+    x_r[axis] = value
+    assert escape(state, x_r, 22.0) is state
+
+
+def test_landing_goes_straight_down_from_where_it_is():
+    flight = collided().run(60.0, in_mode(LAND))
+    before = flight.position.copy()
+    flight.run(60.0, in_mode(LANDED))
+    assert flight.position[:2] == pytest.approx(before[:2])
+    took = flight.now - flight.began(LAND)
+    assert took == pytest.approx((before[2] - HOME[2]) / PLAN.land_speed, abs=1.5)
+
+
+@pytest.mark.parametrize(
+    ("lag", "speed", "height"), [(0.1, 0.0, 0.18), (0.3, 0.3, 0.18), (0.3, 0.0, 1.0)]
+)
+def test_landed_means_held_up_by_the_floor(lag, speed, height):
+    """Not while it follows the reference, still moves, or is held up far above the floor."""
+    flight = collided().run(60.0, in_mode(LAND))
+    state = flight.state
+    now = next(
+        t for t in itertools.count(flight.now, 0.001) if state.leg.position(t)[2] <= height - lag
+    )
+    at = np.array([*state.leg.position(now)[:2], height])
+    assert proceed(state, PLAN, now, at, np.array([0.0, 0.0, -speed])).mode == LAND
+    on_the_floor = np.array([at[0], at[1], 0.18])
+    low = next(t for t in itertools.count(flight.now, 0.001) if state.leg.position(t)[2] <= -0.12)
+    landed = proceed(state, PLAN, low, on_the_floor, STILL)
+    assert landed.mode == LANDED
+    assert proceed(landed, PLAN, low + 10.0, on_the_floor, STILL).mode == LANDED
+
+
+def test_steps_go_round_a_square_with_changes_of_height():
+    plan = replace(PLAN, step_size=1.5, step_period=2.5, approach_time=10.0, land_time=35.0)
+    flight = Flight(plan)
+    corners = []
+    for t in np.arange(10.5, 34.0, plan.step_period):
+        flight.run(t)
+        corners.append(flight.position - [*HOME[:2], plan.height])
+    assert flight.state.mode == APPROACH
+    assert len(corners) == 10
+    assert np.allclose(corners[0], [1.5, 0.0, 0.0])
+    assert np.allclose(corners[4], corners[0])
+    jumps = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+    assert (jumps >= 1.5).all()
+    assert np.ptp(np.array(corners)[:, 2]) > 0.5

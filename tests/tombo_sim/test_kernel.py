@@ -1,0 +1,183 @@
+"""The fused kernel: what it flies, what it writes down, the same every time."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from kernel_flight import IN_THE_WAY, NOISE, NOISY, TICK, fly_kernel, maps, memories
+from scipy.spatial.transform import Rotation
+
+from tombo_dynamics.vehicle import GRAVITY, VehicleParams
+from tombo_sim.kernel import fly_on_truth
+
+TRUTH = ("position", "velocity", "attitude", "rates", "rotor_speed")
+
+
+def same(one, other):
+    assert (one.log == other.log).all()
+    assert (one.mocap == other.mocap).all()
+    assert (one.m == other.m).all()
+    assert (one.a == other.a).all()
+    assert one.delivered == other.delivered
+
+
+# --- determinism ----------------------------------------------------------------------------
+
+
+def test_same_seed_same_flight_to_the_last_bit():
+    same(
+        fly_kernel(NOISY, seconds=2.0, seed=3, **IN_THE_WAY),
+        fly_kernel(NOISY, seconds=2.0, seed=3, **IN_THE_WAY),
+    )
+
+
+def test_another_seed_is_another_flight():
+    one, other = fly_kernel(NOISY, seed=3), fly_kernel(NOISY, seed=4)
+    assert np.abs(one["position"] - other["position"]).max() > 1e-4
+
+
+@pytest.mark.parametrize("chunk, block", [(1, 10**9), (7, 10**9), (10**9, 100), (33, 64)])
+def test_a_flight_in_pieces_is_the_flight_in_one(chunk, block):
+    whole = fly_kernel(NOISY, seconds=1.0, seed=5, **IN_THE_WAY)
+    same(whole, fly_kernel(NOISY, seconds=1.0, seed=5, chunk=chunk, block=block, **IN_THE_WAY))
+
+
+def test_a_longer_flight_begins_like_the_shorter_one():
+    rng = np.random.default_rng(0)
+    noise = rng.standard_normal((1000, NOISE)), rng.standard_normal((40, NOISE))
+    short = fly_kernel(NOISY, seconds=0.5, tick_noise=noise[0], mocap_noise=noise[1])
+    long = fly_kernel(NOISY, seconds=1.0, tick_noise=noise[0], mocap_noise=noise[1])
+    assert (long.log[:500] == short.log).all()
+
+
+# --- noise ----------------------------------------------------------------------------------
+
+STREAMS = {
+    "gusts": ("tick", [0, 1, 2], "wind"),
+    "gyro": ("tick", [3, 4, 5], "gyro"),
+    "accel": ("tick", [6, 7, 8], "accel"),
+}
+
+
+@pytest.mark.parametrize("name", STREAMS)
+def test_each_noise_has_its_own_columns(name):
+    """Other numbers in its columns change that quantity in the first tick, and no other one."""
+    _, columns, quantity = STREAMS[name]
+    noise = np.random.default_rng(1).standard_normal((1, NOISE))
+    other = noise.copy()
+    other[:, columns] += 1.0
+    effects = {"gusts": {"deviation": 0.5}, "imu_noise": {"gyro": 0.01, "accel": 0.3}}
+    one = fly_kernel(effects, seconds=TICK, tick_noise=noise)
+    two = fly_kernel(effects, seconds=TICK, tick_noise=other)
+    for compared in ("wind", "gyro", "accel"):
+        changed = (one[compared] != two[compared]).any()
+        assert changed == (compared == quantity)
+
+
+def test_switching_a_noise_on_leaves_the_others_as_they_were():
+    gusts = {"gusts": {"deviation": 0.5}}
+    alone = fly_kernel(gusts, seed=6)
+    more = fly_kernel(gusts | {"imu_noise": {"gyro": 0.05, "accel": 1.0}}, seed=6)
+    assert (alone["wind"] == more["wind"]).all()
+    assert not (alone["gyro"] == more["gyro"]).all()
+
+
+def test_noises_are_independent_of_each_other():
+    f = fly_kernel(
+        {"gusts": {"deviation": 1.0, "time": 0.05}, "imu_noise": {"gyro": 0.1, "accel": 5.0}},
+        seconds=4.0, seed=7,
+    )  # fmt: skip
+    noises = np.hstack([np.diff(f["wind"], axis=0), (f["gyro"] - f["rates"])[1:]])
+    between = np.corrcoef(noises.T)[np.triu_indices(6, 1)]
+    assert np.abs(between).max() < 0.07
+
+
+# --- physics in the log ---------------------------------------------------------------------
+
+
+def test_the_log_obeys_newton():
+    """The accelerometer's specific force, turned into map, with gravity gives the acceleration."""
+    f = fly_kernel({"linear_rotor_drag": {"d_xy": 0.3}, "steady_wind": {"east": 3.0}})
+    force = Rotation.from_quat(f["attitude"]).apply(f["accel"])
+    expected = np.add(force, (0.0, 0.0, -GRAVITY))
+    measured = np.diff(f["velocity"], axis=0) / TICK
+    middle = 0.5 * (expected[1:] + expected[:-1])
+    assert measured == pytest.approx(middle, abs=2e-3)
+    assert np.abs(measured).max() > 0.1
+    way = np.diff(f["position"], axis=0) / TICK
+    assert way == pytest.approx(0.5 * (f["velocity"][1:] + f["velocity"][:-1]), abs=1e-4)
+
+
+def test_sensors_without_errors_read_the_truth():
+    f = fly_kernel()
+    assert (f["gyro"] == f["rates"]).all()
+    assert f["accel"][:, 2] == pytest.approx(
+        f["rotor_thrust"].sum(axis=1) / VehicleParams().mass, rel=1e-12
+    )
+
+
+def test_the_vehicle_goes_where_it_is_told():
+    f = fly_kernel(seconds=8.0)
+    assert f["position"][-1] == pytest.approx([0.5, 0.1, 1.4], abs=0.02)
+    assert f["est_position"][-1] == pytest.approx(f["position"][-1], abs=2e-3)
+
+
+def test_the_force_of_a_contact_is_in_the_log_while_it_lasts():
+    effects = {
+        name: NOISY[name] for name in ("blade_strike", "contact_force", "linear_rotor_drag")
+    }
+    f = fly_kernel(effects, seconds=3.0, **IN_THE_WAY)
+    touching = f["contact"][:, 0] > 0.0
+    force = np.linalg.norm(f["contact_force"], axis=1)
+    assert touching.any() and not touching.all()
+    assert not force[~touching].any()
+    first = np.argmax(touching)
+    assert force[first] > 1.0
+    place = f["contact"][first, 2:5]
+    assert np.linalg.norm(place[:2] - [0.6, 0.3]) == pytest.approx(0.1, abs=0.01)
+    # what pushes is what moves: momentum over the first strike, in the horizontal plane
+    strike = slice(first, first + 14)
+    impulse = TICK * f["contact_force"][strike].sum(axis=0)
+    gained = VehicleParams().mass * (f["velocity"][first + 14] - f["velocity"][first])
+    assert np.linalg.norm(impulse) > 0.3
+    assert gained[:2] == pytest.approx(impulse[:2], abs=0.1)
+
+
+# --- bare loop and batches ------------------------------------------------------------------
+
+
+def hop(seed):
+    m, a, theta = memories({"linear_rotor_drag": {"d_xy": 0.3}}, yaw=0.1 * seed)
+    fly_on_truth(m, a, maps(), theta, np.zeros(NOISE), 0, 4000)
+    return m, a
+
+
+def test_flying_on_the_truth_reaches_the_set_point():
+    m, _ = hop(1)
+    assert m[:3] == pytest.approx([0.5, 0.1, 1.4], abs=0.1)
+    assert np.abs(m[3:6]).max() < 0.2
+
+
+def test_the_bare_loop_in_pieces_is_the_loop_in_one():
+    whole, _ = hop(2)
+    m, a, theta = memories({"linear_rotor_drag": {"d_xy": 0.3}}, yaw=0.2)
+    for start in range(0, 4000, 500):
+        fly_on_truth(m, a, maps(), theta, np.zeros(NOISE), start, start + 500)
+    assert (m == whole).all()
+
+
+def test_vehicles_on_threads_fly_as_they_do_alone():
+    alone = [hop(seed) for seed in range(8)]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(hop, range(8)))
+    for (m, a), (n, b) in zip(alone, together, strict=True):
+        assert (m == n).all()
+        assert (a == b).all()
+
+
+def test_whole_flights_on_threads_are_the_same():
+    alone = [fly_kernel(NOISY, seed=seed) for seed in range(4)]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(lambda seed: fly_kernel(NOISY, seed=seed), range(4)))
+    for one, other in zip(alone, together, strict=True):
+        same(one, other)

@@ -1,0 +1,110 @@
+"""Motion capture in the kernel: captured in one tick, delivered in a later one."""
+
+import numpy as np
+import pytest
+from kernel_flight import IN_THE_WAY, NOISE, NOISY, RATE, TICK, capture_ticks, fly_kernel
+
+from tombo_dynamics.plant import P
+from tombo_sim.kernel import ARRIVES, CAPTURED, DELIVERED, POSE
+
+RAGGED = {"mocap_latency": {"delay": 0.05, "jitter": 0.03}}
+"""Jitter as long as the period: samples overtake each other."""
+
+
+def delivered_rows(flight):
+    ticks, rows = np.array(flight.delivered).T
+    return ticks, rows
+
+
+def test_samples_are_captured_at_the_rate_of_the_motion_capture():
+    f = fly_kernel(seconds=1.0)
+    assert f.mocap[:30, CAPTURED] == pytest.approx(np.arange(30) / RATE / TICK, abs=0.5)
+
+
+def test_without_latency_a_sample_is_known_in_the_tick_of_its_capture():
+    f = fly_kernel(seconds=1.0)
+    ticks, rows = delivered_rows(f)
+    assert (rows == np.arange(30)).all()
+    assert (ticks == capture_ticks(1.0)[:-1]).all()
+
+
+@pytest.mark.parametrize("delay", [0.001, 0.010, 0.0333, 0.110])
+def test_a_sample_arrives_later_by_the_latency_and_keeps_its_stamp(delay):
+    late = {"mocap_latency": {"delay": delay}}
+    f = fly_kernel(late, seconds=1.0, mocap_noise=np.zeros((31, NOISE)))
+    ticks, rows = delivered_rows(f)
+    captured = f.mocap[rows, CAPTURED]
+    assert (captured == capture_ticks(1.0)[rows]).all()
+    assert (ticks - captured == round(delay / TICK)).all()
+    assert (f.mocap[rows, ARRIVES] == ticks).all()
+    assert (f.mocap[rows, DELIVERED] == 1.0).all()
+    pending = f.mocap[rows.max() + 1 : 30, DELIVERED]
+    assert not pending.any()
+
+
+def test_a_sample_is_the_true_pose_at_its_capture():
+    f = fly_kernel({"mocap_latency": {"delay": 0.02}}, seconds=1.0)
+    at = f.mocap[:30, CAPTURED].astype(int)
+    assert (f.mocap[:30, POSE : POSE + 3] == f["position"][at]).all()
+    assert (f.mocap[:30, POSE + 3 : POSE + 7] == f["attitude"][at]).all()
+
+
+def test_every_sample_is_delivered_once_whatever_overtakes():
+    f = fly_kernel(RAGGED, seconds=3.0, seed=1)
+    ticks, rows = delivered_rows(f)
+    captured = f.mocap[rows, CAPTURED]
+    assert len(set(rows)) == len(rows)
+    assert (np.diff(ticks) > 0).all()
+    assert (ticks >= captured).all()
+    assert (np.diff(captured) < 0.0).any()  # some did overtake
+    assert len(rows) >= 85
+
+
+def test_two_samples_due_at_once_come_one_tick_after_the_other():
+    noise = np.zeros((31, NOISE))
+    noise[0, 6] = 1.0  # the first sample takes 34 ms longer: as long as the second
+    late = {"mocap_latency": {"delay": 0.01, "jitter": 0.033}}
+    f = fly_kernel(late, seconds=0.2, mocap_noise=noise)
+    assert f.delivered[:2] == [(43, 0), (44, 1)]
+
+
+def test_a_dropped_sample_never_arrives():
+    f = fly_kernel({"mocap_dropouts": {"probability": 0.2, "duration": 0.1}}, seconds=5.0, seed=2)
+    _, rows = delivered_rows(f)
+    missing = sorted(set(range(150)) - set(rows))
+    assert 20 < len(missing) < 130
+    assert (f.mocap[missing, ARRIVES] == -1.0).all()
+    assert not f.mocap[missing, DELIVERED].any()
+    assert (np.diff(missing) == 1).any()  # gaps, not single samples only
+
+
+def test_a_gap_lasts_as_long_as_it_was_drawn():
+    noise = np.zeros((61, NOISE))
+    noise[:, 7] = -9.0  # no chance
+    noise[5, 7] = 9.0  # but here
+    noise[5, 8] = 0.0  # a gap of duration * ln 2
+    f = fly_kernel(
+        {"mocap_dropouts": {"probability": 0.5, "duration": 0.3}}, seconds=2.0, mocap_noise=noise
+    )
+    _, rows = delivered_rows(f)
+    missing = sorted(set(range(60)) - set(rows))
+    count = int(np.ceil(0.3 * np.log(2.0) * RATE))
+    assert missing == list(range(5, 5 + count))
+
+
+def test_the_estimate_does_not_lag_behind_late_poses():
+    """The stamp is used: half as late is not half as wrong."""
+    errors = []
+    for delay in (0.0, 0.1):
+        f = fly_kernel(
+            {"mocap_latency": {"delay": delay}}, seconds=4.0, mocap_noise=np.zeros((121, NOISE))
+        )
+        errors.append(np.abs(f["est_position"] - f["position"]).max())
+    assert errors[1] < 0.01
+
+
+def test_gap_state_carries_over_between_calls():
+    whole = fly_kernel(NOISY, seconds=2.0, seed=9, **IN_THE_WAY)
+    pieces = fly_kernel(NOISY, seconds=2.0, seed=9, chunk=5, **IN_THE_WAY)
+    assert whole.delivered == pieces.delivered
+    assert whole.m[P.mocap + 9] == pieces.m[P.mocap + 9]
