@@ -24,25 +24,23 @@ def effects(
     if as_json:
         typer.echo(json.dumps([_as_object(effect) for effect in REGISTRY.values()], indent=1))
         return
+    from rich.box import SIMPLE_HEAD
     from rich.console import Console
-    from rich.markup import escape
     from rich.table import Table
+    from rich.text import Text
 
-    table = Table(title="Effects", show_lines=False)
-    for heading in ("effect", "parameter", "unit"):
-        table.add_column(heading, no_wrap=True)
-    for heading in ("null", "bounds"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for heading in ("effect", "unit", "null", "bounds"):
+        right = heading in ("null", "bounds")
+        table.add_column(heading, justify="right" if right else "left", no_wrap=True)
     table.add_column("meaning", ratio=1)
     for effect in REGISTRY.values():
-        table.add_section()
-        name = f"[bold]{effect.name}[/bold]"
+        first, _, _ = effect.doc.partition("\n")
+        table.add_row(Text(effect.name, "bold"), "", "", "", Text(first, "bold"))
         for p in effect.theta:
             low, high = p.bounds
-            table.add_row(
-                name, p.name, p.unit, f"{p.null:g}", f"{low:g} to {high:g}", escape(p.doc)
-            )
-            name = ""
+            bounds = f"{low:g} to {high:g}"
+            table.add_row(Text(f"  {p.name}"), Text(p.unit), f"{p.null:g}", bounds, Text(p.doc))
     Console().print(table)
 
 
