@@ -1,14 +1,18 @@
 """The figures of a flight, on flights made by hand whose figures are known."""
 
 import math
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tombo_bringup.flight import fly_scenario
 from tombo_bringup.flight_metrics import Verdict, first_lasting, lowest_point, summarize
+from tombo_bringup.flight_output import flight_summary
 from tombo_bringup.scenario import Scenario, load_scenario
 from tombo_collision.detector import CollisionEvent
 from tombo_collision.reaction import ReactionState
@@ -85,7 +89,7 @@ class Made:
 
     def reacted(self, x_r=X_R):
         self.reactions.append(
-            ReactionState("reacting", x_r - [-0.8, 0.0, 0.0], np.array([-1.0, 0.0, 0.0]), x_r)
+            ReactionState("reacting", x_r - [-0.8, 0.0, 0.0], np.array([-1.0, -0.0, -0.0]), x_r)
         )
         return self
 
@@ -404,3 +408,16 @@ def test_lowest_point_is_a_leg_level_and_a_motor_on_the_side():
     low = lowest_point(vehicle, np.array([[0.0, 0.0, 1.0]] * 2), attitude)
     assert low[0] == pytest.approx(1.0 - vehicle.leg_height)
     assert low[1] == pytest.approx(1.0 - vehicle.arm_length / math.sqrt(2.0))
+
+
+def test_the_docs_define_every_key_of_the_summary():
+    text = (Path(__file__).parents[2] / "docs" / "figures.md").read_text()
+    cells = [line.split("|")[1] for line in text.splitlines() if line.startswith("| `")]
+    defined = re.findall(r"`(\w+)`", " ".join(cells))
+    record = fly_scenario(replace(EMPTY, duration=0.2), 0)
+    assert sorted(defined) == sorted(flight_summary(record))
+
+
+def test_no_figure_is_minus_zero():
+    figures = collision().figures()
+    assert "-0.0" not in str(figures["n_r"])

@@ -104,6 +104,16 @@ def test_contact_pushes_away_and_rubs_against_the_motion(seed):
     assert np.linalg.norm(np.cross(rub, sliding)) < 1e-9 * (1.0 + normal)
 
 
+def test_a_frame_that_leaves_is_not_held_back(no_air):
+    """Barely in and fast out: the damper would pull, the contact does not."""
+    v = against(no_air, x=TOUCH + 0.002, velocity=(-2.0, 0.0, 0.0))
+    v.begin()
+    assert not v["wrench"].any()
+    v.velocity[0] = 0.0
+    v.begin()
+    assert np.linalg.norm(v["wrench"][:3]) == pytest.approx(0.002 * 6000.0)
+
+
 def test_friction_takes_the_share_of_coulomb_from_a_fast_slide(no_air):
     v = against(no_air, x=TOUCH + 0.005, velocity=(0.0, 2.0, 0.0))
     v.begin()

@@ -28,7 +28,7 @@ def test_without_latency_a_sample_is_known_in_the_tick_of_its_capture():
     assert (ticks == capture_ticks(1.0)[:-1]).all()
 
 
-@pytest.mark.parametrize("delay", [0.001, 0.010, 0.0333, 0.110])
+@pytest.mark.parametrize("delay", [0.001, 0.010, 0.0336, 0.110])
 def test_a_sample_arrives_later_by_the_latency_and_keeps_its_stamp(delay):
     late = {"mocap_latency": {"delay": delay}}
     f = fly_kernel(late, seconds=1.0, mocap_noise=np.zeros((31, NOISE)))

@@ -74,7 +74,7 @@ def test_a_stopped_campaign_keeps_the_flights_up_to_the_first_one_missing():
 def test_a_failure_in_a_process_is_not_swallowed(monkeypatch):
     scenario = load_scenario("hover", ["propeller.conf=1"])  # cannot lift: the rehearsal's to find
 
-    with pytest.raises(ValueError, match=r"propeller\.conf"):
+    with pytest.raises(ValueError, match=r"seed \d: propeller\.conf"):
         fly_campaign(scenario, range(3), workers=1)
 
 

@@ -16,6 +16,7 @@ from tombo_bringup.flight import Workspace, fly_scenario
 from tombo_bringup.flight_output import flight_summary
 from tombo_bringup.scenario import Scenario
 from tombo_bringup.version import tombo_version
+from tombo_dynamics.errors import InputError
 
 _WAITING = 4
 """Flights handed out to each process in advance."""
@@ -49,6 +50,9 @@ def fly_campaign(
     Returns:
         scenario, conf, law, reaction, first_seed, last_seed, tombo_version, interrupted,
         `flights` (summaries, see `flight_output`) and `aggregate` (see `campaign_statistics`).
+
+    Raises:
+        InputError: as `fly_scenario`, with the seed; all processes are ended.
     """
     began = time.perf_counter()
     count = min(workers or len(os.sched_getaffinity(0)), len(seeds))
@@ -131,4 +135,7 @@ def _end_with_parent() -> None:
 
 
 def _fly(seed: int) -> tuple[int, dict[str, Any]]:
-    return seed, flight_summary(fly_scenario(_scenario, seed, _workspace))
+    try:
+        return seed, flight_summary(fly_scenario(_scenario, seed, _workspace))
+    except InputError as error:
+        raise InputError(f"seed {seed}: {error}") from error

@@ -23,7 +23,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tombo_bringup.flight import Workspace, fly_scenario
+from tombo_bringup.flight import TICK_S, Workspace, fly_scenario
 from tombo_bringup.report import style
 from tombo_bringup.scenario import Scenario, load_scenario
 
@@ -66,7 +66,7 @@ class Watch:
     stamp: Array
     """(M,) capture times of the samples [s]."""
     arrival: Array
-    """(M,) when they were known [s]."""
+    """(M,) when the detector had seen them, a tick after they came [s]."""
     statistic: Array
     """(M,) normalised innovation squared; 0 where the detector was not armed."""
     contact: float
@@ -123,7 +123,7 @@ def watch_flights(
         watches.append(
             Watch(
                 stamp=record.mocap_t.copy(),
-                arrival=record.mocap_arrival.copy(),
+                arrival=record.mocap_arrival + TICK_S,
                 statistic=np.where(armed, record.detector_statistic, 0.0),
                 contact=math.inf if contact is None else float(contact),
             )

@@ -79,7 +79,9 @@ def _rms(values: Array) -> float | None:
 
 
 def _number(value: float | None, digits: int = 6) -> float | None:
-    return None if value is None or not math.isfinite(value) else round(float(value), digits)
+    if value is None or not math.isfinite(value):
+        return None
+    return round(float(value), digits) + 0.0  # no minus before a zero
 
 
 def summarize(flight: Verdict) -> tuple[dict[str, Any], list[dict[str, Any]]]:

@@ -76,7 +76,11 @@ def print_campaign(campaign: Mapping[str, Any]) -> None:
     if not campaign["reaction"]:
         what += ", without the reaction"
     seeds = f"seeds {campaign['first_seed']} to {campaign['last_seed']}"
-    table = Table(box=SIMPLE_HEAD, title=Text(f"{campaign['scenario']}, {seeds} ({what})"))
+    table = Table(
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+        title=Text(f"{campaign['scenario']}, {seeds} ({what})"),
+    )
     table.add_column("")
     for heading in ("paper", "mean", "std", "5 %", "median", "95 %", "max", "of"):
         table.add_column(heading, justify="right")

@@ -217,6 +217,7 @@ def _fly_many(
         tell("loading", 0.0)
         rehearse(scenario)
         with StopSignals() as stop, open_output(path, replace=may_replace) as folder:
+            tell(f"0 of {len(seeds)} flights", 0.0)
             campaign = fly_campaign(
                 scenario,
                 seeds,
