@@ -1,4 +1,4 @@
-"""Fixtures of the model's tests; makes its helpers importable: test folders are no packages."""
+"""Fixtures of the model's tests; makes its modules importable: test folders are no packages."""
 
 import sys
 from pathlib import Path

@@ -132,5 +132,8 @@ def test_its_parameters_are_checked(with_rope):
     assert "unknown parameter of effect 'rope' in effects 'strength'" in name
 
 
-def test_machine_code_of_other_sources_is_not_reused(without, with_rope):
-    assert with_rope["cache"] != without["cache"]
+def test_machine_code_of_other_sources_is_not_reused(run, without, with_rope):
+    """Neither of a file that was not there, nor of one that read otherwise."""
+    edited = run(ROPE.replace("stiffness * max", "1.0 * stiffness * max"))
+    assert len({without["cache"], with_rope["cache"], edited["cache"]}) == 3
+    assert run(ROPE)["cache"] == with_rope["cache"]

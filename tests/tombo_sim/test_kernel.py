@@ -7,6 +7,7 @@ import pytest
 from kernel_flight import IN_THE_WAY, NOISE, NOISY, TICK, fly_kernel, maps, memories
 from scipy.spatial.transform import Rotation
 
+from tombo_dynamics.plant import part
 from tombo_dynamics.vehicle import GRAVITY, VehicleParams
 from tombo_sim.kernel import fly_on_truth
 
@@ -106,6 +107,19 @@ def test_the_log_obeys_newton():
     assert np.abs(measured).max() > 0.1
     way = np.diff(f["position"], axis=0) / TICK
     assert way == pytest.approx(0.5 * (f["velocity"][1:] + f["velocity"][:-1]), abs=1e-4)
+
+
+def test_what_a_tick_leaves_in_memory_is_in_its_row():
+    f = fly_kernel(NOISY | {"steady_wind": {"east": 2.0}}, seconds=3.0, seed=8, **IN_THE_WAY)
+    parts = {
+        "rotor_thrust": "thrust", "fold": "fold", "damage": "damage", "wind": "wind",
+        "battery": "supply", "rotor_command": "command",
+    }  # fmt: skip
+    for quantity, name in parts.items():
+        assert (f[quantity][-1] == part(f.m, name)).all()
+    assert (np.hstack([f["gyro"], f["accel"]])[-1] == part(f.m, "imu")).all()
+    assert f["damage"][-1].any() and f["wind"][-1].all() and f["battery"][-1].all()
+    assert (np.diff(f["battery"][:, 0]) > 0.0).all()  # charge is used up
 
 
 def test_sensors_without_errors_read_the_truth():
