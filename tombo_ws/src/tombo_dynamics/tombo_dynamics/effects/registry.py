@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from typing import Any, TypeVar
 
@@ -65,7 +65,6 @@ class Effect:
     separates_from: Mapping[str, str]
     function: Callable[..., None]
     module: str
-    hidden: frozenset[str] = field(default_factory=frozenset)
 
 
 REGISTRY: dict[str, Effect] = {}

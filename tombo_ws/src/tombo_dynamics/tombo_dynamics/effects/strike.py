@@ -11,7 +11,7 @@ from tombo_dynamics.plant import Array, P, V
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, SPIN
 
 _FULL_STRIKE = 6.9
-"""J: kinetic energy of a rotor in hover, 0.5 * 6.0e-5 kg m^2 * (480 rad/s)^2."""
+"""J: 0.5 * 6.0e-5 kg m^2 * (480 rad/s)^2, a rotor near hover (1.3 kg hovers at 512 rad/s)."""
 _TURNING = 20.0
 """rad/s: below this a blade rests against the obstacle and is not struck."""
 _REACH = 0.9
