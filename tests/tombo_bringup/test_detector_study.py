@@ -73,6 +73,10 @@ def test_the_figure_is_drawn_from_any_outcomes():
 def test_the_study_sees_what_the_detector_does():
     """Flown with the triggers off and judged afterwards, or flown with them on: the same."""
     seeds = range(200, 206)
+    for watch in watch_flights(PAPER, seeds[:2], MEMORY):
+        assert (watch.statistic[watch.stamp < 2.0] == 0.0).all()  # not armed yet
+        hovering = (watch.stamp > 6.0) & (watch.stamp < 20.0)
+        assert watch.statistic[hovering].min() > 0.0
     for threshold in (20.0, CHOSEN, 150.0):
         scenario = replace(PAPER, detector=replace(PAPER.detector, threshold=threshold))
         studied = judge(watch_flights(PAPER, seeds, MEMORY), threshold, HOLDOFF).latency

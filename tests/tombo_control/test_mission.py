@@ -151,6 +151,15 @@ def test_a_second_collision_moves_x_r_and_settles_anew():
     assert flight.now - again == pytest.approx(1.0 + PLAN.hold_time, abs=4 * STEP)
 
 
+def test_having_settled_once_counts_for_nothing_after_a_second_collision():
+    """Told to stay where it is, still and on the spot, it takes a second all the same."""
+    flight = collided().run(60.0, in_mode(HOLD))
+    flight.state = escape(flight.state, flight.position, flight.now)
+    again = flight.now
+    flight.run(60.0, in_mode(HOLD))
+    assert flight.now - again > 1.0
+
+
 @given(st.integers(0, 2), st.sampled_from([math.nan, math.inf]))
 def test_a_safe_point_that_is_no_number_is_not_flown_to(axis, value):
     state = Flight().run(22.0).state
