@@ -1,0 +1,150 @@
+"""The topics of the suite: name, message type and quality of service, for nodes and files alike.
+
+Names are given absolute; nodes use them relative, so a namespace or a remapping moves them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tombo_bag.qos import EVENT, SENSOR, STATE, Qos
+
+
+@dataclass(frozen=True)
+class TopicSpec:
+    """One topic.
+
+    Attributes:
+        name: absolute, as `/mocap/pose`.
+        typename: message type, as `geometry_msgs/msg/PoseStamped`.
+        qos: what its publisher offers and its subscribers ask for.
+        rate_hz: how often it speaks; 0: when something happens.
+        doc: what it says.
+    """
+
+    name: str
+    typename: str
+    qos: Qos
+    rate_hz: float
+    doc: str
+
+
+MOCAP_POSE = TopicSpec(
+    "/mocap/pose",
+    "geometry_msgs/msg/PoseStamped",
+    SENSOR,
+    30.0,
+    "pose of base_link in map as the motion capture sees it; stamp: capture",
+)
+IMU = TopicSpec(
+    "/imu/data_raw",
+    "sensor_msgs/msg/Imu",
+    SENSOR,
+    1000.0,
+    "gyro and accelerometer; stamp: capture",
+)
+BATTERY = TopicSpec("/battery", "sensor_msgs/msg/BatteryState", SENSOR, 10.0, "of the vehicle")
+ROTOR_COMMAND = TopicSpec(
+    "/rotor_command",
+    "tombo_msgs/msg/RotorSpeeds",
+    SENSOR,
+    1000.0,
+    "rotor speeds asked for; stamp: capture of the gyro sample behind them",
+)
+ODOMETRY = TopicSpec(
+    "/odometry", "nav_msgs/msg/Odometry", STATE, 250.0, "estimate; stamp: of its newest gyro sample"
+)
+ESTIMATOR_STATUS = TopicSpec(
+    "/estimator/status", "tombo_msgs/msg/EstimatorStatus", STATE, 50.0, "biases, use of the poses"
+)
+MISSION_SETPOINT = TopicSpec(
+    "/mission/setpoint", "tombo_msgs/msg/PositionSetpoint", STATE, 50.0, "the mission's wish"
+)
+SETPOINT = TopicSpec(
+    "/setpoint",
+    "tombo_msgs/msg/PositionSetpoint",
+    STATE,
+    50.0,
+    "what the controller follows: the mission's wish, or x_r after a collision",
+)
+ATTITUDE_SETPOINT = TopicSpec(
+    "/attitude_setpoint", "tombo_msgs/msg/AttitudeSetpoint", STATE, 50.0, "of the position loop"
+)
+RATES_SETPOINT = TopicSpec(
+    "/rates_setpoint", "tombo_msgs/msg/RatesSetpoint", STATE, 250.0, "of the attitude loop"
+)
+MISSION_STATUS = TopicSpec(
+    "/mission/status", "tombo_msgs/msg/MissionStatus", EVENT, 0.0, "phase, at each change"
+)
+COLLISION_EVENT = TopicSpec(
+    "/collision_event", "tombo_msgs/msg/CollisionEvent", EVENT, 0.0, "a detected collision"
+)
+DETECTOR_STATUS = TopicSpec(
+    "/detector/status",
+    "tombo_msgs/msg/DetectorStatus",
+    STATE,
+    30.0,
+    "test value of each pose; also the detector's sign of life",
+)
+REACTION_STATUS = TopicSpec(
+    "/reaction/status", "tombo_msgs/msg/ReactionStatus", EVENT, 0.0, "at each change"
+)
+MARKERS = TopicSpec(
+    "/markers",
+    "visualization_msgs/msg/MarkerArray",
+    EVENT,
+    0.0,
+    "obstacle, discs, x_c, x_r, for RViz and Foxglove",
+)
+TF = TopicSpec("/tf", "tf2_msgs/msg/TFMessage", STATE, 50.0, "map to base_link, the estimate")
+TRUE_ODOMETRY = TopicSpec(
+    "/ground_truth/odometry", "nav_msgs/msg/Odometry", SENSOR, 1000.0, "true pose and twist"
+)
+TRUE_ROTORS = TopicSpec(
+    "/ground_truth/rotors", "tombo_msgs/msg/RotorState", SENSOR, 1000.0, "true state of the rotors"
+)
+TRUE_CONTACT = TopicSpec(
+    "/ground_truth/contact",
+    "tombo_msgs/msg/Contact",
+    SENSOR,
+    0.0,
+    "each tick with a touch, and the first one after",
+)
+DIAGNOSTICS = TopicSpec(
+    "/diagnostics",
+    "diagnostic_msgs/msg/DiagnosticArray",
+    STATE,
+    1.0,
+    "health of each node: loop rates, jitter, ages, faults",
+)
+CLOCK = TopicSpec(
+    "/clock", "rosgraph_msgs/msg/Clock", Qos(1, "best_effort"), 250.0, "simulated time"
+)
+
+TOPICS: dict[str, TopicSpec] = {
+    spec.name: spec
+    for spec in (
+        MOCAP_POSE,
+        IMU,
+        BATTERY,
+        ROTOR_COMMAND,
+        ODOMETRY,
+        ESTIMATOR_STATUS,
+        MISSION_SETPOINT,
+        SETPOINT,
+        ATTITUDE_SETPOINT,
+        RATES_SETPOINT,
+        MISSION_STATUS,
+        COLLISION_EVENT,
+        DETECTOR_STATUS,
+        REACTION_STATUS,
+        MARKERS,
+        TF,
+        TRUE_ODOMETRY,
+        TRUE_ROTORS,
+        TRUE_CONTACT,
+        DIAGNOSTICS,
+        CLOCK,
+    )
+}
+"""All topics by name. `/clock` speaks with `use_sim_time` only, `/tf` where tf2_msgs is there."""
