@@ -28,7 +28,7 @@ MAY_IMPORT = {
     "tombo_bag": {"tombo_dynamics"},
     # The fused kernel runs the physics and the cascade in one compiled loop.
     "tombo_sim": {"tombo_dynamics", "tombo_control"},
-    "tombo_ros": {"tombo_dynamics"},
+    "tombo_ros": {"tombo_dynamics", "tombo_bag"},
     "tombo_bringup": {
         "tombo_dynamics",
         "tombo_control",

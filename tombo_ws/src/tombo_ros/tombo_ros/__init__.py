@@ -1,0 +1,1 @@
+"""The one place where the pure packages meet ROS 2: loop, topics, parameters, health, clock."""

@@ -1,0 +1,46 @@
+"""Messages to arrays and back; times as integer nanoseconds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, Quaternion, Vector3
+from numpy.typing import NDArray
+
+_SECOND_NS = 1_000_000_000
+
+
+def to_ns(time: Any) -> int:
+    """Return a builtin_interfaces/Time as nanoseconds."""
+    return int(time.sec) * _SECOND_NS + int(time.nanosec)
+
+
+def to_time(time_ns: int) -> Time:
+    """Return nanoseconds as builtin_interfaces/Time; below 0 becomes 0."""
+    seconds, rest = divmod(max(int(time_ns), 0), _SECOND_NS)
+    return Time(sec=min(seconds, 2**31 - 1), nanosec=rest)
+
+
+def array(value: Any) -> NDArray[np.float64]:
+    """Return a Point or Vector3 as (3), a Quaternion as (4) xyzw."""
+    if hasattr(value, "w"):
+        return np.array([value.x, value.y, value.z, value.w])
+    return np.array([value.x, value.y, value.z])
+
+
+def point(values: Any) -> Point:
+    """Return three numbers as a Point."""
+    return Point(x=float(values[0]), y=float(values[1]), z=float(values[2]))
+
+
+def vector(values: Any) -> Vector3:
+    """Return three numbers as a Vector3."""
+    return Vector3(x=float(values[0]), y=float(values[1]), z=float(values[2]))
+
+
+def quaternion(values: Any) -> Quaternion:
+    """Return four numbers, xyzw, as a Quaternion."""
+    x, y, z, w = (float(value) for value in values)
+    return Quaternion(x=x, y=y, z=z, w=w)

@@ -1,0 +1,104 @@
+"""What a node says about itself on `/diagnostics`: faults with their history, and figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from tombo_bag.topics import DIAGNOSTICS
+from tombo_ros.conversion import to_time
+from tombo_ros.topic import Output
+
+OK, WARN, ERROR = 0, 1, 2
+_LEVELS = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
+_HARDWARE = "tombo"
+
+
+@dataclass
+class _Fault:
+    active: bool = False
+    text: str = ""
+    level: int = WARN
+    count: int = 0
+
+
+class Health:
+    """Faults and figures of one node. A change is sent at the next `send`, and wanted at once."""
+
+    def __init__(self, node: Any) -> None:
+        self._node = node
+        self._name = node.get_name()
+        self._output = Output(node, DIAGNOSTICS)
+        self._faults: dict[str, _Fault] = {}
+        self._values: dict[str, Any] = {}
+        self.urgent = False
+        """A fault has come or gone since the last `send`."""
+
+    def fault(self, key: str, active: bool, text: str = "", level: int = WARN) -> None:
+        """Say whether a fault is there. Logged when it comes and when it goes, and counted.
+
+        Args:
+            key: name of the fault, as `mocap_silent`.
+            active: it is there now.
+            text: for a person; that of its beginning is kept while it lasts.
+            level: WARN or ERROR.
+        """
+        known = self._faults.get(key)
+        if known is None:
+            if not active:
+                return
+            known = self._faults[key] = _Fault()
+        if known.active == active:
+            return
+        known.active = active
+        self.urgent = True
+        logger = self._node.get_logger()
+        if active:
+            known.text, known.level = text or key, level
+            known.count += 1
+            if level >= ERROR:
+                logger.error(f"{key}: {known.text}")
+            else:
+                logger.warning(f"{key}: {known.text}")
+        else:
+            logger.info(f"{key}: over")
+
+    def active(self, key: str) -> bool:
+        """Return whether a fault is there."""
+        known = self._faults.get(key)
+        return known is not None and known.active
+
+    def value(self, key: str, value: Any) -> None:
+        """Set a figure of the report."""
+        self._values[key] = value
+
+    def send(self, now_ns: int, loops: Mapping[str, Mapping[str, Any]]) -> None:
+        """Publish the report.
+
+        Args:
+            now_ns: ROS time.
+            loops: name of each loop -> its figures; each becomes a status of its own.
+        """
+        self.urgent = False
+        there = [(key, fault) for key, fault in self._faults.items() if fault.active]
+        level = max((fault.level for _, fault in there), default=OK)
+        values = dict(self._values)
+        for key, fault in self._faults.items():
+            values[f"fault.{key}"] = f"{'active' if fault.active else 'over'}, {fault.count} times"
+        text = "; ".join(f"{key}: {fault.text}" for key, fault in there) or "ok"
+        report = DiagnosticArray()
+        report.header.stamp = to_time(now_ns)
+        report.status = [_status(self._name, level, text, values)]
+        for loop, figures in loops.items():
+            report.status.append(_status(f"{self._name}: {loop}", OK, "", figures))
+        self._output.publish(report)
+
+
+def _status(name: str, level: int, text: str, values: Mapping[str, Any]) -> DiagnosticStatus:
+    pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+    return DiagnosticStatus(
+        level=_LEVELS[level], name=name, message=text, hardware_id=_HARDWARE, values=pairs
+    )

@@ -1,0 +1,289 @@
+"""A node that is one loop: takes what has come, thinks, publishes; on time, with nothing beside it.
+
+In real time the loop runs at absolute deadlines in the main thread. With `use_sim_time` it runs
+when `/clock` moves or a message has come. Parameter services live in a thread of their own that
+sleeps until somebody calls; they never touch the loop's topics. docs/nodes.md has the measurements
+that led here.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+
+from tombo_bag.topics import CLOCK, TopicSpec
+from tombo_dynamics.errors import InputError
+from tombo_ros.conversion import to_ns
+from tombo_ros.health import WARN, Health
+from tombo_ros.loop_statistics import LoopStatistics
+from tombo_ros.pacing import ask_for_realtime, collect_young, quiet_collector, sleep_until
+from tombo_ros.record_parameters import RecordParameters
+from tombo_ros.topic import Input, Output
+
+SECOND_NS = 1_000_000_000
+_LOOK_NS = SECOND_NS // 2
+_SETTLE_NS = 2 * SECOND_NS
+"""Discovery and first calls; the statistics of a loop begin after it."""
+_POLL_NS = 100_000
+"""How often a node in simulated time looks for the clock and for messages."""
+
+
+class LoopNode:
+    """One node: subclass it, take inputs and publish in `step`."""
+
+    keeps_every_tick = False
+    """True: deadlines missed are made up for; False: they are left out."""
+
+    def __init__(
+        self,
+        name: str,
+        rate_hz: float,
+        records: Mapping[str, Any] | None = None,
+        *,
+        realtime: bool = False,
+    ) -> None:
+        """Make the node.
+
+        Args:
+            name: of the node.
+            rate_hz: of the loop.
+            records: section -> record whose fields become parameters.
+            realtime: ask the system for a place in front of the queue.
+
+        Raises:
+            InputError: a parameter given at the start is refused.
+        """
+        self.ros = Node(name, start_parameter_services=True)
+        self.period_ns = round(SECOND_NS / rate_hz)
+        self.parameters = RecordParameters(self.ros, records or {})
+        self.health = Health(self.ros)
+        self.loops: dict[str, LoopStatistics] = {"loop": LoopStatistics()}
+        """Name of each loop that `/diagnostics` reports -> its statistics."""
+        self.late_ns = 0
+        """How late this run of the loop is."""
+        self.shift_ns = 0
+        """Moves the next deadline: a loop that follows another clock sets it."""
+        self.sim_time = bool(self.ros.get_parameter("use_sim_time").value)
+        self._realtime = realtime and not self.sim_time
+        self._inputs: list[Input] = []
+        self._clock = Input(self.ros, CLOCK, depth=1) if self.sim_time else None
+        self._now_ns = 0
+        self._stopping = False
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.ros)
+        self._services = threading.Thread(target=self._serve, name="services", daemon=True)
+        self._reported_ns = self._looked_ns = 0
+
+    @property
+    def records(self) -> dict[str, Any]:
+        """Section -> record as it stands."""
+        return self.parameters.records
+
+    def listen(self, spec: TopicSpec, *, depth: int | None = None) -> Input:
+        """Subscribe to a topic; the loop polls it."""
+        found = Input(self.ros, spec, depth)
+        self._inputs.append(found)
+        return found
+
+    def speak(self, spec: TopicSpec) -> Output:
+        """Advertise a topic."""
+        return Output(self.ros, spec)
+
+    def declare(self, name: str, default: Any, doc: str, **more: Any) -> Any:
+        """Declare a parameter of the node's own; see `RecordParameters.declare`."""
+        return self.parameters.declare(name, default, doc, **more)
+
+    def step(self, now_ns: int) -> None:
+        """Run the loop once, at ROS time `now_ns`."""
+        raise NotImplementedError
+
+    def records_changed(self, name: str) -> None:
+        """Take note that a section, or a parameter of the node's own, was set."""
+
+    def close(self) -> None:
+        """Say last words."""
+
+    def stop(self) -> None:
+        """Let the loop end after this run."""
+        self._stopping = True
+
+    def now_ns(self) -> int:
+        """Return ROS time: the system's clock, or the simulated one."""
+        return self._now_ns if self.sim_time else time.time_ns()
+
+    @property
+    def stopping(self) -> bool:
+        """Whether the loop is to end."""
+        return self._stopping or not rclpy.ok()
+
+    def spin(self) -> None:
+        """Run the loop until `stop`, or until ROS is shut down."""
+        for line in self.parameters.unknown():
+            self.health.fault("unknown_parameter", True, line)
+        self._services.start()
+        scheduling = ask_for_realtime() if self._realtime else "normal"
+        self.health.value("scheduling", scheduling)
+        self.ros.get_logger().info(f"running, scheduling {scheduling}")
+        quiet_collector()
+        if self.sim_time:
+            self._spin_simulated()
+        else:
+            self._spin_real()
+
+    def _spin_real(self) -> None:
+        period = self.period_ns
+        main = self.loops["loop"]
+        began = time.monotonic_ns()
+        deadline = began + period
+        missed, settled = 0, False
+        while not self.stopping:
+            sleep_until(deadline)
+            woke = time.monotonic_ns()
+            late = woke - deadline
+            if late < 0:  # a signal came
+                continue
+            self.late_ns = late
+            if late > period:
+                behind = late // period
+                missed = behind
+                if not self.keeps_every_tick:
+                    deadline += behind * period
+            if not settled and woke - began > _SETTLE_NS:
+                settled = True
+                self.loops = {name: LoopStatistics() for name in self.loops}
+                main = self.loops["loop"]
+            main.ran(woke, late, missed)
+            missed = 0
+            now = time.time_ns()
+            self.step(now)
+            self._attend(now, now)
+            deadline += period + self.shift_ns
+            self.shift_ns = 0
+
+    def _spin_simulated(self) -> None:
+        """Run when the clock has come to the next run, or a message is there."""
+        main = self.loops["loop"]
+        due = 0
+        while not self.stopping:
+            moved = self._read_clock()
+            if self._now_ns and ((moved and self._now_ns >= due) or self._fresh()):
+                if self._now_ns >= due or due - self._now_ns > SECOND_NS:
+                    main.ran(self._now_ns, 0)
+                    due = (self._now_ns // self.period_ns + 1) * self.period_ns
+                self.step(self._now_ns)
+            else:
+                sleep_until(time.monotonic_ns() + _POLL_NS)
+            self._attend(time.time_ns(), self._now_ns)
+
+    def _read_clock(self) -> bool:
+        """Take the newest `/clock`; return whether it has changed."""
+        if self._clock is None:
+            return False
+        taken = self._clock.take_raw()
+        if not taken:
+            return False
+        before = self._now_ns
+        self._now_ns = to_ns(deserialize_message(taken[-1].message, self._clock.kind).clock)
+        return self._now_ns != before
+
+    def _fresh(self) -> bool:
+        """Return whether any input has something: looked at without taking it."""
+        return any(found.waiting() for found in self._inputs)
+
+    def _attend(self, wall_ns: int, now_ns: int) -> None:
+        """Do what is not the loop's work: parameters set, publishers counted, reports."""
+        for name in self.parameters.changed():
+            self.records_changed(name)
+        if wall_ns - self._looked_ns > _LOOK_NS:
+            self._looked_ns = wall_ns
+            for found in self._inputs:
+                self.health.fault(
+                    f"second_publisher.{found.topic}",
+                    found.crowded(wall_ns),
+                    f"more than one node publishes on {found.topic}",
+                )
+                if found.unreadable:
+                    text = f"messages on {found.topic} that can't be read"
+                    self.health.fault(f"unreadable.{found.topic}", True, text)
+        elif wall_ns - self._reported_ns > SECOND_NS or self.health.urgent:
+            if wall_ns - self._reported_ns > SECOND_NS:
+                self._reported_ns = wall_ns
+                collect_young()
+            self.report(now_ns)
+
+    def report(self, now_ns: int) -> None:
+        """Publish `/diagnostics`."""
+        loops = {name: watch.figures().as_values() for name, watch in self.loops.items()}
+        self.health.send(now_ns, loops)
+
+    def _serve(self) -> None:
+        """Answer parameter calls; asleep but for them."""
+        try:
+            while not self.stopping:
+                self._executor.spin_once(timeout_sec=0.5)
+        except ExternalShutdownException:
+            return
+
+    def leave(self) -> None:
+        """Take the node off the graph, so that nobody waits for it."""
+        self._stopping = True
+        if self._services.is_alive():
+            self._executor.wake()
+            self._services.join(timeout=1.0)
+        self._executor.shutdown(timeout_sec=0.0)
+        self.ros.destroy_node()
+
+
+def run(make: Callable[[], LoopNode], argv: Sequence[str] | None = None) -> int:
+    """Be the main function of a node: start, loop, shut down; return the exit code.
+
+    0 when it was told to stop (SIGINT, SIGTERM, as often as they come), 2 for bad parameters.
+    """
+    stopped: list[int] = []
+    node: LoopNode | None = None
+
+    def ask(number: int, frame: Any) -> None:
+        stopped.append(number)
+        if node is not None:
+            node.stop()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, ask)
+    try:
+        rclpy.init(
+            args=sys.argv if argv is None else list(argv),
+            signal_handler_options=rclpy.SignalHandlerOptions.NO,
+        )
+    except Exception as error:  # rclpy's own classes: wrong command line, unreadable file
+        return _refuse(" ".join(str(error).split()))
+    code = 0
+    try:
+        node = make()
+        if not stopped:
+            node.spin()
+    except InputError as error:
+        code = _refuse(str(error))
+    finally:
+        if node is not None:
+            node.close()
+            node.report(node.now_ns())
+            node.leave()
+        rclpy.shutdown()
+    return code
+
+
+def _refuse(message: str) -> int:
+    print(f"Error: {message}", file=sys.stderr)  # noqa: T201
+    return 2
+
+
+__all__ = ["WARN", "LoopNode", "run"]

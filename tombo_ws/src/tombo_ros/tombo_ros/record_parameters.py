@@ -1,0 +1,174 @@
+"""ROS parameters from parameter records: declared, typed, bounded, described; checked as a whole.
+
+The record is the only truth: `declare` reads type, bounds, unit and meaning from its fields, and a
+change is tried on the record first. What it refuses, `ros2 param set` refuses, with the reason.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
+from typing import Any
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.params import from_mapping
+
+_KINDS = {
+    bool: Parameter.Type.BOOL,
+    int: Parameter.Type.INTEGER,
+    float: Parameter.Type.DOUBLE,
+    str: Parameter.Type.STRING,
+    list: Parameter.Type.STRING_ARRAY,
+}
+
+
+def describe(field: dataclasses.Field[Any], default: Any) -> ParameterDescriptor:
+    """Return the descriptor of a record's field: meaning, unit, source, bounds."""
+    meta = field.metadata
+    unit = f" [{meta['unit']}]" if "unit" in meta else ""
+    descriptor = ParameterDescriptor(
+        description=f"{meta.get('doc', field.name)}{unit}",
+        additional_constraints=str(meta.get("source", "")),
+    )
+    if "bounds" in meta:
+        low, high = meta["bounds"]
+        if isinstance(default, int) and not isinstance(default, bool):
+            descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
+        else:
+            reach = FloatingPointRange(from_value=float(low), to_value=float(high))
+            descriptor.floating_point_range = [reach]
+    return descriptor
+
+
+class RecordParameters:
+    """The parameters of one node, by section."""
+
+    def __init__(self, node: Node, records: Mapping[str, Any]) -> None:
+        self._node = node
+        self.records: dict[str, Any] = dict(records)
+        """Section -> the record as it stands."""
+        self._plain: dict[str, Any] = {}
+        self._checks: dict[str, Any] = {}
+        self._overrides: Mapping[str, Any] = getattr(node, "_parameter_overrides", {})
+        for section, record in records.items():
+            defaults = {f.name: getattr(record, f.name) for f in dataclasses.fields(record)}
+            values = {
+                name: self._given(f"{section}.{name}", default)
+                for name, default in defaults.items()
+            }
+            self.records[section] = _checked(record, values, section)
+            for field in dataclasses.fields(record):
+                descriptor = describe(field, defaults[field.name])
+                self._declare(f"{section}.{field.name}", values[field.name], descriptor)
+        self._changed: list[str] = []
+        node.add_on_set_parameters_callback(self._on_set)
+
+    def declare(
+        self, name: str, default: Any, doc: str, check: Any = None, read_only: bool = True
+    ) -> Any:
+        """Declare a parameter of the node's own and return its value.
+
+        Args:
+            name: of the parameter.
+            default: bool, int, float, str or list of str; its type is the parameter's.
+            doc: what it means, with the unit.
+            check: called with a new value; raises InputError to refuse it.
+            read_only: it can be set at the start only.
+
+        Raises:
+            InputError: the value given at the start is of another type, or refused.
+        """
+        descriptor = ParameterDescriptor(description=doc, read_only=read_only)
+        value = self._given(name, default)
+        if check is not None:
+            check(value)
+            self._checks[name] = check
+        self._declare(name, value, descriptor)
+        if isinstance(value, list):
+            value = [text for text in value if text]
+        self._plain[name] = value
+        return value
+
+    def get(self, name: str) -> Any:
+        """Return a parameter declared with `declare`, as it stands."""
+        return self._plain[name]
+
+    def changed(self) -> list[str]:
+        """Return the sections and names that were set since the last call."""
+        if not self._changed:
+            return []
+        names, self._changed = self._changed, []
+        return names
+
+    def unknown(self) -> list[str]:
+        """Return a line for each value given at the start whose name no parameter has."""
+        declared = [*self._plain]
+        for section, record in self.records.items():
+            declared += [f"{section}.{field.name}" for field in dataclasses.fields(record)]
+        lines = []
+        for name in self._overrides:
+            if name in declared or self._node.has_parameter(name) or name.startswith("qos_"):
+                continue
+            near = get_close_matches(name, declared, 1)
+            hint = f"; did you mean '{near[0]}'?" if near else ""
+            lines.append(f"parameter '{name}' is not one of this node's{hint}")
+        return lines
+
+    def _given(self, name: str, default: Any) -> Any:
+        """Return the value given at the start, else the default; raise InputError for its type."""
+        given = self._overrides.get(name)
+        value = default if given is None or given.value is None else given.value
+        if isinstance(default, float) and isinstance(value, int) and not isinstance(value, bool):
+            value = float(value)  # YAML's 1 where 1.0 is meant
+        if isinstance(value, tuple):
+            value = list(value)
+        if type(value) is not type(default):
+            kind = _KINDS[type(default)].name.lower().replace("_", " ")
+            raise InputError(f"parameter {name}: {value!r} is no {kind}; accepted: a {kind}")
+        return value
+
+    def _declare(self, name: str, value: Any, descriptor: ParameterDescriptor) -> None:
+        descriptor.type = _KINDS[type(value)].value
+        if value == []:
+            value = [""]  # an empty array has no type in ROS
+        self._node.declare_parameter(name, value, descriptor, ignore_override=True)
+
+    def _on_set(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        """Try all new values on copies of the records; take all of them or none."""
+        wanted: dict[str, dict[str, Any]] = {}
+        plain: dict[str, Any] = {}
+        try:
+            for parameter in parameters:
+                section, _, field = parameter.name.partition(".")
+                if section in self.records and field:
+                    wanted.setdefault(section, {})[field] = parameter.value
+                elif parameter.name in self._plain:
+                    if parameter.name in self._checks:
+                        self._checks[parameter.name](parameter.value)
+                    plain[parameter.name] = parameter.value
+            records = {
+                section: _checked(self.records[section], values, section)
+                for section, values in wanted.items()
+            }
+        except InputError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        self.records.update(records)
+        self._plain.update(plain)
+        self._changed += [*records, *plain]
+        return SetParametersResult(successful=True)
+
+
+def _checked(record: Any, values: Mapping[str, Any], section: str) -> Any:
+    """Return the record with some values changed, all of it checked."""
+    merged = {f.name: getattr(record, f.name) for f in dataclasses.fields(record)}
+    return from_mapping(type(record), {**merged, **values}, section)
