@@ -7,8 +7,8 @@ import pytest
 from one_vehicle import Vehicle, hover_speed
 from scipy.spatial.transform import Rotation
 
-from tombo_bringup.propulsion import measured_figures
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, SPIN, VehicleParams
+from tombo_sim.propulsion import measured_figures
 
 TOMBO = {"peak_force": 145.5, "recovery_time": 0.42, "slant": 0.4, "duration": 0.014}
 RADIUS = VehicleParams().rotor_radius

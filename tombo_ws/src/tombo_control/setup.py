@@ -24,5 +24,11 @@ setup(
     install_requires=["setuptools"],
     extras_require={"test": ["pytest"]},
     zip_safe=False,
-    entry_points={"console_scripts": []},
+    entry_points={
+        "console_scripts": [
+            "controller_node = tombo_control.controller_node:main",
+            "estimator_node = tombo_control.estimator_node:main",
+            "mission_node = tombo_control.mission_node:main",
+        ]
+    },
 )

@@ -23,9 +23,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tombo_bringup.flight import TICK_S, Workspace, fly_scenario
+from tombo_bringup.flight import Workspace, fly_scenario
 from tombo_bringup.report import style
 from tombo_bringup.scenario import Scenario, load_scenario
+from tombo_sim.beginning import TICK_S
 
 Array = NDArray[np.float64]
 

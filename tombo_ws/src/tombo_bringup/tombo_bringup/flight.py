@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from tombo_bringup.flight_metrics import Verdict, summarize
 from tombo_bringup.flight_record import FlightRecord
-from tombo_bringup.propulsion import propulsion_effects, thrust_map_of
-from tombo_bringup.scenario import Scenario, as_mapping
+from tombo_bringup.scenario import Scenario, as_mapping, world_of
 from tombo_collision.detector import CollisionDetector, CollisionEvent
 from tombo_collision.reaction import ReactionState, react
 from tombo_control import mission as plan
@@ -31,22 +30,17 @@ from tombo_control.autopilot import (
     A,
     new_autopilot,
 )
-from tombo_dynamics.effects.compose import pack_theta
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.plant import P, new_plant, part
-from tombo_dynamics.rigid_body import begin_flight
-from tombo_dynamics.rotor_maps import rotor_maps
-from tombo_dynamics.vehicle import VehicleParams
+from tombo_dynamics.plant import P, part
+from tombo_sim.beginning import NOISE, TICK_S, begin
 from tombo_sim.kernel import ARRIVES, CAPTURED, POSE, fly
 from tombo_sim.log_columns import COLUMNS, LOG_WIDTH
 
 Array = NDArray[np.float64]
 
-TICK_S = 1e-3
 _BLOCK = 8192
 _AFTER_LANDING_S = 1.0
 _AFTER_CRASH_S = 1.5
-_NOISE = 9
 
 
 @dataclass
@@ -99,53 +93,31 @@ def fly_scenario(
             obstacle, or parameters are so stiff that the simulation diverges.
     """
     vehicle = scenario.vehicle
-    maps = rotor_maps(thrust_map_of(scenario.propeller), vehicle)
-    effects = propulsion_effects(scenario)
-    theta = pack_theta(effects)
+    ready = begin(world_of(scenario), seed)
+    m, maps, theta, effects = ready.m, ready.maps, ready.theta, ready.effects
     ticks = round(scenario.duration / TICK_S)
-    draw_seed, tick_seed, mocap_seed = np.random.SeedSequence(seed).spawn(3)
-    draws = np.random.default_rng(draw_seed).standard_normal(16)
-    tick_noise = np.random.default_rng(tick_seed)
     captures = np.round(
         np.arange(0.0, scenario.duration, 1.0 / scenario.estimator.mocap_rate) / TICK_S
     ).astype(np.int64)
     captures = np.append(captures, np.int64(2**62))
-    mocap_noise = np.random.default_rng(mocap_seed).standard_normal((captures.size, _NOISE))
+    mocap_noise = ready.mocap_noise.standard_normal((captures.size, NOISE))
     mocap = np.zeros((captures.size, 10))
     log = (workspace or Workspace()).rows(ticks)
-
-    m = new_plant(vehicle)
-    spread = scenario.spread
-    yaw = spread.yaw * draws[8]
-    start = np.array([spread.start * draws[9], spread.start * draws[10], vehicle.leg_height])
-    part(m, "body")[:3] = start
-    part(m, "body")[6:10] = [0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)]
-    part(m, "draws")[:] = draws[:8]
-    pole = scenario.obstacle
-    obstacle = [
-        pole.x + spread.obstacle * draws[11],
-        pole.y + spread.obstacle * draws[12],
-        pole.radius,
-        pole.top,
-    ]
-    part(m, "obstacle")[:] = obstacle
-    _check_start(vehicle, start, obstacle)
-    begin_flight(m, np.zeros(_NOISE), theta, TICK_S)
     body = part(m, "body")
     a = new_autopilot(scenario.control, scenario.estimator, vehicle, body[:3], body[6:10])
 
-    course = _Course(plan.begin(start), CollisionDetector(scenario.detector))
+    course = _Course(plan.begin(ready.start), CollisionDetector(scenario.detector))
     referee = _Referee(vehicle.leg_height)
     state = np.zeros(3, dtype=np.int64)
     began = time.perf_counter()
     k = 0
     end = ticks
-    noise: Array = np.empty((0, _NOISE))
+    noise: Array = np.empty((0, NOISE))
     base = 0
     while k < end:
         if k >= base + noise.shape[0]:
             base = k
-            noise = tick_noise.standard_normal((_BLOCK, _NOISE))
+            noise = ready.tick_noise.standard_normal((_BLOCK, NOISE))
         k, row = fly(
             m,
             a,
@@ -183,26 +155,8 @@ def fly_scenario(
     flown = as_mapping(scenario)
     flown["effects"] = effects
     flown["seed"] = seed
-    flown["obstacle"] = dict(
-        zip(("x_m", "y_m", "radius_m", "top_m"), (float(v) for v in obstacle), strict=True)
-    )
+    flown["obstacle"] = dict(zip(("x_m", "y_m", "radius_m", "top_m"), ready.obstacle, strict=True))
     return _record(scenario, seed, flown, log[:k], mocap, course, referee, wall)
-
-
-def _check_start(vehicle: VehicleParams, start: Array, obstacle: Sequence[float]) -> None:
-    """Refuse an obstacle that stands where the vehicle starts.
-
-    Raises:
-        InputError: the discs of the vehicle reach into the obstacle at the start.
-    """
-    x, y, radius, _ = obstacle
-    free = radius + vehicle.arm_length + vehicle.rotor_radius
-    distance = math.hypot(x - start[0], y - start[1])
-    if radius > 0.0 and distance < free:
-        raise InputError(
-            f"obstacle: its axis is {distance:.2f} m from the start, its radius {radius:g} m; "
-            f"accepted: at least {free:.2f} m, so that the vehicle does not start inside"
-        )
 
 
 def _look_at_sample(

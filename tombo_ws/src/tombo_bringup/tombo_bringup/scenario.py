@@ -19,37 +19,12 @@ from tombo_control.params import ControlParams, EstimatorParams
 from tombo_dynamics.effects import check_theta
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.params import check_number, from_mapping, param
+from tombo_dynamics.propeller.choice import PropellerChoice
 from tombo_dynamics.vehicle import VehicleParams
+from tombo_sim.world import ObstacleParams, SpreadParams, World
 
 LAWS = ("published", "repaired", "consistent")
 DEFAULT_SCENARIO = "paper_collision"
-
-
-@dataclass(frozen=True)
-class ObstacleParams:
-    """The obstacle: a vertical cylinder on the floor. Radius 0: there is none."""
-
-    x: float = param(0.0, "m", (-1e3, 1e3), "axis, map x")
-    y: float = param(0.0, "m", (-1e3, 1e3), "axis, map y")
-    radius: float = param(0.0, "m", (0.0, 100.0), "radius; 0: no obstacle")
-    top: float = param(0.0, "m", (0.0, 100.0), "height of its top")
-
-
-@dataclass(frozen=True)
-class PropellerChoice:
-    """Which propeller is mounted, and the law of its nodus."""
-
-    conf: int = param(13, "1", (0, 13), "configuration of the paper's Table I; 0 is rigid")
-    law: str = field(default="repaired", metadata={"doc": "published, repaired or consistent"})
-
-
-@dataclass(frozen=True)
-class SpreadParams:
-    """What differs from seed to seed besides the noise of the effects."""
-
-    start: float = param(0.02, "m", (0.0, 2.0), "standard deviation of the start, x and y")
-    yaw: float = param(0.02, "rad", (0.0, 3.2), "standard deviation of the heading at the start")
-    obstacle: float = param(0.01, "m", (0.0, 1.0), "standard deviation of the obstacle, x and y")
 
 
 @dataclass(frozen=True)
@@ -184,6 +159,23 @@ def load_scenario(name: str = DEFAULT_SCENARIO, settings: Sequence[str] = ()) ->
     return scenario_from_mapping(values, label)
 
 
+def scenario_over(
+    base: Mapping[str, Any], label: str, name: str | None = None, settings: Sequence[str] = ()
+) -> Scenario:
+    """Build a scenario from a plain mapping, a scenario (name or path) over it, and settings.
+
+    Raises:
+        InputError: as `load_scenario`.
+    """
+    values = dict(base)
+    if name is not None:
+        over, _ = _read(name)
+        values = _merged(values, over)
+    for setting in settings:
+        values = _override(values, setting)
+    return scenario_from_mapping(values, label)
+
+
 def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
     """Build and check a scenario from a plain mapping.
 
@@ -226,3 +218,15 @@ def as_mapping(scenario: Scenario) -> dict[str, Any]:
     """Return the scenario as plain nested dictionaries, as it could stand in a file."""
     plain: dict[str, Any] = dataclasses.asdict(scenario)
     return plain
+
+
+def world_of(scenario: Scenario) -> World:
+    """Return the part of a scenario that is simulated, without autopilot and mission."""
+    return World(
+        scenario.vehicle,
+        scenario.propeller,
+        scenario.obstacle,
+        scenario.spread,
+        scenario.effects,
+        scenario.estimator.mocap_rate,
+    )

@@ -28,6 +28,32 @@ def stand_by(a: Array) -> None:
 
 
 @compiled
+def run_loops(a: Array, maps: Array, position: bool, attitude: bool, blind: bool) -> None:
+    """Run the rate loop, and the position and the attitude loop if they are due.
+
+    Args:
+        a: the autopilot's memory; the set points of position, velocity (feed-forward) and
+            acceleration are there when the position loop is due.
+        maps: the rotor's table, `tombo_dynamics.rotor_maps`.
+        position: the position loop is due.
+        attitude: the attitude loop is due.
+        blind: the position is not known: level and descend.
+    """
+    if position:
+        if blind:
+            level_descent(a, a[N.mass])
+        else:
+            position_control(a, a[N.mass], 4.0 * maps[R.thrust_highest])
+    if attitude:
+        attitude_control(a)
+    rate_control(a)
+    inertia_torque(a)
+    allocate(a, maps[R.torque_ratio], maps[R.thrust_lowest], maps[R.thrust_highest])
+    for i in range(4):
+        a[A.command + i] = speed_for_thrust(maps, a[A.rotor_thrust + i])
+
+
+@compiled
 def cascade(a: Array, maps: Array, tick: int) -> None:
     """Run the loops that are due in `tick` and set the rotor speeds, `A.command`.
 
@@ -39,19 +65,12 @@ def cascade(a: Array, maps: Array, tick: int) -> None:
         a[A.mode + 1] = mode
         stand_by(a)
         return
-    if tick % POSITION_TICKS == 0:
+    position = tick % POSITION_TICKS == 0
+    blind = False
+    if position:
         time = tick * _TICK
-        if time - a[A.mode + 2] > a[G.blind_timeout]:
-            a[A.mode + 1] = BLIND
-            level_descent(a, a[N.mass])
-        else:
-            a[A.mode + 1] = mode
+        blind = time - a[A.mode + 2] > a[G.blind_timeout]
+        a[A.mode + 1] = BLIND if blind else mode
+        if not blind:
             follow_leg(a, time)
-            position_control(a, a[N.mass], 4.0 * maps[R.thrust_highest])
-    if tick % ATTITUDE_TICKS == 0:
-        attitude_control(a)
-    rate_control(a)
-    inertia_torque(a)
-    allocate(a, maps[R.torque_ratio], maps[R.thrust_lowest], maps[R.thrust_highest])
-    for i in range(4):
-        a[A.command + i] = speed_for_thrust(maps, a[A.rotor_thrust + i])
+    run_loops(a, maps, position, tick % ATTITUDE_TICKS == 0, blind)

@@ -184,3 +184,22 @@ def correct(
     for k in range(4):
         a[A.attitude + k] = a[present + 3 + k]
     return True
+
+
+@compiled
+def observe(a: Array, imu: Array, tick: int, steps: int, airborne: bool) -> None:
+    """Take the IMU sample of `tick` and carry the estimate on to `tick + steps`.
+
+    More than one step bridges lost samples: the last one is taken to hold.
+
+    Args:
+        a: the autopilot's memory, at `tick`.
+        imu: (6) gyro [rad/s] and specific force [m/s^2], body frame.
+        tick: tick of the sample.
+        steps: ticks to the next sample.
+        airborne: as in `predict`.
+    """
+    measure_rates(a, imu, 0)
+    for k in range(steps):
+        predict(a, imu, 3, airborne)
+        remember(a, tick + k + 1)

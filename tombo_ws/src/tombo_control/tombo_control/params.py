@@ -174,3 +174,44 @@ class EstimatorParams:
     mocap_rate: float = param(
         30.0, "Hz", (5.0, 500.0), "rate of the motion capture", "the paper's OptiTrack"
     )
+    jump_min: float = param(
+        0.25,
+        "m",
+        (0.01, 100.0),
+        "a pose this far from the estimate is refused (nodes)",
+        "ten times what a blade strike moves the vehicle between two samples",
+    )
+    jump_speed: float = param(
+        2.0,
+        "m/s",
+        (0.0, 100.0),
+        "what is added to jump_min for each second since the last pose (nodes)",
+        "the estimate drifts by 0.1 m in 0.25 s without poses; a margin of five",
+    )
+
+
+@dataclass(frozen=True)
+class InputLimits:
+    """How long the controller goes on without an input."""
+
+    imu_timeout: float = param(
+        0.02,
+        "s",
+        (0.002, 1.0),
+        "age of the gyro after which no command is sent",
+        "twenty samples: at 10 rad/s the vehicle has turned by 11 deg unseen",
+    )
+    odometry_timeout: float = param(
+        0.1,
+        "s",
+        (0.01, 5.0),
+        "age of the estimate after which the vehicle levels on its gyro and descends",
+        "25 estimates; the position loop's phase is gone by then",
+    )
+    setpoint_timeout: float = param(
+        0.3,
+        "s",
+        (0.04, 10.0),
+        "age of the set point after which the vehicle holds the last one, at rest",
+        "15 set points; 0.2 m of approach",
+    )

@@ -116,3 +116,17 @@ def tilt(q: Array) -> Array:
     upright: Array = 1.0 - 2.0 * (q[..., 0] ** 2 + q[..., 1] ** 2)
     angle: Array = np.arccos(np.clip(upright, -1.0, 1.0))
     return angle
+
+
+@compiled
+def turned(q: Array, v: Array) -> Array:
+    """Return the vector `v` (3) turned by the quaternion `q` (4) xyzw."""
+    out = np.empty(3)
+    x, y, z, w = q[0], q[1], q[2], q[3]
+    tx = 2.0 * (y * v[2] - z * v[1])
+    ty = 2.0 * (z * v[0] - x * v[2])
+    tz = 2.0 * (x * v[1] - y * v[0])
+    out[0] = v[0] + w * tx + y * tz - z * ty
+    out[1] = v[1] + w * ty + z * tx - x * tz
+    out[2] = v[2] + w * tz + x * ty - y * tx
+    return out

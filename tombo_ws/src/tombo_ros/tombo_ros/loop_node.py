@@ -1,4 +1,4 @@
-"""A node that is one loop: takes what has come, thinks, publishes; on time, with nothing beside it.
+"""A node that is one loop: it takes what has come, thinks and publishes, at absolute deadlines.
 
 In real time the loop runs at absolute deadlines in the main thread. With `use_sim_time` it runs
 when `/clock` moves or a message has come. Parameter services live in a thread of their own that
@@ -42,6 +42,8 @@ class LoopNode:
 
     keeps_every_tick = False
     """True: deadlines missed are made up for; False: they are left out."""
+    makes_time = False
+    """True: this node is the one that says what time it is; it runs by the wall's clock."""
 
     def __init__(
         self,
@@ -73,9 +75,10 @@ class LoopNode:
         self.shift_ns = 0
         """Moves the next deadline: a loop that follows another clock sets it."""
         self.sim_time = bool(self.ros.get_parameter("use_sim_time").value)
-        self._realtime = realtime and not self.sim_time
+        self._realtime = realtime and (self.makes_time or not self.sim_time)
         self._inputs: list[Input] = []
-        self._clock = Input(self.ros, CLOCK, depth=1) if self.sim_time else None
+        follows = self.sim_time and not self.makes_time
+        self._clock = Input(self.ros, CLOCK, depth=1) if follows else None
         self._now_ns = 0
         self._stopping = False
         self._executor = SingleThreadedExecutor()
@@ -130,20 +133,20 @@ class LoopNode:
         for line in self.parameters.unknown():
             self.health.fault("unknown_parameter", True, line)
         self._services.start()
-        scheduling = ask_for_realtime() if self._realtime else "normal"
+        served_by = {self._services.native_id or 0}
+        scheduling = ask_for_realtime(served_by) if self._realtime else "normal"
         self.health.value("scheduling", scheduling)
         self.ros.get_logger().info(f"running, scheduling {scheduling}")
         quiet_collector()
-        if self.sim_time:
+        if self._clock is not None:
             self._spin_simulated()
         else:
             self._spin_real()
 
     def _spin_real(self) -> None:
-        period = self.period_ns
         main = self.loops["loop"]
         began = time.monotonic_ns()
-        deadline = began + period
+        deadline = began + self.period_ns
         missed, settled = 0, False
         while not self.stopping:
             sleep_until(deadline)
@@ -152,11 +155,13 @@ class LoopNode:
             if late < 0:  # a signal came
                 continue
             self.late_ns = late
+            period = self.period_ns
             if late > period:
-                behind = late // period
-                missed = behind
-                if not self.keeps_every_tick:
-                    deadline += behind * period
+                if self.keeps_every_tick:
+                    missed = 1
+                else:
+                    missed = late // period
+                    deadline += missed * period
             if not settled and woke - began > _SETTLE_NS:
                 settled = True
                 self.loops = {name: LoopStatistics() for name in self.loops}

@@ -67,7 +67,7 @@ class LoopStatistics:
         self.missed = 0
 
     def ran(self, now_ns: int, late_ns: int, missed: int = 0) -> None:
-        """Count a run at `now_ns`, `late_ns` after its deadline, `missed` deadlines since the last."""
+        """Count a run, `late_ns` after its deadline, with `missed` deadlines before it."""
         if not self._lateness.number:
             self._first_ns = now_ns
         self._last_ns = now_ns

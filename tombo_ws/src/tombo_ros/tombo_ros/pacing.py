@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import ctypes.util
 import gc
 import os
+import threading
 import time
 
 _FIFO_PRIORITY = 50
@@ -33,15 +35,27 @@ def sleep_until(deadline_ns: int) -> None:
     _nanosleep(time.CLOCK_MONOTONIC, _TIMER_ABSTIME, ctypes.byref(_Timespec(seconds, rest)), None)
 
 
-def ask_for_realtime() -> str:
-    """Move the calling thread to SCHED_FIFO if the system allows it; say what was got.
+def ask_for_realtime(leave_out: set[int]) -> str:
+    """Move the process's threads to SCHED_FIFO if the system allows it; say what was got.
+
+    The calling thread comes first, the middleware's threads right behind it: a gyro sample that
+    waits for a thread without priority is late for a loop with one.
+
+    Args:
+        leave_out: thread ids that stay as they are.
 
     Returns:
         "FIFO 50", or "normal (...)" with the reason.
     """
     _prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
+    own = threading.get_native_id()
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_FIFO_PRIORITY))
+        os.sched_setscheduler(own, os.SCHED_FIFO, os.sched_param(_FIFO_PRIORITY))
+        for thread in map(int, os.listdir("/proc/self/task")):
+            if thread != own and thread not in leave_out:
+                with contextlib.suppress(ProcessLookupError):
+                    behind = os.sched_param(_FIFO_PRIORITY - 1)
+                    os.sched_setscheduler(thread, os.SCHED_FIFO, behind)
     except OSError as error:
         return f"normal ({error.strerror}; allow rtprio {_FIFO_PRIORITY} in limits.conf)"
     return f"FIFO {_FIFO_PRIORITY}"

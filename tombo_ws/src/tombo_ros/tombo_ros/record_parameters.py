@@ -21,7 +21,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.params import from_mapping
+from tombo_dynamics.params import check_number, from_mapping
 
 _KINDS = {
     bool: Parameter.Type.BOOL,
@@ -41,13 +41,20 @@ def describe(field: dataclasses.Field[Any], default: Any) -> ParameterDescriptor
         additional_constraints=str(meta.get("source", "")),
     )
     if "bounds" in meta:
-        low, high = meta["bounds"]
-        if isinstance(default, int) and not isinstance(default, bool):
-            descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
-        else:
-            reach = FloatingPointRange(from_value=float(low), to_value=float(high))
-            descriptor.floating_point_range = [reach]
+        set_range(descriptor, default, meta["bounds"])
     return descriptor
+
+
+def set_range(
+    descriptor: ParameterDescriptor, default: float, bounds: tuple[float, float]
+) -> None:
+    """Enter bounds into a descriptor."""
+    low, high = bounds
+    if isinstance(default, int) and not isinstance(default, bool):
+        descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
+    else:
+        reach = FloatingPointRange(from_value=float(low), to_value=float(high))
+        descriptor.floating_point_range = [reach]
 
 
 class RecordParameters:
@@ -74,7 +81,14 @@ class RecordParameters:
         node.add_on_set_parameters_callback(self._on_set)
 
     def declare(
-        self, name: str, default: Any, doc: str, check: Any = None, read_only: bool = True
+        self,
+        name: str,
+        default: Any,
+        doc: str,
+        *,
+        bounds: tuple[float, float] | None = None,
+        check: Any = None,
+        read_only: bool = True,
     ) -> Any:
         """Declare a parameter of the node's own and return its value.
 
@@ -82,6 +96,7 @@ class RecordParameters:
             name: of the parameter.
             default: bool, int, float, str or list of str; its type is the parameter's.
             doc: what it means, with the unit.
+            bounds: of a number, both included.
             check: called with a new value; raises InputError to refuse it.
             read_only: it can be set at the start only.
 
@@ -89,6 +104,9 @@ class RecordParameters:
             InputError: the value given at the start is of another type, or refused.
         """
         descriptor = ParameterDescriptor(description=doc, read_only=read_only)
+        if bounds is not None:
+            set_range(descriptor, default, bounds)
+            check_number(name, self._given(name, default), "1", bounds)
         value = self._given(name, default)
         if check is not None:
             check(value)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bringup.propulsion import propulsion_effects, thrust_map_of
 from tombo_bringup.scenario import Scenario
 from tombo_control import mission as plan
 from tombo_control.autopilot import APPROACH, HOVER, REACT, TAKEOFF, A, new_autopilot
@@ -17,6 +16,7 @@ from tombo_dynamics.plant import P, new_plant, part
 from tombo_dynamics.rigid_body import begin_flight
 from tombo_dynamics.rotor_maps import rotor_maps
 from tombo_sim.kernel import fly_on_truth
+from tombo_sim.propulsion import propulsion_effects, thrust_map_of
 
 Array = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ class KernelFlight:
 def new_flight(scenario: Scenario, seed: int) -> KernelFlight:
     """Return a vehicle on the ground; the seed draws its thrust scatter and where it stands."""
     vehicle = scenario.vehicle
-    theta = pack_theta(propulsion_effects(scenario))
+    theta = pack_theta(propulsion_effects(scenario.propeller, scenario.effects))
     draws = np.random.default_rng(seed).standard_normal(12)
     m = new_plant(vehicle)
     start = [scenario.spread.start * draws[8], scenario.spread.start * draws[9]]

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bringup.propulsion import thrust_map_of
 from tombo_bringup.scenario import Scenario
 from tombo_control.mission import Leg
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY, SPIN
+from tombo_sim.propulsion import thrust_map_of
 
 Array = NDArray[np.float64]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from tombo_bringup.scenario import PropellerChoice, Scenario
 from tombo_dynamics.effects import check_theta
 from tombo_dynamics.propeller import ThrustMap, configuration, configurations, thrust_map
+from tombo_dynamics.propeller.choice import PropellerChoice
 from tombo_dynamics.propeller.records import Configuration
 
 _ENDURANCE = 3.0
@@ -67,13 +67,15 @@ def measured_figures(conf: int) -> dict[str, float]:
     }
 
 
-def propulsion_effects(scenario: Scenario) -> dict[str, dict[str, float]]:
-    """Return the scenario's effects with those that follow from the propeller filled in.
+def propulsion_effects(
+    propeller: PropellerChoice, given: Mapping[str, Mapping[str, float]]
+) -> dict[str, dict[str, float]]:
+    """Return the given effects with those that follow from the propeller filled in.
 
-    What the scenario says itself about an effect stays.
+    What is given about an effect stays.
     """
-    figures = measured_figures(scenario.propeller.conf)
-    rigid = configuration(scenario.propeller.conf).nodus is None
+    figures = measured_figures(propeller.conf)
+    rigid = configuration(propeller.conf).nodus is None
     derived: Mapping[str, Mapping[str, float]] = {
         "blade_strike": {
             "peak_force": figures["collision_force_N"],
@@ -84,7 +86,7 @@ def propulsion_effects(scenario: Scenario) -> dict[str, dict[str, float]]:
         "propeller_wear": {"collisions": _BRITTLE if rigid else _ENDURANCE},
         "thrust_scatter": {"deviation": figures["deviation"]},
     }
-    effects = {name: dict(values) for name, values in scenario.effects.items()}
+    effects = {name: dict(values) for name, values in given.items()}
     for name, values in derived.items():
         effects[name] = {**values, **effects.get(name, {})}
     return check_theta(effects, "effects")

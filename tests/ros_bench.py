@@ -1,0 +1,191 @@
+"""What tests over DDS share: a domain of their own, a counterpart node, node processes.
+
+Everything stays on this machine (localhost discovery) and ends with the test.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+_NUMBERS = itertools.count(os.getpid() % 60)
+SECOND_NS = 1_000_000_000
+
+
+@pytest.fixture
+def domain(monkeypatch: pytest.MonkeyPatch) -> int:
+    """Set a ROS_DOMAIN_ID of the test's own (102..231: above the usual, below the ports' end)."""
+    number = 102 + next(_NUMBERS) % 100
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    return number
+
+
+class NodeProcess:
+    """A node as its own process: its output, its end."""
+
+    def __init__(self, module: str, arguments: Sequence[str], log: Path) -> None:
+        self.module = module
+        self.log = log
+        self._file = log.open("wb")
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", module, "--ros-args", *arguments],
+            stdout=self._file,
+            stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+
+    @property
+    def output(self) -> str:
+        return self.log.read_text(errors="replace")
+
+    def end(self, number: int = signal.SIGINT, patience_s: float = 5.0) -> int:
+        """Send a signal and return the exit code; a node that stays is killed and -9 returned."""
+        with contextlib.suppress(ProcessLookupError):
+            self.process.send_signal(number)
+        try:
+            return self.process.wait(patience_s)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            return self.process.wait()
+
+    def close(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        self._file.close()
+
+
+@pytest.fixture
+def start(domain: int, tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
+    """Start nodes: `start("tombo_sim.sim_node", "-p", "seed:=3")`; all end with the test."""
+    running: list[NodeProcess] = []
+
+    def launch(module: str, *arguments: str) -> NodeProcess:
+        log = tmp_path / f"{module}-{len(running)}.log"
+        running.append(NodeProcess(module, arguments, log))
+        return running[-1]
+
+    yield launch
+    for process in running:
+        process.close()
+
+
+class Counterpart:
+    """The rest of the world, played by the test: publishes, listens, drives `/clock`."""
+
+    def __init__(self) -> None:
+        import rclpy
+
+        from tombo_ros.topic import Input
+
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context)
+        self.node = rclpy.create_node("counterpart", context=self._context)
+        self._make_input = Input
+        self._outputs: dict[str, Any] = {}
+        self.inputs: dict[str, Any] = {}
+        self.heard: dict[str, list[Any]] = {}
+        self.now_ns = SECOND_NS
+
+    def listen(self, *specs: Any) -> None:
+        for spec in specs:
+            self.inputs[spec.name] = self._make_input(self.node, spec, 5000)
+            self.heard[spec.name] = []
+
+    def publish(self, spec: Any, message: Any) -> None:
+        self._publisher(spec).publish(message)
+
+    def _publisher(self, spec: Any) -> Any:
+        if spec.name not in self._outputs:
+            from tombo_ros.topic import Output
+
+            self._outputs[spec.name] = Output(self.node, spec)
+        return self._outputs[spec.name]
+
+    def meet(self, *specs: Any, others: int = 1, patience_s: float = 20.0) -> None:
+        """Wait until each topic has a subscriber, or for one that is listened to a publisher."""
+        end = time.monotonic() + patience_s
+        for spec in specs:
+            while True:
+                if spec.name in self.inputs:
+                    there = self.node.count_publishers(spec.name)
+                else:
+                    self._publisher(spec)
+                    there = self.node.count_subscribers(spec.name)
+                if there >= others:
+                    break
+                assert time.monotonic() < end, f"nobody at the other end of {spec.name}"
+                time.sleep(0.02)
+
+    def tick(self, by_ns: int) -> None:
+        """Move `/clock` on."""
+        from rosgraph_msgs.msg import Clock
+
+        from tombo_bag.topics import CLOCK
+        from tombo_ros.conversion import to_time
+
+        self.now_ns += by_ns
+        self.publish(CLOCK, Clock(clock=to_time(self.now_ns)))
+
+    def hear(self) -> None:
+        """Take what has arrived."""
+        for name, found in self.inputs.items():
+            self.heard[name] += [taken.message for taken in found.take()]
+
+    def wait_for(
+        self,
+        spec: Any,
+        condition: Callable[[Any], bool] = lambda message: True,
+        patience_s: float = 10.0,
+        meanwhile: Callable[[], None] | None = None,
+    ) -> Any:
+        """Return the first message not heard before that meets a condition."""
+        end = time.monotonic() + patience_s
+        seen = len(self.heard[spec.name])
+        while time.monotonic() < end:
+            self.hear()
+            for message in self.heard[spec.name][seen:]:
+                if condition(message):
+                    return message
+            seen = len(self.heard[spec.name])
+            if meanwhile is not None:
+                meanwhile()
+            time.sleep(0.005)
+        raise AssertionError(f"no such message on {spec.name} within {patience_s} s")
+
+    def wait_for_fault(self, node: str, key: str, patience_s: float = 10.0, **more: Any) -> str:
+        """Return the text of a report of a node on `/diagnostics` that names a fault."""
+        from tombo_bag.topics import DIAGNOSTICS
+
+        def named(report: Any) -> bool:
+            return any(s.name == node and f"{key}:" in s.message for s in report.status)
+
+        report = self.wait_for(DIAGNOSTICS, named, patience_s, **more)
+        return next(s.message for s in report.status if s.name == node)
+
+    def close(self) -> None:
+        import rclpy
+
+        self.node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+
+@pytest.fixture
+def world(domain: int) -> Iterator[Counterpart]:
+    """Give the counterpart of the nodes under test."""
+    import_module("rclpy")
+    counterpart = Counterpart()
+    yield counterpart
+    counterpart.close()

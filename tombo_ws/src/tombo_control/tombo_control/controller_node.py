@@ -1,0 +1,265 @@
+"""The controller as a node: rates at 1000 Hz on the gyro, attitude at 250, position at 50 Hz."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from tombo_bag.topics import (
+    ATTITUDE_SETPOINT,
+    ESTIMATOR_STATUS,
+    IMU,
+    ODOMETRY,
+    RATES_SETPOINT,
+    ROTOR_COMMAND,
+    SETPOINT,
+)
+from tombo_control.estimate import Estimate, Setpoint
+from tombo_control.flight_controller import Command, FlightController
+from tombo_control.params import ControlParams, InputLimits
+from tombo_dynamics.propeller import configuration, thrust_map
+from tombo_dynamics.propeller.choice import PropellerChoice
+from tombo_dynamics.rotation import turned
+from tombo_dynamics.rotor_maps import rotor_maps
+from tombo_dynamics.vehicle import VehicleParams
+from tombo_ros.conversion import array, to_ns
+from tombo_ros.health import ERROR
+from tombo_ros.loop_node import LoopNode, run
+from tombo_ros.loop_statistics import LoopStatistics
+from tombo_ros.pacing import sleep_until
+from tombo_ros.topic import Taken
+from tombo_ros.wire import Wire
+
+_MARGIN_NS = 150_000
+"""The loop aims to run this long after a gyro sample has arrived."""
+_FOLLOW = 0.02
+"""Share of the distance to that aim that is made good in each run."""
+_FASTEST_NS = 1000
+"""And at most so much in each: 0.1 % of the rate."""
+_WAIT_NS, _LOOKS = 60_000, 6
+"""A sample that is late is looked for again so often, so far apart."""
+_BLIND_TEXT = "position unknown (estimate or mocap too old): level descent"
+
+
+class ControllerNode(LoopNode):
+    """Runs `FlightController`, once for each gyro sample."""
+
+    def __init__(self) -> None:
+        """Declare parameters and topics."""
+        records = {
+            "control": ControlParams(),
+            "inputs": InputLimits(),
+            "vehicle": VehicleParams(),
+            "propeller": PropellerChoice(),
+        }
+        super().__init__("controller", 1000.0, records, realtime=True)
+        r = self.records
+        propeller = r["propeller"]
+        maps = rotor_maps(thrust_map(configuration(propeller.conf), propeller.law), r["vehicle"])
+        self._controller = FlightController(r["control"], r["vehicle"], r["inputs"], maps)
+        self._warm_up()
+        self.loops = {
+            "loop": LoopStatistics(),
+            "rate loop": LoopStatistics(),
+            "attitude loop": LoopStatistics(),
+            "position loop": LoopStatistics(),
+        }
+        self._imu_in = self.listen(IMU, depth=20)
+        self._odometry_in = self.listen(ODOMETRY, depth=20)
+        self._status_in = self.listen(ESTIMATOR_STATUS)
+        self._setpoint_in = self.listen(SETPOINT)
+        body, world = {"frame_id": "base_link"}, {"frame_id": "map"}
+        self._imu = Wire(
+            IMU.typename, {"header": body, "orientation_covariance": [-1.0] + 8 * [0.0]}
+        )
+        self._gyro = self._imu.field("angular_velocity.x", 3)
+        self._odometry = Wire(ODOMETRY.typename, {"header": world, "child_frame_id": "base_link"})
+        self._pose = self._odometry.field("pose.pose.position.x", 7)
+        self._twist = self._odometry.field("twist.twist.linear.x", 6)
+        self._command_out, self._command = (
+            self.speak(ROTOR_COMMAND),
+            Wire(ROTOR_COMMAND.typename, {"header": body}),
+        )
+        self._speed = self._command.field("speed", 4)
+        self._rates_out, self._rates = (
+            self.speak(RATES_SETPOINT),
+            Wire(RATES_SETPOINT.typename, {"header": body}),
+        )
+        self._attitude_out, self._attitude = (
+            self.speak(ATTITUDE_SETPOINT),
+            Wire(ATTITUDE_SETPOINT.typename, {"header": world}),
+        )
+        self._gyro_missed = 0
+        self._refused = 0
+
+    def _warm_up(self) -> None:
+        """Load all compiled code now, not at the first sample."""
+        r = self.records
+        propeller = r["propeller"]
+        maps = rotor_maps(thrust_map(configuration(propeller.conf), propeller.law), r["vehicle"])
+        spare = FlightController(r["control"], r["vehicle"], r["inputs"], maps)
+        zero, level = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])
+        second = 1_000_000_000
+        for k in range(25):
+            now = second + k * 1_000_000
+            spare.estimate(Estimate(now, zero, zero, level, zero, zero, zero, now))
+            spare.biases(zero, now)
+            spare.setpoint(Setpoint(zero, zero, zero, 0.0, 2), now)
+            spare.tick(now, now, zero)
+
+    def records_changed(self, name: str) -> None:
+        """Take new gains in flight; another vehicle or propeller only at the next start."""
+        if name in ("control", "inputs"):
+            self._controller.params(self.records["control"], self.records["inputs"])
+        else:
+            self.health.fault("not_at_runtime", True, f"{name} is used at the next start")
+
+    def step(self, now_ns: int) -> None:
+        """Take what has come; answer the gyro."""
+        if self._status_in.waiting():
+            self._take_status()
+        if self._odometry_in.waiting():
+            self._take_odometry(now_ns)
+        if self._setpoint_in.waiting():
+            self._take_setpoint(now_ns)
+        samples = self._gyro_samples()
+        if not samples:
+            self._without_gyro(now_ns)
+            return
+        if self.health.active("imu_silent"):
+            self.health.fault("imu_silent", False)
+        if self._imu_in.crowded(now_ns):
+            return
+        if self.sim_time:
+            for taken in samples:
+                self._answer(taken.message, now_ns)
+            return
+        self._gyro_missed += len(samples) - 1
+        self._follow(now_ns - samples[-1].received_ns)
+        self._answer(samples[-1].message, now_ns)
+
+    def _gyro_samples(self) -> list[Taken]:
+        """Return the samples that are there; for one that is late, wait a moment."""
+        samples = self._imu_in.take_raw()
+        for _ in range(0 if self.sim_time or self._imu_in.last_ns is None else _LOOKS):
+            if samples:
+                break
+            sleep_until(time.monotonic_ns() + _WAIT_NS)
+            samples = self._imu_in.take_raw()
+        return samples
+
+    def _follow(self, age_ns: int) -> None:
+        """Move the next deadline so that it falls a margin after a gyro sample's arrival."""
+        off = (_MARGIN_NS - age_ns + self.late_ns + self.period_ns // 2) % self.period_ns
+        shift = int(_FOLLOW * (off - self.period_ns // 2))
+        self.shift_ns = min(max(shift, -_FASTEST_NS), _FASTEST_NS)
+
+    def _answer(self, data: bytes, now_ns: int) -> None:
+        if not self._imu.fits(data):
+            self.health.fault("imu_shape", True, "imu frame is not base_link, or of other shape")
+            return
+        stamp = self._imu.stamp_of(data)
+        gyro = np.array(self._gyro.of(data))
+        if not np.isfinite(gyro.sum()):
+            self.health.fault("imu_not_finite", True, "gyro sample with NaN or infinity")
+        elif self.health.active("imu_not_finite"):
+            self.health.fault("imu_not_finite", False)
+        clock = stamp if self.sim_time else now_ns
+        command = self._controller.tick(clock, stamp, gyro)
+        if command is None:
+            return
+        self._command.stamp(stamp)
+        self._speed.put(command.speed)
+        self._command_out.publish(self._command.data())
+        self._tell(command, now_ns)
+
+    def _tell(self, command: Command, now_ns: int) -> None:
+        self.loops["rate loop"].ran(now_ns, self.late_ns)
+        if command.attitude_ran:
+            self.loops["attitude loop"].ran(now_ns, self.late_ns)
+            rates, thrust = self._controller.rates_setpoint
+            self._rates.stamp(command.stamp_ns)
+            self._rates.set("rates.x", *rates)
+            self._rates.set("thrust", thrust)
+            self._rates_out.publish(self._rates.data())
+        if command.position_ran:
+            self.loops["position loop"].ran(now_ns, self.late_ns)
+            attitude, thrust = self._controller.attitude_setpoint
+            self._attitude.stamp(command.stamp_ns)
+            self._attitude.set("orientation.x", *attitude)
+            self._attitude.set("thrust", thrust)
+            self._attitude_out.publish(self._attitude.data())
+            self.health.fault("blind", command.blind, _BLIND_TEXT, ERROR)
+            self.health.fault("setpoint_silent", command.held, "no set point: holding the last")
+
+    def _without_gyro(self, now_ns: int) -> None:
+        limit = self.records["inputs"].imu_timeout
+        silent = not self.sim_time and self._imu_in.age_s(now_ns) > limit
+        self.health.fault("imu_silent", silent, "no gyro: no commands", ERROR)
+
+    def _take_odometry(self, now_ns: int) -> None:
+        for taken in self._odometry_in.take_raw():
+            data = taken.message
+            if self._odometry_in.crowded(now_ns):
+                continue
+            if not self._odometry.fits(data):
+                self._refuse("odometry", "odometry is not of base_link in map")
+                continue
+            pose, twist = np.array(self._pose.of(data)), np.array(self._twist.of(data))
+            stamp = self._odometry.stamp_of(data)
+            velocity = turned(pose[3:], twist[:3])
+            zero = np.zeros(3)
+            estimate = Estimate(stamp, pose[:3], velocity, pose[3:], twist[3:], zero, zero, 0)
+            if stamp > now_ns + 5_000_000 or not self._controller.estimate(estimate):
+                self._refuse("odometry", "odometry not finite, not a rotation, old or from later")
+            elif self.health.active("odometry_refused"):
+                self.health.fault("odometry_refused", False)
+
+    def _take_status(self) -> None:
+        for taken in self._status_in.take():
+            message = taken.message
+            if not self._controller.biases(array(message.gyro_bias), to_ns(message.pose_stamp)):
+                self._refuse("estimator_status", "gyro bias with NaN")
+
+    def _take_setpoint(self, now_ns: int) -> None:
+        for taken in self._setpoint_in.take():
+            if self._setpoint_in.crowded(now_ns):
+                continue
+            if not self._controller.setpoint(_setpoint(taken.message), now_ns):
+                self._refuse("setpoint", "set point with NaN or infinity: the last one stands")
+            elif self.health.active("setpoint_refused"):
+                self.health.fault("setpoint_refused", False)
+
+    def _refuse(self, what: str, text: str) -> None:
+        self._refused += 1
+        self.health.fault(f"{what}_refused", True, text)
+
+    def report(self, now_ns: int) -> None:
+        """Add the counts."""
+        self.health.value("gyro_skipped", self._gyro_missed)
+        self.health.value("refused", self._refused)
+        super().report(now_ns)
+
+
+def _setpoint(message: Any) -> Setpoint:
+    return Setpoint(
+        array(message.position),
+        array(message.velocity),
+        array(message.acceleration),
+        float(message.yaw),
+        int(message.phase),
+        to_ns(message.header.stamp),
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    sys.exit(run(ControllerNode, argv))
+
+
+if __name__ == "__main__":
+    main()

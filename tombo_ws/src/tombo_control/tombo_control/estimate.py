@@ -1,0 +1,59 @@
+"""What travels between estimator, mission and controller."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+TICK_NS = 1_000_000
+
+
+def tick_of(stamp_ns: int) -> int:
+    """Return the tick of 1 ms nearest to a stamp."""
+    return (stamp_ns + TICK_NS // 2) // TICK_NS
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """State of the vehicle at the capture of a gyro sample."""
+
+    stamp_ns: int
+    position: Array
+    """(3) of base_link in map [m]."""
+    velocity: Array
+    """(3) of base_link in map [m/s]."""
+    attitude: Array
+    """(4) xyzw, map from base_link."""
+    rates: Array
+    """(3) [rad/s], base_link, bias removed."""
+    gyro_bias: Array
+    """(3) [rad/s]."""
+    accel_bias: Array
+    """(3) [m/s^2]."""
+    pose_stamp_ns: int
+    """Capture time of the last pose used."""
+
+
+@dataclass(frozen=True)
+class Setpoint:
+    """Where the vehicle shall be."""
+
+    position: Array
+    """(3) of base_link in map [m]."""
+    velocity: Array
+    """(3) fed forward [m/s]."""
+    acceleration: Array
+    """(3) fed forward, without gravity [m/s^2]."""
+    yaw: float
+    """[rad], counter-clockwise from east."""
+    phase: int
+    """Mode number, `autopilot.MODE_NAMES`."""
+    stamp_ns: int = 0
+
+    def finite(self) -> bool:
+        """Return whether every number is finite."""
+        total = self.position.sum() + self.velocity.sum() + self.acceleration.sum() + self.yaw
+        return bool(np.isfinite(total))

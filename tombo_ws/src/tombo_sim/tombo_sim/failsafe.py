@@ -1,0 +1,82 @@
+"""What the simulated flight controller does when nobody commands it: it lands where it is.
+
+Stands for the fail-safe of PX4 on loss of offboard commands. It has an estimator of its own, as
+PX4 has, fed with the same IMU and poses.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_control.autopilot import LAND, LANDED, A, new_autopilot, part
+from tombo_control.cascade import cascade, stand_by
+from tombo_control.estimator import correct, measure_rates, predict, remember
+from tombo_control.mission import straight
+from tombo_control.params import ControlParams, EstimatorParams
+from tombo_dynamics.plant import P
+from tombo_dynamics.plant import part as plant_part
+from tombo_dynamics.vehicle import VehicleParams
+from tombo_sim.simulator import Simulator
+
+Array = NDArray[np.float64]
+_TICK = 1e-3
+_DESCENT = 0.4
+"""[m/s], estimated: as the mission lands."""
+_BELOW = 0.6
+"""[m] the descent's goal is below the ground, so that it is reached for sure."""
+
+
+class Failsafe:
+    """Estimates all the time; commands between `engage` and `release`."""
+
+    def __init__(self, simulator: Simulator, vehicle: VehicleParams) -> None:
+        body = plant_part(simulator.m, "body")
+        self._a = new_autopilot(ControlParams(), EstimatorParams(), vehicle, body[:3], body[6:10])
+        self._maps = simulator.ready.maps
+        self._ground = float(body[2])
+        self.engaged = False
+
+    def observe(self, simulator: Simulator) -> None:
+        """Take the IMU sample and the poses of the present tick."""
+        a, tick = self._a, simulator.tick
+        airborne = simulator.height > self._ground + 0.02
+        remember(a, tick)
+        for sample in simulator.arrived:
+            period = sample.captured * _TICK - a[A.mode + 2]
+            if correct(a, sample.pose, 0, sample.captured, tick, period, airborne):
+                a[A.mode + 2] = max(float(a[A.mode + 2]), sample.captured * _TICK)
+        measure_rates(a, simulator.m, P.imu)
+        if self.engaged:
+            cascade(a, self._maps, tick)
+            low = part(a, "position")[2] < self._ground + 0.05
+            still = float(np.abs(part(a, "velocity")).max()) < 0.2
+            if low and still:
+                a[A.mode] = LANDED
+        predict(a, simulator.m, P.imu + 3, airborne)
+
+    def engage(self, tick: int) -> None:
+        """Begin to land from where the vehicle is."""
+        a = self._a
+        x, y, z = (float(v) for v in part(a, "position"))
+        leg = straight((x, y, z), (x, y, self._ground - _BELOW), _DESCENT, tick * _TICK)
+        part(a, "leg")[:] = leg.as_array()
+        forward = part(a, "attitude")
+        yaw = np.arctan2(
+            2.0 * (forward[3] * forward[2] + forward[0] * forward[1]),
+            1.0 - 2.0 * (forward[1] ** 2 + forward[2] ** 2),
+        )
+        a[A.leg + 9] = float(yaw)
+        stand_by(a)
+        part(a, "attitude_setpoint")[:] = forward
+        a[A.mode] = LAND
+        self.engaged = True
+
+    def release(self) -> None:
+        """Leave the vehicle to whoever commands it."""
+        self.engaged = False
+
+    @property
+    def command(self) -> Array:
+        """Rotor speeds (4) [rad/s] asked for in the last tick; zeros on the ground."""
+        return part(self._a, "command").copy()

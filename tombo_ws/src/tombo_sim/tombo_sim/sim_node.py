@@ -1,0 +1,383 @@
+"""The simulator as a node: stands in for PX4 and OptiTrack.
+
+Gives mocap poses, IMU, battery and, under `ground_truth/`, what is really so; takes rotor speeds.
+Without `use_sim_time` a tick of 1 ms takes a millisecond and stamps are the system's time; with it
+the node drives `/clock`: faster, slower, paused, step by step, or waiting for each command.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from tombo_bag.flight_time import EPOCH_NS
+from tombo_bag.topics import (
+    BATTERY,
+    CLOCK,
+    IMU,
+    MARKERS,
+    MOCAP_POSE,
+    ROTOR_COMMAND,
+    TRUE_CONTACT,
+    TRUE_ODOMETRY,
+    TRUE_ROTORS,
+)
+from tombo_dynamics.effects import REGISTRY
+from tombo_dynamics.plant import P, part
+from tombo_dynamics.propeller.choice import PropellerChoice
+from tombo_dynamics.vehicle import VehicleParams
+from tombo_ros.conversion import to_time
+from tombo_ros.health import ERROR, WARN
+from tombo_ros.loop_node import LoopNode, run
+from tombo_ros.loop_statistics import LatenessHistogram
+from tombo_ros.markers import obstacle_marker
+from tombo_ros.wire import Wire
+from tombo_sim.contact_force import contact_force
+from tombo_sim.failsafe import Failsafe
+from tombo_sim.propulsion import propulsion_effects
+from tombo_sim.simulator import Simulator
+from tombo_sim.world import ObstacleParams, SpreadParams, World
+
+TICK_NS = 1_000_000
+_BATTERY_TICKS = 100
+_LOCKSTEP_PATIENCE_NS = 200_000_000
+_RESUME_NS = 100_000_000
+"""Commands must have come for so long before the fail-safe hands over."""
+
+
+class SimNode(LoopNode):
+    """One vehicle, its sensors, and the flight controller's fail-safe."""
+
+    keeps_every_tick = True
+    makes_time = True
+
+    def __init__(self) -> None:
+        """Declare parameters and set the vehicle on the ground.
+
+        Raises:
+            InputError: a parameter is refused, or the world can't be.
+        """
+        records = {
+            "vehicle": VehicleParams(),
+            "propeller": PropellerChoice(),
+            "obstacle": ObstacleParams(),
+            "spread": SpreadParams(),
+        }
+        super().__init__("sim", 1000.0, records, realtime=True)
+        seed = self.declare("seed", 0, "all chance comes from it", bounds=(0, 2**53))
+        rate = self.declare(
+            "mocap_rate", 30.0, "rate of the motion capture [Hz]", bounds=(5.0, 500.0)
+        )
+        self._timeout_ns = 1e9 * self.declare(
+            "command_timeout",
+            0.05,
+            "silence of rotor_command [s] after which the fail-safe lands the vehicle",
+            bounds=(0.005, 5.0),
+        )
+        self.declare(
+            "speed",
+            1.0,
+            "with use_sim_time: how many times faster than the wall clock; 0 pauses",
+            bounds=(0.0, 100.0),
+            read_only=False,
+        )
+        self.declare(
+            "step",
+            0,
+            "with use_sim_time and paused: set to N to go on by N ticks of 1 ms",
+            bounds=(0, 10**9),
+            read_only=False,
+        )
+        self._lockstep = self.sim_time and self.declare(
+            "lockstep", False, "with use_sim_time: each tick waits for the command to it"
+        )
+        clock_rate = self.declare("clock_rate", 250.0, "of /clock [Hz]", bounds=(1.0, 1000.0))
+        self._clock_ticks = max(round(1000.0 / clock_rate), 1)
+        truth_rate = self.declare(
+            "truth_rate", 1000.0, "of ground_truth/odometry and rotors [Hz]", bounds=(1.0, 1000.0)
+        )
+        self._truth_ticks = max(round(1000.0 / truth_rate), 1)
+        world = self._world(rate)
+        self._speed_max = 1.5 * world.vehicle.rotor_speed_max
+        self.simulator = Simulator(world, int(seed))
+        self.failsafe = Failsafe(self.simulator, world.vehicle)
+        self._ground = self.simulator.height
+        self._commands = self.listen(ROTOR_COMMAND, depth=100)
+        self._command = np.zeros(4)
+        self._command_ns = self._resumed_ns = 0
+        self._answered_ns = -1
+        self._asked_ns = 0
+        self._refused = 0
+        self._latency = LatenessHistogram()
+        self._steps = 0
+        self._touched = False
+        self._began_ns = EPOCH_NS
+        """Time of tick 0."""
+        self._started = False
+        self._make_outputs()
+
+    def _world(self, mocap_rate: float) -> World:
+        """Declare the parameters of all effects; what the propeller implies is their default."""
+        derived = propulsion_effects(self.records["propeller"], {})
+        effects = {}
+        for effect in REGISTRY.values():
+            defaults = derived.get(effect.name, {})
+            effects[effect.name] = {
+                p.name: self.declare(
+                    f"effects.{effect.name}.{p.name}",
+                    float(defaults.get(p.name, p.null)),
+                    f"{p.doc} [{p.unit}]",
+                    bounds=p.bounds,
+                )
+                for p in effect.theta
+            }
+        r = self.records
+        return World(r["vehicle"], r["propeller"], r["obstacle"], r["spread"], effects, mocap_rate)
+
+    def _make_outputs(self) -> None:
+        body, world = {"frame_id": "base_link"}, {"frame_id": "map"}
+        nan = float("nan")
+        self._imu_out, self._imu = (
+            self.speak(IMU),
+            Wire(IMU.typename, {"header": body, "orientation_covariance": [-1.0] + 8 * [0.0]}),
+        )
+        self._imu.set("orientation.w", 1.0)
+        self._gyro = self._imu.field("angular_velocity.x", 3)
+        self._accel = self._imu.field("linear_acceleration.x", 3)
+        self._pose_out, self._pose = (
+            self.speak(MOCAP_POSE),
+            Wire(MOCAP_POSE.typename, {"header": world}),
+        )
+        self._pose_values = self._pose.field("pose.position.x", 7)
+        self._odometry_out, self._odometry = (
+            self.speak(TRUE_ODOMETRY),
+            Wire(TRUE_ODOMETRY.typename, {"header": world, "child_frame_id": "base_link"}),
+        )
+        self._true_pose = self._odometry.field("pose.pose.position.x", 7)
+        self._true_twist = self._odometry.field("twist.twist.linear.x", 6)
+        self._rotors_out, self._rotors = (
+            self.speak(TRUE_ROTORS),
+            Wire(TRUE_ROTORS.typename, {"header": body}),
+        )
+        self._rotor_fields = [
+            (self._rotors.field(name, 4), part(self.simulator.m, name))
+            for name in ("speed", "thrust", "fold", "damage")
+        ]
+        self._contact_out, self._contact = (
+            self.speak(TRUE_CONTACT),
+            Wire(TRUE_CONTACT.typename, {"header": world}),
+        )
+        unknown = ("temperature", "charge", "capacity", "design_capacity", "percentage")
+        self._battery_out, self._battery = (
+            self.speak(BATTERY),
+            Wire(
+                BATTERY.typename,
+                {
+                    "header": body,
+                    "present": True,
+                    "power_supply_status": 2,
+                    "power_supply_technology": 3,
+                    **dict.fromkeys(unknown, nan),
+                },
+            ),
+        )
+        self._answer = Wire(ROTOR_COMMAND.typename, {"header": body})
+        self._answer_speed = self._answer.field("speed", 4)
+        self._clock_out = self.speak(CLOCK) if self.sim_time else None
+        self._clock_message = Wire(CLOCK.typename, {})
+        self._markers = self.speak(MARKERS)
+
+    def spin(self) -> None:
+        """Show the obstacle, then fly."""
+        marker = obstacle_marker(self.stamp_ns, self.simulator.ready.obstacle)
+        if marker is not None:
+            self._markers.publish(marker)
+        self._pace()
+        super().spin()
+
+    @property
+    def stamp_ns(self) -> int:
+        """Time of the present tick."""
+        return self._began_ns + self.simulator.tick * TICK_NS
+
+    def now_ns(self) -> int:
+        """Return the flight's time."""
+        return self.stamp_ns if self.sim_time else time.time_ns()
+
+    def records_changed(self, name: str) -> None:
+        """Change speed, or take the order to step."""
+        if name == "speed":
+            self._pace()
+        elif name == "step":
+            self._steps += int(self.parameters.get("step"))
+        else:
+            self.health.fault(
+                "not_at_runtime",
+                True,
+                f"{name} is part of the world: it is used at the next start",
+            )
+
+    def _pace(self) -> None:
+        speed = float(self.parameters.get("speed")) if self.sim_time else 1.0
+        if not self.sim_time and float(self.parameters.get("speed")) != 1.0:
+            self.health.fault("speed", True, "speed has no effect without use_sim_time")
+        self.period_ns = round(TICK_NS / speed) if speed > 0.0 else TICK_NS
+        if self._lockstep:
+            self.period_ns = min(self.period_ns, 100_000)
+
+    def step(self, now_ns: int) -> None:
+        """Go on by one tick, if it is time to."""
+        self._take_commands(now_ns)
+        if not self._started:
+            self._start(now_ns)
+            return
+        if self.sim_time:
+            if float(self.parameters.get("speed")) == 0.0:
+                if self._steps == 0:
+                    self._publish_clock()
+                    return
+                self._steps -= 1
+            if self._lockstep and not self._answered(now_ns):
+                return
+        self.simulator.advance(self._choose(now_ns))
+        self.failsafe.observe(self.simulator)
+        self._publish()
+
+    def _start(self, now_ns: int) -> None:
+        """Say what there is at tick 0; in real time, its time is this run's deadline."""
+        self._started = True
+        if not self.sim_time:
+            self._began_ns = (now_ns - self.late_ns) // 1000 * 1000
+        self._publish()
+
+    def _answered(self, now_ns: int) -> bool:
+        """Return whether the command to the present tick is there, or was waited for in vain."""
+        if self._answered_ns >= self.stamp_ns or self._command_ns == 0:
+            self._asked_ns = now_ns
+            return True
+        waiting = now_ns - self._asked_ns > _LOCKSTEP_PATIENCE_NS
+        self.health.fault("lockstep", waiting, "no command came for a tick; going on without")
+        return waiting
+
+    def _take_commands(self, now_ns: int) -> None:
+        for taken in self._commands.take_raw():
+            if not self._answer.fits(taken.message):
+                self._refuse("rotor_command has another shape or frame than base_link")
+                continue
+            speed = np.array(self._answer_speed.of(taken.message))
+            if not np.isfinite(speed).all() or speed.min() < 0.0 or speed.max() > self._speed_max:
+                self._refuse(f"rotor_command {speed.tolist()} rad/s is no command")
+                continue
+            if self._commands.crowded(now_ns):
+                self._refuse("two nodes command the rotors")
+                continue
+            stamp = self._answer.stamp_of(taken.message)
+            if not self.sim_time:
+                self._latency.add(taken.received_ns - stamp)
+            if taken.received_ns - self._command_ns > self._timeout_ns:
+                self._resumed_ns = taken.received_ns
+            self._command, self._command_ns = speed, taken.received_ns
+            self._answered_ns = stamp
+
+    def _refuse(self, text: str) -> None:
+        self._refused += 1
+        self.health.value("commands_refused", self._refused)
+        self.health.fault("command_refused", True, text, ERROR)
+
+    def _choose(self, now_ns: int) -> Any:
+        """Return the command that acts: the one asked for, the fail-safe's, or none."""
+        silent = now_ns - self._command_ns > self._timeout_ns
+        if not silent and self.health.active("command_refused"):
+            self.health.fault("command_refused", False)
+        airborne = self.simulator.height > self._ground + 0.1
+        if self.failsafe.engaged:
+            if not silent and now_ns - self._resumed_ns > _RESUME_NS:
+                self.failsafe.release()
+                self.health.fault("failsafe", False)
+            else:
+                return self.failsafe.command
+        elif silent and airborne:
+            self.failsafe.engage(self.simulator.tick)
+            self.health.fault("failsafe", True, "no rotor_command: landing on its own", ERROR)
+            return self.failsafe.command
+        if silent:
+            return np.zeros(4)
+        return self._command
+
+    def _publish(self) -> None:
+        simulator, stamp = self.simulator, self.stamp_ns
+        m, tick = simulator.m, simulator.tick
+        self._imu.stamp(stamp)
+        self._gyro.put(m[P.imu : P.imu + 3])
+        self._accel.put(m[P.imu + 3 : P.imu + 6])
+        self._imu_out.publish(self._imu.data())
+        for sample in simulator.arrived:
+            self._pose.stamp(self._began_ns + sample.captured * TICK_NS)
+            self._pose_values.put(sample.pose)
+            self._pose_out.publish(self._pose.data())
+        if tick % self._truth_ticks == 0:
+            self._publish_truth(stamp, m)
+        self._publish_contact(stamp, m)
+        if tick % _BATTERY_TICKS == 0:
+            self._battery.stamp(stamp)
+            self._battery.set("voltage", m[P.supply + 2])
+            self._battery.set("current", -m[P.supply + 1])
+            self._battery_out.publish(self._battery.data())
+        if tick % self._clock_ticks == 0:
+            self._publish_clock()
+
+    def _publish_truth(self, stamp: int, m: Any) -> None:
+        self._odometry.stamp(stamp)
+        self._true_pose.put((*m[P.body : P.body + 3], *m[P.body + 6 : P.body + 10]))
+        turn = m[P.rotation : P.rotation + 9].reshape(3, 3)
+        self._true_twist.put((*(m[P.body + 3 : P.body + 6] @ turn), *m[P.body + 10 : P.body + 13]))
+        self._odometry_out.publish(self._odometry.data())
+        self._rotors.stamp(stamp)
+        for field, values in self._rotor_fields:
+            field.put(values)
+        self._rotors_out.publish(self._rotors.data())
+
+    def _publish_contact(self, stamp: int, m: Any) -> None:
+        touching = m[P.contact] > 0.0
+        if touching or self._touched:
+            self._contact.stamp(stamp)
+            self._contact.set("in_contact", bool(touching))
+            self._contact.set("rotor", int(m[P.contact + 1]))
+            self._contact.set("force.x", *contact_force(m))
+            self._contact.set("point.x", *m[P.contact + 5 : P.contact + 8])
+            self._contact_out.publish(self._contact.data())
+        self._touched = bool(touching)
+
+    def _publish_clock(self) -> None:
+        if self._clock_out is not None:
+            seconds = to_time(self.stamp_ns)
+            self._clock_message.set("clock.sec", seconds.sec)
+            self._clock_message.set("clock.nanosec", seconds.nanosec)
+            self._clock_out.publish(self._clock_message.data())
+
+    def report(self, now_ns: int) -> None:
+        """Add what only the simulator can measure: gyro in to command out, across processes."""
+        if self._latency.number:
+            for share in (50, 99):
+                value = self._latency.percentile_us(share / 100)
+                self.health.value(f"latency_gyro_to_command_p{share}_us", value)
+            largest = round(self._latency.largest_us, 1)
+            self.health.value("latency_gyro_to_command_max_us", largest)
+        self.health.value("tick", self.simulator.tick)
+        self.health.value("commands", self._commands.received)
+        super().report(now_ns)
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    sys.exit(run(SimNode, argv))
+
+
+__all__ = ["WARN", "SimNode", "main"]
+
+if __name__ == "__main__":
+    main()

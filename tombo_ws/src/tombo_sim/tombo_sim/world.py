@@ -1,0 +1,43 @@
+"""What is simulated: vehicle, propeller, obstacle, what differs from flight to flight."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from tombo_dynamics.params import param
+from tombo_dynamics.propeller.choice import PropellerChoice
+from tombo_dynamics.vehicle import VehicleParams
+
+
+@dataclass(frozen=True)
+class ObstacleParams:
+    """The obstacle: a vertical cylinder on the floor. Radius 0: there is none."""
+
+    x: float = param(0.0, "m", (-1e3, 1e3), "axis, map x")
+    y: float = param(0.0, "m", (-1e3, 1e3), "axis, map y")
+    radius: float = param(0.0, "m", (0.0, 100.0), "radius; 0: no obstacle")
+    top: float = param(0.0, "m", (0.0, 100.0), "height of its top")
+
+
+@dataclass(frozen=True)
+class SpreadParams:
+    """What differs from seed to seed besides the noise of the effects."""
+
+    start: float = param(0.02, "m", (0.0, 2.0), "standard deviation of the start, x and y")
+    yaw: float = param(0.02, "rad", (0.0, 3.2), "standard deviation of the heading at the start")
+    obstacle: float = param(0.01, "m", (0.0, 1.0), "standard deviation of the obstacle, x and y")
+
+
+@dataclass(frozen=True)
+class World:
+    """All that a simulation is made from, besides the seed."""
+
+    vehicle: VehicleParams = field(default_factory=VehicleParams)
+    propeller: PropellerChoice = field(default_factory=PropellerChoice)
+    obstacle: ObstacleParams = field(default_factory=ObstacleParams)
+    spread: SpreadParams = field(default_factory=SpreadParams)
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """As given; what follows from the propeller is added."""
+    mocap_rate: float = 30.0
+    """[Hz]."""
