@@ -24,5 +24,10 @@ setup(
     install_requires=["setuptools"],
     extras_require={"test": ["pytest"]},
     zip_safe=False,
-    entry_points={"console_scripts": []},
+    entry_points={
+        "console_scripts": [
+            "detector_node = tombo_collision.detector_node:main",
+            "reaction_node = tombo_collision.reaction_node:main",
+        ]
+    },
 )

@@ -11,18 +11,20 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
-from tombo_collision.params import TRIGGERS, DetectorParams
-from tombo_dynamics.errors import unknown_name
+from tombo_collision.params import DetectorParams
 from tombo_dynamics.vehicle import GRAVITY
 
 Array = NDArray[np.float64]
+Model = tuple[Array, Array, Array, Array]
+
+NOT_FINITE, OUT_OF_ORDER, JUMP = "not_finite", "out_of_order", "jump"
+"""Why a pose was refused."""
 
 _DEGREES = 6
 _TRACK_TIME = 0.5
@@ -32,6 +34,11 @@ _RATE_STEP = 0.033
 _SLOW = 0.03
 """m: a track shorter than this has no direction."""
 _SETTLE_SAMPLES = 8
+_KNOWS_VELOCITY = 2
+"""Samples after which the filter's velocity is good enough to tell a jump."""
+_AGREE = 3
+"""Samples at the new place that make a jump the truth."""
+_MODELS = 256
 
 
 @dataclass(frozen=True)
@@ -56,66 +63,97 @@ class CollisionEvent:
     """1 for the first event of a flight."""
 
 
-class CollisionDetector:
-    """Watches capture-stamped poses; `update` returns an event when one is detected.
+class _Pose(NamedTuple):
+    stamp_s: float
+    position: tuple[float, ...]
+    attitude: tuple[float, ...]
 
-    Raises:
-        InputError: the trigger's name is unknown.
-    """
+
+class CollisionDetector:
+    """Watches capture-stamped poses; `update` returns an event when one is detected."""
 
     def __init__(self, params: DetectorParams) -> None:
-        if params.trigger not in TRIGGERS:
-            raise unknown_name("detector.trigger", params.trigger, TRIGGERS)
-        self._p = params
-        self._innovation = params.trigger in ("innovation", "both")
-        self._region = params.trigger in ("region", "both")
+        self.retune(params)
         self._filter: Any = None
-        self._first_height = math.nan
+        self._ground = math.nan
         self._last_stamp = -math.inf
-        self._last_attitude: Array = np.array([0.0, 0.0, 0.0, 1.0])
+        self._last_attitude: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)
         self._track: deque[tuple[float, Array]] = deque()
         self._samples = 0
         self._blocked_until = -math.inf
         self._count = 0
         self._inside = False
+        self._astray: list[_Pose] = []
         self.statistic = 0.0
         """Normalised innovation squared of the last sample; 0 where there was none."""
+        self.refused = ""
+        """Why the last sample was not used; empty if it was."""
+
+    def retune(self, params: DetectorParams) -> None:
+        """Go on with other parameters; what was seen so far stays."""
+        self._p = params
+        self._innovation = params.trigger in ("innovation", "both")
+        self._region = params.trigger in ("region", "both")
+        self._models: dict[float, Model] = {}
+
+    def reset_clock(self) -> None:
+        """The clock was set: take the next sample whatever its stamp is, and start anew there."""
+        self._last_stamp = math.inf
 
     def update(self, stamp_s: float, position: Array, attitude: Array) -> CollisionEvent | None:
         """Take a pose captured at `stamp_s` [s]; return an event if it shows a collision.
 
-        Samples that are not finite, or not newer than the last one, are ignored. A stamp that lies
-        further back than `gap_max` means that the clock was set: the filter starts anew. The
-        arrays may be used again by the caller.
+        A sample that is not finite, not newer than the last one, or has jumped to where no strike
+        could have put the vehicle, is refused: it changes nothing, `refused` says why. A stamp
+        that lies further back than `gap_max` means that the clock was set, three samples that
+        agree on a new place that this is the truth: the filter starts anew. The arrays may be used
+        again by the caller.
 
         Args:
             stamp_s: capture time.
             position: (3) in map [m].
             attitude: quaternion xyzw (4), map from base_link.
         """
-        if not math.isfinite(stamp_s + sum(position.tolist()) + sum(attitude.tolist())):
+        pose = _Pose(stamp_s, tuple(position.tolist()), tuple(attitude.tolist()))
+        if not math.isfinite(stamp_s + sum(pose.position) + sum(pose.attitude)):
+            self._refuse(NOT_FINITE)
             return None
         step = stamp_s - self._last_stamp
         if -self._p.gap_max <= step <= 0.0:
+            self._refuse(OUT_OF_ORDER)
             return None
-        position, attitude = position.copy(), attitude.copy()
-        if self._first_height != self._first_height:
-            self._first_height = float(position[2])
+        follows = self._filter is not None and 0.0 < step <= self._p.gap_max
+        moved = False
+        if not follows:
+            self._astray.clear()
+        elif self._samples >= _KNOWS_VELOCITY and self._has_jumped(pose, step):
+            if len(self._astray) < _AGREE:
+                self._refuse(JUMP)
+                return None
+            self._astray.clear()
+            moved, follows = True, False
+        self.refused = ""
+        position = position.copy()
+        if self._ground != self._ground:
+            floor, first = self._p.floor_height, pose.position[2]
+            self._ground = floor if first > floor + self._p.arm_height else first
         event = None
         if step < 0.0:
             self._blocked_until = -math.inf
-        if self._filter is None or not 0.0 < step <= self._p.gap_max:
-            self._restart(position)
-        else:
-            self._advance(step, position, attitude)
+        if follows:
+            self._advance(step, pose)
             armed = (
-                position[2] - self._first_height > self._p.arm_height
+                pose.position[2] - self._ground > self._p.arm_height
                 and stamp_s >= self._blocked_until
             )
             if armed:
                 event = self._judge(stamp_s, position)
+        else:
+            self._restart(position)
+            if moved:  # into the region, perhaps: no entry
+                self._inside = self._in_region(position)
         self._last_stamp = stamp_s
-        self._last_attitude = attitude
+        self._last_attitude = pose.attitude
         if event is not None:
             self._blocked_until = stamp_s + self._p.holdoff
             self._track.clear()
@@ -126,6 +164,66 @@ class CollisionDetector:
             while len(self._track) > 1 and self._track[0][0] < oldest:
                 self._track.popleft()
         return event
+
+    def _refuse(self, reason: str) -> None:
+        self.refused = reason
+        self.statistic = 0.0
+
+    def _has_jumped(self, pose: _Pose, step: float) -> bool:
+        """Say whether a pose is where no strike could have put it; `_astray` keeps those that do.
+
+        Once one has jumped, the next belongs to whichever it is nearer to, the old place or the
+        new one: the longer no pose comes from the old place, the further away that could be.
+        """
+        x, y, z, vx, vy, vz = self._filter.x[:6, 0].tolist()
+        velocity, speed = (vx, vy, vz), math.sqrt(vx * vx + vy * vy + vz * vz)
+        near, off = self._reach((x, y, z), velocity, speed, self._last_attitude, pose, step)
+        if not self._astray:
+            if not near:
+                self._astray.append(pose)
+            return not near
+        last = self._astray[-1]
+        since = pose.stamp_s - last.stamp_s
+        if since <= 0.0:
+            return True
+        agrees, off_new = self._reach(last.position, velocity, speed, last.attitude, pose, since)
+        if near and off <= off_new:
+            self._astray.clear()
+            return False
+        if not agrees:
+            self._astray.clear()
+        self._astray.append(pose)
+        return True
+
+    def _reach(
+        self,
+        place: tuple[float, ...],
+        velocity: tuple[float, ...],
+        speed: float,
+        attitude: tuple[float, ...],
+        pose: _Pose,
+        step: float,
+    ) -> tuple[bool, float]:
+        """Return whether a strike could lead to `pose` within `step` [s], and how far off it is.
+
+        Off in units of `jump_distance` and `jump_angle`: 0 where nothing has happened.
+        """
+        p = self._p
+        px, py, pz = pose.position
+        dx = px - place[0] - velocity[0] * step
+        dy = py - place[1] - velocity[1] * step
+        dz = pz - place[2] - velocity[2] * step
+        distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+        x0, y0, z0, w0 = attitude
+        x, y, z, w = pose.attitude
+        size = math.sqrt((x0 * x0 + y0 * y0 + z0 * z0 + w0 * w0) * (x * x + y * y + z * z + w * w))
+        cosine = min(abs(x0 * x + y0 * y + z0 * z + w0 * w) / size, 1.0) if size > 0.0 else 1.0
+        angle = 2.0 * math.acos(cosine)
+        near = (
+            distance <= p.jump_distance + (p.jump_speed + speed) * step
+            and angle <= p.jump_angle + p.jump_rate * step
+        )
+        return near, distance / p.jump_distance + angle / p.jump_angle
 
     def _restart(self, position: Array) -> None:
         kf = KalmanFilter(dim_x=9, dim_z=_DEGREES, dim_u=3)
@@ -139,12 +237,22 @@ class CollisionDetector:
         self.statistic = 0.0
         self._track.clear()
 
-    def _advance(self, step: float, position: Array, attitude: Array) -> None:
+    def _model(self, step: float) -> Model:
+        """Return the filter's matrices for a step [s], rounded to microseconds."""
+        step = round(step, 6)
+        model = self._models.get(step)
+        if model is None:
+            if len(self._models) >= _MODELS:
+                self._models.clear()
+            model = self._models[step] = _model(self._p, step)
+        return model
+
+    def _advance(self, step: float, pose: _Pose) -> None:
         """Predict over `step` [s], compare with the sample and correct."""
         kf = self._filter
-        kf.F, kf.B, kf.Q, kf.R = _model(self._p, round(step, 6))
-        x0, y0, z0, w0 = self._last_attitude.tolist()
-        x, y, z, w = attitude.tolist()
+        kf.F, kf.B, kf.Q, kf.R = self._model(step)
+        x0, y0, z0, w0 = self._last_attitude
+        x, y, z, w = pose.attitude
         # acceleration of a free flight, from the mean attitude over the step
         mx, my, mz, mw = x0 + x, y0 + y, z0 + z, w0 + w
         if x0 * x + y0 * y + z0 * z + w0 * w < 0.0:
@@ -154,7 +262,7 @@ class CollisionDetector:
         ay = GRAVITY * 2.0 * (my * mz - mw * mx) / upright
         rx, ry, rz = _rotation_vector(x0, y0, z0, w0, x, y, z, w)
         kf.predict(u=np.array([[ax], [ay], [0.0]]))
-        px, py, pz = position.tolist()
+        px, py, pz = pose.position
         kf.update(np.array([[px], [py], [pz], [rx / step], [ry / step], [rz / step]]))
         y_ = kf.y[:, 0]
         self._samples += 1
@@ -232,12 +340,12 @@ def _rotation_vector(
 
 def _inverse(matrix: Array) -> Array:
     """Inverse of the innovation's covariance. It is diagonal: no axis has to do with another."""
-    inverse: Array = np.diag(1.0 / matrix.diagonal())
+    inverse = np.zeros((_DEGREES, _DEGREES))
+    inverse.flat[:: _DEGREES + 1] = 1.0 / matrix.diagonal()
     return inverse
 
 
-@lru_cache(maxsize=256)
-def _model(p: DetectorParams, step: float) -> tuple[Array, Array, Array, Array]:
+def _model(p: DetectorParams, step: float) -> Model:
     """Transition, input, process noise (acceleration held a step) and measurement noise."""
     transition = np.eye(9)
     push = np.zeros((9, 3))

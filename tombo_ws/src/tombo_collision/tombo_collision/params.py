@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from tombo_dynamics.errors import unknown_name
 from tombo_dynamics.params import param
 
 TRIGGERS = ("region", "innovation", "both", "none")
@@ -11,7 +12,11 @@ TRIGGERS = ("region", "innovation", "both", "none")
 
 @dataclass(frozen=True)
 class DetectorParams:
-    """Collision detector on the mocap pose."""
+    """Collision detector on the mocap pose.
+
+    Raises:
+        InputError: the trigger's name is unknown.
+    """
 
     trigger: str = field(
         default="innovation",
@@ -91,6 +96,14 @@ class DetectorParams:
         "height above the first pose from which the detector watches",
         "keeps take-off and landing out",
     )
+    floor_height: float = param(
+        0.0,
+        "m",
+        (-1e3, 1e3),
+        "height of the floor in map; a first pose more than arm_height above it is one in flight, "
+        "and the detector watches at once",
+        "the mocap's floor is its zero",
+    )
     gap_max: float = param(
         0.25, "s", (0.05, 5.0), "gap in mocap after which the filter starts anew", "eight samples"
     )
@@ -101,6 +114,39 @@ class DetectorParams:
         "no second event before this time after one",
         "the paper's unstable phase of 1.5 s, plus the return to level flight",
     )
+    jump_distance: float = param(
+        0.05,
+        "m",
+        (1e-3, 10.0),
+        "a pose further than this, plus what jump_speed allows, from the constant-velocity "
+        "prediction has jumped: markers were mixed up",
+        "twenty times the scatter of a prediction from noisy poses",
+    )
+    jump_speed: float = param(
+        3.0,
+        "m/s",
+        (0.1, 100.0),
+        "change of velocity that a strike can make, above taking away the speed there was",
+        "the largest surprise in 100 simulated strikes at 0.7 m/s is a sixth of the limit",
+    )
+    jump_angle: float = param(
+        0.5,
+        "rad",
+        (0.01, 6.4),
+        "an attitude turned by more than this, plus what jump_rate allows, has jumped",
+        "at 30 Hz 1.2 rad in all: a quarter turn, as from markers in a square, is a jump",
+    )
+    jump_rate: float = param(
+        20.0,
+        "rad/s",
+        (0.1, 1000.0),
+        "rate of turn that a strike can make",
+        "simulated strikes and crashes: up to 18 rad/s",
+    )
+
+    def __post_init__(self) -> None:
+        if self.trigger not in TRIGGERS:
+            raise unknown_name("detector.trigger", self.trigger, TRIGGERS)
 
 
 @dataclass(frozen=True)
@@ -117,4 +163,38 @@ class ReactionParams:
         (1.0, 600.0),
         "the reaction is called off as not settled after this time",
         "more than twice the paper's recovery time",
+    )
+
+
+@dataclass(frozen=True)
+class ReactionLimits:
+    """How long the reaction goes on without an input."""
+
+    pose_timeout: float = param(
+        0.25,
+        "s",
+        (0.05, 5.0),
+        "age of the motion capture's pose or of the estimate after which the vehicle flies blind",
+        "as control.blind_timeout",
+    )
+    detector_timeout: float = param(
+        0.5,
+        "s",
+        (0.05, 10.0),
+        "silence of the detector, while poses come, after which the vehicle holds where it is",
+        "15 poses at 30 Hz; 0.35 m of approach",
+    )
+    mission_timeout: float = param(
+        0.3,
+        "s",
+        (0.04, 10.0),
+        "silence of the mission after which the vehicle holds where it is",
+        "15 set points",
+    )
+    event_age: float = param(
+        1.0,
+        "s",
+        (0.05, 10.0),
+        "an older collision is none to react to",
+        "a detector answers within 0.12 s; a latched event of minutes ago is history",
     )

@@ -131,6 +131,45 @@ def begin(home: Array) -> MissionState:
     return MissionState(IDLE, stay((x, y, z), 0.0), (x, y, z))
 
 
+def begin_in_flight(position: Array, ground: float) -> MissionState:
+    """Return the state of a mission that begins in the air: hold at `position` (3), then land.
+
+    Args:
+        position: of the vehicle.
+        ground: height of a vehicle that stands on the ground [m].
+    """
+    x, y, z = (float(v) for v in position)
+    return MissionState(HOLD, stay((x, y, z), 0.0), (x, y, ground), settled_s=0.0)
+
+
+def wait(state: MissionState, now_s: float, position: Array) -> MissionState:
+    """Stay at `position` (3) in the plan's present phase."""
+    x, y, z = (float(v) for v in position)
+    return replace(state, leg=stay((x, y, z), now_s))
+
+
+def grounded(state: MissionState, now_s: float, position: Array) -> MissionState:
+    """End the flight at `position` (3): the vehicle stands on the ground."""
+    return replace(wait(state, now_s, position), mode=LANDED)
+
+
+def resume(
+    state: MissionState, params: MissionParams, now_s: float, position: Array
+) -> MissionState:
+    """Go on with the plan's present phase from `position` (3), at rest there."""
+    x, y, z = (float(v) for v in position)
+    here = (x, y, z)
+    top = (state.home[0], state.home[1], params.height)
+    if state.mode in (TAKEOFF, HOVER):
+        return replace(state, leg=straight(here, top, params.climb_speed, now_s))
+    if state.mode == APPROACH:
+        goal = (params.goal_x, params.goal_y, params.height)
+        if params.step_size > 0.0:
+            goal = _corner(state, params, state.steps - 1)
+        return replace(state, leg=straight(here, goal, params.approach_speed, now_s))
+    return state
+
+
 def escape(state: MissionState, x_r: Array, now_s: float) -> MissionState:
     """Leave the plan for the safe point x_r (3); a point that is not finite changes nothing."""
     x, y, z = (float(v) for v in x_r)
@@ -177,11 +216,15 @@ def proceed(
 
 def _next_step(state: MissionState, params: MissionParams, now_s: float) -> MissionState:
     """Jump to the next corner of a square with a change of height: a hard test for a detector."""
-    corners = ((1.0, 0.0, 0.0), (1.0, 1.0, 0.4), (0.0, 1.0, -0.2), (0.0, 0.0, 0.3))
-    dx, dy, dz = corners[state.steps % 4]
-    size = params.step_size
-    point = (state.home[0] + size * dx, state.home[1] + size * dy, params.height + size * dz)
+    point = _corner(state, params, state.steps)
     return replace(state, mode=APPROACH, leg=stay(point, now_s), steps=state.steps + 1)
+
+
+def _corner(state: MissionState, params: MissionParams, step: int) -> tuple[float, float, float]:
+    corners = ((1.0, 0.0, 0.0), (1.0, 1.0, 0.4), (0.0, 1.0, -0.2), (0.0, 0.0, 0.3))
+    dx, dy, dz = corners[step % 4]
+    size = params.step_size
+    return state.home[0] + size * dx, state.home[1] + size * dy, params.height + size * dz
 
 
 def _settling(

@@ -1,0 +1,527 @@
+"""Faults in flight, each as a row of the table in docs/nodes.md: seen, reported, survived.
+
+The whole suite hovers, paced by the simulator; the test stands between simulator and suite and
+spoils what passes, publishes what it should not, or kills a node. One flight serves all rows.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from ros_bench import Counterpart, NodeProcess
+
+pytest.importorskip("rclpy")
+
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import Imu
+
+from tombo_bag.topics import (
+    COLLISION_EVENT,
+    DIAGNOSTICS,
+    ESTIMATOR_STATUS,
+    IMU,
+    MISSION_SETPOINT,
+    MISSION_STATUS,
+    MOCAP_POSE,
+    ODOMETRY,
+    REACTION_STATUS,
+    ROTOR_COMMAND,
+    SETPOINT,
+    TRUE_ODOMETRY,
+    TopicSpec,
+)
+from tombo_msgs.msg import CollisionEvent, EstimatorStatus, PositionSetpoint, RotorSpeeds
+from tombo_ros.conversion import to_ns, to_time
+from tombo_ros.topic import Input, Output
+
+ROOT = Path(__file__).parents[2]
+HEIGHT = 1.5
+NAN = math.nan
+HOVER = """
+/**:
+  ros__parameters:
+    use_sim_time: true
+    lockstep: true
+    seed: 3
+    truth_rate: 50.0
+    mission: {takeoff_time: 0.2, height: 1.5, climb_speed: 1.0, approach_time: 3000.0,
+              land_time: 3500.0, hold_time: 600.0}
+    effects: {mocap_noise: {position: 0.0007, attitude: 0.002},
+              mocap_latency: {delay: 0.01, jitter: 0.001},
+              imu_noise: {gyro: 0.01, accel: 0.3}}
+"""
+NODES = {
+    "sim": "tombo_sim.sim_node",
+    "estimator": "tombo_control.estimator_node",
+    "controller": "tombo_control.controller_node",
+    "mission": "tombo_control.mission_node",
+    "detector": "tombo_collision.detector_node",
+    "reaction": "tombo_collision.reaction_node",
+}
+
+
+class Spoiler(threading.Thread):
+    """Passes poses and IMU samples from the simulator on to the suite, spoiled on demand."""
+
+    def __init__(self, world: Counterpart) -> None:
+        super().__init__(daemon=True)
+        self.pose: Callable[[Any], Any] | None = None
+        self.imu_silent = False
+        self.running = True
+        raw_pose = TopicSpec("/raw/pose", MOCAP_POSE.typename, MOCAP_POSE.qos, 30.0, "")
+        raw_imu = TopicSpec("/raw/imu", IMU.typename, IMU.qos, 1000.0, "")
+        self._poses, self._samples = (
+            Input(world.node, raw_pose, 50),
+            Input(world.node, raw_imu, 50),
+        )
+        self._pose_out, self._imu_out = Output(world.node, MOCAP_POSE), Output(world.node, IMU)
+        self.doubled = False
+        self._second = Output(world.node, MOCAP_POSE)
+
+    def run(self) -> None:
+        while self.running:
+            for taken in self._samples.take_raw():
+                if not self.imu_silent:
+                    self._imu_out.publish(taken.message)
+            for taken in self._poses.take_raw():
+                self._pass_on(taken.message)
+            time.sleep(0.0001)
+
+    def _pass_on(self, data: bytes) -> None:
+        spoil = self.pose
+        if spoil is None:
+            self._pose_out.publish(data)
+            if self.doubled:
+                self._second.publish(data)
+            return
+        message = spoil(deserialize_message(data, PoseStamped))
+        if message is not None:
+            self._pose_out.publish(message)
+
+
+class Suite(SimpleNamespace):
+    """The suite in hover."""
+
+    world: Counterpart
+    spoiler: Spoiler
+    nodes: dict[str, NodeProcess]
+
+    def start(self, name: str) -> None:
+        remapped = ["-r", "mocap/pose:=raw/pose", "-r", "imu/data_raw:=raw/imu"]
+        more = remapped if name == "sim" else []
+        log = self.folder / f"{name}-{len(os.listdir(self.folder))}.log"
+        self.nodes[name] = NodeProcess(NODES[name], ["--params-file", str(self.file), *more], log)
+
+    def kill(self, name: str) -> None:
+        process = self.nodes[name].process
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+
+    def truth(self) -> Any:
+        self.world.hear()
+        return self.world.heard[TRUE_ODOMETRY.name][-1]
+
+    def flown_s(self) -> float:
+        return to_ns(self.truth().header.stamp) * 1e-9
+
+    def wait(self, seconds: float, patience_s: float = 30.0) -> list[Any]:
+        """Let simulated time pass; return the true states in it."""
+        self.world.hear()
+        begin = len(self.world.heard[TRUE_ODOMETRY.name])
+        until = self.flown_s() + seconds
+        end = time.monotonic() + patience_s
+        while self.flown_s() < until:
+            assert time.monotonic() < end, "the simulation stands still"
+            time.sleep(0.01)
+        return self.world.heard[TRUE_ODOMETRY.name][begin:]
+
+    def settle(self, patience_s: float = 40.0) -> None:
+        """Wait until the vehicle hovers as before."""
+        calm_since = None
+        end = time.monotonic() + patience_s
+        while True:
+            state = self.truth()
+            where, speed = state.pose.pose.position, state.twist.twist.linear
+            off = math.hypot(where.x, where.y, where.z - HEIGHT)
+            fast = math.hypot(speed.x, speed.y, speed.z)
+            now = self.flown_s()
+            if off > 0.15 or fast > 0.15:
+                calm_since = None
+            elif calm_since is None:
+                calm_since = now
+            elif now - calm_since > 0.3:
+                return
+            assert time.monotonic() < end, f"no hover: {off:.2f} m off, {fast:.2f} m/s"
+            time.sleep(0.01)
+
+    def report(self, node: str, key: str) -> str:
+        """Wait until a node reports a fault."""
+        return self.world.wait_for_fault(node, key, 8.0, meanwhile=lambda: time.sleep(0.005))
+
+
+@pytest.fixture(scope="module")
+def suite(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Suite]:
+    environment = {"ROS_DOMAIN_ID": str(60 + os.getpid() % 40)}
+    environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    before = {key: os.environ.get(key) for key in environment}
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-4)  # the spoiler's thread stands in the way of every gyro sample
+    os.environ.update(environment)
+    folder = tmp_path_factory.mktemp("suite")
+    file = folder / "hover.yaml"
+    file.write_text(HOVER)
+    world = Counterpart()
+    made = Suite(world=world, spoiler=Spoiler(world), nodes={}, folder=folder, file=file)
+    try:
+        world.listen(TRUE_ODOMETRY, DIAGNOSTICS, SETPOINT, REACTION_STATUS, MISSION_STATUS)
+        world.listen(COLLISION_EVENT)
+        made.spoiler.start()
+        for name in NODES:
+            made.start(name)
+        world.wait_for(TRUE_ODOMETRY, lambda m: m.pose.pose.position.z > 1.4, 90.0)
+        made.settle()
+        yield made
+    finally:
+        made.spoiler.running = False
+        made.spoiler.join()
+        codes = {name: node.end() for name, node in made.nodes.items()}
+        for node in made.nodes.values():
+            node.close()
+        world.close()
+        sys.setswitchinterval(interval)
+        for key, value in before.items():
+            if value is None:
+                os.environ.pop(key, None)
+            else:
+                os.environ[key] = value
+    assert set(codes.values()) == {0}, codes
+
+
+def lowest(states: list[Any]) -> float:
+    return min(state.pose.pose.position.z for state in states)
+
+
+def steepest(states: list[Any]) -> float:
+    """Largest tilt [rad] in some states."""
+    tilts = []
+    for state in states:
+        q = state.pose.pose.orientation
+        tilts.append(math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (q.x**2 + q.y**2)))))
+    return max(tilts)
+
+
+def furthest(states: list[Any]) -> float:
+    """Largest distance from the hover's place [m]."""
+    places = [state.pose.pose.position for state in states]
+    return max(math.hypot(p.x, p.y, p.z - HEIGHT) for p in places)
+
+
+# --- poses ----------------------------------------------------------------------------------
+
+
+def test_mocap_silent_for_a_fifth_of_a_second(suite: Suite) -> None:
+    suite.settle()
+    suite.spoiler.pose = lambda message: None
+    states = suite.wait(0.2)
+    suite.spoiler.pose = None
+    assert "mocap_silent" in suite.report("estimator", "mocap_silent")
+    states += suite.wait(0.5)
+    assert furthest(states) < 0.2  # the IMU bridges it: the vehicle stays
+    suite.settle()
+
+
+def test_mocap_silent_for_longer(suite: Suite) -> None:
+    suite.settle()
+    suite.spoiler.pose = lambda message: None
+    assert "blind" in suite.report("controller", "blind")
+    states = suite.wait(0.6)
+    suite.spoiler.pose = None
+    assert lowest(states) < HEIGHT - 0.02, "it descends"
+    assert steepest(states[len(states) // 2 :]) < 0.15, "it is level"
+    suite.settle()
+
+
+def test_mocap_jumps(suite: Suite) -> None:
+    suite.settle()
+    count = [0]
+
+    def jump(message: Any) -> Any:
+        count[0] += 1
+        if count[0] == 3:
+            message.pose.position.x += 2.0
+        return message
+
+    events = len(suite.world.heard[COLLISION_EVENT.name])
+    suite.spoiler.pose = jump
+    assert "pose_jump" in suite.report("estimator", "pose_jump")
+    states = suite.wait(0.5)
+    suite.spoiler.pose = None
+    assert furthest(states) < 0.2
+    assert len(suite.world.heard[COLLISION_EVENT.name]) == events, "a jump is no collision"
+
+
+def test_mocap_out_of_order(suite: Suite) -> None:
+    suite.settle()
+    kept: list[Any] = []
+
+    def swap(message: Any) -> Any:
+        kept.append(message)
+        if len(kept) % 2 == 0:
+            return kept[-2]
+        return kept[-1] if len(kept) == 1 else message
+
+    suite.spoiler.pose = swap
+    assert "pose_out_of_order" in suite.report("estimator", "pose_out_of_order")
+    states = suite.wait(0.5)
+    suite.spoiler.pose = None
+    assert furthest(states) < 0.2
+
+
+def test_mocap_stamped_in_the_future(suite: Suite) -> None:
+    suite.settle()
+
+    def ahead(message: Any) -> Any:
+        message.header.stamp = to_time(to_ns(message.header.stamp) + 200_000_000)
+        return message
+
+    suite.spoiler.pose = ahead
+    assert "pose_future" in suite.report("estimator", "pose_future")
+    assert "blind" in suite.report("controller", "blind")
+    states = suite.wait(0.4)
+    suite.spoiler.pose = None
+    assert steepest(states) < 0.2
+    suite.settle()
+
+
+def test_mocap_in_a_wrong_frame(suite: Suite) -> None:
+    suite.settle()
+
+    def elsewhere(message: Any) -> Any:
+        message.header.frame_id = "optitrack"
+        return message
+
+    suite.spoiler.pose = elsewhere
+    assert "pose_wrong_frame" in suite.report("estimator", "pose_wrong_frame")
+    assert "blind" in suite.report("controller", "blind")
+    states = suite.wait(0.4)
+    suite.spoiler.pose = None
+    assert steepest(states) < 0.2
+    suite.settle()
+
+
+def test_mocap_with_nan(suite: Suite) -> None:
+    suite.settle()
+    count = [0]
+
+    def spoil(message: Any) -> Any:
+        count[0] += 1
+        if count[0] % 3 == 0:
+            message.pose.position.z = NAN
+        return message
+
+    suite.spoiler.pose = spoil
+    assert "pose_not_finite" in suite.report("detector", "pose_not_finite")
+    states = suite.wait(0.6)
+    suite.spoiler.pose = None
+    assert furthest(states) < 0.2
+
+
+def test_two_mocap_publishers(suite: Suite) -> None:
+    suite.settle()
+    suite.spoiler.doubled = True
+    assert "second_publisher" in suite.report("estimator", "second_publisher.mocap/pose")
+    assert "blind" in suite.report("controller", "blind")
+    states = suite.wait(0.3)
+    suite.spoiler.doubled = False
+    assert steepest(states) < 0.2
+    suite.settle()
+
+
+# --- gyro -----------------------------------------------------------------------------------
+
+
+def test_imu_silent(suite: Suite) -> None:
+    suite.settle()
+    suite.spoiler.imu_silent = True
+    assert "imu_silent" in suite.report("controller", "imu_silent")
+    assert "failsafe" in suite.report("sim", "failsafe")
+    states = suite.wait(0.5)
+    suite.spoiler.imu_silent = False
+    assert lowest(states) < HEIGHT - 0.02, "the flight controller lands it"
+    assert steepest(states) < 0.3
+    suite.settle()
+
+
+# --- not a number, in any message -----------------------------------------------------------
+
+
+def bad_imu() -> Any:
+    message = Imu()
+    message.header.frame_id = "base_link"
+    message.orientation_covariance[0] = -1.0
+    message.angular_velocity.x = NAN
+    return message
+
+
+def bad_odometry() -> Any:
+    message = Odometry(child_frame_id="base_link")
+    message.header.frame_id = "map"
+    message.pose.pose.position.z = NAN
+    return message
+
+
+def bad_setpoint() -> Any:
+    message = PositionSetpoint(phase=2)
+    message.header.frame_id = "map"
+    message.position.x = NAN
+    return message
+
+
+def bad_event() -> Any:
+    message = CollisionEvent(trigger=2)
+    message.header.frame_id = "map"
+    message.contact_position.x = NAN
+    return message
+
+
+def bad_status() -> Any:
+    message = EstimatorStatus(initialised=True)
+    message.gyro_bias.y = NAN
+    return message
+
+
+@pytest.mark.parametrize(
+    ("spec", "make", "node", "key"),
+    [
+        (IMU, bad_imu, "estimator", "imu_not_finite"),
+        (ODOMETRY, bad_odometry, "controller", "odometry_refused"),
+        (ESTIMATOR_STATUS, bad_status, "controller", "estimator_status_refused"),
+        (MISSION_SETPOINT, bad_setpoint, "reaction", "mission_not_finite"),
+        (SETPOINT, bad_setpoint, "controller", "setpoint_refused"),
+        (COLLISION_EVENT, bad_event, "reaction", "event_not_finite"),
+        (ROTOR_COMMAND, lambda: RotorSpeeds(speed=[NAN] * 4), "sim", "command_refused"),
+    ],
+    ids=lambda value: value.name if isinstance(value, TopicSpec) else "",
+)
+def test_not_a_number(
+    suite: Suite, spec: TopicSpec, make: Callable[[], Any], node: str, key: str
+) -> None:
+    suite.settle()
+    message = make()
+    if hasattr(message, "header"):
+        message.header.stamp = to_time(round(suite.flown_s() * 1e9))
+        if spec is ROTOR_COMMAND:
+            message.header.frame_id = "base_link"
+    suite.world.meet(spec)
+    suite.world.publish(spec, message)
+    assert key in suite.report(node, key)
+    assert furthest(suite.wait(0.4)) < 0.2, "one such message moves nothing"
+
+
+# --- two publishers -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("spec", "make", "node", "holds"),
+    [
+        (MISSION_SETPOINT, PositionSetpoint, "reaction", True),
+        (SETPOINT, PositionSetpoint, "controller", True),
+        (ODOMETRY, Odometry, "controller", False),
+        (ROTOR_COMMAND, RotorSpeeds, "sim", False),
+    ],
+    ids=lambda value: value.name if isinstance(value, TopicSpec) else "",
+)
+def test_second_publisher(
+    suite: Suite, spec: TopicSpec, make: Callable[[], Any], node: str, holds: bool
+) -> None:
+    """Somebody else sends 2 m to the side, or zeros: it must not be obeyed."""
+    suite.settle()
+    suite.world.meet(spec)
+    begin = len(suite.world.heard[TRUE_ODOMETRY.name])
+
+    def disturb() -> None:
+        message = make()
+        message.header.stamp = to_time(round(suite.flown_s() * 1e9))
+        message.header.frame_id = "base_link" if spec is ROTOR_COMMAND else "map"
+        if hasattr(message, "phase"):
+            message.phase, message.position.x, message.position.z = 2, 2.0, HEIGHT
+        if hasattr(message, "child_frame_id"):
+            message.child_frame_id = "base_link"
+            message.pose.pose.position.x = 2.0
+            message.pose.pose.orientation.w = 1.0
+        suite.world.publish(spec, message)
+        time.sleep(0.01)
+
+    key = f"second_publisher.{spec.name.lstrip('/')}"
+    assert key in suite.world.wait_for_fault(node, key, 8.0, meanwhile=disturb)
+    for _ in range(30):
+        disturb()
+    states = suite.world.heard[TRUE_ODOMETRY.name][begin:]
+    across = max(math.hypot(s.pose.pose.position.x, s.pose.pose.position.y) for s in states)
+    assert across < 0.3, "it went where the second one said"
+    assert steepest(states) < 0.3
+    if holds:
+        assert lowest(states) > HEIGHT - 0.2
+    suite.settle()
+
+
+# --- a node dies ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "observer", "key"),
+    [
+        ("estimator", "controller", "blind"),
+        ("controller", "sim", "failsafe"),
+        ("reaction", "controller", "setpoint_silent"),
+        ("detector", "reaction", "detector_silent"),
+        ("mission", "reaction", "mission_silent"),
+    ],
+)
+def test_node_killed_and_restarted(suite: Suite, name: str, observer: str, key: str) -> None:
+    suite.settle()
+    begin = len(suite.world.heard[TRUE_ODOMETRY.name])
+    suite.kill(name)
+    assert key in suite.report(observer, key)
+    suite.start(name)
+    until = time.monotonic() + 60.0
+    while suite.world.node.count_publishers("/diagnostics") < len(NODES):
+        assert time.monotonic() < until
+        time.sleep(0.02)
+    suite.wait(1.0, patience_s=60.0)
+    states = suite.world.heard[TRUE_ODOMETRY.name][begin:]
+    across = max(math.hypot(s.pose.pose.position.x, s.pose.pose.position.y) for s in states)
+    assert steepest(states) < 0.4
+    assert across < 0.6
+    if name in ("reaction", "detector", "mission"):
+        assert lowest(states) > HEIGHT - 0.2, "it holds"
+    if lowest(states) > 0.3:
+        suite.settle()
+
+
+# --- the table ------------------------------------------------------------------------------
+
+
+def test_the_table_in_the_docs_has_a_test_for_each_row() -> None:
+    page = (ROOT / "docs" / "nodes.md").read_text()
+    rows = re.findall(r"^\| .* \| `(test_\w+)`(?:, `\w+`)? \|$", page, re.MULTILINE)
+    here = {name for name in globals() if name.startswith("test_")}
+    here -= {"test_the_table_in_the_docs_has_a_test_for_each_row"}
+    elsewhere = set(rows) - here
+    assert here <= set(rows), "tested, but not in the table"
+    others = "".join(p.read_text() for p in (ROOT / "tests").rglob("test_*.py"))
+    assert all(f"def {name}(" in others for name in elsewhere), "in the table, but not tested"

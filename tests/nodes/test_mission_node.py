@@ -1,0 +1,150 @@
+"""The mission over DDS, stepped by /clock: a plan flown to the end, and begun in flight."""
+
+import math
+import time
+
+import numpy as np
+import pytest
+from nav_msgs.msg import Odometry
+from rcl_interfaces.srv import SetParameters
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from reports import heard, told
+
+from tombo_bag.topics import (
+    CLOCK,
+    DIAGNOSTICS,
+    MISSION_SETPOINT,
+    MISSION_STATUS,
+    ODOMETRY,
+    REACTION_STATUS,
+    SETPOINT,
+)
+from tombo_msgs.msg import MissionStatus, ReactionStatus
+from tombo_ros.conversion import array, point, to_ns, to_time, vector
+
+MS = 1_000_000
+X_R = np.array([0.3, 0.1, 0.8])
+PLAN = {
+    "takeoff_time": 0.2,
+    "height": 0.8,
+    "climb_speed": 2.0,
+    "approach_time": 2.0,
+    "hold_time": 0.2,
+    "land_speed": 2.0,
+}
+
+
+class Flight:
+    """A vehicle that is where the mission wants it, and a reaction that agrees."""
+
+    def __init__(self, world, start, place=(0.0, 0.0, 0.18), reaction=None, more=()):
+        self.world = world
+        self.place, self.velocity = np.array(place, float), np.zeros(3)
+        self.lost = False
+        world.now_ns = 1_763_700_000_123_456_789
+        world.listen(MISSION_SETPOINT, MISSION_STATUS, DIAGNOSTICS)
+        if reaction is not None:
+            self.react(**reaction)
+        arguments = [f"mission.{name}:={value}" for name, value in PLAN.items()]
+        arguments += ["use_sim_time:=true", *more]
+        self.node = start("tombo_control.mission_node", *(a for p in arguments for a in ("-p", p)))
+        world.meet(CLOCK, ODOMETRY, SETPOINT, REACTION_STATUS)
+        world.meet(MISSION_SETPOINT, MISSION_STATUS, DIAGNOSTICS)
+        heard(world, MISSION_SETPOINT, meanwhile=self._publish)
+
+    def react(self, state=ReactionStatus.REACTING, x_r=X_R, age_s=0.0):
+        message = ReactionStatus(state=state, collisions=1)
+        message.header.stamp = to_time(self.world.now_ns - round(1e9 * age_s))
+        message.x_r = point(x_r)
+        self.world.publish(REACTION_STATUS, message)
+
+    def _publish(self):
+        world = self.world
+        message = Odometry(child_frame_id="base_link")
+        message.header.stamp, message.header.frame_id = to_time(world.now_ns), "map"
+        message.pose.pose.position = point(3 * [math.nan] if self.lost else self.place)
+        message.twist.twist.linear = vector(self.velocity)
+        world.publish(ODOMETRY, message)
+        world.tick(20 * MS)
+
+    def step(self):
+        """20 ms: publish the estimate, wait for the set point, be there."""
+        world = self.world
+        self._publish()
+        said = world.heard[MISSION_SETPOINT.name]
+        end = time.monotonic() + 5.0
+        while not said or to_ns(said[-1].header.stamp) < world.now_ns:
+            assert time.monotonic() < end, "no set point"
+            time.sleep(0.0005)
+            world.hear()
+        world.publish(SETPOINT, said[-1])
+        before = self.place
+        if said[-1].phase not in (MissionStatus.IDLE, MissionStatus.LANDED):
+            self.place = np.maximum(array(said[-1].position), [-9.0, -9.0, 0.18])
+        self.velocity = (self.place - before) / 0.02
+        return said[-1]
+
+    def until(self, phase, patience_s=6.0):
+        for _ in range(round(patience_s * 50)):
+            said = self.step()
+            if said.phase == phase:
+                return said
+        raise AssertionError(f"never in phase {phase}")
+
+    def phases(self):
+        self.world.hear()
+        return [m.phase for m in self.world.heard[MISSION_STATUS.name]]
+
+
+def test_flies_the_plan_follows_the_reaction_and_lands(world, start):
+    flight = Flight(world, start)
+    flight.until(MissionStatus.TAKEOFF)
+    flight.until(MissionStatus.APPROACH)
+    flight.react()
+    said = flight.until(MissionStatus.REACT)
+    assert array(said.position) == pytest.approx(X_R)
+    assert said.header.frame_id == "map"
+    flight.until(MissionStatus.LANDED)
+    flight.step()
+    S = MissionStatus
+    expected = [S.IDLE, S.TAKEOFF, S.HOVER, S.APPROACH, S.REACT, S.HOLD, S.LAND, S.LANDED]
+    assert flight.phases() == expected
+    assert world.heard[MISSION_STATUS.name][3].text == "approach"
+    assert flight.node.end() == 0
+
+
+def test_begun_in_flight_after_a_collision_it_goes_to_x_r(world, start):
+    flight = Flight(world, start, (0.6, 0.1, 0.7), {"age_s": 2.0})
+    said = flight.until(MissionStatus.REACT)
+    assert array(said.position) == pytest.approx(X_R)
+    flight.until(MissionStatus.LAND)
+    assert MissionStatus.TAKEOFF not in flight.phases()
+
+
+def test_begun_in_flight_it_holds_there_and_stops_without_estimates(world, start):
+    place = np.array([0.6, 0.1, 0.7])
+    flight = Flight(world, start, place, more=["mission.hold_time:=5.0"])
+    said = flight.step()
+    assert said.phase == MissionStatus.HOLD
+    assert array(said.position) == pytest.approx(place)
+    flight.lost = True
+    told(world, "mission", "odometry_not_finite", meanwhile=flight.step)
+    told(world, "mission", "estimate_silent", meanwhile=flight.step)
+    assert array(flight.step().position) == pytest.approx(place)
+
+
+def test_waits_for_auto_start(world, start):
+    flight = Flight(world, start, more=["auto_start:=false"])
+    for _ in range(30):
+        assert flight.step().phase == MissionStatus.IDLE
+    client = world.node.create_client(SetParameters, "/mission/set_parameters")
+    assert client.wait_for_service(5.0)
+    value = Parameter("auto_start", value=True).to_parameter_msg()
+    answer = client.call_async(SetParameters.Request(parameters=[value]))
+    executor = SingleThreadedExecutor(context=world.node.context)
+    executor.add_node(world.node)
+    executor.spin_until_future_complete(answer, 5.0)
+    assert answer.result().results[0].successful
+    flight.until(MissionStatus.TAKEOFF)
+    executor.shutdown()

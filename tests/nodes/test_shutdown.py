@@ -1,0 +1,50 @@
+"""The suite ends when it is told to: all processes gone, exit 0, no traceback."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+
+import pytest
+
+from ros_bench import NodeProcess
+
+pytest.importorskip("rclpy")
+
+NODES = (
+    "tombo_sim.sim_node",
+    "tombo_control.estimator_node",
+    "tombo_control.controller_node",
+    "tombo_control.mission_node",
+    "tombo_collision.detector_node",
+    "tombo_collision.reaction_node",
+    "tombo_ros.recorder_node",
+)
+
+
+@pytest.mark.parametrize(
+    "signals",
+    [(signal.SIGINT,), (signal.SIGTERM,), (signal.SIGINT, signal.SIGINT)],
+    ids=["INT", "TERM", "INT twice"],
+)
+def test_the_whole_suite_is_gone_within_three_seconds(start, tmp_path, signals):
+    processes: list[NodeProcess] = []
+    for number, module in enumerate(NODES):
+        more = ("-p", f"output:={tmp_path / 'bag'}") if "recorder" in module else ()
+        processes.append(start(module, "-p", "use_sim_time:=false", *more))
+        assert number == len(processes) - 1
+    until = time.monotonic() + 60.0
+    while not all("running" in node.output for node in processes):
+        assert time.monotonic() < until, [n.module for n in processes if "running" not in n.output]
+        time.sleep(0.05)
+    time.sleep(0.5)
+    began = time.monotonic()
+    for number in signals:
+        for node in processes:
+            os.killpg(node.process.pid, number)  # as Ctrl-C does it
+        time.sleep(0.05)
+    codes = {node.module: node.process.wait(10.0) for node in processes}
+    assert time.monotonic() - began < 3.0
+    assert set(codes.values()) == {0}, codes
+    assert not any("Traceback" in node.output for node in processes)

@@ -1,0 +1,477 @@
+"""The reaction in line: what goes on to the controller, and when."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tombo_collision import interception
+from tombo_collision.detector import CollisionEvent
+from tombo_collision.interception import (
+    APPROACH,
+    BLIND,
+    DETECTOR_SILENT,
+    DUPLICATE,
+    ELSEWHERE,
+    FUTURE,
+    HOLD,
+    HOLDING,
+    HOVER,
+    IDLE,
+    LAND,
+    LANDED,
+    MISSION_SILENT,
+    NOT_FINITE,
+    NOT_FLYING,
+    NOT_UNIT,
+    PHASE_IDLE,
+    REACT,
+    REACTING,
+    STALE,
+    STATE_NAMES,
+    TAKEOFF,
+    TWO_PUBLISHERS,
+    Interception,
+    Setpoint,
+)
+from tombo_collision.params import ReactionLimits, ReactionParams
+from tombo_control import autopilot
+
+MS = 1_000_000
+START = 1_763_700_000_000_000_000
+HERE = np.array([1.6, 0.1, 2.0])
+X_C = np.array([1.7, 0.1, 2.0])
+X_R = np.array([0.9, 0.1, 2.0])
+
+
+def at(place, phase=APPROACH, velocity=(0.7, 0.0, 0.0)):
+    return Setpoint(np.array(place, float), np.array(velocity), np.zeros(3), 0.3, phase)
+
+
+def collision(x_c=X_C, direction=(1.0, 0.0, 0.0)):
+    return CollisionEvent(
+        0.0, "innovation", 0.0, np.array(x_c, float), np.array(direction, float), 1.0, 100.0, 1
+    )
+
+
+class Bench:
+    """Runs the logic at 250 Hz with the inputs that are switched on, and keeps what it says."""
+
+    def __init__(self, phase=APPROACH, place=HERE):
+        self.logic = Interception(ReactionParams(), ReactionLimits())
+        self.now = START
+        self.wish = at(place, phase)
+        self.place = np.array(place, float)
+        self.mission = self.odometry = self.mocap = self.detector = True
+        self.said = []
+        self.run(0.2)
+
+    def run(self, seconds):
+        """Return what is said in that time."""
+        before = len(self.said)
+        for _ in range(round(seconds * 250)):
+            self.now += 4 * MS
+            tick = (self.now - START) // (4 * MS)
+            if self.mocap and tick % 8 == 0:
+                self.logic.mocap(self.now)
+                if self.detector:
+                    self.logic.detector(self.now)
+            if self.odometry:
+                self.logic.odometry(self.place, self.now)
+            if self.mission and tick % 5 == 0:
+                self.logic.mission(self.wish, self.now)
+            self.tick()
+        return [s for _, s in self.said[before:]]
+
+    def tick(self):
+        said = self.logic.tick(self.now)
+        if said is not None:
+            self.said.append((self.now, said))
+        return said
+
+    def hit(self, event=None, age_ms=20):
+        return self.logic.event(event or collision(), self.now - age_ms * MS, self.now)
+
+    @property
+    def state(self):
+        return self.logic.status.state
+
+
+def only(setpoints):
+    """The one place and phase that all set points agree on."""
+    ((place, phase),) = {(tuple(s.position), s.phase) for s in setpoints}
+    return np.array(place), phase
+
+
+def test_phases_and_states_are_those_of_the_messages():
+    names = ("IDLE", "TAKEOFF", "HOVER", "APPROACH", "REACT", "HOLD", "LAND", "LANDED")
+    for name in names:
+        here = interception.PHASE_IDLE if name == "IDLE" else getattr(interception, name)
+        assert here == getattr(autopilot, name)
+    assert STATE_NAMES[REACTING] == "reacting"
+    assert (IDLE, REACTING, BLIND, HOLDING) == (0, 1, 2, 3)
+
+
+@pytest.mark.parametrize("phase", range(8))
+def test_without_a_collision_the_mission_s_set_point_goes_on_unchanged(phase):
+    bench = Bench(phase)
+    said = bench.run(1.0)
+    assert len(said) == 50
+    assert all(s is bench.wish for s in said)
+    assert bench.state == IDLE
+
+
+def test_each_wish_goes_on_in_the_same_run():
+    bench = Bench()
+    wish = at([1.0, 0.0, 2.0])
+    bench.logic.mission(wish, bench.now)
+    assert bench.tick() is wish
+    assert bench.tick() is None
+
+
+def test_nothing_is_said_before_the_mission_has_spoken():
+    logic = Interception(ReactionParams(), ReactionLimits())
+    for k in range(100):
+        logic.odometry(HERE, START + k * 4 * MS)
+        assert logic.tick(START + k * 4 * MS) is None
+
+
+@pytest.mark.parametrize("phase", [TAKEOFF, HOVER, APPROACH])
+def test_a_collision_is_answered_in_the_same_run(phase):
+    bench = Bench(phase)
+    assert bench.hit() == ""
+    said = bench.tick()
+    assert said.position == pytest.approx(X_R)
+    assert said.phase == REACT
+    assert not said.velocity.any() and not said.acceleration.any()
+    assert said.yaw == bench.wish.yaw
+    assert bench.state == REACTING
+    assert bench.logic.status.reaction.collisions == 1
+
+
+def test_it_holds_x_r_until_the_mission_flies_there_itself():
+    bench = Bench()
+    bench.hit()
+    bench.tick()
+    place, phase = only(bench.run(1.0))
+    assert place == pytest.approx(X_R) and phase == REACT
+    bench.wish = at(X_R, REACT, (0, 0, 0))
+    assert bench.run(0.1)[-1] is bench.wish
+    for phase in (HOLD, LAND, LANDED):
+        bench.wish = at(X_R - [0.0, 0.0, 0.1], phase)
+        assert bench.run(0.1)[-1] is bench.wish
+        assert bench.state == (IDLE if phase == LANDED else REACTING)
+    assert bench.logic.status.reaction.collisions == 1
+
+
+def test_a_second_collision_overrides_the_mission_until_it_knows():
+    bench = Bench()
+    bench.hit()
+    bench.wish = at(X_R, HOLD, (0, 0, 0))
+    bench.run(0.5)
+    bench.hit(collision(X_R, (0.0, 1.0, 0.0)))
+    said = bench.tick()
+    assert said.position == pytest.approx([0.9, -0.7, 2.0])
+    assert bench.logic.status.reaction.collisions == 2
+    place, _ = only(bench.run(0.5))  # the mission still holds the first x_r
+    assert place == pytest.approx([0.9, -0.7, 2.0])
+    bench.wish = at(place, REACT, (0, 0, 0))
+    assert bench.run(0.1)[-1] is bench.wish
+
+
+def test_once_landed_the_next_flight_begins_afresh():
+    bench = Bench()
+    bench.hit()
+    bench.wish = at([0, 0, 0.18], LANDED)
+    bench.run(0.1)
+    bench.wish = at([0, 0, 0.18], PHASE_IDLE)
+    said = bench.run(0.1)
+    assert said[-1] is bench.wish
+    assert bench.logic.status.reaction.collisions == 0
+
+
+@pytest.mark.parametrize(
+    ("why", "event", "age_ms"),
+    [
+        (NOT_FINITE, collision([math.nan, 0, 2]), 20),
+        (NOT_FINITE, collision(direction=(0, math.inf, 0)), 20),
+        (NOT_UNIT, collision(direction=(0, 0, 0)), 20),
+        (NOT_UNIT, collision(direction=(0.8, 0, 0)), 20),
+        (NOT_UNIT, collision(direction=(1.2, 0, 0)), 20),
+        (STALE, collision(), 1001),
+        (FUTURE, collision(), -51),
+        (ELSEWHERE, collision([1000.0, 0.0, 2.0]), 20),
+    ],
+)
+def test_an_event_that_makes_no_sense_changes_nothing(why, event, age_ms):
+    bench = Bench()
+    assert bench.hit(event, age_ms) == why
+    said = bench.run(0.2)
+    assert all(s is bench.wish for s in said)
+    assert bench.state == IDLE
+    assert bench.hit() == ""  # and the next is answered
+
+
+@pytest.mark.parametrize("phase", [PHASE_IDLE, LAND, LANDED])
+def test_on_the_ground_and_landing_there_is_no_reaction(phase):
+    bench = Bench(phase)
+    assert bench.hit() == NOT_FLYING
+    assert all(s is bench.wish for s in bench.run(0.2))
+
+
+def test_the_same_event_again_is_not_a_second_collision():
+    bench = Bench()
+    assert bench.hit() == ""
+    decided = bench.logic.status
+    assert bench.hit() == DUPLICATE
+    bench.run(0.1)
+    assert bench.logic.status.reaction.collisions == 1
+    assert bench.logic.status.reaction is not decided.reaction
+
+
+def test_a_direction_that_is_nearly_a_unit_vector_is_made_one():
+    bench = Bench()
+    assert bench.hit(collision(direction=(1.05, 0.0, 0.0))) == ""
+    assert bench.tick().position == pytest.approx(X_R)
+
+
+def test_started_in_flight_a_fresh_event_waits_for_the_mission():
+    bench = Bench()
+    fresh = Bench()
+    fresh.logic = Interception(ReactionParams(), ReactionLimits())
+    fresh.now = bench.now
+    assert fresh.hit() == ""
+    assert fresh.tick() is None
+    fresh.logic.mission(fresh.wish, fresh.now)
+    assert fresh.tick().position == pytest.approx(X_R)
+
+
+def test_a_silent_detector_makes_it_hold_where_it_is_and_go_on_after():
+    bench = Bench()
+    bench.detector = False
+    bench.run(0.44)
+    assert bench.state == IDLE
+    bench.run(0.1)
+    assert (bench.state, bench.logic.status.why) == (HOLDING, DETECTOR_SILENT)
+    bench.place = HERE + np.array([0.4, 0.0, 0.0])  # it brakes; where it was is where it stays
+    bench.wish = at([3.0, 0.0, 2.0])
+    place, phase = only(bench.run(1.0))
+    assert place == pytest.approx(HERE) and phase == HOLD
+    assert not bench.said[-1][1].velocity.any()
+    bench.detector = True
+    bench.run(0.06)
+    assert bench.state == IDLE
+    assert bench.run(0.1)[-1] is bench.wish
+
+
+def test_without_a_detector_nobody_takes_off():
+    bench = Bench(PHASE_IDLE)
+    bench.detector = False
+    said = bench.run(1.0)
+    assert all(s is bench.wish for s in said)
+    assert (bench.state, bench.logic.status.why) == (HOLDING, DETECTOR_SILENT)
+
+
+def test_a_detector_without_poses_is_not_to_blame():
+    bench = Bench()
+    bench.mocap = False
+    bench.run(1.0)
+    assert bench.state == BLIND
+    assert bench.run(0.1)[-1] is bench.wish
+    bench.mocap = True
+    states = set()
+    for _ in range(100):
+        bench.run(0.004)
+        states.add(bench.state)
+    assert HOLDING not in states
+    assert bench.state == IDLE
+
+
+@pytest.mark.parametrize("missing", ["mocap", "odometry"])
+def test_flying_blind_is_said_and_x_r_is_kept(missing):
+    bench = Bench()
+    bench.hit()
+    bench.run(0.1)
+    setattr(bench, missing, False)
+    bench.run(0.2)
+    assert bench.state == REACTING
+    place, phase = only(bench.run(0.2))
+    assert bench.state == BLIND
+    assert place == pytest.approx(X_R) and phase == REACT
+    assert bench.logic.status.reaction.x_r == pytest.approx(X_R)
+    setattr(bench, missing, True)
+    bench.run(0.05)
+    assert bench.state == REACTING
+
+
+@pytest.mark.parametrize("phase", [TAKEOFF, HOVER, APPROACH, HOLD, LAND])
+def test_a_silent_mission_makes_it_hold_where_it_is(phase):
+    bench = Bench(phase)
+    bench.mission = False
+    assert not bench.run(0.28)
+    bench.run(0.06)
+    place, said_phase = only(bench.run(1.0))
+    assert place == pytest.approx(HERE) and said_phase == HOLD
+    assert (bench.state, bench.logic.status.why) == (HOLDING, MISSION_SILENT)
+    times = [when for when, _ in bench.said][-20:]
+    assert set(np.diff(times)) == {20 * MS}
+    bench.mission = True
+    assert bench.run(0.1)[-1] is bench.wish
+    assert bench.state == IDLE
+
+
+@pytest.mark.parametrize("phase", [PHASE_IDLE, LANDED])
+def test_on_the_ground_a_silent_mission_means_nothing(phase):
+    bench = Bench(phase)
+    bench.mission = False
+    assert not bench.run(1.0)
+    assert bench.state == IDLE
+
+
+@pytest.mark.parametrize("phase", [APPROACH, REACT, HOLD])
+def test_a_mission_that_dies_after_a_collision_leaves_it_at_x_r(phase):
+    bench = Bench()
+    bench.hit()
+    bench.tick()
+    bench.wish = at(X_R, phase, (0, 0, 0))
+    bench.run(0.2)
+    bench.mission = False
+    bench.place = X_C + np.array([0.1, 0.1, -0.5])
+    bench.run(0.4)
+    place, said_phase = only(bench.run(0.5))
+    assert place == pytest.approx(X_R) and said_phase == REACT
+
+
+def test_a_mission_that_dies_while_landing_leaves_it_hovering():
+    bench = Bench()
+    bench.hit()
+    bench.wish = at(X_R, LAND)
+    bench.run(0.2)
+    bench.place = X_R - [0.0, 0.0, 0.7]
+    bench.mission = False
+    bench.run(0.4)
+    place, phase = only(bench.run(0.5))
+    assert place == pytest.approx(bench.place) and phase == HOLD
+
+
+def test_a_collision_while_it_holds_is_answered():
+    bench = Bench()
+    bench.mission = bench.detector = False
+    bench.run(1.0)
+    assert bench.hit() == ""
+    assert bench.tick().position == pytest.approx(X_R)
+    assert bench.state == REACTING
+
+
+def test_two_missions_make_it_hold():
+    bench = Bench()
+    bench.logic.crowded(True)
+    place, phase = only(bench.run(0.5))
+    assert place == pytest.approx(HERE) and phase == HOLD
+    assert (bench.state, bench.logic.status.why) == (HOLDING, TWO_PUBLISHERS)
+    bench.logic.crowded(False)
+    assert bench.run(0.1)[-1] is bench.wish
+
+
+def test_two_missions_after_a_collision_leave_it_at_x_r():
+    bench = Bench()
+    bench.hit()
+    bench.wish = at(X_R, HOLD, (0, 0, 0))
+    bench.run(0.1)
+    bench.logic.crowded(True)
+    bench.wish = at([5.0, 5.0, 5.0], HOLD)
+    place, phase = only(bench.run(0.5))
+    assert place == pytest.approx(X_R) and phase == REACT
+
+
+anything = st.sampled_from([math.nan, math.inf, -math.inf])
+
+
+@given(st.sampled_from(["position", "velocity", "acceleration", "yaw"]), anything)
+def test_a_wish_that_is_no_number_is_refused_and_counts_as_silence(name, value):
+    bench = Bench()
+    good = bench.wish
+    bad = value if name == "yaw" else np.array([0.0, value, 0.0])
+    bench.wish = replace(good, **{name: bad})
+    assert not bench.logic.mission(bench.wish, bench.now)
+    said = bench.run(0.6)
+    assert all(s.finite() for s in said)
+    assert (bench.state, bench.logic.status.why) == (HOLDING, MISSION_SILENT)
+
+
+@pytest.mark.parametrize("phase", [-1, 8, 200])
+def test_a_wish_of_no_known_phase_is_refused(phase):
+    bench = Bench()
+    assert not bench.logic.mission(at(HERE, phase), bench.now)
+
+
+def test_an_estimate_that_is_no_number_is_refused():
+    bench = Bench()
+    assert not bench.logic.odometry(np.array([0.0, math.nan, 0.0]), bench.now)
+    bench.odometry = bench.mission = False
+    bench.run(0.5)
+    assert bench.said[-1][1].position == pytest.approx(HERE)
+
+
+def test_without_any_estimate_it_holds_what_was_said_last():
+    bench = Bench()
+    bench.logic = Interception(ReactionParams(), ReactionLimits())
+    bench.odometry = False
+    bench.run(0.1)
+    bench.mission = False
+    place, _ = only(bench.run(0.8)[2:])
+    assert place == pytest.approx(bench.wish.position)
+
+
+def test_the_status_is_another_object_only_when_something_has_changed():
+    bench = Bench()
+    seen = {id(bench.logic.status)}
+    for _ in range(200):
+        bench.run(0.004)
+        seen.add(id(bench.logic.status))
+    assert len(seen) == 1
+    bench.hit()
+    bench.tick()
+    assert id(bench.logic.status) not in seen
+
+
+def test_a_clock_set_back_begins_anew():
+    bench = Bench()
+    bench.hit()
+    bench.run(0.1)
+    bench.now -= 1000 * MS * 1000
+    bench.wish = at([0.0, 0.0, 0.18], PHASE_IDLE)
+    assert bench.run(0.2)[-1] is bench.wish
+    assert bench.state == IDLE
+    assert bench.logic.status.reaction.collisions == 0
+
+
+inputs = st.lists(
+    st.tuples(
+        st.sampled_from(["mission", "odometry", "mocap", "detector"]),
+        st.booleans(),
+        st.floats(0.01, 0.7),
+    ),
+    max_size=12,
+)
+
+
+@given(inputs, st.integers(0, 12))
+def test_whoever_falls_silent_it_says_something_sensible_fifty_times_a_second(changes, when):
+    """In the air: no gap beyond the mission's timeout, no jump but to where it is or to x_r."""
+    bench = Bench()
+    for k, (name, alive, seconds) in enumerate(changes):
+        if k == when:
+            bench.hit()
+        setattr(bench, name, alive)
+        bench.run(seconds)
+    times = np.array([when for when, _ in bench.said])
+    assert np.diff(times).max(initial=0) <= 330 * MS
+    for _, said in bench.said:
+        assert said.finite()
+        places = (bench.wish.position, HERE, X_R)
+        assert min(np.linalg.norm(said.position - p) for p in places) < 1e-9
+        assert said.phase in (APPROACH, REACT, HOLD)

@@ -1,0 +1,130 @@
+"""Markers mixed up: a pose where no strike could have put the vehicle is no collision."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pose_bench import Poses, flight, watch
+from scipy.spatial.transform import Rotation
+
+from tombo_collision.detector import JUMP, CollisionDetector
+from tombo_collision.params import DetectorParams
+
+SWAPPED = 75
+"""Index of the first sample that is displaced."""
+ways = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
+directions = ways.filter(lambda v: np.linalg.norm(v) > 0.1).map(lambda v: v / np.linalg.norm(v))
+sizes = st.floats(0.2, 3.0)
+
+
+def displaced(poses, begin, end, offset=(0.0, 0.0, 0.0), turn=(0.0, 0.0, 0.0)):
+    """The samples begin:end are of the other body: put elsewhere, and turned."""
+    position, attitude = poses.position.copy(), poses.attitude.copy()
+    position[begin:end] += offset
+    turned = Rotation.from_quat(attitude[begin:end]) * Rotation.from_rotvec(turn)
+    attitude[begin:end] = turned.as_quat()
+    return Poses(poses.t, position, attitude)
+
+
+def refusals(poses, **params):
+    """Why each sample was refused, and the events."""
+    detector = CollisionDetector(DetectorParams(**params))
+    reasons, events = [], []
+    for t, position, attitude in zip(poses.t, poses.position, poses.attitude, strict=True):
+        event = detector.update(float(t), position, attitude)
+        reasons.append(detector.refused)
+        if event is not None:
+            events.append(event)
+    return reasons, events
+
+
+@settings(max_examples=30)
+@given(directions, sizes, st.integers(1, 2), st.integers(0, 50), st.sampled_from([0.0, 0.7, 2.0]))
+def test_a_swap_for_a_sample_or_two_never_happened(direction, size, length, seed, speed):
+    swap = slice(SWAPPED, SWAPPED + length)
+    size = max(size, 0.06 + (3.0 + speed) / 30.0)
+    poses = flight(velocity=(speed, 0.0, 0.0), seed=seed)
+    reasons, events = refusals(displaced(poses, swap.start, swap.stop, size * direction))
+    assert not events
+    assert [i for i, r in enumerate(reasons) if r] == list(range(swap.start, swap.stop))
+    assert set(reasons[swap]) == {JUMP}
+
+
+@settings(max_examples=30)
+@given(directions, sizes, st.integers(0, 50))
+def test_a_swap_that_stays_starts_the_filter_anew_there(direction, size, seed):
+    direction[2] = abs(direction[2])  # it must stay above the height at which it watches
+    poses = displaced(flight(8.0, seed=seed), SWAPPED, None, size * direction)
+    reasons, events = refusals(poses)
+    assert not events
+    assert [i for i, r in enumerate(reasons) if r] == [SWAPPED, SWAPPED + 1]
+    # a strike later on is found, and put where the vehicle now is
+    struck = poses.pushed(6.0, (-1.5, 0.0, 0.0))
+    (event,) = watch(struck)[0]
+    assert event.stamp_s == pytest.approx(6.0, abs=0.07)
+    assert event.x_c == pytest.approx([*(size * direction + [0.0, 0.0, 2.0])], abs=0.06)
+
+
+@pytest.mark.parametrize("turn", [(0, 0, 0.5 * math.pi), (0, 0, math.pi), (math.pi, 0, 0)])
+@pytest.mark.parametrize("length", [1, 2, 3, 20])
+def test_a_body_seen_turned_raises_no_alarm(turn, length):
+    poses = displaced(flight(velocity=(0.7, 0.0, 0.0)), SWAPPED, SWAPPED + length, turn=turn)
+    reasons, events = refusals(poses)
+    assert not events
+    assert JUMP in reasons
+
+
+def test_back_and_forth_between_two_bodies_raises_no_alarm():
+    poses = flight(20.0)
+    rng = np.random.default_rng(4)
+    swapped = rng.random(len(poses)) < 0.3
+    swapped[:40] = False
+    there = poses.position + np.outer(swapped, [0.3, 0.2, 0.0])
+    assert not watch(Poses(poses.t, there, poses.attitude))[0]
+
+
+def test_places_at_random_raise_no_alarm_and_it_recovers():
+    poses = flight(12.0)
+    rng = np.random.default_rng(4)
+    wild = poses.position.copy()
+    wild[60:150] += rng.uniform(-3.0, 3.0, (90, 3))
+    struck = Poses(poses.t, wild, poses.attitude).pushed(8.0, (1.5, 0.0, 0.0))
+    events, _ = watch(struck)
+    assert [e.stamp_s for e in events] == [pytest.approx(8.0, abs=0.07)]
+
+
+@settings(max_examples=30)
+@given(
+    ways.filter(lambda v: 0.3 < np.linalg.norm(v) <= 1.0),
+    st.floats(0.0, 4.0),
+    st.sampled_from([15.0, 30.0, 100.0, 240.0]),
+)
+def test_what_a_strike_can_do_is_no_jump(way, speed, rate):
+    """It takes away the speed there was, and gives up to 3 m/s."""
+    push = np.array([-speed, 0.0, 0.0]) + 2.9 * way
+    poses = flight(velocity=(speed, 0.0, 0.0), rate=rate).pushed(4.0, push)
+    reasons, events = refusals(poses)
+    assert not any(reasons)
+    assert len(events) == 1
+
+
+def test_a_swap_into_the_known_region_is_no_entry():
+    p = DetectorParams(trigger="region")
+    centre = np.array([p.region_x, p.region_y, p.region_z])
+    poses = displaced(flight(start=(0.5, 0.0, 2.0)), SWAPPED, None, centre - [0.5, 0.0, 2.0])
+    assert not watch(poses, trigger="region")[0]
+
+
+def test_a_fast_flight_is_no_jump_right_after_the_filter_has_started():
+    reasons, events = refusals(flight(velocity=(8.0, 0.0, 0.0)))
+    assert not any(reasons)
+    assert not events
+
+
+def test_started_in_flight_it_watches_at_once():
+    poses = flight().pushed(4.0, (-1.5, 0.0, 0.0))
+    in_flight = poses.without(poses.t > 2.0)
+    assert len(watch(in_flight)[0]) == 1
+    assert not watch(in_flight, floor_height=1.5)[0]

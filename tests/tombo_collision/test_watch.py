@@ -1,0 +1,161 @@
+"""The watch: what a motion capture may deliver, and the stamps of what is found."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pose_bench import flight, watch
+
+from tombo_collision.params import DetectorParams
+from tombo_collision.watch import (
+    FUTURE,
+    JUMP,
+    LATE,
+    NOT_FINITE,
+    NOT_UNIT,
+    OUT_OF_ORDER,
+    WRONG_FRAME,
+    CollisionWatch,
+)
+
+EPOCH = 1_763_700_000_123_456_789
+LATENCY = 10_000_000
+MS = 1_000_000
+STRUCK = flight(velocity=(0.7, 0.0, 0.0)).pushed(4.0, (-1.0, -0.4, 0.0))
+(EXPECTED,), STATISTIC = watch(STRUCK)
+
+
+def stamps(poses=STRUCK, epoch=EPOCH):
+    return [epoch + round(1e9 * t) for t in poses.t]
+
+
+def feed(look, poses=STRUCK, epoch=EPOCH, begin=0, end=None):
+    """Feed poses begin:end; return what was seen."""
+    rows = list(zip(stamps(poses, epoch), poses.position, poses.attitude, strict=True))
+    return [look.pose(ns, ns + LATENCY, "map", p, q) for ns, p, q in rows[begin:end]]
+
+
+def one_bad(stamp=0, now=0, frame="map", position=None, attitude=None, before=60):
+    """The struck flight with one bad pose before sample `before`; (it, all others seen)."""
+    look = CollisionWatch(DetectorParams())
+    seen = feed(look, end=before)
+    at = stamps()[before - 1] + 10 * MS
+    bad = look.pose(
+        at + stamp,
+        at + 5 * MS + now,
+        frame,
+        STRUCK.position[before] if position is None else position,
+        STRUCK.attitude[before] if attitude is None else attitude,
+    )
+    return look, bad, seen + feed(look, begin=before)
+
+
+def test_stamps_of_today_give_what_small_ones_give():
+    look = CollisionWatch(DetectorParams())
+    seen = feed(look)
+    (found,) = [(i, s) for i, s in enumerate(seen) if s.event is not None]
+    index, (event, contact) = found[0], (found[1].event, found[1].contact_ns)
+    assert STRUCK.t[index] == EXPECTED.stamp_s
+    assert contact == pytest.approx(EPOCH + 1e9 * EXPECTED.contact_time_s, abs=2)
+    assert contact - EPOCH == pytest.approx(1e9 * EXPECTED.contact_time_s, abs=2)
+    assert event.stamp_s == pytest.approx(1e-9 * stamps()[index], abs=1e-6)
+    assert event.contact_time_s == pytest.approx(1e-9 * contact, abs=1e-6)
+    assert event.x_c == pytest.approx(EXPECTED.x_c, abs=1e-9)
+    assert [s.statistic for s in seen] == pytest.approx(STATISTIC, rel=1e-6)
+    assert (look.poses, look.rejected) == (len(STRUCK), 0)
+
+
+@pytest.mark.parametrize(
+    ("reason", "bad"),
+    [
+        (WRONG_FRAME, {"frame": "odom"}),
+        (WRONG_FRAME, {"frame": ""}),
+        (NOT_FINITE, {"position": [math.nan, 0.0, 2.0]}),
+        (NOT_FINITE, {"position": [0.0, -math.inf, 2.0]}),
+        (NOT_FINITE, {"attitude": [0.0, 0.0, math.nan, 1.0]}),
+        (NOT_FINITE, {"attitude": [0.0, 0.0, math.inf, 1.0]}),
+        (NOT_UNIT, {"attitude": [0.0, 0.0, 0.0, 0.0]}),
+        (NOT_UNIT, {"attitude": [0.0, 0.0, 0.0, 0.89]}),
+        (NOT_UNIT, {"attitude": [0.0, 0.0, 0.0, 1.11]}),
+        (FUTURE, {"now": -11 * MS}),
+        (FUTURE, {"stamp": 3600 * 1000 * MS}),
+        (LATE, {"now": 500 * MS}),
+        (LATE, {"stamp": -3600 * 1000 * MS}),
+        (OUT_OF_ORDER, {"stamp": -10 * MS}),
+        (OUT_OF_ORDER, {"stamp": -30 * MS}),
+        (OUT_OF_ORDER, {"stamp": -400 * MS}),
+        (JUMP, {"position": [5.0, 0.0, 2.0]}),
+    ],
+)
+def test_a_bad_pose_is_refused_and_leaves_no_trace(reason, bad):
+    look, refused, others = one_bad(**bad)
+    assert (refused.refused, refused.event, refused.statistic) == (reason, None, 0.0)
+    assert look.refused == {reason: 1}
+    assert (look.poses, look.rejected) == (len(STRUCK) + 1, 1)
+    untouched = feed(CollisionWatch(DetectorParams()))
+    assert [s.statistic for s in others] == [s.statistic for s in untouched]
+    assert sum(s.event is not None for s in others) == 1
+
+
+def test_a_sample_before_the_others_is_not_used_for_the_start():
+    look = CollisionWatch(DetectorParams())
+    assert look.pose(EPOCH + 9 * MS, EPOCH, "map", [0, 0, 2.0], [0, 0, 0, 1.0]).refused == FUTURE
+    assert sum(s.event is not None for s in feed(look)) == 1
+
+
+@pytest.mark.parametrize(("norm", "ahead"), [(0.91, 0), (1.09, 0), (1.0, 5 * MS)])
+def test_what_is_only_a_little_off_is_used(norm, ahead):
+    look = CollisionWatch(DetectorParams())
+    seen = look.pose(EPOCH + ahead, EPOCH, "map", [0, 0, 0.2], [0, 0, 0, norm])
+    assert not seen.refused
+
+
+@pytest.mark.parametrize("back", [0.1, 0.3, 1e3, 1e6])
+def test_a_clock_set_back_does_not_deafen_it(back):
+    """A simulation started again: the watch goes on with the new time at once."""
+    look = CollisionWatch(DetectorParams())
+    feed(look, end=60)
+    epoch = EPOCH - round(1e9 * back) - round(1e9 * (STRUCK.t[59] - STRUCK.t[0]))
+    again = feed(look, epoch=epoch)
+    assert not any(s.refused for s in again)
+    assert sum(s.event is not None for s in again) == 1
+
+
+def test_new_parameters_hold_from_the_next_pose_on():
+    look = CollisionWatch(DetectorParams())
+    feed(look, end=100)
+    look.retune(DetectorParams(trigger="none"))
+    assert not any(s.event for s in feed(look, begin=100))
+    look = CollisionWatch(DetectorParams(trigger="none"))
+    feed(look, end=80)
+    look.retune(DetectorParams())
+    assert sum(s.event is not None for s in feed(look, begin=80)) == 1
+
+
+anything = st.floats(allow_nan=True, allow_infinity=True)
+
+
+@settings(max_examples=60)
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(-(2**62), 2**62) | st.integers(-(10**9), 10**9),
+            st.integers(0, 10**10),
+            st.sampled_from(["map", "map", "map", "odom"]),
+            st.lists(anything, min_size=3, max_size=3),
+            st.lists(anything, min_size=4, max_size=4) | st.just([0.0, 0.0, 0.0, 1.0]),
+        ),
+        max_size=12,
+    )
+)
+def test_whatever_comes_it_neither_fails_nor_loses_the_strike(rows):
+    look = CollisionWatch(DetectorParams())
+    feed(look, end=40)
+    now = stamps()[39]
+    for offset, later, frame, position, attitude in rows:
+        seen = look.pose(now + offset, now + min(later, 20 * MS), frame, position, attitude)
+        assert seen.event is None
+        assert np.isfinite(seen.statistic)
+    assert [s for s in feed(look, begin=40) if s.event is not None]

@@ -1,0 +1,215 @@
+"""The reaction as a node, in line between mission and controller: one set point in, one out."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from tombo_bag.topics import (
+    COLLISION_EVENT,
+    DETECTOR_STATUS,
+    MARKERS,
+    MISSION_SETPOINT,
+    MOCAP_POSE,
+    ODOMETRY,
+    REACTION_STATUS,
+    SETPOINT,
+)
+from tombo_collision.detector import CollisionEvent
+from tombo_collision.interception import (
+    BLIND,
+    DUPLICATE,
+    HOLDING,
+    Interception,
+    Setpoint,
+    Status,
+)
+from tombo_collision.params import ReactionLimits, ReactionParams
+from tombo_msgs.msg import CollisionEvent as EventMessage
+from tombo_msgs.msg import PositionSetpoint, ReactionStatus
+from tombo_ros.conversion import array, point, to_ns, to_time, vector
+from tombo_ros.health import ERROR
+from tombo_ros.loop_node import LoopNode, run
+from tombo_ros.markers import GREEN, RED, point_marker
+from tombo_ros.wire import Wire
+
+_SHOWN_NS = 1_000_000_000
+"""A fault of single messages is shown for this long."""
+_NOWHERE = (math.nan, math.nan, math.nan)
+_TRIGGERS = {
+    EventMessage.TRIGGER_REGION: "region",
+    EventMessage.TRIGGER_INNOVATION: "innovation",
+}
+_HOLDS = {
+    "detector_silent": "no word of the detector though poses come: holding",
+    "mission_silent": "no set points of the mission: holding",
+    "two_publishers": "two nodes publish what only one may: holding",
+}
+_EVENT_REFUSALS = {
+    "not_finite": "a collision with NaN or infinity",
+    "not_unit": "a collision whose flight direction is no unit vector",
+    "stale": "a collision of long ago",
+    "future": "a collision stamped in the future",
+    "elsewhere": "a collision far from the vehicle",
+    "not_flying": "a collision while not flying",
+    "wrong_frame": "a collision whose frame is not map",
+}
+
+
+class ReactionNode(LoopNode):
+    """Runs `Interception` on what arrives."""
+
+    def __init__(self) -> None:
+        """Declare parameters and topics."""
+        records = {"reaction": ReactionParams(), "inputs": ReactionLimits()}
+        super().__init__("reaction", 250.0, records)
+        self._reacts = self.declare(
+            "react", True, "false: collisions are seen, and nothing is done about them"
+        )
+        self._logic = Interception(self.records["reaction"], self.records["inputs"])
+        self._wish_in = self.listen(MISSION_SETPOINT)
+        self._event_in = self.listen(COLLISION_EVENT)
+        self._detector_in = self.listen(DETECTOR_STATUS)
+        self._odometry_in = self.listen(ODOMETRY)
+        self._pose_in = self.listen(MOCAP_POSE)
+        self._exclusive = (self._wish_in, self._event_in, self._detector_in)
+        self._odometry = Wire(
+            ODOMETRY.typename,
+            {"header": {"frame_id": "map"}, "child_frame_id": "base_link"},
+        )
+        self._position = self._odometry.field("pose.pose.position.x", 3)
+        self._setpoint = self.speak(SETPOINT)
+        self._status = self.speak(REACTION_STATUS)
+        self._markers = self.speak(MARKERS)
+        self._told: Status | None = None
+        self._shown_ns: dict[str, int] = {}
+        self._refused = 0
+
+    def records_changed(self, name: str) -> None:
+        """Take new parameters in flight."""
+        self._logic.params = self.records["reaction"]
+        self._logic.limits = self.records["inputs"]
+
+    def step(self, now_ns: int) -> None:
+        """Take what has come, say what follows from it."""
+        logic = self._logic
+        if self._pose_in.take_raw():
+            logic.mocap(now_ns)
+        if self._detector_in.take_raw():
+            logic.detector(now_ns)
+        self._take_odometry(now_ns)
+        for taken in self._wish_in.take():
+            self._take_wish(taken.message, now_ns)
+        for taken in self._event_in.take():
+            if self._reacts:
+                self._take_event(taken.message, now_ns)
+        wall_ns = time.time_ns()  # whatever the clock: arrivals are stamped by the system's
+        logic.crowded(any(found.crowded(wall_ns) for found in self._exclusive))
+        setpoint = logic.tick(now_ns)
+        if setpoint is not None:
+            self._publish_setpoint(setpoint, now_ns)
+        if logic.status is not self._told:
+            self._publish_status(logic.status, now_ns)
+        for key, shown_ns in list(self._shown_ns.items()):
+            if not 0 <= now_ns - shown_ns <= _SHOWN_NS:
+                del self._shown_ns[key]
+                self.health.fault(key, False)
+
+    def _take_odometry(self, now_ns: int) -> None:
+        samples = self._odometry_in.take_raw()
+        if not samples:
+            return
+        data = samples[-1].message
+        if not self._odometry.fits(data):
+            self._refuse("odometry_shape", "odometry is not of base_link in map", now_ns)
+        elif not self._logic.odometry(np.array(self._position.of(data)), now_ns):
+            self._refuse("odometry_not_finite", "odometry with NaN or infinity", now_ns)
+
+    def _take_wish(self, message: Any, now_ns: int) -> None:
+        wish = Setpoint(
+            array(message.position),
+            array(message.velocity),
+            array(message.acceleration),
+            float(message.yaw),
+            int(message.phase),
+        )
+        if message.header.frame_id.lstrip("/") != "map":
+            self._refuse("mission_wrong_frame", "a set point whose frame is not map", now_ns)
+        elif not self._logic.mission(wish, now_ns):
+            text = "a set point with NaN, infinity or an unknown phase: the last one stands"
+            self._refuse("mission_not_finite", text, now_ns)
+
+    def _take_event(self, message: Any, now_ns: int) -> None:
+        stamp_ns = to_ns(message.header.stamp)
+        event = CollisionEvent(
+            1e-9 * stamp_ns,
+            _TRIGGERS.get(message.trigger, "unknown"),
+            1e-9 * to_ns(message.contact_stamp),
+            array(message.contact_position),
+            array(message.flight_direction),
+            float(message.confidence),
+            float(message.statistic),
+            int(message.count),
+        )
+        if message.header.frame_id.lstrip("/") != "map":
+            why = "wrong_frame"
+        else:
+            why = self._logic.event(event, stamp_ns, now_ns)
+        if why and why != DUPLICATE:
+            self._refuse(f"event_{why}", _EVENT_REFUSALS[why], now_ns)
+
+    def _refuse(self, key: str, text: str, now_ns: int) -> None:
+        self._refused += 1
+        self._shown_ns[key] = now_ns
+        self.health.fault(key, True, text)
+
+    def _publish_setpoint(self, setpoint: Setpoint, now_ns: int) -> None:
+        message = PositionSetpoint()
+        message.header.stamp, message.header.frame_id = to_time(now_ns), "map"
+        message.position = point(setpoint.position)
+        message.velocity = vector(setpoint.velocity)
+        message.acceleration = vector(setpoint.acceleration)
+        message.yaw, message.phase = setpoint.yaw, setpoint.phase
+        self._setpoint.publish(message)
+
+    def _publish_status(self, status: Status, now_ns: int) -> None:
+        reaction = status.reaction
+        decided = reaction.state != "idle"
+        before = self._told
+        self._told = status
+        message = ReactionStatus()
+        message.header.stamp, message.header.frame_id = to_time(now_ns), "map"
+        message.state = status.state
+        message.x_c = point(reaction.x_c if decided else _NOWHERE)
+        message.x_r = point(reaction.x_r if decided else _NOWHERE)
+        message.n_r = vector(reaction.n_r if decided else _NOWHERE)
+        message.collisions = reaction.collisions
+        self._status.publish(message)
+        if decided and (before is None or before.reaction is not reaction):
+            self._markers.publish(point_marker(now_ns, "x_c", reaction.x_c, RED))
+            self._markers.publish(point_marker(now_ns, "x_r", reaction.x_r, GREEN))
+        for why, text in _HOLDS.items():
+            here = status.state == HOLDING and status.why == why
+            self.health.fault(why, here, text, ERROR)
+        blind = status.state == BLIND
+        self.health.fault("blind", blind, "pose or estimate is too old", ERROR)
+
+    def report(self, now_ns: int) -> None:
+        """Add the counts."""
+        self.health.value("collisions", self._logic.status.reaction.collisions)
+        self.health.value("refused", self._refused)
+        super().report(now_ns)
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    sys.exit(run(ReactionNode, argv))
+
+
+if __name__ == "__main__":
+    main()

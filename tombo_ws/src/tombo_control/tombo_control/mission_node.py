@@ -1,0 +1,153 @@
+"""The mission as a node: flies its plan on the estimate, and follows the reaction's decisions."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from tombo_bag.topics import (
+    MISSION_SETPOINT,
+    MISSION_STATUS,
+    ODOMETRY,
+    REACTION_STATUS,
+    SETPOINT,
+)
+from tombo_control.autopilot import IDLE, MODE_NAMES
+from tombo_control.estimate import Setpoint
+from tombo_control.mission import MissionParams
+from tombo_control.mission_course import CourseLimits, MissionCourse
+from tombo_dynamics.rotation import turned
+from tombo_msgs.msg import MissionStatus, PositionSetpoint
+from tombo_ros.conversion import array, point, to_ns, to_time, vector
+from tombo_ros.loop_node import LoopNode, run
+from tombo_ros.wire import Wire
+
+_SHOWN_NS = 1_000_000_000
+"""A fault of single messages is shown for this long."""
+_WAITS = {
+    "estimate_silent": "no estimates: the plan stands still",
+    "two_estimators": "two nodes publish odometry: the plan stands still",
+    "reaction_holds": "the reaction holds: the plan waits",
+    "blind": "the reaction sees stale poses: the plan waits",
+    "reaction_silent": "no word of the reaction: the plan waits",
+}
+
+
+class MissionNode(LoopNode):
+    """Runs `MissionCourse` at 50 Hz."""
+
+    def __init__(self) -> None:
+        """Declare parameters and topics."""
+        records = {"mission": MissionParams(), "inputs": CourseLimits()}
+        super().__init__("mission", 50.0, records)
+        started = self.declare(
+            "auto_start",
+            True,
+            "false: wait on the ground until it is set to true",
+            read_only=False,
+        )
+        self._course = MissionCourse(self.records["mission"], self.records["inputs"], started)
+        self._odometry_in = self.listen(ODOMETRY, depth=20)
+        self._reaction_in = self.listen(REACTION_STATUS)
+        self._answer_in = self.listen(SETPOINT)
+        self._odometry = Wire(
+            ODOMETRY.typename,
+            {"header": {"frame_id": "map"}, "child_frame_id": "base_link"},
+        )
+        self._pose = self._odometry.field("pose.pose.position.x", 7)
+        self._twist = self._odometry.field("twist.twist.linear.x", 3)
+        self._setpoint = self.speak(MISSION_SETPOINT)
+        self._status = self.speak(MISSION_STATUS)
+        self._told: tuple[int, str] | None = None
+        self._shown_ns: dict[str, int] = {}
+
+    def records_changed(self, name: str) -> None:
+        """Take a changed plan in flight, or the word to start."""
+        self._course.params = self.records["mission"]
+        self._course.limits = self.records["inputs"]
+        self._course.started = self.parameters.get("auto_start")
+
+    def step(self, now_ns: int) -> None:
+        """Take what has come, go on with the plan."""
+        course = self._course
+        self._take_odometry(now_ns)
+        # arrivals are stamped by the system's clock, whatever the node's
+        course.crowded(self._odometry_in.crowded(time.time_ns()))
+        for taken in self._reaction_in.take():
+            message = taken.message
+            course.reaction(
+                int(message.state),
+                array(message.x_r),
+                int(message.collisions),
+                to_ns(message.header.stamp),
+                now_ns,
+            )
+        if self._answer_in.take_raw():
+            course.answered(now_ns)
+        setpoint = course.tick(now_ns)
+        if setpoint is not None:
+            self._publish(setpoint, now_ns)
+        for why, text in _WAITS.items():
+            waits = course.waits == why and course.mode != IDLE
+            self.health.fault(why, waits, text)
+        for key, shown_ns in list(self._shown_ns.items()):
+            if not 0 <= now_ns - shown_ns <= _SHOWN_NS:
+                del self._shown_ns[key]
+                self.health.fault(key, False)
+
+    def _take_odometry(self, now_ns: int) -> None:
+        samples = self._odometry_in.take_raw()
+        if not samples:
+            return
+        data = samples[-1].message
+        if not self._odometry.fits(data):
+            self._refuse("odometry_shape", "odometry is not of base_link in map", now_ns)
+            return
+        pose, twist = np.array(self._pose.of(data)), np.array(self._twist.of(data))
+        if not np.isfinite(pose).all() or not self._course.estimate(
+            pose[:3], turned(pose[3:], twist), now_ns
+        ):
+            self._refuse("odometry_not_finite", "odometry with NaN or infinity", now_ns)
+
+    def _refuse(self, key: str, text: str, now_ns: int) -> None:
+        self._shown_ns[key] = now_ns
+        self.health.fault(key, True, text)
+
+    def _publish(self, setpoint: Setpoint, now_ns: int) -> None:
+        message: Any = PositionSetpoint()
+        message.header.stamp, message.header.frame_id = to_time(now_ns), "map"
+        message.position = point(setpoint.position)
+        message.velocity = vector(setpoint.velocity)
+        message.acceleration = vector(setpoint.acceleration)
+        message.yaw, message.phase = setpoint.yaw, setpoint.phase
+        self._setpoint.publish(message)
+        state = (setpoint.phase, self._course.waits)
+        if state == self._told:
+            return
+        self._told = state
+        status: Any = MissionStatus()
+        status.header.stamp, status.header.frame_id = to_time(now_ns), "map"
+        status.phase = setpoint.phase
+        status.text = MODE_NAMES[setpoint.phase].replace("_", " ")
+        if self._course.waits:
+            status.text += f", waits: {_WAITS[self._course.waits]}"
+        self._status.publish(status)
+
+    def report(self, now_ns: int) -> None:
+        """Add where the plan stands."""
+        self.health.value("phase", MODE_NAMES[self._course.mode])
+        self.health.value("flight_time_s", round(self._course.time_s, 2))
+        super().report(now_ns)
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    sys.exit(run(MissionNode, argv))
+
+
+if __name__ == "__main__":
+    main()
