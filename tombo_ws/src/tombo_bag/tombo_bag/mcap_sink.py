@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import zlib
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from mcap.data_stream import RecordBuilder
@@ -51,6 +51,7 @@ from tombo_bag.schemas import schema_text, type_hash
 from tombo_dynamics.errors import InputError, unknown_name
 
 SECOND_NS = 1_000_000_000
+LastWords: TypeAlias = Callable[[], Mapping[str, dict[str, str]]]
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,15 @@ class Columns:
     log_times_ns: NDArray[Any]
     messages: NDArray[np.void] | Sequence[bytes]
     publish_times_ns: NDArray[Any] | None = None
+
+
+@dataclass(frozen=True)
+class _Written:
+    """A chunk in the file: its index, messages per channel, checksum of all before it."""
+
+    entry: ChunkIndex
+    counts: dict[int, int]
+    crc_before: int
 
 
 class McapSink:
@@ -108,16 +118,37 @@ class McapSink:
         self._topics: dict[str, tuple[str, int]] = {}
         self._unwritten: list[McapRecord] = []
         self._sequence: dict[int, int] = {}
-        self._chunks: list[tuple[ChunkIndex, dict[int, int]]] = []
+        self._chunks: list[_Written] = []
+        self.message_counts: Counter[int] = Counter()
+        """Messages of each channel handed to the system so far."""
         self._metadata: list[MetadataIndex] = []
         self._waiting: list[tuple[int, int, bytes]] = []
         self._waiting_bytes = 0
         self.closed = False
         try:
             self._file = FileIO(self.path, "wb")
+            try:
+                self._put(MAGIC + _bytes(Header(profile="ros2", library="tombo_bag")))
+            except OSError:
+                self._file.close()
+                self.path.unlink()
+                raise
         except OSError as error:
             raise InputError(f"can't write '{self.path}': {error.strerror}") from error
-        self._put(MAGIC + _bytes(Header(profile="ros2", library="tombo_bag")))
+
+    @property
+    def size(self) -> int:
+        """Bytes handed to the system so far."""
+        return self._offset
+
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """Log times of the first and the last of these messages; zeros if there is none."""
+        entries = [chunk.entry for chunk in self._chunks]
+        return (
+            min((entry.message_start_time for entry in entries), default=0),
+            max((entry.message_end_time for entry in entries), default=0),
+        )
 
     def add_channel(self, topic: str, typename: str, qos: Qos = STATE) -> int:
         """Announce a topic; return the channel number under which its messages are written.
@@ -243,15 +274,22 @@ class McapSink:
             self._write_chunks([source])
             self._waiting, self._waiting_bytes = [], 0
 
-    def close(self) -> None:
-        """Finish the file: last chunk, indexes, statistics, footer. A second call does nothing."""
+    def close(self, last_words: LastWords | None = None) -> None:
+        """Finish the file: last chunk, indexes, statistics, footer. A second call does nothing.
+
+        If there is no space for these, the newest chunks give way to them.
+
+        Args:
+            last_words: returns metadata to write, name → values. Called when all messages are
+                written, and anew when messages had to give way.
+        """
         if self.closed:
             return
         try:
             try:
                 self.flush()
             finally:
-                self._finish()
+                self._finish_in_the_space_there_is(last_words)
         finally:
             self.closed = True
             self._file.close()
@@ -304,9 +342,33 @@ class McapSink:
                 message_start_time=body.start_ns,
                 uncompressed_size=len(body.data),
             )
+            counts = {c: len(rows) for c, rows in body.index.items()}
+            written = _Written(entry, counts, self._crc)
             self._put(chunk + index.end())
-            self._chunks.append((entry, {c: len(rows) for c, rows in body.index.items()}))
+            self._chunks.append(written)
+            self.message_counts.update(counts)
             self._unwritten = []
+
+    def _finish_in_the_space_there_is(self, last_words: LastWords | None) -> None:
+        metadata = list(self._metadata)
+        too_many = 1
+        while True:
+            try:
+                for name, values in (last_words() if last_words else {}).items():
+                    self.add_metadata(name, values)
+                self._finish()
+                return
+            except OSError:
+                if not self._chunks:
+                    raise
+                given_up = self._chunks[-too_many:]
+                end = given_up[0].entry.chunk_start_offset
+                for chunk in given_up:
+                    self.message_counts.subtract(chunk.counts)
+                del self._chunks[-too_many:]
+                too_many *= 2
+                self._offset, self._crc = end, given_up[0].crc_before
+                self._metadata = [record for record in metadata if record.offset < end]
 
     def _finish(self) -> None:
         """Write what the `mcap` library's writer writes last, in its order."""
@@ -318,7 +380,7 @@ class McapSink:
             (Opcode.SCHEMA, list(self._schemas.values())),
             (Opcode.CHANNEL, list(self._channels)),
             (Opcode.STATISTICS, [self._statistics()]),
-            (Opcode.CHUNK_INDEX, [entry for entry, _ in self._chunks]),
+            (Opcode.CHUNK_INDEX, [chunk.entry for chunk in self._chunks]),
             (Opcode.METADATA_INDEX, list(self._metadata)),
         ]
         summary = bytearray()
@@ -335,18 +397,15 @@ class McapSink:
         self._put(summary + _bytes(Footer(start, offset_start, checksum)) + MAGIC)
 
     def _statistics(self) -> Statistics:
-        counts: Counter[int] = Counter()
-        for _, of_chunk in self._chunks:
-            counts.update(of_chunk)
-        entries = [entry for entry, _ in self._chunks]
+        counts = +self.message_counts
         return Statistics(
             attachment_count=0,
             channel_count=len(self._channels),
             channel_message_counts=dict(sorted(counts.items())),
-            chunk_count=len(entries),
+            chunk_count=len(self._chunks),
             message_count=counts.total(),
-            message_end_time=max((entry.message_end_time for entry in entries), default=0),
-            message_start_time=min((entry.message_start_time for entry in entries), default=0),
+            message_end_time=self.span_ns[1],
+            message_start_time=self.span_ns[0],
             metadata_count=len(self._metadata),
             schema_count=len(self._schemas),
         )

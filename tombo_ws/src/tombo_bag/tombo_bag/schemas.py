@@ -1,13 +1,14 @@
 """What a message type looks like: fields, schema text and type hash, with no ROS installed.
 
 The standard types are those of ROS 2 Jazzy, as the `rosbags` library carries them; the types of
-`tombo_msgs` are read from its `.msg` files. A *type name* is always the long form,
-`geometry_msgs/msg/PoseStamped`.
+`tombo_msgs` are read from its `.msg` files, and any other from the `.msg` files of its package
+where that is installed. A *type name* is always the long form, `geometry_msgs/msg/PoseStamped`.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Iterator
 from functools import cache
@@ -44,13 +45,16 @@ def message_directory() -> Path:
 
 
 def _candidates() -> Iterator[Path]:
-    installed = Path("share") / OWN_PACKAGE / "msg"
-    for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
-        if prefix:
-            yield Path(prefix) / installed
-    yield Path(sys.prefix) / installed
+    yield from _installed(OWN_PACKAGE)
     workspace = Path(__file__).resolve().parents[2]
     yield workspace / OWN_PACKAGE / "msg"
+
+
+def _installed(package: str) -> Iterator[Path]:
+    """List where a package's definitions are if it is installed."""
+    for prefix in (*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix):
+        if prefix:
+            yield Path(prefix) / "share" / package / "msg"
 
 
 @cache
@@ -80,15 +84,51 @@ def known_types() -> Types:
     return type_store().fielddefs
 
 
+def learn(typename: str) -> None:
+    """Make a type known, with all it depends on, from the packages that are installed.
+
+    Raises:
+        InputError: the type, or one it depends on, is neither known nor installed.
+    """
+    from rosbags.typesys import TypesysError, get_types_from_msg
+
+    added: Types = {}
+    queue = [typename]
+    while queue:
+        name = queue.pop()
+        if name in known_types() or name in added:
+            continue
+        text = _installed_definition(name)
+        if text is None:
+            part = "" if name == typename else f" in {typename}"
+            raise unknown_name(f"message type{part}", name, known_types())
+        try:
+            added.update(get_types_from_msg(text, name))
+        except TypesysError as error:
+            raise _not_readable(name, error, "message definition") from error
+        queue += _direct(added[name][1])
+    if added:
+        type_store().register(added)
+
+
+def _installed_definition(typename: str) -> str | None:
+    package, _, short = typename.partition("/msg/")
+    if re.fullmatch(r"\w+", package) and re.fullmatch(r"\w+", short):
+        for folder in _installed(package):
+            file = folder / f"{short}.msg"
+            if file.is_file():
+                return file.read_text(encoding="utf-8")
+    return None
+
+
 def schema_text(typename: str) -> str:
     """Return a type's definition in `ros2msg` form, followed by all the types it depends on.
 
     Raises:
         InputError: the type is not known.
     """
+    learn(typename)
     types = known_types()
-    if typename not in types:
-        raise unknown_name("message type", typename, types)
     parts = [_definition(typename)]
     for name in _dependencies(typename, types):
         package, _, short = name.split("/")
@@ -108,12 +148,16 @@ def _dependencies(typename: str, types: Types) -> list[str]:
     found: dict[str, None] = {}
     queue = [typename]
     while queue:
-        for _, descriptor in types[queue.pop(0)][1]:
-            used = named_type(descriptor)
-            if used is not None and used not in found:
+        for used in _direct(types[queue.pop(0)][1]):
+            if used not in found:
                 found[used] = None
                 queue.append(used)
     return list(found)
+
+
+def _direct(fields: list[tuple[str, Any]]) -> list[str]:
+    names = (named_type(descriptor) for _, descriptor in fields)
+    return [name for name in names if name is not None]
 
 
 def named_type(descriptor: Any) -> str | None:
@@ -126,8 +170,7 @@ def named_type(descriptor: Any) -> str | None:
 
 def type_hash(typename: str) -> str:
     """Return the type's `RIHS01_...` hash, by which ROS 2 tells versions of a type apart."""
-    if typename not in known_types():
-        raise unknown_name("message type", typename, known_types())
+    learn(typename)
     return type_store().hash_rihs01(typename)
 
 
@@ -143,9 +186,13 @@ def parse_schema(typename: str, text: str) -> Types:
     try:
         return get_types_from_msg(text, typename)
     except TypesysError as error:
-        # the library's error: "Could not parse:", the whole text, a position, what is left of it
-        rest = (str(error).splitlines() + [""] * 4)[3]
-        raise InputError(
-            f"schema of '{typename}' can't be read from {rest.strip()[:60]!r}; "
-            "accepted: a ROS 2 message definition"
-        ) from error
+        raise _not_readable(typename, error, "schema") from error
+
+
+def _not_readable(typename: str, error: Exception, what: str) -> InputError:
+    # the library's error: "Could not parse:", the whole text, a position, what is left of it
+    rest = (str(error).splitlines() + [""] * 4)[3]
+    return InputError(
+        f"{what} of '{typename}' can't be read from {rest.strip()[:60]!r}; "
+        "accepted: a ROS 2 message definition"
+    )

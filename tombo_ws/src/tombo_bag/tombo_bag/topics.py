@@ -52,7 +52,11 @@ ROTOR_COMMAND = TopicSpec(
     "rotor speeds asked for; stamp: capture of the gyro sample behind them",
 )
 ODOMETRY = TopicSpec(
-    "/odometry", "nav_msgs/msg/Odometry", STATE, 250.0, "estimate; stamp: of its newest gyro sample"
+    "/odometry",
+    "nav_msgs/msg/Odometry",
+    STATE,
+    250.0,
+    "estimate; stamp: of its newest gyro sample",
 )
 ESTIMATOR_STATUS = TopicSpec(
     "/estimator/status", "tombo_msgs/msg/EstimatorStatus", STATE, 50.0, "biases, use of the poses"

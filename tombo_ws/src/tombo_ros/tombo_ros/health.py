@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +16,7 @@ from tombo_ros.topic import Output
 OK, WARN, ERROR = 0, 1, 2
 _LEVELS = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
 _HARDWARE = "tombo"
+_SHOWN_NS = 1_000_000_000
 
 
 @dataclass
@@ -34,6 +36,7 @@ class Health:
         self._output = Output(node, DIAGNOSTICS)
         self._faults: dict[str, _Fault] = {}
         self._values: dict[str, Any] = {}
+        self._seen_ns: dict[str, int] = {}
         self.urgent = False
         """A fault has come or gone since the last `send`."""
 
@@ -65,6 +68,18 @@ class Health:
                 logger.warning(f"{key}: {known.text}")
         else:
             logger.info(f"{key}: over")
+
+    def happened(self, key: str, text: str, level: int = WARN) -> None:
+        """Say that something went wrong once; it is shown until a second after the last time."""
+        self._seen_ns[key] = time.time_ns()
+        self.fault(key, True, text, level)
+
+    def expire(self, wall_ns: int) -> None:
+        """End what has happened more than a second ago."""
+        for key, seen_ns in list(self._seen_ns.items()):
+            if wall_ns - seen_ns > _SHOWN_NS:
+                del self._seen_ns[key]
+                self.fault(key, False)
 
     def active(self, key: str) -> bool:
         """Return whether a fault is there."""

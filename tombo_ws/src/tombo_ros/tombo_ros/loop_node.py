@@ -33,8 +33,8 @@ SECOND_NS = 1_000_000_000
 _LOOK_NS = SECOND_NS // 2
 _SETTLE_NS = 2 * SECOND_NS
 """Discovery and first calls; the statistics of a loop begin after it."""
-_POLL_NS = 100_000
-"""How often a node in simulated time looks for the clock and for messages."""
+_POLL_SHARE, _POLL_LEAST_NS, _POLL_MOST_NS = 0.1, 100_000, 1_000_000
+"""How often a node in simulated time looks for clock and messages: a tenth of its period."""
 
 
 class LoopNode:
@@ -52,6 +52,7 @@ class LoopNode:
         records: Mapping[str, Any] | None = None,
         *,
         realtime: bool = False,
+        realtime_transport: bool = False,
     ) -> None:
         """Make the node.
 
@@ -60,11 +61,16 @@ class LoopNode:
             rate_hz: of the loop.
             records: section -> record whose fields become parameters.
             realtime: ask the system for a place in front of the queue.
+            realtime_transport: ask for it for the middleware's threads alone: messages are
+                received in time, whatever the loop does.
 
         Raises:
             InputError: a parameter given at the start is refused.
         """
         self.ros = Node(name, start_parameter_services=True)
+        source = getattr(self.ros, "_time_source", None)
+        if source is not None:  # the loop polls /clock itself: no callbacks for it
+            source.detach_node()
         self.period_ns = round(SECOND_NS / rate_hz)
         self.parameters = RecordParameters(self.ros, records or {})
         self.health = Health(self.ros)
@@ -75,7 +81,8 @@ class LoopNode:
         self.shift_ns = 0
         """Moves the next deadline: a loop that follows another clock sets it."""
         self.sim_time = bool(self.ros.get_parameter("use_sim_time").value)
-        self._realtime = realtime and (self.makes_time or not self.sim_time)
+        self._realtime = realtime and not self.sim_time
+        self._realtime_transport = realtime_transport and not self.sim_time
         self._inputs: list[Input] = []
         follows = self.sim_time and not self.makes_time
         self._clock = Input(self.ros, CLOCK, depth=1) if follows else None
@@ -134,7 +141,9 @@ class LoopNode:
             self.health.fault("unknown_parameter", True, line)
         self._services.start()
         served_by = {self._services.native_id or 0}
-        scheduling = ask_for_realtime(served_by) if self._realtime else "normal"
+        scheduling = "normal"
+        if self._realtime or self._realtime_transport:
+            scheduling = ask_for_realtime(served_by, self._realtime)
         self.health.value("scheduling", scheduling)
         self.ros.get_logger().info(f"running, scheduling {scheduling}")
         quiet_collector()
@@ -177,6 +186,8 @@ class LoopNode:
     def _spin_simulated(self) -> None:
         """Run when the clock has come to the next run, or a message is there."""
         main = self.loops["loop"]
+        poll = round(_POLL_SHARE * self.period_ns)
+        poll = min(max(poll, _POLL_LEAST_NS), _POLL_MOST_NS)
         due = 0
         while not self.stopping:
             moved = self._read_clock()
@@ -186,7 +197,7 @@ class LoopNode:
                     due = (self._now_ns // self.period_ns + 1) * self.period_ns
                 self.step(self._now_ns)
             else:
-                sleep_until(time.monotonic_ns() + _POLL_NS)
+                sleep_until(time.monotonic_ns() + poll)
             self._attend(time.time_ns(), self._now_ns)
 
     def _read_clock(self) -> bool:
@@ -210,6 +221,7 @@ class LoopNode:
             self.records_changed(name)
         if wall_ns - self._looked_ns > _LOOK_NS:
             self._looked_ns = wall_ns
+            self.health.expire(wall_ns)
             for found in self._inputs:
                 self.health.fault(
                     f"second_publisher.{found.topic}",

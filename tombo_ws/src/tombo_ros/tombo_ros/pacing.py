@@ -35,7 +35,7 @@ def sleep_until(deadline_ns: int) -> None:
     _nanosleep(time.CLOCK_MONOTONIC, _TIMER_ABSTIME, ctypes.byref(_Timespec(seconds, rest)), None)
 
 
-def ask_for_realtime(leave_out: set[int]) -> str:
+def ask_for_realtime(leave_out: set[int], loop_too: bool = True) -> str:
     """Move the process's threads to SCHED_FIFO if the system allows it; say what was got.
 
     The calling thread comes first, the middleware's threads right behind it: a gyro sample that
@@ -43,14 +43,16 @@ def ask_for_realtime(leave_out: set[int]) -> str:
 
     Args:
         leave_out: thread ids that stay as they are.
+        loop_too: False: the calling thread stays as it is, only the middleware's are moved.
 
     Returns:
-        "FIFO 50", or "normal (...)" with the reason.
+        "FIFO 50", "normal, transport FIFO 49", or "normal (...)" with the reason.
     """
     _prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
     own = threading.get_native_id()
     try:
-        os.sched_setscheduler(own, os.SCHED_FIFO, os.sched_param(_FIFO_PRIORITY))
+        if loop_too:
+            os.sched_setscheduler(own, os.SCHED_FIFO, os.sched_param(_FIFO_PRIORITY))
         for thread in map(int, os.listdir("/proc/self/task")):
             if thread != own and thread not in leave_out:
                 with contextlib.suppress(ProcessLookupError):
@@ -58,7 +60,7 @@ def ask_for_realtime(leave_out: set[int]) -> str:
                     os.sched_setscheduler(thread, os.SCHED_FIFO, behind)
     except OSError as error:
         return f"normal ({error.strerror}; allow rtprio {_FIFO_PRIORITY} in limits.conf)"
-    return f"FIFO {_FIFO_PRIORITY}"
+    return f"FIFO {_FIFO_PRIORITY}" if loop_too else f"normal, transport FIFO {_FIFO_PRIORITY - 1}"
 
 
 def quiet_collector() -> None:

@@ -129,7 +129,10 @@ class RecordParameters:
         return names
 
     def unknown(self) -> list[str]:
-        """Return a line for each value given at the start whose name no parameter has."""
+        """Return a line for each value given at the start whose name is nearly a parameter's.
+
+        Names that are like none are meant for other nodes: a file may speak to all of them.
+        """
         declared = [*self._plain]
         for section, record in self.records.items():
             declared += [f"{section}.{field.name}" for field in dataclasses.fields(record)]
@@ -137,9 +140,9 @@ class RecordParameters:
         for name in self._overrides:
             if name in declared or self._node.has_parameter(name) or name.startswith("qos_"):
                 continue
-            near = get_close_matches(name, declared, 1)
-            hint = f"; did you mean '{near[0]}'?" if near else ""
-            lines.append(f"parameter '{name}' is not one of this node's{hint}")
+            near = get_close_matches(name, declared, 1, 0.85)
+            if near and name.partition(".")[0] == near[0].partition(".")[0]:
+                lines.append(f"unknown parameter '{name}'; did you mean '{near[0]}'?")
         return lines
 
     def _given(self, name: str, default: Any) -> Any:

@@ -7,6 +7,7 @@ runs in simulated time; publish times are those of the sender, stamps in headers
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -39,18 +40,18 @@ LOOK_NS = SECOND_NS // 2
 class Source:
     """One recorded topic: a polled subscription and what it counts."""
 
-    def __init__(self, node: Any, sink: RollingSink, name: str, typename: str, qos: Qos) -> None:
-        self._sink = sink
+    def __init__(self, node: RecorderNode, name: str, typename: str, qos: Qos) -> None:
         self.name = name
         self.typename = typename
         self.tally = Tally()
         self._node = node
         self._kind = message_class(typename)
+        self._met = False
         self._subscribe(qos)
 
     def _subscribe(self, qos: Qos) -> None:
         self.qos = qos
-        self._subscription = self._node.create_subscription(
+        self._subscription = self._node.ros.create_subscription(
             self._kind,
             self.name,
             _nobody,
@@ -64,33 +65,33 @@ class Source:
         """Ask for less where a publisher doesn't offer what is asked for."""
         weaker = weakest((self.qos, qos))
         if weaker != self.qos:
-            self._node.destroy_subscription(self._subscription)
+            self.take()
+            self._node.ros.destroy_subscription(self._subscription)
             self._subscribe(weaker)
-
-    def announce(self) -> None:
-        """Make the topic one of the recording, whether or not it ever speaks."""
-        self._sink.add_topic(self.name, self.typename, self.qos)
 
     def take(self) -> None:
         """Record all that has come."""
+        write = self._node.sink.write
         item = self._take(self._kind, True)
-        if item is not None and not self.tally.messages:
-            self.announce()
+        if item is not None and not self._met:
+            self._met = True
+            self._node.meet(self)
         while item is not None:
             message, info = item
             received = info["received_timestamp"]
             self.tally.seen(info["publication_sequence_number"])
-            sent = info["source_timestamp"] or received
-            self._sink.write(self.name, message, received, sent)
+            write(self.name, message, received, info["source_timestamp"] or received)
             item = self._take(self._kind, True)
 
 
 class RecorderNode(LoopNode):
     """Polls the topics, writes what has come, looks for new publishers."""
 
+    # By the wall's clock also in simulated time: a recording goes on when that stands still.
+    makes_time = True
+
     def __init__(self) -> None:
-        super().__init__("recorder", POLLS_HZ)
-        # A recording goes on when the simulated time stands still.
+        super().__init__("recorder", POLLS_HZ, realtime_transport=True)
         self.sim_time = False
         self.exit_code = 0
         self._started_ns = time.time_ns()
@@ -100,20 +101,24 @@ class RecorderNode(LoopNode):
         known = [name for name in TOPICS if name != CLOCK.name]
         names = self.declare("topics", known, "names of the topics to record")
         self._all = self.declare("all", False, "record every other topic on the graph too")
-        self._specs = {
-            self.ros.resolve_topic_name(name.lstrip("/") if name in TOPICS else name): TOPICS.get(
-                name
-            )
-            for name in names
-        }
-        self._sink = RollingSink(self._options(), self._notes)
+        self._specs = {self._resolved(name): TOPICS.get(name) for name in names}
+        self.sink = RollingSink(self._options(), self._notes, self._records())
         for name, spec in self._specs.items():
             if spec is not None:
                 self._subscribe(name, spec.typename, spec.qos, complain=False)
         self._written_at = self._counted_at = time.monotonic_ns()
         self._searched_at = 0
         self._seen_before = 0
-        self.ros.get_logger().info(f"recording to {self._sink.options.target}")
+        self._figures()
+        self.ros.get_logger().info(f"recording to {self.sink.options.target}")
+
+    def _resolved(self, name: str) -> str:
+        """Return a topic's name on the graph: the suite's own move with namespace and remaps."""
+        try:
+            return str(self.ros.resolve_topic_name(name.lstrip("/") if name in TOPICS else name))
+        except Exception as error:  # rclpy's own class, which has no public name
+            reason = str(error).partition(", at ")[0]
+            raise InputError(f"topics: '{name}': {reason}; accepted: names of topics") from error
 
     def _options(self) -> RollingOptions:
         now = time.strftime("%Y_%m_%d-%H_%M_%S", time.localtime(self._started_ns // SECOND_NS))
@@ -129,12 +134,33 @@ class RecorderNode(LoopNode):
                 f"parameters output '{output}' and single_file '{file}'; accepted: one of them"
             )
         return RollingOptions(
-            Path(file or output or f"recording_{now}").absolute(),
+            Path(file or output or f"recording_{now}").expanduser().absolute(),
             single_file=bool(file),
             file_size_max=size_max,
             file_duration_max=duration_max,
             compression=compression,
         )
+
+    def _records(self) -> dict[str, dict[str, str]]:
+        """Read what is to stand in the file beside the messages.
+
+        Raises:
+            InputError: no such file, or not of that form.
+        """
+        path = self.declare(
+            "metadata_file", "", "JSON: name of a metadata record of the file -> its texts by key"
+        )
+        if not path:
+            return {}
+        try:
+            found = json.loads(Path(path).read_text(encoding="utf-8"))
+            return {
+                str(name): {str(key): str(value) for key, value in values.items()}
+                for name, values in found.items()
+            }
+        except (OSError, ValueError, AttributeError) as error:
+            accepted = "a JSON object of objects of texts"
+            raise InputError(f"metadata_file '{path}': {error}; accepted: {accepted}") from error
 
     def step(self, now_ns: int) -> None:
         """Take what has come; now and then write it, look around, report."""
@@ -143,13 +169,12 @@ class RecorderNode(LoopNode):
         clock = time.monotonic_ns()
         if clock - self._written_at >= FLUSH_NS:
             self._written_at = clock
-            self._guarded(lambda: self._sink.flush(now_ns))
+            self._guarded(lambda: self.sink.flush(now_ns))
         elif clock - self._searched_at >= LOOK_NS:
             self._searched_at = clock
             self._look()
         elif clock - self._counted_at >= SECOND_NS:
-            self._figures((clock - self._counted_at) / SECOND_NS)
-            self._counted_at = clock
+            self._figures()
 
     def close(self) -> None:
         """Take what is left, finish the file, say in one line what was recorded."""
@@ -157,10 +182,10 @@ class RecorderNode(LoopNode):
             source.take()
         self._look()
         self._stopped_ns = time.time_ns()
-        self._guarded(self._sink.close)
-        if self._sink.unwritten:
+        self._guarded(self.sink.close)
+        if self.sink.unwritten:
             self.exit_code = 1
-        self._figures(1.0)
+        self._figures()
         self._say_what_was_recorded()
 
     def _guarded(self, action: Callable[[], None]) -> None:
@@ -169,7 +194,7 @@ class RecorderNode(LoopNode):
             action()
         except OSError as error:
             reason = error.strerror or str(error)
-            text = f"can't write {self._sink.path}: {reason}; the recording ends"
+            text = f"can't write {self.sink.path}: {reason}; the recording ends"
             self.health.fault("disk", True, text, ERROR)
             self.report(time.time_ns())
             self.exit_code = 1
@@ -181,23 +206,25 @@ class RecorderNode(LoopNode):
         if self._all:
             wanted.update(dict.fromkeys(name for name, _ in self.ros.get_topic_names_and_types()))
         for name in wanted:
-            offers = self.ros.get_publishers_info_by_topic(name)
             source = self._sources.get(name)
-            if offers:
-                typename = offers[0].topic_type
-                spec = self._specs.get(name)
-                depth = spec.qos.depth if spec is not None else Qos().depth
-                qos = weakest(_offered(offer, depth) for offer in offers)
-                if source is None:
-                    source = self._subscribe(name, typename, qos)
-                if source is None:
-                    continue
-                source.adapt(qos)
-                source.announce()
-                for offer in offers:
-                    self._compare(source, offer)
+            offers = self.ros.get_publishers_info_by_topic(name)
+            if offers and source is None:
+                qos = weakest(map(_offered, offers))
+                source = self._subscribe(name, offers[0].topic_type, qos)
             if source is not None:
+                if offers:
+                    self.meet(source, offers)
                 source.tally.publishers(len(offers))
+
+    def meet(self, source: Source, offers: Sequence[Any] | None = None) -> None:
+        """Take note of a topic's publishers. Now the topic is one of the recording's."""
+        if offers is None:
+            offers = self.ros.get_publishers_info_by_topic(source.name)
+        if offers:
+            source.adapt(weakest(map(_offered, offers)))
+        self.sink.add_topic(source.name, source.typename, source.qos)
+        for offer in offers:
+            self._compare(source, offer)
 
     def _subscribe(
         self, name: str, typename: str, qos: Qos, *, complain: bool = True
@@ -207,7 +234,7 @@ class RecorderNode(LoopNode):
             return None
         try:
             type_hash(typename)
-            source = self._sources[name] = Source(self.ros, self._sink, name, typename, qos)
+            source = self._sources[name] = Source(self, name, typename, qos)
         except (InputError, ImportError, AttributeError, ValueError) as error:
             if complain:
                 self._undescribed[name] = typename
@@ -224,21 +251,25 @@ class RecorderNode(LoopNode):
             text = f"{offer.topic_type} is not recorded, {source.typename} is"
             self.health.fault(f"second_type.{source.name}", True, f"{source.name}: {text}")
             return
-        theirs, ours = str(offer.topic_type_hash), type_hash(source.typename)
-        if theirs.startswith("RIHS01_") and theirs != ours:
-            text = f"{source.name}: {source.typename} of node {offer.node_name} is another version"
-            self.health.fault(f"other_version.{source.name}", True, text)
+        theirs = str(offer.topic_type_hash)
+        if theirs.startswith("RIHS01_") and theirs != type_hash(source.typename):
+            self.sink.leave_as_they_come(source.name)
+            text = f"{offer.node_name} publishes another version of {source.typename}"
+            self.health.fault(f"other_version.{source.name}", True, f"{source.name}: {text}")
 
-    def _figures(self, span_s: float) -> None:
+    def _figures(self) -> None:
+        clock = time.monotonic_ns()
+        span_s = max(clock - self._counted_at, 1) / SECOND_NS
+        self._counted_at = clock
         messages = sum(source.tally.messages for source in self._sources.values())
         crowded = [name for name, source in self._sources.items() if source.tally.crowded]
         for key, value in (
             ("messages", messages),
             ("lost", self._lost()),
-            ("unwritten", self._sink.unwritten),
+            ("unwritten", self.sink.unwritten),
             ("rate_hz", round((messages - self._seen_before) / span_s, 1)),
-            ("bytes", self._sink.size),
-            ("file", str(self._sink.path)),
+            ("bytes", self.sink.size),
+            ("file", str(self.sink.path)),
             ("crowded", " ".join(crowded)),
         ):
             self.health.value(key, value)
@@ -249,13 +280,13 @@ class RecorderNode(LoopNode):
 
     def _notes(self) -> dict[str, str]:
         """Return what the file says about its own making."""
-        tallies = {name: self._sources[name].tally for name in sorted(self._sink.topics)}
+        tallies = {name: self._sources[name].tally for name in sorted(self.sink.topics)}
         return {
             "started_ns": str(self._started_ns),
             "stopped_ns": str(self._stopped_ns or ""),
-            "messages": str(self._sink.messages),
+            "messages": str(self.sink.messages),
             "lost": str(self._lost()),
-            "unwritten": str(self._sink.unwritten),
+            "unwritten": str(self.sink.unwritten),
             "crowded": " ".join(name for name, tally in tallies.items() if tally.crowded),
             "unnumbered": " ".join(name for name, tally in tallies.items() if tally.unnumbered),
             **{f"lost:{name}": str(tally.lost) for name, tally in tallies.items()},
@@ -269,11 +300,11 @@ class RecorderNode(LoopNode):
         lost = f"lost {self._lost()}"
         if uncounted:
             lost += f" (not countable on {uncounted} topics with several publishers)"
-        if self._sink.unwritten:
-            lost += f", {self._sink.unwritten} could not be written"
+        if self.sink.unwritten:
+            lost += f", {self.sink.unwritten} could not be written"
         sys.stdout.write(
-            f"recorded {self._sink.messages} messages on {len(tallies)} topics in {seconds:.1f} s,"
-            f" {lost}, {self._sink.size / 1e6:.1f} MB: {self._sink.options.target}\n"
+            f"recorded {self.sink.messages} messages on {len(tallies)} topics in {seconds:.1f} s,"
+            f" {lost}, {self.sink.size / 1e6:.1f} MB: {self.sink.options.target}\n"
         )
         sys.stdout.flush()
 
@@ -290,13 +321,14 @@ def weakest(offers: Iterable[Qos]) -> Qos:
     )
 
 
-def _offered(offer: Any, depth: int) -> Qos:
-    """Return a publisher's offer; discovery tells everything but the depth."""
+def _offered(offer: Any) -> Qos:
+    """Return what a publisher offers; discovery doesn't tell the depth."""
     there = offer.qos_profile
+    latched = there.durability == DurabilityPolicy.TRANSIENT_LOCAL
     return Qos(
-        there.depth or depth,
+        there.depth or Qos().depth,
         "reliable" if there.reliability == ReliabilityPolicy.RELIABLE else "best_effort",
-        "transient_local" if there.durability == DurabilityPolicy.TRANSIENT_LOCAL else "volatile",
+        "transient_local" if latched else "volatile",
     )
 
 
@@ -314,3 +346,7 @@ def main(argv: Sequence[str] | None = None) -> None:
 
     code = run(make, argv)
     sys.exit(code or made[0].exit_code)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,328 @@
+"""Any recorded run: kinds of files, folders, damage, names."""
+
+import shutil
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zstandard
+from rosbags.rosbag1 import Writer as Ros1Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as Ros2Writer
+from rosbags.typesys import Stores, get_typestore
+
+from tombo_bag.columnar_cdr import encode
+from tombo_bag.mcap_sink import Columns, McapSink
+from tombo_bag.recording import Recording
+from tombo_dynamics.errors import InputError
+
+TYPE = "geometry_msgs/msg/PoseStamped"
+SECOND = 1_000_000_000
+TIMES = [5 * SECOND + i * 33_000_000 for i in range(40)]
+ROS1 = get_typestore(Stores.ROS1_NOETIC)
+ROS2 = get_typestore(Stores.ROS2_JAZZY)
+
+
+def values(i: int) -> dict:
+    return {
+        "header": {"stamp": {"sec": 5, "nanosec": i * 1000}, "frame_id": "map"},
+        "pose": {"position": {"x": 0.5 * i, "y": -1.0, "z": 2.0}, "orientation": {"w": 1.0}},
+    }
+
+
+def messages() -> list[bytes]:
+    return [encode(TYPE, values(i)) for i in range(len(TIMES))]
+
+
+def write_mcap(path: Path, rows: slice = slice(None), topic: str = "/mocap/pose") -> Path:
+    with McapSink(path, chunk_span_ns=200_000_000) as sink:
+        sink.add_metadata("tombo_flight", {"scenario": "{}"})
+        channel = sink.add_channel(topic, TYPE)
+        sink.write_columns(Columns(channel, np.array(TIMES[rows]), messages()[rows]))
+    return path
+
+
+def write_rosbag2(folder: Path, plugin: StoragePlugin, mode: CompressionMode) -> Path:
+    writer = Ros2Writer(folder, version=9, storage_plugin=plugin)
+    if mode != CompressionMode.NONE:
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        connection = writer.add_connection("/mocap/pose", TYPE, typestore=ROS2)
+        for time, message in zip(TIMES, messages(), strict=True):
+            writer.write(connection, time, message)
+    return folder
+
+
+def write_ros1(path: Path, compression: Ros1Writer.CompressionFormat | None = None) -> Path:
+    t = ROS1.types
+    writer = Ros1Writer(path)
+    if compression is not None:
+        writer.set_compression(compression)
+    with writer:
+        connection = writer.add_connection("/mocap/pose", TYPE, typestore=ROS1)
+        unit = t["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0)
+        for i, time in enumerate(TIMES):
+            stamp = t["builtin_interfaces/msg/Time"](sec=5, nanosec=i * 1000)
+            header = t["std_msgs/msg/Header"](seq=i, stamp=stamp, frame_id="map")
+            point = t["geometry_msgs/msg/Point"](x=0.5 * i, y=-1.0, z=2.0)
+            pose = t["geometry_msgs/msg/Pose"](position=point, orientation=unit)
+            message = t[TYPE](header=header, pose=pose)
+            writer.write(connection, time, ROS1.serialize_ros1(message, TYPE))
+    return path
+
+
+def check_whole(path: Path, damage: int = 0) -> Recording:
+    with Recording(path) as recording:
+        table = recording.columns("/mocap/pose")
+        stream = recording.topics["/mocap/pose"]
+        assert table["log_time_ns"].tolist() == TIMES
+        assert table["stamp_ns"].tolist() == [5 * SECOND + i * 1000 for i in range(40)]
+        assert table["pose.position.x"].tolist() == [0.5 * i for i in range(40)]
+        assert set(table["header.frame_id"].tolist()) == {"map"}
+        assert (stream.typename, stream.count) == (TYPE, 40)
+        assert (stream.first_ns, stream.last_ns) == (TIMES[0], TIMES[-1])
+        assert recording.messages("/mocap/pose").messages == messages()
+        assert len(recording.damage) == damage, recording.damage
+    return recording
+
+
+def test_one_mcap_file_with_its_metadata(tmp_path):
+    recording = check_whole(write_mcap(tmp_path / "run.mcap"))
+    assert recording.metadata["tombo_flight"] == {"scenario": "{}"}
+
+
+@pytest.mark.parametrize(
+    "mode", [CompressionMode.NONE, CompressionMode.FILE, CompressionMode.MESSAGE]
+)
+def test_a_rosbag2_folder_of_sqlite_compressed_or_not(tmp_path, mode):
+    check_whole(write_rosbag2(tmp_path / "bag", StoragePlugin.SQLITE3, mode))
+
+
+def test_a_rosbag2_folder_of_mcap(tmp_path):
+    check_whole(write_rosbag2(tmp_path / "bag", StoragePlugin.MCAP, CompressionMode.NONE))
+
+
+def test_an_mcap_file_compressed_as_a_whole(tmp_path):
+    path = write_mcap(tmp_path / "run.mcap")
+    packed = tmp_path / "bag" / "run.mcap.zstd"
+    packed.parent.mkdir()
+    packed.write_bytes(zstandard.compress(path.read_bytes()))
+    check_whole(packed)
+    check_whole(packed.parent, damage=1)
+
+
+def test_an_mcap_file_of_messages_compressed_one_by_one(tmp_path):
+    path = tmp_path / "run.mcap"
+    pack_messages(path)
+    check_whole(path)
+
+
+def pack_messages(file: Path) -> None:
+    """Write a file with each message compressed, as rosbag2's message mode does."""
+    with McapSink(file) as sink:
+        channel = sink.add_channel("/mocap/pose", TYPE)
+        packed = [zstandard.compress(message) for message in messages()]
+        sink.write_columns(Columns(channel, np.array(TIMES), packed))
+
+
+def test_a_lone_sqlite_file(tmp_path):
+    folder = write_rosbag2(tmp_path / "bag", StoragePlugin.SQLITE3, CompressionMode.NONE)
+    (file,) = folder.glob("*.db3")
+    check_whole(file)
+
+
+def test_an_sqlite_file_of_a_killed_recorder_with_its_write_ahead_log(tmp_path):
+    folder = write_rosbag2(tmp_path / "bag", StoragePlugin.SQLITE3, CompressionMode.NONE)
+    (file,) = folder.glob("*.db3")
+    live = sqlite3.connect(file)
+    live.execute("PRAGMA journal_mode=WAL")
+    live.execute("PRAGMA wal_autocheckpoint=0")
+    rows = live.execute("SELECT topic_id, data FROM messages LIMIT 1").fetchone()
+    live.execute("INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)",
+                 (rows[0], TIMES[-1] + 1, rows[1]))  # fmt: skip
+    live.commit()
+    killed = tmp_path / "killed"
+    killed.mkdir()
+    for part in file.parent.glob("*.db3*"):
+        shutil.copy(part, killed / part.name)
+    live.close()
+    with Recording(killed) as recording:
+        assert len(recording.messages("/mocap/pose").messages) == 41
+        assert "metadata.yaml" in recording.damage[0]
+
+
+def test_a_folder_without_metadata_is_read_whole_in_order_of_log_time(tmp_path):
+    write_mcap(tmp_path / "run_0.mcap", slice(20, None))
+    write_mcap(tmp_path / "run_1.mcap", slice(0, 20))
+    (tmp_path / "notes.txt").write_text("no recording")
+    check_whole(tmp_path, damage=1)
+
+
+def test_metadata_says_which_split_files_belong_to_the_run(tmp_path):
+    write_mcap(tmp_path / "a_0.mcap", slice(0, 20))
+    write_mcap(tmp_path / "a_1.mcap", slice(20, None))
+    write_mcap(tmp_path / "other.mcap")
+    (tmp_path / "metadata.yaml").write_text(
+        "rosbag2_bagfile_information:\n  relative_file_paths: [bag/a_0.mcap, a_1.mcap, a_2.mcap]\n"
+    )
+    recording = check_whole(tmp_path, damage=2)
+    assert "a_2.mcap" in recording.damage[0] and "missing" in recording.damage[0]
+    assert "other.mcap" in recording.damage[1]
+
+
+def test_metadata_that_is_garbage_is_said_and_passed_over(tmp_path):
+    write_mcap(tmp_path / "run.mcap")
+    (tmp_path / "metadata.yaml").write_text("{]")
+    recording = check_whole(tmp_path, damage=1)
+    assert "metadata.yaml can't be read" in recording.damage[0]
+
+
+@pytest.mark.parametrize(
+    "compression", [None, Ros1Writer.CompressionFormat.BZ2, Ros1Writer.CompressionFormat.LZ4]
+)
+def test_a_ros_1_bag(tmp_path, compression):
+    check_whole(write_ros1(tmp_path / "old.bag", compression))
+
+
+def test_a_ros_1_bag_that_was_never_closed_or_is_cut_off(tmp_path):
+    path = write_ros1(tmp_path / "old.bag")
+    data = path.read_bytes()
+    position = data.index(b"index_pos=") + len(b"index_pos=")
+    unclosed = data[:position] + bytes(8) + data[position + 8 :]
+    (tmp_path / "unclosed.bag.active").write_bytes(unclosed)
+    assert "never closed" in check_whole(tmp_path / "unclosed.bag.active", 1).damage[0]
+    cut = tmp_path / "cut.bag"
+    cut.write_bytes(data[: data.index(b"compression=none") + 3000])
+    with Recording(cut) as recording:
+        read = len(recording.messages("/mocap/pose").messages)
+        assert 0 < read < 40
+        assert any("cut off" in line for line in recording.damage)
+
+
+def test_a_ros_1_chunk_that_is_corrupt_is_left_out(tmp_path):
+    path = write_ros1(tmp_path / "old.bag", Ros1Writer.CompressionFormat.BZ2)
+    data = bytearray(path.read_bytes())
+    place = data.index(b"BZh")
+    data[place + 40 : place + 60] = bytes(20)
+    path.write_bytes(data)
+    with Recording(path) as recording:
+        assert len(recording.columns("/mocap/pose")["stamp_ns"]) == 0
+        assert any("corrupt" in line for line in recording.damage)
+
+
+def test_a_cut_mcap_file_gives_what_is_whole(tmp_path):
+    path = write_mcap(tmp_path / "run.mcap")
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    with Recording(path) as recording:
+        assert 0 < len(recording.columns("/mocap/pose")["stamp_ns"]) < 40
+        assert "cut off" in recording.damage[0]
+
+
+def test_a_damaged_sqlite_file_gives_the_rows_before_the_damage(tmp_path):
+    folder = write_rosbag2(tmp_path / "bag", StoragePlugin.SQLITE3, CompressionMode.NONE)
+    (file,) = folder.glob("*.db3")
+    grown = sqlite3.connect(file)
+    (number, data) = grown.execute("SELECT topic_id, data FROM messages LIMIT 1").fetchone()
+    grown.executemany(
+        "INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)",
+        [(number, TIMES[-1] + i, data) for i in range(1, 2000)],
+    )
+    grown.commit()
+    grown.close()
+    whole = file.read_bytes()
+    file.write_bytes(whole[: int(0.6 * len(whole)) // 4096 * 4096])
+    with Recording(file) as recording:
+        assert 100 < len(recording.messages("/mocap/pose").messages) < 2039
+        assert any("cut off" in line for line in recording.damage)
+        assert any("messages are read" in line for line in recording.damage)
+
+
+def test_a_cut_compressed_file_gives_what_was_unpacked(tmp_path):
+    path = write_mcap(tmp_path / "run.mcap")
+    noise = np.random.default_rng(1).bytes(300_000)  # does not compress: the cut falls in it
+    packed = zstandard.compress(path.read_bytes() + noise)
+    (tmp_path / "run.mcap.zstd").write_bytes(packed[: len(packed) // 2])
+    path.unlink()
+    with Recording(tmp_path / "run.mcap.zstd") as recording:
+        assert len(recording.columns("/mocap/pose")["stamp_ns"]) == 40
+        assert any("compressed file is cut off" in line for line in recording.damage)
+
+
+def test_messages_that_do_not_fit_their_type_are_left_out_and_counted(tmp_path):
+    path = tmp_path / "run.mcap"
+    with McapSink(path) as sink:
+        channel = sink.add_channel("/mocap/pose", TYPE)
+        bad = [messages()[0], messages()[1][:20], b"", messages()[3]]
+        sink.write_columns(Columns(channel, np.array(TIMES[:4]), bad))
+    with Recording(path) as recording:
+        assert recording.columns("/mocap/pose")["pose.position.x"].tolist() == [0.0, 1.5]
+        assert recording.columns("/mocap/pose")["log_time_ns"].tolist() == [TIMES[0], TIMES[3]]
+        assert "2 of 4 messages" in recording.damage[0]
+
+
+def test_a_topic_under_another_name_hides_the_one_that_has_it(tmp_path):
+    path = tmp_path / "run.mcap"
+    with McapSink(path) as sink:
+        for i, topic in enumerate(("/mocap/pose", "/lab/pose")):
+            channel = sink.add_channel(topic, TYPE)
+            sink.write_columns(Columns(channel, np.array(TIMES[i : i + 1]), messages()[i : i + 1]))
+    with Recording(path, {"/lab/pose": "/mocap/pose"}) as recording:
+        assert list(recording.topics) == ["/mocap/pose"]
+        assert recording.columns("/mocap/pose")["pose.position.x"].tolist() == [0.5]
+
+
+def test_names_that_can_not_be_are_refused(tmp_path):
+    path = write_mcap(tmp_path / "run.mcap", topic="/lab/pose")
+    with pytest.raises(InputError, match=r"unknown topic.*did you mean '/lab/pose'"):
+        Recording(path, {"/lab/poses": "/mocap/pose"})
+    with Recording(path) as recording, pytest.raises(InputError, match="unknown topic"):
+        recording.columns("/mocap/pose")
+
+
+def test_another_clock_gives_the_log_times_of_columns(tmp_path):
+    with Recording(write_mcap(tmp_path / "run.mcap")) as recording:
+        recording.set_clock(np.array([TIMES[0], TIMES[10]]), np.array([100, 200]))
+        times = recording.columns("/mocap/pose")["log_time_ns"]
+        assert times[:10].tolist() == [100] * 10 and times[10:].tolist() == [200] * 30
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"", "is empty"),
+        (b"time,x,y\n0,1,2\n", "starts with bytes 74 69 6d 65"),
+        (b"#ROSBAG V1.2\n" + bytes(100), "ROS 1 bag of version 1.2"),
+        (b"SQLite format 3\0" + bytes(200), "accepted: an SQLite file"),
+    ],
+)
+def test_what_is_no_recording_is_refused_in_one_line(tmp_path, content, says):
+    path = tmp_path / "file"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="accepted") as caught:
+        Recording(path)
+    assert says in str(caught.value)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_folders_without_a_recording_and_missing_files_are_refused(tmp_path):
+    with pytest.raises(InputError, match="holds no recording"):
+        Recording(tmp_path)
+    with pytest.raises(InputError, match="can't read"):
+        Recording(tmp_path / "none.mcap")
+    (tmp_path / "a.mcap").write_bytes(b"")
+    write_mcap(tmp_path / "b.mcap")
+    recording = check_whole(tmp_path, damage=2)
+    assert any("a.mcap' is empty" in line for line in recording.damage)
+
+
+def test_another_database_is_refused(tmp_path):
+    path = tmp_path / "phone.db3"
+    database = sqlite3.connect(path)
+    database.execute("CREATE TABLE contacts (name TEXT)")
+    database.commit()
+    database.close()
+    with pytest.raises(InputError, match=r"no such table: topics.*accepted"):
+        Recording(path)

@@ -1,0 +1,323 @@
+import errno
+import os
+from collections import Counter
+from io import FileIO
+
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap_ros2.reader import read_ros2_messages
+from rosbags.rosbag2 import Reader
+
+from tombo_bag import mcap_sink
+from tombo_bag.columnar_cdr import encode
+from tombo_bag.qos import EVENT, SENSOR, STATE
+from tombo_bag.reader import Bag
+from tombo_bag.rolling_sink import NOTES, RollingOptions, RollingSink
+from tombo_bag.schemas import known_types, learn, schema_text, type_hash
+from tombo_dynamics.errors import InputError
+
+STRING = "std_msgs/msg/String"
+MS = 1_000_000
+START = 1_700_000_000_000_000_000
+TOPICS = {"/a": SENSOR, "/b": STATE, "/c": EVENT}
+FEW = settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
+
+
+def bag_files(folder):
+    return sorted(folder.glob("*.mcap"), key=lambda path: int(path.stem.rpartition("_")[2]))
+
+
+def word(text):
+    return encode(STRING, {"data": text})
+
+
+def opened(folder, notes=dict, **options):
+    sink = RollingSink(RollingOptions(folder, **options), notes)
+    for name, qos in TOPICS.items():
+        sink.add_topic(name, STRING, qos)
+    return sink
+
+
+def fresh(tmp_path_factory):
+    return tmp_path_factory.mktemp("bags") / "bag"
+
+
+def read(folder):
+    """(topic, log time, bytes) of all messages, file by file."""
+    found = []
+    for path in bag_files(folder):
+        with path.open("rb") as file:
+            reader = make_reader(file, validate_crcs=True)
+            found.append([(c.topic, m.log_time, m.data) for _, c, m in reader.iter_messages()])
+    return found
+
+
+@FEW
+@given(
+    messages=st.lists(st.tuples(st.sampled_from([*TOPICS]), st.integers(0, 4000)), max_size=80),
+    flush_every=st.integers(1, 30),
+    file_size_max=st.sampled_from([0, 1, 3000, 8000]),
+    file_duration_max=st.sampled_from([0.0, 1e-9, 0.05, 1.0]),
+)
+def test_splitting_loses_and_doubles_nothing(
+    tmp_path_factory, messages, flush_every, file_size_max, file_duration_max
+):
+    folder = fresh(tmp_path_factory)
+    sink = opened(folder, file_size_max=file_size_max, file_duration_max=file_duration_max)
+    written = []
+    for i, (topic, milliseconds) in enumerate(messages):
+        time = START + milliseconds * MS
+        sink.write(topic, word(str(i)), time, time - MS)
+        written.append((topic, time, word(str(i))))
+        if i % flush_every == 0:
+            sink.flush(START + 2000 * MS)
+    sink.close()
+    files = read(folder)
+    assert Counter(item for file in files for item in file) == Counter(written)
+    if file_duration_max:
+        for file in files:
+            times = [time for _, time, _ in file]
+            assert (
+                not times
+                or times[-1] - times[0] < max(file_duration_max * 1e9, 1)
+                or (
+                    times[0] < START + 2000 * MS  # an older message can come late into a file
+                )
+            )
+    with Reader(folder) as reader:
+        assert reader.message_count == len(written) == sink.messages
+        assert sum(1 for _ in reader.messages()) == len(written)
+        if written:
+            times = [time for _, time, _ in written]
+            assert reader.start_time == min(times)
+            assert reader.end_time == max(times) + 1
+        counts = {c.topic: c.msgcount for c in reader.connections}
+        assert counts == {name: sum(t == name for t, _, _ in written) for name in TOPICS}
+    for path in bag_files(folder):
+        assert Bag(path, check=True).damage == ()
+
+
+def test_messages_of_another_version_stay_as_they_come(tmp_path):
+    dirty = word("1") + bytes(range(8))
+    sink = opened(tmp_path / "bag")
+    sink.leave_as_they_come("/a")
+    sink.write("/a", dirty, START, START)
+    sink.write("/b", dirty, START, START)
+    sink.close()
+    assert [data for _, _, data in read(tmp_path / "bag")[0]] == [dirty, word("1")]
+
+
+def test_files_end_at_size_and_duration(tmp_path):
+    by_time = opened(tmp_path / "time", file_duration_max=0.5)
+    by_size = opened(tmp_path / "size", file_size_max=20_000, compression="none")
+    for i in range(1000):
+        for sink in (by_time, by_size):
+            sink.write("/a", word("x" * 20), START + i * 2 * MS, START)
+            if i % 100 == 99:
+                sink.flush()
+    by_time.close()
+    by_size.close()
+    assert [len(file) for file in read(tmp_path / "time")] == [250] * 4
+    sizes = [path.stat().st_size for path in bag_files(tmp_path / "size")]
+    assert len(sizes) > 3 and all(20_000 <= size < 40_000 for size in sizes[:-1])
+    names = [path.name for path in bag_files(tmp_path / "time")]
+    assert names == ["time_0.mcap", "time_1.mcap", "time_2.mcap", "time_3.mcap"]
+
+
+def test_chunks_follow_each_other_but_none_waits_longer_than_one_flush(tmp_path):
+    sink = opened(tmp_path / "bag")
+    sink.write("/a", word("1"), START + 10, START)
+    sink.write("/b", word("late"), START + 30, START)
+    sink.flush(START + 20)
+    assert sink.messages == 1
+    sink.write("/a", word("2"), START + 25, START)
+    sink.flush(START + 30)
+    assert sink.messages == 3
+    sink.write("/a", word("of a clock that was set back"), START + 90, START)
+    sink.flush(START + 40)
+    sink.flush(START + 41)
+    assert sink.messages == 4 and sink.unwritten == 0
+    sink.close()
+    with (tmp_path / "bag" / "bag_0.mcap").open("rb") as file:
+        chunks = make_reader(file).get_summary().chunk_indexes
+    ends = [(c.message_start_time - START, c.message_end_time - START) for c in chunks]
+    assert ends == [(10, 10), (25, 30), (90, 90)]
+
+
+def test_what_is_flushed_survives_a_crash_and_the_folder_is_read_without_metadata(tmp_path):
+    sink = opened(tmp_path / "bag", file_duration_max=1.0)
+    for i in range(300):
+        sink.write("/a", word(str(i)), START + i * 10 * MS, START)
+        if i % 40 == 39:
+            sink.flush()
+    *whole, last = (Bag(path) for path in bag_files(tmp_path / "bag"))
+    assert [bag.topics["/a"].count for bag in whole] == [100, 100]
+    assert all(bag.damage == () for bag in whole)
+    assert last.topics["/a"].count == 80
+    assert [damage.kind for damage in last.damage] == ["not finished"]
+    assert last.damage[0].from_ns == START + 279 * 10 * MS
+    assert not (tmp_path / "bag" / "metadata.yaml").exists()
+
+
+def test_a_topic_found_late_stands_in_the_later_files_and_in_the_metadata(tmp_path):
+    sink = RollingSink(RollingOptions(tmp_path / "bag", file_size_max=1))
+    sink.add_topic("/a", STRING, SENSOR)
+    sink.write("/a", word("1"), START, START)
+    sink.flush()
+    sink.add_topic("/late", STRING, EVENT)  # between two files
+    sink.add_topic("/late", STRING, STATE)
+    sink.add_topic("/silent", STRING, EVENT)
+    sink.write("/late", word("2"), START + 1, START)
+    sink.close()
+    with Reader(tmp_path / "bag") as reader:
+        assert [(c.topic, t - START) for c, t, _ in reader.messages()] == [("/a", 0), ("/late", 1)]
+        assert {c.topic: c.msgcount for c in reader.connections} == {
+            "/a": 1,
+            "/late": 1,
+            "/silent": 0,
+        }
+    with pytest.raises(InputError, match=r"'/late' has type std_msgs/msg/Bool; it is std_msgs/"):
+        sink.add_topic("/late", "std_msgs/msg/Bool", EVENT)
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
+def test_a_single_file(tmp_path, compression):
+    path = tmp_path / "flight.mcap"
+    notes = {"lost": "0"}
+    sink = opened(path, lambda: notes, single_file=True, compression=compression)
+    sink.write("/a", word("1") + b"\xff" * 7, START, START - 5)
+    notes["lost"] = "3"
+    sink.close()
+    sink.close()
+    assert os.listdir(tmp_path) == ["flight.mcap"]
+    (message,) = read_ros2_messages(path)
+    assert message.ros_msg.data == "1"
+    assert (message.log_time_ns, message.publish_time_ns) == (START, START - 5)
+    records = {record.name: record.metadata for record in Bag(path).metadata}
+    assert records[NOTES] == {"lost": "3"}
+    about = yaml.safe_load(records["rosbag2"]["serialized_metadata"])
+    assert about["relative_file_paths"] == ["flight.mcap"]
+    assert (about["version"], about["message_count"]) == (9, 1)
+    with Reader(path) as reader:
+        assert reader.message_count == 1
+
+
+class SmallDisk(FileIO):
+    """Room for so many bytes in all files together; what does not fit is cut off."""
+
+    room = 0
+    files = ()
+
+    def __init__(self, *args):
+        super().__init__(*args)
+        SmallDisk.files += (self,)
+
+    def write(self, data):
+        used = sum(
+            os.path.getsize(file.name) for file in SmallDisk.files if os.path.exists(file.name)
+        )
+        part = bytes(data)[: max(SmallDisk.room - used, 0)]
+        if not part:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return super().write(part)
+
+
+@FEW
+@given(room=st.integers(500, 60_000), file_size_max=st.sampled_from([0, 15_000]))
+def test_a_full_disk_ends_the_recording_but_the_file_is_whole(
+    tmp_path_factory, room, file_size_max
+):
+    folder = fresh(tmp_path_factory)
+    SmallDisk.room, SmallDisk.files = room, ()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(mcap_sink, "FileIO", SmallDisk)
+        sink = opened(folder, file_size_max=file_size_max, compression="none")
+        written, failed = 0, False
+        try:
+            for i in range(1000):
+                sink.write("/b", word(f"{i:050d}"), START + i * MS, START)
+                written += 1
+                if i % 20 == 19:
+                    sink.flush()
+        except OSError as error:
+            assert error.errno == errno.ENOSPC
+            failed = True
+        try:
+            sink.close()
+            closed = True
+        except OSError:
+            closed = False
+    assert failed
+    assert sink.messages + sink.unwritten == written
+    files = [path for path in sorted(folder.glob("*.mcap")) if path.stat().st_size]
+    found = sum(Bag(p).topics["/b"].count for p in files if "/b" in Bag(p).topics)
+    if closed:
+        assert found == sink.messages
+        with Reader(folder) as reader:
+            assert reader.message_count == found == sum(1 for _ in reader.messages())
+        for path in files:
+            assert Bag(path, check=True).damage == ()
+            records = {record.name: record.metadata for record in Bag(path).metadata}
+            about = yaml.safe_load(records["rosbag2"]["serialized_metadata"])
+        assert about["message_count"] == found, "the file's own account is of what it holds"
+    assert closed or room < 10_000, "there is room for an end once there was room for chunks"
+
+
+def test_bad_targets_and_options_are_named_and_leave_nothing(tmp_path):
+    (tmp_path / "file").touch()
+    os.symlink(tmp_path / "nowhere", tmp_path / "link")
+    for target in ("file", "link", "."):
+        with pytest.raises(InputError, match="is there already; accepted: a new name"):
+            RollingSink(RollingOptions(tmp_path / target))
+    with pytest.raises(InputError, match=r"can't make folder .*Not a directory"):
+        RollingSink(RollingOptions(tmp_path / "file" / "bag"))
+    with pytest.raises(InputError, match=r"can't write .*No such file"):
+        RollingSink(RollingOptions(tmp_path / "none" / "a.mcap", single_file=True))
+    with pytest.raises(InputError, match=r"compression 'gzip'.*lz4, none, zstd"):
+        RollingSink(RollingOptions(tmp_path / "bag", compression="gzip"))
+    with pytest.raises(InputError, match="file_size_max is -1; accepted: 0 or more"):
+        RollingOptions(tmp_path / "bag", file_size_max=-1)
+    with pytest.raises(InputError, match="file_duration_max is nan"):
+        RollingOptions(tmp_path / "bag", file_duration_max=float("nan"))
+    with pytest.raises(InputError, match="file_duration_max is 1; accepted: 0 with a single"):
+        RollingOptions(tmp_path / "a.mcap", single_file=True, file_duration_max=1)
+    with pytest.raises(InputError, match=r"a\.bag'; accepted: a name ending in \.mcap"):
+        RollingOptions(tmp_path / "a.bag", single_file=True)
+    SmallDisk.room, SmallDisk.files = 10, ()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(mcap_sink, "FileIO", SmallDisk)
+        with pytest.raises(InputError, match=r"can't write '.*bag_0\.mcap': No space left"):
+            RollingSink(RollingOptions(tmp_path / "bag"))
+    assert sorted(os.listdir(tmp_path)) == ["file", "link"]
+
+
+def test_types_of_installed_packages_are_learned(tmp_path, monkeypatch):
+    folder = tmp_path / "prefix" / "share" / "my_msgs" / "msg"
+    folder.mkdir(parents=True)
+    (folder / "Part.msg").write_text("# a part\nuint8 KIND=3\nfloat64 x 1.5\n")
+    (folder / "Whole.msg").write_text("std_msgs/Header header\nPart[<=2] parts\nstring<=9 name\n")
+    (folder / "Broken.msg").write_text("{y} 3\n")
+    (folder / "Lacking.msg").write_text("your_msgs/Thing thing\n")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "prefix"))
+    with pytest.raises(InputError, match="my_msgs/msg/Broken"):
+        learn("my_msgs/msg/Broken")
+    with pytest.raises(InputError, match=r"type in my_msgs/msg/Lacking 'your_msgs/msg/Thing'"):
+        learn("my_msgs/msg/Lacking")
+    for name in ("my_msgs/srv/Ask_Event", "my_msgs/msg/../Part", "Part", ""):
+        with pytest.raises(InputError, match="unknown message type"):
+            learn(name)
+    learn("my_msgs/msg/Whole")
+    assert {"my_msgs/msg/Whole", "my_msgs/msg/Part"} <= known_types().keys()
+    text = schema_text("my_msgs/msg/Whole")
+    assert "MSG: my_msgs/Part\n" in text and "MSG: std_msgs/Header\n" in text
+    assert type_hash("my_msgs/msg/Whole").startswith("RIHS01_")
+    sink = RollingSink(RollingOptions(tmp_path / "bag"))
+    sink.add_topic("/whole", "my_msgs/msg/Whole", STATE)
+    values = {"name": "n", "parts": [{"x": 2.5}, {"x": 3.5}]}
+    sink.write("/whole", encode("my_msgs/msg/Whole", values) + b"\1" * 8, START, START)
+    sink.close()
+    (message,) = read_ros2_messages(tmp_path / "bag" / "bag_0.mcap")
+    assert [part.x for part in message.ros_msg.parts] == [2.5, 3.5]

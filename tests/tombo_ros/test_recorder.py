@@ -1,0 +1,309 @@
+"""The recorder as its own process, over DDS: what it writes, loses, and leaves when it dies."""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip("rclpy", reason="rclpy is not installed")
+pytest.importorskip("tombo_msgs.msg", reason="tombo_msgs is not built")
+
+from mcap_ros2.reader import read_ros2_messages  # noqa: E402
+from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
+from rosbags.highlevel import AnyReader  # noqa: E402
+
+from ros_bench import domain, start, world  # noqa: E402, F401
+from tombo_bag.qos import SENSOR, Qos  # noqa: E402
+from tombo_bag.reader import Bag  # noqa: E402
+from tombo_bag.rolling_sink import NOTES  # noqa: E402
+from tombo_bag.schemas import message_directory  # noqa: E402
+from tombo_bag.topics import (  # noqa: E402
+    COLLISION_EVENT,
+    DIAGNOSTICS,
+    IMU,
+    ODOMETRY,
+    ROTOR_COMMAND,
+    TOPICS,
+    TopicSpec,
+)
+from tombo_ros.conversion import to_time  # noqa: E402
+from tombo_ros.topic import message_class  # noqa: E402
+
+STEADY = TopicSpec("/steady", IMU.typename, Qos(5000), 0.0, "reliable, so busy machines lose none")
+RECORDER = "tombo_ros.recorder_node"
+MS = 1_000_000
+
+
+def record(start, folder, *more):  # noqa: F811
+    return start(RECORDER, "-p", f"output:={folder}", *more)
+
+
+def bag_files(folder: Path) -> list[Path]:
+    return sorted(folder.glob("*.mcap"), key=lambda path: int(path.stem.rpartition("_")[2]))
+
+
+def imu(number: int):
+    message = message_class(IMU.typename)()
+    message.header.stamp = to_time(number * MS)
+    message.header.frame_id = "base_link"
+    message.angular_velocity.x = float(number)
+    return message
+
+
+def meet(world, *specs, others: int = 1) -> None:  # noqa: F811
+    """Wait until both ends of the topics know each other, not only the graph knows both."""
+    world.meet(*specs, others=others)
+    time.sleep(0.4)
+
+
+def pour(world, *specs, number: int, period_s: float = 0.002, first: int = 0) -> np.ndarray:  # noqa: F811
+    """Publish messages of `imu` on topics, one each per period; return when [ns]."""
+    begin = time.monotonic()
+    sent_ns = []
+    for i in range(first, first + number):
+        sent_ns.append(time.time_ns())
+        for spec in specs:
+            world.publish(spec, imu(i))
+        time.sleep(max(begin + (i - first + 1) * period_s - time.monotonic(), 0))
+    return np.array(sent_ns)
+
+
+def notes(path: Path) -> dict[str, str]:
+    (found,) = [record.metadata for record in Bag(path).metadata if record.name == NOTES]
+    return found
+
+
+def test_everything_arrives_unchanged_and_three_libraries_read_it(start, world, tmp_path):  # noqa: F811
+    event = message_class(COLLISION_EVENT.typename)()
+    event.header.stamp = to_time(5)
+    world.publish(COLLISION_EVENT, event)  # latched, before the recorder is there
+    named = ["-p", "topics:=['/steady', '/collision_event']"]
+    recorder = record(start, tmp_path / "bag", *named, "-p", "file_duration_max:=0.4")
+    recorder_of_all = record(start, tmp_path / "all", "-p", "all:=true", "-p", "topics:=['']")
+    world.listen(DIAGNOSTICS)
+    meet(world, STEADY, COLLISION_EVENT, others=2)
+    meet(world, IMU, others=1)
+    pour(world, STEADY, IMU, number=500)
+
+    def figures(report) -> dict[str, str]:
+        return {pair.key: pair.value for s in report.status for pair in s.values}
+
+    said = world.wait_for(DIAGNOSTICS, lambda m: figures(m).get("messages", "0") != "0")
+    assert {"lost", "rate_hz", "bytes", "file"} <= figures(said).keys()
+    os.killpg(recorder.process.pid, signal.SIGINT)
+    time.sleep(0.02)
+    assert recorder.end(signal.SIGINT) == 0
+    assert recorder_of_all.end(signal.SIGTERM) == 0
+
+    folder = tmp_path / "bag"
+    files = bag_files(folder)
+    assert len(files) > 2
+    with AnyReader([folder]) as reader:
+        counts = {c.topic: c.msgcount for c in reader.connections}
+        assert counts == {"/steady": 500, "/collision_event": 1}
+        for connection, _, data in reader.messages():
+            reader.deserialize(data, connection.msgtype)
+    read = [m for path in files for m in read_ros2_messages(path, topics=["/steady"])]
+    assert [m.ros_msg.angular_velocity.x for m in read] == [float(i) for i in range(500)]
+    assert [m.ros_msg.header.stamp.nanosec for m in read] == [i * MS for i in range(500)]
+    delays = np.array([m.log_time_ns - m.publish_time_ns for m in read])
+    assert (delays >= 0).all() and np.median(delays) < 20 * MS
+    bags = [Bag(path, check=True) for path in files]
+    for bag in bags:
+        for number in (n for n, c in bag.channels.items() if c.topic == "/steady"):
+            for raw in bag.messages(number).messages:
+                x = deserialize_message(raw, message_class(IMU.typename)).angular_velocity.x
+                assert x == imu(int(x)).angular_velocity.x
+    found = notes(files[-1])
+    assert found["lost"] == found["lost:/steady"] == "0"
+    assert int(found["stopped_ns"]) > int(found["started_ns"])
+    assert int(found["messages"]) == sum(counts.values())
+    assert f"recorded {sum(counts.values())} messages" in recorder.output
+
+    with AnyReader([tmp_path / "all"]) as reader:
+        counts = {c.topic: c.msgcount for c in reader.connections}
+        assert counts["/steady"] == 500 and counts["/collision_event"] == 1
+        assert {"/imu/data_raw", "/rosout", "/parameter_events", "/diagnostics"} <= counts.keys()
+
+
+def test_after_kill_9_all_but_the_last_second_is_there(start, world, tmp_path):  # noqa: F811
+    named = ["-p", "topics:=['/steady']"]
+    recorder = record(start, tmp_path / "bag", *named)
+    single = f"single_file:={tmp_path / 'q.mcap'}"
+    quiet = start(RECORDER, "-p", single, "-p", "use_sim_time:=true", *named)
+    meet(world, STEADY, others=2)
+    sent_ns = pour(world, STEADY, number=1500, period_s=0.001)
+    killed_ns = time.time_ns()
+    recorder.process.kill()
+    recorder.process.wait()
+    (path,) = bag_files(tmp_path / "bag")
+    assert not (tmp_path / "bag" / "metadata.yaml").exists()
+    bag = Bag(path)
+    assert [damage.kind for damage in bag.damage] in (["not finished"], ["cut off"])
+    table = bag.columns("/steady")
+    old = int(np.searchsorted(sent_ns, killed_ns - 1_000_000_000))
+    assert len(table["log_time_ns"]) >= old > 10
+    x = table["angular_velocity.x"]
+    np.testing.assert_array_equal(x, np.arange(len(x)))
+    assert bag.damage[0].from_ns >= table["log_time_ns"][-1]
+
+    time.sleep(0.7)  # nothing comes any more, and still what came is written
+    quiet.process.kill()
+    quiet.process.wait()
+    bag = Bag(tmp_path / "q.mcap")
+    assert bag.topics["/steady"].count == 1500
+
+
+def test_losses_are_counted_and_said(start, world, tmp_path):  # noqa: F811
+    """A recorder that stands still for longer than the middleware can wait loses messages."""
+    recorder = start(RECORDER, "-p", f"single_file:={tmp_path / 'a.mcap'}")
+    meet(world, IMU, ODOMETRY)
+    pour(world, IMU, number=10)
+    time.sleep(0.6)
+    recorder.process.send_signal(signal.SIGSTOP)
+    pour(world, IMU, number=3000, period_s=0.0003, first=10)
+    recorder.process.send_signal(signal.SIGCONT)
+    time.sleep(0.6)
+    pour(world, IMU, number=10, first=3010)
+    time.sleep(0.6)
+    assert recorder.end() == 0
+    received = Bag(tmp_path / "a.mcap").topics["/imu/data_raw"].count
+    lost = int(notes(tmp_path / "a.mcap")["lost:/imu/data_raw"])
+    assert lost > 100 and received + lost == 3020
+    assert f"lost {lost}" in recorder.output
+
+
+def test_other_qos_several_publishers_and_types_nobody_can_describe(start, world, tmp_path):  # noqa: F811
+    from rcl_interfaces.srv import ListParameters
+
+    strange = world.node.create_publisher(ListParameters.Event, "/strange", 10)
+    weak = TopicSpec(ODOMETRY.name, ODOMETRY.typename, SENSOR, 0.0, "best effort")
+    goals = TopicSpec("/goals", "nav_msgs/msg/Goals", Qos(), 0.0, "not of rosbags' store")
+    world.listen(DIAGNOSTICS)
+    recorder = record(start, tmp_path / "bag", "-p", "all:=true")
+    text = world.wait_for_fault("recorder", "undescribed./strange")
+    assert "ListParameters_Event" in text and "accepted" not in text
+    meet(world, weak)
+    meet(world, goals, IMU)
+    second = world.node.create_publisher(
+        message_class(IMU.typename), IMU.name, rclpy.qos.qos_profile_sensor_data
+    )
+    time.sleep(1.2)  # the recorder has looked around twice
+    for i in range(50):
+        world.publish(weak, message_class(weak.typename)())
+        world.publish(IMU, imu(i))
+        second.publish(imu(i))
+        if i > 20:
+            second.publish(imu(i))
+        time.sleep(0.01)
+    world.publish(goals, message_class(goals.typename)())
+    strange.publish(ListParameters.Event())
+    time.sleep(0.3)
+    assert recorder.end() == 0
+    path = tmp_path / "bag" / "bag_0.mcap"
+    with AnyReader([tmp_path / "bag"]) as reader:
+        counts = {c.topic: c.msgcount for c in reader.connections}
+    assert counts["/odometry"] == 50, "recorder and best-effort publisher agree on best effort"
+    assert counts["/imu/data_raw"] == 129
+    assert counts["/goals"] == 1
+    assert "/strange" not in counts
+    found = notes(path)
+    assert "/imu/data_raw" in found["crowded"].split() and found["lost:/imu/data_raw"] == "0"
+    assert "/odometry" not in found["crowded"].split()
+    assert found["undescribed:/strange"] == "rcl_interfaces/srv/ListParameters_Event"
+    assert "not countable on" in recorder.output
+
+
+def test_another_version_of_a_type_is_said_and_its_bytes_left_alone(
+    start,  # noqa: F811
+    world,  # noqa: F811
+    tmp_path,
+    monkeypatch,
+):
+    folder = tmp_path / "prefix" / "share" / "tombo_msgs" / "msg"
+    shutil.copytree(message_directory(), folder)
+    (folder / "RotorSpeeds.msg").write_text("std_msgs/Header header\nfloat64 one\n")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "prefix"))
+    recorder = start(RECORDER, "-p", f"single_file:={tmp_path / 'a.mcap'}")
+    world.listen(DIAGNOSTICS)
+    meet(world, ROTOR_COMMAND)
+    sent = message_class(ROTOR_COMMAND.typename)()
+    world.publish(ROTOR_COMMAND, sent)
+    text = world.wait_for_fault("recorder", "other_version./rotor_command")
+    assert "counterpart publishes another version of tombo_msgs/msg/RotorSpeeds" in text
+    assert recorder.end() == 0
+    bag = Bag(tmp_path / "a.mcap")
+    (number,) = (n for n, c in bag.channels.items() if c.topic == "/rotor_command")
+    assert bag.messages(number).messages == [serialize_message(sent)]
+
+
+def test_a_disk_that_fills_up_ends_the_recording_with_a_whole_file(start, world, tmp_path):  # noqa: F811
+    recorder = record(start, tmp_path / "bag", "-p", "compression:=none")
+    world.listen(DIAGNOSTICS)
+    meet(world, IMU)
+    path = tmp_path / "bag" / "bag_0.mcap"
+    pour(world, IMU, number=1000)
+    limit = path.stat().st_size + 50_000
+    resource.prlimit(recorder.process.pid, resource.RLIMIT_FSIZE, (limit, limit))
+    said: list[str] = []
+
+    def fill() -> None:
+        pour(world, IMU, number=10)
+
+    said.append(world.wait_for_fault("recorder", "disk", meanwhile=fill))
+    assert recorder.process.wait(5) == 1
+    assert "can't write" in said[0] and "File too large" in said[0]
+    assert "could not be written" in recorder.output and "Traceback" not in recorder.output
+    bag = Bag(path, check=True)
+    assert bag.damage == ()
+    with AnyReader([tmp_path / "bag"]) as reader:
+        assert reader.message_count == sum(topic.count for topic in bag.topics.values()) > 500
+    assert int(notes(path)["unwritten"]) > 0
+
+
+def test_bad_parameters_end_it_with_one_line(start, tmp_path):  # noqa: F811
+    (tmp_path / "old").mkdir()
+    (tmp_path / "file").touch()
+    cases = {
+        "is there already": ["-p", f"output:={tmp_path / 'old'}"],
+        "Not a directory": ["-p", f"output:={tmp_path / 'file' / 'bag'}"],
+        "name ending in .mcap": ["-p", f"single_file:={tmp_path / 'a.bag'}"],
+        "accepted: one of them": ["-p", "output:=a", "-p", "single_file:=b.mcap"],
+        "accepted: names of topics": ["-p", "output:=c", "-p", "topics:=['/a b']"],
+        "file_size_max is -1": ["-p", f"output:={tmp_path / 'b'}", "-p", "file_size_max:=-1"],
+    }
+    recorders = {text: start(RECORDER, *arguments) for text, arguments in cases.items()}
+    for text, recorder in recorders.items():
+        assert recorder.process.wait(20) == 2
+        (line,) = recorder.output.splitlines()
+        assert line.startswith("Error: ") and text in line
+    assert sorted(p.name for p in tmp_path.iterdir() if p.suffix != ".log") == ["file", "old"]
+
+
+def test_every_topic_of_the_suite_but_the_clock_is_recorded_by_default(start, world, tmp_path):  # noqa: F811
+    recorder = record(start, tmp_path / "bag")
+    specs = [spec for spec in TOPICS.values() if spec.typename.split("/")[0] != "tf2_msgs"]
+    meet(world, *(spec for spec in specs if spec.name not in ("/clock", "/diagnostics")))
+    for spec in specs:
+        world.publish(spec, message_class(spec.typename)())
+    time.sleep(0.8)
+    assert recorder.end() == 0
+    with AnyReader([tmp_path / "bag"]) as reader:
+        found = {c.topic: c for c in reader.connections}
+    assert set(found) == {spec.name for spec in specs} - {"/clock"}
+    assert all(found[name].msgcount == 1 for name in found if name != "/diagnostics")
+    for spec in specs:
+        if spec.name in found:
+            (qos,) = found[spec.name].ext.offered_qos_profiles
+            assert (qos.depth, qos.reliability.name.lower(), qos.durability.name.lower()) == (
+                spec.qos.depth,
+                spec.qos.reliability,
+                spec.qos.durability,
+            )

@@ -1,0 +1,349 @@
+"""Any recorded run: one file or a folder of them, MCAP, SQLite or ROS 1, as columns by topic.
+
+What kind a file is, its first bytes say, not its name. A folder is read by its `metadata.yaml`, or
+without one (a recorder that was killed writes none) whole. Topics can be given the suite's names.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from tombo_bag import ros1_bag, sqlite_bag
+from tombo_bag.bag_files import READABLE, BagFile, McapFile, Stream
+from tombo_bag.chunks import MAGIC
+from tombo_bag.columns import ColumnTable, columns_of
+from tombo_bag.reader import RawMessages
+from tombo_bag.schemas import Types
+from tombo_dynamics.errors import InputError, unknown_name
+
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
+"""What files of a recording end in; a folder without `metadata.yaml` is searched for them."""
+_PIECE = 1 << 22
+
+
+class Recording:
+    """A recorded run, opened. Use as a context manager: unpacked files are removed at the end."""
+
+    def __init__(self, path: str | Path, names: Mapping[str, str] | None = None) -> None:
+        """Open a file or a folder.
+
+        Args:
+            path: file or folder.
+            names: topic as recorded → name under which it is read here; it hides a topic that is
+                recorded under that name.
+
+        Raises:
+            InputError: nothing there, nothing that can be read, or no such topic.
+        """
+        self.path = Path(path)
+        self._notes: list[str] = []
+        self._unpacked: tempfile.TemporaryDirectory[str] | None = None
+        self._cache: dict[str, list[tuple[BagFile, str, RawMessages]]] = {}
+        self._tables: dict[str, ColumnTable] = {}
+        self._clock: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None
+        self.files: list[BagFile] = []
+        try:
+            self.files.extend(self._open_all())
+            if not self.files:
+                why = f" ({self._notes[0]})" if self._notes else ""
+                raise InputError(f"'{self.path}' holds no recording{why}; accepted: {READABLE}")
+            self._recorded_name = self._rename(names or {})
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Recording:
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close it."""
+        self.close()
+
+    def close(self) -> None:
+        """Close the files and remove what was unpacked."""
+        for file in self.files:
+            file.close()
+        if self._unpacked is not None:
+            self._unpacked.cleanup()
+            self._unpacked = None
+
+    @property
+    def damage(self) -> list[str]:
+        """What could not be read so far, a line each; complete after all topics are read."""
+        several = len(self.files) > 1
+        found = list(self._notes)
+        for file in self.files:
+            found += [f"{file.path.name}: {text}" if several else text for text in file.damage]
+        return list(dict.fromkeys(found))
+
+    @property
+    def metadata(self) -> dict[str, dict[str, str]]:
+        """Named text values that stand beside the messages; of several files the first counts."""
+        merged: dict[str, dict[str, str]] = {}
+        for file in reversed(self.files):
+            merged.update({name: dict(values) for name, values in file.metadata.items()})
+        return merged
+
+    @property
+    def topics(self) -> dict[str, Stream]:
+        """The topics by the names under which they are read here, sorted."""
+        table: dict[str, Stream] = {}
+        for name, recorded in sorted(self._recorded_name.items()):
+            streams = [f.streams[recorded] for f in self.files if recorded in f.streams]
+            filled = [s for s in streams if s.count]
+            table[name] = Stream(
+                streams[0].typename,
+                sum(s.count for s in streams),
+                min((s.first_ns for s in filled), default=0),
+                max((s.last_ns for s in filled), default=0),
+            )
+        return table
+
+    def load(self, topics: Collection[str]) -> None:
+        """Read the messages of some topics at once, which is quicker than one by one."""
+        wanted = [name for name in topics if name in self._recorded_name]
+        wanted = [name for name in wanted if name not in self._cache]
+        recorded = {self._recorded_name[name]: name for name in wanted}
+        self._cache.update({name: [] for name in wanted})
+        for file in self.files:
+            for topic, raw in file.messages(list(recorded)).items():
+                if len(raw.messages):
+                    self._cache[recorded[topic]].append((file, topic, _plain(raw)))
+
+    def set_clock(self, log_ns: NDArray[np.int64], now_ns: NDArray[np.int64]) -> None:
+        """Let another clock than the recorder's give the log times of all columns.
+
+        Args:
+            log_ns: log times, rising.
+            now_ns: what the other clock read then.
+        """
+        self._clock = log_ns, now_ns
+        self._tables.clear()
+
+    def on_clock(self, log_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return log times as columns have them, by the clock of `set_clock` if there is one."""
+        if self._clock is None:
+            return log_ns
+        before = np.searchsorted(self._clock[0], log_ns, side="right") - 1
+        return np.asarray(self._clock[1][np.maximum(before, 0)])
+
+    def messages(self, topic: str) -> RawMessages:
+        """Read a topic's messages as CDR, in order of log time.
+
+        Raises:
+            InputError: no such topic.
+        """
+        parts = [raw for _, _, raw in self._parts(topic)]
+        if len(parts) == 1:
+            return parts[0]
+        order = _log_order(parts)
+        messages = [message for raw in parts for message in raw.messages]
+        return RawMessages(
+            _joined([raw.log_times_ns for raw in parts])[order],
+            _joined([raw.publish_times_ns for raw in parts])[order],
+            [messages[i] for i in order.tolist()],
+        )
+
+    def columns(self, topic: str) -> ColumnTable:
+        """Read a topic as columns, in order of log time; see `reader.Bag.columns`.
+
+        Messages that don't fit their type are left out and listed in `damage`.
+
+        Raises:
+            InputError: no such topic, or of a type that can't be read.
+        """
+        if topic not in self._tables:
+            table = self._joined_table(topic)
+            self._tables[topic] = {**table, "log_time_ns": self.on_clock(table["log_time_ns"])}
+        return self._tables[topic]
+
+    def _joined_table(self, topic: str) -> ColumnTable:
+        parts = self._parts(topic)
+        tables = [
+            self._table(topic, raw, file.streams[recorded].typename, file.types(recorded))
+            for file, recorded, raw in parts
+        ]
+        if not tables:
+            none = np.zeros(0, np.int64)
+            return {"log_time_ns": none, "publish_time_ns": none, "stamp_ns": none}
+        if len(tables) == 1:
+            return tables[0]
+        shared = [key for key in tables[0] if all(key in table for table in tables)]
+        order = np.argsort(np.concatenate([t["log_time_ns"] for t in tables]), kind="stable")
+        return {key: np.concatenate([table[key] for table in tables])[order] for key in shared}
+
+    def _table(self, topic: str, raw: RawMessages, typename: str, types: Types) -> dict[str, Any]:
+        times = {"log_time_ns": raw.log_times_ns, "publish_time_ns": raw.publish_times_ns}
+        try:
+            return {**times, **columns_of(typename, raw.messages, types)}
+        except InputError:
+            good = [i for i, message in enumerate(raw.messages) if _fits(typename, message, types)]
+            if not good:
+                raise
+        lost = len(raw.messages) - len(good)
+        self._note(f"{lost} of {len(raw.messages)} messages of {topic} don't fit {typename}")
+        table = columns_of(typename, [raw.messages[i] for i in good], types)
+        return {**{key: column[good] for key, column in times.items()}, **table}
+
+    def _parts(self, topic: str) -> list[tuple[BagFile, str, RawMessages]]:
+        if topic not in self._recorded_name:
+            raise unknown_name(f"topic in '{self.path}'", topic, self._recorded_name)
+        self.load([topic])
+        return self._cache[topic]
+
+    def _rename(self, names: Mapping[str, str]) -> dict[str, str]:
+        recorded = {topic for file in self.files for topic in file.streams}
+        for source in names:
+            if source not in recorded:
+                raise unknown_name(f"topic in '{self.path}'", source, recorded)
+        if len(set(names.values())) < len(names):
+            twice = ", ".join(f"{source}:={name}" for source, name in names.items())
+            raise InputError(f"{twice}: two topics under one name; accepted: one for each")
+        kept = {topic: topic for topic in recorded if topic not in names}
+        return {**kept, **{name: source for source, name in names.items()}}
+
+    def _open_all(self) -> Iterator[BagFile]:
+        try:
+            is_folder = self.path.is_dir()
+            if not is_folder:
+                yield self._open(self.path)
+                return
+            paths = self._files_of_folder()
+        except OSError as error:
+            raise InputError(f"can't read '{self.path}': {error.strerror}") from error
+        for path in paths:
+            try:
+                yield self._open(path)
+            except InputError as error:
+                if len(paths) == 1:
+                    raise
+                self._note(str(error).partition("; accepted")[0])
+
+    def _files_of_folder(self) -> list[Path]:
+        there = sorted(p for p in self.path.iterdir() if p.name.endswith(SUFFIXES))
+        described = self.path / "metadata.yaml"
+        listed = self._listed(described) if described.is_file() else None
+        if listed is None:
+            if there and not described.is_file():
+                self._note("no metadata.yaml: the recorder was not closed")
+            return there
+        for path in listed:
+            if not path.is_file():
+                self._note(f"{path.name}, which metadata.yaml names, is missing")
+        for path in there:
+            if path not in listed:
+                self._note(f"{path.name} is not named in metadata.yaml and is left out")
+        return [path for path in listed if path.is_file()]
+
+    def _listed(self, described: Path) -> list[Path] | None:
+        """Return the files that `metadata.yaml` names; None if it can't be read."""
+        try:
+            content = yaml.safe_load(described.read_text(encoding="utf-8"))
+            names = content["rosbag2_bagfile_information"]["relative_file_paths"]
+            return [self.path / Path(str(name)).name for name in names]
+        except (OSError, ValueError, TypeError, KeyError, yaml.YAMLError):
+            self._note("metadata.yaml can't be read: all files of the folder are taken")
+            return None
+
+    def _open(self, path: Path) -> BagFile:
+        try:
+            with path.open("rb") as file:
+                start = file.read(64)
+        except OSError as error:
+            raise InputError(
+                f"can't read '{path}': {error.strerror}; accepted: {READABLE}"
+            ) from error
+        if not start:
+            raise InputError(f"'{path}' is empty; accepted: {READABLE}")
+        if start.startswith(ZSTD_MAGIC):
+            return self._open(self._unpack(path))
+        for magic, kind in _KINDS.items():
+            if start.startswith(magic):
+                return kind(path)
+        if MAGIC.startswith(start):
+            return McapFile(path)
+        if start.startswith(b"#ROSBAG"):
+            version = start[9:12].decode("ascii", "replace")
+            raise InputError(f"'{path}' is a ROS 1 bag of version {version}; accepted: 2.0")
+        raise InputError(f"'{path}' starts with bytes {start[:8].hex(' ')}; accepted: {READABLE}")
+
+    def _unpack(self, path: Path) -> Path:
+        """Unpack a file compressed as a whole; of a cut one, what is there."""
+        import zstandard
+
+        if self._unpacked is None:
+            self._unpacked = tempfile.TemporaryDirectory(prefix="tombo-")
+        target = Path(self._unpacked.name) / path.name.removesuffix(".zstd")
+        unpacker = zstandard.ZstdDecompressor().decompressobj()
+        with path.open("rb") as source, target.open("wb") as out:
+            try:
+                while piece := source.read(_PIECE):
+                    out.write(unpacker.decompress(piece))
+            except zstandard.ZstdError as error:
+                self._note(f"{path.name}: {error}; what was unpacked before that is read")
+        if not unpacker.eof:
+            self._note(f"{path.name}: the compressed file is cut off")
+        return target
+
+    def _note(self, text: str) -> None:
+        if text not in self._notes:
+            self._notes.append(text)
+
+
+_KINDS: dict[bytes, Callable[[Path], BagFile]] = {
+    MAGIC: McapFile,
+    sqlite_bag.MAGIC: sqlite_bag.SqliteBag,
+    ros1_bag.MAGIC: ros1_bag.Ros1Bag,
+}
+
+
+def _plain(raw: RawMessages) -> RawMessages:
+    """Unpack messages that rosbag2 compressed one by one; CDR itself never starts like zstd."""
+    if not raw.messages[0].startswith(ZSTD_MAGIC):
+        return raw
+    import zstandard
+
+    unpacker = zstandard.ZstdDecompressor()
+    messages = [_unpacked(message, unpacker) for message in raw.messages]
+    return RawMessages(raw.log_times_ns, raw.publish_times_ns, messages)
+
+
+def _unpacked(message: bytes, unpacker: Any) -> bytes:
+    import zstandard
+
+    try:
+        plain: bytes = unpacker.decompressobj().decompress(message)
+    except zstandard.ZstdError:
+        return b""  # fits no type, and is counted as damage there
+    return plain
+
+
+def _fits(typename: str, message: bytes, types: Types) -> bool:
+    try:
+        columns_of(typename, [message], types)
+    except InputError:
+        return False
+    return True
+
+
+def _joined(columns: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    return np.concatenate(columns) if columns else np.zeros(0, np.int64)
+
+
+def _log_order(parts: Sequence[RawMessages]) -> NDArray[Any]:
+    return np.argsort(_joined([raw.log_times_ns for raw in parts]), kind="stable")
