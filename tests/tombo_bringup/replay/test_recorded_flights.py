@@ -1,0 +1,140 @@
+"""Recorded flights pin what detector, reaction and mission make of them, to the sample.
+
+If this fails after a change of behaviour that is meant: `python tests/bags/make_bags.py`.
+"""
+
+import pytest
+
+EVENTS = {
+    "paper_collision_0": [(23.133, "innovation", 1253.95)],
+    "paper_collision_7": [(23.133, "innovation", 1414.48)],
+    "soft_strike_3": [(23.133, "innovation", 148.11)],
+    "known_obstacle_1": [(22.933, "region", 0.29)],
+    "no_obstacle_1": [],
+    "aggressive_2": [],
+}
+"""Bag → capture time [s] of the pose that triggered, trigger, statistic."""
+
+
+def flight_time(event):
+    return round((event.stamp_ns - 1_000_000_000) / 1e9, 3)
+
+
+@pytest.mark.parametrize("bag", EVENTS)
+def test_the_detector_says_the_same_events_to_the_sample(replayed, bag):
+    result = replayed(bag, nodes=("detector",))
+    found = [(flight_time(e), e.trigger, round(e.statistic, 2)) for e in result.replayed.events]
+    assert found == EVENTS[bag]
+    figures = result.nodes["detector"]
+    assert figures["matched"] == len(EVENTS[bag])
+    assert (figures["missed"], figures["extra"], figures["false_alarms"]) == (0, 0, 0)
+    assert figures["detection_time_difference_ms"] == [0.0] * len(EVENTS[bag])
+    assert all(error < 1e-9 for error in figures["x_c_error_m"])
+    assert all(-1.0 <= ms <= 0.0 for ms in figures["known_time_difference_ms"])
+    assert result.differences == []
+    assert result.damage == []
+
+
+def test_events_recorded_and_replayed_have_all_the_same_values(replayed):
+    result = replayed("paper_collision_0", nodes=("detector",))
+    (recorded,), (again,) = result.recorded.events, result.replayed.events
+    assert again.stamp_ns == recorded.stamp_ns
+    assert again.x_c == pytest.approx(recorded.x_c, abs=1e-12)
+    assert again.contact_ns == pytest.approx(recorded.contact_ns, abs=1000)
+    assert again.flight_direction == pytest.approx(recorded.flight_direction, abs=1e-12)
+    assert again.confidence == pytest.approx(recorded.confidence)
+
+
+@pytest.mark.parametrize(
+    ("setting", "missed", "extra"),
+    [
+        ("detector.threshold=2000", 1, 0),
+        ("detector.threshold=5", 0, 2),
+        ("detector.trigger=none", 1, 0),
+        ("detector.arm_height=5.0", 1, 0),
+    ],
+)
+def test_another_detector_is_seen_to_be_one(replayed, setting, missed, extra):
+    result = replayed("paper_collision_0", setting, nodes=("detector",))
+    figures = result.nodes["detector"]
+    assert (figures["missed"], figures["extra"]) == (missed, extra)
+    assert len(result.differences) == (missed > 0) + (extra > 0)
+
+
+def test_a_threshold_above_the_strike_fires_at_a_later_pose_or_never(replayed):
+    same = replayed("soft_strike_3", "detector.threshold=145", nodes=("detector",))
+    later = replayed("soft_strike_3", "detector.threshold=150", nodes=("detector",))
+    assert same.differences == []
+    assert later.nodes["detector"]["detection_time_difference_ms"] == [pytest.approx(33.0, abs=2)]
+    assert later.differences[0] == "detector: detection differs by 34.000 ms"
+
+
+def test_another_trigger_is_seen_by_its_time_and_its_place(replayed):
+    result = replayed("paper_collision_0", "detector.trigger=region", nodes=("detector",))
+    assert result.nodes["detector"]["detection_time_difference_ms"][0] < -100.0
+    assert result.nodes["detector"]["x_c_error_m"][0] > 0.05
+    assert [line.split(" differs")[0] for line in result.differences] == [
+        "detector: detection",
+        "detector: x_c",
+    ]
+
+
+def test_noise_parameters_change_the_statistic(replayed):
+    plain = replayed("paper_collision_7", nodes=("detector",))
+    other = replayed("paper_collision_7", "detector.position_noise=0.003", nodes=("detector",))
+    assert other.replayed.events[0].statistic < 0.95 * plain.replayed.events[0].statistic
+
+
+def test_false_alarms_are_counted_against_the_true_contact(replayed):
+    result = replayed("no_obstacle_1", "detector.threshold=4", nodes=("detector",))
+    figures = result.nodes["detector"]
+    assert figures["false_alarms"] == figures["extra"] > 2
+    minutes = result.duration_s / 60.0
+    assert figures["false_alarms_per_minute"] == pytest.approx(
+        figures["false_alarms"] / minutes, rel=0.01
+    )
+    true = replayed("paper_collision_0", nodes=("detector",)).nodes["detector"]
+    assert 10.0 < true["latency_ms"][0] < 60.0
+
+
+def test_reaction_and_mission_do_again_what_they_did(replayed):
+    result = replayed("paper_collision_0")
+    reaction, mission = result.nodes["reaction"], result.nodes["mission"]
+    assert reaction["setpoint"]["max_m"] < 1e-9
+    assert reaction["setpoint"]["compared"] > 1900
+    assert reaction["switches_recorded"] == reaction["switches_replayed"] == 1
+    assert reaction["x_r_error_m"] == [pytest.approx(0.0, abs=1e-9)]
+    assert abs(reaction["switch_time_difference_ms"][0]) <= 20.0
+    assert mission["phases_replayed"] == [
+        "idle", "takeoff", "hover", "approach", "react", "hold", "land", "landed",
+    ]  # fmt: skip
+    assert max(map(abs, mission["phase_time_difference_ms"])) < 60.0
+    assert mission["setpoint"]["rms_m"] < 0.01
+    assert result.differences == []
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("reaction.distance=1.0", "reaction: set point differs"),
+        ("mission.approach_speed=0.9", "mission: set point differs"),
+        ("mission.hold_time=60.0", "mission: phases idle, takeoff, hover, approach, react, hold"),
+    ],
+)
+def test_another_reaction_or_mission_is_seen_to_be_one(replayed, setting, words):
+    result = replayed("paper_collision_0", setting)
+    assert any(line.startswith(words) for line in result.differences), result.differences
+
+
+def test_what_can_not_be_replayed_is_said_with_the_missing_topics(replayed):
+    result = replayed("paper_collision_7")
+    assert list(result.nodes) == ["detector"]
+    lines = [line for line in result.findings if "can't be replayed" in line]
+    assert len(lines) == 4
+    assert "mission can't be replayed: no /odometry in the bag" in lines
+
+
+def test_a_replay_is_the_same_each_time(replayed):
+    first, second = (replayed("aggressive_2", "detector.threshold=3") for _ in range(2))
+    assert first.replayed.events == second.replayed.events
+    assert first.replayed.events

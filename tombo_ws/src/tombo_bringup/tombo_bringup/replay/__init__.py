@@ -1,0 +1,1 @@
+"""Replay: a recorded run once more through the nodes' pure cores, and what differs."""

@@ -1,0 +1,109 @@
+"""The poses of a recording, whatever type and topic a lab has given them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_bag.bag_files import Stream
+from tombo_bag.columns import ColumnTable
+from tombo_bag.recording import Recording
+from tombo_bag.topics import MOCAP_POSE, TOPICS
+from tombo_dynamics.errors import InputError
+
+Array = NDArray[np.float64]
+Times = NDArray[np.int64]
+
+POSE_TYPES: dict[str, tuple[str, str]] = {
+    "geometry_msgs/msg/PoseStamped": ("pose.position", "pose.orientation"),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": (
+        "pose.pose.position",
+        "pose.pose.orientation",
+    ),
+    "geometry_msgs/msg/TransformStamped": ("transform.translation", "transform.rotation"),
+    "nav_msgs/msg/Odometry": ("pose.pose.position", "pose.pose.orientation"),
+}
+"""Types that hold one stamped pose: where its position and its quaternion stand."""
+
+
+@dataclass(frozen=True)
+class PoseTrack:
+    """Poses of base_link as they arrived, N of them."""
+
+    arrival_ns: Times
+    """Log times, never falling."""
+    stamp_ns: Times
+    """Capture times of the headers."""
+    frame: NDArray[np.str_]
+    position: Array
+    """(N, 3) [m]."""
+    attitude: Array
+    """(N, 4) quaternions xyzw, as recorded."""
+
+    @staticmethod
+    def none() -> PoseTrack:
+        """Return a track without poses."""
+        times = np.zeros(0, np.int64)
+        return PoseTrack(times, times, np.zeros(0, "U1"), np.zeros((0, 3)), np.zeros((0, 4)))
+
+    def renamed(self, accepted: str) -> PoseTrack:
+        """Return the track with frame `accepted` taken for map."""
+        return replace(self, frame=np.where(self.frame == accepted, "map", self.frame))
+
+    def shifted(self, shift_ns: int) -> PoseTrack:
+        """Return the track with all stamps moved."""
+        return replace(self, stamp_ns=self.stamp_ns + shift_ns)
+
+    def stamped_on_arrival(self) -> PoseTrack:
+        """Return the track with the arrival as stamp."""
+        return replace(self, stamp_ns=self.arrival_ns)
+
+
+def find_pose_topic(topics: Mapping[str, Stream]) -> str | None:
+    """Return the topic with the vehicle's poses; None if there is no candidate.
+
+    Raises:
+        InputError: several candidates, or `/mocap/pose` has a type that holds no pose.
+    """
+    known = topics.get(MOCAP_POSE.name)
+    if known is not None:
+        if known.typename not in POSE_TYPES:
+            raise InputError(
+                f"{MOCAP_POSE.name} has type {known.typename}; accepted: {', '.join(POSE_TYPES)}"
+            )
+        return MOCAP_POSE.name
+    found = [
+        name
+        for name, stream in topics.items()
+        if stream.typename in POSE_TYPES and stream.count and name not in TOPICS
+    ]
+    if len(found) > 1:
+        listed = ", ".join(f"{name} ({topics[name].count} messages)" for name in found)
+        raise InputError(
+            f"several topics could be the vehicle's poses: {listed}; accepted: "
+            f"--map TOPIC:={MOCAP_POSE.name} with one of them"
+        )
+    return found[0] if found else None
+
+
+def read_poses(recording: Recording, topic: str) -> PoseTrack:
+    """Read a topic of one of `POSE_TYPES`."""
+    table = recording.columns(topic)
+    position, attitude = POSE_TYPES[recording.topics[topic].typename]
+    return PoseTrack(
+        table["log_time_ns"],
+        table["stamp_ns"],
+        table.get("header.frame_id", np.zeros(0, "U1")),
+        vectors(table, position),
+        vectors(table, attitude, "xyzw"),
+    )
+
+
+def vectors(table: ColumnTable, path: str, axes: str = "xyz") -> Array:
+    """Return the fields x, y, z (and w) below a path as rows (N, 3) or (N, 4)."""
+    if f"{path}.{axes[0]}" not in table:
+        return np.zeros((0, len(axes)))
+    return np.stack([table[f"{path}.{axis}"].astype(np.float64) for axis in axes], axis=1)
