@@ -17,30 +17,27 @@ from numpy.typing import NDArray
 
 from tombo_bringup.flight_metrics import Verdict, summarize
 from tombo_bringup.flight_record import FlightRecord
+from tombo_bringup.referee import Referee
 from tombo_bringup.scenario import Scenario, as_mapping, world_of
 from tombo_collision.detector import CollisionDetector, CollisionEvent
 from tombo_collision.reaction import ReactionState, react
 from tombo_control import mission as plan
 from tombo_control.autopilot import (
-    IDLE,
     LAND,
     LANDED,
     MODE_NAMES,
-    TAKEOFF,
     A,
     new_autopilot,
 )
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.plant import P, part
-from tombo_sim.beginning import NOISE, TICK_S, begin
+from tombo_sim.beginning import NOISE, TICK_S, Beginning, begin
 from tombo_sim.kernel import ARRIVES, CAPTURED, POSE, fly
 from tombo_sim.log_columns import COLUMNS, LOG_WIDTH
 
 Array = NDArray[np.float64]
 
 _BLOCK = 8192
-_AFTER_LANDING_S = 1.0
-_AFTER_CRASH_S = 1.5
 
 
 @dataclass
@@ -94,7 +91,7 @@ def fly_scenario(
     """
     vehicle = scenario.vehicle
     ready = begin(world_of(scenario), seed)
-    m, maps, theta, effects = ready.m, ready.maps, ready.theta, ready.effects
+    m, maps, theta = ready.m, ready.maps, ready.theta
     ticks = round(scenario.duration / TICK_S)
     captures = np.round(
         np.arange(0.0, scenario.duration, 1.0 / scenario.estimator.mocap_rate) / TICK_S
@@ -107,7 +104,7 @@ def fly_scenario(
     a = new_autopilot(scenario.control, scenario.estimator, vehicle, body[:3], body[6:10])
 
     course = _Course(plan.begin(ready.start), CollisionDetector(scenario.detector))
-    referee = _Referee(vehicle.leg_height)
+    referee = Referee(vehicle.leg_height)
     state = np.zeros(3, dtype=np.int64)
     began = time.perf_counter()
     k = 0
@@ -143,7 +140,8 @@ def fly_scenario(
             continue
         now = k * TICK_S
         _look_at_sample(course, scenario, mocap[row], row, now, a)
-        finished = referee.watch(m, now, course.mission.mode)
+        upright = 1.0 - 2.0 * (m[P.body + 6] ** 2 + m[P.body + 7] ** 2)
+        finished = referee.watch(m[P.body + 2], upright, course.mission.mode)
         if finished is not None:
             end = min(end, k + round(finished / TICK_S))
         if stop is not None and stop():
@@ -152,11 +150,17 @@ def fly_scenario(
             progress(now)
     wall = time.perf_counter() - began
 
+    flown = as_flown(scenario, seed, ready)
+    return _record(scenario, seed, flown, log[:k], mocap, course, wall)
+
+
+def as_flown(scenario: Scenario, seed: int, ready: Beginning) -> dict[str, Any]:
+    """Return the scenario as plain values, with the seed and what follows from it."""
     flown = as_mapping(scenario)
-    flown["effects"] = effects
+    flown["effects"] = ready.effects
     flown["seed"] = seed
     flown["obstacle"] = dict(zip(("x_m", "y_m", "radius_m", "top_m"), ready.obstacle, strict=True))
-    return _record(scenario, seed, flown, log[:k], mocap, course, referee, wall)
+    return flown
 
 
 def _look_at_sample(
@@ -215,32 +219,6 @@ def _look_at_sample(
             course.modes.append((now, course.mission.mode))
 
 
-class _Referee:
-    """Decides from the truth when there is no more to see: landed, or crashed."""
-
-    def __init__(self, leg_height: float) -> None:
-        self._ground = leg_height
-        self._airborne = False
-        self._over = False
-
-    def watch(self, m: Array, now: float, mode: int) -> float | None:
-        """Return how long to go on [s] once the flight is decided, else None."""
-        height = m[P.body + 2]
-        if height > self._ground + 0.3:
-            self._airborne = True
-        if self._over or not self._airborne:
-            return None
-        if mode == LANDED:
-            self._over = True
-            return _AFTER_LANDING_S
-        upright = 1.0 - 2.0 * (m[P.body + 6] ** 2 + m[P.body + 7] ** 2)
-        fallen = height < self._ground - 0.02 or (height < self._ground + 0.05 and upright < 0.8)
-        if fallen and mode not in (IDLE, TAKEOFF, LAND):
-            self._over = True
-            return _AFTER_CRASH_S
-        return None
-
-
 def _record(
     scenario: Scenario,
     seed: int,
@@ -248,7 +226,6 @@ def _record(
     log: Array,
     mocap: Array,
     course: _Course,
-    referee: _Referee,
     wall: float,
 ) -> FlightRecord:
     columns = {name: log[:, where] for name, where in COLUMNS.items()}

@@ -149,7 +149,7 @@ def fly_into(
     flown = dataclasses.replace(flown, summary=summary)
     (folder / "summary.json").write_text(as_json(summary), encoding="utf-8", newline="\n")
     if not interrupted:
-        _draw(flown, folder, stop, tell)
+        draw_pictures(flown, folder, stop, tell)
     return FlownFlight(flown, summary, seconds)
 
 
@@ -170,7 +170,10 @@ def write_mcap(record: FlightRecord, path: Path) -> tuple[int, float]:
     return (statistics.message_count if statistics is not None else 0), seconds
 
 
-def _draw(record: FlightRecord, folder: OutputFolder, stop: StopSignals, tell: Tell) -> None:
+def draw_pictures(
+    record: FlightRecord, folder: OutputFolder, stop: StopSignals, tell: Tell = _silent
+) -> None:
+    """Write `flight.png` and `report.html`, or neither if a stop comes meanwhile."""
     pictures = (folder / "flight.png", folder / "report.html")
     try:
         with stop.at_once():

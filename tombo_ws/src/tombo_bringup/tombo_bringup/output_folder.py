@@ -15,7 +15,9 @@ from pathlib import Path
 
 from tombo_dynamics.errors import InputError
 
-RESULT_FILES = ("flight.mcap", "summary.json", "flight.png", "report.html", "campaign.png")
+RESULT_FILES = (
+    *("flight.mcap", "summary.json", "flight.png", "report.html", "campaign.png", "nodes.log"),
+)
 """All names that a flight or a campaign writes: those of an earlier run give way to a new one."""
 
 

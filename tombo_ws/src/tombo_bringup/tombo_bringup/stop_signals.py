@@ -22,7 +22,9 @@ class StopSignals:
     Outside of the main thread, where Python allows no handlers, it watches nothing.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *more: signal.Signals) -> None:
+        """Prepare to watch for SIGINT, SIGTERM and `more`."""
+        self._watched = (*_WATCHED, *more)
         self.number = 0
         """The signal that came first; 0: none."""
         self._raising = False
@@ -50,6 +52,8 @@ class StopSignals:
 
     def _receive(self, number: int, frame: FrameType | None) -> None:
         if self.number:
+            if number == signal.SIGHUP:  # a closed terminal says it more than once
+                return
             raise KeyboardInterrupt
         self.number = number
         if self._raising:
@@ -58,7 +62,7 @@ class StopSignals:
     def __enter__(self) -> StopSignals:
         """Watch for signals."""
         if threading.current_thread() is threading.main_thread():
-            for watched in _WATCHED:
+            for watched in self._watched:
                 self._before[watched] = signal.signal(watched, self._receive)
         return self
 

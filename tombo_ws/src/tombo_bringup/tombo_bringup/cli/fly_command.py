@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,8 +16,8 @@ if TYPE_CHECKING:
 
 EXIT_CODES = (
     "Exit code: 0 when the flight was flown, whatever became of the vehicle (a crash is a "
-    "result); 2 for bad input or output that can't be written; 130 after Ctrl-C, 143 after "
-    "SIGTERM, with what was flown so far in the folder."
+    "result); 1 when a node ended by itself (--nodes); 2 for bad input or output that can't be "
+    "written; 130 after Ctrl-C, 143 after SIGTERM, with what was flown so far in the folder."
 )
 _SEED_LIMIT = 2**63
 _MOST_FLIGHTS = 100_000
@@ -75,6 +76,25 @@ def fly(
             "effects.steady_wind.east=2. May be given many times.",
         ),
     ] = None,
+    nodes: Annotated[
+        bool,
+        typer.Option("--nodes", help="Fly with the ROS 2 nodes, each a process, in real time."),
+    ] = False,
+    speed: Annotated[
+        float | None,
+        typer.Option(
+            "--speed", metavar="X", help="With --nodes: simulated time against real time."
+        ),
+    ] = None,
+    domain: Annotated[
+        int | None,
+        typer.Option(
+            "--domain",
+            metavar="N",
+            parser=whole_number,
+            help="With --nodes: ROS_DOMAIN_ID. Default: one that is free.",
+        ),
+    ] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="Write no flight.mcap.")] = False,
     output: Annotated[
         str | None,
@@ -102,9 +122,17 @@ def fly(
     many = None if seeds is None else parse_seeds(seeds)
     if many is not None and seed is not None:
         raise _input_error(f"--seed {seed} and --seeds {seeds}: accepted: one of them")
+    if not nodes and (speed is not None or domain is not None):
+        raise _input_error("--speed and --domain: accepted: with --nodes only")
+    if nodes and (many is not None or no_record):
+        raise _input_error("--nodes: accepted: without --seeds and --no-record")
     one = 0 if seed is None else check_seed(seed)
     chosen = _load(scenario, settings or [], no_reaction, conf, law)
-    if many is None:
+    if nodes:
+        code = _fly_nodes(
+            chosen, one, output, force, as_json, 1.0 if speed is None else speed, domain
+        )
+    elif many is None:
         code = _fly_one(chosen, one, output, force, not no_record, as_json)
     else:
         code = _fly_many(chosen, many, output, force, as_json)
@@ -198,6 +226,48 @@ def _fly_one(
             typer.echo("Interrupted after the flight: the pictures are not drawn.")
         print_files(path, names)
     return stop.exit_code
+
+
+def _fly_nodes(
+    scenario: Scenario,
+    seed: int,
+    output: str | None,
+    force: bool,
+    as_json: bool,
+    speed: float,
+    domain: int | None,
+) -> int:
+    from tombo_bringup.cli.progress import progress_bar
+    from tombo_bringup.flight_output import as_json as to_json
+    from tombo_bringup.flight_output import rehearse
+    from tombo_bringup.node_flight import fly_nodes_into
+    from tombo_bringup.output_folder import open_output
+    from tombo_bringup.stop_signals import StopSignals
+
+    path = _folder(output, default_folder(scenario.name, f"{seed}-nodes"))
+    may_replace = force or output is None
+    with progress_bar() as tell:
+        tell("loading", 0.0)
+        rehearse(scenario)
+        with (
+            StopSignals(signal.SIGHUP) as stop,
+            open_output(path, replace=may_replace) as folder,
+        ):
+            flown = fly_nodes_into(
+                folder, scenario, seed, stop, speed=speed, domain=domain, tell=tell
+            )
+            names = sorted(p.name for p in folder.staging.iterdir())
+            folder.publish()
+    if as_json:
+        typer.echo(to_json(flown.flight.summary), nl=False)
+    else:
+        from tombo_bringup.cli.flight_tables import print_files, print_flight
+        from tombo_bringup.cli.node_tables import print_nodes
+
+        print_flight(flown.flight)
+        print_nodes(flown)
+        print_files(path, names)
+    return stop.exit_code or (1 if flown.died else 0)
 
 
 def _fly_many(

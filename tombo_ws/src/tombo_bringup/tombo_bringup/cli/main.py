@@ -12,7 +12,10 @@ from tombo_bringup.cli import propeller_command
 from tombo_bringup.cli.effects_command import effects
 from tombo_bringup.cli.errors import exit_code_of
 from tombo_bringup.cli.fly_command import EXIT_CODES, fly
+from tombo_bringup.cli.replay_command import REPLAY_EXIT_CODES, replay
+from tombo_bringup.cli.run_command import PASS_ON, run_node
 from tombo_bringup.cli.scenarios_command import scenarios
+from tombo_bringup.cli.up_command import UP_EXIT_CODES, up
 
 app = typer.Typer(
     name="tombo",
@@ -23,6 +26,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.command(epilog=EXIT_CODES)(fly)
+app.command(epilog=UP_EXIT_CODES)(up)
+app.command(epilog=REPLAY_EXIT_CODES)(replay)
+app.command("run", context_settings=PASS_ON)(run_node)
 app.command()(scenarios)
 app.add_typer(
     propeller_command.app,

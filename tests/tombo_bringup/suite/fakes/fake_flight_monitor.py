@@ -1,0 +1,25 @@
+"""In the monitor's place: tells of a flight that takes off and does what FAKE_FLIGHT says."""
+
+import json
+import os
+import signal
+import sys
+import time
+
+signal.signal(signal.SIGINT, lambda number, frame: sys.exit(0))
+assert sys.argv[1:] == ["--flight"]
+ends = {"land": (0.18, 7), "fly on": (2.0, 2)}
+k = 0
+while True:
+    flying = k > 4
+    height, phase = ends[os.environ["FAKE_FLIGHT"]] if k > 45 else (2.0 if flying else 0.18, 1)
+    state = {
+        "stamp_ns": 10**18 + k * 250_000_000,
+        "height_m": height,
+        "upright": 1.0,
+        "phase": phase if k > 2 else None,
+    }
+    sys.stdout.write(json.dumps({"flight": state}) + "\n")
+    sys.stdout.flush()
+    time.sleep(0.02)
+    k += 1

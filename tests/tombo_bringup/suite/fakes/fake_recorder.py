@@ -1,0 +1,26 @@
+"""In the recorder's place: leaves a recording that was made before, with what it was told."""
+
+import json
+import os
+import shutil
+import signal
+import sys
+import time
+from pathlib import Path
+
+import yaml
+
+file = Path(sys.argv[sys.argv.index("--params-file") + 1])
+mine = yaml.safe_load(file.read_text())["/**/recorder"]["ros__parameters"]
+
+
+def finish(number, frame):
+    shutil.copyfile(os.environ["FAKE_BAG"], mine["single_file"])
+    shutil.copyfile(mine["metadata_file"], os.environ["FAKE_METADATA"])
+    sys.exit(0)
+
+
+signal.signal(signal.SIGINT, finish)
+json.loads(Path(mine["metadata_file"]).read_text())
+while True:
+    time.sleep(0.05)

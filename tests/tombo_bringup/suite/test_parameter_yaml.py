@@ -1,0 +1,131 @@
+"""The parameter file of the suite: every value of a scenario arrives, with its type."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tombo_bringup.scenario import Scenario, as_mapping, load_scenario
+from tombo_bringup.suite.nodes import SUITE
+from tombo_bringup.suite.parameter_yaml import (
+    SECTIONS,
+    default_file,
+    parameter_yaml,
+    suite_parameters,
+)
+
+CONFIG = Path(__file__).parents[3] / "tombo_ws/src/tombo_bringup/config/suite.yaml"
+NO_PARAMETER = {"name", "description", "duration"}
+"""What is not a parameter of a node: a name, and when `tombo fly` ends."""
+
+
+def flat(values: dict[str, Any], above: str = "") -> dict[str, Any]:
+    found = {}
+    for key, value in values.items():
+        if isinstance(value, dict):
+            found |= flat(value, f"{above}{key}.")
+        else:
+            found[above + key] = value
+    return found
+
+
+def read(text: str) -> dict[str, dict[str, Any]]:
+    return {
+        name.removeprefix("/**/"): flat(values["ros__parameters"])
+        for name, values in yaml.safe_load(text).items()
+    }
+
+
+@pytest.mark.parametrize("name", ["paper_collision", "known_obstacle", "aggressive"])
+def test_every_value_of_a_scenario_arrives_at_a_node(name):
+    scenario = load_scenario(
+        name, ["react=false", "vehicle.rotor_inertia=6.1e-05", "propeller.conf=10"]
+    )
+    nodes = read(parameter_yaml(suite_parameters(scenario, 7)))
+    anywhere = {key: value for values in nodes.values() for key, value in values.items()}
+
+    wanted = flat({k: v for k, v in as_mapping(scenario).items() if k not in NO_PARAMETER})
+
+    missing = {k: v for k, v in wanted.items() if k not in anywhere or anywhere[k] != v}
+    assert not missing
+    assert nodes["sim"]["seed"] == 7
+    assert nodes["reaction"]["react"] is False
+    assert nodes["controller"]["vehicle.rotor_inertia"] == 6.1e-05
+
+
+def test_the_propellers_own_effects_are_among_the_simulators():
+    values = read(parameter_yaml(suite_parameters(load_scenario(), 0)))["sim"]
+    assert values["effects.blade_strike.peak_force"] == pytest.approx(145.5)
+    assert values["effects.propeller_wear.collisions"] == 3.0
+
+
+def test_nodes_follow_the_clock_at_another_speed_and_the_simulator_makes_it():
+    table = suite_parameters(Scenario(), 0, speed=2.0)
+    assert table["sim"]["speed"] == 2.0
+    assert {node for node, values in table.items() if values["use_sim_time"]} == {*SUITE} - {"sim"}
+    assert "use_sim_time" not in suite_parameters(Scenario(), 0)["mission"]
+
+
+def test_each_node_of_the_suite_has_its_sections():
+    assert list(SECTIONS) == list(SUITE)
+
+
+@given(
+    st.dictionaries(
+        st.text("abcdefgh_", min_size=1, max_size=8),
+        st.one_of(
+            st.floats(allow_nan=False, allow_infinity=False),
+            st.integers(-(2**31), 2**31),
+            st.booleans(),
+            st.text(st.characters(codec="ascii", categories=("L", "N", "P", "Zs"))),
+        ),
+        min_size=1,
+    )
+)
+def test_values_keep_their_type(values: dict[str, Any]):
+    found = yaml.safe_load(parameter_yaml({"node": {"a": values}}))
+    read_back = found["/**/node"]["ros__parameters"]["a"]
+    assert read_back == values
+    assert [type(v) for v in read_back.values()] == [type(v) for v in values.values()]
+
+
+def test_ros_reads_the_default_file_as_it_is_meant(monkeypatch, tmp_path):
+    """ROS's own reader, and a node in a namespace."""
+    rclpy = pytest.importorskip("rclpy")
+    from rclpy.node import Node
+
+    monkeypatch.setenv("ROS_DOMAIN_ID", "78")
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    context = rclpy.Context()
+    rclpy.init(args=["--ros-args", "--params-file", str(CONFIG)], context=context)
+    try:
+        for name in SUITE:
+            node = Node(
+                name,
+                namespace="/drone",
+                context=context,
+                automatically_declare_parameters_from_overrides=True,
+            )
+            given = {key: p.value for key, p in node._parameter_overrides.items()}
+            node.destroy_node()
+            wanted = read(CONFIG.read_text()).get(name, {})
+            assert given == wanted
+            assert {k: type(v) for k, v in given.items()} == {
+                k: type(v) for k, v in wanted.items()
+            }
+    finally:
+        rclpy.shutdown(context=context)
+
+
+def test_the_default_file_is_up_to_date():
+    text = CONFIG.read_text(encoding="utf-8")
+    assert text == default_file(), (
+        "python -m tombo_bringup.suite.parameter_yaml > config/suite.yaml"
+    )
+    assert all(math.isfinite(v) for v in read(text)["sim"].values() if isinstance(v, float))

@@ -1,0 +1,52 @@
+"""A flight by nodes on the terminal: how well each loop kept its time, and what went wrong."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+if TYPE_CHECKING:
+    from tombo_bringup.node_flight import NodeFlight
+
+
+def print_nodes(flown: NodeFlight) -> None:
+    """Print the loops, the latency, the recorder's losses, and the nodes' troubles."""
+    summary = flown.flight.summary
+    table = Table(box=SIMPLE_HEAD, title=Text("Loops"))
+    table.add_column("")
+    for heading in ("rate", "median late", "p99 late", "missed"):
+        table.add_column(heading, justify="right")
+    for name, loop in summary["loops"].items():
+        table.add_row(
+            Text(name),
+            _number(loop["rate_hz"], "Hz", 1),
+            _number(loop["jitter_p50_us"], "us", 0),
+            _number(loop["jitter_p99_us"], "us", 0),
+            _number(loop["missed"], "", 0),
+        )
+    console = Console()
+    console.print(table)
+    latency = summary["latency_gyro_to_command_us"]
+    recorder = summary["recorder"]
+    _line(
+        f"Gyro to command: {_number(latency['p50'], 'us', 0)} in the median, "
+        f"{_number(latency['p99'], 'us', 0)} at 99 %; "
+        f"{_number(recorder['messages'], 'messages recorded', 0)}, "
+        f"{_number(recorder['lost'], 'lost', 0)}."
+    )
+    for node, line in flown.warnings:
+        _line(f"{node}: {line}", "yellow")
+    for end in flown.died:
+        _line(f"{end.name} has ended, {end.how}; what it said is in nodes.log", "bold red")
+
+
+def _number(value: Any, unit: str, digits: int) -> str:
+    return f"– {unit}".rstrip() if value is None else f"{value:.{digits}f} {unit}".rstrip()
+
+
+def _line(text: str, style: str = "") -> None:
+    Console().print(Text(text, style), soft_wrap=True)

@@ -1,0 +1,163 @@
+"""What `tombo up` shows: a live table on a terminal, lines elsewhere, or JSON lines."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, Protocol
+
+if TYPE_CHECKING:
+    from rich.live import Live
+
+    from tombo_bringup.suite.status_table import Suite
+    from tombo_bringup.suite.supervisor import Ended
+
+_LINE_S = 5.0
+_TABLE_S = 0.25
+
+
+class Screen(Protocol):
+    """Shows a running suite."""
+
+    def status(self, suite: Suite) -> None:
+        """Show how it is; called often, so it is up to the screen how often it does."""
+        ...
+
+    def warning(self, node: str, line: str) -> None:
+        """Show a line of a node's log."""
+        ...
+
+    def ended(self, end: Ended, log: str) -> None:
+        """Show that a node has ended by itself."""
+        ...
+
+    def closing(self, ends: Sequence[Ended], folder: str) -> None:
+        """Show how it ended: nodes that did not end well when asked to, where the files are."""
+        ...
+
+
+@contextmanager
+def new_screen(as_json: bool) -> Iterator[Screen]:
+    """Make the screen that fits where standard output leads to."""
+    if as_json:
+        yield JsonScreen()
+    elif not sys.stdout.isatty():
+        yield LineScreen()
+    else:
+        from rich.console import Console
+        from rich.live import Live
+
+        with Live(console=Console(), auto_refresh=False, redirect_stderr=False) as live:
+            yield TableScreen(live)
+
+
+class _Clock:
+    """Says whether it is time again."""
+
+    def __init__(self, period_s: float) -> None:
+        self._period_s = period_s
+        self._next_s = time.monotonic()
+
+    def strikes(self) -> bool:
+        now = time.monotonic()
+        if now < self._next_s:
+            return False
+        self._next_s = now + self._period_s
+        return True
+
+
+class JsonScreen:
+    """An object a line: status, warning, ended, closed."""
+
+    def __init__(self) -> None:
+        self._clock = _Clock(_LINE_S)
+
+    def status(self, suite: Suite) -> None:
+        """Print the status now and then."""
+        from tombo_bringup.suite.status_table import status_object
+
+        if self._clock.strikes():
+            self._put(status_object(suite))
+
+    def warning(self, node: str, line: str) -> None:
+        """Print it."""
+        self._put({"event": "warning", "node": node, "text": line})
+
+    def ended(self, end: Ended, log: str) -> None:
+        """Print it."""
+        self._put({"event": "ended", **_plain(end), "log": log})
+
+    def closing(self, ends: Sequence[Ended], folder: str) -> None:
+        """Print it."""
+        self._put({"event": "closed", "folder": folder, "not_well": [_plain(e) for e in ends]})
+
+    def _put(self, value: dict[str, Any]) -> None:
+        from tombo_bringup.flight_output import plain
+
+        print(json.dumps(plain(value), ensure_ascii=False), flush=True)
+
+
+class LineScreen:
+    """Lines of text, the status now and then."""
+
+    def __init__(self) -> None:
+        self._clock = _Clock(_LINE_S)
+
+    def status(self, suite: Suite) -> None:
+        """Print a line now and then."""
+        from tombo_bringup.suite.status_table import status_line
+
+        if self._clock.strikes():
+            self._put(status_line(suite))
+
+    def warning(self, node: str, line: str) -> None:
+        """Print it."""
+        self._put(f"{node}: {line}")
+
+    def ended(self, end: Ended, log: str) -> None:
+        """Print it, with its last words."""
+        self._put(f"{end.name} has ended, {end.how}; its log: {log}", "bold red")
+        for line in end.last_words:
+            self._put(f"  {line}")
+
+    def closing(self, ends: Sequence[Ended], folder: str) -> None:
+        """Print it."""
+        for end in ends:
+            self._put(f"{end.name} did not stop when asked to: {end.how}", "yellow")
+        self._put(f"stopped; files in {folder}")
+
+    def _put(self, text: str, style: str = "") -> None:
+        print("".join(c if c.isprintable() else repr(c)[1:-1] for c in text), flush=True)
+
+
+class TableScreen(LineScreen):
+    """A table at the bottom of the terminal; what happens scrolls above it."""
+
+    def __init__(self, live: Live) -> None:
+        super().__init__()
+        self._live = live
+        self._clock = _Clock(_TABLE_S)
+
+    def status(self, suite: Suite) -> None:
+        """Draw the table anew a few times a second."""
+        from tombo_bringup.suite.status_table import status_table
+
+        if self._clock.strikes():
+            self._live.update(status_table(suite), refresh=True)
+
+    def _put(self, text: str, style: str = "") -> None:
+        from rich.text import Text
+
+        self._live.console.print(Text(text, style))
+
+
+def _plain(end: Ended) -> dict[str, Any]:
+    return {
+        "node": end.name,
+        "exit_code": end.code,
+        "how": end.how,
+        "last_words": list(end.last_words),
+    }

@@ -1,0 +1,130 @@
+"""`tombo up`: the whole suite as processes, watched until somebody stops it."""
+
+from __future__ import annotations
+
+import signal
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tombo_bringup.cli.whole_number import whole_number
+
+if TYPE_CHECKING:
+    from tombo_bringup.suite.running import Wish
+
+UP_EXIT_CODES = (
+    "Exit code: 0 when it was stopped (Ctrl-C, SIGTERM, --duration), 1 when a node ended by "
+    "itself before, 2 for bad input."
+)
+
+_LOOK_S = 0.1
+
+
+def up(
+    scenario: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENARIO",
+            help="A name of `tombo scenarios`, or a YAML file.",
+            show_default=True,
+        ),
+    ] = "paper_collision",
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the scenario."),
+    ] = None,
+    seed: Annotated[
+        int,
+        typer.Option("--seed", metavar="N", parser=whole_number, help="All chance comes from it."),
+    ] = 0,
+    without: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--without", metavar="NODE", help="Leave a node out. May be given many times."
+        ),
+    ] = None,
+    params: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--params",
+            metavar="FILE",
+            help="A ROS parameter file over those of the scenario. May be given many times.",
+        ),
+    ] = None,
+    record: Annotated[
+        Path | None,
+        typer.Option(
+            "--record",
+            metavar="DIR",
+            help="Folder of recording, parameters and logs. Default: runs/up-DATE-TIME.",
+        ),
+    ] = None,
+    speed: Annotated[
+        float, typer.Option("--speed", metavar="X", help="Simulated time against real time.")
+    ] = 1.0,
+    domain: Annotated[
+        int | None,
+        typer.Option(
+            "--domain",
+            metavar="N",
+            parser=whole_number,
+            help="ROS_DOMAIN_ID. Default: that of the environment.",
+        ),
+    ] = None,
+    duration: Annotated[
+        float | None, typer.Option("--duration", metavar="S", help="Stop after S seconds.")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print JSON lines: the status each 5 s, ends at once.")
+    ] = False,
+) -> None:
+    """Start simulator, estimator, detector, reaction, mission, controller and recorder.
+
+    Each is a process of its own and a ROS 2 node; Ctrl-C stops them. A node that ends by itself is
+    reported and not started again; the others go on.
+    """
+    from tombo_bringup.cli.fly_command import check_seed
+    from tombo_bringup.flight_output import rehearse
+    from tombo_bringup.scenario import load_scenario
+    from tombo_bringup.suite.running import Wish
+    from tombo_dynamics.errors import InputError
+
+    if duration is not None and not duration > 0.0:
+        raise InputError(f"--duration {duration:g}: out of bounds; accepted: a number above 0")
+    folder = record or Path("runs") / time.strftime("up-%Y%m%d-%H%M%S")
+    wish = Wish(
+        scenario=load_scenario(scenario, settings or []),
+        seed=check_seed(seed),
+        folder=folder,
+        recording={"output": str((folder / "bag").absolute())},
+        without=tuple(without or ()),
+        files=tuple(params or ()),
+        speed=speed,
+        domain=domain,
+    )
+    rehearse(wish.scenario)  # compiles what is not compiled yet, and finds bad input
+    raise typer.Exit(_watch(wish, duration, as_json))
+
+
+def _watch(wish: Wish, duration_s: float | None, as_json: bool) -> int:
+    """Run the suite until it is stopped, or nothing of it is left; return the exit code."""
+    from tombo_bringup.cli.suite_screen import new_screen
+    from tombo_bringup.stop_signals import StopSignals
+    from tombo_bringup.suite.running import LOGS, RunningSuite
+
+    with StopSignals(signal.SIGHUP) as stop, new_screen(as_json) as screen:
+        with RunningSuite(wish) as suite:
+            while not stop.asked() and suite.running:
+                news = suite.look(_LOOK_S)
+                for node, line in news.warnings:
+                    screen.warning(node, line)
+                for end in news.ended:
+                    screen.ended(end, str(wish.folder / LOGS / f"{end.name}.log"))
+                screen.status(suite.status())
+                if duration_s is not None and suite.uptime_s >= duration_s:
+                    break
+            not_well = suite.stop()
+        screen.closing(not_well, str(wish.folder))
+    return 1 if suite.ended else 0

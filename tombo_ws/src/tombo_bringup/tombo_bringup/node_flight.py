@@ -1,0 +1,224 @@
+"""One flight by the nodes in real time, with the files of a headless one."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+from tombo_bag.recording import Recording
+from tombo_bringup.flight import as_flown
+from tombo_bringup.flight_from_bag import RECORD, flight_from_bag
+from tombo_bringup.flight_output import (
+    FlownFlight,
+    Tell,
+    as_json,
+    draw_pictures,
+    flight_summary,
+)
+from tombo_bringup.referee import Referee
+from tombo_bringup.scenario import Scenario, world_of
+from tombo_bringup.stop_signals import StopSignals
+from tombo_bringup.suite.domain import free_domain, udp_ports
+from tombo_bringup.suite.node_figures import node_figures
+from tombo_bringup.suite.running import LOGS, RunningSuite, Wish
+from tombo_bringup.suite.supervisor import Ended
+from tombo_control.autopilot import IDLE
+from tombo_dynamics.errors import InputError
+from tombo_sim.beginning import begin
+
+if TYPE_CHECKING:
+    from tombo_bringup.output_folder import OutputFolder
+
+NODES_LOG = "nodes.log"
+"""What the nodes said, kept if one of them ended by itself."""
+_NEEDED = ("sim", "recorder")
+"""Without these the flight is over."""
+_LOOK_S = 0.05
+_START_S = 60.0
+"""Wall time after which a simulator that says nothing is given up."""
+_SILENT_S = 5.0
+
+
+@dataclasses.dataclass(frozen=True)
+class NodeFlight:
+    """A flight by nodes.
+
+    Attributes:
+        flight: as a headless one.
+        died: nodes that ended by themselves.
+        warnings: (node, line) of their logs that somebody should see.
+    """
+
+    flight: FlownFlight
+    died: list[Ended]
+    warnings: list[tuple[str, str]]
+
+
+class Watch:
+    """Follows a flight as the monitor tells it, and knows when it is over."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._duration_s = scenario.duration
+        self._referee = Referee(scenario.vehicle.leg_height)
+        self._began_ns: int | None = None
+        self._now_ns = 0
+        self._end_s = scenario.duration
+        self._phase: int | None = None
+
+    @property
+    def flown_s(self) -> float:
+        """Flight time: from the mission's first word; before it, from the first true pose."""
+        return 0.0 if self._began_ns is None else (self._now_ns - self._began_ns) * 1e-9
+
+    @property
+    def over(self) -> bool:
+        """Landed, crashed, or out of time."""
+        return self.flown_s >= self._end_s
+
+    def see(self, state: dict[str, Any]) -> None:
+        """Take a look at the flight: stamp_ns, height_m, upright, phase (None: not told)."""
+        self._now_ns = int(state["stamp_ns"])
+        phase = state["phase"]
+        if self._began_ns is None or (self._phase is None and phase is not None):
+            self._began_ns = self._now_ns
+        self._phase = phase
+        more_s = self._referee.watch(
+            float(state["height_m"]), float(state["upright"]), IDLE if phase is None else phase
+        )
+        if more_s is not None:
+            self._end_s = min(self._end_s, self.flown_s + more_s)
+
+
+def fly_nodes_into(
+    folder: OutputFolder,
+    scenario: Scenario,
+    seed: int,
+    stop: StopSignals,
+    *,
+    speed: float,
+    domain: int | None,
+    tell: Tell,
+) -> NodeFlight:
+    """Fly a scenario with all nodes and write its files into an output folder.
+
+    Args:
+        folder: where the files go; the caller publishes it.
+        scenario: what to fly; `rehearse` it first.
+        seed: of the simulator's chance. The nodes run in real time, so no two flights are equal.
+        stop: a wish to stop ends the flight; what was flown is kept.
+        speed: of simulated time against real time.
+        domain: ROS_DOMAIN_ID; None: one of its own.
+        tell: told the progress.
+
+    Raises:
+        InputError: `speed` or `domain` is out of bounds, or simulator or recorder did not run.
+        OSError: the files can't be written.
+    """
+    bag = folder / "flight.mcap"
+    with TemporaryDirectory(prefix="tombo-") as scratch:
+        metadata = Path(scratch) / "metadata.json"
+        metadata.write_text(json.dumps(_metadata(scenario, seed)), encoding="utf-8")
+        wish = Wish(
+            scenario=scenario,
+            seed=seed,
+            folder=Path(scratch) / "suite",
+            recording={"single_file": str(bag.absolute()), "metadata_file": str(metadata)},
+            speed=speed,
+            domain=free_domain(os.getpid(), udp_ports()) if domain is None else domain,
+            monitor=("--flight",),
+        )
+        tell("starting the nodes", 0.0)
+        flown = _fly(wish, stop, tell)
+        if flown.died:
+            _keep_words(wish.folder / LOGS, folder / NODES_LOG)
+    tell("reading flight.mcap", 1.0)
+    flight = _summed_up(flown, bag, interrupted=flown.interrupted)
+    text = as_json(flight.summary)
+    (folder / "summary.json").write_text(text, encoding="utf-8", newline="\n")
+    if not flown.interrupted:
+        draw_pictures(flight.record, folder, stop, tell)
+    return NodeFlight(flight, flown.died, flown.warnings)
+
+
+@dataclasses.dataclass
+class _Flown:
+    """How the processes of a flight fared."""
+
+    wall_s: float = 0.0
+    interrupted: bool = False
+    died: list[Ended] = dataclasses.field(default_factory=list)
+    warnings: list[tuple[str, str]] = dataclasses.field(default_factory=list)
+
+
+def _metadata(scenario: Scenario, seed: int) -> dict[str, dict[str, str]]:
+    """Return what the recorder writes beside the messages, as a headless flight does."""
+    flown = as_flown(scenario, seed, begin(world_of(scenario), seed))
+    return {
+        RECORD: {"scenario": json.dumps(flown, sort_keys=True), "seed": str(seed), "mode": "nodes"}
+    }
+
+
+def _fly(wish: Wish, stop: StopSignals, tell: Tell) -> _Flown:
+    """Run the suite until the flight is over."""
+    flown = _Flown()
+    watch = Watch(wish.scenario)
+    with RunningSuite(wish) as suite:
+        heard_s = began_s = time.monotonic()
+        patience_s = _START_S
+        while not watch.over:
+            news = suite.look(_LOOK_S)
+            flown.warnings += news.warnings
+            now_s = time.monotonic()
+            if news.flight is not None:
+                if patience_s == _START_S:
+                    began_s, patience_s = now_s, _SILENT_S
+                heard_s = now_s
+                watch.see(news.flight)
+                tell("flying", watch.flown_s / wish.scenario.duration)
+            flown.interrupted = stop.asked()
+            gone = [name for name in _NEEDED if name not in suite.running]
+            if flown.interrupted or gone or now_s - heard_s > patience_s:
+                break
+        flown.wall_s = time.monotonic() - began_s
+        suite.stop()
+        flown.died = list(suite.ended.values())
+    return flown
+
+
+def _keep_words(logs: Path, target: Path) -> None:
+    """Put the logs of all nodes into one file."""
+    parts = [
+        f"== {path.stem}\n{path.read_text(encoding='utf-8', errors='replace')}"
+        for path in sorted(logs.glob("*.log"))
+    ]
+    target.write_text("\n".join(parts), encoding="utf-8")
+
+
+def _summed_up(flown: _Flown, bag: Path, *, interrupted: bool) -> FlownFlight:
+    """Make record and summary from the recording.
+
+    Raises:
+        InputError: there is nothing in it.
+    """
+    try:
+        record = flight_from_bag(bag, flown.wall_s)
+        with Recording(bag) as recording:
+            figures = node_figures(recording)
+            messages = sum(stream.count for stream in recording.topics.values())
+    except InputError as error:
+        for end in flown.died:
+            if end.name in _NEEDED:
+                words = f": {end.last_words[-1]}" if end.last_words else ""
+                raise InputError(f"{end.name} has ended, {end.how}{words}") from error
+        raise
+    died = {end.name: end.how for end in flown.died}
+    more = {"mode": "nodes", **figures, "died": died}
+    record = dataclasses.replace(record, summary={**record.summary, **more})
+    summary = flight_summary(record, interrupted=interrupted, recorded_messages=messages)
+    record = dataclasses.replace(record, summary=summary)
+    return FlownFlight(record, summary, None)

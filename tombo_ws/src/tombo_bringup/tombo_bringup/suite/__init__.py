@@ -1,0 +1,1 @@
+"""The suite as processes: which nodes, with what parameters, under whose eyes."""

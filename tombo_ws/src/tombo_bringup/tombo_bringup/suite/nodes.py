@@ -1,0 +1,56 @@
+"""Which nodes the suite has, and how each is started."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from tombo_bringup.suite.supervisor import Program
+
+SUITE: dict[str, str] = {
+    "sim": "tombo_sim.sim_node",
+    "estimator": "tombo_control.estimator_node",
+    "detector": "tombo_collision.detector_node",
+    "reaction": "tombo_collision.reaction_node",
+    "mission": "tombo_control.mission_node",
+    "controller": "tombo_control.controller_node",
+    "recorder": "tombo_ros.recorder_node",
+}
+"""Name of each node → its module. The order in which they start is of no importance."""
+MONITOR = "monitor"
+MONITOR_MODULE = "tombo_bringup.monitor_node"
+"""Not of the suite: tells the supervisor what the nodes say on `/diagnostics`."""
+
+
+def node_program(name: str, parameter_files: Sequence[Path]) -> Program:
+    """Return how to start a node of the suite with files of parameters, later ones winning."""
+    files = [word for path in parameter_files for word in ("--params-file", str(path))]
+    ros = ["--ros-args", *files] if files else []
+    return Program(name, (sys.executable, "-m", SUITE[name], *ros))
+
+
+def monitor_program(*arguments: str) -> Program:
+    """Return how to start the monitor."""
+    return Program(MONITOR, (sys.executable, "-m", MONITOR_MODULE, *arguments), listened=True)
+
+
+def node_environment(
+    base: Mapping[str, str], folder: Path, domain: int | None = None
+) -> dict[str, str]:
+    """Return the environment of the nodes.
+
+    Args:
+        base: that of this process.
+        folder: of ROS's own log files.
+        domain: ROS_DOMAIN_ID; None: that of `base`.
+    """
+    chosen = {
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_LOG_DIR": str(folder),
+        **base,
+        "PYTHONUNBUFFERED": "1",
+    }
+    if domain is not None:
+        chosen["ROS_DOMAIN_ID"] = str(domain)
+    return chosen
