@@ -28,6 +28,8 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/config", glob("config/*.yaml")),
         (f"share/{NAME}/launch", glob("launch/*.py")),
+        (f"share/{NAME}/foxglove", glob("foxglove/*.json")),
+        (f"share/{NAME}/rviz", glob("rviz/*.rviz")),
     ],
     install_requires=["setuptools"],
     extras_require={"test": ["pytest"]},

@@ -2,6 +2,7 @@
 
 from launch.actions import DeclareLaunchArgument, ExecuteProcess
 from launch.substitutions import LaunchConfiguration
+from launch_ros.substitutions import ExecutableInPackage
 
 from launch import LaunchDescription
 
@@ -22,5 +23,6 @@ def generate_launch_description() -> LaunchDescription:
         for name, default, text in arguments
     ]
     scenario, seed, folder = (LaunchConfiguration(name) for name, _, _ in arguments)
-    command = ["tombo", "fly", scenario, "--seed", seed, "-o", folder, "--force"]
+    tombo = ExecutableInPackage(executable="tombo", package="tombo_bringup")
+    command = [tombo, "fly", scenario, "--seed", seed, "-o", folder, "--force"]
     return LaunchDescription([*declared, ExecuteProcess(cmd=command, output="screen")])

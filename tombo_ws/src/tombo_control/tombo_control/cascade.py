@@ -17,14 +17,14 @@ _TICK = 1e-3
 
 @compiled
 def stand_by(a: Array) -> None:
-    """Stop the rotors and forget the integrals."""
+    """Stop the rotors, forget the integrals, take motion as it is for the derivatives."""
     for i in range(4):
         a[A.command + i] = 0.0
     for i in range(3):
         a[A.velocity_integral + i] = 0.0
         a[A.rate_integral + i] = 0.0
         a[A.rate_filtered + i] = a[A.rates + i]
-        a[A.previous_velocity + i] = 0.0
+        a[A.previous_velocity + i] = a[A.velocity + i]
 
 
 @compiled

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -23,7 +24,7 @@ from tombo_control.params import EstimatorParams
 from tombo_dynamics.rotation import turned
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_ros.conversion import array, to_ns
-from tombo_ros.health import ERROR, WARN
+from tombo_ros.health import ERROR
 from tombo_ros.loop_node import LoopNode, run
 from tombo_ros.markers import disc_markers
 from tombo_ros.topic import message_class
@@ -32,7 +33,7 @@ from tombo_ros.wire import Wire
 _ODOMETRY_TICKS, _STATUS_TICKS, _TF_TICKS, _DISC_TICKS = 4, 20, 20, 100
 _POSE_SILENT_S = 0.12
 """Three samples at 30 Hz and a half."""
-_IMU_SILENT_S = 0.02
+_IMU_SILENT_S = 0.05
 _REFUSALS = {
     "wrong_frame": "a pose whose frame is not map",
     "not_finite": "a pose with NaN or infinity",
@@ -42,7 +43,6 @@ _REFUSALS = {
     "late": "a pose more than half a second old",
     "jump": "a pose too far from the estimate",
 }
-_SHOWN_NS = 1_000_000_000
 
 
 class EstimatorNode(LoopNode):
@@ -76,9 +76,7 @@ class EstimatorNode(LoopNode):
         )
         self._markers = self.speak(MARKERS)
         self._tf_out, self._tf = self._transforms()
-        self._refused_ns = dict.fromkeys(_REFUSALS, 0)
         self._hubs = self.records["vehicle"].rotor_positions()
-        self._lost = 0
 
     def _transforms(self) -> tuple[Any, Any]:
         """Return topic and shape of /tf, or nothing where tf2_msgs is not installed."""
@@ -99,16 +97,17 @@ class EstimatorNode(LoopNode):
         """Take poses, then the gyro samples in their order."""
         for taken in self._phase_in.take():
             self._observer.phase(int(taken.message.phase))
-        crowded = self._pose_in.crowded(now_ns)
+        wall_ns = time.time_ns()  # arrivals are stamped by the system's clock
+        crowded = self._pose_in.crowded(wall_ns)
         for taken in self._pose_in.take():
             if not crowded:
                 self._take_pose(taken.message, now_ns)
         samples = self._imu_in.take_raw()
-        if self._imu_in.crowded(now_ns):
+        if self._imu_in.crowded(wall_ns):
             samples = []
         for taken in samples:
             self._take_imu(taken.message)
-        self._watch(now_ns)
+        self._watch(now_ns, wall_ns)
 
     def _take_pose(self, message: Any, now_ns: int) -> None:
         why = self._observer.pose(
@@ -119,16 +118,15 @@ class EstimatorNode(LoopNode):
             array(message.pose.orientation),
         )
         if why:
-            self._refused_ns[why] = now_ns
-            self.health.fault(f"pose_{why}", True, _REFUSALS[why])
+            self.health.happened(f"pose_{why}", _REFUSALS[why])
 
     def _take_imu(self, data: bytes) -> None:
         if not self._imu.fits(data):
-            self.health.fault("imu_shape", True, "imu frame is not base_link, or of other shape")
+            self.health.happened("imu_shape", "imu frame is not base_link, or of other shape")
             return
         gyro, accel = np.array(self._gyro.of(data)), np.array(self._accel.of(data))
-        bad = not np.isfinite(gyro.sum() + accel.sum())
-        self.health.fault("imu_not_finite", bad, "imu sample with NaN or infinity")
+        if not np.isfinite(gyro.sum() + accel.sum()):
+            self.health.happened("imu_not_finite", "imu sample with NaN or infinity")
         estimate = self._observer.imu(self._imu.stamp_of(data), gyro, accel)
         if estimate is None:
             return
@@ -174,19 +172,15 @@ class EstimatorNode(LoopNode):
         self._tf.set(f"{path}.transform.rotation.x", *estimate.attitude)
         self._tf_out.publish(self._tf.data())
 
-    def _watch(self, now_ns: int) -> None:
+    def _watch(self, now_ns: int, wall_ns: int) -> None:
         """Say what is missing; ages are of arrival."""
         estimate = self._observer.estimate
         age = np.inf if estimate is None else (now_ns - estimate.pose_stamp_ns) * 1e-9
         self.health.fault("mocap_silent", age > _POSE_SILENT_S, f"mocap pose is {age:.2f} s old")
-        silent = self._imu_in.age_s(now_ns) > _IMU_SILENT_S and not self.sim_time
+        silent = self._imu_in.age_s(wall_ns) > _IMU_SILENT_S
         self.health.fault("imu_silent", silent, "no imu samples", ERROR)
         if estimate is not None:
             self.health.value("mocap_age_s", round(age, 3))
-        for why, when in self._refused_ns.items():
-            if when and now_ns - when > _SHOWN_NS:
-                self._refused_ns[why] = 0
-                self.health.fault(f"pose_{why}", False)
 
     def report(self, now_ns: int) -> None:
         """Add the counts."""
@@ -200,8 +194,6 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Run the node."""
     sys.exit(run(EstimatorNode, argv))
 
-
-__all__ = ["WARN", "EstimatorNode", "main"]
 
 if __name__ == "__main__":
     main()

@@ -25,6 +25,10 @@ _DESCENT = 0.4
 """[m/s], estimated: as the mission lands."""
 _BELOW = 0.6
 """[m] the descent's goal is below the ground, so that it is reached for sure."""
+_LOW = 0.05
+"""[m] above the ground: landed, if at rest."""
+_LOW_TICKS = 1000
+"""After so long this low it has landed: without mocap it can float on the ground's cushion."""
 
 
 class Failsafe:
@@ -35,12 +39,16 @@ class Failsafe:
         self._a = new_autopilot(ControlParams(), EstimatorParams(), vehicle, body[:3], body[6:10])
         self._maps = simulator.ready.maps
         self._ground = float(body[2])
+        self._hover = 4.0 * vehicle.hover_thrust()
+        self._low_ticks = 0
         self.engaged = False
 
     def observe(self, simulator: Simulator) -> None:
         """Take the IMU sample and the poses of the present tick."""
         a, tick = self._a, simulator.tick
-        airborne = simulator.height > self._ground + 0.02
+        height = simulator.height - self._ground
+        airborne = height > 0.02
+        self._low_ticks = self._low_ticks + 1 if height < _LOW else 0
         remember(a, tick)
         for sample in simulator.arrived:
             period = sample.captured * _TICK - a[A.mode + 2]
@@ -49,9 +57,9 @@ class Failsafe:
         measure_rates(a, simulator.m, P.imu)
         if self.engaged:
             cascade(a, self._maps, tick)
-            low = part(a, "position")[2] < self._ground + 0.05
+            low = part(a, "position")[2] < self._ground + _LOW
             still = float(np.abs(part(a, "velocity")).max()) < 0.2
-            if low and still:
+            if (low and still) or self._low_ticks > _LOW_TICKS:
                 a[A.mode] = LANDED
         predict(a, simulator.m, P.imu + 3, airborne)
 
@@ -69,6 +77,7 @@ class Failsafe:
         a[A.leg + 9] = float(yaw)
         stand_by(a)
         part(a, "attitude_setpoint")[:] = forward
+        a[A.thrust_setpoint] = self._hover
         a[A.mode] = LAND
         self.engaged = True
 

@@ -31,7 +31,7 @@ from tombo_dynamics.plant import P, part
 from tombo_dynamics.propeller.choice import PropellerChoice
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_ros.conversion import to_time
-from tombo_ros.health import ERROR, WARN
+from tombo_ros.health import ERROR
 from tombo_ros.loop_node import LoopNode, run
 from tombo_ros.loop_statistics import LatenessHistogram
 from tombo_ros.markers import obstacle_marker
@@ -45,6 +45,7 @@ from tombo_sim.world import ObstacleParams, SpreadParams, World
 TICK_NS = 1_000_000
 _BATTERY_TICKS = 100
 _LOCKSTEP_PATIENCE_NS = 200_000_000
+_LOCKSTEP_POLL_NS = 200_000
 _RESUME_NS = 100_000_000
 """Commands must have come for so long before the fail-safe hands over."""
 
@@ -227,7 +228,7 @@ class SimNode(LoopNode):
             self.health.fault("speed", True, "speed has no effect without use_sim_time")
         self.period_ns = round(TICK_NS / speed) if speed > 0.0 else TICK_NS
         if self._lockstep:
-            self.period_ns = min(self.period_ns, 100_000)
+            self.period_ns = min(self.period_ns, _LOCKSTEP_POLL_NS)
 
     def step(self, now_ns: int) -> None:
         """Go on by one tick, if it is time to."""
@@ -272,7 +273,7 @@ class SimNode(LoopNode):
             if not np.isfinite(speed).all() or speed.min() < 0.0 or speed.max() > self._speed_max:
                 self._refuse(f"rotor_command {speed.tolist()} rad/s is no command")
                 continue
-            if self._commands.crowded(now_ns):
+            if self._commands.crowded(time.time_ns()):
                 self._refuse("two nodes command the rotors")
                 continue
             stamp = self._answer.stamp_of(taken.message)
@@ -281,18 +282,16 @@ class SimNode(LoopNode):
             if taken.received_ns - self._command_ns > self._timeout_ns:
                 self._resumed_ns = taken.received_ns
             self._command, self._command_ns = speed, taken.received_ns
-            self._answered_ns = stamp
+            self._answered_ns, self._asked_ns = stamp, now_ns
 
     def _refuse(self, text: str) -> None:
         self._refused += 1
         self.health.value("commands_refused", self._refused)
-        self.health.fault("command_refused", True, text, ERROR)
+        self.health.happened("command_refused", text, ERROR)
 
     def _choose(self, now_ns: int) -> Any:
         """Return the command that acts: the one asked for, the fail-safe's, or none."""
         silent = now_ns - self._command_ns > self._timeout_ns
-        if not silent and self.health.active("command_refused"):
-            self.health.fault("command_refused", False)
         airborne = self.simulator.height > self._ground + 0.1
         if self.failsafe.engaged:
             if not silent and now_ns - self._resumed_ns > _RESUME_NS:
@@ -376,8 +375,6 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Run the node."""
     sys.exit(run(SimNode, argv))
 
-
-__all__ = ["WARN", "SimNode", "main"]
 
 if __name__ == "__main__":
     main()

@@ -1,0 +1,176 @@
+"""compose.yaml: of the Compose specification, whole, and true to the suite."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from tombo_bringup.suite.nodes import SUITE
+
+ROOT = Path(__file__).parents[2]
+FILE = ROOT / "docker" / "compose.yaml"
+COMPOSE: dict[str, Any] = yaml.safe_load(FILE.read_text())
+SERVICES: dict[str, dict[str, Any]] = COMPOSE["services"]
+OURS = {name: s for name, s in SERVICES.items() if s["image"].startswith("tombo")}
+LAUNCH = ROOT / "tombo_ws/src/tombo_bringup/launch"
+
+# Key -> type, from the Compose specification; only those that are of use here.
+SERVICE_KEYS: dict[str, type | tuple[type, ...]] = {
+    "build": dict,
+    "cap_add": list,
+    "cap_drop": list,
+    "command": list,
+    "depends_on": list,
+    "environment": dict,
+    "image": str,
+    "init": bool,
+    "ipc": str,
+    "network_mode": str,
+    "profiles": list,
+    "security_opt": list,
+    "stop_grace_period": str,
+    "stop_signal": str,
+    "ulimits": dict,
+    "volumes": list,
+}
+BUILD_KEYS = {"context", "dockerfile", "target", "args"}
+
+
+def version() -> str:
+    text = (ROOT / "tombo_ws/src/tombo_bringup/package.xml").read_text()
+    found = re.search(r"<version>(.*)</version>", text)
+    assert found is not None
+    return found[1]
+
+
+def launched(service: dict[str, Any]) -> list[str]:
+    """Return the nodes that a service's launch file starts."""
+    source = (LAUNCH / service["command"][3]).read_text()
+    return [name for name in SUITE if f'"{name}"' in source]
+
+
+def test_the_file_has_no_unknown_key():
+    assert {k for k in COMPOSE if not k.startswith("x-")} == {"name", "services"}
+
+
+@pytest.mark.parametrize("name", SERVICES)
+def test_a_service_has_known_keys_of_the_right_type(name: str):
+    for key, value in SERVICES[name].items():
+        assert isinstance(value, SERVICE_KEYS[key]), key
+    for value in SERVICES[name].get("environment", {}).values():
+        assert isinstance(value, str | int)
+
+
+def test_the_parts_of_the_suite_are_services():
+    always = {name for name, service in SERVICES.items() if "profiles" not in service}
+    assert always == {"sim", "control", "collision", "recorder"}
+    assert {p for s in SERVICES.values() for p in s.get("profiles", [])} == {"foxglove", "px4"}
+
+
+def test_together_they_start_every_node_once():
+    nodes = [n for s in OURS.values() if s["command"][1] == "launch" for n in launched(s)]
+    assert sorted(nodes) == sorted(SUITE)
+
+
+@pytest.mark.parametrize("name", ["sim", "control", "collision", "recorder"])
+def test_the_healthcheck_looks_for_the_nodes_of_the_service(name: str):
+    wanted = SERVICES[name]["environment"]["TOMBO_NODES"].split()
+    assert wanted == [node for node in wanted if node in SUITE]
+    assert sorted(wanted) == sorted(launched(SERVICES[name]))
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_a_command_is_one_that_exists(name: str):
+    ros2, verb, package, what, *arguments = OURS[name]["command"]
+    assert ros2 == "ros2"
+    if verb == "run":
+        assert (package, what) == ("foxglove_bridge", "foxglove_bridge")
+        return
+    assert (verb, package) == ("launch", "tombo_bringup")
+    source = (LAUNCH / what).read_text()
+    for argument in arguments:
+        assert f'"{argument.partition(":=")[0]}"' in source
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_built_from_the_dockerfile_beside_it(name: str):
+    build = OURS[name]["build"]
+    assert set(build) == BUILD_KEYS
+    context = (FILE.parent / build["context"]).resolve()
+    assert context == ROOT
+    text = (context / build["dockerfile"]).read_text()
+    assert re.search(rf"^FROM .* AS {build['target']}$", text, re.M)
+    for argument in build["args"]:
+        assert re.search(rf"^ARG {argument}=", text, re.M)
+
+
+@pytest.mark.parametrize("name", SERVICES)
+def test_images_are_of_a_given_version(name: str):
+    tag = SERVICES[name]["image"].partition(":")[2]
+    assert tag and tag != "latest"
+    if name in OURS:
+        assert tag == version()
+
+
+def test_two_targets_are_two_images():
+    targets = {s["image"]: s["build"]["target"] for s in OURS.values()}
+    assert len(set(targets.values())) == len(targets)
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_containers_hear_each_other(name: str):
+    """Same network and same /dev/shm, or Fast DDS finds participants and delivers nothing."""
+    service = OURS[name]
+    assert (service["network_mode"], service["ipc"]) == ("host", "host")
+    environment = service["environment"]
+    assert environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    assert environment["ROS_DOMAIN_ID"] == "${ROS_DOMAIN_ID:-0}"
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_loops_may_ask_for_their_priority(name: str):
+    pacing = (ROOT / "tombo_ws/src/tombo_ros/tombo_ros/pacing.py").read_text()
+    found = re.search(r"_FIFO_PRIORITY = (\d+)", pacing)
+    assert found is not None
+    assert OURS[name]["ulimits"]["rtprio"] >= int(found[1])
+    assert OURS[name]["cap_add"] == ["SYS_NICE"]
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_stopped_gently(name: str):
+    assert OURS[name]["stop_signal"] == "SIGINT"
+    assert re.fullmatch(r"[1-9]\d*s", OURS[name]["stop_grace_period"])
+
+
+def test_the_bag_lands_on_the_host():
+    recorder = SERVICES["recorder"]
+    (volume,) = recorder["volumes"]
+    host, inside = volume.split(":")
+    assert (FILE.parent / host).resolve() == ROOT / "runs"
+    folder = recorder["command"][4].partition(":=")[2]
+    assert inside == f"/opt/tombo/{folder.partition('/')[0]}"
+
+
+def test_dependencies_are_services():
+    for service in SERVICES.values():
+        for other in service.get("depends_on", []):
+            assert "profiles" not in SERVICES[other]
+
+
+def test_nothing_is_said_twice():
+    """YAML takes the second of two equal keys, silently."""
+
+    class Strict(yaml.SafeLoader):
+        pass
+
+    def mapping(loader: yaml.SafeLoader, node: yaml.MappingNode) -> Any:
+        keys = [key.value for key, _ in node.value if key.value != "<<"]
+        assert len(keys) == len(set(keys)), f"line {node.start_mark.line + 1}: {keys}"
+        return yaml.SafeLoader.construct_mapping(loader, node, deep=True)
+
+    Strict.add_constructor("tag:yaml.org,2002:map", mapping)
+    yaml.load(FILE.read_text(), Strict)

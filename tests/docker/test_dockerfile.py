@@ -1,0 +1,137 @@
+"""The Dockerfile: hadolint finds nothing, and it copies, runs and starts what there is."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator
+from fnmatch import fnmatch
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+DOCKERFILE = ROOT / "docker" / "Dockerfile"
+PACKAGES = sorted(path.parent.name for path in ROOT.glob("tombo_ws/src/*/package.xml"))
+
+
+def instructions(text: str) -> Iterator[tuple[str, str]]:
+    """(instruction, rest) of a Dockerfile, continued lines joined, comments left out."""
+    lines = [line for line in text.splitlines() if not line.lstrip().startswith("#")]
+    for line in "\n".join(lines).replace("\\\n", " ").splitlines():
+        if line.strip():
+            word, _, rest = line.strip().partition(" ")
+            yield word, " ".join(rest.split())
+
+
+ALL = list(instructions(DOCKERFILE.read_text()))
+
+
+def stages() -> dict[str, list[tuple[str, str]]]:
+    found: dict[str, list[tuple[str, str]]] = {}
+    for word, rest in ALL:
+        if word == "FROM":
+            found[rest.split(" AS ")[1]] = []
+        list(found.values())[-1].append((word, rest))
+    return found
+
+
+def values(word: str) -> list[str]:
+    return [rest for found, rest in ALL if found == word]
+
+
+def test_hadolint_has_nothing_to_say():
+    run = subprocess.run(
+        [Path(sys.prefix) / "bin" / "hadolint", "--failure-threshold", "warning", DOCKERFILE],
+        capture_output=True,
+        text=True,
+    )
+    assert run.returncode == 0, run.stdout + run.stderr
+
+
+def test_it_is_built_on_the_official_image_of_jazzy():
+    bases = [rest.split(" AS ")[0] for rest in values("FROM")]
+    assert bases[0] == "ros:jazzy-ros-base"
+    assert set(bases[1:]) <= set(stages()), "each other stage builds on one of this file"
+
+
+def commands() -> list[str]:
+    """The steps without their --mount flags."""
+    return [re.sub(r"--mount=\S+ ", "", rest) for rest in values("RUN")]
+
+
+@pytest.mark.parametrize("command", commands())
+def test_a_step_is_a_script_of_ours(command: str):
+    script = shlex.split(command)[0]
+    assert re.fullmatch(r"scripts/[\w.]+\.sh", script)
+    assert not re.search(r"[;&|<>$(`]", command.replace('"${UID}"', ""))
+    path = ROOT / "docker" / script
+    assert path.stat().st_mode & 0o111
+
+
+def copied() -> list[str]:
+    plain = [rest for rest in values("COPY") if not rest.startswith("--from")]
+    return [source for rest in plain for source in rest.split()[:-1]]
+
+
+@pytest.mark.parametrize("source", copied())
+def test_what_is_copied_is_there_and_not_ignored(source: str):
+    assert (ROOT / source).exists()
+    lines = (ROOT / ".dockerignore").read_text().splitlines()
+    assert lines[1] == "*", "all is ignored but what follows"
+    kept = [line[1:] for line in lines if line.startswith("!")]
+    parts = [p.as_posix() for p in [Path(source), *Path(source).parents]]
+    assert any(part in kept for part in parts)
+    dropped = [line.removeprefix("**/") for line in lines if line.startswith("**/")]
+    assert not any(fnmatch(Path(source).name, pattern) for pattern in dropped)
+
+
+def test_the_context_holds_no_more_than_what_is_copied():
+    lines = (ROOT / ".dockerignore").read_text().splitlines()
+    for kept in (line[1:] for line in lines if line.startswith("!")):
+        assert any(source.rstrip("/").startswith(kept) for source in copied()), kept
+
+
+def test_every_manifest_is_there_before_the_sources():
+    """So that an edit of the code does not install everything anew."""
+    base = [rest for word, rest in stages()["base"] if word == "COPY"]
+    for package in PACKAGES:
+        assert f"tombo_ws/src/{package}/package.xml manifests/{package}/" in base
+    assert not any(rest.startswith("tombo_ws/src/ ") for rest in base)
+
+
+def test_what_runs_is_not_root():
+    for name in ("run", "foxglove"):
+        users = [rest for word, rest in stages()[name] if word == "USER"]
+        assert users[-1] == "tombo"
+    made = next(rest for rest in commands() if "40_user.sh" in rest)
+    assert shlex.split(made)[1] == "tombo"
+
+
+def test_entrypoint_and_healthcheck_are_scripts_of_the_image():
+    (entry,) = values("ENTRYPOINT")
+    (health,) = values("HEALTHCHECK")
+    for words in (entry, health.partition("CMD ")[2]):
+        (path,) = json.loads(words)
+        assert path.startswith("/opt/tombo/scripts/")
+        assert (ROOT / "docker" / path.removeprefix("/opt/tombo/")).is_file()
+    assert values("WORKDIR") == ["/opt/tombo"]
+
+
+def test_the_default_command_is_a_launch_file():
+    command = json.loads(next(rest for word, rest in stages()["run"] if word == "CMD"))
+    assert command[:3] == ["ros2", "launch", "tombo_bringup"]
+    assert (ROOT / "tombo_ws/src/tombo_bringup/launch" / command[3]).is_file()
+
+
+def test_nodes_get_the_signal_that_ctrl_c_sends():
+    assert values("STOPSIGNAL") == ["SIGINT"]
+
+
+def test_the_image_tries_its_nodes_before_it_is_one():
+    assert stages()["run"].index(("RUN", "scripts/smoke.sh")) > stages()["run"].index(
+        ("USER", "tombo")
+    )

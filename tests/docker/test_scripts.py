@@ -1,0 +1,287 @@
+"""The steps of the image, run here as far as a machine without a container engine lets them."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SCRIPTS = ROOT / "docker" / "scripts"
+STEPS = sorted(path.name for path in SCRIPTS.glob("*.sh") if path.name != "common.sh")
+TEST_ONLY = {"python3-hypothesis", "python3-pytest"}
+PIP_NAME = {"python3-yaml": "pyyaml", "mcap-ros2-support": "mcap"}
+
+
+class Box:
+    """A folder with tools that are named as the system's and only note how they were called."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.bin = folder / "bin"
+        self.bin.mkdir()
+        self.setup = folder / "setup.bash"
+        self.setup.write_text('export FROM_ROS="ros $NOT_SET"\n')
+
+    def tool(self, name: str, does: str = "") -> None:
+        path = self.bin / name
+        path.write_text(f'#!/bin/bash\necho "{name} $*" >>"{self.folder}/calls"\n{does}\n')
+        path.chmod(0o755)
+
+    def environment(self, **more: str) -> dict[str, str]:
+        kept = {k: v for k, v in os.environ.items() if not k.startswith(("TOMBO", "AMENT"))}
+        path = f"{self.bin}:{os.environ['PATH']}"
+        return {**kept, "PATH": path, "ROS_SETUP": str(self.setup), **more}
+
+    def run(
+        self, script: str, *arguments: str | Path, **more: str
+    ) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [SCRIPTS / script, *arguments],
+            env=self.environment(**more),
+            cwd=self.folder,
+            capture_output=True,
+            text=True,
+            timeout=300,
+        )
+
+    def calls(self) -> list[str]:
+        return (self.folder / "calls").read_text().splitlines()
+
+
+@pytest.fixture
+def box(tmp_path: Path) -> Box:
+    return Box(tmp_path)
+
+
+def test_shellcheck_has_nothing_to_say():
+    run = subprocess.run(
+        [Path(sys.prefix) / "bin" / "shellcheck", "-x", "-P", SCRIPTS, *SCRIPTS.glob("*.sh")],
+        capture_output=True,
+        text=True,
+    )
+    assert run.returncode == 0, run.stdout + run.stderr
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_a_script_stops_at_an_error_and_says_what_it_is_for(name: str):
+    lines = (SCRIPTS / name).read_text().splitlines()
+    assert lines[0] == "#!/usr/bin/env bash"
+    assert re.match(r"# [A-Z].{30,}", lines[1])
+    assert '. "$(dirname "${BASH_SOURCE[0]}")/common.sh"' in lines
+    assert "set -euo pipefail" in (SCRIPTS / "common.sh").read_text()
+
+
+def test_every_step_is_of_use():
+    dockerfile = (ROOT / "docker" / "Dockerfile").read_text()
+    for name in STEPS:
+        assert f"scripts/{name}" in dockerfile
+
+
+# --- Debian packages --------------------------------------------------------------------------
+
+
+def skipped(box: Box) -> list[str]:
+    for name in ("apt-get", "rosdep"):
+        box.tool(name)
+    run = box.run("10_system.sh", ROOT / "tombo_ws" / "src")
+    assert run.returncode == 0, run.stderr
+    (call,) = (line for line in box.calls() if line.startswith("rosdep"))
+    assert f"--from-paths {ROOT}/tombo_ws/src --ignore-src" in call
+    return call.partition("--skip-keys ")[2].split()
+
+
+def test_rosdep_is_asked_for_all_but_the_python_libraries(box: Box):
+    keys = set(skipped(box))
+    manifests = "".join(p.read_text() for p in ROOT.glob("tombo_ws/src/*/package.xml"))
+    wanted = set(re.findall(r"depend>([\w-]+)</", manifests))
+    assert keys == {k for k in wanted if k.startswith("python3-")} | {"mcap-ros2-support"}
+
+
+def test_what_rosdep_leaves_out_is_pinned(box: Box):
+    pins = {line.partition("==")[0].lower() for line in pinned(box)}
+    for key in set(skipped(box)) - TEST_ONLY:
+        name = PIP_NAME.get(key, key.removeprefix("python3-").removesuffix("-pip"))
+        assert name in pins
+
+
+def test_a_step_that_fails_ends_the_build(box: Box):
+    box.tool("apt-get")
+    box.tool("rosdep", "exit 1")
+    assert box.run("10_system.sh", ROOT / "tombo_ws" / "src").returncode == 1
+    box.tool("rosdep")
+    assert box.run("10_system.sh", box.folder).returncode == 1, "no manifests there"
+
+
+# --- Python libraries -------------------------------------------------------------------------
+
+VENV_MAKER = """
+mkdir -p "${@: -1}/bin"
+printf '#!/bin/bash\\necho "pip $*" >>"{folder}/calls"' >"${@: -1}/bin/python"
+chmod +x "${@: -1}/bin/python"
+"""
+
+
+def pinned(box: Box) -> list[str]:
+    box.tool("python3", VENV_MAKER.replace("{folder}", str(box.folder)))
+    run = box.run("20_python.sh", ROOT / "requirements.txt", "venv")
+    assert run.returncode == 0, run.stderr
+    assert "python3 -m venv --system-site-packages venv" in box.calls()
+    assert any("pip -m pip install" in line for line in box.calls())
+    lines = (box.folder / "venv/requirements.txt").read_text().splitlines()
+    return [line for line in lines if line and not line.startswith("#")]
+
+
+def test_pip_gets_the_pins_without_ros(box: Box):
+    lines = pinned(box)
+    assert all("==" in line for line in lines)
+    names = {line.partition("==")[0].lower() for line in lines}
+    assert {"numpy", "scipy", "numba", "filterpy", "mcap", "rosbags", "typer"} <= names
+    assert not {n for n in names if n.startswith("ros-")} | {"empy", "lark-parser"} & names
+
+
+# --- The workspace ----------------------------------------------------------------------------
+
+
+def test_the_workspace_builds_starts_and_flies(box: Box):
+    """The steps build, smoke and entrypoint, with the ROS of this environment for that of apt."""
+    python, lib = Path(sys.executable), Path(sys.prefix)
+    box.setup.write_text(f'export AMENT_PREFIX_PATH="{lib}" PATH="{lib}/bin:$PATH"\n')
+    given = {"TOMBO_PYTHON": str(python), "TOMBO_PREFIX": str(box.folder / "install")}
+    shutil.copytree(
+        ROOT / "tombo_ws" / "src", box.folder / "src", ignore=shutil.ignore_patterns("__pycache__")
+    )
+    built = box.run("30_build.sh", "src", "install", f"-DPython3_EXECUTABLE={python}", **given)
+    assert built.returncode == 0, built.stdout[-3000:] + built.stderr[-3000:]
+    assert not (box.folder / "build").exists()
+    tombo = box.folder / "install/lib/tombo_bringup/tombo"
+    assert tombo.read_text().startswith(f"#!{python}\n")
+
+    where = "import tombo_msgs, tombo_sim; print(tombo_msgs.__file__, tombo_sim.__file__)"
+    asked = box.run("entrypoint.sh", python, "-c", where, **given)
+    assert asked.returncode == 0, asked.stderr
+    assert asked.stdout.count(str(box.folder / "install")) == 2
+    flown = box.run("entrypoint.sh", "tombo", "scenarios", **given)
+    assert flown.returncode == 0 and "paper_collision" in flown.stdout
+
+    smoke = box.run("smoke.sh", "detector", "sim", ROS_DOMAIN_ID="96", **given)
+    assert smoke.returncode == 0, smoke.stderr
+    assert "detector_node starts and stops" in smoke.stdout
+    assert "sim_node starts and stops" in smoke.stdout
+    share = box.folder / "install/share/tombo_bringup"
+    assert {"suite.launch.py", "suite.yaml", "tombo.rviz", "tombo.json"} <= {
+        path.name for path in share.rglob("*")
+    }
+
+
+NODE = """#!{python}
+import signal, sys, time
+signal.signal(signal.SIGINT, lambda *_: sys.exit({code}))
+print("{words}", file=sys.stderr, flush=True)
+time.sleep({life})
+sys.exit({late})
+"""
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "life", "late", "complaint"),
+    [
+        ("running", 0, 60, 0, ""),
+        ("running", 3, 60, 0, "ended with code 3"),
+        ("no parameters", 0, 0, 2, "ended with code 2"),
+        ("thinking", 0, 60, 0, "ended with code 0"),
+    ],
+)
+def test_smoke_tells_good_nodes_from_bad(
+    box: Box, words: str, code: int, life: int, late: int, complaint: str
+):
+    prefix = box.folder / "install"
+    path = prefix / "lib/tombo_zebra/zebra_node"
+    path.parent.mkdir(parents=True)
+    (prefix / "setup.bash").touch()
+    path.write_text(
+        NODE.format(python=sys.executable, words=words, code=code, life=life, late=late)
+    )
+    path.chmod(0o755)
+    run = box.run("smoke.sh", TOMBO_PREFIX=str(prefix), TOMBO_PATIENCE="2")
+    assert run.returncode == (1 if complaint else 0), run.stderr
+    assert complaint in run.stderr
+    if complaint:
+        assert words in run.stderr
+
+
+def test_smoke_wants_a_node(box: Box):
+    prefix = box.folder / "install"
+    prefix.mkdir()
+    (prefix / "setup.bash").touch()
+    run = box.run("smoke.sh", TOMBO_PREFIX=str(prefix))
+    assert run.returncode == 1 and "no node" in run.stderr
+
+
+# --- The user ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("owner", ["ubuntu", ""])
+def test_a_user_id_that_is_taken_is_freed(box: Box, owner: str):
+    box.tool("getent", f"echo {owner}:x:1000:" if owner else "exit 2")
+    for name in ("userdel", "useradd", "install"):
+        box.tool(name)
+    run = box.run("40_user.sh", "tombo", "1000", "cache", "runs")
+    assert run.returncode == 0, run.stderr
+    gone = [line for line in box.calls() if line.startswith("userdel")]
+    assert gone == ([f"userdel --remove {owner}"] if owner else [])
+    assert "useradd --uid 1000 --create-home --shell /bin/bash tombo" in box.calls()
+    assert "install --directory --owner tombo cache runs" in box.calls()
+
+
+# --- The running container --------------------------------------------------------------------
+
+
+@pytest.fixture
+def sourced(box: Box) -> Box:
+    (box.folder / "install").mkdir()
+    (box.folder / "install/setup.bash").write_text('export FROM_WORKSPACE="$FROM_ROS too"\n')
+    return box
+
+
+def test_the_entrypoint_sources_and_becomes_the_command(sourced: Box):
+    prefix = sourced.folder / "install"
+    process = subprocess.Popen(
+        [SCRIPTS / "entrypoint.sh", "sh", "-c", 'echo "$$|$FROM_WORKSPACE|$PATH"; exit 7'],
+        env=sourced.environment(TOMBO_PREFIX=str(prefix)),
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    out, _ = process.communicate(timeout=20)
+    pid, told, path = out.strip().split("|")
+    assert int(pid) == process.pid, "signals must reach the command itself"
+    assert told == "ros  too"
+    assert path.endswith(f":{prefix}/lib/tombo_bringup")
+    assert process.returncode == 7
+
+
+def test_the_entrypoint_stops_without_a_workspace(box: Box):
+    run = box.run("entrypoint.sh", "echo", "started", TOMBO_PREFIX=str(box.folder / "nowhere"))
+    assert run.returncode != 0 and "started" not in run.stdout
+
+
+def test_health_is_that_every_node_runs(box: Box):
+    zebra = box.bin / "zebra_node"
+    zebra.write_text("#!/bin/bash\nsleep 60 & wait\n")
+    zebra.chmod(0o755)
+    process = subprocess.Popen([zebra, "--ros-args"], start_new_session=True)
+    try:
+        assert box.run("healthcheck.sh").returncode == 0
+        assert box.run("healthcheck.sh", TOMBO_NODES="zebra").returncode == 0
+        both = box.run("healthcheck.sh", TOMBO_NODES="zebra okapi")
+        assert both.returncode == 1 and "okapi" in both.stdout
+    finally:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    assert box.run("healthcheck.sh", TOMBO_NODES="zebra").returncode == 1

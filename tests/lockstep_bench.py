@@ -1,0 +1,155 @@
+"""Simulator, observer and flight controller in one process, a tick at a time, as the nodes run.
+
+What the wire does to messages between them (loss, delay) is switched on by attributes.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_bringup.scenario import Scenario, load_scenario, world_of
+from tombo_control import mission as plan
+from tombo_control.autopilot import HOVER
+from tombo_control.estimate import TICK_NS, Estimate, Setpoint
+from tombo_control.flight_controller import Command, FlightController
+from tombo_control.observer import Observer
+from tombo_control.params import POSITION_TICKS, InputLimits
+from tombo_control.reference import progress
+from tombo_dynamics.plant import part
+from tombo_dynamics.rotation import tilt
+from tombo_sim.simulator import Simulator
+
+Array = NDArray[np.float64]
+EPOCH_NS = 1_000_000_000
+"""Stamp of tick 0."""
+
+
+def calm(*settings: str) -> Scenario:
+    """The paper's vehicle without a pillar."""
+    return load_scenario("no_obstacle", settings)
+
+
+def hover_at(x: float, y: float, z: float, velocity: Any = (0.0, 0.0, 0.0)) -> Setpoint:
+    return Setpoint(np.array([x, y, z]), np.array(velocity), np.zeros(3), 0.0, HOVER)
+
+
+class Lockstep:
+    """One flight. `step` is a millisecond."""
+
+    def __init__(self, scenario: Scenario, seed: int = 1) -> None:
+        self.scenario = scenario
+        self.simulator = Simulator(world_of(scenario), seed)
+        self.observer = Observer(scenario.estimator, scenario.vehicle)
+        self.controller = FlightController(
+            scenario.control, scenario.vehicle, InputLimits(), self.simulator.ready.maps
+        )
+        self.mission = plan.begin(self.simulator.ready.start)
+        self.steer: Callable[[float], Setpoint | None] | None = None
+        """Set point at a time [s] in place of the mission's; None: none is sent."""
+        self.odometry_ticks = 1
+        self.late_ticks = 0
+        self.loss = 0.0
+        """Share of IMU samples lost, for observer and controller each."""
+        self.mocap_on = self.odometry_on = self.imu_on = True
+        self.shift_ns = 0
+        """Added to all stamps and to the time, as a clock that was set does."""
+        self.command: Command | None = None
+        self._speed = np.zeros(4)
+        self._chance = np.random.default_rng(seed)
+        self._under_way: deque[tuple[int, Estimate]] = deque()
+
+    @property
+    def now_ns(self) -> int:
+        return EPOCH_NS + self.simulator.tick * TICK_NS + self.shift_ns
+
+    @property
+    def position(self) -> Array:
+        """True."""
+        return part(self.simulator.m, "body")[:3].copy()
+
+    @property
+    def velocity(self) -> Array:
+        return part(self.simulator.m, "body")[3:6].copy()
+
+    @property
+    def tilt(self) -> float:
+        return float(tilt(part(self.simulator.m, "body")[6:10]))
+
+    def step(self) -> None:
+        simulator, now = self.simulator, self.now_ns
+        tick = simulator.tick
+        imu = simulator.imu.copy()
+        posed = False
+        for sample in simulator.arrived if self.mocap_on else []:
+            stamp = EPOCH_NS + sample.captured * TICK_NS + self.shift_ns
+            self.observer.pose(stamp, now, "map", sample.pose[:3], sample.pose[3:])
+            posed = True
+        if self.imu_on and not self._lost():
+            estimate = self.observer.imu(now, imu[:3], imu[3:])
+            if estimate is not None and tick % self.odometry_ticks == 0 and self.odometry_on:
+                self._under_way.append((tick + self.late_ticks, estimate))
+        while self._under_way and self._under_way[0][0] <= tick:
+            estimate = self._under_way.popleft()[1]
+            self.controller.estimate(estimate)
+            self.controller.biases(estimate.gyro_bias, estimate.pose_stamp_ns)
+        if tick % POSITION_TICKS == 0:
+            self._send_setpoint(tick * 1e-3, now)
+        if self.imu_on and not self._lost():
+            self.command = self.controller.tick(now, now, imu[:3])
+            if self.command is not None:
+                self._speed = self.command.speed
+        simulator.advance(self._speed)
+        if posed and self.observer.estimate is not None:
+            self._proceed(self.observer.estimate)
+
+    def fly(self, seconds: float) -> Array:
+        """Go on; return position, velocity, attitude, rates (13) of each tick."""
+        rows = []
+        for _ in range(round(seconds * 1000)):
+            self.step()
+            rows.append(part(self.simulator.m, "body").copy())
+        return np.array(rows)
+
+    def _lost(self) -> bool:
+        return self.loss > 0.0 and bool(self._chance.random() < self.loss)
+
+    def _send_setpoint(self, time_s: float, now_ns: int) -> None:
+        setpoint = self._setpoint(time_s) if self.steer is None else self.steer(time_s)
+        if setpoint is not None:
+            self.controller.setpoint(setpoint, now_ns)
+            self.observer.phase(setpoint.phase)
+
+    def _setpoint(self, time_s: float) -> Setpoint:
+        leg = self.mission.leg
+        way, speed, change = progress(
+            time_s - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s
+        )
+        start, cruise = np.array(leg.start), np.array(leg.velocity)
+        return Setpoint(
+            start + way * cruise, speed * cruise, change * cruise, leg.yaw, self.mission.mode
+        )
+
+    def _proceed(self, estimate: Estimate) -> None:
+        self.mission = plan.proceed(
+            self.mission,
+            self.scenario.mission,
+            self.simulator.tick * 1e-3,
+            estimate.position,
+            estimate.velocity,
+        )
+
+
+def hovering(scenario: Scenario | None = None, height: float = 2.0, seed: int = 1) -> Lockstep:
+    """A flight that has been brought to a hover above the origin."""
+    flight = Lockstep(scenario or calm(), seed)
+    flight.steer = lambda _: None
+    flight.fly(0.2)
+    flight.steer = lambda _: hover_at(0.0, 0.0, height)
+    flight.fly(1.5 * height + 3.0)
+    assert abs(flight.position[2] - height) < 0.2
+    return flight

@@ -1,0 +1,192 @@
+"""Nobody commands: the simulated flight controller lands the vehicle where it is."""
+
+from __future__ import annotations
+
+import copy
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from lockstep_bench import Lockstep, calm, hover_at
+from numpy.typing import NDArray
+
+from tombo_dynamics.plant import part
+from tombo_dynamics.rotation import tilt
+from tombo_sim.failsafe import Failsafe
+
+Array = NDArray[np.float64]
+_GROUND = 0.18
+_UNHURT = 1.0
+"""Highest vertical speed at touch-down [m/s]."""
+
+
+class _Flight:
+    """A flight whose fail-safe looks on, and takes over when told to."""
+
+    def __init__(self, seed: int) -> None:
+        self.lockstep = Lockstep(calm(), seed)
+        self.simulator = self.lockstep.simulator
+        self.failsafe = Failsafe(self.simulator, self.lockstep.scenario.vehicle)
+        self.mocap_on = True
+
+    @property
+    def body(self) -> Array:
+        return part(self.simulator.m, "body").copy()
+
+    def fly(self, seconds: float) -> None:
+        for _ in range(round(seconds * 1000)):
+            self.lockstep.step()
+            self.failsafe.observe(self.simulator)
+
+    def command(self, speed: Array) -> None:
+        self.simulator.advance(speed)
+        if not self.mocap_on:
+            self.simulator.arrived = []
+        self.failsafe.observe(self.simulator)
+
+    def move_ahead(self) -> None:
+        """Reach 1 m/s along x."""
+        begin = self.simulator.tick * 1e-3
+        self.lockstep.steer = lambda t: hover_at(t - begin, 0.0, 2.0, (1.0, 0.0, 0.0))
+        self.fly(3.0)
+        assert abs(self.body[3] - 1.0) < 0.1
+
+    def topple(self) -> None:
+        """Tilt by 20 deg, still turning."""
+        speed = part(self.simulator.m, "speed").mean()
+        while self.lockstep.tilt < np.deg2rad(20.0):
+            self.command(speed * np.array([0.94, 1.06, 1.06, 0.94]))
+
+    def land(self, seconds: float = 12.0) -> _Landing:
+        self.failsafe.engage(self.simulator.tick)
+        bodies, commands = [], []
+        for _ in range(round(seconds * 1000)):
+            commands.append(self.failsafe.command)
+            self.command(commands[-1])
+            bodies.append(self.body)
+        return _Landing(np.array(bodies), np.array(commands))
+
+
+class _Landing:
+    def __init__(self, body: Array, command: Array) -> None:
+        self.body = body
+        on_ground = body[:, 2] < _GROUND + 0.005
+        assert on_ground.any(), "never came down"
+        self.down = int(np.argmax(on_ground))
+        self.time_s = self.down * 1e-3
+        self.touch_speed = float(-body[self.down - 20 : self.down + 1, 5].min())
+        running = np.flatnonzero(command.max(axis=1))
+        self.rotors_off_s = (running[-1] + 1) * 1e-3
+        self.moved = float(np.linalg.norm(body[-1, :2] - body[0, :2]))
+        self.tilt = float(tilt(body[:, 6:10]).max())
+
+
+@lru_cache
+def _hovering(seed: int) -> _Flight:
+    flight = _Flight(seed)
+    flight.lockstep.steer = lambda t: hover_at(0.0, 0.0, 2.0) if t > 0.2 else None
+    flight.fly(6.0)
+    return flight
+
+
+@pytest.fixture
+def flight() -> _Flight:
+    return copy.deepcopy(_hovering(1))
+
+
+def test_from_hover_it_lands_where_it_is(flight: _Flight) -> None:
+    landing = flight.land()
+    assert 3.5 < landing.time_s < 6.0  # 1.8 m at 0.4 m/s
+    assert landing.touch_speed < _UNHURT
+    assert landing.moved < 0.15
+    assert abs(landing.rotors_off_s - landing.time_s) < 0.2
+
+
+def test_taking_over_neither_drops_nor_tilts_a_hovering_vehicle(flight: _Flight) -> None:
+    body = flight.land(seconds=6.0).body[:100]
+    assert -body[:, 5].min() < 0.1  # 0.8 m/s^2 is the descent's own
+    assert np.rad2deg(tilt(body[:, 6:10]).max()) < 5.0
+
+
+def test_moving_at_1_m_s_it_brakes_and_lands(flight: _Flight) -> None:
+    flight.move_ahead()
+    landing = flight.land()
+    assert landing.touch_speed < _UNHURT
+    assert landing.moved < 1.5
+    assert landing.time_s < 6.0
+    assert landing.rotors_off_s < landing.time_s + 0.2
+
+
+def test_taking_over_a_moving_vehicle_keeps_the_attitude_it_has(flight: _Flight) -> None:
+    # the derivative of the velocity loop would see a jump of 1 m/s, and kick by 6 m/s^2
+    flight.move_ahead()
+    flight.failsafe.engage(flight.simulator.tick)
+    flight.command(flight.failsafe.command)
+    speeds = []
+    for _ in range(25):
+        speeds.append(flight.failsafe.command)
+        flight.command(speeds[-1])
+    assert np.ptp(np.array(speeds)[:2]) < 60.0
+
+
+def test_tilted_by_20_degrees_it_levels_and_lands(flight: _Flight) -> None:
+    flight.topple()
+    landing = flight.land()
+    assert np.rad2deg(landing.tilt) < 40.0
+    assert np.rad2deg(tilt(landing.body[1500:, 6:10]).max()) < 8.0
+    assert landing.touch_speed < _UNHURT
+    assert landing.rotors_off_s < landing.time_s + 0.2
+
+
+@pytest.mark.parametrize("seed", [1, 3])  # 3: strong rotors, it floats on the ground's cushion
+def test_without_mocap_it_comes_down_level_and_stops_the_rotors(seed: int) -> None:
+    flight = copy.deepcopy(_hovering(seed))
+    flight.mocap_on = False
+    landing = flight.land()
+    assert landing.touch_speed < 1.4  # docs/control.md: 1.3 m/s from 2 m
+    assert np.rad2deg(landing.tilt) < 8.0
+    assert landing.rotors_off_s < 10.0
+    assert landing.body[-1, 2] < _GROUND + 0.005
+
+
+def test_mocap_that_comes_back_is_landed_on(flight: _Flight) -> None:
+    flight.mocap_on = False
+    flight.failsafe.engage(flight.simulator.tick)
+    for _ in range(1200):
+        flight.command(flight.failsafe.command)
+    flight.mocap_on = True
+    landing = flight.land()
+    assert landing.touch_speed < _UNHURT
+    assert landing.rotors_off_s < landing.time_s + 0.2
+
+
+def test_handed_back_in_the_air_the_flight_goes_on(flight: _Flight) -> None:
+    flight.failsafe.engage(flight.simulator.tick)
+    for _ in range(1000):
+        flight.command(flight.failsafe.command)
+    assert flight.body[2] < 1.9
+    flight.failsafe.release()
+    flight.lockstep.observer.reset()  # it saw nothing meanwhile
+    flight.fly(4.0)
+    assert np.linalg.norm(flight.body[:3] - [0.0, 0.0, 2.0]) < 0.15
+    assert not flight.failsafe.engaged
+
+
+def test_on_the_ground_it_commands_nothing() -> None:
+    flight = _Flight(1)
+    flight.failsafe.engage(0)
+    for _ in range(1500):
+        flight.command(flight.failsafe.command)
+    assert not flight.failsafe.command.any()
+    assert flight.body[2] < _GROUND + 0.005
+
+
+def test_it_can_land_twice(flight: _Flight) -> None:
+    first = flight.land()
+    flight.failsafe.release()
+    flight.lockstep.observer.reset()
+    flight.fly(6.0)
+    assert flight.body[2] > 1.8
+    second = flight.land()
+    assert abs(second.time_s - first.time_s) < 1.0
+    assert second.rotors_off_s < second.time_s + 0.2
