@@ -138,6 +138,7 @@ def measure(seconds: float, burst_ms: int, folder: Path) -> bool:
         for specs in PROCESSES
     ]
     sent: dict[str, int] = {}
+    longest = 0.0
     try:
         for publisher in publishers:
             assert publisher.stdout is not None
@@ -150,9 +151,10 @@ def measure(seconds: float, burst_ms: int, folder: Path) -> bool:
             publisher.stdin.flush()
         for publisher, specs in zip(publishers, PROCESSES, strict=True):
             assert publisher.stdout is not None
-            took, *numbers = publisher.stdout.readline().split()
+            time_taken, *numbers = publisher.stdout.readline().split()
+            longest = max(longest, float(time_taken))
             sent |= {spec.name: int(n) for spec, n in zip(specs, numbers, strict=True)}
-            say(f"published {', '.join(spec.name for spec in specs)} for {float(took):.1f} s")
+            say(f"{time_taken} s of {', '.join(spec.name for spec in specs)}")
         share = (cpu_seconds(recorder.pid) - before) / (time.monotonic() - began)
         recorder.terminate()
         recorder.wait(timeout=10)
@@ -161,7 +163,7 @@ def measure(seconds: float, burst_ms: int, folder: Path) -> bool:
             if process.poll() is None:
                 process.kill()
             process.wait()
-    return report(bag, sent, share, seconds)
+    return report(bag, sent, share, longest)
 
 
 def report(bag: Path, sent: dict[str, int], share: float, seconds: float) -> bool:
@@ -195,9 +197,8 @@ def report(bag: Path, sent: dict[str, int], share: float, seconds: float) -> boo
     say(f"rate                {asked / seconds:.0f} messages/s")
     say(f"lost, says recorder {notes['lost']}")
     say(f"CPU of the recorder {100 * share:.1f} % of a core")
-    say(
-        f"size                {sum(path.stat().st_size for path in bag.glob('*.mcap')) / 1e6:.1f} MB"
-    )
+    size = sum(path.stat().st_size for path in bag.glob("*.mcap"))
+    say(f"size                {size / 1e6:.1f} MB")
     same = by_rosbags == read == by_mcap == by_tombo
     say(f"rosbags, mcap and tombo_bag {'count the same' if same else 'DIFFER'}")
     return whole and same

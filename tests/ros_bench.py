@@ -122,8 +122,7 @@ class Counterpart:
                 if spec.name in self.inputs:
                     there = self.node.count_publishers(spec.name)
                 else:
-                    self._publisher(spec)
-                    there = self.node.count_subscribers(spec.name)
+                    there = self._publisher(spec).listeners
                 if there >= others:
                     break
                 assert time.monotonic() < end, f"nobody at the other end of {spec.name}"

@@ -1,5 +1,6 @@
 import errno
 import os
+import zlib
 from collections import Counter
 from io import FileIO
 
@@ -7,6 +8,7 @@ import pytest
 import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap_ros2.reader import read_ros2_messages
 from rosbags.rosbag2 import Reader
@@ -23,7 +25,7 @@ STRING = "std_msgs/msg/String"
 MS = 1_000_000
 START = 1_700_000_000_000_000_000
 TOPICS = {"/a": SENSOR, "/b": STATE, "/c": EVENT}
-FEW = settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
+FEW = settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
 
 
 def bag_files(folder):
@@ -57,7 +59,7 @@ def read(folder):
 
 @FEW
 @given(
-    messages=st.lists(st.tuples(st.sampled_from([*TOPICS]), st.integers(0, 4000)), max_size=80),
+    messages=st.lists(st.tuples(st.sampled_from([*TOPICS]), st.integers(0, 4000)), max_size=40),
     flush_every=st.integers(1, 30),
     file_size_max=st.sampled_from([0, 1, 3000, 8000]),
     file_duration_max=st.sampled_from([0.0, 1e-9, 0.05, 1.0]),
@@ -98,6 +100,20 @@ def test_splitting_loses_and_doubles_nothing(
         assert counts == {name: sum(t == name for t, _, _ in written) for name in TOPICS}
     for path in bag_files(folder):
         assert Bag(path, check=True).damage == ()
+
+
+def test_each_file_begins_with_the_records_given(tmp_path):
+    sink = RollingSink(
+        RollingOptions(tmp_path / "bag", file_size_max=1), records={"scenario": {"a": "b"}}
+    )
+    sink.add_topic("/a", STRING, STATE)
+    for i in range(3):
+        sink.write("/a", word(str(i)), START + i, START)
+        sink.flush()
+    sink.close()
+    for path in bag_files(tmp_path / "bag"):
+        assert [record.name for record in Bag(path).metadata] == ["scenario", NOTES, "rosbag2"]
+        assert Bag(path).metadata[0].metadata == {"a": "b"}
 
 
 def test_messages_of_another_version_stay_as_they_come(tmp_path):
@@ -205,6 +221,15 @@ def test_a_single_file(tmp_path, compression):
         assert reader.message_count == 1
 
 
+def checksum_is_right(path):
+    """The checksum of all data before the summary, which the libraries don't look at."""
+    content = path.read_bytes()
+    at = 8
+    while content[at] != Opcode.DATA_END:
+        at += 9 + int.from_bytes(content[at + 1 : at + 9], "little")
+    return int.from_bytes(content[at + 9 : at + 13], "little") == zlib.crc32(content[:at])
+
+
 class SmallDisk(FileIO):
     """Room for so many bytes in all files together; what does not fit is cut off."""
 
@@ -260,6 +285,10 @@ def test_a_full_disk_ends_the_recording_but_the_file_is_whole(
             assert reader.message_count == found == sum(1 for _ in reader.messages())
         for path in files:
             assert Bag(path, check=True).damage == ()
+            assert checksum_is_right(path)
+            with path.open("rb") as file:
+                indexed = [record.name for record in make_reader(file).iter_metadata()]
+            assert indexed == [NOTES, "rosbag2"]
             records = {record.name: record.metadata for record in Bag(path).metadata}
             about = yaml.safe_load(records["rosbag2"]["serialized_metadata"])
         assert about["message_count"] == found, "the file's own account is of what it holds"
@@ -286,11 +315,12 @@ def test_bad_targets_and_options_are_named_and_leave_nothing(tmp_path):
         RollingOptions(tmp_path / "a.mcap", single_file=True, file_duration_max=1)
     with pytest.raises(InputError, match=r"a\.bag'; accepted: a name ending in \.mcap"):
         RollingOptions(tmp_path / "a.bag", single_file=True)
-    SmallDisk.room, SmallDisk.files = 10, ()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(mcap_sink, "FileIO", SmallDisk)
-        with pytest.raises(InputError, match=r"can't write '.*bag_0\.mcap': No space left"):
-            RollingSink(RollingOptions(tmp_path / "bag"))
+    for room in (10, 60):  # no room for the header, for the first record
+        SmallDisk.room, SmallDisk.files = room, ()
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(mcap_sink, "FileIO", SmallDisk)
+            with pytest.raises(InputError, match=r"can't write '.*bag_0\.mcap': No space left"):
+                RollingSink(RollingOptions(tmp_path / "bag"), records={"long": {"a": "b" * 99}})
     assert sorted(os.listdir(tmp_path)) == ["file", "link"]
 
 

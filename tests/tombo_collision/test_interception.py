@@ -77,8 +77,8 @@ class Bench:
             tick = (self.now - START) // (4 * MS)
             if self.mocap and tick % 8 == 0:
                 self.logic.mocap(self.now)
-                if self.detector:
-                    self.logic.detector(self.now)
+            if self.mocap and self.detector and tick % 8 == 1:
+                self.logic.detector(self.now)
             if self.odometry:
                 self.logic.odometry(self.place, self.now)
             if self.mission and tick % 5 == 0:
@@ -167,6 +167,13 @@ def test_it_holds_x_r_until_the_mission_flies_there_itself():
     assert bench.logic.status.reaction.collisions == 1
 
 
+def test_a_mission_that_lands_instead_is_let_land():
+    bench = Bench()
+    bench.hit()
+    bench.wish = at([0.0, 0.0, 1.0], LAND)
+    assert bench.run(0.1)[-1] is bench.wish
+
+
 def test_a_second_collision_overrides_the_mission_until_it_knows():
     bench = Bench()
     bench.hit()
@@ -234,8 +241,8 @@ def test_the_same_event_again_is_not_a_second_collision():
 
 def test_a_direction_that_is_nearly_a_unit_vector_is_made_one():
     bench = Bench()
-    assert bench.hit(collision(direction=(1.05, 0.0, 0.0))) == ""
-    assert bench.tick().position == pytest.approx(X_R)
+    assert bench.hit(collision(direction=(0.0, 0.0, 1.05))) == ""
+    assert bench.tick().position == pytest.approx([1.7, 0.1, 1.2])
 
 
 def test_started_in_flight_a_fresh_event_waits_for_the_mission():
@@ -447,6 +454,14 @@ def test_a_clock_set_back_begins_anew():
     assert bench.run(0.2)[-1] is bench.wish
     assert bench.state == IDLE
     assert bench.logic.status.reaction.collisions == 0
+
+
+def test_a_clock_set_back_makes_nobody_seem_alive():
+    bench = Bench()
+    bench.now -= 1000 * MS * 1000
+    bench.detector = False
+    bench.run(0.6)
+    assert (bench.state, bench.logic.status.why) == (HOLDING, DETECTOR_SILENT)
 
 
 inputs = st.lists(

@@ -123,6 +123,14 @@ def test_a_clock_set_back_does_not_deafen_it(back):
     assert sum(s.event is not None for s in again) == 1
 
 
+def test_a_clock_set_back_at_once_does_not_deafen_it():
+    look = CollisionWatch(DetectorParams())
+    feed(look, begin=1, end=6)
+    again = feed(look, epoch=EPOCH - 3600 * 1000 * MS)
+    assert not any(s.refused for s in again)
+    assert sum(s.event is not None for s in again) == 1
+
+
 def test_new_parameters_hold_from_the_next_pose_on():
     look = CollisionWatch(DetectorParams())
     feed(look, end=100)

@@ -307,11 +307,12 @@ def test_without_estimates_the_reference_and_the_clock_stand_still(mode):
     assert world.largest_step(begin) < 0.1
 
 
-def test_a_vehicle_that_drifted_without_estimates_goes_on_from_where_it_is():
+@pytest.mark.parametrize("drift", [(0.0, 0.1, -0.2), (0.0, 1.0, -0.5)])
+def test_a_vehicle_that_drifted_without_estimates_goes_on_from_where_it_is(drift):
     world = World().until(APPROACH).run(1.0)
     world.odometry = False
     world.run(1.0)
-    world.place = world.place + np.array([0.0, 1.0, -0.5])
+    world.place = world.place + np.array(drift)
     world.odometry = True
     world.follows = False
     world.run(0.02)
@@ -403,6 +404,15 @@ def test_a_vehicle_that_does_not_lift_off_is_given_up():
     world.until(LANDED, 0.3)
 
 
+def test_held_on_the_ground_it_is_not_given_up():
+    world = World().until(TAKEOFF)
+    world.reaction(REACTION_HOLDING)
+    world.run(10.0)
+    assert world.course.mode == TAKEOFF
+    world.reaction(REACTION_IDLE)
+    world.until(HOVER, 8.0)
+
+
 def test_passing_low_is_not_standing():
     world = World().until(APPROACH)
     world.reaction(REACTING, X_R, 1)
@@ -424,10 +434,11 @@ def test_an_estimate_that_is_no_number_is_refused(value):
     assert world.course.mode == HOVER
 
 
-def test_a_node_that_was_stopped_goes_on_without_a_jump():
+@pytest.mark.parametrize("stopped_ms", [600, 3000])
+def test_a_node_that_was_stopped_goes_on_without_a_jump(stopped_ms):
     world = World().until(APPROACH).run(1.0)
     begin = len(world.said) - 1
-    world.now += 3000 * MS
+    world.now += stopped_ms * MS
     world.run(2.0)
     assert world.largest_step(begin) < 0.1
 

@@ -61,7 +61,7 @@ def test_results_are_written_and_other_files_left_alone(tombo, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "flight.mcap").write_text("mine")
     for _ in range(2):
-        result = tombo("replay", WHOLE, "-o", "out", "--json")
+        result = tombo("replay", STRIKE, "-o", "out", "--json")
         assert result.code == 0
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
         "flight.mcap", "replay.json", "replay.png",

@@ -15,9 +15,9 @@ MARK = "TOMBO_TEST_MARK"
 
 UP = """
 import sys
-from tombo_bringup import flight_output
+from tombo_bringup.suite import rehearsal
 from tombo_bringup.suite import nodes
-flight_output.rehearse = lambda scenario: None  # it flies no real vehicle
+rehearsal.rehearse_nodes = lambda scenario: None  # it flies no real vehicle
 nodes.SUITE.clear()
 nodes.SUITE.update({suite!r})
 nodes.MONITOR_MODULE = {monitor!r}

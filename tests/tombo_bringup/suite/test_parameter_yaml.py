@@ -19,6 +19,7 @@ from tombo_bringup.suite.parameter_yaml import (
     parameter_yaml,
     suite_parameters,
 )
+from tombo_bringup.topic_table import read_nodes
 
 CONFIG = Path(__file__).parents[3] / "tombo_ws/src/tombo_bringup/config/suite.yaml"
 NO_PARAMETER = {"name", "description", "duration"}
@@ -65,15 +66,28 @@ def test_the_propellers_own_effects_are_among_the_simulators():
     assert values["effects.propeller_wear.collisions"] == 3.0
 
 
-def test_nodes_follow_the_clock_at_another_speed_and_the_simulator_makes_it():
+def test_all_nodes_follow_the_clock_at_another_speed():
     table = suite_parameters(Scenario(), 0, speed=2.0)
     assert table["sim"]["speed"] == 2.0
-    assert {node for node, values in table.items() if values["use_sim_time"]} == {*SUITE} - {"sim"}
+    assert all(table[node]["use_sim_time"] is True for node in SUITE)
     assert "use_sim_time" not in suite_parameters(Scenario(), 0)["mission"]
 
 
 def test_each_node_of_the_suite_has_its_sections():
     assert list(SECTIONS) == list(SUITE)
+
+
+def test_every_parameter_is_one_that_its_node_has():
+    written = suite_parameters(load_scenario(), 0)
+    for node in read_nodes():
+        given = written[node.name]
+        sections = {name for name, value in given.items() if isinstance(value, dict)} - {"effects"}
+        assert sections <= set(node.sections)
+        assert set(given) - sections - {"effects"} <= set(node.own)
+        if node.name == "recorder":
+            assert {"output", "single_file", "metadata_file"} <= set(node.own)
+        if "effects" in given:
+            assert node.name == "sim"
 
 
 @given(

@@ -79,7 +79,7 @@ def test_who_obeys_is_asked_once_and_ends_at_once(marked, tmp_path):
         began = time.monotonic()
         (end,) = supervisor.stop()
 
-    assert time.monotonic() - began < 1.0
+    assert time.monotonic() - began < 1.9  # before SIGTERM
     assert end.code == 0
     assert (tmp_path / "node.log").read_text() == "ready\nasked\n"
 

@@ -8,11 +8,13 @@ import time
 
 signal.signal(signal.SIGINT, lambda number, frame: sys.exit(0))
 assert sys.argv[1:] == ["--flight"]
-ends = {"land": (0.18, 7), "fly on": (2.0, 2)}
+ends = {"land": (0.18, 7)}
 k = 0
 while True:
     flying = k > 4
-    height, phase = ends[os.environ["FAKE_FLIGHT"]] if k > 45 else (2.0 if flying else 0.18, 1)
+    height, phase = (
+        ends.get(os.environ["FAKE_FLIGHT"], (2.0, 2)) if k > 45 else (2.0 if flying else 0.18, 1)
+    )
     state = {
         "stamp_ns": 10**18 + k * 250_000_000,
         "height_m": height,
@@ -21,5 +23,7 @@ while True:
     }
     sys.stdout.write(json.dumps({"flight": state}) + "\n")
     sys.stdout.flush()
+    if os.environ["FAKE_FLIGHT"] == "early" and k == 3:
+        os.kill(os.getppid(), signal.SIGINT)
     time.sleep(0.02)
     k += 1

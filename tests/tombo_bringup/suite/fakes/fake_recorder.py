@@ -21,6 +21,8 @@ def finish(number, frame):
 
 
 signal.signal(signal.SIGINT, finish)
+if os.environ["FAKE_FLIGHT"] == "interrupt":
+    os.kill(os.getppid(), signal.SIGINT)
 json.loads(Path(mine["metadata_file"]).read_text())
 while True:
     time.sleep(0.05)

@@ -6,6 +6,7 @@ Messages wait in memory until `flush`, which the recorder calls more than twice 
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -103,7 +104,6 @@ class RollingSink:
         self._done_counts: Counter[str] = Counter()
         self._received = 0
         self._first_ns: int | None = None
-        self._closed = False
         target = options.target
         if target.is_symlink() or target.exists():
             raise InputError(f"'{target}' is there already; accepted: a new name")
@@ -198,13 +198,12 @@ class RollingSink:
     def close(self) -> None:
         """Write what waits, finish the file and, in a folder, write `metadata.yaml`.
 
+        A second call changes nothing.
+
         Raises:
             OSError: the disk is full or failed. The file is finished all the same, if need be at
                 the cost of its newest messages, which then are `unwritten`.
         """
-        if self._closed:
-            return
-        self._closed = True
         try:
             self.flush()
         finally:
@@ -291,8 +290,14 @@ class RollingSink:
 
     def _open(self) -> McapSink:
         sink = McapSink(self._path(len(self._done)), compression=self.options.compression)
-        for name, values in self._records.items():
-            sink.add_metadata(name, values)
+        try:
+            for name, values in self._records.items():
+                sink.add_metadata(name, values)
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                sink.close()
+            sink.path.unlink()
+            raise InputError(f"can't write '{sink.path}': {error.strerror}") from error
         for name, topic in self._topics.items():
             topic.channel = sink.add_channel(name, topic.typename, topic.qos)
         return sink

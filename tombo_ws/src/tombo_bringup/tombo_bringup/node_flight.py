@@ -22,7 +22,7 @@ from tombo_bringup.flight_output import (
 )
 from tombo_bringup.referee import Referee
 from tombo_bringup.scenario import Scenario, world_of
-from tombo_bringup.stop_signals import StopSignals
+from tombo_bringup.stop_signals import Stopped, StopSignals
 from tombo_bringup.suite.domain import free_domain, udp_ports
 from tombo_bringup.suite.node_figures import node_figures
 from tombo_bringup.suite.running import LOGS, RunningSuite, Wish
@@ -108,7 +108,7 @@ def fly_nodes_into(
 
     Args:
         folder: where the files go; the caller publishes it.
-        scenario: what to fly; `rehearse` it first.
+        scenario: what to fly; `rehearse_nodes` first.
         seed: of the simulator's chance. The nodes run in real time, so no two flights are equal.
         stop: a wish to stop ends the flight; what was flown is kept.
         speed: of simulated time against real time.
@@ -117,6 +117,7 @@ def fly_nodes_into(
 
     Raises:
         InputError: `speed` or `domain` is out of bounds, or simulator or recorder did not run.
+        Stopped: a stop came before anything was recorded.
         OSError: the files can't be written.
     """
     bag = folder / "flight.mcap"
@@ -137,7 +138,7 @@ def fly_nodes_into(
         if flown.died:
             _keep_words(wish.folder / LOGS, folder / NODES_LOG)
     tell("reading flight.mcap", 1.0)
-    flight = _summed_up(flown, bag, interrupted=flown.interrupted)
+    flight = _summed_up(flown, bag)
     text = as_json(flight.summary)
     (folder / "summary.json").write_text(text, encoding="utf-8", newline="\n")
     if not flown.interrupted:
@@ -199,11 +200,12 @@ def _keep_words(logs: Path, target: Path) -> None:
     target.write_text("\n".join(parts), encoding="utf-8")
 
 
-def _summed_up(flown: _Flown, bag: Path, *, interrupted: bool) -> FlownFlight:
+def _summed_up(flown: _Flown, bag: Path) -> FlownFlight:
     """Make record and summary from the recording.
 
     Raises:
         InputError: there is nothing in it.
+        Stopped: the same, because a stop came early.
     """
     try:
         record = flight_from_bag(bag, flown.wall_s)
@@ -211,6 +213,8 @@ def _summed_up(flown: _Flown, bag: Path, *, interrupted: bool) -> FlownFlight:
             figures = node_figures(recording)
             messages = sum(stream.count for stream in recording.topics.values())
     except InputError as error:
+        if flown.interrupted:
+            raise Stopped from error
         for end in flown.died:
             if end.name in _NEEDED:
                 words = f": {end.last_words[-1]}" if end.last_words else ""
@@ -219,6 +223,6 @@ def _summed_up(flown: _Flown, bag: Path, *, interrupted: bool) -> FlownFlight:
     died = {end.name: end.how for end in flown.died}
     more = {"mode": "nodes", **figures, "died": died}
     record = dataclasses.replace(record, summary={**record.summary, **more})
-    summary = flight_summary(record, interrupted=interrupted, recorded_messages=messages)
+    summary = flight_summary(record, interrupted=flown.interrupted, recorded_messages=messages)
     record = dataclasses.replace(record, summary=summary)
     return FlownFlight(record, summary, None)

@@ -1,11 +1,19 @@
 """Plays a file of recorded inputs to the suite's nodes over DDS and writes down what they answer.
 
-    python -m tombo_bringup.replay_node INPUTS OUTPUTS SPEED LISTENERS TOPIC [TOPIC ...]
+    python -m tombo_bringup.replay_node JOB
 
-INPUTS is an MCAP file whose log times are the nodes' time; it is published with `/clock`, as
-recorded. OUTPUTS gets the messages on the TOPICs, with log times of the same clock. Playing begins
-when every input has its subscribers (LISTENERS, as `{"/mocap/pose": 1}`) and every TOPIC a
-publisher. Says `{"missing": [...]}` while it waits, `{"played": share}` and at last
+JOB is a JSON file:
+
+- inputs: MCAP file, published as recorded, with `/clock`; its log times are the nodes' time
+- outputs: MCAP file that gets what the nodes say, with log times of the same clock
+- speed: of recorded time against real time
+- listeners: topic → number of nodes that listen; playing begins when they are there
+- topics: topic of `outputs` → the name under which a node says it here
+- answers: as `["/mocap/pose", "/detector/status", 1, 3, true]`: a node answers each message of the
+  first topic by one of the second; playing waits while more than 3 have no answer, so that a slow
+  machine stretches the time and loses nothing (see `Answers`)
+
+Says `{"missing": [...]}` while it waits, `{"played": share}`, and at last
 `{"done": {"sent": n, "received": n, "late_ms": x}}`, a JSON line each.
 """
 
@@ -13,9 +21,11 @@ from __future__ import annotations
 
 import json
 import signal
+import struct
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +33,7 @@ import rclpy
 
 from tombo_bag.mcap_sink import McapSink
 from tombo_bag.reader import Bag
-from tombo_bag.topics import CLOCK, TOPICS
+from tombo_bag.topics import CLOCK, TOPICS, TopicSpec
 from tombo_ros.pacing import sleep_until
 from tombo_ros.topic import Input, Output
 from tombo_ros.wire import Wire
@@ -34,18 +44,87 @@ _CLOCK_NS = 1_000_000
 _LEAD_NS = SECOND_NS // 2
 """The clock begins so long before the first message, and goes on so long after the last."""
 _DEPTH = 5000
+_PATIENCE_NS, _FIRST_NS = SECOND_NS // 4, 5 * SECOND_NS
+"""Longest wait for an answer, and for the first, of the wall's clock."""
+_FORGIVEN = 4
+"""After so many answers waited for in vain in a row none is waited for any more."""
+
+
+class Answers:
+    """How far a node is with what it was sent."""
+
+    def __init__(self, asked: str, said: str, share: int, most: int, at_once: bool) -> None:
+        """Begin.
+
+        Args:
+            asked: topic that the node listens to.
+            said: topic on which it answers.
+            share: messages that one answer is for; 0: an answer's stamp tells how far the node is.
+            most: messages, or ms, that it may be behind.
+            at_once: it answers the first message, for which it may need longer.
+        """
+        self.asked = asked
+        self.said = said
+        self._share = share
+        self._most = most if share else most * 1_000_000
+        self._behind = 0
+        self._first = at_once
+        self._now_ns: int | None = None
+        self._in_vain = 0
+
+    def sent(self, now_ns: int) -> None:
+        """Take note of a message."""
+        if self._share:
+            self._behind += 1
+        elif self._now_ns is not None:
+            self._behind = now_ns - self._now_ns
+
+    def came(self, message: bytes) -> None:
+        """Take note of an answer."""
+        seconds, rest = struct.unpack_from("<iI", message, 4)
+        self._now_ns = seconds * SECOND_NS + rest
+        self._in_vain = 0
+        self._behind = max(self._behind - self._share, 0) if self._share else 0
+
+    @property
+    def behind(self) -> bool:
+        """Whether too much is unanswered."""
+        if self._now_ns is None:
+            return self._first
+        return self._in_vain < _FORGIVEN and self._behind > self._most
+
+    @property
+    def patience_ns(self) -> int:
+        """How long to wait for it, of the wall's clock."""
+        return _FIRST_NS if self._now_ns is None else _PATIENCE_NS
+
+    def forgive(self) -> None:
+        """Go on without the answers that have not come: a message was lost."""
+        self._in_vain += 1
+        self._behind = 0
+        self._first = False
 
 
 class Player:
     """The rest of the world, as it was recorded."""
 
-    def __init__(self, node: Any, inputs: Path, outputs: Path, topics: Sequence[str]) -> None:
+    def __init__(
+        self,
+        node: Any,
+        inputs: Path,
+        outputs: Path,
+        topics: Mapping[str, str],
+        answers: Sequence[Answers],
+    ) -> None:
+        self._answers = answers
         self._messages = list(_in_order(Bag(inputs)))
         self._node = node
-        self._outputs = {
-            name: Output(node, TOPICS[name]) for name in {topic for _, topic, _ in self._messages}
+        names = {topic for _, topic, _ in self._messages}
+        self._outputs = {name: Output(node, _deep(TOPICS[name])) for name in names}
+        self._inputs = {
+            name: Input(node, replace(TOPICS[name], name=here), _DEPTH)
+            for name, here in topics.items()
         }
-        self._inputs = {name: Input(node, TOPICS[name], _DEPTH) for name in topics}
         self._sink = McapSink(outputs)
         self._channels = {
             name: self._sink.add_channel(name, TOPICS[name].typename, TOPICS[name].qos)
@@ -65,7 +144,11 @@ class Player:
             for name, output in self._outputs.items()
             if self._node.count_subscribers(output.spec.name.lstrip("/")) < listeners.get(name, 1)
         ]
-        mute = [name for name in self._inputs if not self._node.count_publishers(name.lstrip("/"))]
+        mute = [
+            name
+            for name, source in self._inputs.items()
+            if not self._node.count_publishers(source.topic)
+        ]
         return [*deaf, *mute]
 
     def tell_time(self) -> None:
@@ -77,27 +160,51 @@ class Player:
 
     def play(self, speed: float) -> None:
         """Publish everything, each message at its time, and listen meanwhile."""
-        began_ns, start_ns = time.monotonic_ns(), self.now_ns
-        end_ns = self._messages[-1][0]
+        start_ns, end_ns = self.now_ns, self._messages[-1][0]
+        deadline = float(time.monotonic_ns())
         said = 0.0
         for due_ns, topic, message in [*self._messages, (end_ns + _LEAD_NS, "", b"")]:
             while self.now_ns < due_ns and not self.stopped:
-                self.now_ns = min(self.now_ns + _CLOCK_NS, due_ns)
-                deadline = began_ns + int((self.now_ns - start_ns) / speed)
-                if deadline > time.monotonic_ns():
-                    sleep_until(deadline)
-                else:
-                    self.late_ns = max(self.late_ns, time.monotonic_ns() - deadline)
+                before = self.now_ns
+                self.now_ns = min(before + _CLOCK_NS, due_ns)
+                deadline += (self.now_ns - before) / speed
                 self.tell_time()
+                deadline = self._wait(deadline)
                 self.listen()
             if self.stopped:
                 return
             if topic:
                 self._outputs[topic].publish(message)
+                deadline += self._answered(topic)
             share = (self.now_ns - start_ns) / max(end_ns - start_ns, 1)
             if share - said > 0.01:
                 said = share
                 _say({"played": min(share, 1.0)})
+
+    def _wait(self, deadline: float) -> float:
+        """Sleep until the deadline; return it, or now if that has passed: never hurry after."""
+        now = time.monotonic_ns()
+        if now < deadline:
+            sleep_until(int(deadline))
+            return deadline
+        self.late_ns += int(now - deadline)
+        return float(now)
+
+    def _answered(self, topic: str) -> int:
+        """Wait for whom this message has left behind; return how long that took [ns]."""
+        began = time.monotonic_ns()
+        for answers in self._answers:
+            if answers.asked != topic:
+                continue
+            answers.sent(self.now_ns)
+            while answers.behind and not self.stopped:
+                self.listen()
+                if time.monotonic_ns() - began > answers.patience_ns:
+                    answers.forgive()
+                elif answers.behind:
+                    sleep_until(time.monotonic_ns() + 200_000)
+        waited = time.monotonic_ns() - began
+        return waited if waited > 200_000 else 0
 
     def listen(self) -> None:
         """Write down what has come."""
@@ -105,12 +212,20 @@ class Player:
             for taken in source.take_raw():
                 self._sink.write(self._channels[name], taken.message, self.now_ns)
                 self.received += 1
+                for answers in self._answers:
+                    if answers.said == name:
+                        answers.came(taken.message)
 
     def close(self) -> int:
         """Finish the file; return how many messages were to be sent."""
         self.listen()
         self._sink.close()
         return len(self._messages)
+
+
+def _deep(spec: TopicSpec) -> TopicSpec:
+    """Return the topic with a queue in which nothing gives way to newer messages."""
+    return replace(spec, qos=replace(spec.qos, depth=_DEPTH))
 
 
 def _in_order(bag: Bag) -> Iterator[tuple[int, str, bytes]]:
@@ -131,16 +246,11 @@ def _say(what: dict[str, Any]) -> None:
 def main(argv: Sequence[str] | None = None) -> None:
     """Play; leave with 0, or 1 when it was stopped."""
     arguments = sys.argv[1:] if argv is None else list(argv)
-    inputs, outputs, speed, listeners, topics = (
-        Path(arguments[0]),
-        Path(arguments[1]),
-        float(arguments[2]),
-        json.loads(arguments[3]),
-        arguments[4:],
-    )
+    job = json.loads(Path(arguments[0]).read_text(encoding="utf-8"))
     rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
     node = rclpy.create_node("replay")
-    player = Player(node, inputs, outputs, topics)
+    answers = [Answers(*pair) for pair in job["answers"]]
+    player = Player(node, Path(job["inputs"]), Path(job["outputs"]), job["topics"], answers)
 
     def stop(number: int, frame: Any) -> None:
         player.stopped = True
@@ -149,14 +259,14 @@ def main(argv: Sequence[str] | None = None) -> None:
         signal.signal(number, stop)
     told: list[str] | None = None
     while not player.stopped:
-        missing = player.missing(listeners)
+        missing = player.missing(job["listeners"])
         player.tell_time()
         player.listen()
         if missing != told:
             told = missing
             _say({"missing": missing})
         if not missing:
-            player.play(speed)
+            player.play(job["speed"])
             break
         time.sleep(0.05)
     sent = player.close()

@@ -103,9 +103,8 @@ def _resolved(tree: ast.AST, value: ast.expr) -> ast.Dict:
 
 def _assigned(tree: ast.AST, name: str) -> ast.expr:
     for node in ast.walk(tree):
-        targets = node.targets if isinstance(node, ast.Assign) else []
-        if any(isinstance(target, ast.Name) and target.id == name for target in targets):
-            return node.value  # type: ignore[attr-defined]
+        if isinstance(node, ast.Assign) and name in map(ast.unparse, node.targets):
+            return node.value
     raise InputError(f"name {name} has no value in this file; accepted: one that has")
 
 

@@ -35,6 +35,14 @@ def warm_flight() -> None:
     flight.stretch(leg, mode, start, start + 1)
 
 
+def warm_nodes() -> None:
+    """Go through the cores of all nodes."""
+    from tombo_bringup.scenario import load_scenario
+    from tombo_bringup.suite.rehearsal import rehearse_nodes
+
+    rehearse_nodes(load_scenario())
+
+
 def warm_files() -> None:
     """Write the files of a short flight: message types, fonts, templates."""
     from tombo_bringup.flight_output import fly_into
@@ -51,6 +59,7 @@ def main() -> None:
     parts: tuple[tuple[str, Callable[[], None]], ...] = (
         ("propeller model", warm_propeller),
         ("flight kernel", warm_flight),
+        ("cores of the nodes", warm_nodes),
         ("recording, figure and report", warm_files),
     )
     for name, warm in parts:

@@ -224,8 +224,7 @@ class Interception:
             return TWO_PUBLISHERS
         poses = now_ns - self._mocap_ns <= self.limits.pose_timeout * 1e9
         deaf = now_ns - self._detector_ns > self.limits.detector_timeout * 1e9
-        watched = wish.phase in _PLANNED and self._reaction.state != REACTS
-        return DETECTOR_SILENT if watched and poses and deaf else ""
+        return DETECTOR_SILENT if wish.phase in _PLANNED and poses and deaf else ""
 
     def _report(self, wish: Setpoint, why: str, now_ns: int) -> None:
         old = self.limits.pose_timeout * 1e9

@@ -48,6 +48,9 @@ def align(a: Array, estimate: Array, captured: int, now: int) -> None:
     if captured > now or a[slot + 7] != captured:
         for i in range(4):
             a[A.attitude + i] = estimate[6 + i]
+        if captured > now:  # it came before the gyro sample it was made from: turn it back
+            x, y, z = a[A.rates], a[A.rates + 1], a[A.rates + 2]
+            rotate_by_vector(a, A.attitude, late * x, late * y, late * z)
         remember(a, now)
         return
     x, y, z, w = relative_rotation(estimate, 6, a, slot + 3)

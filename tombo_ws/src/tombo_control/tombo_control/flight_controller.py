@@ -108,6 +108,7 @@ class FlightController:
         if self._tick < 0 or ticks < -_LONGEST_COAST or ticks > _LONGEST_COAST:
             if ticks < -_LONGEST_COAST:  # the clock was set back
                 self._estimate_ns = self._pose_ns = -1
+                self._setpoint_ns = min(self._setpoint_ns, now_ns)
             ticks = 1
         elif ticks <= 0:
             return None

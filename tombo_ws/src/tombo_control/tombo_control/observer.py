@@ -128,7 +128,7 @@ class Observer:
         self._imu[:3] = gyro
         self._imu[3:] = accel
         a = self._a
-        while self._waiting:
+        while self._waiting and self._waiting[0][0] <= tick:
             captured, pose = self._waiting.popleft()
             period = captured * 1e-3 - a[A.mode + 2]
             if correct(a, pose, 0, captured, tick, period, self._airborne):
@@ -212,11 +212,16 @@ class Observer:
         assert self._a is not None
         tick = tick_of(stamp_ns)
         slot = A.history + 8 * (tick % HISTORY_TICKS)
-        if self._a[slot + 7] != tick:
+        known = self._a[slot : slot + 3]
+        if tick > self._next_tick:  # the pose came before the IMU sample of its time
+            known = part(self._a, "position") + (tick - self._next_tick) * 1e-3 * part(
+                self._a, "velocity"
+            )
+        elif self._a[slot + 7] != tick:
             return ""  # `correct` says so in its turn
         since = max(stamp_ns - self._pose_stamp_ns, 0) * 1e-9
         limit = self._params.jump_min + self._params.jump_speed * since
-        if float(np.linalg.norm(pose[:3] - self._a[slot : slot + 3])) <= limit:
+        if float(np.linalg.norm(pose[:3] - known)) <= limit:
             self._away.clear()
             return ""
         if self._away and float(np.linalg.norm(pose[:3] - self._away[-1][:3])) > limit:

@@ -269,9 +269,12 @@ def run(make: Callable[[], LoopNode], argv: Sequence[str] | None = None) -> int:
     node: LoopNode | None = None
 
     def ask(number: int, frame: Any) -> None:
+        again = bool(stopped)
         stopped.append(number)
         if node is not None:
             node.stop()
+        elif not again:  # still in the making: compiled code may take its time to load
+            raise SystemExit(0)
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, ask)

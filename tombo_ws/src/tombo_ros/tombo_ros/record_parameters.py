@@ -7,6 +7,7 @@ change is tried on the record first. What it refuses, `ros2 param set` refuses, 
 from __future__ import annotations
 
 import dataclasses
+from collections import deque
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any
@@ -77,7 +78,7 @@ class RecordParameters:
             for field in dataclasses.fields(record):
                 descriptor = describe(field, defaults[field.name])
                 self._declare(f"{section}.{field.name}", values[field.name], descriptor)
-        self._changed: list[str] = []
+        self._changed: deque[str] = deque()  # filled by the services' thread, emptied by the loop
         node.add_on_set_parameters_callback(self._on_set)
 
     def declare(
@@ -123,10 +124,7 @@ class RecordParameters:
 
     def changed(self) -> list[str]:
         """Return the sections and names that were set since the last call."""
-        if not self._changed:
-            return []
-        names, self._changed = self._changed, []
-        return names
+        return [self._changed.popleft() for _ in range(len(self._changed))]
 
     def unknown(self) -> list[str]:
         """Return a line for each value given at the start whose name is nearly a parameter's.
@@ -185,7 +183,7 @@ class RecordParameters:
             return SetParametersResult(successful=False, reason=str(error))
         self.records.update(records)
         self._plain.update(plain)
-        self._changed += [*records, *plain]
+        self._changed.extend([*records, *plain])
         return SetParametersResult(successful=True)
 
 

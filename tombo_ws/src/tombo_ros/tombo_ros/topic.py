@@ -153,6 +153,11 @@ class Output:
             self.kind, spec.name.lstrip("/"), profile(spec.qos)
         )
 
+    @property
+    def listeners(self) -> int:
+        """How many subscribers this publisher has met."""
+        return int(self._publisher.get_subscription_count())
+
     def publish(self, message: Any) -> None:
         """Send a message, or its bytes (CDR)."""
         self._publisher.publish(message)

@@ -237,13 +237,13 @@ class SimNode(LoopNode):
             self._start(now_ns)
             return
         if self.sim_time:
-            if float(self.parameters.get("speed")) == 0.0:
-                if self._steps == 0:
-                    self._publish_clock()
-                    return
-                self._steps -= 1
+            paused = float(self.parameters.get("speed")) == 0.0
+            if paused and self._steps == 0:
+                self._publish_clock()
+                return
             if self._lockstep and not self._answered(now_ns):
                 return
+            self._steps -= int(paused)
         self.simulator.advance(self._choose(now_ns))
         self.failsafe.observe(self.simulator)
         self._publish()
@@ -289,9 +289,15 @@ class SimNode(LoopNode):
         self.health.value("commands_refused", self._refused)
         self.health.happened("command_refused", text, ERROR)
 
+    def _silent(self, now_ns: int) -> bool:
+        """Return whether commands are missing; simulated time that stands still misses none."""
+        if now_ns - self._command_ns <= self._timeout_ns:
+            return False
+        return not self.sim_time or self.stamp_ns - self._answered_ns > self._timeout_ns
+
     def _choose(self, now_ns: int) -> Any:
         """Return the command that acts: the one asked for, the fail-safe's, or none."""
-        silent = now_ns - self._command_ns > self._timeout_ns
+        silent = self._silent(now_ns)
         airborne = self.simulator.height > self._ground + 0.1
         if self.failsafe.engaged:
             if not silent and now_ns - self._resumed_ns > _RESUME_NS:

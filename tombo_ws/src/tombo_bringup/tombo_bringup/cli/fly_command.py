@@ -239,23 +239,26 @@ def _fly_nodes(
 ) -> int:
     from tombo_bringup.cli.progress import progress_bar
     from tombo_bringup.flight_output import as_json as to_json
-    from tombo_bringup.flight_output import rehearse
     from tombo_bringup.node_flight import fly_nodes_into
     from tombo_bringup.output_folder import open_output
-    from tombo_bringup.stop_signals import StopSignals
+    from tombo_bringup.stop_signals import Stopped, StopSignals
+    from tombo_bringup.suite.rehearsal import rehearse_nodes
 
     path = _folder(output, default_folder(scenario.name, f"{seed}-nodes"))
     may_replace = force or output is None
     with progress_bar() as tell:
         tell("loading", 0.0)
-        rehearse(scenario)
+        rehearse_nodes(scenario)
         with (
             StopSignals(signal.SIGHUP) as stop,
             open_output(path, replace=may_replace) as folder,
         ):
-            flown = fly_nodes_into(
-                folder, scenario, seed, stop, speed=speed, domain=domain, tell=tell
-            )
+            try:
+                flown = fly_nodes_into(
+                    folder, scenario, seed, stop, speed=speed, domain=domain, tell=tell
+                )
+            except Stopped:  # before anything was flown: nothing to keep
+                return stop.exit_code
             names = sorted(p.name for p in folder.staging.iterdir())
             folder.publish()
     if as_json:

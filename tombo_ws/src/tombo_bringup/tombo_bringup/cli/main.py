@@ -13,7 +13,7 @@ from tombo_bringup.cli.effects_command import effects
 from tombo_bringup.cli.errors import exit_code_of
 from tombo_bringup.cli.fly_command import EXIT_CODES, fly
 from tombo_bringup.cli.replay_command import REPLAY_EXIT_CODES, replay
-from tombo_bringup.cli.run_command import PASS_ON, run_node
+from tombo_bringup.cli.run_command import PASS_ON, run_executable
 from tombo_bringup.cli.scenarios_command import scenarios
 from tombo_bringup.cli.up_command import UP_EXIT_CODES, up
 
@@ -28,7 +28,7 @@ app = typer.Typer(
 app.command(epilog=EXIT_CODES)(fly)
 app.command(epilog=UP_EXIT_CODES)(up)
 app.command(epilog=REPLAY_EXIT_CODES)(replay)
-app.command("run", context_settings=PASS_ON)(run_node)
+app.command("run", context_settings=PASS_ON)(run_executable)
 app.command()(scenarios)
 app.add_typer(
     propeller_command.app,

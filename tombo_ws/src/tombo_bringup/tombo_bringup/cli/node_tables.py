@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from tombo_bringup.suite.node_log import without_stamp
+
 if TYPE_CHECKING:
     from tombo_bringup.node_flight import NodeFlight
+
+_WARNINGS: Final = 12
+"""More are not shown."""
 
 
 def print_nodes(flown: NodeFlight) -> None:
@@ -38,8 +43,10 @@ def print_nodes(flown: NodeFlight) -> None:
         f"{_number(recorder['messages'], 'messages recorded', 0)}, "
         f"{_number(recorder['lost'], 'lost', 0)}."
     )
-    for node, line in flown.warnings:
-        _line(f"{node}: {line}", "yellow")
+    for node, line in flown.warnings[:_WARNINGS]:
+        _line(f"{node}: {without_stamp(line)}", "yellow")
+    if len(flown.warnings) > _WARNINGS:
+        _line(f"... and {len(flown.warnings) - _WARNINGS} more warnings", "yellow")
     for end in flown.died:
         _line(f"{end.name} has ended, {end.how}; what it said is in nodes.log", "bold red")
 

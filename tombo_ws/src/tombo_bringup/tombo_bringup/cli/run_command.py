@@ -18,7 +18,7 @@ PASS_ON = {
 """Settings of the command: whatever comes after the node's name is the node's."""
 
 
-def run_node(
+def run_executable(
     ctx: typer.Context,
     package: Annotated[str, typer.Argument(metavar="PACKAGE", help="As tombo_collision.")],
     node: Annotated[str, typer.Argument(metavar="NODE", help="As detector_node.")],

@@ -115,7 +115,9 @@ class LineScreen:
 
     def warning(self, node: str, line: str) -> None:
         """Print it."""
-        self._put(f"{node}: {line}")
+        from tombo_bringup.suite.node_log import without_stamp
+
+        self._put(f"{node}: {without_stamp(line)}", "yellow")
 
     def ended(self, end: Ended, log: str) -> None:
         """Print it, with its last words."""

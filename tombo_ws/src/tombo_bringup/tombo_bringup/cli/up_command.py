@@ -86,8 +86,8 @@ def up(
     reported and not started again; the others go on.
     """
     from tombo_bringup.cli.fly_command import check_seed
-    from tombo_bringup.flight_output import rehearse
     from tombo_bringup.scenario import load_scenario
+    from tombo_bringup.suite.rehearsal import rehearse_nodes
     from tombo_bringup.suite.running import Wish
     from tombo_dynamics.errors import InputError
 
@@ -104,7 +104,7 @@ def up(
         speed=speed,
         domain=domain,
     )
-    rehearse(wish.scenario)  # compiles what is not compiled yet, and finds bad input
+    rehearse_nodes(wish.scenario)  # compiles what is not compiled yet, and finds bad input
     raise typer.Exit(_watch(wish, duration, as_json))
 
 

@@ -26,7 +26,7 @@ from tombo_bringup.replay.outputs import SERIES, Outputs, read_outputs
 from tombo_bringup.replay.plan import NODES, said_by
 from tombo_bringup.replay.poses import PoseTrack, find_pose_topic, read_poses
 from tombo_bringup.replay.prechecks import check_poses
-from tombo_bringup.replay.suite_clock import find_suite_clock
+from tombo_bringup.replay.suite_clock import TELLING, find_suite_clock
 from tombo_dynamics.errors import InputError, unknown_name
 
 
@@ -151,6 +151,7 @@ def _prepare(recording: Recording, request: Request, result: Replay) -> Inputs:
     wanted = {topic for name in nodes for topic in (*NODES[name].inputs, *NODES[name].helps)}
     wanted |= {SERIES[name].topic for name in said_by(nodes) if name in SERIES}
     wanted |= {TRUE_CONTACT.name, COLLISION_EVENT.name}
+    wanted |= set([name for name in TELLING if name in there][:1])
     if MOCAP_POSE.name in wanted and pose_topic is not None:
         wanted = wanted - {MOCAP_POSE.name} | {pose_topic}
     recording.load(sorted(wanted & set(topics)))

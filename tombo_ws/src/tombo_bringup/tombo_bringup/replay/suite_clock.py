@@ -6,14 +6,24 @@ on another machine. What the nodes took for now is then told by their own stamps
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_bag.bag_files import Stream
+from tombo_bag.reader import RawMessages
 from tombo_bag.recording import Recording
 from tombo_bag.topics import IMU, MISSION_SETPOINT, ODOMETRY, SETPOINT
 
 Times = NDArray[np.int64]
 
+TELLING = (MISSION_SETPOINT.name, SETPOINT.name)
+"""Topics whose stamps are the nodes' now."""
+_STAMP = struct.Struct("<iI")
+_SHORTEST = 12
+_SOME = 100
 _APART_NS = 250_000_000
 """Nearer clocks are one clock."""
 
@@ -24,23 +34,42 @@ def find_suite_clock(recording: Recording) -> tuple[Times, Times] | None:
     A node's set points are stamped when they are said. Now is then the newest stamp that has
     been recorded, of set points and of whatever else is stamped by the same clock.
     """
+    topics = recording.topics
+    there = [name for name in (*TELLING, ODOMETRY.name, IMU.name) if _count(topics, name)]
+    if not there or there[0] not in TELLING:
+        return None
+    if abs(_glance_ns(recording.messages(there[0]))) < _APART_NS:
+        return None
+    recording.load(there)
     pairs: list[tuple[Times, Times]] = []
-    lead: float | None = None
-    for topic in (MISSION_SETPOINT.name, SETPOINT.name, ODOMETRY.name, IMU.name):
-        if topic not in recording.topics or not recording.topics[topic].count:
-            continue
+    for topic in there:
         table = recording.columns(topic)
         if "stamp_ns" not in table or not len(table["stamp_ns"]):
             continue
-        ahead = float(np.median(table["stamp_ns"] - table["log_time_ns"]))
-        if lead is None:
-            if topic not in (MISSION_SETPOINT.name, SETPOINT.name):
-                return None
-            lead = ahead
-        if abs(ahead - lead) < _APART_NS:
-            pairs.append((table["log_time_ns"], table["stamp_ns"]))
-    if lead is None or abs(lead) < _APART_NS:
+        log, stamp = table["log_time_ns"], table["stamp_ns"]
+        told = np.interp(log, *pairs[0]) if pairs else stamp
+        if abs(float(np.median(stamp - told))) < _APART_NS:
+            pairs.append((log, stamp))
+    if not pairs:
         return None
     log, stamp = (np.concatenate(columns) for columns in zip(*pairs, strict=True))
     order = np.argsort(log, kind="stable")
     return log[order], np.maximum.accumulate(stamp[order])
+
+
+def _count(topics: Mapping[str, Stream], name: str) -> int:
+    return topics[name].count if name in topics else 0
+
+
+def _glance_ns(raw: RawMessages) -> float:
+    """Return how far some stamps are ahead of log times; a header's stamp stands in front."""
+    some = slice(0, None, len(raw.messages) // _SOME + 1)
+    ahead = [
+        seconds * 1_000_000_000 + rest - log
+        for (seconds, rest), log in zip(
+            (_STAMP.unpack_from(m, 4) for m in raw.messages[some] if len(m) >= _SHORTEST),
+            raw.log_times_ns[some].tolist(),
+            strict=False,
+        )
+    ]
+    return float(np.median(ahead)) if ahead else 0.0

@@ -17,7 +17,16 @@ from tombo_bag.columnar_cdr import encode
 from tombo_bag.flight_time import stamp
 from tombo_bag.mcap_sink import Columns, McapSink
 from tombo_bag.recording import Recording
-from tombo_bag.topics import MOCAP_POSE, TOPICS
+from tombo_bag.topics import (
+    DETECTOR_STATUS,
+    IMU,
+    MISSION_SETPOINT,
+    MOCAP_POSE,
+    ODOMETRY,
+    ROTOR_COMMAND,
+    SETPOINT,
+    TOPICS,
+)
 from tombo_bringup.replay.cores import Inputs
 from tombo_bringup.replay.outputs import EVENTS, SERIES, Outputs, read_outputs
 from tombo_bringup.replay.plan import NODES, said_by
@@ -33,6 +42,16 @@ PLAYER_MODULE = "tombo_bringup.replay_node"
 MEETING_S = 40.0
 """The nodes must have found each other after so long."""
 _LOOK_S = 0.2
+_ASIDE = "/replayed"
+"""Before the names of topics on which the nodes answer."""
+_ANSWERS: dict[str, tuple[str, str, int, int, bool]] = {
+    "detector": (MOCAP_POSE.name, DETECTOR_STATUS.name, 1, 3, True),
+    "mission": (ODOMETRY.name, MISSION_SETPOINT.name, 0, 50, True),
+    "reaction": (MISSION_SETPOINT.name, SETPOINT.name, 1, 3, True),
+    "estimator": (IMU.name, ODOMETRY.name, 4, 40, False),
+    "controller": (IMU.name, ROTOR_COMMAND.name, 1, 10, True),
+}
+"""Node → what it is asked, what it answers, and how far it may be behind (see `replay_node`)."""
 
 Tell = Callable[[str, float], None]
 """Told what is being done and how far it is: a stage and a share from 0 to 1."""
@@ -47,7 +66,11 @@ class Interrupted(Exception):
 
 
 class ThroughNodes:
-    """Takes the place of `cores.through_cores`. What one of the nodes says is not played."""
+    """Takes the place of `cores.through_cores`.
+
+    Each node is fed what was recorded, not what another one says now: what it says goes to a topic
+    of another name, unless nobody recorded that topic.
+    """
 
     def __init__(
         self, speed: float, tell: Tell = _silent, stop: Callable[[], bool] = lambda: False
@@ -66,12 +89,11 @@ class ThroughNodes:
             Interrupted: `stop` said so; all nodes have ended.
         """
         began = time.perf_counter()
-        played = _played(inputs)
-        said = _topics_said(inputs.nodes)
+        plan = _Plan(inputs)
         with tempfile.TemporaryDirectory(prefix="tombo-replay-") as name:
             folder = Path(name)
-            _write_inputs(folder / "inputs.mcap", inputs, played)
-            programs = _programs(folder, inputs, played, said, self._speed)
+            plan.write_inputs(folder / "inputs.mcap")
+            programs = plan.programs(folder, self._speed)
             environment = node_environment(
                 os.environ, folder / "ros", free_domain(os.getpid(), udp_ports())
             )
@@ -132,70 +154,91 @@ def _obituary(ended: Sequence[Ended]) -> str:
     return f"--dds: {one.name} ended before the replay did ({one.how}){words}"
 
 
-def _topics_said(nodes: Sequence[str]) -> list[str]:
-    """Return the topics on which the nodes answer."""
-    names = said_by(nodes)
-    topics = [EVENTS if name == "events" else SERIES[name].topic for name in names]
-    if "detector" not in nodes:  # the reaction is compared with events, but doesn't say them
-        topics = [topic for topic in topics if topic != EVENTS]
-    return list(dict.fromkeys(topics))
+class _Plan:
+    """What is played to the nodes, and where they answer."""
 
+    def __init__(self, inputs: Inputs) -> None:
+        self.inputs = inputs
+        wanted = [
+            topic for node in inputs.nodes for topic in (*NODES[node].inputs, *NODES[node].helps)
+        ]
+        live = {topic for node in inputs.nodes for topic in NODES[node].topics_said}
+        self.signs = (
+            "reaction" in inputs.nodes
+            and not inputs.has(DETECTOR_STATUS.name)
+            and DETECTOR_STATUS.name not in live
+            and len(inputs.poses.stamp_ns) > 0
+        )
+        self.listeners = {
+            topic: wanted.count(topic) for topic in dict.fromkeys(wanted) if self._there(topic)
+        }
+        names = said_by(inputs.nodes)
+        compared = {EVENTS if name == "events" else SERIES[name].topic for name in names}
+        self.said = {topic: self._name(topic) for topic in sorted(live & compared)}
 
-def _played(inputs: Inputs) -> dict[str, int]:
-    """Return the topics to be played, and how many of the nodes listen to each."""
-    listeners: dict[str, int] = {}
-    for node in inputs.nodes:
-        plan = NODES[node]
-        for topic in (*plan.inputs, *plan.helps):
-            listeners[topic] = listeners.get(topic, 0) + 1
-    own = {topic for node in inputs.nodes for topic in NODES[node].topics_said}
-    return {
-        topic: count
-        for topic, count in listeners.items()
-        if topic not in own
-        and (len(inputs.poses.stamp_ns) if topic == MOCAP_POSE.name else inputs.has(topic))
-    }
+    def _there(self, topic: str) -> bool:
+        if topic == MOCAP_POSE.name:
+            return len(self.inputs.poses.stamp_ns) > 0
+        return self.inputs.has(topic) or (topic == DETECTOR_STATUS.name and self.signs)
 
+    def _name(self, topic: str) -> str:
+        recorded = topic in self.inputs.recording.topics
+        return f"{_ASIDE}{topic}" if recorded else topic
 
-def _programs(
-    folder: Path, inputs: Inputs, played: dict[str, int], said: Sequence[str], speed: float
-) -> list[Program]:
-    parameters = suite_parameters(inputs.scenario, 0)
-    for node in inputs.nodes:
-        parameters[node] = {**parameters[node], "use_sim_time": True}
-    file = folder / "parameters.yaml"
-    file.write_text(parameter_yaml({n: parameters[n] for n in inputs.nodes}), encoding="utf-8")
-    arguments = (
-        str(folder / "inputs.mcap"),
-        str(folder / "outputs.mcap"),
-        str(speed),
-        json.dumps(played),
-        *said,
-    )
-    player = Program(PLAYER, (sys.executable, "-m", PLAYER_MODULE, *arguments), listened=True)
-    return [*(node_program(node, [file]) for node in inputs.nodes), player]
+    def programs(self, folder: Path, speed: float) -> list[Program]:
+        """Return the nodes and the player, whose files are written into a folder."""
+        nodes = self.inputs.nodes
+        parameters = suite_parameters(self.inputs.scenario, 0)
+        chosen = {node: {**parameters[node], "use_sim_time": True} for node in nodes}
+        file = folder / "parameters.yaml"
+        file.write_text(parameter_yaml(chosen), encoding="utf-8")
+        job = {
+            "inputs": str(folder / "inputs.mcap"),
+            "outputs": str(folder / "outputs.mcap"),
+            "speed": speed,
+            "listeners": self.listeners,
+            "topics": self.said,
+            "answers": [_ANSWERS[node] for node in nodes if node in _ANSWERS],
+        }
+        (folder / "job.json").write_text(json.dumps(job), encoding="utf-8")
+        player = (sys.executable, "-m", PLAYER_MODULE, str(folder / "job.json"))
+        return [*(self._program(node, file) for node in nodes), Program(PLAYER, player, True)]
 
+    def _program(self, node: str, file: Path) -> Program:
+        plain = node_program(node, [file])
+        moved = {topic: self._name(topic) for topic in NODES[node].topics_said}
+        rules = [
+            word
+            for topic, name in moved.items()
+            if name != topic
+            for word in ("-r", f"{topic.lstrip('/')}:={name}")
+        ]
+        return Program(plain.name, (*plain.command, *rules), plain.listened)
 
-def _write_inputs(path: Path, inputs: Inputs, played: dict[str, int]) -> None:
-    """Write what is to be played: log times by the nodes' clock, poses as PoseStamped in map."""
-    recording = inputs.recording
-    with McapSink(path, compression="none") as sink:
-        parts = []
-        for topic in played:
-            spec = TOPICS[topic]
-            channel = sink.add_channel(topic, spec.typename, spec.qos)
-            if topic == MOCAP_POSE.name:
-                parts.append(Columns(channel, inputs.poses.arrival_ns, _encoded(inputs.poses)))
-                continue
-            if recording.topics[topic].typename != spec.typename:
-                raise InputError(
-                    f"{topic} has type {recording.topics[topic].typename}; accepted with --dds: "
-                    f"{spec.typename}"
-                )
-            raw = recording.messages(topic)
-            times = recording.on_clock(raw.log_times_ns)
-            parts.append(Columns(channel, times, raw.messages))
-        sink.write_columns(*parts)
+    def write_inputs(self, path: Path) -> None:
+        """Write what is played: log times by the nodes' clock, poses as PoseStamped."""
+        recording, poses = self.inputs.recording, self.inputs.poses
+        with McapSink(path, compression="none") as sink:
+            parts = []
+            for topic in self.listeners:
+                spec = TOPICS[topic]
+                channel = sink.add_channel(topic, spec.typename, spec.qos)
+                if topic == MOCAP_POSE.name:
+                    parts.append(Columns(channel, poses.arrival_ns, _encoded(poses)))
+                elif topic == DETECTOR_STATUS.name and self.signs:
+                    sign = encode(DETECTOR_STATUS.typename, {"header": {"frame_id": "map"}})
+                    times = poses.arrival_ns
+                    parts.append(Columns(channel, times, [sign] * len(times)))
+                elif recording.topics[topic].typename != spec.typename:
+                    raise InputError(
+                        f"{topic} has type {recording.topics[topic].typename}; accepted with "
+                        f"--dds: {spec.typename}"
+                    )
+                else:
+                    raw = recording.messages(topic)
+                    times = recording.on_clock(raw.log_times_ns)
+                    parts.append(Columns(channel, times, raw.messages))
+            sink.write_columns(*parts)
 
 
 def _encoded(poses: PoseTrack) -> list[bytes]:

@@ -9,6 +9,7 @@ from tombo_bag.recording import Recording
 from tombo_bag.rolling_sink import NOTES
 from tombo_bag.schemas import type_store
 from tombo_bag.topics import DIAGNOSTICS
+from tombo_bringup.suite.nodes import SUITE
 from tombo_bringup.suite.vitals import Loop, Vitals
 
 _FIGURES = ("rate_hz", "jitter_p50_us", "jitter_p99_us", "missed")
@@ -48,7 +49,9 @@ def node_figures(recording: Recording) -> dict[str, Any]:
 
 def _loops(vitals: Vitals) -> Iterator[tuple[str, Loop]]:
     """Yield (name, loop): those of the controller by their own names, others by the node's."""
-    for node, status in vitals.nodes.items():
+    order = {node: place for place, node in enumerate(SUITE)}
+    known = sorted(vitals.nodes.items(), key=lambda item: order.get(item[0], len(order)))
+    for node, status in known:
         own = [loop for loop in status.loops if loop.name != _OWN_LOOP]
         for loop in own or status.loops:
             yield (loop.name.removesuffix(" loop") if own else node), loop

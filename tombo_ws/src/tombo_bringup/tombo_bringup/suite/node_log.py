@@ -13,11 +13,18 @@ from collections import deque
 from pathlib import Path
 
 _IMPORTANT = re.compile(r"\[(WARN|ERROR|FATAL)\]|Error: ")
+_LINE = re.compile(r"\[(\w+)\] \[[\d.]+\] \[[^\]]*\]: (.*)")
 _AT_ONCE = 1 << 18
 _LARGEST = 32 << 20
 _LAST_WORDS = 8
 _BURST = 10
 _REFILL_HZ = 1.0
+
+
+def without_stamp(line: str) -> str:
+    """Return a line of a ROS log as level and text: who says it, and when, is known."""
+    found = _LINE.fullmatch(line)
+    return line if found is None else f"{found[1]} {found[2]}"
 
 
 class NodeLog:

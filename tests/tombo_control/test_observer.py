@@ -1,0 +1,448 @@
+"""The estimator as a node sees it: bad, late and lost samples, a beginning in flight."""
+
+from __future__ import annotations
+
+import copy
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import pytest
+from lockstep_bench import EPOCH_NS, Lockstep, calm, hover_at, hovering
+from numpy.typing import NDArray
+
+from tombo_control.autopilot import HOVER, IDLE
+from tombo_control.estimate import TICK_NS
+from tombo_control.observer import Observer
+from tombo_control.params import EstimatorParams
+from tombo_dynamics.vehicle import GRAVITY, VehicleParams
+
+Array = NDArray[np.float64]
+_LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
+_MOCAP_TICKS = 33
+
+
+class _Ride:
+    """An observer on a vehicle that moves evenly, level, without noise; poses come 10 ms late."""
+
+    def __init__(self, velocity: Any = (0.0, 0.0, 0.0), begin_s: float = 0.0) -> None:
+        self.observer = Observer(EstimatorParams(), VehicleParams())
+        self.observer.phase(HOVER)
+        self.velocity = np.array(velocity)
+        self.tick = round(begin_s * 1000)
+        self.answers: list[str] = []
+        self.late = 10
+
+    def place(self, tick: int) -> Array:
+        return np.array([0.0, 0.0, 2.0]) + tick * 1e-3 * self.velocity
+
+    def ns(self, tick: int) -> int:
+        return EPOCH_NS + tick * TICK_NS
+
+    def pose(self, **wrong: Any) -> str:
+        """Hand over the pose captured `late` ticks ago, with something wrong about it."""
+        captured = self.tick - self.late
+        values: dict[str, Any] = {
+            "stamp_ns": self.ns(captured),
+            "now_ns": self.ns(self.tick),
+            "frame_id": "map",
+            "position": self.place(captured),
+            "attitude": _LEVEL,
+        }
+        return self.observer.pose(**{**values, **wrong})
+
+    def imu(self) -> None:
+        force = np.array([0.0, 0.0, GRAVITY])
+        self.observer.imu(self.ns(self.tick), np.zeros(3), force)
+
+    def run(self, ticks: int, imu: bool = True, poses: bool = True) -> None:
+        for _ in range(ticks):
+            if poses and self.tick % _MOCAP_TICKS == self.late:
+                self.answers.append(self.pose())
+            if imu:
+                self.imu()
+            self.tick += 1
+
+    @property
+    def error(self) -> float:
+        """Of the newest estimate's position [m]."""
+        estimate = self.observer.estimate
+        assert estimate is not None
+        tick = (estimate.stamp_ns - EPOCH_NS) // TICK_NS
+        return float(np.linalg.norm(estimate.position - self.place(tick)))
+
+    @property
+    def age_ticks(self) -> int:
+        estimate = self.observer.estimate
+        assert estimate is not None
+        return self.tick - 1 - (estimate.stamp_ns - EPOCH_NS) // TICK_NS
+
+
+@pytest.fixture
+def ride() -> _Ride:
+    started = _Ride((1.0, 0.0, 0.0))
+    started.run(600)
+    assert started.error < 1e-6
+    return started
+
+
+@lru_cache
+def _hovering() -> Lockstep:
+    return hovering()
+
+
+@pytest.fixture
+def flight() -> Lockstep:
+    return copy.deepcopy(_hovering())
+
+
+def _estimate_error(flight: Lockstep) -> float:
+    estimate = flight.observer.estimate
+    assert estimate is not None
+    before = flight.position - 1e-3 * flight.velocity  # the estimate is of the tick before
+    return float(np.linalg.norm(estimate.position - before))
+
+
+# --- beginning
+
+
+def test_there_is_no_estimate_before_three_poses() -> None:
+    ride = _Ride()
+    ride.run(_MOCAP_TICKS + ride.late + 1)
+    assert len(ride.answers) == 2
+    assert ride.observer.estimate is None
+    ride.run(_MOCAP_TICKS)
+    assert ride.observer.estimate is not None
+    assert ride.observer.estimate.pose_stamp_ns == ride.ns(2 * _MOCAP_TICKS)
+
+
+def test_three_poses_at_1_m_s_give_place_and_velocity_at_once() -> None:
+    ride = _Ride((0.6, -0.8, 0.0))
+    ride.run(2 * _MOCAP_TICKS + ride.late + 2)
+    assert ride.error < 1e-6
+    estimate = ride.observer.estimate
+    assert estimate is not None
+    assert np.allclose(estimate.velocity, [0.6, -0.8, 0.0])
+
+
+def test_poses_far_apart_do_not_begin_an_estimate() -> None:
+    ride = _Ride()
+    for _ in range(5):
+        ride.run(300, poses=False)
+        ride.pose()
+    assert ride.observer.estimate is None
+
+
+def test_without_imu_there_is_no_estimate() -> None:
+    ride = _Ride()
+    ride.run(500, imu=False)
+    assert ride.observer.estimate is None
+    ride.run(500)
+    assert ride.error < 1e-6
+
+
+def test_restarted_in_flight_it_converges_within_a_second() -> None:
+    flight = hovering(calm("effects.mocap_noise.position=0.0007"))
+    begin = flight.simulator.tick * 1e-3
+    flight.steer = lambda t: hover_at(t - begin, 0.0, 2.0, (1.0, 0.0, 0.0))
+    flight.fly(3.0)
+    assert abs(flight.velocity[0] - 1.0) < 0.1
+    flight.observer = Observer(flight.scenario.estimator, flight.scenario.vehicle)
+    flight.observer.phase(HOVER)
+    flight.fly(0.15)
+    assert flight.observer.estimate is not None
+    flight.fly(0.85)
+    assert _estimate_error(flight) < 0.015
+    estimate = flight.observer.estimate
+    assert np.linalg.norm(estimate.velocity - flight.velocity) < 0.08
+    assert abs(flight.position[2] - 2.0) < 0.15
+
+
+# --- refused poses
+
+
+@pytest.mark.parametrize(
+    ("wrong", "why"),
+    [
+        ({"frame_id": "world"}, "wrong_frame"),
+        ({"frame_id": ""}, "wrong_frame"),
+        ({"position": np.array([np.nan, 0.0, 2.0])}, "not_finite"),
+        ({"attitude": np.array([0.0, np.inf, 0.0, 1.0])}, "not_finite"),
+        ({"attitude": np.zeros(4)}, "not_unit"),
+        ({"attitude": np.array([0.0, 0.0, 0.0, 1.2])}, "not_unit"),
+        ({"stamp_ns": EPOCH_NS + 606 * TICK_NS}, "future"),
+        ({"stamp_ns": EPOCH_NS + 500 * TICK_NS}, "out_of_order"),
+        ({"stamp_ns": 0}, "out_of_order"),
+        ({"position": np.array([1.5, 0.0, 2.0])}, "jump"),
+    ],
+)
+def test_a_bad_pose_is_refused_by_name_and_the_estimate_goes_on(
+    ride: _Ride, wrong: dict[str, Any], why: str
+) -> None:
+    used, refused = ride.observer.poses, ride.observer.rejected
+    assert ride.pose(**wrong) == why
+    assert ride.observer.rejected == refused + 1
+    ride.answers.clear()
+    ride.run(200)
+    assert set(ride.answers) == {""}
+    assert ride.observer.poses == used + len(ride.answers)
+    assert ride.error < 1e-6
+    assert ride.age_ticks == 0
+
+
+def test_a_pose_older_than_the_history_is_late(ride: _Ride) -> None:
+    ride.run(700, poses=False)
+    ride.late = 520
+    assert ride.pose() == "late"
+    ride.late = 400
+    assert ride.pose() == ""
+
+
+def test_a_pose_twice_is_used_once(ride: _Ride) -> None:
+    used = ride.observer.poses
+    assert ride.pose() == ""
+    assert ride.pose() == "out_of_order"
+    ride.imu()
+    assert ride.observer.poses == used + 1
+
+
+def test_a_leading_slash_and_a_rough_quaternion_are_fine(ride: _Ride) -> None:
+    assert ride.pose(frame_id="/map", attitude=1.05 * _LEVEL) == ""
+    ride.imu()
+    estimate = ride.observer.estimate
+    assert estimate is not None
+    assert np.linalg.norm(estimate.attitude) == pytest.approx(1.0)
+
+
+def test_a_pose_that_comes_before_the_imu_of_its_time_waits_for_it(ride: _Ride) -> None:
+    used = ride.observer.poses
+    ride.late = -2  # stamped 2 ms ahead of the last IMU sample, within what two clocks may differ
+    ahead = ride.ns(ride.tick + 2)
+    assert ride.pose() == ""
+    ride.run(2, poses=False)
+    assert ride.observer.poses == used
+    ride.run(1, poses=False)
+    assert ride.observer.poses == used + 1
+    assert ride.observer.rejected == 0
+    estimate = ride.observer.estimate
+    assert estimate is not None
+    assert estimate.pose_stamp_ns == ahead
+    assert ride.error < 1e-6
+
+
+def test_a_jump_ahead_of_the_imu_is_seen_too(ride: _Ride) -> None:
+    ride.late = -2
+    assert ride.pose(position=ride.place(ride.tick) + [0.0, 0.0, 1.0]) == "jump"
+
+
+def test_each_refusal_in_a_real_hover_leaves_the_vehicle_where_it_is(flight: Lockstep) -> None:
+    nan = np.full(3, np.nan)
+    for k in range(60):
+        now = flight.now_ns
+        here, there = flight.position, flight.position + 3.0
+        answers = [
+            flight.observer.pose(now, now, "odom", here, _LEVEL),
+            flight.observer.pose(now, now, "map", nan, _LEVEL),
+            flight.observer.pose(now, now, "map", here, 0.0 * _LEVEL),
+            flight.observer.pose(now + 10**8, now, "map", here, _LEVEL),
+            flight.observer.pose(now - 10**8, now, "map", here, _LEVEL),
+        ]
+        expected = ["wrong_frame", "not_finite", "not_unit", "future", "out_of_order"]
+        if k % 20 == 10:
+            answers.append(flight.observer.pose(now - 1, now, "map", there, _LEVEL))
+            expected.append("jump")
+        assert answers == expected
+        flight.fly(0.033)
+    assert np.linalg.norm(flight.position - [0.0, 0.0, 2.0]) < 0.12
+
+
+# --- jumps
+
+
+def test_a_jump_that_persists_begins_the_estimate_anew(ride: _Ride) -> None:
+    ride.place = lambda tick: np.array([tick * 1e-3, 4.0, 2.0])  # type: ignore[method-assign]
+    ride.answers.clear()
+    ride.run(12 * _MOCAP_TICKS)
+    assert ride.answers[:5] == 5 * ["jump"]
+    assert set(ride.answers[5:]) == {""}
+    assert ride.error < 1e-6
+
+
+def test_jumps_that_do_not_agree_change_nothing(ride: _Ride) -> None:
+    for k in range(8):
+        ride.run(20, poses=False)
+        apart = np.array([0.0, 5.0 * (-1.0) ** k, 2.0])
+        assert ride.pose(position=apart) == "jump"
+    assert ride.error < 1e-3
+    assert ride.pose(stamp_ns=ride.ns(ride.tick)) == ""
+
+
+def test_wrong_poses_with_good_ones_between_are_never_believed(ride: _Ride) -> None:
+    for _ in range(7):
+        ride.run(_MOCAP_TICKS)
+        ride.late = 5
+        assert ride.pose(position=np.array([0.0, 4.0, 2.0])) == "jump"
+        ride.late = 10
+    assert ride.error < 1e-6
+
+
+def test_after_a_gap_of_poses_a_larger_step_is_believed(ride: _Ride) -> None:
+    ride.run(400, poses=False)
+    off = ride.place(ride.tick - ride.late) + [0.0, 0.9, 0.0]  # 0.25 m + 2 m/s * 0.43 s
+    assert ride.pose(position=off) == ""
+
+
+def test_a_limit_set_in_flight_counts_from_the_next_pose(ride: _Ride) -> None:
+    ride.observer.params(EstimatorParams(jump_min=3.0))
+    off = ride.place(ride.tick - ride.late) + [0.0, 1.0, 0.0]
+    assert ride.pose(position=off) == ""
+
+
+# --- IMU
+
+
+@pytest.mark.parametrize("gap", [5, 50])
+def test_a_gap_of_the_imu_is_bridged(ride: _Ride, gap: int) -> None:
+    ride.run(gap, imu=False)
+    ride.run(1)
+    assert ride.observer.lost_samples == gap
+    assert ride.error < 1e-3
+    assert ride.age_ticks == 0
+
+
+def test_after_200_ms_without_imu_the_estimate_begins_anew(ride: _Ride) -> None:
+    ride.run(200, imu=False)
+    ride.run(1)
+    assert ride.observer.estimate is None
+    ride.run(4 * _MOCAP_TICKS)
+    assert ride.error < 1e-6
+
+
+@pytest.mark.parametrize(("gap_s", "limit"), [(0.005, 0.01), (0.05, 0.03), (0.2, 0.15)])
+def test_a_hover_survives_a_gap_of_the_imu(
+    flight: Lockstep, gap_s: float, limit: float
+) -> None:
+    before = flight.position
+    flight.imu_on = False
+    flight.fly(gap_s)
+    flight.imu_on = True
+    rows = flight.fly(3.0)
+    assert np.linalg.norm(rows[:, :3] - before, axis=1).max() < limit + 0.05
+    assert _estimate_error(flight) < 0.01
+
+
+def test_a_sample_twice_or_out_of_order_is_left_out(ride: _Ride) -> None:
+    before = ride.observer.estimate
+    force = np.array([0.0, 0.0, 100.0])
+    assert ride.observer.imu(ride.ns(599), np.ones(3), force) is None
+    assert ride.observer.imu(ride.ns(590), np.ones(3), force) is None
+    assert ride.observer.estimate is before
+    ride.run(100)
+    assert ride.error < 1e-6
+
+
+def test_an_imu_sample_that_is_not_finite_is_bridged(ride: _Ride) -> None:
+    ride.observer.imu(ride.ns(600), np.full(3, np.nan), np.full(3, np.inf))
+    estimate = ride.observer.estimate
+    assert estimate is not None
+    values = [estimate.position, estimate.velocity, estimate.attitude, estimate.rates]
+    assert np.isfinite(np.concatenate(values)).all()
+    ride.tick += 1
+    ride.run(300)
+    assert ride.error < 1e-3
+
+
+def test_stamps_with_jitter_lose_no_state() -> None:
+    chance = np.random.default_rng(0)
+    ride = _Ride((1.0, 0.0, 0.0))
+    ride.ns = lambda tick: EPOCH_NS + tick * TICK_NS + int(  # type: ignore[method-assign]
+        chance.uniform(-0.4, 0.4) * TICK_NS
+    )
+    ride.run(2000)
+    assert ride.observer.lost_samples == 0
+    assert ride.error < 2e-3
+
+
+# --- clocks
+
+
+@pytest.mark.parametrize("by_s", [-3600.0, 3600.0])
+def test_a_clock_that_is_set_begins_a_new_estimate(by_s: float) -> None:
+    ride = _Ride((1.0, 0.0, 0.0), begin_s=4000.0)
+    ride.run(600)
+    place, tick = ride.place, ride.tick
+    ride.tick += round(by_s * 1000)
+    there = place(tick) - place(ride.tick)
+    ride.place = lambda tick: place(tick) + there  # type: ignore[method-assign]
+    ride.run(6 * _MOCAP_TICKS)
+    assert ride.error < 1e-6
+    assert ride.age_ticks == 0
+
+
+def test_a_hover_survives_a_clock_set_back_by_seconds(flight: Lockstep) -> None:
+    before = flight.position
+    flight.shift_ns = -5 * 10**9
+    rows = flight.fly(3.0)
+    assert np.linalg.norm(rows[:, :3] - before, axis=1).max() < 0.2
+    assert flight.observer.estimate is not None
+    assert flight.observer.estimate.stamp_ns == flight.now_ns - TICK_NS
+
+
+# --- phase and parameters
+
+
+def test_on_the_ground_the_velocity_is_zero() -> None:
+    ride = _Ride()
+    ride.observer.phase(IDLE)
+    ride.run(200)
+    for _ in range(300):
+        ride.observer.imu(ride.ns(ride.tick), np.zeros(3), np.array([3.0, 0.0, GRAVITY]))
+        ride.tick += 1
+    estimate = ride.observer.estimate
+    assert estimate is not None
+    assert not estimate.velocity.any()
+    assert ride.error < 1e-6
+
+
+def test_other_parameters_in_flight_keep_the_state(flight: Lockstep) -> None:
+    before = flight.observer.estimate
+    assert before is not None
+    flight.observer.params(EstimatorParams(position_bandwidth=4.0, attitude_bandwidth=1.0))
+    flight.step()
+    after = flight.observer.estimate
+    assert after is not None
+    assert np.linalg.norm(after.position - before.position) < 1e-3
+    assert np.linalg.norm(after.velocity - before.velocity) < 0.05
+    assert np.allclose(after.accel_bias, before.accel_bias, atol=0.05)
+    flight.fly(2.0)
+    assert np.linalg.norm(flight.position - [0.0, 0.0, 2.0]) < 0.15
+
+
+def test_other_parameters_in_flight_keep_velocity_and_biases(ride: _Ride) -> None:
+    for _ in range(400):  # a gyro that is off by 0.02 rad/s
+        if ride.tick % _MOCAP_TICKS == ride.late:
+            ride.pose()
+        force = np.array([0.0, 0.0, GRAVITY])
+        ride.observer.imu(ride.ns(ride.tick), np.array([0.0, 0.0, 0.02]), force)
+        ride.tick += 1
+    before = ride.observer.estimate
+    ride.observer.params(EstimatorParams(attitude_bandwidth=2.0))
+    ride.run(1, poses=False)
+    after = ride.observer.estimate
+    assert before is not None
+    assert after is not None
+    assert before.gyro_bias[2] > 0.002
+    assert np.array_equal(after.gyro_bias, before.gyro_bias)
+    assert np.allclose(after.velocity, ride.velocity, atol=1e-3)
+
+
+def test_other_parameters_in_flight_do_count() -> None:
+    errors = []
+    for bandwidth in (2.0, 20.0):
+        ride = _Ride()
+        ride.run(300)
+        ride.observer.params(EstimatorParams(position_bandwidth=bandwidth, jump_min=9.0))
+        ride.place = lambda tick: np.array([0.0, 0.3, 2.0])  # type: ignore[method-assign]
+        ride.run(150)
+        errors.append(ride.error)
+    assert errors[1] < 0.3 * errors[0]
