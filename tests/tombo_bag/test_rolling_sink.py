@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap_ros2.reader import read_ros2_messages
+from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag2 import Reader
 
 from tombo_bag import mcap_sink
@@ -209,9 +209,9 @@ def test_a_single_file(tmp_path, compression):
     sink.close()
     sink.close()
     assert os.listdir(tmp_path) == ["flight.mcap"]
-    (message,) = read_ros2_messages(path)
-    assert message.ros_msg.data == "1"
-    assert (message.log_time_ns, message.publish_time_ns) == (START, START - 5)
+    ((message, values),) = decoded(path)
+    assert values.data == "1"
+    assert (message.log_time, message.publish_time) == (START, START - 5)
     records = {record.name: record.metadata for record in Bag(path).metadata}
     assert records[NOTES] == {"lost": "3"}
     about = yaml.safe_load(records["rosbag2"]["serialized_metadata"])
@@ -228,6 +228,12 @@ def checksum_is_right(path):
     while content[at] != Opcode.DATA_END:
         at += 9 + int.from_bytes(content[at + 1 : at + 9], "little")
     return int.from_bytes(content[at + 9 : at + 13], "little") == zlib.crc32(content[:at])
+
+
+def decoded(path):
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        return [(message, values) for _, _, message, values in reader.iter_decoded_messages()]
 
 
 class SmallDisk(FileIO):
@@ -349,5 +355,5 @@ def test_types_of_installed_packages_are_learned(tmp_path, monkeypatch):
     values = {"name": "n", "parts": [{"x": 2.5}, {"x": 3.5}]}
     sink.write("/whole", encode("my_msgs/msg/Whole", values) + b"\1" * 8, START, START)
     sink.close()
-    (message,) = read_ros2_messages(tmp_path / "bag" / "bag_0.mcap")
-    assert [part.x for part in message.ros_msg.parts] == [2.5, 3.5]
+    ((_, values),) = decoded(tmp_path / "bag" / "bag_0.mcap")
+    assert [part.x for part in values.parts] == [2.5, 3.5]

@@ -196,7 +196,7 @@ class ControllerNode(LoopNode):
 
     def _without_gyro(self) -> None:
         limit = self.records["inputs"].imu_timeout
-        silent = self._imu_in.age_s(time.time_ns()) > (0.5 if self.sim_time else limit)
+        silent = self._imu_in.silent(time.time_ns(), 0.5 if self.sim_time else limit)
         self.health.fault("imu_silent", silent, "no gyro: no commands", ERROR)
 
     def _take_odometry(self, now_ns: int) -> None:

@@ -175,9 +175,14 @@ class EstimatorNode(LoopNode):
     def _watch(self, now_ns: int, wall_ns: int) -> None:
         """Say what is missing; ages are of arrival."""
         estimate = self._observer.estimate
-        age = np.inf if estimate is None else (now_ns - estimate.pose_stamp_ns) * 1e-9
-        self.health.fault("mocap_silent", age > _POSE_SILENT_S, f"mocap pose is {age:.2f} s old")
-        silent = self._imu_in.age_s(wall_ns) > _IMU_SILENT_S
+        if estimate is None:
+            silent = self._pose_in.silent(wall_ns, _POSE_SILENT_S)
+            self.health.fault("mocap_silent", silent, "no mocap poses")
+        else:
+            age = (now_ns - estimate.pose_stamp_ns) * 1e-9
+            text = f"the last mocap pose is {age:.2f} s old"
+            self.health.fault("mocap_silent", age > _POSE_SILENT_S, text)
+        silent = self._imu_in.silent(wall_ns, _IMU_SILENT_S)
         self.health.fault("imu_silent", silent, "no imu samples", ERROR)
         if estimate is not None:
             self.health.value("mocap_age_s", round(age, 3))

@@ -191,8 +191,10 @@ class LoopNode:
         due = 0
         while not self.stopping:
             moved = self._read_clock()
+            if due - self._now_ns > self.period_ns + SECOND_NS:  # the clock was set back
+                due = 0
             if self._now_ns and ((moved and self._now_ns >= due) or self._fresh()):
-                if self._now_ns >= due or due - self._now_ns > SECOND_NS:
+                if self._now_ns >= due:
                     main.ran(self._now_ns, 0)
                     due = (self._now_ns // self.period_ns + 1) * self.period_ns
                 self.step(self._now_ns)

@@ -79,6 +79,7 @@ class RecordParameters:
                 descriptor = describe(field, defaults[field.name])
                 self._declare(f"{section}.{field.name}", values[field.name], descriptor)
         self._changed: deque[str] = deque()  # filled by the services' thread, emptied by the loop
+        node.add_pre_set_parameters_callback(self._before_set)
         node.add_on_set_parameters_callback(self._on_set)
 
     def declare(
@@ -161,6 +162,20 @@ class RecordParameters:
         if value == []:
             value = [""]  # an empty array has no type in ROS
         self._node.declare_parameter(name, value, descriptor, ignore_override=True)
+
+    def _before_set(self, parameters: Sequence[Parameter]) -> list[Parameter]:
+        """Take a whole number where a fraction is meant, as at the start: `ros2 param set ... 1`."""
+        return [
+            Parameter(p.name, value=float(p.value))
+            if p.type_ == Parameter.Type.INTEGER and self._is_fraction(p.name)
+            else p
+            for p in parameters
+        ]
+
+    def _is_fraction(self, name: str) -> bool:
+        section, _, field = name.partition(".")
+        known = self._plain.get(name, getattr(self.records.get(section), field or " ", None))
+        return isinstance(known, float)
 
     def _on_set(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         """Try all new values on copies of the records; take all of them or none."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
@@ -15,6 +16,7 @@ from tombo_bag.topics import TopicSpec
 from tombo_ros.qos import profile
 
 _SECOND_NS = 1_000_000_000
+_GRACE_NS = 3 * _SECOND_NS
 
 
 def message_class(typename: str) -> Any:
@@ -80,6 +82,7 @@ class Input:
         self.received = 0
         self.unreadable = 0
         """Messages whose bytes are none of this type."""
+        self._made_ns = time.time_ns()
         self._waiting: list[Taken] = []
         self._sequence = 0
         self._turned_ns = [0, 0]
@@ -141,6 +144,15 @@ class Input:
     def age_s(self, now_ns: int) -> float:
         """Return how long ago the newest message came [s]; infinite before the first."""
         return math.inf if self.last_ns is None else (now_ns - self.last_ns) * 1e-9
+
+    def silent(self, now_ns: int, limit_s: float) -> bool:
+        """Return whether nothing has come for `limit_s`; before the first message, for 3 s.
+
+        Nodes start in any order: that a neighbour is not there yet is no fault.
+        """
+        if self.last_ns is None:
+            return now_ns - self._made_ns > _GRACE_NS
+        return now_ns - self.last_ns > limit_s * 1e9
 
 
 class Output:

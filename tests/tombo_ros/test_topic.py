@@ -1,0 +1,160 @@
+"""The two ends of a topic: what has arrived, in its order; whether two speak at once."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import pytest
+
+rclpy = pytest.importorskip("rclpy")
+
+from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
+from tiny_node import POKE
+
+from tombo_ros.conversion import to_ns, to_time
+from tombo_ros.topic import Input, Output
+
+_SECOND_NS = 1_000_000_000
+
+
+class _Speaker:
+    """A publisher of its own, numbered from 1."""
+
+    def __init__(self, world: Any) -> None:
+        self.node = world.node
+        self.output = Output(world.node, POKE)
+        self.sent = 0
+
+    def say(self, number: int) -> None:
+        self.sent += 1
+        self.output.publish(Clock(clock=to_time(number)))
+
+    def close(self) -> None:
+        self.node.destroy_publisher(self.output._publisher)
+
+
+def _listening(world: Any, *speakers: _Speaker) -> Input:
+    heard = Input(world.node, POKE)
+    end = time.monotonic() + 10.0
+    while any(s.output._publisher.get_subscription_count() == 0 for s in speakers):
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    return heard
+
+
+def _wait(heard: Input, number: int) -> None:
+    end = time.monotonic() + 5.0
+    while heard.received < number:
+        heard.waiting()
+        assert time.monotonic() < end, heard.received
+        time.sleep(0.001)
+
+
+def test_messages_wait_and_are_taken_once_oldest_first(world: Any) -> None:
+    speaker = _Speaker(world)
+    heard = _listening(world, speaker)
+    assert not heard.waiting()
+    assert heard.take() == []
+    assert heard.newest() is None
+    assert heard.last_ns is None
+    assert heard.age_s(time.time_ns()) == math.inf
+    began = time.time_ns()
+    for number in range(20):
+        speaker.say(number)
+    _wait(heard, 20)
+    assert heard.waiting()
+    taken = heard.take()
+    assert [to_ns(t.message.clock) for t in taken] == list(range(20))
+    assert [t.sequence for t in taken] == list(range(1, 21))
+    assert all(began <= t.sent_ns <= t.received_ns <= time.time_ns() for t in taken)
+    assert heard.last_ns == taken[-1].received_ns
+    assert 0.0 <= heard.age_s(time.time_ns()) < 5.0
+    assert not heard.waiting()
+    assert heard.take() == []
+    speaker.say(7)
+    speaker.say(8)
+    _wait(heard, 22)
+    newest = heard.newest()
+    assert newest is not None
+    assert to_ns(newest.message.clock) == 8
+    assert heard.newest() is None
+
+
+def test_raw_bytes_are_the_messages(world: Any) -> None:
+    speaker = _Speaker(world)
+    heard = _listening(world, speaker)
+    speaker.output.publish(b"\x00\x01\x00\x00\x05\x00\x00\x00\x07\x00\x00\x00")
+    _wait(heard, 1)
+    (taken,) = heard.take_raw()
+    assert isinstance(taken.message, bytes)
+    assert to_ns(deserialize_message(taken.message, Clock).clock) == 5_000_000_007
+
+
+def test_bytes_that_are_no_message_are_counted_and_left_out(world: Any) -> None:
+    speaker = _Speaker(world)
+    heard = _listening(world, speaker)
+    speaker.output.publish(b"\x00\x01\x00\x00\x05")
+    speaker.say(3)
+    _wait(heard, 2)
+    assert [to_ns(t.message.clock) for t in heard.take()] == [3]
+    assert heard.unreadable == 1
+
+
+def test_one_publisher_is_no_crowd(world: Any) -> None:
+    speaker = _Speaker(world)
+    heard = _listening(world, speaker)
+    for number in range(50):
+        speaker.say(number)
+    _wait(heard, 50)
+    assert not heard.crowded(time.time_ns())
+
+
+def test_two_that_speak_in_turn_are_a_crowd_until_one_is_gone(world: Any) -> None:
+    first, second = _Speaker(world), _Speaker(world)
+    heard = _listening(world, first, second)
+    for number in range(30):  # one has been there longer
+        first.say(number)
+    _wait(heard, 30)
+    for number in range(5):
+        first.say(number)
+        _wait(heard, 31 + 2 * number)
+        second.say(number)
+        _wait(heard, 32 + 2 * number)
+    now = time.time_ns()
+    assert heard.crowded(now)
+    assert heard.crowded(now + _SECOND_NS // 2)
+    for number in range(20):
+        first.say(number)
+    _wait(heard, 60)
+    assert not heard.crowded(now + 2 * _SECOND_NS)
+
+
+def test_two_of_the_same_age_are_a_crowd_too(world: Any) -> None:
+    first, second = _Speaker(world), _Speaker(world)
+    heard = _listening(world, first, second)
+    for number in range(5):
+        for k, speaker in enumerate((first, second)):
+            speaker.say(number)
+            _wait(heard, 2 * number + k + 1)
+    assert heard.crowded(time.time_ns())
+
+
+def test_one_that_was_restarted_is_no_crowd(world: Any) -> None:
+    speaker = _Speaker(world)
+    heard = _listening(world, speaker)
+    for number in range(20):
+        speaker.say(number)
+    _wait(heard, 20)
+    speaker.close()
+    again = _Speaker(world)
+    end = time.monotonic() + 10.0
+    while again.output._publisher.get_subscription_count() == 0:
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    for number in range(20):
+        again.say(number)
+    _wait(heard, 40)
+    assert not heard.crowded(time.time_ns())
