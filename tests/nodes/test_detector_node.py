@@ -16,6 +16,7 @@ from tombo_bag.topics import (
 )
 from tombo_msgs.msg import CollisionEvent
 from tombo_ros.conversion import array, point, to_ns, to_time
+from tombo_ros.topic import Output
 
 MS = 1_000_000
 PERIOD_NS, LATENCY_NS = 33 * MS, 40 * MS
@@ -115,3 +116,16 @@ def test_bad_poses_are_refused_counted_and_told_and_it_goes_on(world, start):
     # mocap silent
     world.tick(130 * MS)
     assert "no mocap poses" in told(world, "detector", "mocap_silent")
+
+
+def test_poses_of_two_motion_captures_are_not_mixed(world, start):
+    flight = Flight(world, start)
+    flight.fly(14)
+    other = Output(world.node, MOCAP_POSE)
+    for _ in range(10):  # it is 3 cm off: a kick, if the two were one
+        flight.fly(1)
+        other.publish(pose(flight.stamp_ns + 10 * MS, flight.place + np.array([0.0, 0.03, 0.0])))
+        flight.fly(1)
+    assert "nobody can tell" in told(world, "detector", "pose_two_publishers")
+    refused = flight.fly(1)[-1].rejected
+    assert flight.fly(1)[-1].rejected == refused + 1

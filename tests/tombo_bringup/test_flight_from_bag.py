@@ -51,8 +51,9 @@ def rewrite(
     log_time: Callable[[np.ndarray], np.ndarray] = lambda stamps: stamps,
     keep: Callable[[str, int], np.ndarray] | None = None,
     metadata: dict[str, str] | None = None,
+    edit: Callable[[str, list[bytes]], list[bytes]] = lambda topic, messages: messages,
 ) -> Path:
-    """The same messages with other stamps, log times, losses and metadata."""
+    """The same messages with other stamps, log times, losses, metadata and content."""
     bag = Bag(source)
     with McapSink(target) as sink:
         if metadata is not None:
@@ -69,6 +70,7 @@ def rewrite(
             times = log_time(raw.log_times_ns + shift_s * 10**9)[there]
             kept = [data for data, wanted in zip(raw.messages, there, strict=True) if wanted]
             chosen = [shifted(data, typename, shift_s) for data in kept] if shift_s else kept
+            chosen = edit(channel.topic, chosen)
             parts.append(Columns(sink.add_channel(channel.topic, typename), times, chosen))
         sink.write_columns(*parts)
     return target
@@ -162,16 +164,57 @@ def test_a_recorder_on_another_clock_knows_when_a_collision_was_known(flown, hea
     def log_time(stamps: np.ndarray) -> np.ndarray:
         return wall_ns + (stamps - EPOCH_NS) // 2
 
+    def keep(topic: str, count: int) -> np.ndarray:
+        """Without the last second of truth: what came later is known all the same."""
+        return np.arange(count) < count - (250 if topic == TRUTH[0] else 0)
+
     found = flight_from_bag(
         rewrite(
-            headless, tmp_path / "fast.mcap", log_time=log_time, metadata=metadata_of(headless)
+            headless, tmp_path / "fast.mcap", log_time=log_time, keep=keep,
+            metadata=metadata_of(headless),
         )
-    )
+    )  # fmt: skip
 
     assert found.summary["detection_latency_s"] == pytest.approx(
         flown.summary["detection_latency_s"], abs=2e-6
     )
     assert found.mocap_arrival == pytest.approx(flown.mocap_arrival, abs=2e-6)
+
+
+def test_time_begins_with_the_missions_first_word(flown, headless, tmp_path):
+    """The simulator is there before all nodes are."""
+
+    def keep(topic: str, count: int) -> np.ndarray:
+        return np.arange(count) >= (1 if topic == "/mission/status" else 0)
+
+    path = rewrite(
+        headless, tmp_path / "late.mcap", keep=keep, metadata=metadata_of(headless, "epoch_ns")
+    )
+    found = flight_from_bag(path)
+
+    begun_s = flown.t[flown.log["mode"][:, 0] > 0.0][0]
+    contact_s = flown.summary["collision_time_s"] - found.summary["collision_time_s"]
+    assert contact_s == pytest.approx(begun_s, abs=0.0041)
+    assert found.t[0] == 0.0
+    assert found.mocap_t[0] == pytest.approx(flown.mocap_t[0] - contact_s, abs=1e-6)
+
+
+def test_a_descent_that_the_reaction_orders_is_the_mode_flown(flown, headless, tmp_path):
+    """The mission does not know of it: it stands in the set point only."""
+
+    def edit(topic: str, messages: list[bytes]) -> list[bytes]:
+        if topic != "/setpoint":
+            return messages
+        return [*messages[:200], *(data[:-1] + b"\x08" for data in messages[200:250])]
+
+    path = rewrite(
+        headless, tmp_path / "blind.mcap", edit=edit, metadata=metadata_of(headless),
+        keep=lambda topic, count: np.arange(count) < (250 if topic == "/setpoint" else count),
+    )  # fmt: skip
+    mode = flight_from_bag(path).log["mode"][:, 0]
+
+    assert np.array_equal(mode[:4000], flown.log["mode"][:4000, 0])
+    assert (mode[4000:5000] == 8).all()
 
 
 def test_a_recording_without_scenario_is_read_with_the_defaults(headless, tmp_path, flown):

@@ -70,10 +70,24 @@ def test_a_swap_that_stays_starts_the_filter_anew_there(direction, size, seed):
 @pytest.mark.parametrize("turn", [(0, 0, 0.5 * math.pi), (0, 0, math.pi), (math.pi, 0, 0)])
 @pytest.mark.parametrize("length", [1, 2, 3, 20])
 def test_a_body_seen_turned_raises_no_alarm(turn, length):
-    poses = displaced(flight(velocity=(0.7, 0.0, 0.0)), SWAPPED, SWAPPED + length, turn=turn)
+    for seed in range(5):
+        straight = flight(velocity=(0.7, 0.0, 0.0), seed=seed)
+        poses = displaced(straight, SWAPPED, SWAPPED + length, turn=turn)
+        reasons, events = refusals(poses)
+        assert not events
+        refused = [i for i, reason in enumerate(reasons) if reason == JUMP]
+        assert refused[: min(length, 2)] == [SWAPPED, SWAPPED + 1][: min(length, 2)]
+
+
+def test_three_places_that_do_not_agree_are_no_new_place():
+    poses = flight(velocity=(0.7, 0.0, 0.0))
+    for i, away in enumerate([(1, 0, 0), (0, 1, 0), (0, 0, 1), (-1, 0, 0), (0, -1, 0)]):
+        poses = displaced(poses, SWAPPED + i, SWAPPED + i + 1, away)
     reasons, events = refusals(poses)
     assert not events
-    assert JUMP in reasons
+    assert [i for i, r in enumerate(reasons) if r] == list(range(SWAPPED, SWAPPED + 5))
+    _, statistic = watch(poses)
+    assert statistic[SWAPPED + 5] > 0.0  # the filter went on
 
 
 def test_back_and_forth_between_two_bodies_raises_no_alarm():
@@ -105,6 +119,14 @@ def test_what_a_strike_can_do_is_no_jump(way, speed, rate):
     """It takes away the speed there was, and gives up to 3 m/s."""
     push = np.array([-speed, 0.0, 0.0]) + 2.9 * way
     poses = flight(velocity=(speed, 0.0, 0.0), rate=rate).pushed(4.0, push)
+    reasons, events = refusals(poses)
+    assert not any(reasons)
+    assert len(events) == 1
+
+
+@pytest.mark.parametrize("speed", [0.0, 2.0, 4.0, 8.0])
+def test_a_head_on_crash_is_no_jump(speed):
+    poses = flight(velocity=(speed, 0.0, 0.0)).pushed(4.0, (-speed - 2.9, 0.0, 0.0))
     reasons, events = refusals(poses)
     assert not any(reasons)
     assert len(events) == 1

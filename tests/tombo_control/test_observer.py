@@ -125,6 +125,16 @@ def test_three_poses_at_1_m_s_give_place_and_velocity_at_once() -> None:
     assert np.allclose(estimate.velocity, [0.6, -0.8, 0.0])
 
 
+def test_rough_quaternions_begin_a_true_rotation() -> None:
+    ride = _Ride()
+    while ride.observer.estimate is None:
+        if ride.tick % _MOCAP_TICKS == ride.late:
+            ride.pose(attitude=0.95 * _LEVEL)
+        ride.imu()
+        ride.tick += 1
+    assert np.linalg.norm(ride.observer.estimate.attitude) == pytest.approx(1.0)
+
+
 def test_poses_far_apart_do_not_begin_an_estimate() -> None:
     ride = _Ride()
     for _ in range(5):
@@ -280,7 +290,7 @@ def test_jumps_that_do_not_agree_change_nothing(ride: _Ride) -> None:
 def test_wrong_poses_with_good_ones_between_are_never_believed(ride: _Ride) -> None:
     for _ in range(7):
         ride.run(_MOCAP_TICKS)
-        ride.late = 5
+        ride.late = 20
         assert ride.pose(position=np.array([0.0, 4.0, 2.0])) == "jump"
         ride.late = 10
     assert ride.error < 1e-6
@@ -339,6 +349,16 @@ def test_a_sample_twice_or_out_of_order_is_left_out(ride: _Ride) -> None:
     assert ride.observer.estimate is before
     ride.run(100)
     assert ride.error < 1e-6
+
+
+def test_of_two_samples_within_a_millisecond_the_first_counts(ride: _Ride) -> None:
+    force = np.array([0.0, 0.0, GRAVITY])
+    assert ride.observer.imu(ride.ns(600) - 100_000, np.zeros(3), force) is not None
+    assert ride.observer.imu(ride.ns(600) + 100_000, np.ones(3), 50.0 * force) is None
+    ride.tick += 1
+    ride.run(200)
+    assert ride.error < 1e-6
+    assert ride.observer.lost_samples == 0
 
 
 def test_an_imu_sample_that_is_not_finite_is_bridged(ride: _Ride) -> None:

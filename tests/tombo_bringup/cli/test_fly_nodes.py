@@ -253,6 +253,12 @@ def test_after_a_crash_it_is_over_soon_and_on_the_ground_before_it_is_not():
     assert found.over
 
 
+def test_to_lie_on_the_ground_while_landing_is_no_crash():
+    found = watch(state(0.0, 0.18, 0), state(10.0, 2.0, 3), state(11.0, 0.1, 6))
+    found.see(state(20.0, 0.1, 6))
+    assert not found.over
+
+
 def test_when_the_scenarios_time_is_up_it_is_over():
     found = watch(state(0.0, 0.18, 0), state(9.9, 2.0, 2), duration=10.0)
     assert not found.over

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Sequence
 from typing import Any
 
 from tombo_bag.topics import COLLISION_EVENT, DETECTOR_STATUS, MOCAP_POSE
 from tombo_collision.params import DetectorParams
-from tombo_collision.watch import CollisionWatch, Seen
+from tombo_collision.watch import TWO_PUBLISHERS, CollisionWatch, Seen
 from tombo_msgs.msg import CollisionEvent, DetectorStatus
 from tombo_ros.conversion import array, point, to_ns, to_time, vector
 from tombo_ros.loop_node import LoopNode, run
@@ -27,6 +28,7 @@ _REFUSALS = {
     "out_of_order": "a pose not newer than the one before",
     "late": "a pose more than half a second old",
     "jump": "a pose where no strike could have put the vehicle: markers mixed up?",
+    "two_publishers": "two nodes publish poses: nobody can tell which is true",
 }
 _TRIGGERS = {
     "region": CollisionEvent.TRIGGER_REGION,
@@ -54,8 +56,10 @@ class DetectorNode(LoopNode):
 
     def step(self, now_ns: int) -> None:
         """Take poses."""
+        # arrivals are stamped by the system's clock, whatever the node's
+        crowded = self._poses.crowded(time.time_ns())
         for taken in self._poses.take():
-            self._take(taken.message, now_ns)
+            self._take(taken.message, now_ns, crowded)
         silent = self._pose_ns is not None and now_ns - self._pose_ns > _SILENT_NS
         self.health.fault("mocap_silent", silent, "no mocap poses: no collision can be seen")
         for key, shown_ns in list(self._shown_ns.items()):
@@ -63,15 +67,18 @@ class DetectorNode(LoopNode):
                 del self._shown_ns[key]
                 self.health.fault(key, False)
 
-    def _take(self, message: Any, now_ns: int) -> None:
+    def _take(self, message: Any, now_ns: int, crowded: bool) -> None:
         stamp_ns = to_ns(message.header.stamp)
-        seen = self._watch.pose(
-            stamp_ns,
-            now_ns,
-            message.header.frame_id,
-            array(message.pose.position),
-            array(message.pose.orientation),
-        )
+        if crowded:
+            seen = self._watch.refuse(TWO_PUBLISHERS)
+        else:
+            seen = self._watch.pose(
+                stamp_ns,
+                now_ns,
+                message.header.frame_id,
+                array(message.pose.position),
+                array(message.pose.orientation),
+            )
         if seen.event is not None:
             self._known += 1
             self._publish_event(seen, message.header.stamp)

@@ -27,7 +27,8 @@ Array = NDArray[np.float64]
 
 FRAME = "map"
 WRONG_FRAME, NOT_UNIT, FUTURE, LATE = "wrong_frame", "not_unit", "future", "late"
-REASONS = (WRONG_FRAME, NOT_FINITE, NOT_UNIT, FUTURE, LATE, OUT_OF_ORDER, JUMP)
+TWO_PUBLISHERS = "two_publishers"
+REASONS = (WRONG_FRAME, NOT_FINITE, NOT_UNIT, FUTURE, LATE, OUT_OF_ORDER, JUMP, TWO_PUBLISHERS)
 """Why a pose can be refused."""
 
 _AHEAD_NS = 5_000_000
@@ -59,14 +60,18 @@ class CollisionWatch:
         self._detector = CollisionDetector(params)
         self._origin: int | None = None
         self._last = 0
-        self.poses = 0
-        """Poses that came."""
+        self._used = 0
         self.refused: Counter[str] = Counter()
-        """How many of them were refused, by reason."""
+        """How many poses were refused, by reason."""
 
     def retune(self, params: DetectorParams) -> None:
         """Go on with other parameters; what was seen so far stays."""
         self._detector.retune(params)
+
+    @property
+    def poses(self) -> int:
+        """Poses that came."""
+        return self._used + self.rejected
 
     @property
     def rejected(self) -> int:
@@ -90,37 +95,38 @@ class CollisionWatch:
             position: (3) [m].
             attitude: quaternion xyzw (4), map from base_link.
         """
-        self.poses += 1
         q = np.asarray(attitude, dtype=np.float64)
         norm = math.hypot(*q.tolist())
         if frame_id.lstrip("/") != FRAME:
-            return self._refuse(WRONG_FRAME)
+            return self.refuse(WRONG_FRAME)
         if norm != norm or norm == math.inf:
-            return self._refuse(NOT_FINITE)
+            return self.refuse(NOT_FINITE)
         if abs(norm - 1.0) > _NORM:
-            return self._refuse(NOT_UNIT)
+            return self.refuse(NOT_UNIT)
         if stamp_ns > now_ns + _AHEAD_NS:
-            return self._refuse(FUTURE)
+            return self.refuse(FUTURE)
         if stamp_ns < now_ns - _OLD_NS:
-            return self._refuse(LATE)
+            return self.refuse(LATE)
         clock_set = self._last > now_ns + _AHEAD_NS
         if self._origin is None or clock_set:
             if clock_set:
                 self._detector.reset_clock()
             self._origin = stamp_ns
         elif stamp_ns <= self._last:
-            return self._refuse(OUT_OF_ORDER)
+            return self.refuse(OUT_OF_ORDER)
         p = np.asarray(position, dtype=np.float64)
         event = self._detector.update(1e-9 * (stamp_ns - self._origin), p, q)
         if self._detector.refused:
-            return self._refuse(self._detector.refused)
+            return self.refuse(self._detector.refused)
         self._last = stamp_ns
+        self._used += 1
         if event is None:
             return Seen(None, self._detector.statistic)
         contact_ns = self._origin + round(1e9 * event.contact_time_s)
         event = replace(event, stamp_s=1e-9 * stamp_ns, contact_time_s=1e-9 * contact_ns)
         return Seen(event, event.statistic, "", contact_ns)
 
-    def _refuse(self, reason: str) -> Seen:
+    def refuse(self, reason: str) -> Seen:
+        """Count a pose as refused; called from outside for what a pose alone does not show."""
         self.refused[reason] += 1
         return Seen(None, 0.0, reason)

@@ -186,7 +186,8 @@ def _over(figures: Figures, unit: str, tolerance: float, what: str) -> list[str]
         return [f"no {what} to compare with {figures['recorded']} recorded ones"]
     rms = figures[f"rms_{unit}"]
     if rms is not None and rms > tolerance:
-        return [f"{what} differs by {rms:.3g} {unit.replace('_', '/')} RMS"]
+        measure = "" if unit == what else f"{unit.replace('_', '/')} "
+        return [f"{what} differs by {rms:.3g} {measure}RMS"]
     return []
 
 
