@@ -86,6 +86,7 @@ def synthetic_flight(ticks: int = 40_000, seed: int = 0) -> SyntheticFlight:
         "est_attitude": attitude(),
         "position_setpoint": held(walk(3), 20),
         "velocity_setpoint": held(walk(3), 20),
+        "acceleration_setpoint": held(walk(3), 20),
         "attitude_setpoint": held(attitude(), 20),
         "rates_setpoint": held(walk(3), 4),
         "thrust_setpoint": held(14.0 + walk(1), 20),

@@ -15,9 +15,10 @@ MARK = "TOMBO_TEST_MARK"
 
 UP = """
 import sys
-from tombo_bringup.suite import rehearsal
+from types import ModuleType
+sys.modules["tombo_bringup.suite.rehearsal"] = rehearsal = ModuleType("rehearsal")
+rehearsal.rehearse_nodes = lambda scenario: None  # nothing flies: saves a second
 from tombo_bringup.suite import nodes
-rehearsal.rehearse_nodes = lambda scenario: None  # it flies no real vehicle
 nodes.SUITE.clear()
 nodes.SUITE.update({suite!r})
 nodes.MONITOR_MODULE = {monitor!r}

@@ -110,8 +110,8 @@ def write_flight(sink: McapSink, record: Flight) -> None:
     writer.rotor_command()
     writer.odometry("/odometry", "est_position", "est_attitude", "est_velocity", "gyro", STATE)
     writer.rates_setpoint()
-    writer.setpoint("/mission/setpoint", ("mission_setpoint", "position_setpoint"), fed=False)
-    writer.setpoint("/setpoint", ("position_setpoint",), fed=True)
+    writer.setpoint("/mission/setpoint", ("mission_setpoint", "position_setpoint"))
+    writer.setpoint("/setpoint", ("position_setpoint",))
     writer.attitude_setpoint()
     writer.transform()
     writer.battery()
@@ -248,8 +248,8 @@ class _FlightWriter:
         if thrust is not None:
             records["thrust"] = thrust[every, 0]
 
-    def setpoint(self, topic: str, names: tuple[str, ...], *, fed: bool) -> None:
-        """Write wanted positions; `fed`: with the velocity that is fed forward."""
+    def setpoint(self, topic: str, names: tuple[str, ...]) -> None:
+        """Write wanted positions, with velocity and acceleration to be fed forward."""
         found = [c for c in (self.column(name, 3) for name in names) if c is not None]
         if not found:
             return
@@ -261,9 +261,10 @@ class _FlightWriter:
             self.times_ns[every],
         )
         _vector(records, "position", found[0][every])
-        velocity = self.column("velocity_setpoint", 3)
-        if fed and velocity is not None:
-            _vector(records, "velocity", velocity[every])
+        for field in ("velocity", "acceleration"):
+            fed = self.column(f"{field}_setpoint", 3)
+            if fed is not None:
+                _vector(records, field, fed[every])
         attitude, mode = self.column("attitude_setpoint", 4), self.mode()
         if attitude is not None:
             records["yaw"] = heading(attitude[every])

@@ -216,6 +216,7 @@ class _Reading:
             (IMU.name, "accel", "linear_acceleration"),
             (SETPOINT.name, "position_setpoint", "position"),
             (SETPOINT.name, "velocity_setpoint", "velocity"),
+            (SETPOINT.name, "acceleration_setpoint", "acceleration"),
             (RATES_SETPOINT.name, "rates_setpoint", "rates"),
         )
         for topic, column, path in held:

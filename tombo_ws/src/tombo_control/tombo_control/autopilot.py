@@ -58,6 +58,8 @@ class _Autopilot(NamedTuple):
     """3: [m], map."""
     velocity_setpoint: int
     """3: [m/s], map."""
+    velocity_reference: int
+    """3: velocity of the reference, fed forward [m/s], map."""
     acceleration_setpoint: int
     """3: feed-forward of the reference [m/s^2], map."""
     velocity_integral: int
@@ -89,7 +91,7 @@ class _Autopilot(NamedTuple):
 
 
 AUTOPILOT_SIZES = _Autopilot(
-    3, 3, 4, 3, 3, 3, 10, 3, 3, 3, 3, 3, 4, 1, 3, 3, 3, 3, 3, 4, 4, 3, 8 * HISTORY_TICKS
+    3, 3, 4, 3, 3, 3, 10, 3, 3, 3, 3, 3, 3, 4, 1, 3, 3, 3, 3, 3, 4, 4, 3, 8 * HISTORY_TICKS
 )
 
 

@@ -18,9 +18,15 @@ from tombo_bag.topics import (
     ROTOR_COMMAND,
     SETPOINT,
 )
-from tombo_control.estimate import Estimate, Setpoint
+from tombo_control.estimate import Estimate, Setpoint, tick_of
 from tombo_control.flight_controller import Command, FlightController
-from tombo_control.params import ControlParams, InputLimits
+from tombo_control.params import (
+    ATTITUDE_TICKS,
+    POSITION_TICKS,
+    RATE_TICKS,
+    ControlParams,
+    InputLimits,
+)
 from tombo_dynamics.propeller import configuration, thrust_map
 from tombo_dynamics.propeller.choice import PropellerChoice
 from tombo_dynamics.rotation import turned
@@ -42,6 +48,8 @@ _FASTEST_NS = 1000
 """And at most so much in each: 0.1 % of the rate."""
 _WAIT_NS, _LOOKS = 60_000, 6
 """A sample that is late is looked for again so often, so far apart."""
+_AHEAD_NS = 5_000_000
+"""An estimate may be stamped so far ahead of the clock."""
 _BLIND_TEXT = "position unknown (estimate or mocap too old): level descent"
 
 
@@ -94,6 +102,7 @@ class ControllerNode(LoopNode):
             Wire(ATTITUDE_SETPOINT.typename, {"header": world}),
         )
         self._gyro_missed = 0
+        self._slots: dict[str, int] = {}
         self._refused = 0
 
     def _warm_up(self) -> None:
@@ -176,16 +185,17 @@ class ControllerNode(LoopNode):
         self._tell(command, now_ns)
 
     def _tell(self, command: Command, now_ns: int) -> None:
-        self.loops["rate loop"].ran(now_ns, self.late_ns)
+        tick = tick_of(command.stamp_ns)
+        self._count("rate loop", tick, RATE_TICKS, now_ns)
         if command.attitude_ran:
-            self.loops["attitude loop"].ran(now_ns, self.late_ns)
+            self._count("attitude loop", tick, ATTITUDE_TICKS, now_ns)
             rates, thrust = self._controller.rates_setpoint
             self._rates.stamp(command.stamp_ns)
             self._rates.set("rates.x", *rates)
             self._rates.set("thrust", thrust)
             self._rates_out.publish(self._rates.data())
         if command.position_ran:
-            self.loops["position loop"].ran(now_ns, self.late_ns)
+            self._count("position loop", tick, POSITION_TICKS, now_ns)
             attitude, thrust = self._controller.attitude_setpoint
             self._attitude.stamp(command.stamp_ns)
             self._attitude.set("orientation.x", *attitude)
@@ -193,6 +203,12 @@ class ControllerNode(LoopNode):
             self._attitude_out.publish(self._attitude.data())
             self.health.fault("blind", command.blind, _BLIND_TEXT, ERROR)
             self.health.fault("setpoint_silent", command.held, "no set point: holding the last")
+
+    def _count(self, loop: str, tick: int, period: int, now_ns: int) -> None:
+        """Count a run; what lies between its slot and the last one's was missed."""
+        slot = tick // period
+        last, self._slots[loop] = self._slots.get(loop, slot - 1), slot
+        self.loops[loop].ran(now_ns, self.late_ns, max(slot - last - 1, 0))
 
     def _without_gyro(self) -> None:
         limit = self.records["inputs"].imu_timeout
@@ -212,7 +228,9 @@ class ControllerNode(LoopNode):
             velocity = turned(pose[3:], twist[:3])
             zero = np.zeros(3)
             estimate = Estimate(stamp, pose[:3], velocity, pose[3:], twist[3:], zero, zero, 0)
-            if stamp > now_ns + 5_000_000 or not self._controller.estimate(estimate):
+            if stamp > now_ns + _AHEAD_NS + self.slack_ns or not self._controller.estimate(
+                estimate
+            ):
                 self._refuse("odometry", "odometry not finite, not a rotation, old or from later")
 
     def _take_status(self) -> None:

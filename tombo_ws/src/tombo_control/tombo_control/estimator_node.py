@@ -112,7 +112,7 @@ class EstimatorNode(LoopNode):
     def _take_pose(self, message: Any, now_ns: int) -> None:
         why = self._observer.pose(
             to_ns(message.header.stamp),
-            now_ns,
+            now_ns + self.slack_ns,
             message.header.frame_id,
             array(message.pose.position),
             array(message.pose.orientation),

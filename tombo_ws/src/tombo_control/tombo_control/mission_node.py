@@ -40,6 +40,8 @@ _WAITS = {
 class MissionNode(LoopNode):
     """Runs `MissionCourse` at 50 Hz."""
 
+    answers_messages = False
+
     def __init__(self) -> None:
         """Declare parameters and topics."""
         records = {"mission": MissionParams(), "inputs": CourseLimits()}

@@ -23,7 +23,8 @@ def follow_leg(a: Array, time: float) -> None:
     way, speed, change = progress(time - a[A.leg + 6], duration, a[A.leg + 8])
     for i in range(3):
         a[A.position_setpoint + i] = a[A.leg + i] + a[A.leg + 3 + i] * way
-        a[A.velocity_setpoint + i] = a[A.leg + 3 + i] * speed
+        a[A.velocity_reference + i] = a[A.leg + 3 + i] * speed
+        a[A.velocity_setpoint + i] = a[A.velocity_reference + i]
         a[A.acceleration_setpoint + i] = a[A.leg + 3 + i] * change
 
 

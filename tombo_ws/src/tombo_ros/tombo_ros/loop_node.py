@@ -33,6 +33,7 @@ SECOND_NS = 1_000_000_000
 _LOOK_NS = SECOND_NS // 2
 _SETTLE_NS = 2 * SECOND_NS
 """Discovery and first calls; the statistics of a loop begin after it."""
+_SLACK_NS = 50_000_000
 _POLL_SHARE, _POLL_LEAST_NS, _POLL_MOST_NS = 0.1, 100_000, 1_000_000
 """How often a node in simulated time looks for clock and messages: a tenth of its period."""
 
@@ -42,6 +43,8 @@ class LoopNode:
 
     keeps_every_tick = False
     """True: deadlines missed are made up for; False: they are left out."""
+    answers_messages = True
+    """In simulated time: True runs the loop for each message too, False at its rate alone."""
     makes_time = False
     """True: this node is the one that says what time it is; it runs by the wall's clock."""
 
@@ -81,6 +84,8 @@ class LoopNode:
         self.shift_ns = 0
         """Moves the next deadline: a loop that follows another clock sets it."""
         self.sim_time = bool(self.ros.get_parameter("use_sim_time").value)
+        self.slack_ns = _SLACK_NS if self.sim_time else 0
+        """How far the present may be ahead of `now_ns`: /clock speaks now and then only."""
         self._realtime = realtime and not self.sim_time
         self._realtime_transport = realtime_transport and not self.sim_time
         self._inputs: list[Input] = []
@@ -215,7 +220,7 @@ class LoopNode:
 
     def _fresh(self) -> bool:
         """Return whether any input has something: looked at without taking it."""
-        return any(found.waiting() for found in self._inputs)
+        return self.answers_messages and any(found.waiting() for found in self._inputs)
 
     def _attend(self, wall_ns: int, now_ns: int) -> None:
         """Do what is not the loop's work: parameters set, publishers counted, reports."""

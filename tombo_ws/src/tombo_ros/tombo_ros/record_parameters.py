@@ -164,7 +164,7 @@ class RecordParameters:
         self._node.declare_parameter(name, value, descriptor, ignore_override=True)
 
     def _before_set(self, parameters: Sequence[Parameter]) -> list[Parameter]:
-        """Take a whole number where a fraction is meant, as at the start: `ros2 param set ... 1`."""
+        """Take a whole number where a fraction is meant: `ros2 param set ... 1`."""
         return [
             Parameter(p.name, value=float(p.value))
             if p.type_ == Parameter.Type.INTEGER and self._is_fraction(p.name)

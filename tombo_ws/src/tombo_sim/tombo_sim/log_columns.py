@@ -22,6 +22,7 @@ _WIDTHS = {
     "est_attitude": 4,
     "position_setpoint": 3,
     "velocity_setpoint": 3,
+    "acceleration_setpoint": 3,
     "attitude_setpoint": 4,
     "rates_setpoint": 3,
     "thrust_setpoint": 1,
@@ -43,7 +44,8 @@ def _columns() -> dict[str, slice]:
 
 COLUMNS: dict[str, slice] = _columns()
 """Name -> columns of the log. Truth: position to contact (map ENU, body FLU, SI); `contact` is
-touching (0/1), rotor (-1 frame) and the point in map. Then what the autopilot knew and wanted."""
+touching (0/1), rotor (-1 frame) and the point in map. Then what the autopilot knew and wanted;
+set points of velocity and acceleration are what the reference feeds forward."""
 LOG_WIDTH: int = sum(_WIDTHS.values())
 
 
@@ -67,6 +69,7 @@ class _Starts(NamedTuple):
     est_attitude: Any
     position_setpoint: Any
     velocity_setpoint: Any
+    acceleration_setpoint: Any
     attitude_setpoint: Any
     rates_setpoint: Any
     thrust_setpoint: Any

@@ -240,6 +240,7 @@ class SimNode(LoopNode):
             paused = float(self.parameters.get("speed")) == 0.0
             if paused and self._steps == 0:
                 self._publish_clock()
+                self._asked_ns = now_ns
                 return
             if self._lockstep and not self._answered(now_ns):
                 return

@@ -1,0 +1,169 @@
+"""The controller as a node: each gyro sample gets a command with its stamp."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from nav_msgs.msg import Odometry
+from parameter_calls import set_parameters
+from reports import told
+from sensor_msgs.msg import Imu
+
+from tombo_bag.topics import (
+    ATTITUDE_SETPOINT,
+    CLOCK,
+    DIAGNOSTICS,
+    ESTIMATOR_STATUS,
+    IMU,
+    ODOMETRY,
+    RATES_SETPOINT,
+    ROTOR_COMMAND,
+    SETPOINT,
+)
+from tombo_control.autopilot import HOVER, LANDED
+from tombo_control.estimate import Estimate, Setpoint
+from tombo_control.flight_controller import FlightController
+from tombo_control.params import ControlParams, InputLimits
+from tombo_dynamics.propeller import configuration, thrust_map
+from tombo_dynamics.propeller.choice import PropellerChoice
+from tombo_dynamics.rotor_maps import rotor_maps
+from tombo_dynamics.vehicle import VehicleParams
+from tombo_msgs.msg import EstimatorStatus, PositionSetpoint
+from tombo_ros.conversion import point, quaternion, to_ns, to_time, vector
+
+_MS = 1_000_000
+_ZERO, _LEVEL = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])
+
+
+class _Inputs:
+    """A vehicle that hovers at 2 m, rolling to and fro, 0.3 m off its set point."""
+
+    def __init__(self, world) -> None:
+        self.world = world
+        self.gyros: dict[int, np.ndarray] = {}
+
+    def tick(self, *, setpoint: bool = True, estimate: bool = True, **more) -> int:
+        """Send what belongs to the next millisecond; wait for the answer to the gyro."""
+        world = self.world
+        stamp = world.now_ns + _MS
+        if estimate and stamp % (4 * _MS) == 0:
+            world.publish(ODOMETRY, self.odometry(stamp))
+        if stamp % (20 * _MS) == 0:
+            status = EstimatorStatus(initialised=True, pose_stamp=to_time(stamp))
+            status.header.stamp, status.header.frame_id = to_time(stamp), "base_link"
+            world.publish(ESTIMATOR_STATUS, status)
+            if setpoint:
+                world.publish(SETPOINT, self.setpoint(stamp, **more))
+        world.tick(_MS)
+        if stamp % (4 * _MS) == 0:
+            time.sleep(0.003)  # what is due with the gyro sample shall be there before it
+        imu = Imu()
+        imu.header.stamp, imu.header.frame_id = to_time(stamp), "base_link"
+        imu.angular_velocity.x = 0.3 * float(np.sin(20e-9 * stamp))
+        self.gyros[stamp] = np.array([imu.angular_velocity.x, 0.0, 0.0])
+        world.publish(IMU, imu)
+        answers = world.heard[ROTOR_COMMAND.name]
+        end = time.monotonic() + (2.0 if answers else 0.05)
+        while time.monotonic() < end:
+            world.hear()
+            if answers and to_ns(answers[-1].header.stamp) >= stamp:
+                return stamp
+            time.sleep(0.0001)
+        assert not answers, "no answer"
+        return stamp
+
+    def odometry(self, stamp: int) -> Odometry:
+        message = Odometry()
+        message.header.stamp, message.header.frame_id = to_time(stamp), "map"
+        message.child_frame_id = "base_link"
+        message.pose.pose.position = point((0.3, 0.0, 2.0))
+        message.pose.pose.orientation = quaternion(_LEVEL)
+        return message
+
+    def setpoint(self, stamp: int, x: float = 0.0, phase: int = HOVER) -> PositionSetpoint:
+        message = PositionSetpoint()
+        message.header.stamp, message.header.frame_id = to_time(stamp), "map"
+        message.position, message.velocity = point((x, 0.0, 2.0)), vector(_ZERO)
+        message.phase = phase
+        return message
+
+
+def _twin() -> FlightController:
+    choice, vehicle = PropellerChoice(), VehicleParams()
+    maps = rotor_maps(thrust_map(configuration(choice.conf), choice.law), vehicle)
+    return FlightController(ControlParams(), vehicle, InputLimits(), maps)
+
+
+def test_each_gyro_sample_is_answered_as_the_pure_controller_does(world, start):
+    world.listen(ROTOR_COMMAND, RATES_SETPOINT, ATTITUDE_SETPOINT, DIAGNOSTICS)
+    node = start("tombo_control.controller_node", "-p", "use_sim_time:=true")
+    world.meet(IMU, ODOMETRY, ESTIMATOR_STATUS, SETPOINT, CLOCK, ROTOR_COMMAND, RATES_SETPOINT)
+    inputs = _Inputs(world)
+
+    end = time.monotonic() + 10.0
+    while not world.heard[ROTOR_COMMAND.name]:  # until all have found each other
+        inputs.tick(setpoint=False)
+        assert time.monotonic() < end
+    for _ in range(40):  # nobody has said where to
+        inputs.tick(setpoint=False)
+    assert not any(any(m.speed) for m in world.heard[ROTOR_COMMAND.name])
+    assert not world.heard[ATTITUDE_SETPOINT.name]
+
+    first = len(world.heard[ROTOR_COMMAND.name])
+    stamps = [inputs.tick() for _ in range(400)]
+    answers = world.heard[ROTOR_COMMAND.name][first:]
+    assert [to_ns(m.header.stamp) for m in answers] == stamps  # each once, in order
+    assert {m.header.frame_id for m in answers} == {"base_link"}
+
+    twin = _twin()
+    wanted = {}
+    for stamp, gyro in inputs.gyros.items():
+        if stamp % (4 * _MS) == 0:
+            place = np.array([0.3, 0.0, 2.0])
+            twin.estimate(Estimate(stamp, place, _ZERO, _LEVEL, _ZERO, _ZERO, _ZERO, 0))
+        if stamp % (20 * _MS) == 0:
+            twin.biases(_ZERO, stamp)
+            if stamp >= stamps[0]:
+                goal = np.array([0.0, 0.0, 2.0])
+                twin.setpoint(Setpoint(goal, _ZERO, _ZERO, 0.0, HOVER, stamp), stamp)
+        command = twin.tick(stamp, stamp, gyro)
+        assert command is not None
+        wanted[stamp] = command.speed
+    off = np.array([np.abs(m.speed - wanted[to_ns(m.header.stamp)]).max() for m in answers])
+    assert off.max() < 2.0  # rad/s; a message may come a tick late
+    assert np.mean(off == 0.0) > 0.5
+    assert len(world.heard[RATES_SETPOINT.name]) == pytest.approx(100, abs=6)
+    assert len(world.heard[ATTITUDE_SETPOINT.name]) == pytest.approx(20, abs=2)
+
+    # a set point that is no number: the last stands; gains beyond their bounds: refused
+    begun = len(world.heard[DIAGNOSTICS.name])
+    for _ in range(60):
+        stamp = inputs.tick(x=float("nan"))
+    assert min(world.heard[ROTOR_COMMAND.name][-1].speed) > 300.0
+    assert told(world, "controller", "setpoint_refused", begun)
+    ((taken, reason),) = set_parameters(world, "controller", control__position_p=99.0)
+    assert not taken
+    assert "control.position_p" in reason
+    assert set_parameters(world, "controller", control__position_p=1.2) == [(True, "")]
+    for _ in range(20):
+        inputs.tick()
+    assert min(world.heard[ROTOR_COMMAND.name][-1].speed) > 300.0
+    begun = len(world.heard[DIAGNOSTICS.name])
+    assert set_parameters(world, "controller", vehicle__mass=1.5) == [(True, "")]
+    assert "next start" in told(world, "controller", "not_at_runtime", begun)
+
+    # estimates stop: blind within 0.1 s, and told
+    begun = len(world.heard[DIAGNOSTICS.name])
+    for _ in range(140):
+        inputs.tick(estimate=False)
+    assert "level descent" in told(world, "controller", "blind", begun)
+
+    for _ in range(21):
+        inputs.tick(phase=LANDED)
+    assert not any(world.heard[ROTOR_COMMAND.name][-1].speed)
+    assert node.end() == 0

@@ -1,0 +1,166 @@
+"""The simulator as a node: paused and stepped, in lockstep, and without commands."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from parameter_calls import set_parameters
+from reports import told
+
+from tombo_bag.topics import (
+    CLOCK,
+    DIAGNOSTICS,
+    IMU,
+    MOCAP_POSE,
+    ROTOR_COMMAND,
+    TRUE_ODOMETRY,
+    TRUE_ROTORS,
+)
+from tombo_dynamics.plant import part
+from tombo_msgs.msg import RotorSpeeds
+from tombo_ros.conversion import array, to_ns, to_time
+from tombo_sim.simulator import Simulator
+from tombo_sim.world import World
+
+_MS = 1_000_000
+_CLIMB = np.full(4, 610.0)
+_WORLD = (
+    "-p",
+    "use_sim_time:=true",
+    "-p",
+    "seed:=3",
+    "-p",
+    "effects.imu_noise.accel:=0.3",
+    "-p",
+    "effects.mocap_latency.delay:=0.01",
+)
+
+
+def _twin() -> Simulator:
+    effects = {"imu_noise": {"accel": 0.3}, "mocap_latency": {"delay": 0.01}}
+    return Simulator(World(effects=effects), 3)
+
+
+def _command(stamp_ns: int, speed: np.ndarray) -> RotorSpeeds:
+    message = RotorSpeeds()
+    message.header.stamp, message.header.frame_id = to_time(stamp_ns), "base_link"
+    message.speed = [float(value) for value in speed]
+    return message
+
+
+def _wait(world, condition, patience_s=10.0):
+    end = time.monotonic() + patience_s
+    while not condition():
+        assert time.monotonic() < end
+        world.hear()
+        time.sleep(0.001)
+
+
+def _stamps(world, spec) -> list[int]:
+    return [to_ns(message.header.stamp) for message in world.heard[spec.name]]
+
+
+def _true_place(world) -> np.ndarray:
+    return array(world.heard[TRUE_ODOMETRY.name][-1].pose.pose.position)
+
+
+def test_paused_it_goes_on_by_the_ticks_it_is_told(world, start):
+    world.listen(IMU, TRUE_ODOMETRY, CLOCK, DIAGNOSTICS)
+    node = start("tombo_sim.sim_node", *_WORLD, "-p", "speed:=0.0")
+    world.meet(ROTOR_COMMAND, IMU, TRUE_ODOMETRY, CLOCK)
+    _wait(world, lambda: world.heard[CLOCK.name])
+    zero_ns = to_ns(world.heard[CLOCK.name][-1].clock)
+
+    def step(ticks: int) -> None:
+        at = to_ns(world.heard[CLOCK.name][-1].clock)
+        assert set_parameters(world, "sim", step=ticks) == [(True, "")]
+        _wait(world, lambda: to_ns(world.heard[CLOCK.name][-1].clock) >= at + ticks * _MS)
+
+    step(7)
+    time.sleep(0.1)
+    world.hear()
+    assert _stamps(world, IMU)[-7:] == [zero_ns + k * _MS for k in range(1, 8)]
+    assert to_ns(world.heard[CLOCK.name][-1].clock) == zero_ns + 7 * _MS
+
+    twin = _twin()
+    for _ in range(7):
+        twin.advance(np.zeros(4))
+    for _ in range(11):  # up, 40 ms at a time
+        world.publish(ROTOR_COMMAND, _command(zero_ns + twin.tick * _MS, _CLIMB))
+        time.sleep(0.01)
+        step(40)
+        for _ in range(40):
+            twin.advance(_CLIMB)
+    assert twin.height > 0.3
+    world.publish(ROTOR_COMMAND, _command(zero_ns + twin.tick * _MS, _CLIMB))
+    time.sleep(0.3)  # no time passes: nobody is missed
+    step(20)
+    for _ in range(20):
+        twin.advance(_CLIMB)
+    _wait(world, lambda: _stamps(world, TRUE_ODOMETRY)[-1] == zero_ns + twin.tick * _MS)
+    assert np.array_equal(_true_place(world), part(twin.m, "body")[:3])
+    gyro_and_force = world.heard[IMU.name][-1]
+    assert np.array_equal(array(gyro_and_force.linear_acceleration), twin.imu[3:])
+
+    begun = len(world.heard[DIAGNOSTICS.name])
+    step(80)  # now it does: 80 ms without a command, in the air
+    assert "landing on its own" in told(world, "sim", "failsafe", begun)
+
+    began, clock = time.monotonic(), to_ns(world.heard[CLOCK.name][-1].clock)
+    assert set_parameters(world, "sim", speed=4.0) == [(True, "")]
+    _wait(world, lambda: to_ns(world.heard[CLOCK.name][-1].clock) > clock + 1_500 * _MS)
+    assert 0.3 < time.monotonic() - began < 1.3  # 1.5 s at four times the speed of time
+    assert not set_parameters(world, "sim", speed=-1.0)[0][0]
+    assert not set_parameters(world, "sim", seed=4)[0][0]
+    assert node.end() == 0
+
+
+def test_in_lockstep_each_tick_waits_for_its_command(world, start):
+    world.listen(IMU, TRUE_ODOMETRY, TRUE_ROTORS, MOCAP_POSE, DIAGNOSTICS)
+    node = start("tombo_sim.sim_node", *_WORLD, "-p", "lockstep:=true", "-p", "speed:=0.0")
+    world.meet(ROTOR_COMMAND, IMU, TRUE_ODOMETRY, MOCAP_POSE)
+    set_parameters(world, "sim", step=1)
+    _wait(world, lambda: world.heard[IMU.name])
+    first = _stamps(world, IMU)[-1]
+    world.publish(ROTOR_COMMAND, _command(first, _CLIMB))
+    time.sleep(0.05)
+    assert set_parameters(world, "sim", step=450) == [(True, "")]
+    answered = len(world.heard[IMU.name])
+    began = time.monotonic()
+    while len(world.heard[IMU.name]) < answered + 300:
+        world.hear()
+        stamps = _stamps(world, IMU)
+        if stamps[-1] > first:
+            assert stamps[-1] == first + _MS  # never two ahead of the commands
+            first = stamps[-1]
+            world.publish(ROTOR_COMMAND, _command(first, _CLIMB))
+        assert time.monotonic() - began < 10.0
+    _wait(world, lambda: _stamps(world, IMU)[-1] == first + _MS)
+    time.sleep(0.12)  # longer than command_timeout: in lockstep the wall's clock does not count
+    world.hear()
+    assert _stamps(world, IMU)[-1] == first + _MS
+    world.publish(ROTOR_COMMAND, _command(first + _MS, _CLIMB))
+    _wait(world, lambda: _stamps(world, IMU)[-1] == first + 2 * _MS)
+
+    twin = _twin()
+    poses = []
+    while 1_000_000_000 + twin.tick * _MS < first + 2 * _MS:
+        acting = twin.tick >= 1
+        twin.advance(_CLIMB if acting else np.zeros(4))
+        poses += twin.arrived
+    _wait(world, lambda: _stamps(world, TRUE_ODOMETRY)[-1] == first + 2 * _MS)
+    assert np.array_equal(_true_place(world), part(twin.m, "body")[:3])
+    heard = world.heard[MOCAP_POSE.name]
+    assert [to_ns(p.header.stamp) for p in heard] == [
+        1_000_000_000 + p.captured * _MS for p in poses
+    ]
+    assert np.array_equal(array(heard[-1].pose.position), poses[-1].pose[:3])
+
+    world.hear()  # the rest of the 450 without answers: it goes on, and says so
+    assert "no command came" in told(world, "sim", "lockstep")
+    assert node.end() == 0
