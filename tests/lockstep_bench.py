@@ -126,9 +126,7 @@ class Lockstep:
 
     def _setpoint(self, time_s: float) -> Setpoint:
         leg = self.mission.leg
-        way, speed, change = progress(
-            time_s - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s
-        )
+        way, speed, change = progress(time_s - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s)
         start, cruise = np.array(leg.start), np.array(leg.velocity)
         return Setpoint(
             start + way * cruise, speed * cruise, change * cruise, leg.yaw, self.mission.mode

@@ -6,6 +6,7 @@ Everything stays on this machine (localhost discovery) and ends with the test.
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import itertools
 import os
 import signal
@@ -32,6 +33,11 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> int:
     return number
 
 
+def _die_with_the_test() -> None:
+    """Let the kernel kill the node should the test itself be killed (PR_SET_PDEATHSIG)."""
+    ctypes.CDLL(None).prctl(1, signal.SIGKILL, 0, 0, 0)
+
+
 class NodeProcess:
     """A node as its own process: its output, its end."""
 
@@ -45,6 +51,7 @@ class NodeProcess:
             stderr=subprocess.STDOUT,
             stdin=subprocess.DEVNULL,
             start_new_session=True,
+            preexec_fn=_die_with_the_test,
         )
 
     @property
@@ -173,6 +180,22 @@ class Counterpart:
 
         report = self.wait_for(DIAGNOSTICS, named, patience_s, **more)
         return next(s.message for s in report.status if s.name == node)
+
+    def set_parameter(self, node: str, name: str, value: Any, patience_s: float = 10.0) -> Any:
+        """Set a parameter through the node's service; return its result."""
+        from rclpy.executors import SingleThreadedExecutor
+        from rclpy.parameter import Parameter
+        from rclpy.parameter_client import AsyncParameterClient
+
+        client = AsyncParameterClient(self.node, node)
+        assert client.wait_for_services(patience_s), f"{node} has no parameter services"
+        executor = SingleThreadedExecutor(context=self._context)
+        executor.add_node(self.node)
+        future = client.set_parameters([Parameter(name, value=value)])
+        executor.spin_until_future_complete(future, patience_s)
+        executor.remove_node(self.node)
+        executor.shutdown()
+        return future.result().results[0]
 
     def close(self) -> None:
         import rclpy

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import os
 import re
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -74,31 +73,23 @@ NODES = {
 
 
 class Spoiler(threading.Thread):
-    """Passes poses and IMU samples from the simulator on to the suite, spoiled on demand."""
+    """Passes poses from the simulator on to the suite, spoiled on demand."""
 
     def __init__(self, world: Counterpart) -> None:
         super().__init__(daemon=True)
         self.pose: Callable[[Any], Any] | None = None
-        self.imu_silent = False
         self.running = True
         raw_pose = TopicSpec("/raw/pose", MOCAP_POSE.typename, MOCAP_POSE.qos, 30.0, "")
-        raw_imu = TopicSpec("/raw/imu", IMU.typename, IMU.qos, 1000.0, "")
-        self._poses, self._samples = (
-            Input(world.node, raw_pose, 50),
-            Input(world.node, raw_imu, 50),
-        )
-        self._pose_out, self._imu_out = Output(world.node, MOCAP_POSE), Output(world.node, IMU)
+        self._poses = Input(world.node, raw_pose, 50)
+        self._pose_out = Output(world.node, MOCAP_POSE)
         self.doubled = False
         self._second = Output(world.node, MOCAP_POSE)
 
     def run(self) -> None:
         while self.running:
-            for taken in self._samples.take_raw():
-                if not self.imu_silent:
-                    self._imu_out.publish(taken.message)
             for taken in self._poses.take_raw():
                 self._pass_on(taken.message)
-            time.sleep(0.0001)
+            time.sleep(0.001)
 
     def _pass_on(self, data: bytes) -> None:
         spoil = self.pose
@@ -121,8 +112,7 @@ class Suite(SimpleNamespace):
     mark: int
 
     def start(self, name: str) -> None:
-        remapped = ["-r", "mocap/pose:=raw/pose", "-r", "imu/data_raw:=raw/imu"]
-        more = remapped if name == "sim" else []
+        more = ["-r", "mocap/pose:=raw/pose"] if name == "sim" else []
         log = self.folder / f"{name}-{len(os.listdir(self.folder))}.log"
         self.nodes[name] = NodeProcess(NODES[name], ["--params-file", str(self.file), *more], log)
 
@@ -205,8 +195,6 @@ def suite(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Suite]:
     environment = {"ROS_DOMAIN_ID": str(60 + os.getpid() % 40)}
     environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     before = {key: os.environ.get(key) for key in environment}
-    interval = sys.getswitchinterval()
-    sys.setswitchinterval(1e-4)  # the spoiler's thread stands in the way of every gyro sample
     os.environ.update(environment)
     folder = tmp_path_factory.mktemp("suite")
     file = folder / "hover.yaml"
@@ -229,7 +217,6 @@ def suite(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Suite]:
         for node in made.nodes.values():
             node.close()
         world.close()
-        sys.setswitchinterval(interval)
         for key, value in before.items():
             if value is None:
                 os.environ.pop(key, None)
@@ -384,11 +371,11 @@ def test_two_mocap_publishers(suite: Suite) -> None:
 
 def test_imu_silent(suite: Suite) -> None:
     suite.settle()
-    suite.spoiler.imu_silent = True
+    suite.world.set_parameter("sim", "imu", False)
     assert "imu_silent" in suite.report("controller", "imu_silent")
     assert "failsafe" in suite.report("sim", "failsafe")
     states = suite.wait(0.5)
-    suite.spoiler.imu_silent = False
+    suite.world.set_parameter("sim", "imu", True)
     begin = states[0].pose.pose.position.z
     assert lowest(states) < begin - 0.02, "the flight controller lands it"
     assert steepest(states) < 0.3

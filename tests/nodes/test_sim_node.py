@@ -28,6 +28,8 @@ from tombo_sim.simulator import Simulator
 from tombo_sim.world import World
 
 _MS = 1_000_000
+_COMPILES_S = 120.0
+"""How long a node may take to start where nothing is compiled yet."""
 _CLIMB = np.full(4, 610.0)
 _WORLD = (
     "-p",
@@ -72,7 +74,7 @@ def _true_place(world) -> np.ndarray:
 def test_paused_it_goes_on_by_the_ticks_it_is_told(world, start):
     world.listen(IMU, TRUE_ODOMETRY, CLOCK, DIAGNOSTICS)
     node = start("tombo_sim.sim_node", *_WORLD, "-p", "speed:=0.0")
-    world.meet(ROTOR_COMMAND, IMU, TRUE_ODOMETRY, CLOCK)
+    world.meet(ROTOR_COMMAND, IMU, TRUE_ODOMETRY, CLOCK, patience_s=_COMPILES_S)
     _wait(world, lambda: world.heard[CLOCK.name])
     zero_ns = to_ns(world.heard[CLOCK.name][-1].clock)
 
@@ -123,7 +125,7 @@ def test_paused_it_goes_on_by_the_ticks_it_is_told(world, start):
 def test_in_lockstep_each_tick_waits_for_its_command(world, start):
     world.listen(IMU, TRUE_ODOMETRY, TRUE_ROTORS, MOCAP_POSE, DIAGNOSTICS)
     node = start("tombo_sim.sim_node", *_WORLD, "-p", "lockstep:=true", "-p", "speed:=0.0")
-    world.meet(ROTOR_COMMAND, IMU, TRUE_ODOMETRY, MOCAP_POSE)
+    world.meet(ROTOR_COMMAND, IMU, TRUE_ODOMETRY, MOCAP_POSE, patience_s=_COMPILES_S)
     set_parameters(world, "sim", step=1)
     _wait(world, lambda: world.heard[IMU.name])
     first = _stamps(world, IMU)[-1]

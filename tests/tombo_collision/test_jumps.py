@@ -68,15 +68,27 @@ def test_a_swap_that_stays_starts_the_filter_anew_there(direction, size, seed):
 
 
 @pytest.mark.parametrize("turn", [(0, 0, 0.5 * math.pi), (0, 0, math.pi), (math.pi, 0, 0)])
-@pytest.mark.parametrize("length", [1, 2, 3, 20])
+@pytest.mark.parametrize("length", [1, 2, 3, 20, 100])
 def test_a_body_seen_turned_raises_no_alarm(turn, length):
     for seed in range(5):
-        straight = flight(velocity=(0.7, 0.0, 0.0), seed=seed)
+        straight = flight(8.0, velocity=(0.7, 0.0, 0.0), seed=seed)
         poses = displaced(straight, SWAPPED, SWAPPED + length, turn=turn)
         reasons, events = refusals(poses)
         assert not events
         refused = [i for i, reason in enumerate(reasons) if reason == JUMP]
         assert refused[: min(length, 2)] == [SWAPPED, SWAPPED + 1][: min(length, 2)]
+
+
+@pytest.mark.parametrize("rate", [3.0, 8.0, 15.0])
+def test_a_vehicle_that_rolls_over_has_not_jumped(rate):
+    poses = flight(8.0)
+    turns = Rotation.from_rotvec(
+        np.outer(np.clip(poses.t - 4.0, 0.0, math.pi / rate), [rate, 0, 0])
+    )
+    over = Poses(poses.t, poses.position, (Rotation.from_quat(poses.attitude) * turns).as_quat())
+    reasons, events = refusals(over)
+    assert not any(reasons)
+    assert len(events) <= 1
 
 
 def test_three_places_that_do_not_agree_are_no_new_place():

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 from control_bench import VEHICLE, rotor_table
-from lockstep_bench import EPOCH_NS, Lockstep, calm, hover_at, hovering
 from numpy.typing import NDArray
 
+from lockstep_bench import EPOCH_NS, Lockstep, calm, hover_at, hovering
 from tombo_bringup.flight import fly_scenario
 from tombo_control.autopilot import HOVER, IDLE, LANDED
 from tombo_control.estimate import TICK_NS, Estimate
@@ -441,4 +441,3 @@ def test_the_mission_may_begin_at_any_time_of_day() -> None:
     flight.steer = lambda t: hover_at(0.0, 0.0, 2.0) if t > 0.3 else None
     flight.fly(6.0)
     assert _away(flight.fly(0.5)) < 0.15
-

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lockstep_bench import EPOCH_NS, Lockstep, calm, hover_at, hovering
 from numpy.typing import NDArray
 
+from lockstep_bench import EPOCH_NS, Lockstep, calm, hover_at, hovering
 from tombo_control.autopilot import HOVER, IDLE
 from tombo_control.estimate import TICK_NS
 from tombo_control.observer import Observer
@@ -242,7 +242,7 @@ def test_a_pose_that_comes_before_the_imu_of_its_time_waits_for_it(ride: _Ride) 
 
 def test_a_jump_ahead_of_the_imu_is_seen_too(ride: _Ride) -> None:
     ride.late = -2
-    assert ride.pose(position=ride.place(ride.tick) + [0.0, 0.0, 1.0]) == "jump"
+    assert ride.pose(position=np.add(ride.place(ride.tick), [0.0, 0.0, 1.0])) == "jump"
 
 
 def test_each_refusal_in_a_real_hover_leaves_the_vehicle_where_it_is(flight: Lockstep) -> None:
@@ -298,13 +298,13 @@ def test_wrong_poses_with_good_ones_between_are_never_believed(ride: _Ride) -> N
 
 def test_after_a_gap_of_poses_a_larger_step_is_believed(ride: _Ride) -> None:
     ride.run(400, poses=False)
-    off = ride.place(ride.tick - ride.late) + [0.0, 0.9, 0.0]  # 0.25 m + 2 m/s * 0.43 s
+    off = np.add(ride.place(ride.tick - ride.late), [0.0, 0.9, 0.0])  # 0.25 m + 2 m/s * 0.43 s
     assert ride.pose(position=off) == ""
 
 
 def test_a_limit_set_in_flight_counts_from_the_next_pose(ride: _Ride) -> None:
     ride.observer.params(EstimatorParams(jump_min=3.0))
-    off = ride.place(ride.tick - ride.late) + [0.0, 1.0, 0.0]
+    off = np.add(ride.place(ride.tick - ride.late), [0.0, 1.0, 0.0])
     assert ride.pose(position=off) == ""
 
 
@@ -329,9 +329,7 @@ def test_after_200_ms_without_imu_the_estimate_begins_anew(ride: _Ride) -> None:
 
 
 @pytest.mark.parametrize(("gap_s", "limit"), [(0.005, 0.01), (0.05, 0.03), (0.2, 0.15)])
-def test_a_hover_survives_a_gap_of_the_imu(
-    flight: Lockstep, gap_s: float, limit: float
-) -> None:
+def test_a_hover_survives_a_gap_of_the_imu(flight: Lockstep, gap_s: float, limit: float) -> None:
     before = flight.position
     flight.imu_on = False
     flight.fly(gap_s)
@@ -375,8 +373,12 @@ def test_an_imu_sample_that_is_not_finite_is_bridged(ride: _Ride) -> None:
 def test_stamps_with_jitter_lose_no_state() -> None:
     chance = np.random.default_rng(0)
     ride = _Ride((1.0, 0.0, 0.0))
-    ride.ns = lambda tick: EPOCH_NS + tick * TICK_NS + int(  # type: ignore[method-assign]
-        chance.uniform(-0.4, 0.4) * TICK_NS
+    ride.ns = lambda tick: (
+        EPOCH_NS
+        + tick * TICK_NS
+        + int(  # type: ignore[method-assign]
+            chance.uniform(-0.4, 0.4) * TICK_NS
+        )
     )
     ride.run(2000)
     assert ride.observer.lost_samples == 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import time
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +63,7 @@ def test_with_simulated_time_it_runs_when_the_clock_says_so(world: Any, start: A
     poked = len(world.heard[ECHO.name])
     assert poked == 1  # it was kept until time began
     assert 80 <= len(steps) <= 103
-    assert all(a < b for a, b in zip(steps, steps[1:], strict=False))
+    assert all(a < b for a, b in pairwise(steps))
     assert steps[0] <= 1_000 * _MS + 20 * _MS
     assert steps[-1] >= 2_000 * _MS - 20 * _MS
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-rclpy = pytest.importorskip("rclpy")
+pytest.importorskip("rclpy")
 
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock

@@ -84,7 +84,9 @@ def test_rclpys_bytes_fit_and_are_read(typename: str, data: st.DataObject) -> No
     writer, reader = _wire(typename, "writer"), _wire(typename)
     stamp = data.draw(_stamp_ns)
     writer.stamp(stamp)
-    put = {path: data.draw(st.lists(_number, min_size=n, max_size=n)) for path, n in fields.items()}
+    put = {
+        path: data.draw(st.lists(_number, min_size=n, max_size=n)) for path, n in fields.items()
+    }
     for path, values in put.items():
         writer.set(path, *values)
     sent = serialize_message(deserialize_message(writer.data(), kind))

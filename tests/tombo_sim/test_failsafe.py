@@ -8,9 +8,9 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from lockstep_bench import Lockstep, calm, hover_at
 from numpy.typing import NDArray
 
+from lockstep_bench import Lockstep, calm, hover_at
 from tombo_dynamics.plant import part
 from tombo_dynamics.rotation import tilt, yaw_pitch_roll
 from tombo_sim.failsafe import Failsafe

@@ -1,4 +1,4 @@
-"""The simulator tick by tick is the headless flight's plant: same seed, same commands, same flight.
+"""The simulator tick by tick is the headless flight's plant: same seed and commands, same flight.
 
 To the last bit but one: the fused kernel contracts multiply-adds where single functions do not.
 """

@@ -257,7 +257,9 @@ class CollisionDetector:
         mx, my, mz, mw = x0 + x, y0 + y, z0 + z, w0 + w
         if x0 * x + y0 * y + z0 * z + w0 * w < 0.0:
             mx, my, mz, mw = x - x0, y - y0, z - z0, w - w0
-        upright = max(mw * mw + mz * mz - mx * mx - my * my, 0.3 * (mw * mw + mz * mz))
+        level, tilted = mw * mw + mz * mz, mx * mx + my * my
+        # beyond 57 deg of tilt it is no free flight: limited, and upside down no division by 0
+        upright = max(mw * mw + mz * mz - mx * mx - my * my, 0.3 * level, 0.1 * (level + tilted))
         ax = GRAVITY * 2.0 * (mx * mz + mw * my) / upright
         ay = GRAVITY * 2.0 * (my * mz - mw * mx) / upright
         rx, ry, rz = _rotation_vector(x0, y0, z0, w0, x, y, z, w)

@@ -74,7 +74,7 @@ class DetectorNode(LoopNode):
         else:
             seen = self._watch.pose(
                 stamp_ns,
-                now_ns,
+                now_ns + self.slack_ns,
                 message.header.frame_id,
                 array(message.pose.position),
                 array(message.pose.orientation),

@@ -93,6 +93,9 @@ class SimNode(LoopNode):
             bounds=(0, 10**9),
             read_only=False,
         )
+        self.declare(
+            "imu", True, "false: the IMU falls silent, to try what happens", read_only=False
+        )
         self._lockstep = self.sim_time and self.declare(
             "lockstep", False, "with use_sim_time: each tick waits for the command to it"
         )
@@ -103,6 +106,7 @@ class SimNode(LoopNode):
         )
         self._truth_ticks = max(round(1000.0 / truth_rate), 1)
         world = self._world(rate)
+        self._warm_up(world)
         self._speed_max = 1.5 * world.vehicle.rotor_speed_max
         self.simulator = Simulator(world, int(seed))
         self.failsafe = Failsafe(self.simulator, world.vehicle)
@@ -120,6 +124,16 @@ class SimNode(LoopNode):
         """Time of tick 0."""
         self._started = False
         self._make_outputs()
+
+    def _warm_up(self, world: World) -> None:
+        """Load all compiled code now, that of the fail-safe too: not when it is needed."""
+        spare = Simulator(world, 0)
+        failsafe = Failsafe(spare, world.vehicle)
+        failsafe.engage(0)
+        for _ in range(2):
+            spare.advance(failsafe.command)
+            failsafe.observe(spare)
+        contact_force(spare.m)
 
     def _world(self, mocap_rate: float) -> World:
         """Declare the parameters of all effects; what the propeller implies is their default."""
@@ -215,7 +229,7 @@ class SimNode(LoopNode):
             self._pace()
         elif name == "step":
             self._steps += int(self.parameters.get("step"))
-        else:
+        elif name != "imu":
             self.health.fault(
                 "not_at_runtime",
                 True,
@@ -320,7 +334,8 @@ class SimNode(LoopNode):
         self._imu.stamp(stamp)
         self._gyro.put(m[P.imu : P.imu + 3])
         self._accel.put(m[P.imu + 3 : P.imu + 6])
-        self._imu_out.publish(self._imu.data())
+        if self.parameters.get("imu"):
+            self._imu_out.publish(self._imu.data())
         for sample in simulator.arrived:
             self._pose.stamp(self._began_ns + sample.captured * TICK_NS)
             self._pose_values.put(sample.pose)
