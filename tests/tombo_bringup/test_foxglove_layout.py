@@ -185,7 +185,7 @@ def test_a_figure_of_the_diagnostics_is_one_that_the_node_gives(path: str):
         assert f'value("{key}"' in text or f'value(f"{share}"' in text, f"{node} gives no {key}"
 
 
-COMMON = ("loop_node.py", "loop_statistics.py", "health.py")
+COMMON = ("node_loop.py", "loop_statistics.py", "health.py")
 
 
 # --- The scene --------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from tombo_bag.qos import Qos
 from tombo_bag.topics import TopicSpec
 from tombo_control.params import EstimatorParams
 from tombo_ros.conversion import to_time
-from tombo_ros.loop_node import LoopNode, run
+from tombo_ros.node_loop import LoopNode, run
 
 STEPS = TopicSpec("/steps", "rosgraph_msgs/msg/Clock", Qos(5000), 0.0, "time of each run")
 POKE = TopicSpec("/poke", "rosgraph_msgs/msg/Clock", Qos(100), 0.0, "heard by the node")

@@ -12,7 +12,7 @@ from tombo_collision.params import DetectorParams
 from tombo_collision.watch import TWO_PUBLISHERS, CollisionWatch, Seen
 from tombo_msgs.msg import CollisionEvent, DetectorStatus
 from tombo_ros.conversion import array, point, to_ns, to_time, vector
-from tombo_ros.loop_node import LoopNode, run
+from tombo_ros.node_loop import LoopNode, run
 
 _SILENT_NS = 120_000_000
 """Three samples at 30 Hz and a half."""

@@ -34,8 +34,8 @@ from tombo_msgs.msg import CollisionEvent as EventMessage
 from tombo_msgs.msg import PositionSetpoint, ReactionStatus
 from tombo_ros.conversion import array, point, to_ns, to_time, vector
 from tombo_ros.health import ERROR
-from tombo_ros.loop_node import LoopNode, run
 from tombo_ros.markers import GREEN, RED, point_marker
+from tombo_ros.node_loop import LoopNode, run
 from tombo_ros.wire import Wire
 
 _SHOWN_NS = 1_000_000_000

@@ -34,8 +34,8 @@ from tombo_dynamics.rotor_maps import rotor_maps
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_ros.conversion import array, to_ns
 from tombo_ros.health import ERROR
-from tombo_ros.loop_node import LoopNode, run
 from tombo_ros.loop_statistics import LoopStatistics
+from tombo_ros.node_loop import LoopNode, run
 from tombo_ros.pacing import sleep_until
 from tombo_ros.topic import Taken
 from tombo_ros.wire import Wire

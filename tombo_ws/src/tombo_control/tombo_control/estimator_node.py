@@ -25,8 +25,8 @@ from tombo_dynamics.rotation import turned
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_ros.conversion import array, to_ns
 from tombo_ros.health import ERROR
-from tombo_ros.loop_node import LoopNode, run
 from tombo_ros.markers import disc_markers
+from tombo_ros.node_loop import LoopNode, run
 from tombo_ros.topic import message_class
 from tombo_ros.wire import Wire
 

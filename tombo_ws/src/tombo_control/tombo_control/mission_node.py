@@ -23,7 +23,7 @@ from tombo_control.mission_course import CourseLimits, MissionCourse
 from tombo_dynamics.rotation import turned
 from tombo_msgs.msg import MissionStatus, PositionSetpoint
 from tombo_ros.conversion import array, point, to_ns, to_time, vector
-from tombo_ros.loop_node import LoopNode, run
+from tombo_ros.node_loop import LoopNode, run
 from tombo_ros.wire import Wire
 
 _SHOWN_NS = 1_000_000_000

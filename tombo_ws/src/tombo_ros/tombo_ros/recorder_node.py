@@ -23,7 +23,7 @@ from tombo_bag.tally import Tally
 from tombo_bag.topics import CLOCK, TOPICS
 from tombo_dynamics.errors import InputError
 from tombo_ros.health import ERROR
-from tombo_ros.loop_node import LoopNode, run
+from tombo_ros.node_loop import LoopNode, run
 from tombo_ros.qos import profile
 from tombo_ros.topic import PolledGroup, message_class
 

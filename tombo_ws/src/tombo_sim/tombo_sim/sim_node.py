@@ -32,9 +32,9 @@ from tombo_dynamics.propeller.choice import PropellerChoice
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_ros.conversion import to_time
 from tombo_ros.health import ERROR
-from tombo_ros.loop_node import LoopNode, run
 from tombo_ros.loop_statistics import LatenessHistogram
 from tombo_ros.markers import obstacle_marker
+from tombo_ros.node_loop import LoopNode, run
 from tombo_ros.wire import Wire
 from tombo_sim.contact_force import contact_force
 from tombo_sim.failsafe import Failsafe

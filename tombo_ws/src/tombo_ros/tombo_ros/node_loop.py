@@ -19,11 +19,13 @@ import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import ok
 
 from tombo_bag.topics import CLOCK, TopicSpec
 from tombo_dynamics.errors import InputError
 from tombo_ros.conversion import to_ns
-from tombo_ros.health import WARN, Health
+from tombo_ros.health import ERROR, WARN, Health
 from tombo_ros.loop_statistics import LoopStatistics
 from tombo_ros.pacing import ask_for_realtime, collect_young, quiet_collector, sleep_until
 from tombo_ros.record_parameters import RecordParameters
@@ -33,6 +35,7 @@ SECOND_NS = 1_000_000_000
 _LOOK_NS = SECOND_NS // 2
 _SETTLE_NS = 2 * SECOND_NS
 """Discovery and first calls; the statistics of a loop begin after it."""
+_CLOCK_SILENT_S = 0.5
 _SLACK_NS = 50_000_000
 _POLL_SHARE, _POLL_LEAST_NS, _POLL_MOST_NS = 0.1, 100_000, 1_000_000
 """How often a node in simulated time looks for clock and messages: a tenth of its period."""
@@ -138,7 +141,7 @@ class LoopNode:
     @property
     def stopping(self) -> bool:
         """Whether the loop is to end."""
-        return self._stopping or not rclpy.ok()
+        return self._stopping or not ok()
 
     def spin(self) -> None:
         """Run the loop until `stop`, or until ROS is shut down."""
@@ -229,6 +232,9 @@ class LoopNode:
         if wall_ns - self._looked_ns > _LOOK_NS:
             self._looked_ns = wall_ns
             self.health.expire(wall_ns)
+            if self._clock is not None:
+                silent = self._clock.silent(wall_ns, _CLOCK_SILENT_S)
+                self.health.fault("clock_silent", silent, "no /clock: time stands still", ERROR)
             for found in self._inputs:
                 self.health.fault(
                     f"second_publisher.{found.topic}",
@@ -288,7 +294,7 @@ def run(make: Callable[[], LoopNode], argv: Sequence[str] | None = None) -> int:
     try:
         rclpy.init(
             args=sys.argv if argv is None else list(argv),
-            signal_handler_options=rclpy.SignalHandlerOptions.NO,
+            signal_handler_options=SignalHandlerOptions.NO,
         )
     except Exception as error:  # rclpy's own classes: wrong command line, unreadable file
         return _refuse(" ".join(str(error).split()))
