@@ -119,6 +119,7 @@ class ControllerNode(LoopNode):
             spare.biases(zero, now)
             spare.setpoint(Setpoint(zero, zero, zero, 0.0, 2), now)
             spare.tick(now, now, zero)
+        turned(level, zero)
 
     def records_changed(self, name: str) -> None:
         """Take new gains in flight; another vehicle or propeller only at the next start."""

@@ -53,6 +53,7 @@ class MissionNode(LoopNode):
             read_only=False,
         )
         self._course = MissionCourse(self.records["mission"], self.records["inputs"], started)
+        turned(np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3))  # loads its compiled code now
         self._odometry_in = self.listen(ODOMETRY, depth=20)
         self._reaction_in = self.listen(REACTION_STATUS)
         self._answer_in = self.listen(SETPOINT)

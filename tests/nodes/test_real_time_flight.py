@@ -1,0 +1,70 @@
+"""The paper's experiment flown by the nodes in real time, with all files of a headless flight."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from tombo_bag.reader import Bag
+from tombo_bag.topics import CLOCK, TF, TOPICS
+from tombo_bringup.flight import fly_scenario
+from tombo_bringup.scenario import load_scenario
+
+pytest.importorskip("rclpy")
+
+SHORT = ("mission.approach_time=5.0", "mission.hold_time=1.5")
+"""The way to the obstacle begins as soon as the vehicle hovers."""
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("flight") / "nodes"
+    settings = [word for setting in SHORT for word in ("--set", setting)]
+    command = [sys.executable, "-m", "tombo_bringup.cli.main", "fly", "--nodes", *settings]
+    run = subprocess.run(
+        [*command, "-o", str(folder), "--json"], capture_output=True, text=True, timeout=170
+    )
+    assert run.returncode == 0, run.stderr
+    return folder, json.loads(run.stdout)
+
+
+def test_the_vehicle_recovers_as_in_the_headless_flight(flown):
+    _, figures = flown
+    headless = fly_scenario(load_scenario(settings=SHORT), 0).summary
+    assert figures["collided"] and headless["collided"]
+    assert not figures["crashed"] and not headless["crashed"]
+    assert figures["landed"] and headless["landed"]
+    assert figures["detections"] == 1 and figures["false_alarms"] == 0
+    assert figures["contact_rotor"] == headless["contact_rotor"] == "front_left"
+    # no two node flights are equal: bands are those of 40 seeds of the headless one, and some more
+    assert figures["collision_time_s"] == pytest.approx(headless["collision_time_s"], abs=1.5)
+    assert 0.02 < figures["max_falling_distance_m"] < 0.95
+    assert 2.0 < figures["recovery_time_s"] < 7.0
+    assert figures["settled_error_m"] < 0.15
+    assert figures["hover_rms_m"] < 0.08
+
+
+def test_it_says_how_it_was_flown(flown):
+    _, figures = flown
+    assert figures["mode"] == "nodes"
+    for loop, rate_hz in (("position", 50.0), ("attitude", 250.0), ("rate", 1000.0)):
+        found = figures["loops"][loop]
+        assert found["rate_hz"] == pytest.approx(rate_hz, rel=0.2)
+        assert {"jitter_p50_us", "jitter_p99_us", "missed"} <= set(found)
+    assert figures["latency_gyro_to_command_us"]["p50"] > 0.0
+    assert figures["latency_gyro_to_command_us"]["p50"] < 5_000.0
+    assert figures["recorder"]["messages"] > 50_000
+    assert figures["died"] == {}
+
+
+def test_it_leaves_the_same_files(flown):
+    folder, figures = flown
+    names = {path.name for path in folder.iterdir()}
+    assert names == {"flight.mcap", "flight.png", "report.html", "summary.json"}
+    bag = Bag(folder / "flight.mcap", check=True)
+    assert not bag.damage
+    assert set(bag.topics) >= set(TOPICS) - {CLOCK.name, TF.name}
+    assert sum(topic.count for topic in bag.topics.values()) == figures["recorded_messages"]
