@@ -101,6 +101,10 @@ def _twin() -> FlightController:
     return FlightController(ControlParams(), vehicle, InputLimits(), maps)
 
 
+def _tilt(setpoint) -> float:
+    return 2.0 * float(np.arcsin(np.hypot(setpoint.orientation.x, setpoint.orientation.y)))
+
+
 def test_each_gyro_sample_is_answered_as_the_pure_controller_does(world, start):
     world.listen(ROTOR_COMMAND, RATES_SETPOINT, ATTITUDE_SETPOINT, DIAGNOSTICS)
     node = start("tombo_control.controller_node", "-p", "use_sim_time:=true")
@@ -160,9 +164,12 @@ def test_each_gyro_sample_is_answered_as_the_pure_controller_does(world, start):
     ((taken, reason),) = set_parameters(world, "controller", control__position_p=99.0)
     assert not taken
     assert "control.position_p" in reason
-    assert set_parameters(world, "controller", control__position_p=1.2) == [(True, "")]
-    for _ in range(20):
+    leaning = _tilt(world.heard[ATTITUDE_SETPOINT.name][-1])
+    assert leaning > 0.07
+    assert set_parameters(world, "controller", control__tilt_max=0.05) == [(True, "")]
+    for _ in range(45):
         inputs.tick()
+    assert _tilt(world.heard[ATTITUDE_SETPOINT.name][-1]) == pytest.approx(0.05, abs=1e-3)
     assert min(world.heard[ROTOR_COMMAND.name][-1].speed) > 300.0
     begun = len(world.heard[DIAGNOSTICS.name])
     assert set_parameters(world, "controller", vehicle__mass=1.5) == [(True, "")]

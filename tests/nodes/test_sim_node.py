@@ -130,7 +130,7 @@ def test_in_lockstep_each_tick_waits_for_its_command(world, start):
     _wait(world, lambda: world.heard[IMU.name])
     first = _stamps(world, IMU)[-1]
     world.publish(ROTOR_COMMAND, _command(first, _CLIMB))
-    time.sleep(0.05)
+    time.sleep(0.3)  # longer than a command is waited for; while paused nobody waits
     assert set_parameters(world, "sim", step=450) == [(True, "")]
     answered = len(world.heard[IMU.name])
     began = time.monotonic()

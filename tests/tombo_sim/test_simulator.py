@@ -15,8 +15,8 @@ from tombo_bringup.flight_record import FlightRecord
 from tombo_bringup.scenario import Scenario, load_scenario, world_of
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.plant import P, part
-from tombo_sim.contact_force import contact_force
 from tombo_sim.simulator import Simulator
+from tombo_sim.truth import contact_force
 from tombo_sim.world import ObstacleParams, World
 
 _ROUNDING = 1e-10

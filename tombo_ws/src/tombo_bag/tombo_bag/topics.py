@@ -102,10 +102,10 @@ MARKERS = TopicSpec(
 )
 TF = TopicSpec("/tf", "tf2_msgs/msg/TFMessage", STATE, 50.0, "map to base_link, the estimate")
 TRUE_ODOMETRY = TopicSpec(
-    "/ground_truth/odometry", "nav_msgs/msg/Odometry", SENSOR, 1000.0, "true pose and twist"
+    "/ground_truth/odometry", "nav_msgs/msg/Odometry", SENSOR, 250.0, "true pose and twist"
 )
 TRUE_ROTORS = TopicSpec(
-    "/ground_truth/rotors", "tombo_msgs/msg/RotorState", SENSOR, 1000.0, "true state of the rotors"
+    "/ground_truth/rotors", "tombo_msgs/msg/RotorState", SENSOR, 250.0, "true state of the rotors"
 )
 TRUE_CONTACT = TopicSpec(
     "/ground_truth/contact",

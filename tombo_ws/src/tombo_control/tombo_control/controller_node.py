@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Sequence
@@ -40,13 +41,15 @@ from tombo_ros.pacing import sleep_until
 from tombo_ros.topic import Taken
 from tombo_ros.wire import Wire
 
-_MARGIN_NS = 150_000
+_MARGIN_NS = 250_000
 """The loop aims to run this long after a gyro sample has arrived."""
 _FOLLOW = 0.02
 """Share of the distance to that aim that is made good in each run."""
 _FASTEST_NS = 1000
 """And at most so much in each: 0.1 % of the rate."""
-_WAIT_NS, _LOOKS = 60_000, 6
+_SLOW_TURN = 4
+"""Set points and biases come 50 times a second: they are looked for in some runs only."""
+_WAIT_NS, _LOOKS = 100_000, 4
 """A sample that is late is looked for again so often, so far apart."""
 _AHEAD_NS = 5_000_000
 """An estimate may be stamped so far ahead of the clock."""
@@ -102,6 +105,7 @@ class ControllerNode(LoopNode):
             Wire(ATTITUDE_SETPOINT.typename, {"header": world}),
         )
         self._gyro_missed = 0
+        self._runs = 0
         self._slots: dict[str, int] = {}
         self._refused = 0
 
@@ -129,13 +133,18 @@ class ControllerNode(LoopNode):
             self.health.fault("not_at_runtime", True, f"{name} is used at the next start")
 
     def step(self, now_ns: int) -> None:
-        """Take what has come; answer the gyro."""
-        if self._status_in.waiting():
-            self._take_status()
+        """Answer the gyro first; take the rest after it, for the next sample."""
+        self._answer_gyro(now_ns)
+        self._runs += 1
         if self._odometry_in.waiting():
             self._take_odometry(now_ns)
-        if self._setpoint_in.waiting():
+        turn = 0 if self.sim_time else self._runs % _SLOW_TURN
+        if turn == 0 and self._status_in.waiting():
+            self._take_status()
+        if turn in (0, 2) and self._setpoint_in.waiting():
             self._take_setpoint(now_ns)
+
+    def _answer_gyro(self, now_ns: int) -> None:
         samples = self._gyro_samples()
         if not samples:
             self._without_gyro()
@@ -173,8 +182,9 @@ class ControllerNode(LoopNode):
             self.health.happened("imu_shape", "imu frame is not base_link, or of other shape")
             return
         stamp = self._imu.stamp_of(data)
-        gyro = np.array(self._gyro.of(data))
-        if not np.isfinite(gyro.sum()):
+        rates = self._gyro.of(data)
+        gyro = np.array(rates)
+        if not math.isfinite(rates[0] + rates[1] + rates[2]):
             self.health.happened("imu_not_finite", "gyro sample with NaN or infinity")
         clock = stamp if self.sim_time else now_ns
         command = self._controller.tick(clock, stamp, gyro)

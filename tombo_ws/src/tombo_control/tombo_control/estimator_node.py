@@ -18,7 +18,7 @@ from tombo_bag.topics import (
     ODOMETRY,
     TF,
 )
-from tombo_control.estimate import TICK_NS, Estimate, tick_of
+from tombo_control.estimate import Estimate, tick_of
 from tombo_control.observer import Observer
 from tombo_control.params import EstimatorParams
 from tombo_dynamics.rotation import turned
@@ -54,7 +54,6 @@ class EstimatorNode(LoopNode):
         super().__init__("estimator", 1000.0, records, realtime=True)
         self._observer = Observer(self.records["estimator"], self.records["vehicle"])
         self._warm_up()
-        self._warm_up()
         self._imu_in = self.listen(IMU, depth=200)
         self._pose_in = self.listen(MOCAP_POSE, depth=20)
         self._phase_in = self.listen(MISSION_STATUS)
@@ -79,15 +78,6 @@ class EstimatorNode(LoopNode):
         self._markers = self.speak(MARKERS)
         self._tf_out, self._tf = self._transforms()
         self._hubs = self.records["vehicle"].rotor_positions()
-
-    def _warm_up(self) -> None:
-        """Load all compiled code now, not at the first poses: it takes half a second."""
-        spare = Observer(self.records["estimator"], self.records["vehicle"])
-        zero, level = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])
-        for k in range(1000, 1006):
-            spare.imu(k * TICK_NS, zero, zero)
-            spare.pose(k * TICK_NS, k * TICK_NS, "map", zero, level)
-        turned(level, zero)
 
     def _warm_up(self) -> None:
         """Load all compiled code now, not at the first sample."""

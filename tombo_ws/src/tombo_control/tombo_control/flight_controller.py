@@ -7,7 +7,7 @@ without gyro it says nothing, and the flight controller behind it takes over.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,8 +27,7 @@ from tombo_dynamics.vehicle import VehicleParams
 _LONGEST_COAST = 100
 
 
-@dataclass(frozen=True)
-class Command:
+class Command(NamedTuple):
     """Answer to one gyro sample."""
 
     stamp_ns: int

@@ -12,7 +12,7 @@ import numpy as np
 
 from tombo_control.autopilot import HISTORY_TICKS, IDLE, LANDED, A, G, new_autopilot, part
 from tombo_control.estimate import TICK_NS, Array, Estimate, tick_of
-from tombo_control.estimator import correct, observe, remember
+from tombo_control.estimator import correct, measure_rates, observe, remember
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_dynamics.vehicle import VehicleParams
 
@@ -137,17 +137,16 @@ class Observer:
                 self.poses += 1
             else:
                 self.rejected += 1
-        rates = np.where(
-            np.isfinite(self._imu[:3]), self._imu[:3] - part(a, "gyro_bias"), part(a, "rates")
-        )
+        measure_rates(a, self._imu, 0)
+        state = a[: A.leg].copy()
         self._estimate = Estimate(
             stamp_ns,
-            part(a, "position").copy(),
-            part(a, "velocity").copy(),
-            part(a, "attitude").copy(),
-            rates,
-            part(a, "gyro_bias").copy(),
-            part(a, "accel_bias").copy(),
+            part(state, "position"),
+            part(state, "velocity"),
+            part(state, "attitude"),
+            part(state, "rates"),
+            part(state, "gyro_bias"),
+            part(state, "accel_bias"),
             self._pose_stamp_ns,
         )
         observe(a, self._imu, tick, 1, self._airborne)

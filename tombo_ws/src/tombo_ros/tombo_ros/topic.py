@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import Any, NamedTuple
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
@@ -44,8 +43,7 @@ class PolledGroup(CallbackGroup):
         """Do nothing."""
 
 
-@dataclass(frozen=True)
-class Taken:
+class Taken(NamedTuple):
     """One message as it arrived."""
 
     message: Any
@@ -83,6 +81,7 @@ class Input:
         self.unreadable = 0
         """Messages whose bytes are none of this type."""
         self._made_ns = time.time_ns()
+        self._take = self._subscription.handle.take_message
         self._waiting: list[Taken] = []
         self._sequence = 0
         self._turned_ns = [0, 0]
@@ -99,11 +98,8 @@ class Input:
         return found
 
     def _pull(self) -> None:
-        handle = self._subscription.handle
-        while True:
-            item = handle.take_message(self.kind, True)
-            if item is None:
-                return
+        item = self._take(self.kind, True)
+        while item is not None:
             data, info = item
             received = info["received_timestamp"]
             sequence = info["publication_sequence_number"]
@@ -113,6 +109,7 @@ class Input:
             if sequence <= self._sequence:
                 self._turned_ns = [self._turned_ns[1], received]
             self._sequence = sequence
+            item = self._take(self.kind, True)
 
     def crowded(self, now_ns: int) -> bool:
         """Return whether two publishers have spoken here within the last second.

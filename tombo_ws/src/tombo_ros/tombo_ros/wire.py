@@ -11,6 +11,9 @@ import struct
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tombo_bag.columnar_cdr import layout
 
 _SECOND_NS = 1_000_000_000
@@ -92,11 +95,16 @@ class Field:
     def __init__(self, place: struct.Struct, offset: int, buffer: bytearray) -> None:
         self._place = place
         self._offset = offset
+        self._end = offset + place.size
         self._buffer = buffer
 
     def put(self, values: Sequence[Any]) -> None:
         """Write them."""
         self._place.pack_into(self._buffer, self._offset, *values)
+
+    def put_array(self, values: NDArray[np.float64]) -> None:
+        """Write an array of as many doubles as the field has, as they lie in memory."""
+        self._buffer[self._offset : self._end] = values.tobytes()
 
     def of(self, data: bytes) -> tuple[Any, ...]:
         """Read them from bytes that fit."""

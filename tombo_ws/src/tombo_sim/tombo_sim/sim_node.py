@@ -36,10 +36,10 @@ from tombo_ros.loop_statistics import LatenessHistogram
 from tombo_ros.markers import obstacle_marker
 from tombo_ros.node_loop import LoopNode, run
 from tombo_ros.wire import Wire
-from tombo_sim.contact_force import contact_force
 from tombo_sim.failsafe import Failsafe
 from tombo_sim.propulsion import propulsion_effects
 from tombo_sim.simulator import Simulator
+from tombo_sim.truth import contact_force, true_state
 from tombo_sim.world import ObstacleParams, SpreadParams, World
 
 TICK_NS = 1_000_000
@@ -102,7 +102,7 @@ class SimNode(LoopNode):
         clock_rate = self.declare("clock_rate", 250.0, "of /clock [Hz]", bounds=(1.0, 1000.0))
         self._clock_ticks = max(round(1000.0 / clock_rate), 1)
         truth_rate = self.declare(
-            "truth_rate", 1000.0, "of ground_truth/odometry and rotors [Hz]", bounds=(1.0, 1000.0)
+            "truth_rate", 250.0, "of ground_truth/odometry and rotors [Hz]", bounds=(1.0, 1000.0)
         )
         self._truth_ticks = max(round(1000.0 / truth_rate), 1)
         world = self._world(rate)
@@ -118,6 +118,7 @@ class SimNode(LoopNode):
         self._asked_ns = 0
         self._refused = 0
         self._latency = LatenessHistogram()
+        self._state = np.zeros(13)
         self._steps = 0
         self._touched = False
         self._began_ns = EPOCH_NS
@@ -284,9 +285,9 @@ class SimNode(LoopNode):
             if not self._answer.fits(taken.message):
                 self._refuse("rotor_command has another shape or frame than base_link")
                 continue
-            speed = np.array(self._answer_speed.of(taken.message))
-            if not np.isfinite(speed).all() or speed.min() < 0.0 or speed.max() > self._speed_max:
-                self._refuse(f"rotor_command {speed.tolist()} rad/s is no command")
+            speed = self._answer_speed.of(taken.message)
+            if not all(0.0 <= value <= self._speed_max for value in speed):
+                self._refuse(f"rotor_command {list(speed)} rad/s is no command")
                 continue
             if self._commands.crowded(time.time_ns()):
                 self._refuse("two nodes command the rotors")
@@ -296,7 +297,7 @@ class SimNode(LoopNode):
                 self._latency.add(taken.received_ns - stamp)
             if taken.received_ns - self._command_ns > self._timeout_ns:
                 self._resumed_ns = taken.received_ns
-            self._command, self._command_ns = speed, taken.received_ns
+            self._command, self._command_ns = np.array(speed), taken.received_ns
             self._answered_ns, self._asked_ns = stamp, now_ns
 
     def _refuse(self, text: str) -> None:
@@ -332,13 +333,13 @@ class SimNode(LoopNode):
         simulator, stamp = self.simulator, self.stamp_ns
         m, tick = simulator.m, simulator.tick
         self._imu.stamp(stamp)
-        self._gyro.put(m[P.imu : P.imu + 3])
-        self._accel.put(m[P.imu + 3 : P.imu + 6])
+        self._gyro.put_array(m[P.imu : P.imu + 3])
+        self._accel.put_array(m[P.imu + 3 : P.imu + 6])
         if self.parameters.get("imu"):
             self._imu_out.publish(self._imu.data())
         for sample in simulator.arrived:
             self._pose.stamp(self._began_ns + sample.captured * TICK_NS)
-            self._pose_values.put(sample.pose)
+            self._pose_values.put_array(sample.pose)
             self._pose_out.publish(self._pose.data())
         if tick % self._truth_ticks == 0:
             self._publish_truth(stamp, m)
@@ -353,13 +354,13 @@ class SimNode(LoopNode):
 
     def _publish_truth(self, stamp: int, m: Any) -> None:
         self._odometry.stamp(stamp)
-        self._true_pose.put((*m[P.body : P.body + 3], *m[P.body + 6 : P.body + 10]))
-        turn = m[P.rotation : P.rotation + 9].reshape(3, 3)
-        self._true_twist.put((*(m[P.body + 3 : P.body + 6] @ turn), *m[P.body + 10 : P.body + 13]))
+        true_state(m, self._state)
+        self._true_pose.put_array(self._state[:7])
+        self._true_twist.put_array(self._state[7:])
         self._odometry_out.publish(self._odometry.data())
         self._rotors.stamp(stamp)
         for field, values in self._rotor_fields:
-            field.put(values)
+            field.put_array(values)
         self._rotors_out.publish(self._rotors.data())
 
     def _publish_contact(self, stamp: int, m: Any) -> None:

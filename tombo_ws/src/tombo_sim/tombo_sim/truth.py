@@ -1,4 +1,4 @@
-"""The force of a touch, from the plant's memory."""
+"""What is true, from the plant's memory: pose and twist, and the force of a touch."""
 
 from __future__ import annotations
 
@@ -16,3 +16,15 @@ def contact_force(m: Array) -> tuple[float, float, float]:
     if m[c] > 0.0 and m[c + 1] < 0.0:
         return x + m[c + 2], y + m[c + 3], z + m[c + 4]
     return x, y, z
+
+
+@compiled
+def true_state(m: Array, out: Array) -> None:
+    """Write position (3) and attitude (4) in map, velocity (3) and rates (3) in base_link."""
+    r, b = P.rotation, P.body
+    for i in range(3):
+        out[i] = m[b + i]
+        out[7 + i] = m[r + i] * m[b + 3] + m[r + 3 + i] * m[b + 4] + m[r + 6 + i] * m[b + 5]
+        out[10 + i] = m[b + 10 + i]
+    for i in range(4):
+        out[3 + i] = m[b + 6 + i]
