@@ -134,9 +134,9 @@ def test_containers_hear_each_other(name: str):
 @pytest.mark.parametrize("name", OURS)
 def test_loops_may_ask_for_their_priority(name: str):
     pacing = (ROOT / "tombo_ws/src/tombo_ros/tombo_ros/pacing.py").read_text()
-    found = re.search(r"_FIFO_PRIORITY = (\d+)", pacing)
-    assert found is not None
-    assert OURS[name]["ulimits"]["rtprio"] >= int(found[1])
+    wanted = [int(n) for pair in re.findall(r"= Priority\((\d+), (\d+)\)", pacing) for n in pair]
+    assert len(wanted) >= 8
+    assert OURS[name]["ulimits"]["rtprio"] >= max(wanted)
     assert OURS[name]["cap_add"] == ["SYS_NICE"]
 
 

@@ -41,7 +41,7 @@ class DetectorNode(LoopNode):
 
     def __init__(self) -> None:
         """Declare parameters and topics."""
-        super().__init__("detector", 500.0, {"detector": DetectorParams()})
+        super().__init__("detector", 200.0, {"detector": DetectorParams()})
         self._watch = CollisionWatch(self.records["detector"])
         self._poses = self.listen(MOCAP_POSE, depth=20)
         self._events = self.speak(COLLISION_EVENT)

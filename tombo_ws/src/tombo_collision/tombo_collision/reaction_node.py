@@ -67,7 +67,7 @@ class ReactionNode(LoopNode):
     def __init__(self) -> None:
         """Declare parameters and topics."""
         records = {"reaction": ReactionParams(), "inputs": ReactionLimits()}
-        super().__init__("reaction", 250.0, records)
+        super().__init__("reaction", 200.0, records)
         self._reacts = self.declare(
             "react", True, "false: collisions are seen, and nothing is done about them"
         )

@@ -37,7 +37,7 @@ from tombo_ros.conversion import array, to_ns
 from tombo_ros.health import ERROR
 from tombo_ros.loop_statistics import LoopStatistics
 from tombo_ros.node_loop import LoopNode, run
-from tombo_ros.pacing import sleep_until
+from tombo_ros.pacing import CONTROLLER, sleep_until
 from tombo_ros.topic import Taken
 from tombo_ros.wire import Wire
 
@@ -67,7 +67,7 @@ class ControllerNode(LoopNode):
             "vehicle": VehicleParams(),
             "propeller": PropellerChoice(),
         }
-        super().__init__("controller", 1000.0, records, realtime=True)
+        super().__init__("controller", 1000.0, records, priority=CONTROLLER)
         r = self.records
         propeller = r["propeller"]
         maps = rotor_maps(thrust_map(configuration(propeller.conf), propeller.law), r["vehicle"])
@@ -104,7 +104,7 @@ class ControllerNode(LoopNode):
             self.speak(ATTITUDE_SETPOINT),
             Wire(ATTITUDE_SETPOINT.typename, {"header": world}),
         )
-        self._gyro_missed = 0
+        self._late_samples = 0
         self._runs = 0
         self._slots: dict[str, int] = {}
         self._refused = 0
@@ -153,13 +153,11 @@ class ControllerNode(LoopNode):
             self.health.fault("imu_silent", False)
         if self._imu_in.crowded(time.time_ns()):
             return
-        if self.sim_time:
-            for taken in samples:
-                self._answer(taken.message, now_ns)
-            return
-        self._gyro_missed += len(samples) - 1
-        self._follow(now_ns - samples[-1].received_ns)
-        self._answer(samples[-1].message, now_ns)
+        if not self.sim_time:
+            self._follow(now_ns - samples[-1].received_ns)
+            self._late_samples += len(samples) - 1
+        for taken in samples:  # two at a time if the first came too late for its run
+            self._answer(taken.message, now_ns)
 
     def _gyro_samples(self) -> list[Taken]:
         """Return the samples that are there; for one that is late, wait a moment."""
@@ -263,7 +261,7 @@ class ControllerNode(LoopNode):
 
     def report(self, now_ns: int) -> None:
         """Add the counts."""
-        self.health.value("gyro_skipped", self._gyro_missed)
+        self.health.value("gyro_late", self._late_samples)
         self.health.value("refused", self._refused)
         super().report(now_ns)
 

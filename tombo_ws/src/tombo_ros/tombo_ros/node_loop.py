@@ -27,7 +27,7 @@ from tombo_dynamics.errors import InputError
 from tombo_ros.conversion import to_ns
 from tombo_ros.health import ERROR, WARN, Health
 from tombo_ros.loop_statistics import LoopStatistics
-from tombo_ros.pacing import ask_for_realtime, collect_young, quiet_collector, sleep_until
+from tombo_ros.pacing import Priority, ask_for, collect_young, quiet_collector, sleep_until
 from tombo_ros.record_parameters import RecordParameters
 from tombo_ros.topic import Input, Output
 
@@ -57,8 +57,7 @@ class LoopNode:
         rate_hz: float,
         records: Mapping[str, Any] | None = None,
         *,
-        realtime: bool = False,
-        realtime_transport: bool = False,
+        priority: Priority | None = None,
     ) -> None:
         """Make the node.
 
@@ -66,9 +65,7 @@ class LoopNode:
             name: of the node.
             rate_hz: of the loop.
             records: section -> record whose fields become parameters.
-            realtime: ask the system for a place in front of the queue.
-            realtime_transport: ask for it for the middleware's threads alone: messages are
-                received in time, whatever the loop does.
+            priority: place in front of the queue to ask the system for; real time only.
 
         Raises:
             InputError: a parameter given at the start is refused.
@@ -89,8 +86,7 @@ class LoopNode:
         self.sim_time = bool(self.ros.get_parameter("use_sim_time").value)
         self.slack_ns = _SLACK_NS if self.sim_time else 0
         """How far the present may be ahead of `now_ns`: /clock speaks now and then only."""
-        self._realtime = realtime and not self.sim_time
-        self._realtime_transport = realtime_transport and not self.sim_time
+        self._priority = None if self.sim_time else priority
         self._inputs: list[Input] = []
         follows = self.sim_time and not self.makes_time
         self._clock = Input(self.ros, CLOCK, depth=1) if follows else None
@@ -150,8 +146,8 @@ class LoopNode:
         self._services.start()
         served_by = {self._services.native_id or 0}
         scheduling = "normal"
-        if self._realtime or self._realtime_transport:
-            scheduling = ask_for_realtime(served_by, self._realtime)
+        if self._priority is not None:
+            scheduling = ask_for(self._priority, served_by)
         self.health.value("scheduling", scheduling)
         self.ros.get_logger().info(f"running, scheduling {scheduling}")
         quiet_collector()
@@ -166,8 +162,10 @@ class LoopNode:
         deadline = began + self.period_ns
         missed, settled = 0, False
         while not self.stopping:
-            sleep_until(deadline)
             woke = time.monotonic_ns()
+            if woke < deadline:
+                sleep_until(deadline)
+                woke = time.monotonic_ns()
             late = woke - deadline
             if late < 0:  # a signal came
                 continue

@@ -9,8 +9,8 @@ import gc
 import os
 import threading
 import time
+from dataclasses import dataclass
 
-_FIFO_PRIORITY = 50
 _TIMER_ABSTIME = 1
 _SECOND_NS = 1_000_000_000
 
@@ -35,32 +35,46 @@ def sleep_until(deadline_ns: int) -> None:
     _nanosleep(time.CLOCK_MONOTONIC, _TIMER_ABSTIME, ctypes.byref(_Timespec(seconds, rest)), None)
 
 
-def ask_for_realtime(leave_out: set[int], loop_too: bool = True) -> str:
+@dataclass(frozen=True)
+class Priority:
+    """Places of a process's threads under SCHED_FIFO; 0: none is asked for."""
+
+    loop: int = 0
+    transport: int = 0
+    """The middleware's threads: a message that waits for them is late for everybody."""
+
+
+SIMULATOR = Priority(50, 46)
+CONTROLLER = Priority(49, 47)
+ESTIMATOR = Priority(44, 45)
+RECORDER = Priority(0, 40)
+"""Who stands where: the shorter the period, the further in front; nobody works long up there."""
+
+
+def ask_for(wanted: Priority, leave_out: set[int]) -> str:
     """Move the process's threads to SCHED_FIFO if the system allows it; say what was got.
 
-    The calling thread comes first, the middleware's threads right behind it: a gyro sample that
-    waits for a thread without priority is late for a loop with one.
-
     Args:
+        wanted: the calling thread is the loop, all others are the middleware's.
         leave_out: thread ids that stay as they are.
-        loop_too: False: the calling thread stays as it is, only the middleware's are moved.
 
     Returns:
-        "FIFO 50", "normal, transport FIFO 49", or "normal (...)" with the reason.
+        As "FIFO 50", "normal, transport FIFO 40", or "normal (...)" with the reason.
     """
     _prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
     own = threading.get_native_id()
     try:
-        if loop_too:
-            os.sched_setscheduler(own, os.SCHED_FIFO, os.sched_param(_FIFO_PRIORITY))
+        if wanted.loop:
+            os.sched_setscheduler(own, os.SCHED_FIFO, os.sched_param(wanted.loop))
         for thread in map(int, os.listdir("/proc/self/task")):
             if thread != own and thread not in leave_out:
                 with contextlib.suppress(ProcessLookupError):
-                    behind = os.sched_param(_FIFO_PRIORITY - 1)
+                    behind = os.sched_param(wanted.transport)
                     os.sched_setscheduler(thread, os.SCHED_FIFO, behind)
     except OSError as error:
-        return f"normal ({error.strerror}; allow rtprio {_FIFO_PRIORITY} in limits.conf)"
-    return f"FIFO {_FIFO_PRIORITY}" if loop_too else f"normal, transport FIFO {_FIFO_PRIORITY - 1}"
+        highest = max(wanted.loop, wanted.transport)
+        return f"normal ({error.strerror}; allow rtprio {highest} in limits.conf)"
+    return f"FIFO {wanted.loop}" if wanted.loop else f"normal, transport FIFO {wanted.transport}"
 
 
 def quiet_collector() -> None:

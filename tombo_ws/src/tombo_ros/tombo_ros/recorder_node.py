@@ -24,6 +24,7 @@ from tombo_bag.topics import CLOCK, TOPICS
 from tombo_dynamics.errors import InputError
 from tombo_ros.health import ERROR
 from tombo_ros.node_loop import LoopNode, run
+from tombo_ros.pacing import RECORDER
 from tombo_ros.qos import profile
 from tombo_ros.topic import PolledGroup, message_class
 
@@ -91,7 +92,7 @@ class RecorderNode(LoopNode):
     makes_time = True
 
     def __init__(self) -> None:
-        super().__init__("recorder", POLLS_HZ, realtime_transport=True)
+        super().__init__("recorder", POLLS_HZ, priority=RECORDER)
         self.sim_time = False
         self.exit_code = 0
         self._started_ns = time.time_ns()

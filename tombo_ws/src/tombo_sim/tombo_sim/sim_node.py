@@ -35,6 +35,7 @@ from tombo_ros.health import ERROR
 from tombo_ros.loop_statistics import LatenessHistogram
 from tombo_ros.markers import obstacle_marker
 from tombo_ros.node_loop import LoopNode, run
+from tombo_ros.pacing import SIMULATOR
 from tombo_ros.wire import Wire
 from tombo_sim.failsafe import Failsafe
 from tombo_sim.propulsion import propulsion_effects
@@ -68,7 +69,7 @@ class SimNode(LoopNode):
             "obstacle": ObstacleParams(),
             "spread": SpreadParams(),
         }
-        super().__init__("sim", 1000.0, records, realtime=True)
+        super().__init__("sim", 1000.0, records, priority=SIMULATOR)
         seed = self.declare("seed", 0, "all chance comes from it", bounds=(0, 2**53))
         rate = self.declare(
             "mocap_rate", 30.0, "rate of the motion capture [Hz]", bounds=(5.0, 500.0)
