@@ -18,8 +18,6 @@ _SILENT_NS = 120_000_000
 """Three samples at 30 Hz and a half."""
 _LATE_NS = 100_000_000
 """An older pose is used, but a collision is known late."""
-_SHOWN_NS = 1_000_000_000
-"""A fault of single poses is shown for this long."""
 _REFUSALS = {
     "wrong_frame": "a pose whose frame is not map",
     "not_finite": "a pose with NaN or infinity",
@@ -47,7 +45,6 @@ class DetectorNode(LoopNode):
         self._events = self.speak(COLLISION_EVENT)
         self._status = self.speak(DETECTOR_STATUS)
         self._pose_ns: int | None = None
-        self._shown_ns: dict[str, int] = {}
         self._known = 0
 
     def records_changed(self, name: str) -> None:
@@ -62,10 +59,6 @@ class DetectorNode(LoopNode):
             self._take(taken.message, now_ns, crowded)
         silent = self._pose_ns is not None and now_ns - self._pose_ns > _SILENT_NS
         self.health.fault("mocap_silent", silent, "no mocap poses: no collision can be seen")
-        for key, shown_ns in list(self._shown_ns.items()):
-            if not 0 <= now_ns - shown_ns <= _SHOWN_NS:
-                del self._shown_ns[key]
-                self.health.fault(key, False)
 
     def _take(self, message: Any, now_ns: int, crowded: bool) -> None:
         stamp_ns = to_ns(message.header.stamp)
@@ -85,13 +78,9 @@ class DetectorNode(LoopNode):
         self._publish_status(seen, message.header.stamp)
         self._pose_ns = now_ns
         if seen.refused:
-            self._show(f"pose_{seen.refused}", _REFUSALS[seen.refused], now_ns)
+            self.health.happened(f"pose_{seen.refused}", _REFUSALS[seen.refused])
         elif now_ns - stamp_ns > _LATE_NS:
-            self._show("mocap_late", "poses come more than 0.1 s after their capture", now_ns)
-
-    def _show(self, key: str, text: str, now_ns: int) -> None:
-        self._shown_ns[key] = now_ns
-        self.health.fault(key, True, text)
+            self.health.happened("mocap_late", "poses come more than 0.1 s after their capture")
 
     def _publish_event(self, seen: Seen, stamp: Any) -> None:
         event = seen.event

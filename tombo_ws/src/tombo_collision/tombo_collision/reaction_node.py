@@ -38,8 +38,6 @@ from tombo_ros.markers import GREEN, RED, point_marker
 from tombo_ros.node_loop import LoopNode, run
 from tombo_ros.wire import Wire
 
-_SHOWN_NS = 1_000_000_000
-"""A fault of single messages is shown for this long."""
 _NOWHERE = (math.nan, math.nan, math.nan)
 _TRIGGERS = {
     EventMessage.TRIGGER_REGION: "region",
@@ -87,7 +85,6 @@ class ReactionNode(LoopNode):
         self._status = self.speak(REACTION_STATUS)
         self._markers = self.speak(MARKERS)
         self._told: Status | None = None
-        self._shown_ns: dict[str, int] = {}
         self._refused = 0
 
     def records_changed(self, name: str) -> None:
@@ -115,10 +112,6 @@ class ReactionNode(LoopNode):
             self._publish_setpoint(setpoint, now_ns)
         if logic.status is not self._told:
             self._publish_status(logic.status, now_ns)
-        for key, shown_ns in list(self._shown_ns.items()):
-            if not 0 <= now_ns - shown_ns <= _SHOWN_NS:
-                del self._shown_ns[key]
-                self.health.fault(key, False)
 
     def _take_odometry(self, now_ns: int) -> None:
         samples = self._odometry_in.take_raw()
@@ -126,9 +119,9 @@ class ReactionNode(LoopNode):
             return
         data = samples[-1].message
         if not self._odometry.fits(data):
-            self._refuse("odometry_shape", "odometry is not of base_link in map", now_ns)
+            self._refuse("odometry_shape", "odometry is not of base_link in map")
         elif not self._logic.odometry(np.array(self._position.of(data)), now_ns):
-            self._refuse("odometry_not_finite", "odometry with NaN or infinity", now_ns)
+            self._refuse("odometry_not_finite", "odometry with NaN or infinity")
 
     def _take_wish(self, message: Any, now_ns: int) -> None:
         wish = Setpoint(
@@ -139,10 +132,10 @@ class ReactionNode(LoopNode):
             int(message.phase),
         )
         if message.header.frame_id.lstrip("/") != "map":
-            self._refuse("mission_wrong_frame", "a set point whose frame is not map", now_ns)
+            self._refuse("mission_wrong_frame", "a set point whose frame is not map")
         elif not self._logic.mission(wish, now_ns):
             text = "a set point with NaN, infinity or an unknown phase: the last one stands"
-            self._refuse("mission_not_finite", text, now_ns)
+            self._refuse("mission_not_finite", text)
 
     def _take_event(self, message: Any, now_ns: int) -> None:
         stamp_ns = to_ns(message.header.stamp)
@@ -161,12 +154,11 @@ class ReactionNode(LoopNode):
         else:
             why = self._logic.event(event, stamp_ns, now_ns)
         if why and why != DUPLICATE:
-            self._refuse(f"event_{why}", _EVENT_REFUSALS[why], now_ns)
+            self._refuse(f"event_{why}", _EVENT_REFUSALS[why])
 
-    def _refuse(self, key: str, text: str, now_ns: int) -> None:
+    def _refuse(self, key: str, text: str) -> None:
         self._refused += 1
-        self._shown_ns[key] = now_ns
-        self.health.fault(key, True, text)
+        self.health.happened(key, text)
 
     def _publish_setpoint(self, setpoint: Setpoint, now_ns: int) -> None:
         message = PositionSetpoint()

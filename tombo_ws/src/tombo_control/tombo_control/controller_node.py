@@ -133,12 +133,21 @@ class ControllerNode(LoopNode):
             self.health.fault("not_at_runtime", True, f"{name} is used at the next start")
 
     def step(self, now_ns: int) -> None:
-        """Answer the gyro first; take the rest after it, for the next sample."""
-        self._answer_gyro(now_ns)
-        self._runs += 1
+        """Answer the gyro first; take the rest after it, for the next sample.
+
+        In simulated time nothing is urgent: there the rest comes first, as it was sent.
+        """
+        if self.sim_time:
+            self._take_rest(now_ns)
+            self._answer_gyro(now_ns)
+        else:
+            self._answer_gyro(now_ns)
+            self._runs += 1
+            self._take_rest(now_ns, self._runs % _SLOW_TURN)
+
+    def _take_rest(self, now_ns: int, turn: int = 0) -> None:
         if self._odometry_in.waiting():
             self._take_odometry(now_ns)
-        turn = 0 if self.sim_time else self._runs % _SLOW_TURN
         if turn == 0 and self._status_in.waiting():
             self._take_status()
         if turn in (0, 2) and self._setpoint_in.waiting():

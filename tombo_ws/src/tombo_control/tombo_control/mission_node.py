@@ -26,8 +26,6 @@ from tombo_ros.conversion import array, point, to_ns, to_time, vector
 from tombo_ros.node_loop import LoopNode, run
 from tombo_ros.wire import Wire
 
-_SHOWN_NS = 1_000_000_000
-"""A fault of single messages is shown for this long."""
 _WAITS = {
     "estimate_silent": "no estimates: the plan stands still",
     "two_estimators": "two nodes publish odometry: the plan stands still",
@@ -66,7 +64,6 @@ class MissionNode(LoopNode):
         self._setpoint = self.speak(MISSION_SETPOINT)
         self._status = self.speak(MISSION_STATUS)
         self._told: tuple[int, str] | None = None
-        self._shown_ns: dict[str, int] = {}
 
     def records_changed(self, name: str) -> None:
         """Take a changed plan in flight, or the word to start."""
@@ -97,10 +94,6 @@ class MissionNode(LoopNode):
         for why, text in _WAITS.items():
             waits = course.waits == why and course.mode != IDLE
             self.health.fault(why, waits, text)
-        for key, shown_ns in list(self._shown_ns.items()):
-            if not 0 <= now_ns - shown_ns <= _SHOWN_NS:
-                del self._shown_ns[key]
-                self.health.fault(key, False)
 
     def _take_odometry(self, now_ns: int) -> None:
         samples = self._odometry_in.take_raw()
@@ -108,17 +101,13 @@ class MissionNode(LoopNode):
             return
         data = samples[-1].message
         if not self._odometry.fits(data):
-            self._refuse("odometry_shape", "odometry is not of base_link in map", now_ns)
+            self.health.happened("odometry_shape", "odometry is not of base_link in map")
             return
         pose, twist = np.array(self._pose.of(data)), np.array(self._twist.of(data))
         if not np.isfinite(pose).all() or not self._course.estimate(
             pose[:3], turned(pose[3:], twist), now_ns
         ):
-            self._refuse("odometry_not_finite", "odometry with NaN or infinity", now_ns)
-
-    def _refuse(self, key: str, text: str, now_ns: int) -> None:
-        self._shown_ns[key] = now_ns
-        self.health.fault(key, True, text)
+            self.health.happened("odometry_not_finite", "odometry with NaN or infinity")
 
     def _publish(self, setpoint: Setpoint, now_ns: int) -> None:
         message: Any = PositionSetpoint()

@@ -12,6 +12,7 @@ import signal
 import sys
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -41,7 +42,7 @@ _POLL_SHARE, _POLL_LEAST_NS, _POLL_MOST_NS = 0.1, 100_000, 1_000_000
 """How often a node in simulated time looks for clock and messages: a tenth of its period."""
 
 
-class LoopNode:
+class LoopNode(ABC):
     """One node: subclass it, take inputs and publish in `step`."""
 
     keeps_every_tick = False
@@ -116,14 +117,14 @@ class LoopNode:
         """Declare a parameter of the node's own; see `RecordParameters.declare`."""
         return self.parameters.declare(name, default, doc, **more)
 
+    @abstractmethod
     def step(self, now_ns: int) -> None:
         """Run the loop once, at ROS time `now_ns`."""
-        raise NotImplementedError
 
-    def records_changed(self, name: str) -> None:
+    def records_changed(self, name: str) -> None:  # noqa: B027 - a hook
         """Take note that a section, or a parameter of the node's own, was set."""
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 - a hook
         """Say last words."""
 
     def stop(self) -> None:
