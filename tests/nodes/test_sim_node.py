@@ -33,6 +33,8 @@ _COMPILES_S = 120.0
 _CLIMB = np.full(4, 610.0)
 _WORLD = (
     "-p",
+    "truth_rate:=1000.0",
+    "-p",
     "use_sim_time:=true",
     "-p",
     "seed:=3",
