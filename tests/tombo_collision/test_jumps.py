@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from pose_bench import Poses, flight, watch
 from scipy.spatial.transform import Rotation
@@ -130,6 +130,7 @@ def test_places_at_random_raise_no_alarm_and_it_recovers():
 def test_what_a_strike_can_do_is_no_jump(way, speed, rate):
     """It takes away the speed there was, and gives up to 3 m/s."""
     push = np.array([-speed, 0.0, 0.0]) + 2.9 * way
+    assume(np.linalg.norm(push) > 0.8)  # the two may cancel, and that is no strike
     poses = flight(velocity=(speed, 0.0, 0.0), rate=rate).pushed(4.0, push)
     reasons, events = refusals(poses)
     assert not any(reasons)
