@@ -106,7 +106,8 @@ def test_paused_it_goes_on_by_the_ticks_it_is_told(world, start):
     step(20)
     for _ in range(20):
         twin.advance(_CLIMB)
-    _wait(world, lambda: _stamps(world, TRUE_ODOMETRY)[-1] == zero_ns + twin.tick * _MS)
+    for spec in (TRUE_ODOMETRY, IMU):
+        _wait(world, lambda s=spec: _stamps(world, s)[-1] == zero_ns + twin.tick * _MS)
     assert np.array_equal(_true_place(world), part(twin.m, "body")[:3])
     gyro_and_force = world.heard[IMU.name][-1]
     assert np.array_equal(array(gyro_and_force.linear_acceleration), twin.imu[3:])
@@ -129,7 +130,7 @@ def test_in_lockstep_each_tick_waits_for_its_command(world, start):
     node = start("tombo_sim.sim_node", *_WORLD, "-p", "lockstep:=true", "-p", "speed:=0.0")
     world.meet(ROTOR_COMMAND, IMU, TRUE_ODOMETRY, MOCAP_POSE, patience_s=_COMPILES_S)
     set_parameters(world, "sim", step=1)
-    _wait(world, lambda: world.heard[IMU.name])
+    _wait(world, lambda: 1_000_000_000 + _MS in _stamps(world, IMU))
     first = _stamps(world, IMU)[-1]
     world.publish(ROTOR_COMMAND, _command(first, _CLIMB))
     time.sleep(0.3)  # longer than a command is waited for; while paused nobody waits

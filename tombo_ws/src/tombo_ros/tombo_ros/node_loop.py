@@ -310,6 +310,8 @@ def run(make: Callable[[], LoopNode], argv: Sequence[str] | None = None) -> int:
             node.report(node.now_ns())
             node.leave()
         rclpy.shutdown()
+        for number in (signal.SIGINT, signal.SIGTERM):  # Python is about to forget our handler
+            signal.signal(number, signal.SIG_IGN)
     return code
 
 
