@@ -114,6 +114,11 @@ class Counterpart:
     def publish(self, spec: Any, message: Any) -> None:
         self._publisher(spec).publish(message)
 
+    def renew(self, spec: Any) -> None:
+        """Publish a topic from a new publisher: now and then one never reaches a busy node."""
+        self._outputs.pop(spec.name, None)
+        self.meet(spec)
+
     def _publisher(self, spec: Any) -> Any:
         if spec.name not in self._outputs:
             from tombo_ros.topic import Output

@@ -487,7 +487,13 @@ def test_second_publisher(
     suite.world.meet(spec)
     begin = len(suite.world.heard[TRUE_ODOMETRY.name])
 
+    renewed = time.monotonic()
+
     def disturb() -> None:
+        nonlocal renewed
+        if time.monotonic() - renewed > 4.0:
+            renewed = time.monotonic()
+            suite.world.renew(spec)
         message = make()
         message.header.stamp = to_time(round(suite.flown_s() * 1e9))
         message.header.frame_id = "base_link" if spec is ROTOR_COMMAND else "map"
