@@ -33,8 +33,8 @@ def _source_hash() -> str:
             continue
         for folder in spec.submodule_search_locations:
             for path in sorted(Path(folder).rglob("*.py")):
-                if path.stem.endswith("_node"):  # nothing compiled in there
-                    continue
+                if path.stem.endswith("_node") or path.parent.name == "px4":
+                    continue  # nothing compiled in there
                 digest.update(path.relative_to(folder).as_posix().encode())
                 digest.update(path.read_bytes())
     return digest.hexdigest()[:16]

@@ -1,0 +1,157 @@
+"""The only place where NED and FRD are: PX4's frames from and to ours.
+
+Ours: world `map`, ENU; body `base_link`, FLU; quaternions xyzw, map from base_link. PX4's: world
+NED with the same origin, body FRD, quaternions wxyz, NED from FRD (MAVLink common, PX4 user guide
+"frames"). All functions take leading axes; vectors and yaw are their own way back, which is why
+each direction has its own name: a call says what it has and what it wants.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+PX4_ROTORS = (0, 1, 2, 3)
+"""Our index of PX4's motor 1, 2, 3, 4 of a quad-x: front right, rear left, front left, rear right.
+
+The first two turn counter-clockwise, seen from above (PX4 airframe reference, Quadrotor x).
+"""
+_EARTH_RADIUS_M = 6_371_000.0
+_HALF = math.sqrt(0.5)
+_UPPER = np.triu_indices(6)
+
+
+def ned_from_enu(vector: ArrayLike) -> Array:
+    """Turn (..., 3) from ENU into NED axes: x and y change places, z its sign."""
+    v = np.asarray(vector, np.float64)
+    return np.stack([v[..., 1], v[..., 0], -v[..., 2]], axis=-1)
+
+
+def enu_from_ned(vector: ArrayLike) -> Array:
+    """Turn (..., 3) from NED into ENU axes."""
+    return ned_from_enu(vector)
+
+
+def frd_from_flu(vector: ArrayLike) -> Array:
+    """Turn (..., 3) from FLU into FRD axes: half a turn about forward."""
+    v = np.asarray(vector, np.float64)
+    return np.stack([v[..., 0], -v[..., 1], -v[..., 2]], axis=-1)
+
+
+def flu_from_frd(vector: ArrayLike) -> Array:
+    """Turn (..., 3) from FRD into FLU axes."""
+    return frd_from_flu(vector)
+
+
+def px4_quaternion(attitude: ArrayLike) -> Array:
+    """Return (..., 4) wxyz, NED from FRD, of an attitude xyzw, map from base_link.
+
+    R_ned_frd = R_ned_enu R_enu_flu R_flu_frd; the result has w >= 0.
+    """
+    q = np.asarray(attitude, np.float64)
+    x, y, z, w = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    out = _HALF * np.stack([w + z, x + y, x - y, w - z], axis=-1)
+    return _w_positive(out, 0)
+
+
+def ros_quaternion(attitude: ArrayLike) -> Array:
+    """Return (..., 4) xyzw, map from base_link, of an attitude wxyz, NED from FRD.
+
+    The result has w >= 0.
+    """
+    q = np.asarray(attitude, np.float64)
+    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    out = _HALF * np.stack([x + y, x - y, w - z, w + z], axis=-1)
+    return _w_positive(out, 3)
+
+
+def px4_yaw(yaw: float) -> float:
+    """Return the heading clockwise from north of a yaw counter-clockwise from east [rad]."""
+    return math.remainder(0.5 * math.pi - yaw, 2.0 * math.pi)
+
+
+def ros_yaw(yaw: float) -> float:
+    """Return the yaw counter-clockwise from east of a heading clockwise from north [rad]."""
+    return px4_yaw(yaw)
+
+
+def px4_yaw_rate(rate: float) -> float:
+    """Return the rate about down of a rate about up [rad/s]; also the way back."""
+    return -rate
+
+
+def px4_pose_covariance(covariance: ArrayLike) -> Array:
+    """Return the upper triangle (21), row by row, of a pose covariance in PX4's world axes.
+
+    Args:
+        covariance: (6, 6) of x, y, z [m^2] and of rotation about x, y, z of `map` [rad^2].
+    """
+    c = np.asarray(covariance, np.float64).reshape(6, 6)
+    turned: Array = _WORLD_TURN @ c @ _WORLD_TURN.T
+    return turned[_UPPER]
+
+
+def ros_pose_covariance(upper: ArrayLike) -> Array:
+    """Return (6, 6) in axes of `map` from an upper triangle (21) in PX4's world axes."""
+    c = np.zeros((6, 6))
+    c[_UPPER] = np.asarray(upper, np.float64)
+    c = c + np.triu(c, 1).T
+    turned: Array = _WORLD_TURN.T @ c @ _WORLD_TURN
+    return turned
+
+
+def _world_turn() -> Array:
+    turn = np.zeros((6, 6))
+    turn[:3, :3] = turn[3:, 3:] = ned_from_enu(np.eye(3)).T
+    return turn
+
+
+_WORLD_TURN = _world_turn()
+
+
+def _w_positive(q: Array, w: int) -> Array:
+    return np.where(q[..., w : w + 1] < 0.0, -q, q)
+
+
+@dataclass(frozen=True)
+class GeoOrigin:
+    """Where the origin of `map` is on the globe; its z axis is up, its x axis east.
+
+    Azimuthal equidistant, as PX4's `MapProjection`, on a sphere of 6371 km.
+    """
+
+    latitude_deg: float = 47.397742
+    longitude_deg: float = 8.545594
+    altitude_m: float = 488.0
+
+    def global_of(self, position: ArrayLike) -> tuple[float, float, float]:
+        """Return latitude [deg], longitude [deg], altitude [m] of (3) in map [m]."""
+        east, north, up = (float(p) for p in np.asarray(position, np.float64))
+        c = math.hypot(north, east) / _EARTH_RADIUS_M
+        lat0 = math.radians(self.latitude_deg)
+        lon0 = math.radians(self.longitude_deg)
+        if c == 0.0:
+            return self.latitude_deg, self.longitude_deg, self.altitude_m + up
+        k = math.sin(c) / c / _EARTH_RADIUS_M
+        lat = math.asin(math.cos(c) * math.sin(lat0) + north * k * math.cos(lat0))
+        lon = lon0 + math.atan2(
+            east * k, math.cos(lat0) * math.cos(c) - north * k * math.sin(lat0)
+        )
+        return math.degrees(lat), math.degrees(lon), self.altitude_m + up
+
+    def local_of(self, latitude_deg: float, longitude_deg: float, altitude_m: float) -> Array:
+        """Return (3) in map [m] of a place on the globe."""
+        lat, lat0 = math.radians(latitude_deg), math.radians(self.latitude_deg)
+        turn = math.radians(longitude_deg - self.longitude_deg)
+        cosine = math.sin(lat0) * math.sin(lat) + math.cos(lat0) * math.cos(lat) * math.cos(turn)
+        # the arc from its sine near zero, where the cosine has no digits left
+        a = math.cos(lat) * math.sin(turn)
+        b = math.cos(lat0) * math.sin(lat) - math.sin(lat0) * math.cos(lat) * math.cos(turn)
+        sine = math.hypot(a, b)
+        k = _EARTH_RADIUS_M * (math.atan2(sine, cosine) / sine if sine > 0.0 else 1.0)
+        return np.array([k * a, k * b, altitude_m - self.altitude_m])

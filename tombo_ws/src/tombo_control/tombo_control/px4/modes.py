@@ -1,0 +1,75 @@
+"""PX4's flight modes and the custom mode number that carries them in a heartbeat.
+
+Numbers: PX4 `px4_custom_mode.h`; main mode in bits 16 to 23, sub mode in bits 24 to 31.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from tombo_dynamics.errors import InputError
+
+
+class Mode(NamedTuple):
+    """A flight mode."""
+
+    main: int
+    sub: int = 0
+
+
+MANUAL = Mode(1)
+ALTCTL = Mode(2)
+POSCTL = Mode(3)
+AUTO_READY = Mode(4, 1)
+AUTO_TAKEOFF = Mode(4, 2)
+AUTO_HOLD = Mode(4, 3)
+AUTO_MISSION = Mode(4, 4)
+AUTO_RTL = Mode(4, 5)
+AUTO_LAND = Mode(4, 6)
+ACRO = Mode(5)
+OFFBOARD = Mode(6)
+STABILIZED = Mode(7)
+_NAMES = {
+    MANUAL: "manual",
+    ALTCTL: "altitude",
+    POSCTL: "position",
+    AUTO_READY: "ready",
+    AUTO_TAKEOFF: "takeoff",
+    AUTO_HOLD: "hold",
+    AUTO_MISSION: "mission",
+    AUTO_RTL: "return",
+    AUTO_LAND: "land",
+    ACRO: "acro",
+    OFFBOARD: "offboard",
+    STABILIZED: "stabilized",
+}
+_AUTO = 4
+
+
+def custom_mode(mode: Mode) -> int:
+    """Return the number of a mode in HEARTBEAT.custom_mode."""
+    return mode.main << 16 | mode.sub << 24
+
+
+def mode_of(number: int) -> Mode:
+    """Return the mode of HEARTBEAT.custom_mode; sub modes of other than AUTO are dropped."""
+    main = number >> 16 & 0xFF
+    return Mode(main, number >> 24 & 0xFF if main == _AUTO else 0)
+
+
+def mode_name(mode: Mode) -> str:
+    """Return the name a person reads; `mode 9.2` for one that is not known here."""
+    return _NAMES.get(mode, f"mode {mode.main}.{mode.sub}")
+
+
+def mode_named(text: str) -> Mode:
+    """Return the mode of a name.
+
+    Raises:
+        InputError: there is none of this name.
+    """
+    for mode, name in _NAMES.items():
+        if name == text.strip().lower():
+            return mode
+    names = ", ".join(_NAMES.values())
+    raise InputError(f"mode '{text}': unknown; accepted: {names}")
