@@ -1,6 +1,18 @@
-"""Makes `ros_bench` importable: test folders are no packages."""
+"""Makes `ros_bench` importable: test folders are no packages. Remembers which test has failed."""
 
 import sys
 from pathlib import Path
 
+import pytest
+
 sys.path.insert(0, str(Path(__file__).parent))
+
+from ros_bench import FAILED
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item, call):
+    report = yield
+    if report.failed:
+        item.stash[FAILED] = True
+    return report

@@ -22,6 +22,12 @@ import pytest
 
 _NUMBERS = itertools.count(os.getpid() % 60)
 SECOND_NS = 1_000_000_000
+FAILED = pytest.StashKey[bool]()
+
+
+def failed(item: pytest.Item) -> bool:
+    """Return whether a test has failed; for fixtures that end it."""
+    return bool(item.stash.get(FAILED, False))
 
 
 @pytest.fixture
@@ -113,11 +119,6 @@ class Counterpart:
 
     def publish(self, spec: Any, message: Any) -> None:
         self._publisher(spec).publish(message)
-
-    def renew(self, spec: Any) -> None:
-        """Publish a topic from a new publisher: now and then one never reaches a busy node."""
-        self._outputs.pop(spec.name, None)
-        self.meet(spec)
 
     def _publisher(self, spec: Any) -> Any:
         if spec.name not in self._outputs:

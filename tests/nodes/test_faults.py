@@ -6,6 +6,8 @@ spoils what passes, publishes what it should not, or kills a node. One flight se
 
 from __future__ import annotations
 
+import contextlib
+import itertools
 import math
 import os
 import re
@@ -18,7 +20,7 @@ from typing import Any
 
 import pytest
 
-from ros_bench import Counterpart, NodeProcess
+from ros_bench import Counterpart, NodeProcess, failed
 
 pytest.importorskip("rclpy")
 
@@ -49,6 +51,7 @@ from tombo_ros.topic import Input, Output
 ROOT = Path(__file__).parents[2]
 HEIGHT = 1.5
 NAN = math.nan
+DOMAINS = itertools.count(os.getpid() % 40)
 HOVER = """
 /**:
   ros__parameters:
@@ -124,12 +127,15 @@ class Suite(SimpleNamespace):
     def settle_or_begin_anew(self) -> None:
         """Wait for the hover; if the vehicle has landed, the mission is over: fly anew."""
         self.wait(0.5)
-        while True:
+        end = time.monotonic() + 30.0
+        while time.monotonic() < end:
             states = self.wait(1.0)
             if furthest(states) < 0.3:
                 return self.settle()
             if max(state.pose.pose.position.z for state in states) < 0.3:
                 return self.new_flight()
+        where = states[-1].pose.pose.position
+        raise AssertionError(f"it neither hovers nor has it landed: {where}")
 
     def new_flight(self) -> None:
         self.kill("sim")
@@ -200,13 +206,13 @@ class Suite(SimpleNamespace):
         raise AssertionError(f"{node} says nothing of {key}; its last words: {words}")
 
 
-@pytest.fixture(scope="module")
-def suite(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Suite]:
-    environment = {"ROS_DOMAIN_ID": str(60 + os.getpid() % 40)}
+@contextlib.contextmanager
+def hovering(folder: Path) -> Iterator[Suite]:
+    """Start the suite and fly it to its hover; end all of it in the end."""
+    environment = {"ROS_DOMAIN_ID": str(60 + next(DOMAINS) % 40)}
     environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     before = {key: os.environ.get(key) for key in environment}
     os.environ.update(environment)
-    folder = tmp_path_factory.mktemp("suite")
     file = folder / "hover.yaml"
     file.write_text(HOVER)
     world = Counterpart()
@@ -233,6 +239,43 @@ def suite(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Suite]:
             else:
                 os.environ[key] = value
     assert set(codes.values()) == {0}, codes
+
+
+class Hangar:
+    """Keeps the suite flying from test to test; after a test that failed there is a new one."""
+
+    def __init__(self, make_folder: Callable[[], Path]) -> None:
+        self._make_folder = make_folder
+        self._flight: contextlib.AbstractContextManager[Suite] | None = None
+        self._suite: Suite | None = None
+
+    def suite(self) -> Suite:
+        if self._suite is None:
+            self._flight = hovering(self._make_folder())
+            self._suite = self._flight.__enter__()
+        return self._suite
+
+    def close(self) -> None:
+        flight, self._flight, self._suite = self._flight, None, None
+        if flight is not None:
+            flight.__exit__(None, None, None)
+
+
+@pytest.fixture(scope="module")
+def hangar(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hangar]:
+    made = Hangar(lambda: tmp_path_factory.mktemp("suite"))
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def suite(hangar: Hangar, request: pytest.FixtureRequest) -> Iterator[Suite]:
+    flying = hangar.suite()
+    flying.spoiler.pose, flying.spoiler.doubled = None, False
+    yield flying
+    if failed(request.node):
+        with contextlib.suppress(Exception):  # the failure is told; this one is its echo
+            hangar.close()
 
 
 def lowest(states: list[Any]) -> float:
@@ -487,13 +530,7 @@ def test_second_publisher(
     suite.world.meet(spec)
     begin = len(suite.world.heard[TRUE_ODOMETRY.name])
 
-    renewed = time.monotonic()
-
     def disturb() -> None:
-        nonlocal renewed
-        if time.monotonic() - renewed > 4.0:
-            renewed = time.monotonic()
-            suite.world.renew(spec)
         message = make()
         message.header.stamp = to_time(round(suite.flown_s() * 1e9))
         message.header.frame_id = "base_link" if spec is ROTOR_COMMAND else "map"
@@ -516,7 +553,7 @@ def test_second_publisher(
     assert steepest(states) < 0.3
     if holds:
         assert lowest(states) > HEIGHT - 0.2
-    suite.settle()
+    suite.settle_or_begin_anew()  # where nobody may be obeyed it goes down, perhaps to the ground
 
 
 # --- a node dies ----------------------------------------------------------------------------

@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from parameter_calls import set_parameters
-from reports import told
+from reports import heard, told
 
 from tombo_bag.topics import (
     CLOCK,
@@ -168,4 +168,28 @@ def test_in_lockstep_each_tick_waits_for_its_command(world, start):
 
     world.hear()  # the rest of the 450 without answers: it goes on, and says so
     assert "no command came" in told(world, "sim", "lockstep")
+    assert node.end() == 0
+
+
+def test_in_lockstep_nobody_stops_time_by_speaking_of_the_past(world, start):
+    world.listen(IMU, DIAGNOSTICS)
+    node = start("tombo_sim.sim_node", *_WORLD, "-p", "lockstep:=true")
+    world.meet(ROTOR_COMMAND, IMU, patience_s=_COMPILES_S)
+    _wait(world, lambda: bool(world.heard[IMU.name]))
+    first = _stamps(world, IMU)[-1]
+    world.publish(ROTOR_COMMAND, _command(first, _CLIMB))
+    sent = [time.monotonic()]
+
+    def speak() -> None:
+        if time.monotonic() - sent[-1] > 0.01:
+            world.publish(ROTOR_COMMAND, _command(first, _CLIMB))
+            sent.append(time.monotonic())
+
+    assert "no command came" in told(world, "sim", "lockstep", meanwhile=speak)
+    began, begin = time.monotonic(), _stamps(world, IMU)[-1]
+    heard(world, IMU, lambda m: to_ns(m.header.stamp) > begin + 500 * _MS, meanwhile=speak)
+    assert time.monotonic() - began > 0.4, "without commands time goes on at its own speed"
+
+    world.publish(ROTOR_COMMAND, _command(begin + 3_600_000 * _MS, _CLIMB))
+    assert "future" in told(world, "sim", "command_refused")
     assert node.end() == 0
