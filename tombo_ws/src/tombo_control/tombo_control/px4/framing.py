@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import common
 from pymavlink.dialects.v20.common import mavlink_map, x25crc
 
 DATAGRAM_TRIES = 64
-"""Candidates in one datagram that may fail before the rest of it counts as garbage."""
+"""Candidates in one datagram that may come to nothing before the rest of it is garbage."""
 
 STREAM_TRIES = 512
 """The same for one piece of a stream."""
@@ -55,7 +55,7 @@ class Findings:
         garbage_bytes: in no frame.
         bad_checksum: candidates of a known message with a wrong checksum.
         unknown_message: frames of messages that the dialect does not know.
-        tries: candidates that failed; a measure of the work.
+        tries: candidates that came to nothing; a measure of the work.
     """
 
     garbage_bytes: int = 0
@@ -101,7 +101,7 @@ def _scan(data: bytes, findings: Findings, whole: bool, tries: int) -> tuple[lis
         data: the bytes.
         findings: what is counted.
         whole: nothing comes behind: a frame that is not complete is none.
-        tries: how many candidates may fail.
+        tries: how many candidates may come to nothing.
     """
     frames: list[Frame] = []
     at = good = 0
@@ -120,7 +120,9 @@ def _scan(data: bytes, findings: Findings, whole: bool, tries: int) -> tuple[lis
             findings.tries += 1
             at += 1
             continue
-        if frame is not None:
+        if frame is None:
+            findings.tries += 1
+        else:
             frames.append(frame)
         findings.garbage_bytes += at - good
         at += size

@@ -82,6 +82,7 @@ class _Streams:
         self._watch = select.epoll()
         self._connections: dict[int, Connection] = {}
         self._ready: list[tuple[int, int]] = []
+        self._ended: list[Any] = []
         self.address: Address | None = None
         self._peer: Any = None
 
@@ -109,6 +110,8 @@ class _Streams:
 
     def read(self) -> Packet | None:
         """Return the next piece of one of the streams, in turn; None: nothing more for now."""
+        if self._ended:
+            return Packet(b"", 0, self._ended.pop())
         if not self._ready:
             self._ready = self._watch.poll(0)
         while self._ready:
@@ -120,11 +123,11 @@ class _Streams:
             if events & select.EPOLLOUT:
                 connection.flush()
             data = b"" if connection.broken else connection.read()
-            if data is None:
-                continue
-            if not data:
+            if data:
+                return Packet(data, self._clock(), connection.peer)
+            if data is not None:
                 self._drop(number)
-            return Packet(data, self._clock(), connection.peer)
+                return Packet(b"", 0, self._ended.pop())
         return None
 
     def write(self, data: bytes, peer: Any) -> str:
@@ -165,6 +168,7 @@ class _Streams:
     def _drop(self, number: int) -> None:
         connection = self._connections.pop(number)
         connection.close()
+        self._ended.append(connection.peer)
         if self._peer == connection.peer:
             self._peer = None
 

@@ -146,10 +146,12 @@ def open_transport(
     # The kinds are built on this file.
     from tombo_control.px4.serial_port import SerialPort
     from tombo_control.px4.tcp import TcpIn, TcpOut
-    from tombo_control.px4.udp import Udp
+    from tombo_control.px4.udp import UdpIn, UdpOut
 
-    if url.kind.startswith("udp"):
-        return Udp(url, clock, counters, allow_remote, peer)
+    if url.kind == "udpin":
+        return UdpIn(url, clock, counters, allow_remote, peer)
+    if url.kind == "udpout":
+        return UdpOut(url, clock, counters, allow_remote)
     if url.kind == "tcpin":
         return TcpIn(url, clock, counters, allow_remote)
     if url.kind == "tcpout":

@@ -1,0 +1,173 @@
+"""MAVSDK flies the simulated vehicle as it would fly a PX4, by its public interface alone."""
+
+import math
+import time
+from types import SimpleNamespace
+
+import pytest
+from mavsdk.component_type import ComponentType
+from mavsdk.mavsdk import Configuration, Mavsdk
+from mavsdk.plugins.action import Action, ActionError
+from mavsdk.plugins.offboard import (
+    Attitude,
+    AttitudeRate,
+    Offboard,
+    OffboardError,
+    PositionNedYaw,
+    VelocityBodyYawspeed,
+    VelocityNedYaw,
+)
+from mavsdk.plugins.param import Param, ParamError
+from mavsdk.plugins.telemetry import FlightMode, LandedState, Telemetry
+from px4_process import px4_process
+
+
+@pytest.fixture(scope="module")
+def vehicle():
+    with px4_process("--scenario", "no_obstacle") as px4:
+        sdk = Mavsdk(Configuration.create_with_component_type(ComponentType.COMPANION_COMPUTER))
+        plugins = []
+        try:
+            sdk.add_any_connection(f"udpin://127.0.0.1:{px4.port}")
+            system = sdk.first_autopilot(10.0)
+            assert system is not None
+            plugins = [kind(system) for kind in (Action, Offboard, Param, Telemetry)]
+            yield SimpleNamespace(
+                action=plugins[0], offboard=plugins[1], param=plugins[2], telemetry=plugins[3]
+            )
+        finally:
+            for plugin in plugins:
+                plugin.destroy()
+            sdk.destroy()
+
+
+def until(condition, seconds=10.0, what=""):
+    """Wait, with an end, until something is so."""
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        value = condition()
+        if value:
+            return value
+        time.sleep(0.05)
+    raise AssertionError(f"not within {seconds} s: {what or condition}")
+
+
+def place(vehicle):
+    p = vehicle.telemetry.position_velocity_ned().position
+    return p.north_m, p.east_m, p.down_m
+
+
+def near(vehicle, goal, distance=0.25):
+    return math.dist(place(vehicle), goal) < distance
+
+
+def hover_thrust(vehicle):
+    return vehicle.param.get_param_float("MPC_THR_HOVER")
+
+
+def test_all_of_its_health_becomes_well(vehicle):
+    until(vehicle.telemetry.health_all_ok)
+    assert vehicle.telemetry.health().is_armable
+
+
+def test_parameters_are_read_and_set(vehicle):
+    param = vehicle.param
+    assert param.get_param_int("EKF2_EV_CTRL") == 15
+    assert param.get_param_float("COM_OF_LOSS_T") == 1.0
+    param.set_param_float("COM_OF_LOSS_T", 0.75)
+    assert param.get_param_float("COM_OF_LOSS_T") == 0.75
+    param.set_param_float("COM_OF_LOSS_T", 1.0)
+    param.set_param_int("COM_RC_IN_MODE", 4)
+    assert param.get_param_int("COM_RC_IN_MODE") == 4
+    every = param.get_all_params()
+    values = {p.name: p.value for p in (*every.int_params, *every.float_params)}
+    assert len(values) > 50
+    assert values["COM_RC_IN_MODE"] == 4
+
+
+def test_refused_parameters_are_its_exceptions(vehicle):
+    with pytest.raises(ParamError, match="DOES_NOT_EXIST"):
+        vehicle.param.get_param_int("NO_SUCH")
+    with pytest.raises(ParamError, match="VALUE_OUT_OF_RANGE"):
+        vehicle.param.set_param_float("COM_OF_LOSS_T", -5.0)
+    assert vehicle.param.get_param_float("COM_OF_LOSS_T") == 1.0
+
+
+def test_telemetry_is_that_of_a_vehicle_on_the_ground(vehicle):
+    t = vehicle.telemetry
+    until(lambda: t.battery().voltage_v > 10.0 and t.battery().remaining_percent > 90.0)
+    position = until(lambda: t.position())
+    assert position.latitude_deg == pytest.approx(47.3977, abs=1e-3)
+    assert position.relative_altitude_m == pytest.approx(0.0, abs=0.2)
+    until(lambda: t.landed_state() == LandedState.ON_GROUND)
+    assert t.flight_mode() == FlightMode.HOLD
+    assert not t.armed()
+    attitude = until(lambda: t.attitude_euler())
+    assert abs(attitude.roll_deg) < 3.0 and abs(attitude.pitch_deg) < 3.0
+    assert attitude.yaw_deg == pytest.approx(90.0, abs=10.0), "the paper's vehicle looks east"
+
+
+def test_arming_without_a_position_is_its_exception(vehicle):
+    param = vehicle.param
+    param.set_param_int("EKF2_NOAID_TOUT", 500_000)
+    param.set_param_int("EKF2_GPS_CTRL", 0)
+    try:
+        until(lambda: not vehicle.telemetry.health().is_armable)
+        with pytest.raises(ActionError, match="COMMAND_DENIED"):
+            vehicle.action.arm()
+        assert not vehicle.telemetry.armed()
+    finally:
+        param.set_param_int("EKF2_GPS_CTRL", 7)
+        param.set_param_int("EKF2_NOAID_TOUT", 5_000_000)
+    until(vehicle.telemetry.health_all_ok)
+
+
+def test_offboard_needs_a_set_point_first(vehicle):
+    with pytest.raises(OffboardError, match="NO_SETPOINT_SET"):
+        vehicle.offboard.start()
+
+
+def test_a_flight_by_action_and_offboard(vehicle):
+    action, offboard, t = vehicle.action, vehicle.offboard, vehicle.telemetry
+    until(t.health_all_ok)
+    action.set_takeoff_altitude(1.0)
+    action.arm()
+    until(t.armed)
+    action.takeoff()
+    until(lambda: t.landed_state() == LandedState.IN_AIR and t.flight_mode() == FlightMode.HOLD)
+    until(lambda: abs(t.position().relative_altitude_m - 1.0) < 0.2)
+    with pytest.raises(ActionError):
+        action.disarm()
+
+    goal = (0.6, 0.4, -1.2)
+    offboard.set_position_ned(PositionNedYaw(*goal, 90.0))
+    offboard.start()
+    until(lambda: t.flight_mode() == FlightMode.OFFBOARD)
+    until(lambda: near(vehicle, goal), what="position set point")
+
+    offboard.set_velocity_ned(VelocityNedYaw(-0.4, 0.0, 0.0, 90.0))
+    until(lambda: t.velocity_ned().north_m_s < -0.25, what="velocity set point")
+    offboard.set_velocity_body(VelocityBodyYawspeed(0.3, 0.0, 0.0, 0.0))
+    until(lambda: t.velocity_ned().east_m_s > 0.2, what="velocity in the body")
+
+    level = place(vehicle)[2]
+    offboard.set_attitude(Attitude(0.0, 0.0, 90.0, 1.15 * hover_thrust(vehicle)))
+    until(lambda: place(vehicle)[2] < level - 0.3, what="attitude and thrust")
+    offboard.set_position_ned(PositionNedYaw(*goal, 90.0))
+    until(lambda: near(vehicle, goal), what="back from attitude")
+    offboard.set_attitude(Attitude(0.0, -5.0, 90.0, hover_thrust(vehicle)))
+    until(lambda: abs(t.attitude_euler().pitch_deg + 5.0) < 1.0, what="pitch")
+    offboard.set_attitude_rate(AttitudeRate(0.0, 0.0, 30.0, hover_thrust(vehicle)))
+    until(lambda: abs(t.attitude_euler().yaw_deg - 90.0) > 5.0, what="yaw rate")
+    offboard.set_position_ned(PositionNedYaw(*goal, 90.0))
+    until(lambda: near(vehicle, goal), what="back from rates")
+
+    offboard.stop()
+    until(lambda: t.flight_mode() == FlightMode.HOLD)
+    action.goto_location(t.position().latitude_deg, t.position().longitude_deg + 8e-6, 489.0, 90.0)
+    until(lambda: place(vehicle)[1] > goal[1] + 0.4, what="goto_location")
+    action.land()
+    until(lambda: t.landed_state() == LandedState.ON_GROUND, 15.0)
+    if t.armed():
+        action.disarm()
+    until(lambda: not t.armed())

@@ -1,0 +1,135 @@
+"""Parameters of the PX4 bridge: the link, what it sends, and when it dares to arm."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+from tombo_dynamics.errors import unknown_name
+from tombo_dynamics.params import param
+
+ODOMETRY, VISION, MOCAP = "odometry", "vision", "mocap"
+MOCAP_MESSAGES = {
+    ODOMETRY: "ODOMETRY, estimator type VISION",
+    VISION: "VISION_POSITION_ESTIMATE",
+    MOCAP: "ATT_POS_MOCAP, which EKF2 does not fuse",
+}
+"""What carries the poses to PX4 -> which message that is."""
+POSITION, ATTITUDE, RATES = "position", "attitude", "rates"
+SETPOINT_KINDS = {
+    POSITION: "/setpoint as SET_POSITION_TARGET_LOCAL_NED: PX4's own cascade flies it",
+    ATTITUDE: "/attitude_setpoint as SET_ATTITUDE_TARGET",
+    RATES: "/rates_setpoint as SET_ATTITUDE_TARGET",
+}
+"""What PX4 is told to follow in OFFBOARD."""
+
+
+def _text(default: str, doc: str) -> Any:
+    return dataclasses.field(default=default, metadata={"doc": doc})
+
+
+def _flag(default: bool, doc: str) -> Any:
+    return dataclasses.field(default=default, metadata={"doc": doc})
+
+
+@dataclass(frozen=True)
+class LinkParams:
+    """How to reach PX4, and under which ids."""
+
+    url: str = _text(
+        "udpin://127.0.0.1:14540",
+        "udpin://HOST:PORT, udpout://HOST:PORT, tcpout://HOST:PORT or serial:///dev/tty…:BAUD",
+    )
+    system: int = param(1, "1", (1, 255), "MAVLink system of the vehicle", "PX4: MAV_SYS_ID")
+    component: int = param(1, "1", (1, 255), "MAVLink component of its autopilot", "PX4: 1")
+    own_system: int = param(
+        245, "1", (1, 255), "MAVLink system of this bridge", "free; 255 is a ground station's"
+    )
+    own_component: int = param(
+        191, "1", (1, 255), "MAVLink component of this bridge", "on-board computer"
+    )
+    key_file: str = _text("", "file with the signing key, 32 bytes; empty: nothing is signed")
+    allow_remote: bool = _flag(False, "true: speak to other machines than this one")
+
+
+@dataclass(frozen=True)
+class BridgeParams:
+    """What the bridge sends, how long it waits, and what it asks of a pose before it arms."""
+
+    mocap: str = _text(ODOMETRY, "message for the poses: odometry, vision or mocap (not fused)")
+    setpoint: str = _text(POSITION, "what PX4 follows: position, attitude or rates")
+    position_std: float = param(
+        0.0,
+        "m",
+        (0.0, 1.0),
+        "standard deviation of the poses told to PX4; 0: unknown, PX4 takes EKF2_EVP_NOISE",
+        "unknown: PX4's own parameter decides",
+    )
+    attitude_std: float = param(
+        0.0,
+        "rad",
+        (0.0, 0.5),
+        "the same of their attitude; 0: unknown, PX4 takes EKF2_EVA_NOISE",
+        "unknown: PX4's own parameter decides",
+    )
+    hover_thrust: float = param(
+        0.0,
+        "1",
+        (0.0, 0.9),
+        "throttle that hovers, for attitude and rates; 0: read MPC_THR_HOVER from the vehicle",
+        "the vehicle knows",
+    )
+    stream_rate: float = param(
+        20.0,
+        "Hz",
+        (3.0, 100.0),
+        "set points are sent at least so often; a new one leaves at once",
+        "PX4 drops OFFBOARD after COM_OF_LOSS_T = 1 s; usual are 20 Hz",
+    )
+    odometry_rate: float = param(
+        100.0, "Hz", (10.0, 250.0), "asked of PX4: ODOMETRY", "five times the position loop"
+    )
+    imu_rate: float = param(
+        100.0, "Hz", (10.0, 250.0), "asked of PX4: HIGHRES_IMU", "PX4 sends 50 Hz unasked"
+    )
+    link_timeout: float = param(
+        1.5, "s", (0.5, 30.0), "no heartbeat for so long: the link is lost", "one of 1 Hz may miss"
+    )
+    setpoint_timeout: float = param(
+        0.5,
+        "s",
+        (0.05, 10.0),
+        "no set point for so long: the last position is held",
+        "inputs.setpoint_timeout of the controller",
+    )
+    pose_timeout: float = param(
+        0.2, "s", (0.02, 2.0), "no pose for so long: stale", "control.blind_timeout"
+    )
+    pose_age_max: float = param(
+        0.2,
+        "s",
+        (0.01, 1.0),
+        "a pose older than this when it arrives is too late for EKF2",
+        "PX4: EKF2_DELAY_MAX",
+    )
+    position_error_max: float = param(
+        0.1, "m", (0.01, 2.0), "PX4's position may be so far from the pose at rest", "decided"
+    )
+    yaw_error_max: float = param(
+        0.1745, "rad", (0.01, 1.57), "PX4's yaw may be so far from the pose's", "10 deg"
+    )
+    tilt_error_max: float = param(
+        0.1745, "rad", (0.01, 0.78), "the pose's up may be so far from gravity's", "10 deg"
+    )
+
+    def check(self) -> None:
+        """Refuse words that mean nothing.
+
+        Raises:
+            InputError: names the parameter and what is accepted.
+        """
+        if self.mocap not in MOCAP_MESSAGES:
+            raise unknown_name("value of px4.mocap", self.mocap, MOCAP_MESSAGES)
+        if self.setpoint not in SETPOINT_KINDS:
+            raise unknown_name("value of px4.setpoint", self.setpoint, SETPOINT_KINDS)

@@ -1,0 +1,1 @@
+"""The Tombo vehicle behind an autopilot that answers as PX4 does."""

@@ -1,0 +1,61 @@
+"""What a ground station asks for that is not simulated: missions, logs, files. Each is told so."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+_FTP_HEADER = struct.Struct("<HBBBBBBI")
+"""Sequence, session, operation, size, operation asked for, burst complete, padding, offset."""
+_FTP_ACK, _FTP_NAK = 128, 129
+_FTP_TERMINATE, _FTP_RESET = 1, 2
+_FTP_UNKNOWN_COMMAND, _FTP_NOT_FOUND = 7, 10
+_FTP_KNOWN = range(16)
+
+
+def addressed(message: Any, system: int, component: int) -> bool:
+    """Return whether a message is for a vehicle: its system, its component or all of them."""
+    wanted = getattr(message, "target_component", 0)
+    return message.target_system == system and wanted in (0, component)
+
+
+def mission_answer(mav: Any, message: Any, system: int, component: int) -> Any | None:
+    """Return the answer to a mission, fence or rally message: there are none, none are taken."""
+    name = message.get_type()
+    kind = getattr(message, "mission_type", 0)
+    if name == "MISSION_REQUEST_LIST":
+        return mav.mission_count_encode(system, component, 0, kind)
+    if name == "MISSION_CLEAR_ALL" or (name == "MISSION_COUNT" and message.count == 0):
+        result = mavlink.MAV_MISSION_ACCEPTED
+    elif name in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
+        result = mavlink.MAV_MISSION_INVALID_SEQUENCE
+    elif name in ("MISSION_COUNT", "MISSION_WRITE_PARTIAL_LIST"):
+        result = mavlink.MAV_MISSION_UNSUPPORTED
+    else:  # items of an upload that was refused, acknowledgements, a current item
+        return None
+    return mav.mission_ack_encode(system, component, result, kind)
+
+
+def no_logs(mav: Any) -> Any:
+    """Return the answer to LOG_REQUEST_LIST: there are none."""
+    return mav.log_entry_encode(0, 0, 0, 0, 0)
+
+
+def file_answer(mav: Any, message: Any, system: int, component: int) -> Any | None:
+    """Return the answer to FILE_TRANSFER_PROTOCOL: no such file; None: not a request."""
+    asked = bytes(message.payload)
+    sequence, session, operation, _, _, _, _, offset = _FTP_HEADER.unpack_from(asked)
+    if operation >= _FTP_ACK:
+        return None
+    if operation in (_FTP_TERMINATE, _FTP_RESET):
+        answer, data = _FTP_ACK, b""
+    else:
+        error = _FTP_NOT_FOUND if operation in _FTP_KNOWN else _FTP_UNKNOWN_COMMAND
+        answer, data = _FTP_NAK, bytes([error])
+    head = _FTP_HEADER.pack(
+        (sequence + 1) % 65536, session, answer, len(data), operation, 0, 0, offset
+    )
+    payload = (head + data).ljust(251, b"\x00")
+    return mav.file_transfer_protocol_encode(0, system, component, list(payload))

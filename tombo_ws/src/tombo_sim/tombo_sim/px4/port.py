@@ -1,0 +1,65 @@
+"""One link of the endpoint, and what is kept for it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from tombo_control.px4.link import Link
+from tombo_control.px4.timesync import TimeSync
+from tombo_sim.px4.parameter_protocol import ParameterList
+from tombo_sim.px4.streams import StreamTable
+
+_TIMESYNC_NS = 100_000_000
+
+
+class Port:
+    """A link, its streams, the list of parameters under way, the partner's clock."""
+
+    def __init__(
+        self, link: Link, stream_set: str, offered: Mapping[int, str], boot_us: int
+    ) -> None:
+        """Begin with the streams of a set.
+
+        Raises:
+            InputError: there is no such set.
+        """
+        self.link = link
+        self.mav = link.mav
+        self.streams = StreamTable(stream_set, offered, boot_us)
+        self.list = ParameterList()
+        self.timesync = TimeSync()
+        self.asks_time = stream_set == "onboard"
+        self._next_request_ns = 0
+
+    def ask_time(self, boot_ns: int) -> None:
+        """Send a TIMESYNC request if it is time."""
+        if not self.asks_time or boot_ns < self._next_request_ns:
+            return
+        self._next_request_ns = boot_ns + _TIMESYNC_NS
+        self.link.send(self.mav.timesync_encode(*self.timesync.request(boot_ns)))
+
+    def time(self, message: Any, peer: Any, arrival_ns: int, boot_ns: int) -> None:
+        """Take a TIMESYNC; answer it if it is a request.
+
+        Args:
+            message: as it came.
+            peer: where it came from.
+            arrival_ns: when it came, since boot.
+            boot_ns: now.
+        """
+        if message.tc1 != 0:
+            self.timesync.reply(message.tc1, message.ts1, arrival_ns)
+            return
+        answer = self.timesync.answer(message.tc1, message.ts1, arrival_ns, boot_ns)
+        if answer is not None:
+            self.link.send(self.mav.timesync_encode(*answer), peer)
+
+    def next_ns(self) -> int:
+        """Return when something is due next [ns since boot]."""
+        due = [self.streams.next_us * 1000]
+        if self.asks_time:
+            due.append(self._next_request_ns)
+        if self.list.due_us is not None:
+            due.append(self.list.due_us * 1000)
+        return min(due)

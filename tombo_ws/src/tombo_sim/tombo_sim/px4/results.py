@@ -1,0 +1,117 @@
+"""What the vehicle answers with: results, states and messages, with the numbers of MAVLink."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Result(IntEnum):
+    """Answer to a command (MAV_RESULT)."""
+
+    ACCEPTED = 0
+    TEMPORARILY_REJECTED = 1
+    DENIED = 2
+    UNSUPPORTED = 3
+    FAILED = 4
+    IN_PROGRESS = 5
+    CANCELLED = 6
+
+
+class LandedState(IntEnum):
+    """Where the vehicle is (MAV_LANDED_STATE)."""
+
+    UNDEFINED = 0
+    ON_GROUND = 1
+    IN_AIR = 2
+    TAKEOFF = 3
+    LANDING = 4
+
+
+class Severity(IntEnum):
+    """How grave a message is (MAV_SEVERITY)."""
+
+    EMERGENCY = 0
+    ALERT = 1
+    CRITICAL = 2
+    ERROR = 3
+    WARNING = 4
+    NOTICE = 5
+    INFO = 6
+
+
+class Status(NamedTuple):
+    """A message to the operator."""
+
+    severity: Severity
+    text: str
+
+
+class Health(NamedTuple):
+    """What arming would be denied for, in the operator's words, and what is known."""
+
+    problems: tuple[str, ...]
+    """Empty: it may be armed in the present mode."""
+    attitude: bool
+    local_position: bool
+    global_position: bool
+    home: bool
+
+    @property
+    def armable(self) -> bool:
+        """Whether nothing is in the way of arming in the present mode."""
+        return not self.problems
+
+
+class Battery(NamedTuple):
+    """State of the battery."""
+
+    voltage: float
+    """[V]."""
+    current: float
+    """Drawn [A]."""
+    remaining: float
+    """Share of the charge, 1: full."""
+    warning: int
+    """0 none, 1 low, 2 critical, 3 emergency."""
+
+
+class TakeoffState(IntEnum):
+    """How far a take-off has come (PX4 `takeoff_status`)."""
+
+    DISARMED = 1
+    SPOOLUP = 2
+    READY = 3
+    RAMPUP = 4
+    FLIGHT = 5
+
+
+class AttitudeSetpoint(NamedTuple):
+    """What the attitude loop and the rate loop follow."""
+
+    attitude: Array
+    """(4) xyzw, map from base_link."""
+    rates: Array
+    """(3) base_link [rad/s]."""
+    thrust: float
+    """Share of the highest collective thrust."""
+
+
+class PositionSetpoint(NamedTuple):
+    """What the position loop follows; NaN: not commanded."""
+
+    position: Array
+    """(3) map [m]."""
+    velocity: Array
+    """(3) map [m/s]."""
+    acceleration: Array
+    """(3) map [m/s^2]."""
+    yaw: float
+    """[rad], counter-clockwise from east."""
+    yaw_rate: float
+    """[rad/s]."""
