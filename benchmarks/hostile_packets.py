@@ -4,13 +4,14 @@
 
 A legitimate partner speaks between the packets: noise, frames cut short, flipped bits, false
 headers, valid checksums around NaN, infinities and wild numbers, crowded datagrams, half frames.
-All of it over UDP and over TCP, on 127.0.0.1, with one process on both sides; the time of a call is
-that of the processor.
+All of it over UDP and over TCP, on 127.0.0.1, with one process on both sides. The time of a call
+is the processor's.
 """
 
 from __future__ import annotations
 
 import contextlib
+import multiprocessing
 import random
 import socket
 import sys
@@ -30,7 +31,12 @@ from tombo_control.px4.link import Link
 PACKETS = 1_000_000
 CROWD = 64
 """Hostile packets between two legitimate ones; the kernel keeps some 200."""
+FLOOD_S = 5.0
+PERIOD_S = 0.01
+"""Between the partner's messages during a flood."""
 PARTNER = 9
+TAG = 0x70000000
+"""What the partner counts up from: no packet at random says that."""
 KEY = bytes(range(1, 33))
 
 
@@ -53,28 +59,69 @@ class Siege:
         begin = time.thread_time()
         received = link.receive()
         self.calls_s.append(time.thread_time() - begin)
-        self.delivered += sum(item.system == PARTNER for item in received)
+        for item in received:
+            if item.system == PARTNER and item.message.get_type() == "HEARTBEAT":
+                self.delivered += 0 <= item.message.custom_mode - TAG < self.sent
 
 
 def besiege(
-    link: Link, attack: Callable[[bytes], object], speak: Callable[[bytes], object], packets: int
+    link: Link,
+    attack: Callable[[bytes], object],
+    speak: Callable[[bytes], object],
+    packets: int,
 ) -> Siege:
     """Send hostile packets in crowds with a legitimate message behind each."""
     siege = Siege()
     partner = encoder(PARTNER, 1)
     chance = random.Random(1)
-    for mode in range(packets // CROWD):
+    for number in range(packets // CROWD):
         for packet in hostile_packets(chance, CROWD):
-            # one random sender in 65536 would be our partner: nobody else may be counted
-            attack(packet.replace(bytes([PARTNER]), b"\x0a"))
+            attack(packet)
             siege.hostile_bytes += len(packet)
-        speak(heartbeat(mode, partner))
+        speak(heartbeat(TAG + number, partner))
         siege.sent += 1
         while link.wait(0.0):
             siege.call(link)
     while link.wait(0.1):
         siege.call(link)
     return siege
+
+
+def pour(address: tuple[str, int], words: bytes | None) -> None:
+    """Send as fast as one process can, for some seconds."""
+    packets = [words] if words else list(hostile_packets(random.Random(3), 4096))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as attacker:
+        end = time.monotonic() + FLOOD_S
+        while time.monotonic() < end:
+            for packet in packets * (1 if len(packets) > 1 else 1000):
+                attacker.sendto(packet, address)
+
+
+def flood(name: str, words: bytes | None) -> None:
+    """Print how many of a partner's messages at 100 Hz come through a flood from elsewhere."""
+    siege = Siege()
+    with under_udp() as (link, _, partner):
+        attacker = multiprocessing.Process(target=pour, args=(link.address, words))
+        attacker.start()
+        mav = encoder(PARTNER, 1)
+        begin = due = time.monotonic()
+        while attacker.is_alive():
+            if time.monotonic() >= due:
+                due += PERIOD_S
+                partner.send(heartbeat(TAG + siege.sent, mav))
+                siege.sent += 1
+            if link.wait(max(0.0, min(PERIOD_S, due - time.monotonic()))):
+                siege.call(link)
+        seconds = time.monotonic() - begin
+        attacker.join()
+        while link.wait(0.05):
+            siege.call(link)
+        say(
+            f"UDP, a flood of {name}: {siege.delivered} of {siege.sent} legitimate messages, "
+            f"{link.counters['received'] / seconds:.0f} messages/s let in, "
+            f"{link.counters['dropped'] / seconds:.0f} datagrams/s dropped by the kernel, "
+            f"longest call {1e3 * max(siege.calls_s):.2f} ms"
+        )
 
 
 @contextlib.contextmanager
@@ -107,9 +154,10 @@ def report(name: str, siege: Siege, link: Link) -> None:
     """Print a row and the counters."""
     calls = sorted(siege.calls_s)
     total = sum(calls)
+    megabytes = siege.hostile_bytes / 1e6
     say(
         f"{name}: {siege.delivered} of {siege.sent} legitimate messages delivered; "
-        f"{siege.hostile_bytes / 1e6:.0f} MB of garbage read at {siege.hostile_bytes / total / 1e6:.0f} MB/s; "
+        f"{megabytes:.0f} MB of garbage at {megabytes / total:.0f} MB/s; "
         f"receive() p50 {1e3 * calls[len(calls) // 2]:.2f} ms, "
         f"p99 {1e3 * calls[len(calls) * 99 // 100]:.2f} ms, longest {1e3 * calls[-1]:.2f} ms"
     )
@@ -181,6 +229,8 @@ def main() -> None:
         report("UDP", besiege(link, attacker.send, partner.send, packets), link)
     with under_tcp() as (link, attacker, partner):
         report("TCP", besiege(link, attacker.sendall, partner.sendall, packets), link)
+    for name, words in (("hostile packets", None), ("well-formed messages", heartbeat(0))):
+        flood(name, words)
     worst = (b"\xfe\xff\x00\x01\x01\x00" * 400)[:2000]
     for name, under in (("UDP", under_udp), ("TCP", under_tcp)):
         with under() as (link, attacker, _):

@@ -1,4 +1,4 @@
-"""The link: good frames come in from the right ones; nothing else gets through, steals or stops."""
+"""The link: good frames come in from the right ones; nothing else gets in, steals or stops."""
 
 import contextlib
 import random
@@ -16,6 +16,9 @@ from mavlink_packets import (
 from pymavlink.dialects.v20 import common
 
 from tombo_control.px4.link import Link
+from tombo_control.px4.tcp import MAX_CLIENTS
+from tombo_control.px4.timesync import TimeSync
+from tombo_control.px4.udp import MAX_PARTNERS
 from tombo_dynamics.errors import InputError
 
 KEY = bytes(range(1, 33))
@@ -29,7 +32,7 @@ def links():
     with contextlib.ExitStack() as stack:
 
         def make(url, ids=VEHICLE, **kwargs):
-            link = Link(url, clock=time.time_ns, **ids, **kwargs)
+            link = Link(url, **{"clock": time.time_ns, **ids, **kwargs})
             stack.callback(link.close)
             return link
 
@@ -145,6 +148,9 @@ def test_only_the_accepted_system_and_component_come_in(links, sender, accept, l
     assert [(item.system, item.component) for item in got] == let_in
     if counter:
         assert link.counters[counter] == 1
+        assert link.stranger not in (None, *let_in)
+    else:
+        assert link.stranger is None
 
 
 def steal_attempts():
@@ -231,10 +237,11 @@ def test_a_partner_without_the_key_hears_signed_messages(links):
 def test_two_links_of_one_component_are_told_apart_by_their_link_id(links):
     receiver = links("udpin://127.0.0.1:0", COMPUTER, key=KEY)
     url = f"udpout://127.0.0.1:{receiver.address[1]}"
-    late, early = links(url, key=KEY, link_id=1), links(url, key=KEY, link_id=2)
+    ahead = links(url, key=KEY, link_id=1, clock=lambda: time.time_ns() + 3600 * 10**9)
+    exact = links(url, key=KEY, link_id=2)
     for mode in range(3):
-        late.send(beat(late, mode))
-        early.send(beat(early, mode))
+        ahead.send(beat(ahead, mode))
+        exact.send(beat(exact, mode))
     assert len(collect(receiver, 6)) == 6
 
 
@@ -302,13 +309,49 @@ def test_wait_sleeps_no_longer_than_it_must(pair):
     assert time.monotonic() - begin < 2.0
 
 
-def test_a_closed_link_does_nothing_at_all(pair):
-    vehicle, computer = pair()
+def test_waiting_for_a_server_that_is_not_there_lets_the_next_try_be_made(links, sender):
+    sender.bind(("127.0.0.1", 0))
+    client = links(f"tcpout://127.0.0.1:{sender.getsockname()[1]}", COMPUTER)
+    begin = time.monotonic()
+    for _ in range(3):
+        client.wait(5.0)
+        client.receive()
+    assert time.monotonic() - begin < 4.0
+
+
+@pytest.mark.parametrize("kind", ["udp", "tcp"])
+def test_a_closed_link_does_nothing_at_all(pair, kind):
+    vehicle, computer = pair(kind)
     computer.send(beat(computer))
     vehicle.close()
     vehicle.close()
     assert vehicle.receive() == [] and not vehicle.wait(0.01) and not vehicle.connected
     assert not vehicle.send(beat(vehicle)) and vehicle.counters["send_failed"] == 1
+
+
+def test_clocks_agree_to_a_millisecond_although_one_side_polls(pair):
+    """The stamp of the kernel and the middle in the answer take a loop of 4 ms out of it."""
+    vehicle, computer = pair()
+    ahead_ns = 3_000_000_000
+    sync, other = TimeSync(), TimeSync()
+    vehicle.send(beat(vehicle), to=computer.address)
+    for _ in range(30):
+        vehicle.send(vehicle.mav.timesync_encode(*sync.request(time.time_ns())), computer.address)
+        time.sleep(0.004)
+        for item in computer.receive():
+            if item.message.get_type() == "TIMESYNC":
+                answer = other.answer(
+                    item.message.tc1,
+                    item.message.ts1,
+                    item.arrival_ns + ahead_ns,
+                    time.time_ns() + ahead_ns,
+                )
+                computer.send(computer.mav.timesync_encode(*answer))
+        for item in collect(vehicle):
+            sync.reply(item.message.tc1, item.message.ts1, item.arrival_ns)
+    assert sync.converged
+    assert abs(sync.offset_ns + ahead_ns) < 1_000_000
+    assert sync.rtt_ns > 4_000_000
 
 
 def test_mavlink_1_is_understood(links, sender):
@@ -338,6 +381,73 @@ def test_half_frames_over_tcp_are_put_together_for_each_client(links):
     with socket.create_connection(link.address) as again:  # the half of before is forgotten
         again.sendall(heartbeat(3))
         assert modes(collect(link)) == [3]
+
+
+def test_a_flood_from_elsewhere_costs_a_partner_no_message(links, sender):
+    link = links("udpin://127.0.0.1:0", COMPUTER, accept_system=1)
+    got = []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as attacker:
+        sender.sendto(heartbeat(0), link.address)
+        got += collect(link)
+        for mode in range(1, 20):
+            for _ in range(3000):  # more than the kernel keeps, between two calls
+                attacker.sendto(b"flood", link.address)
+            sender.sendto(heartbeat(mode), link.address)
+            got += link.receive(limit=10)
+        got += collect(link, 20 - len(got))
+        assert modes(got) == list(range(20))
+        while link.wait(0.0):
+            link.receive()
+        attacker.sendto(b"flood", link.address)  # the next one tells of those lost before
+        assert link.wait(1.0) and link.receive() == []
+    assert link.counters["dropped"] > 0
+
+
+def test_what_a_partner_said_stays_in_order_when_it_gets_its_own_queue(links, sender):
+    link = links("udpin://127.0.0.1:0", COMPUTER)
+    got, mode = [], 0
+    for _ in range(100):
+        for _ in range(5):
+            sender.sendto(heartbeat(mode), link.address)
+            mode += 1
+        got += modes(link.receive(limit=2))
+    while link.wait(0.05):
+        got += modes(link.receive())
+    assert got == list(range(500))
+
+
+def test_many_partners_are_all_heard_and_the_port_stays_busy_to_others(links):
+    vehicle = links("udpin://127.0.0.1:0")
+    url = f"udpout://127.0.0.1:{vehicle.address[1]}"
+    clients = [links(url, COMPUTER) for _ in range(MAX_PARTNERS + 3)]
+    for mode in range(5):
+        for client in clients:
+            client.send(beat(client, mode))
+        got = collect(vehicle, len(clients))
+        assert sorted(item.peer for item in got) == sorted(client.address for client in clients)
+        for item in got:
+            vehicle.send(beat(vehicle, mode), to=item.peer)
+        for client in clients:
+            assert modes(collect(client)) == [mode]
+    assert len(vehicle._transport._partners) == MAX_PARTNERS
+    with pytest.raises(InputError, match="in use"):
+        links(f"udpin://127.0.0.1:{vehicle.address[1]}")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as thief:
+        thief.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        with pytest.raises(OSError, match="in use"):
+            thief.bind(vehicle.address)
+
+
+def test_clients_that_come_and_go_leave_nothing_behind(links):
+    link = links("tcpin://127.0.0.1:0", COMPUTER)
+    with contextlib.ExitStack() as crowd:
+        for number in range(20):  # more than there is room for: some are hung up on
+            client = crowd.enter_context(socket.create_connection(link.address, 2.0))
+            client.sendall(heartbeat(1)[:11])
+            collect(link, 1, 0.02)
+            assert len(link._streams) <= min(number + 1, MAX_CLIENTS)
+    collect(link, 1, 0.1)
+    assert link._streams == {} and not link.connected
 
 
 def besiege(link, feed, legitimate, packets):

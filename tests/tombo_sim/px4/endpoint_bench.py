@@ -91,7 +91,8 @@ class Bench:
             self.links.append(link)
             links.append((link, stream_set))
         self.client = self.clients[0]
-        self.endpoint = Endpoint(self.vehicle, links)
+        homes = [client.socket.getsockname() for client in self.clients]
+        self.endpoint = Endpoint(self.vehicle, links, homes=homes)
         self.boot_ns = 0
         self.each_round: Callable[[], None] | None = None
 

@@ -202,6 +202,33 @@ def test_two_clients_of_a_link_each_get_their_answers():
             other.socket.close()
 
 
+def test_telemetry_stays_with_who_spoke_first_until_it_has_gone():
+    def counts(seconds):
+        other.collect(), b.client.collect()
+        other.seen.clear(), b.client.seen.clear()
+        b.run(seconds)
+        other.collect()
+        return len(of(b.client.seen, "ATTITUDE")), len(of(other.seen, "ATTITUDE"))
+
+    with bench() as b:
+        other = Client(200, 1)
+        other.there = b.client.there
+        try:
+            assert counts(0.5) == (50, 0)  # nobody has spoken: to where it was told to send
+            b.client.command(31000)
+            b.run(0.1)
+            other.command(31000)
+            assert counts(0.5) == (50, 0)
+            b.run(5.0)
+            other.command(31000)
+            b.run(0.1)
+            assert counts(0.5) == (0, 50)
+            b.run(5.0)
+            assert counts(0.5) == (50, 0)
+        finally:
+            other.socket.close()
+
+
 def test_a_client_that_vanishes_is_no_problem():
     with bench("onboard", "ground") as b:
         b.settle()

@@ -167,6 +167,7 @@ def test_a_repeated_answer_is_counted_and_the_last_one_counts():
         )
         b.fly(5.0)
         assert b.hil.repeated == pytest.approx(250, abs=3)
+        assert b.hil.answered == pytest.approx(b.hil.steps - 9, abs=1)
         assert b.position[2] == pytest.approx(2.2, abs=0.3)
 
 
@@ -454,6 +455,33 @@ def test_time_that_cannot_be_made_up_for_is_told():
             b.turn()
         assert b.hil.flight.time_us - before_us < 50_000
         assert any("time stretches" in text for text in b.news)
+
+
+def test_silence_is_not_made_up_for():
+    with bench(speed=1.0, silent=0) as b:
+        b.fly(0.5)
+        kept, b.peer.answer = b.peer.answer, lambda sensor, values: None
+        for _ in range(4):
+            b.now_ns += PATIENCE_NS
+            b.turn()
+        b.peer.answer = kept
+        b.now_ns += PATIENCE_NS
+        b.until(lambda: b.hil.phase is Phase.FLYING)
+        start_ns, start_us = b.now_ns, b.hil.flight.time_us
+        b.fly(1.5)
+        simulated_ns = 1000 * (b.hil.flight.time_us - start_us)
+        assert simulated_ns == pytest.approx(b.now_ns - start_ns, rel=0.02)
+        assert b.hil.slips <= 1
+
+
+def test_px4_that_leaves_while_nothing_is_due_is_noticed_at_once():
+    with bench(speed=1.0, silent=0) as b:
+        b.fly(0.5)
+        b.peer.close()
+        b.link.wait(5.0)
+        for _ in range(3):
+            b.hil.advance(b.now_ns)
+        assert b.hil.phase is Phase.WAITING
 
 
 def test_a_busy_port_is_one_line():

@@ -183,6 +183,19 @@ def test_limits_of_speed():
     assert flight.fly(3.0)[-1, 5] == pytest.approx(-0.5, abs=0.07)
 
 
+def test_a_take_off_by_set_points_begins_gently():
+    flight = ready(vision=True)
+    flight.vehicle.parameters.set("MPC_TKO_SPEED", 0.4)
+    flight.target = motion([0.0, 0.0, 9.0], yaw=0.0)
+    flight.fly(0.1)
+    flight.vehicle.set_mode(OFFBOARD)
+    flight.vehicle.arm()
+    rows = flight.fly(4.05)
+    assert flight.vehicle.takeoff_state == TakeoffState.FLIGHT
+    assert 0.2 < rows[:, 5].max() < 0.6
+    assert flight.fly(2.0)[:, 5].max() > 1.5
+
+
 def test_limit_of_tilt():
     flight = hovering(vision=True)
     flight.vehicle.parameters.set("MPC_TILTMAX_AIR", 20.0)
@@ -242,12 +255,15 @@ def test_set_points_are_followed_only_while_the_mode_is_flown():
     flight.target = motion([3.0, 0.0, 2.0])
     flight.fly(3.0)
     assert abs(flight.body[0]) < 0.2
+    flight.vehicle.reposition(np.array([-1.0, 0.0, NAN]))
+    flight.fly(4.0)
+    flight.vehicle.target(flight.target)
     flight.target = None
     flight.vehicle.set_mode(OFFBOARD)  # what was streamed before is not taken up
-    flight.fly(0.5)
-    assert flight.vehicle.mode == OFFBOARD and abs(flight.body[0]) < 0.2
+    flight.fly(0.8)
+    assert flight.vehicle.mode == OFFBOARD and abs(flight.body[0] + 1.0) < 0.2
     flight.target = motion([1.0, 0.0, 2.0])
-    flight.fly(3.0)
+    flight.fly(4.0)
     assert flight.body[0] > 0.8
 
 

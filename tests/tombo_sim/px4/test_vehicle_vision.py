@@ -9,7 +9,7 @@ import pytest
 from vehicle_bench import Flight, hovering, motion, ready
 
 from tombo_control.px4.modes import AUTO_HOLD, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD
-from tombo_dynamics.rotation import quaternion_multiply, turned
+from tombo_dynamics.rotation import quaternion_multiply, turned, yaw_pitch_roll
 from tombo_sim.px4.results import LandedState, Result
 
 HALF = math.sqrt(0.5)
@@ -28,6 +28,9 @@ def test_it_is_used_in_place_of_gps():
     flight.see = True
     flight.fly(0.3)
     assert flight.vehicle.vision_source and error(flight) < 0.005
+    resets = flight.vehicle.resets
+    flight.fly(1.0)
+    assert flight.vehicle.vision_source and flight.vehicle.resets == resets
     flight.see = False
     flight.fly(2.0)
     assert flight.vehicle.estimation.source == "gps"
@@ -40,6 +43,30 @@ def test_the_estimate_is_as_good_as_the_motion_capture():
         flight.step()
         errors.append(error(flight))
     assert np.mean(errors) < 0.003 and max(errors) < 0.01
+
+
+def test_gps_has_noise_of_its_own():
+    flight = hovering()
+    errors = []
+    for _ in range(3000):
+        flight.step()
+        errors.append(error(flight))
+    assert 0.008 < np.mean(errors) < 0.06
+    assert flight.vehicle.pose_variance[0] > hovering(vision=True).vehicle.pose_variance[0]
+
+
+@pytest.mark.parametrize("vision", [False, True])
+def test_a_gyro_that_drifts_is_learned(vision):
+    """Roll and pitch from gravity, yaw from vision or compass."""
+    settings = [f"effects.imu_bias.gyro_{axis}=0.03" for axis in "xyz"]
+    flight = Flight(vision=vision, settings=settings)
+    flight.fly(6.0)
+    flight.offboard()
+    flight.fly(10.0)
+    np.testing.assert_allclose(flight.vehicle.estimate.gyro_bias, 0.03, atol=0.012)
+    true = yaw_pitch_roll(flight.body[6:10])
+    known = yaw_pitch_roll(flight.vehicle.estimate.attitude)
+    assert np.rad2deg(np.abs(true - known)).max() < 1.5
 
 
 @pytest.mark.parametrize("late", [10, 50, 150])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -46,12 +46,17 @@ class Flight:
     """A vehicle, a stream of set points to it, and the motion capture that is sent to it."""
 
     def __init__(
-        self, seed: int = 1, scenario: str = "no_obstacle", vision: bool = False, **values: float
+        self,
+        seed: int = 1,
+        scenario: str = "no_obstacle",
+        vision: bool = False,
+        settings: Sequence[str] = (),
+        **values: float,
     ) -> None:
         table = ParameterTable()
         for name, value in {**(VISION if vision else {}), **values}.items():
             assert table.set(name, value) == ""
-        self.vehicle = Px4Vehicle(world_of(load_scenario(scenario)), seed, table)
+        self.vehicle = Px4Vehicle(world_of(load_scenario(scenario, settings)), seed, table)
         self.target: Target | None = None
         self.period = 50
         """Ticks between two set points."""

@@ -46,7 +46,7 @@ from tombo_control.px4.records import (
     VehicleOdometry,
     Version,
 )
-from tombo_control.px4.session import Reply, Request, Session, Stage, Stream, View
+from tombo_control.px4.session import Decision, Reply, Request, Session, Stage, Stream, View
 from tombo_control.px4.timesync import TimeSync
 from tombo_control.px4.vehicle_findings import HOVER, READ
 from tombo_dynamics.rotation import yaw_pitch_roll
@@ -62,11 +62,14 @@ _LOOK_NS = _SECOND_NS // 5
 _ASK_NS = 3 * _SECOND_NS
 """Messages that come too seldom are asked for again so often."""
 _TOO_SLOW, _MOST_ASKS = 0.6, 5
+_SLOW_SHARE = 0.4
+"""Less than this share of the rate asked for is a fault."""
 _FUTURE_NS = 5_000_000
 _UNIT = 0.2
 _SETTLE_NS = 4 * _SECOND_NS
 _HEARTBEAT_HZ, _STATE_HZ, _BATTERY_HZ, _ESTIMATOR_HZ = 5.0, 10.0, 2.0, 5.0
 _REBOOT_NS = _SECOND_NS
+_SET_BACK_NS = _SECOND_NS // 2
 
 
 @dataclass(frozen=True)
@@ -156,7 +159,8 @@ class Bridge:
         self._last_text = ""
         self._boot_ns = 0
         self._linked_ns: int | None = None
-        self._pose_stamp_ns = 0
+        self.pose_stamp_ns = 0
+        """Capture of the last pose that was sent."""
         self._setpoint: Setpoint | None = None
         self._setpoint_ns = -(10**18)
         self._setpoint_new = False
@@ -165,6 +169,7 @@ class Bridge:
         self._stream = Stream.PRESENT
         self._held: Setpoint | None = None
         self._streamed_ns = 0
+        self._now_ns = 0
         self._beat_ns = self._asked_time_ns = self._looked_ns = self._asked_ns = 0
         self._asks: Counter[str] = Counter()
         self._requests = 0
@@ -291,7 +296,7 @@ class Bridge:
             self.poses_refused[why] = self.poses_refused.get(why, 0) + 1
             self.preflight.refused_pose(why, now_ns, age_s)
             return why
-        self._pose_stamp_ns = stamp_ns
+        self.pose_stamp_ns = stamp_ns
         unit = attitude / np.linalg.norm(attitude)
         self.preflight.pose(stamp_ns, now_ns, position, unit)
         kind = self.params.mocap
@@ -314,7 +319,7 @@ class Bridge:
             return "future"
         if now_ns - stamp_ns > self.params.pose_age_max * 1e9:
             return "late"
-        if self._pose_stamp_ns - _SECOND_NS < stamp_ns <= self._pose_stamp_ns:
+        if self.pose_stamp_ns - _SECOND_NS < stamp_ns <= self.pose_stamp_ns:
             return "out_of_order"
         return ""
 
@@ -357,6 +362,9 @@ class Bridge:
     def tick(self, now_ns: int) -> Outcome:
         """Decide; return what is to be sent and published."""
         out, self._out = self._out, Outcome()
+        if now_ns < self._now_ns - _SET_BACK_NS:
+            self._clock_set_back(now_ns, out)
+        self._now_ns = now_ns
         for text in self.incoming.overdue(now_ns):
             self._last_text = text.text
             self.session.said(text)
@@ -387,6 +395,25 @@ class Bridge:
         self._faults(now_ns, linked, out)
         out.status = self._status(linked)
         return out
+
+    def _clock_set_back(self, now_ns: int, out: Outcome) -> None:
+        """Forget when things happened: everything periodic would wait for the old time."""
+        back = (self._now_ns - now_ns) * 1e-9
+        text = f"the system's clock was set back by {back:.1f} s: all stamps begin anew"
+        out.events.append(("clock_set_back", text))
+        self._beat_ns = self._asked_time_ns = self._looked_ns = self._asked_ns = 0
+        self._streamed_ns = self.pose_stamp_ns = self._battery_ns = 0
+        self._setpoint_ns = min(self._setpoint_ns, now_ns)
+        self._linked_ns = now_ns if self._linked_ns is not None else None
+        if self._heartbeat is not None:
+            self._heartbeat = replace(self._heartbeat, arrival_ns=now_ns)
+        self._odometry = None
+        self.preflight.forget()
+        self.parameters.forget()
+        self.arrivals.clear()
+        decision = Decision()
+        self.session.clock_set_back(decision)
+        out.replies += decision.replies
 
     def _follow_link(self, now_ns: int) -> bool:
         """Return whether the vehicle is there."""
@@ -566,7 +593,7 @@ class Bridge:
                 ("HIGHRES_IMU", self.params.imu_rate),
             ):
                 rate = self.arrivals.rate_hz(name, now_ns)
-                if 0.0 < rate < 0.5 * wanted:
+                if 0.0 < rate < _SLOW_SHARE * wanted:
                     out.faults[f"slow.{name}"] = (
                         f"{name} comes at {rate:.0f} Hz, {wanted:.0f} Hz were asked for: raise the"
                         " rate of PX4's link (MAV_0_RATE, baud), or ask for less"

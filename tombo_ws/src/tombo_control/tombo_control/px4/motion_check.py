@@ -105,7 +105,6 @@ class MotionCheck:
         spans = _spans(poses, begin_ns)
         if spans is None:
             return None
-        first, last, seen = spans
         best = _best(times, turned, *spans)
         if best.left <= _AGREES:
             return Verdict(best.delay, _explain(best.axes))
@@ -125,7 +124,7 @@ class _Fit(NamedTuple):
 def _best(times: Array, turned: Array, first: Array, last: Array, seen: Array) -> _Fit:
     """Return the delay and the reading of the axes that explain most."""
     best = _Fit(math.inf, 0.0, np.eye(3))
-    delays = np.arange(_EARLIEST, _LATEST, _COARSE)
+    delays: Array = np.arange(_EARLIEST, _LATEST, _COARSE)
     for step in (_COARSE, _FINE):
         for delay in delays:
             left, axes = _misfit(times, turned, first - delay, last - delay, seen)
@@ -174,9 +173,13 @@ def _misfit(
     total = float((felt**2).sum())
     if total <= 0.0:
         return math.inf, np.eye(3)
-    left = [float(((seen - felt @ axes.T) ** 2).sum()) / total for axes in _READINGS]
+    # the sum of squares of `seen - felt @ axes.T` for each reading, from one 3x3 matrix
+    common = float((seen**2).sum()) + total
+    left = (common - 2.0 * (_FLAT @ (seen.T @ felt).ravel())) / total
     k = int(np.argmin(left))
-    return (left[0], _READINGS[0]) if left[k] > _CLEARER * left[0] else (left[k], _READINGS[k])
+    if left[k] > _CLEARER * left[0]:
+        k = 0
+    return float(left[k]), _READINGS[k]
 
 
 def _readings() -> list[Array]:
@@ -193,6 +196,7 @@ def _readings() -> list[Array]:
 
 
 _READINGS = _readings()
+_FLAT = np.array([axes.ravel() for axes in _READINGS])
 
 
 def _explain(axes: Array) -> str:

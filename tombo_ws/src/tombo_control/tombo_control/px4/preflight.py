@@ -10,6 +10,8 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import takewhile
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +61,9 @@ class _Pose:
     attitude: Array
 
 
+_Arrived = TypeVar("_Arrived", _Pose, ImuSample, VehicleOdometry)
+
+
 class Preflight:
     """Collects what came lately; `findings` judges it."""
 
@@ -98,7 +103,10 @@ class Preflight:
         self._estimator = state
 
     def forget(self) -> None:
-        """Begin anew: another vehicle, or the same one started again."""
+        """Begin anew: another vehicle, the same one started again, or another time."""
+        self._poses.clear()
+        self._refused.clear()
+        self._judged_ns = 0
         self._imu.clear()
         self._odometry.clear()
         self._estimator = None
@@ -153,7 +161,12 @@ class Preflight:
     # --- The poses themselves -----------------------------------------------------------------
 
     def _recent(self, now_ns: int) -> list[_Pose]:
-        return [p for p in self._poses if now_ns - p.arrival_ns < _WINDOW_NS]
+        return self._newest(self._poses, now_ns)
+
+    def _newest(self, kept: deque[_Arrived], now_ns: int) -> list[_Arrived]:
+        """Return those of the last second, oldest first, without looking at the older ones."""
+        found = list(takewhile(lambda r: now_ns - r.arrival_ns < _WINDOW_NS, reversed(kept)))
+        return found[::-1]
 
     def _of_poses(self, now_ns: int) -> list[Finding]:
         found = []
@@ -210,7 +223,7 @@ class Preflight:
 
     def _trembles(self, now_ns: int) -> bool:
         """Return whether PX4's sensors show any noise: if not, nothing real is there to move."""
-        samples = [s for s in self._imu if now_ns - s.arrival_ns <= _WINDOW_NS]
+        samples = self._newest(self._imu, now_ns)
         if len(samples) < _ENOUGH:
             return True
         gyro = np.std([s.gyro for s in samples], axis=0).max()
@@ -303,28 +316,28 @@ class Preflight:
         if len(recent) < _ENOUGH:
             return None
         stamps = np.array([p.stamp_ns for p in recent])
-        first = int(stamps[0]) - _PAIR_NS
-        ours, theirs, turns = [], [], []
-        for odometry in self._odometry:
-            if odometry.stamp_ns is None or odometry.stamp_ns < first:
-                continue
-            nearest = int(np.argmin(np.abs(stamps - odometry.stamp_ns)))
-            pose = recent[nearest]
-            if abs(pose.stamp_ns - odometry.stamp_ns) > _PAIR_NS:
-                continue
-            away = (pose.stamp_ns - odometry.stamp_ns) * 1e-9
-            ours.append(pose.position)
-            theirs.append(odometry.position + away * odometry.velocity)
-            yaw, own = yaw_pitch_roll(odometry.attitude)[0], yaw_pitch_roll(pose.attitude)[0]
-            turns.append(np.exp(1j * (own - yaw)))
-        if len(ours) < _ENOUGH:
+        lately = [o for o in self._newest(self._odometry, now_ns) if o.stamp_ns is not None]
+        if len(lately) < _ENOUGH:
             return None
-        turn = float(np.angle(np.sum(turns)))
+        seen = np.array([o.stamp_ns for o in lately])
+        right = np.clip(np.searchsorted(stamps, seen), 1, len(stamps) - 1)
+        nearest = right - (seen - stamps[right - 1] < stamps[right] - seen)
+        away = stamps[nearest] - seen
+        near = np.abs(away) <= _PAIR_NS
+        if near.sum() < _ENOUGH:
+            return None
+        nearest, away = nearest[near], away[near]
+        theirs = np.array([o.position for o in lately])[near]
+        theirs += 1e-9 * away[:, None] * np.array([o.velocity for o in lately])[near]
+        ours = np.array([p.position for p in recent])[nearest]
+        yaw = yaw_pitch_roll(np.array([o.attitude for o in lately])[near])[:, 0]
+        own = yaw_pitch_roll(np.array([p.attitude for p in recent])[nearest])[:, 0]
+        turn = float(np.angle(np.exp(1j * (own - yaw)).sum()))
         return np.median(ours, axis=0), np.median(theirs, axis=0), turn
 
     def _of_up(self, now_ns: int) -> list[Finding]:
         recent = self._recent(now_ns)
-        samples = [s for s in self._imu if now_ns - s.arrival_ns <= _WINDOW_NS]
+        samples = self._newest(self._imu, now_ns)
         if len(samples) < _ENOUGH or not recent:
             text = (
                 "PX4 sends no HIGHRES_IMU: which way is up can't be checked"

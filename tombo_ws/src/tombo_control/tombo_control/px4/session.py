@@ -139,6 +139,16 @@ class Session:
         """Take words of PX4."""
         self.words.take(text)
 
+    def clock_set_back(self, out: Decision) -> None:
+        """Begin all waiting anew: what was to end at some time would not end for long."""
+        why = "the system's clock was set back meanwhile"
+        self._drop_requests(out, why)
+        self._stream_since_ns = self._landed_since_ns = self._own_arming_ns = None
+        if self.stage in (Stage.ENTERING, Stage.ARMING):
+            self._give_up(why)
+        elif self._errand is not None:
+            self._errand = Errand(self._errand.order, _MODE_TRIES)
+
     def tick(self, view: View) -> Decision:
         """Decide."""
         out = Decision()

@@ -28,9 +28,8 @@ class BatteryMeter:
         self._voltage = voltage
         self._parameters = parameters
         self._used_mah = 0.0
-        self.state = Battery(voltage, 0.0, 1.0, 0)
 
-    def draw(self, m: Array, seconds: float) -> None:
+    def draw(self, m: Array, seconds: float) -> Battery:
         """Count what the plant `m` has drawn; without a battery in it, from power and voltage."""
         voltage, current = float(m[P.supply + 2]), float(m[P.supply + 1])
         if voltage <= 0.0 or current <= 0.0:
@@ -42,4 +41,4 @@ class BatteryMeter:
         capacity = get("BAT1_CAPACITY")
         remaining = 1.0 if capacity <= 0.0 else max(1.0 - self._used_mah / capacity, 0.0)
         warning = sum(remaining < get(name) for name in _LEVELS)
-        self.state = Battery(voltage, current, remaining, warning)
+        return Battery(voltage, current, remaining, warning)

@@ -7,6 +7,7 @@ arrivals with.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -37,6 +38,7 @@ class Endpoint:
         vehicle: Px4Vehicle,
         links: Sequence[tuple[Link, str]],
         origin: GeoOrigin | None = None,
+        homes: Sequence[tuple[str, int] | None] = (),
     ) -> None:
         """Serve links, each with the set of streams it carries by default.
 
@@ -44,6 +46,7 @@ class Endpoint:
             vehicle: at its present tick.
             links: with `onboard` or `ground`.
             origin: where the origin of map is on the globe.
+            homes: where each link sends to while nobody has spoken; none: as the link does.
 
         Raises:
             InputError: there is no such set of streams.
@@ -51,8 +54,10 @@ class Endpoint:
         self.vehicle = vehicle
         self.origin = origin = origin or GeoOrigin()
         self.telemetry = Telemetry(vehicle, origin)
+        offered, now = self.telemetry.offered, vehicle.boot_us
         self.ports = [
-            Port(link, streams, self.telemetry.offered, vehicle.boot_us) for link, streams in links
+            Port(link, streams, offered, now, home)
+            for (link, streams), home in zip_longest(links, homes[: len(links)])
         ]
         self.voice = Voice(self.ports)
         self._parameters = ParameterServer(vehicle.parameters)
@@ -75,6 +80,7 @@ class Endpoint:
         self.telemetry.unix_us = wall_ns // 1000
         came = self._receive(boot_ns, wall_ns)
         for port in self.ports:
+            port.tend(self.vehicle.boot_us)
             port.ask_time(boot_ns)
         self._fly(boot_ns)
         for arrived in came:
@@ -82,7 +88,7 @@ class Endpoint:
         self._tell_changes()
         for port in self.ports:
             for message in port.list.take_due(port.mav, self._parameters, self.vehicle.boot_us):
-                port.link.send(message)
+                port.send(message)
 
     @property
     def behind_ns(self) -> int:
@@ -103,6 +109,7 @@ class Endpoint:
         for port in self.ports:
             for received in port.link.receive(_MOST_MESSAGES):
                 arrival_ns = received.arrival_ns + boot_ns - wall_ns
+                port.heard(received.peer, self.vehicle.boot_us)
                 if received.message.get_type() == "TIMESYNC":
                     port.time(received.message, received.peer, arrival_ns, boot_ns)
                 else:
@@ -126,7 +133,7 @@ class Endpoint:
             for number in port.streams.take_due(self.vehicle.boot_us):
                 message = self.telemetry.message(number, port.mav)
                 if message is not None:
-                    port.link.send(message)
+                    port.send(message)
         return min(port.streams.next_us for port in self.ports)
 
     def _tell_changes(self) -> None:

@@ -50,7 +50,7 @@ _FLIGHT_TILT, _GROUND_TILT = 0.1, 0.5
 """Share of the tilt error seen by the accelerometer that goes into the correction."""
 _LEVEL_VARIANCE, _YAW_VARIANCE, _RATE_VARIANCE = 1e-4, 1e-4, 1e-4
 _SLOW_BIAS = 0.1
-"""Share of the correction of the gyro's roll and pitch bias that is kept."""
+"""Share of the correction of the gyro's roll and pitch bias that is kept in flight."""
 
 
 class _Fix(NamedTuple):
@@ -345,7 +345,8 @@ class Estimation:
         before = bias[:2].copy()
         period = (fix.captured - self._last_captured) * _TICK
         if correct(a, pose, 0, fix.captured, tick, period, airborne):
-            bias[:2] = before + _SLOW_BIAS * (bias[:2] - before)
+            if airborne:
+                bias[:2] = before + _SLOW_BIAS * (bias[:2] - before)
             self._last_captured = fix.captured
             self._last_fused = tick
             a[A.mode + 2] = fix.captured * _TICK

@@ -183,6 +183,4 @@ class _Due:
         if self._period_us == 0.0 or now_us < self._next_us:
             return False
         self._next_us += self._period_us
-        if self._next_us < now_us:  # faster than the steps: each one is enough
-            self._next_us = float(now_us)
         return True

@@ -195,7 +195,7 @@ class HilLink:
             self.drop()
         if self._peer is not None:
             peer.close()
-            pass
+            self.refused += 1
             return
         peer.setblocking(False)
         peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

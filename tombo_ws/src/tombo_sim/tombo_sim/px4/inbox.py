@@ -195,8 +195,10 @@ class Inbox:
         if answer.error is not None:
             port.link.send(answer.error, received.peer)
         if answer.value is not None:
+            port.link.send(answer.value, received.peer)
             for other in self._ports:  # everybody's copy has to stay right
-                other.link.send(answer.value, received.peer if other is port else None)
+                if other is not port:
+                    other.send(answer.value)
 
     # --- poses and set points
 

@@ -47,7 +47,7 @@ class LandDetector:
 
     @property
     def maybe_landed(self) -> bool:
-        """It very likely stands: the rotors may idle."""
+        """It very likely stands: it may be disarmed."""
         return self.landed or self._contact >= _CONTACT_TICKS + _MAYBE_TICKS
 
     def update(self, motion: Motion, climb_max: float, slide_max: float, ticks: int) -> None:

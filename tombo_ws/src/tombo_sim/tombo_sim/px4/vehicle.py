@@ -107,7 +107,8 @@ class Px4Vehicle:
         self._blind = False
         self._was_mode: Mode | None = None
         self._force = 1.0
-        self._battery = BatteryMeter(world.vehicle.battery_voltage, parameters)
+        self._meter = BatteryMeter(world.vehicle.battery_voltage, parameters)
+        self._battery = Battery(world.vehicle.battery_voltage, 0.0, 1.0, 0)
 
     # Views of the memory are made anew each time: kept ones would be torn off in a copy.
 
@@ -229,7 +230,7 @@ class Px4Vehicle:
     @property
     def battery(self) -> Battery:
         """State of the battery."""
-        return self._battery.state
+        return self._battery
 
     @property
     def home(self) -> Array:
@@ -448,14 +449,14 @@ class Px4Vehicle:
             self._taken_off,
             self._signal_tick,
             self._kind,
-            self._battery.state,
+            self._battery,
             math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
             math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0)),
         )
 
     def _decide(self, tick: int) -> None:
         """Fifty times a second: battery, ground, mode, set points."""
-        self._battery.draw(self.simulator.m, POSITION_TICKS * _TICK)
+        self._battery = self._meter.draw(self.simulator.m, POSITION_TICKS * _TICK)
         self._look_down()
         commander = self._commander
         commander.update(self._situation())
@@ -474,9 +475,6 @@ class Px4Vehicle:
         self._flown = demand
         self._was_mode = mode
         if not self._ready(demand, tick):
-            self._pursuit.idle(self._vehicle.rotor_speed_min)
-            return
-        if self._ground.maybe_landed and self._taken_off and not self._rises(demand):
             self._pursuit.idle(self._vehicle.rotor_speed_min)
             return
         if demand is None:

@@ -44,7 +44,7 @@ class Voice:
             self.said.append((severity, text))
         for port in self._ports:
             for message in self._texts.messages(port.mav, severity, text):
-                port.link.send(message)
+                port.send(message)
 
     def complain(self, reason: str, boot_us: int, detail: str = "") -> None:
         """Count a refusal, and say it now and then."""
