@@ -9,7 +9,11 @@ from typing import Any
 import pytest
 import yaml
 
+from tombo_bringup.scenario import load_scenario, world_of
 from tombo_bringup.suite.nodes import SUITE
+from tombo_sim.px4.hil_advice import AIRFRAME, MOCAP_ONLY, airframe_parameters
+from tombo_sim.px4.hil_flight import HilFlight
+from tombo_sim.px4.hil_params import HilParams
 
 ROOT = Path(__file__).parents[2]
 FILE = ROOT / "docker" / "compose.yaml"
@@ -72,7 +76,8 @@ def test_the_parts_of_the_suite_are_services():
 
 
 def test_together_they_start_every_node_once():
-    nodes = [n for s in OURS.values() if s["command"][1] == "launch" for n in launched(s)]
+    always = [s for s in OURS.values() if "profiles" not in s]
+    nodes = [n for s in always if s["command"][1] == "launch" for n in launched(s)]
     assert sorted(nodes) == sorted(SUITE)
 
 
@@ -81,6 +86,20 @@ def test_the_healthcheck_looks_for_the_nodes_of_the_service(name: str):
     wanted = SERVICES[name]["environment"]["TOMBO_NODES"].split()
     assert wanted == [node for node in wanted if node in SUITE]
     assert sorted(wanted) == sorted(launched(SERVICES[name]))
+
+
+def test_the_healthcheck_of_the_flight_over_mavlink_looks_for_executables():
+    source = (LAUNCH / "px4.launch.py").read_text() + (LAUNCH / "collision.launch.py").read_text()
+    for name in SERVICES["px4_suite"]["environment"]["TOMBO_NODES"].split():
+        assert f'"{name}_node"' in source or f'"{name}"' in source
+
+
+def test_px4_is_told_what_tombo_hil_would_tell_it():
+    world = world_of(load_scenario())
+    flight = HilFlight(world, 0, HilParams())
+    wanted = {**airframe_parameters(world, flight), **MOCAP_ONLY}
+    told = {**AIRFRAME, **{f"PX4_PARAM_{name}": f"{v:g}" for name, v in wanted.items()}}
+    assert SERVICES["px4"]["environment"] == told
 
 
 @pytest.mark.parametrize("name", OURS)

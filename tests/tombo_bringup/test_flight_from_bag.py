@@ -239,17 +239,6 @@ def test_a_flight_of_which_only_the_truth_is_there_can_still_be_drawn(headless, 
     assert png_bytes(draw_flight(found)).startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize(
-    ("topic", "complaint"), [("/ground_truth/odometry", "nothing on /ground_truth/odometry")]
-)
-def test_a_recording_without_truth_is_refused(headless, tmp_path, topic, complaint):
-    path = rewrite(
-        headless, tmp_path / "real.mcap", keep=lambda name, count: np.full(count, name != topic)
-    )
-    with pytest.raises(InputError, match=complaint):
-        flight_from_bag(path)
-
-
 def test_a_scenario_that_is_none_is_refused(headless, tmp_path):
     for text in ('{"vehicle": {"mass": -1}}', "[1", '{"obstacle": {"x_m": 1}}'):
         path = rewrite(

@@ -10,12 +10,13 @@ from pathlib import Path
 import launch_bench as bench
 import pytest
 
-from tombo_bringup.suite.nodes import SUITE
+from tombo_bringup.suite.nodes import PX4_SUITE, SUITE
 
 FILES = sorted(path.name for path in bench.LAUNCH.glob("*.launch.py"))
 PARTS = ("sim.launch.py", "control.launch.py", "collision.launch.py", "recorder.launch.py")
-LAUNCHED = (*PARTS, "suite.launch.py")
+LAUNCHED = (*PARTS, "suite.launch.py", "px4.launch.py")
 NODES = set(SUITE)
+MODULES = {*SUITE.values(), *PX4_SUITE.values()}
 
 
 @pytest.fixture(autouse=True)
@@ -51,7 +52,8 @@ def test_every_node_is_an_executable_of_its_package(file: str):
         module, function = point.split(":")
         source = bench.SRC / node.package / (module.replace(".", "/") + ".py")
         assert re.search(rf"^def {function}\(", source.read_text(), re.M), point
-        assert SUITE[node.name.strip("/")] == module
+        assert module in MODULES
+        assert module in (SUITE.get(node.name.strip("/")), PX4_SUITE.get(node.name.strip("/")))
 
 
 def test_the_suite_is_every_node_once():
@@ -70,6 +72,24 @@ def test_without_the_simulator_the_rest_is_the_same():
     whole, rest = (bench.launch("suite.launch.py", sim=sim) for sim in ("true", "false"))
     assert [node for node in whole if node.name != "/sim"] == rest
     assert len(whole) == len(rest) + 1
+
+
+def test_over_mavlink_px4_stands_for_estimator_and_controller():
+    started = bench.launch("px4.launch.py", record="runs/bag")
+    assert names(started) == sorted(PX4_SUITE)
+    assert {node.executable for node in started} == {
+        module.partition(".")[2] for module in PX4_SUITE.values()
+    }
+    without = bench.launch("px4.launch.py", sim="false", url="serial:///dev/ttyACM0:57600")
+    assert names(without) == sorted(PX4_SUITE.keys() - {"sim", "recorder"})
+    (bridge,) = (node for node in without if node.executable == "px4_bridge_node")
+    assert bridge.parameters["link.url"] == "serial:///dev/ttyACM0:57600"
+
+
+def test_a_real_px4_gets_its_vehicle_from_the_simulator_link():
+    started = bench.launch("px4.launch.py", sim="false", hil="true")
+    (sim,) = (node for node in started if node.name == "/sim")
+    assert (sim.package, sim.executable) == ("tombo_sim", "hil_sim_node")
 
 
 @pytest.mark.parametrize("tool", ["rviz", "foxglove"])
@@ -132,6 +152,12 @@ def test_the_page_names_every_argument_of_the_suite():
     page = (bench.SRC.parents[1] / "docs" / "nodes.md").read_text()
     for name in bench.arguments_of("suite.launch.py"):
         assert f"`{name}`" in page or f"`{name}:=" in page, name
+
+
+def test_the_page_names_every_argument_of_the_flight_over_mavlink():
+    page = (bench.SRC.parents[1] / "docs" / "px4.md").read_text()
+    for name in bench.arguments_of("px4.launch.py").keys() - bench.arguments_of("sim.launch.py"):
+        assert f"`{name}`" in page or f"{name}:=" in page, name
 
 
 def test_fly_runs_the_command():

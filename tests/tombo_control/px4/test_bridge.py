@@ -301,7 +301,7 @@ def test_a_lost_link_and_its_return():
 
 def test_a_vehicle_that_was_started_anew():
     flight = Flight().run(5.0)
-    flight.px4.ahead_ns -= 100_000 * MS
+    flight.px4.ahead_ns = 2_000 * MS - flight.now
     flight.px4.sync = type(flight.px4.sync)()
     flight.run(6.0)
     assert any(key == "vehicle_rebooted" for key, _ in flight.events)

@@ -238,8 +238,9 @@ def test_acks_for_others_are_not_ours(incoming):
     found = read(incoming, mav.MAVLink_command_ack_message(176, 1))
     assert (found.command, found.result) == (176, 1)
     assert read(incoming, mav.MAVLink_command_ack_message(176, 1, 0, 0, 245, 191)) is not None
-    assert read(incoming, mav.MAVLink_command_ack_message(176, 1, 0, 0, 255, 190)) is None
-    assert incoming.refused["COMMAND_ACK.not_for_us"] == 1
+    assert read(incoming, mav.MAVLink_command_ack_message(176, 1, 0, 0, 255, 191)) is None
+    assert read(incoming, mav.MAVLink_command_ack_message(176, 1, 0, 0, 245, 190)) is None
+    assert incoming.refused["COMMAND_ACK.not_for_us"] == 2
 
 
 @given(st.integers(-(2**31), 2**31 - 1))

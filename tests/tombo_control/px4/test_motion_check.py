@@ -1,5 +1,7 @@
 """Turned by hand, the poses must say what the gyro says; what they say else is named."""
 
+import functools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,6 +14,7 @@ NOW = 1_763_700_000_000_000_000
 SECOND = 1_000_000_000
 
 
+@functools.cache
 def hand(axes=(1.0, 0.7, 0.8), speed=1.5, seconds=8.0):
     """Attitudes and body rates at 1 kHz of a vehicle that is turned to and fro."""
     t = np.arange(0.0, seconds, 1e-3)

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tombo_control.autopilot import BLIND, HOVER, IDLE, LAND, LANDED, TAKEOFF
-from tombo_control.px4.errand import ARM_COMMAND, SET_MODE_COMMAND
+from tombo_control.px4.errand import ARM_COMMAND, SET_MODE_COMMAND, Errand, Order, Words
 from tombo_control.px4.modes import AUTO_HOLD, AUTO_LAND, AUTO_RTL, OFFBOARD, POSCTL
 from tombo_control.px4.records import Acknowledged, Heartbeat, Landed, StatusText
 from tombo_control.px4.session import Decision, Request, Session, Stage, Stream, View
@@ -212,6 +212,15 @@ def test_an_acknowledgement_is_no_confirmation():
     flight.until(Stage.REFUSED)
     assert "not confirmed by HEARTBEAT" in flight.session.why
     assert flight.armings() == []
+
+
+def test_a_heartbeat_from_before_the_order_confirms_nothing():
+    errand, old = Errand(Order(mode=OFFBOARD), 2), Heartbeat(SECOND, False, OFFBOARD)
+    assert errand.tick(old, Words(), SECOND + STEP), "it is sent even if it looks met"
+    errand.tick(old, Words(), SECOND + 2 * STEP)
+    assert not errand.done
+    errand.tick(Heartbeat(SECOND + 2 * STEP, False, OFFBOARD), Words(), SECOND + 3 * STEP)
+    assert errand.done
 
 
 def test_a_mode_lost_while_arming_disarms_what_arms_late():

@@ -125,6 +125,45 @@ def test_without_px4_time_stands_still():
         assert b.hil.flight.time_us == 0
 
 
+def test_before_px4_is_armed_the_rotors_stand_still_whatever_it_says():
+    with bench() as b:
+        b.peer.answer = lambda sensor, values: b.peer.controls(sensor, [0.8] * 4, armed=False)
+        b.fly(1.0)
+        assert b.hil.flight.rotors.max() == 0.0
+        b.peer.answer = lambda sensor, values: b.peer.controls(sensor, [0.8] * 4, armed=True)
+        b.fly(1.1)
+        assert b.hil.flight.rotors.min() > 500.0
+        b.peer.answer = lambda sensor, values: b.peer.controls(sensor, [0.8] * 4, armed=False)
+        b.fly(1.2)
+        assert b.hil.flight.rotors.max() == 0.0
+        assert b.news[-2:] == ["armed", "disarmed"]
+
+
+def test_px4_says_how_often_it_wants_the_truth():
+    with bench() as b:
+        b.peer.keep = True
+
+        def ask(message: int, interval_us: float) -> None:
+            command = b.peer.out.command_long_encode(0, 0, 511, 0, message, interval_us, *[0] * 5)
+            b.peer.socket.sendall(command.pack(b.peer.out))
+
+        def truths(seconds: float) -> int:
+            b.fly(b.seconds + 0.1)
+            b.peer.heard.clear()
+            b.fly(b.seconds + seconds)
+            return [m.get_type() for m in b.peer.heard].count("HIL_STATE_QUATERNION")
+
+        assert truths(1.0) == pytest.approx(200, abs=2)  # asked for at the start
+        ask(115, 20_000.0)
+        assert truths(1.0) == pytest.approx(50, abs=1)
+        ask(31, 100_000.0)
+        ask(115, float("nan"))
+        assert truths(1.0) == pytest.approx(50, abs=1)
+        ask(115, -1.0)
+        assert truths(1.0) == 0
+        assert b.link.counters["other_message"] == 2
+
+
 # ---- answers that are none
 
 

@@ -93,6 +93,13 @@ DETECTOR_STATUS = TopicSpec(
 REACTION_STATUS = TopicSpec(
     "/reaction/status", "tombo_msgs/msg/ReactionStatus", EVENT, 0.0, "at each change"
 )
+PX4_STATUS = TopicSpec(
+    "/px4/status",
+    "tombo_msgs/msg/Px4Status",
+    EVENT,
+    0.0,
+    "mode, armed, landed, stage of the bridge, findings of its checks, at each change",
+)
 MARKERS = TopicSpec(
     "/markers",
     "visualization_msgs/msg/MarkerArray",
@@ -142,6 +149,7 @@ TOPICS: dict[str, TopicSpec] = {
         COLLISION_EVENT,
         DETECTOR_STATUS,
         REACTION_STATUS,
+        PX4_STATUS,
         MARKERS,
         TF,
         TRUE_ODOMETRY,

@@ -1,7 +1,9 @@
 """A recorded flight as the record it would have been: the same figures from the same functions.
 
-For recordings of the simulated vehicle, by the headless flight or by the nodes: the ground truth
-must be there, at whatever rate. All else is laid on the simulator's ticks of 1 ms.
+For recordings of the simulated vehicle, by the headless flight or by the nodes, the ground truth
+at whatever rate is what is known. Of a real vehicle there is none: the motion capture's poses are
+what is known then, contact is what the detector says, and the summary says so (`known_from`). All
+is laid on the simulator's ticks of 1 ms.
 """
 
 from __future__ import annotations
@@ -39,6 +41,7 @@ from tombo_bag.topics import (
 )
 from tombo_bringup.flight_metrics import Verdict, summarize
 from tombo_bringup.flight_record import FlightRecord
+from tombo_bringup.pose_track import PoseTrack, pose_track
 from tombo_bringup.scenario import Scenario, as_mapping, scenario_from_mapping
 from tombo_collision.detector import CollisionEvent
 from tombo_collision.reaction import REACTING, ReactionState
@@ -50,6 +53,8 @@ Array = NDArray[np.float64]
 Ticks = NDArray[np.int64]
 
 TICK_NS = 1_000_000
+_BEYOND_NS = 1_000_000_000
+"""A flight goes on for so long at most after the last that is known of it."""
 RECORD = "tombo_flight"
 """Metadata record in which a flight keeps its scenario."""
 _TRIGGERS = {1: "region", 2: "innovation"}
@@ -70,11 +75,11 @@ def flight_from_bag(path: Path, wall_time_s: float = 0.0) -> FlightRecord:
     that comes later. What nobody published is NaN; what was not yet published is as it was first.
 
     Args:
-        path: recording of a simulated flight: a file, or a folder of them.
+        path: recording of a flight: a file, or a folder of them.
         wall_time_s: how long the flight took, for the summary.
 
     Raises:
-        InputError: no recording, or one without ground truth.
+        InputError: no recording, or one with neither ground truth nor poses of a motion capture.
     """
     with Recording(path) as recording:
         recording.load([spec.name for spec in _TOPICS])
@@ -127,27 +132,29 @@ class _Reading:
         self, path: Path, tables: Mapping[str, ColumnTable], metadata: Mapping[str, str]
     ) -> None:
         self._tables = tables
-        truth = tables.get(TRUE_ODOMETRY.name)
-        if truth is None:
-            raise InputError(
-                f"'{path}': nothing on {TRUE_ODOMETRY.name}; accepted: a recording of a simulated "
-                "flight"
-            )
-        stamps = truth["stamp_ns"]
-        epoch = _epoch(metadata, tables)
-        last = max(
-            int(tables[spec.name]["stamp_ns"].max())
-            for spec in (TRUE_ODOMETRY, IMU)
-            if spec.name in tables
-        )
+        self._track: PoseTrack | None = None
+        """The way flown where there is no truth."""
+        self._clock: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None
+        if (truth := tables.get(TRUE_ODOMETRY.name)) is not None:
+            known = truth["stamp_ns"]
+            self._clock = truth["publish_time_ns"], known
+        else:
+            self._track = _seen(path, tables)
+            known = self._track.stamps_ns
+        epoch = _epoch(metadata, tables, known)
+        last = int(known.max())
+        if IMU.name in tables:
+            heard = int(tables[IMU.name]["stamp_ns"].max())
+            last = max(last, min(heard, last + _BEYOND_NS))
         self._grid = _Grid(epoch, (last - epoch + TICK_NS // 2) // TICK_NS + 1)
         self._flown, self._scenario = _scenario(path, metadata)
-        self._clock = truth["publish_time_ns"], stamps
 
     def record(self, wall_time_s: float) -> FlightRecord:
         log = self._log()
         t: Array = np.arange(self._grid.ticks, dtype=np.float64) * 1e-3
         detections, arrivals = self._detections()
+        if self._track is not None:
+            self._believe(log, detections)
         reactions, switches = self._reactions()
         events = [_detection(e, at) for e, at in zip(detections, arrivals, strict=True)]
         events += [_switch(reaction, at) for reaction, at in zip(reactions, switches, strict=True)]
@@ -164,6 +171,8 @@ class _Reading:
                 wall_time_s,
             )
         )
+        if self._track is not None:
+            summary, seen = _without_truth(summary, seen)
         self._find_obstacle()
         poses = self._tables.get(MOCAP_POSE.name)
         captured: Array = np.zeros(0)
@@ -185,14 +194,17 @@ class _Reading:
             events=sorted(events + seen, key=lambda event: float(event["time_s"])),
             scenario=self._flown,
             summary=summary,
+            epoch_ns=self._grid.epoch_ns,
         )
 
     def _known(self, log_times_ns: NDArray[np.int64]) -> Array:
         """Return the flight time [s] of moments on the recorder's clock.
 
         In simulated time that clock is another one: the truth tells both, its stamp and when it
-        was published.
+        was published. A real vehicle flies in real time.
         """
+        if self._clock is None:
+            return self._grid.seconds(log_times_ns)
         published, stamps = self._clock
         there = np.maximum.accumulate(published)
         first = int(there[0])  # floats have no room for nanoseconds since 1970
@@ -207,7 +219,10 @@ class _Reading:
             name: np.full((self._grid.ticks, where.stop - where.start), math.nan)
             for name, where in COLUMNS.items()
         }
-        self._pose(log, TRUE_ODOMETRY.name, ("position", "attitude", "velocity", "rates"))
+        if self._track is None:
+            self._pose(log, TRUE_ODOMETRY.name, ("position", "attitude", "velocity", "rates"))
+        else:
+            self._way(log, self._track)
         self._pose(log, ODOMETRY.name, ("est_position", "est_attitude", "est_velocity", ""))
         self._rotors(log)
         self._contact(log)
@@ -233,6 +248,25 @@ class _Reading:
             log["battery"][:, 1:] = self._grid.held(table["stamp_ns"], both)
         log["mode"] = self._mode()
         return log
+
+    def _way(self, log: dict[str, Array], track: PoseTrack) -> None:
+        """Fill in what the motion capture has seen, and the rates that the gyro has."""
+        stamps = track.stamps_ns
+        log["position"] = self._grid.smooth(stamps, track.position)
+        log["velocity"] = self._grid.smooth(stamps, track.velocity)
+        log["attitude"] = self._grid.smooth(stamps, _continuous(track.attitude))
+        log["attitude"] /= np.linalg.norm(log["attitude"], axis=1, keepdims=True)
+        if (table := self._tables.get(IMU.name)) is not None:
+            rates = _vector(table, "angular_velocity")
+            log["rates"] = self._grid.held(table["stamp_ns"], rates)
+
+    def _believe(self, log: dict[str, Array], detections: list[CollisionEvent]) -> None:
+        """Enter the first contact as the detector has it."""
+        for event in detections:
+            at = round(event.contact_time_s / 1e-3)
+            if event.trigger == "innovation" and 0 <= at < self._grid.ticks:
+                log["contact"][at, 0] = 1.0
+                return
 
     def _pose(self, log: dict[str, Array], topic: str, names: tuple[str, ...]) -> None:
         """Fill in a pose in map and a twist in base_link, its velocity turned into map."""
@@ -354,11 +388,41 @@ class _Reading:
         }
 
 
-def _epoch(metadata: Mapping[str, str], tables: Mapping[str, ColumnTable]) -> int:
-    """Return the stamp of the flight's tick 0."""
+def _seen(path: Path, tables: Mapping[str, ColumnTable]) -> PoseTrack:
+    """Return the way flown as the motion capture has seen it.
+
+    Raises:
+        InputError: it has not.
+    """
+    table = tables.get(MOCAP_POSE.name)
+    track = None
+    if table is not None:
+        place, turn = _vector(table, "pose.position"), _turn(table, "pose.orientation")
+        track = pose_track(table["stamp_ns"], place, turn)
+    if track is None:
+        raise InputError(
+            f"'{path}': nothing on {TRUE_ODOMETRY.name}, and no poses on {MOCAP_POSE.name}; "
+            "accepted: a recording of a flight"
+        )
+    return track
+
+
+def _without_truth(
+    summary: dict[str, Any], events: list[dict[str, Any]]
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Take out what only the truth tells, and say that it is not there."""
+    unknown = ("contact_point_m", "contact_rotor", "detection_latency_s", "strikes")
+    told = {**summary, **dict.fromkeys((*unknown, "rotors_broken")), "known_from": "mocap"}
+    words = {"contact": "contact, as the detector has it"}
+    return told, [{**e, "text": words.get(str(e["kind"]), e["text"])} for e in events]
+
+
+def _epoch(
+    metadata: Mapping[str, str], tables: Mapping[str, ColumnTable], stamps: NDArray[np.int64]
+) -> int:
+    """Return the stamp of the flight's tick 0, where what is known has these stamps."""
     if "epoch_ns" in metadata:
         return int(metadata["epoch_ns"])
-    stamps = tables[TRUE_ODOMETRY.name]["stamp_ns"]
     first = int(stamps.min())
     mission = tables.get(MISSION_STATUS.name)
     if mission is None:

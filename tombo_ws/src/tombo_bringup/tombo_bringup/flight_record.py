@@ -35,3 +35,5 @@ class FlightRecord:
     """The scenario as flown, including what the seed drew."""
     summary: dict[str, Any] = field(default_factory=dict)
     """The figures of `summary.json`."""
+    epoch_ns: int = 0
+    """Of a recording: stamp of the tick at t = 0."""

@@ -46,13 +46,15 @@ def suite_node(package: str, name: str, **more: Any) -> Any:
     Args:
         package: which has the executable `<name>_node`.
         name: of the node.
-        more: further parameters by name, over those of `params_file`; `condition`: of the action.
+        more: further parameters by name, over those of `params_file`; `condition`: of the action;
+            `executable`: one of another name.
     """
     condition = more.pop("condition", None)
+    executable = more.pop("executable", f"{name}_node")
     simulated = ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool)
     return Node(
         package=package,
-        executable=f"{name}_node",
+        executable=executable,
         # With the full name given, launch writes the parameters below for this node alone, and
         # they win over every wildcard in the file.
         name=name,

@@ -1,9 +1,11 @@
 """Tells a supervisor in JSON lines what the nodes say: their health, and where the flight stands.
 
-    python -m tombo_bringup.monitor_node [--flight] [--ros-args ...]
+    python -m tombo_bringup.monitor_node [--flight [--mocap]] [--px4] [--ros-args ...]
 
 `{"diagnostics": [status, ...]}` for each report on /diagnostics; with `--flight` also, 20 times a
-second, `{"flight": {...}}`: the newest true pose with its stamp, and the mission's phase.
+second, `{"flight": {...}}`: the newest true pose with its stamp, and the mission's phase. With
+`--mocap` it is the pose that the motion capture sees: of a real vehicle nobody knows the truth.
+With `--px4` also `{"px4": {...}}`: each change of `/px4/status`.
 """
 
 from __future__ import annotations
@@ -19,7 +21,14 @@ import rclpy
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
-from tombo_bag.topics import DIAGNOSTICS, MISSION_STATUS, TRUE_ODOMETRY
+from tombo_bag.topics import (
+    DIAGNOSTICS,
+    MISSION_STATUS,
+    MOCAP_POSE,
+    PX4_STATUS,
+    TRUE_ODOMETRY,
+    TopicSpec,
+)
 from tombo_ros.conversion import to_ns
 from tombo_ros.topic import Input
 
@@ -31,10 +40,11 @@ _EVERY_NODE = 100
 class Monitor:
     """Polls its topics: at 20 Hz it has time, and costs the nodes nothing."""
 
-    def __init__(self, node: Node, *, flight: bool) -> None:
+    def __init__(self, node: Node, known: TopicSpec | None, *, px4: bool) -> None:
         self._diagnostics = Input(node, DIAGNOSTICS, _EVERY_NODE)
-        self._truth = Input(node, TRUE_ODOMETRY, 1) if flight else None
-        self._mission = Input(node, MISSION_STATUS) if flight else None
+        self._known = None if known is None else Input(node, known, 1)
+        self._mission = None if known is None else Input(node, MISSION_STATUS)
+        self._px4 = Input(node, PX4_STATUS) if px4 else None
         self._phase: int | None = None
 
     def news(self) -> list[dict[str, Any]]:
@@ -43,23 +53,33 @@ class Monitor:
             {"diagnostics": [_plain(status) for status in taken.message.status]}
             for taken in self._diagnostics.take()
         ]
-        if self._truth is not None and self._mission is not None:
+        if self._px4 is not None:
+            found += [{"px4": _px4(taken.message)} for taken in self._px4.take()]
+        if self._known is not None and self._mission is not None:
             for taken in self._mission.take():
                 self._phase = int(taken.message.phase)
-            newest = self._truth.newest()
+            newest = self._known.newest()
             if newest is not None:
                 found.append({"flight": self._flight(newest.message)})
         return found
 
-    def _flight(self, truth: Any) -> dict[str, Any]:
-        pose = truth.pose.pose
+    def _flight(self, known: Any) -> dict[str, Any]:
+        pose = getattr(known.pose, "pose", known.pose)
         x, y = pose.orientation.x, pose.orientation.y
         return {
-            "stamp_ns": to_ns(truth.header.stamp),
+            "stamp_ns": to_ns(known.header.stamp),
             "height_m": pose.position.z,
             "upright": 1.0 - 2.0 * (x * x + y * y),
             "phase": self._phase,
         }
+
+
+def _px4(status: Any) -> dict[str, Any]:
+    names = ("connected", "armed", "mode", "stage", "why", "status_text")
+    return {
+        **{name: getattr(status, name) for name in names},
+        "findings": list(status.findings),
+    }
 
 
 def _plain(status: Any) -> dict[str, Any]:
@@ -72,6 +92,13 @@ def _plain(status: Any) -> dict[str, Any]:
     }
 
 
+def _known(words: Sequence[str]) -> TopicSpec | None:
+    """Return the topic that tells where the vehicle is, if that is wanted."""
+    if "--flight" not in words:
+        return None
+    return MOCAP_POSE if "--mocap" in words else TRUE_ODOMETRY
+
+
 def main(argv: Sequence[str] | None = None) -> None:
     """Print until a signal comes, or until nobody reads any more."""
     arguments = sys.argv if argv is None else list(argv)
@@ -80,7 +107,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         signal.signal(number, lambda caught, frame: stopped.append(caught))
     rclpy.init(args=arguments, signal_handler_options=rclpy.SignalHandlerOptions.NO)
     node = Node("monitor", start_parameter_services=False)
-    monitor = Monitor(node, flight="--flight" in remove_ros_args(arguments))
+    words = remove_ros_args(arguments)
+    monitor = Monitor(node, _known(words), px4="--px4" in words)
     try:
         while not stopped:
             for line in monitor.news():

@@ -20,14 +20,18 @@ from tombo_bringup.flight_output import (
     draw_pictures,
     flight_summary,
 )
+from tombo_bringup.px4_flight import BridgeWatch, px4_figures
+from tombo_bringup.px4_side import Px4Side
 from tombo_bringup.referee import Referee
 from tombo_bringup.scenario import Scenario, world_of
 from tombo_bringup.stop_signals import Stopped, StopSignals
 from tombo_bringup.suite.domain import free_domain, udp_ports
 from tombo_bringup.suite.node_figures import node_figures
+from tombo_bringup.suite.nodes import PX4_SUITE, SUITE
 from tombo_bringup.suite.running import LOGS, RunningSuite, Wish
 from tombo_bringup.suite.supervisor import Ended
 from tombo_control.autopilot import IDLE
+from tombo_control.px4.bridge_params import POSITION
 from tombo_dynamics.errors import InputError
 from tombo_sim.beginning import begin
 
@@ -36,8 +40,10 @@ if TYPE_CHECKING:
 
 NODES_LOG = "nodes.log"
 """What the nodes said, kept if one of them ended by itself."""
-_NEEDED = ("sim", "recorder")
-"""Without these the flight is over."""
+_CONTROLLER = {"controller": SUITE["controller"]}
+"""Where the set points of attitude or rates come from."""
+_NEEDED = ("sim", "px4_bridge", "recorder")
+"""Without these, where they belong to the flight, it is over."""
 _LOOK_S = 0.05
 _START_S = 60.0
 """Wall time after which a simulator that says nothing is given up."""
@@ -59,6 +65,10 @@ class NodeFlight:
     warnings: list[tuple[str, str]]
 
 
+class NotFlown(Exception):
+    """The vehicle stayed on the ground, and why."""
+
+
 class Watch:
     """Follows a flight as the monitor tells it, and knows when it is over."""
 
@@ -74,6 +84,11 @@ class Watch:
     def flown_s(self) -> float:
         """Flight time: from the mission's first word; before it, from the first true pose."""
         return 0.0 if self._began_ns is None else (self._now_ns - self._began_ns) * 1e-9
+
+    @property
+    def phase(self) -> int | None:
+        """Of the mission; None: not told yet."""
+        return self._phase
 
     @property
     def over(self) -> bool:
@@ -103,6 +118,7 @@ def fly_nodes_into(
     speed: float,
     domain: int | None,
     tell: Tell,
+    px4: Px4Side | None = None,
 ) -> NodeFlight:
     """Fly a scenario with all nodes and write its files into an output folder.
 
@@ -112,38 +128,67 @@ def fly_nodes_into(
         seed: of the simulator's chance. The nodes run in real time, so no two flights are equal.
         stop: a wish to stop ends the flight; what was flown is kept.
         speed: of simulated time against real time.
-        domain: ROS_DOMAIN_ID; None: one of its own.
+        domain: ROS_DOMAIN_ID; None: one of its own, or with a vehicle that is there already that
+            of this process.
         tell: told the progress.
+        px4: fly over MAVLink.
 
     Raises:
         InputError: `speed` or `domain` is out of bounds, or simulator or recorder did not run.
+        NotFlown: PX4 did not take off; recording and logs are in the folder.
         Stopped: a stop came before anything was recorded.
         OSError: the files can't be written.
     """
     bag = folder / "flight.mcap"
+    mode = "nodes" if px4 is None else "px4"
     with TemporaryDirectory(prefix="tombo-") as scratch:
         metadata = Path(scratch) / "metadata.json"
-        metadata.write_text(json.dumps(_metadata(scenario, seed)), encoding="utf-8")
+        metadata.write_text(json.dumps(_metadata(scenario, seed, mode)), encoding="utf-8")
         wish = Wish(
             scenario=scenario,
             seed=seed,
             folder=Path(scratch) / "suite",
             recording={"single_file": str(bag.absolute()), "metadata_file": str(metadata)},
             speed=speed,
-            domain=free_domain(os.getpid(), udp_ports()) if domain is None else domain,
-            monitor=("--flight",),
+            domain=_domain(px4) if domain is None else domain,
+            monitor=_questions(px4),
+            **({} if px4 is None else over_mavlink(px4)),
         )
         tell("starting the nodes", 0.0)
         flown = _fly(wish, stop, tell)
-        if flown.died:
+        if flown.died or flown.refused:
             _keep_words(wish.folder / LOGS, folder / NODES_LOG)
+    if flown.refused:
+        raise NotFlown(flown.refused)
     tell("reading flight.mcap", 1.0)
-    flight = _summed_up(flown, bag)
+    flight = _summed_up(flown, bag, mode)
     text = as_json(flight.summary)
     (folder / "summary.json").write_text(text, encoding="utf-8", newline="\n")
     if not flown.interrupted:
         draw_pictures(flight.record, folder, stop, tell)
     return NodeFlight(flight, flown.died, flown.warnings)
+
+
+def _domain(px4: Px4Side | None) -> int | None:
+    """Return a domain of the flight's own; a vehicle that is there has its mocap in ours."""
+    own = px4 is None or px4.simulated
+    return free_domain(os.getpid(), udp_ports()) if own else None
+
+
+def over_mavlink(px4: Px4Side) -> dict[str, Any]:
+    """Return what differs in the wish for nodes that fly over MAVLink."""
+    return {
+        "suite": PX4_SUITE if px4.bridge.setpoint == POSITION else PX4_SUITE | _CONTROLLER,
+        "without": () if px4.simulated else ("sim",),
+        "more": px4.parameters,
+    }
+
+
+def _questions(px4: Px4Side | None) -> tuple[str, ...]:
+    """Return what the monitor is to tell: the arguments of `monitor_node`."""
+    if px4 is None:
+        return ("--flight",)
+    return ("--flight", "--px4", *(() if px4.simulated else ("--mocap",)))
 
 
 @dataclasses.dataclass
@@ -152,15 +197,16 @@ class _Flown:
 
     wall_s: float = 0.0
     interrupted: bool = False
+    refused: str = ""
     died: list[Ended] = dataclasses.field(default_factory=list)
     warnings: list[tuple[str, str]] = dataclasses.field(default_factory=list)
 
 
-def _metadata(scenario: Scenario, seed: int) -> dict[str, dict[str, str]]:
+def _metadata(scenario: Scenario, seed: int, mode: str) -> dict[str, dict[str, str]]:
     """Return what the recorder writes beside the messages, as a headless flight does."""
     flown = as_flown(scenario, seed, begin(world_of(scenario), seed))
     return {
-        RECORD: {"scenario": json.dumps(flown, sort_keys=True), "seed": str(seed), "mode": "nodes"}
+        RECORD: {"scenario": json.dumps(flown, sort_keys=True), "seed": str(seed), "mode": mode}
     }
 
 
@@ -168,10 +214,12 @@ def _fly(wish: Wish, stop: StopSignals, tell: Tell) -> _Flown:
     """Run the suite until the flight is over."""
     flown = _Flown()
     watch = Watch(wish.scenario)
+    needed = [name for name in _NEEDED if name in wish.nodes]
+    bridge = BridgeWatch() if "px4_bridge" in wish.nodes else None
     with RunningSuite(wish) as suite:
         heard_s = began_s = time.monotonic()
         patience_s = _START_S
-        while not watch.over:
+        while not watch.over or not (bridge is None or bridge.at_rest):
             news = suite.look(_LOOK_S)
             flown.warnings += news.warnings
             now_s = time.monotonic()
@@ -181,9 +229,12 @@ def _fly(wish: Wish, stop: StopSignals, tell: Tell) -> _Flown:
                 heard_s = now_s
                 watch.see(news.flight)
                 tell("flying", watch.flown_s / wish.scenario.duration)
+            if bridge is not None:
+                bridge.see(news.px4, watch.phase, now_s, over=watch.over)
+                flown.refused = bridge.refusal
             flown.interrupted = stop.asked()
-            gone = [name for name in _NEEDED if name not in suite.running]
-            if flown.interrupted or gone or now_s - heard_s > patience_s:
+            gone = [name for name in needed if name not in suite.running]
+            if flown.interrupted or flown.refused or gone or now_s - heard_s > patience_s:
                 break
         flown.wall_s = time.monotonic() - began_s
         suite.stop()
@@ -200,7 +251,7 @@ def _keep_words(logs: Path, target: Path) -> None:
     target.write_text("\n".join(parts), encoding="utf-8")
 
 
-def _summed_up(flown: _Flown, bag: Path) -> FlownFlight:
+def _summed_up(flown: _Flown, bag: Path, mode: str) -> FlownFlight:
     """Make record and summary from the recording.
 
     Raises:
@@ -211,6 +262,8 @@ def _summed_up(flown: _Flown, bag: Path) -> FlownFlight:
         record = flight_from_bag(bag, flown.wall_s)
         with Recording(bag) as recording:
             figures = node_figures(recording)
+            if mode == "px4":
+                figures["px4"] = px4_figures(recording, record)
             messages = sum(stream.count for stream in recording.topics.values())
     except InputError as error:
         if flown.interrupted:
@@ -221,7 +274,7 @@ def _summed_up(flown: _Flown, bag: Path) -> FlownFlight:
                 raise InputError(f"{end.name} has ended, {end.how}{words}") from error
         raise
     died = {end.name: end.how for end in flown.died}
-    more = {"mode": "nodes", **figures, "died": died}
+    more = {"mode": mode, **figures, "died": died}
     record = dataclasses.replace(record, summary={**record.summary, **more})
     summary = flight_summary(record, interrupted=flown.interrupted, recorded_messages=messages)
     record = dataclasses.replace(record, summary=summary)

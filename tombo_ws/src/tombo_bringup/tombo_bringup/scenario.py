@@ -132,12 +132,18 @@ def _merged(base: dict[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     return result
 
 
-def _override(values: dict[str, Any], setting: str) -> dict[str, Any]:
-    """Apply one `key.path=value` setting."""
+def override(
+    values: dict[str, Any], setting: str, option: str = "--set", example: str = "vehicle.mass=1.4"
+) -> dict[str, Any]:
+    """Return nested values with one `key.path=value` setting applied.
+
+    Raises:
+        InputError: it is none; named by the `option` that it was given with, and an `example`.
+    """
     key, separator, text = setting.partition("=")
     if not separator or not key.strip():
-        raise InputError(f"--set '{setting}': expected key=value, as in vehicle.mass=1.4")
-    value: Any = _parse(text, f"--set '{setting}': '{text}'")
+        raise InputError(f"{option} '{setting}': expected key=value, as in {example}")
+    value: Any = _parse(text, f"{option} '{setting}': '{text}'")
     for name in reversed(key.strip().split(".")):
         value = {name: value}
     return _merged(values, value)
@@ -155,7 +161,7 @@ def load_scenario(name: str = DEFAULT_SCENARIO, settings: Sequence[str] = ()) ->
     """
     values, label = _read(name)
     for setting in settings:
-        values = _override(values, setting)
+        values = override(values, setting)
     return scenario_from_mapping(values, label)
 
 
@@ -172,7 +178,7 @@ def scenario_over(
         over, _ = _read(name)
         values = _merged(values, over)
     for setting in settings:
-        values = _override(values, setting)
+        values = override(values, setting)
     return scenario_from_mapping(values, label)
 
 

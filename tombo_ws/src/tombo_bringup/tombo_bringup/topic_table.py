@@ -1,8 +1,8 @@
 """The tables of `docs/nodes.md`: nodes with their parameters, topics with who speaks and listens.
 
-`python -m tombo_bringup.topic_table docs/nodes.md` writes them anew between their markers; a test
-says when that is due. Topics come from `tombo_bag.topics`; the rest is read from the sources of
-the nodes, which are never imported.
+`python -m tombo_bringup.topic_table docs/nodes.md` writes them anew between their markers, and
+those of `docs/px4.md` likewise; tests say when that is due. Topics come from `tombo_bag.topics`;
+the rest is read from the sources of the nodes, which are never imported.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 from tombo_bag import topics
 from tombo_bag.qos import Qos
 from tombo_bag.topics import CLOCK, DIAGNOSTICS, TOPICS, TopicSpec
-from tombo_bringup.suite.nodes import SUITE
+from tombo_bringup.suite.nodes import PX4_SUITE, SUITE
 from tombo_dynamics.errors import InputError
 
 
@@ -45,23 +45,39 @@ class NodeFacts:
     listens: frozenset[str]
 
 
-def read_nodes() -> list[NodeFacts]:
-    """Return the facts of every node of the suite."""
-    return [_facts(name, module) for name, module in SUITE.items()]
+IN_PLACE_OF_SIM = {
+    "px4_sim_node": "tombo_sim.px4_sim_node",
+    "hil_sim_node": "tombo_sim.hil_sim_node",
+}
+"""Executables whose node is `sim` too."""
+PAGES = {"nodes.md": ("nodes", "topics"), "px4.md": ("px4_nodes",)}
+"""Page → its tables."""
+
+
+def read_nodes(suite: Mapping[str, str] = SUITE) -> list[NodeFacts]:
+    """Return the facts of every node of a suite, name → module."""
+    return [_facts(name, module) for name, module in suite.items()]
+
+
+def every_node() -> list[NodeFacts]:
+    """Return the facts of the suite's nodes, and of those that PX4 brings along."""
+    more = {name: module for name, module in PX4_SUITE.items() if name not in SUITE}
+    return read_nodes({**SUITE, **more})
 
 
 def _facts(name: str, module: str) -> NodeFacts:
-    spec = find_spec(module)
-    if spec is None or spec.origin is None:
-        raise InputError(f"node {name}: module {module} not found; accepted: one that is there")
-    tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
+    tree = _source(module)
     begin = next(call for call in _calls(tree, "__init__") if len(call.args) > 1)
     records = begin.args[2] if len(begin.args) > 2 else ast.Dict([], [])
+    keys = [*_resolved(tree, records).keys]
+    for call in _calls(tree, "__init__"):
+        if len(call.args) == 1 and isinstance(call.args[0], ast.Dict):  # more for a base class
+            keys += call.args[0].keys
     return NodeFacts(
         name,
         module.partition(".")[0],
         float(_value(tree, begin.args[1])),
-        tuple(_value(tree, key) for key in _resolved(tree, records).keys if key is not None),
+        tuple(_value(tree, key) for key in keys if key is not None),
         {
             _value(tree, call.args[0]): _value(tree, call.args[2])
             for call in _calls(tree, "declare")
@@ -72,17 +88,36 @@ def _facts(name: str, module: str) -> NodeFacts:
     )
 
 
+def _source(module: str) -> ast.Module:
+    """Return the source of a node, behind those of the nodes that it is made from."""
+    spec = find_spec(module)
+    if spec is None or spec.origin is None:
+        raise InputError(f"module {module}: not found; accepted: one that is there")
+    tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
+    bases = [
+        node.module
+        for node in tree.body
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.endswith("_node")
+    ]
+    body = [statement for base in bases for statement in _source(base).body]
+    return ast.Module([*body, *tree.body], [])
+
+
 def _calls(tree: ast.AST, method: str) -> list[ast.Call]:
     """Return the calls of a method of any object, in the order of the source."""
-    found = [
-        node
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Call)
-        and isinstance(node.func, ast.Attribute)
-        and node.func.attr == method
-        and node.args
-    ]
-    return sorted(found, key=lambda call: call.lineno)
+    body = tree.body if isinstance(tree, ast.Module) else [tree]
+    found = []
+    for statement in body:
+        calls = [
+            node
+            for node in ast.walk(statement)
+            if isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Attribute)
+            and node.func.attr == method
+            and node.args
+        ]
+        found += sorted(calls, key=lambda call: call.lineno)
+    return found
 
 
 def _topic_names(tree: ast.AST, method: str) -> Iterator[str]:
@@ -118,12 +153,12 @@ def _value(tree: ast.AST, value: ast.expr) -> str:
 def node_table(nodes: list[NodeFacts]) -> str:
     """Return the table of nodes as Markdown."""
     lines = [
-        "| node | package | loop | parameters from the scenario | its own |",
+        "| node | package | loop | sections of parameters | its own |",
         "|" + 5 * "---|",
     ]
     for node in nodes:
         sections = ", ".join(f"`{section}.*`" for section in node.sections)
-        if node.name == "sim":
+        if "obstacle" in node.sections:
             sections += ", `effects.*`"
         own = ", ".join(f"`{name}`" for name in node.own)
         rate = f"{node.rate_hz:g} Hz"
@@ -173,12 +208,18 @@ def updated(page: str, tables: Mapping[str, str]) -> str:
     return page
 
 
-def tables() -> dict[str, str]:
-    """Return the tables by the names of their markers."""
-    nodes = read_nodes()
-    return {"nodes": node_table(nodes), "topics": topic_table(nodes)}
+def tables(page: str = "nodes.md") -> dict[str, str]:
+    """Return the tables of a page by the names of their markers."""
+    nodes = every_node()
+    found = {
+        "nodes": node_table(nodes),
+        "topics": topic_table(nodes),
+        "px4_nodes": node_table(read_nodes(IN_PLACE_OF_SIM)),
+    }
+    return {name: found[name] for name in PAGES[page]}
 
 
 if __name__ == "__main__":
     path = Path(sys.argv[1])
-    path.write_text(updated(path.read_text(encoding="utf-8"), tables()), encoding="utf-8")
+    text = path.read_text(encoding="utf-8")
+    path.write_text(updated(text, tables(path.name)), encoding="utf-8")

@@ -21,6 +21,7 @@ from std_srvs.srv import SetBool, Trigger
 from tombo_bag.topics import (
     ATTITUDE_SETPOINT,
     BATTERY,
+    ESTIMATOR_STATUS,
     IMU,
     MOCAP_POSE,
     ODOMETRY,
@@ -74,6 +75,13 @@ class Px4BridgeNode(LoopNode):
         """Declare parameters, topics and services; open the link."""
         records = {"link": LinkParams(), "px4": BridgeParams(), "vehicle": VehicleParams()}
         super().__init__("px4_bridge", _RATE_HZ, records, priority=ESTIMATOR)
+        try:
+            self._set_up()
+        except InputError:
+            self.leave()  # now: what is left of a node complains at the end of the program
+            raise
+
+    def _set_up(self) -> None:
         writes = self.declare(
             "px4_parameters",
             [],
@@ -111,7 +119,6 @@ class Px4BridgeNode(LoopNode):
         self._active: set[str] = set()
         self._told: tuple[Any, ...] = ()
         self._told_ns = 0
-        self._linked = False
         self._vouched = False
         """The checks have passed once: PX4's estimate may be relied on."""
 
@@ -137,6 +144,10 @@ class Px4BridgeNode(LoopNode):
         self._gyro = self._imu.field("angular_velocity.x", 3)
         self._accel = self._imu.field("linear_acceleration.x", 3)
         self._battery_out = self.speak(BATTERY)
+        self._estimator_out: Any = None
+        if self._rotation_in is not None:  # the controller behind those set points asks for it
+            self._estimator_out = self.speak(ESTIMATOR_STATUS)
+            self._estimator_ns = 0
         self._status_out = self.speak(PX4_STATUS)
         self._tf_ns = 0
         self._tf_out = self._tf = None
@@ -182,6 +193,10 @@ class Px4BridgeNode(LoopNode):
             self._executor.wake()
 
     # --- The loop -----------------------------------------------------------------------------
+
+    def records_changed(self, name: str) -> None:
+        """Say that link and ways to send stand for a whole run."""
+        self.health.fault("not_at_runtime", True, f"{name} is used at the next start")
 
     def step(self, now_ns: int) -> None:
         """Take what has come from both sides, decide, send, publish."""
@@ -282,9 +297,22 @@ class Px4BridgeNode(LoopNode):
         moving = turned(np.array([-x, -y, -z, w]), odometry.velocity)
         self._twist_field.put((*moving, *odometry.rates))
         self._odometry_out.publish(wire.data())
+        if self._estimator_out is not None and odometry.stamp_ns - self._estimator_ns >= _TF_NS:
+            self._estimator_ns = odometry.stamp_ns
+            self._publish_estimator_status(odometry.stamp_ns)
         if self._tf_out is not None and odometry.stamp_ns - self._tf_ns >= _TF_NS:
             self._tf_ns = odometry.stamp_ns
             self._publish_transform(odometry)
+
+    def _publish_estimator_status(self, stamp_ns: int) -> None:
+        """Say when the last pose was; PX4 keeps its biases to itself, its gyro is free of them."""
+        message: Any = message_class(ESTIMATOR_STATUS.typename)()
+        message.header.stamp, message.header.frame_id = to_time(stamp_ns), "base_link"
+        message.initialised = True
+        message.pose_stamp = to_time(self._bridge.pose_stamp_ns)
+        message.poses = self._bridge.poses_sent
+        message.rejected = sum(self._bridge.poses_refused.values())
+        self._estimator_out.publish(message)
 
     def _publish_transform(self, odometry: VehicleOdometry) -> None:
         path = "transforms[0]"

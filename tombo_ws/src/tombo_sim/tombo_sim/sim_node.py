@@ -15,35 +15,18 @@ from typing import Any
 import numpy as np
 
 from tombo_bag.flight_time import EPOCH_NS
-from tombo_bag.topics import (
-    BATTERY,
-    CLOCK,
-    IMU,
-    MARKERS,
-    MOCAP_POSE,
-    ROTOR_COMMAND,
-    TRUE_CONTACT,
-    TRUE_ODOMETRY,
-    TRUE_ROTORS,
-)
-from tombo_dynamics.effects import REGISTRY
-from tombo_dynamics.plant import P, part
-from tombo_dynamics.propeller.choice import PropellerChoice
-from tombo_dynamics.vehicle import VehicleParams
+from tombo_bag.topics import BATTERY, CLOCK, IMU, ROTOR_COMMAND
+from tombo_dynamics.plant import P
 from tombo_ros.conversion import to_time
 from tombo_ros.health import ERROR
 from tombo_ros.loop_statistics import LatenessHistogram
-from tombo_ros.markers import obstacle_marker
-from tombo_ros.node_loop import LoopNode, run
-from tombo_ros.pacing import SIMULATOR
+from tombo_ros.node_loop import run
 from tombo_ros.wire import Wire
 from tombo_sim.failsafe import Failsafe
-from tombo_sim.propulsion import propulsion_effects
 from tombo_sim.simulator import Simulator
-from tombo_sim.truth import contact_force, true_state
-from tombo_sim.world import ObstacleParams, SpreadParams, World
+from tombo_sim.truth import contact_force
+from tombo_sim.vehicle_node import TICK_NS, VehicleNode
 
-TICK_NS = 1_000_000
 _BATTERY_TICKS = 100
 _LOCKSTEP_PATIENCE_NS = 200_000_000
 _LOCKSTEP_POLL_NS = 200_000
@@ -51,10 +34,9 @@ _RESUME_NS = 100_000_000
 """Commands must have come for so long before the fail-safe hands over."""
 
 
-class SimNode(LoopNode):
+class SimNode(VehicleNode):
     """One vehicle, its sensors, and the flight controller's fail-safe."""
 
-    keeps_every_tick = True
     makes_time = True
 
     def __init__(self) -> None:
@@ -63,17 +45,7 @@ class SimNode(LoopNode):
         Raises:
             InputError: a parameter is refused, or the world can't be.
         """
-        records = {
-            "vehicle": VehicleParams(),
-            "propeller": PropellerChoice(),
-            "obstacle": ObstacleParams(),
-            "spread": SpreadParams(),
-        }
-        super().__init__("sim", 1000.0, records, priority=SIMULATOR)
-        seed = self.declare("seed", 0, "all chance comes from it", bounds=(0, 2**53))
-        rate = self.declare(
-            "mocap_rate", 30.0, "rate of the motion capture [Hz]", bounds=(5.0, 500.0)
-        )
+        super().__init__()
         self._timeout_ns = 1e9 * self.declare(
             "command_timeout",
             0.05,
@@ -102,61 +74,36 @@ class SimNode(LoopNode):
         )
         clock_rate = self.declare("clock_rate", 250.0, "of /clock [Hz]", bounds=(1.0, 1000.0))
         self._clock_ticks = max(round(1000.0 / clock_rate), 1)
-        truth_rate = self.declare(
-            "truth_rate", 250.0, "of ground_truth/odometry and rotors [Hz]", bounds=(1.0, 1000.0)
-        )
-        self._truth_ticks = max(round(1000.0 / truth_rate), 1)
-        world = self._world(rate)
-        self._warm_up(world)
-        self._speed_max = 1.5 * world.vehicle.rotor_speed_max
-        self.simulator = Simulator(world, int(seed))
-        self.failsafe = Failsafe(self.simulator, world.vehicle)
+        self._warm_up()
+        self._speed_max = 1.5 * self.world.vehicle.rotor_speed_max
+        self.present(Simulator(self.world, self.seed))
+        self.failsafe = Failsafe(self.simulator, self.world.vehicle)
         self._ground = self.simulator.height
         self._commands = self.listen(ROTOR_COMMAND, depth=100)
         self._command = np.zeros(4)
         self._command_ns = self._resumed_ns = 0
         self._answered_ns = -1
-        self._asked_ns = 0
+        self._asked_ns = self._advanced_ns = 0
         self._refused = 0
         self._latency = LatenessHistogram()
-        self._state = np.zeros(13)
         self._steps = 0
-        self._touched = False
         self._began_ns = EPOCH_NS
         """Time of tick 0."""
         self._started = False
         self._make_outputs()
 
-    def _warm_up(self, world: World) -> None:
+    def _warm_up(self) -> None:
         """Load all compiled code now, that of the fail-safe too: not when it is needed."""
-        spare = Simulator(world, 0)
-        failsafe = Failsafe(spare, world.vehicle)
+        spare = Simulator(self.world, 0)
+        failsafe = Failsafe(spare, self.world.vehicle)
         failsafe.engage(0)
         for _ in range(2):
             spare.advance(failsafe.command)
             failsafe.observe(spare)
         contact_force(spare.m)
 
-    def _world(self, mocap_rate: float) -> World:
-        """Declare the parameters of all effects; what the propeller implies is their default."""
-        derived = propulsion_effects(self.records["propeller"], {})
-        effects = {}
-        for effect in REGISTRY.values():
-            defaults = derived.get(effect.name, {})
-            effects[effect.name] = {
-                p.name: self.declare(
-                    f"effects.{effect.name}.{p.name}",
-                    float(defaults.get(p.name, p.null)),
-                    f"{p.doc} [{p.unit}]",
-                    bounds=p.bounds,
-                )
-                for p in effect.theta
-            }
-        r = self.records
-        return World(r["vehicle"], r["propeller"], r["obstacle"], r["spread"], effects, mocap_rate)
-
     def _make_outputs(self) -> None:
-        body, world = {"frame_id": "base_link"}, {"frame_id": "map"}
+        body = {"frame_id": "base_link"}
         nan = float("nan")
         self._imu_out, self._imu = (
             self.speak(IMU),
@@ -165,29 +112,6 @@ class SimNode(LoopNode):
         self._imu.set("orientation.w", 1.0)
         self._gyro = self._imu.field("angular_velocity.x", 3)
         self._accel = self._imu.field("linear_acceleration.x", 3)
-        self._pose_out, self._pose = (
-            self.speak(MOCAP_POSE),
-            Wire(MOCAP_POSE.typename, {"header": world}),
-        )
-        self._pose_values = self._pose.field("pose.position.x", 7)
-        self._odometry_out, self._odometry = (
-            self.speak(TRUE_ODOMETRY),
-            Wire(TRUE_ODOMETRY.typename, {"header": world, "child_frame_id": "base_link"}),
-        )
-        self._true_pose = self._odometry.field("pose.pose.position.x", 7)
-        self._true_twist = self._odometry.field("twist.twist.linear.x", 6)
-        self._rotors_out, self._rotors = (
-            self.speak(TRUE_ROTORS),
-            Wire(TRUE_ROTORS.typename, {"header": body}),
-        )
-        self._rotor_fields = [
-            (self._rotors.field(name, 4), part(self.simulator.m, name))
-            for name in ("speed", "thrust", "fold", "damage")
-        ]
-        self._contact_out, self._contact = (
-            self.speak(TRUE_CONTACT),
-            Wire(TRUE_CONTACT.typename, {"header": world}),
-        )
         unknown = ("temperature", "charge", "capacity", "design_capacity", "percentage")
         self._battery_out, self._battery = (
             self.speak(BATTERY),
@@ -206,13 +130,10 @@ class SimNode(LoopNode):
         self._answer_speed = self._answer.field("speed", 4)
         self._clock_out = self.speak(CLOCK) if self.sim_time else None
         self._clock_message = Wire(CLOCK.typename, {})
-        self._markers = self.speak(MARKERS)
 
     def spin(self) -> None:
         """Show the obstacle, then fly."""
-        marker = obstacle_marker(self.stamp_ns, self.simulator.ready.obstacle)
-        if marker is not None:
-            self._markers.publish(marker)
+        self.show_obstacle(self.stamp_ns)
         self._pace()
         super().spin()
 
@@ -232,11 +153,7 @@ class SimNode(LoopNode):
         elif name == "step":
             self._steps += int(self.parameters.get("step"))
         elif name != "imu":
-            self.health.fault(
-                "not_at_runtime",
-                True,
-                f"{name} is part of the world: it is used at the next start",
-            )
+            super().records_changed(name)
 
     def _pace(self) -> None:
         speed = float(self.parameters.get("speed")) if self.sim_time else 1.0
@@ -262,6 +179,7 @@ class SimNode(LoopNode):
                 return
             self._steps -= int(paused)
         self.simulator.advance(self._choose(now_ns))
+        self._advanced_ns = now_ns
         self.failsafe.observe(self.simulator)
         self._publish()
 
@@ -273,13 +191,18 @@ class SimNode(LoopNode):
         self._publish()
 
     def _answered(self, now_ns: int) -> bool:
-        """Return whether the command to the present tick is there, or was waited for in vain."""
+        """Return whether to go on: the command to the present tick is there, or won't come.
+
+        Without commands time goes on as fast as `speed` says, not as fast as it can.
+        """
         if self._answered_ns >= self.stamp_ns or self._command_ns == 0:
             self._asked_ns = now_ns
             return True
-        waiting = now_ns - self._asked_ns > _LOCKSTEP_PATIENCE_NS
-        self.health.fault("lockstep", waiting, "no command came for a tick; going on without")
-        return waiting
+        in_vain = now_ns - self._asked_ns > _LOCKSTEP_PATIENCE_NS
+        self.health.fault("lockstep", in_vain, "no command came for a tick; going on without")
+        speed = float(self.parameters.get("speed"))
+        due = speed == 0.0 or (now_ns - self._advanced_ns) * speed >= TICK_NS
+        return in_vain and due
 
     def _take_commands(self, now_ns: int) -> None:
         for taken in self._commands.take_raw():
@@ -296,10 +219,14 @@ class SimNode(LoopNode):
             stamp = self._answer.stamp_of(taken.message)
             if not self.sim_time:
                 self._latency.add(taken.received_ns - stamp)
+            elif stamp > self.stamp_ns:
+                self._refuse("rotor_command is stamped in the future")
+                continue
             if taken.received_ns - self._command_ns > self._timeout_ns:
                 self._resumed_ns = taken.received_ns
             self._command, self._command_ns = np.array(speed), taken.received_ns
-            self._answered_ns, self._asked_ns = stamp, now_ns
+            if stamp > self._answered_ns:  # an old stamp must not make us wait anew
+                self._answered_ns, self._asked_ns = stamp, now_ns
 
     def _refuse(self, text: str) -> None:
         self._refused += 1
@@ -338,13 +265,7 @@ class SimNode(LoopNode):
         self._accel.put_array(m[P.imu + 3 : P.imu + 6])
         if self.parameters.get("imu"):
             self._imu_out.publish(self._imu.data())
-        for sample in simulator.arrived:
-            self._pose.stamp(self._began_ns + sample.captured * TICK_NS)
-            self._pose_values.put_array(sample.pose)
-            self._pose_out.publish(self._pose.data())
-        if tick % self._truth_ticks == 0:
-            self._publish_truth(stamp, m)
-        self._publish_contact(stamp, m)
+        self.show(self._began_ns)
         if tick % _BATTERY_TICKS == 0:
             self._battery.stamp(stamp)
             self._battery.set("voltage", m[P.supply + 2])
@@ -352,28 +273,6 @@ class SimNode(LoopNode):
             self._battery_out.publish(self._battery.data())
         if tick % self._clock_ticks == 0:
             self._publish_clock()
-
-    def _publish_truth(self, stamp: int, m: Any) -> None:
-        self._odometry.stamp(stamp)
-        true_state(m, self._state)
-        self._true_pose.put_array(self._state[:7])
-        self._true_twist.put_array(self._state[7:])
-        self._odometry_out.publish(self._odometry.data())
-        self._rotors.stamp(stamp)
-        for field, values in self._rotor_fields:
-            field.put_array(values)
-        self._rotors_out.publish(self._rotors.data())
-
-    def _publish_contact(self, stamp: int, m: Any) -> None:
-        touching = m[P.contact] > 0.0
-        if touching or self._touched:
-            self._contact.stamp(stamp)
-            self._contact.set("in_contact", bool(touching))
-            self._contact.set("rotor", int(m[P.contact + 1]))
-            self._contact.set("force.x", *contact_force(m))
-            self._contact.set("point.x", *m[P.contact + 5 : P.contact + 8])
-            self._contact_out.publish(self._contact.data())
-        self._touched = bool(touching)
 
     def _publish_clock(self) -> None:
         if self._clock_out is not None:
@@ -390,7 +289,6 @@ class SimNode(LoopNode):
                 self.health.value(f"latency_gyro_to_command_p{share}_us", value)
             largest = round(self._latency.largest_us, 1)
             self.health.value("latency_gyro_to_command_max_us", largest)
-        self.health.value("tick", self.simulator.tick)
         self.health.value("commands", self._commands.received)
         super().report(now_ns)
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from tombo_bringup.cli.optional_url import SIMULATED
 from tombo_bringup.cli.whole_number import whole_number
 
 if TYPE_CHECKING:
@@ -16,8 +17,9 @@ if TYPE_CHECKING:
 
 EXIT_CODES = (
     "Exit code: 0 when the flight was flown, whatever became of the vehicle (a crash is a "
-    "result); 1 when a node ended by itself (--nodes); 2 for bad input or output that can't be "
-    "written; 130 after Ctrl-C, 143 after SIGTERM, with what was flown so far in the folder."
+    "result); 1 when a node ended by itself (--nodes, --px4) or PX4 did not take off; 2 for bad "
+    "input, a PX4 that can't be reached, or output that can't be written; 130 after Ctrl-C, 143 "
+    "after SIGTERM, with what was flown so far in the folder."
 )
 _SEED_LIMIT = 2**63
 _MOST_FLIGHTS = 100_000
@@ -80,6 +82,27 @@ def fly(
         bool,
         typer.Option("--nodes", help="Fly with the ROS 2 nodes, each a process, in real time."),
     ] = False,
+    px4: Annotated[
+        str | None,
+        typer.Option(
+            "--px4",
+            metavar="[URL]",
+            help="Fly with the nodes over MAVLink: a simulated PX4, or the one at URL (udpin://, "
+            "udpout://, tcpout://, serial://), which may be a real vehicle.",
+        ),
+    ] = None,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="With --px4 URL: arm without asking first.")
+    ] = False,
+    bridge: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--bridge",
+            metavar="KEY=VALUE",
+            help="With --px4: set a parameter of the bridge, as in link.allow_remote=true or "
+            "px4.position_std=0.002. May be given many times.",
+        ),
+    ] = None,
     speed: Annotated[
         float | None,
         typer.Option(
@@ -92,7 +115,8 @@ def fly(
             "--domain",
             metavar="N",
             parser=whole_number,
-            help="With --nodes: ROS_DOMAIN_ID. Default: one that is free.",
+            help="With --nodes and --px4: ROS_DOMAIN_ID. Default: one that is free; with --px4 "
+            "URL that of the environment, where the motion capture is.",
         ),
     ] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="Write no flight.mcap.")] = False,
@@ -122,13 +146,32 @@ def fly(
     many = None if seeds is None else parse_seeds(seeds)
     if many is not None and seed is not None:
         raise _input_error(f"--seed {seed} and --seeds {seeds}: accepted: one of them")
-    if not nodes and (speed is not None or domain is not None):
+    if not nodes and (speed is not None or (domain is not None and px4 is None)):
         raise _input_error("--speed and --domain: accepted: with --nodes only")
     if nodes and (many is not None or no_record):
         raise _input_error("--nodes: accepted: without --seeds and --no-record")
+    if px4 is not None and (nodes or many is not None or no_record):
+        raise _input_error("--px4: accepted: without --nodes, --seeds and --no-record")
+    if px4 is None and (yes or bridge):
+        raise _input_error("--yes and --bridge: accepted: with --px4 only")
     one = 0 if seed is None else check_seed(seed)
     chosen = _load(scenario, settings or [], no_reaction, conf, law)
-    if nodes:
+    if px4 is not None:
+        from tombo_bringup.cli.fly_px4 import fly_px4
+
+        path = _folder(output, default_folder(chosen.name, f"{one}-px4"))
+        code = fly_px4(
+            chosen,
+            one,
+            path,
+            may_replace=force or output is None,
+            as_json=as_json,
+            url=None if px4 == SIMULATED else px4,
+            yes=yes,
+            settings=bridge or [],
+            domain=domain,
+        )
+    elif nodes:
         code = _fly_nodes(
             chosen, one, output, force, as_json, 1.0 if speed is None else speed, domain
         )

@@ -12,6 +12,9 @@ from tombo_bringup.cli import propeller_command
 from tombo_bringup.cli.effects_command import effects
 from tombo_bringup.cli.errors import exit_code_of
 from tombo_bringup.cli.fly_command import EXIT_CODES, fly
+from tombo_bringup.cli.hil_command import HIL_EXIT_CODES, hil
+from tombo_bringup.cli.optional_url import OptionalUrlCommand
+from tombo_bringup.cli.px4_command import PX4_EXIT_CODES, px4
 from tombo_bringup.cli.replay_command import REPLAY_EXIT_CODES, replay
 from tombo_bringup.cli.run_command import PASS_ON, run_executable
 from tombo_bringup.cli.scenarios_command import scenarios
@@ -25,8 +28,10 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-app.command(epilog=EXIT_CODES)(fly)
-app.command(epilog=UP_EXIT_CODES)(up)
+app.command(epilog=EXIT_CODES, cls=OptionalUrlCommand)(fly)
+app.command(epilog=UP_EXIT_CODES, cls=OptionalUrlCommand)(up)
+app.command(epilog=PX4_EXIT_CODES)(px4)
+app.command(epilog=HIL_EXIT_CODES)(hil)
 app.command(epilog=REPLAY_EXIT_CODES)(replay)
 app.command("run", context_settings=PASS_ON)(run_executable)
 app.command()(scenarios)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 from rich.box import SIMPLE_HEAD
@@ -19,7 +20,7 @@ _WARNINGS: Final = 12
 
 
 def print_nodes(flown: NodeFlight) -> None:
-    """Print the loops, the latency, the recorder's losses, and the nodes' troubles."""
+    """Print the loops, latency or PX4, the recorder's losses, and the nodes' troubles."""
     summary = flown.flight.summary
     table = Table(box=SIMPLE_HEAD, title=Text("Loops"))
     table.add_column("")
@@ -35,11 +36,9 @@ def print_nodes(flown: NodeFlight) -> None:
         )
     console = Console()
     console.print(table)
-    latency = summary["latency_gyro_to_command_us"]
     recorder = summary["recorder"]
     _line(
-        f"Gyro to command: {_number(latency['p50'], 'us', 0)} in the median, "
-        f"{_number(latency['p99'], 'us', 0)} at 99 %; "
+        f"{_px4(summary['px4']) if 'px4' in summary else _latency(summary)}; "
         f"{_number(recorder['messages'], 'messages recorded', 0)}, "
         f"{_number(recorder['lost'], 'lost', 0)}."
     )
@@ -49,6 +48,25 @@ def print_nodes(flown: NodeFlight) -> None:
         _line(f"... and {len(flown.warnings) - _WARNINGS} more warnings", "yellow")
     for end in flown.died:
         _line(f"{end.name} has ended, {end.how}; what it said is in nodes.log", "bold red")
+
+
+def _latency(summary: Mapping[str, Any]) -> str:
+    latency = summary["latency_gyro_to_command_us"]
+    return (
+        f"Gyro to command: {_number(latency['p50'], 'us', 0)} in the median, "
+        f"{_number(latency['p99'], 'us', 0)} at 99 %"
+    )
+
+
+def _px4(figures: Mapping[str, Any]) -> str:
+    modes = ", ".join(f"{name} at {time_s:.1f} s" for time_s, name in figures["modes"])
+    return (
+        f"PX4 {figures['firmware'] or ''}: {modes or 'no modes'}; armed for "
+        f"{figures['armed_duration_s']:.1f} s, mocap poses "
+        f"{_number(figures['mocap_latency_ms'], 'ms', 1)} old, "
+        f"{_number(figures['messages_in'], 'messages in', 0)}, "
+        f"{_number(figures['messages_out'], 'out', 0)}"
+    )
 
 
 def _number(value: Any, unit: str, digits: int) -> str:

@@ -9,14 +9,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from tombo_bringup.cli.optional_url import SIMULATED
 from tombo_bringup.cli.whole_number import whole_number
 
 if TYPE_CHECKING:
+    from tombo_bringup.px4_side import Px4Side
+    from tombo_bringup.scenario import Scenario
     from tombo_bringup.suite.running import Wish
 
 UP_EXIT_CODES = (
     "Exit code: 0 when it was stopped (Ctrl-C, SIGTERM, --duration), 1 when a node ended by "
-    "itself before, 2 for bad input."
+    "itself before, or when arming was not confirmed, 2 for bad input."
 )
 
 _LOOK_S = 0.1
@@ -61,6 +64,24 @@ def up(
             help="Folder of recording, parameters and logs. Default: runs/up-DATE-TIME.",
         ),
     ] = None,
+    px4: Annotated[
+        str | None,
+        typer.Option(
+            "--px4",
+            metavar="[URL]",
+            help="Over MAVLink: with a simulated PX4, or the one at URL, which may be a real "
+            "vehicle.",
+        ),
+    ] = None,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="With --px4 URL: arm without asking first.")
+    ] = False,
+    bridge: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--bridge", metavar="KEY=VALUE", help="With --px4: set a parameter of the bridge."
+        ),
+    ] = None,
     speed: Annotated[
         float, typer.Option("--speed", metavar="X", help="Simulated time against real time.")
     ] = 1.0,
@@ -82,10 +103,13 @@ def up(
 ) -> None:
     """Start simulator, estimator, detector, reaction, mission, controller and recorder.
 
-    Each is a process of its own and a ROS 2 node; Ctrl-C stops them. A node that ends by itself is
-    reported and not started again; the others go on.
+    With --px4 PX4 stands for estimator and controller. Each is a process of its own and a ROS 2
+    node; Ctrl-C stops them. A node that ends by itself is reported and not started again; the
+    others go on.
     """
     from tombo_bringup.cli.fly_command import check_seed
+    from tombo_bringup.node_flight import over_mavlink
+    from tombo_bringup.px4_side import px4_side
     from tombo_bringup.scenario import load_scenario
     from tombo_bringup.suite.rehearsal import rehearse_nodes
     from tombo_bringup.suite.running import Wish
@@ -93,19 +117,39 @@ def up(
 
     if duration is not None and not duration > 0.0:
         raise InputError(f"--duration {duration:g}: out of bounds; accepted: a number above 0")
+    if px4 is None and (yes or bridge):
+        raise InputError("--yes and --bridge: accepted: with --px4 only")
+    if px4 is not None and speed != 1.0:
+        raise InputError(f"--speed {speed:g}: accepted: without --px4, which is in real time")
+    side = None if px4 is None else px4_side(None if px4 == SIMULATED else px4, bridge or [])
+    over = {} if side is None else over_mavlink(side)
     folder = record or Path("runs") / time.strftime("up-%Y%m%d-%H%M%S")
     wish = Wish(
         scenario=load_scenario(scenario, settings or []),
         seed=check_seed(seed),
         folder=folder,
         recording={"output": str((folder / "bag").absolute())},
-        without=tuple(without or ()),
         files=tuple(params or ()),
         speed=speed,
         domain=domain,
+        **{**over, "without": (*over.get("without", ()), *(without or ()))},
     )
     rehearse_nodes(wish.scenario)  # compiles what is not compiled yet, and finds bad input
+    if side is not None and not side.simulated and not _confirmed(side, wish.scenario, yes=yes):
+        raise typer.Exit(1)
     raise typer.Exit(_watch(wish, duration, as_json))
+
+
+def _confirmed(side: Px4Side, scenario: Scenario, *, yes: bool) -> bool:
+    """Say what is at the other end of the link, and ask whether it may be armed."""
+    from tombo_bringup.cli.fly_px4 import may_arm
+    from tombo_bringup.stop_signals import Stopped, StopSignals
+
+    with StopSignals() as stop:
+        try:
+            return may_arm(side, scenario, stop, yes=yes)
+        except Stopped:
+            return False
 
 
 def _watch(wish: Wish, duration_s: float | None, as_json: bool) -> int:

@@ -56,7 +56,8 @@ def attitude(panel: Panel, angles_deg: Array) -> None:
 def thrust(panel: Panel) -> None:
     """Draw the four rotors' thrust, and how far a propeller is folded as a hatched height."""
     log, cut = panel.record.log, panel.cut
-    high = max(1.0, 1.1 * float(np.nanmax(log["rotor_thrust"][cut])))
+    known = log["rotor_thrust"][cut]
+    high = max(1.0, 1.1 * float(np.nanmax(known, initial=0.0)))
     handles: list[Line2D | Patch] = []
     for i in (FRONT_LEFT, *(k for k in range(len(ROTOR_NAMES)) if k != FRONT_LEFT)):
         struck = i == FRONT_LEFT

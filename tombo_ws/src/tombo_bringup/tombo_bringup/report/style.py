@@ -38,6 +38,13 @@ MODE_COLOURS: Final = {
     8: "#C85C6B",  # descend_blind
 }
 
+PX4_COLOURS: Final = {
+    "offboard": "#8FB8DE",
+    "land": "#B7A6D3",
+    "hold": "#6DBE9E",
+    "return": "#E07B39",
+}
+
 RC: Final[dict[str, Any]] = {
     "font.family": "DejaVu Sans",
     "font.size": 8.5,

@@ -1,8 +1,11 @@
-"""The top row of the still figure: the mode strip, the phases and the instants by name."""
+"""The top row of the still figure: the mode strip, the phases and the instants by name.
+
+Of a flight over MAVLink there is a second strip: the modes that PX4 was in.
+"""
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -11,6 +14,8 @@ from tombo_bringup.report.panel import SMALL, Panel, zoom_around
 
 _LETTER: Final = 0.0135
 """Width of a letter as a share of the panel, generously."""
+_TOP: Final = 3.6
+_PX4_LOW, _PX4_MIDDLE = -1.1, -0.6
 _TOGETHER_S: Final = 0.005
 """Instants this close share one name."""
 
@@ -18,28 +23,57 @@ _TOGETHER_S: Final = 0.005
 def timeline(panel: Panel) -> None:
     """Draw the strip; above it, zoomed, what happened when, else where the zoom is."""
     axes, window = panel.axes, panel.window
-    axes.set_ylim(0.0, 3.6)
+    px4 = panel.record.summary.get("px4")
+    low = 0.0 if px4 is None else _PX4_LOW
+    axes.set_ylim(low, _TOP)
     axes.set_yticks([])
     axes.grid(False)
     for side in ("left", "bottom"):
         axes.spines[side].set_visible(False)
     axes.tick_params(bottom=False)
     axes.set_ylabel("mode", rotation=0, ha="right", va="center")
-    axes.yaxis.set_label_coords(-0.012, 0.14)
+    axes.yaxis.set_label_coords(-0.012, (0.5 - low) / (_TOP - low))
     for span in panel.story.modes:
-        start, end = max(span.start_s, window.start_s), min(span.end_s, window.end_s)
-        if end <= start:
-            continue
         colour = style.MODE_COLOURS.get(span.mode, style.FAINT)
-        axes.barh(0.5, end - start, left=start - window.zero_s, height=1.0, color=colour, lw=0)
-        if _share(panel, end - start) > _LETTER * len(span.name):
-            middle = (start + end) / 2.0 - window.zero_s
-            axes.text(middle, 0.48, span.name, ha="center", va="center", size=SMALL)
+        _bar(panel, 0.5, 1.0, (span.start_s, span.end_s), span.name, colour)
+    if px4 is not None:
+        _px4_modes(panel, px4["modes"])
     if window.zoomed:
         _phases(panel)
         _instants(panel)
     elif panel.story.mark_s is not None:
         _where_the_zoom_is(panel, panel.story.mark_s)
+
+
+def _bar(
+    panel: Panel, y: float, height: float, span: tuple[float, float], name: str, colour: str
+) -> None:
+    """Draw what the window shows of a span, with its name if there is room for it."""
+    window = panel.window
+    start, end = max(span[0], window.start_s), min(span[1], window.end_s)
+    if end <= start:
+        return
+    left = start - window.zero_s
+    panel.axes.barh(y, end - start, left=left, height=height, color=colour, lw=0)
+    if _share(panel, end - start) > _LETTER * len(name):
+        middle = (start + end) / 2.0 - window.zero_s
+        panel.axes.text(middle, y - 0.02, name, ha="center", va="center", size=SMALL)
+
+
+def _px4_modes(panel: Panel, modes: list[list[Any]]) -> None:
+    """Draw the second strip, from [time, name] of each change."""
+    times = [float(time_s) for time_s, _ in modes]
+    for start, end, (_, name) in zip(times, [*times[1:], np.inf], modes, strict=False):
+        colour = style.PX4_COLOURS.get(name, style.FAINT)
+        _bar(panel, _PX4_MIDDLE, 0.8, (start, end), name, colour)
+    panel.axes.text(
+        -0.012,
+        _PX4_MIDDLE,
+        "PX4",
+        transform=panel.axes.get_yaxis_transform(),
+        ha="right",
+        va="center",
+    )
 
 
 def _share(panel: Panel, length_s: float) -> float:

@@ -18,16 +18,29 @@ SUITE: dict[str, str] = {
     "recorder": "tombo_ros.recorder_node",
 }
 """Name of each node → its module. The order in which they start is of no importance."""
+PX4_SUITE: dict[str, str] = {
+    "sim": "tombo_sim.px4_sim_node",
+    "px4_bridge": "tombo_control.px4_bridge_node",
+    "detector": SUITE["detector"],
+    "reaction": SUITE["reaction"],
+    "mission": SUITE["mission"],
+    "recorder": SUITE["recorder"],
+}
+"""The suite over MAVLink: PX4 estimates and controls. `sim` plays PX4, vehicle and mocap; with a
+vehicle of its own at the other end of the link it is left out."""
 MONITOR = "monitor"
 MONITOR_MODULE = "tombo_bringup.monitor_node"
 """Not of the suite: tells the supervisor what the nodes say on `/diagnostics`."""
 
 
-def node_program(name: str, parameter_files: Sequence[Path]) -> Program:
-    """Return how to start a node of the suite with files of parameters, later ones winning."""
+def node_program(
+    name: str, parameter_files: Sequence[Path], suite: Mapping[str, str] | None = None
+) -> Program:
+    """Return how to start a node of a suite with files of parameters, later ones winning."""
     files = [word for path in parameter_files for word in ("--params-file", str(path))]
     ros = ["--ros-args", *files] if files else []
-    return Program(name, (sys.executable, "-m", SUITE[name], *ros))
+    modules = SUITE if suite is None else suite
+    return Program(name, (sys.executable, "-m", modules[name], *ros))
 
 
 def monitor_program(*arguments: str) -> Program:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
@@ -45,6 +45,8 @@ class Wish:
         speed: of simulated time against real time.
         domain: ROS_DOMAIN_ID; None: that of this process.
         monitor: arguments of the monitor.
+        suite: which nodes there are, name → module; None: those of `SUITE`.
+        more: further parameters of nodes, over those of the scenario.
 
     Raises:
         InputError: unknown node, no such file, or a value out of bounds.
@@ -59,11 +61,13 @@ class Wish:
     speed: float = 1.0
     domain: int | None = None
     monitor: tuple[str, ...] = ()
+    suite: Mapping[str, str] | None = None
+    more: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in self.without:
-            if name not in SUITE:
-                raise unknown_name("node", name, SUITE)
+            if name not in self.modules:
+                raise unknown_name("node", name, self.modules)
         if not self.nodes:
             raise InputError("no node is left to start; accepted: at least one")
         for path in self.files:
@@ -86,9 +90,14 @@ class Wish:
             )
 
     @property
+    def modules(self) -> Mapping[str, str]:
+        """Name → module of the nodes there are."""
+        return SUITE if self.suite is None else self.suite
+
+    @property
     def nodes(self) -> tuple[str, ...]:
         """Names of the nodes to start."""
-        return tuple(name for name in SUITE if name not in self.without)
+        return tuple(name for name in self.modules if name not in self.without)
 
 
 @dataclass(frozen=True)
@@ -99,11 +108,13 @@ class News:
         ended: nodes that ended by themselves.
         warnings: (node, line) that somebody should see.
         flight: the newest state of the flight, as the monitor tells it; None: no news.
+        px4: the newest state of the bridge to PX4; None: no news.
     """
 
     ended: list[Ended]
     warnings: list[tuple[str, str]]
     flight: dict[str, Any] | None
+    px4: dict[str, Any] | None = None
 
 
 class RunningSuite:
@@ -154,7 +165,7 @@ class RunningSuite:
     def look(self, wait_s: float) -> News:
         """Wait a while for news and return them."""
         look = self._supervisor.look(wait_s)
-        flight = self._hear(look)
+        flight, px4 = self._hear(look)
         ended = [end for end in look.ended if end.name != MONITOR]
         self.ended |= {end.name: end for end in ended}
         warnings = list(look.warnings)
@@ -162,7 +173,7 @@ class RunningSuite:
             if end.name == MONITOR:
                 words = f" ({end.last_words[-1]})" if end.last_words else ""
                 warnings.append((MONITOR, f"ended, {end.how}: no status any more{words}"))
-        return News(ended, warnings, flight)
+        return News(ended, warnings, flight, px4)
 
     def status(self) -> Suite:
         """Return the suite as it is now."""
@@ -175,9 +186,9 @@ class RunningSuite:
         """End the nodes, and return those that did not end well when asked to."""
         return [end for end in self._supervisor.stop() if end.code != 0 and end.name != MONITOR]
 
-    def _hear(self, look: Look) -> dict[str, Any] | None:
-        """Take in what the monitor says; return the newest state of the flight."""
-        flight = None
+    def _hear(self, look: Look) -> tuple[dict[str, Any] | None, dict[str, Any] | None]:
+        """Take in what the monitor says; return the newest state of flight and bridge."""
+        flight = px4 = None
         for _, line in look.heard:
             try:
                 said = json.loads(line)
@@ -188,14 +199,18 @@ class RunningSuite:
             if "diagnostics" in said:
                 self.vitals.take(said["diagnostics"], time.monotonic())
             flight = said.get("flight", flight)
-        return flight
+            px4 = said.get("px4", px4)
+        return flight, px4
 
 
 def _programs(wish: Wish) -> Sequence[Program]:
     parameters = suite_parameters(wish.scenario, wish.seed, speed=wish.speed)
     parameters["recorder"] |= wish.recording
+    for node, values in wish.more.items():
+        parameters[node] = {**parameters.get(node, {}), **values}
     file = wish.folder / PARAMETERS
     comment = f"The parameters with which {wish.scenario.name}, seed {wish.seed}, was started."
     file.write_text(parameter_yaml(parameters, comment), encoding="utf-8")
     files = [path.resolve() for path in (file, *wish.files)]
-    return [*(node_program(name, files) for name in wish.nodes), monitor_program(*wish.monitor)]
+    programs = [node_program(name, files, wish.modules) for name in wish.nodes]
+    return [*programs, monitor_program(*wish.monitor)]

@@ -98,7 +98,7 @@ def px4_pose_covariance(covariance: ArrayLike) -> Array:
 
 def ros_pose_covariance(upper: ArrayLike) -> Array:
     """Return (6, 6) in axes of `map` from an upper triangle (21) in PX4's world axes."""
-    c = np.zeros((6, 6))
+    c: Array = np.zeros((6, 6))
     c[_UPPER] = np.asarray(upper, np.float64)
     c = c + np.triu(c, 1).T
     turned: Array = _WORLD_TURN.T @ c @ _WORLD_TURN

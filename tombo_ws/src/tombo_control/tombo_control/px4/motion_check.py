@@ -124,13 +124,13 @@ class _Fit(NamedTuple):
 def _best(times: Array, turned: Array, first: Array, last: Array, seen: Array) -> _Fit:
     """Return the delay and the reading of the axes that explain most."""
     best = _Fit(math.inf, 0.0, np.eye(3))
-    delays: Array = np.arange(_EARLIEST, _LATEST, _COARSE)
+    delays = [*np.arange(_EARLIEST, _LATEST, _COARSE)]
     for step in (_COARSE, _FINE):
         for delay in delays:
             left, axes = _misfit(times, turned, first - delay, last - delay, seen)
             if left < best.left:
                 best = _Fit(left, float(delay), axes)
-        delays = best.delay + np.arange(-step, step, _FINE)
+        delays = [best.delay + d for d in np.arange(-step, step, _FINE)]
     return best
 
 

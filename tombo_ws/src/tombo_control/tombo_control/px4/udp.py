@@ -7,6 +7,7 @@ import select
 import socket
 import struct
 from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 from tombo_control.px4.address import Address, Url, is_loopback
@@ -142,7 +143,9 @@ class UdpIn:
         allow_remote: bool,
         peer: Address | None,
     ) -> None:
-        self._make = lambda: _Queue(url.family, clock, counters, allow_remote)
+        self._make: Callable[[], _Queue] = lambda: _Queue(
+            url.family, clock, counters, allow_remote
+        )
         self._listener = self._make()
         self._partners: dict[Any, _Queue] = {}
         self._turns: deque[_Queue] = deque()

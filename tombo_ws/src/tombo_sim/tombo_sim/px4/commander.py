@@ -93,7 +93,6 @@ class Commander:
         self._tilted_tick = -1
         self._tilt_told = False
         self._battery_told = 0
-        self._battery_at_arming = 0
         self._battery_action: Mode | None = None
         self._after_disarming: Mode = AUTO_HOLD
 
@@ -165,7 +164,6 @@ class Commander:
         self.armed = True
         self._armed_tick = now.tick
         self._landed_tick = -1
-        self._battery_at_arming = now.battery.warning
         self._battery_action = None
         self._say(Severity.INFO, "Armed by external command")
         return Result.ACCEPTED
@@ -323,7 +321,7 @@ class Commander:
             f"{_BATTERY[warning]}: {100.0 * now.battery.remaining:.0f} %",
         )
         action = int(self._parameters.get("COM_LOW_BAT_ACT"))
-        if not self.armed or warning < 2 or warning <= self._battery_at_arming or action == 0:
+        if not self.armed or warning < 2 or action == 0:
             return
         land = action == 2 or (action == 3 and warning == 3)
         self._battery_action = AUTO_LAND if land else AUTO_RTL

@@ -1,0 +1,93 @@
+"""The simulator link as a node, flown by a scripted PX4: what the lab sees of it."""
+
+from __future__ import annotations
+
+import itertools
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from tombo_bag.topics import IMU, MOCAP_POSE, TRUE_ODOMETRY
+from tombo_ros.conversion import to_ns
+
+NODE = "tombo_sim.hil_sim_node"
+PEER = Path(__file__).parents[1] / "tombo_sim" / "px4" / "hil_peer.py"
+_COMPILES_S = 120.0
+MS = 1_000_000
+
+
+@pytest.fixture
+def port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def heights(world, seconds: float) -> list[float]:
+    """True heights of so much time."""
+    begun = len(world.heard[TRUE_ODOMETRY.name])
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        world.hear()
+        time.sleep(0.01)
+    return [m.pose.pose.position.z for m in world.heard[TRUE_ODOMETRY.name][begun:]]
+
+
+def test_a_px4_flies_it_and_the_mocap_sees_it(world, start, port):
+    world.listen(MOCAP_POSE, TRUE_ODOMETRY)
+    node = start(NODE, "-p", f"port:={port}", "-p", "hil.gps:=true")
+    world.meet(MOCAP_POSE, TRUE_ODOMETRY, patience_s=_COMPILES_S)
+    assert heights(world, 0.5) == [], "time goes on without PX4"
+
+    peer = subprocess.Popen([sys.executable, str(PEER), str(port), "7"])
+    try:
+        flown = heights(world, 7.5)
+        assert flown[0] == pytest.approx(0.18, abs=0.05)
+        assert max(flown) > 1.5, "it has not taken off"
+        stamps = [to_ns(m.header.stamp) for m in world.heard[MOCAP_POSE.name]]
+        gaps = [(b - a) / MS for a, b in itertools.pairwise(stamps)]
+        assert sorted(gaps)[len(gaps) // 2] == pytest.approx(33.3, abs=3.0)
+        assert abs(time.time_ns() - stamps[-1]) < 2_000 * MS
+        assert world.node.count_publishers(IMU.name) == 0, "PX4 has the sensors"
+    finally:
+        peer.kill()
+        peer.wait()
+
+    time.sleep(0.3)  # that flight is over; the next one begins on the ground
+    peer = subprocess.Popen([sys.executable, str(PEER), str(port), "2"])
+    try:
+        assert heights(world, 2.0)[0] == pytest.approx(0.18, abs=0.05)
+    finally:
+        peer.kill()
+        peer.wait()
+    assert node.end() == 0
+    assert "flight 2 begins" in node.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("-p", "use_sim_time:=true"), "use_sim_time true: PX4 flies in real time"),
+        (("-p", "hil.rate:=300.0"), "hil.rate: 300 Hz is no whole number of ms"),
+    ],
+)
+def test_what_it_can_not_do_it_refuses_in_a_line(start, port, arguments, complaint):
+    node = start(NODE, "-p", f"port:={port}", *arguments)
+    assert node.process.wait(_COMPILES_S) == 2
+    assert [line for line in node.output.splitlines() if complaint in line]
+
+
+def test_a_port_that_is_taken_is_refused(start):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        number = taken.getsockname()[1]
+        node = start(NODE, "-p", f"port:={number}")
+        assert node.process.wait(_COMPILES_S) == 2
+    assert f"port {number} of 127.0.0.1 is taken by another program" in node.output

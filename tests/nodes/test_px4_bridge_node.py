@@ -1,0 +1,255 @@
+"""The bridge as a node: real DDS on one side, MAVLink over UDP with a scripted PX4 on the other."""
+
+import contextlib
+import socket
+import threading
+import time
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseStamped
+from pymavlink.dialects.v20 import common as mav
+from rclpy.executors import SingleThreadedExecutor
+from reports import heard, told
+from scripted_px4 import GROUND, SECOND, ScriptedPx4
+from std_srvs.srv import SetBool, Trigger
+
+from tombo_bag.topics import (
+    BATTERY,
+    DIAGNOSTICS,
+    IMU,
+    MOCAP_POSE,
+    ODOMETRY,
+    PX4_STATUS,
+    SETPOINT,
+)
+from tombo_control.px4.link import Link
+from tombo_control.px4.modes import AUTO_HOLD, OFFBOARD
+from tombo_msgs.msg import MissionStatus, PositionSetpoint
+from tombo_ros.conversion import array, point, quaternion, to_ns, to_time
+
+MS = 1_000_000
+NODE = "tombo_control.px4_bridge_node"
+
+
+def free_port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
+        found.bind(("127.0.0.1", 0))
+        return found.getsockname()[1]
+
+
+class Px4Thread:
+    """A scripted PX4 at the other end of a UDP link, in a thread of its own."""
+
+    def __init__(self, port, system=1):
+        self.px4 = ScriptedPx4(time.time_ns(), system=system)
+        self.lock = threading.Lock()
+        self._link = Link(
+            f"udpout://127.0.0.1:{port}", system=system, component=1, clock=time.time_ns
+        )
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self):
+        while not self._stop.is_set():
+            with self.lock:
+                for received in self._link.receive():
+                    self.px4.take(received.message, received.arrival_ns)
+                for message in self.px4.tick(time.time_ns()):
+                    self._link.send(message)
+            self._link.wait(0.004)
+
+    def close(self):
+        self._stop.set()
+        self._thread.join(5.0)
+        self._link.close()
+
+
+class Lab:
+    """Motion capture at 50 Hz and a mission, around the node and the vehicle."""
+
+    def __init__(self, world, start, *more, system=1):
+        self.world = world
+        port = free_port()
+        self.vehicle = Px4Thread(port, system)
+        self.phase, self.goal = MissionStatus.IDLE, np.array([0.0, 0.0, GROUND])
+        self.captures = []
+        world.listen(PX4_STATUS, DIAGNOSTICS, ODOMETRY, IMU, BATTERY)
+        arguments = [f"link.url:=udpin://127.0.0.1:{port}", *more]
+        self.node = start(NODE, *(a for p in arguments for a in ("-p", p)))
+        world.meet(MOCAP_POSE, SETPOINT, PX4_STATUS)
+        self._due_ns = 0
+        self._rng = np.random.default_rng(0)
+
+    @property
+    def px4(self):
+        return self.vehicle.px4
+
+    def publish(self):
+        """A pose captured 15 ms ago and a set point, if it is time for them."""
+        now = time.time_ns()
+        if now - self._due_ns < 20 * MS:
+            return
+        self._due_ns = now
+        captured = now - 15 * MS
+        pose = PoseStamped()
+        pose.header.stamp, pose.header.frame_id = to_time(captured), "map"
+        pose.pose.position = point(self.px4.place + self._rng.normal(0, 0.0005, 3))
+        pose.pose.orientation = quaternion(self.px4.attitude)
+        self.captures.append(captured)
+        self.world.publish(MOCAP_POSE, pose)
+        wish = PositionSetpoint(phase=self.phase)
+        wish.header.stamp, wish.header.frame_id = to_time(now), "map"
+        wish.position = point(self.goal)
+        self.world.publish(SETPOINT, wish)
+
+    def until(self, condition, patience_s=15.0):
+        """Wait for a status that meets a condition."""
+        since = max(len(self.world.heard[PX4_STATUS.name]) - 1, 0)
+        return heard(self.world, PX4_STATUS, condition, since, self.publish, patience_s)
+
+    def run(self, seconds):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.publish()
+            self.world.hear()
+            time.sleep(0.002)
+
+    def take_off(self):
+        self.until(lambda s: s.ready)
+        self.phase, self.goal = MissionStatus.TAKEOFF, np.array([0.0, 0.0, 1.0])
+        self.until(lambda s: s.armed and s.offboard and s.landed_state == s.IN_AIR)
+        self.phase = MissionStatus.HOVER
+
+    def call(self, name, kind=Trigger, **request):
+        """Call a service while the world goes on; return its answer."""
+        client = self.world.node.create_client(kind, name)
+        assert client.wait_for_service(5.0)
+        executor = SingleThreadedExecutor(context=self.world.node.context)
+        executor.add_node(self.world.node)
+        try:
+            future = client.call_async(kind.Request(**request))
+            end = time.monotonic() + 12.0
+            while not future.done():
+                assert time.monotonic() < end, f"no answer from {name}"
+                executor.spin_once(timeout_sec=0.005)
+                self.publish()
+            return future.result()
+        finally:
+            executor.remove_node(self.world.node)
+            executor.shutdown()
+            self.world.node.destroy_client(client)
+
+    def figure(self, name):
+        """The newest value of the node's diagnostics."""
+        for report in reversed(self.world.heard[DIAGNOSTICS.name]):
+            for status in report.status:
+                if status.name == "px4_bridge":
+                    return {v.key: v.value for v in status.values}[name]
+        raise AssertionError("no diagnostics")
+
+
+@pytest.fixture
+def lab(world, start):
+    with contextlib.ExitStack() as stack:
+
+        def make(*more, system=1):
+            made = Lab(world, start, *more, system=system)
+            stack.callback(made.vehicle.close)
+            return made
+
+        yield make
+
+
+def test_a_flight_with_stamps_that_are_right_on_both_sides(lab, world):
+    lab = lab()
+    lab.take_off()
+    assert lab.px4.mode == OFFBOARD
+    world.heard[ODOMETRY.name].clear()
+    lab.run(2.0)
+    # PX4's side: when each pose was captured, as it understands it
+    late = lab.px4.stamps[-50:]
+    off = [min(abs(captured - c) for c in lab.captures) for captured, _ in late]
+    assert np.median(off) < 1 * MS
+    assert max(off) < 2 * MS
+    # our side: the clock of PX4
+    assert abs(int(lab.figure("timesync_offset_ns")) + lab.px4.ahead_ns) < 1 * MS
+    found = world.heard[ODOMETRY.name]
+    assert len(found) > 60
+    ages = [time.time_ns() - to_ns(m.header.stamp) for m in found[-3:]]
+    assert all(0 < age < 2 * SECOND for age in ages)
+    stamps = np.diff([to_ns(m.header.stamp) for m in found])
+    assert np.median(stamps) == pytest.approx(20 * MS, rel=0.2)
+    assert array(found[-1].pose.pose.position) == pytest.approx([0, 0, 1.0], abs=0.1)
+    assert found[-1].header.frame_id == "map" and found[-1].child_frame_id == "base_link"
+    accel = array(heard(world, IMU).linear_acceleration)
+    assert accel == pytest.approx([0, 0, 9.81], abs=0.2)
+    battery = heard(world, BATTERY)
+    assert (battery.voltage, battery.current) == pytest.approx((12.27, -9.0))
+
+    answer = lab.call("px4/hold")
+    assert answer.success, answer.message
+    assert lab.px4.mode == AUTO_HOLD
+    lab.until(lambda s: s.mode == "hold" and not s.offboard)
+    answer = lab.call("px4/offboard")
+    assert answer.success, answer.message
+    lab.until(lambda s: s.offboard)
+
+    lab.phase = MissionStatus.LAND
+    lab.until(lambda s: s.mode == "land")
+    lab.until(lambda s: not s.armed)
+    assert lab.node.end() == 0
+
+
+def test_a_refusal_is_answered_with_px4s_own_words(lab, world):
+    lab = lab()
+    lab.until(lambda s: s.ready)
+    with lab.vehicle.lock:
+        lab.px4.refuses[mav.MAV_CMD_COMPONENT_ARM_DISARM] = 1
+    answer = lab.call("px4/arm", SetBool, data=True)
+    assert not answer.success
+    assert "temporarily rejected: 'Arming denied: Resolve system health" in answer.message
+    with lab.vehicle.lock:
+        lab.px4.parameters["EKF2_EV_CTRL"] = 0
+        lab.px4._parameter("EKF2_EV_CTRL")
+    lab.until(lambda s: not s.ready)
+    answer = lab.call("px4/arm", SetBool, data=True)
+    assert (
+        answer.message
+        == "nothing is fused: EKF2_EV_CTRL is 0; set it to 11 (position, height, yaw)"
+    )
+    assert "EKF2_EV_CTRL" in told(world, "px4_bridge", "check.not_fused", meanwhile=lab.publish)
+    with lab.vehicle.lock:
+        lab.px4.silent = True
+    told(world, "px4_bridge", "link_lost", meanwhile=lab.publish)
+    answer = lab.call("px4/land")
+    assert not answer.success and "no heartbeat" in answer.message
+
+
+def test_another_vehicle_on_this_port_is_named(lab, world):
+    lab = lab(system=7)
+    text = told(world, "px4_bridge", "wrong_system", meanwhile=lab.publish)
+    assert "system 7 speaks here, waiting for 1" in text
+
+
+@pytest.mark.parametrize(
+    ("parameter", "words"),
+    [
+        ("link.url:=udpin://127.0.0.1:99999", "port out of bounds"),
+        ("link.url:=udpin://127.0.0.1:{busy}", "127.0.0.1:{busy}"),
+        ("link.url:=carrier-pigeon", "carrier-pigeon"),
+        ("link.key_file:=/nowhere/key", "/nowhere/key"),
+        ("px4.mocap:=optitrack", "accepted: mocap, odometry, vision"),
+        ("px4_parameters:=[EKF2_EV_CTRL]", "NAME=VALUE"),
+        ("use_sim_time:=true", "accepted: false"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(start, parameter, words):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        busy = taken.getsockname()[1]
+        node = start(NODE, "-p", parameter.format(busy=busy))
+        assert node.process.wait(15.0) == 2
+    (line,) = node.output.strip().splitlines()
+    assert line.startswith("Error: ") and words.format(busy=busy) in line

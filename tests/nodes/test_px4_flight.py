@@ -1,0 +1,133 @@
+"""The paper's experiment over MAVLink in real time, with all files of a headless flight."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from tombo_bag.reader import Bag
+from tombo_bag.topics import PX4_STATUS, TRUE_ODOMETRY
+from tombo_bringup.flight import fly_scenario
+from tombo_bringup.px4_probe import find_vehicle
+from tombo_bringup.px4_side import free_udp_port
+from tombo_bringup.scenario import load_scenario
+from tombo_control.px4.bridge_params import LinkParams
+
+pytest.importorskip("rclpy")
+
+_COMPILES_S = 120.0
+SHORT = ("mission.approach_time=5.0", "mission.hold_time=1.0", "mission.land_speed=0.7")
+"""The way to the obstacle begins as soon as the vehicle hovers."""
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("flight") / "px4"
+    settings = [word for setting in SHORT for word in ("--set", setting)]
+    command = [sys.executable, "-m", "tombo_bringup.cli.main", "fly", "--px4", *settings]
+    run = subprocess.run(
+        [*command, "-o", str(folder), "--json"], capture_output=True, text=True, timeout=170
+    )
+    assert run.returncode == 0, run.stderr
+    return folder, json.loads(run.stdout)
+
+
+def test_the_vehicle_recovers_as_in_the_headless_flight(flown):
+    _, figures = flown
+    headless = fly_scenario(load_scenario(settings=SHORT), 0).summary
+    assert figures["collided"] and figures["landed"] and not figures["crashed"]
+    assert figures["detections"] == 1 and figures["false_alarms"] == 0
+    assert figures["contact_rotor"] == headless["contact_rotor"] == "front_left"
+    # arming takes a while, and no two flights in real time are equal
+    assert figures["collision_time_s"] == pytest.approx(headless["collision_time_s"], abs=3.0)
+    assert 0.02 < figures["max_falling_distance_m"] < 0.95
+    assert 2.0 < figures["recovery_time_s"] < 7.5
+    assert figures["settled_error_m"] < 0.15
+    assert figures["hover_rms_m"] < 0.15
+
+
+def test_the_summary_says_what_px4_did(flown):
+    folder, figures = flown
+    px4 = figures["px4"]
+    assert figures["mode"] == "px4" and figures["died"] == {}
+    assert "known_from" not in figures, "the truth of a simulated vehicle is known"
+    modes = [mode for _, mode in px4["modes"]]
+    assert [modes.index(mode) for mode in ("hold", "offboard", "land")] == [0, 1, 2]
+    assert 0.0 < px4["armed_s"] < 5.0
+    assert px4["armed_duration_s"] > px4["offboard_duration_s"] > 8.0
+    assert px4["armed_s"] + px4["armed_duration_s"] < figures["duration_s"], "not disarmed"
+    texts = [text for _, text in px4["status_texts"]]
+    assert "Takeoff detected" in texts and "Disarmed by landing" in texts
+    # the clock of the simulated PX4 began with it; ours long before
+    assert px4["time_offset_ns"] > 10**18
+    assert 5.0 < px4["mocap_latency_ms"] < 60.0
+    assert px4["messages_in"] > 3_000 and px4["messages_out"] > 500
+    assert px4["poses_sent"] == pytest.approx(30.0 * figures["duration_s"], rel=0.4)
+    assert px4["setpoints_sent"] > 15.0 * px4["offboard_duration_s"]
+    assert px4["firmware"] == "1.17.0"
+    bag = Bag(folder / "flight.mcap", check=True)
+    assert not bag.damage and bag.topics[PX4_STATUS.name].count >= 5
+
+
+def test_px4_stands_for_estimator_and_controller(flown):
+    folder, figures = flown
+    assert {path.name for path in folder.iterdir()} == {
+        "flight.mcap", "flight.png", "report.html", "summary.json"
+    }  # fmt: skip
+    assert set(figures["loops"]) == {
+        "sim", "detector", "reaction", "mission", "recorder", "px4_bridge"
+    }  # fmt: skip
+    assert figures["loops"]["sim"]["rate_hz"] == pytest.approx(1000.0, rel=0.2)
+    topics = Bag(folder / "flight.mcap").topics
+    assert not {"/rotor_command", "/attitude_setpoint", "/estimator/status"} & set(topics)
+    assert topics["/odometry"].count > 50.0 * figures["duration_s"]
+
+
+@pytest.fixture
+def lab(start):
+    """A PX4 and a motion capture that are there before the flight; URL of the one."""
+    port = free_udp_port()
+    quiet = ("-p", "ground_url:=''", "-p", "effects.mocap_noise.position:=0.0007")
+    start(
+        "tombo_sim.px4_sim_node", "-p", f"onboard_url:=udpout://127.0.0.1:{port}", *quiet,
+        "-p", "effects.mocap_noise.attitude:=0.002",
+    )  # fmt: skip
+    return f"udpin://127.0.0.1:{port}"
+
+
+def test_ctrl_c_in_the_air_lands_the_vehicle(world, lab, domain, tmp_path):
+    world.listen(TRUE_ODOMETRY)
+    world.meet(TRUE_ODOMETRY, patience_s=_COMPILES_S)
+    words = ("fly", "hover", "--px4", lab, "--yes", "--domain", str(domain), "-o", "out", "--json")
+    command = subprocess.Popen(
+        [sys.executable, "-m", "tombo_bringup.cli.main", *words],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        world.wait_for(TRUE_ODOMETRY, lambda m: m.pose.pose.position.z > 0.8, patience_s=60.0)
+        command.send_signal(signal.SIGINT)
+        out, err = command.communicate(timeout=20.0)
+    finally:
+        command.kill()
+        command.wait()
+    assert command.returncode == 130, err
+    assert "a PX4 quadrotor, system 1, disarmed, in mode hold. This arms it" in err
+    summary = json.loads(out)
+    assert summary["interrupted"] and summary["px4"]["modes"][-1][1] in ("offboard", "land")
+
+    # the port is free again: nothing that was started is left
+    params = LinkParams(url=lab)
+    vehicle = find_vehicle(params, patience_s=2.0)
+    assert vehicle is not None and vehicle.armed
+    assert vehicle.mode == "land", "it was not told to come down"
+    end = time.monotonic() + 15.0
+    while vehicle is not None and vehicle.armed:
+        assert time.monotonic() < end
+        vehicle = find_vehicle(params, patience_s=2.0)
+    world.hear()
+    assert world.heard[TRUE_ODOMETRY.name][-1].pose.pose.position.z < 0.25

@@ -1,0 +1,117 @@
+"""The simulated PX4 as a node: MAVLink on one side, the motion capture over ROS on the other."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from tombo_bag.topics import IMU, MARKERS, MOCAP_POSE, ROTOR_COMMAND, TRUE_ODOMETRY
+from tombo_bringup.px4_side import free_udp_port
+from tombo_control.px4.link import Link
+from tombo_control.px4.outgoing import Target, arm, read_parameter
+from tombo_ros.conversion import array, to_ns
+
+NODE = "tombo_sim.px4_sim_node"
+VEHICLE = Target(1, 1)
+_COMPILES_S = 120.0
+_ARM, _DENIED = 400, 1
+MS = 1_000_000
+
+
+@pytest.fixture
+def link():
+    found = Link(
+        f"udpin://127.0.0.1:{free_udp_port()}", system=245, component=191, clock=time.time_ns
+    )
+    yield found
+    found.close()
+
+
+def urls(link: Link) -> tuple[str, ...]:
+    """Parameters that lead the node to a link, and to no ground station."""
+    port = link.url.rpartition(":")[2]
+    return ("-p", f"onboard_url:=udpout://127.0.0.1:{port}", "-p", "ground_url:=''")
+
+
+def wait_for(
+    link: Link, kind: str, condition=lambda message: True, patience_s=10.0, meanwhile=None
+):
+    """The first message of a kind that meets a condition."""
+    end = time.monotonic() + patience_s
+    while time.monotonic() < end:
+        link.wait(0.05)
+        for received in link.receive():
+            if received.message.get_type() == kind and condition(received.message):
+                return received
+        if meanwhile is not None:
+            meanwhile()
+    raise AssertionError(f"no such {kind}")
+
+
+def test_mavlink_on_one_side_and_mocap_on_the_other(world, start, link):
+    world.listen(MOCAP_POSE, TRUE_ODOMETRY, MARKERS, IMU)
+    obstacle = ("-p", "obstacle.radius:=0.25", "-p", "obstacle.x:=2.0", "-p", "obstacle.top:=2.6")
+    node = start(NODE, *urls(link), *obstacle)
+    beat = wait_for(link, "HEARTBEAT", patience_s=_COMPILES_S)
+    assert (beat.system, beat.component, beat.message.autopilot) == (1, 1, 12)
+
+    world.meet(MOCAP_POSE, TRUE_ODOMETRY)
+    pose = world.wait_for(MOCAP_POSE, meanwhile=link.receive)
+    age_ns = time.time_ns() - to_ns(pose.header.stamp)
+    assert -5 * MS < age_ns < 500 * MS, "captured in another time than the system's"
+    assert pose.header.frame_id == "map"
+    truth = world.wait_for(TRUE_ODOMETRY, meanwhile=link.receive)
+    place = array(truth.pose.pose.position)
+    assert array(pose.pose.position) == pytest.approx(place, abs=0.01)
+    assert world.heard[MARKERS.name], "nobody shows the obstacle"
+    # PX4's own sensors and motors are PX4's business
+    assert world.node.count_publishers("imu/data_raw") == 0
+    assert world.node.count_subscribers(ROTOR_COMMAND.name) == 0
+
+    # nothing but vision tells it where it is, and none has come
+    link.send(read_parameter(VEHICLE, "EKF2_GPS_CTRL"))
+    value = wait_for(link, "PARAM_VALUE", lambda m: m.param_id == "EKF2_GPS_CTRL")
+    assert np.float32(value.message.param_value).view(np.int32) == 0
+    link.send(arm(VEHICLE, armed=True))
+    answer = wait_for(link, "COMMAND_ACK", lambda m: m.command == _ARM)
+    assert answer.message.result == _DENIED
+    assert node.end() == 0
+    assert "PX4 says: Arming denied" in node.output
+
+
+def test_poses_go_on_in_step_with_the_systems_clock(world, start, link):
+    world.listen(MOCAP_POSE)
+    node = start(NODE, *urls(link), "-p", "mocap_rate:=100.0")
+    world.meet(MOCAP_POSE, patience_s=_COMPILES_S)
+    world.wait_for(MOCAP_POSE, meanwhile=link.receive)
+    began_s = time.monotonic()
+    seen = len(world.heard[MOCAP_POSE.name])
+    time.sleep(1.0)
+    world.hear()
+    passed_s = time.monotonic() - began_s
+    stamps = [to_ns(m.header.stamp) for m in world.heard[MOCAP_POSE.name]]
+    assert np.median(np.diff(stamps)) == pytest.approx(10 * MS, abs=1000)
+    assert len(stamps) - seen == pytest.approx(100 * passed_s, abs=25)
+    assert time.time_ns() - stamps[-1] < 200 * MS
+    assert node.end() == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("-p", "use_sim_time:=true"), "use_sim_time true: a link to PX4 is in real time"),
+        (("-p", "onboard_url:=''"), "both empty; accepted: at least one link"),
+        (("-p", "onboard_url:=udpout://192.0.2.1:9"), "not to this machine"),
+        (("-p", "px4.EKF2_EV_CTRL:=99"), "px4.EKF2_EV_CTRL: 99 is out of bounds"),
+        (("-p", "key_file:=/no/such/key"), "key '/no/such/key' can't be read"),
+    ],
+)
+def test_what_it_can_not_do_it_refuses_in_a_line(start, link, arguments, complaint):
+    node = start(NODE, *urls(link), *arguments)
+    assert node.process.wait(_COMPILES_S) == 2
+    lines = [line for line in node.output.splitlines() if line.startswith("Error: ")]
+    assert len(lines) == 1 and complaint in lines[0]

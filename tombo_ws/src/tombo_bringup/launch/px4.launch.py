@@ -1,0 +1,44 @@
+"""The suite over MAVLink: `ros2 launch tombo_bringup px4.launch.py record:=runs/bag`.
+
+A simulated PX4 by default. With `sim:=false` it flies the PX4 at `url`, as soon as that is there:
+with a motion capture on mocap/pose, or with `hil:=true` one that connects to our simulator link.
+"""
+
+from launch.conditions import IfCondition
+from launch.substitutions import LaunchConfiguration, NotEqualsSubstitution
+
+from launch import LaunchDescription
+from tombo_bringup.launching import description, part, suite_node
+
+ARGUMENTS = {
+    "sim": ("true", "simulate PX4, vehicle and motion capture; false: there are such already"),
+    "hil": ("false", "true, with sim:=false: vehicle and motion capture for a real PX4 SITL"),
+    "url": ("udpin://127.0.0.1:14540", "of the bridge's link to PX4; arms what is there"),
+    "record": ("", "folder for the bag; empty: nothing is recorded"),
+}
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return the bridge and what it needs, without estimator and controller: those are PX4's."""
+    recording = NotEqualsSubstitution(LaunchConfiguration("record"), "")
+    return description(
+        [
+            suite_node(
+                "tombo_sim",
+                "sim",
+                executable="px4_sim_node",
+                condition=IfCondition(LaunchConfiguration("sim")),
+            ),
+            suite_node(
+                "tombo_sim",
+                "sim",
+                executable="hil_sim_node",
+                condition=IfCondition(LaunchConfiguration("hil")),
+            ),
+            suite_node("tombo_control", "px4_bridge", **{"link.url": LaunchConfiguration("url")}),
+            suite_node("tombo_control", "mission"),
+            part("collision.launch.py"),
+            part("recorder.launch.py", "record", condition=IfCondition(recording)),
+        ],
+        ARGUMENTS,
+    )

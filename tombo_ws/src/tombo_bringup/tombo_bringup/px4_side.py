@@ -1,0 +1,118 @@
+"""The other end of the link in a flight over MAVLink: a simulated PX4, or one somebody gave."""
+
+from __future__ import annotations
+
+import dataclasses
+import socket
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from tombo_bringup.scenario import override
+from tombo_control.px4.bridge_params import BridgeParams, LinkParams
+from tombo_control.px4.signing import read_key
+from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.params import from_mapping
+
+_RECORDS: Final[dict[str, type[LinkParams] | type[BridgeParams]]] = {
+    "link": LinkParams,
+    "px4": BridgeParams,
+}
+"""Sections of the bridge's parameters."""
+_HERE: Final = "127.0.0.1"
+
+
+@dataclass(frozen=True)
+class Px4Side:
+    """How the bridge reaches PX4.
+
+    Attributes:
+        link: the bridge's link.
+        bridge: what it does with it.
+        endpoint: URL of the simulated PX4's end; empty: there is a PX4 already.
+    """
+
+    link: LinkParams
+    bridge: BridgeParams
+    endpoint: str = ""
+
+    @property
+    def simulated(self) -> bool:
+        """Whether PX4, vehicle and motion capture are simulated along with the flight."""
+        return bool(self.endpoint)
+
+    @property
+    def parameters(self) -> dict[str, dict[str, Any]]:
+        """Node → parameters that a scenario has not."""
+        both = {"link": dataclasses.asdict(self.link), "px4": dataclasses.asdict(self.bridge)}
+        found: dict[str, dict[str, Any]] = {"px4_bridge": both}
+        if self.simulated:
+            found["sim"] = {
+                "onboard_url": self.endpoint,
+                "ground_url": "",
+                "key_file": self.link.key_file,
+            }
+        return found
+
+
+def px4_side(url: str | None, settings: Sequence[str]) -> Px4Side:
+    """Return the other end, checked.
+
+    Args:
+        url: of the bridge's link to a PX4 that is there; None: simulate one, on a free port.
+        settings: of the bridge, as `px4.setpoint=attitude`.
+
+    Raises:
+        InputError: unknown parameter, or a value that is not accepted.
+    """
+    values: dict[str, Any] = {}
+    for setting in settings:
+        values = override(values, setting, "--bridge", "px4.stream_rate=50")
+    for section in values:
+        if section not in _RECORDS:
+            raise unknown_name("section of --bridge", section, _RECORDS)
+    if "url" in _section(values, "link"):
+        raise InputError("--bridge link.url: accepted: the URL behind --px4")
+    endpoint = ""
+    if url is None:
+        port = free_udp_port()
+        url, endpoint = f"udpin://{_HERE}:{port}", f"udpout://{_HERE}:{port}"
+    link = from_mapping(LinkParams, {**_section(values, "link"), "url": url}, "link")
+    bridge = from_mapping(BridgeParams, _section(values, "px4"), "px4")
+    bridge.check()
+    link_key(link)
+    return Px4Side(link, bridge, endpoint)
+
+
+def _section(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """Return the values of a section; texts and switches are of the right type.
+
+    Raises:
+        InputError: one is not.
+    """
+    found = values.get(name, {})
+    if not isinstance(found, Mapping):
+        raise InputError(f"--bridge {name}={found}: accepted: a parameter of {name}")
+    for field in dataclasses.fields(_RECORDS[name]):
+        wanted, value = type(field.default), found.get(field.name, field.default)
+        if wanted in (bool, str) and type(value) is not wanted:
+            kind = "true or false" if wanted is bool else "a text"
+            raise InputError(f"{name}.{field.name}: {value!r} is not {kind}; accepted: {kind}")
+    return found
+
+
+def link_key(link: LinkParams) -> bytes | None:
+    """Return the signing key; None without one.
+
+    Raises:
+        InputError: its file can't be read, or is no key.
+    """
+    return read_key(Path(link.key_file)).key if link.key_file else None
+
+
+def free_udp_port() -> int:
+    """Return a UDP port of this machine that nobody uses now."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind((_HERE, 0))
+        return int(probe.getsockname()[1])

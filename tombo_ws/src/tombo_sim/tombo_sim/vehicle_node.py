@@ -1,0 +1,179 @@
+"""What every node that simulates the vehicle has in common: its world, and what a lab sees of it.
+
+The motion capture's poses, the markers of the obstacle and, under `ground_truth/`, what is really
+so. Who flies the vehicle, and which sensors are heard, is the business of each node.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from tombo_bag.topics import (
+    MARKERS,
+    MOCAP_POSE,
+    TRUE_CONTACT,
+    TRUE_ODOMETRY,
+    TRUE_ROTORS,
+)
+from tombo_dynamics.effects import REGISTRY
+from tombo_dynamics.plant import P, part
+from tombo_dynamics.propeller.choice import PropellerChoice
+from tombo_dynamics.vehicle import VehicleParams
+from tombo_ros.markers import obstacle_marker
+from tombo_ros.node_loop import LoopNode
+from tombo_ros.pacing import SIMULATOR
+from tombo_ros.wire import Wire
+from tombo_sim.propulsion import propulsion_effects
+from tombo_sim.simulator import Simulator
+from tombo_sim.truth import contact_force, true_state
+from tombo_sim.world import ObstacleParams, SpreadParams, World
+
+TICK_NS = 1_000_000
+
+
+class VehicleNode(LoopNode):
+    """The node `sim`: make a vehicle of `world` and `seed`, `present` it, and `show` each tick."""
+
+    keeps_every_tick = True
+    simulator: Simulator
+    """The vehicle, once it is presented."""
+
+    def __init__(self, more: Mapping[str, Any] | None = None) -> None:
+        """Declare the parameters of the world.
+
+        Args:
+            more: section → record of further parameters.
+
+        Raises:
+            InputError: a parameter is refused.
+        """
+        records = {
+            "vehicle": VehicleParams(),
+            "propeller": PropellerChoice(),
+            "obstacle": ObstacleParams(),
+            "spread": SpreadParams(),
+            **(more or {}),
+        }
+        super().__init__("sim", 1000.0, records, priority=SIMULATOR)
+        self.seed = int(self.declare("seed", 0, "all chance comes from it", bounds=(0, 2**53)))
+        mocap_rate = self.declare(
+            "mocap_rate", 30.0, "rate of the motion capture [Hz]", bounds=(5.0, 500.0)
+        )
+        truth_rate = self.declare(
+            "truth_rate", 250.0, "of ground_truth/odometry and rotors [Hz]", bounds=(1.0, 1000.0)
+        )
+        self._truth_ticks = max(round(1000.0 / truth_rate), 1)
+        self.world = self._world(mocap_rate)
+        self._state = np.zeros(13)
+
+    def _world(self, mocap_rate: float) -> World:
+        """Declare the parameters of all effects; what the propeller implies is their default."""
+        derived = propulsion_effects(self.records["propeller"], {})
+        effects = {}
+        for effect in REGISTRY.values():
+            defaults = derived.get(effect.name, {})
+            effects[effect.name] = {
+                p.name: self.declare(
+                    f"effects.{effect.name}.{p.name}",
+                    float(defaults.get(p.name, p.null)),
+                    f"{p.doc} [{p.unit}]",
+                    bounds=p.bounds,
+                )
+                for p in effect.theta
+            }
+        r = self.records
+        return World(r["vehicle"], r["propeller"], r["obstacle"], r["spread"], effects, mocap_rate)
+
+    def present(self, simulator: Simulator) -> None:
+        """Take the vehicle that is to be shown, and advertise the topics."""
+        body, world = {"frame_id": "base_link"}, {"frame_id": "map"}
+        self._pose_out, self._pose = (
+            self.speak(MOCAP_POSE),
+            Wire(MOCAP_POSE.typename, {"header": world}),
+        )
+        self._pose_values = self._pose.field("pose.position.x", 7)
+        self._odometry_out, self._odometry = (
+            self.speak(TRUE_ODOMETRY),
+            Wire(TRUE_ODOMETRY.typename, {"header": world, "child_frame_id": "base_link"}),
+        )
+        self._true_pose = self._odometry.field("pose.pose.position.x", 7)
+        self._true_twist = self._odometry.field("twist.twist.linear.x", 6)
+        self._rotors_out, self._rotors = (
+            self.speak(TRUE_ROTORS),
+            Wire(TRUE_ROTORS.typename, {"header": body}),
+        )
+        self._contact_out, self._contact = (
+            self.speak(TRUE_CONTACT),
+            Wire(TRUE_CONTACT.typename, {"header": world}),
+        )
+        self._markers = self.speak(MARKERS)
+        self.exchange(simulator)
+
+    def exchange(self, simulator: Simulator) -> None:
+        """Take another vehicle, which is shown from now on."""
+        self.simulator = simulator
+        self._rotor_fields = [
+            (self._rotors.field(name, 4), part(simulator.m, name))
+            for name in ("speed", "thrust", "fold", "damage")
+        ]
+        self._touched = False
+
+    def show_obstacle(self, stamp_ns: int) -> None:
+        """Publish the obstacle's marker, if there is an obstacle."""
+        marker = obstacle_marker(stamp_ns, self.simulator.ready.obstacle)
+        if marker is not None:
+            self._markers.publish(marker)
+
+    def records_changed(self, name: str) -> None:
+        """Say that the world is what it was at the start."""
+        self.health.fault(
+            "not_at_runtime",
+            True,
+            f"{name} is part of the world: it is used at the next start",
+        )
+
+    def show(self, began_ns: int) -> None:
+        """Publish what a lab sees of the present tick, and what is really so.
+
+        Args:
+            began_ns: time of tick 0.
+        """
+        m, tick = self.simulator.m, self.simulator.tick
+        stamp = began_ns + tick * TICK_NS
+        for sample in self.simulator.arrived:
+            self._pose.stamp(began_ns + sample.captured * TICK_NS)
+            self._pose_values.put_array(sample.pose)
+            self._pose_out.publish(self._pose.data())
+        if tick % self._truth_ticks == 0:
+            self._publish_truth(stamp, m)
+        self._publish_contact(stamp, m)
+
+    def _publish_truth(self, stamp: int, m: Any) -> None:
+        self._odometry.stamp(stamp)
+        true_state(m, self._state)
+        self._true_pose.put_array(self._state[:7])
+        self._true_twist.put_array(self._state[7:])
+        self._odometry_out.publish(self._odometry.data())
+        self._rotors.stamp(stamp)
+        for field, values in self._rotor_fields:
+            field.put_array(values)
+        self._rotors_out.publish(self._rotors.data())
+
+    def _publish_contact(self, stamp: int, m: Any) -> None:
+        touching = m[P.contact] > 0.0
+        if touching or self._touched:
+            self._contact.stamp(stamp)
+            self._contact.set("in_contact", bool(touching))
+            self._contact.set("rotor", int(m[P.contact + 1]))
+            self._contact.set("force.x", *contact_force(m))
+            self._contact.set("point.x", *m[P.contact + 5 : P.contact + 8])
+            self._contact_out.publish(self._contact.data())
+        self._touched = bool(touching)
+
+    def report(self, now_ns: int) -> None:
+        """Add how far the flight is."""
+        self.health.value("tick", self.simulator.tick)
+        super().report(now_ns)
