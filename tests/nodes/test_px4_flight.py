@@ -90,20 +90,21 @@ def test_px4_stands_for_estimator_and_controller(flown):
 
 @pytest.fixture
 def lab(start):
-    """A PX4 and a motion capture that are there before the flight; URL of the one."""
+    """A PX4 and a motion capture that are there before the flight: URL, and node."""
     port = free_udp_port()
     quiet = ("-p", "ground_url:=''", "-p", "effects.mocap_noise.position:=0.0007")
-    start(
+    node = start(
         "tombo_sim.px4_sim_node", "-p", f"onboard_url:=udpout://127.0.0.1:{port}", *quiet,
         "-p", "effects.mocap_noise.attitude:=0.002",
     )  # fmt: skip
-    return f"udpin://127.0.0.1:{port}"
+    return f"udpin://127.0.0.1:{port}", node
 
 
 def test_ctrl_c_in_the_air_lands_the_vehicle(world, lab, domain, tmp_path):
     world.listen(TRUE_ODOMETRY)
     world.meet(TRUE_ODOMETRY, patience_s=_COMPILES_S)
-    words = ("fly", "hover", "--px4", lab, "--yes", "--domain", str(domain), "-o", "out", "--json")
+    url, node = lab
+    words = ("fly", "hover", "--px4", url, "--yes", "--domain", str(domain), "-o", "out", "--json")
     command = subprocess.Popen(
         [sys.executable, "-m", "tombo_bringup.cli.main", *words],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
@@ -121,13 +122,14 @@ def test_ctrl_c_in_the_air_lands_the_vehicle(world, lab, domain, tmp_path):
     assert summary["interrupted"] and summary["px4"]["modes"][-1][1] in ("offboard", "land")
 
     # the port is free again: nothing that was started is left
-    params = LinkParams(url=lab)
+    params = LinkParams(url=url)
     vehicle = find_vehicle(params, patience_s=2.0)
     assert vehicle is not None and vehicle.armed
-    assert vehicle.mode == "land", "it was not told to come down"
+    assert vehicle.mode == "land"
     end = time.monotonic() + 15.0
     while vehicle is not None and vehicle.armed:
         assert time.monotonic() < end
         vehicle = find_vehicle(params, patience_s=2.0)
     world.hear()
     assert world.heard[TRUE_ODOMETRY.name][-1].pose.pose.position.z < 0.25
+    assert "No offboard signal" not in node.output, "its fail-safe brought it down, not our word"

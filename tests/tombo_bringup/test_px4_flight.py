@@ -19,6 +19,7 @@ from tombo_bringup.flight import fly_scenario
 from tombo_bringup.flight_from_bag import flight_from_bag
 from tombo_bringup.flight_output import write_mcap
 from tombo_bringup.flight_record import FlightRecord
+from tombo_bringup.node_flight import over_mavlink
 from tombo_bringup.pose_track import pose_track
 from tombo_bringup.px4_flight import READY_S, BridgeWatch, px4_figures
 from tombo_bringup.px4_probe import find_vehicle
@@ -26,6 +27,7 @@ from tombo_bringup.px4_side import px4_side
 from tombo_bringup.report.flight_plot import draw_flight, png_bytes
 from tombo_bringup.report.flight_report import write_report
 from tombo_bringup.scenario import load_scenario
+from tombo_bringup.suite.nodes import SUITE
 from tombo_control.px4.bridge_params import LinkParams
 from tombo_dynamics.errors import InputError
 
@@ -42,11 +44,21 @@ def test_without_a_url_both_ends_meet_on_a_free_port_of_this_machine():
     assert px4_side(None, []).link.url != side.link.url
 
 
+def test_set_points_of_attitude_come_from_our_controller_on_a_faster_gyro():
+    plain, more = px4_side(None, []), px4_side(None, ["px4.setpoint=attitude"])
+    assert "controller" not in over_mavlink(plain)["suite"]
+    assert over_mavlink(more)["suite"]["controller"] == SUITE["controller"]
+    assert more.bridge.imu_rate == 250.0 > plain.bridge.imu_rate
+    chosen = px4_side(None, ["px4.setpoint=rates", "px4.imu_rate=100"])
+    assert chosen.bridge.imu_rate == 100.0
+
+
 def test_with_a_url_nothing_is_simulated():
     side = px4_side("udpin://127.0.0.1:14540", [])
 
     assert not side.simulated
     assert set(side.parameters) == {"px4_bridge"}
+    assert over_mavlink(side)["without"] == ("sim",)
 
 
 def test_a_vehicle_is_known_by_its_heartbeat():

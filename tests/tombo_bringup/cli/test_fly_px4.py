@@ -129,3 +129,20 @@ def test_without_its_bridge_there_is_no_flight(fly, tmp_path):
     assert result.code == 2
     assert "px4_bridge has ended, exit code 1: Error: parameter" in result.err
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("--px4", "--speed", "2"), "--speed 2: accepted: without --px4, which is in real time"),
+        (("--yes",), "--yes and --bridge: accepted: with --px4 only"),
+        (("--px4", "udpin://127.0.0.1:14540"), "accepted: with --yes, or on a terminal"),
+        (("--px4", "--without", "controller"), "unknown node 'controller'"),
+    ],
+)
+def test_up_takes_and_refuses_the_same(tombo, tmp_path, arguments, complaint):
+    result = tombo("up", "hover", *arguments)
+
+    assert result.code == 2
+    assert complaint in result.err
+    assert list(tmp_path.iterdir()) == []

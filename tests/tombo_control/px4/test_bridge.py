@@ -223,12 +223,13 @@ def test_set_points_that_are_none_are_left_out():
 
 def test_a_silent_mission_is_held_without_feed_forward():
     flight = Flight().take_off()
-    flight.goal = np.array([0.0, 0.0, 1.5])
+    speed = np.array([0.3, 0.0, 0.2])
     flight.mission_on = False
+    flight.bridge.setpoint(Setpoint(flight.goal, speed, speed, 0.0, HOVER), flight.now)
     flight.run(2.0)
     assert "no set point for" in flight.out.faults["setpoint_silent"]
     last = flight.px4.targets[-1]
-    assert (last.vx, last.vz, last.afz) == (0.0, 0.0, 0.0)
+    assert (last.vx, last.vy, last.vz, last.afz) == (0.0, 0.0, 0.0, 0.0)
     assert flight.px4.place == pytest.approx([0, 0, 1.5], abs=0.02)
     assert flight.px4.mode == OFFBOARD
 
@@ -277,6 +278,20 @@ def test_a_mode_taken_streams_the_vehicles_own_position():
     assert "mode_taken" in flight.out.faults
     reply = flight.ask("offboard")
     assert reply.success and flight.px4.mode == OFFBOARD
+
+
+def test_offboard_chosen_by_somebody_else_holds_where_it_was():
+    flight = Flight().take_off()
+    flight.px4.mode = POSCTL
+    flight.stage(Stage.TAKEN)
+    flight.px4.mode = OFFBOARD
+    flight.goal = np.array([3.0, 0.0, 1.5])
+    flight.run(1.5)
+    flight.px4.place = flight.px4.place + np.array([0.3, 0.0, 0.0])  # a push
+    flight.run(1.0)
+    last = flight.px4.targets[-1]
+    assert (last.x, last.y, last.z) == pytest.approx((0.0, 0.0, -1.5), abs=0.02)
+    assert flight.px4.place == pytest.approx([0.0, 0.0, 1.5], abs=0.02)
 
 
 def test_a_refusal_carries_px4s_long_words():

@@ -327,6 +327,9 @@ def test_home_is_moved():
         assert b.wait("COMMAND_ACK", command=179).result == ACCEPTED
         home = b.wait("HOME_POSITION", 3.0)
         assert (home.x, home.y, home.z) == pytest.approx((4.0, 3.0, -0.1), abs=0.02)
+        for place in ((91.0, 8.0), (47.0, 181.0)):
+            assert b.acks(179, 0.0, 0.0, 0.0, 0.0, *place, 500.0) == [DENIED]
+        assert b.vehicle.home[0] == pytest.approx(3.0, abs=0.02)
         assert b.acks(179, 1.0) == [ACCEPTED]
         assert b.vehicle.home[0] == pytest.approx(0.0, abs=0.1)
 

@@ -3,7 +3,7 @@ import time
 
 import pytest
 from endpoint_bench import ARM, Client, bench, of, texts
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -282,6 +282,9 @@ def test_texts_are_no_more_than_people_can_read():
 
 
 @given(st.text(max_size=400))
+@example("x" * 50)
+@example("x" * 100)
+@example("x" * 300)
 def test_a_long_text_comes_in_pieces_that_fit_together(text):
     joiner = ChunkJoiner()
     got = None

@@ -1,8 +1,10 @@
+import select
 import time
+from types import SimpleNamespace
 
-from endpoint_bench import Client, bench, of
+from endpoint_bench import bench, of
 
-from tombo_sim.px4.serve import BootClock, serve
+from tombo_sim.px4.serve import BootClock, _watch, serve
 
 MS = 1_000_000
 
@@ -86,31 +88,15 @@ def test_it_catches_up_after_a_short_pause_without_slipping():
         assert b.vehicle.tick >= 120
 
 
-def test_links_that_come_and_go_are_watched():
-    with bench() as b:
-        other = Client()
-        rounds = []
-
-        class Moving:
-            """The port's link, with a file number that changes as that of TCP does."""
-
-            def __init__(self, link):
-                self._link = link
-
-            def __getattr__(self, name):
-                return getattr(self._link, name)
-
-            def fileno(self):
-                return other.socket.fileno() if len(rounds) % 20 < 10 else self._link.fileno()
-
-        b.endpoint.ports[0].link = Moving(b.endpoint.ports[0].link)
-        try:
-            serve(
-                b.endpoint,
-                time.monotonic_ns,
-                time.time_ns,
-                lambda: rounds.append(1) or len(rounds) > 60,
-            )
-        finally:
-            other.socket.close()
-        assert b.vehicle.tick > 10
+def test_links_are_watched_for_what_comes_as_they_change():
+    """Those of TCP come and go."""
+    watched = {}
+    poll = SimpleNamespace(register=watched.__setitem__, unregister=watched.pop)
+    links = [SimpleNamespace(fileno=lambda: 7), SimpleNamespace(fileno=lambda: 8)]
+    endpoint = SimpleNamespace(ports=[SimpleNamespace(link=link) for link in links])
+    known = _watch(poll, endpoint, {})
+    assert watched == {7: select.POLLIN, 8: select.POLLIN}
+    links[1].fileno = lambda: 9
+    known = _watch(poll, endpoint, known)
+    assert watched == {7: select.POLLIN, 9: select.POLLIN}
+    assert _watch(poll, endpoint, known) == known

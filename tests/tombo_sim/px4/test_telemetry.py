@@ -1,5 +1,6 @@
 import math
 import struct
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from pymavlink.generator.mavcrc import x25crc
 from tombo_control.px4.frames import GeoOrigin
 from tombo_dynamics.plant import P
 from tombo_sim.px4.parameters import ParameterTable
+from tombo_sim.px4.picture import Picture
 from tombo_sim.px4.system_status import base_mode, system_state
 from tombo_sim.px4.telemetry import Telemetry
 from tombo_sim.px4.vehicle import Px4Vehicle
@@ -120,6 +122,11 @@ def test_the_odometry_tells_its_variances(flying, tell):
     assert o.velocity_covariance[0] > 0
 
 
+def test_variances_change_places_with_the_axes():
+    stub = SimpleNamespace(pose_variance=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0), boot_us=0)
+    assert Picture(stub, ORIGIN).pose_variance == [2.0, 1.0, 3.0, 4.0, 5.0, 6.0]
+
+
 def test_the_globe_is_told_in_its_units(flying, tell):
     g = tell("GLOBAL_POSITION_INT")
     back = ORIGIN.local_of(1e-7 * g.lat, 1e-7 * g.lon, 1e-3 * g.alt)
@@ -175,6 +182,9 @@ def test_set_points_are_told_as_they_are_followed(flying, tell):
     a = tell("ATTITUDE_TARGET")
     assert 0.2 < a.thrust < 0.8
     assert a.q == pytest.approx(tell("ODOMETRY").q, abs=0.1)
+    forward, left, up = flying.vehicle.attitude_setpoint.rates
+    rates = (a.body_roll_rate, a.body_pitch_rate, a.body_yaw_rate)
+    assert rates == pytest.approx((forward, -left, -up), abs=1e-6)
 
 
 def test_motors_are_told_in_the_order_of_px4(flying, tell):

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from tombo_bringup.scenario import override
-from tombo_control.px4.bridge_params import BridgeParams, LinkParams
+from tombo_control.px4.bridge_params import POSITION, BridgeParams, LinkParams
 from tombo_control.px4.signing import read_key
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.params import from_mapping
@@ -21,6 +21,8 @@ _RECORDS: Final[dict[str, type[LinkParams] | type[BridgeParams]]] = {
 }
 """Sections of the bridge's parameters."""
 _HERE: Final = "127.0.0.1"
+_GYRO_HZ: Final = 250.0
+"""Rate of the attitude loop."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,10 @@ def px4_side(url: str | None, settings: Sequence[str]) -> Px4Side:
         port = free_udp_port()
         url, endpoint = f"udpin://{_HERE}:{port}", f"udpout://{_HERE}:{port}"
     link = from_mapping(LinkParams, {**_section(values, "link"), "url": url}, "link")
-    bridge = from_mapping(BridgeParams, _section(values, "px4"), "px4")
+    wanted = dict(_section(values, "px4"))
+    if wanted.get("setpoint", POSITION) != POSITION:  # our controller flies by PX4's gyro
+        wanted.setdefault("imu_rate", _GYRO_HZ)
+    bridge = from_mapping(BridgeParams, wanted, "px4")
     bridge.check()
     link_key(link)
     return Px4Side(link, bridge, endpoint)

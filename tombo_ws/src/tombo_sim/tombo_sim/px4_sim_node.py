@@ -23,8 +23,9 @@ from tombo_sim.px4.parameters import PARAMETERS, ParameterTable
 from tombo_sim.px4.vehicle import Px4Vehicle
 from tombo_sim.vehicle_node import TICK_NS, VehicleNode
 
-_BEHIND_NS = 200_000_000
-"""Further behind than this, or ahead, the flight's clock is set anew."""
+_BEHIND_NS = 500_000_000
+"""Further behind than this, or ahead, the flight's clock is set anew: a stop that PX4's own clock
+would not know. Less is made up for within a tenth of a second, as when other nodes start."""
 _WARNING = 4
 """Severity of a text; the more severe the lower."""
 _MOST_TICKS = 20

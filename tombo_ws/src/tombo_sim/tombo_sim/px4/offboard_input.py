@@ -106,8 +106,6 @@ def _global(message: Any, origin: GeoOrigin, home_height: float | None) -> Array
     if asked is None:
         return None
     latitude, longitude = 1e-7 * message.lat_int, 1e-7 * message.lon_int
-    if abs(latitude) > 90.0 or abs(longitude) > 180.0:
-        return np.full(3, math.inf)  # out of range, and said so there
     north, east, _ = (math.isfinite(v) for v in asked)
     place = origin.local_of(latitude, longitude, origin.altitude_m)
     height = message.alt - origin.altitude_m if home_height is None else message.alt + home_height
