@@ -141,6 +141,16 @@ def test_in_a_wrong_frame_it_does_not_hold(mangle):
     assert np.isfinite(flight.vehicle.estimate.position).all()
 
 
+@pytest.mark.parametrize(("longest", "word"), [(200.0, "late"), (400.0, "")])
+def test_older_than_its_buffer_is_dropped(longest, word):
+    flight = ready(vision=True)
+    flight.vehicle.parameters.set("EKF2_DELAY_MAX", longest)
+    flight.see = False
+    flight.fly(0.6)
+    body = flight.body
+    assert flight.vehicle.vision(flight.vehicle.boot_us - 300_000, body[:3], body[6:10]) == word
+
+
 @pytest.mark.parametrize(
     ("boot_us", "position", "attitude", "word"),
     [

@@ -145,7 +145,8 @@ class Estimation:
         captured = round(boot_us * 1e-3 - delay)
         if captured <= self._newest_vision:
             return "out_of_order"
-        if captured <= tick - (HISTORY_TICKS - 2):
+        oldest = min(self._parameters.get("EKF2_DELAY_MAX"), HISTORY_TICKS - 2)
+        if captured <= tick - oldest:
             return "late"
         if not int(self._parameters.get("EKF2_EV_CTRL")):
             return "not_fused"

@@ -59,6 +59,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     _int("EKF2_EV_CTRL", 15, 0, 15, "bits 0 x and y, 1 height, 2 velocity, 3 yaw of vision"),
     _int("EKF2_HGT_REF", 1, 0, 3, "height from 0 barometer, 1 GPS, 2 range finder, 3 vision"),
     _float("EKF2_EV_DELAY", 0.0, 0.0, 300.0, "ms", "age of a vision sample beyond its stamp"),
+    _float("EKF2_DELAY_MAX", 200.0, 0.0, 500.0, "ms", "older samples are dropped"),
     _float("EKF2_EVP_NOISE", 0.1, 0.01, 10.0, "m", "noise of vision's position, for the gate"),
     _float("EKF2_EVA_NOISE", 0.1, 0.05, 1.0, "rad", "noise of vision's yaw, for the gate"),
     _float("EKF2_EVP_GATE", 5.0, 1.0, 50.0, "SD", "vision beyond so many deviations is refused"),
