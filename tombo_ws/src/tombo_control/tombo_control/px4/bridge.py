@@ -19,7 +19,7 @@ from tombo_control.autopilot import IDLE
 from tombo_control.estimate import Setpoint
 from tombo_control.px4 import outgoing
 from tombo_control.px4.arrivals import Arrivals
-from tombo_control.px4.bridge_params import ATTITUDE, POSITION, BridgeParams, LinkParams
+from tombo_control.px4.bridge_params import BridgeParams, LinkParams
 from tombo_control.px4.errand import Order
 from tombo_control.px4.finding import Finding, Weight
 from tombo_control.px4.incoming import Incoming
@@ -46,7 +46,8 @@ from tombo_control.px4.records import (
     VehicleOdometry,
     Version,
 )
-from tombo_control.px4.session import Decision, Reply, Request, Session, Stage, Stream, View
+from tombo_control.px4.session import Decision, Reply, Request, Session, Stage, View
+from tombo_control.px4.setpoint_stream import SetpointStream
 from tombo_control.px4.timesync import TimeSync
 from tombo_control.px4.vehicle_findings import HOVER, READ
 from tombo_dynamics.rotation import yaw_pitch_roll
@@ -141,11 +142,10 @@ class Bridge:
         self.arrivals = Arrivals()
         self.poses_sent = 0
         self.poses_refused: dict[str, int] = {}
-        self.setpoints_sent = 0
         self.findings: list[Finding] = []
         self._link = link
-        self._mass = mass
         self._target = Target(link.system, link.component)
+        self._stream = SetpointStream(params, self._target, mass)
         self.parameters = ParameterReader(READ, self._target, writes)
         self._out = Outcome()
         self._answers: list[TimeMessage] = []
@@ -161,14 +161,6 @@ class Bridge:
         self._linked_ns: int | None = None
         self.pose_stamp_ns = 0
         """Capture of the last pose that was sent."""
-        self._setpoint: Setpoint | None = None
-        self._setpoint_ns = -(10**18)
-        self._setpoint_new = False
-        self._rotation: tuple[Array, float, int] | None = None
-        self._rotation_new = False
-        self._stream = Stream.PRESENT
-        self._held: Setpoint | None = None
-        self._streamed_ns = 0
         self._now_ns = 0
         self._beat_ns = self._asked_time_ns = self._looked_ns = self._asked_ns = 0
         self._asks: Counter[str] = Counter()
@@ -329,24 +321,14 @@ class Bridge:
 
     def setpoint(self, setpoint: Setpoint, now_ns: int) -> bool:
         """Take a set point; False: not finite, not taken."""
-        if not setpoint.finite():
-            return False
-        self._setpoint, self._setpoint_ns, self._setpoint_new = setpoint, now_ns, True
-        return True
+        return self._stream.setpoint(setpoint, now_ns)
 
     def rotation(self, wanted: Array, thrust: float, now_ns: int) -> bool:
         """Take a set point of attitude (4) xyzw, or rates (3) [rad/s], and thrust [N].
 
         Which of the two it is says the parameter `setpoint`. False: it can't be used.
         """
-        if not math.isfinite(float(wanted.sum()) + thrust):
-            return False
-        if wanted.shape == (4,) and abs(float(wanted @ wanted) - 1.0) > _UNIT:
-            return False
-        if wanted.shape == (4,):
-            wanted = wanted / np.linalg.norm(wanted)
-        self._rotation, self._rotation_new = (wanted, thrust, now_ns), True
-        return True
+        return self._stream.rotation(wanted, thrust, now_ns)
 
     def ask(self, kind: str) -> int:
         """Take an operator's wish: arm, disarm, offboard, land, hold; return its number.
@@ -379,8 +361,8 @@ class Bridge:
                 now_ns,
                 self._heartbeat,
                 self._landed,
-                IDLE if self._setpoint is None else self._setpoint.phase,
-                now_ns - self._setpoint_ns <= self.params.setpoint_timeout * 1e9,
+                self._stream.phase,
+                self._stream.fresh(now_ns),
                 self._present(now_ns) is not None,
                 tuple(f.text for f in self.findings if f.weight == Weight.BLOCKS),
             )
@@ -391,7 +373,10 @@ class Bridge:
         out.faults.update(decision.faults)
         out.events += decision.events
         out.replies += decision.replies
-        self._stream_out(decision.stream, now_ns, out)
+        present = self._present(now_ns)
+        message = self._stream.message(decision.stream, present, self.hover_thrust, now_ns)
+        if message is not None:
+            out.messages.append(message)
         self._faults(now_ns, linked, out)
         out.status = self._status(linked)
         return out
@@ -402,8 +387,8 @@ class Bridge:
         text = f"the system's clock was set back by {back:.1f} s: all stamps begin anew"
         out.events.append(("clock_set_back", text))
         self._beat_ns = self._asked_time_ns = self._looked_ns = self._asked_ns = 0
-        self._streamed_ns = self.pose_stamp_ns = self._battery_ns = 0
-        self._setpoint_ns = min(self._setpoint_ns, now_ns)
+        self.pose_stamp_ns = self._battery_ns = 0
+        self._stream.clock_set_back(now_ns)
         self._linked_ns = now_ns if self._linked_ns is not None else None
         if self._heartbeat is not None:
             self._heartbeat = replace(self._heartbeat, arrival_ns=now_ns)
@@ -505,50 +490,6 @@ class Bridge:
         yaw = float(yaw_pitch_roll(odometry.attitude)[0])
         return Setpoint(odometry.position, zero, zero, yaw, IDLE, now_ns)
 
-    def _stream_out(self, stream: Stream, now_ns: int, out: Outcome) -> None:
-        if stream != self._stream:
-            self._stream, self._held = stream, None
-            self._streamed_ns = 0
-        due = now_ns - self._streamed_ns >= 1e9 / self.params.stream_rate
-        fresh = self._setpoint_new or self._rotation_new
-        if stream == Stream.SETPOINT and (due or fresh):
-            message = self._wanted(now_ns, due, out)
-        elif due:
-            place = self._present(now_ns)
-            if stream == Stream.HOLD:
-                place = self._held = self._held or place
-            message = None if place is None else self._position_target(place, now_ns)
-        else:
-            message = None
-        self._setpoint_new = self._rotation_new = False
-        if message is not None:
-            self._streamed_ns = now_ns
-            self.setpoints_sent += 1
-            out.messages.append(message)
-
-    def _position_target(self, setpoint: Setpoint, now_ns: int) -> Any:
-        return outgoing.position_target(setpoint, self._target, now_ns)
-
-    def _wanted(self, now_ns: int, due: bool, out: Outcome) -> Any:
-        """Return the set point of the suite, as PX4 is to follow it."""
-        if self.params.setpoint != POSITION and self._rotation is not None:
-            wanted, thrust, taken_ns = self._rotation
-            hover = self.hover_thrust
-            if hover > 0.0 and now_ns - taken_ns <= self.params.setpoint_timeout * 1e9:
-                if not self._rotation_new and not due:
-                    return None
-                throttle = outgoing.throttle_of(thrust, self._mass, hover)
-                if self.params.setpoint == ATTITUDE:
-                    return outgoing.attitude_target(wanted, throttle, self._target, now_ns)
-                return outgoing.rates_target(wanted, throttle, self._target, now_ns)
-        setpoint = self._setpoint
-        if setpoint is None:
-            return None
-        if now_ns - self._setpoint_ns > self.params.setpoint_timeout * 1e9:
-            still = np.zeros(3)
-            setpoint = replace(setpoint, velocity=still, acceleration=still)
-        return self._position_target(setpoint, now_ns)
-
     @property
     def hover_thrust(self) -> float:
         """Throttle that hovers; 0: not known."""
@@ -581,12 +522,7 @@ class Bridge:
             if settled or flies:
                 out.faults[f"check.{finding.key}"] = finding.text
         if self.session.stage == Stage.FLYING:
-            silent = (now_ns - self._setpoint_ns) * 1e-9
-            if silent > self.params.setpoint_timeout:
-                text = f"no set point for {silent:.1f} s: the last position is held"
-                out.faults["setpoint_silent"] = text
-            if self.params.setpoint != POSITION:
-                self._rotation_faults(now_ns, out)
+            out.faults.update(self._stream.faults(self.hover_thrust, now_ns))
         if settled:
             for name, wanted in (
                 ("ODOMETRY", self.params.odometry_rate),
@@ -605,19 +541,6 @@ class Bridge:
             pairs = ", ".join(f"{n}={v:g}" for n, v in self.parameters.unwritten.items())
             out.faults["parameters_not_set"] = f"PX4 did not take: {pairs}"
 
-    def _rotation_faults(self, now_ns: int, out: Outcome) -> None:
-        if self.hover_thrust <= 0.0:
-            out.faults["hover_thrust"] = (
-                "MPC_THR_HOVER is not known: position set points are flown; set px4.hover_thrust"
-            )
-        old = self._rotation is None or (
-            now_ns - self._rotation[2] > self.params.setpoint_timeout * 1e9
-        )
-        if old:
-            out.faults["rotation_silent"] = (
-                f"no {self.params.setpoint} set points come: position set points are flown"
-            )
-
     def _status(self, linked: bool) -> Status:
         heard = self._heartbeat
         return Status(
@@ -627,7 +550,7 @@ class Bridge:
             self._landed,
             self.session.stage,
             self.session.why,
-            self.session.stage == Stage.FLYING and self._stream == Stream.SETPOINT,
+            self.session.stage == Stage.FLYING and self._stream.follows,
             linked and not any(f.weight == Weight.BLOCKS for f in self.findings),
             tuple(f.text for f in self.findings),
             self._last_text,
@@ -651,7 +574,7 @@ class Bridge:
             "mocap_rate_hz": self.preflight.pose_rate_hz(now_ns),
             "mocap_latency_ms": round(1e3 * self.preflight.latency_s(now_ns), 2),
             "poses_sent": self.poses_sent,
-            "setpoints_sent": self.setpoints_sent,
+            "setpoints_sent": self._stream.sent,
             "odometry_latency_ms": self._odometry_latency_ms(),
         }
         for why, count in self.poses_refused.items():
