@@ -1,7 +1,7 @@
 """Who may import whom: the rules that keep the maths pure and the graph of packages a tree.
 
 - A pure file reaches no ROS: `rclpy`, generated messages and `tombo_ros` belong to `*_node.py`
-  files and to the package tombo_ros. `pymavlink` belongs to `px4/`.
+  files and to the package tombo_ros. `pymavlink` belongs to `px4/`, compiled code elsewhere.
 - A package imports only what `MAY_IMPORT` lists for it, and nobody's node.
 - Names with `ned` or `frd` as a part live under `px4/`: everywhere else the world is ENU and the
   body FLU.
@@ -114,6 +114,8 @@ def violations(package: str, path: Path, source: str) -> list[str]:
             known = {package, *LIBRARIES[package], *sys.stdlib_module_names}
             if root not in known and not root.startswith("tombo_") and not ROS.fullmatch(root):
                 complain(line, f"imports {root}: {package} may use {sorted(LIBRARIES[package])}")
+        if px4 and (root == "numba" or module.startswith("tombo_dynamics.jit")):
+            complain(line, f"imports {module}: what is under px4/ is no part of the cache's key")
         nodes = [part for part in parts if part.endswith("_node")]
         if root in MAY_IMPORT and nodes and not (root == package and is_node(path)):
             complain(line, f"imports the node {nodes[0]}: nodes are started, never imported")
@@ -187,6 +189,7 @@ def test_the_graph_of_packages_has_no_cycle():
         ("tombo_control", "rate_node.py", "import tombo_sim", "tombo_control may not"),
         ("tombo_dynamics", "params.py", "import pandas", "may use"),
         ("tombo_control", "a.py", "import pymavlink", "belongs to px4/"),
+        ("tombo_sim", "px4/a.py", "from tombo_dynamics.jit import compiled", "the cache's key"),
         ("tombo_control", "b_node.py", "from tombo_control import a_node, x\nimport rclpy", ""),
         ("tombo_control", "a.py", "from . import rate_node", "nodes are started"),
         ("tombo_control", "px4/a.py", "from ..rate_node import main", "nodes are started"),
