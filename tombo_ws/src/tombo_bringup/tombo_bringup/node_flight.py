@@ -40,8 +40,6 @@ if TYPE_CHECKING:
 
 NODES_LOG = "nodes.log"
 """What the nodes said, kept if one of them ended by itself."""
-_CONTROLLER = {"controller": SUITE["controller"]}
-"""Where the set points of attitude or rates come from."""
 _NEEDED = ("sim", "px4_bridge", "recorder")
 """Without these, where they belong to the flight, it is over."""
 _LOOK_S = 0.05
@@ -177,8 +175,11 @@ def _domain(px4: Px4Side | None) -> int | None:
 
 def over_mavlink(px4: Px4Side) -> dict[str, Any]:
     """Return what differs in the wish for nodes that fly over MAVLink."""
+    suite = dict(PX4_SUITE)
+    if px4.bridge.setpoint != POSITION:  # somebody has to make attitudes or rates
+        suite["controller"] = SUITE["controller"]
     return {
-        "suite": PX4_SUITE if px4.bridge.setpoint == POSITION else PX4_SUITE | _CONTROLLER,
+        "suite": suite,
         "without": () if px4.simulated else ("sim",),
         "more": px4.parameters,
     }
