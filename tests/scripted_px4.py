@@ -29,6 +29,7 @@ PARAMETERS = {
     "MAV_SYS_ID": 1,
     "COM_OF_LOSS_T": 1.0,
     "COM_RCL_EXCEPT": 4,
+    "NAV_DLL_ACT": 0,
     "MPC_THR_HOVER": 0.47,
 }
 
@@ -120,10 +121,10 @@ class ScriptedPx4:
             self.say("Arming denied: Resolve system health failures first", 2)
         elif number == mav.MAV_CMD_DO_SET_MODE:
             self.mode = mode_of(int(m.param2) << 16 | int(m.param3) << 24)
-            self._due.pop("HEARTBEAT", None)
         elif number == mav.MAV_CMD_COMPONENT_ARM_DISARM:
             self.armed = bool(m.param1)
-            self._due.pop("HEARTBEAT", None)
+        elif number == mav.MAV_CMD_REQUEST_MESSAGE and m.param1 == 0:
+            self._say_heartbeat(0)
         elif number == mav.MAV_CMD_REQUEST_MESSAGE and m.param1 == 148:
             version = 1 << 24 | 17 << 16 | 255
             self._out.append(
@@ -218,7 +219,9 @@ class ScriptedPx4:
             return
         x, y, z = ned_from_enu(self.estimate)
         q = px4_quaternion(self.attitude)
-        covariance = [NAN] + 20 * [0.0]
+        covariance = 21 * [NAN]
+        for place in (0, 6, 11, 15, 18, 20):
+            covariance[place] = 1e-4
         self._out.append(
             mav.MAVLink_odometry_message(
                 boot // 1000, 1, 12, x, y, z, q, 0, 0, 0, 0, 0, 0, covariance, covariance
@@ -248,7 +251,7 @@ class ScriptedPx4:
 
     def _say_estimator_status(self, boot):
         known = self.estimate is not None
-        flags = 1 | (8 | 32 if known else 128)
+        flags = 1 | (8 | 32 | 256 if known else 0) | (0 if known and self.in_air else 128)
         self._out.append(
             mav.MAVLink_estimator_status_message(boot // 1000, flags, 0, 0.1, 0.1, 0, 0, 0, 0, 0)
         )

@@ -13,10 +13,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import yaml
 
 from tombo_bringup.cli.main import run
 from tombo_sim.px4.hil_link import HilLink
 
+COMPOSE = Path(__file__).parents[2] / "docker" / "compose.yaml"
 PEER = Path(__file__).parents[1] / "tombo_sim" / "px4" / "hil_peer.py"
 COMMAND = [sys.executable, "-m", "tombo_bringup.cli.main", "hil", "--port", "0"]
 
@@ -157,6 +159,24 @@ def test_it_prints_how_px4_is_started_for_this_vehicle(capsys):
     assert "PX4_PARAM_EKF2_EV_CTRL" not in given
     assert "./build/px4_sitl_default/bin/px4\n" in text
     assert "docker run" in text
+    assert "parameters*.bson" in text  # PX4 falls back on parameters_backup.bson
+    assert "PX4_PARAM_IMU_INTEG_RATE" not in given
+
+
+@pytest.mark.parametrize("rate", ["333", "500", "1000"])
+def test_another_rate_is_told_to_px4_whose_estimator_must_run_at_each_step(rate, capsys):
+    given = settings(introduction(capsys, "--rate", rate))
+    assert given["PX4_PARAM_IMU_INTEG_RATE"] == rate
+    assert given["PX4_PARAM_IMU_GYRO_RATEMAX"] == rate
+
+
+def test_the_container_of_the_services_has_the_parameters_that_are_printed(capsys):
+    services = yaml.safe_load(COMPOSE.read_text(encoding="utf-8"))["services"]
+    px4 = services["px4"]
+    text = introduction(capsys, "--mocap", "udpout://127.0.0.1:14280")
+    assert px4["environment"] == settings(text)
+    assert px4["image"] in text
+    assert px4["command"] == ["-d"]  # its shell takes a core when there is no terminal
 
 
 @pytest.mark.parametrize("mocap", ["link", "udpout://127.0.0.1:14280"])

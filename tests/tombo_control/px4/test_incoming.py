@@ -275,15 +275,16 @@ def test_other_kinds_of_parameters(incoming):
 
 def test_estimator_status(incoming):
     flags = mav.ESTIMATOR_ATTITUDE | mav.ESTIMATOR_POS_HORIZ_REL | mav.ESTIMATOR_POS_VERT_ABS
+    flags |= mav.ESTIMATOR_PRED_POS_HORIZ_REL | mav.ESTIMATOR_CONST_POS_MODE  # as PX4 at rest
     m = mav.MAVLink_estimator_status_message(1, flags, 0, 0.3, 0.2, 0, 0, 0, 0, 0)
     found = read(incoming, m)
-    assert found.has_position and found.has_height and not found.guesses_position
+    assert found.has_position and found.has_height and found.is_aided
     assert found.position_ratio == pytest.approx(0.3)
     m = mav.MAVLink_estimator_status_message(
         1, mav.ESTIMATOR_CONST_POS_MODE, 0, 0, 0, 0, 0, 0, 0, 0
     )
     found = read(incoming, m)
-    assert found.guesses_position and not found.has_position
+    assert not found.is_aided and not found.has_position
 
 
 def test_firmware(incoming):

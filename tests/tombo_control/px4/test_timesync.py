@@ -205,6 +205,46 @@ def test_a_drift_is_followed_where_the_way_is_long_too():
     assert max(errors) < 500 * US
 
 
+@pytest.mark.parametrize("rate", [-0.5, -0.2, -0.05, -0.02, 0.02, 0.05, 0.1, 0.5])
+def test_a_simulated_clock_that_runs_slower_or_faster_is_followed(rate):
+    chance = random.Random(4)
+
+    def way():
+        return 20 * US + round(3 * MS * chance.random() ** 4)
+
+    exchange = Exchange(Clock(TODAY), Clock(S, rate), way, way)
+    sync = TimeSync()
+    errors = exchange.run(sync, 300)
+    assert sync.converged and sync.jumps <= 1
+    assert max(errors[30:]) < 3 * MS
+    later = exchange.true_ns + 60 * MS  # between two answers too
+    assert exchange.error(sync, later) < 3 * MS
+    there = exchange.theirs.at(later)
+    assert abs(sync.to_theirs(exchange.ours.at(later)) - there) < 4 * MS
+
+
+def test_a_clock_that_runs_evenly_again_is_followed():
+    exchange = Exchange(Clock(TODAY), Clock(S, -0.1))
+    sync = TimeSync()
+    exchange.run(sync, 100)
+    exchange.theirs = Clock(exchange.theirs.at(exchange.true_ns) - exchange.true_ns)
+    exchange.run(sync, 30)
+    assert max(exchange.run(sync, 100)) < 1 * MS
+    assert sync.converged
+
+
+def test_a_paused_simulator_is_a_jump_and_no_more():
+    exchange = Exchange(Clock(TODAY), Clock(S, -0.05))
+    sync = TimeSync()
+    exchange.run(sync, 100)
+    jumps = sync.jumps
+    exchange.theirs.set_by(-10 * S)
+    exchange.true_ns += 10 * S
+    exchange.run(sync, 20)
+    assert sync.jumps == jumps + 1 and sync.converged
+    assert max(exchange.run(sync, 50)) < 1 * MS
+
+
 @given(st.integers(-(2**63), 2**63 - 1), st.integers(-(2**63), 2**63 - 1), st.integers(0, 2**63))
 def test_answers_to_nothing_we_asked_are_refused(tc1, ts1, received):
     sync = TimeSync()

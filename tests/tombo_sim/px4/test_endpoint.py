@@ -14,13 +14,17 @@ MAV = mavlink.MAVLink(None, 245, 191)
 REQUEST = 512
 
 
-def test_heartbeats_come_once_a_second_and_at_once_when_something_changes():
+def test_heartbeats_come_once_a_second_even_when_something_changes_and_when_asked_for():
     with bench() as b:
         b.settle()
         assert len(of(b.run(5.0), "HEARTBEAT")) == 5
-        b.run(0.3)
+        while not of(b.run(0.02), "HEARTBEAT"):
+            pass
         b.client.command(ARM, 1.0)
+        assert not of(b.run(0.5), "HEARTBEAT")
+        b.client.command(REQUEST, 0.0)
         assert [h.base_mode & 128 for h in of(b.run(0.02), "HEARTBEAT")] == [128]
+        assert [h.base_mode & 128 for h in of(b.run(1.0), "HEARTBEAT")] == [128]
 
 
 def test_rates_on_the_wire_are_those_of_a_real_px4():

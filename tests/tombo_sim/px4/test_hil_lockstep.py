@@ -294,10 +294,13 @@ def test_silence_in_flight_is_told_after_a_second_and_time_all_but_stands_still(
         for expected in (1, 2, 3):
             b.now_ns += PATIENCE_NS
             assert b.turn()
+            b.now_ns += PATIENCE_NS // 2
             assert not b.turn()
             assert b.hil.missed == expected
         assert b.hil.phase is Phase.SILENT
-        assert len([text for text in b.news if "has not answered for 1 s" in text]) == 1
+        told = [text for text in b.news if "has not answered for 1 s" in text]
+        assert len(told) == 1
+        assert told[0].endswith("time stands still but for a step a second")
         assert b.seconds < 5.1
 
         b.peer.answer = kept
@@ -306,6 +309,50 @@ def test_silence_in_flight_is_told_after_a_second_and_time_all_but_stands_still(
         assert b.hil.phase is Phase.FLYING
         assert b.news[-1] == "PX4 answers again"
         assert b.position[2] == pytest.approx(2.2, abs=0.3)
+
+
+def test_a_silent_px4_on_the_ground_gets_its_time_and_comes_back():
+    """In OFFBOARD without set points it has no controls to send."""
+    with bench(speed=1.0, silent=0, rate=500.0) as b:
+        b.peer.pilot.ALIGN = 10**6
+        b.fly(0.5)
+        kept, b.peer.answer = b.peer.answer, lambda sensor, values: None
+        b.now_ns += PATIENCE_NS
+        b.until(lambda: b.hil.phase is Phase.SILENT)
+        start_ns, start_us = b.now_ns, b.hil.flight.time_us
+        b.fly(0.8)
+        pace = 1e3 * (b.hil.flight.time_us - start_us) / (b.now_ns - start_ns)
+        assert 0.3 < pace < 1.0
+        told = [text for text in b.news if "has not answered for 1 s" in text]
+        assert len(told) == 1
+        assert "disarmed, so time goes on" in told[0]
+        assert told[0].endswith("is PX4's IMU_INTEG_RATE 500, as hil.rate?")
+        b.peer.answer = kept
+        b.until(lambda: b.hil.phase is Phase.FLYING)
+        assert b.news[-1] == "PX4 answers again"
+
+
+def test_a_slow_px4_that_was_silent_on_the_ground_gets_back_into_step():
+    with bench(silent=0) as b:
+        b.peer.pilot.ALIGN = 10**6
+        b.fly(0.5)
+        kept, b.peer.answer = b.peer.answer, lambda sensor, values: None
+        b.now_ns += PATIENCE_NS
+        b.until(lambda: b.hil.missed > 5)
+        late = []
+
+        def slowly(sensor, values):
+            late.append((b.now_ns + 8_000_000, kept(sensor, values)))
+
+        b.peer.answer = slowly
+        before = b.hil.answered
+        for _ in range(20_000):
+            b.turn()
+            while late and late[0][0] <= b.now_ns:
+                b.peer.socket.sendall(late.pop(0)[1])
+        assert b.hil.phase is Phase.FLYING
+        assert b.hil.answered - before > 40
+        assert b.hil.wrong_time <= 3
 
 
 def test_a_new_connection_begins_a_new_flight_on_the_ground():

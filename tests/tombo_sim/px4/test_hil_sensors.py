@@ -134,6 +134,17 @@ def test_a_message_is_the_mean_of_its_interval_and_nothing_is_left_of_it():
     assert np.abs(sensors.inertial()).max() < 0.01
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_strike_stops_at_what_px4_can_hold_and_keeps_its_sign(sign):
+    """2048 steps to a g, 32 768 to 2000 deg/s, in 16 bits; 32 767 is clipped, more would wrap."""
+    sensors = HilSensors(HilParams(), 0)
+    sensors.observe(np.array([sign * 50.0] * 3 + [sign * 400.0] * 3))
+    values = np.array(sensors.inertial(), np.float32)
+    step = np.repeat(np.array([9.80665 / 2048, np.radians(2000 / 32768)], np.float32), 3)
+    kept = (values / step).astype(np.int32)
+    assert kept.tolist() == [sign * 32_767, -sign * 32_767, -sign * 32_767] * 2
+
+
 def test_free_fall_is_no_force():
     shown = Shown()
     shown.hang()

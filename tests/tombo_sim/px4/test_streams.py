@@ -131,14 +131,6 @@ def test_what_was_missed_is_not_made_up_for():
     assert streams.next_us > 3_000_001
 
 
-def test_what_is_wanted_soon_is_due_at_once():
-    streams = table()
-    sent(streams, 1.5)
-    assert HEARTBEAT not in streams.take_due(1_500_000)
-    streams.send_soon(HEARTBEAT, 1_501_000)
-    assert HEARTBEAT in streams.take_due(1_501_000)
-
-
 def test_an_unknown_stream_set_is_refused():
     with pytest.raises(InputError, match=r"'gcs'.*accepted: onboard, ground"):
         table("gcs")

@@ -145,7 +145,8 @@ def _introduction(
         "",
         container,
         "",
-        "PX4 keeps these parameters; without its parameters.bson it begins with its own again.",
+        "PX4 connects once: start it anew after this. Built, it keeps these parameters; without "
+        "parameters*.bson of build/px4_sitl_default/rootfs it begins with its own again.",
     ]
     if mocap is None:
         lines.append("To fly by motion capture alone: --mocap link. More is in docs/px4.md.")

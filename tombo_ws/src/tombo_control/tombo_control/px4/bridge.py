@@ -68,7 +68,10 @@ _SLOW_SHARE = 0.4
 _FUTURE_NS = 5_000_000
 _UNIT = 0.2
 _SETTLE_NS = 4 * _SECOND_NS
-_HEARTBEAT_HZ, _STATE_HZ, _BATTERY_HZ, _ESTIMATOR_HZ = 5.0, 10.0, 2.0, 5.0
+_STATE_HZ, _BATTERY_HZ, _ESTIMATOR_HZ = 10.0, 2.0, 5.0
+_NEWS_NS = _SECOND_NS // 4
+"""A heartbeat older than this is asked for while something is to be confirmed, and in flight: PX4
+sends one a second and refuses another interval, so that an order would be confirmed late."""
 _REBOOT_NS = _SECOND_NS
 _SET_BACK_NS = _SECOND_NS // 2
 
@@ -163,6 +166,7 @@ class Bridge:
         """Capture of the last pose that was sent."""
         self._now_ns = 0
         self._beat_ns = self._asked_time_ns = self._looked_ns = self._asked_ns = 0
+        self._news_ns = 0
         self._asks: Counter[str] = Counter()
         self._requests = 0
         self._covariance = outgoing.diagonal_covariance(params.position_std, params.attitude_std)
@@ -386,7 +390,7 @@ class Bridge:
         back = (self._now_ns - now_ns) * 1e-9
         text = f"the system's clock was set back by {back:.1f} s: all stamps begin anew"
         out.events.append(("clock_set_back", text))
-        self._beat_ns = self._asked_time_ns = self._looked_ns = self._asked_ns = 0
+        self._beat_ns = self._asked_time_ns = self._looked_ns = self._asked_ns = self._news_ns = 0
         self.pose_stamp_ns = self._battery_ns = 0
         self._stream.clock_set_back(now_ns)
         self._linked_ns = now_ns if self._linked_ns is not None else None
@@ -432,15 +436,21 @@ class Bridge:
             begun = self._asked_ns == 0
             self._asked_ns = now_ns
             out.messages += self._ask_for_messages(now_ns, begun)
-        assert self._heartbeat is not None
-        out.messages += self.parameters.tick(now_ns, not self._heartbeat.armed)
+        heard = self._heartbeat
+        assert heard is not None
+        if (heard.armed or self.session.expects) and (
+            now_ns - max(heard.arrival_ns, self._news_ns) >= _NEWS_NS
+        ):
+            self._news_ns = now_ns
+            number = mav.MAVLINK_MSG_ID_HEARTBEAT
+            out.messages.append(outgoing.request_message(self._target, number))
+        out.messages += self.parameters.tick(now_ns, not heard.armed)
 
     def _ask_for_messages(self, now_ns: int, begun: bool) -> list[Any]:
         """Ask for what comes too seldom; `begun`: for everything."""
         wanted = {
             mav.MAVLINK_MSG_ID_ODOMETRY: ("ODOMETRY", self.params.odometry_rate),
             mav.MAVLINK_MSG_ID_HIGHRES_IMU: ("HIGHRES_IMU", self.params.imu_rate),
-            mav.MAVLINK_MSG_ID_HEARTBEAT: ("HEARTBEAT", _HEARTBEAT_HZ),
             mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: ("EXTENDED_SYS_STATE", _STATE_HZ),
             mav.MAVLINK_MSG_ID_BATTERY_STATUS: ("BATTERY_STATUS", _BATTERY_HZ),
             mav.MAVLINK_MSG_ID_ESTIMATOR_STATUS: ("ESTIMATOR_STATUS", _ESTIMATOR_HZ),
@@ -540,6 +550,9 @@ class Bridge:
         if self.parameters.unwritten:
             pairs = ", ".join(f"{n}={v:g}" for n, v in self.parameters.unwritten.items())
             out.faults["parameters_not_set"] = f"PX4 did not take: {pairs}"
+        if self.parameters.await_restart:
+            names = ", ".join(self.parameters.await_restart)
+            out.faults["parameters_at_start"] = f"{names} changed: restart PX4, it uses them then"
 
     def _status(self, linked: bool) -> Status:
         heard = self._heartbeat

@@ -94,7 +94,11 @@ class BridgeParams:
         100.0, "Hz", (10.0, 250.0), "asked of PX4: HIGHRES_IMU", "PX4 sends 50 Hz unasked"
     )
     link_timeout: float = param(
-        1.5, "s", (0.5, 30.0), "no heartbeat for so long: the link is lost", "one of 1 Hz may miss"
+        2.5,
+        "s",
+        (0.5, 30.0),
+        "no heartbeat for so long: the link is lost",
+        "PX4 sends 1 Hz and lets nobody change it: one may miss",
     )
     setpoint_timeout: float = param(
         0.5,

@@ -66,6 +66,8 @@ _INTEGERS = {
     mav.MAV_PARAM_TYPE_UINT32: "<I",
     mav.MAV_PARAM_TYPE_INT32: "<i",
 }
+_OWN_VARIANCES = [0, 6, 11, 15, 18, 20]
+"""Places of the diagonal in the upper triangle of a covariance."""
 _HEADER = 10
 """Bytes before the payload of a MAVLink 2 frame."""
 _NO_CELL, _NO_VOLTAGE = 0xFFFF, 0xFFFF
@@ -140,7 +142,9 @@ class Incoming:
         else:
             moving = enu_from_ned(velocity)
         upper = np.array(m.pose_covariance)
-        known = np.isfinite(upper).all() and (upper[[0, 6, 11, 15, 18, 20]] > 0.0).all()
+        own = upper[_OWN_VARIANCES]
+        known = np.isfinite(own).all() and (own > 0.0).all()
+        upper[~np.isfinite(upper)] = 0.0  # PX4 leaves out how they hang together
         return VehicleOdometry(
             arrival_ns,
             stamp,
@@ -239,7 +243,7 @@ class Incoming:
             bool(flags & mav.ESTIMATOR_ATTITUDE),
             bool(flags & horizontal),
             bool(flags & vertical),
-            bool(flags & mav.ESTIMATOR_CONST_POS_MODE),
+            bool(flags & mav.ESTIMATOR_PRED_POS_HORIZ_REL),
             float(m.pos_horiz_ratio),
             float(m.pos_vert_ratio),
         )

@@ -19,6 +19,17 @@ _AFRESH_NS = 15_000_000_000
 """On the ground somebody may change them: all are read again so often."""
 _AT_ONCE = 3
 _WHOLE = mav.MAV_PARAM_TYPE_INT32
+_AT_START = (
+    "EKF2_HGT_REF",
+    "EKF2_MAG_TYPE",
+    "EKF2_EV_DELAY",
+    "EKF2_DELAY_MAX",
+    "SYS_HAS_GPS",
+    "SYS_HAS_MAG",
+    "SYS_HAS_BARO",
+    "MAV_SYS_ID",
+)
+"""PX4 reads these when it starts."""
 
 
 def parse_assignments(texts: Sequence[str]) -> dict[str, float]:
@@ -53,6 +64,7 @@ class ParameterReader:
         """As the vehicle said last."""
         self.written: dict[str, float | int] = {}
         """What was written, and confirmed by the vehicle."""
+        self._changed: set[str] = set()
         self._names = list(dict.fromkeys([*names, *(writes or {})]))
         self._writes = dict(writes or {})
         self._kinds: dict[str, int] = {}
@@ -77,6 +89,11 @@ class ParameterReader:
         }
 
     @property
+    def await_restart(self) -> list[str]:
+        """What was changed and PX4 takes at its next start only."""
+        return [name for name in _AT_START if name in self._changed]
+
+    @property
     def complete(self) -> bool:
         """Nothing is asked for any more."""
         return all(n in self.values or self._spent(n) for n in self._names)
@@ -87,6 +104,7 @@ class ParameterReader:
         self._tries.clear()
         self._asked_ns.clear()
         self._write_tries.clear()
+        self._changed.clear()
         self._begun_ns = None
 
     def take(self, found: ParameterValue) -> None:
@@ -98,6 +116,8 @@ class ParameterReader:
         wanted = self._writes.get(found.name)
         if wanted is not None and _same(found.value, wanted):
             self.written[found.name] = found.value
+            if self._write_tries.get(found.name):
+                self._changed.add(found.name)
             del self._writes[found.name]
 
     def tick(self, now_ns: int, on_ground: bool) -> list[Any]:

@@ -277,13 +277,15 @@ class Preflight:
         if state is not None and now_ns - state.arrival_ns > _ESTIMATOR_SILENT_NS:
             state = None
         found: list[Finding] = []
-        if fused and state is not None and (state.guesses_position or not state.has_position):
+        if fused and state is not None and not (state.is_aided and state.has_position):
             text = (
                 "PX4 knows no position though poses are sent: nothing is fused; EKF2_EV_CTRL,"
                 " stamps, or poses that jump"
             )
             found.append(Finding("not_fused", text))
-        ratio = 0.0 if state is None else max(state.position_ratio, state.height_ratio)
+        # NaN where no source is fused; max() of it depends on the order
+        ratios = () if state is None else (state.position_ratio, state.height_ratio)
+        ratio = max((r for r in ratios if r > 1.0), default=0.0)
         if ratio > 1.0:
             text = (
                 f"PX4 refuses the poses: innovation test ratio {ratio:.1f}, accepted below 1; its"

@@ -158,8 +158,8 @@ class EstimatorState:
     has_position: bool
     """Horizontal, relative or absolute."""
     has_height: bool
-    guesses_position: bool
-    """Constant position: nothing tells where it is."""
+    is_aided: bool
+    """Something tells where it is. (CONST_POS_MODE won't do: it is set at rest, too.)"""
     position_ratio: float
     """Innovation test ratio; above 1 the poses are refused. NaN: not told."""
     height_ratio: float

@@ -125,6 +125,11 @@ class Session:
         self._request: Request | None = None
         self._request_errand: Errand | None = None
 
+    @property
+    def expects(self) -> bool:
+        """An order is under way that a heartbeat is to confirm."""
+        return self._errand is not None or self._request_errand is not None
+
     def ask(self, request: Request) -> None:
         """Take what an operator asks for; the answer is in a later `Decision.replies`."""
         self._asked.append(request)

@@ -9,6 +9,9 @@ departure and the answer's arrival, so the offset lies within half a round trip 
 How likely it is near the edge depends on how much longer than the quickest round trip it took: so
 much may have been spent in one direction alone. That excess is the standard deviation in a Kalman
 filter of one state; the bound catches what the model does not know.
+
+The clock of a simulated vehicle may run slower or faster than time by whole percents. That the
+bound is left again and again to the same side proves it; only then is a rate reckoned with.
 """
 
 from __future__ import annotations
@@ -30,6 +33,12 @@ _NOISE_NS = 50_000.0
 _WANDER_NS2_PER_S = 6.25e7
 """A clock's own wandering: with it the filter follows within about 2 s at 10 Hz."""
 _LONGEST_S = 10.0
+_LEANS_NS = 200_000.0
+"""Left by more than this, three times on end to one side: the clocks run at different rates."""
+_FASTEST = 0.9
+_FORGETS, _SMALL_DRIFT, _NO_DRIFT = 0.98, 5e-3, 1e-5
+_AHEAD_NS = 1_000_000_000
+"""A rate is reckoned with for no longer than this without an answer."""
 
 
 class TimeSync:
@@ -57,7 +66,9 @@ class TimeSync:
         self._variance = 0.0
         self._last_ns = 0
         self._slow_on_end = 0
-        self._impossible_on_end = 0
+        self._impossible: list[tuple[int, int, int]] = []  # arrival, sample, round trip
+        self._drift = 0.0  # of the offset, per time of ours
+        self._leans = 0  # how often on end the bound was left; negative: downwards
 
     @property
     def converged(self) -> bool:
@@ -100,15 +111,17 @@ class TimeSync:
         if self.offset_ns is None:
             self._begin(sample, rtt, received_ns)
             return
-        error = float(sample - self._base) - self._offset
+        error = float(sample - self._base) - self._offset - self._drifted(received_ns)
         beyond = abs(error) - 0.5 * rtt
         if beyond > _JUMP_NS:
-            self._impossible_on_end += 1
-            if self._impossible_on_end >= _SURE_OF_JUMP:
+            self._impossible.append((received_ns, sample, rtt))
+            if len(self._impossible) >= _SURE_OF_JUMP:
                 self.jumps += 1
+                drift = _slope(self._impossible)
                 self._begin(sample, rtt, received_ns)
+                self._drift = drift
             return
-        self._impossible_on_end = 0
+        self._impossible.clear()
         self._round_trips.append(rtt)
         excess = rtt - min(self._round_trips)
         if excess > _SLOW_NS and self.converged:
@@ -125,11 +138,18 @@ class TimeSync:
 
     def to_ours(self, theirs_ns: int) -> int:
         """Convert their time to ours; unchanged before the first answer."""
-        return theirs_ns + (self.offset_ns or 0)
+        ours_ns = theirs_ns + (self.offset_ns or 0)
+        return ours_ns + round(self._drifted(ours_ns) / (1.0 - self._drift))
 
     def to_theirs(self, ours_ns: int) -> int:
         """Convert our time to theirs; unchanged before the first answer."""
-        return ours_ns - (self.offset_ns or 0)
+        return ours_ns - (self.offset_ns or 0) - round(self._drifted(ours_ns))
+
+    def _drifted(self, ours_ns: int) -> float:
+        """Return by how much the offset has changed since the last answer that counted [ns]."""
+        if self._drift == 0.0:
+            return 0.0
+        return self._drift * min(max(ours_ns - self._last_ns, -_AHEAD_NS), _AHEAD_NS)
 
     def _begin(self, sample: int, rtt: int, now_ns: int) -> None:
         self.offset_ns = self._base = sample
@@ -140,11 +160,15 @@ class TimeSync:
         self._offset = 0.0
         self._variance = (0.5 * rtt + _NOISE_NS) ** 2
         self._last_ns = now_ns
-        self._slow_on_end = self._impossible_on_end = 0
+        self._slow_on_end = self._leans = 0
+        self._impossible.clear()
+        self._drift = 0.0
 
     def _correct(self, error: float, beyond: float, excess: float, now_ns: int) -> None:
         """Take a sample that differs by `error`, `beyond` more than half its round trip [ns]."""
         passed_s = min(max(1e-9 * (now_ns - self._last_ns), 0.0), _LONGEST_S)
+        self._offset += self._drifted(now_ns)
+        self._learn_drift(error, beyond, passed_s)
         self._last_ns = now_ns
         self._variance += _WANDER_NS2_PER_S * passed_s
         gain = self._variance / (self._variance + (excess + _NOISE_NS) ** 2)
@@ -154,3 +178,26 @@ class TimeSync:
             step = beyond if error > 0.0 else -beyond
             self._variance = max(self._variance, beyond * beyond)
         self._offset += step
+
+    def _learn_drift(self, error: float, beyond: float, passed_s: float) -> None:
+        """Reckon with a rate once it is proven; forget a small one that is not proven again."""
+        if beyond <= _LEANS_NS or passed_s <= 0.0:
+            self._leans = 0
+            if abs(self._drift) < _SMALL_DRIFT:
+                self._drift = self._drift * _FORGETS if abs(self._drift) > _NO_DRIFT else 0.0
+            return
+        side = 1 if error > 0.0 else -1
+        self._leans = self._leans + side if self._leans * side >= 0 else side
+        if abs(self._leans) >= _SURE_OF_JUMP:
+            self._leans = 0
+            drift = self._drift + side * beyond / (1e9 * passed_s)
+            self._drift = min(max(drift, -_FASTEST), _FASTEST)
+
+
+def _slope(samples: list[tuple[int, int, int]]) -> float:
+    """Return the rate that samples (arrival, offset, round trip) [ns] prove; 0: none."""
+    (begin, first, rtt), (end, last, back) = samples[0], samples[-1]
+    passed, changed = end - begin, last - first
+    if passed <= 0 or abs(changed) <= 0.5 * (rtt + back) + _LEANS_NS:
+        return 0.0
+    return min(max(changed / passed, -_FASTEST), _FASTEST)

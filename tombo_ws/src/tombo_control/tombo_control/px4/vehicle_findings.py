@@ -22,6 +22,7 @@ READ = (
     "MAV_SYS_ID",
     "COM_OF_LOSS_T",
     "COM_RCL_EXCEPT",
+    "NAV_DLL_ACT",
 )
 """Parameters read from the vehicle."""
 _POSITION, _HEIGHT, _YAW = 1, 2, 8
@@ -29,6 +30,7 @@ _VISION_HEIGHT = 3
 _NO_MAG = 5
 _HIGHEST_DELAY_MS = 30.0
 _SHORTEST_LOSS_S = 0.25
+_OFFBOARD_EXCEPTED = 4
 
 Values = Mapping[str, float | int]
 
@@ -60,6 +62,24 @@ def parameter_findings(values: Values, system: int) -> list[Finding]:
             " 1 s is usual"
         )
         found.append(Finding("loss_time", text, Weight.WARNING))
+    return found + _company(values)
+
+
+def _company(values: Values) -> list[Finding]:
+    """Say whom PX4 wants to hear before it arms; whether they are there is not known here."""
+    found = []
+    if values.get("NAV_DLL_ACT", 0) > 0:
+        text = (
+            f"NAV_DLL_ACT is {values['NAV_DLL_ACT']} (as in Gazebo's airframes): PX4 arms only"
+            " with a ground station connected; connect one, or set it to 0"
+        )
+        found.append(Finding("ground_station", text, Weight.ADVICE))
+    if not int(values.get("COM_RCL_EXCEPT", _OFFBOARD_EXCEPTED)) & _OFFBOARD_EXCEPTED:
+        text = (
+            f"COM_RCL_EXCEPT is {values['COM_RCL_EXCEPT']}, without bit 2: PX4 leaves OFFBOARD"
+            " when no remote control is heard; have one on, or set it to 4"
+        )
+        found.append(Finding("remote_control", text, Weight.ADVICE))
     return found
 
 

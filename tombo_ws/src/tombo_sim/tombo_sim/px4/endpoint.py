@@ -10,8 +10,6 @@ from collections.abc import Sequence
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
-from pymavlink.dialects.v20 import common as mavlink
-
 from tombo_control.px4.frames import GeoOrigin
 from tombo_control.px4.link import Link
 from tombo_sim.px4.inbox import Arrived, Inbox
@@ -137,7 +135,7 @@ class Endpoint:
         return min(port.streams.next_us for port in self.ports)
 
     def _tell_changes(self) -> None:
-        """Say what the vehicle says; a new mode or state is told at once, as PX4 does."""
+        """Say what the vehicle says. A new mode waits for the next HEARTBEAT, as PX4's does."""
         vehicle = self.vehicle
         for severity, text in vehicle.take_statuses():
             self.voice.say(severity, text, vehicle.boot_us)
@@ -146,7 +144,3 @@ class Endpoint:
             return
         self._looks = looks
         self.telemetry.forget()
-        for port in self.ports:
-            port.streams.send_soon(mavlink.MAVLINK_MSG_ID_HEARTBEAT, vehicle.boot_us)
-            port.streams.send_soon(mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, vehicle.boot_us)
-        self._send_due()

@@ -29,6 +29,8 @@ BOOT_PATIENCE_NS = 5_000_000
 """A step that PX4, booting, does not answer. It answered from the tenth on."""
 PATIENCE_NS = 1_000_000_000
 """Silence that is reported; PX4 too complains after a second."""
+PX4_RATE = 250
+"""[Hz] at which PX4 expects HIL_SENSOR; it answers once its estimator has run (IMU_INTEG_RATE)."""
 _SLIP_NS = 200_000_000
 """Behind by more, time stretches instead of being made up for."""
 _LONGEST_NEWS = 200
@@ -110,6 +112,7 @@ class Hil:
         self._sent_ns = self._due_ns = 0
         self._has_answer = True  # to the step before the first one
         self._heard = self._silent = self._free_running = False
+        self._runs_on = False  # silent and disarmed; over with any answer, a late one too
 
     @property
     def phase(self) -> Phase:
@@ -165,7 +168,7 @@ class Hil:
         """Return when the next step is flown if nothing more comes."""
         if self._has_answer:
             return self._due_ns
-        patience = PATIENCE_NS if self._heard else BOOT_PATIENCE_NS
+        patience = PATIENCE_NS if self._heard and not self._runs_on else BOOT_PATIENCE_NS
         return max(self._sent_ns + patience, self._due_ns)
 
     def _begin(self, now_ns: int) -> None:
@@ -195,6 +198,7 @@ class Hil:
         if self.steps == 0:  # to a step of a flight that is over
             self.wrong_time += 1
             return
+        self._runs_on = False
         if not self._heard:
             self._heard = True
             self._tell(f"PX4 answers, after {self.boot_steps} steps without; in lockstep from now")
@@ -228,18 +232,26 @@ class Hil:
     def _go_on_without(self) -> None:
         """Count a step without an answer.
 
-        A PX4 that stands in a debugger must find little time gone, so time all but stands still: a
-        step a second. Waiting for ever would stop both if one answer was lost.
+        An armed PX4 that stands in a debugger must find little time gone, so time all but stands
+        still: a step a second. Waiting for ever would stop both if one answer was lost. Disarmed,
+        time goes on: in OFFBOARD without a stream of set points PX4 has no controls to send, and
+        without time it would never get out of there.
         """
         if not self._heard:
             self.boot_steps += 1
             return
         self.missed += 1
+        self._runs_on = not self.motors.armed
         if not self._silent:
             self._silent = True
+            goes = "time stands still but for a step a second"
+            if not self.motors.armed:
+                goes = "disarmed, so time goes on (in OFFBOARD it is silent until set points come)"
+            rate = round(self._params.rate)
+            why = "" if rate == PX4_RATE else f"; is PX4's IMU_INTEG_RATE {rate}, as hil.rate?"
             self._tell(
                 f"PX4 has not answered for {1e-9 * PATIENCE_NS:.0f} s at "
-                f"{1e-6 * self.flight.time_us:.2f} s: time stands still but for a step a second",
+                f"{1e-6 * self.flight.time_us:.2f} s: {goes}{why}",
                 severe=True,
             )
 

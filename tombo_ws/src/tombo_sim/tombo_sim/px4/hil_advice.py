@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from tombo_control.px4.frames import PX4_ROTORS, frd_from_flu
 from tombo_dynamics.rotor_maps import R
 from tombo_dynamics.vehicle import SPIN
+from tombo_sim.px4.hil import PX4_RATE
 from tombo_sim.px4.hil_flight import HilFlight
 from tombo_sim.px4.hil_link import PX4_PORT
 from tombo_sim.world import World
@@ -23,16 +24,21 @@ MOCAP_ONLY: Mapping[str, float] = {
     "EKF2_HGT_REF": 3,
 }
 """With these PX4 1.17 flew by external poses alone: position, height and yaw."""
-_IMAGE = "px4io/px4-sitl:latest"
+_IMAGE = "px4io/px4-sitl:v1.18.0-rc1"
+"""PX4's containers begin with 1.18."""
 _MOST_INSTANCES = 255
 
 
 def airframe_parameters(world: World, flight: HilFlight) -> dict[str, float]:
-    """Return the PX4 parameters that describe the Tombo vehicle.
+    """Return the PX4 parameters that describe the Tombo vehicle, and the link if it is unusual.
 
-    PX4's iris has its front rotors farther out than the rear ones: untold, yawing would roll.
+    PX4's iris has its front rotors farther out than the rear ones: untold, yawing would roll. In
+    lockstep PX4 answers once its estimator has run, so that must run at each HIL_SENSOR.
     """
     parameters = {"MPC_THR_HOVER": round(flight.controls.hover, 3), "COM_RCL_EXCEPT": 4.0}
+    rate = round(flight.params.rate)
+    if rate != PX4_RATE:
+        parameters |= {"IMU_INTEG_RATE": rate, "IMU_GYRO_RATEMAX": rate}
     positions = frd_from_flu(world.vehicle.rotor_positions())
     ratio = float(flight.simulator.ready.maps[R.torque_ratio])
     for motor, rotor in enumerate(PX4_ROTORS):

@@ -21,7 +21,7 @@ class HilParams:
         250.0,
         "Hz",
         (250.0, 1000.0),
-        "HIL_SENSOR messages: 250, 333, 500 or 1000",
+        "HIL_SENSOR messages: 250, 333, 500 or 1000; PX4's IMU_INTEG_RATE must be the same",
         "PX4's: 250",
     )
     mapping: str = field(

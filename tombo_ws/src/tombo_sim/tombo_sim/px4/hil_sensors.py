@@ -25,6 +25,9 @@ _STREAM = 4560
 _SEA_LEVEL_PA, _SEA_LEVEL_K, _LAPSE_K_M, _EXPONENT = 101_325.0, 288.15, 0.0065, 5.25588
 """International standard atmosphere, up to 11 km."""
 _AIR_DENSITY = 1.225
+_FULL_SCALE = np.array([[16.0 * GRAVITY], [math.radians(2000.0)]]) * (1.0 - 2.0**-16)
+"""PX4 keeps accelerometer and gyro in 16 bits, and beyond them the sign turns round. Here both
+reach into the last step, which PX4 takes for clipped."""
 _SLOW = 0.1
 """[m/s] below this a course over ground means nothing."""
 
@@ -113,12 +116,15 @@ class HilSensors:
         self._ticks += 1
 
     def inertial(self) -> list[float]:
-        """Return force (3) [m/s^2] and rates (3) [rad/s], FRD: the mean since the last call."""
+        """Return force (3) [m/s^2] and rates (3) [rad/s], FRD: the mean since the last call.
+
+        A strike goes beyond 16 g; it stops there, as it does in a real sensor.
+        """
         mean = (self._sum / max(self._ticks, 1)).reshape(2, 3)[::-1]
         self._sum[:] = 0.0
         self._ticks = 0
         noisy = frd_from_flu(mean) + self._spread * self._chance.standard_normal((2, 3))
-        values: list[float] = noisy.ravel().tolist()
+        values: list[float] = np.clip(noisy, -_FULL_SCALE, _FULL_SCALE).ravel().tolist()
         return values
 
     def slow(self, m: Array) -> Slow:

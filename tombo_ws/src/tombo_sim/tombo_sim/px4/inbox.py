@@ -210,10 +210,13 @@ class Inbox:
             self._complain(f"{kind} {pose}")
             return
         stamp_us = min(arrived.arrival_us, self._vehicle.boot_us)
-        if pose.stamp_us and arrived.port.timesync.converged:
+        stamped = pose.stamp_us != 0 and arrived.port.timesync.converged
+        if stamped:
             stamp_us = arrived.port.timesync.to_ours(pose.stamp_us * 1000) // 1000
         refusal = self._vehicle.vision(stamp_us, pose.position, pose.attitude)
-        if refusal:
+        if refusal == "out_of_order" and not stamped:  # two came at once: no fault of theirs
+            self._note(f"{kind} before the clocks agreed")
+        elif refusal:
             self._complain(f"{kind} refused", refusal.replace("_", " "))
 
     def _target(self, arrived: Arrived) -> None:

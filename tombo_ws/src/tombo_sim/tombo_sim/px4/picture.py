@@ -17,7 +17,6 @@ from tombo_control.px4.frames import (
     px4_quaternion,
 )
 from tombo_dynamics.plant import P
-from tombo_dynamics.rotation import turned
 from tombo_sim.truth import true_state
 
 if TYPE_CHECKING:
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Vector = list[float]
-_CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
 
 
 class Picture:
@@ -73,12 +71,6 @@ class Picture:
     def rates(self) -> Vector:
         """FRD [rad/s], bias removed."""
         return numbers(frd_from_flu(self.estimate.rates))
-
-    @cached_property
-    def body_velocity(self) -> Vector:
-        """FRD [m/s]."""
-        inverse = _CONJUGATE * self.estimate.attitude
-        return numbers(frd_from_flu(turned(inverse, self.estimate.velocity)))
 
     @cached_property
     def pose_variance(self) -> Vector:

@@ -158,11 +158,5 @@ class StreamTable:
             return 0
         return self._interval.get(number, -1)
 
-    def send_soon(self, number: int, boot_us: int) -> None:
-        """Make a message that is streamed due at once."""
-        if number in self._due:
-            self._due[number] = boot_us
-            self._find_next()
-
     def _find_next(self) -> None:
         self.next_us = min(self._due.values(), default=_NEVER)

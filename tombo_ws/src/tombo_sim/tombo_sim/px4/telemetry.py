@@ -21,6 +21,7 @@ from tombo_sim.px4 import sensors
 from tombo_sim.px4.fields import centi, degrees_e7, fitted, heading, millimetres
 from tombo_sim.px4.identity import ProtocolVersion, autopilot_version
 from tombo_sim.px4.picture import Picture, numbers
+from tombo_sim.px4.results import LandedState
 from tombo_sim.px4.system_status import base_mode, system_state, system_status
 
 if TYPE_CHECKING:
@@ -119,10 +120,10 @@ def _odometry(self: Telemetry, mav: Any, p: Picture) -> Any:
     return mav.odometry_encode(
         p.boot_us,
         mavlink.MAV_FRAME_LOCAL_NED,
-        mavlink.MAV_FRAME_BODY_FRD,
+        mavlink.MAV_FRAME_LOCAL_NED,  # EKF2 gives the velocity in the axes of the position
         *p.position,
         p.attitude,
-        *p.body_velocity,
+        *p.velocity,
         *p.rates,
         _diagonal(p.pose_variance),
         _diagonal(p.vehicle.velocity_variance),
@@ -133,8 +134,8 @@ def _odometry(self: Telemetry, mav: Any, p: Picture) -> Any:
 
 
 def _diagonal(variances: Sequence[float]) -> list[float]:
-    """Return the upper triangle of a covariance without correlations."""
-    upper = 21 * [0.0]
+    """Return the upper triangle of a covariance; PX4 does not tell the correlations."""
+    upper = 21 * [_NAN]
     for place, variance in zip(_UPPER_DIAGONAL, variances, strict=True):
         upper[place] = variance
     return upper
@@ -263,13 +264,14 @@ def _estimator_status(self: Telemetry, mav: Any, p: Picture) -> Any:
             | mavlink.ESTIMATOR_PRED_POS_HORIZ_REL
             | mavlink.ESTIMATOR_POS_VERT_ABS
         )
-    else:
-        flags |= mavlink.ESTIMATOR_CONST_POS_MODE
+    if not health.local_position or p.vehicle.landed == LandedState.ON_GROUND:
+        flags |= mavlink.ESTIMATOR_CONST_POS_MODE  # PX4 sets it at rest as well
     if health.global_position:
         flags |= mavlink.ESTIMATOR_POS_HORIZ_ABS | mavlink.ESTIMATOR_PRED_POS_HORIZ_ABS
     variance = p.pose_variance
     accuracy = (math.sqrt(variance[0] + variance[1]), math.sqrt(variance[2]))
-    ratios = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    fused = 0.0 if health.local_position else _NAN  # no source, no ratio
+    ratios = (_NAN, fused, fused, _NAN, _NAN, _NAN)
     return mav.estimator_status_encode(p.boot_us, flags, *ratios, *accuracy)
 
 

@@ -55,6 +55,9 @@ _SINKS = -0.1
 """[m/s]: a set point that sinks faster may be meant to land."""
 _SMOOTH = 0.065
 """Share of a new specific force: 0.3 s at 50 Hz."""
+_SINK = GRAVITY / 4.0
+"""[m/s]: the ramp of a take-off begins so far below 0 (PX4: with MPC_Z_VEL_P_ACC of 4): a standing
+vehicle is held down for the first part of it."""
 _MOST_STATUSES = 64
 _FARTHEST = 1e5
 """[m]: a place that is farther is a slip."""
@@ -102,6 +105,7 @@ class Px4Vehicle:
         self._takeoff = TakeoffState.DISARMED
         self._armed_tick = 0
         self._ramp_tick = 0
+        self._wanted_tick = 0
         self._aloft_tick = -(10**9)
         self._taken_off = False
         self._blind = False
@@ -515,15 +519,19 @@ class Px4Vehicle:
             if tick - self._armed_tick < 1000.0 * self.parameters.get("COM_SPOOLUP_TIME"):
                 return False
             self._takeoff = TakeoffState.READY
+            self._wanted_tick = tick
         if self._takeoff == TakeoffState.READY:
-            if not self._rises(demand):
+            if demand is None or not self._rises(demand):
+                self._wanted_tick = tick
+                return False
+            if demand.kind < Kind.ATTITUDE and tick - self._wanted_tick < self._ramp()[1]:
                 return False
             self._takeoff = TakeoffState.RAMPUP
             self._ramp_tick = tick
             self._pursuit.start()
         if self._takeoff == TakeoffState.RAMPUP:
-            ramp = 1000.0 * self.parameters.get("MPC_TKO_RAMP_T")
-            if tick - self._ramp_tick >= ramp:
+            _, held, whole = self._ramp()
+            if tick - self._ramp_tick >= whole - held:
                 self._takeoff = TakeoffState.FLIGHT
         if not self._ground.landed and not self._taken_off:
             self._taken_off = True
@@ -548,9 +556,14 @@ class Px4Vehicle:
     def _climb_max(self, tick: int) -> float:
         if self._takeoff != TakeoffState.RAMPUP:
             return math.inf
-        ramp = max(1000.0 * self.parameters.get("MPC_TKO_RAMP_T"), 1.0)
-        share = min((tick - self._ramp_tick) / ramp, 1.0)
-        return share * self.parameters.get("MPC_TKO_SPEED")
+        fastest, held, whole = self._ramp()
+        return fastest * min((tick - self._ramp_tick) / max(whole - held, 1.0), 1.0)
+
+    def _ramp(self) -> tuple[float, float, float]:
+        """Return where the ramp ends [m/s], how long it holds it down and lasts in all [ticks]."""
+        get = self.parameters.get
+        fastest, whole = get("MPC_TKO_SPEED"), 1000.0 * get("MPC_TKO_RAMP_T")
+        return fastest, whole * _SINK / (_SINK + fastest), whole
 
     def _look_down(self) -> None:
         """Ask the land detector; a landing ends the flight, though not the armed state."""
