@@ -399,7 +399,7 @@ def test_found_on_the_ground_the_flight_is_over():
 def test_a_vehicle_that_does_not_lift_off_is_given_up():
     world = World().until(TAKEOFF)
     world.follows = False
-    world.run(4.9)
+    world.run(8.9)  # PX4 takes its time
     assert world.course.mode == TAKEOFF
     world.until(LANDED, 0.3)
 

@@ -314,6 +314,43 @@ def test_a_lost_link_and_its_return():
     assert "link_lost" not in flight.out.faults
 
 
+def test_one_missing_heartbeat_is_no_lost_link():
+    """PX4 sends one a second and lets nobody change that."""
+    flight = Flight().run(3.0)
+    flight.px4.mute.add("HEARTBEAT")
+    flight.run(1.3)
+    assert flight.out.status.connected
+    flight.run(1.5)
+    assert not flight.out.status.connected
+
+
+def test_news_do_not_wait_for_the_heartbeat_of_the_next_second():
+    flight = Flight().run(3.0)
+    flight.px4.mute.add("HEARTBEAT")  # only those that are asked for
+    flight.phase, flight.goal = TAKEOFF, np.array([0.0, 0.0, 1.5])
+    began = flight.now
+    flight.stage(Stage.FLYING)
+    assert flight.now - began < 1_000 * MS
+    flight.run(3.0)
+    assert flight.out.status.connected and not flight.events
+    asked = [m for m in flight.px4.received if m.get_type() == "COMMAND_LONG"]
+    beats = [m for m in asked if (m.command, m.param1) == (512, 0)]
+    assert 10 < len(beats) < 20, "four a second at most"
+    flight.px4.mode = POSCTL
+    flight.run(0.4)
+    assert flight.out.status.mode == "position"
+
+
+def test_a_px4_whose_time_is_slower_than_time_is_flown():
+    """A simulator in lockstep on a slow machine."""
+    flight = Flight()
+    flight.px4.boot_ns = lambda now: 20 * 1000 * MS + (now - NOW) * 9 // 10
+    flight.run(6.0)
+    assert flight.out.status.ready, flight.out.status.findings
+    for odometry in flight.seen["odometry"][-50:]:
+        assert abs(odometry.arrival_ns - odometry.stamp_ns) < 8 * MS
+
+
 def test_a_vehicle_that_was_started_anew():
     flight = Flight().run(5.0)
     flight.px4.ahead_ns = 2_000 * MS - flight.now
@@ -342,6 +379,15 @@ def test_parameters_are_written_if_asked_and_confirmed():
     assert flight.bridge.parameters.written == {"EKF2_EV_CTRL": 15, "EKF2_EV_DELAY": 12.5}
     writes = [m for m in flight.px4.received if m.get_type() == "PARAM_SET"]
     assert len(writes) == 2
+
+
+def test_a_restart_is_asked_for_where_px4_needs_one():
+    flight = Flight({"EKF2_HGT_REF": 3.0, "EKF2_EV_CTRL": 15.0})
+    flight.px4.parameters |= {"EKF2_HGT_REF": 1, "EKF2_EV_CTRL": 0}
+    flight.run(5.0)
+    assert flight.out.faults["parameters_at_start"].startswith("EKF2_HGT_REF changed: restart")
+    flight = Flight({"EKF2_HGT_REF": 3.0}).run(5.0)
+    assert "parameters_at_start" not in flight.out.faults
 
 
 def test_parameters_px4_does_not_know_are_asked_for_a_few_times():

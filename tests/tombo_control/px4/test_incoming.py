@@ -94,6 +94,12 @@ def test_a_known_covariance_comes_in_axes_of_map(incoming):
         upper[place] = value
     found = read(incoming, odometry(pose_covariance=upper))
     assert np.diag(found.pose_covariance) == pytest.approx([2, 1, 3, 5, 4, 6])
+    upper = [value or NAN for value in upper]  # PX4 does not tell the rest
+    told = read(incoming, odometry(time_usec=odometry().time_usec + 1, pose_covariance=upper))
+    assert np.array_equal(told.pose_covariance, found.pose_covariance)
+    upper[11] = NAN
+    told = read(incoming, odometry(time_usec=odometry().time_usec + 2, pose_covariance=upper))
+    assert told.pose_covariance is None
 
 
 @pytest.mark.parametrize(

@@ -302,7 +302,7 @@ def test_a_body_whose_x_is_not_the_nose(lab, turn):
         ((-1.0, 2.0, 0.18), "mirrored in x"),
         ((1.0, 2.0, 0.9), "height is +0.72 m off"),
         ((0.0, 0.0, 0.0), "m away from the pose"),
-        ((1.15, 2.0, 0.18), "0.15 m away"),
+        ((1.25, 2.0, 0.18), "0.25 m away"),
     ],
 )
 def test_a_position_that_does_not_follow(lab, place, words):
@@ -334,6 +334,8 @@ def test_the_estimator_says_that_nothing_is_fused(lab):
 def test_poses_that_the_estimator_refuses(lab):
     lab.estimator = EstimatorState(NOW, True, True, True, True, 3.2, 0.1)
     assert "test ratio 3.2" in lab.text("poses_refused")
+    lab.estimator = EstimatorState(NOW, True, True, True, True, math.nan, 4.1)
+    assert "test ratio 4.1" in lab.text("poses_refused")
 
 
 def test_what_the_estimator_does_not_tell_is_no_fault(lab):
@@ -369,6 +371,19 @@ def test_no_telemetry(lab):
 def test_parameters_that_are_not_right_for_mocap(lab, name, value, key, words):
     lab.values |= {name: value, "SYS_HAS_GPS": 1}
     assert words in lab.warning(key)
+
+
+def test_whom_px4_wants_to_hear_before_it_arms_is_told_and_forbids_nothing(lab):
+    for name, value, key, words in (
+        ("NAV_DLL_ACT", 2, "ground_station", "NAV_DLL_ACT is 2"),
+        ("COM_RCL_EXCEPT", 3, "remote_control", "COM_RCL_EXCEPT is 3, without bit 2"),
+    ):
+        lab.values = GOOD | {name: value}
+        (finding,) = lab.findings()
+        assert (finding.key, finding.weight) == (key, Weight.ADVICE)
+        assert words in finding.text
+    lab.values = GOOD | {"NAV_DLL_ACT": 0, "COM_RCL_EXCEPT": 6}
+    assert lab.found() == set()
 
 
 def test_what_forbids_comes_first(lab):

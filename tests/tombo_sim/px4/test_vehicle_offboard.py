@@ -228,6 +228,20 @@ def test_without_a_stream_the_mode_is_refused_in_the_air():
     assert flight.vehicle.set_mode(OFFBOARD) == Result.ACCEPTED
 
 
+def test_the_ramp_of_a_take_off_holds_it_down_first_and_goes_on_though_the_wish_is_gone():
+    flight = ready(vision=True)
+    flight.target = motion([0.0, 0.0, 1.5])
+    flight.fly(0.1)
+    flight.vehicle.set_mode(OFFBOARD)
+    flight.vehicle.arm()
+    assert flight.fly(1.2)[:, 2].max() < GROUND
+    flight.target = motion([*flight.body[:3]])  # as a plan that begins anew from the ground
+    flight.fly(1.5)
+    assert flight.vehicle.takeoff_state == TakeoffState.READY
+    flight.fly(0.5)
+    assert flight.vehicle.takeoff_state == TakeoffState.RAMPUP
+
+
 def test_armed_it_waits_on_the_ground_until_it_is_wanted_in_the_air():
     flight = ready(vision=True)
     flight.target = motion([*flight.body[:3]])
@@ -237,7 +251,7 @@ def test_armed_it_waits_on_the_ground_until_it_is_wanted_in_the_air():
     flight.fly(3.0)
     assert flight.vehicle.takeoff_state == TakeoffState.READY and flight.body[2] < GROUND
     flight.target = motion(velocity=[0.0, 0.0, 0.4])
-    flight.fly(3.0)
+    flight.fly(4.0)
     assert flight.height > 0.3
 
 

@@ -34,8 +34,9 @@ _AIRBORNE = 0.3
 """m above the ground: it flies."""
 _LOW, _BELOW, _REST, _REST_S = 0.1, 0.15, 0.15, 1.0
 """m above the ground, m below the plan, slower than m/s, for s: it stands there."""
-_NO_LIFT_S = 5.0
-"""s: the same, for a vehicle that has not lifted off yet."""
+_NO_LIFT_S = 9.0
+"""s: the same, for a vehicle that has not lifted off yet. PX4 needs 3 to 5: mode and arming are
+confirmed, rotors spin up (COM_SPOOLUP_TIME), thrust rises (MPC_TKO_RAMP_T); a refusal costs 1."""
 _DRIFT = 0.05
 """m: a waiting reference follows the vehicle when it is further away."""
 _LONGEST_NS = 100_000_000

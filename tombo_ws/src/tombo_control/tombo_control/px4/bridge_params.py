@@ -118,7 +118,11 @@ class BridgeParams:
         "PX4: EKF2_DELAY_MAX",
     )
     position_error_max: float = param(
-        0.1, "m", (0.01, 2.0), "PX4's position may be so far from the pose at rest", "decided"
+        0.2,
+        "m",
+        (0.01, 2.0),
+        "PX4's position may be so far from the pose at rest",
+        "two EKF2_EVP_NOISE; measured in flight: 0.07 to 0.13 m at 50 Hz",
     )
     yaw_error_max: float = param(
         0.1745, "rad", (0.01, 1.57), "PX4's yaw may be so far from the pose's", "10 deg"

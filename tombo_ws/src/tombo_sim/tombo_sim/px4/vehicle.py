@@ -105,7 +105,7 @@ class Px4Vehicle:
         self._takeoff = TakeoffState.DISARMED
         self._armed_tick = 0
         self._ramp_tick = 0
-        self._wanted_tick = 0
+        self._wanted_tick: int | None = None
         self._aloft_tick = -(10**9)
         self._taken_off = False
         self._blind = False
@@ -519,12 +519,14 @@ class Px4Vehicle:
             if tick - self._armed_tick < 1000.0 * self.parameters.get("COM_SPOOLUP_TIME"):
                 return False
             self._takeoff = TakeoffState.READY
-            self._wanted_tick = tick
+            self._wanted_tick = None
         if self._takeoff == TakeoffState.READY:
-            if demand is None or not self._rises(demand):
+            if self._wanted_tick is None:  # once it has begun the ramp goes on by itself
+                if not self._rises(demand):
+                    return False
                 self._wanted_tick = tick
-                return False
-            if demand.kind < Kind.ATTITUDE and tick - self._wanted_tick < self._ramp()[1]:
+            by_position = demand is None or demand.kind < Kind.ATTITUDE
+            if by_position and tick - self._wanted_tick < self._ramp()[1]:
                 return False
             self._takeoff = TakeoffState.RAMPUP
             self._ramp_tick = tick
@@ -594,6 +596,7 @@ class Px4Vehicle:
         )
         if aloft and self._ground.landed:
             self._takeoff = TakeoffState.READY
+            self._wanted_tick = None
             self._say(Severity.INFO, "Landing detected")
 
     def _say(self, severity: Severity, text: str) -> None:
