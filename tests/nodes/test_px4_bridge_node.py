@@ -265,5 +265,7 @@ def test_the_estimate_is_handed_on_once_the_checks_pass(lab, world):
         lab.px4.parameters["EKF2_EV_CTRL"] = 11
         lab.px4._parameter("EKF2_EV_CTRL")
     lab.until(lambda s: s.ready)
-    lab.run(0.5)
+    lab.run(1.0)
+    assert not world.heard[ODOMETRY.name], "for some seconds on end"
+    lab.run(3.0)
     assert world.heard[ODOMETRY.name]

@@ -197,6 +197,24 @@ def test_a_fault_of_the_laboratory_keeps_it_on_the_ground(fault, words):
     assert words in text + " ".join(flight.out.status.findings)
 
 
+def test_the_estimate_is_vouched_for_after_the_checks_have_passed_for_a_while():
+    flight = Flight(ready_time=2.0)
+    flight.until(lambda f: f.out.status.ready)
+    flight.run(1.5)
+    assert not flight.bridge.vouched
+    flight.mocap_on = False
+    flight.until(lambda f: not f.out.status.ready)
+    flight.mocap_on = True
+    flight.until(lambda f: f.out.status.ready)
+    flight.run(1.5)
+    assert not flight.bridge.vouched, "each fault begins the wait anew"
+    flight.run(0.6)
+    assert flight.bridge.vouched
+    flight.mocap_on = False
+    flight.run(2.0)
+    assert flight.bridge.vouched, "once begun, the mission goes on"
+
+
 def test_poses_that_are_no_poses_are_not_sent():
     flight = Flight().run(1.0)
     bridge, now = flight.bridge, flight.now

@@ -119,8 +119,6 @@ class Px4BridgeNode(LoopNode):
         self._active: set[str] = set()
         self._told: tuple[Any, ...] = ()
         self._told_ns = 0
-        self._vouched = False
-        """The checks have passed once: PX4's estimate may be relied on."""
 
     def _rotation_input(self) -> Any:
         kind = self.records["px4"].setpoint
@@ -210,8 +208,7 @@ class Px4BridgeNode(LoopNode):
         outcome = bridge.tick(time.time_ns())
         for message in outcome.messages:
             self._link.send(message)
-        self._vouched = self._vouched or outcome.status.ready or outcome.status.armed
-        if self._vouched:  # the mission begins with the first estimate
+        if bridge.vouched:  # the mission begins with the first estimate
             for odometry in outcome.odometry:
                 self._publish_odometry(odometry)
         for sample in outcome.imu:

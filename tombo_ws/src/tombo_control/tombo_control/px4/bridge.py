@@ -146,6 +146,9 @@ class Bridge:
         self.poses_sent = 0
         self.poses_refused: dict[str, int] = {}
         self.findings: list[Finding] = []
+        self.vouched = False
+        """PX4's estimate may be relied on: the checks have passed, or it flies."""
+        self._ready_ns: int | None = None
         self._link = link
         self._target = Target(link.system, link.component)
         self._stream = SetpointStream(params, self._target, mass)
@@ -383,7 +386,18 @@ class Bridge:
             out.messages.append(message)
         self._faults(now_ns, linked, out)
         out.status = self._status(linked)
+        self._vouch(out.status, now_ns)
         return out
+
+    def _vouch(self, status: Status, now_ns: int) -> None:
+        if not status.ready:
+            self._ready_ns = None
+        elif self._ready_ns is None:
+            self._ready_ns = now_ns
+        settled = (
+            self._ready_ns is not None and now_ns - self._ready_ns >= self.params.ready_time * 1e9
+        )
+        self.vouched = self.vouched or status.armed or settled
 
     def _clock_set_back(self, now_ns: int, out: Outcome) -> None:
         """Forget when things happened: everything periodic would wait for the old time."""
@@ -393,6 +407,7 @@ class Bridge:
         self._beat_ns = self._asked_time_ns = self._looked_ns = self._asked_ns = self._news_ns = 0
         self.pose_stamp_ns = self._battery_ns = 0
         self._stream.clock_set_back(now_ns)
+        self._ready_ns = None
         self._linked_ns = now_ns if self._linked_ns is not None else None
         if self._heartbeat is not None:
             self._heartbeat = replace(self._heartbeat, arrival_ns=now_ns)

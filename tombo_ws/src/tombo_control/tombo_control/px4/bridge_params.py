@@ -117,6 +117,13 @@ class BridgeParams:
         "a pose older than this when it arrives is too late for EKF2",
         "PX4: EKF2_DELAY_MAX",
     )
+    ready_time: float = param(
+        3.0,
+        "s",
+        (0.0, 60.0),
+        "the checks have passed for so long before /odometry, and with it the mission, begins",
+        "PX4's estimator settles for some seconds after its first position",
+    )
     position_error_max: float = param(
         0.2,
         "m",
