@@ -307,6 +307,22 @@ def test_a_link_that_returns_in_flight(mode, stage):
     assert "link_lost" not in flight.faults
 
 
+def test_a_mission_whose_first_word_heard_is_take_off_is_flown():
+    flight = Flight(TAKEOFF)
+    flight.until(Stage.FLYING)
+    assert flight.vehicle.armed and flight.vehicle.mode == OFFBOARD
+
+
+def test_take_off_asked_for_again_after_a_refusal_is_no_first_word():
+    flight = Flight(TAKEOFF)
+    flight.vehicle.refuses = {ARM_COMMAND: DENIED}
+    flight.until(Stage.REFUSED)
+    flight.vehicle.refuses = {}
+    sent = len(flight.vehicle.received)
+    flight.run(10.0)
+    assert len(flight.vehicle.received) == sent and not flight.vehicle.armed
+
+
 def test_a_bridge_started_in_flight_touches_nothing():
     flight = Flight(HOVER)
     flight.vehicle.armed, flight.vehicle.mode = True, AUTO_RTL

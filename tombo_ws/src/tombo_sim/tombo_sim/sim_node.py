@@ -24,7 +24,6 @@ from tombo_ros.node_loop import run
 from tombo_ros.wire import Wire
 from tombo_sim.failsafe import Failsafe
 from tombo_sim.simulator import Simulator
-from tombo_sim.truth import contact_force
 from tombo_sim.vehicle_node import TICK_NS, VehicleNode
 
 _BATTERY_TICKS = 100
@@ -100,7 +99,6 @@ class SimNode(VehicleNode):
         for _ in range(2):
             spare.advance(failsafe.command)
             failsafe.observe(spare)
-        contact_force(spare.m)
 
     def _make_outputs(self) -> None:
         body = {"frame_id": "base_link"}

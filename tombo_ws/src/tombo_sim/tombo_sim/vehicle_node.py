@@ -89,6 +89,8 @@ class VehicleNode(LoopNode):
 
     def present(self, simulator: Simulator) -> None:
         """Take the vehicle that is to be shown, and advertise the topics."""
+        contact_force(simulator.m)  # compiled code is loaded now, not at the first touch
+        true_state(simulator.m, self._state)
         body, world = {"frame_id": "base_link"}, {"frame_id": "map"}
         self._pose_out, self._pose = (
             self.speak(MOCAP_POSE),

@@ -113,7 +113,7 @@ class Session:
         self.words = Words()
         self._timeout_ns = round(link_timeout_s * 1e9)
         self._errand: Errand | None = None
-        self._may_engage = False
+        self._may_engage = self._has_heard = False
         self._own_arming_ns: int | None = None
         self._armed_for_flight = False
         self._stream_since_ns: int | None = None
@@ -167,14 +167,24 @@ class Session:
             return out
         if self.stage in (Stage.WAITING, Stage.LOST):
             self._found(view, heartbeat)
-        if not heartbeat.armed and view.fresh and view.phase in _GROUND:
-            self._may_engage = True
+        if view.fresh:
+            self._hear_mission(view, heartbeat)
         self._watch_ground(view, heartbeat, out)
         self._serve(view, heartbeat, out)
         if self._request is None:
             self._advance(view, heartbeat, out)
         self._tell(view, heartbeat, out)
         return out
+
+    def _hear_mission(self, view: View, heartbeat: Heartbeat) -> None:
+        """Be willing once more when the mission is on the ground, or begins as it is first heard.
+
+        Its first words may be lost while the nodes find each other.
+        """
+        begins = view.phase == TAKEOFF and not self._has_heard
+        self._has_heard = True
+        if not heartbeat.armed and (begins or view.phase in _GROUND):
+            self._may_engage = True
 
     # --- The link -----------------------------------------------------------------------------
 
