@@ -1,6 +1,7 @@
 """The bridge as a node: real DDS on one side, MAVLink over UDP with a scripted PX4 behind."""
 
 import contextlib
+import signal
 import socket
 import threading
 import time
@@ -24,7 +25,7 @@ from tombo_bag.topics import (
     SETPOINT,
 )
 from tombo_control.px4.link import Link
-from tombo_control.px4.modes import AUTO_HOLD, OFFBOARD
+from tombo_control.px4.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD
 from tombo_msgs.msg import MissionStatus, PositionSetpoint
 from tombo_ros.conversion import array, point, quaternion, to_ns, to_time
 
@@ -269,3 +270,20 @@ def test_the_estimate_is_handed_on_once_the_checks_pass(lab, world):
     assert not world.heard[ODOMETRY.name], "for some seconds on end"
     lab.run(3.0)
     assert world.heard[ODOMETRY.name]
+
+
+def test_ended_while_offboard_holds_it_lands_with_poses_to_the_end(lab, world):
+    lab = lab()
+    lab.take_off()
+    assert lab.call("px4/hold").success
+    with lab.vehicle.lock:
+        lab.px4.mode = OFFBOARD  # a ground station's doing: the bridge streams the place it is at
+    lab.until(lambda s: s.mode == "offboard" and s.stage == "mode is somebody else's")
+    lab.node.process.send_signal(signal.SIGINT)
+    end = time.monotonic() + 25.0
+    while lab.node.process.poll() is None and time.monotonic() < end:
+        lab.run(0.05)
+
+    assert lab.node.process.returncode == 0
+    assert lab.px4.mode == AUTO_LAND and not lab.px4.armed
+    assert lab.captures[-1] - lab.px4.stamps[-1][0] < 500 * MS

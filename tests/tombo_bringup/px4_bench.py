@@ -16,14 +16,15 @@ PX4, QUADROTOR = 12, 2
 
 @contextmanager
 def speaking(system: int, component: int = 1, *, armed: bool = False, autopilot: int = PX4,
-             kind: int = QUADROTOR) -> Iterator[str]:  # fmt: skip
+             kind: int = QUADROTOR, key: bytes | None = None) -> Iterator[str]:  # fmt: skip
     """An autopilot that says a heartbeat ten times a second; the URL to meet it."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     link = Link(
-        f"udpout://127.0.0.1:{port}", system=system, component=component, clock=time.time_ns
-    )
+        f"udpout://127.0.0.1:{port}", system=system, component=component, clock=time.time_ns,
+        key=key,
+    )  # fmt: skip
     done = threading.Event()
 
     def speak() -> None:

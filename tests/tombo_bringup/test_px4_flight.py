@@ -15,6 +15,7 @@ from tombo_bag.mcap_sink import Columns, McapSink
 from tombo_bag.reader import Bag
 from tombo_bag.recording import Recording
 from tombo_bag.topics import DIAGNOSTICS, PX4_STATUS
+from tombo_bringup.cli.node_tables import grouped
 from tombo_bringup.flight import fly_scenario
 from tombo_bringup.flight_from_bag import flight_from_bag
 from tombo_bringup.flight_output import write_mcap
@@ -240,10 +241,83 @@ def test_a_vehicle_that_does_not_arm_is_given_up_with_the_reason(looks, reason):
     assert found.endswith(reason) and bool(found) == bool(reason)
 
 
+@pytest.mark.parametrize(
+    ("last", "phase", "reason"),
+    [
+        ({"status_text": "Disarmed by auto preflight disarming"}, 7, "auto preflight disarming"),
+        ({"why": "landed"}, 7, "never left the ground: landed"),
+        ({"stage": "given up", "why": "disarmed in flight", "status_text": "x"}, 1, "in flight"),
+        ({"why": "landed"}, 1, ""),
+        ({"armed": True}, 7, ""),
+    ],
+)
+def test_what_arms_and_stays_on_the_ground_is_given_up(last, phase, reason):
+    looks = [(0.0, {"armed": True}, 1, False), (5.0, last, phase, False)]
+    found = watched(*looks).refusal
+    assert found.endswith(reason) and bool(found) == bool(reason)
+    assert not reason or found.startswith("it armed, but never left the ground: ")
+
+
+def test_what_lands_after_a_flight_is_no_refusal():
+    found = watched((0.0, {"armed": True}, 1, False))
+    found.see(READY, 7, 5.0, over=False, airborne=True)
+    assert found.refusal == ""
+
+
+def test_the_bridges_own_fault_says_why_nothing_is_armed():
+    found = watched((0.0, {}, 1, False))
+    found.see(None, 1, READY_S + 1, over=False, fault="not_engaged: the mission wants to fly")
+    assert found.refusal.endswith("26 s: not_engaged: the mission wants to fly")
+
+
+def test_what_is_armed_in_the_end_and_does_not_land_is_not_waited_for():
+    found = watched((0.0, {"armed": True, "mode": "position"}, 1, False), (60.0, None, 5, True))
+    assert found.at_rest and found.armed and found.mode == "position"
+    assert not watched((0.0, {"armed": True}, 1, False), (60.0, None, 6, True)).at_rest
+
+
+def test_warnings_are_one_line_for_each_key():
+    lines = [
+        "[WARN] [102.5] [px4_bridge]: check.pose_stale: no poses for 1.2 s",
+        "[WARN] [104.5] [px4_bridge]: check.pose_stale: no poses for 3.0 s",
+        "[ERROR] [103.0] [px4_bridge]: PX4: Takeoff denied",
+        "[ERROR] [103.1] [px4_bridge]: PX4: Arming denied",
+        "... 3 more in x.log",
+    ]
+    wanted = [
+        "px4_bridge: WARN check.pose_stale: no poses for 1.2 s (2 times, first at 2.5 s)",
+        "px4_bridge: ERROR PX4: Takeoff denied (at 3.0 s)",
+        "px4_bridge: ERROR PX4: Arming denied (at 3.1 s)",
+        "px4_bridge: ... 3 more in x.log",
+    ]
+    warnings = [("px4_bridge", line) for line in lines]
+    assert grouped(warnings, 100 * 10**9) == wanted
+    assert grouped(warnings, None)[0].endswith("no poses for 1.2 s (2 times)")
+
+
+def test_parameters_of_px4_go_to_the_bridge():
+    side = px4_side(None, ["px4_parameters=[EKF2_EV_CTRL=11, NAV_DLL_ACT=0]"])
+    wanted = ["EKF2_EV_CTRL=11", "NAV_DLL_ACT=0"]
+    assert side.parameters["px4_bridge"]["px4_parameters"] == wanted
+    assert "px4_parameters" not in px4_side(None, []).parameters["px4_bridge"]
+
+
+def test_a_px4_that_signs_wants_a_key_on_this_side(tmp_path):
+    key = tmp_path / "key"
+    key.write_bytes(bytes(range(32)))
+    key.chmod(0o600)
+    with speaking(1, key=key.read_bytes()) as url:
+        with pytest.raises(InputError, match="PX4 signs its messages and this side has no key"):
+            find_vehicle(LinkParams(url=url), patience_s=5.0)
+        assert find_vehicle(LinkParams(url=url, key_file=str(key)), patience_s=5.0) is not None
+
+
 def test_what_happens_after_arming_is_no_refusal():
     disarmed = {"stage": "given up", "why": "disarmed in flight"}
-    looks = [(0.0, {"armed": True}, 1, False), (5.0, disarmed, 2, False)]
-    assert watched(*looks, (100.0, disarmed, 7, False)).refusal == ""
+    found = watched((0.0, {"armed": True}, 1, False))
+    found.see({**READY, **disarmed}, 2, 5.0, over=False, airborne=True)
+    found.see(None, 7, 100.0, over=False, airborne=True)
+    assert found.refusal == ""
 
 
 def test_the_summary_tells_what_the_bridge_has_told(flown, tmp_path):

@@ -195,8 +195,8 @@ def test_ctrl_c_before_anything_is_recorded_leaves_nothing(fly, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (("--speed", "2"), "--speed and --domain: accepted: with --nodes only"),
-        (("--domain", "3"), "--speed and --domain: accepted: with --nodes only"),
+        (("--speed", "2"), "--speed 2: accepted: with --nodes only"),
+        (("--domain", "3"), "--domain 3: accepted: with --nodes or --px4 only"),
         (("--nodes", "--seeds", "0:3"), "--nodes: accepted: without --seeds and --no-record"),
         (("--nodes", "--no-record"), "--nodes: accepted: without --seeds and --no-record"),
         (("--nodes", "--speed", "-1"), "speed -1: out of bounds"),

@@ -1,4 +1,4 @@
-"""In the monitor's place: a flight on the ground, and after a while FAKE_PX4 of the bridge."""
+"""In the monitor's place: a flight on the ground, then FAKE_PX4, at last FAKE_PX4_THEN."""
 
 import json
 import os
@@ -17,6 +17,10 @@ while True:
     flight = {"stamp_ns": 10**18 + k * 50_000_000, "height_m": 0.18, "upright": 1.0, "phase": 1}
     if k == 20:  # all others have started
         status |= json.loads(os.environ["FAKE_PX4"])
+    if k >= 30:
+        then = json.loads(os.environ.get("FAKE_PX4_THEN", "{}"))
+        flight["phase"] = then.pop("phase", 1)
+        status |= then
     for said in ({"px4": status}, {"flight": flight}):
         sys.stdout.write(json.dumps(said) + "\n")
     sys.stdout.flush()

@@ -6,6 +6,7 @@ import dataclasses
 import json
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -46,6 +47,11 @@ _LOOK_S = 0.05
 _START_S = 60.0
 """Wall time after which a simulator that says nothing is given up."""
 _SILENT_S = 5.0
+_LIFTED_M = 0.1
+_COMES_DOWN_S = 21.0
+"""A little longer than the bridge stays with a vehicle that lands."""
+_RELAYED_S = 1.0
+"""The bridge's last status comes by way of the monitor."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,11 +62,13 @@ class NodeFlight:
         flight: as a headless one.
         died: nodes that ended by themselves.
         warnings: (node, line) of their logs that somebody should see.
+        left_armed: that the vehicle is armed still, and in what mode; empty: it is not.
     """
 
     flight: FlownFlight
     died: list[Ended]
     warnings: list[tuple[str, str]]
+    left_armed: str = ""
 
 
 class NotFlown(Exception):
@@ -73,6 +81,9 @@ class Watch:
     def __init__(self, scenario: Scenario) -> None:
         self._duration_s = scenario.duration
         self._referee = Referee(scenario.vehicle.leg_height)
+        self._lifted_m = scenario.vehicle.leg_height + _LIFTED_M
+        self.airborne = False
+        """It has left the ground."""
         self._began_ns: int | None = None
         self._now_ns = 0
         self._end_s = scenario.duration
@@ -100,6 +111,7 @@ class Watch:
         if self._began_ns is None or (self._phase is None and phase is not None):
             self._began_ns = self._now_ns
         self._phase = phase
+        self.airborne |= float(state["height_m"]) > self._lifted_m
         more_s = self._referee.watch(
             float(state["height_m"]), float(state["upright"]), IDLE if phase is None else phase
         )
@@ -117,6 +129,7 @@ def fly_nodes_into(
     domain: int | None,
     tell: Tell,
     px4: Px4Side | None = None,
+    notice: Callable[[str], None] = lambda text: None,
 ) -> NodeFlight:
     """Fly a scenario with all nodes and write its files into an output folder.
 
@@ -130,6 +143,7 @@ def fly_nodes_into(
             of this process.
         tell: told the progress.
         px4: fly over MAVLink.
+        notice: told what somebody at the terminal should know at once.
 
     Raises:
         InputError: `speed` or `domain` is out of bounds, or simulator or recorder did not run.
@@ -153,7 +167,7 @@ def fly_nodes_into(
             **({} if px4 is None else over_mavlink(px4)),
         )
         tell("starting the nodes", 0.0)
-        flown = _fly(wish, stop, tell)
+        flown = _fly(wish, stop, tell, notice)
         if flown.died or flown.refused:
             _keep_words(wish.folder / LOGS, folder / NODES_LOG)
     if flown.refused:
@@ -164,7 +178,7 @@ def fly_nodes_into(
     (folder / "summary.json").write_text(text, encoding="utf-8", newline="\n")
     if not flown.interrupted:
         draw_pictures(flight.record, folder, stop, tell)
-    return NodeFlight(flight, flown.died, flown.warnings)
+    return NodeFlight(flight, flown.died, flown.warnings, flown.left_armed)
 
 
 def _domain(px4: Px4Side | None) -> int | None:
@@ -199,6 +213,7 @@ class _Flown:
     wall_s: float = 0.0
     interrupted: bool = False
     refused: str = ""
+    left_armed: str = ""
     died: list[Ended] = dataclasses.field(default_factory=list)
     warnings: list[tuple[str, str]] = dataclasses.field(default_factory=list)
 
@@ -211,7 +226,7 @@ def _metadata(scenario: Scenario, seed: int, mode: str) -> dict[str, dict[str, s
     }
 
 
-def _fly(wish: Wish, stop: StopSignals, tell: Tell) -> _Flown:
+def _fly(wish: Wish, stop: StopSignals, tell: Tell, notice: Callable[[str], None]) -> _Flown:
     """Run the suite until the flight is over."""
     flown = _Flown()
     watch = Watch(wish.scenario)
@@ -231,16 +246,62 @@ def _fly(wish: Wish, stop: StopSignals, tell: Tell) -> _Flown:
                 watch.see(news.flight)
                 tell("flying", watch.flown_s / wish.scenario.duration)
             if bridge is not None:
-                bridge.see(news.px4, watch.phase, now_s, over=watch.over)
+                told = suite.vitals.nodes.get("px4_bridge")
+                bridge.see(
+                    news.px4, watch.phase, now_s, over=watch.over, airborne=watch.airborne,
+                    fault="" if told is None else told.message,
+                )  # fmt: skip
                 flown.refused = bridge.refusal
             flown.interrupted = stop.asked()
             gone = [name for name in needed if name not in suite.running]
             if flown.interrupted or flown.refused or gone or now_s - heard_s > patience_s:
                 break
+        # who stops a simulated flight waits for nothing; in all else a vehicle may be in the air
+        left = bridge is not None and bridge.armed
+        left &= not (flown.interrupted and "sim" in needed)
+        lands = left and "px4_bridge" in suite.running
+        if bridge is not None and left:
+            if lands:
+                _come_down(suite, bridge, stop, notice)
+            if bridge.armed:
+                flown.left_armed = f"the vehicle is still armed, in mode {bridge.mode}"
         flown.wall_s = time.monotonic() - began_s
         suite.stop()
-        flown.died = list(suite.ended.values())
+        flown.died = [
+            end
+            for end in suite.ended.values()
+            if not (lands and end.name == "px4_bridge" and end.code == 0)  # it was told to
+        ]
     return flown
+
+
+def _come_down(
+    suite: RunningSuite,
+    bridge: BridgeWatch,
+    stop: StopSignals,
+    notice: Callable[[str], None],
+) -> None:
+    """End the bridge alone: it asks for the landing, and poses go on until it is over.
+
+    One more signal than there was ends the waiting.
+    """
+    try:
+        interrupted = stop.asked()
+        end_s = time.monotonic() + _COMES_DOWN_S
+        suite.interrupt("px4_bridge")
+        again = " again" if interrupted else ""
+        if bridge.mode in ("offboard", "land"):
+            notice(f"landing; Ctrl-C{again} leaves it to PX4")
+        else:
+            notice(f"armed in mode {bridge.mode}: poses go on; Ctrl-C{again} leaves it to PX4")
+        while bridge.armed and (now_s := time.monotonic()) < end_s:
+            if stop.asked() and not interrupted:
+                return
+            bridge.see(suite.look(_LOOK_S).px4, None, now_s, over=True)
+            if "px4_bridge" not in suite.running:
+                end_s = min(end_s, now_s + _RELAYED_S)
+    except KeyboardInterrupt:  # the second Ctrl-C; what was flown is kept
+        return
 
 
 def _keep_words(logs: Path, target: Path) -> None:

@@ -11,7 +11,7 @@ from tombo_bag.schemas import type_store
 from tombo_bag.topics import PX4_STATUS
 from tombo_bringup.flight_record import FlightRecord
 from tombo_bringup.suite.node_figures import recorded_vitals
-from tombo_control.autopilot import LANDED
+from tombo_control.autopilot import BLIND, LAND, LANDED
 
 READY_S: Final = 25.0
 """From the first word of the bridge: EKF2 converges, checks pass, the vehicle arms."""
@@ -40,7 +40,8 @@ class BridgeWatch:
 
     def __init__(self) -> None:
         self.refusal = ""
-        """Why the vehicle does not take off; empty as long as it may."""
+        """Why the vehicle does not take off, or did not; empty as long as it may."""
+        self._phase: int | None = None
         self._status: Mapping[str, Any] = {}
         self._first_s: float | None = None
         self._over_s: float | None = None
@@ -48,14 +49,31 @@ class BridgeWatch:
         self._now_s = 0.0
 
     @property
+    def armed(self) -> bool:
+        """As far as the bridge knows."""
+        return bool(self._status.get("armed", False))
+
+    @property
+    def mode(self) -> str:
+        """Of PX4."""
+        return str(self._status.get("mode", "")) or "unknown"
+
+    @property
     def at_rest(self) -> bool:
-        """Disarmed after the flight, or waited for long enough."""
-        if not self._status.get("armed", False):
+        """Disarmed after the flight, not coming down at all, or waited for long enough."""
+        if not self.armed or self._phase not in (LAND, LANDED, BLIND):
             return True
         return self._over_s is not None and self._now_s - self._over_s > _DISARM_S
 
     def see(
-        self, status: Mapping[str, Any] | None, phase: int | None, now_s: float, *, over: bool
+        self,
+        status: Mapping[str, Any] | None,
+        phase: int | None,
+        now_s: float,
+        *,
+        over: bool,
+        airborne: bool = False,
+        fault: str = "",
     ) -> None:
         """Take a look.
 
@@ -64,19 +82,34 @@ class BridgeWatch:
             phase: of the mission; None: not told.
             now_s: any clock that goes on.
             over: the flight is over.
+            airborne: the vehicle has left the ground.
+            fault: what the bridge says on `/diagnostics` is wrong.
         """
         self._now_s = now_s
+        self._phase = phase
         if self._first_s is None:
             self._first_s = now_s
         if over and self._over_s is None:
             self._over_s = now_s
         if status is not None:
             self._status = status
-        self._armed_once |= bool(self._status.get("armed", False))
+        self._armed_once |= self.armed
         if not self._armed_once:
-            self.refusal = self._why_not(phase, now_s - self._first_s)
+            self.refusal = self._why_not(phase, now_s - self._first_s, fault)
+        elif not (self.armed or airborne or over) and self._no_more(phase):
+            self.refusal = f"it armed, but never left the ground: {self._last_words(fault)}"
 
-    def _why_not(self, phase: int | None, waited_s: float) -> str:
+    def _no_more(self, phase: int | None) -> bool:
+        """Whether neither mission nor bridge will fly any more."""
+        return phase == LANDED or self._status.get("stage") == _GIVEN_UP
+
+    def _last_words(self, fault: str) -> str:
+        status = self._status
+        if status.get("stage") == _GIVEN_UP:
+            return str(status["why"])
+        return str(status["status_text"] or fault or status["why"] or "PX4 disarmed it")
+
+    def _why_not(self, phase: int | None, waited_s: float, fault: str) -> str:
         status = self._status
         if status.get("stage") == _GIVEN_UP:
             return f"PX4 did not take off: {status['why']}"
@@ -87,7 +120,7 @@ class BridgeWatch:
             return f"{waited}: the bridge says nothing"
         if not status["connected"]:
             return f"{waited}: no heartbeat"
-        found = "; ".join(status["findings"]) or status["why"] or status["status_text"]
+        found = fault or "; ".join(status["findings"]) or status["why"] or status["status_text"]
         return f"{waited}: {found or 'it stands ' + str(status['stage'])}"
 
 

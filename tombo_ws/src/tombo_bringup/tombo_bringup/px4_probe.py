@@ -21,6 +21,8 @@ _ON_BOARD, _NO_AUTOPILOT, _PX4, _ACTIVE = 18, 8, 12, 4
 """MAV_TYPE_ONBOARD_CONTROLLER, MAV_AUTOPILOT_INVALID, MAV_AUTOPILOT_PX4, MAV_STATE_ACTIVE."""
 _KINDS: Final = {2: "quadrotor", 13: "hexarotor", 14: "octorotor"}
 _ARMED = 128
+_SIGNED = 1
+"""MAVLINK_IFLAG_SIGNED."""
 
 
 @dataclass(frozen=True)
@@ -91,9 +93,18 @@ def _find(
                 continue
             sender = (received.system, received.component)
             if sender == (params.system, params.component):
+                if not params.key_file and _signed(received.message):
+                    raise InputError(
+                        f"link '{params.url}': PX4 signs its messages and this side has no key: "
+                        "--bridge link.key_file=…; accepted: the file of PX4's key"
+                    )
                 return _introduced(received.message, *sender)
             others.add(sender)
     raise InputError(_nobody(link, params, patience_s, others))
+
+
+def _signed(message: Any) -> bool:
+    return bool(message.get_header().incompat_flags & _SIGNED)
 
 
 def _introduced(heartbeat: Any, system: int, component: int) -> Vehicle:

@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from tombo_bringup.scenario import override
+from tombo_control.px4.address import parse_url
 from tombo_control.px4.bridge_params import POSITION, BridgeParams, LinkParams
+from tombo_control.px4.parameter_reader import parse_assignments
 from tombo_control.px4.signing import read_key
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.params import from_mapping
@@ -20,6 +22,8 @@ _RECORDS: Final[dict[str, type[LinkParams] | type[BridgeParams]]] = {
     "px4": BridgeParams,
 }
 """Sections of the bridge's parameters."""
+_WRITES: Final = "px4_parameters"
+"""The bridge's list of what it sets in PX4."""
 _HERE: Final = "127.0.0.1"
 _GYRO_HZ: Final = 250.0
 """Rate of the attitude loop."""
@@ -33,11 +37,13 @@ class Px4Side:
         link: the bridge's link.
         bridge: what it does with it.
         endpoint: URL of the simulated PX4's end; empty: there is a PX4 already.
+        writes: NAME=VALUE of PX4's parameters that the bridge sets before the flight.
     """
 
     link: LinkParams
     bridge: BridgeParams
     endpoint: str = ""
+    writes: tuple[str, ...] = ()
 
     @property
     def simulated(self) -> bool:
@@ -47,8 +53,13 @@ class Px4Side:
     @property
     def parameters(self) -> dict[str, dict[str, Any]]:
         """Node → parameters that a scenario has not."""
-        both = {"link": dataclasses.asdict(self.link), "px4": dataclasses.asdict(self.bridge)}
+        both: dict[str, Any] = {
+            "link": dataclasses.asdict(self.link),
+            "px4": dataclasses.asdict(self.bridge),
+        }
         found: dict[str, dict[str, Any]] = {"px4_bridge": both}
+        if self.writes:
+            both[_WRITES] = list(self.writes)
         if self.simulated:
             found["sim"] = {
                 "onboard_url": self.endpoint,
@@ -71,9 +82,10 @@ def px4_side(url: str | None, settings: Sequence[str]) -> Px4Side:
     values: dict[str, Any] = {}
     for setting in settings:
         values = override(values, setting, "--bridge", "px4.stream_rate=50")
+    writes = _writes(values.pop(_WRITES, []))
     for section in values:
         if section not in _RECORDS:
-            raise unknown_name("section of --bridge", section, _RECORDS)
+            raise unknown_name("section of --bridge", section, [*_RECORDS, _WRITES])
     if "url" in _section(values, "link"):
         raise InputError("--bridge link.url: accepted: the URL behind --px4")
     endpoint = ""
@@ -87,7 +99,21 @@ def px4_side(url: str | None, settings: Sequence[str]) -> Px4Side:
     bridge = from_mapping(BridgeParams, wanted, "px4")
     bridge.check()
     link_key(link)
-    return Px4Side(link, bridge, endpoint)
+    parse_url(link.url, link.allow_remote)
+    return Px4Side(link, bridge, endpoint, writes)
+
+
+def _writes(given: Any) -> tuple[str, ...]:
+    """Return the assignments of PX4's parameters.
+
+    Raises:
+        InputError: they are no list of NAME=VALUE.
+    """
+    if not isinstance(given, list):
+        raise InputError(f"{_WRITES}: {given!r} is no list; accepted: [NAME=VALUE, …]")
+    found = tuple(map(str, given))
+    parse_assignments(found)
+    return found
 
 
 def _section(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:

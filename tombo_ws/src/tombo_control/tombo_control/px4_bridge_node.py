@@ -35,8 +35,9 @@ from tombo_control.px4.bridge import Bridge, Outcome, Status
 from tombo_control.px4.bridge_params import ATTITUDE, POSITION, BridgeParams, LinkParams
 from tombo_control.px4.link import Link
 from tombo_control.px4.link_findings import link_faults
+from tombo_control.px4.modes import OFFBOARD, mode_name
 from tombo_control.px4.parameter_reader import parse_assignments
-from tombo_control.px4.records import Battery, ImuSample, VehicleOdometry
+from tombo_control.px4.records import Battery, ImuSample, Landed, VehicleOdometry
 from tombo_control.px4.signing import read_key
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import turned
@@ -55,6 +56,12 @@ _RETOLD_NS = 1_000_000_000
 """Findings with figures in them are told anew at most so often."""
 _FAREWELL_NS = 1_500_000_000
 """A node that is told to end has two seconds."""
+_LANDING_NS = 20_000_000_000
+"""So long it stays with a vehicle that comes down, unless it is told again to end."""
+_LANDING_STEP_S = 0.004
+_ASK_AGAIN_NS = 1_000_000_000
+_LAST_WORD_S = 0.1
+"""What was published last needs a moment to leave."""
 _GRAVE = ("no_vehicle", "link_lost", "mode_taken", "given_up", "wrong_system")
 _ERROR_SEVERITY, _WARNING_SEVERITY = 3, 4
 _NUMBER = re.compile(r"[-+]?\d[\d.]*")
@@ -82,6 +89,8 @@ class Px4BridgeNode(LoopNode):
             raise
 
     def _set_up(self) -> None:
+        self._stops = 0
+        self._status = Status()
         writes = self.declare(
             "px4_parameters",
             [],
@@ -216,6 +225,7 @@ class Px4BridgeNode(LoopNode):
         for battery in outcome.battery:
             self._battery_out.publish(_battery(battery))
         self._reply(outcome)
+        self._status = outcome.status
         self._tell(outcome, now_ns)
 
     def _take_poses(self, now_ns: int) -> None:
@@ -361,8 +371,48 @@ class Px4BridgeNode(LoopNode):
         self.health.value("link.url", self._link.url)
         super().report(now_ns)
 
+    def stop(self) -> None:
+        """Let the loop end; told so again, also the landing that follows it."""
+        self._stops += 1
+        super().stop()
+
     def close(self) -> None:
         """Bring down what flies by our set points, and let go of the link."""
+        if self._status.armed and self._status.connected:
+            self._come_down()
+        self._say_farewell()
+        self._link.close()
+
+    def _come_down(self) -> None:
+        """Ask for a landing if it is in OFFBOARD; poses go on until it is disarmed."""
+        mode = self._status.mode
+        self.ros.get_logger().warning(
+            f"ending in flight, mode {mode}: poses go on until the vehicle is disarmed, "
+            f"{_LANDING_NS // 10**9} s at most, or until told again to end"
+        )
+        told = self._stops
+        asked_ns = 0
+        end_ns = time.monotonic_ns() + _LANDING_NS
+        while self._status.armed and self._status.connected:
+            now_ns = time.monotonic_ns()
+            if self._stops > told or now_ns > end_ns:
+                return
+            if now_ns - asked_ns > _ASK_AGAIN_NS and not self._asked and self._ours():
+                asked_ns = now_ns
+                grounded = self._status.landed == Landed.ON_GROUND
+                self._asked[self._bridge.ask("disarm" if grounded else "land")] = Future()
+            self._link.wait(_LANDING_STEP_S)
+            wall_ns = time.time_ns()
+            self.step(wall_ns)
+            self._attend(wall_ns, wall_ns)
+        time.sleep(_LAST_WORD_S)
+
+    def _ours(self) -> bool:
+        """Whether it flies by set points; any other mode is somebody else's, and not fought."""
+        return self._status.mode == mode_name(OFFBOARD)
+
+    def _say_farewell(self) -> None:
+        """See to it that nothing is armed late, and nothing left in the air to the fail-safe."""
         end_ns = time.monotonic_ns() + _FAREWELL_NS
         said_ns = 0
         while time.monotonic_ns() < end_ns:
@@ -376,7 +426,8 @@ class Px4BridgeNode(LoopNode):
             self._link.wait(0.02)
             for received in self._link.receive():
                 self._bridge.take(received)
-        self._link.close()
+            if self._stops > 1:  # no more patience: it was said once
+                break
 
 
 def _setpoint(message: Any) -> Setpoint:

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 EXIT_CODES = (
     "Exit code: 0 when the flight was flown, whatever became of the vehicle (a crash is a "
-    "result); 1 when a node ended by itself (--nodes, --px4) or PX4 did not take off; 2 for bad "
-    "input, a PX4 that can't be reached, or output that can't be written; 130 after Ctrl-C, 143 "
-    "after SIGTERM, with what was flown so far in the folder."
+    "result); 1 when a node ended by itself (--nodes, --px4), or PX4 did not take off or is left "
+    "armed; 2 for bad input, a PX4 that can't be reached, or output that can't be written; 130 "
+    "after Ctrl-C, 143 after SIGTERM, with what was flown so far in the folder."
 )
 _SEED_LIMIT = 2**63
 _MOST_FLIGHTS = 100_000
@@ -99,8 +99,9 @@ def fly(
         typer.Option(
             "--bridge",
             metavar="KEY=VALUE",
-            help="With --px4: set a parameter of the bridge, as in link.allow_remote=true or "
-            "px4.position_std=0.002. May be given many times.",
+            help="With --px4: set a parameter of the bridge, as in link.allow_remote=true, "
+            "px4.position_std=0.002 or, of PX4 itself, px4_parameters=[EKF2_EV_CTRL=11]. May be "
+            "given many times.",
         ),
     ] = None,
     speed: Annotated[
@@ -146,8 +147,12 @@ def fly(
     many = None if seeds is None else parse_seeds(seeds)
     if many is not None and seed is not None:
         raise _input_error(f"--seed {seed} and --seeds {seeds}: accepted: one of them")
-    if not nodes and (speed is not None or (domain is not None and px4 is None)):
-        raise _input_error("--speed and --domain: accepted: with --nodes only")
+    if px4 is not None and speed is not None:
+        raise _input_error(f"--speed {speed:g}: accepted: without --px4, which is in real time")
+    if not nodes and speed is not None:
+        raise _input_error(f"--speed {speed:g}: accepted: with --nodes only")
+    if not nodes and px4 is None and domain is not None:
+        raise _input_error(f"--domain {domain}: accepted: with --nodes or --px4 only")
     if nodes and (many is not None or no_record):
         raise _input_error("--nodes: accepted: without --seeds and --no-record")
     if px4 is not None and (nodes or many is not None or no_record):

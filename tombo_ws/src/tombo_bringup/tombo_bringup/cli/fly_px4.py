@@ -66,8 +66,9 @@ def fly_px4(
         with progress_bar() as tell, open_output(path, replace=may_replace) as folder:
             try:
                 flown = fly_nodes_into(
-                    folder, scenario, seed, stop, speed=1.0, domain=domain, tell=tell, px4=side
-                )
+                    folder, scenario, seed, stop, speed=1.0, domain=domain, tell=tell, px4=side,
+                    notice=lambda text: typer.echo(text, err=True),
+                )  # fmt: skip
             except Stopped:  # before anything was flown: nothing to keep
                 return stop.exit_code
             except NotFlown as error:
@@ -85,7 +86,9 @@ def fly_px4(
         print_flight(flown.flight)
         print_nodes(flown)
         print_files(path, names)
-    return stop.exit_code or (1 if flown.died else 0)
+    if flown.left_armed:
+        say(flown.left_armed)
+    return stop.exit_code or (1 if flown.died or flown.left_armed else 0)
 
 
 def may_arm(side: Px4Side, scenario: Scenario, stop: StopSignals, *, yes: bool) -> bool:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from rich.box import SIMPLE_HEAD
@@ -15,6 +17,9 @@ from tombo_bringup.suite.node_log import without_stamp
 if TYPE_CHECKING:
     from tombo_bringup.node_flight import NodeFlight
 
+_KEY: Final = re.compile(r"\w+ (?!PX4: )[\w.]+: ")
+_FIGURE: Final = re.compile(r"\d[\d.]*")
+_STAMP: Final = re.compile(r"\[\w+\] \[([\d.]+)\]")
 _WARNINGS: Final = 12
 """More are not shown."""
 
@@ -42,12 +47,46 @@ def print_nodes(flown: NodeFlight) -> None:
         f"{_number(recorder['messages'], 'messages recorded', 0)}, "
         f"{_number(recorder['lost'], 'lost', 0)}."
     )
-    for node, line in flown.warnings[:_WARNINGS]:
-        _line(f"{node}: {without_stamp(line)}", "yellow")
-    if len(flown.warnings) > _WARNINGS:
-        _line(f"... and {len(flown.warnings) - _WARNINGS} more warnings", "yellow")
+    in_real_time = summary.get("mode") == "px4"
+    troubles = grouped(flown.warnings, flown.flight.record.epoch_ns if in_real_time else None)
+    for trouble in troubles[:_WARNINGS]:
+        _line(trouble, "yellow")
+    if len(troubles) > _WARNINGS:
+        _line(f"... and {len(troubles) - _WARNINGS} more warnings", "yellow")
     for end in flown.died:
         _line(f"{end.name} has ended, {end.how}; what it said is in nodes.log", "bold red")
+
+
+def grouped(warnings: Sequence[tuple[str, str]], epoch_ns: int | None) -> list[str]:
+    """Return one line for each (node, key): its first text, how often, and when it began.
+
+    Args:
+        warnings: node, and line of its log.
+        epoch_ns: when flight time is zero, on the clock of the logs; None: that is not known.
+    """
+    first: dict[tuple[str, str], tuple[str, float | None]] = {}
+    counts: Counter[tuple[str, str]] = Counter()
+    for node, line in warnings:
+        text = without_stamp(line)
+        found = _KEY.match(text)
+        # without a key two texts are the same if they differ in figures only
+        group = (node, found[0] if found else _FIGURE.sub("#", text))
+        counts[group] += 1
+        if group not in first:
+            stamp = _STAMP.match(line)
+            began = None
+            if stamp is not None and epoch_ns is not None:
+                began = float(stamp[1]) - epoch_ns * 1e-9
+            first[group] = text, began
+    lines = []
+    for (node, key), (text, began) in first.items():
+        count = counts[node, key]
+        notes = [f"{count} times"] if count > 1 else []
+        if began is not None:
+            notes.append(f"{'first ' if count > 1 else ''}at {began:.1f} s")
+        more = f" ({', '.join(notes)})" if notes else ""
+        lines.append(f"{node}: {text}{more}")
+    return lines
 
 
 def _latency(summary: Mapping[str, Any]) -> str:

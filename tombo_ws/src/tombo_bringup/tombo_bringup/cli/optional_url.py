@@ -11,13 +11,16 @@ from typer.core import TyperCommand
 OPTION = "--px4"
 SIMULATED = "sim"
 """What the option stands for without a URL."""
-_URL = re.compile(r"[A-Za-z][\w+.-]*://")
+_URL = re.compile(r"[A-Za-z][\w+.-]*://|/dev/|$")
+_MAVPROXY = re.compile(r"(udp|udpin|udpout|tcp|tcpin|tcpout|serial):(?!//)(.*)")
+"""Its spelling of the same ways: `udpin:127.0.0.1:14540`."""
 
 
 def with_url(words: Sequence[str]) -> list[str]:
     """Return a command line in which the option has a value.
 
-    The word behind it is its value if it looks like a URL (`SCHEME://...`); any other is not.
+    The word behind it is its value if it looks like a URL (`SCHEME://...`), a device or nothing
+    at all; any other is not. What MAVProxy would take is spelt as a URL.
     """
     found: list[str] = []
     rest = list(words)
@@ -26,9 +29,17 @@ def with_url(words: Sequence[str]) -> list[str]:
         if word == "--":
             return [*found, word, *rest]
         if word == OPTION:
-            word = f"{OPTION}={rest.pop(0) if rest and _URL.match(rest[0]) else SIMULATED}"
+            given = rest and (_URL.match(rest[0]) or _MAVPROXY.fullmatch(rest[0]))
+            word = f"{OPTION}={rest.pop(0) if given else SIMULATED}"
+        if word.startswith(f"{OPTION}="):
+            word = f"{OPTION}={_spelt_out(word.removeprefix(f'{OPTION}='))}"
         found.append(word)
     return found
+
+
+def _spelt_out(url: str) -> str:
+    found = _MAVPROXY.fullmatch(url)
+    return url if found is None else f"{found[1]}://{found[2]}"
 
 
 class OptionalUrlCommand(TyperCommand):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import signal
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -181,6 +183,13 @@ class RunningSuite:
         return Suite(
             self.nodes, self._supervisor.running, self.ended, self.vitals, now, self.uptime_s
         )
+
+    def interrupt(self, name: str) -> None:
+        """Send SIGINT to one node, if it runs; the others go on."""
+        pid = self._supervisor.running.get(name)
+        if pid is not None:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGINT)
 
     def stop(self) -> list[Ended]:
         """End the nodes, and return those that did not end well when asked to."""

@@ -116,7 +116,8 @@ def _numeric(host: str, what: str, allow_remote: bool) -> str:
     if not allow_remote and not is_loopback(numeric):
         raise InputError(
             f"{what} leads to '{host}', not to this machine; accepted: localhost, 127.0.0.1, ::1, "
-            "any host when remote links are allowed"
+            "any host "
+            "when remote links are allowed (with --px4: --bridge link.allow_remote=true)"
         )
     if numeric:
         return numeric

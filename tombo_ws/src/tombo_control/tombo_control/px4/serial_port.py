@@ -43,6 +43,8 @@ class SerialPort:
             self._open()
         except (OSError, termios.error) as error:
             self.close()
+            if not isinstance(error, OSError):  # termios has number and words, but no errno
+                error = OSError(*error.args)
             raise refused(
                 url, "open it", error, "a serial device that this user may read and write"
             ) from error
