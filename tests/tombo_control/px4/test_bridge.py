@@ -215,6 +215,26 @@ def test_the_estimate_is_vouched_for_after_the_checks_have_passed_for_a_while():
     assert flight.bridge.vouched, "once begun, the mission goes on"
 
 
+def test_poses_that_stand_still_in_flight_bring_it_down():
+    flight = Flight().take_off()
+    last = flight.px4.place.copy(), flight.px4.attitude.copy()
+    flight.as_mocap = lambda place, attitude: last
+    flight.run(1.5)
+    assert flight.bridge.session.stage == Stage.FLYING, "a hitch is no reason"
+    flight.stage(Stage.LANDING, patience_s=5.0)
+    assert any("the body is not seen" in text for key, text in flight.events if key == "landing")
+    flight.until(lambda f: not f.px4.armed, patience_s=30.0)
+
+
+def test_poses_without_noise_at_rest_may_take_off():
+    flight = Flight()
+    flight.as_mocap = lambda place, attitude: (flight.px4.place.copy(), attitude)
+    flight.run(5.0)
+    assert any("frozen" in text for text in flight.out.status.findings)
+    flight.take_off()
+    assert flight.bridge.session.stage == Stage.FLYING
+
+
 def test_poses_that_are_no_poses_are_not_sent():
     flight = Flight().run(1.0)
     bridge, now = flight.bridge, flight.now

@@ -165,7 +165,9 @@ def test_poses_too_seldom(lab):
 
 def test_a_frozen_pose(lab):
     lab.noise = 0.0
-    assert "frozen: not one bit has changed" in lab.text("pose_frozen")
+    assert "frozen: not one bit has changed" in lab.warning("pose_frozen")
+    lab.flying = True
+    assert "the body is not seen" in lab.text("pose_frozen")
 
 
 def test_a_world_without_any_noise_is_not_frozen(lab):

@@ -27,7 +27,7 @@ from tombo_control.px4.link import Received
 from tombo_control.px4.modes import AUTO_LAND, OFFBOARD, mode_name
 from tombo_control.px4.outgoing import Target
 from tombo_control.px4.parameter_reader import ParameterReader
-from tombo_control.px4.preflight import Preflight
+from tombo_control.px4.preflight import FROZEN, Preflight
 from tombo_control.px4.records import (
     Acknowledged,
     Battery,
@@ -72,6 +72,8 @@ _STATE_HZ, _BATTERY_HZ, _ESTIMATOR_HZ = 10.0, 2.0, 5.0
 _NEWS_NS = _SECOND_NS // 4
 """A heartbeat older than this is asked for while something is to be confirmed, and in flight: PX4
 sends one a second and refuses another interval, so that an order would be confirmed late."""
+_FROZEN_NS = 2 * _SECOND_NS
+"""PX4 calls a vehicle airborne that still stands and spools up."""
 _REBOOT_NS = _SECOND_NS
 _SET_BACK_NS = _SECOND_NS // 2
 
@@ -149,6 +151,7 @@ class Bridge:
         self.vouched = False
         """PX4's estimate may be relied on: the checks have passed, or it flies."""
         self._ready_ns: int | None = None
+        self._frozen_ns: int | None = None
         self._link = link
         self._target = Target(link.system, link.component)
         self._stream = SetpointStream(params, self._target, mass)
@@ -372,6 +375,7 @@ class Bridge:
                 self._stream.fresh(now_ns),
                 self._present(now_ns) is not None,
                 tuple(f.text for f in self.findings if f.weight == Weight.BLOCKS),
+                self._must_land(now_ns),
             )
         )
         for order in decision.orders:
@@ -388,6 +392,15 @@ class Bridge:
         out.status = self._status(linked)
         self._vouch(out.status, now_ns)
         return out
+
+    def _must_land(self, now_ns: int) -> str:
+        """Return why to land: the poses stand still in flight, so nobody sees the vehicle."""
+        frozen = [f for f in self.findings if f.key == FROZEN and f.weight == Weight.BLOCKS]
+        if not frozen:
+            self._frozen_ns = None
+            return ""
+        self._frozen_ns = self._frozen_ns or now_ns
+        return frozen[0].text if now_ns - self._frozen_ns > _FROZEN_NS else ""
 
     def _vouch(self, status: Status, now_ns: int) -> None:
         if not status.ready:
@@ -407,7 +420,7 @@ class Bridge:
         self._beat_ns = self._asked_time_ns = self._looked_ns = self._asked_ns = self._news_ns = 0
         self.pose_stamp_ns = self._battery_ns = 0
         self._stream.clock_set_back(now_ns)
-        self._ready_ns = None
+        self._ready_ns = self._frozen_ns = None
         self._linked_ns = now_ns if self._linked_ns is not None else None
         if self._heartbeat is not None:
             self._heartbeat = replace(self._heartbeat, arrival_ns=now_ns)

@@ -28,6 +28,8 @@ from tombo_dynamics.vehicle import GRAVITY
 
 Array = NDArray[np.float64]
 
+FROZEN = "pose_frozen"
+"""Finding: at rest it may be a simulation's; in flight nothing stands so still."""
 _WINDOW_NS = 1_000_000_000
 _KEPT = 600
 _ENOUGH = 8
@@ -141,7 +143,7 @@ class Preflight:
             answered: how many of its TIMESYNC requests were answered.
             flying: it is in the air; what can be judged at rest only is left out.
         """
-        found = self._of_poses(now_ns)
+        found = self._of_poses(now_ns, flying)
         found += self._of_time(now_ns, sync, linked_ns, answered)
         found += self._of_delay(now_ns, parameters)
         if self._params.mocap == MOCAP:
@@ -168,7 +170,7 @@ class Preflight:
         found = list(takewhile(lambda r: now_ns - r.arrival_ns < _WINDOW_NS, reversed(kept)))
         return found[::-1]
 
-    def _of_poses(self, now_ns: int) -> list[Finding]:
+    def _of_poses(self, now_ns: int, flying: bool) -> list[Finding]:
         found = []
         for why, (seen_ns, age_s) in self._refused.items():
             if now_ns - seen_ns > _WINDOW_NS:
@@ -201,9 +203,10 @@ class Preflight:
         if self._frozen(recent) and self._trembles(now_ns):
             text = (
                 "mocap pose is frozen: not one bit has changed for a second; the tracker repeats"
-                " its last pose, the body is not seen"
+                " its last pose, the body is not seen (or it is simulated, without noise)"
             )
-            found.append(Finding("pose_frozen", text))
+            weight = Weight.BLOCKS if flying else Weight.WARNING
+            found.append(Finding(FROZEN, text, weight))
         rate = self.pose_rate_hz(now_ns)
         seen_for = now_ns - self._poses[0].arrival_ns
         if seen_for > _WINDOW_NS and rate < _SLOWEST_HZ:

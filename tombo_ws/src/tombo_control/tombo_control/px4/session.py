@@ -88,6 +88,8 @@ class View:
     """There is a position to stream."""
     blockers: tuple[str, ...]
     """Why not to arm, in words."""
+    must_land: str = ""
+    """Why the flight has to end here, in words."""
 
 
 @dataclass
@@ -389,6 +391,10 @@ class Session:
             said = self.words.lately(view.now_ns)
             why = f"mode is {mode_name(heartbeat.mode)}, not offboard"
             self._go(Stage.TAKEN, why + (f": PX4 says {said}" if said else ""))
+        elif view.must_land:
+            out.events.append(("landing", view.must_land))
+            self._go(Stage.LANDING, view.must_land)
+            self._errand = Errand(Order(mode=AUTO_LAND), _MODE_TRIES)
         elif view.phase in _DOWN or (view.phase == LANDED and view.landed != Landed.ON_GROUND):
             self._go(Stage.LANDING, "")
             self._errand = Errand(Order(mode=AUTO_LAND), _MODE_TRIES)
