@@ -537,8 +537,8 @@ def test_whatever_happens_the_rules_hold(story):
             setattr(flight, what, value)
         for _ in range(max(1, round(seconds * 50))):
             before = len(flight.vehicle.received)
-            heard = flight.vehicle.heartbeat
             flight.step()
+            heard = flight.vehicle.heartbeat
             sent = flight.vehicle.received[before:]
             assert len(sent) <= 2
             for order in sent:

@@ -36,6 +36,8 @@ FLUSH_NS = 400_000_000
 """What a kill -9 may cost is this and what is under way."""
 LOOK_NS = SECOND_NS // 2
 """How often publishers are looked for."""
+_NAME_NOT_YET_KNOWN = "_NODE_NAME_UNKNOWN_"
+"""As rclpy says it: a publisher may be found before its node is."""
 
 
 class Source:
@@ -255,6 +257,8 @@ class RecorderNode(LoopNode):
         theirs = str(offer.topic_type_hash)
         if theirs.startswith("RIHS01_") and theirs != type_hash(source.typename):
             self.sink.leave_as_they_come(source.name)
+            if offer.node_name == _NAME_NOT_YET_KNOWN:  # it will be at the next look
+                return
             text = f"{offer.node_name} publishes another version of {source.typename}"
             self.health.fault(f"other_version.{source.name}", True, f"{source.name}: {text}")
 
