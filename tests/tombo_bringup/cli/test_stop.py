@@ -194,3 +194,16 @@ def test_signals_are_remembered_then_raised_and_given_back():
         with pytest.raises(KeyboardInterrupt):
             os.kill(os.getpid(), signal.SIGTERM)
     assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_the_second_word_of_a_hang_up_does_not_kill_what_tidies_up():
+    code = (
+        "import os, signal\n"
+        "from tombo_bringup.stop_signals import StopSignals\n"
+        "with StopSignals(signal.SIGHUP):\n"
+        "    os.kill(os.getpid(), signal.SIGHUP)\n"
+        "os.kill(os.getpid(), signal.SIGHUP)\n"
+        "print('tidy')\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (run.returncode, run.stdout) == (0, "tidy\n")

@@ -72,6 +72,10 @@ class StopSignals:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Leave signals to whoever watched them before."""
+        """Leave signals to whoever watched them before.
+
+        But for the hang-up that ended it: its second word must not kill what is tidying up.
+        """
         for watched, handler in self._before.items():
-            signal.signal(watched, handler)
+            again = watched == signal.SIGHUP == self.number
+            signal.signal(watched, signal.SIG_IGN if again else handler)
