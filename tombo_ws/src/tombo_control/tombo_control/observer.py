@@ -14,11 +14,9 @@ from tombo_control.autopilot import HISTORY_TICKS, IDLE, LANDED, A, G, new_autop
 from tombo_control.estimate import TICK_NS, Array, Estimate, tick_of
 from tombo_control.estimator import correct, measure_rates, observe, remember
 from tombo_control.params import ControlParams, EstimatorParams
+from tombo_control.pose_check import refuse_pose
 from tombo_dynamics.vehicle import VehicleParams
 
-FRAME = "map"
-_FUTURE_NS = 5_000_000
-"""A stamp may be this far ahead of the clock: two clocks of one machine agree better."""
 _BEGIN_POSES = 3
 _SAME_PLACE = 5
 """So many refused poses on end that agree with each other: the estimate is wrong, not they."""
@@ -170,14 +168,9 @@ class Observer:
     def _refuse(
         self, stamp_ns: int, now_ns: int, frame_id: str, position: Array, attitude: Array
     ) -> str:
-        if frame_id.lstrip("/") != FRAME:
-            return "wrong_frame"
-        if not np.isfinite(position.sum() + attitude.sum()):
-            return "not_finite"
-        if abs(float(attitude @ attitude) - 1.0) > 0.2:
-            return "not_unit"
-        if stamp_ns > now_ns + _FUTURE_NS:
-            return "future"
+        why = refuse_pose(stamp_ns, now_ns, frame_id, position, attitude)
+        if why:
+            return why
         if stamp_ns <= self._newest_pose_ns:
             return "out_of_order"
         if now_ns - stamp_ns > (HISTORY_TICKS - 2) * TICK_NS:

@@ -6,7 +6,6 @@ sensors come back. Preflight checks and the session decide whether and when it i
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -17,6 +16,7 @@ from pymavlink.dialects.v20 import common as mav
 
 from tombo_control.autopilot import IDLE
 from tombo_control.estimate import Setpoint
+from tombo_control.pose_check import refuse_pose
 from tombo_control.px4 import outgoing
 from tombo_control.px4.arrivals import Arrivals
 from tombo_control.px4.bridge_params import BridgeParams, LinkParams
@@ -54,7 +54,6 @@ from tombo_dynamics.rotation import yaw_pitch_roll
 
 Array = NDArray[np.float64]
 
-FRAME = "map"
 _SECOND_NS = 1_000_000_000
 _HEARTBEAT_NS = _SECOND_NS
 _TIMESYNC_NS = _SECOND_NS // 10
@@ -65,8 +64,6 @@ _ASK_NS = 3 * _SECOND_NS
 _TOO_SLOW, _MOST_ASKS = 0.6, 5
 _SLOW_SHARE = 0.4
 """Less than this share of the rate asked for is a fault."""
-_FUTURE_NS = 5_000_000
-_UNIT = 0.2
 _SETTLE_NS = 4 * _SECOND_NS
 _STATE_HZ, _BATTERY_HZ, _ESTIMATOR_HZ = 10.0, 2.0, 5.0
 _NEWS_NS = _SECOND_NS // 4
@@ -311,14 +308,9 @@ class Bridge:
     def _refuse_pose(
         self, stamp_ns: int, now_ns: int, frame_id: str, position: Array, attitude: Array
     ) -> str:
-        if frame_id.lstrip("/") != FRAME:
-            return "wrong_frame"
-        if not math.isfinite(float(position.sum() + attitude.sum())):
-            return "not_finite"
-        if abs(float(attitude @ attitude) - 1.0) > _UNIT:
-            return "not_unit"
-        if stamp_ns > now_ns + _FUTURE_NS:
-            return "future"
+        why = refuse_pose(stamp_ns, now_ns, frame_id, position, attitude)
+        if why:
+            return why
         if now_ns - stamp_ns > self.params.pose_age_max * 1e9:
             return "late"
         if self.pose_stamp_ns - _SECOND_NS < stamp_ns <= self.pose_stamp_ns:
