@@ -29,12 +29,15 @@ MAY_IMPORT = {
     # The fused kernel runs the physics and the cascade in one compiled loop.
     "tombo_sim": {"tombo_dynamics", "tombo_control"},
     "tombo_ros": {"tombo_dynamics", "tombo_bag"},
+    # The functions that simulate an effect are the ones that the diagnosis fits.
+    "tombo_sysid": {"tombo_dynamics", "tombo_bag", "tombo_sim"},
     "tombo_bringup": {
         "tombo_dynamics",
         "tombo_control",
         "tombo_collision",
         "tombo_bag",
         "tombo_sim",
+        "tombo_sysid",
     },
 }
 LIBRARIES = {
@@ -42,6 +45,7 @@ LIBRARIES = {
     "tombo_control": {"numpy", "scipy", "numba"},
     "tombo_collision": {"numpy", "scipy", "numba", "filterpy"},
     "tombo_sim": {"numpy", "scipy", "numba"},
+    "tombo_sysid": {"numpy", "scipy", "yaml", "pyulog", "ruptures"},
 }
 CLOCKLESS = set(LIBRARIES)
 SEEDED = {"BitGenerator", "Generator", "PCG64", "Philox", "SeedSequence", "default_rng"}

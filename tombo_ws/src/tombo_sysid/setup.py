@@ -1,0 +1,23 @@
+"""Installs tombo_sysid as an ament_python package."""
+
+from setuptools import find_packages, setup
+
+NAME = "tombo_sysid"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Diagnosis of what a simulation gets wrong",
+    license="MIT",
+    maintainer="Tombo developers",
+    maintainer_email="tombo@example.org",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["py.typed", "mappings/*.yaml"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},
+    zip_safe=False,
+)

@@ -1,0 +1,106 @@
+"""One measured flight: named, unit-checked series with their capture times.
+
+Readers (bags, ULog, CSV) make it, pre-checks look at it, the diagnosis fits it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """What a channel of a log holds."""
+
+    width: int
+    unit: str
+    doc: str
+
+
+CHANNELS: Mapping[str, Channel] = {
+    "position": Channel(3, "m", "motion capture, map (ENU)"),
+    "attitude": Channel(4, "1", "motion capture, quaternion xyzw, map from base_link (FLU)"),
+    "gyro": Channel(3, "rad/s", "body rates, base_link (FLU)"),
+    "accel": Channel(3, "m/s^2", "specific force, base_link (FLU); at rest +9.81 on z"),
+    "rotor_speed": Channel(4, "rad/s", "measured, positive, in the order of ROTOR_NAMES"),
+    "rotor_command": Channel(4, "rad/s", "rotor speeds asked for, in the order of ROTOR_NAMES"),
+    "motor_command": Channel(4, "1", "0 to 1, where no speed is asked for; order of ROTOR_NAMES"),
+    "voltage": Channel(1, "V", "supply"),
+    "current": Channel(1, "A", "supply"),
+}
+"""Names, widths and units of everything that the diagnosis can use."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """One channel. Values that are not finite are gaps."""
+
+    t: Array
+    """(N,) capture times [s] on the flight's own clock, as stamped."""
+    values: Array
+    """(N, width), unit as in CHANNELS."""
+    arrival: Array | None = None
+    """(N,) when each sample came in [s], same clock; None where the log does not say."""
+
+
+@dataclass(frozen=True)
+class Airframe:
+    """What is known of the vehicle that flew. None: the suite's own nominal vehicle."""
+
+    name: str
+    mass: float
+    """[kg]"""
+    arm_length: float
+    """centre to rotor axis [m]"""
+    rotor_radius: float
+    """[m]"""
+    inertia: tuple[float, float, float] | None = None
+    """about body x, y, z [kg m^2]; None: not known, moments are then not diagnosed."""
+    motor_time_constant: float = 0.05
+    """[s]"""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a pre-check or a reader has to say. A fault of the log is never diagnosed as physics."""
+
+    check: str
+    """Short name: crash, gap, frozen, duplicate, frame, unit, stamps, saturation, rpm, missing."""
+    severity: str
+    """info, warning (diagnosed all the same) or fault (the part it concerns is set apart)."""
+    flight: str
+    message: str
+    """One line: channel, what was seen, what was expected."""
+    start_s: float = float("nan")
+    """On the flight's clock; NaN: it concerns the whole flight."""
+    end_s: float = float("nan")
+    channel: str = ""
+
+
+@dataclass(frozen=True)
+class FlightLog:
+    """One flight as measured. Missing channels are simply not there."""
+
+    name: str
+    """Short and unique among the flights of one diagnosis."""
+    source: str
+    """File that it was read from, and its kind."""
+    series: Mapping[str, Series]
+    airframe: Airframe | None = None
+    findings: tuple[Finding, ...] = ()
+    """What the reader noticed."""
+    exclude: tuple[tuple[float, float], ...] = ()
+    """Spans [s] that are not diagnosed: crash, contact, on the ground."""
+    metadata: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def duration_s(self) -> float:
+        """From the first to the last stamp of any channel [s]."""
+        ends = [(s.t[0], s.t[-1]) for s in self.series.values() if s.t.size]
+        return max(e for _, e in ends) - min(b for b, _ in ends) if ends else 0.0
