@@ -129,7 +129,11 @@ class Lockstep:
         way, speed, change = progress(time_s - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s)
         start, cruise = np.array(leg.start), np.array(leg.velocity)
         return Setpoint(
-            start + way * cruise, speed * cruise, change * cruise, leg.yaw, self.mission.mode
+            start + way * cruise,
+            speed * cruise,
+            change * cruise,
+            leg.yaw_at(time_s),
+            self.mission.mode,
         )
 
     def _proceed(self, estimate: Estimate) -> None:

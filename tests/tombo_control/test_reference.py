@@ -5,7 +5,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from tombo_control.mission import stay, straight
+from tombo_control.leg import stay, straight
 from tombo_control.reference import progress
 
 durations = st.floats(0.1, 100.0)

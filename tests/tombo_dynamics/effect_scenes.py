@@ -78,7 +78,7 @@ def observe(name, values):
         v["imu"][:3], v["imu"][3:] = v.rates, v["wrench"][:3] / v.mass
         apply_imu(v.m, noise[k], v.theta)
         v["mocap"][:3], v["mocap"][3:7] = v.position, v["body"][6:10]
-        v["mocap"][7:9] = 0.0
+        v["mocap"][7:9] = v["mocap"][10] = 0.0
         v["mocap"][9] = max(v["mocap"][9] - 5e-3, 0.0)
         apply_mocap(v.m, noise[k], v.theta)
         voltage = v["supply"][2:]  # charge and current are bookkeeping of the battery's effect

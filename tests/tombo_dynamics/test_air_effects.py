@@ -77,6 +77,61 @@ def test_terminal_speed_under_quadratic_drag(no_air):
     assert v.velocity[2] == pytest.approx(-expected, rel=1e-4)
 
 
+def flapping(velocity, **more):
+    """Return the moment of flapping, k = 0.02 N m s/m, in body axes."""
+    moments = []
+    for effects in ({"flapping_moment": {"k": 0.02}}, {}):
+        v = Vehicle(effects, velocity=velocity, speed=hover_speed(), **more)
+        v.begin()
+        moments.append(v["wrench"].copy())
+    change = moments[0] - moments[1]
+    assert not change[:3].any()
+    return change[3:]
+
+
+def test_flying_forward_lifts_the_nose_and_flying_left_the_left_side():
+    """About +y a positive moment lowers the nose, about +x it lowers the right side."""
+    assert flapping((2.0, 0.0, 0.0)) == pytest.approx([0.0, -0.04, 0.0])
+    assert flapping((0.0, 2.0, 0.0)) == pytest.approx([0.04, 0.0, 0.0])
+    assert flapping((0.0, 0.0, 2.0)) == pytest.approx([0.0, 0.0, 0.0], abs=1e-15)
+
+
+@given(st.integers(0, 10_000))
+def test_flapping_is_the_moment_of_a_drag_above_the_centre_of_mass(seed):
+    rng = np.random.default_rng(seed)
+    attitude, velocity = random_attitude(rng), rng.normal(0.0, 3.0, 3)
+    flow = Rotation.from_quat(attitude).inv().apply(velocity)
+    above, drag = [0.0, 0.0, 0.1], -0.2 * flow  # 0.1 m times 0.2 N s/m
+    assert flapping(velocity, attitude=attitude) == pytest.approx(np.cross(above, drag), abs=1e-12)
+
+
+def test_a_vehicle_that_drifts_is_levelled_out_by_flapping():
+    """The moment turns thrust against the motion: the speed along x falls by itself."""
+    v = Vehicle({"flapping_moment": {"k": 0.02}}, velocity=(2.0, 0.0, 0.0), speed=hover_speed())
+    v.fly(0.3)
+    assert v.velocity[0] < 1.9
+    assert v.rotation.apply([1.0, 0.0, 0.0])[2] > 0.0  # nose up
+
+
+@pytest.mark.parametrize("k", [-0.02, 0.03])
+def test_translational_lift_is_the_square_of_the_airspeed_in_the_disc_plane(k):
+    lift = {"translational_lift": {"k": k}, "steady_wind": {"east": 1.0}}
+    tilt = Rotation.from_euler("y", 0.3)
+    v = Vehicle(lift, velocity=(4.0, 2.0, -1.0), attitude=tilt.as_quat(), speed=hover_speed())
+    v.begin()
+    u, w, _ = tilt.inv().apply([3.0, 2.0, -1.0])
+    assert v["efficiency"] == pytest.approx(np.full(4, 1.0 + k * (u * u + w * w)))
+    still = Vehicle(lift, velocity=(1.0, 0.0, -3.0), speed=hover_speed())
+    still.begin()
+    assert still["efficiency"] == pytest.approx(np.ones(4))
+
+
+def test_translational_lift_never_turns_thrust_around():
+    v = Vehicle({"translational_lift": {"k": -0.05}}, velocity=(12.0, 0.0, 0.0), speed=500.0)
+    v.begin()
+    assert v["efficiency"] == pytest.approx(np.full(4, 0.2))
+
+
 def test_quadratic_drag_is_against_the_motion_and_grows_with_its_square():
     forces = []
     for speed in (1.0, 2.0):

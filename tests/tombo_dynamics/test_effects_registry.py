@@ -29,7 +29,8 @@ def test_every_effect_that_the_project_promises_is_there():
         "linear_rotor_drag", "quadratic_body_drag", "steady_wind", "gusts", "ground_effect",
         "battery_sag", "cog_offset", "imu_bias", "mocap_latency", "mocap_misalignment",
         "mocap_noise", "mocap_dropouts", "thrust_scatter", "blade_strike", "propeller_wear",
-        "contact_force",
+        "contact_force", "inertia_error", "flapping_moment", "translational_lift", "accel_scale",
+        "imu_lever_arm", "mocap_marker_offset", "mocap_body_misalignment", "mocap_stamp_error",
     }  # fmt: skip
     assert promised <= set(REGISTRY)
 

@@ -56,6 +56,25 @@ def test_scatter_over_many_sets_has_the_deviation_of_the_table():
     assert np.mean(shares) == pytest.approx(1.0, abs=0.01)
 
 
+# --- inertia --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("axis, name", enumerate(("xx", "yy", "zz")))
+def test_inertia_error_slows_the_turn_about_its_own_axis_and_no_other(axis, name):
+    turns = []
+    for effects in ({}, {"inertia_error": {name: 0.25}}):
+        v = Vehicle(effects)
+        v["command"] = np.array([520.0, 470.0, 480.0, 530.0]) + 60.0 * SPIN
+        v["speed"] = v["command"]
+        v.begin()
+        v.finish()
+        turns.append(v.rates.copy())
+    expected = np.ones(3)
+    expected[axis] = 1.0 / 1.25
+    assert turns[1] / turns[0] == pytest.approx(expected, rel=3e-3)
+    assert v.mass == v.params.mass
+
+
 # --- ground effect --------------------------------------------------------------------------
 
 

@@ -18,6 +18,8 @@ from rcl_interfaces.srv import DescribeParameters, SetParameters, SetParametersA
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
+from tombo_control.course import Waypoint
+from tombo_control.mission import MissionParams
 from tombo_control.params import EstimatorParams
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.params import param
@@ -57,6 +59,7 @@ class _Served:
             "estimator": EstimatorParams(),
             "counted": _Counted(),
             "propeller": PropellerChoice(),
+            "mission": MissionParams(),
         }
         self.parameters = RecordParameters(self.node, records)
         self.parameters.declare("speed", 1.0, "how fast", bounds=(0.0, 10.0), read_only=False)
@@ -156,6 +159,9 @@ def test_a_field_is_set_and_the_record_replaced_as_a_whole(served: _Served) -> N
         ({"animal": "cat"}, "accepted: any other"),
         ({"seed": 5}, "seed"),
         ({"estimator__jmup_min": 1.0}, "undeclared"),
+        ({"mission__course": "[{sped: 1}]"}, "'sped'"),
+        ({"mission__course": "[{speed: 1"}, "mission.course is not valid YAML"),
+        ({"mission__course": "[{x: 1}, {z: .nan}]"}, "mission.course[1].z"),
     ],
 )
 def test_a_bad_value_is_refused_with_a_reason_and_changes_nothing(
@@ -172,6 +178,20 @@ def test_a_bad_value_is_refused_with_a_reason_and_changes_nothing(
     assert served.parameters.changed() == []
     if stored is not None:
         assert served.stored(name) == stored
+
+
+def test_a_structure_is_set_as_yaml_in_a_text(served: _Served) -> None:
+    assert served.stored("mission.course") == ""
+    (result,) = served.set(mission__course="[{x: 1, speed: 2e-1}, {yaw: 1.5}]")
+    assert result.successful
+    course = (Waypoint(x=1.0, speed=0.2), Waypoint(yaw=1.5))
+    assert served.parameters.records["mission"].course == course
+    assert served.set(mission__height=1.5)[0].successful
+    assert served.parameters.records["mission"].course == course
+    assert served.set(mission__course="")[0].successful
+    assert served.parameters.records["mission"].course is None
+    started = _started(('mission.course:="[{x: 2.0}]"',))
+    assert started.records["mission"].course == (Waypoint(x=2.0),)
 
 
 def test_a_whole_number_is_taken_where_a_fraction_is_meant(served: _Served) -> None:

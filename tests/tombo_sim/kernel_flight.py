@@ -13,7 +13,7 @@ from tombo_dynamics.propeller import configuration, thrust_map
 from tombo_dynamics.rigid_body import begin_flight
 from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
 from tombo_dynamics.vehicle import VehicleParams
-from tombo_sim.kernel import fly
+from tombo_sim.kernel import MOCAP_WIDTH, fly
 from tombo_sim.log_columns import COLUMNS, LOG_WIDTH
 
 VEHICLE = VehicleParams()
@@ -80,7 +80,7 @@ def fly_kernel(effects=None, seconds=1.0, seed=0, chunk=10**9, block=10**9, tick
     drawn = rng.standard_normal((ticks, NOISE)) if tick_noise is None else tick_noise
     samples = captures.size
     poses = rng.standard_normal((samples, NOISE)) if mocap_noise is None else mocap_noise
-    mocap = np.zeros((samples, 10))
+    mocap = np.zeros((samples, MOCAP_WIDTH))
     log = np.full((ticks, LOG_WIDTH), np.nan)
     state = np.zeros(3, dtype=np.int64)
     delivered = []

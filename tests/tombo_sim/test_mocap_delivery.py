@@ -5,7 +5,7 @@ import pytest
 from kernel_flight import IN_THE_WAY, NOISE, NOISY, RATE, TICK, capture_ticks, fly_kernel
 
 from tombo_dynamics.plant import P
-from tombo_sim.kernel import ARRIVES, CAPTURED, DELIVERED, POSE
+from tombo_sim.kernel import ARRIVES, DELIVERED, POSE, STAMPED
 
 RAGGED = {"mocap_latency": {"delay": 0.05, "jitter": 0.03}}
 """Jitter as long as the period: samples overtake each other."""
@@ -18,7 +18,7 @@ def delivered_rows(flight):
 
 def test_samples_are_captured_at_the_rate_of_the_motion_capture():
     f = fly_kernel(seconds=1.0)
-    assert f.mocap[:30, CAPTURED] == pytest.approx(np.arange(30) / RATE / TICK, abs=0.5)
+    assert f.mocap[:30, STAMPED] == pytest.approx(np.arange(30) / RATE / TICK, abs=0.5)
 
 
 def test_without_latency_a_sample_is_known_in_the_tick_of_its_capture():
@@ -33,7 +33,7 @@ def test_a_sample_arrives_later_by_the_latency_and_keeps_its_stamp(delay):
     late = {"mocap_latency": {"delay": delay}}
     f = fly_kernel(late, seconds=1.0, mocap_noise=np.zeros((31, NOISE)))
     ticks, rows = delivered_rows(f)
-    captured = f.mocap[rows, CAPTURED]
+    captured = f.mocap[rows, STAMPED]
     assert (captured == capture_ticks(1.0)[rows]).all()
     assert (ticks - captured == round(delay / TICK)).all()
     assert (f.mocap[rows, ARRIVES] == ticks).all()
@@ -44,7 +44,7 @@ def test_a_sample_arrives_later_by_the_latency_and_keeps_its_stamp(delay):
 
 def test_a_sample_is_the_true_pose_at_its_capture():
     f = fly_kernel({"mocap_latency": {"delay": 0.02}}, seconds=1.0)
-    at = f.mocap[:30, CAPTURED].astype(int)
+    at = f.mocap[:30, STAMPED].astype(int)
     assert (f.mocap[:30, POSE : POSE + 3] == f["position"][at]).all()
     assert (f.mocap[:30, POSE + 3 : POSE + 7] == f["attitude"][at]).all()
 
@@ -52,7 +52,7 @@ def test_a_sample_is_the_true_pose_at_its_capture():
 def test_every_sample_is_delivered_once_whatever_overtakes():
     f = fly_kernel(RAGGED, seconds=3.0, seed=1)
     ticks, rows = delivered_rows(f)
-    captured = f.mocap[rows, CAPTURED]
+    captured = f.mocap[rows, STAMPED]
     assert len(set(rows)) == len(rows)
     assert (np.diff(ticks) > 0).all()
     assert (ticks >= captured).all()

@@ -43,6 +43,18 @@ _FLIGHTS = {
             "effects.gusts.deviation=0.5",
         ),
     ),
+    "mocap with stamps 12.3 ms late, from a point off the centre": (
+        "hover",
+        6,
+        (
+            "mission.takeoff_time=0.2",
+            "duration=4",
+            "effects.mocap_latency.delay=0.03",
+            "effects.mocap_stamp_error.offset=0.0123",
+            "effects.mocap_marker_offset.z=0.05",
+            "effects.imu_lever_arm.x=0.05",
+        ),
+    ),
 }
 
 

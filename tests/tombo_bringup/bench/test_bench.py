@@ -13,7 +13,7 @@ from tombo_bringup.bench.measures import batch_steps, kernel_steps, numpy_steps
 from tombo_bringup.bench.numpy_step import hovering
 from tombo_bringup.scenario import load_scenario
 from tombo_control.autopilot import APPROACH, A
-from tombo_control.mission import straight
+from tombo_control.leg import straight
 from tombo_dynamics.plant import P, part
 from tombo_dynamics.rotation import tilt
 from tombo_sim.kernel import fly_on_truth
@@ -34,7 +34,7 @@ def test_numpy_and_kernel_fly_the_same_approach():
     part(flight.plant, "speed")[:] = plain.speed
     part(flight.plant, "command")[:] = plain.speed
     leg = straight((0.0, 0.0, 2.0), (1.0, 0.5, 2.3), scenario.mission.approach_speed, 0.0)
-    flight.autopilot[A.leg : A.leg + 10] = leg.as_array()
+    flight.autopilot[A.leg : A.leg + 14] = leg.as_array()
     flight.autopilot[A.mode] = APPROACH
 
     furthest = 0.0

@@ -208,6 +208,16 @@ def test_without_the_reaction_the_paper_expects_a_crash(flight):
     assert outcome.flight_text == "recovered"
 
 
+def test_a_list_of_mappings_shows_as_numbered_rows():
+    table = values_table({"course": [{"x": 1.5, "hold": 2.0}, {"yaw": 0.25}, {}]})
+    cells = re.findall(r"<th scope='row'>(.*?)</th><td>(.*?)</td>", table)
+    assert cells == [
+        ("course[0]", "x 1.5, hold 2"),
+        ("course[1]", "yaw 0.25"),
+        ("course[2]", "{}"),
+    ]
+
+
 def test_nested_values_show_as_dotted_rows():
     table = values_table({"a": {"b": 1.0 / 3.0, "c": None}, "d": [1, 2.5], "e": True, "f": {}})
     cells = re.findall(r"<th scope='row'>(.*?)</th><td>(.*?)</td>", table)

@@ -20,10 +20,12 @@ from tombo_bringup.suite.parameter_yaml import (
     suite_parameters,
 )
 from tombo_bringup.topic_table import read_nodes
+from tombo_control.mission import MissionParams
+from tombo_dynamics.params import from_mapping
 
 CONFIG = Path(__file__).parents[3] / "tombo_ws/src/tombo_bringup/config/suite.yaml"
-NO_PARAMETER = {"name", "description", "duration"}
-"""What is not a parameter of a node: a name, and when `tombo fly` ends."""
+NO_PARAMETER = {"name", "description", "duration", "model"}
+"""What is not a parameter of a node: names, and when `tombo fly` ends."""
 
 
 def flat(values: dict[str, Any], above: str = "") -> dict[str, Any]:
@@ -43,7 +45,7 @@ def read(text: str) -> dict[str, dict[str, Any]]:
     }
 
 
-@pytest.mark.parametrize("name", ["paper_collision", "known_obstacle", "aggressive"])
+@pytest.mark.parametrize("name", ["paper_collision", "known_obstacle", "aggressive", "survey"])
 def test_every_value_of_a_scenario_arrives_at_a_node(name):
     scenario = load_scenario(
         name, ["react=false", "vehicle.rotor_inertia=6.1e-05", "propeller.conf=10"]
@@ -53,6 +55,8 @@ def test_every_value_of_a_scenario_arrives_at_a_node(name):
 
     wanted = flat({k: v for k, v in as_mapping(scenario).items() if k not in NO_PARAMETER})
 
+    course = anywhere["mission.course"]
+    anywhere["mission.course"] = yaml.safe_load(course) if course else None
     missing = {k: v for k, v in wanted.items() if k not in anywhere or anywhere[k] != v}
     assert not missing
     assert nodes["sim"]["seed"] == 7
@@ -143,3 +147,12 @@ def test_the_default_file_is_up_to_date():
         "python -m tombo_bringup.suite.parameter_yaml > config/suite.yaml"
     )
     assert all(math.isfinite(v) for v in read(text)["sim"].values() if isinstance(v, float))
+
+
+def test_a_node_given_the_text_of_a_course_has_that_course():
+    scenario = load_scenario("survey")
+    text = suite_parameters(scenario, 0)["mission"]["mission"]["course"]
+    assert isinstance(text, str)
+    given = from_mapping(MissionParams, {"course": yaml.safe_load(text)}, "mission")
+    assert given.course == scenario.mission.course
+    assert suite_parameters(Scenario(), 0)["mission"]["mission"]["course"] == ""

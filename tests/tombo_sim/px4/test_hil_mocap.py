@@ -183,3 +183,16 @@ def test_the_caller_gets_each_pose_once_with_its_stamp():
             if b.turn():
                 seen += [pose.captured for pose in b.hil.flight.poses]
         assert len(set(seen)) == len(seen) == pytest.approx(60, abs=2)
+
+
+def test_a_wrong_stamp_goes_out_and_one_from_before_the_clock_does_not():
+    world = hover_world("effects.mocap_stamp_error.offset=-0.09")
+    with bench(world, mocap=True) as b:
+        b.peer.keep = True
+        truth = Truths(b)
+        b.fly(1.0)
+    sent = poses(b.peer.heard)
+    assert len(sent) == pytest.approx(27, abs=1)
+    late = [m.time_usec + 90_000 for m in sent]
+    assert all(stamp in truth for stamp in late)
+    assert min(m.time_usec for m in sent) >= 0

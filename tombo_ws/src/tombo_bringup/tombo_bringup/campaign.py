@@ -48,7 +48,7 @@ def fly_campaign(
         stop: asked ten times a second; True ends all processes and the campaign.
 
     Returns:
-        scenario, conf, law, reaction, first_seed, last_seed, tombo_version, interrupted,
+        scenario, model, conf, law, reaction, first_seed, last_seed, tombo_version, interrupted,
         `flights` (summaries, see `flight_output`) and `aggregate` (see `campaign_statistics`).
 
     Raises:
@@ -61,6 +61,7 @@ def fly_campaign(
     return {
         "tombo_version": tombo_version(),
         "scenario": scenario.name,
+        "model": scenario.model or None,
         "conf": scenario.propeller.conf,
         "law": scenario.propeller.law,
         "reaction": scenario.react,

@@ -32,7 +32,7 @@ from tombo_control.autopilot import (
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.plant import P, part
 from tombo_sim.beginning import NOISE, TICK_S, Beginning, begin
-from tombo_sim.kernel import ARRIVES, CAPTURED, POSE, fly
+from tombo_sim.kernel import ARRIVES, MOCAP_WIDTH, POSE, STAMPED, fly
 from tombo_sim.log_columns import COLUMNS, LOG_WIDTH
 
 Array = NDArray[np.float64]
@@ -75,6 +75,7 @@ def fly_scenario(
     workspace: Workspace | None = None,
     progress: Callable[[float], None] | None = None,
     stop: Callable[[], bool] | None = None,
+    prepare: Callable[[Array], None] | None = None,
 ) -> FlightRecord:
     """Fly a scenario and return its record.
 
@@ -84,6 +85,8 @@ def fly_scenario(
         workspace: memory to reuse; the record's log then lives in it until the next flight.
         progress: called with the flight time [s] now and then.
         stop: asked at each sample; True ends the flight where it is.
+        prepare: called with the plant's memory before the first tick, to change what a scenario
+            cannot say.
 
     Raises:
         InputError: the propeller cannot lift the vehicle, the vehicle would start inside the
@@ -92,13 +95,15 @@ def fly_scenario(
     vehicle = scenario.vehicle
     ready = begin(world_of(scenario), seed)
     m, maps, theta = ready.m, ready.maps, ready.theta
+    if prepare is not None:
+        prepare(m)
     ticks = round(scenario.duration / TICK_S)
     captures = np.round(
         np.arange(0.0, scenario.duration, 1.0 / scenario.estimator.mocap_rate) / TICK_S
     ).astype(np.int64)
     captures = np.append(captures, np.int64(2**62))
     mocap_noise = ready.mocap_noise.standard_normal((captures.size, NOISE))
-    mocap = np.zeros((captures.size, 10))
+    mocap = np.zeros((captures.size, MOCAP_WIDTH))
     log = (workspace or Workspace()).rows(ticks)
     body = part(m, "body")
     a = new_autopilot(scenario.control, scenario.estimator, vehicle, body[:3], body[6:10])
@@ -167,9 +172,12 @@ def _look_at_sample(
     course: _Course, scenario: Scenario, sample: Array, row: int, now: float, a: Array
 ) -> None:
     """Hand a delivered pose to detector, reaction and mission, their outcome to the autopilot."""
-    stamp = sample[CAPTURED] * TICK_S
-    event = course.detector.update(stamp, sample[POSE : POSE + 3], sample[POSE + 3 : POSE + 7])
-    course.statistics.append((row, course.detector.statistic))
+    stamp = sample[STAMPED] * TICK_S
+    event, statistic = None, 0.0
+    if stamp <= now:  # the detector's node refuses a stamp from the future
+        event = course.detector.update(stamp, sample[POSE : POSE + 3], sample[POSE + 3 : POSE + 7])
+        statistic = course.detector.statistic
+    course.statistics.append((row, statistic))
     before = course.mission
     if event is not None:
         course.detections.append(event)
@@ -213,7 +221,7 @@ def _look_at_sample(
     )
     if course.mission is not before:
         if course.mission.leg is not before.leg:
-            a[A.leg : A.leg + 10] = course.mission.leg.as_array()
+            a[A.leg : A.leg + 14] = course.mission.leg.as_array()
         if course.mission.mode != before.mode:
             a[A.mode] = course.mission.mode
             course.modes.append((now, course.mission.mode))
@@ -245,7 +253,7 @@ def _record(
     return FlightRecord(
         t=t,
         log=columns,
-        mocap_t=arrived[:, CAPTURED] * TICK_S,
+        mocap_t=arrived[:, STAMPED] * TICK_S,
         mocap_arrival=arrived[:, ARRIVES] * TICK_S,
         mocap_position=arrived[:, POSE : POSE + 3],
         mocap_attitude=arrived[:, POSE + 3 : POSE + 7],

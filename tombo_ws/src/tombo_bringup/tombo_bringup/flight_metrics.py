@@ -99,6 +99,7 @@ def summarize(flight: Verdict) -> tuple[dict[str, Any], list[dict[str, Any]]]:
         events.append({"time_s": float(t[crash]), "kind": "crash", "text": "crashed"})
     summary: dict[str, Any] = {
         "scenario": flight.scenario.name,
+        "model": flight.scenario.model or None,
         "seed": flight.seed,
         "conf": flight.scenario.propeller.conf,
         "law": flight.scenario.propeller.law,

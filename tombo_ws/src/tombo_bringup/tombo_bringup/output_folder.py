@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -24,9 +24,12 @@ RESULT_FILES = (
 class OutputFolder:
     """Results on their way into a folder; see `open_output`."""
 
-    def __init__(self, target: Path, shown: Path, *, replace: bool) -> None:
+    def __init__(
+        self, target: Path, shown: Path, *, replace: bool, results: Sequence[str] = RESULT_FILES
+    ) -> None:
         self.path = shown
         """The folder as the user named it."""
+        self._results = results
         self._target = target
         self._replace = replace
         self._made: list[Path] = []
@@ -59,11 +62,13 @@ class OutputFolder:
                 if not self._target.is_dir():
                     raise
         self._refuse_unsuitable()
-        for name in RESULT_FILES:
+        for name in self._results:
             (self._target / name).unlink(missing_ok=True)
-        for path in self.staging.iterdir():
-            os.replace(path, self._target / path.name)
-        self.staging.rmdir()
+        for path in sorted(p for p in self.staging.rglob("*") if not p.is_dir()):
+            place = self._target / path.relative_to(self.staging)
+            place.parent.mkdir(exist_ok=True)
+            os.replace(path, place)
+        shutil.rmtree(self.staging)
         self._published = True
 
     def discard(self) -> None:
@@ -106,8 +111,13 @@ class OutputFolder:
                 f"output folder '{self.path}': it is not empty ({some}); accepted: a new or empty "
                 "folder, or --force to replace the results in it"
             )
-        for name in RESULT_FILES:
+        for name in self._results:
             path = self._target / name
+            if path.parent != self._target and path.parent.exists() and not path.parent.is_dir():
+                raise InputError(
+                    f"output folder '{self.path}': {path.parent.name} in it is a file; accepted: "
+                    "a folder in which that name is free, or is a folder"
+                )
             if path.is_dir() and not path.is_symlink():
                 raise InputError(
                     f"output folder '{self.path}': {name} in it is a folder; accepted: a folder "
@@ -126,7 +136,9 @@ class OutputFolder:
 
 
 @contextmanager
-def open_output(path: Path, *, replace: bool) -> Iterator[OutputFolder]:
+def open_output(
+    path: Path, *, replace: bool, results: Sequence[str] = RESULT_FILES
+) -> Iterator[OutputFolder]:
     """Prepare a folder of results now, so that it is known to be writable.
 
     Within the context, write files to `folder / name` and end with `folder.publish()`; without
@@ -135,11 +147,12 @@ def open_output(path: Path, *, replace: bool) -> Iterator[OutputFolder]:
     Args:
         path: the folder; its parents are made as needed.
         replace: whether results of an earlier run may be replaced, and other files be there.
+        results: names, at most one folder deep, that give way to a new run's.
 
     Raises:
         InputError: a file, not empty and `replace` is False, or not writable.
     """
-    folder = OutputFolder(Path(os.path.realpath(path)), path, replace=replace)
+    folder = OutputFolder(Path(os.path.realpath(path)), path, replace=replace, results=results)
     try:
         yield folder
     finally:

@@ -27,6 +27,7 @@ def _line(field: dataclasses.Field[Any], value: object, indent: str) -> list[str
         text = f"{text} [{meta['unit']}], {low:g} to {high:g}"
     source = f". {meta['source']}" if meta.get("source") else ""
     shown = str(value).lower() if isinstance(value, bool) else value
+    shown = "null" if value is None else shown
     return [*_comment(f"{text}{source}", indent), f"{indent}{field.name}: {shown}"]
 
 
@@ -43,7 +44,7 @@ def parameter_file() -> str:
     ]
     for field in dataclasses.fields(Scenario):
         value = getattr(scenario, field.name)
-        if field.name == "name":
+        if field.name in ("name", "model"):
             continue
         if dataclasses.is_dataclass(value):
             lines += [

@@ -10,8 +10,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from tombo_bringup.course_check import check_course
 from tombo_bringup.scenario_catalogue import builtin_scenarios
 from tombo_collision.params import TRIGGERS, DetectorParams, ReactionParams
 from tombo_control.mission import MissionParams
@@ -21,7 +20,10 @@ from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.params import check_number, from_mapping, param
 from tombo_dynamics.propeller.choice import PropellerChoice
 from tombo_dynamics.vehicle import VehicleParams
+from tombo_dynamics.yaml_text import parse_yaml
 from tombo_sim.world import ObstacleParams, SpreadParams, World
+from tombo_sysid.model import effects_over
+from tombo_sysid.model_file import read_model
 
 LAWS = ("published", "repaired", "consistent")
 DEFAULT_SCENARIO = "paper_collision"
@@ -34,6 +36,8 @@ class Scenario:
     name: str = DEFAULT_SCENARIO
     description: str = ""
     duration: float = param(60.0, "s", (0.1, 3600.0), "the flight is cut off at this time")
+    model: str = ""
+    """Extended model whose effects are laid over; empty: none."""
     react: bool = True
     propeller: PropellerChoice = field(default_factory=PropellerChoice)
     vehicle: VehicleParams = field(default_factory=VehicleParams)
@@ -58,24 +62,6 @@ _SECTIONS: dict[str, type] = {
     "obstacle": ObstacleParams,
     "spread": SpreadParams,
 }
-
-
-class _Loader(yaml.SafeLoader):
-    """Reads 6e-05 as a number, as YAML 1.2 does; PyYAML alone takes it for text."""
-
-
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)$"),
-    list("-+.0123456789"),
-)
-
-
-def _parse(text: str, what: str) -> Any:
-    try:
-        return yaml.load(text, Loader=_Loader)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: no such date
-        raise InputError(f"{what} is not valid YAML: {' '.join(str(error).split())}") from error
 
 
 def _text_of(name: str, folder: Path) -> tuple[str, Path | None]:
@@ -111,15 +97,28 @@ def _read(
     text, path = _text_of(name, folder)
     if path is not None and path in below:
         raise InputError(f"scenario '{name}': extends itself")
-    values = _parse(text, f"scenario '{name}'")
+    values = parse_yaml(text, f"scenario '{name}'")
+    whole = _extended(values, name, path.parent if path else folder, (*below, path))
+    return whole, name if path is None else path.stem
+
+
+def _extended(
+    values: Any, name: str, folder: Path = Path(), below: tuple[Path | None, ...] = ()
+) -> dict[str, Any]:
+    """Return the content of a scenario with what it extends merged in."""
     if not isinstance(values, dict):
         found = f"{values!r:.60}"
         raise InputError(f"scenario '{name}': {found} is no scenario; accepted: keys and values")
-    base = values.pop("extends", None)
+    if "model" in values:
+        raise InputError(
+            f"scenario '{name}': model: accepted: tombo fly --model FILE in its place"
+        )
+    whole: dict[str, Any] = dict(values)
+    base = whole.pop("extends", None)
     if base is not None:
-        parent, _ = _read(str(base), path.parent if path else folder, (*below, path))
-        values = _merged(parent, values)
-    return values, name if path is None else path.stem
+        parent, _ = _read(str(base), folder, below)
+        whole = _merged(parent, whole)
+    return whole
 
 
 def _merged(base: dict[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
@@ -143,23 +142,31 @@ def override(
     key, separator, text = setting.partition("=")
     if not separator or not key.strip():
         raise InputError(f"{option} '{setting}': expected key=value, as in {example}")
-    value: Any = _parse(text, f"{option} '{setting}': '{text}'")
+    value: Any = parse_yaml(text, f"{option} '{setting}': '{text}'")
     for name in reversed(key.strip().split(".")):
         value = {name: value}
     return _merged(values, value)
 
 
-def load_scenario(name: str = DEFAULT_SCENARIO, settings: Sequence[str] = ()) -> Scenario:
+def load_scenario(
+    name: str = DEFAULT_SCENARIO, settings: Sequence[str] = (), model: str | None = None
+) -> Scenario:
     """Read a built-in scenario by name, or a file by path, apply settings, and check it.
 
     Args:
         name: built-in name or path of a YAML file.
         settings: overrides such as "vehicle.mass=1.4" or "effects.steady_wind.east=2".
+        model: path of a `model.yaml`, whose effects are laid over those of the scenario; settings
+            win over both.
 
     Raises:
-        InputError: unknown scenario or key, wrong type, NaN, a value out of bounds.
+        InputError: unknown scenario or key, wrong type, NaN, a value out of bounds, no model.
     """
     values, label = _read(name)
+    if model is not None:
+        extended = read_model(Path(model))
+        plain = scenario_from_mapping(values, label)
+        values |= {"effects": effects_over(plain.effects, extended), "model": model}
     for setting in settings:
         values = override(values, setting)
     return scenario_from_mapping(values, label)
@@ -180,6 +187,15 @@ def scenario_over(
     for setting in settings:
         values = override(values, setting)
     return scenario_from_mapping(values, label)
+
+
+def extended_scenario(values: Mapping[str, Any], label: str) -> Scenario:
+    """Build a scenario from a plain mapping as it could stand in a file, with what it extends.
+
+    Raises:
+        InputError: as `load_scenario`.
+    """
+    return scenario_from_mapping(_extended(values, label), label)
 
 
 def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
@@ -217,12 +233,19 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
         raise unknown_name("propeller.law", scenario.propeller.law, LAWS)
     if scenario.detector.trigger not in TRIGGERS:
         raise unknown_name("detector.trigger", scenario.detector.trigger, TRIGGERS)
+    check_course(scenario.mission, scenario.control)
     return scenario
 
 
 def as_mapping(scenario: Scenario) -> dict[str, Any]:
     """Return the scenario as plain nested dictionaries, as it could stand in a file."""
     plain: dict[str, Any] = dataclasses.asdict(scenario)
+    course = plain["mission"]["course"]
+    if course is not None:
+        plain["mission"]["course"] = [
+            {key: value for key, value in waypoint.items() if value is not None}
+            for waypoint in course
+        ]
     return plain
 
 

@@ -52,8 +52,8 @@ class _Autopilot(NamedTuple):
     rates: int
     """3: body rates, bias removed [rad/s]."""
     leg: int
-    """10: the reference being flown: start (3), cruise velocity (3), begin [s], end [s], ramp [s],
-    yaw [rad]."""
+    """14: the reference being flown: start (3), cruise velocity (3), begin [s], end [s], ramp [s],
+    yaw now [rad]; of a turn: yaw at the begin [rad], rate [rad/s], how long [s], ramp [s]."""
     position_setpoint: int
     """3: [m], map."""
     velocity_setpoint: int
@@ -91,7 +91,7 @@ class _Autopilot(NamedTuple):
 
 
 AUTOPILOT_SIZES = _Autopilot(
-    3, 3, 4, 3, 3, 3, 10, 3, 3, 3, 3, 3, 3, 4, 1, 3, 3, 3, 3, 3, 4, 4, 3, 8 * HISTORY_TICKS
+    3, 3, 4, 3, 3, 3, 14, 3, 3, 3, 3, 3, 3, 4, 1, 3, 3, 3, 3, 3, 4, 4, 3, 8 * HISTORY_TICKS
 )
 
 

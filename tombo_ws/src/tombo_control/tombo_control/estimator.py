@@ -133,10 +133,11 @@ def correct(
         airborne: False keeps accelerometer bias and velocity untouched.
 
     Returns:
-        False if the sample is from the future, older than the history, or not finite.
+        False if the sample is from the future, from before the start, older than the history, or
+        not finite.
     """
     slot = A.history + 8 * (captured % HISTORY_TICKS)
-    if captured > now or a[slot + 7] != captured:
+    if captured < 0 or captured > now or a[slot + 7] != captured:
         return False
     for k in range(7):
         if not math.isfinite(pose[j + k]):

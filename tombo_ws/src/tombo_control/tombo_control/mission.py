@@ -1,4 +1,4 @@
-"""The mission: take off, hover, fly towards the goal, and after a collision hold at x_r and land.
+"""The mission: take off, hover, fly to the goal or a course; hold after a collision; land.
 
 Pure and event-driven: one call per pose or at a fixed rate, with time as an argument.
 """
@@ -21,18 +21,19 @@ from tombo_control.autopilot import (
     REACT,
     TAKEOFF,
 )
-from tombo_control.reference import progress
-from tombo_dynamics.params import param
+from tombo_control.course import Course, Target, Waypoint, leg_to, read_course, targets
+from tombo_control.leg import Leg, Point, stay, straight
+from tombo_dynamics.params import param, structure
 
 Array = NDArray[np.float64]
 
-_ACCELERATION = 0.8
 _ARRIVED = 0.08
 _STILL = 0.15
 _SETTLED_RADIUS = 0.1
 _SETTLED_SPEED = 0.1
 _SETTLED_TIME = 1.0
-_FOREVER = 1e9
+_LATE = 0.1
+"""s: a leg of a course begins when the last one is over, whenever within this it is looked at."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,11 @@ class MissionParams:
         0.0, "m", (0.0, 20.0), "in place of the approach: jumps of the set point of this size", ""
     )
     step_period: float = param(3.0, "s", (0.2, 60.0), "time between such jumps", "")
+    course: tuple[Waypoint, ...] | None = structure(
+        read_course,
+        "in place of the approach: waypoints, each {x, y, z, yaw, speed, acceleration, yaw_rate, "
+        "hold}; what one leaves out is as at the one before; after the last it lands",
+    )
     hold_time: float = param(4.0, "s", (0.0, 600.0), "hold at x_r before landing", "seen steady")
     land_time: float = param(
         42.0, "s", (1.0, 3600.0), "land at the latest, reaction or not", "one battery, short film"
@@ -70,56 +76,14 @@ class MissionParams:
 
 
 @dataclass(frozen=True)
-class Leg:
-    """A straight reference, from begin to end, then held (map, SI); see `reference.progress`."""
-
-    start: tuple[float, float, float]
-    velocity: tuple[float, float, float]
-    """While cruising."""
-    begin_s: float
-    end_s: float
-    ramp_s: float = 0.0
-    yaw: float = 0.0
-
-    def as_array(self) -> Array:
-        """Return start, velocity, begin, end, ramp, yaw as an array (10)."""
-        times = (self.begin_s, self.end_s, self.ramp_s, self.yaw)
-        return np.array([*self.start, *self.velocity, *times])
-
-    def position(self, time_s: float) -> tuple[float, float, float]:
-        """Return the reference position at `time_s`."""
-        way, _, _ = progress(time_s - self.begin_s, self.end_s - self.begin_s, self.ramp_s)
-        x, y, z = (s + v * way for s, v in zip(self.start, self.velocity, strict=True))
-        return x, y, z
-
-
-def stay(point: tuple[float, float, float], now_s: float) -> Leg:
-    """Return the leg that holds a point."""
-    return Leg(point, (0.0, 0.0, 0.0), now_s, _FOREVER)
-
-
-def straight(
-    start: tuple[float, float, float], goal: tuple[float, float, float], speed: float, now_s: float
-) -> Leg:
-    """Return the leg from `start` to `goal` at `speed` [m/s], with ramps of 0.8 m/s^2."""
-    way = [g - s for g, s in zip(goal, start, strict=True)]
-    length = math.sqrt(sum(w * w for w in way))
-    if length < 1e-9:
-        return stay(goal, now_s)
-    ramp = min(speed / _ACCELERATION, math.sqrt(length / _ACCELERATION))
-    cruise = ramp * _ACCELERATION
-    vx, vy, vz = (cruise * w / length for w in way)
-    return Leg(start, (vx, vy, vz), now_s, now_s + length / cruise + ramp, ramp)
-
-
-@dataclass(frozen=True)
 class MissionState:
     """Where the mission stands."""
 
     mode: int
     leg: Leg
-    home: tuple[float, float, float]
+    home: Point
     steps: int = 0
+    """Jumps made, or waypoints begun."""
     settled_since_s: float = math.inf
     settled_s: float = math.nan
     """When the vehicle was first settled at x_r [s]; NaN before."""
@@ -145,7 +109,7 @@ def begin_in_flight(position: Array, ground: float) -> MissionState:
 def wait(state: MissionState, now_s: float, position: Array) -> MissionState:
     """Stay at `position` (3) in the plan's present phase."""
     x, y, z = (float(v) for v in position)
-    return replace(state, leg=stay((x, y, z), now_s))
+    return replace(state, leg=stay((x, y, z), now_s, state.leg.yaw_at(now_s)))
 
 
 def grounded(state: MissionState, now_s: float, position: Array) -> MissionState:
@@ -159,9 +123,11 @@ def resume(
     """Go on with the plan's present phase from `position` (3), at rest there."""
     x, y, z = (float(v) for v in position)
     here = (x, y, z)
-    top = (state.home[0], state.home[1], params.height)
     if state.mode in (TAKEOFF, HOVER):
-        return replace(state, leg=straight(here, top, params.climb_speed, now_s))
+        return replace(state, leg=straight(here, _top(state, params), params.climb_speed, now_s))
+    if state.mode == APPROACH and params.course is not None:
+        target = _targets(state, params)[_waypoint(state, params.course)]
+        return replace(state, leg=leg_to(target, here, state.leg.yaw_at(now_s), now_s))
     if state.mode == APPROACH:
         goal = (params.goal_x, params.goal_y, params.height)
         if params.step_size > 0.0:
@@ -175,9 +141,8 @@ def escape(state: MissionState, x_r: Array, now_s: float) -> MissionState:
     x, y, z = (float(v) for v in x_r)
     if not math.isfinite(x + y + z):
         return state
-    return replace(
-        state, mode=REACT, leg=stay((x, y, z), now_s), settled_since_s=math.inf, settled_s=math.nan
-    )
+    leg = stay((x, y, z), now_s, state.leg.yaw_at(now_s))
+    return replace(state, mode=REACT, leg=leg, settled_since_s=math.inf, settled_s=math.nan)
 
 
 def proceed(
@@ -190,15 +155,18 @@ def proceed(
     if mode != IDLE and now_s >= params.land_time:
         return _land(state, params, now_s, position)
     if mode == IDLE and now_s >= params.takeoff_time:
-        top = (state.home[0], state.home[1], params.height)
+        top = _top(state, params)
         return replace(
             state, mode=TAKEOFF, leg=straight(state.home, top, params.climb_speed, now_s)
         )
     if mode == TAKEOFF and now_s >= state.leg.end_s:
-        top = (state.home[0], state.home[1], params.height)
+        top = _top(state, params)
         if _near(position, top, _ARRIVED) and _speed(velocity) < _STILL:
             return replace(state, mode=HOVER, leg=stay(top, now_s))
-    if mode == HOVER and now_s >= params.approach_time:
+    flying = mode == HOVER and now_s >= params.approach_time
+    if params.course is not None and (flying or mode == APPROACH):
+        return _along_course(state, params, params.course, now_s, position)
+    if flying:
         goal = (params.goal_x, params.goal_y, params.height)
         if params.step_size > 0.0:
             return _next_step(state, params, now_s)
@@ -214,13 +182,46 @@ def proceed(
     return state
 
 
+def _top(state: MissionState, params: MissionParams) -> Point:
+    """Return where it hovers."""
+    return state.home[0], state.home[1], params.height
+
+
+def _targets(state: MissionState, params: MissionParams) -> list[Target]:
+    return targets(params.course or (), _top(state, params), params.approach_speed)
+
+
+def _waypoint(state: MissionState, course: Course) -> int:
+    """Return which waypoint is flown to; the plan may have been changed in flight."""
+    return min(max(state.steps - 1, 0), len(course) - 1)
+
+
+def _along_course(
+    state: MissionState, params: MissionParams, course: Course, now_s: float, position: Array
+) -> MissionState:
+    """Begin the leg to the next waypoint when the last one is over; after the last, land."""
+    known: list[Target] = []
+    while True:
+        begun = state.mode == APPROACH and state.steps > 0
+        over_s = state.leg.over_s if begun else params.approach_time
+        if now_s < over_s:
+            return state
+        if state.steps >= len(course):
+            return _land(state, params, now_s, position)
+        known = known or _targets(state, params)
+        begin_s = over_s if now_s - over_s < _LATE else now_s
+        here, yaw = state.leg.position(now_s), state.leg.yaw_at(now_s)
+        leg = leg_to(known[state.steps], here, yaw, begin_s)
+        state = replace(state, mode=APPROACH, leg=leg, steps=state.steps + 1)
+
+
 def _next_step(state: MissionState, params: MissionParams, now_s: float) -> MissionState:
     """Jump to the next corner of a square with a change of height: a hard test for a detector."""
     point = _corner(state, params, state.steps)
     return replace(state, mode=APPROACH, leg=stay(point, now_s), steps=state.steps + 1)
 
 
-def _corner(state: MissionState, params: MissionParams, step: int) -> tuple[float, float, float]:
+def _corner(state: MissionState, params: MissionParams, step: int) -> Point:
     corners = ((1.0, 0.0, 0.0), (1.0, 1.0, 0.4), (0.0, 1.0, -0.2), (0.0, 0.0, 0.3))
     dx, dy, dz = corners[step % 4]
     size = params.step_size
@@ -246,7 +247,9 @@ def _land(
     x, y, _ = state.leg.position(now_s)
     height = float(position[2])
     below = (x, y, state.home[2] - 0.6)
-    return replace(state, mode=LAND, leg=straight((x, y, height), below, params.land_speed, now_s))
+    yaw = state.leg.yaw_at(now_s)
+    leg = straight((x, y, height), below, params.land_speed, now_s, yaw)
+    return replace(state, mode=LAND, leg=leg)
 
 
 def _landing(
@@ -256,11 +259,12 @@ def _landing(
         return state
     lag = float(position[2]) - state.leg.position(now_s)[2]
     if lag > 0.25 and abs(float(velocity[2])) < 0.15 and float(position[2]) < state.home[2] + 0.3:
-        return replace(state, mode=LANDED, leg=stay(state.leg.position(now_s), now_s))
+        here = stay(state.leg.position(now_s), now_s, state.leg.yaw)
+        return replace(state, mode=LANDED, leg=here)
     return state
 
 
-def _near(position: Array, point: tuple[float, float, float], radius: float) -> bool:
+def _near(position: Array, point: Point, radius: float) -> bool:
     dx, dy, dz = (float(position[i]) - point[i] for i in range(3))
     return dx * dx + dy * dy + dz * dz < radius * radius
 

@@ -257,7 +257,7 @@ class MissionCourse:
             self._has_flown = False
         elif height > state.home[2] + _AIRBORNE:
             self._has_flown = True
-        wanted = self.params.height if state.mode in _MOVING else state.leg.position(now)[2]
+        wanted = state.leg.position(state.leg.done_s)[2]
         low = height < state.home[2] + _LOW and height < wanted - _BELOW
         slow = math.hypot(*self._velocity.tolist()) < _REST
         flies = state.mode in (TAKEOFF, HOVER, APPROACH, REACT, HOLD)
@@ -276,4 +276,4 @@ class MissionCourse:
             speed = change = 0.0
         cruise = np.array(leg.velocity)
         place = np.array(leg.position(now))
-        return Setpoint(place, speed * cruise, change * cruise, leg.yaw, self.mode, now_ns)
+        return Setpoint(place, speed * cruise, change * cruise, leg.yaw_at(now), self.mode, now_ns)

@@ -26,6 +26,9 @@ def follow_leg(a: Array, time: float) -> None:
         a[A.velocity_reference + i] = a[A.leg + 3 + i] * speed
         a[A.velocity_setpoint + i] = a[A.velocity_reference + i]
         a[A.acceleration_setpoint + i] = a[A.leg + 3 + i] * change
+    if a[A.leg + 11] != 0.0:
+        turned, _, _ = progress(time - a[A.leg + 6], a[A.leg + 12], a[A.leg + 13])
+        a[A.leg + 9] = a[A.leg + 10] + a[A.leg + 11] * turned
 
 
 @compiled

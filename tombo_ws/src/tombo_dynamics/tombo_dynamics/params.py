@@ -7,9 +7,10 @@ compiled code takes) is derived from the record.
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from collections import namedtuple
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 from tombo_dynamics.errors import InputError, unknown_name
@@ -18,7 +19,7 @@ _Record = TypeVar("_Record")
 
 
 def param(
-    default: float, unit: str, bounds: tuple[float, float], doc: str, source: str = ""
+    default: float | None, unit: str, bounds: tuple[float, float], doc: str, source: str = ""
 ) -> Any:
     """Declare a numeric field of a parameter record.
 
@@ -32,6 +33,23 @@ def param(
     return dataclasses.field(
         default=default, metadata={"unit": unit, "bounds": bounds, "doc": doc, "source": source}
     )
+
+
+def structure(read: Callable[[str, object], Any], doc: str, source: str = "") -> Any:
+    """Declare a field of a parameter record that is no number but a structure, None by default.
+
+    Args:
+        read: makes it from a name and plain values (lists, mappings, numbers), or raises
+            InputError; takes its own result as well.
+        doc: what the parameter means.
+        source: as in `param`.
+    """
+    return dataclasses.field(default=None, metadata={"read": read, "doc": doc, "source": source})
+
+
+def as_text(value: object) -> str:
+    """Return plain values as text, as ROS parameters have a structure; None is empty."""
+    return "" if value is None else json.dumps(value)
 
 
 def check_number(
@@ -88,6 +106,8 @@ def from_mapping(cls: type[_Record], values: Mapping[str, Any], name: str) -> _R
             meta = fields[key].metadata
             number = check_number(f"{name}.{key}", value, meta["unit"], meta["bounds"], integer)
             converted[key] = int(number) if integer else number
+        elif "read" in fields[key].metadata:
+            converted[key] = fields[key].metadata["read"](f"{name}.{key}", value)
         else:
             converted[key] = value
     return cls(**converted)

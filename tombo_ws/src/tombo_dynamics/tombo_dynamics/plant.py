@@ -71,7 +71,8 @@ class _Plant(NamedTuple):
     imu: int
     """6: gyro [rad/s] and specific force [m/s^2], body frame, as measured."""
     mocap: int
-    """10: position (3), quaternion (4), latency [s], dropped (0/1), rest of a dropout [s]."""
+    """11: position (3), quaternion (4), latency [s], dropped (0/1), rest of a dropout [s], error
+    of the stamp [s]."""
     draws: int
     """8: standard normal numbers drawn once a flight."""
     obstacle: int
@@ -81,7 +82,9 @@ class _Plant(NamedTuple):
     delay: int
     """256: the rotor speeds asked for in the last 64 ticks, a ring."""
     work: int
-    """39: the integrator's scratch."""
+    """39: the integrator's scratch: state at the start of the tick, slopes, latest slope."""
+    disturbance: int
+    """16: shape (0: none), parameters (6), state (9); see `tombo_dynamics.disturbance`."""
 
 
 PLANT_SIZES = _Plant(
@@ -107,12 +110,13 @@ PLANT_SIZES = _Plant(
     3,
     15,
     6,
-    10,
+    11,
     8,
     4,
     2,
     4 * DELAY_TICKS,
     39,
+    16,
 )
 
 
@@ -129,6 +133,10 @@ P = _Plant(*_PLANT_STARTS[:-1])
 VehicleIndex: Any = tuple_type(VehicleParams, "VehicleIndex", __name__)
 V: Any = VehicleIndex(*range(_PLANT_STARTS[-1], _PLANT_STARTS[-1] + len(VehicleIndex._fields)))
 """Where each vehicle parameter is in `m`."""
+SLOPES = P.work + 13
+"""d(body)/dt (13) after `begin_tick`: at the start of the tick."""
+ANGULAR_ACCELERATION = SLOPES + 10
+"""d(body rates)/dt (3) [rad/s^2] at the start of the tick."""
 PLANT_SIZE = _PLANT_STARTS[-1] + len(VehicleIndex._fields)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from tombo_dynamics.disturbance import disturb, prepare_disturbance
 from tombo_dynamics.effects.compose import (
     apply_air,
     apply_body,
@@ -13,13 +14,13 @@ from tombo_dynamics.effects.compose import (
 )
 from tombo_dynamics.ground_contact import ground_contact, reach_down
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.plant import DELAY_TICKS, Array, P, V
+from tombo_dynamics.plant import DELAY_TICKS, SLOPES, Array, P, V
 from tombo_dynamics.rotation import normalize_quaternion, rotation_matrix
 from tombo_dynamics.rotors import sum_rotors, turn_rotors
 from tombo_dynamics.vehicle import GRAVITY
 
-_START, _SLOPES, _SLOPE = P.work, P.work + 13, P.work + 26
-"""Scratch of the integrator: state at the start, weighted sum of slopes, latest slope."""
+_START, _SLOPE = P.work, P.work + 26
+"""Scratch of the integrator, beside `SLOPES`, which becomes the weighted sum of all slopes."""
 
 
 @compiled
@@ -51,6 +52,8 @@ def derivative(m: Array, noise: Array, theta: Array, row: int, out: int) -> None
     m[f + 4] = m[s + 4] + m[rotors + 2] + wx * spin
     m[f + 5] = m[s + 5] + m[rotors + 3]
     apply_wrench(m, noise, theta)
+    if m[P.disturbance] != 0.0:
+        disturb(m, row)
     if m[b + 2] < m[P.inertial + 14]:
         ground_contact(m)
     per_mass = m[P.inertial + 10]
@@ -100,7 +103,9 @@ def begin_tick(m: Array, maps: Array, noise: Array, theta: Array) -> None:
     sum_rotors(m, maps, 1.0, 0)
     sum_rotors(m, maps, m[P.inertial + 8], 1)
     sum_rotors(m, maps, m[P.inertial + 9], 2)
-    derivative(m, noise, theta, 0, _SLOPES)
+    if m[P.disturbance] != 0.0:
+        prepare_disturbance(m)
+    derivative(m, noise, theta, 0, SLOPES)
 
 
 @compiled
@@ -112,18 +117,18 @@ def finish_tick(m: Array, noise: Array, theta: Array) -> None:
     h = m[P.clock + 1]
     for i in range(13):
         m[_START + i] = m[P.body + i]
-        m[P.body + i] += 0.5 * h * m[_SLOPES + i]
+        m[P.body + i] += 0.5 * h * m[SLOPES + i]
     derivative(m, noise, theta, 1, _SLOPE)
     for i in range(13):
         m[P.body + i] = m[_START + i] + 0.5 * h * m[_SLOPE + i]
-        m[_SLOPES + i] += 2.0 * m[_SLOPE + i]
+        m[SLOPES + i] += 2.0 * m[_SLOPE + i]
     derivative(m, noise, theta, 1, _SLOPE)
     for i in range(13):
         m[P.body + i] = m[_START + i] + h * m[_SLOPE + i]
-        m[_SLOPES + i] += 2.0 * m[_SLOPE + i]
+        m[SLOPES + i] += 2.0 * m[_SLOPE + i]
     derivative(m, noise, theta, 2, _SLOPE)
     for i in range(13):
-        m[P.body + i] = m[_START + i] + h / 6.0 * (m[_SLOPES + i] + m[_SLOPE + i])
+        m[P.body + i] = m[_START + i] + h / 6.0 * (m[SLOPES + i] + m[_SLOPE + i])
     normalize_quaternion(m, P.body + 6)
     turn_rotors(m)
     m[P.clock] += 1.0

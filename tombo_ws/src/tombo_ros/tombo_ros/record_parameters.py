@@ -22,7 +22,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.params import check_number, from_mapping
+from tombo_dynamics.params import as_text, check_number, from_mapping
+from tombo_dynamics.yaml_text import parse_yaml
 
 _KINDS = {
     bool: Parameter.Type.BOOL,
@@ -69,7 +70,7 @@ class RecordParameters:
         self._checks: dict[str, Any] = {}
         self._overrides: Mapping[str, Any] = getattr(node, "_parameter_overrides", {})
         for section, record in records.items():
-            defaults = {f.name: getattr(record, f.name) for f in dataclasses.fields(record)}
+            defaults = _as_parameters(record)
             values = {
                 name: self._given(f"{section}.{name}", default)
                 for name, default in defaults.items()
@@ -202,7 +203,21 @@ class RecordParameters:
         return SetParametersResult(successful=True)
 
 
+def _as_parameters(record: Any) -> dict[str, Any]:
+    """Return the record's values as ROS has them: a structure is YAML in a text."""
+    values = dataclasses.asdict(record)
+    for field in dataclasses.fields(record):
+        if "read" in field.metadata:
+            values[field.name] = as_text(values[field.name])
+    return values
+
+
 def _checked(record: Any, values: Mapping[str, Any], section: str) -> Any:
     """Return the record with some values changed, all of it checked."""
+    read = {f.name for f in dataclasses.fields(record) if "read" in f.metadata}
+    values = {
+        key: parse_yaml(value, f"{section}.{key}") if key in read and value else value
+        for key, value in values.items()
+    }
     merged = {f.name: getattr(record, f.name) for f in dataclasses.fields(record)}
     return from_mapping(type(record), {**merged, **values}, section)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tombo_control.autopilot import LAND, LANDED, A, new_autopilot, part
 from tombo_control.cascade import cascade, stand_by
 from tombo_control.estimator import correct, measure_rates, predict, remember
-from tombo_control.mission import straight
+from tombo_control.leg import straight
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_dynamics.plant import P
 from tombo_dynamics.plant import part as plant_part

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,8 +20,12 @@ _TICK = 1e-3
 
 NEXT_CAPTURE, OLDEST_UNDELIVERED, LAST_CAPTURED = range(3)
 """Meaning of the kernel's integer state."""
-CAPTURED, ARRIVES, DELIVERED, POSE = 0, 1, 2, 3
-"""Columns of the mocap table: tick of capture, tick of arrival (-1: dropped), 0/1, pose (7)."""
+STAMPED, ARRIVES, DELIVERED, POSE = 0, 1, 2, 3
+"""Columns of the mocap table: capture as the stamp says it [ticks, with fraction], tick of arrival
+(-1: dropped), 0/1, pose (7)."""
+MOCAP_WIDTH = 10
+_AHEAD = 5
+"""Ticks that a stamp may be ahead of the clock; the pose then waits for its time."""
 
 
 @compiled
@@ -123,9 +129,10 @@ def capture(
         m[P.mocap + 3 + j] = m[P.body + 6 + j]
     m[P.mocap + 7] = 0.0
     m[P.mocap + 8] = 0.0
+    m[P.mocap + 10] = 0.0
     m[P.mocap + 9] = max(m[P.mocap + 9] - (tick - state[LAST_CAPTURED]) * m[P.clock + 1], 0.0)
     apply_mocap(m, mocap_noise[i], theta)
-    mocap[i, CAPTURED] = tick
+    mocap[i, STAMPED] = tick + m[P.mocap + 10] / m[P.clock + 1]
     mocap[i, DELIVERED] = 0.0
     mocap[i, ARRIVES] = -1.0
     if m[P.mocap + 8] == 0.0:
@@ -137,8 +144,18 @@ def capture(
 
 
 @compiled
+def stamped_tick(mocap: Array, i: int) -> int:
+    """Return the tick nearest to the stamp of sample `i`."""
+    return math.floor(float(mocap[i, STAMPED]) + 0.5)
+
+
+@compiled
 def deliver(a: Array, mocap: Array, state: NDArray[np.int64], tick: int, airborne: bool) -> int:
-    """Hand the estimator the sample that arrives in this tick; return its row, or -1."""
+    """Hand the estimator the sample that arrives in this tick; return its row, or -1.
+
+    The estimator takes the stamp for the time of capture. It refuses one from the future, but lets
+    one wait that is only a little ahead.
+    """
     head = state[OLDEST_UNDELIVERED]
     end = state[NEXT_CAPTURE]
     while head < end and (mocap[head, ARRIVES] < 0.0 or mocap[head, DELIVERED] > 0.0):
@@ -146,9 +163,11 @@ def deliver(a: Array, mocap: Array, state: NDArray[np.int64], tick: int, airborn
     state[OLDEST_UNDELIVERED] = head
     for i in range(head, end):
         if mocap[i, DELIVERED] == 0.0 and 0.0 <= mocap[i, ARRIVES] <= tick:
+            captured = stamped_tick(mocap, i)
+            if tick < captured <= tick + _AHEAD:
+                continue
             mocap[i, DELIVERED] = 1.0
             mocap[i, ARRIVES] = tick
-            captured = int(mocap[i, CAPTURED])
             period = captured * _TICK - a[A.mode + 2]
             if correct(a, mocap[i], POSE, captured, tick, period, airborne):
                 a[A.mode + 2] = max(a[A.mode + 2], captured * _TICK)

@@ -10,11 +10,21 @@ from numpy.typing import NDArray
 from tombo_dynamics.plant import P, part
 from tombo_dynamics.rigid_body import finish_tick
 from tombo_sim.beginning import NOISE, TICK_S, begin
-from tombo_sim.kernel import ARRIVES, CAPTURED, NEXT_CAPTURE, POSE, capture, sense
+from tombo_sim.kernel import (
+    ARRIVES,
+    MOCAP_WIDTH,
+    NEXT_CAPTURE,
+    POSE,
+    STAMPED,
+    capture,
+    sense,
+    stamped_tick,
+)
 from tombo_sim.world import World
 
 Array = NDArray[np.float64]
 _BLOCK = 4096
+_TICK_NS = 1e6
 
 
 @dataclass(frozen=True)
@@ -22,7 +32,9 @@ class PoseSample:
     """A pose of the motion capture."""
 
     captured: int
-    """Tick of capture."""
+    """Tick of capture, as the stamp says it."""
+    stamp_ns: int
+    """The stamp [ns since tick 0]."""
     arrives: int
     """Tick of arrival."""
     pose: Array
@@ -49,7 +61,7 @@ class Simulator:
         self._rate = world.mocap_rate
         self._noise = self.ready.tick_noise.standard_normal((_BLOCK, NOISE))
         self._captures = 0
-        self._row = np.zeros((1, 10))
+        self._row = np.zeros((1, MOCAP_WIDTH))
         self._state = np.zeros(3, dtype=np.int64)
         self._under_way: list[PoseSample] = []
         self.arrived: list[PoseSample] = []
@@ -85,10 +97,14 @@ class Simulator:
             capture(self.m, noise, self.ready.theta, self._row, self._state, self.tick)
             row = self._row[0]
             if row[ARRIVES] >= 0.0:
-                sample = PoseSample(
-                    int(row[CAPTURED]), int(row[ARRIVES]), row[POSE : POSE + 7].copy()
+                self._under_way.append(
+                    PoseSample(
+                        stamped_tick(self._row, 0),
+                        round(float(row[STAMPED]) * _TICK_NS),
+                        int(row[ARRIVES]),
+                        row[POSE : POSE + 7].copy(),
+                    )
                 )
-                self._under_way.append(sample)
         self.arrived = [s for s in self._under_way if s.arrives <= self.tick]
         if self.arrived:
             self._under_way = [s for s in self._under_way if s.arrives > self.tick]

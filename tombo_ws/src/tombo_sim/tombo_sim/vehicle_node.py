@@ -146,7 +146,7 @@ class VehicleNode(LoopNode):
         m, tick = self.simulator.m, self.simulator.tick
         stamp = began_ns + tick * TICK_NS
         for sample in self.simulator.arrived:
-            self._pose.stamp(began_ns + sample.captured * TICK_NS)
+            self._pose.stamp(began_ns + sample.stamp_ns)
             self._pose_values.put_array(sample.pose)
             self._pose_out.publish(self._pose.data())
         if tick % self._truth_ticks == 0:

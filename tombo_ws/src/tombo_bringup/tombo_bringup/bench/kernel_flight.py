@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_bringup.scenario import Scenario
-from tombo_control import mission as plan
 from tombo_control.autopilot import APPROACH, HOVER, REACT, TAKEOFF, A, new_autopilot
+from tombo_control.leg import Leg, stay, straight
 from tombo_dynamics.effects.compose import pack_theta
 from tombo_dynamics.plant import P, new_plant, part
 from tombo_dynamics.rigid_body import begin_flight
@@ -20,7 +20,7 @@ from tombo_sim.propulsion import propulsion_effects, thrust_map_of
 
 Array = NDArray[np.float64]
 
-Stretch = tuple[plan.Leg, int, int, int]
+Stretch = tuple[Leg, int, int, int]
 """A leg, its mode, the first tick and the tick after the last."""
 
 TICK_S = 1e-3
@@ -42,9 +42,9 @@ class KernelFlight:
     calm: Array
     """The standard normal numbers of every tick: none, since the bare kernel takes one row."""
 
-    def stretch(self, leg: plan.Leg, mode: int, start: int, stop: int) -> None:
+    def stretch(self, leg: Leg, mode: int, start: int, stop: int) -> None:
         """Fly a leg from tick `start` to tick `stop`."""
-        self.autopilot[A.leg : A.leg + 10] = leg.as_array()
+        self.autopilot[A.leg : A.leg + 14] = leg.as_array()
         self.autopilot[A.mode] = mode
         fly_on_truth(self.plant, self.autopilot, self.maps, self.theta, self.calm, start, stop)
 
@@ -79,14 +79,14 @@ def stretches(flight: KernelFlight, contact_s: float) -> list[Stretch]:
     x, y, z = (float(v) for v in part(flight.plant, "body")[:3])
     top = (x, y, mission.height)
     goal = (mission.goal_x, mission.goal_y, mission.height)
-    up = plan.straight((x, y, z), top, mission.climb_speed, mission.takeoff_time)
-    ahead = plan.straight(top, goal, mission.approach_speed, mission.approach_time)
+    up = straight((x, y, z), top, mission.climb_speed, mission.takeoff_time)
+    ahead = straight(top, goal, mission.approach_speed, mission.approach_time)
     switch = min(contact_s + _REACTION_S, _LENGTH_S)
     x_c, y_c, z_c = ahead.position(min(contact_s, _LENGTH_S))
-    back = plan.stay((x_c - reaction.distance, y_c, z_c), switch)
+    back = stay((x_c - reaction.distance, y_c, z_c), switch)
     times = [0.0, up.end_s, mission.approach_time, switch, _LENGTH_S]
     ticks = [round(time / TICK_S) for time in times]
-    legs = [(up, TAKEOFF), (plan.stay(top, up.end_s), HOVER), (ahead, APPROACH), (back, REACT)]
+    legs = [(up, TAKEOFF), (stay(top, up.end_s), HOVER), (ahead, APPROACH), (back, REACT)]
     return [
         (leg, mode, ticks[i], ticks[i + 1])
         for i, (leg, mode) in enumerate(legs)

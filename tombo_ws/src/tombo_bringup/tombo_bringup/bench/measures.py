@@ -28,7 +28,7 @@ from tombo_bringup.bench.numpy_step import hovering
 from tombo_bringup.flight import Workspace, fly_scenario
 from tombo_bringup.flight_output import write_mcap
 from tombo_bringup.scenario import Scenario, load_scenario
-from tombo_control.mission import straight
+from tombo_control.leg import straight
 
 Share = list[tuple[KernelFlight, list[Stretch]]]
 Said = Callable[[str], None]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_bringup.scenario import Scenario
-from tombo_control.mission import Leg
+from tombo_control.leg import Leg
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY, SPIN
 from tombo_sim.propulsion import thrust_map_of
 

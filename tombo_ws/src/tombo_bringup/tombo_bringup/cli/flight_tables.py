@@ -51,6 +51,8 @@ def print_flight(flight: FlownFlight) -> None:
         Row("False alarms", "", None, summary["false_alarms"], 0),
     ]
     what = f"Conf. {summary['conf']}, law {summary['law']}"
+    if summary["model"]:
+        what += f", model {summary['model']}"
     if not summary["reaction"]:
         what += ", without the reaction"
     title = f"{summary['scenario']}, seed {summary['seed']} ({what})"
@@ -73,6 +75,8 @@ def print_campaign(campaign: Mapping[str, Any]) -> None:
     """Print how the flights of a campaign ended, and how their figures are spread."""
     total = campaign["aggregate"]
     what = f"Conf. {campaign['conf']}, law {campaign['law']}"
+    if campaign["model"]:
+        what += f", model {campaign['model']}"
     if not campaign["reaction"]:
         what += ", without the reaction"
     seeds = f"seeds {campaign['first_seed']} to {campaign['last_seed']}"

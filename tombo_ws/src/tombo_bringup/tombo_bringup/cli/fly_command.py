@@ -78,6 +78,15 @@ def fly(
             "effects.steady_wind.east=2. May be given many times.",
         ),
     ] = None,
+    model: Annotated[
+        str | None,
+        typer.Option(
+            "--model",
+            metavar="FILE",
+            help="Lay the effects of a model.yaml, which `tombo diagnose` writes, over those of "
+            "the scenario; --set wins over both.",
+        ),
+    ] = None,
     nodes: Annotated[
         bool,
         typer.Option("--nodes", help="Fly with the ROS 2 nodes, each a process, in real time."),
@@ -159,8 +168,9 @@ def fly(
         raise _input_error("--px4: accepted: without --nodes, --seeds and --no-record")
     if px4 is None and (yes or bridge):
         raise _input_error("--yes and --bridge: accepted: with --px4 only")
+    check_model(model, px4)
     one = 0 if seed is None else check_seed(seed)
-    chosen = _load(scenario, settings or [], no_reaction, conf, law)
+    chosen = _load(scenario, settings or [], no_reaction, conf, law, model)
     if px4 is not None:
         from tombo_bringup.cli.fly_px4 import fly_px4
 
@@ -214,6 +224,18 @@ def check_seed(seed: int) -> int:
     return seed
 
 
+def check_model(model: str | None, px4: str | None) -> None:
+    """Refuse a model where nothing is simulated.
+
+    Raises:
+        InputError: it is given together with a real vehicle.
+    """
+    if model is not None and px4 not in (None, SIMULATED):
+        raise _input_error(
+            f"--model {model}: accepted: without --px4 URL, where no simulation flies"
+        )
+
+
 def default_folder(scenario: str, rest: str) -> Path:
     """Return `runs/<scenario>-<rest>`; a name can't lead out of `runs`."""
     name = re.sub(r"[^\w.+-]+", "_", scenario).lstrip(".") or "scenario"
@@ -233,7 +255,12 @@ def _input_error(message: str) -> Exception:
 
 
 def _load(
-    name: str, settings: list[str], no_reaction: bool, conf: int | None, law: str | None
+    name: str,
+    settings: list[str],
+    no_reaction: bool,
+    conf: int | None,
+    law: str | None,
+    model: str | None,
 ) -> Scenario:
     """Read the scenario; options win over --set, as they are more to the point."""
     from tombo_bringup.scenario import load_scenario
@@ -243,7 +270,7 @@ def _load(
     options = [] if conf is None else [f"propeller.conf={conf}"]
     options += [] if law is None else [f"propeller.law={law}"]
     options += ["react=false"] if no_reaction else []
-    return load_scenario(name, [*settings, *options])
+    return load_scenario(name, [*settings, *options], model)
 
 
 def _fly_one(

@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from tombo_bringup.cli import propeller_command
+from tombo_bringup.cli import benchmark_command, propeller_command
+from tombo_bringup.cli.diagnose_command import DIAGNOSE_EXIT_CODES, diagnose
 from tombo_bringup.cli.effects_command import effects
 from tombo_bringup.cli.errors import exit_code_of
 from tombo_bringup.cli.fly_command import EXIT_CODES, fly
@@ -33,6 +34,7 @@ app.command(epilog=UP_EXIT_CODES, cls=OptionalUrlCommand)(up)
 app.command(epilog=PX4_EXIT_CODES)(px4)
 app.command(epilog=HIL_EXIT_CODES)(hil)
 app.command(epilog=REPLAY_EXIT_CODES)(replay)
+app.command(epilog=DIAGNOSE_EXIT_CODES)(diagnose)
 app.command("run", context_settings=PASS_ON)(run_executable)
 app.command()(scenarios)
 app.add_typer(
@@ -41,6 +43,11 @@ app.add_typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command()(effects)
+app.add_typer(
+    benchmark_command.app,
+    name="benchmark",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
 
 
 def _print_version(wanted: bool) -> None:

@@ -38,6 +38,12 @@ def up(
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the scenario."),
     ] = None,
+    model: Annotated[
+        str | None,
+        typer.Option(
+            "--model", metavar="FILE", help="Lay a model.yaml's effects over the scenario's."
+        ),
+    ] = None,
     seed: Annotated[
         int,
         typer.Option("--seed", metavar="N", parser=whole_number, help="All chance comes from it."),
@@ -107,7 +113,7 @@ def up(
     node; Ctrl-C stops them. A node that ends by itself is reported and not started again; the
     others go on.
     """
-    from tombo_bringup.cli.fly_command import check_seed
+    from tombo_bringup.cli.fly_command import check_model, check_seed
     from tombo_bringup.node_flight import over_mavlink
     from tombo_bringup.px4_side import px4_side
     from tombo_bringup.scenario import load_scenario
@@ -121,11 +127,12 @@ def up(
         raise InputError("--yes and --bridge: accepted: with --px4 only")
     if px4 is not None and speed != 1.0:
         raise InputError(f"--speed {speed:g}: accepted: without --px4, which is in real time")
+    check_model(model, px4)
     side = None if px4 is None else px4_side(None if px4 == SIMULATED else px4, bridge or [])
     over = {} if side is None else over_mavlink(side)
     folder = record or Path("runs") / time.strftime("up-%Y%m%d-%H%M%S")
     wish = Wish(
-        scenario=load_scenario(scenario, settings or []),
+        scenario=load_scenario(scenario, settings or [], model),
         seed=check_seed(seed),
         folder=folder,
         recording={"output": str((folder / "bag").absolute())},

@@ -49,7 +49,7 @@ def report_html(record: FlightRecord, plot_png: bytes) -> str:
     """The report as text; it loads nothing from anywhere."""
     story = tell(record)
     rows = comparison_rows(story, record.summary)
-    return _fill(
+    return fill(
         asset("report.html"),
         {
             "title": escape(f"{story.name}: {story.verdict.value}"),
@@ -76,7 +76,7 @@ def asset(name: str) -> str:
     return (resources.files(__package__) / "assets" / name).read_text(encoding="utf-8")
 
 
-def _fill(template: str, values: Mapping[str, str]) -> str:
+def fill(template: str, values: Mapping[str, str]) -> str:
     """Put each value in place of its {{name}}; what is put in is not looked at again."""
     return re.sub(r"\{\{(\w+)\}\}", lambda match: values[match[1]], template)
 
@@ -87,6 +87,8 @@ def _facts(record: FlightRecord, story: FlightStory) -> str:
         facts.append(f"seed {story.seed}")
     if story.conf is not None:
         facts.append(f"Conf. {story.conf} propellers")
+    if record.summary.get("model"):
+        facts.append(f"model {record.summary['model']}")
     if story.reaction is False:
         facts.append("without the reaction")
     facts.append(f"{story.duration_s:.1f} s of flight")

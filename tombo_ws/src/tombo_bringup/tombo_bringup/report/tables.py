@@ -92,6 +92,9 @@ def _flatten(prefix: str, value: Any, emit: Callable[[str, Any], None]) -> None:
     if isinstance(value, Mapping) and value:
         for key, item in value.items():
             _flatten(f"{prefix}.{key}" if prefix else str(key), item, emit)
+    elif isinstance(value, (list, tuple)) and value and isinstance(value[0], Mapping):
+        for i, item in enumerate(value):
+            emit(f"{prefix}[{i}]", item)
     else:
         emit(prefix, value)
 
@@ -109,6 +112,8 @@ def _text(value: Any) -> str:
         return f"{float(value):.6g}"
     if isinstance(value, (list, tuple, np.ndarray)):
         return "[" + ", ".join(_text(item) for item in value) + "]"
+    if isinstance(value, Mapping) and value:
+        return ", ".join(f"{key} {_text(item)}" for key, item in value.items())
     return str(value)
 
 

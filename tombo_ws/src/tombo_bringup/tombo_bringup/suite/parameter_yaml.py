@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from tombo_bringup.scenario import Scenario, as_mapping, load_scenario
+from tombo_dynamics.params import as_text
 from tombo_sim.propulsion import propulsion_effects
 
 SECTIONS: Final[dict[str, tuple[str, ...]]] = {
@@ -41,6 +42,7 @@ def suite_parameters(scenario: Scenario, seed: int, *, speed: float = 1.0) -> Pa
         speed: of simulated time against real time; other than 1, `sim` drives `/clock`.
     """
     values = as_mapping(scenario)
+    values["mission"]["course"] = as_text(values["mission"]["course"])
     values["effects"] = propulsion_effects(scenario.propeller, scenario.effects)
     table: Parameters = {
         node: {section: values[section] for section in sections}

@@ -45,7 +45,7 @@ def rehearse_nodes(scenario: Scenario) -> int:
         now = _BEGIN_NS + tick * _TICK_NS
         gyro, force = simulator.imu[:3].copy(), simulator.imu[3:].copy()
         for sample in simulator.arrived:
-            stamp = _BEGIN_NS + sample.captured * _TICK_NS
+            stamp = _BEGIN_NS + sample.stamp_ns
             observer.pose(stamp, now, "map", sample.pose[:3], sample.pose[3:])
             watch.pose(stamp, now, "map", sample.pose[:3], sample.pose[3:])
         estimate = observer.imu(now, gyro, force)

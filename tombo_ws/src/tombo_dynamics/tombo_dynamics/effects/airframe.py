@@ -1,4 +1,4 @@
-"""Errors of the airframe's own parameters: mass and centre of gravity."""
+"""Errors of the airframe's own parameters: mass, inertia, centre of gravity."""
 
 from __future__ import annotations
 
@@ -11,11 +11,35 @@ from tombo_dynamics.plant import Array, P
     Stage.BODY,
     [Param("fraction", "1", 0.0, (-0.5, 1.0), "true mass over nominal mass, minus 1", 0.1)],
     signature="specific force off by one factor on all axes, in hover and in turns alike",
-    separates_from={"thrust_coefficient_error": "weigh the vehicle, or run a thrust stand"},
+    separates_from={
+        "thrust_coefficient_error": "weigh the vehicle, or run a thrust stand",
+        "accel_scale": "the reading at rest on the floor, where only a scale shows",
+    },
 )
 def mass_error(m: Array, noise: Array, fraction: float) -> None:
     """Scale the mass by 1 + fraction; the inertia stays."""
     m[P.inertial] *= 1.0 + fraction
+
+
+@effect(
+    "inertia_error",
+    Stage.BODY,
+    [
+        Param("xx", "1", 0.0, (-0.5, 1.0), "true inertia about x over the nominal, minus 1", 0.2),
+        Param("yy", "1", 0.0, (-0.5, 1.0), "true inertia about y over the nominal, minus 1", 0.2),
+        Param("zz", "1", 0.0, (-0.5, 1.0), "true inertia about z over the nominal, minus 1", 0.2),
+    ],
+    signature="angular acceleration off by a factor of the moment, axis by axis; hover is right",
+    separates_from={
+        "motor_lag": "slow rate sweeps: a lag vanishes at low frequency, a factor stays",
+        "thrust_coefficient_error": "hover: a thrust factor also shows in the specific force",
+    },
+)
+def inertia_error(m: Array, noise: Array, xx: float, yy: float, zz: float) -> None:
+    """Scale the moments of inertia by 1 + xx, 1 + yy, 1 + zz; the mass stays."""
+    m[P.inertial + 1] *= 1.0 + xx
+    m[P.inertial + 2] *= 1.0 + yy
+    m[P.inertial + 3] *= 1.0 + zz
 
 
 @effect(
@@ -26,7 +50,10 @@ def mass_error(m: Array, noise: Array, fraction: float) -> None:
         Param("y", "m", 0.0, (-0.1, 0.1), "centre of gravity left of the centre", 0.01),
     ],
     signature="constant roll and pitch moment that grows with collective thrust",
-    separates_from={"weak_propeller": "yaw step: a weak propeller also changes the yaw moment"},
+    separates_from={
+        "weak_propeller": "yaw step: a weak propeller also changes the yaw moment",
+        "flapping_moment": "hover: flapping needs speed",
+    },
 )
 def cog_offset(m: Array, noise: Array, x: float, y: float) -> None:
     """Move the centre of gravity by (x, y) in base_link; thrust then acts off centre."""

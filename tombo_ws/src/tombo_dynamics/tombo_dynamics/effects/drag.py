@@ -1,4 +1,4 @@
-"""Drag of rotors and body against the air."""
+"""Drag of rotors and body against the air, and the moment that comes with it."""
 
 from __future__ import annotations
 
@@ -42,3 +42,25 @@ def quadratic_body_drag(m: Array, noise: Array, c_area: float) -> None:
     m[P.wrench] -= k * u
     m[P.wrench + 1] -= k * v
     m[P.wrench + 2] -= k * w
+
+
+@effect(
+    "flapping_moment",
+    Stage.WRENCH,
+    [Param("k", "N m s/m", 0.0, (-0.2, 0.2), "moment per speed in the disc plane", 0.02)],
+    signature="pitch moment that lifts the nose in forward flight, and its like in roll, "
+    "proportional to the velocity through the air",
+    separates_from={
+        "cog_offset": "hover: a centre of gravity off the axis acts at rest, flapping does not",
+        "imu_lever_arm": "steady forward flight: a lever arm needs rotation",
+    },
+)
+def flapping_moment(m: Array, noise: Array, k: float) -> None:
+    """Lean back from the motion: moment k (v, -u, 0), (u, v) the airspeed in the disc plane.
+
+    Rotor discs tilt away from the motion (blade flapping), and their drag acts at the hubs, above
+    the centre of mass: both lift the side that goes ahead (Mahony, Kumar and Corke 2012; linear in
+    the velocity as in Faessler et al. 2018).
+    """
+    m[P.wrench + 3] += k * m[P.flow + 1]
+    m[P.wrench + 4] -= k * m[P.flow]

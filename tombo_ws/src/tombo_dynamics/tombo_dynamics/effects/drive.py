@@ -15,7 +15,10 @@ _DRIVE_EFFICIENCY = 0.7
     Stage.BODY,
     [Param("extra_tau", "s", 0.0, (-0.03, 0.2), "time constant above the nominal one", 0.03)],
     signature="angular acceleration trails the command, more at high frequency, phase to -90 deg",
-    separates_from={"command_delay": "fast rate steps: a delay moves the onset, a lag its slope"},
+    separates_from={
+        "command_delay": "fast rate steps: a delay moves the onset, a lag its slope",
+        "inertia_error": "slow rate sweeps: a lag vanishes at low frequency, a factor stays",
+    },
 )
 def motor_lag(m: Array, noise: Array, extra_tau: float) -> None:
     """Add to the first-order time constant of rotor speed."""
@@ -27,7 +30,10 @@ def motor_lag(m: Array, noise: Array, extra_tau: float) -> None:
     Stage.COMMAND,
     [Param("delay", "s", 0.0, (0.0, 0.06), "from command to the drives", 0.015)],
     signature="angular acceleration trails the command by the same time at all frequencies",
-    separates_from={"motor_lag": "fast rate steps: a delay moves the onset, a lag its slope"},
+    separates_from={
+        "motor_lag": "fast rate steps: a delay moves the onset, a lag its slope",
+        "mocap_stamp_error": "gyro against command: a wrong stamp leaves it alone",
+    },
 )
 def command_delay(m: Array, noise: Array, delay: float) -> None:
     """Hand the drives the command of `delay` seconds ago (between ticks: interpolated)."""

@@ -3,7 +3,59 @@
 from __future__ import annotations
 
 from tombo_dynamics.effects.registry import Param, Stage, effect
-from tombo_dynamics.plant import Array, P
+from tombo_dynamics.plant import ANGULAR_ACCELERATION, Array, P
+
+
+@effect(
+    "imu_lever_arm",
+    Stage.IMU,
+    [
+        Param("x", "m", 0.0, (-0.3, 0.3), "accelerometer ahead of the centre of mass", 0.03),
+        Param("y", "m", 0.0, (-0.3, 0.3), "accelerometer left of the centre of mass", 0.03),
+        Param("z", "m", 0.0, (-0.3, 0.3), "accelerometer above the centre of mass", 0.03),
+    ],
+    signature="specific force follows the angular acceleration and the square of the rates",
+    separates_from={
+        "mocap_marker_offset": "mocap alone: its track knows nothing of the accelerometer",
+        "flapping_moment": "rate steps in hover: a lever arm needs rotation, flapping speed",
+    },
+)
+def imu_lever_arm(m: Array, noise: Array, x: float, y: float, z: float) -> None:
+    """Read the force at r = (x, y, z) from the centre of mass: add w' x r + w x (w x r).
+
+    Rates and angular acceleration are those at the start of the tick (rigid-body kinematics).
+    """
+    wx, wy, wz = m[P.body + 10], m[P.body + 11], m[P.body + 12]
+    ax = m[ANGULAR_ACCELERATION]
+    ay = m[ANGULAR_ACCELERATION + 1]
+    az = m[ANGULAR_ACCELERATION + 2]
+    along = wx * x + wy * y + wz * z
+    square = wx * wx + wy * wy + wz * wz
+    m[P.imu + 3] += ay * z - az * y + wx * along - square * x
+    m[P.imu + 4] += az * x - ax * z + wy * along - square * y
+    m[P.imu + 5] += ax * y - ay * x + wz * along - square * z
+
+
+@effect(
+    "accel_scale",
+    Stage.IMU,
+    [
+        Param("x", "1", 0.0, (-0.2, 0.2), "reading over truth, minus 1", 0.03),
+        Param("y", "1", 0.0, (-0.2, 0.2), "reading over truth, minus 1", 0.03),
+        Param("z", "1", 0.0, (-0.2, 0.2), "reading over truth, minus 1", 0.03),
+    ],
+    signature="specific force off by a factor on each axis, while mocap's acceleration is right",
+    separates_from={
+        "mass_error": "mocap's acceleration, or the reading at rest on the floor",
+        "thrust_coefficient_error": "mocap's acceleration, or the reading at rest on the floor",
+        "imu_bias": "full and low thrust: a scale grows with the reading",
+    },
+)
+def accel_scale(m: Array, noise: Array, x: float, y: float, z: float) -> None:
+    """Scale the accelerometer's readings by 1 + x, 1 + y, 1 + z."""
+    m[P.imu + 3] *= 1.0 + x
+    m[P.imu + 4] *= 1.0 + y
+    m[P.imu + 5] *= 1.0 + z
 
 
 @effect(
@@ -18,7 +70,11 @@ from tombo_dynamics.plant import Array, P
         Param("accel_z", "m/s^2", 0.0, (-3.0, 3.0), "accelerometer offset", 0.0),
     ],
     signature="constant specific force and rate in the body frame, at any heading and thrust",
-    separates_from={"steady_wind": "turn by 90 to 180 deg in hover"},
+    separates_from={
+        "steady_wind": "turn by 90 to 180 deg in hover",
+        "mocap_body_misalignment": "mocap alone: its own acceleration against its own attitude",
+        "accel_scale": "full and low thrust: a scale grows with the reading",
+    },
 )
 def imu_bias(
     m: Array,

@@ -16,6 +16,57 @@ from tombo_dynamics.rotation import (
 
 
 @effect(
+    "mocap_marker_offset",
+    Stage.MOCAP,
+    [
+        Param("x", "m", 0.0, (-0.2, 0.2), "tracked point ahead of the centre of mass", 0.02),
+        Param("y", "m", 0.0, (-0.2, 0.2), "tracked point left of the centre of mass", 0.02),
+        Param("z", "m", 0.0, (-0.2, 0.2), "tracked point above the centre of mass", 0.02),
+    ],
+    signature="the track swings with the attitude: acceleration that follows the angular one, and "
+    "a circle when the vehicle turns in place",
+    separates_from={
+        "imu_lever_arm": "turn in place: the track of an offset point draws a circle",
+        "cog_offset": "rate steps: a centre of gravity off the axis shows as a moment",
+    },
+)
+def mocap_marker_offset(m: Array, noise: Array, x: float, y: float, z: float) -> None:
+    """Track the point (x, y, z) of base_link: its position is p + R (x, y, z)."""
+    turn = np.zeros(9)
+    rotation_matrix(m, P.mocap + 3, turn, 0)
+    for i in range(3):
+        m[P.mocap + i] += turn[3 * i] * x + turn[3 * i + 1] * y + turn[3 * i + 2] * z
+
+
+@effect(
+    "mocap_body_misalignment",
+    Stage.MOCAP,
+    [
+        Param("yaw", "rad", 0.0, (-3.2, 3.2), "rigid body turned about base_link z", 0.1),
+        Param("roll", "rad", 0.0, (-0.5, 0.5), "rigid body turned about base_link x", 0.02),
+        Param("pitch", "rad", 0.0, (-0.5, 0.5), "rigid body turned about base_link y", 0.02),
+    ],
+    signature="thrust, drag and rates point elsewhere than the attitude says, by a rotation that "
+    "is fixed in the body; the track is right",
+    separates_from={
+        "mocap_misalignment": "turn by 90 to 180 deg in hover: the lean of a body misalignment "
+        "turns with the vehicle, that of a tilted world does not",
+        "steady_wind": "turn by 90 to 180 deg in hover: only the body's lean turns with it",
+        "imu_bias": "mocap alone: its own acceleration against its own attitude",
+    },
+)
+def mocap_body_misalignment(m: Array, noise: Array, yaw: float, roll: float, pitch: float) -> None:
+    """Turn the attitude about its own axes by Rz(yaw) Ry(pitch) Rx(roll), on the right.
+
+    The rigid body was defined in the mocap software while the vehicle did not stand along its
+    axes. Position is untouched.
+    """
+    rotate_by_vector(m, P.mocap + 3, 0.0, 0.0, yaw)
+    rotate_by_vector(m, P.mocap + 3, 0.0, pitch, 0.0)
+    rotate_by_vector(m, P.mocap + 3, roll, 0.0, 0.0)
+
+
+@effect(
     "mocap_misalignment",
     Stage.MOCAP,
     [
@@ -23,11 +74,21 @@ from tombo_dynamics.rotation import (
         Param("roll", "rad", 0.0, (-0.5, 0.5), "mocap frame tilted about map x", 0.02),
         Param("pitch", "rad", 0.0, (-0.5, 0.5), "mocap frame tilted about map y", 0.02),
     ],
-    signature="velocity from mocap and acceleration from the IMU differ by a fixed rotation",
-    separates_from={"steady_wind": "fly a square: a rotated frame turns with the velocity"},
+    signature="roll and pitch: gravity leans by a fixed angle in map, at any heading and speed; "
+    "yaw: nothing, unless wind or an obstacle of known place says where north is",
+    separates_from={
+        "steady_wind": "the pose at rest on a level floor leans with the frame, not with the wind",
+        "mocap_body_misalignment": "turn by 90 to 180 deg in hover: the lean of a tilted world "
+        "stays in map, that of a body misalignment turns with the vehicle",
+    },
 )
 def mocap_misalignment(m: Array, noise: Array, yaw: float, roll: float, pitch: float) -> None:
-    """Turn position and attitude by Rz(yaw) Ry(pitch) Rx(roll) about the map's origin."""
+    """Turn position and attitude by Rz(yaw) Ry(pitch) Rx(roll) about the map's origin.
+
+    The whole world is turned, so only what is fixed in it can tell: gravity tells roll and pitch.
+    Nothing in flight tells yaw, as physics knows no north; a wind of known direction or an
+    obstacle of known place does.
+    """
     turn = np.zeros(13)
     turn[3] = 1.0
     rotate_by_vector(turn, 0, 0.0, 0.0, yaw)
@@ -71,6 +132,25 @@ def mocap_noise(m: Array, noise: Array, position: float, attitude: float) -> Non
 def mocap_latency(m: Array, noise: Array, delay: float, jitter: float) -> None:
     """Let the sample arrive later than it was captured; its stamp stays the capture time."""
     m[P.mocap + 7] += max(0.0, delay + jitter * noise[6])
+
+
+@effect(
+    "mocap_stamp_error",
+    Stage.MOCAP,
+    [Param("offset", "s", 0.0, (-0.1, 0.2), "stamp later than the capture", 0.02)],
+    signature="pose and IMU are shifted in time against each other, the pose trailing",
+    separates_from={
+        "command_delay": "gyro against command: a wrong stamp leaves it alone",
+        "motor_lag": "gyro against command: a wrong stamp leaves it alone",
+        "mocap_marker_offset": "straight accelerations: an offset needs rotation",
+    },
+)
+def mocap_stamp_error(m: Array, noise: Array, offset: float) -> None:
+    """Let the stamp say a time later than the capture, as when it is taken at arrival.
+
+    Whoever trusts the stamp takes the pose for a newer one. A stamp ahead of the clock is refused.
+    """
+    m[P.mocap + 10] += offset
 
 
 @effect(

@@ -37,7 +37,7 @@ class Stage(Enum):
     IMU = "imu"
     """Each tick: changes `imu`."""
     MOCAP = "mocap"
-    """Each motion-capture sample: changes `mocap` (pose, latency, dropped)."""
+    """Each motion-capture sample: changes `mocap` (pose, latency, dropped, error of the stamp)."""
 
 
 @dataclass(frozen=True)

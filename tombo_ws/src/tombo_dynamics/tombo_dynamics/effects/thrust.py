@@ -1,4 +1,4 @@
-"""What a rotor's thrust is off by: coefficient, one weak propeller, scatter of fabrication."""
+"""What a rotor's thrust is off by: coefficient, a weak propeller, scatter, the flow across it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from tombo_dynamics.plant import Array, P
     Stage.ROTOR,
     [Param("fraction", "1", 0.0, (-0.6, 0.6), "true thrust over the map's, minus 1", -0.1)],
     signature="specific force along body z off by a factor of thrust",
-    separates_from={"mass_error": "weigh the vehicle, or run a thrust stand"},
+    separates_from={
+        "mass_error": "weigh the vehicle, or run a thrust stand",
+        "translational_lift": "hover and a fast straight: the coefficient is the same in both",
+    },
 )
 def thrust_coefficient_error(m: Array, noise: Array, fraction: float) -> None:
     """Scale thrust and torque of all rotors by 1 + fraction."""
@@ -57,3 +60,31 @@ def thrust_scatter(m: Array, noise: Array, deviation: float) -> None:
     """Scale each rotor by its own constant draw (paper, Table III: thrust deviation)."""
     for i in range(4):
         m[P.efficiency + i] *= max(0.2, 1.0 + deviation * m[P.draws + i])
+
+
+@effect(
+    "translational_lift",
+    Stage.ROTOR,
+    [Param("k", "s^2/m^2", 0.0, (-0.05, 0.2), "gain per square of the speed across", 0.02)],
+    signature="specific force along body z off by a factor that grows with the square of the "
+    "airspeed in the disc plane, right in hover",
+    separates_from={
+        "linear_rotor_drag": "climb and descend: lift does not ask for the vertical speed",
+        "thrust_coefficient_error": "hover, where only the coefficient shows",
+    },
+)
+def translational_lift(m: Array, noise: Array, k: float) -> None:
+    """Scale thrust and torque by 1 + k v_h^2, v_h the airspeed in the disc plane, at least 0.2.
+
+    A flow across a rotor lowers its induced velocity: more thrust at the same speed, at first with
+    the square (momentum theory, Glauert; the k_h v_h^2 of Faessler et al. 2018).
+    """
+    r = P.rotation
+    ax = m[P.body + 3] - m[P.wind]
+    ay = m[P.body + 4] - m[P.wind + 1]
+    az = m[P.body + 5] - m[P.wind + 2]
+    u = m[r] * ax + m[r + 3] * ay + m[r + 6] * az
+    v = m[r + 1] * ax + m[r + 4] * ay + m[r + 7] * az
+    gain = max(0.2, 1.0 + k * (u * u + v * v))
+    for i in range(4):
+        m[P.efficiency + i] *= gain

@@ -18,6 +18,7 @@ from tombo_dynamics.plant import Array, P
     signature="a constant horizontal force in map, whatever the heading",
     separates_from={
         "imu_bias": "turn by 90 to 180 deg in hover",
+        "mocap_misalignment": "the pose at rest on a level floor: wind does not lean it",
         "linear_rotor_drag": "both ways",
     },
 )

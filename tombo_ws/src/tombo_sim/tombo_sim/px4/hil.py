@@ -5,7 +5,7 @@ Each HIL_SENSOR waits for the HIL_ACTUATOR_CONTROLS with the same time; `time_us
     hil = Hil(world, seed=0, params=HilParams(), link=HilLink(4560))
     while True:
         if hil.advance(time.monotonic_ns()):        # one step was flown
-            for pose in hil.flight.poses: ...       # arrived now; pose.captured * TICK_US [us]
+            for pose in hil.flight.poses: ...       # arrived now; pose.stamp_ns [ns]
         else:
             hil.wait(time.monotonic_ns(), 0.1)      # or come back within a millisecond
         for line in hil.take_news(): ...

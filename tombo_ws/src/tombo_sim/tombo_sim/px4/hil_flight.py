@@ -98,7 +98,8 @@ class HilFlight:
             simulator.advance(self.rotors)
             sensors.observe(simulator.imu)
             if simulator.arrived:
-                self.poses += simulator.arrived
+                # a wrong stamp may lie before PX4's clock began, for which it has no number
+                self.poses += [pose for pose in simulator.arrived if pose.stamp_ns >= 0]
             if self._watch is not None:
                 self._watch(simulator)
         self.steps += 1
@@ -168,8 +169,7 @@ class HilFlight:
 
 def odometry(pose: PoseSample) -> Any:
     """Return a motion-capture pose as the message PX4 fuses, stamped in PX4's own clock."""
-    stamp_ns = 1000 * TICK_US * pose.captured
-    return pose_message(ODOMETRY, stamp_ns, pose.pose[:3], pose.pose[3:], None)
+    return pose_message(ODOMETRY, pose.stamp_ns, pose.pose[:3], pose.pose[3:], None)
 
 
 class _Due:

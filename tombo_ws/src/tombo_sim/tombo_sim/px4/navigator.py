@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_control.mission import stay, straight
+from tombo_control.leg import stay, straight
 from tombo_control.px4.modes import AUTO_LAND, AUTO_RTL, AUTO_TAKEOFF, Mode
 from tombo_control.reference import progress
 from tombo_sim.px4.parameters import ParameterTable

@@ -1,0 +1,326 @@
+"""A mission along waypoints: read and checked, flown to each, turning and holding, then landed."""
+
+import math
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tombo_control.autopilot import APPROACH, HOVER, IDLE, LAND, LANDED, TAKEOFF, A, new_autopilot
+from tombo_control.course import Waypoint, leg_to, read_course, targets
+from tombo_control.leg import turning
+from tombo_control.mission import MissionParams, begin, escape, proceed, resume
+from tombo_control.mission_course import (
+    REACTION_HOLDING,
+    REACTION_IDLE,
+    CourseLimits,
+    MissionCourse,
+)
+from tombo_control.params import ControlParams, EstimatorParams
+from tombo_control.position_control import follow_leg
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.vehicle import VehicleParams
+
+HOME = np.array([0.1, -0.2, 0.18])
+HOVERING = (0.1, -0.2, 1.2)
+MS = 1_000_000
+LEGS = [
+    {"x": 1.5, "yaw": 1.5, "speed": 1.0, "hold": 0.5},
+    {"y": 1.0, "speed": 2.0, "acceleration": 2.0, "hold": 0.1},
+    {"yaw": -1.5},
+    {"x": 0.0, "y": 0.0, "z": 0.4, "hold": 1.0},
+]
+
+
+def plan_of(course, **more):
+    settings = {"height": 1.2, "approach_time": 5.0, "land_time": 1000.0, "takeoff_time": 0.5}
+    return MissionParams(**{**settings, **more}, course=read_course("course", course))
+
+
+class Follower:
+    """A vehicle that is where the reference is; looked at every `step` seconds."""
+
+    def __init__(self, plan, step=1.0 / 30.0):
+        self.plan, self.step = plan, step
+        self.state = begin(HOME)
+        self.n = 0
+        self.seen = []
+
+    @property
+    def now(self):
+        return self.n * self.step
+
+    def run(self, until=math.inf, patience=700.0):
+        end = self.now + patience
+        while self.now < min(until, end) and self.state.mode != LANDED:
+            self.n += 1
+            leg, now = self.state.leg, self.now
+            there = np.array(leg.position(now))
+            there[2] = max(there[2], HOME[2])
+            before = self.seen[-1][2] if self.seen else HOME
+            velocity = (there - before) / self.step
+            self.state = proceed(self.state, self.plan, now, there, velocity)
+            self.seen.append((now, self.state.mode, there, leg.yaw_at(now), self.state.steps))
+        return self
+
+    def column(self, i):
+        return np.array([row[i] for row in self.seen])
+
+
+def test_flies_to_every_waypoint_turns_and_holds_there_and_lands():
+    plan = plan_of(LEGS)
+    flight = Follower(plan).run()
+    assert flight.state.mode == LANDED
+    now, mode, steps = flight.column(0), flight.column(1), flight.column(4)
+    place, yaw = flight.column(2), flight.column(3)
+    assert mode[steps > 0].max() == LANDED
+    wanted = targets(plan.course, HOVERING, plan.approach_speed)
+    for i, target in enumerate(wanted):
+        last = np.flatnonzero((steps == i + 1) & (mode == APPROACH))[-1]
+        assert place[last] == pytest.approx(target[:3], abs=1e-6)
+        assert yaw[last] == pytest.approx(target.yaw, abs=1e-6)
+        there = np.linalg.norm(place - target[:3], axis=1) < 1e-6
+        held = there & (np.abs(yaw - target.yaw) < 1e-6) & (steps == i + 1) & (mode == APPROACH)
+        assert np.ptp(now[held]) == pytest.approx(target.hold, abs=2.1 * flight.step)
+
+
+def test_the_heading_of_the_last_waypoint_is_kept_until_the_floor():
+    flight = Follower(plan_of(LEGS)).run()
+    down = flight.column(3)[np.isin(flight.column(1), (LAND, LANDED))]
+    assert len(down) > 20
+    assert down == pytest.approx(-1.5, abs=1e-9)
+
+
+def test_what_a_waypoint_leaves_out_is_as_before():
+    found = targets(read_course("c", [{}, {"speed": 2.0, "yaw": 1.0}, {"x": 3.0}]), HOVERING, 0.7)
+    assert found[0] == (*HOVERING, 0.0, 0.7, 0.8, 1.0, 0.0)
+    assert found[1] == (*HOVERING, 1.0, 2.0, 0.8, 1.0, 0.0)
+    assert found[2] == (3.0, *HOVERING[1:], 1.0, 2.0, 0.8, 1.0, 0.0)
+
+
+def test_lasts_as_long_whether_looked_at_30_or_50_times_a_second():
+    ends = []
+    for step in (1.0 / 30.0, 0.02, 0.0311):
+        flight = Follower(plan_of([{"x": 1.0}, {"x": 0.0}] * 20), step).run()
+        ends.append(flight.column(0)[flight.column(1) == LAND][0])
+    assert np.ptp(ends) < 0.04
+
+
+def test_a_late_look_begins_the_next_leg_then_and_nothing_jumps():
+    plan = plan_of([{"x": 1.0}, {"x": 0.0}])
+    flight = Follower(plan).run(5.1)
+    late = flight.state.leg.over_s + 3.0
+    here = np.array(flight.state.leg.position(late))
+    state = proceed(flight.state, plan, late, here, np.zeros(3))
+    assert state.steps == 2
+    assert state.leg.begin_s == late
+    assert state.leg.position(late) == pytest.approx(here)
+
+
+def test_lands_in_the_middle_of_a_course_when_it_is_time():
+    flight = Follower(plan_of(LEGS, land_time=7.0)).run()
+    down = flight.column(1) == LAND
+    assert flight.column(0)[down][0] == pytest.approx(7.0, abs=0.04)
+    assert flight.column(4).max() < len(LEGS)
+
+
+def test_leaving_for_the_safe_point_keeps_the_heading():
+    flight = Follower(plan_of([{"yaw": 1.0, "hold": 5.0}])).run(9.0)
+    left = escape(flight.state, np.array([0.5, 0.5, 1.5]), 9.0)
+    assert left.leg.yaw_at(9.5) == pytest.approx(1.0)
+
+
+def test_goes_on_to_the_same_waypoint_from_where_it_is():
+    plan = plan_of([{"x": 2.0, "yaw": 1.0, "speed": 1.5}, {"x": -2.0}])
+    flight = Follower(plan).run(6.0)
+    pushed = np.array([0.5, 1.0, 1.5])
+    state = resume(flight.state, plan, 6.0, pushed)
+    assert state.leg.position(6.0) == pytest.approx(pushed)
+    assert state.leg.yaw_at(6.0) == pytest.approx(flight.state.leg.yaw_at(6.0))
+    assert state.leg.position(60.0) == pytest.approx((2.0, -0.2, 1.2))
+    assert state.leg.yaw_at(60.0) == pytest.approx(1.0)
+    assert state.steps == flight.state.steps
+
+
+@pytest.mark.parametrize("course", [LEGS[:1], None])
+def test_a_course_cut_short_in_flight_is_no_harm(course):
+    flight = Follower(plan_of(LEGS, land_time=40.0)).run(11.0)
+    assert flight.state.steps > 1
+    flight.plan = plan_of(course, land_time=40.0)
+    assert flight.run().state.mode == LANDED
+
+
+waypoints = st.fixed_dictionaries(
+    {},
+    optional={
+        "x": st.floats(-3.0, 3.0),
+        "y": st.floats(-3.0, 3.0),
+        "z": st.floats(0.3, 3.0),
+        "yaw": st.floats(-9.0, 9.0),
+        "speed": st.floats(0.3, 8.0),
+        "acceleration": st.floats(0.3, 6.0),
+        "yaw_rate": st.floats(0.3, 5.0),
+        "hold": st.floats(0.0, 2.0),
+    },
+)
+
+
+@given(st.lists(waypoints, min_size=1, max_size=8))
+def test_any_course_is_finite_smooth_and_ends_on_the_floor(course):
+    plan = plan_of(course)
+    flight = Follower(plan, step=0.02).run()
+    assert flight.state.mode == LANDED
+    assert flight.state.steps == len(course)
+    on = flight.column(1) == APPROACH
+    place, yaw = flight.column(2)[on], flight.column(3)[on]
+    assert np.isfinite(place).all() and np.isfinite(yaw).all()
+    wanted = targets(plan.course, HOVERING, plan.approach_speed)
+    fastest, turned = max(t.speed for t in wanted), max(t.yaw_rate for t in wanted)
+    hardest = max(t.acceleration for t in wanted)
+    velocity = np.diff(place, axis=0) / 0.02
+    assert np.linalg.norm(velocity, axis=1).max(initial=0.0) <= fastest + 1e-6
+    assert np.abs(np.diff(yaw) / 0.02).max(initial=0.0) <= turned + 1e-6
+    change = np.linalg.norm(np.diff(velocity, axis=0), axis=1) / 0.02
+    assert change.max(initial=0.0) <= 3.0 * hardest + 1e-6  # braking, the next leg, seen late
+
+
+angles = st.floats(-20.0, 20.0)
+
+
+@given(angles, angles, st.floats(0.05, 5.0), st.floats(0.0, 100.0))
+def test_a_turn_ends_at_its_heading_no_faster_than_asked_and_takes_no_detour(a, b, rate, now):
+    point = (0.0, 1.0, 2.0)
+    leg = turning(point, point, (a, b), now, speed=1.0, acceleration=1.0, yaw_rate=rate)
+    times = np.linspace(now, leg.done_s, 400)
+    yaw = np.array([leg.yaw_at(t) for t in times])
+    assert yaw[0] == pytest.approx(a, abs=1e-8)
+    assert leg.yaw_at(leg.done_s + 1.0) == pytest.approx(b, abs=1e-8)
+    steps = np.diff(yaw) * math.copysign(1.0, b - a)
+    assert (steps >= -1e-9).all()
+    assert (steps <= rate * (times[1] - times[0]) + 1e-9).all()
+    assert leg.position(now + 5.0) == point
+
+
+@pytest.mark.parametrize("now", [0.0, 0.4, 1.7, 3.0, 90.0])
+def test_the_autopilot_s_memory_says_the_same_as_the_leg(now):
+    target = targets(read_course("c", [{"x": 1.0, "yaw": 2.0, "speed": 0.5}]), HOVERING, 1.0)[0]
+    leg = leg_to(target, HOVERING, -1.0, 0.3)
+    level = np.array([0.0, 0.0, 0.0, 1.0])
+    a = new_autopilot(ControlParams(), EstimatorParams(), VehicleParams(), HOME, level)
+    a[A.leg : A.leg + 14] = leg.as_array()
+    follow_leg(a, now)
+    assert a[A.position_setpoint : A.position_setpoint + 3] == pytest.approx(leg.position(now))
+    assert a[A.leg + 9] == pytest.approx(leg.yaw_at(now))
+
+
+class World:
+    """The course as its node runs it, the vehicle being where it is told."""
+
+    def __init__(self, plan):
+        self.course = MissionCourse(plan, CourseLimits())
+        self.now = 10**18
+        self.place, self.velocity = HOME.copy(), np.zeros(3)
+        self.said = []
+
+    def run(self, seconds, mode=None):
+        for _ in range(round(seconds * 50)):
+            self.now += 20 * MS
+            self.course.estimate(self.place.copy(), self.velocity.copy(), self.now)
+            self.course.answered(self.now)
+            said = self.course.tick(self.now)
+            self.said.append(said)
+            there = said.position if said.phase not in (IDLE, LANDED) else self.place
+            there = np.maximum(there, [-math.inf, -math.inf, HOME[2]])
+            self.place, self.velocity = there, (there - self.place) / 0.02
+            if said.phase == mode:
+                break
+        return self
+
+    def tell(self, state):
+        self.course.reaction(state, (math.nan,) * 3, 0, self.now, self.now)
+
+
+def test_the_node_flies_the_course_of_the_headless_flight():
+    plan = plan_of(LEGS)
+    world, state = World(plan), begin(HOME)
+    for _ in range(1200):
+        here, velocity = world.place.copy(), world.velocity.copy()
+        world.run(0.02)
+        now = world.course.time_s
+        state = proceed(state, plan, now, here, velocity)
+        said = world.said[-1]
+        assert said.phase == state.mode
+        assert said.position == pytest.approx(state.leg.position(now), abs=1e-9)
+        assert said.yaw == pytest.approx(state.leg.yaw_at(now), abs=1e-9)
+    assert state.mode == LANDED
+    assert {TAKEOFF, HOVER, APPROACH, LAND} <= {said.phase for said in world.said}
+
+
+def test_a_course_that_was_held_up_goes_on_where_it_stopped():
+    world = World(plan_of(LEGS)).run(30.0, APPROACH).run(2.5)
+    steps, place, yaw = world.course.state.steps, world.place.copy(), world.said[-1].yaw
+    world.tell(REACTION_HOLDING)
+    world.run(3.0)
+    assert world.course.state.steps == steps
+    assert world.place == pytest.approx(place, abs=0.06)
+    assert world.said[-1].yaw == pytest.approx(yaw, abs=0.05)
+    world.tell(REACTION_IDLE)
+    world.run(60.0, LANDED)
+    assert world.course.mode == LANDED
+    places = np.array([said.position for said in world.said])
+    for target in targets(read_course("c", LEGS), HOVERING, 0.7):
+        assert np.linalg.norm(places - target[:3], axis=1).min() < 1e-3
+    assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() < 0.05
+
+
+def test_low_flight_along_a_course_is_no_landing():
+    world = World(plan_of([{"z": 0.3, "hold": 8.0}, {"x": 1.0}])).run(60.0, LAND)
+    assert world.place[0] == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_vehicle_put_on_the_ground_in_its_course_has_landed():
+    world = World(plan_of([{"z": 2.0, "hold": 30.0}])).run(12.0)
+    assert world.course.mode == APPROACH
+    for _ in range(100):
+        world.place, world.velocity = np.array([0.0, 0.0, 0.2]), np.zeros(3)
+        world.run(0.02)
+    assert world.course.mode == LANDED
+
+
+BAD = [
+    ([], "c: 0 waypoints"),
+    ([{}] * 501, "c: 501 waypoints"),
+    ("x", "c: 'x' is no list"),
+    ({"x": 1.0}, "is no list"),
+    (3, "c: 3 is no list"),
+    ([{}, 4], r"c\[1\]: 4 is no mapping"),
+    ([{"x": 1.0}, None], r"c\[1\]: None"),
+    ([{"sped": 1.0}], r"key in c\[0\].*'sped'.*speed"),
+    ([{}, {}, {}, {"speed": 0.0}], r"c\[3\]\.speed: 0.0 is out of bounds"),
+    ([{"speed": math.nan}], r"c\[0\]\.speed: nan"),
+    ([{"x": math.inf}], r"c\[0\]\.x: inf"),
+    ([{"z": -1.0}], r"c\[0\]\.z: -1.0 is out of bounds; accepted: .* 0.3"),
+    ([{"yaw": "east"}], r"c\[0\]\.yaw: 'east'"),
+    ([{"hold": True}], r"c\[0\]\.hold: True"),
+    ([{"hold": -0.1}], r"c\[0\]\.hold"),
+    ([{1: 2.0}], r"key in c\[0\]"),
+]
+
+
+@pytest.mark.parametrize(("given_course", "words"), BAD, ids=[words for _, words in BAD])
+def test_a_bad_course_is_refused_by_name(given_course, words):
+    with pytest.raises(InputError, match=words) as caught:
+        read_course("c", given_course)
+    assert "\n" not in str(caught.value)
+
+
+def test_none_is_no_course_and_what_was_read_is_taken_again():
+    assert read_course("c", None) is None
+    assert read_course("c", "") is None
+    course = read_course("c", [{"x": 1, "speed": 2.0, "hold": None}])
+    assert course == (Waypoint(x=1.0, speed=2.0),)
+    assert read_course("c", course) == course
+    assert read_course("c", [asdict(w) for w in course]) == course
+    assert replace(MissionParams(), course=course) != MissionParams()

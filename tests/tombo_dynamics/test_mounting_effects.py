@@ -1,0 +1,198 @@
+"""Sensors that sit or point elsewhere than is believed: lever arms, frames, scales, stamps."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from one_vehicle import QUIET, Vehicle, hover_speed, random_attitude
+from scipy.spatial.transform import Rotation
+
+from tombo_dynamics.effects.compose import apply_imu, apply_mocap
+from tombo_dynamics.vehicle import GRAVITY
+
+TURN = {"yaw": 0.4, "roll": -0.1, "pitch": 0.2}
+SEEDS = st.integers(0, 1000)
+
+
+def as_rotation(yaw, roll, pitch):
+    return (
+        Rotation.from_euler("z", yaw)
+        * Rotation.from_euler("y", pitch)
+        * Rotation.from_euler("x", roll)
+    )
+
+
+def measured(effects, position=(0.0, 0.0, 0.0), attitude=(0.0, 0.0, 0.0, 1.0)):
+    """Return the mocap's sample of a pose."""
+    v = Vehicle(effects)
+    v["mocap"][:3] = position
+    v["mocap"][3:7] = attitude
+    apply_mocap(v.m, QUIET, v.theta)
+    return v["mocap"].copy()
+
+
+def read_imu(v):
+    """Return the reading in the tick that has begun."""
+    v["imu"][:3], v["imu"][3:] = v.rates, v["wrench"][:3] / v.mass
+    apply_imu(v.m, QUIET, v.theta)
+    return v["imu"].copy()
+
+
+# --- the accelerometer ----------------------------------------------------------------------
+
+ARM = {"x": 0.1, "y": -0.05, "z": 0.07}
+
+
+def test_off_centre_it_feels_what_its_own_place_feels():
+    """The second difference of the path of that place, less gravity, in body axes."""
+    v = Vehicle(
+        {"imu_lever_arm": ARM}, rates=(2.0, -3.0, 1.0), velocity=(1.0, 0.0, 0.0), speed=450.0
+    )
+    places, readings, turns = [], [], []
+    for _ in range(40):
+        v["command"] = (500.0, 450.0, 380.0, 460.0)
+        v.begin()
+        places.append(v.position + v.rotation.apply(list(ARM.values())))
+        turns.append(v.rotation)
+        readings.append(read_imu(v)[3:])
+        v.finish()
+    path = np.array(places)
+    acceleration = (path[2:] - 2.0 * path[1:-1] + path[:-2]) / v.tick**2
+    felt = [
+        turn.inv().apply(a + np.array([0.0, 0.0, GRAVITY]))
+        for turn, a in zip(turns[1:-1], acceleration, strict=True)
+    ]
+    assert np.array(readings[1:-1]) == pytest.approx(np.array(felt), abs=2e-2)
+    assert np.abs(readings[1] - v["wrench"][:3] / v.mass).max() > 0.5
+
+
+def test_a_steady_turn_pulls_an_accelerometer_off_the_axis_inwards(no_air):
+    v = Vehicle({"imu_lever_arm": {"x": 0.2}}, maps=no_air, rates=(0.0, 0.0, 3.0))
+    v.begin()
+    assert read_imu(v)[3:] == pytest.approx([-9.0 * 0.2, 0.0, 0.0])
+
+
+def test_without_rotation_its_place_does_not_matter():
+    v = Vehicle({"imu_lever_arm": ARM}, speed=hover_speed(), velocity=(3.0, 1.0, 0.0))
+    v.begin()
+    assert read_imu(v)[3:] == pytest.approx([0.0, 0.0, GRAVITY], abs=1e-5)
+
+
+def test_the_gyro_reads_the_same_anywhere():
+    v = Vehicle({"imu_lever_arm": ARM}, rates=(2.0, -3.0, 1.0), speed=450.0)
+    v.begin()
+    assert (read_imu(v)[:3] == [2.0, -3.0, 1.0]).all()
+
+
+def test_scale_multiplies_the_force_and_not_the_bias():
+    effects = {
+        "accel_scale": {"x": 0.1, "y": -0.2, "z": 0.05},
+        "imu_bias": {"gyro_x": 0.01, "accel_x": 1.0, "accel_y": 2.0, "accel_z": 3.0},
+    }
+    v = Vehicle(effects)
+    v["imu"] = [0.0, 0.2, 0.3, 10.0, 20.0, 30.0]
+    apply_imu(v.m, QUIET, v.theta)
+    assert v["imu"] == pytest.approx([0.01, 0.2, 0.3, 12.0, 18.0, 34.5])
+
+
+# --- the rigid body of the motion capture ---------------------------------------------------
+
+
+@given(st.floats(-3.2, 3.2), st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), SEEDS)
+def test_a_turned_rigid_body_turns_the_attitude_from_the_right(yaw, roll, pitch, seed):
+    rng = np.random.default_rng(seed)
+    position, attitude = rng.normal(0.0, 3.0, 3), random_attitude(rng)
+    angles = {"yaw": yaw, "roll": roll, "pitch": pitch}
+    seen = measured({"mocap_body_misalignment": angles}, position, attitude)
+    assert (seen[:3] == position).all()
+    expected = Rotation.from_quat(attitude) * as_rotation(**angles)
+    assert (Rotation.from_quat(seen[3:7]).inv() * expected).magnitude() < 1e-7
+    assert np.linalg.norm(seen[3:7]) == pytest.approx(1.0, abs=1e-14)
+
+
+def test_its_lean_turns_with_the_vehicle_that_of_a_tilted_world_does_not():
+    """What tells the two apart: which way up is measured to lean, at two headings."""
+
+    def lean(effect, heading):
+        attitude = Rotation.from_euler("z", heading).as_quat()
+        seen = measured({effect: {"pitch": 0.1}}, attitude=attitude)
+        return Rotation.from_quat(seen[3:7]).apply([0.0, 0.0, 1.0])[:2]
+
+    world, body = "mocap_misalignment", "mocap_body_misalignment"
+    assert lean(world, 0.0) == pytest.approx([math.sin(0.1), 0.0])
+    assert lean(world, 0.5 * math.pi) == pytest.approx([math.sin(0.1), 0.0])
+    assert lean(body, 0.0) == pytest.approx([math.sin(0.1), 0.0])
+    assert lean(body, 0.5 * math.pi) == pytest.approx([0.0, math.sin(0.1)])
+
+
+@given(st.floats(-3.2, 3.2), SEEDS)
+def test_a_world_turned_in_yaw_is_the_world_of_a_vehicle_that_flew_another_way(yaw, seed):
+    """Its samples are those of the flight that began turned: nothing in them tells."""
+    rng = np.random.default_rng(seed)
+    turn = Rotation.from_euler("z", yaw)
+    start, attitude = rng.normal([0.0, 0.0, 10.0], 1.0), random_attitude(rng)
+    velocity, rates = rng.normal(0.0, 2.0, 3), rng.normal(0.0, 1.0, 3)
+    drag = {"linear_rotor_drag": {"d_xy": 0.4, "d_z": 0.2}}
+    straight = Vehicle(
+        drag, position=start, attitude=attitude, velocity=velocity, rates=rates, speed=450.0
+    )
+    turned = Vehicle(
+        drag, position=turn.apply(start), velocity=turn.apply(velocity), rates=rates, speed=450.0,
+        attitude=(turn * Rotation.from_quat(attitude)).as_quat(),
+    )  # fmt: skip
+    straight.fly(0.1)
+    turned.fly(0.1)
+    seen = measured(
+        {"mocap_misalignment": {"yaw": yaw}}, straight.position, straight["body"][6:10]
+    )
+    assert seen[:3] == pytest.approx(turned.position, abs=1e-9)
+    assert (Rotation.from_quat(seen[3:7]).inv() * turned.rotation).magnitude() < 1e-7
+
+
+@given(SEEDS)
+def test_an_offset_point_is_tracked_where_it_is(seed):
+    rng = np.random.default_rng(seed)
+    position, attitude, offset = (
+        rng.normal(0, 3, 3),
+        random_attitude(rng),
+        rng.uniform(-0.2, 0.2, 3),
+    )
+    given_as = {"mocap_marker_offset": dict(zip("xyz", offset, strict=True))}
+    seen = measured(given_as, position, attitude)
+    expected = position + Rotation.from_quat(attitude).apply(offset)
+    assert seen[:3] == pytest.approx(expected, abs=1e-12)
+    assert (seen[3:7] == attitude).all()
+
+
+@given(SEEDS)
+def test_the_offset_hangs_on_the_true_attitude_and_is_turned_with_the_world(seed):
+    rng = np.random.default_rng(seed)
+    position, attitude = rng.normal(0.0, 3.0, 3), random_attitude(rng)
+    seen = measured(
+        {
+            "mocap_marker_offset": ARM,
+            "mocap_body_misalignment": TURN,
+            "mocap_misalignment": {"yaw": 1.0, "pitch": -0.1},
+        },
+        position,
+        attitude,
+    )
+    world = as_rotation(1.0, 0.0, -0.1)
+    point = position + Rotation.from_quat(attitude).apply(list(ARM.values()))
+    assert seen[:3] == pytest.approx(world.apply(point), abs=1e-12)
+    whole = world * Rotation.from_quat(attitude) * as_rotation(**TURN)
+    assert (Rotation.from_quat(seen[3:7]).inv() * whole).magnitude() < 1e-7
+
+
+# --- the stamp ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("offset", [-0.1, 0.02])
+def test_a_wrong_stamp_changes_neither_pose_nor_arrival(offset):
+    late = {"mocap_latency": {"delay": 0.03}}
+    right = measured(late, (1.0, 2.0, 3.0))
+    wrong = measured(late | {"mocap_stamp_error": {"offset": offset}}, (1.0, 2.0, 3.0))
+    assert wrong[10] - right[10] == pytest.approx(offset)
+    assert (wrong[:10] == right[:10]).all()

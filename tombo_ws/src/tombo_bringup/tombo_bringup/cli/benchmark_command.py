@@ -1,0 +1,159 @@
+"""`tombo benchmark`: blind tests of what the suite claims to find out."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import typer
+
+from tombo_bringup.cli.whole_number import whole_number
+
+BENCHMARK_EXIT_CODES = (
+    "Exit code: 0 whatever the score; 2 for bad input or output that can't be written; 130 after "
+    "Ctrl-C."
+)
+_MOST_CASES: Final = 100_000
+_SEED_LIMIT: Final = 2**63
+
+app = typer.Typer()
+
+THRESHOLDS: Final[tuple[tuple[str, str, str, float, float], ...]] = (
+    ("top1_large", "right cause first, large effect", ">=", 0.97, 100.0),
+    ("top1_medium", "right cause first, medium effect", ">=", 0.85, 100.0),
+    ("top1_small", "right cause first, small effect", ">=", 0.65, 100.0),
+    ("right_if_named", "right if named", ">=", 0.98, 100.0),
+    ("truth_in_set", "truth in the answered set", ">=", 0.99, 100.0),
+    ("mean_set_size", "mean size of the set", "<=", 2.0, 1.0),
+    ("false_alarm", "false alarm without an effect", "<=", 0.05, 100.0),
+    ("unknown_wrongly_named", "unknown cause wrongly named", "<=", 0.02, 100.0),
+    ("parameter_error_median", "parameter error, median", "<=", 0.02, 100.0),
+    ("parameter_error_p90", "parameter error, 90 % below", "<=", 0.10, 100.0),
+    ("coverage_95", "95 % intervals that cover the truth", "90-98 %", 0.90, 100.0),
+    ("seconds_per_case", "run time of a case [s]", "<=", 5.0, 1.0),
+)
+"""Key of the aggregate, words, what is asked for, the figure, factor to what is shown."""
+_COVERAGE_MOST: Final = 0.98
+
+
+@app.callback(invoke_without_command=True)
+def benchmark(ctx: typer.Context) -> None:
+    """Blind tests of the suite's own findings, scored."""
+    if ctx.invoked_subcommand is None:
+        typer.echo(ctx.get_help())
+
+
+@app.command("diagnosis", epilog=BENCHMARK_EXIT_CODES)
+def diagnosis(
+    cases: Annotated[
+        int,
+        typer.Option("--cases", metavar="N", parser=whole_number, help="How many cases."),
+    ] = 100,
+    seed: Annotated[
+        int,
+        typer.Option("--seed", metavar="S", parser=whole_number, help="All chance comes from it."),
+    ] = 0,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            "--workers", metavar="W", parser=whole_number, help="Processes. Default: one a core."
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help="Write the JSON there as well."),
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print cases and aggregate as JSON, and nothing else.")
+    ] = False,
+) -> None:
+    """Hide effects in simulated flights, diagnose them, and count how often it is right.
+
+    The flights come from a richer model than the candidates: parameters off
+    nominal, noise that is not modelled, 30 Hz motion capture, with and without IMU
+    and rotor speeds. Some hide pairs, some what is no candidate, some nothing.
+    """
+    _bounds("--cases", cases, 1, _MOST_CASES)
+    _bounds("--seed", seed, 0, _SEED_LIMIT - 1)
+    count = (os.cpu_count() or 1) if workers is None else workers
+    _bounds("--workers", count, 1, 1024)
+    if output is not None:
+        _writable(output)
+    from tombo_bringup.blind.run import benchmark as run_benchmark
+    from tombo_bringup.cli.progress import progress_bar
+    from tombo_bringup.flight_output import as_json as to_json
+
+    with progress_bar() as tell:
+        result = run_benchmark(cases, seed, count, tell)
+    text = to_json({"cases": result.cases, "aggregate": result.aggregate})
+    if output is not None:
+        staged = output.with_name(f".{output.name}.unfinished")
+        try:
+            staged.write_text(text, encoding="utf-8", newline="\n")
+            staged.replace(output)
+        finally:
+            staged.unlink(missing_ok=True)
+    if as_json:
+        typer.echo(text, nl=False)
+        return
+    print_benchmark(result.aggregate, len(result.cases))
+    if output is not None:
+        typer.echo(f"Wrote {output}")
+
+
+def print_benchmark(aggregate: Mapping[str, Any], cases: int) -> None:
+    """Print the score against what is asked for; sets of cases on their own one by one."""
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    console.print(_table(aggregate, f"{cases} blind cases"))
+    for name, part in aggregate.items():
+        if isinstance(part, Mapping) and any(key in part for key, *_ in THRESHOLDS):
+            console.print(_table(part, name.replace("_", " ")))
+
+
+def _table(aggregate: Mapping[str, Any], title: str) -> Any:
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=SIMPLE_HEAD, title=Text(title), title_justify="left")
+    for heading in ("", "found", "asked for", ""):
+        table.add_column(heading, justify="right" if heading else "left")
+    for key, words, sign, limit, factor in THRESHOLDS:
+        value = aggregate.get(key)
+        asked = sign if sign not in (">=", "<=") else f"{sign} {_shown(limit, factor)}"
+        good = meets(key, value)
+        mark = Text("–") if good is None else Text("yes" if good else "no", "" if good else "red")
+        table.add_row(Text(words), "–" if value is None else _shown(value, factor), asked, mark)
+    return table
+
+
+def meets(key: str, value: float | None) -> bool | None:
+    """Return whether a figure of the aggregate is as asked for; None: there is none."""
+    if value is None or value != value:
+        return None
+    if key == "coverage_95":
+        return 0.90 <= value <= _COVERAGE_MOST
+    sign, limit = next((sign, limit) for name, _, sign, limit, _ in THRESHOLDS if name == key)
+    return value >= limit if sign == ">=" else value <= limit
+
+
+def _shown(value: float, factor: float) -> str:
+    return f"{factor * value:.1f} %" if factor == 100.0 else f"{value:.2f}"
+
+
+def _bounds(option: str, value: int, low: int, high: int) -> None:
+    from tombo_dynamics.errors import InputError
+
+    if not low <= value <= high:
+        raise InputError(f"{option} {value}: out of bounds; accepted: {low} to {high}")
+
+
+def _writable(path: Path) -> None:
+    from tombo_dynamics.errors import InputError
+
+    if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+        raise InputError(f"-o {path}: can't be written; accepted: a file in a folder there is")

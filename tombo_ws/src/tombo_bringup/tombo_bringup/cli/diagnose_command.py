@@ -1,0 +1,191 @@
+"""`tombo diagnose`: what the simulation gets wrong in measured flights, and why."""
+
+from __future__ import annotations
+
+import datetime
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from tombo_bringup.cli.progress import Tell
+    from tombo_bringup.diagnosis_output import HeldAgainst
+    from tombo_sysid.diagnosis import Diagnosis
+
+DIAGNOSE_EXIT_CODES = (
+    "Exit code: 0 whatever the verdict; 2 for bad input or output that can't be written; 130 "
+    "after Ctrl-C, 143 after SIGTERM, with nothing written."
+)
+
+
+def diagnose(
+    logs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="LOG...",
+            help="Flights of one vehicle: MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, CSV.",
+            show_default=False,
+        ),
+    ],
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            "--model",
+            metavar="FILE",
+            help="Hold the flights against this model, as written by an earlier diagnosis. "
+            "Default: the suite's own.",
+        ),
+    ] = None,
+    mapping: Annotated[
+        str | None,
+        typer.Option(
+            "--mapping",
+            metavar="FILE|NAME",
+            help="What the columns of a CSV are, in which units and frames (docs/logs.md).",
+        ),
+    ] = None,
+    topics: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--topic",
+            metavar="RECORDED=NAME",
+            help="Take a recorded topic for one of the suite's, as in "
+            "/vrpn/quad/pose=/mocap/pose. May be given many times.",
+        ),
+    ] = None,
+    output: Annotated[
+        str | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="DIR",
+            help="Folder of the results, new or empty. Default: runs/diagnosis-LOG, replaced; "
+            "with --json nothing is written.",
+        ),
+    ] = None,
+    force: Annotated[
+        bool,
+        typer.Option(
+            "--force", help="Replace the results in DIR; other files in it are left alone."
+        ),
+    ] = False,
+    no_report: Annotated[
+        bool, typer.Option("--no-report", help="Write no report.html and no plots.")
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print diagnosis.json, and nothing else.")
+    ] = False,
+) -> None:
+    """Say what the simulation gets wrong in measured flights, name the cause, measure the gain.
+
+    Writes report.html, diagnosis.json and plots; model.yaml, the extended model,
+    where a cause is named (`tombo fly --model`); separating_experiment.yaml, the
+    mission to fly, where causes can't be told apart.
+    """
+    from tombo_bringup.cli.progress import progress_bar
+    from tombo_bringup.diagnosis_output import DIAGNOSIS_FILES, diagnosis_json, write_diagnosis
+    from tombo_bringup.output_folder import open_output
+    from tombo_bringup.stop_signals import Stopped, StopSignals
+
+    names = parse_topics(topics or [])
+    path = _folder(output, logs[0], as_json)
+    written: list[str] = []
+    with StopSignals() as stop:
+        try:
+            with progress_bar() as tell:
+                if path is None:
+                    with stop.at_once():
+                        found, _ = run(logs, model, mapping, names, tell)
+                else:
+                    replace = force or output is None
+                    with open_output(path, replace=replace, results=DIAGNOSIS_FILES) as folder:
+                        with stop.at_once():
+                            found, against = run(logs, model, mapping, names, tell)
+                            write_diagnosis(
+                                folder, found, against, pictures=not no_report, tell=tell
+                            )
+                        written = [n for n in DIAGNOSIS_FILES if (folder / n).is_file()]
+                        folder.publish()
+        except Stopped:
+            typer.echo("Error: interrupted", err=True)
+            raise typer.Exit(stop.exit_code) from None
+    if as_json:
+        typer.echo(diagnosis_json(found), nl=False)
+    else:
+        from tombo_bringup.cli.diagnosis_tables import print_diagnosis
+
+        print_diagnosis(found, path, written)
+
+
+def run(
+    logs: list[Path],
+    model: Path | None,
+    mapping: str | None,
+    names: dict[str, str],
+    tell: Tell,
+) -> tuple[Diagnosis, HeldAgainst]:
+    """Read, check and diagnose.
+
+    Raises:
+        InputError: a log, the mapping or the model can't be used.
+    """
+    from tombo_bringup.diagnosis_output import HeldAgainst
+    from tombo_sysid.model_file import read_model
+    from tombo_sysid.prechecks import check_log
+    from tombo_sysid.reading import read_logs
+
+    base = None if model is None else read_model(model)
+    tell(f"reading {logs[0].name}{' and others' if len(logs) > 1 else ''}", 0.0)
+    flights = read_logs(logs, mapping=mapping, names=names)
+    checked = []
+    for k, flight in enumerate(flights):
+        tell(f"checking {flight.name}", k / len(flights))
+        checked.append(check_log(flight))
+
+    tell("loading the model", 0.0)  # imports compiled code
+    from tombo_bringup.nominal import nominal_model
+    from tombo_sysid.diagnose import diagnose
+
+    nominal = nominal_model(model)
+    found = diagnose(checked, nominal, tell)
+    today = datetime.date.today().isoformat()
+    return found, HeldAgainst(nominal.label, today, base)
+
+
+def parse_topics(texts: list[str]) -> dict[str, str]:
+    """Return recorded topic → the suite's name, from `RECORDED=NAME` (or `:=`).
+
+    Raises:
+        InputError: not of this form, or a topic given twice.
+    """
+    found: dict[str, str] = {}
+    for text in texts:
+        source, sign, name = text.partition("=")
+        source = source.removesuffix(":")
+        if not sign or not source.strip() or not name.strip():
+            raise _bad(
+                f"--topic {text}: accepted: RECORDED=NAME, as in /vrpn/quad/pose=/mocap/pose"
+            )
+        if source in found:
+            raise _bad(f"--topic {text}: {source} is given twice; accepted: once")
+        found[source] = name
+    return found
+
+
+def _folder(output: str | None, first: Path, as_json: bool) -> Path | None:
+    if output is None:
+        if as_json:
+            return None
+        name = re.sub(r"[^\w.+-]+", "_", first.name.split(".")[0]).lstrip(".") or "log"
+        return Path("runs") / f"diagnosis-{name[:100]}"
+    if not output.strip():
+        raise _bad(f"-o '{output}': no name; accepted: a folder, new or empty")
+    return Path(output)
+
+
+def _bad(message: str) -> Exception:
+    from tombo_dynamics.errors import InputError
+
+    return InputError(message)

@@ -1,0 +1,142 @@
+"""A diagnosis on the terminal: verdict first, then why, what it is worth, and what to fly."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from tombo_bringup.diagnosis_output import MISSION, MODEL
+from tombo_bringup.report.diagnosis_words import (
+    CLASSES,
+    LABELS,
+    certainty,
+    extends,
+    figure,
+    headline,
+    interval,
+    next_steps,
+    percent,
+    unit,
+    words,
+)
+
+if TYPE_CHECKING:
+    from tombo_sysid.diagnosis import Diagnosis, Gain
+
+_COLOURS: Final = {"good": "bold green", "warn": "bold yellow", "bad": "bold red"}
+_MOST_FINDINGS: Final = 10
+_RIVALS: Final = 3
+_Line = Callable[..., None]
+"""Prints a line of text, in a style if one is given."""
+
+
+def print_diagnosis(diagnosis: Diagnosis, folder: Path | None, written: Sequence[str]) -> None:
+    """Print what was found, and where the files are."""
+    console = Console(highlight=False)
+
+    def line(text: str, style: str = "") -> None:
+        console.print(Text(text, style), soft_wrap=True)
+
+    label = LABELS.get(diagnosis.verdict, diagnosis.verdict)
+    colour = _COLOURS[CLASSES.get(diagnosis.verdict, "warn")]
+    line(f"{headline(diagnosis)}.", colour)
+    line(f"({label}, {certainty(diagnosis.confidence)}) {diagnosis.summary}")
+    if diagnosis.causes:
+        console.print(_causes(diagnosis))
+    _rivals(diagnosis, line)
+    if diagnosis.gain:
+        console.print(_gains(diagnosis.gain))
+    _findings(diagnosis, line)
+    for note in diagnosis.notes:
+        line(f"Note: {note}")
+    _next(diagnosis, folder, line)
+    if folder is not None:
+        line(f"Wrote {', '.join(written)} to {folder}")
+
+
+def _causes(diagnosis: Diagnosis) -> Table:
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("it may be" if diagnosis.verdict == "set" else "cause")
+    table.add_column("sure", justify="right")
+    table.add_column("parameter")
+    table.add_column("value", justify="right")
+    table.add_column("95 % interval")
+    for cause in diagnosis.causes:
+        for k, theta in enumerate(cause.theta):
+            value, low, high = interval(theta)
+            table.add_row(
+                Text("" if k else words(cause.effect), "bold"),
+                "" if k else certainty(cause.confidence),
+                Text(theta.name),
+                Text(f"{value} {unit(theta.unit)}".strip()),
+                f"{low} to {high}",
+            )
+    return table
+
+
+def _rivals(diagnosis: Diagnosis, line: _Line) -> None:
+    """Print who else was likely, and how many could not be seen."""
+    members = {cause.effect for cause in diagnosis.causes}
+    rivals = [
+        f"{words(score.effect)} ({certainty(score.probability)})"
+        for score in diagnosis.candidates
+        if score.effect not in members and score.excited and score.probability >= 0.005
+    ][:_RIVALS]
+    if rivals:
+        line(f"Next likely: {', '.join(rivals)}")
+    blind = sum(not score.excited for score in diagnosis.candidates)
+    if blind:
+        line(f"{blind} of {len(diagnosis.candidates)} candidates can't be seen in these flights.")
+
+
+def _gains(gains: Sequence[Gain]) -> Table:
+    title = Text("Prediction error on flights held out from naming and fit")
+    table = Table(box=SIMPLE_HEAD, title=title, title_justify="left", padding=(0, 1, 0, 0))
+    table.add_column("channel", no_wrap=True)
+    table.add_column("ahead", no_wrap=True)
+    for heading in ("error", "less by", "interval"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for gain in gains:
+        known = math.isfinite(gain.low) and math.isfinite(gain.high)
+        error = f"{figure(gain.before)} → {figure(gain.after)} {unit(gain.unit)}"
+        table.add_row(
+            Text(words(gain.channel)),
+            Text(gain.horizon),
+            Text(error.strip()),
+            percent(gain.reduction),
+            f"{percent(gain.low)} to {percent(gain.high)}" if known else "–",
+        )
+    return table
+
+
+def _findings(diagnosis: Diagnosis, line: _Line) -> None:
+    rank = {"fault": 0, "warning": 1}
+    found = [f for f in diagnosis.prechecks if f.severity in rank]
+    found.sort(key=lambda f: rank[f.severity])
+    for f in found[:_MOST_FINDINGS]:
+        at = f" at {f.start_s:.2f} s" if math.isfinite(f.start_s) else ""
+        style = "bold yellow" if f.severity == "fault" else "yellow"
+        line(f"{f.severity.capitalize()}: {f.flight}{at}: {f.check}: {f.message}", style)
+    if len(found) > _MOST_FINDINGS:
+        line(f"... and {len(found) - _MOST_FINDINGS} more, in diagnosis.json", "yellow")
+
+
+def _next(diagnosis: Diagnosis, folder: Path | None, line: _Line) -> None:
+    experiment = diagnosis.separating_experiment
+    if experiment is not None:
+        line(f"Fly next: {experiment.text}", "bold")
+        if experiment.mission and folder is not None:
+            line(f"  tombo fly {shlex.quote(str(folder / MISSION))}", "bold")
+    if extends(diagnosis) and folder is not None:
+        line("The extended model flies:", "bold")
+        line(f"  tombo fly --model {shlex.quote(str(folder / MODEL))}", "bold")
+    for step in next_steps(diagnosis):
+        line(f"Then: {step}" if diagnosis.verdict == "set" else f"Next: {step}")

@@ -1,0 +1,62 @@
+"""Whether the rest of a scenario allows its course: time, speed, nothing else in its place."""
+
+from __future__ import annotations
+
+import math
+
+from tombo_control.course import leg_to, targets
+from tombo_control.leg import Point, straight
+from tombo_control.mission import MissionParams
+from tombo_control.params import ControlParams
+from tombo_dynamics.errors import InputError
+
+_ROUNDING = 1.0 + 1e-9
+
+
+def check_course(mission: MissionParams, control: ControlParams) -> None:
+    """Refuse a course that could not be flown to its end as it is written.
+
+    Args:
+        mission: with the course, if any.
+        control: its limits of velocity.
+
+    Raises:
+        InputError: jumps are asked for as well, a leg is faster than the controller allows, or
+            it is to land before the course is over.
+    """
+    if mission.course is None:
+        return
+    if mission.step_size > 0.0:
+        raise InputError(
+            f"mission.course and mission.step_size {mission.step_size:g}: accepted: one of them"
+        )
+    hover: Point = (0.0, 0.0, mission.height)
+    end_s = course_begin(mission)
+    here, yaw = hover, 0.0
+    for i, target in enumerate(targets(mission.course, hover, mission.approach_speed)):
+        leg = leg_to(target, here, yaw, end_s)
+        vx, vy, vz = leg.velocity
+        _check_speed(i, "across", math.hypot(vx, vy), "velocity_max_xy", control.velocity_max_xy)
+        _check_speed(i, "up or down", abs(vz), "velocity_max_z", control.velocity_max_z)
+        end_s, here, yaw = leg.over_s, target[:3], target.yaw
+    if end_s > mission.land_time:
+        raise InputError(
+            f"mission.course: lasts until {end_s:.1f} s; accepted: at most mission.land_time, "
+            f"{mission.land_time:g}"
+        )
+
+
+def course_begin(mission: MissionParams) -> float:
+    """Return when the course begins if the climb goes well [s]."""
+    climb = straight(
+        (0.0, 0.0, 0.0), (0.0, 0.0, mission.height), mission.climb_speed, mission.takeoff_time
+    )
+    return max(mission.approach_time, climb.end_s)
+
+
+def _check_speed(i: int, way: str, speed: float, name: str, limit: float) -> None:
+    if speed > limit * _ROUNDING:
+        raise InputError(
+            f"mission.course[{i}].speed: {speed:.2f} m/s {way}; accepted: at most "
+            f"control.{name}, {limit:g}"
+        )

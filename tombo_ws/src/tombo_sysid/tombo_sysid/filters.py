@@ -1,0 +1,109 @@
+"""One zero-phase filter for both sides of an equation: a Gaussian, its slope and its curvature.
+
+What is measured and what is predicted pass through the same kernel, so smoothing costs resolution
+but adds no error: filtering a position with the kernel's curvature gives exactly the acceleration
+filtered with the kernel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+Array = NDArray[np.float64]
+
+_REACH = 4.0
+"""The kernel is cut off at so many widths."""
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """Sparse operators from the ticks of a flight to its rows, a row each `spacing` seconds."""
+
+    t: Array
+    """(R,) times of the rows [s]."""
+    reach: float
+    """Half length of the kernel [s]."""
+    smooth: Any
+    """(R, N) mean."""
+    slope: Any
+    """(R, N) first derivative [1/s]."""
+    curvature: Any
+    """(R, N) second derivative [1/s^2]."""
+
+
+def gaussian(t: Array, width: float, spacing: float) -> Kernel:
+    """Build the kernel over evenly spaced ticks.
+
+    Args:
+        t: (N,) ticks [s].
+        width: standard deviation of the Gaussian [s].
+        spacing: distance of the rows [s], rounded to ticks.
+    """
+    tick = float(t[1] - t[0])
+    half = max(2, int(np.ceil(_REACH * width / tick)))
+    offsets = np.arange(-half, half + 1)
+    tau = offsets * tick
+    bell = np.exp(-0.5 * (tau / width) ** 2)
+    smooth = bell / bell.sum()
+    # Exact on polynomials: the slope of t is 1, the curvature of t^2/2 is 1 and that of 1 is 0.
+    slope = bell * tau
+    slope /= slope @ tau
+    curvature = bell * (tau**2 - width**2)
+    curvature -= curvature.sum() / bell.sum() * bell
+    curvature /= 0.5 * curvature @ tau**2
+    centres = np.arange(half, t.size - half, max(1, round(spacing / tick)))
+    columns = (centres[:, None] + offsets[None, :]).ravel()
+    starts = np.arange(centres.size + 1) * offsets.size
+
+    def operator(weights: Array) -> Any:
+        data = np.tile(weights, centres.size)
+        return sparse.csr_matrix((data, columns, starts), shape=(centres.size, t.size))
+
+    return Kernel(
+        t[centres], half * tick, operator(smooth), operator(slope), operator(curvature)
+    )
+
+
+def clear_rows(kernel: Kernel, spoiled: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return (R,): rows whose kernel touches none of the spoiled ticks (N,)."""
+    return np.asarray(abs(kernel.smooth) @ spoiled.astype(np.float64) == 0.0)
+
+
+def tick_means(t: Array, values: Array, ticks: Array) -> Array:
+    """Return (N, k): means of a densely sampled series over a tick around each tick.
+
+    A series sampled more slowly than the ticks is interpolated linearly.
+
+    Args:
+        t: (M,) stamps [s], rising.
+        values: (M, k).
+        ticks: (N,) evenly spaced [s].
+    """
+    tick = float(ticks[1] - ticks[0])
+    if np.median(np.diff(t)) >= tick:
+        return np.column_stack([np.interp(ticks, t, column) for column in values.T])
+    edges = np.concatenate([ticks - 0.5 * tick, [ticks[-1] + 0.5 * tick]])
+    result = []
+    for column in values.T:
+        steps = 0.5 * (column[1:] + column[:-1]) * np.diff(t)
+        area = np.concatenate([[0.0], np.cumsum(steps)])
+        at = np.interp(edges, t, area)
+        span = np.maximum(np.clip(edges[1:], t[0], t[-1]) - np.clip(edges[:-1], t[0], t[-1]), 1e-9)
+        outside = (ticks < t[0]) | (ticks > t[-1])
+        result.append(np.where(outside, np.interp(ticks, t, column), np.diff(at) / span))
+    return np.column_stack(result)
+
+
+def held_means(t: Array, values: Array, ticks: Array) -> Array:
+    """Return (N, k): means over [tick, next tick) of values that hold until the next one."""
+    tick = float(ticks[1] - ticks[0])
+    edges = np.concatenate([ticks, [ticks[-1] + tick]])
+    steps = np.vstack([np.zeros(values.shape[1]), np.cumsum(values[:-1] * np.diff(t)[:, None], 0)])
+    row = np.clip(np.searchsorted(t, edges, side="right") - 1, 0, t.size - 1)
+    area = steps[row] + values[row] * (edges - t[row])[:, None]
+    return np.asarray(np.diff(area, axis=0) / tick)

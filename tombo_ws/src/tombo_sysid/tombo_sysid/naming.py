@@ -1,0 +1,185 @@
+"""The search for causes: which effects, alone or up to three together, explain the flights.
+
+Every candidate is first judged by the tangent about the best explanation so far, the promising
+ones then by the model itself. An explanation grows as long as another cause earns its place.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_sysid.candidates import PARAMETERS, effects, variants
+from tombo_sysid.evidence import solve
+from tombo_sysid.problem import Fit, Problem, sum_of
+from tombo_sysid.sensitivity import DRAWN
+
+Array = NDArray[np.float64]
+
+ADDS = 4.0
+"""Log Bayes factor with which a cause earns its place; see docs/diagnosis.md for what it gives."""
+_PROMISING = 1.5
+_TRIED = 4
+"""So many candidates are fitted with the model itself at each step."""
+_BEAM = 2
+"""So many explanations are carried on."""
+_MOST = 3
+_OUTSIDE = 3.0
+"""A fit further out of a parameter's bounds than so many deviations speaks against it."""
+SCATTER = DRAWN.split(".")[0]
+_WIDTHS = np.geomspace(1.5, 40.0, 12)
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way in which one effect may be at work."""
+
+    effect: str
+    free: tuple[int, ...]
+    """Places in theta; empty for the scatter of the draws."""
+    draw_width: float | None = None
+    """Of the draws, where scatter is the cause."""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A set of causes, fitted."""
+
+    ways: tuple[Way, ...]
+    fit: Fit
+    evidence: float
+    """Log Bayes factor against the nominal model."""
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the causes, in the order in which they were found."""
+        return tuple(way.effect for way in self.ways)
+
+
+@dataclass(frozen=True)
+class Search:
+    """What the search came to."""
+
+    best: Explanation
+    singles: dict[str, float]
+    """Effect -> log Bayes factor of it alone, by its best way."""
+    rivals: tuple[Explanation, ...]
+    """Other explanations with as many causes, likeliest first."""
+
+
+def search(
+    problem: Problem, progress: Callable[[float], None] | None = None, most: int = _MOST
+) -> Search:
+    """Return the best explanation of the flights and what else would do."""
+    nothing = Explanation((), problem.nothing, 0.0)
+    singles = {way.effect: gain for gain, way in reversed(ranked(problem, nothing))}
+    beam = [nothing]
+    tried: dict[tuple[str, ...], Explanation] = {}
+    for size in range(1, most + 1):
+        grown: dict[tuple[str, ...], Explanation] = {}
+        for explanation in beam:
+            promising = [
+                (gain, way)
+                for gain, way in ranked(problem, explanation)
+                if gain > _PROMISING and way.effect not in explanation.effects
+            ]
+            for _, way in _shortlist(promising):
+                found = extend(problem, explanation, way)
+                key = tuple(sorted(found.effects))
+                if key not in grown or grown[key].evidence < found.evidence:
+                    grown[key] = found
+        if progress is not None:
+            progress(size / most)
+        tried.update(grown)
+        ordered = sorted(grown.values(), key=lambda e: -e.evidence)
+        kept = [e for e in ordered if e.evidence > beam[0].evidence + ADDS]
+        if not kept:
+            break
+        beam = kept[:_BEAM]
+    best = beam[0]
+    for key, explanation in tried.items():
+        if len(key) == 1:
+            singles[key[0]] = max(singles.get(key[0], -math.inf), explanation.evidence)
+    rivals = [e for e in tried.values() if len(e.ways) == len(best.ways) and e is not best]
+    return Search(best, singles, tuple(sorted(rivals, key=lambda e: -e.evidence)))
+
+
+def _shortlist(promising: Sequence[tuple[float, Way]]) -> list[tuple[float, Way]]:
+    """Return the ways worth fitting: the best two of each effect, the best effects first."""
+    counts: dict[str, int] = {}
+    chosen = []
+    for gain, way in promising:
+        counts[way.effect] = counts.get(way.effect, 0) + 1
+        close = gain > promising[0][0] - 3.0 if counts[way.effect] > 1 else True
+        if counts[way.effect] <= 2 and close and len(counts) <= _TRIED:
+            chosen.append((gain, way))
+    return chosen
+
+
+def ranked(problem: Problem, explanation: Explanation) -> list[tuple[float, Way]]:
+    """Return every way of every effect with what it adds to an explanation, by the tangent."""
+    fit = explanation.fit
+    normal = sum_of(fit.normals)
+    columns = problem.columns
+    found = []
+    for effect in effects():
+        if effect in explanation.effects:
+            continue
+        for free in variants(effect, columns.indices):
+            every = (*fit.free, *free)
+            deviations = columns.deviations(every, draw_width=fit.draw_width)
+            solution = solve(normal, deviations, fit.centre)
+            gain = solution.evidence - fit.evidence
+            gain -= _out_of_bounds(problem, fit.theta, free, solution.mean, solution.covariance)
+            found.append((gain - _ways_cost(effect, problem), Way(effect, free)))
+    if columns.draws and SCATTER not in explanation.effects:
+        gains = []
+        for factor in _WIDTHS:
+            width = fit.draw_width * factor
+            deviations = columns.deviations(fit.free, draw_width=width)
+            gains.append(solve(normal, deviations, fit.centre).evidence - fit.evidence)
+        best = int(np.argmax(gains))
+        # A broad prior over the deviation: the mean over the grid, not the best of it.
+        mean = float(np.logaddexp.reduce(gains)) - math.log(len(gains))
+        width = fit.draw_width * float(_WIDTHS[best])
+        found.append((mean, Way(SCATTER, (), width)))
+    return sorted(found, key=lambda each: -each[0])
+
+
+def extend(problem: Problem, explanation: Explanation, way: Way) -> Explanation:
+    """Return an explanation with one more cause, everything in it fitted anew."""
+    ways = (*explanation.ways, way)
+    free = tuple(dict.fromkeys(i for each in ways for i in each.free))
+    widths = [each.draw_width for each in ways if each.draw_width is not None]
+    fit = problem.refine(free, explanation.fit, widths[0] if widths else None)
+    cost = sum(_ways_cost(each.effect, problem) for each in ways)
+    evidence = fit.evidence - problem.nothing.evidence - cost
+    if widths:
+        evidence -= math.log(len(_WIDTHS)) - 1.0
+    evidence -= _out_of_bounds(
+        problem, fit.theta, free, fit.solution.mean, fit.solution.covariance
+    )
+    return Explanation(ways, fit, evidence)
+
+
+def _ways_cost(effect: str, problem: Problem) -> float:
+    """An effect that may show in many ways is not for that the likelier one."""
+    return math.log(max(1, len(variants(effect, problem.columns.indices)))) if effect else 0.0
+
+
+def _out_of_bounds(
+    problem: Problem, theta: Array, free: Sequence[int], mean: Array, covariance: Array
+) -> float:
+    """Return what it costs that a fit lies beyond the bounds of its parameters."""
+    cost = 0.0
+    for index, place in zip(free, problem.columns.places(free), strict=True):
+        p = PARAMETERS[index]
+        value = theta[index] + mean[place]
+        over = max(p.low - value, value - p.high, 0.0)
+        deviation = math.sqrt(max(float(covariance[place, place]), 1e-18)) + p.tolerance
+        cost += 0.5 * (over / deviation) ** 2
+    return min(cost, 1e6)

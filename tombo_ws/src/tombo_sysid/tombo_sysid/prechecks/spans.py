@@ -1,0 +1,44 @@
+"""Runs of samples and spans of time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Span = tuple[float, float]
+
+
+def runs(mask: Mask) -> list[tuple[int, int]]:
+    """Return [begin, end) of each run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return [(int(b), int(e)) for b, e in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def merged(spans: Iterable[Span], apart: float = 0.0) -> list[Span]:
+    """Return the spans sorted, those that overlap or are closer than `apart` as one."""
+    result: list[Span] = []
+    for begin, end in sorted(s for s in spans if s[1] >= s[0]):
+        if result and begin <= result[-1][1] + apart:
+            result[-1] = result[-1][0], max(end, result[-1][1])
+        else:
+            result.append((begin, end))
+    return result
+
+
+def inside(t: Array, spans: Iterable[Span]) -> Mask:
+    """Say which times are in one of the spans."""
+    found = np.zeros(t.shape, np.bool_)
+    for begin, end in spans:
+        found |= (t >= begin) & (t <= end)
+    return found
+
+
+def step_of(t: Array) -> float:
+    """Return the usual distance of stamps [s]; 0 with fewer than two."""
+    steps = np.diff(t)
+    steps = steps[steps > 0.0]
+    return float(np.median(steps)) if steps.size else 0.0

@@ -1,0 +1,275 @@
+"""All flights of a diagnosis as one regression: residuals, slopes, noise, and what fits them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_sysid.candidates import PARAMETERS, WIDE
+from tombo_sysid.evidence import Normal, Solution, solve
+from tombo_sysid.noise import floor_of, long_run_variance
+from tombo_sysid.nominal import Nominal
+from tombo_sysid.prediction import channels_of
+from tombo_sysid.sensitivity import Linear, linearize, over_flights
+from tombo_sysid.track import FAST_SPACING, SLOW_SPACING, Track
+
+Array = NDArray[np.float64]
+
+_STEPS = 3
+"""Gauss-Newton steps of a refinement, at most."""
+_CLOSE = 0.02
+"""A refinement ends when no free parameter moves by more than this share of its tolerance."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What the unknowns are: parameters of theta, then the vehicle's draws."""
+
+    indices: tuple[int, ...]
+    """Places in theta of the parameters that these flights can show."""
+    draws: int
+    """Draws of one vehicle that do something."""
+    vehicles: int
+    """Sets of draws: one for all flights, or one a flight."""
+    draw_width: float
+    """Standard deviation of a draw's unknown in the nominal model."""
+
+    @property
+    def count(self) -> int:
+        """All unknowns."""
+        return len(self.indices) + self.draws * self.vehicles
+
+    def deviations(
+        self, free: Sequence[int] = (), width: float = WIDE, draw_width: float | None = None
+    ) -> Array:
+        """Return (count) prior standard deviations; parameters `free` (places in theta) wide."""
+        own = [
+            width * PARAMETERS[i].scale if i in free else PARAMETERS[i].tolerance
+            for i in self.indices
+        ]
+        drawn = self.draw_width if draw_width is None else draw_width
+        return np.array(own + [drawn] * (self.draws * self.vehicles))
+
+    def places(self, indices: Sequence[int]) -> list[int]:
+        """Return the columns of parameters that can be seen."""
+        return [self.indices.index(i) for i in indices if i in self.indices]
+
+    def first_draw(self, flight: int) -> int:
+        """Return the column of a flight's first draw."""
+        vehicle = flight if self.vehicles > 1 else 0
+        return len(self.indices) + self.draws * vehicle
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A set of freed parameters, fitted; all else within its tolerance."""
+
+    free: tuple[int, ...]
+    """Places in theta."""
+    draw_width: float
+    """Standard deviation of the draws' unknowns."""
+    theta: Array
+    """All parameters, the free ones fitted."""
+    centre: Array
+    """(K,) means of the prior, about theta."""
+    solution: Solution
+    """About `theta`, so that its mean is what is left to do: nearly nothing for free ones."""
+    linears: tuple[Linear, ...]
+    """About `theta`."""
+    normals: tuple[Normal, ...]
+    """A flight each, about `theta`."""
+
+    @property
+    def evidence(self) -> float:
+        """Logarithm of the probability of the data."""
+        return self.solution.evidence
+
+
+class Problem:
+    """The regression about the nominal model. All fits are made from here."""
+
+    def __init__(self, tracks: Sequence[Track], nominal: Nominal) -> None:
+        self.tracks = list(tracks)
+        self.nominal = nominal
+        self.theta = nominal.theta
+        self.channels = [channels_of(track, nominal) for track in self.tracks]
+        self.linears = over_flights(lambda t: linearize(t, nominal, self.theta), self.tracks)
+        seen = sorted({i for linear in self.linears for i in linear.slopes})
+        draws = max(len(linear.draws) for linear in self.linears)
+        own = Columns(tuple(seen), draws, len(self.tracks), self.linears[0].draw_width)
+        self.columns = own
+        self._prepare()
+        if draws and len(self.tracks) > 1:
+            every = solve(self.normal(), own.deviations(seen)).evidence
+            kept = self._parts, self.variances
+            self.columns = replace(own, vehicles=1)
+            self._prepare()
+            if solve(self.normal(), self.columns.deviations(seen)).evidence < every:
+                self.columns = own
+                self._parts, self.variances = kept
+        self.normals = [self._weigh(parts, f) for f, parts in enumerate(self._parts)]
+        deviations = self.columns.deviations()
+        centre = np.zeros(deviations.size)
+        self.nothing = Fit(
+            (), self.columns.draw_width, self.theta, centre,
+            solve(sum_of(self.normals), deviations, centre),
+            tuple(self.linears), tuple(self.normals),
+        )  # fmt: skip
+        """The nominal model, everything within its tolerance."""
+
+    def _prepare(self) -> None:
+        self._parts = [self._by_channel(linear, f) for f, linear in enumerate(self.linears)]
+        self.variances = [
+            {g: np.maximum(v.var(axis=0), 1e-12) * 20.0 for g, v in linear.left.items()}
+            for linear in self.linears
+        ]
+        for _ in range(2):
+            every = solve(self.normal(), self.columns.deviations(self.columns.indices))
+            self.variances = self._variances(every.mean)
+
+    def normal(self) -> Normal:
+        """Return the equations of all flights about the nominal model."""
+        return sum_of([self._weigh(parts, f) for f, parts in enumerate(self._parts)])
+
+    def design(self, linear: Linear, group: str, flight: int) -> Array:
+        """Return (channels, rows, K): slopes of a group's channels with every unknown."""
+        left = linear.left[group]
+        full = np.zeros((left.shape[1], left.shape[0], self.columns.count))
+        for k, index in enumerate(self.columns.indices):
+            if index in linear.slopes:
+                full[:, :, k] = linear.slopes[index][group].T
+        first = self.columns.first_draw(flight)
+        for j, change in enumerate(linear.draws):
+            full[:, :, first + j] = change[group].T
+        return full
+
+    def left(self, fit: Fit, flight: int, unknowns: Array | None = None) -> dict[str, Array]:
+        """Return what a fit leaves of a flight's channels, group -> (rows, channels).
+
+        Args:
+            fit: the fit.
+            flight: number of the flight.
+            unknowns: (K,) about the fit's theta; None: its solution, tolerances included.
+        """
+        mean = fit.solution.mean if unknowns is None else unknowns
+        linear = fit.linears[flight]
+        return {
+            group: rows - (self.design(linear, group, flight) @ mean).T
+            for group, rows in linear.left.items()
+        }
+
+    def refine(
+        self, free: Sequence[int], start: Fit | None = None, draw_width: float | None = None
+    ) -> Fit:
+        """Fit parameters with the model itself, not only its tangent: Gauss-Newton.
+
+        Args:
+            free: places in theta.
+            start: fit to begin from; None: the nominal model.
+            draw_width: standard deviation of the draws; None: that of `start`.
+        """
+        start = start or self.nothing
+        width = start.draw_width if draw_width is None else draw_width
+        columns = self.columns
+        deviations = columns.deviations(free, draw_width=width)
+        places = columns.places(free)
+        theta, linears, normals = start.theta, start.linears, start.normals
+        centre = start.centre.copy()
+        solution = solve(sum_of(normals), deviations, centre)
+        for step in range(_STEPS):
+            moved = theta.copy()
+            for place in places:
+                p = PARAMETERS[columns.indices[place]]
+                moved[p.index] = np.clip(theta[p.index] + solution.mean[place], p.low, p.high)
+            change = max(
+                (abs(moved[i] - theta[i]) / PARAMETERS[i].tolerance for i in free), default=0.0
+            )
+            if change < _CLOSE or not places:
+                break
+            theta = moved
+            linears, normals = self._about(theta, free, linears)
+            for place in places:
+                index = columns.indices[place]
+                centre[place] = self.theta[index] - theta[index]
+            solution = solve(sum_of(normals), deviations, centre)
+            if step and change < 1.0:
+                break
+        return Fit(
+            tuple(free), width, theta, centre, solution, tuple(linears), tuple(normals)
+        )
+
+    def _about(
+        self, theta: Array, free: Sequence[int], before: Sequence[Linear]
+    ) -> tuple[tuple[Linear, ...], tuple[Normal, ...]]:
+        """Linearize about theta in the free parameters; other slopes stay as they were."""
+        fresh = over_flights(
+            lambda t: linearize(t, self.nominal, theta, tuple(free)), self.tracks
+        )
+        linears = tuple(
+            replace(new, slopes={**old.slopes, **new.slopes}, draws=old.draws)
+            for new, old in zip(fresh, before, strict=True)
+        )
+        return linears, tuple(
+            self._weigh(self._by_channel(linear, f), f) for f, linear in enumerate(linears)
+        )
+
+    def _by_channel(self, linear: Linear, flight: int) -> dict[str, tuple[Array, Array, Array]]:
+        """Return group -> normal matrices, vectors and squares of its channels, not weighed."""
+        parts = {}
+        for group, left in linear.left.items():
+            x = self.design(linear, group, flight)
+            turned = np.ascontiguousarray(np.transpose(x, (0, 2, 1)))
+            vectors = (turned @ left.T[:, :, None])[:, :, 0]
+            parts[group] = (turned @ x, vectors, np.sum(left**2, axis=0))
+        return parts
+
+    def _weigh(self, parts: dict[str, tuple[Array, Array, Array]], flight: int) -> Normal:
+        matrix = np.zeros((self.columns.count, self.columns.count))
+        vector = np.zeros(self.columns.count)
+        square = 0.0
+        for group, (matrices, vectors, squares) in parts.items():
+            weights = 1.0 / self.variances[flight][group]
+            matrix += np.tensordot(weights, matrices, 1)
+            vector += weights @ vectors
+            square += float(weights @ squares)
+        return Normal(matrix, vector, square)
+
+    def _variances(self, unknowns: Array) -> list[dict[str, Array]]:
+        """Return the noise of each flight's channels, from what the unknowns leave over."""
+        left: dict[tuple[str, str], list[Array]] = {}
+        for f, linear in enumerate(self.linears):
+            for group, rows in linear.left.items():
+                rest = rows - (self.design(linear, group, f) @ unknowns).T
+                own = [c for c in self.channels[f] if c.group == group]
+                for j, c in enumerate(own):
+                    left.setdefault((group, c.name), []).append(rest[:, j])
+        found = {
+            (group, name): long_run_variance(rows, self.per_second(group), floor_of(name))
+            for (group, name), rows in left.items()
+        }
+        return [
+            {
+                group: np.array([found[group, c.name] for c in channels if c.group == group])
+                for group in linear.left
+            }
+            for linear, channels in zip(self.linears, self.channels, strict=True)
+        ]
+
+    def per_second(self, group: str) -> float:
+        """Return how many rows a group has in a second."""
+        if group == "fast":
+            return 1.0 / FAST_SPACING
+        if group == "slow":
+            return 1.0 / SLOW_SPACING
+        return 1.0 / float(np.median(np.diff(self.tracks[0].pose_t)))
+
+
+def sum_of(normals: Sequence[Normal]) -> Normal:
+    """Return the equations of all flights together."""
+    total = normals[0]
+    for other in normals[1:]:
+        total = total + other
+    return total

@@ -1,0 +1,109 @@
+"""How each channel changes with each parameter: derivatives of the residuals, by differences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_sysid.candidates import PARAMETERS, Parameter
+from tombo_sysid.nominal import Nominal
+from tombo_sysid.prediction import Motion, motion_of, moves_poses, residuals
+from tombo_sysid.track import Track
+
+Array = NDArray[np.float64]
+Groups = dict[str, Array]
+
+DRAWN = "thrust_scatter.deviation"
+"""The parameter that says how large the vehicle's draws are."""
+DRAWS = 4
+"""Draws of the vehicle that effects use: one a rotor."""
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A flight's residuals about one theta: left(theta + d) = left - sum of slopes * d."""
+
+    theta: Array
+    left: Groups
+    """group -> (rows, channels)."""
+    slopes: dict[int, Groups]
+    """Index in theta -> group -> (rows, channels): change of what is predicted per unit."""
+    draws: list[Groups]
+    """The same for each of the vehicle's draws; empty where they do nothing."""
+    draw_width: float = 1.0
+    """Standard deviation of these unknowns in the nominal model."""
+
+
+def step_of(p: Parameter, at: float) -> float:
+    """Return the signed step from `at` that stays within the parameter's bounds."""
+    return p.step if at + p.step <= p.high else -p.step
+
+
+def slope(
+    track: Track, nominal: Nominal, theta: Array, p: Parameter, motion: Motion, left: Groups
+) -> Groups | None:
+    """Return the change of what is predicted per unit of a parameter; None: it changes nothing."""
+    moved = theta.copy()
+    step = step_of(p, float(theta[p.index]))
+    moved[p.index] += step
+    there = residuals(
+        track, nominal, moved, None if moves_poses(p.index) else motion
+    )
+    change = {group: (left[group] - there[group]) / step for group in left}
+    return change if any(np.any(c) for c in change.values()) else None
+
+
+def linearize(track: Track, nominal: Nominal, theta: Array, only: Sequence[int] = ()) -> Linear:
+    """Return residuals and slopes of a flight about `theta`.
+
+    Args:
+        track: the flight.
+        nominal: the model.
+        theta: parameters of all effects.
+        only: indices to differentiate; empty: all of the registry, and the draws.
+    """
+    motion = motion_of(track, nominal, theta)
+    left = residuals(track, nominal, theta, motion)
+    slopes = {}
+    for p in PARAMETERS:
+        if not only or p.index in only:
+            change = slope(track, nominal, theta, p, motion, left)
+            if change is not None:
+                slopes[p.index] = change
+    draws: list[Groups] = []
+    width = 1.0
+    if not only:
+        spread, width = _drawn_theta(theta)
+        for i in range(DRAWS):
+            drawn = np.zeros(8)
+            drawn[i] = 0.5
+            there = residuals(track, nominal, spread, motion, drawn)
+            change = {group: (left[group] - there[group]) / 0.5 for group in left}
+            if any(np.any(c) for c in change.values()):
+                draws.append(change)
+    return Linear(theta, left, slopes, draws, width)
+
+
+def _drawn_theta(theta: Array) -> tuple[Array, float]:
+    """Return theta with the effects of the draws on, and what a draw then is in healthy flights.
+
+    A nominal model without scatter has no slope with the draws: it is taken at a tenth of the size
+    that matters, where a healthy draw is the tolerance over that.
+    """
+    spread = theta.copy()
+    width = 1.0
+    for p in PARAMETERS:
+        if p.label == DRAWN and theta[p.index] < p.step:
+            spread[p.index] = p.step
+            width = max(float(theta[p.index]), p.tolerance) / p.step
+    return spread, width
+
+
+def over_flights(function: Callable[[Track], Linear], tracks: Sequence[Track]) -> list[Linear]:
+    """Apply to every flight, on two threads: compiled code does not hold the interpreter."""
+    with ThreadPoolExecutor(2) as pool:
+        return list(pool.map(function, tracks))

@@ -1,0 +1,71 @@
+"""Units that logs come in, and the factor to the unit that a channel has here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from tombo_dynamics.errors import unknown_name
+from tombo_dynamics.vehicle import GRAVITY
+
+DEGREE = math.pi / 180.0
+
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048},
+    "rad": {"rad": 1.0, "deg": DEGREE},
+    "rad/s": {
+        "rad/s": 1.0,
+        "deg/s": DEGREE,
+        "mrad/s": 1e-3,
+        "rpm": math.pi / 30.0,
+        "krpm": 1e3 * math.pi / 30.0,
+        "rev/s": 2.0 * math.pi,
+    },
+    "m/s^2": {"m/s^2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY, "cm/s^2": 1e-2},
+    "V": {"V": 1.0, "mV": 1e-3},
+    "A": {"A": 1.0, "mA": 1e-3},
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
+    "1": {"1": 1.0, "%": 1e-2},
+}
+"""Unit of a channel → what may be declared in its place, with the factor to it."""
+
+_SPELLINGS = {
+    "m/s2": "m/s^2",
+    "m/s²": "m/s^2",
+    "degrees": "deg",
+    "degree": "deg",
+    "°": "deg",
+    "°/s": "deg/s",
+    "dps": "deg/s",
+    "radians": "rad",
+    "rps": "rev/s",
+    "hz": "rev/s",
+    "µs": "us",
+    "sec": "s",
+    "seconds": "s",
+    "percent": "%",
+    "v": "V",
+    "mv": "mV",
+    "a": "A",
+    "ma": "mA",
+}
+
+
+def factor(unit: str, wanted: str, what: str) -> float:
+    """Return by what to multiply values in `unit` to have them in `wanted`.
+
+    Args:
+        unit: as declared, in any usual spelling.
+        wanted: unit of the channel, a key of `UNITS`.
+        what: what is being converted, for the error.
+
+    Raises:
+        InputError: no such unit for such a channel.
+    """
+    accepted = UNITS[wanted]
+    text = unit.strip()
+    for name in (text, text.lower()):
+        name = _SPELLINGS.get(name, name)
+        if name in accepted:
+            return accepted[name]
+    raise unknown_name(f"unit of {what}", unit, accepted)
