@@ -114,6 +114,16 @@ def test_flies_the_plan_follows_the_reaction_and_lands(world, start):
     assert flight.node.end() == 0
 
 
+def test_flies_a_course_given_as_text_turns_and_lands(world, start):
+    course = "[{x: 0.4, yaw: 0.5, speed: 1.0, acceleration: 4.0, yaw_rate: 2.0}, {z: 0.5}]"
+    flight = Flight(world, start, more=[f'mission.course:="{course}"'])
+    flight.until(MissionStatus.APPROACH)
+    said = flight.until(MissionStatus.LAND)
+    assert flight.place == pytest.approx([0.4, 0.0, 0.5], abs=0.06)
+    assert said.yaw == pytest.approx(0.5)
+    flight.until(MissionStatus.LANDED)
+
+
 def test_begun_in_flight_after_a_collision_it_goes_to_x_r(world, start):
     flight = Flight(world, start, (0.6, 0.1, 0.7), {"age_s": 2.0})
     said = flight.until(MissionStatus.REACT)

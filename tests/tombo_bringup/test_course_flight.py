@@ -69,14 +69,12 @@ def test_it_follows_a_course_as_closely_as_an_approach():
     assert np.linalg.norm(error[flying], axis=1).max() < 0.15
 
 
-def test_a_turn_is_smooth_and_keeps_its_rate():
+def test_a_turn_keeps_its_rate():
     record = fly_scenario(scenario_with([{"yaw": 3.1, "yaw_rate": 0.8}]), 0)
     flying = (record.log["mode"][:, 0] == APPROACH) & (record.t > 4.2)
     rate = record.log["rates"][flying, 2]
     assert rate.max() == pytest.approx(0.8, abs=0.1)
     assert rate.min() > -0.1
-    slope = np.diff(record.log["rates_setpoint"][flying, 2]) / 4e-3
-    assert np.abs(slope).max() < 12.0
 
 
 def test_waypoints_may_be_flown_fast():

@@ -72,7 +72,7 @@ def write_bag(path, log, namespace="", pose="geometry_msgs/msg/PoseStamped", top
 
         def poses(shift):
             def fill(records):
-                inner = "pose.pose." if "Odometry" in pose else "pose."
+                inner = "pose." if "PoseStamped" in pose else "pose.pose."
                 names = (f"{inner}position.", f"{inner}orientation.")
                 if "Transform" in pose:
                     names = ("transform.translation.", "transform.rotation.")

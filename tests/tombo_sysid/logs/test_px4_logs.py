@@ -38,7 +38,7 @@ def test_everything_comes_back_in_our_frames_and_units(path):
         # means over 5 ms that end at the stamp; the accelerometer's ends 1 ms earlier
         close(log.series[name].t, FLIGHT.series[name].t + start + shift)
         close(log.series[name].values, FLIGHT.series[name].values)
-    close(log.series["rotor_speed"].values, FLIGHT.series["rotor_speed"].values.clip(0), 0.06)
+    close(log.series["rotor_speed"].values, np.abs(FLIGHT.series["rotor_speed"].values), 0.06)
     command = np.clip(FLIGHT.series["rotor_command"].values / 800.0, 0.0, 1.0)
     close(log.series["motor_command"].values, command)
     close(log.series["motor_command"].t, FLIGHT.series["gyro"].t + start)

@@ -152,11 +152,14 @@ def _no_pose(recording: Recording) -> InputError:
         for topic, stream in recording.topics.items()
         if stream.typename in _POSES and stream.count and _TRUTH not in topic.split("/")
     ]
-    hint = f"; poses are in {', '.join(poses)}: name one as {poses[0]}:={MOCAP_POSE.name}"
-    there = ", ".join(recording.topics) or "none"
+    if poses:
+        hint = f"poses are in {', '.join(poses)}: name one as {poses[0]}:={MOCAP_POSE.name}"
+    else:
+        hint = f"topics there: {', '.join(recording.topics) or 'none'}"
+    hint += "".join(f"; {text}" for text in recording.damage)
     return InputError(
         f"'{recording.path}' has no poses of a motion capture; needed: position and attitude, as "
-        f"topic {MOCAP_POSE.name}" + (hint if poses else f"; topics there: {there}")
+        f"topic {MOCAP_POSE.name}; {hint}"
     )
 
 

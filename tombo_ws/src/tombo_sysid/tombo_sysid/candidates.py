@@ -22,6 +22,8 @@ TOLERANCE = 0.05
 """Share of the scale."""
 WIDE = 2.0
 """What a candidate is given: a prior of so many scales."""
+_OWN_MASS, _OWN_ARM = 1.3, 0.24
+"""kg and m: the vehicle that the registry's typical sizes are for."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +56,23 @@ class Parameter:
         return 0.1 * self.scale
 
 
-def parameters() -> tuple[Parameter, ...]:
-    """Return all parameters of the registry, in the order of theta."""
+def parameters(mass: float = 1.3, arm: float = 0.24) -> tuple[Parameter, ...]:
+    """Return all parameters of the registry, in the order of theta.
+
+    What clearly matters is given for the suite's own vehicle: forces grow with the mass, lengths
+    with the arm.
+
+    Args:
+        mass: of the vehicle [kg].
+        arm: centre to rotor axis [m].
+    """
+    heavy, long = mass / _OWN_MASS, arm / _OWN_ARM
+    sizes = {
+        "N s/m": heavy,
+        "m^2": heavy,
+        "N m s/m": heavy * long,
+        "m": long if long < 1.0 else 1.0,
+    }
     found = []
     places = layout()
     for name, effect in REGISTRY.items():
@@ -63,6 +80,8 @@ def parameters() -> tuple[Parameter, ...]:
             alike = [abs(o.typical - o.null) for o in effect.theta if o.unit == p.unit]
             scale = abs(p.typical - p.null) or max(alike) or abs(p.typical) or 1.0
             place = places[name][p.name]
+            if not name.startswith(("mocap_noise", "contact")):
+                scale *= sizes.get(p.unit, 1.0)
             found.append(Parameter(place, name, p.name, p.unit, p.null, *p.bounds, scale))
     return tuple(sorted(found, key=lambda p: p.index))
 

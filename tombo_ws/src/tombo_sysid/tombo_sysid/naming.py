@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_sysid.candidates import PARAMETERS, effects, variants
+from tombo_sysid.candidates import effects, variants
 from tombo_sysid.evidence import solve
 from tombo_sysid.problem import Fit, Problem, sum_of
 from tombo_sysid.sensitivity import DRAWN
@@ -129,7 +129,7 @@ def ranked(problem: Problem, explanation: Explanation) -> list[tuple[float, Way]
     for effect in effects():
         if effect in explanation.effects:
             continue
-        for free in variants(effect, columns.indices):
+        for free in variants(effect, columns.open):
             every = (*fit.free, *free)
             deviations = columns.deviations(every, draw_width=fit.draw_width)
             solution = solve(normal, deviations, fit.centre)
@@ -163,12 +163,15 @@ def extend(problem: Problem, explanation: Explanation, way: Way) -> Explanation:
     evidence -= _out_of_bounds(
         problem, fit.theta, free, fit.solution.mean, fit.solution.covariance
     )
+    for each in ways:
+        if each.free and all(fit.theta[i] == problem.theta[i] for i in each.free):
+            evidence = -math.inf  # at the edge of its bounds it does nothing: no cause
     return Explanation(ways, fit, evidence)
 
 
 def _ways_cost(effect: str, problem: Problem) -> float:
     """An effect that may show in many ways is not for that the likelier one."""
-    return math.log(max(1, len(variants(effect, problem.columns.indices)))) if effect else 0.0
+    return math.log(max(1, len(variants(effect, problem.columns.open)))) if effect else 0.0
 
 
 def _out_of_bounds(
@@ -177,7 +180,7 @@ def _out_of_bounds(
     """Return what it costs that a fit lies beyond the bounds of its parameters."""
     cost = 0.0
     for index, place in zip(free, problem.columns.places(free), strict=True):
-        p = PARAMETERS[index]
+        p = problem.columns.parameters[index]
         value = theta[index] + mean[place]
         over = max(p.low - value, value - p.high, 0.0)
         deviation = math.sqrt(max(float(covariance[place, place]), 1e-18)) + p.tolerance

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from tombo_dynamics.effects.compose import pack_theta
 from tombo_dynamics.plant import new_plant, part
 from tombo_dynamics.vehicle import VehicleParams
+from tombo_sysid.candidates import Parameter, parameters
 
 Array = NDArray[np.float64]
 
@@ -28,6 +30,8 @@ class Nominal:
     calibrated: bool = False
     """True: thrust was fitted to the same flights; mass and thrust errors can't be seen then, and
     what healthy flights of this vehicle look like is not known."""
+    fitted: frozenset[str] = frozenset()
+    """effect.parameter of what that fit has taken up: free at all times, and never a cause."""
     moments: bool = True
     """False: arms and inertia are not known; moments are not compared."""
 
@@ -35,6 +39,11 @@ class Nominal:
     def theta(self) -> Array:
         """Parameters of all effects, packed."""
         return pack_theta(self.effects)
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """All parameters of theta, with sizes that matter for this vehicle."""
+        return parameters(self.vehicle.mass, self.vehicle.arm_length)
 
     def plant(self, draws: Array | None = None) -> Array:
         """Return the memory of a fresh plant with the flight's draws (8), or none."""

@@ -76,7 +76,7 @@ def channels_of(track: Track, nominal: Nominal) -> list[ChannelId]:
             names += [ChannelId(f"turning {a}", "rad/s^2", "slow") for a in _AXES]
         if track.speed.size and track.command.size:
             names += [ChannelId(f"rotor speed {i}", "rad/s", "slow") for i in range(1, 5)]
-    if track.voltage.size:
+    if track.voltage.size and not nominal.calibrated:
         names.append(ChannelId("voltage", "V", "slow"))
     if track.arrival.size:
         names.append(ChannelId("latency", "s", "pose"))
@@ -195,7 +195,7 @@ def residuals(
             slow.append(turned - smooth @ model[:, I.turning : I.turning + 3])
         if track.speed.size and track.command.size:
             slow.append(smooth @ (track.speed[:, :4] - model[:, I.speed : I.speed + 4]))
-    if track.voltage.size:
+    if track.voltage.size and not nominal.calibrated:
         left = track.voltage - model[:, I.voltage : I.voltage + 1]
         slow.append(track.slow.smooth[track.slow_rows] @ left)
     result = {"slow": np.column_stack(slow)}

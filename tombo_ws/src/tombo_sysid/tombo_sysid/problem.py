@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_sysid.candidates import PARAMETERS, WIDE
+from tombo_sysid.candidates import WIDE, Parameter
 from tombo_sysid.evidence import Normal, Solution, solve
 from tombo_sysid.noise import floor_of, long_run_variance
 from tombo_sysid.nominal import Nominal
@@ -18,7 +18,7 @@ from tombo_sysid.track import FAST_SPACING, SLOW_SPACING, Track
 
 Array = NDArray[np.float64]
 
-_STEPS = 3
+_STEPS = 6
 """Gauss-Newton steps of a refinement, at most."""
 _CLOSE = 0.02
 """A refinement ends when no free parameter moves by more than this share of its tolerance."""
@@ -36,6 +36,15 @@ class Columns:
     """Sets of draws: one for all flights, or one a flight."""
     draw_width: float
     """Standard deviation of a draw's unknown in the nominal model."""
+    parameters: tuple[Parameter, ...]
+    """All of theta."""
+    taken: frozenset[int] = frozenset()
+    """Places in theta of what the nominal model's own fit has taken up: always free."""
+
+    @property
+    def open(self) -> tuple[int, ...]:
+        """Places in theta of what can be a cause."""
+        return tuple(i for i in self.indices if i not in self.taken)
 
     @property
     def count(self) -> int:
@@ -47,7 +56,9 @@ class Columns:
     ) -> Array:
         """Return (count) prior standard deviations; parameters `free` (places in theta) wide."""
         own = [
-            width * PARAMETERS[i].scale if i in free else PARAMETERS[i].tolerance
+            width * self.parameters[i].scale
+            if i in free or i in self.taken
+            else self.parameters[i].tolerance
             for i in self.indices
         ]
         drawn = self.draw_width if draw_width is None else draw_width
@@ -99,7 +110,9 @@ class Problem:
         self.linears = over_flights(lambda t: linearize(t, nominal, self.theta), self.tracks)
         seen = sorted({i for linear in self.linears for i in linear.slopes})
         draws = max(len(linear.draws) for linear in self.linears)
-        own = Columns(tuple(seen), draws, len(self.tracks), self.linears[0].draw_width)
+        taken = frozenset(p.index for p in nominal.parameters if p.label in nominal.fitted)
+        width = self.linears[0].draw_width
+        own = Columns(tuple(seen), draws, len(self.tracks), width, nominal.parameters, taken)
         self.columns = own
         self._prepare()
         if draws and len(self.tracks) > 1:
@@ -182,10 +195,10 @@ class Problem:
         for step in range(_STEPS):
             moved = theta.copy()
             for place in places:
-                p = PARAMETERS[columns.indices[place]]
+                p = columns.parameters[columns.indices[place]]
                 moved[p.index] = np.clip(theta[p.index] + solution.mean[place], p.low, p.high)
             change = max(
-                (abs(moved[i] - theta[i]) / PARAMETERS[i].tolerance for i in free), default=0.0
+                (abs(moved[i] - theta[i]) / columns.parameters[i].tolerance for i in free), default=0.0
             )
             if change < _CLOSE or not places:
                 break
@@ -195,7 +208,7 @@ class Problem:
                 index = columns.indices[place]
                 centre[place] = self.theta[index] - theta[index]
             solution = solve(sum_of(normals), deviations, centre)
-            if step and change < 1.0:
+            if step and change < 0.3:
                 break
         return Fit(
             tuple(free), width, theta, centre, solution, tuple(linears), tuple(normals)

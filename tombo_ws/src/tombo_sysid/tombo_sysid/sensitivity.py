@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_sysid.candidates import PARAMETERS, Parameter
+from tombo_sysid.candidates import Parameter
 from tombo_sysid.nominal import Nominal
 from tombo_sysid.prediction import Motion, motion_of, moves_poses, residuals
 from tombo_sysid.track import Track
@@ -69,7 +69,7 @@ def linearize(track: Track, nominal: Nominal, theta: Array, only: Sequence[int] 
     motion = motion_of(track, nominal, theta)
     left = residuals(track, nominal, theta, motion)
     slopes = {}
-    for p in PARAMETERS:
+    for p in nominal.parameters:
         if not only or p.index in only:
             change = slope(track, nominal, theta, p, motion, left)
             if change is not None:
@@ -77,7 +77,7 @@ def linearize(track: Track, nominal: Nominal, theta: Array, only: Sequence[int] 
     draws: list[Groups] = []
     width = 1.0
     if not only:
-        spread, width = _drawn_theta(theta)
+        spread, width = _drawn_theta(theta, nominal)
         for i in range(DRAWS):
             drawn = np.zeros(8)
             drawn[i] = 0.5
@@ -88,7 +88,7 @@ def linearize(track: Track, nominal: Nominal, theta: Array, only: Sequence[int] 
     return Linear(theta, left, slopes, draws, width)
 
 
-def _drawn_theta(theta: Array) -> tuple[Array, float]:
+def _drawn_theta(theta: Array, nominal: Nominal) -> tuple[Array, float]:
     """Return theta with the effects of the draws on, and what a draw then is in healthy flights.
 
     A nominal model without scatter has no slope with the draws: it is taken at a tenth of the size
@@ -96,7 +96,7 @@ def _drawn_theta(theta: Array) -> tuple[Array, float]:
     """
     spread = theta.copy()
     width = 1.0
-    for p in PARAMETERS:
+    for p in nominal.parameters:
         if p.label == DRAWN and theta[p.index] < p.step:
             spread[p.index] = p.step
             width = max(float(theta[p.index]), p.tolerance) / p.step

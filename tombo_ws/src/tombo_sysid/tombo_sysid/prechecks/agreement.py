@@ -87,9 +87,10 @@ def alignment(motion: Motion, lag: float) -> Alignment | None:
     if _rms(w) < _EXCITED:
         return None
     covariance = g.T @ w / len(w)
-    spectrum = np.linalg.eigvalsh(w.T @ w / len(w))[::-1]
-    axes = int(np.count_nonzero(np.sqrt(np.maximum(spectrum, 0.0)) > _EXCITED / 4.0))
     u, s, vt = np.linalg.svd(covariance)
+    # what both see; noise of one alone is not in it
+    seen = np.sqrt(s)
+    axes = int(np.count_nonzero(seen > _EXCITED / 2.0))
     # a mirror shows in the directions that are excited, all three of them
     sign = np.sign(np.linalg.det(u @ vt))
     mirrored = bool(axes == 3 and sign < 0.0 and s[2] > 0.2 * s[1])
@@ -100,8 +101,10 @@ def alignment(motion: Motion, lag: float) -> Alignment | None:
     turn = Rotation.from_matrix(-u @ vt if mirrored else matrix)
     angle = float(turn.magnitude())
     # the turn about an axis is told by what turns about the two others
-    weak = max(float(np.sqrt(spectrum[1:].mean())), 1e-6)
+    weak = max(float(np.sqrt(s[1:].mean() / max(scale, 1e-9))), 1e-6)
     sigma = _rms(left) / max(scale, 1e-9) / weak * np.sqrt(_INDEPENDENT / len(w))
+    if axes < 2:
+        sigma = np.inf  # about the one axis that is turned about, it could be any turn
     return Alignment(scale, turn, mirrored, angle, float(sigma), explained, axes)
 
 
@@ -135,8 +138,10 @@ def force_response(motion: Motion) -> tuple[Array, float] | None:
         return None
     turn = u @ vt
     if s[2] < 0.2 * s[1]:
-        # a plane can be turned over or mirrored: the likelier mistake leaves z alone
-        turn = max(turn, u @ np.diag([1.0, 1.0, -1.0]) @ vt, key=lambda m: float(m[2, 2]))
+        # a plane can be turned over or mirrored: the smaller mistake is the likelier one
+        other = u @ np.diag([1.0, 1.0, -1.0]) @ vt
+        proper, mirror = (turn, other) if np.linalg.det(turn) > 0.0 else (other, turn)
+        turn = mirror if np.trace(mirror) > np.trace(proper) + 1.0 else proper
     left = found - expected @ turn.T
     return turn, 1.0 - float(np.sum(left**2) / max(np.sum(found**2), 1e-12))
 

@@ -16,6 +16,8 @@ from tombo_sysid.prechecks.spans import Array
 _BIN_S = 0.25
 _SIDE = 8
 """Bins on either side that are compared."""
+_FAR = 4 * _SIDE
+"""Bins on either side over which it lasts."""
 _STEP = 0.06
 """Share by which thrust per command steps."""
 _SIGMAS = 6.0
@@ -51,7 +53,7 @@ def steps_of(t: Array, ratio: Array) -> list[tuple[float, float]]:
         # a slope is no step: what it gives over the two sides counts as noise
         drift = _drift(middles, at)
         spread = float(np.sqrt((np.var(before) + np.var(after)) / 2.0 / _SIDE)) + noise / 3.0
-        if abs(step) - drift > max(_STEP, _SIGMAS * spread):
+        if abs(step) - drift > max(_STEP, _SIGMAS * spread) and _lasts(middles, at, step):
             found.append((float(t[0] + used[at] * _BIN_S), float(np.expm1(step))))
     return found
 
@@ -88,6 +90,14 @@ def _change_points(values: Array) -> list[int]:
     penalty = _PENALTY * np.log(values.size)
     search = ruptures.Binseg(model="l2", min_size=_SIDE // 2, jump=1).fit(values[:, None])
     return [int(i) for i in search.predict(pen=penalty)[:-1]]
+
+
+def _lasts(middles: Array, at: int, step: float) -> bool:
+    """Say whether both sides keep apart for longer: manoeuvres come and go."""
+    before, after = middles[max(at - _FAR, 0) : at], middles[at : at + _FAR]
+    apart = float(np.median(after) - np.median(before)) / step
+    spreads = [float(np.subtract(*np.percentile(side, [85.0, 15.0]))) for side in (before, after)]
+    return apart > 0.7 and max(spreads) < 0.8 * abs(step)
 
 
 def _drift(values: Array, at: int) -> float:

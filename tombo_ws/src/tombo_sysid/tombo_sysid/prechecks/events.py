@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import median_filter
+from scipy.ndimage import gaussian_filter1d, median_filter
 from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_sysid.flight_log import Series
 from tombo_sysid.frames import is_usable
+from tombo_sysid.prechecks.motion import WIDTH
 from tombo_sysid.prechecks.spans import Array, runs, step_of
 from tombo_sysid.prechecks.stamps import jitter
 
@@ -18,7 +19,7 @@ _SPIKE = 1.5 * GRAVITY
 """m/s^2 by which the accelerometer leaves what it read around that time."""
 _LIMIT = 2.5 * GRAVITY
 """m/s^2 that the accelerometer reads where the poses say nothing of it."""
-_JUMP = 0.25
+_JUMP = 0.4
 """m/s that the track's velocity changes within two or three poses."""
 _THROWN = 3.0
 """m/s"""
@@ -38,6 +39,8 @@ class Event:
     kind: str
     """accel (a spike), gyro (a jump), track (its velocity jumps), leap (more than anything that
     flies could), turn (the attitude's rate jumps) or lean."""
+    size: float = 0.0
+    """In its own unit."""
 
 
 def accel_events(accel: Series, p_t: Array, p_acceleration: Array) -> list[Event]:
@@ -58,7 +61,8 @@ def accel_events(accel: Series, p_t: Array, p_acceleration: Array) -> list[Event
     width = 2 * round(0.2 / (step * every)) + 1
     usual = np.column_stack([median_filter(column, width, mode="nearest") for column in a.T])
     spike = np.linalg.norm(a - usual, axis=1)
-    size = np.linalg.norm(a, axis=1)
+    # smoothed as the track is: a short push is in both, but not at the same height
+    size = np.linalg.norm(gaussian_filter1d(a, WIDTH / (step * every), axis=0), axis=1)
     told = np.interp(t, p_t, p_acceleration) if p_t.size else np.full(t.size, GRAVITY)
     events = []
     for begin, _ in runs(spike > _SPIKE):
@@ -99,7 +103,7 @@ def pose_events(position: Series, attitude: Series) -> list[Event]:
         for begin, end in runs(change > max(_TURN, 8.0 * noise)):
             peak = begin + int(np.argmax(change[begin:end]))
             text = f"the body's rate jumps by {change[peak]:.1f} rad/s"
-            events.append(Event(float(t[peak]), text, "attitude", "turn"))
+            events.append(Event(float(t[peak]), text, "attitude", "turn", float(change[peak])))
     return events
 
 

@@ -16,6 +16,8 @@ _NEAR = 0.03
 _STILL = 0.03
 """m/s below which a vehicle stands."""
 _WINDOW_S = 0.4
+_NOISE_FREE = 2e-5
+"""m of noise that every motion capture has; less is made up."""
 _MARGIN_S = 0.2
 """s after lift-off and before touch-down that are set apart as well."""
 _DRIVERS = ("rotor_speed", "rotor_command", "motor_command")
@@ -54,11 +56,28 @@ def ground_spans(position: Series, series: Mapping[str, Series]) -> list[Span]:
 
 
 def ground(flight: str, position: Series, series: Mapping[str, Series]) -> list[Finding]:
-    """Say where the vehicle stands on the ground."""
-    return [
+    """Say where the vehicle stands on the ground, and whether it flies at all."""
+    found = [
         Finding("ground", "info", flight, "on the ground or landing: set apart", b, e, "position")
         for b, e in ground_spans(position, series)
     ]
+    z = position.values[:, 2]
+    if z.size > 100 and _noise(z[:, None])[0] > _NOISE_FREE:
+        spread = 1.4826 * float(np.median(np.abs(z - np.median(z))))
+        if spread < 1.5 * _noise(z[:, None])[0] and np.ptp(z) < _RISE:
+            text = (
+                f"position: z stays at {np.median(z):.2f} m to within its noise of "
+                f"{1e3 * spread:.1f} mm for the whole log; expected: a flight; does it stand?"
+            )
+            found.append(Finding("ground", "warning", flight, text, channel="position"))
+    return found
+
+
+def _noise(values: Array) -> Array:
+    """Return the standard deviation of white noise on each column."""
+    return np.asarray(
+        1.4826 * np.median(np.abs(np.diff(values, 2, axis=0)), axis=0) / np.sqrt(6.0)
+    )
 
 
 def _still(t: Array, position: Array) -> Mask:
@@ -75,7 +94,7 @@ def _quiet(t: Array, position: Array) -> bool:
     """Say whether it moves no more than white noise does: a hovering vehicle wanders."""
     if t.size < 6 or t[-1] - t[0] < _WINDOW_S:
         return False
-    noise = np.median(np.abs(np.diff(position, 2, axis=0)), axis=0) * 1.4826 / np.sqrt(6.0)
+    noise = _noise(position)
     wander = 1.4826 * np.median(np.abs(position - np.median(position, axis=0)), axis=0)
     return bool((wander <= np.maximum(2.5 * noise, 1.5e-3)).all())
 
@@ -109,4 +128,5 @@ def _touch_down(t: Array, z: Array, first: int, level: float, top: float) -> flo
     begin = int(high[-1]) if high.size else first
     low = np.flatnonzero(z[begin : first + 1] < level + _NEAR + 0.02)
     touched = begin + int(low[0]) if low.size else first
-    return float(t[touched]) - (_MARGIN_S if touched > 0 else 0.0)
+    # it may have happened at any time since the pose before
+    return float(t[max(touched - 1, 0)]) - (_MARGIN_S if touched > 0 else 0.0)

@@ -21,6 +21,8 @@ _FALL_S = 3.0
 """s from what happens to the ground that make it a crash."""
 _CONFIRMED_S = 0.15
 """s within which the gyro confirms a turn."""
+_TURN_ALONE = 5.0
+"""rad/s from which on a jump of the rate is an error where no gyro could deny it."""
 _JUMP_S = 0.3
 """s around a jump of the poses alone that are set apart."""
 
@@ -70,11 +72,16 @@ def impacts(
 def _pose_jumps(flight: str, members: list[Event], has_gyro: bool) -> list[Finding]:
     """Say where poses jump, but for turns that the gyro confirms."""
     turns = [e.t for e in members if e.kind == "gyro"]
+    least = 0.0 if has_gyro else _TURN_ALONE
     jumps = [
         e
         for e in members
         if e.kind in ("track", "leap")
-        or (e.kind == "turn" and not any(abs(e.t - t) < _CONFIRMED_S for t in turns))
+        or (
+            e.kind == "turn"
+            and e.size > least
+            and not any(abs(e.t - t) < _CONFIRMED_S for t in turns)
+        )
     ]
     findings = []
     for first, last in merged([(e.t, e.t) for e in jumps], apart=2.0 * _JUMP_S):

@@ -42,7 +42,7 @@ def arrival_stamps(flight: str, t: Array, arrival: Array | None) -> list[Finding
             return [
                 _finding(
                     flight,
-                    "warning",
+                    "info",
                     "position: stamps are the times of recording to within "
                     f"{1e3 * np.abs(late).max():.2g} ms; expected: times of capture, which are "
                     "earlier by the latency of the motion capture",

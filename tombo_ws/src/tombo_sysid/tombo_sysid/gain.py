@@ -1,0 +1,176 @@
+"""How much better the extended model predicts flights that neither named nor fitted it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from tombo_dynamics.rotation import quaternion_multiply
+from tombo_sim.imposed_motion import I
+from tombo_sim.open_loop import open_loop
+from tombo_sysid.diagnosis import Gain
+from tombo_sysid.evidence import solve
+from tombo_sysid.naming import ADDS, Explanation
+from tombo_sysid.prediction import imposed, motion_of
+from tombo_sysid.problem import Fit, Problem, sum_of
+from tombo_sysid.track import TICK
+
+Array = NDArray[np.float64]
+
+HORIZONS_S = (0.5, 1.0)
+_FEW = 3
+"""Fewer flights than this give no interval."""
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """What was learned without one flight."""
+
+    flight: int
+    theta: Array
+    draws: Array
+    """(8) of the vehicle."""
+    left: dict[str, Array]
+    """group -> (rows, channels): what the extended model leaves of the flight's channels."""
+
+
+def without(problem: Problem, flight: int, tried: Sequence[Explanation]) -> HeldOut:
+    """Name and fit without a flight: the best of the explanations that were tried, fitted anew."""
+    others = [f for f in range(len(problem.tracks)) if f != flight] or [flight]
+    best: tuple[float, Fit, Array] | None = None
+    base = _solved(problem, problem.nothing, others)
+    for explanation in tried:
+        solution = _solved(problem, explanation.fit, others)
+        gain = solution[0] - base[0] - ADDS * len(explanation.ways)
+        if gain > 0.0 and (best is None or gain > best[0]):
+            best = gain, explanation.fit, solution[1]
+    if best is None:
+        left = problem.linears[flight].left
+        return HeldOut(flight, problem.theta.copy(), np.zeros(8), dict(left))
+    _, fit, mean = best
+    return _extended(problem, fit, mean, flight)
+
+
+def extended(problem: Problem, fit: Fit, flight: int) -> HeldOut:
+    """Return what a fit to all flights leaves of one."""
+    return _extended(problem, fit, fit.solution.mean, flight)
+
+
+def _solved(problem: Problem, fit: Fit, flights: Sequence[int]) -> tuple[float, Array]:
+    deviations = problem.columns.deviations(fit.free, draw_width=fit.draw_width)
+    solution = solve(sum_of([fit.normals[f] for f in flights]), deviations, fit.centre)
+    return solution.evidence, solution.mean
+
+
+def _extended(problem: Problem, fit: Fit, mean: Array, flight: int) -> HeldOut:
+    """Keep of the unknowns only what is named; tolerances stay where the nominal model has them."""
+    columns = problem.columns
+    named = np.zeros(columns.count)
+    places = columns.places(fit.free)
+    named[places] = mean[places]
+    draws = np.zeros(8)
+    if fit.draw_width > 1.01 * columns.draw_width and columns.vehicles == 1:
+        first = len(columns.indices)
+        named[first:] = mean[first:]
+        draws[: columns.draws] = mean[first:]
+    theta = fit.theta.copy()
+    for place in places:
+        p = columns.parameters[columns.indices[place]]
+        theta[p.index] = np.clip(theta[p.index] + mean[place], p.low, p.high)
+    return HeldOut(flight, theta, draws, problem.left(fit, flight, named))
+
+
+def one_step(problem: Problem, held: Sequence[HeldOut]) -> list[Gain]:
+    """Return the gain of every channel's equation error."""
+    before: dict[str, list[float]] = {}
+    after: dict[str, list[float]] = {}
+    units: dict[str, str] = {}
+    for each in held:
+        for group, rows in problem.linears[each.flight].left.items():
+            own = [c for c in problem.channels[each.flight] if c.group == group]
+            for j, c in enumerate(own):
+                units[c.name] = c.unit
+                before.setdefault(c.name, []).append(_rms(rows[:, j]))
+                after.setdefault(c.name, []).append(_rms(each.left[group][:, j]))
+    return [_gain(n, units[n], "one step", before[n], after[n]) for n in before]
+
+
+def simulated(problem: Problem, held: Sequence[HeldOut]) -> list[Gain]:
+    """Return the gain of open-loop simulation over each horizon: position, velocity, attitude."""
+    gains = []
+    for horizon in HORIZONS_S:
+        before: dict[str, list[float]] = {}
+        after: dict[str, list[float]] = {}
+        for each in held:
+            for theta, drawn, table in (
+                (problem.theta, np.zeros(8), before),
+                (each.theta, each.draws, after),
+            ):
+                errors = _window_errors(problem, each.flight, theta, drawn, horizon)
+                for name, values in errors.items():
+                    table.setdefault(name, []).append(_rms(values))
+        for name in before:
+            unit = {"position": "m", "velocity": "m/s", "attitude": "rad"}[name.split()[0]]
+            gains.append(_gain(name, unit, f"{horizon:g} s", before[name], after[name]))
+    return gains
+
+
+def _window_errors(
+    problem: Problem, flight: int, theta: Array, draws: Array, horizon: float
+) -> dict[str, Array]:
+    track, nominal = problem.tracks[flight], problem.nominal
+    ticks = round(horizon / TICK)
+    rows = np.interp(track.t, track.slow.t, track.slow_rows.astype(np.float64)) > 0.99
+    starts = np.arange(0, track.t.size - ticks - 1, ticks)
+    whole = np.concatenate([[0], np.cumsum(rows)])
+    starts = starts[whole[starts + ticks] - whole[starts] == ticks]
+    if not starts.size or not (track.command.size or track.speed.size):
+        return {}
+    motion = motion_of(track, nominal, theta)
+    model = imposed(track, nominal, theta, motion, draws)
+    out = np.zeros((starts.size, 13))
+    command = track.command if track.command.size else track.speed[:, :4]
+    hold = not nominal.moments
+    open_loop(
+        nominal.plant(draws), nominal.maps, theta, TICK, motion.state, command, track.speed,
+        model[:, I.speed : I.speed + 4].copy(), starts, ticks, hold, out,
+    )  # fmt: skip
+    true = motion.state[starts + ticks]
+    off = out - true
+    errors = {f"position {a}": off[:, i] for i, a in enumerate("xyz")}
+    errors |= {f"velocity {a}": off[:, 3 + i] for i, a in enumerate("xyz")}
+    if not hold:
+        inverse = true[:, 6:10] * np.array([-1.0, -1.0, -1.0, 1.0])
+        turn = quaternion_multiply(inverse, out[:, 6:10])
+        errors["attitude"] = 2.0 * np.arcsin(
+            np.clip(np.linalg.norm(turn[:, :3], axis=1), 0.0, 1.0)
+        )
+    return errors
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else math.nan
+
+
+def _gain(
+    channel: str, unit: str, horizon: str, before: Sequence[float], after: Sequence[float]
+) -> Gain:
+    """Return a channel's gain; its interval from the flights' logarithms of after over before."""
+    b, a = np.array(before), np.array(after)
+    total_before = float(np.sqrt(np.mean(b**2)))
+    total_after = float(np.sqrt(np.mean(a**2)))
+    reduction = 1.0 - total_after / total_before if total_before > 0.0 else 0.0
+    low = high = math.nan
+    if b.size >= _FEW and (b > 0.0).all() and (a > 0.0).all():
+        logs = np.log(a / b)
+        wide = float(stats.t.ppf(0.975, b.size - 1)) * float(logs.std(ddof=1)) / math.sqrt(b.size)
+        low = min(1.0 - math.exp(float(logs.mean()) + wide), reduction)
+        high = max(1.0 - math.exp(float(logs.mean()) - wide), reduction)
+    return Gain(
+        channel, unit, horizon, total_before, total_after, reduction, low, high, int(b.size)
+    )

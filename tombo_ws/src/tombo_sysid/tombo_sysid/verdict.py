@@ -1,0 +1,138 @@
+"""The verdict: none, named, set, unknown or partly explained, and how sure it is.
+
+Two gates stand before a name: the cause must earn its place against the nominal model, and what it
+leaves over must be what chance leaves. Without the second one a strong unknown force is nearly
+always given somebody's name.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from tombo_sysid.gust_fit import GustFit
+from tombo_sysid.leftover import Leftover
+from tombo_sysid.naming import ADDS, Explanation, Search
+from tombo_sysid.nominal import Nominal
+from tombo_sysid.scatter import ScatterFit
+
+GATE = 0.6
+"""Excess (logarithm of a variance's ratio) up to which a remainder counts as chance."""
+TELLS = 4.0
+"""Log Bayes factor with which one cause is told from another."""
+_REPEATS = 0.1
+"""Share of a remainder that other flights may foretell if it is to be gusts."""
+_PARTLY = 0.7
+"""Share of the excess that a cause has to explain to be called part of it."""
+_SUREST = 0.99
+_MOST = 3
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """The verdict and what it rests on."""
+
+    verdict: str
+    effects: tuple[str, ...]
+    """Causes, likeliest first."""
+    members: tuple[str, ...]
+    """Of the set, where the data can't tell."""
+    confidence: float
+    each: dict[str, float]
+    """Confidence in each effect that was named or is in the set."""
+    explained: float
+    """Share of the excess that the causes explain."""
+
+
+def best_scatter(fits: Sequence[ScatterFit]) -> list[ScatterFit]:
+    """Return the effects of chance that earn their place, each by its best way, likeliest first."""
+    best: dict[str, ScatterFit] = {}
+    for fit in fits:
+        if fit.effect not in best or best[fit.effect].evidence < fit.evidence:
+            best[fit.effect] = fit
+    chosen = [fit for fit in best.values() if fit.evidence > ADDS]
+    return sorted(chosen, key=lambda fit: -fit.evidence)
+
+
+def judge(
+    found: Search,
+    noisy: Sequence[ScatterFit],
+    gusts: GustFit | None,
+    rest: Sequence[Leftover],
+    repeats: float,
+    explained: float,
+    nominal: Nominal,
+) -> Judgement:
+    """Weigh what was found.
+
+    Args:
+        found: the search for causes that have a mean.
+        noisy: effects of chance that earn their place.
+        gusts: the same of gusts, or None.
+        rest: what is left over, gusts and noise taken into account.
+        repeats: share of the forces' remainder that other flights foretell.
+        explained: share of the excess that the best explanation takes away.
+        nominal: the model.
+    """
+    weights = {e: found.best.evidence for e in found.best.effects}
+    for fit in noisy:
+        weights[fit.effect] = max(weights.get(fit.effect, 0.0), fit.evidence)
+    airy = gusts is not None and repeats < _REPEATS and not gusts.at_edge
+    if airy and gusts is not None:
+        weights["gusts"] = gusts.evidence
+    excess = max((each.excess for each in rest), default=-math.inf)
+    clean = excess <= GATE
+    if nominal.calibrated:
+        clean = explained > _PARTLY and repeats < 0.5
+    rivals = [r for r in found.rivals if r.evidence > found.best.evidence - TELLS]
+    effects = tuple(sorted(weights, key=lambda e: -weights[e]))[:_MOST]
+    members = _members(found.best, rivals)
+    lead = _lead(found)
+    sure = 1.0 / (1.0 + sum(math.exp(r.evidence - found.best.evidence) for r in found.rivals))
+    real = 1.0 - math.exp(-max(min(weights.values(), default=0.0) - 0.5 * ADDS, 0.0))
+    if not weights:
+        if clean and (gusts is None or airy):
+            calm = 1.0 / (1.0 + math.exp(lead - ADDS))
+            return Judgement("none", (), (), _capped(calm), {}, 0.0)
+        return Judgement("unknown", (), (), _capped(_loud(excess)), {}, 0.0)
+    each = {e: _capped(real * (sure if e in members else 1.0)) for e in effects}
+    if not clean or (gusts is not None and not airy):
+        if explained > _PARTLY and found.best.evidence > 5.0 * ADDS:
+            return Judgement(
+                "partly_explained", effects, (), _capped(_loud(excess)), each, explained
+            )
+        return Judgement("unknown", (), (), _capped(_loud(excess)), {}, explained)
+    if members:
+        for rival in rivals:
+            odds = math.exp(rival.evidence - found.best.evidence) * sure
+            for e in rival.effects:
+                if e in members and e not in each:
+                    each[e] = _capped(real * odds)
+        named = tuple(dict.fromkeys((*effects, *members)))
+        return Judgement("set", named, members, _capped(real), each, explained)
+    return Judgement("named", effects, (), _capped(real * sure), each, explained)
+
+
+def _members(best: Explanation, rivals: Sequence[Explanation]) -> tuple[str, ...]:
+    """Return the effects that stand in for each other in explanations that do as well."""
+    if not rivals:
+        return ()
+    every = [set(best.effects), *(set(r.effects) for r in rivals)]
+    shared = set.intersection(*every)
+    ordered = [*best.effects, *(e for r in rivals for e in r.effects)]
+    return tuple(dict.fromkeys(e for e in ordered if e not in shared))
+
+
+def _lead(found: Search) -> float:
+    return max(found.singles.values(), default=0.0)
+
+
+def _loud(excess: float) -> float:
+    return 1.0 / (1.0 + math.exp(-3.0 * (excess - GATE))) if math.isfinite(excess) else 0.5
+
+
+def _capped(probability: float) -> float:
+    return min(max(probability, 0.0), _SUREST)
+
+
