@@ -44,6 +44,14 @@ def test_the_crash_is_found_where_it_is_and_nowhere_else(flights):
     assert 30.5 < last[0] < 31.28 and last[1] == flights[CRASH].series["position"].t[-1]
 
 
+def test_markers_swap_twice_and_hard_stops_are_no_jumps(flights):
+    """At 35.8 s of B10 and 20.8 s of B3 the vehicle itself turns as fast, and the gyro says so."""
+    jumps = {name: [b for b, _ in spans(log, "jump")] for name, log in flights.items()}
+    assert jumps.pop(CRASH) == pytest.approx([19.06], abs=0.1)
+    assert jumps.pop("B2_circle_fast_rep1") == pytest.approx([14.44], abs=0.1)
+    assert not any(jumps.values())
+
+
 def test_what_is_left_is_flight(flights):
     """Between take-off and landing, high enough, motors on."""
     for log in flights.values():

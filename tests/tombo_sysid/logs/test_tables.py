@@ -12,6 +12,7 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_sysid.csv_log import read_csv
 from tombo_sysid.csv_mapping import parse_mapping, shipped
+from tombo_sysid.prechecks import check_log
 
 FLIGHT = made_flight(duration=8.0, mocap_hz=50.0, imu_hz=100.0)
 POSE = ("position", "attitude")
@@ -228,6 +229,24 @@ def test_a_cut_archive_is_read_up_to_where_it_is_whole(tmp_path):
     assert 0.4 * FLIGHT.series["position"].t.size < count < FLIGHT.series["position"].t.size
     close(log.series["position"].values, FLIGHT.series["position"].values[:count])
     assert any("cut off" in f.message for f in log.findings)
+
+
+def test_a_number_that_is_cut_is_not_taken_for_a_whole_one(tmp_path):
+    """...,0.9998 may have been 0.99987: where the file ends early, its last row is left out."""
+    text = table_text(FLIGHT, POSE).rstrip()[:-3]
+    path = tmp_path / "a.csv.gz"
+    path.write_bytes(gzip.compress(text.encode())[:-8])
+    log = read_csv(path, "a")
+    assert log.series["position"].t.size == FLIGHT.series["position"].t.size - 1
+    assert any("is not whole" in f.message for f in log.findings)
+
+
+def test_quaternions_of_another_length_are_still_seen_as_such(tmp_path):
+    p, q = FLIGHT.series["position"].values, FLIGHT.series["attitude"].values
+    path = posed(tmp_path / "a.csv", p, 2.0 * q)
+    log = read_csv(path, "a", parse_mapping(f"time: t\nchannels:{COLUMNS}", "lab"))
+    with pytest.raises(InputError, match="norm 2"):
+        check_log(log)
 
 
 def test_a_damaged_archive_is_read_up_to_the_damage(tmp_path):

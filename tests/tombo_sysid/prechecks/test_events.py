@@ -8,6 +8,8 @@ import pytest
 from made_flight import STAND, Series, made_flight, poses_only, with_series, with_values, wrote
 
 from tombo_sysid.prechecks import check_log
+from tombo_sysid.prechecks.events import Event
+from tombo_sysid.prechecks.impacts import impacts
 from tombo_sysid.reading import read_logs
 
 BAGS = Path(__file__).parents[2] / "bags"
@@ -69,6 +71,16 @@ def test_markers_that_swap_are_no_contact(only_poses):
     (jump,) = found(checked, "jump")
     assert jump.start_s < 12.0 < 12.04 < jump.end_s < 13.0
     assert not found(checked, "contact")
+
+
+@pytest.mark.parametrize(("gyro_at", "said"), [(12.05, []), (12.5, ["jump"])])
+def test_a_turn_that_the_gyro_confirms_is_a_manoeuvre(gyro_at, said):
+    events = [
+        Event(12.0, "the body's rate jumps", "attitude", "turn", 4.0),
+        Event(gyro_at, "the gyro jumps", "gyro", "gyro"),
+    ]
+    findings = impacts("a", events, [], 0.0, 30.0, {"gyro", "accel"})
+    assert [f.check for f in findings] == said
 
 
 def test_a_fall_out_of_the_air_is_a_crash():
@@ -148,6 +160,13 @@ def test_rotor_speeds_against_commands(change, severity, texts):
     (said,) = wrote(checked, *texts)
     assert (said.check, said.severity) == ("rpm", severity)
     assert ("rotor_speed" in checked.series) == (severity == "warning")
+
+
+def test_speeds_in_another_order_are_told_by_the_commands_where_there_is_no_gyro():
+    flight = with_values(FLIGHT, "rotor_speed", lambda s: s[:, [1, 0, 2, 3]])
+    checked = check_log(with_series(flight, gyro=None))
+    assert wrote(checked, "in the order rear_left, front_right, front_left")
+    assert "rotor_speed" not in checked.series
 
 
 def test_commands_in_another_order_are_told_by_the_gyro():

@@ -2,10 +2,24 @@
 
 from __future__ import annotations
 
-from tombo_bringup.scenario import Scenario, world_of
+from pathlib import Path
+
+from tombo_bringup.scenario import Scenario, load_scenario, world_of
 from tombo_dynamics.rotor_maps import rotor_maps
 from tombo_sim.propulsion import propulsion_effects, thrust_map_of
 from tombo_sysid.nominal import Nominal
+
+_SCENARIO = "no_obstacle"
+
+
+def nominal_model(model: Path | None = None) -> Nominal:
+    """Return the suite's own vehicle without an obstacle, extended by a model file if given.
+
+    Raises:
+        InputError: the model file can't be used.
+    """
+    scenario = load_scenario(_SCENARIO, model=None if model is None else str(model))
+    return nominal_of(scenario, _SCENARIO if model is None else f"{_SCENARIO} with {model.name}")
 
 
 def nominal_of(scenario: Scenario, label: str) -> Nominal:

@@ -1,7 +1,7 @@
 """The model along a measured flight: the motion is imposed, forces and readings are computed.
 
-Each tick is the simulator's own (`begin_tick`, and the IMU's effects), but the state comes from the
-measurement in place of the integrator. So what is compared with data is what is flown.
+Each tick is the simulator's own (`begin_tick`, and the IMU's effects), but the state comes from
+the measurement in place of the integrator. So what is compared with data is what is flown.
 """
 
 from __future__ import annotations

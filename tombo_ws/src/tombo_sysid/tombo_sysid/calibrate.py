@@ -1,8 +1,8 @@
 """A nominal model for a vehicle that the suite does not know: thrust from its own flights.
 
-Of such a vehicle mass, arms and motor commands are known at best. A gain and an offset from command
-to thrust are fitted to the very flights, so errors of mass, thrust and level can't be seen any
-more; drag, wind, delays and faults of the motion capture can.
+Of such a vehicle mass, arms and motor commands are known at best. A gain and an offset from
+command to thrust are fitted to the very flights, so errors of mass, thrust and level can't be seen
+any more; drag, wind, delays and faults of the motion capture can.
 """
 
 from __future__ import annotations

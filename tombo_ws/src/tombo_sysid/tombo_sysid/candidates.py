@@ -1,4 +1,4 @@
-"""The parameters that a diagnosis frees: every one of the registry, with what it takes for granted.
+"""The parameters that a diagnosis frees: all of the registry, with what is taken for granted.
 
 A lab knows its nominal parameters only so well. That is the *tolerance*: an error of this size is
 no finding. A twentieth of the size that clearly matters is what careful weighing, balancing and
@@ -97,7 +97,7 @@ def variants(effect: str, seen: Collection[int]) -> list[tuple[int, ...]]:
         seen: places in theta of the parameters that the flights can show.
     """
     own = [p for p in PARAMETERS if p.effect == effect and p.index in seen]
-    ways = [(p.index,) for p in own]
+    ways: list[tuple[int, ...]] = [(p.index,) for p in own]
     units = dict.fromkeys(p.unit for p in own)
     ways += [tuple(p.index for p in own if p.unit == unit) for unit in units]
     ways.append(tuple(p.index for p in own))

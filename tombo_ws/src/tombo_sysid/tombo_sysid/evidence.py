@@ -46,13 +46,16 @@ class Solution:
     """Logarithm of the probability of the data, up to a constant of the data."""
 
 
-def solve(normal: Normal, deviations: Array, centre: Array | None = None) -> Solution:
+def solve(
+    normal: Normal, deviations: Array, centre: Array | None = None, covariance: bool = True
+) -> Solution:
     """Return mean and covariance of the unknowns, and the evidence of the prior.
 
     Args:
         normal: equations about the present point.
         deviations: (K,) prior standard deviations.
         centre: (K,) prior means against the present point; None: zeros.
+        covariance: False: leave it out (its diagonal is then the prior's).
     """
     centre = np.zeros(deviations.size) if centre is None else centre
     scaled = deviations[:, None] * normal.matrix * deviations
@@ -60,13 +63,16 @@ def solve(normal: Normal, deviations: Array, centre: Array | None = None) -> Sol
     factor = cho_factor(scaled, lower=True, check_finite=False)
     # About the prior's centre the unknowns are deviations * z, z standard normal.
     about = normal.vector - normal.matrix @ centre
-    square = normal.square - 2.0 * normal.vector @ centre + centre @ normal.matrix @ centre
+    square = normal.square - float((2.0 * normal.vector - normal.matrix @ centre) @ centre)
     inner = deviations * about
     z = cho_solve(factor, inner, check_finite=False)
     logdet = 2.0 * float(np.log(np.diag(factor[0])).sum())
-    inverse = cho_solve(factor, np.eye(z.size), check_finite=False)
+    spread: Array = np.diag(deviations**2)
+    if covariance:
+        inverse = cho_solve(factor, np.eye(z.size), check_finite=False)
+        spread = deviations[:, None] * inverse * deviations
     return Solution(
         centre + deviations * z,
-        deviations[:, None] * inverse * deviations,
+        spread,
         -0.5 * (square - float(inner @ z)) - 0.5 * logdet,
     )

@@ -64,9 +64,7 @@ def gaussian(t: Array, width: float, spacing: float) -> Kernel:
         data = np.tile(weights, centres.size)
         return sparse.csr_matrix((data, columns, starts), shape=(centres.size, t.size))
 
-    return Kernel(
-        t[centres], half * tick, operator(smooth), operator(slope), operator(curvature)
-    )
+    return Kernel(t[centres], half * tick, operator(smooth), operator(slope), operator(curvature))
 
 
 def clear_rows(kernel: Kernel, spoiled: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -68,7 +68,7 @@ class Airframe:
 
 @dataclass(frozen=True)
 class Finding:
-    """What a pre-check or a reader has to say. A fault of the log is never diagnosed as physics."""
+    """What a pre-check or a reader says. A fault of the log is never diagnosed as physics."""
 
     check: str
     """Short name: crash, gap, frozen, duplicate, frame, unit, stamps, saturation, rpm, missing."""

@@ -14,8 +14,8 @@ from tombo_dynamics.rotation import quaternion_multiply
 from tombo_sim.imposed_motion import I
 from tombo_sim.open_loop import open_loop
 from tombo_sysid.diagnosis import Gain
-from tombo_sysid.evidence import solve
-from tombo_sysid.naming import ADDS, Explanation
+from tombo_sysid.evidence import Normal, solve
+from tombo_sysid.naming import ADDS, Explanation, Search
 from tombo_sysid.prediction import imposed, motion_of
 from tombo_sysid.problem import Fit, Problem, sum_of
 from tombo_sysid.track import TICK
@@ -68,7 +68,7 @@ def _solved(problem: Problem, fit: Fit, flights: Sequence[int]) -> tuple[float, 
 
 
 def _extended(problem: Problem, fit: Fit, mean: Array, flight: int) -> HeldOut:
-    """Keep of the unknowns only what is named; tolerances stay where the nominal model has them."""
+    """Keep of the unknowns only what is named; tolerances stay as the nominal model has them."""
     columns = problem.columns
     named = np.zeros(columns.count)
     places = columns.places(fit.free)
@@ -174,3 +174,31 @@ def _gain(
     return Gain(
         channel, unit, horizon, total_before, total_after, reduction, low, high, int(b.size)
     )
+
+
+def gain_by_effect(problem: Problem, found: Search) -> dict[str, float]:
+    """Return effect -> share of the excess that it removes in flights it was not fitted on."""
+    result = {}
+    base = problem.nothing
+    floor = sum(n.square for n in problem.normals) - _cost(problem, found.best.fit, None)
+    for explanation in (found.best, *found.rivals):
+        if len(explanation.ways) != 1 or floor <= 0.0:
+            continue
+        removed = 0.0
+        for f in range(len(problem.tracks)):
+            others = [k for k in range(len(problem.tracks)) if k != f] or [f]
+            mean = _solved(problem, explanation.fit, others)[1]
+            mean_base = _solved(problem, base, others)[1]
+            removed += _left_cost(base.normals[f], mean_base)
+            removed -= _left_cost(explanation.fit.normals[f], mean)
+        result[explanation.effects[0]] = float(np.clip(removed / floor, 0.0, 1.0))
+    return result
+
+
+def _cost(problem: Problem, fit: Fit, flights: Sequence[int] | None) -> float:
+    chosen = range(len(problem.tracks)) if flights is None else flights
+    return sum(_left_cost(fit.normals[f], fit.solution.mean) for f in chosen)
+
+
+def _left_cost(normal: Normal, mean: Array) -> float:
+    return float(normal.square - 2.0 * normal.vector @ mean + mean @ normal.matrix @ mean)

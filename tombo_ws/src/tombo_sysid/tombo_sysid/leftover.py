@@ -68,9 +68,7 @@ def left_powers(problem: Problem, fit: Fit) -> Powers:
 
 def chance_powers(problem: Problem, theta: Array, seed: int = 1) -> Powers:
     """Return what chance would leave over, by one draw a flight."""
-    drawn = over_flights(
-        lambda track: chance(track, problem.nominal, theta, seed), problem.tracks
-    )
+    drawn = over_flights(lambda track: chance(track, problem.nominal, theta, seed), problem.tracks)
     return _powers(problem, drawn)
 
 
@@ -106,12 +104,13 @@ def leftovers(measured: Powers, expected: Powers) -> list[Leftover]:
         excess = ratio - _SURE * error
         excess[~np.isfinite(excess)] = -np.inf
         worst = int(np.argmax(excess))
-        result.append(
-            Leftover(
-                name, measured.units[j], SCALES_S[worst],
-                float(np.sqrt(max(measured.variances[worst, j], 0.0))),
-                float(np.sqrt(expected.variances[worst, j] + floor)),
-                float(excess[worst]),
-            )  # fmt: skip
+        left = Leftover(
+            name,
+            measured.units[j],
+            SCALES_S[worst],
+            float(np.sqrt(max(measured.variances[worst, j], 0.0))),
+            float(np.sqrt(expected.variances[worst, j] + floor)),
+            float(excess[worst]),
         )
+        result.append(left)
     return sorted(result, key=lambda each: -each.excess)

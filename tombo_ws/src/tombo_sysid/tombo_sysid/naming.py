@@ -132,8 +132,13 @@ def ranked(problem: Problem, explanation: Explanation) -> list[tuple[float, Way]
         for free in variants(effect, columns.open):
             every = (*fit.free, *free)
             deviations = columns.deviations(every, draw_width=fit.draw_width)
-            solution = solve(normal, deviations, fit.centre)
+            solution = solve(normal, deviations, fit.centre, covariance=False)
             gain = solution.evidence - fit.evidence
+            if gain < _PROMISING:
+                found.append((gain - _ways_cost(effect, problem), Way(effect, free)))
+                continue
+            if _beyond(problem, fit.theta, free, solution.mean):
+                solution = solve(normal, deviations, fit.centre)
             gain -= _out_of_bounds(problem, fit.theta, free, solution.mean, solution.covariance)
             found.append((gain - _ways_cost(effect, problem), Way(effect, free)))
     if columns.draws and SCATTER not in explanation.effects:
@@ -141,7 +146,7 @@ def ranked(problem: Problem, explanation: Explanation) -> list[tuple[float, Way]
         for factor in _WIDTHS:
             width = fit.draw_width * factor
             deviations = columns.deviations(fit.free, draw_width=width)
-            gains.append(solve(normal, deviations, fit.centre).evidence - fit.evidence)
+            gains.append(solve(normal, deviations, fit.centre, False).evidence - fit.evidence)
         best = int(np.argmax(gains))
         # A broad prior over the deviation: the mean over the grid, not the best of it.
         mean = float(np.logaddexp.reduce(gains)) - math.log(len(gains))
@@ -169,9 +174,29 @@ def extend(problem: Problem, explanation: Explanation, way: Way) -> Explanation:
     return Explanation(ways, fit, evidence)
 
 
+def only(problem: Problem, explanation: Explanation, effects_kept: Sequence[str]) -> Explanation:
+    """Return an explanation with some of its causes only, fitted anew."""
+    kept = tuple(way for way in explanation.ways if way.effect in effects_kept)
+    if kept == explanation.ways:
+        return explanation
+    result = Explanation((), problem.nothing, 0.0)
+    for way in kept:
+        result = extend(problem, result, way)
+    return result
+
+
 def _ways_cost(effect: str, problem: Problem) -> float:
     """An effect that may show in many ways is not for that the likelier one."""
     return math.log(max(1, len(variants(effect, problem.columns.open)))) if effect else 0.0
+
+
+def _beyond(problem: Problem, theta: Array, free: Sequence[int], mean: Array) -> bool:
+    """Return whether a fit lies beyond a bound of its parameters."""
+    for index, place in zip(free, problem.columns.places(free), strict=True):
+        p = problem.columns.parameters[index]
+        if not p.low <= theta[index] + mean[place] <= p.high:
+            return True
+    return False
 
 
 def _out_of_bounds(

@@ -87,8 +87,8 @@ def motion_of(track: Track, nominal: Nominal, theta: Array) -> Motion:
     """Return the motion that, seen by this motion capture, gives the measured poses."""
     m = nominal.plant()
     spacing = float(np.median(np.diff(track.pose_t)))
-    guess = track.pose.copy()
-    seen = np.zeros((guess.shape[0], 10))
+    guess: Array = track.pose.copy()
+    seen: Array = np.zeros((guess.shape[0], 10))
     # The errors are a turn, a shift or both: the second step is exact.
     for _ in range(3 if np.any(theta[_MOCAP] != _NULL[_MOCAP]) else 1):
         seen = as_captured(m, theta, QUIET, guess, spacing)

@@ -20,8 +20,14 @@ Array = NDArray[np.float64]
 
 _STEPS = 6
 """Gauss-Newton steps of a refinement, at most."""
-_CLOSE = 0.02
+_REASON = 3.0
+"""Tolerances are exceeded by healthy vehicles up to this many deviations."""
+_CLOSE = 0.05
 """A refinement ends when no free parameter moves by more than this share of its tolerance."""
+
+
+Parts = dict[str, tuple[Array, Array, Array]]
+"""group -> normal matrices (channels, K, K), vectors (channels, K), squares (channels)."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +98,8 @@ class Fit:
     """About `theta`."""
     normals: tuple[Normal, ...]
     """A flight each, about `theta`."""
+    parts: tuple[Parts, ...]
+    """The same by channel, not weighed."""
 
     @property
     def evidence(self) -> float:
@@ -114,6 +122,9 @@ class Problem:
         width = self.linears[0].draw_width
         own = Columns(tuple(seen), draws, len(self.tracks), width, nominal.parameters, taken)
         self.columns = own
+        self._parts: list[Parts] = []
+        self.variances: list[dict[str, Array]] = []
+        """Noise of each flight's channels by group, correlation included."""
         self._prepare()
         if draws and len(self.tracks) > 1:
             every = solve(self.normal(), own.deviations(seen)).evidence
@@ -129,7 +140,7 @@ class Problem:
         self.nothing = Fit(
             (), self.columns.draw_width, self.theta, centre,
             solve(sum_of(self.normals), deviations, centre),
-            tuple(self.linears), tuple(self.normals),
+            tuple(self.linears), tuple(self.normals), tuple(self._parts),
         )  # fmt: skip
         """The nominal model, everything within its tolerance."""
 
@@ -167,12 +178,17 @@ class Problem:
             flight: number of the flight.
             unknowns: (K,) about the fit's theta; None: its solution, tolerances included.
         """
-        mean = fit.solution.mean if unknowns is None else unknowns
+        mean = self._within_reason(fit) if unknowns is None else unknowns
         linear = fit.linears[flight]
         return {
             group: rows - (self.design(linear, group, flight) @ mean).T
             for group, rows in linear.left.items()
         }
+
+    def _within_reason(self, fit: Fit) -> Array:
+        """Return a fit's unknowns, what is not free held to a few tolerances: more is a cause."""
+        limits = _REASON * self.columns.deviations(fit.free, draw_width=fit.draw_width)
+        return np.clip(fit.solution.mean, fit.centre - limits, fit.centre + limits)
 
     def refine(
         self, free: Sequence[int], start: Fit | None = None, draw_width: float | None = None
@@ -190,6 +206,7 @@ class Problem:
         deviations = columns.deviations(free, draw_width=width)
         places = columns.places(free)
         theta, linears, normals = start.theta, start.linears, start.normals
+        parts = start.parts
         centre = start.centre.copy()
         solution = solve(sum_of(normals), deviations, centre)
         for step in range(_STEPS):
@@ -198,38 +215,52 @@ class Problem:
                 p = columns.parameters[columns.indices[place]]
                 moved[p.index] = np.clip(theta[p.index] + solution.mean[place], p.low, p.high)
             change = max(
-                (abs(moved[i] - theta[i]) / columns.parameters[i].tolerance for i in free), default=0.0
+                (abs(moved[i] - theta[i]) / columns.parameters[i].tolerance for i in free),
+                default=0.0,
             )
             if change < _CLOSE or not places:
                 break
             theta = moved
-            linears, normals = self._about(theta, free, linears)
+            linears, parts = self._about(theta, free, linears, parts)
+            normals = tuple(self._weigh(part, f) for f, part in enumerate(parts))
             for place in places:
                 index = columns.indices[place]
                 centre[place] = self.theta[index] - theta[index]
             solution = solve(sum_of(normals), deviations, centre)
             if step and change < 0.3:
                 break
-        return Fit(
-            tuple(free), width, theta, centre, solution, tuple(linears), tuple(normals)
-        )
+        return Fit(tuple(free), width, theta, centre, solution, linears, normals, parts)
 
     def _about(
-        self, theta: Array, free: Sequence[int], before: Sequence[Linear]
-    ) -> tuple[tuple[Linear, ...], tuple[Normal, ...]]:
+        self, theta: Array, free: Sequence[int], before: Sequence[Linear], parts: Sequence[Parts]
+    ) -> tuple[tuple[Linear, ...], tuple[Parts, ...]]:
         """Linearize about theta in the free parameters; other slopes stay as they were."""
-        fresh = over_flights(
-            lambda t: linearize(t, self.nominal, theta, tuple(free)), self.tracks
-        )
+        fresh = over_flights(lambda t: linearize(t, self.nominal, theta, tuple(free)), self.tracks)
         linears = tuple(
             replace(new, slopes={**old.slopes, **new.slopes}, draws=old.draws)
             for new, old in zip(fresh, before, strict=True)
         )
+        places = self.columns.places(free)
         return linears, tuple(
-            self._weigh(self._by_channel(linear, f), f) for f, linear in enumerate(linears)
+            self._changed(linear, f, part, places)
+            for f, (linear, part) in enumerate(zip(linears, parts, strict=True))
         )
 
-    def _by_channel(self, linear: Linear, flight: int) -> dict[str, tuple[Array, Array, Array]]:
+    def _changed(self, linear: Linear, flight: int, before: Parts, places: Sequence[int]) -> Parts:
+        """Return the normal equations where the residuals and the slopes at `places` are new."""
+        parts = {}
+        for group, left in linear.left.items():
+            x = self.design(linear, group, flight)
+            turned = np.ascontiguousarray(np.transpose(x, (0, 2, 1)))
+            matrices = before[group][0].copy()
+            cross = turned @ np.ascontiguousarray(x[:, :, places])
+            matrices[:, :, places] = cross
+            matrices[:, places, :] = np.transpose(cross, (0, 2, 1))
+            vectors = (turned @ left.T[:, :, None])[:, :, 0]
+            parts[group] = (matrices, vectors, np.sum(left**2, axis=0))
+        return parts
+
+    def _by_channel(self, linear: Linear, flight: int) -> Parts:
         """Return group -> normal matrices, vectors and squares of its channels, not weighed."""
         parts = {}
         for group, left in linear.left.items():
@@ -239,7 +270,7 @@ class Problem:
             parts[group] = (turned @ x, vectors, np.sum(left**2, axis=0))
         return parts
 
-    def _weigh(self, parts: dict[str, tuple[Array, Array, Array]], flight: int) -> Normal:
+    def _weigh(self, parts: Parts, flight: int) -> Normal:
         matrix = np.zeros((self.columns.count, self.columns.count))
         vector = np.zeros(self.columns.count)
         square = 0.0

@@ -22,7 +22,7 @@ from tombo_sysid.track import Track
 
 Array = NDArray[np.float64]
 
-_DRAWN = 40_000
+_DRAWN = 20_000
 _IMU_RATE = (800.0, 1250.0)
 """Hz: noise of the IMU is given for samples of 1 kHz."""
 _UNMODELLED = 0.03
@@ -132,7 +132,9 @@ def pose_figures(tracks: Sequence[Track]) -> dict[str, Figure]:
     return found
 
 
-def predicted_pose(nominal: Nominal, theta: Array, spacing: float, samples: float) -> dict[str, float]:
+def predicted_pose(
+    nominal: Nominal, theta: Array, spacing: float, samples: float
+) -> dict[str, float]:
     """Return what the model makes of the same figures."""
     noise = _noise()
     still = np.zeros((_DRAWN, 7))
@@ -146,8 +148,7 @@ def predicted_pose(nominal: Nominal, theta: Array, spacing: float, samples: floa
     steps = np.diff(late)
     return {
         "position": 0.5 * math.log(max(float(np.mean(fifth[:, :3] ** 2)) / 252.0, 1e-16)),
-        "attitude": 0.5
-        * math.log(max(4.0 * float(np.mean(fifth[:, 3:6] ** 2)) / 252.0, 1e-16)),
+        "attitude": 0.5 * math.log(max(4.0 * float(np.mean(fifth[:, 3:6] ** 2)) / 252.0, 1e-16)),
         "jitter": 0.5 * math.log(max(float(np.mean(steps**2)) / 2.0, 1e-16)),
         "gaps": 2.0 * math.sqrt(gaps / _DRAWN * samples),
         "gap length": math.log(max(float(dropped.sum()) / gaps, 1e-3)) if gaps else 0.0,
@@ -194,7 +195,7 @@ def _fit_all(
                 moving.append(p)
         if not moving:
             continue
-        touched = [f for f in figures.values()]
+        touched = list(figures.values())
         for free in [[p] for p in moving] + ([moving] if len(moving) > 1 else []):
             fits.append(_fit(effect, free, touched, predict, theta, base))
     return fits
@@ -220,18 +221,19 @@ def _fit(
         for p, v in zip(free, values, strict=True):
             there[p.index] = v
         model = predict(there)
-        return np.array([f.value - model[f.name] for f in figures]) / sigma
+        return np.asarray(np.array([f.value - model[f.name] for f in figures]) / sigma)
 
     at = np.clip(start + 0.5 * scales, low, high)
     wide = WIDE * scales
     for _ in range(12):
         left = misfit(at)
         slopes = np.column_stack(
-            [(left - misfit(at + 0.02 * s * e)) / (0.02 * s) for s, e in zip(scales, np.eye(len(free)), strict=True)]
+            [(left - misfit(at + step)) / step.sum() for step in np.diag(0.02 * scales)]
         )
         precision = slopes.T @ slopes + np.diag(wide**-2.0)
         step = np.linalg.solve(precision, slopes.T @ left - (at - start) / wide**2)
-        fresh = np.clip(at + np.clip(step, -0.7 * np.abs(at - low) - 0.02 * scales, scales), low, high)
+        least = -0.7 * np.abs(at - low) - 0.02 * scales
+        fresh = np.clip(at + np.clip(step, least, scales), low, high)
         if np.max(np.abs(fresh - at) / scales) < 1e-3:
             at = fresh
             break

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from tombo_sysid.prediction import Motion, motion_of, moves_poses, residuals
 from tombo_sysid.track import Track
 
 Array = NDArray[np.float64]
+_Result = TypeVar("_Result")
 Groups = dict[str, Array]
 
 DRAWN = "thrust_scatter.deviation"
@@ -50,9 +52,7 @@ def slope(
     moved = theta.copy()
     step = step_of(p, float(theta[p.index]))
     moved[p.index] += step
-    there = residuals(
-        track, nominal, moved, None if moves_poses(p.index) else motion
-    )
+    there = residuals(track, nominal, moved, None if moves_poses(p.index) else motion)
     change = {group: (left[group] - there[group]) / step for group in left}
     return change if any(np.any(c) for c in change.values()) else None
 
@@ -103,7 +103,7 @@ def _drawn_theta(theta: Array, nominal: Nominal) -> tuple[Array, float]:
     return spread, width
 
 
-def over_flights(function: Callable[[Track], Linear], tracks: Sequence[Track]) -> list[Linear]:
+def over_flights(function: Callable[[Track], _Result], tracks: Sequence[Track]) -> list[_Result]:
     """Apply to every flight, on two threads: compiled code does not hold the interpreter."""
     with ThreadPoolExecutor(2) as pool:
         return list(pool.map(function, tracks))

@@ -92,9 +92,7 @@ def track_of(log: FlightLog) -> Track:
             )
     pose_t, pose, late = _poses(log.series["position"], log.series["attitude"])
     if pose_t.size < 10:
-        raise InputError(
-            f"flight '{log.name}': {pose_t.size} usable poses; accepted: at least 10"
-        )
+        raise InputError(f"flight '{log.name}': {pose_t.size} usable poses; accepted: at least 10")
     begin, end = pose_t[0], pose_t[-1]
     count = int((end - begin) / TICK)
     if count * TICK < _SHORTEST:

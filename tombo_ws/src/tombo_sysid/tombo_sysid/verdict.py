@@ -37,7 +37,8 @@ class Judgement:
     effects: tuple[str, ...]
     """Causes, likeliest first."""
     members: tuple[str, ...]
-    """Of the set, where the data can't tell."""
+    """Of the set, where the data can't tell. Named causes beside it are sure: one of the set is at
+    work besides."""
     confidence: float
     each: dict[str, float]
     """Confidence in each effect that was named or is in the set."""
@@ -46,7 +47,7 @@ class Judgement:
 
 
 def best_scatter(fits: Sequence[ScatterFit]) -> list[ScatterFit]:
-    """Return the effects of chance that earn their place, each by its best way, likeliest first."""
+    """Return the effects of chance that earn their place, by their best way, likeliest first."""
     best: dict[str, ScatterFit] = {}
     for fit in fits:
         if fit.effect not in best or best[fit.effect].evidence < fit.evidence:
@@ -75,7 +76,7 @@ def judge(
         explained: share of the excess that the best explanation takes away.
         nominal: the model.
     """
-    weights = {e: found.best.evidence for e in found.best.effects}
+    weights = dict.fromkeys(found.best.effects, found.best.evidence)
     for fit in noisy:
         weights[fit.effect] = max(weights.get(fit.effect, 0.0), fit.evidence)
     airy = gusts is not None and repeats < _REPEATS and not gusts.at_edge
@@ -109,7 +110,10 @@ def judge(
             for e in rival.effects:
                 if e in members and e not in each:
                     each[e] = _capped(real * odds)
-        named = tuple(dict.fromkeys((*effects, *members)))
+        certain = tuple(e for e in effects if e not in members)
+        if certain:
+            return Judgement("named", certain, members, _capped(real), each, explained)
+        named = tuple(sorted(members, key=lambda e: -each.get(e, 0.0)))
         return Judgement("set", named, members, _capped(real), each, explained)
     return Judgement("named", effects, (), _capped(real * sure), each, explained)
 
@@ -134,5 +138,3 @@ def _loud(excess: float) -> float:
 
 def _capped(probability: float) -> float:
     return min(max(probability, 0.0), _SUREST)
-
-

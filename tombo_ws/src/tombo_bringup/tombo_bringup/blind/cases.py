@@ -23,8 +23,13 @@ NOT_FLOWN = frozenset({"contact_force", "blade_strike", "propeller_wear"})
 """Effects of contact: the flights of the benchmark touch nothing."""
 UNSEEN = frozenset({"mocap_misalignment.yaw"})
 """No flight can show it: physics does not know where north is."""
-_NOISES = ("imu_noise.gyro", "imu_noise.accel", "mocap_noise.position", "mocap_noise.attitude")
-_NOISES += ("mocap_latency.jitter", "thrust_scatter.deviation")
+_ALIASES = frozenset({"body_push"})
+"""Shapes that without an IMU are the same as an effect: a constant push in body axes is a thrust
+that leans, as of a rigid body that was defined turned."""
+_NOISES = (
+    *("imu_noise.gyro", "imu_noise.accel", "mocap_noise.position", "mocap_noise.attitude"),
+    *("mocap_latency.jitter", "thrust_scatter.deviation"),
+)
 """Hidden as more of it: nobody looks for the cause of too little noise."""
 _IMU_ONLY = ("imu_", "accel_scale")
 """Effects that only an IMU shows."""
@@ -92,7 +97,8 @@ def make_case(seed: int, number: int, flights: int = 6) -> Case:
                 effects[str(name)][parameter.name] = value
                 shift[label] = value - nominal_value(parameter)
     elif kind == "unknown":
-        name = str(rng.choice(list(SHAPES)))
+        shapes = [s for s in SHAPES if not (s in _ALIASES and formulation.startswith("mocap"))]
+        name = str(rng.choice(shapes))
         hidden.append(name)
         factor = {"small": 0.8, "medium": 1.2, "large": 2.0}[size]
         disturbance = _disturbance(name, factor, rng)
@@ -106,9 +112,11 @@ def effects_that_show(formulation: str) -> list[str]:
     """Return the effects that flights with these sensors can show at all."""
     names = list(dict.fromkeys(p.effect for p in PARAMETERS))
     blind = _IMU_ONLY if formulation.startswith("mocap") else ()
-    return [n for n in names if n not in NOT_FLOWN and not n.startswith(blind)] if blind else [
-        n for n in names if n not in NOT_FLOWN
-    ]
+    return (
+        [n for n in names if n not in NOT_FLOWN and not n.startswith(blind)]
+        if blind
+        else [n for n in names if n not in NOT_FLOWN]
+    )
 
 
 def nominal_value(parameter: Parameter) -> float:

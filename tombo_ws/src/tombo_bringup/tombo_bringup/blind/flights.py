@@ -92,13 +92,18 @@ def _scenario(effects: Any, points: list[dict[str, float]]) -> Scenario:
     )
 
 
+def true_draws(case: Case) -> Array:
+    """Return the vehicle's draws (8): the same propellers in all of its flights."""
+    return np.random.default_rng([*case.seed, 2]).standard_normal(8)
+
+
 def fly_case(case: Case) -> list[FlightLog]:
     """Return the measured flights of a case."""
-    streams = np.random.SeedSequence([*case.seed, 1]).spawn(case.flights + 1)
-    draws = np.random.default_rng(streams[-1]).standard_normal(8)
+    streams = np.random.SeedSequence([*case.seed, 1]).spawn(case.flights)
+    draws = true_draws(case)
     space = Workspace()
     logs = []
-    for number, stream in enumerate(streams[:-1]):
+    for number, stream in enumerate(streams):
         rng = np.random.default_rng(stream)
 
         def prepare(m: Array) -> None:
@@ -107,9 +112,7 @@ def fly_case(case: Case) -> list[FlightLog]:
                 set_disturbance(m, case.hidden[0], *case.disturbance)
 
         scenario = _scenario(case.effects, course(rng))
-        flown = fly_scenario(
-            scenario, int(rng.integers(2**31)), workspace=space, prepare=prepare
-        )
+        flown = fly_scenario(scenario, int(rng.integers(2**31)), workspace=space, prepare=prepare)
         logs.append(measured(flown, f"flight {number + 1}", case.formulation, rng))
     return logs
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import datetime
+import os
 import re
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -84,6 +86,8 @@ def diagnose(
     where a cause is named (`tombo fly --model`); separating_experiment.yaml, the
     mission to fly, where causes can't be told apart.
     """
+    # One thread of linear algebra: on matrices this small more get into each other's way.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from tombo_bringup.cli.progress import progress_bar
     from tombo_bringup.diagnosis_output import DIAGNOSIS_FILES, diagnosis_json, write_diagnosis
     from tombo_bringup.output_folder import open_output
@@ -149,7 +153,9 @@ def run(
     from tombo_sysid.diagnose import diagnose
 
     nominal = nominal_model(model)
-    found = diagnose(checked, nominal, tell)
+    from tombo_bringup.separation import separate
+
+    found = diagnose(checked, nominal, tell, separate, time.perf_counter)
     today = datetime.date.today().isoformat()
     return found, HeldAgainst(nominal.label, today, base)
 

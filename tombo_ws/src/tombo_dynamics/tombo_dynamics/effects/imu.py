@@ -40,8 +40,8 @@ def imu_lever_arm(m: Array, noise: Array, x: float, y: float, z: float) -> None:
     "accel_scale",
     Stage.IMU,
     [
-        Param("x", "1", 0.0, (-0.2, 0.2), "reading over truth, minus 1", 0.03),
-        Param("y", "1", 0.0, (-0.2, 0.2), "reading over truth, minus 1", 0.03),
+        Param("x", "1", 0.0, (-0.2, 0.2), "reading over truth, minus 1", 0.15),
+        Param("y", "1", 0.0, (-0.2, 0.2), "reading over truth, minus 1", 0.15),
         Param("z", "1", 0.0, (-0.2, 0.2), "reading over truth, minus 1", 0.03),
     ],
     signature="specific force off by a factor on each axis, while mocap's acceleration is right",

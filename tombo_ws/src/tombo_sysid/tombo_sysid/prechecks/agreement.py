@@ -103,8 +103,6 @@ def alignment(motion: Motion, lag: float) -> Alignment | None:
     # the turn about an axis is told by what turns about the two others
     weak = max(float(np.sqrt(s[1:].mean() / max(scale, 1e-9))), 1e-6)
     sigma = _rms(left) / max(scale, 1e-9) / weak * np.sqrt(_INDEPENDENT / len(w))
-    if axes < 2:
-        sigma = np.inf  # about the one axis that is turned about, it could be any turn
     return Alignment(scale, turn, mirrored, angle, float(sigma), explained, axes)
 
 

@@ -50,10 +50,8 @@ def steps_of(t: Array, ratio: Array) -> list[tuple[float, float]]:
         if min(before.size, after.size) < _SIDE:
             continue  # too near to take-off or landing
         step = float(np.median(after) - np.median(before))
-        # a slope is no step: what it gives over the two sides counts as noise
-        drift = _drift(middles, at)
         spread = float(np.sqrt((np.var(before) + np.var(after)) / 2.0 / _SIDE)) + noise / 3.0
-        if abs(step) - drift > max(_STEP, _SIGMAS * spread) and _lasts(middles, at, step):
+        if abs(step) > max(_STEP, _SIGMAS * spread) and _lasts(middles, at, step):
             found.append((float(t[0] + used[at] * _BIN_S), float(np.expm1(step))))
     return found
 
@@ -98,12 +96,3 @@ def _lasts(middles: Array, at: int, step: float) -> bool:
     apart = float(np.median(after) - np.median(before)) / step
     spreads = [float(np.subtract(*np.percentile(side, [85.0, 15.0]))) for side in (before, after)]
     return apart > 0.7 and max(spreads) < 0.8 * abs(step)
-
-
-def _drift(values: Array, at: int) -> float:
-    """Return what the slopes of both sides make between their middles."""
-    slopes = []
-    for side in (values[max(at - _SIDE, 0) : at], values[at : at + _SIDE]):
-        index = np.arange(side.size, dtype=np.float64)
-        slopes.append(abs(float(np.polyfit(index, side, 1)[0])))
-    return max(slopes) * _SIDE

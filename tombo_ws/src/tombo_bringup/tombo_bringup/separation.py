@@ -1,0 +1,149 @@
+"""The experiment that tells causes apart: every manoeuvre is simulated with each of them.
+
+For each manoeuvre of the catalogue and each member of the set the fitted cause is flown, and the
+flight is held against all members by the analysis itself. The manoeuvre is chosen whose worst pair
+is told apart best.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_bringup.experiments import Manoeuvre, catalogue
+from tombo_bringup.flight import Workspace, fly_scenario
+from tombo_bringup.flight_record import FlightRecord
+from tombo_bringup.scenario import Scenario, extended_scenario
+from tombo_dynamics.effects import REGISTRY
+from tombo_dynamics.errors import InputError
+from tombo_sysid.analyse import Findings
+from tombo_sysid.causes import cause_of, names
+from tombo_sysid.diagnosis import Experiment
+from tombo_sysid.evidence import solve
+from tombo_sysid.flight_log import FlightLog, Series
+from tombo_sysid.nominal import Nominal
+from tombo_sysid.problem import Problem, sum_of
+from tombo_sysid.track import track_of
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, float], None]
+
+_TELLS = 8.0
+"""Log Bayes factor that is plenty: the first manoeuvre that gives the worst pair it is taken."""
+_AIRBORNE = 0.4
+_MEMBERS = 3
+
+
+def separate(findings: Findings, progress: Progress) -> Experiment | None:
+    """Return the manoeuvre that separates the members of a set best, or None without a set."""
+    members = findings.judgement.members[:_MEMBERS]
+    if len(members) < 2:
+        return None
+    fitted = {m: _theta(m, findings) for m in members}
+    by_hand = _by_hand(members)
+    present = _present(findings, members)
+    if findings.problem.nominal.calibrated:
+        return Experiment(members, by_hand, float("nan"), present)
+    imu = findings.problem.tracks[0].formulation == "imu"
+    rpm = bool(findings.problem.tracks[0].speed.size)
+    best: tuple[float, Manoeuvre] | None = None
+    flown = [m for m in catalogue().values() if m.scenario]
+    for number, manoeuvre in enumerate(flown):
+        progress("simulating experiments", number / len(flown))
+        worst = _separation(manoeuvre, fitted, findings.problem.nominal, imu, rpm)
+        if best is None or worst > best[0]:
+            best = worst, manoeuvre
+        if worst > _TELLS:
+            break
+    if best is None or best[0] < 2.0:
+        return Experiment(members, by_hand, best[0] if best else 0.0, present)
+    said = best[1].text[0].upper() + best[1].text[1:]
+    text = f"{said} Simulated with each of them in turn, it tells {names(members)} apart."
+    return Experiment(members, text, best[0], present, best[1].scenario)
+
+
+def _theta(member: str, findings: Findings) -> Mapping[str, float]:
+    """Return the fitted parameters of a member."""
+    every = [findings.search.best, *findings.search.rivals]
+    own = next((e for e in every if member in e.effects), every[0])
+    return {f.name: f.value for f in cause_of(member, findings, own).theta}
+
+
+def _present(findings: Findings, members: Sequence[str]) -> float:
+    """Return the log Bayes factor between the two closest members in the flights at hand."""
+    every = [findings.search.best, *findings.search.rivals]
+    own = [[e.evidence for e in every if m in e.effects] for m in members]
+    evidence = sorted((max(values) for values in own if values), reverse=True)
+    return float(evidence[0] - evidence[1]) if len(evidence) > 1 else 0.0
+
+
+def _by_hand(members: Sequence[str]) -> str:
+    """Return what the registry advises for the first pair that it knows."""
+    for a in members:
+        for b, advice in REGISTRY[a].separates_from.items():
+            if b in members:
+                return f"To tell {names((a, b))} apart: {advice}."
+    return f"Nothing that is flown alone tells {names(members)} apart; change one of them by hand."
+
+
+def _separation(
+    manoeuvre: Manoeuvre,
+    fitted: Mapping[str, Mapping[str, float]],
+    nominal: Nominal,
+    imu: bool,
+    rpm: bool,
+) -> float:
+    """Return the smallest log Bayes factor of a true member against another one."""
+    worst = float("inf")
+    for number, (member, theta) in enumerate(fitted.items()):
+        effects = {name: dict(values) for name, values in nominal.effects.items()}
+        effects[member] = {**effects.get(member, {}), **theta}
+        values = {**manoeuvre.scenario, "effects": effects}
+        try:
+            scenario: Scenario = extended_scenario(values, manoeuvre.name)
+            log = as_log(fly_scenario(scenario, 100 + number, workspace=Workspace()), imu, rpm)
+            problem = Problem([track_of(log)], nominal)
+        except InputError:
+            return 0.0  # a member that does not fly the manoeuvre
+        evidence = {name: _evidence(problem, name) for name in fitted}
+        others = [value for name, value in evidence.items() if name != member]
+        worst = min(worst, evidence[member] - max(others))
+    return worst
+
+
+def _evidence(problem: Problem, effect: str) -> float:
+    own = tuple(p.index for p in problem.columns.parameters if p.effect == effect)
+    free = [i for i in own if i in problem.columns.open]
+    normal = sum_of(problem.normals)
+    if not free:
+        wide = problem.columns.deviations(draw_width=8.0 * problem.columns.draw_width)
+        return solve(normal, wide, covariance=False).evidence
+    alone = [(i,) for i in free] + [tuple(free)]
+    return max(
+        solve(normal, problem.columns.deviations(ways), covariance=False).evidence
+        for ways in alone
+    )
+
+
+def as_log(flown: FlightRecord, imu: bool, rpm: bool) -> FlightLog:
+    """Return a simulated flight as a log with these sensors."""
+    t = flown.t
+    series = {
+        "position": Series(flown.mocap_t, flown.mocap_position, flown.mocap_arrival),
+        "attitude": Series(flown.mocap_t, flown.mocap_attitude, flown.mocap_arrival),
+        "rotor_command": Series(t, flown.log["rotor_command"]),
+        "voltage": Series(t[::100], flown.log["battery"][::100, 2:3]),
+    }
+    if imu:
+        series["gyro"] = Series(t, flown.log["gyro"])
+        series["accel"] = Series(t, flown.log["accel"])
+    if rpm:
+        series["rotor_speed"] = Series(t, flown.log["rotor_speed"])
+    air = np.flatnonzero(flown.mocap_position[:, 2] > _AIRBORNE)
+    if not air.size:
+        raise InputError("the manoeuvre was not flown; accepted: a flight")
+    begin, end = float(flown.mocap_t[air[0]]) + 0.3, float(flown.mocap_t[air[-1]])
+    ground = ((-1.0, begin), (end, float(t[-1]) + 1.0))
+    return FlightLog("simulated", "simulated", series, exclude=ground)
