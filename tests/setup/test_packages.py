@@ -27,8 +27,10 @@ ROSDEP_KEY = {
     "numba": "python3-numba",
     "numpy": "python3-numpy",
     "pymavlink": "python3-pymavlink-pip",
+    "pyulog": "python3-pyulog-pip",
     "rich": "python3-rich",
     "rosbags": "python3-rosbags-pip",
+    "ruptures": "python3-ruptures-pip",
     "scipy": "python3-scipy",
     "typer": "python3-typer",
     "yaml": "python3-yaml",
@@ -60,6 +62,7 @@ def test_the_workspace_has_its_packages():
         "tombo_control",
         "tombo_collision",
         "tombo_sim",
+        "tombo_sysid",
         "tombo_bag",
         "tombo_bringup",
     }

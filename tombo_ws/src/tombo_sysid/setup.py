@@ -1,5 +1,7 @@
 """Installs tombo_sysid as an ament_python package."""
 
+from glob import glob
+
 from setuptools import find_packages, setup
 
 NAME = "tombo_sysid"
@@ -16,6 +18,8 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/config", glob("config/*.yaml")),
+        (f"share/{NAME}/launch", glob("launch/*.py")),
     ],
     install_requires=["setuptools"],
     extras_require={"test": ["pytest"]},

@@ -1,8 +1,9 @@
 """The experiment that tells causes apart: every manoeuvre is simulated with each of them.
 
-For each manoeuvre of the catalogue and each member of the set the fitted cause is flown, and the
-flight is held against all members by the analysis itself. The manoeuvre is chosen whose worst pair
-is told apart best.
+For each manoeuvre of the catalogue the nominal model is flown. The slopes along that flight say
+what each member of the set would change and how well the others could explain it. The best
+manoeuvres are then flown with each member in turn and held against all of them by the analysis
+itself.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from tombo_dynamics.errors import InputError
 from tombo_sysid.analyse import Findings
 from tombo_sysid.causes import cause_of, names
 from tombo_sysid.diagnosis import Experiment
-from tombo_sysid.evidence import solve
+from tombo_sysid.evidence import Normal, solve
 from tombo_sysid.flight_log import FlightLog, Series
 from tombo_sysid.nominal import Nominal
 from tombo_sysid.problem import Problem, sum_of
@@ -32,6 +33,8 @@ Progress = Callable[[str, float], None]
 
 _TELLS = 8.0
 """Log Bayes factor that is plenty: the first manoeuvre that gives the worst pair it is taken."""
+_CONFIRMED = 3
+"""So many of the most promising manoeuvres are flown with each member."""
 _AIRBORNE = 0.4
 _MEMBERS = 3
 
@@ -48,10 +51,14 @@ def separate(findings: Findings, progress: Progress) -> Experiment | None:
         return Experiment(members, by_hand, float("nan"), present)
     imu = findings.problem.tracks[0].formulation == "imu"
     rpm = bool(findings.problem.tracks[0].speed.size)
-    best: tuple[float, Manoeuvre] | None = None
     flown = [m for m in catalogue().values() if m.scenario]
+    screened = []
     for number, manoeuvre in enumerate(flown):
         progress("simulating experiments", number / len(flown))
+        expected = _expected(manoeuvre, fitted, findings.problem.nominal, imu, rpm)
+        screened.append((expected, number, manoeuvre))
+    best: tuple[float, Manoeuvre] | None = None
+    for _, _, manoeuvre in sorted(screened, reverse=True)[:_CONFIRMED]:
         worst = _separation(manoeuvre, fitted, findings.problem.nominal, imu, rpm)
         if best is None or worst > best[0]:
             best = worst, manoeuvre
@@ -88,6 +95,50 @@ def _by_hand(members: Sequence[str]) -> str:
     return f"Nothing that is flown alone tells {names(members)} apart; change one of them by hand."
 
 
+def _expected(
+    manoeuvre: Manoeuvre,
+    fitted: Mapping[str, Mapping[str, float]],
+    nominal: Nominal,
+    imu: bool,
+    rpm: bool,
+) -> float:
+    """Return the smallest log Bayes factor to expect, by the slopes along a nominal flight."""
+    try:
+        problem = _flown(manoeuvre, nominal.effects, 99, nominal, imu, rpm)
+    except InputError:
+        return 0.0
+    columns = problem.columns
+    matrix = sum_of(problem.normals).matrix
+    worst = float("inf")
+    for member, theta in fitted.items():
+        change = np.zeros(columns.count)
+        for p in columns.parameters:
+            if p.effect == member and p.name in theta and p.index in columns.open:
+                off = theta[p.name] - float(problem.theta[p.index])
+                change[columns.places([p.index])] = off
+        if not change.any() and columns.draws:
+            change[len(columns.indices) :] = 4.0 * columns.draw_width
+        shown = Normal(matrix, matrix @ change, float(change @ matrix @ change))
+        evidence = {name: _evidence(problem, shown, name) for name in fitted}
+        worst = min(worst, evidence[member] - max(v for n, v in evidence.items() if n != member))
+    return worst
+
+
+def _flown(
+    manoeuvre: Manoeuvre,
+    effects: Mapping[str, Mapping[str, float]],
+    seed: int,
+    nominal: Nominal,
+    imu: bool,
+    rpm: bool,
+) -> Problem:
+    """Fly a manoeuvre with these effects and hold it against the nominal model."""
+    values = {**manoeuvre.scenario, "effects": {n: dict(v) for n, v in effects.items()}}
+    scenario: Scenario = extended_scenario(values, manoeuvre.name)
+    log = as_log(fly_scenario(scenario, seed, workspace=Workspace()), imu, rpm)
+    return Problem([track_of(log)], nominal)
+
+
 def _separation(
     manoeuvre: Manoeuvre,
     fitted: Mapping[str, Mapping[str, float]],
@@ -100,23 +151,20 @@ def _separation(
     for number, (member, theta) in enumerate(fitted.items()):
         effects = {name: dict(values) for name, values in nominal.effects.items()}
         effects[member] = {**effects.get(member, {}), **theta}
-        values = {**manoeuvre.scenario, "effects": effects}
         try:
-            scenario: Scenario = extended_scenario(values, manoeuvre.name)
-            log = as_log(fly_scenario(scenario, 100 + number, workspace=Workspace()), imu, rpm)
-            problem = Problem([track_of(log)], nominal)
+            problem = _flown(manoeuvre, effects, 100 + number, nominal, imu, rpm)
         except InputError:
             return 0.0  # a member that does not fly the manoeuvre
-        evidence = {name: _evidence(problem, name) for name in fitted}
+        shown = sum_of(problem.normals)
+        evidence = {name: _evidence(problem, shown, name) for name in fitted}
         others = [value for name, value in evidence.items() if name != member]
         worst = min(worst, evidence[member] - max(others))
     return worst
 
 
-def _evidence(problem: Problem, effect: str) -> float:
+def _evidence(problem: Problem, normal: Normal, effect: str) -> float:
     own = tuple(p.index for p in problem.columns.parameters if p.effect == effect)
     free = [i for i in own if i in problem.columns.open]
-    normal = sum_of(problem.normals)
     if not free:
         wide = problem.columns.deviations(draw_width=8.0 * problem.columns.draw_width)
         return solve(normal, wide, covariance=False).evidence

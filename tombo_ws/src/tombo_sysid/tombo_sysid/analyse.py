@@ -64,7 +64,8 @@ def analyse(tracks: Sequence[Track], nominal: Nominal, progress: Progress = quie
             theta[list(fit.free)] = fit.value
     measured = left_powers(problem, found.best.fit)
     expected = chance_powers(problem, theta)
-    explained = _explained(left_powers(problem, problem.nothing), measured, expected)
+    before = left_powers(problem, problem.nothing)
+    explained, removed = _explained(before, measured, expected)
     rest = leftovers(measured, expected)
     gusts = None
     repeats = 0.0
@@ -77,7 +78,7 @@ def analyse(tracks: Sequence[Track], nominal: Nominal, progress: Progress = quie
             gusts = blown
             expected = chance_powers(problem, blown.theta)
             rest = leftovers(measured, expected)
-    judgement = judge(found, noisy, gusts, rest, repeats, explained, nominal)
+    judgement = judge(found, noisy, gusts, rest, repeats, explained, removed, nominal)
     return Findings(
         problem, found, tuple(noisy), tuple(fits), gusts, expected, tuple(rest), repeats, judgement
     )
@@ -91,15 +92,21 @@ def _healthy(fit: ScatterFit, theta: NDArray[np.float64], nominal: Nominal) -> b
     )
 
 
-def _explained(before: Powers, after: Powers, expected: Powers) -> float:
-    """Return the share of the excess that an explanation takes away, in channels it concerns."""
-    total = rest = 0.0
+def _explained(before: Powers, after: Powers, expected: Powers) -> tuple[float, float]:
+    """Return the shares of the excess that an explanation takes away.
+
+    The mean over the channels that it concerns, and of the sum over all channels.
+    """
     worst = {each.channel: each for each in leftovers(after, expected)}
+    concerned = []
+    total = rest = 0.0
     for was in leftovers(before, expected):
         now = worst[was.channel]
         much = max((was.measured / was.expected) ** 2 - 1.0, 0.0)
         less = max((now.measured / now.expected) ** 2 - 1.0, 0.0)
+        total += much
+        rest += less
         if less < _CONCERNS * much:
-            total += 1.0
-            rest += less / much
-    return 1.0 - rest / total if total else 0.0
+            concerned.append(1.0 - less / much)
+    mean = sum(concerned) / len(concerned) if concerned else 0.0
+    return mean, max(0.0, 1.0 - rest / total) if total > 0.0 else 0.0

@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 
 TOLERANCE = 0.05
 """Share of the scale."""
-WIDE = 2.0
-"""What a candidate is given: a prior of so many scales."""
+WIDE = 1.0
+"""What a candidate is given: a prior of so many scales, that is: of what clearly matters."""
 _OWN_MASS, _OWN_ARM = 1.3, 0.24
 """kg and m: the vehicle that the registry's typical sizes are for."""
 

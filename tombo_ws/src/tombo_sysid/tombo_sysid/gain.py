@@ -15,7 +15,7 @@ from tombo_sim.imposed_motion import I
 from tombo_sim.open_loop import open_loop
 from tombo_sysid.diagnosis import Gain
 from tombo_sysid.evidence import Normal, solve
-from tombo_sysid.naming import ADDS, Explanation, Search
+from tombo_sysid.naming import ADDS, MORE, Explanation, Search
 from tombo_sysid.prediction import imposed, motion_of
 from tombo_sysid.problem import Fit, Problem, sum_of
 from tombo_sysid.track import TICK
@@ -46,7 +46,7 @@ def without(problem: Problem, flight: int, tried: Sequence[Explanation]) -> Held
     base = _solved(problem, problem.nothing, others)
     for explanation in tried:
         solution = _solved(problem, explanation.fit, others)
-        gain = solution[0] - base[0] - ADDS * len(explanation.ways)
+        gain = solution[0] - base[0] - ADDS - MORE * (len(explanation.ways) - 1)
         if gain > 0.0 and (best is None or gain > best[0]):
             best = gain, explanation.fit, solution[1]
     if best is None:
@@ -62,7 +62,7 @@ def extended(problem: Problem, fit: Fit, flight: int) -> HeldOut:
 
 
 def _solved(problem: Problem, fit: Fit, flights: Sequence[int]) -> tuple[float, Array]:
-    deviations = problem.columns.deviations(fit.free, draw_width=fit.draw_width)
+    deviations = problem.columns.deviations(fit.free, draw_width=fit.draw_width, pinned=fit.pinned)
     solution = solve(sum_of([fit.normals[f] for f in flights]), deviations, fit.centre)
     return solution.evidence, solution.mean
 

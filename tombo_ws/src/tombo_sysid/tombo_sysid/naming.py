@@ -15,16 +15,20 @@ from numpy.typing import NDArray
 
 from tombo_sysid.candidates import effects, variants
 from tombo_sysid.evidence import solve
-from tombo_sysid.problem import Fit, Problem, sum_of
+from tombo_sysid.problem import TIGHT, Fit, Problem, sum_of
 from tombo_sysid.sensitivity import DRAWN
 
 Array = NDArray[np.float64]
 
-ADDS = 4.0
+ADDS = 3.0
 """Log Bayes factor with which a cause earns its place; see docs/diagnosis.md for what it gives."""
+MORE = 7.0
+"""The same for one cause beside others: two at once are rarer."""
 _PROMISING = 1.5
 _TRIED = 4
 """So many candidates are fitted with the model itself at each step."""
+_TRIED_TIGHT = 2
+_STRETCHED = 3.0
 _BEAM = 2
 """So many explanations are carried on."""
 _MOST = 3
@@ -87,7 +91,7 @@ def search(
                 for gain, way in ranked(problem, explanation)
                 if gain > _PROMISING and way.effect not in explanation.effects
             ]
-            for _, way in _shortlist(promising):
+            for way in [*_shortlist(promising), *_hard_pressed(problem, explanation)]:
                 found = extend(problem, explanation, way)
                 key = tuple(sorted(found.effects))
                 if key not in grown or grown[key].evidence < found.evidence:
@@ -96,7 +100,9 @@ def search(
             progress(size / most)
         tried.update(grown)
         ordered = sorted(grown.values(), key=lambda e: -e.evidence)
-        kept = [e for e in ordered if e.evidence > beam[0].evidence + ADDS]
+        kept = [
+            e for e in ordered if e.evidence > beam[0].evidence + (ADDS if size == 1 else MORE)
+        ]
         if not kept:
             break
         beam = kept[:_BEAM]
@@ -105,10 +111,11 @@ def search(
         if len(key) == 1:
             singles[key[0]] = max(singles.get(key[0], -math.inf), explanation.evidence)
     rivals = [e for e in tried.values() if len(e.ways) == len(best.ways) and e is not best]
-    return Search(best, singles, tuple(sorted(rivals, key=lambda e: -e.evidence)))
+    ordered = sorted(rivals, key=lambda e: -e.evidence)
+    return Search(whole(problem, best), singles, tuple(ordered))
 
 
-def _shortlist(promising: Sequence[tuple[float, Way]]) -> list[tuple[float, Way]]:
+def _shortlist(promising: Sequence[tuple[float, Way]]) -> list[Way]:
     """Return the ways worth fitting: the best two of each effect, the best effects first."""
     counts: dict[str, int] = {}
     chosen = []
@@ -116,24 +123,58 @@ def _shortlist(promising: Sequence[tuple[float, Way]]) -> list[tuple[float, Way]
         counts[way.effect] = counts.get(way.effect, 0) + 1
         close = gain > promising[0][0] - 3.0 if counts[way.effect] > 1 else True
         if counts[way.effect] <= 2 and close and len(counts) <= _TRIED:
-            chosen.append((gain, way))
+            chosen.append(way)
     return chosen
 
 
-def ranked(problem: Problem, explanation: Explanation) -> list[tuple[float, Way]]:
-    """Return every way of every effect with what it adds to an explanation, by the tangent."""
+def _hard_pressed(problem: Problem, explanation: Explanation) -> list[Way]:
+    """Return ways that look best with tolerances held, where some are stretched beyond belief."""
+    fit = explanation.fit
+    columns = problem.columns
+    limits = columns.deviations(fit.free, draw_width=fit.draw_width)
+    stretched = np.abs(fit.solution.mean - fit.centre) / limits
+    own = [k for k, i in enumerate(columns.indices) if i in columns.open and i not in fit.free]
+    if not own or float(stretched[own].max()) < _STRETCHED:
+        return []
+    found = [
+        way
+        for gain, way in ranked(problem, explanation, TIGHT)
+        if gain > _PROMISING and way.effect not in explanation.effects and way.free
+    ]
+    firsts = {way.effect: way for way in reversed(found)}
+    return [way for way in found if firsts[way.effect] is way][:_TRIED_TIGHT]
+
+
+def ranked(
+    problem: Problem, explanation: Explanation, tight: float = 1.0
+) -> list[tuple[float, Way]]:
+    """Return every way of every effect with what it adds to an explanation, by the tangent.
+
+    Args:
+        problem: the flights.
+        explanation: what is known already.
+        tight: factor on the tolerances.
+    """
     fit = explanation.fit
     normal = sum_of(fit.normals)
     columns = problem.columns
+    base = fit.evidence
+    if tight != 1.0:
+        held = columns.deviations(
+            fit.free, draw_width=fit.draw_width, tight=tight, pinned=fit.pinned
+        )
+        base = solve(normal, held, fit.centre, covariance=False).evidence
     found = []
     for effect in effects():
         if effect in explanation.effects:
             continue
         for free in variants(effect, columns.open):
             every = (*fit.free, *free)
-            deviations = columns.deviations(every, draw_width=fit.draw_width)
+            deviations = columns.deviations(
+                every, draw_width=fit.draw_width, tight=tight, pinned=_still(problem, fit, free)
+            )
             solution = solve(normal, deviations, fit.centre, covariance=False)
-            gain = solution.evidence - fit.evidence
+            gain = solution.evidence - base
             if gain < _PROMISING:
                 found.append((gain - _ways_cost(effect, problem), Way(effect, free)))
                 continue
@@ -145,8 +186,10 @@ def ranked(problem: Problem, explanation: Explanation) -> list[tuple[float, Way]
         gains = []
         for factor in _WIDTHS:
             width = fit.draw_width * factor
-            deviations = columns.deviations(fit.free, draw_width=width)
-            gains.append(solve(normal, deviations, fit.centre, False).evidence - fit.evidence)
+            deviations = columns.deviations(
+                fit.free, draw_width=width, tight=tight, pinned=fit.pinned
+            )
+            gains.append(solve(normal, deviations, fit.centre, False).evidence - base)
         best = int(np.argmax(gains))
         # A broad prior over the deviation: the mean over the grid, not the best of it.
         mean = float(np.logaddexp.reduce(gains)) - math.log(len(gains))
@@ -174,6 +217,30 @@ def extend(problem: Problem, explanation: Explanation, way: Way) -> Explanation:
     return Explanation(ways, fit, evidence)
 
 
+def whole(problem: Problem, explanation: Explanation) -> Explanation:
+    """Return an explanation with every parameter of a named unit free: all axes of a bias or wind.
+
+    What was too small on one axis to earn its place is measured there all the same.
+    """
+    ways = []
+    for way in explanation.ways:
+        own = [problem.columns.parameters[i] for i in way.free]
+        free = way.free
+        if own and own[0].low < own[0].null < own[0].high:
+            units = {p.unit for p in own}
+            free = tuple(
+                p.index
+                for p in problem.columns.parameters
+                if p.effect == way.effect and p.unit in units and p.index in problem.columns.open
+            )
+        ways.append(Way(way.effect, free, way.draw_width))
+    if tuple(ways) == explanation.ways or not ways:
+        return explanation
+    every = tuple(dict.fromkeys(i for each in ways for i in each.free))
+    fit = problem.refine(every, explanation.fit)
+    return Explanation(tuple(ways), fit, explanation.evidence)
+
+
 def only(problem: Problem, explanation: Explanation, effects_kept: Sequence[str]) -> Explanation:
     """Return an explanation with some of its causes only, fitted anew."""
     kept = tuple(way for way in explanation.ways if way.effect in effects_kept)
@@ -188,6 +255,11 @@ def only(problem: Problem, explanation: Explanation, effects_kept: Sequence[str]
 def _ways_cost(effect: str, problem: Problem) -> float:
     """An effect that may show in many ways is not for that the likelier one."""
     return math.log(max(1, len(variants(effect, problem.columns.open)))) if effect else 0.0
+
+
+def _still(problem: Problem, fit: Fit, free: Sequence[int]) -> list[int]:
+    """Return the columns that stay pinned while others are freed."""
+    return [place for place in fit.pinned if problem.columns.indices[place] not in free]
 
 
 def _beyond(problem: Problem, theta: Array, free: Sequence[int], mean: Array) -> bool:

@@ -14,6 +14,8 @@ from tombo_sysid.problem import Fit, Problem
 
 Array = NDArray[np.float64]
 
+_BLOCK_S = 0.48
+"""Means over such blocks are looked at: noise of the sensors is no gust."""
 _FOLDS = 3
 """Blocks of a single flight that stand for flights."""
 
@@ -56,7 +58,7 @@ def foretold(problem: Problem, fit: Fit, start: tuple[str, ...]) -> float:
             kernel = track.fast if group == "fast" else track.slow
             counted = track.fast_rows if group == "fast" else track.slow_rows
             x = kernel.smooth[counted] @ every
-            step = max(1, round(0.12 * problem.per_second(group)))
+            step = max(1, round(_BLOCK_S * problem.per_second(group)))
             xs.append(_thinned(x, step))
             ys.append(_thinned(rows[:, chosen], step))
     if len(xs) == 1:

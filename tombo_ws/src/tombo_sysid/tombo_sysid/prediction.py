@@ -19,7 +19,7 @@ from tombo_dynamics.rotor_maps import speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_sim.imposed_motion import IMPOSED_WIDTH, I, along_motion, as_captured
 from tombo_sysid.nominal import Nominal
-from tombo_sysid.track import Track
+from tombo_sysid.track import Track, continuous
 
 Array = NDArray[np.float64]
 
@@ -51,6 +51,8 @@ class Motion:
 
     state: Array
     """(N, 13) position, velocity, quaternion, body rates."""
+    rates: Array
+    """(N, 3) body rates from the attitude alone [rad/s]."""
     rotation: Array
     """(N, 3, 3) map from body."""
     lateness: Array
@@ -89,14 +91,18 @@ def motion_of(track: Track, nominal: Nominal, theta: Array) -> Motion:
     spacing = float(np.median(np.diff(track.pose_t)))
     guess: Array = track.pose.copy()
     seen: Array = np.zeros((guess.shape[0], 10))
-    # The errors are a turn, a shift or both: the second step is exact.
+    # The frame's errors are a turn and a shift, alike for all poses: the second step is exact.
+    axes = np.hstack([np.eye(4, 3, -1), np.zeros((4, 3)), np.ones((4, 1))])
+    seen_axes = as_captured(m, theta, QUIET, axes, spacing)[:, :3]
+    back = np.linalg.inv(seen_axes[1:] - seen_axes[0])
     for _ in range(3 if np.any(theta[_MOCAP] != _NULL[_MOCAP]) else 1):
         seen = as_captured(m, theta, QUIET, guess, spacing)
-        guess[:, :3] += track.pose[:, :3] - seen[:, :3]
+        guess[:, :3] += (track.pose[:, :3] - seen[:, :3]) @ back
         inverse = seen[:, 3:7] * np.array([-1.0, -1.0, -1.0, 1.0])
         guess[:, 3:] = quaternion_multiply(
             quaternion_multiply(track.pose[:, 3:], inverse), guess[:, 3:]
         )
+    guess[:, 3:] = continuous(guess[:, 3:])
     spline = CubicSpline(track.pose_t - seen[:, 9], guess)
     value = spline(track.t)
     rate = spline(track.t, 1)
@@ -104,8 +110,11 @@ def motion_of(track: Track, nominal: Nominal, theta: Array) -> Motion:
     length = np.linalg.norm(q, axis=1, keepdims=True)
     q = q / length
     turn = quaternion_multiply(q * np.array([-1.0, -1.0, -1.0, 1.0]), rate[:, 3:] / length)
-    state = np.column_stack([value[:, :3], rate[:, :3], q, 2.0 * turn[:, :3]])
-    return Motion(state, matrices(q), seen[:, 7] - seen[:, 9])
+    rates = 2.0 * turn[:, :3]
+    # The gyro is the better one; what it is off by is compared in a channel of its own.
+    body = track.gyro if track.gyro.size else rates
+    state = np.column_stack([value[:, :3], rate[:, :3], q, body])
+    return Motion(state, rates, matrices(q), seen[:, 7] - seen[:, 9])
 
 
 def matrices(q: Array) -> Array:
@@ -185,13 +194,13 @@ def residuals(
         smooth = track.slow.smooth[track.slow_rows]
         seen = track.slow.curvature[track.slow_rows] @ motion.state[:, :3]
         slow.append(seen - smooth @ in_map)
-        slow.append(smooth @ (body - motion.state[:, 10:13]))
+        slow.append(smooth @ (body - motion.rates))
     else:
         smooth = track.slow.smooth[track.slow_rows]
         seen = track.slow.curvature[track.slow_rows] @ motion.state[:, :3]
         slow.append(seen - smooth @ model[:, I.acceleration : I.acceleration + 3])
         if nominal.moments:
-            turned = track.slow.slope[track.slow_rows] @ motion.state[:, 10:13]
+            turned = track.slow.slope[track.slow_rows] @ motion.rates
             slow.append(turned - smooth @ model[:, I.turning : I.turning + 3])
         if track.speed.size and track.command.size:
             slow.append(smooth @ (track.speed[:, :4] - model[:, I.speed : I.speed + 4]))

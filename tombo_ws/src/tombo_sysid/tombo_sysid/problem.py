@@ -20,6 +20,11 @@ Array = NDArray[np.float64]
 
 _STEPS = 6
 """Gauss-Newton steps of a refinement, at most."""
+_PINNED = 1e-3
+_BEYOND = 0.3
+"""Tolerances by which a parameter may pass a bound before it is pinned there."""
+TIGHT = 0.2
+"""Factor on the tolerances in a first step."""
 _REASON = 3.0
 """Tolerances are exceeded by healthy vehicles up to this many deviations."""
 _CLOSE = 0.05
@@ -58,17 +63,32 @@ class Columns:
         return len(self.indices) + self.draws * self.vehicles
 
     def deviations(
-        self, free: Sequence[int] = (), width: float = WIDE, draw_width: float | None = None
+        self,
+        free: Sequence[int] = (),
+        width: float = WIDE,
+        draw_width: float | None = None,
+        tight: float = 1.0,
+        pinned: Sequence[int] = (),
     ) -> Array:
-        """Return (count) prior standard deviations; parameters `free` (places in theta) wide."""
+        """Return (count) prior standard deviations.
+
+        Args:
+            free: places in theta of what is wide.
+            width: how wide, in sizes that matter.
+            draw_width: of the draws; None: as in the nominal model.
+            tight: factor on the tolerances of everything else.
+            pinned: columns that stay where they are: at a bound of their parameter.
+        """
         own = [
             width * self.parameters[i].scale
             if i in free or i in self.taken
-            else self.parameters[i].tolerance
+            else tight * self.parameters[i].tolerance
             for i in self.indices
         ]
         drawn = self.draw_width if draw_width is None else draw_width
-        return np.array(own + [drawn] * (self.draws * self.vehicles))
+        deviations = np.array(own + [drawn] * (self.draws * self.vehicles))
+        deviations[list(pinned)] *= _PINNED
+        return deviations
 
     def places(self, indices: Sequence[int]) -> list[int]:
         """Return the columns of parameters that can be seen."""
@@ -100,6 +120,8 @@ class Fit:
     """A flight each, about `theta`."""
     parts: tuple[Parts, ...]
     """The same by channel, not weighed."""
+    pinned: tuple[int, ...] = ()
+    """Columns that the data would carry beyond a bound; they stay at it."""
 
     @property
     def evidence(self) -> float:
@@ -135,12 +157,12 @@ class Problem:
                 self.columns = own
                 self._parts, self.variances = kept
         self.normals = [self._weigh(parts, f) for f, parts in enumerate(self._parts)]
-        deviations = self.columns.deviations()
-        centre = np.zeros(deviations.size)
+        centre = np.zeros(self.columns.count)
+        solution, pinned = self._bounded(self.normals, (), None, self.theta, centre)
         self.nothing = Fit(
             (), self.columns.draw_width, self.theta, centre,
-            solve(sum_of(self.normals), deviations, centre),
-            tuple(self.linears), tuple(self.normals), tuple(self._parts),
+            solution,
+            tuple(self.linears), tuple(self.normals), tuple(self._parts), pinned,
         )  # fmt: skip
         """The nominal model, everything within its tolerance."""
 
@@ -185,6 +207,33 @@ class Problem:
             for group, rows in linear.left.items()
         }
 
+    def _bounded(
+        self,
+        normals: Sequence[Normal],
+        free: Sequence[int],
+        draw_width: float | None,
+        theta: Array,
+        centre: Array,
+    ) -> tuple[Solution, tuple[int, ...]]:
+        """Solve, and pin what the data would carry beyond its bounds: no delay is negative."""
+        columns = self.columns
+        normal = sum_of(normals)
+        pinned: list[int] = []
+        while True:
+            deviations = columns.deviations(free, draw_width=draw_width, pinned=pinned)
+            solution = solve(normal, deviations, centre)
+            over = []
+            for place, index in enumerate(columns.indices):
+                p = columns.parameters[index]
+                value = theta[index] + solution.mean[place]
+                slack = _BEYOND * p.tolerance
+                outside = value < p.low - slack or value > p.high + slack
+                if outside and index not in free and place not in pinned:
+                    over.append(place)
+            if not over:
+                return solution, tuple(pinned)
+            pinned += over
+
     def _within_reason(self, fit: Fit) -> Array:
         """Return a fit's unknowns, what is not free held to a few tolerances: more is a cause."""
         limits = _REASON * self.columns.deviations(fit.free, draw_width=fit.draw_width)
@@ -203,12 +252,15 @@ class Problem:
         start = start or self.nothing
         width = start.draw_width if draw_width is None else draw_width
         columns = self.columns
-        deviations = columns.deviations(free, draw_width=width)
         places = columns.places(free)
         theta, linears, normals = start.theta, start.linears, start.normals
         parts = start.parts
         centre = start.centre.copy()
-        solution = solve(sum_of(normals), deviations, centre)
+        # The first step leaves little to tolerances: where an effect is large, the tangent's own
+        # error would be paid by whatever tolerance happens to look like it.
+        held = columns.deviations(free, draw_width=width, tight=TIGHT)
+        solution = solve(sum_of(normals), held, centre)
+        pinned: tuple[int, ...] = ()
         for step in range(_STEPS):
             moved = theta.copy()
             for place in places:
@@ -226,10 +278,12 @@ class Problem:
             for place in places:
                 index = columns.indices[place]
                 centre[place] = self.theta[index] - theta[index]
-            solution = solve(sum_of(normals), deviations, centre)
+            solution, pinned = self._bounded(normals, free, width, theta, centre)
             if step and change < 0.3:
                 break
-        return Fit(tuple(free), width, theta, centre, solution, linears, normals, parts)
+        if theta is start.theta:
+            solution, pinned = self._bounded(normals, free, width, theta, centre)
+        return Fit(tuple(free), width, theta, centre, solution, linears, normals, parts, pinned)
 
     def _about(
         self, theta: Array, free: Sequence[int], before: Sequence[Linear], parts: Sequence[Parts]

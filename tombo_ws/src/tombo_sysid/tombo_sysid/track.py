@@ -140,15 +140,20 @@ def _poses(position: Series, attitude: Series) -> tuple[Array, Array, Array]:
     pose = pose[good]
     lengths = np.linalg.norm(pose[:, 3:], axis=1)
     pose[:, 3:] /= np.maximum(lengths, 1e-9)[:, None]
-    flips = np.concatenate([[1.0], np.sign(np.sum(pose[1:, 3:] * pose[:-1, 3:], axis=1))])
-    flips[flips == 0.0] = 1.0
-    pose[:, 3:] *= np.cumprod(flips)[:, None]
+    pose[:, 3:] = continuous(pose[:, 3:])
     late: Array = np.zeros(0)
     if position.arrival is not None:
         late = position.arrival[good] - pose_t
         if not np.isfinite(late).all():
             late = np.zeros(0)
     return pose_t, pose, late
+
+
+def continuous(q: Array) -> Array:
+    """Return quaternions (N, 4) with signs such that neighbours are close."""
+    flips = np.concatenate([[1.0], np.sign(np.sum(q[1:] * q[:-1], axis=1))])
+    flips[flips == 0.0] = 1.0
+    return np.asarray(q * np.cumprod(flips)[:, None])
 
 
 def _interpolated(series: Series, t: Array) -> Array:

@@ -23,8 +23,11 @@ TELLS = 4.0
 """Log Bayes factor with which one cause is told from another."""
 _REPEATS = 0.1
 """Share of a remainder that other flights may foretell if it is to be gusts."""
-_PARTLY = 0.7
-"""Share of the excess that a cause has to explain to be called part of it."""
+_CALIBRATED = 0.7
+"""Share of the excess that causes have to explain where healthy flights are not known."""
+_PARTLY = 0.85
+"""Share of all excess that a cause has to take away to be called part of it."""
+_STRONG = 50.0
 _SUREST = 0.99
 _MOST = 3
 
@@ -63,6 +66,7 @@ def judge(
     rest: Sequence[Leftover],
     repeats: float,
     explained: float,
+    removed: float,
     nominal: Nominal,
 ) -> Judgement:
     """Weigh what was found.
@@ -73,7 +77,9 @@ def judge(
         gusts: the same of gusts, or None.
         rest: what is left over, gusts and noise taken into account.
         repeats: share of the forces' remainder that other flights foretell.
-        explained: share of the excess that the best explanation takes away.
+        explained: share of the excess that the best explanation takes away, in channels that it
+            concerns.
+        removed: the same over all channels.
         nominal: the model.
     """
     weights = dict.fromkeys(found.best.effects, found.best.evidence)
@@ -85,7 +91,7 @@ def judge(
     excess = max((each.excess for each in rest), default=-math.inf)
     clean = excess <= GATE
     if nominal.calibrated:
-        clean = explained > _PARTLY and repeats < 0.5
+        clean = explained > _CALIBRATED and repeats < 0.5
     rivals = [r for r in found.rivals if r.evidence > found.best.evidence - TELLS]
     effects = tuple(sorted(weights, key=lambda e: -weights[e]))[:_MOST]
     members = _members(found.best, rivals)
@@ -99,7 +105,8 @@ def judge(
         return Judgement("unknown", (), (), _capped(_loud(excess)), {}, 0.0)
     each = {e: _capped(real * (sure if e in members else 1.0)) for e in effects}
     if not clean or (gusts is not None and not airy):
-        if explained > _PARTLY and found.best.evidence > 5.0 * ADDS:
+        strong = found.best.evidence > _STRONG and len(effects) == 1
+        if strong and (removed > _PARTLY if not nominal.calibrated else explained > 0.5):
             return Judgement(
                 "partly_explained", effects, (), _capped(_loud(excess)), each, explained
             )

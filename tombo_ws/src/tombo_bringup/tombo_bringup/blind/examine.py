@@ -20,6 +20,7 @@ from tombo_sysid.diagnosis import Cause
 from tombo_sysid.gain import without
 from tombo_sysid.naming import only
 from tombo_sysid.nominal import Nominal
+from tombo_sysid.prechecks import check_log
 from tombo_sysid.prediction import residuals
 from tombo_sysid.track import track_of
 
@@ -46,7 +47,7 @@ def examine(seed: int, number: int) -> dict[str, Any]:
         "shift": dict(case.shift),
     }
     try:
-        tracks = [track_of(log) for log in fly_case(case)]
+        tracks = [track_of(check_log(log)) for log in fly_case(case)]
     except InputError as error:
         # What is hidden can keep the vehicle from flying at all: that needs no diagnosis.
         return row | {"verdict": "not flown", "why": str(error)}
@@ -66,6 +67,8 @@ def examine(seed: int, number: int) -> dict[str, Any]:
         "excess": max((each.excess for each in findings.leftovers), default=0.0),
         "repeats": findings.repeats,
         "explained": judgement.explained,
+        "lead": max(findings.search.singles.values(), default=0.0),
+        "chance": max((fit.evidence for fit in findings.every_scatter), default=0.0),
     }
     right = judgement.verdict == "named" and not judgement.members
     if right and set(judgement.effects) == set(case.hidden):

@@ -1,0 +1,209 @@
+"""The model along a motion says what the simulator said of the same motion."""
+
+import numpy as np
+import pytest
+from kernel_flight import NOISE, TICK, VEHICLE, fly_kernel, maps
+
+from tombo_dynamics.effects.compose import pack_theta
+from tombo_dynamics.plant import new_plant, part
+from tombo_sim.imposed_motion import (
+    IMPOSED_WIDTH,
+    I,
+    air,
+    along_motion,
+    as_captured,
+    readings_at_rest,
+)
+
+QUIET = np.zeros((1, NOISE))
+SEED = 4
+EFFECTS = {
+    "linear_rotor_drag": {"d_xy": 0.3, "d_z": 0.1},
+    "flapping_moment": {"k": 0.02},
+    "steady_wind": {"east": 1.2, "north": -0.5},
+    "imu_bias": {"gyro_x": 0.02, "accel_y": 0.2},
+    "imu_lever_arm": {"x": 0.03},
+    "mass_error": {"fraction": 0.08},
+    "inertia_error": {"xx": 0.1, "zz": -0.1},
+    "cog_offset": {"x": 0.01},
+    "motor_lag": {"extra_tau": 0.01},
+    "command_delay": {"delay": 0.012},
+    "battery_sag": {"resistance": 0.03, "discharge": 0.5},
+    "ground_effect": {"strength": 1.0},
+    "thrust_scatter": {"deviation": 0.03},
+    "weak_propeller": {"rear_left": 0.1},
+    "gusts": {"deviation": 1.5, "time": 0.3},
+    "imu_noise": {"gyro": 0.01, "accel": 0.2},
+}
+CHANCE = np.random.default_rng(9).standard_normal((2000, NOISE))
+"""The flight's noise, tick by tick: gusts are then known as well."""
+SETTLED = 400
+"""Ticks until the drives have forgotten where they began."""
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return fly_kernel(EFFECTS, seconds=2.0, seed=SEED, tick_noise=CHANCE)
+
+
+def motion_of(flight):
+    return np.hstack([flight[n] for n in ("position", "velocity", "attitude", "rates")]).copy()
+
+
+def commands_of(flight):
+    """Return what acts in each tick: the command of the tick before."""
+    return np.vstack([flight["rotor_command"][:1], flight["rotor_command"][:-1]])
+
+
+def vehicle():
+    m = new_plant(VEHICLE)
+    part(m, "draws")[:] = np.random.default_rng(SEED + 1).standard_normal(8)
+    return m
+
+
+def along(flight, effects, speed=None, noise=CHANCE):
+    motion = motion_of(flight)
+    out = np.full((motion.shape[0], IMPOSED_WIDTH), np.nan)
+    measured = np.zeros((0, 8)) if speed is None else speed
+    along_motion(vehicle(), maps(), pack_theta(effects), noise, TICK, motion,
+                 commands_of(flight), measured, out)  # fmt: skip
+    return out
+
+
+def test_specific_force_and_imu_errors_are_the_simulators(flight):
+    model = along(flight, EFFECTS)[SETTLED:]
+    accel = model[:, I.force : I.force + 3] + model[:, I.accel_error : I.accel_error + 3]
+    gyro = flight["rates"][SETTLED:] + model[:, I.gyro_error : I.gyro_error + 3]
+    assert accel == pytest.approx(flight["accel"][SETTLED:], abs=0.01)
+    assert gyro == pytest.approx(flight["gyro"][SETTLED:], abs=1e-9)
+    assert np.ptp(flight["accel"][SETTLED:], axis=0).min() > 0.1
+
+
+def test_rotor_speeds_and_voltage_are_the_simulators(flight):
+    model = along(flight, EFFECTS)[SETTLED:]
+    speed = flight["rotor_speed"][SETTLED:]
+    assert model[:, I.speed : I.speed + 4] == pytest.approx(speed, abs=0.3)
+    assert np.ptp(speed) > 10.0
+    volts = flight["battery"][SETTLED:, 2]
+    assert model[:, I.voltage] == pytest.approx(volts, abs=0.01)
+    assert model[:, I.current] == pytest.approx(flight["battery"][SETTLED:, 1], rel=0.01)
+
+
+def test_accelerations_add_up_to_what_rates_and_velocity_gain(flight):
+    """Over spans of 20 ms, in which the slope is taken to be straight from tick to tick."""
+    model = along(flight, EFFECTS)
+    span = 20
+    rows = np.arange(SETTLED, flight.log.shape[0] - span)
+    for column, name in ((I.turning, "rates"), (I.acceleration, "velocity")):
+        slope = model[:, column : column + 3]
+        steps = 0.5 * (slope[1:] + slope[:-1]) * TICK
+        sums = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+        gained = flight[name][rows + span] - flight[name][rows]
+        assert gained.std() > 0.01
+        assert sums[rows + span] - sums[rows] == pytest.approx(gained, abs=0.1 * gained.std())
+
+
+@pytest.mark.parametrize("missing", [e for e in EFFECTS if e != "thrust_scatter"])
+def test_a_model_without_an_effect_says_something_else(flight, missing):
+    """Each of these effects is in what is predicted."""
+    whole = along(flight, EFFECTS)[SETTLED:]
+    without = along(flight, {k: v for k, v in EFFECTS.items() if k != missing})[SETTLED:]
+    spread = np.ptp(whole, axis=0) + 1e-6
+    assert (np.abs(whole - without).max(axis=0) / spread).max() > 0.005
+
+
+def test_measured_rotor_speeds_replace_those_of_the_drives(flight):
+    """Thrust then comes from them, whatever was asked for; the drives go their own way."""
+    true = flight["rotor_speed"]
+    speed = np.hstack([true, np.gradient(true, TICK, axis=0)])
+    lame = {**EFFECTS, "motor_lag": {"extra_tau": 0.1}}
+    slow = along(flight, lame)[SETTLED:]
+    told = along(flight, lame, speed)[SETTLED:]
+    accel = flight["accel"][SETTLED:]
+
+    def off(model):
+        force = model[:, I.force : I.force + 3] + model[:, I.accel_error : I.accel_error + 3]
+        return np.abs(force - accel)[:, 2].max()
+
+    assert off(told) < 1e-9 and off(slow) > 0.01
+    assert np.abs(told[:, I.speed : I.speed + 4] - true[SETTLED:]).max() > 5.0
+
+
+def test_the_floor_does_not_push_on_a_motion_that_noise_carries_into_it(flight):
+    low = motion_of(flight)
+    low[:, 2] = 0.05
+    outs = []
+    for height in (0.05, 0.02):
+        low[:, 2] = height
+        out = np.zeros((low.shape[0], IMPOSED_WIDTH))
+        along_motion(vehicle(), maps(), pack_theta({}), QUIET, TICK, low, commands_of(flight),
+                     np.zeros((0, 8)), out)  # fmt: skip
+        outs.append(out)
+    assert np.array_equal(*outs)
+
+
+def test_what_was_drawn_comes_back(flight):
+    """Noise of the IMU, a row a tick, in turn."""
+    noise = np.random.default_rng(1).standard_normal((50, NOISE))
+    quiet = along(flight, {})
+    loud = along(flight, {"imu_noise": {"gyro": 0.1, "accel": 0.5}}, noise=noise)
+    shaken = (loud - quiet)[:, I.gyro_error : I.gyro_error + 3]
+    assert shaken.std() == pytest.approx(0.1, rel=0.2)
+    assert shaken[:50] == pytest.approx(shaken[50:100], abs=1e-9)
+    same = (loud - quiet)[:, I.force : I.force + 3]
+    assert not same.any()
+
+
+CAPTURE = {
+    "mocap_marker_offset": {"x": 0.03, "z": -0.02},
+    "mocap_misalignment": {"yaw": 0.2, "pitch": 0.03},
+    "mocap_body_misalignment": {"roll": 0.02, "yaw": -0.3},
+    "mocap_latency": {"delay": 0.011},
+}
+
+
+def test_what_is_captured_is_what_the_simulators_capture_gives():
+    flown = fly_kernel(CAPTURE, seconds=1.5, seed=3)
+    rows = [row for _, row in flown.delivered]
+    ticks = flown.mocap[rows, 0].astype(int)
+    true = np.hstack([flown["position"], flown["attitude"]])[ticks]
+    seen = as_captured(new_plant(VEHICLE), pack_theta(CAPTURE), QUIET, true, 1 / 30)
+    assert seen[:, :7] == pytest.approx(flown.mocap[rows, 3:10], abs=1e-12)
+    assert seen[:, 7] == pytest.approx(np.full(len(rows), 0.011))
+    assert not seen[:, 8:].any()
+
+
+def test_samples_are_lost_in_gaps_of_the_length_that_was_asked_for():
+    noise = np.random.default_rng(2).standard_normal((20_000, NOISE))
+    still = np.zeros((20_000, 7))
+    still[:, 6] = 1.0
+    effects = {"mocap_dropouts": {"probability": 0.02, "duration": 0.1}}
+    lost = as_captured(new_plant(VEHICLE), pack_theta(effects), noise, still, 1 / 30)[:, 8] > 0
+    starts = np.count_nonzero(lost[1:] & ~lost[:-1])
+    assert starts == pytest.approx(0.02 * np.count_nonzero(~lost), rel=0.15)
+    assert lost.sum() / starts == pytest.approx(0.1 * 30.0 + 0.5, rel=0.15)
+
+
+def test_a_stamp_error_and_the_vehicle_at_rest():
+    still = np.zeros((5, 7))
+    still[:, 6] = 1.0
+    theta = pack_theta({"mocap_stamp_error": {"offset": -0.02}})
+    assert as_captured(new_plant(VEHICLE), theta, QUIET, still, 0.03)[:, 9] == pytest.approx(-0.02)
+    out = np.zeros((4000, 6))
+    noise = np.random.default_rng(3).standard_normal((4000, NOISE))
+    theta = pack_theta({"imu_noise": {"gyro": 0.02, "accel": 0.3}, "imu_bias": {"accel_x": 0.1}})
+    readings_at_rest(new_plant(VEHICLE), theta, noise, TICK, out)
+    assert out[:, :3].std() == pytest.approx(0.02, rel=0.05)
+    assert out[:, 3:].mean(axis=0) == pytest.approx([0.1, 0.0, 9.81], abs=0.03)
+
+
+def test_the_air_alone_is_wind_and_gusts():
+    out = np.zeros((60_000, 3))
+    noise = np.random.default_rng(5).standard_normal((60_000, NOISE))
+    effects = {"steady_wind": {"east": 2.0}, "gusts": {"deviation": 0.5, "time": 0.4}}
+    air(new_plant(VEHICLE), pack_theta(effects), noise, 0.004, out)
+    assert out.mean(axis=0) == pytest.approx([2.0, 0.0, 0.0], abs=0.1)
+    assert out[:, 0].std() == pytest.approx(0.5, rel=0.15)
+    lag = 100  # 0.4 s
+    gust = out[:, 1] - out[:, 1].mean()
+    assert (gust[lag:] @ gust[:-lag]) / (gust @ gust) == pytest.approx(np.exp(-1.0), abs=0.1)

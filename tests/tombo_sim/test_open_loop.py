@@ -1,0 +1,91 @@
+"""The model let go from states of a flight: with the true model it flies the same."""
+
+import numpy as np
+import pytest
+from kernel_flight import NOISE, TICK, VEHICLE, fly_kernel, maps
+
+from tombo_dynamics.effects.compose import pack_theta
+from tombo_dynamics.plant import new_plant, part
+from tombo_sim.imposed_motion import IMPOSED_WIDTH, I, along_motion
+from tombo_sim.open_loop import open_loop
+
+SEED = 6
+EFFECTS = {
+    "linear_rotor_drag": {"d_xy": 0.3, "d_z": 0.1},
+    "steady_wind": {"east": 1.0},
+    "command_delay": {"delay": 0.008},
+    "thrust_scatter": {"deviation": 0.03},
+}
+STARTS = np.array([300, 700, 1300])
+HALF_A_SECOND = 500
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return fly_kernel(EFFECTS, seconds=2.0, seed=SEED)
+
+
+def motion_of(flight):
+    return np.hstack([flight[n] for n in ("position", "velocity", "attitude", "rates")]).copy()
+
+
+def vehicle():
+    m = new_plant(VEHICLE)
+    part(m, "draws")[:] = np.random.default_rng(SEED + 1).standard_normal(8)
+    return m
+
+
+def let_go(flight, effects, hold=False, speed=None, ticks=HALF_A_SECOND):
+    motion = motion_of(flight)
+    command = np.vstack([flight["rotor_command"][:1], flight["rotor_command"][:-1]])
+    theta = pack_theta(effects)
+    model = np.zeros((motion.shape[0], IMPOSED_WIDTH))
+    measured = np.zeros((0, 8)) if speed is None else speed
+    along_motion(vehicle(), maps(), theta, np.zeros((1, NOISE)), TICK, motion, command, measured,
+                 model)  # fmt: skip
+    out = np.full((STARTS.size, 13), np.nan)
+    drives = model[:, I.speed : I.speed + 4].copy()
+    open_loop(vehicle(), maps(), theta, TICK, motion, command, measured, drives, STARTS, ticks,
+              hold, out)  # fmt: skip
+    return out - motion[STARTS + ticks]
+
+
+def test_the_true_model_flies_what_was_flown(flight):
+    off = let_go(flight, EFFECTS)
+    assert np.abs(off[:, :3]).max() < 1e-3
+    assert np.abs(off[:, 3:6]).max() < 5e-3
+    assert np.abs(off[:, 6:10]).max() < 1e-3
+
+
+def test_a_vehicle_taken_for_too_heavy_sinks(flight):
+    """Ten per cent of mass are a tenth of gravity, less what drag takes back."""
+    off = let_go(flight, {**EFFECTS, "mass_error": {"fraction": 0.1}})
+    fall = 0.5 * 0.1 / 1.1 * 9.81 * 0.5**2
+    assert off[:, 2] == pytest.approx(-fall, rel=0.2)
+
+
+def test_a_delay_that_is_not_known_turns_it_away(flight):
+    late = {**EFFECTS, "command_delay": {"delay": 0.025}}
+    assert np.abs(let_go(flight, late)).max() > 20.0 * np.abs(let_go(flight, EFFECTS)).max()
+
+
+def test_errors_grow_with_the_horizon(flight):
+    heavy = {**EFFECTS, "mass_error": {"fraction": 0.1}}
+    short, long = (np.abs(let_go(flight, heavy, ticks=n)[:, 2]) for n in (250, 500))
+    assert long / short == pytest.approx(np.full(3, 4.0), rel=0.15)
+
+
+def test_an_attitude_that_is_held_stays_the_measured_one(flight):
+    """Wrong inertia does then not matter: only forces are let go."""
+    odd = {**EFFECTS, "inertia_error": {"xx": 0.8, "yy": 0.8}, "cog_offset": {"x": 0.05}}
+    free, held = let_go(flight, odd), let_go(flight, odd, hold=True)
+    assert np.abs(held[:, :3]).max() < 2e-3
+    assert np.abs(free[:, 6:10]).max() > 0.05
+
+
+def test_rotor_speeds_that_were_measured_are_imposed(flight):
+    true = flight["rotor_speed"]
+    speed = np.hstack([true, np.gradient(true, TICK, axis=0)])
+    lame = {**EFFECTS, "motor_lag": {"extra_tau": 0.1}}
+    told = np.abs(let_go(flight, lame, speed=speed)[:, :3]).max()
+    assert told < 1e-3 and np.abs(let_go(flight, lame)[:, :3]).max() > 5e-3
