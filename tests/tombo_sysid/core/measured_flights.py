@@ -60,6 +60,8 @@ LIVELY = (
     ],
 )
 """Three paces, turns, two heights: courses on which most effects show."""
+STRAIGHT = tuple([dict(p) for p in c if "yaw" not in p] for c in LIVELY)
+"""The same at one heading."""
 HOVER = [{"yaw": 0.0, "hold": 60.0}]
 
 
@@ -127,7 +129,9 @@ def as_log(flown, name="flight 1", sensors="imu_rpm", begin=BEGIN, true_poses=Fa
         series["accel"] = Series(t, flown.log["accel"])
     if sensors.endswith("rpm"):
         series["rotor_speed"] = Series(t, flown.log["rotor_speed"])
-    return FlightLog(name, "simulated", series, exclude=((-1.0, begin),))
+    low = np.flatnonzero((flown.log["position"][:, 2] < 0.3) & (t > begin))
+    end = float(t[low[0]]) - 0.2 if low.size else float(t[-1])
+    return FlightLog(name, "simulated", series, exclude=((-1.0, begin), (end, t[-1] + 1.0)))
 
 
 DRAWS = np.array([1.1, -1.3, 0.6, -0.8, 0.0, 0.0, 0.0, 0.0])

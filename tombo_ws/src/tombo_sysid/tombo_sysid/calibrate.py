@@ -120,7 +120,7 @@ def _thrust_fit(logs: Sequence[FlightLog]) -> tuple[float, float]:
         good = np.isfinite(drive.values).all(axis=1)
         mean = np.interp(track.t, drive.t[good], drive.values[good].mean(axis=1))
         force = track.accel[:, 2] if track.accel.size else _force_z(track)
-        smooth = track.slow.smooth[track.slow_rows]
+        smooth = track.slow_kernel.smooth
         xs.append(smooth @ mean)
         ys.append(smooth @ force)
     x, y = np.concatenate(xs), np.concatenate(ys)

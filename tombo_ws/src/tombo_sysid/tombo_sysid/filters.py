@@ -72,6 +72,17 @@ def clear_rows(kernel: Kernel, spoiled: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(abs(kernel.smooth) @ spoiled.astype(np.float64) == 0.0)
 
 
+def rows_of(kernel: Kernel, chosen: NDArray[np.bool_]) -> Kernel:
+    """Return the kernel with some of its rows (R,) only."""
+    return Kernel(
+        kernel.t[chosen],
+        kernel.reach,
+        kernel.smooth[chosen],
+        kernel.slope[chosen],
+        kernel.curvature[chosen],
+    )
+
+
 def tick_means(t: Array, values: Array, ticks: Array) -> Array:
     """Return (N, k): means of a densely sampled series over a tick around each tick.
 

@@ -27,6 +27,8 @@ MORE = 7.0
 _PROMISING = 1.5
 _TRIED = 4
 """So many candidates are fitted with the model itself at each step."""
+_HOPELESS = 0.2
+"""A candidate whose tangent promises less than this share of the best one's is not fitted."""
 _TRIED_TIGHT = 2
 _STRETCHED = 3.0
 _BEAM = 2
@@ -119,9 +121,10 @@ def _shortlist(promising: Sequence[tuple[float, Way]]) -> list[Way]:
     """Return the ways worth fitting: the best two of each effect, the best effects first."""
     counts: dict[str, int] = {}
     chosen = []
+    least = _HOPELESS * promising[0][0] if promising else 0.0
     for gain, way in promising:
         counts[way.effect] = counts.get(way.effect, 0) + 1
-        close = gain > promising[0][0] - 3.0 if counts[way.effect] > 1 else True
+        close = gain > promising[0][0] - 3.0 if counts[way.effect] > 1 else gain > least
         if counts[way.effect] <= 2 and close and len(counts) <= _TRIED:
             chosen.append(way)
     return chosen

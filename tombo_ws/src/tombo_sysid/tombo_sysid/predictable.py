@@ -55,9 +55,8 @@ def foretold(problem: Problem, fit: Fit, start: tuple[str, ...]) -> float:
             chosen = [j for j, c in enumerate(own) if c.name.startswith(start)]
             if not chosen:
                 continue
-            kernel = track.fast if group == "fast" else track.slow
-            counted = track.fast_rows if group == "fast" else track.slow_rows
-            x = kernel.smooth[counted] @ every
+            kernel = track.fast_kernel if group == "fast" else track.slow_kernel
+            x = kernel.smooth @ every
             step = max(1, round(_BLOCK_S * problem.per_second(group)))
             xs.append(_thinned(x, step))
             ys.append(_thinned(rows[:, chosen], step))

@@ -179,34 +179,34 @@ def residuals(
     slow: list[Array] = []
     pull = np.array([0.0, 0.0, GRAVITY])
     if track.formulation == "imu":
-        smooth = track.fast.smooth[track.fast_rows]
+        smooth = track.fast_kernel.smooth
         predicted = model[:, I.force : I.force + 3] + model[:, I.accel_error : I.accel_error + 3]
         left = track.accel - predicted
         fast.append(smooth @ (left if driven else left[:, :2]))
         body = track.gyro - model[:, I.gyro_error : I.gyro_error + 3]
         if driven and nominal.moments:
-            measured = track.fast.slope[track.fast_rows] @ body
+            measured = track.fast_kernel.slope @ body
             fast.append(measured - smooth @ model[:, I.turning : I.turning + 3])
         if track.speed.size and track.command.size:
             fast.append(smooth @ (track.speed[:, :4] - model[:, I.speed : I.speed + 4]))
         accel = track.accel - model[:, I.accel_error : I.accel_error + 3]
         in_map = np.einsum("nij,nj->ni", motion.rotation, accel) - pull
-        smooth = track.slow.smooth[track.slow_rows]
-        seen = track.slow.curvature[track.slow_rows] @ motion.state[:, :3]
+        smooth = track.slow_kernel.smooth
+        seen = track.slow_kernel.curvature @ motion.state[:, :3]
         slow.append(seen - smooth @ in_map)
         slow.append(smooth @ (body - motion.rates))
     else:
-        smooth = track.slow.smooth[track.slow_rows]
-        seen = track.slow.curvature[track.slow_rows] @ motion.state[:, :3]
+        smooth = track.slow_kernel.smooth
+        seen = track.slow_kernel.curvature @ motion.state[:, :3]
         slow.append(seen - smooth @ model[:, I.acceleration : I.acceleration + 3])
         if nominal.moments:
-            turned = track.slow.slope[track.slow_rows] @ motion.rates
+            turned = track.slow_kernel.slope @ motion.rates
             slow.append(turned - smooth @ model[:, I.turning : I.turning + 3])
         if track.speed.size and track.command.size:
             slow.append(smooth @ (track.speed[:, :4] - model[:, I.speed : I.speed + 4]))
     if track.voltage.size and not nominal.calibrated:
         left = track.voltage - model[:, I.voltage : I.voltage + 1]
-        slow.append(track.slow.smooth[track.slow_rows] @ left)
+        slow.append(track.slow_kernel.smooth @ left)
     result = {"slow": np.column_stack(slow)}
     if fast:
         result["fast"] = np.column_stack(fast)

@@ -273,7 +273,8 @@ class Problem:
             if change < _CLOSE or not places:
                 break
             theta = moved
-            linears, parts = self._about(theta, free, linears, parts)
+            # Slopes change little on the way: they are taken anew once, residuals every time.
+            linears, parts = self._about(theta, free if step == 0 else (), linears, parts, free)
             normals = tuple(self._weigh(part, f) for f, part in enumerate(parts))
             for place in places:
                 index = columns.indices[place]
@@ -286,17 +287,22 @@ class Problem:
         return Fit(tuple(free), width, theta, centre, solution, linears, normals, parts, pinned)
 
     def _about(
-        self, theta: Array, free: Sequence[int], before: Sequence[Linear], parts: Sequence[Parts]
+        self,
+        theta: Array,
+        anew: Sequence[int],
+        before: Sequence[Linear],
+        parts: Sequence[Parts],
+        free: Sequence[int],
     ) -> tuple[tuple[Linear, ...], tuple[Parts, ...]]:
-        """Linearize about theta in the free parameters; other slopes stay as they were."""
-        fresh = over_flights(lambda t: linearize(t, self.nominal, theta, tuple(free)), self.tracks)
+        """Return residuals at theta, slopes of the parameters `anew`, and their equations."""
+        fresh = over_flights(lambda t: linearize(t, self.nominal, theta, tuple(anew)), self.tracks)
         linears = tuple(
             replace(new, slopes={**old.slopes, **new.slopes}, draws=old.draws)
             for new, old in zip(fresh, before, strict=True)
         )
         places = self.columns.places(free)
         return linears, tuple(
-            self._changed(linear, f, part, places)
+            self._changed(linear, f, part, places if anew else [])
             for f, (linear, part) in enumerate(zip(linears, parts, strict=True))
         )
 
@@ -306,10 +312,12 @@ class Problem:
         for group, left in linear.left.items():
             x = self.design(linear, group, flight)
             turned = np.ascontiguousarray(np.transpose(x, (0, 2, 1)))
-            matrices = before[group][0].copy()
-            cross = turned @ np.ascontiguousarray(x[:, :, places])
-            matrices[:, :, places] = cross
-            matrices[:, places, :] = np.transpose(cross, (0, 2, 1))
+            matrices = before[group][0]
+            if len(places):
+                matrices = matrices.copy()
+                cross = turned @ np.ascontiguousarray(x[:, :, places])
+                matrices[:, :, places] = cross
+                matrices[:, places, :] = np.transpose(cross, (0, 2, 1))
             vectors = (turned @ left.T[:, :, None])[:, :, 0]
             parts[group] = (matrices, vectors, np.sum(left**2, axis=0))
         return parts

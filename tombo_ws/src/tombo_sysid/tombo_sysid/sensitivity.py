@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TypeVar
 
 import numpy as np
@@ -57,26 +58,28 @@ def slope(
     return change if any(np.any(c) for c in change.values()) else None
 
 
-def linearize(track: Track, nominal: Nominal, theta: Array, only: Sequence[int] = ()) -> Linear:
+def linearize(
+    track: Track, nominal: Nominal, theta: Array, only: Sequence[int] | None = None
+) -> Linear:
     """Return residuals and slopes of a flight about `theta`.
 
     Args:
         track: the flight.
         nominal: the model.
         theta: parameters of all effects.
-        only: indices to differentiate; empty: all of the registry, and the draws.
+        only: indices to differentiate; None: all of the registry, and the draws.
     """
     motion = motion_of(track, nominal, theta)
     left = residuals(track, nominal, theta, motion)
     slopes = {}
     for p in nominal.parameters:
-        if not only or p.index in only:
+        if only is None or p.index in only:
             change = slope(track, nominal, theta, p, motion, left)
             if change is not None:
                 slopes[p.index] = change
     draws: list[Groups] = []
     width = 1.0
-    if not only:
+    if only is None:
         spread, width = _drawn_theta(theta, nominal)
         for i in range(DRAWS):
             drawn = np.zeros(8)
@@ -105,5 +108,9 @@ def _drawn_theta(theta: Array, nominal: Nominal) -> tuple[Array, float]:
 
 def over_flights(function: Callable[[Track], _Result], tracks: Sequence[Track]) -> list[_Result]:
     """Apply to every flight, on two threads: compiled code does not hold the interpreter."""
-    with ThreadPoolExecutor(2) as pool:
-        return list(pool.map(function, tracks))
+    return list(_pool().map(function, tracks))
+
+
+@lru_cache(maxsize=1)
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(2, "flights")

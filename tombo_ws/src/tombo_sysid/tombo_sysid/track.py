@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tombo_dynamics.errors import InputError
-from tombo_sysid.filters import Kernel, clear_rows, gaussian, held_means, tick_means
+from tombo_sysid.filters import (
+    Kernel,
+    clear_rows,
+    gaussian,
+    held_means,
+    rows_of,
+    tick_means,
+)
 from tombo_sysid.flight_log import FlightLog, Series
 
 Array = NDArray[np.float64]
@@ -58,6 +66,16 @@ class Track:
     slow_rows: NDArray[np.bool_]
     pose_rows: NDArray[np.bool_]
     log: FlightLog
+
+    @cached_property
+    def fast_kernel(self) -> Kernel:
+        """The fast kernel's rows that count."""
+        return rows_of(self.fast, self.fast_rows)
+
+    @cached_property
+    def slow_kernel(self) -> Kernel:
+        """The slow kernel's rows that count."""
+        return rows_of(self.slow, self.slow_rows)
 
     @property
     def formulation(self) -> str:
