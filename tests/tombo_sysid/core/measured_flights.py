@@ -60,9 +60,15 @@ LIVELY = (
     ],
 )
 """Three paces, turns, two heights: courses on which most effects show."""
-STRAIGHT = tuple([dict(p) for p in c if "yaw" not in p] for c in LIVELY)
-"""The same at one heading."""
-HOVER = [{"yaw": 0.0, "hold": 60.0}]
+SLOW = (
+    [
+        {"x": 0.4, "speed": 0.5, "acceleration": 1.0},
+        *({axis: place} for place in (0.4, -0.4) for axis in ("y", "x")),
+        {"y": 0.4},
+        {"x": 0.0},
+    ],
+)
+"""So slow that drag says nothing, at one heading: without an IMU wind is as a tilted world."""
 
 
 def scenario(effects, course=LIVELY[0], length=LENGTH):

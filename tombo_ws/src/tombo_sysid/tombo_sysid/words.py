@@ -25,13 +25,13 @@ def summary(findings: Findings, causes: Sequence[Cause], gains: Sequence[Gain]) 
     if judgement.verdict == "unknown":
         tail = f": {remains}" if remains else ""
         return f"Something is at work that no candidate explains{tail}."
-    told = names(judgement.effects)
     if judgement.verdict == "set":
         return (
             f"The flights can't tell {names(judgement.members)} apart: each explains them. "
             "Fly the separating experiment."
         )
-    figures = "; ".join(_figures(cause) for cause in causes[:2])
+    figures = "; ".join(_figures(cause) for cause in causes)
+    figures = f"{figures[0].upper()}{figures[1:]}"
     best = max((g for g in gains if g.horizon == "one step"), key=_drop, default=None)
     gain = (
         f" With it the error of {best.channel} falls from {best.before:.3g} to {best.after:.3g} "
@@ -40,13 +40,13 @@ def summary(findings: Findings, causes: Sequence[Cause], gains: Sequence[Gain]) 
         else ""
     )
     if judgement.verdict == "partly_explained":
-        return f"{told[0].upper()}{told[1:]} explains a part ({figures}); {remains}.{gain}"
+        return f"A part is explained. {figures}; {remains}.{gain}"
     besides = (
         f" Besides, {names(judgement.members, 'or')} is at work: these flights can't tell."
         if judgement.members
         else ""
     )
-    return f"{told[0].upper()}{told[1:]}: {figures}.{gain}{besides}"
+    return f"{figures}.{gain}{besides}"
 
 
 def _drop(gain: Gain) -> float:
@@ -54,11 +54,13 @@ def _drop(gain: Gain) -> float:
 
 
 def _figures(cause: Cause) -> str:
-    return ", ".join(
-        f"{f.name} {f.value:.3g}{'' if f.unit == '1' else ' ' + f.unit} "
-        f"({f.low:.3g} to {f.high:.3g}; the model had {f.nominal:.3g})"
-        for f in cause.theta
+    """Return a cause with the parameters whose interval leaves the nominal value out."""
+    told = [f for f in cause.theta if not f.low <= f.nominal <= f.high] or list(cause.theta)
+    values = ", ".join(
+        f"{f.name} {f.value:.3g}{'' if f.unit == '1' else ' ' + f.unit} (was {f.nominal:.3g})"
+        for f in told
     )
+    return f"{names((cause.effect,))}: {values}"
 
 
 def notes(findings: Findings) -> list[str]:

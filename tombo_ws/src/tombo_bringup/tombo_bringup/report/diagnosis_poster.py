@@ -22,12 +22,13 @@ from tombo_bringup.report.diagnosis_words import (
     unit,
     words,
 )
-from tombo_sysid.diagnosis import Cause, Diagnosis
+from tombo_sysid.diagnosis import Cause, Diagnosis, Fitted
 
 SIZE_IN: Final = (16.0, 9.0)
 DPI: Final = 100
 _COLOURS: Final = {"good": style.GREEN, "warn": "#B07A00", "bad": style.VERMILLION}
 _LEFT, _MIDDLE, _TEXT = 0.065, 0.62, 0.665
+_CAUSE_HEIGHT: Final = 0.14
 _WORTH: Final = 0.05
 """A channel that gained less is not shown."""
 
@@ -37,11 +38,12 @@ def diagnosis_poster(diagnosis: Diagnosis) -> Figure:
     with mpl.rc_context({**style.RC, "font.size": 13.0, "legend.fontsize": 12.0}):
         figure = Figure(figsize=SIZE_IN, dpi=DPI)
         FigureCanvasAgg(figure)
-        _words(figure, diagnosis)
-        _gap(figure, diagnosis)
         gains = [g for g in best_gains(diagnosis, 5) if g.reduction >= _WORTH]
+        height = 0.03 + 0.055 * len(gains)
+        _words(figure, diagnosis, 0.085 + height if gains else 0.0)
+        _gap(figure, diagnosis)
         if gains:
-            axes = figure.add_axes((0.79, 0.085, 0.2, 0.03 + 0.055 * len(gains)))
+            axes = figure.add_axes((0.79, 0.085, 0.2, height))
             gain_axes(axes, gains, values=False)
             axes.set_xlabel("% of the error left, held out", loc="left")
     return figure
@@ -68,7 +70,7 @@ def _gap(figure: Figure, diagnosis: Diagnosis) -> None:
     )
 
 
-def _words(figure: Figure, diagnosis: Diagnosis) -> None:
+def _words(figure: Figure, diagnosis: Diagnosis, lowest: float) -> None:
     colour = _COLOURS[CLASSES.get(diagnosis.verdict, "warn")]
     label = LABELS.get(diagnosis.verdict, diagnosis.verdict)
     badge = f"{label}, {certainty(diagnosis.confidence)}"
@@ -88,6 +90,8 @@ def _words(figure: Figure, diagnosis: Diagnosis) -> None:
     figure.text(_TEXT, y, "\n".join(lines), va="top", linespacing=1.45, parse_math=False)
     y -= 0.031 * len(lines) + 0.05
     for cause in diagnosis.causes[:2]:
+        if y - _CAUSE_HEIGHT < lowest:
+            break
         for text, size, colour in _figures(cause):
             weight = "bold" if size > 20.0 else "normal"
             figure.text(_TEXT, y, text, size=size, va="top", color=colour, weight=weight,
@@ -97,10 +101,10 @@ def _words(figure: Figure, diagnosis: Diagnosis) -> None:
 
 
 def _figures(cause: Cause) -> list[tuple[str, float, str]]:
-    """Return the first parameter of a cause in words: each line with size and colour."""
+    """Return the surest parameter of a cause in words: each line with size and colour."""
     if not cause.theta:
         return []
-    first = cause.theta[0]
+    first = max(cause.theta, key=_sureness)
     value, low, high = interval(first)
     where = unit(first.unit)
     return [
@@ -108,3 +112,8 @@ def _figures(cause: Cause) -> list[tuple[str, float, str]]:
         (f"{value} {where}".strip(), 26.0, style.INK),
         (f"95 % interval {low} to {high}", 13.0, style.MUTED),
     ]
+
+
+def _sureness(fitted: Fitted) -> float:
+    """Return how far a parameter is from its nominal value, in widths of its interval."""
+    return abs(fitted.value - fitted.nominal) / max(fitted.high - fitted.low, 1e-12)
