@@ -184,7 +184,7 @@ def blind(monkeypatch):
     asked: list[Any] = []
     module = types.ModuleType("tombo_bringup.blind.run")
 
-    def benchmark(cases, seed, workers, progress):
+    def benchmark(cases, seed, workers, progress, stop):
         asked.append((cases, seed, workers))
         progress("1 of 1 cases", 1.0)
         return Scored()

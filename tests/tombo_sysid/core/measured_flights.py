@@ -144,18 +144,17 @@ DRAWS = np.array([1.1, -1.3, 0.6, -0.8, 0.0, 0.0, 0.0, 0.0])
 """The propellers of the vehicle that flies."""
 
 
-def logs(hidden=None, seed=1, count=2, sensors="imu_rpm", disturbance=None, courses=LIVELY, **more):
+def logs(hidden=None, seed=1, count=2, sensors="imu_rpm", courses=LIVELY, draws=DRAWS, **more):
     """Return flights of one vehicle with something hidden in them."""
     effects = with_hidden(hidden or {})
     return [
         as_log(
-            fly(effects, courses[i % len(courses)], 100 * seed + i, draws=DRAWS,
-                disturbance=disturbance, **more),
+            fly(effects, courses[i % len(courses)], 100 * seed + i, draws=draws, **more),
             f"flight {i + 1}",
             sensors,
         )
         for i in range(count)
-    ]  # fmt: skip
+    ]
 
 
 def tracks(*args, **more):

@@ -70,19 +70,33 @@ def _solved(problem: Problem, fit: Fit, flights: Sequence[int]) -> tuple[float, 
 def _extended(problem: Problem, fit: Fit, mean: Array, flight: int) -> HeldOut:
     """Keep of the unknowns only what is named; tolerances stay as the nominal model has them."""
     columns = problem.columns
-    named = np.zeros(columns.count)
+    named = _named(problem, fit, mean)
     places = columns.places(fit.free)
-    named[places] = mean[places]
     draws = np.zeros(8)
-    if fit.draw_width > 1.01 * columns.draw_width and columns.vehicles == 1:
-        first = len(columns.indices)
-        named[first:] = mean[first:]
-        draws[: columns.draws] = mean[first:]
+    if _scatters(problem, fit):
+        draws[: columns.draws] = mean[len(columns.indices) :]
     theta = fit.theta.copy()
     for place in places:
         p = columns.parameters[columns.indices[place]]
         theta[p.index] = np.clip(theta[p.index] + mean[place], p.low, p.high)
     return HeldOut(flight, theta, draws, problem.left(fit, flight, named))
+
+
+def _named(problem: Problem, fit: Fit, mean: Array) -> Array:
+    """Return the unknowns with all at zero but what is named."""
+    columns = problem.columns
+    named = np.zeros(columns.count)
+    places = columns.places(fit.free)
+    named[places] = mean[places]
+    if _scatters(problem, fit):
+        named[len(columns.indices) :] = mean[len(columns.indices) :]
+    return named
+
+
+def _scatters(problem: Problem, fit: Fit) -> bool:
+    """Return whether the scatter of one vehicle's draws is among the causes."""
+    columns = problem.columns
+    return fit.draw_width > 1.01 * columns.draw_width and columns.vehicles == 1
 
 
 def one_step(problem: Problem, held: Sequence[HeldOut]) -> list[Gain]:
@@ -177,27 +191,27 @@ def _gain(
 
 
 def gain_by_effect(problem: Problem, found: Search) -> dict[str, float]:
-    """Return effect -> share of the excess that it removes in flights it was not fitted on."""
+    """Return effect -> share of what the best explanation removes, in flights not fitted on."""
     result = {}
-    base = problem.nothing
-    floor = sum(n.square for n in problem.normals) - _cost(problem, found.best.fit, None)
+    best = found.best.fit
+    flights = range(len(problem.tracks))
+    whole = sum(_removed(problem, best, best.solution.mean, f) for f in flights)
     for explanation in (found.best, *found.rivals):
-        if len(explanation.ways) != 1 or floor <= 0.0:
+        if len(explanation.ways) != 1 or whole <= 0.0:
             continue
         removed = 0.0
-        for f in range(len(problem.tracks)):
-            others = [k for k in range(len(problem.tracks)) if k != f] or [f]
+        for f in flights:
+            others = [k for k in flights if k != f] or [f]
             mean = _solved(problem, explanation.fit, others)[1]
-            mean_base = _solved(problem, base, others)[1]
-            removed += _left_cost(base.normals[f], mean_base)
-            removed -= _left_cost(explanation.fit.normals[f], mean)
-        result[explanation.effects[0]] = float(np.clip(removed / floor, 0.0, 1.0))
+            removed += _removed(problem, explanation.fit, mean, f)
+        result[explanation.effects[0]] = float(np.clip(removed / whole, 0.0, 1.0))
     return result
 
 
-def _cost(problem: Problem, fit: Fit, flights: Sequence[int] | None) -> float:
-    chosen = range(len(problem.tracks)) if flights is None else flights
-    return sum(_left_cost(fit.normals[f], fit.solution.mean) for f in chosen)
+def _removed(problem: Problem, fit: Fit, mean: Array, flight: int) -> float:
+    """Return the cost that what is named takes off a flight's; tolerances take nothing."""
+    named = _named(problem, fit, mean)
+    return problem.normals[flight].square - _left_cost(fit.normals[flight], named)
 
 
 def _left_cost(normal: Normal, mean: Array) -> float:

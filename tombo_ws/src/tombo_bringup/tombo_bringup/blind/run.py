@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from tombo_bringup.blind.examine import examine
 from tombo_bringup.blind.score import aggregate
+from tombo_bringup.processes import on_processes
 
 Progress = Callable[[str, float], None]
 
@@ -23,7 +23,13 @@ class BenchmarkResult:
     aggregate: dict[str, Any]
 
 
-def benchmark(cases: int, seed: int, workers: int, progress: Progress) -> BenchmarkResult:
+def benchmark(
+    cases: int,
+    seed: int,
+    workers: int,
+    progress: Progress,
+    stop: Callable[[], bool] | None = None,
+) -> BenchmarkResult:
     """Hide, diagnose and score.
 
     Args:
@@ -31,16 +37,15 @@ def benchmark(cases: int, seed: int, workers: int, progress: Progress) -> Benchm
         seed: of all chance.
         workers: processes.
         progress: called with a stage and the share done.
+        stop: asked ten times a second; True ends it with the cases up to the first one missing.
     """
-    rows: list[dict[str, Any]] = []
     # One thread of linear algebra a process: more get into each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(min(workers, cases), mp_context=context)
-    try:
-        for row in pool.map(examine, [seed] * cases, range(cases)):
-            rows.append(row)
-            progress(f"case {len(rows)} of {cases}", len(rows) / cases)
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
+    rows = on_processes(
+        partial(examine, seed),
+        range(cases),
+        min(workers, cases),
+        progress=lambda done: progress(f"case {done} of {cases}", done / cases),
+        stop=stop,
+    )
     return BenchmarkResult(rows, aggregate(rows))

@@ -84,9 +84,14 @@ def diagnosis(
     from tombo_bringup.blind.run import benchmark as run_benchmark
     from tombo_bringup.cli.progress import progress_bar
     from tombo_bringup.flight_output import as_json as to_json
+    from tombo_bringup.stop_signals import StopSignals
 
-    with progress_bar() as tell:
-        result = run_benchmark(cases, seed, count, tell)
+    with StopSignals() as stop:
+        with progress_bar() as tell:
+            result = run_benchmark(cases, seed, count, tell, stop.asked)
+        if stop.asked():
+            typer.echo("Error: interrupted", err=True)
+            raise typer.Exit(stop.exit_code)
     text = to_json({"cases": result.cases, "aggregate": result.aggregate})
     if output is not None:
         staged = output.with_name(f".{output.name}.unfinished")
