@@ -1,8 +1,10 @@
 """The whole analysis on simulated flights: what is healthy, unknown, named, or can't be told."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from measured_flights import SLOW, nominal, tracks
+from measured_flights import SLOW, nominal, tracks, with_hidden
 
 from tombo_sysid.analyse import analyse
 
@@ -19,6 +21,21 @@ def test_healthy_flights_have_none(seed):
     said = judged(seed=seed, sensors=("imu_rpm", "mocap")[seed % 2])
     assert said.verdict == "none" and not said.effects and not said.members
     assert said.confidence > 0.8
+
+
+@pytest.mark.parametrize("sensors", ["mocap", "imu"])
+def test_flights_of_several_vehicles_with_propellers_of_their_own_have_none(sensors):
+    rough = {"thrust_scatter": {"deviation": 0.1}}
+    flights = [
+        tracks(rough, seed, count=1, sensors=sensors, draws=np.roll([1.0, -1.0, 0, 0] * 2, seed))
+        for seed in (1, 2)
+    ]
+    model = replace(nominal(), effects=with_hidden(rough))
+    findings = analyse([track for own in flights for track in own], model)
+    assert findings.problem.columns.vehicles == 2
+    assert findings.judgement.verdict == "none"
+    same = analyse(tracks(rough, sensors=sensors), model)
+    assert same.problem.columns.vehicles == 1 and same.judgement.verdict == "none"
 
 
 @pytest.mark.parametrize(

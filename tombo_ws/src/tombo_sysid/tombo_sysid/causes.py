@@ -15,6 +15,8 @@ from tombo_sysid.naming import SCATTER, Explanation
 from tombo_sysid.sensitivity import DRAWN
 
 _TWO_SIDED = 1.96
+_MODEL = 0.015
+"""Share of a change that is in doubt however well it is fitted: ticks, kernels, noise's shape."""
 
 
 def cause_of(effect: str, findings: Findings, explanation: Explanation) -> Cause:
@@ -58,8 +60,9 @@ def cause_of(effect: str, findings: Findings, explanation: Explanation) -> Cause
 
 def _fitted(findings: Findings, index: int, value: float, deviation: float) -> Fitted:
     p = findings.problem.nominal.parameters[index]
-    half = _TWO_SIDED * deviation
     nominal = float(findings.problem.theta[index])
+    # No simulation is exact: a change is not known better than its own small share.
+    half = _TWO_SIDED * math.hypot(deviation, _MODEL * abs(value - nominal))
     low, high = max(value - half, p.low), min(value + half, p.high)
     return Fitted(p.name, p.unit, nominal, value, min(low, value), max(high, value))
 

@@ -14,10 +14,11 @@ from tombo_dynamics.rotation import quaternion_multiply
 from tombo_sim.imposed_motion import I
 from tombo_sim.open_loop import open_loop
 from tombo_sysid.diagnosis import Gain
-from tombo_sysid.evidence import Normal, solve
+from tombo_sysid.evidence import solve
 from tombo_sysid.naming import ADDS, MORE, Explanation, Search
-from tombo_sysid.prediction import imposed, motion_of
+from tombo_sysid.prediction import imposed, motion_of, residuals
 from tombo_sysid.problem import Fit, Problem, sum_of
+from tombo_sysid.sensitivity import with_draws
 from tombo_sysid.track import TICK
 
 Array = NDArray[np.float64]
@@ -70,33 +71,17 @@ def _solved(problem: Problem, fit: Fit, flights: Sequence[int]) -> tuple[float, 
 def _extended(problem: Problem, fit: Fit, mean: Array, flight: int) -> HeldOut:
     """Keep of the unknowns only what is named; tolerances stay as the nominal model has them."""
     columns = problem.columns
-    named = _named(problem, fit, mean)
-    places = columns.places(fit.free)
     draws = np.zeros(8)
-    if _scatters(problem, fit):
-        draws[: columns.draws] = mean[len(columns.indices) :]
-    theta = fit.theta.copy()
-    for place in places:
+    theta = problem.theta.copy()
+    for place in columns.places(fit.free):
         p = columns.parameters[columns.indices[place]]
-        theta[p.index] = np.clip(theta[p.index] + mean[place], p.low, p.high)
-    return HeldOut(flight, theta, draws, problem.left(fit, flight, named))
-
-
-def _named(problem: Problem, fit: Fit, mean: Array) -> Array:
-    """Return the unknowns with all at zero but what is named."""
-    columns = problem.columns
-    named = np.zeros(columns.count)
-    places = columns.places(fit.free)
-    named[places] = mean[places]
-    if _scatters(problem, fit):
-        named[len(columns.indices) :] = mean[len(columns.indices) :]
-    return named
-
-
-def _scatters(problem: Problem, fit: Fit) -> bool:
-    """Return whether the scatter of one vehicle's draws is among the causes."""
-    columns = problem.columns
-    return fit.draw_width > 1.01 * columns.draw_width and columns.vehicles == 1
+        theta[p.index] = np.clip(fit.theta[p.index] + mean[place], p.low, p.high)
+    drawn = theta
+    if fit.draw_width > 1.01 * columns.draw_width and columns.vehicles == 1:
+        draws[: columns.draws] = mean[len(columns.indices) :]
+        drawn = with_draws(theta, problem.nominal)
+    left = residuals(problem.tracks[flight], problem.nominal, drawn, draws=draws)
+    return HeldOut(flight, drawn, draws, left)
 
 
 def one_step(problem: Problem, held: Sequence[HeldOut]) -> list[Gain]:
@@ -210,9 +195,9 @@ def gain_by_effect(problem: Problem, found: Search) -> dict[str, float]:
 
 def _removed(problem: Problem, fit: Fit, mean: Array, flight: int) -> float:
     """Return the cost that what is named takes off a flight's; tolerances take nothing."""
-    named = _named(problem, fit, mean)
-    return problem.normals[flight].square - _left_cost(fit.normals[flight], named)
-
-
-def _left_cost(normal: Normal, mean: Array) -> float:
-    return float(normal.square - 2.0 * normal.vector @ mean + mean @ normal.matrix @ mean)
+    after = _extended(problem, fit, mean, flight).left
+    before = problem.linears[flight].left
+    return sum(
+        float(np.sum((rows**2 - after[group] ** 2) / problem.variances[flight][group]))
+        for group, rows in before.items()
+    )

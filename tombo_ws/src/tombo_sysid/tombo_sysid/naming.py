@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from tombo_sysid.sensitivity import DRAWN
 
 Array = NDArray[np.float64]
 
-ADDS = 3.0
+ADDS = 3.5
 """Log Bayes factor with which a cause earns its place; see docs/diagnosis.md for what it gives."""
 MORE = 7.0
 """The same for one cause beside others: two at once are rarer."""
@@ -34,6 +34,8 @@ _STRETCHED = 3.0
 _BEAM = 2
 """So many explanations are carried on."""
 _MOST = 3
+_STRONG = 25.0
+"""From this evidence on the nominal model's slopes are no longer good enough."""
 _OUTSIDE = 3.0
 """A fit further out of a parameter's bounds than so many deviations speaks against it."""
 SCATTER = DRAWN.split(".")[0]
@@ -107,12 +109,13 @@ def search(
         ]
         if not kept:
             break
-        beam = kept[:_BEAM]
+        beam = [_settled(problem, each) for each in kept[:_BEAM]]
     best = beam[0]
     for key, explanation in tried.items():
         if len(key) == 1:
             singles[key[0]] = max(singles.get(key[0], -math.inf), explanation.evidence)
-    rivals = [e for e in tried.values() if len(e.ways) == len(best.ways) and e is not best]
+    own = set(best.effects)
+    rivals = [e for e in tried.values() if len(e.ways) == len(own) and set(e.effects) != own]
     ordered = sorted(rivals, key=lambda e: -e.evidence)
     return Search(whole(problem, best), singles, tuple(ordered))
 
@@ -128,6 +131,18 @@ def _shortlist(promising: Sequence[tuple[float, Way]]) -> list[Way]:
         if counts[way.effect] <= 2 and close and len(counts) <= _TRIED:
             chosen.append(way)
     return chosen
+
+
+def _settled(problem: Problem, explanation: Explanation) -> Explanation:
+    """Return a strong explanation with all slopes taken where it is, and its evidence then."""
+    if explanation.evidence < _STRONG:
+        return explanation
+    fit = problem.about(explanation.fit)
+    return replace(
+        explanation,
+        fit=fit,
+        evidence=explanation.evidence + fit.evidence - explanation.fit.evidence,
+    )
 
 
 def _hard_pressed(problem: Problem, explanation: Explanation) -> list[Way]:
@@ -237,10 +252,16 @@ def whole(problem: Problem, explanation: Explanation) -> Explanation:
                 if p.effect == way.effect and p.unit in units and p.index in problem.columns.open
             )
         ways.append(Way(way.effect, free, way.draw_width))
-    if tuple(ways) == explanation.ways or not ways:
+    if not ways:
         return explanation
+    if tuple(ways) == explanation.ways:
+        if explanation.evidence >= _STRONG:
+            return explanation
+        return replace(explanation, fit=problem.about(explanation.fit))
     every = tuple(dict.fromkeys(i for each in ways for i in each.free))
     fit = problem.refine(every, explanation.fit)
+    if explanation.evidence < _STRONG:  # else its slopes are right already
+        fit = problem.about(fit)
     return Explanation(tuple(ways), fit, explanation.evidence)
 
 

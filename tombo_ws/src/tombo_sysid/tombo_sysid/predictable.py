@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 
 _BLOCK_S = 0.48
 """Means over such blocks are looked at: noise of the sensors is no gust."""
+_MOVES, _ENOUGH = 0.3, 12
+"""m/s, and blocks of a flight that are faster: only these are looked at, if there are enough."""
 _FOLDS = 3
 """Blocks of a single flight that stand for flights."""
 
@@ -58,8 +60,12 @@ def foretold(problem: Problem, fit: Fit, start: tuple[str, ...]) -> float:
             kernel = track.fast_kernel if group == "fast" else track.slow_kernel
             x = kernel.smooth @ every
             step = max(1, round(_BLOCK_S * problem.per_second(group)))
-            xs.append(_thinned(x, step))
-            ys.append(_thinned(rows[:, chosen], step))
+            # At rest a force against the motion has the direction of the pose's noise.
+            moving = _thinned(kernel.smooth @ motion.state[:, 3:6], step)
+            fast = np.linalg.norm(moving, axis=1) > _MOVES
+            kept = fast if np.count_nonzero(fast) > _ENOUGH else np.ones(fast.size, np.bool_)
+            xs.append(_thinned(x, step)[kept])
+            ys.append(_thinned(rows[:, chosen], step)[kept])
     if len(xs) == 1:
         xs = np.array_split(xs[0], _FOLDS)
         ys = np.array_split(ys[0], _FOLDS)
@@ -70,7 +76,7 @@ def foretold(problem: Problem, fit: Fit, start: tuple[str, ...]) -> float:
         x = np.vstack([v for i, v in enumerate(xs) if i != k])
         y = np.vstack([v for i, v in enumerate(ys) if i != k])
         x = np.column_stack([np.ones(x.shape[0]), x])
-        penalty = 0.1 * x.shape[0] * np.eye(x.shape[1])
+        penalty = 0.2 * x.shape[0] * np.eye(x.shape[1])
         weights = np.linalg.solve(x.T @ x + penalty, x.T @ y)
         guess = np.column_stack([np.ones(xs[k].shape[0]), xs[k]]) @ weights
         before += float(np.sum(ys[k] ** 2))

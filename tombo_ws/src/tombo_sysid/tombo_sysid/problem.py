@@ -109,7 +109,8 @@ class Fit:
     draw_width: float
     """Standard deviation of the draws' unknowns."""
     theta: Array
-    """All parameters, the free ones fitted."""
+    """All parameters: the free ones fitted, the others where their tolerance lets the data have
+    them."""
     centre: Array
     """(K,) means of the prior, about theta."""
     solution: Solution
@@ -150,12 +151,15 @@ class Problem:
         self._prepare()
         if draws and len(self.tracks) > 1:
             every = solve(self.normal(), own.deviations(seen)).evidence
-            kept = self._parts, self.variances
+            kept = self._parts
             self.columns = replace(own, vehicles=1)
-            self._prepare()
+            # With the same noise as before: what does not fit would else pass for noise.
+            self._parts = [self._by_channel(linear, f) for f, linear in enumerate(self.linears)]
             if solve(self.normal(), self.columns.deviations(seen)).evidence < every:
                 self.columns = own
-                self._parts, self.variances = kept
+                self._parts = kept
+            else:
+                self._prepare()
         self.normals = [self._weigh(parts, f) for f, parts in enumerate(self._parts)]
         centre = np.zeros(self.columns.count)
         solution, pinned = self._bounded(self.normals, (), None, self.theta, centre)
@@ -164,6 +168,7 @@ class Problem:
             solution,
             tuple(self.linears), tuple(self.normals), tuple(self._parts), pinned,
         )  # fmt: skip
+        self.nothing = self.refine((), self.nothing, slopes=False)
         """The nominal model, everything within its tolerance."""
 
     def _prepare(self) -> None:
@@ -240,7 +245,11 @@ class Problem:
         return np.clip(fit.solution.mean, fit.centre - limits, fit.centre + limits)
 
     def refine(
-        self, free: Sequence[int], start: Fit | None = None, draw_width: float | None = None
+        self,
+        free: Sequence[int],
+        start: Fit | None = None,
+        draw_width: float | None = None,
+        slopes: bool = True,
     ) -> Fit:
         """Fit parameters with the model itself, not only its tangent: Gauss-Newton.
 
@@ -248,36 +257,36 @@ class Problem:
             free: places in theta.
             start: fit to begin from; None: the nominal model.
             draw_width: standard deviation of the draws; None: that of `start`.
+            slopes: False: those of `start` will do.
         """
         start = start or self.nothing
         width = start.draw_width if draw_width is None else draw_width
         columns = self.columns
-        places = columns.places(free)
         theta, linears, normals = start.theta, start.linears, start.normals
         parts = start.parts
         centre = start.centre.copy()
         # The first step leaves little to tolerances: where an effect is large, the tangent's own
         # error would be paid by whatever tolerance happens to look like it.
-        held = columns.deviations(free, draw_width=width, tight=TIGHT)
+        held = columns.deviations(free, draw_width=width, tight=TIGHT if slopes else 1.0)
         solution = solve(sum_of(normals), held, centre)
         pinned: tuple[int, ...] = ()
         for step in range(_STEPS):
             moved = theta.copy()
-            for place in places:
-                p = columns.parameters[columns.indices[place]]
-                moved[p.index] = np.clip(theta[p.index] + solution.mean[place], p.low, p.high)
+            for place, index in enumerate(columns.indices):
+                p = columns.parameters[index]
+                moved[index] = np.clip(theta[index] + solution.mean[place], p.low, p.high)
+            # Every parameter moves: where data are this sharp, a tolerance is no tangent either.
             change = max(
-                (abs(moved[i] - theta[i]) / columns.parameters[i].tolerance for i in free),
-                default=0.0,
+                abs(moved[i] - theta[i]) / columns.parameters[i].tolerance for i in columns.indices
             )
-            if change < _CLOSE or not places:
+            if change < _CLOSE:
                 break
             theta = moved
             # Slopes change little on the way: they are taken anew once, residuals every time.
-            linears, parts = self._about(theta, free if step == 0 else (), linears, parts, free)
-            normals = tuple(self._weigh(part, f) for f, part in enumerate(parts))
-            for place in places:
-                index = columns.indices[place]
+            anew = free if slopes and step == 0 else ()
+            linears, parts = self._about(theta, anew, linears, parts, free)
+            normals = self._weighed(parts)
+            for place, index in enumerate(columns.indices):
                 centre[place] = self.theta[index] - theta[index]
             solution, pinned = self._bounded(normals, free, width, theta, centre)
             if step and change < 0.3:
@@ -285,6 +294,20 @@ class Problem:
         if theta is start.theta:
             solution, pinned = self._bounded(normals, free, width, theta, centre)
         return Fit(tuple(free), width, theta, centre, solution, linears, normals, parts, pinned)
+
+    def about(self, fit: Fit) -> Fit:
+        """Return a fit with the slopes of everything taken where it is, not in the nominal model.
+
+        Wind times drag is not wind plus drag: what tolerances may do depends on what was named.
+        """
+        linears, parts = self._about(
+            fit.theta, self.columns.indices, fit.linears, fit.parts, self.columns.indices
+        )
+        again = replace(fit, linears=linears, parts=parts, normals=self._weighed(parts))
+        return self.refine(fit.free, again, fit.draw_width, slopes=False)
+
+    def _weighed(self, parts: Sequence[Parts]) -> tuple[Normal, ...]:
+        return tuple(self._weigh(part, f) for f, part in enumerate(parts))
 
     def _about(
         self,

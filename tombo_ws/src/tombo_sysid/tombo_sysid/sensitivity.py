@@ -106,6 +106,11 @@ def _drawn_theta(theta: Array, nominal: Nominal) -> tuple[Array, float]:
     return spread, width
 
 
+def with_draws(theta: Array, nominal: Nominal) -> Array:
+    """Return theta with the effects of the draws on, as large as the draws' unknowns mean it."""
+    return _drawn_theta(theta, nominal)[0]
+
+
 def over_flights(function: Callable[[Track], _Result], tracks: Sequence[Track]) -> list[_Result]:
     """Apply to every flight, on two threads: compiled code does not hold the interpreter."""
     return list(_pool().map(function, tracks))

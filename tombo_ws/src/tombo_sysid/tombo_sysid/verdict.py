@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from tombo_dynamics.effects import REGISTRY, Stage
 from tombo_sysid.gust_fit import GustFit
 from tombo_sysid.leftover import Leftover
 from tombo_sysid.naming import ADDS, Explanation, Search
@@ -28,6 +29,8 @@ _CALIBRATED = 0.7
 _PARTLY = 0.85
 """Share of all excess that a cause has to take away to be called part of it."""
 _STRONG = 50.0
+_PUSHES = (Stage.WRENCH, Stage.AIR)
+"""Effects that push the vehicle."""
 _SUREST = 0.99
 _MOST = 3
 
@@ -100,7 +103,7 @@ def judge(
     real = 1.0 - math.exp(-max(min(weights.values(), default=0.0) - 0.5 * ADDS, 0.0))
     if not weights:
         if clean and (gusts is None or airy):
-            calm = 1.0 / (1.0 + math.exp(lead - ADDS))
+            calm = 1.0 / (1.0 + math.exp(min(lead - ADDS, 700.0)))
             return Judgement("none", (), (), _capped(calm), {}, 0.0)
         return Judgement("unknown", (), (), _capped(_loud(excess)), {}, 0.0)
     each = {e: _capped(real * (sure if e in members else 1.0)) for e in effects}
@@ -111,6 +114,10 @@ def judge(
                 "partly_explained", effects, (), _capped(_loud(excess)), each, explained
             )
         return Judgement("unknown", (), (), _capped(_loud(excess)), {}, explained)
+    if airy and any(REGISTRY[e].stage in _PUSHES for e in found.best.effects):
+        # A force that the named one only resembles leaves a remainder much like gusts.
+        pushing = tuple(e for e in effects if e != "gusts")
+        return Judgement("partly_explained", pushing, (), _capped(real), each, explained)
     if members:
         for rival in rivals:
             odds = math.exp(rival.evidence - found.best.evidence) * sure

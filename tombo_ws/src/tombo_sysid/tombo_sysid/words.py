@@ -40,7 +40,8 @@ def summary(findings: Findings, causes: Sequence[Cause], gains: Sequence[Gain]) 
         else ""
     )
     if judgement.verdict == "partly_explained":
-        return f"A part is explained. {figures}; {remains}.{gain}"
+        rest = remains or "what remains looks like gusts, or like a force it only resembles"
+        return f"A part is explained. {figures}; {rest}.{gain}"
     besides = (
         f" Besides, {names(judgement.members, 'or')} is at work: these flights can't tell."
         if judgement.members

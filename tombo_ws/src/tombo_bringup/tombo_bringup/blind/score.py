@@ -60,7 +60,9 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
     result["pair_cases"] = len(pairs)
     errors = [(e, v) for r in rows for e, v in r.get("parameters", {}).items()]
     for suffix, mean in (("", True), ("_chance", False)):
-        own_errors = [v["error"] for e, v in errors if (e not in CHANCE) is mean and v["error"]]
+        own_errors = [
+            v["error"] for e, v in errors if (e not in CHANCE) is mean and v["error"] is not None
+        ]
         median, p90 = (
             (float(np.median(own_errors)), float(np.quantile(own_errors, 0.9)))
             if own_errors
@@ -102,7 +104,7 @@ def _calibration(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Return what share of verdicts is right, by the confidence that they state."""
     table = []
     for low, high in pairwise(_BINS):
-        own = [r for r in rows if low <= r["confidence"] < high]
+        own = [r for r in rows if low <= r["confidence"] < high or r["confidence"] == high == 1.0]
         if own:
             stated = float(np.mean([r["confidence"] for r in own]))
             right = float(np.mean([_right(r) for r in own]))
