@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.rotor_maps import rotor_maps
-from tombo_dynamics.vehicle import GRAVITY, VehicleParams
+from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
+from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES, VehicleParams
 from tombo_sysid.flight_log import Airframe, FlightLog, Series
 from tombo_sysid.nominal import Nominal
 from tombo_sysid.prediction import matrices
@@ -35,6 +35,19 @@ _TAKEN = frozenset(
         *(f"mocap_misalignment.{a}" for a in ("yaw", "roll", "pitch")),
     }
 )
+
+
+_THRUST = frozenset(
+    {
+        "mass_error.fraction",
+        "thrust_coefficient_error.fraction",
+        "ground_effect.strength",
+        "translational_lift.k",
+        "linear_rotor_drag.d_z",
+        *(f"weak_propeller.{rotor}" for rotor in ROTOR_NAMES),
+    }
+)
+"""What only changes thrust: unknown where thrust is taken from the track."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +93,30 @@ def calibrated(logs: Sequence[FlightLog]) -> tuple[Nominal, list[FlightLog]]:
         moments=False,
     )
     return nominal, changed
+
+
+def thrust_unknown(log: FlightLog) -> bool:
+    """Return whether a log has nothing that tells thrust: no IMU, no rotors."""
+    return not {"accel", "rotor_command", "rotor_speed", "motor_command"} & set(log.series)
+
+
+def thrust_from_track(
+    logs: Sequence[FlightLog], nominal: Nominal
+) -> tuple[Nominal, list[FlightLog]]:
+    """Return the model and the logs with the thrust that the poses themselves call for.
+
+    With poses alone the force along the thrust can't be told from thrust; those across it can.
+    """
+    changed = []
+    for log in logs:
+        track = track_of(log)
+        thrust = 0.25 * nominal.vehicle.mass * np.maximum(_force_z(track), 0.0)
+        speed = np.array([speed_for_thrust(nominal.maps, t) for t in thrust])
+        series = Series(track.t, np.repeat(speed[:, None], 4, axis=1))
+        changed.append(replace(log, series={**log.series, "rotor_speed": series}))
+    label = f"{nominal.label}, thrust from the track"
+    fitted = nominal.fitted | _THRUST
+    return replace(nominal, label=label, moments=False, fitted=fitted), changed
 
 
 def _vehicle(frame: Airframe) -> VehicleParams:

@@ -19,6 +19,29 @@ _SAMPLE = 0.001
 """s: noise of the IMU is given for samples of 1 kHz; a tick is the mean of several."""
 
 
+def shaken(track: Track, nominal: Nominal, theta: Array, seed: int) -> Track:
+    """Return a track whose poses have the noise of the model once more.
+
+    Args:
+        track: the flight.
+        nominal: the model.
+        theta: parameters of all effects, those of noise among them.
+        seed: of the draw.
+    """
+    spacing = float(np.median(np.diff(track.pose_t)))
+    drawn = np.random.default_rng([seed, 1]).standard_normal((track.pose.shape[0], 9))
+    quiet = as_captured(nominal.plant(), theta, QUIET, track.pose, spacing)
+    noisy = as_captured(nominal.plant(), theta, drawn, track.pose, spacing)
+    pose = track.pose.copy()
+    pose[:, :3] += noisy[:, :3] - quiet[:, :3]
+    inverse = quiet[:, 3:7] * np.array([-1.0, -1.0, -1.0, 1.0])
+    pose[:, 3:] = quaternion_multiply(quaternion_multiply(noisy[:, 3:7], inverse), pose[:, 3:])
+    arrival = track.arrival
+    if arrival.size:
+        arrival = arrival + noisy[:, 7] - quiet[:, 7]
+    return replace(track, pose=pose, arrival=arrival)
+
+
 def chance(
     track: Track,
     nominal: Nominal,
@@ -42,17 +65,6 @@ def chance(
     left = left if left is not None else residuals(track, nominal, theta, motion)
     noise = rng.standard_normal((track.t.size, 9))
     noise[:, 3:] *= np.sqrt(_SAMPLE / TICK)
-    spacing = float(np.median(np.diff(track.pose_t)))
-    shaken = rng.standard_normal((track.pose.shape[0], 9))
-    quiet = as_captured(nominal.plant(), theta, QUIET, track.pose, spacing)
-    noisy = as_captured(nominal.plant(), theta, shaken, track.pose, spacing)
-    pose = track.pose.copy()
-    pose[:, :3] += noisy[:, :3] - quiet[:, :3]
-    inverse = quiet[:, 3:7] * np.array([-1.0, -1.0, -1.0, 1.0])
-    pose[:, 3:] = quaternion_multiply(quaternion_multiply(noisy[:, 3:7], inverse), pose[:, 3:])
-    arrival = track.arrival
-    if arrival.size:
-        arrival = arrival + noisy[:, 7] - quiet[:, 7]
-    moved = replace(track, pose=pose, arrival=arrival)
+    moved = shaken(track, nominal, theta, seed)
     drawn = residuals(moved, nominal, theta, noise=noise)
     return {group: drawn[group] - left[group] for group in left}

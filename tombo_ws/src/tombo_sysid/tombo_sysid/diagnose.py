@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tombo_dynamics.errors import InputError
 from tombo_sysid.analyse import Findings, Progress, analyse, quiet
-from tombo_sysid.calibrate import calibrated
+from tombo_sysid.calibrate import calibrated, thrust_from_track, thrust_unknown
 from tombo_sysid.causes import cause_of, scores
 from tombo_sysid.diagnosis import Diagnosis, Experiment, FlightNote, Gain, Residual
 from tombo_sysid.flight_log import Finding, FlightLog
@@ -53,6 +53,8 @@ def diagnose(
     usable, refused = _usable(logs)
     if any(log.airframe is not None for log in usable):
         nominal, usable = calibrated(usable)
+    elif all(thrust_unknown(log) for log in usable):
+        nominal, usable = thrust_from_track(usable, nominal)
     tracks = _blocks([track_of(log) for log in usable])
     findings = analyse(tracks, nominal, progress)
     progress("measuring the gain", 0.7)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_sysid.candidates import Parameter
+from tombo_sysid.chance import shaken
 from tombo_sysid.nominal import Nominal
 from tombo_sysid.prediction import Motion, motion_of, moves_poses, residuals
 from tombo_sysid.track import Track
@@ -22,6 +23,8 @@ Groups = dict[str, Array]
 
 DRAWN = "thrust_scatter.deviation"
 """The parameter that says how large the vehicle's draws are."""
+_TREMBLES = 0.1
+"""Share of a slope's energy that noise may have."""
 DRAWS = 4
 """Draws of the vehicle that effects use: one a rotor."""
 
@@ -72,10 +75,15 @@ def linearize(
     motion = motion_of(track, nominal, theta)
     left = residuals(track, nominal, theta, motion)
     slopes = {}
+    trembling = None
+    if only is None and track.formulation == "mocap":
+        noisy = shaken(track, nominal, theta, 0)
+        where = motion_of(noisy, nominal, theta)
+        trembling = _Trembling(noisy, nominal, where, residuals(noisy, nominal, theta, where))
     for p in nominal.parameters:
         if only is None or p.index in only:
             change = slope(track, nominal, theta, p, motion, left)
-            if change is not None:
+            if change is not None and not (trembling and _noise(trembling, p, theta, change)):
                 slopes[p.index] = change
     draws: list[Groups] = []
     width = 1.0
@@ -89,6 +97,32 @@ def linearize(
             if any(np.any(c) for c in change.values()):
                 draws.append(change)
     return Linear(theta, left, slopes, draws, width)
+
+
+@dataclass(frozen=True)
+class _Trembling:
+    """A flight with the noise of its poses once more."""
+
+    track: Track
+    nominal: Nominal
+    motion: Motion
+    left: Groups
+
+
+def _noise(trembling: _Trembling, p: Parameter, theta: Array, change: Groups) -> bool:
+    """Return whether a slope is mostly noise of the poses, which is in the residuals too.
+
+    Where a flight hardly turns, what an offset of the markers would do is the attitude's noise,
+    differentiated twice; a fit would find an offset in every flight.
+    """
+    if not moves_poses(p.index):
+        return False
+    again = slope(trembling.track, trembling.nominal, theta, p, trembling.motion, trembling.left)
+    if again is None:
+        return False
+    energy = float(np.sum(change["slow"][:, :3] ** 2))
+    noisy = float(np.sum(again["slow"][:, :3] ** 2))
+    return energy > 0.0 and noisy - energy > _TREMBLES * energy
 
 
 def _drawn_theta(theta: Array, nominal: Nominal) -> tuple[Array, float]:

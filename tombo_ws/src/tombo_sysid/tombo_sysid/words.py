@@ -84,6 +84,11 @@ def notes(findings: Findings) -> list[str]:
         if loud and findings.judgement.effects:
             told = "; ".join(f"{e.channel} {e.measured:.2g} {e.unit}" for e in loud[:4])
             said.append(f"What is left beyond the causes named: {told} (root mean square).")
+    if not problem.nominal.moments and not problem.nominal.calibrated:
+        said.append(
+            "Poses alone: thrust is taken from the track, so nothing along it (mass, thrust, "
+            "ground effect) and no moments can be seen; rotor commands or an IMU show them."
+        )
     if any(track.formulation == "mocap" for track in problem.tracks):
         said.append(
             "Without an IMU accelerations come from 30 Hz poses: faults of the IMU can't be seen, "
