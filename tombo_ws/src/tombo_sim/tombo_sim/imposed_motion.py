@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tombo_dynamics.effects.compose import apply_air, apply_imu, apply_mocap
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.plant import P
+from tombo_dynamics.plant import ANGULAR_ACCELERATION, P
 from tombo_dynamics.rigid_body import begin_flight, begin_tick, derivative
 from tombo_dynamics.rotors import sum_rotors, turn_rotors
 from tombo_dynamics.vehicle import GRAVITY
@@ -66,7 +66,7 @@ def along_motion(
         theta: parameters of all effects.
         noise: (K, 9) standard normals, used in turn (one row of zeros: no noise).
         tick: distance of the rows [s].
-        motion: (N, 13) position, velocity (map), quaternion xyzw, body rates.
+        motion: (N, 16) position, velocity (map), quaternion xyzw, body rates and their slopes.
         command: (N, 4) rotor speeds asked for, mean over the tick [rad/s].
         speed: (N, 8) measured rotor speeds [rad/s] and their slopes [rad/s^2], from which thrust
             and torque then come, or (0, 8): thrust follows from the drives.
@@ -108,6 +108,8 @@ def along_motion(
             out[k, I.force + i] = f
             out[k, I.acceleration + i] = m[slopes + 3 + i]
             out[k, I.turning + i] = m[slopes + 10 + i]
+        for i in range(3):
+            m[ANGULAR_ACCELERATION + i] = motion[k, 13 + i]
         apply_imu(m, row, theta)
         for i in range(3):
             out[k, I.gyro_error + i] = m[P.imu + i] - m[P.body + 10 + i]

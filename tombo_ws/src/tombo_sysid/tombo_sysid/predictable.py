@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_sysid.prediction import Motion, motion_of
 from tombo_sysid.problem import Fit, Problem
+from tombo_sysid.spectra import block_means
 
 Array = NDArray[np.float64]
 
@@ -61,11 +62,11 @@ def foretold(problem: Problem, fit: Fit, start: tuple[str, ...]) -> float:
             x = kernel.smooth @ every
             step = max(1, round(_BLOCK_S * problem.per_second(group)))
             # At rest a force against the motion has the direction of the pose's noise.
-            moving = _thinned(kernel.smooth @ motion.state[:, 3:6], step)
+            moving = block_means(kernel.smooth @ motion.state[:, 3:6], step)
             fast = np.linalg.norm(moving, axis=1) > _MOVES
             kept = fast if np.count_nonzero(fast) > _ENOUGH else np.ones(fast.size, np.bool_)
-            xs.append(_thinned(x, step)[kept])
-            ys.append(_thinned(rows[:, chosen], step)[kept])
+            xs.append(block_means(x, step)[kept])
+            ys.append(block_means(rows[:, chosen], step)[kept])
     if len(xs) == 1:
         xs = np.array_split(xs[0], _FOLDS)
         ys = np.array_split(ys[0], _FOLDS)
@@ -82,8 +83,3 @@ def foretold(problem: Problem, fit: Fit, start: tuple[str, ...]) -> float:
         before += float(np.sum(ys[k] ** 2))
         after += float(np.sum((ys[k] - guess) ** 2))
     return max(0.0, 1.0 - after / before) if before > 0.0 else 0.0
-
-
-def _thinned(rows: Array, step: int) -> Array:
-    count = rows.shape[0] // step
-    return np.asarray(rows[: count * step].reshape(count, step, -1).mean(axis=1))

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d
 
 from tombo_dynamics.effects import REGISTRY, Stage
 from tombo_dynamics.effects.compose import layout, null_theta
@@ -19,7 +20,7 @@ from tombo_dynamics.rotor_maps import speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_sim.imposed_motion import IMPOSED_WIDTH, I, along_motion, as_captured
 from tombo_sysid.nominal import Nominal
-from tombo_sysid.track import Track, continuous
+from tombo_sysid.track import FAST_WIDTH, Track, continuous
 
 Array = NDArray[np.float64]
 
@@ -50,7 +51,7 @@ class Motion:
     """The motion behind measured poses, at the ticks."""
 
     state: Array
-    """(N, 13) position, velocity, quaternion, body rates."""
+    """(N, 16) position, velocity, quaternion, body rates, angular acceleration."""
     rates: Array
     """(N, 3) body rates from the attitude alone [rad/s]."""
     rotation: Array
@@ -113,7 +114,9 @@ def motion_of(track: Track, nominal: Nominal, theta: Array) -> Motion:
     rates = 2.0 * turn[:, :3]
     # The gyro is the better one; what it is off by is compared in a channel of its own.
     body = track.gyro if track.gyro.size else rates
-    state = np.column_stack([value[:, :3], rate[:, :3], q, body])
+    tick = float(track.t[1] - track.t[0])
+    turning = gaussian_filter1d(body, FAST_WIDTH / tick, axis=0, order=1) / tick
+    state = np.column_stack([value[:, :3], rate[:, :3], q, body, turning])
     return Motion(state, rates, matrices(q), seen[:, 7] - seen[:, 9])
 
 

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 _STEPS = 6
 """Gauss-Newton steps of a refinement, at most."""
+_VISIBLE = 0.25
+"""Share of a channel's noise that an effect must have at the size that matters."""
 _PINNED = 1e-3
 _BEYOND = 0.3
 """Tolerances by which a parameter may pass a bound before it is pinned there."""
@@ -52,10 +54,13 @@ class Columns:
     taken: frozenset[int] = frozenset()
     """Places in theta of what the nominal model's own fit has taken up: always free."""
 
+    dim: frozenset[int] = frozenset()
+    """Places in theta of what, at the size that matters, is far below these flights' noise."""
+
     @property
     def open(self) -> tuple[int, ...]:
         """Places in theta of what can be a cause."""
-        return tuple(i for i in self.indices if i not in self.taken)
+        return tuple(i for i in self.indices if i not in self.taken and i not in self.dim)
 
     @property
     def count(self) -> int:
@@ -160,6 +165,7 @@ class Problem:
                 self._parts = kept
             else:
                 self._prepare()
+        self.columns = replace(self.columns, dim=self._dim())
         self.normals = [self._weigh(parts, f) for f, parts in enumerate(self._parts)]
         centre = np.zeros(self.columns.count)
         solution, pinned = self._bounded(self.normals, (), None, self.theta, centre)
@@ -180,6 +186,37 @@ class Problem:
         for _ in range(2):
             every = solve(self.normal(), self.columns.deviations(self.columns.indices))
             self.variances = self._variances(every.mean)
+
+    def _dim(self) -> frozenset[int]:
+        """Return what can't be seen: in every channel less than a share of the noise.
+
+        Averaged over minutes it would still stand out of white noise. But in a hover what little
+        moves is noise itself, that went through the estimator into the commands and came back.
+        """
+        every = solve(self.normal(), self.columns.deviations(self.columns.indices)).mean
+        noise: dict[tuple[str, str], list[float]] = {}
+        shown: dict[int, dict[tuple[str, str], list[float]]] = {}
+        for f, linear in enumerate(self.linears):
+            for group, rows in linear.left.items():
+                rest = rows - (self.design(linear, group, f) @ every).T
+                own = [c.name for c in self.channels[f] if c.group == group]
+                for name, value in zip(own, np.mean(rest**2, axis=0), strict=True):
+                    noise.setdefault((group, name), []).append(float(value))
+                for index, change in linear.slopes.items():
+                    sizes = np.mean(change[group] ** 2, axis=0)
+                    table = shown.setdefault(index, {})
+                    for name, value in zip(own, sizes, strict=True):
+                        table.setdefault((group, name), []).append(float(value))
+        dim = set()
+        for index, table in shown.items():
+            scale = self.columns.parameters[index].scale
+            best = max(
+                scale**2 * float(np.mean(values)) / max(float(np.mean(noise[place])), 1e-18)
+                for place, values in table.items()
+            )
+            if best < _VISIBLE**2:
+                dim.add(index)
+        return frozenset(dim)
 
     def normal(self) -> Normal:
         """Return the equations of all flights about the nominal model."""

@@ -76,7 +76,7 @@ def linearize(
     left = residuals(track, nominal, theta, motion)
     slopes = {}
     trembling = None
-    if only is None and track.formulation == "mocap":
+    if only is None and not nominal.calibrated:
         noisy = shaken(track, nominal, theta, 0)
         where = motion_of(noisy, nominal, theta)
         trembling = _Trembling(noisy, nominal, where, residuals(noisy, nominal, theta, where))

@@ -37,6 +37,12 @@ def block_variances(left: Array, spacing: float) -> tuple[Array, Array]:
     return variances, counts
 
 
+def block_means(rows: Array, length: int) -> Array:
+    """Return the means of blocks of `length` rows, (blocks, channels)."""
+    count = rows.shape[0] // length
+    return np.asarray(rows[: count * length].reshape(count, length, -1).mean(axis=1))
+
+
 def pooled(found: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
     """Return variances and counts over flights, weighed by the counts."""
     counts = np.sum([c for _, c in found], axis=0)
