@@ -22,7 +22,6 @@ EFFECTS = {
     "flapping_moment": {"k": 0.02},
     "steady_wind": {"east": 1.2, "north": -0.5},
     "imu_bias": {"gyro_x": 0.02, "accel_y": 0.2},
-    "imu_lever_arm": {"x": 0.03},
     "mass_error": {"fraction": 0.08},
     "inertia_error": {"xx": 0.1, "zz": -0.1},
     "cog_offset": {"x": 0.01},
@@ -47,7 +46,8 @@ def flight():
 
 
 def motion_of(flight):
-    return np.hstack([flight[n] for n in ("position", "velocity", "attitude", "rates")]).copy()
+    state = [flight[n] for n in ("position", "velocity", "attitude", "rates")]
+    return np.hstack([*state, np.gradient(flight["rates"], TICK, axis=0)])
 
 
 def commands_of(flight):
@@ -207,3 +207,15 @@ def test_the_air_alone_is_wind_and_gusts():
     lag = 100  # 0.4 s
     gust = out[:, 1] - out[:, 1].mean()
     assert (gust[lag:] @ gust[:-lag]) / (gust @ gust) == pytest.approx(np.exp(-1.0), abs=0.1)
+
+
+def test_a_lever_arm_feels_the_angular_acceleration_that_was_measured(flight):
+    motion = motion_of(flight)
+    motion[:, 10:13] = 0.0
+    motion[:, 13:16] = [0.0, 4.0, 0.0]
+    out = np.zeros((motion.shape[0], IMPOSED_WIDTH))
+    theta = pack_theta({"imu_lever_arm": {"z": 0.05}})
+    along_motion(vehicle(), maps(), theta, QUIET, TICK, motion, commands_of(flight),
+                 np.zeros((0, 8)), out)  # fmt: skip
+    error = out[:, I.accel_error : I.accel_error + 3]
+    assert np.allclose(error, [0.2, 0.0, 0.0])

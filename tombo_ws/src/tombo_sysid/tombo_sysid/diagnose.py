@@ -14,7 +14,15 @@ from tombo_sysid.calibrate import calibrated, thrust_from_track, thrust_unknown
 from tombo_sysid.causes import cause_of, scores
 from tombo_sysid.diagnosis import Diagnosis, Experiment, FlightNote, Gain, Residual
 from tombo_sysid.flight_log import Finding, FlightLog
-from tombo_sysid.gain import HeldOut, extended, gain_by_effect, one_step, simulated, without
+from tombo_sysid.gain import (
+    HeldOut,
+    baseline,
+    extended,
+    gain_by_effect,
+    one_step,
+    simulated,
+    without,
+)
 from tombo_sysid.naming import Explanation, only
 from tombo_sysid.nominal import Nominal
 from tombo_sysid.prediction import motion_of
@@ -196,7 +204,7 @@ def _residuals(findings: Findings, final: Explanation) -> list[Residual]:
             drivers["mean_rotor_command [rad/s]"] = track.command.mean(axis=1)
         if track.voltage.size:
             drivers["voltage [V]"] = track.voltage[:, 0]
-        for group, rows in problem.linears[f].left.items():
+        for group, rows in baseline(problem, f).items():
             times, counted = {
                 "fast": (track.fast.t, track.fast_rows),
                 "slow": (track.slow.t, track.slow_rows),

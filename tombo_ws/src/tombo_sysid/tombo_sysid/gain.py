@@ -51,10 +51,24 @@ def without(problem: Problem, flight: int, tried: Sequence[Explanation]) -> Held
         if gain > 0.0 and (best is None or gain > best[0]):
             best = gain, explanation.fit, solution[1]
     if best is None:
-        left = problem.linears[flight].left
-        return HeldOut(flight, problem.theta.copy(), np.zeros(8), dict(left))
+        return HeldOut(flight, base_theta(problem), np.zeros(8), baseline(problem, flight))
     _, fit, mean = best
     return _extended(problem, fit, mean, flight)
+
+
+def base_theta(problem: Problem) -> Array:
+    """Return the parameters of the model as it was, with what its own fit has taken up."""
+    theta = problem.theta.copy()
+    taken = sorted(problem.columns.taken)
+    theta[taken] = problem.nothing.theta[taken]
+    return theta
+
+
+def baseline(problem: Problem, flight: int) -> dict[str, Array]:
+    """Return what the model as it was leaves of a flight, group -> (rows, channels)."""
+    if not problem.columns.taken:
+        return problem.linears[flight].left
+    return residuals(problem.tracks[flight], problem.nominal, base_theta(problem))
 
 
 def extended(problem: Problem, fit: Fit, flight: int) -> HeldOut:
@@ -72,8 +86,8 @@ def _extended(problem: Problem, fit: Fit, mean: Array, flight: int) -> HeldOut:
     """Keep of the unknowns only what is named; tolerances stay as the nominal model has them."""
     columns = problem.columns
     draws = np.zeros(8)
-    theta = problem.theta.copy()
-    for place in columns.places(fit.free):
+    theta = base_theta(problem)
+    for place in columns.places((*fit.free, *columns.taken)):
         p = columns.parameters[columns.indices[place]]
         theta[p.index] = np.clip(fit.theta[p.index] + mean[place], p.low, p.high)
     drawn = theta
@@ -90,7 +104,7 @@ def one_step(problem: Problem, held: Sequence[HeldOut]) -> list[Gain]:
     after: dict[str, list[float]] = {}
     units: dict[str, str] = {}
     for each in held:
-        for group, rows in problem.linears[each.flight].left.items():
+        for group, rows in baseline(problem, each.flight).items():
             own = [c for c in problem.channels[each.flight] if c.group == group]
             for j, c in enumerate(own):
                 units[c.name] = c.unit
@@ -107,7 +121,7 @@ def simulated(problem: Problem, held: Sequence[HeldOut]) -> list[Gain]:
         after: dict[str, list[float]] = {}
         for each in held:
             for theta, drawn, table in (
-                (problem.theta, np.zeros(8), before),
+                (base_theta(problem), np.zeros(8), before),
                 (each.theta, each.draws, after),
             ):
                 errors = _window_errors(problem, each.flight, theta, drawn, horizon)
@@ -139,7 +153,7 @@ def _window_errors(
         nominal.plant(draws), nominal.maps, theta, TICK, motion.state, command, track.speed,
         model[:, I.speed : I.speed + 4].copy(), starts, ticks, hold, out,
     )  # fmt: skip
-    true = motion.state[starts + ticks]
+    true = motion.state[starts + ticks, :13]
     off = out - true
     errors = {f"position {a}": off[:, i] for i, a in enumerate("xyz")}
     errors |= {f"velocity {a}": off[:, 3 + i] for i, a in enumerate("xyz")}
@@ -196,7 +210,7 @@ def gain_by_effect(problem: Problem, found: Search) -> dict[str, float]:
 def _removed(problem: Problem, fit: Fit, mean: Array, flight: int) -> float:
     """Return the cost that what is named takes off a flight's; tolerances take nothing."""
     after = _extended(problem, fit, mean, flight).left
-    before = problem.linears[flight].left
+    before = baseline(problem, flight)
     return sum(
         float(np.sum((rows**2 - after[group] ** 2) / problem.variances[flight][group]))
         for group, rows in before.items()

@@ -70,7 +70,7 @@ class Case:
     seed: tuple[int, int]
 
 
-def make_case(seed: int, number: int, flights: int = 4) -> Case:
+def make_case(seed: int, number: int, flights: int = 3) -> Case:
     """Return a case; the same for the same seed and number."""
     rng = np.random.default_rng([seed, number])
     kind = _draw(rng, KINDS)
