@@ -165,6 +165,11 @@ def load_scenario(
     values, label = _read(name)
     if model is not None:
         extended = read_model(Path(model))
+        if extended.origin.vehicle:
+            raise InputError(
+                f"model '{model}' is of another vehicle ({extended.origin.vehicle}), its forces "
+                "are not the suite's; accepted: a model of the suite's own vehicle"
+            )
         plain = scenario_from_mapping(values, label)
         values |= {"effects": effects_over(plain.effects, extended), "model": model}
     for setting in settings:

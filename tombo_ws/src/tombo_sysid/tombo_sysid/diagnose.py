@@ -99,6 +99,7 @@ def diagnose(
         summary=summary(findings, causes, gains),
         notes=tuple(notes(findings)),
         model=nominal.label,
+        vehicle=usable[0].airframe.name if usable[0].airframe is not None else "",
         seconds=clock() - began,
     )
 

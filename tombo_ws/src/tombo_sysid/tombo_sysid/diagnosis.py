@@ -152,5 +152,7 @@ class Diagnosis:
     """What can't be certified and why."""
     model: str = ""
     """The model that the flights were held against."""
+    vehicle: str = ""
+    """Name of the airframe that flew; empty: the suite's own."""
     seconds: float = 0.0
     """Run time after loading."""

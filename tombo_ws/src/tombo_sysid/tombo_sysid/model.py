@@ -49,6 +49,8 @@ class Origin:
     """What it was held against: name of the scenario with the effects before."""
     extends: str = ""
     """The model that it was made from, if any."""
+    vehicle: str = ""
+    """Whose flights they were; empty: the suite's own vehicle."""
     flights: tuple[Source, ...] = ()
 
 
@@ -112,6 +114,7 @@ def model_of(
         confidence=diagnosis.confidence,
         summary=diagnosis.summary,
         scenario=scenario,
+        vehicle=diagnosis.vehicle,
         extends=diagnosis.model if base is not None else "",
         flights=tuple(
             Source(f.name, f.source, f.used_s, f.formulation) for f in diagnosis.flights

@@ -203,7 +203,7 @@ def _read_origin(given: Any, where: str) -> Origin:
         _mapping(flight, f"{where}.flights[{i}]")
         for i, flight in enumerate(_list(values.get("flights"), f"{where}.flights"))
     ]
-    names = ("tool", "date", "verdict", "summary", "scenario", "extends")
+    names = ("tool", "date", "verdict", "summary", "scenario", "extends", "vehicle")
     texts = {name: str(values.get(name) or "") for name in names}
     return Origin(
         **texts,
