@@ -67,6 +67,7 @@ def diagnosis_mapping(diagnosis: Diagnosis) -> dict[str, Any]:
             "summary": diagnosis.summary,
             "notes": diagnosis.notes,
             "model": diagnosis.model,
+            "vehicle": diagnosis.vehicle,
             "seconds": diagnosis.seconds,
             "version": tombo_version(),
         }

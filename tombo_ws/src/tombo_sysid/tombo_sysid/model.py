@@ -49,9 +49,9 @@ class Origin:
     """What it was held against: name of the scenario with the effects before."""
     extends: str = ""
     """The model that it was made from, if any."""
+    flights: tuple[Source, ...] = ()
     vehicle: str = ""
     """Whose flights they were; empty: the suite's own vehicle."""
-    flights: tuple[Source, ...] = ()
 
 
 @dataclass(frozen=True)
