@@ -165,7 +165,8 @@ class Problem:
                 self._parts = kept
             else:
                 self._prepare()
-        self.columns = replace(self.columns, dim=self._dim())
+        noisy = frozenset.intersection(*(linear.noisy for linear in self.linears))
+        self.columns = replace(self.columns, dim=self._dim() | noisy)
         self.normals = [self._weigh(parts, f) for f, parts in enumerate(self._parts)]
         centre = np.zeros(self.columns.count)
         solution, pinned = self._bounded(self.normals, (), None, self.theta, centre)

@@ -42,6 +42,8 @@ class Linear:
     """The same for each of the vehicle's draws; empty where they do nothing."""
     draw_width: float = 1.0
     """Standard deviation of these unknowns in the nominal model."""
+    noisy: frozenset[int] = frozenset()
+    """Indices whose slopes are mostly noise of the poses: no evidence for them."""
 
 
 def step_of(p: Parameter, at: float) -> float:
@@ -76,15 +78,18 @@ def linearize(
     left = residuals(track, nominal, theta, motion)
     slopes = {}
     trembling = None
+    noisy: set[int] = set()
     if only is None and not nominal.calibrated:
-        noisy = shaken(track, nominal, theta, 0)
-        where = motion_of(noisy, nominal, theta)
-        trembling = _Trembling(noisy, nominal, where, residuals(noisy, nominal, theta, where))
+        again = shaken(track, nominal, theta, 0)
+        where = motion_of(again, nominal, theta)
+        trembling = _Trembling(again, nominal, where, residuals(again, nominal, theta, where))
     for p in nominal.parameters:
         if only is None or p.index in only:
             change = slope(track, nominal, theta, p, motion, left)
-            if change is not None and not (trembling and _noise(trembling, p, theta, change)):
+            if change is not None:
                 slopes[p.index] = change
+                if trembling is not None and _noise(trembling, p, theta, change):
+                    noisy.add(p.index)
     draws: list[Groups] = []
     width = 1.0
     if only is None:
@@ -96,7 +101,7 @@ def linearize(
             change = {group: (left[group] - there[group]) / 0.5 for group in left}
             if any(np.any(c) for c in change.values()):
                 draws.append(change)
-    return Linear(theta, left, slopes, draws, width)
+    return Linear(theta, left, slopes, draws, width, frozenset(noisy))
 
 
 @dataclass(frozen=True)
@@ -120,9 +125,14 @@ def _noise(trembling: _Trembling, p: Parameter, theta: Array, change: Groups) ->
     again = slope(trembling.track, trembling.nominal, theta, p, trembling.motion, trembling.left)
     if again is None:
         return False
-    energy = float(np.sum(change["slow"][:, :3] ** 2))
-    noisy = float(np.sum(again["slow"][:, :3] ** 2))
-    return energy > 0.0 and noisy - energy > _TREMBLES * energy
+    # The channel that would tell most decides.
+    spread = np.maximum(trembling.left["slow"].var(axis=0), 1e-18)
+    energy = np.sum(change["slow"] ** 2, axis=0)
+    shaken_energy = np.sum(again["slow"] ** 2, axis=0)
+    best = int(np.argmax(energy / spread))
+    return bool(
+        energy[best] > 0.0 and shaken_energy[best] - energy[best] > _TREMBLES * energy[best]
+    )
 
 
 def _drawn_theta(theta: Array, nominal: Nominal) -> tuple[Array, float]:
