@@ -42,7 +42,7 @@ def test_the_fields_are_exactly_those_agreed_on():
     found = strict(diagnosis_json(sample("set")))
     assert list(found) == [
         "verdict", "causes", "set", "separating_experiment", "gain", "prechecks", "candidates",
-        "flights", "confidence", "summary", "notes", "model", "seconds", "version",
+        "flights", "confidence", "summary", "notes", "model", "vehicle", "seconds", "version",
     ]  # fmt: skip
     assert set(found["separating_experiment"]) == {
         "effects", "text", "separation", "present", "mission_file",
