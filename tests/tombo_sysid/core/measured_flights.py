@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 
+from tombo_bringup.blind.cases import NOMINAL
 from tombo_bringup.flight import fly_scenario
 from tombo_bringup.nominal import nominal_of
 from tombo_bringup.scenario import scenario_over
@@ -12,15 +13,7 @@ from tombo_dynamics.plant import part
 from tombo_sysid.flight_log import FlightLog, Series
 from tombo_sysid.track import track_of
 
-HEALTHY = {
-    "linear_rotor_drag": {"d_xy": 0.3, "d_z": 0.1},
-    "ground_effect": {"strength": 1.0},
-    "mocap_noise": {"position": 0.0007, "attitude": 0.002},
-    "mocap_latency": {"delay": 0.010, "jitter": 0.001},
-    "imu_noise": {"gyro": 0.01, "accel": 0.3},
-    "gusts": {"deviation": 0.1, "time": 1.0},
-    "thrust_scatter": {"deviation": 0.01},
-}
+HEALTHY = NOMINAL
 """What the model knows: drag and cushion, and how noisy a sound lab is."""
 NOISES = ("mocap_noise", "imu_noise", "gusts", "thrust_scatter")
 SILENT = {name: values for name, values in HEALTHY.items() if name not in NOISES} | {

@@ -47,6 +47,7 @@ from tombo_collision.detector import CollisionEvent
 from tombo_collision.reaction import REACTING, ReactionState
 from tombo_control.autopilot import BLIND, IDLE, MODE_NAMES
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.rotation import conjugate, continuous
 from tombo_sim.log_columns import COLUMNS
 
 Array = NDArray[np.float64]
@@ -254,7 +255,7 @@ class _Reading:
         stamps = track.stamps_ns
         log["position"] = self._grid.smooth(stamps, track.position)
         log["velocity"] = self._grid.smooth(stamps, track.velocity)
-        log["attitude"] = self._grid.smooth(stamps, _continuous(track.attitude))
+        log["attitude"] = self._grid.smooth(stamps, continuous(track.attitude))
         log["attitude"] /= np.linalg.norm(log["attitude"], axis=1, keepdims=True)
         if (table := self._tables.get(IMU.name)) is not None:
             rates = _vector(table, "angular_velocity")
@@ -275,10 +276,10 @@ class _Reading:
             return
         stamps = table["stamp_ns"]
         turn = _turn(table, "pose.pose.orientation")
-        back = turn * (-1.0, -1.0, -1.0, 1.0)
+        back = conjugate(turn)
         values = (
             _vector(table, "pose.pose.position"),
-            _continuous(turn),
+            continuous(turn),
             into_body(back, _vector(table, "twist.twist.linear")),
             _vector(table, "twist.twist.angular"),
         )
@@ -502,10 +503,3 @@ def _turn(table: ColumnTable, path: str) -> Array:
 
 def _column(table: ColumnTable, path: str) -> Array:
     return np.asarray(table[path], np.float64).reshape(-1, 1)
-
-
-def _continuous(turns: Array) -> Array:
-    """Return the same rotations without jumps of sign, so that they can be interpolated."""
-    dots = np.sum(turns[1:] * turns[:-1], axis=1)
-    signs = np.cumprod(np.concatenate([[1.0], np.where(dots < 0.0, -1.0, 1.0)]))
-    return np.asarray(turns * signs[:, None])

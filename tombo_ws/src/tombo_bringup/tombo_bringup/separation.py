@@ -9,6 +9,7 @@ itself.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,16 @@ _AIRBORNE = 0.4
 _MEMBERS = 3
 
 
+@dataclass(frozen=True)
+class _Bench:
+    """What is the same for every manoeuvre: the members as fitted, the model, the sensors."""
+
+    fitted: Mapping[str, Mapping[str, float]]
+    nominal: Nominal
+    imu: bool
+    rpm: bool
+
+
 def separate(findings: Findings, progress: Progress) -> Experiment | None:
     """Return the manoeuvre that separates the members of a set best, or None without a set."""
     members = findings.judgement.members[:_MEMBERS]
@@ -51,15 +62,16 @@ def separate(findings: Findings, progress: Progress) -> Experiment | None:
         return Experiment(members, by_hand, float("nan"), present)
     imu = findings.problem.tracks[0].formulation == "imu"
     rpm = bool(findings.problem.tracks[0].speed.size)
+    bench = _Bench(fitted, findings.problem.nominal, imu, rpm)
     flown = [m for m in catalogue().values() if m.scenario]
     screened = []
     for number, manoeuvre in enumerate(flown):
         progress("simulating experiments", number / len(flown))
-        expected = _expected(manoeuvre, fitted, findings.problem.nominal, imu, rpm)
+        expected = _expected(manoeuvre, bench)
         screened.append((expected, number, manoeuvre))
     best: tuple[float, Manoeuvre] | None = None
     for _, _, manoeuvre in sorted(screened, reverse=True)[:_CONFIRMED]:
-        worst = _separation(manoeuvre, fitted, findings.problem.nominal, imu, rpm)
+        worst = _separation(manoeuvre, bench)
         if best is None or worst > best[0]:
             best = worst, manoeuvre
         if worst > _TELLS:
@@ -97,20 +109,17 @@ def _by_hand(members: Sequence[str]) -> str:
 
 def _expected(
     manoeuvre: Manoeuvre,
-    fitted: Mapping[str, Mapping[str, float]],
-    nominal: Nominal,
-    imu: bool,
-    rpm: bool,
+    bench: _Bench,
 ) -> float:
     """Return the smallest log Bayes factor to expect, by the slopes along a nominal flight."""
     try:
-        problem = _flown(manoeuvre, nominal.effects, 99, nominal, imu, rpm)
+        problem = _flown(manoeuvre, bench.nominal.effects, 99, bench)
     except InputError:
         return 0.0
     columns = problem.columns
     matrix = sum_of(problem.normals).matrix
     worst = float("inf")
-    for member, theta in fitted.items():
+    for member, theta in bench.fitted.items():
         change = np.zeros(columns.count)
         for p in columns.parameters:
             if p.effect == member and p.name in theta and p.index in columns.open:
@@ -119,7 +128,7 @@ def _expected(
         if not change.any() and columns.draws:
             change[len(columns.indices) :] = 4.0 * columns.draw_width
         shown = Normal(matrix, matrix @ change, float(change @ matrix @ change))
-        evidence = {name: _evidence(problem, shown, name) for name in fitted}
+        evidence = {name: _evidence(problem, shown, name) for name in bench.fitted}
         worst = min(worst, evidence[member] - max(v for n, v in evidence.items() if n != member))
     return worst
 
@@ -128,35 +137,30 @@ def _flown(
     manoeuvre: Manoeuvre,
     effects: Mapping[str, Mapping[str, float]],
     seed: int,
-    nominal: Nominal,
-    imu: bool,
-    rpm: bool,
+    bench: _Bench,
 ) -> Problem:
     """Fly a manoeuvre with these effects and hold it against the nominal model."""
     values = {**manoeuvre.scenario, "effects": {n: dict(v) for n, v in effects.items()}}
     scenario: Scenario = extended_scenario(values, manoeuvre.name)
-    log = as_log(fly_scenario(scenario, seed, workspace=Workspace()), imu, rpm)
-    return Problem([track_of(log)], nominal)
+    log = as_log(fly_scenario(scenario, seed, workspace=Workspace()), bench.imu, bench.rpm)
+    return Problem([track_of(log)], bench.nominal)
 
 
 def _separation(
     manoeuvre: Manoeuvre,
-    fitted: Mapping[str, Mapping[str, float]],
-    nominal: Nominal,
-    imu: bool,
-    rpm: bool,
+    bench: _Bench,
 ) -> float:
     """Return the smallest log Bayes factor of a true member against another one."""
     worst = float("inf")
-    for number, (member, theta) in enumerate(fitted.items()):
-        effects = {name: dict(values) for name, values in nominal.effects.items()}
+    for number, (member, theta) in enumerate(bench.fitted.items()):
+        effects = {name: dict(values) for name, values in bench.nominal.effects.items()}
         effects[member] = {**effects.get(member, {}), **theta}
         try:
-            problem = _flown(manoeuvre, effects, 100 + number, nominal, imu, rpm)
+            problem = _flown(manoeuvre, effects, 100 + number, bench)
         except InputError:
             return 0.0  # a member that does not fly the manoeuvre
         shown = sum_of(problem.normals)
-        evidence = {name: _evidence(problem, shown, name) for name in fitted}
+        evidence = {name: _evidence(problem, shown, name) for name in bench.fitted}
         others = [value for name, value in evidence.items() if name != member]
         worst = min(worst, evidence[member] - max(others))
     return worst

@@ -102,6 +102,27 @@ def quaternion_multiply(a: Array, b: Array) -> Array:
     )
 
 
+def conjugate(q: Array) -> Array:
+    """Return the inverse rotations of unit quaternions xyzw (..., 4)."""
+    return np.asarray(q * np.array([-1.0, -1.0, -1.0, 1.0]))
+
+
+def continuous(q: Array) -> Array:
+    """Return the same rotations (N, 4) with signs such that no step is the long way round.
+
+    What is not finite, or zero, stays as it is.
+    """
+    out = np.array(q, np.float64)
+    with np.errstate(invalid="ignore", over="ignore"):
+        norm = np.linalg.norm(out, axis=1)
+    good = np.flatnonzero(np.isfinite(norm) & (norm > 1e-6))
+    if good.size > 1:
+        kept = out[good]
+        flips = np.where(np.einsum("ij,ij->i", kept[1:], kept[:-1]) < 0.0, -1.0, 1.0)
+        out[good[1:]] *= np.cumprod(flips)[:, None]
+    return out
+
+
 def yaw_pitch_roll(q: Array) -> Array:
     """Return yaw, pitch, roll [rad] (Z-Y-X) of quaternions (..., 4), as an array (..., 3)."""
     x, y, z, w = (q[..., i] for i in range(4))

@@ -17,8 +17,8 @@ from tombo_bag.columns import ColumnTable
 from tombo_bag.recording import Recording
 from tombo_bag.topics import BATTERY, IMU, MOCAP_POSE, ROTOR_COMMAND
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.rotation import continuous
 from tombo_sysid.flight_log import Finding, FlightLog, Series
-from tombo_sysid.frames import continuous
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]

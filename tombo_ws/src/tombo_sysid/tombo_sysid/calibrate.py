@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES, VehicleParams
 from tombo_sysid.flight_log import Airframe, FlightLog, Series
 from tombo_sysid.nominal import Nominal
-from tombo_sysid.prediction import matrices
 from tombo_sysid.track import Track, track_of
 
 Array = NDArray[np.float64]
@@ -82,7 +82,8 @@ def calibrated(logs: Sequence[FlightLog]) -> tuple[Nominal, list[FlightLog]]:
     vehicle = _vehicle(frame)
     weight = frame.mass * GRAVITY / 4.0
     maps = rotor_maps(_Parabola(weight / _HOVER_SPEED**2), vehicle)
-    changed = [_with_speeds(log, *_thrust_fit(logs)) for log in logs]
+    offset, gain = _thrust_fit(logs)
+    changed = [_with_speeds(log, offset, gain) for log in logs]
     nominal = Nominal(
         f"{frame.name}, thrust fitted to its own flights",
         vehicle,
@@ -176,7 +177,7 @@ def _force_z(track: Track) -> Array:
     place = np.column_stack([np.interp(track.t, track.pose_t, c) for c in track.pose[:, :3].T])
     rows = track.slow.curvature @ place + np.array([0.0, 0.0, GRAVITY])
     force = np.column_stack([np.interp(track.t, track.slow.t, c) for c in rows.T])
-    return np.asarray(np.einsum("nji,nj->ni", matrices(up), force)[:, 2])
+    return np.asarray(np.einsum("nji,nj->ni", Rotation.from_quat(up).as_matrix(), force)[:, 2])
 
 
 def _with_speeds(log: FlightLog, offset: float, gain: float) -> FlightLog:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_dynamics.rotation import quaternion_multiply
+from tombo_dynamics.rotation import conjugate, quaternion_multiply
 from tombo_sim.imposed_motion import as_captured
 from tombo_sysid.nominal import Nominal
 from tombo_sysid.prediction import QUIET, Motion, motion_of, residuals
@@ -34,7 +34,7 @@ def shaken(track: Track, nominal: Nominal, theta: Array, seed: int) -> Track:
     noisy = as_captured(nominal.plant(), theta, drawn, track.pose, spacing)
     pose = track.pose.copy()
     pose[:, :3] += noisy[:, :3] - quiet[:, :3]
-    inverse = quiet[:, 3:7] * np.array([-1.0, -1.0, -1.0, 1.0])
+    inverse = conjugate(quiet[:, 3:7])
     pose[:, 3:] = quaternion_multiply(quaternion_multiply(noisy[:, 3:7], inverse), pose[:, 3:])
     arrival = track.arrival
     if arrival.size:

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.rotation import continuous
 from tombo_sysid.csv_mapping import ChannelMap, LogMapping, TimeColumn, shipped
 from tombo_sysid.csv_table import CsvTable, open_table
 from tombo_sysid.flight_log import CHANNELS, Finding, FlightLog, Series
-from tombo_sysid.frames import axes_matrix, continuous, handedness, turn_attitude
+from tombo_sysid.frames import axes_matrix, handedness, turn_attitude
 from tombo_sysid.units import factor
 
 Array = NDArray[np.float64]

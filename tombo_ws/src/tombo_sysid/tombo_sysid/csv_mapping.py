@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.rotation import continuous
 from tombo_sysid.flight_log import CHANNELS, Airframe, Series
 from tombo_sysid.frames import (
     BODIES,
     WORLDS,
     axes_matrix,
-    continuous,
     handedness,
     turn_attitude,
 )

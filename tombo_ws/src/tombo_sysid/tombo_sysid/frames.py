@@ -69,14 +69,3 @@ def turn_attitude(quaternions: Array, world: Array, body: Array, turn: Rotation)
         norms = np.linalg.norm(quaternions[good], axis=1, keepdims=True)
         out[good] = (Rotation.from_matrix(matrices) * turn).as_quat() * norms
     return out
-
-
-def continuous(quaternions: Array) -> Array:
-    """Return the same attitudes with signs chosen so that no step is the long way round."""
-    out = np.array(quaternions, np.float64)
-    good = np.flatnonzero(is_usable(out))
-    if good.size > 1:
-        q = out[good]
-        flips = np.where(np.einsum("ij,ij->i", q[1:], q[:-1]) < 0.0, -1.0, 1.0)
-        out[good[1:]] *= np.cumprod(flips)[:, None]
-    return out

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from tombo_dynamics.rotation import quaternion_multiply
+from tombo_dynamics.rotation import conjugate, quaternion_multiply
 from tombo_sim.imposed_motion import I
 from tombo_sim.open_loop import open_loop
 from tombo_sysid.diagnosis import Gain
@@ -175,8 +175,7 @@ def _window_errors(
     errors = {f"position {a}": off[:, i] for i, a in enumerate("xyz")}
     errors |= {f"velocity {a}": off[:, 3 + i] for i, a in enumerate("xyz")}
     if not hold:
-        inverse = true[:, 6:10] * np.array([-1.0, -1.0, -1.0, 1.0])
-        turn = quaternion_multiply(inverse, out[:, 6:10])
+        turn = quaternion_multiply(conjugate(true[:, 6:10]), out[:, 6:10])
         errors["attitude"] = 2.0 * np.arcsin(
             np.clip(np.linalg.norm(turn[:, :3], axis=1), 0.0, 1.0)
         )

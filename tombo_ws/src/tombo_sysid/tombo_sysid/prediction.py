@@ -12,15 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.effects import REGISTRY, Stage
 from tombo_dynamics.effects.compose import layout, null_theta
-from tombo_dynamics.rotation import quaternion_multiply
+from tombo_dynamics.rotation import conjugate, continuous, quaternion_multiply
 from tombo_dynamics.rotor_maps import speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_sim.imposed_motion import IMPOSED_WIDTH, I, along_motion, as_captured
 from tombo_sysid.nominal import Nominal
-from tombo_sysid.track import FAST_WIDTH, Track, continuous
+from tombo_sysid.track import FAST_WIDTH, Track
 
 Array = NDArray[np.float64]
 
@@ -99,7 +100,7 @@ def motion_of(track: Track, nominal: Nominal, theta: Array) -> Motion:
     for _ in range(3 if np.any(theta[_MOCAP] != _NULL[_MOCAP]) else 1):
         seen = as_captured(m, theta, QUIET, guess, spacing)
         guess[:, :3] += (track.pose[:, :3] - seen[:, :3]) @ back
-        inverse = seen[:, 3:7] * np.array([-1.0, -1.0, -1.0, 1.0])
+        inverse = conjugate(seen[:, 3:7])
         guess[:, 3:] = quaternion_multiply(
             quaternion_multiply(track.pose[:, 3:], inverse), guess[:, 3:]
         )
@@ -110,25 +111,14 @@ def motion_of(track: Track, nominal: Nominal, theta: Array) -> Motion:
     q = value[:, 3:]
     length = np.linalg.norm(q, axis=1, keepdims=True)
     q = q / length
-    turn = quaternion_multiply(q * np.array([-1.0, -1.0, -1.0, 1.0]), rate[:, 3:] / length)
+    turn = quaternion_multiply(conjugate(q), rate[:, 3:] / length)
     rates = 2.0 * turn[:, :3]
     # The gyro is the better one; what it is off by is compared in a channel of its own.
     body = track.gyro if track.gyro.size else rates
     tick = float(track.t[1] - track.t[0])
     turning = gaussian_filter1d(body, FAST_WIDTH / tick, axis=0, order=1) / tick
     state = np.column_stack([value[:, :3], rate[:, :3], q, body, turning])
-    return Motion(state, rates, matrices(q), seen[:, 7] - seen[:, 9])
-
-
-def matrices(q: Array) -> Array:
-    """Return rotation matrices (N, 3, 3) of quaternions xyzw (N, 4)."""
-    x, y, z, w = q.T
-    flat = [
-        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
-    ]  # fmt: skip
-    return np.stack(flat, axis=1).reshape(-1, 3, 3)
+    return Motion(state, rates, Rotation.from_quat(q).as_matrix(), seen[:, 7] - seen[:, 9])
 
 
 def imposed(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.rotation import continuous
 from tombo_sysid.filters import (
     Kernel,
     clear_rows,
@@ -165,13 +166,6 @@ def _poses(position: Series, attitude: Series) -> tuple[Array, Array, Array]:
         if not np.isfinite(late).all():
             late = np.zeros(0)
     return pose_t, pose, late
-
-
-def continuous(q: Array) -> Array:
-    """Return quaternions (N, 4) with signs such that neighbours are close."""
-    flips = np.concatenate([[1.0], np.sign(np.sum(q[1:] * q[:-1], axis=1))])
-    flips[flips == 0.0] = 1.0
-    return np.asarray(q * np.cumprod(flips)[:, None])
 
 
 def _interpolated(series: Series, t: Array) -> Array:

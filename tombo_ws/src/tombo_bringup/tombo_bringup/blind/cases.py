@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tombo_bringup.scenario import load_scenario
 from tombo_dynamics.disturbance import SHAPES
 from tombo_sysid.candidates import PARAMETERS, Parameter
 
@@ -34,12 +35,7 @@ _NOISES = (
 _IMU_ONLY = ("imu_", "accel_scale")
 """Effects that only an IMU shows."""
 NOMINAL = {
-    "linear_rotor_drag": {"d_xy": 0.3, "d_z": 0.1},
-    "ground_effect": {"strength": 1.0},
-    "mocap_noise": {"position": 0.0007, "attitude": 0.002},
-    "mocap_latency": {"delay": 0.010, "jitter": 0.001},
-    "imu_noise": {"gyro": 0.01, "accel": 0.3},
-    "gusts": {"deviation": 0.1, "time": 1.0},
+    **{n: e for n, e in load_scenario("no_obstacle").effects.items() if n not in NOT_FLOWN},
     "thrust_scatter": {"deviation": 0.01},
 }
 """What the nominal model knows: the paper's flight, with a matched set of propellers."""

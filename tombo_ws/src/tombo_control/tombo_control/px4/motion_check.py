@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_dynamics.rotation import quaternion_multiply
+from tombo_dynamics.rotation import conjugate, quaternion_multiply
 
 Array = NDArray[np.float64]
 
@@ -108,7 +108,7 @@ class MotionCheck:
         best = _best(times, turned, *spans)
         if best.left <= _AGREES:
             return Verdict(best.delay, _explain(best.axes))
-        inverse = _spans([(t, q * [-1.0, -1.0, -1.0, 1.0]) for t, q in poses], begin_ns)
+        inverse = _spans([(t, conjugate(q)) for t, q in poses], begin_ns)
         if inverse is not None and _best(times, turned, *inverse).left <= _AGREES:
             return Verdict(best.delay, _INVERSE)
         return Verdict(math.nan, _UNEXPLAINED, sure=False)
@@ -149,7 +149,7 @@ def _spans(poses: list[tuple[int, Array]], begin_ns: int) -> tuple[Array, Array,
         after.append(attitude)
     if len(first) < 20:
         return None
-    turn = quaternion_multiply(np.array(before) * [-1.0, -1.0, -1.0, 1.0], np.array(after))
+    turn = quaternion_multiply(conjugate(np.array(before)), np.array(after))
     turn = np.where(turn[:, 3:] < 0.0, -turn, turn)
     sine = np.linalg.norm(turn[:, :3], axis=1, keepdims=True)
     angle = 2.0 * np.arctan2(sine, turn[:, 3:])

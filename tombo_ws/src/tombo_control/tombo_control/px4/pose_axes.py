@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_dynamics.rotation import quaternion_multiply, turned
+from tombo_dynamics.rotation import conjugate, quaternion_multiply, turned
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ def explain_up(attitude: Array, accel: Array, limit: float) -> str:
         return ""
     degrees = math.degrees(error)
     world = quaternion_multiply(_Y_UP, attitude)
-    both = quaternion_multiply(world, _Y_UP * [-1.0, -1.0, -1.0, 1.0])
+    both = quaternion_multiply(world, conjugate(_Y_UP))
     first = np.roll(attitude, -1)
     if math.cos(error) < _UPSIDE_DOWN:
         return (

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
+from tombo_dynamics.rotation import continuous
 from tombo_sysid.flight_log import Series
 from tombo_sysid.frames import is_usable
 from tombo_sysid.prechecks.gaps import gap_spans
@@ -60,7 +61,7 @@ def motion_of(
             spoiled |= (t < series.t[0]) | (t > series.t[-1])
     p = _sampled(position, t)
     usable = is_usable(attitude.values)
-    q = _sampled(Series(attitude.t[usable], _continuous(attitude.values[usable])), t)
+    q = _sampled(Series(attitude.t[usable], continuous(attitude.values[usable])), t)
     q /= np.maximum(np.linalg.norm(q, axis=1, keepdims=True), 1e-9)
     sigma = WIDTH * RATE
     smooth = gaussian_filter1d(q, sigma, axis=0)
@@ -79,11 +80,6 @@ def motion_of(
         empty if gyro is None else gaussian_filter1d(_sampled(gyro, t), sigma, axis=0),
         empty if accel is None else gaussian_filter1d(_sampled(accel, t), sigma, axis=0),
     )
-
-
-def _continuous(q: Array) -> Array:
-    flips = np.where(np.einsum("ij,ij->i", q[1:], q[:-1]) < 0.0, -1.0, 1.0)
-    return np.asarray(q * np.concatenate([[1.0], np.cumprod(flips)])[:, None])
 
 
 def _rates(q: Array, slope: Array) -> Array:

@@ -16,8 +16,8 @@ from pyulog import ULog
 from pyulog.exceptions import ULogException
 
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.rotation import continuous
 from tombo_sysid.flight_log import Finding, FlightLog, Series
-from tombo_sysid.frames import continuous
 
 Array = NDArray[np.float64]
 Topics = Mapping[str, Mapping[str, NDArray[Any]]]
