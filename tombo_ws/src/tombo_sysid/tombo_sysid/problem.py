@@ -22,6 +22,8 @@ _STEPS = 6
 """Gauss-Newton steps of a refinement, at most."""
 _VISIBLE = 0.25
 """Share of a channel's noise that an effect must have at the size that matters."""
+_MOMENT = 2.0
+"""s: over which that is taken, where the effect is largest."""
 _PINNED = 1e-3
 _BEYOND = 0.3
 """Tolerances by which a parameter may pass a bound before it is pinned there."""
@@ -189,10 +191,11 @@ class Problem:
             self.variances = self._variances(every.mean)
 
     def _dim(self) -> frozenset[int]:
-        """Return what can't be seen: in every channel less than a share of the noise.
+        """Return what can't be seen: in every channel, even at its loudest, a share of the noise.
 
         Averaged over minutes it would still stand out of white noise. But in a hover what little
         moves is noise itself, that went through the estimator into the commands and came back.
+        What shows now and then only, as the ground does in a landing, counts by these moments.
         """
         every = solve(self.normal(), self.columns.deviations(self.columns.indices)).mean
         noise: dict[tuple[str, str], list[float]] = {}
@@ -204,7 +207,7 @@ class Problem:
                 for name, value in zip(own, np.mean(rest**2, axis=0), strict=True):
                     noise.setdefault((group, name), []).append(float(value))
                 for index, change in linear.slopes.items():
-                    sizes = np.mean(change[group] ** 2, axis=0)
+                    sizes = _loudest(change[group] ** 2, round(_MOMENT * self.per_second(group)))
                     table = shown.setdefault(index, {})
                     for name, value in zip(own, sizes, strict=True):
                         table.setdefault((group, name), []).append(float(value))
@@ -440,3 +443,12 @@ def sum_of(normals: Sequence[Normal]) -> Normal:
     for other in normals[1:]:
         total = total + other
     return total
+
+
+def _loudest(squares: Array, rows: int) -> Array:
+    """Return (channels): the largest mean of (rows, channels) over so many rows in a row."""
+    whole = squares.shape[0] // rows * rows
+    if not whole:
+        return squares.mean(axis=0)
+    largest: Array = squares[:whole].reshape(-1, rows, squares.shape[1]).mean(axis=1).max(axis=0)
+    return largest

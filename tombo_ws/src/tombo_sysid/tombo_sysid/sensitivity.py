@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_sim.imposed_motion import I
 from tombo_sysid.candidates import Parameter
 from tombo_sysid.chance import shaken
 from tombo_sysid.nominal import Nominal
-from tombo_sysid.prediction import Motion, motion_of, moves_poses, residuals
-from tombo_sysid.track import Track
+from tombo_sysid.prediction import Motion, imposed, motion_of, moves_poses, residuals
+from tombo_sysid.track import TICK, Track
 
 Array = NDArray[np.float64]
 _Result = TypeVar("_Result")
@@ -76,6 +77,8 @@ def linearize(
     """
     motion = motion_of(track, nominal, theta)
     left = residuals(track, nominal, theta, motion)
+    driver = _driven_as_asked(track, nominal, theta, motion)
+    base = left if driver is track else residuals(driver, nominal, theta, motion)
     slopes = {}
     trembling = None
     noisy: set[int] = set()
@@ -85,7 +88,7 @@ def linearize(
         trembling = _Trembling(again, nominal, where, residuals(again, nominal, theta, where))
     for p in nominal.parameters:
         if only is None or p.index in only:
-            change = slope(track, nominal, theta, p, motion, left)
+            change = slope(driver, nominal, theta, p, motion, base)
             if change is not None:
                 slopes[p.index] = change
                 if trembling is not None and _noise(trembling, p, theta, change):
@@ -97,11 +100,24 @@ def linearize(
         for i in range(DRAWS):
             drawn = np.zeros(8)
             drawn[i] = 0.5
-            there = residuals(track, nominal, spread, motion, drawn)
-            change = {group: (left[group] - there[group]) / 0.5 for group in left}
+            there = residuals(driver, nominal, spread, motion, drawn)
+            change = {group: (base[group] - there[group]) / 0.5 for group in base}
             if any(np.any(c) for c in change.values()):
                 draws.append(change)
     return Linear(theta, left, slopes, draws, width, frozenset(noisy))
+
+
+def _driven_as_asked(track: Track, nominal: Nominal, theta: Array, motion: Motion) -> Track:
+    """Return the flight with the rotor speeds that its commands ask for in place of measured ones.
+
+    The noise of measured speeds is in the residuals; in the slopes too, the two would agree, and
+    where a flight hardly yaws, an inertia that is too large would take that noise away. Slopes
+    from the commands are instruments: they know nothing of it.
+    """
+    if not (track.speed.size and track.command.size):
+        return track
+    speed = imposed(track, nominal, theta, motion)[:, I.speed : I.speed + 4]
+    return replace(track, speed=np.column_stack([speed, np.gradient(speed, TICK, axis=0)]))
 
 
 @dataclass(frozen=True)

@@ -84,9 +84,11 @@ def _compared(case: Case, cause: Cause) -> dict[str, Any]:
     parameters = {p.name: p for p in _nominal().parameters if p.effect == cause.effect}
     fitted = {f.name: f for f in cause.theta}
     for name, p in parameters.items():
-        change = case.shift.get(p.label, 0.0)
-        true = float(_nominal().theta[p.index]) + change
-        value = fitted[name].value if name in fitted else float(_nominal().theta[p.index])
+        nominal = float(_nominal().theta[p.index])
+        # What tolerances put on an axis that was not shifted is there to be measured, too.
+        true = float(case.effects.get(cause.effect, {}).get(name, nominal))
+        change = true - nominal
+        value = fitted[name].value if name in fitted else nominal
         off += ((value - true) / p.scale) ** 2
         size += (change / p.scale) ** 2
         if name in fitted and p.label in case.shift:

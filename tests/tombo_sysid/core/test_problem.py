@@ -1,0 +1,48 @@
+"""What flights can show, and that noise which is in slopes and residuals alike is no evidence."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from measured_flights import SLOW, logs, nominal, tracks
+
+from tombo_sysid.candidates import PARAMETERS
+from tombo_sysid.evidence import solve
+from tombo_sysid.flight_log import Series
+from tombo_sysid.problem import Problem
+from tombo_sysid.track import track_of
+
+PLACE = {p.label: p.index for p in PARAMETERS}
+HIGH = ([{"x": 0.8, "speed": 1.5}, {"x": -0.8}, {"y": 0.8}, {"x": 0.0, "z": 1.6}, {"y": 0.0}],)
+LANDING = ([*HIGH[0][:2], {"z": 0.35, "speed": 0.8}, {"z": 1.4}],)
+
+
+def noisy_rotor_speeds(log, deviation=3.0):
+    speed = log.series["rotor_speed"]
+    noise = deviation * np.random.default_rng(5).standard_normal(speed.values.shape)
+    series = {**log.series, "rotor_speed": Series(speed.t, speed.values + noise)}
+    return replace(log, series=series)
+
+
+def freed(problem, label):
+    """Mean and deviation of one parameter that alone is free, over its size that matters."""
+    place = PLACE[label]
+    column = problem.columns.places((place,))[0]
+    solution = solve(problem.normal(), problem.columns.deviations((place,)))
+    scale = problem.columns.parameters[place].scale
+    return solution.mean[column] / scale, solution.covariance[column, column] ** 0.5 / scale
+
+
+def test_noise_of_measured_rotor_speeds_is_no_inertia():
+    # At one heading next to nothing is yaw moment but the noise, times the rotors' inertia.
+    quiet = logs(courses=SLOW)
+    clean, _ = freed(Problem([track_of(log) for log in quiet], nominal()), "inertia_error.zz")
+    measured = [track_of(noisy_rotor_speeds(log)) for log in quiet]
+    mean, deviation = freed(Problem(measured, nominal()), "inertia_error.zz")
+    assert abs(mean - clean) < 2.0 * deviation
+
+
+@pytest.mark.parametrize(("course", "shown"), [(HIGH, False), (LANDING, True)])
+def test_what_shows_now_and_then_only_counts_by_these_moments(course, shown):
+    problem = Problem(tracks(sensors="mocap", courses=course), nominal())
+    assert (PLACE["ground_effect.strength"] in problem.columns.open) is shown
