@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_sysid.events import Event, momentary, set_apart
 from tombo_sysid.gust_fit import GustFit, fit_gusts
 from tombo_sysid.leftover import Leftover, Powers, chance_powers, left_powers, leftovers
 from tombo_sysid.naming import ADDS, Search, search
@@ -20,6 +21,7 @@ from tombo_sysid.verdict import Judgement, best_scatter, judge
 
 Progress = Callable[[str, float], None]
 _FORCES = ("force", "acceleration")
+_DOUBTS = ("unknown", "partly_explained")
 _CONCERNS = 0.5
 """A cause concerns the channels whose excess it brings below this share."""
 _HEALTHY = 4.0
@@ -42,6 +44,8 @@ class Findings:
     leftovers: tuple[Leftover, ...]
     repeats: float
     judgement: Judgement
+    events: tuple[Event, ...] = ()
+    """Moments that were set apart."""
 
 
 def quiet(stage: str, share: float) -> None:
@@ -49,7 +53,18 @@ def quiet(stage: str, share: float) -> None:
 
 
 def analyse(tracks: Sequence[Track], nominal: Nominal, progress: Progress = quiet) -> Findings:
-    """Name what the flights call for."""
+    """Name what the flights call for; where moments do not fit, without these moments."""
+    findings = _analysed(tracks, nominal, progress)
+    if findings.judgement.verdict in _DOUBTS:
+        events = momentary(findings.problem, findings.search.best.fit)
+        if events:
+            progress("again without moments that do not fit", 0.6)
+            calm = set_apart(tracks, events)
+            return replace(_analysed(calm, nominal, quiet), events=tuple(events))
+    return findings
+
+
+def _analysed(tracks: Sequence[Track], nominal: Nominal, progress: Progress) -> Findings:
     progress("predicting", 0.0)
     problem = Problem(tracks, nominal)
     progress("naming", 0.3)

@@ -13,6 +13,7 @@ from tombo_sysid.analyse import Findings, Progress, analyse, quiet
 from tombo_sysid.calibrate import calibrated, thrust_from_track, thrust_unknown
 from tombo_sysid.causes import cause_of, scores
 from tombo_sysid.diagnosis import Diagnosis, Experiment, FlightNote, Gain, Residual
+from tombo_sysid.events import as_findings
 from tombo_sysid.flight_log import Finding, FlightLog
 from tombo_sysid.gain import (
     HeldOut,
@@ -91,7 +92,11 @@ def diagnose(
         set=findings.judgement.members,
         separating_experiment=experiment,
         gain=tuple(gains),
-        prechecks=tuple(f for log in logs for f in log.findings) + tuple(refused),
+        prechecks=(
+            *(f for log in logs for f in log.findings),
+            *refused,
+            *as_findings(problem.tracks, findings.events),
+        ),
         candidates=candidates,
         flights=tuple(_note(track) for track in problem.tracks),
         residuals=tuple(_residuals(findings, final)),
@@ -110,9 +115,9 @@ def final_explanation(findings: Findings) -> Explanation:
     best = findings.search.best
     if judgement.verdict in ("none", "unknown"):
         return Explanation((), findings.problem.nothing, 0.0)
-    if judgement.members and judgement.verdict == "named":
-        return only(findings.problem, best, judgement.effects)
-    return best
+    if judgement.verdict == "set":
+        return best
+    return only(findings.problem, best, judgement.effects)
 
 
 def _explaining(effect: str, findings: Findings, final: Explanation) -> Explanation:

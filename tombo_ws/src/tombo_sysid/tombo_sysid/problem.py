@@ -449,6 +449,6 @@ def _loudest(squares: Array, rows: int) -> Array:
     """Return (channels): the largest mean of (rows, channels) over so many rows in a row."""
     whole = squares.shape[0] // rows * rows
     if not whole:
-        return squares.mean(axis=0)
-    largest: Array = squares[:whole].reshape(-1, rows, squares.shape[1]).mean(axis=1).max(axis=0)
-    return largest
+        rows = whole = squares.shape[0]
+    blocks = squares[:whole].reshape(-1, rows, squares.shape[1])
+    return np.asarray(blocks.mean(axis=1).max(axis=0))

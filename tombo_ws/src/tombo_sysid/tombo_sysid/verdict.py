@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from tombo_dynamics.effects import REGISTRY, Stage
 from tombo_sysid.gust_fit import GustFit
 from tombo_sysid.leftover import Leftover
-from tombo_sysid.naming import ADDS, Explanation, Search
+from tombo_sysid.naming import ADDS, MORE, Explanation, Search
 from tombo_sysid.nominal import Nominal
 from tombo_sysid.scatter import ScatterFit
 
@@ -32,6 +32,9 @@ _STRONG = 50.0
 _PUSHES = (Stage.WRENCH, Stage.AIR)
 """Effects that push the vehicle."""
 _SUREST = 0.99
+_NONE_SUREST, _NONE_SLOPE, _NONE_EVEN = 0.85, 1.3, 2.0
+_LOUD_EVEN = 0.2
+"""Confidence of `none` and `unknown`: fitted to what blind cases of other seeds came to."""
 _MOST = 3
 
 
@@ -91,30 +94,30 @@ def judge(
     airy = gusts is not None and repeats < _REPEATS and not gusts.at_edge
     if airy and gusts is not None:
         weights["gusts"] = gusts.evidence
+    weights = _earned(weights)
     excess = max((each.excess for each in rest), default=-math.inf)
     clean = excess <= GATE
     if nominal.calibrated:
         clean = explained > _CALIBRATED and repeats < 0.5
-    rivals = [r for r in found.rivals if r.evidence > found.best.evidence - TELLS]
+    kept = bool(found.best.effects) and all(e in weights for e in found.best.effects)
+    rivals = [r for r in found.rivals if kept and r.evidence > found.best.evidence - TELLS]
     effects = tuple(sorted(weights, key=lambda e: -weights[e]))[:_MOST]
     members = _members(found.best, rivals)
     lead = _lead(found)
     sure = 1.0 / (1.0 + sum(math.exp(r.evidence - found.best.evidence) for r in found.rivals))
-    real = 1.0 - math.exp(-max(min(weights.values(), default=0.0) - 0.5 * ADDS, 0.0))
+    real = _real(min(weights.values(), default=0.0))
+    loud = _capped(max(_loud(excess), _real(gusts.evidence) if gusts and not airy else 0.0))
     if not weights:
         if clean and (gusts is None or airy):
-            calm = 1.0 / (1.0 + math.exp(min(lead - ADDS, 700.0)))
-            return Judgement("none", (), (), _capped(calm), {}, 0.0)
-        return Judgement("unknown", (), (), _capped(_loud(excess)), {}, 0.0)
+            return Judgement("none", (), (), _calm(lead), {}, 0.0)
+        return Judgement("unknown", (), (), loud, {}, 0.0)
     each = {e: _capped(real * (sure if e in members else 1.0)) for e in effects}
     if not clean or (gusts is not None and not airy):
         strong = found.best.evidence > _STRONG and len(effects) == 1
         if strong and (removed > _PARTLY if not nominal.calibrated else explained > 0.5):
-            return Judgement(
-                "partly_explained", effects, (), _capped(_loud(excess)), each, explained
-            )
-        return Judgement("unknown", (), (), _capped(_loud(excess)), {}, explained)
-    if airy and any(REGISTRY[e].stage in _PUSHES for e in found.best.effects):
+            return Judgement("partly_explained", effects, (), loud, each, explained)
+        return Judgement("unknown", (), (), loud, {}, explained)
+    if airy and any(REGISTRY[e].stage in _PUSHES for e in effects if e != "gusts"):
         # A force that the named one only resembles leaves a remainder much like gusts.
         pushing = tuple(e for e in effects if e != "gusts")
         return Judgement("partly_explained", pushing, (), _capped(real), each, explained)
@@ -132,6 +135,12 @@ def judge(
     return Judgement("named", effects, (), _capped(real * sure), each, explained)
 
 
+def _earned(weights: dict[str, float]) -> dict[str, float]:
+    """Return the causes that earn their place beside the strongest: two at once are rarer."""
+    strongest = max(weights.values(), default=0.0)
+    return {e: weight for e, weight in weights.items() if weight == strongest or weight > MORE}
+
+
 def _members(best: Explanation, rivals: Sequence[Explanation]) -> tuple[str, ...]:
     """Return the effects that stand in for each other in explanations that do as well."""
     if not rivals:
@@ -146,8 +155,19 @@ def _lead(found: Search) -> float:
     return max(found.singles.values(), default=0.0)
 
 
+def _calm(lead: float) -> float:
+    """Return how sure it is that nothing is wrong: small causes hide in healthy flights' noise."""
+    return _NONE_SUREST / (1.0 + math.exp(min(_NONE_SLOPE * (lead - _NONE_EVEN), 700.0)))
+
+
 def _loud(excess: float) -> float:
-    return 1.0 / (1.0 + math.exp(-3.0 * (excess - GATE))) if math.isfinite(excess) else 0.5
+    """Return how sure it is that something is left over."""
+    return 1.0 / (1.0 + math.exp(-3.0 * (excess - _LOUD_EVEN))) if math.isfinite(excess) else 0.5
+
+
+def _real(evidence: float) -> float:
+    """Return how sure it is that a cause of such evidence is no chance."""
+    return 1.0 - math.exp(-max(evidence - 0.5 * ADDS, 0.0))
 
 
 def _capped(probability: float) -> float:
