@@ -29,7 +29,9 @@ def test_agrees_with_quadrature_and_general_root_finder(conf: int, law: str) -> 
 @pytest.mark.parametrize("law", ["repaired", "consistent"])
 def test_jacobian_is_that_of_the_equations(law: str) -> None:
     speed, p = 600.0, unpack(parameter_row(configuration(13), law))
-    alpha, beta, gamma, determinant, found = newton(LAWS[law], p, speed**2, 0.1, 0.1, 0.1)
+    alpha, beta, gamma, determinant, found, *tangent = newton(
+        LAWS[law], p, speed**2, 0.1, 0.1, 0.1, 1e-9
+    )
     assert found
     x, h = np.array([alpha, beta, gamma]), 1e-5
     columns = [
@@ -41,6 +43,10 @@ def test_jacobian_is_that_of_the_equations(law: str) -> None:
         for d in h * np.eye(3)
     ]
     assert determinant == pytest.approx(np.linalg.det(np.stack(columns, axis=1)), rel=1e-5)
+    ahead, behind = (evaluate(configuration(13), k * speed, law) for k in (1.001, 0.999))
+    for name, slope in zip(("alpha_rad", "beta_rad", "gamma_rad"), tangent, strict=True):
+        rise = float(getattr(ahead, name) - getattr(behind, name))
+        assert slope == pytest.approx(rise / math.log((1.001 / 0.999) ** 2), rel=1e-5)
 
 
 def test_agrees_with_the_reference_figures() -> None:

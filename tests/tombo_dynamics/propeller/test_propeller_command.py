@@ -97,3 +97,23 @@ def test_bad_input_is_one_line_and_exit_code_2(
     assert "accepted" in result.stderr
     assert len(result.stderr.splitlines()) == 1
     assert not any(empty_folder.iterdir())
+
+
+def test_own_library(empty_folder: Path) -> None:
+    row = "conf: 20, name: mine, blade: nine_inch, matrix: DragonSkin30, fibre: tendon, fibres: 5"
+    own = empty_folder / "own"
+    own.mkdir()
+    (own / "configurations.yaml").write_text(
+        f"- {{{row}, fibre_diameter_mm: 0.9, length_mm: 6}}\n"
+    )
+    asked = ["--library", "own", "--conf", "20", "--rpm", "4000", "--json"]
+    stiff = json.loads(RUNNER.invoke(app, asked).stdout)[0]
+    assert stiff["conf"] == 20
+    assert stiff["thrust_N"] > float(evaluate(configuration(13), 4000 * math.pi / 30).thrust_N)
+    moduli = RUNNER.invoke(app, ["moduli", "--library", "own"]).stdout
+    assert "26 of 26" in moduli
+    for bad, message in (("nowhere", "no such folder"), (".", "holds no data files")):
+        result = RUNNER.invoke(app, ["--library", bad, "--json"])
+        assert result.exit_code == 2
+        assert message in result.stderr
+        assert len(result.stderr.splitlines()) == 1

@@ -1,5 +1,3 @@
-import time
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,8 +12,9 @@ from tombo_dynamics.propeller import (
     evaluate,
     evaluate_rows,
     parameter_row,
+    parameter_rows,
 )
-from tombo_dynamics.propeller.laws.equilibrium import equilibrium, follow
+from tombo_dynamics.propeller.laws.equilibrium import equilibrium, newton
 from tombo_dynamics.propeller.laws.parameters import unpack
 from tombo_dynamics.propeller.laws.spring import spring_angle
 
@@ -32,20 +31,62 @@ def random_rows(law: str, count: int, seed: int, spread: float) -> np.ndarray:
     return rows
 
 
+def followed(law: str, row: np.ndarray, speed: float) -> tuple[np.ndarray, bool]:
+    """The root from rest in short steps of omega^2, each from the last root, and whether it is."""
+    p, square = unpack(row), speed**2
+    weight = p.wing_weight * p.joint_radius / p.wing_centroid
+    x = np.array(
+        [0.0, -p.flap_compliance * weight, -p.twist_compliance * p.wing_weight * p.lift_arm]
+    )
+    here, step = 0.0, square / 64.0
+    while here < square and step > 1e-8 * square:
+        there = min(square, here + step)
+        *new, determinant, found, _, _, _ = newton(LAWS[law], p, there, *x, 1e-9)
+        if found and determinant > 0.0 and np.abs(new - x).max() < 0.03:
+            x, here, step = np.array(new), there, min(1.5 * step, square / 64.0)
+        else:
+            step *= 0.5
+    return x, here >= square
+
+
 @pytest.mark.parametrize("law", ["repaired", "consistent"])
 def test_finds_the_root_that_continues_the_one_at_rest(law: str) -> None:
-    rows = random_rows(law, 3000, seed=1, spread=3.0)
+    rows = random_rows(law, 400, seed=1, spread=3.0)
     speeds = np.random.default_rng(2).uniform(0.0, SPEED_LIMIT, len(rows))
     verdicts = set()
     for row, speed in zip(rows, speeds, strict=True):
-        p = unpack(row)
-        *angles, verdict = equilibrium(LAWS[law], p, speed**2)
-        *path, path_verdict = follow(LAWS[law], p, speed**2)
-        assert verdict == path_verdict
+        *angles, verdict = equilibrium(LAWS[law], unpack(row), speed**2)
+        path, reached = followed(law, row, speed)
         verdicts.add(verdict)
-        if verdict == 0:
+        assert np.isfinite(angles).all() == reached
+        if reached:
             assert angles == pytest.approx(path, abs=1e-9)
     assert verdicts == {0, 1}  # in range, never lost; beyond it, twisted too far
+
+
+# Somewhat heavy, its joint narrow: the wing twists nose up and snaps over. Newton's method from a
+# fixed start finds the equilibrium on the far side of that.
+SNAPPING = {"matrix_modulus_MPa": 0.45, "poisson_ratio": 0.31, "length_mm": 4.9, "fibres": 3}
+SNAPPING |= {"fibre_diameter_mm": 0.26, "fibre_shear_modulus_MPa": 34.0, "lift_arm_mm": 1.4}
+SNAPPING |= {"fibre_youngs_modulus_MPa": 600.0, "flap_second_moment_mm4": 660.0}
+SNAPPING |= {"lag_second_moment_mm4": 2300.0, "torsion_constant_m4": 3.2e-10}
+SNAPPING |= {"outer_radius_m": 0.053, "wing_mass_kg": 0.01, "wing_centroid_m": 0.082}
+SNAPPING |= {"drag_arm_mm": -0.79, "flap_offset_rad": 0.038, "lag_offset_rad": -0.018}
+SNAPPING |= {"air_density_kg_m3": 0.93}
+
+
+def test_a_root_beyond_a_turning_point_is_none() -> None:
+    speeds = np.linspace(0.0, SPEED_LIMIT, 20_001)
+    row = parameter_rows(13, "repaired", **SNAPPING)
+    points = evaluate_rows(row, speeds, "repaired")
+    lost = points.verdict == 2
+    assert lost.any()
+    assert not points.valid[np.argmax(lost) :].any()  # once the path has turned back, for good
+    assert np.abs(np.diff(points.gamma_rad[points.valid])).max() < 0.05
+    beyond = [
+        newton(LAWS["repaired"], unpack(row), w**2, 0.1, 0.1, 0.1, 1e-9) for w in speeds[lost]
+    ]
+    assert any(found and determinant > 0.0 for _, _, _, determinant, found, *_ in beyond)
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -87,12 +128,3 @@ def test_spring_angle_solves_its_equation(m: float, r: float) -> None:
     assert abs(y) < np.pi / 2
     low, high = ((v + m * np.tan(v)) for v in (y - 2e-14, y + 2e-14))
     assert low <= r <= high
-
-
-def test_compiled_point_takes_less_than_20_microseconds() -> None:
-    for law in LAWS:
-        speeds = np.random.default_rng(5).uniform(0.0, 700.0, 20_000)
-        evaluate(configuration(13), speeds[:2], law)
-        start = time.perf_counter()
-        evaluate(configuration(13), speeds, law)
-        assert (time.perf_counter() - start) / len(speeds) < 20e-6

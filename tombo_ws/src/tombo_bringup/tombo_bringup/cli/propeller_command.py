@@ -40,6 +40,13 @@ def _bad_input_exits() -> Iterator[None]:
         raise typer.Exit(2) from None
 
 
+_LIBRARY = typer.Option(
+    "--library",
+    metavar="DIR",
+    help="Folder with own materials, blades, configurations, measurements; may be repeated.",
+)
+
+
 @app.callback(invoke_without_command=True)
 def propeller(
     ctx: typer.Context,
@@ -49,7 +56,7 @@ def propeller(
             "--conf",
             metavar="N",
             parser=whole_number,
-            help="Configuration of the paper's Table I, 0 is rigid.",
+            help="Configuration of the paper's Table I, 0 is rigid, or of the --library.",
         ),
     ] = 13,
     law: Annotated[
@@ -65,6 +72,7 @@ def propeller(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Where to write the plot.")
     ] = None,
+    library: Annotated[list[Path] | None, _LIBRARY] = None,
 ) -> None:
     """Print the operating points of a propeller and plot them over speed.
 
@@ -74,9 +82,9 @@ def propeller(
     if ctx.invoked_subcommand is not None:
         return
     with _bad_input_exits():
-        from tombo_dynamics.propeller import configuration, evaluate, valid_speed
+        from tombo_dynamics.propeller import evaluate, read_library, valid_speed
 
-        chosen = configuration(conf)
+        chosen = read_library(*(library or ())).configuration(conf)
         limit = valid_speed(chosen, law) * _RPM
         speeds = _default_speeds(limit) if rpm is None else parse_rpm(rpm)
         radians = [speed / _RPM for speed in speeds]
@@ -100,12 +108,14 @@ def propeller(
 @app.command()
 def moduli(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON only.")] = False,
+    library: Annotated[list[Path] | None, _LIBRARY] = None,
 ) -> None:
     """Print the moduli of every nodus beside those that the paper's Table I prints."""
     with _bad_input_exits():
-        from tombo_dynamics.propeller import configurations, nodus_moduli
+        from tombo_dynamics.propeller import nodus_moduli, read_library
 
-        soft = [c for c in configurations() if not c.rigid]
+        known = read_library(*(library or ())).configurations
+        soft = [c for c in known.values() if not c.rigid]
         computed = [(c, nodus_moduli(c)) for c in soft]
     if as_json:
         found = [
@@ -116,21 +126,22 @@ def moduli(
     table = Table(title="Moduli of the nodus [MPa], paper's Table I")
     for heading in ("conf", "E_N", "printed", "", "G_N", "printed", ""):
         table.add_column(heading, justify="right")
-    matching = 0
+    matching, printed = 0, 0
     for c, m in computed:
         e_tick, g_tick = _same(m.E_N_MPa, c.printed_E_N_MPa), _same(m.G_N_MPa, c.printed_G_N_MPa)
         matching += e_tick + g_tick
+        printed += (c.printed_E_N_MPa is not None) + (c.printed_G_N_MPa is not None)
         table.add_row(
             str(c.number),
             f"{m.E_N_MPa:.6f}",
             _printed(c.printed_E_N_MPa),
-            _tick(e_tick),
+            _tick(e_tick, c.printed_E_N_MPa),
             f"{m.G_N_MPa:.6f}",
             _printed(c.printed_G_N_MPa),
-            _tick(g_tick),
+            _tick(g_tick, c.printed_G_N_MPa),
         )
     Console().print(table)
-    typer.echo(f"{matching} of {2 * len(computed)} values agree with the paper to the last digit.")
+    typer.echo(f"{matching} of {printed} values agree with the paper to the last digit.")
 
 
 def parse_rpm(text: str) -> list[float]:
@@ -269,7 +280,7 @@ def _plot(path: Path, chosen: Configuration, law: str, limit: float) -> None:
     angle.legend()
     for axes in (angle, ratio):
         axes.set_xlabel("speed [rpm]")
-    name = "Conf. 0, rigid" if chosen.rigid else f"Conf. {chosen.number}"
+    name = chosen.name or f"Conf. {chosen.number}{', rigid' if chosen.rigid else ''}"
     figure.suptitle(f"{name}, law {law}")
     figure.savefig(path, dpi=120)
 
@@ -282,5 +293,7 @@ def _printed(value: float | None) -> str:
     return "-" if value is None else f"{value:.4f}"
 
 
-def _tick(same: bool) -> str:
+def _tick(same: bool, printed: float | None) -> str:
+    if printed is None:
+        return ""
     return "[green]✓[/green]" if same else "[red]✗[/red]"

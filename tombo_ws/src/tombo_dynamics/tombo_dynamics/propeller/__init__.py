@@ -1,15 +1,18 @@
 """The Tombo propeller: from materials and blade to thrust, torque and deformation.
 
-    >>> from tombo_dynamics.propeller import configuration, evaluate, thrust_map
-    >>> evaluate(configuration(13), 209.44).thrust_N      # 2000 rpm: 0.613 N
-    >>> thrust_map(configuration(13)).speed_for_thrust(3.0)
+    >>> from tombo_dynamics.propeller import RPM, configuration, evaluate, sweep, with_nodus
+    >>> evaluate(13, 2000 * RPM).thrust_N                         # 0.613 N
+    >>> stiff = with_nodus(configuration(13), fibres=8, length_mm=10.0)
+    >>> grid = sweep([configuration(13), stiff], 2000 * RPM, length_mm=[8, 12])
+    >>> grid.thrust_N.shape                                       # (2, 2)
+    >>> speed_for_thrust([5, 13], 1.5) / RPM                      # rpm
 
 `docs/propeller.md` has the equations, their sources, and what measurement says against them.
 """
 
+from tombo_dynamics.propeller.derive import with_joint, with_nodus, with_section
 from tombo_dynamics.propeller.evaluate import (
     SPEED_LIMIT,
-    Operation,
     evaluate,
     evaluate_rows,
     valid_speed,
@@ -23,6 +26,9 @@ from tombo_dynamics.propeller.library import (
     read_library,
 )
 from tombo_dynamics.propeller.moduli import Moduli, nodus_moduli
+from tombo_dynamics.propeller.operation import RPM, Operation
+from tombo_dynamics.propeller.peak import Peak, speed_for_thrust, thrust_peak
+from tombo_dynamics.propeller.quantities import QUANTITIES
 from tombo_dynamics.propeller.records import (
     STANDARD,
     Blade,
@@ -35,11 +41,15 @@ from tombo_dynamics.propeller.records import (
     Surroundings,
 )
 from tombo_dynamics.propeller.rotor_inertia import RotorInertia, rotor_inertia
+from tombo_dynamics.propeller.rows import parameter_rows
+from tombo_dynamics.propeller.sweep import Sweep, sweep
 from tombo_dynamics.propeller.thrust_map import ThrustMap, speed_of_maximum_thrust, thrust_map
 
 __all__ = [
     "DEFAULT_LAW",
     "LAWS",
+    "QUANTITIES",
+    "RPM",
     "SCALARS",
     "SPEED_LIMIT",
     "STANDARD",
@@ -53,8 +63,10 @@ __all__ = [
     "Moduli",
     "Nodus",
     "Operation",
+    "Peak",
     "RotorInertia",
     "Surroundings",
+    "Sweep",
     "ThrustMap",
     "configuration",
     "configurations",
@@ -62,9 +74,16 @@ __all__ = [
     "evaluate_rows",
     "nodus_moduli",
     "parameter_row",
+    "parameter_rows",
     "read_library",
     "rotor_inertia",
+    "speed_for_thrust",
     "speed_of_maximum_thrust",
+    "sweep",
     "thrust_map",
+    "thrust_peak",
     "valid_speed",
+    "with_joint",
+    "with_nodus",
+    "with_section",
 ]

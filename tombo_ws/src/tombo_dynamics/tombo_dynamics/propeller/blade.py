@@ -6,7 +6,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tombo_dynamics.propeller.records import Blade, Section
 
@@ -48,17 +48,27 @@ def _gauss(order: int) -> tuple[Array, Array]:
     return nodes, weights
 
 
-def span_rule(blade: Blade, start: float, end: float, order: int = 16) -> tuple[Array, Array]:
+def span_rule(
+    blade: Blade, start: ArrayLike, end: ArrayLike, order: int = 16
+) -> tuple[Array, Array]:
     """Return Gauss-Legendre nodes [m] and weights [m] from `start` to `end`, piece by piece.
 
     16 points a piece integrate the blade's trigonometric functions to rounding.
+
+    Args:
+        blade: the blade.
+        start: where the stretches begin [m], any shape; nodes and weights have it and one
+            dimension more, the last.
+        end: where they end [m], broadcast with `start`.
+        order: points a piece; a piece that a stretch does not touch gets weights of zero.
     """
     nodes, weights = _gauss(order)
     xs: list[Array] = []
     ws: list[Array] = []
     for piece in blade.pieces:
-        a, b = max(start, piece.start_m), min(end, piece.end_m)
-        if a < b:
-            xs.append(0.5 * (b - a) * nodes + 0.5 * (a + b))
-            ws.append(0.5 * (b - a) * weights)
-    return np.concatenate(xs), np.concatenate(ws)
+        a = np.clip(np.asarray(start, dtype=float), piece.start_m, piece.end_m)[..., None]
+        b = np.clip(np.asarray(end, dtype=float), piece.start_m, piece.end_m)[..., None]
+        half = 0.5 * np.maximum(b - a, 0.0)
+        xs.append(half * nodes + (a + half))
+        ws.append(half * weights)
+    return np.concatenate(xs, axis=-1), np.concatenate(ws, axis=-1)

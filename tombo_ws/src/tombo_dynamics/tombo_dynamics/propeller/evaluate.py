@@ -1,10 +1,9 @@
-"""Operating points of a propeller: one configuration or many parameter rows, over speeds."""
+"""Operating points of propellers: configurations with changes, or rows, over speeds."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,13 +12,15 @@ from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.propeller.laws.names import DEFAULT_LAW, LOST, OK, TWIST, law_number
 from tombo_dynamics.propeller.laws.parameters import ROW_SIZE, parameter_row
 from tombo_dynamics.propeller.laws.points import COLUMNS, solve_points
+from tombo_dynamics.propeller.operation import RPM, Operation
 from tombo_dynamics.propeller.records import STANDARD, Configuration, Surroundings
+from tombo_dynamics.propeller.rows import family, parameter_rows
 
 Array = NDArray[np.float64]
 
-SPEED_LIMIT = 18000.0 * math.pi / 30.0
+SPEED_LIMIT = 18000.0 * RPM
 """Highest speed [rad/s]: as far as the paper's figures go. The tip is then at Mach 0.6."""
-_OUTSIDE = ("error", "mask", "keep")
+OUTSIDE = ("error", "mask", "keep")
 _REASONS = {
     TWIST: "the twist takes the tip out of the angles of attack that the coefficients were "
     "measured at",
@@ -27,61 +28,46 @@ _REASONS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Operation:
-    """Operating points; every array has the shape of the speeds asked for."""
-
-    speed_rad_s: Array
-    thrust_N: Array
-    drag_N: Array
-    torque_Nm: Array
-    alpha_rad: Array
-    """Lag of the wing: rotation of the nodus in the disc's plane."""
-    beta_rad: Array
-    """Flap: out of the disc's plane, upwards."""
-    gamma_rad: Array
-    """Twist about the span, nose down."""
-    lift_over_drag: Array
-    valid: NDArray[np.bool_]
-    verdict: NDArray[np.int64]
-    """0 valid, 1 twisted beyond the coefficients' range, 2 no equilibrium."""
-
-
 def evaluate(
-    configuration: Configuration,
+    configuration: Any,
     speed_rad_s: ArrayLike,
     law: str = DEFAULT_LAW,
     surroundings: Surroundings = STANDARD,
     outside: str = "error",
+    **changes: Any,
 ) -> Operation:
-    """Return thrust, drag, torque and deformation of a propeller at rotor speeds.
+    """Return thrust, drag, torque and deformation of propellers at rotor speeds.
+
+    T = rho omega^2 (A_T + cos alpha cos beta f_T(gamma)), drag and torque likewise (paper's Eq. 1
+    and 8), with the nodus' angles from the law's equilibrium (`laws`).
+
+    Configurations, speeds and changes broadcast as numpy's arrays do: `evaluate(13, speeds,
+    length_mm=[[8.0], [12.0]])` has the shape (2, n). For a grid without thinking of axes there is
+    `sweep`.
 
     Args:
-        configuration: the propeller, e.g. `configuration(13)`.
+        configuration: a Configuration, a number of Table I, or an array-like of them.
         speed_rad_s: rotor speeds [rad/s] from 0 to SPEED_LIMIT, any shape.
         law: "published", "repaired" or "consistent".
         surroundings: air density and gravity.
         outside: what to do with speeds at which the law is not valid: "error" refuses them, "mask"
             makes the results NaN, "keep" leaves them as the equations give them.
+        **changes: quantities that differ from the configuration's, see `parameter_rows`.
 
     Raises:
-        InputError: unknown law; a speed that is NaN, negative or above SPEED_LIMIT; with
-            outside="error", a speed at which the law is not valid: the valid range is named.
+        InputError: unknown law; a speed that is NaN, negative or above SPEED_LIMIT; a change that
+            is not accepted; with outside="error", a speed at which the law is not valid: the
+            valid range is named.
     """
-    if outside not in _OUTSIDE:
-        raise unknown_name("outside", outside, _OUTSIDE)
-    row = parameter_row(configuration, law, surroundings)
-    operation = evaluate_rows(row, speed_rad_s, law, "keep" if outside == "error" else outside)
+    if outside not in OUTSIDE:
+        raise unknown_name("outside", outside, OUTSIDE)
+    if isinstance(configuration, Configuration) and not changes:
+        rows = parameter_row(configuration, law, surroundings)
+    else:
+        rows = parameter_rows(configuration, law, surroundings, **changes)
+    operation = evaluate_rows(rows, speed_rad_s, law, "keep" if outside == "error" else outside)
     if outside == "error" and not operation.valid.all():
-        first = int(np.argmin(operation.valid.ravel()))
-        worst = float(operation.speed_rad_s.ravel()[first])
-        limit = valid_speed(configuration, law, surroundings)
-        raise InputError(
-            f"speed {worst:.6g} rad/s ({_rpm(worst)} rpm) is outside the validity of law {law} "
-            f"for configuration {configuration.number}: "
-            f"{_REASONS[int(operation.verdict.ravel()[first])]}; "
-            f"accepted: 0 to {limit:.6g} rad/s ({_rpm(limit)} rpm)"
-        )
+        raise _not_valid(operation, configuration, rows, law)
     return operation
 
 
@@ -91,7 +77,7 @@ def evaluate_rows(
     """Return operating points of many propellers, each given as a row of parameters.
 
     Args:
-        rows: (ROW_SIZE,) or (..., ROW_SIZE), from `parameter_row`, perhaps varied; the leading
+        rows: (ROW_SIZE,) or (..., ROW_SIZE), from `parameter_rows`, perhaps varied; the leading
             dimensions broadcast with those of the speeds.
         speed_rad_s: rotor speeds [rad/s], broadcast with `rows`.
         law: the law that the rows were made for.
@@ -101,9 +87,9 @@ def evaluate_rows(
         InputError: unknown law, rows of another size or not finite, or a speed that is NaN,
             negative or above SPEED_LIMIT.
     """
-    number = law_number(law)
-    if outside not in _OUTSIDE[1:]:
-        raise unknown_name("outside", outside, _OUTSIDE[1:])
+    law_number(law)
+    if outside not in OUTSIDE[1:]:
+        raise unknown_name("outside", outside, OUTSIDE[1:])
     speeds = _checked_speeds(speed_rad_s)
     table = np.asarray(rows, dtype=float)
     if table.ndim == 0 or table.shape[-1] != ROW_SIZE or not np.isfinite(table).all():
@@ -111,25 +97,25 @@ def evaluate_rows(
             f"rows of shape {table.shape}; accepted: finite rows of {ROW_SIZE} numbers as "
             "parameter_row gives them"
         )
+    leading = table.shape[:-1]
     try:
-        shape = np.broadcast_shapes(table.shape[:-1], speeds.shape)
+        shape = np.broadcast_shapes(leading, speeds.shape)
     except ValueError:
         raise InputError(
             f"rows of shape {table.shape} with speeds of shape {speeds.shape}; accepted: leading "
             "dimensions that broadcast"
         ) from None
-    flat = np.ascontiguousarray(np.broadcast_to(speeds, shape)).reshape(-1)
-    if table.ndim > 1:
-        table = np.broadcast_to(table, (*shape, ROW_SIZE))
-    out = np.empty((flat.size, COLUMNS))
-    solve_points(number, np.ascontiguousarray(table).reshape(-1, ROW_SIZE), flat, out)
-    verdict = out[:, 7].astype(np.int64)
+    table = table.reshape(-1, ROW_SIZE)
+    which = np.broadcast_to(np.arange(table.shape[0]).reshape(leading), shape)
+    speeds = np.array(np.broadcast_to(speeds, shape))
+    columns = points_of_rows(table, which.ravel(), speeds.ravel(), law)
+    verdict = columns[7].astype(np.int64)
     valid = verdict == OK
     if outside == "mask":
-        out[~valid, :7] = np.nan
-    columns = np.ascontiguousarray(out.T).reshape((COLUMNS, *shape))
+        columns[:7, ~valid] = np.nan
+    columns = columns.reshape((COLUMNS, *shape))
     return Operation(
-        speed_rad_s=flat.reshape(shape),
+        speed_rad_s=speeds,
         thrust_N=columns[0],
         drag_N=columns[1],
         torque_Nm=columns[2],
@@ -140,6 +126,20 @@ def evaluate_rows(
         valid=valid.reshape(shape),
         verdict=verdict.reshape(shape),
     )
+
+
+def points_of_rows(rows: Array, which: NDArray[np.int64], speed_rad_s: Array, law: str) -> Array:
+    """Return (COLUMNS, n) solutions, unchecked, see `laws.points`.
+
+    Args:
+        rows: (r, ROW_SIZE).
+        which: (n,) the row of each point.
+        speed_rad_s: (n,) from 0 to SPEED_LIMIT.
+        law: the law that the rows were made for.
+    """
+    out = np.empty((speed_rad_s.size, COLUMNS))
+    solve_points(law_number(law), np.ascontiguousarray(rows), which, speed_rad_s, out)
+    return np.ascontiguousarray(out.T)
 
 
 @lru_cache(maxsize=256)
@@ -154,19 +154,42 @@ def valid_speed(
     Raises:
         InputError: unknown law.
     """
-    row = parameter_row(configuration, law, surroundings)
-    low, high = 0.0, SPEED_LIMIT
+    return float(valid_speed_of_rows(parameter_row(configuration, law, surroundings), law))
+
+
+def valid_speed_of_rows(rows: ArrayLike, law: str) -> Array:
+    """Return `valid_speed` [rad/s] of each row (..., ROW_SIZE)."""
+    table = np.asarray(rows, dtype=float)
+    low, high = np.zeros(table.shape[:-1]), np.full(table.shape[:-1], SPEED_LIMIT)
+    whole = np.ones(low.shape, dtype=bool)
     for _ in range(8):
-        speeds = np.linspace(low, high, 65)
-        bad = np.flatnonzero(~evaluate_rows(row, speeds, law, "keep").valid)
-        if not bad.size:
-            return float(high)
-        if not bad[0]:
-            return 0.0
-        low, high = float(speeds[bad[0] - 1]), float(speeds[bad[0]])
-        if high - low < 1e-9 * high:
+        speeds = np.linspace(low, high, 65, axis=-1)
+        bad = ~evaluate_rows(table[..., None, :], speeds, law, "keep").valid
+        whole &= ~bad.any(-1)
+        if whole.all():
             break
-    return low
+        first = bad.argmax(-1)[..., None]
+        before = np.take_along_axis(speeds, np.maximum(first - 1, 0), -1)[..., 0]
+        at = np.take_along_axis(speeds, first, -1)[..., 0]
+        low, high = np.where(whole, low, before), np.where(whole, high, at)
+        if (high - low < 1e-9 * high)[~whole].all():
+            break
+    return np.where(whole, SPEED_LIMIT, low)
+
+
+def _not_valid(operation: Operation, configuration: Any, rows: Array, law: str) -> InputError:
+    """Build the error for the first point that is not valid."""
+    place = np.unravel_index(int(np.argmin(operation.valid)), operation.valid.shape)
+    shape = operation.valid.shape
+    row = np.broadcast_to(rows, (*shape, ROW_SIZE))[place]
+    chosen = family(configuration)
+    member = chosen.members[int(np.broadcast_to(chosen.index, shape)[place])]
+    worst, limit = float(operation.speed_rad_s[place]), float(valid_speed_of_rows(row, law))
+    return InputError(
+        f"speed {worst:.6g} rad/s ({worst / RPM:.6g} rpm) is outside the validity of law {law} "
+        f"for {member.label}: {_REASONS[int(operation.verdict[place])]}; "
+        f"accepted: 0 to {limit:.6g} rad/s ({limit / RPM:.6g} rpm)"
+    )
 
 
 def _checked_speeds(speed_rad_s: ArrayLike) -> Array:
@@ -177,13 +200,9 @@ def _checked_speeds(speed_rad_s: ArrayLike) -> Array:
     usable = (speeds >= 0.0) & (speeds <= SPEED_LIMIT)
     if not usable.all():
         worst = float(speeds.ravel()[int(np.argmin(usable.ravel()))])
-        raise InputError(f"speed {worst:.6g} rad/s ({_rpm(worst)} rpm); {_accepted_speeds()}")
+        raise InputError(f"speed {worst:.6g} rad/s ({worst / RPM:.6g} rpm); {_accepted_speeds()}")
     return speeds
 
 
 def _accepted_speeds() -> str:
     return f"accepted: 0 to {SPEED_LIMIT:.1f} rad/s (18000 rpm)"
-
-
-def _rpm(speed: float) -> str:
-    return f"{speed * 30.0 / math.pi:.6g}"

@@ -8,6 +8,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.propeller.reading import read_yaml, record
 from tombo_dynamics.propeller.records import (
@@ -25,9 +27,10 @@ from tombo_dynamics.propeller.records import (
 )
 
 DATA = Path(__file__).parent / "data"
+FILES = ("materials.yaml", "blades.yaml", "configurations.yaml", "measurements.yaml")
 _NODUS_KEYS = ("fibres", "fibre_diameter_mm", "length_mm")
 _PRINTED_KEYS = ("printed_E_N_MPa", "printed_G_N_MPa")
-_OTHER_KEYS = ("conf", "blade", "matrix", "fibre", "edge")
+_OTHER_KEYS = ("conf", "name", "blade", "matrix", "fibre", "edge")
 
 
 @dataclass(frozen=True)
@@ -40,18 +43,41 @@ class Library:
     configurations: Mapping[int, Configuration]
     collision_positions: tuple[CollisionPosition, ...]
 
+    def configuration(self, number: int) -> Configuration:
+        """Return a configuration by its number.
 
-@lru_cache(maxsize=8)
-def read_library(*folders: Path) -> Library:
+        Raises:
+            InputError: there is no such configuration.
+        """
+        known = self.configurations
+        whole = isinstance(number, int | float | np.integer) and not isinstance(number, bool)
+        if not whole or number not in known:
+            raise InputError(
+                f"unknown configuration {number!r}; accepted: {', '.join(map(str, known))}"
+            )
+        return known[number]
+
+
+def read_library(*folders: Path | str) -> Library:
     """Read the built-in data and then each folder's; a name read later replaces the earlier one.
 
     Args:
         folders: folders with any of materials.yaml, blades.yaml, configurations.yaml,
-            measurements.yaml, in the form of the built-in ones.
+            measurements.yaml, in the form of the built-in ones. They are read anew every time.
 
     Raises:
-        InputError: a file is not readable, or a key, a name or a number in it does not fit.
+        InputError: a folder has none of these files, a file is not readable, or a key, a name or a
+            number in it does not fit.
     """
+    return _read(tuple(Path(folder) for folder in folders)) if folders else _built_in()
+
+
+@lru_cache(maxsize=1)
+def _built_in() -> Library:
+    return _read(())
+
+
+def _read(folders: tuple[Path, ...]) -> Library:
     matrices: dict[str, Matrix] = {}
     fibres: dict[str, Fibre] = {}
     blades: dict[str, Blade] = {}
@@ -59,24 +85,36 @@ def read_library(*folders: Path) -> Library:
     measured: dict[int, Measurement] = {}
     positions: tuple[CollisionPosition, ...] = ()
     for folder in (DATA, *folders):
+        if not any((folder / name).is_file() for name in FILES):
+            raise InputError(
+                f"{folder}: {'holds' if folder.is_dir() else 'no such folder, so'} no data files; "
+                f"accepted: a folder with any of {', '.join(FILES)}"
+            )
         materials = _mapping(folder / "materials.yaml", ("matrices", "fibres"))
-        for name, values in materials.get("matrices", {}).items():
+        for name, values in _items(materials, "matrices"):
             matrices[name] = record(Matrix, values, f"matrices.{name}", name=name)
-        for name, values in materials.get("fibres", {}).items():
+        for name, values in _items(materials, "fibres"):
             fibres[name] = record(Fibre, values, f"fibres.{name}", name=name)
         for name, values in _mapping(folder / "blades.yaml", None).items():
             blades[name] = _blade(name, values)
+        read: dict[int, Mapping[str, Any]] = {}
         for values in _rows(folder / "configurations.yaml"):
-            rows[_number(values, "configurations")] = values
+            number = _number(values, "configurations")
+            if number in read:
+                raise InputError(
+                    f"{folder / 'configurations.yaml'}: conf {number} twice; accepted: once"
+                )
+            read[number] = values
+        rows |= read
         tables = _mapping(folder / "measurements.yaml", ("at_2000_rpm", "collision_positions"))
-        for values in tables.get("at_2000_rpm", []):
+        for values in _list(tables, "at_2000_rpm"):
             number = _number(values, "at_2000_rpm")
             rest = {key: value for key, value in values.items() if key != "conf"}
             measured[number] = record(Measurement, rest, f"at_2000_rpm, conf {number}")
         if "collision_positions" in tables:
             positions = tuple(
                 record(CollisionPosition, values, f"collision_positions[{i}]")
-                for i, values in enumerate(tables["collision_positions"])
+                for i, values in enumerate(_list(tables, "collision_positions"))
             )
     configurations = {
         number: _configuration(number, rows[number], matrices, fibres, blades, measured)
@@ -91,12 +129,7 @@ def configuration(number: int) -> Configuration:
     Raises:
         InputError: there is no such configuration.
     """
-    known = read_library().configurations
-    if isinstance(number, bool) or number not in known:
-        raise InputError(
-            f"unknown configuration {number!r}; accepted: {', '.join(map(str, known))}"
-        )
-    return known[number]
+    return read_library().configuration(number)
 
 
 def configurations() -> tuple[Configuration, ...]:
@@ -114,6 +147,20 @@ def _mapping(path: Path, accepted: tuple[str, ...] | None) -> Mapping[str, Any]:
         if accepted is not None and key not in accepted:
             raise unknown_name(f"key in {path}", key, accepted)
     return values
+
+
+def _items(values: Mapping[str, Any], key: str) -> list[tuple[str, Any]]:
+    found = values.get(key, {})
+    if not isinstance(found, Mapping) or not all(isinstance(name, str) for name in found):
+        raise InputError(f"{key}: {found!r}; accepted: names with their values")
+    return list(found.items())
+
+
+def _list(values: Mapping[str, Any], key: str) -> list[Any]:
+    found = values.get(key, [])
+    if not isinstance(found, list):
+        raise InputError(f"{key}: {found!r}; accepted: a list")
+    return found
 
 
 def _rows(path: Path) -> list[Mapping[str, Any]]:
@@ -185,7 +232,9 @@ def _configuration(
                 f"{where}.length_mm: {nodus.length_mm} starts behind the hub's centre; accepted: "
                 f"at most {blade.joint.outer_radius_m * 1e3:g} mm"
             )
-    edge = values.get("edge")
+    edge, name = values.get("edge"), values.get("name", "")
+    if not isinstance(name, str):
+        raise InputError(f"{where}.name: {name!r}; accepted: a text")
     return record(
         Configuration,
         {key: values[key] for key in _PRINTED_KEYS if key in values},
@@ -195,10 +244,11 @@ def _configuration(
         nodus=nodus,
         edge=None if edge is None else _named(edge, matrices, "edge", where).name,
         measured=measured.get(number),
+        name=name,
     )
 
 
 def _named(name: object, known: Mapping[str, Any], what: str, where: str) -> Any:
-    if name not in known:
+    if not isinstance(name, str) or name not in known:
         raise unknown_name(f"{what} in {where}", name, known)
-    return known[name]  # type: ignore[index]
+    return known[name]

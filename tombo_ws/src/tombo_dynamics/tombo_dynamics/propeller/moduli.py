@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller.records import Configuration, Matrix
@@ -31,30 +32,37 @@ def matrix_modulus(matrix: Matrix) -> float:
     return float(fit[0][0])
 
 
-def chamis(matrix: float, fibre: float, volume_fraction: float) -> float:
+def chamis(matrix: Any, fibre: Any, volume_fraction: Any) -> Any:
     """Mix two moduli, paper's Eq. 2: E = E_m / (1 - sqrt(v_f) (1 - E_m / E_f)).
 
     Args:
-        matrix: modulus of the matrix, any unit.
+        matrix: modulus of the matrix, any unit, any shape; the three broadcast.
         fibre: modulus of the fibres, same unit.
         volume_fraction: share of the section that is fibre, 0 to below 1.
     """
-    return matrix / (1.0 - math.sqrt(volume_fraction) * (1.0 - matrix / fibre))
+    return matrix / (1.0 - np.sqrt(volume_fraction) * (1.0 - matrix / fibre))
 
 
-def volume_fraction(fibres: int, diameter_mm: float, area_mm2: float) -> float:
-    """Return the share of the nodus' section that is fibre, n pi d^2 / 4 / A_N.
+def volume_fraction(fibres: ArrayLike, diameter_mm: ArrayLike, area_mm2: ArrayLike) -> Any:
+    """Return the share of the nodus' section that is fibre, n pi d^2 / 4 / A_N; all broadcast.
 
     Raises:
         InputError: the fibres fill the section.
     """
-    share = fibres * math.pi * diameter_mm**2 / 4.0 / area_mm2
-    if share >= 1.0:
+    n, d, area = np.broadcast_arrays(fibres, diameter_mm, area_mm2)
+    share = n * np.pi * d**2 / 4.0 / area
+    if (share >= 1.0).any():
+        i = int(np.argmax(share))
         raise InputError(
-            f"{fibres} fibres of {diameter_mm:g} mm fill the nodus' section of {area_mm2:g} mm^2; "
-            "accepted: less fibre than section"
+            f"{n.flat[i]:g} fibres of {d.flat[i]:g} mm fill the nodus' section of "
+            f"{area.flat[i]:g} mm^2; accepted: less fibre than section"
         )
     return share
+
+
+def shear_modulus(youngs_modulus: Any, poisson_ratio: Any) -> Any:
+    """Return the shear modulus of an isotropic matrix, E / (2 (1 + nu)); both broadcast."""
+    return youngs_modulus / (2.0 * (1.0 + poisson_ratio))
 
 
 @lru_cache(maxsize=256)
@@ -67,17 +75,17 @@ def nodus_moduli(configuration: Configuration) -> Moduli:
     nodus = configuration.nodus
     if nodus is None:
         raise InputError(
-            f"configuration {configuration.number} is rigid, it has no nodus; "
+            f"{configuration.label} is rigid, it has no nodus; "
             "accepted: a configuration with a nodus"
         )
     share = volume_fraction(
         nodus.fibres, nodus.fibre_diameter_mm, configuration.blade.joint.section_area_mm2
     )
     young = matrix_modulus(nodus.matrix)
-    shear = young / (2.0 * (1.0 + nodus.matrix.poisson_ratio))
+    shear = shear_modulus(young, nodus.matrix.poisson_ratio)
     return Moduli(
-        chamis(young, nodus.fibre.youngs_modulus_MPa, share),
-        chamis(shear, nodus.fibre.shear_modulus_MPa, share),
+        float(chamis(young, nodus.fibre.youngs_modulus_MPa, share)),
+        float(chamis(shear, nodus.fibre.shear_modulus_MPa, share)),
     )
 
 
@@ -93,8 +101,8 @@ def published_moduli(configuration: Configuration) -> Moduli:
     nodus, published = configuration.nodus, configuration.blade.published
     if nodus is None or published is None:
         raise InputError(
-            f"law published: blade {configuration.blade.name} of configuration "
-            f"{configuration.number} has no nodus or no data of the authors' program; "
+            f"law published: blade {configuration.blade.name} of "
+            f"{configuration.label} has no nodus or no data of the authors' program; "
             "accepted: law repaired or consistent"
         )
     share = volume_fraction(
@@ -103,8 +111,9 @@ def published_moduli(configuration: Configuration) -> Moduli:
         configuration.blade.joint.section_area_mm2,
     )
     young = matrix_modulus(nodus.matrix)
-    shear = young / (2.0 * (1.0 + nodus.matrix.poisson_ratio))
+    shear = shear_modulus(young, nodus.matrix.poisson_ratio)
     fibre = nodus.fibre.youngs_modulus_MPa
     return Moduli(
-        chamis(young, fibre, share), chamis(shear, fibre / published.fibre_modulus_ratio, share)
+        float(chamis(young, fibre, share)),
+        float(chamis(shear, fibre / published.fibre_modulus_ratio, share)),
     )

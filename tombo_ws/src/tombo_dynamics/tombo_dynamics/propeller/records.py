@@ -195,6 +195,13 @@ class Configuration:
     printed_E_N_MPa: float | None = quantity("MPa", 0.0, 1e6, default=None)
     printed_G_N_MPa: float | None = quantity("MPa", 0.0, 1e6, default=None)
     measured: Measurement | None = None
+    name: str = ""
+    """What it is called where a number says too little, e.g. one derived from another."""
+
+    @property
+    def label(self) -> str:
+        """Its name, or its number."""
+        return self.name or f"configuration {self.number}"
 
     @property
     def rigid(self) -> bool:

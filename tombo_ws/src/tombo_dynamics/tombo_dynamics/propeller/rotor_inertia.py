@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from tombo_dynamics.propeller.blade import shape, span_rule
 from tombo_dynamics.propeller.records import Blade
+from tombo_dynamics.propeller.wing_mass import volume_moments
 
 BLADES = 2
 BELL_MASS_KG = 0.025
@@ -42,26 +40,16 @@ def rotor_inertia(blade: Blade) -> RotorInertia:
     Folding moves the wings inwards and is not in it.
     """
     joint = blade.joint
-    wing_mass, wing_centroid, wing_square = _moments(
+    wing_mass, wing_centroid, wing_square = volume_moments(
         blade, joint.outer_radius_m, blade.pieces[-1].end_m
     )
-    root_mass, _, root_square = _moments(blade, blade.pieces[0].start_m, joint.outer_radius_m)
+    root_mass, _, root_square = volume_moments(
+        blade, blade.pieces[0].start_m, joint.outer_radius_m
+    )
     density = joint.wing_mass_kg / wing_mass
     spread = wing_square - wing_centroid**2
     return RotorInertia(
-        wings=BLADES * joint.wing_mass_kg * (joint.wing_centroid_m**2 + spread),
-        roots=BLADES * density * root_mass * root_square,
+        wings=float(BLADES * joint.wing_mass_kg * (joint.wing_centroid_m**2 + spread)),
+        roots=float(BLADES * density * root_mass * root_square),
         bell=BELL_MASS_KG * BELL_RADIUS_M**2,
     )
-
-
-def _moments(blade: Blade, start: float, end: float) -> tuple[float, float, float]:
-    """Return volume, centroid and mean square of the span over a stretch, depth x thickness."""
-    x, weights = span_rule(blade, start, end, order=32)
-    depth, _ = shape(blade, x)
-    thickness = np.ones_like(x)
-    if blade.thickness_at_m:
-        thickness = np.interp(x, blade.thickness_at_m, np.asarray(blade.thickness_mm) * 1e-3)
-    volume = weights * depth * thickness
-    total = float(volume.sum())
-    return total, float(volume @ x) / total, float(volume @ x**2) / total

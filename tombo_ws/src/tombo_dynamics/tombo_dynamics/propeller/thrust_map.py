@@ -16,9 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.propeller.cubic import cubic_table, cubic_values, inverse_table
-from tombo_dynamics.propeller.evaluate import SPEED_LIMIT, evaluate_rows
+from tombo_dynamics.propeller.evaluate import evaluate_rows
 from tombo_dynamics.propeller.laws.names import DEFAULT_LAW
 from tombo_dynamics.propeller.laws.parameters import parameter_row
+from tombo_dynamics.propeller.peak import peak_of_rows
 from tombo_dynamics.propeller.records import STANDARD, Configuration, Surroundings
 
 Array = NDArray[np.float64]
@@ -151,28 +152,14 @@ def speed_of_maximum_thrust(
     Raises:
         InputError: unknown law, or the law stops being valid before thrust has a maximum.
     """
-    row = parameter_row(configuration, law, surroundings)
-    low, high = 0.0, SPEED_LIMIT
-    for level in range(6):
-        speeds = np.linspace(low, high, 91)
-        points = evaluate_rows(row, speeds, law, "mask")
-        falls = np.flatnonzero(~(np.diff(points.thrust_N) > 0.0))
-        peak = int(falls[0]) if falls.size else speeds.size - 1
-        if level == 0 and peak == speeds.size - 1:
-            return SPEED_LIMIT, False
-        if not points.valid[min(peak + 1, speeds.size - 1)]:
-            raise InputError(
-                f"law {law} stops being valid for configuration {configuration.number} at "
-                f"{speeds[peak]:.4g} rad/s before thrust has a maximum; accepted: a configuration "
-                "with a valid maximum or none below 18000 rpm"
-            )
-        peak = min(max(peak, 1), speeds.size - 2)
-        low, high = float(speeds[peak - 1]), float(speeds[peak + 1])
-        if high - low < 1e-3 * high:
-            break
-    t = points.thrust_N[peak - 1 : peak + 2]
-    vertex = 0.5 * (t[0] - t[2]) / (t[0] - 2.0 * t[1] + t[2])
-    return float(speeds[peak] + vertex * (speeds[1] - speeds[0])), True
+    peak = peak_of_rows(parameter_row(configuration, law, surroundings), law)
+    if not peak.valid_further:
+        raise InputError(
+            f"law {law} stops being valid for {configuration.label} at "
+            f"{float(peak.speed_rad_s):.4g} rad/s before thrust has a maximum; accepted: a "
+            "configuration with a valid maximum or none below 18000 rpm"
+        )
+    return float(peak.speed_rad_s), bool(peak.has_maximum)
 
 
 @lru_cache(maxsize=64)

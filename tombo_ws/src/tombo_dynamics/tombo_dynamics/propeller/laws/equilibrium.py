@@ -1,8 +1,9 @@
-"""The equilibrium of the laws `repaired` and `consistent`: Newton, and a path from rest.
+"""The equilibrium of the laws `repaired` and `consistent`, followed up from rest by Newton steps.
 
-The physical root is the one that continues the equilibrium at rest. Newton's method from a fixed
-start finds it nearly always; where it does not, the root is followed up from rest in steps of
-omega^2, which the equations are linear in.
+The physical root is the one that continues the equilibrium at rest. Newton's method alone finds
+some root; for very soft or far offset wings that can be one beyond a turning point, which no
+propeller that spins up reaches. So every root is reached from rest along its path: the equations
+are linear in omega^2, which gives the path's tangent for nothing, and a few long steps suffice.
 """
 
 from __future__ import annotations
@@ -20,13 +21,19 @@ from tombo_dynamics.propeller.laws.wing_loads import twisted
 
 Array = NDArray[np.float64]
 
-_START = 0.1
-_STEPS = 30
+_STEPS = 15
 _STEP_LIMIT = 0.3
 _CLOSE = 1e-9
 """Newton's steps shrink quadratically: one below this leaves an error below rounding."""
+_NEAR = 1e-3
+"""Accuracy of the points on the way [rad]; only the last one counts."""
 _ANGLE_LIMIT = 1.5
-_FOLLOW_ANGLE = 0.1
+_FIRST_STEP = 0.125
+_LONGEST_MISS = 0.3
+"""Longest distance of a root from where the tangent has pointed [rad]."""
+_WIDEST_GAP = 0.005
+"""Largest error of a step's trapezoid [rad]."""
+_SHORTEST_STEP = 1e-8
 _MOST_FOLLOWED = 200
 _CONSISTENT = LAWS["consistent"]
 _repaired_pull = repaired.in_plane_pull
@@ -35,12 +42,13 @@ _consistent_pull = consistent.in_plane_pull
 
 @compiled
 def newton(
-    law: int, p: Parameters, square: float, alpha: float, beta: float, gamma: float
-) -> tuple[float, float, float, float, bool]:
+    law: int, p: Parameters, square: float, alpha: float, beta: float, gamma: float, close: float
+) -> tuple[float, float, float, float, bool, float, float, float]:
     """Solve the three equations at omega^2 = `square` [rad^2/s^2] from a starting point [rad].
 
     Returns:
-        alpha, beta, gamma [rad], the determinant of the Jacobian there, and whether it converged.
+        alpha, beta, gamma [rad], the determinant of the Jacobian there, whether the last step was
+        below `close` [rad], and the path's tangent: the three angles' slopes over ln omega^2.
     """
     q = p.air_density * square
     pull = p.centrifugal * square
@@ -91,55 +99,68 @@ def newton(
         d_g = (a_b * r_ga - a_a * r_gb + r_a * m_g) / determinant
         size = max(abs(d_a), abs(d_b), abs(d_g))
         if not size < 1e6:
-            return alpha, beta, gamma, determinant, False
+            return alpha, beta, gamma, determinant, False, 0.0, 0.0, 0.0
         shrink = min(1.0, _STEP_LIMIT / max(size, 1e-300))
         alpha -= shrink * d_a
         beta -= shrink * d_b
         gamma -= shrink * d_g
-        if size < _CLOSE:
+        if size < close:
             inside = (
                 abs(p.lag_offset - alpha) < _ANGLE_LIMIT
                 and abs(beta - p.flap_offset) < _ANGLE_LIMIT
                 and abs(gamma) < _ANGLE_LIMIT
             )
-            return alpha, beta, gamma, determinant, inside
-    return alpha, beta, gamma, determinant, False
-
-
-@compiled
-def follow(law: int, p: Parameters, square: float) -> tuple[float, float, float, int]:
-    """Follow the root from rest up to omega^2 = `square`; a step that jumps is halved.
-
-    Returns:
-        alpha, beta, gamma [rad] and OK; or NaNs and TWIST or LOST, whichever ends the path.
-    """
-    kb = p.flap_compliance * p.joint_radius / p.wing_centroid
-    alpha, beta = 0.0, -kb * p.wing_weight
-    gamma = -p.twist_compliance * p.wing_weight * p.lift_arm
-    here, step = 0.0, square / 16.0
-    for _ in range(_MOST_FOLLOWED):
-        if here >= square:
-            return alpha, beta, gamma, OK
-        there = min(square, here + step)
-        a, b, g, determinant, found = newton(law, p, there, alpha, beta, gamma)
-        jump = max(abs(a - alpha), abs(b - beta), abs(g - gamma))
-        if found and determinant > 0.0 and jump < _FOLLOW_ANGLE:
-            alpha, beta, gamma, here = a, b, g, there
-            if gamma > p.twist_limit:
-                return math.nan, math.nan, math.nan, TWIST
-            step *= 2.0
-        else:
-            step *= 0.5
-    return math.nan, math.nan, math.nan, LOST
+            # At a root the loads balance the springs, so springs and weight are the loads' slope.
+            l_a, l_b = alpha, beta + kb * p.wing_weight
+            l_g = gamma + kg * p.wing_weight * dy
+            l_bg, l_gb, l_ga = l_b * g_g - b_g * l_g, l_b * g_b - b_b * l_g, l_g * b_a - g_a * l_b
+            t_a = (l_a * m_a - a_b * l_bg + a_g * l_gb) / determinant
+            t_b = (a_a * l_bg - l_a * m_b + a_g * l_ga) / determinant
+            t_g = (-a_b * l_ga - a_a * l_gb + l_a * m_g) / determinant
+            return alpha, beta, gamma, determinant, inside, t_a, t_b, t_g
+    return alpha, beta, gamma, determinant, False, 0.0, 0.0, 0.0
 
 
 @compiled
 def equilibrium(law: int, p: Parameters, square: float) -> tuple[float, float, float, int]:
-    """Return alpha, beta, gamma [rad] at omega^2 = `square`, and OK, TWIST or LOST.
+    """Follow the root from rest up to omega^2 = `square`.
 
-    With TWIST the angles are a root if Newton's method finds one, else NaN; with LOST, NaN.
+    A step that ends far from where the tangent has pointed, or on the far side of a turning point,
+    is halved.
+
+    Returns:
+        alpha, beta, gamma [rad] and OK or TWIST; or NaNs and LOST, where the path turns back or
+        an angle approaches 90 degrees.
     """
-    a, b, g, determinant, found = newton(law, p, square, _START, _START, _START)
-    if found and determinant > 0.0:
-        return a, b, g, (OK if g <= p.twist_limit else TWIST)
-    return follow(law, p, square)
+    kb = p.flap_compliance * p.joint_radius / p.wing_centroid
+    alpha, beta = 0.0, -kb * p.wing_weight
+    gamma = -p.twist_compliance * p.wing_weight * p.lift_arm
+    t_a, t_b, t_g = 0.0, 0.0, 0.0
+    here, step = 0.0, _FIRST_STEP * square
+    for _ in range(_MOST_FOLLOWED):
+        there = min(square, here + step)
+        last = there >= square
+        # Angles grow with omega^2 at first and level off later: linear in omega is in between.
+        ahead = 2.0 * (math.sqrt(there / here) - 1.0) if here > 0.0 else 0.0
+        p_a, p_b, p_g = alpha + ahead * t_a, beta + ahead * t_b, gamma + ahead * t_g
+        close = _CLOSE if last else _NEAR
+        a, b, g, determinant, found, n_a, n_b, n_g = newton(law, p, there, p_a, p_b, p_g, close)
+        miss = max(abs(a - p_a), abs(b - p_b), abs(g - p_g))
+        # The trapezoid of both ends' slopes: it closes on a smooth path, not across a fold of it.
+        back = 1.0 - math.sqrt(here / there) if there > 0.0 else 0.0
+        gap = max(
+            abs(a - alpha - 0.5 * ahead * t_a - back * n_a),
+            abs(b - beta - 0.5 * ahead * t_b - back * n_b),
+            abs(g - gamma - 0.5 * ahead * t_g - back * n_g),
+        )
+        if found and determinant > 0.0 and miss < _LONGEST_MISS and gap < _WIDEST_GAP:
+            if last:
+                return a, b, g, (OK if g <= p.twist_limit else TWIST)
+            alpha, beta, gamma, here = a, b, g, there
+            t_a, t_b, t_g = n_a, n_b, n_g
+            step *= 4.0
+        else:
+            step *= 0.5
+            if step < _SHORTEST_STEP * square:
+                break
+    return math.nan, math.nan, math.nan, (TWIST if gamma > p.twist_limit else LOST)

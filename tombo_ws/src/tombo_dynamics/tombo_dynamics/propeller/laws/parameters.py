@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.propeller.laws.names import law_number
-from tombo_dynamics.propeller.moduli import nodus_moduli, published_moduli
+from tombo_dynamics.propeller.quantities import derive, inputs_of
 from tombo_dynamics.propeller.records import STANDARD, Blade, Configuration, Surroundings
-from tombo_dynamics.propeller.wing import rigid_integrals, wing
+from tombo_dynamics.propeller.wing import Wing, rigid_integrals, wing
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,13 @@ SCALARS = {
     )
 }
 """Where a number stands in a row, for code that varies it."""
+WING_SCALARS = ("twist_limit", "inner_thrust", "inner_drag", "inner_torque")
+"""Those of them that are integrals over the blade, or follow from its shape."""
 _LIFT, _DRAG, _TORQUE, _SHAPE, _FITS = 18, 24, 30, 36, 56
+OF_THE_WING = np.isin(
+    np.arange(ROW_SIZE), [*(SCALARS[name] for name in WING_SCALARS), *range(_LIFT, _SHAPE)]
+)
+"""(ROW_SIZE,) which numbers `put_wing` writes."""
 
 
 class Parameters(NamedTuple):
@@ -99,33 +105,15 @@ def unpack(row: Array) -> Parameters:
 @lru_cache(maxsize=256)
 def _row(configuration: Configuration, law: str, surroundings: Surroundings) -> Array:
     law_number(law)
-    published = law == "published"
     blade = configuration.blade
-    joint, integrals = blade.joint, wing(blade)
+    known: dict[str, Any] = dict(inputs_of(configuration, law, surroundings))
+    known |= {"lift_rate": blade.section.lift_rate, "drag_rate": blade.section.drag_rate}
     row = np.zeros(ROW_SIZE)
-    row[SCALARS["air_density"]] = surroundings.air_density_kg_m3
-    row[SCALARS["wing_weight"]] = joint.wing_mass_kg * surroundings.gravity_m_s2
-    row[SCALARS["centrifugal"]] = joint.wing_mass_kg * joint.wing_centroid_m / 4.0
-    flap, lag, twist = _compliances(configuration, published)
-    row[SCALARS["flap_compliance"]] = flap
-    row[SCALARS["lag_compliance"]] = lag
-    row[SCALARS["twist_compliance"]] = twist
-    row[SCALARS["joint_radius"]] = joint.outer_radius_m
-    row[SCALARS["wing_centroid"]] = joint.wing_centroid_m
-    row[SCALARS["flap_offset"]] = joint.flap_offset_rad
-    row[SCALARS["lag_offset"]] = joint.lag_offset_rad
-    row[SCALARS["lift_arm"]] = joint.lift_arm_mm * 1e-3
-    row[SCALARS["drag_arm"]] = joint.drag_arm_mm * 1e-3
-    row[SCALARS["twist_limit"]] = integrals.twist_limit
-    row[SCALARS["inner_thrust"]] = integrals.inner_thrust
-    row[SCALARS["inner_drag"]] = integrals.inner_drag
-    row[SCALARS["inner_torque"]] = integrals.inner_torque
-    row[SCALARS["lift_rate"]] = blade.section.lift_rate
-    row[SCALARS["drag_rate"]] = blade.section.drag_rate
-    row[_LIFT:_DRAG] = integrals.lift
-    row[_DRAG:_TORQUE] = integrals.drag
-    row[_TORQUE:_SHAPE] = integrals.torque
-    if published and not configuration.rigid:
+    put_wing(row, wing(blade))
+    for name, column in SCALARS.items():
+        if name not in WING_SCALARS:
+            row[column] = derive(name, known, law)
+    if law == "published" and not configuration.rigid:
         _add_published(row, blade)
     return row
 
@@ -141,26 +129,13 @@ def parameter_row(
     return _row(configuration, law, surroundings).copy()
 
 
-def _compliances(configuration: Configuration, published: bool) -> tuple[float, float, float]:
-    nodus, joint = configuration.nodus, configuration.blade.joint
-    if nodus is None:
-        return 0.0, 0.0, 0.0
-    moduli = published_moduli(configuration) if published else nodus_moduli(configuration)
-    young, shear = moduli.E_N_MPa * 1e6, moduli.G_N_MPa * 1e6
-    length = nodus.length_mm * 1e-3
-    bending = length**2 / (2.0 * young)
-    twist = length / (shear * joint.torsion_constant_m4)
-    if published:
-        terms = configuration.blade.published
-        assert terms is not None
-        area, camber = terms.torsion_area_mm2 * 1e-6, terms.camber_length_mm * 1e-3
-        slender = 1.0 + 4.0 * terms.torsion_term_m4 / (3.0 * area * camber**2)
-        twist = 3.0 * slender * length / (shear * terms.torsion_term_m4)
-    return (
-        bending / (joint.flap_second_moment_mm4 * 1e-12),
-        bending / (joint.lag_second_moment_mm4 * 1e-12),
-        twist,
-    )
+def put_wing(rows: Array, integrals: Wing) -> None:
+    """Write the wing's integrals into rows (..., ROW_SIZE)."""
+    for name in WING_SCALARS:
+        rows[..., SCALARS[name]] = getattr(integrals, name)
+    rows[..., _LIFT:_DRAG] = integrals.lift
+    rows[..., _DRAG:_TORQUE] = integrals.drag
+    rows[..., _TORQUE:_SHAPE] = integrals.torque
 
 
 def _add_published(row: Array, blade: Blade) -> None:

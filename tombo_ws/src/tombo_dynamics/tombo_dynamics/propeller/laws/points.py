@@ -15,6 +15,7 @@ from tombo_dynamics.propeller.laws.published import published_point
 from tombo_dynamics.propeller.laws.wing_loads import twisted
 
 Array = NDArray[np.float64]
+Whole = NDArray[np.int64]
 
 COLUMNS = 8
 """Columns of a solution: thrust [N], drag [N], torque [N m], alpha, beta, gamma [rad], L/D,
@@ -51,19 +52,15 @@ def solve_point(law: int, p: Parameters, speed: float, out: Array) -> None:
 
 
 @compiled
-def solve_points(law: int, rows: Array, speeds: Array, out: Array) -> None:
+def solve_points(law: int, rows: Array, which: Whole, speeds: Array, out: Array) -> None:
     """Solve point by point.
 
     Args:
         law: number of the law (`laws.names.LAWS`).
-        rows: (1, ROW_SIZE) for one propeller, or (n, ROW_SIZE) for one a point.
+        rows: (r, ROW_SIZE), one a propeller.
+        which: (n,) the propeller of each point, 0 to r - 1.
         speeds: (n,) rotor speeds [rad/s], finite and not negative.
         out: (n, COLUMNS) is written.
     """
-    if rows.shape[0] == 1:
-        p = unpack(rows[0])
-        for i in range(speeds.shape[0]):
-            solve_point(law, p, speeds[i], out[i])
-    else:
-        for i in range(speeds.shape[0]):
-            solve_point(law, unpack(rows[i]), speeds[i], out[i])
+    for i in range(speeds.shape[0]):
+        solve_point(law, unpack(rows[which[i]]), speeds[i], out[i])

@@ -1,0 +1,275 @@
+import csv
+import io
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.propeller import (
+    LAWS,
+    RPM,
+    SCALARS,
+    Surroundings,
+    configuration,
+    configurations,
+    evaluate,
+    nodus_moduli,
+    parameter_row,
+    parameter_rows,
+    read_library,
+    speed_for_thrust,
+    speed_of_maximum_thrust,
+    sweep,
+    thrust_peak,
+    valid_speed,
+    with_joint,
+    with_nodus,
+    with_section,
+)
+
+SPEEDS = np.array([100.0, 300.0, 450.0])
+
+
+def test_many_configurations_are_each_of_them() -> None:
+    together = evaluate(np.arange(14)[:, None], SPEEDS, outside="mask")
+    assert together.thrust_N.shape == (14, 3)
+    for chosen in configurations():
+        alone = evaluate(chosen, SPEEDS, outside="mask")
+        for name in ("thrust_N", "gamma_rad", "torque_Nm"):
+            ours = getattr(together, name)[chosen.number]
+            np.testing.assert_allclose(ours, getattr(alone, name), rtol=1e-12)
+
+
+@settings(deadline=None)
+@given(
+    matrix=st.sampled_from(["DragonSkin10", "DragonSkin20", "DragonSkin30"]),
+    fibres=st.integers(0, 9),
+    diameter=st.floats(0.2, 1.2),
+    length=st.floats(4.0, 20.0),
+    radius=st.floats(0.025, 0.07),
+    law=st.sampled_from(["repaired", "consistent"]),
+)
+def test_changed_quantities_are_a_derived_configuration(
+    matrix: str, fibres: int, diameter: float, length: float, radius: float, law: str
+) -> None:
+    changes = {"matrix": matrix, "fibres": fibres, "fibre_diameter_mm": diameter}
+    changes |= {"length_mm": length, "outer_radius_m": radius}
+    derived = with_nodus(configuration(13), **changes)
+    rows = parameter_rows([13, 5], law, **changes)
+    for row in rows:
+        np.testing.assert_allclose(row, parameter_row(derived, law), rtol=1e-12, atol=1e-300)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_joint_section_and_surroundings_by_name(law: str) -> None:
+    soft = with_joint(configuration(13), wing_mass_kg=0.007, lift_arm_mm=2.0)
+    thin = Surroundings(air_density_kg_m3=1.0)
+    one = evaluate(soft, SPEEDS, law, thin)
+    other = evaluate(13, SPEEDS, law, wing_mass_kg=0.007, lift_arm_mm=2.0, air_density_kg_m3=1.0)
+    np.testing.assert_allclose(one.thrust_N, other.thrust_N, rtol=1e-12)
+    assert (one.thrust_N != evaluate(13, SPEEDS, law).thrust_N).all()
+    more = with_section(configuration(0), lift_mean=0.325)
+    assert evaluate(more, 300.0, law).thrust_N > evaluate(0, 300.0, law).thrust_N
+
+
+def test_moduli_in_place_of_what_they_come_from() -> None:
+    moduli = nodus_moduli(configuration(5))
+    got = parameter_rows(13, E_N_MPa=moduli.E_N_MPa, G_N_MPa=moduli.G_N_MPa)
+    np.testing.assert_allclose(got, parameter_row(configuration(5), "repaired"), rtol=1e-12)
+    stiff = parameter_rows(13, twist_compliance=[0.0, 1.0])
+    assert stiff[:, SCALARS["twist_compliance"]].tolist() == [0.0, 1.0]
+
+
+def test_wing_further_out_is_lighter_and_carries_less() -> None:
+    base = configuration(13)
+    radii = [0.030, 0.035, 0.045, 0.060]
+    moved = [with_nodus(base, outer_radius_m=r).blade.joint for r in radii]
+    assert (np.diff([joint.wing_mass_kg for joint in moved]) < 0.0).all()
+    assert (np.diff([joint.wing_centroid_m for joint in moved]) > 0.0).all()
+    assert moved[1].wing_mass_kg == pytest.approx(base.blade.joint.wing_mass_kg, rel=1e-12)
+    thrust = evaluate(13, 400.0, outer_radius_m=radii).thrust_N
+    assert (np.diff(thrust) > 0.0).all()  # less of it bends away
+    assert thrust[-1] < float(evaluate(0, 400.0).thrust_N)
+
+
+def test_grid_has_an_axis_for_each_list() -> None:
+    grid = sweep([5, 13], SPEEDS, length_mm=[8.0, 12.0], matrix=["DragonSkin10", "DragonSkin30"])
+    assert grid.thrust_N.shape == (2, 2, 2, 3)
+    assert list(grid.axes) == ["configuration", "length_mm", "matrix", "speed_rad_s"]
+    alone = evaluate(5, SPEEDS[2], length_mm=12.0, matrix="DragonSkin30")
+    assert grid.thrust_N[0, 1, 1, 2] == pytest.approx(float(alone.thrust_N), rel=1e-12)
+    assert sweep(13, SPEEDS, fibres=4).thrust_N.shape == (3,)
+    assert sweep(13, 300.0).thrust_N.shape == ()
+
+
+def test_table_and_csv_hold_every_point_with_its_axes() -> None:
+    grid = sweep([1, 13], np.array([1000.0, 8000.0]) * RPM, matrix=["DragonSkin10"])
+    rows = list(csv.DictReader(io.StringIO(grid.csv(note="x"))))
+    assert [(row["configuration"], row["matrix"], row["note"]) for row in rows] == [
+        ("1", "DragonSkin10", "x"),
+        ("1", "DragonSkin10", "x"),
+        ("13", "DragonSkin10", "x"),
+        ("13", "DragonSkin10", "x"),
+    ]
+    assert [round(float(row["speed_rpm"])) for row in rows] == [1000, 8000, 1000, 8000]
+    assert [row["valid"] for row in rows] == ["true", "false", "true", "false"]
+    assert rows[1]["thrust_N"] == ""
+    assert float(rows[0]["thrust_N"]) == grid.thrust_N[0, 0, 0]
+    assert {len(column) for column in grid.table().values()} == {4}
+    with pytest.raises(InputError, match="thrust_N is there already"):
+        grid.table(thrust_N=1.0)
+    with pytest.raises(InputError, match="broadcasts to"):
+        grid.table(note=[1, 2, 3, 4])
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_peak_of_all_is_the_peak_of_each(law: str) -> None:
+    peak = thrust_peak(configurations(), law)
+    for chosen in configurations():
+        top, exists = speed_of_maximum_thrust(chosen, law)
+        assert peak.has_maximum[chosen.number] == exists
+        assert peak.speed_rad_s[chosen.number] == pytest.approx(top, rel=1e-9)
+    assert peak.valid_further.all()
+
+
+def test_peak_that_the_law_does_not_reach() -> None:
+    narrow = thrust_peak(13, twist_limit=[0.1, 0.5])
+    assert narrow.has_maximum.tolist() == [False, True]
+    assert narrow.valid_further.tolist() == [False, True]
+    assert 0.0 < narrow.gamma_rad[0] <= 0.1
+    assert narrow.gamma_rad[0] == pytest.approx(0.1, abs=1e-4)
+
+
+@settings(deadline=None)
+@given(conf=st.integers(0, 13), law=st.sampled_from(list(LAWS)), shares=st.lists(st.floats(0, 1)))
+def test_speed_for_thrust_and_back(conf: int, law: str, shares: list[float]) -> None:
+    most = float(thrust_peak(conf, law).thrust_N)
+    thrust = most * np.array([0.0, 1.0, *shares])
+    speed = speed_for_thrust(conf, thrust, law)
+    back = evaluate(conf, speed, law, outside="keep").thrust_N
+    np.testing.assert_allclose(back, thrust, rtol=1e-11, atol=1e-300)
+    assert (np.diff(speed[np.argsort(thrust)]) >= -1e-6).all()
+
+
+def test_thrust_out_of_reach() -> None:
+    with pytest.raises(InputError, match=r"accepted: 0 to 1\.89"):
+        speed_for_thrust([13, 1], 3.0)
+    masked = speed_for_thrust([13, 1], 3.0, outside="mask")
+    assert np.isnan(masked).tolist() == [False, True]
+    kept = speed_for_thrust([13, 1], 3.0, outside="keep")
+    assert kept[1] == pytest.approx(speed_of_maximum_thrust(configuration(1))[0])
+    for bad in (-1.0, np.nan, "much"):
+        with pytest.raises(InputError, match="accepted"):
+            speed_for_thrust(13, bad)
+    with pytest.raises(InputError, match="broadcast"):
+        speed_for_thrust([1, 13], [1.0, 1.0, 1.0])
+
+
+def test_invalid_point_among_many_is_named() -> None:
+    with pytest.raises(InputError) as error:
+        evaluate([[13], [1]], [300.0, 800.0])
+    assert "configuration 1:" in str(error.value)
+    assert f"{valid_speed(configuration(1)):.6g} rad/s" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"fibers": 5}, "did you mean 'fibres'"),
+        ({"fibres": 5.5}, r"fibres 5\.5; accepted: whole numbers from 0"),
+        ({"length_mm": [12.0, np.nan]}, "length_mm nan; accepted: numbers from 0.1"),
+        ({"length_mm": "long"}, "length_mm 'long' is not numeric"),
+        ({"length_mm": True}, "not numeric"),
+        ({"length_mm": []}, "length_mm is empty"),
+        ({"length_mm": 40.0}, "behind the hub's centre; accepted: at most 35 mm"),
+        ({"fibres": 500}, "fill the nodus' section"),
+        ({"G_N_MPa": -1.0}, "G_N_MPa -1"),
+        ({"matrix": "DragonSkin40"}, "unknown matrix"),
+        ({"matrix": 3}, "unknown matrix '3'"),
+        ({"matrix": []}, "matrix is empty"),
+        ({"matrix": "DragonSkin10", "poisson_ratio": 0.4}, "accepted: one of them"),
+        ({"fibres": 5, "E_N_MPa": 1.0, "G_N_MPa": 1.0}, "fibres has no effect beside E_N_MPa"),
+        ({"fibre_count": 5}, "fibre_count has no effect under law repaired"),
+        ({"outer_radius_m": 0.2}, "outside of blade"),
+        ({"length_mm": [8, 9], "fibres": [1, 2, 3]}, "shapes that broadcast"),
+    ],
+)
+def test_changes_that_are_not_accepted(changes: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message) as error:
+        evaluate(13, 100.0, **changes)
+    assert "\n" not in str(error.value)
+    assert "accepted" in str(error.value)
+
+
+def test_what_a_law_does_not_know_is_refused() -> None:
+    with pytest.raises(InputError, match="fibres has no effect under law published"):
+        evaluate(13, 100.0, "published", fibres=5)
+    with pytest.raises(InputError, match="35 mm"):
+        evaluate(13, 100.0, "published", outer_radius_m=0.04)
+    five = evaluate(13, 2000 * RPM, "published", fibre_count=5)
+    assert five.thrust_N < evaluate(13, 2000 * RPM, "published").thrust_N
+    with pytest.raises(InputError, match="configuration 0 is rigid"):
+        evaluate([13, 0], 100.0, length_mm=10.0)
+
+
+@pytest.mark.parametrize("bad", [[], "all", 14, [13, None], {}, [[1], [2, 3]], 2.5])
+def test_configurations_that_are_none(bad: object) -> None:
+    with pytest.raises(InputError, match="accepted"):
+        sweep(bad, 100.0)
+
+
+def test_lists_of_lists_are_for_evaluate() -> None:
+    with pytest.raises(InputError, match="each list is an axis"):
+        sweep(13, [[100.0, 200.0]])
+    with pytest.raises(InputError, match="speed_rad_s is empty"):
+        sweep(13, [])
+
+
+def test_derived_configurations_leave_measurements_behind() -> None:
+    own = with_nodus(configuration(13), fibres=np.int64(8), length_mm=10)
+    assert own.measured is None
+    assert own.printed_G_N_MPa is None
+    assert own.label == "configuration 13, fibres 8, length_mm 10"
+    assert with_nodus(configuration(13)) is configuration(13)
+    nodus = {"matrix": "DragonSkin30", "fibre": "tendon", "fibres": 5, "fibre_diameter_mm": 0.9}
+    soft = with_nodus(configuration(0), **nodus, length_mm=12.0)
+    assert evaluate(soft, 300.0).thrust_N == evaluate(13, 300.0).thrust_N
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"matrix": "DragonSkin40"}, "did you mean"),
+        ({"fibres": 2.5}, "nodus.fibres: 2.5"),
+        ({"length_mm": 36.0}, "behind the hub's centre"),
+        ({"outer_radius_m": 0.2}, "on the blade"),
+        ({"outer_radius_m": float("nan")}, "on the blade"),
+    ],
+)
+def test_nodus_that_can_not_be(changes: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        with_nodus(configuration(13), **changes)
+    with pytest.raises(InputError, match="rigid, a nodus for it needs matrix"):
+        with_nodus(configuration(0), fibres=5)
+    with pytest.raises(InputError, match="unknown value of a joint 'mass'"):
+        with_joint(configuration(13), mass=1.0)
+
+
+def test_library_is_read_anew_and_by_text(tmp_path) -> None:
+    file = tmp_path / "configurations.yaml"
+    row = "- {conf: 20, blade: nine_inch, matrix: DragonSkin10, fibre: tendon, fibres: 4, "
+    for diameter in (0.5, 0.9):
+        file.write_text(f"{row}fibre_diameter_mm: {diameter}, length_mm: 8, name: mine}}\n")
+        own = read_library(str(tmp_path)).configuration(20)
+        assert own.nodus.fibre_diameter_mm == diameter
+        assert own.label == "mine"
+    file.write_text(2 * f"{row}fibre_diameter_mm: 0.5, length_mm: 8}}\n")
+    with pytest.raises(InputError, match="conf 20 twice"):
+        read_library(tmp_path)
+    with pytest.raises(InputError, match="no such folder"):
+        read_library(tmp_path / "nowhere")
+    with pytest.raises(InputError, match="holds no data files"):
+        (tmp_path / "empty").mkdir()
+        read_library(tmp_path / "empty")
