@@ -21,6 +21,7 @@ setup(
             "report/**/*.css",
             "report/**/*.html",
             "report/**/*.js",
+            "workbench/**/*.yaml",
         ]
     },
     data_files=[

@@ -14,6 +14,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from tombo_bringup.cli.propeller_reproduce_command import reproduce
 from tombo_bringup.cli.whole_number import whole_number
 
 if TYPE_CHECKING:
@@ -297,3 +298,6 @@ def _tick(same: bool, printed: float | None) -> str:
     if printed is None:
         return ""
     return "[green]✓[/green]" if same else "[red]✗[/red]"
+
+
+app.command(name="reproduce")(reproduce)

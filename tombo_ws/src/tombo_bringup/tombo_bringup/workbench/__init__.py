@@ -1,0 +1,1 @@
+"""The propeller workbench: the paper reproduced, and propellers designed."""

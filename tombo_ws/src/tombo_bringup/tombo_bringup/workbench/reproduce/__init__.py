@@ -1,0 +1,1 @@
+"""The paper against what the laws compute: every claim with a verdict."""
