@@ -27,7 +27,7 @@ def _line(field: dataclasses.Field[Any], value: object, indent: str) -> list[str
         text = f"{text} [{meta['unit']}], {low:g} to {high:g}"
     source = f". {meta['source']}" if meta.get("source") else ""
     shown = str(value).lower() if isinstance(value, bool) else value
-    shown = "null" if value is None else shown
+    shown = "null" if value is None else '""' if value == "" else shown
     return [*_comment(f"{text}{source}", indent), f"{indent}{field.name}: {shown}"]
 
 

@@ -18,7 +18,7 @@ from tombo_control.params import ControlParams, EstimatorParams
 from tombo_dynamics.effects import check_theta
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.params import check_number, from_mapping, param
-from tombo_dynamics.propeller.choice import PropellerChoice
+from tombo_dynamics.propeller.choice import PropellerChoice, mounted
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_dynamics.yaml_text import parse_yaml
 from tombo_sim.world import ObstacleParams, SpreadParams, World
@@ -98,8 +98,21 @@ def _read(
     if path is not None and path in below:
         raise InputError(f"scenario '{name}': extends itself")
     values = parse_yaml(text, f"scenario '{name}'")
+    if path is not None:
+        values = _library_beside(values, path.parent)
     whole = _extended(values, name, path.parent if path else folder, (*below, path))
     return whole, name if path is None else path.stem
+
+
+def _library_beside(values: Any, folder: Path) -> Any:
+    """Return a file's content with its propeller.library relative to the file's folder."""
+    propeller = values.get("propeller") if isinstance(values, dict) else None
+    if not isinstance(propeller, dict):
+        return values
+    library = propeller.get("library")
+    if not isinstance(library, str) or not library:
+        return values
+    return {**values, "propeller": {**propeller, "library": str(folder / library)}}
 
 
 def _extended(
@@ -236,6 +249,7 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
     scenario = Scenario(**built)
     if scenario.propeller.law not in LAWS:
         raise unknown_name("propeller.law", scenario.propeller.law, LAWS)
+    mounted(scenario.propeller)
     if scenario.detector.trigger not in TRIGGERS:
         raise unknown_name("detector.trigger", scenario.detector.trigger, TRIGGERS)
     check_course(scenario.mission, scenario.control)

@@ -28,8 +28,8 @@ from tombo_control.params import (
     ControlParams,
     InputLimits,
 )
-from tombo_dynamics.propeller import configuration, thrust_map
-from tombo_dynamics.propeller.choice import PropellerChoice
+from tombo_dynamics.propeller import thrust_map
+from tombo_dynamics.propeller.choice import PropellerChoice, mounted
 from tombo_dynamics.rotation import turned
 from tombo_dynamics.rotor_maps import rotor_maps
 from tombo_dynamics.vehicle import VehicleParams
@@ -70,7 +70,7 @@ class ControllerNode(LoopNode):
         super().__init__("controller", 1000.0, records, priority=CONTROLLER)
         r = self.records
         propeller = r["propeller"]
-        maps = rotor_maps(thrust_map(configuration(propeller.conf), propeller.law), r["vehicle"])
+        maps = rotor_maps(thrust_map(mounted(propeller), propeller.law), r["vehicle"])
         self._controller = FlightController(r["control"], r["vehicle"], r["inputs"], maps)
         self._warm_up()
         self.loops = {
@@ -113,7 +113,7 @@ class ControllerNode(LoopNode):
         """Load all compiled code now, not at the first sample."""
         r = self.records
         propeller = r["propeller"]
-        maps = rotor_maps(thrust_map(configuration(propeller.conf), propeller.law), r["vehicle"])
+        maps = rotor_maps(thrust_map(mounted(propeller), propeller.law), r["vehicle"])
         spare = FlightController(r["control"], r["vehicle"], r["inputs"], maps)
         zero, level = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])
         second = 1_000_000_000

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from tombo_dynamics.effects import check_theta
 from tombo_dynamics.propeller import ThrustMap, configuration, configurations, thrust_map
-from tombo_dynamics.propeller.choice import PropellerChoice
+from tombo_dynamics.propeller.choice import PropellerChoice, library_of, mounted
 from tombo_dynamics.propeller.records import Configuration
 
 _ENDURANCE = 3.0
@@ -27,44 +27,54 @@ falling distance (1.5 s, 0.5 m): 145.5 N fading over it, about one turn, are 1.0
 
 def thrust_map_of(choice: PropellerChoice) -> ThrustMap:
     """Return the thrust map of a configuration under a law of the nodus."""
-    return thrust_map(configuration(choice.conf), law=choice.law)
-
-
-def _same_matrix_mean(wanted: Configuration, name: str) -> float:
-    """Return the mean of a measured figure over the configurations with the same silicone."""
-    values = []
-    for other in configurations():
-        if other.nodus is None or wanted.nodus is None:
-            continue
-        if other.nodus.matrix.name == wanted.nodus.matrix.name:
-            value = getattr(other.measured, name) if other.measured is not None else None
-            if value is not None:
-                values.append(float(value))
-    return sum(values) / len(values)
+    return thrust_map(mounted(choice), law=choice.law)
 
 
 def measured_figures(conf: int) -> dict[str, float]:
+    """Return what `figures_of` does for a configuration of Table I."""
+    return figures_of(configuration(conf), configurations())
+
+
+def figures_of(wanted: Configuration, known: Iterable[Configuration]) -> dict[str, float]:
     """Return Table III's figures that the simulation uses for a configuration.
 
-    Configurations 1 to 4 are not in Table III: they get the mean over the measured ones with the
-    same silicone. The rigid propeller has no recovery.
+    A configuration that was not measured, such as 1 to 4, gets the mean over the measured ones
+    with the same silicone, or over all where there is none. The rigid propeller has no recovery.
+
+    Args:
+        wanted: the configuration.
+        known: those whose measurements may stand in.
 
     Returns:
         collision_force_N, recovery_s (0 for the rigid one), deviation (of thrust, share of it).
     """
-    wanted = configuration(conf)
-    rigid = wanted.nodus is None
+    others = tuple(known)
     figures = {}
     for name in ("collision_force_N", "recovery_s", "thrust_N", "thrust_dev_N"):
         value = getattr(wanted.measured, name) if wanted.measured is not None else None
         if value is None:
-            value = 0.0 if rigid else _same_matrix_mean(wanted, name)
+            value = 0.0 if wanted.nodus is None else _same_matrix_mean(wanted, others, name)
         figures[name] = float(value)
+    thrust = figures["thrust_N"]
     return {
         "collision_force_N": figures["collision_force_N"],
         "recovery_s": figures["recovery_s"],
-        "deviation": figures["thrust_dev_N"] / figures["thrust_N"],
+        "deviation": figures["thrust_dev_N"] / thrust if thrust > 0.0 else 0.0,
     }
+
+
+def _same_matrix_mean(wanted: Configuration, known: Iterable[Configuration], name: str) -> float:
+    """Return the mean of a measured figure over the same silicone, else over every nodus."""
+    same, every = [], []
+    for other in known:
+        value = getattr(other.measured, name) if other.measured is not None else None
+        if other.nodus is None or wanted.nodus is None or value is None:
+            continue
+        every.append(float(value))
+        if other.nodus.matrix.name == wanted.nodus.matrix.name:
+            same.append(float(value))
+    values = same or every
+    return sum(values) / len(values)
 
 
 def propulsion_effects(
@@ -74,8 +84,8 @@ def propulsion_effects(
 
     What is given about an effect stays.
     """
-    figures = measured_figures(propeller.conf)
-    rigid = configuration(propeller.conf).nodus is None
+    wanted = mounted(propeller)
+    figures = figures_of(wanted, library_of(propeller).configurations.values())
     derived: Mapping[str, Mapping[str, float]] = {
         "blade_strike": {
             "peak_force": figures["collision_force_N"],
@@ -83,7 +93,7 @@ def propulsion_effects(
             "slant": _SLANT,
             "duration": _DURATION,
         },
-        "propeller_wear": {"collisions": _BRITTLE if rigid else _ENDURANCE},
+        "propeller_wear": {"collisions": _BRITTLE if wanted.rigid else _ENDURANCE},
         "thrust_scatter": {"deviation": figures["deviation"]},
     }
     effects = {name: dict(values) for name, values in given.items()}

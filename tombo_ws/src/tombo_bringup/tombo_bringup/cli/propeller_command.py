@@ -14,6 +14,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from tombo_bringup.cli.propeller_design_command import design
 from tombo_bringup.cli.propeller_reproduce_command import reproduce
 from tombo_bringup.cli.whole_number import whole_number
 
@@ -300,4 +301,5 @@ def _tick(same: bool, printed: float | None) -> str:
     return "[green]✓[/green]" if same else "[red]✗[/red]"
 
 
+app.command(name="design")(design)
 app.command(name="reproduce")(reproduce)

@@ -1,0 +1,72 @@
+"""`tombo propeller design` on the command line."""
+
+import pytest
+
+from tombo_bringup.cli.propeller_design_command import INFEASIBLE
+
+EASY = ("--mass", "1.3", "--min-thrust-margin", "1.7", "--max-collision-force", "150")
+
+
+def design(tombo, *arguments):
+    return tombo("propeller", "design", *arguments)
+
+
+def test_a_design_leaves_everything_to_fly_it(tombo, tmp_path):
+    result = design(tombo, *EASY, "--flights", "3", "-o", "out", "--json")
+    assert result.code == 0
+    found = result.json
+    assert found["recommended"]["conf"] == 11
+    assert found["flies_as_claimed"] is True
+    assert found["recommended"]["figures"]["recovery_s"]["known"] == "measured"
+    assert found["recommended"]["figures"]["thrust_margin"]["known"] == "extrapolated"
+    assert found["check"]["flights"] == 3
+    written = {p.name for p in (tmp_path / "out").iterdir()}
+    assert written == {"design.json", "report.html", "design.yaml", "pareto.png", "readings.png"}
+    assert (tmp_path / "out" / "design.json").read_text() == result.out
+    assert "http" not in (tmp_path / "out" / "report.html").read_text().replace("http-equiv", "")
+    flown = tombo("fly", "out/design.yaml", "--no-record", "--json", "-o", "flight")
+    assert flown.code == 0
+    assert flown.json["conf"] == 11
+    assert not flown.json["crashed"]
+
+
+def test_nothing_feasible_says_what_must_give(tombo):
+    result = design(tombo, "--mass", "2.5", "--max-collision-force", "150")
+    assert result.code == INFEASIBLE
+    assert "No candidate keeps to all limits" in result.out
+    assert "thrust margin at least 2: must be" in result.out
+    assert "giving up this one alone does not help" in result.out
+    assert not result.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--mass", "nan"), "--mass: nan"),
+        (("--mass", "1300"), "--mass: 1300"),
+        (("--mass", "1.3", "--frame", "24"), "--frame 24"),
+        (("--mass", "1.3", "--law", "published"), "six fibres"),
+        (("--mass", "1.3", "--blade", "ten_inch"), "unknown blade"),
+        (("--mass", "1.3", "--library", "nowhere"), "--library nowhere"),
+        (("--mass", "1.3", "--flights", "-1"), "--flights -1"),
+        (("--mass", "1.3", "-o", " "), "-o ' '"),
+        (("--mass", "heavy"), "valid number"),
+        ((), "--mass"),
+    ],
+)
+def test_bad_input_is_one_line(tombo, tmp_path, arguments, words):
+    result = design(tombo, *arguments)
+    assert result.code == 2
+    assert words in result.err
+    assert result.err.count("\n") == 1
+    assert not result.out
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_broken_library_is_one_line_and_leaves_no_folder(tombo, tmp_path):
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "materials.yaml").write_text("matrices: {A: {poisson_ratio: 2}}")
+    result = design(tombo, "--mass", "1.3", "--library", "own", "-o", "out")
+    assert result.code == 2
+    assert result.err.count("\n") == 1
+    assert not (tmp_path / "out").exists()

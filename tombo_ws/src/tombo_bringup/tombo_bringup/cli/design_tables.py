@@ -1,0 +1,84 @@
+"""A design on the terminal: the nodus first, then why, whether it flies, what nobody knows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from tombo_bringup.workbench.design import cells, words
+from tombo_bringup.workbench.design.check import Check
+from tombo_bringup.workbench.design.design import Design
+from tombo_bringup.workbench.design.flyable import SCENARIO
+from tombo_bringup.workbench.design.recommend import Recommendation
+from tombo_bringup.workbench.design.request import QUANTITIES
+
+_HEADINGS = ("margin", "force", "recovery", "noise", "L/D")
+
+
+def print_design(
+    found: Design, made: Recommendation, folder: str | None, written: Sequence[str]
+) -> None:
+    """Print what was found, and where the files are."""
+    console = Console(highlight=False)
+
+    def line(text: str, style: str = "") -> None:
+        console.print(Text(text, style), soft_wrap=True)
+
+    line(f"{words.headline(found, made)}.", "bold green" if made.index is not None else "bold red")
+    asked = ", ".join(limit.text for limit in found.choice.limits)
+    line(f"For {found.request.mass_kg:g} kg on arms of {1e3 * found.request.arm_m:g} mm: {asked}.")
+    for text in (*words.reasons(found, made), *words.relief_lines(found)):
+        line(f"  {text}")
+    console.print(_candidates(found, made))
+    line(
+        "* measured; ≤ upper end of a prediction; ? outside of what was tested; others modelled",
+        "dim",
+    )
+    if made.check is not None:
+        console.print(_claims(made.check))
+    line("What nobody knows:", "bold")
+    for text in (*words.caveats(found, made), *words.sources(found)):
+        line(f"  {text}")
+    if folder is not None:
+        line(f"Written into {folder}: {', '.join(written)}")
+        if SCENARIO in written:
+            line(f"Fly it: tombo fly {folder}/{SCENARIO}")
+
+
+def _candidates(found: Design, made: Recommendation) -> Table:
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    table.add_column("candidate\n[dim]fibres, from-to mm[/dim]", no_wrap=True)
+    for heading, quantity in zip(_HEADINGS, QUANTITIES, strict=True):
+        unit = f"\n[dim]{quantity.unit}[/dim]" if quantity.unit else ""
+        table.add_column(f"{heading}{unit}", justify="right", no_wrap=True)
+    table.add_column("", min_width=11)
+    for index, why in cells.shown(found, made):
+        style = {"recommended": "green", "fails in flight": "red"}.get(why, "")
+        figures = (cells.cell(found, index, k) for k in range(len(QUANTITIES)))
+        table.add_row(Text(cells.label_of(found, index)), *figures, Text(_brief(why)), style=style)
+    return table
+
+
+def _brief(why: str) -> str:
+    """Return a remark with the columns' headings for the quantities."""
+    for heading, quantity in zip(_HEADINGS, QUANTITIES, strict=True):
+        why = why.replace(quantity.words, heading)
+    return why.replace("keeps to all limits", "fits").replace(" and ", ", ")
+
+
+def _claims(check: Check) -> Table:
+    table = Table(box=SIMPLE_HEAD, title=f"Claimed and simulated, {len(check.seeds)} collisions")
+    for heading in ("", "claimed", "simulated", ""):
+        table.add_column(heading, justify="right" if heading else "left")
+    for claim in (*check.claims, *check.limits):
+        table.add_row(
+            claim.text,
+            f"{claim.claimed:.4g} {claim.unit}".rstrip(),
+            f"{claim.simulated:.4g} {claim.unit}".rstrip(),
+            "[green]held[/green]" if claim.held else "[red]broken[/red]",
+        )
+    return table

@@ -1,0 +1,159 @@
+"""`tombo propeller design`: a nodus for a vehicle, and whether it flies as claimed."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from tombo_bringup.cli.progress import Tell
+    from tombo_bringup.workbench.design.design import Design
+    from tombo_bringup.workbench.design.recommend import Recommendation
+
+INFEASIBLE = 1
+_MOST_FLIGHTS = 200
+
+
+def design(
+    mass: Annotated[
+        float, typer.Option("--mass", metavar="KG", help="Mass at take-off.", show_default=False)
+    ],
+    frame: Annotated[
+        str,
+        typer.Option(
+            "--frame", metavar="s500|MM", help="Frame, or centre to rotor axis in millimetres."
+        ),
+    ] = "s500",
+    min_thrust_margin: Annotated[
+        float,
+        typer.Option(
+            "--min-thrust-margin", metavar="X", help="Usable thrust over weight, at least."
+        ),
+    ] = 2.0,
+    max_collision_force: Annotated[
+        float | None,
+        typer.Option("--max-collision-force", metavar="N", help="At 2000 rpm, as in Table III."),
+    ] = None,
+    max_recovery: Annotated[
+        float | None,
+        typer.Option("--max-recovery", metavar="S", help="Until a blade is straight again."),
+    ] = None,
+    max_noise: Annotated[
+        float | None, typer.Option("--max-noise", metavar="DB", help="At 2000 rpm, 5 m away.")
+    ] = None,
+    min_lift_over_drag: Annotated[
+        float | None, typer.Option("--min-lift-over-drag", metavar="X", help="In hover.")
+    ] = None,
+    law: Annotated[str, typer.Option("--law", help="repaired or consistent.")] = "repaired",
+    library: Annotated[
+        Path | None,
+        typer.Option(
+            "--library",
+            metavar="DIR",
+            help="Own materials.yaml, blades.yaml, configurations.yaml, measurements.yaml.",
+        ),
+    ] = None,
+    blade: Annotated[str, typer.Option("--blade", help="Of the library.")] = "nine_inch",
+    confidence: Annotated[
+        float, typer.Option("--confidence", help="That a predicted figure keeps to its limit.")
+    ] = 0.9,
+    extrapolate: Annotated[
+        bool,
+        typer.Option(
+            "--extrapolate",
+            help="Let predictions of force, recovery and noise count outside of what was tested.",
+        ),
+    ] = False,
+    flights: Annotated[
+        int,
+        typer.Option("--flights", metavar="N", help="Collisions flown with a candidate; 0: none."),
+    ] = 12,
+    output: Annotated[
+        str | None,
+        typer.Option("-o", "--output", metavar="DIR", help="Folder of the results; else none."),
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace the results in DIR; other files stay.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print design.json only.")] = False,
+) -> None:
+    """Recommend a nodus for a vehicle: matrix, fibres, length and place on the blade.
+
+    The recommended one is flown in the paper's collision; claimed and simulated figures are
+    printed side by side. With -o also design.yaml for `tombo fly`, design.json, a page, pictures.
+
+    Exit code: 0 recommended; 1 nothing keeps to all limits, or to its claims in flight; 2 for bad
+    input or output that can't be written; 130 after Ctrl-C, with nothing written.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from tombo_bringup.cli.progress import progress_bar
+    from tombo_bringup.flight_output import as_json as to_json
+    from tombo_bringup.output_folder import open_output
+    from tombo_bringup.stop_signals import Stopped, StopSignals
+    from tombo_bringup.workbench.design.design import blade_of
+    from tombo_bringup.workbench.design.files import DESIGN_FILES, write_design
+    from tombo_bringup.workbench.design.outcome import design_mapping
+    from tombo_bringup.workbench.design.request import Request, arm_of
+    from tombo_dynamics.errors import InputError
+    from tombo_dynamics.propeller import read_library
+
+    if not 0 <= flights <= _MOST_FLIGHTS:
+        raise InputError(f"--flights {flights}: out of bounds; accepted: 0 to {_MOST_FLIGHTS}")
+    if output is not None and not output.strip():
+        raise InputError(f"-o '{output}': no name; accepted: a folder, new or empty")
+    if library is not None and not library.is_dir():
+        raise InputError(
+            f"--library {library}: no such folder; accepted: a folder with any of "
+            "materials.yaml, blades.yaml, configurations.yaml, measurements.yaml"
+        )
+    known = read_library(library) if library is not None else read_library()
+    chosen = blade_of(known, blade)
+    request = Request(
+        mass,
+        arm_of(frame, chosen),
+        min_thrust_margin,
+        max_collision_force,
+        max_recovery,
+        max_noise,
+        min_lift_over_drag,
+        law,
+        confidence,
+        extrapolate,
+    )
+
+    def run(tell: Tell) -> tuple[Design, Recommendation]:
+        from tombo_bringup.workbench.design.design import design as find
+        from tombo_bringup.workbench.design.recommend import recommend
+
+        tell("loading the model", 0.0)
+        found = find(request, known, chosen, tell)
+        return found, recommend(found, range(flights), tell)
+
+    written: list[str] = []
+    with StopSignals() as stop:
+        try:
+            with progress_bar() as tell:
+                if output is None:
+                    with stop.at_once():
+                        found, made = run(tell)
+                else:
+                    with open_output(Path(output), replace=force, results=DESIGN_FILES) as folder:
+                        with stop.at_once():
+                            found, made = run(tell)
+                            write_design(folder.staging, found, made, tell)
+                        written = [name for name in DESIGN_FILES if (folder / name).is_file()]
+                        folder.publish()
+        except Stopped:
+            typer.echo("Error: interrupted", err=True)
+            raise typer.Exit(stop.exit_code) from None
+    if as_json:
+        typer.echo(to_json(design_mapping(found, made)), nl=False)
+    else:
+        from tombo_bringup.cli.design_tables import print_design
+
+        print_design(found, made, output, written)
+    if made.index is None:
+        raise typer.Exit(INFEASIBLE)

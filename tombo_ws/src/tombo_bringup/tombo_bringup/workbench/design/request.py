@@ -1,0 +1,169 @@
+"""What is asked for: a vehicle and what its propeller has to keep to."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.params import check_number, validate
+from tombo_dynamics.propeller import Blade, rotor_inertia
+from tombo_dynamics.vehicle import VehicleParams
+
+LAWS = ("repaired", "consistent")
+"""The authors' program, law `published`, takes six fibres whatever the nodus has."""
+S500 = "s500"
+LEAST_MARGIN = 1.1
+"""The simulator flies nothing with less thrust than this over weight."""
+_LONGEST_ARM_MM = 1000.0
+_DRIVES_KG = 0.34
+_DRIVES_XX, _DRIVES_ZZ = 0.0098, 0.0196
+"""kg m^2: share of the S500's inertia of four drive units of 85 g at 0.24 m; see vehicle.py."""
+
+
+class Quantity(NamedTuple):
+    """A figure that a design is judged by."""
+
+    name: str
+    words: str
+    unit: str
+    more_is_better: bool
+
+
+QUANTITIES = (
+    Quantity("thrust_margin", "thrust margin", "", True),
+    Quantity("collision_force_N", "collision force", "N", False),
+    Quantity("recovery_s", "recovery time", "s", False),
+    Quantity("noise_dB", "noise", "dB", False),
+    Quantity("lift_over_drag", "lift over drag", "", True),
+)
+"""Column by column, in every table of candidates.
+
+The thrust margin is one propeller's highest usable thrust over a quarter of the weight. Collision
+force, recovery time and noise are Table III's, at 2000 rpm; lift over drag is at hover.
+"""
+NAMES = tuple(q.name for q in QUANTITIES)
+MEASURED = ("collision_force_N", "recovery_s", "noise_dB")
+"""Those that no physics is known for: measured, or predicted from the measured ones."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A limit on one quantity."""
+
+    quantity: Quantity
+    value: float
+
+    @property
+    def text(self) -> str:
+        """The limit in words, as `collision force at most 150 N`."""
+        side = "at least" if self.quantity.more_is_better else "at most"
+        return f"{self.quantity.words} {side} {self.value:g} {self.quantity.unit}".rstrip()
+
+
+@dataclass(frozen=True)
+class Request:
+    """Vehicle, limits and how sure a predicted figure has to be."""
+
+    mass_kg: float
+    arm_m: float = 0.24
+    min_thrust_margin: float = 2.0
+    max_collision_force_N: float | None = None
+    max_recovery_s: float | None = None
+    max_noise_dB: float | None = None
+    min_lift_over_drag: float | None = None
+    law: str = "repaired"
+    confidence: float = 0.9
+    """A predicted figure counts at the end of its interval that it keeps with this probability."""
+    extrapolate: bool = False
+    """Whether predictions of the measured figures count outside of what was tested, too."""
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds.
+
+        Raises:
+            InputError: names the option, the value and what is accepted.
+        """
+        for option, value, unit, low, high in (
+            ("--mass", self.mass_kg, "kg", 0.2, 10.0),
+            ("--min-thrust-margin", self.min_thrust_margin, "1", LEAST_MARGIN, 20.0),
+            ("--max-collision-force", self.max_collision_force_N, "N", 1.0, 1000.0),
+            ("--max-recovery", self.max_recovery_s, "s", 0.01, 5.0),
+            ("--max-noise", self.max_noise_dB, "dB", 1.0, 200.0),
+            ("--min-lift-over-drag", self.min_lift_over_drag, "1", 0.01, 100.0),
+            ("--confidence", self.confidence, "1", 0.5, 0.999),
+        ):
+            if value is not None:
+                check_number(option, value, unit, (low, high))
+        if self.law == "published":
+            raise InputError(
+                "--law published: the authors' program takes six fibres whatever the nodus has, "
+                f"so nothing can be designed with it; accepted: {', '.join(LAWS)}"
+            )
+        if self.law not in LAWS:
+            raise unknown_name("--law", self.law, LAWS)
+
+    @property
+    def limits(self) -> tuple[Limit, ...]:
+        """The limits that are asked for, the thrust margin first."""
+        values = (
+            self.min_thrust_margin,
+            self.max_collision_force_N,
+            self.max_recovery_s,
+            self.max_noise_dB,
+            self.min_lift_over_drag,
+        )
+        pairs = zip(QUANTITIES, values, strict=True)
+        return tuple(Limit(q, float(value)) for q, value in pairs if value is not None)
+
+
+def arm_of(frame: str, blade: Blade) -> float:
+    """Return the length of an arm [m] from `s500` or a length in millimetres.
+
+    Raises:
+        InputError: neither, or so short that neighbouring discs overlap.
+    """
+    shortest = 1e3 * math.sqrt(2.0) * blade.tip_radius_m
+    if frame.strip().lower() == S500:
+        arm = VehicleParams().arm_length
+        if arm * 1e3 > shortest:
+            return arm
+    accepted = (
+        f"accepted: {S500}, or the distance from centre to rotor axis in mm, "
+        f"{math.ceil(shortest)} to {_LONGEST_ARM_MM:.0f} (the discs of {blade.name} must not "
+        "overlap)"
+    )
+    try:
+        length = float(frame)
+    except ValueError:
+        raise InputError(f"--frame {frame}: no frame and no length; {accepted}") from None
+    if not shortest < length <= _LONGEST_ARM_MM:
+        raise InputError(f"--frame {frame}: out of bounds; {accepted}")
+    return length * 1e-3
+
+
+def vehicle_for(request: Request, blade: Blade) -> VehicleParams:
+    """Return the vehicle: the S500 with another mass and other arms.
+
+    Of the S500's inertia the drives' share grows with the square of the arm, the hub's with the
+    mass that is not in the drives. Motors, battery and landing gear stay.
+    """
+    plain = VehicleParams()
+    reach = (request.arm_m / plain.arm_length) ** 2
+    hub = max(request.mass_kg - _DRIVES_KG, 0.0) / (plain.mass - _DRIVES_KG)
+    across = max(_DRIVES_XX * reach + (plain.inertia_xx - _DRIVES_XX) * hub, 4e-3)
+    vehicle = dataclasses.replace(
+        plain,
+        mass=request.mass_kg,
+        arm_length=request.arm_m,
+        inertia_xx=across,
+        inertia_yy=across,
+        inertia_zz=max(_DRIVES_ZZ * reach + (plain.inertia_zz - _DRIVES_ZZ) * hub, 4e-3),
+        rotor_radius=blade.tip_radius_m,
+        nodus_radius=blade.joint.outer_radius_m,
+        rotor_inertia=rotor_inertia(blade).total,
+    )
+    validate(vehicle, "vehicle")
+    return vehicle
