@@ -14,7 +14,7 @@ setup(
     maintainer="Tombo developers",
     maintainer_email="tombo@example.org",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed", "mappings/*.yaml"]},
+    package_data={NAME: ["py.typed", "mappings/*.yaml", "stand/mappings/*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Final
 
 import typer
 
+from tombo_bringup.cli.benchmark_stand_command import benchmark_stand
 from tombo_bringup.cli.whole_number import whole_number
 
 BENCHMARK_EXIT_CODES = (
@@ -162,3 +163,6 @@ def _writable(path: Path) -> None:
 
     if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
         raise InputError(f"-o {path}: can't be written; accepted: a file in a folder there is")
+
+
+app.command("stand", epilog=BENCHMARK_EXIT_CODES)(benchmark_stand)

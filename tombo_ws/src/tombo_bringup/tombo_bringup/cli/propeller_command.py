@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from tombo_bringup.cli.propeller_design_command import design
+from tombo_bringup.cli.propeller_diagnose_command import diagnose
 from tombo_bringup.cli.propeller_reproduce_command import reproduce
 from tombo_bringup.cli.whole_number import whole_number
 
@@ -303,3 +304,4 @@ def _tick(same: bool, printed: float | None) -> str:
 
 app.command(name="design")(design)
 app.command(name="reproduce")(reproduce)
+app.command(name="diagnose")(diagnose)

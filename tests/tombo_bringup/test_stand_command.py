@@ -1,0 +1,140 @@
+"""`tombo propeller diagnose` and `tombo benchmark stand` from the outside."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from tombo_bringup.cli.propeller_command import app
+from tombo_bringup.stand_blind.cases import SIZES, make_case
+from tombo_bringup.stand_blind.run import benchmark_stand
+from tombo_bringup.stand_blind.shapes import SHAPES
+from tombo_dynamics.propeller import configuration, evaluate
+from tombo_dynamics.propeller.effects import STAND_EFFECTS
+from tombo_sysid.diagnosis import VERDICTS
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ["diagnose", *map(str, arguments)])
+
+
+def table(path, gain=1.0, confs=(5, 9, 13), seed=0):
+    rng = np.random.default_rng(seed)
+    rows = ["conf,rpm,thrust_N,torque_Nm,beta_deg"]
+    for conf in confs:
+        rpm = np.linspace(1000.0, 4200.0, 17)
+        p = evaluate(configuration(conf), rpm * math.pi / 30.0)
+        for k, speed in enumerate(rpm):
+            t = gain * p.thrust_N[k] + 0.004 * rng.standard_normal()
+            q = p.torque_Nm[k] + 2e-4 * rng.standard_normal()
+            b = math.degrees(p.beta_rad[k]) + 0.2 * rng.standard_normal()
+            rows.append(f"{conf},{speed:.1f},{t:.5f},{q:.6f},{b:.3f}")
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def test_json_has_the_form_of_a_diagnosis_of_flights(tmp_path):
+    result = run(table(tmp_path / "a.csv"), "--json")
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.output)
+    keys = {
+        *("verdict", "causes", "set", "separating_experiment", "gain", "prechecks"),
+        *("candidates", "runs", "confidence", "summary", "notes", "model", "seconds", "version"),
+    }
+    assert keys <= set(found)
+    assert found["verdict"] == "none"
+    assert "NaN" not in result.output
+
+
+def test_a_gain_is_found_written_and_then_no_finding_any_more(tmp_path):
+    path = table(tmp_path / "a.csv", gain=1.15)
+    result = run(path, "-o", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    found = json.loads((tmp_path / "out/diagnosis.json").read_text())
+    assert found["verdict"] in ("named", "set")
+    assert found["causes"][0]["effect"] in ("thrust_gain", "thrust_coefficient")
+    assert (tmp_path / "out/plots/residuals.png").stat().st_size > 10_000
+    if found["verdict"] == "named":
+        model = yaml.safe_load((tmp_path / "out/stand_model.yaml").read_text())
+        assert model["origin"]["runs"][0].startswith(str(path))
+    theta = {c["effect"]: c["theta"] for c in found["causes"][:1]}
+    model = {"tombo_stand_model": 1, "effects": {e: {"parameters": t} for e, t in theta.items()}}
+    (tmp_path / "m.yaml").write_text(yaml.safe_dump(model))
+    again = run(path, "--model", tmp_path / "m.yaml", "--json")
+    assert json.loads(again.output)["verdict"] == "none"
+
+
+def test_table_3_says_what_is_certified():
+    result = run("--table3", "--json")
+    found = json.loads(result.output)
+    assert found["verdict"] == "set"
+    assert {"centrifugal_stiffening", "torsion_constant"} <= set(found["set"])
+    assert "no extension predicts" in found["table3"]["statement"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((), "STAND.csv or --table3"),
+        (("absent.csv",), "can't read"),
+        (("--table3", "--conf", "99"), "unknown configuration"),
+        (("--table3", "--law", "newton"), "law"),
+        (("--table3", "--model", "absent.yaml"), "can't be read"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(tmp_path, arguments, said, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = run(*arguments)
+    assert result.exit_code == 2
+    assert said in result.stderr and result.stderr.count("\n") == 1
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_folder_with_other_things_is_left_alone(tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/thesis.txt").write_text("mine")
+    result = run(table(tmp_path / "a.csv"), "-o", tmp_path / "out")
+    assert result.exit_code == 2
+    assert [p.name for p in (tmp_path / "out").iterdir()] == ["thesis.txt"]
+
+
+def test_blind_cases_come_from_seed_and_number_alone():
+    one, two, other = make_case(5, 3), make_case(5, 3), make_case(6, 3)
+    assert one.hidden == two.hidden
+    assert np.array_equal(one.points.readings, two.points.readings, equal_nan=True)
+    same = one.points.readings.shape == other.points.readings.shape
+    assert not same or not np.array_equal(
+        one.points.readings, other.points.readings, equal_nan=True
+    )
+
+
+def test_blind_cases_hide_what_they_say():
+    cases = [make_case(1, n) for n in range(120)]
+    kinds = {c.kind for c in cases}
+    assert kinds == {"none", "single", "pair", "unknown"}
+    for c in cases:
+        known = SHAPES if c.kind == "unknown" else STAND_EFFECTS
+        assert set(c.hidden) <= set(known)
+        assert len(c.hidden) == {"none": 0, "single": 1, "pair": 2, "unknown": 1}[c.kind]
+        assert c.size in ("", *SIZES)
+        assert not set(SHAPES) & set(STAND_EFFECTS)
+
+
+def test_a_small_benchmark_scores_and_stays_honest():
+    result = benchmark_stand(24, 3, 1, lambda stage, share: None)
+    assert len(result.cases) == 24
+    assert all(r["verdict"] in VERDICTS for r in result.cases)
+    aggregate = result.aggregate
+    assert aggregate["cases"] == sum(
+        aggregate[s]["cases"] for s in ("full", "beta", "torque", "thrust")
+    )
+    large = [r for r in result.cases if r["kind"] == "single" and r["size"] == "large"]
+    right = [r for r in large if r["hidden"][0] in {*r["causes"], *r["set"]}]
+    assert len(right) >= 0.6 * len(large)
+    wrong = [r for r in result.cases if r["kind"] == "unknown" and r["verdict"] == "named"]
+    assert len(wrong) <= 1

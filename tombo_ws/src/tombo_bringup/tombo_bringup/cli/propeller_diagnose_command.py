@@ -1,0 +1,158 @@
+"""`tombo propeller diagnose`: what the propeller model gets wrong on a thrust stand, and why."""
+
+from __future__ import annotations
+
+import datetime
+import os
+import re
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tombo_bringup.cli.whole_number import whole_number
+
+if TYPE_CHECKING:
+    from tombo_bringup.cli.progress import Tell
+    from tombo_sysid.stand.diagnose import StandDiagnosis
+    from tombo_sysid.stand.table3 import Table3
+
+
+def diagnose(
+    tables: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[STAND.csv...]",
+            help="Runs on a thrust stand, of one propeller or several.",
+            show_default=False,
+        ),
+    ] = None,
+    mapping: Annotated[
+        str | None,
+        typer.Option(
+            "--mapping",
+            metavar="FILE|NAME",
+            help="What the columns are, and in which units (docs/stand.md). Default: recognised.",
+        ),
+    ] = None,
+    conf: Annotated[
+        int,
+        typer.Option(
+            "--conf",
+            metavar="N",
+            parser=whole_number,
+            help="Configuration of runs that have no column conf; 0 is rigid.",
+        ),
+    ] = 13,
+    law: Annotated[
+        str, typer.Option("--law", help="published, repaired or consistent.")
+    ] = "repaired",
+    plain: Annotated[
+        bool,
+        typer.Option("--plain", help="Any other propeller: hold it against T = k omega^2."),
+    ] = False,
+    table3: Annotated[
+        bool, typer.Option("--table3", help="Diagnose the paper's own Table III.")
+    ] = False,
+    model: Annotated[
+        Path | None,
+        typer.Option("--model", metavar="FILE", help="A stand_model.yaml found earlier."),
+    ] = None,
+    output: Annotated[
+        str | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="DIR",
+            help="Folder of the results, new or empty. Default: runs/stand-NAME, replaced; with "
+            "--json nothing is written.",
+        ),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace the results in DIR.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print diagnosis.json, and nothing else.")
+    ] = False,
+) -> None:
+    """Say what the propeller model gets wrong in thrust-stand data, name the cause, or the set.
+
+    Writes diagnosis.json, plots, and stand_model.yaml where a cause is named.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from tombo_bringup.cli.progress import progress_bar
+    from tombo_bringup.cli.stand_tables import print_stand, stand_headline
+    from tombo_bringup.output_folder import open_output
+    from tombo_bringup.stand_output import STAND_FILES, stand_json, write_stand
+    from tombo_dynamics.errors import InputError
+
+    try:
+        paths = tables or []
+        if bool(paths) == table3:
+            given = "both" if table3 else "neither"
+            raise InputError(f"STAND.csv or --table3: {given}; accepted: one of them")
+        path = _folder(output, "table3" if table3 else paths[0].name, as_json)
+        written: list[str] = []
+        with progress_bar() as tell:
+            if path is None:
+                found, study = run(paths, mapping, conf, law, plain, model, tell)
+            else:
+                replace = force or output is None
+                with open_output(path, replace=replace, results=STAND_FILES) as folder:
+                    found, study = run(paths, mapping, conf, law, plain, model, tell)
+                    today = datetime.date.today().isoformat()
+                    write_stand(folder, found, study, stand_headline(found.diagnosis), today)
+                    written = [n for n in STAND_FILES if (folder / n).is_file()]
+                    folder.publish()
+    except InputError as error:
+        typer.echo(f"Error: {error}", err=True)
+        raise typer.Exit(2) from None
+    if as_json:
+        typer.echo(stand_json(found, study), nl=False)
+    else:
+        print_stand(found, study, path, written)
+
+
+def run(
+    paths: list[Path],
+    mapping: str | None,
+    conf: int,
+    law: str,
+    plain: bool,
+    model: Path | None,
+    tell: Tell,
+) -> tuple[StandDiagnosis, Table3 | None]:
+    """Read and diagnose; of no path, Table III.
+
+    Raises:
+        InputError: a table, the mapping, the model, the configuration or the law can't be used.
+    """
+    from tombo_dynamics.propeller import configuration, parameter_row
+    from tombo_sysid.stand.diagnose import StandDiagnosis, diagnose_points, diagnose_stand
+    from tombo_sysid.stand.model_file import read_stand_model
+    from tombo_sysid.stand.reading import read_stand
+    from tombo_sysid.stand.table3 import study_table3, table3_assembled
+
+    parameter_row(configuration(conf), law)
+    base = None if model is None else read_stand_model(model)
+    if not paths:
+        diagnosis, findings = diagnose_points(table3_assembled(law), (), tell, base=base)
+        tell("leaving one configuration out", 0.9)
+        return StandDiagnosis(diagnosis, findings, None), study_table3(law)
+    found = []
+    for k, path in enumerate(paths):
+        tell(f"reading {path.name}", k / len(paths))
+        found.append(read_stand(path, mapping))
+    return diagnose_stand(found, conf, law, plain, tell, time.perf_counter, base), None
+
+
+def _folder(output: str | None, first: str, as_json: bool) -> Path | None:
+    from tombo_dynamics.errors import InputError
+
+    if output is None:
+        if as_json:
+            return None
+        name = re.sub(r"[^\w.+-]+", "_", first.split(".")[0]).lstrip(".") or "run"
+        return Path("runs") / f"stand-{name[:100]}"
+    if not output.strip():
+        raise InputError(f"-o '{output}': no name; accepted: a folder, new or empty")
+    return Path(output)

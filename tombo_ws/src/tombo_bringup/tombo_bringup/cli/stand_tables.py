@@ -1,0 +1,200 @@
+"""A stand diagnosis on the terminal: verdict, causes, k_T and what limits it, what to measure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from tombo_bringup.report.diagnosis_words import (
+    CLASSES,
+    LABELS,
+    certainty,
+    figure,
+    listed,
+    percent,
+    words,
+)
+
+if TYPE_CHECKING:
+    from tombo_sysid.diagnosis import Diagnosis
+    from tombo_sysid.stand.constant import ThrustConstant
+    from tombo_sysid.stand.diagnose import StandDiagnosis
+    from tombo_sysid.stand.table3 import Table3
+
+_COLOURS = {"good": "bold green", "warn": "bold yellow", "bad": "bold red"}
+_RPM = 30.0 / math.pi
+_BINS = 8
+_EASIEST = 8
+
+
+def stand_headline(diagnosis: Diagnosis) -> str:
+    """Return the verdict as one sentence."""
+    causes = [words(c.effect) for c in diagnosis.causes]
+    return {
+        "none": "The model agrees with these runs",
+        "unknown": "Something is wrong that no known effect explains",
+        "named": f"It is {listed(causes, 'and')}",
+        "set": f"It is {listed([words(n) for n in diagnosis.set], 'or')}: these runs can’t tell",
+        "partly_explained": f"Part of it is {listed(causes, 'and')}; something else is left",
+    }[diagnosis.verdict]
+
+
+def print_stand(
+    found: StandDiagnosis, study: Table3 | None, folder: Path | None, written: Sequence[str]
+) -> None:
+    """Print what was found, and where the files are."""
+    console = Console(highlight=False)
+    d = found.diagnosis
+
+    def line(text: str, style: str = "") -> None:
+        console.print(Text(text, style), soft_wrap=True)
+
+    line(f"{stand_headline(d)}.", _COLOURS[CLASSES[d.verdict]])
+    if study is not None:
+        from tombo_sysid.stand.table3 import statement
+
+        line(statement(study), "bold")
+    line(f"({LABELS[d.verdict]}, {certainty(d.confidence)}) {d.summary}")
+    if d.causes:
+        console.print(_causes(d))
+    if found.constant is not None:
+        console.print(_limits(found.constant))
+    if study is not None:
+        _print_table3(study, console)
+    else:
+        console.print(_residuals(found))
+    for g in d.gain:
+        known = math.isfinite(g.low)
+        span = f" ({percent(g.low)} to {percent(g.high)})" if known else ""
+        line(
+            f"Held out, {words(g.channel)}: {figure(g.before)} → {figure(g.after)} {g.unit}, less "
+            f"by {percent(g.reduction)}{span}"
+        )
+    for f in d.prechecks:
+        line(f"{f.severity.capitalize()}: {f.flight}: {f.check}: {f.message}",
+             "yellow" if f.severity != "info" else "")  # fmt: skip
+    for note in d.notes:
+        line(f"Note: {note}")
+    if d.separating_experiment is not None:
+        e = d.separating_experiment
+        line(
+            f"Measure next: {e.text} (expected log Bayes factor {e.separation:.1f}, now "
+            f"{e.present:.1f}).",
+            "bold",
+        )
+    if folder is not None:
+        line(f"Wrote {', '.join(written)} to {folder}")
+
+
+def _causes(diagnosis: Diagnosis) -> Table:
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for heading in ("it may be" if diagnosis.verdict == "set" else "cause", "sure", "parameter"):
+        table.add_column(heading)
+    for heading in ("value", "95 % interval"):
+        table.add_column(heading, justify="right")
+    for cause in diagnosis.causes:
+        for k, f in enumerate(cause.theta):
+            unit = "" if f.unit == "1" else f" {f.unit}"
+            table.add_row(
+                Text("" if k else words(cause.effect), "bold"),
+                "" if k else certainty(cause.confidence), Text(f.name),
+                Text(f"{f.value:.3g}{unit}"), f"{f.low:.3g} to {f.high:.3g}",
+            )  # fmt: skip
+    return table
+
+
+def _limits(constant: ThrustConstant) -> Table:
+    title = Text(
+        f"k_T = {constant.k_T:.4g} N s² by rotor, 95 % {constant.low:.4g} to "
+        f"{constant.high:.4g}; what limits it"
+    )
+    table = Table(box=SIMPLE_HEAD, title=title, title_justify="left", padding=(0, 1, 0, 0))
+    table.add_column("what")
+    table.add_column("of k_T", justify="right")
+    for limit in constant.limits:
+        table.add_row(Text(limit.what), f"{100.0 * limit.share:.2g} %")
+    return table
+
+
+def _residuals(found: StandDiagnosis) -> Table:
+    """Return the mean residual in slices of speed, before and after."""
+    problem = found.findings.problem
+    c = problem.points.measured[0]
+    own = problem.seen[:, c]
+    speed = problem.points.setup.speed
+    before = problem.residual(problem.final(problem.nothing))[:, c]
+    after = problem.residual(problem.final(found.findings.search.best.fit))[:, c]
+    unit = ("N", "N m", "rad", "rad/s")[c]
+    name = ("thrust", "torque", "flap angle", "second tachometer")[c]
+    title = Text(f"{name}, measured less model [{unit}]")
+    table = Table(box=SIMPLE_HEAD, title=title, title_justify="left", padding=(0, 1, 0, 0))
+    for heading in ("rpm", "points", "model", "extended", "noise"):
+        table.add_column(heading, justify="right")
+    edges = np.linspace(0.0, float(speed.max()) * (1.0 + 1e-9), _BINS + 1)
+    for low, high in pairwise(edges):
+        rows = own & (speed >= low) & (speed < high)
+        if rows.any():
+            noise = float(np.median(problem.points.sigma[rows, c]))
+            table.add_row(
+                f"{low * _RPM:.0f}–{high * _RPM:.0f}", str(int(rows.sum())),
+                f"{before[rows].mean():+.2g}", f"{after[rows].mean():+.2g}", f"{noise:.1g}",
+            )  # fmt: skip
+    return table
+
+
+def _print_table3(study: Table3, console: Console) -> None:
+    soft = len(study.confs) - 1
+    table = Table(
+        box=SIMPLE_HEAD, title_justify="left", padding=(0, 1, 0, 0),
+        title=Text("Table III at 2000 rpm: thrust [N]"),
+    )  # fmt: skip
+    for heading in ("conf", "measured", *study.laws):
+        table.add_column(heading, justify="right")
+    for k, conf in enumerate(study.confs):
+        own = (f"{values[k]:.3f}" for values in study.laws.values())
+        table.add_row(str(conf), f"{study.measured[k]:.3f} ± {study.deviations[k]:.2f}", *own)
+    console.print(table)
+    for name in study.rms:
+        console.print(
+            Text(
+                f"{name}: RMS error {study.rms[name]:.3f} N over the soft ones, chi² "
+                f"{study.chi2[name]:.1f} of {soft}"
+            )
+        )
+    console.print(
+        Text(
+            f"Rank correlation of measured thrust with stiffness: {study.spearman:.2f} "
+            f"(p = {study.spearman_p:.2f})"
+        )
+    )
+    table = Table(
+        box=SIMPLE_HEAD, title_justify="left", padding=(0, 1, 0, 0),
+        title=Text("Each configuration predicted by the others"),
+    )  # fmt: skip
+    for heading in ("what", "RMS error [N]", "against the mean, 95 % [N]", "fitted to all"):
+        table.add_column(heading)
+    for p in study.predictions:
+        span = f"{p.low:+.3f} to {p.high:+.3f}" if p.low != p.high else "–"
+        table.add_row(words(p.what), f"{p.rmse:.4f}", span, p.parameter)
+    console.print(table)
+    table = Table(
+        box=SIMPLE_HEAD, title_justify="left", padding=(0, 1, 0, 0),
+        title=Text("What would tell stiffening from all others (log Bayes factor 4)"),
+    )  # fmt: skip
+    for heading in ("measure", "closest rival", "difference", "noise at most", "of the reading"):
+        table.add_column(heading)
+    for s in study.settling[:_EASIEST]:
+        table.add_row(
+            s.what, words(s.rival), f"{s.difference:.3g} {s.unit}", f"{s.sigma:.2g} {s.unit}",
+            f"{100.0 * s.sigma / s.expected:.1f} %",
+        )  # fmt: skip
+    console.print(table)

@@ -1,0 +1,1 @@
+"""Blind cases of the stand diagnosis."""

@@ -1,0 +1,66 @@
+"""The files of a stand diagnosis: JSON, the extended model, plots."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Any, Final
+
+from tombo_bringup.diagnosis_output import diagnosis_mapping
+from tombo_bringup.flight_output import as_json, plain
+from tombo_bringup.version import tombo_version
+from tombo_sysid.stand.model_file import stand_model_text
+from tombo_sysid.stand.table3 import statement
+
+if TYPE_CHECKING:
+    from tombo_bringup.output_folder import OutputFolder
+    from tombo_sysid.stand.diagnose import StandDiagnosis
+    from tombo_sysid.stand.table3 import Table3
+
+JSON: Final = "diagnosis.json"
+MODEL: Final = "stand_model.yaml"
+RESIDUALS, STIFFNESS, TABLE3 = "plots/residuals.png", "plots/stiffness.png", "plots/table3.png"
+STAND_FILES: Final = (JSON, MODEL, RESIDUALS, STIFFNESS, TABLE3)
+"""All names that a stand diagnosis may write."""
+
+
+def stand_mapping(found: StandDiagnosis, study: Table3 | None = None) -> dict[str, Any]:
+    """Return the content of `diagnosis.json`: that of flights, `runs` for their `flights`."""
+    mapping = diagnosis_mapping(found.diagnosis)
+    mapping["runs"] = mapping.pop("flights")
+    mapping.pop("vehicle")
+    if found.constant is not None:
+        mapping["thrust_constant"] = plain(dataclasses.asdict(found.constant))
+    if study is not None:
+        mapping["table3"] = plain(dataclasses.asdict(study)) | {"statement": statement(study)}
+    return mapping
+
+
+def stand_json(found: StandDiagnosis, study: Table3 | None = None) -> str:
+    """Return the text of `diagnosis.json`."""
+    return as_json(stand_mapping(found, study))
+
+
+def write_stand(
+    folder: OutputFolder, found: StandDiagnosis, study: Table3 | None, headline: str, date: str
+) -> None:
+    """Write the files of a stand diagnosis into an output folder, which the caller publishes.
+
+    Raises:
+        OSError: the files can't be written.
+    """
+    from tombo_bringup.report.flight_plot import png_bytes
+    from tombo_bringup.report.stand_plots import draw_residuals, draw_stiffness, draw_table3
+
+    text = stand_json(found, study)
+    (folder / JSON).write_text(text, encoding="utf-8", newline="\n")
+    if found.diagnosis.verdict in ("named", "partly_explained"):
+        tool = f"tombo propeller diagnose {tombo_version()}"
+        model = stand_model_text(found.diagnosis, tool, date)
+        (folder / MODEL).write_text(model, encoding="utf-8", newline="\n")
+    (folder / "plots").mkdir()
+    (folder / RESIDUALS).write_bytes(png_bytes(draw_residuals(found, headline)))
+    stiffness = draw_stiffness(found)
+    if stiffness is not None:
+        (folder / STIFFNESS).write_bytes(png_bytes(stiffness))
+    if study is not None:
+        (folder / TABLE3).write_bytes(png_bytes(draw_table3(study)))

@@ -1,0 +1,31 @@
+"""What can be wrong in a thrust-stand run, each as one function; and what the stand then reads."""
+
+from tombo_dynamics.propeller.effects import air, nodus, readings
+from tombo_dynamics.propeller.effects.predict import Draws, Setup, nulls, predict
+from tombo_dynamics.propeller.effects.registry import (
+    STAND_EFFECTS,
+    Stage,
+    StandEffect,
+    StandParam,
+    check_stand_theta,
+    stand_effect,
+)
+from tombo_dynamics.propeller.effects.run import CHANNELS, Run
+
+__all__ = [
+    "CHANNELS",
+    "STAND_EFFECTS",
+    "Draws",
+    "Run",
+    "Setup",
+    "Stage",
+    "StandEffect",
+    "StandParam",
+    "air",
+    "check_stand_theta",
+    "nodus",
+    "nulls",
+    "predict",
+    "readings",
+    "stand_effect",
+]

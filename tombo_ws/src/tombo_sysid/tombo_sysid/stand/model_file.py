@@ -1,0 +1,96 @@
+"""`stand_model.yaml`: what a stand diagnosis adds to the propeller model, and where it is from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.propeller.effects import STAND_EFFECTS, check_stand_theta
+from tombo_dynamics.yaml_text import parse_yaml
+from tombo_sysid.diagnosis import Diagnosis
+
+FORMAT = 1
+_HEAD = (
+    "# What thrust-stand data add to the propeller model.\n"
+    "# Hold other data against it: tombo propeller diagnose OTHER.csv --model THIS_FILE\n"
+)
+
+
+def stand_model_text(diagnosis: Diagnosis, tool: str, date: str) -> str:
+    """Return the text of `stand_model.yaml`."""
+    values = {
+        "tombo_stand_model": FORMAT,
+        "effects": {
+            cause.effect: {
+                "confidence": _plain(cause.confidence),
+                "parameters": {
+                    f.name: {
+                        "value": _plain(f.value), "unit": f.unit, "nominal": _plain(f.nominal),
+                        "low": _plain(f.low), "high": _plain(f.high),
+                    }
+                    for f in cause.theta
+                },
+                "covariance": [[_plain(v) for v in row] for row in cause.covariance],
+            }
+            for cause in diagnosis.causes
+        },
+        "origin": {
+            "model": diagnosis.model,
+            "verdict": diagnosis.verdict,
+            "tool": tool,
+            "date": date,
+            "runs": [note.source for note in diagnosis.flights],
+        },
+        "gain": [
+            {
+                "channel": g.channel, "unit": g.unit, "before": _plain(g.before),
+                "after": _plain(g.after), "low": _plain(g.low), "high": _plain(g.high),
+            }
+            for g in diagnosis.gain
+        ],
+        "notes": list(diagnosis.notes),
+    }  # fmt: skip
+    text: str = yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=99)
+    return f"{_HEAD}{text}"
+
+
+def read_stand_model(path: Path) -> dict[str, tuple[float, ...]]:
+    """Return effect -> parameters of a model.
+
+    Raises:
+        InputError: it can't be read, is no such model, or holds unknown effects or values out of
+            bounds.
+    """
+    what = f"stand model '{path}'"
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{what} can't be read: {error}") from error
+    values = parse_yaml(text, what)
+    if not isinstance(values, Mapping) or values.get("tombo_stand_model") != FORMAT:
+        raise InputError(f"{what} is none; accepted: a stand_model.yaml of propeller diagnose")
+    effects = values.get("effects")
+    if not isinstance(effects, Mapping) or not effects:
+        raise InputError(f"{what}: effects: none; accepted: at least one")
+    given: dict[str, dict[str, Any]] = {}
+    for name, content in effects.items():
+        parameters = content.get("parameters") if isinstance(content, Mapping) else None
+        if not isinstance(parameters, Mapping):
+            raise InputError(f"{what}: {name}: no parameters; accepted: a mapping of them")
+        given[str(name)] = {
+            str(k): v.get("value") if isinstance(v, Mapping) else v for k, v in parameters.items()
+        }
+    checked = check_stand_theta(given, what)
+    return {
+        name: tuple(own.get(p.name, p.null) for p in STAND_EFFECTS[name].theta)
+        for name, own in checked.items()
+    }
+
+
+def _plain(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
