@@ -7,8 +7,8 @@ calibrating give; it is also what keeps a cause from being named for the small c
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,7 +89,8 @@ def parameters(mass: float = 1.3, arm: float = 0.24) -> tuple[Parameter, ...]:
 PARAMETERS = parameters()
 
 
-def variants(effect: str, seen: Collection[int]) -> list[tuple[int, ...]]:
+@lru_cache(maxsize=1024)
+def variants(effect: str, seen: tuple[int, ...]) -> list[tuple[int, ...]]:
     """Return the ways in which an effect can be at work: one parameter, those of a unit, or all.
 
     Args:

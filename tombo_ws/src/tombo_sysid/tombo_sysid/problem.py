@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +60,7 @@ class Columns:
     dim: frozenset[int] = frozenset()
     """Places in theta of what, at the size that matters, is far below these flights' noise."""
 
-    @property
+    @cached_property
     def open(self) -> tuple[int, ...]:
         """Places in theta of what can be a cause."""
         return tuple(i for i in self.indices if i not in self.taken and i not in self.dim)
@@ -202,7 +203,7 @@ class Problem:
         shown: dict[int, dict[tuple[str, str], list[float]]] = {}
         for f, linear in enumerate(self.linears):
             for group, rows in linear.left.items():
-                rest = rows - (self.design(linear, group, f) @ every).T
+                rest = rows - self._explained(linear, group, f, every)
                 own = [c.name for c in self.channels[f] if c.group == group]
                 for name, value in zip(own, np.mean(rest**2, axis=0), strict=True):
                     noise.setdefault((group, name), []).append(float(value))
@@ -226,17 +227,28 @@ class Problem:
         """Return the equations of all flights about the nominal model."""
         return sum_of([self._weigh(parts, f) for f, parts in enumerate(self._parts)])
 
-    def design(self, linear: Linear, group: str, flight: int) -> Array:
-        """Return (channels, rows, K): slopes of a group's channels with every unknown."""
+    def _design(self, linear: Linear, group: str, flight: int) -> Array:
+        """Return (channels, K, rows): slopes of a group's channels with every unknown."""
         left = linear.left[group]
-        full = np.zeros((left.shape[1], left.shape[0], self.columns.count))
+        full = np.zeros((left.shape[1], self.columns.count, left.shape[0]))
         for k, index in enumerate(self.columns.indices):
             if index in linear.slopes:
-                full[:, :, k] = linear.slopes[index][group].T
+                full[:, k] = linear.slopes[index][group].T
         first = self.columns.first_draw(flight)
         for j, change in enumerate(linear.draws):
-            full[:, :, first + j] = change[group].T
+            full[:, first + j] = change[group].T
         return full
+
+    def _explained(self, linear: Linear, group: str, flight: int, unknowns: Array) -> Array:
+        """Return (rows, channels): what unknowns (K,) change in a group's channels."""
+        total = np.zeros_like(linear.left[group])
+        for k, index in enumerate(self.columns.indices):
+            if unknowns[k] and index in linear.slopes:
+                total += unknowns[k] * linear.slopes[index][group]
+        first = self.columns.first_draw(flight)
+        for j, change in enumerate(linear.draws):
+            total += unknowns[first + j] * change[group]
+        return total
 
     def left(self, fit: Fit, flight: int, unknowns: Array | None = None) -> dict[str, Array]:
         """Return what a fit leaves of a flight's channels, group -> (rows, channels).
@@ -249,7 +261,7 @@ class Problem:
         mean = self._within_reason(fit) if unknowns is None else unknowns
         linear = fit.linears[flight]
         return {
-            group: rows - (self.design(linear, group, flight) @ mean).T
+            group: rows - self._explained(linear, group, flight, mean)
             for group, rows in linear.left.items()
         }
 
@@ -374,12 +386,11 @@ class Problem:
         """Return the normal equations where the residuals and the slopes at `places` are new."""
         parts = {}
         for group, left in linear.left.items():
-            x = self.design(linear, group, flight)
-            turned = np.ascontiguousarray(np.transpose(x, (0, 2, 1)))
+            turned = self._design(linear, group, flight)
             matrices = before[group][0]
             if len(places):
                 matrices = matrices.copy()
-                cross = turned @ np.ascontiguousarray(x[:, :, places])
+                cross = turned @ np.transpose(turned[:, places], (0, 2, 1))
                 matrices[:, :, places] = cross
                 matrices[:, places, :] = np.transpose(cross, (0, 2, 1))
             vectors = (turned @ left.T[:, :, None])[:, :, 0]
@@ -390,10 +401,10 @@ class Problem:
         """Return group -> normal matrices, vectors and squares of its channels, not weighed."""
         parts = {}
         for group, left in linear.left.items():
-            x = self.design(linear, group, flight)
-            turned = np.ascontiguousarray(np.transpose(x, (0, 2, 1)))
+            turned = self._design(linear, group, flight)
             vectors = (turned @ left.T[:, :, None])[:, :, 0]
-            parts[group] = (turned @ x, vectors, np.sum(left**2, axis=0))
+            matrices = turned @ np.transpose(turned, (0, 2, 1))
+            parts[group] = (matrices, vectors, np.sum(left**2, axis=0))
         return parts
 
     def _weigh(self, parts: Parts, flight: int) -> Normal:
@@ -412,7 +423,7 @@ class Problem:
         left: dict[tuple[str, str], list[Array]] = {}
         for f, linear in enumerate(self.linears):
             for group, rows in linear.left.items():
-                rest = rows - (self.design(linear, group, f) @ unknowns).T
+                rest = rows - self._explained(linear, group, f, unknowns)
                 own = [c for c in self.channels[f] if c.group == group]
                 for j, c in enumerate(own):
                     left.setdefault((group, c.name), []).append(rest[:, j])

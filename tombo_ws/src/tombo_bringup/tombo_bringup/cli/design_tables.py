@@ -50,7 +50,7 @@ def print_design(
 
 
 def _candidates(found: Design, made: Recommendation) -> Table:
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("candidate\n[dim]fibres, from-to mm[/dim]", no_wrap=True)
     for heading, quantity in zip(_HEADINGS, QUANTITIES, strict=True):
         unit = f"\n[dim]{quantity.unit}[/dim]" if quantity.unit else ""
