@@ -19,6 +19,7 @@ PYTHON_PACKAGES = [package for package in PACKAGES if (package / "setup.py").exi
 # Import name -> rosdep key, where the key is not the import name itself. rosdep has none for mcap,
 # lz4 and zstandard: mcap-ros2-support, which needs them, brings them.
 ROSDEP_KEY = {
+    "cv2": "python3-opencv",
     "filterpy": "python3-filterpy-pip",
     "lz4": "mcap-ros2-support",
     "matplotlib": "python3-matplotlib",

@@ -1,7 +1,8 @@
 """Who may import whom: the rules that keep the maths pure and the graph of packages a tree.
 
 - A pure file reaches no ROS: `rclpy`, generated messages and `tombo_ros` belong to `*_node.py`
-  files and to the package tombo_ros. `pymavlink` belongs to `px4/`, compiled code elsewhere.
+  files and to the package tombo_ros. `pymavlink` belongs to `px4/`, compiled code elsewhere;
+  `cv2` to `tombo_sysid/spin/`.
 - A package imports only what `MAY_IMPORT` lists for it, and nobody's node.
 - Names with `ned` or `frd` as a part live under `px4/`: everywhere else the world is ENU and the
   body FLU.
@@ -45,7 +46,7 @@ LIBRARIES = {
     "tombo_control": {"numpy", "scipy", "numba"},
     "tombo_collision": {"numpy", "scipy", "numba", "filterpy"},
     "tombo_sim": {"numpy", "scipy", "numba"},
-    "tombo_sysid": {"numpy", "scipy", "yaml", "pyulog", "ruptures"},
+    "tombo_sysid": {"numpy", "scipy", "yaml", "pyulog", "ruptures", "cv2"},
 }
 CLOCKLESS = set(LIBRARIES)
 SEEDED = {"BitGenerator", "Generator", "PCG64", "Philox", "SeedSequence", "default_rng"}
@@ -114,6 +115,8 @@ def violations(package: str, path: Path, source: str) -> list[str]:
         elif root == "pymavlink":
             if not px4:
                 complain(line, "imports pymavlink: that belongs to px4/")
+        elif root == "cv2" and path.parts[:1] != ("spin",):
+            complain(line, "imports cv2: that belongs to tombo_sysid/spin/")
         elif package in LIBRARIES and not shell and not px4:
             known = {package, *LIBRARIES[package], *sys.stdlib_module_names}
             if root not in known and not root.startswith("tombo_") and not ROS.fullmatch(root):
@@ -193,6 +196,8 @@ def test_the_graph_of_packages_has_no_cycle():
         ("tombo_control", "rate_node.py", "import tombo_sim", "tombo_control may not"),
         ("tombo_dynamics", "params.py", "import pandas", "may use"),
         ("tombo_control", "a.py", "import pymavlink", "belongs to px4/"),
+        ("tombo_sysid", "track.py", "import cv2", "belongs to tombo_sysid/spin/"),
+        ("tombo_sysid", "spin/disc.py", "import cv2", ""),
         ("tombo_sim", "px4/a.py", "from tombo_dynamics.jit import compiled", "the cache's key"),
         ("tombo_control", "b_node.py", "from tombo_control import a_node, x\nimport rclpy", ""),
         ("tombo_control", "a.py", "from . import rate_node", "nodes are started"),

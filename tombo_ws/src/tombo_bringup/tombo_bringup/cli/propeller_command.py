@@ -14,8 +14,10 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from tombo_bringup.cli.propeller_beta_command import beta
 from tombo_bringup.cli.propeller_design_command import design
 from tombo_bringup.cli.propeller_diagnose_command import diagnose
+from tombo_bringup.cli.propeller_recovery_command import recovery
 from tombo_bringup.cli.propeller_reproduce_command import reproduce
 from tombo_bringup.cli.whole_number import whole_number
 
@@ -305,3 +307,5 @@ def _tick(same: bool, printed: float | None) -> str:
 app.command(name="design")(design)
 app.command(name="reproduce")(reproduce)
 app.command(name="diagnose")(diagnose)
+app.command(name="beta")(beta)
+app.command(name="recovery")(recovery)

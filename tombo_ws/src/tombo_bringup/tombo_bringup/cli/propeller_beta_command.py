@@ -1,0 +1,314 @@
+"""`tombo propeller beta`: the flap angle of a spinning propeller from a film of it."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from tombo_bringup.cli.progress import Tell
+    from tombo_sysid.spin.disc import Frames
+    from tombo_sysid.spin.film import Film
+    from tombo_sysid.spin.measure import Measurement
+    from tombo_sysid.spin.rim import Rim
+    from tombo_sysid.spin.view import Span, View
+
+
+def beta(
+    film: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="VIDEO|FOLDER",
+            help="Film from above, along the axis: a video, or a folder of pictures.",
+            show_default=False,
+        ),
+    ] = None,
+    reference: Annotated[
+        Path | None,
+        typer.Option(
+            "--reference",
+            metavar="VIDEO|FOLDER",
+            help="The same propeller before the same camera, slow or at rest: gives the scale.",
+        ),
+    ] = None,
+    reference_frames: Annotated[
+        str | None,
+        typer.Option(
+            "--reference-frames", metavar="A:B", help="Such frames of the film itself, A to B - 1."
+        ),
+    ] = None,
+    reference_beta: Annotated[
+        float, typer.Option("--reference-beta", metavar="DEG", help="The flap in the reference.")
+    ] = 0.0,
+    scale: Annotated[
+        float | None,
+        typer.Option(
+            "--scale", metavar="PX/MM", help="Pixels per mm in the plane of the straight blades."
+        ),
+    ] = None,
+    scale_error: Annotated[
+        float, typer.Option("--scale-error", metavar="%", help="Standard deviation of --scale.")
+    ] = 0.2,
+    marks: Annotated[
+        str | None,
+        typer.Option(
+            "--marks",
+            metavar="X1,Y1,X2,Y2,MM",
+            help="Two marks in that plane [pixels] and the distance between them.",
+        ),
+    ] = None,
+    camera_height: Annotated[
+        float | None,
+        typer.Option(
+            "--camera-height",
+            metavar="MM",
+            help="Lens to the plane of the straight blades: flapped tips look larger for being "
+            "nearer. Without it the camera is taken to be far away.",
+        ),
+    ] = None,
+    camera_height_error: Annotated[
+        float, typer.Option("--camera-height-error", metavar="%", help="Its standard deviation.")
+    ] = 1.0,
+    from_below: Annotated[
+        bool, typer.Option("--from-below", help="The blades flap away from the camera.")
+    ] = False,
+    fps: Annotated[
+        float | None,
+        typer.Option(help="Frames per second. Default: the video's; pictures 960, the paper's."),
+    ] = None,
+    window: Annotated[int, typer.Option(help="Frames combined; the paper takes ten.")] = 10,
+    windows: Annotated[
+        int, typer.Option(help="At most so many windows, even over the film.")
+    ] = 60,
+    tip: Annotated[
+        float | None, typer.Option("--tip-radius", metavar="MM", help="Default: 111.1.")
+    ] = None,
+    nodus: Annotated[
+        float | None,
+        typer.Option("--nodus-radius", metavar="MM", help="Outer end of the nodus. Default: 35."),
+    ] = None,
+    demo: Annotated[
+        bool, typer.Option("--demo", help="Measure a rendered film of 12 deg instead.")
+    ] = False,
+    output: Annotated[
+        str | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="DIR",
+            help="Folder of the results. Default: runs/beta-FILM, replaced; with --json nothing.",
+        ),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace the results in DIR.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print beta.json, and nothing else.")
+    ] = False,
+) -> None:
+    """Measure the flap angle beta of a spinning propeller from above.
+
+    Ten frames are combined, so that the blades fill a disc; its radius against that of the
+    straight blades is the angle, with an interval. Small angles hardly change it: they come out
+    as "at most". Writes beta.json, beta.csv, beta.png and overlay.png. See docs/beta.md.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from tombo_bringup.beta_output import BETA_FILES, beta_csv, beta_json, write_text
+    from tombo_bringup.cli.progress import progress_bar
+    from tombo_bringup.output_folder import open_output
+    from tombo_dynamics.propeller import configuration
+    from tombo_sysid.spin.view import Span, View
+
+    blade = configuration(13).blade
+    straight = Span(
+        blade.tip_radius_m if tip is None else tip * 1e-3,
+        blade.joint.outer_radius_m if nodus is None else nodus * 1e-3,
+    )
+    if not -30.0 <= reference_beta <= 30.0:
+        raise _bad(f"--reference-beta {reference_beta:g}; accepted: -30 to 30 deg")
+    if scale is not None and not (math.isfinite(scale) and math.isfinite(scale_error)):
+        raise _bad(f"--scale {scale:g} +- {scale_error:g} %; accepted: finite numbers")
+    view = View(
+        math.inf if camera_height is None else _positive("--camera-height", camera_height) * 1e-3,
+        not from_below,
+        _share("--camera-height-error", camera_height_error),
+    )
+    ways = [reference is not None, reference_frames is not None, scale is not None,
+            marks is not None]  # fmt: skip
+    if demo and (film is not None or any(ways)):
+        raise _bad("--demo with a film or a scale; accepted: --demo alone")
+    if not demo and film is None:
+        raise _bad("no film; accepted: a video, a folder of pictures, or --demo")
+    if not demo and sum(ways) != 1:
+        raise _bad(
+            f"{sum(ways)} sources of the scale; accepted: one of --reference, --reference-frames, "
+            "--scale, --marks"
+        )
+
+    def run(tell: Tell) -> tuple[Measurement, list[str]]:
+        if demo:
+            return _demo(tell, window)
+        assert film is not None
+        return _measured(
+            film, fps, window, windows, straight, view, tell,
+            _Source(reference, reference_frames, math.radians(reference_beta), scale,
+                    _share("--scale-error", scale_error), marks),
+        )  # fmt: skip
+
+    path = _folder(output, film, as_json)
+    with progress_bar() as tell:
+        if path is None:
+            found, notes = run(tell)
+        else:
+            with open_output(path, replace=force or output is None, results=BETA_FILES) as folder:
+                found, notes = run(tell)
+                tell("drawing", 0.99)
+                _write(folder / "overlay.png", folder / "beta.png", found)
+                write_text(folder / "beta.json", beta_json(found, notes))
+                write_text(folder / "beta.csv", beta_csv(found))
+                folder.publish()
+    if as_json:
+        typer.echo(beta_json(found, notes), nl=False)
+    else:
+        from tombo_bringup.cli.beta_tables import print_beta
+
+        print_beta(found, notes, path)
+
+
+class _Source:
+    """Where the scale comes from, as given."""
+
+    def __init__(
+        self,
+        reference: Path | None,
+        frames: str | None,
+        beta: float,
+        scale: float | None,
+        error: float,
+        marks: str | None,
+    ) -> None:
+        self.reference, self.frames, self.beta = reference, frames, beta
+        self.scale, self.error, self.marks = scale, error, marks
+
+
+def _measured(
+    path: Path,
+    fps: float | None,
+    window: int,
+    windows: int,
+    straight: Span,
+    view: View,
+    tell: Tell,
+    source: _Source,
+) -> tuple[Measurement, list[str]]:
+    from tombo_bringup.cli.beta_tables import notes_of
+    from tombo_sysid.spin import measure as m
+    from tombo_sysid.spin import scale as s
+    from tombo_sysid.spin.film import open_film
+
+    film = open_film(path, fps)
+    begin = 0
+    still = None
+    if source.frames is not None:
+        first, behind = _range(source.frames)
+        still = _frames(film, first, behind)
+        begin = behind if first < window else 0
+    elif source.reference is not None:
+        other = open_film(source.reference, fps)
+        still = _frames(other, 0, min(other.count, 120))
+    fixed = None
+    if source.scale is not None:
+        fixed = s.known_scale(source.scale * 1e3, source.error)
+    elif source.marks is not None:
+        fixed = s.marked_scale(*_marks(source.marks))
+
+    def scale_of(rim: Rim) -> s.Scale:
+        if fixed is not None:
+            return fixed
+        assert still is not None
+        return s.reference_scale(still, source.beta, straight, view, rim)
+
+    spans = m.spans_of(film.count, window, windows, begin)
+    found = m.measure(film, spans, scale_of, straight, view, tell)
+    return found, [*film.notes, *notes_of(found)]
+
+
+def _demo(tell: Tell, window: int) -> tuple[Measurement, list[str]]:
+    import numpy as np
+
+    from tombo_bringup.cli.beta_tables import notes_of
+    from tombo_sysid.spin import measure as m
+    from tombo_sysid.spin.rendered import Rendering, Scene, slow
+    from tombo_sysid.spin.scale import reference_scale
+    from tombo_sysid.spin.view import Span, View
+
+    scene = Scene(beta=math.radians(12.0), camera_height=3.0, off_centre=(14.0, -9.0), tilt=0.04)
+    straight, view = Span(scene.tip, scene.nodus), View(scene.camera_height)
+    frames = np.stack(list(Rendering(slow(scene)).frames(32)))
+    film = Rendering(scene)
+    found = m.measure(
+        film, m.spans_of(4 * window, window, 4),
+        lambda rim: reference_scale(frames, 0.0, straight, view, rim), straight, view, tell,
+    )  # fmt: skip
+    return found, ["rendered with a flap of 12 deg, camera at 3 m", *notes_of(found)]
+
+
+def _frames(film: Film, first: int, behind: int) -> Frames:
+    for _, frames in film.parts([(first, behind)]):
+        return frames
+    raise _bad(f"no frames {first}:{behind} in '{film.path}', which has {film.count}")
+
+
+def _write(overlay_path: Path, plot_path: Path, found: Measurement) -> None:
+    from tombo_bringup.report.beta_plots import plot_beta
+    from tombo_sysid.spin.overlay import overlay, write_picture
+
+    write_picture(overlay(found), overlay_path)
+    plot_beta(found, plot_path)
+
+
+def _range(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"\s*(\d+)\s*:\s*(\d+)\s*", text)
+    if not match or int(match[1]) >= int(match[2]) or int(match[2]) - int(match[1]) > 2000:
+        raise _bad(f"--reference-frames {text}; accepted: A:B, A below B, 2000 frames at most")
+    return int(match[1]), int(match[2])
+
+
+def _marks(text: str) -> tuple[tuple[float, float], tuple[float, float], float]:
+    try:
+        x1, y1, x2, y2, mm = (float(part) for part in text.split(","))
+    except ValueError:
+        raise _bad(f"--marks {text}; accepted: X1,Y1,X2,Y2,MM") from None
+    return (x1, y1), (x2, y2), mm * 1e-3
+
+
+def _positive(name: str, value: float) -> float:
+    if not (math.isfinite(value) and value > 0.0):
+        raise _bad(f"{name} {value:g}; accepted: above 0")
+    return value
+
+
+def _share(name: str, percent: float) -> float:
+    if not 0.0 <= percent < 20.0:
+        raise _bad(f"{name} {percent:g} %; accepted: 0 to 20")
+    return percent * 1e-2
+
+
+def _folder(output: str | None, film: Path | None, as_json: bool) -> Path | None:
+    if output is None:
+        if as_json:
+            return None
+        name = re.sub(r"[^\w.+-]+", "_", film.stem if film else "demo").lstrip(".") or "film"
+        return Path("runs") / f"beta-{name[:100]}"
+    if not output.strip():
+        raise _bad(f"-o '{output}': no name; accepted: a folder, new or empty")
+    return Path(output)
+
+
+def _bad(message: str) -> Exception:
+    from tombo_dynamics.errors import InputError
+
+    return InputError(message)

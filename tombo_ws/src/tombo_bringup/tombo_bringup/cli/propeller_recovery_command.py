@@ -1,0 +1,110 @@
+"""`tombo propeller recovery`: collisions in a thrust or speed trace and how long each lasts."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def recovery(
+    trace: Annotated[
+        Path,
+        typer.Argument(metavar="TRACE.csv", help="Thrust or speed over time.", show_default=False),
+    ],
+    column: Annotated[
+        str | None,
+        typer.Option("--column", metavar="NAME", help="Thrust or speed. Default: by its name."),
+    ] = None,
+    unit: Annotated[
+        str | None,
+        typer.Option(
+            "--unit", help="N, mN, gf, kgf, lbf, rpm, rad/s or Hz. Default: by the name."
+        ),
+    ] = None,
+    time_column: Annotated[
+        str | None, typer.Option("--time-column", metavar="NAME", help="Default: by its name.")
+    ] = None,
+    time_unit: Annotated[str, typer.Option("--time-unit", help="s, ms or us.")] = "s",
+    tare: Annotated[
+        float, typer.Option("--tare", help="What the unloaded cell reads, in the column's unit.")
+    ] = 0.0,
+    share: Annotated[
+        float | None,
+        typer.Option(
+            "--share",
+            help="Of the level before that counts as recovered. Default: 0.9 of thrust; of speed "
+            "its root, 0.949, as thrust goes with speed squared.",
+        ),
+    ] = None,
+    output: Annotated[
+        str | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="DIR",
+            help="Folder of the results. Default: runs/recovery-TRACE; with --json none.",
+        ),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace the results in DIR.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print recovery.json, and nothing else.")
+    ] = False,
+) -> None:
+    """Find the collisions in a trace, and the time until 90 % of the thrust are back.
+
+    Each comes with a 95 % interval; one that does not recover in the trace comes out as "more
+    than". Writes recovery.json, recovery.csv and recovery.png. See docs/beta.md.
+    """
+    from tombo_bringup.beta_output import (
+        RECOVERY_FILES,
+        recovery_csv,
+        recovery_json,
+        write_text,
+    )
+    from tombo_bringup.output_folder import open_output
+    from tombo_sysid.spin.recovery import SHARE, recoveries
+    from tombo_sysid.spin.trace import read_trace
+
+    read = read_trace(trace, column, unit, time_column, time_unit, tare)
+    goal = share if share is not None else math.sqrt(SHARE) if read.is_speed else SHARE
+    found = recoveries(read.time, read.value, goal)
+    text = recovery_json(found, read.column, goal)
+    path = _folder(output, trace, as_json)
+    if path is not None:
+        from tombo_bringup.report.beta_plots import plot_recovery
+
+        replace = force or output is None
+        with open_output(path, replace=replace, results=RECOVERY_FILES) as folder:
+            write_text(folder / "recovery.json", text)
+            write_text(folder / "recovery.csv", recovery_csv(found))
+            plot_recovery(read.time, read.value, found, read.label, goal, folder / "recovery.png")
+            folder.publish()
+    if as_json:
+        typer.echo(text, nl=False)
+        return
+    for r in found:
+        typer.echo(f"Collision at {r.time:.3f} s, from {r.level:.3g}: recovered after {r.words()}")
+    whole = [r.recovered for r in found if not r.why]
+    if len(whole) > 1:
+        typer.echo(f"Mean of {len(whole)}: {sum(whole) / len(whole):.3f} s")
+    for note in read.notes:
+        typer.echo(f"Note: {note}.")
+    if path is not None:
+        typer.echo(f"Results: {path.resolve()}")
+
+
+def _folder(output: str | None, trace: Path, as_json: bool) -> Path | None:
+    from tombo_dynamics.errors import InputError
+
+    if output is None:
+        if as_json:
+            return None
+        name = re.sub(r"[^\w.+-]+", "_", trace.name.split(".")[0]).lstrip(".") or "trace"
+        return Path("runs") / f"recovery-{name[:100]}"
+    if not output.strip():
+        raise InputError(f"-o '{output}': no name; accepted: a folder, new or empty")
+    return Path(output)
