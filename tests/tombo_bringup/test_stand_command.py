@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import signal
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from tombo_bringup.stand_blind.shapes import SHAPES
 from tombo_dynamics.propeller import configuration, evaluate
 from tombo_dynamics.propeller.effects import STAND_EFFECTS
 from tombo_sysid.diagnosis import VERDICTS
+from tombo_sysid.stand.analyse import analyse
 
 
 def run(*arguments):
@@ -59,6 +62,11 @@ def test_a_gain_is_found_written_and_then_no_finding_any_more(tmp_path):
     assert found["verdict"] in ("named", "set")
     assert found["causes"][0]["effect"] in ("thrust_gain", "thrust_coefficient")
     assert (tmp_path / "out/plots/residuals.png").stat().st_size > 10_000
+    page = (tmp_path / "out/report.html").read_text()
+    places = [page.index(t) for t in ("What would settle it", "The gap", "All candidates")]
+    assert places == sorted(places)
+    assert page.count("data:image/png;base64,") == 2  # over speed and over stiffness
+    assert "http:" not in page and "https:" not in page and "{{" not in page
     if found["verdict"] == "named":
         model = yaml.safe_load((tmp_path / "out/stand_model.yaml").read_text())
         assert model["origin"]["runs"][0].startswith(str(path))
@@ -75,6 +83,19 @@ def test_table_3_says_what_is_certified():
     assert found["verdict"] == "set"
     assert {"centrifugal_stiffening", "torsion_constant"} <= set(found["set"])
     assert "no extension predicts" in found["table3"]["statement"]
+
+
+def test_a_stop_signal_ends_it_with_nothing_written(tmp_path, monkeypatch):
+    from tombo_bringup.cli import propeller_diagnose_command
+
+    def stopped(*arguments):
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    monkeypatch.setattr(propeller_diagnose_command, "run", stopped)
+    result = run(table(tmp_path / "a.csv"), "-o", tmp_path / "out")
+    assert result.exit_code == 143
+    assert result.stderr.endswith("Error: interrupted\n")
+    assert [p.name for p in tmp_path.iterdir()] == ["a.csv"]
 
 
 @pytest.mark.parametrize(
@@ -138,3 +159,15 @@ def test_a_small_benchmark_scores_and_stays_honest():
     assert len(right) >= 0.6 * len(large)
     wrong = [r for r in result.cases if r["kind"] == "unknown" and r["verdict"] == "named"]
     assert len(wrong) <= 1
+
+
+@pytest.mark.parametrize(
+    ("seed", "number", "wrong"),
+    [
+        (53, 481, "speed_noise"),  # creep: only curves of their own for the way down see it
+        (54, 498, "centrifugal_stiffening"),  # the other in-plane term: slopes where the fit ended
+    ],
+)
+def test_what_was_once_wrongly_named_is_not_any_more(seed, number, wrong):
+    judgement = analyse(make_case(seed, number).points).judgement
+    assert (judgement.verdict, judgement.effects) != ("named", (wrong,))

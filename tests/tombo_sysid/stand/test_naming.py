@@ -161,3 +161,23 @@ def test_the_order_of_runs_does_not_matter():
     one, two = analyse(points), analyse(turned)
     assert one.judgement.effects == two.judgement.effects
     assert one.search.best.evidence == pytest.approx(two.search.best.evidence, abs=1e-6)
+
+
+def test_a_name_is_withheld_where_free_curves_find_more_beside_it():
+    """A gain explains most, but a resonance is left: the gate has to see it."""
+
+    def resonant(y, s):
+        out = y.copy()
+        x = s.speed / s.speed.max()
+        out[:, 0] *= 1.0 - 0.04 * np.exp(-(((x - 0.6) / 0.08) ** 2)) * (s.speed > 0.0)
+        return out
+
+    clean = analyse(stands.read(SETUP, {"thrust_gain": (0.1,)}, seed=9))
+    assert clean.judgement.verdict == "named"
+    assert clean.judgement.left.evidence < LEFT
+    found = analyse(stands.read(SETUP, {"thrust_gain": (0.1,)}, seed=9, change=resonant))
+    judgement, best = found.judgement, found.search.best
+    assert best.effects == ("thrust_gain",)
+    assert best.evidence > judgement.free.evidence + 10.0  # only what is left can tell
+    assert judgement.left.evidence > LEFT
+    assert judgement.verdict == "partly_explained"

@@ -201,3 +201,23 @@ def test_one_speed_is_never_enough_for_a_name(tmp_path):
     found = analyse(assemble([read_stand(path)], 13, "repaired").points)
     assert found.judgement.verdict == "set"
     assert {"thrust_gain", "thrust_coefficient"} <= set(found.judgement.members)
+
+
+@pytest.mark.parametrize(
+    ("speed", "thrust", "said"),
+    [
+        (1.0, 1e3 / 9.80665, "grams read as newtons"),
+        (math.pi / 30.0, 1.0, "rad/s read as rpm"),
+        (1.0, 4.0, "rotors: 4"),
+        (1.0, 1.5, ""),
+    ],
+)
+def test_thrust_in_a_wrong_unit_is_said(tmp_path, speed, thrust, said):
+    rpm = np.linspace(4500.0, 6000.0, 12)
+    newton = evaluate(configuration(13), rpm * math.pi / 30.0).thrust_N
+    path = write(tmp_path / "a.csv", "rpm,thrust_N", rpm * speed, newton * thrust)
+    found = [
+        f for f in assemble([read_stand(path)], 13, "repaired").findings if f.check == "units"
+    ]
+    assert len(found) == bool(said)
+    assert all(said in f.message for f in found)

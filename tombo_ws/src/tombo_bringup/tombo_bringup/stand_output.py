@@ -1,8 +1,9 @@
-"""The files of a stand diagnosis: JSON, the extended model, plots."""
+"""The files of a stand diagnosis: the page, JSON, the extended model, plots."""
 
 from __future__ import annotations
 
 import dataclasses
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, Final
 
 from tombo_bringup.diagnosis_output import diagnosis_mapping
@@ -18,8 +19,9 @@ if TYPE_CHECKING:
 
 JSON: Final = "diagnosis.json"
 MODEL: Final = "stand_model.yaml"
+REPORT: Final = "report.html"
 RESIDUALS, STIFFNESS, TABLE3 = "plots/residuals.png", "plots/stiffness.png", "plots/table3.png"
-STAND_FILES: Final = (JSON, MODEL, RESIDUALS, STIFFNESS, TABLE3)
+STAND_FILES: Final = (REPORT, JSON, MODEL, RESIDUALS, STIFFNESS, TABLE3)
 """All names that a stand diagnosis may write."""
 
 
@@ -49,7 +51,9 @@ def write_stand(
         OSError: the files can't be written.
     """
     from tombo_bringup.report.flight_plot import png_bytes
-    from tombo_bringup.report.stand_plots import draw_residuals, draw_stiffness, draw_table3
+    from tombo_bringup.report.stand_page import stand_html
+    from tombo_bringup.report.stand_plots import draw_residuals, draw_stiffness
+    from tombo_bringup.report.table3_plot import draw_table3
 
     text = stand_json(found, study)
     (folder / JSON).write_text(text, encoding="utf-8", newline="\n")
@@ -58,9 +62,14 @@ def write_stand(
         model = stand_model_text(found.diagnosis, tool, date)
         (folder / MODEL).write_text(model, encoding="utf-8", newline="\n")
     (folder / "plots").mkdir()
-    (folder / RESIDUALS).write_bytes(png_bytes(draw_residuals(found, headline)))
-    stiffness = draw_stiffness(found)
-    if stiffness is not None:
-        (folder / STIFFNESS).write_bytes(png_bytes(stiffness))
+    figures = {RESIDUALS: draw_residuals(found, headline), STIFFNESS: draw_stiffness(found)}
     if study is not None:
-        (folder / TABLE3).write_bytes(png_bytes(draw_table3(study)))
+        figures = {TABLE3: draw_table3(study), STIFFNESS: figures[STIFFNESS]}  # one speed only
+    pictures = {}
+    for name, drawn in figures.items():
+        if drawn is not None:
+            png = png_bytes(drawn)
+            (folder / name).write_bytes(png)
+            pictures[PurePath(name).stem] = png
+    page = stand_html(found, study, headline, pictures)
+    (folder / REPORT).write_text(page, encoding="utf-8", newline="\n")

@@ -76,33 +76,40 @@ def diagnose(
 ) -> None:
     """Say what the propeller model gets wrong in thrust-stand data, name the cause, or the set.
 
-    Writes diagnosis.json, plots, and stand_model.yaml where a cause is named.
+    Writes report.html, diagnosis.json, plots, and stand_model.yaml where a cause is named.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from tombo_bringup.cli.progress import progress_bar
     from tombo_bringup.cli.stand_tables import print_stand, stand_headline
     from tombo_bringup.output_folder import open_output
     from tombo_bringup.stand_output import STAND_FILES, stand_json, write_stand
+    from tombo_bringup.stop_signals import Stopped, StopSignals
     from tombo_dynamics.errors import InputError
 
+    written: list[str] = []
     try:
         paths = tables or []
         if bool(paths) == table3:
             given = "both" if table3 else "neither"
             raise InputError(f"STAND.csv or --table3: {given}; accepted: one of them")
         path = _folder(output, "table3" if table3 else paths[0].name, as_json)
-        written: list[str] = []
-        with progress_bar() as tell:
+        with StopSignals() as stop, progress_bar() as tell:
             if path is None:
-                found, study = run(paths, mapping, conf, law, plain, model, tell)
+                with stop.at_once():
+                    found, study = run(paths, mapping, conf, law, plain, model, tell)
             else:
                 replace = force or output is None
                 with open_output(path, replace=replace, results=STAND_FILES) as folder:
-                    found, study = run(paths, mapping, conf, law, plain, model, tell)
-                    today = datetime.date.today().isoformat()
-                    write_stand(folder, found, study, stand_headline(found.diagnosis), today)
+                    with stop.at_once():
+                        found, study = run(paths, mapping, conf, law, plain, model, tell)
+                        title = stand_headline(found.diagnosis)
+                        today = datetime.date.today().isoformat()
+                        write_stand(folder, found, study, title, today)
                     written = [n for n in STAND_FILES if (folder / n).is_file()]
                     folder.publish()
+    except Stopped:
+        typer.echo("Error: interrupted", err=True)
+        raise typer.Exit(stop.exit_code) from None
     except InputError as error:
         typer.echo(f"Error: {error}", err=True)
         raise typer.Exit(2) from None

@@ -34,11 +34,16 @@ _COLOURS = {"good": "bold green", "warn": "bold yellow", "bad": "bold red"}
 _RPM = 30.0 / math.pi
 _BINS = 8
 _EASIEST = 8
+_NAMED = 4
+"""Members of a set that a headline names."""
 
 
 def stand_headline(diagnosis: Diagnosis) -> str:
     """Return the verdict as one sentence."""
     causes = [words(c.effect) for c in diagnosis.causes]
+    if diagnosis.verdict == "set" and len(diagnosis.set) > _NAMED:
+        count = len(diagnosis.set)
+        return f"One of {count} causes, {causes[0]} likeliest: these runs can’t tell"
     return {
         "none": "The model agrees with these runs",
         "unknown": "Something is wrong that no known effect explains",

@@ -22,7 +22,6 @@ from tombo_bringup.report.style import (
 
 if TYPE_CHECKING:
     from tombo_sysid.stand.diagnose import StandDiagnosis
-    from tombo_sysid.stand.table3 import Table3
 
 Array = NDArray[np.float64]
 
@@ -100,45 +99,6 @@ def draw_stiffness(found: StandDiagnosis) -> Any:
         axis.set_ylabel("thrust, measured less model [N]")
         axis.set_title("Mean over each propeller's points, bars 95 %", loc="left")
         axis.legend()
-    return figure
-
-
-def draw_table3(study: Table3) -> Any:
-    """Return measured thrust with the laws, and the error of each candidate left one out."""
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
-    with mpl.rc_context(RC):
-        figure = Figure(figsize=(10.0, 4.2), layout="constrained")
-        left, right = figure.subplots(1, 2, width_ratios=(1.1, 1.0))
-        x = np.arange(len(study.confs))
-        left.errorbar(
-            x, study.measured, yerr=study.deviations, fmt="o", color=INK, capsize=3,
-            label="measured ± printed deviation",
-        )  # fmt: skip
-        for (law, values), colour in zip(
-            study.laws.items(), (ORANGE, VERMILLION, BLUE), strict=True
-        ):
-            left.plot(x, values, "_", markersize=13, markeredgewidth=2.2, color=colour, label=law)
-        soft = np.array(study.measured)[np.array(study.confs) != 0]
-        left.axhline(float(soft.mean()), color=GREEN, linestyle="--", linewidth=1.0,
-                     label="mean of Conf. 5 to 13")  # fmt: skip
-        left.set_xticks(x, [str(c) for c in study.confs])
-        left.set_xlabel("configuration, soft to stiff from 5 on")
-        left.set_ylabel("thrust at 2000 rpm [N]")
-        left.set_title("The laws fall with softness; the measurements do not", loc="left")
-        left.set_ylim(0.2, 0.92)
-        left.legend(fontsize=7, loc="lower left", ncols=2)
-        names = [p.what.replace("_", " ") for p in study.predictions][::-1]
-        errors = [p.rmse for p in study.predictions][::-1]
-        mean = next(p.rmse for p in study.predictions if p.what == "mean of the others")
-        right.barh(names, errors, color=[GREEN if "mean" in n else SKY for n in names])
-        right.axvline(mean, color=GREEN, linestyle="--", linewidth=1.0)
-        right.set_xlabel("error on the configuration left out, RMS [N]")
-        surely = any(p.high < 0.0 for p in study.predictions)
-        some = "Some extension is" if surely else "No extension is"
-        right.set_title(f"{some} surely better than the mean", loc="left")
-        right.grid(axis="y", visible=False)
     return figure
 
 

@@ -14,6 +14,7 @@ from tombo_dynamics.propeller import configuration, nodus_moduli, parameter_row,
 from tombo_dynamics.propeller.effects import Setup
 from tombo_sysid.flight_log import Finding
 from tombo_sysid.stand.plateaus import Plateaus, plateaus
+from tombo_sysid.stand.plausible import implausible
 from tombo_sysid.stand.points import Points
 from tombo_sysid.stand.reading import StandTable
 
@@ -103,7 +104,7 @@ def assemble(tables: Sequence[StandTable], conf: int, law: str, plain: bool = Fa
         setup, readings, np.concatenate([p.sigma for p in found]), tuple(runs), tuple(propellers),
         np.array([stiffness[p] for p in propellers]),
     )  # fmt: skip
-    return Assembled(points, tuple(found), tuple(findings))
+    return Assembled(points, tuple(found), (*findings, *implausible(points)))
 
 
 def _whole(values: Array, table: StandTable) -> NDArray[np.int64]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_dynamics.propeller.effects import CHANNELS
+from tombo_dynamics.propeller.effects import CHANNELS, Setup
 from tombo_sysid.evidence import Normal, solve
 from tombo_sysid.stand.problem import Fit, Problem
 
@@ -52,9 +52,8 @@ def curves(problem: Problem, fit: Fit) -> Curves:
     blocks = _blocks(problem)
     if not blocks:
         return Curves(-math.inf, "", 0.0)
-    slopes = problem.slopes.copy()
-    for k in (*fit.free, *problem.taken):
-        slopes[:, :, k] = problem.slope(fit.theta, k)
+    moved = fit.free or problem.taken
+    slopes = problem.slopes_at(fit.theta) if moved else problem.slopes
     left = problem.residual(fit.theta)
     basis = np.concatenate([b.columns for b in blocks], axis=2)
     every = np.concatenate([slopes, problem.drawn, basis], axis=2)
@@ -105,7 +104,7 @@ def _blocks(problem: Problem) -> list[_Block]:
     order = min(_ORDER, different - 2)
     legendre = np.zeros((n, _ORDER + 1))
     legendre[:, : order + 1] = np.polynomial.legendre.legvander(x, order)
-    groups: list[list[Array]] = [[np.ones(n)], [2.0 * setup.elapsed - 1.0]]
+    groups: list[list[Array]] = [[np.ones(n)], [_way(setup)]]
     if problem.propellers > 1:
         groups.append([(setup.propeller == k).astype(float) for k in range(problem.propellers)])
     blocks = []
@@ -121,3 +120,13 @@ def _blocks(problem: Problem) -> list[_Block]:
             )
             blocks.append(_Block(c, block))
     return blocks
+
+
+def _way(setup: Setup) -> Array:
+    """Return -1 up to the highest speed of each run and 1 after it."""
+    way = np.full(setup.speed.size, -1.0)
+    for run in np.unique(setup.run):
+        own = np.flatnonzero(setup.run == run)
+        top = own[int(np.argmax(setup.speed[own]))]
+        way[own[setup.elapsed[own] > setup.elapsed[top]]] = 1.0
+    return way

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tombo_sysid.flight_log import Finding
 from tombo_sysid.stand.reading import StandTable
+from tombo_sysid.stand.steps import without_changed
 
 Array = NDArray[np.float64]
 
@@ -89,6 +90,11 @@ def plateaus(table: StandTable) -> Plateaus:
     keep, outliers = _outliers(at, readings, table.name)
     findings += outliers
     at, readings, sigma, elapsed, first = (each[keep] for each in result)
+    keep, changed = without_changed(table, at, readings, first)
+    findings += changed
+    at, readings, sigma, elapsed, first = (
+        each[keep] for each in (at, readings, sigma, elapsed, first)
+    )
     sigma = _with_noise(at, readings, sigma, table, raw)
     return Plateaus(at, readings, sigma, elapsed, first, lag, (ends[0], ends[1]), tuple(findings))
 

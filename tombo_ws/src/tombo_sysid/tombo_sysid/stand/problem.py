@@ -82,9 +82,7 @@ class Problem:
                 "no point is within the model's valid speeds; accepted: points that are"
             )
         self.sigma = np.where(self.seen, points.sigma, np.inf)
-        self.slopes = np.stack(
-            [self.slope(self.nominal, k) for k in range(len(self.parameters))], axis=2
-        )
+        self.slopes = self.slopes_at(self.nominal)
         """(N, 4, K)"""
         self.drawn = self._draw_slopes()
         self.speed_slope = self._by_speed()
@@ -156,14 +154,25 @@ class Problem:
         return Normal(flat.T @ flat, flat.T @ rows, float(rows @ rows)), half
 
     def fit(
-        self, free: Sequence[int], widths: Widths = Widths(), start: Array | None = None
+        self,
+        free: Sequence[int],
+        widths: Widths = Widths(),
+        start: Array | None = None,
+        slopes: Array | None = None,
     ) -> Fit:
-        """Fit parameters by the model itself, within their bounds."""
+        """Fit parameters by the model itself, within their bounds.
+
+        Args:
+            free: places of the parameters.
+            widths: of the effects of chance.
+            start: parameters (K,) to begin with.
+            slopes: (N, 4, K) for what stays within its tolerance; None: nominal.
+        """
         free = tuple(free)
         moving = (*free, *self.taken)
         theta = self.nominal.copy() if start is None else start.copy()
         deviations = self.deviations(free, widths)
-        slopes = self.slopes.copy()
+        slopes = (self.slopes if slopes is None else slopes).copy()
         best: Fit | None = None
         for _ in range(_STEPS if moving else 1):
             for k in moving:
@@ -193,6 +202,14 @@ class Problem:
         assert best is not None
         return best
 
+    def refined(self, fit: Fit) -> Fit:
+        """Return a fit with the slopes of all parameters where it ended.
+
+        Far from the nominal model what stays within its tolerance acts differently: beside the
+        other in-plane term, or with a stiff twist, the torsion constant hardly matters any more.
+        """
+        return self.fit(fit.free, fit.widths, fit.theta, self.slopes_at(fit.theta))
+
     def _moved(self, theta: Array, moving: Sequence[int], mean: Array) -> Array:
         """Return theta after a step, shortened until all measured points have a root."""
         for factor in (1.0, 0.5, 0.25, 0.1):
@@ -219,6 +236,10 @@ class Problem:
     def final(self, fit: Fit) -> Array:
         """Return the parameters of a fit, its last step taken, others at their nominal value."""
         return self._moved(fit.theta, (*fit.free, *self.taken), fit.solution.mean)
+
+    def slopes_at(self, theta: Array) -> Array:
+        """Return the derivatives of the readings (N, 4, K) over all parameters."""
+        return np.stack([self.slope(theta, k) for k in range(len(self.parameters))], axis=2)
 
     def slope(self, theta: Array, k: int) -> Array:
         """Return the derivative of the readings (N, 4) over a parameter."""

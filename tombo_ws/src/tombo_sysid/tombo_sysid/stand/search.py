@@ -6,7 +6,7 @@ The thresholds are those of flights: what a cause has to earn does not depend on
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,8 @@ _BEAM = 3
 _MOST = 3
 _WIDTHS = np.geomspace(1.5, 40.0, 10)
 _PROMISING = 1.0
+_NEAR = 10.0
+"""Log Bayes factor to the best within which explanations are refined."""
 _BENT = ("centrifugal_stiffening",)
 """Saturates so soon that its tangent at null promises nothing: always fitted by the model."""
 _CHANCE_COST = 3.0
@@ -41,7 +43,7 @@ class Way:
     """Factor on the healthy width, of an effect of chance."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Explanation:
     """A set of causes, fitted."""
 
@@ -100,7 +102,19 @@ def search(problem: Problem, most: int = _MOST) -> Search:
         e for key, e in tried.items()
         if len(key) <= len(best.ways) and set(key) != set(best.effects)
     ]  # fmt: skip
+    near = [e for e in rivals if e.evidence > best.evidence - _NEAR] if best.ways else []
+    close = [_refined(problem, e) for e in (best, *near)] if best.ways else [best]
+    best = max(close, key=lambda e: e.evidence)
+    rivals = [e for e in (*close, *(e for e in rivals if e not in near)) if e is not best]
     return Search(best, singles, tuple(sorted(rivals, key=lambda e: -e.evidence)))
+
+
+def _refined(problem: Problem, found: Explanation) -> Explanation:
+    """Return an explanation with the slopes of everything else where its fit ended."""
+    if not found.fit.free or not math.isfinite(found.evidence):
+        return found
+    fit = problem.refined(found.fit)
+    return replace(found, fit=fit, evidence=found.evidence + fit.evidence - found.fit.evidence)
 
 
 def ranked(problem: Problem, base: Explanation) -> list[tuple[float, Way]]:
