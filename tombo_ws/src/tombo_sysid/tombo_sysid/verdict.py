@@ -36,6 +36,7 @@ _NONE_SUREST, _NONE_SLOPE, _NONE_EVEN = 0.85, 1.3, 2.0
 _LOUD_EVEN = 0.2
 """Confidence of `none` and `unknown`: fitted to what blind cases of other seeds came to."""
 _MOST = 3
+_FAR = 50.0
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,7 @@ def judge(
     effects = tuple(sorted(weights, key=lambda e: -weights[e]))[:_MOST]
     members = _members(found.best, rivals)
     lead = _lead(found)
-    sure = 1.0 / (1.0 + sum(math.exp(r.evidence - found.best.evidence) for r in found.rivals))
+    sure = 1.0 / (1.0 + sum(_odds(r, found.best) for r in found.rivals))
     real = _real(min(weights.values(), default=0.0))
     loud = _capped(max(_loud(excess), _real(gusts.evidence) if gusts and not airy else 0.0))
     if not weights:
@@ -123,7 +124,7 @@ def judge(
         return Judgement("partly_explained", pushing, (), _capped(real), each, explained)
     if members:
         for rival in rivals:
-            odds = math.exp(rival.evidence - found.best.evidence) * sure
+            odds = _odds(rival, found.best) * sure
             for e in rival.effects:
                 if e in members and e not in each:
                     each[e] = _capped(real * odds)
@@ -149,6 +150,11 @@ def _members(best: Explanation, rivals: Sequence[Explanation]) -> tuple[str, ...
     shared = set.intersection(*every)
     ordered = [*best.effects, *(e for r in rivals for e in r.effects)]
     return tuple(dict.fromkeys(e for e in ordered if e not in shared))
+
+
+def _odds(rival: Explanation, best: Explanation) -> float:
+    """Return how likely a rival is against the best; of tangents it may look the likelier."""
+    return math.exp(min(rival.evidence - best.evidence, _FAR))
 
 
 def _lead(found: Search) -> float:

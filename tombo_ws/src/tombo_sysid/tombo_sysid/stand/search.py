@@ -102,11 +102,24 @@ def search(problem: Problem, most: int = _MOST) -> Search:
         e for key, e in tried.items()
         if len(key) <= len(best.ways) and set(key) != set(best.effects)
     ]  # fmt: skip
-    near = [e for e in rivals if e.evidence > best.evidence - _NEAR] if best.ways else []
-    close = [_refined(problem, e) for e in (best, *near)] if best.ways else [best]
-    best = max(close, key=lambda e: e.evidence)
-    rivals = [e for e in (*close, *(e for e in rivals if e not in near)) if e is not best]
+    if best.ways:
+        best, *rivals = _settled(problem, [best, *rivals])
     return Search(best, singles, tuple(sorted(rivals, key=lambda e: -e.evidence)))
+
+
+def _settled(problem: Problem, every: list[Explanation]) -> list[Explanation]:
+    """Return explanations likeliest first, the first and all that come close to it refined.
+
+    Refined, one may fall far behind others that were behind it; then these are refined, too.
+    """
+    rough, done = list(every), list[Explanation]()
+    while True:
+        top = max(e.evidence for e in (*rough, *done))
+        near = [e for e in rough if e.evidence > top - _NEAR]
+        if not near:
+            return sorted((*rough, *done), key=lambda e: -e.evidence)
+        done += [_refined(problem, e) for e in near]
+        rough = [e for e in rough if e not in near]
 
 
 def _refined(problem: Problem, found: Explanation) -> Explanation:
