@@ -6,16 +6,19 @@ import json
 import math
 import os
 import signal
+from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from typer.testing import CliRunner
 
+from tombo_bringup.cli.benchmark_stand_command import benchmark_stand as benchmark_command
 from tombo_bringup.cli.propeller_command import app
 from tombo_bringup.stand_blind.cases import SIZES, make_case
 from tombo_bringup.stand_blind.run import benchmark_stand
 from tombo_bringup.stand_blind.shapes import SHAPES
+from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import configuration, evaluate
 from tombo_dynamics.propeller.effects import STAND_EFFECTS
 from tombo_sysid.diagnosis import VERDICTS
@@ -85,6 +88,41 @@ def test_table_3_says_what_is_certified():
     assert "no extension predicts" in found["table3"]["statement"]
 
 
+def test_a_thousandfold_thrust_is_refused_first_thing(tmp_path):
+    path = table(tmp_path / "a.csv", gain=1e3 / 9.80665)
+    result = run(path, "--json")
+    assert result.exit_code == 2 and result.stdout == ""
+    assert "column 'thrust_N'" in result.stderr and "grams read as newtons" in result.stderr
+
+
+def test_runs_that_differ_are_told_and_extend_no_model(tmp_path):
+    paths = [table(tmp_path / f"{n}.csv", g, (13,), n) for n, g in enumerate((1.0, 1.1))]
+    result = run(*paths, "-o", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert "It is run scatter" in result.output and "differ by" in result.output
+    assert not (tmp_path / "out/stand_model.yaml").exists()
+    page = (tmp_path / "out/report.html").read_text()
+    assert "differ by" in page and "stand_model.yaml: the verdict" not in page
+
+
+def test_a_model_that_does_not_apply_is_the_headline(tmp_path):
+    theta = {"thrust_tare": {"parameters": {"offset": 0.147}}}
+    (tmp_path / "m.yaml").write_text(yaml.safe_dump({"tombo_stand_model": 1, "effects": theta}))
+    path = table(tmp_path / "a.csv")
+    result = run(path, "--model", tmp_path / "m.yaml", "-o", tmp_path / "out")
+    assert result.output.startswith("The model’s thrust tare 0.147 N is not in these runs (")
+    assert "It is thrust tare" not in result.output
+    assert not (tmp_path / "out/stand_model.yaml").exists()
+
+
+@pytest.mark.parametrize("place", ["/proc/x", "absent/x.json", "."])
+def test_a_benchmark_that_can_not_be_written_says_so_at_once(tmp_path, monkeypatch, place):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match="can't be written"):
+        benchmark_command(cases=1, output=Path(place))
+    assert not any(tmp_path.iterdir())
+
+
 def test_a_stop_signal_ends_it_with_nothing_written(tmp_path, monkeypatch):
     from tombo_bringup.cli import propeller_diagnose_command
 
@@ -103,7 +141,13 @@ def test_a_stop_signal_ends_it_with_nothing_written(tmp_path, monkeypatch):
     [
         ((), "STAND.csv or --table3"),
         (("absent.csv",), "can't read"),
-        (("--table3", "--conf", "99"), "unknown configuration"),
+        (("absent.csv", "--conf", "99"), "unknown configuration"),
+        (("--table3", "--conf", "5"), "--conf has no effect with --table3"),
+        (("--table3", "--plain"), "--plain has no effect with --table3"),
+        (("a.csv", "--plain", "--law", "repaired"), "--law has no effect with --plain"),
+        (("a.csv", "--plain", "--conf", "13"), "--conf has no effect with --plain"),
+        (("absent.csv", "--mapping", "/tmp"), "is a folder"),
+        (("--table3", "--model", "/tmp"), "can't be read: Is a directory; accepted"),
         (("--table3", "--law", "newton"), "law"),
         (("--table3", "--model", "absent.yaml"), "can't be read"),
     ],

@@ -50,7 +50,10 @@ def test_nothing_feasible_says_what_must_give(tombo):
         (("--mass", "1.3", "--library", "nowhere"), "--library nowhere"),
         (("--mass", "1.3", "--flights", "-1"), "--flights -1"),
         (("--mass", "1.3", "-o", " "), "-o ' '"),
-        (("--mass", "heavy"), "valid number"),
+        (("--mass", "heavy"), "'--mass': 'heavy'"),
+        (("--mass", "heavy"), "accepted: a number from 0.2 to 10 [kg]"),
+        (("--mass", "1", "--max-noise", "low"), "accepted: a number from 1 to 200 [dB]"),
+        (("--mass", "1", "--flights", "few"), "accepted: a whole number from 0 to 200"),
         ((), "--mass"),
     ],
 )
@@ -70,3 +73,21 @@ def test_a_broken_library_is_one_line_and_leaves_no_folder(tombo, tmp_path):
     assert result.code == 2
     assert result.err.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_what_cannot_take_off_is_told_so_and_no_option_that_cannot_help(tombo):
+    said = design(tombo, "--mass", "9", "--flights", "0").out
+    assert "below 1 it can't take off" in said
+    assert "if the others stay" not in said
+    assert "--extrapolate" not in said
+    could = design(tombo, "--mass", "1.3", "--max-recovery", "0.3", "--flights", "0").out
+    assert "--extrapolate" not in could  # the predictions are above that, too
+    helps = ("--min-thrust-margin", "2.125", "--max-collision-force", "190", "--flights", "0")
+    assert "--extrapolate" in design(tombo, "--mass", "1.3", *helps).out
+    assert design(tombo, "--mass", "1.3", *helps, "--extrapolate").code == 0
+
+
+def test_what_was_not_flown_is_marked(tombo):
+    said = design(tombo, *EASY, "--flights", "1").out
+    assert "fits, not flown" in said
+    assert not [x for x in said.splitlines() if x.rstrip().endswith("fits")]

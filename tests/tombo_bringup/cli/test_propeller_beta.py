@@ -69,12 +69,17 @@ def test_the_speed_is_seen(tombo, films):
         (["fast", "--marks", "1,2,3"], "X1,Y1"),
         (["fast", *SCALE, "--nodus-radius", "120"], "nodus < tip"),
         (["fast", *SCALE, "--camera-height", "-3"], "camera-height"),
+        (["fast", *SCALE, "--camera-height", "3"], "in mm, 222.2 to"),
+        (["fast", *SCALE, "--camera-height", "2e6"], "1e+06"),
+        (["fast", *SCALE, "--camera-height", "high"], "'--camera-height': 'high'"),
+        (["fast", *SCALE, "--fps", "1e8"], "1e+07"),
         (["fast", *SCALE, "--window", "1"], "windows of 1"),
         (["fast", *SCALE, "--window", "21"], "20 frames"),
         (["fast", *SCALE, "--fps", "0"], "fps"),
         (["fast", "--reference-frames", "9:3"], "A below B"),
         (["fast", "--reference-frames", "90:95"], "no frames"),
-        (["fast", "--reference", "none"], "exists"),
+        (["fast", "--reference", "none"], "reference"),
+        (["fast", "--reference", "fast"], "the film itself"),
         (["none", *SCALE], "exists"),
     ],
     ids=lambda v: " ".join(v) if isinstance(v, list) else "",
@@ -85,6 +90,18 @@ def test_bad_input_is_one_line_and_exit_code_two(tombo, films, tmp_path, argumen
     assert result.code == 2
     assert why in result.err and result.err.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_an_error_says_which_film_it_is_about(tombo, films, tmp_path):
+    (tmp_path / "black").mkdir()
+    for k in range(10):
+        cv2.imwrite(str(tmp_path / "black" / f"{k}.png"), np.zeros((100, 100), np.uint8))
+    of_reference = beta(tombo, films / "fast", "--reference", tmp_path / "black", "--json")
+    assert of_reference.err.startswith(f"Error: reference '{tmp_path / 'black'}': ")
+    of_film = beta(tombo, tmp_path / "black", "--reference", films / "fast", "--json")
+    assert of_film.err.startswith(f"Error: '{tmp_path / 'black'}': ")
+    short = beta(tombo, films / "fast", *SCALE, "--window", "21", "--json")
+    assert short.err.startswith(f"Error: '{films / 'fast'}': 20 frames")
 
 
 def test_films_without_a_propeller_are_refused(tombo, tmp_path):
@@ -143,7 +160,7 @@ def test_speed_recovers_at_the_root_of_the_share(tombo, tmp_path):
         (["t.csv", "--unit", "stone"], "unit"),
         (["t.csv", "--time-unit", "h"], "unit of time"),
         (["t.csv", "--share", "2"], "share"),
-        (["t.csv", "--tare", "7"], "no collision"),
+        (["t.csv", "--tare", "7"], "tare too large"),
         (["flat.csv"], "no collision"),
     ],
 )
@@ -155,3 +172,36 @@ def test_bad_traces_are_refused(tombo, tmp_path, arguments, why):
     result = tombo("propeller", "recovery", *arguments, "-o", "out")
     assert result.code == 2 and why in result.err
     assert not (tmp_path / "out").exists()
+
+
+def test_thrust_is_named_in_its_unit(tombo, tmp_path):
+    write_trace(tmp_path / "t.csv", level=600.0, unit="thrust [gf]")
+    said = tombo("propeller", "recovery", "t.csv").out
+    assert "from 600 gf: recovered after 0." in said
+    assert "at least" not in said
+    found = tombo("propeller", "recovery", "t.csv", "--json").json
+    assert (found["kind"], found["unit"], found["lower_bound"]) == ("thrust", "gf", False)
+    assert found["collisions"][0]["level"] == pytest.approx(600.0, rel=0.01)
+
+
+def test_a_speed_trace_says_at_least(tombo, tmp_path):
+    write_trace(tmp_path / "t.csv", level=4507.0, unit="rpm")
+    said = tombo("propeller", "recovery", "t.csv", "-o", "out").out
+    assert "from 4507 rpm: recovered after at least 0.4" in said
+    assert "lower bound" in said
+    found = tombo("propeller", "recovery", "t.csv", "--json").json
+    assert (found["kind"], found["unit"], found["lower_bound"]) == ("speed", "rpm", True)
+    (hit,) = found["collisions"]
+    assert hit["level"] == pytest.approx(4507.0, rel=0.01)
+    assert hit["words"].startswith("at least")
+    (row,) = csv.DictReader((tmp_path / "out" / "recovery.csv").open())
+    assert row["unit"] == "rpm" and row["words"].startswith("at least")
+
+
+def test_a_refused_trace_is_named(tombo, tmp_path):
+    (tmp_path / "flat.csv").write_text(
+        "time,thrust\n" + "".join(f"{k / 1000},5.0\n" for k in range(500))
+    )
+    assert tombo("propeller", "recovery", "flat.csv").err.startswith("Error: 'flat.csv': no coll")
+    share = tombo("propeller", "recovery", "flat.csv", "--share", "2").err
+    assert share == "Error: --share 2; accepted: 0.5 to 0.99\n"

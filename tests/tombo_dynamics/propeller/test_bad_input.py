@@ -1,9 +1,11 @@
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tombo_dynamics import propeller
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import (
     SPEED_LIMIT,
@@ -153,3 +155,48 @@ def test_law_published_is_for_the_papers_blade_only(tmp_path: Path) -> None:
     assert evaluate(other, 300.0, "repaired").valid
     with pytest.raises(InputError, match="accepted: law repaired or consistent"):
         evaluate(other, 300.0, "published")
+
+
+def test_a_number_stands_for_a_configuration_everywhere() -> None:
+    own = configuration(13)
+    assert propeller.valid_speed(13) == valid_speed(own)
+    assert propeller.nodus_moduli(13) == nodus_moduli(own)
+    assert propeller.thrust_map(13) is propeller.thrust_map(own)
+    assert propeller.speed_of_maximum_thrust(13) == propeller.speed_of_maximum_thrust(own)
+    assert np.array_equal(parameter_row(13, "repaired"), parameter_row(own, "repaired"))
+    assert propeller.with_nodus(13, fibres=8).nodus == propeller.with_nodus(own, fibres=8).nodus
+    assert propeller.with_joint(13, lift_arm_mm=1.0) == propeller.with_joint(own, lift_arm_mm=1.0)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: propeller.nodus_moduli(0), "rigid"),
+        (lambda: propeller.valid_speed(77), "unknown configuration 77"),
+        (lambda: propeller.valid_speed([13]), r"unknown configuration \[13\]"),
+        (lambda: propeller.valid_speed(13, ["repaired"]), "unknown law"),
+        (lambda: propeller.thrust_map("13"), "unknown configuration '13'"),
+        (lambda: propeller.with_nodus(None, fibres=8), "unknown configuration None"),
+        (lambda: propeller.with_nodus(13, foo=1), "'foo'.*accepted: .*length_mm"),
+        (lambda: propeller.with_section("x", lift_mean=1.0), "unknown configuration 'x'"),
+        (lambda: propeller.rotor_inertia("nine_inch"), "'nine_inch'; accepted: a Blade"),
+        (lambda: propeller.evaluate(13, 100.0, surroundings=3), "surroundings 3; accepted"),
+        (lambda: propeller.thrust_map(13, surroundings=[3]), r"surroundings \[3\]; accepted"),
+        (lambda: propeller.read_library(3), "folder 3; accepted: a path"),
+        (lambda: propeller.evaluate(13, None), "speed None is not a number; accepted"),
+        (lambda: propeller.evaluate(13, [1.0, None]), "speed .1.0, None. is not a number"),
+        (lambda: propeller.evaluate(13, [1, 2], length_mm=[8, 9, 10]),
+         r"speed_rad_s \(2,\), length_mm \(3,\); accepted: shapes that broadcast"),
+        (lambda: propeller.speed_for_thrust(13, [1, 2], length_mm=[8, 9, 10]),
+         r"thrust_N \(2,\), length_mm \(3,\); accepted: shapes that broadcast"),
+    ],
+)  # fmt: skip
+def test_what_python_would_trip_over_is_bad_input(call: Callable[[], object], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        call()
+
+
+def test_everything_documented_is_exported() -> None:
+    for name in ("InputError", "map_thrust", "map_torque", "map_speed"):
+        assert name in propeller.__all__
+        assert hasattr(propeller, name)

@@ -1,3 +1,4 @@
+import itertools
 import json
 import math
 from pathlib import Path
@@ -78,8 +79,8 @@ def test_moduli() -> None:
         (["--rpm", "nan"], "--rpm nan"),
         (["--rpm", "-100:2000:100"], "--rpm -100:2000:100"),
         (["--rpm", "1000:20000:100"], "18000 rpm"),
-        (["--rpm", "2000:1000:100"], "A <= B"),
-        (["--rpm", "1000:2000:0"], "STEP above 0"),
+        (["--rpm", "2000:1000:100"], "2000:1000:100: A is above B"),
+        (["--rpm", "1000:2000:0"], "1000:2000:0: STEP is not above 0"),
         (["--rpm", "1:2:3:4"], "--rpm 1:2:3:4"),
         (["--rpm", "0:18000:0.0001"], "100000"),
         (["--conf", "1", "--rpm", "9000"], "9000 rpm) is outside the validity"),
@@ -117,3 +118,33 @@ def test_own_library(empty_folder: Path) -> None:
         assert result.exit_code == 2
         assert message in result.stderr
         assert len(result.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("before", "command"),
+    [
+        (["--library", "lib"], "moduli"),
+        (["--law", "consistent"], "reproduce"),
+        (["--json"], "reproduce"),
+        (["--conf", "13"], "design"),
+        (["--rpm", "2000"], "beta"),
+        (["-o", "x"], "recovery"),
+    ],
+)
+def test_an_option_before_a_sub_command_is_refused(before: list[str], command: str) -> None:
+    result = RUNNER.invoke(app, [*before, command])
+    assert result.exit_code == 2
+    assert before[0].replace("-o", "--output") in result.stderr
+    assert "after" in result.stderr and command in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_help_is_whole_lines_and_no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert "A:B:STEP" in RUNNER.invoke(app, ["--help"]).stdout
+    for command in ("reproduce", "diagnose", "beta", "recovery", "design"):
+        text = RUNNER.invoke(app, [command, "--help"]).stdout.split("\u256d")[0]
+        lines = [line.strip() for line in text.splitlines()]
+        for line, following in itertools.pairwise(lines):
+            if following:  # a line that is followed by another one has no room for its first word
+                assert not line or len(line) + 1 + len(following.split()[0]) > 76, line

@@ -37,7 +37,10 @@ def draws(s: Setup) -> Draws:
     rng = np.random.default_rng(0)
     groups = int(s.propeller.max()) + 1
     return Draws(
-        rng.normal(size=(groups, 2)), rng.normal(size=(groups, 2)), rng.normal(size=s.speed.size)
+        rng.normal(size=(groups, 2)),
+        rng.normal(size=(groups, 2)),
+        rng.normal(size=s.speed.size),
+        rng.normal(size=(groups, 2)),
     )
 
 

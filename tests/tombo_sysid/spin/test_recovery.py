@@ -139,3 +139,10 @@ def test_missing_samples_are_bridged_and_nan_is_no_sample(struck):
 def test_times_that_are_none_are_refused(t, why):
     with pytest.raises(InputError, match=why):
         recoveries(t, np.full(len(t), 5.0))
+
+
+def test_a_reversed_sign_is_named():
+    t = np.arange(2000) * STEP
+    folded = np.where(t < 0.5, 0.0, np.exp(-(t - 0.5) / 0.15))
+    with pytest.raises(InputError, match=r"level of -4.* sign reversed.*accepted"):
+        recoveries(t, -5.0 * (1.0 - folded))

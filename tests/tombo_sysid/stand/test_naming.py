@@ -11,9 +11,11 @@ import stands
 from tombo_dynamics.propeller.effects import STAND_EFFECTS, Draws
 from tombo_sysid.stand.analyse import analyse
 from tombo_sysid.stand.causes import causes, scores
+from tombo_sysid.stand.departure import departures, extending
 from tombo_sysid.stand.gain import held_out
 from tombo_sysid.stand.leftover import curves
 from tombo_sysid.stand.problem import Problem
+from tombo_sysid.stand.repeats import repeats
 from tombo_sysid.stand.search import Way, explain
 from tombo_sysid.stand.separate import separate
 from tombo_sysid.stand.verdict import LEFT
@@ -113,6 +115,71 @@ def test_free_curves_find_what_a_cause_leaves_and_nothing_on_a_healthy_stand():
         problem = Problem(stands.read(SETUP, {"thrust_gain": (0.1,)}, change=change))
         known = explain(problem, (Way("thrust_gain", problem.open("thrust_gain")),))
         assert (curves(problem, known.fit).evidence > LEFT) is something
+
+
+def again(share):
+    """Two runs of one propeller, the second one's thrust by `share` more."""
+
+    def more(y, s):
+        out = y.copy()
+        out[s.run == 1, 0] *= 1.0 + share
+        return out
+
+    return lambda channels, seed: stands.read(
+        stands.setup(confs=(13,), runs=2, loads=False), {}, channels, seed, change=more
+    )
+
+
+@pytest.mark.parametrize("share", [0.02, 0.03, 0.05, 0.10])
+@pytest.mark.parametrize("channels", [1, 2])
+def test_runs_that_differ_by_a_share_are_no_speed_noise(share, channels):
+    found = analyse(again(share)(channels, 1))
+    judgement = found.judgement
+    assert "speed_noise" not in {*judgement.effects, *judgement.members}
+    if share >= 0.05:
+        assert judgement.effects == ("run_scatter",)
+        thrust, *torque = causes(found)[0].theta
+        assert thrust.value == pytest.approx(share / 2.0, rel=0.6)
+        assert len(torque) == channels - 1 and all(t.value < 0.005 for t in torque)
+    [told, *_] = repeats(found.problem)
+    assert "differ" in told
+    percent = float(told.split("differ by ")[1].split(" %")[0])
+    assert percent == pytest.approx(100.0 * share, abs=0.4)
+    assert not extending(causes(found))  # nothing that other runs would share
+
+
+def test_runs_that_agree_are_said_to():
+    found = analyse(again(0.0)(1, 0))
+    assert found.judgement.verdict == "none"
+    assert "agree within" in repeats(found.problem)[0]
+
+
+def test_levels_of_runs_keep_speed_noise_from_taking_their_place():
+    """The gate: beside noise that was made to fit, a level for each run still explains more."""
+    problem = Problem(again(0.1)(1, 0))
+    noise = explain(problem, (Way("speed_noise", (), 4.0),))
+    assert curves(problem, noise.fit).evidence > LEFT > curves(problem, noise.fit, False).evidence
+
+
+def test_speed_noise_stays_speed_noise_with_two_runs():
+    s = stands.setup(confs=(13,), runs=2, loads=False)
+    rng = np.random.default_rng(4)
+    drawn = replace(Draws.none(s), point=rng.standard_normal(s.speed.size))
+    found = analyse(stands.read(s, {"speed_noise": (0.02,)}, 2, 1, draws=drawn))
+    assert found.judgement.effects == ("speed_noise",)
+
+
+def test_what_the_model_has_and_these_runs_have_not_is_a_departure():
+    base = {"thrust_tare": (0.147,)}
+    absent = causes(analyse(stands.read(SETUP, {}, seed=7), base=base))
+    [told] = departures(absent)
+    assert told.startswith("the model’s thrust tare 0.147 N is not in these runs (")
+    assert not extending(absent)
+    more = causes(analyse(stands.read(SETUP, {"thrust_tare": (0.6,)}, seed=7), base=base))
+    [told] = departures(more)
+    assert told.endswith("N in these runs, 0.147 N in the model")
+    assert [c.effect for c in extending(more)] == ["thrust_tare"]
+    assert departures(causes(analyse(stands.read(SETUP, {"thrust_tare": (0.6,)})))) == []
 
 
 def test_two_causes_are_both_found():

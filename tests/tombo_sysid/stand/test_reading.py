@@ -14,6 +14,7 @@ from tombo_sysid.stand.assemble import assemble
 from tombo_sysid.stand.mapping import parse_mapping
 from tombo_sysid.stand.plateaus import plateaus
 from tombo_sysid.stand.reading import read_stand
+from tombo_sysid.stand.words import summary
 
 RPM = np.linspace(1000.0, 6000.0, 12)
 POINT = evaluate(configuration(13), RPM * math.pi / 30.0)
@@ -134,6 +135,12 @@ BAD = {
     "rpm,thrust_N\n-1000,0.1\n2000,0.5\n3000,1.0\n": "negative speeds",
     "speed_rad_s,thrust_N\n10000,0.1\n20000,0.5\n30000,1.0\n": "Mach",
     "rpm,thrust_N\n100,0.1\n150,0.5\n170,1.0\n": "never passes",
+    "rpm,thrust_N,thrust_sigma_N\n1000,1,.1\n2000,4,-1\n3000,9,.1\n": "has -1 in row 2",
+    "rpm,thrust_N,thrust_sigma_N\n1000,1,.1\n2000,4,.1\n3000,9,0\n": "has 0 in row 3",
+    "rpm,thrust_N,thrust_N\n1000,1,1\n2000,4,5\n3000,9,9\n": "is there 2 times",
+    "rpm;thrust_N\n2000;0,6\n3000;1,4\n4000;2,5\n": "'0,6' has a decimal comma.*as 0.6",
+    "rpm,thrust_furlong\n1000,2\n2000,3\n3000,4\n": "N, mN, kN, g, gf, kg",
+    "rpm,thrust\n1000,2\n2000,3\n3001,4\n": r"\(N, mN, kN, g, gf, kg",
     "rpm,thrust_N,beta_rad\n1000,0.1,5\n2000,0.5,8\n3000,1.0,12\n": "degrees",
 }
 
@@ -170,9 +177,19 @@ def test_bad_mappings_are_refused_with_a_reason(text, said):
 
 def test_speeds_beyond_the_law_are_set_apart_and_said(tmp_path):
     rpm = np.linspace(2000.0, 12000.0, 9)
-    table = read_stand(write(tmp_path / "a.csv", "rpm,thrust_N", rpm, rpm * 1e-4))
+    thrust = 1e-7 * rpm**2
+    table = read_stand(write(tmp_path / "a.csv", "rpm,thrust_N", rpm, thrust))
     found = assemble([table], 5, "repaired")
     assert any("6635 rpm" in f.message for f in found.findings if f.check == "speed")
+    words = summary(analyse(found.points), (), ())
+    assert words.startswith("4 points")  # of nine: those beyond do not count
+
+
+def test_too_few_points_within_the_law_are_refused(tmp_path):
+    rpm = np.array([2000.0, 4000.0, 14000.0, 16000.0, 17900.0])
+    table = read_stand(write(tmp_path / "a.csv", "rpm,thrust_N", rpm, 1e-7 * rpm**2))
+    with pytest.raises(InputError, match=r"2 of 5 points .* accepted: 3 or more"):
+        assemble([table], 5, "repaired")
 
 
 def test_a_cell_mounted_the_other_way_round_can_be_told(tmp_path):
@@ -197,10 +214,42 @@ def test_a_run_cut_off_before_it_lifts_is_refused(tmp_path):
 
 
 def test_one_speed_is_never_enough_for_a_name(tmp_path):
-    path = write(tmp_path / "a.csv", "rpm,thrust_N", np.full(4, 5000.0), np.full(4, 1.0))
+    path = write(tmp_path / "a.csv", "rpm,thrust_N", np.full(4, 5000.0), np.full(4, 4.6))
     found = analyse(assemble([read_stand(path)], 13, "repaired").points)
     assert found.judgement.verdict == "set"
     assert {"thrust_gain", "thrust_coefficient"} <= set(found.judgement.members)
+
+
+def test_the_same_run_twice_is_refused(tmp_path):
+    one = read_stand(write(tmp_path / "a.csv", "rpm,thrust_N", RPM, POINT.thrust_N))
+    copy = read_stand(write(tmp_path / "b.csv", "rpm,thrust_N", RPM, POINT.thrust_N))
+    for other in (one, copy):
+        with pytest.raises(InputError, match="the same numbers"):
+            assemble([one, other], 13, "repaired")
+
+
+@pytest.mark.parametrize("heading", ["thrust_gf", "Weight (gf)", "force_kgf", "thrust_lbf"])
+def test_every_known_unit_may_stand_in_a_name(tmp_path, heading):
+    small = 1e3 / 9.80665
+    factor = {"force_kgf": 1e-3 * small, "thrust_lbf": 1.0 / 4.4482216}.get(heading, small)
+    path = write(tmp_path / "a.csv", f"rpm,{heading}", RPM, factor * POINT.thrust_N)
+    assert np.allclose(read_stand(path).channels["thrust"], POINT.thrust_N, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("conf", "said"), [(13.5, "13.5"), (99, "99")])
+def test_an_unknown_configuration_says_where_it_stands(tmp_path, conf, said):
+    path = write(tmp_path / "a.csv", "kind,rpm,thrust_N", np.full(12, conf), RPM, POINT.thrust_N)
+    path.write_text(path.read_text().replace("kind", "conf"))
+    with pytest.raises(InputError) as error:
+        assemble([read_stand(path)], 13, "repaired")
+    assert all(x in str(error.value) for x in ("a.csv", "'conf'", said))
+
+
+def test_a_large_tare_is_no_wrong_unit(tmp_path):
+    path = write(
+        tmp_path / "a.csv", "rpm,thrust_N", RPM, POINT.thrust_N + 3.0 * POINT.thrust_N[-1]
+    )
+    assert assemble([read_stand(path)], 13, "repaired").points.count == 12
 
 
 @pytest.mark.parametrize(
@@ -216,8 +265,11 @@ def test_thrust_in_a_wrong_unit_is_said(tmp_path, speed, thrust, said):
     rpm = np.linspace(4500.0, 6000.0, 12)
     newton = evaluate(configuration(13), rpm * math.pi / 30.0).thrust_N
     path = write(tmp_path / "a.csv", "rpm,thrust_N", rpm * speed, newton * thrust)
-    found = [
-        f for f in assemble([read_stand(path)], 13, "repaired").findings if f.check == "units"
-    ]
-    assert len(found) == bool(said)
-    assert all(said in f.message for f in found)
+    if not said:
+        assert assemble([read_stand(path)], 13, "repaired").points.count == 12
+        return
+    right = read_stand(write(tmp_path / "b.csv", "rpm,thrust_N", rpm, newton))
+    for tables in ([read_stand(path)], [right, read_stand(path)]):
+        with pytest.raises(InputError) as error:
+            assemble(tables, 13, "repaired")
+        assert all(x in str(error.value) for x in ("a.csv", "'thrust_N' as N", "times", said))

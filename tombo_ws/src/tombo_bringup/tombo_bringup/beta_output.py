@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from tombo_sysid.spin.measure import Measurement, Window
     from tombo_sysid.spin.recovery import Recovery
+    from tombo_sysid.spin.trace import Trace
     from tombo_sysid.spin.view import Angle
 
 BETA_FILES = ("beta.json", "beta.csv", "beta.png", "overlay.png")
@@ -85,8 +86,12 @@ def _row(w: Window) -> list[Any]:
     ]  # fmt: skip
 
 
-def recovery_json(found: tuple[Recovery, ...], source: str, share: float) -> str:
-    """Return the collisions as JSON."""
+def recovery_json(found: tuple[Recovery, ...], trace: Trace, share: float) -> str:
+    """Return the collisions as JSON; levels in the trace's own unit.
+
+    A speed trace's recovery is a lower bound: while a blade is folded, thrust is less than speed
+    says.
+    """
     rows = [
         {
             "time_s": r.time,
@@ -95,21 +100,28 @@ def recovery_json(found: tuple[Recovery, ...], source: str, share: float) -> str
             "recovery_s": _finite(r.recovered),
             "low_s": r.low,
             "high_s": _finite(r.high),
-            "words": r.words(),
+            "words": r.words(lower_bound=trace.is_speed),
         }
         for r in found
     ]
-    whole = {"trace": source, "recovered_at_share": share, "collisions": rows}
+    whole = {
+        "trace": trace.column,
+        "kind": trace.kind,
+        "unit": trace.unit,
+        "lower_bound": trace.is_speed,
+        "recovered_at_share": share,
+        "collisions": rows,
+    }
     return json.dumps(whole, indent=1, allow_nan=False) + "\n"
 
 
-def recovery_csv(found: tuple[Recovery, ...]) -> str:
-    """Return a line a collision."""
+def recovery_csv(found: tuple[Recovery, ...], trace: Trace) -> str:
+    """Return a line a collision; levels in the trace's own unit."""
     return _table(
-        ("time_s", "level", "lowest", "recovery_s", "low_s", "high_s", "words"),
+        ("time_s", "level", "lowest", "unit", "recovery_s", "low_s", "high_s", "words"),
         [
-            [round(r.time, 6), r.level, r.lowest, _rounded(r.recovered, 5), round(r.low, 5),
-             _rounded(r.high, 5), r.words()]
+            [round(r.time, 6), r.level, r.lowest, trace.unit, _rounded(r.recovered, 5),
+             round(r.low, 5), _rounded(r.high, 5), r.words(lower_bound=trace.is_speed)]
             for r in found
         ],
     )  # fmt: skip

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 from tombo_bringup.diagnosis_output import diagnosis_mapping
 from tombo_bringup.flight_output import as_json, plain
 from tombo_bringup.version import tombo_version
-from tombo_sysid.stand.model_file import stand_model_text
+from tombo_sysid.stand.model_file import extends_model, stand_model_text
 from tombo_sysid.stand.table3 import statement
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def write_stand(
 
     text = stand_json(found, study)
     (folder / JSON).write_text(text, encoding="utf-8", newline="\n")
-    if found.diagnosis.verdict in ("named", "partly_explained"):
+    if extends_model(found.diagnosis):
         tool = f"tombo propeller diagnose {tombo_version()}"
         model = stand_model_text(found.diagnosis, tool, date)
         (folder / MODEL).write_text(model, encoding="utf-8", newline="\n")

@@ -41,12 +41,17 @@ class StopSignals:
 
     @contextmanager
     def at_once(self) -> Iterator[None]:
-        """Within this context a signal, also one that has come before, raises `Stopped`."""
+        """Within this context a signal, also one that has come before, raises `Stopped`.
+
+        Where that is swallowed, as exceptions in callbacks are, it is raised at the end.
+        """
         self._raising = True
         try:
             if self.asked():
                 raise Stopped
             yield
+            if self.asked():
+                raise Stopped
         finally:
             self._raising = False
 

@@ -75,8 +75,8 @@ def benchmark_stand(
     ):
         if not low <= value <= high:
             raise InputError(f"{option} {value}: out of bounds; accepted: {low} to {high}")
-    if output is not None and (output.is_dir() or not os.access(output.parent, os.W_OK)):
-        raise InputError(f"-o {output}: can't be written; accepted: a file in a folder there is")
+    if output is not None:
+        _check_writable(output)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from tombo_bringup.cli.progress import progress_bar
     from tombo_bringup.flight_output import as_json as to_json
@@ -92,11 +92,35 @@ def benchmark_stand(
             raise typer.Exit(stop.exit_code)
     text = to_json({"cases": result.cases, "aggregate": result.aggregate})
     if output is not None:
-        output.write_text(text, encoding="utf-8", newline="\n")
+        try:
+            output.write_text(text, encoding="utf-8", newline="\n")
+        except OSError as error:
+            raise InputError(f"-o {output}: can't be written: {error.strerror}") from error
     if as_json:
         typer.echo(text, nl=False)
         return
     print_score(result.aggregate, len(result.cases))
+
+
+def _check_writable(path: Path) -> None:
+    """Try it, before hours of work: permissions alone do not tell (/proc, a full disk).
+
+    Raises:
+        InputError: it can't be written.
+    """
+    from tombo_dynamics.errors import InputError
+
+    there = path.exists()
+    try:
+        with path.open("ab"):
+            pass
+        if not there:
+            path.unlink()
+    except OSError as error:
+        raise InputError(
+            f"-o {path}: can't be written ({error.strerror}); accepted: a file in a folder that "
+            "can be written"
+        ) from error
 
 
 def print_score(aggregate: Mapping[str, Any], cases: int) -> None:

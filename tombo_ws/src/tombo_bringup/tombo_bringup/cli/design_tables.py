@@ -33,7 +33,7 @@ def print_design(
     line(f"For {found.request.mass_kg:g} kg on arms of {1e3 * found.request.arm_m:g} mm: {asked}.")
     for text in (*words.reasons(found, made), *words.relief_lines(found)):
         line(f"  {text}")
-    console.print(_candidates(found, made))
+    console.print("", _candidates(found, made), "", sep="\n")
     line(
         "* measured; ≤ upper end of a prediction; ? outside of what was tested; others modelled",
         "dim",
@@ -50,12 +50,12 @@ def print_design(
 
 
 def _candidates(found: Design, made: Recommendation) -> Table:
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    table = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("candidate\n[dim]fibres, from-to mm[/dim]", no_wrap=True)
     for heading, quantity in zip(_HEADINGS, QUANTITIES, strict=True):
         unit = f"\n[dim]{quantity.unit}[/dim]" if quantity.unit else ""
         table.add_column(f"{heading}{unit}", justify="right", no_wrap=True)
-    table.add_column("", min_width=11)
+    table.add_column("", min_width=15)
     for index, why in cells.shown(found, made):
         style = {"recommended": "green", "fails in flight": "red"}.get(why, "")
         figures = (cells.cell(found, index, k) for k in range(len(QUANTITIES)))

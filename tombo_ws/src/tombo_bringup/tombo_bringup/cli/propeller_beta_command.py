@@ -5,10 +5,15 @@ from __future__ import annotations
 import math
 import os
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from tombo_bringup.cli.number_option import number_option
+from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.progress import Tell
@@ -17,6 +22,9 @@ if TYPE_CHECKING:
     from tombo_sysid.spin.measure import Measurement
     from tombo_sysid.spin.rim import Rim
     from tombo_sysid.spin.view import Span, View
+
+
+_HIGHEST_MM = 1e6
 
 
 def beta(
@@ -43,16 +51,31 @@ def beta(
         ),
     ] = None,
     reference_beta: Annotated[
-        float, typer.Option("--reference-beta", metavar="DEG", help="The flap in the reference.")
+        float,
+        typer.Option(
+            "--reference-beta",
+            metavar="DEG",
+            parser=number_option("-30 to 30 deg"),
+            help="The flap in the reference.",
+        ),
     ] = 0.0,
     scale: Annotated[
         float | None,
         typer.Option(
-            "--scale", metavar="PX/MM", help="Pixels per mm in the plane of the straight blades."
+            "--scale",
+            metavar="PX/MM",
+            parser=number_option("pixels per mm, 0.1 to 1000"),
+            help="Pixels per mm in the plane of the straight blades.",
         ),
     ] = None,
     scale_error: Annotated[
-        float, typer.Option("--scale-error", metavar="%", help="Standard deviation of --scale.")
+        float,
+        typer.Option(
+            "--scale-error",
+            metavar="%",
+            parser=number_option("0 to 20 %"),
+            help="Standard deviation of --scale.",
+        ),
     ] = 0.2,
     marks: Annotated[
         str | None,
@@ -67,30 +90,67 @@ def beta(
         typer.Option(
             "--camera-height",
             metavar="MM",
+            parser=number_option("a height in mm"),
             help="Lens to the plane of the straight blades: flapped tips look larger for being "
             "nearer. Without it the camera is taken to be far away.",
         ),
     ] = None,
     camera_height_error: Annotated[
-        float, typer.Option("--camera-height-error", metavar="%", help="Its standard deviation.")
+        float,
+        typer.Option(
+            "--camera-height-error",
+            metavar="%",
+            parser=number_option("0 to 20 %"),
+            help="Its standard deviation.",
+        ),
     ] = 1.0,
     from_below: Annotated[
         bool, typer.Option("--from-below", help="The blades flap away from the camera.")
     ] = False,
     fps: Annotated[
         float | None,
-        typer.Option(help="Frames per second. Default: the video's; pictures 960, the paper's."),
+        typer.Option(
+            "--fps",
+            metavar="X",
+            parser=number_option("frames per second, above 0, below 1e+07"),
+            help="Frames per second. Default: the video's; pictures 960, the paper's.",
+        ),
     ] = None,
-    window: Annotated[int, typer.Option(help="Frames combined; the paper takes ten.")] = 10,
+    window: Annotated[
+        int,
+        typer.Option(
+            "--window",
+            metavar="N",
+            parser=number_option("a whole number, 8 to 500", int),
+            help="Frames combined; the paper takes ten.",
+        ),
+    ] = 10,
     windows: Annotated[
-        int, typer.Option(help="At most so many windows, even over the film.")
+        int,
+        typer.Option(
+            "--windows",
+            metavar="N",
+            parser=number_option("a whole number, 1 or more", int),
+            help="At most so many windows, even over the film.",
+        ),
     ] = 60,
     tip: Annotated[
-        float | None, typer.Option("--tip-radius", metavar="MM", help="Default: 111.1.")
+        float | None,
+        typer.Option(
+            "--tip-radius",
+            metavar="MM",
+            parser=number_option("a radius in mm"),
+            help="Default: 111.1.",
+        ),
     ] = None,
     nodus: Annotated[
         float | None,
-        typer.Option("--nodus-radius", metavar="MM", help="Outer end of the nodus. Default: 35."),
+        typer.Option(
+            "--nodus-radius",
+            metavar="MM",
+            parser=number_option("a radius in mm"),
+            help="Outer end of the nodus. Default: 35.",
+        ),
     ] = None,
     demo: Annotated[
         bool, typer.Option("--demo", help="Measure a rendered film of 12 deg instead.")
@@ -119,6 +179,7 @@ def beta(
     from tombo_bringup.beta_output import BETA_FILES, beta_csv, beta_json, write_text
     from tombo_bringup.cli.progress import progress_bar
     from tombo_bringup.output_folder import open_output
+    from tombo_bringup.stop_signals import Stopped, StopSignals
     from tombo_dynamics.propeller import configuration
     from tombo_sysid.spin.view import Span, View
 
@@ -132,7 +193,7 @@ def beta(
     if scale is not None and not (math.isfinite(scale) and math.isfinite(scale_error)):
         raise _bad(f"--scale {scale:g} +- {scale_error:g} %; accepted: finite numbers")
     view = View(
-        math.inf if camera_height is None else _positive("--camera-height", camera_height) * 1e-3,
+        math.inf if camera_height is None else _height(camera_height, straight.tip),
         not from_below,
         _share("--camera-height-error", camera_height_error),
     )
@@ -159,17 +220,25 @@ def beta(
         )  # fmt: skip
 
     path = _folder(output, film, as_json)
-    with progress_bar() as tell:
-        if path is None:
-            found, notes = run(tell)
-        else:
-            with open_output(path, replace=force or output is None, results=BETA_FILES) as folder:
-                found, notes = run(tell)
-                tell("drawing", 0.99)
-                _write(folder / "overlay.png", folder / "beta.png", found)
-                write_text(folder / "beta.json", beta_json(found, notes))
-                write_text(folder / "beta.csv", beta_csv(found))
-                folder.publish()
+    with StopSignals() as stop:
+        try:
+            with progress_bar() as tell:
+                if path is None:
+                    with stop.at_once():
+                        found, notes = run(tell)
+                else:
+                    replace = force or output is None
+                    with open_output(path, replace=replace, results=BETA_FILES) as folder:
+                        with stop.at_once():
+                            found, notes = run(tell)
+                            tell("drawing", 0.99)
+                            _write(folder / "overlay.png", folder / "beta.png", found)
+                            write_text(folder / "beta.json", beta_json(found, notes))
+                            write_text(folder / "beta.csv", beta_csv(found))
+                        folder.publish()
+        except Stopped:
+            typer.echo("Error: interrupted", err=True)
+            raise typer.Exit(stop.exit_code) from None
     if as_json:
         typer.echo(beta_json(found, notes), nl=False)
     else:
@@ -214,11 +283,18 @@ def _measured(
     still = None
     if source.frames is not None:
         first, behind = _range(source.frames)
-        still = _frames(film, first, behind)
+        with _naming(path, "reference frames"):
+            still = _frames(film, first, behind)
         begin = behind if first < window else 0
     elif source.reference is not None:
-        other = open_film(source.reference, fps)
-        still = _frames(other, 0, min(other.count, 120))
+        if path.exists() and source.reference.exists() and path.samefile(source.reference):
+            raise _bad(
+                f"--reference '{source.reference}' is the film itself, whose angle is not known; "
+                "accepted: another film, or --reference-frames A:B of this one"
+            )
+        with _naming(source.reference, "reference"):
+            other = open_film(source.reference, fps)
+            still = _frames(other, 0, min(other.count, 120))
     fixed = None
     if source.scale is not None:
         fixed = s.known_scale(source.scale * 1e3, source.error)
@@ -229,10 +305,12 @@ def _measured(
         if fixed is not None:
             return fixed
         assert still is not None
-        return s.reference_scale(still, source.beta, straight, view, rim)
+        with _naming(source.reference or path, "reference"):
+            return s.reference_scale(still, source.beta, straight, view, rim)
 
-    spans = m.spans_of(film.count, window, windows, begin)
-    found = m.measure(film, spans, scale_of, straight, view, tell)
+    with _naming(path):
+        spans = m.spans_of(film.count, window, windows, begin)
+        found = m.measure(film, spans, scale_of, straight, view, tell)
     return found, [*film.notes, *notes_of(found)]
 
 
@@ -285,10 +363,32 @@ def _marks(text: str) -> tuple[tuple[float, float], tuple[float, float], float]:
     return (x1, y1), (x2, y2), mm * 1e-3
 
 
-def _positive(name: str, value: float) -> float:
-    if not (math.isfinite(value) and value > 0.0):
-        raise _bad(f"{name} {value:g}; accepted: above 0")
-    return value
+def _height(millimetres: float, tip_m: float) -> float:
+    """Return a camera's height [m]: nearer than two tip radii, tips are hardly in the picture."""
+    least = 2e3 * tip_m
+    if not least <= millimetres <= _HIGHEST_MM:
+        raise _bad(
+            f"--camera-height {millimetres:g}; accepted: in mm, {least:.4g} to {_HIGHEST_MM:g} "
+            "(two tip radii are the least)"
+        )
+    return millimetres * 1e-3
+
+
+class _NamedError(InputError):
+    """An error that says which film it is about."""
+
+
+@contextmanager
+def _naming(film: Path, role: str = "") -> Iterator[None]:
+    """Say of an error which film it is about."""
+    try:
+        yield
+    except _NamedError:
+        raise
+    except InputError as error:
+        known = f"'{film}'" in str(error)
+        name = role if known else f"{role} '{film}'".lstrip()
+        raise _NamedError(f"{name}: {error}" if name else str(error)) from None
 
 
 def _share(name: str, percent: float) -> float:
@@ -309,6 +409,4 @@ def _folder(output: str | None, film: Path | None, as_json: bool) -> Path | None
 
 
 def _bad(message: str) -> Exception:
-    from tombo_dynamics.errors import InputError
-
     return InputError(message)

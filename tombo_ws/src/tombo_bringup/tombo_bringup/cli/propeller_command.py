@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -69,7 +70,9 @@ def propeller(
     ] = "repaired",
     rpm: Annotated[
         str | None,
-        typer.Option("--rpm", help="A:B:STEP, both ends included, or one speed. Default: all."),
+        typer.Option(
+            "--rpm", metavar="A:B:STEP", help="Both ends included; or one speed. Default: all."
+        ),
     ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print JSON only; plot only if -o is given.")
@@ -85,6 +88,8 @@ def propeller(
     is no valid one at all, that is an error.
     """
     if ctx.invoked_subcommand is not None:
+        with _bad_input_exits():
+            _refuse_options_before(ctx, ctx.invoked_subcommand)
         return
     with _bad_input_exits():
         from tombo_dynamics.propeller import evaluate, read_library, valid_speed
@@ -108,6 +113,25 @@ def propeller(
         if path is not None:
             _plot(path, chosen, law, limit)
             typer.echo(f"Plot: {path.resolve()}", err=as_json)
+
+
+def _refuse_options_before(ctx: typer.Context, command: str) -> None:
+    """Refuse options that stand before a sub-command, which would not see them."""
+    from tombo_dynamics.errors import InputError
+
+    for parameter in ctx.command.params:
+        source = ctx.get_parameter_source(str(parameter.name))
+        if source is None or source.name != "COMMANDLINE":
+            continue
+        group: Any = ctx.command
+        option = next(name for name in parameter.opts if name.startswith("--"))
+        taken = {name for own in group.commands[command].params for name in own.opts}
+        accepted = (
+            f"it after {command}, tombo propeller {command} {option} ..."
+            if option in taken
+            else f"options of {command}, after it: {option} is not one"
+        )
+        raise InputError(f"{option} before {command} has no effect; accepted: {accepted}")
 
 
 @app.command()
@@ -168,7 +192,11 @@ def parse_rpm(text: str) -> list[float]:
     if len(numbers) > 3 or not all(math.isfinite(number) for number in numbers):
         raise InputError(f"--rpm {text}: not a range of finite numbers; {accepted}")
     first, last, step = (*numbers, *(numbers[0], 500.0)[len(numbers) - 1 :])
-    if not 0.0 <= first <= last <= top * (1.0 + 1e-12) or not step > 0.0:
+    if not step > 0.0:
+        raise InputError(f"--rpm {text}: STEP is not above 0; {accepted}")
+    if first > last:
+        raise InputError(f"--rpm {text}: A is above B; {accepted}")
+    if not 0.0 <= first <= last <= top * (1.0 + 1e-12):
         raise InputError(f"--rpm {text}: outside of the model; {accepted}")
     if (last - first) / step >= _MOST_ROWS:
         raise InputError(f"--rpm {text}: more than {_MOST_ROWS} speeds; accepted: a wider STEP")
@@ -304,8 +332,17 @@ def _tick(same: bool, printed: float | None) -> str:
     return "[green]✓[/green]" if same else "[red]✗[/red]"
 
 
-app.command(name="design")(design)
-app.command(name="reproduce")(reproduce)
-app.command(name="diagnose")(diagnose)
-app.command(name="beta")(beta)
-app.command(name="recovery")(recovery)
+def _whole_lines(command: Callable[..., None]) -> str:
+    """Return a function's description with a line a paragraph, for any width of the terminal."""
+    paragraphs = inspect.cleandoc(command.__doc__ or "").split("\n\n")
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
+
+
+for _name, _command in (
+    ("design", design),
+    ("reproduce", reproduce),
+    ("diagnose", diagnose),
+    ("beta", beta),
+    ("recovery", recovery),
+):
+    app.command(name=_name, help=_whole_lines(_command))(_command)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from tombo_bringup.cli.number_option import number_option
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.progress import Tell
@@ -17,9 +20,28 @@ INFEASIBLE = 1
 _MOST_FLIGHTS = 200
 
 
+def _accepted(option: str) -> Callable[[], str]:
+    """Return who can say what an option accepts."""
+
+    def words() -> str:
+        from tombo_bringup.workbench.design.request import BOUNDS
+
+        unit, low, high = BOUNDS[option]
+        return f"a number from {low:g} to {high:g} [{unit}]"
+
+    return words
+
+
 def design(
     mass: Annotated[
-        float, typer.Option("--mass", metavar="KG", help="Mass at take-off.", show_default=False)
+        float,
+        typer.Option(
+            "--mass",
+            metavar="KG",
+            parser=number_option(_accepted("--mass")),
+            help="Mass at take-off.",
+            show_default=False,
+        ),
     ],
     frame: Annotated[
         str,
@@ -30,22 +52,47 @@ def design(
     min_thrust_margin: Annotated[
         float,
         typer.Option(
-            "--min-thrust-margin", metavar="X", help="Usable thrust over weight, at least."
+            "--min-thrust-margin",
+            metavar="X",
+            parser=number_option(_accepted("--min-thrust-margin")),
+            help="Usable thrust over weight, at least.",
         ),
     ] = 2.0,
     max_collision_force: Annotated[
         float | None,
-        typer.Option("--max-collision-force", metavar="N", help="At 2000 rpm, as in Table III."),
+        typer.Option(
+            "--max-collision-force",
+            metavar="N",
+            parser=number_option(_accepted("--max-collision-force")),
+            help="At 2000 rpm, as in Table III.",
+        ),
     ] = None,
     max_recovery: Annotated[
         float | None,
-        typer.Option("--max-recovery", metavar="S", help="Until a blade is straight again."),
+        typer.Option(
+            "--max-recovery",
+            metavar="S",
+            parser=number_option(_accepted("--max-recovery")),
+            help="Until a blade is straight again.",
+        ),
     ] = None,
     max_noise: Annotated[
-        float | None, typer.Option("--max-noise", metavar="DB", help="At 2000 rpm, 5 m away.")
+        float | None,
+        typer.Option(
+            "--max-noise",
+            metavar="DB",
+            parser=number_option(_accepted("--max-noise")),
+            help="At 2000 rpm, 5 m away.",
+        ),
     ] = None,
     min_lift_over_drag: Annotated[
-        float | None, typer.Option("--min-lift-over-drag", metavar="X", help="In hover.")
+        float | None,
+        typer.Option(
+            "--min-lift-over-drag",
+            metavar="X",
+            parser=number_option(_accepted("--min-lift-over-drag")),
+            help="In hover.",
+        ),
     ] = None,
     law: Annotated[str, typer.Option("--law", help="repaired or consistent.")] = "repaired",
     library: Annotated[
@@ -58,7 +105,13 @@ def design(
     ] = None,
     blade: Annotated[str, typer.Option("--blade", help="Of the library.")] = "nine_inch",
     confidence: Annotated[
-        float, typer.Option("--confidence", help="That a predicted figure keeps to its limit.")
+        float,
+        typer.Option(
+            "--confidence",
+            metavar="P",
+            parser=number_option(_accepted("--confidence")),
+            help="That a predicted figure keeps to its limit.",
+        ),
     ] = 0.9,
     extrapolate: Annotated[
         bool,
@@ -69,7 +122,12 @@ def design(
     ] = False,
     flights: Annotated[
         int,
-        typer.Option("--flights", metavar="N", help="Collisions flown with a candidate; 0: none."),
+        typer.Option(
+            "--flights",
+            metavar="N",
+            parser=number_option(f"a whole number from 0 to {_MOST_FLIGHTS}", int),
+            help="Collisions flown with a candidate; 0: none.",
+        ),
     ] = 12,
     output: Annotated[
         str | None,

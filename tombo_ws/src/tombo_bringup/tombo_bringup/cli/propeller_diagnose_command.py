@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from tombo_sysid.stand.diagnose import StandDiagnosis
     from tombo_sysid.stand.table3 import Table3
 
+_CONF, _LAW = 13, "repaired"
+
 
 def diagnose(
     tables: Annotated[
@@ -37,17 +39,23 @@ def diagnose(
         ),
     ] = None,
     conf: Annotated[
-        int,
+        int | None,
         typer.Option(
             "--conf",
             metavar="N",
             parser=whole_number,
-            help="Configuration of runs that have no column conf; 0 is rigid.",
+            help="Configuration of runs that have no column conf; 0 is rigid. Default: 13.",
+            show_default=False,
         ),
-    ] = 13,
+    ] = None,
     law: Annotated[
-        str, typer.Option("--law", help="published, repaired or consistent.")
-    ] = "repaired",
+        str | None,
+        typer.Option(
+            "--law",
+            help="published, repaired or consistent. Default: repaired.",
+            show_default=False,
+        ),
+    ] = None,
     plain: Annotated[
         bool,
         typer.Option("--plain", help="Any other propeller: hold it against T = k omega^2."),
@@ -92,6 +100,7 @@ def diagnose(
         if bool(paths) == table3:
             given = "both" if table3 else "neither"
             raise InputError(f"STAND.csv or --table3: {given}; accepted: one of them")
+        _refuse_without_effect(table3, plain, conf, law, mapping)
         path = _folder(output, "table3" if table3 else paths[0].name, as_json)
         with StopSignals() as stop, progress_bar() as tell:
             if path is None:
@@ -122,8 +131,8 @@ def diagnose(
 def run(
     paths: list[Path],
     mapping: str | None,
-    conf: int,
-    law: str,
+    conf: int | None,
+    law: str | None,
     plain: bool,
     model: Path | None,
     tell: Tell,
@@ -139,17 +148,46 @@ def run(
     from tombo_sysid.stand.reading import read_stand
     from tombo_sysid.stand.table3 import study_table3, table3_assembled
 
-    parameter_row(configuration(conf), law)
+    number = _CONF if conf is None else conf
+    formulas = _LAW if law is None else law
+    parameter_row(configuration(number), formulas)
     base = None if model is None else read_stand_model(model)
     if not paths:
-        diagnosis, findings = diagnose_points(table3_assembled(law), (), tell, base=base)
+        diagnosis, findings = diagnose_points(table3_assembled(formulas), (), tell, base=base)
         tell("leaving one configuration out", 0.9)
-        return StandDiagnosis(diagnosis, findings, None), study_table3(law)
+        return StandDiagnosis(diagnosis, findings, None), study_table3(formulas)
     found = []
     for k, path in enumerate(paths):
         tell(f"reading {path.name}", k / len(paths))
         found.append(read_stand(path, mapping))
-    return diagnose_stand(found, conf, law, plain, tell, time.perf_counter, base), None
+    if all(t.mapping.model == "plain" for t in found):
+        _refuse_without_effect(False, True, conf, law, None, "a plain propeller (--mapping)")
+    return diagnose_stand(found, number, formulas, plain, tell, time.perf_counter, base), None
+
+
+def _refuse_without_effect(
+    table3: bool,
+    plain: bool,
+    conf: int | None,
+    law: str | None,
+    mapping: str | None,
+    of_plain: str = "--plain",
+) -> None:
+    """Refuse options that would change nothing.
+
+    Raises:
+        InputError: there is one.
+    """
+    from tombo_dynamics.errors import InputError
+
+    by_table3 = {"--plain": plain, "--conf": conf is not None, "--mapping": mapping is not None}
+    by_plain = {"--conf": conf is not None, "--law": law is not None}
+    for given, options in (("--table3", by_table3), (of_plain, by_plain)):
+        idle = [option for option, there in options.items() if there]
+        if idle and (table3 if given == "--table3" else plain):
+            raise InputError(
+                f"{' and '.join(idle)} has no effect with {given}; accepted: one of them"
+            )
 
 
 def _folder(output: str | None, first: str, as_json: bool) -> Path | None:

@@ -17,12 +17,14 @@ from rich.text import Text
 from tombo_bringup.report.diagnosis_words import (
     CLASSES,
     LABELS,
+    capital,
     certainty,
     figure,
     listed,
     percent,
     words,
 )
+from tombo_sysid.stand.departure import departures
 
 if TYPE_CHECKING:
     from tombo_sysid.diagnosis import Diagnosis
@@ -41,6 +43,11 @@ _NAMED = 4
 def stand_headline(diagnosis: Diagnosis) -> str:
     """Return the verdict as one sentence."""
     causes = [words(c.effect) for c in diagnosis.causes]
+    told = departures(diagnosis.causes)
+    if told and diagnosis.verdict == "named":
+        new = [words(c.effect) for c in diagnosis.causes if not departures([c])]
+        parts = [*told, *([f"it is {listed(new, 'and')}"] if new else [])]
+        return capital("; ".join(parts))
     if diagnosis.verdict == "set" and len(diagnosis.set) > _NAMED:
         count = len(diagnosis.set)
         return f"One of {count} causes, {causes[0]} likeliest: these runs can’t tell"
@@ -137,7 +144,7 @@ def _residuals(found: StandDiagnosis) -> Table:
     own = problem.seen[:, c]
     speed = problem.points.setup.speed
     before = problem.residual(problem.final(problem.nothing))[:, c]
-    after = problem.residual(problem.final(found.findings.search.best.fit))[:, c]
+    after = problem.unexplained(found.findings.search.best.fit)[:, c]
     unit = ("N", "N m", "rad", "rad/s")[c]
     name = ("thrust", "torque", "flap angle", "second tachometer")[c]
     title = Text(f"{name}, measured less model [{unit}]")
@@ -157,6 +164,8 @@ def _residuals(found: StandDiagnosis) -> Table:
 
 
 def _print_table3(study: Table3, console: Console) -> None:
+    from tombo_sysid.stand.table3 import TWO_VALUES
+
     soft = len(study.confs) - 1
     table = Table(
         box=SIMPLE_HEAD, title_justify="left", padding=(0, 1, 0, 0),
@@ -191,6 +200,7 @@ def _print_table3(study: Table3, console: Console) -> None:
         span = f"{p.low:+.3f} to {p.high:+.3f}" if p.low != p.high else "–"
         table.add_row(words(p.what), f"{p.rmse:.4f}", span, p.parameter)
     console.print(table)
+    console.print(Text(TWO_VALUES), soft_wrap=True)
     table = Table(
         box=SIMPLE_HEAD, title_justify="left", padding=(0, 1, 0, 0),
         title=Text("What would tell stiffening from all others (log Bayes factor 4)"),

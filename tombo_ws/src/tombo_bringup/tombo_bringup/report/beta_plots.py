@@ -11,10 +11,9 @@ import numpy as np
 from tombo_bringup.report.style import BLUE, GREEN, MUTED, RC, SKY, VERMILLION
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from tombo_sysid.spin.measure import Measurement
     from tombo_sysid.spin.recovery import Recovery
+    from tombo_sysid.spin.trace import Trace
 
 
 def plot_beta(found: Measurement, path: Path) -> None:
@@ -54,10 +53,8 @@ def plot_beta(found: Measurement, path: Path) -> None:
 
 
 def plot_recovery(
-    time: NDArray[np.float64],
-    value: NDArray[np.float64],
+    trace: Trace,
     found: tuple[Recovery, ...],
-    label: str,
     share: float,
     path: Path,
 ) -> None:
@@ -68,7 +65,7 @@ def plot_recovery(
     with matplotlib.rc_context(RC):
         figure = Figure(figsize=(8.0, 3.8), layout="constrained")
         axes: Any = figure.subplots()
-        axes.plot(time, value, color=MUTED, lw=0.7)
+        axes.plot(trace.time, trace.value, color=MUTED, lw=0.7)
         for k, r in enumerate(found):
             axes.axvline(r.time, color=VERMILLION, lw=1.0, label=None if k else "collision")
             end = r.time + (r.recovered if math.isfinite(r.recovered) else r.low)
@@ -76,7 +73,8 @@ def plot_recovery(
                       label=None if k else f"until {share:.0%} of the level before")  # fmt: skip
             if math.isfinite(r.high):
                 axes.axvspan(r.time + r.low, r.time + r.high, color=GREEN, alpha=0.3, lw=0)
-            shown = f"{r.recovered:.2f} s" if not r.why else f"> {r.low:.2f} s"
+            least = "≥ " if trace.is_speed else ""
+            shown = f"{least}{r.recovered:.2f} s" if not r.why else f"> {r.low:.2f} s"
             axes.annotate(shown, (0.5 * (r.time + end), share * r.level), xytext=(0, 4),
                           textcoords="offset points", ha="center", color=GREEN)  # fmt: skip
         whole = [r for r in found if not r.why]
@@ -85,6 +83,6 @@ def plot_recovery(
             f"{len(whole)} with a recovery", fontsize=10.5,
         )  # fmt: skip
         axes.set_xlabel("time [s]")
-        axes.set_ylabel(label)
+        axes.set_ylabel(f"{trace.kind} [{trace.unit}]")
         axes.legend(loc="lower right")
         figure.savefig(path, dpi=130)

@@ -43,7 +43,7 @@ def draw_residuals(found: StandDiagnosis, headline: str) -> Any:
     problem = found.findings.problem
     points = problem.points
     before = problem.residual(problem.final(problem.nothing))
-    after = problem.residual(problem.final(found.findings.search.best.fit))
+    after = problem.unexplained(found.findings.search.best.fit)
     channels = [c for c in points.measured if problem.seen[:, c].any()]
     with mpl.rc_context(RC):
         figure = Figure(figsize=(9.6, 1.1 + 2.5 * len(channels)), layout="constrained")

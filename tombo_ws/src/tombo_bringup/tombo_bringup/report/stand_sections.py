@@ -11,6 +11,7 @@ from tombo_bringup.report.diagnosis_evidence import meter, table
 from tombo_bringup.report.diagnosis_words import DASH, certainty, figure, percent, unit, words
 from tombo_sysid.diagnosis import Diagnosis, FlightNote, Score
 from tombo_sysid.flight_log import Finding
+from tombo_sysid.stand.model_file import extends_model
 
 if TYPE_CHECKING:
     from tombo_sysid.stand.diagnose import StandDiagnosis
@@ -51,7 +52,7 @@ def cards(found: StandDiagnosis, study: Table3 | None) -> str:
     evidence = found.findings.search.best.evidence
     facts.append(("log Bayes factor", figure(evidence, 2), "", "against the model as it is"))
     several = f"{len(points.runs)} runs" if len(points.runs) > 1 else "1 run"
-    facts.append(("points", str(points.count), "", f"{several}, {_wings(found)}"))
+    facts.append(("points", str(found.findings.problem.used), "", f"{several}, {_wings(found)}"))
     return f'<div class="cards">{"".join(_card(*fact) for fact in facts)}</div>'
 
 
@@ -99,8 +100,11 @@ def settle(found: StandDiagnosis, study: Table3 | None) -> str:
         "named": "Measure once more at speeds these runs do not have, with --model "
         "stand_model.yaml: the verdict should be none.",
     }
-    if found.diagnosis.verdict in steps:
-        parts.append(f"<p>{escape(steps[found.diagnosis.verdict])}</p>")
+    step = steps.get(found.diagnosis.verdict, "")
+    if found.diagnosis.verdict == "named" and not extends_model(found.diagnosis):
+        step = "Measure the same propeller again, read thermometer and barometer: does it repeat?"
+    if step:
+        parts.append(f"<p>{escape(step)}</p>")
     return "".join(parts)
 
 
@@ -160,7 +164,9 @@ def predictions(study: Table3 | None) -> str:
             f"<td>{span.replace('-', '−')}</td><td>{escape(p.parameter)}</td></tr>"
         )
     head = ("what", "RMS error", "against the mean, 95 %", "fitted to all")
-    return table(head, lines, "scores")
+    from tombo_sysid.stand.table3 import TWO_VALUES
+
+    return table(head, lines, "scores") + f"<p class='hint'>{escape(TWO_VALUES)}</p>"
 
 
 def candidates(scores: Sequence[Score]) -> str:

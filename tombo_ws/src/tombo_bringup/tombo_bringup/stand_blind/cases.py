@@ -80,6 +80,7 @@ def make_case(seed: int, number: int) -> Case:
         _spread(rng, (setup.propeller.max() + 1, 2)),
         _spread(rng, (setup.run.max() + 1, 2)),
         rng.standard_normal(setup.speed.size),
+        _spread(np.random.default_rng([seed, number, 8]), (setup.run.max() + 1, 2)),
     )
     clean = predict(setup, values, draws)
     if kind == "unknown":
@@ -99,6 +100,7 @@ def shown(stand: str, setup: Setup) -> list[str]:
         n for n, e in STAND_EFFECTS.items()
         if "tombo" in e.models and not n.startswith(blind or ("?",))
         and not (n == "fabrication_scatter" and one) and not (n == "tare_scatter" and few)
+        and n != "run_scatter"  # every stand has it, by as much as a healthy one
     ]  # fmt: skip
 
 

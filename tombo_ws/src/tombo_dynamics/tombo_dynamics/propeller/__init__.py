@@ -10,6 +10,7 @@
 `docs/propeller.md` has the equations, their sources, and what measurement says against them.
 """
 
+from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller.derive import with_joint, with_nodus, with_section
 from tombo_dynamics.propeller.evaluate import (
     SPEED_LIMIT,
@@ -43,7 +44,14 @@ from tombo_dynamics.propeller.records import (
 from tombo_dynamics.propeller.rotor_inertia import RotorInertia, rotor_inertia
 from tombo_dynamics.propeller.rows import parameter_rows
 from tombo_dynamics.propeller.sweep import Sweep, sweep
-from tombo_dynamics.propeller.thrust_map import ThrustMap, speed_of_maximum_thrust, thrust_map
+from tombo_dynamics.propeller.thrust_map import (
+    ThrustMap,
+    map_speed,
+    map_thrust,
+    map_torque,
+    speed_of_maximum_thrust,
+    thrust_map,
+)
 
 __all__ = [
     "DEFAULT_LAW",
@@ -56,6 +64,7 @@ __all__ = [
     "Blade",
     "Configuration",
     "Fibre",
+    "InputError",
     "Joint",
     "Library",
     "Matrix",
@@ -72,6 +81,9 @@ __all__ = [
     "configurations",
     "evaluate",
     "evaluate_rows",
+    "map_speed",
+    "map_thrust",
+    "map_torque",
     "nodus_moduli",
     "parameter_row",
     "parameter_rows",

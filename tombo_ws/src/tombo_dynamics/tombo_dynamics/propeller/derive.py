@@ -9,7 +9,7 @@ import numpy as np
 
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.params import validate
-from tombo_dynamics.propeller.library import Library, read_library
+from tombo_dynamics.propeller.library import Library, known_configuration, read_library
 from tombo_dynamics.propeller.records import Blade, Configuration, Fibre, Matrix, Nodus
 from tombo_dynamics.propeller.wing_mass import carried_wing
 
@@ -17,7 +17,7 @@ _NODUS = ("matrix", "fibre", "fibres", "fibre_diameter_mm", "length_mm")
 
 
 def with_nodus(
-    configuration: Configuration,
+    configuration: Configuration | int,
     *,
     matrix: Matrix | str | None = None,
     fibre: Fibre | str | None = None,
@@ -27,6 +27,7 @@ def with_nodus(
     outer_radius_m: float | None = None,
     name: str | None = None,
     library: Library | None = None,
+    **unknown: object,
 ) -> Configuration:
     """Return a configuration with another nodus; what is not given stays.
 
@@ -34,7 +35,7 @@ def with_nodus(
     matrix, fibre, fibres, fibre_diameter_mm and length_mm are all given.
 
     Args:
-        configuration: where to begin, e.g. `configuration(13)`.
+        configuration: where to begin, or its number in Table I.
         matrix: a record, or the name of one in the library.
         fibre: a record, or the name of one in the library.
         fibres: how many.
@@ -44,11 +45,15 @@ def with_nodus(
             follow (`wing_mass.carried_wing`); what belongs to the joint's section stays.
         name: what to call it; otherwise the changes.
         library: where names are looked up; otherwise the built-in one.
+        **unknown: refused by name.
 
     Raises:
         InputError: an unknown name, a number out of its bounds, a nodus that does not fit on the
             blade, or a rigid propeller with less than a whole nodus.
     """
+    for key in unknown:
+        raise unknown_name("value of a nodus", key, (*_NODUS, "outer_radius_m"))
+    configuration = known_configuration(configuration)
     known = library or read_library()
     given: dict[str, Any] = {
         "matrix": _looked_up(matrix, known.matrices, "matrix"),
@@ -81,7 +86,7 @@ def with_nodus(
 
 
 def with_joint(
-    configuration: Configuration, *, name: str | None = None, **changes: float
+    configuration: Configuration | int, *, name: str | None = None, **changes: float
 ) -> Configuration:
     """Return a configuration with other values of the blade's joint, by name of `Joint`'s fields.
 
@@ -91,19 +96,21 @@ def with_joint(
     Raises:
         InputError: an unknown name, or a number out of its bounds.
     """
+    configuration = known_configuration(configuration)
     joint = _replaced(configuration.blade.joint, changes, "joint")
     blade = dataclasses.replace(configuration.blade, joint=joint)
     return _derived(configuration, blade, configuration.nodus, changes, name)
 
 
 def with_section(
-    configuration: Configuration, *, name: str | None = None, **changes: float
+    configuration: Configuration | int, *, name: str | None = None, **changes: float
 ) -> Configuration:
     """Return a configuration with other force coefficients, by name of `Section`'s fields.
 
     Raises:
         InputError: an unknown name, or a number out of its bounds.
     """
+    configuration = known_configuration(configuration)
     section = _replaced(configuration.blade.section, changes, "section")
     blade = dataclasses.replace(configuration.blade, section=section)
     return _derived(configuration, blade, configuration.nodus, changes, name)

@@ -10,11 +10,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.propeller.laws.names import DEFAULT_LAW, LOST, OK, TWIST, law_number
-from tombo_dynamics.propeller.laws.parameters import ROW_SIZE, parameter_row
+from tombo_dynamics.propeller.laws.parameters import ROW_SIZE, checked, parameter_row
 from tombo_dynamics.propeller.laws.points import COLUMNS, solve_points
 from tombo_dynamics.propeller.operation import RPM, Operation
 from tombo_dynamics.propeller.records import STANDARD, Configuration, Surroundings
-from tombo_dynamics.propeller.rows import family, parameter_rows
+from tombo_dynamics.propeller.rows import (
+    family,
+    parameter_rows,
+    plain_numbers,
+    unlike_shapes,
+)
 
 Array = NDArray[np.float64]
 
@@ -26,6 +31,10 @@ _REASONS = {
     "measured at",
     LOST: "no equilibrium continues the one at rest",
 }
+
+
+class _ShapesError(InputError):
+    """Rows and speeds that do not broadcast."""
 
 
 def evaluate(
@@ -65,7 +74,13 @@ def evaluate(
         rows = parameter_row(configuration, law, surroundings)
     else:
         rows = parameter_rows(configuration, law, surroundings, **changes)
-    operation = evaluate_rows(rows, speed_rad_s, law, "keep" if outside == "error" else outside)
+    try:
+        operation = evaluate_rows(
+            rows, speed_rad_s, law, "keep" if outside == "error" else outside
+        )
+    except _ShapesError:
+        given = {"speed_rad_s": speed_rad_s, **changes}
+        raise unlike_shapes(family(configuration), given) from None
     if outside == "error" and not operation.valid.all():
         raise _not_valid(operation, configuration, rows, law)
     return operation
@@ -101,7 +116,7 @@ def evaluate_rows(
     try:
         shape = np.broadcast_shapes(leading, speeds.shape)
     except ValueError:
-        raise InputError(
+        raise _ShapesError(
             f"rows of shape {table.shape} with speeds of shape {speeds.shape}; accepted: leading "
             "dimensions that broadcast"
         ) from None
@@ -142,9 +157,10 @@ def points_of_rows(rows: Array, which: NDArray[np.int64], speed_rad_s: Array, la
     return np.ascontiguousarray(out.T)
 
 
-@lru_cache(maxsize=256)
 def valid_speed(
-    configuration: Configuration, law: str = DEFAULT_LAW, surroundings: Surroundings = STANDARD
+    configuration: Configuration | int,
+    law: str = DEFAULT_LAW,
+    surroundings: Surroundings = STANDARD,
 ) -> float:
     """Return the highest speed [rad/s] up to which a law is valid for a configuration.
 
@@ -152,8 +168,13 @@ def valid_speed(
     at which the section coefficients were measured, to 1e-9 of the speed.
 
     Raises:
-        InputError: unknown law.
+        InputError: unknown law or configuration.
     """
+    return _valid_speed(*checked(configuration, law, surroundings))
+
+
+@lru_cache(maxsize=256)
+def _valid_speed(configuration: Configuration, law: str, surroundings: Surroundings) -> float:
     return float(valid_speed_of_rows(parameter_row(configuration, law, surroundings), law))
 
 
@@ -193,10 +214,7 @@ def _not_valid(operation: Operation, configuration: Any, rows: Array, law: str) 
 
 
 def _checked_speeds(speed_rad_s: ArrayLike) -> Array:
-    try:
-        speeds = np.asarray(speed_rad_s, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"speed {speed_rad_s!r} is not a number; {_accepted_speeds()}") from None
+    speeds = plain_numbers("speed", speed_rad_s, _accepted_speeds())
     usable = (speeds >= 0.0) & (speeds <= SPEED_LIMIT)
     if not usable.all():
         worst = float(speeds.ravel()[int(np.argmin(usable.ravel()))])

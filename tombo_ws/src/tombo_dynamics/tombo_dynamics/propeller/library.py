@@ -43,7 +43,7 @@ class Library:
     configurations: Mapping[int, Configuration]
     collision_positions: tuple[CollisionPosition, ...]
 
-    def configuration(self, number: int) -> Configuration:
+    def configuration(self, number: Any) -> Configuration:
         """Return a configuration by its number.
 
         Raises:
@@ -69,6 +69,9 @@ def read_library(*folders: Path | str) -> Library:
         InputError: a folder has none of these files, a file is not readable, or a key, a name or a
             number in it does not fit.
     """
+    for folder in folders:
+        if not isinstance(folder, str | Path):
+            raise InputError(f"folder {folder!r}; accepted: a path")
     return _read(tuple(Path(folder) for folder in folders)) if folders else _built_in()
 
 
@@ -130,6 +133,17 @@ def configuration(number: int) -> Configuration:
         InputError: there is no such configuration.
     """
     return read_library().configuration(number)
+
+
+def known_configuration(given: Any) -> Configuration:
+    """Return a configuration as it is, or the one of the paper's Table I that a number means.
+
+    Raises:
+        InputError: neither, or there is no such configuration.
+    """
+    if isinstance(given, Configuration):
+        return given
+    return read_library().configuration(given)
 
 
 def configurations() -> tuple[Configuration, ...]:

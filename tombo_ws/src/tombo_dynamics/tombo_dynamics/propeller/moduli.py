@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.propeller.library import known_configuration
 from tombo_dynamics.propeller.records import Configuration, Matrix
 
 
@@ -65,13 +66,17 @@ def shear_modulus(youngs_modulus: Any, poisson_ratio: Any) -> Any:
     return youngs_modulus / (2.0 * (1.0 + poisson_ratio))
 
 
-@lru_cache(maxsize=256)
-def nodus_moduli(configuration: Configuration) -> Moduli:
+def nodus_moduli(configuration: Configuration | int) -> Moduli:
     """Return E_N and G_N of a configuration [MPa], as Table I prints them.
 
     Raises:
-        InputError: the configuration is rigid.
+        InputError: the configuration is rigid, or a number that is not in Table I.
     """
+    return _nodus_moduli(known_configuration(configuration))
+
+
+@lru_cache(maxsize=256)
+def _nodus_moduli(configuration: Configuration) -> Moduli:
     nodus = configuration.nodus
     if nodus is None:
         raise InputError(

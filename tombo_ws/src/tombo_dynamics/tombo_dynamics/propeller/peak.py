@@ -18,7 +18,12 @@ from tombo_dynamics.propeller.evaluate import (
 from tombo_dynamics.propeller.laws.names import DEFAULT_LAW
 from tombo_dynamics.propeller.laws.parameters import ROW_SIZE
 from tombo_dynamics.propeller.records import STANDARD, Surroundings
-from tombo_dynamics.propeller.rows import parameter_rows
+from tombo_dynamics.propeller.rows import (
+    family,
+    parameter_rows,
+    plain_numbers,
+    unlike_shapes,
+)
 
 Array = NDArray[np.float64]
 
@@ -90,19 +95,14 @@ def speed_for_thrust(
     """
     if outside not in OUTSIDE:
         raise unknown_name("outside", outside, OUTSIDE)
-    try:
-        wanted = np.asarray(thrust_N, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"thrust {thrust_N!r} is not a number; accepted: thrusts [N]") from None
+    wanted = plain_numbers("thrust", thrust_N, "accepted: thrusts [N]")
     rows = parameter_rows(configurations, law, surroundings, **changes)
     peak = peak_of_rows(rows, law)
     try:
         wanted, top, most = np.broadcast_arrays(wanted, peak.speed_rad_s, peak.thrust_N)
     except ValueError:
-        raise InputError(
-            f"thrusts of shape {wanted.shape} with propellers of shape {rows.shape[:-1]}; "
-            "accepted: shapes that broadcast"
-        ) from None
+        given = {"thrust_N": thrust_N, **changes}
+        raise unlike_shapes(family(configurations), given) from None
     bad = ~(wanted >= 0.0)
     if bad.any():
         raise InputError(f"thrust {wanted[bad].flat[0]:g} N; accepted: 0 N and above")

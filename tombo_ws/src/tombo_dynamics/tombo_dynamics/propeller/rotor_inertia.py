@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller.records import Blade
 from tombo_dynamics.propeller.wing_mass import volume_moments
 
@@ -38,7 +39,15 @@ def rotor_inertia(blade: Blade) -> RotorInertia:
     wing's own density; the nodus' silicone is taken as heavy. The hub inside is neglected.
     Bell: a ring of BELL_MASS_KG at BELL_RADIUS_M.
     Folding moves the wings inwards and is not in it.
+
+    Raises:
+        InputError: no Blade.
     """
+    if not isinstance(blade, Blade):
+        raise InputError(
+            f"blade {blade!r}; accepted: a Blade, such as configuration(13).blade or one of "
+            "read_library().blades"
+        )
     joint = blade.joint
     wing_mass, wing_centroid, wing_square = volume_moments(
         blade, joint.outer_radius_m, blade.pieces[-1].end_m

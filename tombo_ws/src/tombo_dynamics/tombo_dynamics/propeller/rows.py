@@ -229,9 +229,35 @@ def _common_shape(chosen: Family, given: Mapping[str, Any]) -> tuple[int, ...]:
     try:
         return np.broadcast_shapes(chosen.index.shape, *(v.shape for v in given.values()))
     except ValueError:
-        shapes = {"configurations": chosen.index.shape} | {n: v.shape for n, v in given.items()}
-        text = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
-        raise InputError(f"shapes {text}; accepted: shapes that broadcast") from None
+        raise unlike_shapes(chosen, given) from None
+
+
+def unlike_shapes(chosen: Family, values: Mapping[str, Any]) -> InputError:
+    """Build the error for shapes that do not broadcast."""
+    shapes = {"configurations": chosen.index.shape} | {n: np.shape(v) for n, v in values.items()}
+    text = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
+    return InputError(f"shapes {text}; accepted: shapes that broadcast")
+
+
+def plain_numbers(name: str, value: ArrayLike, accepted: str) -> Array:
+    """Return numbers of any shape as floats.
+
+    Raises:
+        InputError: text, None, lists of unequal length: anything that is no number.
+    """
+    try:
+        raw = np.asarray(value)
+        numbers = raw.astype(float)
+    except (TypeError, ValueError):
+        raw = np.empty(0, dtype=object)
+        numbers = None
+    if (
+        numbers is None
+        or raw.dtype.kind not in "iufO"
+        or any(item is None for item in (raw.flat if raw.dtype.kind == "O" else ()))
+    ):
+        raise InputError(f"{name} {value!r} is not a number; {accepted}")
+    return numbers
 
 
 def _numbers(name: str, value: ArrayLike) -> Array:

@@ -18,7 +18,7 @@ from tombo_dynamics.jit import compiled
 from tombo_dynamics.propeller.cubic import cubic_table, cubic_values, inverse_table
 from tombo_dynamics.propeller.evaluate import evaluate_rows
 from tombo_dynamics.propeller.laws.names import DEFAULT_LAW
-from tombo_dynamics.propeller.laws.parameters import parameter_row
+from tombo_dynamics.propeller.laws.parameters import checked, parameter_row
 from tombo_dynamics.propeller.peak import peak_of_rows
 from tombo_dynamics.propeller.records import STANDARD, Configuration, Surroundings
 
@@ -141,17 +141,26 @@ class ThrustMap:
         return np.asarray(np.minimum(checked, top))
 
 
-@lru_cache(maxsize=64)
 def speed_of_maximum_thrust(
-    configuration: Configuration, law: str = DEFAULT_LAW, surroundings: Surroundings = STANDARD
+    configuration: Configuration | int,
+    law: str = DEFAULT_LAW,
+    surroundings: Surroundings = STANDARD,
 ) -> tuple[float, bool]:
     """Return omega_mtf [rad/s] and whether thrust has a maximum there.
 
     The first maximum up to 18 000 rpm; without one, 18 000 rpm and False.
 
     Raises:
-        InputError: unknown law, or the law stops being valid before thrust has a maximum.
+        InputError: unknown law or configuration, or the law stops being valid before thrust has a
+            maximum.
     """
+    return _speed_of_maximum_thrust(*checked(configuration, law, surroundings))
+
+
+@lru_cache(maxsize=64)
+def _speed_of_maximum_thrust(
+    configuration: Configuration, law: str, surroundings: Surroundings
+) -> tuple[float, bool]:
     peak = peak_of_rows(parameter_row(configuration, law, surroundings), law)
     if not peak.valid_further:
         raise InputError(
@@ -162,15 +171,21 @@ def speed_of_maximum_thrust(
     return float(peak.speed_rad_s), bool(peak.has_maximum)
 
 
-@lru_cache(maxsize=64)
 def thrust_map(
-    configuration: Configuration, law: str = DEFAULT_LAW, surroundings: Surroundings = STANDARD
+    configuration: Configuration | int,
+    law: str = DEFAULT_LAW,
+    surroundings: Surroundings = STANDARD,
 ) -> ThrustMap:
     """Return the thrust map of a propeller up to 0.9 of its speed of maximum thrust.
 
     Raises:
-        InputError: unknown law, or a propeller without a usable range.
+        InputError: unknown law or configuration, or a propeller without a usable range.
     """
+    return _thrust_map(*checked(configuration, law, surroundings))
+
+
+@lru_cache(maxsize=64)
+def _thrust_map(configuration: Configuration, law: str, surroundings: Surroundings) -> ThrustMap:
     omega_mtf, has_maximum = speed_of_maximum_thrust(configuration, law, surroundings)
     omega_max = USABLE_SHARE * omega_mtf
     knots = np.linspace(0.0, omega_max, _CELLS + 1, dtype=np.float64)

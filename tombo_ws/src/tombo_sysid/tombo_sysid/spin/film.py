@@ -91,7 +91,7 @@ def open_film(path: Path, fps: float | None = None) -> Film:
         InputError: no such path, no video, no pictures, or a rate that is none.
     """
     if fps is not None and not 0.0 < fps < 1e7:
-        raise InputError(f"--fps {fps:g}; accepted: frames per second, above 0")
+        raise InputError(f"--fps {fps:g}; accepted: frames per second, above 0, below 1e+07")
     if path.is_dir():
         pictures = sorted(
             (p for p in path.iterdir() if p.suffix.lower() in _PICTURES and p.is_file()),

@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 
 SHARE = 0.9
 """Of the level before the collision."""
+LEAST_SHARE, MOST_SHARE = 0.5, 0.99
 _DROP = 0.25
 """Share of the level that has to be lost."""
 _NOISES = 5.0
@@ -51,11 +52,12 @@ class Recovery:
     why: str
     """What keeps it from being a number; empty if it is one."""
 
-    def words(self) -> str:
-        """Say it with its interval."""
+    def words(self, *, lower_bound: bool = False) -> str:
+        """Say it with its interval; of a lower bound, as of a speed's recovery, "at least"."""
         if self.why:
             return f"more than {self.low:.3f} s: {self.why}"
-        return f"{self.recovered:.3f} s ({self.low:.3f} to {self.high:.3f})"
+        least = "at least " if lower_bound else ""
+        return f"{least}{self.recovered:.3f} s ({self.low:.3f} to {self.high:.3f})"
 
 
 def recoveries(time: Array, value: Array, share: float = SHARE) -> tuple[Recovery, ...]:
@@ -72,6 +74,12 @@ def recoveries(time: Array, value: Array, share: float = SHARE) -> tuple[Recover
     time, value, step = _checked(time, value, share)
     noise = _noise(value)
     drops = _drops(value, step, noise)
+    usual = float(np.median(value))
+    if not drops and usual < -_NOISES * noise:
+        raise InputError(
+            f"a level of {usual:.3g}, is the sensor's sign reversed, or the tare too large?; "
+            "accepted: thrust or speed that is positive before a collision"
+        )
     if not drops:
         raise InputError(
             f"no collision in {time[-1] - time[0]:.2f} s: no drop by {100 * _DROP:.0f} % and "
@@ -85,8 +93,10 @@ def recoveries(time: Array, value: Array, share: float = SHARE) -> tuple[Recover
 
 
 def _checked(time: Array, value: Array, share: float) -> tuple[Array, Array, float]:
-    if not 0.5 <= share <= 0.99:
-        raise InputError(f"recovered at a share of {share:g}; accepted: 0.5 to 0.99")
+    if not LEAST_SHARE <= share <= MOST_SHARE:
+        raise InputError(
+            f"recovered at a share of {share:g}; accepted: {LEAST_SHARE:g} to {MOST_SHARE:g}"
+        )
     known = np.isfinite(time) & np.isfinite(value)
     time, value = np.asarray(time, float)[known], np.asarray(value, float)[known]
     if len(time) < _LEAST:

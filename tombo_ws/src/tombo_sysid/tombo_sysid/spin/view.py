@@ -32,7 +32,7 @@ class Span:
         if not 0.0 < self.nodus < self.tip < 10.0:
             raise InputError(
                 f"tip radius {self.tip * 1e3:g} mm, nodus radius {self.nodus * 1e3:g} mm; "
-                "accepted: 0 < nodus < tip"
+                "accepted: 0 < nodus < tip < 10000 mm"
             )
 
 

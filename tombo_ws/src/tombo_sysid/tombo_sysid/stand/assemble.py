@@ -11,14 +11,17 @@ from numpy.typing import NDArray
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import configuration, nodus_moduli, parameter_row, valid_speed
-from tombo_dynamics.propeller.effects import Setup
+from tombo_dynamics.propeller.effects import Setup, predict
 from tombo_sysid.flight_log import Finding
 from tombo_sysid.stand.plateaus import Plateaus, plateaus
-from tombo_sysid.stand.plausible import implausible
+from tombo_sysid.stand.plausible import check_scale
 from tombo_sysid.stand.points import Points
 from tombo_sysid.stand.reading import StandTable
 
 Array = NDArray[np.float64]
+
+_FEWEST = 3
+"""Points that are worth a diagnosis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,12 +43,14 @@ def assemble(tables: Sequence[StandTable], conf: int, law: str, plain: bool = Fa
         plain: hold them against T = k omega^2 instead, whatever the mapping says.
 
     Raises:
-        InputError: unknown configuration or law, or models that do not go together.
+        InputError: unknown configuration or law, models that do not go together, a run given
+            twice, an implausible scale, or fewer than three points where the law is valid.
     """
     plains = {plain or t.mapping.model == "plain" for t in tables}
     if len(plains) > 1:
         raise InputError("runs of plain and of Tombo propellers; accepted: one kind at a time")
     plain = plains.pop()
+    _refuse_twice(tables)
     found = [plateaus(t) for t in tables]
     findings = [f for t in tables for f in t.findings] + [f for p in found for f in p.findings]
     runs: list[str] = []
@@ -78,6 +83,8 @@ def assemble(tables: Sequence[StandTable], conf: int, law: str, plain: bool = Fa
             columns[key].append(
                 np.nan_to_num(table.channels.get(name, np.zeros(table.rows))[first])
             )
+        if own_conf is not None and not plain:
+            _check_configurations(numbers, table)
         for c, wing in zip(numbers, wings, strict=True):
             stiffness.setdefault(wing, math.nan if plain else _stiffness(int(c)))
         if not plain:
@@ -104,14 +111,62 @@ def assemble(tables: Sequence[StandTable], conf: int, law: str, plain: bool = Fa
         setup, readings, np.concatenate([p.sigma for p in found]), tuple(runs), tuple(propellers),
         np.array([stiffness[p] for p in propellers]),
     )  # fmt: skip
-    return Assembled(points, tuple(found), (*findings, *implausible(points)))
+    if not plain:
+        check_scale(points, tables, [p.speed.size for p in found])
+        _check_enough(points, tables)
+    return Assembled(points, tuple(found), tuple(findings))
+
+
+def _refuse_twice(tables: Sequence[StandTable]) -> None:
+    for k, one in enumerate(tables):
+        for other in tables[:k]:
+            if one.channels.keys() == other.channels.keys() and all(
+                np.array_equal(v, other.channels[c], equal_nan=True)
+                for c, v in one.channels.items()
+            ):
+                raise InputError(
+                    f"{one.source} holds the same numbers as {other.source}: counted twice they "
+                    "look surer than they are; accepted: each run once"
+                )
+
+
+def _check_enough(points: Points, tables: Sequence[StandTable]) -> None:
+    """Refuse what leaves fewer than three points.
+
+    Raises:
+        InputError: so few lie where the law is valid.
+    """
+    valid = np.isfinite(points.readings) & np.isfinite(predict(points.setup, {}))
+    left = int(valid.any(axis=1).sum())
+    if left < _FEWEST:
+        speed = points.setup.speed * 30.0 / math.pi
+        span = f"{speed.min():.0f} to {speed.max():.0f} rpm"
+        names = ", ".join(t.name for t in tables[:3])
+        raise InputError(
+            f"{names}: {left} of {points.count} points ({span}) lie where "
+            f"law {points.setup.law} is valid; accepted: {_FEWEST} or more: is the speed's unit "
+            "right?"
+        )
 
 
 def _whole(values: Array, table: StandTable) -> NDArray[np.int64]:
-    if not np.isfinite(values).all() or (values != np.round(values)).any():
+    wrong = values[~np.isfinite(values) | (values != np.round(values))]
+    if wrong.size:
         column = table.mapping.channels["conf"].columns[0]
-        raise InputError(f"{table.source}: column '{column}': accepted: whole numbers from 0")
+        raise InputError(
+            f"{table.source}: column '{column}' has {wrong[0]:g}; accepted: whole numbers, a "
+            "configuration each"
+        )
     return values.astype(np.int64)
+
+
+def _check_configurations(numbers: NDArray[np.int64], table: StandTable) -> None:
+    for c in np.unique(numbers):
+        try:
+            configuration(int(c))
+        except InputError as error:
+            column = table.mapping.channels["conf"].columns[0]
+            raise InputError(f"{table.source}: column '{column}': {error}") from error
 
 
 def _stiffness(conf: int) -> float:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tombo_dynamics.propeller.effects import STAND_EFFECTS
 from tombo_sysid.diagnosis import Cause, Fitted, Score
 from tombo_sysid.stand.analyse import Findings
-from tombo_sysid.stand.problem import Problem
+from tombo_sysid.stand.problem import SHARE, Problem
 from tombo_sysid.stand.search import Explanation, Way, explain
 
 Array = NDArray[np.float64]
@@ -22,7 +22,7 @@ def fitted(problem: Problem, explanation: Explanation, effect: str) -> tuple[Fit
     """Return an effect's parameters with 95 % intervals."""
     way = next(w for w in explanation.ways if w.effect == effect)
     if not way.free:
-        return _width(problem, way)
+        return _width(problem, way, explanation)
     theta = problem.final(explanation.fit)
     covariance = explanation.fit.solution.covariance
     found = []
@@ -39,18 +39,25 @@ def fitted(problem: Problem, explanation: Explanation, effect: str) -> tuple[Fit
     return tuple(found)
 
 
-def _width(problem: Problem, way: Way) -> tuple[Fitted, ...]:
+def _width(problem: Problem, way: Way, explanation: Explanation) -> tuple[Fitted, ...]:
     """Return the widths of an effect of chance; the interval is what so few draws leave open."""
     counts = {
         "fabrication_scatter": problem.propellers,
         "tare_scatter": problem.runs,
-        "speed_noise": int(problem.seen.any(axis=1).sum()),
+        "run_scatter": problem.runs,
+        "speed_noise": problem.used,
     }
     spread = math.exp(_WIDE / math.sqrt(2.0 * max(counts[way.effect] - 1, 1)))
     found = []
-    for p in STAND_EFFECTS[way.effect].theta:
+    # Thrust may differ from run to run and torque not: the draws say it, the common width not.
+    drawn = explanation.fit.solution.mean[-2 * problem.runs :].reshape(2, -1)
+    for j, p in enumerate(STAND_EFFECTS[way.effect].theta):
         healthy = problem.healthy[f"{way.effect}.{p.name}"]
         value = healthy * way.width
+        if way.effect == SHARE:
+            if j not in problem.points.measured:
+                continue
+            value = healthy * float(np.sqrt(np.mean(drawn[j] ** 2)))
         found.append(Fitted(p.name, p.unit, healthy, value, value / spread, value * spread))
     return tuple(found)
 
@@ -110,7 +117,7 @@ def _why_not(problem: Problem, name: str) -> str:
     if any(k in problem.taken for k in places):
         return "taken up by the fit of the nominal model to these data"
     if STAND_EFFECTS[name].chance:
-        return "needs three propellers or runs"
+        return "needs three propellers, or runs of one propeller"
     return "far below the noise of these points, or its channel was not measured"
 
 

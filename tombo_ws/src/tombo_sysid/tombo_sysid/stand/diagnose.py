@@ -90,10 +90,10 @@ def diagnose_points(
     gains, shares = held_out(findings)
     tell("simulating measurements", 0.8)
     experiment = separate(findings)
-    judgement = findings.judgement
+    judgement, found_causes = findings.judgement, causes(findings)
     diagnosis = Diagnosis(
         verdict=judgement.verdict,
-        causes=causes(findings),
+        causes=found_causes,
         set=judgement.members,
         separating_experiment=experiment,
         gain=tuple(gains),
@@ -102,8 +102,8 @@ def diagnose_points(
         flights=tuple(flights),
         residuals=(),
         confidence=judgement.confidence,
-        summary=summary(findings, gains, constant),
-        notes=notes(findings, gains, constant),
+        summary=summary(findings, found_causes, gains, constant),
+        notes=notes(findings, found_causes, gains, constant),
         model=_model(points),
         vehicle="" if not points.setup.plain else "plain propeller",
     )

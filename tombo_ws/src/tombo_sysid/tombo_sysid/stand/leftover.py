@@ -1,7 +1,8 @@
 """The gate against unknown causes: would smooth curves nobody has a name for still explain more?
 
 To an explanation is added a free curve over speed: in one channel, for all propellers, one for
-each, or one for the way up against the way down; or all of these at once. Which it would be is
+each, or one for the way up against the way down, or a level and a slope for each run; or all of
+these at once. Which it would be is
 not known, so their evidence is averaged; if that earns a place, something is left.
 """
 
@@ -22,6 +23,8 @@ Array = NDArray[np.float64]
 _ORDER = 10
 _DECAY = 0.88
 """Each higher order of a curve is this much smaller."""
+_RUN_ORDER = 1
+"""Of a run's own curve: what differs from run to run is a level or a share."""
 _FEWEST = 4
 """Different speeds that a curve needs."""
 _SIZES = (0.003, 0.01, 0.03, 0.1)
@@ -45,11 +48,13 @@ class _Block:
     channel: int
     columns: Array
     """(N, 4, B)"""
+    orders: NDArray[np.int64]
+    """(B,) of each column's polynomial."""
 
 
-def curves(problem: Problem, fit: Fit) -> Curves:
-    """Return what free curves would still explain beside a fit."""
-    blocks = _blocks(problem)
+def curves(problem: Problem, fit: Fit, by_run: bool = True) -> Curves:
+    """Return what free curves would still explain beside a fit; `by_run`: also levels of runs."""
+    blocks = _blocks(problem, by_run and problem.repeated)
     if not blocks:
         return Curves(-math.inf, "", 0.0)
     moved = fit.free or problem.taken
@@ -64,11 +69,12 @@ def curves(problem: Problem, fit: Fit) -> Curves:
     without = solve(_part(normal, np.arange(known.size)), known, centre, covariance=False).evidence
     found: list[tuple[float, int, Array, Array]] = []
     ends = known.size + np.cumsum([0, *(b.columns.shape[2] for b in blocks)])
+    orders = np.concatenate([b.orders for b in blocks])
     choices = [[k] for k in range(len(blocks))] + [list(range(len(blocks)))]
     for choice in choices:
         places = np.concatenate([np.arange(ends[k], ends[k + 1]) for k in choice])
         part = _part(normal, np.concatenate([np.arange(known.size), places]))
-        unit = _DECAY ** ((places - known.size) % (_ORDER + 1))
+        unit = _DECAY ** orders[places - known.size]
         for size in _SIZES:
             solution = solve(
                 part,
@@ -93,7 +99,7 @@ def _part(normal: Normal, places: NDArray[np.int64]) -> Normal:
     return Normal(normal.matrix[np.ix_(places, places)], normal.vector[places], normal.square)
 
 
-def _blocks(problem: Problem) -> list[_Block]:
+def _blocks(problem: Problem, by_run: bool) -> list[_Block]:
     """Return free curves, each in units of its channel's range."""
     setup = problem.points.setup
     n = setup.speed.size
@@ -104,22 +110,29 @@ def _blocks(problem: Problem) -> list[_Block]:
     order = min(_ORDER, different - 2)
     legendre = np.zeros((n, _ORDER + 1))
     legendre[:, : order + 1] = np.polynomial.legendre.legvander(x, order)
-    groups: list[list[Array]] = [[np.ones(n)], [_way(setup)]]
+    groups: list[tuple[list[Array], int]] = [([np.ones(n)], _ORDER), ([_way(setup)], _ORDER)]
     if problem.propellers > 1:
-        groups.append([(setup.propeller == k).astype(float) for k in range(problem.propellers)])
+        groups.append((_members(setup.propeller, problem.propellers), _ORDER))
+    if by_run:
+        groups.append((_members(setup.run, problem.runs), _RUN_ORDER))
     blocks = []
     for c in problem.points.measured:
         own = problem.seen[:, c]
         if own.sum() < 3:
             continue
         largest = float(np.max(np.abs(problem.points.readings[own, c])))
-        for group in groups:
-            block = np.zeros((n, len(CHANNELS), (_ORDER + 1) * len(group)))
+        for group, highest in groups:
+            own_orders = np.tile(np.arange(highest + 1), len(group))
+            block = np.zeros((n, len(CHANNELS), own_orders.size))
             block[:, c, :] = np.concatenate(
-                [largest * legendre * g[:, None] for g in group], axis=1
+                [largest * legendre[:, : highest + 1] * g[:, None] for g in group], axis=1
             )
-            blocks.append(_Block(c, block))
+            blocks.append(_Block(c, block, own_orders))
     return blocks
+
+
+def _members(number: NDArray[np.int64], count: int) -> list[Array]:
+    return [(number == k).astype(float) for k in range(count)]
 
 
 def _way(setup: Setup) -> Array:

@@ -70,8 +70,13 @@ _NAMES = {
     "propeller": ("propeller", "specimen"),
 }
 _HEADING = re.compile(r"^\s*(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*$")
-_SUFFIX = re.compile(r"^(.*?)_(N|mN|g|Nm|mNm|rpm|rad_s|Hz|deg|rad|V|A|W|s|ms)$")
-_SPELT = {"Nm": "N m", "mNm": "mN m", "N·m": "N m", "N-m": "N m", "N*m": "N m", "rad_s": "rad/s"}
+_OTHERS = ("rpm", "rad_s", "Hz", "deg", "rad", "V", "A", "W", "mW", "s", "ms")
+_UNITS_IN_NAMES = (*(u.replace(" ", "") for u in (*_FORCES, *_MOMENTS)), *_OTHERS)
+_SUFFIX = re.compile(rf"^(.*?)_({'|'.join(map(re.escape, _UNITS_IN_NAMES))})$")
+_SPELT = {
+    **{u.replace(" ", ""): u for u in _MOMENTS},
+    **{"N·m": "N m", "N-m": "N m", "N*m": "N m", "rad_s": "rad/s"},
+}
 _LARGEST = 200_000
 
 
@@ -137,6 +142,8 @@ def load_mapping(name: str) -> StandMapping:
         InputError: no such mapping, or one that can't be used.
     """
     path = Path(name)
+    if path.is_dir():
+        raise InputError(f"mapping '{name}' is a folder; accepted: a YAML file, {_shipped()}")
     if not path.is_file():
         known = shipped()
         if name not in known:
@@ -147,7 +154,12 @@ def load_mapping(name: str) -> StandMapping:
             raise InputError(f"mapping '{name}' is too large; accepted: a short YAML file")
         return parse_mapping(path.read_text(encoding="utf-8"), name)
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"mapping '{name}' can't be read: {error}") from error
+        why = getattr(error, "strerror", None) or "it is no text"
+        raise InputError(f"mapping '{name}' can't be read: {why}; accepted: YAML") from error
+
+
+def _shipped() -> str:
+    return f"or a shipped one ({', '.join(shipped())})"
 
 
 def parse_mapping(text: str, name: str) -> StandMapping:
@@ -230,7 +242,7 @@ def understand(columns: Sequence[str], path: Path) -> StandMapping:
             if channel in ("thrust", "torque", "beta") or (channel == "speed" and name != "rpm"):
                 raise InputError(
                     f"'{path}': column '{column}' has no unit; accepted: a unit in its name, as "
-                    f"{name}[{CHANNELS[channel]}], or --mapping"
+                    f"{name}[{CHANNELS[channel]}] ({_units(channel)}), or --mapping"
                 )
         unit_factor(unit, channel, f"column '{column}' of '{path}'")
         found[channel] = StandChannel((column,), unit)
@@ -238,9 +250,17 @@ def understand(columns: Sequence[str], path: Path) -> StandMapping:
         lacking = "speed" if "speed" not in found else "thrust or torque"
         raise InputError(
             f"'{path}': no column for {lacking} among {', '.join(columns)[:200]}; accepted: names "
-            "as rpm, thrust_N, torque_Nm, beta_deg, or --mapping"
+            f"as rpm, thrust_N, torque_Nm, beta_deg (thrust in {', '.join(_FORCES)}; torque in "
+            f"{', '.join(u.replace(' ', '') for u in _MOMENTS)}), or --mapping"
         )
     return StandMapping("names of the columns", channels=found)
+
+
+def _units(channel: str) -> str:
+    wanted = CHANNELS[channel]
+    if wanted in _OWN:
+        return ", ".join(_OWN[wanted])
+    return "rpm, rad/s, Hz" if wanted == "rad/s" else "deg, rad"
 
 
 def _split(column: str) -> tuple[str, str]:

@@ -13,12 +13,19 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller.effects import STAND_EFFECTS, check_stand_theta
 from tombo_dynamics.yaml_text import parse_yaml
 from tombo_sysid.diagnosis import Diagnosis
+from tombo_sysid.stand.departure import extending
+from tombo_sysid.stand.words import EXTENDS
 
 FORMAT = 1
 _HEAD = (
     "# What thrust-stand data add to the propeller model.\n"
     "# Hold other data against it: tombo propeller diagnose OTHER.csv --model THIS_FILE\n"
 )
+
+
+def extends_model(diagnosis: Diagnosis) -> bool:
+    """Return whether something was found that a model can take over."""
+    return diagnosis.verdict in EXTENDS and bool(extending(diagnosis.causes))
 
 
 def stand_model_text(diagnosis: Diagnosis, tool: str, date: str) -> str:
@@ -37,7 +44,7 @@ def stand_model_text(diagnosis: Diagnosis, tool: str, date: str) -> str:
                 },
                 "covariance": [[_plain(v) for v in row] for row in cause.covariance],
             }
-            for cause in diagnosis.causes
+            for cause in extending(diagnosis.causes)
         },
         "origin": {
             "model": diagnosis.model,
@@ -70,7 +77,8 @@ def read_stand_model(path: Path) -> dict[str, tuple[float, ...]]:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{what} can't be read: {error}") from error
+        why = getattr(error, "strerror", None) or "it is no text"
+        raise InputError(f"{what} can't be read: {why}; accepted: a stand_model.yaml") from error
     values = parse_yaml(text, what)
     if not isinstance(values, Mapping) or values.get("tombo_stand_model") != FORMAT:
         raise InputError(f"{what} is none; accepted: a stand_model.yaml of propeller diagnose")

@@ -56,5 +56,8 @@ def parameters(setup: Setup) -> tuple[Parameter, ...]:
     )  # fmt: skip
 
 
-HEALTHY_SHARE = {"fabrication_scatter": 0.125, "tare_scatter": 0.05, "speed_noise": 0.05}
-"""Width of what chance does on a healthy stand, in sizes that matter: 1 % between propellers."""
+HEALTHY_SHARE = {
+    "fabrication_scatter": 0.125, "tare_scatter": 0.05, "speed_noise": 0.05, "run_scatter": 0.125,
+}  # fmt: skip
+"""Width of what chance does on a healthy stand, in sizes that matter: 1 % between propellers,
+half a percent between runs."""

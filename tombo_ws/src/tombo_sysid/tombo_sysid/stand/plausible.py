@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
+from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller.effects import predict
-from tombo_sysid.flight_log import Finding
 from tombo_sysid.stand.points import Points
+from tombo_sysid.stand.reading import StandTable
+
+Array = NDArray[np.float64]
 
 _ODD = 3.0
 """Times the model's thrust, or its inverse, that no propeller of the paper shows."""
@@ -25,27 +30,52 @@ _TIMES = {
 """What is mistaken for what -> by how much thrust at equal speed is then too large."""
 
 
-def implausible(points: Points) -> tuple[Finding, ...]:
-    """Say where thrust is far from the model's, and which slip would do it."""
-    setup = points.setup
-    if setup.plain:
-        return ()
-    y, model = points.readings[:, 0], predict(setup, {})[:, 0]
-    fast = np.isfinite(y) & np.isfinite(model) & (setup.speed > 0.5 * float(setup.speed.max()))
-    if not fast.any():
-        return ()
-    times = float(np.median(y[fast] / model[fast]))
-    if 1.0 / _ODD < times < _ODD:
-        return ()
-    slips = [
-        name
-        for name, size in _TIMES.items()
-        if times > 0.0 and abs(math.log(times / size)) < math.log(_NEAR)
-    ]
-    guess = f"as with {' or '.join(slips)}" if slips else "another propeller? (--plain)"
-    return (
-        Finding(
-            "units", "fault", ", ".join(points.runs[:3]),
-            f"thrust is {times:.3g} times the model's: {guess}", channel="thrust",
-        ),
-    )  # fmt: skip
+def check_scale(points: Points, tables: Sequence[StandTable], sizes: Sequence[int]) -> None:
+    """Refuse a thrust that is nowhere near the model's.
+
+    Args:
+        points: of all tables, one after the other.
+        tables: as recorded.
+        sizes: how many points each has.
+
+    Raises:
+        InputError: a table's thrust is three times the model's or a third of it; names column,
+            factor and the slips that would do it.
+    """
+    model = predict(points.setup, {})[:, 0]
+    ends = np.cumsum([0, *sizes])
+    for table, low, high in zip(tables, ends[:-1], ends[1:], strict=True):
+        speed, y = points.setup.speed[low:high], points.readings[low:high, 0]
+        fast = np.isfinite(y) & np.isfinite(model[low:high]) & (speed > 0.0)
+        fast &= speed > 0.5 * float(speed[fast].max(initial=0.0))
+        if not fast.any():
+            continue
+        times = float(np.median(y[fast] / model[low:high][fast]))
+        if any(1.0 / _ODD < t < _ODD for t in (times, _rise(y, model[low:high], times))):
+            continue
+        slips = [
+            name
+            for name, size in _TIMES.items()
+            if times > 0.0 and abs(math.log(times / size)) < math.log(_NEAR)
+        ]
+        guess = f"as with {' or '.join(slips)}" if slips else "another propeller? (--plain)"
+        where = table.mapping.channels["thrust"]
+        raise InputError(
+            f"{table.source}: column '{where.columns[0]}' as {where.unit} is {times:.3g} times "
+            f"the model's thrust, {guess}; accepted: {1.0 / _ODD:.2g} to {_ODD:g} times"
+        )
+
+
+def _rise(y: Array, model: Array, times: float) -> float:
+    """Return how many times the model's rise with speed a thrust has: a zero that is off is none.
+
+    Args:
+        y: thrust [N].
+        model: the model's [N].
+        times: returned where thrust hardly changes.
+    """
+    known = np.isfinite(y) & np.isfinite(model)
+    x = model[known]
+    if x.size < 3 or np.ptp(x) < 0.5 * float(np.abs(x).max()):
+        return times
+    return float(np.polyfit(x, y[known], 1)[0])

@@ -25,6 +25,8 @@ _WORSE = 0.05
 _CLOSE = 0.02
 """A fit ends when no free parameter moves by more than this share of its size that matters."""
 SPEED, PROPELLER, RUN = "speed_noise", "fabrication_scatter", "tare_scatter"
+SHARE = "run_scatter"
+_DRAWN = {PROPELLER: "propeller", RUN: "run", SHARE: "share"}
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,7 @@ class Widths:
     propeller: float = 1.0
     run: float = 1.0
     speed: float = 1.0
+    share: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +76,8 @@ class Problem:
         self.propellers = len(points.propellers)
         self.runs = len(points.runs)
         self.scatters = not setup.plain
+        self.repeated = len(set(zip(setup.propeller, setup.run, strict=True))) > self.propellers
+        """Whether a propeller has several runs."""
         self._draws = Draws.none(setup)
         self.left = self.residual(self.nominal)
         """(N, 4) measured minus nominal model; 0 where not measured."""
@@ -92,6 +97,11 @@ class Problem:
         self.excited = size * scales > 1.0
         """(K,) whether a parameter of the size that matters stands out of the noise."""
         self.nothing = self.fit(())
+
+    @property
+    def used(self) -> int:
+        """Number of points that count: measured, where the model has a root."""
+        return int(self.seen.any(axis=1).sum())
 
     def open(self, effect: str) -> tuple[int, ...]:
         """Return the places of an effect's parameters that can be its cause."""
@@ -126,7 +136,8 @@ class Problem:
 
     def _draw_widths(self, widths: Widths) -> Array:
         propellers = np.full(2 * self.propellers * self.scatters, widths.propeller)
-        return np.concatenate([propellers, np.full(2 * self.runs, widths.run)])
+        runs = np.repeat([widths.run, widths.share], 2 * self.runs)
+        return np.concatenate([propellers, runs])
 
     def normal(self, theta: Array, slopes: Array, widths: Widths) -> tuple[Normal, float]:
         """Return the whitened equations about theta, and half the log of the noise's variance."""
@@ -237,6 +248,12 @@ class Problem:
         """Return the parameters of a fit, its last step taken, others at their nominal value."""
         return self._moved(fit.theta, (*fit.free, *self.taken), fit.solution.mean)
 
+    def unexplained(self, fit: Fit) -> Array:
+        """Return what a fit leaves (N, 4), with what its effects of chance did undone."""
+        wide = self._draw_widths(fit.widths) > 1.0
+        drawn = self.drawn @ np.where(wide, fit.solution.mean[len(self.parameters) :], 0.0)
+        return np.where(self.seen, self.residual(self.final(fit)) - drawn, 0.0)
+
     def slopes_at(self, theta: Array) -> Array:
         """Return the derivatives of the readings (N, 4, K) over all parameters."""
         return np.stack([self.slope(theta, k) for k in range(len(self.parameters))], axis=2)
@@ -253,25 +270,24 @@ class Problem:
         return np.where(np.isfinite(slope), slope, 0.0)
 
     def _draw_slopes(self) -> Array:
-        """Return readings per unit draw of each propeller and run, (N, 4, 2 P + 2 R)."""
+        """Return readings per unit draw of each propeller and run, (N, 4, 2 P + 4 R)."""
         setup = self.points.setup
         n = setup.speed.size
         columns: list[Array] = []
         groups = [(PROPELLER, setup.propeller, self.propellers)] if self.scatters else []
-        for name, number, count in [*groups, (RUN, setup.run, self.runs)]:
+        by_run = [(name, setup.run, self.runs) for name in (RUN, SHARE)]
+        for name, number, count in [*groups, *by_run]:
             widths = [self.healthy[f"{name}.{p.name}"] for p in STAND_EFFECTS[name].theta]
             for j in range(2):
                 table = np.zeros((count, 2))
                 table[:, j] = 1.0
-                drawn = replace(
-                    self._draws, **{"propeller" if name == PROPELLER else "run": table}
-                )
+                drawn = replace(self._draws, **{_DRAWN[name]: table})
                 values = self.values(self.nominal) | {name: tuple(widths)}
                 change = predict(setup, values, drawn) - self.prediction(self.nominal)
                 change = np.where(np.isfinite(change), change, 0.0)
                 for k in range(count):
                     columns.append(change * (number == k)[:, None])
-        # By propeller, then by run, in the order of `_draw_widths`.
+        # By propeller, then the tare and the share by run, in the order of `_draw_widths`.
         return np.stack(columns, axis=2) if columns else np.zeros((n, 4, 0))
 
     def _by_speed(self) -> Array:

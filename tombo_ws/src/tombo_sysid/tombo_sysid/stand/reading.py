@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import SPEED_LIMIT
-from tombo_sysid.csv_table import open_table
+from tombo_sysid.csv_table import CsvTable, open_table
 from tombo_sysid.flight_log import Finding
 from tombo_sysid.stand.mapping import (
     StandMapping,
@@ -29,6 +30,7 @@ _MACH = 0.95
 _SLOWEST = 20.0
 """rad/s: a stand that never turns faster has its unit wrong."""
 _RPM = 30.0 / math.pi
+_DECIMAL_COMMA = re.compile(r"^\s*[+-]?\d+,\d+(e[+-]?\d+)?\s*$", re.IGNORECASE)
 _PER_ROTOR = ("thrust", "torque", "applied_thrust", "applied_torque", "thrust_sigma")
 
 
@@ -62,11 +64,9 @@ def read_stand(path: Path, mapping: str | None = None) -> StandTable:
         InputError: empty, no header, columns missing, or values that can't be what they are said
             to be; column, value and what is expected are named.
     """
+    given = None if mapping is None else load_mapping(mapping)
     table = open_table(path)
-    if mapping is not None:
-        chosen = load_mapping(mapping)
-    else:
-        chosen = recognise(table.columns) or understand(table.columns, path)
+    chosen = given or recognise(table.columns) or understand(table.columns, path)
     wanted = [c for channel in chosen.channels.values() for c in channel.columns]
     missing = [c for c in wanted if c not in table.columns]
     if missing or "speed" not in chosen.channels:
@@ -75,7 +75,15 @@ def read_stand(path: Path, mapping: str | None = None) -> StandTable:
             f"'{path}': no {lacking}; accepted: a table with {', '.join(wanted) or 'speed'}; it "
             f"has {', '.join(table.columns)[:200]}"
         )
+    twice = [c for c in wanted if table.columns.count(c) > 1]
+    if twice:
+        count = table.columns.count(twice[0])
+        raise InputError(
+            f"'{path}': column '{twice[0]}' is there {count} times; accepted: each name once"
+        )
     numbers, damage = table.numbers(sorted(set(wanted)))
+    if damage:
+        _refuse_decimal_commas(table)
     name = path.name.split(".")[0]
     findings = [Finding("table", "warning", name, d) for d in (*table.damage, *damage)]
     channels: dict[str, Array] = {}
@@ -112,7 +120,43 @@ def read_stand(path: Path, mapping: str | None = None) -> StandTable:
         name, f"{path} ({chosen.name})", chosen, channels, rotor_speed[rows], tuple(findings)
     )
     _check_plausible(result, path)
+    _check_deviations(result, path)
     return result
+
+
+def _refuse_decimal_commas(table: CsvTable) -> None:
+    """Refuse numbers as 0,6.
+
+    Raises:
+        InputError: cells are parted by something else than commas and one holds such a number.
+    """
+    if table.delimiter == ",":
+        return
+    for line in table.body.decode("utf-8", "replace").splitlines():
+        for cell in line.split(table.delimiter):
+            if _DECIMAL_COMMA.match(cell):
+                raise InputError(
+                    f"'{table.path}': '{cell.strip()}' has a decimal comma; accepted: decimal "
+                    f"points, as {cell.strip().replace(',', '.')}"
+                )
+
+
+def _check_deviations(table: StandTable, path: Path) -> None:
+    """Refuse standard deviations that are none.
+
+    Raises:
+        InputError: one is no number, zero or negative.
+    """
+    for key in ("thrust_sigma", "torque_sigma"):
+        values = table.channels.get(key, np.ones(1))
+        bad = np.flatnonzero(~(np.isfinite(values) & (values > 0.0)))
+        if bad.size:
+            where = table.mapping.channels[key]
+            scale = unit_factor(where.unit, key, key)
+            raise InputError(
+                f"'{path}': column '{where.columns[0]}' has {values[bad[0]] / scale:g} in row "
+                f"{bad[0] + 1}; accepted: numbers above 0, the noise's standard deviation"
+            )
 
 
 def _without_glitches(

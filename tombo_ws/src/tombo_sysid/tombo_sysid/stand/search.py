@@ -13,7 +13,7 @@ import numpy as np
 from tombo_dynamics.propeller.effects import STAND_EFFECTS
 from tombo_sysid.evidence import solve
 from tombo_sysid.naming import ADDS, MORE
-from tombo_sysid.stand.problem import PROPELLER, RUN, Fit, Problem, Widths
+from tombo_sysid.stand.problem import PROPELLER, RUN, SHARE, Fit, Problem, Widths
 
 _TRIED = 7
 """So many candidates are fitted with the model itself at each step."""
@@ -28,7 +28,7 @@ _BENT = ("centrifugal_stiffening",)
 _CHANCE_COST = 3.0
 """Log Bayes factor that an effect of chance has to bring besides: how noisy a reading is, a stand
 knows to some 15 % only, and its tails are heavy."""
-_FEWEST = {PROPELLER: 3, RUN: 3}
+_FEWEST = 3
 """Propellers or runs that it takes to tell scatter from a common error."""
 
 
@@ -155,8 +155,7 @@ def ranked(problem: Problem, base: Explanation) -> list[tuple[float, Way]]:
 
 
 def _chance_way(problem: Problem, base: Explanation, name: str) -> tuple[float, Way] | None:
-    counts = {PROPELLER: problem.propellers, RUN: problem.runs}
-    if counts.get(name, 99) < _FEWEST.get(name, 0) or (name == PROPELLER and not problem.scatters):
+    if not _can_scatter(problem, name):
         return None
     gains = []
     fit = base.fit
@@ -167,6 +166,19 @@ def _chance_way(problem: Problem, base: Explanation, name: str) -> tuple[float, 
     # A broad prior over the width: the mean over the grid, not the best of it.
     mean = float(np.logaddexp.reduce(gains)) - math.log(len(gains)) - _CHANCE_COST
     return mean, Way(name, (), float(_WIDTHS[best]))
+
+
+def _can_scatter(problem: Problem, name: str) -> bool:
+    """Return whether there is enough to tell an effect of chance from a common error.
+
+    Of the shares of runs, runs of one propeller have to differ: each on its own propeller they
+    look like fabrication.
+    """
+    if name == PROPELLER:
+        return problem.scatters and problem.propellers >= _FEWEST
+    if name == RUN:
+        return problem.runs >= _FEWEST or problem.repeated
+    return name != SHARE or problem.repeated
 
 
 def _at(problem: Problem, fit: Fit, widths: Widths) -> float:
@@ -185,9 +197,8 @@ def _at(problem: Problem, fit: Fit, widths: Widths) -> float:
 
 def widened(widths: Widths, name: str, factor: float) -> Widths:
     """Return widths with those of one effect of chance replaced."""
-    own = {PROPELLER: widths.propeller, RUN: widths.run, "speed_noise": widths.speed}
-    own[name] = factor
-    return Widths(own[PROPELLER], own[RUN], own["speed_noise"])
+    key = {PROPELLER: "propeller", RUN: "run", SHARE: "share"}.get(name, "speed")
+    return replace(widths, **{key: factor})
 
 
 def extend(problem: Problem, base: Explanation, way: Way) -> Explanation:

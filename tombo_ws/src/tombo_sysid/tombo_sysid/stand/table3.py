@@ -20,6 +20,12 @@ Array = NDArray[np.float64]
 SPEED = 2000.0 * math.pi / 30.0
 """rad/s of the table."""
 _THEIRS = "their mean"
+TWO_VALUES = (
+    "“Fitted to all” is by least squares alone, each configuration alike; a cause’s value weighs "
+    "by the printed deviations and keeps near the size expected beforehand, which beside such "
+    "deviations decides: so the two differ."
+)
+"""Why a parameter has one value among the causes and another here."""
 
 
 @dataclass(frozen=True)

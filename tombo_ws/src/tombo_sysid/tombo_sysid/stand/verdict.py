@@ -9,7 +9,7 @@ import numpy as np
 
 from tombo_sysid.naming import ADDS
 from tombo_sysid.stand.leftover import Curves, curves
-from tombo_sysid.stand.problem import Problem
+from tombo_sysid.stand.problem import RUN, SHARE, Problem
 from tombo_sysid.stand.search import Explanation, Search
 from tombo_sysid.verdict import TELLS
 
@@ -56,7 +56,9 @@ def judge(problem: Problem, found: Search) -> Judgement:
     """Weigh what was found against each other and against free curves."""
     best = found.best
     left = curves(problem, best.fit)
-    free = curves(problem, problem.nothing) if best.ways else left
+    # A level for each run is what these effects of chance are: no rival of theirs.
+    own = {RUN, SHARE} & set(best.effects)
+    free = curves(problem, problem.nothing, by_run=not own) if best.ways else left
     clean = left.evidence < LEFT
     if best.ways:
         ahead = _AHEAD + _AHEAD_MORE * (len(best.ways) - 1)

@@ -6,21 +6,30 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tombo_sysid.diagnosis import Gain
+from tombo_sysid.diagnosis import Cause, Gain
 from tombo_sysid.stand.analyse import Findings
 from tombo_sysid.stand.constant import ThrustConstant
+from tombo_sysid.stand.departure import departures, extending
 from tombo_sysid.stand.points import UNITS
+from tombo_sysid.stand.problem import RUN, SHARE
+from tombo_sysid.stand.repeats import repeats
 from tombo_sysid.stand.verdict import LEFT
+
+EXTENDS = ("named", "partly_explained")
+"""Verdicts that extend the model."""
 
 
 def summary(
-    findings: Findings, gains: Sequence[Gain], constant: ThrustConstant | None = None
+    findings: Findings,
+    found: Sequence[Cause],
+    gains: Sequence[Gain],
+    constant: ThrustConstant | None = None,
 ) -> str:
     """Return the verdict in a sentence or two."""
     judgement, best = findings.judgement, findings.search.best
     points = findings.problem.points
     data = (
-        f"{points.count} points of {len(points.runs)} run{'s' * (len(points.runs) > 1)}, "
+        f"{findings.problem.used} points of {len(points.runs)} run{'s' * (len(points.runs) > 1)}, "
         f"{len(points.propellers)} propeller{'s' * (len(points.propellers) > 1)}"
     )
     names = ", ".join(e.replace("_", " ") for e in judgement.effects)
@@ -44,6 +53,11 @@ def summary(
     if judgement.verdict == "named" and judgement.members:
         members = ", ".join(e.replace("_", " ") for e in judgement.members)
         text += f" Besides it is one of {members}."
+    told = departures(found)
+    if told:
+        text += f" {'; '.join(told)}."
+    if {RUN, SHARE} & set(judgement.effects):
+        text += "".join(f" {r[0].upper()}{r[1:]}." for r in repeats(findings.problem))
     if constant is not None:
         k = constant
         text = (
@@ -54,7 +68,10 @@ def summary(
 
 
 def notes(
-    findings: Findings, gains: Sequence[Gain], constant: ThrustConstant | None = None
+    findings: Findings,
+    causes: Sequence[Cause],
+    gains: Sequence[Gain],
+    constant: ThrustConstant | None = None,
 ) -> tuple[str, ...]:
     """Return what can't be certified and why."""
     problem, points = findings.problem, findings.problem.points
@@ -67,8 +84,12 @@ def notes(
         found += [
             f"k_T is limited by {e.what}: {100.0 * e.share:.2g} %" for e in constant.limits[:4]
         ]
-    if len(points.runs) < 3:
-        found.append(f"{len(points.runs)} run(s): what differs from day to day is not seen")
+    if problem.repeated:
+        found += repeats(problem)
+    else:
+        found.append("no propeller has two runs: what differs from day to day is not seen")
+    if findings.judgement.verdict in EXTENDS and not extending(causes):
+        found.append("no stand_model.yaml: nothing was found that other runs would share")
     if len(points.propellers) < 3 and not points.setup.plain:
         found.append(
             "fewer than three propellers: scatter of fabrication looks like a coefficient"

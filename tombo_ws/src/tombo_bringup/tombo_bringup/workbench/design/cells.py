@@ -14,6 +14,8 @@ EVIDENCE = ("measured", "predicted within what was tested", "extrapolated")
 """What the figures of a candidate rest on, by tier."""
 KEY = "* measured; ≤ upper end of a prediction; ? outside of what was tested; others modelled"
 """What the marks of `cell` mean."""
+_UNFLOWN = "keeps to all limits, not flown"
+"""A candidate that might break its claims in flight, as others do that keep to the limits."""
 
 
 def name_of(found: Design, index: int) -> str:
@@ -71,16 +73,15 @@ def shown(found: Design, made: Recommendation) -> list[tuple[int, str]]:
     tiers = found.judged.tier
     for index in range(len(tiers)):
         if tiers[index] == 0 and index not in there:
-            broken = broken_by(found, index)
-            rows.append((index, broken or "keeps to all limits"))
+            rows.append((index, broken_by(found, index) or _UNFLOWN))
     return rows
 
 
 def alternatives(found: Design, made: Recommendation, most: int = 3) -> list[tuple[int, str]]:
-    """Return others worth a look: index and what they break, or that they break nothing."""
+    """Return others worth a look: index and what they break; those that fit were not flown."""
     skip = {made.index, *(i for i, _ in made.failed)}
     feasible = [i for i in found.choice.order if i not in skip][:most]
-    chosen = [(i, "keeps to all limits") for i in feasible]
+    chosen = [(i, _UNFLOWN) for i in feasible]
     chosen += [(i, broken_by(found, i)) for i in found.choice.nearest]
     return chosen
 

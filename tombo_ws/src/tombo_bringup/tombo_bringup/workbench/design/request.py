@@ -23,6 +23,18 @@ _DRIVES_XX, _DRIVES_ZZ = 0.0098, 0.0196
 """kg m^2: share of the S500's inertia of four drive units of 85 g at 0.24 m; see vehicle.py."""
 
 
+BOUNDS = {
+    "--mass": ("kg", 0.2, 10.0),
+    "--min-thrust-margin": ("1", LEAST_MARGIN, 20.0),
+    "--max-collision-force": ("N", 1.0, 1000.0),
+    "--max-recovery": ("s", 0.01, 5.0),
+    "--max-noise": ("dB", 1.0, 200.0),
+    "--min-lift-over-drag": ("1", 0.01, 100.0),
+    "--confidence": ("1", 0.5, 0.999),
+}
+"""Unit, least and most of each number that may be asked for."""
+
+
 class Quantity(NamedTuple):
     """A figure that a design is judged by."""
 
@@ -86,15 +98,8 @@ class Request:
         Raises:
             InputError: names the option, the value and what is accepted.
         """
-        for option, value, unit, low, high in (
-            ("--mass", self.mass_kg, "kg", 0.2, 10.0),
-            ("--min-thrust-margin", self.min_thrust_margin, "1", LEAST_MARGIN, 20.0),
-            ("--max-collision-force", self.max_collision_force_N, "N", 1.0, 1000.0),
-            ("--max-recovery", self.max_recovery_s, "s", 0.01, 5.0),
-            ("--max-noise", self.max_noise_dB, "dB", 1.0, 200.0),
-            ("--min-lift-over-drag", self.min_lift_over_drag, "1", 0.01, 100.0),
-            ("--confidence", self.confidence, "1", 0.5, 0.999),
-        ):
+        given = (self.mass_kg, *self._asked, self.confidence)
+        for (option, (unit, low, high)), value in zip(BOUNDS.items(), given, strict=True):
             if value is not None:
                 check_number(option, value, unit, (low, high))
         if self.law == "published":
@@ -106,16 +111,20 @@ class Request:
             raise unknown_name("--law", self.law, LAWS)
 
     @property
-    def limits(self) -> tuple[Limit, ...]:
-        """The limits that are asked for, the thrust margin first."""
-        values = (
+    def _asked(self) -> tuple[float | None, ...]:
+        """The limit on each of QUANTITIES, None where there is none."""
+        return (
             self.min_thrust_margin,
             self.max_collision_force_N,
             self.max_recovery_s,
             self.max_noise_dB,
             self.min_lift_over_drag,
         )
-        pairs = zip(QUANTITIES, values, strict=True)
+
+    @property
+    def limits(self) -> tuple[Limit, ...]:
+        """The limits that are asked for, the thrust margin first."""
+        pairs = zip(QUANTITIES, self._asked, strict=True)
         return tuple(Limit(q, float(value)) for q, value in pairs if value is not None)
 
 

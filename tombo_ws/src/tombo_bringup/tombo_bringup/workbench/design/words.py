@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from scipy import stats
 
 from tombo_bringup.workbench.design.candidates import describe
 from tombo_bringup.workbench.design.cells import EVIDENCE, broken_by, figure, name_of
 from tombo_bringup.workbench.design.design import Design
+from tombo_bringup.workbench.design.judge import slack
 from tombo_bringup.workbench.design.operation import operate
 from tombo_bringup.workbench.design.readings import MEAN, Reading
 from tombo_bringup.workbench.design.recommend import Recommendation
@@ -95,6 +97,13 @@ def relief_lines(found: Design) -> list[str]:
                 lines.append(f"{limit.text}: giving up this one alone does not help.")
             continue
         unit = f" {limit.quantity.unit}" if limit.quantity.unit else ""
+        if limit.quantity.name == NAMES[0] and value < 1.0:
+            kept = " that keeps to the other limits" if len(found.choice.limits) > 1 else ""
+            lines.append(
+                f"{limit.text}: the most of any candidate{kept} is {_reached(value, limit)}; "
+                "below 1 it can't take off."
+            )
+            continue
         off = abs(value - limit.value)
         side = "lower" if limit.quantity.more_is_better else "higher"
         lines.append(
@@ -103,12 +112,19 @@ def relief_lines(found: Design) -> list[str]:
         )
     if not any(value is not None for value in found.choice.relief):
         lines.append("More than one limit has to give; see the nearest candidates.")
-    if not found.request.extrapolate:
+    if not found.request.extrapolate and _predictions_would_do(found):
         lines.append(
             "Collision force, recovery time and noise outside of what was tested count as "
             "unknown; --extrapolate lets their predictions count."
         )
     return lines
+
+
+def _predictions_would_do(found: Design) -> bool:
+    """Return whether anything keeps to all limits once every prediction counts."""
+    judged = found.judged
+    counted = np.where(np.isnan(judged.counted), judged.high, judged.counted)
+    return bool((slack(counted, found.choice.limits).min(axis=1) >= 0.0).any())
 
 
 def sources(found: Design) -> list[str]:

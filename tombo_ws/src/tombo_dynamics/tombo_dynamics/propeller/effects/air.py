@@ -122,6 +122,26 @@ def fabrication_scatter(m: Run, thrust: float, torque: float) -> None:
         m.scale(f"inner_{name}", factor)
 
 
+@stand_effect(
+    "run_scatter",
+    Stage.LOAD,
+    [
+        StandParam("thrust", "1", 0.0, (0.0, 0.5), "standard deviation of thrust", 0.04),
+        StandParam("torque", "1", 0.0, (0.0, 0.5), "standard deviation of torque", 0.04),
+    ],
+    signature="runs of one propeller differ by a share, the same at all speeds of a run",
+    separates_from={
+        "speed_noise": "two runs of one propeller at the same speeds",
+        "fabrication_scatter": "the same propeller mounted again",
+    },
+    chance=True,
+)
+def run_scatter(m: Run, thrust: float, torque: float) -> None:
+    """Let each run be off by its own share: air of the day, mount, warmth of the motor."""
+    m.thrust *= 1.0 + thrust * m.share_draws[:, 0]
+    m.torque *= 1.0 + torque * m.share_draws[:, 1]
+
+
 def turned(weights: Array, rate: float, angle: Array) -> Array:
     """Return a wing's weights (N, 6) with the twist counted from `angle` (N,) [rad].
 

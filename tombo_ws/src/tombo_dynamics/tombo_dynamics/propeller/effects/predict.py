@@ -57,6 +57,8 @@ class Draws:
     """(R, 2)"""
     point: Array
     """(N,)"""
+    share: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    """(R, 2) of the runs' shares; empty: zero."""
 
     @classmethod
     def none(cls, setup: Setup) -> Draws:
@@ -65,6 +67,7 @@ class Draws:
             np.zeros((int(setup.propeller.max(initial=0)) + 1, 2)),
             np.zeros((int(setup.run.max(initial=0)) + 1, 2)),
             np.zeros(setup.speed.size),
+            np.zeros((int(setup.run.max(initial=0)) + 1, 2)),
         )
 
 
@@ -114,6 +117,7 @@ def _begin(setup: Setup, draws: Draws) -> Run:
         applied_torque=setup.applied_torque if setup.applied_torque.size else zero,
         propeller_draws=draws.propeller[setup.propeller],
         run_draws=draws.run[setup.run],
+        share_draws=draws.share[setup.run] if draws.share.size else np.zeros((n, 2)),
         point_draws=draws.point,
         thrust=zero.copy(),
         torque=zero.copy(),

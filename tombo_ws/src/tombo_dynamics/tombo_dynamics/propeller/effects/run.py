@@ -44,6 +44,8 @@ class Run:
     """(N, 2) standard normal draws of the propeller at each point: lift, drag."""
     run_draws: Array
     """(N, 2) of the run: tare of thrust, of torque."""
+    share_draws: Array
+    """(N, 2) of the run: share by which thrust, torque are off."""
     point_draws: Array
     """Of each point: speed."""
     thrust: Array

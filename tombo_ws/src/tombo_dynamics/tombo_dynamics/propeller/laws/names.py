@@ -21,6 +21,6 @@ def law_number(law: str) -> int:
     Raises:
         InputError: there is no such law.
     """
-    if law not in LAWS:
+    if not isinstance(law, str) or law not in LAWS:
         raise unknown_name("law", law, LAWS)
     return LAWS[law]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.propeller.laws.names import law_number
+from tombo_dynamics.propeller.library import known_configuration
 from tombo_dynamics.propeller.quantities import derive, inputs_of
 from tombo_dynamics.propeller.records import STANDARD, Blade, Configuration, Surroundings
 from tombo_dynamics.propeller.wing import Wing, rigid_integrals, wing
@@ -104,7 +105,6 @@ def unpack(row: Array) -> Parameters:
 
 @lru_cache(maxsize=256)
 def _row(configuration: Configuration, law: str, surroundings: Surroundings) -> Array:
-    law_number(law)
     blade = configuration.blade
     known: dict[str, Any] = dict(inputs_of(configuration, law, surroundings))
     known |= {"lift_rate": blade.section.lift_rate, "drag_rate": blade.section.drag_rate}
@@ -119,14 +119,29 @@ def _row(configuration: Configuration, law: str, surroundings: Surroundings) -> 
 
 
 def parameter_row(
-    configuration: Configuration, law: str, surroundings: Surroundings = STANDARD
+    configuration: Configuration | int, law: str, surroundings: Surroundings = STANDARD
 ) -> Array:
     """Return the row (ROW_SIZE,) of a configuration under a law: a copy, free to be varied.
 
     Raises:
-        InputError: unknown law, or a blade that the law published is not defined for.
+        InputError: unknown law or configuration, or a blade that the law published is not defined
+            for.
     """
-    return _row(configuration, law, surroundings).copy()
+    return _row(*checked(configuration, law, surroundings)).copy()
+
+
+def checked(
+    configuration: Configuration | int, law: str, surroundings: Surroundings
+) -> tuple[Configuration, str, Surroundings]:
+    """Return what a row follows from, a number's configuration looked up.
+
+    Raises:
+        InputError: one of them is something else.
+    """
+    law_number(law)
+    if not isinstance(surroundings, Surroundings):
+        raise InputError(f"surroundings {surroundings!r}; accepted: a record Surroundings")
+    return known_configuration(configuration), law, surroundings
 
 
 def put_wing(rows: Array, integrals: Wing) -> None:
