@@ -46,3 +46,19 @@ def test_noise_of_measured_rotor_speeds_is_no_inertia():
 def test_what_shows_now_and_then_only_counts_by_these_moments(course, shown):
     problem = Problem(tracks(sensors="mocap", courses=course), nominal())
     assert (PLACE["ground_effect.strength"] in problem.columns.open) is shown
+
+
+def test_stronger_thrust_is_not_charged_for_noise_of_measured_rotor_speeds():
+    # Of moments that are all noise, stronger thrust would make more; that is none of its doing.
+    stronger = {"thrust_coefficient_error": {"fraction": 0.12}}
+    flown = [track_of(noisy_rotor_speeds(log, 20.0)) for log in logs(stronger, courses=SLOW)]
+    problem = Problem(flown, nominal())
+    fit = problem.refine((PLACE["thrust_coefficient_error.fraction"],))
+    assert fit.theta[PLACE["thrust_coefficient_error.fraction"]] == pytest.approx(0.12, abs=0.01)
+    turning = [
+        k for k, c in enumerate(problem.channels[0]) if c.name in ("turning x", "turning y")
+    ]
+    for flight in range(len(flown)):
+        before = problem.linears[flight].left["fast"][:, turning].var(axis=0)
+        after = problem.left(fit, flight)["fast"][:, turning].var(axis=0)
+        assert np.all(after < before)

@@ -1,6 +1,7 @@
 """The verdict, from findings made by hand."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from tombo_sysid.scatter import ScatterFit
 from tombo_sysid.verdict import GATE, TELLS, best_scatter, judge
 
 STRONG = 200.0 * ADDS
+PLAIN = 10.0 * ADDS
 QUIET = -1.0
 LOUD = GATE + 3.0
 
@@ -80,15 +82,35 @@ def test_what_explains_most_but_not_all_is_part_of_it():
 
 
 def test_causes_as_likely_as_each_other_are_a_set():
-    close = explanation("tilt", evidence=STRONG - 0.5 * TELLS)
-    far = explanation("drag", evidence=STRONG - 3 * TELLS)
-    said = judged(searched(explanation("wind"), close, far))
+    close = explanation("tilt", evidence=PLAIN - 0.5 * TELLS)
+    far = explanation("drag", evidence=PLAIN - 3 * TELLS)
+    said = judged(searched(explanation("wind", evidence=PLAIN), close, far))
     assert (said.verdict, said.effects, said.members) == (
         "set",
         ("wind", "tilt"),
         ("wind", "tilt"),
     )
     assert said.each["wind"] > said.each["tilt"] > 0.0
+
+
+@pytest.mark.parametrize("ahead,verdict", [(0.03, "set"), (0.3, "named")])
+def test_strong_causes_are_told_apart_by_a_share_of_what_they_explain(ahead, verdict):
+    """Small errors of the model weigh more than noise does where much is at stake."""
+    rival = explanation("tilt", evidence=STRONG * (1.0 - ahead))
+    assert judged(searched(explanation("wind"), rival)).verdict == verdict
+
+
+def test_what_rivals_share_does_not_make_them_alike():
+    """Two that both need the wind, which is strong, are told apart by what they add to it."""
+    best, rival = (
+        explanation("wind", "bias", evidence=STRONG + PLAIN),
+        explanation("wind", "tilt", evidence=STRONG + PLAIN / 2),
+    )
+    found = searched(best, rival)
+    assert judged(found).members
+    shared = replace(found, tried={frozenset({"wind"}): STRONG})
+    said = judged(shared)
+    assert (said.effects, said.members) == (("wind", "bias"), ())
 
 
 def test_one_sure_cause_beside_two_that_can_not_be_told_apart():

@@ -7,8 +7,8 @@ ones then by the model itself. An explanation grows as long as another cause ear
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +77,13 @@ class Search:
     """Effect -> log Bayes factor of it alone, by its best way."""
     rivals: tuple[Explanation, ...]
     """Other explanations with as many causes, likeliest first."""
+    tried: Mapping[frozenset[str], float] = field(default_factory=dict)
+    """Effects -> log Bayes factor of them together, of every explanation that was fitted."""
+
+    def disputed(self, rival: Explanation) -> float:
+        """Return the log Bayes factor of what the best explanation and a rival do not share."""
+        shared = frozenset(self.best.effects) & frozenset(rival.effects)
+        return self.best.evidence - self.tried.get(shared, 0.0)
 
 
 def search(
@@ -117,7 +124,8 @@ def search(
     own = set(best.effects)
     rivals = [e for e in tried.values() if len(e.ways) == len(own) and set(e.effects) != own]
     ordered = sorted(rivals, key=lambda e: -e.evidence)
-    return Search(whole(problem, best), singles, tuple(ordered))
+    known = {frozenset(e.effects): e.evidence for e in tried.values()}
+    return Search(whole(problem, best), singles, tuple(ordered), known)
 
 
 def _shortlist(promising: Sequence[tuple[float, Way]]) -> list[Way]:

@@ -371,7 +371,10 @@ class Problem:
         free: Sequence[int],
     ) -> tuple[tuple[Linear, ...], tuple[Parts, ...]]:
         """Return residuals at theta, slopes of the parameters `anew`, and their equations."""
-        fresh = over_flights(lambda t: linearize(t, self.nominal, theta, tuple(anew)), self.tracks)
+        fresh = over_flights(
+            lambda each: linearize(each[0], self.nominal, theta, tuple(anew), each[1]),
+            list(zip(self.tracks, self.linears, strict=True)),
+        )
         linears = tuple(
             replace(new, slopes={**old.slopes, **new.slopes}, draws=old.draws)
             for new, old in zip(fresh, before, strict=True)

@@ -19,6 +19,7 @@ from tombo_sysid.prediction import Motion, imposed, motion_of, moves_poses, resi
 from tombo_sysid.track import TICK, Track
 
 Array = NDArray[np.float64]
+_Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 Groups = dict[str, Array]
 
@@ -35,6 +36,8 @@ class Linear:
     """A flight's residuals about one theta: left(theta + d) = left - sum of slopes * d."""
 
     theta: Array
+    motion: Motion
+    """Behind the measured poses, of these parameters."""
     left: Groups
     """group -> (rows, channels)."""
     slopes: dict[int, Groups]
@@ -65,7 +68,11 @@ def slope(
 
 
 def linearize(
-    track: Track, nominal: Nominal, theta: Array, only: Sequence[int] | None = None
+    track: Track,
+    nominal: Nominal,
+    theta: Array,
+    only: Sequence[int] | None = None,
+    start: Linear | None = None,
 ) -> Linear:
     """Return residuals and slopes of a flight about `theta`.
 
@@ -74,11 +81,19 @@ def linearize(
         nominal: the model.
         theta: parameters of all effects.
         only: indices to differentiate; None: all of the registry, and the draws.
+        start: the same about other parameters. The residuals are then those with what the step
+            from there changes, along the rotor speeds that the commands ask for, as for slopes.
     """
     motion = motion_of(track, nominal, theta)
-    left = residuals(track, nominal, theta, motion)
     driver = _driven_as_asked(track, nominal, theta, motion)
-    base = left if driver is track else residuals(driver, nominal, theta, motion)
+    base = residuals(driver, nominal, theta, motion)
+    if driver is track:
+        left = base
+    elif start is None:
+        left = residuals(track, nominal, theta, motion)
+    else:
+        before = residuals(driver, nominal, start.theta, start.motion)
+        left = {group: start.left[group] + (base[group] - before[group]) for group in base}
     slopes = {}
     trembling = None
     noisy: set[int] = set()
@@ -104,7 +119,7 @@ def linearize(
             change = {group: (base[group] - there[group]) / 0.5 for group in base}
             if any(np.any(c) for c in change.values()):
                 draws.append(change)
-    return Linear(theta, left, slopes, draws, width, frozenset(noisy))
+    return Linear(theta, motion, left, slopes, draws, width, frozenset(noisy))
 
 
 def _driven_as_asked(track: Track, nominal: Nominal, theta: Array, motion: Motion) -> Track:
@@ -112,7 +127,8 @@ def _driven_as_asked(track: Track, nominal: Nominal, theta: Array, motion: Motio
 
     The noise of measured speeds is in the residuals; in the slopes too, the two would agree, and
     where a flight hardly yaws, an inertia that is too large would take that noise away. Slopes
-    from the commands are instruments: they know nothing of it.
+    from the commands are instruments: they know nothing of it. So are the steps of a fit: stronger
+    thrust would else be charged for making more of that noise.
     """
     if not (track.speed.size and track.command.size):
         return track
@@ -171,9 +187,9 @@ def with_draws(theta: Array, nominal: Nominal) -> Array:
     return _drawn_theta(theta, nominal)[0]
 
 
-def over_flights(function: Callable[[Track], _Result], tracks: Sequence[Track]) -> list[_Result]:
+def over_flights(function: Callable[[_Item], _Result], flights: Sequence[_Item]) -> list[_Result]:
     """Apply to every flight, on two threads: compiled code does not hold the interpreter."""
-    return list(_pool().map(function, tracks))
+    return list(_pool().map(function, flights))
 
 
 @lru_cache(maxsize=1)

@@ -22,6 +22,8 @@ GATE = 0.6
 """Excess (logarithm of a variance's ratio) up to which a remainder counts as chance."""
 TELLS = 4.0
 """Log Bayes factor with which one cause is told from another."""
+_ALIKE = 0.05
+"""The same as a share of what is in dispute: so well does the model itself weigh strong causes."""
 _REPEATS = 0.1
 """Share of a remainder that other flights may foretell if it is to be gusts."""
 _CALIBRATED = 0.7
@@ -101,11 +103,11 @@ def judge(
     if nominal.calibrated:
         clean = explained > _CALIBRATED and repeats < 0.5
     kept = bool(found.best.effects) and all(e in weights for e in found.best.effects)
-    rivals = [r for r in found.rivals if kept and r.evidence > found.best.evidence - TELLS]
+    rivals = [r for r in found.rivals if kept and _behind(r, found) < TELLS]
     effects = tuple(sorted(weights, key=lambda e: -weights[e]))[:_MOST]
     members = _members(found.best, rivals)
     lead = _lead(found)
-    sure = 1.0 / (1.0 + sum(_odds(r, found.best) for r in found.rivals))
+    sure = 1.0 / (1.0 + sum(_odds(r, found) for r in found.rivals))
     real = _real(min(weights.values(), default=0.0))
     loud = _capped(max(_loud(excess), _real(gusts.evidence) if gusts and not airy else 0.0))
     if not weights:
@@ -124,7 +126,7 @@ def judge(
         return Judgement("partly_explained", pushing, (), _capped(real), each, explained)
     if members:
         for rival in rivals:
-            odds = _odds(rival, found.best) * sure
+            odds = _odds(rival, found) * sure
             for e in rival.effects:
                 if e in members and e not in each:
                     each[e] = _capped(real * odds)
@@ -152,9 +154,19 @@ def _members(best: Explanation, rivals: Sequence[Explanation]) -> tuple[str, ...
     return tuple(dict.fromkeys(e for e in ordered if e not in shared))
 
 
-def _odds(rival: Explanation, best: Explanation) -> float:
+def _behind(rival: Explanation, found: Search) -> float:
+    """Return how far a rival is behind the best: a log Bayes factor, less where much is at stake.
+
+    Where a cause is strong, small errors of the model weigh more than noise does.
+    """
+    ahead = found.best.evidence - rival.evidence
+    disputed = found.disputed(rival)
+    return ahead / max(1.0, _ALIKE * disputed / TELLS) if math.isfinite(disputed) else ahead
+
+
+def _odds(rival: Explanation, found: Search) -> float:
     """Return how likely a rival is against the best; of tangents it may look the likelier."""
-    return math.exp(min(rival.evidence - best.evidence, _FAR))
+    return math.exp(min(-_behind(rival, found), _FAR))
 
 
 def _lead(found: Search) -> float:

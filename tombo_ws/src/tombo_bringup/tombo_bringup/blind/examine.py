@@ -29,6 +29,9 @@ Array = NDArray[np.float64]
 CHANCE = frozenset({"gusts", "imu_noise", "mocap_noise", "mocap_dropouts", "thrust_scatter"})
 """Effects without a mean: how well they can be fitted, the number of samples says."""
 
+_RIVALS = 3
+"""So many of the other explanations are reported."""
+
 
 @lru_cache(maxsize=1)
 def _nominal() -> Nominal:
@@ -67,6 +70,11 @@ def examine(seed: int, number: int) -> dict[str, Any]:
         "excess": max((each.excess for each in findings.leftovers), default=0.0),
         "repeats": findings.repeats,
         "explained": judgement.explained,
+        "rivals": [
+            {"effects": list(r.effects), "evidence": r.evidence, "disputed": disputed}
+            for r in findings.search.rivals[:_RIVALS]
+            if math.isfinite(disputed := findings.search.disputed(r)) and math.isfinite(r.evidence)
+        ],
         "lead": max(findings.search.singles.values(), default=0.0),
         "chance": max((fit.evidence for fit in findings.every_scatter), default=0.0),
     }
