@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from tombo_bringup.cli.benchmark_stand_command import benchmark_stand as benchmark_command
 from tombo_bringup.cli.propeller_command import app
 from tombo_bringup.stand_blind.cases import SIZES, make_case
-from tombo_bringup.stand_blind.run import benchmark_stand
+from tombo_bringup.stand_blind.run import benchmark
 from tombo_bringup.stand_blind.shapes import SHAPES
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import configuration, evaluate
@@ -191,7 +191,7 @@ def test_blind_cases_hide_what_they_say():
 
 
 def test_a_small_benchmark_scores_and_stays_honest():
-    result = benchmark_stand(24, 3, 1, lambda stage, share: None)
+    result = benchmark(24, 3, 1, lambda stage, share: None)
     assert len(result.cases) == 24
     assert all(r["verdict"] in VERDICTS for r in result.cases)
     aggregate = result.aggregate

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
 import typer
 
-from tombo_bringup.cli.benchmark_stand_command import benchmark_stand
-from tombo_bringup.cli.whole_number import whole_number
-
-BENCHMARK_EXIT_CODES = (
-    "Exit code: 0 whatever the score; 2 for bad input or output that can't be written; 130 after "
-    "Ctrl-C."
+from tombo_bringup.cli.benchmark_run import (
+    EXIT_CODES,
+    AsJson,
+    Cases,
+    Output,
+    Seed,
+    Workers,
+    checked,
+    run_and_tell,
 )
-_MOST_CASES: Final = 100_000
-_SEED_LIMIT: Final = 2**63
+from tombo_bringup.cli.benchmark_stand_command import benchmark_stand
 
 app = typer.Typer()
 
@@ -46,29 +46,13 @@ def benchmark(ctx: typer.Context) -> None:
         typer.echo(ctx.get_help())
 
 
-@app.command("diagnosis", epilog=BENCHMARK_EXIT_CODES)
+@app.command("diagnosis", epilog=EXIT_CODES)
 def diagnosis(
-    cases: Annotated[
-        int,
-        typer.Option("--cases", metavar="N", parser=whole_number, help="How many cases."),
-    ] = 100,
-    seed: Annotated[
-        int,
-        typer.Option("--seed", metavar="S", parser=whole_number, help="All chance comes from it."),
-    ] = 0,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            "--workers", metavar="W", parser=whole_number, help="Processes. Default: one a core."
-        ),
-    ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", metavar="FILE", help="Write the JSON there as well."),
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print cases and aggregate as JSON, and nothing else.")
-    ] = False,
+    cases: Cases = 100,
+    seed: Seed = 0,
+    workers: Workers = None,
+    output: Output = None,
+    as_json: AsJson = False,
 ) -> None:
     """Hide effects in simulated flights, diagnose them, and count how often it is right.
 
@@ -76,37 +60,10 @@ def diagnosis(
     nominal, noise that is not modelled, 30 Hz motion capture, with and without IMU
     and rotor speeds. Some hide pairs, some what is no candidate, some nothing.
     """
-    _bounds("--cases", cases, 1, _MOST_CASES)
-    _bounds("--seed", seed, 0, _SEED_LIMIT - 1)
-    count = (os.cpu_count() or 1) if workers is None else workers
-    _bounds("--workers", count, 1, 1024)
-    if output is not None:
-        _writable(output)
-    from tombo_bringup.blind.run import benchmark as run_benchmark
-    from tombo_bringup.cli.progress import progress_bar
-    from tombo_bringup.flight_output import as_json as to_json
-    from tombo_bringup.stop_signals import StopSignals
+    count = checked(cases, seed, workers, output)
+    from tombo_bringup.blind.run import benchmark as run
 
-    with StopSignals() as stop:
-        with progress_bar() as tell:
-            result = run_benchmark(cases, seed, count, tell, stop.asked)
-        if stop.asked():
-            typer.echo("Error: interrupted", err=True)
-            raise typer.Exit(stop.exit_code)
-    text = to_json({"cases": result.cases, "aggregate": result.aggregate})
-    if output is not None:
-        staged = output.with_name(f".{output.name}.unfinished")
-        try:
-            staged.write_text(text, encoding="utf-8", newline="\n")
-            staged.replace(output)
-        finally:
-            staged.unlink(missing_ok=True)
-    if as_json:
-        typer.echo(text, nl=False)
-        return
-    print_benchmark(result.aggregate, len(result.cases))
-    if output is not None:
-        typer.echo(f"Wrote {output}")
+    run_and_tell(run, cases, seed, count, output, as_json, print_benchmark)
 
 
 def print_benchmark(aggregate: Mapping[str, Any], cases: int) -> None:
@@ -151,18 +108,4 @@ def _shown(value: float, factor: float) -> str:
     return f"{factor * value:.1f} %" if factor == 100.0 else f"{value:.2f}"
 
 
-def _bounds(option: str, value: int, low: int, high: int) -> None:
-    from tombo_dynamics.errors import InputError
-
-    if not low <= value <= high:
-        raise InputError(f"{option} {value}: out of bounds; accepted: {low} to {high}")
-
-
-def _writable(path: Path) -> None:
-    from tombo_dynamics.errors import InputError
-
-    if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
-        raise InputError(f"-o {path}: can't be written; accepted: a file in a folder there is")
-
-
-app.command("stand", epilog=BENCHMARK_EXIT_CODES)(benchmark_stand)
+app.command("stand", epilog=EXIT_CODES)(benchmark_stand)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
-import typer
-
-from tombo_bringup.cli.whole_number import whole_number
+from tombo_bringup.cli.benchmark_run import (
+    AsJson,
+    Cases,
+    Output,
+    Seed,
+    Workers,
+    checked,
+    run_and_tell,
+)
 
 _ROWS: Final[tuple[tuple[str, str, str, float], ...]] = (
     ("top1_large", "right cause first, large", ">= 95 %", 0.95),
@@ -38,27 +42,11 @@ _STANDS: Final = ("full", "beta", "torque", "thrust")
 
 
 def benchmark_stand(
-    cases: Annotated[
-        int,
-        typer.Option("--cases", metavar="N", parser=whole_number, help="How many cases."),
-    ] = 200,
-    seed: Annotated[
-        int,
-        typer.Option("--seed", metavar="S", parser=whole_number, help="All chance comes from it."),
-    ] = 0,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            "--workers", metavar="W", parser=whole_number, help="Processes. Default: one a core."
-        ),
-    ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", metavar="FILE", help="Write the JSON there as well."),
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print cases and aggregate as JSON, and nothing else.")
-    ] = False,
+    cases: Cases = 200,
+    seed: Seed = 0,
+    workers: Workers = None,
+    output: Output = None,
+    as_json: AsJson = False,
 ) -> None:
     """Hide what can be wrong in simulated thrust-stand runs, and count how often it is found.
 
@@ -66,61 +54,10 @@ def benchmark_stand(
     tails, unknown shapes such as stall, friction, Reynolds number, resonance, creep.
     Four kinds of stand, from thrust alone to check loads and a second tachometer.
     """
-    from tombo_dynamics.errors import InputError
+    count = checked(cases, seed, workers, output)
+    from tombo_bringup.stand_blind.run import benchmark as run
 
-    for option, value, low, high in (
-        ("--cases", cases, 1, 100_000),
-        ("--seed", seed, 0, 2**63 - 1),
-        ("--workers", 1 if workers is None else workers, 1, 1024),
-    ):
-        if not low <= value <= high:
-            raise InputError(f"{option} {value}: out of bounds; accepted: {low} to {high}")
-    if output is not None:
-        _check_writable(output)
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from tombo_bringup.cli.progress import progress_bar
-    from tombo_bringup.flight_output import as_json as to_json
-    from tombo_bringup.stand_blind.run import benchmark_stand as run
-    from tombo_bringup.stop_signals import StopSignals
-
-    count = (os.cpu_count() or 1) if workers is None else workers
-    with StopSignals() as stop:
-        with progress_bar() as tell:
-            result = run(cases, seed, count, tell, stop.asked)
-        if stop.asked():
-            typer.echo("Error: interrupted", err=True)
-            raise typer.Exit(stop.exit_code)
-    text = to_json({"cases": result.cases, "aggregate": result.aggregate})
-    if output is not None:
-        try:
-            output.write_text(text, encoding="utf-8", newline="\n")
-        except OSError as error:
-            raise InputError(f"-o {output}: can't be written: {error.strerror}") from error
-    if as_json:
-        typer.echo(text, nl=False)
-        return
-    print_score(result.aggregate, len(result.cases))
-
-
-def _check_writable(path: Path) -> None:
-    """Try it, before hours of work: permissions alone do not tell (/proc, a full disk).
-
-    Raises:
-        InputError: it can't be written.
-    """
-    from tombo_dynamics.errors import InputError
-
-    there = path.exists()
-    try:
-        with path.open("ab"):
-            pass
-        if not there:
-            path.unlink()
-    except OSError as error:
-        raise InputError(
-            f"-o {path}: can't be written ({error.strerror}); accepted: a file in a folder that "
-            "can be written"
-        ) from error
+    run_and_tell(run, cases, seed, count, output, as_json, print_score)
 
 
 def print_score(aggregate: Mapping[str, Any], cases: int) -> None:
