@@ -171,6 +171,18 @@ def test_in_lockstep_each_tick_waits_for_its_command(world, start):
     assert node.end() == 0
 
 
+def test_in_lockstep_time_keeps_its_own_speed_before_the_first_command(world, start):
+    """A plan would else be through with waiting for its take-off before all nodes have met."""
+    world.listen(IMU)
+    node = start("tombo_sim.sim_node", *_WORLD, "-p", "lockstep:=true")
+    world.meet(IMU, patience_s=_COMPILES_S)
+    heard(world, IMU, lambda m: True)
+    began, begin = time.monotonic(), _stamps(world, IMU)[-1]
+    heard(world, IMU, lambda m: to_ns(m.header.stamp) > begin + 500 * _MS)
+    assert time.monotonic() - began > 0.4
+    assert node.end() == 0
+
+
 def test_in_lockstep_nobody_stops_time_by_speaking_of_the_past(world, start):
     world.listen(IMU, DIAGNOSTICS)
     node = start("tombo_sim.sim_node", *_WORLD, "-p", "lockstep:=true")

@@ -397,6 +397,13 @@ def test_a_clock_set_back_is_followed_and_silence_is_still_noticed(bench: _Bench
     assert bench.run(400, setpoint=False).held
 
 
+def test_what_is_forgotten_lifts_no_vehicle_off(bench: _Bench) -> None:
+    bench.run(200)
+    bench.controller.forget()
+    assert not np.any(bench.run(200, setpoint=False).speed)
+    assert np.all(bench.run(200).speed > 100.0)
+
+
 def test_estimates_of_the_clock_before_are_not_mistaken_for_fresh_ones(bench: _Bench) -> None:
     bench.tick += 100_000
     bench.run(200)

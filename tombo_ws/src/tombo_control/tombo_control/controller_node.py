@@ -36,7 +36,7 @@ from tombo_dynamics.vehicle import VehicleParams
 from tombo_ros.conversion import array, to_ns
 from tombo_ros.health import ERROR
 from tombo_ros.loop_statistics import LoopStatistics
-from tombo_ros.node_loop import LoopNode, run
+from tombo_ros.node_loop import SECOND_NS, LoopNode, run
 from tombo_ros.pacing import CONTROLLER, sleep_until
 from tombo_ros.topic import Taken
 from tombo_ros.wire import Wire
@@ -105,6 +105,8 @@ class ControllerNode(LoopNode):
             Wire(ATTITUDE_SETPOINT.typename, {"header": world}),
         )
         self._late_samples = 0
+        self._stamp_ns = 0
+        """Of the last gyro sample."""
         self._runs = 0
         self._slots: dict[str, int] = {}
         self._refused = 0
@@ -193,6 +195,10 @@ class ControllerNode(LoopNode):
         gyro = np.array(rates)
         if not math.isfinite(rates[0] + rates[1] + rates[2]):
             self.health.happened("imu_not_finite", "gyro sample with NaN or infinity")
+        if self.sim_time and stamp < self._stamp_ns - SECOND_NS:
+            # A new simulation. The last flight's set point would lift the vehicle off.
+            self._controller.forget()
+        self._stamp_ns = stamp
         clock = stamp if self.sim_time else now_ns
         command = self._controller.tick(clock, stamp, gyro)
         if command is None:
@@ -261,7 +267,10 @@ class ControllerNode(LoopNode):
         for taken in self._setpoint_in.take():
             if self._setpoint_in.crowded(time.time_ns()):
                 continue
-            if not self._controller.setpoint(_setpoint(taken.message), now_ns):
+            setpoint = _setpoint(taken.message)
+            if self.sim_time and setpoint.stamp_ns > max(self._stamp_ns, now_ns) + SECOND_NS:
+                self._refuse("setpoint", "set point from later: of a simulation before this one?")
+            elif not self._controller.setpoint(setpoint, now_ns):
                 self._refuse("setpoint", "set point with NaN or infinity: the last one stands")
 
     def _refuse(self, what: str, text: str) -> None:

@@ -61,6 +61,12 @@ class FlightController:
         self._setpoint: Setpoint | None = None
         self._blind = False
 
+    def forget(self) -> None:
+        """Take all that was said so far for another flight's: no set point, so no rotor turns."""
+        self._estimate_ns = self._pose_ns = self._setpoint_ns = -1
+        self._setpoint = None
+        self._blind = False
+
     def params(self, control: ControlParams, limits: InputLimits) -> None:
         """Take other parameters in flight; state and integrals stay."""
         self._control, self._limits = control, limits

@@ -191,15 +191,19 @@ class SimNode(VehicleNode):
     def _answered(self, now_ns: int) -> bool:
         """Return whether to go on: the command to the present tick is there, or won't come.
 
-        Without commands time goes on as fast as `speed` says, not as fast as it can.
+        Without commands, also before the first one, time goes on as fast as `speed` says, not as
+        fast as it can: a plan would else have waited for its take-off before all nodes have met.
         """
-        if self._answered_ns >= self.stamp_ns or self._command_ns == 0:
+        if self._answered_ns >= self.stamp_ns:
             self._asked_ns = now_ns
             return True
-        in_vain = now_ns - self._asked_ns > _LOCKSTEP_PATIENCE_NS
-        self.health.fault("lockstep", in_vain, "no command came for a tick; going on without")
         speed = float(self.parameters.get("speed"))
         due = speed == 0.0 or (now_ns - self._advanced_ns) * speed >= TICK_NS
+        if self._command_ns == 0:
+            self._asked_ns = now_ns
+            return due
+        in_vain = now_ns - self._asked_ns > _LOCKSTEP_PATIENCE_NS
+        self.health.fault("lockstep", in_vain, "no command came for a tick; going on without")
         return in_vain and due
 
     def _take_commands(self, now_ns: int) -> None:
