@@ -5,6 +5,8 @@ Gusts do not repeat; an unknown force that depends on place, speed, heading or t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,26 +21,44 @@ _BLOCK_S = 0.48
 """Means over such blocks are looked at: noise of the sensors is no gust."""
 _MOVES, _ENOUGH = 0.3, 12
 """m/s, and blocks of a flight that are faster: only these are looked at, if there are enough."""
+_SPOTS = 4
+"""Spots of the grid, along and across."""
 _FOLDS = 3
 """Blocks of a single flight that stand for flights."""
 
 
-def features(motion: Motion, t: Array) -> Array:
-    """Return (N, k): smooth functions of place, speed, heading, turning and time."""
+def features(motion: Motion, t: Array, low: Array, high: Array) -> Array:
+    """Return (N, k): smooth functions of place, speed, heading, turning and time.
+
+    Args:
+        motion: of one flight.
+        t: (N) its times.
+        low: (3) least coordinates of all flights: places are the same for all of them.
+        high: (3) largest ones.
+    """
     state = motion.state
     body = np.einsum("nji,nj->ni", motion.rotation, state[:, 3:6])
     speed = np.linalg.norm(body, axis=1, keepdims=True)
     disc = body[:, :2] / np.maximum(np.linalg.norm(body[:, :2], axis=1, keepdims=True), 0.05)
     way = state[:, 3:5] / np.maximum(np.linalg.norm(state[:, 3:5], axis=1, keepdims=True), 0.05)
-    place = state[:, :3] - state[:, :3].mean(axis=0)
+    place = state[:, :3] - 0.5 * (low + high)
     yaw = yaw_pitch_roll(state[:, 6:10])[:, :1]
     clock = (t - t[0])[:, None] / 10.0
     parts = [
         body, np.sign(body) * np.sqrt(np.abs(body)), body * speed, body**2, place, place**2,
         place[:, :1] * place[:, 1:2], np.exp(-np.maximum(state[:, 2:3], 0.0)), np.sin(yaw),
-        np.cos(yaw), state[:, 10:13], clock, state[:, 3:6], disc, way,
+        np.cos(yaw), state[:, 10:13], clock, state[:, 3:6], disc, way, _spots(state, low, high),
     ]  # fmt: skip
     return np.column_stack(parts)
+
+
+def _spots(state: Array, low: Array, high: Array) -> Array:
+    """Return (N, k): how near the vehicle is to each of a grid of spots on the ground."""
+    spacing = np.maximum((high - low)[:2] / (_SPOTS - 1), 0.1)
+    grid = [low[i] + spacing[i] * np.arange(_SPOTS) for i in (0, 1)]
+    near = [np.exp(-0.5 * ((state[:, i, None] - grid[i]) / spacing[i]) ** 2) for i in (0, 1)]
+    both = near[0][:, :, None] * near[1][:, None, :]
+    return np.asarray(both.reshape(both.shape[0], -1))
 
 
 def foretold(problem: Problem, fit: Fit, start: tuple[str, ...]) -> float:
@@ -50,9 +70,11 @@ def foretold(problem: Problem, fit: Fit, start: tuple[str, ...]) -> float:
         start: beginnings of the names of the channels to look at.
     """
     xs, ys = [], []
-    for f, track in enumerate(problem.tracks):
-        motion = motion_of(track, problem.nominal, fit.theta)
-        every = features(motion, track.t)
+    motions = [motion_of(track, problem.nominal, fit.theta) for track in problem.tracks]
+    places = np.vstack([motion.state[:, :3] for motion in motions])
+    low, high = places.min(axis=0), places.max(axis=0)
+    for f, (track, motion) in enumerate(zip(problem.tracks, motions, strict=True)):
+        every = features(motion, track.t, low, high)
         for group, rows in problem.left(fit, f).items():
             own = [c for c in problem.channels[f] if c.group == group]
             chosen = [j for j, c in enumerate(own) if c.name.startswith(start)]
@@ -72,6 +94,12 @@ def foretold(problem: Problem, fit: Fit, start: tuple[str, ...]) -> float:
         ys = np.array_split(ys[0], _FOLDS)
     scale = np.maximum(np.vstack(xs).std(axis=0), 1e-9)
     xs = [x / scale for x in xs]
+    # With and without the spots: a force at large needs none, and they dilute what it shows.
+    return max(_share([x[:, :last] for x in xs], ys) for last in (-(_SPOTS**2), None))
+
+
+def _share(xs: Sequence[Array], ys: Sequence[Array]) -> float:
+    """Return the share of the variance in `ys` that a ridge over the other flights foretells."""
     before = after = 0.0
     for k in range(len(xs)):
         x = np.vstack([v for i, v in enumerate(xs) if i != k])
