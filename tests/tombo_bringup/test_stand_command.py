@@ -29,14 +29,14 @@ def run(*arguments):
     return CliRunner().invoke(app, ["diagnose", *map(str, arguments)])
 
 
-def table(path, gain=1.0, confs=(5, 9, 13), seed=0):
+def table(path, gain=1.0, confs=(5, 9, 13), seed=0, tare=0.0):
     rng = np.random.default_rng(seed)
     rows = ["conf,rpm,thrust_N,torque_Nm,beta_deg"]
     for conf in confs:
         rpm = np.linspace(1000.0, 4200.0, 17)
         p = evaluate(configuration(conf), rpm * math.pi / 30.0)
         for k, speed in enumerate(rpm):
-            t = gain * p.thrust_N[k] + 0.004 * rng.standard_normal()
+            t = gain * (p.thrust_N[k] + tare) + 0.004 * rng.standard_normal()
             q = p.torque_Nm[k] + 2e-4 * rng.standard_normal()
             b = math.degrees(p.beta_rad[k]) + 0.2 * rng.standard_normal()
             rows.append(f"{conf},{speed:.1f},{t:.5f},{q:.6f},{b:.3f}")
@@ -77,6 +77,22 @@ def test_a_gain_is_found_written_and_then_no_finding_any_more(tmp_path):
     model = {"tombo_stand_model": 1, "effects": {e: {"parameters": t} for e, t in theta.items()}}
     (tmp_path / "m.yaml").write_text(yaml.safe_dump(model))
     again = run(path, "--model", tmp_path / "m.yaml", "--json")
+    assert json.loads(again.output)["verdict"] == "none"
+
+
+def test_a_new_finding_is_added_to_the_model_that_was_given(tmp_path):
+    gain = {"error": {"value": 0.15, "low": 0.14, "high": 0.16}}
+    given = {"thrust_gain": {"parameters": gain, "confidence": 0.9}}
+    (tmp_path / "m.yaml").write_text(yaml.safe_dump({"tombo_stand_model": 1, "effects": given}))
+    path = table(tmp_path / "a.csv", gain=1.15, tare=0.08)
+    result = run(path, "--model", tmp_path / "m.yaml", "-o", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    written = yaml.safe_load((tmp_path / "out/stand_model.yaml").read_text())["effects"]
+    assert list(written) == ["thrust_gain", "thrust_tare"]
+    assert written["thrust_gain"] == given["thrust_gain"]
+    tare = written["thrust_tare"]["parameters"]["offset"]["value"]
+    assert tare == pytest.approx(0.08, abs=0.01)
+    again = run(path, "--model", tmp_path / "out/stand_model.yaml", "--json")
     assert json.loads(again.output)["verdict"] == "none"
 
 

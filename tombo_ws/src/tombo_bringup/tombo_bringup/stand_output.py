@@ -59,7 +59,7 @@ def write_stand(
     (folder / JSON).write_text(text, encoding="utf-8", newline="\n")
     if extends_model(found.diagnosis):
         tool = f"tombo propeller diagnose {tombo_version()}"
-        model = stand_model_text(found.diagnosis, tool, date)
+        model = stand_model_text(found.diagnosis, tool, date, found.given)
         (folder / MODEL).write_text(model, encoding="utf-8", newline="\n")
     (folder / "plots").mkdir()
     figures = {RESIDUALS: draw_residuals(found, headline), STIFFNESS: draw_stiffness(found)}

@@ -151,18 +151,19 @@ def run(
     number = _CONF if conf is None else conf
     formulas = _LAW if law is None else law
     parameter_row(configuration(number), formulas)
-    base = None if model is None else read_stand_model(model)
+    given = None if model is None else read_stand_model(model)
     if not paths:
+        base = None if given is None else given.theta
         diagnosis, findings = diagnose_points(table3_assembled(formulas), (), tell, base=base)
         tell("leaving one configuration out", 0.9)
-        return StandDiagnosis(diagnosis, findings, None), study_table3(formulas)
+        return StandDiagnosis(diagnosis, findings, None, given), study_table3(formulas)
     found = []
     for k, path in enumerate(paths):
         tell(f"reading {path.name}", k / len(paths))
         found.append(read_stand(path, mapping))
     if all(t.mapping.model == "plain" for t in found):
         _refuse_without_effect(False, True, conf, law, None, "a plain propeller (--mapping)")
-    return diagnose_stand(found, number, formulas, plain, tell, time.perf_counter, base), None
+    return diagnose_stand(found, number, formulas, plain, tell, time.perf_counter, given), None
 
 
 def _refuse_without_effect(

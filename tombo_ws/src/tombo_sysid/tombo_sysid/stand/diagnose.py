@@ -13,6 +13,7 @@ from tombo_sysid.stand.assemble import Assembled, assemble
 from tombo_sysid.stand.causes import causes, scores
 from tombo_sysid.stand.constant import ThrustConstant, thrust_constant
 from tombo_sysid.stand.gain import held_out
+from tombo_sysid.stand.model_file import StandModel
 from tombo_sysid.stand.points import Points
 from tombo_sysid.stand.reading import StandTable
 from tombo_sysid.stand.separate import separate
@@ -32,6 +33,8 @@ class StandDiagnosis:
     findings: Findings
     constant: ThrustConstant | None
     """Of a plain propeller."""
+    given: StandModel | None = None
+    """Model of earlier runs, that these were held against."""
 
 
 def diagnose_stand(
@@ -41,7 +44,7 @@ def diagnose_stand(
     plain: bool,
     tell: Tell,
     clock: Callable[[], float],
-    base: Mapping[str, tuple[float, ...]] | None = None,
+    given: StandModel | None = None,
 ) -> StandDiagnosis:
     """Diagnose tables of a thrust stand.
 
@@ -52,7 +55,7 @@ def diagnose_stand(
         plain: hold them against T = k omega^2.
         tell: told the progress.
         clock: of run time [s].
-        base: parameters of effects that the model has already.
+        given: model of earlier runs.
 
     Raises:
         InputError: the tables can't be diagnosed together.
@@ -70,9 +73,10 @@ def diagnose_stand(
         )
         for t in tables
     ]  # fmt: skip
+    base = None if given is None else given.theta
     diagnosis, findings = diagnose_points(found, note, tell, constant, base)
     diagnosis = _timed(diagnosis, clock() - began)
-    return StandDiagnosis(diagnosis, findings, constant)
+    return StandDiagnosis(diagnosis, findings, constant, given)
 
 
 def diagnose_points(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,16 +24,38 @@ _HEAD = (
 )
 
 
+@dataclass(frozen=True)
+class StandModel:
+    """What a `stand_model.yaml` adds to the propeller model."""
+
+    theta: Mapping[str, tuple[float, ...]]
+    """Effect -> its parameters."""
+    written: Mapping[str, Any]
+    """Effect -> what the file says of it, intervals included."""
+
+
 def extends_model(diagnosis: Diagnosis) -> bool:
     """Return whether something was found that a model can take over."""
     return diagnosis.verdict in EXTENDS and bool(extending(diagnosis.causes))
 
 
-def stand_model_text(diagnosis: Diagnosis, tool: str, date: str) -> str:
-    """Return the text of `stand_model.yaml`."""
+def stand_model_text(
+    diagnosis: Diagnosis, tool: str, date: str, given: StandModel | None = None
+) -> str:
+    """Return the text of `stand_model.yaml`.
+
+    Args:
+        diagnosis: what was found.
+        tool: that found it, with its version.
+        date: of today.
+        given: model that the runs were held against. What it adds stays, but for effects that were
+            found again: their parameters are the new ones, of both together.
+    """
+    found = {cause.effect for cause in diagnosis.causes}
+    kept = {} if given is None else {e: c for e, c in given.written.items() if e not in found}
     values = {
         "tombo_stand_model": FORMAT,
-        "effects": {
+        "effects": kept | {
             cause.effect: {
                 "confidence": _plain(cause.confidence),
                 "parameters": {
@@ -66,8 +89,8 @@ def stand_model_text(diagnosis: Diagnosis, tool: str, date: str) -> str:
     return f"{_HEAD}{text}"
 
 
-def read_stand_model(path: Path) -> dict[str, tuple[float, ...]]:
-    """Return effect -> parameters of a model.
+def read_stand_model(path: Path) -> StandModel:
+    """Return what a file adds to the model.
 
     Raises:
         InputError: it can't be read, is no such model, or holds unknown effects or values out of
@@ -94,10 +117,11 @@ def read_stand_model(path: Path) -> dict[str, tuple[float, ...]]:
             str(k): v.get("value") if isinstance(v, Mapping) else v for k, v in parameters.items()
         }
     checked = check_stand_theta(given, what)
-    return {
+    theta = {
         name: tuple(own.get(p.name, p.null) for p in STAND_EFFECTS[name].theta)
         for name, own in checked.items()
     }
+    return StandModel(theta, {str(name): content for name, content in effects.items()})
 
 
 def _plain(value: float) -> float | None:
