@@ -62,3 +62,14 @@ def test_stronger_thrust_is_not_charged_for_noise_of_measured_rotor_speeds():
         before = problem.linears[flight].left["fast"][:, turning].var(axis=0)
         after = problem.left(fit, flight)["fast"][:, turning].var(axis=0)
         assert np.all(after < before)
+
+
+def test_no_propeller_is_weaker_than_nothing():
+    """One that is stronger than new is no weak one, however well that would explain the flight."""
+    strong = np.array([8.0, -2.0, -3.0, -3.0, 0.0, 0.0, 0.0, 0.0])
+    problem = Problem(tracks(draws=strong), nominal())
+    place = PLACE["weak_propeller.front_right"]
+    fit = problem.refine((place,))
+    column = problem.columns.places((place,))[0]
+    loss = fit.theta[place] + fit.solution.mean[column]
+    assert loss > -problem.columns.parameters[place].tolerance

@@ -36,9 +36,11 @@ _BEAM = 2
 _MOST = 3
 _STRONG = 25.0
 """From this evidence on the nominal model's slopes are no longer good enough."""
-_OUTSIDE = 3.0
-"""A fit further out of a parameter's bounds than so many deviations speaks against it."""
+_OUTSIDE = 4.0
+"""A fit further out of a parameter's bounds than so many deviations is none."""
 SCATTER = DRAWN.split(".")[0]
+_ALIKE = {SCATTER: "weak_propeller", "weak_propeller": SCATTER}
+"""Effects that are no causes beside each other: what one takes away the other may give back."""
 _WIDTHS = np.geomspace(1.5, 40.0, 12)
 
 
@@ -192,7 +194,7 @@ def ranked(
         base = solve(normal, held, fit.centre, covariance=False).evidence
     found = []
     for effect in effects():
-        if effect in explanation.effects:
+        if effect in explanation.effects or _ALIKE.get(effect) in explanation.effects:
             continue
         for free in variants(effect, columns.open):
             every = (*fit.free, *free)
@@ -208,7 +210,8 @@ def ranked(
                 solution = solve(normal, deviations, fit.centre)
             gain -= _out_of_bounds(problem, fit.theta, free, solution.mean, solution.covariance)
             found.append((gain - _ways_cost(effect, problem), Way(effect, free)))
-    if columns.draws and SCATTER not in explanation.effects:
+    alike = (SCATTER, _ALIKE[SCATTER])
+    if columns.draws and not any(effect in explanation.effects for effect in alike):
         gains = []
         for factor in _WIDTHS:
             width = fit.draw_width * factor
@@ -235,7 +238,7 @@ def extend(problem: Problem, explanation: Explanation, way: Way) -> Explanation:
     if widths:
         evidence -= math.log(len(_WIDTHS)) - 1.0
     evidence -= _out_of_bounds(
-        problem, fit.theta, free, fit.solution.mean, fit.solution.covariance
+        problem, fit.theta, free, fit.solution.mean, fit.solution.covariance, fitted=True
     )
     for each in ways:
         if each.free and all(fit.theta[i] == problem.theta[i] for i in each.free):
@@ -304,14 +307,24 @@ def _beyond(problem: Problem, theta: Array, free: Sequence[int], mean: Array) ->
 
 
 def _out_of_bounds(
-    problem: Problem, theta: Array, free: Sequence[int], mean: Array, covariance: Array
+    problem: Problem,
+    theta: Array,
+    free: Sequence[int],
+    mean: Array,
+    covariance: Array,
+    fitted: bool = False,
 ) -> float:
-    """Return what it costs that a fit lies beyond the bounds of its parameters."""
+    """Return what it costs that a fit lies beyond the bounds of its parameters.
+
+    A tangent may end far beyond them where the model bends; `fitted`: this is no tangent.
+    """
     cost = 0.0
     for index, place in zip(free, problem.columns.places(free), strict=True):
         p = problem.columns.parameters[index]
         value = theta[index] + mean[place]
         over = max(p.low - value, value - p.high, 0.0)
         deviation = math.sqrt(max(float(covariance[place, place]), 1e-18)) + p.tolerance
+        if fitted and over > _OUTSIDE * deviation:
+            return math.inf
         cost += 0.5 * (over / deviation) ** 2
     return min(cost, 1e6)

@@ -273,7 +273,11 @@ class Problem:
         theta: Array,
         centre: Array,
     ) -> tuple[Solution, tuple[int, ...]]:
-        """Solve, and pin what the data would carry beyond its bounds: no delay is negative."""
+        """Solve, and pin what the data would carry beyond its bounds: no delay is negative.
+
+        Of what is free, only what would pass the bound at which it does nothing: a propeller that
+        is stronger than new, made up for by scatter that is none, turns the vehicle at will.
+        """
         columns = self.columns
         normal = sum_of(normals)
         pinned: list[int] = []
@@ -286,7 +290,9 @@ class Problem:
                 value = theta[index] + solution.mean[place]
                 slack = _BEYOND * p.tolerance
                 outside = value < p.low - slack or value > p.high + slack
-                if outside and index not in free and place not in pinned:
+                bound = p.low if value < p.low else p.high
+                held = index not in free or bound == self.theta[index]
+                if outside and held and place not in pinned:
                     over.append(place)
             if not over:
                 return solution, tuple(pinned)
