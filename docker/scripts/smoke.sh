@@ -18,7 +18,8 @@ cd "$log"
 try() { # try EXECUTABLE
   local name code=0 waited=0
   name="$(basename "$1")"
-  "$1" >"$log/out" 2>&1 &
+  : >"$log/out" # it is looked into before a busy machine has begun the job
+  "$1" >>"$log/out" 2>&1 &
   local pid=$!
   until grep -q running "$log/out" || [ $waited -ge $((10 * patience)) ] || ! kill -0 $pid 2>/dev/null; do
     sleep 0.1
