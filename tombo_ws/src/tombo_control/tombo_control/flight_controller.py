@@ -57,14 +57,12 @@ class FlightController:
         self._a = new_autopilot(control, EstimatorParams(), vehicle, np.zeros(3), level)
         self._tick = -1
         self._position_slot = self._attitude_slot = -1
-        self._estimate_ns = self._pose_ns = self._setpoint_ns = -1
-        self._setpoint: Setpoint | None = None
-        self._blind = False
+        self.forget()
 
     def forget(self) -> None:
         """Take all that was said so far for another flight's: no set point, so no rotor turns."""
         self._estimate_ns = self._pose_ns = self._setpoint_ns = -1
-        self._setpoint = None
+        self._setpoint: Setpoint | None = None
         self._blind = False
 
     def params(self, control: ControlParams, limits: InputLimits) -> None:

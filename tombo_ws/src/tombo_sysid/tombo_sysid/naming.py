@@ -39,7 +39,7 @@ _STRONG = 25.0
 _OUTSIDE = 4.0
 """A fit further out of a parameter's bounds than so many deviations is none."""
 SCATTER = DRAWN.split(".")[0]
-_ALIKE = {SCATTER: "weak_propeller", "weak_propeller": SCATTER}
+_STANDS_IN = {SCATTER: "weak_propeller", "weak_propeller": SCATTER}
 """Effects that are no causes beside each other: what one takes away the other may give back."""
 _WIDTHS = np.geomspace(1.5, 40.0, 12)
 
@@ -193,8 +193,9 @@ def ranked(
         )
         base = solve(normal, held, fit.centre, covariance=False).evidence
     found = []
+    out = {*explanation.effects, *(_STANDS_IN.get(effect) for effect in explanation.effects)}
     for effect in effects():
-        if effect in explanation.effects or _ALIKE.get(effect) in explanation.effects:
+        if effect in out:
             continue
         for free in variants(effect, columns.open):
             every = (*fit.free, *free)
@@ -210,8 +211,7 @@ def ranked(
                 solution = solve(normal, deviations, fit.centre)
             gain -= _out_of_bounds(problem, fit.theta, free, solution.mean, solution.covariance)
             found.append((gain - _ways_cost(effect, problem), Way(effect, free)))
-    alike = (SCATTER, _ALIKE[SCATTER])
-    if columns.draws and not any(effect in explanation.effects for effect in alike):
+    if columns.draws and SCATTER not in out:
         gains = []
         for factor in _WIDTHS:
             width = fit.draw_width * factor

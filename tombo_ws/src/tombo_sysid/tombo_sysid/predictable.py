@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_dynamics.rotation import yaw_pitch_roll
-from tombo_sysid.prediction import Motion, motion_of
+from tombo_sysid.prediction import Motion
 from tombo_sysid.problem import Fit, Problem
 from tombo_sysid.spectra import block_means
 
@@ -70,7 +70,7 @@ def foretold(problem: Problem, fit: Fit, start: tuple[str, ...]) -> float:
         start: beginnings of the names of the channels to look at.
     """
     xs, ys = [], []
-    motions = [motion_of(track, problem.nominal, fit.theta) for track in problem.tracks]
+    motions = [linear.motion for linear in fit.linears]
     places = np.vstack([motion.state[:, :3] for motion in motions])
     low, high = places.min(axis=0), places.max(axis=0)
     for f, (track, motion) in enumerate(zip(problem.tracks, motions, strict=True)):

@@ -14,8 +14,8 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller.effects import STAND_EFFECTS, check_stand_theta
 from tombo_dynamics.yaml_text import parse_yaml
 from tombo_sysid.diagnosis import Diagnosis
+from tombo_sysid.model import EXTENDS
 from tombo_sysid.stand.departure import extending
-from tombo_sysid.stand.words import EXTENDS
 
 FORMAT = 1
 _HEAD = (

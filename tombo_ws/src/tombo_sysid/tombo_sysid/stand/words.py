@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tombo_sysid.diagnosis import Cause, Gain
+from tombo_sysid.model import EXTENDS
 from tombo_sysid.stand.analyse import Findings
 from tombo_sysid.stand.constant import ThrustConstant
 from tombo_sysid.stand.departure import departures, extending
@@ -14,9 +15,6 @@ from tombo_sysid.stand.points import UNITS
 from tombo_sysid.stand.problem import RUN, SHARE
 from tombo_sysid.stand.repeats import repeats
 from tombo_sysid.stand.verdict import LEFT
-
-EXTENDS = ("named", "partly_explained")
-"""Verdicts that extend the model."""
 
 
 def summary(
