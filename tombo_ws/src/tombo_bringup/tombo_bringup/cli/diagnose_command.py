@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import datetime
 import os
-import re
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from tombo_bringup.cli.result_files import compute_into, results_folder
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.progress import Tell
@@ -88,33 +89,17 @@ def diagnose(
     """
     # One thread of linear algebra: on matrices this small more get into each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from tombo_bringup.cli.progress import progress_bar
     from tombo_bringup.diagnosis_output import DIAGNOSIS_FILES, diagnosis_json, write_diagnosis
-    from tombo_bringup.output_folder import open_output
-    from tombo_bringup.stop_signals import Stopped, StopSignals
 
     names = parse_topics(topics or [])
-    path = _folder(output, logs[0], as_json)
-    written: list[str] = []
-    with StopSignals() as stop:
-        try:
-            with progress_bar() as tell:
-                if path is None:
-                    with stop.at_once():
-                        found, _ = run(logs, model, mapping, names, tell)
-                else:
-                    replace = force or output is None
-                    with open_output(path, replace=replace, results=DIAGNOSIS_FILES) as folder:
-                        with stop.at_once():
-                            found, against = run(logs, model, mapping, names, tell)
-                            write_diagnosis(
-                                folder, found, against, pictures=not no_report, tell=tell
-                            )
-                        written = [n for n in DIAGNOSIS_FILES if (folder / n).is_file()]
-                        folder.publish()
-        except Stopped:
-            typer.echo("Error: interrupted", err=True)
-            raise typer.Exit(stop.exit_code) from None
+    path = results_folder(output, "diagnosis", logs[0].name.split(".")[0], as_json, "log")
+    (found, _), written = compute_into(
+        path, force or output is None, DIAGNOSIS_FILES,
+        lambda tell: run(logs, model, mapping, names, tell),
+        lambda folder, both, tell: write_diagnosis(
+            folder, *both, pictures=not no_report, tell=tell
+        ),
+    )  # fmt: skip
     if as_json:
         typer.echo(diagnosis_json(found), nl=False)
     else:
@@ -178,17 +163,6 @@ def parse_topics(texts: list[str]) -> dict[str, str]:
             raise _bad(f"--topic {text}: {source} is given twice; accepted: once")
         found[source] = name
     return found
-
-
-def _folder(output: str | None, first: Path, as_json: bool) -> Path | None:
-    if output is None:
-        if as_json:
-            return None
-        name = re.sub(r"[^\w.+-]+", "_", first.name.split(".")[0]).lstrip(".") or "log"
-        return Path("runs") / f"diagnosis-{name[:100]}"
-    if not output.strip():
-        raise _bad(f"-o '{output}': no name; accepted: a folder, new or empty")
-    return Path(output)
 
 
 def _bad(message: str) -> Exception:

@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tombo_bringup.cli.number_option import number_option
+from tombo_bringup.cli.result_files import compute_into, results_folder
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.progress import Tell
+    from tombo_bringup.output_folder import OutputFolder
     from tombo_sysid.spin.disc import Frames
     from tombo_sysid.spin.film import Film
     from tombo_sysid.spin.measure import Measurement
@@ -177,9 +179,6 @@ def beta(
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from tombo_bringup.beta_output import BETA_FILES, beta_csv, beta_json, write_text
-    from tombo_bringup.cli.progress import progress_bar
-    from tombo_bringup.output_folder import open_output
-    from tombo_bringup.stop_signals import Stopped, StopSignals
     from tombo_dynamics.propeller import configuration
     from tombo_sysid.spin.view import Span, View
 
@@ -219,26 +218,14 @@ def beta(
                     _share("--scale-error", scale_error), marks),
         )  # fmt: skip
 
-    path = _folder(output, film, as_json)
-    with StopSignals() as stop:
-        try:
-            with progress_bar() as tell:
-                if path is None:
-                    with stop.at_once():
-                        found, notes = run(tell)
-                else:
-                    replace = force or output is None
-                    with open_output(path, replace=replace, results=BETA_FILES) as folder:
-                        with stop.at_once():
-                            found, notes = run(tell)
-                            tell("drawing", 0.99)
-                            _write(folder / "overlay.png", folder / "beta.png", found)
-                            write_text(folder / "beta.json", beta_json(found, notes))
-                            write_text(folder / "beta.csv", beta_csv(found))
-                        folder.publish()
-        except Stopped:
-            typer.echo("Error: interrupted", err=True)
-            raise typer.Exit(stop.exit_code) from None
+    def write(folder: OutputFolder, measured: tuple[Measurement, list[str]], tell: Tell) -> None:
+        tell("drawing", 0.99)
+        _write(folder / "overlay.png", folder / "beta.png", measured[0])
+        write_text(folder / "beta.json", beta_json(*measured))
+        write_text(folder / "beta.csv", beta_csv(measured[0]))
+
+    path = results_folder(output, "beta", film.stem if film else "demo", as_json, "film")
+    (found, notes), _ = compute_into(path, force or output is None, BETA_FILES, run, write)
     if as_json:
         typer.echo(beta_json(found, notes), nl=False)
     else:
@@ -395,17 +382,6 @@ def _share(name: str, percent: float) -> float:
     if not 0.0 <= percent < 20.0:
         raise _bad(f"{name} {percent:g} %; accepted: 0 to 20")
     return percent * 1e-2
-
-
-def _folder(output: str | None, film: Path | None, as_json: bool) -> Path | None:
-    if output is None:
-        if as_json:
-            return None
-        name = re.sub(r"[^\w.+-]+", "_", film.stem if film else "demo").lstrip(".") or "film"
-        return Path("runs") / f"beta-{name[:100]}"
-    if not output.strip():
-        raise _bad(f"-o '{output}': no name; accepted: a folder, new or empty")
-    return Path(output)
 
 
 def _bad(message: str) -> Exception:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tombo_bringup.cli.number_option import number_option
+from tombo_bringup.cli.result_files import check_output, compute_into
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.progress import Tell
@@ -147,10 +148,7 @@ def design(
     input or output that can't be written; 130 after Ctrl-C, with nothing written.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from tombo_bringup.cli.progress import progress_bar
     from tombo_bringup.flight_output import as_json as to_json
-    from tombo_bringup.output_folder import open_output
-    from tombo_bringup.stop_signals import Stopped, StopSignals
     from tombo_bringup.workbench.design.design import blade_of
     from tombo_bringup.workbench.design.files import DESIGN_FILES, write_design
     from tombo_bringup.workbench.design.outcome import design_mapping
@@ -160,8 +158,7 @@ def design(
 
     if not 0 <= flights <= _MOST_FLIGHTS:
         raise InputError(f"--flights {flights}: out of bounds; accepted: 0 to {_MOST_FLIGHTS}")
-    if output is not None and not output.strip():
-        raise InputError(f"-o '{output}': no name; accepted: a folder, new or empty")
+    check_output(output)
     if library is not None and not library.is_dir():
         raise InputError(
             f"--library {library}: no such folder; accepted: a folder with any of "
@@ -190,23 +187,11 @@ def design(
         found = find(request, known, chosen, tell)
         return found, recommend(found, range(flights), tell)
 
-    written: list[str] = []
-    with StopSignals() as stop:
-        try:
-            with progress_bar() as tell:
-                if output is None:
-                    with stop.at_once():
-                        found, made = run(tell)
-                else:
-                    with open_output(Path(output), replace=force, results=DESIGN_FILES) as folder:
-                        with stop.at_once():
-                            found, made = run(tell)
-                            write_design(folder.staging, found, made, tell)
-                        written = [name for name in DESIGN_FILES if (folder / name).is_file()]
-                        folder.publish()
-        except Stopped:
-            typer.echo("Error: interrupted", err=True)
-            raise typer.Exit(stop.exit_code) from None
+    path = None if output is None else Path(output)
+    (found, made), written = compute_into(
+        path, force, DESIGN_FILES, run,
+        lambda folder, both, tell: write_design(folder.staging, *both, tell),
+    )  # fmt: skip
     if as_json:
         typer.echo(to_json(design_mapping(found, made)), nl=False)
     else:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import datetime
 import os
-import re
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from tombo_bringup.cli.result_files import compute_into, results_folder
 from tombo_bringup.cli.whole_number import whole_number
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.progress import Tell
+    from tombo_bringup.output_folder import OutputFolder
     from tombo_sysid.stand.diagnose import StandDiagnosis
     from tombo_sysid.stand.table3 import Table3
 
@@ -87,38 +88,26 @@ def diagnose(
     Writes report.html, diagnosis.json, plots, and stand_model.yaml where a cause is named.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from tombo_bringup.cli.progress import progress_bar
     from tombo_bringup.cli.stand_tables import print_stand, stand_headline
-    from tombo_bringup.output_folder import open_output
     from tombo_bringup.stand_output import STAND_FILES, stand_json, write_stand
-    from tombo_bringup.stop_signals import Stopped, StopSignals
     from tombo_dynamics.errors import InputError
 
-    written: list[str] = []
+    def write(folder: OutputFolder, both: tuple[StandDiagnosis, Table3 | None], _: Tell) -> None:
+        headline = stand_headline(both[0].diagnosis)
+        write_stand(folder, *both, headline, datetime.date.today().isoformat())
+
     try:
         paths = tables or []
         if bool(paths) == table3:
             given = "both" if table3 else "neither"
             raise InputError(f"STAND.csv or --table3: {given}; accepted: one of them")
         _refuse_without_effect(table3, plain, conf, law, mapping)
-        path = _folder(output, "table3" if table3 else paths[0].name, as_json)
-        with StopSignals() as stop, progress_bar() as tell:
-            if path is None:
-                with stop.at_once():
-                    found, study = run(paths, mapping, conf, law, plain, model, tell)
-            else:
-                replace = force or output is None
-                with open_output(path, replace=replace, results=STAND_FILES) as folder:
-                    with stop.at_once():
-                        found, study = run(paths, mapping, conf, law, plain, model, tell)
-                        title = stand_headline(found.diagnosis)
-                        today = datetime.date.today().isoformat()
-                        write_stand(folder, found, study, title, today)
-                    written = [n for n in STAND_FILES if (folder / n).is_file()]
-                    folder.publish()
-    except Stopped:
-        typer.echo("Error: interrupted", err=True)
-        raise typer.Exit(stop.exit_code) from None
+        first = "table3" if table3 else paths[0].name.split(".")[0]
+        path = results_folder(output, "stand", first, as_json, "run")
+        (found, study), written = compute_into(
+            path, force or output is None, STAND_FILES,
+            lambda tell: run(paths, mapping, conf, law, plain, model, tell), write,
+        )  # fmt: skip
     except InputError as error:
         typer.echo(f"Error: {error}", err=True)
         raise typer.Exit(2) from None
@@ -189,16 +178,3 @@ def _refuse_without_effect(
             raise InputError(
                 f"{' and '.join(idle)} has no effect with {given}; accepted: one of them"
             )
-
-
-def _folder(output: str | None, first: str, as_json: bool) -> Path | None:
-    from tombo_dynamics.errors import InputError
-
-    if output is None:
-        if as_json:
-            return None
-        name = re.sub(r"[^\w.+-]+", "_", first.split(".")[0]).lstrip(".") or "run"
-        return Path("runs") / f"stand-{name[:100]}"
-    if not output.strip():
-        raise InputError(f"-o '{output}': no name; accepted: a folder, new or empty")
-    return Path(output)

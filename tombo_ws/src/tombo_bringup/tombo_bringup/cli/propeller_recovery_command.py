@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import re
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from tombo_bringup.cli.number_option import number_option
+from tombo_bringup.cli.result_files import results_folder
 
 
 def recovery(
@@ -94,7 +94,7 @@ def recovery(
     except InputError as error:
         raise InputError(f"'{trace}': {error}") from None
     text = recovery_json(found, read, goal)
-    path = _folder(output, trace, as_json)
+    path = results_folder(output, "recovery", trace.name.split(".")[0], as_json, "trace")
     if path is not None:
         from tombo_bringup.report.beta_plots import plot_recovery
 
@@ -126,16 +126,3 @@ def recovery(
         typer.echo(f"Note: {note}.")
     if path is not None:
         typer.echo(f"Results: {path.resolve()}")
-
-
-def _folder(output: str | None, trace: Path, as_json: bool) -> Path | None:
-    from tombo_dynamics.errors import InputError
-
-    if output is None:
-        if as_json:
-            return None
-        name = re.sub(r"[^\w.+-]+", "_", trace.name.split(".")[0]).lstrip(".") or "trace"
-        return Path("runs") / f"recovery-{name[:100]}"
-    if not output.strip():
-        raise InputError(f"-o '{output}': no name; accepted: a folder, new or empty")
-    return Path(output)

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from tombo_bringup.cli.result_files import check_output, compute_into
+
 if TYPE_CHECKING:
     from tombo_bringup.cli.progress import Tell
-    from tombo_bringup.stop_signals import StopSignals
+    from tombo_bringup.output_folder import OutputFolder
     from tombo_bringup.workbench.reproduce.reproduction import Reproduction
 
 _COLOURS = {"holds": "green", "fails": "red", "can't be checked": "yellow"}
@@ -50,51 +52,35 @@ def reproduce(
     Holds, fails or can't be checked, with the evidence. A claim about the paper's model is judged
     by law published, its program with all defects, unless --law leaves that out.
     """
-    from tombo_bringup.cli.progress import progress_bar
-    from tombo_bringup.stop_signals import Stopped, StopSignals
-    from tombo_dynamics.errors import InputError
-
-    if output is not None and not output.strip():
-        raise InputError(f"-o '{output}': no name; accepted: a folder, new or empty")
+    check_output(output)
     laws = _checked(law)
-    with StopSignals() as stop:
-        try:
-            with progress_bar() as tell:
-                found = _run(laws, None if output is None else Path(output), force, stop, tell)
-        except Stopped:
-            typer.echo("Error: interrupted", err=True)
-            raise typer.Exit(stop.exit_code) from None
+    path = None if output is None else Path(output)
+    names: tuple[str, ...] = ()
+    if path is not None:
+        from tombo_bringup.workbench.reproduce.output import REPRODUCTION_FILES
+
+        names = REPRODUCTION_FILES
+
+    def run(tell: Tell) -> Reproduction:
+        tell("loading", 0.0)
+        from tombo_bringup.workbench.reproduce import reproduction
+
+        tell("computing", 0.0)
+        return reproduction.reproduce(laws)
+
+    def write(folder: OutputFolder, found: Reproduction, tell: Tell) -> None:
+        from tombo_bringup.workbench.reproduce.output import write_reproduction
+
+        write_reproduction(folder, found, tell)
+
+    found, _ = compute_into(path, force, names, run, write)
     if as_json:
         claims = [claim.mapping() for claim in found.claims]
         typer.echo(json.dumps(claims, indent=1, ensure_ascii=False, allow_nan=False))
     else:
         _print(found)
-    if output is not None:
-        typer.echo(f"Read {Path(output) / 'reproduction.html'}", err=as_json)
-
-
-def _run(
-    laws: tuple[str, ...], path: Path | None, force: bool, stop: StopSignals, tell: Tell
-) -> Reproduction:
-    from tombo_bringup.output_folder import open_output
-
-    tell("loading", 0.0)
-    if path is None:
-        with stop.at_once():
-            from tombo_bringup.workbench.reproduce import reproduction
-
-            return reproduction.reproduce(laws)
-    from tombo_bringup.workbench.reproduce.output import REPRODUCTION_FILES, write_reproduction
-
-    with open_output(path, replace=force, results=REPRODUCTION_FILES) as folder:
-        with stop.at_once():
-            from tombo_bringup.workbench.reproduce import reproduction
-
-            tell("computing", 0.0)
-            found = reproduction.reproduce(laws)
-            write_reproduction(folder, found, tell)
-        folder.publish()
-    return found
+    if path is not None:
+        typer.echo(f"Read {path / 'reproduction.html'}", err=as_json)
 
 
 def _checked(given: list[str] | None) -> tuple[str, ...]:

@@ -1,0 +1,97 @@
+"""What commands share that compute something and may leave a folder of results."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+import typer
+
+if TYPE_CHECKING:
+    from tombo_bringup.cli.progress import Tell
+    from tombo_bringup.output_folder import OutputFolder
+
+_Found = TypeVar("_Found")
+
+
+def results_folder(
+    output: str | None, kind: str, name: str, as_json: bool, nameless: str
+) -> Path | None:
+    """Return where results go: `output`, or runs/KIND-NAME; None with --json alone: nowhere.
+
+    Args:
+        output: as given.
+        kind: of results.
+        name: of what they are about; what is no letter, digit, dot, plus or minus becomes _.
+        as_json: only JSON is printed, unless `output` is given.
+        nameless: in place of a name of which nothing is left.
+
+    Raises:
+        InputError: `output` is no name.
+    """
+    if output is None:
+        if as_json:
+            return None
+        plain = re.sub(r"[^\w.+-]+", "_", name).lstrip(".") or nameless
+        return Path("runs") / f"{kind}-{plain[:100]}"
+    check_output(output)
+    return Path(output)
+
+
+def check_output(output: str | None) -> None:
+    """Refuse a folder without a name.
+
+    Raises:
+        InputError: `output` is empty.
+    """
+    from tombo_dynamics.errors import InputError
+
+    if output is not None and not output.strip():
+        raise InputError(f"-o '{output}': no name; accepted: a folder, new or empty")
+
+
+def compute_into(
+    path: Path | None,
+    replace: bool,
+    results: Sequence[str],
+    compute: Callable[[Tell], _Found],
+    write: Callable[[OutputFolder, _Found, Tell], None],
+) -> tuple[_Found, list[str]]:
+    """Compute, with a progress bar, and write; a signal ends it at once, with nothing written.
+
+    Args:
+        path: the folder; None: nothing is written.
+        replace: an earlier folder of results may be replaced.
+        results: all names that may be written.
+        compute: what is to be found.
+        write: puts it into the folder, before that is published.
+
+    Returns:
+        What was found, and the names that were written.
+
+    Raises:
+        typer.Exit: a signal came.
+        InputError: the folder can't be used.
+    """
+    from tombo_bringup.cli.progress import progress_bar
+    from tombo_bringup.output_folder import open_output
+    from tombo_bringup.stop_signals import Stopped, StopSignals
+
+    with StopSignals() as stop:
+        try:
+            with progress_bar() as tell:
+                if path is None:
+                    with stop.at_once():
+                        return compute(tell), []
+                with open_output(path, replace=replace, results=results) as folder:
+                    with stop.at_once():
+                        found = compute(tell)
+                        write(folder, found, tell)
+                    written = [name for name in results if (folder / name).is_file()]
+                    folder.publish()
+                return found, written
+        except Stopped:
+            typer.echo("Error: interrupted", err=True)
+            raise typer.Exit(stop.exit_code) from None
