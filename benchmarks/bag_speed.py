@@ -19,7 +19,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from mcap_ros2.decoder import DecoderFactory
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "tombo_bag"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tombo_ws/src/tombo_bag/test"))
 
 from synthetic_flight import SyntheticFlight, synthetic_flight
 

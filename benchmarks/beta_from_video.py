@@ -18,10 +18,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tombo_dynamics.errors import InputError
-from tombo_sysid.spin.measure import measure, spans_of
-from tombo_sysid.spin.rendered import Rendering, Scene
-from tombo_sysid.spin.scale import reference_scale
-from tombo_sysid.spin.view import Angle, Span, View, apparent_radius, blind_angle
+from tombo_propeller.flap_video.measure import measure, spans_of
+from tombo_propeller.flap_video.rendered import Rendering, Scene
+from tombo_propeller.flap_video.scale import reference_scale
+from tombo_propeller.flap_video.view import Angle, Span, View, apparent_radius, blind_angle
 
 SPAN = Span(0.1111, 0.035)
 ANGLES = (0.0, 2.0, 4.0, 8.0, 12.0, 20.0, 30.0)

@@ -16,14 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
-from tombo_bringup.scenario import load_scenario, world_of
-from tombo_sim.px4.hil import Hil
-from tombo_sim.px4.hil_flight import HilFlight, Motors
-from tombo_sim.px4.hil_link import HilLink
-from tombo_sim.px4.hil_params import HilParams
+from tombo_flight.scenario import load_scenario, world_of
+from tombo_px4.hil.flight import HilFlight, Motors
+from tombo_px4.hil.link import HilLink
+from tombo_px4.hil.lockstep import Hil
+from tombo_px4.hil.params import HilParams
 from tombo_sim.world import World
 
-PEER = Path(__file__).parents[1] / "tests" / "tombo_sim" / "px4" / "hil_peer.py"
+PEER = Path(__file__).parents[1] / "tombo_ws/src/tombo_px4/test/autopilot" / "hil_peer.py"
 PARTS = 5000
 
 

@@ -20,13 +20,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "tombo_control"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tombo_ws/src/tombo_px4/test"))
 
 from mavlink_packets import encoder, heartbeat, hostile_packets
 from pymavlink.dialects.v20 import common
 
-from tombo_control.px4.framing import Findings, frames_of
-from tombo_control.px4.link import Link
+from tombo_px4.link.framing import Findings, frames_of
+from tombo_px4.link.mavlink_link import Link
 
 PACKETS = 1_000_000
 CROWD = 64

@@ -23,9 +23,9 @@ import rclpy
 
 from tombo_bag.reader import Bag
 from tombo_bag.topics import DIAGNOSTICS
-from tombo_bringup.scenario import load_scenario
-from tombo_bringup.suite.nodes import SUITE
-from tombo_bringup.suite.parameter_yaml import parameter_yaml, suite_parameters
+from tombo_flight.scenario import load_scenario
+from tombo_flight.suite.nodes import SUITE
+from tombo_flight.suite.parameter_yaml import parameter_yaml, suite_parameters
 from tombo_ros.loop_statistics import LoopStatistics
 from tombo_ros.pacing import Priority, ask_for, sleep_until
 from tombo_ros.topic import Input

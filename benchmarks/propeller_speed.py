@@ -5,9 +5,10 @@
 One core: the process is bound to a single one. Times are processor times, what a core to oneself
 takes; where something else runs on it, the clock shows more, and the ratio of the two is printed.
 The slow version is plain Python with quadrature and general root finding, four passes as the
-authors' program makes them (`tests/tombo_dynamics/propeller/independent_propeller.py`); that it
-computes the same is checked in the same run. A symbolic version, as theirs is, would be slower
-still; there is no sympy here, so it is not measured.
+authors' program makes them
+(`tombo_ws/src/tombo_dynamics/test/propeller/independent_propeller.py`); that it computes the same
+is checked in the same run. A symbolic version, as theirs is, would be slower still; there is no
+sympy here, so it is not measured.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from typing import Any
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ[_name] = "1"  # before numpy is imported
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "tombo_dynamics" / "propeller"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tombo_ws/src/tombo_dynamics/test/propeller"))
 
 import independent_propeller as slow  # noqa: E402
 import numpy as np  # noqa: E402

@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "tombo_sim" / "px4"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tombo_ws/src/tombo_px4/test/autopilot"))
 
 from endpoint_bench import ARM, OFFBOARD, POSITION_MASK, SET_MODE, Client
 from px4_process import px4_process

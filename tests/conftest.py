@@ -1,11 +1,6 @@
 """Makes `ros_bench` importable: test folders are no packages. Remembers which test has failed."""
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
 
 from ros_bench import FAILED
 

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bringup.scenario import Scenario, load_scenario, world_of
 from tombo_control import mission as plan
 from tombo_control.autopilot import HOVER
 from tombo_control.estimate import TICK_NS, Estimate, Setpoint
@@ -22,6 +21,7 @@ from tombo_control.params import POSITION_TICKS, InputLimits
 from tombo_control.reference import progress
 from tombo_dynamics.plant import part
 from tombo_dynamics.rotation import tilt
+from tombo_flight.scenario import Scenario, load_scenario, world_of
 from tombo_sim.simulator import Simulator
 
 Array = NDArray[np.float64]

@@ -9,9 +9,9 @@ import struct
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
-from tombo_control.px4.frames import enu_from_ned, ned_from_enu, px4_quaternion
-from tombo_control.px4.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD, custom_mode, mode_of
-from tombo_control.px4.timesync import TimeSync
+from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD, custom_mode, mode_of
+from tombo_px4.frames import enu_from_ned, ned_from_enu, px4_quaternion
+from tombo_px4.link.timesync import TimeSync
 
 SECOND = 1_000_000_000
 GROUND = 0.18

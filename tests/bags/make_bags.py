@@ -13,8 +13,8 @@ from tombo_bag.flight_topics import write_flight
 from tombo_bag.mcap_sink import Columns, McapSink
 from tombo_bag.recording import Recording
 from tombo_bag.topics import TOPICS
-from tombo_bringup.flight import fly_scenario
-from tombo_bringup.scenario import load_scenario
+from tombo_flight.flight import fly_scenario
+from tombo_flight.scenario import load_scenario
 
 HERE = Path(__file__).parent
 DETECTOR = ("/mocap/pose", "/collision_event", "/ground_truth/contact")

@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 import yaml
 
-from tombo_bringup.scenario import load_scenario, world_of
-from tombo_bringup.suite.nodes import SUITE
-from tombo_sim.px4.hil_advice import AIRFRAME, MOCAP_ONLY, airframe_parameters
-from tombo_sim.px4.hil_flight import HilFlight
-from tombo_sim.px4.hil_params import HilParams
+from tombo_flight.scenario import load_scenario, world_of
+from tombo_flight.suite.nodes import SUITE
+from tombo_px4.hil.advice import AIRFRAME, MOCAP_ONLY, airframe_parameters
+from tombo_px4.hil.flight import HilFlight
+from tombo_px4.hil.params import HilParams
 
 ROOT = Path(__file__).parents[2]
 FILE = ROOT / "docker" / "compose.yaml"

@@ -16,7 +16,7 @@ pytest.importorskip("rclpy")
 from tombo_bag.topics import IMU, MOCAP_POSE, TRUE_ODOMETRY
 from tombo_ros.conversion import to_ns
 
-NODE = "tombo_sim.hil_sim_node"
+NODE = "tombo_px4.hil_sim_node"
 PEER = Path(__file__).parents[1] / "tombo_sim" / "px4" / "hil_peer.py"
 _COMPILES_S = 120.0
 MS = 1_000_000

@@ -24,13 +24,13 @@ from tombo_bag.topics import (
     PX4_STATUS,
     SETPOINT,
 )
-from tombo_control.px4.link import Link
-from tombo_control.px4.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD
 from tombo_msgs.msg import MissionStatus, PositionSetpoint
+from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD
+from tombo_px4.link.mavlink_link import Link
 from tombo_ros.conversion import array, point, quaternion, to_ns, to_time
 
 MS = 1_000_000
-NODE = "tombo_control.px4_bridge_node"
+NODE = "tombo_px4.px4_bridge_node"
 
 
 def free_port():

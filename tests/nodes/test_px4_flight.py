@@ -11,11 +11,11 @@ import pytest
 
 from tombo_bag.reader import Bag
 from tombo_bag.topics import PX4_STATUS, TRUE_ODOMETRY
-from tombo_bringup.flight import fly_scenario
-from tombo_bringup.px4_probe import find_vehicle
-from tombo_bringup.px4_side import free_udp_port
-from tombo_bringup.scenario import load_scenario
-from tombo_control.px4.bridge_params import LinkParams
+from tombo_flight.flight import fly_scenario
+from tombo_flight.scenario import load_scenario
+from tombo_flight.suite.px4_probe import find_vehicle
+from tombo_flight.suite.px4_side import free_udp_port
+from tombo_px4.bridge.bridge_params import LinkParams
 
 pytest.importorskip("rclpy")
 
@@ -93,7 +93,7 @@ def lab(start):
     port = free_udp_port()
     quiet = ("-p", "ground_url:=''", "-p", "effects.mocap_noise.position:=0.0007")
     node = start(
-        "tombo_sim.px4_sim_node", "-p", f"onboard_url:=udpout://127.0.0.1:{port}", *quiet,
+        "tombo_px4.px4_sim_node", "-p", f"onboard_url:=udpout://127.0.0.1:{port}", *quiet,
         "-p", "effects.mocap_noise.attitude:=0.002",
     )  # fmt: skip
     return f"udpin://127.0.0.1:{port}", node

@@ -10,12 +10,12 @@ import pytest
 pytest.importorskip("rclpy")
 
 from tombo_bag.topics import IMU, MARKERS, MOCAP_POSE, ROTOR_COMMAND, TRUE_ODOMETRY
-from tombo_bringup.px4_side import free_udp_port
-from tombo_control.px4.link import Link
-from tombo_control.px4.outgoing import Target, arm, read_parameter
+from tombo_flight.suite.px4_side import free_udp_port
+from tombo_px4.link.mavlink_link import Link
+from tombo_px4.link.outgoing import Target, arm, read_parameter
 from tombo_ros.conversion import array, to_ns
 
-NODE = "tombo_sim.px4_sim_node"
+NODE = "tombo_px4.px4_sim_node"
 VEHICLE = Target(1, 1)
 _COMPILES_S = 120.0
 _ARM, _DENIED = 400, 1

@@ -10,8 +10,8 @@ import pytest
 
 from tombo_bag.reader import Bag
 from tombo_bag.topics import CLOCK, PX4_STATUS, TF, TOPICS
-from tombo_bringup.flight import fly_scenario
-from tombo_bringup.scenario import load_scenario
+from tombo_flight.flight import fly_scenario
+from tombo_flight.scenario import load_scenario
 
 pytest.importorskip("rclpy")
 

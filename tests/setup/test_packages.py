@@ -63,7 +63,7 @@ def test_the_workspace_has_its_packages():
         "tombo_control",
         "tombo_collision",
         "tombo_sim",
-        "tombo_sysid",
+        "tombo_diagnosis",
         "tombo_bag",
         "tombo_bringup",
     }

@@ -1,11 +1,11 @@
 """Who may import whom: the rules that keep the maths pure and the graph of packages a tree.
 
 - A pure file reaches no ROS: `rclpy`, generated messages and `tombo_ros` belong to `*_node.py`
-  files and to the package tombo_ros. `pymavlink` belongs to `px4/`, compiled code elsewhere;
-  `cv2` to `tombo_sysid/spin/`.
+  files and to the package tombo_ros. `pymavlink` belongs to tombo_px4, `cv2` to
+  `tombo_propeller/flap_video/`, compiled code to the packages of the compile cache.
 - A package imports only what `MAY_IMPORT` lists for it, and nobody's node.
-- Names with `ned` or `frd` as a part live under `px4/`: everywhere else the world is ENU and the
-  body FLU.
+- Names with `ned` or `frd` as a part live in tombo_px4 and where PX4's logs are read: everywhere
+  else the world is ENU and the body FLU.
 - The pure packages know no clock and no unseeded randomness.
 """
 
@@ -30,15 +30,34 @@ MAY_IMPORT = {
     # The fused kernel runs the physics and the cascade in one compiled loop.
     "tombo_sim": {"tombo_dynamics", "tombo_control"},
     "tombo_ros": {"tombo_dynamics", "tombo_bag"},
+    "tombo_px4": {"tombo_dynamics", "tombo_control", "tombo_sim"},
+    "tombo_flight": {
+        "tombo_dynamics",
+        "tombo_control",
+        "tombo_collision",
+        "tombo_bag",
+        "tombo_sim",
+        "tombo_px4",
+    },
     # The functions that simulate an effect are the ones that the diagnosis fits.
-    "tombo_sysid": {"tombo_dynamics", "tombo_bag", "tombo_sim"},
+    "tombo_diagnosis": {"tombo_dynamics", "tombo_bag", "tombo_sim", "tombo_flight"},
+    "tombo_propeller": {
+        "tombo_dynamics",
+        "tombo_control",
+        "tombo_sim",
+        "tombo_flight",
+        "tombo_diagnosis",
+    },
     "tombo_bringup": {
         "tombo_dynamics",
         "tombo_control",
         "tombo_collision",
         "tombo_bag",
         "tombo_sim",
-        "tombo_sysid",
+        "tombo_px4",
+        "tombo_flight",
+        "tombo_diagnosis",
+        "tombo_propeller",
     },
 }
 LIBRARIES = {
@@ -46,11 +65,20 @@ LIBRARIES = {
     "tombo_control": {"numpy", "scipy", "numba"},
     "tombo_collision": {"numpy", "scipy", "numba", "filterpy"},
     "tombo_sim": {"numpy", "scipy", "numba"},
-    "tombo_sysid": {"numpy", "scipy", "yaml", "pyulog", "ruptures", "cv2"},
+    "tombo_diagnosis": {"numpy", "scipy", "yaml", "pyulog", "ruptures"},
 }
-CLOCKLESS = set(LIBRARIES)
+LARGEST_SHARE = 0.22
+"""No package holds more of the lines than this."""
+COMPILED = {"tombo_dynamics", "tombo_control", "tombo_sim"}
+"""Packages whose sources are in the key of the compile cache."""
+NED_FRD = {("tombo_px4",), ("tombo_diagnosis", "logs", "ulog.py")}
+"""Where names of PX4's frames may be: everywhere else the world is ENU and the body FLU."""
+CLOCKLESS = {*LIBRARIES, "tombo_px4"}
+SHELLS = {("tombo_diagnosis", "benchmark"), ("tombo_diagnosis", "report")}
+"""Folders of pure packages that are no maths: they start processes, draw and write files."""
 SEEDED = {"BitGenerator", "Generator", "PCG64", "Philox", "SeedSequence", "default_rng"}
 DYNAMIC = {"import_module", "__import__"}
+JIT = "tombo_dynamics.jit.compiled"
 ROS = re.compile(r"rclpy|tombo_ros|\w+_msgs|\w+_interfaces|rosidl_\w+|rosgraph_\w+")
 
 
@@ -100,31 +128,33 @@ def violations(package: str, path: Path, source: str) -> list[str]:
     def complain(line: int, text: str) -> None:
         found.append(f"{package}/{path}:{line}: {text}")
 
-    shell = is_node(path) or package == "tombo_ros"
-    px4 = "px4" in path.parts[:-1]
+    here = (package, *path.parts)
+    within = {here[:n] for n in range(1, len(here) + 1)}
+    ros = is_node(path) or package == "tombo_ros"
+    shell = ros or bool(SHELLS & within)
 
     for line, module in imported_modules(tree, package, path):
         parts = module.split(".")
         root = parts[0]
-        if ROS.fullmatch(root) and root != package and not shell:
+        if ROS.fullmatch(root) and root != package and not ros:
             complain(line, f"imports {root}: ROS belongs to *_node.py files and to tombo_ros")
         elif root in MAY_IMPORT and root != package and root != "tombo_ros":
-            allowed = MAY_IMPORT[package] | (MAY_IMPORT["tombo_ros"] if shell else set())
+            allowed = MAY_IMPORT[package] | (MAY_IMPORT["tombo_ros"] if ros else set())
             if root not in allowed:
                 complain(line, f"imports {root}: {package} may not")
         elif root == "pymavlink":
-            if not px4:
-                complain(line, "imports pymavlink: that belongs to px4/")
-        elif root == "cv2" and path.parts[:1] != ("spin",):
-            complain(line, "imports cv2: that belongs to tombo_sysid/spin/")
-        elif package in LIBRARIES and not shell and not px4:
+            if package != "tombo_px4":
+                complain(line, "imports pymavlink: that belongs to tombo_px4")
+        elif root == "cv2" and here[:2] != ("tombo_propeller", "flap_video"):
+            complain(line, "imports cv2: that belongs to tombo_propeller/flap_video/")
+        elif package in LIBRARIES and not shell:
             known = {package, *LIBRARIES[package], *sys.stdlib_module_names}
             if root not in known and not root.startswith("tombo_") and not ROS.fullmatch(root):
                 complain(line, f"imports {root}: {package} may use {sorted(LIBRARIES[package])}")
-        if px4 and (root == "numba" or module.startswith("tombo_dynamics.jit")):
-            complain(line, f"imports {module}: what is under px4/ is no part of the cache's key")
+        if package not in COMPILED and (root == "numba" or module.startswith(JIT)):
+            complain(line, f"imports {module}: {package} is no part of the compile cache's key")
         nodes = [part for part in parts if part.endswith("_node")]
-        if root in MAY_IMPORT and nodes and not (root == package and is_node(path)):
+        if root in MAY_IMPORT and nodes and not is_node(path):  # a node may be made from another
             complain(line, f"imports the node {nodes[0]}: nodes are started, never imported")
         if package in CLOCKLESS and not shell:
             if root in {"time", "datetime", "random"}:
@@ -144,10 +174,10 @@ def violations(package: str, path: Path, source: str) -> list[str]:
             ):
                 complain(node.lineno, "default_rng() without a seed")
 
-    if not px4:
+    if not NED_FRD & within:
         for line, name in [*identifiers(tree), (1, path.stem)]:
             if {"ned", "frd"} & set(name.lower().split("_")):
-                complain(line, f"the name {name}: NED and FRD live under px4/")
+                complain(line, f"the name {name}: NED and FRD live in tombo_px4")
     return found
 
 
@@ -173,6 +203,16 @@ def test_package_keeps_the_import_rules(package: str):
     assert not found, "\n".join(["import rules broken:", *found])
 
 
+def test_no_package_holds_most_of_the_lines():
+    lines = {
+        package: sum(len(path.read_text().splitlines()) for path in files_of(package))
+        for package in python_packages()
+    }
+    largest = max(lines, key=lines.__getitem__)
+    share = lines[largest] / sum(lines.values())
+    assert share <= LARGEST_SHARE, f"{largest} has {share:.1%} of the lines: split it"
+
+
 def test_the_graph_of_packages_has_no_cycle():
     done: set[str] = set()
     while len(done) < len(MAY_IMPORT):
@@ -190,23 +230,23 @@ def test_the_graph_of_packages_has_no_cycle():
         ("tombo_sim", "a.py", "import importlib\nimportlib.import_module('rclpy')", "ROS belongs"),
         ("tombo_bag", "sink.py", "from tombo_msgs.msg import Contact", "ROS belongs to"),
         ("tombo_bag", "sink.py", "from builtin_interfaces.msg import Time", "ROS belongs to"),
-        ("tombo_bringup", "flight.py", "from tombo_ros import qos", "ROS belongs to"),
+        ("tombo_flight", "flight.py", "from tombo_ros import qos", "ROS belongs to"),
         ("tombo_dynamics", "params.py", "import tombo_control", "tombo_dynamics may not"),
         ("tombo_collision", "a.py", "from tombo_sim.x import y", "tombo_collision may not"),
         ("tombo_control", "rate_node.py", "import tombo_sim", "tombo_control may not"),
         ("tombo_dynamics", "params.py", "import pandas", "may use"),
-        ("tombo_control", "a.py", "import pymavlink", "belongs to px4/"),
-        ("tombo_sysid", "track.py", "import cv2", "belongs to tombo_sysid/spin/"),
-        ("tombo_sysid", "spin/disc.py", "import cv2", ""),
-        ("tombo_sim", "px4/a.py", "from tombo_dynamics.jit import compiled", "the cache's key"),
+        ("tombo_control", "a.py", "import pymavlink", "belongs to tombo_px4"),
+        ("tombo_diagnosis", "track.py", "import cv2", "belongs to tombo_propeller"),
+        ("tombo_propeller", "flap_video/disc.py", "import cv2", ""),
+        ("tombo_px4", "hil/a.py", "from tombo_dynamics.jit import compiled", "cache's key"),
         ("tombo_control", "b_node.py", "from tombo_control import a_node, x\nimport rclpy", ""),
         ("tombo_control", "a.py", "from . import rate_node", "nodes are started"),
-        ("tombo_control", "px4/a.py", "from ..rate_node import main", "nodes are started"),
+        ("tombo_control", "sub/a.py", "from ..rate_node import main", "nodes are started"),
         ("tombo_bringup", "a.py", "from tombo_sim.sim_node import main", "nodes are started"),
-        ("tombo_control", "a.py", "position_ned = 1", "live under px4/"),
-        ("tombo_control", "a.py", "def f(x_frd): ...", "live under px4/"),
-        ("tombo_control", "ned_frames.py", "", "live under px4/"),
-        ("tombo_control", "px4/frames.py", "def enu_from_ned(p_ned): ...", ""),
+        ("tombo_control", "a.py", "position_ned = 1", "live in tombo_px4"),
+        ("tombo_control", "a.py", "def f(x_frd): ...", "live in tombo_px4"),
+        ("tombo_control", "ned_frames.py", "", "live in tombo_px4"),
+        ("tombo_px4", "frames.py", "def enu_from_ned(p_ned): ...", ""),
         ("tombo_control", "a.py", "planned = learned = 1", ""),
         ("tombo_sim", "a.py", "import time", "time is an argument"),
         ("tombo_sim", "sim_node.py", "import time\nimport rclpy", ""),

@@ -9,21 +9,12 @@ NAME = "tombo_bringup"
 setup(
     name=NAME,
     version="0.1.0",
-    description="Scenarios, the headless flight, its report and the tombo command",
+    description="Launch files, configuration and the tombo command",
     license="MIT",
     maintainer="Tombo developers",
     maintainer_email="tombo@example.org",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={
-        NAME: [
-            "py.typed",
-            "scenarios/*.yaml",
-            "report/**/*.css",
-            "report/**/*.html",
-            "report/**/*.js",
-            "workbench/**/*.yaml",
-        ]
-    },
+    package_data={NAME: ["py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

@@ -29,7 +29,6 @@ setup(
             "controller_node = tombo_control.controller_node:main",
             "estimator_node = tombo_control.estimator_node:main",
             "mission_node = tombo_control.mission_node:main",
-            "px4_bridge_node = tombo_control.px4_bridge_node:main",
         ]
     },
 )

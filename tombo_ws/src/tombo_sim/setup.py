@@ -27,8 +27,6 @@ setup(
     entry_points={
         "console_scripts": [
             "sim_node = tombo_sim.sim_node:main",
-            "px4_sim_node = tombo_sim.px4_sim_node:main",
-            "hil_sim_node = tombo_sim.hil_sim_node:main",
         ]
     },
 )

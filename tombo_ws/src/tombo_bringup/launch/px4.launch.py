@@ -24,18 +24,18 @@ def generate_launch_description() -> LaunchDescription:
     return description(
         [
             suite_node(
-                "tombo_sim",
+                "tombo_px4",
                 "sim",
                 executable="px4_sim_node",
                 condition=IfCondition(LaunchConfiguration("sim")),
             ),
             suite_node(
-                "tombo_sim",
+                "tombo_px4",
                 "sim",
                 executable="hil_sim_node",
                 condition=IfCondition(LaunchConfiguration("hil")),
             ),
-            suite_node("tombo_control", "px4_bridge", **{"link.url": LaunchConfiguration("url")}),
+            suite_node("tombo_px4", "px4_bridge", **{"link.url": LaunchConfiguration("url")}),
             suite_node("tombo_control", "mission"),
             part("collision.launch.py"),
             part("recorder.launch.py", "record", condition=IfCondition(recording)),

@@ -7,8 +7,8 @@ import sys
 import textwrap
 from typing import Any
 
-from tombo_bringup.scenario import Scenario
 from tombo_dynamics.effects import REGISTRY
+from tombo_flight.scenario import Scenario
 
 _WIDTH = 98
 

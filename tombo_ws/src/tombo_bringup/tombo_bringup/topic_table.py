@@ -18,8 +18,8 @@ from pathlib import Path
 from tombo_bag import topics
 from tombo_bag.qos import Qos
 from tombo_bag.topics import CLOCK, DIAGNOSTICS, TOPICS, TopicSpec
-from tombo_bringup.suite.nodes import PX4_SUITE, SUITE
 from tombo_dynamics.errors import InputError
+from tombo_flight.suite.nodes import PX4_SUITE, SUITE
 
 
 @dataclass(frozen=True)
@@ -46,8 +46,8 @@ class NodeFacts:
 
 
 IN_PLACE_OF_SIM = {
-    "px4_sim_node": "tombo_sim.px4_sim_node",
-    "hil_sim_node": "tombo_sim.hil_sim_node",
+    "px4_sim_node": "tombo_px4.px4_sim_node",
+    "hil_sim_node": "tombo_px4.hil_sim_node",
 }
 """Executables whose node is `sim` too."""
 PAGES = {"nodes.md": ("nodes", "topics"), "px4.md": ("px4_nodes",)}

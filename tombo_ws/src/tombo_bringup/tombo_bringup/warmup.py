@@ -13,8 +13,8 @@ from tempfile import TemporaryDirectory
 
 def warm_propeller() -> None:
     """Evaluate every law, of a soft and of the rigid propeller, and make the simulator's maps."""
-    from tombo_bringup.scenario import LAWS
     from tombo_dynamics.propeller import configuration, evaluate, thrust_map, valid_speed
+    from tombo_flight.scenario import LAWS
 
     for law in LAWS:
         for conf in (configuration(0), configuration(13)):
@@ -25,8 +25,8 @@ def warm_propeller() -> None:
 def warm_flight() -> None:
     """Fly a moment with the whole autopilot, and with the bare kernel."""
     from tombo_bringup.bench.kernel_flight import new_flight, stretches
-    from tombo_bringup.flight_output import rehearse
-    from tombo_bringup.scenario import load_scenario
+    from tombo_flight.flight_output import rehearse
+    from tombo_flight.scenario import load_scenario
 
     scenario = load_scenario()
     rehearse(scenario)
@@ -37,18 +37,18 @@ def warm_flight() -> None:
 
 def warm_nodes() -> None:
     """Go through the cores of all nodes."""
-    from tombo_bringup.scenario import load_scenario
-    from tombo_bringup.suite.rehearsal import rehearse_nodes
+    from tombo_flight.scenario import load_scenario
+    from tombo_flight.suite.rehearsal import rehearse_nodes
 
     rehearse_nodes(load_scenario())
 
 
 def warm_files() -> None:
     """Write the files of a short flight: message types, fonts, templates."""
-    from tombo_bringup.flight_output import fly_into
-    from tombo_bringup.output_folder import open_output
-    from tombo_bringup.scenario import load_scenario
-    from tombo_bringup.stop_signals import StopSignals
+    from tombo_flight.flight_output import fly_into
+    from tombo_flight.process.output_folder import open_output
+    from tombo_flight.process.stop_signals import StopSignals
+    from tombo_flight.scenario import load_scenario
 
     with TemporaryDirectory() as parent, open_output(Path(parent) / "o", replace=False) as folder:
         fly_into(folder, load_scenario(settings=["duration=0.2"]), 0, StopSignals())

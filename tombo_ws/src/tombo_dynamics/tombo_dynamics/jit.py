@@ -33,7 +33,7 @@ def _source_hash() -> str:
             continue
         for folder in spec.submodule_search_locations:
             for path in sorted(Path(folder).rglob("*.py")):
-                if path.stem.endswith("_node") or path.parent.name == "px4":
+                if path.stem.endswith("_node"):
                     continue  # nothing compiled in there
                 digest.update(path.relative_to(folder).as_posix().encode())
                 digest.update(path.read_bytes())

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bringup.scenario import Scenario
 from tombo_control.autopilot import APPROACH, HOVER, REACT, TAKEOFF, A, new_autopilot
 from tombo_control.leg import Leg, stay, straight
 from tombo_dynamics.effects.compose import pack_theta
 from tombo_dynamics.plant import P, new_plant, part
 from tombo_dynamics.rigid_body import begin_flight
 from tombo_dynamics.rotor_maps import rotor_maps
+from tombo_flight.scenario import Scenario
 from tombo_sim.kernel import fly_on_truth
 from tombo_sim.propulsion import propulsion_effects, thrust_map_of
 

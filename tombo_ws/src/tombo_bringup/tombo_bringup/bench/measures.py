@@ -25,10 +25,10 @@ from tombo_bringup.bench.kernel_flight import (
     stretches,
 )
 from tombo_bringup.bench.numpy_step import hovering
-from tombo_bringup.flight import Workspace, fly_scenario
-from tombo_bringup.flight_output import write_mcap
-from tombo_bringup.scenario import Scenario, load_scenario
 from tombo_control.leg import straight
+from tombo_flight.flight import Workspace, fly_scenario
+from tombo_flight.flight_output import write_mcap
+from tombo_flight.scenario import Scenario, load_scenario
 
 Share = list[tuple[KernelFlight, list[Stretch]]]
 Said = Callable[[str], None]
@@ -37,8 +37,8 @@ _FIRST_CALL = """
 import time
 start = time.perf_counter()
 from tombo_bringup.bench.kernel_flight import new_flight, stretches
-from tombo_bringup.flight import fly_scenario
-from tombo_bringup.scenario import load_scenario
+from tombo_flight.flight import fly_scenario
+from tombo_flight.scenario import load_scenario
 scenario = load_scenario()
 ready = time.perf_counter()
 flight = new_flight(scenario, 0)

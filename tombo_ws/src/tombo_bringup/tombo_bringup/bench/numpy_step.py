@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bringup.scenario import Scenario
 from tombo_control.leg import Leg
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY, SPIN
+from tombo_flight.scenario import Scenario
 from tombo_sim.propulsion import thrust_map_of
 
 Array = NDArray[np.float64]

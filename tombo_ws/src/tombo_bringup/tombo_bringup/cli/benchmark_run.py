@@ -81,8 +81,8 @@ def run_and_tell(
         InputError: the output can't be written any more.
     """
     from tombo_bringup.cli.progress import progress_bar
-    from tombo_bringup.flight_output import as_json as to_json
-    from tombo_bringup.stop_signals import StopSignals
+    from tombo_flight.flight_output import as_json as to_json
+    from tombo_flight.process.stop_signals import StopSignals
 
     with StopSignals() as stop:
         with progress_bar() as tell:

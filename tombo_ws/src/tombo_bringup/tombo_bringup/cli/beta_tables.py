@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from tombo_sysid.spin.measure import Measurement
+    from tombo_propeller.flap_video.measure import Measurement
 
 _FAR = 20.0
 """Camera heights in tip radii above which perspective hides little."""
@@ -46,7 +46,7 @@ def print_beta(found: Measurement, notes: list[str], path: Path | None) -> None:
 
 def notes_of(found: Measurement) -> list[str]:
     """Return what a reader of the angle has to know."""
-    from tombo_sysid.spin.view import View, angle, blind_angle
+    from tombo_propeller.flap_video.view import View, angle, blind_angle
 
     notes = []
     span, view = found.span, found.view

@@ -9,12 +9,12 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from tombo_bringup.workbench.design import cells, words
-from tombo_bringup.workbench.design.check import Check
-from tombo_bringup.workbench.design.design import Design
-from tombo_bringup.workbench.design.flyable import SCENARIO
-from tombo_bringup.workbench.design.recommend import Recommendation
-from tombo_bringup.workbench.design.request import QUANTITIES
+from tombo_propeller.design import cells, words
+from tombo_propeller.design.check import Check
+from tombo_propeller.design.design import Design
+from tombo_propeller.design.flyable import SCENARIO
+from tombo_propeller.design.recommend import Recommendation
+from tombo_propeller.design.request import QUANTITIES
 
 _HEADINGS = ("margin", "force", "recovery", "noise", "L/D")
 

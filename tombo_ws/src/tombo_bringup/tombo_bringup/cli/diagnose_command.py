@@ -14,8 +14,8 @@ from tombo_bringup.cli.result_files import compute_into, results_folder
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.progress import Tell
-    from tombo_bringup.diagnosis_output import HeldAgainst
-    from tombo_sysid.diagnosis import Diagnosis
+    from tombo_diagnosis.diagnosis import Diagnosis
+    from tombo_diagnosis.report.diagnosis_output import HeldAgainst
 
 DIAGNOSE_EXIT_CODES = (
     "Exit code: 0 whatever the verdict; 2 for bad input or output that can't be written; 130 "
@@ -89,7 +89,11 @@ def diagnose(
     """
     # One thread of linear algebra: on matrices this small more get into each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from tombo_bringup.diagnosis_output import DIAGNOSIS_FILES, diagnosis_json, write_diagnosis
+    from tombo_diagnosis.report.diagnosis_output import (
+        DIAGNOSIS_FILES,
+        diagnosis_json,
+        write_diagnosis,
+    )
 
     names = parse_topics(topics or [])
     path = results_folder(output, "diagnosis", logs[0].name.split(".")[0], as_json, "log")
@@ -120,10 +124,10 @@ def run(
     Raises:
         InputError: a log, the mapping or the model can't be used.
     """
-    from tombo_bringup.diagnosis_output import HeldAgainst
-    from tombo_sysid.model_file import read_model
-    from tombo_sysid.prechecks import check_log
-    from tombo_sysid.reading import read_logs
+    from tombo_diagnosis.checks import check_log
+    from tombo_diagnosis.logs.reading import read_logs
+    from tombo_diagnosis.report.diagnosis_output import HeldAgainst
+    from tombo_flight.model_file import read_model
 
     base = None if model is None else read_model(model)
     tell(f"reading {logs[0].name}{' and others' if len(logs) > 1 else ''}", 0.0)
@@ -134,11 +138,11 @@ def run(
         checked.append(check_log(flight))
 
     tell("loading the model", 0.0)  # imports compiled code
-    from tombo_bringup.nominal import nominal_model
-    from tombo_sysid.diagnose import diagnose
+    from tombo_diagnosis.flight.diagnose import diagnose
+    from tombo_diagnosis.flight.scenario_nominal import nominal_model
 
     nominal = nominal_model(model)
-    from tombo_bringup.separation import separate
+    from tombo_diagnosis.flight.separation import separate
 
     found = diagnose(checked, nominal, tell, separate, time.perf_counter)
     today = datetime.date.today().isoformat()

@@ -13,8 +13,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from tombo_bringup.diagnosis_output import MISSION, MODEL
-from tombo_bringup.report.diagnosis_words import (
+from tombo_diagnosis.report.diagnosis_output import MISSION, MODEL
+from tombo_diagnosis.report.diagnosis_words import (
     CLASSES,
     LABELS,
     certainty,
@@ -29,7 +29,8 @@ from tombo_bringup.report.diagnosis_words import (
 )
 
 if TYPE_CHECKING:
-    from tombo_sysid.diagnosis import Diagnosis, Gain
+    from tombo_diagnosis.diagnosis import Diagnosis
+    from tombo_flight.extended_model import Gain
 
 _COLOURS: Final = {"good": "bold green", "warn": "bold yellow", "bad": "bold red"}
 _MOST_FINDINGS: Final = 10

@@ -10,12 +10,12 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from tombo_bringup.report import paper
-from tombo_bringup.report.comparison import Row, comparison_rows, fixed
-from tombo_bringup.report.story import Verdict, tell
+from tombo_flight.report import paper
+from tombo_flight.report.comparison import Row, comparison_rows, fixed
+from tombo_flight.report.story import Verdict, tell
 
 if TYPE_CHECKING:
-    from tombo_bringup.flight_output import FlownFlight
+    from tombo_flight.flight_output import FlownFlight
 
 _COLOURS: Final = {
     Verdict.RECOVERED: "bold green",

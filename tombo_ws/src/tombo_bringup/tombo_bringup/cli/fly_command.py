@@ -13,7 +13,7 @@ from tombo_bringup.cli.optional_url import SIMULATED
 from tombo_bringup.cli.whole_number import whole_number
 
 if TYPE_CHECKING:
-    from tombo_bringup.scenario import Scenario
+    from tombo_flight.scenario import Scenario
 
 EXIT_CODES = (
     "Exit code: 0 when the flight was flown, whatever became of the vehicle (a crash is a "
@@ -263,7 +263,7 @@ def _load(
     model: str | None,
 ) -> Scenario:
     """Read the scenario; options win over --set, as they are more to the point."""
-    from tombo_bringup.scenario import load_scenario
+    from tombo_flight.scenario import load_scenario
 
     if conf is not None and not 0 <= conf <= 13:
         raise _input_error(f"--conf {conf}: unknown configuration; accepted: 0 (rigid) to 13")
@@ -277,10 +277,10 @@ def _fly_one(
     scenario: Scenario, seed: int, output: str | None, force: bool, record: bool, as_json: bool
 ) -> int:
     from tombo_bringup.cli.progress import progress_bar
-    from tombo_bringup.flight_output import as_json as to_json
-    from tombo_bringup.flight_output import fly_into, rehearse
-    from tombo_bringup.output_folder import open_output
-    from tombo_bringup.stop_signals import StopSignals
+    from tombo_flight.flight_output import as_json as to_json
+    from tombo_flight.flight_output import fly_into, rehearse
+    from tombo_flight.process.output_folder import open_output
+    from tombo_flight.process.stop_signals import StopSignals
 
     path = _folder(output, default_folder(scenario.name, str(seed)))
     may_replace = force or output is None
@@ -313,11 +313,11 @@ def _fly_nodes(
     domain: int | None,
 ) -> int:
     from tombo_bringup.cli.progress import progress_bar
-    from tombo_bringup.flight_output import as_json as to_json
-    from tombo_bringup.node_flight import fly_nodes_into
-    from tombo_bringup.output_folder import open_output
-    from tombo_bringup.stop_signals import Stopped, StopSignals
-    from tombo_bringup.suite.rehearsal import rehearse_nodes
+    from tombo_flight.flight_output import as_json as to_json
+    from tombo_flight.process.output_folder import open_output
+    from tombo_flight.process.stop_signals import Stopped, StopSignals
+    from tombo_flight.suite.node_flight import fly_nodes_into
+    from tombo_flight.suite.rehearsal import rehearse_nodes
 
     path = _folder(output, default_folder(scenario.name, f"{seed}-nodes"))
     may_replace = force or output is None
@@ -351,12 +351,12 @@ def _fly_nodes(
 def _fly_many(
     scenario: Scenario, seeds: range, output: str | None, force: bool, as_json: bool
 ) -> int:
-    from tombo_bringup.campaign import fly_campaign
     from tombo_bringup.cli.progress import progress_bar
-    from tombo_bringup.flight_output import as_json as to_json
-    from tombo_bringup.flight_output import rehearse
-    from tombo_bringup.output_folder import open_output
-    from tombo_bringup.stop_signals import StopSignals
+    from tombo_flight.campaign.campaign import fly_campaign
+    from tombo_flight.flight_output import as_json as to_json
+    from tombo_flight.flight_output import rehearse
+    from tombo_flight.process.output_folder import open_output
+    from tombo_flight.process.stop_signals import StopSignals
 
     default = default_folder(scenario.name, f"{seeds.start}-{seeds.stop}")
     path = _folder(output, default)
@@ -379,8 +379,8 @@ def _fly_many(
             names = ["summary.json"]
             if not stop.asked():
                 tell("drawing campaign.png", 1.0)
-                from tombo_bringup.campaign_figure import draw_campaign
-                from tombo_bringup.report.flight_plot import png_bytes
+                from tombo_flight.campaign.plot import draw_campaign
+                from tombo_flight.report.flight_plot import png_bytes
 
                 (folder / "campaign.png").write_bytes(png_bytes(draw_campaign(campaign)))
                 names.insert(0, "campaign.png")

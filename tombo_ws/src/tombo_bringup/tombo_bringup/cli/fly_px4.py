@@ -12,17 +12,17 @@ import typer
 
 from tombo_bringup.cli.errors import say
 from tombo_bringup.cli.progress import progress_bar
-from tombo_bringup.flight_output import as_json as to_json
-from tombo_bringup.node_flight import NotFlown, fly_nodes_into
-from tombo_bringup.output_folder import open_output
-from tombo_bringup.px4_probe import find_vehicle
-from tombo_bringup.px4_side import Px4Side, px4_side
-from tombo_bringup.stop_signals import Stopped, StopSignals
-from tombo_bringup.suite.rehearsal import rehearse_nodes
 from tombo_dynamics.errors import InputError
+from tombo_flight.flight_output import as_json as to_json
+from tombo_flight.process.output_folder import open_output
+from tombo_flight.process.stop_signals import Stopped, StopSignals
+from tombo_flight.suite.node_flight import NotFlown, fly_nodes_into
+from tombo_flight.suite.px4_probe import find_vehicle
+from tombo_flight.suite.px4_side import Px4Side, px4_side
+from tombo_flight.suite.rehearsal import rehearse_nodes
 
 if TYPE_CHECKING:
-    from tombo_bringup.scenario import Scenario
+    from tombo_flight.scenario import Scenario
 
 
 def fly_px4(

@@ -13,9 +13,9 @@ import typer
 from tombo_bringup.cli.whole_number import whole_number
 
 if TYPE_CHECKING:
-    from tombo_bringup.stop_signals import StopSignals
-    from tombo_sim.px4.hil import Hil, News
-    from tombo_sim.px4.hil_mocap import MocapFeed
+    from tombo_flight.process.stop_signals import StopSignals
+    from tombo_px4.hil.lockstep import Hil, News
+    from tombo_px4.hil.mocap import MocapFeed
     from tombo_sim.world import World
 
 HIL_EXIT_CODES = (
@@ -91,12 +91,12 @@ def hil(
     The scenario's vehicle, propeller, effects and obstacle are simulated; PX4 does the rest.
     """
     from tombo_bringup.cli.fly_command import check_seed
-    from tombo_bringup.scenario import load_scenario, world_of
-    from tombo_bringup.stop_signals import StopSignals
     from tombo_dynamics.errors import InputError
-    from tombo_sim.px4.hil import Hil
-    from tombo_sim.px4.hil_link import HilLink
-    from tombo_sim.px4.hil_params import HilParams
+    from tombo_flight.process.stop_signals import StopSignals
+    from tombo_flight.scenario import load_scenario, world_of
+    from tombo_px4.hil.link import HilLink
+    from tombo_px4.hil.lockstep import Hil
+    from tombo_px4.hil.params import HilParams
 
     if duration is not None and not duration > 0.0:
         raise InputError(f"--duration {duration:g}: out of bounds; accepted: a number above 0")
@@ -119,8 +119,8 @@ def hil(
 
 
 def _feed(url: str) -> MocapFeed:
-    from tombo_control.px4.link import Link
-    from tombo_sim.px4.hil_mocap import MocapFeed
+    from tombo_px4.hil.mocap import MocapFeed
+    from tombo_px4.link.mavlink_link import Link
 
     return MocapFeed(Link(url, system=_SYSTEM, component=_COMPONENT, clock=time.time_ns))
 
@@ -129,7 +129,7 @@ def _introduction(
     one: Hil, world: World, port: int, mocap: str | None, scenario: str, seed: int
 ) -> str:
     """Return what waits here, and how PX4 is started for it."""
-    from tombo_sim.px4.hil_advice import airframe_parameters, mocap_parameters, start_commands
+    from tombo_px4.hil.advice import airframe_parameters, mocap_parameters, start_commands
 
     parameters = airframe_parameters(world, one.flight)
     if mocap is not None:

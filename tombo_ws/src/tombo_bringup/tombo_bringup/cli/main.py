@@ -52,7 +52,7 @@ app.add_typer(
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from tombo_bringup.version import tombo_version
+        from tombo_flight.version import tombo_version
 
         typer.echo(f"tombo {tombo_version()}")
         raise typer.Exit()

@@ -12,10 +12,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from tombo_bringup.suite.node_log import without_stamp
+from tombo_flight.suite.node_log import without_stamp
 
 if TYPE_CHECKING:
-    from tombo_bringup.node_flight import NodeFlight
+    from tombo_flight.suite.node_flight import NodeFlight
 
 _KEY: Final = re.compile(r"\w+ (?!PX4: )[\w.]+: ")
 _FIGURE: Final = re.compile(r"\d[\d.]*")

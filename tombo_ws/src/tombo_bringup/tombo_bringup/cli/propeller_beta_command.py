@@ -18,12 +18,12 @@ from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.progress import Tell
-    from tombo_bringup.output_folder import OutputFolder
-    from tombo_sysid.spin.disc import Frames
-    from tombo_sysid.spin.film import Film
-    from tombo_sysid.spin.measure import Measurement
-    from tombo_sysid.spin.rim import Rim
-    from tombo_sysid.spin.view import Span, View
+    from tombo_flight.process.output_folder import OutputFolder
+    from tombo_propeller.flap_video.disc import Frames
+    from tombo_propeller.flap_video.film import Film
+    from tombo_propeller.flap_video.measure import Measurement
+    from tombo_propeller.flap_video.rim import Rim
+    from tombo_propeller.flap_video.view import Span, View
 
 
 _HIGHEST_MM = 1e6
@@ -178,9 +178,9 @@ def beta(
     as "at most". Writes beta.json, beta.csv, beta.png and overlay.png. See docs/beta.md.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from tombo_bringup.beta_output import BETA_FILES, beta_csv, beta_json, write_text
     from tombo_dynamics.propeller import configuration
-    from tombo_sysid.spin.view import Span, View
+    from tombo_propeller.flap_video.output import BETA_FILES, beta_csv, beta_json, write_text
+    from tombo_propeller.flap_video.view import Span, View
 
     blade = configuration(13).blade
     straight = Span(
@@ -261,9 +261,9 @@ def _measured(
     source: _Source,
 ) -> tuple[Measurement, list[str]]:
     from tombo_bringup.cli.beta_tables import notes_of
-    from tombo_sysid.spin import measure as m
-    from tombo_sysid.spin import scale as s
-    from tombo_sysid.spin.film import open_film
+    from tombo_propeller.flap_video import measure as m
+    from tombo_propeller.flap_video import scale as s
+    from tombo_propeller.flap_video.film import open_film
 
     film = open_film(path, fps)
     begin = 0
@@ -305,10 +305,10 @@ def _demo(tell: Tell, window: int) -> tuple[Measurement, list[str]]:
     import numpy as np
 
     from tombo_bringup.cli.beta_tables import notes_of
-    from tombo_sysid.spin import measure as m
-    from tombo_sysid.spin.rendered import Rendering, Scene, slow
-    from tombo_sysid.spin.scale import reference_scale
-    from tombo_sysid.spin.view import Span, View
+    from tombo_propeller.flap_video import measure as m
+    from tombo_propeller.flap_video.rendered import Rendering, Scene, slow
+    from tombo_propeller.flap_video.scale import reference_scale
+    from tombo_propeller.flap_video.view import Span, View
 
     scene = Scene(beta=math.radians(12.0), camera_height=3.0, off_centre=(14.0, -9.0), tilt=0.04)
     straight, view = Span(scene.tip, scene.nodus), View(scene.camera_height)
@@ -328,8 +328,8 @@ def _frames(film: Film, first: int, behind: int) -> Frames:
 
 
 def _write(overlay_path: Path, plot_path: Path, found: Measurement) -> None:
-    from tombo_bringup.report.beta_plots import plot_beta
-    from tombo_sysid.spin.overlay import overlay, write_picture
+    from tombo_propeller.flap_video.overlay import overlay, write_picture
+    from tombo_propeller.flap_video.plots import plot_beta
 
     write_picture(overlay(found), overlay_path)
     plot_beta(found, plot_path)

@@ -14,8 +14,8 @@ from tombo_bringup.cli.result_files import check_output, compute_into
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.progress import Tell
-    from tombo_bringup.workbench.design.design import Design
-    from tombo_bringup.workbench.design.recommend import Recommendation
+    from tombo_propeller.design.design import Design
+    from tombo_propeller.design.recommend import Recommendation
 
 INFEASIBLE = 1
 _MOST_FLIGHTS = 200
@@ -25,7 +25,7 @@ def _accepted(option: str) -> Callable[[], str]:
     """Return who can say what an option accepts."""
 
     def words() -> str:
-        from tombo_bringup.workbench.design.request import BOUNDS
+        from tombo_propeller.design.request import BOUNDS
 
         unit, low, high = BOUNDS[option]
         return f"a number from {low:g} to {high:g} [{unit}]"
@@ -148,13 +148,13 @@ def design(
     input or output that can't be written; 130 after Ctrl-C, with nothing written.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from tombo_bringup.flight_output import as_json as to_json
-    from tombo_bringup.workbench.design.design import blade_of
-    from tombo_bringup.workbench.design.files import DESIGN_FILES, write_design
-    from tombo_bringup.workbench.design.outcome import design_mapping
-    from tombo_bringup.workbench.design.request import Request, arm_of
     from tombo_dynamics.errors import InputError
     from tombo_dynamics.propeller import read_library
+    from tombo_flight.flight_output import as_json as to_json
+    from tombo_propeller.design.design import blade_of
+    from tombo_propeller.design.files import DESIGN_FILES, write_design
+    from tombo_propeller.design.outcome import design_mapping
+    from tombo_propeller.design.request import Request, arm_of
 
     if not 0 <= flights <= _MOST_FLIGHTS:
         raise InputError(f"--flights {flights}: out of bounds; accepted: 0 to {_MOST_FLIGHTS}")
@@ -180,8 +180,8 @@ def design(
     )
 
     def run(tell: Tell) -> tuple[Design, Recommendation]:
-        from tombo_bringup.workbench.design.design import design as find
-        from tombo_bringup.workbench.design.recommend import recommend
+        from tombo_propeller.design.design import design as find
+        from tombo_propeller.design.recommend import recommend
 
         tell("loading the model", 0.0)
         found = find(request, known, chosen, tell)

@@ -15,9 +15,9 @@ from tombo_bringup.cli.whole_number import whole_number
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.progress import Tell
-    from tombo_bringup.output_folder import OutputFolder
-    from tombo_sysid.stand.diagnose import StandDiagnosis
-    from tombo_sysid.stand.table3 import Table3
+    from tombo_diagnosis.stand.diagnose import StandDiagnosis
+    from tombo_diagnosis.stand.table3 import Table3
+    from tombo_flight.process.output_folder import OutputFolder
 
 _CONF, _LAW = 13, "repaired"
 
@@ -89,7 +89,7 @@ def diagnose(
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from tombo_bringup.cli.stand_tables import print_stand, stand_headline
-    from tombo_bringup.stand_output import STAND_FILES, stand_json, write_stand
+    from tombo_diagnosis.report.stand_output import STAND_FILES, stand_json, write_stand
     from tombo_dynamics.errors import InputError
 
     def write(folder: OutputFolder, both: tuple[StandDiagnosis, Table3 | None], _: Tell) -> None:
@@ -131,11 +131,11 @@ def run(
     Raises:
         InputError: a table, the mapping, the model, the configuration or the law can't be used.
     """
+    from tombo_diagnosis.stand.diagnose import StandDiagnosis, diagnose_points, diagnose_stand
+    from tombo_diagnosis.stand.model_file import read_stand_model
+    from tombo_diagnosis.stand.reading import read_stand
+    from tombo_diagnosis.stand.table3 import study_table3, table3_assembled
     from tombo_dynamics.propeller import configuration, parameter_row
-    from tombo_sysid.stand.diagnose import StandDiagnosis, diagnose_points, diagnose_stand
-    from tombo_sysid.stand.model_file import read_stand_model
-    from tombo_sysid.stand.reading import read_stand
-    from tombo_sysid.stand.table3 import study_table3, table3_assembled
 
     number = _CONF if conf is None else conf
     formulas = _LAW if law is None else law

@@ -74,16 +74,16 @@ def recovery(
     than". A speed trace gives a lower bound, "at least": a folded blade has less thrust than its
     speed says. Writes recovery.json, recovery.csv and recovery.png. See docs/beta.md.
     """
-    from tombo_bringup.beta_output import (
+    from tombo_dynamics.errors import InputError
+    from tombo_flight.process.output_folder import open_output
+    from tombo_propeller.flap_video.output import (
         RECOVERY_FILES,
         recovery_csv,
         recovery_json,
         write_text,
     )
-    from tombo_bringup.output_folder import open_output
-    from tombo_dynamics.errors import InputError
-    from tombo_sysid.spin.recovery import LEAST_SHARE, MOST_SHARE, SHARE, recoveries
-    from tombo_sysid.spin.trace import read_trace
+    from tombo_propeller.flap_video.trace import read_trace
+    from tombo_propeller.recovery import LEAST_SHARE, MOST_SHARE, SHARE, recoveries
 
     if share is not None and not LEAST_SHARE <= share <= MOST_SHARE:
         raise InputError(f"--share {share:g}; accepted: {LEAST_SHARE:g} to {MOST_SHARE:g}")
@@ -96,7 +96,7 @@ def recovery(
     text = recovery_json(found, read, goal)
     path = results_folder(output, "recovery", trace.name.split(".")[0], as_json, "trace")
     if path is not None:
-        from tombo_bringup.report.beta_plots import plot_recovery
+        from tombo_propeller.flap_video.plots import plot_recovery
 
         replace = force or output is None
         with open_output(path, replace=replace, results=RECOVERY_FILES) as folder:

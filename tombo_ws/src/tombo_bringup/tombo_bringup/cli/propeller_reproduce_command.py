@@ -12,8 +12,8 @@ from tombo_bringup.cli.result_files import check_output, compute_into
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.progress import Tell
-    from tombo_bringup.output_folder import OutputFolder
-    from tombo_bringup.workbench.reproduce.reproduction import Reproduction
+    from tombo_flight.process.output_folder import OutputFolder
+    from tombo_propeller.reproduce.reproduction import Reproduction
 
 _COLOURS = {"holds": "green", "fails": "red", "can't be checked": "yellow"}
 
@@ -57,19 +57,19 @@ def reproduce(
     path = None if output is None else Path(output)
     names: tuple[str, ...] = ()
     if path is not None:
-        from tombo_bringup.workbench.reproduce.output import REPRODUCTION_FILES
+        from tombo_propeller.reproduce.output import REPRODUCTION_FILES
 
         names = REPRODUCTION_FILES
 
     def run(tell: Tell) -> Reproduction:
         tell("loading", 0.0)
-        from tombo_bringup.workbench.reproduce import reproduction
+        from tombo_propeller.reproduce import reproduction
 
         tell("computing", 0.0)
         return reproduction.reproduce(laws)
 
     def write(folder: OutputFolder, found: Reproduction, tell: Tell) -> None:
-        from tombo_bringup.workbench.reproduce.output import write_reproduction
+        from tombo_propeller.reproduce.output import write_reproduction
 
         write_reproduction(folder, found, tell)
 
@@ -104,8 +104,8 @@ def _print(found: Reproduction) -> None:
     from rich.padding import Padding
     from rich.text import Text
 
-    from tombo_bringup.workbench.reproduce.reproduction import GROUPS
-    from tombo_bringup.workbench.reproduce.words import (
+    from tombo_propeller.reproduce.reproduction import GROUPS
+    from tombo_propeller.reproduce.words import (
         MARKS,
         computed_text,
         headline,

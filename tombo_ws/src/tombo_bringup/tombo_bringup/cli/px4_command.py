@@ -13,11 +13,11 @@ import typer
 from tombo_bringup.cli.whole_number import whole_number
 
 if TYPE_CHECKING:
-    from tombo_bringup.scenario import Scenario
-    from tombo_control.px4.link import Link
-    from tombo_sim.px4.endpoint import Endpoint
-    from tombo_sim.px4.parameters import ParameterTable
-    from tombo_sim.px4.vehicle import Px4Vehicle
+    from tombo_flight.scenario import Scenario
+    from tombo_px4.autopilot.parameters import ParameterTable
+    from tombo_px4.autopilot.vehicle import Px4Vehicle
+    from tombo_px4.link.mavlink_link import Link
+    from tombo_px4.protocol.endpoint import Endpoint
 
 PX4_EXIT_CODES = (
     "Exit code: 0 when it was stopped (Ctrl-C, SIGTERM, --duration), 2 for bad input or a busy "
@@ -108,11 +108,11 @@ def px4(
     """
     from tombo_bringup.cli.fly_command import check_seed
     from tombo_bringup.cli.px4_screen import where_to_connect
-    from tombo_bringup.scenario import load_scenario
-    from tombo_control.px4.address import parse_peer
     from tombo_dynamics.errors import InputError
-    from tombo_sim.px4.endpoint import Endpoint
-    from tombo_sim.px4.parameters import ParameterTable
+    from tombo_flight.scenario import load_scenario
+    from tombo_px4.autopilot.parameters import ParameterTable
+    from tombo_px4.link.address import parse_peer
+    from tombo_px4.protocol.endpoint import Endpoint
 
     if duration is not None and not duration > 0.0:
         raise InputError(f"--duration {duration:g}: out of bounds; accepted: a number above 0")
@@ -161,9 +161,9 @@ def _open_links(
     host: str,
     allow_remote: bool,
 ) -> list[tuple[Link, str]]:
-    from tombo_control.px4.link import Link
-    from tombo_control.px4.signing import read_key
     from tombo_dynamics.errors import InputError
+    from tombo_px4.link.mavlink_link import Link
+    from tombo_px4.link.signing import read_key
 
     highest = 65535 - _OWN_GROUND
     if not 1 <= port <= highest:
@@ -204,9 +204,9 @@ def _open_links(
 def _vehicle(scenario: Scenario, seed: int, table: ParameterTable) -> Px4Vehicle:
     """Make the vehicle; a spare one flies first, so that all code is compiled and loaded."""
     from tombo_bringup.cli.progress import progress_bar
-    from tombo_bringup.scenario import world_of
-    from tombo_sim.px4.parameters import ParameterTable
-    from tombo_sim.px4.vehicle import Px4Vehicle
+    from tombo_flight.scenario import world_of
+    from tombo_px4.autopilot.parameters import ParameterTable
+    from tombo_px4.autopilot.vehicle import Px4Vehicle
 
     world = world_of(scenario)
     with progress_bar() as tell:
@@ -219,8 +219,8 @@ def _vehicle(scenario: Scenario, seed: int, table: ParameterTable) -> Px4Vehicle
 
 def _serve(endpoint: Endpoint, duration_s: float | None, lines: list[str]) -> None:
     from tombo_bringup.cli.px4_screen import new_screen
-    from tombo_bringup.stop_signals import StopSignals
-    from tombo_sim.px4.serve import BootClock, serve
+    from tombo_flight.process.stop_signals import StopSignals
+    from tombo_px4.protocol.serve import BootClock, serve
 
     limit_ns = None if duration_s is None else round(1e9 * duration_s)
     with StopSignals(signal.SIGHUP) as stop, new_screen() as screen:

@@ -7,12 +7,12 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Protocol
 
-from tombo_control.px4.modes import mode_name
+from tombo_px4.bridge.modes import mode_name
 
 if TYPE_CHECKING:
     from rich.live import Live
 
-    from tombo_sim.px4.endpoint import Endpoint
+    from tombo_px4.protocol.endpoint import Endpoint
 
 _LIVE_NS = 250_000_000
 _HEARD_US = 3_000_000

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from tombo_bringup.replay.compare import Tolerances
-    from tombo_bringup.replay.run import Replay, Request
+    from tombo_flight.replay.compare import Tolerances
+    from tombo_flight.replay.run import Replay, Request
 
 REPLAY_EXIT_CODES = (
     "Exit code: 0 also when recorded and replayed differ (that is a result); with --strict 1 "
@@ -113,7 +113,7 @@ def replay(
     Inputs are fed in the order and at the times of their arrival, with the stamps of their
     headers. Parameters are those of the recorded flight if the bag has them.
     """
-    from tombo_bringup.replay.run import Request, replay_bag
+    from tombo_flight.replay.run import Request, replay_bag
 
     request = Request(
         nodes=_nodes(nodes or []),
@@ -156,9 +156,9 @@ def _check_speed(dds: bool, speed: float) -> None:
 def _through_nodes(bag: Path, request: Request, speed: float) -> Replay:
     """Replay through live nodes; a signal ends them before this process."""
     from tombo_bringup.cli.progress import progress_bar
-    from tombo_bringup.replay.run import replay_bag
-    from tombo_bringup.replay.through_nodes import Interrupted, ThroughNodes
-    from tombo_bringup.stop_signals import StopSignals
+    from tombo_flight.process.stop_signals import StopSignals
+    from tombo_flight.replay.run import replay_bag
+    from tombo_flight.replay.through_nodes import Interrupted, ThroughNodes
 
     with StopSignals(signal.SIGHUP) as stop, progress_bar() as tell:
         try:
@@ -169,8 +169,8 @@ def _through_nodes(bag: Path, request: Request, speed: float) -> Replay:
 
 
 def _nodes(names: list[str]) -> tuple[str, ...]:
-    from tombo_bringup.replay.plan import NODES
     from tombo_dynamics.errors import unknown_name
+    from tombo_flight.replay.plan import NODES
 
     for name in names:
         if name not in NODES:
@@ -191,8 +191,8 @@ def _names(maps: list[str]) -> dict[str, str]:
 
 
 def _tolerances(texts: list[str]) -> Tolerances:
-    from tombo_bringup.replay.compare import Tolerances
     from tombo_dynamics.errors import unknown_name
+    from tombo_flight.replay.compare import Tolerances
 
     names = [field.name for field in dataclasses.fields(Tolerances)]
     found: dict[str, float] = {}
@@ -222,7 +222,7 @@ def _bad(message: str) -> Exception:
 
 
 def _json(result: Replay) -> str:
-    from tombo_bringup.flight_output import as_json
+    from tombo_flight.flight_output import as_json
 
     return as_json(result.as_mapping())
 
@@ -239,8 +239,8 @@ def _check_folder(folder: Path) -> None:
 
 def _write(result: Replay, text: str, folder: Path) -> None:
     """Write the files, each whole or not at all."""
-    from tombo_bringup.replay.figure import draw_replay
-    from tombo_bringup.report.flight_plot import png_bytes
+    from tombo_flight.replay.figure import draw_replay
+    from tombo_flight.report.flight_plot import png_bytes
 
     folder.mkdir(parents=True, exist_ok=True)
     contents = (text.encode(), png_bytes(draw_replay(result)))

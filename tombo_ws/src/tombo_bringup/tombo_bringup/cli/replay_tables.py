@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from tombo_bringup.replay.run import Replay
+from tombo_flight.replay.run import Replay
 
 Row = tuple[str, str]
 

@@ -11,7 +11,7 @@ import typer
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.progress import Tell
-    from tombo_bringup.output_folder import OutputFolder
+    from tombo_flight.process.output_folder import OutputFolder
 
 _Found = TypeVar("_Found")
 
@@ -76,8 +76,8 @@ def compute_into(
         InputError: the folder can't be used.
     """
     from tombo_bringup.cli.progress import progress_bar
-    from tombo_bringup.output_folder import open_output
-    from tombo_bringup.stop_signals import Stopped, StopSignals
+    from tombo_flight.process.output_folder import open_output
+    from tombo_flight.process.stop_signals import Stopped, StopSignals
 
     with StopSignals() as stop:
         try:

@@ -12,7 +12,7 @@ def scenarios(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON only.")] = False,
 ) -> None:
     """List the scenarios that come with the suite."""
-    from tombo_bringup.scenario_catalogue import builtin_scenarios
+    from tombo_flight.scenario_catalogue import builtin_scenarios
 
     table = builtin_scenarios()
     if as_json:

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from tombo_bringup.report.diagnosis_words import (
+from tombo_diagnosis.report.diagnosis_words import (
     CLASSES,
     LABELS,
     capital,
@@ -24,13 +24,13 @@ from tombo_bringup.report.diagnosis_words import (
     percent,
     words,
 )
-from tombo_sysid.stand.departure import departures
+from tombo_diagnosis.stand.departure import departures
 
 if TYPE_CHECKING:
-    from tombo_sysid.diagnosis import Diagnosis
-    from tombo_sysid.stand.constant import ThrustConstant
-    from tombo_sysid.stand.diagnose import StandDiagnosis
-    from tombo_sysid.stand.table3 import Table3
+    from tombo_diagnosis.diagnosis import Diagnosis
+    from tombo_diagnosis.stand.constant import ThrustConstant
+    from tombo_diagnosis.stand.diagnose import StandDiagnosis
+    from tombo_diagnosis.stand.table3 import Table3
 
 _COLOURS = {"good": "bold green", "warn": "bold yellow", "bad": "bold red"}
 _RPM = 30.0 / math.pi
@@ -72,7 +72,7 @@ def print_stand(
 
     line(f"{stand_headline(d)}.", _COLOURS[CLASSES[d.verdict]])
     if study is not None:
-        from tombo_sysid.stand.table3 import statement
+        from tombo_diagnosis.stand.table3 import statement
 
         line(statement(study), "bold")
     line(f"({LABELS[d.verdict]}, {certainty(d.confidence)}) {d.summary}")
@@ -164,7 +164,7 @@ def _residuals(found: StandDiagnosis) -> Table:
 
 
 def _print_table3(study: Table3, console: Console) -> None:
-    from tombo_sysid.stand.table3 import TWO_VALUES
+    from tombo_diagnosis.stand.table3 import TWO_VALUES
 
     soft = len(study.confs) - 1
     table = Table(

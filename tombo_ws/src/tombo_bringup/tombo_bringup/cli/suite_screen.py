@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 if TYPE_CHECKING:
     from rich.live import Live
 
-    from tombo_bringup.suite.status_table import Suite
-    from tombo_bringup.suite.supervisor import Ended
+    from tombo_flight.suite.status_table import Suite
+    from tombo_flight.suite.supervisor import Ended
 
 _LINE_S = 5.0
 _TABLE_S = 0.25
@@ -77,7 +77,7 @@ class JsonScreen:
 
     def status(self, suite: Suite) -> None:
         """Print the status now and then."""
-        from tombo_bringup.suite.status_table import status_object
+        from tombo_flight.suite.status_table import status_object
 
         if self._clock.strikes():
             self._put(status_object(suite))
@@ -95,7 +95,7 @@ class JsonScreen:
         self._put({"event": "closed", "folder": folder, "not_well": [_plain(e) for e in ends]})
 
     def _put(self, value: dict[str, Any]) -> None:
-        from tombo_bringup.flight_output import plain
+        from tombo_flight.flight_output import plain
 
         print(json.dumps(plain(value), ensure_ascii=False), flush=True)
 
@@ -108,14 +108,14 @@ class LineScreen:
 
     def status(self, suite: Suite) -> None:
         """Print a line now and then."""
-        from tombo_bringup.suite.status_table import status_line
+        from tombo_flight.suite.status_table import status_line
 
         if self._clock.strikes():
             self._put(status_line(suite))
 
     def warning(self, node: str, line: str) -> None:
         """Print it."""
-        from tombo_bringup.suite.node_log import without_stamp
+        from tombo_flight.suite.node_log import without_stamp
 
         self._put(f"{node}: {without_stamp(line)}", "yellow")
 
@@ -145,7 +145,7 @@ class TableScreen(LineScreen):
 
     def status(self, suite: Suite) -> None:
         """Draw the table anew a few times a second."""
-        from tombo_bringup.suite.status_table import status_table
+        from tombo_flight.suite.status_table import status_table
 
         if self._clock.strikes():
             self._live.update(status_table(suite), refresh=True)

@@ -13,9 +13,9 @@ from tombo_bringup.cli.optional_url import SIMULATED
 from tombo_bringup.cli.whole_number import whole_number
 
 if TYPE_CHECKING:
-    from tombo_bringup.px4_side import Px4Side
-    from tombo_bringup.scenario import Scenario
-    from tombo_bringup.suite.running import Wish
+    from tombo_flight.scenario import Scenario
+    from tombo_flight.suite.px4_side import Px4Side
+    from tombo_flight.suite.running import Wish
 
 UP_EXIT_CODES = (
     "Exit code: 0 when it was stopped (Ctrl-C, SIGTERM, --duration), 1 when a node ended by "
@@ -114,12 +114,12 @@ def up(
     others go on.
     """
     from tombo_bringup.cli.fly_command import check_model, check_seed
-    from tombo_bringup.node_flight import over_mavlink
-    from tombo_bringup.px4_side import px4_side
-    from tombo_bringup.scenario import load_scenario
-    from tombo_bringup.suite.rehearsal import rehearse_nodes
-    from tombo_bringup.suite.running import Wish
     from tombo_dynamics.errors import InputError
+    from tombo_flight.scenario import load_scenario
+    from tombo_flight.suite.node_flight import over_mavlink
+    from tombo_flight.suite.px4_side import px4_side
+    from tombo_flight.suite.rehearsal import rehearse_nodes
+    from tombo_flight.suite.running import Wish
 
     if duration is not None and not duration > 0.0:
         raise InputError(f"--duration {duration:g}: out of bounds; accepted: a number above 0")
@@ -150,7 +150,7 @@ def up(
 def _confirmed(side: Px4Side, scenario: Scenario, *, yes: bool) -> bool:
     """Say what is at the other end of the link, and ask whether it may be armed."""
     from tombo_bringup.cli.fly_px4 import may_arm
-    from tombo_bringup.stop_signals import Stopped, StopSignals
+    from tombo_flight.process.stop_signals import Stopped, StopSignals
 
     with StopSignals() as stop:
         try:
@@ -162,8 +162,8 @@ def _confirmed(side: Px4Side, scenario: Scenario, *, yes: bool) -> bool:
 def _watch(wish: Wish, duration_s: float | None, as_json: bool) -> int:
     """Run the suite until it is stopped, or nothing of it is left; return the exit code."""
     from tombo_bringup.cli.suite_screen import new_screen
-    from tombo_bringup.stop_signals import StopSignals
-    from tombo_bringup.suite.running import LOGS, RunningSuite
+    from tombo_flight.process.stop_signals import StopSignals
+    from tombo_flight.suite.running import LOGS, RunningSuite
 
     with StopSignals(signal.SIGHUP) as stop, new_screen(as_json) as screen:
         with RunningSuite(wish) as suite:

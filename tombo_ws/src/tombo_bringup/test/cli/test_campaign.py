@@ -1,0 +1,129 @@
+"""`tombo fly --seeds`: as the single flights, in the order of the seeds."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+
+from tombo_flight.campaign.campaign import fly_campaign
+from tombo_flight.campaign.plot import draw_campaign
+from tombo_flight.campaign.statistics import SPREAD_FIGURES, aggregate, spread
+from tombo_flight.flight import fly_scenario
+from tombo_flight.flight_output import WALL_KEYS, flight_summary
+from tombo_flight.scenario import load_scenario
+
+SETTINGS = ["duration=26"]
+
+
+def timeless(summary):
+    return {key: value for key, value in summary.items() if key not in WALL_KEYS}
+
+
+def test_a_campaign_is_its_single_flights(tombo, tmp_path):
+    result = tombo("fly", "--seeds", "4:9", "--set", SETTINGS[0], "-o", "c", "--json")
+
+    assert result.code == 0
+    assert result.err == ""
+    campaign = result.json
+    assert json.loads((tmp_path / "c" / "summary.json").read_text()) == campaign
+    assert {p.name for p in (tmp_path / "c").iterdir()} == {"summary.json", "campaign.png"}
+    assert (tmp_path / "c" / "campaign.png").read_bytes().startswith(b"\x89PNG")
+    scenario = load_scenario("paper_collision", SETTINGS)
+    for seed, flight in zip(range(4, 9), campaign["flights"], strict=True):
+        alone = json.loads(json.dumps(flight_summary(fly_scenario(scenario, seed))))
+        assert timeless(flight) == timeless(alone)
+    total = campaign["aggregate"]
+    assert total["flights"] == 5
+    assert total["collided"] == sum(f["collided"] for f in campaign["flights"])
+    assert total["crashed"] + total["not_crashed"] == 5
+    latencies = [f["detection_latency_s"] for f in campaign["flights"]]
+    assert total["detection_latency_s"]["mean"] == pytest.approx(sum(latencies) / 5, abs=1e-6)
+    assert total["detection_latency_s"]["max"] == max(latencies)
+    flown = sum(f["duration_s"] for f in campaign["flights"])
+    assert total["real_time_factor"] == pytest.approx(flown / total["wall_time_s"])
+
+
+def test_one_table_for_all_flights(tombo, tmp_path):
+    result = tombo("fly", "hover", "--seeds", "0:2", "--set", "duration=0.5")
+
+    assert result.code == 0
+    assert "2 flights: 0 collided" in result.out
+    assert {p.name for p in (tmp_path / "runs").iterdir()} == {"hover-0-2"}
+
+
+def test_a_stopped_campaign_keeps_the_flights_up_to_the_first_one_missing():
+    done = []
+
+    campaign = fly_campaign(
+        load_scenario("hover", ["duration=0.2"]),
+        range(10, 400),
+        workers=2,
+        progress=done.append,
+        stop=lambda: bool(done) and done[-1] >= 5,
+    )
+
+    flights = campaign["flights"]
+    assert campaign["interrupted"]
+    assert 1 <= len(flights) < 390
+    assert [f["seed"] for f in flights] == list(range(10, 10 + len(flights)))
+    assert campaign["aggregate"]["flights"] == len(flights)
+
+
+def test_a_failure_in_a_process_is_not_swallowed(monkeypatch):
+    scenario = load_scenario("hover", ["propeller.conf=1"])  # cannot lift: the rehearsal's to find
+
+    with pytest.raises(ValueError, match=r"seed \d: propeller\.conf"):
+        fly_campaign(scenario, range(3), workers=1)
+
+
+def test_spread_of_known_values():
+    values = spread([1.0, None, 2.0, 3.0, 4.0, 5.0])
+
+    assert values["count"] == 5
+    assert values["mean"] == 3.0
+    assert values["std"] == pytest.approx(math.sqrt(2.5), abs=1e-6)
+    assert (values["p5"], values["p50"], values["p95"]) == (1.2, 3.0, 4.8)
+    assert values["max"] == 5.0
+    assert spread([7.0])["std"] is None
+    assert spread([None]) == {
+        "count": 0, "mean": None, "std": None, "p5": None, "p50": None, "p95": None, "max": None,
+    }  # fmt: skip
+
+
+def flight(**changes):
+    return {
+        **dict.fromkeys(SPREAD_FIGURES, 1.0), "collided": True, "detected": True, "landed": True,
+        "crashed": False, "false_alarms": 0, **changes,
+    }  # fmt: skip
+
+
+def test_aggregate_counts_recovery_only_of_those_that_settled_and_did_not_crash():
+    flights = [
+        flight(),
+        flight(recovery_time_s=None),
+        flight(crashed=True, landed=False),
+        flight(false_alarms=2, detected=False),
+    ]
+
+    total = aggregate(flights, 2.0)
+
+    assert (total["flights"], total["crashed"], total["not_crashed"]) == (4, 1, 3)
+    assert total["recovered"] == 2
+    assert (total["detected"], total["landed"], total["false_alarms"]) == (3, 3, 2)
+    assert total["recovery_time_s"]["count"] == 3
+    assert total["real_time_factor"] == 2.0
+
+
+def test_the_figure_copes_with_flights_without_a_collision():
+    none = flight(**dict.fromkeys(SPREAD_FIGURES) | {"duration_s": 1.0})
+    campaign = {
+        "scenario": "a $x_b name", "conf": 13, "reaction": False, "first_seed": 0, "last_seed": 1,
+        "flights": [none, none], "aggregate": aggregate([none, none], 1.0),
+    }  # fmt: skip
+
+    figure = draw_campaign(campaign)
+    figure.canvas.draw()
+
+    assert len(figure.axes) == 6

@@ -1,0 +1,243 @@
+"""`tombo diagnose` and `tombo benchmark diagnosis` on the command line."""
+
+from __future__ import annotations
+
+import re
+import sys
+import types
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+from diagnosis_samples import EXPERIMENT, sample
+
+from tombo_bringup.cli import diagnose_command
+from tombo_bringup.cli.benchmark_command import THRESHOLDS, meets
+from tombo_diagnosis.diagnosis import VERDICTS
+from tombo_diagnosis.report.diagnosis_output import HeldAgainst, diagnosis_mapping
+
+
+@pytest.fixture
+def found(monkeypatch):
+    """What the diagnosis answers, in place of reading and fitting."""
+    answer: dict[str, Any] = {"diagnosis": sample(flights=2, seconds=10.0), "asked": None}
+
+    def run(logs, model, mapping, names, tell):
+        answer["asked"] = (logs, model, mapping, names)
+        for stage in ("reading", "checking", "fitting"):
+            tell(stage, 0.5)
+        return answer["diagnosis"], HeldAgainst("hover", "2031-04-05")
+
+    monkeypatch.setattr(diagnose_command, "run", run)
+    return answer
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_every_verdict_is_printed_first_and_leaves_with_0(tombo, found, verdict):
+    found["diagnosis"] = sample(verdict, flights=1, seconds=10.0)
+    result = tombo("diagnose", "a.mcap", "--no-report")
+    assert result.code == 0, result.err
+    assert result.err == ""
+    first = result.out.splitlines()[0]
+    assert {
+        "named": "The cause is linear rotor drag",
+        "set": "mass error or thrust coefficient error: these flights can’t tell",
+        "none": "The simulation agrees",
+        "unknown": "no known effect explains",
+        "partly_explained": "something else is left",
+    }[verdict] in first
+
+
+def test_cause_gain_faults_and_files_are_told(tombo, found, tmp_path):
+    result = tombo("diagnose", "lab flights.mcap", "other.mcap")
+    out = re.sub(r"\s+", " ", result.out)
+    for words in (
+        "0.283 N s/m", "0.276 to 0.290", "Next likely: quadratic body drag (1 %)",
+        "2 of 10 candidates can't be seen", "specific force x one step 0.239 → 0.0610 m/s² 74 %",
+        "Fault: circle_3 at 25.00 s: crash: accel: 2.5 g", "Note: d_z is not told from zero",
+        "tombo fly --model runs/diagnosis-lab_flights/model.yaml",
+        "plots/gains.png to runs/diagnosis-lab_flights",
+    ):  # fmt: skip
+        assert words in out, words
+    assert "stamps repeat" not in out  # an info is for the report
+    folder = tmp_path / "runs" / "diagnosis-lab_flights"
+    assert {"report.html", "diagnosis.json", "model.yaml", "summary.png"} <= names(folder)
+
+
+def test_a_set_says_what_to_fly(tombo, found, tmp_path):
+    found["diagnosis"] = sample("set", flights=1, seconds=10.0)
+    out = tombo("diagnose", "a.csv", "-o", "d", "--no-report").out
+    assert f"Fly next: {EXPERIMENT.text}" in out
+    assert "tombo fly d/separating_experiment.yaml" in out
+    assert names(tmp_path / "d") == {"diagnosis.json", "separating_experiment.yaml"}
+
+
+def test_json_is_that_alone_and_writes_nothing_unless_asked(tombo, found, tmp_path):
+    result = tombo("diagnose", "a.mcap", "--json")
+    assert result.json == _plain(diagnosis_mapping(found["diagnosis"]))
+    assert list(tmp_path.iterdir()) == []
+    again = tombo("diagnose", "a.mcap", "--json", "-o", "d", "--no-report")
+    assert again.out == result.out == (tmp_path / "d" / "diagnosis.json").read_text()
+
+
+def _plain(value: Any) -> Any:
+    import json
+
+    return json.loads(json.dumps(value))
+
+
+def test_what_is_given_is_handed_on(tombo, found):
+    tombo(
+        "diagnose", "a.bag", "b.bag", "--model", "m.yaml", "--mapping", "lab", "--json",
+        "--topic", "/vrpn/quad/pose=/mocap/pose", "--topic", "/imu:=/imu/data_raw",
+    )  # fmt: skip
+    assert found["asked"] == (
+        [Path("a.bag"), Path("b.bag")],
+        Path("m.yaml"),
+        "lab",
+        {"/vrpn/quad/pose": "/mocap/pose", "/imu": "/imu/data_raw"},
+    )
+
+
+def test_an_earlier_result_is_kept_unless_forced(tombo, found, tmp_path):
+    assert tombo("diagnose", "a.mcap", "-o", "d", "--no-report").code == 0
+    before = (tmp_path / "d" / "diagnosis.json").read_bytes()
+    refused = tombo("diagnose", "a.mcap", "-o", "d")
+    assert (refused.code, refused.err.count("\n")) == (2, 1)
+    assert "--force" in refused.err
+    assert (tmp_path / "d" / "diagnosis.json").read_bytes() == before
+    assert tombo("diagnose", "a.mcap", "-o", "d", "--force").code == 0
+    assert "report.html" in names(tmp_path / "d")
+
+
+def test_ctrl_c_leaves_nothing_and_130(tombo, monkeypatch, tmp_path):
+    import os
+    import signal
+
+    def run(*_):
+        os.kill(os.getpid(), signal.SIGINT)
+        for _ in range(1000):
+            pass
+        raise AssertionError("not stopped")
+
+    monkeypatch.setattr(diagnose_command, "run", run)
+    result = tombo("diagnose", "a.mcap", "-o", "deep/d")
+    assert result.code == 130
+    assert result.err == "Error: interrupted\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("nowhere.mcap",), ("nowhere.mcap", "does not exist", "accepted")),
+        (("empty.mcap",), ("empty.mcap",)),
+        (("noise.csv",), ("noise.csv",)),
+        (("noise.ulg",), ("noise.ulg",)),
+        (("a.mcap", "--topic", "pose"), ("--topic pose", "RECORDED=NAME")),
+        (("a.mcap", "--topic", "/a=/b", "--topic", "/a=/c"), ("/a", "twice")),
+        (("a.mcap", "--mapping", "no_such_mapping"), ("no_such_mapping",)),
+        (("a.mcap", "--model", "no_model.yaml"), ("no_model.yaml",)),
+        (("a.mcap", "-o", ""), ("-o ''", "accepted")),
+        (("a.mcap", "-o", "empty.mcap"), ("empty.mcap", "it is a file")),
+        ((), ("LOG",)),
+    ],
+)
+def test_bad_input_is_one_line_and_nothing_is_written(tombo, tmp_path, arguments, words):
+    (tmp_path / "empty.mcap").write_bytes(b"")
+    for name in ("noise.csv", "noise.ulg"):
+        (tmp_path / name).write_bytes(bytes(range(256)) * 4)
+    before = sorted(tmp_path.rglob("*"))
+    result = tombo("diagnose", *arguments)
+    assert result.code == 2
+    assert result.out == ""
+    assert result.err.startswith("Error: ") and result.err.count("\n") == 1
+    for word in words:
+        assert word in result.err, result.err
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+GOOD = {
+    "top1_large": 0.98, "top1_medium": 0.9, "top1_small": 0.7, "right_if_named": 0.99,
+    "truth_in_set": 1.0, "mean_set_size": 1.2, "false_alarm": 0.03, "unknown_wrongly_named": 0.0,
+    "parameter_error_median": 0.01, "parameter_error_p90": 0.2, "coverage_95": 0.94,
+    "seconds_per_case": None,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Scored:
+    cases: list[dict[str, Any]] = field(default_factory=lambda: [{"truth": ["mass_error"]}])
+    aggregate: dict[str, Any] = field(
+        default_factory=lambda: {**GOOD, "mocap_only": {**GOOD, "top1_large": float("nan")}}
+    )
+
+
+@pytest.fixture
+def blind(monkeypatch):
+    """The benchmark, without its hour of work."""
+    asked: list[Any] = []
+    module = types.ModuleType("tombo_diagnosis.benchmark.flight_run")
+
+    def benchmark(cases, seed, workers, progress, stop):
+        asked.append((cases, seed, workers))
+        progress("1 of 1 cases", 1.0)
+        return Scored()
+
+    module.benchmark = benchmark  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "tombo_diagnosis.benchmark.flight_run", module)
+    return asked
+
+
+def test_the_score_is_printed_beside_what_is_asked_for(tombo, blind):
+    result = tombo("benchmark", "diagnosis", "--cases", "1", "--seed", "7", "--workers", "1")
+    assert result.code == 0, result.err
+    assert blind == [(1, 7, 1)]
+    lines = {" ".join(line.split()) for line in result.out.splitlines()}
+    assert "right cause first, large effect 98.0 % >= 97.0 % yes" in lines
+    assert "parameter error, 90 % below 20.0 % <= 10.0 % no" in lines
+    assert "mean size of the set 1.20 <= 2.00 yes" in lines
+    assert "run time of a case [s] – <= 5.00 –" in lines
+    assert "mocap only" in lines
+
+
+def test_the_score_as_json(tombo, blind, tmp_path):
+    result = tombo("benchmark", "diagnosis", "--cases", "1", "--json", "-o", "b.json")
+    assert result.json["aggregate"]["top1_large"] == 0.98
+    assert result.json["aggregate"]["mocap_only"]["top1_large"] is None
+    assert result.json["cases"] == [{"truth": ["mass_error"]}]
+    assert (tmp_path / "b.json").read_text() == result.out
+    assert names(tmp_path) == {"b.json"}
+
+
+def test_figures_are_held_against_their_thresholds():
+    assert meets("top1_large", 0.97) is True
+    assert meets("top1_large", 0.969) is False
+    assert meets("false_alarm", 0.051) is False
+    assert meets("coverage_95", 0.99) is False
+    assert meets("coverage_95", 0.95) is True
+    assert meets("top1_small", float("nan")) is None
+    assert {key for key, *_ in THRESHOLDS} == set(GOOD)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--cases", "0"), ("--cases 0", "1 to")),
+        (("--cases", "many"), ("--cases", "many", "whole number")),
+        (("--seed", "-1"), ("--seed -1",)),
+        (("--workers", "0"), ("--workers 0",)),
+        (("-o", "nowhere/b.json"), ("nowhere/b.json", "accepted")),
+    ],
+)
+def test_a_benchmark_that_can_not_be_run_is_refused(tombo, tmp_path, arguments, words):
+    result = tombo("benchmark", "diagnosis", *arguments)
+    assert (result.code, result.out, result.err.count("\n")) == (2, "", 1)
+    for word in words:
+        assert word in result.err
+    assert list(tmp_path.iterdir()) == []

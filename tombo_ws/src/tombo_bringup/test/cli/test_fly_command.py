@@ -1,0 +1,153 @@
+"""`tombo fly`: what a flight leaves, and that it is the same every time."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from rosbags.highlevel import AnyReader
+
+from tombo_flight.flight_output import WALL_KEYS
+
+FILES = {"flight.mcap", "summary.json", "flight.png", "report.html"}
+ASKED_FOR = {
+    "scenario", "seed", "conf", "collided", "collision_time_s", "contact_point_m", "detected",
+    "detection_latency_s", "false_alarms", "x_c_m", "n_r", "x_r_m", "max_falling_distance_m",
+    "max_tilt_rad", "unstable_phase_s", "recovery_time_s", "settled_error_m", "crashed",
+    "wall_time_s", "real_time_factor",
+}  # fmt: skip
+SHORT = ("hover", "--set", "duration=0.5")
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def without_wall_times(path: Path) -> str:
+    lines = path.read_text().splitlines()
+    assert sum(any(f'"{key}"' in line for key in WALL_KEYS) for line in lines) == len(WALL_KEYS)
+    return "\n".join(line for line in lines if not any(f'"{key}"' in line for key in WALL_KEYS))
+
+
+def test_a_flight_leaves_four_complete_files(tombo, tmp_path):
+    result = tombo("fly", "--seed", "3", "--json")
+
+    assert result.code == 0
+    assert result.err == ""
+    folder = tmp_path / "runs" / "paper_collision-3"
+    assert names(folder) == FILES
+    assert names(folder.parent) == {folder.name}
+    summary = result.json
+    assert json.loads((folder / "summary.json").read_text()) == summary
+    assert set(summary) >= ASKED_FOR
+    assert summary["seed"] == 3
+    assert summary["collided"]
+    assert summary["interrupted"] is False
+
+    with AnyReader([folder / "flight.mcap"]) as bag:
+        counts = {c.topic: c.msgcount for c in bag.connections}
+        assert sum(counts.values()) == summary["recorded_messages"]
+        assert counts["/imu/data_raw"] == round(1000 * summary["duration_s"])
+        connection = next(c for c in bag.connections if c.topic == "/collision_event")
+        _, _, raw = next(bag.messages([connection]))
+        event = bag.deserialize(raw, connection.msgtype)
+    x_c = [getattr(event.contact_position, axis) for axis in "xyz"]
+    assert x_c == pytest.approx(summary["x_c_m"], abs=1e-5)
+
+    assert (folder / "flight.png").read_bytes().startswith(b"\x89PNG\r\n")
+    report = (folder / "report.html").read_text(encoding="utf-8")
+    assert report.rstrip().endswith("</html>")
+    assert summary["tombo_version"] in report
+
+
+def test_the_same_flight_again_gives_the_same_bytes(tombo, tmp_path):
+    for folder in ("first", "second"):
+        assert tombo("fly", "--seed", "5", "--set", "duration=25", "-o", folder).code == 0
+    first, second = tmp_path / "first", tmp_path / "second"
+
+    assert without_wall_times(first / "summary.json") == without_wall_times(
+        second / "summary.json"
+    )
+    for name in ("flight.mcap", "flight.png"):
+        assert (first / name).read_bytes() == (second / name).read_bytes(), name
+
+
+def test_another_seed_is_another_flight(tombo, tmp_path):
+    for seed in ("0", "1"):
+        tombo("fly", "--seed", seed, "--set", "duration=5", "--no-record", "-o", seed)
+
+    assert without_wall_times(tmp_path / "0" / "summary.json").replace(
+        '"seed": 0', ""
+    ) != without_wall_times(tmp_path / "1" / "summary.json").replace('"seed": 1', "")
+
+
+def test_real_time_factor_is_flight_time_over_wall_time(tombo):
+    summary = tombo("fly", "hover", "--json", "--no-record").json
+
+    assert summary["real_time_factor"] == pytest.approx(
+        summary["duration_s"] / summary["wall_time_s"]
+    )
+
+
+def test_no_record_leaves_out_the_recording(tombo, tmp_path):
+    summary = tombo("fly", *SHORT, "--no-record", "--json", "-o", "here").json
+
+    assert names(tmp_path / "here") == FILES - {"flight.mcap"}
+    assert summary["recorded_messages"] is None
+
+
+def test_the_table_shows_the_papers_figures_and_where_the_files_are(tombo):
+    result = tombo("fly", "--no-record")
+
+    assert result.code == 0
+    text = re.sub(r"\s+", " ", result.out)
+    assert "Recovery time 5.00 s" in text
+    assert "Unstable phase 1.50 s" in text
+    assert "Largest falling distance 0.50 m" in text
+    assert "runs/paper_collision-0: flight.png, report.html, summary.json" in text
+
+
+def test_options_reach_the_flight(tombo, tmp_path):
+    summary = tombo(
+        "fly", "--conf", "9", "--law", "published", "--no-reaction", "--no-record", "--json",
+        "--set", "propeller.conf=10", "--set", "duration=2", "--set", "vehicle.mass=0.9",
+    ).json  # fmt: skip
+
+    assert (summary["conf"], summary["law"], summary["reaction"]) == (9, "published", False)
+    report = (tmp_path / "runs" / "paper_collision-0" / "report.html").read_text()
+    assert "<th scope='row'>vehicle.mass</th><td>0.9</td>" in report
+
+
+def test_a_crash_is_a_result_and_no_failure(tombo):
+    result = tombo("fly", "rigid_propeller", "--no-record", "--json")
+
+    assert result.json["crashed"]
+    assert result.code == 0
+
+
+def test_a_scenario_of_ones_own(tombo, tmp_path):
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    (folder / "base.yaml").write_text("extends: hover\nduration: 0.5\nvehicle: {mass: 1.1}\n")
+    (folder / "heavy one.yaml").write_text("extends: base.yaml\nvehicle: {arm_length: 0.3}\n")
+
+    summary = tombo("fly", "mine/heavy one.yaml", "--json").json
+
+    assert summary["scenario"] == "heavy one"
+    assert names(tmp_path / "runs") == {"heavy_one-0"}
+
+
+def test_a_name_in_a_scenario_cannot_lead_out_of_the_folder_of_runs(tombo, tmp_path):
+    (tmp_path / "evil.yaml").write_text("extends: hover\nduration: 0.2\nname: ../../evil\n")
+
+    assert tombo("fly", "evil.yaml", "--no-record").code == 0
+
+    assert names(tmp_path) == {"evil.yaml", "runs"}
+    assert len(names(tmp_path / "runs")) == 1
+
+
+def test_a_built_in_name_wins_over_a_folder_of_that_name(tombo, tmp_path):
+    assert tombo("fly", *SHORT, "--no-record", "-o", "hover").code == 0
+    assert tombo("fly", *SHORT, "--no-record").code == 0

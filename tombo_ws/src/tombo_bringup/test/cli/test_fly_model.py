@@ -1,0 +1,106 @@
+"""`tombo fly --model`: the model's effects over the scenario's, named in all that is written."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tombo_bag.recording import Recording
+from tombo_dynamics.errors import InputError
+from tombo_flight.extended_model import Addition, Fitted, Model, Origin
+from tombo_flight.model_file import write_model
+from tombo_flight.replay.bag_scenario import RECORD
+from tombo_flight.scenario import load_scenario
+
+SHORT = ("hover", "--set", "duration=3")
+ORIGIN = Origin("tombo", "2025-01-02", "named", 0.9, "", "no_obstacle")
+
+
+def fitted(name: str, value: float) -> Fitted:
+    return Fitted(name, "m/s", 0.0, value, value, value)
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> str:
+    wind = Addition("steady_wind", (fitted("east", 2.0), fitted("north", -1.0)), 0.9)
+    write_model(tmp_path / "windy.yaml", Model((wind,), ORIGIN))
+    return "windy.yaml"
+
+
+def flown(folder: str) -> dict[str, object]:
+    with Recording(Path(folder) / "flight.mcap") as recording:
+        scenario: dict[str, object] = json.loads(recording.metadata[RECORD]["scenario"])
+    return scenario
+
+
+def without_names(summary: dict[str, object]) -> dict[str, object]:
+    names = ("model", "wall_time_s", "real_time_factor", "recorded_messages")
+    return {key: value for key, value in summary.items() if key not in names}
+
+
+def test_flies_as_if_the_effects_were_set(tombo, model):
+    by_model = tombo("fly", *SHORT, "--model", model, "-o", "a", "--json").json
+    wind = ("--set", "effects.steady_wind={east: 2.0, north: -1.0}")
+    by_setting = tombo("fly", *SHORT, *wind, "-o", "b", "--json").json
+    calm = tombo("fly", *SHORT, "-o", "c", "--json").json
+
+    assert without_names(by_model) == without_names(by_setting) != without_names(calm)
+    assert flown("a")["effects"] == flown("b")["effects"]
+
+
+def test_summary_report_and_recording_name_the_model(tombo, model):
+    result = tombo("fly", *SHORT, "--model", model, "-o", "a")
+    assert result.code == 0
+    assert f"model {model}" in " ".join(result.out.split())
+    assert json.loads(Path("a/summary.json").read_text())["model"] == model
+    assert f"model {model}" in Path("a/report.html").read_text()
+    assert flown("a")["model"] == model
+    assert tombo("fly", *SHORT, "-o", "b", "--json").json["model"] is None
+
+
+def test_what_is_set_wins_over_the_model_and_the_model_over_the_scenario(model, tmp_path):
+    path = tmp_path / "own.yaml"
+    path.write_text("extends: hover\neffects: {steady_wind: {east: 9, north: 9}}")
+    scenario = load_scenario(str(path), model=str(tmp_path / model))
+    assert scenario.effects["steady_wind"] == {"east": 2.0, "north": -1.0}
+    settings = ["effects.steady_wind.east=5"]
+    scenario = load_scenario(str(path), settings, str(tmp_path / model))
+    assert scenario.effects["steady_wind"] == {"east": 5.0, "north": -1.0}
+    assert scenario.effects["ground_effect"] == load_scenario("hover").effects["ground_effect"]
+
+
+def test_a_campaign_flies_the_model(tombo, model):
+    campaign = tombo("fly", *SHORT, "--model", model, "--seeds", "0:2", "-o", "a", "--json").json
+    one = tombo("fly", *SHORT, "--model", model, "--seed", "1", "-o", "b", "--json").json
+    assert campaign["model"] == model
+    assert without_names(campaign["flights"][1]) == without_names(one)
+
+
+def test_a_model_is_not_laid_over_reality(tombo, model):
+    result = tombo("fly", "hover", "--model", model, "--px4", "udpin://127.0.0.1:1", "--yes")
+    assert result.code == 2
+    assert result.err.count("\n") == 1
+    assert "--model windy.yaml: accepted: without --px4 URL" in result.err
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [(None, "can't be read"), ("extends: hover", "is no model"), ("{", "is not valid YAML")],
+)
+def test_a_bad_model_is_one_line_and_nothing_is_written(tombo, content, words):
+    if content is not None:
+        Path("bad.yaml").write_text(content)
+    result = tombo("fly", "hover", "--model", "bad.yaml")
+    assert result.code == 2
+    assert "bad.yaml" in result.err and words in result.err
+    assert result.err.count("\n") == 1
+    assert not Path("runs").exists()
+
+
+def test_a_scenario_file_can_t_claim_a_model(tmp_path):
+    path = tmp_path / "own.yaml"
+    path.write_text("extends: hover\nmodel: windy.yaml")
+    with pytest.raises(InputError, match="model: accepted: tombo fly --model"):
+        load_scenario(str(path))

@@ -1,0 +1,262 @@
+"""A flight by nodes: when it ends, what it leaves, what it says of nodes that fail."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from suite_bench import FAKES
+
+from tombo_bag.columnar_cdr import encode
+from tombo_bag.flight_topics import write_flight
+from tombo_bag.mcap_sink import Columns, McapSink
+from tombo_bag.recording import Recording
+from tombo_bag.rolling_sink import NOTES
+from tombo_flight.flight import fly_scenario
+from tombo_flight.flight_from_bag import RECORD, flight_from_bag
+from tombo_flight.scenario import load_scenario
+from tombo_flight.suite import nodes, running
+from tombo_flight.suite.node_figures import node_figures
+from tombo_flight.suite.node_flight import Watch
+
+SECOND = 10**9
+SHORT = ("hover", "--set", "duration=3")
+
+
+def report(values: dict[str, dict[str, object]]) -> bytes:
+    """A DiagnosticArray: name → figures."""
+    status = [
+        {
+            "name": name,
+            "values": [{"key": key, "value": str(value)} for key, value in figures.items()],
+        }
+        for name, figures in values.items()
+    ]
+    return encode("diagnostic_msgs/msg/DiagnosticArray", {"status": status})
+
+
+def loop(rate_hz: float, missed: int) -> dict[str, object]:
+    return {
+        "rate_hz": rate_hz, "jitter_p50_us": 4.0, "jitter_p99_us": 90.0, "runs": 5,
+        "missed": missed,
+    }  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording as the nodes leave it, of three seconds."""
+    path = tmp_path_factory.mktemp("bag") / "flight.mcap"
+    latency = {"latency_gyro_to_command_p50_us": 410.0, "latency_gyro_to_command_p99_us": 870.5}
+    told = [
+        report({"sim": {}, "sim: loop": loop(1.0, 99)}),
+        report({"sim": latency, "sim: loop": loop(999.9, 2)}),
+        report(
+            {
+                "controller": {"refused": 0},
+                "controller: loop": loop(1000.0, 7),
+                "controller: rate loop": loop(999.0, 1),
+                "controller: attitude loop": loop(250.0, 0),
+                "controller: position loop": loop(50.0, 0),
+            }
+        ),
+    ]
+    with McapSink(path) as sink:
+        write_flight(sink, fly_scenario(load_scenario("hover", ["duration=3"]), 0))
+        sink.add_metadata(NOTES, {"messages": "12345", "lost": "6"})
+        channel = sink.add_channel("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
+        times = np.array([SECOND, 2 * SECOND, 2 * SECOND + 1])
+        sink.write_columns(Columns(channel, times, told))
+    return path
+
+
+@pytest.fixture
+def fly(tombo: Any, bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """`tombo fly ... --nodes` with fake nodes; keyword: modules of further nodes."""
+
+    def command(*arguments: str, flight: str = "land", source: Path = bag, **modules: str) -> Any:
+        suite = {"sim": "fake_good", "recorder": "fake_recorder", **modules}
+        monkeypatch.setattr(nodes, "SUITE", suite)
+        monkeypatch.setattr(running, "SUITE", suite)
+        monkeypatch.setattr(nodes, "MONITOR_MODULE", "fake_flight_monitor")
+        monkeypatch.setenv("PYTHONPATH", str(FAKES))
+        monkeypatch.setenv("FAKE_BAG", str(source))
+        monkeypatch.setenv("FAKE_METADATA", str(tmp_path / "told.json"))
+        monkeypatch.setenv("FAKE_FLIGHT", flight)
+        return tombo("fly", *SHORT, "--nodes", "-o", "out", *arguments)
+
+    return command
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def test_a_flight_that_lands_leaves_the_files_of_a_headless_one(fly, bag, tmp_path):
+    result = fly("--json", "--set", "duration=30")
+
+    assert result.code == 0, result.err
+    assert names(tmp_path / "out") == {"flight.mcap", "summary.json", "flight.png", "report.html"}
+    summary = result.json
+    assert summary == json.loads((tmp_path / "out" / "summary.json").read_text())
+    wanted = flight_from_bag(bag).summary
+    assert {key: summary[key] for key in wanted if "wall" not in key and "factor" not in key} == {
+        key: value for key, value in wanted.items() if "wall" not in key and "factor" not in key
+    }
+    assert list(summary)[-2:] == ["wall_time_s", "real_time_factor"]
+    assert summary["mode"] == "nodes"
+    assert summary["died"] == {}
+    assert not summary["interrupted"]
+    assert summary["recorder"] == {"messages": 12345, "lost": 6}
+
+
+def test_the_recorder_is_told_scenario_and_seed(fly, tmp_path):
+    fly("--seed", "5", "--set", "vehicle.mass=1.25")
+
+    told = json.loads((tmp_path / "told.json").read_text())[RECORD]
+    assert told["seed"] == "5"
+    assert told["mode"] == "nodes"
+    scenario = json.loads(told["scenario"])
+    headless = fly_scenario(load_scenario("hover", ["duration=3", "vehicle.mass=1.25"]), 5)
+    assert scenario == json.loads(json.dumps(headless.scenario))
+
+
+def test_loops_and_latency_are_the_last_that_each_node_told(bag):
+    with Recording(bag) as recording:
+        found = node_figures(recording)
+
+    assert list(found["loops"]) == ["sim", "rate", "attitude", "position"]
+    assert found["loops"]["sim"] == {
+        "rate_hz": 999.9, "jitter_p50_us": 4.0, "jitter_p99_us": 90.0, "missed": 2
+    }  # fmt: skip
+    assert found["loops"]["rate"]["missed"] == 1
+    assert found["latency_gyro_to_command_us"] == {"p50": 410.0, "p99": 870.5}
+
+
+def test_without_reports_nothing_is_made_up(tmp_path):
+    path = tmp_path / "flight.mcap"
+    with McapSink(path) as sink:
+        write_flight(sink, fly_scenario(load_scenario("hover", ["duration=0.1"]), 0))
+    with Recording(path) as recording:
+        assert node_figures(recording) == {
+            "loops": {},
+            "latency_gyro_to_command_us": {"p50": None, "p99": None},
+            "recorder": {"messages": None, "lost": None},
+        }
+
+
+def test_a_node_that_dies_is_told_and_the_flight_goes_on(fly, tmp_path):
+    result = fly("--set", "duration=30", mission="fake_short")
+
+    assert result.code == 1
+    assert "mission has ended, exit code 1; what it said is in nodes.log" in result.out
+    assert "mission: WARN odometry_silent: no odometry" in result.out
+    assert "Gyro to command: 410 us in the median, 870 us at 99 %" in result.out
+    assert "RuntimeError: a bug" in (tmp_path / "out" / "nodes.log").read_text()
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["died"] == {"mission": "exit code 1"}
+
+
+@pytest.mark.parametrize("needed", ["sim", "recorder"])
+def test_without_simulator_or_recorder_there_is_no_flight(fly, tmp_path, needed):
+    McapSink(tmp_path / "empty.mcap").close()
+    result = fly(
+        *("--set", "duration=300"), flight="fly on", source=tmp_path / "empty.mcap",
+        **{needed: "fake_broken"},
+    )  # fmt: skip
+
+    assert result.code == 2
+    assert f"{needed} has ended, exit code 1: Error: parameter detector.threshold" in result.err
+    assert len(result.err.splitlines()) == 1
+    assert "out" not in names(tmp_path)
+
+
+def test_ctrl_c_keeps_what_was_flown(fly, tmp_path):
+    result = fly("--set", "duration=300", "--json", flight="interrupt")
+
+    assert result.code == 130
+    assert result.json["interrupted"]
+    assert names(tmp_path / "out") == {"flight.mcap", "summary.json"}
+
+
+def test_ctrl_c_before_anything_is_recorded_leaves_nothing(fly, tmp_path):
+    result = fly("--set", "duration=300", flight="early", recorder="fake_good")
+
+    assert (result.code, result.out, result.err) == (130, "", "")
+    assert names(tmp_path) == set()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("--speed", "2"), "--speed 2: accepted: with --nodes only"),
+        (("--domain", "3"), "--domain 3: accepted: with --nodes or --px4 only"),
+        (("--nodes", "--seeds", "0:3"), "--nodes: accepted: without --seeds and --no-record"),
+        (("--nodes", "--no-record"), "--nodes: accepted: without --seeds and --no-record"),
+        (("--nodes", "--speed", "-1"), "speed -1: out of bounds"),
+        (("--nodes", "--speed", "0"), "speed 0: out of bounds"),
+        (("--nodes", "--domain", "-1"), "domain -1: out of bounds"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(tombo, tmp_path, arguments, complaint):
+    result = tombo("fly", *SHORT, *arguments)
+
+    assert result.code == 2
+    assert complaint in result.err
+    assert len(result.err.splitlines()) == 1
+    assert names(tmp_path) == set()
+
+
+def state(t_s: float, height_m: float, phase: int | None, upright: float = 1.0) -> dict[str, Any]:
+    stamp_ns = 1_790_000_000 * SECOND + round(t_s * SECOND)
+    return {"stamp_ns": stamp_ns, "height_m": height_m, "upright": upright, "phase": phase}
+
+
+def watch(*states: dict[str, Any], duration: float = 40.0) -> Watch:
+    found = Watch(load_scenario("hover", [f"duration={duration}"]))
+    for one in states:
+        found.see(one)
+    return found
+
+
+def test_time_begins_with_the_missions_first_word():
+    found = watch(state(0.0, 0.18, None), state(4.0, 0.18, None))
+    assert found.flown_s == pytest.approx(4.0)
+    found.see(state(5.0, 0.18, 0))
+    assert found.flown_s == 0.0
+    found.see(state(7.0, 0.18, 1))
+    assert found.flown_s == pytest.approx(2.0)
+
+
+def test_a_second_after_landing_it_is_over():
+    found = watch(state(0.0, 0.18, 0), state(5.0, 2.0, 2), state(20.0, 0.18, 7))
+    assert not found.over
+    found.see(state(20.9, 0.18, 7))
+    assert not found.over
+    found.see(state(21.01, 0.18, 7))
+    assert found.over
+
+
+def test_after_a_crash_it_is_over_soon_and_on_the_ground_before_it_is_not():
+    found = watch(state(0.0, 0.18, 0), state(9.0, 0.1, 0))
+    assert not found.over
+    for one in (state(10.0, 2.0, 3), state(11.0, 0.1, 3)):
+        found.see(one)
+    assert not found.over
+    found.see(state(12.6, 0.1, 3))
+    assert found.over
+
+
+def test_to_lie_on_the_ground_while_landing_is_no_crash():
+    found = watch(state(0.0, 0.18, 0), state(10.0, 2.0, 3), state(11.0, 0.1, 6))
+    found.see(state(20.0, 0.1, 6))
+    assert not found.over
+
+
+def test_when_the_scenarios_time_is_up_it_is_over():
+    found = watch(state(0.0, 0.18, 0), state(9.9, 2.0, 2), duration=10.0)
+    assert not found.over
+    found.see(state(10.1, 2.0, 2))
+    assert found.over

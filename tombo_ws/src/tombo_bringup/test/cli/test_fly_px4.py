@@ -1,0 +1,230 @@
+"""`tombo fly --px4` on the command line: what the words mean, what is refused, who is asked."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import threading
+import time
+
+import pytest
+from px4_bench import speaking
+from suite_bench import FAKES
+
+from tombo_bag.mcap_sink import McapSink
+from tombo_bringup import node_flight
+from tombo_bringup.cli.optional_url import with_url
+from tombo_flight.flight import fly_scenario
+from tombo_flight.scenario import load_scenario
+from tombo_flight.suite import nodes
+from tombo_flight.suite.px4_flight import BridgeWatch
+
+
+@pytest.mark.parametrize(
+    ("words", "wanted"),
+    [
+        ("--px4", "--px4=sim"),
+        ("--px4 hover", "--px4=sim hover"),
+        ("hover --px4 --json", "hover --px4=sim --json"),
+        ("--px4 udpin://127.0.0.1:14540 hover", "--px4=udpin://127.0.0.1:14540 hover"),
+        ("--px4=serial:///dev/ttyACM0:57600", "--px4=serial:///dev/ttyACM0:57600"),
+        ("--px4 x://y --px4", "--px4=x://y --px4=sim"),
+        ("--px4 runs/a://b", "--px4=sim runs/a://b"),
+        ("--px4 udpin:127.0.0.1:14540", "--px4=udpin://127.0.0.1:14540"),
+        ("--px4=tcp:127.0.0.1:5760 hover", "--px4=tcp://127.0.0.1:5760 hover"),
+        ("--px4 udp.yaml", "--px4=sim udp.yaml"),
+        ("--seed 3 -- --px4 a://b", "--seed 3 -- --px4 a://b"),
+        ("hover", "hover"),
+        ("", ""),
+    ],
+)
+def test_the_url_may_be_left_out(words: str, wanted: str):
+    assert with_url(words.split()) == wanted.split()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("--px4", "--nodes"), "--px4: accepted: without --nodes, --seeds and --no-record"),
+        (("--px4", "--seeds", "0:3"), "--px4: accepted: without --nodes"),
+        (("--px4", "--no-record"), "--px4: accepted: without --nodes"),
+        (("--px4", "--speed", "0.5"), "--speed 0.5: accepted: without --px4, which is in real"),
+        (("--px4", ""), "link '' is no URL of a link"),
+        (("--px4", "/dev/ttyUSB0"), "is no URL of a link; accepted: udpin://HOST:PORT"),
+        (("--px4", "udpin:0.0.0.0:14540", "--yes"), "--bridge link.allow_remote=true"),
+        (("--px4", "serial:///dev/null:57600", "--yes"), "can't open it (inappropriate ioctl"),
+        (("--px4", "--bridge", "px4_parameters=[EKF2_EV_CTRL]"), "accepted: NAME=VALUE as EKF2"),
+        (("--px4", "--bridge", "px4_parameters=3"), "px4_parameters: 3 is no list"),
+        (("--yes",), "--yes and --bridge: accepted: with --px4 only"),
+        (("--bridge", "px4.setpoint=rates"), "--yes and --bridge: accepted: with --px4 only"),
+        (("--px4", "nowhere://", "--yes"), "'nowhere://' is no URL of a link"),
+        (("--px4", "udpin://192.168.1.20:14540", "--yes"), "not to this machine"),
+        (("--px4", "udpin://127.0.0.1:14540"), "accepted: with --yes, or on a terminal"),
+        (("--px4", "--bridge", "px4.setpont=rates"), "did you mean 'setpoint'"),
+        (("--px4", "--bridge", "px4.setpoint=throttle"), "unknown value of px4.setpoint"),
+        (("--px4", "--bridge", "px4.stream_rate=0"), "px4.stream_rate: 0 is out of bounds"),
+        (("--px4", "--bridge", "pix4.setpoint=rates"), "unknown section of --bridge"),
+        (("--px4", "--bridge", "link.url=a"), "accepted: the URL behind --px4"),
+        (("--px4", "--bridge", "link.allow_remote=1"), "accepted: true or false"),
+        (("--px4", "--bridge", "link=3"), "accepted: a parameter of link"),
+        (("--px4", "--bridge", "link.key_file=/no/such"), "can't be read (no such file"),
+        (("--px4", "--bridge", "setpoint"), "--bridge 'setpoint': expected key=value"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(tombo, tmp_path, arguments, complaint):
+    result = tombo("fly", "hover", *arguments)
+
+    assert result.code == 2
+    assert complaint in result.err
+    assert len(result.err.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_armed_vehicle_is_left_alone(tombo, tmp_path):
+    with speaking(1, armed=True) as url:
+        result = tombo("fly", "hover", "--px4", url, "--yes")
+
+    assert result.code == 2
+    assert "armed, in mode hold: somebody else flies it" in result.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_who_is_asked_and_says_no_arms_nothing(tombo, tmp_path, monkeypatch):
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
+    monkeypatch.setattr("typer.confirm", lambda text, **more: False)
+    with speaking(1) as url:
+        result = tombo("fly", "hover", "--px4", url)
+
+    assert result.code == 1
+    assert f"At {url} is a PX4 quadrotor, system 1, disarmed, in mode hold." in result.err
+    assert "takes off to 2 m and flies hover" in result.err
+    assert "not confirmed: nothing was armed" in result.err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture
+def fly(tombo, tmp_path, monkeypatch):
+    """`tombo fly hover --px4 ...` with fake nodes, and a bridge that says what it is given."""
+
+    def command(
+        *arguments: str,
+        says: dict[str, object],
+        then: object = None,
+        url: str = "",
+        **modules: str,
+    ):
+        McapSink(tmp_path / "empty.mcap").close()
+        suite = {"px4_bridge": "fake_good", "sim": "fake_good", "recorder": "fake_recorder"}
+        monkeypatch.setattr(node_flight, "PX4_SUITE", {**suite, **modules})
+        monkeypatch.setattr(nodes, "MONITOR_MODULE", "fake_px4_monitor")
+        monkeypatch.setenv("PYTHONPATH", str(FAKES))
+        monkeypatch.setenv("FAKE_BAG", str(tmp_path / "empty.mcap"))
+        monkeypatch.setenv("FAKE_METADATA", str(tmp_path / "told.json"))
+        monkeypatch.setenv("FAKE_FLIGHT", "none")
+        monkeypatch.setenv("FAKE_PX4", json.dumps(says))
+        monkeypatch.setenv("FAKE_PX4_THEN", json.dumps(then or {}))
+        there = (url, "--yes") if url else ()
+        return tombo("fly", "hover", "--px4", *there, "-o", "out", *arguments)
+
+    return command
+
+
+def test_a_refused_arming_is_one_line_with_px4s_words_and_leaves_the_recording(fly, tmp_path):
+    why = "arming denied: 'Resolve system health failures first'"
+    result = fly(says={"stage": "given up", "why": why})
+
+    assert result.code == 1
+    assert result.err == (f"Error: PX4 did not take off: {why}; recording and logs are in 'out'\n")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"flight.mcap", "nodes.log"}
+    assert "== px4_bridge" in (tmp_path / "out" / "nodes.log").read_text()
+    assert json.loads((tmp_path / "told.json").read_text())["tombo_flight"]["mode"] == "px4"
+
+
+def test_a_vehicle_that_arms_and_stays_on_the_ground_ends_the_command_with_the_reason(
+    fly, tmp_path
+):
+    words = "Disarmed by auto preflight disarming"
+    then = {"armed": False, "stage": "ready", "why": "landed", "status_text": words}
+    result = fly(says={"armed": True}, then={**then, "phase": 7})
+
+    assert result.code == 1
+    wanted = (
+        f"Error: it armed, but never left the ground: {words}; recording and logs are in 'out'"
+    )
+    assert result.err == f"{wanted}\n"
+    assert "flight.mcap" in {path.name for path in (tmp_path / "out").iterdir()}
+
+
+def test_a_vehicle_that_stays_armed_is_said_loudly(fly, monkeypatch, tmp_path):
+    flown = fly_scenario(load_scenario("hover", ["duration=1.0"]), 0)
+    monkeypatch.setattr(node_flight, "flight_from_bag", lambda bag, wall_s: flown)
+    monkeypatch.setattr(node_flight, "node_figures", lambda recording: {})
+    monkeypatch.setattr(node_flight, "draw_pictures", lambda *arguments: None)
+    monkeypatch.setattr("tombo_bringup.cli.node_tables.print_nodes", lambda flown: None)
+    result = fly("--set", "duration=2.0", says={"armed": True, "mode": "position"})
+
+    assert result.code == 1
+    assert result.err.splitlines() == [
+        "armed in mode position: poses go on; Ctrl-C leaves it to PX4",
+        "Error: the vehicle is still armed, in mode position",
+    ]
+    assert "summary.json" in {path.name for path in (tmp_path / "out").iterdir()}
+
+
+def test_a_second_ctrl_c_in_the_air_leaves_the_vehicle_to_px4(fly, monkeypatch, tmp_path):
+    flown = fly_scenario(load_scenario("hover", ["duration=1.0"]), 0)
+    monkeypatch.setattr(node_flight, "flight_from_bag", lambda bag, wall_s: flown)
+    monkeypatch.setattr(node_flight, "node_figures", lambda recording: {})
+    monkeypatch.setattr("tombo_bringup.cli.node_tables.print_nodes", lambda flown: None)
+    presses: list[threading.Timer] = []
+
+    def notice(text: str) -> None:
+        press = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
+        press.start()
+        presses.append(press)
+
+    class Pressed(BridgeWatch):
+        def see(self, *looks, **more) -> None:
+            super().see(*looks, **more)
+            if self.armed and not presses:  # the first
+                notice("")
+            elif presses and not presses[0].is_alive() and len(presses) == 1:
+                notice("")  # while it lands
+
+    monkeypatch.setattr(node_flight, "BridgeWatch", Pressed)
+    with speaking(1) as url:
+        began = time.monotonic()
+        says = {"armed": True, "mode": "offboard"}
+        result = fly(says=says, url=url, px4_bridge="fake_deaf")
+
+    assert time.monotonic() - began < 12.0
+    assert result.code == 130
+    assert "landing; Ctrl-C again leaves it to PX4" in result.err.splitlines()
+    assert result.err.endswith("Error: the vehicle is still armed, in mode offboard\n")
+    assert "summary.json" in {path.name for path in (tmp_path / "out").iterdir()}
+
+
+def test_without_its_bridge_there_is_no_flight(fly, tmp_path):
+    result = fly(says={}, px4_bridge="fake_broken")
+
+    assert result.code == 2
+    assert "px4_bridge has ended, exit code 1: Error: parameter" in result.err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("--px4", "--speed", "2"), "--speed 2: accepted: without --px4, which is in real time"),
+        (("--yes",), "--yes and --bridge: accepted: with --px4 only"),
+        (("--px4", "udpin://127.0.0.1:14540"), "accepted: with --yes, or on a terminal"),
+        (("--px4", "--without", "controller"), "unknown node 'controller'"),
+    ],
+)
+def test_up_takes_and_refuses_the_same(tombo, tmp_path, arguments, complaint):
+    result = tombo("up", "hover", *arguments)
+
+    assert result.code == 2
+    assert complaint in result.err
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,85 @@
+"""Lists, help and version: right, quick, and JSON alone when asked for."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from tombo_dynamics.effects import REGISTRY
+from tombo_flight.scenario import load_scenario
+
+
+def test_scenarios_are_listed_and_each_can_be_loaded(tombo):
+    listed = tombo("scenarios", "--json").json
+
+    found = [entry["name"] for entry in listed]
+    assert {"paper_collision", "hover", "no_obstacle", "aggressive"} <= set(found)
+    for entry in listed:
+        assert load_scenario(entry["name"]).description == entry["description"] != ""
+    text = tombo("scenarios").out
+    assert all(name in text for name in found)
+
+
+def test_effects_are_those_of_the_registry(tombo):
+    listed = tombo("effects", "--json").json
+
+    assert [entry["name"] for entry in listed] == list(REGISTRY)
+    for entry in listed:
+        assert entry["doc"]
+        for p in entry["parameters"]:
+            assert p["bounds"][0] <= p["null"] <= p["bounds"][1]
+            assert p["unit"] and p["doc"]
+    text = tombo("effects").out
+    assert "steady_wind" in text
+    assert "-15 to 15" in text
+
+
+def test_an_effect_in_the_list_can_be_set_as_the_list_says(tombo):
+    for entry in tombo("effects", "--json").json:
+        settings = [
+            f"effects.{entry['name']}.{p['name']}={p['null']}" for p in entry["parameters"]
+        ]
+        assert entry["name"] in load_scenario("hover", settings).effects
+
+
+def test_propeller_is_mounted(tombo):
+    rows = tombo("propeller", "--rpm", "2000", "--json").json
+    assert [row["rpm"] for row in rows] == [2000.0]
+    assert len(tombo("propeller", "moduli", "--json").json) == 13
+
+
+@pytest.mark.parametrize(
+    "arguments", [(), ("-h",), ("--help",), ("fly", "-h"), ("propeller", "-h"), ("effects", "-h")]
+)
+def test_help(tombo, arguments):
+    result = tombo(*arguments)
+    assert result.code == 0
+    assert "Usage: tombo" in result.out
+    assert result.err == ""
+
+
+def test_help_of_fly_says_what_the_exit_codes_mean(tombo):
+    text = " ".join(tombo("fly", "--help").out.split())
+    assert "a crash is a result" in text.replace("│", "")
+
+
+def test_version(tombo):
+    result = tombo("--version")
+    assert result.code == 0
+    assert result.out.startswith("tombo 0.")
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["scenarios"], ["--version"], ["fly", "-h"]])
+def test_what_only_lists_loads_no_model(arguments):
+    code = (
+        "import sys\n"
+        "from tombo_bringup.cli.main import run\n"
+        f"try: run({arguments!r})\n"
+        "except SystemExit: pass\n"
+        "slow = {'numpy', 'numba', 'scipy', 'matplotlib', 'rosbags', 'filterpy'}\n"
+        "sys.exit(f'loaded: {slow & set(sys.modules)}' if slow & set(sys.modules) else 0)\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr

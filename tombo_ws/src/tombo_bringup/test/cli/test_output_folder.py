@@ -1,0 +1,180 @@
+"""Where results go: whole or not at all, and nothing of the user's is lost."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+
+import pytest
+
+from tombo_dynamics.errors import InputError
+from tombo_flight import flight_output
+from tombo_flight.process.output_folder import open_output
+from tombo_flight.report import flight_plot
+
+SHORT = ("hover", "--set", "duration=0.3", "--no-record")
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def test_the_default_folder_is_replaced_as_a_whole_but_for_the_users_files(tombo, tmp_path):
+    assert tombo("fly", "hover", "--set", "duration=0.3").code == 0
+    folder = tmp_path / "runs" / "hover-0"
+    (folder / "notes.txt").write_text("mine")
+    (folder / "campaign.png").write_text("of another run")
+    assert "flight.mcap" in names(folder)
+
+    assert tombo("fly", *SHORT).code == 0
+
+    assert names(folder) == {"notes.txt", "summary.json", "flight.png", "report.html"}
+    assert (folder / "notes.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize("file", ["notes.txt", "summary.json", ".hidden"])
+def test_a_folder_that_is_not_empty_is_refused(tombo, tmp_path, file):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / file).write_text("mine")
+
+    result = tombo("fly", *SHORT, "-o", "full")
+
+    assert result.code == 2
+    assert "full" in result.err
+    assert file in result.err
+    assert "--force" in result.err
+    assert names(tmp_path / "full") == {file}
+    assert (tmp_path / "full" / file).read_text() == "mine"
+
+
+def test_force_replaces_results_and_leaves_other_files(tombo, tmp_path):
+    folder = tmp_path / "full"
+    folder.mkdir()
+    for name in ("notes.txt", "summary.json", "flight.mcap"):
+        (folder / name).write_text("old")
+
+    assert tombo("fly", *SHORT, "-o", "full", "--force").code == 0
+
+    assert names(folder) == {"notes.txt", "summary.json", "flight.png", "report.html"}
+    assert (folder / "notes.txt").read_text() == "old"
+    assert (folder / "summary.json").read_text() != "old"
+
+
+def test_an_empty_folder_is_filled_and_stays_the_same_folder(tombo, tmp_path):
+    (tmp_path / "empty").mkdir()
+    before = (tmp_path / "empty").stat().st_ino
+
+    assert tombo("fly", *SHORT, "-o", "empty").code == 0
+
+    assert (tmp_path / "empty").stat().st_ino == before
+    assert len(names(tmp_path / "empty")) == 3
+
+
+def test_parents_are_made_and_links_followed(tombo, tmp_path):
+    (tmp_path / "real").mkdir()
+    (tmp_path / "link").symlink_to("real")
+
+    assert tombo("fly", *SHORT, "-o", "link/a/b").code == 0
+
+    assert len(names(tmp_path / "real" / "a" / "b")) == 3
+    mode = (tmp_path / "real" / "a" / "b").stat().st_mode & 0o777
+    assert mode == (tmp_path / "real" / "a").stat().st_mode & 0o777
+
+
+@pytest.mark.parametrize(
+    "where", ["file", "file/below", "/proc/nowhere/o", "/dev/null/o", "x" * 300, "loop/o"]
+)
+def test_a_place_that_cannot_be_written_is_refused_before_the_flight(
+    tombo, tmp_path, monkeypatch, where
+):
+    (tmp_path / "file").write_text("mine")
+    (tmp_path / "loop").symlink_to("loop")
+    monkeypatch.setattr(flight_output, "fly_into", lambda *a, **k: pytest.fail("flown"))
+
+    result = tombo("fly", *SHORT, "-o", where)
+
+    assert result.code == 2
+    assert result.out == ""
+    assert len(result.err.splitlines()) == 1
+    assert f"output folder '{where}'" in result.err
+    assert "accepted" in result.err
+    assert names(tmp_path) == {"file", "loop"}
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_force_does_not_remove_a_folder_with_the_name_of_a_result(tombo, tmp_path):
+    (tmp_path / "o" / "flight.mcap").mkdir(parents=True)
+
+    result = tombo("fly", *SHORT, "-o", "o", "--force")
+
+    assert result.code == 2
+    assert "flight.mcap" in result.err
+    assert (tmp_path / "o" / "flight.mcap").is_dir()
+
+
+def test_bad_input_that_shows_late_leaves_no_folder(tombo, tmp_path):
+    assert tombo("fly", "--conf", "1").code == 2  # found by the thrust map, not by the scenario
+
+    assert names(tmp_path) == set()
+
+
+def test_a_full_disk_is_one_line_and_leaves_nothing(tombo, tmp_path, monkeypatch):
+    def full(record, path):
+        path.write_bytes(b"half")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+    monkeypatch.setattr(flight_output, "write_mcap", full)
+
+    result = tombo("fly", "hover", "--set", "duration=0.3")
+
+    assert result.code == 2
+    assert result.err.count("\n") == 1
+    assert "No space left on device" in result.err
+    assert names(tmp_path) == set()
+
+
+def test_a_failure_keeps_the_results_of_the_flight_before(tombo, tmp_path, monkeypatch):
+    assert tombo("fly", *SHORT).code == 0
+    folder = tmp_path / "runs" / "hover-0"
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+
+    def bug(record):
+        raise RuntimeError("a bug")
+
+    monkeypatch.setattr(flight_plot, "draw_flight", bug)
+    with pytest.raises(RuntimeError, match="a bug"):
+        tombo("fly", *SHORT)
+
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_a_folder_that_somebody_else_fills_meanwhile_is_not_touched(tmp_path):
+    def fill(target: Path) -> None:
+        target.mkdir()
+        (target / "theirs").write_text("theirs")
+
+    with (
+        pytest.raises(InputError, match="not empty"),
+        open_output(tmp_path / "o", replace=False) as folder,
+    ):
+        (folder / "summary.json").write_text("ours")
+        fill(tmp_path / "o")
+        folder.publish()
+
+    assert names(tmp_path) == {"o"}
+    assert names(tmp_path / "o") == {"theirs"}
+
+
+def test_two_runs_into_the_same_default_folder_both_end_well(tmp_path):
+    with open_output(tmp_path / "o", replace=True) as one:
+        (one / "summary.json").write_text("one")
+        (one / "flight.mcap").write_text("one")
+        with open_output(tmp_path / "o", replace=True) as other:
+            (other / "summary.json").write_text("other")
+            other.publish()
+        one.publish()
+
+    assert names(tmp_path / "o") == {"summary.json", "flight.mcap"}
+    assert (tmp_path / "o" / "summary.json").read_text() == "one"
+    assert names(tmp_path) == {"o"}

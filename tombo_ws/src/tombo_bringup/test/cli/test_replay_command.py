@@ -1,0 +1,137 @@
+"""`tombo replay` on the command line."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+BAGS = Path(__file__).parents[5] / "tests" / "bags"
+STRIKE = str(BAGS / "paper_collision_7.mcap")
+WHOLE = str(BAGS / "paper_collision_0.mcap")
+
+
+def test_json_is_one_object_with_all_that_came_out(tombo):
+    result = tombo("replay", STRIKE, "--json")
+    assert result.code == 0 and result.err == ""
+    found = result.json
+    assert list(found) == [
+        "bag", "duration_s", "nodes", "differences", "findings", "damage", "speed",
+    ]  # fmt: skip
+    assert found["bag"] == STRIKE
+    assert found["duration_s"] == pytest.approx(39.9, abs=0.1)
+    detector = found["nodes"]["detector"]
+    assert detector["matched"] == 1
+    assert detector["x_c_error_m"] == [pytest.approx(0.0, abs=1e-9)]
+    assert detector["events_replayed"][0]["stamp_s"] == pytest.approx(23.123)
+    assert detector["false_alarms_per_minute"] == 0.0
+    assert found["speed"]["real_time_factor"] > 1.0
+
+
+def test_the_table_says_what_matched_what_can_not_be_replayed_and_how_fast(tombo):
+    out = tombo("replay", WHOLE).out
+    words = " ".join(out.split())
+    assert "1 recorded, 1 replayed: 1 matched, 0 missed, 0 extra" in words
+    assert "idle, takeoff, hover, approach, react, hold, land, landed" in words
+    assert "Finding: controller can't be replayed: no /imu/data_raw, /estimator/status" in words
+    assert "Nothing differs by more than the tolerances." in words
+    assert "times real time" in words
+
+
+def test_strict_turns_a_difference_into_an_exit_code_and_tolerances_take_it_back(tombo):
+    other = ("replay", WHOLE, "--node", "detector", "--set", "detector.trigger=region")
+    assert tombo(*other).code == 0
+    strict = tombo(*other, "--strict")
+    assert strict.code == 1
+    assert "Difference: detector: x_c differs by" in strict.out
+    loose = ("--tolerance", "time_ms=500", "--tolerance", "x_c_m=0.5")
+    assert tombo(*other, "--strict", *loose).code == 0
+
+
+def test_parameters_come_from_a_file_over_the_bag_and_settings_over_both(tombo, tmp_path):
+    (tmp_path / "mine.yaml").write_text("detector:\n  threshold: 5000\n")
+    blind = tombo("replay", STRIKE, "--params", "mine.yaml", "--json")
+    assert blind.json["nodes"]["detector"]["missed"] == 1
+    seeing = ("--params", "mine.yaml", "--set", "detector.threshold=100")
+    assert tombo("replay", STRIKE, *seeing, "--json").json["differences"] == []
+
+
+def test_results_are_written_and_other_files_left_alone(tombo, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "flight.mcap").write_text("mine")
+    for _ in range(2):
+        result = tombo("replay", STRIKE, "-o", "out", "--json")
+        assert result.code == 0
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
+        "flight.mcap", "replay.json", "replay.png",
+    ]  # fmt: skip
+    assert (tmp_path / "out" / "flight.mcap").read_text() == "mine"
+    assert (tmp_path / "out" / "replay.json").read_text() == result.out
+    assert (tmp_path / "out" / "replay.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_flight_folder_is_a_recording(tombo, tmp_path):
+    (tmp_path / "run").mkdir()
+    shutil.copy(STRIKE, tmp_path / "run" / "flight.mcap")
+    (tmp_path / "run" / "summary.json").write_text("{}")
+    found = tombo("replay", "run", "--json").json
+    assert found["nodes"]["detector"]["matched"] == 1
+
+
+def test_a_cut_recording_is_replayed_as_far_as_it_goes_and_the_damage_is_said(tombo, tmp_path):
+    data = Path(STRIKE).read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[: int(0.8 * len(data))])
+    result = tombo("replay", "cut.mcap")
+    assert result.code == 0
+    assert "Damage: " in result.out and "cut off" in result.out
+    (tmp_path / "stump.mcap").write_bytes(data[:3000])
+    stump = tombo("replay", "stump.mcap")
+    assert stump.code == 2
+    assert "nothing to replay" in stump.err and "damage: " in stump.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["none.mcap"], ["none.mcap", "No such file", "accepted: an MCAP file"]),
+        (["."], ["'.' holds no recording", "accepted"]),
+        ([STRIKE, "--map", "pose"], ["--map pose", "/TOPIC:=/NAME"]),
+        ([STRIKE, "--map", "/pose:=/mocap/pose"], ["'/pose'", "accepted: /collision_event"]),
+        ([STRIKE, "--map", "/mocap/pose:=/pose"], ["unknown topic in --map", "accepted"]),
+        (
+            [STRIKE, "--map", "/mocap/pose:=/odometry", "--map", "/mocap/pose:=/mocap/pose"],
+            ["mapped twice"],
+        ),
+        (
+            [STRIKE, "--map", "/mocap/pose:=/odometry", "--map", "/collision_event:=/odometry"],
+            ["two topics under one name"],
+        ),
+        ([STRIKE, "--node", "detect"], ["'detect'", "did you mean 'detector'"]),
+        ([STRIKE, "--node", "mission"], ["nothing to replay", "no /odometry"]),
+        ([STRIKE, "--set", "detector.treshold=5"], ["treshold", "did you mean 'threshold'"]),
+        ([STRIKE, "--params", "mine.yaml"], ["mine.yaml", "does not exist"]),
+        ([STRIKE, "--tolerance", "place=1"], ["'place'", "accepted: command_rad_s"]),
+        ([STRIKE, "--tolerance", "x_c_m=far"], ["x_c_m=far", "no number"]),
+        ([STRIKE, "--tolerance", "x_c_m=nan"], ["x_c_m=nan", "0 and above"]),
+        ([STRIKE, "--shift-stamps", "inf"], ["--shift-stamps inf"]),
+        ([STRIKE, "--speed", "2"], ["--speed 2", "--dds"]),
+        ([STRIKE, "--dds", "--speed", "nan"], ["--speed nan", "0.05 to 20"]),
+        ([STRIKE, "-o", STRIKE], ["no folder"]),
+    ],
+)
+def test_bad_input_is_one_line_and_leaves_nothing(tombo, tmp_path, arguments, words):
+    result = tombo("replay", *arguments)
+    assert result.code == 2
+    assert result.out == ""
+    assert result.err.startswith("Error: ") and result.err.count("\n") == 1
+    for word in words:
+        assert word in result.err, result.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_text_file_and_an_empty_one_are_refused(tombo, tmp_path):
+    (tmp_path / "poses.csv").write_text("t,x,y,z\n")
+    (tmp_path / "empty.bag").write_bytes(b"")
+    assert "starts with bytes 74 2c 78" in tombo("replay", "poses.csv").err
+    assert "is empty" in tombo("replay", "empty.bag").err

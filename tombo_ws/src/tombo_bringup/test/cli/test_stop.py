@@ -1,0 +1,209 @@
+"""Ctrl-C and SIGTERM: at once, and what is flown is kept, readable, with no process left."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from rosbags.highlevel import AnyReader
+
+from tombo_flight.process.stop_signals import Stopped, StopSignals
+from tombo_flight.report import flight_plot
+
+Start = Callable[..., "subprocess.Popen[str]"]
+LONG = ("hover", "--set", "duration=300", "--set", "mission.land_time=290")
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+@dataclass(frozen=True)
+class Process:
+    """A process of a session that has not ended; zombies are left out."""
+
+    pid: int
+    cpu: int
+    worker: bool
+
+
+def alive_in_session(session: int) -> list[Process]:
+    found = []
+    for entry in Path("/proc").iterdir():
+        if not entry.name.isdigit():
+            continue
+        try:
+            fields = (entry / "stat").read_text().rsplit(")", 1)[1].split()
+            worker = b"spawn_main" in (entry / "cmdline").read_bytes()
+        except OSError:
+            continue
+        if int(fields[3]) == session and fields[0] != "Z":
+            cpu = int(fields[11]) + int(fields[12])
+            found.append(Process(int(entry.name), cpu, worker))
+    return found
+
+
+def workers(session: int) -> list[Process]:
+    return [process for process in alive_in_session(session) if process.worker]
+
+
+def wait_for(condition: Callable[[], object], limit_s: float = 60.0) -> None:
+    end = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < end, "waited too long"
+        time.sleep(0.002)
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Start]:
+    """Start `tombo fly ...` in a session of its own, of which nothing is left after the test."""
+    sessions: list[int] = []
+
+    def popen(*arguments: str) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "tombo_bringup.cli.main", "fly", *arguments],
+            cwd=tmp_path,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        sessions.append(process.pid)
+        return process
+
+    yield popen
+    for session in sessions:
+        for process in alive_in_session(session):
+            os.kill(process.pid, signal.SIGKILL)
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_stopped_flight_leaves_what_was_flown(start, tmp_path, number, code):
+    process = start(*LONG, "-o", "out", "--json")
+    wait_for(lambda: any(tmp_path.iterdir()))  # the folder is prepared, the flight begins
+    time.sleep(0.1)
+    os.killpg(process.pid, number)
+    out, err = process.communicate(timeout=20)
+
+    assert process.returncode == code, err
+    assert err == ""
+    summary = json.loads(out)
+    assert summary["interrupted"]
+    assert 0.0 < summary["duration_s"] < 290.0
+    assert names(tmp_path) == {"out"}
+    assert names(tmp_path / "out") == {"flight.mcap", "summary.json"}
+    with AnyReader([tmp_path / "out" / "flight.mcap"]) as bag:
+        imu = [c for c in bag.connections if c.topic == "/imu/data_raw"]
+        assert sum(c.msgcount for c in imu) == round(1000 * summary["duration_s"])
+        assert sum(1 for _ in bag.messages(imu)) == round(1000 * summary["duration_s"])
+
+
+def test_ctrl_c_ends_a_campaign_with_all_its_processes(start, tmp_path):
+    process = start("--seeds", "0:5000", "-o", "out", "--json")
+    wait_for(lambda: workers(process.pid))
+    time.sleep(0.3)
+    began = time.monotonic()
+    os.killpg(process.pid, signal.SIGINT)
+    _, err = process.communicate(timeout=20)
+
+    assert time.monotonic() - began < 5.0
+    assert process.returncode == 130
+    assert err == ""
+    wait_for(lambda: not alive_in_session(process.pid), 2.0)
+    assert names(tmp_path) <= {"out"}
+
+
+def test_processes_that_do_not_answer_are_ended_too(start):
+    process = start("--seeds", "0:5000", "-o", "out")
+    wait_for(lambda: workers(process.pid))
+    for worker in workers(process.pid):
+        os.kill(worker.pid, signal.SIGSTOP)
+    os.kill(process.pid, signal.SIGTERM)
+    process.communicate(timeout=20)
+
+    assert process.returncode == 143
+    wait_for(lambda: not alive_in_session(process.pid), 2.0)
+
+
+def test_idle_processes_of_a_campaign_end_when_the_parent_is_killed(start):
+    process = start("hover", "--seeds", "0:5000", "--set", "duration=0.1", "-o", "out")
+    wait_for(lambda: sum(worker.cpu for worker in workers(process.pid)) > 150)
+    os.kill(process.pid, signal.SIGSTOP)  # no new flights: they run out of work
+    before = -1
+    while (now := sum(worker.cpu for worker in workers(process.pid))) != before:
+        before = now
+        time.sleep(0.5)
+    assert workers(process.pid)
+    process.kill()
+
+    process.communicate(timeout=20)
+    wait_for(lambda: not alive_in_session(process.pid), 20.0)
+
+
+def test_ctrl_c_while_drawing_keeps_flight_and_summary(tombo, tmp_path, monkeypatch):
+    def draw(record):
+        os.kill(os.getpid(), signal.SIGINT)
+        return pytest.fail("not stopped")
+
+    monkeypatch.setattr(flight_plot, "draw_flight", draw)
+
+    result = tombo("fly", "hover", "--set", "duration=0.5", "-o", "out", "--json")
+
+    assert result.code == 130
+    assert names(tmp_path / "out") == {"flight.mcap", "summary.json"}
+    assert result.json["interrupted"] is False
+
+
+def test_a_second_signal_ends_it_and_leaves_nothing(tombo, tmp_path, monkeypatch):
+    def draw(record):
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+        except Stopped:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(flight_plot, "draw_flight", draw)
+
+    result = tombo("fly", "hover", "--set", "duration=0.5", "-o", "out", "--json")
+
+    assert result.code == 130
+    assert result.out == ""
+    assert "Traceback" not in result.err
+    assert names(tmp_path) == set()
+
+
+def test_signals_are_remembered_then_raised_and_given_back():
+    before = signal.getsignal(signal.SIGINT)
+    with StopSignals() as stop:
+        assert not stop.asked()
+        assert stop.exit_code == 0
+        with stop.at_once():
+            pass
+        os.kill(os.getpid(), signal.SIGINT)
+        assert stop.asked()
+        assert stop.exit_code == 130
+        with pytest.raises(Stopped), stop.at_once():
+            pytest.fail("a signal that came before counts")
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGTERM)
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_the_second_word_of_a_hang_up_does_not_kill_what_tidies_up():
+    code = (
+        "import os, signal\n"
+        "from tombo_flight.process.stop_signals import StopSignals\n"
+        "with StopSignals(signal.SIGHUP):\n"
+        "    os.kill(os.getpid(), signal.SIGHUP)\n"
+        "os.kill(os.getpid(), signal.SIGHUP)\n"
+        "print('tidy')\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (run.returncode, run.stdout) == (0, "tidy\n")

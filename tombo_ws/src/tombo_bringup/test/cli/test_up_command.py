@@ -1,0 +1,236 @@
+"""`tombo up` with fake nodes: what it shows, how it ends, what it leaves."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+from suite_bench import Marked, wait_for
+
+GOOD = {"sim": "fake_good", "detector": "fake_good"}
+
+
+@pytest.fixture
+def marked(tmp_path: Path) -> Iterator[Marked]:
+    processes = Marked(tmp_path)
+    yield processes
+    processes.end_all()
+
+
+def log(marked: Marked, node: str) -> Path:
+    return marked.folder / "out" / "log" / f"{node}.log"
+
+
+def started(marked: Marked, *nodes: str) -> None:
+    wait_for(lambda: all(log(marked, node).exists() for node in nodes))
+    wait_for(lambda: all("running" in log(marked, node).read_text() for node in nodes))
+
+
+def read_until(process: subprocess.Popen[str], enough: Callable[[list[str]], bool]) -> list[str]:
+    """Lines of the command until they are enough."""
+    lines: list[str] = []
+    assert process.stdout is not None
+    while not enough(lines):
+        line = process.stdout.readline()
+        assert line, f"it ended after {lines}"
+        lines.append(line.rstrip("\n"))
+    return lines
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_the_user_stops_it_with_exit_code_0_and_nothing_is_left(marked, number):
+    process = marked.up(GOOD)
+    started(marked, *GOOD)
+    os.kill(process.pid, number)
+    if number == signal.SIGHUP:  # a terminal that closes says it more than once
+        time.sleep(0.05)
+        os.kill(process.pid, number)
+    took = wait_for(lambda: set(marked.alive()) <= {process.pid})
+    out, err = process.communicate(timeout=20)
+
+    assert took < 3.0
+    assert process.returncode == 0, err
+    assert err == ""
+    assert out.splitlines()[-1] == "stopped; files in out"
+    assert marked.alive() == []
+
+
+def test_a_node_that_dies_is_told_with_its_last_words_and_the_rest_goes_on(marked):
+    process = marked.up({"sim": "fake_good", "mission": "fake_short"})
+    started(marked, "sim")
+    lines = read_until(process, lambda lines: "  RuntimeError: a bug" in lines)
+    lines += read_until(process, lambda lines: any("1 of 2 nodes run" in line for line in lines))
+    os.kill(process.pid, signal.SIGINT)
+    rest, err = process.communicate(timeout=20)
+
+    assert process.returncode == 1
+    assert err == ""
+    assert "mission: WARN odometry_silent: no odometry" in lines
+    assert "mission has ended, exit code 1; its log: out/log/mission.log" in lines
+    assert not any("sim has ended" in line for line in [*lines, rest])
+
+
+def test_when_no_node_is_left_it_ends_by_itself(marked):
+    process = marked.up({"sim": "fake_broken"})
+    out, _ = process.communicate(timeout=20)
+
+    assert process.returncode == 1
+    assert "Error: parameter detector.threshold" in out
+
+
+def test_it_ends_after_its_duration_with_exit_code_0(marked):
+    process = marked.up(GOOD, "--duration", "0.5")
+    out, err = process.communicate(timeout=20)
+
+    assert process.returncode == 0, err
+    assert "2 of 2 nodes run" in out
+    assert marked.alive() == []
+
+
+def test_json_lines_have_status_and_ends(marked):
+    suite = {"sim": "fake_good", "mission": "fake_short", "detector": "fake_deaf"}
+    process = marked.up(suite, "--json")
+    started(marked, "sim")
+
+    def all_told(lines: list[str]) -> bool:
+        last = json.loads(lines[-1]) if lines else {}
+        return '"exit code 1"' in str(lines) and "loop" in last.get("nodes", {}).get(
+            "sim", {}
+        ).get("loops", {})
+
+    lines = read_until(process, all_told)
+    os.kill(process.pid, signal.SIGTERM)
+    rest, err = process.communicate(timeout=20)
+    events = [json.loads(line) for line in [*lines, *rest.splitlines()]]
+
+    assert process.returncode == 1, err
+    by_kind = {kind: [e for e in events if e["event"] == kind] for kind in (
+        "status", "warning", "ended", "closed")}  # fmt: skip
+    nodes = json.loads(lines[-1])["nodes"]
+    assert nodes["sim"]["state"] == "running"
+    assert nodes["sim"]["loops"]["loop"] == {
+        "rate_hz": 999.5, "jitter_p50_us": 3.0, "jitter_p99_us": 41.0, "missed": 7
+    }  # fmt: skip
+    assert nodes["detector"]["faults"] == "mocap_silent: no pose for 1 s"
+    assert (nodes["mission"]["state"], nodes["mission"]["exit_code"]) == ("exit code 1", 1)
+    assert [(e["node"], e["exit_code"]) for e in by_kind["ended"]] == [("mission", 1)]
+    assert [e["node"] for e in by_kind["closed"][0]["not_well"]] == ["detector"]
+    assert marked.alive() == []
+
+
+def test_a_monitor_that_cannot_start_is_a_warning_and_no_more(marked):
+    process = marked.up(GOOD, monitor="fake_broken")
+    started(marked, *GOOD)
+    told = "monitor: ended, exit code 1: no status any more"
+    read_until(process, lambda lines: any(told in line for line in lines))
+    os.kill(process.pid, signal.SIGINT)
+    process.communicate(timeout=20)
+
+    assert process.returncode == 0
+
+
+def test_nothing_outlives_it_when_it_is_killed(marked):
+    process = marked.up({"sim": "fake_good", "detector": "fake_deaf"})
+    started(marked, "sim")
+    time.sleep(0.3)
+    process.kill()
+    process.communicate()
+
+    assert wait_for(lambda: not marked.alive()) < 3.0
+
+
+def test_nodes_get_parameters_domain_and_discovery(marked):
+    tell = marked.folder / "tell.py"
+    tell.write_text(
+        "import os, sys, time\n"
+        "print(sys.argv[1:], {k: v for k, v in os.environ.items() if k.startswith('ROS_')})\n"
+        "print('running', flush=True)\ntime.sleep(60)\n"
+    )
+    mine = marked.folder / "mine.yaml"
+    mine.write_text("/**/detector:\n  ros__parameters:\n    detector:\n      threshold: 99.0\n")
+    environment = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    process = marked.up(
+        {"detector": "tell"}, "--domain", "42",
+        "--set", "detector.threshold=81", "--params", "mine.yaml",
+    )  # fmt: skip
+    started(marked, "detector")
+    os.kill(process.pid, signal.SIGINT)
+    process.communicate(timeout=20)
+    said = log(marked, "detector").read_text()
+
+    own = marked.folder / "out" / "parameters.yaml"
+    files = ["--ros-args", "--params-file", str(own), "--params-file", str(mine)]
+    assert str(files) in said
+    assert "'ROS_DOMAIN_ID': '42'" in said
+    assert str(environment)[1:-1] in said
+    written = yaml.safe_load(own.read_text())
+    assert written["/**/detector"]["ros__parameters"]["detector"]["threshold"] == 81.0
+
+
+def test_on_a_terminal_it_draws_a_table(marked):
+    ours, theirs = pty.openpty()
+    from suite_bench import UP
+
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-c", UP.format(suite=GOOD, monitor="fake_monitor")),
+            *("up", "hover", "--record", "out", "--duration", "2"),
+        ],
+        cwd=marked.folder,
+        env={**marked.environment, "COLUMNS": "160", "TERM": "xterm"},
+        stdout=theirs,
+        stderr=theirs,
+        stdin=theirs,
+    )
+    os.close(theirs)
+    shown = b""
+    while True:
+        try:
+            data = os.read(ours, 65536)
+        except OSError:  # the terminal is closed: the end
+            break
+        if not data:
+            break
+        shown += data
+    os.close(ours)
+
+    assert process.wait(timeout=10) == 0
+    text = shown.decode()
+    for part in ("mocap: 1250 ms old", "999.5 Hz", "41 us", "mocap_silent: no pose for 1 s"):
+        assert part in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("--without", "detect"), "unknown node 'detect' (did you mean 'detector'?)"),
+        (("--params", "nowhere.yaml"), "parameter file 'nowhere.yaml': no such file"),
+        (("--speed", "0"), "speed 0: out of bounds; accepted: a number from 0.01"),
+        (("--speed", "nan"), "speed nan: out of bounds"),
+        (("--domain", "233"), "domain 233: out of bounds; accepted: a whole number from 0 to 232"),
+        (("--duration", "-1"), "--duration -1: out of bounds; accepted: a number above 0"),
+        (("--duration", "nan"), "--duration nan: out of bounds"),
+        (("--record", "full"), "folder 'full': not empty; accepted: a folder, new or empty"),
+        (("--set", "vehicle.mas=1"), "unknown key in vehicle 'mas' (did you mean 'mass'?)"),
+        (("--seed", "-1"), "--seed -1: out of bounds"),
+    ],
+)
+def test_bad_input_is_one_line_and_starts_nothing(tombo, tmp_path, arguments, complaint):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "a").touch()
+
+    result = tombo("up", *arguments)
+
+    assert result.code == 2
+    assert complaint in result.err
+    assert len(result.err.splitlines()) == 1
+    assert {path.name for path in tmp_path.iterdir()} == {"full"}

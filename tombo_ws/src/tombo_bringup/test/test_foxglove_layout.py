@@ -1,0 +1,218 @@
+"""foxglove/tombo.json: of the shape that Foxglove imports, and every path leads to a value."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tombo_bag.schemas import type_store
+from tombo_bag.topics import TOPICS
+from tombo_flight.suite.nodes import SUITE
+
+SRC = Path(__file__).parents[4] / "tombo_ws/src"
+LAYOUT: dict[str, Any] = json.loads((SRC / "tombo_bringup/foxglove/tombo.json").read_text())
+PANELS: dict[str, dict[str, Any]] = LAYOUT["configById"]
+
+# Type of a panel -> keys of its settings without which it has nothing to show.
+NEEDS: dict[str, set[str]] = {
+    "3D": {"cameraState", "followMode", "scene", "topics", "layers", "transforms"},
+    "DiagnosticStatusPanel": {"topicToRender", "selectedHardwareId", "selectedName"},
+    "DiagnosticSummary": {"topicToRender", "minLevel", "pinnedIds", "hardwareIdFilter"},
+    "Plot": {"paths", "xAxisVal", "isSynced", "showLegend", "legendDisplay"},
+    "RawMessages": {"topicPath"},
+    "RosOut": {"topicToRender", "minLogLevel", "searchTerms"},
+    "StateTransitions": {"paths", "isSynced"},
+    "Tab": {"activeTabIdx", "tabs"},
+}
+DRAWN = {
+    "foxglove_msgs/msg/PoseInFrame",
+    "geometry_msgs/msg/PoseStamped",
+    "visualization_msgs/msg/MarkerArray",
+}
+"""Types of ours that the 3D panel draws; it takes /tf by itself."""
+NUMBERS = {"bool", *(f"{kind}{bits}" for kind in ("int", "uint") for bits in (8, 16, 32, 64))}
+NUMBERS |= {"float32", "float64"}
+
+# The grammar of message paths: topic, then fields, each with a slice and filters.
+PART = re.compile(
+    r"""\.(?P<name>\w+)(?P<slice>\[(?:\d+|\d*:\d*)\])?(?P<filter>\{\w+==(?:\d+|"[^"]*")\})?"""
+)
+
+
+def kind(panel: str) -> str:
+    return panel.partition("!")[0]
+
+
+def panels_of(node: Any) -> Iterator[str]:
+    """Names of panels in a tree of splits."""
+    if isinstance(node, str):
+        yield node
+        return
+    assert set(node) == {"direction", "first", "second", "splitPercentage"}
+    assert node["direction"] in {"row", "column"}
+    assert 5 <= node["splitPercentage"] <= 95
+    yield from panels_of(node["first"])
+    yield from panels_of(node["second"])
+
+
+def shown() -> list[str]:
+    found = list(panels_of(LAYOUT["layout"]))
+    for panel in list(found):
+        for tab in PANELS[panel].get("tabs", []):
+            assert tab["title"]
+            found += panels_of(tab["layout"])
+    return found
+
+
+def test_every_panel_has_its_place_and_settings():
+    assert sorted(shown()) == sorted(PANELS)
+    assert set(LAYOUT) == {
+        "configById",
+        "globalVariables",
+        "layout",
+        "playbackConfig",
+        "userNodes",
+    }
+
+
+@pytest.mark.parametrize("panel", PANELS)
+def test_a_panel_is_one_of_foxglove(panel: str):
+    assert re.fullmatch(r"\w+!\w+", panel)
+    assert NEEDS[kind(panel)] <= set(PANELS[panel])
+
+
+# --- Paths ------------------------------------------------------------------------------------
+
+
+@cache
+def fields(typename: str) -> dict[str, Any]:
+    return dict(type_store().fielddefs[typename][1])
+
+
+def element(descriptor: Any) -> tuple[str, bool]:
+    """(type name, whether it is a list of them) of a field as rosbags describes it."""
+    what, inside = descriptor[0].name, descriptor[1]
+    if what in {"ARRAY", "SEQUENCE"}:
+        return element(inside[0])[0], True
+    return (inside[0] if what == "BASE" else inside), False
+
+
+def value_type(path: str) -> str:
+    """Type of what a message path leads to; fails where it leads nowhere."""
+    topic = re.match(r"[\w/]+", path)
+    assert topic, path
+    spec = TOPICS[topic[0]]
+    typename, at = spec.typename, topic.end()
+    while at < len(path):
+        part = PART.match(path, at)
+        assert part, f"{path}: not a path from {path[at:]}"
+        typename, many = element(fields(typename)[part["name"]])
+        assert bool(part["slice"]) == many, (
+            f"{path}: {part['name']} is{' not' * (not many)} a list"
+        )
+        if part["filter"]:
+            assert re.match(r"\{(\w+)==", part["filter"])[1] in fields(typename)
+        at = part.end()
+    return typename
+
+
+def paths(panel_kind: str) -> list[str]:
+    return [
+        path["value"]
+        for panel, settings in PANELS.items()
+        if kind(panel) == panel_kind
+        for path in settings["paths"]
+    ]
+
+
+@pytest.mark.parametrize("path", paths("Plot"))
+def test_a_plotted_path_leads_to_a_number(path: str):
+    if path.startswith("/diagnostics"):
+        assert value_type(path) == "string", "Foxglove reads numbers from texts"
+    else:
+        assert value_type(path) in NUMBERS
+
+
+@pytest.mark.parametrize("path", paths("StateTransitions"))
+def test_a_state_leads_to_a_value(path: str):
+    assert value_type(path) in {*NUMBERS, "string"}
+
+
+@pytest.mark.parametrize(
+    "path", [s["topicPath"] for p, s in PANELS.items() if kind(p) == "RawMessages"]
+)
+def test_a_raw_message_is_of_a_topic(path: str):
+    assert value_type(path)
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/odometry.pose.position.z",
+        "/rotor_command.speed",
+        "/odometry.pose[0].pose",
+        "/odometry[2]",
+    ],
+)
+def test_a_wrong_path_is_found(path: str):
+    with pytest.raises((AssertionError, KeyError)):
+        value_type(path)
+
+
+def test_a_topic_that_is_not_there_is_found():
+    with pytest.raises(KeyError):
+        value_type("/odom.pose")
+
+
+@pytest.mark.parametrize("path", [p for p in paths("Plot") if p.startswith("/diagnostics")])
+def test_a_figure_of_the_diagnostics_is_one_that_the_node_gives(path: str):
+    name, key = re.findall(r'\{(?:name|key)=="([^"]*)"\}', path)
+    node, _, loop = name.partition(": ")
+    package = SUITE[node].partition(".")[0]
+    text = (SRC / package / (SUITE[node].replace(".", "/") + ".py")).read_text()
+    common = "".join((SRC / "tombo_ros/tombo_ros" / f).read_text() for f in COMMON)
+    if loop:
+        assert f'"{loop}": LoopStatistics()' in text + common
+        assert f'"{key}":' in common
+    else:
+        share = re.sub(r"p\d\d", "p{share}", key)
+        assert f'value("{key}"' in text or f'value(f"{share}"' in text, f"{node} gives no {key}"
+
+
+COMMON = ("node_loop.py", "loop_statistics.py", "health.py")
+
+
+# --- The scene --------------------------------------------------------------------------------
+
+
+def test_the_scene_draws_what_there_is():
+    scene = PANELS["3D!scene"]
+    assert scene["followTf"] == "map"
+    assert {TOPICS[topic].typename for topic in scene["topics"]} <= DRAWN
+    assert {"/markers", "/mocap/pose"} <= set(scene["topics"])
+    assert set(scene["transforms"]) == {"frame:map", "frame:base_link"}
+    (grid,) = scene["layers"].values()
+    assert grid["layerId"] == "foxglove.Grid" and grid["frameId"] == "map"
+
+
+def test_diagnostics_and_log_are_those_of_ros():
+    for panel, settings in PANELS.items():
+        if kind(panel).startswith("Diagnostic"):
+            assert settings["topicToRender"] == "/diagnostics"
+        if kind(panel) == "RosOut":
+            assert settings["topicToRender"] == "/rosout"
+    health = (SRC / "tombo_ros/tombo_ros/health.py").read_text()
+    assert f'_HARDWARE = "{PANELS["DiagnosticStatusPanel!node"]["selectedHardwareId"]}"' in health
+    assert PANELS["DiagnosticStatusPanel!node"]["selectedName"] in SUITE
+
+
+def test_detector_and_loops_are_there():
+    plotted = " ".join(paths("Plot"))
+    for needed in ("statistic", "threshold", "/rotor_command.speed[3]", "jitter_p99_us"):
+        assert needed in plotted

@@ -1,0 +1,194 @@
+"""`tombo hil`: what it prints, refuses, and how it ends."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tombo_bringup.cli.main import run
+from tombo_px4.hil.link import HilLink
+
+COMPOSE = Path(__file__).parents[4] / "docker" / "compose.yaml"
+PEER = Path(__file__).parents[4] / "tombo_ws/src/tombo_px4/test/autopilot" / "hil_peer.py"
+COMMAND = [sys.executable, "-m", "tombo_bringup.cli.main", "hil", "--port", "0"]
+
+
+class Started:
+    """The command as a process, with PX4 stand-ins."""
+
+    def __init__(self) -> None:
+        self.processes: list[subprocess.Popen[str]] = []
+        self.port = 0
+        self.lines: list[str] = []
+
+    def hil(self, *options: str) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            [*COMMAND, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        self.processes.append(process)
+        self.read(process, "waiting for PX4 on TCP port")
+        found = re.search(r"port (\d+)", self.lines[-1])
+        assert found
+        self.port = int(found[1])
+        return process
+
+    def read(self, process: subprocess.Popen[str], until: str) -> None:
+        """Lines up to one that has `until` in it."""
+        assert process.stdout is not None
+        for line in process.stdout:
+            self.lines.append(line.rstrip("\n"))
+            if until in line:
+                return
+        raise AssertionError(f"'{until}' never came: {self.lines}")
+
+    def px4(self, seconds: float) -> None:
+        self.processes.append(
+            subprocess.Popen([sys.executable, str(PEER), str(self.port), str(seconds)], text=True)
+        )
+
+
+@pytest.fixture
+def started() -> Iterator[Started]:
+    made = Started()
+    yield made
+    for process in made.processes:
+        process.kill()
+        process.communicate(timeout=10)
+
+
+def test_px4_flies_and_ctrl_c_ends_it_with_0(started):
+    process = started.hil("--speed", "0")
+    started.px4(60.0)
+    started.read(process, "in lockstep from now")
+    time.sleep(0.3)
+    os.kill(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=10)
+    assert (process.returncode, err) == (0, "")
+    assert out.splitlines()[-1] == "stopped after 1 flights"
+    assert any("PX4 has connected: flight 1 begins" in line for line in started.lines)
+    assert "armed" in out.splitlines()
+
+
+def test_a_duration_ends_it_with_0_and_a_px4_that_left_is_told(started):
+    process = started.hil("--speed", "0", "--duration", "3", "--scenario", "hover")
+    started.px4(1.0)
+    started.read(process, "PX4 has left at 1.0")
+    assert started.lines[-1].startswith("! ")
+    out, err = process.communicate(timeout=15)
+    assert (process.returncode, err) == (0, "")
+    assert out.splitlines()[-1] == "stopped after 1 flights"
+
+
+def exit_code(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as left:
+        run(["hil", *arguments])
+    return int(left.value.code or 0)
+
+
+def test_a_busy_port_is_one_line_and_2(capsys):
+    link = HilLink(0)
+    try:
+        assert exit_code("--port", str(link.port)) == 2
+    finally:
+        link.close()
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith(f"Error: port {link.port} of 127.0.0.1 is taken by another program")
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--rate", "400"], "hil.rate: 400 Hz"),
+        (["--rate", "nan"], "hil.rate: nan"),
+        (["--speed", "-1"], "--speed -1"),
+        (["--speed", "nan"], "--speed nan"),
+        (["--duration", "0"], "--duration 0"),
+        (["--mapping", "torque"], "hil.mapping: 'torque'"),
+        (["--port", "70000"], "port 70000"),
+        (["--port", "-1"], "port -1"),
+        (["--port", "x"], "'x' is not a whole number"),
+        (["--seed", "-1"], "--seed -1"),
+        (["--scenario", "hovr"], "did you mean 'hover'"),
+        (["--set", "vehicle.mass=-1"], "vehicle.mass"),
+        (["--mocap", "nonsense"], "link 'nonsense'"),
+        (["--mocap", "udpout://192.0.2.1:14580"], "192.0.2.1"),
+    ],
+)
+def test_bad_input_is_one_line_and_2(options, says, capsys):
+    port = [] if "--port" in options else ["--port", "0"]
+    assert exit_code(*port, *options) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert says in err
+    assert err.count("\n") == 1
+
+
+def introduction(capsys: pytest.CaptureFixture[str], *options: str) -> str:
+    assert exit_code("--port", "0", "--duration", "0.05", *options) == 0
+    return capsys.readouterr().out
+
+
+def settings(text: str) -> dict[str, str]:
+    """The environment that the printed commands make."""
+    block = text.split("export ")[1].split("\n./build")[0].replace("\\\n", " ")
+    return dict(word.split("=") for word in shlex.split(block))
+
+
+def test_it_prints_how_px4_is_started_for_this_vehicle(capsys):
+    text = introduction(capsys)
+    given = settings(text)
+    assert given["PX4_SIM_MODEL"] == "none_iris"
+    assert given["PX4_SYS_AUTOSTART"] == "10016"
+    assert float(given["PX4_PARAM_MPC_THR_HOVER"]) == pytest.approx(0.46, abs=0.001)
+    front_right = [given[f"PX4_PARAM_CA_ROTOR0_{name}"] for name in ("PX", "PY", "KM")]
+    assert [float(v) for v in front_right] == pytest.approx([0.17, 0.17, 0.04])
+    front_left = [given[f"PX4_PARAM_CA_ROTOR2_{name}"] for name in ("PX", "PY", "KM")]
+    assert [float(v) for v in front_left] == pytest.approx([0.17, -0.17, -0.04])
+    assert "PX4_PARAM_EKF2_EV_CTRL" not in given
+    assert "./build/px4_sitl_default/bin/px4\n" in text
+    assert "docker run" in text
+    assert "parameters*.bson" in text  # PX4 falls back on parameters_backup.bson
+    assert "PX4_PARAM_IMU_INTEG_RATE" not in given
+
+
+@pytest.mark.parametrize("rate", ["333", "500", "1000"])
+def test_another_rate_is_told_to_px4_whose_estimator_must_run_at_each_step(rate, capsys):
+    given = settings(introduction(capsys, "--rate", rate))
+    assert given["PX4_PARAM_IMU_INTEG_RATE"] == rate
+    assert given["PX4_PARAM_IMU_GYRO_RATEMAX"] == rate
+
+
+def test_the_container_of_the_services_has_the_parameters_that_are_printed(capsys):
+    services = yaml.safe_load(COMPOSE.read_text(encoding="utf-8"))["services"]
+    px4 = services["px4"]
+    text = introduction(capsys, "--mocap", "udpout://127.0.0.1:14280")
+    assert px4["environment"] == settings(text)
+    assert px4["image"] in text
+    assert px4["command"] == ["-d"]  # its shell takes a core when there is no terminal
+
+
+@pytest.mark.parametrize("mocap", ["link", "udpout://127.0.0.1:14280"])
+def test_with_mocap_it_prints_what_px4_needs_to_fly_by_it_alone(mocap, capsys):
+    given = settings(introduction(capsys, "--mocap", mocap))
+    assert given["PX4_PARAM_EKF2_EV_CTRL"] == "11"
+    assert given["PX4_PARAM_EKF2_GPS_CTRL"] == "0"
+    assert given["PX4_PARAM_SYS_HAS_GPS"] == "0"
+    assert given["PX4_PARAM_EKF2_HGT_REF"] == "3"
+    assert given.get("PX4_PARAM_EKF2_EV_DELAY") == ("10" if mocap == "link" else None)
+
+
+def test_the_hover_control_is_that_of_scenario_and_mapping(capsys):
+    text = introduction(capsys, "--scenario", "rigid_propeller", "--mapping", "speed")
+    assert float(settings(text)["PX4_PARAM_MPC_THR_HOVER"]) == pytest.approx(0.51, abs=0.001)

@@ -1,0 +1,172 @@
+"""What each launch file starts, with which parameters; run over stand-ins for `launch`."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from pathlib import Path
+
+import launch_bench as bench
+import pytest
+
+from tombo_flight.suite.nodes import PX4_SUITE, SUITE
+
+FILES = sorted(path.name for path in bench.LAUNCH.glob("*.launch.py"))
+PARTS = ("sim.launch.py", "control.launch.py", "collision.launch.py", "recorder.launch.py")
+LAUNCHED = (*PARTS, "suite.launch.py", "px4.launch.py")
+NODES = set(SUITE)
+MODULES = {*SUITE.values(), *PX4_SUITE.values()}
+
+
+@pytest.fixture(autouse=True)
+def _stand_ins(monkeypatch: pytest.MonkeyPatch):
+    bench.install(monkeypatch)
+    yield
+    sys.modules.pop("tombo_bringup.launching", None)
+
+
+def entry_points(package: str) -> dict[str, str]:
+    """Executable -> `module:function`, as the package's setup.py installs them."""
+    tree = ast.parse((bench.SRC / package / "setup.py").read_text())
+    table = next(
+        ast.literal_eval(k.value)
+        for k in ast.walk(tree)
+        if getattr(k, "arg", "") == "entry_points"
+    )
+    return dict(line.replace(" ", "").split("=") for line in table["console_scripts"])
+
+
+def names(started: list) -> list[str]:
+    return sorted(node.name.split("/")[-1] for node in started)
+
+
+def test_there_are_the_files_that_the_docs_name():
+    assert {*LAUNCHED, "fly.launch.py"} == set(FILES)
+
+
+@pytest.mark.parametrize("file", LAUNCHED)
+def test_every_node_is_an_executable_of_its_package(file: str):
+    for node in bench.launch(file):
+        point = entry_points(node.package)[node.executable]
+        module, function = point.split(":")
+        source = bench.SRC / node.package / (module.replace(".", "/") + ".py")
+        assert re.search(rf"^def {function}\(", source.read_text(), re.M), point
+        assert module in MODULES
+        assert module in (SUITE.get(node.name.strip("/")), PX4_SUITE.get(node.name.strip("/")))
+
+
+def test_the_suite_is_every_node_once():
+    assert names(bench.launch("suite.launch.py", record="runs/bag")) == sorted(NODES)
+
+
+def test_without_a_folder_nothing_is_recorded():
+    assert names(bench.launch("suite.launch.py")) == sorted(NODES - {"recorder"})
+    (recorder,) = (
+        n for n in bench.launch("suite.launch.py", record="runs/bag") if n.name == "/recorder"
+    )
+    assert "runs/bag" in recorder.parameters.values()
+
+
+def test_without_the_simulator_the_rest_is_the_same():
+    whole, rest = (bench.launch("suite.launch.py", sim=sim) for sim in ("true", "false"))
+    assert [node for node in whole if node.name != "/sim"] == rest
+    assert len(whole) == len(rest) + 1
+
+
+def test_over_mavlink_px4_stands_for_estimator_and_controller():
+    started = bench.launch("px4.launch.py", record="runs/bag")
+    assert names(started) == sorted(PX4_SUITE)
+    assert {node.executable for node in started} == {
+        module.partition(".")[2] for module in PX4_SUITE.values()
+    }
+    without = bench.launch("px4.launch.py", sim="false", url="serial:///dev/ttyACM0:57600")
+    assert names(without) == sorted(PX4_SUITE.keys() - {"sim", "recorder"})
+    (bridge,) = (node for node in without if node.executable == "px4_bridge_node")
+    assert bridge.parameters["link.url"] == "serial:///dev/ttyACM0:57600"
+
+
+def test_a_real_px4_gets_its_vehicle_from_the_simulator_link():
+    started = bench.launch("px4.launch.py", sim="false", hil="true")
+    (sim,) = (node for node in started if node.name == "/sim")
+    assert (sim.package, sim.executable) == ("tombo_sim", "hil_sim_node")
+
+
+@pytest.mark.parametrize("tool", ["rviz", "foxglove"])
+def test_a_tool_comes_when_asked_for(tool: str):
+    plain = bench.launch("suite.launch.py", use_sim_time="true")
+    more = bench.launch("suite.launch.py", use_sim_time="true", **{tool: "true"})
+    (added,) = (node for node in more if node not in plain)
+    assert added.package == {"rviz": "rviz2", "foxglove": "foxglove_bridge"}[tool]
+    assert added.parameters["use_sim_time"] == "true"
+    for word in added.words:
+        assert not word.startswith("/") or Path(word).is_file()
+
+
+def test_the_parts_make_up_the_suite():
+    parts = [node for file in PARTS for node in bench.launch(file)]
+    assert parts == bench.launch("suite.launch.py", record="runs/bag")
+
+
+@pytest.mark.parametrize("file", LAUNCHED)
+def test_common_arguments_reach_every_node(file: str, tmp_path: Path):
+    mine = tmp_path / "mine.yaml"
+    started = bench.launch(
+        file, namespace="uav1", use_sim_time="true", log_level="debug", params_file=str(mine)
+    )
+    for node in started:
+        assert node.name.startswith("uav1/")
+        assert node.parameters["use_sim_time"] is True
+        assert node.words == ["--log-level", "debug"]
+        assert node.files == [mine]
+
+
+def test_the_speed_reaches_the_simulator_as_a_number():
+    (sim,) = (n for n in bench.launch("suite.launch.py", speed="4") if n.name == "/sim")
+    assert sim.parameters["speed"] == 4.0 and isinstance(sim.parameters["speed"], float)
+
+
+@pytest.mark.parametrize("file", LAUNCHED)
+def test_the_parameter_file_is_there_and_installed(file: str):
+    for node in bench.launch(file):
+        assert node.files == [bench.SRC / "tombo_bringup/config/suite.yaml"]
+        assert node.files[0].is_file()
+
+
+def test_every_parameter_that_is_given_is_one_of_the_node():
+    for node in bench.launch("suite.launch.py", record="a"):
+        module = entry_points(node.package)[node.executable].split(":")[0]
+        source = (bench.SRC / node.package / (module.replace(".", "/") + ".py")).read_text()
+        for name in node.parameters.keys() - {"use_sim_time"}:
+            assert re.search(rf'declare\(\s*"{name}"', source), f"{node.name}: {name}"
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_every_argument_says_what_it_is(file: str):
+    for argument in bench.arguments_of(file).values():
+        assert len(argument.description) > 15
+        assert argument.default is not None
+
+
+def test_the_page_names_every_argument_of_the_suite():
+    page = (bench.SRC.parents[1] / "docs" / "nodes.md").read_text()
+    for name in bench.arguments_of("suite.launch.py"):
+        assert f"`{name}`" in page or f"`{name}:=" in page, name
+
+
+def test_the_page_names_every_argument_of_the_flight_over_mavlink():
+    page = (bench.SRC.parents[1] / "docs" / "px4.md").read_text()
+    for name in bench.arguments_of("px4.launch.py").keys() - bench.arguments_of("sim.launch.py"):
+        assert f"`{name}`" in page or f"{name}:=" in page, name
+
+
+def test_fly_runs_the_command():
+    (process,) = bench.launch("fly.launch.py", scenario="hover", seed="3")
+    assert process.words[:5] == ["lib/tombo_bringup/tombo", "fly", "hover", "--seed", "3"]
+
+
+def test_folders_of_share_are_installed():
+    setup = (bench.SRC / "tombo_bringup" / "setup.py").read_text()
+    for folder, pattern in (("launch", "*.py"), ("rviz", "*.rviz"), ("foxglove", "*.json")):
+        assert f'(f"share/{{NAME}}/{folder}", glob("{folder}/{pattern}"))' in setup
+        assert list((bench.SRC / "tombo_bringup" / folder).glob(pattern))

@@ -1,0 +1,77 @@
+"""docs/nodes.md says what the nodes are: its tables are up to date, its figure is true."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tombo_bag.topics import TOPICS
+from tombo_bringup.topic_table import every_node, tables, updated
+from tombo_dynamics.errors import InputError
+from tombo_flight.suite.nodes import PX4_SUITE, SUITE
+
+ROOT = Path(__file__).parents[4]
+PAGE = (ROOT / "docs" / "nodes.md").read_text()
+NODES = {node.name: node for node in every_node()}
+
+
+def test_the_tables_are_up_to_date():
+    due = "python -m tombo_bringup.topic_table docs/nodes.md"
+    assert updated(PAGE, tables()) == PAGE, f"run: {due}"
+
+
+def test_every_topic_has_a_line_and_a_speaker():
+    for line in (line for line in PAGE.splitlines() if line.startswith("| `/")):
+        speaker = line.split(" | ")[4].partition(" →")[0]
+        assert set(speaker.split(", ")) <= {*SUITE, *PX4_SUITE, "all"} and speaker
+    assert re.findall(r"^\| `(/[\w/]+)`", PAGE, re.M) == list(TOPICS)
+
+
+def test_what_flies_does_not_listen_to_the_truth():
+    for node in NODES.values():
+        assert not any(topic.startswith("/ground_truth") for topic in node.listens)
+
+
+def edges() -> list[tuple[str, str, str]]:
+    return re.findall(r'^    (\w+) -- "([\w/]+)" --> (\w+)$', PAGE, re.M)
+
+
+@pytest.mark.parametrize(("speaker", "topic", "listener"), edges())
+def test_an_arrow_of_the_figure_is_there(speaker: str, topic: str, listener: str):
+    assert f"/{topic}" in NODES[speaker].speaks
+    assert f"/{topic}" in NODES[listener].listens
+
+
+def test_the_figure_has_every_node_that_flies():
+    drawn = {name for a, _, b in edges() for name in (a, b)}
+    assert drawn == set(SUITE) - {"recorder"}
+    block = PAGE[PAGE.index("```mermaid") :].split("```")[1]
+    assert len(edges()) == len(block.strip().splitlines()) - 2, "a line is not an arrow"
+
+
+@pytest.mark.parametrize(
+    "path", re.findall(r"`((?:docker|tombo_ws|tombo_bringup)/[\w/.]+)`", PAGE)
+)
+def test_a_file_that_is_named_is_there(path: str):
+    assert (ROOT / path).exists() or (ROOT / "tombo_ws/src" / path).exists()
+
+
+def test_the_words_for_fault_and_loop_are_those_of_the_nodes():
+    ros = ROOT / "tombo_ws/src/tombo_ros/tombo_ros"
+    health = (ros / "health.py").read_text()
+    assert 'values[f"fault.{key}"]' in health
+    assert 'f"{self._name}: {loop}"' in health
+    figures = re.findall(r'^            "(\w+)": ', (ros / "loop_statistics.py").read_text(), re.M)
+    assert figures and all(f"`{name}`" in PAGE for name in figures)
+
+
+def test_a_page_without_markers_is_refused():
+    with pytest.raises(InputError, match="<!-- nodes -->"):
+        updated("# Nodes\n", {"nodes": ""})
+
+
+def test_only_what_is_between_the_markers_changes():
+    page = "a\n<!-- t -->\nold\n<!-- /t -->\nb\n"
+    assert updated(page, {"t": "new\n"}) == "a\n<!-- t -->\nnew\n<!-- /t -->\nb\n"

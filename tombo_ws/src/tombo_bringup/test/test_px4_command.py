@@ -1,0 +1,199 @@
+import os
+import signal
+import socket
+import subprocess
+import time
+
+import pytest
+from endpoint_bench import bench
+from px4_process import TOMBO, free_ports, px4_process, read_until
+from pymavlink.dialects.v20 import common as mavlink
+
+from tombo_bringup.cli import main
+from tombo_bringup.cli.px4_command import set_parameter
+from tombo_bringup.cli.px4_screen import state_line, where_to_connect
+from tombo_dynamics.errors import InputError
+from tombo_px4.autopilot.parameters import ParameterTable
+
+
+def run(*options, timeout=120.0):
+    """Run `tombo px4` to its end."""
+    done = subprocess.run(
+        [*TOMBO, *options], capture_output=True, text=True, timeout=timeout, check=False
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+def ports():
+    port, ground = free_ports()
+    return ["--port", str(port), "--ground-port", str(ground)]
+
+
+def listen(port):
+    """A socket that a client would listen on."""
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sock.settimeout(10.0)
+    sock.bind(("127.0.0.1", port))
+    return sock
+
+
+def first(sock, kind):
+    """The first message of a kind, and the port it came from."""
+    parser = mavlink.MAVLink(None)
+    parser.robust_parsing = True
+    deadline = time.monotonic() + 10.0
+    while time.monotonic() < deadline:
+        data, sender = sock.recvfrom(2048)
+        for message in parser.parse_buffer(data) or []:
+            if message.get_type() == kind:
+                return message, sender[1]
+    raise AssertionError(f"no {kind}")
+
+
+def test_it_speaks_to_both_ports_from_those_of_a_px4():
+    with px4_process() as px4, listen(px4.port) as board, listen(px4.ground_port) as ground:
+        for sock, own in ((board, px4.port + 40), (ground, px4.port + 4030)):
+            beat, sender = first(sock, "HEARTBEAT")
+            assert sender == own
+            assert beat.autopilot == mavlink.MAV_AUTOPILOT_PX4
+            assert (beat.get_srcSystem(), beat.get_srcComponent()) == (1, 1)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_it_stops_well_when_it_is_asked_to(number):
+    with px4_process() as px4:
+        px4.process.send_signal(number)
+        lines = read_until(px4.process, "stopped after")
+        assert px4.process.wait(timeout=10.0) == 0
+        assert not any("Traceback" in line for line in lines)
+
+
+def test_it_ends_by_itself_after_its_duration():
+    code, out, err = run(*ports(), "--duration", "0.5")
+    assert (code, err) == (0, "")
+    assert "stopped after 0.5 s" in out
+
+
+def test_a_busy_port_is_one_line_and_exit_code_2():
+    port, ground = free_ports()
+    for own in (port + 40, port + 4030):
+        with listen(own):
+            code, out, err = run("--port", str(port), "--ground-port", str(ground))
+        assert (code, out) == (2, "")
+        assert err.count("\n") == 1
+        assert str(own) in err and "in use" in err
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--port", "0"], "--port 0"),
+        (["--port", "65000"], "--port 65000"),
+        (["--ground-port", "70000"], "--ground-port 70000"),
+        (["--port", "abc"], "not a whole number"),
+        (["--duration", "-1"], "--duration -1"),
+        (["--duration", "nan"], "--duration nan"),
+        (["--scenario", "no_such"], "no_such"),
+        (["--set", "vehicle.mass=-1"], "vehicle.mass"),
+        (["--param", "NO_SUCH=1"], "NO_SUCH"),
+        (["--param", "COM_OF_LOSS_T"], "NAME=VALUE"),
+        (["--param", "COM_OF_LOSS_T=soon"], "'soon' is no number"),
+        (["--param", "COM_OF_LOSS_T=-3"], "out of bounds"),
+        (["--key", "/no/such/key"], "/no/such/key"),
+        (["--host", "192.0.2.1"], "192.0.2.1"),
+        (["--seed", "-1"], "--seed -1"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(options, words, capsys):
+    given = dict(zip(options[::2], options[1::2], strict=True))
+    port, ground = free_ports()
+    more = []
+    for name, number in (("--port", port), ("--ground-port", ground)):
+        more += [] if name in given else [name, str(number)]
+    with pytest.raises(SystemExit) as ended:
+        main.run(["px4", *options, *more])
+    out, err = capsys.readouterr()
+    assert (ended.value.code, out) == (2, "")
+    assert err.startswith("Error: ") and err.count("\n") == 1
+    assert words in err
+
+
+def test_parameters_of_the_command_line_are_set():
+    table = ParameterTable()
+    set_parameter(table, "COM_OF_LOSS_T = 0.5")
+    set_parameter(table, "EKF2_EV_CTRL=11")
+    assert table.get("COM_OF_LOSS_T") == 0.5
+    assert table.get("EKF2_EV_CTRL") == 11
+    with pytest.raises(InputError, match="did you mean 'EKF2_EV_CTRL'"):
+        set_parameter(table, "EKF2_EV_CTL=1")
+
+
+def test_it_says_where_to_connect():
+    text = "\n".join(where_to_connect("127.0.0.1", 14540, 14550))
+    for words in ("udpin://127.0.0.1:14540", "--master=udpin:127.0.0.1:14550", "QGroundControl"):
+        assert words in text
+
+
+def test_the_state_is_one_line():
+    with bench() as b:
+        b.run(0.2)
+        assert "no position" in state_line(b.endpoint, b.boot_ns, 0)
+        b.settle()
+        b.client.send(b.client.mav.heartbeat_encode(6, 8, 0, 0, 4))
+        b.run(0.1)
+        line = state_line(b.endpoint, b.boot_ns, 1_500_000_000)
+    for words in ("disarmed, hold, on ground", "z 0.1", "12.6 V", "heard 245/191", "1.5 s behind"):
+        assert words in line
+    assert "\n" not in line
+
+
+def test_on_a_terminal_the_state_is_live(tmp_path):
+    pty = pytest.importorskip("pty")
+    master, slave = pty.openpty()
+    process = subprocess.Popen(
+        [*TOMBO, *ports(), "--duration", "1.0"], stdout=slave, stderr=slave, close_fds=True,
+        env={**os.environ, "TERM": "xterm", "COLUMNS": "200"},
+    )  # fmt: skip
+    os.close(slave)
+    shown = b""
+    try:
+        while True:
+            try:
+                data = os.read(master, 4096)
+            except OSError:  # the other side is closed
+                break
+            if not data:
+                break
+            shown += data
+        assert process.wait(timeout=20.0) == 0
+    finally:
+        os.close(master)
+        if process.poll() is None:
+            process.kill()
+            process.wait()
+    assert b"disarmed, hold" in shown
+    assert b"nobody heard" in shown
+    assert b"stopped after 1.0 s" in shown
+
+
+def test_only_who_has_the_key_is_heard(tmp_path):
+    key = tmp_path / "key"
+    key.write_bytes(bytes(range(32)))
+    key.chmod(0o600)
+    with px4_process("--key", str(key)) as px4, listen(px4.port) as board:
+        beat, sender = first(board, "HEARTBEAT")
+        assert beat.get_msgbuf()[2] & mavlink.MAVLINK_IFLAG_SIGNED
+        mav = mavlink.MAVLink(None, 245, 191)
+        for signed in (False, True):
+            if signed:
+                mav.signing.secret_key = key.read_bytes()
+                mav.signing.sign_outgoing = True
+                mav.signing.timestamp = int((time.time() - 1420070400) * 1e5)
+            board.sendto(mav.command_long_encode(1, 1, 31000, 0, *7 * [0.0]).pack(mav),
+                         ("127.0.0.1", sender))  # fmt: skip
+            if not signed:
+                deadline = time.monotonic() + 0.5
+                while time.monotonic() < deadline:
+                    assert mavlink.MAVLink(None).parse_buffer(board.recv(2048))
+        ack, _ = first(board, "COMMAND_ACK")
+        assert ack.command == 31000

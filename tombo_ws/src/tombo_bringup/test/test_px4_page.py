@@ -1,0 +1,69 @@
+"""docs/px4.md says what there is: its tests, parameters, files and tables."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tombo_bringup.topic_table import every_node, tables, updated
+from tombo_px4.autopilot.parameters import PARAMETERS
+from tombo_px4.hil.advice import MOCAP_ONLY
+
+ROOT = Path(__file__).parents[4]
+PAGE = (ROOT / "docs" / "px4.md").read_text()
+TESTS = "\n".join(path.read_text() for path in ROOT.glob("t*/**/test_*.py"))
+NODES = {node.name: node for node in every_node()}
+
+
+def test_the_table_is_up_to_date():
+    due = "python -m tombo_bringup.topic_table docs/px4.md"
+    assert updated(PAGE, tables("px4.md")) == PAGE, f"run: {due}"
+
+
+@pytest.mark.parametrize("name", sorted(set(re.findall(r"`(test_\w+)`", PAGE))))
+def test_a_test_that_is_named_is_there(name: str):
+    assert f"def {name}(" in TESTS
+
+
+def test_every_fault_has_a_test():
+    table = PAGE[PAGE.index("## Faults") :].split("\n## ")[0]
+    rows = [line for line in table.splitlines() if line.startswith("| ")][1:]
+    assert len(rows) > 15
+    assert all("`test_" in row for row in rows)
+
+
+def test_a_fault_that_is_named_is_one_of_the_bridge():
+    folder = ROOT / "tombo_ws/src/tombo_px4/tombo_px4"
+    source = "\n".join(path.read_text() for path in folder.rglob("*.py"))
+    for column in re.findall(r"^\| [^|]+ \| (`[^|]+`) \| [^|]+ \| `test_", PAGE, re.M):
+        for key in re.findall(r"`([\w.]+)`", column):
+            name = key.removeprefix("check.").removeprefix("pose_")
+            assert f'"{key.removeprefix("check.")}"' in source or f'"{name}"' in source, key
+
+
+def test_the_parameters_for_mocap_are_those_that_are_set():
+    rows = re.findall(r"^\| (`[A-Z].*?) \| ([^|]+) \|", PAGE, re.M)
+    told = {}
+    for names, values in rows:
+        found = re.findall(r"`(\w+)`", names)
+        given = [int(value) for value in re.findall(r"-?\d+", values)]
+        told |= dict(zip(found, given if len(given) == len(found) else len(found) * given))  # noqa: B905
+    assert told.items() >= MOCAP_ONLY.items()
+    known = {p.name for p in PARAMETERS}
+    assert set(told) <= known
+
+
+@pytest.mark.parametrize(
+    ("speaker", "topic", "listener"),
+    re.findall(r'^    (\w+) -- "([\w/]+)" --> (\w+)$', PAGE, re.M),
+)
+def test_an_arrow_of_the_figure_is_there(speaker: str, topic: str, listener: str):
+    assert f"/{topic}" in NODES[speaker].speaks
+    assert f"/{topic}" in NODES[listener].listens
+
+
+def test_its_picture_is_there_and_small():
+    (name,) = re.findall(r"!\[[^]]+\]\((\w+\.png)\)", PAGE)
+    assert (ROOT / "docs" / name).stat().st_size < 300_000

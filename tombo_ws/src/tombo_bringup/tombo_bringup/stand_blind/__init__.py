@@ -1,1 +1,0 @@
-"""Blind cases of the stand diagnosis."""

@@ -1,0 +1,94 @@
+"""Detector, reaction and mission in whole simulated flights, with every trigger."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tombo_control.autopilot import BLIND, REACT
+from tombo_flight.flight import Workspace, fly_scenario
+from tombo_flight.scenario import load_scenario
+
+SEEDS = range(100, 112)
+MEMORY = Workspace()
+
+
+def flown(name, *settings, seeds=SEEDS):
+    scenario = load_scenario(name, settings)
+    for seed in seeds:
+        yield scenario, fly_scenario(scenario, seed, MEMORY)
+
+
+def detections(record):
+    return [e for e in record.events if e["kind"] == "detection"]
+
+
+def test_it_knows_where_when_and_whither_it_collided():
+    where, whither, when = [], [], []
+    for scenario, record in flown("paper_collision"):
+        tick = round(record.summary["collision_time_s"] * 1e3)
+        event = detections(record)[0]
+        x_c, n_r = np.array(event["x_c_m"]), np.array(record.summary["n_r"])
+        velocity = record.log["velocity"][tick]
+        ahead = velocity / np.linalg.norm(velocity)
+        where.append(np.linalg.norm(x_c - record.log["position"][tick]))
+        whither.append(math.acos(min(ahead @ event["flight_direction"], 1.0)))
+        when.append(abs(event["contact_time_s"] - tick * 1e-3))
+        assert n_r @ ahead < -0.99
+        x_r = x_c + scenario.reaction.distance * n_r
+        assert record.summary["x_r_m"] == pytest.approx(x_r.tolist(), abs=1e-5)
+    assert max(where) < 0.02
+    assert max(whither) < 0.05
+    assert max(when) < 1.0 / 30.0
+
+
+def test_a_known_region_alone_fires_once_and_inside_before_the_strike():
+    for scenario, record in flown("known_obstacle"):
+        p = scenario.detector
+        found = detections(record)
+        assert [e["trigger"] for e in found] == ["region"]
+        off = np.array(found[0]["x_c_m"]) - [p.region_x, p.region_y, p.region_z]
+        ahead = np.array(found[0]["flight_direction"])
+        along = off @ ahead
+        assert abs(along) < p.region_depth
+        assert np.linalg.norm(off - along * ahead) < p.region_radius
+        latency = record.summary["detection_latency_s"]
+        if latency is not None and record.summary["collided"]:
+            early = p.region_depth / scenario.mission.approach_speed
+            assert -1.5 * early < latency < 0.05
+
+
+def test_both_triggers_are_no_later_than_either():
+    pairs = zip(flown("paper_collision"), flown("known_obstacle"), strict=True)
+    first = [min(detections(r)[0]["time_s"] for _, r in pair) for pair in pairs]
+    both = [
+        detections(r)[0]["time_s"] for _, r in flown("paper_collision", "detector.trigger=both")
+    ]
+    assert both == first
+
+
+def test_without_a_trigger_there_is_no_reaction():
+    for _, record in flown("paper_collision", "detector.trigger=none", seeds=range(100, 103)):
+        assert record.summary["collided"]
+        assert not detections(record)
+        assert not (record.log["mode"] == REACT).any()
+        assert record.summary["x_r_m"] is None
+
+
+def test_told_not_to_react_it_detects_and_flies_on():
+    for _, record in flown("paper_collision", "react=false", seeds=range(100, 103)):
+        assert record.summary["detected"]
+        assert not (record.log["mode"] == REACT).any()
+
+
+def test_gaps_of_mocap_are_sat_out_level_and_are_no_collisions():
+    gaps = ("effects.mocap_dropouts.probability=0.005", "effects.mocap_dropouts.duration=0.5")
+    spells = 0
+    for _, record in flown("no_obstacle", *gaps, seeds=range(6)):
+        blind = record.log["mode"][:, 0] == BLIND
+        spells += int((np.diff(blind.astype(int)) == 1).sum())
+        assert not record.summary["crashed"]
+        assert record.summary["landed"]
+        assert record.summary["false_alarms"] == 0
+        assert record.summary["max_tilt_rad"] < 0.4
+    assert spells > 5

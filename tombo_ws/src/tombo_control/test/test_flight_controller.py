@@ -1,0 +1,450 @@
+"""The cascade behind its inputs: which of them may fail, and how it flies then."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import pytest
+from control_bench import VEHICLE, rotor_table
+from numpy.typing import NDArray
+
+from lockstep_bench import EPOCH_NS, Lockstep, calm, hover_at, hovering
+from tombo_control.autopilot import HOVER, IDLE, LANDED
+from tombo_control.estimate import TICK_NS, Estimate
+from tombo_control.flight_controller import Command, FlightController
+from tombo_control.params import ControlParams, InputLimits
+from tombo_dynamics.rotor_maps import speed_for_thrust
+from tombo_flight.flight import fly_scenario
+
+Array = NDArray[np.float64]
+_ZERO = np.zeros(3)
+_LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
+
+
+class _Bench:
+    """A controller that is told it hovers, perfectly, at 2 m."""
+
+    def __init__(self) -> None:
+        maps = rotor_table()
+        self.controller = FlightController(ControlParams(), VEHICLE, InputLimits(), maps)
+        self.tick = 1000
+        self.hover = speed_for_thrust(maps, VEHICLE.hover_thrust())
+
+    @property
+    def now_ns(self) -> int:
+        return self.tick * TICK_NS
+
+    def estimate(self, **more: Any) -> bool:
+        values: dict[str, Any] = {
+            "stamp_ns": self.now_ns,
+            "position": np.array([0.0, 0.0, 2.0]),
+            "velocity": _ZERO,
+            "attitude": _LEVEL,
+            "rates": _ZERO,
+            "gyro_bias": _ZERO,
+            "accel_bias": _ZERO,
+            "pose_stamp_ns": self.now_ns,
+        }
+        return self.controller.estimate(Estimate(**{**values, **more}))
+
+    def setpoint(self, **more: Any) -> bool:
+        return self.controller.setpoint(replace(hover_at(0.0, 0.0, 2.0), **more), self.now_ns)
+
+    def run(
+        self, ticks: int, *, estimate: bool = True, pose: bool = True, setpoint: bool = True
+    ) -> Command:
+        command = None
+        for _ in range(ticks):
+            self.tick += 1
+            if estimate:
+                self.estimate()
+            if pose:
+                self.controller.biases(_ZERO, self.now_ns)
+            if setpoint and self.tick % 20 == 0:
+                self.setpoint()
+            command = self.controller.tick(self.now_ns, self.now_ns, _ZERO)
+        assert command is not None
+        return command
+
+
+@pytest.fixture
+def bench() -> _Bench:
+    ready = _Bench()
+    ready.run(200)
+    return ready
+
+
+@lru_cache
+def _hovering() -> Lockstep:
+    return hovering()
+
+
+@pytest.fixture
+def flight() -> Lockstep:
+    return copy.deepcopy(_hovering())
+
+
+def _away(rows: Array) -> float:
+    return float(np.linalg.norm(rows[:, :3] - [0.0, 0.0, 2.0], axis=1).max())
+
+
+# --- the nodes' chain against the headless flight
+
+
+@lru_cache
+def _headless() -> tuple[Any, Array]:
+    scenario = calm(
+        "mission.climb_speed=1.0",
+        "mission.approach_time=5.0",
+        "mission.land_time=8.0",
+        "duration=14.5",
+    )
+    log = fly_scenario(scenario, 1).log
+    names = ("position", "velocity", "attitude", "rates")
+    return scenario, np.hstack([log[name] for name in names])
+
+
+def _flown(**wire: Any) -> tuple[Array, Lockstep]:
+    """Fly the same as the headless flight; return its truth minus the headless flight's."""
+    scenario, truth = _headless()
+    flight = Lockstep(scenario, 1)
+    for name, value in wire.items():
+        setattr(flight, name, value)
+    rows = flight.fly(len(truth) * 1e-3)
+    assert flight.mission.mode == LANDED
+    return np.abs(rows[:-1] - truth[1:]), flight
+
+
+def test_in_lockstep_the_flight_is_the_headless_one() -> None:
+    off, flight = _flown()
+    assert off[:, :3].max() < 2e-3
+    assert off[:, 6:10].max() < 2e-3
+    assert flight.observer.rejected == flight.observer.lost_samples == 0
+
+
+def test_with_odometry_at_250_hz_a_tick_late_it_is_within_a_centimetre() -> None:
+    off, _ = _flown(odometry_ticks=4, late_ticks=1)
+    assert off[:, :3].max() < 1e-2
+    assert off[:, 6:10].max() < 5e-3
+
+
+def test_late_and_lossy_it_still_flies() -> None:
+    off, flight = _flown(odometry_ticks=4, late_ticks=3, loss=0.1)
+    assert off[:, :3].max() < 5e-2
+    assert flight.observer.lost_samples > 500
+
+
+def test_the_slower_loops_run_at_50_and_250_hz(bench: _Bench) -> None:
+    ran = [bench.run(1) for _ in range(1000)]
+    assert sum(command.position_ran for command in ran) == 50
+    assert sum(command.attitude_ran for command in ran) == 250
+
+
+def test_with_lost_samples_the_slower_loops_keep_their_rates(bench: _Bench) -> None:
+    chance = np.random.default_rng(0)
+    counts = np.zeros(2)
+    for _ in range(2000):
+        if chance.random() < 0.3:
+            bench.tick += 1
+        else:
+            command = bench.run(1)
+            counts += [command.position_ran, command.attitude_ran]
+    seconds = (bench.tick - 1200) * 1e-3
+    assert counts[0] / seconds == pytest.approx(50.0, rel=0.02)
+    assert counts[1] / seconds == pytest.approx(250.0, rel=0.04)
+
+
+def test_a_hovering_vehicle_gets_hover_speed_stamped_with_its_gyro_sample(bench: _Bench) -> None:
+    command = bench.run(1)
+    assert np.allclose(command.speed, bench.hover, rtol=0.02)
+    assert command.stamp_ns == bench.now_ns
+    assert not command.blind
+    assert not command.held
+
+
+# --- set points
+
+
+def test_without_a_set_point_the_rotors_stand_still() -> None:
+    command = _Bench().run(300, setpoint=False)
+    assert not command.speed.any()
+    assert not command.held
+    assert not command.blind
+
+
+@pytest.mark.parametrize("phase", [IDLE, LANDED])
+def test_on_the_ground_the_rotors_stand_still(bench: _Bench, phase: int) -> None:
+    bench.setpoint(phase=phase)
+    command = bench.run(1, setpoint=False)
+    assert not command.speed.any()
+    assert not bench.controller.flying
+    bench.setpoint(phase=HOVER)
+    assert bench.run(40).speed.min() > 0.9 * bench.hover
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"position": np.array([np.nan, 0.0, 2.0])},
+        {"velocity": np.array([0.0, np.inf, 0.0])},
+        {"acceleration": np.array([0.0, -np.inf, 0.0])},
+        {"yaw": float("nan")},
+    ],
+)
+def test_a_set_point_that_is_not_finite_is_refused(bench: _Bench, wrong: dict[str, Any]) -> None:
+    before = bench.run(1).speed
+    assert not bench.setpoint(**wrong)
+    assert np.allclose(bench.run(19, setpoint=False).speed, before, rtol=1e-3)
+
+
+def test_refused_set_points_do_not_count_as_a_sign_of_life(bench: _Bench) -> None:
+    for _ in range(400):
+        bench.setpoint(yaw=float("nan"))
+        command = bench.run(1, setpoint=False)
+    assert command.held
+
+
+def test_without_set_points_it_holds_the_last_one_at_rest(flight: Lockstep) -> None:
+    begin = flight.simulator.tick * 1e-3
+    flight.steer = lambda t: hover_at(t - begin, 0.0, 2.0, (1.0, 0.0, 0.0))
+    flight.fly(3.0)
+    last = hover_at(flight.simulator.tick * 1e-3 - begin, 0.0, 2.0)
+    flight.steer = lambda _: None
+    flight.fly(0.25)
+    assert flight.command is not None
+    assert not flight.command.held
+    rows = flight.fly(5.0)
+    assert flight.command.held
+    assert np.linalg.norm(flight.position - last.position) < 0.1
+    assert np.linalg.norm(rows[-1, 3:6]) < 0.1
+
+
+def test_set_points_that_come_again_are_followed(flight: Lockstep) -> None:
+    flight.steer = lambda _: None
+    flight.fly(1.0)
+    flight.steer = lambda _: hover_at(0.5, 0.0, 2.0)
+    flight.fly(4.0)
+    assert flight.command is not None
+    assert not flight.command.held
+    assert abs(flight.position[0] - 0.5) < 0.1
+
+
+def test_a_set_point_far_away_is_flown_to_at_limited_speed(flight: Lockstep) -> None:
+    flight.steer = lambda _: hover_at(1e6, -1e6, 1e6)
+    rows = flight.fly(4.0)
+    assert np.linalg.norm(rows[:, 3:5], axis=1).max() < 2.6
+    assert rows[:, 5].max() < 1.4
+
+
+# --- estimates
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"position": np.array([np.nan, 0.0, 2.0])},
+        {"velocity": np.array([0.0, np.inf, 0.0])},
+        {"attitude": np.array([0.0, 0.0, 0.0, 1.1])},
+        {"attitude": np.zeros(4)},
+        {"stamp_ns": 1100 * TICK_NS},
+    ],
+)
+def test_a_bad_estimate_is_refused_and_changes_nothing(
+    bench: _Bench, wrong: dict[str, Any]
+) -> None:
+    before = bench.run(1).speed
+    bench.tick += 1
+    assert not bench.estimate(**wrong)
+    assert np.allclose(bench.run(19).speed, before, rtol=1e-3)
+
+
+def test_a_bias_that_is_not_finite_is_refused(bench: _Bench) -> None:
+    assert not bench.controller.biases(np.array([0.0, np.nan, 0.0]), bench.now_ns)
+    assert np.isfinite(bench.run(40).speed).all()
+
+
+def test_the_bias_is_taken_from_the_gyro(bench: _Bench) -> None:
+    bias = np.array([0.05, -0.1, 0.2])
+    for _ in range(400):
+        bench.tick += 1
+        bench.estimate()
+        bench.controller.biases(bias, bench.now_ns)
+        bench.setpoint()
+        command = bench.controller.tick(bench.now_ns, bench.now_ns, bias)
+    assert command is not None
+    assert np.allclose(command.speed, bench.hover, rtol=0.02)
+
+
+def test_a_late_estimate_of_a_turning_vehicle_is_brought_up_to_date(bench: _Bench) -> None:
+    turning = np.array([0.0, 0.0, 5.0])
+    bench.setpoint(yaw=0.05)
+    captured = bench.now_ns + TICK_NS  # level then; it turns from there on
+    for _ in range(11):
+        bench.tick += 1
+        bench.controller.tick(bench.now_ns, bench.now_ns, turning)
+    assert bench.estimate(stamp_ns=captured)
+    bench.run(30, estimate=False, setpoint=False)
+    rates, _ = bench.controller.rates_setpoint
+    assert abs(rates[2]) < 0.02  # 2.5 1/s times the 0.05 rad it has turned since, if forgotten
+
+
+def test_refused_estimates_leave_it_blind(bench: _Bench) -> None:
+    for _ in range(150):
+        bench.tick += 1
+        bench.estimate(position=np.full(3, np.nan))
+        bench.controller.biases(_ZERO, bench.now_ns)
+        bench.setpoint()
+        command = bench.controller.tick(bench.now_ns, bench.now_ns, _ZERO)
+    assert command is not None
+    assert command.blind
+
+
+def test_without_odometry_it_levels_and_descends_and_comes_back(flight: Lockstep) -> None:
+    begin = flight.simulator.tick * 1e-3
+    flight.steer = lambda t: hover_at(t - begin, 0.0, 2.0, (1.0, 0.0, 0.0))
+    flight.fly(2.0)
+    flight.odometry_on = False
+    flight.fly(0.09)
+    assert flight.command is not None
+    assert not flight.command.blind
+    rows = flight.fly(1.2)
+    assert flight.command.blind
+    tilt = np.arccos(1.0 - 2.0 * (rows[600:, 6] ** 2 + rows[600:, 7] ** 2))
+    assert np.rad2deg(tilt.max()) < 3.0
+    assert -1.2 < rows[-1, 5] < -0.1
+    flight.odometry_on = True
+    flight.steer = lambda _: hover_at(4.0, 0.0, 2.0)
+    flight.fly(0.1)
+    assert not flight.command.blind
+    rows = flight.fly(4.0)
+    assert np.linalg.norm(flight.position - [4.0, 0.0, 2.0]) < 0.15
+    assert rows[:, 2].min() > 0.8
+
+
+@pytest.mark.parametrize("part", ["mocap_on", "odometry_on"])
+def test_blind_it_comes_down_gently_enough(flight: Lockstep, part: str) -> None:
+    setattr(flight, part, False)
+    rows = flight.fly(6.0)
+    down = int(np.argmax(rows[:, 2] < 0.185))
+    assert 1000 < down < 5000
+    assert -rows[down - 10 : down, 5].min() < 1.5
+    assert np.linalg.norm(rows[down, :2]) < 1.5
+
+
+def test_old_poses_behind_fresh_odometry_are_not_flown_on(flight: Lockstep) -> None:
+    flight.mocap_on = False
+    flight.fly(0.2)
+    assert flight.command is not None
+    assert not flight.command.blind
+    flight.fly(0.15)
+    assert flight.command.blind
+    flight.mocap_on = True
+    flight.fly(0.2)
+    assert not flight.command.blind
+    assert _away(flight.fly(2.0)) < 0.3
+
+
+def test_the_time_limits_are_parameters(bench: _Bench) -> None:
+    bench.controller.params(
+        ControlParams(blind_timeout=4.0), InputLimits(odometry_timeout=3.0, setpoint_timeout=2.0)
+    )
+    command = bench.run(1900, estimate=False, pose=False, setpoint=False)
+    assert not command.held
+    assert not command.blind
+    assert bench.run(200, estimate=False, pose=False, setpoint=False).held
+    assert bench.run(1000, estimate=False, pose=False, setpoint=False).blind
+
+
+# --- gyro and clock
+
+
+def test_a_sample_that_is_not_newer_gets_no_answer(bench: _Bench) -> None:
+    bench.run(1)
+    for stamp in (bench.now_ns, bench.now_ns - 5 * TICK_NS):
+        assert bench.controller.tick(bench.now_ns, stamp, _ZERO) is None
+
+
+def test_a_gyro_sample_that_is_not_finite_is_flown_over(flight: Lockstep) -> None:
+    for _ in range(20):
+        flight.fly(0.01)
+        now = flight.now_ns
+        command = flight.controller.tick(now, now, np.array([np.nan, np.inf, 0.0]))
+        assert command is not None
+        assert np.isfinite(command.speed).all()
+        flight.simulator.advance(command.speed)
+    assert _away(flight.fly(2.0)) < 0.1
+
+
+@pytest.mark.parametrize("gap_s", [0.02, 0.15])
+def test_it_survives_a_gap_of_the_gyro(flight: Lockstep, gap_s: float) -> None:
+    flight.imu_on = False
+    flight.fly(gap_s)
+    flight.imu_on = True
+    assert _away(flight.fly(3.0)) < 0.3
+
+
+def test_a_clock_set_back_is_followed_and_silence_is_still_noticed(bench: _Bench) -> None:
+    bench.tick += 100_000
+    bench.run(200)
+    bench.tick -= 50_000
+    assert not bench.run(200).blind
+    assert bench.run(400, setpoint=False).held
+    bench.tick -= 40_000
+    assert bench.run(400, setpoint=False).held
+
+
+def test_what_is_forgotten_lifts_no_vehicle_off(bench: _Bench) -> None:
+    bench.run(200)
+    bench.controller.forget()
+    assert not np.any(bench.run(200, setpoint=False).speed)
+    assert np.all(bench.run(200).speed > 100.0)
+
+
+def test_estimates_of_the_clock_before_are_not_mistaken_for_fresh_ones(bench: _Bench) -> None:
+    bench.tick += 100_000
+    bench.run(200)
+    bench.tick -= 50_000
+    assert bench.run(40, estimate=False).blind
+
+
+# --- parameters in flight
+
+
+def test_other_gains_in_flight_keep_integrals_and_attitude(flight: Lockstep) -> None:
+    before = flight.fly(0.1)[-1]
+    softer = replace(flight.scenario.control, position_p=0.6, rate_p=18.0)
+    flight.controller.params(softer, InputLimits())
+    rows = flight.fly(3.0)
+    assert np.linalg.norm(rows[:, :3] - before[:3], axis=1).max() < 0.08
+    assert np.abs(rows[:100, 10:12]).max() < 0.3
+
+
+def test_other_gains_in_flight_do_count(flight: Lockstep) -> None:
+    speeds = []
+    for p in (0.3, 1.5):
+        other = copy.deepcopy(flight)
+        other.controller.params(replace(other.scenario.control, position_p=p), InputLimits())
+        other.steer = lambda _: hover_at(0.5, 0.0, 2.0)
+        speeds.append(float(other.fly(1.5)[:, 3].max()))
+    assert speeds[1] > 2.0 * speeds[0]
+
+
+def test_set_points_of_the_slower_loops_are_told(bench: _Bench) -> None:
+    bench.run(40)
+    attitude, thrust = bench.controller.attitude_setpoint
+    rates, same = bench.controller.rates_setpoint
+    assert np.allclose(attitude, _LEVEL, atol=1e-3)
+    assert thrust == same == pytest.approx(4.0 * VEHICLE.hover_thrust(), rel=0.02)
+    assert np.abs(rates).max() < 0.01
+
+
+def test_the_mission_may_begin_at_any_time_of_day() -> None:
+    flight = Lockstep(calm(), 1)
+    flight.shift_ns = 1_763_740_000 * 10**9 - EPOCH_NS
+    flight.steer = lambda t: hover_at(0.0, 0.0, 2.0) if t > 0.3 else None
+    flight.fly(6.0)
+    assert _away(flight.fly(0.5)) < 0.15

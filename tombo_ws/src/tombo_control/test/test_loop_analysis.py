@@ -1,0 +1,183 @@
+"""The linear analysis: what it says of the gains, and that the code obeys it."""
+
+import itertools
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from control_bench import VEHICLE, bench, rotor_table
+
+from tombo_control.loop_analysis import (
+    Margins,
+    cascade_margins,
+    driven_rate,
+    margins,
+    open_loops,
+    yaw_drive,
+)
+from tombo_control.params import ControlParams
+
+DOCS = Path(__file__).parents[4] / "docs"
+HORIZONTAL = ("rate", "attitude", "velocity", "position")
+GAINS = {
+    "rate": ("rate_p", "rate_i", "rate_d"),
+    "attitude": ("attitude_p",),
+    "velocity": ("velocity_p", "velocity_i", "velocity_d"),
+    "position": ("position_p",),
+}
+ANGULAR = slice(10, 12)
+"""Body rates of roll and pitch in the state: where instability of any loop shows."""
+
+
+@pytest.fixture(scope="module")
+def found() -> dict[str, Margins]:
+    return cascade_margins(ControlParams(), VEHICLE, rotor_table())
+
+
+def test_margins_of_every_loop(found):
+    for name, m in found.items():
+        assert m.phase_margin_deg >= 45.0, name
+        assert m.gain_margin_db >= 6.0, name
+        assert m.peak_sensitivity <= 2.0, name
+
+
+@pytest.mark.parametrize("order", [HORIZONTAL, ("yaw_rate", "yaw"), ("rate", "climb", "height")])
+def test_each_loop_is_at_least_twice_as_fast_as_the_next(found, order):
+    crossovers = [found[name].crossover for name in order]
+    for inner, outer in itertools.pairwise(crossovers):
+        assert inner >= 2.0 * outer
+
+
+def test_crossovers_are_what_the_parameters_say(found):
+    """The texts of `ControlParams` state these numbers."""
+    stated = {
+        "rate": 19.5,
+        "attitude": 6.3,
+        "velocity": 2.5,
+        "position": 1.0,
+        "yaw_rate": 13.0,
+        "yaw": 2.4,
+    }
+    for name, crossover in stated.items():
+        assert found[name].crossover == pytest.approx(crossover, rel=0.03), name
+
+
+def test_the_rate_loop_stands_a_motor_twice_as_slow():
+    slow = replace(VEHICLE, motor_time_constant=2.0 * VEHICLE.motor_time_constant)
+    m = cascade_margins(ControlParams(), slow, rotor_table())["rate"]
+    assert m.phase_margin_deg >= 45.0
+    assert m.gain_margin_db >= 6.0
+
+
+def test_the_table_in_the_docs_holds_these_numbers(found):
+    text = (DOCS / "control.md").read_text()
+    rows = dict(re.findall(r"^\| (\w+) \|((?: [\d.]+ \|){5})", text, re.MULTILINE))
+    assert set(rows) == set(found)
+    for name, cells in rows.items():
+        m = found[name]
+        crossover, phase, gain, delay, peak = (float(v) for v in cells.strip(" |").split("|"))
+        assert crossover == pytest.approx(m.crossover, abs=0.051), name
+        assert phase == pytest.approx(m.phase_margin_deg, abs=0.51), name
+        assert gain == pytest.approx(m.gain_margin_db, abs=0.051), name
+        assert delay == pytest.approx(m.delay_margin * 1e3, abs=0.51), name
+        assert peak == pytest.approx(m.peak_sensitivity, abs=0.0051), name
+
+
+def growth(control: ControlParams, seconds: float, **effects: dict[str, float]) -> float:
+    """Log of the size of body rates at the end over that in the middle, after a tiny kick."""
+    b = bench(control, **effects)
+    b.truth("body")[10] = 1e-7
+    rates = np.linalg.norm(b.fly(seconds, every=1)[:, ANGULAR], axis=1)
+    half = rates.size // 2
+    return math.log(rates[half + half // 2 :].max() / rates[half : half + half // 2].max())
+
+
+@pytest.mark.parametrize(
+    ("loop", "seconds"), [("rate", 2.0), ("attitude", 4.0), ("velocity", 6.0), ("position", 16.0)]
+)
+def test_the_real_cascade_oscillates_beyond_the_gain_margin_and_not_below(found, loop, seconds):
+    def scaled(factor: float) -> ControlParams:
+        c = ControlParams()
+        changed = {name: factor * getattr(c, name) for name in GAINS[loop]}
+        for outer in HORIZONTAL[HORIZONTAL.index(loop) + 1 :]:  # a cut loop has none around it
+            changed |= dict.fromkeys(GAINS[outer], 0.0)
+        return replace(c, **changed)
+
+    room = found[loop].gain_margin
+    assert growth(scaled(0.92 * room), seconds) < 0.0
+    assert growth(scaled(1.08 * room), seconds) > 0.0
+
+
+def test_the_real_rate_loop_oscillates_beyond_the_delay_margin_and_not_below():
+    c = ControlParams()
+    # outer loops off; twice the gain, so that the margin is within the effect's reach of 60 ms
+    fast = replace(c, attitude_p=0.0, yaw_p=0.0, rate_p=2.0 * c.rate_p, rate_i=2.0 * c.rate_i)
+    room = cascade_margins(replace(fast, attitude_p=1.0, yaw_p=1.0), VEHICLE, rotor_table())[
+        "rate"
+    ].delay_margin
+    assert room < 0.05
+    assert growth(fast, 3.0, command_delay={"delay": 0.9 * room}) < 0.0
+    assert growth(fast, 3.0, command_delay={"delay": 1.1 * room}) > 0.0
+
+
+def test_a_yaw_torque_step_of_the_plant_follows_the_yaw_drive():
+    """The reaction to speeding the rotors up comes long before the drag does."""
+    b = bench()
+    drive = yaw_drive(VEHICLE, rotor_table())
+    small = 1e-3 * b.truth("speed")[0]
+    b.truth("command")[:] += small * np.array([-1.0, -1.0, 1.0, 1.0])
+    asked = []
+
+    def hold(a, tick):
+        b.known("command")[:] = b.truth("command")
+        asked.append(b.truth("body")[12])
+
+    rate = b.fly_ticks(1.0, hold)[:, 12]
+    t = np.arange(rate.size) * 1e-3
+    tau = VEHICLE.motor_time_constant
+    # integral of the step response of (1 + lead s) / (1 + tau s)
+    shape = t + (drive.lead - tau) * (1.0 - np.exp(-t / tau))
+    scale = rate[-1] / shape[-1]
+    assert np.abs(rate - scale * shape).max() < 0.01 * rate[-1]
+    assert drive.lead > 3.0 * tau
+
+
+def test_response_of_the_drive_is_that_of_its_difference_equation():
+    w = 20.0
+    z = np.exp(1j * w * 1e-3)
+    speed, rate, command, rows = 0.0 + 0.0j, 0.0 + 0.0j, 0.0 + 0.0j, []
+    left = math.exp(-1e-3 / 0.035)
+    for k in range(4000):  # exact step of the lag, the command of the tick before
+        rows.append(rate * np.exp(-1j * w * 1e-3 * k))
+        rate += 1e-3 * command + (speed - command) * 0.035 * (1.0 - left)
+        speed = command + (speed - command) * left
+        command = np.exp(1j * w * 1e-3 * k)
+    mean = np.mean(rows[-2 * 314 :])
+    # the integrator keeps a constant from the start; a whole number of periods averages it out
+    assert mean == pytest.approx(complex(driven_rate(np.array(z), 0.035)), rel=0.02)
+
+
+def test_margins_of_a_loop_known_by_hand():
+    """L = w_c / s behind a delay of d: margin pi/2 - w_c d, oscillation at pi / 2d."""
+    d, w_c = 0.020, 10.0
+
+    def loop(z):
+        s = np.log(z) / 1e-3
+        return w_c / s * np.exp(-s * d)
+
+    m = margins(loop)
+    assert m.crossover == pytest.approx(w_c, rel=1e-4)
+    assert m.phase_margin == pytest.approx(0.5 * math.pi - w_c * d, rel=1e-4)
+    assert m.delay_margin == pytest.approx((0.5 * math.pi - w_c * d) / w_c, rel=1e-4)
+    assert m.oscillation == pytest.approx(0.5 * math.pi / d, rel=1e-3)
+    assert m.gain_margin == pytest.approx(0.5 * math.pi / (d * w_c), rel=1e-3)
+
+
+def test_a_loop_without_gain_has_no_margins():
+    silent = replace(ControlParams(), rate_p=0.0, rate_i=0.0, rate_d=0.0)
+    loop = open_loops(silent, VEHICLE, rotor_table())["rate"]
+    with pytest.raises(ValueError, match="does not cross one"), np.errstate(divide="ignore"):
+        margins(loop)

@@ -1,0 +1,154 @@
+"""Short flights with something hidden in them, as a lab would measure them."""
+
+from functools import cache
+
+import numpy as np
+
+from tombo_diagnosis.benchmark.flight_cases import NOMINAL
+from tombo_diagnosis.flight.scenario_nominal import nominal_of
+from tombo_diagnosis.flight.track import track_of
+from tombo_diagnosis.logs.flight_log import FlightLog, Series
+from tombo_dynamics.disturbance import set_disturbance
+from tombo_dynamics.plant import part
+from tombo_flight.flight import fly_scenario
+from tombo_flight.scenario import scenario_over
+
+HEALTHY = NOMINAL
+"""What the model knows: drag and cushion, and how noisy a sound lab is."""
+NOISES = ("mocap_noise", "imu_noise", "gusts", "thrust_scatter")
+SILENT = {name: values for name, values in HEALTHY.items() if name not in NOISES} | {
+    "mocap_latency": {"delay": 0.010}
+}
+"""The same without any chance."""
+LENGTH = 22.0
+"""s"""
+BEGIN = 3.2
+"""s: at height from here on."""
+LIVELY = (
+    [
+        {"x": 1.2, "y": 0.3, "speed": 2.5, "acceleration": 4.0},
+        {"x": -1.2, "y": -0.4},
+        {"yaw": 1.8, "yaw_rate": 2.5},
+        {"x": -0.5, "y": 1.0, "z": 0.45, "speed": 1.2},
+        {"x": 0.9, "y": 1.0},
+        {"x": 0.9, "y": -1.0, "z": 1.8, "speed": 1.6},
+        {"yaw": -0.6},
+        {"x": 0.0, "y": 1.1, "speed": 2.5},
+        {"x": 0.0, "y": -1.1},
+        {"x": 0.0, "y": 0.6, "z": 0.5, "speed": 1.5},
+        {"x": 0.6, "z": 1.5},
+    ],
+    [
+        {"y": -1.1, "speed": 2.5, "acceleration": 4.0},
+        {"y": 1.1},
+        {"yaw": -2.0, "yaw_rate": 2.5},
+        {"x": 1.2, "y": 0.0, "z": 0.45, "speed": 1.2},
+        {"x": -0.8, "y": 0.2},
+        {"x": -1.0, "y": -0.6, "z": 1.9, "speed": 1.6},
+        {"yaw": 0.5},
+        {"x": 1.1, "speed": 2.5},
+        {"x": -1.1},
+        {"y": 0.8, "z": 0.5, "speed": 1.5},
+        {"x": 0.5, "z": 1.4},
+    ],
+)
+"""Three paces, turns, two heights: courses on which most effects show."""
+SLOW = (
+    [
+        {"x": 0.4, "speed": 0.5, "acceleration": 1.0},
+        *({axis: place} for place in (0.4, -0.4) for axis in ("y", "x")),
+        {"y": 0.4},
+        {"x": 0.0},
+    ],
+)
+"""So slow that drag says nothing, at one heading: without an IMU wind is as a tilted world."""
+
+
+def scenario(effects, course=LIVELY[0], length=LENGTH):
+    return scenario_over(
+        {
+            "react": False,
+            "duration": length,
+            "propeller": {"conf": 13, "law": "repaired"},
+            "control": {"velocity_max_xy": 3.5, "velocity_max_z": 1.5},
+            "effects": {name: dict(values) for name, values in effects.items()},
+            "mission": {
+                "takeoff_time": 0.3,
+                "height": 1.2,
+                "climb_speed": 1.2,
+                "approach_time": 2.2,
+                "land_time": 3000.0,
+                "course": course,
+            },
+        },
+        "short",
+    )
+
+
+@cache
+def nominal(silent=False):
+    return nominal_of(scenario(SILENT if silent else HEALTHY), "the tests' nominal model")
+
+
+def with_hidden(hidden, base=None):
+    """Return effects with what is hidden laid over them: effect → parameter → value."""
+    effects = {name: dict(values) for name, values in (base or HEALTHY).items()}
+    for name, values in hidden.items():
+        effects[name] = {**effects.get(name, {}), **values}
+    return effects
+
+
+def fly(effects, course=LIVELY[0], seed=1, length=LENGTH, draws=None, disturbance=None):
+    def prepare(m):
+        if draws is not None:
+            part(m, "draws")[:] = draws
+        if disturbance is not None:
+            set_disturbance(m, disturbance[0], *disturbance[1:])
+
+    return fly_scenario(scenario(effects, course, length), seed, prepare=prepare)
+
+
+def as_log(flown, name="flight 1", sensors="imu_rpm", begin=BEGIN, true_poses=False):
+    """Return what the sensors measured; `true_poses`: at every tick, and without any error."""
+    t = flown.t
+    if true_poses:
+        position = Series(t, flown.log["position"])
+        attitude = Series(t, flown.log["attitude"])
+    else:
+        position = Series(flown.mocap_t, flown.mocap_position, flown.mocap_arrival)
+        attitude = Series(flown.mocap_t, flown.mocap_attitude, flown.mocap_arrival)
+    series = {
+        "position": position,
+        "attitude": attitude,
+        "rotor_command": Series(t, flown.log["rotor_command"]),
+        "voltage": Series(t[::100], flown.log["battery"][::100, 2:3]),
+    }
+    if sensors.startswith("imu"):
+        series["gyro"] = Series(t, flown.log["gyro"])
+        series["accel"] = Series(t, flown.log["accel"])
+    if sensors.endswith("rpm"):
+        series["rotor_speed"] = Series(t, flown.log["rotor_speed"])
+    low = np.flatnonzero((flown.log["position"][:, 2] < 0.3) & (t > begin))
+    end = float(t[low[0]]) - 0.2 if low.size else float(t[-1])
+    return FlightLog(name, "simulated", series, exclude=((-1.0, begin), (end, t[-1] + 1.0)))
+
+
+DRAWS = np.array([1.1, -1.3, 0.6, -0.8, 0.0, 0.0, 0.0, 0.0])
+"""The propellers of the vehicle that flies."""
+
+
+def logs(hidden=None, seed=1, count=2, sensors="imu_rpm", courses=LIVELY, draws=DRAWS, **more):
+    """Return flights of one vehicle with something hidden in them."""
+    effects = with_hidden(hidden or {})
+    return [
+        as_log(
+            fly(effects, courses[i % len(courses)], 100 * seed + i, draws=draws, **more),
+            f"flight {i + 1}",
+            sensors,
+        )
+        for i in range(count)
+    ]
+
+
+def tracks(*args, **more):
+    return [track_of(log) for log in logs(*args, **more)]

@@ -1,0 +1,82 @@
+"""The whole analysis on simulated flights: what is healthy, unknown, named, or can't be told."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from measured_flights import SLOW, nominal, tracks, with_hidden
+
+from tombo_diagnosis.flight.analyse import analyse
+
+DOUBT = {"steady_wind": {"east": 1.0}, "mocap_misalignment": {"pitch": 0.02}}
+"""What flights at one heading without an IMU can't tell apart."""
+
+
+def judged(*args, **more):
+    return analyse(tracks(*args, **more), nominal()).judgement
+
+
+@pytest.mark.parametrize("seed", range(11, 16))
+def test_healthy_flights_have_none(seed):
+    said = judged(seed=seed, sensors=("imu_rpm", "mocap")[seed % 2])
+    assert said.verdict == "none" and not said.effects and not said.members
+    assert said.confidence > 0.8
+
+
+@pytest.mark.parametrize("sensors", ["mocap", "imu"])
+def test_flights_of_several_vehicles_with_propellers_of_their_own_have_none(sensors):
+    rough = {"thrust_scatter": {"deviation": 0.1}}
+    flights = [
+        tracks(rough, seed, count=1, sensors=sensors, draws=np.roll([1.0, -1.0, 0, 0] * 2, seed))
+        for seed in (1, 2)
+    ]
+    model = replace(nominal(), effects=with_hidden(rough))
+    findings = analyse([track for own in flights for track in own], model)
+    assert findings.problem.columns.vehicles == 2
+    assert findings.judgement.verdict == "none"
+    same = analyse(tracks(rough, sensors=sensors), model)
+    assert same.problem.columns.vehicles == 1 and same.judgement.verdict == "none"
+
+
+@pytest.mark.parametrize(
+    "unknown,sensors",
+    [("slung_load", "imu_rpm"), ("body_push", "imu"), ("thrust_fade", "mocap_rpm")],
+)
+def test_forces_of_no_effect_get_no_name(unknown, sensors):
+    said = judged(disturbance=(unknown,), sensors=sensors, seed=2)
+    assert said.verdict == "unknown" and not said.effects and not said.members
+
+
+@pytest.mark.parametrize("true", DOUBT)
+def test_what_can_not_be_told_apart_is_a_set(true):
+    said = judged({true: DOUBT[true]}, courses=SLOW, sensors="mocap")
+    assert said.verdict == "set"
+    assert set(said.members) == set(DOUBT) == set(said.effects)
+    assert said.each[true] > 0.1
+
+
+def test_an_accelerometer_tells_them_apart():
+    said = judged({"steady_wind": DOUBT["steady_wind"]}, courses=SLOW, sensors="imu")
+    assert said.verdict == "named" and said.effects == ("steady_wind",)
+
+
+def test_two_effects_at_once_are_both_named():
+    hidden = {"mass_error": {"fraction": 0.1}, "imu_bias": {"gyro_z": 0.03}}
+    said = judged(hidden)
+    assert said.verdict == "named" and set(said.effects) == set(hidden)
+
+
+def test_a_cause_beside_an_unknown_force_is_not_all_of_it():
+    """The gate: the wind is there, but the flights are not explained by it."""
+    said = judged({"steady_wind": {"east": 1.5}}, disturbance=("yaw_spring",))
+    assert said.verdict in ("partly_explained", "unknown")
+
+
+def test_the_analysis_is_the_same_each_time_and_tells_how_far_it_is():
+    shares = []
+    flights = tracks({"steady_wind": {"east": 1.5}}, count=1)
+    one = analyse(flights, nominal(), lambda stage, share: shares.append(share))
+    other = analyse(flights, nominal())
+    assert one.judgement == other.judgement
+    assert np.array_equal(one.search.best.fit.theta, other.search.best.fit.theta)
+    assert shares == sorted(shares) and 0.0 <= shares[0] < shares[-1] <= 1.0

@@ -1,0 +1,177 @@
+"""`diagnose`: from logs to a diagnosis that is complete."""
+
+import json
+import math
+from dataclasses import asdict, replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from measured_flights import SLOW, logs, nominal
+
+from tombo_diagnosis.diagnosis import VERDICTS, Experiment
+from tombo_diagnosis.flight.diagnose import diagnose
+from tombo_diagnosis.logs.flight_log import Airframe, Finding, Series
+from tombo_dynamics.effects import REGISTRY
+from tombo_dynamics.errors import InputError
+
+HIDDEN = {"steady_wind": {"east": 1.5}, "mass_error": {"fraction": 0.1}}
+FRAME = Airframe("Other", 0.03, 0.03, 0.02)
+
+
+@pytest.fixture(scope="module")
+def named():
+    times = iter([10.0, 12.5])
+    return diagnose(logs(HIDDEN, count=3), nominal(), clock=lambda: next(times))
+
+
+def plain(value):
+    """Return what JSON takes; nothing but plain values is in a diagnosis."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    raise TypeError(f"{value!r} is no plain value")
+
+
+def test_what_was_hidden_is_named_with_its_size(named):
+    assert named.verdict == "named" and {c.effect for c in named.causes} == set(HIDDEN)
+    for cause in named.causes:
+        fitted = {f.name: f for f in cause.theta}
+        for name, value in HIDDEN[cause.effect].items():
+            own = fitted[name]
+            assert own.low <= own.value <= own.high
+            assert own.value == pytest.approx(value, rel=0.1)
+            assert own.nominal == 0.0
+            wide = own.high - own.low
+            assert own.low - 0.5 * wide < value < own.high + 0.5 * wide
+        assert 0.5 < cause.confidence < 1.0
+        assert cause.signature == REGISTRY[cause.effect].signature
+        matrix = np.array(cause.covariance)
+        assert matrix.shape == (len(cause.theta),) * 2
+        assert matrix == pytest.approx(matrix.T) and (np.linalg.eigvalsh(matrix) > 0).all()
+
+
+def test_every_field_is_filled_in(named):
+    assert named.verdict in VERDICTS and 0.5 < named.confidence < 1.0
+    assert [c.effect for c in named.candidates][:2] and len(named.candidates) == len(REGISTRY)
+    assert {c.effect for c in named.candidates} == set(REGISTRY)
+    assert sum(c.probability for c in named.candidates) <= 1.0 + 1e-9
+    assert all(c.excited or c.remark for c in named.candidates)
+    assert not next(c for c in named.candidates if c.effect == "blade_strike").excited
+    assert [f.name for f in named.flights] == ["flight 1", "flight 2", "flight 3"]
+    assert all(f.formulation == "imu" and 5.0 < f.used_s < f.duration_s for f in named.flights)
+    assert named.gain and any(g.reduction > 0.3 for g in named.gain)
+    assert {g.horizon for g in named.gain} == {"one step", "0.5 s", "1 s"}
+    assert named.set == () and named.separating_experiment is None
+    assert named.model == nominal().label and named.seconds == 2.5
+    assert {"wind", "mass"} <= set(named.summary.lower().replace(":", " ").split())
+
+
+def test_residuals_are_there_before_and_after(named):
+    channels = {r.channel for r in named.residuals}
+    assert {"force x", "turning z", "voltage", "latency"} <= channels
+    for r in named.residuals:
+        assert r.t.shape == r.before.shape == r.after.shape
+        assert (np.diff(r.t) > 0).all() and r.unit and r.sigma >= 0.0
+        assert all(d.shape == r.t.shape for d in r.drivers.values()) and len(r.drivers) > 5
+    force = [r for r in named.residuals if r.channel == "force z"]
+    before, after = (np.mean([np.abs(getattr(r, k).mean()) for r in force]) for k in (
+        "before", "after"))  # fmt: skip
+    assert after < 0.2 * before
+
+
+def test_a_diagnosis_can_be_written_down(named):
+    assert json.loads(json.dumps(asdict(named), default=plain))["verdict"] == "named"
+
+
+def test_with_nothing_hidden_nothing_is_added():
+    said = diagnose(logs(seed=5, count=3), nominal())
+    assert said.verdict == "none" and said.causes == () and said.gain == ()
+    for r in said.residuals:
+        assert np.array_equal(r.before, r.after)
+    assert "chance" in said.summary
+
+
+def test_a_single_short_flight_says_what_it_can_not_certify():
+    said = diagnose(logs({"steady_wind": {"east": 1.5}}, count=1, length=13.0), nominal())
+    assert said.verdict == "named" and said.causes[0].effect == "steady_wind"
+    assert any("certify" in note and "flight" in note for note in said.notes)
+    assert all(math.isnan(g.low) for g in said.gain)
+    assert said.flights[0].used_s < 10.0
+
+
+def test_a_single_flight_is_cut_into_parts_that_are_held_out_in_turn():
+    (log,) = logs({"steady_wind": {"east": 1.5}}, count=1)
+    said = diagnose([log], nominal())
+    assert len(said.flights) >= 2
+    assert all(flight.name.startswith(log.name) for flight in said.flights)
+    shown = [r for r in said.residuals if r.channel == "force x"]
+    assert all(a.t[-1] < b.t[0] for a, b in pairwise(shown))
+    assert any(g.reduction > 0.5 for g in said.gain)
+
+
+def test_what_can_not_be_told_apart_asks_for_an_experiment():
+    asked = []
+
+    def separate(findings, progress):
+        asked.append(findings.judgement.members)
+        return Experiment(findings.judgement.members, "Turn in hover.", 9.0, 1.0)
+
+    flights = logs({"steady_wind": {"east": 1.0}}, courses=SLOW, sensors="mocap")
+    said = diagnose(flights, nominal(), separate=separate)
+    assert said.verdict == "set" and set(said.set) == {"steady_wind", "mocap_misalignment"}
+    assert asked == [said.set] and said.separating_experiment.text == "Turn in hover."
+    assert [c.effect for c in said.causes] == list(said.set) and all(c.theta for c in said.causes)
+    assert any("IMU" in note for note in said.notes)
+
+
+def test_flights_of_different_vehicles_are_refused():
+    ours, theirs = logs(count=2)
+    with pytest.raises(InputError, match=r"flight 1.*accepted: flights of one vehicle"):
+        diagnose([ours, replace(theirs, airframe=FRAME)], nominal())
+    with pytest.raises(InputError, match="accepted: flights of one vehicle"):
+        other = replace(FRAME, mass=0.05)
+        diagnose([replace(ours, airframe=other), replace(theirs, airframe=FRAME)], nominal())
+
+
+def test_no_flight_that_can_be_used_says_why():
+    (log,) = logs(count=1)
+    blind = replace(log, series={k: v for k, v in log.series.items() if k != "attitude"})
+    with pytest.raises(InputError, match=r"flight 1.*attitude.*accepted"):
+        diagnose([blind], nominal())
+    spoiled = replace(log, exclude=((-1.0, 1e3),))
+    with pytest.raises(InputError, match="accepted: at least 2 s"):
+        diagnose([spoiled], nominal())
+    with pytest.raises(InputError, match="accepted: one or more"):
+        diagnose([], nominal())
+
+
+def test_a_flight_that_can_not_be_used_is_left_out_and_said():
+    good, bad = logs(HIDDEN, count=2)
+    note = Finding("gap", "warning", good.name, "position: a gap")
+    bad = replace(bad, series={k: v for k, v in bad.series.items() if k != "position"})
+    said = diagnose([replace(good, findings=(note,)), bad], nominal())
+    assert {f.name for f in said.flights} and not [f for f in said.flights if "2" in f.name[:8]]
+    assert note in said.prechecks
+    assert any(f.flight == bad.name and f.severity == "fault" for f in said.prechecks)
+
+
+def test_a_flight_without_an_imu_among_others_is_left_out_and_said():
+    one, two = logs(count=2)
+    bare = {k: v for k, v in two.series.items() if k not in ("gyro", "accel")}
+    said = diagnose([one, replace(two, series=bare)], nominal())
+    assert all(f.formulation == "imu" for f in said.flights)
+    assert any("no IMU" in f.message for f in said.prechecks)
+
+
+def test_poses_that_repeat_stumble_or_are_not_finite_do_no_harm():
+    (log,) = logs({"steady_wind": {"east": 1.5}}, count=1)
+    place, turn = log.series["position"], log.series["attitude"]
+    values, flipped = place.values.copy(), turn.values.copy()
+    values[300] = np.nan
+    flipped[200:250] *= -1.0
+    t = place.t.copy()
+    t[400] = t[399]
+    series = {**log.series, "position": Series(t, values, place.arrival),
+              "attitude": Series(t, flipped, turn.arrival)}  # fmt: skip
+    said = diagnose([replace(log, series=series)], nominal())
+    assert said.verdict == "named" and said.causes[0].effect == "steady_wind"

@@ -1,0 +1,54 @@
+"""What lasts a moment is set apart and said; what lasts is not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from measured_flights import LENGTH, logs, nominal, tracks
+
+from tombo_diagnosis.flight.analyse import analyse
+from tombo_diagnosis.flight.diagnose import diagnose
+from tombo_diagnosis.flight.events import momentary
+from tombo_diagnosis.flight.problem import Problem
+from tombo_diagnosis.flight.track import track_of
+from tombo_diagnosis.logs.flight_log import Series
+
+KNOCK_S = 9.0
+HEAVY = {"mass_error": {"fraction": 0.1}}
+
+
+def knocked(log, times=(KNOCK_S,)):
+    """Return a flight in which the vehicle was hit for 60 ms, as its accelerometer saw it."""
+    series = log.series["accel"]
+    values = series.values.copy()
+    for time in times:
+        values[(series.t > time) & (series.t < time + 0.06)] += (30.0, -20.0, 10.0)
+    return replace(log, series={**log.series, "accel": Series(series.t, values)})
+
+
+def test_a_cause_is_named_through_a_knock_that_is_said():
+    first, second = logs(HEAVY, sensors="imu")
+    said = diagnose([knocked(first), second], nominal())
+    assert said.verdict == "named" and [c.effect for c in said.causes] == ["mass_error"]
+    (moment,) = [f for f in said.prechecks if f.check == "moment"]
+    assert moment.flight == first.name and moment.start_s < KNOCK_S < moment.end_s
+    assert moment.end_s - moment.start_s < 2.0
+
+
+def test_a_healthy_flight_with_a_knock_has_no_cause():
+    first, second = logs(sensors="imu")
+    found = analyse([track_of(knocked(first)), track_of(second)], nominal())
+    assert found.judgement.verdict == "none"
+    assert len(found.events) == 1 and found.events[0].flight == 0
+
+
+@pytest.mark.parametrize("sensors", ["imu_rpm", "mocap"])
+def test_quiet_flights_have_no_moments(sensors):
+    problem = Problem(tracks(sensors=sensors), nominal())
+    assert momentary(problem, problem.nothing) == []
+
+
+def test_knocks_all_the_time_are_an_unknown_cause():
+    times = np.arange(4.0, LENGTH - 2.0, 1.0)
+    found = analyse([track_of(knocked(log, times)) for log in logs(sensors="imu")], nominal())
+    assert found.events == () and found.judgement.verdict == "unknown"

@@ -1,0 +1,93 @@
+"""What the extended model gains in flights that neither named nor fitted it."""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+from measured_flights import nominal, tracks
+
+from tombo_diagnosis.flight.gain import gain_by_effect, one_step, simulated, without
+from tombo_diagnosis.flight.naming import search
+from tombo_diagnosis.flight.problem import Problem
+
+DRAG = {"linear_rotor_drag": {"d_xy": 0.7}}
+BALANCED = np.zeros(8)
+"""Rotors that are alike: what others differ by turns a vehicle that is let go more than drag."""
+
+
+@cache
+def found(hidden, count=3):
+    problem = Problem(tracks(DRAG if hidden else {}, count=count, draws=BALANCED), nominal())
+    return problem, search(problem)
+
+
+def gains(hidden, count=3):
+    problem, said = found(hidden, count)
+    tried = [said.best, *said.rivals]
+    held = [without(problem, f, [e for e in tried if e.ways]) for f in range(count)]
+    return problem, held, one_step(problem, held), simulated(problem, held)
+
+
+def by_name(table):
+    return {(g.channel, g.horizon): g for g in table}
+
+
+def test_hidden_drag_is_learned_from_the_other_flights():
+    _, held, steps, windows = gains(True)
+    for each in held:
+        p = next(p for p in nominal().parameters if p.label == "linear_rotor_drag.d_xy")
+        assert each.theta[p.index] == pytest.approx(0.7, rel=0.1)
+    table = by_name(steps)
+    for axis in "xy":
+        assert table[f"force {axis}", "one step"].reduction > 0.6
+        assert table[f"force {axis}", "one step"].before > 0.1
+    assert abs(table["rotor speed 1", "one step"].reduction) < 0.05
+    ends = by_name(windows)
+    for axis in "xy":
+        for horizon in ("0.5 s", "1 s"):
+            assert ends[f"velocity {axis}", horizon].reduction > 0.3
+            assert ends[f"position {axis}", horizon].after < ends[
+                f"position {axis}", horizon].before  # fmt: skip
+    assert {h for _, h in ends} == {"0.5 s", "1 s"}
+
+
+def test_figures_of_a_gain_agree():
+    _, _, steps, windows = gains(True)
+    for g in steps + windows:
+        assert g.before * (1.0 - g.reduction) == pytest.approx(g.after)
+        assert g.before == 0.0 or g.low <= g.reduction <= g.high
+        assert g.flights == 3 and g.unit
+
+
+def test_healthy_flights_have_no_gain():
+    problem, held, steps, _ = gains(False, 2)
+    for each in held:
+        assert np.array_equal(each.theta, problem.theta)
+    assert all(g.reduction == 0.0 for g in steps)
+
+
+def test_two_flights_give_no_interval():
+    problem = Problem(tracks(DRAG, count=2), nominal())
+    best = search(problem).best
+    for g in one_step(problem, [without(problem, f, [best]) for f in range(2)]):
+        assert math.isnan(g.low) and math.isnan(g.high) and g.flights == 2
+
+
+def test_a_flight_that_is_held_out_teaches_nothing():
+    """One flight has no drag of this kind: without it the others' drag is learned, and misfits."""
+    odd = [*tracks(DRAG, count=2), *tracks(count=1, seed=7)]
+    problem = Problem(odd, nominal())
+    best = search(problem).best
+    assert "linear_rotor_drag" in best.effects
+    index = next(p.index for p in nominal().parameters if p.label == "linear_rotor_drag.d_xy")
+    alone, others = (without(problem, f, [best]).theta[index] for f in (2, 0))
+    assert alone == pytest.approx(0.7, rel=0.1)
+    assert others < alone - 0.1
+
+
+def test_the_share_of_an_effect_is_one_where_it_is_all():
+    problem, said = found(True)
+    shares = gain_by_effect(problem, said)
+    assert shares["linear_rotor_drag"] > 0.8
+    assert all(0.0 <= share <= 1.0 for share in shares.values())

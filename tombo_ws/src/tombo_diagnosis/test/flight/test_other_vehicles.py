@@ -1,0 +1,118 @@
+"""Vehicles that the suite does not know: thrust is fitted to their flights, also to real ones."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from measured_flights import logs, nominal
+
+from tombo_diagnosis.checks import check_log
+from tombo_diagnosis.flight.calibrate import calibrated
+from tombo_diagnosis.flight.diagnose import diagnose
+from tombo_diagnosis.flight.prediction import residuals
+from tombo_diagnosis.flight.track import track_of
+from tombo_diagnosis.logs.flight_log import Airframe, Series
+from tombo_diagnosis.logs.reading import read_logs
+from tombo_dynamics.errors import InputError
+
+FOLDER = Path(__file__).resolve().parents[6] / "shared" / "data" / "flights"
+CRASH = "B2_circle_medium_rep3"
+real_data = pytest.mark.skipif(not FOLDER.is_dir(), reason=f"real data absent: no {FOLDER}")
+FRAME = Airframe("Unknown", 1.3, 0.24, 0.12)
+
+
+@pytest.fixture(scope="module")
+def real():
+    return [check_log(log) for log in read_logs([FOLDER])]
+
+
+@pytest.fixture(scope="module")
+def diagnosis(real):
+    return diagnose(real, nominal())
+
+
+@real_data
+def test_drag_is_named_on_the_real_flights(diagnosis):
+    assert diagnosis.verdict in ("named", "partly_explained")
+    drag = next(c for c in diagnosis.causes if c.effect == "linear_rotor_drag")
+    size = next(f for f in drag.theta if f.name == "d_xy")
+    assert 0.003 < size.low < size.value < size.high < 0.05  # of 27 g: about 0.4 1/s
+
+
+@real_data
+def test_the_error_in_flights_held_out_falls(diagnosis):
+    gains = {g.channel: g for g in diagnosis.gain if g.horizon == "one step"}
+    assert gains["force x"].reduction >= 0.75 and gains["force y"].reduction >= 0.60
+    for axis in "xy":
+        own = gains[f"force {axis}"]
+        assert 0.0 < own.low <= own.reduction <= own.high < 1.0
+        assert 0.1 < own.before < 0.5
+
+
+@real_data
+def test_the_crash_is_set_apart_and_said(real, diagnosis):
+    assert any(f.check == "crash" and f.flight == CRASH for f in diagnosis.prechecks)
+    track = track_of(next(log for log in real if log.name == CRASH))
+    crash = next(f for log in real for f in log.findings if f.check == "crash")
+    assert not track.fast_rows[track.fast.t > crash.start_s - 0.05].any()
+    assert track.fast_rows.any()
+
+
+@real_data
+def test_what_a_vehicle_of_ones_own_can_not_show_is_said(diagnosis):
+    assert any("certified" in note for note in diagnosis.notes)
+    fitted = {c.effect: c for c in diagnosis.candidates}
+    assert not fitted["mass_error"].excited and "fit" in fitted["mass_error"].remark
+    assert "mass_error" not in {c.effect for c in diagnosis.causes}
+    assert not [r for r in diagnosis.residuals if r.channel.startswith("turning")]
+
+
+def as_other(log, gain=1.0, offset=0.0):
+    """Return a flight of our vehicle as of one with motor commands only."""
+    speed = log.series["rotor_command"]
+    drive = gain * (speed.values / 600.0) ** 2 + offset
+    series = {k: v for k, v in log.series.items() if k not in ("rotor_command", "rotor_speed")}
+    return replace(log, airframe=FRAME, series={**series, "motor_command": Series(speed.t, drive)})
+
+
+@pytest.mark.parametrize("gain,offset,sensors", [(0.4, 0.1, "imu"), (1.0, 0.0, "mocap")])
+def test_thrust_follows_from_any_linear_motor_command(gain, offset, sensors):
+    flights = [as_other(log, gain, offset) for log in logs(sensors=sensors)]
+    model, changed = calibrated(flights)
+    assert model.calibrated and not model.moments and "mass_error.fraction" in model.fitted
+    left = residuals(track := track_of(changed[0]), model, model.theta)
+    force = left["fast"][:, 2] if sensors == "imu" else left["slow"][:, 2]
+    assert abs(force.mean()) < 0.1 and force.std() < 0.3
+    assert track.command.min() > 0.0
+    assert "motor_command" in changed[0].series and "rotor_command" in changed[0].series
+
+
+def test_drag_of_a_vehicle_that_no_one_knows_is_found_with_its_size():
+    """The nominal model of such a vehicle knows no drag: all is found, 0.3 N s/m."""
+    said = diagnose([as_other(log) for log in logs()], nominal())
+    drag = next(c for c in said.causes if c.effect == "linear_rotor_drag")
+    assert next(f.value for f in drag.theta if f.name == "d_xy") == pytest.approx(0.3, rel=0.15)
+
+
+def test_a_drive_that_does_not_change_is_taken_in_proportion():
+    flights = [as_other(log) for log in logs(count=1)]
+    steady = flights[0].series["motor_command"]
+    still = replace(steady, values=np.full_like(steady.values, 0.5))
+    flights = [replace(flights[0], series={**flights[0].series, "motor_command": still})]
+    _, changed = calibrated(flights)
+    speed = changed[0].series["rotor_command"].values
+    assert np.ptp(speed) < 1e-6 and speed.mean() == pytest.approx(1000.0, rel=0.05)
+
+
+def test_without_motor_commands_there_is_no_model():
+    (log,) = logs(count=1)
+    bare = {k: v for k, v in log.series.items() if k not in ("rotor_command", "rotor_speed")}
+    with pytest.raises(InputError, match=r"flight 1.*motor_command"):
+        calibrated([replace(log, airframe=FRAME, series=bare)])
+
+
+def test_flights_of_two_vehicles_are_refused():
+    one, two = (as_other(log) for log in logs())
+    with pytest.raises(InputError, match=r"flight 2.*accepted: flights of one vehicle"):
+        calibrated([one, replace(two, airframe=replace(FRAME, mass=2.0))])

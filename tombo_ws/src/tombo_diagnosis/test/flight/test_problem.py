@@ -1,0 +1,75 @@
+"""What flights can show, and that noise which is in slopes and residuals alike is no evidence."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from measured_flights import SLOW, logs, nominal, tracks
+
+from tombo_diagnosis.flight.candidates import PARAMETERS
+from tombo_diagnosis.flight.evidence import solve
+from tombo_diagnosis.flight.problem import Problem
+from tombo_diagnosis.flight.track import track_of
+from tombo_diagnosis.logs.flight_log import Series
+
+PLACE = {p.label: p.index for p in PARAMETERS}
+HIGH = ([{"x": 0.8, "speed": 1.5}, {"x": -0.8}, {"y": 0.8}, {"x": 0.0, "z": 1.6}, {"y": 0.0}],)
+LANDING = ([*HIGH[0][:2], {"z": 0.35, "speed": 0.8}, {"z": 1.4}],)
+
+
+def noisy_rotor_speeds(log, deviation=3.0):
+    speed = log.series["rotor_speed"]
+    noise = deviation * np.random.default_rng(5).standard_normal(speed.values.shape)
+    series = {**log.series, "rotor_speed": Series(speed.t, speed.values + noise)}
+    return replace(log, series=series)
+
+
+def freed(problem, label):
+    """Mean and deviation of one parameter that alone is free, over its size that matters."""
+    place = PLACE[label]
+    column = problem.columns.places((place,))[0]
+    solution = solve(problem.normal(), problem.columns.deviations((place,)))
+    scale = problem.columns.parameters[place].scale
+    return solution.mean[column] / scale, solution.covariance[column, column] ** 0.5 / scale
+
+
+def test_noise_of_measured_rotor_speeds_is_no_inertia():
+    # At one heading next to nothing is yaw moment but the noise, times the rotors' inertia.
+    quiet = logs(courses=SLOW)
+    clean, _ = freed(Problem([track_of(log) for log in quiet], nominal()), "inertia_error.zz")
+    measured = [track_of(noisy_rotor_speeds(log)) for log in quiet]
+    mean, deviation = freed(Problem(measured, nominal()), "inertia_error.zz")
+    assert abs(mean - clean) < 2.0 * deviation
+
+
+@pytest.mark.parametrize(("course", "shown"), [(HIGH, False), (LANDING, True)])
+def test_what_shows_now_and_then_only_counts_by_these_moments(course, shown):
+    problem = Problem(tracks(sensors="mocap", courses=course), nominal())
+    assert (PLACE["ground_effect.strength"] in problem.columns.open) is shown
+
+
+def test_stronger_thrust_is_not_charged_for_noise_of_measured_rotor_speeds():
+    # Of moments that are all noise, stronger thrust would make more; that is none of its doing.
+    stronger = {"thrust_coefficient_error": {"fraction": 0.12}}
+    flown = [track_of(noisy_rotor_speeds(log, 20.0)) for log in logs(stronger, courses=SLOW)]
+    problem = Problem(flown, nominal())
+    fit = problem.refine((PLACE["thrust_coefficient_error.fraction"],))
+    assert fit.theta[PLACE["thrust_coefficient_error.fraction"]] == pytest.approx(0.12, abs=0.01)
+    turning = [
+        k for k, c in enumerate(problem.channels[0]) if c.name in ("turning x", "turning y")
+    ]
+    for flight in range(len(flown)):
+        before = problem.linears[flight].left["fast"][:, turning].var(axis=0)
+        after = problem.left(fit, flight)["fast"][:, turning].var(axis=0)
+        assert np.all(after < before)
+
+
+def test_no_propeller_is_weaker_than_nothing():
+    """One that is stronger than new is no weak one, however well that would explain the flight."""
+    strong = np.array([8.0, -2.0, -3.0, -3.0, 0.0, 0.0, 0.0, 0.0])
+    problem = Problem(tracks(draws=strong), nominal())
+    place = PLACE["weak_propeller.front_right"]
+    fit = problem.refine((place,))
+    column = problem.columns.places((place,))[0]
+    loss = fit.theta[place] + fit.solution.mean[column]
+    assert loss > -problem.columns.parameters[place].tolerance

@@ -1,0 +1,129 @@
+"""Effects of chance: found by how much of it there is."""
+
+import math
+
+import numpy as np
+import pytest
+from measured_flights import HEALTHY, logs, nominal, tracks
+
+from tombo_diagnosis.flight.analyse import analyse
+from tombo_diagnosis.flight.candidates import PARAMETERS
+from tombo_diagnosis.flight.gust_fit import fit_gusts
+from tombo_diagnosis.flight.leftover import chance_powers, left_powers, leftovers
+from tombo_diagnosis.flight.problem import Problem
+from tombo_diagnosis.flight.scatter import imu_figures, pose_figures, scatter_fits
+from tombo_diagnosis.flight.spectra import SCALES_S, block_variances, pooled
+from tombo_diagnosis.flight.track import track_of
+from tombo_diagnosis.flight.verdict import best_scatter
+
+NAMES = {p.index: p.label for p in PARAMETERS}
+DOUBLED = {
+    "imu_noise": {"gyro": 0.02},
+    "mocap_noise": {"position": 0.0014, "attitude": 0.004},
+    "mocap_latency": {"jitter": 0.002},
+}
+
+
+@pytest.fixture(scope="module")
+def healthy():
+    return tracks(seed=3)
+
+
+def found(flights):
+    return best_scatter(scatter_fits(flights, nominal(), nominal().theta))
+
+
+def test_healthy_noise_is_no_finding(healthy):
+    assert found(healthy) == []
+    assert found(tracks(seed=4, sensors="mocap")) == []
+
+
+@pytest.mark.parametrize("effect", DOUBLED)
+def test_twice_the_noise_is_found_with_its_size(effect):
+    best = found(tracks({effect: DOUBLED[effect]}, seed=2))
+    assert [fit.effect for fit in best] == [effect]
+    fitted = {NAMES[i]: v for i, v in zip(best[0].free, best[0].value, strict=True)}
+    for name, value in DOUBLED[effect].items():
+        assert fitted[f"{effect}.{name}"] == pytest.approx(value, rel=0.12)
+    assert all(d > 0.0 for d in best[0].deviation)
+
+
+def test_gaps_are_found_and_their_length():
+    hidden = {"mocap_dropouts": {"probability": 0.04, "duration": 0.1}}
+    best = found(tracks(hidden, seed=2))
+    assert best[0].effect == "mocap_dropouts"
+    fitted = {NAMES[i]: v for i, v in zip(best[0].free, best[0].value, strict=True)}
+    assert fitted["mocap_dropouts.probability"] == pytest.approx(0.04, rel=0.5)
+    assert fitted["mocap_dropouts.duration"] == pytest.approx(0.1, rel=0.4)
+
+
+def test_figures_of_noise_are_its_deviations_whatever_the_flight(healthy):
+    imu, pose = imu_figures(healthy), pose_figures(healthy)
+    expected = HEALTHY["imu_noise"] | HEALTHY["mocap_noise"]
+    for figures, name in ((imu, "gyro"), (imu, "accel"), (pose, "position"), (pose, "attitude")):
+        assert math.exp(figures[name].value) == pytest.approx(expected[name], rel=0.1), name
+    assert math.exp(pose["jitter"].value) == pytest.approx(0.001, rel=0.1)
+    assert pose["gaps"].value == 0.0
+
+
+def test_without_an_imu_its_noise_is_not_looked_for():
+    assert imu_figures(tracks(sensors="mocap", count=1)) == {}
+
+
+def test_variances_of_white_noise_fall_with_the_block_and_drifts_do_not_count():
+    rng = np.random.default_rng(1)
+    noise = rng.standard_normal((40_000, 1))
+    variances, counts = block_variances(noise, 0.02)
+    lengths = np.round(np.array(SCALES_S) / 0.02)
+    assert variances[:, 0] * lengths == pytest.approx(np.full(len(SCALES_S), 0.5), rel=0.15)
+    assert (np.diff(counts) < 0).all()
+    still, _ = block_variances(noise + 100.0, 0.02)
+    assert still == pytest.approx(variances)
+
+
+def test_flights_are_pooled_by_their_lengths_and_short_ones_do_not_spoil_it():
+    rng = np.random.default_rng(2)
+    long, short = rng.standard_normal((5000, 2)), 9.0 * rng.standard_normal((40, 2))
+    both, counts = pooled([block_variances(long, 0.02), block_variances(short, 0.02)])
+    alone, own = block_variances(long, 0.02)
+    assert np.isfinite(both).all() and (counts >= own).all()
+    assert both[-1] == pytest.approx(alone[-1])
+    assert (both[0] > alone[0]).all()
+
+
+def test_what_chance_leaves_is_what_healthy_flights_leave(healthy):
+    """Every channel at every time scale, within a factor that sampling gives."""
+    problem = Problem(healthy, nominal())
+    rest = leftovers(left_powers(problem, problem.nothing), chance_powers(problem, problem.theta))
+    assert {each.channel for each in rest} == {c.name for c in problem.channels[0]}
+    assert max(each.excess for each in rest) < 0.6
+    assert [e.excess for e in rest] == sorted((e.excess for e in rest), reverse=True)
+
+
+def test_gusts_are_fitted_with_strength_and_time():
+    flights = tracks({"gusts": {"deviation": 0.9, "time": 0.8}}, seed=5)
+    problem = Problem(flights, nominal())
+    fit = fit_gusts(problem, problem.nothing, left_powers(problem, problem.nothing))
+    assert fit.evidence > 10.0 and not fit.at_edge
+    assert abs(fit.deviation - 0.9) < max(0.2, 3.0 * fit.deviation_error)
+    assert abs(math.log(fit.time / 0.8)) < max(0.5, 3.0 * fit.time_error / fit.time)
+
+
+def test_healthy_air_is_no_finding(healthy):
+    problem = Problem(healthy, nominal())
+    fit = fit_gusts(problem, problem.nothing, left_powers(problem, problem.nothing))
+    assert fit.evidence < 1.0
+
+
+def test_gusts_are_named_by_the_whole_analysis():
+    said = analyse(tracks({"gusts": {"deviation": 0.9, "time": 0.8}}, seed=6), nominal())
+    assert said.judgement.verdict == "named" and said.judgement.effects == ("gusts",)
+    assert said.repeats < 0.1
+
+
+@pytest.mark.parametrize("unknown", ["tether", "thrust_hysteresis", "yaw_spring"])
+def test_a_force_that_no_effect_describes_is_not_called_gusts(unknown):
+    flights = logs(disturbance=(unknown,), seed=1)
+    said = analyse([track_of(log) for log in flights], nominal()).judgement
+    assert said.verdict in ("unknown", "partly_explained")
+    assert "gusts" not in said.effects

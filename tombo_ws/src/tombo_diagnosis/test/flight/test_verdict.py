@@ -1,0 +1,213 @@
+"""The verdict, from findings made by hand."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from measured_flights import nominal
+
+from tombo_diagnosis.flight.gust_fit import GustFit
+from tombo_diagnosis.flight.leftover import Leftover
+from tombo_diagnosis.flight.naming import ADDS, MORE, Explanation, Search, Way
+from tombo_diagnosis.flight.scatter import ScatterFit
+from tombo_diagnosis.flight.verdict import GATE, TELLS, best_scatter, judge
+
+STRONG = 200.0 * ADDS
+PLAIN = 10.0 * ADDS
+QUIET = -1.0
+LOUD = GATE + 3.0
+
+
+def explanation(*effects, evidence=STRONG):
+    return Explanation(tuple(Way(e, (k,)) for k, e in enumerate(effects)), None, evidence)
+
+
+NOTHING = Explanation((), None, 0.0)
+
+
+def searched(best=NOTHING, *rivals):
+    singles = {e.effects[0]: e.evidence for e in (best, *rivals) if len(e.effects) == 1}
+    return Search(best, singles or {"wind": -2.0}, rivals)
+
+
+def left(excess):
+    return [Leftover("force x", "m/s^2", 0.5, 0.1, 0.05, excess), Leftover(
+        "force y", "m/s^2", 0.5, 0.05, 0.05, -2.0)]  # fmt: skip
+
+
+def blown(evidence=STRONG, at_edge=False):
+    return GustFit(0.7, 1.0, 0.1, 0.1, evidence, np.zeros(1), at_edge)
+
+
+def noise(effect="imu_noise", evidence=STRONG, free=(3,)):
+    return ScatterFit(effect, free, (0.02,), (0.001,), evidence)
+
+
+def judged(found, excess=QUIET, noisy=(), gusts=None, repeats=0.0, explained=1.0):
+    return judge(
+        found, noisy, gusts, left(excess), repeats, explained, removed=explained, nominal=nominal()
+    )
+
+
+def test_nothing_found_and_nothing_left_over_is_none():
+    said = judged(searched(), explained=0.0)
+    assert said.verdict == "none" and not said.effects and said.confidence > 0.8
+
+
+def test_nothing_found_and_much_left_over_is_unknown():
+    said = judged(searched(), LOUD, explained=0.0)
+    assert said.verdict == "unknown" and not said.effects and said.confidence > 0.9
+
+
+def test_a_cause_that_leaves_only_chance_is_named():
+    said = judged(searched(explanation("wind")))
+    assert (said.verdict, said.effects, said.members) == ("named", ("wind",), ())
+    assert said.confidence > 0.9 and said.each["wind"] > 0.9
+
+
+@pytest.mark.parametrize("evidence", [2 * ADDS, STRONG, 1000 * ADDS])
+@pytest.mark.parametrize("explained", [0.0, 0.4])
+def test_nothing_is_named_when_much_is_left_over(evidence, explained):
+    """However much the data speak for it: without this gate an unknown force gets a name."""
+    said = judged(searched(explanation("wind", evidence=evidence)), LOUD, explained=explained)
+    assert said.verdict == "unknown" and not said.effects and not said.members
+
+
+def test_what_explains_most_but_not_all_is_part_of_it():
+    said = judged(searched(explanation("wind")), LOUD, explained=0.95)
+    assert (said.verdict, said.effects) == ("partly_explained", ("wind",))
+    weak = judged(searched(explanation("wind", evidence=2 * ADDS)), LOUD, explained=0.95)
+    assert weak.verdict == "unknown"
+
+
+def test_causes_as_likely_as_each_other_are_a_set():
+    close = explanation("tilt", evidence=PLAIN - 0.5 * TELLS)
+    far = explanation("drag", evidence=PLAIN - 3 * TELLS)
+    said = judged(searched(explanation("wind", evidence=PLAIN), close, far))
+    assert (said.verdict, said.effects, said.members) == (
+        "set",
+        ("wind", "tilt"),
+        ("wind", "tilt"),
+    )
+    assert said.each["wind"] > said.each["tilt"] > 0.0
+
+
+@pytest.mark.parametrize("ahead,verdict", [(0.03, "set"), (0.3, "named")])
+def test_strong_causes_are_told_apart_by_a_share_of_what_they_explain(ahead, verdict):
+    """Small errors of the model weigh more than noise does where much is at stake."""
+    rival = explanation("tilt", evidence=STRONG * (1.0 - ahead))
+    assert judged(searched(explanation("wind"), rival)).verdict == verdict
+
+
+def test_what_rivals_share_does_not_make_them_alike():
+    """Two that both need the wind, which is strong, are told apart by what they add to it."""
+    best, rival = (
+        explanation("wind", "bias", evidence=STRONG + PLAIN),
+        explanation("wind", "tilt", evidence=STRONG + PLAIN / 2),
+    )
+    found = searched(best, rival)
+    assert judged(found).members
+    shared = replace(found, tried={frozenset({"wind"}): STRONG})
+    said = judged(shared)
+    assert (said.effects, said.members) == (("wind", "bias"), ())
+
+
+def test_one_sure_cause_beside_two_that_can_not_be_told_apart():
+    best = explanation("wind", "bias")
+    said = judged(searched(best, explanation("wind", "tilt", evidence=STRONG - 0.1)))
+    assert said.verdict == "named" and said.effects == ("wind",)
+    assert set(said.members) == {"bias", "tilt"}
+
+
+def test_confidence_of_the_set_and_its_members_are_probabilities():
+    close = explanation("tilt", evidence=STRONG)
+    said = judged(searched(explanation("wind"), close))
+    assert said.each["wind"] == pytest.approx(0.5, abs=0.02) == pytest.approx(said.each["tilt"])
+    faint = judged(searched(explanation("wind", evidence=ADDS + 0.1)))
+    for each in (said, faint):
+        assert all(0.0 <= v < 1.0 for v in (each.confidence, *each.each.values()))
+
+
+def test_a_cause_that_barely_earned_its_place_is_less_sure():
+    faint = judged(searched(explanation("wind", evidence=ADDS + 0.1)))
+    assert faint.confidence < judged(searched(explanation("wind"))).confidence
+
+
+def test_noise_is_a_cause_beside_others():
+    said = judged(
+        searched(explanation("wind", evidence=STRONG)), noisy=[noise(evidence=STRONG / 2)]
+    )
+    assert (said.verdict, said.effects) == ("named", ("wind", "imu_noise"))
+    assert judged(searched(), noisy=[noise()], explained=0.0).effects == ("imu_noise",)
+
+
+def test_gusts_are_named_when_they_do_not_repeat():
+    assert judged(searched(), gusts=blown()).effects == ("gusts",)
+
+
+@pytest.mark.parametrize("gusts,repeats", [(blown(), 0.6), (blown(at_edge=True), 0.0)])
+def test_what_repeats_or_has_no_time_of_gusts_is_unknown(gusts, repeats):
+    said = judged(searched(), gusts=gusts, repeats=repeats, explained=0.0)
+    assert said.verdict == "unknown" and not said.effects
+
+
+def test_at_most_three_causes_are_named():
+    many = [noise(f"noise_{k}", STRONG - k) for k in range(5)]
+    said = judged(searched(explanation("wind")), noisy=many)
+    assert len(said.effects) == 3 and said.effects[0] == "wind"
+
+
+@pytest.mark.parametrize("excess", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("found", [searched(), searched(explanation("wind"))])
+def test_figures_that_are_not_finite_give_a_verdict_and_probabilities(excess, found):
+    said = judged(found, excess)
+    assert said.verdict in ("none", "named", "unknown", "partly_explained")
+    assert all(0.0 <= v <= 1.0 for v in (said.confidence, *said.each.values()))
+    assert excess == -math.inf or not said.effects or said.verdict == "partly_explained"
+
+
+@pytest.mark.parametrize("evidence", [math.inf, 1e300, 1e5])
+def test_evidence_without_bounds_gives_probabilities(evidence):
+    rival = explanation("tilt", evidence=-math.inf)
+    said = judged(searched(explanation("wind", evidence=evidence), rival))
+    assert said.effects == ("wind",)
+    assert all(0.0 <= v < 1.0 for v in (said.confidence, *said.each.values()))
+
+
+@pytest.mark.parametrize("tangent", [5e4, math.inf])
+def test_a_tangent_that_promised_what_the_model_does_not_keep_is_no_cause(tangent):
+    said = judged(Search(NOTHING, {"wind": tangent}, ()), explained=0.0)
+    assert said.verdict == "none" and 0.0 <= said.confidence <= 1.0
+
+
+def test_nothing_left_over_at_all_is_no_excess():
+    said = judge(searched(), (), None, (), 0.0, 0.0, removed=0.0, nominal=nominal())
+    assert said.verdict == "none"
+
+
+def test_an_effect_of_chance_is_taken_by_its_best_way():
+    fits = [noise(evidence=ADDS + 1, free=(1,)), noise(evidence=ADDS + 9, free=(1, 2)),
+            noise("gyro", ADDS + 5), noise("faint", ADDS - 1), noise("odd", math.nan)]  # fmt: skip
+    assert [f.free for f in best_scatter(fits)][:1] == [(1, 2)]
+    assert [f.effect for f in best_scatter(fits)] == ["imu_noise", "gyro"]
+
+
+def test_beside_a_strong_cause_a_weak_one_needs_more():
+    # Alone either would do; by chance some effect nearly always looks a little likely.
+    weak = 0.5 * (ADDS + MORE)
+    said = judged(searched(explanation("mass_error", evidence=weak)), noisy=[noise()])
+    assert said.verdict == "named" and said.effects == ("imu_noise",)
+    said = judged(searched(explanation("mass_error")), noisy=[noise(evidence=weak)])
+    assert said.effects == ("mass_error",)
+    said = judged(searched(explanation("mass_error", evidence=MORE + 1.0)), noisy=[noise()])
+    assert set(said.effects) == {"mass_error", "imu_noise"}
+
+
+def test_rivals_of_a_cause_that_did_not_earn_its_place_are_no_set():
+    weak = 0.5 * (ADDS + MORE)
+    found = searched(
+        explanation("mass_error", evidence=weak), explanation("thrust", evidence=weak - 1.0)
+    )
+    said = judged(found, noisy=[noise()])
+    assert said.effects == ("imu_noise",) and not said.members

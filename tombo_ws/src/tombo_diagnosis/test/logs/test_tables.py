@@ -1,0 +1,298 @@
+"""Tables: units, axes and orders of a mapping, and damaged files."""
+
+import gzip
+
+import numpy as np
+import pytest
+from log_writers import table_text
+from made_flight import made_flight
+from scipy.spatial.transform import Rotation
+
+from tombo_diagnosis.checks import check_log
+from tombo_diagnosis.logs.csv_log import read_csv
+from tombo_diagnosis.logs.csv_mapping import parse_mapping, shipped
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.vehicle import GRAVITY
+
+FLIGHT = made_flight(duration=8.0, mocap_hz=50.0, imu_hz=100.0)
+POSE = ("position", "attitude")
+COLUMNS = """
+  position: {columns: [x, y, z], unit: m}
+  attitude: {columns: [qx, qy, qz, qw]}
+"""
+
+
+def written(path, text):
+    path.write_text(text)
+    return path
+
+
+def table(path, **columns):
+    names = list(columns)
+    rows = np.column_stack([columns[n] for n in names])
+    lines = [",".join(names), *(",".join(repr(float(x)) for x in row) for row in rows)]
+    return written(path, "\n".join(lines) + "\n")
+
+
+def posed(path, position, quaternion, **more):
+    """A table of poses with the columns of COLUMNS."""
+    return table(
+        path,
+        t=FLIGHT.series["position"].t,
+        **dict(zip("xyz", position.T, strict=True)),
+        **dict(zip(("qx", "qy", "qz", "qw"), quaternion.T, strict=True)),
+        **more,
+    )
+
+
+def close(a, b, tolerance=1e-9):
+    np.testing.assert_allclose(a, b, atol=tolerance)
+
+
+def same_turns(a, b):
+    assert (Rotation.from_quat(a).inv() * Rotation.from_quat(b)).magnitude().max() < 1e-9
+
+
+def test_a_table_with_our_names_needs_no_mapping(tmp_path):
+    log = read_csv(written(tmp_path / "a.csv", table_text(FLIGHT)), "a")
+    assert set(log.series) == set(FLIGHT.series)
+    for name, series in FLIGHT.series.items():
+        # each channel has the rows that it had, at its own stamps
+        close(log.series[name].t - log.series[name].t[0], series.t - series.t[0], 2e-6)
+        close(log.series[name].values, series.values)
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+def test_delimiters_byte_order_marks_and_comments_are_understood(tmp_path, delimiter):
+    text = "\ufeff# from the lab\n" + table_text(FLIGHT, POSE, delimiter)
+    log = read_csv(written(tmp_path / "a.csv", text), "a")
+    close(log.series["position"].values, FLIGHT.series["position"].values)
+
+
+def test_units_and_axes_of_a_mapping_give_the_flight_back(tmp_path):
+    """NED and FRD, millimetres, degrees per second, g, thousandths of a second, wxyz."""
+    world, body = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1.0]]), np.diag([1.0, -1.0, -1.0])
+    p, q = FLIGHT.series["position"], FLIGHT.series["attitude"]
+    attitude = Rotation.from_matrix(world @ Rotation.from_quat(q.values).as_matrix() @ body)
+    n = p.t.size
+    gyro, accel = (FLIGHT.series[c].values[:n] @ body.T for c in ("gyro", "accel"))
+    x, y, z, w = attitude.as_quat().T
+    path = table(
+        tmp_path / "a.csv",
+        ms=1000.0 * p.t,
+        **{k: 1000.0 * (p.values @ world.T)[:, i] for i, k in enumerate("ned")},
+        w=w, x=x, y=y, z=z,
+        **{f"g{i}": np.degrees(gyro[:, i]) for i in range(3)},
+        **{f"a{i}": accel[:, i] / GRAVITY for i in range(3)},
+        **{f"pwm{i}": 1000.0 + 250.0 * i + 0.0 * p.t for i in range(4)},
+    )  # fmt: skip
+    mapping = parse_mapping(
+        """
+time: {column: ms, unit: ms}
+world: NED
+body: FRD
+channels:
+  position: {columns: [n, e, d], unit: mm}
+  attitude: {columns: [w, x, y, z], order: wxyz}
+  gyro: {columns: [g0, g1, g2], unit: deg/s}
+  accel: {columns: [a0, a1, a2], unit: g}
+  motor_command: {columns: [pwm3, pwm0, pwm1, pwm2], range: [1000, 2000]}
+""",
+        "lab",
+    )
+    log = read_csv(path, "a", mapping)
+    close(log.series["position"].t, p.t - p.t[0])
+    close(log.series["position"].values, p.values)
+    same_turns(log.series["attitude"].values, q.values)
+    close(log.series["gyro"].values, FLIGHT.series["gyro"].values[:n])
+    close(log.series["accel"].values, FLIGHT.series["accel"].values[:n])
+    close(log.series["motor_command"].values[0], [0.75, 0.0, 0.25, 0.5])
+
+
+@pytest.mark.parametrize(("order", "sequence"), [("rpy", "ZYX"), ("ypr", "ZYX")])
+def test_angles_are_turned_into_quaternions(tmp_path, order, sequence):
+    p, q = FLIGHT.series["position"], FLIGHT.series["attitude"]
+    ypr = Rotation.from_quat(q.values).as_euler(sequence, degrees=True)
+    angles = ypr if order == "ypr" else ypr[:, ::-1]
+    path = table(
+        tmp_path / "a.csv",
+        t=p.t,
+        **{k: p.values[:, i] for i, k in enumerate("xyz")},
+        **{k: angles[:, i] for i, k in enumerate("abc")},
+    )
+    mapping = parse_mapping(
+        f"""
+time: t
+channels:
+  position: {{columns: [x, y, z], unit: m}}
+  attitude: {{columns: [a, b, c], order: {order}, unit: deg}}
+""",
+        "lab",
+    )
+    same_turns(read_csv(path, "a", mapping).series["attitude"].values, q.values)
+
+
+def test_y_up_is_an_order_of_axes(tmp_path):
+    """Motive's axes: x, y up, z towards the viewer."""
+    up = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0.0]])  # ours from the file's
+    p, q = FLIGHT.series["position"].values, FLIGHT.series["attitude"].values
+    theirs = Rotation.from_matrix(up.T @ Rotation.from_quat(q).as_matrix() @ up).as_quat()
+    path = posed(tmp_path / "a.csv", p @ up, theirs)
+    text = f"time: t\nworld: [x, -z, y]\nbody: [x, -z, y]\nchannels:{COLUMNS}"
+    log = read_csv(path, "a", parse_mapping(text, "lab"))
+    close(log.series["position"].values, p)
+    same_turns(log.series["attitude"].values, q)
+
+
+def test_mirrored_axes_turn_the_gyro_the_other_way(tmp_path):
+    """A left-handed engine: y to the right in world and body alike."""
+    mirror = np.diag([1.0, -1.0, 1.0])
+    p, q = FLIGHT.series["position"].values, FLIGHT.series["attitude"].values
+    gyro = FLIGHT.series["gyro"].values[: len(p)]
+    theirs = Rotation.from_matrix(mirror @ Rotation.from_quat(q).as_matrix() @ mirror).as_quat()
+    rates = -gyro @ mirror  # an axial vector
+    path = posed(
+        tmp_path / "a.csv", p @ mirror, theirs, **{f"g{i}": rates[:, i] for i in range(3)}
+    )
+    text = (
+        f"time: t\nworld: [x, -y, z]\nbody: [x, -y, z]\nchannels:{COLUMNS}"
+        "  gyro: {columns: [g0, g1, g2], unit: rad/s}\n"
+    )
+    log = read_csv(path, "a", parse_mapping(text, "lab"))
+    same_turns(log.series["attitude"].values, q)
+    close(log.series["gyro"].values, gyro)
+
+
+def test_turn_deg_takes_a_rigid_body_back_to_base_link(tmp_path):
+    p, q = FLIGHT.series["position"].values, FLIGHT.series["attitude"].values
+    off = Rotation.from_euler("xyz", [3.0, -5.0, 40.0], degrees=True)
+    path = posed(tmp_path / "a.csv", p, (Rotation.from_quat(q) * off).as_quat())
+    roll, pitch, yaw = off.inv().as_euler("xyz", degrees=True)
+    text = f"time: t\nturn_deg: [{roll}, {pitch}, {yaw}]\nchannels:{COLUMNS}"
+    log = read_csv(path, "a", parse_mapping(text, "lab"))
+    same_turns(log.series["attitude"].values, q)
+
+
+def test_axes_of_the_imu_alone(tmp_path):
+    p, q = FLIGHT.series["position"].values, FLIGHT.series["attitude"].values
+    gyro = FLIGHT.series["gyro"].values[: len(p)]
+    path = posed(
+        tmp_path / "a.csv", p, q,
+        **{f"g{i}": c for i, c in enumerate((gyro[:, 1], -gyro[:, 0], gyro[:, 2]))},
+    )  # fmt: skip
+    text = (
+        f"time: t\nchannels:{COLUMNS}"
+        "  gyro: {columns: [g0, g1, g2], unit: rad/s, axes: [-y, x, z]}\n"
+    )
+    close(read_csv(path, "a", parse_mapping(text, "lab")).series["gyro"].values, gyro)
+
+
+def test_a_channel_may_have_stamps_and_arrivals_of_its_own(tmp_path):
+    p, q = FLIGHT.series["position"], FLIGHT.series["attitude"].values
+    path = posed(tmp_path / "a.csv", p.values, q, sent=p.t - 0.02, came=p.t + 0.01)
+    text = (
+        "time: t\nchannels:\n"
+        "  position: {columns: [x, y, z], unit: m, time: sent, arrival: came}\n"
+        "  attitude: {columns: [qx, qy, qz, qw]}\n"
+    )
+    log = read_csv(path, "a", parse_mapping(text, "lab"))
+    close(log.series["position"].t, p.t - p.t[0])
+    close(log.series["attitude"].t, p.t - p.t[0] + 0.02)
+    close(log.series["position"].arrival - log.series["position"].t, 0.03)
+
+
+def test_columns_that_no_mapping_fits_are_listed(tmp_path):
+    path = written(tmp_path / "a.csv", "zeit,hoehe,breite\n1,2,3\n")
+    with pytest.raises(InputError, match=r"zeit, hoehe, breite.*docs/logs\.md.*--mapping"):
+        read_csv(path, "a")
+
+
+def test_a_missing_column_is_named_with_the_closest_there_is(tmp_path):
+    path = written(tmp_path / "a.csv", table_text(FLIGHT).replace("position_z", "position_zz", 1))
+    with pytest.raises(InputError, match=r"'position_z'.*did you mean 'position_zz'"):
+        read_csv(path, "a", shipped()["generic"])
+
+
+def test_a_channel_with_part_of_its_columns_is_left_out_and_said(tmp_path):
+    text = table_text(FLIGHT).replace("gyro_z", "gyro_zz", 1)
+    log = read_csv(written(tmp_path / "a.csv", text), "a")
+    assert "gyro" not in log.series
+    assert [(f.check, f.channel) for f in log.findings] == [("missing", "gyro")]
+
+
+def test_a_cut_archive_is_read_up_to_where_it_is_whole(tmp_path):
+    whole = gzip.compress(table_text(FLIGHT, POSE).encode())
+    path = tmp_path / "a.csv.gz"
+    path.write_bytes(whole[: len(whole) * 2 // 3])
+    log = read_csv(path, "a")
+    count = log.series["position"].t.size
+    assert 0.4 * FLIGHT.series["position"].t.size < count < FLIGHT.series["position"].t.size
+    close(log.series["position"].values, FLIGHT.series["position"].values[:count])
+    assert any("cut off" in f.message for f in log.findings)
+
+
+def test_a_number_that_is_cut_is_not_taken_for_a_whole_one(tmp_path):
+    """...,0.9998 may have been 0.99987: where the file ends early, its last row is left out."""
+    text = table_text(FLIGHT, POSE).rstrip()[:-3]
+    path = tmp_path / "a.csv.gz"
+    path.write_bytes(gzip.compress(text.encode())[:-8])
+    log = read_csv(path, "a")
+    assert log.series["position"].t.size == FLIGHT.series["position"].t.size - 1
+    assert any("is not whole" in f.message for f in log.findings)
+
+
+def test_quaternions_of_another_length_are_still_seen_as_such(tmp_path):
+    p, q = FLIGHT.series["position"].values, FLIGHT.series["attitude"].values
+    path = posed(tmp_path / "a.csv", p, 2.0 * q)
+    log = read_csv(path, "a", parse_mapping(f"time: t\nchannels:{COLUMNS}", "lab"))
+    with pytest.raises(InputError, match="norm 2"):
+        check_log(log)
+
+
+def test_a_damaged_archive_is_read_up_to_the_damage(tmp_path):
+    whole = bytearray(gzip.compress(table_text(FLIGHT, POSE).encode()))
+    whole[len(whole) // 2 : len(whole) // 2 + 64] = b"\xff" * 64
+    path = tmp_path / "a.csv.gz"
+    path.write_bytes(bytes(whole))
+    log = read_csv(path, "a")
+    assert log.series["position"].t.size > 20
+    assert any("damaged" in f.message for f in log.findings)
+
+
+def test_rows_that_are_not_whole_are_left_out_and_counted(tmp_path):
+    lines = table_text(FLIGHT, POSE).splitlines()
+    lines[5] = lines[5].rpartition(",")[0]
+    lines[9] = lines[9].replace(lines[9].split(",")[1], "oops")
+    log = read_csv(written(tmp_path / "a.csv", "\n".join(lines)), "a")
+    texts = " ".join(f.message for f in log.findings)
+    assert "1 of" in texts and "1 cells are no numbers" in texts
+    assert log.series["position"].t.size == FLIGHT.series["position"].t.size - 1
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (b"", "is empty"),
+        (b"  \n\n", "is empty"),
+        (b"\x1f\x8b", "is empty|can't be unpacked"),
+        (b"\x1f\x8b\x08garbage", "can't be unpacked"),
+        (b"# only\n# comments\n", "no header"),
+        (b"1,2,3\n4,5,6\n", "accepted: a header"),
+        (b"nothing that is a table", "accepted: a header"),
+        (b"t,position_x\n", "no mapping given"),
+    ],
+)
+def test_what_is_no_table_is_said_in_a_line(tmp_path, content, complaint):
+    path = tmp_path / "a.csv"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=complaint) as error:
+        read_csv(path, "a")
+    assert "\n" not in str(error.value)
+
+
+def test_a_header_without_rows_and_a_column_twice_are_refused(tmp_path):
+    header = table_text(FLIGHT, POSE).splitlines()[0]
+    with pytest.raises(InputError, match="no row of numbers"):
+        read_csv(written(tmp_path / "a.csv", header + "\n"), "a")
+    with pytest.raises(InputError, match="'position_x' twice"):
+        read_csv(written(tmp_path / "b.csv", f"{header},position_x\n1,2,3,4,5,6,7,8,9\n"), "b")

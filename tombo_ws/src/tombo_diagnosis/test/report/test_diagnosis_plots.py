@@ -1,0 +1,74 @@
+"""The plots of a diagnosis: they are drawn for every verdict, and the poster fits a README."""
+
+from __future__ import annotations
+
+import math
+import struct
+
+import numpy as np
+import pytest
+from diagnosis_samples import sample
+from matplotlib.colors import to_hex
+
+from tombo_diagnosis.diagnosis import VERDICTS, Diagnosis
+from tombo_diagnosis.report.diagnosis_plots import (
+    AFTER,
+    BEFORE,
+    draw_drivers,
+    draw_gains,
+    draw_residuals,
+)
+from tombo_diagnosis.report.diagnosis_poster import diagnosis_poster
+from tombo_flight.report.flight_plot import png_bytes
+
+EMPTY = Diagnosis("unknown", (), (), None, (), (), (), (), (), math.nan, "")
+
+
+def lines(axes, colour):
+    return [
+        line for line in axes.lines if to_hex(line.get_color()) == to_hex(colour)
+        and len(line.get_xdata()) > 100
+    ]  # fmt: skip
+
+
+def test_the_poster_shows_the_gap_and_that_it_closed():
+    poster = diagnosis_poster(sample())
+    data = png_bytes(poster)
+    assert struct.unpack(">II", data[16:24]) == (1600, 900)
+    assert len(data) < 300_000
+    words = " ".join(text.get_text() for text in poster.texts)
+    assert "The cause is linear rotor drag" in words
+    assert "0.283 N s/m" in words
+    gap = poster.axes[0]
+    assert gap.get_xlabel() == "body velocity y [m/s]"
+    before, after = lines(gap, BEFORE)[0], lines(gap, AFTER)[0]
+    assert np.std(before.get_ydata()) > 3 * np.std(after.get_ydata())
+    shown = [label.get_text() for label in poster.axes[-1].get_yticklabels()]
+    assert shown == ["velocity x", "velocity y", "specific force x", "specific force y"]
+
+
+def test_every_channel_is_drawn_against_time():
+    figure = draw_residuals(sample())
+    labels = {axes.get_ylabel().split("\n")[0] for axes in figure.axes}
+    assert len(labels) == 6
+    assert "specific force x" in labels
+
+
+def test_gains_are_what_is_left():
+    figure = draw_gains(sample())
+    first = figure.axes[0]
+    widths = [p.get_width() for p in first.patches if to_hex(p.get_facecolor()) == AFTER.lower()]
+    assert widths == pytest.approx([25.5, 25.7, 99.2, 101.1])
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_all_are_drawn_for_every_verdict(verdict):
+    found = sample(verdict, flights=2, seconds=10.0)
+    for draw in (diagnosis_poster, draw_residuals, draw_drivers, draw_gains):
+        assert png_bytes(draw(found)).startswith(b"\x89PNG")
+
+
+def test_nothing_to_show_is_said():
+    for draw in (diagnosis_poster, draw_residuals, draw_drivers, draw_gains):
+        assert png_bytes(draw(EMPTY)).startswith(b"\x89PNG")
+    assert "nothing to show" in [text.get_text() for text in draw_gains(EMPTY).texts]

@@ -1,0 +1,274 @@
+"""The report of a diagnosis: whole, self-contained, small, and it says what was found."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from diagnosis_samples import EXPERIMENT, SUMMARY, sample
+
+from tombo_diagnosis.diagnosis import VERDICTS, Diagnosis, FlightNote, Residual
+from tombo_diagnosis.logs.flight_log import Finding
+from tombo_diagnosis.report.diagnosis_report import diagnosis_html
+
+VOID = {"meta", "link", "img", "input", "br", "hr", "line", "circle", "path", "rect"}
+EVIL = "<script>alert(1)</script><img src=x onerror=alert(2)>\"'&{{css}}"
+
+
+class Page(HTMLParser):
+    """Reads a page strictly: every element is closed, in order."""
+
+    def __init__(self, html: str):
+        super().__init__()
+        self.open, self.elements, self.words = [], [], []
+        self.feed(html)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attributes):
+        self.elements.append((tag, dict(attributes)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attributes):
+        self.elements.append((tag, dict(attributes)))
+
+    def handle_endtag(self, tag):
+        assert self.open and self.open[-1] == tag, f"</{tag}> closes {self.open[-1:]}"
+        self.open.pop()
+
+    def handle_data(self, data):
+        if not {"style", "title"} & set(self.open):
+            self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return re.sub(r"\s+", " ", "".join(self.words))
+
+    def styles(self, tag: str) -> list[str]:
+        return [a.get("class", "") for t, a in self.elements if t == tag]
+
+
+@pytest.fixture(scope="module")
+def html() -> str:
+    return diagnosis_html(sample(), "runs/mine")
+
+
+@pytest.fixture(scope="module")
+def page(html) -> Page:
+    return Page(html)
+
+
+def test_the_page_loads_nothing_and_runs_nothing(html, page):
+    assert not re.search(r"https?:|//[a-z0-9.-]+\.[a-z]{2,}/|@import|url\(", html)
+    for tag, attributes in page.elements:
+        for name in ("src", "href", "srcset", "action", "data", "poster", "xlink:href"):
+            value = attributes.get(name)
+            assert value is None or value.startswith(("data:", "#")), (tag, name, value)
+        assert not [name for name in attributes if name.startswith("on")]
+        assert tag not in ("script", "iframe", "object", "embed", "base", "form")
+    policy = next(a["content"] for t, a in page.elements if a.get("http-equiv"))
+    assert policy.startswith("default-src 'none'")
+
+
+def test_the_verdict_comes_first_with_its_summary_and_confidence(page):
+    text = page.text
+    order = [
+        "cause named · 99 %",
+        "The cause is linear rotor drag",
+        SUMMARY,
+        "The gap",
+        "tombo fly --model runs/mine/model.yaml",
+        "Shows as: force against the velocity",
+        "0.283",
+        "0.276 to 0.290",
+        "74 %",
+        "What can’t be certified",
+        "no flight climbs faster",
+        "All channels",
+        "All candidates",
+        "accel: 2.5 g, then upside down",
+        "Flights used",
+    ]
+    at = 0
+    for words in order:
+        assert words in text[at:], words
+        at = text.index(words, at)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "words"),
+    [
+        ("named", ["The cause is linear rotor drag", "cause named"]),
+        ("set", ["mass error or thrust coefficient error", "these flights can’t tell"]),
+        ("none", ["The simulation agrees with these flights", "could not have shown"]),
+        ("unknown", ["Something is wrong that no known effect explains"]),
+        ("partly_explained", ["Linear rotor drag is part of it; something else is left"]),
+    ],
+)
+def test_every_verdict_has_its_words(verdict, words):
+    assert verdict in VERDICTS
+    page = Page(diagnosis_html(sample(verdict)))
+    for expected in words:
+        assert expected in page.text
+    extended = verdict in ("named", "partly_explained")
+    assert ("--model" in page.text) == extended
+    assert ("after: extended model" in page.text) == extended
+    assert ("separating_experiment.yaml" in page.text) == (verdict == "set")
+    assert ("held out from naming and fit" in page.text) == extended
+
+
+def test_several_causes_are_all_named():
+    named = sample()
+    other = dataclasses.replace(named.causes[0], effect="battery_sag")
+    page = Page(diagnosis_html(dataclasses.replace(named, causes=(*named.causes, other))))
+    assert "The causes are linear rotor drag and battery sag" in page.text
+
+
+def test_the_experiment_is_told_with_its_command_and_what_it_is_worth():
+    text = Page(diagnosis_html(sample("set"), "my runs/a b")).text
+    assert EXPERIMENT.text in text
+    assert "tombo fly 'my runs/a b/separating_experiment.yaml'" in text
+    assert "log Bayes factor of 14; these flights: 0.30" in text
+
+
+def test_an_experiment_that_only_a_person_can_do_has_no_command():
+    by_hand = dataclasses.replace(EXPERIMENT, mission={})
+    text = Page(
+        diagnosis_html(dataclasses.replace(sample("set"), separating_experiment=by_hand))
+    ).text
+    assert EXPERIMENT.text in text
+    assert "separating_experiment.yaml" not in text
+
+
+def test_a_crash_is_shown_with_its_time_and_marked_in_the_pictures(page):
+    assert "25.00–28.50" in page.text
+    assert "apart" in page.styles("rect")
+    assert "fault or doubt in the log" in page.text
+
+
+def test_hostile_names_stay_text():
+    one = sample(flights=1)
+    r = [
+        dataclasses.replace(
+            r,
+            flight=EVIL,
+            channel=EVIL if r.channel == "specific_force_x" else r.channel,
+            unit=EVIL,
+            drivers={EVIL: next(iter(r.drivers.values()))},
+        )
+        for r in one.residuals
+    ]
+    hostile = dataclasses.replace(
+        one,
+        residuals=tuple(r),
+        flights=(FlightNote(EVIL, EVIL, 1.0, 1.0, EVIL, (EVIL,)),),
+        prechecks=(Finding(EVIL, EVIL, EVIL, EVIL, 1.0, 2.0, EVIL),),
+        causes=(dataclasses.replace(one.causes[0], effect=EVIL, signature=EVIL),),
+        candidates=(dataclasses.replace(one.candidates[0], effect=EVIL, remark=EVIL),),
+        gain=(dataclasses.replace(one.gain[0], channel=EVIL, unit=EVIL, horizon=EVIL),),
+        separating_experiment=dataclasses.replace(EXPERIMENT, text=EVIL, effects=(EVIL, EVIL)),
+        set=(EVIL,),
+        summary=EVIL,
+        notes=(EVIL,),
+        model=EVIL,
+    )
+    html = diagnosis_html(hostile, EVIL)
+    page = Page(html)
+    tags = {tag for tag, _ in page.elements}
+    assert not tags & {"script", "img"}
+    assert not [a for _, a in page.elements if any(k.startswith("on") for k in a)]
+    assert page.text.count("<script>alert(1)</script>") > 10
+
+
+def test_nothing_known_is_shown_as_a_dash_not_as_a_number():
+    nan = math.nan
+    one = sample(flights=1)
+    blank = dataclasses.replace(
+        one,
+        confidence=nan,
+        seconds=nan,
+        causes=tuple(
+            dataclasses.replace(
+                c,
+                confidence=nan,
+                theta=tuple(
+                    dataclasses.replace(t, value=nan, low=nan, high=nan, nominal=nan)
+                    for t in c.theta
+                ),
+            )
+            for c in one.causes
+        ),
+        gain=tuple(
+            dataclasses.replace(g, before=nan, after=nan, reduction=nan, low=nan, high=nan)
+            for g in one.gain
+        ),
+        candidates=tuple(
+            dataclasses.replace(s, gain=nan, evidence=nan, probability=nan) for s in one.candidates
+        ),
+        residuals=tuple(
+            dataclasses.replace(
+                r, before=r.before * nan if k % 2 else r.before, after=r.after * nan, sigma=nan
+            )
+            for k, r in enumerate(one.residuals)
+        ),
+    )
+    page = Page(diagnosis_html(blank))
+    assert not re.search(r"\b(nan|inf|None)\b", page.text)
+    for _, attributes in page.elements:
+        for value in attributes.values():
+            assert "nan" not in (value or "")
+    assert "linear rotor drag" in page.text
+
+
+@pytest.mark.parametrize(
+    "empty",
+    [
+        Diagnosis("none", (), (), None, (), (), (), (), (), 0.9, "Nothing."),
+        Diagnosis("unknown", (), (), None, (), (), (), (), (), math.nan, ""),
+        Diagnosis(
+            "none", (), (), None, (), (), (), (),
+            (Residual("a", "x", "m", *(np.zeros(0),) * 3, 0.1, {}),), 0.9, "No samples.",
+        ),
+        Diagnosis(
+            "unknown", (), (), None, (), (), (), (),
+            (Residual("a", "x", "m", *(np.ones(1),) * 3, 0.0, {"v": np.ones(1)}),), 0.9, "One.",
+        ),
+    ],
+)  # fmt: skip
+def test_a_diagnosis_of_nearly_nothing_is_a_page(empty):
+    assert empty.summary in Page(diagnosis_html(empty)).text
+
+
+@pytest.mark.parametrize(("flights", "clock"), [(1, 0.0), (20, 1.7727e9)])
+def test_the_page_stays_small_whatever_the_number_of_flights(flights, clock):
+    html = diagnosis_html(sample(flights=flights, seconds=100.0, clock=clock))
+    assert len(html.encode()) < 1_500_000
+    page = Page(html)
+    small = [s for s in page.styles("figure") if s == "small"]
+    assert len(small) == min(6 * flights, 60)
+    if flights == 20:
+        assert "10 more flights not shown" in page.text
+        assert "25.00–28.50" in page.text  # of the crash, from the flight's start
+
+
+def test_the_residual_that_was_removed_is_drawn_before_and_after(html):
+    drawn = re.findall(r'<path class="(before|after|same)" d="([^"]*)"', html)
+    kinds = {kind for kind, _ in drawn}
+    assert kinds == {"before", "after", "same"}
+
+    def span(path: str) -> int:
+        heights = [int(y) for y in re.findall(r"[ML]-?\d+ (-?\d+)", path)]
+        return max(heights) - min(heights)
+
+    first = {kind: span(path) for kind, path in reversed(drawn) if kind != "same"}
+    assert first["before"] > 2 * first["after"]
+
+
+def test_light_and_dark_have_their_colours(html):
+    assert html.count("prefers-color-scheme: dark") >= 2
+    assert 'name="viewport" content="width=device-width' in html

@@ -1,0 +1,250 @@
+"""Hidden effects are found, told as a set where nothing tells them, and not made up."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import stands
+
+from tombo_diagnosis.stand.analyse import analyse
+from tombo_diagnosis.stand.causes import causes, scores
+from tombo_diagnosis.stand.departure import departures, extending
+from tombo_diagnosis.stand.gain import held_out
+from tombo_diagnosis.stand.leftover import curves
+from tombo_diagnosis.stand.problem import Problem
+from tombo_diagnosis.stand.repeats import repeats
+from tombo_diagnosis.stand.search import Way, explain
+from tombo_diagnosis.stand.separate import separate
+from tombo_diagnosis.stand.verdict import LEFT
+from tombo_dynamics.propeller.effects import STAND_EFFECTS, Draws
+
+SETUP = stands.setup()
+HAS_MEAN = [n for n, e in STAND_EFFECTS.items() if not e.chance and "tombo" in e.models]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_healthy_stand_has_no_cause(seed):
+    found = analyse(stands.read(SETUP, {}, seed=seed))
+    assert found.judgement.verdict == "none"
+
+
+@pytest.mark.parametrize("name", HAS_MEAN)
+def test_every_effect_is_named_on_a_calibrated_stand(name):
+    own = {p.label: p for p in Problem(stands.read(SETUP, {})).parameters if p.effect == name}
+    theta = tuple(p.null + p.scale * (1.0 if p.null + p.scale <= p.high else -1.0)
+                  for p in own.values())  # fmt: skip
+    if name in ("torsion_constant", "load_sharing"):
+        theta = (0.6,)
+    found = analyse(stands.read(SETUP, {name: theta}, seed=3))
+    assert found.judgement.verdict in ("named", "set")
+    if name == "in_plane_term":  # at these speeds it saturates the twist as stiffening does
+        assert set(found.judgement.members) == {"centrifugal_stiffening", "in_plane_term"}
+    else:
+        assert found.judgement.effects[:1] == (name,)
+    [fitted] = next(c for c in causes(found) if c.effect == name).theta
+    assert fitted.value == pytest.approx(theta[0], abs=0.25 * next(iter(own.values())).scale)
+    assert fitted.low <= fitted.value <= fitted.high
+
+
+def test_speed_noise_and_scatter_are_found_by_their_spread():
+    rng = np.random.default_rng(5)
+    s = stands.setup(confs=(9, 9, 9, 13, 13), runs=2)
+    wide = Draws(
+        np.tile([[1.5, -1.0], [-1.2, 1.4], [0.8, 1.0], [-1.6, -1.2], [1.1, 0.6]], 1),
+        np.zeros((10, 2)),
+        rng.standard_normal(s.speed.size),
+    )
+    for theta, name in (
+        ({"speed_noise": (0.02,)}, "speed_noise"),
+        ({"fabrication_scatter": (0.08, 0.08)}, "fabrication_scatter"),
+    ):
+        found = analyse(stands.read(s, theta, draws=wide, seed=1))
+        assert found.judgement.effects == (name,)
+
+
+def test_thrust_alone_gives_a_set_and_says_what_separates():
+    s = stands.setup(confs=(13,), runs=3, loads=False)
+    points = stands.read(s, {"thrust_gain": (0.12,)}, channels=1, seed=2)
+    found = analyse(points)
+    assert found.judgement.verdict == "set"
+    expected = {"thrust_gain", "thrust_coefficient", "air_density", "rpm_scale"}
+    assert expected <= set(found.judgement.members)
+    experiment = separate(found)
+    assert experiment is not None
+    assert experiment.separation > experiment.present + 3.0
+    assert "weights" in experiment.text or "torque" in experiment.text
+
+
+def test_known_weights_end_that_confusion():
+    points = stands.read(stands.setup(confs=(13,), runs=3), {"thrust_gain": (0.12,)}, 1, 2)
+    found = analyse(points)
+    assert found.judgement.verdict == "named"
+    assert found.judgement.effects == ("thrust_gain",)
+
+
+def test_torque_parts_a_coefficient_from_the_density():
+    s = stands.setup(loads=False)
+    found = analyse(stands.read(s, {"air_density": (0.12,)}, channels=2, seed=2))
+    named = {*found.judgement.effects, *found.judgement.members}
+    assert "thrust_coefficient" not in named
+    assert "air_density" in named
+
+
+def test_a_shape_that_nobody_named_gets_no_name():
+    def wavy(y, s):
+        out = y.copy()
+        x = s.speed / s.speed.max()
+        out[:, 0] *= 1.0 + 0.06 * np.sin(14.0 * x) * (s.speed > 0.0)
+        return out
+
+    found = analyse(stands.read(SETUP, {}, change=wavy))
+    assert found.judgement.verdict == "unknown"
+    assert found.judgement.left.channel == "thrust"
+    assert found.judgement.left.size > 0.01
+
+
+def test_free_curves_find_what_a_cause_leaves_and_nothing_on_a_healthy_stand():
+    def wavy(y, s):
+        out = y.copy()
+        out[:, 0] *= 1.0 + 0.02 * np.sin(14.0 * s.speed / s.speed.max()) * (s.speed > 0.0)
+        return out
+
+    for change, something in ((wavy, True), (None, False)):
+        problem = Problem(stands.read(SETUP, {"thrust_gain": (0.1,)}, change=change))
+        known = explain(problem, (Way("thrust_gain", problem.open("thrust_gain")),))
+        assert (curves(problem, known.fit).evidence > LEFT) is something
+
+
+def again(share):
+    """Two runs of one propeller, the second one's thrust by `share` more."""
+
+    def more(y, s):
+        out = y.copy()
+        out[s.run == 1, 0] *= 1.0 + share
+        return out
+
+    return lambda channels, seed: stands.read(
+        stands.setup(confs=(13,), runs=2, loads=False), {}, channels, seed, change=more
+    )
+
+
+@pytest.mark.parametrize("share", [0.02, 0.03, 0.05, 0.10])
+@pytest.mark.parametrize("channels", [1, 2])
+def test_runs_that_differ_by_a_share_are_no_speed_noise(share, channels):
+    found = analyse(again(share)(channels, 1))
+    judgement = found.judgement
+    assert "speed_noise" not in {*judgement.effects, *judgement.members}
+    if share >= 0.05:
+        assert judgement.effects == ("run_scatter",)
+        thrust, *torque = causes(found)[0].theta
+        assert thrust.value == pytest.approx(share / 2.0, rel=0.6)
+        assert len(torque) == channels - 1 and all(t.value < 0.005 for t in torque)
+    [told, *_] = repeats(found.problem)
+    assert "differ" in told
+    percent = float(told.split("differ by ")[1].split(" %")[0])
+    assert percent == pytest.approx(100.0 * share, abs=0.4)
+    assert not extending(causes(found))  # nothing that other runs would share
+
+
+def test_runs_that_agree_are_said_to():
+    found = analyse(again(0.0)(1, 0))
+    assert found.judgement.verdict == "none"
+    assert "agree within" in repeats(found.problem)[0]
+
+
+def test_levels_of_runs_keep_speed_noise_from_taking_their_place():
+    """The gate: beside noise that was made to fit, a level for each run still explains more."""
+    problem = Problem(again(0.1)(1, 0))
+    noise = explain(problem, (Way("speed_noise", (), 4.0),))
+    assert curves(problem, noise.fit).evidence > LEFT > curves(problem, noise.fit, False).evidence
+
+
+def test_speed_noise_stays_speed_noise_with_two_runs():
+    s = stands.setup(confs=(13,), runs=2, loads=False)
+    rng = np.random.default_rng(4)
+    drawn = replace(Draws.none(s), point=rng.standard_normal(s.speed.size))
+    found = analyse(stands.read(s, {"speed_noise": (0.02,)}, 2, 1, draws=drawn))
+    assert found.judgement.effects == ("speed_noise",)
+
+
+def test_what_the_model_has_and_these_runs_have_not_is_a_departure():
+    base = {"thrust_tare": (0.147,)}
+    absent = causes(analyse(stands.read(SETUP, {}, seed=7), base=base))
+    [told] = departures(absent)
+    assert told.startswith("the model’s thrust tare 0.147 N is not in these runs (")
+    assert not extending(absent)
+    more = causes(analyse(stands.read(SETUP, {"thrust_tare": (0.6,)}, seed=7), base=base))
+    [told] = departures(more)
+    assert told.endswith("N in these runs, 0.147 N in the model")
+    assert [c.effect for c in extending(more)] == ["thrust_tare"]
+    assert departures(causes(analyse(stands.read(SETUP, {"thrust_tare": (0.6,)})))) == []
+
+
+def test_two_causes_are_both_found():
+    theta = {"thrust_tare": (0.25,), "torque_gain": (0.12,)}
+    found = analyse(stands.read(SETUP, theta, seed=4))
+    assert set(found.judgement.effects) == set(theta)
+
+
+def test_held_out_points_confirm_a_cause_and_not_a_wrong_one():
+    found = analyse(stands.read(SETUP, {"thrust_coefficient": (0.12,)}, seed=6))
+    gains, shares = held_out(found)
+    thrust = next(g for g in gains if g.channel == "thrust")
+    assert thrust.reduction > 0.7 and thrust.low > 0.0
+    assert shares["thrust_coefficient"] > 0.9 > 0.2 > shares["torque_tare"]
+
+
+def test_what_is_known_already_is_no_finding():
+    points = stands.read(SETUP, {"thrust_gain": (0.12,)}, seed=7)
+    assert analyse(points).judgement.verdict == "named"
+    found = analyse(points, base={"thrust_gain": (0.12,)})
+    assert found.judgement.verdict == "none"
+
+
+def test_an_effect_that_no_channel_shows_is_not_excited():
+    s = stands.setup(loads=False)
+    found = analyse(stands.read(s, {}, channels=1))
+    blind = {c.effect for c in scores(found, {}) if not c.excited}
+    assert {"torque_gain", "torque_tare", "angle_offset"} <= blind
+    assert "thrust_gain" not in blind
+
+
+def test_the_order_of_runs_does_not_matter():
+    points = stands.read(SETUP, {"air_density": (0.1,)}, seed=8)
+    order = np.argsort(-SETUP.run, kind="stable")
+    s = SETUP
+    turned = replace(
+        points,
+        setup=replace(
+            s, speed=s.speed[order], rows=s.rows[order], propeller=s.propeller[order],
+            run=s.run[order], elapsed=s.elapsed[order], applied_thrust=s.applied_thrust[order],
+            applied_torque=s.applied_torque[order],
+        ),
+        readings=points.readings[order],
+        sigma=points.sigma[order],
+    )  # fmt: skip
+    one, two = analyse(points), analyse(turned)
+    assert one.judgement.effects == two.judgement.effects
+    assert one.search.best.evidence == pytest.approx(two.search.best.evidence, abs=1e-6)
+
+
+def test_a_name_is_withheld_where_free_curves_find_more_beside_it():
+    """A gain explains most, but a resonance is left: the gate has to see it."""
+
+    def resonant(y, s):
+        out = y.copy()
+        x = s.speed / s.speed.max()
+        out[:, 0] *= 1.0 - 0.04 * np.exp(-(((x - 0.6) / 0.08) ** 2)) * (s.speed > 0.0)
+        return out
+
+    clean = analyse(stands.read(SETUP, {"thrust_gain": (0.1,)}, seed=9))
+    assert clean.judgement.verdict == "named"
+    assert clean.judgement.left.evidence < LEFT
+    found = analyse(stands.read(SETUP, {"thrust_gain": (0.1,)}, seed=9, change=resonant))
+    judgement, best = found.judgement, found.search.best
+    assert best.effects == ("thrust_gain",)
+    assert best.evidence > judgement.free.evidence + 10.0  # only what is left can tell
+    assert judgement.left.evidence > LEFT
+    assert judgement.verdict == "partly_explained"

@@ -1,0 +1,275 @@
+"""Tables of a stand: units, mappings, plateaus; and what is said where they can't be used."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tombo_diagnosis.stand.analyse import analyse
+from tombo_diagnosis.stand.assemble import assemble
+from tombo_diagnosis.stand.mapping import parse_mapping
+from tombo_diagnosis.stand.plateaus import plateaus
+from tombo_diagnosis.stand.reading import read_stand
+from tombo_diagnosis.stand.words import summary
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.propeller import configuration, evaluate
+
+RPM = np.linspace(1000.0, 6000.0, 12)
+POINT = evaluate(configuration(13), RPM * math.pi / 30.0)
+
+
+def write(path, header, *columns):
+    rows = "\n".join(",".join(f"{v:.9g}" for v in row) for row in zip(*columns, strict=True))
+    path.write_text(f"{header}\n{rows}\n")
+    return path
+
+
+def test_units_in_the_headings_are_understood(tmp_path):
+    path = write(
+        tmp_path / "a.csv",
+        "Thrust (kgf),Torque (N·m),rpm,beta_deg",
+        POINT.thrust_N / 9.80665, POINT.torque_Nm, RPM, np.degrees(POINT.beta_rad),
+    )  # fmt: skip
+    table = read_stand(path)
+    assert np.allclose(table.channels["thrust"], POINT.thrust_N, rtol=1e-6)
+    assert np.allclose(table.channels["speed"], RPM * math.pi / 30.0, rtol=1e-6)
+    assert np.allclose(table.channels["beta"], POINT.beta_rad, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"),
+    [("rpm", 1.0), ("rad/s", math.pi / 30.0), ("Hz", 1.0 / 60.0), ("erpm", None)],
+)
+def test_every_unit_of_speed_is_the_same_run(tmp_path, unit, factor):
+    poles = 14 if factor is None else 2
+    shown = RPM * (7.0 if factor is None else factor)
+    path = write(tmp_path / "a.csv", "w,t", shown, POINT.thrust_N)
+    mapping = tmp_path / "m.yaml"
+    name = "rpm" if factor is None else unit
+    mapping.write_text(
+        "channels:\n"
+        f"  speed: {{columns: w, unit: '{name}', poles: {poles}}}\n"
+        "  thrust: {columns: t, unit: N}\n"
+    )
+    table = read_stand(path, str(mapping))
+    assert np.allclose(table.channels["speed"], RPM * math.pi / 30.0)
+
+
+def test_several_rotors_are_one_by_mean_square(tmp_path):
+    path = write(tmp_path / "a.csv", "r1,r2,g", RPM, 1.1 * RPM, 2000.0 * POINT.thrust_N / 9.80665)
+    mapping = tmp_path / "m.yaml"
+    mapping.write_text(
+        "rotors: 2\nchannels: {speed: {columns: [r1, r2], unit: rpm},"
+        " thrust: {columns: g, unit: g}}\n"
+    )
+    table = read_stand(path, str(mapping))
+    assert np.allclose(table.channels["thrust"], POINT.thrust_N)
+    assert np.allclose(table.channels["speed"], RPM * math.pi / 30.0 * math.sqrt(1.105))
+
+
+def recording(lag=20, seed=0):
+    """A staircase of 12 commands, 50 rows each, the cell late, tared at 0.3 N."""
+    rng = np.random.default_rng(seed)
+    levels = np.concatenate(
+        [[0.0], np.linspace(2000.0, 6000.0, 6), np.linspace(5500.0, 1500.0, 6)]
+    )
+    rpm = np.repeat(levels, 50)
+    thrust = 2e-5 * (rpm * math.pi / 30.0) ** 2
+    late = np.concatenate([np.zeros(lag), thrust[: thrust.size - lag]])
+    late += 0.3 + 0.002 * rng.standard_normal(rpm.size)
+    return rpm + rng.standard_normal(rpm.size) * (rpm > 0.0), late, np.repeat(np.arange(13), 50)
+
+
+def test_lag_and_tare_of_a_recording_are_found(tmp_path):
+    rpm, thrust, command = recording()
+    path = write(tmp_path / "a.csv", "rpm,thrust_N,pwm", np.maximum(rpm, 0.0), thrust, command)
+    found = plateaus(read_stand(path))
+    assert abs(found.lag_rows - 20) <= 2
+    assert found.standstill[0] == pytest.approx(0.3, abs=0.003)
+    turning = found.speed > 10.0
+    k = found.readings[turning, 0] / found.speed[turning] ** 2
+    assert np.allclose(k, 2e-5, rtol=0.01)
+    assert {f.check for f in found.findings} >= {"lag", "tare"}
+
+
+def test_an_outlier_is_set_apart_and_said(tmp_path):
+    rng = np.random.default_rng(1)
+    thrust = POINT.thrust_N * (1.0 + 1e-3 * rng.standard_normal(12))
+    rpm, thrust = np.repeat(RPM, 2), np.repeat(thrust, 2)
+    thrust[9] *= 1.5
+    found = plateaus(read_stand(write(tmp_path / "a.csv", "rpm,thrust_N", rpm, thrust)))
+    assert found.speed.size == 23
+    [finding] = [f for f in found.findings if f.check == "outlier"]
+    assert f"{rpm[9]:.0f}" in finding.message
+
+
+def test_a_glitch_of_one_of_four_tachometers_does_not_move_the_speed(tmp_path):
+    rpm = np.full((100, 4), 9000.0)
+    rpm[:, :] += np.linspace(0.0, 900.0, 100)[:, None]
+    bad = rpm.copy()
+    bad[50, 2] = 900.0
+    header = "a,b,c,d,t"
+    thrust = 2e-8 * (rpm[:, 0] * math.pi / 30.0) ** 2
+    mapping = tmp_path / "m.yaml"
+    mapping.write_text(
+        "model: plain\nrotors: 1\nchannels: {speed: {columns: [a, b, c, d], unit: rpm},"
+        " thrust: {columns: t, unit: N}}\n"
+    )
+    table = read_stand(write(tmp_path / "a.csv", header, *bad.T, thrust), str(mapping))
+    assert table.channels["speed"][50] == pytest.approx(rpm[50, 0] * math.pi / 30.0, rel=0.01)
+    assert "c 1" in next(f for f in table.findings if f.check == "speed_glitch").message
+
+
+BAD = {
+    "": "is empty",
+    "rpm,thrust_N\n": "no row",
+    "rpm,thrust_N\n1,2\n": "3 or more",
+    "time_s,thrust_N\n1,2\n2,3\n3,4\n": "no column for speed",
+    "rpm,time_s\n1,2\n2,3\n3,4\n": "thrust or torque",
+    "rpm,thrust\n1000,2\n2000,3\n3000,4\n": "has no unit",
+    "rpm,thrust[furlong]\n1000,2\n2000,3\n3000,4\n": "unit of column",
+    "rpm,thrust_N\nnan,2\n,3\nx,4\n": "rows with numbers",
+    "rpm,thrust_N\n1000,-0.1\n2000,-0.5\n3000,-1.0\n": "falls with speed",
+    "rpm,thrust_N\n-1000,0.1\n2000,0.5\n3000,1.0\n": "negative speeds",
+    "speed_rad_s,thrust_N\n10000,0.1\n20000,0.5\n30000,1.0\n": "Mach",
+    "rpm,thrust_N\n100,0.1\n150,0.5\n170,1.0\n": "never passes",
+    "rpm,thrust_N,thrust_sigma_N\n1000,1,.1\n2000,4,-1\n3000,9,.1\n": "has -1 in row 2",
+    "rpm,thrust_N,thrust_sigma_N\n1000,1,.1\n2000,4,.1\n3000,9,0\n": "has 0 in row 3",
+    "rpm,thrust_N,thrust_N\n1000,1,1\n2000,4,5\n3000,9,9\n": "is there 2 times",
+    "rpm;thrust_N\n2000;0,6\n3000;1,4\n4000;2,5\n": "'0,6' has a decimal comma.*as 0.6",
+    "rpm,thrust_furlong\n1000,2\n2000,3\n3000,4\n": "N, mN, kN, g, gf, kg",
+    "rpm,thrust\n1000,2\n2000,3\n3001,4\n": r"\(N, mN, kN, g, gf, kg",
+    "rpm,thrust_N,beta_rad\n1000,0.1,5\n2000,0.5,8\n3000,1.0,12\n": "degrees",
+}
+
+
+@pytest.mark.parametrize("text", BAD)
+def test_bad_tables_are_refused_with_a_reason(tmp_path, text):
+    path = tmp_path / "bad.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=BAD[text]) as error:
+        read_stand(path)
+    assert "\n" not in str(error.value)
+    assert "accepted" in str(error.value) or "holds a header" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[1, 2]", "accepted"),
+        ("channels: {thrust: {columns: t}}", "no unit"),
+        ("channels: {thrust: {columns: [a, b], unit: N}}", "one name of a column"),
+        ("channels: {thrust: {columns: t, unit: N, sign: 3}}", "sign"),
+        ("channels: {speed: {columns: t, unit: rpm, poles: 7}}", "even"),
+        ("chanels: {}", "did you mean 'channels'"),
+        ("model: helicopter", "model"),
+        ("rotors: 0", "rotors"),
+        ("rotors: .nan", "rotors"),
+        ("{", "YAML"),
+    ],
+)
+def test_bad_mappings_are_refused_with_a_reason(text, said):
+    with pytest.raises(InputError, match=said):
+        parse_mapping(text, "m")
+
+
+def test_speeds_beyond_the_law_are_set_apart_and_said(tmp_path):
+    rpm = np.linspace(2000.0, 12000.0, 9)
+    thrust = 1e-7 * rpm**2
+    table = read_stand(write(tmp_path / "a.csv", "rpm,thrust_N", rpm, thrust))
+    found = assemble([table], 5, "repaired")
+    assert any("6635 rpm" in f.message for f in found.findings if f.check == "speed")
+    words = summary(analyse(found.points), (), ())
+    assert words.startswith("4 points")  # of nine: those beyond do not count
+
+
+def test_too_few_points_within_the_law_are_refused(tmp_path):
+    rpm = np.array([2000.0, 4000.0, 14000.0, 16000.0, 17900.0])
+    table = read_stand(write(tmp_path / "a.csv", "rpm,thrust_N", rpm, 1e-7 * rpm**2))
+    with pytest.raises(InputError, match=r"2 of 5 points .* accepted: 3 or more"):
+        assemble([table], 5, "repaired")
+
+
+def test_a_cell_mounted_the_other_way_round_can_be_told(tmp_path):
+    path = write(tmp_path / "a.csv", "rpm,t", RPM, -POINT.thrust_N)
+    mapping = tmp_path / "m.yaml"
+    mapping.write_text(
+        "channels: {speed: {columns: rpm, unit: rpm}, thrust: {columns: t, unit: N, sign: -1}}"
+    )
+    assert np.allclose(read_stand(path, str(mapping)).channels["thrust"], POINT.thrust_N)
+
+
+def test_a_run_cut_off_before_it_lifts_is_refused(tmp_path):
+    rpm = np.linspace(300.0, 500.0, 40)
+    path = write(tmp_path / "a.csv", "rpm,thrust_N", rpm, 0.001 - 1e-6 * rpm**1.5)
+    mapping = tmp_path / "m.yaml"
+    mapping.write_text(
+        "model: plain\nchannels: {speed: {columns: rpm, unit: rpm}, "
+        "thrust: {columns: thrust_N, unit: N}}"
+    )
+    with pytest.raises(InputError, match=r"falls with speed|does not rise"):
+        assemble([read_stand(path, str(mapping))], 13, "repaired")
+
+
+def test_one_speed_is_never_enough_for_a_name(tmp_path):
+    path = write(tmp_path / "a.csv", "rpm,thrust_N", np.full(4, 5000.0), np.full(4, 4.6))
+    found = analyse(assemble([read_stand(path)], 13, "repaired").points)
+    assert found.judgement.verdict == "set"
+    assert {"thrust_gain", "thrust_coefficient"} <= set(found.judgement.members)
+
+
+def test_the_same_run_twice_is_refused(tmp_path):
+    one = read_stand(write(tmp_path / "a.csv", "rpm,thrust_N", RPM, POINT.thrust_N))
+    copy = read_stand(write(tmp_path / "b.csv", "rpm,thrust_N", RPM, POINT.thrust_N))
+    for other in (one, copy):
+        with pytest.raises(InputError, match="the same numbers"):
+            assemble([one, other], 13, "repaired")
+
+
+@pytest.mark.parametrize("heading", ["thrust_gf", "Weight (gf)", "force_kgf", "thrust_lbf"])
+def test_every_known_unit_may_stand_in_a_name(tmp_path, heading):
+    small = 1e3 / 9.80665
+    factor = {"force_kgf": 1e-3 * small, "thrust_lbf": 1.0 / 4.4482216}.get(heading, small)
+    path = write(tmp_path / "a.csv", f"rpm,{heading}", RPM, factor * POINT.thrust_N)
+    assert np.allclose(read_stand(path).channels["thrust"], POINT.thrust_N, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("conf", "said"), [(13.5, "13.5"), (99, "99")])
+def test_an_unknown_configuration_says_where_it_stands(tmp_path, conf, said):
+    path = write(tmp_path / "a.csv", "kind,rpm,thrust_N", np.full(12, conf), RPM, POINT.thrust_N)
+    path.write_text(path.read_text().replace("kind", "conf"))
+    with pytest.raises(InputError) as error:
+        assemble([read_stand(path)], 13, "repaired")
+    assert all(x in str(error.value) for x in ("a.csv", "'conf'", said))
+
+
+def test_a_large_tare_is_no_wrong_unit(tmp_path):
+    path = write(
+        tmp_path / "a.csv", "rpm,thrust_N", RPM, POINT.thrust_N + 3.0 * POINT.thrust_N[-1]
+    )
+    assert assemble([read_stand(path)], 13, "repaired").points.count == 12
+
+
+@pytest.mark.parametrize(
+    ("speed", "thrust", "said"),
+    [
+        (1.0, 1e3 / 9.80665, "grams read as newtons"),
+        (math.pi / 30.0, 1.0, "rad/s read as rpm"),
+        (1.0, 4.0, "rotors: 4"),
+        (1.0, 1.5, ""),
+    ],
+)
+def test_thrust_in_a_wrong_unit_is_said(tmp_path, speed, thrust, said):
+    rpm = np.linspace(4500.0, 6000.0, 12)
+    newton = evaluate(configuration(13), rpm * math.pi / 30.0).thrust_N
+    path = write(tmp_path / "a.csv", "rpm,thrust_N", rpm * speed, newton * thrust)
+    if not said:
+        assert assemble([read_stand(path)], 13, "repaired").points.count == 12
+        return
+    right = read_stand(write(tmp_path / "b.csv", "rpm,thrust_N", rpm, newton))
+    for tables in ([read_stand(path)], [right, read_stand(path)]):
+        with pytest.raises(InputError) as error:
+            assemble(tables, 13, "repaired")
+        assert all(x in str(error.value) for x in ("a.csv", "'thrust_N' as N", "times", said))

@@ -1,0 +1,147 @@
+"""The files of a diagnosis: strict JSON with the fields that were agreed on, all or nothing."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import pytest
+import yaml
+from diagnosis_samples import EXPERIMENT, MISSION, sample
+
+from tombo_diagnosis.report.diagnosis_output import (
+    DIAGNOSIS_FILES,
+    HeldAgainst,
+    diagnosis_json,
+    write_diagnosis,
+)
+from tombo_dynamics.errors import InputError
+from tombo_flight.model_file import read_model
+from tombo_flight.process.output_folder import open_output
+
+AGAINST = HeldAgainst("hover", "2031-04-05")
+
+
+def strict(text: str):
+    def refuse(name: str):
+        raise AssertionError(f"{name} is no JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+def write(path: Path, found, *, replace: bool = False, **options) -> set[str]:
+    with open_output(path, replace=replace, results=DIAGNOSIS_FILES) as folder:
+        write_diagnosis(folder, found, AGAINST, **options)
+        folder.publish()
+    return {str(p.relative_to(path)) for p in path.rglob("*") if p.is_file()}
+
+
+def test_the_fields_are_exactly_those_agreed_on():
+    found = strict(diagnosis_json(sample("set")))
+    assert list(found) == [
+        "verdict", "causes", "set", "separating_experiment", "gain", "prechecks", "candidates",
+        "flights", "confidence", "summary", "notes", "model", "vehicle", "seconds", "version",
+    ]  # fmt: skip
+    assert set(found["separating_experiment"]) == {
+        "effects", "text", "separation", "present", "mission_file",
+    }  # fmt: skip
+    assert set(found["causes"][0]) == {"effect", "theta", "confidence", "covariance"}
+    assert set(found["causes"][0]["theta"]["fraction"]) == {
+        "value", "unit", "nominal", "low", "high",
+    }  # fmt: skip
+    assert set(strict(diagnosis_json(sample()))["gain"][0]) == {
+        "channel", "unit", "horizon", "before", "after", "reduction", "low", "high", "flights",
+    }  # fmt: skip
+    assert set(found["prechecks"][0]) == {
+        "check", "severity", "flight", "channel", "message", "start_s", "end_s",
+    }  # fmt: skip
+    assert found["set"] == ["mass_error", "thrust_coefficient_error"]
+    assert found["separating_experiment"]["mission_file"] == "separating_experiment.yaml"
+
+
+def test_values_survive_the_round_trip_and_what_is_not_finite_is_null():
+    found = sample()
+    theta = dataclasses.replace(found.causes[0].theta[0], high=math.inf)
+    cause = dataclasses.replace(found.causes[0], theta=(theta,))
+    read = strict(diagnosis_json(dataclasses.replace(found, causes=(cause,))))
+    assert read["causes"][0]["theta"]["d_xy"] == {
+        "value": 0.283, "unit": "N s/m", "nominal": 0.0, "low": 0.2761, "high": None,
+    }  # fmt: skip
+    assert read["causes"][0]["covariance"] == [[1.3e-5, 2.0e-7], [2.0e-7, 9.1e-4]]
+    assert read["prechecks"][0]["start_s"] is None
+    assert read["prechecks"][2] == {
+        "check": "crash", "severity": "fault", "flight": "circle_3", "channel": "accel",
+        "message": "accel: 2.5 g, then upside down; set apart", "start_s": 25.0, "end_s": 28.5,
+    }  # fmt: skip
+    assert read["separating_experiment"] is None
+    assert read["gain"][-1]["low"] is None
+    assert read["candidates"][0]["evidence"] == 812.4
+    assert read["flights"][1]["missing"] == ["gyro", "accel", "rotor_speed"]
+
+
+def test_a_named_cause_leaves_a_model_that_can_be_read(tmp_path):
+    names = write(tmp_path / "o", sample(flights=2, seconds=10.0))
+    assert names == set(DIAGNOSIS_FILES) - {"separating_experiment.yaml"}
+    model = read_model(tmp_path / "o" / "model.yaml")
+    assert model.effects == {"linear_rotor_drag": {"d_xy": 0.283, "d_z": 0.041}}
+    assert (model.origin.scenario, model.origin.date) == ("hover", "2031-04-05")
+    assert str(tmp_path / "o" / "model.yaml") in (tmp_path / "o" / "report.html").read_text()
+    assert (tmp_path / "o" / "plots" / "summary.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_set_leaves_the_mission_and_no_model(tmp_path):
+    names = write(tmp_path / "o", sample("set", flights=1, seconds=10.0), pictures=False)
+    assert names == {"diagnosis.json", "separating_experiment.yaml"}
+    text = (tmp_path / "o" / "separating_experiment.yaml").read_text()
+    assert yaml.safe_load(text) == MISSION
+    assert text.startswith(f"# {EXPERIMENT.text}")
+
+
+@pytest.mark.parametrize("verdict", ["none", "unknown"])
+def test_without_a_cause_there_is_neither(tmp_path, verdict):
+    found = sample(verdict, flights=1, seconds=10.0)
+    assert write(tmp_path / "o", found, pictures=False) == {"diagnosis.json"}
+
+
+def test_an_earlier_diagnosis_gives_way_and_other_files_stay(tmp_path):
+    target = tmp_path / "o"
+    write(target, sample("named", flights=1, seconds=10.0))
+    (target / "mine.txt").write_text("mine")
+    (target / "plots" / "mine.png").write_text("mine")
+    names = write(target, sample("set", flights=1, seconds=10.0), replace=True, pictures=False)
+    assert names == {
+        "diagnosis.json", "separating_experiment.yaml", "mine.txt", "plots/mine.png",
+    }  # fmt: skip
+    with pytest.raises(InputError, match="not empty"):
+        write(target, sample(flights=1, seconds=10.0))
+
+
+def test_a_failure_half_way_leaves_the_folder_as_it_was(tmp_path, monkeypatch):
+    from tombo_diagnosis.report import diagnosis_plots
+
+    target = tmp_path / "o"
+    write(target, sample("set", flights=1, seconds=10.0), pictures=False)
+    before = {p: p.read_bytes() for p in target.rglob("*")}
+
+    def bug(diagnosis):
+        raise RuntimeError("a bug")
+
+    monkeypatch.setattr(diagnosis_plots, "draw_gains", bug)
+    with pytest.raises(RuntimeError, match="a bug"):
+        write(target, sample(flights=1, seconds=10.0), replace=True)
+    assert {p: p.read_bytes() for p in target.rglob("*")} == before
+    with pytest.raises(RuntimeError, match="a bug"):
+        write(tmp_path / "new" / "deep", sample(flights=1, seconds=10.0))
+    assert {p.name for p in tmp_path.iterdir()} == {"o"}
+
+
+def test_a_file_where_the_plots_go_is_refused_before_anything_is_replaced(tmp_path):
+    target = tmp_path / "o"
+    target.mkdir()
+    (target / "plots").write_text("a file")
+    (target / "diagnosis.json").write_text("old")
+    with pytest.raises(InputError, match="plots in it is a file"):
+        write(target, sample(flights=1, seconds=10.0), replace=True)
+    assert (target / "diagnosis.json").read_text() == "old"

@@ -1,0 +1,187 @@
+"""What a blind case hides: nothing, one effect, two, or a force that no effect describes.
+
+The flights come from a richer model than the candidates: every parameter is off its nominal value
+by what a careful lab leaves (the tolerance), sensors have faults that no effect has, and courses
+differ. All of it derives from (seed, number of the case).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from tombo_diagnosis.flight.candidates import PARAMETERS, Parameter
+from tombo_dynamics.disturbance import SHAPES
+from tombo_flight.scenario import load_scenario
+
+SIZES = {"small": 0.25, "medium": 0.5, "large": 1.0}
+"""Share of the size that clearly matters (`typical` in the registry)."""
+KINDS = (("none", 0.2), ("single", 0.5), ("pair", 0.1), ("unknown", 0.2))
+FORMULATIONS = (("imu_rpm", 0.35), ("imu", 0.25), ("mocap_rpm", 0.2), ("mocap", 0.2))
+NOT_FLOWN = frozenset({"contact_force", "blade_strike", "propeller_wear"})
+"""Effects of contact: the flights of the benchmark touch nothing."""
+UNSEEN = frozenset({"mocap_misalignment.yaw"})
+"""No flight can show it: physics does not know where north is."""
+_ALIASES = frozenset({"body_push"})
+"""Shapes that without an IMU are the same as an effect: a constant push in body axes is a thrust
+that leans, as of a rigid body that was defined turned."""
+_NOISES = (
+    *("imu_noise.gyro", "imu_noise.accel", "mocap_noise.position", "mocap_noise.attitude"),
+    *("mocap_latency.jitter", "thrust_scatter.deviation"),
+)
+"""Hidden as more of it: nobody looks for the cause of too little noise."""
+_IMU_ONLY = ("imu_", "accel_scale")
+"""Effects that only an IMU shows."""
+NOMINAL = {
+    **{n: e for n, e in load_scenario("no_obstacle").effects.items() if n not in NOT_FLOWN},
+    "thrust_scatter": {"deviation": 0.01},
+}
+"""What the nominal model knows: the paper's flight, with a matched set of propellers."""
+
+Effects = dict[str, dict[str, float]]
+
+
+@dataclass(frozen=True)
+class Case:
+    """One blind case."""
+
+    number: int
+    kind: str
+    """none, single, pair or unknown."""
+    size: str
+    """small, medium, large; empty for none."""
+    formulation: str
+    """imu or mocap, _rpm where rotor speeds are measured."""
+    hidden: tuple[str, ...]
+    """Effects at work beyond the nominal ones, or the disturbance."""
+    shift: Mapping[str, float]
+    """effect.parameter -> hidden value minus nominal value."""
+    effects: Mapping[str, Mapping[str, float]]
+    """The true model: nominal, off by tolerances, and what is hidden."""
+    disturbance: tuple[float, ...]
+    """Parameters of the disturbance, empty for none."""
+    flights: int
+    seed: tuple[int, int]
+
+
+def make_case(seed: int, number: int, flights: int = 3) -> Case:
+    """Return a case; the same for the same seed and number."""
+    rng = np.random.default_rng([seed, number])
+    kind = _draw(rng, KINDS)
+    formulation = _draw(rng, FORMULATIONS)
+    effects: Effects = {name: dict(values) for name, values in NOMINAL.items()}
+    _leave_tolerances(effects, rng)
+    hidden: list[str] = []
+    shift: dict[str, float] = {}
+    size = "" if kind == "none" else str(rng.choice(list(SIZES)))
+    disturbance: tuple[float, ...] = ()
+    if kind in ("single", "pair"):
+        if kind == "pair" and size == "small":
+            size = "medium"
+        candidates = effects_that_show(formulation)
+        for name in rng.choice(candidates, 1 if kind == "single" else 2, replace=False):
+            hidden.append(str(name))
+            factor = SIZES[size] * float(rng.uniform(0.8, 1.25))
+            for parameter, change in _shift(str(name), factor, rng).items():
+                label = f"{name}.{parameter.name}"
+                base = effects.setdefault(str(name), {}).get(parameter.name, parameter.null)
+                value = float(np.clip(base + change, parameter.low, parameter.high))
+                if label == "mocap_stamp_error.offset" and value > 0.009:
+                    value = -value  # later than it arrives no stamp can be
+                effects[str(name)][parameter.name] = value
+                shift[label] = value - nominal_value(parameter)
+    elif kind == "unknown":
+        shapes = [s for s in SHAPES if not (s in _ALIASES and formulation.startswith("mocap"))]
+        name = str(rng.choice(shapes))
+        hidden.append(name)
+        factor = {"small": 0.8, "medium": 1.2, "large": 2.0}[size]
+        disturbance = _disturbance(name, factor, rng)
+    return Case(
+        number, kind, size, formulation, tuple(hidden), shift, effects, disturbance, flights,
+        (seed, number),
+    )  # fmt: skip
+
+
+def effects_that_show(formulation: str) -> list[str]:
+    """Return the effects that flights with these sensors can show at all."""
+    names = list(dict.fromkeys(p.effect for p in PARAMETERS))
+    blind = _IMU_ONLY if formulation.startswith("mocap") else ()
+    return (
+        [n for n in names if n not in NOT_FLOWN and not n.startswith(blind)]
+        if blind
+        else [n for n in names if n not in NOT_FLOWN]
+    )
+
+
+def nominal_value(parameter: Parameter) -> float:
+    """Return a parameter's value in the nominal model."""
+    return NOMINAL.get(parameter.effect, {}).get(parameter.name, parameter.null)
+
+
+def _draw(rng: np.random.Generator, table: tuple[tuple[str, float], ...]) -> str:
+    names, weights = zip(*table, strict=True)
+    return str(rng.choice(names, p=np.array(weights) / sum(weights)))
+
+
+def _leave_tolerances(effects: Effects, rng: np.random.Generator) -> None:
+    """Put every parameter off its nominal value by what a careful lab leaves."""
+    for p in PARAMETERS:
+        off = p.tolerance * float(rng.standard_normal())
+        if p.effect in NOT_FLOWN or p.effect in ("mocap_dropouts", "thrust_scatter"):
+            continue
+        if p.label == "gusts.time":
+            continue
+        base = nominal_value(p)
+        if base <= p.low:
+            off = abs(off)
+        effects.setdefault(p.effect, {})[p.name] = float(np.clip(base + off, p.low, p.high))
+
+
+def _shift(name: str, factor: float, rng: np.random.Generator) -> dict[Parameter, float]:
+    """Return how far the hidden effect's parameters are moved: `factor` of what matters."""
+    own = [p for p in PARAMETERS if p.effect == name and p.label not in UNSEEN]
+    if name == "gusts":
+        deviation, time = own
+        return {deviation: factor * deviation.scale, time: float(rng.uniform(-0.5, 1.0))}
+    if name == "mocap_dropouts":
+        probability, duration = own
+        return {probability: factor * probability.scale, duration: duration.scale}
+    if name in ("weak_propeller", "mocap_latency"):
+        chosen = [own[int(rng.integers(len(own)))]]
+    else:
+        unit = str(rng.choice(sorted({p.unit for p in own})))
+        chosen = [p for p in own if p.unit == unit]
+    direction = rng.standard_normal(len(chosen))
+    direction /= np.linalg.norm(direction)
+    moved = {}
+    for p, share in zip(chosen, direction, strict=True):
+        change = factor * p.scale * float(share)
+        if p.label in _NOISES:
+            change = abs(change)
+        base = nominal_value(p)
+        if not p.low <= base + change <= p.high:
+            change = -change
+        moved[p] = change
+    return moved
+
+
+def _disturbance(name: str, factor: float, rng: np.random.Generator) -> tuple[float, ...]:
+    """Return the parameters of a disturbance whose strength is `factor` times its typical one."""
+    strength = {
+        "tether": "stiffness", "slung_load": "mass", "periodic_push": "amplitude",
+        "thrust_fade": "rate", "dry_drag": "force", "wall_suction": "force",
+        "yaw_spring": "moment", "thrust_hysteresis": "play",
+    }  # fmt: skip
+    values = []
+    for p in SHAPES[name].params:
+        value = p.typical
+        if p.name == strength.get(name) or name == "body_push":
+            value *= factor
+        elif p.name == "heading":
+            value = float(rng.uniform(-np.pi, np.pi))
+        elif p.name == "frequency":
+            value = float(rng.uniform(0.15, 1.5))
+        values.append(float(np.clip(value, *p.bounds)))
+    return tuple(values)

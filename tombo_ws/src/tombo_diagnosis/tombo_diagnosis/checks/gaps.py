@@ -1,0 +1,52 @@
+"""Where samples are missing."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tombo_diagnosis.checks.spans import Array, Span, step_of
+from tombo_diagnosis.logs.flight_log import Finding
+
+_LEAST_S = 0.05
+_LONG_S = 0.3
+_SHARE = 0.05
+
+
+def gap_spans(t: Array) -> list[Span]:
+    """Return where stamps are further apart than three usual steps, and 50 ms."""
+    limit = max(_LEAST_S, 3.5 * step_of(t))
+    found = np.flatnonzero(np.diff(t) > limit)
+    return [(float(t[i]), float(t[i + 1])) for i in found]
+
+
+def gaps(flight: str, channel: str, t: Array, begin: float, end: float) -> list[Finding]:
+    """Say what is missing of a channel between the begin and the end of the flight."""
+    if t.size < 2:
+        return []
+    findings = []
+    spans = gap_spans(t)
+    if spans:
+        lengths = np.array([e - b for b, e in spans])
+        share = float(lengths.sum() / max(t[-1] - t[0], 1e-9))
+        longest = spans[int(np.argmax(lengths))]
+        grave = lengths.max() > _LONG_S or share > _SHARE
+        findings.append(
+            Finding(
+                "gap",
+                "warning" if grave else "info",
+                flight,
+                f"{channel}: {len(spans)} gaps, {100 * share:.1f} % of the time, the longest "
+                f"{lengths.max():.2f} s at {longest[0]:.2f} s",
+                *longest,
+                channel=channel,
+            )
+        )
+    for text, span in (
+        ("begins {:.1f} s late", (begin, float(t[0]))),
+        ("ends {:.1f} s early", (float(t[-1]), end)),
+    ):
+        missing = span[1] - span[0]
+        if missing > 1.0:
+            message = f"{channel}: {text.format(missing)}; expected: the whole flight"
+            findings.append(Finding("gap", "warning", flight, message, *span, channel))
+    return findings

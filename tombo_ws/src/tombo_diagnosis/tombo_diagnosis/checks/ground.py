@@ -1,0 +1,132 @@
+"""Where the vehicle stands on the ground: before take-off, after landing, and between."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from tombo_diagnosis.checks.spans import Array, Mask, Span, merged, runs, step_of
+from tombo_diagnosis.logs.flight_log import Finding, Series
+
+_RISE = 0.12
+"""m that a flight goes above the ground, at least."""
+_NEAR = 0.03
+"""m above where it stands: no longer on the ground."""
+_STILL = 0.03
+"""m/s below which a vehicle stands."""
+_WINDOW_S = 0.4
+_NOISE_FREE = 2e-5
+"""m of noise that every motion capture has; less is made up."""
+_MARGIN_S = 0.2
+"""s after lift-off and before touch-down that are set apart as well."""
+_DRIVERS = ("rotor_speed", "rotor_command", "motor_command")
+
+
+def ground_spans(position: Series, series: Mapping[str, Series]) -> list[Span]:
+    """Return the spans on the ground; none where it can't be told from hovering.
+
+    It stands where it is still and low, and rises later or came down before. Where the motors'
+    commands are known, they must be low or the height that of the start or the end.
+    """
+    t, z = position.t, position.values[:, 2]
+    if t.size < 10 or t[-1] - t[0] < 2.0 * _WINDOW_S:
+        return []
+    still = _still(t, position.values)
+    off = _motors_off(t, series)
+    spans = []
+    top = float(np.percentile(z, 90.0))
+    for begin, end in runs(still | off):
+        # from where it stands on, so long as it stays low: lift-off is slow at first
+        level = float(np.median(z[begin:end]))
+        if top - level < _RISE:
+            continue
+        standing = off[begin:end].mean() > 0.5
+        if not standing and not _quiet(t[begin:end], position.values[begin:end]):
+            continue
+        low = z < level + _NEAR
+        first, last = begin, end - 1
+        while first > 0 and low[first - 1]:
+            first -= 1
+        while last < t.size - 1 and low[last + 1]:
+            last += 1
+        spans.append((_touch_down(t, z, first, level, top), float(t[last]) + _MARGIN_S))
+    spans = merged([*spans, *_off_spans(t, off)])
+    return [(t[0] if b < t[0] + 0.5 else b, t[-1] if e > t[-1] - 0.5 else e) for b, e in spans]
+
+
+def ground(flight: str, position: Series, series: Mapping[str, Series]) -> list[Finding]:
+    """Say where the vehicle stands on the ground, and whether it flies at all."""
+    found = [
+        Finding("ground", "info", flight, "on the ground or landing: set apart", b, e, "position")
+        for b, e in ground_spans(position, series)
+    ]
+    z = position.values[:, 2]
+    if z.size > 100 and _noise(z[:, None])[0] > _NOISE_FREE:
+        spread = 1.4826 * float(np.median(np.abs(z - np.median(z))))
+        if spread < 1.5 * _noise(z[:, None])[0] and np.ptp(z) < _RISE:
+            text = (
+                f"position: z stays at {np.median(z):.2f} m to within its noise of "
+                f"{1e3 * spread:.1f} mm for the whole log; expected: a flight; does it stand?"
+            )
+            found.append(Finding("ground", "warning", flight, text, channel="position"))
+    return found
+
+
+def _noise(values: Array) -> Array:
+    """Return the standard deviation of white noise on each column."""
+    return np.asarray(
+        1.4826 * np.median(np.abs(np.diff(values, 2, axis=0)), axis=0) / np.sqrt(6.0)
+    )
+
+
+def _still(t: Array, position: Array) -> Mask:
+    """Say where the mean velocity over a window is next to nothing."""
+    half = max(round(0.5 * _WINDOW_S / max(step_of(t), 1e-6)), 1)
+    ahead = np.minimum(np.arange(t.size) + half, t.size - 1)
+    behind = np.maximum(np.arange(t.size) - half, 0)
+    held = np.maximum(t[ahead] - t[behind], 1e-9)
+    speed = np.linalg.norm(position[ahead] - position[behind], axis=1) / held
+    return np.asarray(speed < _STILL)
+
+
+def _quiet(t: Array, position: Array) -> bool:
+    """Say whether it moves no more than white noise does: a hovering vehicle wanders."""
+    if t.size < 6 or t[-1] - t[0] < _WINDOW_S:
+        return False
+    noise = _noise(position)
+    wander = 1.4826 * np.median(np.abs(position - np.median(position, axis=0)), axis=0)
+    return bool((wander <= np.maximum(2.5 * noise, 1.5e-3)).all())
+
+
+def _motors_off(t: Array, series: Mapping[str, Series]) -> Mask:
+    """Say when the motors' commands are below a fifth of what they are in flight."""
+    for name in _DRIVERS:
+        drive = series.get(name)
+        if drive is None or drive.t.size < 10:
+            continue
+        mean = drive.values.mean(axis=1)
+        usual = float(np.percentile(mean, 75.0))
+        if usual > 0.0:
+            at = np.interp(t, drive.t, mean)
+            outside = (t < drive.t[0] - 0.1) | (t > drive.t[-1] + 0.1)
+            return np.asarray((at < 0.2 * usual) & ~outside)
+    return np.zeros(t.shape, np.bool_)
+
+
+def _off_spans(t: Array, off: Mask) -> list[Span]:
+    return [
+        (float(t[b]) - _MARGIN_S, float(t[e - 1]) + _MARGIN_S)
+        for b, e in runs(off)
+        if t[e - 1] - t[b] > 0.05
+    ]
+
+
+def _touch_down(t: Array, z: Array, first: int, level: float, top: float) -> float:
+    """Return when a descent first touched the ground: it may hop after that."""
+    high = np.flatnonzero(z[:first] > level + 0.5 * (top - level))
+    begin = int(high[-1]) if high.size else first
+    low = np.flatnonzero(z[begin : first + 1] < level + _NEAR + 0.02)
+    touched = begin + int(low[0]) if low.size else first
+    # it may have happened at any time since the pose before
+    return float(t[max(touched - 1, 0)]) - (_MARGIN_S if touched > 0 else 0.0)

@@ -1,0 +1,109 @@
+"""The motion that poses and IMU tell, smoothed alike on one even clock, to hold them together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.transform import Rotation
+
+from tombo_diagnosis.checks.gaps import gap_spans
+from tombo_diagnosis.checks.spans import Array, Mask, Span, inside
+from tombo_diagnosis.logs.flight_log import Series
+from tombo_diagnosis.logs.frames import is_usable
+from tombo_dynamics.rotation import continuous
+
+RATE = 50.0
+"""Hz of the even clock."""
+WIDTH = 0.055
+"""Standard deviation of the Gaussian that all pass through [s]."""
+_REACH = 4.0 * WIDTH
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What poses say, and the IMU, at even times. Rows that `good` denies mean nothing."""
+
+    t: Array
+    """(N,) s"""
+    rates: Array
+    """(N, 3) body rates of the attitude [rad/s]."""
+    acceleration: Array
+    """(N, 3) of the position [m/s^2]."""
+    up: Array
+    """(N, 3) body z axis in map."""
+    attitude: Array
+    """(N, 4)"""
+    good: Mask
+    gyro: Array
+    """(N, 3) or (0, 3)."""
+    accel: Array
+    """(N, 3) or (0, 3)."""
+
+
+def motion_of(
+    position: Series, attitude: Series, gyro: Series | None, accel: Series | None,
+    exclude: list[Span],
+) -> Motion:  # fmt: skip
+    """Lay poses and IMU on one clock; tidy series are expected."""
+    begin = max(position.t[0], attitude.t[0])
+    end = min(position.t[-1], attitude.t[-1])
+    count = max(int((end - begin) * RATE), 0)
+    t = begin + np.arange(count) / RATE
+    empty = np.zeros((0, 3))
+    if count < 25:
+        return Motion(t[:0], empty, empty, empty, np.zeros((0, 4)), t[:0] > 0, empty, empty)
+    spoiled = inside(t, exclude)
+    for series in (position, attitude, gyro, accel):
+        if series is not None:
+            spoiled |= inside(t, gap_spans(series.t))
+            spoiled |= (t < series.t[0]) | (t > series.t[-1])
+    p = _sampled(position, t)
+    usable = is_usable(attitude.values)
+    q = _sampled(Series(attitude.t[usable], continuous(attitude.values[usable])), t)
+    q /= np.maximum(np.linalg.norm(q, axis=1, keepdims=True), 1e-9)
+    sigma = WIDTH * RATE
+    smooth = gaussian_filter1d(q, sigma, axis=0)
+    smooth /= np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), 1e-9)
+    slope = gaussian_filter1d(q, sigma, axis=0, order=1) * RATE
+    turn = Rotation.from_quat(smooth)
+    near = gaussian_filter1d(spoiled.astype(np.float64), sigma, truncate=4.0) > 1e-9
+    near |= (t < t[0] + _REACH) | (t > t[-1] - _REACH)
+    return Motion(
+        t,
+        _rates(smooth, slope),
+        gaussian_filter1d(p, sigma, axis=0, order=2) * RATE**2,
+        turn.apply([0.0, 0.0, 1.0]),
+        smooth,
+        ~near,
+        empty if gyro is None else gaussian_filter1d(_sampled(gyro, t), sigma, axis=0),
+        empty if accel is None else gaussian_filter1d(_sampled(accel, t), sigma, axis=0),
+    )
+
+
+def _rates(q: Array, slope: Array) -> Array:
+    """Return 2 conj(q) dq/dt, its vector part."""
+    x, y, z, w = q.T
+    a, b, c, d = slope.T
+    half = [
+        w * a - x * d - y * c + z * b,
+        w * b - y * d - z * a + x * c,
+        w * c - z * d - x * b + y * a,
+    ]
+    return np.asarray(2.0 * np.column_stack(half))
+
+
+def _sampled(series: Series, t: Array) -> Array:
+    """Return values at `t`: means over a step of `t` where there are many, else straight lines."""
+    stamps, values = series.t, series.values
+    if stamps.size < 2 or np.median(np.diff(stamps)) > 0.5 / RATE:
+        return np.column_stack([np.interp(t, stamps, column) for column in values.T])
+    edges = np.concatenate([t - 0.5 / RATE, t[-1:] + 0.5 / RATE])
+    areas = []
+    for column in values.T:
+        pieces = 0.5 * (column[1:] + column[:-1]) * np.diff(stamps)
+        area = np.concatenate([[0.0], np.cumsum(pieces)])
+        areas.append(np.interp(edges, stamps, area))
+    held = np.diff(np.clip(edges, stamps[0], stamps[-1]))
+    return np.asarray(np.diff(np.column_stack(areas), axis=0) / np.maximum(held, 1e-9)[:, None])

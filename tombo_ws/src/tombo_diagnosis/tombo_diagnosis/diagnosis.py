@@ -1,0 +1,127 @@
+"""What a diagnosis says: verdict, causes, what can't be told apart, gain, and what to fly next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_diagnosis.logs.flight_log import Finding
+from tombo_flight.extended_model import Fitted, Gain
+
+Array = NDArray[np.float64]
+
+VERDICTS = ("none", "named", "set", "unknown", "partly_explained")
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect that the data call for."""
+
+    effect: str
+    """Name in the registry."""
+    theta: tuple[Fitted, ...]
+    confidence: float
+    """Calibrated probability (0 to 1) that this is a cause."""
+    signature: str
+    """How it shows in data, from the registry."""
+    covariance: tuple[tuple[float, ...], ...] = ()
+    """Of theta, in its order."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """How well one candidate does."""
+
+    effect: str
+    gain: float
+    """Share (0 to 1) of the excess residual that it removes in flights it was not fitted on."""
+    evidence: float
+    """Logarithm of its Bayes factor against 'none'."""
+    probability: float
+    """Posterior, all candidates and 'none' together."""
+    excited: bool
+    """False: these flights can't show it."""
+    remark: str = ""
+    """Why it was not excited, or what it can't be told apart from."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """The manoeuvre that would separate what these flights can't."""
+
+    effects: tuple[str, ...]
+    text: str
+    """What to do and why it separates them, a sentence or two."""
+    separation: float
+    """Expected log Bayes factor between the two closest, found by simulating them."""
+    present: float
+    """The same for the flights at hand."""
+    mission: Mapping[str, object] = field(default_factory=dict)
+    """Scenario (plain values) that `tombo fly` flies; empty where only a person can do it."""
+
+
+@dataclass(frozen=True)
+class Residual:
+    """One channel's residual in one flight, to be shown."""
+
+    flight: str
+    channel: str
+    unit: str
+    t: Array
+    """(N,) s"""
+    before: Array
+    """(N,) measured minus nominal model."""
+    after: Array
+    """(N,) measured minus extended model; the same as before where nothing was named."""
+    sigma: float
+    """Standard deviation that measurement noise alone gives it."""
+    drivers: Mapping[str, Array]
+    """Name with unit -> (N,): what could drive it (velocities, height, thrust, voltage ...)."""
+
+
+@dataclass(frozen=True)
+class FlightNote:
+    """One flight of the diagnosis."""
+
+    name: str
+    source: str
+    duration_s: float
+    used_s: float
+    formulation: str
+    """imu (specific force and angular acceleration) or mocap (motion capture alone)."""
+    missing: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """All that was found."""
+
+    verdict: str
+    """One of VERDICTS."""
+    causes: tuple[Cause, ...]
+    """named: up to three; partly_explained: what is part of it; set: the members, likeliest
+    first; else empty."""
+    set: tuple[str, ...]
+    """Names of the members where the data can't tell; else empty."""
+    separating_experiment: Experiment | None
+    gain: tuple[Gain, ...]
+    prechecks: tuple[Finding, ...]
+    candidates: tuple[Score, ...]
+    """All effects of the registry, likeliest first."""
+    flights: tuple[FlightNote, ...]
+    residuals: tuple[Residual, ...]
+    confidence: float
+    """Calibrated probability of the verdict."""
+    summary: str
+    """The verdict in a sentence or two, with figures."""
+    notes: tuple[str, ...] = ()
+    """What can't be certified and why."""
+    model: str = ""
+    """The model that the flights were held against."""
+    vehicle: str = ""
+    """Name of the airframe that flew; empty: the suite's own."""
+    seconds: float = 0.0
+    """Run time after loading."""

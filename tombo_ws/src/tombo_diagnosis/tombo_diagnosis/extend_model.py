@@ -1,0 +1,94 @@
+"""The model that a diagnosis asks for: what was named, laid over what was known."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from tombo_diagnosis.diagnosis import Cause, Diagnosis
+from tombo_dynamics.effects import REGISTRY
+from tombo_dynamics.errors import InputError
+from tombo_flight.extended_model import Addition, Model, Origin, Source
+
+EXTENDS = ("named", "partly_explained")
+"""Verdicts that say what the model lacks; the others leave it as it is."""
+
+
+def model_of(
+    diagnosis: Diagnosis,
+    *,
+    tool: str,
+    date: str,
+    scenario: str,
+    base: Model | None = None,
+) -> Model:
+    """Return the model that a diagnosis asks for.
+
+    Args:
+        diagnosis: its causes are put in.
+        tool: name and version of what made the diagnosis.
+        date: of today, as text.
+        scenario: name of what the flights were held against.
+        base: the model that was laid over it, if any; what it holds stays.
+
+    Raises:
+        InputError: nothing was named, or a cause is not of the registry.
+    """
+    if diagnosis.verdict not in EXTENDS or not diagnosis.causes:
+        raise InputError(
+            f"model: the verdict '{diagnosis.verdict}' names no effect to extend the model by; "
+            f"accepted: {' or '.join(EXTENDS)}, with a cause"
+        )
+    notes: list[str] = []
+    fitted = [_addition(cause, notes) for cause in diagnosis.causes]
+    origin = Origin(
+        tool=tool,
+        date=date,
+        verdict=diagnosis.verdict,
+        confidence=diagnosis.confidence,
+        summary=diagnosis.summary,
+        scenario=scenario,
+        vehicle=diagnosis.vehicle,
+        extends=diagnosis.model if base is not None else "",
+        flights=tuple(
+            Source(f.name, f.source, f.used_s, f.formulation) for f in diagnosis.flights
+        ),
+    )
+    if base is not None:
+        notes = [*base.notes, *notes]
+        fitted = _merged(base.additions, fitted)
+    return Model(tuple(fitted), origin, diagnosis.gain, (*notes, *diagnosis.notes))
+
+
+def _addition(cause: Cause, notes: list[str]) -> Addition:
+    """Return what a cause adds; a value that no simulation takes is brought to its bound."""
+    if cause.effect not in REGISTRY:
+        raise InputError(f"model: effect '{cause.effect}' is not in the registry")
+    declared = {p.name: p for p in REGISTRY[cause.effect].theta}
+    theta = []
+    for fitted in cause.theta:
+        name = f"{cause.effect}.{fitted.name}"
+        if fitted.name not in declared or not math.isfinite(fitted.value):
+            raise InputError(f"model: {name} = {fitted.value} can't be flown")
+        low, high = declared[fitted.name].bounds
+        value = min(max(fitted.value, low), high)
+        if value != fitted.value:
+            notes.append(f"{name}: {fitted.value:g} was fitted, {value:g} is its bound")
+        theta.append(replace(fitted, value=value, unit=declared[fitted.name].unit))
+    return Addition(cause.effect, tuple(theta), cause.confidence, cause.covariance)
+
+
+def _merged(base: tuple[Addition, ...], fitted: list[Addition]) -> list[Addition]:
+    """Return the additions of both; a parameter that was fitted anew replaces the old one.
+
+    A covariance stays where its effect's parameters are all of one fit.
+    """
+    result = {addition.effect: addition for addition in base}
+    for new in fitted:
+        old = result.get(new.effect)
+        names = {f.name for f in new.theta}
+        kept = tuple(f for f in old.theta if f.name not in names) if old is not None else ()
+        if kept:
+            new = replace(new, theta=(*kept, *new.theta), covariance=())
+        result[new.effect] = new
+    return list(result.values())

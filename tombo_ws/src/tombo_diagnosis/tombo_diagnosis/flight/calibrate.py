@@ -1,0 +1,188 @@
+"""A nominal model for a vehicle that the suite does not know: thrust from its own flights.
+
+Of such a vehicle mass, arms and motor commands are known at best. A gain and an offset from
+command to thrust are fitted to the very flights, so errors of mass, thrust and level can't be seen
+any more; drag, wind, delays and faults of the motion capture can.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from tombo_diagnosis.flight.nominal import Nominal
+from tombo_diagnosis.flight.track import Track, track_of
+from tombo_diagnosis.logs.flight_log import Airframe, FlightLog, Series
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
+from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES, VehicleParams
+
+Array = NDArray[np.float64]
+
+_HOVER_SPEED = 1000.0
+"""rad/s that stands for hover: only thrust counts, speeds are a way to write it."""
+_TAKEN = frozenset(
+    {
+        "mass_error.fraction",
+        "thrust_coefficient_error.fraction",
+        *(f"imu_bias.{c}_{a}" for c in ("accel", "gyro") for a in "xyz"),
+        *(f"accel_scale.{a}" for a in "xyz"),
+        *(f"mocap_body_misalignment.{a}" for a in ("yaw", "roll", "pitch")),
+        *(f"mocap_misalignment.{a}" for a in ("yaw", "roll", "pitch")),
+    }
+)
+
+
+_THRUST = frozenset(
+    {
+        "mass_error.fraction",
+        "thrust_coefficient_error.fraction",
+        "ground_effect.strength",
+        "translational_lift.k",
+        "linear_rotor_drag.d_z",
+        *(f"weak_propeller.{rotor}" for rotor in ROTOR_NAMES),
+    }
+)
+"""What only changes thrust: unknown where thrust is taken from the track."""
+
+
+@dataclass(frozen=True)
+class _Parabola:
+    """Thrust that grows with the square of a speed."""
+
+    coefficient: float
+    omega_max: float = 2.5 * _HOVER_SPEED
+
+    def thrust(self, omega: Array) -> Array:
+        """Return thrust [N] at speeds [rad/s]."""
+        return self.coefficient * np.asarray(omega) ** 2
+
+    def torque(self, omega: Array) -> Array:
+        """Return drag torque [N m] at speeds [rad/s]; it is not compared."""
+        return 0.01 * self.thrust(omega)
+
+
+def calibrated(logs: Sequence[FlightLog]) -> tuple[Nominal, list[FlightLog]]:
+    """Return a nominal model of the logs' airframe, and the logs with commands as rotor speeds.
+
+    Raises:
+        InputError: airframes differ, or no motor commands or rotor speeds.
+    """
+    frame = logs[0].airframe
+    if frame is None or any(log.airframe != frame for log in logs):
+        other = next((log.name for log in logs if log.airframe != frame), logs[0].name)
+        raise InputError(
+            f"flight '{other}': another vehicle than '{logs[0].name}'; accepted: flights of one "
+            "vehicle"
+        )
+    vehicle = _vehicle(frame)
+    weight = frame.mass * GRAVITY / 4.0
+    maps = rotor_maps(_Parabola(weight / _HOVER_SPEED**2), vehicle)
+    offset, gain = _thrust_fit(logs)
+    changed = [_with_speeds(log, offset, gain) for log in logs]
+    nominal = Nominal(
+        f"{frame.name}, thrust fitted to its own flights",
+        vehicle,
+        maps,
+        {},
+        calibrated=True,
+        fitted=_TAKEN,
+        moments=False,
+    )
+    return nominal, changed
+
+
+def thrust_unknown(log: FlightLog) -> bool:
+    """Return whether a log has nothing that tells thrust: no IMU, no rotors."""
+    return not {"accel", "rotor_command", "rotor_speed", "motor_command"} & set(log.series)
+
+
+def thrust_from_track(
+    logs: Sequence[FlightLog], nominal: Nominal
+) -> tuple[Nominal, list[FlightLog]]:
+    """Return the model and the logs with the thrust that the poses themselves call for.
+
+    With poses alone the force along the thrust can't be told from thrust; those across it can.
+    """
+    changed = []
+    for log in logs:
+        track = track_of(log)
+        thrust = 0.25 * nominal.vehicle.mass * np.maximum(_force_z(track), 0.0)
+        speed = np.array([speed_for_thrust(nominal.maps, t) for t in thrust])
+        series = Series(track.t, np.repeat(speed[:, None], 4, axis=1))
+        changed.append(replace(log, series={**log.series, "rotor_speed": series}))
+    label = f"{nominal.label}, thrust from the track"
+    fitted = nominal.fitted | _THRUST
+    return replace(nominal, label=label, moments=False, fitted=fitted), changed
+
+
+def _vehicle(frame: Airframe) -> VehicleParams:
+    inertia = frame.inertia or (0.1 * frame.mass * frame.arm_length**2,) * 3
+    return VehicleParams(
+        mass=frame.mass,
+        inertia_xx=inertia[0],
+        inertia_yy=inertia[1],
+        inertia_zz=inertia[2],
+        arm_length=frame.arm_length,
+        rotor_radius=frame.rotor_radius,
+        rotor_height=0.0,
+        rotor_inertia=1e-9,
+        motor_time_constant=frame.motor_time_constant,
+        rotor_speed_min=0.1 * _HOVER_SPEED,
+        rotor_speed_max=2.5 * _HOVER_SPEED,
+    )
+
+
+def _drive(log: FlightLog) -> Series:
+    """Return what drives the rotors, with values that thrust is linear in."""
+    for name in ("motor_command", "rotor_speed", "rotor_command"):
+        series = log.series.get(name)
+        if series is not None and series.t.size >= 10:
+            return series if name == "motor_command" else replace(series, values=series.values**2)
+    raise InputError(
+        f"flight '{log.name}': no motor commands; accepted: a log with motor_command, "
+        "rotor_command or rotor_speed"
+    )
+
+
+def _thrust_fit(logs: Sequence[FlightLog]) -> tuple[float, float]:
+    """Return offset and gain from the mean drive to specific force along body z [m/s^2]."""
+    xs, ys = [], []
+    for log in logs:
+        track = track_of(log)
+        drive = _drive(log)
+        good = np.isfinite(drive.values).all(axis=1)
+        mean = np.interp(track.t, drive.t[good], drive.values[good].mean(axis=1))
+        force = track.accel[:, 2] if track.accel.size else _force_z(track)
+        smooth = track.slow_kernel.smooth
+        xs.append(smooth @ mean)
+        ys.append(smooth @ force)
+    x, y = np.concatenate(xs), np.concatenate(ys)
+    spread = float(x.std())
+    gain = float(np.mean((x - x.mean()) * (y - y.mean()))) / max(spread**2, 1e-12)
+    if spread < 1e-3 * abs(float(x.mean())) or gain * float(x.mean()) < 0.1 * GRAVITY:
+        # Too little changes to fit two numbers: thrust in proportion to the drive.
+        return 0.0, float(y.mean() / x.mean())
+    return float(y.mean() - gain * x.mean()), gain
+
+
+def _force_z(track: Track) -> Array:
+    """Return specific force along body z from the motion capture alone [m/s^2], (N,)."""
+    up = np.column_stack([np.interp(track.t, track.pose_t, c) for c in track.pose[:, 3:].T])
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    place = np.column_stack([np.interp(track.t, track.pose_t, c) for c in track.pose[:, :3].T])
+    rows = track.slow.curvature @ place + np.array([0.0, 0.0, GRAVITY])
+    force = np.column_stack([np.interp(track.t, track.slow.t, c) for c in rows.T])
+    return np.asarray(np.einsum("nji,nj->ni", Rotation.from_quat(up).as_matrix(), force)[:, 2])
+
+
+def _with_speeds(log: FlightLog, offset: float, gain: float) -> FlightLog:
+    drive = _drive(log)
+    share = np.maximum((offset + gain * drive.values) / GRAVITY, 1e-3)
+    speed = Series(drive.t, _HOVER_SPEED * np.sqrt(share), drive.arrival)
+    series = {k: v for k, v in log.series.items() if k not in ("rotor_speed", "rotor_command")}
+    return replace(log, series={**series, "rotor_command": speed})

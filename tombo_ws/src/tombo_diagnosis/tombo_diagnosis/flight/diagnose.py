@@ -1,0 +1,237 @@
+"""`diagnose`: measured flights and a nominal model in, a `Diagnosis` out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_diagnosis.diagnosis import Diagnosis, Experiment, FlightNote, Residual
+from tombo_diagnosis.flight.analyse import Findings, Progress, analyse, quiet
+from tombo_diagnosis.flight.calibrate import calibrated, thrust_from_track, thrust_unknown
+from tombo_diagnosis.flight.causes import cause_of, scores
+from tombo_diagnosis.flight.events import as_findings
+from tombo_diagnosis.flight.gain import (
+    HeldOut,
+    baseline,
+    extended,
+    gain_by_effect,
+    one_step,
+    simulated,
+    without,
+)
+from tombo_diagnosis.flight.naming import Explanation, only
+from tombo_diagnosis.flight.nominal import Nominal
+from tombo_diagnosis.flight.prediction import motion_of
+from tombo_diagnosis.flight.track import Track, track_of
+from tombo_diagnosis.flight.words import notes, summary
+from tombo_diagnosis.logs.flight_log import Finding, FlightLog
+from tombo_dynamics.errors import InputError
+from tombo_flight.extended_model import Gain
+
+Array = NDArray[np.float64]
+Separate = Callable[[Findings, Progress], Experiment | None]
+
+_BLOCK_S = 8.0
+"""A single flight is cut into blocks of about this length, which stand for flights."""
+_SHOWN = 8
+"""Flights whose residuals go into the report."""
+
+
+def diagnose(
+    logs: Sequence[FlightLog],
+    nominal: Nominal,
+    progress: Progress = quiet,
+    separate: Separate | None = None,
+    clock: Callable[[], float] = lambda: 0.0,
+) -> Diagnosis:
+    """Say what the model gets wrong in measured flights.
+
+    Args:
+        logs: flights of one vehicle, checked (`tombo_diagnosis.checks`).
+        nominal: the model; of a vehicle that is not the suite's own one is made from the flights.
+        progress: called with a stage and the share done.
+        separate: finds the experiment that separates what the flights can't.
+        clock: seconds, for the run time.
+
+    Raises:
+        InputError: no flight that can be used; says why.
+    """
+    began = clock()
+    usable, refused = _usable(logs)
+    if any(log.airframe is not None for log in usable):
+        nominal, usable = calibrated(usable)
+    elif all(thrust_unknown(log) for log in usable):
+        nominal, usable = thrust_from_track(usable, nominal)
+    tracks = _blocks([track_of(log) for log in usable])
+    findings = analyse(tracks, nominal, progress)
+    progress("measuring the gain", 0.7)
+    problem = findings.problem
+    final = final_explanation(findings)
+    gains: list[Gain] = []
+    held: list[HeldOut] = []
+    if final.ways:
+        tried = [final, *(only(problem, final, (e,)) for e in final.effects)]
+        tried += [r for r in findings.search.rivals if findings.judgement.members]
+        held = [without(problem, f, tried) for f in range(len(problem.tracks))]
+        gains = one_step(problem, held) + simulated(problem, held)
+    causes = tuple(
+        cause_of(effect, findings, _explaining(effect, findings, final))
+        for effect in findings.judgement.effects
+    )
+    experiment = None
+    if findings.judgement.members and separate is not None:
+        progress("looking for a separating experiment", 0.85)
+        experiment = separate(findings, progress)
+    progress("done", 1.0)
+    candidates = scores(findings, gain_by_effect(problem, findings.search))
+    return Diagnosis(
+        verdict=findings.judgement.verdict,
+        causes=causes,
+        set=findings.judgement.members,
+        separating_experiment=experiment,
+        gain=tuple(gains),
+        prechecks=(
+            *(f for log in logs for f in log.findings),
+            *refused,
+            *as_findings(problem.tracks, findings.events),
+        ),
+        candidates=candidates,
+        flights=tuple(_note(track) for track in problem.tracks),
+        residuals=tuple(_residuals(findings, final)),
+        confidence=findings.judgement.confidence,
+        summary=summary(findings, causes, gains),
+        notes=tuple(notes(findings)),
+        model=nominal.label,
+        vehicle=usable[0].airframe.name if usable[0].airframe is not None else "",
+        seconds=clock() - began,
+    )
+
+
+def final_explanation(findings: Findings) -> Explanation:
+    """Return the explanation that goes into the model: of what is sure, or the likeliest."""
+    judgement = findings.judgement
+    best = findings.search.best
+    if judgement.verdict in ("none", "unknown"):
+        return Explanation((), findings.problem.nothing, 0.0)
+    if judgement.verdict == "set":
+        return best
+    return only(findings.problem, best, judgement.effects)
+
+
+def _explaining(effect: str, findings: Findings, final: Explanation) -> Explanation:
+    """Return the likeliest explanation that an effect is part of."""
+    every = [final, findings.search.best, *findings.search.rivals]
+    return next((e for e in every if effect in e.effects), final)
+
+
+def _usable(logs: Sequence[FlightLog]) -> tuple[list[FlightLog], list[Finding]]:
+    """Return the flights that can be laid on ticks, and why others can't."""
+    usable, refused = [], []
+    for log in logs:
+        try:
+            track_of(log)
+        except InputError as error:
+            refused.append(Finding("missing", "fault", log.name, str(error)))
+        else:
+            usable.append(log)
+    if not usable:
+        none = "no flights given; accepted: one or more"
+        raise InputError(refused[0].message if refused else none)
+    kinds = {tuple(sorted(set(log.series) & {"accel", "gyro"})) for log in usable}
+    if len(kinds) > 1:
+        whole = [log for log in usable if {"accel", "gyro"} <= set(log.series)]
+        refused += [
+            Finding("missing", "warning", log.name, "no IMU, unlike the others: left out")
+            for log in usable
+            if log not in whole
+        ]
+        usable = whole or usable
+    return usable, refused
+
+
+def _blocks(tracks: list[Track]) -> list[Track]:
+    """Return a single flight as blocks that are held out in turn; several flights as they are."""
+    if len(tracks) > 1:
+        return tracks
+    track = tracks[0]
+    times = track.slow.t[track.slow_rows]
+    count = int(np.clip(track.used_s // _BLOCK_S, 1, 6))
+    if count < 2:
+        return tracks
+    edges = np.quantile(times, np.linspace(0.0, 1.0, count + 1))
+    edges[-1] += 1.0
+    return [
+        replace(
+            track,
+            name=f"{track.name} part {k + 1}",
+            fast_rows=track.fast_rows & _within(track.fast.t, edges[k], edges[k + 1]),
+            slow_rows=track.slow_rows & _within(track.slow.t, edges[k], edges[k + 1]),
+            pose_rows=track.pose_rows & _within(track.pose_t, edges[k], edges[k + 1]),
+        )
+        for k in range(count)
+    ]
+
+
+def _within(t: Array, begin: float, end: float) -> NDArray[np.bool_]:
+    return np.asarray((t >= begin) & (t < end))
+
+
+def _note(track: Track) -> FlightNote:
+    return FlightNote(
+        track.name,
+        track.log.source,
+        track.log.duration_s,
+        track.used_s,
+        track.formulation,
+        track.missing,
+    )
+
+
+def _residuals(findings: Findings, final: Explanation) -> list[Residual]:
+    """Return what is left before and after, with what could drive it."""
+    problem = findings.problem
+    sigma = {
+        name: float(np.sqrt(2.0 * np.nan_to_num(findings.expected.variances[0, j])))
+        for j, name in enumerate(findings.expected.names)
+    }
+    shown = []
+    for f in range(min(len(problem.tracks), _SHOWN)):
+        track = problem.tracks[f]
+        motion = motion_of(track, problem.nominal, problem.theta)
+        after = extended(problem, final.fit, f).left
+        body = np.einsum("nji,nj->ni", motion.rotation, motion.state[:, 3:6])
+        drivers = {f"body_velocity_{a} [m/s]": body[:, i] for i, a in enumerate("xyz")}
+        drivers["speed [m/s]"] = np.linalg.norm(body, axis=1)
+        drivers["height [m]"] = motion.state[:, 2]
+        drivers |= {f"body_rate_{a} [rad/s]": motion.state[:, 10 + i] for i, a in enumerate("xyz")}
+        if track.command.size:
+            drivers["mean_rotor_command [rad/s]"] = track.command.mean(axis=1)
+        if track.voltage.size:
+            drivers["voltage [V]"] = track.voltage[:, 0]
+        for group, rows in baseline(problem, f).items():
+            times, counted = {
+                "fast": (track.fast.t, track.fast_rows),
+                "slow": (track.slow.t, track.slow_rows),
+                "pose": (track.pose_t, track.pose_rows),
+            }[group]
+            at = times[counted]
+            beside = {n: np.interp(at, track.t, v) for n, v in drivers.items()}
+            own = [c for c in problem.channels[f] if c.group == group]
+            for j, c in enumerate(own):
+                left = rows[:, j]
+                shown.append(
+                    Residual(
+                        track.name,
+                        c.name,
+                        c.unit,
+                        at,
+                        left,
+                        after[group][:, j],
+                        sigma.get(c.name, 0.0),
+                        beside,
+                    )
+                )
+    return shown

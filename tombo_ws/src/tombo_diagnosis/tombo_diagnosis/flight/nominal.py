@@ -1,0 +1,53 @@
+"""The simulation that flights are held against: a vehicle, its rotors, the effects it knows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_diagnosis.flight.candidates import Parameter, parameters
+from tombo_dynamics.effects.compose import pack_theta
+from tombo_dynamics.plant import new_plant, part
+from tombo_dynamics.vehicle import VehicleParams
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """A model of the vehicle, as it is simulated before the diagnosis."""
+
+    label: str
+    vehicle: VehicleParams
+    maps: Array
+    """The rotor's table, `tombo_dynamics.rotor_maps`."""
+    effects: Mapping[str, Mapping[str, float]]
+    """What it knows of effects, with their parameters."""
+    calibrated: bool = False
+    """True: thrust was fitted to the same flights; mass and thrust errors can't be seen then, and
+    what healthy flights of this vehicle look like is not known."""
+    fitted: frozenset[str] = frozenset()
+    """effect.parameter of what that fit has taken up: free at all times, and never a cause."""
+    moments: bool = True
+    """False: arms and inertia are not known; moments are not compared."""
+
+    @property
+    def theta(self) -> Array:
+        """Parameters of all effects, packed."""
+        return pack_theta(self.effects)
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """All parameters of theta, with sizes that matter for this vehicle."""
+        return parameters(self.vehicle.mass, self.vehicle.arm_length)
+
+    def plant(self, draws: Array | None = None) -> Array:
+        """Return the memory of a fresh plant with the flight's draws (8), or none."""
+        m = new_plant(self.vehicle)
+        if draws is not None:
+            part(m, "draws")[:] = draws
+        return m

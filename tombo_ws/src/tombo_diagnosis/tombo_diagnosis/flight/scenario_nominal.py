@@ -1,0 +1,33 @@
+"""The nominal model that `tombo diagnose` holds flights against, from a scenario."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tombo_diagnosis.flight.nominal import Nominal
+from tombo_dynamics.rotor_maps import rotor_maps
+from tombo_flight.scenario import Scenario, load_scenario, world_of
+from tombo_sim.propulsion import propulsion_effects, thrust_map_of
+
+_SCENARIO = "no_obstacle"
+
+
+def nominal_model(model: Path | None = None) -> Nominal:
+    """Return the suite's own vehicle without an obstacle, extended by a model file if given.
+
+    Raises:
+        InputError: the model file can't be used.
+    """
+    scenario = load_scenario(_SCENARIO, model=None if model is None else str(model))
+    return nominal_of(scenario, _SCENARIO if model is None else f"{_SCENARIO} with {model.name}")
+
+
+def nominal_of(scenario: Scenario, label: str) -> Nominal:
+    """Return the nominal model of a scenario: its vehicle, propeller and effects."""
+    world = world_of(scenario)
+    return Nominal(
+        label,
+        world.vehicle,
+        rotor_maps(thrust_map_of(world.propeller), world.vehicle),
+        propulsion_effects(world.propeller, world.effects),
+    )

@@ -1,0 +1,102 @@
+"""A diagnosis in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from tombo_diagnosis.diagnosis import Cause
+from tombo_diagnosis.flight.analyse import Findings
+from tombo_diagnosis.flight.causes import names
+from tombo_diagnosis.flight.verdict import GATE
+from tombo_flight.extended_model import Gain
+
+
+def summary(findings: Findings, causes: Sequence[Cause], gains: Sequence[Gain]) -> str:
+    """Return the verdict in a sentence or two."""
+    judgement = findings.judgement
+    worst = findings.leftovers[0] if findings.leftovers else None
+    remains = (
+        f"{worst.channel} keeps {worst.measured:.2g} {worst.unit} at {worst.scale_s:g} s where "
+        f"chance gives {worst.expected:.2g}"
+        if worst is not None and worst.excess > GATE
+        else ""
+    )
+    if judgement.verdict == "none":
+        return "The model predicts these flights as well as chance and its tolerances allow."
+    if judgement.verdict == "unknown":
+        tail = f": {remains}" if remains else ""
+        return f"Something is at work that no candidate explains{tail}."
+    if judgement.verdict == "set":
+        return (
+            f"The flights can't tell {names(judgement.members)} apart: each explains them. "
+            "Fly the separating experiment."
+        )
+    figures = "; ".join(_figures(cause) for cause in causes)
+    figures = f"{figures[0].upper()}{figures[1:]}"
+    best = max((g for g in gains if g.horizon == "one step"), key=_drop, default=None)
+    gain = (
+        f" With it the error of {best.channel} falls from {best.before:.3g} to {best.after:.3g} "
+        f"{best.unit} in flights held out."
+        if best is not None and best.reduction > 0.05
+        else ""
+    )
+    if judgement.verdict == "partly_explained":
+        rest = remains or "what remains looks like gusts, or like a force it only resembles"
+        return f"A part is explained. {figures}; {rest}.{gain}"
+    besides = (
+        f" Besides, {names(judgement.members, 'or')} is at work: these flights can't tell."
+        if judgement.members
+        else ""
+    )
+    return f"{figures}.{gain}{besides}"
+
+
+def _drop(gain: Gain) -> float:
+    return gain.reduction
+
+
+def _figures(cause: Cause) -> str:
+    """Return a cause with the parameters whose interval leaves the nominal value out."""
+    told = [f for f in cause.theta if not f.low <= f.nominal <= f.high] or list(cause.theta)
+    values = ", ".join(
+        f"{f.name} {f.value:.3g}{'' if f.unit == '1' else ' ' + f.unit} (was {f.nominal:.3g})"
+        for f in told
+    )
+    return f"{names((cause.effect,))}: {values}"
+
+
+def notes(findings: Findings) -> list[str]:
+    """Return what can't be certified, and why."""
+    problem = findings.problem
+    said = []
+    if len(problem.tracks) < 3:
+        said.append(
+            f"{len(problem.tracks)} flight{'s' if len(problem.tracks) > 1 else ''}: held-out "
+            "figures come from blocks or single flights, and have no interval; three flights or "
+            "more certify."
+        )
+    if problem.nominal.calibrated:
+        said.append(
+            "The vehicle is not the suite's own: thrust was fitted to these flights, so errors of "
+            "mass, thrust and level can't be seen, moments are not compared, and what healthy "
+            "flights leave over is not known; the level of false alarms can't be certified."
+        )
+        loud = [each for each in findings.leftovers if each.excess > 3.0]
+        if loud and findings.judgement.effects:
+            told = "; ".join(f"{e.channel} {e.measured:.2g} {e.unit}" for e in loud[:4])
+            said.append(f"What is left beyond the causes named: {told} (root mean square).")
+    if not problem.nominal.moments and not problem.nominal.calibrated:
+        said.append(
+            "Poses alone: thrust is taken from the track, so nothing along it (mass, thrust, "
+            "ground effect) and no moments can be seen; rotor commands or an IMU show them."
+        )
+    if any(track.formulation == "mocap" for track in problem.tracks):
+        said.append(
+            "Without an IMU accelerations come from 30 Hz poses: faults of the IMU can't be seen, "
+            "and quick effects only in part."
+        )
+    if findings.problem.columns.vehicles > 1 and len(problem.tracks) > 1:
+        said.append(
+            "The rotors differ from flight to flight: other propellers, or other vehicles."
+        )
+    return said

@@ -1,0 +1,256 @@
+"""What a mapping file says: which columns of a table hold which channel, in which units and axes.
+
+YAML. `docs/logs.md` explains it by example; those shipped are in `mappings/`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from tombo_diagnosis.logs.flight_log import CHANNELS, Airframe, Series
+from tombo_diagnosis.logs.frames import BODIES, WORLDS, axes_matrix, handedness, turn_attitude
+from tombo_diagnosis.logs.units import factor
+from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.rotation import continuous
+
+Array = NDArray[np.float64]
+
+ORDERS = {"xyzw": 4, "wxyz": 4, "rpy": 3, "ypr": 3}
+"""How an attitude is written, and in how many columns: quaternion, or roll, pitch and yaw."""
+
+
+@dataclass(frozen=True)
+class TimeColumn:
+    """A column of times."""
+
+    column: str
+    unit: str = "s"
+
+
+@dataclass(frozen=True)
+class ChannelMap:
+    """Where a channel comes from."""
+
+    columns: tuple[str, ...]
+    unit: str
+    order: str = "xyzw"
+    """Of an attitude: one of ORDERS."""
+    range: tuple[float, float] | None = None
+    """Of a motor command: what stands for 0 and for 1."""
+    axes: tuple[str, ...] | None = None
+    """Of gyro and accel where they have axes of their own: ours in terms of the file's."""
+    time: TimeColumn | None = None
+    """Where the channel has stamps of its own."""
+    arrival: TimeColumn | None = None
+
+
+@dataclass(frozen=True)
+class LogMapping:
+    """A mapping file, checked."""
+
+    name: str
+    about: str = ""
+    time: TimeColumn | None = None
+    world: tuple[str, ...] = WORLDS["ENU"]
+    body: tuple[str, ...] = BODIES["FLU"]
+    turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Roll, pitch, yaw from base_link to the body that the motion capture has."""
+    channels: Mapping[str, ChannelMap] = field(default_factory=dict)
+    airframe: Airframe | None = None
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    sidecar: str = ""
+    """What follows the log's name in the name of a YAML file with more metadata."""
+
+    @property
+    def columns(self) -> set[str]:
+        """All columns that it names."""
+        times = [self.time] + [t for c in self.channels.values() for t in (c.time, c.arrival)]
+        named = {t.column for t in times if t is not None}
+        return named | {name for c in self.channels.values() for name in c.columns}
+
+    @property
+    def turn(self) -> Rotation:
+        """`turn_deg` as a rotation."""
+        return Rotation.from_euler("xyz", self.turn_deg, degrees=True)
+
+    def turned(self, attitude: Series) -> Series:
+        """Return attitudes of base_link, given those of the motion capture's body."""
+        same = np.eye(3)
+        values = turn_attitude(attitude.values, same, same, self.turn)
+        return Series(attitude.t, continuous(values), attitude.arrival)
+
+
+def shipped() -> dict[str, LogMapping]:
+    """Return the mappings that come with the package, by name."""
+    folder = resources.files("tombo_diagnosis").joinpath("mappings")
+    files = sorted(f.name for f in folder.iterdir() if f.name.endswith(".yaml"))
+    texts = {name: folder.joinpath(name).read_text(encoding="utf-8") for name in files}
+    return {name[:-5]: parse_mapping(text, name[:-5]) for name, text in texts.items()}
+
+
+def load_mapping(name: str | Path) -> LogMapping:
+    """Read a mapping: the name of a shipped one, or a YAML file.
+
+    Raises:
+        InputError: no such mapping, or one that can't be used.
+    """
+    path = Path(name)
+    if not path.is_file():
+        known = shipped()
+        if str(name) in known:
+            return known[str(name)]
+        if path.suffix in (".yaml", ".yml") or path.parent != Path():
+            raise InputError(f"mapping '{name}' is no file; accepted: YAML, or {', '.join(known)}")
+        raise unknown_name("mapping", str(name), known)
+    try:
+        return parse_mapping(path.read_text(encoding="utf-8"), str(name))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"mapping '{name}' can't be read: {error}") from error
+
+
+def parse_mapping(text: str, name: str) -> LogMapping:
+    """Check the text of a mapping file.
+
+    Raises:
+        InputError: not a mapping; says which key is wrong and what is accepted.
+    """
+    what = f"mapping '{name}'"
+    try:
+        content = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise InputError(f"{what} is not valid YAML: {' '.join(str(error).split())}") from error
+    values = _table(content, what, [f.name for f in fields(LogMapping)])
+    world = _axes(values.get("world", "ENU"), WORLDS, f"{what}: world")
+    body = _axes(values.get("body", "FLU"), BODIES, f"{what}: body")
+    if handedness(axes_matrix(world, what)) != handedness(axes_matrix(body, what)):
+        raise InputError(
+            f"{what}: of world {list(world)} and body {list(body)} one is mirrored, the other "
+            "not; accepted: both or none, else an attitude is no rotation"
+        )
+    channels = _table(values.get("channels"), f"{what}: channels", CHANNELS)
+    return LogMapping(
+        name=str(values.get("name", Path(name).stem)),
+        about=str(values.get("about", "")),
+        time=_time(values.get("time"), f"{what}: time"),
+        world=world,
+        body=body,
+        turn_deg=_numbers(values.get("turn_deg", (0.0, 0.0, 0.0)), 3, f"{what}: turn_deg"),
+        channels={key: _channel(key, value, what) for key, value in channels.items()},
+        airframe=_airframe(values.get("airframe"), f"{what}: airframe"),
+        metadata={str(k): str(v) for k, v in dict(values.get("metadata") or {}).items()},
+        sidecar=str(values.get("sidecar", "")),
+    )
+
+
+def _channel(key: str, content: object, what: str) -> ChannelMap:
+    what = f"{what}: {key}"
+    values = _table(content, what, [f.name for f in fields(ChannelMap)])
+    channel, order = CHANNELS[key], str(values.get("order", "xyzw"))
+    if order not in ORDERS:
+        raise unknown_name(f"order of {what}", order, ORDERS)
+    columns = values.get("columns", ())
+    columns = (columns,) if isinstance(columns, str) else columns
+    width = ORDERS[order] if key == "attitude" else channel.width
+    if not isinstance(columns, Sequence) or len(columns) != width:
+        raise InputError(f"{what}: columns {columns!r}; accepted: {width} names of columns")
+    angles = key == "attitude" and width == 3
+    wanted = "rad" if angles else channel.unit
+    if "unit" not in values and (angles or channel.unit != "1"):
+        raise InputError(f"{what}: no unit; accepted: a unit as {wanted}")
+    unit, span = str(values.get("unit", "1")), values.get("range")
+    if span is not None:
+        low, high = _numbers(span, 2, f"{what}: range")
+        if not high > low or key != "motor_command":
+            raise InputError(f"{what}: range {span}; accepted: [low, high] of motor_command")
+        span = low, high
+    else:
+        factor(unit, wanted, what)
+    axes = values.get("axes")
+    if axes is not None and key not in ("gyro", "accel"):
+        raise InputError(f"{what}: axes; accepted: for gyro and accel, else world and body")
+    return ChannelMap(
+        columns=tuple(str(c) for c in columns),
+        unit=unit,
+        order=order,
+        range=span,
+        axes=None if axes is None else _axes(axes, BODIES, f"{what}: axes"),
+        time=_time(values.get("time"), f"{what}: time"),
+        arrival=_time(values.get("arrival"), f"{what}: arrival"),
+    )
+
+
+def _time(content: object, what: str) -> TimeColumn | None:
+    if content is None:
+        return None
+    if isinstance(content, str):
+        content = {"column": content}
+    values = _table(content, what, ("column", "unit"))
+    if "column" not in values:
+        raise InputError(f"{what}: no column; accepted: column and unit")
+    time = TimeColumn(str(values["column"]), str(values.get("unit", "s")))
+    factor(time.unit, "s", what)
+    return time
+
+
+def _axes(content: object, names: Mapping[str, tuple[str, ...]], what: str) -> tuple[str, ...]:
+    if isinstance(content, str):
+        if content.upper() not in names:
+            raise unknown_name(what, content, [*names, "[x, y, z] in any order and sign"])
+        return names[content.upper()]
+    if not isinstance(content, Sequence) or len(content) != 3:
+        raise InputError(f"{what}: {content!r}; accepted: {', '.join(names)}, or as [y, x, -z]")
+    axes = tuple(str(axis) for axis in content)
+    axes_matrix(axes, what)
+    return axes
+
+
+def _airframe(content: object, what: str) -> Airframe | None:
+    if content is None:
+        return None
+    names = [f.name for f in fields(Airframe)]
+    values = _table(content, what, names)
+    lacking = [n for n in names[1:4] if n not in values]
+    if lacking:
+        raise InputError(f"{what}: no {', '.join(lacking)}; accepted: {', '.join(names)}")
+    numbers: dict[str, Any] = {
+        n: _numbers([values[n]], 1, f"{what}: {n}")[0]
+        for n in names
+        if n in values and n not in ("name", "inertia")
+    }
+    inertia = values.get("inertia")
+    if inertia is not None:
+        inertia = _numbers(inertia, 3, f"{what}: inertia")
+    wrong = [n for n, x in numbers.items() if not x > 0.0]
+    if wrong or (inertia is not None and min(inertia) <= 0.0):
+        raise InputError(f"{what}: {(wrong or ['inertia'])[0]} must be above 0")
+    return Airframe(name=str(values.get("name", "airframe")), inertia=inertia, **numbers)
+
+
+def _numbers(content: Any, count: int, what: str) -> tuple[Any, ...]:
+    try:
+        numbers = tuple(float(x) for x in content)
+    except (TypeError, ValueError):
+        numbers = ()
+    if len(numbers) != count or not np.all(np.isfinite(numbers)):
+        raise InputError(f"{what}: {content!r}; accepted: {count} number{'s' * (count > 1)}")
+    return numbers
+
+
+def _table(content: object, what: str, accepted: Collection[str]) -> dict[str, Any]:
+    if content is None:
+        return {}
+    if not isinstance(content, Mapping):
+        raise InputError(f"{what} is {content!r:.60}; accepted: {', '.join(accepted)}")
+    for key in content:
+        if key not in accepted:
+            raise unknown_name(f"key of {what}", key, accepted)
+    return {str(key): value for key, value in content.items()}

@@ -1,0 +1,142 @@
+"""Measured flights from files: recordings of ROS messages, PX4 logs, tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from tombo_bag.chunks import MAGIC as MCAP_MAGIC
+from tombo_bag.recording import SUFFIXES, ZSTD_MAGIC
+from tombo_bag.sqlite_bag import MAGIC as SQLITE_MAGIC
+from tombo_diagnosis.logs.bag_log import read_bag
+from tombo_diagnosis.logs.csv_log import read_csv
+from tombo_diagnosis.logs.csv_mapping import LogMapping, load_mapping
+from tombo_diagnosis.logs.flight_log import FlightLog
+from tombo_diagnosis.logs.log_names import flight_names
+from tombo_diagnosis.logs.ulog import MAGIC as ULOG_MAGIC
+from tombo_diagnosis.logs.ulog import read_ulog
+from tombo_dynamics.errors import InputError
+
+READABLE = "MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, CSV, CSV.gz"
+_BAG_MAGIC = (MCAP_MAGIC, SQLITE_MAGIC, b"#ROSBAG", ZSTD_MAGIC)
+_BAG_SUFFIXES = (*SUFFIXES, ".bag")
+_LOG_SUFFIXES = (*_BAG_SUFFIXES, ".ulg", ".csv", ".csv.gz")
+_GZIP = b"\x1f\x8b"
+
+
+def read_logs(
+    paths: Sequence[Path],
+    mapping: Path | str | None = None,
+    names: Mapping[str, str] | None = None,
+) -> list[FlightLog]:
+    """Read flights, in the order given; of a folder that is no recording, each log in it.
+
+    Args:
+        paths: files or folders.
+        mapping: mapping file, or the name of a shipped one: for tables, and of recordings and PX4
+            logs its `turn_deg` and airframe.
+        names: for recordings: topic as recorded → name in this suite.
+
+    Raises:
+        InputError: a path that can't be read, or a flight given twice.
+    """
+    use = None if mapping is None else load_mapping(mapping)
+    found = [log for path in paths for log in _logs_in(Path(path))]
+    if not found:
+        raise InputError(f"no logs given; accepted: {READABLE}")
+    logs = [
+        read_log(path, name, use, names)
+        for path, name in zip(found, flight_names(found), strict=True)
+    ]
+    for one, other in combinations(logs, 2):
+        if _same(one, other):
+            raise InputError(
+                f"'{one.source}' and '{other.source}' are the same flight; accepted: each flight "
+                "once, else its errors count as confirmed by another"
+            )
+    return logs
+
+
+def read_log(
+    path: Path,
+    name: str,
+    mapping: LogMapping | None = None,
+    names: Mapping[str, str] | None = None,
+) -> FlightLog:
+    """Read one flight under a name; what kind a file is, its first bytes say.
+
+    Raises:
+        InputError: it can't be read; says why and what is accepted.
+    """
+    if path.is_dir():
+        return _adapted(read_bag(path, name, names), mapping)
+    try:
+        with path.open("rb") as file:
+            start = file.read(64)
+    except OSError as error:
+        raise InputError(f"can't read '{path}': {error.strerror}; accepted: {READABLE}") from error
+    if not start:
+        raise InputError(f"'{path}' is empty; accepted: {READABLE}")
+    if start.startswith(_BAG_MAGIC) or (len(start) < 8 and MCAP_MAGIC.startswith(start)):
+        return _adapted(read_bag(path, name, names), mapping)
+    if start.startswith(ULOG_MAGIC):
+        return _adapted(read_ulog(path, name), mapping)
+    if start.startswith(_GZIP) or not _is_binary(start):
+        return read_csv(path, name, mapping)
+    raise InputError(
+        f"'{path}' starts with bytes {start[:8].hex(' ')}: no log that is known; accepted: "
+        f"{READABLE}"
+    )
+
+
+def _is_binary(start: bytes) -> bool:
+    text = start.removeprefix(b"\xef\xbb\xbf")
+    return any(byte < 9 or 13 < byte < 32 for byte in text)
+
+
+def _logs_in(path: Path) -> list[Path]:
+    """Return the path itself, or the logs of a folder that is no recording."""
+    if not path.exists():
+        raise InputError(f"'{path}' does not exist; accepted: {READABLE}")
+    if not path.is_dir() or (path / "metadata.yaml").is_file():
+        return [path]
+    files = sorted(p for p in path.iterdir() if p.name.endswith(_LOG_SUFFIXES))
+    if not files:
+        raise InputError(f"folder '{path}' holds no logs; accepted: {READABLE}")
+    bags = [p for p in files if p.name.endswith(_BAG_SUFFIXES)]
+    if bags == files and (len(bags) == 1 or _pieces(bags)):
+        return [path]
+    return files
+
+
+def _pieces(bags: Sequence[Path]) -> bool:
+    """Say whether files are one recording, cut by its recorder: name_0, name_1 and so on."""
+    stems = {p.name.split(".")[0].rpartition("_") for p in bags}
+    return {s[0] for s in stems} == {next(iter(stems))[0]} and {s[2] for s in stems} == {
+        str(i) for i in range(len(bags))
+    }
+
+
+def _adapted(log: FlightLog, mapping: LogMapping | None) -> FlightLog:
+    """Apply to a recording what a mapping says of its rigid body and vehicle."""
+    if mapping is None:
+        return log
+    series = dict(log.series)
+    if any(mapping.turn_deg) and "attitude" in series:
+        series["attitude"] = mapping.turned(series["attitude"])
+    return replace(log, series=series, airframe=mapping.airframe or log.airframe)
+
+
+def _same(one: FlightLog, other: FlightLog) -> bool:
+    a, b = one.series.get("position"), other.series.get("position")
+    return (
+        a is not None
+        and b is not None
+        and a.values.shape == b.values.shape
+        and len(a.values) > 10
+        and bool(np.array_equal(a.values, b.values, equal_nan=True))
+    )

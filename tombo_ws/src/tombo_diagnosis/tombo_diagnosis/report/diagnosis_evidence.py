@@ -1,0 +1,103 @@
+"""What the verdict rests on, as HTML text: candidates, pre-checks, flights; all escaped here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from html import escape
+from typing import Final
+
+from tombo_diagnosis.diagnosis import Diagnosis, Score
+from tombo_diagnosis.report.diagnosis_view import zero_s
+from tombo_diagnosis.report.diagnosis_words import DASH, certainty, figure, percent, words
+
+_SHOWN: Final = 8
+"""Candidates in sight; the others are folded away."""
+_CHECKS_SHOWN: Final = 12
+_SEVERITIES: Final = {"fault": "bad", "warning": "warn", "info": "plain"}
+
+
+def candidates(scores: Sequence[Score]) -> str:
+    """Return all candidates; those that are out of the question folded away."""
+    rows = [_score(score) for score in scores]
+    head = ("candidate", "probability", "removes, held out", "log evidence", "remark")
+    shown = table(head, rows[:_SHOWN], "scores")
+    if len(rows) > _SHOWN:
+        rest = table(head, rows[_SHOWN:], "scores")
+        shown += f"<details><summary>{len(rows) - _SHOWN} others</summary>{rest}</details>"
+    return shown
+
+
+def _score(score: Score) -> str:
+    known = math.isfinite(score.probability)
+    kind = "" if score.excited else ' class="blind"'
+    remark = score.remark if score.excited else f"not shown by these flights: {score.remark}"
+    share = score.probability if known else 0.0
+    return (
+        f'<tr{kind}><th scope="row">{escape(words(score.effect))}</th>'
+        f"<td>{meter(share, 1.0, 'after')}{certainty(score.probability)}</td>"
+        f"<td>{percent(score.gain) if score.excited else DASH}</td>"
+        f"<td>{figure(score.evidence) if score.excited else DASH}</td>"
+        f"<td>{escape(remark.rstrip(': '))}</td></tr>"
+    )
+
+
+def prechecks(diagnosis: Diagnosis) -> str:
+    """Return what the pre-checks found, with the times of it."""
+    if not diagnosis.prechecks:
+        return '<p class="hint">Nothing was found.</p>'
+    order = list(_SEVERITIES)
+    found = sorted(
+        diagnosis.prechecks,
+        key=lambda f: order.index(f.severity) if f.severity in order else len(order),
+    )
+    lines = []
+    for finding in found:
+        zero = zero_s(diagnosis, finding.flight)
+        lines.append(
+            f'<tr><td><span class="verdict {_SEVERITIES.get(finding.severity, "plain")}">'
+            f"{escape(finding.severity)}</span></td><td>{escape(finding.flight)}</td>"
+            f"<td>{_when(finding.start_s - zero, finding.end_s - zero)}</td>"
+            f"<td>{escape(finding.check)}</td><td>{escape(finding.message)}</td></tr>"
+        )
+    head = ("severity", "flight", "time", "check", "what was seen")
+    shown = table(head, lines[:_CHECKS_SHOWN], "checks")
+    if len(lines) > _CHECKS_SHOWN:
+        rest = table(head, lines[_CHECKS_SHOWN:], "checks")
+        shown += f"<details><summary>{len(lines) - _CHECKS_SHOWN} more</summary>{rest}</details>"
+    return shown
+
+
+def _when(start_s: float, end_s: float) -> str:
+    if not math.isfinite(start_s):
+        return "whole flight"
+    if not math.isfinite(end_s) or end_s - start_s < 0.005:
+        return f"{start_s:.2f}&nbsp;s"
+    return f"{start_s:.2f}–{end_s:.2f}&nbsp;s"
+
+
+def flights(diagnosis: Diagnosis) -> str:
+    """Return the flights: how much of each was used, how, and what it lacked."""
+    lines = [
+        f'<tr><th scope="row">{escape(f.name)}</th>'
+        f"<td>{f.used_s:.1f} of {f.duration_s:.1f}&nbsp;s</td><td>{escape(f.formulation)}</td>"
+        f"<td>{escape(', '.join(map(words, f.missing))) or 'nothing'}</td>"
+        f"<td>{escape(f.source)}</td></tr>"
+        for f in diagnosis.flights
+    ]
+    return table(("flight", "used", "measured by", "missing", "file"), lines, "flights")
+
+
+def meter(value: float, largest: float, style: str) -> str:
+    """Return a bar that is as long as the value is of the largest."""
+    share = 100.0 * value / largest if largest > 0.0 and math.isfinite(value) else 0.0
+    return f'<i class="meter {style}" style="--share:{min(max(share, 0.0), 100.0):.1f}%"></i>'
+
+
+def table(head: Sequence[str], lines: Sequence[str], style: str) -> str:
+    """Return a table that scrolls sideways where it has to; head is escaped, lines are HTML."""
+    cells = "".join(f'<th scope="col">{escape(text)}</th>' for text in head)
+    return (
+        f'<div class="scroll"><table class="{style}"><thead><tr>{cells}</tr></thead>'
+        f"<tbody>{''.join(lines)}</tbody></table></div>"
+    )

@@ -1,0 +1,182 @@
+"""The tables of the diagnosis report, as HTML text; every value is escaped here."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Iterable, Sequence
+from html import escape
+
+from tombo_diagnosis.diagnosis import Cause, Diagnosis
+from tombo_diagnosis.report.diagnosis_evidence import meter, table
+from tombo_diagnosis.report.diagnosis_words import (
+    best_gains,
+    certainty,
+    figure,
+    interval,
+    percent,
+    unit,
+    words,
+)
+from tombo_flight.extended_model import Fitted, Gain
+
+
+def cards(diagnosis: Diagnosis) -> str:
+    """Return the few figures of the header."""
+    facts = [("confidence", certainty(diagnosis.confidence), "", "of the verdict")]
+    for cause in diagnosis.causes[:2]:
+        for theta in cause.theta[:2]:
+            value, low, high = interval(theta)
+            name = f"{words(cause.effect)}: {theta.name}"
+            facts.append((name, value, unit(theta.unit), f"{low} to {high}"))
+    facts = facts[:4]
+    for gain in best_gains(diagnosis, 2):
+        beside = f"{figure(gain.before)} → {figure(gain.after)} {unit(gain.unit)}"
+        name = f"error in {words(gain.channel)}, {gain.horizon}"
+        facts.append((name, f"−{percent(gain.reduction)}", "", beside))
+    used = sum(flight.used_s for flight in diagnosis.flights)
+    facts.append(("flights", str(len(diagnosis.flights)), "", f"{used:.0f} s used"))
+    return f'<div class="cards">{"".join(_card(*fact) for fact in facts)}</div>'
+
+
+def _card(name: str, value: str, unit_text: str, beside: str) -> str:
+    small = f"<small> {escape(unit_text)}</small>" if unit_text else ""
+    return (
+        f'<div class="card"><span class="name">{escape(name)}</span>'
+        f'<span class="value">{escape(value)}{small}</span>'
+        f'<span class="beside">{escape(beside)}&nbsp;</span></div>'
+    )
+
+
+def causes(diagnosis: Diagnosis) -> str:
+    """Return each cause with its parameters and how it shows."""
+    return "".join(_cause(cause) for cause in diagnosis.causes)
+
+
+def _cause(cause: Cause) -> str:
+    lines = []
+    for theta in cause.theta:
+        value, low, high = interval(theta)
+        lines.append(
+            f'<tr><th scope="row"><code>{escape(theta.name)}</code></th>'
+            f"<td><b>{value}</b>&nbsp;{escape(unit(theta.unit))}</td>"
+            f"<td>{low} to {high}</td><td>{figure(theta.nominal)}</td>"
+            f'<td class="wide">{_whisker(theta)}</td></tr>'
+        )
+    parameters = table(
+        ("parameter", "value", "95 % interval", "in the model", "from the model’s value"),
+        lines,
+        "theta",
+    )
+    return (
+        f'<div class="cause"><h3>{escape(words(cause.effect))} '
+        f"<small>{certainty(cause.confidence)}</small></h3>"
+        f'<p class="signature">Shows as: {escape(cause.signature)}</p>{parameters}</div>'
+    )
+
+
+def _whisker(theta: Fitted) -> str:
+    """Return a small scale from the model's value to beyond the fitted one."""
+    ends = (theta.nominal, theta.value, theta.low, theta.high)
+    if not all(map(math.isfinite, ends)):
+        return ""
+    low, high = min(ends), max(ends)
+    if high <= low:
+        return ""
+    at = [10.0 + 100.0 * (end - low) / (high - low) for end in ends]
+    text = f"{theta.value:.3g}, model {theta.nominal:.3g}"
+    return (
+        f'<svg class="bullet" viewBox="0 0 120 16" role="img" aria-label="{text}">'
+        f'<line x1="10" y1="8" x2="110" y2="8"/>'
+        f'<line class="tick" x1="{at[0]:.1f}" y1="2" x2="{at[0]:.1f}" y2="14"/>'
+        f'<line class="reach" x1="{at[2]:.1f}" y1="8" x2="{at[3]:.1f}" y2="8"/>'
+        f'<circle cx="{at[1]:.1f}" cy="8" r="4"/></svg>'
+    )
+
+
+def experiment(diagnosis: Diagnosis, folder: str) -> str:
+    """Return what to fly to tell apart what these flights can't, with the command line."""
+    found = diagnosis.separating_experiment
+    if found is None:
+        return ""
+    names = " / ".join(escape(words(name)) for name in found.effects)
+    parts = [f"<p><b>{names}.</b> {escape(found.text)}</p>"]
+    if found.mission:
+        parts.append(command(f"tombo fly {shown(folder, 'separating_experiment.yaml')}"))
+        parts.append(
+            "<p class='hint'>Flies it in simulation first; with --px4 URL it flies on the "
+            "vehicle. Then diagnose the new flight together with these.</p>"
+        )
+    if math.isfinite(found.separation):
+        parts.append(
+            f"<p class='hint'>Expected to tell them apart by a log Bayes factor of "
+            f"{figure(found.separation, 2)}; these flights: {figure(found.present, 2)} "
+            "(5 is strong).</p>"
+        )
+    return "".join(parts)
+
+
+def command(line: str) -> str:
+    """Return a command line, to be copied."""
+    return f'<pre class="command">{escape(line)}</pre>'
+
+
+def shown(folder: str, name: str) -> str:
+    """Return the path of a file of the report as it is typed."""
+    return shlex.quote(f"{folder}/{name}" if folder else name)
+
+
+def gains(gain: Sequence[Gain]) -> str:
+    """Return the prediction errors before and after, one block for each horizon."""
+    lines: list[str] = []
+    for horizon in dict.fromkeys(g.horizon for g in gain):
+        group = [g for g in gain if g.horizon == horizon]
+        lines.append(f'<tr class="group"><th colspan="5">{escape(_horizon(horizon))}</th></tr>')
+        lines += [_gain(g, group) for g in group]
+    return table(("channel", "reduction", "before", "after", "95 % interval"), lines, "gains")
+
+
+def _horizon(horizon: str) -> str:
+    if horizon == "one step":
+        return "one step: force and torque"
+    return f"simulated {horizon} ahead from a measured state"
+
+
+def _gain(gain: Gain, group: Sequence[Gain]) -> str:
+    largest = max(
+        [g.before for g in group if g.unit == gain.unit and math.isfinite(g.before)], default=0.0
+    )
+    share = percent(gain.reduction)
+    where = escape(unit(gain.unit))
+    return (
+        f'<tr><th scope="row">{escape(words(gain.channel))}</th><td><b>{share}</b></td>'
+        f"<td>{meter(gain.before, largest, 'before')}{figure(gain.before)}&nbsp;{where}</td>"
+        f"<td>{meter(gain.after, largest, 'after')}{figure(gain.after)}&nbsp;{where}</td>"
+        f"<td>{_reach(gain)}</td></tr>"
+    )
+
+
+def _reach(gain: Gain) -> str:
+    """Return the interval of the reduction on a scale from −20 to 100 %."""
+    if not all(map(math.isfinite, (gain.low, gain.high, gain.reduction))):
+        return f'<span class="hint">{gain.flights} held out</span>'
+    low, high, value, zero = (
+        10.0 + 100.0 * (min(max(v, -0.2), 1.0) + 0.2) / 1.2
+        for v in (gain.low, gain.high, gain.reduction, 0.0)
+    )
+    kind = "sure" if gain.low > 0.0 else "worse" if gain.high < 0.0 else "unsure"
+    return (
+        f'<svg class="bullet {kind}" viewBox="0 0 120 16" role="img" '
+        f'aria-label="{percent(gain.low)} to {percent(gain.high)}">'
+        f'<line x1="10" y1="8" x2="110" y2="8"/>'
+        f'<line class="tick" x1="{zero:.1f}" y1="2" x2="{zero:.1f}" y2="14"/>'
+        f'<line class="reach" x1="{low:.1f}" y1="8" x2="{high:.1f}" y2="8"/>'
+        f'<circle cx="{value:.1f}" cy="8" r="4"/></svg>'
+        f"<small>{percent(gain.low)} to {percent(gain.high)}</small>"
+    )
+
+
+def notes(lines: Iterable[str]) -> str:
+    """Return sentences as a list; nothing for none."""
+    items = "".join(f"<li>{escape(line)}</li>" for line in lines)
+    return f"<ul>{items}</ul>" if items else ""

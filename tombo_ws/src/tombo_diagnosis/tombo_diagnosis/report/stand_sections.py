@@ -1,0 +1,214 @@
+"""The parts of a stand diagnosis' page, as HTML text; all escaped here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from html import escape
+from typing import TYPE_CHECKING, Final
+
+from tombo_diagnosis.diagnosis import Diagnosis, FlightNote, Score
+from tombo_diagnosis.logs.flight_log import Finding
+from tombo_diagnosis.report.diagnosis_evidence import meter, table
+from tombo_diagnosis.report.diagnosis_words import DASH, certainty, figure, percent, unit, words
+from tombo_diagnosis.stand.model_file import extends_model
+
+if TYPE_CHECKING:
+    from tombo_diagnosis.stand.diagnose import StandDiagnosis
+    from tombo_diagnosis.stand.table3 import Table3
+
+_SHOWN: Final = 8
+_SEVERITIES: Final = {"fault": "bad", "warning": "warn", "info": "plain"}
+
+
+def summary(found: StandDiagnosis, study: Table3 | None) -> str:
+    """Return what was found in a few sentences."""
+    if study is None:
+        return found.diagnosis.summary
+    from tombo_diagnosis.stand.table3 import statement
+
+    return statement(study)
+
+
+def cards(found: StandDiagnosis, study: Table3 | None) -> str:
+    """Return the figures that count: k_T or the gains, what the verdict rests on."""
+    facts: list[tuple[str, str, str, str]] = []
+    points, d = found.findings.problem.points, found.diagnosis
+    if study is not None:
+        mean = study.rms["their mean"]
+        facts.append(("error of the law", f"{study.rms[study.law]:.3f}", "N", study.law))
+        facts.append(("error of the mean", f"{mean:.3f}", "N", "of the soft configurations"))
+        best = next(p for p in study.predictions if "mean" not in p.what)
+        other = next(p.rmse for p in study.predictions if "mean" in p.what)
+        facts.append(("best left one out", f"{best.rmse:.4f}", "N", f"mean: {other:.4f} N"))
+    elif found.constant is not None:
+        k = found.constant
+        facts.append(("k_T by rotor", f"{k.k_T:.3g}", "N s²", f"{k.low:.4g} to {k.high:.4g}"))
+        facts.append(("thrust grows with speed to the", f"{k.exponent:.2f}", "", "square law: 2"))
+    else:
+        for g in d.gain:
+            beside = f"{figure(g.before)} → {figure(g.after)} {unit(g.unit)}"
+            facts.append((f"{words(g.channel)}, held out", percent(-g.reduction), "", beside))
+    evidence = found.findings.search.best.evidence
+    facts.append(("log Bayes factor", figure(evidence, 2), "", "against the model as it is"))
+    several = f"{len(points.runs)} runs" if len(points.runs) > 1 else "1 run"
+    facts.append(("points", str(found.findings.problem.used), "", f"{several}, {_wings(found)}"))
+    return f'<div class="cards">{"".join(_card(*fact) for fact in facts)}</div>'
+
+
+def _wings(found: StandDiagnosis) -> str:
+    count = len(found.findings.problem.points.propellers)
+    return f"{count} propellers" if count > 1 else "1 propeller"
+
+
+def _card(name: str, value: str, unit_text: str, beside: str) -> str:
+    small = f"<small> {escape(unit_text)}</small>" if unit_text else ""
+    return (
+        f'<div class="card"><span class="name">{escape(name)}</span>'
+        f'<span class="value">{escape(value)}{small}</span>'
+        f'<span class="beside">{escape(beside)}&nbsp;</span></div>'
+    )
+
+
+def settle(found: StandDiagnosis, study: Table3 | None) -> str:
+    """Return what to measure next, or nothing where nothing is open."""
+    parts = []
+    experiment = found.diagnosis.separating_experiment
+    if experiment is not None and study is None:  # of Table III more is known
+        parts.append(
+            f"<p><b>{escape(experiment.text)}.</b></p><p class='hint'>Expected log Bayes factor "
+            f"{figure(experiment.separation, 2)}; these points: {figure(experiment.present, 2)} "
+            "(5 is strong).</p>"
+        )
+    if study is not None:
+        lines = [
+            f'<tr><th scope="row">{escape(s.what)}</th><td>{_sized(s.sigma, s.unit)}</td>'
+            f"<td>{percent(s.sigma / s.expected, 1)}</td><td>{_sized(s.difference, s.unit)}</td>"
+            f"<td>{escape(words(s.rival))}</td></tr>"
+            for s in study.settling[:6]
+        ]
+        head = ("measure", "noise at most", "of the reading", "they differ by", "closest rival")
+        parts.append(table(head, lines, "settle"))
+        parts.append(
+            "<p class='hint'>So well that centrifugal stiffening stands out from every other "
+            "candidate fitted to the table by a log Bayes factor of 4; easiest first.</p>"
+        )
+    steps = {
+        "unknown": "Look below: over which speeds does the residual grow, in which channel? "
+        "Check mount, cable and cell, then measure again with another propeller.",
+        "partly_explained": "Look below at what is left: where does it still grow with speed?",
+        "named": "Measure once more at speeds these runs do not have, with --model "
+        "stand_model.yaml: the verdict should be none.",
+    }
+    step = steps.get(found.diagnosis.verdict, "")
+    if found.diagnosis.verdict == "named" and not extends_model(found.diagnosis):
+        step = "Measure the same propeller again, read thermometer and barometer: does it repeat?"
+    if step:
+        parts.append(f"<p>{escape(step)}</p>")
+    return "".join(parts)
+
+
+def _sized(value: float, unit_text: str) -> str:
+    if unit_text == "N m":
+        value, unit_text = 1e3 * value, "mN m"
+    return f"{figure(value, 2)}&nbsp;{escape(unit_text)}"
+
+
+def constant(found: StandDiagnosis) -> str:
+    """Return k_T with its interval and what limits it; nothing for Tombo propellers."""
+    if found.constant is None:
+        return ""
+    k = found.constant
+    largest = max((e.share for e in k.limits), default=0.0)
+    lines = [
+        f'<tr><th scope="row">{escape(e.what)}</th>'
+        f"<td>{meter(e.share, largest, 'before')}{percent(e.share, 2)}</td></tr>"
+        for e in k.limits
+    ]
+    return (
+        f"<p><b>k_T = {k.k_T:.4g} N s² by rotor</b>, 95 % {k.low:.4g} to {k.high:.4g}; with a "
+        f"free zero {k.with_offset:.4g} (zero at {k.offset_N:.2g} N).</p>"
+        + table(("what limits it", "of k_T"), lines, "limits")
+    )
+
+
+def gains(diagnosis: Diagnosis) -> str:
+    """Return the error on what was left out, before and after."""
+    lines = []
+    for g in diagnosis.gain:
+        known = math.isfinite(g.low)
+        span = f"{percent(g.low)} to {percent(g.high)}" if known else DASH
+        lines.append(
+            f'<tr><th scope="row">{escape(words(g.channel))}</th>'
+            f"<td>{meter(g.before, g.before, 'before')}{_sized(g.before, g.unit)}</td>"
+            f"<td>{meter(g.after, g.before, 'after')}{_sized(g.after, g.unit)}</td>"
+            f"<td>{percent(g.reduction)}</td><td>{span}</td></tr>"
+        )
+    if not lines or not diagnosis.causes:
+        return ""
+    return table(("channel", "model", "extended", "less by", "95 % interval"), lines, "gains")
+
+
+def predictions(study: Table3 | None) -> str:
+    """Return how well each extension predicts a configuration left out."""
+    if study is None:
+        return ""
+    largest = max(p.rmse for p in study.predictions)
+    lines = []
+    for p in study.predictions:
+        span = f"{p.low:+.3f} to {p.high:+.3f}&nbsp;N" if p.low != p.high else DASH
+        kind = ' class="best"' if "mean" in p.what else ""
+        lines.append(
+            f'<tr{kind}><th scope="row">{escape(words(p.what))}</th>'
+            f"<td>{meter(p.rmse, largest, 'after')}{p.rmse:.4f}&nbsp;N</td>"
+            f"<td>{span.replace('-', '−')}</td><td>{escape(p.parameter)}</td></tr>"
+        )
+    head = ("what", "RMS error", "against the mean, 95 %", "fitted to all")
+    from tombo_diagnosis.stand.table3 import TWO_VALUES
+
+    return table(head, lines, "scores") + f"<p class='hint'>{escape(TWO_VALUES)}</p>"
+
+
+def candidates(scores: Sequence[Score]) -> str:
+    """Return all candidates with their held-out score; the unlikely ones folded away."""
+    rows = []
+    for s in scores:
+        kind = "" if s.excited else ' class="blind"'
+        remark = s.remark if s.excited else f"not shown: {s.remark}"
+        rows.append(
+            f'<tr{kind}><th scope="row">{escape(words(s.effect))}</th>'
+            f"<td>{meter(s.probability, 1.0, 'after')}{certainty(s.probability)}</td>"
+            f"<td>{percent(s.gain) if s.excited else DASH}</td>"
+            f"<td>{figure(s.evidence) if s.excited else DASH}</td><td>{escape(remark)}</td></tr>"
+        )
+    head = ("candidate, alone", "probability", "removes, held out", "log evidence", "remark")
+    text = table(head, rows[:_SHOWN], "scores")
+    if len(rows) > _SHOWN:
+        rest = table(head, rows[_SHOWN:], "scores")
+        text += f"<details><summary>{len(rows) - _SHOWN} others</summary>{rest}</details>"
+    return text
+
+
+def findings(found: Sequence[Finding]) -> str:
+    """Return what reading and checking the tables came upon, the worst first."""
+    if not found:
+        return '<p class="hint">Nothing was found.</p>'
+    order = list(_SEVERITIES)
+    lines = [
+        f'<tr><td><span class="verdict {_SEVERITIES[f.severity]}">{escape(f.severity)}</span></td>'
+        f"<td>{escape(f.flight)}</td><td>{escape(words(f.check))}</td>"
+        f"<td>{escape(f.message)}</td></tr>"
+        for f in sorted(found, key=lambda f: order.index(f.severity))
+    ]
+    return table(("severity", "table", "check", "what was seen"), lines, "checks")
+
+
+def runs(notes: Sequence[FlightNote]) -> str:
+    """Return the tables that were read, and what they lack."""
+    lines = [
+        f'<tr><th scope="row">{escape(n.name)}</th>'
+        f"<td>{escape(', '.join(map(words, n.missing))) or 'nothing'}</td>"
+        f"<td>{escape(n.source)}</td></tr>"
+        for n in notes
+    ]
+    return table(("table", "not measured", "file"), lines, "runs") if lines else ""

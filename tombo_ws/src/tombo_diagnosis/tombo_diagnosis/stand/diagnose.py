@@ -1,0 +1,130 @@
+"""`tombo propeller diagnose`: from tables of a stand to a Diagnosis, as for flights."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from tombo_diagnosis.diagnosis import Diagnosis, FlightNote
+from tombo_diagnosis.stand.analyse import Findings, analyse
+from tombo_diagnosis.stand.assemble import Assembled, assemble
+from tombo_diagnosis.stand.causes import causes, scores
+from tombo_diagnosis.stand.constant import ThrustConstant, thrust_constant
+from tombo_diagnosis.stand.gain import held_out
+from tombo_diagnosis.stand.model_file import StandModel
+from tombo_diagnosis.stand.points import Points
+from tombo_diagnosis.stand.reading import StandTable
+from tombo_diagnosis.stand.separate import separate
+from tombo_diagnosis.stand.words import notes, summary
+from tombo_dynamics.propeller.effects import CHANNELS
+
+Tell = Callable[[str, float], None]
+
+TAKEN = ("thrust_coefficient", "drag_coefficient")
+"""What the fit of k_T and k_Q takes up."""
+
+
+@dataclass(frozen=True, eq=False)
+class StandDiagnosis:
+    """What was found, and what it rests on."""
+
+    diagnosis: Diagnosis
+    findings: Findings
+    constant: ThrustConstant | None
+    """Of a plain propeller."""
+    given: StandModel | None = None
+    """Model of earlier runs, that these were held against."""
+
+
+def diagnose_stand(
+    tables: Sequence[StandTable],
+    conf: int,
+    law: str,
+    plain: bool,
+    tell: Tell,
+    clock: Callable[[], float],
+    given: StandModel | None = None,
+) -> StandDiagnosis:
+    """Diagnose tables of a thrust stand.
+
+    Args:
+        tables: runs of one propeller or of several.
+        conf: configuration of tables that do not say theirs.
+        law: of the Tombo propellers.
+        plain: hold them against T = k omega^2.
+        tell: told the progress.
+        clock: of run time [s].
+        given: model of earlier runs.
+
+    Raises:
+        InputError: the tables can't be diagnosed together.
+    """
+    began = clock()
+    tell("finding plateaus", 0.0)
+    found = assemble(tables, conf, law, plain)
+    constant = None
+    if found.points.setup.plain and 0 in found.points.measured:
+        constant = thrust_constant(found, {t.name: t.rotor_speed for t in tables})
+    note = [
+        FlightNote(
+            t.name, t.source, _duration(t), _duration(t), "stand",
+            tuple(c for c in CHANNELS if c not in t.channels),
+        )
+        for t in tables
+    ]  # fmt: skip
+    base = None if given is None else given.theta
+    diagnosis, findings = diagnose_points(found, note, tell, constant, base)
+    diagnosis = _timed(diagnosis, clock() - began)
+    return StandDiagnosis(diagnosis, findings, constant, given)
+
+
+def diagnose_points(
+    found: Assembled,
+    flights: Sequence[FlightNote],
+    tell: Tell,
+    constant: ThrustConstant | None = None,
+    base: Mapping[str, tuple[float, ...]] | None = None,
+) -> tuple[Diagnosis, Findings]:
+    """Diagnose operating points."""
+    points = found.points
+    tell("looking for causes", 0.1)
+    findings = analyse(points, TAKEN if points.setup.plain else (), base)
+    tell("leaving out one block after the other", 0.4)
+    gains, shares = held_out(findings)
+    tell("simulating measurements", 0.8)
+    experiment = separate(findings)
+    judgement, found_causes = findings.judgement, causes(findings)
+    diagnosis = Diagnosis(
+        verdict=judgement.verdict,
+        causes=found_causes,
+        set=judgement.members,
+        separating_experiment=experiment,
+        gain=tuple(gains),
+        prechecks=found.findings,
+        candidates=scores(findings, shares),
+        flights=tuple(flights),
+        residuals=(),
+        confidence=judgement.confidence,
+        summary=summary(findings, found_causes, gains, constant),
+        notes=notes(findings, found_causes, gains, constant),
+        model=_model(points),
+        vehicle="" if not points.setup.plain else "plain propeller",
+    )
+    return diagnosis, findings
+
+
+def _model(points: Points) -> str:
+    if points.setup.plain:
+        k_T = float(points.setup.rows[0, 0])
+        return f"T = k_T omega^2, k_T = {k_T:.4g} N s^2, fitted to these points"
+    return f"Tombo propeller, law {points.setup.law}: {', '.join(points.propellers[:14])}"
+
+
+def _duration(table: StandTable) -> float:
+    t = table.channels.get("time")
+    return float(t[-1] - t[0]) if t is not None and t.size else math.nan
+
+
+def _timed(diagnosis: Diagnosis, seconds: float) -> Diagnosis:
+    return replace(diagnosis, seconds=seconds)

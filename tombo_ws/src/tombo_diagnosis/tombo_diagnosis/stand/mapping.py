@@ -1,0 +1,296 @@
+"""What a stand's mapping file says: which columns hold which channel, in which units.
+
+YAML; `docs/stand.md` explains it by example. Without one, shipped mappings are recognised by
+their header and plain names of columns are understood.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from tombo_diagnosis.logs.units import factor as flight_factor
+from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.vehicle import GRAVITY
+
+CHANNELS: Mapping[str, str] = {
+    "time": "s",
+    "speed": "rad/s",
+    "reference_speed": "rad/s",
+    "thrust": "N",
+    "torque": "N m",
+    "beta": "rad",
+    "applied_thrust": "N",
+    "applied_torque": "N m",
+    "thrust_sigma": "N",
+    "torque_sigma": "N m",
+    "command": "1",
+    "voltage": "V",
+    "current": "A",
+    "power": "W",
+    "conf": "1",
+    "run": "1",
+    "propeller": "1",
+}
+"""Channel -> its unit here."""
+MANY = ("speed", "reference_speed")
+"""Channels that may have several columns, one a rotor."""
+_FORCES = {
+    "N": 1.0, "mN": 1e-3, "kN": 1e3, "g": 1e-3 * GRAVITY, "gf": 1e-3 * GRAVITY,
+    "kg": GRAVITY, "kgf": GRAVITY, "lbf": 4.4482216, "ozf": 0.27801385,
+}  # fmt: skip
+_MOMENTS = {
+    "N m": 1.0, "mN m": 1e-3, "N mm": 1e-3, "N cm": 1e-2, "g cm": 1e-5 * GRAVITY,
+    "kg cm": 1e-2 * GRAVITY, "lbf in": 0.11298483,
+}  # fmt: skip
+_OWN = {"N": _FORCES, "N m": _MOMENTS, "W": {"W": 1.0, "mW": 1e-3}}
+_NAMES = {
+    "speed": ("rpm", "speed", "omega", "motor_speed", "motor_optical_speed", "rotor_speed"),
+    "reference_speed": ("reference_speed", "second_speed", "reference_rpm"),
+    "thrust": ("thrust", "weight", "force", "lift"),
+    "torque": ("torque", "moment"),
+    "beta": ("beta", "flap", "flap_angle", "deformation", "deformation_angle"),
+    "applied_thrust": ("applied_thrust", "known_thrust", "check_weight"),
+    "applied_torque": ("applied_torque", "known_torque"),
+    "thrust_sigma": ("thrust_sigma", "thrust_dev", "thrust_std"),
+    "torque_sigma": ("torque_sigma", "torque_dev", "torque_std"),
+    "command": ("pwm", "command", "esc", "throttle"),
+    "voltage": ("voltage", "v", "vbat"),
+    "current": ("current", "i"),
+    "power": ("power", "p", "electrical_power"),
+    "time": ("time", "t", "stamp", "timestamp"),
+    "conf": ("conf", "configuration"),
+    "run": ("run", "repeat"),
+    "propeller": ("propeller", "specimen"),
+}
+_HEADING = re.compile(r"^\s*(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*$")
+_OTHERS = ("rpm", "rad_s", "Hz", "deg", "rad", "V", "A", "W", "mW", "s", "ms")
+_UNITS_IN_NAMES = (*(u.replace(" ", "") for u in (*_FORCES, *_MOMENTS)), *_OTHERS)
+_SUFFIX = re.compile(rf"^(.*?)_({'|'.join(map(re.escape, _UNITS_IN_NAMES))})$")
+_SPELT = {
+    **{u.replace(" ", ""): u for u in _MOMENTS},
+    **{"N·m": "N m", "N-m": "N m", "N*m": "N m", "rad_s": "rad/s"},
+}
+_LARGEST = 200_000
+
+
+@dataclass(frozen=True)
+class StandChannel:
+    """Where a channel comes from."""
+
+    columns: tuple[str, ...]
+    unit: str
+    sign: float = 1.0
+    poles: int = 2
+    """Of the motor: 2 where the column has turns, more where it counts electrical ones."""
+
+
+@dataclass(frozen=True)
+class StandMapping:
+    """A mapping file, checked."""
+
+    name: str
+    about: str = ""
+    header: tuple[str, ...] = ()
+    """All columns of the files that it is for, to recognise them by; empty: any."""
+    model: str = "tombo"
+    """tombo, or plain: thrust as the square of speed, of any other propeller."""
+    rotors: int = 1
+    """Rotors that pull on the cell together."""
+    diameter_mm: float = 0.0
+    """Of a plain propeller; 0: not known."""
+    lag_s: float = -1.0
+    """Of the cell behind the tachometer; -1: found from the data."""
+    tare: str = "start"
+    """start: readings at standstill before the run are zero; none: already so."""
+    channels: Mapping[str, StandChannel] = field(default_factory=dict)
+
+
+def unit_factor(unit: str, channel: str, what: str) -> float:
+    """Return by what to multiply values in `unit` to have them in the channel's.
+
+    Raises:
+        InputError: no such unit for such a channel.
+    """
+    wanted = CHANNELS[channel]
+    text = _SPELT.get(unit.strip(), unit.strip())
+    if wanted in _OWN:
+        if text not in _OWN[wanted]:
+            raise unknown_name(f"unit of {what}", unit, _OWN[wanted])
+        return _OWN[wanted][text]
+    return flight_factor(text, wanted, what)
+
+
+def shipped() -> dict[str, StandMapping]:
+    """Return the mappings that come with the package, by name."""
+    folder = resources.files("tombo_diagnosis").joinpath("stand/mappings")
+    files = sorted(f.name for f in folder.iterdir() if f.name.endswith(".yaml"))
+    texts = {name: folder.joinpath(name).read_text(encoding="utf-8") for name in files}
+    return {name[:-5]: parse_mapping(text, name[:-5]) for name, text in texts.items()}
+
+
+def load_mapping(name: str) -> StandMapping:
+    """Read a mapping: the name of a shipped one, or a YAML file.
+
+    Raises:
+        InputError: no such mapping, or one that can't be used.
+    """
+    path = Path(name)
+    if path.is_dir():
+        raise InputError(f"mapping '{name}' is a folder; accepted: a YAML file, {_shipped()}")
+    if not path.is_file():
+        known = shipped()
+        if name not in known:
+            raise unknown_name("mapping", name, [*known, "a YAML file"])
+        return known[name]
+    try:
+        if path.stat().st_size > _LARGEST:
+            raise InputError(f"mapping '{name}' is too large; accepted: a short YAML file")
+        return parse_mapping(path.read_text(encoding="utf-8"), name)
+    except (OSError, UnicodeDecodeError) as error:
+        why = getattr(error, "strerror", None) or "it is no text"
+        raise InputError(f"mapping '{name}' can't be read: {why}; accepted: YAML") from error
+
+
+def _shipped() -> str:
+    return f"or a shipped one ({', '.join(shipped())})"
+
+
+def parse_mapping(text: str, name: str) -> StandMapping:
+    """Check the text of a mapping file.
+
+    Raises:
+        InputError: not a mapping; says which key is wrong and what is accepted.
+    """
+    what = f"mapping '{name}'"
+    try:
+        content = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise InputError(f"{what} is not valid YAML: {' '.join(str(error).split())}") from error
+    values = _table(content, what, [f.name for f in fields(StandMapping)])
+    model, tare = str(values.get("model", "tombo")), str(values.get("tare", "start"))
+    if model not in ("tombo", "plain"):
+        raise unknown_name(f"{what}: model", model, ("tombo", "plain"))
+    if tare not in ("start", "none"):
+        raise unknown_name(f"{what}: tare", tare, ("start", "none"))
+    channels = _table(values.get("channels"), f"{what}: channels", CHANNELS)
+    header = values.get("header") or ()
+    if isinstance(header, str) or not isinstance(header, Sequence):
+        raise InputError(f"{what}: header {header!r:.60}; accepted: a list of columns")
+    return StandMapping(
+        name=str(values.get("name", Path(name).stem)),
+        about=str(values.get("about", "")),
+        header=tuple(map(str, header)),
+        model=model,
+        rotors=int(_number(values.get("rotors", 1), 1, 64, f"{what}: rotors")),
+        diameter_mm=_number(values.get("diameter_mm", 0.0), 0.0, 1e4, f"{what}: diameter_mm"),
+        lag_s=_number(values.get("lag_s", -1.0), -1.0, 60.0, f"{what}: lag_s"),
+        tare=tare,
+        channels={key: _channel(key, value, what) for key, value in channels.items()},
+    )
+
+
+def _channel(key: str, content: object, what: str) -> StandChannel:
+    what = f"{what}: {key}"
+    values = _table(content, what, [f.name for f in fields(StandChannel)])
+    columns = values.get("columns", ())
+    columns = (columns,) if isinstance(columns, str) else columns
+    many = key in MANY
+    if not isinstance(columns, Sequence) or not columns or (len(columns) > 1 and not many):
+        accepted = "names of columns, one a rotor" if many else "one name of a column"
+        raise InputError(f"{what}: columns {columns!r:.60}; accepted: {accepted}")
+    if "unit" not in values and CHANNELS[key] != "1":
+        raise InputError(f"{what}: no unit; accepted: a unit as {CHANNELS[key]}")
+    unit = str(values.get("unit", "1"))
+    unit_factor(unit, key, what)
+    sign = _number(values.get("sign", 1.0), -1.0, 1.0, f"{what}: sign")
+    if abs(sign) != 1.0:
+        raise InputError(f"{what}: sign {sign:g}; accepted: 1 or -1")
+    poles = int(_number(values.get("poles", 2), 2, 200, f"{what}: poles"))
+    if poles % 2:
+        raise InputError(f"{what}: poles {poles}; accepted: an even number of magnets")
+    return StandChannel(tuple(str(c) for c in columns), unit, sign, poles)
+
+
+def recognise(columns: Sequence[str]) -> StandMapping | None:
+    """Return a shipped mapping whose header a table has, or None."""
+    return next(
+        (m for m in shipped().values() if m.header and set(m.header) <= set(columns)), None
+    )
+
+
+def understand(columns: Sequence[str], path: Path) -> StandMapping:
+    """Return a mapping from plain names of columns: thrust_N, rpm, torque [mN m], beta_deg ...
+
+    Raises:
+        InputError: no speed, or neither thrust nor torque; or a unit that is not known.
+    """
+    found: dict[str, StandChannel] = {}
+    for column in columns:
+        name, unit = _split(column)
+        channel = next((c for c, names in _NAMES.items() if name in names), None)
+        if channel is None or channel in found:
+            continue
+        if not unit:
+            unit = "rpm" if name.endswith("rpm") else CHANNELS[channel]
+            if channel in ("thrust", "torque", "beta") or (channel == "speed" and name != "rpm"):
+                raise InputError(
+                    f"'{path}': column '{column}' has no unit; accepted: a unit in its name, as "
+                    f"{name}[{CHANNELS[channel]}] ({_units(channel)}), or --mapping"
+                )
+        unit_factor(unit, channel, f"column '{column}' of '{path}'")
+        found[channel] = StandChannel((column,), unit)
+    if "speed" not in found or not {"thrust", "torque"} & set(found):
+        lacking = "speed" if "speed" not in found else "thrust or torque"
+        raise InputError(
+            f"'{path}': no column for {lacking} among {', '.join(columns)[:200]}; accepted: names "
+            f"as rpm, thrust_N, torque_Nm, beta_deg (thrust in {', '.join(_FORCES)}; torque in "
+            f"{', '.join(u.replace(' ', '') for u in _MOMENTS)}), or --mapping"
+        )
+    return StandMapping("names of the columns", channels=found)
+
+
+def _units(channel: str) -> str:
+    wanted = CHANNELS[channel]
+    if wanted in _OWN:
+        return ", ".join(_OWN[wanted])
+    return "rpm, rad/s, Hz" if wanted == "rad/s" else "deg, rad"
+
+
+def _split(column: str) -> tuple[str, str]:
+    """Return the name and the unit of a heading."""
+    match = _HEADING.match(column)
+    name, unit = (match.group(1), match.group(2) or "") if match else (column, "")
+    if not unit:
+        suffix = _SUFFIX.match(name)
+        if suffix and name.lower() not in {n for names in _NAMES.values() for n in names}:
+            name, unit = suffix.group(1), suffix.group(2)
+    name = re.sub(r"[^\w]+", "_", name.strip().lower()).strip("_")
+    if unit.lower() == "rpm" and name == "":
+        name = "rpm"
+    return name, _SPELT.get(unit, unit)
+
+
+def _number(content: object, low: float, high: float, what: str) -> float:
+    if isinstance(content, bool) or not isinstance(content, int | float):
+        raise InputError(f"{what}: {content!r:.40}; accepted: a number from {low:g} to {high:g}")
+    if not low <= content <= high:
+        raise InputError(f"{what}: {content:g}; accepted: {low:g} to {high:g}")
+    return float(content)
+
+
+def _table(content: object, what: str, accepted: Any) -> dict[str, Any]:
+    if not isinstance(content, Mapping):
+        if content is None:
+            return {}
+        raise InputError(f"{what} is {content!r:.60}; accepted: {', '.join(accepted)}")
+    for key in content:
+        if key not in accepted:
+            raise unknown_name(f"key of {what}", key, accepted)
+    return {str(key): value for key, value in content.items()}

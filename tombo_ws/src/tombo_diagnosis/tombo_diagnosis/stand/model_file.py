@@ -1,0 +1,128 @@
+"""`stand_model.yaml`: what a stand diagnosis adds to the propeller model, and where it is from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from tombo_diagnosis.diagnosis import Diagnosis
+from tombo_diagnosis.extend_model import EXTENDS
+from tombo_diagnosis.stand.departure import extending
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.propeller.effects import STAND_EFFECTS, check_stand_theta
+from tombo_dynamics.yaml_text import parse_yaml
+
+FORMAT = 1
+_HEAD = (
+    "# What thrust-stand data add to the propeller model.\n"
+    "# Hold other data against it: tombo propeller diagnose OTHER.csv --model THIS_FILE\n"
+)
+
+
+@dataclass(frozen=True)
+class StandModel:
+    """What a `stand_model.yaml` adds to the propeller model."""
+
+    theta: Mapping[str, tuple[float, ...]]
+    """Effect -> its parameters."""
+    written: Mapping[str, Any]
+    """Effect -> what the file says of it, intervals included."""
+
+
+def extends_model(diagnosis: Diagnosis) -> bool:
+    """Return whether something was found that a model can take over."""
+    return diagnosis.verdict in EXTENDS and bool(extending(diagnosis.causes))
+
+
+def stand_model_text(
+    diagnosis: Diagnosis, tool: str, date: str, given: StandModel | None = None
+) -> str:
+    """Return the text of `stand_model.yaml`.
+
+    Args:
+        diagnosis: what was found.
+        tool: that found it, with its version.
+        date: of today.
+        given: model that the runs were held against. What it adds stays, but for effects that were
+            found again: their parameters are the new ones, of both together.
+    """
+    found = {cause.effect for cause in diagnosis.causes}
+    kept = {} if given is None else {e: c for e, c in given.written.items() if e not in found}
+    values = {
+        "tombo_stand_model": FORMAT,
+        "effects": kept | {
+            cause.effect: {
+                "confidence": _plain(cause.confidence),
+                "parameters": {
+                    f.name: {
+                        "value": _plain(f.value), "unit": f.unit, "nominal": _plain(f.nominal),
+                        "low": _plain(f.low), "high": _plain(f.high),
+                    }
+                    for f in cause.theta
+                },
+                "covariance": [[_plain(v) for v in row] for row in cause.covariance],
+            }
+            for cause in extending(diagnosis.causes)
+        },
+        "origin": {
+            "model": diagnosis.model,
+            "verdict": diagnosis.verdict,
+            "tool": tool,
+            "date": date,
+            "runs": [note.source for note in diagnosis.flights],
+        },
+        "gain": [
+            {
+                "channel": g.channel, "unit": g.unit, "before": _plain(g.before),
+                "after": _plain(g.after), "low": _plain(g.low), "high": _plain(g.high),
+            }
+            for g in diagnosis.gain
+        ],
+        "notes": list(diagnosis.notes),
+    }  # fmt: skip
+    text: str = yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=99)
+    return f"{_HEAD}{text}"
+
+
+def read_stand_model(path: Path) -> StandModel:
+    """Return what a file adds to the model.
+
+    Raises:
+        InputError: it can't be read, is no such model, or holds unknown effects or values out of
+            bounds.
+    """
+    what = f"stand model '{path}'"
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        why = getattr(error, "strerror", None) or "it is no text"
+        raise InputError(f"{what} can't be read: {why}; accepted: a stand_model.yaml") from error
+    values = parse_yaml(text, what)
+    if not isinstance(values, Mapping) or values.get("tombo_stand_model") != FORMAT:
+        raise InputError(f"{what} is none; accepted: a stand_model.yaml of propeller diagnose")
+    effects = values.get("effects")
+    if not isinstance(effects, Mapping) or not effects:
+        raise InputError(f"{what}: effects: none; accepted: at least one")
+    given: dict[str, dict[str, Any]] = {}
+    for name, content in effects.items():
+        parameters = content.get("parameters") if isinstance(content, Mapping) else None
+        if not isinstance(parameters, Mapping):
+            raise InputError(f"{what}: {name}: no parameters; accepted: a mapping of them")
+        given[str(name)] = {
+            str(k): v.get("value") if isinstance(v, Mapping) else v for k, v in parameters.items()
+        }
+    checked = check_stand_theta(given, what)
+    theta = {
+        name: tuple(own.get(p.name, p.null) for p in STAND_EFFECTS[name].theta)
+        for name, own in checked.items()
+    }
+    return StandModel(theta, {str(name): content for name, content in effects.items()})
+
+
+def _plain(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,160 @@
+import io
+import itertools
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.image import imread
+from matplotlib.text import Text
+
+from tombo_flight.report.flight_plot import draw_flight, png_bytes
+from tombo_flight.report.flight_poster import draw_poster
+from tombo_flight.report.panel import envelope
+
+EDGES = [
+    "no contact",
+    "crashed",
+    "cut short at 0.3 s",
+    "one sample",
+    "cut short after contact",
+    "nothing but the log",
+    "summary of NaN",
+    "detected before contact",
+]
+
+
+def pixels(png):
+    return imread(io.BytesIO(png), format="png")[:, :, :3]
+
+
+def assert_is_a_picture(png, width, height, shades=0.002):
+    image = pixels(png)
+    assert image.shape[:2] == (height, width)
+    assert image.var() > shades, "the picture is blank"
+    dark = np.argwhere(image.mean(axis=2) < 0.6)
+    reach = (dark.max(axis=0) - dark.min(axis=0)) / (height, width)
+    assert (reach > 0.6).all(), "the ink does not reach over the picture"
+
+
+def test_figure_is_large_sharp_and_small_in_bytes(flight):
+    png = png_bytes(draw_flight(flight))
+    assert_is_a_picture(png, 1800, 1200)
+    assert len(png) < 400_000
+
+
+@pytest.mark.parametrize("name", EDGES)
+def test_every_flight_draws(edge_flights, name):
+    assert_is_a_picture(png_bytes(draw_flight(edge_flights[name])), 1800, 1200)
+
+
+@pytest.mark.parametrize("name", EDGES)
+def test_every_poster_draws(edge_flights, name):
+    assert_is_a_picture(png_bytes(draw_poster(edge_flights[name])), 1600, 900, 1e-4)
+
+
+def test_poster_of_the_recovery_names_its_instants(flight):
+    figure = draw_poster(flight)
+    assert_is_a_picture(png_bytes(figure), 1600, 900)
+    words = " ".join(t.get_text() for t in figure.findobj(Text))
+    for word in ("contact", "lowest, +1.2 s", "settled, +5.0 s", "unstable 1.5 s", "$x_c$"):
+        assert word in words
+
+
+def drawn_texts(figure):
+    """Every text that is on the picture, with its box in pixels."""
+    figure.canvas.draw()
+    hidden = set()
+    for axis in [a for axes in figure.axes for a in (axes.xaxis, axes.yaxis)]:
+        low, high = sorted(axis.get_view_interval())
+        for tick in axis.get_major_ticks():
+            off = not axis.axes.axison or not low <= tick.get_loc() <= high
+            hidden |= {tick.label1, tick.label2} if off else set()
+    texts = [t for t in figure.findobj(Text) if t.get_text().strip() and t.get_visible()]
+    renderer = figure.canvas.get_renderer()
+    return [(t.get_text(), t.get_window_extent(renderer)) for t in texts if t not in hidden]
+
+
+@pytest.mark.parametrize("name", ["whole", *EDGES])
+@pytest.mark.parametrize("draw", [draw_flight, draw_poster])
+def test_no_text_covers_another_or_leaves_the_picture(flight, edge_flights, name, draw):
+    figure = draw(flight if name == "whole" else edge_flights[name])
+    boxes = drawn_texts(figure)
+    assert len(boxes) > 10
+    width, height = figure.canvas.get_width_height()
+    for words, box in boxes:
+        assert box.x0 > -1 and box.y0 > -1, words
+        assert box.x1 < width + 1 and box.y1 < height + 1, words
+    for (a, one), (b, two) in itertools.combinations(boxes, 2):
+        wide = min(one.x1, two.x1) - max(one.x0, two.x0)
+        tall = min(one.y1, two.y1) - max(one.y0, two.y0)
+        assert wide < 2.0 or tall < 2.0, f"{a!r} covers {b!r} by {wide:.0f} x {tall:.0f} px"
+
+
+def upright_lines(axes):
+    lines = [line.get_xdata() for line in axes.lines]
+    return {round(float(x[0]), 3) for x in lines if len(x) == 2 and x[0] == x[1]}
+
+
+def test_contact_and_phases_are_marked_where_they_were(flight):
+    figure = draw_flight(flight)
+    whole, zoomed = (
+        next(a for a in figure.axes if a.get_ylabel() == "height z [m]" and a.get_xlim()[0] == x)
+        for x in (0.0, -2.0)
+    )
+    assert 23.0 in upright_lines(whole)
+    assert {0.0, 0.07, 0.082} <= upright_lines(zoomed)
+    bands = sorted((p.get_x(), p.get_x() + p.get_width()) for p in zoomed.patches)
+    assert np.allclose(bands, [(0.0, 1.5), (1.5, 5.0)])
+    assert zoomed.get_xlim() == (-2.0, 6.0)
+    words = [t.get_text() for t in zoomed.texts]
+    assert "falling distance 0.50 m" in words
+
+
+def test_a_flight_without_contact_has_one_column_and_no_marks(edge_flights):
+    figure = draw_flight(edge_flights["no contact"])
+    axes = [a for a in figure.axes if a.get_ylabel() == "height z [m]"]
+    assert len(axes) == 1
+    assert not axes[0].patches
+    assert not upright_lines(axes[0])
+
+
+def test_a_name_with_dollars_is_not_read_as_mathematics(make_flight):
+    name = "$\\frac{$ <b>"
+    for draw in (draw_flight, draw_poster):
+        assert png_bytes(draw(make_flight(end_s=0.3, name=name)))
+
+
+def test_drawing_takes_less_than_a_second(flight):
+    png_bytes(draw_flight(flight))
+    spent = []
+    for _ in range(2):
+        start = time.process_time()
+        png_bytes(draw_flight(flight))
+        spent.append(time.process_time() - start)
+    assert min(spent) < 1.0
+
+
+def test_drawing_leaves_no_global_state():
+    code = f"""
+import sys
+sys.path[:0] = {[path for path in sys.path if path]!r}
+import tombo_flight.report.flight_plot, tombo_flight.report.flight_poster
+assert "matplotlib.pyplot" not in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@given(values=st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=400), buckets=st.integers(1, 40))
+def test_a_thinned_line_keeps_its_ends_its_order_and_its_extremes(values, buckets):
+    y = np.array(values)
+    t = np.arange(len(y), dtype=float)
+    thin_t, thin_y = envelope(t, y, buckets)
+    assert len(thin_t) <= max(2 * buckets + 2, 2)
+    assert (np.diff(thin_t) > 0).all()
+    assert (thin_t[0], thin_t[-1]) == (t[0], t[-1])
+    assert (thin_y.min(), thin_y.max()) == (y.min(), y.max())
+    assert all(y[int(k)] == v for k, v in zip(thin_t, thin_y, strict=True))

@@ -1,0 +1,323 @@
+import base64
+import json
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from tombo_flight.report.comparison import comparison_rows
+from tombo_flight.report.flight_plot import draw_flight, png_bytes
+from tombo_flight.report.flight_report import SCRIPTS, asset, report_html, write_report
+from tombo_flight.report.payload import COLUMNS, flight_block, kept_samples, script_json
+from tombo_flight.report.shapes import Airframe
+from tombo_flight.report.story import tell
+from tombo_flight.report.tables import values_table
+
+NODE = shutil.which("node")
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "google-chrome", "chrome"))), None)
+VOID = {"meta", "link", "img", "input", "br", "hr", "line", "circle"}
+needs_node = pytest.mark.skipif(NODE is None, reason="node is not installed")
+
+
+class Page(HTMLParser):
+    """Reads a page strictly: every element is closed, in order."""
+
+    def __init__(self, html):
+        super().__init__()
+        self.open, self.elements, self.texts = [], [], {}
+        self.feed(html)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attributes):
+        self.elements.append((tag, dict(attributes)))
+        if tag not in VOID:
+            self.open.append((tag, dict(attributes).get("id")))
+
+    def handle_startendtag(self, tag, attributes):
+        self.elements.append((tag, dict(attributes)))
+
+    def handle_endtag(self, tag):
+        assert self.open and self.open[-1][0] == tag, f"</{tag}> closes {self.open[-1:]}"
+        self.open.pop()
+
+    def handle_data(self, data):
+        if self.open:
+            self.texts.setdefault(self.open[-1], []).append(data)
+
+    def text(self, tag, name=None):
+        return "".join(self.texts.get((tag, name), []))
+
+    def block(self, name):
+        return json.loads(self.text("script", name))
+
+
+@pytest.fixture(scope="module")
+def html(flight):
+    return report_html(flight, png_bytes(draw_flight(flight)))
+
+
+@pytest.fixture(scope="module")
+def page(html):
+    return Page(html)
+
+
+def columns(block):
+    raw = np.frombuffer(base64.b64decode(block["base64"]), dtype="<f4")
+    table, at = {}, 0
+    for name, width in block["columns"]:
+        size = width * block["samples"]
+        table[name] = raw[at : at + size].reshape(-1, width)
+        at += size
+    assert at == len(raw)
+    return table
+
+
+def test_the_page_loads_nothing(html, page):
+    assert not re.search(r"https?:|//[a-z0-9.-]+\.[a-z]{2,}/|@import|url\(", html)
+    for tag, attributes in page.elements:
+        for name in ("src", "href", "srcset", "action", "data", "poster"):
+            value = attributes.get(name)
+            assert value is None or value.startswith(("data:", "#")), (tag, name, value)
+        assert tag not in ("iframe", "object", "embed", "base", "form")
+    for call in ("fetch(", "XMLHttpRequest", "WebSocket", "importScripts", "import("):
+        assert call not in html
+    policy = next(a["content"] for t, a in page.elements if a.get("http-equiv"))
+    assert policy.startswith("default-src 'none'")
+
+
+def test_the_page_is_small(html):
+    assert len(html.encode()) < 3_000_000
+
+
+def test_ids_are_unique_and_every_inner_link_has_its_end(page):
+    ids = [a["id"] for _, a in page.elements if "id" in a]
+    assert len(ids) == len(set(ids))
+    ends = {a["href"][1:] for t, a in page.elements if t == "a"}
+    assert ends <= set(ids)
+
+
+def test_every_element_the_scripts_look_for_is_there(page):
+    ids = {a["id"] for _, a in page.elements if "id" in a}
+    wanted = set(re.findall(r'find\("([\w-]+)"\)', asset("player.js")))
+    assert {"scene", "play", "jump", "time"} <= wanted <= ids
+
+
+def test_the_figure_is_in_the_page(flight, page):
+    image = next(a["src"] for t, a in page.elements if t == "img")
+    head, data = image.split(",", 1)
+    assert head == "data:image/png;base64"
+    assert base64.b64decode(data).startswith(b"\x89PNG")
+
+
+def test_embedded_columns_are_the_records(flight, page):
+    table = columns(page.block("flight"))
+    index = np.round(table["t"][:, 0] * 1000.0).astype(int)
+    for name in COLUMNS:
+        wanted = flight.log[name].reshape(len(flight.t), -1)[index]
+        np.testing.assert_allclose(table[name], wanted, rtol=1e-6, atol=1e-6, err_msg=name)
+
+
+def test_samples_are_dense_around_the_contact_and_span_the_flight(flight):
+    t = flight.t[kept_samples(flight.t, 23.0)]
+    assert (t[0], t[-1]) == (flight.t[0], flight.t[-1])
+    assert np.diff(t).max() <= 0.0201
+    assert np.diff(t[(t >= 22.5) & (t <= 29.5)]).max() <= 0.0051
+    assert 23.0 in t
+
+
+def test_a_long_flight_stays_small(make_flight):
+    t = np.arange(0.0, 3600.0, 0.001)
+    index = kept_samples(t, 1800.0)
+    floats = 36
+    assert len(index) * floats * 4 * 4 / 3 < 2_000_000
+
+
+def test_a_blow_between_samples_is_not_lost(flight):
+    force = np.zeros_like(flight.log["contact_force"])
+    force[30_013, 1] = -77.0
+    record = replace(flight, log={**flight.log, "contact_force": force})
+    blow = columns(flight_block(record, tell(record)))["contact_N"]
+    assert blow.max() == pytest.approx(77.0)
+    assert np.count_nonzero(blow) == 1
+
+
+def test_text_from_outside_stays_text(make_flight):
+    evil = "</script><script>alert(1)</script><img src=x onerror=alert(2)>{{plot}}&amp;"
+    record = make_flight(name=evil)
+    record.events.append({"time_s": 24.0, "kind": 'x" onclick="y', "text": evil})
+    record.scenario[evil] = {"note": evil}
+    record.summary["note"] = evil
+    page = Page(report_html(record, b"png"))
+    tags = [tag for tag, _ in page.elements]
+    assert tags.count("script") == 3
+    assert tags.count("img") == 1
+    assert not any(key.startswith("on") for _, a in page.elements for key in a)
+    assert evil in page.text("title")
+    assert page.text("h1") is not None
+    assert page.block("story")["events"][-1]["text"] == evil
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "no contact",
+        "crashed",
+        "cut short at 0.3 s",
+        "one sample",
+        "cut short after contact",
+        "nothing but the log",
+        "summary of NaN",
+        "detected before contact",
+    ],
+)
+def test_every_flight_has_a_report(edge_flights, name, tmp_path):
+    path = tmp_path / "report.html"
+    write_report(edge_flights[name], path, b"png")
+    page = Page(path.read_text(encoding="utf-8"))
+    assert columns(page.block("flight"))["t"].size > 0
+    assert page.block("story")["verdict"] == tell(edge_flights[name]).verdict.value
+
+
+def test_the_same_flight_gives_the_same_bytes(flight):
+    assert report_html(flight, b"png") == report_html(flight, b"png")
+
+
+def test_the_table_holds_the_papers_figures_against_the_flights(flight):
+    rows = {row.name: row for row in comparison_rows(tell(flight), flight.summary)}
+    assert rows["Unstable phase"].paper == 1.5
+    assert rows["Recovery phase"].paper == 3.5
+    assert rows["Recovery time"].paper == 5.0
+    assert rows["Largest falling distance"].paper == 0.5
+    assert rows["Time of the collision"].paper == 23.0
+    assert rows["Recovery phase"].flight == pytest.approx(3.5)
+    assert rows["Detection latency"].flight == pytest.approx(70.0)
+    assert rows["Distance from x_c to x_r"].flight == pytest.approx(0.8)
+    assert "0.825 m" in rows["Distance from x_c to x_r"].definition
+    assert rows["Falling rate"].flight == pytest.approx(0.5 / 1.15, rel=0.02)
+
+
+def test_without_the_reaction_the_paper_expects_a_crash(flight):
+    story = tell(replace(flight, summary={**flight.summary, "reaction": False}))
+    outcome = comparison_rows(story, flight.summary)[0]
+    assert outcome.paper_text == "falls and crashes"
+    assert outcome.flight_text == "recovered"
+
+
+def test_a_list_of_mappings_shows_as_numbered_rows():
+    table = values_table({"course": [{"x": 1.5, "hold": 2.0}, {"yaw": 0.25}, {}]})
+    cells = re.findall(r"<th scope='row'>(.*?)</th><td>(.*?)</td>", table)
+    assert cells == [
+        ("course[0]", "x 1.5, hold 2"),
+        ("course[1]", "yaw 0.25"),
+        ("course[2]", "{}"),
+    ]
+
+
+def test_nested_values_show_as_dotted_rows():
+    table = values_table({"a": {"b": 1.0 / 3.0, "c": None}, "d": [1, 2.5], "e": True, "f": {}})
+    cells = re.findall(r"<th scope='row'>(.*?)</th><td>(.*?)</td>", table)
+    assert cells == [
+        ("a.b", "0.333333"),
+        ("a.c", "–"),
+        ("d", "[1, 2.5]"),
+        ("e", "yes"),
+        ("f", "{}"),
+    ]
+
+
+def test_json_for_scripts_has_no_markup_and_no_nan():
+    value = {"a": float("nan"), "b": np.float64(2.0), "c": "</script>&\u2028", "d": np.arange(2)}
+    text = script_json(value)
+    assert not set("<>&\u2028") & set(text)
+    assert json.loads(text) == {"a": None, "b": 2.0, "c": "</script>&\u2028", "d": [0, 1]}
+
+
+@needs_node
+@pytest.mark.parametrize("name", [*SCRIPTS, "all together"])
+def test_scripts_are_well_formed(name, tmp_path):
+    source = asset(name) if name in SCRIPTS else "\n".join(asset(part) for part in SCRIPTS)
+    path = tmp_path / "script.js"
+    path.write_text(source, encoding="utf-8")
+    done = subprocess.run([NODE, "--check", str(path)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+@needs_node
+def test_the_pages_own_code_reads_the_flight(flight, page, tmp_path):
+    times = [0.0, 5.013, 22.9996, 23.0, 23.0333, 23.5, 30.0001, float(flight.t[-1])]
+    probe = """
+const flight = decodeFlight(block);
+const out = times.map((t) => ({
+  position: rowAt(flight, "position", t),
+  mode: heldAt(flight, "mode", t)[0],
+  up: turner(attitudeAt(flight, t))([0, 0, 1]),
+  tilt: tiltOf(attitudeAt(flight, t)),
+  angles: rollPitchYaw(attitudeAt(flight, t)),
+}));
+console.log(JSON.stringify(out));
+"""
+    path = tmp_path / "probe.js"
+    head = f"const block = {json.dumps(page.block('flight'))}, times = {times};"
+    path.write_text(asset("flight.js") + head + probe, encoding="utf-8")
+    done = subprocess.run([NODE, str(path)], capture_output=True, text=True, check=True)
+    for t, seen in zip(times, json.loads(done.stdout), strict=True):
+        true = [np.interp(t, flight.t, flight.log["position"][:, k]) for k in range(3)]
+        assert seen["position"] == pytest.approx(true, abs=2e-3), t
+        i = int(np.searchsorted(flight.t, t + 1e-9)) - 1
+        x, y, z, w = flight.log["attitude"][i]
+        up = [2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)]
+        assert seen["up"] == pytest.approx(up, abs=0.02), t
+        assert seen["tilt"] == pytest.approx(np.degrees(np.arccos(up[2])), abs=1.5)
+        assert seen["angles"][0] == pytest.approx(
+            np.degrees(np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))), abs=1.5
+        )
+    assert [seen["mode"] for seen in json.loads(done.stdout)][3:6] == [4.0, 4.0, 4.0]
+
+
+@needs_node
+def test_page_and_poster_draw_the_same_vehicle(flight, page, tmp_path):
+    t = 23.15
+    probe = f"""
+const flight = decodeFlight({json.dumps(page.block("flight"))});
+const parts = vehicleParts(flight, {json.dumps(page.block("story")["shape"])}, {t}, [1.6, 0, 9]);
+console.log(JSON.stringify(parts));
+"""
+    path = tmp_path / "probe.js"
+    path.write_text(asset("flight.js") + asset("vehicle.js") + probe, encoding="utf-8")
+    done = subprocess.run([NODE, str(path)], capture_output=True, text=True, check=True)
+    i = round(t * 1000)
+    log = flight.log
+    wanted = Airframe.of(flight.scenario).parts(
+        log["position"][i], log["attitude"][i], log["fold"][i]
+    )
+    seen = [part for part in json.loads(done.stdout) if part["kind"] not in ("blade", "thrust")]
+    assert sorted(p["kind"] for p in seen) == sorted(p.kind for p in wanted)
+    for kind in ("leg", "arm", "motor", "ghost", "disc"):
+        ours = [p.points_m for p in wanted if p.kind == kind]
+        theirs = [p["points"] for p in seen if p["kind"] == kind]
+        for a, b in zip(ours, theirs, strict=True):
+            np.testing.assert_allclose(a, b, atol=2e-3, err_msg=kind)
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
+@pytest.mark.parametrize("name", ["whole", "no contact", "one sample", "summary of NaN"])
+def test_a_browser_runs_the_page_without_a_complaint(flight, edge_flights, name, tmp_path):
+    path = tmp_path / "report.html"
+    write_report(flight if name == "whole" else edge_flights[name], path, b"\x89PNG")
+    options = [
+        "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+        "--disable-background-networking", "--disable-component-update", "--disable-sync",
+        f"--user-data-dir={tmp_path / 'profile'}", "--enable-logging=stderr",
+        "--virtual-time-budget=2000", "--dump-dom", path.as_uri(),
+    ]  # fmt: skip
+    try:
+        done = subprocess.run([BROWSER, *options], capture_output=True, text=True, timeout=60)
+    except subprocess.TimeoutExpired:
+        pytest.skip("the browser does not end on this machine")
+    assert ":CONSOLE" not in done.stderr, done.stderr
+    assert 'data-ready="yes"' in done.stdout

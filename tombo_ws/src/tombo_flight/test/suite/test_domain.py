@@ -1,0 +1,25 @@
+"""A private ROS_DOMAIN_ID."""
+
+from __future__ import annotations
+
+import socket
+
+from tombo_flight.suite.domain import free_domain, udp_ports
+
+
+def test_every_process_gets_one_from_1_to_101():
+    assert {free_domain(pid, ()) for pid in range(500)} == set(range(1, 102))
+
+
+def test_one_with_a_port_in_use_is_passed_over():
+    wish = free_domain(40, ())
+    assert free_domain(40, {7400 + 250 * wish + 11}) == wish + 1
+    assert free_domain(40, {7400 + 250 * wish - 1, 53}) == wish
+    every = {7400 + 250 * domain for domain in range(1, 102)}
+    assert 1 <= free_domain(40, every) <= 101
+
+
+def test_the_ports_of_this_machine_are_seen():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+        one.bind(("127.0.0.1", 0))
+        assert one.getsockname()[1] in udp_ports()

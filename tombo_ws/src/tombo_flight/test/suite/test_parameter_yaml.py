@@ -1,0 +1,158 @@
+"""The parameter file of the suite: every value of a scenario arrives, with its type."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tombo_bringup.topic_table import read_nodes
+from tombo_control.mission import MissionParams
+from tombo_dynamics.params import from_mapping
+from tombo_flight.scenario import Scenario, as_mapping, load_scenario
+from tombo_flight.suite.nodes import SUITE
+from tombo_flight.suite.parameter_yaml import (
+    SECTIONS,
+    default_file,
+    parameter_yaml,
+    suite_parameters,
+)
+
+CONFIG = Path(__file__).parents[5] / "tombo_ws/src/tombo_bringup/config/suite.yaml"
+NO_PARAMETER = {"name", "description", "duration", "model"}
+"""What is not a parameter of a node: names, and when `tombo fly` ends."""
+
+
+def flat(values: dict[str, Any], above: str = "") -> dict[str, Any]:
+    found = {}
+    for key, value in values.items():
+        if isinstance(value, dict):
+            found |= flat(value, f"{above}{key}.")
+        else:
+            found[above + key] = value
+    return found
+
+
+def read(text: str) -> dict[str, dict[str, Any]]:
+    return {
+        name.removeprefix("/**/"): flat(values["ros__parameters"])
+        for name, values in yaml.safe_load(text).items()
+    }
+
+
+@pytest.mark.parametrize("name", ["paper_collision", "known_obstacle", "aggressive", "survey"])
+def test_every_value_of_a_scenario_arrives_at_a_node(name):
+    scenario = load_scenario(
+        name, ["react=false", "vehicle.rotor_inertia=6.1e-05", "propeller.conf=10"]
+    )
+    nodes = read(parameter_yaml(suite_parameters(scenario, 7)))
+    anywhere = {key: value for values in nodes.values() for key, value in values.items()}
+
+    wanted = flat({k: v for k, v in as_mapping(scenario).items() if k not in NO_PARAMETER})
+
+    course = anywhere["mission.course"]
+    anywhere["mission.course"] = yaml.safe_load(course) if course else None
+    missing = {k: v for k, v in wanted.items() if k not in anywhere or anywhere[k] != v}
+    assert not missing
+    assert nodes["sim"]["seed"] == 7
+    assert nodes["reaction"]["react"] is False
+    assert nodes["controller"]["vehicle.rotor_inertia"] == 6.1e-05
+
+
+def test_the_propellers_own_effects_are_among_the_simulators():
+    values = read(parameter_yaml(suite_parameters(load_scenario(), 0)))["sim"]
+    assert values["effects.blade_strike.peak_force"] == pytest.approx(145.5)
+    assert values["effects.propeller_wear.collisions"] == 3.0
+
+
+def test_all_nodes_follow_the_clock_at_another_speed():
+    table = suite_parameters(Scenario(), 0, speed=2.0)
+    assert table["sim"]["speed"] == 2.0
+    assert all(table[node]["use_sim_time"] is True for node in SUITE)
+    assert "use_sim_time" not in suite_parameters(Scenario(), 0)["mission"]
+
+
+def test_each_node_of_the_suite_has_its_sections():
+    assert list(SECTIONS) == list(SUITE)
+
+
+def test_every_parameter_is_one_that_its_node_has():
+    written = suite_parameters(load_scenario(), 0)
+    for node in read_nodes():
+        given = written[node.name]
+        sections = {name for name, value in given.items() if isinstance(value, dict)} - {"effects"}
+        assert sections <= set(node.sections)
+        assert set(given) - sections - {"effects"} <= set(node.own)
+        if node.name == "recorder":
+            assert {"output", "single_file", "metadata_file"} <= set(node.own)
+        if "effects" in given:
+            assert node.name == "sim"
+
+
+@given(
+    st.dictionaries(
+        st.text("abcdefgh_", min_size=1, max_size=8),
+        st.one_of(
+            st.floats(allow_nan=False, allow_infinity=False),
+            st.integers(-(2**31), 2**31),
+            st.booleans(),
+            st.text(st.characters(codec="ascii", categories=("L", "N", "P", "Zs"))),
+        ),
+        min_size=1,
+    )
+)
+def test_values_keep_their_type(values: dict[str, Any]):
+    found = yaml.safe_load(parameter_yaml({"node": {"a": values}}))
+    read_back = found["/**/node"]["ros__parameters"]["a"]
+    assert read_back == values
+    assert [type(v) for v in read_back.values()] == [type(v) for v in values.values()]
+
+
+def test_ros_reads_the_default_file_as_it_is_meant(monkeypatch, tmp_path):
+    """ROS's own reader, and a node in a namespace."""
+    rclpy = pytest.importorskip("rclpy")
+    from rclpy.node import Node
+
+    monkeypatch.setenv("ROS_DOMAIN_ID", "78")
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    context = rclpy.Context()
+    rclpy.init(args=["--ros-args", "--params-file", str(CONFIG)], context=context)
+    try:
+        for name in SUITE:
+            node = Node(
+                name,
+                namespace="/drone",
+                context=context,
+                automatically_declare_parameters_from_overrides=True,
+            )
+            given = {key: p.value for key, p in node._parameter_overrides.items()}
+            node.destroy_node()
+            wanted = read(CONFIG.read_text()).get(name, {})
+            assert given == wanted
+            assert {k: type(v) for k, v in given.items()} == {
+                k: type(v) for k, v in wanted.items()
+            }
+    finally:
+        rclpy.shutdown(context=context)
+
+
+def test_the_default_file_is_up_to_date():
+    text = CONFIG.read_text(encoding="utf-8")
+    assert text == default_file(), (
+        "python -m tombo_flight.suite.parameter_yaml > config/suite.yaml"
+    )
+    assert all(math.isfinite(v) for v in read(text)["sim"].values() if isinstance(v, float))
+
+
+def test_a_node_given_the_text_of_a_course_has_that_course():
+    scenario = load_scenario("survey")
+    text = suite_parameters(scenario, 0)["mission"]["mission"]["course"]
+    assert isinstance(text, str)
+    given = from_mapping(MissionParams, {"course": yaml.safe_load(text)}, "mission")
+    assert given.course == scenario.mission.course
+    assert suite_parameters(Scenario(), 0)["mission"]["mission"]["course"] == ""

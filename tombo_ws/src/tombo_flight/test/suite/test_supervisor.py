@@ -1,0 +1,232 @@
+"""The supervisor: it sees every end, and nothing outlives it, however it ends itself."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from suite_bench import FAKES, Marked, wait_for
+
+from tombo_flight.suite.supervisor import Ended, Program, Supervisor
+
+
+def fake(name: str, *, listened: bool = False) -> Program:
+    return Program(name, (sys.executable, str(FAKES / f"fake_{name}.py")), listened)
+
+
+def code(name: str, text: str) -> Program:
+    return Program(name, (sys.executable, "-c", text))
+
+
+def look_until_ended(supervisor: Supervisor, number: int = 1) -> list[Ended]:
+    ended: list[Ended] = []
+
+    def all_ended() -> bool:
+        ended.extend(supervisor.look(0.05).ended)
+        return len(ended) >= number
+
+    wait_for(all_ended)
+    return ended
+
+
+def ready(path: Path) -> bool:
+    return path.exists() and path.stat().st_size > 0
+
+
+def test_a_node_that_fails_at_its_start_is_reported_with_its_words(marked, tmp_path):
+    with Supervisor([fake("broken"), fake("good")], tmp_path, marked.environment) as supervisor:
+        (end,) = look_until_ended(supervisor)
+        assert set(supervisor.running) == {"good"}
+
+    assert (end.name, end.code, end.how) == ("broken", 1, "exit code 1")
+    assert end.last_words[-1].startswith("Error: parameter detector.threshold")
+
+
+def test_a_node_that_dies_later_is_reported_with_its_traceback_and_the_rest_goes_on(
+    marked, tmp_path
+):
+    with Supervisor([fake("short"), fake("good")], tmp_path, marked.environment) as supervisor:
+        (end,) = look_until_ended(supervisor)
+        time.sleep(0.2)
+        assert supervisor.look(0.0).ended == []
+        assert set(supervisor.running) == {"good"}
+
+    assert end.last_words[-1] == "RuntimeError: a bug"
+    assert "RuntimeError: a bug" in (tmp_path / "short.log").read_text()
+
+
+def test_a_node_that_is_killed_is_reported_by_the_signal(marked, tmp_path):
+    with Supervisor([fake("good")], tmp_path, marked.environment) as supervisor:
+        os.kill(supervisor.running["good"], signal.SIGKILL)
+        (end,) = look_until_ended(supervisor)
+
+    assert (end.code, end.how) == (-9, "killed by SIGKILL")
+
+
+def test_who_obeys_is_asked_once_and_ends_at_once(marked, tmp_path):
+    counting = (
+        "import signal, time\n"
+        "signal.signal(signal.SIGINT, lambda n, f: print('asked', flush=True))\n"
+        "print('ready', flush=True)\n"
+        "time.sleep(60)\n"
+    ).replace("print('asked', flush=True)", "(print('asked', flush=True), exit(0))")
+    with Supervisor([code("node", counting)], tmp_path, marked.environment) as supervisor:
+        wait_for(lambda: ready(tmp_path / "node.log"))
+        began = time.monotonic()
+        (end,) = supervisor.stop()
+
+    assert time.monotonic() - began < 1.9  # before SIGTERM
+    assert end.code == 0
+    assert (tmp_path / "node.log").read_text() == "ready\nasked\n"
+
+
+def test_who_ignores_every_signal_is_gone_within_three_seconds_with_its_children(marked, tmp_path):
+    with Supervisor([fake("deaf"), fake("good")], tmp_path, marked.environment) as supervisor:
+        wait_for(lambda: len(marked.alive()) >= 3)  # good, deaf and its child
+        time.sleep(0.3)
+        began = time.monotonic()
+        ends = {end.name: end.code for end in supervisor.stop()}
+        assert time.monotonic() - began < 3.0
+
+    assert ends == {"deaf": -9, "good": 0}
+    assert marked.alive() == []
+
+
+def test_who_answers_only_sigterm_gets_it_before_the_worst(marked, tmp_path):
+    stubborn = (
+        "import signal, sys, time\n"
+        "signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+        "signal.signal(signal.SIGTERM, lambda n, f: sys.exit(7))\n"
+        "print('ready', flush=True)\n"
+        "while True: time.sleep(0.05)\n"
+    )
+    with Supervisor([code("node", stubborn)], tmp_path, marked.environment) as supervisor:
+        wait_for(lambda: ready(tmp_path / "node.log"))
+        assert [end.code for end in supervisor.stop()] == [7]
+
+
+def test_what_a_node_leaves_behind_ends_with_it(marked, tmp_path):
+    leaving = "import os, time\nif os.fork() == 0:\n    time.sleep(60)\n"
+    with Supervisor([code("node", leaving)], tmp_path, marked.environment) as supervisor:
+        look_until_ended(supervisor)
+        wait_for(lambda: not marked.alive(), 2.0)
+
+
+def test_an_exception_inside_ends_all_nodes(marked, tmp_path):
+    with (
+        pytest.raises(ZeroDivisionError),
+        Supervisor([fake("good")], tmp_path, marked.environment),
+    ):
+        raise ZeroDivisionError
+    assert marked.alive() == []
+
+
+def test_a_second_wish_to_stop_kills_at_once(marked, tmp_path, monkeypatch):
+    supervisor = Supervisor([fake("deaf")], tmp_path, marked.environment)
+    with pytest.raises(KeyboardInterrupt), supervisor:
+        wait_for(lambda: len(marked.alive()) >= 2)
+        time.sleep(0.3)
+        began = time.monotonic()
+
+        def interrupt(number: int, frame: object) -> None:
+            raise KeyboardInterrupt
+
+        before = signal.signal(signal.SIGALRM, interrupt)
+        try:
+            signal.setitimer(signal.ITIMER_REAL, 0.2)
+            supervisor.stop()
+        finally:
+            signal.signal(signal.SIGALRM, before)
+
+    assert time.monotonic() - began < 1.5
+    assert marked.alive() == []
+
+
+SUPERVISED = """
+import os, sys
+from pathlib import Path
+from tombo_flight.suite.supervisor import Program, Supervisor
+names = {names!r}
+programs = [Program(n, (sys.executable, {fakes!r} + f"/fake_{{n}}.py")) for n in names]
+with Supervisor(programs, Path({logs!r}), os.environ) as supervisor:
+    print(*supervisor.running.values(), flush=True)
+    while True:
+        supervisor.look(0.1)
+"""
+
+
+def test_nothing_outlives_a_supervisor_that_is_killed(marked: Marked, tmp_path):
+    text = SUPERVISED.format(names=("good", "deaf"), fakes=str(FAKES), logs=str(tmp_path / "log"))
+    process = marked.python(text)
+    wait_for(lambda: len(marked.alive()) >= 5)  # supervisor, guard, good, deaf and its child
+    wait_for(lambda: ready(tmp_path / "log" / "good.log"))
+    time.sleep(0.3)
+    process.kill()
+    process.communicate()
+
+    took = wait_for(lambda: not marked.alive())
+
+    assert took < 3.0
+
+
+def test_who_obeys_ends_well_when_the_supervisor_is_killed(marked: Marked, tmp_path):
+    """A recorder can close its file: it is asked, not killed."""
+    text = SUPERVISED.format(names=("good",), fakes=str(FAKES), logs=str(tmp_path / "log"))
+    process = marked.python(text)
+    wait_for(lambda: ready(tmp_path / "log" / "good.log"))
+    process.kill()
+    process.communicate()
+
+    assert wait_for(lambda: not marked.alive()) < 1.5
+
+
+def test_a_guard_that_is_killed_changes_nothing_for_who_obeys(marked: Marked, tmp_path):
+    text = SUPERVISED.format(names=("good",), fakes=str(FAKES), logs=str(tmp_path / "log"))
+    process = marked.python(text)
+    wait_for(lambda: ready(tmp_path / "log" / "good.log"))
+    (guard,) = (
+        p for p in marked.alive() if b"guard.py" in Path(f"/proc/{p}/cmdline").read_bytes()
+    )
+    os.kill(guard, signal.SIGKILL)
+    process.kill()
+    process.communicate()
+
+    assert wait_for(lambda: not marked.alive()) < 1.5
+
+
+def test_a_flood_of_words_neither_holds_up_the_node_nor_fills_the_memory(marked, tmp_path):
+    flood = (
+        "for i in range(200_000): print(f'[ERROR] [1.0] [node]: {i} is wrong')\n"
+        "print('the end', flush=True)\n"
+    )
+    shown: list[str] = []
+    with Supervisor([code("node", flood)], tmp_path, marked.environment) as supervisor:
+
+        def over() -> bool:
+            look = supervisor.look(0.05)
+            shown.extend(line for _, line in look.warnings)
+            return bool(look.ended)
+
+        wait_for(over)
+
+    assert 1 <= len(shown) < 60
+    assert (tmp_path / "node.log").read_text().endswith("the end\n")
+
+
+def test_words_on_a_pipe_come_whole_line_by_line(marked, tmp_path):
+    halves = (
+        "import sys, time\n"
+        "for half in ('{\"a\":', ' 1}\\n', 'x\\ny\\n'):\n"
+        "    sys.stdout.write(half); sys.stdout.flush(); time.sleep(0.2)\n"
+        "time.sleep(60)\n"
+    )
+    program = Program("node", (sys.executable, "-c", halves), listened=True)
+    heard: list[tuple[str, str]] = []
+    with Supervisor([program], tmp_path, marked.environment) as supervisor:
+        wait_for(lambda: heard.extend(supervisor.look(0.05).heard) or len(heard) >= 3)
+
+    assert heard == [("node", '{"a": 1}'), ("node", "x"), ("node", "y")]

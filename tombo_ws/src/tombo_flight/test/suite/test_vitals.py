@@ -1,0 +1,96 @@
+"""What the nodes say on /diagnostics, and how it is shown."""
+
+from __future__ import annotations
+
+import math
+
+from rich.console import Console
+
+from tombo_flight.suite.status_table import Suite, status_line, status_object, status_table
+from tombo_flight.suite.supervisor import Ended
+from tombo_flight.suite.vitals import Vitals
+
+LOOP = {"rate_hz": "250.0", "jitter_p50_us": "2", "jitter_p99_us": "60.5", "missed": "3"}
+
+
+def status(name: str, level: int = 0, message: str = "ok", **values: str) -> dict[str, object]:
+    return {"name": name, "level": level, "message": message, "values": values}
+
+
+def vitals() -> Vitals:
+    found = Vitals()
+    found.take(
+        [
+            status("controller", mode="hold", mocap_age_s="0.5"),
+            {"name": "controller: rate loop", "level": 0, "message": "", "values": LOOP},
+            {"name": "controller: attitude loop", "level": 0, "message": "", "values": LOOP},
+        ],
+        10.0,
+    )
+    found.take([status("estimator", 2, "imu_silent: no gyro", mocap_age_s="0.031")], 10.0)
+    return found
+
+
+def suite(now_s: float = 10.5) -> Suite:
+    return Suite(
+        ("controller", "estimator", "mission", "sim"),
+        {"controller": 11, "estimator": 12, "mission": 13},
+        {"sim": Ended("sim", -9, ())},
+        vitals(),
+        now_s,
+        61.0,
+    )
+
+
+def shown(of: Suite) -> str:
+    console = Console(width=140, force_terminal=False)
+    with console.capture() as capture:
+        console.print(status_table(of))
+    return capture.get()
+
+
+def test_a_report_has_the_node_and_its_loops_apart():
+    found = vitals().nodes["controller"]
+
+    assert found.level == 0
+    assert found.message == ""
+    assert found.values == {"mode": "hold", "mocap_age_s": 0.5}
+    assert [loop.name for loop in found.loops] == ["rate loop", "attitude loop"]
+    assert found.loops[0].number("jitter_p99_us") == 60.5
+    assert found.loops[0].figures["missed"] == 3
+    assert math.isnan(found.loops[0].number("nothing"))
+
+
+def test_the_freshest_pose_counts_and_nobody_knowing_is_no_number():
+    assert vitals().mocap_age_s == 0.031
+    assert math.isnan(Vitals().mocap_age_s)
+
+
+def test_the_table_shows_every_loop_and_every_trouble():
+    text = shown(suite())
+
+    assert "61 s up, mocap: 31 ms old" in text
+    lines = {line.split()[0]: line for line in text.splitlines() if line.split()}
+    assert "running" in lines["controller"] and "60 us" in lines["controller"]
+    assert text.count("250.0 Hz") == 2
+    assert "imu_silent: no gyro" in lines["estimator"]
+    assert "starting" in lines["mission"]
+    assert "killed by SIGKILL" in lines["sim"]
+
+
+def test_who_has_said_nothing_for_seconds_is_called_silent():
+    assert suite(10.0 + 2.9).state("controller") == "running"
+    assert suite(10.0 + 3.1).state("controller") == "silent"
+    assert "silent" in shown(suite(14.0))
+
+
+def test_the_line_and_the_object_say_the_same():
+    line, found = status_line(suite()), status_object(suite())
+
+    assert line == (
+        "61 s: 3 of 4 nodes run, 6 missed; estimator: imu_silent: no gyro; mission starting; "
+        "sim killed by SIGKILL"
+    )
+    assert found["nodes"]["sim"]["exit_code"] == -9
+    assert found["nodes"]["sim"]["pid"] is None
+    assert found["nodes"]["controller"]["loops"]["rate loop"]["rate_hz"] == 250.0

@@ -1,0 +1,194 @@
+"""Courses flown headless: where the vehicle goes, how it heads, what a scenario may ask for."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from tombo_control.autopilot import APPROACH, LAND
+from tombo_control.course import leg_to, targets
+from tombo_dynamics.errors import InputError
+from tombo_flight.course_check import course_begin
+from tombo_flight.flight import as_flown, fly_scenario
+from tombo_flight.replay.bag_scenario import scenario_of_bag
+from tombo_flight.scenario import extended_scenario, load_scenario, world_of
+from tombo_sim.beginning import begin
+
+COURSE = [
+    {"x": 1.5, "yaw": 1.57, "speed": 1.0, "hold": 2.5},
+    {"x": -1.0, "y": 1.0, "yaw": -1.57, "speed": 1.5, "acceleration": 1.5},
+    {"x": 0.0, "z": 2.0, "speed": 0.7},
+]
+
+
+def scenario_with(course=COURSE, **mission):
+    mission = {"height": 1.2, "climb_speed": 0.9, "approach_time": 4.0, **mission}
+    return extended_scenario(
+        {"extends": "no_obstacle", "mission": {**mission, "course": course}}, "test"
+    )
+
+
+def yaw_of(record):
+    x, y, z, w = record.log["attitude"].T
+    return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def ends(scenario, begun):
+    """(time, target) at the end of each hold, for a course begun at a time."""
+    here, yaw, now = (0.0, 0.0, scenario.mission.height), 0.0, begun
+    for target in targets(scenario.mission.course, here, scenario.mission.approach_speed):
+        now = leg_to(target, here, yaw, now).over_s
+        here, yaw = target[:3], target.yaw
+        yield now, target
+
+
+def began(record, kind):
+    return next(float(e["time_s"]) for e in record.events if e["kind"] == kind)
+
+
+def test_the_vehicle_is_at_each_waypoint_with_its_heading_and_lands_by_itself():
+    scenario = scenario_with()
+    record = fly_scenario(scenario, 3)
+    assert record.summary["landed"] and not record.summary["crashed"]
+    heading = yaw_of(record)
+    for now, target in ends(scenario, began(record, "approach")):
+        at = round(now * 1000) - 20
+        assert record.log["position"][at] == pytest.approx(target[:3], abs=0.08)
+        assert math.remainder(heading[at] - target.yaw, 2.0 * math.pi) == pytest.approx(0, abs=0.1)
+    assert began(record, "land") == pytest.approx(now, abs=0.1)
+    assert record.t[-1] < now + 12.0
+
+
+def test_it_follows_a_course_as_closely_as_an_approach():
+    record = fly_scenario(scenario_with(), 3)
+    flying = record.log["mode"][:, 0] == APPROACH
+    error = record.log["position"] - record.log["position_setpoint"]
+    assert np.linalg.norm(error[flying], axis=1).max() < 0.15
+
+
+def test_a_turn_keeps_its_rate():
+    record = fly_scenario(scenario_with([{"yaw": 3.1, "yaw_rate": 0.8}]), 0)
+    flying = (record.log["mode"][:, 0] == APPROACH) & (record.t > 4.2)
+    rate = record.log["rates"][flying, 2]
+    assert rate.max() == pytest.approx(0.8, abs=0.1)
+    assert rate.min() > -0.1
+
+
+def test_waypoints_may_be_flown_fast():
+    course = [{"x": -1.5}, {"x": 1.9, "speed": 3.0, "acceleration": 4.0}]
+    scenario = extended_scenario(
+        {
+            "extends": "no_obstacle",
+            "control": {"velocity_max_xy": 3.5},
+            "mission": {"approach_time": 8.0, "course": course},
+        },
+        "fast",
+    )
+    record = fly_scenario(scenario, 0)
+    assert 2.9 < record.log["velocity"][:, 0].max() < 3.6
+    assert record.summary["landed"]
+
+
+def test_what_was_recorded_is_the_same_course_again():
+    scenario = scenario_with()
+    flown = as_flown(scenario, 0, begin(world_of(scenario), 0))
+    text = json.dumps(flown, sort_keys=True)
+    again, findings = scenario_of_bag({"tombo_flight": {"scenario": text}})
+    assert findings == []
+    assert again.mission == scenario.mission
+
+
+def test_a_course_over_a_course_replaces_it_and_null_takes_it_away():
+    fewer = extended_scenario({"extends": "survey", "mission": {"course": COURSE[:1]}}, "a")
+    assert len(fewer.mission.course) == 1
+    none = extended_scenario({"extends": "survey", "mission": {"course": None}}, "b")
+    assert none.mission.course is None
+    assert load_scenario("survey", ["mission.course=[{x: 1}]"]).mission.course[0].x == 1.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"course": []}, "mission.course: 0 waypoints"),
+        ({"course": [{}, {}, {}, {"speed": -1.0}]}, r"mission.course\[3\].speed: -1.0"),
+        ({"course": [{"z": 0.0}]}, r"mission.course\[0\].z: 0.0 is out of bounds"),
+        ({"course": [{"x": float("nan")}]}, r"mission.course\[0\].x: nan"),
+        ({"course": [{"w": 1}]}, r"key in mission.course\[0\].*'w'"),
+        ({"course": "survey"}, "mission.course: 'survey' is no list"),
+        ({"step_size": 1.0}, "mission.course and mission.step_size 1"),
+        ({"land_time": 10.0}, "mission.course: lasts until .* mission.land_time, 10"),
+        ({"course": [{"hold": 39.0}]}, "mission.course: lasts until .* mission.land_time, 42"),
+        (
+            {"course": [{}, {"x": 3, "speed": 3, "acceleration": 6}]},
+            r"course\[1\].speed: 3.00 m/s",
+        ),
+        ({"course": [{"z": 3, "speed": 2, "acceleration": 6}]}, "up or down.*velocity_max_z, 1"),
+    ],
+)
+def test_a_course_that_can_t_be_flown_as_written_is_refused(changes, words):
+    with pytest.raises(InputError, match=words) as caught:
+        scenario_with(**{"course": COURSE, **changes})
+    assert "\n" not in str(caught.value)
+
+
+def test_a_course_on_the_edge_of_the_limits_is_taken():
+    scenario_with([{"x": 8.0, "speed": 2.0, "acceleration": 6.0}])
+
+
+class TestSurvey:
+    """The flight that a lab is told to fly."""
+
+    @pytest.fixture(scope="class")
+    def record(self):
+        return fly_scenario(load_scenario("survey"), 1)
+
+    def test_stays_in_its_room_and_ends_by_itself(self, record):
+        place = record.log["position"]
+        assert np.abs(place[:, :2]).max() < 2.0
+        assert place[:, 2].max() < 3.0
+        assert record.summary["landed"] and not record.summary["false_alarms"]
+        assert record.t[-1] < 45.0
+        flying = record.log["mode"][:, 0] == APPROACH
+        assert place[flying, 2].min() > 0.25
+
+    def test_has_what_tells_causes_apart(self, record):
+        flying = record.log["mode"][:, 0] == APPROACH
+        velocity = record.log["velocity"][flying]
+        place = record.log["position"][flying]
+        speed = np.linalg.norm(velocity, axis=1)
+        level = np.abs(velocity[:, 2]) < 0.1
+        for slow, fast in ((0.6, 0.8), (1.3, 1.5), (2.3, 2.6)):
+            there = (speed > slow) & (speed < fast) & level
+            assert (velocity[there, 0] > 0.5).sum() > 200  # both ways
+            assert (velocity[there, 0] < -0.5).sum() > 200
+        assert (place[:, 2] < 0.45).mean() > 0.05
+        assert place[:, 2].max() > 2.0
+        yaw = np.unwrap(yaw_of(record)[flying])
+        assert np.ptp(yaw) > 3.0
+        still = (speed < 0.2) & (np.abs(record.log["rates"][flying, 2]) > 0.5)
+        assert still.sum() > 500  # a turn in hover
+        assert np.abs(record.log["rates"][flying, :2]).max(axis=0).min() > 2.0  # quick tilts
+        assert np.abs(record.log["rates"][flying, 2]).max() > 1.2
+
+    def test_flies_what_no_obstacle_simulates_and_never_leaves_its_course(self):
+        survey = load_scenario("survey")
+        assert survey.effects == load_scenario("no_obstacle").effects
+        assert survey.obstacle.radius == 0.0
+        assert survey.react is False
+        assert course_begin(survey.mission) < 5.0
+
+    def test_is_flown_to_its_end_with_large_effects_too(self):
+        for setting in (
+            "effects.steady_wind.east=3",
+            "effects.mass_error.fraction=0.15",
+            "effects.weak_propeller.front_left=0.15",
+            "effects.linear_rotor_drag.d_xy=0.9",
+        ):
+            record = fly_scenario(load_scenario("survey", [setting]), 2)
+            modes = record.log["mode"][:, 0]
+            assert record.summary["landed"], setting
+            assert LAND in modes
+            assert began(record, "land") < 50.0

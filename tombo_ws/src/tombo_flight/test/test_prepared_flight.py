@@ -1,0 +1,47 @@
+"""A flight whose plant is changed before its first tick, in ways that no scenario can say."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_dynamics.disturbance import set_disturbance
+from tombo_dynamics.plant import part
+from tombo_flight.flight import fly_scenario
+from tombo_flight.scenario import load_scenario
+
+_QUICK = ["mission.takeoff_time=0.2", "duration=6"]
+Array = NDArray[np.float64]
+
+
+def _flown(prepare: Any = None, settings: tuple[str, ...] = (), seed: int = 1) -> dict[str, Array]:
+    return fly_scenario(load_scenario("hover", [*_QUICK, *settings]), seed, prepare=prepare).log
+
+
+def test_it_is_called_once_with_the_plant_at_rest_on_the_ground() -> None:
+    seen: list[Array] = []
+    log = _flown(lambda m: seen.append(m.copy()))
+    assert len(seen) == 1
+    assert np.array_equal(part(seen[0], "body")[:3], log["position"][0])
+    assert not part(seen[0], "clock")[0]
+
+
+def test_equal_propellers_in_flights_of_different_seeds() -> None:
+    def same_propellers(m: Array) -> None:
+        part(m, "draws")[:4] = [1.0, -1.0, 0.5, 0.0]
+
+    scatter = ("effects.thrust_scatter.deviation=0.1",)
+    moments = []
+    for prepare in (None, same_propellers):
+        speeds = [_flown(prepare, scatter, seed)["rotor_speed"][-500:].mean(0) for seed in (1, 2)]
+        moments.append(np.abs(speeds[0] - speeds[1]).max())
+    assert moments[1] < 2.0 < moments[0]
+
+
+def test_a_disturbance_acts_in_the_flight_and_the_accelerometer_feels_it() -> None:
+    calm = _flown()
+    pushed = _flown(lambda m: set_disturbance(m, "body_push", 0.0, 0.65, 0.0))
+    felt = pushed["accel"][-1000:, 1].mean() - calm["accel"][-1000:, 1].mean()
+    assert abs(felt - 0.65 / 1.3) < 0.05

@@ -1,0 +1,387 @@
+"""A flight over MAVLink: who is at the other end, and what a summary says without any truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from px4_bench import speaking
+
+from tombo_bag.columnar_cdr import encode
+from tombo_bag.flight_time import EPOCH_NS
+from tombo_bag.mcap_sink import Columns, McapSink
+from tombo_bag.reader import Bag
+from tombo_bag.recording import Recording
+from tombo_bag.topics import DIAGNOSTICS, PX4_STATUS
+from tombo_bringup.cli.node_tables import grouped
+from tombo_dynamics.errors import InputError
+from tombo_flight.flight import fly_scenario
+from tombo_flight.flight_from_bag import flight_from_bag
+from tombo_flight.flight_output import write_mcap
+from tombo_flight.flight_record import FlightRecord
+from tombo_flight.pose_track import pose_track
+from tombo_flight.report.flight_plot import draw_flight, png_bytes
+from tombo_flight.report.flight_report import write_report
+from tombo_flight.scenario import load_scenario
+from tombo_flight.suite.node_flight import over_mavlink
+from tombo_flight.suite.nodes import SUITE
+from tombo_flight.suite.px4_flight import READY_S, BridgeWatch, px4_figures
+from tombo_flight.suite.px4_probe import find_vehicle
+from tombo_flight.suite.px4_side import px4_side
+from tombo_px4.bridge.bridge_params import LinkParams
+
+
+def test_without_a_url_both_ends_meet_on_a_free_port_of_this_machine():
+    side = px4_side(None, ["px4.setpoint=rates", "link.own_system=200"])
+
+    port = int(side.link.url.rpartition(":")[2])
+    assert side.simulated
+    assert side.link.url == f"udpin://127.0.0.1:{port}"
+    assert side.parameters["sim"]["onboard_url"] == f"udpout://127.0.0.1:{port}"
+    assert side.parameters["px4_bridge"]["px4"]["setpoint"] == "rates"
+    assert side.parameters["px4_bridge"]["link"]["own_system"] == 200
+    assert px4_side(None, []).link.url != side.link.url
+
+
+def test_set_points_of_attitude_come_from_our_controller_on_a_faster_gyro():
+    plain, more = px4_side(None, []), px4_side(None, ["px4.setpoint=attitude"])
+    assert "controller" not in over_mavlink(plain)["suite"]
+    assert over_mavlink(more)["suite"]["controller"] == SUITE["controller"]
+    assert more.bridge.imu_rate == 250.0 > plain.bridge.imu_rate
+    chosen = px4_side(None, ["px4.setpoint=rates", "px4.imu_rate=100"])
+    assert chosen.bridge.imu_rate == 100.0
+
+
+def test_with_a_url_nothing_is_simulated():
+    side = px4_side("udpin://127.0.0.1:14540", [])
+
+    assert not side.simulated
+    assert set(side.parameters) == {"px4_bridge"}
+    assert over_mavlink(side)["without"] == ("sim",)
+
+
+def test_a_vehicle_is_known_by_its_heartbeat():
+    with speaking(1, armed=True) as url:
+        found = find_vehicle(LinkParams(url=url), patience_s=5.0)
+
+    assert found is not None
+    assert (found.system, found.component, found.armed, found.mode) == (1, 1, True, "hold")
+    assert found.words == "a PX4 quadrotor, system 1, armed, in mode hold"
+
+
+def test_nobody_at_the_other_end_is_said():
+    side = px4_side(None, [])
+    with pytest.raises(InputError, match=r"no heartbeat within 0\.3 s; accepted: a link on which"):
+        find_vehicle(side.link, patience_s=0.3)
+
+
+def test_another_system_is_named_and_how_to_reach_it():
+    with speaking(7, 2) as url, pytest.raises(
+        InputError, match=r"but of 7/2; accepted: .* --bridge link.system=7 --bridge link.compon"
+    ):  # fmt: skip
+        find_vehicle(LinkParams(url=url), patience_s=0.5)
+
+
+def test_an_autopilot_that_is_no_px4_is_refused():
+    with speaking(1, autopilot=3) as url, pytest.raises(InputError, match="autopilot 3 is no PX4"):
+        find_vehicle(LinkParams(url=url), patience_s=5.0)
+
+
+def test_a_signed_link_says_what_it_has_refused(tmp_path):
+    key = tmp_path / "key"
+    key.write_bytes(bytes(range(32)))
+    with speaking(1) as url, pytest.raises(InputError, match=r"refused: unsigned \d"):
+        find_vehicle(LinkParams(url=url, key_file=str(key)), patience_s=0.5)
+
+
+def test_a_stop_ends_the_waiting():
+    assert find_vehicle(px4_side(None, []).link, stop=lambda: True) is None
+
+
+@pytest.fixture(scope="module")
+def flown() -> FlightRecord:
+    return fly_scenario(load_scenario(settings=["mission.approach_time=5.5"]), 0)
+
+
+@pytest.fixture(scope="module")
+def real(flown: FlightRecord, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The recording of a real vehicle: no ground truth."""
+    folder = tmp_path_factory.mktemp("bag")
+    write_mcap(flown, folder / "whole.mcap")
+    return without(folder / "whole.mcap", folder / "real.mcap", "/ground_truth")
+
+
+def without(source: Path, target: Path, prefix: str) -> Path:
+    bag = Bag(source)
+    with McapSink(target) as sink:
+        for record in bag.metadata:
+            told = {k: v for k, v in record.metadata.items() if k != "epoch_ns"}
+            sink.add_metadata(record.name, told)
+        parts = []
+        for number, channel in bag.channels.items():
+            if channel.topic.startswith(prefix):
+                continue
+            raw = bag.messages(number)
+            typename = bag.topics[channel.topic].typename
+            parts.append(
+                Columns(sink.add_channel(channel.topic, typename), raw.log_times_ns, raw.messages)
+            )
+        sink.write_columns(*parts)
+    return target
+
+
+def test_of_a_real_vehicle_the_mocap_is_what_is_known(flown, real):
+    found, wanted = flight_from_bag(real).summary, flown.summary
+
+    assert found["known_from"] == "mocap"
+    assert "known_from" not in wanted
+    assert found["collided"] and found["landed"] and not found["crashed"]
+    # contact is the detector's, from poses at 30 Hz
+    shift_s = wanted["collision_time_s"] - found["collision_time_s"]
+    assert found["max_falling_distance_m"] == pytest.approx(
+        wanted["max_falling_distance_m"], abs=0.06
+    )
+    assert found["recovery_time_s"] == pytest.approx(wanted["recovery_time_s"], abs=0.5)
+    assert found["unstable_phase_s"] == pytest.approx(wanted["unstable_phase_s"], abs=0.2)
+    assert found["settled_error_m"] == pytest.approx(wanted["settled_error_m"], abs=0.01)
+    assert found["hover_rms_m"] == pytest.approx(wanted["hover_rms_m"], abs=0.01)
+    assert abs(shift_s) < 1.5
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        "contact_point_m",
+        "contact_rotor",
+        "detection_latency_s",
+        "strikes",
+        "rotors_broken",
+    ],
+)
+def test_what_only_the_truth_tells_is_not_made_up(flown, real, key):
+    assert flown.summary[key] is not None
+    assert flight_from_bag(real).summary[key] is None
+
+
+def test_a_flight_without_truth_is_drawn_and_reported(real, tmp_path):
+    record = flight_from_bag(real)
+    png = png_bytes(draw_flight(record))
+    write_report(record, tmp_path / "report.html", png)
+
+    assert png.startswith(b"\x89PNG")
+    assert "contact, as the detector has it" in (tmp_path / "report.html").read_text()
+    contact = next(event for event in record.events if event["kind"] == "contact")
+    assert contact["text"] == "contact, as the detector has it"
+
+
+def test_with_neither_truth_nor_poses_there_is_no_flight(real, tmp_path):
+    path = without(real, tmp_path / "blind.mcap", "/mocap")
+    with pytest.raises(InputError, match="no poses on /mocap/pose"):
+        flight_from_bag(path)
+
+
+def test_poses_are_put_in_order_and_bad_ones_left_out():
+    ms = 1_000_000
+    stamps = np.array([0, 20, 10, 20, 30, 40]) * ms
+    x = np.array([0.0, 2.0, 1.0, 2.0, np.nan, 4.0])
+    position = np.column_stack([x, np.zeros(6), np.ones(6)])
+    attitude = np.tile([0.0, 0.0, 0.0, 1.0], (6, 1))
+    attitude[5] = 0.0
+    track = pose_track(stamps, position, attitude)
+
+    assert track is not None
+    assert track.stamps_ns.tolist() == [0, 10 * ms, 20 * ms]
+    assert track.position[:, 0].tolist() == [0.0, 1.0, 2.0]
+    assert track.velocity == pytest.approx(np.tile([100.0, 0.0, 0.0], (3, 1)))
+    assert pose_track(stamps[5:], position[5:], attitude[5:]) is None
+
+
+READY = {
+    "connected": True, "armed": False, "mode": "hold", "stage": "ready", "why": "",
+    "status_text": "", "findings": [],
+}  # fmt: skip
+
+
+def watched(*looks: tuple[float, dict[str, object] | None, int | None, bool]) -> BridgeWatch:
+    """A watch that has had looks at: time, changes of the status, phase, over."""
+    found = BridgeWatch()
+    for time_s, status, phase, over in looks:
+        found.see(None if status is None else {**READY, **status}, phase, time_s, over=over)
+    return found
+
+
+def test_a_vehicle_that_arms_and_disarms_is_at_rest_in_the_end():
+    looks = [(0.0, {}, 0, False), (3.0, {"armed": True}, 1, False), (30.0, None, 7, True)]
+    assert not watched(*looks).at_rest
+    assert watched(*looks).refusal == ""
+    assert watched(*looks, (32.0, {"armed": False}, 7, True)).at_rest
+    # one that stays armed is not waited for without end
+    assert watched(*looks, (50.0, None, 7, True)).at_rest
+
+
+@pytest.mark.parametrize(
+    ("looks", "reason"),
+    [
+        (
+            [(1.0, {"stage": "given up", "why": "arming denied: 'Resolve ...'"}, 1, False)],
+            "PX4 did not take off: arming denied: 'Resolve ...'",
+        ),
+        ([(1.0, {}, 1, False)], ""),
+        ([(1.0, {"findings": ["a", "b"]}, 7, False)], "PX4 was not armed within 1 s: a; b"),
+        ([(READY_S + 1, None, None, False)], "the bridge says nothing"),
+        ([(READY_S + 1, {"connected": False}, None, False)], "no heartbeat"),
+        ([(READY_S + 1, {"findings": ["nothing is fused"]}, 0, False)], ": nothing is fused"),
+        ([(READY_S + 1, {"stage": "arming"}, 0, False)], ": it stands arming"),
+    ],
+)
+def test_a_vehicle_that_does_not_arm_is_given_up_with_the_reason(looks, reason):
+    found = watched((0.0, None, None, False), *looks).refusal
+    assert found.endswith(reason) and bool(found) == bool(reason)
+
+
+@pytest.mark.parametrize(
+    ("last", "phase", "reason"),
+    [
+        ({"status_text": "Disarmed by auto preflight disarming"}, 7, "auto preflight disarming"),
+        ({"why": "landed"}, 7, "never left the ground: landed"),
+        ({"stage": "given up", "why": "disarmed in flight", "status_text": "x"}, 1, "in flight"),
+        ({"why": "landed"}, 1, ""),
+        ({"armed": True}, 7, ""),
+    ],
+)
+def test_what_arms_and_stays_on_the_ground_is_given_up(last, phase, reason):
+    looks = [(0.0, {"armed": True}, 1, False), (5.0, last, phase, False)]
+    found = watched(*looks).refusal
+    assert found.endswith(reason) and bool(found) == bool(reason)
+    assert not reason or found.startswith("it armed, but never left the ground: ")
+
+
+def test_what_lands_after_a_flight_is_no_refusal():
+    found = watched((0.0, {"armed": True}, 1, False))
+    found.see(READY, 7, 5.0, over=False, airborne=True)
+    assert found.refusal == ""
+
+
+def test_the_bridges_own_fault_says_why_nothing_is_armed():
+    found = watched((0.0, {}, 1, False))
+    found.see(None, 1, READY_S + 1, over=False, fault="not_engaged: the mission wants to fly")
+    assert found.refusal.endswith("26 s: not_engaged: the mission wants to fly")
+
+
+def test_what_is_armed_in_the_end_and_does_not_land_is_not_waited_for():
+    found = watched((0.0, {"armed": True, "mode": "position"}, 1, False), (60.0, None, 5, True))
+    assert found.at_rest and found.armed and found.mode == "position"
+    assert not watched((0.0, {"armed": True}, 1, False), (60.0, None, 6, True)).at_rest
+
+
+def test_warnings_are_one_line_for_each_key():
+    lines = [
+        "[WARN] [102.5] [px4_bridge]: check.pose_stale: no poses for 1.2 s",
+        "[WARN] [104.5] [px4_bridge]: check.pose_stale: no poses for 3.0 s",
+        "[ERROR] [103.0] [px4_bridge]: PX4: Takeoff denied",
+        "[ERROR] [103.1] [px4_bridge]: PX4: Arming denied",
+        "... 3 more in x.log",
+    ]
+    wanted = [
+        "px4_bridge: WARN check.pose_stale: no poses for 1.2 s (2 times, first at 2.5 s)",
+        "px4_bridge: ERROR PX4: Takeoff denied (at 3.0 s)",
+        "px4_bridge: ERROR PX4: Arming denied (at 3.1 s)",
+        "px4_bridge: ... 3 more in x.log",
+    ]
+    warnings = [("px4_bridge", line) for line in lines]
+    assert grouped(warnings, 100 * 10**9) == wanted
+    assert grouped(warnings, None)[0].endswith("no poses for 1.2 s (2 times)")
+
+
+def test_parameters_of_px4_go_to_the_bridge():
+    side = px4_side(None, ["px4_parameters=[EKF2_EV_CTRL=11, NAV_DLL_ACT=0]"])
+    wanted = ["EKF2_EV_CTRL=11", "NAV_DLL_ACT=0"]
+    assert side.parameters["px4_bridge"]["px4_parameters"] == wanted
+    assert "px4_parameters" not in px4_side(None, []).parameters["px4_bridge"]
+
+
+def test_a_px4_that_signs_wants_a_key_on_this_side(tmp_path):
+    key = tmp_path / "key"
+    key.write_bytes(bytes(range(32)))
+    key.chmod(0o600)
+    with speaking(1, key=key.read_bytes()) as url:
+        with pytest.raises(InputError, match="PX4 signs its messages and this side has no key"):
+            find_vehicle(LinkParams(url=url), patience_s=5.0)
+        assert find_vehicle(LinkParams(url=url, key_file=str(key)), patience_s=5.0) is not None
+
+
+def test_what_happens_after_arming_is_no_refusal():
+    disarmed = {"stage": "given up", "why": "disarmed in flight"}
+    found = watched((0.0, {"armed": True}, 1, False))
+    found.see({**READY, **disarmed}, 2, 5.0, over=False, airborne=True)
+    found.see(None, 7, 100.0, over=False, airborne=True)
+    assert found.refusal == ""
+
+
+def test_the_summary_tells_what_the_bridge_has_told(flown, tmp_path):
+    path = tmp_path / "flight.mcap"
+    write_mcap(flown, path)
+    states = [
+        (0.5, {"mode": "hold", "stage": "ready"}),
+        (1.0, {"mode": "offboard", "stage": "arming"}),
+        (1.5, {"mode": "offboard", "stage": "offboard", "armed": True, "offboard": True}),
+        (9.0, {"mode": "land", "stage": "landing", "armed": True, "status_text": "Landing"}),
+        (11.0, {"mode": "land", "stage": "ready", "status_text": "Disarmed"}),
+    ]  # fmt: skip
+    values = {"timesync_offset_ns": -5, "mocap_latency_ms": 10.5, "link.received": 77,
+              "link.unsigned": 3, "refused.range": 2, "refused.time": 0, "link.url": "udpin://",
+              "timesync_round_trip_us": None}  # fmt: skip
+    report = {
+        "status": [
+            {"name": "px4_bridge",
+             "values": [{"key": k, "value": str(v)} for k, v in values.items()]}
+        ]
+    }  # fmt: skip
+    with McapSink(tmp_path / "told.mcap") as sink:
+        for spec, times, messages in (
+            (PX4_STATUS, [t for t, _ in states], [status(t, **more) for t, more in states]),
+            (DIAGNOSTICS, [2.0], [encode(DIAGNOSTICS.typename, report)]),
+        ):
+            stamps = np.array([EPOCH_NS + round(t * 1e9) for t in times])
+            sink.write_columns(
+                Columns(sink.add_channel(spec.name, spec.typename), stamps, messages)
+            )
+    record = flight_from_bag(path)
+    with Recording(tmp_path / "told.mcap") as recording:
+        found = px4_figures(recording, record)
+
+    assert record.epoch_ns == EPOCH_NS
+    assert (found["armed_s"], found["armed_duration_s"]) == (1.5, 9.5)
+    assert (found["offboard_s"], found["offboard_duration_s"]) == (1.5, 7.5)
+    assert found["modes"] == [[0.5, "hold"], [1.0, "offboard"], [9.0, "land"]]
+    assert found["stages"][-1] == [11.0, "ready"]
+    assert found["status_texts"] == [[9.0, "Landing"], [11.0, "Disarmed"]]
+    assert found["firmware"] == "1.17.0"
+    assert (found["time_offset_ns"], found["mocap_latency_ms"]) == (-5, 10.5)
+    assert (found["messages_in"], found["messages_out"]) == (77, None)
+    assert found["time_round_trip_us"] is None
+    assert found["refused"] == {"link.unsigned": 3, "refused.range": 2}
+
+
+def status(time_s: float, **more: object) -> bytes:
+    seconds, rest = divmod(EPOCH_NS + round(time_s * 1e9), 10**9)
+    stamp = {"sec": seconds, "nanosec": rest}
+    return encode(
+        PX4_STATUS.typename,
+        {"header": {"stamp": stamp, "frame_id": "map"}, "firmware": "1.17.0", **more},
+    )
+
+
+def test_without_a_bridge_nothing_is_made_up(flown, tmp_path):
+    path = tmp_path / "flight.mcap"
+    write_mcap(flown, path)
+    record = flight_from_bag(path)
+    with Recording(path) as recording:
+        found = px4_figures(recording, record)
+
+    assert found["modes"] == [] and found["refused"] == {}
+    assert found["armed_s"] is None and found["armed_duration_s"] == 0.0
+    assert found["messages_in"] is None
+    png_bytes(draw_flight(replace(record, summary={**record.summary, "px4": found})))

@@ -1,0 +1,1 @@
+"""Many flights: campaigns, their statistics and plots."""

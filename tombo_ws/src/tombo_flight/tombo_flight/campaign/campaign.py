@@ -1,0 +1,80 @@
+"""The same scenario flown with many seeds, on all cores; each flight as if it were alone."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from typing import Any
+
+from tombo_dynamics.errors import InputError
+from tombo_flight.campaign.statistics import aggregate
+from tombo_flight.flight import Workspace, fly_scenario
+from tombo_flight.flight_output import flight_summary
+from tombo_flight.process.processes import on_processes
+from tombo_flight.scenario import Scenario
+from tombo_flight.version import tombo_version
+
+_scenario: Scenario
+_workspace: Workspace
+
+
+def fly_campaign(
+    scenario: Scenario,
+    seeds: range,
+    *,
+    workers: int | None = None,
+    progress: Callable[[int], None] | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> dict[str, Any]:
+    """Fly a scenario with each of the seeds and return the campaign's summary.
+
+    The order of the flights is that of the seeds, whichever process flew them. A campaign that is
+    stopped holds the flights up to the first one missing.
+
+    Args:
+        scenario: what to fly; `flight_output.rehearse` it first.
+        seeds: the seeds.
+        workers: number of processes; the cores that this process may use if None.
+        progress: called with the number of flights done.
+        stop: asked ten times a second; True ends all processes and the campaign.
+
+    Returns:
+        scenario, model, conf, law, reaction, first_seed, last_seed, tombo_version, interrupted,
+        `flights` (summaries, see `flight_output`) and `aggregate` (see `campaign_statistics`).
+
+    Raises:
+        InputError: as `fly_scenario`, with the seed; all processes are ended.
+    """
+    began = time.perf_counter()
+    count = min(workers or len(os.sched_getaffinity(0)), len(seeds))
+    flights = on_processes(
+        _fly, seeds, count, begin=_begin, given=(scenario,), progress=progress, stop=stop
+    )
+    wall = time.perf_counter() - began
+    return {
+        "tombo_version": tombo_version(),
+        "scenario": scenario.name,
+        "model": scenario.model or None,
+        "conf": scenario.propeller.conf,
+        "law": scenario.propeller.law,
+        "reaction": scenario.react,
+        "first_seed": seeds[0],
+        "last_seed": seeds[-1],
+        "interrupted": len(flights) < len(seeds),
+        "flights": flights,
+        "aggregate": aggregate(flights, wall),
+    }
+
+
+def _begin(scenario: Scenario) -> None:
+    """Prepare a process: it keeps scenario and memory."""
+    global _scenario, _workspace
+    _scenario, _workspace = scenario, Workspace()
+
+
+def _fly(seed: int) -> dict[str, Any]:
+    try:
+        return flight_summary(fly_scenario(_scenario, seed, _workspace))
+    except InputError as error:
+        raise InputError(f"seed {seed}: {error}") from error

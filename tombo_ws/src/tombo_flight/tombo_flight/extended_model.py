@@ -1,0 +1,104 @@
+"""An extended model: the effects that flights called for, and where each number comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A fitted parameter of an effect."""
+
+    name: str
+    unit: str
+    nominal: float
+    value: float
+    low: float
+    """End of the 95 % interval."""
+    high: float
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Prediction error of one channel before and after, on data held out from naming and fit."""
+
+    channel: str
+    unit: str
+    horizon: str
+    """"one step" (equation error) or "0.5 s", "1 s" (open-loop simulation)."""
+    before: float
+    """RMS over the held-out flights."""
+    after: float
+    reduction: float
+    """1 - after / before."""
+    low: float
+    """End of the 95 % interval of the reduction, over flights; NaN with fewer than three."""
+    high: float
+    flights: int
+
+
+@dataclass(frozen=True)
+class Addition:
+    """An effect of the model with its fitted parameters."""
+
+    effect: str
+    theta: tuple[Fitted, ...]
+    confidence: float
+    covariance: tuple[tuple[float, ...], ...] = ()
+    """Of theta, in its order; empty: not known."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A flight that the model was fitted on."""
+
+    name: str
+    source: str
+    used_s: float
+    formulation: str
+
+
+@dataclass(frozen=True)
+class Origin:
+    """How the model came to be."""
+
+    tool: str
+    """Name and version of what fitted it."""
+    date: str
+    verdict: str
+    confidence: float
+    summary: str
+    scenario: str
+    """What it was held against: name of the scenario with the effects before."""
+    extends: str = ""
+    """The model that it was made from, if any."""
+    flights: tuple[Source, ...] = ()
+    vehicle: str = ""
+    """Whose flights they were; empty: the suite's own vehicle."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """What `model.yaml` holds."""
+
+    additions: tuple[Addition, ...]
+    origin: Origin
+    gain: tuple[Gain, ...] = ()
+    """Prediction error before and after, on data held out."""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def effects(self) -> dict[str, dict[str, float]]:
+        """Effect → parameter → value, as in a scenario."""
+        return {a.effect: {f.name: f.value for f in a.theta} for a in self.additions}
+
+
+def effects_over(
+    effects: Mapping[str, Mapping[str, float]], model: Model
+) -> dict[str, dict[str, float]]:
+    """Return a scenario's effects with the model's laid over them, parameter by parameter."""
+    result = {name: dict(values) for name, values in effects.items()}
+    for name, values in model.effects.items():
+        result[name] = {**result.get(name, {}), **values}
+    return result

@@ -1,0 +1,505 @@
+"""A recorded flight as the record it would have been: the same figures from the same functions.
+
+For recordings of the simulated vehicle, by the headless flight or by the nodes, the ground truth
+at whatever rate is what is known. Of a real vehicle there is none: the motion capture's poses are
+what is known then, contact is what the detector says, and the summary says so (`known_from`). All
+is laid on the simulator's ticks of 1 ms.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_bag.columns import ColumnTable
+from tombo_bag.flight_topics import into_body
+from tombo_bag.recording import Recording
+from tombo_bag.topics import (
+    ATTITUDE_SETPOINT,
+    BATTERY,
+    COLLISION_EVENT,
+    DETECTOR_STATUS,
+    IMU,
+    MARKERS,
+    MISSION_STATUS,
+    MOCAP_POSE,
+    ODOMETRY,
+    RATES_SETPOINT,
+    REACTION_STATUS,
+    ROTOR_COMMAND,
+    SETPOINT,
+    TRUE_CONTACT,
+    TRUE_ODOMETRY,
+    TRUE_ROTORS,
+)
+from tombo_collision.detector import CollisionEvent
+from tombo_collision.reaction import REACTING, ReactionState
+from tombo_control.autopilot import BLIND, IDLE, MODE_NAMES
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.rotation import conjugate, continuous
+from tombo_flight.flight_metrics import Verdict, summarize
+from tombo_flight.flight_record import FlightRecord
+from tombo_flight.pose_track import PoseTrack, pose_track
+from tombo_flight.scenario import Scenario, as_mapping, scenario_from_mapping
+from tombo_sim.log_columns import COLUMNS
+
+Array = NDArray[np.float64]
+Ticks = NDArray[np.int64]
+
+TICK_NS = 1_000_000
+_BEYOND_NS = 1_000_000_000
+"""A flight goes on for so long at most after the last that is known of it."""
+RECORD = "tombo_flight"
+"""Metadata record in which a flight keeps its scenario."""
+_TRIGGERS = {1: "region", 2: "innovation"}
+"""The constants of tombo_msgs/CollisionEvent."""
+_STATUS_REACTING = 1
+"""The constant of tombo_msgs/ReactionStatus."""
+_TOPICS = (
+    *(ATTITUDE_SETPOINT, BATTERY, COLLISION_EVENT, DETECTOR_STATUS, IMU, MARKERS, MISSION_STATUS),
+    *(MOCAP_POSE, ODOMETRY, RATES_SETPOINT, REACTION_STATUS, ROTOR_COMMAND, SETPOINT),
+    *(TRUE_CONTACT, TRUE_ODOMETRY, TRUE_ROTORS),
+)
+
+
+def flight_from_bag(path: Path, wall_time_s: float = 0.0) -> FlightRecord:
+    """Read a recording back into a flight record, with its summary.
+
+    Time 0 is that of the file's metadata, else the mission's first word, or the first true pose if
+    that comes later. What nobody published is NaN; what was not yet published is as it was first.
+
+    Args:
+        path: recording of a flight: a file, or a folder of them.
+        wall_time_s: how long the flight took, for the summary.
+
+    Raises:
+        InputError: no recording, or one with neither ground truth nor poses of a motion capture.
+    """
+    with Recording(path) as recording:
+        recording.load([spec.name for spec in _TOPICS])
+        tables = {
+            spec.name: recording.columns(spec.name)
+            for spec in _TOPICS
+            if spec.name in recording.topics and recording.topics[spec.name].count
+        }
+        metadata = recording.metadata.get(RECORD, {})
+    return _Reading(path, tables, metadata).record(wall_time_s)
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """The ticks of a flight."""
+
+    epoch_ns: int
+    ticks: int
+
+    def at(self, stamps_ns: NDArray[np.int64]) -> Ticks:
+        """Return the tick nearest to each stamp, whether or not it is one of the flight's."""
+        return (stamps_ns - self.epoch_ns + TICK_NS // 2) // TICK_NS
+
+    def seconds(self, times_ns: Any) -> Array:
+        return np.asarray((np.asarray(times_ns, np.int64) - self.epoch_ns) * 1e-9)
+
+    def smooth(self, stamps_ns: NDArray[np.int64], values: Array) -> Array:
+        """Return (ticks, k): straight lines between the values; beyond them, the nearest."""
+        at, last = self._last_at(stamps_ns)
+        every = np.arange(self.ticks)
+        return np.column_stack([np.interp(every, at, column) for column in values[last].T])
+
+    def held(self, stamps_ns: NDArray[np.int64], values: Array) -> Array:
+        """Return (ticks, k): each value until the next one; the first also before it."""
+        at, last = self._last_at(stamps_ns)
+        row = np.searchsorted(at, np.arange(self.ticks), side="right") - 1
+        return np.asarray(values[last][np.maximum(row, 0)], np.float64)
+
+    def _last_at(self, stamps_ns: NDArray[np.int64]) -> tuple[Ticks, NDArray[np.intp]]:
+        """Return the ticks that have a value, rising, and the row of the last one at each."""
+        at = self.at(stamps_ns)
+        found, first_of_reversed = np.unique(at[::-1], return_index=True)
+        return found, at.size - 1 - first_of_reversed
+
+
+class _Reading:
+    """One flight being put together from its topics."""
+
+    def __init__(
+        self, path: Path, tables: Mapping[str, ColumnTable], metadata: Mapping[str, str]
+    ) -> None:
+        self._tables = tables
+        self._track: PoseTrack | None = None
+        """The way flown where there is no truth."""
+        self._clock: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None
+        if (truth := tables.get(TRUE_ODOMETRY.name)) is not None:
+            known = truth["stamp_ns"]
+            self._clock = truth["publish_time_ns"], known
+        else:
+            self._track = _seen(path, tables)
+            known = self._track.stamps_ns
+        epoch = _epoch(metadata, tables, known)
+        last = int(known.max())
+        if IMU.name in tables:
+            heard = int(tables[IMU.name]["stamp_ns"].max())
+            last = max(last, min(heard, last + _BEYOND_NS))
+        self._grid = _Grid(epoch, (last - epoch + TICK_NS // 2) // TICK_NS + 1)
+        self._flown, self._scenario = _scenario(path, metadata)
+
+    def record(self, wall_time_s: float) -> FlightRecord:
+        log = self._log()
+        t: Array = np.arange(self._grid.ticks, dtype=np.float64) * 1e-3
+        detections, arrivals = self._detections()
+        if self._track is not None:
+            self._believe(log, detections)
+        reactions, switches = self._reactions()
+        events = [_detection(e, at) for e, at in zip(detections, arrivals, strict=True)]
+        events += [_switch(reaction, at) for reaction, at in zip(reactions, switches, strict=True)]
+        events += _phases(t, log["mode"][:, 0])
+        summary, seen = summarize(
+            Verdict(
+                self._scenario,
+                int(self._flown.get("seed", 0)),
+                t,
+                log,
+                detections,
+                arrivals,
+                reactions,
+                wall_time_s,
+            )
+        )
+        if self._track is not None:
+            summary, seen = _without_truth(summary, seen)
+        self._find_obstacle()
+        poses = self._tables.get(MOCAP_POSE.name)
+        captured: Array = np.zeros(0)
+        arrival: Array = np.zeros(0)
+        position: Array = np.zeros((0, 3))
+        attitude: Array = np.zeros((0, 4))
+        if poses is not None:
+            captured = self._grid.seconds(poses["stamp_ns"])
+            arrival = self._known(poses["log_time_ns"])
+            position, attitude = _vector(poses, "pose.position"), _turn(poses, "pose.orientation")
+        return FlightRecord(
+            t=t,
+            log=log,
+            mocap_t=captured,
+            mocap_arrival=arrival,
+            mocap_position=position,
+            mocap_attitude=attitude,
+            detector_statistic=self._statistic(captured),
+            events=sorted(events + seen, key=lambda event: float(event["time_s"])),
+            scenario=self._flown,
+            summary=summary,
+            epoch_ns=self._grid.epoch_ns,
+        )
+
+    def _known(self, log_times_ns: NDArray[np.int64]) -> Array:
+        """Return the flight time [s] of moments on the recorder's clock.
+
+        In simulated time that clock is another one: the truth tells both, its stamp and when it
+        was published. A real vehicle flies in real time.
+        """
+        if self._clock is None:
+            return self._grid.seconds(log_times_ns)
+        published, stamps = self._clock
+        there = np.maximum.accumulate(published)
+        first = int(there[0])  # floats have no room for nanoseconds since 1970
+        asked, rising, flight = log_times_ns - first, there - first, self._grid.seconds(stamps)
+        span = max(float(rising[-1]), 1.0)
+        rate = (flight[-1] - flight[0]) / span
+        beyond = np.minimum(asked, 0.0) + np.maximum(asked - rising[-1], 0.0)
+        return np.asarray(np.interp(asked, rising, flight) + rate * beyond)
+
+    def _log(self) -> dict[str, Array]:
+        log = {
+            name: np.full((self._grid.ticks, where.stop - where.start), math.nan)
+            for name, where in COLUMNS.items()
+        }
+        if self._track is None:
+            self._pose(log, TRUE_ODOMETRY.name, ("position", "attitude", "velocity", "rates"))
+        else:
+            self._way(log, self._track)
+        self._pose(log, ODOMETRY.name, ("est_position", "est_attitude", "est_velocity", ""))
+        self._rotors(log)
+        self._contact(log)
+        held = (
+            (IMU.name, "gyro", "angular_velocity"),
+            (IMU.name, "accel", "linear_acceleration"),
+            (SETPOINT.name, "position_setpoint", "position"),
+            (SETPOINT.name, "velocity_setpoint", "velocity"),
+            (SETPOINT.name, "acceleration_setpoint", "acceleration"),
+            (RATES_SETPOINT.name, "rates_setpoint", "rates"),
+        )
+        for topic, column, path in held:
+            if (table := self._tables.get(topic)) is not None:
+                log[column] = self._grid.held(table["stamp_ns"], _vector(table, path))
+        if (table := self._tables.get(ATTITUDE_SETPOINT.name)) is not None:
+            stamps = table["stamp_ns"]
+            log["attitude_setpoint"] = self._grid.held(stamps, _turn(table, "orientation"))
+            log["thrust_setpoint"] = self._grid.held(stamps, _column(table, "thrust"))
+        if (table := self._tables.get(ROTOR_COMMAND.name)) is not None:
+            log["rotor_command"] = self._grid.held(table["stamp_ns"], table["speed"])
+        if (table := self._tables.get(BATTERY.name)) is not None:
+            both = np.column_stack([-table["current"], table["voltage"]])
+            log["battery"][:, 1:] = self._grid.held(table["stamp_ns"], both)
+        log["mode"] = self._mode()
+        return log
+
+    def _way(self, log: dict[str, Array], track: PoseTrack) -> None:
+        """Fill in what the motion capture has seen, and the rates that the gyro has."""
+        stamps = track.stamps_ns
+        log["position"] = self._grid.smooth(stamps, track.position)
+        log["velocity"] = self._grid.smooth(stamps, track.velocity)
+        log["attitude"] = self._grid.smooth(stamps, continuous(track.attitude))
+        log["attitude"] /= np.linalg.norm(log["attitude"], axis=1, keepdims=True)
+        if (table := self._tables.get(IMU.name)) is not None:
+            rates = _vector(table, "angular_velocity")
+            log["rates"] = self._grid.held(table["stamp_ns"], rates)
+
+    def _believe(self, log: dict[str, Array], detections: list[CollisionEvent]) -> None:
+        """Enter the first contact as the detector has it."""
+        for event in detections:
+            at = round(event.contact_time_s / 1e-3)
+            if event.trigger == "innovation" and 0 <= at < self._grid.ticks:
+                log["contact"][at, 0] = 1.0
+                return
+
+    def _pose(self, log: dict[str, Array], topic: str, names: tuple[str, ...]) -> None:
+        """Fill in a pose in map and a twist in base_link, its velocity turned into map."""
+        table = self._tables.get(topic)
+        if table is None:
+            return
+        stamps = table["stamp_ns"]
+        turn = _turn(table, "pose.pose.orientation")
+        back = conjugate(turn)
+        values = (
+            _vector(table, "pose.pose.position"),
+            continuous(turn),
+            into_body(back, _vector(table, "twist.twist.linear")),
+            _vector(table, "twist.twist.angular"),
+        )
+        for name, value in zip(names, values, strict=True):
+            if name:
+                log[name] = self._grid.smooth(stamps, value)
+        log[names[1]] /= np.linalg.norm(log[names[1]], axis=1, keepdims=True)
+
+    def _rotors(self, log: dict[str, Array]) -> None:
+        table = self._tables.get(TRUE_ROTORS.name)
+        names = {"speed": "rotor_speed", "thrust": "rotor_thrust", "fold": "fold"}
+        for field, name in {**names, "damage": "damage"}.items():
+            if table is not None:
+                log[name] = self._grid.smooth(table["stamp_ns"], table[field])
+
+    def _contact(self, log: dict[str, Array]) -> None:
+        """Enter the ticks that touch; all others don't."""
+        log["contact"][:], log["contact_force"][:] = 0.0, 0.0
+        table = self._tables.get(TRUE_CONTACT.name)
+        if table is None:
+            return
+        at = self._grid.at(table["stamp_ns"])
+        there = table["in_contact"].astype(bool) & (at >= 0) & (at < self._grid.ticks)
+        at = at[there]
+        log["contact"][at, 0] = 1.0
+        log["contact"][at, 1] = table["rotor"][there]
+        log["contact"][at, 2:5] = _vector(table, "point")[there]
+        log["contact_force"][at] = _vector(table, "force")[there]
+
+    def _mode(self) -> Array:
+        """Return what was flown: the mission's phase, or the descent that the reaction orders."""
+        mode: Array = np.full((self._grid.ticks, 1), float(IDLE))
+        status = self._tables.get(MISSION_STATUS.name)
+        if status is not None:
+            mode = self._grid.held(status["stamp_ns"], _column(status, "phase"))
+            mode[: max(int(self._grid.at(status["stamp_ns"]).min()), 0)] = IDLE
+        wish = self._tables.get(SETPOINT.name)
+        if wish is not None:
+            followed = self._grid.held(wish["stamp_ns"], _column(wish, "phase"))
+            mode[followed == BLIND] = BLIND
+        return mode
+
+    def _detections(self) -> tuple[list[CollisionEvent], list[float]]:
+        table = self._tables.get(COLLISION_EVENT.name)
+        if table is None:
+            return [], []
+        stamps = self._grid.seconds(table["stamp_ns"])
+        contact_ns = table["contact_stamp.sec"].astype(np.int64) * 10**9
+        contacts = self._grid.seconds(contact_ns + table["contact_stamp.nanosec"])
+        x_c, direction = _vector(table, "contact_position"), _vector(table, "flight_direction")
+        events = [
+            CollisionEvent(
+                float(stamps[i]),
+                _TRIGGERS.get(int(table["trigger"][i]), "unknown"),
+                float(contacts[i]),
+                x_c[i],
+                direction[i],
+                float(table["confidence"][i]),
+                float(table["statistic"][i]),
+                int(table["count"][i]),
+            )
+            for i in range(stamps.size)
+        ]
+        return events, [float(at) for at in self._known(table["log_time_ns"])]
+
+    def _reactions(self) -> tuple[list[ReactionState], list[float]]:
+        """Return the switches of the set point, and when each was made."""
+        table = self._tables.get(REACTION_STATUS.name)
+        if table is None:
+            return [], []
+        since = self._grid.seconds(table["stamp_ns"])
+        x_c, x_r, n_r = (_vector(table, name) for name in ("x_c", "x_r", "n_r"))
+        found: list[ReactionState] = []
+        for i in range(since.size):
+            count = int(table["collisions"][i])
+            known = found[-1].collisions if found else 0
+            if int(table["state"][i]) == _STATUS_REACTING and count > known:
+                found.append(
+                    ReactionState(REACTING, x_c[i], n_r[i], x_r[i], float(since[i]), count)
+                )
+        return found, [reaction.since_s for reaction in found]
+
+    def _statistic(self, captured_s: Array) -> Array:
+        """Return the detector's test value of each pose, 0 where it told none."""
+        result: Array = np.zeros(captured_s.size)
+        table = self._tables.get(DETECTOR_STATUS.name)
+        if table is not None:
+            at = np.rint(1e6 * self._grid.seconds(table["stamp_ns"])).astype(np.int64)
+            told = dict(zip(at.tolist(), table["statistic"].tolist(), strict=True))
+            wanted = np.rint(1e6 * captured_s).astype(np.int64)
+            result[:] = [told.get(stamp, 0.0) for stamp in wanted.tolist()]
+        return result
+
+    def _find_obstacle(self) -> None:
+        """Take the obstacle from where it was shown: its place is the seed's."""
+        table = self._tables.get(MARKERS.name)
+        names = None if table is None else table.get("markers[0].ns")
+        if table is None or names is None or not (names == "obstacle").any():
+            return
+        i = int(np.argmax(names == "obstacle"))
+        height = float(table["markers[0].scale.z"][i])
+        self._flown["obstacle"] = {
+            "x_m": float(table["markers[0].pose.position.x"][i]),
+            "y_m": float(table["markers[0].pose.position.y"][i]),
+            "radius_m": 0.5 * float(table["markers[0].scale.x"][i]),
+            "top_m": height,
+        }
+
+
+def _seen(path: Path, tables: Mapping[str, ColumnTable]) -> PoseTrack:
+    """Return the way flown as the motion capture has seen it.
+
+    Raises:
+        InputError: it has not.
+    """
+    table = tables.get(MOCAP_POSE.name)
+    track = None
+    if table is not None:
+        place, turn = _vector(table, "pose.position"), _turn(table, "pose.orientation")
+        track = pose_track(table["stamp_ns"], place, turn)
+    if track is None:
+        raise InputError(
+            f"'{path}': nothing on {TRUE_ODOMETRY.name}, and no poses on {MOCAP_POSE.name}; "
+            "accepted: a recording of a flight"
+        )
+    return track
+
+
+def _without_truth(
+    summary: dict[str, Any], events: list[dict[str, Any]]
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Take out what only the truth tells, and say that it is not there."""
+    unknown = ("contact_point_m", "contact_rotor", "detection_latency_s", "strikes")
+    told = {**summary, **dict.fromkeys((*unknown, "rotors_broken")), "known_from": "mocap"}
+    words = {"contact": "contact, as the detector has it"}
+    return told, [{**e, "text": words.get(str(e["kind"]), e["text"])} for e in events]
+
+
+def _epoch(
+    metadata: Mapping[str, str], tables: Mapping[str, ColumnTable], stamps: NDArray[np.int64]
+) -> int:
+    """Return the stamp of the flight's tick 0, where what is known has these stamps."""
+    if "epoch_ns" in metadata:
+        return int(metadata["epoch_ns"])
+    first = int(stamps.min())
+    mission = tables.get(MISSION_STATUS.name)
+    if mission is None:
+        return first
+    began = int(mission["stamp_ns"].min())
+    ticks = (min(max(began, first), int(stamps.max())) - first + TICK_NS - 1) // TICK_NS
+    return first + ticks * TICK_NS
+
+
+def _scenario(path: Path, metadata: Mapping[str, str]) -> tuple[dict[str, Any], Scenario]:
+    """Return the scenario as flown, and as a scenario again; defaults if the file has none.
+
+    Raises:
+        InputError: what the file has is none.
+    """
+    text = metadata.get("scenario")
+    if text is None:
+        nothing = Scenario(name="recording")
+        return as_mapping(nothing), nothing
+    try:
+        flown = dict(json.loads(text))
+        values = {key: value for key, value in flown.items() if key != "seed"}
+        pole = values.get("obstacle", {})
+        if "x_m" in pole:
+            keys = {"x": "x_m", "y": "y_m", "radius": "radius_m", "top": "top_m"}
+            values["obstacle"] = {key: pole[name] for key, name in keys.items()}
+        return flown, scenario_from_mapping(values, str(flown.get("name", "recording")))
+    except (ValueError, TypeError, KeyError) as error:  # ValueError: also InputError
+        raise InputError(f"'{path}': its scenario can't be used: {error}") from error
+
+
+def _detection(event: CollisionEvent, at_s: float) -> dict[str, Any]:
+    return {
+        "time_s": at_s,
+        "kind": "detection",
+        "text": f"collision detected ({event.trigger})",
+        "trigger": event.trigger,
+        "stamp_s": event.stamp_s,
+        "contact_time_s": event.contact_time_s,
+        "x_c_m": event.x_c.tolist(),
+        "flight_direction": event.flight_direction.tolist(),
+        "confidence": event.confidence,
+        "statistic": event.statistic,
+        "count": event.count,
+    }
+
+
+def _switch(reaction: ReactionState, at_s: float) -> dict[str, Any]:
+    return {
+        "time_s": at_s,
+        "kind": "setpoint_switch",
+        "text": "set point moved to x_r",
+        "x_c_m": reaction.x_c.tolist(),
+        "x_r_m": reaction.x_r.tolist(),
+        "n_r": reaction.n_r.tolist(),
+        "count": reaction.collisions,
+    }
+
+
+def _phases(t: Array, mode: Array) -> list[dict[str, Any]]:
+    """Return an event for each change of the mode."""
+    changes = np.flatnonzero(mode[1:] != mode[:-1]) + 1
+    names = [MODE_NAMES[int(mode[k])] if mode[k] < len(MODE_NAMES) else "?" for k in changes]
+    return [
+        {"time_s": float(t[k]), "kind": name, "text": name.replace("_", " ")}
+        for k, name in zip(changes, names, strict=True)
+    ]
+
+
+def _vector(table: ColumnTable, path: str) -> Array:
+    return np.column_stack([table[f"{path}.{axis}"] for axis in "xyz"]).astype(np.float64)
+
+
+def _turn(table: ColumnTable, path: str) -> Array:
+    return np.column_stack([table[f"{path}.{axis}"] for axis in "xyzw"]).astype(np.float64)
+
+
+def _column(table: ColumnTable, path: str) -> Array:
+    return np.asarray(table[path], np.float64).reshape(-1, 1)

@@ -1,0 +1,260 @@
+"""The figures of a flight, all from the ground truth: what `summary.json` holds.
+
+Definitions are those of `docs/figures.md`; each function says its own.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_collision.detector import CollisionEvent
+from tombo_collision.reaction import ReactionState
+from tombo_control.autopilot import APPROACH, BLIND, HOVER, IDLE, LAND, LANDED, TAKEOFF
+from tombo_dynamics.rotation import tilt
+from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES, VehicleParams
+from tombo_flight.scenario import Scenario
+
+Array = NDArray[np.float64]
+
+_TICK_S = 1e-3
+_CALM_TILT = 0.17
+_CALM_RATE = 1.0
+_CALM_TIME = 0.3
+_SETTLED_RADIUS = 0.1
+_SETTLED_SPEED = 0.1
+_SETTLED_TIME = 1.0
+_OVERTURNED = 2.1
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the figures are drawn from."""
+
+    scenario: Scenario
+    seed: int
+    t: Array
+    log: dict[str, Array]
+    detections: list[CollisionEvent]
+    arrivals: list[float]
+    """When each detection was known [s]."""
+    reactions: list[ReactionState]
+    wall_time_s: float
+
+
+def first_lasting(condition: NDArray[np.bool_], length: int) -> int | None:
+    """Return the first index from which `condition` holds for `length` entries on end, or None."""
+    if condition.size < length:
+        return None
+    broken = np.concatenate([[0], np.cumsum(~condition)])
+    whole = broken[length:] == broken[: broken.size - length]
+    return int(np.argmax(whole)) if whole.any() else None
+
+
+def lowest_point(vehicle: VehicleParams, position: Array, attitude: Array) -> Array:
+    """Return the height of the lowest point of legs and motors (N,) [m]."""
+    x, y, z, w = attitude.T
+    up = np.column_stack(
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)]
+    )
+    spread = vehicle.leg_spread * math.sqrt(2.0)
+    lowest = np.full(position.shape[0], np.inf)
+    for i in range(4):
+        for reach, height in (
+            (spread, -vehicle.leg_height),
+            (vehicle.arm_length, vehicle.rotor_height),
+        ):
+            point = up @ np.array([reach * ARM_X[i], reach * ARM_Y[i], height])
+            lowest = np.minimum(lowest, point)
+    result: Array = position[:, 2] + lowest
+    return result
+
+
+def _rms(values: Array) -> float | None:
+    return float(np.sqrt(np.mean(values))) if values.size else None
+
+
+def _number(value: float | None, digits: int = 6) -> float | None:
+    if value is None or not math.isfinite(value):
+        return None
+    return round(float(value), digits) + 0.0  # no minus before a zero
+
+
+def summarize(flight: Verdict) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Return the summary and the events that only the truth shows (contact, settled, crash)."""
+    log, t = flight.log, flight.t
+    vehicle = flight.scenario.vehicle
+    events: list[dict[str, Any]] = []
+    mode = log["mode"][:, 0]
+    touching = log["contact"][:, 0] > 0.0
+    collided = bool(touching.any())
+    c = int(np.argmax(touching)) if collided else None
+
+    crash = _crash(vehicle, log, mode)
+    if crash is not None:
+        events.append({"time_s": float(t[crash]), "kind": "crash", "text": "crashed"})
+    summary: dict[str, Any] = {
+        "scenario": flight.scenario.name,
+        "model": flight.scenario.model or None,
+        "seed": flight.seed,
+        "conf": flight.scenario.propeller.conf,
+        "law": flight.scenario.propeller.law,
+        "reaction": flight.scenario.react,
+        "collided": collided,
+        "collision_time_s": None,
+        "contact_point_m": None,
+        "contact_rotor": None,
+        "contact_position_m": None,
+    }
+    if c is not None:
+        rotor = int(log["contact"][c, 1])
+        name = "frame" if rotor < 0 else ROTOR_NAMES[rotor]
+        summary["collision_time_s"] = _number(t[c])
+        summary["contact_point_m"] = [_number(v) for v in log["contact"][c, 2:5]]
+        summary["contact_rotor"] = name
+        summary["contact_position_m"] = [_number(v) for v in log["position"][c]]
+        events.append(
+            {"time_s": float(t[c]), "kind": "contact", "text": f"{name.replace('_', ' ')} touches"}
+        )
+    summary |= _detection(flight, c)
+    summary |= _recovery(flight, c, events)
+    broken = np.flatnonzero((log["damage"] >= 1.0).any(axis=1))
+    if broken.size:
+        events.append(
+            {"time_s": float(t[broken[0]]), "kind": "rotor_broken", "text": "a blade tears off"}
+        )
+    summary |= {
+        "strikes": _strikes(log["fold"]),
+        "rotors_broken": int((log["damage"][-1] >= 1.0).sum()) if t.size else 0,
+        "crashed": crash is not None,
+        "crash_time_s": None if crash is None else _number(t[crash]),
+        "landed": bool(t.size and mode[-1] == LANDED and crash is None),
+        "max_tilt_rad": _number(tilt(log["attitude"][c or 0 :]).max()) if t.size else None,
+        "duration_s": _number(t[-1] + _TICK_S) if t.size else 0.0,
+    }
+    summary |= _tracking(flight, c)
+    wall = flight.wall_time_s
+    summary["wall_time_s"] = wall
+    summary["real_time_factor"] = summary["duration_s"] / wall if wall > 0.0 else None
+    return summary, events
+
+
+def _crash(vehicle: VehicleParams, log: dict[str, Array], mode: Array) -> int | None:
+    """Return the tick of the crash, or None.
+
+    The frame touches the ground before landing is commanded (a level descent without mocap counts
+    as a landing), or tilt stays beyond 2.1 rad to the end.
+    """
+    position = log["position"]
+    flown = np.flatnonzero(position[:, 2] > vehicle.leg_height + 0.3)
+    if not flown.size:
+        return None
+    after = np.arange(mode.size) > flown[0]
+    calm = np.isin(mode, (IDLE, TAKEOFF, LAND, LANDED, BLIND))
+    near = after & ~calm & (position[:, 2] < 0.5)
+    ground = None
+    where = np.flatnonzero(near)
+    if where.size:
+        low = lowest_point(vehicle, position[where], log["attitude"][where])
+        touched = np.flatnonzero(low < 0.0)
+        ground = int(where[touched[0]]) if touched.size else None
+    over = tilt(log["attitude"]) > _OVERTURNED
+    turned = None
+    if over[-1]:
+        last_upright = np.flatnonzero(~over)
+        turned = int(last_upright[-1]) + 1 if last_upright.size else 0
+    hits = [i for i in (ground, turned) if i is not None]
+    return min(hits) if hits else None
+
+
+def _detection(flight: Verdict, c: int | None) -> dict[str, Any]:
+    """Latency from true contact to the event's arrival, and false alarms.
+
+    An innovation event before contact is a false alarm. A known region may rightly fire before
+    contact, or prevent it: only without an obstacle is its event a false alarm.
+    """
+    contact = math.inf if c is None else float(flight.t[c])
+    obstacle = flight.scenario.obstacle.radius > 0.0
+    true = [
+        (e, at)
+        for e, at in zip(flight.detections, flight.arrivals, strict=True)
+        if e.stamp_s >= contact or (e.trigger == "region" and obstacle)
+    ]
+    first, arrival = true[0] if true else (None, None)
+    # x_c, n_r and x_r belong together: after a second collision they are the second one's
+    reaction = flight.reactions[-1] if flight.reactions else None
+    x_c = reaction.x_c if reaction else first.x_c if first else None
+    return {
+        "detected": first is not None,
+        "detections": len(flight.detections),
+        "detection_time_s": _number(arrival),
+        "detection_latency_s": _number(arrival - contact) if arrival is not None else None,
+        "detection_confidence": _number(first.confidence) if first else None,
+        "false_alarms": len(flight.detections) - len(true),
+        "x_c_m": [_number(v) for v in x_c] if x_c is not None else None,
+        "n_r": [_number(v) for v in reaction.n_r] if reaction else None,
+        "x_r_m": [_number(v) for v in reaction.x_r] if reaction else None,
+    }
+
+
+def _recovery(flight: Verdict, c: int | None, events: list[dict[str, Any]]) -> dict[str, Any]:
+    """Falling distance, unstable phase, recovery time and settled error (docs/figures.md)."""
+    result: dict[str, Any] = {
+        "max_falling_distance_m": None,
+        "unstable_phase_s": None,
+        "recovery_time_s": None,
+        "settled_error_m": None,
+    }
+    if c is None:
+        return result
+    log = flight.log
+    position = log["position"][c:]
+    landing = np.flatnonzero(np.isin(log["mode"][c:, 0], (LAND, LANDED)))
+    until = int(landing[0]) if landing.size else position.shape[0]
+    calm = (tilt(log["attitude"][c:]) < _CALM_TILT) & (
+        np.linalg.norm(log["rates"][c:], axis=1) < _CALM_RATE
+    )
+    quiet = first_lasting(calm, round(_CALM_TIME / _TICK_S))
+    result["unstable_phase_s"] = None if quiet is None else _number(quiet * _TICK_S)
+    settled = None
+    if flight.reactions:
+        x_r = flight.reactions[-1].x_r
+        error = np.linalg.norm(position[:until] - x_r, axis=1)
+        slow = np.linalg.norm(log["velocity"][c : c + until], axis=1) < _SETTLED_SPEED
+        settled = first_lasting((error < _SETTLED_RADIUS) & slow, round(_SETTLED_TIME / _TICK_S))
+        if settled is not None:
+            result["recovery_time_s"] = _number(settled * _TICK_S)
+            result["settled_error_m"] = _number(error[settled:].mean())
+            events.append(
+                {
+                    "time_s": float(flight.t[c + settled]),
+                    "kind": "settled",
+                    "text": "settled at x_r",
+                }
+            )
+    falling = position[: until if settled is None else settled, 2]
+    if falling.size:
+        result["max_falling_distance_m"] = _number(position[0, 2] - falling.min())
+    return result
+
+
+def _strikes(fold: Array) -> int:
+    """Count the times that a blade is folded up to more than half, over all rotors."""
+    folded = fold > 0.5
+    return int((folded[1:] & ~folded[:-1]).sum())
+
+
+def _tracking(flight: Verdict, c: int | None) -> dict[str, Any]:
+    """RMS distance from the set point, in hover and in the approach, before contact."""
+    log = flight.log
+    end = flight.t.size if c is None else c
+    mode = log["mode"][:end, 0]
+    square = ((log["position"][:end] - log["position_setpoint"][:end]) ** 2).sum(axis=1)
+    return {
+        "hover_rms_m": _number(_rms(square[mode == HOVER])),
+        "approach_rms_m": _number(_rms(square[mode == APPROACH])),
+    }

@@ -1,0 +1,191 @@
+"""One flight with everything that it leaves: `flight.mcap`, summary, figure and report."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tombo_flight.flight import Workspace, fly_scenario
+from tombo_flight.process.stop_signals import Stopped, StopSignals
+from tombo_flight.scenario import Scenario
+from tombo_flight.version import tombo_version
+
+if TYPE_CHECKING:
+    from tombo_flight.flight_record import FlightRecord
+    from tombo_flight.process.output_folder import OutputFolder
+
+WALL_KEYS = ("wall_time_s", "real_time_factor")
+"""What differs between two flights of the same scenario and seed; all other bytes agree."""
+
+_REHEARSAL_S = 0.1
+
+Tell = Callable[[str, float], None]
+"""Told what is being done and how far it is: a stage and a share from 0 to 1."""
+
+
+def _silent(stage: str, share: float) -> None:
+    return
+
+
+@dataclasses.dataclass(frozen=True)
+class FlownFlight:
+    """A flight, its summary as it stands in the file, and how long recording took."""
+
+    record: FlightRecord
+    summary: dict[str, Any]
+    recording_s: float | None
+    """Wall time of writing `flight.mcap` [s]; None: not recorded."""
+
+    @property
+    def real_time_factor_with_recording(self) -> float | None:
+        """Flight time over wall time of flight and recording together; None: not recorded."""
+        if self.recording_s is None:
+            return None
+        total = float(self.summary["wall_time_s"]) + self.recording_s
+        return float(self.summary["duration_s"]) / total if total > 0.0 else None
+
+
+def rehearse(scenario: Scenario) -> None:
+    """Fly the first tenth of a second, to load the compiled code and to find bad input.
+
+    Raises:
+        InputError: as `fly_scenario`.
+    """
+    fly_scenario(dataclasses.replace(scenario, duration=_REHEARSAL_S), 0)
+
+
+def flight_summary(
+    record: FlightRecord, *, interrupted: bool = False, recorded_messages: int | None = None
+) -> dict[str, Any]:
+    """Return the content of `summary.json`: plain values, never NaN, wall times last.
+
+    Args:
+        record: the flight.
+        interrupted: it was ended from outside before its time.
+        recorded_messages: number of messages in `flight.mcap`; None: not recorded.
+    """
+    figures = {key: value for key, value in record.summary.items() if key not in WALL_KEYS}
+    ordered = {
+        "tombo_version": tombo_version(),
+        **figures,
+        "interrupted": interrupted,
+        "recorded_messages": recorded_messages,
+        **{key: record.summary.get(key) for key in WALL_KEYS},
+    }
+    summary: dict[str, Any] = plain(ordered)
+    return summary
+
+
+def plain(value: Any) -> Any:
+    """Return the value in the types of JSON; numbers that are not finite become None."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def as_json(value: Any) -> str:
+    """Return the text of a JSON file; equal values give equal bytes."""
+    return json.dumps(plain(value), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def fly_into(
+    folder: OutputFolder,
+    scenario: Scenario,
+    seed: int,
+    stop: StopSignals,
+    *,
+    record: bool = True,
+    tell: Tell = _silent,
+) -> FlownFlight:
+    """Fly a scenario and write its files into an output folder, which the caller publishes.
+
+    A flight that is stopped leaves `flight.mcap` and `summary.json` with what was flown so far; a
+    stop after the flight leaves out the pictures that are not yet drawn.
+
+    Args:
+        folder: where the files go.
+        scenario: what to fly; `rehearse` it first.
+        seed: all randomness derives from it.
+        stop: watched between samples of the motion capture.
+        record: write `flight.mcap`.
+        tell: told the progress.
+
+    Raises:
+        OSError: the files can't be written.
+    """
+    if record:  # imports are no part of the time that recording takes
+        import tombo_bag.flight_topics  # noqa: F401
+
+    interrupted = False
+
+    def cut() -> bool:
+        nonlocal interrupted
+        interrupted = stop.asked()
+        return interrupted
+
+    flown = fly_scenario(
+        scenario,
+        seed,
+        Workspace(),
+        progress=lambda now: tell("flying", now / scenario.duration),
+        stop=cut,
+    )
+    messages = seconds = None
+    if record:
+        tell("writing flight.mcap", 0.0)
+        messages, seconds = write_mcap(flown, folder / "flight.mcap")
+    summary = flight_summary(flown, interrupted=interrupted, recorded_messages=messages)
+    flown = dataclasses.replace(flown, summary=summary)
+    (folder / "summary.json").write_text(as_json(summary), encoding="utf-8", newline="\n")
+    if not interrupted:
+        draw_pictures(flown, folder, stop, tell)
+    return FlownFlight(flown, summary, seconds)
+
+
+def write_mcap(record: FlightRecord, path: Path) -> tuple[int, float]:
+    """Write `flight.mcap`; return its number of messages and the wall time [s]."""
+    from mcap.reader import make_reader
+
+    from tombo_bag.flight_topics import write_flight
+    from tombo_bag.mcap_sink import McapSink
+
+    began = time.perf_counter()
+    with McapSink(path) as sink:
+        write_flight(sink, record)
+    seconds = time.perf_counter() - began
+    with path.open("rb") as file:
+        content = make_reader(file).get_summary()
+    statistics = content.statistics if content is not None else None
+    return (statistics.message_count if statistics is not None else 0), seconds
+
+
+def draw_pictures(
+    record: FlightRecord, folder: OutputFolder, stop: StopSignals, tell: Tell = _silent
+) -> None:
+    """Write `flight.png` and `report.html`, or neither if a stop comes meanwhile."""
+    pictures = (folder / "flight.png", folder / "report.html")
+    try:
+        with stop.at_once():
+            tell("drawing flight.png", 0.0)
+            from tombo_flight.report.flight_plot import draw_flight, png_bytes
+
+            png = png_bytes(draw_flight(record))
+            pictures[0].write_bytes(png)
+            tell("writing report.html", 0.0)
+            from tombo_flight.report.flight_report import write_report
+
+            write_report(record, pictures[1], png)
+    except Stopped:
+        for path in pictures:
+            path.unlink(missing_ok=True)

@@ -1,0 +1,159 @@
+"""Recorded and replayed drawn over each other: the detector's statistic, set points, commands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from tombo_flight.replay.outputs import Event, Outputs, Series
+from tombo_flight.replay.run import Replay
+from tombo_flight.report import style
+
+WIDTH_IN: Final = 12.0
+ROW_IN: Final = 2.4
+DPI: Final = 120
+_AXES = ("x", "y", "z")
+_COLOURS = (style.BLUE, style.GREEN, style.ORANGE)
+
+
+def draw_replay(result: Replay) -> Figure:
+    """Draw a row for each node that was replayed; time counts from the recording's begin."""
+    rows = [(title, draw) for node, title, draw in _ROWS if node in result.nodes]
+    with mpl.rc_context(style.RC):
+        figure = Figure(
+            figsize=(WIDTH_IN, 0.9 + ROW_IN * len(rows)), dpi=DPI, layout="constrained"
+        )
+        FigureCanvasAgg(figure)
+        figure.suptitle(
+            f"Replay of {result.bag.name}   ·   {_verdict(result)}",
+            x=0.01, ha="left", weight="bold", size=11, parse_math=False,
+        )  # fmt: skip
+        all_axes = figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, (title, draw) in zip(all_axes, rows, strict=True):
+            axes.set_title(title, loc="left", size=9)
+            draw(axes, result)
+            _key(axes)
+        all_axes[-1].set_xlabel("time since the recording began [s]")
+        all_axes[-1].set_xlim(0.0, max(result.duration_s, 1e-3))
+    return figure
+
+
+def _verdict(result: Replay) -> str:
+    count = len(result.differences)
+    return "no difference" if not count else f"{count} difference{'s' * (count > 1)}"
+
+
+def _key(axes: Axes) -> None:
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), borderaxespad=0.6)
+
+
+def _seconds(result: Replay, series: Series) -> NDArray[np.float64]:
+    seconds: NDArray[np.float64] = (series.stamp_ns - result.begin_ns) / 1e9
+    return seconds
+
+
+def _statistic(axes: Axes, result: Replay) -> None:
+    """Draw the statistic on a logarithmic axis, the threshold, and events as marks."""
+    for outputs, colour, width, label in (
+        (result.recorded, style.ORANGE, 3.0, "recorded"),
+        (result.replayed, style.BLUE, 1.0, "replayed"),
+    ):
+        series = outputs.series.get("statistic")
+        if series is not None and len(series.stamp_ns):
+            axes.plot(
+                _seconds(result, series),
+                np.maximum(series.values[:, 0], 0.05),
+                color=colour,
+                linewidth=width,
+                label=f"statistic, {label}",
+            )
+    axes.axhline(result.threshold, color=style.MUTED, linestyle="--", linewidth=0.9)
+    axes.set_yscale("log")
+    axes.set_ylabel("statistic")
+    for stamp in result.contacts_ns or []:
+        axes.axvline((stamp - result.begin_ns) / 1e9, color=style.FAINT, linewidth=3.0, zorder=0)
+    _marks(axes, result, result.recorded.events, "o", style.ORANGE, "event, recorded", 9.0)
+    _marks(axes, result, result.replayed.events, "x", style.VERMILLION, "event, replayed", 6.0)
+
+
+def _marks(
+    axes: Axes,
+    result: Replay,
+    events: Sequence[Event] | None,
+    marker: str,
+    colour: str,
+    label: str,
+    size: float,
+) -> None:
+    if events:
+        axes.plot(
+            [(event.stamp_ns - result.begin_ns) / 1e9 for event in events],
+            [max(event.statistic, 0.05) for event in events],
+            marker,
+            color=colour,
+            markersize=size,
+            markerfacecolor="none",
+            markeredgewidth=1.6,
+            label=label,
+        )
+
+
+def _vectors(name: str, unit: str) -> Callable[[Axes, Replay], None]:
+    def draw(axes: Axes, result: Replay) -> None:
+        for outputs, width, alpha, label in (
+            (result.recorded, 3.4, 0.35, "recorded"),
+            (result.replayed, 1.1, 1.0, "replayed"),
+        ):
+            series = outputs.series.get(name)
+            if series is None:
+                continue
+            for i, axis in enumerate(_AXES):
+                axes.plot(
+                    _seconds(result, series),
+                    series.values[:, i],
+                    color=_COLOURS[i],
+                    linewidth=width,
+                    alpha=alpha,
+                    label=f"{axis}, {label}",
+                )
+        axes.set_ylabel(unit)
+
+    return draw
+
+
+def _commands(axes: Axes, result: Replay) -> None:
+    """Draw the mean command of the four rotors, and the largest difference of one of them."""
+    both = [outputs.series.get("rotor_command") for outputs in _sides(result)]
+    for series, colour, width, label in zip(
+        both, (style.ORANGE, style.BLUE), (3.0, 1.0), ("recorded", "replayed"), strict=True
+    ):
+        if series is not None and len(series.stamp_ns):
+            axes.plot(
+                _seconds(result, series),
+                series.values.mean(axis=1),
+                color=colour,
+                linewidth=width,
+                label=f"mean of rotors, {label}",
+            )
+    axes.set_ylabel("rotor speed [rad/s]")
+
+
+def _sides(result: Replay) -> tuple[Outputs, Outputs]:
+    return result.recorded, result.replayed
+
+
+_ROWS: Final[tuple[tuple[str, str, Callable[[Axes, Replay], None]], ...]] = (
+    ("detector", "detector: statistic, threshold, events, true contacts (grey)", _statistic),
+    ("mission", "mission: set point", _vectors("mission_setpoint", "position [m]")),
+    ("reaction", "reaction: set point", _vectors("setpoint", "position [m]")),
+    ("estimator", "estimator: position", _vectors("odometry_position", "position [m]")),
+    ("controller", "controller: rotor commands", _commands),
+)

@@ -1,0 +1,206 @@
+"""Replays a recording through the pure cores and compares: `tombo replay` without the terminal."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tombo_bag.recording import Recording
+from tombo_bag.rolling_sink import NOTES as RECORDER_NOTES
+from tombo_bag.topics import (
+    COLLISION_EVENT,
+    MOCAP_POSE,
+    TOPICS,
+    TRUE_CONTACT,
+)
+from tombo_dynamics.errors import InputError, unknown_name
+from tombo_flight.replay.bag_scenario import scenario_of_bag
+from tombo_flight.replay.compare import Tolerances
+from tombo_flight.replay.cores import Inputs, through_cores
+from tombo_flight.replay.figures import Context, figures_of
+from tombo_flight.replay.outputs import SERIES, Outputs, read_outputs
+from tombo_flight.replay.plan import NODES, said_by
+from tombo_flight.replay.poses import PoseTrack, find_pose_topic, read_poses
+from tombo_flight.replay.prechecks import check_poses
+from tombo_flight.replay.suite_clock import TELLING, find_suite_clock
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to replay, and how."""
+
+    nodes: tuple[str, ...] = ()
+    """Empty: every node whose inputs are there."""
+    names: Mapping[str, str] = field(default_factory=dict)
+    """Topic as recorded → name of the suite."""
+    frame_ok: str | None = None
+    shift_stamps_s: float = 0.0
+    stamp_on_arrival: bool = False
+    scenario: str | None = None
+    settings: tuple[str, ...] = ()
+    tolerances: Tolerances = field(default_factory=Tolerances)
+
+
+@dataclass
+class Replay:
+    """What came out."""
+
+    bag: Path
+    begin_ns: int = 0
+    """Log time at which the recording begins; times in figures count from it."""
+    duration_s: float = 0.0
+    nodes: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """Figures by node."""
+    findings: list[str] = field(default_factory=list)
+    damage: list[str] = field(default_factory=list)
+    differences: list[str] = field(default_factory=list)
+    """What is beyond the tolerances."""
+    recorded: Outputs = field(default_factory=Outputs)
+    replayed: Outputs = field(default_factory=Outputs)
+    contacts_ns: list[int] | None = None
+    """True contacts, their first ticks; None: the truth is not known."""
+    threshold: float = 0.0
+    seconds: float = 0.0
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return what `--json` prints."""
+        factor = self.duration_s / self.seconds if self.seconds > 0.0 else None
+        return {
+            "bag": str(self.bag),
+            "duration_s": self.duration_s,
+            "nodes": self.nodes,
+            "differences": self.differences,
+            "findings": self.findings,
+            "damage": self.damage,
+            "speed": {"real_time_factor": factor, "seconds": self.seconds},
+        }
+
+
+Feeder = Callable[[Inputs, Outputs], tuple[Outputs, dict[str, dict[str, Any]]]]
+"""Feeds the nodes of the inputs; returns what they say, and figures by node."""
+
+
+def replay_bag(path: Path, request: Request, feed: Feeder = through_cores) -> Replay:
+    """Replay a recording and compare.
+
+    Args:
+        path: file or folder.
+        request: what to replay.
+        feed: feeds the nodes.
+
+    Raises:
+        InputError: the recording can't be read, no node can be replayed, or the request is bad.
+    """
+    began = time.perf_counter()
+    for source, name in request.names.items():
+        if name not in TOPICS:
+            raise unknown_name(f"topic in --map {source}:=", name, TOPICS)
+    with Recording(path, request.names) as recording:
+        result = Replay(path)
+        inputs = _prepare(recording, request, result)
+        result.recorded = read_outputs(recording, said_by(inputs.nodes))
+        result.contacts_ns = _contacts(recording)
+        result.replayed, told = feed(inputs, result.recorded)
+        minutes = _minutes(inputs.poses)
+        for node in inputs.nodes:
+            figures, differences = figures_of(
+                node,
+                result.recorded,
+                result.replayed,
+                Context(result.begin_ns, minutes, result.contacts_ns, request.tolerances),
+            )
+            result.nodes[node] = {**figures, **told.get(node, {})}
+            result.differences += [f"{node}: {text}" for text in differences]
+        result.findings = inputs.findings
+        result.damage = recording.damage
+    result.seconds = time.perf_counter() - began
+    return result
+
+
+def _prepare(recording: Recording, request: Request, result: Replay) -> Inputs:
+    topics = recording.topics
+    scenario, findings = scenario_of_bag(recording.metadata, request.scenario, request.settings)
+    result.threshold = scenario.detector.threshold
+    findings += _losses(recording.metadata)
+    pose_topic = find_pose_topic(topics)
+    there = {name for name, stream in topics.items() if stream.count}
+    if pose_topic is not None and pose_topic in there:
+        there.add(MOCAP_POSE.name)
+        if pose_topic != MOCAP_POSE.name:
+            findings.append(f"poses are taken from {pose_topic}, the only candidate")
+    nodes: list[str] = []
+    for name in request.nodes or NODES:
+        missing = [topic for topic in NODES[name].inputs if topic not in there]
+        if missing:
+            findings.append(f"{name} can't be replayed: no {', '.join(missing)} in the bag")
+        else:
+            nodes.append(name)
+    if not nodes:
+        why = [line for line in findings if "can't be replayed" in line]
+        why += [f"damage: {line}" for line in recording.damage]
+        listed = ", ".join(f"{name} ({stream.typename})" for name, stream in topics.items())
+        raise InputError(
+            f"'{recording.path}': nothing to replay ({'; '.join(why)}); its "
+            f"topics: {listed or 'none'}; accepted: --map TOPIC:=NAME for topics of another name"
+        )
+    wanted = {topic for name in nodes for topic in (*NODES[name].inputs, *NODES[name].helps)}
+    wanted |= {SERIES[name].topic for name in said_by(nodes) if name in SERIES}
+    wanted |= {TRUE_CONTACT.name, COLLISION_EVENT.name}
+    wanted |= set([name for name in TELLING if name in there][:1])
+    if MOCAP_POSE.name in wanted and pose_topic is not None:
+        wanted = wanted - {MOCAP_POSE.name} | {pose_topic}
+    recording.load(sorted(wanted & set(topics)))
+    clock = find_suite_clock(recording)
+    if clock is not None:
+        recording.set_clock(*clock)
+        findings.append("the nodes' clock was not the recorder's: messages arrive by the nodes'")
+    poses = PoseTrack.none()
+    if pose_topic is not None and pose_topic in wanted:
+        poses = _arranged(read_poses(recording, pose_topic), request)
+        findings += check_poses(poses, scenario.detector.gap_max)
+    spans = [(s.first_ns, s.last_ns) for s in topics.values() if s.count and s.last_ns]
+    if spans:
+        extent = np.array([min(a for a, _ in spans), max(b for _, b in spans)])
+        begin, end = recording.on_clock(extent).tolist()
+        result.begin_ns, result.duration_s = begin, (end - begin) / 1e9
+    return Inputs(recording, scenario, tuple(nodes), poses, findings)
+
+
+def _losses(metadata: Mapping[str, Mapping[str, str]]) -> list[str]:
+    """Say what the recorder itself says it has lost."""
+    lost = metadata.get(RECORDER_NOTES, {}).get("lost", "0")
+    if not lost.isdecimal() or int(lost) == 0:
+        return []
+    return [f"the recorder lost {lost} messages: nodes that got them are replayed without"]
+
+
+def _arranged(poses: PoseTrack, request: Request) -> PoseTrack:
+    if request.frame_ok is not None:
+        poses = poses.renamed(request.frame_ok)
+    if request.stamp_on_arrival:
+        poses = poses.stamped_on_arrival()
+    return poses.shifted(round(1e9 * request.shift_stamps_s))
+
+
+def _minutes(poses: PoseTrack) -> float:
+    if not len(poses.arrival_ns):
+        return 0.0
+    return float(poses.arrival_ns[-1] - poses.arrival_ns[0]) / 60e9
+
+
+def _contacts(recording: Recording) -> list[int] | None:
+    """Return the stamps at which true contacts begin; None if the truth is not recorded."""
+    if TRUE_CONTACT.name not in recording.topics:
+        return None
+    table = recording.columns(TRUE_CONTACT.name)
+    if "in_contact" not in table:
+        return []
+    touching = table["in_contact"].astype(bool)
+    begins = touching & ~np.concatenate([[False], touching[:-1]])
+    stamps: list[int] = table["stamp_ns"][begins].tolist()
+    return stamps

@@ -1,0 +1,142 @@
+"""What the panels of the still figure show: place, height, attitude and thrust."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from tombo_flight.report import style
+from tombo_flight.report.panel import SMALL, Array, Panel, envelope, key
+from tombo_flight.report.story import FRONT_LEFT, ROTOR_NAMES, UPRIGHT_RAD
+
+_HATCH: Final = "//////"
+
+
+def horizontal(panel: Panel) -> None:
+    """Draw x and y, with their set points and estimates, and the x of x_c and of x_r."""
+    log = panel.record.log
+    for i, colour in ((1, style.GREEN), (0, style.BLUE)):
+        _with_set_point(panel, i, colour)
+    panel.fit(log[name][panel.cut, :2] for name in ("position", "position_setpoint"))
+    panel.axes.set_ylabel("x, y [m]")
+    _name_places(panel)
+    east, north = key(style.BLUE, 1.7, "x east"), key(style.GREEN, 1.7, "y north")
+    panel.legend([east, north, *_common()])
+
+
+def height(panel: Panel) -> None:
+    """Draw z with its set point and estimate, and how far the vehicle falls."""
+    log = panel.record.log
+    _with_set_point(panel, 2, style.PURPLE)
+    parts = [log[name][panel.cut, 2] for name in ("position", "position_setpoint")]
+    panel.fit(parts, headroom=0.22)
+    panel.axes.set_ylabel("height z [m]")
+    panel.legend([key(style.PURPLE, 1.7, "z up"), *_common()])
+    if panel.window.zoomed:
+        _fall_arrow(panel)
+
+
+def attitude(panel: Panel, angles_deg: Array) -> None:
+    """Draw roll, pitch and yaw (N, 3), and the tilt below which the vehicle counts as upright."""
+    colours, names = (style.BLUE, style.ORANGE, style.GREEN), ("roll", "pitch", "yaw")
+    for i in (2, 1, 0):
+        panel.trace(angles_deg[:, i], colours[i], 1.3)
+    upright_deg = float(np.degrees(UPRIGHT_RAD))
+    for limit in (-upright_deg, upright_deg):
+        panel.axes.axhline(limit, color=style.MUTED, lw=0.7, ls=(0, (2, 2)), zorder=1.5)
+    panel.fit([angles_deg[panel.cut], np.array((-12.0, 12.0))])
+    panel.axes.set_ylabel("attitude [°]")
+    handles = [key(c, 1.3, n) for c, n in zip(colours, names, strict=True)]
+    panel.legend([*handles, key(style.MUTED, 0.7, f"{UPRIGHT_RAD} rad", dashed=True)])
+
+
+def thrust(panel: Panel) -> None:
+    """Draw the four rotors' thrust, and how far a propeller is folded as a hatched height."""
+    log, cut = panel.record.log, panel.cut
+    known = log["rotor_thrust"][cut]
+    high = max(1.0, 1.1 * float(np.nanmax(known, initial=0.0)))
+    handles: list[Line2D | Patch] = []
+    for i in (FRONT_LEFT, *(k for k in range(len(ROTOR_NAMES)) if k != FRONT_LEFT)):
+        struck = i == FRONT_LEFT
+        colour, width = style.ROTOR_COLOURS[i], 1.7 if struck else 0.9
+        if float(log["fold"][cut, i].max()) > 0.02:
+            _fold(panel, log["fold"][:, i], colour, high)
+        panel.trace(log["rotor_thrust"][:, i], colour, width, zorder=3.0 if struck else 2.0)
+        handles.append(key(colour, width, ROTOR_NAMES[i]))
+    folded = Patch(fc="none", ec=style.FRONT_LEFT, hatch=_HATCH, lw=0.6, alpha=0.7)
+    folded.set_label("fold (full height: 1)")
+    panel.axes.set_ylim(0.0, high)
+    panel.axes.set_ylabel("rotor thrust [N]")
+    panel.legend([*handles, folded])
+
+
+def _common() -> list[Line2D]:
+    return [key(style.INK, 0.8, "set point", dashed=True), key(style.MUTED, 0.5, "estimate")]
+
+
+def _with_set_point(panel: Panel, axis: int, colour: str) -> None:
+    log = panel.record.log
+    panel.trace(log["est_position"][:, axis], colour, 0.5, alpha=0.45)
+    panel.trace(log["position_setpoint"][:, axis], style.INK, 0.8, dashed=True)
+    panel.trace(log["position"][:, axis], colour, 1.7)
+
+
+def _name_places(panel: Panel) -> None:
+    """Lines at the x of x_c and of x_r; their names stand right of the zoomed panel."""
+    named = ((panel.story.x_c_m, "$x_c$"), (panel.story.x_r_m, "$x_r$"))
+    places = [(place[0], name) for place, name in named if place is not None]
+    levels = [x for x, _ in places]
+    low, high = panel.axes.get_ylim()
+    apart = 0.12 * (high - low)
+    if len(levels) == 2 and abs(levels[0] - levels[1]) < apart:
+        middle = (levels[0] + levels[1]) / 2.0
+        up = apart / 2.0 if levels[0] >= levels[1] else -apart / 2.0
+        levels = [middle + up, middle - up]
+    for (x, name), level in zip(places, levels, strict=True):
+        panel.axes.axhline(x, color=style.BLUE, lw=0.7, ls=(0, (6, 2, 1, 2)), zorder=1.5)
+        if panel.window.zoomed and low < level < high:
+            panel.axes.annotate(
+                f"{name} {x:.2f}",
+                (1.0, level),
+                xycoords=("axes fraction", "data"),
+                xytext=(4, 0),
+                textcoords="offset points",
+                va="center",
+                size=SMALL,
+                color=style.BLUE,
+            )
+
+
+def _fall_arrow(panel: Panel) -> None:
+    story, window, axes = panel.story, panel.window, panel.axes
+    start, low, when = story.contact_height_m, story.lowest_m, story.lowest_s
+    if start is None or low is None or when is None or story.contact_s is None:
+        return
+    if start - low < 0.02 or when > window.end_s:
+        return
+    x = when - window.zero_s
+    axes.plot((0.0, x), (start, start), color=style.INK, lw=0.7, ls=":")
+    arrow = {"arrowstyle": "<->", "color": style.INK, "lw": 1.0, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", (x, low), (x, start), arrowprops=arrow)
+    room = window.end_s - window.zero_s
+    axes.annotate(
+        f"falling distance {start - low:.2f} m",
+        (float(np.clip(x - 0.1 * room, 0.03 * room, 0.7 * room)), start),
+        xytext=(0, 5),
+        textcoords="offset points",
+        ha="left",
+        va="bottom",
+        size=SMALL,
+        weight="bold",
+    )
+
+
+def _fold(panel: Panel, fold: Array, colour: str, high: float) -> None:
+    t, y = envelope(panel.record.t[panel.cut], fold[panel.cut], panel.window.buckets)
+    x = t - panel.window.zero_s
+    fill = panel.axes.fill_between
+    fill(x, 0.0, y * high, fc=colour, ec="none", alpha=0.22, zorder=0.5)
+    fill(x, 0.0, y * high, fc="none", ec=colour, hatch=_HATCH, lw=0.6, alpha=0.55, zorder=0.6)

@@ -1,0 +1,280 @@
+"""Scenario files: what to fly, with what, against what; read, checked, and overridden by key."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from tombo_collision.params import TRIGGERS, DetectorParams, ReactionParams
+from tombo_control.mission import MissionParams
+from tombo_control.params import ControlParams, EstimatorParams
+from tombo_dynamics.effects import check_theta
+from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.params import check_number, from_mapping, param
+from tombo_dynamics.propeller.choice import PropellerChoice, mounted
+from tombo_dynamics.vehicle import VehicleParams
+from tombo_dynamics.yaml_text import parse_yaml
+from tombo_flight.course_check import check_course
+from tombo_flight.extended_model import effects_over
+from tombo_flight.model_file import read_model
+from tombo_flight.scenario_catalogue import builtin_scenarios
+from tombo_sim.world import ObstacleParams, SpreadParams, World
+
+LAWS = ("published", "repaired", "consistent")
+DEFAULT_SCENARIO = "paper_collision"
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One experiment, complete and checked."""
+
+    name: str = DEFAULT_SCENARIO
+    description: str = ""
+    duration: float = param(60.0, "s", (0.1, 3600.0), "the flight is cut off at this time")
+    model: str = ""
+    """Extended model whose effects are laid over; empty: none."""
+    react: bool = True
+    propeller: PropellerChoice = field(default_factory=PropellerChoice)
+    vehicle: VehicleParams = field(default_factory=VehicleParams)
+    control: ControlParams = field(default_factory=ControlParams)
+    estimator: EstimatorParams = field(default_factory=EstimatorParams)
+    mission: MissionParams = field(default_factory=MissionParams)
+    detector: DetectorParams = field(default_factory=DetectorParams)
+    reaction: ReactionParams = field(default_factory=ReactionParams)
+    obstacle: ObstacleParams = field(default_factory=ObstacleParams)
+    spread: SpreadParams = field(default_factory=SpreadParams)
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+
+_SECTIONS: dict[str, type] = {
+    "propeller": PropellerChoice,
+    "vehicle": VehicleParams,
+    "control": ControlParams,
+    "estimator": EstimatorParams,
+    "mission": MissionParams,
+    "detector": DetectorParams,
+    "reaction": ReactionParams,
+    "obstacle": ObstacleParams,
+    "spread": SpreadParams,
+}
+
+
+def _text_of(name: str, folder: Path) -> tuple[str, Path | None]:
+    """Return the text of a scenario, and its file; None for a built-in one, whose name wins."""
+    if re.fullmatch(r"\w+", name):
+        source = resources.files("tombo_flight").joinpath("scenarios").joinpath(f"{name}.yaml")
+        if source.is_file():
+            return source.read_text(encoding="utf-8"), None
+    path = folder / name
+    if path.is_dir():
+        names = ", ".join(builtin_scenarios())
+        raise InputError(f"scenario '{name}' is a folder; accepted: a YAML file, or {names}")
+    if not path.is_file():
+        if path.suffix not in (".yaml", ".yml"):
+            raise unknown_name("scenario", name, builtin_scenarios())
+        raise InputError(f"scenario file '{name}' does not exist; accepted: a YAML file")
+    try:
+        return path.read_text(encoding="utf-8"), path.resolve()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"scenario file '{name}' cannot be read: {error}") from error
+
+
+def _read(
+    name: str, folder: Path = Path(), below: tuple[Path | None, ...] = ()
+) -> tuple[dict[str, Any], str]:
+    """Return the content of a scenario by name or path, with what it extends merged in.
+
+    Args:
+        name: built-in name or path.
+        folder: what a relative path is relative to: the folder of the file that extends this one.
+        below: the files that extend this one, directly or not.
+    """
+    text, path = _text_of(name, folder)
+    if path is not None and path in below:
+        raise InputError(f"scenario '{name}': extends itself")
+    values = parse_yaml(text, f"scenario '{name}'")
+    if path is not None:
+        values = _library_beside(values, path.parent)
+    whole = _extended(values, name, path.parent if path else folder, (*below, path))
+    return whole, name if path is None else path.stem
+
+
+def _library_beside(values: Any, folder: Path) -> Any:
+    """Return a file's content with its propeller.library relative to the file's folder."""
+    propeller = values.get("propeller") if isinstance(values, dict) else None
+    if not isinstance(propeller, dict):
+        return values
+    library = propeller.get("library")
+    if not isinstance(library, str) or not library:
+        return values
+    return {**values, "propeller": {**propeller, "library": str(folder / library)}}
+
+
+def _extended(
+    values: Any, name: str, folder: Path = Path(), below: tuple[Path | None, ...] = ()
+) -> dict[str, Any]:
+    """Return the content of a scenario with what it extends merged in."""
+    if not isinstance(values, dict):
+        found = f"{values!r:.60}"
+        raise InputError(f"scenario '{name}': {found} is no scenario; accepted: keys and values")
+    if "model" in values:
+        raise InputError(
+            f"scenario '{name}': model: accepted: tombo fly --model FILE in its place"
+        )
+    whole: dict[str, Any] = dict(values)
+    base = whole.pop("extends", None)
+    if base is not None:
+        parent, _ = _read(str(base), folder, below)
+        whole = _merged(parent, whole)
+    return whole
+
+
+def _merged(base: dict[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    result = dict(base)
+    for key, value in over.items():
+        if isinstance(value, Mapping) and isinstance(result.get(key), Mapping):
+            result[key] = _merged(result[key], value)
+        else:
+            result[key] = value
+    return result
+
+
+def override(
+    values: dict[str, Any], setting: str, option: str = "--set", example: str = "vehicle.mass=1.4"
+) -> dict[str, Any]:
+    """Return nested values with one `key.path=value` setting applied.
+
+    Raises:
+        InputError: it is none; named by the `option` that it was given with, and an `example`.
+    """
+    key, separator, text = setting.partition("=")
+    if not separator or not key.strip():
+        raise InputError(f"{option} '{setting}': expected key=value, as in {example}")
+    value: Any = parse_yaml(text, f"{option} '{setting}': '{text}'")
+    for name in reversed(key.strip().split(".")):
+        value = {name: value}
+    return _merged(values, value)
+
+
+def load_scenario(
+    name: str = DEFAULT_SCENARIO, settings: Sequence[str] = (), model: str | None = None
+) -> Scenario:
+    """Read a built-in scenario by name, or a file by path, apply settings, and check it.
+
+    Args:
+        name: built-in name or path of a YAML file.
+        settings: overrides such as "vehicle.mass=1.4" or "effects.steady_wind.east=2".
+        model: path of a `model.yaml`, whose effects are laid over those of the scenario; settings
+            win over both.
+
+    Raises:
+        InputError: unknown scenario or key, wrong type, NaN, a value out of bounds, no model.
+    """
+    values, label = _read(name)
+    if model is not None:
+        extended = read_model(Path(model))
+        if extended.origin.vehicle:
+            raise InputError(
+                f"model '{model}' is of another vehicle ({extended.origin.vehicle}), its forces "
+                "are not the suite's; accepted: a model of the suite's own vehicle"
+            )
+        plain = scenario_from_mapping(values, label)
+        values |= {"effects": effects_over(plain.effects, extended), "model": model}
+    for setting in settings:
+        values = override(values, setting)
+    return scenario_from_mapping(values, label)
+
+
+def scenario_over(
+    base: Mapping[str, Any], label: str, name: str | None = None, settings: Sequence[str] = ()
+) -> Scenario:
+    """Build a scenario from a plain mapping, a scenario (name or path) over it, and settings.
+
+    Raises:
+        InputError: as `load_scenario`.
+    """
+    values = dict(base)
+    if name is not None:
+        over, _ = _read(name)
+        values = _merged(values, over)
+    for setting in settings:
+        values = override(values, setting)
+    return scenario_from_mapping(values, label)
+
+
+def extended_scenario(values: Mapping[str, Any], label: str) -> Scenario:
+    """Build a scenario from a plain mapping as it could stand in a file, with what it extends.
+
+    Raises:
+        InputError: as `load_scenario`.
+    """
+    return scenario_from_mapping(_extended(values, label), label)
+
+
+def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
+    """Build and check a scenario from a plain mapping.
+
+    Raises:
+        InputError: as `load_scenario`.
+    """
+    accepted = [f.name for f in dataclasses.fields(Scenario)]
+    built: dict[str, Any] = {"name": label}
+    for key, value in values.items():
+        if key not in accepted:
+            raise unknown_name(f"key in scenario '{label}'", key, accepted)
+        if key in _SECTIONS:
+            built[key] = from_mapping(_SECTIONS[key], value if value is not None else {}, key)
+        elif key == "effects":
+            if not isinstance(value, Mapping):
+                raise InputError(f"effects: expected a mapping of effects, got {value!r}")
+            for effect, parameters in value.items():
+                if not isinstance(parameters, Mapping):
+                    raise InputError(
+                        f"effects.{effect}: expected a mapping of parameters, got {parameters!r}"
+                    )
+            built[key] = check_theta(value, "effects")
+        elif key == "duration":
+            built[key] = check_number("duration", value, "s", (0.1, 3600.0))
+        elif key == "react":
+            if not isinstance(value, bool):
+                raise InputError(f"react: {value!r} is not true or false")
+            built[key] = value
+        else:
+            built[key] = str(value)
+    scenario = Scenario(**built)
+    if scenario.propeller.law not in LAWS:
+        raise unknown_name("propeller.law", scenario.propeller.law, LAWS)
+    mounted(scenario.propeller)
+    if scenario.detector.trigger not in TRIGGERS:
+        raise unknown_name("detector.trigger", scenario.detector.trigger, TRIGGERS)
+    check_course(scenario.mission, scenario.control)
+    return scenario
+
+
+def as_mapping(scenario: Scenario) -> dict[str, Any]:
+    """Return the scenario as plain nested dictionaries, as it could stand in a file."""
+    plain: dict[str, Any] = dataclasses.asdict(scenario)
+    course = plain["mission"]["course"]
+    if course is not None:
+        plain["mission"]["course"] = [
+            {key: value for key, value in waypoint.items() if value is not None}
+            for waypoint in course
+        ]
+    return plain
+
+
+def world_of(scenario: Scenario) -> World:
+    """Return the part of a scenario that is simulated, without autopilot and mission."""
+    return World(
+        scenario.vehicle,
+        scenario.propeller,
+        scenario.obstacle,
+        scenario.spread,
+        scenario.effects,
+        scenario.estimator.mocap_rate,
+    )

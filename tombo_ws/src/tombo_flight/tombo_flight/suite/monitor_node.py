@@ -1,0 +1,126 @@
+"""Tells a supervisor in JSON lines what the nodes say: their health, and where the flight stands.
+
+    python -m tombo_flight.suite.monitor_node [--flight [--mocap]] [--px4] [--ros-args ...]
+
+`{"diagnostics": [status, ...]}` for each report on /diagnostics; with `--flight` also, 20 times a
+second, `{"flight": {...}}`: the newest true pose with its stamp, and the mission's phase. With
+`--mocap` it is the pose that the motion capture sees: of a real vehicle nobody knows the truth.
+With `--px4` also `{"px4": {...}}`: each change of `/px4/status`.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import rclpy
+from rclpy.node import Node
+from rclpy.utilities import remove_ros_args
+
+from tombo_bag.topics import (
+    DIAGNOSTICS,
+    MISSION_STATUS,
+    MOCAP_POSE,
+    PX4_STATUS,
+    TRUE_ODOMETRY,
+    TopicSpec,
+)
+from tombo_ros.conversion import to_ns
+from tombo_ros.topic import Input
+
+_PERIOD_S = 0.05
+_EVERY_NODE = 100
+"""Reports of all nodes may come at once."""
+
+
+class Monitor:
+    """Polls its topics: at 20 Hz it has time, and costs the nodes nothing."""
+
+    def __init__(self, node: Node, known: TopicSpec | None, *, px4: bool) -> None:
+        self._diagnostics = Input(node, DIAGNOSTICS, _EVERY_NODE)
+        self._known = None if known is None else Input(node, known, 1)
+        self._mission = None if known is None else Input(node, MISSION_STATUS)
+        self._px4 = Input(node, PX4_STATUS) if px4 else None
+        self._phase: int | None = None
+
+    def news(self) -> list[dict[str, Any]]:
+        """Return what has come since the last call."""
+        found: list[dict[str, Any]] = [
+            {"diagnostics": [_plain(status) for status in taken.message.status]}
+            for taken in self._diagnostics.take()
+        ]
+        if self._px4 is not None:
+            found += [{"px4": _px4(taken.message)} for taken in self._px4.take()]
+        if self._known is not None and self._mission is not None:
+            for taken in self._mission.take():
+                self._phase = int(taken.message.phase)
+            newest = self._known.newest()
+            if newest is not None:
+                found.append({"flight": self._flight(newest.message)})
+        return found
+
+    def _flight(self, known: Any) -> dict[str, Any]:
+        pose = getattr(known.pose, "pose", known.pose)
+        x, y = pose.orientation.x, pose.orientation.y
+        return {
+            "stamp_ns": to_ns(known.header.stamp),
+            "height_m": pose.position.z,
+            "upright": 1.0 - 2.0 * (x * x + y * y),
+            "phase": self._phase,
+        }
+
+
+def _px4(status: Any) -> dict[str, Any]:
+    names = ("connected", "armed", "mode", "stage", "why", "status_text")
+    return {
+        **{name: getattr(status, name) for name in names},
+        "findings": list(status.findings),
+    }
+
+
+def _plain(status: Any) -> dict[str, Any]:
+    level = status.level
+    return {
+        "name": status.name,
+        "level": level[0] if isinstance(level, bytes) else int(level),
+        "message": status.message,
+        "values": {pair.key: pair.value for pair in status.values},
+    }
+
+
+def _known(words: Sequence[str]) -> TopicSpec | None:
+    """Return the topic that tells where the vehicle is, if that is wanted."""
+    if "--flight" not in words:
+        return None
+    return MOCAP_POSE if "--mocap" in words else TRUE_ODOMETRY
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Print until a signal comes, or until nobody reads any more."""
+    arguments = sys.argv if argv is None else list(argv)
+    stopped: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda caught, frame: stopped.append(caught))
+    rclpy.init(args=arguments, signal_handler_options=rclpy.SignalHandlerOptions.NO)
+    node = Node("monitor", start_parameter_services=False)
+    words = remove_ros_args(arguments)
+    monitor = Monitor(node, _known(words), px4="--px4" in words)
+    try:
+        while not stopped:
+            for line in monitor.news():
+                sys.stdout.write(json.dumps(line) + "\n")
+            sys.stdout.flush()
+            time.sleep(_PERIOD_S)
+    except BrokenPipeError:
+        sys.stderr.close()
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,337 @@
+"""One flight by the nodes in real time, with the files of a headless one."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+from tombo_bag.recording import Recording
+from tombo_control.autopilot import IDLE
+from tombo_dynamics.errors import InputError
+from tombo_flight.flight import as_flown
+from tombo_flight.flight_from_bag import RECORD, flight_from_bag
+from tombo_flight.flight_output import FlownFlight, Tell, as_json, draw_pictures, flight_summary
+from tombo_flight.process.stop_signals import Stopped, StopSignals
+from tombo_flight.referee import Referee
+from tombo_flight.scenario import Scenario, world_of
+from tombo_flight.suite.domain import free_domain, udp_ports
+from tombo_flight.suite.node_figures import node_figures
+from tombo_flight.suite.nodes import PX4_SUITE, SUITE
+from tombo_flight.suite.px4_flight import BridgeWatch, px4_figures
+from tombo_flight.suite.px4_side import Px4Side
+from tombo_flight.suite.running import LOGS, RunningSuite, Wish
+from tombo_flight.suite.supervisor import Ended
+from tombo_px4.bridge.bridge_params import POSITION
+from tombo_sim.beginning import begin
+
+if TYPE_CHECKING:
+    from tombo_flight.process.output_folder import OutputFolder
+
+NODES_LOG = "nodes.log"
+"""What the nodes said, kept if one of them ended by itself."""
+_NEEDED = ("sim", "px4_bridge", "recorder")
+"""Without these, where they belong to the flight, it is over."""
+_LOOK_S = 0.05
+_START_S = 60.0
+"""Wall time after which a simulator that says nothing is given up."""
+_SILENT_S = 5.0
+_LIFTED_M = 0.1
+_COMES_DOWN_S = 21.0
+"""A little longer than the bridge stays with a vehicle that lands."""
+_RELAYED_S = 1.0
+"""The bridge's last status comes by way of the monitor."""
+
+
+@dataclasses.dataclass(frozen=True)
+class NodeFlight:
+    """A flight by nodes.
+
+    Attributes:
+        flight: as a headless one.
+        died: nodes that ended by themselves.
+        warnings: (node, line) of their logs that somebody should see.
+        left_armed: that the vehicle is armed still, and in what mode; empty: it is not.
+    """
+
+    flight: FlownFlight
+    died: list[Ended]
+    warnings: list[tuple[str, str]]
+    left_armed: str = ""
+
+
+class NotFlown(Exception):
+    """The vehicle stayed on the ground, and why."""
+
+
+class Watch:
+    """Follows a flight as the monitor tells it, and knows when it is over."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._duration_s = scenario.duration
+        self._referee = Referee(scenario.vehicle.leg_height)
+        self._lifted_m = scenario.vehicle.leg_height + _LIFTED_M
+        self.airborne = False
+        """It has left the ground."""
+        self._began_ns: int | None = None
+        self._now_ns = 0
+        self._end_s = scenario.duration
+        self._phase: int | None = None
+
+    @property
+    def flown_s(self) -> float:
+        """Flight time: from the mission's first word; before it, from the first true pose."""
+        return 0.0 if self._began_ns is None else (self._now_ns - self._began_ns) * 1e-9
+
+    @property
+    def phase(self) -> int | None:
+        """Of the mission; None: not told yet."""
+        return self._phase
+
+    @property
+    def over(self) -> bool:
+        """Landed, crashed, or out of time."""
+        return self.flown_s >= self._end_s
+
+    def see(self, state: dict[str, Any]) -> None:
+        """Take a look at the flight: stamp_ns, height_m, upright, phase (None: not told)."""
+        self._now_ns = int(state["stamp_ns"])
+        phase = state["phase"]
+        if self._began_ns is None or (self._phase is None and phase is not None):
+            self._began_ns = self._now_ns
+        self._phase = phase
+        self.airborne |= float(state["height_m"]) > self._lifted_m
+        more_s = self._referee.watch(
+            float(state["height_m"]), float(state["upright"]), IDLE if phase is None else phase
+        )
+        if more_s is not None:
+            self._end_s = min(self._end_s, self.flown_s + more_s)
+
+
+def fly_nodes_into(
+    folder: OutputFolder,
+    scenario: Scenario,
+    seed: int,
+    stop: StopSignals,
+    *,
+    speed: float,
+    domain: int | None,
+    tell: Tell,
+    px4: Px4Side | None = None,
+    notice: Callable[[str], None] = lambda text: None,
+) -> NodeFlight:
+    """Fly a scenario with all nodes and write its files into an output folder.
+
+    Args:
+        folder: where the files go; the caller publishes it.
+        scenario: what to fly; `rehearse_nodes` first.
+        seed: of the simulator's chance. The nodes run in real time, so no two flights are equal.
+        stop: a wish to stop ends the flight; what was flown is kept.
+        speed: of simulated time against real time.
+        domain: ROS_DOMAIN_ID; None: one of its own, or with a vehicle that is there already that
+            of this process.
+        tell: told the progress.
+        px4: fly over MAVLink.
+        notice: told what somebody at the terminal should know at once.
+
+    Raises:
+        InputError: `speed` or `domain` is out of bounds, or simulator or recorder did not run.
+        NotFlown: PX4 did not take off; recording and logs are in the folder.
+        Stopped: a stop came before anything was recorded.
+        OSError: the files can't be written.
+    """
+    bag = folder / "flight.mcap"
+    mode = "nodes" if px4 is None else "px4"
+    with TemporaryDirectory(prefix="tombo-") as scratch:
+        metadata = Path(scratch) / "metadata.json"
+        metadata.write_text(json.dumps(_metadata(scenario, seed, mode)), encoding="utf-8")
+        wish = Wish(
+            scenario=scenario,
+            seed=seed,
+            folder=Path(scratch) / "suite",
+            recording={"single_file": str(bag.absolute()), "metadata_file": str(metadata)},
+            speed=speed,
+            domain=_domain(px4) if domain is None else domain,
+            monitor=_questions(px4),
+            **({} if px4 is None else over_mavlink(px4)),
+        )
+        tell("starting the nodes", 0.0)
+        flown = _fly(wish, stop, tell, notice)
+        if flown.died or flown.refused:
+            _keep_words(wish.folder / LOGS, folder / NODES_LOG)
+    if flown.refused:
+        raise NotFlown(flown.refused)
+    tell("reading flight.mcap", 1.0)
+    flight = _summed_up(flown, bag, mode)
+    text = as_json(flight.summary)
+    (folder / "summary.json").write_text(text, encoding="utf-8", newline="\n")
+    if not flown.interrupted:
+        draw_pictures(flight.record, folder, stop, tell)
+    return NodeFlight(flight, flown.died, flown.warnings, flown.left_armed)
+
+
+def _domain(px4: Px4Side | None) -> int | None:
+    """Return a domain of the flight's own; a vehicle that is there has its mocap in ours."""
+    own = px4 is None or px4.simulated
+    return free_domain(os.getpid(), udp_ports()) if own else None
+
+
+def over_mavlink(px4: Px4Side) -> dict[str, Any]:
+    """Return what differs in the wish for nodes that fly over MAVLink."""
+    suite = dict(PX4_SUITE)
+    if px4.bridge.setpoint != POSITION:  # somebody has to make attitudes or rates
+        suite["controller"] = SUITE["controller"]
+    return {
+        "suite": suite,
+        "without": () if px4.simulated else ("sim",),
+        "more": px4.parameters,
+    }
+
+
+def _questions(px4: Px4Side | None) -> tuple[str, ...]:
+    """Return what the monitor is to tell: the arguments of `monitor_node`."""
+    if px4 is None:
+        return ("--flight",)
+    return ("--flight", "--px4", *(() if px4.simulated else ("--mocap",)))
+
+
+@dataclasses.dataclass
+class _Flown:
+    """How the processes of a flight fared."""
+
+    wall_s: float = 0.0
+    interrupted: bool = False
+    refused: str = ""
+    left_armed: str = ""
+    died: list[Ended] = dataclasses.field(default_factory=list)
+    warnings: list[tuple[str, str]] = dataclasses.field(default_factory=list)
+
+
+def _metadata(scenario: Scenario, seed: int, mode: str) -> dict[str, dict[str, str]]:
+    """Return what the recorder writes beside the messages, as a headless flight does."""
+    flown = as_flown(scenario, seed, begin(world_of(scenario), seed))
+    return {
+        RECORD: {"scenario": json.dumps(flown, sort_keys=True), "seed": str(seed), "mode": mode}
+    }
+
+
+def _fly(wish: Wish, stop: StopSignals, tell: Tell, notice: Callable[[str], None]) -> _Flown:
+    """Run the suite until the flight is over."""
+    flown = _Flown()
+    watch = Watch(wish.scenario)
+    needed = [name for name in _NEEDED if name in wish.nodes]
+    bridge = BridgeWatch() if "px4_bridge" in wish.nodes else None
+    with RunningSuite(wish) as suite:
+        heard_s = began_s = time.monotonic()
+        patience_s = _START_S
+        while not watch.over or not (bridge is None or bridge.at_rest):
+            news = suite.look(_LOOK_S)
+            flown.warnings += news.warnings
+            now_s = time.monotonic()
+            if news.flight is not None:
+                if patience_s == _START_S:
+                    began_s, patience_s = now_s, _SILENT_S
+                heard_s = now_s
+                watch.see(news.flight)
+                tell("flying", watch.flown_s / wish.scenario.duration)
+            if bridge is not None:
+                told = suite.vitals.nodes.get("px4_bridge")
+                bridge.see(
+                    news.px4, watch.phase, now_s, over=watch.over, airborne=watch.airborne,
+                    fault="" if told is None else told.message,
+                )  # fmt: skip
+                flown.refused = bridge.refusal
+            flown.interrupted = stop.asked()
+            gone = [name for name in needed if name not in suite.running]
+            if flown.interrupted or flown.refused or gone or now_s - heard_s > patience_s:
+                break
+        # who stops a simulated flight waits for nothing; in all else a vehicle may be in the air
+        left = bridge is not None and bridge.armed
+        left &= not (flown.interrupted and "sim" in needed)
+        lands = left and "px4_bridge" in suite.running
+        if bridge is not None and left:
+            if lands:
+                _come_down(suite, bridge, stop, notice)
+            if bridge.armed:
+                flown.left_armed = f"the vehicle is still armed, in mode {bridge.mode}"
+        flown.wall_s = time.monotonic() - began_s
+        suite.stop()
+        flown.died = [
+            end
+            for end in suite.ended.values()
+            if not (lands and end.name == "px4_bridge" and end.code == 0)  # it was told to
+        ]
+    return flown
+
+
+def _come_down(
+    suite: RunningSuite,
+    bridge: BridgeWatch,
+    stop: StopSignals,
+    notice: Callable[[str], None],
+) -> None:
+    """End the bridge alone: it asks for the landing, and poses go on until it is over.
+
+    One more signal than there was ends the waiting.
+    """
+    try:
+        interrupted = stop.asked()
+        end_s = time.monotonic() + _COMES_DOWN_S
+        suite.interrupt("px4_bridge")
+        again = " again" if interrupted else ""
+        if bridge.mode in ("offboard", "land"):
+            notice(f"landing; Ctrl-C{again} leaves it to PX4")
+        else:
+            notice(f"armed in mode {bridge.mode}: poses go on; Ctrl-C{again} leaves it to PX4")
+        while bridge.armed and (now_s := time.monotonic()) < end_s:
+            if stop.asked() and not interrupted:
+                return
+            bridge.see(suite.look(_LOOK_S).px4, None, now_s, over=True)
+            if "px4_bridge" not in suite.running:
+                end_s = min(end_s, now_s + _RELAYED_S)
+    except KeyboardInterrupt:  # the second Ctrl-C; what was flown is kept
+        return
+
+
+def _keep_words(logs: Path, target: Path) -> None:
+    """Put the logs of all nodes into one file."""
+    parts = [
+        f"== {path.stem}\n{path.read_text(encoding='utf-8', errors='replace')}"
+        for path in sorted(logs.glob("*.log"))
+    ]
+    target.write_text("\n".join(parts), encoding="utf-8")
+
+
+def _summed_up(flown: _Flown, bag: Path, mode: str) -> FlownFlight:
+    """Make record and summary from the recording.
+
+    Raises:
+        InputError: there is nothing in it.
+        Stopped: the same, because a stop came early.
+    """
+    try:
+        record = flight_from_bag(bag, flown.wall_s)
+        with Recording(bag) as recording:
+            figures = node_figures(recording)
+            if mode == "px4":
+                figures["px4"] = px4_figures(recording, record)
+            messages = sum(stream.count for stream in recording.topics.values())
+    except InputError as error:
+        if flown.interrupted:
+            raise Stopped from error
+        for end in flown.died:
+            if end.name in _NEEDED:
+                words = f": {end.last_words[-1]}" if end.last_words else ""
+                raise InputError(f"{end.name} has ended, {end.how}{words}") from error
+        raise
+    died = {end.name: end.how for end in flown.died}
+    more = {"mode": mode, **figures, "died": died}
+    record = dataclasses.replace(record, summary={**record.summary, **more})
+    summary = flight_summary(record, interrupted=flown.interrupted, recorded_messages=messages)
+    record = dataclasses.replace(record, summary=summary)
+    return FlownFlight(record, summary, None)

@@ -1,0 +1,69 @@
+"""Which nodes the suite has, and how each is started."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from tombo_flight.suite.supervisor import Program
+
+SUITE: dict[str, str] = {
+    "sim": "tombo_sim.sim_node",
+    "estimator": "tombo_control.estimator_node",
+    "detector": "tombo_collision.detector_node",
+    "reaction": "tombo_collision.reaction_node",
+    "mission": "tombo_control.mission_node",
+    "controller": "tombo_control.controller_node",
+    "recorder": "tombo_ros.recorder_node",
+}
+"""Name of each node → its module. The order in which they start is of no importance."""
+PX4_SUITE: dict[str, str] = {
+    "sim": "tombo_px4.px4_sim_node",
+    "px4_bridge": "tombo_px4.px4_bridge_node",
+    "detector": SUITE["detector"],
+    "reaction": SUITE["reaction"],
+    "mission": SUITE["mission"],
+    "recorder": SUITE["recorder"],
+}
+"""The suite over MAVLink: PX4 estimates and controls. `sim` plays PX4, vehicle and mocap; with a
+vehicle of its own at the other end of the link it is left out."""
+MONITOR = "monitor"
+MONITOR_MODULE = "tombo_flight.suite.monitor_node"
+"""Not of the suite: tells the supervisor what the nodes say on `/diagnostics`."""
+
+
+def node_program(
+    name: str, parameter_files: Sequence[Path], suite: Mapping[str, str] | None = None
+) -> Program:
+    """Return how to start a node of a suite with files of parameters, later ones winning."""
+    files = [word for path in parameter_files for word in ("--params-file", str(path))]
+    ros = ["--ros-args", *files] if files else []
+    modules = SUITE if suite is None else suite
+    return Program(name, (sys.executable, "-m", modules[name], *ros))
+
+
+def monitor_program(*arguments: str) -> Program:
+    """Return how to start the monitor."""
+    return Program(MONITOR, (sys.executable, "-m", MONITOR_MODULE, *arguments), listened=True)
+
+
+def node_environment(
+    base: Mapping[str, str], folder: Path, domain: int | None = None
+) -> dict[str, str]:
+    """Return the environment of the nodes.
+
+    Args:
+        base: that of this process.
+        folder: of ROS's own log files.
+        domain: ROS_DOMAIN_ID; None: that of `base`.
+    """
+    chosen = {
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_LOG_DIR": str(folder),
+        **base,
+        "PYTHONUNBUFFERED": "1",
+    }
+    if domain is not None:
+        chosen["ROS_DOMAIN_ID"] = str(domain)
+    return chosen

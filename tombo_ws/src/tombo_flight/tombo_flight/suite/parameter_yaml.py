@@ -1,0 +1,109 @@
+"""A scenario as the ROS parameters of the suite's nodes: `--params-file` takes the text.
+
+`python -m tombo_flight.suite.parameter_yaml` writes that of the default scenario,
+`config/suite.yaml`.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from typing import Any, Final
+
+from tombo_dynamics.params import as_text
+from tombo_flight.scenario import Scenario, as_mapping, load_scenario
+from tombo_sim.propulsion import propulsion_effects
+
+SECTIONS: Final[dict[str, tuple[str, ...]]] = {
+    "sim": ("vehicle", "propeller", "obstacle", "spread", "effects"),
+    "estimator": ("estimator", "vehicle"),
+    "detector": ("detector",),
+    "reaction": ("reaction",),
+    "mission": ("mission",),
+    "controller": ("control", "vehicle", "propeller"),
+    "recorder": (),
+}
+"""Node → the sections of the scenario that it has as parameters."""
+
+_ANYWHERE = "/**/"
+"""In every namespace, and in none."""
+
+Parameters = dict[str, dict[str, Any]]
+"""Node → its parameters, nested."""
+
+
+def suite_parameters(scenario: Scenario, seed: int, *, speed: float = 1.0) -> Parameters:
+    """Return the parameters of every node of the suite.
+
+    Args:
+        scenario: what to fly; effects that follow from its propeller are filled in.
+        seed: of the simulator's chance.
+        speed: of simulated time against real time; other than 1, `sim` drives `/clock`.
+    """
+    values = as_mapping(scenario)
+    values["mission"]["course"] = as_text(values["mission"]["course"])
+    values["effects"] = propulsion_effects(scenario.propeller, scenario.effects)
+    table: Parameters = {
+        node: {section: values[section] for section in sections}
+        for node, sections in SECTIONS.items()
+    }
+    table["sim"] |= {"seed": seed, "mocap_rate": scenario.estimator.mocap_rate}
+    table["reaction"] |= {"react": scenario.react}
+    if speed != 1.0:
+        for parameters in table.values():
+            parameters["use_sim_time"] = True
+        table["sim"]["speed"] = float(speed)
+    return table
+
+
+def parameter_yaml(parameters: Mapping[str, Mapping[str, Any]], comment: str = "") -> str:
+    """Return the text of a parameter file.
+
+    Numbers keep their type, which ROS insists on: 1.0 is not written as 1. Texts are quoted.
+
+    Args:
+        parameters: node → parameter → value, nested.
+        comment: stands at the top, line by line.
+    """
+    lines = [f"# {line}".rstrip() for line in comment.splitlines()]
+    for node, values in parameters.items():
+        if not values:
+            continue
+        lines += [f"{_ANYWHERE}{node}:", "  ros__parameters:"]
+        lines += _lines(values, "    ")
+    return "\n".join(lines) + "\n"
+
+
+def _lines(values: Mapping[str, Any], indent: str) -> list[str]:
+    found = []
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            inner = _lines(value, indent + "  ")
+            found += [f"{indent}{name}:", *inner] if inner else []
+        else:
+            found.append(f"{indent}{name}: {_word(value)}")
+    return found
+
+
+def _word(value: Any) -> str:
+    """Return a value as YAML 1.1 and ROS's own reader both understand it."""
+    if isinstance(value, float):
+        mantissa, e, exponent = repr(value).partition("e")
+        return f"{mantissa}{'' if '.' in mantissa or not e else '.0'}{e}{exponent}"
+    return json.dumps(value, ensure_ascii=False)
+
+
+def default_file() -> str:
+    """Return the content of `config/suite.yaml`."""
+    scenario = load_scenario()
+    comment = (
+        f"ROS parameters of all nodes for the scenario {scenario.name}. Generated:\n"
+        "python -m tombo_flight.suite.parameter_yaml. What each means, with unit and bounds,\n"
+        "is in all_parameters.yaml, and in `ros2 param describe`."
+    )
+    return parameter_yaml(suite_parameters(scenario, 0), comment)
+
+
+if __name__ == "__main__":
+    sys.stdout.write(default_file())

@@ -1,0 +1,212 @@
+"""A flight over MAVLink as the bridge tells it: whether PX4 takes off, and what a summary says."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from tombo_bag.recording import Recording
+from tombo_bag.schemas import type_store
+from tombo_bag.topics import PX4_STATUS
+from tombo_control.autopilot import BLIND, LAND, LANDED
+from tombo_flight.flight_record import FlightRecord
+from tombo_flight.suite.node_figures import recorded_vitals
+
+READY_S: Final = 25.0
+"""From the first word of the bridge: EKF2 converges, checks pass, the vehicle arms."""
+_DISARM_S: Final = 12.0
+"""After the flight: PX4 disarms 2 s after landing, the bridge asks 4 s after it."""
+_GIVEN_UP: Final = "given up"
+"""The stage of a bridge that was refused."""
+_FIGURES: Final = {
+    "time_offset_ns": "timesync_offset_ns",
+    "time_round_trip_us": "timesync_round_trip_us",
+    "mocap_latency_ms": "mocap_latency_ms",
+    "mocap_rate_hz": "mocap_rate_hz",
+    "odometry_latency_ms": "odometry_latency_ms",
+    "poses_sent": "poses_sent",
+    "setpoints_sent": "setpoints_sent",
+    "messages_in": "link.received",
+    "messages_out": "link.sent",
+}
+"""Key of the summary → of the bridge's diagnostics."""
+_REFUSED: Final = ("poses_refused.", "refused.", "link.")
+"""Beginnings of what counts refusals there."""
+
+
+class BridgeWatch:
+    """Follows `/px4/status`: does it arm, and is it at rest in the end?"""
+
+    def __init__(self) -> None:
+        self.refusal = ""
+        """Why the vehicle does not take off, or did not; empty as long as it may."""
+        self._phase: int | None = None
+        self._status: Mapping[str, Any] = {}
+        self._first_s: float | None = None
+        self._over_s: float | None = None
+        self._armed_once = False
+        self._now_s = 0.0
+
+    @property
+    def armed(self) -> bool:
+        """As far as the bridge knows."""
+        return bool(self._status.get("armed", False))
+
+    @property
+    def mode(self) -> str:
+        """Of PX4."""
+        return str(self._status.get("mode", "")) or "unknown"
+
+    @property
+    def at_rest(self) -> bool:
+        """Disarmed after the flight, not coming down at all, or waited for long enough."""
+        if not self.armed or self._phase not in (LAND, LANDED, BLIND):
+            return True
+        return self._over_s is not None and self._now_s - self._over_s > _DISARM_S
+
+    def see(
+        self,
+        status: Mapping[str, Any] | None,
+        phase: int | None,
+        now_s: float,
+        *,
+        over: bool,
+        airborne: bool = False,
+        fault: str = "",
+    ) -> None:
+        """Take a look.
+
+        Args:
+            status: the newest of `/px4/status` as plain values; None: no news.
+            phase: of the mission; None: not told.
+            now_s: any clock that goes on.
+            over: the flight is over.
+            airborne: the vehicle has left the ground.
+            fault: what the bridge says on `/diagnostics` is wrong.
+        """
+        self._now_s = now_s
+        self._phase = phase
+        if self._first_s is None:
+            self._first_s = now_s
+        if over and self._over_s is None:
+            self._over_s = now_s
+        if status is not None:
+            self._status = status
+        self._armed_once |= self.armed
+        if not self._armed_once:
+            self.refusal = self._why_not(phase, now_s - self._first_s, fault)
+        elif not (self.armed or airborne or over) and self._no_more(phase):
+            self.refusal = f"it armed, but never left the ground: {self._last_words(fault)}"
+
+    def _no_more(self, phase: int | None) -> bool:
+        """Whether neither mission nor bridge will fly any more."""
+        return phase == LANDED or self._status.get("stage") == _GIVEN_UP
+
+    def _last_words(self, fault: str) -> str:
+        status = self._status
+        if status.get("stage") == _GIVEN_UP:
+            return str(status["why"])
+        return str(status["status_text"] or fault or status["why"] or "PX4 disarmed it")
+
+    def _why_not(self, phase: int | None, waited_s: float, fault: str) -> str:
+        status = self._status
+        if status.get("stage") == _GIVEN_UP:
+            return f"PX4 did not take off: {status['why']}"
+        if phase != LANDED and waited_s < READY_S:
+            return ""
+        waited = f"PX4 was not armed within {waited_s:.0f} s"
+        if not status:
+            return f"{waited}: the bridge says nothing"
+        if not status["connected"]:
+            return f"{waited}: no heartbeat"
+        found = fault or "; ".join(status["findings"]) or status["why"] or status["status_text"]
+        return f"{waited}: {found or 'it stands ' + str(status['stage'])}"
+
+
+@dataclass(frozen=True)
+class _Change:
+    """One message of `/px4/status`."""
+
+    time_s: float
+    armed: bool
+    offboard: bool
+    mode: str
+    stage: str
+    text: str
+    firmware: str
+
+
+def px4_figures(recording: Recording, record: FlightRecord) -> dict[str, Any]:
+    """Return what the summary says about PX4; what nobody told is None."""
+    changes = list(_changes(recording, record.epoch_ns))
+    bridge = recorded_vitals(recording).nodes.get("px4_bridge")
+    values = {} if bridge is None else bridge.values
+    end_s = float(record.t[-1]) if record.t.size else 0.0
+    return {
+        "firmware": changes[-1].firmware if changes else None,
+        "armed_s": _first(changes, "armed"),
+        "offboard_s": _first(changes, "offboard"),
+        "armed_duration_s": _lasted(changes, "armed", end_s),
+        "offboard_duration_s": _lasted(changes, "offboard", end_s),
+        "modes": _steps(changes, "mode"),
+        "stages": _steps(changes, "stage"),
+        **{key: _told(values, name) for key, name in _FIGURES.items()},
+        "refused": {
+            name: count
+            for name, count in values.items()
+            if name.startswith(_REFUSED)
+            and name not in _FIGURES.values()
+            and isinstance(count, int)
+            and count > 0
+        },
+        "status_texts": _steps(changes, "text"),
+    }
+
+
+def _changes(recording: Recording, epoch_ns: int) -> Iterator[_Change]:
+    if PX4_STATUS.name not in recording.topics:
+        return
+    store = type_store()
+    for data in recording.messages(PX4_STATUS.name).messages:
+        status: Any = store.deserialize_cdr(data, PX4_STATUS.typename)
+        stamp = status.header.stamp
+        yield _Change(
+            round((stamp.sec * 10**9 + stamp.nanosec - epoch_ns) * 1e-9, 3),
+            bool(status.armed),
+            bool(status.offboard),
+            str(status.mode),
+            str(status.stage),
+            str(status.status_text),
+            str(status.firmware),
+        )
+
+
+def _told(values: Mapping[str, Any], name: str) -> Any:
+    value = values.get(name)
+    return None if value in ("None", "nan", "") else value
+
+
+def _first(changes: Sequence[_Change], name: str) -> float | None:
+    return next((c.time_s for c in changes if getattr(c, name)), None)
+
+
+def _lasted(changes: Sequence[_Change], name: str, end_s: float) -> float:
+    """Return how long something was so [s]."""
+    times = [*(change.time_s for change in changes[1:]), end_s]
+    spans = (
+        max(until - change.time_s, 0.0)
+        for change, until in zip(changes, times, strict=False)
+        if getattr(change, name)
+    )
+    return round(sum(spans), 3)
+
+
+def _steps(changes: Sequence[_Change], name: str) -> list[list[Any]]:
+    """Return [time, text] of each new text."""
+    found: list[list[Any]] = []
+    for change in changes:
+        text = getattr(change, name)
+        if text and (not found or found[-1][1] != text):
+            found.append([change.time_s, text])
+    return found

@@ -1,0 +1,225 @@
+"""The suite in the air: its processes, what they say, and how far the flight is."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final
+
+from tombo_dynamics.errors import InputError, unknown_name
+from tombo_flight.scenario import Scenario
+from tombo_flight.suite.domain import HIGHEST_DOMAIN
+from tombo_flight.suite.nodes import (
+    MONITOR,
+    SUITE,
+    monitor_program,
+    node_environment,
+    node_program,
+)
+from tombo_flight.suite.parameter_yaml import parameter_yaml, suite_parameters
+from tombo_flight.suite.status_table import Suite
+from tombo_flight.suite.supervisor import Ended, Look, Program, Supervisor
+from tombo_flight.suite.vitals import Vitals
+
+PARAMETERS: Final = "parameters.yaml"
+LOGS: Final = "log"
+FASTEST: Final = 20.0
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What to run, checked.
+
+    Attributes:
+        scenario: what to fly.
+        seed: of the simulator's chance.
+        folder: of parameters and logs; made when it isn't there, refused when there is something.
+        recording: parameters of the recorder.
+        without: nodes to leave out.
+        files: parameter files over those of the scenario.
+        speed: of simulated time against real time.
+        domain: ROS_DOMAIN_ID; None: that of this process.
+        monitor: arguments of the monitor.
+        suite: which nodes there are, name → module; None: those of `SUITE`.
+        more: further parameters of nodes, over those of the scenario.
+
+    Raises:
+        InputError: unknown node, no such file, or a value out of bounds.
+    """
+
+    scenario: Scenario
+    seed: int
+    folder: Path
+    recording: dict[str, Any]
+    without: tuple[str, ...] = ()
+    files: tuple[Path, ...] = ()
+    speed: float = 1.0
+    domain: int | None = None
+    monitor: tuple[str, ...] = ()
+    suite: Mapping[str, str] | None = None
+    more: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in self.without:
+            if name not in self.modules:
+                raise unknown_name("node", name, self.modules)
+        if not self.nodes:
+            raise InputError("no node is left to start; accepted: at least one")
+        for path in self.files:
+            if not path.is_file():
+                raise InputError(f"parameter file '{path}': no such file; accepted: a YAML file")
+        if not 0.01 <= self.speed <= FASTEST:
+            raise InputError(
+                f"speed {self.speed:g}: out of bounds; accepted: a number from 0.01 to {FASTEST:g}"
+            )
+        if self.domain is not None and not 0 <= self.domain <= HIGHEST_DOMAIN:
+            raise InputError(
+                f"domain {self.domain}: out of bounds; accepted: a whole number from 0 to "
+                f"{HIGHEST_DOMAIN}"
+            )
+        if self.folder.exists() and (
+            not self.folder.is_dir() or any(True for _ in self.folder.iterdir())
+        ):
+            raise InputError(
+                f"folder '{self.folder}': not empty; accepted: a folder, new or empty"
+            )
+
+    @property
+    def modules(self) -> Mapping[str, str]:
+        """Name → module of the nodes there are."""
+        return SUITE if self.suite is None else self.suite
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """Names of the nodes to start."""
+        return tuple(name for name in self.modules if name not in self.without)
+
+
+@dataclass(frozen=True)
+class News:
+    """What is new since the last look.
+
+    Attributes:
+        ended: nodes that ended by themselves.
+        warnings: (node, line) that somebody should see.
+        flight: the newest state of the flight, as the monitor tells it; None: no news.
+        px4: the newest state of the bridge to PX4; None: no news.
+    """
+
+    ended: list[Ended]
+    warnings: list[tuple[str, str]]
+    flight: dict[str, Any] | None
+    px4: dict[str, Any] | None = None
+
+
+class RunningSuite:
+    """Use as a context manager: entering starts the nodes, leaving ends them (`Supervisor`)."""
+
+    def __init__(self, wish: Wish) -> None:
+        """Write the parameter file.
+
+        Raises:
+            OSError: the folder can't be written.
+        """
+        self.nodes = wish.nodes
+        self.vitals = Vitals()
+        self.ended: dict[str, Ended] = {}
+        """Nodes that ended by themselves."""
+        wish.folder.mkdir(parents=True, exist_ok=True)
+        logs = wish.folder / LOGS
+        environment = node_environment(os.environ, logs / "ros", wish.domain)
+        programs = _programs(wish)
+        self._supervisor = Supervisor(programs, logs, environment)
+        self._began_s = time.monotonic()
+
+    def __enter__(self) -> RunningSuite:
+        """Start the nodes."""
+        self._supervisor.__enter__()
+        self._began_s = time.monotonic()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End the nodes."""
+        self._supervisor.__exit__(kind, error, trace)
+
+    @property
+    def uptime_s(self) -> float:
+        """Time since the start."""
+        return time.monotonic() - self._began_s
+
+    @property
+    def running(self) -> set[str]:
+        """Names of the nodes that run."""
+        return set(self._supervisor.running) - {MONITOR}
+
+    def look(self, wait_s: float) -> News:
+        """Wait a while for news and return them."""
+        look = self._supervisor.look(wait_s)
+        flight, px4 = self._hear(look)
+        ended = [end for end in look.ended if end.name != MONITOR]
+        self.ended |= {end.name: end for end in ended}
+        warnings = list(look.warnings)
+        for end in look.ended:
+            if end.name == MONITOR:
+                words = f" ({end.last_words[-1]})" if end.last_words else ""
+                warnings.append((MONITOR, f"ended, {end.how}: no status any more{words}"))
+        return News(ended, warnings, flight, px4)
+
+    def status(self) -> Suite:
+        """Return the suite as it is now."""
+        now = time.monotonic()
+        return Suite(
+            self.nodes, self._supervisor.running, self.ended, self.vitals, now, self.uptime_s
+        )
+
+    def interrupt(self, name: str) -> None:
+        """Send SIGINT to one node, if it runs; the others go on."""
+        pid = self._supervisor.running.get(name)
+        if pid is not None:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGINT)
+
+    def stop(self) -> list[Ended]:
+        """End the nodes, and return those that did not end well when asked to."""
+        return [end for end in self._supervisor.stop() if end.code != 0 and end.name != MONITOR]
+
+    def _hear(self, look: Look) -> tuple[dict[str, Any] | None, dict[str, Any] | None]:
+        """Take in what the monitor says; return the newest state of flight and bridge."""
+        flight = px4 = None
+        for _, line in look.heard:
+            try:
+                said = json.loads(line)
+            except ValueError:
+                continue
+            if not isinstance(said, dict):
+                continue
+            if "diagnostics" in said:
+                self.vitals.take(said["diagnostics"], time.monotonic())
+            flight = said.get("flight", flight)
+            px4 = said.get("px4", px4)
+        return flight, px4
+
+
+def _programs(wish: Wish) -> Sequence[Program]:
+    parameters = suite_parameters(wish.scenario, wish.seed, speed=wish.speed)
+    parameters["recorder"] |= wish.recording
+    for node, values in wish.more.items():
+        parameters[node] = {**parameters.get(node, {}), **values}
+    file = wish.folder / PARAMETERS
+    comment = f"The parameters with which {wish.scenario.name}, seed {wish.seed}, was started."
+    file.write_text(parameter_yaml(parameters, comment), encoding="utf-8")
+    files = [path.resolve() for path in (file, *wish.files)]
+    programs = [node_program(name, files, wish.modules) for name in wish.nodes]
+    return [*programs, monitor_program(*wish.monitor)]

@@ -1,0 +1,129 @@
+"""The suite at a glance: a table for a terminal, a line for a file, an object for a program."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+from rich.text import Text
+
+from tombo_flight.suite.supervisor import Ended
+from tombo_flight.suite.vitals import SILENT_S, Loop, Status, Vitals
+
+_STYLES = {"running": "green", "starting": "dim", "silent": "bold yellow"}
+_FAULT_STYLES = ("", "yellow", "bold red")
+
+
+@dataclass(frozen=True)
+class Suite:
+    """What there is to know about a running suite.
+
+    Attributes:
+        names: of its nodes, in the order in which they are shown.
+        pids: of those that run.
+        ended: those that have ended.
+        vitals: what the nodes say.
+        now_s: on the clock of `vitals`.
+        uptime_s: since the start.
+    """
+
+    names: tuple[str, ...]
+    pids: Mapping[str, int]
+    ended: Mapping[str, Ended]
+    vitals: Vitals
+    now_s: float
+    uptime_s: float
+
+    def state(self, name: str) -> str:
+        """Return `starting`, `running`, `silent`, or how it ended."""
+        if name in self.ended:
+            return self.ended[name].how
+        status = self.vitals.nodes.get(name)
+        if status is None:
+            return "starting"
+        return "silent" if self.now_s - status.heard_s > SILENT_S else "running"
+
+
+def status_table(suite: Suite) -> Table:
+    """Return the table: a row a loop, the node's own beside its first one."""
+    age = suite.vitals.mocap_age_s
+    mocap = "mocap: no word" if math.isnan(age) else f"mocap: {1e3 * age:.0f} ms old"
+    title = Text(f"{suite.uptime_s:.0f} s up, {mocap}")
+    table = Table(box=SIMPLE_HEAD, title=title, padding=(0, 1, 0, 0))
+    for heading in ("node", "state", "loop"):
+        table.add_column(heading, no_wrap=True)
+    for heading in ("pid", "rate", "p99 late", "missed"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("faults")
+    for name in suite.names:
+        state = suite.state(name)
+        status = suite.vitals.nodes.get(name, Status())
+        loops = status.loops if name in suite.pids else ()
+        style = _STYLES.get(state, "bold red")
+        pid = str(suite.pids.get(name, ""))
+        fault = status.message if pid else ""
+        first, *others = loops or (None,)
+        table.add_row(
+            Text(name, "bold"),
+            Text(state, style),
+            *_cells(first, pid, alone=not others),
+            Text(fault, _FAULT_STYLES[min(status.level, 2)]),
+        )
+        for loop in others:
+            table.add_row("", "", *_cells(loop, "", alone=False), "")
+    return table
+
+
+def status_line(suite: Suite) -> str:
+    """Return the suite in one line: how many run, what is wrong."""
+    troubles = []
+    for name in suite.names:
+        state = suite.state(name)
+        status = suite.vitals.nodes.get(name)
+        if state != "running":
+            troubles.append(f"{name} {state}")
+        elif status is not None and status.level:
+            troubles.append(f"{name}: {status.message}")
+    missed = sum(
+        int(loop.number("missed"))
+        for name in suite.pids
+        for loop in suite.vitals.nodes.get(name, Status()).loops
+        if not math.isnan(loop.number("missed"))
+    )
+    running = sum(name in suite.pids for name in suite.names)
+    line = f"{suite.uptime_s:.0f} s: {running} of {len(suite.names)} nodes run, {missed} missed"
+    return "; ".join([line, *troubles])
+
+
+def status_object(suite: Suite) -> dict[str, Any]:
+    """Return the suite as plain values."""
+    nodes = {}
+    for name in suite.names:
+        status = suite.vitals.nodes.get(name, Status())
+        nodes[name] = {
+            "pid": suite.pids.get(name),
+            "state": suite.state(name),
+            "exit_code": suite.ended[name].code if name in suite.ended else None,
+            "level": status.level,
+            "faults": status.message,
+            "values": dict(status.values),
+            "loops": {loop.name: dict(loop.figures) for loop in status.loops},
+        }
+    return {"event": "status", "uptime_s": round(suite.uptime_s, 1), "nodes": nodes}
+
+
+def _cells(loop: Loop | None, pid: str, *, alone: bool) -> tuple[Text, ...]:
+    if loop is None:
+        return (Text(""), Text(pid), Text(""), Text(""), Text(""))
+    rate, late, missed = (loop.number(key) for key in ("rate_hz", "jitter_p99_us", "missed"))
+    return (
+        Text("" if alone else loop.name),
+        Text(pid),
+        Text("" if math.isnan(rate) else f"{rate:.1f} Hz"),
+        Text("" if math.isnan(late) else f"{late:.0f} us"),
+        Text("" if math.isnan(missed) else f"{missed:.0f}", "yellow" if missed > 0 else ""),
+    )

@@ -1,0 +1,289 @@
+"""Starts programs, watches them, and sees to it that none outlives the supervisor.
+
+Each runs in a session of its own, so Ctrl-C reaches it once and through the supervisor. Nothing is
+restarted: a flight with a node that came back is another experiment.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Final
+
+from tombo_flight.suite import guard, launcher
+from tombo_flight.suite.node_log import NodeLog
+
+_ESCALATION: Final = ((0.0, signal.SIGINT), (2.0, signal.SIGTERM), (2.5, signal.SIGKILL))
+"""s after the wish to stop, and what who is still there gets."""
+_LOOK_S = 0.01
+_PIPE_BYTES = 1 << 16
+
+
+@dataclass(frozen=True)
+class Program:
+    """What to run.
+
+    Attributes:
+        name: its log is `<name>.log`.
+        command: absolute path of the executable, and arguments.
+        listened: its standard output is not logged but returned by `Supervisor.look`.
+    """
+
+    name: str
+    command: tuple[str, ...]
+    listened: bool = False
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A program that has come to its end.
+
+    Attributes:
+        name: of the program.
+        code: exit code; below 0 the number of the signal that ended it.
+        last_words: the last lines of its log.
+    """
+
+    name: str
+    code: int
+    last_words: tuple[str, ...]
+
+    @property
+    def how(self) -> str:
+        """The end in words."""
+        if self.code >= 0:
+            return f"exit code {self.code}"
+        try:
+            return f"killed by {signal.Signals(-self.code).name}"
+        except ValueError:
+            return f"killed by signal {-self.code}"
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a look at the programs has shown.
+
+    Attributes:
+        ended: programs that have ended since the last look.
+        warnings: (name, line) of logs that somebody should see.
+        heard: (name, line) of programs that are listened to.
+    """
+
+    ended: list[Ended]
+    warnings: list[tuple[str, str]]
+    heard: list[tuple[str, str]]
+
+
+@dataclass
+class _Child:
+    program: Program
+    process: subprocess.Popen[bytes]
+    log: NodeLog
+    pipe: int | None
+    rest: bytes = b""
+
+
+class Supervisor:
+    """Use as a context manager: leaving it, by error or not, ends all programs within 3 s.
+
+    An exception while they are being stopped, as KeyboardInterrupt, kills them at once. Should the
+    supervisor itself be killed, the kernel and the guard end them (see `launcher`, `guard`).
+    """
+
+    def __init__(
+        self, programs: Sequence[Program], folder: Path, environment: Mapping[str, str]
+    ) -> None:
+        """Prepare.
+
+        Args:
+            programs: what to run.
+            folder: of the logs; made when it isn't there.
+            environment: of the programs.
+        """
+        self._programs = tuple(programs)
+        self._folder = folder
+        self._environment = dict(environment)
+        self._alive: dict[str, _Child] = {}
+        self._guard: subprocess.Popen[bytes] | None = None
+        self._asked = False
+
+    @property
+    def running(self) -> dict[str, int]:
+        """Name → process number of what runs."""
+        return {name: child.process.pid for name, child in self._alive.items()}
+
+    def __enter__(self) -> Supervisor:
+        """Start everything."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        try:
+            self._guard = subprocess.Popen(
+                [sys.executable, "-I", "-S", guard.__file__],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,
+                cwd="/",
+            )
+            for program in self._programs:
+                self._alive[program.name] = self._start(program)
+        except BaseException:
+            self._kill()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End what still runs."""
+        try:
+            if not self._asked:  # else it was interrupted: no more patience
+                self.stop()
+        finally:
+            self._kill()
+
+    def look(self, wait_s: float) -> Look:
+        """Wait for a while, or until a program that is listened to speaks; say what is new."""
+        heard = self._listen(wait_s)
+        ended = self._buried()
+        now = time.monotonic()
+        children = [*self._alive.values(), *(child for child, _ in ended)]
+        warnings = [(c.program.name, line) for c in children for line in c.log.news(now)]
+        return Look([_obituary(child, code) for child, code in ended], warnings, heard)
+
+    def stop(self) -> list[Ended]:
+        """End all programs: SIGINT, 2 s later SIGTERM, at last SIGKILL; return how they ended."""
+        began = time.monotonic()
+        self._asked = True
+        ended: list[tuple[_Child, int]] = []
+        for after_s, number in _ESCALATION:
+            while self._alive and time.monotonic() - began < after_s:
+                self._listen(_LOOK_S)
+                ended += self._buried()
+            self._signal(number)
+        while self._alive:
+            time.sleep(_LOOK_S)
+            ended += self._buried()
+        now = time.monotonic()
+        for child, _ in ended:
+            child.log.news(now)
+        return [_obituary(child, code) for child, code in ended]
+
+    def _start(self, program: Program) -> _Child:
+        if self._guard is None or self._guard.stdin is None:
+            raise RuntimeError("a program needs a guard")
+        log = NodeLog(self._folder / f"{program.name}.log")
+        file = log.open()
+        try:
+            fd = self._guard.stdin.fileno()
+            process = subprocess.Popen(
+                [
+                    *(sys.executable, "-I", "-S", launcher.__file__),
+                    *(str(os.getpid()), str(fd)),
+                    *program.command,
+                ],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE if program.listened else file,
+                stderr=file,
+                start_new_session=True,
+                pass_fds=(fd,),
+                env=self._environment,
+            )
+        finally:
+            os.close(file)
+        pipe = None
+        if process.stdout is not None:
+            pipe = process.stdout.fileno()
+            os.set_blocking(pipe, False)
+        return _Child(program, process, log, pipe)
+
+    def _listen(self, wait_s: float) -> list[tuple[str, str]]:
+        """Wait until somebody speaks, at most so long, and return the whole lines."""
+        pipes = {c.pipe: c for c in self._alive.values() if c.pipe is not None}
+        ready, _, _ = select.select(list(pipes), [], [], wait_s)
+        lines: list[tuple[str, str]] = []
+        for pipe in ready:
+            lines += self._lines(pipes[pipe])
+        return lines
+
+    def _lines(self, child: _Child) -> list[tuple[str, str]]:
+        if child.pipe is None:
+            return []
+        try:
+            data = os.read(child.pipe, _PIPE_BYTES)
+        except BlockingIOError:
+            return []
+        if not data:  # closed: its end comes, or it only stopped talking
+            child.pipe = None
+            return []
+        *whole, child.rest = (child.rest + data).split(b"\n")
+        return [(child.program.name, line.decode("utf-8", "replace")) for line in whole]
+
+    def _buried(self) -> list[tuple[_Child, int]]:
+        """Reap what has ended, and end what it left in its session; return (child, exit code)."""
+        found = []
+        for name, child in list(self._alive.items()):
+            pid = child.process.pid
+            if not _has_ended(pid):
+                continue
+            _signal_group(pid, signal.SIGKILL)  # before it is reaped: the number is still its own
+            code = child.process.wait()
+            self._tell_guard(-pid)
+            if child.process.stdout is not None:
+                child.process.stdout.close()
+            del self._alive[name]
+            found.append((child, code))
+        return found
+
+    def _signal(self, number: signal.Signals) -> None:
+        for child in self._alive.values():
+            _signal_group(child.process.pid, number)
+
+    def _kill(self) -> None:
+        """End everything now, the guard last."""
+        self._signal(signal.SIGKILL)
+        while self._alive:
+            self._buried()
+            time.sleep(0.001)
+        if self._guard is not None:
+            try:
+                self._guard.communicate()
+            except OSError:  # it has been killed: its pipe is broken
+                self._guard.wait()
+
+    def _tell_guard(self, group: int) -> None:
+        if self._guard is None or self._guard.stdin is None:
+            return
+        try:
+            os.write(self._guard.stdin.fileno(), f"{group}\n".encode())
+        except OSError:  # it has been killed; the kernel's arrangement remains
+            return
+
+
+def _obituary(child: _Child, code: int) -> Ended:
+    return Ended(child.program.name, code, child.log.last_words)
+
+
+def _has_ended(pid: int) -> bool:
+    """Return whether a child has ended; it is not reaped yet, so its number is not given away."""
+    try:
+        return os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+    except ChildProcessError:
+        return True
+
+
+def _signal_group(group: int, number: signal.Signals) -> None:
+    try:
+        os.killpg(group, number)
+    except (ProcessLookupError, PermissionError):
+        return

@@ -1,0 +1,149 @@
+"""The recommended nodus in the collision flight: what is claimed is what is flown."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.propeller import configuration, read_library, thrust_map
+from tombo_dynamics.propeller.choice import mounted
+from tombo_dynamics.vehicle import VehicleParams
+from tombo_flight.flight import fly_scenario
+from tombo_flight.scenario import load_scenario, scenario_from_mapping, world_of
+from tombo_propeller.design.check import blade_recovery, check_design
+from tombo_propeller.design.files import DESIGN_FILES, write_design
+from tombo_propeller.design.flyable import is_built_in, scenario_of, write_flyable
+from tombo_propeller.design.recommend import recommend
+from tombo_propeller.design.request import Request, vehicle_for
+from tombo_sim.propulsion import propulsion_effects, thrust_map_of
+
+SEEDS = range(6)
+
+
+def index_of(found, number: int) -> int:
+    return next(i for i, c in enumerate(found.judged.configurations) if c.number == number)
+
+
+def test_the_recommended_one_flies_as_claimed(made):
+    found = made(mass_kg=1.3, min_thrust_margin=1.7, max_collision_force_N=150.0)
+    made_up = recommend(found, SEEDS)
+    assert found.judged.configurations[made_up.index].number == 11
+    assert made_up.check.held
+    claims = {c.text: c for c in (*made_up.check.claims, *made_up.check.limits)}
+    assert claims["flights that recover after it"].simulated == len(SEEDS)
+    assert claims["thrust margin"].simulated == pytest.approx(2.04, abs=0.01)
+    assert claims["first strike's highest force"].simulated == pytest.approx(123.0, abs=0.1)
+    assert claims["blade's recovery time"].simulated == pytest.approx(0.39, abs=0.003)
+    assert claims["collision force at most 150 N"].held
+
+
+def test_a_designed_nodus_flies_from_its_library(made):
+    found = made(mass_kg=1.2, min_thrust_margin=2.5)
+    made_up = recommend(found, range(2))
+    chosen = found.judged.configurations[made_up.index]
+    assert not is_built_in(chosen)
+    assert made_up.check.held
+
+
+def test_blades_that_push_too_weakly_let_the_vehicle_fall_and_are_passed_over(made):
+    found = made(mass_kg=1.3, min_thrust_margin=1.5, max_collision_force_N=100.0)
+    assert [found.judged.configurations[i].number for i in found.choice.order] == [8]
+    made_up = recommend(found, SEEDS)
+    assert made_up.index is None
+    ((failed, check),) = made_up.failed
+    assert found.judged.configurations[failed].number == 8
+    assert not check.held
+    assert check.falls_m > 1.0
+    assert found.judged.configurations[made_up.instead].number == 11
+
+
+def test_a_false_claim_is_seen(made):
+    found = made(mass_kg=1.3, min_thrust_margin=1.7, max_collision_force_N=150.0)
+    index = index_of(found, 13)
+    honest = found.judged.value[index, 0]
+    hover = found.judged.operating.hover_speed[index]
+    try:
+        found.judged.value[index, 0] = 1.1 * honest
+        found.judged.operating.hover_speed[index] = 1.3 * hover
+        broken = {c.text for c in check_design(found, index, range(2)).claims if not c.held}
+    finally:
+        found.judged.value[index, 0] = honest
+        found.judged.operating.hover_speed[index] = hover
+    assert broken == {"thrust margin", "rotor speed in hover"}
+
+
+def test_blade_recovery_counts_from_the_last_release():
+    rate = 1.0 - 0.9 ** (1.0 / 3.0)
+    decay = np.exp(np.log(rate) * np.arange(1, 1001) / 400.0)  # 90 % of thrust after 0.4 s
+    fold = np.zeros((1400, 4))
+    fold[100:110, 2] = 1.0
+    fold[110:150, 2] = decay[:40]  # struck again before it was straight
+    fold[150:170, 2] = 1.0
+    fold[170:1170, 2] = decay
+    assert blade_recovery(fold) == pytest.approx(0.4, abs=0.002)
+    assert math.isnan(blade_recovery(np.zeros((10, 4))))
+
+
+def test_the_s500_at_its_own_mass_is_the_suites_vehicle():
+    vehicle, plain = vehicle_for(Request(1.3), configuration(13).blade), VehicleParams()
+    for name in ("mass", "inertia_xx", "inertia_zz", "arm_length", "nodus_radius"):
+        assert getattr(vehicle, name) == pytest.approx(getattr(plain, name), rel=1e-9)
+    assert vehicle.rotor_inertia == pytest.approx(plain.rotor_inertia, rel=0.01)
+
+
+@pytest.mark.parametrize(("mass", "arm"), [(0.9, 0.2), (1.3, 0.24), (1.3, 0.4)])
+def test_another_vehicle_touches_the_pillar_at_the_same_place(mass, arm, tmp_path: Path):
+    request = Request(mass, arm)
+    path = write_flyable(
+        tmp_path, scenario_of(request, configuration(13), 145.5, 0.42), configuration(13)
+    )
+    summary = fly_scenario(load_scenario(str(path)), 1).summary
+    assert summary["contact_rotor"] == "front_left"
+    assert summary["contact_position_m"][0] == pytest.approx(1.7, abs=0.06)
+
+
+def test_files_of_a_design_can_be_moved_and_flown(made, tmp_path: Path):
+    found = made(mass_kg=1.2, min_thrust_margin=2.5)
+    made_up = recommend(found, ())
+    (tmp_path / "a").mkdir()
+    write_design(tmp_path / "a", found, made_up)
+    moved = (tmp_path / "a").rename(tmp_path / "b")
+    files = {str(p.relative_to(moved)) for p in moved.rglob("*") if p.is_file()}
+    assert files <= set(DESIGN_FILES)
+    assert {"design.json", "design.yaml", "pareto.png", "library/configurations.yaml"} <= files
+    scenario = load_scenario(str(moved / "design.yaml"))
+    chosen = found.judged.configurations[made_up.index]
+    assert mounted(scenario.propeller) == chosen
+    top = float(thrust_map_of(scenario.propeller).thrust(500.0))
+    assert top == pytest.approx(float(thrust_map(chosen).thrust(500.0)))
+    assert world_of(scenario).vehicle.nodus_radius == chosen.blade.joint.outer_radius_m
+
+
+def test_a_propeller_of_a_library_takes_the_mean_of_all_if_its_silicone_was_never_measured(
+    stiff_library, tmp_path: Path
+):
+    (tmp_path / "materials.yaml").write_text((stiff_library / "materials.yaml").read_text())
+    (tmp_path / "configurations.yaml").write_text(
+        "- {conf: 30, blade: nine_inch, matrix: Stiff50, fibre: tendon, fibres: 5, "
+        "fibre_diameter_mm: 0.5, length_mm: 12.0}\n"
+    )
+    scenario = scenario_from_mapping({"propeller": {"conf": 30, "library": str(tmp_path)}}, "x")
+    strike = propulsion_effects(scenario.propeller, {})["blade_strike"]
+    readings = [c.measured.recovery_s for c in read_library().configurations.values()
+                if c.nodus and c.measured]  # fmt: skip
+    assert strike["recovery_time"] == pytest.approx(np.mean(readings))
+
+
+@pytest.mark.parametrize(
+    ("propeller", "words"),
+    [
+        ({"conf": 14}, "propeller.conf: there is no configuration 14; accepted: 0 to 13"),
+        ({"conf": 13, "library": "nowhere"}, "propeller.library: no folder 'nowhere'"),
+        ({"conf": 13, "library": 5}, "propeller.library: 5"),
+    ],
+)
+def test_a_propeller_that_is_not_there_is_refused(propeller, words):
+    with pytest.raises(InputError, match=words):
+        scenario_from_mapping({"propeller": propeller}, "x")

@@ -1,0 +1,88 @@
+"""Where propellers work on a vehicle, against the library's own thrust map."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.propeller import configuration, configurations, thrust_map
+from tombo_dynamics.vehicle import VehicleParams
+from tombo_propeller.design.operation import operate
+from tombo_propeller.design.placement import with_nodus_at
+
+SOFT = [c for c in configurations() if c.nodus]
+BLADE = configuration(13).blade
+VEHICLE = VehicleParams()
+
+
+@pytest.mark.parametrize("law", ["repaired", "consistent"])
+def test_limits_and_hover_are_those_of_the_thrust_map(law):
+    vehicle = dataclasses.replace(VEHICLE, mass=0.6)
+    found = operate(SOFT, vehicle, law)
+    for i, soft in enumerate(SOFT):
+        chart = thrust_map(soft, law)
+        top = min(chart.omega_max, vehicle.rotor_speed_max)
+        assert found.usable_speed[i] == pytest.approx(top, rel=2e-5)
+        assert found.usable_thrust[i] == pytest.approx(float(chart.thrust(top)), rel=1e-4)
+        assert found.motor_limits[i] == (chart.omega_max > vehicle.rotor_speed_max)
+        hover = float(chart.speed_for_thrust(vehicle.hover_thrust()))
+        assert found.hover_speed[i] == pytest.approx(hover, rel=1e-5)
+
+
+def test_what_cannot_lift_has_no_hover():
+    found = operate(SOFT, VEHICLE, "repaired")
+    too_soft = found.usable_thrust < VEHICLE.hover_thrust()
+    assert too_soft.any()
+    assert np.array_equal(np.isnan(found.hover_speed), too_soft)
+    assert np.array_equal(np.isnan(found.hover_lift_over_drag), too_soft)
+
+
+def test_the_blades_own_place_changes_nothing():
+    assert with_nodus_at(BLADE, 0.035, 0.012) is BLADE
+
+
+def test_further_out_the_wing_is_lighter_and_the_section_smaller_or_larger_with_the_chord():
+    inner, outer = with_nodus_at(BLADE, 0.035, 0.010), with_nodus_at(BLADE, 0.055, 0.010)
+    assert outer.joint.wing_mass_kg < inner.joint.wing_mass_kg == BLADE.joint.wing_mass_kg
+    assert outer.joint.wing_centroid_m > inner.joint.wing_centroid_m
+    chord = outer.joint.section_area_mm2 / inner.joint.section_area_mm2
+    lag = outer.joint.lag_second_moment_mm4 / inner.joint.lag_second_moment_mm4
+    assert chord > 1.0  # the nine-inch blade is widest at mid-span
+    assert lag == pytest.approx(chord**3)  # and as thick at 50 mm as within
+
+
+def test_a_nodus_like_iron_makes_the_rigid_propeller_wherever_it_is():
+    iron = dataclasses.replace(
+        configuration(13).nodus.matrix, secant_modulus_MPa=(2e5,) * 15, poisson_ratio=0.3
+    )
+    for radius, length in ((0.035, 0.012), (0.05, 0.02), (0.06, 0.006)):
+        stiff = dataclasses.replace(
+            configuration(13),
+            blade=with_nodus_at(BLADE, radius, length),
+            nodus=dataclasses.replace(
+                configuration(13).nodus, matrix=iron, length_mm=1e3 * length
+            ),
+        )
+        both = operate([stiff, configuration(0)], VEHICLE, "repaired")
+        assert both.usable_thrust[0] == pytest.approx(both.usable_thrust[1], rel=1e-3)
+
+
+def test_a_longer_nodus_twists_more_and_lifts_less():
+    lengths = (0.008, 0.012, 0.016, 0.020)
+    row = [
+        dataclasses.replace(
+            configuration(10),
+            blade=with_nodus_at(BLADE, 0.035, length),
+            nodus=dataclasses.replace(configuration(10).nodus, length_mm=1e3 * length),
+        )
+        for length in lengths
+    ]
+    thrust = operate(row, VEHICLE, "repaired").usable_thrust
+    assert (np.diff(thrust) < 0.0).all()
+
+
+@pytest.mark.parametrize(("radius", "length"), [(0.035, 0.021), (0.02, 0.012), (0.1, 0.012)])
+def test_a_nodus_off_the_blade_is_refused(radius, length):
+    with pytest.raises(InputError, match="accepted: between 15 and 90 mm"):
+        with_nodus_at(BLADE, radius, length)

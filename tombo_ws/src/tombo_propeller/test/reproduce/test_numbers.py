@@ -1,0 +1,142 @@
+"""The numbers behind the claims: printed digits, optima, and the universal curve."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tombo_dynamics.propeller import (
+    LAWS,
+    Surroundings,
+    configuration,
+    configurations,
+    evaluate,
+    evaluate_rows,
+    nodus_moduli,
+    parameter_row,
+    speed_of_maximum_thrust,
+)
+from tombo_dynamics.propeller.laws.parameters import SCALARS, unpack
+from tombo_dynamics.propeller.laws.wing_loads import twisted
+from tombo_propeller.reproduce.deformation_claims import reading_deg
+from tombo_propeller.reproduce.numbers import RPM, collapse, maximum
+from tombo_propeller.reproduce.printed import Printed, read_paper
+from tombo_propeller.reproduce.reproduction import reproduce
+from tombo_propeller.reproduce.scatter_claims import draws, weighted_slope
+
+
+@given(st.integers(-99_999, 99_999), st.integers(0, 4), st.floats(-0.49, 0.49))
+def test_printed_digits_agree_within_half_of_the_last(n: int, digits: int, off: float) -> None:
+    text = f"{n / 10**digits:.{digits}f}"
+    assert Printed(text).agrees((n + off) / 10**digits) or n == 0
+    assert not Printed(text).agrees((n + 1.0 + off) / 10**digits)
+
+
+def test_a_printed_zero_counts_as_a_digit() -> None:
+    row = read_paper().table_3[12]
+    assert (row.ratio.text, row.ratio.digits, row.ratio.half) == ("1.8990", 4, 5e-5)
+    assert not row.ratio.agrees(1.8993)
+    assert Printed("1.899").agrees(1.8993)
+
+
+@pytest.mark.parametrize("law", ["published", "repaired"])
+@pytest.mark.parametrize("conf", [1, 8, 13])
+def test_maximum_of_thrust_is_where_the_library_has_it(conf: int, law: str) -> None:
+    found = maximum(configuration(conf), law, "thrust_N")
+    assert found.inside
+    expected, _ = speed_of_maximum_thrust(configuration(conf), law)
+    assert found.speed_rpm == pytest.approx(expected * RPM, rel=1e-6)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_no_speed_has_more_lift_over_drag(law: str) -> None:
+    best = maximum(configuration(3), law, "lift_over_drag")
+    speeds = np.linspace(0.02, 1.0, 2000) * best.speed_rpm / RPM
+    ratio = evaluate(configuration(3), speeds, law).lift_over_drag
+    assert ratio.max() <= best.value * (1.0 + 1e-12)
+    assert best.inside == (law != "consistent")
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_without_gravity_all_configurations_are_one_curve(law: str) -> None:
+    s, curves = collapse(law)
+    assert curves.shape == (13, 3, s.size)
+    assert np.isfinite(curves).all()
+    np.testing.assert_allclose(curves, np.broadcast_to(curves[:1], curves.shape), rtol=1e-12)
+    assert np.ptp(curves[0, 1]) > 0.01  # a curve, no constant
+
+
+def test_universal_curve_of_law_repaired_with_the_papers_own_moduli() -> None:
+    """T / G_N and twist over omega^2 / G_N, as the library gives them, to E_N / G_N's spread."""
+    calm = Surroundings(gravity_m_s2=0.0)
+    curves, maxima = [], []
+    for c in configurations()[1:]:
+        shear = 1e6 * nodus_moduli(c).G_N_MPa
+        speeds = np.sqrt(np.linspace(0.1, 6.0, 60) * shear)
+        points = evaluate(c, speeds, "repaired", calm)
+        curves.append(np.stack([points.thrust_N / shear, points.gamma_rad]))
+        top, _ = speed_of_maximum_thrust(c, "repaired", calm)
+        best = evaluate(c, top, "repaired", calm)
+        maxima.append((top / math.sqrt(shear), float(best.thrust_N) / shear,
+                       math.degrees(float(best.gamma_rad))))  # fmt: skip
+    one = np.array(curves)
+    np.testing.assert_allclose(one, np.broadcast_to(one[:1], one.shape), rtol=5e-4)
+    for speed, thrust, twist in maxima:
+        assert speed == pytest.approx(2.2643, abs=1e-4)
+        assert thrust == pytest.approx(3.431e-5, rel=1e-3)
+        assert twist == pytest.approx(15.484, abs=0.002)
+
+
+def test_gravity_breaks_the_collapse() -> None:
+    speeds = math.sqrt(0.5) * np.sqrt(
+        [1e6 * nodus_moduli(configuration(c)).G_N_MPa for c in (1, 3)]
+    )
+    twist = [
+        float(evaluate_rows(parameter_row(configuration(c), "repaired"), w).gamma_rad)
+        for c, w in zip((1, 3), speeds, strict=True)
+    ]
+    assert abs(twist[0] / twist[1] - 1.0) > 0.01
+
+
+def test_drags_mirrored_weight_makes_most_of_the_largest_lift_over_drag() -> None:
+    """The evidence of eps_mld: with Eq. 8's weight the authors' program gives 1.91, not 2.17."""
+    found = reproduce().numbers
+    row = parameter_row(configuration(13), "published")
+    p, best = unpack(row), 0.0
+    for point in (evaluate(configuration(13), w, "published") for w in np.linspace(400, 900, 26)):
+        g = float(point.gamma_rad)
+        bend = math.cos(float(point.alpha_rad)) * math.cos(float(point.beta_rad))
+        wing, _ = twisted(p.drag, p.drag_rate, g, math.sin(g), math.cos(g))
+        q = p.air_density * float(point.speed_rad_s) ** 2
+        drag = q * (row[SCALARS["inner_drag"]] + bend * float(wing))
+        best = max(best, float(point.thrust_N) / drag)
+    printed, mended = (found.laws[law].ratio[13].value for law in ("published", "repaired"))
+    assert (printed - best) / (printed - mended) > 0.7
+
+
+@given(st.floats(0.0, 30.0), st.floats(1.0, 30.0))
+def test_reading_of_the_flap_is_exact_without_lag_and_never_low_with_it(
+    alpha: float, beta: float
+) -> None:
+    assert reading_deg(0.0, beta) == pytest.approx(beta, abs=1e-5)
+    seen = reading_deg(alpha, beta)
+    length, inner = 0.1111 - 0.035, 0.035
+    radius = inner + length * math.cos(math.radians(seen))
+    a, b = math.radians(alpha), math.radians(beta)
+    true = math.hypot(
+        inner + length * math.cos(a) * math.cos(b), length * math.sin(a) * math.cos(b)
+    )
+    assert radius == pytest.approx(true, abs=1e-9)
+    assert seen >= beta - 1e-5
+
+
+def test_weighted_slope_knows_its_error() -> None:
+    x, deviation = np.linspace(0.5, 0.7, 9), np.linspace(0.03, 0.2, 9)
+    found = [weighted_slope(x, y, deviation) for y in draws(2.0 * x, deviation)[:4000]]
+    slopes, error = np.array([s for s, _ in found]), found[0][1]
+    assert slopes.mean() == pytest.approx(2.0, abs=4.0 * error / math.sqrt(4000))
+    assert slopes.std() == pytest.approx(error, rel=0.05)

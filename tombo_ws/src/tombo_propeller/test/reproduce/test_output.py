@@ -1,0 +1,127 @@
+"""The command, its files, and the page in docs."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tombo_bringup.cli.main import run
+from tombo_flight.report import paper as flown
+from tombo_propeller.reproduce.claims_page import END, START, with_claims
+from tombo_propeller.reproduce.figures import FIGURES
+from tombo_propeller.reproduce.output import REPRODUCTION_FILES
+from tombo_propeller.reproduce.printed import read_paper
+from tombo_propeller.reproduce.reproduction import reproduce
+from tombo_propeller.reproduce.words import with_unit
+
+ROOT = Path(__file__).parents[5]
+
+
+def tombo(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as leave:
+        run(["propeller", "reproduce", *arguments])
+    return int(leave.value.code or 0)
+
+
+def test_json_is_the_list_of_claims(capsys: pytest.CaptureFixture[str]) -> None:
+    assert tombo("--json") == 0
+    claims = json.loads(capsys.readouterr().out)
+    assert [c["name"] for c in claims] == [c.name for c in reproduce().claims]
+    for claim in claims:
+        keys = {"claim", "paper", "computed", "law", "verdict", "evidence", "unit", "tolerance"}
+        assert keys <= set(claim)
+        assert claim["verdict"] in ("holds", "fails", "can't be checked")
+
+
+def test_folder_holds_page_json_and_figures(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "out"
+    assert tombo("-o", str(folder), "--law", "published", "--law", "consistent") == 0
+    assert {p.name for p in folder.iterdir()} == set(REPRODUCTION_FILES)
+    found = json.loads((folder / "reproduction.json").read_text())
+    assert list(found["computed"]["laws"]) == ["published", "consistent"]
+    page = (folder / "reproduction.html").read_text()
+    assert page.count("data:image/png;base64,") == len(FIGURES)
+    assert not re.search(r"(src|href)=\"(?!data:|#)", page), "the page needs nothing else"
+    assert not re.search(r"\{\{|\{\w+[:.]", page.split("</style>")[1])
+    for claim in found["claims"]:
+        assert f'id="{claim["name"]}"' in page
+    for name in FIGURES:
+        assert (folder / name).read_bytes().startswith(b"\x89PNG")
+    out = capsys.readouterr().out
+    assert "Of the paper’s" in out and "reproduction.html" in out
+    assert tombo("-o", str(folder)) == 2
+    assert "not empty" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--law", "repared"), "did you mean 'repaired'"),
+        (("-o", " "), "accepted: a folder"),
+        (("-o", "/dev/null/x"), "can't be written"),
+    ],
+)
+def test_bad_input_is_one_line(
+    arguments: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert tombo(*arguments) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count("\n") == 1
+
+
+def test_the_page_in_docs_is_up_to_date() -> None:
+    page = (ROOT / "docs" / "reproduction.md").read_text()
+    assert page.count(START) == page.count(END) == 1
+    assert with_claims(page, reproduce()) == page, (
+        "run: .venv/bin/python -m tombo_propeller.reproduce.claims_page "
+        "docs/reproduction.md --picture docs/reproduction.png"
+    )
+
+
+def test_tables_in_docs_are_well_formed() -> None:
+    text = (ROOT / "docs" / "reproduction.md").read_text().split(START)[1].split(END)[0]
+    rows = [line.replace("\\|", "") for line in text.splitlines() if line.startswith("|")]
+    assert {line.count("|") for line in rows} == {6}
+
+
+def test_flight_figures_are_those_of_the_readme_and_the_flight_report() -> None:
+    paper = read_paper()
+    readme = (ROOT / "README.md").read_text()
+    campaign = {name: paper.number("campaign", name).text for name in paper.said["campaign"]}
+    assert f"| yes | {campaign['recovered']} of {campaign['flights']} |" in readme
+    crashed = campaign["crashed_without_reaction"]
+    assert f"| crashes without it | yes | {crashed} of {campaign['flights']} |" in readme
+    assert f"| 0.5 m | {campaign['falls_m']} m |" in readme
+    assert f"| 1.5 s | {campaign['unstable_s']} s |" in readme
+    assert f"| 5 s | {campaign['whole_recovery_s']} s |" in readme
+    for name, value in (
+        ("collision_point_m", flown.COLLISION_POINT_M),
+        ("response_point_m", flown.EQUILIBRIUM_POINT_M),
+    ):
+        assert tuple(p.value for p in paper.point("flight", name)) == value
+    assert paper.number("flight", "bounce_m").value == flown.BOUNCE_DISTANCE_M
+    assert paper.number("flight", "unstable_s").value == flown.UNSTABLE_PHASE_S
+    assert paper.number("flight", "falls_m").value == flown.MEAN_MAX_FALLING_DISTANCE_M
+
+
+def test_numbers_in_words() -> None:
+    assert with_unit(-17.794, "%") == "−17.79 %"
+    assert with_unit(3e-15, "1") == "0"
+    assert with_unit(26.0, "1") == "26"
+    assert with_unit(None, "deg") == "none"
+    assert with_unit(0.02835, "deg") == "0.02835°"
+
+
+def test_help_is_quick_to_import() -> None:
+    code = (
+        "import sys; from tombo_bringup.cli import propeller_reproduce_command; "
+        "bad = {'numpy', 'matplotlib', 'scipy', 'numba'} & set(sys.modules); assert not bad, bad"
+    )
+    python = ROOT / ".venv" / "bin" / "python"
+    subprocess.run([python, "-c", code], check=True, capture_output=True)

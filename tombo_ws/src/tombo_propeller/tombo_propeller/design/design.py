@@ -1,0 +1,83 @@
+"""From a request and a library to a recommended nodus, and to what is known of all others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.propeller import Blade, Configuration, Library
+from tombo_dynamics.vehicle import VehicleParams
+from tombo_propeller.design.candidates import Tested, candidates, measured_soft, tested
+from tombo_propeller.design.choose import Choice, choose
+from tombo_propeller.design.judge import Judged, judge, thrust_error
+from tombo_propeller.design.operation import operate
+from tombo_propeller.design.readings import Reading, read
+from tombo_propeller.design.request import MEASURED, Request, vehicle_for
+
+Tell = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """All that was looked at, and what came of it."""
+
+    request: Request
+    vehicle: VehicleParams
+    """As it flies with the blade's own nodus."""
+    blade: Blade
+    measured: tuple[Configuration, ...]
+    tested: Tested
+    readings: Mapping[str, Reading]
+    thrust_error: float
+    """RMS error of the model's thrust at 2000 rpm, as a share."""
+    judged: Judged
+    choice: Choice
+
+    @property
+    def feasible(self) -> bool:
+        """Whether anything keeps to the limits."""
+        return bool(self.choice.order)
+
+
+def blade_of(library: Library, name: str) -> Blade:
+    """Return a blade of a library.
+
+    Raises:
+        InputError: there is no such blade.
+    """
+    if name not in library.blades:
+        raise unknown_name("blade", name, library.blades)
+    return library.blades[name]
+
+
+def design(
+    request: Request, library: Library, blade: Blade, tell: Tell = lambda stage, share: None
+) -> Design:
+    """Look at all candidates and choose.
+
+    Args:
+        request: what is asked for.
+        library: materials, configurations and measurements.
+        blade: that the propeller is made with; a nodus may be put anywhere on it.
+        tell: told the progress.
+
+    Raises:
+        InputError: the library has no measured soft propeller with this blade, or the vehicle is
+            outside of what the simulator takes.
+    """
+    vehicle = vehicle_for(request, blade)
+    measured = measured_soft(library, blade)
+    readings = {name: read(name, measured) for name in MEASURED}
+    span = tested(measured)
+    tell("candidates", 0.0)
+    every = candidates(library, blade)
+    tell(f"{len(every)} candidates", 0.1)
+    operating = operate(every, vehicle, request.law)
+    tell("judging", 0.9)
+    judged = judge(every, operating, readings, span, request, vehicle)
+    error = thrust_error(measured, request.law)
+    if not judged.value[:, 0].max() > 0.0:
+        raise InputError(f"blade {blade.name}: no nodus gives thrust; accepted: another blade")
+    choice = choose(judged, request.limits, error)
+    return Design(request, vehicle, blade, measured, span, readings, error, judged, choice)

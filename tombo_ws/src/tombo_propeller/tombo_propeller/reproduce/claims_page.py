@@ -1,0 +1,61 @@
+"""The table of all claims in `docs/reproduction.md`, between two marks.
+
+`python -m tombo_propeller.reproduce.claims_page docs/reproduction.md` brings it up to
+date; a test says when that is due. With `--picture FILE.png` it also draws the picture.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Final
+
+from tombo_propeller.reproduce.reproduction import GROUPS, Reproduction, reproduce
+from tombo_propeller.reproduce.words import computed_text, headline, verdict_text
+
+START: Final = "<!-- claims: written by `python -m tombo_propeller.reproduce.claims_page` -->"
+END: Final = "<!-- end of claims -->"
+
+
+def claims_markdown(r: Reproduction) -> str:
+    """Return the claims as Markdown: a sentence, then a table for each group."""
+    parts = [f"{headline(r)}.\n"]
+    for group in GROUPS:
+        claims = [claim for claim in r.claims if claim.group == group]
+        if not claims:
+            continue
+        lines = [f"### {group}", ""]
+        lines += ["| claim | paper | computed | verdict | evidence |", "|---|---|---|---|---|"]
+        for c in claims:
+            cells = (
+                f"{c.claim} ({c.source})",
+                c.paper,
+                computed_text(c),
+                f"**{verdict_text(c)}**",
+                c.evidence,
+            )
+            lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+        parts.append("\n".join(lines) + "\n")
+    return "\n".join(parts)
+
+
+def with_claims(page: str, r: Reproduction) -> str:
+    """Return a page with the table between its marks renewed."""
+    before, _, rest = page.partition(START)
+    _, _, after = rest.partition(END)
+    return f"{before}{START}\n{claims_markdown(r)}\n{END}{after}"
+
+
+def main(arguments: list[str]) -> None:
+    """Renew the page, and draw the picture if that is asked for."""
+    found = reproduce()
+    path = Path(arguments[0])
+    path.write_text(with_claims(path.read_text(encoding="utf-8"), found), encoding="utf-8")
+    if "--picture" in arguments:
+        from tombo_propeller.reproduce.figures import overview
+
+        overview(found).savefig(arguments[arguments.index("--picture") + 1], dpi=110)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,134 @@
+"""The reproduction as one self-contained HTML page: verdicts first, then figures."""
+
+from __future__ import annotations
+
+import base64
+import re
+from collections.abc import Mapping
+from html import escape
+from typing import Final
+
+from tombo_diagnosis.report.diagnosis_evidence import table
+from tombo_flight.report.flight_report import asset, fill
+from tombo_propeller.reproduce.claim import DATA, FAILS, HOLDS, OPEN, Claim
+from tombo_propeller.reproduce.figures import FIGURES
+from tombo_propeller.reproduce.reproduction import GROUPS, Reproduction
+from tombo_propeller.reproduce.words import KINDS, LABELS, MARKS, headline, summary, with_unit
+
+_CLASSES: Final = {HOLDS: "good", FAILS: "bad", OPEN: "open"}
+
+
+def reproduction_html(r: Reproduction, pictures: Mapping[str, bytes]) -> str:
+    """Return the page as text; it loads nothing from anywhere.
+
+    Args:
+        r: the reproduction.
+        pictures: PNG files by the names in `FIGURES`.
+    """
+    return fill(
+        asset("reproduction.html", __package__),
+        {
+            "css": asset("report.css")
+            + asset("diagnosis.css", "tombo_diagnosis.report")
+            + asset("reproduction.css", __package__),
+            "title": escape(headline(r)),
+            "headline": escape(headline(r)),
+            "summary": escape(summary(r)),
+            "cards": _cards(r),
+            "board": _board(r),
+            "claims": _claims(r),
+            "figures": "".join(_figure(name, pictures[name]) for name in FIGURES),
+            "laws": escape(", ".join(r.numbers.laws)),
+        },
+    )
+
+
+def _cards(r: Reproduction) -> str:
+    parts = []
+    for name, label in (
+        ("table_1", "Table I, moduli"),
+        ("table_3_lift_over_drag", "Table III, lift over drag"),
+        ("eps_mld", "largest lift over drag"),
+        ("thrust_error_table_3", "largest thrust error"),
+        ("collision_force", "collision force over rigid"),
+        ("mean_recovery_time", "mean recovery time"),
+    ):
+        claim = r.claim(name)
+        value = with_unit(claim.computed[claim.judge], claim.unit)
+        whole = re.search(r", (of \d+)$", claim.quantity)
+        value += f" {whole[1]}" if whole else ""
+        under = "" if claim.judge == DATA else f"law {claim.judge} · "
+        parts.append(
+            f'<div class="card {_CLASSES[claim.verdict]}">'
+            f'<span class="name">{escape(label)}</span>'
+            f'<span class="value">{escape(value)}</span>'
+            f'<span class="beside">{escape(under)}paper {escape(claim.paper)}</span></div>'
+        )
+    return f'<div class="cards">{"".join(parts)}</div>'
+
+
+def _board(r: Reproduction) -> str:
+    """Return all claims in three columns, by verdict: the paper's first, then our checks."""
+    columns = []
+    for verdict in (FAILS, HOLDS, OPEN):
+        found = [claim for claim in r.claims if claim.verdict == verdict]
+        found.sort(key=lambda claim: claim.kind == "check")
+        items = "".join(_item(claim) for claim in found)
+        chip = f'<span class="verdict {_CLASSES[verdict]}">{escape(LABELS[verdict])}</span>'
+        columns.append(f"<div><h3>{chip} {len(found)}</h3><ul>{items}</ul></div>")
+    return f'<div class="board">{"".join(columns)}</div>'
+
+
+def _item(claim: Claim) -> str:
+    notes = [f"only {claim.law}"] if claim.disputed and claim.law else []
+    notes += ["our check"] if claim.kind == "check" else []
+    small = f" <small>{escape(', '.join(notes))}</small>" if notes else ""
+    return f'<li><a href="#{escape(claim.name)}">{escape(claim.claim)}</a>{small}</li>'
+
+
+def _claims(r: Reproduction) -> str:
+    laws = list(r.numbers.laws)
+    lines: list[str] = []
+    for group in GROUPS:
+        claims = [claim for claim in r.claims if claim.group == group]
+        if claims:
+            lines.append(
+                f'<tr class="group"><th colspan="{4 + len(laws)}">{escape(group)}</th></tr>'
+            )
+            lines += [_line(claim, laws) for claim in claims]
+    return table(("verdict", "claim", "paper", *laws, "evidence"), lines, "claims")
+
+
+def _line(claim: Claim, laws: list[str]) -> str:
+    chip = (
+        f'<span class="verdict {_CLASSES[claim.verdict]}">{escape(LABELS[claim.verdict])}</span>'
+    )
+    if claim.disputed and claim.law:
+        chip += f'<span class="law">only {escape(claim.law)}</span>'
+    if claim.judge == DATA:
+        value = with_unit(claim.computed[DATA], claim.unit)
+        cells = f'<td colspan="{len(laws)}" class="number">{escape(value)}</td>'
+    else:
+        cells = "".join(
+            f'<td class="number {_CLASSES[claim.verdicts[law]]}">'
+            f"{escape(with_unit(claim.computed[law], claim.unit))} "
+            f"<i>{MARKS[claim.verdicts[law]]}</i></td>"
+            for law in laws
+        )
+    about = f"{KINDS[claim.kind]} · {claim.source}"
+    return (
+        f'<tr id="{escape(claim.name)}"><td>{chip}</td>'
+        f'<th scope="row">{escape(claim.claim)}<small>{escape(about)}</small></th>'
+        f"<td>{escape(claim.paper)}</td>{cells}"
+        f"<td>{escape(claim.evidence)}<small>Compared: {escape(claim.quantity)}. Tolerance: "
+        f"{escape(claim.tolerance)}.</small></td></tr>"
+    )
+
+
+def _figure(name: str, png: bytes) -> str:
+    _, caption, of_paper = FIGURES[name]
+    data = base64.b64encode(png).decode("ascii")
+    return (
+        f'<figure><img alt="{escape(caption)}" src="data:image/png;base64,{data}">'
+        f"<figcaption><b>{escape(of_paper)}.</b> {escape(caption)}.</figcaption></figure>"
+    )

@@ -1,0 +1,80 @@
+"""The whole reproduction: what is printed, what is computed, and all claims."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Final
+
+from tombo_dynamics.propeller import LAWS
+from tombo_propeller.reproduce.claim import FAILS, HOLDS, OPEN, Claim, Maker
+from tombo_propeller.reproduce.collision_claims import COLLISION_CLAIMS
+from tombo_propeller.reproduce.deformation_claims import DEFORMATION_CLAIMS
+from tombo_propeller.reproduce.flight_claims import FLIGHT_CLAIMS
+from tombo_propeller.reproduce.model_claims import MODEL_CLAIMS
+from tombo_propeller.reproduce.numbers import Numbers, compute
+from tombo_propeller.reproduce.optimum_claims import OPTIMUM_CLAIMS
+from tombo_propeller.reproduce.printed import Paper, read_paper
+from tombo_propeller.reproduce.scatter_claims import SCATTER_CLAIMS
+from tombo_propeller.reproduce.table_claims import TABLE_CLAIMS
+from tombo_propeller.reproduce.thrust_claims import THRUST_CLAIMS
+
+MAKERS: Final[tuple[Maker, ...]] = (
+    *TABLE_CLAIMS, *OPTIMUM_CLAIMS, *MODEL_CLAIMS, *THRUST_CLAIMS, *SCATTER_CLAIMS,
+    *DEFORMATION_CLAIMS, *COLLISION_CLAIMS, *FLIGHT_CLAIMS,
+)  # fmt: skip
+GROUPS: Final = (
+    *("Moduli", "Lift over drag", "Maximum thrust", "Thrust"),
+    *("Deformation", "Collision, recovery, noise", "Flight"),
+)
+"""Order in which claims are shown."""
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """The paper, the laws' numbers, and the claims in the order of `GROUPS`."""
+
+    paper: Paper
+    numbers: Numbers
+    claims: tuple[Claim, ...]
+
+    def claim(self, name: str) -> Claim:
+        """Return a claim by its name."""
+        return next(claim for claim in self.claims if claim.name == name)
+
+    def laws(self, name: str, verdict: str = HOLDS) -> list[str]:
+        """Return the laws under which a claim has a verdict."""
+        return [law for law, v in self.claim(name).verdicts.items() if v == verdict]
+
+    def counts(self, *, checks: bool = False) -> dict[str, int]:
+        """Return how many of the paper's claims, or of our checks, have which verdict."""
+        found = [c.verdict for c in self.claims if (c.kind == "check") == checks]
+        return {verdict: found.count(verdict) for verdict in (HOLDS, FAILS, OPEN)}
+
+    def mapping(self) -> dict[str, Any]:
+        """Return the content of `reproduction.json`: the claims and the numbers behind them."""
+        return {
+            "claims": [claim.mapping() for claim in self.claims],
+            "verdicts": {"paper": self.counts(), "checks": self.counts(checks=True)},
+            "computed": dataclasses.asdict(self.numbers),
+        }
+
+
+@lru_cache(maxsize=8)
+def reproduce(laws: tuple[str, ...] = tuple(LAWS)) -> Reproduction:
+    """Recompute the paper under some laws, all by default; a second or two.
+
+    Raises:
+        InputError: unknown law.
+    """
+    paper = read_paper()
+    low, high = (float(s) for s in paper.said["model"]["thrust_speeds_rpm"])
+    return judged(paper, compute(laws, (low, high)))
+
+
+def judged(paper: Paper, numbers: Numbers) -> Reproduction:
+    """Judge every claim from what is printed and what is computed."""
+    claims = [make(paper, numbers) for make in MAKERS]
+    claims.sort(key=lambda claim: GROUPS.index(claim.group))
+    return Reproduction(paper, numbers, tuple(claims))

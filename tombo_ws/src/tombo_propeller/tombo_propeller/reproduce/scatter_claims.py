@@ -1,0 +1,190 @@
+"""What the printed scatter of Table III's thrusts allows to say about the model."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from tombo_propeller.reproduce.claim import (
+    FAILS,
+    HOLDS,
+    OPEN,
+    Claim,
+    Verdict,
+    by_law,
+    each,
+    judge_of,
+    verdicts,
+)
+from tombo_propeller.reproduce.numbers import LawNumbers, Numbers
+from tombo_propeller.reproduce.printed import Paper
+
+Array = NDArray[np.float64]
+
+CHANCE = 0.05
+"""What chance gives more often than this is no evidence."""
+DRAWS = 20_000
+STANDARD_ERRORS = 3.0
+"""A slope this many standard errors from none is one."""
+
+
+def within_deviation(paper: Paper, numbers: Numbers) -> Claim:
+    """Whether measured scatter can explain the differences."""
+    whole = len(paper.table_3)
+    devs = [row.thrust_dev_N.value for row in paper.table_3.values()]
+
+    def away(law: LawNumbers, conf: int) -> float:
+        row = paper.table_3[conf]
+        return abs(law.low[conf].thrust_N - row.thrust_N.value) / row.thrust_dev_N.value
+
+    def chance(law: LawNumbers) -> float:
+        return float(stats.chi2.sf(sum(away(law, c) ** 2 for c in paper.table_3), whole))
+
+    computed = by_law(numbers, chance)
+
+    def worst(law: LawNumbers) -> str:
+        conf = max(paper.table_3, key=lambda c: away(law, c))
+        return f"{away(law, conf):.1f} (Conf. {conf})"
+
+    where = ", ".join(f"{name} {worst(law)}" for name, law in numbers.laws.items())
+    return Claim(
+        name="thrust_within_deviation",
+        group="Thrust",
+        kind="check",
+        claim="The printed thrust deviation explains how far computed thrust is off",
+        source="Table III",
+        paper=f"± {min(devs):g} to {max(devs):g} N",
+        quantity="chance of differences this large (χ², ten propellers)",
+        unit="1",
+        computed=computed,
+        tolerance=f"above {CHANCE:g}, deviations read as standard deviations",
+        verdicts=verdicts(computed, lambda p: p > CHANCE),
+        judge=judge_of(numbers),
+        evidence=f"Farthest off, in deviations: {where}.",
+    )
+
+
+def better_than_mean(paper: Paper, numbers: Numbers) -> Claim:
+    """Whether the model tells one propeller from another."""
+    measured, deviation = _measured(paper)
+    computed = by_law(numbers, lambda law: _rms(_computed(paper, law) - measured))
+    rms_mean = float(_rms(_left_out(measured) - measured))
+
+    def by_chance(law: LawNumbers) -> float:
+        thrust = _computed(paper, law)
+        drawn = draws(thrust, deviation)
+        return 100.0 * float(np.mean(_rms(drawn - thrust) > _rms(_left_out(drawn) - drawn)))
+
+    chance = by_law(numbers, by_chance)
+    return Claim(
+        name="better_than_mean",
+        group="Thrust",
+        kind="check",
+        claim="The model predicts a configuration's thrust better than the others' mean does",
+        source="Table III",
+        paper="–",
+        quantity="RMS error, Conf. 5–13 at 2000 rpm",
+        unit="N",
+        computed=computed,
+        tolerance=f"below {rms_mean:.4f} N, the error of the mean of the other eight",
+        verdicts=verdicts(computed, lambda e: e < rms_mean),
+        judge=judge_of(numbers),
+        evidence=f"The mean of the other eight errs by {rms_mean:.3f} N (their own mean, "
+        f"{measured.mean():.3f} N, by {float(measured.std()):.3f} N); were the law true, the "
+        f"printed scatter would still let the mean win in {each(chance, '{:.0f} %')}.",
+    )
+
+
+def follows_stiffness(paper: Paper, numbers: Numbers) -> Claim:
+    """Whether measured thrust grows with stiffness, as every law says."""
+    measured, deviation = _measured(paper)
+    stiffness = np.array([paper.table_1[c][1].value for c in paper.table_3 if c])
+    found = stats.spearmanr(stiffness, measured)
+    rho, p = float(found.statistic), float(found.pvalue)
+
+    def as_low(law: LawNumbers) -> float:
+        drawn = draws(_computed(paper, law), deviation)
+        return float(np.mean(_rank_correlations(stiffness, drawn) <= rho + 1e-9))
+
+    def slope(law: LawNumbers) -> float:
+        return weighted_slope(_computed(paper, law), measured, deviation)[0]
+
+    computed = by_law(numbers, as_low)
+    error = weighted_slope(_computed(paper, numbers.laws[judge_of(numbers)]), measured, deviation)[
+        1
+    ]
+
+    spans = [_computed(paper, law) for law in numbers.laws.values()]
+    enough = min(float(span.std()) * span.size**0.5 for span in spans) / STANDARD_ERRORS
+
+    def verdict(chance: float | None) -> Verdict:
+        if rho > 0.0 and p < CHANCE:
+            return HOLDS
+        return FAILS if chance is not None and chance < CHANCE else OPEN
+
+    return Claim(
+        name="thrust_follows_stiffness",
+        group="Thrust",
+        kind="check",
+        claim="Measured thrust grows with the nodus' stiffness, as in the model",
+        source="Tables I and III",
+        paper="–",
+        quantity="chance of a rank correlation as low as measured, were the law true",
+        unit="1",
+        computed=computed,
+        tolerance=f"holds: correlated with p < {CHANCE:g}; fails: chance below {CHANCE:g}",
+        verdicts={law: verdict(chance) for law, chance in computed.items()},
+        judge=judge_of(numbers),
+        evidence=f"No order is seen (Spearman's ρ = {rho:.2f}, p = {p:.2f}), but the printed "
+        "deviations could hide it: the slope of measured on computed thrust is "
+        f"{each(by_law(numbers, slope), '{:.1f}')} (± {error:.1f} under law {judge_of(numbers)}), "
+        f"where the law has 1; thrusts known to {enough:.3f} N would show it.",
+    )
+
+
+def draws(thrust: Array, deviation: Array) -> Array:
+    """Return `DRAWS` measurements of thrusts with normal scatter, (DRAWS, n); always the same."""
+    noise = np.random.default_rng(0).standard_normal((DRAWS, thrust.size))
+    return np.asarray(thrust + deviation * noise)
+
+
+def weighted_slope(x: Array, y: Array, deviation: Array) -> tuple[float, float]:
+    """Return the slope of y on x and its standard error, weighted by the deviations of y."""
+    weights = deviation**-2.0
+    apart = x - np.average(x, weights=weights)
+    square = float(np.sum(weights * apart**2))
+    return float(np.sum(weights * apart * y)) / square, square**-0.5
+
+
+def _measured(paper: Paper) -> tuple[Array, Array]:
+    rows = [row for conf, row in paper.table_3.items() if conf]
+    return (
+        np.array([row.thrust_N.value for row in rows]),
+        np.array([row.thrust_dev_N.value for row in rows]),
+    )
+
+
+def _computed(paper: Paper, law: LawNumbers) -> Array:
+    return np.array([law.low[conf].thrust_N for conf in paper.table_3 if conf])
+
+
+def _left_out(values: Array) -> Array:
+    """Return the mean of the others for each of the last axis."""
+    return np.asarray((values.sum(-1, keepdims=True) - values) / (values.shape[-1] - 1))
+
+
+def _rms(errors: Array) -> Any:
+    return np.sqrt(np.mean(errors**2, axis=-1))
+
+
+def _rank_correlations(x: Array, rows: Array) -> Array:
+    """Return Spearman's rho of x with each row; no ties."""
+    ranks = stats.rankdata(rows, axis=-1) - stats.rankdata(x)
+    n = x.size
+    return np.asarray(1.0 - 6.0 * np.sum(ranks**2, axis=-1) / (n * (n * n - 1.0)))
+
+
+SCATTER_CLAIMS = (within_deviation, better_than_mean, follows_stiffness)

@@ -1,0 +1,98 @@
+"""What the tests of the simulator link share: a world, a simulator and a scripted PX4, polled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from hil_peer import Peer, Pilot
+
+from tombo_dynamics.plant import P
+from tombo_flight.scenario import load_scenario, world_of
+from tombo_px4.hil.link import HilLink
+from tombo_px4.hil.lockstep import Hil
+from tombo_px4.hil.params import HilParams
+from tombo_sim.world import World
+
+TURN_NS = 20_000
+"""The benches' clock goes on by so much in each turn."""
+
+
+def hover_world(*settings: str) -> World:
+    return world_of(load_scenario("hover", settings))
+
+
+class Bench:
+    """Simulator and PX4 in one thread, over a real socket; time is made here."""
+
+    def __init__(
+        self,
+        world: World | None = None,
+        pilot: Pilot | None = None,
+        *,
+        silent: int = 9,
+        speed: float = 0.0,
+        **params: Any,
+    ) -> None:
+        self.link = HilLink(0)
+        self.hil = Hil(
+            world or hover_world(), 1, HilParams(**params).check(), self.link, speed=speed
+        )
+        self.now_ns = 10**15
+        self.news: list[str] = []
+        self.peer = Peer(self.link.port, pilot, silent)
+        self.track: list[Any] = []
+        """Time [s], true position and yaw of each step, if `record`."""
+        self.record = False
+
+    @property
+    def position(self) -> Any:
+        return self.hil.flight.simulator.m[P.body : P.body + 3].copy()
+
+    @property
+    def rotation(self) -> Any:
+        """Map from base_link."""
+        return self.hil.flight.simulator.m[P.rotation : P.rotation + 9].reshape(3, 3).copy()
+
+    @property
+    def seconds(self) -> float:
+        return 1e-6 * self.hil.flight.time_us
+
+    def turn(self) -> bool:
+        self.now_ns += TURN_NS
+        stepped = self.hil.advance(self.now_ns)
+        self.news += [news.text for news in self.hil.take_news()]
+        self.peer.pump()
+        if stepped and self.record:
+            forward = self.rotation[:, 0]
+            yaw = np.arctan2(forward[1], forward[0])
+            self.track.append([self.seconds, *self.position, yaw])
+        return stepped
+
+    def until(self, enough: Callable[[], bool], turns: int = 200_000) -> None:
+        for _ in range(turns):
+            if enough():
+                return
+            self.turn()
+        raise AssertionError(f"not in {turns} turns; {self.hil.phase}, news: {self.news}")
+
+    def fly(self, seconds: float) -> None:
+        """Go on to that time of the flight."""
+        self.until(
+            lambda: self.seconds >= seconds - 1e-9, turns=round(1e9 / TURN_NS * seconds) + 20_000
+        )
+
+    def close(self) -> None:
+        self.peer.close()
+        self.link.close()
+
+
+@contextmanager
+def bench(*args: Any, **kwargs: Any) -> Iterator[Bench]:
+    made = Bench(*args, **kwargs)
+    try:
+        yield made
+    finally:
+        made.close()

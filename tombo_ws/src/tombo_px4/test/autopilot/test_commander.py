@@ -1,0 +1,359 @@
+"""Arming, modes, fail-safes: who is refused what, with which words, and when it acts by itself."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from tombo_px4.autopilot.commander import DESCEND, TERMINATE, Commander, Situation
+from tombo_px4.autopilot.parameters import ParameterTable
+from tombo_px4.autopilot.targets import Kind
+from tombo_px4.bridge import modes
+from tombo_px4.protocol.results import Battery, Result
+
+FULL = Battery(12.6, 1.0, 1.0, 0)
+WELL = Situation(
+    tick=10_000,
+    attitude=True,
+    local_position=True,
+    global_position=True,
+    home=True,
+    landed=True,
+    maybe_landed=True,
+    taken_off=False,
+    signal_tick=10_000,
+    kind=Kind.POSITION,
+    battery=FULL,
+    roll=0.0,
+    pitch=0.0,
+)
+NO_GLOBAL = {"global_position": False}
+LOST = {"local_position": False, "global_position": False}
+
+
+class Desk:
+    """A commander, the situation it is told of, and what it said."""
+
+    def __init__(self, mode: modes.Mode = modes.AUTO_HOLD, **parameters: float) -> None:
+        self.table = ParameterTable()
+        for name, value in parameters.items():
+            assert self.table.set(name, value) == ""
+        self.said: list[str] = []
+        self.commander = Commander(self.table, lambda severity, text: self.said.append(text))
+        self.now = WELL
+        assert self.commander.set_mode(mode, self.now) == Result.ACCEPTED
+
+    def see(self, **changes: Any) -> None:
+        self.now = self.now._replace(**changes)
+        self.commander.update(self.now)
+
+    def wait(self, seconds: float, stream: bool = True, **changes: Any) -> None:
+        for _ in range(round(seconds * 50)):
+            tick = self.now.tick + 20
+            changes["signal_tick"] = tick if stream else self.now.signal_tick
+            self.see(tick=tick, **changes)
+
+    def fly(self) -> Desk:
+        assert self.commander.arm(self.now) == Result.ACCEPTED, self.said
+        self.wait(10.0, landed=False, maybe_landed=False, taken_off=True)
+        self.said.clear()
+        return self
+
+    def heard(self, text: str) -> bool:
+        return any(text in said for said in self.said)
+
+
+# --- Arming ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("mode", "changes", "why"),
+    [
+        (modes.AUTO_HOLD, {}, ""),
+        (modes.AUTO_HOLD, {"attitude": False}, "No valid attitude estimate"),
+        (modes.AUTO_HOLD, LOST, "No valid position estimate"),
+        (modes.AUTO_HOLD, NO_GLOBAL, "No valid global position estimate"),
+        (modes.AUTO_TAKEOFF, {}, ""),
+        (modes.AUTO_TAKEOFF, NO_GLOBAL, ""),
+        (modes.AUTO_TAKEOFF, LOST, "No valid position estimate"),
+        (modes.AUTO_LAND, {}, "Mode not suitable for arming"),
+        (modes.AUTO_RTL, {}, "Mode not suitable for arming"),
+        (modes.AUTO_MISSION, {}, "No valid mission available"),
+        (modes.POSCTL, {}, "No manual control input"),
+        (modes.ALTCTL, {}, "No manual control input"),
+        (modes.STABILIZED, {}, "No manual control input"),
+        (modes.ACRO, {}, "No manual control input"),
+        (modes.MANUAL, {}, "No manual control input"),
+        (modes.OFFBOARD, {}, ""),
+        (modes.OFFBOARD, NO_GLOBAL, ""),
+        (modes.OFFBOARD, {"signal_tick": -1}, "No offboard signal"),
+        (modes.OFFBOARD, {"signal_tick": 8_900}, "No offboard signal"),
+        (modes.OFFBOARD, LOST, "No valid position estimate"),
+        (modes.OFFBOARD, {**LOST, "kind": Kind.VELOCITY}, "No valid position estimate"),
+        (modes.OFFBOARD, {**LOST, "kind": Kind.ATTITUDE}, ""),
+        (modes.OFFBOARD, {**LOST, "kind": Kind.RATES}, ""),
+        (modes.AUTO_HOLD, {"battery": FULL._replace(warning=2)}, "Critical battery"),
+        (modes.AUTO_HOLD, {"battery": FULL._replace(warning=1)}, ""),
+    ],
+)
+def test_who_may_arm(mode, changes, why):
+    desk = Desk(mode)
+    desk.see(**changes)
+    assert any(why in p for p in desk.commander.health(desk.now).problems) == bool(why)
+    result = desk.commander.arm(desk.now)
+    if why:
+        assert result == Result.TEMPORARILY_REJECTED and not desk.commander.armed
+        assert desk.heard("Arming denied: Resolve system health failures first")
+        assert desk.heard(f"Preflight Fail: {why}") or desk.heard(why)
+    else:
+        assert result == Result.ACCEPTED and desk.commander.armed
+        assert desk.heard("Armed by")
+
+
+def test_arming_twice_is_accepted_and_said_once():
+    desk = Desk()
+    assert desk.commander.arm(desk.now) == desk.commander.arm(desk.now) == Result.ACCEPTED
+    assert sum("Armed" in text for text in desk.said) == 1
+
+
+def test_disarming_in_the_air_needs_force():
+    desk = Desk().fly()
+    assert desk.commander.disarm(desk.now, False) == Result.TEMPORARILY_REJECTED
+    assert desk.commander.armed and desk.heard("Disarming denied: not landed")
+    assert desk.commander.disarm(desk.now, True) == Result.ACCEPTED
+    assert not desk.commander.armed
+
+
+# --- Modes -----------------------------------------------------------------------------------
+
+ALL_MODES = (
+    modes.MANUAL,
+    modes.ALTCTL,
+    modes.POSCTL,
+    modes.ACRO,
+    modes.STABILIZED,
+    modes.OFFBOARD,
+    modes.AUTO_TAKEOFF,
+    modes.AUTO_HOLD,
+    modes.AUTO_MISSION,
+    modes.AUTO_RTL,
+    modes.AUTO_LAND,
+)
+
+
+@pytest.mark.parametrize("mode", ALL_MODES)
+def test_on_the_ground_any_mode_is_accepted(mode):
+    desk = Desk()
+    desk.see(**LOST, signal_tick=-1)
+    assert desk.commander.set_mode(mode, desk.now) == Result.ACCEPTED
+    desk.see()
+    assert desk.commander.mode == mode and not desk.commander.failsafe
+
+
+@pytest.mark.parametrize(
+    ("mode", "changes"),
+    [
+        (modes.MANUAL, {}),
+        (modes.ALTCTL, {}),
+        (modes.POSCTL, {}),
+        (modes.ACRO, {}),
+        (modes.STABILIZED, {}),
+        (modes.AUTO_MISSION, {}),
+        (modes.OFFBOARD, {"signal_tick": -1}),
+        (modes.AUTO_RTL, NO_GLOBAL),
+        (modes.AUTO_HOLD, NO_GLOBAL),
+        (modes.AUTO_RTL, {"home": False}),
+        (modes.AUTO_TAKEOFF, LOST),
+    ],
+)
+def test_in_flight_a_mode_that_cannot_be_flown_is_refused(mode, changes):
+    desk = Desk(modes.AUTO_TAKEOFF).fly()
+    assert desk.commander.set_mode(mode, desk.now._replace(**changes)) == (
+        Result.TEMPORARILY_REJECTED
+    )
+    assert desk.commander.mode == modes.AUTO_TAKEOFF
+    assert desk.heard("is currently not available")
+
+
+@pytest.mark.parametrize("mode", [modes.Mode(4, 1), modes.Mode(4, 77), modes.Mode(9), DESCEND])
+def test_a_mode_that_is_none_is_refused(mode):
+    desk = Desk()
+    assert desk.commander.set_mode(mode, desk.now) == Result.TEMPORARILY_REJECTED
+    assert desk.heard("Unsupported") and desk.commander.mode == modes.AUTO_HOLD
+
+
+def test_after_landing_the_mode_before_is_back():
+    desk = Desk(modes.OFFBOARD).fly()
+    desk.commander.set_mode(modes.AUTO_LAND, desk.now)
+    desk.wait(4.0, landed=True, maybe_landed=True)
+    assert not desk.commander.armed and desk.commander.mode == modes.OFFBOARD
+
+
+# --- Offboard lost ---------------------------------------------------------------------------
+
+
+def test_a_stream_of_two_set_points_a_second_suffices():
+    desk = Desk(modes.OFFBOARD).fly()
+    for _ in range(20):
+        desk.wait(0.5, stream=False)
+        desk.see(signal_tick=desk.now.tick)
+    assert desk.commander.mode == modes.OFFBOARD and not desk.said
+
+
+def test_the_stream_is_lost_after_the_time_that_is_set():
+    desk = Desk(modes.OFFBOARD, COM_OF_LOSS_T=2.0).fly()
+    desk.wait(1.98, stream=False)
+    assert desk.commander.mode == modes.OFFBOARD
+    desk.wait(0.06, stream=False)
+    assert desk.commander.failsafe and desk.commander.mode == modes.AUTO_RTL
+    assert desk.heard("Failsafe activated")
+
+
+@pytest.mark.parametrize(
+    ("action", "changes", "mode"),
+    [
+        (0, {}, modes.AUTO_RTL),
+        (1, {}, modes.AUTO_RTL),
+        (2, {}, modes.AUTO_RTL),
+        (3, {}, modes.AUTO_RTL),
+        (4, {}, modes.AUTO_LAND),
+        (5, {}, modes.AUTO_HOLD),
+        (0, NO_GLOBAL, modes.AUTO_LAND),
+        (5, NO_GLOBAL, modes.AUTO_LAND),
+        (0, LOST, DESCEND),
+        (4, LOST, DESCEND),
+        (0, {"home": False}, modes.AUTO_LAND),
+    ],
+)
+def test_what_is_done_when_the_stream_is_lost(action, changes, mode):
+    desk = Desk(modes.OFFBOARD, COM_OBL_RC_ACT=action).fly()
+    desk.wait(1.1, stream=False, **changes)
+    assert desk.commander.mode == mode and desk.commander.armed
+
+
+@pytest.mark.parametrize(("action", "again"), [(6, False), (7, True)])
+def test_terminate_and_disarm_stop_the_rotors(action, again):
+    desk = Desk(modes.OFFBOARD, COM_OBL_RC_ACT=action).fly()
+    desk.wait(1.1, stream=False)
+    assert not desk.commander.armed
+    desk.wait(0.1, landed=True, maybe_landed=True)
+    assert (desk.commander.arm(desk.now) == Result.ACCEPTED) == again
+
+
+def test_when_the_stream_is_back_it_goes_on():
+    desk = Desk(modes.OFFBOARD).fly()
+    desk.wait(1.5, stream=False)
+    desk.wait(0.1)
+    assert desk.commander.mode == modes.OFFBOARD and not desk.commander.failsafe
+    assert desk.heard("Failsafe cleared")
+
+
+def test_another_mode_ends_the_fail_safe():
+    desk = Desk(modes.OFFBOARD).fly()
+    desk.wait(1.5, stream=False)
+    assert desk.commander.set_mode(modes.AUTO_LAND, desk.now) == Result.ACCEPTED
+    desk.wait(0.1)  # the stream is back, nobody asked for offboard
+    assert desk.commander.mode == modes.AUTO_LAND and not desk.commander.failsafe
+
+
+def test_position_lost_and_found():
+    desk = Desk(modes.OFFBOARD).fly()
+    desk.wait(0.1, **LOST)
+    assert desk.commander.mode == DESCEND
+    desk.wait(0.1, local_position=True, global_position=True)
+    assert desk.commander.mode == modes.OFFBOARD
+
+
+# --- By itself -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("parameter", "taken_off", "reason"),
+    [("COM_DISARM_LAND", True, "landing"), ("COM_DISARM_PRFLT", False, "preflight")],
+)
+def test_it_disarms_by_itself(parameter, taken_off, reason):
+    desk = Desk(**{parameter: 3.0})
+    desk.commander.arm(desk.now)
+    desk.wait(2.9, taken_off=taken_off)
+    assert desk.commander.armed
+    desk.wait(0.3)
+    assert not desk.commander.armed and desk.heard(reason)
+
+
+@pytest.mark.parametrize("parameter", ["COM_DISARM_LAND", "COM_DISARM_PRFLT"])
+def test_or_never(parameter):
+    desk = Desk(**{parameter: -1.0})
+    desk.commander.arm(desk.now)
+    desk.wait(30.0, taken_off=parameter == "COM_DISARM_LAND")
+    assert desk.commander.armed
+
+
+def test_a_touch_of_the_ground_starts_the_wait_anew():
+    desk = Desk().fly()
+    desk.wait(1.5, landed=True)
+    desk.wait(0.1, landed=False)
+    desk.wait(1.9, landed=True)
+    assert desk.commander.armed
+    desk.wait(0.3, landed=True)
+    assert not desk.commander.armed
+
+
+FALLEN = {"roll": math.radians(65.0)}
+
+
+def test_overturned_in_flight_it_only_warns():
+    desk = Desk().fly()
+    desk.wait(1.0, **FALLEN)
+    assert desk.commander.armed and desk.heard("Critical failure detected")
+
+
+def test_overturned_in_flight_it_stops_if_termination_is_allowed():
+    desk = Desk(CBRK_FLIGHTTERM=0).fly()
+    desk.wait(0.2, **FALLEN)
+    assert desk.commander.armed
+    desk.wait(0.2, **FALLEN)
+    assert not desk.commander.armed and desk.commander.terminated
+
+
+def test_overturned_at_take_off_it_disarms():
+    desk = Desk()
+    desk.commander.arm(desk.now)
+    desk.wait(0.5, pitch=-math.radians(65.0))
+    assert not desk.commander.armed and desk.heard("lockdown")
+
+
+def test_the_tilt_of_a_recovery_is_no_failure():
+    desk = Desk(CBRK_FLIGHTTERM=0).fly()
+    desk.wait(5.0, roll=math.radians(40.0), pitch=math.radians(40.0))
+    desk.wait(0.25, **FALLEN)
+    desk.wait(0.1, roll=0.0)
+    desk.wait(0.25, **FALLEN)
+    assert desk.commander.armed and not desk.heard("Critical failure")
+
+
+@pytest.mark.parametrize(
+    ("action", "warning", "mode"),
+    [
+        (0, 3, modes.OFFBOARD),
+        (2, 1, modes.OFFBOARD),
+        (2, 2, modes.AUTO_LAND),
+        (3, 2, modes.AUTO_RTL),
+        (3, 3, modes.AUTO_LAND),
+    ],
+)
+def test_battery(action, warning, mode):
+    desk = Desk(modes.OFFBOARD, COM_LOW_BAT_ACT=action).fly()
+    desk.wait(0.1, battery=FULL._replace(warning=warning, remaining=0.06))
+    assert desk.commander.mode == mode
+    assert desk.heard("attery")
+
+
+def test_terminated_stays_so():
+    desk = Desk(modes.OFFBOARD).fly()
+    assert desk.commander.terminate(desk.now) == Result.ACCEPTED
+    assert not desk.commander.armed
+    desk.wait(1.0, landed=True, maybe_landed=True)
+    assert desk.commander.arm(desk.now) == Result.TEMPORARILY_REJECTED
+    assert desk.heard("termination") and desk.commander.mode != TERMINATE

@@ -1,0 +1,387 @@
+import struct
+import time
+
+import pytest
+from endpoint_bench import ARM, Client, bench, of, texts
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as mavlink
+
+from tombo_px4.link.status_text import ChunkJoiner
+from tombo_px4.protocol.status_text import StatusTexts
+
+MAV = mavlink.MAVLink(None, 245, 191)
+REQUEST = 512
+
+
+def test_heartbeats_come_once_a_second_even_when_something_changes_and_when_asked_for():
+    with bench() as b:
+        b.settle()
+        assert len(of(b.run(5.0), "HEARTBEAT")) == 5
+        while not of(b.run(0.02), "HEARTBEAT"):
+            pass
+        b.client.command(ARM, 1.0)
+        assert not of(b.run(0.5), "HEARTBEAT")
+        b.client.command(REQUEST, 0.0)
+        assert [h.base_mode & 128 for h in of(b.run(0.02), "HEARTBEAT")] == [128]
+        assert [h.base_mode & 128 for h in of(b.run(1.0), "HEARTBEAT")] == [128]
+
+
+def test_rates_on_the_wire_are_those_of_a_real_px4():
+    with bench() as b:
+        b.settle()
+        heard = b.run(5.0)
+    for kind, rate in (("ATTITUDE", 100), ("HIGHRES_IMU", 50), ("ODOMETRY", 30), ("TIMESYNC", 10)):
+        assert len(of(heard, kind)) == pytest.approx(5 * rate, rel=0.03), kind
+
+
+def test_a_request_for_the_time_is_answered_at_once_with_the_time_since_boot():
+    with bench() as b:
+        b.run(1.0)
+        b.client.send(MAV.timesync_encode(0, 123_456_789))
+        answers = [m for m in of(b.run(0.004), "TIMESYNC") if m.tc1]
+        assert [m.ts1 for m in answers] == [123_456_789]
+        assert answers[0].tc1 == pytest.approx(b.boot_ns, abs=50_000_000)
+
+
+def test_it_asks_for_the_time_on_the_on_board_link_only():
+    with bench("onboard", "ground") as b:
+        b.run(1.0)
+        requests = [[m for m in of(c.seen, "TIMESYNC") if not m.tc1] for c in b.clients]
+    assert [len(r) for r in requests] == [10, 0]
+    assert len({m.ts1 for m in requests[0]}) == 10
+
+
+def test_the_clock_of_the_client_is_learned():
+    ahead_ns = 5_000_000_000_000
+    with bench() as b:
+        sync = b.endpoint.ports[0].timesync
+
+        def answer():
+            for m in of(b.client.seen, "TIMESYNC"):
+                b.client.send(MAV.timesync_encode(b.boot_ns + ahead_ns, m.ts1))
+            b.client.seen.clear()
+
+        b.each_round = answer
+        b.run(2.0)
+        assert sync.converged
+        assert sync.offset_ns == pytest.approx(-ahead_ns, abs=10_000_000)
+
+
+def test_the_opening_of_qgroundcontrol():
+    """Heartbeat, version, modes, metadata, parameters with their hash, plan, then home."""
+    with bench("ground") as b:
+        b.settle()
+        b.client.mav.srcSystem, b.client.mav.srcComponent = 255, 190
+        mav = b.client.mav
+        b.client.send(mav.heartbeat_encode(6, 8, 0, 0, 4))
+        for number, result in ((148, 0), (300, 0), (435, 2), (397, 3), (395, 3), (280, 2)):
+            b.client.command(REQUEST, float(number), target=(1, 1))
+            ack = b.wait("COMMAND_ACK", command=REQUEST)
+            assert (ack.result, ack.target_system) == (result, 255), number
+        assert of(b.client.seen, "AUTOPILOT_VERSION")
+        b.client.send(mav.param_request_list_encode(1, 0))
+        values = of(b.run(1.0), "PARAM_VALUE")
+        assert values[0].param_id == "_HASH_CHECK"
+        assert {v.param_index for v in values[1:]} == set(range(values[0].param_count))
+        for kind in range(3):
+            b.client.send(mav.mission_request_list_encode(1, 1, kind))
+            count = b.wait("MISSION_COUNT")
+            assert (count.count, count.mission_type) == (0, kind)
+        b.client.send(mav.log_request_list_encode(1, 1, 0, 0xFFFF))
+        assert b.wait("LOG_ENTRY").num_logs == 0
+        assert (255, 190) in b.endpoint.inbox.neighbours
+        assert {m.get_type() for m in b.run(3.0)} >= {
+            "HEARTBEAT", "SYS_STATUS", "BATTERY_STATUS", "HOME_POSITION", "GPS_RAW_INT",
+            "GLOBAL_POSITION_INT", "ATTITUDE", "ALTITUDE", "VFR_HUD", "EXTENDED_SYS_STATE",
+        }  # fmt: skip
+
+
+def test_the_opening_of_mavproxy():
+    """Streams the old way, version the old way, parameters one by one, fence and rally."""
+    with bench("ground") as b:
+        b.settle()
+        b.client.mav.srcSystem, b.client.mav.srcComponent = 255, 230
+        mav = b.client.mav
+        b.client.send(
+            mav.heartbeat_encode(6, 8, 0, 0, 4),
+            mav.request_data_stream_encode(1, 1, 0, 4, 1),
+            mav.system_time_encode(1, 1),
+            mav.ping_encode(77, 1, 0, 0),
+        )
+        ping = b.wait("PING")
+        assert (ping.time_usec, ping.target_system, ping.target_component) == (77, 255, 230)
+        b.client.command(520, 1.0)
+        assert b.wait("AUTOPILOT_VERSION")
+        b.client.send(mav.param_request_list_encode(1, 1))
+        values = of(b.run(1.0), "PARAM_VALUE")
+        b.client.send(mav.param_request_read_encode(1, 1, b"", values[7].param_index))
+        assert b.wait("PARAM_VALUE").param_id == values[7].param_id
+        for message in (
+            mav.mission_request_list_encode(1, 1, 1),
+            mav.mission_request_list_encode(1, 1, 2),
+        ):
+            b.client.send(message)
+            assert b.wait("MISSION_COUNT").count == 0
+        assert b.endpoint.voice.counts["REQUEST_DATA_STREAM is not used"] == 1
+
+
+@pytest.mark.parametrize(
+    ("message", "result"),
+    [
+        (MAV.mission_count_encode(1, 1, 3, 0), mavlink.MAV_MISSION_UNSUPPORTED),
+        (MAV.mission_count_encode(1, 1, 0, 0), mavlink.MAV_MISSION_ACCEPTED),
+        (MAV.mission_clear_all_encode(1, 1, 1), mavlink.MAV_MISSION_ACCEPTED),
+        (MAV.mission_request_int_encode(1, 1, 4, 2), mavlink.MAV_MISSION_INVALID_SEQUENCE),
+        (MAV.mission_write_partial_list_encode(1, 1, 0, 3), mavlink.MAV_MISSION_UNSUPPORTED),
+    ],
+)
+def test_a_plan_is_not_taken_and_the_client_is_told(message, result):
+    with bench() as b:
+        b.client.send(message)
+        ack = b.wait("MISSION_ACK")
+    assert ack.type == result
+    assert ack.mission_type == getattr(message, "mission_type", 0)
+    assert (ack.target_system, ack.target_component) == (245, 191)
+
+
+@pytest.mark.parametrize(
+    ("operation", "answer", "data"),
+    [(4, 129, b"\x0a"), (3, 129, b"\x0a"), (77, 129, b"\x07"), (1, 128, b""), (2, 128, b"")],
+)
+def test_there_are_no_files(operation, answer, data):
+    request = struct.pack("<HBBBBBBI", 65535, 0, operation, 9, 0, 0, 0, 0) + b"@PARAM/x "
+    with bench() as b:
+        payload = list(request.ljust(251, b"\x00"))
+        b.client.send(MAV.file_transfer_protocol_encode(0, 1, 1, payload))
+        got = b.wait("FILE_TRANSFER_PROTOCOL")
+    sequence, _, opcode, size, asked = struct.unpack_from("<HBBBB", bytes(got.payload))
+    assert (sequence, opcode, asked) == (0, answer, operation)
+    assert bytes(got.payload)[12 : 12 + size] == data
+
+
+def test_an_answer_of_a_file_server_is_not_answered():
+    with bench() as b:
+        payload = list(struct.pack("<HBBBBBBI", 1, 0, 128, 0, 4, 0, 0, 0).ljust(251, b"\x00"))
+        b.client.send(MAV.file_transfer_protocol_encode(0, 1, 1, payload))
+        assert not of(b.run(0.1), "FILE_TRANSFER_PROTOCOL")
+
+
+def test_sticks_are_ignored_politely():
+    with bench() as b:
+        b.each_round = lambda: b.client.send(MAV.manual_control_encode(1, 0, 0, 500, 0, 0))
+        assert texts(b.run(1.0)) == ["MANUAL_CONTROL ignored: no manual modes here"]
+
+
+def test_the_origin_of_the_map_is_told_when_somebody_sets_one():
+    with bench() as b:
+        b.settle()
+        b.client.send(MAV.set_gps_global_origin_encode(1, 1, 2, 3))
+        origin = b.wait("GPS_GLOBAL_ORIGIN")
+        assert origin.latitude == pytest.approx(1e7 * b.endpoint.origin.latitude_deg, abs=1)
+
+
+def test_messages_with_its_own_ids_are_ignored():
+    with bench() as b:
+        b.client.mav.srcSystem = b.client.mav.srcComponent = 1
+        b.settle()
+        assert b.acks(ARM, 1.0) == []
+        assert any("own ids" in t for t in texts(b.client.seen))
+
+
+def test_two_clients_of_a_link_each_get_their_answers():
+    with bench() as b:
+        other = Client(200, 1)
+        other.there = b.client.there
+        try:
+            b.run(0.1)
+            other.command(31000)
+            b.client.command(31001)
+            b.run(0.02)
+            for client, number in ((other, 31000), (b.client, 31001)):
+                client.collect()
+                acks = of(client.seen, "COMMAND_ACK")
+                assert [a.command for a in acks] == [number]
+        finally:
+            other.socket.close()
+
+
+def test_telemetry_stays_with_who_spoke_first_until_it_has_gone():
+    def counts(seconds):
+        other.collect(), b.client.collect()
+        other.seen.clear(), b.client.seen.clear()
+        b.run(seconds)
+        other.collect()
+        return len(of(b.client.seen, "ATTITUDE")), len(of(other.seen, "ATTITUDE"))
+
+    with bench() as b:
+        other = Client(200, 1)
+        other.there = b.client.there
+        try:
+            assert counts(0.5) == (50, 0)  # nobody has spoken: to where it was told to send
+            b.client.command(31000)
+            b.run(0.1)
+            other.command(31000)
+            assert counts(0.5) == (50, 0)
+            b.run(5.0)
+            other.command(31000)
+            b.run(0.1)
+            assert counts(0.5) == (0, 50)
+            b.run(5.0)
+            assert counts(0.5) == (50, 0)
+        finally:
+            other.socket.close()
+
+
+def test_a_client_that_vanishes_is_no_problem():
+    with bench("onboard", "ground") as b:
+        b.settle()
+        b.client.command(31000)
+        b.run(0.1)
+        b.client.socket.close()
+        for _ in range(250):
+            b.boot_ns += 4_000_000
+            b.endpoint.advance(b.boot_ns, time.time_ns())
+        assert b.vehicle.tick == b.boot_ns // 1_000_000
+        b.clients[1].collect()
+        assert of(b.clients[1].seen, "HEARTBEAT")
+
+
+def test_the_work_of_one_call_is_bounded_and_all_streams_go_on_in_a_flood():
+    with bench("onboard", "ground") as b:
+        b.settle()
+        flooder = Client(99, 99)
+        flooder.there = b.links[0].address
+        bad = MAV.set_position_target_local_ned_encode(0, 1, 1, 77, 0, *11 * [0.0]).pack(
+            flooder.mav
+        )
+
+        def flood():
+            for _ in range(200):  # 50 000 a second, twice what one call takes
+                flooder.send_bytes(bad)
+
+        try:
+            b.each_round = flood
+            b.clients[1].seen.clear()
+            b.run(0.5)
+            assert b.links[0].counters["received"] <= 100 * 126 + 10
+            assert b.vehicle.tick * 1_000_000 == b.boot_ns
+            assert len(of(b.clients[1].seen, "ATTITUDE")) == 10
+            assert len(texts(b.clients[1].seen)) == 1
+            b.each_round = None
+            b.client.command(31000)  # waits behind what is left of the flood
+            b.wait("COMMAND_ACK", 3.0, command=31000)
+        finally:
+            flooder.socket.close()
+
+
+def test_texts_are_no_more_than_people_can_read():
+    with bench() as b:
+        for k in range(1000):
+            b.endpoint.say(4, f"text {k}")
+        assert 30 <= len(of(b.run(0.004), "STATUSTEXT")) <= 50
+        b.run(2.0)
+        b.endpoint.say(4, "again")
+        assert texts(b.run(0.004)) == ["again"]
+
+
+@given(st.text(max_size=400))
+@example("x" * 50)
+@example("x" * 100)
+@example("x" * 300)
+def test_a_long_text_comes_in_pieces_that_fit_together(text):
+    joiner = ChunkJoiner()
+    got = None
+    for message in StatusTexts().messages(MAV, 4, text):
+        (sent,) = mavlink.MAVLink(None).parse_buffer(message.pack(MAV))
+        assert got is None
+        got = joiner.take(sent.severity, sent.text, sent.id, sent.chunk_seq, 0)
+    plain = text.encode("ascii", "replace")[:300].decode().split("\x00")[0]
+    if "\x00" not in text:
+        assert got is not None
+        assert got.text == "".join(c if c.isprintable() else " " for c in plain).strip()
+
+
+def test_two_long_texts_do_not_mix():
+    texts = StatusTexts()
+    first, second = (texts.messages(MAV, 4, letter * 120) for letter in "ab")
+    assert {m.id for m in first} != {m.id for m in second}
+    assert 0 not in {m.id for m in (*first, *second)}
+    assert [m.chunk_seq for m in first] == [0, 1, 2]
+
+
+LETTERS = {
+    "int8_t": "b", "uint8_t": "B", "int16_t": "h", "uint16_t": "H", "int32_t": "i",
+    "uint32_t": "I", "int64_t": "q", "uint64_t": "Q", "float": "f", "double": "d", "char": "c",
+}  # fmt: skip
+KINDS = sorted(mavlink.mavlink_map.values(), key=lambda kind: kind.id)
+"""All messages of the dialect."""
+USED = [
+    kind
+    for kind in KINDS
+    if kind.msgname.startswith(
+        ("COMMAND_", "SET_", "PARAM_", "VISION_POS", "ODOMETRY", "ATT_POS", "TIMESYNC", "MISSION",
+         "FILE_", "LOG_", "PING", "MANUAL", "RC_CHANNELS", "HEARTBEAT")
+    )
+]  # fmt: skip
+
+
+def content(kind, data):
+    """Drawn bytes for all fields of a message, but addressed to the vehicle."""
+    raw = bytearray(data.draw(st.binary(min_size=kind.unpacker.size, max_size=kind.unpacker.size)))
+    types = dict(zip(kind.fieldnames, kind.fieldtypes, strict=True))
+    names = kind.ordered_fieldnames
+    sizes = [
+        max(count, 1) * struct.calcsize(LETTERS[types[name]])
+        for name, count in zip(names, kind.array_lengths, strict=True)
+    ]
+    assert sum(sizes) == len(raw)
+    for name in {"target_system", "target_component"} & set(names):
+        raw[sum(sizes[: names.index(name)])] = 1
+    return bytes(raw)
+
+
+class Raw(mavlink.MAVLink_message):
+    """A message of a kind with given bytes as its content."""
+
+    def __init__(self, kind, payload):
+        super().__init__(kind.id, kind.msgname)
+        self.kind, self.payload = kind, payload
+
+    def pack(self, mav, force_mavlink1=False):
+        return self._pack(mav, self.kind.crc_extra, self.payload, force_mavlink1=force_mavlink1)
+
+
+@pytest.fixture(scope="module")
+def fuzzed():
+    with bench("onboard", "ground") as b:
+        b.settle()
+        yield b
+
+
+@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.data())
+def test_no_content_of_any_message_does_harm(fuzzed, data):
+    b = fuzzed
+    before = b.links[0].counters["received"]
+    for kind in (data.draw(st.sampled_from(USED)), data.draw(st.sampled_from(KINDS))):
+        b.client.send(Raw(kind, content(kind, data)))
+    b.run(0.008)
+    assert b.links[0].counters["received"] == before + 2
+    assert b.vehicle.tick * 1_000_000 == b.boot_ns
+
+
+@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.sampled_from([400, 176, 22, 21, 20, 17, 192, 178, 179, 185, 300, 401, 246, 511, 510, 512]),
+    st.lists(st.floats(width=32), min_size=7, max_size=7),
+)
+def test_no_parameter_of_any_command_does_harm(fuzzed, number, params):
+    assert all(0 <= result <= 8 for result in fuzzed.acks(number, *params))
+
+
+@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.binary(max_size=600))
+def test_garbage_does_no_harm(fuzzed, data):
+    fuzzed.client.send_bytes(data or b"\x00")
+    fuzzed.run(0.004)

@@ -1,0 +1,158 @@
+import math
+
+import numpy as np
+import pytest
+from endpoint_bench import bench, of, texts
+from pymavlink.dialects.v20 import common as mavlink
+
+from tombo_px4.frames import ned_from_enu, px4_quaternion
+from tombo_px4.protocol.vision_input import quaternion_of_angles, read_vision
+
+NAN = math.nan
+MAV = mavlink.MAVLink(None, 1, 1)
+NOTHING = 21 * [NAN]
+NED, FRD, BODY = (
+    mavlink.MAV_FRAME_LOCAL_NED,
+    mavlink.MAV_FRAME_LOCAL_FRD,
+    mavlink.MAV_FRAME_BODY_FRD,
+)
+VISION, MOCAP = mavlink.MAV_ESTIMATOR_TYPE_VISION, mavlink.MAV_ESTIMATOR_TYPE_MOCAP
+LAB = {"EKF2_GPS_CTRL": 0, "SYS_HAS_GPS": 0, "EKF2_EV_CTRL": 11, "EKF2_HGT_REF": 3}
+PLACE = np.array([1.0, -2.0, 0.3])
+"""In map."""
+YAW = 2.0
+ATTITUDE = np.array([0.0, 0.0, math.sin(0.5 * YAW), math.cos(0.5 * YAW)])
+
+
+def odometry(mav=MAV, stamp_us=5, frame=NED, child=BODY, kind=VISION, position=None, q=None):
+    place = ned_from_enu(PLACE).tolist() if position is None else position
+    attitude = px4_quaternion(ATTITUDE).tolist() if q is None else q
+    return mav.odometry_encode(
+        stamp_us, frame, child, *place, attitude, *6 * [NAN], NOTHING, NOTHING, 0, kind, 100
+    )
+
+
+def estimate(mav=MAV, stamp_us=5, place=None, angles=None):
+    place = ned_from_enu(PLACE).tolist() if place is None else place
+    return mav.vision_position_estimate_encode(
+        stamp_us, *place, *((0.0, 0.0, math.pi / 2 - YAW) if angles is None else angles), NOTHING
+    )
+
+
+@pytest.mark.parametrize("message", [odometry(), odometry(frame=FRD), estimate()])
+def test_a_pose_is_read_in_our_frames(message):
+    pose = read_vision(message)
+    assert pose.stamp_us == 5
+    assert pose.position == pytest.approx(PLACE)
+    assert pose.attitude == pytest.approx(ATTITUDE)
+
+
+def test_angles_are_turned_in_the_order_yaw_pitch_roll():
+    w, x, y, z = quaternion_of_angles(0.3, -0.4, 1.2)
+    assert math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)) == pytest.approx(0.3)
+    assert math.asin(2 * (w * y - z * x)) == pytest.approx(-0.4)
+    assert math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)) == pytest.approx(1.2)
+
+
+@pytest.mark.parametrize(
+    ("message", "reason"),
+    [
+        (odometry(kind=MOCAP), "with the type MOCAP is not fused"),
+        (odometry(kind=mavlink.MAV_ESTIMATOR_TYPE_GPS), "estimator type 4 unsupported"),
+        (odometry(frame=mavlink.MAV_FRAME_LOCAL_ENU), "frame 4 unsupported"),
+        (odometry(frame=mavlink.MAV_FRAME_BODY_FRD), "frame 12 unsupported"),
+        (odometry(child=mavlink.MAV_FRAME_GLOBAL), "child frame 0 unsupported"),
+        (odometry(position=[NAN, 0.0, 0.0]), "position is not finite"),
+        (odometry(position=[0.0, math.inf, 0.0]), "position is not finite"),
+        (odometry(position=[0.0, 0.0, 1e6]), "position is out of range"),
+        (odometry(q=[NAN, 0.0, 0.0, 0.0]), "attitude is not finite"),
+        (odometry(q=[0.0, 0.0, 0.0, 0.0]), "attitude is no unit quaternion"),
+        (odometry(q=[2.0, 0.0, 0.0, 0.0]), "attitude is no unit quaternion"),
+        (estimate(place=[0.0, 0.0, NAN]), "position is not finite"),
+        (estimate(angles=[0.0, NAN, 0.0]), "attitude is not finite"),
+        (MAV.att_pos_mocap_encode(5, [1, 0, 0, 0], 0, 0, 0, NOTHING), "is not fused"),
+    ],
+)
+def test_a_pose_that_cannot_be_used_is_refused_with_the_reason(message, reason):
+    refused = read_vision(message)
+    assert isinstance(refused, str) and refused.startswith(reason)
+
+
+def stream(b, make, rate_rounds=5):
+    """Send a pose every few rounds; the client's clock is far from the vehicle's."""
+
+    def each_round():
+        b.client_us = b.boot_ns // 1000 + 7_000_000_000_000
+        for request in of(b.client.seen, "TIMESYNC"):
+            if request.tc1 == 0:
+                b.client.send(b.client.mav.timesync_encode(b.client_us * 1000, request.ts1))
+        b.client.seen.clear()
+        if b.boot_ns // 4_000_000 % rate_rounds == 0:
+            b.client.send(make(b))
+
+    b.each_round = each_round
+
+
+@pytest.mark.parametrize("kind", [odometry, estimate])
+def test_vision_moves_the_estimate_to_where_it_says(kind):
+    with bench(**LAB) as b:
+        stream(b, lambda b: kind(b.client.mav, b.client_us - 20_000))
+        b.run(3.0)
+        assert b.endpoint.ports[0].timesync.converged
+        assert b.vehicle.vision_source
+        assert b.vehicle.estimate.position == pytest.approx(PLACE, abs=0.02)
+        sent = b.wait("ODOMETRY")
+        assert (sent.x, sent.y, sent.z) == pytest.approx((-2.0, 1.0, -0.3), abs=0.02)
+        attitude = b.wait("ATTITUDE")
+        assert attitude.yaw == pytest.approx(math.pi / 2 - YAW, abs=0.03)
+        status = b.wait("SYS_STATUS").onboard_control_sensors_health
+        assert status & mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION
+
+
+def test_stamps_are_converted_with_timesync(monkeypatch):
+    with bench(**LAB) as b:
+        stamps = []
+        vision = b.vehicle.vision
+        monkeypatch.setattr(
+            b.vehicle,
+            "vision",
+            lambda us, p, q: stamps.append((b.boot_ns, us)) or vision(us, p, q),
+        )
+        stream(b, lambda b: odometry(b.client.mav, b.client_us - 40_000))
+        b.run(3.0)
+    ages = [boot_ns / 1e3 - us for boot_ns, us in stamps]
+    assert max(ages[:10]) < 20_000, "before TIMESYNC has converged the time of arrival counts"
+    assert ages[-20:] == pytest.approx(20 * [40_000], abs=8_000)
+
+
+def test_without_a_clock_of_the_client_arrival_counts():
+    with bench(**LAB) as b:
+        b.each_round = lambda: b.client.send(odometry(b.client.mav, 123_456))
+        b.run(1.5)
+        assert b.vehicle.vision_source
+        assert b.vehicle.estimate.position == pytest.approx(PLACE, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda b: odometry(b.client.mav, kind=MOCAP),
+        lambda b: b.client.mav.att_pos_mocap_encode(0, [1, 0, 0, 0], 0, 0, 0, NOTHING),
+    ],
+)
+def test_poses_of_a_motion_capture_are_not_fused_and_it_is_said_once(make):
+    with bench(**LAB) as b:
+        b.each_round = lambda: b.client.send(make(b))
+        said = [t for t in texts(b.run(3.0)) if "is not fused" in t]
+        assert len(said) == 1
+        assert "VISION" in said[0]
+        assert not b.vehicle.health.local_position
+        assert max(b.endpoint.voice.counts.values()) > 500
+
+
+def test_a_refusal_of_the_estimator_is_counted_by_its_reason():
+    with bench(**{**LAB, "EKF2_EV_CTRL": 0}) as b:
+        b.each_round = lambda: b.client.send(odometry(b.client.mav))
+        said = texts(b.run(0.5))
+        assert said == ["ODOMETRY refused: not fused"]
+        assert b.endpoint.voice.counts["ODOMETRY refused"] > 100

@@ -1,0 +1,109 @@
+"""From PX4's controls to rotors: order, spin, range, and where the vehicle hovers."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hil_peer import MAVLINK
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tombo_dynamics.plant import P
+from tombo_dynamics.propeller.choice import PropellerChoice
+from tombo_px4.hil.controls import ControlMap
+from tombo_px4.hil.flight import HilFlight, Motors
+from tombo_px4.hil.params import MAPPINGS, HilParams
+from tombo_sim.beginning import begin
+from tombo_sim.world import SpreadParams, World
+
+EVEN = {"thrust_scatter": {"deviation": 0.0}}
+"""All rotors alike."""
+WORLD = World(spread=SpreadParams(start=0.0, yaw=0.0, obstacle=0.0), effects=EVEN)
+MAPS = begin(WORLD, 0).maps
+
+
+def control_map(mapping: str, world: World = WORLD) -> ControlMap:
+    maps = MAPS if world is WORLD else begin(world, 0).maps
+    return ControlMap(world.vehicle, maps, mapping)
+
+
+@pytest.mark.parametrize(
+    ("conf", "mapping", "hover"),
+    [(13, "thrust", 0.460), (13, "speed", 0.573), (0, "thrust", 0.314), (0, "speed", 0.510)],
+)
+def test_hover_is_where_the_documentation_says(conf, mapping, hover):
+    world = World(propeller=PropellerChoice(conf=conf), spread=WORLD.spread, effects=EVEN)
+    assert control_map(mapping, world).hover == pytest.approx(hover, abs=1e-3)
+
+
+@pytest.mark.parametrize("mapping", MAPPINGS)
+def test_the_vehicle_neither_climbs_nor_sinks_at_the_hover_control(mapping):
+    flight = HilFlight(WORLD, 0, HilParams(mapping=mapping))
+    hover = flight.controls.hover
+    m = flight.simulator.m
+    for _ in range(100):  # the rotors get up to speed, held
+        m[P.body : P.body + 6] = [0.0, 0.0, 20.0, 0.0, 0.0, 0.0]
+        flight.step(Motors([hover] * 4, armed=True))
+    for _ in range(100):
+        flight.step(Motors([hover] * 4, armed=True))
+    assert m[P.body + 5] == pytest.approx(0.0, abs=0.05)
+
+
+@pytest.mark.parametrize("mapping", MAPPINGS)
+def test_controls_reach_from_idle_to_the_highest_speed_and_rise(mapping):
+    mapped = control_map(mapping)
+    speeds = [mapped.speeds([c, 0, 0, 0], True)[0] for c in np.linspace(0.0, 1.0, 51)]
+    assert speeds[0] == pytest.approx(100.0, abs=0.1)
+    assert speeds[-1] == pytest.approx(820.0, abs=0.1)
+    assert np.diff(speeds).min() > 0.0
+    if mapping == "speed":
+        assert np.ptp(np.diff(speeds)) < 1e-6
+
+
+@pytest.mark.parametrize("mapping", MAPPINGS)
+def test_an_unarmed_rotor_stands_still_whatever_is_wanted(mapping):
+    assert control_map(mapping).speeds([0.5, 1.0, 0.2, 0.0], armed=False).tolist() == [0.0] * 4
+
+
+@given(st.lists(st.floats(width=32), min_size=4, max_size=4))
+def test_whatever_comes_the_rotors_stay_in_range_and_what_is_no_control_is_counted(controls):
+    mapped = control_map("thrust")
+    speeds = mapped.speeds(controls, True)
+    bad = [c for c in controls if not -1e-3 <= c <= 1.001]
+    assert mapped.refused == len(bad)
+    assert np.all((speeds >= 99.9) & (speeds <= 820.1))
+    for control, speed in zip(controls, speeds, strict=True):
+        if math.isnan(control) or control > 1.001:
+            assert speed == pytest.approx(100.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("motor", "roll", "pitch", "yaw"),
+    [
+        (0, -1, +1, +1),  # PX4's 1: front right, counter-clockwise
+        (1, +1, -1, +1),  # 2: rear left, counter-clockwise
+        (2, +1, +1, -1),  # 3: front left, clockwise
+        (3, -1, -1, -1),  # 4: rear right, clockwise
+    ],
+)
+def test_more_control_on_one_motor_turns_the_vehicle_as_px4s_quad_x(motor, roll, pitch, yaw):
+    flight = HilFlight(WORLD, 0, HilParams())
+    hover = flight.controls.hover
+    m = flight.simulator.m
+    start = m[P.body : P.body + 13].copy()
+    start[2] = 20.0
+    for _ in range(100):
+        m[P.body : P.body + 13] = start
+        flight.step(Motors([hover] * 4, armed=True))
+    controls = [hover] * 4
+    controls[motor] += 0.1
+    parser = MAVLINK.MAVLink(None)
+    for _ in range(10):
+        heard = parser.parse_buffer(flight.step(Motors(controls, armed=True)))[-1]
+    assert heard.get_type() == "HIL_SENSOR"
+    rates = [heard.xgyro, heard.ygyro, heard.zgyro]
+    assert np.sign(rates).tolist() == [roll, pitch, yaw]
+    assert min(abs(rates[0]), abs(rates[1])) > 0.1
+    assert abs(rates[2]) > 0.02

@@ -1,0 +1,585 @@
+"""A scripted PX4 flies the simulator in lockstep: hovers, climbs, turns; then all goes wrong."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hil_bench import Bench, bench, hover_world
+from hil_peer import Peer, Pilot
+
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.plant import P, part
+from tombo_flight.scenario import load_scenario, world_of
+from tombo_px4.hil.link import HilLink
+from tombo_px4.hil.lockstep import PATIENCE_NS, Hil, Phase
+from tombo_px4.hil.params import HilParams
+
+SECOND_NS = 1_000_000_000
+
+
+def test_px4_flies_a_minute_in_lockstep_without_a_missed_step():
+    with bench() as b:
+        b.record = True
+        b.fly(10.0)
+        assert b.peer.pilot.goal == (0.0, 0.0, -2.0)
+        b.peer.pilot.goal = (2.0, 0.0, -2.0)  # north: map y
+        b.fly(22.0)
+        b.peer.pilot.goal = (2.0, 1.5, -3.0)  # east and up: map x and z
+        b.fly(36.0)
+        b.peer.pilot.heading = 0.0  # from east to north: to the left
+        b.fly(48.0)
+        b.peer.pilot.heading = -1.0
+        b.fly(60.0)
+        track = np.array(b.track)
+        hil = b.hil
+
+        assert b.peer.gap_us == 4000
+        assert (hil.steps, hil.boot_steps) == (15_000, 9)
+        assert hil.answered == hil.steps - 9 - 1  # the last one is under way
+        assert (hil.missed, hil.wrong_time, hil.repeated) == (0, 0, 0)
+        assert b.link.counters["garbage_bytes"] == b.link.counters["bad_checksum"] == 0
+
+    def mean(start: float, stop: float) -> np.ndarray:
+        return track[(track[:, 0] > start) & (track[:, 0] < stop), 1:].mean(axis=0)
+
+    hover, north, up = mean(7, 10), mean(19, 22), mean(33, 36)
+    assert hover[2] == pytest.approx(2.18, abs=0.15)
+    assert north - hover == pytest.approx([0.0, 2.0, 0.0, 0.0], abs=0.25)
+    assert up - north == pytest.approx([1.5, 0.0, 1.0, 0.0], abs=0.25)
+    assert hover[3] == pytest.approx(0.0, abs=0.1)
+    assert mean(45, 48)[3] == pytest.approx(np.pi / 2, abs=0.12)
+    assert mean(57, 60)[3] == pytest.approx(np.pi / 2 + 1.0, abs=0.12)
+    height = track[track[:, 0] > 6.0, 3]
+    assert height.min() > 1.9
+    assert height.max() < 3.5
+
+
+@pytest.mark.parametrize("params", [{"rate": 500.0}, {"rate": 1000.0}, {"mapping": "speed"}])
+def test_it_hovers_at_other_rates_and_with_the_other_mapping(params):
+    pilot = Pilot()
+    if "mapping" in params:
+        pilot.HOVER = 0.573
+    pilot.ALIGN = round(0.4 * params.get("rate", 250.0))
+    with bench(pilot=pilot, **params) as b:
+        b.fly(8.0)
+        assert b.peer.gap_us == round(1e6 / params.get("rate", 250.0))
+        assert b.hil.missed == 0
+        assert b.position[2] == pytest.approx(2.18, abs=0.2)
+
+
+def test_the_same_seed_and_answers_are_the_same_flight():
+    ends = []
+    for _ in range(2):
+        with bench() as b:
+            b.fly(3.0)
+            ends.append(part(b.hil.flight.simulator.m, "body").copy())
+    assert np.array_equal(*ends)
+
+
+def test_the_propeller_folds_when_px4_flies_into_the_obstacle_and_px4_goes_on():
+    world = world_of(load_scenario("paper_collision", ["obstacle.x=1.2", "obstacle.y=0.27"]))
+    with bench(world) as b:
+        b.fly(6.0)
+        assert b.hil.flight.simulator.m[P.contact] == 0.0
+        b.peer.pilot.goal = (0.0, 2.0, -2.0)
+        folds = []
+        while b.seconds < 12.0 and max(folds, default=0.0) != 1.0:
+            if b.turn():
+                folds.append(part(b.hil.flight.simulator.m, "fold").max())
+        assert max(folds) == 1.0
+        b.fly(b.seconds + 1.0)
+        assert b.hil.missed == 0
+
+
+# ---- the start
+
+
+def test_a_silent_start_never_blocks():
+    with bench(silent=40) as b:
+        b.until(lambda: b.hil.steps >= 38)
+        assert b.hil.phase is Phase.BOOTING
+        assert b.hil.flight.rotors.max() == 0.0
+        b.until(lambda: b.hil.answered >= 100)
+        assert b.hil.phase is Phase.FLYING
+        assert (b.hil.boot_steps, b.hil.missed) == (40, 0)
+        assert any("after 40 steps without" in text for text in b.news)
+
+
+def test_without_px4_time_stands_still():
+    with bench() as b:
+        b.peer.close()
+        b.until(lambda: b.hil.flights == 1 and b.hil.phase is Phase.WAITING)
+        for _ in range(100):
+            b.now_ns += SECOND_NS
+            assert not b.hil.advance(b.now_ns)
+        assert b.hil.flight.time_us == 0
+
+
+def test_before_px4_is_armed_the_rotors_stand_still_whatever_it_says():
+    with bench() as b:
+        b.peer.answer = lambda sensor, values: b.peer.controls(sensor, [0.8] * 4, armed=False)
+        b.fly(1.0)
+        assert b.hil.flight.rotors.max() == 0.0
+        b.peer.answer = lambda sensor, values: b.peer.controls(sensor, [0.8] * 4, armed=True)
+        b.fly(1.1)
+        assert b.hil.flight.rotors.min() > 500.0
+        b.peer.answer = lambda sensor, values: b.peer.controls(sensor, [0.8] * 4, armed=False)
+        b.fly(1.2)
+        assert b.hil.flight.rotors.max() == 0.0
+        assert b.news[-2:] == ["armed", "disarmed"]
+
+
+def test_px4_says_how_often_it_wants_the_truth():
+    with bench() as b:
+        b.peer.keep = True
+
+        def ask(message: int, interval_us: float) -> None:
+            command = b.peer.out.command_long_encode(0, 0, 511, 0, message, interval_us, *[0] * 5)
+            b.peer.socket.sendall(command.pack(b.peer.out))
+
+        def truths(seconds: float) -> int:
+            b.fly(b.seconds + 0.1)
+            b.peer.heard.clear()
+            b.fly(b.seconds + seconds)
+            return [m.get_type() for m in b.peer.heard].count("HIL_STATE_QUATERNION")
+
+        assert truths(1.0) == pytest.approx(200, abs=2)  # asked for at the start
+        ask(115, 20_000.0)
+        assert truths(1.0) == pytest.approx(50, abs=1)
+        ask(31, 100_000.0)
+        ask(115, float("nan"))
+        assert truths(1.0) == pytest.approx(50, abs=1)
+        ask(115, -1.0)
+        assert truths(1.0) == 0
+        assert b.link.counters["other_message"] == 2
+
+
+# ---- answers that are none
+
+
+def test_an_answer_with_another_time_is_counted_and_not_flown():
+    with bench() as b:
+        b.fly(4.0)
+        b.peer.answer = lambda sensor, values: (
+            b.peer.controls(sensor, [1.0] * 4, shift_us=-4000)
+            + b.peer.controls(sensor, [1.0] * 4, shift_us=4000)
+            + b.peer.controls(sensor, values)
+        )
+        before = b.hil.wrong_time
+        b.fly(5.0)
+        assert b.hil.wrong_time - before == pytest.approx(500, abs=6)
+        assert b.hil.missed == 0
+        assert b.position[2] == pytest.approx(2.2, abs=0.3)
+
+
+def test_answers_with_wrong_times_only_are_silence():
+    with bench() as b:
+        b.fly(4.0)
+        b.peer.answer = lambda sensor, values: b.peer.controls(sensor, values, shift_us=-8000)
+        steps = b.hil.steps
+        for _ in range(200):
+            b.turn()
+        assert b.hil.steps == steps + 1
+        b.now_ns += PATIENCE_NS
+        b.until(lambda: b.hil.phase is Phase.SILENT)
+        for _ in range(20):
+            b.turn()
+        assert b.hil.wrong_time == 2
+        assert b.hil.missed == 1
+
+
+def test_a_repeated_answer_is_counted_and_the_last_one_counts():
+    with bench() as b:
+        b.fly(4.0)
+        b.peer.answer = lambda sensor, values: (
+            b.peer.controls(sensor, [0.1] * 4) + b.peer.controls(sensor, values)
+        )
+        b.fly(5.0)
+        assert b.hil.repeated == pytest.approx(250, abs=3)
+        assert b.hil.answered == pytest.approx(b.hil.steps - 9, abs=1)
+        assert b.position[2] == pytest.approx(2.2, abs=0.3)
+
+
+def test_controls_that_are_no_numbers_or_out_of_range_are_zero_and_counted():
+    with bench() as b:
+        b.fly(4.0)
+        rotors = []
+
+        def bad(sensor, values):
+            rotors.append(b.hil.flight.rotors.copy())
+            return b.peer.controls(sensor, [float("nan"), 1.5, -0.5, 0.5])
+
+        b.peer.answer = bad
+        b.fly(4.1)
+        idle = 100.0
+        assert rotors[-1][:3] == pytest.approx([idle] * 3, rel=1e-3)
+        assert rotors[-1][3] > 400.0
+        assert b.hil.flight.controls.refused == pytest.approx(3 * 25, abs=9)
+
+
+def test_garbage_between_answers_is_counted_and_the_flight_goes_on():
+    with bench() as b:
+        b.fly(2.0)
+        chance = np.random.default_rng(0)
+
+        def noisy(sensor, values):
+            garbage = chance.bytes(40).replace(b"\xfd", b"").replace(b"\xfe", b"") + b"\xfd\x00"
+            return garbage + b.peer.controls(sensor, values)
+
+        b.peer.answer = noisy
+        b.fly(4.0)
+        assert b.link.counters["garbage_bytes"] > 490 * 40
+        assert b.hil.missed == 0
+        assert b.position[2] == pytest.approx(2.2, abs=0.3)
+
+
+def test_what_looks_like_the_start_of_a_long_message_costs_a_second_at_most():
+    with bench() as b:
+        b.fly(4.0)
+        start = b"\xfd\xff\x00\x00\x00\x01\x01\x5d\x00\x00"  # 267 bytes of controls
+        once = [start]
+        b.peer.answer = lambda sensor, values: (
+            (once.pop() if once else b"") + b.peer.controls(sensor, values)
+        )
+        for _ in range(200):
+            b.turn()
+        assert b.seconds < 4.1
+        for _ in range(4):
+            b.now_ns += PATIENCE_NS
+            b.turn()
+        b.fly(5.0)
+        assert 1 <= b.hil.missed <= 4
+        assert b.position[2] == pytest.approx(2.2, abs=0.3)
+
+
+def test_an_answer_in_pieces_is_an_answer():
+    with bench() as b:
+        b.fly(2.0)
+
+        def in_pieces(sensor, values):
+            data = b.peer.controls(sensor, values)
+            for i in range(0, len(data), 7):
+                b.peer.socket.sendall(data[i : i + 7])
+                b.hil.advance(b.now_ns)
+            return None
+
+        b.peer.answer = in_pieces
+        b.fly(2.5)
+        assert b.hil.missed == b.hil.wrong_time == 0
+
+
+# ---- silence, and PX4 gone
+
+
+def test_silence_in_flight_is_told_after_a_second_and_time_all_but_stands_still():
+    with bench() as b:
+        b.fly(5.0)
+        kept, b.peer.answer = b.peer.answer, lambda sensor, values: None
+        steps = b.hil.steps
+        while b.hil.steps == steps:
+            b.turn()
+        b.now_ns += PATIENCE_NS - SECOND_NS // 10
+        assert not b.turn()
+        assert b.hil.phase is Phase.FLYING
+        for expected in (1, 2, 3):
+            b.now_ns += PATIENCE_NS
+            assert b.turn()
+            b.now_ns += PATIENCE_NS // 2
+            assert not b.turn()
+            assert b.hil.missed == expected
+        assert b.hil.phase is Phase.SILENT
+        told = [text for text in b.news if "has not answered for 1 s" in text]
+        assert len(told) == 1
+        assert told[0].endswith("time stands still but for a step a second")
+        assert b.seconds < 5.1
+
+        b.peer.answer = kept
+        b.now_ns += PATIENCE_NS
+        b.fly(7.0)
+        assert b.hil.phase is Phase.FLYING
+        assert b.news[-1] == "PX4 answers again"
+        assert b.position[2] == pytest.approx(2.2, abs=0.3)
+
+
+def test_a_silent_px4_on_the_ground_gets_its_time_and_comes_back():
+    """In OFFBOARD without set points it has no controls to send."""
+    with bench(speed=1.0, silent=0, rate=500.0) as b:
+        b.peer.pilot.ALIGN = 10**6
+        b.fly(0.5)
+        kept, b.peer.answer = b.peer.answer, lambda sensor, values: None
+        b.now_ns += PATIENCE_NS
+        b.until(lambda: b.hil.phase is Phase.SILENT)
+        start_ns, start_us = b.now_ns, b.hil.flight.time_us
+        b.fly(0.8)
+        pace = 1e3 * (b.hil.flight.time_us - start_us) / (b.now_ns - start_ns)
+        assert 0.3 < pace < 1.0
+        told = [text for text in b.news if "has not answered for 1 s" in text]
+        assert len(told) == 1
+        assert "disarmed, so time goes on" in told[0]
+        assert told[0].endswith("is PX4's IMU_INTEG_RATE 500, as hil.rate?")
+        b.peer.answer = kept
+        b.until(lambda: b.hil.phase is Phase.FLYING)
+        assert b.news[-1] == "PX4 answers again"
+
+
+def test_a_slow_px4_that_was_silent_on_the_ground_gets_back_into_step():
+    with bench(silent=0) as b:
+        b.peer.pilot.ALIGN = 10**6
+        b.fly(0.5)
+        kept, b.peer.answer = b.peer.answer, lambda sensor, values: None
+        b.now_ns += PATIENCE_NS
+        b.until(lambda: b.hil.missed > 5)
+        late = []
+
+        def slowly(sensor, values):
+            late.append((b.now_ns + 8_000_000, kept(sensor, values)))
+
+        b.peer.answer = slowly
+        before = b.hil.answered
+        for _ in range(20_000):
+            b.turn()
+            while late and late[0][0] <= b.now_ns:
+                b.peer.socket.sendall(late.pop(0)[1])
+        assert b.hil.phase is Phase.FLYING
+        assert b.hil.answered - before > 40
+        assert b.hil.wrong_time <= 3
+
+
+def test_a_new_connection_begins_a_new_flight_on_the_ground():
+    with bench() as b:
+        b.fly(5.0)
+        assert b.position[2] > 1.5
+        b.peer.close()
+        b.until(lambda: b.hil.phase is Phase.WAITING)
+        assert "PX4 has left at 5.0" in b.news[-1]
+        assert "armed, 2." in b.news[-1]
+        assert "begins a new one" in b.news[-1]
+
+        b.peer = Peer(b.link.port)
+        b.until(lambda: b.hil.flights == 2)
+        assert b.position[2] < 0.2
+        assert b.hil.flight.rotors.max() == 0.0
+        b.fly(5.0)
+        assert b.peer.gap_us == 4000
+        assert (b.hil.boot_steps, b.hil.missed) == (9, 0)
+        assert b.position[2] == pytest.approx(2.2, abs=0.3)
+
+
+def test_px4_that_left_and_is_back_before_anybody_looked_gets_a_new_flight():
+    with bench() as b:
+        b.fly(3.0)
+        b.peer.close()
+        b.peer = Peer(b.link.port)
+        b.until(lambda: b.hil.flights == 2)
+        b.fly(1.0)
+        assert b.hil.answered > 200
+
+
+def test_a_second_px4_is_turned_away():
+    with bench() as b:
+        b.fly(1.0)
+        with socket.create_connection(("127.0.0.1", b.link.port), timeout=5.0) as second:
+            b.until(lambda: b.link.refused == 1)
+            assert second.recv(10) == b""
+        b.fly(2.0)
+        assert b.hil.flights == 1
+        assert b.hil.missed == 0
+
+
+def test_a_killed_px4_is_noticed_and_its_successor_flies():
+    program = Path(__file__).with_name("hil_peer.py")
+    b = Bench()
+    b.peer.close()
+    processes = []
+
+    def start() -> subprocess.Popen[bytes]:
+        command = [sys.executable, str(program), str(b.link.port), "30"]
+        processes.append(subprocess.Popen(command))
+        return processes[-1]
+
+    def run(enough, seconds=15.0):
+        end = time.monotonic() + seconds
+        while not enough():
+            assert time.monotonic() < end, (b.hil.phase, b.news)
+            if not b.hil.advance(time.monotonic_ns()):
+                b.hil.wait(time.monotonic_ns(), 0.05)
+            b.news += [news.text for news in b.hil.take_news()]
+
+    try:
+        run(lambda: b.hil.flights == 1 and b.hil.phase is Phase.WAITING)
+        flights = b.hil.flights
+        first = start()
+        run(lambda: b.hil.flights == flights + 1 and b.seconds > 3.0)
+        assert b.position[2] > 1.0
+        first.send_signal(signal.SIGKILL)
+        run(lambda: b.hil.phase is Phase.WAITING)
+        assert any("PX4 has left at" in text for text in b.news)
+        start()
+        run(lambda: b.hil.flights == flights + 2 and b.seconds > 3.0)
+        assert b.position[2] > 1.0
+        assert b.hil.missed == 0
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait(10)
+        b.close()
+
+
+def test_px4_without_lockstep_is_told_and_its_answers_are_taken():
+    with bench() as b:
+        b.peer.answer = lambda sensor, values: b.peer.controls(
+            sensor, values, shift_us=123_456, flags=0
+        )
+        b.fly(4.0)
+        assert len([text for text in b.news if "without lockstep" in text]) == 1
+        assert b.hil.missed == 0
+        assert b.position[2] == pytest.approx(2.2, abs=0.5)
+
+
+def test_a_px4_that_reads_nothing_is_dropped_when_too_much_waits():
+    with bench() as b:
+        b.fly(0.5)
+        b.link.send(b"\x00" * (32 << 20))
+        assert not b.link.connected
+
+
+def test_what_the_socket_does_not_take_at_once_goes_later_and_in_order():
+    link = HilLink(0)
+    try:
+        with socket.create_connection(("127.0.0.1", link.port), timeout=5.0) as client:
+            while not link.connected:
+                link.receive()
+            sent, got = b"", b""
+            pieces = iter(range(10_000))
+            while not link.waiting:
+                piece = next(pieces).to_bytes(4, "big") * 50_000
+                sent += piece
+                link.send(piece)
+            while len(got) < len(sent):
+                got += client.recv(1 << 20)
+                link.receive()
+            assert got == sent
+            assert not link.waiting
+    finally:
+        link.close()
+
+
+def test_waiting_ends_when_something_comes():
+    with bench() as b:
+        b.peer.close()
+        start = time.monotonic()
+        b.hil.wait(b.now_ns, 20.0)  # a connection is there
+        b.until(lambda: b.hil.flights == 1 and b.hil.phase is Phase.WAITING)
+        b.hil.wait(b.now_ns, 0.01)
+        b.peer = Peer(b.link.port)
+        b.hil.wait(b.now_ns, 20.0)
+        b.until(lambda: b.hil.phase is Phase.FLYING)
+        assert time.monotonic() - start < 10.0
+
+
+def test_a_watcher_sees_every_tick_and_the_vehicle_of_each_flight():
+    link = HilLink(0)
+    ticks = []
+    hil = Hil(
+        hover_world(),
+        1,
+        HilParams(),
+        link,
+        speed=0.0,
+        watch=lambda simulator: ticks.append((id(simulator), simulator.tick)),
+    )
+    b = Bench()
+    try:
+        b.peer.close()
+        b.link.close()
+        b.hil, b.link = hil, link
+        for _ in range(2):
+            b.peer = Peer(link.port)
+            b.until(lambda: hil.answered > 10)
+            b.peer.close()
+            b.until(lambda: hil.phase is Phase.WAITING)
+        first = [tick for vehicle, tick in ticks if vehicle == ticks[0][0]]
+        second = [tick for vehicle, tick in ticks if vehicle != ticks[0][0]]
+        assert first == list(range(1, len(first) + 1))
+        assert second == list(range(1, len(second) + 1))
+        assert len(second) > 80
+    finally:
+        b.close()
+
+
+# ---- pace
+
+
+@pytest.mark.parametrize("speed", [1.0, 4.0])
+def test_the_pace_is_the_speed(speed):
+    with bench(speed=speed, silent=0) as b:
+        b.until(lambda: b.hil.steps == 10)
+        start_ns, start_us = b.now_ns, b.hil.flight.time_us
+        b.fly(2.0)
+        simulated = b.hil.flight.time_us - start_us
+        assert 1e3 * simulated / (b.now_ns - start_ns) == pytest.approx(speed, rel=0.02)
+        assert b.hil.slips == 0
+
+
+def test_time_that_cannot_be_made_up_for_is_told():
+    with bench(speed=1.0, silent=0) as b:
+        b.fly(0.5)
+        before_us = b.hil.flight.time_us
+        b.now_ns += SECOND_NS
+        b.until(lambda: b.hil.slips > 0)
+        for _ in range(100):
+            b.turn()
+        assert b.hil.flight.time_us - before_us < 50_000
+        assert any("time stretches" in text for text in b.news)
+
+
+def test_silence_is_not_made_up_for():
+    with bench(speed=1.0, silent=0) as b:
+        b.fly(0.5)
+        kept, b.peer.answer = b.peer.answer, lambda sensor, values: None
+        for _ in range(4):
+            b.now_ns += PATIENCE_NS
+            b.turn()
+        b.peer.answer = kept
+        b.now_ns += PATIENCE_NS
+        b.until(lambda: b.hil.phase is Phase.FLYING)
+        start_ns, start_us = b.now_ns, b.hil.flight.time_us
+        b.fly(1.5)
+        simulated_ns = 1000 * (b.hil.flight.time_us - start_us)
+        assert simulated_ns == pytest.approx(b.now_ns - start_ns, rel=0.02)
+        assert b.hil.slips <= 1
+
+
+def test_px4_that_leaves_while_nothing_is_due_is_noticed_at_once():
+    with bench(speed=1.0, silent=0) as b:
+        b.fly(0.5)
+        b.peer.close()
+        b.link.wait(5.0)
+        for _ in range(3):
+            b.hil.advance(b.now_ns)
+        assert b.hil.phase is Phase.WAITING
+
+
+def test_a_busy_port_is_one_line():
+    link = HilLink(0)
+    try:
+        with pytest.raises(InputError, match=rf"port {link.port} .* is taken by another program"):
+            HilLink(link.port)
+    finally:
+        link.close()
+
+
+def test_a_bad_rate_and_a_bad_mapping_are_refused():
+    with pytest.raises(InputError, match="accepted: 250, 333, 500 or 1000"):
+        Bench(rate=400.0)
+    with pytest.raises(InputError, match="out of bounds"):
+        Bench(rate=100.0)
+    with pytest.raises(InputError, match="accepted: thrust, speed"):
+        Bench(mapping="torque")

@@ -1,0 +1,352 @@
+"""What PX4 is shown: every sign, frame and unit of the simulated sensors."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hil_peer import MAVLINK
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tombo_dynamics.plant import P
+from tombo_px4.frames import px4_quaternion
+from tombo_px4.hil.flight import HilFlight, Motors
+from tombo_px4.hil.params import HilParams
+from tombo_px4.hil.sensors import HilSensors, altitude_at, pressure_at
+from tombo_sim.world import SpreadParams, World
+
+LEVEL_FIELD = 0.48 * math.cos(math.radians(63.1))
+AT_ORIGIN = SpreadParams(start=0.0, yaw=0.0, obstacle=0.0)
+
+
+class Shown:
+    """A vehicle and what PX4 hears of it."""
+
+    def __init__(self, world: World | None = None, seed: int = 1, **params: Any) -> None:
+        self.flight = HilFlight(world or World(spread=AT_ORIGIN), seed, HilParams(**params))
+        self.m = self.flight.simulator.m
+        self.parser = MAVLINK.MAVLink(None)
+
+    def step(self, *controls: float) -> dict[str, Any]:
+        """The messages of one step, by name."""
+        motors = Motors(controls, armed=True) if controls else Motors()
+        found = self.parser.parse_buffer(self.flight.step(motors))
+        return {message.get_type(): message for message in found or []}
+
+    def sensor(self) -> Any:
+        return self.step()["HIL_SENSOR"]
+
+    def settle(self, steps: int = 250) -> None:
+        for _ in range(steps):
+            self.flight.step(Motors())
+
+    def hang(self, height: float = 50.0) -> None:
+        """Lift it off the ground, at rest."""
+        self.m[P.body : P.body + 6] = [0.0, 0.0, height, 0.0, 0.0, 0.0]
+
+    def attitude(self, yaw: float = 0.0, roll: float = 0.0) -> None:
+        """Turn it: yaw from east to north, then roll right side down [rad]."""
+        a, b = 0.5 * yaw, 0.5 * roll
+        self.m[P.body + 6 : P.body + 10] = [
+            math.cos(a) * math.sin(b),
+            math.sin(a) * math.sin(b),
+            math.sin(a) * math.cos(b),
+            math.cos(a) * math.cos(b),
+        ]
+
+
+def slow_message(shown: Shown, prepare: Any) -> Any:
+    """The next HIL_SENSOR with all sensors, the vehicle held as prepared."""
+    for _ in range(5):
+        prepare()
+        message = shown.sensor()
+        if message.fields_updated == 0x1FFF:
+            return message
+    raise AssertionError("no complete message in five")
+
+
+# ---- accelerometer and gyro
+
+
+def test_at_rest_the_accelerometer_reads_gravity_upwards_in_frd():
+    shown = Shown()
+    shown.settle()
+    heard = [shown.sensor() for _ in range(100)]
+    force = np.mean([[m.xacc, m.yacc, m.zacc] for m in heard], axis=0)
+    rates = np.mean([[m.xgyro, m.ygyro, m.zgyro] for m in heard], axis=0)
+    assert force == pytest.approx([0.0, 0.0, -9.81], abs=0.01)
+    assert rates == pytest.approx([0.0, 0.0, 0.0], abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("flu", "axis", "meaning"),
+    [
+        ((0.5, 0.0, 0.0), 0, "right side down"),
+        ((0.0, -0.5, 0.0), 1, "nose up"),
+        ((0.0, 0.0, -0.5), 2, "nose to the right"),
+    ],
+)
+def test_the_gyro_is_positive_where_px4_says_so(flu, axis, meaning):
+    shown = Shown()
+    shown.hang()
+    shown.m[P.body + 10 : P.body + 13] = flu
+    shown.sensor()
+    message = shown.sensor()
+    rates = [message.xgyro, message.ygyro, message.zgyro]
+    expected = [0.0, 0.0, 0.0]
+    expected[axis] = 0.5
+    assert rates == pytest.approx(expected, abs=0.02)
+    for _ in range(30):
+        shown.sensor()
+    rotation = shown.m[P.rotation : P.rotation + 9].reshape(3, 3)
+    forward, right = rotation[:, 0], -rotation[:, 1]
+    moved = {"right side down": -right[2], "nose up": forward[2], "nose to the right": -forward[1]}
+    assert moved[meaning] > 0.03
+
+
+@pytest.mark.parametrize(("pushed", "axis", "sign"), [(0, 0, 1.0), (1, 1, -1.0), (2, 2, -1.0)])
+def test_the_accelerometer_has_each_axis_in_frd(pushed, axis, sign):
+    sensors = HilSensors(HilParams(), 0)
+    imu = np.zeros(6)
+    imu[3 + pushed] = 3.0
+    sensors.observe(imu)
+    values = sensors.inertial()
+    assert values[axis] == pytest.approx(sign * 3.0, abs=0.1)
+    assert sum(abs(v) > 0.2 for v in values) == 1
+
+
+def test_a_message_is_the_mean_of_its_interval_and_nothing_is_left_of_it():
+    sensors = HilSensors(HilParams(accel_noise=1e-3, gyro_noise=1e-4), 0)
+    for k in range(4):
+        sensors.observe(np.array([1.0 + k, 0.0, 0.0, 10.0 * k, 0.0, 0.0]))
+    values = sensors.inertial()
+    assert values[0] == pytest.approx(15.0, abs=0.01)
+    assert values[3] == pytest.approx(2.5, abs=0.001)
+    sensors.observe(np.zeros(6))
+    assert np.abs(sensors.inertial()).max() < 0.01
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_strike_stops_at_what_px4_can_hold_and_keeps_its_sign(sign):
+    """2048 steps to a g, 32 768 to 2000 deg/s, in 16 bits; 32 767 is clipped, more would wrap."""
+    sensors = HilSensors(HilParams(), 0)
+    sensors.observe(np.array([sign * 50.0] * 3 + [sign * 400.0] * 3))
+    values = np.array(sensors.inertial(), np.float32)
+    step = np.repeat(np.array([9.80665 / 2048, np.radians(2000 / 32768)], np.float32), 3)
+    kept = (values / step).astype(np.int32)
+    assert kept.tolist() == [sign * 32_767, -sign * 32_767, -sign * 32_767] * 2
+
+
+def test_free_fall_is_no_force():
+    shown = Shown()
+    shown.hang()
+    shown.sensor()
+    message = shown.sensor()
+    assert [message.xacc, message.yacc, message.zacc] == pytest.approx([0, 0, 0], abs=0.15)
+
+
+# ---- barometer, thermometer, pitot tube
+
+
+def test_the_barometer_reads_956_hpa_at_488_m():
+    shown = Shown()
+    message = slow_message(shown, shown.settle)
+    assert message.abs_pressure == pytest.approx(956.0, abs=0.3)
+    assert message.pressure_alt == pytest.approx(488.2, abs=0.3)
+    assert message.temperature == pytest.approx(11.8, abs=0.1)
+
+
+@given(st.floats(-400.0, 10_000.0))
+def test_pressure_and_altitude_are_each_others_inverse(altitude):
+    assert altitude_at(pressure_at(altitude)) == pytest.approx(altitude, abs=1e-6)
+
+
+def test_pressure_falls_with_height_as_in_the_standard_atmosphere():
+    assert pressure_at(0.0) == 101_325.0
+    assert pressure_at(1000.0) == pytest.approx(89_874.6, abs=5.0)
+    shown = Shown()
+    low = slow_message(shown, lambda: shown.hang(10.0))
+    high = slow_message(shown, lambda: shown.hang(110.0))
+    assert high.pressure_alt - low.pressure_alt == pytest.approx(100.0, abs=0.5)
+    assert low.abs_pressure - high.abs_pressure == pytest.approx(11.3, abs=0.2)
+
+
+def test_the_pitot_tube_reads_the_wind_of_flying_forward():
+    shown = Shown()
+
+    def fly() -> None:
+        shown.hang()
+        shown.m[P.body + 3] = 10.0  # east, where the nose is
+
+    assert slow_message(shown, fly).diff_pressure == pytest.approx(0.6125, abs=0.02)
+
+
+# ---- magnetometer
+
+
+@pytest.mark.parametrize("heading", [0.0, 90.0, 180.0, 270.0, 37.0])
+def test_the_magnetometer_turns_with_the_heading(heading):
+    shown = Shown()
+
+    def turn() -> None:
+        shown.hang()
+        shown.attitude(yaw=math.radians(90.0 - heading))
+
+    message = slow_message(shown, turn)
+    # the field points to magnetic north, 3.3 degrees east of north, seen from the vehicle
+    off = math.radians(3.3 - heading)
+    assert message.xmag == pytest.approx(LEVEL_FIELD * math.cos(off), abs=0.01)
+    assert message.ymag == pytest.approx(LEVEL_FIELD * math.sin(off), abs=0.01)
+    assert message.zmag == pytest.approx(0.48 * math.sin(math.radians(63.1)), abs=0.01)
+    read = 3.3 - math.degrees(math.atan2(message.ymag, message.xmag))
+    assert math.remainder(read - heading, 360.0) == pytest.approx(0.0, abs=3.0)
+
+
+def test_the_magnetometer_tilts_with_the_vehicle():
+    shown = Shown()
+
+    def roll() -> None:
+        shown.hang()
+        shown.attitude(yaw=math.pi / 2, roll=math.pi / 2)  # nose north, right side down
+
+    message = slow_message(shown, roll)
+    assert message.ymag == pytest.approx(0.48 * math.sin(math.radians(63.1)), abs=0.01)
+    assert message.zmag == pytest.approx(-LEVEL_FIELD * math.sin(math.radians(3.3)), abs=0.01)
+
+
+# ---- GPS and truth
+
+
+def test_gps_moves_and_speaks_as_the_vehicle_does():
+    shown = Shown(gps_position_noise=0.0, gps_velocity_noise=0.0)
+    fixes = []
+    for _ in range(200):
+        shown.m[P.body + 2] = 50.0
+        shown.m[P.body + 3 : P.body + 6] = [1.0, 2.0, 0.5]
+        messages = shown.step()
+        if "HIL_GPS" in messages:
+            fixes.append(messages["HIL_GPS"])
+    first, last = fixes[1], fixes[-1]
+    assert len(fixes) == pytest.approx(8, abs=1)
+    assert np.diff([fix.time_usec for fix in fixes[1:]]) == pytest.approx(100_000, abs=4000)
+    seconds = 1e-6 * (last.time_usec - first.time_usec)
+    north = math.radians(1e-7 * (last.lat - first.lat)) * 6.371e6
+    shrunk = math.cos(math.radians(47.397742))
+    east = math.radians(1e-7 * (last.lon - first.lon)) * 6.371e6 * shrunk
+    assert north / seconds == pytest.approx(2.0, abs=0.1)
+    assert east / seconds == pytest.approx(1.0, abs=0.1)
+    assert (last.vn, last.ve) == (pytest.approx(200, abs=2), pytest.approx(100, abs=2))
+    assert last.vd == pytest.approx(-50, abs=6)
+    assert last.vel == pytest.approx(224, abs=3)
+    assert last.cog == pytest.approx(2657, abs=30)
+    assert last.fix_type == 3
+    assert last.alt == pytest.approx(538_000, abs=100)
+    assert last.satellites_visible >= 6
+
+
+def test_gps_at_rest_is_noisy_about_the_origin_and_knows_no_course():
+    shown = Shown()
+    fixes = [m["HIL_GPS"] for _ in range(1000) for m in [shown.step()] if "HIL_GPS" in m]
+    places = np.array([[fix.lat, fix.lon] for fix in fixes], np.float64)
+    assert places.mean(axis=0) == pytest.approx([473977420, 85455940], abs=10)
+    assert 3.0 < places[:, 0].std() < 30.0
+    assert {fix.cog for fix in fixes if fix.vel < 10} == {65_535}
+
+
+def test_no_gps_means_none():
+    shown = Shown(gps=False)
+    assert not any("HIL_GPS" in shown.step() for _ in range(200))
+
+
+def test_truth_comes_as_often_as_px4_asks():
+    shown = Shown()
+    assert not any("HIL_STATE_QUATERNION" in shown.step() for _ in range(50))
+    shown.flight.want_truth(5000.0)
+    heard = sum("HIL_STATE_QUATERNION" in shown.step() for _ in range(250))
+    assert heard == pytest.approx(200, abs=1)
+    shown.flight.want_truth(-1.0)
+    assert not any("HIL_STATE_QUATERNION" in shown.step() for _ in range(50))
+    shown.flight.want_truth(1000.0)  # more than there are steps
+    assert all("HIL_STATE_QUATERNION" in shown.step() for _ in range(50))
+
+
+def test_the_truth_is_true():
+    shown = Shown(truth_rate=250.0)
+    shown.settle(2)
+    shown.hang()
+    shown.attitude(yaw=0.3, roll=0.2)
+    shown.m[P.body + 3 : P.body + 6] = [1.0, 2.0, 3.0]
+    shown.m[P.body + 10 : P.body + 13] = [0.1, 0.2, 0.3]
+    true = shown.step()["HIL_STATE_QUATERNION"]
+    q = px4_quaternion(shown.m[P.body + 6 : P.body + 10])
+    assert true.attitude_quaternion == pytest.approx(q.tolist(), abs=1e-6)
+    rates = [true.rollspeed, true.pitchspeed, true.yawspeed]
+    assert rates == pytest.approx([0.1, -0.2, -0.3], abs=0.01)
+    assert [true.vx, true.vy] == pytest.approx([200, 100], abs=2)
+    assert true.vz == pytest.approx(-300 + 4, abs=2)  # 4 ms of free fall
+    assert true.lat == pytest.approx(473977420, abs=2)
+    assert true.alt == pytest.approx(538_012, abs=3)
+    assert true.true_airspeed == pytest.approx(373, abs=5)
+
+
+def test_the_truth_of_a_vehicle_at_rest_is_one_g_upwards():
+    shown = Shown(truth_rate=250.0)
+    shown.settle()
+    true = shown.step()["HIL_STATE_QUATERNION"]
+    assert [true.xacc, true.yacc, true.zacc] == pytest.approx([0, 0, -1000], abs=2)
+
+
+def test_a_force_beyond_the_messages_range_is_cut_off():
+    shown = Shown(truth_rate=250.0)
+    shown.settle(3)
+    shown.m[P.wrench] = 1e6
+    truth = shown.flight.sensors.truth(shown.m)
+    assert truth.force[0] == 32_767
+
+
+# ---- the messages
+
+
+def test_a_step_is_4_ms_and_every_fifth_has_all_sensors():
+    shown = Shown()
+    heard = [shown.sensor() for _ in range(26)]
+    assert [m.time_usec for m in heard] == [4000 * k for k in range(1, 27)]
+    fields = [m.fields_updated for m in heard]
+    assert fields[::5] == [0x1FFF] * 6
+    assert set(fields) == {0x1FFF, 0x3F}
+    assert fields.count(0x1FFF) == 6
+    assert {m.id for m in heard} == {0}
+
+
+def test_hil_sensor_is_the_last_of_a_step_and_never_missing():
+    flight = HilFlight(World(), 0, HilParams(truth_rate=250.0, mocap=True))
+    parser = MAVLINK.MAVLink(None)
+    for _ in range(100):
+        names = [m.get_type() for m in parser.parse_buffer(flight.step(Motors()))]
+        assert names[-1] == "HIL_SENSOR"
+        assert names.count("HIL_SENSOR") == 1
+
+
+def test_no_reading_stands_still_even_without_effects():
+    """PX4 takes a sensor that repeats itself for broken."""
+    shown = Shown()
+    shown.settle()
+    heard = [shown.sensor() for _ in range(101)]
+    for name in ("xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro"):
+        values = [getattr(m, name) for m in heard]
+        assert len(set(values)) == len(values), name
+    whole = [m for m in heard if m.fields_updated == 0x1FFF]
+    for name in ("xmag", "ymag", "zmag", "abs_pressure"):
+        assert len({getattr(m, name) for m in whole}) > 0.9 * len(whole), name
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_one_others():
+    def heard(seed: int) -> bytes:
+        flight = HilFlight(World(), seed, HilParams())
+        return b"".join(flight.step(Motors()) for _ in range(60))
+
+    assert heard(3) == heard(3)
+    assert heard(3) != heard(4)

@@ -1,0 +1,207 @@
+import struct
+
+import pytest
+from endpoint_bench import bench, of, texts
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as mavlink
+
+from tombo_px4.autopilot.parameters import ParameterTable
+from tombo_px4.protocol.parameter_protocol import (
+    ParameterList,
+    ParameterServer,
+    float_of_int,
+    int_of_float,
+    name_of,
+)
+
+MAV = mavlink.MAVLink(None, 1, 1)
+INT32, REAL32, UINT32 = 6, 9, 5
+
+
+def crc_table():
+    for n in range(256):
+        for _ in range(8):
+            n = n >> 1 ^ (0xEDB88320 if n & 1 else 0)
+        yield n
+
+
+CRC_TABLE = list(crc_table())
+
+
+def crc_of_ground_station(data: bytes, crc: int) -> int:
+    """CRC-32 as QGroundControl's `QGC::crc32` and PX4's `crc32part`: from 0, not inverted."""
+    for byte in data:
+        crc = CRC_TABLE[(crc ^ byte) & 0xFF] ^ crc >> 8
+    return crc
+
+
+def set_message(client, name, value, kind, target=(1, 1)):
+    sent = float_of_int(value) if kind == INT32 else value
+    return client.mav.param_set_encode(*target, name.encode(), sent, kind)
+
+
+def read_message(client, name, index=-1, target=(1, 1)):
+    return client.mav.param_request_read_encode(*target, name.encode(), index)
+
+
+@given(st.integers(-(2**31), 2**31 - 1).filter(lambda n: not is_signalling(n)))
+def test_whole_numbers_survive_as_the_bytes_of_a_float(number):
+    assert int_of_float(float_of_int(number)) == number
+    assert struct.pack("<f", float_of_int(number)) == struct.pack("<i", number)
+
+
+def is_signalling(number: int) -> bool:
+    """A signalling NaN, which processors quieten: no parameter is near 2^31."""
+    return number & 0x7F800000 == 0x7F800000 and not number & 0x00400000
+
+
+def test_names_end_at_the_first_zero_and_after_sixteen_letters():
+    assert name_of("MPC_XY_P\x00junk") == "MPC_XY_P"
+    assert name_of(b"COM_OF_LOSS_T\x00\x00\x00") == "COM_OF_LOSS_T"
+    assert len(name_of("A" * 40)) == 16
+
+
+def test_the_list_is_complete_in_the_order_of_the_names_after_the_hash():
+    with bench() as b:
+        b.client.send(b.client.mav.param_request_list_encode(1, 1))
+        values = of(b.run(1.0), "PARAM_VALUE")
+    names = sorted(b.vehicle.parameters.names)
+    first, *rest = values
+    assert (first.param_id, first.param_index, first.param_type) == ("_HASH_CHECK", 65535, UINT32)
+    assert [v.param_id for v in rest] == names
+    assert [v.param_index for v in rest] == list(range(len(names)))
+    assert {v.param_count for v in values} == {len(names)}
+    for value in rest:
+        known = b.vehicle.parameters
+        whole = known.type_of(value.param_id) == "int32"
+        assert value.param_type == (INT32 if whole else REAL32)
+        got = int_of_float(value.param_value) if whole else value.param_value
+        assert got == known.get(value.param_id)
+
+
+def test_the_list_does_not_leave_in_one_burst():
+    with bench() as b:
+        b.client.send(b.client.mav.param_request_list_encode(1, 0))
+        for _ in range(50):
+            assert len(of(b.run(0.004), "PARAM_VALUE")) <= 5
+
+
+def test_the_hash_is_the_one_a_ground_station_works_out():
+    table = ParameterTable()
+    crc = 0
+    for name in sorted(table.names):
+        form = "<i" if table.type_of(name) == "int32" else "<f"
+        value = int(table.get(name)) if form == "<i" else table.get(name)
+        crc = crc_of_ground_station(name.encode() + struct.pack(form, value), crc)
+    server = ParameterServer(table)
+    assert server.hash() == crc
+    assert int_of_float(server.value(MAV, "_HASH_CHECK").param_value) & 0xFFFFFFFF == crc
+    table.set("COM_RC_IN_MODE", 1)
+    assert server.hash() != crc
+
+
+def test_a_ground_station_that_knows_the_hash_stops_the_list():
+    with bench() as b:
+        b.client.send(b.client.mav.param_request_list_encode(1, 1))
+        b.wait("PARAM_VALUE", param_id="_HASH_CHECK")
+        b.client.send(set_message(b.client, "_HASH_CHECK", 0, UINT32))
+        b.run(0.02)
+        assert not of(b.run(0.5), "PARAM_VALUE")
+
+
+def test_a_list_asked_for_again_begins_again_without_the_hash():
+    batches = ParameterList()
+    server = ParameterServer(ParameterTable())
+    batches.begin()
+    taken = [m for k in range(4) for m in batches.take_due(MAV, server, 10_000 * k)]
+    assert taken[0].param_id == "_HASH_CHECK"
+    batches.begin()
+    assert batches.take_due(MAV, server, 90_000)[0].param_index == 0
+
+
+def test_parameters_are_read_by_name_and_by_index():
+    with bench() as b:
+        b.client.send(read_message(b.client, "COM_OF_LOSS_T"))
+        value = b.wait("PARAM_VALUE")
+        assert (value.param_id, value.param_value) == ("COM_OF_LOSS_T", 1.0)
+        b.client.send(read_message(b.client, "", value.param_index))
+        assert b.wait("PARAM_VALUE").param_id == "COM_OF_LOSS_T"
+        b.client.send(read_message(b.client, "_HASH_CHECK"))
+        assert b.wait("PARAM_VALUE").param_id == "_HASH_CHECK"
+
+
+@pytest.mark.parametrize(("name", "index"), [("NO_SUCH", -1), ("", 5000)])
+def test_what_does_not_exist_is_an_error_and_no_value(name, index):
+    with bench() as b:
+        b.client.send(read_message(b.client, name, index))
+        heard = b.run(0.1)
+    (error,) = of(heard, "PARAM_ERROR")
+    assert (error.param_id, error.param_index, error.error) == (name, index, 1)
+    assert (error.target_system, error.target_component) == (245, 191)
+    assert not of(heard, "PARAM_VALUE")
+
+
+def test_a_new_value_acts_and_is_told_on_every_link():
+    with bench("onboard", "ground") as b:
+        b.client.send(set_message(b.client, "EKF2_EV_CTRL", 11, INT32))
+        b.client.send(set_message(b.client, "COM_OF_LOSS_T", 0.5, REAL32))
+        b.run(0.1)
+        assert b.vehicle.parameters.get("EKF2_EV_CTRL") == 11
+        for client in b.clients:
+            values = {v.param_id: v.param_value for v in of(client.seen, "PARAM_VALUE")}
+            assert int_of_float(values["EKF2_EV_CTRL"]) == 11
+            assert values["COM_OF_LOSS_T"] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "kind", "error", "stands"),
+    [
+        ("EKF2_EV_CTRL", 99, INT32, 2, 15),
+        ("EKF2_EV_CTRL", 3.0, REAL32, 7, 15),
+        ("COM_OF_LOSS_T", float("nan"), REAL32, 2, 1.0),
+        ("COM_OF_LOSS_T", float("inf"), REAL32, 2, 1.0),
+        ("COM_OF_LOSS_T", -1.0, REAL32, 2, 1.0),
+        ("COM_OF_LOSS_T", 1, INT32, 7, 1.0),
+    ],
+)
+def test_a_refused_value_is_answered_with_the_one_that_stands(name, value, kind, error, stands):
+    with bench() as b:
+        b.client.send(set_message(b.client, name, value, kind))
+        heard = b.run(0.1)
+        assert b.vehicle.parameters.get(name) == stands
+    assert [e.error for e in of(heard, "PARAM_ERROR")] == [error]
+    (answer,) = of(heard, "PARAM_VALUE")
+    got = answer.param_value
+    assert (int_of_float(got) if answer.param_type == INT32 else got) == stands
+    assert any(name in text for text in texts(heard))
+
+
+def test_setting_what_does_not_exist_is_an_error():
+    with bench() as b:
+        b.client.send(set_message(b.client, "NO_SUCH", 1.0, REAL32))
+        heard = b.run(0.1)
+    assert [e.error for e in of(heard, "PARAM_ERROR")] == [1]
+    assert not of(heard, "PARAM_VALUE")
+
+
+@pytest.mark.parametrize("target", [(2, 1), (1, 7), (0, 1)])
+def test_messages_for_another_vehicle_are_left_alone(target):
+    with bench() as b:
+        b.client.send(
+            b.client.mav.param_request_list_encode(*target),
+            read_message(b.client, "COM_OF_LOSS_T", target=target),
+            set_message(b.client, "COM_OF_LOSS_T", 0.5, REAL32, target=target),
+        )
+        assert not of(b.run(0.2), "PARAM_VALUE")
+        assert b.vehicle.parameters.get("COM_OF_LOSS_T") == 1.0
+
+
+def test_a_stream_of_different_bad_values_is_said_once():
+    with bench() as b:
+        for k in range(50):
+            b.client.send(set_message(b.client, "COM_OF_LOSS_T", -1.0 - k, REAL32))
+        heard = b.run(0.2)
+    assert len(of(heard, "PARAM_ERROR")) == 50
+    assert len(texts(heard)) == 1
+    assert b.endpoint.voice.counts["parameter refused"] == 50

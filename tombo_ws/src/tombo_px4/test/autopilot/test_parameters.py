@@ -1,0 +1,104 @@
+"""The table of parameters: PX4's names and types, what is refused, what is kept."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import tombo_px4.autopilot
+from tombo_px4.autopilot.parameters import PARAMETERS, ParameterTable
+
+
+def test_names_are_such_as_mavlink_can_carry():
+    names = [p.name for p in PARAMETERS]
+    assert len(names) == len(set(names)) >= 60
+    assert all(re.fullmatch(r"[A-Z0-9_]{1,16}", name) for name in names)
+
+
+def test_every_parameter_has_a_default_within_its_bounds_and_a_meaning():
+    for p in PARAMETERS:
+        assert p.low <= p.default <= p.high, p.name
+        assert len(p.doc) > 8 and "\n" not in p.doc, p.name
+        assert p.kind == "float" or all(v == int(v) for v in (p.default, p.low, p.high)), p.name
+
+
+def test_what_is_said_to_act_is_looked_at_and_nothing_else():
+    folder = Path(tombo_px4.autopilot.__file__).parent
+    sources = [*folder.glob("*.py"), *folder.parent.glob("protocol/*.py")]
+    sources.append(folder.parent / "px4_sim_node.py")
+    others = [p for p in sources if p.name != "parameters.py"]
+    text = "".join(path.read_text() for path in others)
+    for p in PARAMETERS:
+        axis = p.name.startswith("EKF2_EV_POS_") and '"EKF2_EV_POS_{axis}"' in text
+        told = p.name in ("MPC_THR_HOVER", "COM_RCL_EXCEPT")  # looked at, to be told to others
+        assert (f'"{p.name}"' in text or axis) == p.acts or told, p.name
+
+
+def test_a_whole_number_stays_one_and_a_float_has_single_precision():
+    table = ParameterTable()
+    assert table.set("EKF2_EV_CTRL", 11) == ""
+    assert isinstance(table.get("EKF2_EV_CTRL"), int) and table.get("EKF2_EV_CTRL") == 11
+    assert table.set("MPC_XY_VEL_MAX", 2.3) == ""
+    assert table.get("MPC_XY_VEL_MAX") == float(np.float32(2.3)) != 2.3
+    assert table.type_of("EKF2_EV_CTRL") == "int32"
+    assert table.type_of("MPC_XY_VEL_MAX") == "float"
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "why"),
+    [
+        ("NO_SUCH_ONE", 1.0, "unknown"),
+        ("EKF2_EV_CTRL", 1.5, "whole"),
+        ("EKF2_EV_CTRL", 16, "out of bounds 0 to 15"),
+        ("MPC_XY_VEL_MAX", -0.1, "out of bounds 0 to 20"),
+        ("MPC_XY_VEL_MAX", math.nan, "no number"),
+        ("EKF2_EV_CTRL", math.inf, "no number"),
+    ],
+)
+def test_what_is_refused_changes_nothing(name, value, why):
+    table = ParameterTable()
+    before = {n: table.get(n) for n in table}
+    assert why in table.set(name, value)
+    assert {n: table.get(n) for n in table} == before
+
+
+def test_bounds_themselves_are_accepted_in_single_precision():
+    table = ParameterTable()
+    for p in PARAMETERS:
+        assert table.set(p.name, p.low) == "" and table.set(p.name, p.high) == "", p.name
+
+
+def test_what_fits_the_vehicle_gives_way_to_what_somebody_set():
+    table = ParameterTable()
+    table.suit("MPC_THR_HOVER", 0.47)
+    assert table.get("MPC_THR_HOVER") == pytest.approx(0.47)
+    table.set("MPC_THR_HOVER", 0.3)
+    table.suit("MPC_THR_HOVER", 0.47)
+    assert table.get("MPC_THR_HOVER") == pytest.approx(0.3)
+
+
+def test_the_version_tells_of_changes_only():
+    table = ParameterTable()
+    version = table.version
+    table.set("MIS_TAKEOFF_ALT", table.get("MIS_TAKEOFF_ALT"))
+    assert table.version == version
+    table.set("MIS_TAKEOFF_ALT", 5.0)
+    assert table.version == version + 1
+
+
+@given(st.sampled_from(PARAMETERS), st.floats(allow_nan=True, allow_infinity=True))
+def test_whatever_is_set_the_value_stays_within_bounds(parameter, value):
+    table = ParameterTable()
+    refused = table.set(parameter.name, value)
+    kept = table.get(parameter.name)
+    assert np.float32(parameter.low) <= np.float32(kept) <= np.float32(parameter.high)
+    if refused:
+        assert kept == ParameterTable().get(parameter.name)
+    else:
+        assert kept == np.float32(value)

@@ -1,0 +1,161 @@
+from collections import Counter
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tombo_dynamics.errors import InputError
+from tombo_px4.protocol.streams import STREAM_SETS, StreamTable
+
+OFFERED = {
+    0: "HEARTBEAT",
+    1: "SYS_STATUS",
+    2: "SYSTEM_TIME",
+    24: "GPS_RAW_INT",
+    30: "ATTITUDE",
+    31: "ATTITUDE_QUATERNION",
+    32: "LOCAL_POSITION_NED",
+    33: "GLOBAL_POSITION_INT",
+    36: "SERVO_OUTPUT_RAW",
+    74: "VFR_HUD",
+    83: "ATTITUDE_TARGET",
+    85: "POSITION_TARGET_LOCAL_NED",
+    105: "HIGHRES_IMU",
+    115: "HIL_STATE_QUATERNION",
+    141: "ALTITUDE",
+    147: "BATTERY_STATUS",
+    230: "ESTIMATOR_STATUS",
+    241: "VIBRATION",
+    242: "HOME_POSITION",
+    245: "EXTENDED_SYS_STATE",
+    331: "ODOMETRY",
+}
+HEARTBEAT, ATTITUDE, TRUTH, BATTERY = 0, 30, 115, 147
+MEASURED_HZ = {
+    "HEARTBEAT": 1,
+    "ATTITUDE": 99,
+    "ATTITUDE_QUATERNION": 49,
+    "HIGHRES_IMU": 49,
+    "LOCAL_POSITION_NED": 30,
+    "ODOMETRY": 30,
+    "GLOBAL_POSITION_INT": 49,
+    "ATTITUDE_TARGET": 10,
+    "POSITION_TARGET_LOCAL_NED": 10,
+    "ALTITUDE": 10,
+    "SERVO_OUTPUT_RAW": 10,
+    "VFR_HUD": 10,
+    "SYS_STATUS": 5,
+    "EXTENDED_SYS_STATE": 5,
+    "ESTIMATOR_STATUS": 1,
+    "HOME_POSITION": 0.4,
+    "BATTERY_STATUS": 0.4,
+}
+
+
+def table(stream_set="onboard"):
+    return StreamTable(stream_set, OFFERED, 0)
+
+
+def sent(streams, seconds, start=0):
+    """How often each message is due, asked every millisecond."""
+    count = Counter()
+    for us in range(start, start + round(seconds * 1e6), 1000):
+        if us >= streams.next_us:
+            count.update(streams.take_due(us))
+    return count
+
+
+def test_the_on_board_link_carries_what_a_real_px4_sends():
+    count = sent(table(), 20.0)
+    for number, name in OFFERED.items():
+        if name in MEASURED_HZ:
+            assert count[number] / 20.0 == pytest.approx(MEASURED_HZ[name], rel=0.03), name
+
+
+def test_a_ground_station_gets_less_than_half_of_it_and_no_imu():
+    onboard, ground = sent(table(), 10.0), sent(table("ground"), 10.0)
+    assert ground.total() < 0.5 * onboard.total()
+    assert ground[105] == 0
+    assert ground[HEARTBEAT] == 10
+
+
+@pytest.mark.parametrize("stream_set", STREAM_SETS)
+def test_ground_truth_comes_only_on_request(stream_set):
+    streams = table(stream_set)
+    assert sent(streams, 5.0)[TRUTH] == 0
+    assert streams.set_interval(TRUTH, 20_000, 5_000_000)
+    assert sent(streams, 5.0, 5_000_000)[TRUTH] == 250
+
+
+def test_intervals_are_changed_stopped_and_given_back():
+    streams = table()
+    assert streams.set_interval(ATTITUDE, 20_000, 0)
+    assert streams.interval(ATTITUDE) == 20_000
+    assert sent(streams, 2.0)[ATTITUDE] in (99, 100, 101)
+    assert streams.set_interval(ATTITUDE, -1, 2_000_000)
+    assert streams.interval(ATTITUDE) == -1
+    assert sent(streams, 2.0, 2_000_000)[ATTITUDE] == 0
+    assert streams.set_interval(ATTITUDE, 0, 4_000_000)
+    assert streams.interval(ATTITUDE) == 10_000
+
+
+def test_a_message_without_a_default_is_stopped_by_asking_for_it():
+    streams = table()
+    streams.set_interval(TRUTH, 10_000, 0)
+    assert streams.set_interval(TRUTH, 0, 0)
+    assert streams.interval(TRUTH) == -1
+
+
+def test_heartbeat_stays_and_an_unknown_message_is_refused():
+    streams = table()
+    assert not streams.set_interval(HEARTBEAT, 10_000, 0)
+    assert not streams.set_interval(4242, 10_000, 0)
+    assert streams.interval(HEARTBEAT) == 1_000_000
+    assert streams.interval(4242) == 0
+
+
+def test_nobody_can_ask_for_more_than_a_px4_publishes():
+    streams = table()
+    streams.set_interval(ATTITUDE, 1, 0)
+    streams.set_interval(BATTERY, 1, 0)
+    count = sent(streams, 2.0)
+    assert count[ATTITUDE] == pytest.approx(500, abs=2)
+    assert count[BATTERY] == pytest.approx(100, abs=2)
+
+
+def test_what_was_missed_is_not_made_up_for():
+    streams = table()
+    streams.take_due(0)
+    streams.take_due(3_000_000)
+    assert ATTITUDE not in streams.take_due(3_000_001)
+    assert streams.next_us > 3_000_001
+
+
+def test_an_unknown_stream_set_is_refused():
+    with pytest.raises(InputError, match=r"'gcs'.*accepted: onboard, ground"):
+        table("gcs")
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from([*OFFERED, 4242]),
+            st.floats(-1e7, 1e18, allow_nan=False),
+            st.integers(0, 400),
+        ),
+        max_size=12,
+    )
+)
+def test_each_message_keeps_its_interval_whatever_is_asked_for(wishes):
+    streams = table()
+    last: dict[int, int] = {}
+    for number, interval, wait_ms in wishes:
+        now = max(last.values(), default=0) + 1000 * wait_ms
+        streams.set_interval(number, interval, now)
+        last.pop(number, None)
+        due = streams.take_due(now)
+        assert len(due) == len(set(due))
+        for taken in due:
+            assert now >= last.get(taken, -(10**12)) + 4000
+            last[taken] = now
+        assert streams.next_us > now

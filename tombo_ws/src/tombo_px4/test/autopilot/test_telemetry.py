@@ -1,0 +1,296 @@
+import math
+import struct
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from endpoint_bench import ARM, bench, of
+from pymavlink.dialects.v20 import common as mavlink
+from pymavlink.generator.mavcrc import x25crc
+
+from tombo_dynamics.plant import P
+from tombo_px4.autopilot.parameters import ParameterTable
+from tombo_px4.autopilot.system_status import base_mode, system_state
+from tombo_px4.autopilot.vehicle import Px4Vehicle
+from tombo_px4.frames import GeoOrigin
+from tombo_px4.protocol.picture import Picture
+from tombo_px4.protocol.telemetry import Telemetry
+from tombo_sim.world import World
+
+MAV = mavlink.MAVLink(None, 1, 1)
+ORIGIN = GeoOrigin(47.0, 8.0, 400.0)
+YAW = 0.7
+"""Counter-clockwise from east."""
+
+
+@pytest.fixture(scope="module")
+def flying():
+    """A vehicle on its way, turned, with its telemetry."""
+    with bench() as b:
+        b.take_off(0.8)
+        b.vehicle.reposition(np.array([1.5, -0.8, 1.6]), YAW)
+        b.run(1.4)
+        yield b
+
+
+@pytest.fixture
+def tell(flying):
+    """A function that gives a message, as it arrives."""
+    telemetry = Telemetry(flying.vehicle, ORIGIN)
+
+    def message(name):
+        number = getattr(mavlink, f"MAVLINK_MSG_ID_{name}")
+        sent = telemetry.message(number, MAV)
+        receiver = mavlink.MAVLink(None)
+        (arrived,) = receiver.parse_buffer(sent.pack(MAV))
+        return arrived
+
+    return message
+
+
+def test_it_really_flies_and_turns(flying):
+    estimate = flying.vehicle.estimate
+    assert np.linalg.norm(estimate.velocity[:2]) > 0.2
+    assert flying.vehicle.armed
+
+
+def test_every_message_is_of_the_present_tick(flying, tell):
+    boot_us = flying.vehicle.boot_us
+    for name in ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT",
+                 "ATTITUDE_TARGET", "POSITION_TARGET_LOCAL_NED", "SYSTEM_TIME"):  # fmt: skip
+        assert tell(name).time_boot_ms * 1000 == boot_us, name
+    for name in ("ODOMETRY", "HIGHRES_IMU", "ALTITUDE", "GPS_RAW_INT", "SERVO_OUTPUT_RAW",
+                 "ESTIMATOR_STATUS", "HIL_STATE_QUATERNION", "VIBRATION",
+                 "HOME_POSITION"):  # fmt: skip
+        assert tell(name).time_usec == boot_us, name
+
+
+def test_position_and_velocity_are_north_east_down(flying, tell):
+    e, sent = flying.vehicle.estimate, tell("LOCAL_POSITION_NED")
+    east, north, up = e.position
+    assert (sent.x, sent.y, sent.z) == pytest.approx((north, east, -up), abs=1e-5)
+    east, north, up = e.velocity
+    assert (sent.vx, sent.vy, sent.vz) == pytest.approx((north, east, -up), abs=1e-5)
+
+
+def test_the_heading_is_clockwise_from_north(flying, tell):
+    x, y, z, w = flying.vehicle.estimate.attitude
+    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    heading = math.pi / 2 - yaw
+    assert tell("ATTITUDE").yaw == pytest.approx(heading, abs=1e-5)
+    assert tell("VFR_HUD").heading == round(math.degrees(heading)) % 360
+    assert tell("GLOBAL_POSITION_INT").hdg == pytest.approx(100 * math.degrees(heading), abs=1)
+
+
+def test_quaternion_and_angles_agree_in_all_messages(tell):
+    a, q, odometry = tell("ATTITUDE"), tell("ATTITUDE_QUATERNION"), tell("ODOMETRY")
+    w, x, y, z = q.q1, q.q2, q.q3, q.q4
+    assert odometry.q == pytest.approx([w, x, y, z])
+    assert a.roll == pytest.approx(math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)))
+    assert a.pitch == pytest.approx(math.asin(2 * (w * y - z * x)), abs=1e-6)
+    assert abs(a.roll) + abs(a.pitch) > 1e-3
+
+
+def test_the_odometry_has_velocity_in_the_world_and_rates_in_the_body(flying, tell):
+    o, v = tell("ODOMETRY"), tell("LOCAL_POSITION_NED")
+    assert (o.frame_id, o.child_frame_id) == (
+        mavlink.MAV_FRAME_LOCAL_NED,
+        mavlink.MAV_FRAME_LOCAL_NED,
+    )
+    assert o.estimator_type == mavlink.MAV_ESTIMATOR_TYPE_AUTOPILOT
+    assert (o.vx, o.vy, o.vz) == (v.vx, v.vy, v.vz) != (0.0, 0.0, 0.0)
+    forward, left, up = flying.vehicle.estimate.rates
+    rates = (o.rollspeed, o.pitchspeed, o.yawspeed)
+    assert rates == pytest.approx((forward, -left, -up), abs=1e-6)
+
+
+def test_the_odometry_tells_its_variances(flying, tell):
+    o = tell("ODOMETRY")
+    diagonal = [o.pose_covariance[i] for i in (0, 6, 11, 15, 18, 20)]
+    x, y, *rest = flying.vehicle.pose_variance
+    assert diagonal == pytest.approx([y, x, *rest], rel=1e-5)
+    assert all(v > 0 for v in diagonal)
+    assert sum(1 for v in o.pose_covariance if not math.isnan(v)) == 6
+    assert o.velocity_covariance[0] > 0
+
+
+def test_variances_change_places_with_the_axes():
+    stub = SimpleNamespace(pose_variance=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0), boot_us=0)
+    assert Picture(stub, ORIGIN).pose_variance == [2.0, 1.0, 3.0, 4.0, 5.0, 6.0]
+
+
+def test_the_globe_is_told_in_its_units(flying, tell):
+    g = tell("GLOBAL_POSITION_INT")
+    back = ORIGIN.local_of(1e-7 * g.lat, 1e-7 * g.lon, 1e-3 * g.alt)
+    assert back == pytest.approx(flying.vehicle.estimate.position, abs=0.02)
+    above_home = flying.vehicle.estimate.position[2] - flying.vehicle.home[2]
+    assert 1e-3 * g.relative_alt == pytest.approx(above_home, abs=1e-3)
+    local = tell("LOCAL_POSITION_NED")
+    assert (g.vx, g.vy, g.vz) == pytest.approx(
+        (100 * local.vx, 100 * local.vy, 100 * local.vz), abs=0.51
+    )
+    a = tell("ALTITUDE")
+    assert a.altitude_amsl == pytest.approx(400.0 - local.z, abs=1e-3)
+    assert a.altitude_relative == pytest.approx(above_home, abs=1e-4)
+
+
+def test_the_imu_is_front_right_down(flying, tell):
+    imu = tell("HIGHRES_IMU")
+    gx, gy, gz, fx, fy, fz = flying.vehicle.simulator.imu
+    assert (imu.xgyro, imu.ygyro, imu.zgyro) == pytest.approx((gx, -gy, -gz), abs=1e-6)
+    assert (imu.xacc, imu.yacc, imu.zacc) == pytest.approx((fx, -fy, -fz), abs=1e-5)
+    assert imu.fields_updated & 0x3F == 0x3F
+
+
+def test_the_magnetometer_gives_the_heading_back(tell):
+    imu, a = tell("HIGHRES_IMU"), tell("ATTITUDE")
+    cr, sr, cp, sp = math.cos(a.roll), math.sin(a.roll), math.cos(a.pitch), math.sin(a.pitch)
+    ahead = imu.xmag * cp + imu.ymag * sr * sp + imu.zmag * cr * sp
+    right = imu.ymag * cr - imu.zmag * sr
+    declination = math.atan2(0.01, 0.21)
+    assert math.atan2(-right, ahead) + declination == pytest.approx(a.yaw, abs=0.1)
+
+
+def test_the_ground_truth_is_the_truth(flying, tell):
+    truth, m = tell("HIL_STATE_QUATERNION"), flying.vehicle.simulator.m
+    back = ORIGIN.local_of(1e-7 * truth.lat, 1e-7 * truth.lon, 1e-3 * truth.alt)
+    assert back == pytest.approx(m[P.body : P.body + 3], abs=0.02)
+    east, north, up = m[P.body + 3 : P.body + 6]
+    assert (truth.vx, truth.vy, truth.vz) == pytest.approx(
+        (100 * north, 100 * east, -100 * up), abs=0.51
+    )
+    assert truth.zacc == pytest.approx(-1000, abs=300)
+
+
+def test_set_points_are_told_as_they_are_followed(flying, tell):
+    p = tell("POSITION_TARGET_LOCAL_NED")
+    wanted = flying.vehicle.position_setpoint
+    assert (p.x, p.y, p.z) == pytest.approx(
+        (wanted.position[1], wanted.position[0], -wanted.position[2]), abs=1e-5
+    )
+    assert p.yaw == pytest.approx(math.pi / 2 - wanted.yaw, abs=1e-5)
+    assert p.type_mask & 0b111 == 0
+    assert bool(p.type_mask & 1 << 11) == math.isnan(p.yaw_rate)
+    a = tell("ATTITUDE_TARGET")
+    assert 0.2 < a.thrust < 0.8
+    assert a.q == pytest.approx(tell("ODOMETRY").q, abs=0.1)
+    forward, left, up = flying.vehicle.attitude_setpoint.rates
+    rates = (a.body_roll_rate, a.body_pitch_rate, a.body_yaw_rate)
+    assert rates == pytest.approx((forward, -left, -up), abs=1e-6)
+
+
+def test_motors_are_told_in_the_order_of_px4(flying, tell):
+    s, shares = tell("SERVO_OUTPUT_RAW"), flying.vehicle.rotor_shares
+    pulses = (s.servo1_raw, s.servo2_raw, s.servo3_raw, s.servo4_raw)
+    assert pulses == pytest.approx(tuple(1000 + 1000 * shares), abs=1)
+    assert all(1300 < p < 2000 for p in pulses)
+
+
+def test_a_flying_vehicle_says_so(flying, tell):
+    beat = tell("HEARTBEAT")
+    assert (beat.type, beat.autopilot) == (mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4)
+    assert beat.base_mode == 1 | 4 | 8 | 16 | 128
+    assert beat.custom_mode == 4 << 16 | 3 << 24
+    assert beat.system_status == mavlink.MAV_STATE_ACTIVE
+    assert tell("EXTENDED_SYS_STATE").landed_state == mavlink.MAV_LANDED_STATE_IN_AIR
+    status = tell("SYS_STATUS")
+    assert status.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_SENSOR_GPS
+    assert status.voltage_battery == pytest.approx(12600, abs=400)
+    battery = tell("BATTERY_STATUS")
+    assert sum(v for v in battery.voltages if v != 65535) == pytest.approx(
+        status.voltage_battery, abs=3
+    )
+    assert battery.current_battery > 100
+    assert tell("ESTIMATOR_STATUS").flags & mavlink.ESTIMATOR_POS_HORIZ_ABS
+
+
+def test_a_vehicle_at_rest_says_so():
+    with bench() as b:
+        b.settle()
+        b.run(3.0)
+        last = {m.get_type(): m for m in b.client.seen}
+    assert last["HEARTBEAT"].system_status == mavlink.MAV_STATE_STANDBY
+    assert last["HEARTBEAT"].base_mode & 128 == 0
+    assert last["EXTENDED_SYS_STATE"].landed_state == 1
+    assert last["SERVO_OUTPUT_RAW"].servo1_raw == 900
+    assert last["VFR_HUD"].throttle == 0
+    imu = last["HIGHRES_IMU"]
+    assert (imu.xacc, imu.yacc, imu.zacc) == pytest.approx((0, 0, -9.81), abs=0.5)
+    assert "POSITION_TARGET_LOCAL_NED" not in last
+    assert last["SYS_STATUS"].onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK
+
+
+def test_health_bits_follow_what_is_known():
+    gps, vision, ready = (
+        mavlink.MAV_SYS_STATUS_SENSOR_GPS,
+        mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION,
+        mavlink.MAV_SYS_STATUS_PREARM_CHECK,
+    )
+    with bench(EKF2_GPS_CTRL=0, SYS_HAS_GPS=0, SYS_HAS_MAG=0) as b:
+        status = b.wait("SYS_STATUS")
+        present, health = (
+            status.onboard_control_sensors_present,
+            status.onboard_control_sensors_health,
+        )
+        assert not present & (gps | vision | mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG)
+        assert present & ready and not health & ready
+        assert not of(b.run(1.0), "GPS_RAW_INT")
+
+
+def test_flags_and_states_follow_mode_arming_and_failsafe():
+    with bench() as b:
+        b.settle()
+        vehicle = b.vehicle
+        assert base_mode(vehicle) == 1 | 4 | 8 | 16
+        assert b.acks(ARM, 1.0) == [0]
+        assert base_mode(vehicle) == 1 | 4 | 8 | 16 | 128
+        assert system_state(vehicle) == mavlink.MAV_STATE_ACTIVE
+
+
+def test_every_message_can_be_packed_from_the_first_tick_on():
+    for values in ({}, {"SYS_HAS_GPS": 0, "EKF2_GPS_CTRL": 0}):
+        table = ParameterTable()
+        for name, value in values.items():
+            table.set(name, value)
+        vehicle = Px4Vehicle(World(), 0, table)
+        telemetry = Telemetry(vehicle, ORIGIN)
+        for _ in range(3):
+            for number in telemetry.offered:
+                message = telemetry.message(number, MAV)
+                assert message is None or message.pack(MAV)
+            vehicle.step()
+
+
+def test_a_vehicle_that_is_nowhere_still_speaks():
+    vehicle = Px4Vehicle(World(), 0, ParameterTable())
+    telemetry = Telemetry(vehicle, ORIGIN)
+    vehicle.simulator.m[P.body : P.body + 13] = math.nan
+    for number in telemetry.offered:
+        message = telemetry.message(number, MAV)
+        assert message is None or message.pack(MAV)
+
+
+def test_a_charge_beyond_the_field_is_held_at_its_bound():
+    vehicle = Px4Vehicle(World(), 0, ParameterTable())
+    telemetry = Telemetry(vehicle, ORIGIN)
+    for voltage, current in ((1e6, 1e6), (math.nan, math.nan), (-5.0, -5.0)):
+        vehicle._battery = vehicle.battery._replace(voltage=voltage, current=current)
+        telemetry.forget()
+        for number in (1, 147):
+            assert telemetry.message(number, MAV).pack(MAV)
+
+
+def test_an_unknown_message_is_none():
+    assert Telemetry(Px4Vehicle(World(), 0, ParameterTable()), ORIGIN).message(4242, MAV) is None
+
+
+def test_the_protocol_version_is_a_good_frame():
+    telemetry = Telemetry(Px4Vehicle(World(), 0, ParameterTable()), ORIGIN)
+    frame = telemetry.message(300, MAV).pack(MAV)
+    length = frame[1]
+    assert frame[0] == 0xFD and int.from_bytes(frame[7:10], "little") == 300
+    crc = x25crc(frame[1 : 10 + length])
+    crc.accumulate(bytes([217]))
+    assert struct.unpack("<H", frame[10 + length : 12 + length])[0] == crc.crc
+    payload = frame[10 : 10 + length].ljust(22, b"\x00")  # zeros at the end are not sent
+    assert struct.unpack("<HHH", payload[:6]) == (200, 200, 200)

@@ -1,0 +1,221 @@
+"""The vehicle on its own: arms, takes off, holds, goes, returns, lands, disarms."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import pytest
+from vehicle_bench import GROUND, NAN, VISION, Flight, hovering, motion, ready
+
+from tombo_dynamics.plant import part
+from tombo_flight.scenario import load_scenario, world_of
+from tombo_px4.autopilot.parameters import ParameterTable
+from tombo_px4.autopilot.vehicle import Px4Vehicle
+from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, AUTO_RTL, AUTO_TAKEOFF, OFFBOARD, POSCTL
+from tombo_px4.protocol.results import LandedState, Result, TakeoffState
+
+
+def taken_off() -> Flight:
+    flight = ready()
+    flight.vehicle.takeoff()
+    flight.vehicle.arm()
+    flight.fly(7.0)
+    return flight
+
+
+def test_at_boot_it_knows_nothing_and_says_so():
+    flight = Flight()
+    health = flight.vehicle.health
+    assert not health.armable and not health.local_position and not health.attitude
+    assert flight.vehicle.arm() == Result.TEMPORARILY_REJECTED
+    flight.fly(2.0)
+    health = flight.vehicle.health
+    assert health.armable and health.local_position and health.global_position and health.home
+    assert flight.vehicle.estimation.source == "gps"
+    assert flight.vehicle.mode == AUTO_HOLD
+
+
+@pytest.mark.parametrize("height", [None, 1.5])
+def test_takes_off_and_holds(height):
+    flight = ready()
+    flight.vehicle.parameters.set("MIS_TAKEOFF_ALT", 3.0)
+    assert flight.vehicle.takeoff(height) == Result.ACCEPTED
+    assert flight.vehicle.arm() == Result.ACCEPTED
+    assert flight.vehicle.landed == LandedState.ON_GROUND
+    assert flight.fly(2.7)[:, 2].max() < GROUND  # spins up, then pushes ever harder
+    flight.fly(1.0)
+    assert flight.vehicle.mode == AUTO_TAKEOFF
+    assert flight.vehicle.landed == LandedState.TAKEOFF
+    flight.fly(6.0)
+    rows = flight.fly(4.0)
+    assert flight.vehicle.mode == AUTO_HOLD and flight.vehicle.landed == LandedState.IN_AIR
+    assert flight.vehicle.takeoff_state == TakeoffState.FLIGHT
+    wanted = 3.0 if height is None else height
+    assert np.abs(rows[:, 2] - flight.vehicle.home[2] - wanted).max() < 0.1
+    assert np.ptp(rows[:, :2], axis=0).max() < 0.15
+    assert flight.heard("Armed by") and flight.heard("Takeoff detected")
+
+
+def test_rotors_idle_while_they_spin_up_and_stand_still_disarmed():
+    flight = ready()
+    flight.fly(0.2)
+    assert flight.vehicle.rotor_speeds.max() == 0.0
+    flight.vehicle.takeoff()
+    flight.vehicle.arm()
+    flight.fly(0.5)
+    assert flight.vehicle.takeoff_state == TakeoffState.SPOOLUP
+    assert 50.0 < flight.vehicle.rotor_speeds.min() <= flight.vehicle.rotor_speeds.max() < 110.0
+    assert flight.body[2] < GROUND
+
+
+def test_hover_is_at_the_thrust_that_the_parameter_says():
+    flight = hovering(vision=True)
+    shares = []
+    for _ in range(2000):
+        flight.step()
+        shares.append(flight.vehicle.thrust)
+    hover = flight.vehicle.parameters.get("MPC_THR_HOVER")
+    assert np.mean(shares) == pytest.approx(hover, rel=0.03)
+
+
+def test_armed_and_not_taken_off_it_disarms():
+    flight = ready()
+    flight.vehicle.arm()
+    flight.fly(9.8)
+    assert flight.vehicle.armed
+    flight.fly(0.5)
+    assert not flight.vehicle.armed and flight.heard("preflight")
+    assert flight.body[2] < GROUND
+
+
+def test_lands_and_disarms():
+    flight = taken_off()
+    place = flight.body[:2]
+    assert flight.vehicle.land() == Result.ACCEPTED
+    flight.fly(1.0)
+    assert flight.vehicle.mode == AUTO_LAND and flight.vehicle.landed == LandedState.LANDING
+    touch = []
+    flight.fly_until(lambda: bool(touch.append(flight.body[5]) or not flight.vehicle.armed), 12.0)
+    assert min(touch) > -1.0 and np.linalg.norm(flight.body[:2] - place) < 0.3
+    assert flight.vehicle.landed == LandedState.ON_GROUND and flight.body[2] < GROUND
+    assert flight.vehicle.mode == AUTO_HOLD  # the one before
+    assert flight.heard("Landing detected") and flight.heard("Disarmed by landing")
+    flight.fly(0.5)
+    assert flight.vehicle.rotor_speeds.max() < 20.0
+
+
+def test_flies_again_after_a_landing():
+    flight = taken_off()
+    flight.vehicle.land()
+    flight.fly_until(lambda: not flight.vehicle.armed, 12.0)
+    flight.vehicle.takeoff(1.0)
+    assert flight.vehicle.arm() == Result.ACCEPTED
+    flight.fly(7.0)
+    assert flight.height == pytest.approx(1.0, abs=0.1)
+
+
+def test_takes_off_again_without_disarming():
+    flight = hovering(vision=True)
+    flight.vehicle.parameters.set("COM_DISARM_LAND", -1.0)
+    flight.target = motion([0, 0, -1.0], yaw=0.0)
+    flight.fly_until(lambda: flight.vehicle.landed == LandedState.ON_GROUND, 8.0)
+    assert flight.vehicle.armed and flight.vehicle.rotor_commands.max() < 110.0
+    flight.target = motion([0, 0, 1.0], yaw=0.0)
+    flight.fly(6.0)
+    assert flight.vehicle.landed == LandedState.IN_AIR
+    assert flight.body[2] == pytest.approx(1.0, abs=0.1)
+
+
+def test_goes_to_a_place_and_returns_home():
+    flight = taken_off()
+    assert flight.vehicle.reposition(np.array([3.0, -2.0, NAN]), 1.0) == Result.ACCEPTED
+    flight.fly(7.0)
+    assert np.linalg.norm(flight.body[:2] - [3.0, -2.0]) < 0.2
+    assert flight.vehicle.return_home() == Result.ACCEPTED
+    heights = []
+    flight.fly_until(lambda: bool(heights.append(flight.height) or not flight.vehicle.armed), 40.0)
+    assert max(heights) == pytest.approx(flight.vehicle.parameters.get("RTL_RETURN_ALT"), abs=0.2)
+    assert np.linalg.norm(flight.body[:2] - flight.vehicle.home[:2]) < 0.3
+    assert flight.vehicle.landed == LandedState.ON_GROUND
+
+
+def test_home_is_where_it_was_armed_and_may_be_moved():
+    flight = ready()
+    flight.vehicle.takeoff()
+    flight.vehicle.arm()
+    np.testing.assert_allclose(flight.vehicle.home, flight.body[:3], atol=0.08)
+    home = flight.vehicle.home
+    flight.fly(5.0)
+    np.testing.assert_array_equal(flight.vehicle.home, home)
+    assert flight.vehicle.set_home(np.array([1.0, 1.0, 0.2])) == Result.ACCEPTED
+    np.testing.assert_array_equal(flight.vehicle.home, [1.0, 1.0, 0.2])
+    assert flight.vehicle.set_home(np.array([NAN, 1.0, 0.2])) == Result.DENIED
+
+
+def test_disarmed_by_force_in_the_air_it_falls():
+    flight = hovering(vision=True)
+    assert flight.vehicle.disarm() == Result.TEMPORARILY_REJECTED
+    assert flight.vehicle.armed
+    assert flight.vehicle.disarm(force=True) == Result.ACCEPTED
+    rows = flight.fly(1.5)
+    assert rows[-1, 2] < 0.4 and flight.vehicle.rotor_commands.max() == 0.0
+    assert rows[:, 5].min() < -3.0
+
+
+def test_modes_that_need_a_remote_control_are_refused_in_flight():
+    flight = taken_off()
+    assert flight.vehicle.set_mode(POSCTL) == Result.TEMPORARILY_REJECTED
+    assert flight.vehicle.mode == AUTO_HOLD
+    flight.step()
+    assert flight.heard("Switching to Position is currently not available")
+
+
+def test_battery_runs_down_in_flight_and_sends_it_home():
+    flight = ready()
+    table = flight.vehicle.parameters
+    table.set("BAT1_CAPACITY", 30.0)
+    table.set("COM_LOW_BAT_ACT", 3)
+    flight.vehicle.takeoff()
+    flight.vehicle.arm()
+    flight.fly_until(lambda: flight.vehicle.mode == AUTO_RTL, 20.0)
+    assert flight.vehicle.battery.remaining < table.get("BAT_CRIT_THR")
+    assert flight.vehicle.failsafe and flight.heard("Critical battery")
+    assert 3.0 < flight.vehicle.battery.current < 40.0
+
+
+def run(seed: int) -> bytes:
+    flight = Flight(seed=seed)
+    flight.fly(1.5)
+    flight.vehicle.takeoff()
+    flight.vehicle.arm()
+    rows = flight.fly(3.0)
+    flight.target = motion(velocity=[0.5, 0, 0])
+    flight.fly(0.2)
+    flight.vehicle.set_mode(OFFBOARD)
+    return rows.tobytes() + flight.fly(1.0).tobytes() + "".join(flight.said).encode()
+
+
+def test_the_same_calls_give_the_same_bytes():
+    assert run(3) == run(3) != run(4)
+
+
+def test_a_copy_flies_on_alone():
+    flight = hovering(vision=True)
+    copied = copy.deepcopy(flight)
+    before = copied.body
+    first = flight.fly(1.0)
+    np.testing.assert_array_equal(copied.body, before)
+    np.testing.assert_array_equal(copied.fly(1.0), first)
+
+
+def test_motion_capture_does_not_leak_into_the_estimate():
+    """Without GPS and without a pose being sent it knows no position, whatever the mocap sees."""
+    table = ParameterTable()
+    for name, value in VISION.items():
+        table.set(name, value)
+    vehicle = Px4Vehicle(world_of(load_scenario("no_obstacle")), 1, table)
+    for _ in range(3000):
+        vehicle.step()
+    assert not vehicle.health.local_position and vehicle.estimation.fused == 0
+    assert np.abs(part(vehicle.simulator.m, "body")[:3] - vehicle.estimate.position).max() > 0.1

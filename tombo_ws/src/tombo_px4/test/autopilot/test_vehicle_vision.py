@@ -1,0 +1,312 @@
+"""Flying on motion capture: late poses, wrong frames, lost and found, and what is refused."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from vehicle_bench import Flight, hovering, motion, ready
+
+from tombo_dynamics.rotation import quaternion_multiply, turned, yaw_pitch_roll
+from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD
+from tombo_px4.protocol.results import LandedState, Result
+
+HALF = math.sqrt(0.5)
+QUARTER_LEFT = np.array([0.0, 0.0, HALF, HALF])
+"""A quarter turn about z."""
+AWAY = np.array([3.0, 0.0, 0.0])
+
+
+def error(flight: Flight) -> float:
+    return float(np.linalg.norm(flight.vehicle.estimate.position - flight.body[:3]))
+
+
+def test_it_is_used_in_place_of_gps():
+    flight = ready()
+    assert flight.vehicle.estimation.source == "gps" and not flight.vehicle.vision_source
+    flight.see = True
+    flight.fly(0.3)
+    assert flight.vehicle.vision_source and error(flight) < 0.005
+    resets = flight.vehicle.resets
+    flight.fly(1.0)
+    assert flight.vehicle.vision_source and flight.vehicle.resets == resets
+    flight.see = False
+    flight.fly(2.0)
+    assert flight.vehicle.estimation.source == "gps"
+
+
+def test_the_estimate_is_as_good_as_the_motion_capture():
+    flight = hovering(vision=True)
+    errors = []
+    for _ in range(3000):
+        flight.step()
+        errors.append(error(flight))
+    assert np.mean(errors) < 0.003 and max(errors) < 0.01
+
+
+def test_gps_has_noise_of_its_own():
+    flight = hovering()
+    errors = []
+    for _ in range(3000):
+        flight.step()
+        errors.append(error(flight))
+    assert 0.008 < np.mean(errors) < 0.06
+    assert flight.vehicle.pose_variance[0] > hovering(vision=True).vehicle.pose_variance[0]
+
+
+@pytest.mark.parametrize("vision", [False, True])
+def test_a_gyro_that_drifts_is_learned(vision):
+    """Roll and pitch from gravity, yaw from vision or compass."""
+    settings = [f"effects.imu_bias.gyro_{axis}=0.03" for axis in "xyz"]
+    flight = Flight(vision=vision, settings=settings)
+    flight.fly(6.0)
+    flight.offboard()
+    flight.fly(10.0)
+    np.testing.assert_allclose(flight.vehicle.estimate.gyro_bias, 0.03, atol=0.012)
+    true = yaw_pitch_roll(flight.body[6:10])
+    known = yaw_pitch_roll(flight.vehicle.estimate.attitude)
+    assert np.rad2deg(np.abs(true - known)).max() < 1.5
+
+
+@pytest.mark.parametrize("late", [10, 50, 150])
+def test_late_poses_with_right_stamps_cost_little(late):
+    flight = Flight(vision=True)
+    flight.late_ticks = late
+    flight.fly(1.5)
+    flight.offboard()
+    assert set(flight.words) == {""}
+    rows = flight.fly(4.0)
+    assert rows[:, :3].std(axis=0).max() < 0.03 and error(flight) < 0.01
+
+
+def test_stamped_at_arrival_a_delay_parameter_makes_up_for_it():
+    moving = []
+    for delay in (0.0, 60.0):
+        flight = Flight(vision=True, EKF2_EV_DELAY=delay)
+        flight.late_ticks, flight.stamped_at_arrival = 50, True  # and 10 of the motion capture
+        flight.fly(1.5)
+        flight.offboard()
+        flight.target = motion(velocity=[1.0, 0.0, 0.0], yaw=0.0)
+        flight.fly(4.0)
+        moving.append(error(flight))
+    assert moving[1] < 0.02 < 0.04 < moving[0]
+
+
+def test_a_world_that_is_turned_as_a_whole_is_as_good_as_any():
+    flight = Flight(vision=True)
+    flight.mangle = lambda p, q: (
+        np.array([-p[1], p[0], p[2]]),
+        quaternion_multiply(QUARTER_LEFT, q),
+    )
+    flight.fly(1.5)
+    flight.target = motion([1.0, 0.0, 2.0], yaw=math.pi / 2)
+    flight.fly(0.1)
+    flight.vehicle.set_mode(OFFBOARD)
+    assert flight.vehicle.arm() == Result.ACCEPTED
+    flight.fly(9.0)
+    np.testing.assert_allclose(flight.body[:3], [0.0, -1.0, 2.0], atol=0.1)
+
+
+@pytest.mark.parametrize("turn", [[1.0, 0.0, 0.0, 0.0], [0.087, 0.0, 0.0, 0.996]])
+def test_only_the_yaw_of_its_attitude_is_used(turn):
+    """FLU taken for FRD, or a body that is tracked 10 deg askew: EKF2 does not look."""
+    flight = Flight(vision=True)
+    flight.mangle = lambda p, q: (p, quaternion_multiply(q, np.array(turn)))
+    flight.fly(1.5)
+    flight.offboard()
+    assert error(flight) < 0.01
+
+
+@pytest.mark.parametrize(
+    "mangle",
+    [
+        lambda p, q: (np.array([p[1], p[0], p[2]]), q),
+        lambda p, q: (p, quaternion_multiply(QUARTER_LEFT, q)),
+        lambda p, q: (np.array([p[0], p[2], -p[1]]), q),
+    ],
+    ids=["x and y swapped", "yaw a quarter off", "y is up"],
+)
+def test_in_a_wrong_frame_it_does_not_hold(mangle):
+    flight = Flight(vision=True)
+    flight.mangle = mangle
+    flight.fly(1.5)
+    flight.target = motion([0.5, 0.0, 2.0], yaw=0.0)
+    flight.fly(0.1)
+    flight.vehicle.set_mode(OFFBOARD)
+    flight.vehicle.arm()
+    rows = flight.fly(8.0)
+    assert np.isfinite(rows).all()
+    assert np.linalg.norm(rows[-1, :3] - [0.5, 0.0, 2.0]) > 0.5
+    assert np.isfinite(flight.vehicle.estimate.position).all()
+
+
+@pytest.mark.parametrize(("longest", "word"), [(200.0, "late"), (400.0, "")])
+def test_older_than_its_buffer_is_dropped(longest, word):
+    flight = ready(vision=True)
+    flight.vehicle.parameters.set("EKF2_DELAY_MAX", longest)
+    flight.see = False
+    flight.fly(0.6)
+    body = flight.body
+    assert flight.vehicle.vision(flight.vehicle.boot_us - 300_000, body[:3], body[6:10]) == word
+
+
+@pytest.mark.parametrize(
+    ("boot_us", "position", "attitude", "word"),
+    [
+        (0, [0, 0, 0], [0, 0, 0, 1], ""),
+        (6_000, [0, 0, 0], [0, 0, 0, 1], "future"),
+        (-1_000_000, [0, 0, 0], [0, 0, 0, 1], "late"),
+        (-40_000, [0, 0, 0], [0, 0, 0, 1], "out_of_order"),
+        (0, [math.nan, 0, 0], [0, 0, 0, 1], "not_finite"),
+        (0, [0, 0, 0], [0, math.inf, 0, 1], "not_finite"),
+        (0, [0, 0, 0], [0, 0, 0, 0], "not_unit"),
+        (0, [0, 0, 0], [0, 0, 1, 1], "not_unit"),
+        (0, [1e9, 0, 0], [0, 0, 0, 1], "out_of_range"),
+        (0, [0, 0], [0, 0, 0, 1], "wrong_shape"),
+    ],
+)
+def test_what_is_refused(boot_us, position, attitude, word):
+    flight = ready(vision=True)
+    flight.see = False
+    flight.fly(0.1)
+    vehicle = flight.vehicle
+    flight.vehicle.vision(vehicle.boot_us - 20_000, flight.body[:3], flight.body[6:10])
+    flight.fly(0.01)
+    if word == "late":
+        flight.fly(0.6)
+        boot_us += 450_000  # newer than the last one, older than what is remembered
+    before = vehicle.estimation.fused
+    answer = vehicle.vision(
+        vehicle.boot_us + boot_us, np.array(position, float), np.array(attitude, float)
+    )
+    assert answer == word
+    if word:
+        flight.fly(0.01)
+        assert vehicle.estimation.fused == before
+
+
+def test_a_body_that_is_tracked_elsewhere_is_made_up_for():
+    lever = np.array([0.1, -0.2, 0.3])  # FLU
+    flight = Flight(vision=True, EKF2_EV_POS_X=0.1, EKF2_EV_POS_Y=0.2, EKF2_EV_POS_Z=-0.3)
+    flight.mangle = lambda p, q: (p + turned(q, lever), q)
+    flight.fly(1.5)
+    flight.offboard()
+    flight.target = motion([0, 0, 2.0], yaw=1.5)
+    flight.fly(4.0)
+    assert error(flight) < 0.02
+
+
+def test_told_not_to_fuse_it_does_not():
+    flight = ready()
+    flight.vehicle.parameters.set("EKF2_EV_CTRL", 0)
+    flight.see = True
+    flight.fly(0.5)
+    assert set(flight.words) == {"not_fused"} and flight.vehicle.estimation.source == "gps"
+
+
+@pytest.mark.parametrize(("control", "known"), [(1, False), (3, True), (8, False), (11, True)])
+def test_position_needs_horizontal_and_vertical_aiding(control, known):
+    flight = Flight(vision=True, EKF2_HGT_REF=0, EKF2_EV_CTRL=control)
+    flight.fly(1.5)
+    assert flight.vehicle.health.local_position == known
+
+
+def test_height_and_heading_may_come_from_barometer_and_compass():
+    flight = Flight(
+        vision=True,
+        EKF2_EV_CTRL=1,
+        EKF2_HGT_REF=0,
+        EKF2_BARO_CTRL=1,
+        SYS_HAS_MAG=1,
+        EKF2_MAG_TYPE=0,
+    )
+    flight.mangle = lambda p, q: (np.array([p[0], p[1], 7.0]), np.array([0, 0, 1.0, 0]))
+    flight.fly(1.5)
+    flight.offboard()
+    rows = flight.fly(3.0)
+    assert np.abs(rows[:, 2] - 2.0).max() < 0.15
+
+
+def test_one_wrong_pose_is_refused_and_changes_nothing():
+    flight = hovering(vision=True)
+    flight.mangle = lambda p, q: (p + AWAY, q)
+    flight.fly(0.04)
+    flight.mangle = None
+    flight.fly(0.2)
+    assert flight.vehicle.estimation.rejected > 0 and flight.vehicle.resets == 1
+    assert error(flight) < 0.01
+
+
+def test_a_motion_capture_that_stays_elsewhere_is_believed():
+    flight = hovering(vision=True)
+    flight.mangle = lambda p, q: (p + AWAY, q)
+    flight.fly(0.9)
+    assert flight.vehicle.resets == 1
+    flight.fly(0.4)
+    assert flight.vehicle.resets == 2
+    assert flight.vehicle.estimate.position[0] == pytest.approx(flight.body[0] + 3.0, abs=0.1)
+
+
+# --- Lost ------------------------------------------------------------------------------------
+
+
+def test_a_short_loss_is_flown_through():
+    flight = hovering(vision=True)
+    flight.see = False
+    rows = flight.fly(3.0)
+    assert flight.vehicle.mode == OFFBOARD and not flight.vehicle.failsafe
+    assert np.linalg.norm(rows[-1, :3] - [0, 0, 2.0]) < 0.4
+    flight.see = True
+    flight.fly(2.0)
+    assert error(flight) < 0.01 and np.linalg.norm(flight.body[:3] - [0, 0, 2.0]) < 0.15
+
+
+def test_after_the_time_that_is_set_it_descends_level_and_stops():
+    flight = hovering(vision=True)
+    flight.vehicle.parameters.set("EKF2_NOAID_TOUT", 1_000_000)
+    flight.see = False
+    lost = flight.fly_until(lambda: flight.vehicle.failsafe, 2.0)
+    assert lost == pytest.approx(1.0, abs=0.1)
+    assert not flight.vehicle.health.local_position
+    assert flight.vehicle.mode == AUTO_LAND and flight.heard("No valid position estimate")
+    rows = []
+    flight.fly_until(lambda: bool(rows.append(flight.body) or not flight.vehicle.armed), 15.0)
+    down = np.array(rows)
+    assert down[:, 5].min() > -2.0 and np.linalg.norm(down[-1, :2]) < 1.0
+    assert flight.vehicle.landed == LandedState.ON_GROUND
+
+
+def test_found_again_it_goes_on():
+    flight = hovering(vision=True)
+    flight.vehicle.parameters.set("EKF2_NOAID_TOUT", 500_000)
+    flight.see = False
+    flight.fly(1.2)
+    assert flight.vehicle.failsafe
+    flight.see = True
+    flight.fly(5.0)
+    assert not flight.vehicle.failsafe and flight.vehicle.mode == OFFBOARD
+    np.testing.assert_allclose(flight.body[:3], [0.0, 0.0, 2.0], atol=0.15)
+
+
+def test_take_off_without_a_global_position_stays_at_the_top():
+    flight = ready(vision=True)
+    flight.vehicle.takeoff(1.5)
+    assert flight.vehicle.arm() == Result.ACCEPTED
+    flight.fly(9.0)
+    assert flight.vehicle.mode == AUTO_TAKEOFF and flight.height == pytest.approx(1.5, abs=0.05)
+    assert not flight.heard("not available")
+    flight.vehicle.set_origin()
+    flight.fly(0.1)
+    assert flight.vehicle.mode == AUTO_HOLD
+
+
+def test_without_a_position_only_attitude_may_be_flown():
+    flight = Flight(vision=True)
+    flight.see = False
+    flight.target = motion([0, 0, 2.0])
+    flight.fly(1.0)
+    flight.vehicle.set_mode(OFFBOARD)
+    assert flight.vehicle.arm() == Result.TEMPORARILY_REJECTED
+    flight.step()
+    assert flight.heard("Preflight Fail: Navigation error: No valid position estimate")

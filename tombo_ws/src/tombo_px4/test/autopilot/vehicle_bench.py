@@ -1,0 +1,157 @@
+"""One flight of the vehicle behind its autopilot: what commands it and what it sees, in ticks."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_dynamics.plant import part
+from tombo_flight.scenario import load_scenario, world_of
+from tombo_px4.autopilot.parameters import ParameterTable
+from tombo_px4.autopilot.targets import Target
+from tombo_px4.autopilot.vehicle import Px4Vehicle
+from tombo_px4.bridge.modes import OFFBOARD
+from tombo_px4.protocol.results import Result
+
+Array = NDArray[np.float64]
+NAN = math.nan
+GROUND = 0.185
+"""Below this height [m] the vehicle stands."""
+VISION = {
+    "SYS_HAS_GPS": 0,
+    "SYS_HAS_MAG": 0,
+    "EKF2_GPS_CTRL": 0,
+    "EKF2_BARO_CTRL": 0,
+    "EKF2_MAG_TYPE": 5,
+    "EKF2_EV_CTRL": 11,
+    "EKF2_HGT_REF": 3,
+}
+"""What a lab sets to fly on motion capture alone."""
+Mangle = Callable[[Array, Array], tuple[Array, Array]]
+
+
+def motion(position: Any = None, velocity: Any = None, push: Any = None, **rest: Any) -> Target:
+    """A target of positions, velocities, accelerations; NaN: not commanded."""
+    axes = [None if v is None else np.array(v, dtype=float) for v in (position, velocity, push)]
+    return Target(position=axes[0], velocity=axes[1], acceleration=axes[2], **rest)
+
+
+class Flight:
+    """A vehicle, a stream of set points to it, and the motion capture that is sent to it."""
+
+    def __init__(
+        self,
+        seed: int = 1,
+        scenario: str = "no_obstacle",
+        vision: bool = False,
+        settings: Sequence[str] = (),
+        **values: float,
+    ) -> None:
+        table = ParameterTable()
+        for name, value in {**(VISION if vision else {}), **values}.items():
+            assert table.set(name, value) == ""
+        self.vehicle = Px4Vehicle(world_of(load_scenario(scenario, settings)), seed, table)
+        self.target: Target | None = None
+        self.period = 50
+        """Ticks between two set points."""
+        self.see = vision
+        self.late_ticks = 0
+        self.stamped_at_arrival = False
+        self.mangle: Mangle | None = None
+        """What is wrong with the frame of the vision."""
+        self.words: dict[str, int] = {}
+        """What was answered to poses."""
+        self.said: list[str] = []
+        self._under_way: list[tuple[int, Any]] = []
+
+    @property
+    def body(self) -> Array:
+        """Position, velocity, attitude, rates (13), true."""
+        return part(self.vehicle.simulator.m, "body").copy()
+
+    @property
+    def height(self) -> float:
+        """True height above home [m]."""
+        return float(self.body[2] - self.vehicle.home[2])
+
+    def step(self) -> None:
+        vehicle = self.vehicle
+        if self.see:
+            self._send_vision()
+        if self.target is not None and vehicle.tick % self.period == 0:
+            vehicle.target(self.target)
+        vehicle.step()
+        self.said += [status.text for status in vehicle.take_statuses()]
+
+    def _send_vision(self) -> None:
+        vehicle = self.vehicle
+        now = vehicle.tick
+        self._under_way += [(now + self.late_ticks, s) for s in vehicle.simulator.arrived]
+        while self._under_way and self._under_way[0][0] <= now:
+            sample = self._under_way.pop(0)[1]
+            position, attitude = sample.pose[:3], sample.pose[3:]
+            if self.mangle is not None:
+                position, attitude = self.mangle(position, attitude)
+            stamp = now if self.stamped_at_arrival else sample.captured
+            word = vehicle.vision(stamp * 1000, position, attitude)
+            self.words[word] = self.words.get(word, 0) + 1
+
+    def fly(self, seconds: float) -> Array:
+        """Go on; return the true state of each tick (N, 13)."""
+        rows = np.empty((round(seconds * 1000), 13))
+        for row in rows:
+            self.step()
+            row[:] = part(self.vehicle.simulator.m, "body")
+        return rows
+
+    def fly_until(self, done: Callable[[], bool], seconds: float) -> float:
+        """Go on until `done`, at most `seconds`; return how long it took [s]."""
+        for tick in range(round(seconds * 1000)):
+            if done():
+                return tick * 1e-3
+            self.step()
+        raise AssertionError(f"not within {seconds} s; said: {self.said}")
+
+    def offboard(self, x: float = 0.0, y: float = 0.0, z: float = 2.0) -> None:
+        """Take off by set points and hold there."""
+        self.target = motion([x, y, z], yaw=0.0)
+        self.fly(0.1)
+        assert self.vehicle.set_mode(OFFBOARD) == Result.ACCEPTED
+        self.fly(0.1)
+        assert self.vehicle.arm() == Result.ACCEPTED, self.vehicle.take_statuses()
+        self.fly(8.0)
+        assert np.linalg.norm(self.body[:3] - [x, y, z]) < 0.15, self.body[:3]
+
+    def heard(self, text: str) -> bool:
+        """Whether a message with this text was said."""
+        return any(text in said for said in self.said)
+
+
+@lru_cache
+def _ready(vision: bool) -> Flight:
+    flight = Flight(vision=vision)
+    flight.fly(2.0)
+    return flight
+
+
+@lru_cache
+def _hovering(vision: bool) -> Flight:
+    flight = copy.deepcopy(_ready(vision))
+    flight.offboard()
+    return flight
+
+
+def ready(vision: bool = False) -> Flight:
+    """A vehicle on the ground that knows where it is."""
+    return copy.deepcopy(_ready(vision))
+
+
+def hovering(vision: bool = False) -> Flight:
+    """A vehicle in OFFBOARD at a height of 2 m, with a stream."""
+    return copy.deepcopy(_hovering(vision))

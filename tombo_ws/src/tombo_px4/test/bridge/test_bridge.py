@@ -1,0 +1,502 @@
+"""The bridge against a scripted PX4 with a clock of its own, without sockets, in made-up time."""
+
+import math
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import common as mav
+
+from scripted_px4 import GROUND, ScriptedPx4
+from tombo_control.autopilot import HOVER, IDLE, LAND, LANDED, TAKEOFF
+from tombo_control.estimate import Setpoint
+from tombo_dynamics.errors import InputError
+from tombo_px4.bridge.bridge import Bridge
+from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
+from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD, POSCTL
+from tombo_px4.bridge.session import Stage
+from tombo_px4.link.mavlink_link import Received
+
+NOW = 1_763_700_000_000_000_000
+MS = 1_000_000
+STEP = 4 * MS
+ZERO = np.zeros(3)
+
+
+class Flight:
+    """Bridge and PX4 with a way of 0.3 to 1 ms between them, mocap at 50 Hz, a mission."""
+
+    def __init__(self, writes=None, mocap_late_ms=15, **params):
+        self.bridge = Bridge(BridgeParams(**params), LinkParams(), 1.3, writes)
+        self.now = NOW
+        self.px4 = ScriptedPx4(NOW)
+        self.phase, self.goal = IDLE, np.array([0.0, 0.0, GROUND])
+        self.mocap_late = mocap_late_ms * MS
+        self.mocap_shift = 0
+        self.mocap_on = self.mission_on = True
+        self.as_mocap = lambda place, attitude: (place, attitude)
+        self.seen = {"odometry": [], "imu": [], "battery": [], "texts": [], "replies": []}
+        self.events, self.out = [], None
+        self._rng = np.random.default_rng(0)
+        self._to_px4, self._to_us, self._poses = [], [], []
+        self._k = 0
+        mav_out, self._back = mav.MAVLink(None, 1, 1), mav.MAVLink(None)
+        self._wire = lambda m: self._back.parse_buffer(bytearray(m.pack(mav_out)))[0]
+
+    def _delay(self):
+        return int(self._rng.uniform(0.3, 1.0) * MS)
+
+    def step(self):
+        self.now += STEP
+        self._k += 1
+        now = self.now
+        while self._to_px4 and self._to_px4[0][0] <= now:
+            arrival, message = self._to_px4.pop(0)
+            self.px4.take(message, arrival)
+        for message in self.px4.tick(now):
+            self._to_us.append((now + self._delay(), message))
+        for arrival, message in [x for x in self._to_us if x[0] <= now]:
+            self.bridge.take(Received(self._wire(message), arrival, 1, 1, None))
+        self._to_us = [x for x in self._to_us if x[0] > now]
+        if self._k % 5 == 0:
+            place = self.px4.place + self._rng.normal(0, 0.0005, 3)
+            self._poses.append((now + self.mocap_late, now, place, self.px4.attitude))
+        while self._poses and self._poses[0][0] <= now:
+            arrival, captured, place, attitude = self._poses.pop(0)
+            if self.mocap_on:
+                shown = self.as_mocap(place, attitude)
+                self.bridge.pose(captured + self.mocap_shift, arrival, "map", *shown)
+        if self._k % 5 == 2 and self.mission_on:
+            self.bridge.setpoint(Setpoint(self.goal, ZERO, ZERO, 0.0, self.phase, now), now)
+        self.out = self.bridge.tick(now)
+        for message in self.out.messages:
+            self._to_px4.append((now + self._delay(), self._wire(message)))
+        for name, found in self.seen.items():
+            found += getattr(self.out, name)
+        self.events += self.out.events
+
+    def run(self, seconds):
+        for _ in range(round(seconds * 250)):
+            self.step()
+        return self
+
+    def until(self, condition, patience_s=15.0):
+        for _ in range(round(patience_s * 250)):
+            self.step()
+            if condition(self):
+                return self
+        raise AssertionError(f"never: {self.out.status} {self.out.faults}")
+
+    def stage(self, stage, patience_s=15.0):
+        return self.until(lambda f: f.bridge.session.stage == stage, patience_s)
+
+    def take_off(self):
+        self.run(3.0)
+        self.phase, self.goal = TAKEOFF, np.array([0.0, 0.0, 1.5])
+        self.until(lambda f: f.px4.place[2] > 1.4)
+        self.phase = HOVER
+        return self.run(0.5)
+
+    def ask(self, kind):
+        number = self.bridge.ask(kind)
+        self.until(lambda f: any(r.number == number for r in f.seen["replies"]))
+        return next(r for r in self.seen["replies"] if r.number == number)
+
+
+def test_a_whole_flight():
+    flight = Flight().run(3.0)
+    assert flight.out.status.ready, flight.out.status.findings
+    flight.take_off()
+    assert (flight.px4.mode, flight.px4.armed) == (OFFBOARD, True)
+    assert flight.out.status.offboard
+    assert flight.px4.place == pytest.approx([0, 0, 1.5], abs=0.01)
+    flight.phase = LAND
+    flight.until(lambda f: f.px4.mode == AUTO_LAND, 3.0)
+    flight.until(lambda f: not f.px4.armed)
+    flight.phase = LANDED
+    flight.run(3.0)
+    assert flight.bridge.session.stage == Stage.READY
+    assert not flight.events and not flight.out.faults
+    assert not flight.bridge.incoming.refused
+    assert str(flight.out.status.firmware) == "1.17.0"
+
+
+def test_stamps_reach_px4_within_two_milliseconds_of_the_truth():
+    flight = Flight(mocap_late_ms=25).run(6.0)
+    late = flight.px4.stamps[-100:]
+    assert len(late) == 100
+    for captured, _ in late:
+        grid = (captured - NOW) % (5 * STEP)
+        assert min(grid, 5 * STEP - grid) < 1 * MS, "against the true instant of capture"
+    seen = np.median([arrival - captured for captured, arrival in late]) / MS
+    assert 24.0 < seen < 31.0
+
+
+def test_px4s_stamps_are_turned_into_ours():
+    flight = Flight().run(6.0)
+    assert abs(flight.bridge.sync.offset_ns + flight.px4.ahead_ns) < 1 * MS
+    for odometry in flight.seen["odometry"][-50:]:
+        off = (odometry.stamp_ns - NOW) % STEP
+        assert min(off, STEP - off) < 1 * MS
+        assert 0 < odometry.arrival_ns - odometry.stamp_ns < 3 * MS
+    assert flight.seen["imu"][-1].accel == pytest.approx([0, 0, 9.81], abs=0.1)
+    assert flight.seen["battery"][-1].voltage == pytest.approx(12.27)
+
+
+@pytest.mark.parametrize("kind", ["odometry", "vision", "mocap"])
+def test_poses_leave_as_the_parameter_says(kind):
+    flight = Flight(mocap=kind).run(1.0)
+    names = {m.get_type() for m in flight.px4.received}
+    expected = {
+        "odometry": "ODOMETRY",
+        "vision": "VISION_POSITION_ESTIMATE",
+        "mocap": "ATT_POS_MOCAP",
+    }
+    assert names & set(expected.values()) == {expected[kind]}
+
+
+def test_the_stream_is_kept_up_on_the_ground_with_the_present_position():
+    flight = Flight().run(5.0)
+    flight.px4.targets.clear()
+    flight.run(2.0)
+    assert 36 <= len(flight.px4.targets) <= 44
+    assert (flight.px4.targets[-1].x, flight.px4.targets[-1].z) == pytest.approx(
+        (0.0, -GROUND), abs=0.01
+    )
+
+
+def test_without_an_estimate_nothing_is_streamed_and_nothing_armed():
+    flight = Flight()
+    flight.px4.fuses = False
+    flight.phase, flight.goal = TAKEOFF, np.array([0.0, 0.0, 1.5])
+    flight.run(8.0)
+    assert not flight.px4.targets and not flight.px4.armed
+    assert any("nothing is fused" in text for text in flight.out.status.findings)
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        (lambda f: setattr(f, "mocap_shift", 1_200 * MS), "stamps are 1.19 s in the future"),
+        (lambda f: setattr(f, "mocap_shift", -5_000 * MS), "stamps are 5.02 s old"),
+        (lambda f: setattr(f, "mocap_on", False), "no mocap pose has come"),
+        (lambda f: f.px4.parameters.update(EKF2_EV_CTRL=0), "EKF2_EV_CTRL is 0"),
+        (
+            lambda f: setattr(f, "as_mocap", lambda p, q: (p, np.array([0, 0, 1.0, 0]))),
+            "yaw of mocap body differs from PX4",
+        ),
+    ],
+)
+def test_a_fault_of_the_laboratory_keeps_it_on_the_ground(fault, words):
+    flight = Flight()
+    fault(flight)
+    flight.run(3.0)
+    flight.phase, flight.goal = TAKEOFF, np.array([0.0, 0.0, 1.5])
+    flight.run(5.0)
+    assert not flight.px4.armed
+    text = flight.out.faults.get("preflight", "") + flight.out.faults.get("not_engaged", "")
+    assert words in text + " ".join(flight.out.status.findings)
+
+
+def test_the_estimate_is_vouched_for_after_the_checks_have_passed_for_a_while():
+    flight = Flight(ready_time=2.0)
+    flight.until(lambda f: f.out.status.ready)
+    flight.run(1.5)
+    assert not flight.bridge.vouched
+    flight.mocap_on = False
+    flight.until(lambda f: not f.out.status.ready)
+    flight.mocap_on = True
+    flight.until(lambda f: f.out.status.ready)
+    flight.run(1.5)
+    assert not flight.bridge.vouched, "each fault begins the wait anew"
+    flight.run(0.6)
+    assert flight.bridge.vouched
+    flight.mocap_on = False
+    flight.run(2.0)
+    assert flight.bridge.vouched, "once begun, the mission goes on"
+
+
+def test_poses_that_stand_still_in_flight_bring_it_down():
+    flight = Flight().take_off()
+    last = flight.px4.place.copy(), flight.px4.attitude.copy()
+    flight.as_mocap = lambda place, attitude: last
+    flight.run(1.5)
+    assert flight.bridge.session.stage == Stage.FLYING, "a hitch is no reason"
+    flight.stage(Stage.LANDING, patience_s=5.0)
+    assert any("the body is not seen" in text for key, text in flight.events if key == "landing")
+    flight.until(lambda f: not f.px4.armed, patience_s=30.0)
+
+
+def test_poses_without_noise_at_rest_may_take_off():
+    flight = Flight()
+    flight.as_mocap = lambda place, attitude: (flight.px4.place.copy(), attitude)
+    flight.run(5.0)
+    assert any("frozen" in text for text in flight.out.status.findings)
+    flight.take_off()
+    assert flight.bridge.session.stage == Stage.FLYING
+
+
+def test_poses_that_are_no_poses_are_not_sent():
+    flight = Flight().run(1.0)
+    bridge, now = flight.bridge, flight.now
+    level = np.array([0.0, 0.0, 0.0, 1.0])
+    sent = bridge.poses_sent
+    assert bridge.pose(now, now, "odom", ZERO, level) == "wrong_frame"
+    assert bridge.pose(now, now, "map", ZERO * math.nan, level) == "not_finite"
+    assert bridge.pose(now, now, "map", ZERO, 2 * level) == "not_unit"
+    assert bridge.pose(now + 50 * MS, now, "map", ZERO, level) == "future"
+    assert bridge.pose(now - 500 * MS, now, "map", ZERO, level) == "late"
+    assert bridge.pose(now, now, "map", ZERO, level) == ""
+    assert bridge.pose(now, now, "map", ZERO, level) == "out_of_order"
+    assert bridge.poses_sent == sent + 1
+
+
+def test_set_points_that_are_none_are_left_out():
+    bridge = Flight().bridge
+    assert not bridge.setpoint(Setpoint(ZERO * math.nan, ZERO, ZERO, 0.0, HOVER), NOW)
+    assert not bridge.setpoint(Setpoint(ZERO, ZERO, ZERO, math.inf, HOVER), NOW)
+    assert not bridge.rotation(np.zeros(4), 12.0, NOW)
+    assert not bridge.rotation(ZERO, math.nan, NOW)
+    assert bridge.rotation(np.array([0.0, 0, 0, 1]), 12.0, NOW)
+
+
+def test_a_silent_mission_is_held_without_feed_forward():
+    flight = Flight().take_off()
+    speed = np.array([0.3, 0.0, 0.2])
+    flight.mission_on = False
+    flight.bridge.setpoint(Setpoint(flight.goal, speed, speed, 0.0, HOVER), flight.now)
+    flight.run(2.0)
+    assert "no set point for" in flight.out.faults["setpoint_silent"]
+    last = flight.px4.targets[-1]
+    assert (last.vx, last.vy, last.vz, last.afz) == (0.0, 0.0, 0.0, 0.0)
+    assert flight.px4.place == pytest.approx([0, 0, 1.5], abs=0.02)
+    assert flight.px4.mode == OFFBOARD
+
+
+def test_set_points_leave_at_once_and_carry_the_feed_forward():
+    flight = Flight().take_off()
+    flight.px4.targets.clear()
+    flight.run(1.0)
+    assert 48 <= len(flight.px4.targets) <= 52, "one for each of the mission's"
+    bridge = flight.bridge
+    speed, push = np.array([0.1, 0.2, 0.3]), np.array([0.4, 0.5, 0.6])
+    bridge.setpoint(Setpoint(flight.goal, speed, push, 0.2, HOVER, flight.now), flight.now)
+    (target,) = [
+        m
+        for m in bridge.tick(flight.now + MS).messages
+        if m.get_type() == "SET_POSITION_TARGET_LOCAL_NED"
+    ]
+    assert (target.vx, target.vy, target.vz) == pytest.approx((0.2, 0.1, -0.3))
+    assert (target.afx, target.afy, target.afz) == pytest.approx((0.5, 0.4, -0.6))
+
+
+@pytest.mark.parametrize("kind", ["attitude", "rates"])
+def test_attitude_and_rates_in_place_of_positions(kind):
+    flight = Flight(setpoint=kind).take_off()
+    assert flight.px4.targets[-1].get_type() == "SET_POSITION_TARGET_LOCAL_NED"
+    assert "position set points are flown" in flight.out.faults["rotation_silent"]
+    wanted = np.array([0.0, 0.0, 0.0, 1.0]) if kind == "attitude" else np.array([0.1, 0.2, 0.3])
+    for _ in range(30):
+        flight.bridge.rotation(wanted, 1.3 * 9.80665, flight.now)
+        flight.step()
+    last = flight.px4.targets[-1]
+    assert last.get_type() == "SET_ATTITUDE_TARGET"
+    assert last.thrust == pytest.approx(0.47)
+    assert "rotation_silent" not in flight.out.faults
+
+
+def test_a_mode_taken_streams_the_vehicles_own_position():
+    flight = Flight().take_off()
+    flight.px4.mode = POSCTL
+    flight.stage(Stage.TAKEN)
+    flight.px4.place = np.array([0.4, 0.3, 1.2])
+    flight.run(1.0)
+    last = flight.px4.targets[-1]
+    assert (last.x, last.y, last.z) == pytest.approx((0.3, 0.4, -1.2), abs=0.01)
+    assert flight.px4.mode == POSCTL
+    assert "mode_taken" in flight.out.faults
+    reply = flight.ask("offboard")
+    assert reply.success and flight.px4.mode == OFFBOARD
+
+
+def test_offboard_chosen_by_somebody_else_holds_where_it_was():
+    flight = Flight().take_off()
+    flight.px4.mode = POSCTL
+    flight.stage(Stage.TAKEN)
+    flight.px4.mode = OFFBOARD
+    flight.goal = np.array([3.0, 0.0, 1.5])
+    flight.run(1.5)
+    flight.px4.place = flight.px4.place + np.array([0.3, 0.0, 0.0])  # a push
+    flight.run(1.0)
+    last = flight.px4.targets[-1]
+    assert (last.x, last.y, last.z) == pytest.approx((0.0, 0.0, -1.5), abs=0.02)
+    assert flight.px4.place == pytest.approx([0.0, 0.0, 1.5], abs=0.02)
+
+
+def test_a_refusal_carries_px4s_long_words():
+    flight = Flight().run(3.0)
+    flight.px4.refuses[mav.MAV_CMD_COMPONENT_ARM_DISARM] = 1
+    reply = flight.ask("arm")
+    assert not reply.success
+    assert "'Arming denied: Resolve system health failures first'" in reply.text
+
+
+def test_a_lost_link_and_its_return():
+    flight = Flight().take_off()
+    flight.px4.silent = True
+    flight.run(2.5)
+    assert not flight.out.status.connected
+    assert "link_lost" in flight.out.faults
+    flight.px4.silent = False
+    flight.run(2.0)
+    assert flight.out.status.offboard
+    assert "link_lost" not in flight.out.faults
+
+
+def test_one_missing_heartbeat_is_no_lost_link():
+    """PX4 sends one a second and lets nobody change that."""
+    flight = Flight().run(3.0)
+    flight.px4.mute.add("HEARTBEAT")
+    flight.run(1.3)
+    assert flight.out.status.connected
+    flight.run(1.5)
+    assert not flight.out.status.connected
+
+
+def test_news_do_not_wait_for_the_heartbeat_of_the_next_second():
+    flight = Flight().run(3.0)
+    flight.px4.mute.add("HEARTBEAT")  # only those that are asked for
+    flight.phase, flight.goal = TAKEOFF, np.array([0.0, 0.0, 1.5])
+    began = flight.now
+    flight.stage(Stage.FLYING)
+    assert flight.now - began < 1_000 * MS
+    flight.run(3.0)
+    assert flight.out.status.connected and not flight.events
+    asked = [m for m in flight.px4.received if m.get_type() == "COMMAND_LONG"]
+    beats = [m for m in asked if (m.command, m.param1) == (512, 0)]
+    assert 10 < len(beats) < 20, "four a second at most"
+    flight.px4.mode = POSCTL
+    flight.run(0.4)
+    assert flight.out.status.mode == "position"
+
+
+def test_a_px4_whose_time_is_slower_than_time_is_flown():
+    """A simulator in lockstep on a slow machine."""
+    flight = Flight()
+    flight.px4.boot_ns = lambda now: 20 * 1000 * MS + (now - NOW) * 9 // 10
+    flight.run(6.0)
+    assert flight.out.status.ready, flight.out.status.findings
+    for odometry in flight.seen["odometry"][-50:]:
+        assert abs(odometry.arrival_ns - odometry.stamp_ns) < 8 * MS
+
+
+def test_a_vehicle_that_was_started_anew():
+    flight = Flight().run(5.0)
+    flight.px4.ahead_ns = 2_000 * MS - flight.now
+    flight.px4.sync = type(flight.px4.sync)()
+    flight.run(6.0)
+    assert any(key == "vehicle_rebooted" for key, _ in flight.events)
+    assert abs(flight.bridge.sync.offset_ns + flight.px4.ahead_ns) < 1 * MS
+    assert flight.out.status.ready, flight.out.status.findings
+
+
+def test_parameters_are_read_and_none_is_written():
+    flight = Flight().run(5.0)
+    assert flight.bridge.parameters.values == flight.px4.parameters | {
+        "MPC_THR_HOVER": (pytest.approx(0.47))
+    }
+    assert not any(m.get_type() == "PARAM_SET" for m in flight.px4.received)
+
+
+def test_parameters_are_written_if_asked_and_confirmed():
+    flight = Flight({"EKF2_EV_CTRL": 15.0, "EKF2_EV_DELAY": 12.5})
+    flight.px4.parameters["EKF2_EV_CTRL"] = 0
+    flight.run(5.0)
+    assert flight.px4.parameters["EKF2_EV_CTRL"] == 15
+    assert flight.px4.parameters["EKF2_EV_DELAY"] == pytest.approx(12.5)
+    assert not flight.bridge.parameters.unwritten
+    assert flight.bridge.parameters.written == {"EKF2_EV_CTRL": 15, "EKF2_EV_DELAY": 12.5}
+    writes = [m for m in flight.px4.received if m.get_type() == "PARAM_SET"]
+    assert len(writes) == 2
+
+
+def test_a_restart_is_asked_for_where_px4_needs_one():
+    flight = Flight({"EKF2_HGT_REF": 3.0, "EKF2_EV_CTRL": 15.0})
+    flight.px4.parameters |= {"EKF2_HGT_REF": 1, "EKF2_EV_CTRL": 0}
+    flight.run(5.0)
+    assert flight.out.faults["parameters_at_start"].startswith("EKF2_HGT_REF changed: restart")
+    flight = Flight({"EKF2_HGT_REF": 3.0}).run(5.0)
+    assert "parameters_at_start" not in flight.out.faults
+
+
+def test_parameters_px4_does_not_know_are_asked_for_a_few_times():
+    flight = Flight()
+    del flight.px4.parameters["EKF2_DELAY_MAX"]
+    flight.run(10.0)
+    asked = [m for m in flight.px4.received if m.get_type() == "PARAM_REQUEST_READ"]
+    assert sum(m.param_id == "EKF2_DELAY_MAX" for m in asked) == 4
+    assert flight.bridge.parameters.missing == ["EKF2_DELAY_MAX"]
+    assert flight.out.status.ready
+
+
+def test_telemetry_too_slow_is_said():
+    flight = Flight(odometry_rate=200.0).run(8.0)
+    assert "ODOMETRY comes at 50 Hz, 200 Hz were asked for" in flight.out.faults["slow.ODOMETRY"]
+    asked = [m for m in flight.px4.received if m.get_type() == "COMMAND_LONG"]
+    assert sum(m.command == 511 and m.param1 == 331 for m in asked) <= 5
+
+
+def test_our_own_signs_of_life():
+    flight = Flight().run(5.0)
+    beats = [m for m in flight.px4.received if m.get_type() == "HEARTBEAT"]
+    assert len(beats) == pytest.approx(5, abs=1)
+    assert flight.bridge.answered > 30
+    assert flight.px4.mode == AUTO_HOLD
+
+
+@pytest.mark.parametrize(("name", "word"), [("mocap", "vicon"), ("setpoint", "positon")])
+def test_words_that_mean_nothing_are_refused(name, word):
+    with pytest.raises(InputError, match=f"px4.{name} '{word}'"):
+        Bridge(BridgeParams(**{name: word}), LinkParams(), 1.3)
+
+
+def test_ending_in_flight_it_asks_px4_to_land():
+    flight = Flight().run(3.0)
+    assert flight.bridge.farewell() is None
+    flight.take_off()
+    last = flight.bridge.farewell()
+    assert (last.command, last.param2, last.param3) == (176, 4.0, 6.0)
+    flight.px4.mode = POSCTL
+    flight.run(1.5)
+    assert flight.bridge.farewell() is None, "somebody else flies it"
+
+
+def test_position_and_attitude_do_where_px4_sends_no_odometry():
+    flight = Flight()
+    flight.px4.mute = {"ODOMETRY"}
+    flight.run(5.0)
+    found = flight.seen["odometry"]
+    assert len(found) > 60
+    assert found[-1].position == pytest.approx([0, 0, GROUND], abs=0.01)
+    flight.px4.mute = set()
+    flight.run(2.0)
+    stamps = [o.stamp_ns for o in flight.seen["odometry"]]
+    assert stamps == sorted(stamps)
+    assert flight.out.status.ready, flight.out.status.findings
+
+
+def test_a_clock_set_back_in_flight_does_not_end_it():
+    flight = Flight().take_off()
+    flight.bridge.session.stage = Stage.TAKEN  # the present position is streamed by the clock
+    back = 3600 * 1000 * MS
+    flight.now -= back
+    flight.px4.ahead_ns += back
+    flight.px4._now -= back
+    flight.px4.stream_ns -= back
+    flight._to_px4.clear(), flight._to_us.clear(), flight._poses.clear()
+    flight.px4.targets.clear()
+    flight.run(3.0)
+    assert len(flight.px4.targets) > 30
+    assert flight.px4.mode == OFFBOARD
+    assert any(key == "clock_set_back" for key, _ in flight.events)
+    assert flight.out.status.connected
+    assert abs(flight.bridge.sync.offset_ns + flight.px4.ahead_ns) < 1 * MS

@@ -1,0 +1,554 @@
+"""The link: good frames come in from the right ones; nothing else gets in, steals or stops."""
+
+import contextlib
+import random
+import socket
+import time
+
+import pytest
+from mavlink_packets import (
+    encoder,
+    frame_with,
+    heartbeat,
+    hostile_packets,
+    wild_frame,
+)
+from pymavlink.dialects.v20 import common
+
+from tombo_dynamics.errors import InputError
+from tombo_px4.link.mavlink_link import Link
+from tombo_px4.link.tcp import MAX_CLIENTS
+from tombo_px4.link.timesync import TimeSync
+from tombo_px4.link.udp import MAX_PARTNERS
+
+KEY = bytes(range(1, 33))
+OTHER_KEY = bytes(range(2, 34))
+VEHICLE = {"system": 1, "component": 1}
+COMPUTER = {"system": 245, "component": 191}
+
+
+@pytest.fixture
+def links():
+    with contextlib.ExitStack() as stack:
+
+        def make(url, ids=VEHICLE, **kwargs):
+            link = Link(url, **{"clock": time.time_ns, **ids, **kwargs})
+            stack.callback(link.close)
+            return link
+
+        yield make
+
+
+@pytest.fixture
+def sender():
+    """A bare UDP socket."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.settimeout(2.0)
+        yield sock
+
+
+@pytest.fixture
+def pair(links):
+    """A listening vehicle and a computer that speaks to it."""
+
+    def make(kind="udp", **kwargs):
+        vehicle = links(f"{kind}in://127.0.0.1:0", **kwargs)
+        computer = links(f"{kind}out://127.0.0.1:{vehicle.address[1]}", COMPUTER, **kwargs)
+        end = time.monotonic() + 2.0
+        while not computer.connected and time.monotonic() < end:
+            computer.wait(0.01)
+            computer.receive()
+            vehicle.receive()
+        return vehicle, computer
+
+    return make
+
+
+def beat(link, mode=0):
+    return link.mav.heartbeat_encode(6, 8, 0, mode, 3)
+
+
+def collect(link, number=1, seconds=2.0, limit=200):
+    """Receive until there are `number` messages, or the time is over."""
+    got = []
+    end = time.monotonic() + seconds
+    while len(got) < number and time.monotonic() < end:
+        link.wait(0.02)
+        got += link.receive(limit)
+    return got
+
+
+def modes(received):
+    return [item.message.custom_mode for item in received]
+
+
+@pytest.mark.parametrize("kind", ["udp", "tcp"])
+def test_messages_go_both_ways(pair, kind):
+    vehicle, computer = pair(kind)
+    assert computer.send(beat(computer, 7))
+    (came,) = collect(vehicle)
+    assert came.message.get_type() == "HEARTBEAT" and came.message.custom_mode == 7
+    assert (came.system, came.component) == (245, 191)
+    assert abs(came.arrival_ns - time.time_ns()) < 2_000_000_000
+    assert vehicle.connected and computer.connected
+    assert vehicle.send(vehicle.mav.timesync_encode(0, 5))
+    assert vehicle.send(vehicle.mav.timesync_encode(0, 6), to=came.peer)
+    answers = collect(computer, 2)
+    assert [answer.message.ts1 for answer in answers] == [5, 6]
+    assert [answer.message.get_seq() for answer in answers] == [0, 1]
+    assert vehicle.counters["sent"] == computer.counters["received"] == 2
+    assert vehicle.counters["garbage_bytes"] == computer.counters["garbage_bytes"] == 0
+
+
+def test_before_anybody_has_spoken_nothing_is_sent(links):
+    vehicle = links("udpin://127.0.0.1:0")
+    assert not vehicle.connected
+    assert not vehicle.send(beat(vehicle))
+    assert vehicle.counters["no_peer"] == 1 and vehicle.counters["sent"] == 0
+
+
+def test_a_default_peer_is_spoken_to_first_and_left_for_who_speaks(links, sender):
+    sender.bind(("127.0.0.1", 0))
+    vehicle = links("udpin://127.0.0.1:0", default_peer=f"127.0.0.1:{sender.getsockname()[1]}")
+    assert vehicle.connected and vehicle.send(beat(vehicle))
+    data, address = sender.recvfrom(300)
+    assert data[0] == 0xFD and address == vehicle.address
+    computer = links(f"udpout://127.0.0.1:{vehicle.address[1]}", COMPUTER)
+    computer.send(beat(computer))
+    assert collect(vehicle)
+    vehicle.send(beat(vehicle))
+    assert collect(computer)
+
+
+def test_the_local_port_of_a_sender_is_the_one_asked_for(links, sender):
+    sender.bind(("127.0.0.1", 0))
+    port = sender.getsockname()[1]
+    sender.close()
+    vehicle = links("udpin://127.0.0.1:0")
+    computer = links(f"udpout://127.0.0.1:{vehicle.address[1]}?local={port}", COMPUTER)
+    computer.send(beat(computer))
+    (came,) = collect(vehicle)
+    assert came.peer == computer.address == ("127.0.0.1", port)
+
+
+@pytest.mark.parametrize(
+    ("accept", "let_in", "counter"),
+    [
+        ({}, [(1, 1), (1, 2), (2, 1)], None),
+        ({"accept_system": 1}, [(1, 1), (1, 2)], "wrong_system"),
+        ({"accept_component": 1}, [(1, 1), (2, 1)], "wrong_component"),
+        ({"accept_system": 1, "accept_component": 1}, [(1, 1)], "wrong_system"),
+    ],
+)
+def test_only_the_accepted_system_and_component_come_in(links, sender, accept, let_in, counter):
+    link = links("udpin://127.0.0.1:0", COMPUTER, **accept)
+    for system, component in [(1, 1), (1, 2), (2, 1)]:
+        sender.sendto(heartbeat(0, encoder(system, component)), link.address)
+    got = collect(link, len(let_in))
+    assert [(item.system, item.component) for item in got] == let_in
+    if counter:
+        assert link.counters[counter] == 1
+        assert link.stranger not in (None, *let_in)
+    else:
+        assert link.stranger is None
+
+
+def steal_attempts():
+    good = heartbeat(66, encoder(1, 1))
+    flipped = bytearray(good)
+    flipped[12] ^= 1
+    return {
+        "noise": b"\x00" * 30,
+        "cut": good[:-1],
+        "checksum": bytes(flipped),
+        "system": heartbeat(66, encoder(2, 1)),
+        "component": heartbeat(66, encoder(1, 2)),
+        "unknown": frame_with(54321, bytes(9)),
+        "empty": b"",
+    }
+
+
+@pytest.mark.parametrize("what", steal_attempts())
+def test_garbage_from_elsewhere_never_steals_the_peer(links, sender, what):
+    computer = links("udpin://127.0.0.1:0", COMPUTER, accept_system=1, accept_component=1)
+    vehicle = links(f"udpout://127.0.0.1:{computer.address[1]}")
+    vehicle.send(beat(vehicle, 1))
+    assert modes(collect(computer)) == [1]
+    sender.sendto(steal_attempts()[what], computer.address)
+    vehicle.send(beat(vehicle, 2))
+    assert modes(collect(computer)) == [2]
+    computer.send(beat(computer, 3))
+    assert modes(collect(vehicle)) == [3]
+
+
+def test_who_spoke_last_and_was_let_in_is_answered(links):
+    vehicle = links("udpin://127.0.0.1:0")
+    clients = [links(f"udpout://127.0.0.1:{vehicle.address[1]}", COMPUTER) for _ in range(2)]
+    for client in (*clients, clients[0]):
+        client.send(beat(client))
+        assert collect(vehicle)
+        vehicle.send(beat(vehicle, 5))
+        assert modes(collect(client)) == [5]
+
+
+def test_with_a_key_both_sides_sign_and_understand_each_other(pair):
+    vehicle, computer = pair(key=KEY)
+    for mode in range(5):
+        computer.send(beat(computer, mode))
+        vehicle_got = collect(vehicle)
+        assert modes(vehicle_got) == [mode]
+        vehicle.send(beat(vehicle, mode))
+        assert modes(collect(computer)) == [mode]
+
+
+def test_with_a_key_the_rest_is_refused_and_counted(links, sender):
+    link = links("udpin://127.0.0.1:0", COMPUTER, key=KEY)
+    vehicle = encoder(1, 1, KEY)
+    vehicle.signing.timestamp = 2**47  # far in the future: newer than our start
+    good = heartbeat(1, vehicle)
+    sender.sendto(good, link.address)
+    assert modes(collect(link)) == [1]
+    peer = link._transport.peer
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as thief:
+        for data in (
+            good,
+            heartbeat(2),
+            heartbeat(2, old=True),
+            heartbeat(2, encoder(key=OTHER_KEY)),
+        ):
+            thief.sendto(data, link.address)
+        sender.sendto(heartbeat(3, vehicle), link.address)
+        assert modes(collect(link)) == [3]
+    assert link.counters["replayed"] == 1
+    assert link.counters["unsigned"] == 2
+    assert link.counters["bad_signature"] == 1
+    assert link._transport.peer == peer
+
+
+def test_a_partner_without_the_key_hears_signed_messages(links):
+    """As MAVLink has it: a signature is no cipher."""
+    vehicle = links("udpin://127.0.0.1:0", key=KEY)
+    computer = links(f"udpout://127.0.0.1:{vehicle.address[1]}", COMPUTER)
+    vehicle.send(beat(vehicle, 1), to=computer.address)
+    (came,) = collect(computer)
+    assert came.message.get_msgbuf()[2] == 1
+
+
+def test_two_links_of_one_component_are_told_apart_by_their_link_id(links):
+    receiver = links("udpin://127.0.0.1:0", COMPUTER, key=KEY)
+    url = f"udpout://127.0.0.1:{receiver.address[1]}"
+    ahead = links(url, key=KEY, link_id=1, clock=lambda: time.time_ns() + 3600 * 10**9)
+    exact = links(url, key=KEY, link_id=2)
+    for mode in range(3):
+        ahead.send(beat(ahead, mode))
+        exact.send(beat(exact, mode))
+    assert len(collect(receiver, 6)) == 6
+
+
+@pytest.mark.parametrize("url", ["udpin://127.0.0.1:0", "tcpin://127.0.0.1:0"])
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"system": 0}, "system 0 is out of bounds; accepted: 1 to 255"),
+        ({"component": 256}, "component 256 is out of bounds; accepted: 1 to 255"),
+        ({"accept_system": -1}, "accept_system -1"),
+        ({"link_id": 256}, "link_id 256"),
+        ({"key": b"short"}, "key is no key; accepted: a file of 32 bytes"),
+        ({"default_peer": "nowhere"}, "'nowhere'"),
+    ],
+)
+def test_wrong_arguments_are_said_in_one_line(url, wrong, said):
+    with pytest.raises(InputError, match=said) as refusal:
+        Link(url, **{**VEHICLE, "clock": time.time_ns, **wrong}).close()
+    assert "\n" not in str(refusal.value) and "accepted" in str(refusal.value)
+
+
+def test_values_that_do_not_fit_are_counted_not_raised(pair):
+    vehicle, computer = pair()
+    assert not computer.send(computer.mav.heartbeat_encode(6, 8, 0, 2**32, 3))
+    assert not computer.send(computer.mav.heartbeat_encode(6, 8, None, 0, 3))
+    assert "heartbeat" in computer.trouble
+    assert computer.counters["send_failed"] == 2 and computer.counters["sent"] == 0
+    assert computer.send(beat(computer, 9))
+    assert modes(collect(vehicle)) == [9]
+
+
+def test_the_limit_leaves_the_rest_for_the_next_call(pair):
+    vehicle, computer = pair()
+    for mode in range(25):
+        computer.send(beat(computer, mode))
+    got = []
+    while vehicle.wait(0.2):
+        part = vehicle.receive(limit=10)
+        assert len(part) <= 10
+        got += part
+    assert modes(got) == list(range(25))
+
+
+def test_what_is_left_of_a_datagram_waits_too(links, sender):
+    link = links("udpin://127.0.0.1:0", COMPUTER)
+    sender.sendto(b"".join(heartbeat(mode) for mode in range(20)), link.address)
+    assert link.wait(1.0)
+    got = []
+    for _ in range(40):
+        got += link.receive(limit=1)
+        if len(got) < 20:
+            assert link.wait(0.0), len(got)
+    assert modes(got) == list(range(20))
+    assert not link.wait(0.0)
+
+
+def test_wait_sleeps_no_longer_than_it_must(pair):
+    vehicle, computer = pair()
+    begin = time.monotonic()
+    assert not vehicle.wait(0.05)
+    assert 0.045 < time.monotonic() - begin < 1.0
+    computer.send(beat(computer))
+    begin = time.monotonic()
+    assert vehicle.wait(5.0)
+    assert time.monotonic() - begin < 2.0
+
+
+def test_waiting_for_a_server_that_is_not_there_lets_the_next_try_be_made(links, sender):
+    sender.bind(("127.0.0.1", 0))
+    client = links(f"tcpout://127.0.0.1:{sender.getsockname()[1]}", COMPUTER)
+    begin = time.monotonic()
+    for _ in range(3):
+        client.wait(5.0)
+        client.receive()
+    assert time.monotonic() - begin < 4.0
+
+
+@pytest.mark.parametrize("kind", ["udp", "tcp"])
+def test_a_closed_link_does_nothing_at_all(pair, kind):
+    vehicle, computer = pair(kind)
+    computer.send(beat(computer))
+    vehicle.close()
+    vehicle.close()
+    assert vehicle.receive() == [] and not vehicle.wait(0.01) and not vehicle.connected
+    assert not vehicle.send(beat(vehicle)) and vehicle.counters["send_failed"] == 1
+
+
+def test_clocks_agree_to_a_millisecond_although_one_side_polls(pair):
+    """The stamp of the kernel and the middle in the answer take a loop of 4 ms out of it."""
+    vehicle, computer = pair()
+    ahead_ns = 3_000_000_000
+    sync, other = TimeSync(), TimeSync()
+    vehicle.send(beat(vehicle), to=computer.address)
+    for _ in range(30):
+        vehicle.send(vehicle.mav.timesync_encode(*sync.request(time.time_ns())), computer.address)
+        time.sleep(0.004)
+        for item in computer.receive():
+            if item.message.get_type() == "TIMESYNC":
+                answer = other.answer(
+                    item.message.tc1,
+                    item.message.ts1,
+                    item.arrival_ns + ahead_ns,
+                    time.time_ns() + ahead_ns,
+                )
+                computer.send(computer.mav.timesync_encode(*answer))
+        for item in collect(vehicle):
+            sync.reply(item.message.tc1, item.message.ts1, item.arrival_ns)
+    assert sync.converged
+    assert abs(sync.offset_ns + ahead_ns) < 1_000_000
+    assert sync.rtt_ns > 4_000_000
+
+
+def test_mavlink_1_is_understood(links, sender):
+    link = links("udpin://127.0.0.1:0", COMPUTER)
+    sender.sendto(heartbeat(4, encoder(1, 1), old=True), link.address)
+    assert modes(collect(link)) == [4]
+
+
+def test_half_frames_over_tcp_are_put_together_for_each_client(links):
+    link = links("tcpin://127.0.0.1:0", COMPUTER)
+    with (
+        socket.create_connection(link.address) as one,
+        socket.create_connection(link.address) as two,
+    ):
+        a, b = heartbeat(1, encoder(1)), heartbeat(2, encoder(2))
+        for first, second in zip(a, b, strict=True):
+            one.sendall(bytes([first]))
+            two.sendall(bytes([second]))
+            link.wait(0.01)
+            for item in link.receive():
+                assert item.system == item.message.custom_mode
+        collect(link, 2, 0.1)
+        assert link.counters["received"] == 2
+        assert link.counters["garbage_bytes"] == 0
+        one.sendall(a[:11])
+        collect(link, 1, 0.02)
+    with socket.create_connection(link.address) as again:  # the half of before is forgotten
+        again.sendall(heartbeat(3))
+        assert modes(collect(link)) == [3]
+
+
+def test_a_flood_from_elsewhere_costs_a_partner_no_message(links, sender):
+    link = links("udpin://127.0.0.1:0", COMPUTER, accept_system=1)
+    got = []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as attacker:
+        sender.sendto(heartbeat(0), link.address)
+        got += collect(link)
+        for mode in range(1, 20):
+            for _ in range(3000):  # more than the kernel keeps, between two calls
+                attacker.sendto(b"flood", link.address)
+            sender.sendto(heartbeat(mode), link.address)
+            got += link.receive(limit=10)
+        got += collect(link, 20 - len(got))
+        assert modes(got) == list(range(20))
+        while link.wait(0.0):
+            link.receive()
+        attacker.sendto(b"flood", link.address)  # the next one tells of those lost before
+        assert link.wait(1.0) and link.receive() == []
+    assert link.counters["dropped"] > 0
+
+
+def test_what_a_partner_said_stays_in_order_when_it_gets_its_own_queue(links, sender):
+    link = links("udpin://127.0.0.1:0", COMPUTER)
+    got, mode = [], 0
+    for _ in range(100):
+        for _ in range(5):
+            sender.sendto(heartbeat(mode), link.address)
+            mode += 1
+        got += modes(link.receive(limit=2))
+    while link.wait(0.05):
+        got += modes(link.receive())
+    assert got == list(range(500))
+
+
+def test_many_partners_are_all_heard_and_the_port_stays_busy_to_others(links):
+    vehicle = links("udpin://127.0.0.1:0")
+    url = f"udpout://127.0.0.1:{vehicle.address[1]}"
+    clients = [links(url, COMPUTER) for _ in range(MAX_PARTNERS + 3)]
+    for mode in range(5):
+        for client in clients:
+            client.send(beat(client, mode))
+        got = collect(vehicle, len(clients))
+        assert sorted(item.peer for item in got) == sorted(client.address for client in clients)
+        for item in got:
+            vehicle.send(beat(vehicle, mode), to=item.peer)
+        for client in clients:
+            assert modes(collect(client)) == [mode]
+    assert len(vehicle._transport._partners) == MAX_PARTNERS
+    with pytest.raises(InputError, match="in use"):
+        links(f"udpin://127.0.0.1:{vehicle.address[1]}")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as thief:
+        thief.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        with pytest.raises(OSError, match="in use"):
+            thief.bind(vehicle.address)
+
+
+def test_clients_that_come_and_go_leave_nothing_behind(links):
+    link = links("tcpin://127.0.0.1:0", COMPUTER)
+    with contextlib.ExitStack() as crowd:
+        for number in range(20):  # more than there is room for: some are hung up on
+            client = crowd.enter_context(socket.create_connection(link.address, 2.0))
+            client.sendall(heartbeat(1)[:11])
+            collect(link, 1, 0.02)
+            assert len(link._streams) <= min(number + 1, MAX_CLIENTS)
+    collect(link, 1, 0.1)
+    assert link._streams == {} and not link.connected
+
+
+def besiege(link, feed, legitimate, packets):
+    """Attack a link; return how many legitimate messages were sent, and how many came in order."""
+    chance = random.Random(11)
+    sent = got = 0
+    for crowd in range(packets // 64):
+        for packet in hostile_packets(chance, 64):
+            feed(packet)
+        legitimate(heartbeat(0x70000000 + crowd, encoder(9, 9)))
+        sent += 1
+        while link.wait(0.0):
+            for item in link.receive():
+                wanted = item.system == 9 and item.message.get_type() == "HEARTBEAT"
+                got += wanted and item.message.custom_mode == 0x70000000 + got
+    return sent, got
+
+
+def test_a_hostile_crowd_over_udp_stops_nothing(links, sender):
+    link = links("udpin://127.0.0.1:0")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as attacker:
+        sent, got = besiege(
+            link,
+            lambda packet: attacker.sendto(packet, link.address),
+            lambda packet: sender.sendto(packet, link.address),
+            packets=40_000,
+        )
+    assert got == sent
+    assert link.counters["bad_checksum"] > 0 and link.counters["garbage_bytes"] > 0
+    assert link.counters["undecodable"] == 0
+
+
+def test_a_hostile_crowd_over_tcp_stops_nothing(links):
+    link = links("tcpin://127.0.0.1:0")
+    with (
+        socket.create_connection(link.address, 2.0) as attacker,
+        socket.create_connection(link.address, 2.0) as client,
+    ):
+        sent, got = besiege(link, attacker.sendall, client.sendall, packets=40_000)
+        got += sum(item.system == 9 for item in collect(link, 1000, 0.1))
+    assert got == sent
+
+
+@pytest.mark.parametrize("pattern", [b"\xfd", b"\xfe", b"\xfe\xff\x00\x01\x01\x00", b"quiet"])
+@pytest.mark.parametrize("kind", ["udp", "tcp"])
+def test_one_call_does_a_bounded_piece_of_work(links, kind, pattern):
+    link = links(f"{kind}in://127.0.0.1:0")
+    steps = []
+    look = link._frames
+
+    def looking(packet):
+        before = link._findings.tries
+        frames = look(packet)
+        steps[-1] += 1 + len(packet.data) // 256 + link._findings.tries - before
+        return frames
+
+    link._frames = looking
+    kinds = {"udp": socket.SOCK_DGRAM, "tcp": socket.SOCK_STREAM}
+    with socket.socket(socket.AF_INET, kinds[kind]) as attacker:
+        attacker.connect(link.address)
+        for _ in range(200):
+            attacker.send((pattern * 1400)[:1400])
+        while link.wait(0.05):
+            steps.append(0)
+            assert link.receive(limit=50) == []
+    assert len(steps) > 1
+    assert max(steps) < 4 * 50 + 16 + 512
+
+
+def test_a_noisy_stream_delivers_what_is_good_in_it(links):
+    """One and the same TCP client sends noise between its messages."""
+    link = links("tcpin://127.0.0.1:0")
+    chance = random.Random(3)
+    with socket.create_connection(link.address, 2.0) as client:
+        for mode in range(300):
+            client.sendall(chance.randbytes(chance.randrange(120)).replace(b"\xfe", b""))
+            client.sendall(heartbeat(mode, encoder(9)))
+            if mode % 20 == 0:
+                collect(link, 1000, 0.0)
+        client.sendall(bytes(300))
+        collect(link, 1000, 0.3)
+    assert link.counters["received"] >= 298
+
+
+def test_messages_of_any_content_are_handed_on_as_they_are(links, sender):
+    """The link judges frames, not fields; whatever is in them it decodes."""
+    link = links("udpin://127.0.0.1:0", COMPUTER)
+    chance = random.Random(4)
+    for _ in range(20):
+        frames = [wild_frame(chance) for _ in range(100)]
+        for frame in frames:
+            sender.sendto(frame, link.address)
+        assert len(collect(link, 100)) == 100
+    assert link.counters["undecodable"] == 0
+
+
+def test_the_environment_cannot_switch_the_checksum_off(links, sender, monkeypatch):
+    monkeypatch.setattr(common, "MAVLINK_IGNORE_CRC", "1")
+    link = links("udpin://127.0.0.1:0", COMPUTER)
+    bad = bytearray(heartbeat(1))
+    bad[-1] ^= 1
+    sender.sendto(bytes(bad), link.address)
+    sender.sendto(heartbeat(2), link.address)
+    assert modes(collect(link)) == [2]

@@ -1,0 +1,127 @@
+"""Turned by hand, the poses must say what the gyro says; what they say else is named."""
+
+import functools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tombo_dynamics.rotation import quaternion_multiply
+from tombo_px4.bridge.motion_check import MotionCheck
+
+NOW = 1_763_700_000_000_000_000
+SECOND = 1_000_000_000
+
+
+@functools.cache
+def hand(axes=(1.0, 0.7, 0.8), speed=1.5, seconds=8.0):
+    """Attitudes and body rates at 1 kHz of a vehicle that is turned to and fro."""
+    t = np.arange(0.0, seconds, 1e-3)
+    rates = speed * np.stack(
+        [
+            axes[0] * np.sin(2.1 * t),
+            axes[1] * np.sin(1.7 * t + 1.0),
+            axes[2] * np.sin(1.3 * t + 2.0),
+        ],
+        axis=1,
+    )
+    q = np.array([0.0, 0.0, 0.3, 0.954])
+    attitudes = []
+    for w in rates:
+        angle = np.linalg.norm(w) * 1e-3
+        axis = w / max(np.linalg.norm(w), 1e-12)
+        q = quaternion_multiply(q, np.append(np.sin(angle / 2) * axis, np.cos(angle / 2)))
+        attitudes.append(q)
+    return np.array(attitudes), rates
+
+
+def judged(motion, as_mocap=lambda q: q, delay_s=0.0, noise=0.002, rate=50):
+    """The verdict on a motion seen by poses, stamped `delay_s` late, and a gyro at 100 Hz."""
+    attitudes, rates = motion
+    rng = np.random.default_rng(2)
+    check = MotionCheck()
+    begin = NOW - len(rates) * 1_000_000
+    for k in range(0, len(rates), 10):
+        check.gyro(begin + k * 1_000_000, rates[k] + rng.normal(0, 0.01, 3))
+    for k in range(0, len(rates), 1000 // rate):
+        q = as_mocap(attitudes[k])
+        shaken = quaternion_multiply(q, np.append(rng.normal(0, 0.5 * noise, 3), 1.0))
+        stamp = begin + k * 1_000_000 + round(delay_s * 1e9)
+        if stamp <= NOW:
+            check.pose(stamp, shaken / np.linalg.norm(shaken))
+    return check.judge(NOW)
+
+
+@settings(max_examples=15)
+@given(st.floats(-0.04, 0.25), st.sampled_from([30, 50, 100]))
+def test_the_delay_of_the_stamps_is_measured(delay, rate):
+    found = judged(hand(), delay_s=delay, rate=1000 // (1000 // rate))
+    assert found.mistake == ""
+    assert found.delay_s == pytest.approx(delay, abs=0.008)
+
+
+@pytest.mark.parametrize("axes", [(1.0, 0, 0), (0, 1.0, 0), (0, 0, 1.0)])
+def test_turning_about_one_axis_is_enough_to_pass(axes):
+    assert judged(hand(axes)).mistake == ""
+
+
+def mirrored(q):
+    """Seen in a mirror across the x-z plane."""
+    return q * [-1, 1, -1, 1]
+
+
+def y_up(q):
+    """World and body with y up, as Motive streams them: (x, y, z) becomes (x, z, -y)."""
+    return np.array([q[0], q[2], -q[1], q[3]])
+
+
+def turned_body(q):
+    """x of the rigid body points to the left side of the vehicle."""
+    return quaternion_multiply(q, np.array([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]))
+
+
+@pytest.mark.parametrize(
+    ("mistake", "words"),
+    [
+        (mirrored, "mirrored: turning shows about x as -x, z as -z"),
+        (y_up, "y as -z, z as y"),
+        (turned_body, "x as -y, y as x"),
+        (lambda q: q * [-1, -1, -1, 1], "attitude is the inverse"),
+    ],
+)
+def test_wrong_axes_are_named(mistake, words):
+    assert words in judged(hand(), mistake, 0.03).mistake
+
+
+def test_a_yaw_turned_the_wrong_way_shows_by_yawing_alone():
+    found = judged(hand((0, 0, 1.0)), lambda q: q * [1, 1, -1, 1])
+    assert "z as -z" in found.mistake
+
+
+@pytest.mark.parametrize("motion", [hand(speed=0.02), hand(seconds=0.6)])
+def test_without_turning_there_is_no_verdict(motion):
+    assert judged(motion) is None
+
+
+def test_poses_of_something_else_are_named_without_certainty():
+    other, _ = hand((0.3, 1.0, -0.5))
+    _, rates = hand()
+    found = judged((other[::-1], rates))
+    assert "otherwise than PX4's gyro" in found.mistake and not found.sure
+
+
+def test_the_verdict_stays_when_the_vehicle_is_put_down():
+    attitudes, rates = hand()
+    check = MotionCheck()
+    begin = NOW - len(rates) * 1_000_000
+    for k in range(0, len(rates), 20):
+        check.gyro(begin + k * 1_000_000, rates[k])
+        check.pose(begin + k * 1_000_000, attitudes[k])
+    first = check.judge(NOW)
+    for k in range(500):
+        check.gyro(NOW + k * 20_000_000, np.zeros(3))
+        check.pose(NOW + k * 20_000_000, attitudes[-1])
+    assert check.judge(NOW + 10 * SECOND) == first is not None
+    check.forget()
+    assert check.judge(NOW + 10 * SECOND) is None

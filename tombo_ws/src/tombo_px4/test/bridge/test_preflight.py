@@ -1,0 +1,401 @@
+"""Each fault of a laboratory is named with cause and cure; a good set-up passes."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tombo_dynamics.rotation import quaternion_multiply, turned
+from tombo_px4.bridge.bridge_params import BridgeParams
+from tombo_px4.bridge.finding import Weight
+from tombo_px4.bridge.pose_axes import explain_up, up_error
+from tombo_px4.bridge.preflight import Preflight
+from tombo_px4.bridge.records import EstimatorState, ImuSample, VehicleOdometry
+from tombo_px4.link.timesync import TimeSync
+
+NOW = 1_763_700_000_000_000_000
+MS = 1_000_000
+SECOND = 1000 * MS
+GOOD = {
+    "EKF2_EV_CTRL": 11,
+    "EKF2_HGT_REF": 3,
+    "EKF2_EV_DELAY": 0.0,
+    "EKF2_DELAY_MAX": 200.0,
+    "EKF2_GPS_CTRL": 0,
+    "EKF2_BARO_CTRL": 0,
+    "EKF2_RNG_CTRL": 0,
+    "EKF2_MAG_TYPE": 5,
+    "SYS_HAS_GPS": 0,
+    "MAV_SYS_ID": 1,
+    "COM_OF_LOSS_T": 1.0,
+    "MPC_THR_HOVER": 0.47,
+}
+
+
+def spin(axis, angle):
+    """xyzw of a turn about x, y or z."""
+    q = np.zeros(4)
+    q["xyz".index(axis)], q[3] = math.sin(angle / 2), math.cos(angle / 2)
+    return q
+
+
+def synced(rtt_ns=300_000):
+    sync = TimeSync()
+    for k in range(20):
+        at = NOW - (21 - k) * 100 * MS
+        sync.request(at)
+        sync.reply(at - NOW + 20 * SECOND + rtt_ns // 2, at, at + rtt_ns)
+    return sync
+
+
+class Lab:
+    """A vehicle that stands there for two seconds, seen by mocap and by PX4."""
+
+    def __init__(self, **params):
+        self.params = BridgeParams(**params)
+        self.place = np.array([1.0, 2.0, 0.18])
+        self.attitude = spin("z", 0.5)
+        self.as_mocap = lambda place, attitude: (place, attitude)
+        self.as_px4 = lambda place, attitude: (place, attitude)
+        self.latency = 0.02
+        self.rate = 50
+        self.noise = 0.0003
+        self.shake = 0.02
+        self.values = dict(GOOD)
+        self.sync = synced()
+        self.answered = 20
+        self.estimator = EstimatorState(NOW, True, True, True, True, 0.2, 0.1)
+        self.telemetry = True
+        self.flying = False
+        self.last_pose_s = 0.0
+        self.gyro = np.zeros(3)
+
+    def preflight(self):
+        rng = np.random.default_rng(1)
+        made = Preflight(self.params, 1)
+        for k in range(2 * self.rate):
+            arrival = NOW - 2 * SECOND + (k + 1) * SECOND // self.rate
+            if arrival > NOW - self.last_pose_s * SECOND:
+                break
+            place, attitude = self.as_mocap(self.place, self.attitude)
+            place = place + rng.normal(0, self.noise, 3) if self.noise else place
+            made.pose(arrival - round(self.latency * 1e9), arrival, place, attitude)
+        back = self.attitude * [-1, -1, -1, 1]
+        up = turned(back, np.array([0.0, 0.0, 9.81]))
+        for k in range(200 if self.telemetry else 0):
+            arrival = NOW - 2 * SECOND + (k + 1) * 10 * MS
+            stamp = arrival - 2 * MS
+            gyro = self.gyro + rng.normal(0, 0.1 * self.shake, 3)
+            accel = up + rng.normal(0, self.shake, 3)
+            made.imu(ImuSample(arrival, stamp, 1, gyro, accel))
+            place, attitude = self.as_px4(self.place, self.attitude)
+            zero = np.zeros(3)
+            made.odometry(VehicleOdometry(arrival, stamp, 1, place, attitude, zero, zero, None, 0))
+        if self.estimator is not None:
+            made.estimator(self.estimator)
+        return made
+
+    def findings(self, made=None):
+        return (made or self.preflight()).findings(
+            NOW,
+            self.sync,
+            self.values,
+            linked_ns=NOW - 10 * SECOND,
+            answered=self.answered,
+            flying=self.flying,
+        )
+
+    def text(self, key):
+        """The text of a finding that forbids to arm."""
+        found = {f.key: f for f in self.findings()}
+        assert key in found, sorted(found)
+        assert found[key].weight == Weight.BLOCKS
+        return found[key].text
+
+    def warning(self, key):
+        found = {f.key: f for f in self.findings()}
+        assert key in found, sorted(found)
+        assert found[key].weight == Weight.WARNING
+        return found[key].text
+
+    def found(self):
+        return {f.key for f in self.findings()}
+
+
+@pytest.fixture
+def lab():
+    return Lab()
+
+
+@settings(max_examples=25)
+@given(
+    st.floats(-3.1, 3.1),
+    st.floats(-0.05, 0.05),
+    st.floats(-5, 5),
+    st.sampled_from([30, 50, 100, 250]),
+    st.floats(0.0, 0.1),
+)
+def test_a_good_set_up_passes(yaw, tilt, x, rate, latency):
+    lab = Lab()
+    lab.attitude = quaternion_multiply(spin("z", yaw), spin("x", tilt))
+    lab.place = np.array([x, -x, 0.18])
+    lab.rate, lab.latency = rate, latency
+    assert lab.findings() == []
+
+
+# --- stamps and silence ------------------------------------------------------------------------
+
+
+def test_no_poses(lab):
+    lab.rate = 0
+    assert "is the driver running" in lab.text("pose_stale")
+
+
+def test_poses_that_stopped(lab):
+    lab.last_pose_s = 0.7
+    assert "no mocap pose has come for 0.7 s" in lab.text("pose_stale")
+
+
+def test_poses_too_seldom(lab):
+    lab.rate = 10
+    assert "come at 10 Hz" in lab.warning("pose_rate")
+
+
+def test_a_frozen_pose(lab):
+    lab.noise = 0.0
+    assert "frozen: not one bit has changed" in lab.warning("pose_frozen")
+    lab.flying = True
+    assert "the body is not seen" in lab.text("pose_frozen")
+
+
+def test_a_world_without_any_noise_is_not_frozen(lab):
+    lab.noise = lab.shake = 0.0
+    assert lab.found() == set()
+
+
+@pytest.mark.parametrize(
+    ("why", "age", "words"),
+    [
+        ("future", -1.2, "stamps are 1.2 s in the future: the clock of the mocap computer"),
+        ("late", 3.4, "stamps are 3.4 s old when they arrive"),
+        ("wrong_frame", 0.0, "not in frame map"),
+        ("not_finite", 0.0, "lost the body"),
+        ("not_unit", 0.0, "no rotations"),
+        ("out_of_order", 0.0, "do not grow"),
+        ("crowded", 0.0, "stop one of them"),
+    ],
+)
+def test_refused_poses_are_named_for_as_long_as_they_come(lab, why, age, words):
+    made = lab.preflight()
+    made.refused_pose(why, NOW - 100 * MS, age)
+    (found,) = lab.findings(made)
+    assert found.weight == Weight.BLOCKS
+    assert words in found.text
+    made.refused_pose(why, NOW - 3 * SECOND, age)
+    assert lab.findings(made) == []
+
+
+def test_clocks_that_do_not_know_each_other(lab):
+    lab.sync = TimeSync()
+    assert "TIMESYNC has not converged" in lab.text("timesync")
+
+
+def test_a_slow_round_trip(lab):
+    lab.sync = synced(60 * MS)
+    assert "60 ms there and back" in lab.warning("timesync_slow")
+
+
+def test_a_vehicle_that_never_asks_for_the_time(lab):
+    lab.answered = 0
+    assert "arrival of poses for" in lab.warning("timesync_unasked")
+
+
+def test_delays(lab):
+    lab.values["EKF2_EV_DELAY"] = 175.0
+    assert "EKF2_EV_DELAY is 175 ms" in lab.warning("ev_delay")
+    lab.latency = 0.04
+    text = lab.text("pose_delay")
+    assert "215 ms old" in text and "40 ms to here" in text and "EKF2_DELAY_MAX" in text
+
+
+# --- axes --------------------------------------------------------------------------------------
+
+Y_UP = spin("x", -math.pi / 2)
+"""Axes with z up into axes with y up: (x, y, z) -> (x, z, -y)."""
+
+
+def y_up_world_and_body(place, attitude):
+    q = quaternion_multiply(quaternion_multiply(Y_UP, attitude), Y_UP * [-1, -1, -1, 1])
+    return turned(Y_UP, place), q
+
+
+def y_up_world(place, attitude):
+    return turned(Y_UP, place), quaternion_multiply(Y_UP, attitude)
+
+
+@pytest.mark.parametrize("mistake", [y_up_world_and_body, y_up_world])
+def test_y_up(lab, mistake):
+    lab.as_mocap = lab.as_px4 = mistake
+    text = lab.text("mocap_up")
+    assert "mocap pose is Y-up" in text and "Motive" in text
+
+
+def test_w_first(lab):
+    lab.as_mocap = lab.as_px4 = lambda place, q: (place, np.roll(q, 1))
+    assert "quaternion is w first" in lab.text("mocap_up")
+
+
+def test_z_down(lab):
+    turn = spin("x", math.pi)
+    lab.as_mocap = lab.as_px4 = lambda place, q: (place, quaternion_multiply(q, turn))
+    assert "hangs upside down" in lab.text("mocap_up")
+
+
+def test_a_tilted_body(lab):
+    lab.as_mocap = lambda place, q: (place, quaternion_multiply(q, spin("y", 0.35)))
+    assert "tilted by 20 deg" in lab.text("mocap_up")
+
+
+def test_up_is_not_judged_in_flight_nor_in_somebodys_hands(lab):
+    lab.as_mocap = lab.as_px4 = y_up_world
+    lab.flying = True
+    assert "mocap_up" not in lab.found()
+    lab.flying, lab.gyro = False, np.array([0.0, 0.0, 1.0])
+    assert "put it down" in lab.warning("moved")
+
+
+@given(st.floats(-math.pi, math.pi), st.floats(0.0, 1.2), st.floats(-math.pi, math.pi))
+def test_up_is_right_whichever_way_the_nose_points(yaw, tilt, about):
+    q = quaternion_multiply(
+        spin("z", yaw),
+        np.array(
+            [
+                math.sin(tilt / 2) * math.cos(about),
+                math.sin(tilt / 2) * math.sin(about),
+                0.0,
+                math.cos(tilt / 2),
+            ]
+        ),
+    )
+    accel = turned(q * [-1, -1, -1, 1], np.array([0.0, 0.0, 9.81]))
+    assert explain_up(q, accel, 0.17) == ""
+    level = np.array([0.0, 0.0, 9.81])
+    assert up_error(q, level) == pytest.approx(tilt, abs=1e-6)
+
+
+@pytest.mark.parametrize("turn", [90, -90, 180, 35])
+def test_a_body_whose_x_is_not_the_nose(lab, turn):
+    lab.as_mocap = lambda p, q: (p, quaternion_multiply(q, spin("z", math.radians(turn))))
+    text = lab.text("yaw_differs")
+    assert f"differs from PX4 by {turn:+} deg" in text or turn == 180
+    assert ("not the nose" in text) == (turn != 35)
+
+
+# --- what PX4 makes of them --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        ((2.0, 1.0, -0.18), "ENU taken for NED"),
+        ((-2.0, 1.0, 0.18), "turned by 90 deg"),
+        ((-1.0, 2.0, 0.18), "mirrored in x"),
+        ((1.0, 2.0, 0.9), "height is +0.72 m off"),
+        ((0.0, 0.0, 0.0), "m away from the pose"),
+        ((1.25, 2.0, 0.18), "0.25 m away"),
+    ],
+)
+def test_a_position_that_does_not_follow(lab, place, words):
+    lab.as_px4 = lambda p, q: (np.array(place), q)
+    assert words in lab.text("position_differs")
+
+
+def test_in_flight_the_position_may_lag(lab):
+    lab.as_px4 = lambda p, q: (p + np.array([0.3, 0.0, 0.0]), q)
+    lab.flying = True
+    assert lab.found() == set()
+
+
+def test_nothing_is_fused(lab):
+    lab.values["EKF2_EV_CTRL"] = 0
+    assert "nothing is fused: EKF2_EV_CTRL is 0; set it to 11" in lab.text("not_fused")
+    lab.values["EKF2_EV_CTRL"] = 8
+    assert "position is not fused: EKF2_EV_CTRL is 8" in lab.text("not_fused")
+    lab.values["EKF2_EV_CTRL"] = 1
+    assert "without bit 3" in lab.warning("yaw_not_fused")
+    assert "without bit 1" in lab.warning("height_not_fused")
+
+
+def test_the_estimator_says_that_nothing_is_fused(lab):
+    lab.estimator = EstimatorState(NOW, True, False, True, False, 0.0, 0.0)
+    assert "knows no position though poses are sent" in lab.text("not_fused")
+
+
+def test_poses_that_the_estimator_refuses(lab):
+    lab.estimator = EstimatorState(NOW, True, True, True, True, 3.2, 0.1)
+    assert "test ratio 3.2" in lab.text("poses_refused")
+    lab.estimator = EstimatorState(NOW, True, True, True, True, math.nan, 4.1)
+    assert "test ratio 4.1" in lab.text("poses_refused")
+
+
+def test_what_the_estimator_does_not_tell_is_no_fault(lab):
+    lab.estimator = EstimatorState(NOW, True, True, True, True, math.nan, math.nan)
+    assert lab.found() == set()
+    lab.estimator = None
+    assert lab.found() == set()
+
+
+def test_the_kind_that_is_never_fused():
+    lab = Lab(mocap="mocap")
+    assert "EKF2 does not fuse" in lab.text("mocap_message")
+
+
+def test_no_telemetry(lab):
+    lab.telemetry = False
+    assert "sends no position" in lab.text("no_position")
+    assert "HIGHRES_IMU" in lab.text("no_imu")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "key", "words"),
+    [
+        ("EKF2_HGT_REF", 0, "height_reference", "the barometer"),
+        ("EKF2_GPS_CTRL", 7, "other_sensors", "GPS"),
+        ("EKF2_BARO_CTRL", 1, "other_sensors", "barometer"),
+        ("EKF2_RNG_CTRL", 1, "other_sensors", "range finder"),
+        ("EKF2_MAG_TYPE", 0, "other_sensors", "magnetometer"),
+        ("MAV_SYS_ID", 3, "system_id", "MAV_SYS_ID is 3, not 1"),
+        ("COM_OF_LOSS_T", 0.1, "loss_time", "0.1 s"),
+    ],
+)
+def test_parameters_that_are_not_right_for_mocap(lab, name, value, key, words):
+    lab.values |= {name: value, "SYS_HAS_GPS": 1}
+    assert words in lab.warning(key)
+
+
+def test_whom_px4_wants_to_hear_before_it_arms_is_told_and_forbids_nothing(lab):
+    for name, value, key, words in (
+        ("NAV_DLL_ACT", 2, "ground_station", "NAV_DLL_ACT is 2"),
+        ("COM_RCL_EXCEPT", 3, "remote_control", "COM_RCL_EXCEPT is 3, without bit 2"),
+    ):
+        lab.values = GOOD | {name: value}
+        (finding,) = lab.findings()
+        assert (finding.key, finding.weight) == (key, Weight.ADVICE)
+        assert words in finding.text
+    lab.values = GOOD | {"NAV_DLL_ACT": 0, "COM_RCL_EXCEPT": 6}
+    assert lab.found() == set()
+
+
+def test_what_forbids_comes_first(lab):
+    lab.values |= {"EKF2_HGT_REF": 0, "EKF2_BARO_CTRL": 1}
+    lab.last_pose_s = 0.5
+    weights = [f.weight for f in lab.findings()]
+    assert weights == sorted(weights, reverse=True)
+    assert weights[0] == Weight.BLOCKS
+
+
+def test_parameters_not_known_are_no_findings(lab):
+    lab.values = {}
+    assert lab.found() == set()

@@ -1,0 +1,551 @@
+"""When the bridge streams, arms, asks for modes and lands, against a scripted vehicle."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tombo_control.autopilot import BLIND, HOVER, IDLE, LAND, LANDED, TAKEOFF
+from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, AUTO_RTL, OFFBOARD, POSCTL
+from tombo_px4.bridge.records import Acknowledged, Heartbeat, Landed, StatusText
+from tombo_px4.bridge.session import Decision, Request, Session, Stage, Stream, View
+from tombo_px4.link.errand import ARM_COMMAND, SET_MODE_COMMAND, Errand, Order, Words
+
+STEP = 20_000_000
+SECOND = 1_000_000_000
+REJECTED, DENIED = 1, 2
+
+
+class Vehicle:
+    """PX4 as far as heartbeats and commands go; `refuses` makes it say no."""
+
+    def __init__(self):
+        self.armed, self.mode, self.landed = False, AUTO_HOLD, Landed.ON_GROUND
+        self.refuses: dict[int, int] = {}
+        self.deaf = self.silent = False
+        self.arms_late_ns = 0
+        self.received = []
+        self.heartbeat = None
+        self._arm_at = None
+
+    def command(self, order, now, session):
+        self.received.append(order)
+        if self.deaf:
+            return
+        result = self.refuses.get(order.command, 0)
+        if order.mode is not None:  # the MAVLink module's own, which says nothing
+            session.acknowledged(Acknowledged(now, SET_MODE_COMMAND, 0))
+        session.acknowledged(Acknowledged(now, order.command, result))
+        if result:
+            session.said(StatusText(now, 2, "Arming denied: Resolve system health failures first"))
+        elif order.mode is not None:
+            self.mode = order.mode
+        elif order.armed and self.arms_late_ns:
+            self._arm_at = now + self.arms_late_ns
+        else:
+            self.armed = bool(order.armed)
+
+    def beat(self, now):
+        if self._arm_at is not None and now >= self._arm_at:
+            self.armed, self._arm_at = True, None
+        if not self.silent:
+            self.heartbeat = Heartbeat(now, self.armed, self.mode)
+
+
+class Flight:
+    """A session, a vehicle and a mission, 50 times a second."""
+
+    def __init__(self, phase=IDLE):
+        self.session, self.vehicle = Session(1.5), Vehicle()
+        self.now = SECOND
+        self.phase, self.fresh, self.streaming, self.blockers = phase, True, True, ()
+        self.events, self.replies, self.faults = [], [], {}
+        self.stream = None
+        self._beat = 0
+
+    def step(self):
+        self.now += STEP
+        if self.now - self._beat >= SECOND:
+            self._beat = self.now
+            self.vehicle.beat(self.now)
+        view = View(
+            self.now,
+            self.vehicle.heartbeat,
+            self.vehicle.landed,
+            self.phase,
+            self.fresh,
+            self.streaming,
+            self.blockers,
+        )
+        out = self.session.tick(view)
+        for order in out.orders:
+            self.vehicle.command(order, self.now, self.session)
+        self.events += out.events
+        self.replies += out.replies
+        self.faults, self.stream = out.faults, out.stream
+
+    def run(self, seconds):
+        for _ in range(round(seconds * 50)):
+            self.step()
+        return self
+
+    def until(self, stage, patience_s=12.0):
+        for _ in range(round(patience_s * 50)):
+            self.step()
+            if self.session.stage == stage:
+                return self
+        raise AssertionError(f"stays {self.session.stage}: {self.session.why}")
+
+    def take_off(self):
+        self.run(2.5)
+        self.phase = TAKEOFF
+        self.until(Stage.FLYING)
+        self.vehicle.landed = Landed.IN_AIR
+        self.phase = HOVER
+        return self.run(1.0)
+
+    def ask(self, kind):
+        self.session.ask(Request(len(self.replies) + 1, kind))
+        for _ in range(50 * 15):
+            self.step()
+            if self.replies:
+                return self.replies[-1]
+        raise AssertionError(f"no answer to {kind}")
+
+    def modes_asked(self):
+        return [o.mode for o in self.vehicle.received if o.mode is not None]
+
+    def armings(self):
+        return [o.armed for o in self.vehicle.received if o.armed is not None]
+
+
+def test_a_flight_arms_in_offboard_and_lands_by_px4():
+    flight = Flight().run(5.0)
+    assert (flight.session.stage, flight.stream) == (Stage.READY, Stream.PRESENT)
+    assert not flight.vehicle.received, "on the ground nothing is asked for"
+    flight.phase = TAKEOFF
+    flight.until(Stage.FLYING)
+    assert [str(o) for o in flight.vehicle.received] == ["mode offboard", "arming"]
+    flight.run(0.1)
+    assert flight.stream == Stream.SETPOINT
+    flight.vehicle.landed, flight.phase = Landed.IN_AIR, HOVER
+    flight.run(10.0)
+    flight.phase = LAND
+    flight.until(Stage.LANDING).run(2.0)
+    assert flight.modes_asked() == [OFFBOARD, AUTO_LAND]
+    flight.vehicle.landed, flight.vehicle.armed = Landed.ON_GROUND, False
+    flight.until(Stage.READY)
+    flight.phase = LANDED
+    flight.run(10.0)
+    assert flight.session.stage == Stage.READY
+    assert flight.armings() == [True]
+    assert not flight.events
+
+
+def test_px4_has_seen_the_stream_for_a_second_before_offboard():
+    flight = Flight()
+    flight.streaming = False
+    flight.run(3.0)
+    flight.phase, flight.streaming = TAKEOFF, True
+    flight.run(0.9)
+    assert not flight.vehicle.received
+    flight.run(0.2)
+    assert flight.modes_asked() == [OFFBOARD]
+
+
+@pytest.mark.parametrize("blockers", [("stamps are 1.2 s in the future",), ("a", "b")])
+def test_what_the_checks_forbid_is_not_armed_and_said(blockers):
+    flight = Flight().run(2.0)
+    flight.blockers, flight.phase = blockers, TAKEOFF
+    flight.run(5.0)
+    assert not flight.vehicle.received
+    assert all(text in flight.faults["preflight"] for text in blockers)
+    flight.blockers = ()
+    flight.until(Stage.FLYING)
+    assert not flight.faults
+
+
+def test_a_refused_arming_is_retried_reported_and_given_up():
+    flight = Flight().run(2.0)
+    flight.vehicle.refuses[ARM_COMMAND] = REJECTED
+    flight.phase = TAKEOFF
+    flight.until(Stage.REFUSED)
+    assert flight.armings() == 5 * [True]
+    text = flight.faults["given_up"]
+    assert "arming temporarily rejected" in text
+    assert "Resolve system health failures first" in text
+    assert all("Resolve" in said for _, said in flight.events)
+    flight.run(20.0)
+    assert flight.armings() == 5 * [True], "bounded"
+
+
+def test_after_a_refusal_the_mission_must_have_been_on_the_ground():
+    flight = Flight().run(2.0)
+    flight.vehicle.refuses[ARM_COMMAND] = DENIED
+    flight.phase = TAKEOFF
+    flight.until(Stage.REFUSED)
+    flight.vehicle.refuses.clear()
+    flight.run(10.0)
+    assert flight.session.stage == Stage.REFUSED
+    flight.phase = LANDED
+    flight.until(Stage.READY)
+    flight.phase = TAKEOFF
+    flight.until(Stage.FLYING)
+
+
+def test_a_refused_mode_arms_nothing():
+    flight = Flight().run(2.0)
+    flight.vehicle.refuses[SET_MODE_COMMAND] = REJECTED
+    flight.phase = TAKEOFF
+    flight.until(Stage.REFUSED)
+    assert flight.armings() == []
+    assert len(flight.modes_asked()) == 3
+    assert "mode offboard temporarily rejected" in flight.session.why
+
+
+def test_an_acknowledgement_is_no_confirmation():
+    flight = Flight().run(2.0)
+    flight.vehicle.deaf = True
+    flight.phase = TAKEOFF
+    flight.run(1.0)
+    for command in (SET_MODE_COMMAND, ARM_COMMAND):
+        flight.session.acknowledged(Acknowledged(flight.now, command, 0))
+    flight.until(Stage.REFUSED)
+    assert "not confirmed by HEARTBEAT" in flight.session.why
+    assert flight.armings() == []
+
+
+def test_a_heartbeat_from_before_the_order_confirms_nothing():
+    errand, old = Errand(Order(mode=OFFBOARD), 2), Heartbeat(SECOND, False, OFFBOARD)
+    assert errand.tick(old, Words(), SECOND + STEP), "it is sent even if it looks met"
+    errand.tick(old, Words(), SECOND + 2 * STEP)
+    assert not errand.done
+    errand.tick(Heartbeat(SECOND + 2 * STEP, False, OFFBOARD), Words(), SECOND + 3 * STEP)
+    assert errand.done
+
+
+def test_a_mode_lost_while_arming_disarms_what_arms_late():
+    flight = Flight().run(2.0)
+    flight.vehicle.arms_late_ns = 1_500_000_000
+    flight.phase = TAKEOFF
+    flight.until(Stage.ARMING).run(0.3)
+    flight.vehicle.mode = POSCTL
+    flight.until(Stage.REFUSED)
+    assert "mode changed to position while arming" in flight.session.why
+    flight.vehicle.arms_late_ns = 0
+    flight.run(4.0)
+    assert not flight.vehicle.armed
+    assert flight.armings()[-1] is False
+    assert any("disarmed again" in said for _, said in flight.events)
+    assert flight.session.stage == Stage.REFUSED
+
+
+def test_poses_lost_while_arming_end_in_a_disarmed_vehicle():
+    flight = Flight().run(2.0)
+    flight.vehicle.arms_late_ns = SECOND
+    flight.phase = TAKEOFF
+    flight.until(Stage.ARMING).run(0.1)
+    flight.blockers = ("no mocap pose has come",)
+    flight.run(6.0)
+    assert not flight.vehicle.armed
+    assert "no mocap pose has come" in flight.faults["given_up"]
+
+
+def test_a_mode_taken_by_somebody_else_is_reported_and_never_fought():
+    flight = Flight().take_off()
+    flight.vehicle.mode = POSCTL
+    asked = len(flight.vehicle.received)
+    flight.session.said(StatusText(flight.now, 4, "Pilot took over using sticks"))
+    flight.until(Stage.TAKEN).run(20.0)
+    assert len(flight.vehicle.received) == asked
+    assert flight.stream == Stream.PRESENT
+    text = flight.faults["mode_taken"]
+    assert "mode is position" in text and "Pilot took over" in text and "px4/offboard" in text
+    flight.vehicle.mode = OFFBOARD  # even then: it waits to be asked
+    flight.run(2.0)
+    assert flight.stream == Stream.HOLD
+    flight.vehicle.mode = POSCTL
+    reply = flight.ask("offboard")
+    assert reply.success and flight.vehicle.mode == OFFBOARD
+    assert flight.run(0.1).stream == Stream.SETPOINT
+    assert "mode_taken" not in flight.faults
+
+
+def test_landing_is_not_asked_for_in_a_mode_of_somebody_elses():
+    flight = Flight().take_off()
+    flight.vehicle.mode = AUTO_RTL
+    flight.until(Stage.TAKEN)
+    flight.phase = LAND
+    flight.run(5.0)
+    assert AUTO_LAND not in flight.modes_asked()
+
+
+def test_a_lost_link_is_reported_and_nothing_is_armed_on_return():
+    flight = Flight().take_off()
+    flight.vehicle.silent = True
+    flight.run(1.3)
+    assert flight.session.stage == Stage.FLYING
+    flight.run(1.5)
+    assert flight.session.stage == Stage.LOST
+    assert "nothing is armed" in flight.faults["link_lost"]
+    assert flight.stream == Stream.SETPOINT, "the vehicle may still hear us"
+    flight.vehicle.silent, flight.vehicle.armed = False, False
+    flight.vehicle.landed = Landed.ON_GROUND
+    asked = len(flight.vehicle.received)
+    flight.run(10.0)
+    assert len(flight.vehicle.received) == asked
+    assert "disarmed while the link was lost" in flight.faults["given_up"]
+
+
+@pytest.mark.parametrize(("mode", "stage"), [(OFFBOARD, Stage.FLYING), (AUTO_RTL, Stage.TAKEN)])
+def test_a_link_that_returns_in_flight(mode, stage):
+    flight = Flight().take_off()
+    flight.vehicle.silent = True
+    flight.run(4.0)
+    flight.vehicle.silent, flight.vehicle.mode = False, mode
+    flight.run(1.5)
+    assert flight.session.stage == stage
+    assert "link_lost" not in flight.faults
+
+
+def test_a_mission_whose_first_word_heard_is_take_off_is_flown():
+    flight = Flight(TAKEOFF)
+    flight.until(Stage.FLYING)
+    assert flight.vehicle.armed and flight.vehicle.mode == OFFBOARD
+
+
+def test_take_off_asked_for_again_after_a_refusal_is_no_first_word():
+    flight = Flight(TAKEOFF)
+    flight.vehicle.refuses = {ARM_COMMAND: DENIED}
+    flight.until(Stage.REFUSED)
+    flight.vehicle.refuses = {}
+    sent = len(flight.vehicle.received)
+    flight.run(10.0)
+    assert len(flight.vehicle.received) == sent and not flight.vehicle.armed
+
+
+def test_a_bridge_started_in_flight_touches_nothing():
+    flight = Flight(HOVER)
+    flight.vehicle.armed, flight.vehicle.mode = True, AUTO_RTL
+    flight.vehicle.landed = Landed.IN_AIR
+    flight.run(10.0)
+    assert (flight.session.stage, flight.vehicle.received) == (Stage.TAKEN, [])
+    flight.vehicle.armed, flight.vehicle.landed = False, Landed.ON_GROUND
+    flight.run(10.0)
+    assert not flight.vehicle.received, "the mission still hovers: that is no order to take off"
+    assert "start it anew" in flight.faults["not_engaged"]
+
+
+def test_a_blind_descent_lands_and_does_not_take_off_again():
+    flight = Flight().take_off()
+    flight.phase = BLIND
+    flight.until(Stage.LANDING).run(2.0)
+    flight.phase = HOVER
+    flight.run(2.0)
+    assert flight.session.stage == Stage.LANDING
+    flight.vehicle.landed, flight.vehicle.armed = Landed.ON_GROUND, False
+    flight.run(10.0)
+    assert flight.armings() == [True]
+
+
+def test_a_refused_landing_goes_on_in_offboard_and_disarms_on_the_ground():
+    flight = Flight().take_off()
+    flight.vehicle.refuses[SET_MODE_COMMAND] = REJECTED
+    flight.phase = LAND
+    flight.until(Stage.LANDING).run(6.0)
+    assert flight.session.stage == Stage.LANDING
+    assert flight.stream == Stream.SETPOINT
+    flight.vehicle.landed, flight.phase = Landed.ON_GROUND, LANDED
+    flight.until(Stage.READY)
+    assert flight.armings() == [True, False]
+
+
+def test_a_vehicle_that_stays_armed_on_the_ground_is_disarmed():
+    flight = Flight().take_off()
+    flight.phase = LAND
+    flight.until(Stage.LANDING)
+    flight.vehicle.landed = Landed.ON_GROUND
+    flight.run(3.0)
+    assert flight.armings() == [True]
+    flight.until(Stage.READY)
+    assert flight.armings() == [True, False]
+
+
+def test_a_mission_that_gives_up_on_the_ground_is_disarmed():
+    flight = Flight().run(2.5)
+    flight.phase = TAKEOFF
+    flight.until(Stage.FLYING)
+    flight.phase = LANDED
+    flight.until(Stage.READY)
+    assert flight.armings() == [True, False]
+
+
+def test_disarmed_in_flight_is_not_armed_again():
+    flight = Flight().take_off()
+    flight.vehicle.armed = False
+    flight.session.said(StatusText(flight.now, 1, "Critical failure detected: terminate"))
+    flight.until(Stage.REFUSED).run(10.0)
+    assert "Critical failure" in flight.session.why
+    assert flight.armings() == [True]
+
+
+# --- the operator ------------------------------------------------------------------------------
+
+
+def test_services_are_answered_once_a_heartbeat_confirms():
+    flight = Flight().run(2.5)
+    began = flight.now
+    reply = flight.ask("arm")
+    assert reply.success and flight.vehicle.heartbeat.armed
+    assert flight.now - began < 2 * SECOND
+    assert flight.session.stage == Stage.TAKEN
+
+
+@pytest.mark.parametrize("kind", ["offboard", "hold", "land", "disarm"])
+def test_a_refused_wish_is_answered_with_px4s_words(kind):
+    flight = Flight().take_off()
+    flight.vehicle.mode = POSCTL
+    flight.until(Stage.TAKEN)
+    flight.vehicle.refuses = {SET_MODE_COMMAND: DENIED, ARM_COMMAND: DENIED}
+    reply = flight.ask(kind)
+    assert not reply.success
+    assert "denied" in reply.text and "Resolve system health" in reply.text
+
+
+def test_a_wish_of_a_deaf_vehicle_is_answered_in_time():
+    flight = Flight().take_off()
+    flight.vehicle.deaf = True
+    began = flight.now
+    reply = flight.ask("land")
+    assert not reply.success and "not confirmed by HEARTBEAT" in reply.text
+    assert flight.now - began < 6 * SECOND
+
+
+def test_arming_by_service_passes_the_checks_too():
+    flight = Flight().run(2.5)
+    flight.blockers = ("mocap pose is Y-up",)
+    reply = flight.ask("arm")
+    assert (reply.success, reply.text) == (False, "mocap pose is Y-up")
+    assert not flight.vehicle.received
+
+
+def test_hold_and_land_by_service():
+    flight = Flight().take_off()
+    assert flight.ask("hold").success
+    flight.run(5.0)
+    assert (flight.session.stage, flight.vehicle.mode) == (Stage.TAKEN, AUTO_HOLD)
+    flight.replies.clear()
+    assert flight.ask("land").success
+    assert flight.session.stage == Stage.LANDING
+
+
+def test_a_second_wish_overtakes_the_first():
+    flight = Flight().take_off()
+    flight.vehicle.deaf = True
+    flight.session.ask(Request(7, "hold"))
+    flight.run(0.5)
+    flight.vehicle.deaf = False
+    flight.session.ask(Request(8, "land"))
+    flight.run(2.5)
+    first, second = flight.replies
+    assert (first.number, first.success, second.number, second.success) == (7, False, 8, True)
+    assert "overtaken" in first.text
+
+
+def test_offboard_by_service_opens_the_way_after_a_refusal():
+    flight = Flight().run(2.5)
+    flight.vehicle.refuses[ARM_COMMAND] = DENIED
+    flight.phase = TAKEOFF
+    flight.until(Stage.REFUSED).run(6.0)
+    flight.vehicle.refuses.clear()
+    assert flight.ask("offboard").success
+    flight.until(Stage.FLYING)
+
+
+def test_armed_by_the_operator_it_stands_still_until_the_mission_flies():
+    flight = Flight().run(2.5)
+    assert flight.ask("arm").success
+    flight.replies.clear()
+    assert flight.ask("offboard").success
+    flight.run(8.0)
+    assert (flight.session.stage, flight.stream) == (Stage.FLYING, Stream.HOLD)
+    assert flight.vehicle.armed, "PX4's own time-out disarms it, not the bridge"
+    flight.phase = TAKEOFF
+    assert flight.run(0.1).stream == Stream.SETPOINT
+
+
+def test_a_clock_set_back_leaves_nobody_waiting():
+    flight = Flight().run(2.5)
+    flight.vehicle.deaf = True
+    flight.session.ask(Request(1, "arm"))
+    flight.run(0.5)
+    out = Decision()
+    flight.session.clock_set_back(out)
+    assert not out.replies[0].success and "clock" in out.replies[0].text
+
+
+def test_wishes_without_a_link_are_answered_at_once():
+    flight = Flight()
+    flight.vehicle.silent = True
+    reply = flight.ask("arm")
+    assert not reply.success and "no heartbeat" in reply.text
+    assert flight.now < 2 * SECOND
+
+
+def test_the_operator_stops_an_arming_under_way():
+    flight = Flight().run(2.5)
+    flight.vehicle.arms_late_ns = 3 * SECOND
+    flight.phase = TAKEOFF
+    flight.until(Stage.ARMING)
+    assert flight.ask("disarm").success
+    flight.vehicle.arms_late_ns = 0
+    flight.run(8.0)
+    assert not flight.vehicle.armed
+
+
+# --- whatever happens --------------------------------------------------------------------------
+
+HAPPENINGS = st.one_of(
+    st.tuples(st.just("phase"), st.sampled_from([IDLE, TAKEOFF, HOVER, LAND, LANDED, BLIND])),
+    st.tuples(st.just("mode"), st.sampled_from([OFFBOARD, AUTO_HOLD, POSCTL, AUTO_RTL])),
+    st.tuples(st.just("armed"), st.booleans()),
+    st.tuples(st.just("landed"), st.sampled_from(list(Landed))),
+    st.tuples(st.just("silent"), st.booleans()),
+    st.tuples(st.just("deaf"), st.booleans()),
+    st.tuples(st.just("refuse"), st.sampled_from([0, 1, 2, 4])),
+    st.tuples(st.just("blockers"), st.sampled_from([(), ("x",)])),
+    st.tuples(st.just("fresh"), st.booleans()),
+    st.tuples(st.just("streaming"), st.booleans()),
+    st.tuples(st.just("ask"), st.sampled_from(["arm", "disarm", "land", "hold", "offboard"])),
+)
+
+
+@settings(max_examples=60)
+@given(st.lists(st.tuples(HAPPENINGS, st.floats(0.02, 3.0)), max_size=14))
+def test_whatever_happens_the_rules_hold(story):
+    """Every wish is answered; nothing is armed against the checks or in a pilot's mode."""
+    flight = Flight()
+    asked = 0
+    for (what, value), seconds in story:
+        if what in ("mode", "armed", "landed", "silent", "deaf"):
+            setattr(flight.vehicle, what, value)
+        elif what == "refuse":
+            flight.vehicle.refuses = dict.fromkeys((ARM_COMMAND, SET_MODE_COMMAND), value)
+        elif what == "ask":
+            asked += 1
+            flight.session.ask(Request(asked, value))
+        else:
+            setattr(flight, what, value)
+        for _ in range(max(1, round(seconds * 50))):
+            before = len(flight.vehicle.received)
+            flight.step()
+            heard = flight.vehicle.heartbeat
+            sent = flight.vehicle.received[before:]
+            assert len(sent) <= 2
+            for order in sent:
+                assert heard is not None, "nothing is sent to nobody"
+                if order.armed and not asked:
+                    assert flight.vehicle.heartbeat.mode == OFFBOARD
+                    assert not flight.blockers
+                    assert flight.phase not in (IDLE, LANDED, LAND, BLIND)
+    flight.run(8.0)
+    assert sorted(r.number for r in flight.replies) == list(range(1, asked + 1))

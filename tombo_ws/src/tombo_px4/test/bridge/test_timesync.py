@@ -1,0 +1,282 @@
+"""TIMESYNC between simulated clocks that drift, jump, and talk over ways that are never even."""
+
+import random
+from dataclasses import dataclass
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tombo_px4.link.timesync import TimeSync
+
+US, MS, S = 1_000, 1_000_000, 1_000_000_000
+TODAY = 1_800_000_000 * S
+
+
+@dataclass
+class Clock:
+    """A clock that reads `begin_ns` at true time 0 and runs too fast by `drift` parts."""
+
+    begin_ns: int = 0
+    drift: float = 0.0
+
+    def at(self, true_ns):
+        return self.begin_ns + true_ns + round(self.drift * true_ns)
+
+    def set_by(self, ns):
+        self.begin_ns += ns
+
+
+@dataclass
+class Exchange:
+    """Requests of ours every 100 ms, and what the way and the other side do to them [ns]."""
+
+    ours: Clock
+    theirs: Clock
+    there: object = lambda: 30 * US
+    back: object = lambda: 30 * US
+    wait: object = lambda: 0
+    middle: bool = True
+    true_ns: int = 0
+
+    def run(self, sync, number, period_ns=100 * MS):
+        """Let a number of requests be answered; return the errors of the offset after each."""
+        errors = []
+        for _ in range(number):
+            _, ts1 = sync.request(self.ours.at(self.true_ns))
+            came = self.true_ns + self.there()
+            left = came + self.wait()
+            now = self.theirs.at(left)
+            tc1, ts1 = TimeSync().answer(0, ts1, self.theirs.at(came) if self.middle else now, now)
+            arrival = left + self.back()
+            sync.reply(tc1, ts1, self.ours.at(arrival))
+            errors.append(self.error(sync, arrival))
+            self.true_ns += period_ns
+        return errors
+
+    def error(self, sync, true_ns):
+        return abs(sync.to_ours(self.theirs.at(true_ns)) - self.ours.at(true_ns))
+
+
+def test_before_any_answer_times_stay_as_they_are():
+    sync = TimeSync()
+    assert (sync.offset_ns, sync.rtt_ns, sync.converged) == (None, None, False)
+    assert sync.to_ours(5) == sync.to_theirs(5) == 5
+
+
+def test_an_even_way_gives_the_offset_to_the_nanosecond():
+    sync = TimeSync()
+    Exchange(Clock(TODAY), Clock(7 * S)).run(sync, 1)
+    assert sync.offset_ns == TODAY - 7 * S
+    assert sync.rtt_ns == 60 * US
+    assert sync.to_ours(7 * S + 5) == TODAY + 5
+    assert sync.to_theirs(TODAY + 5) == 7 * S + 5
+
+
+def test_it_has_converged_after_ten_answers():
+    sync = TimeSync()
+    exchange = Exchange(Clock(TODAY), Clock())
+    exchange.run(sync, 9)
+    assert not sync.converged
+    exchange.run(sync, 1)
+    assert sync.converged
+
+
+def test_a_request_that_waited_for_a_polled_loop_biases_nothing():
+    chance = random.Random(1)
+    waits = {"wait": lambda: chance.randrange(4 * MS)}
+    sync, plain = TimeSync(), TimeSync()
+    middle = Exchange(Clock(TODAY), Clock(), **waits).run(sync, 100)
+    Exchange(Clock(TODAY), Clock(), middle=False, **waits).run(plain, 1)
+    assert max(middle) <= 1 * US
+    assert abs(plain.offset_ns - TODAY) > 100 * US  # what the middle is for
+
+
+def test_another_side_that_answers_late_and_says_so_wrongly_costs_less_than_a_tenth():
+    chance = random.Random(2)
+    exchange = Exchange(Clock(TODAY), Clock(), wait=lambda: chance.randrange(4 * MS), middle=False)
+    errors = exchange.run(TimeSync(), 600)
+    assert max(errors[50:]) < 400 * US
+
+
+@given(
+    seed=st.integers(0, 10_000),
+    drift=st.floats(-100e-6, 100e-6),
+    jitter_there=st.integers(1, 8 * MS),
+    jitter_back=st.integers(1, 8 * MS),
+    begin=st.integers(1, 10**6),
+)
+def test_the_error_stays_within_a_millisecond(seed, drift, jitter_there, jitter_back, begin):
+    """Jitter is of one-sided kinds, most round trips quick, as on a machine with other work."""
+    chance = random.Random(seed)
+
+    def way(jitter):
+        return lambda: 20 * US + round(jitter * chance.random() ** 4)
+
+    exchange = Exchange(
+        Clock(TODAY), Clock(begin * MS, drift), way(jitter_there), way(jitter_back)
+    )
+    sync = TimeSync()
+    errors = exchange.run(sync, 300)
+    assert max(errors[20:]) < 1 * MS
+    assert sync.converged and sync.jumps == 0
+
+
+@given(st.integers(0, 10_000), st.integers(11 * MS, 900 * MS), st.sampled_from(["there", "back"]))
+def test_a_spike_of_the_round_trip_changes_next_to_nothing(seed, spike, where):
+    chance = random.Random(seed)
+    exchange = Exchange(Clock(TODAY), Clock(S))
+    sync = TimeSync()
+    exchange.run(sync, 30)
+    setattr(exchange, where, lambda: spike if chance.random() < 0.3 else 30 * US)
+    assert max(exchange.run(sync, 100)) < 20 * US
+    assert sync.jumps == 0
+    assert sync.rtt_ns == 60 * US
+
+
+def test_slow_answers_are_refused_and_taken_once_the_way_itself_is_slow():
+    exchange = Exchange(Clock(TODAY), Clock(S))
+    sync = TimeSync()
+    exchange.run(sync, 30)
+    exchange.back = lambda: 40 * MS
+    exchange.run(sync, 9)
+    assert sync.slow == 9 and sync.rtt_ns == 60 * US
+    exchange.run(sync, 6)
+    assert sync.rtt_ns > 40 * MS
+    slow = sync.slow
+    exchange.run(sync, 20)
+    assert sync.slow == slow
+
+
+@pytest.mark.parametrize("by", [-3600 * S, -50 * MS, 50 * MS, 3600 * S])
+@pytest.mark.parametrize("whose", ["ours", "theirs"])
+def test_a_jump_of_either_clock_is_noticed_within_four_answers(whose, by):
+    exchange = Exchange(Clock(TODAY), Clock(7200 * S))
+    sync = TimeSync()
+    exchange.run(sync, 40)
+    getattr(exchange, whose).set_by(by)
+    errors = exchange.run(sync, 4)
+    assert errors[-1] < 10 * US
+    assert sync.jumps == 1
+    assert not sync.converged
+    exchange.run(sync, 40)
+    assert sync.jumps == 1 and sync.converged
+
+
+def test_a_restart_of_the_other_side_is_a_jump():
+    exchange = Exchange(Clock(TODAY), Clock(500 * S))
+    sync = TimeSync()
+    exchange.run(sync, 40)
+    exchange.theirs = Clock(-exchange.true_ns + S)
+    assert exchange.run(sync, 5)[-1] < 10 * US
+    assert sync.jumps == 1
+
+
+def test_one_answer_beyond_belief_changes_nothing():
+    exchange = Exchange(Clock(TODAY), Clock(S))
+    sync = TimeSync()
+    exchange.run(sync, 20)
+    offset = sync.offset_ns
+    for _ in range(5):
+        _, ts1 = sync.request(exchange.ours.at(exchange.true_ns))
+        sync.reply(2**62, ts1, ts1 + 60 * US)
+        exchange.run(sync, 1)
+    assert sync.offset_ns == offset and sync.jumps == 0
+
+
+def test_a_small_step_is_followed_at_once():
+    exchange = Exchange(Clock(TODAY), Clock(S))
+    sync = TimeSync()
+    exchange.run(sync, 100)
+    exchange.theirs.set_by(3 * MS)
+    assert exchange.run(sync, 1)[-1] <= 31 * US
+    assert sync.jumps == 0
+
+
+def test_a_clock_of_a_slow_crystal_is_followed():
+    exchange = Exchange(Clock(TODAY), Clock(S, 200e-6))
+    assert max(exchange.run(TimeSync(), 600)) < 500 * US
+
+
+def test_a_drift_is_followed_where_the_way_is_long_too():
+    """Round trips of 12 ms bound the offset to 6 ms only: what follows is the filter."""
+    way = {"there": lambda: 6 * MS, "back": lambda: 6 * MS}
+    errors = Exchange(Clock(TODAY), Clock(S, 100e-6), **way).run(TimeSync(), 1200)
+    assert max(errors) < 500 * US
+
+
+@pytest.mark.parametrize("rate", [-0.5, -0.2, -0.05, -0.02, 0.02, 0.05, 0.1, 0.5])
+def test_a_simulated_clock_that_runs_slower_or_faster_is_followed(rate):
+    chance = random.Random(4)
+
+    def way():
+        return 20 * US + round(3 * MS * chance.random() ** 4)
+
+    exchange = Exchange(Clock(TODAY), Clock(S, rate), way, way)
+    sync = TimeSync()
+    errors = exchange.run(sync, 300)
+    assert sync.converged and sync.jumps <= 1
+    assert max(errors[30:]) < 3 * MS
+    later = exchange.true_ns + 60 * MS  # between two answers too
+    assert exchange.error(sync, later) < 3 * MS
+    there = exchange.theirs.at(later)
+    assert abs(sync.to_theirs(exchange.ours.at(later)) - there) < 4 * MS
+
+
+def test_a_clock_that_runs_evenly_again_is_followed():
+    exchange = Exchange(Clock(TODAY), Clock(S, -0.1))
+    sync = TimeSync()
+    exchange.run(sync, 100)
+    exchange.theirs = Clock(exchange.theirs.at(exchange.true_ns) - exchange.true_ns)
+    exchange.run(sync, 30)
+    assert max(exchange.run(sync, 100)) < 1 * MS
+    assert sync.converged
+
+
+def test_a_paused_simulator_is_a_jump_and_no_more():
+    exchange = Exchange(Clock(TODAY), Clock(S, -0.05))
+    sync = TimeSync()
+    exchange.run(sync, 100)
+    jumps = sync.jumps
+    exchange.theirs.set_by(-10 * S)
+    exchange.true_ns += 10 * S
+    exchange.run(sync, 20)
+    assert sync.jumps == jumps + 1 and sync.converged
+    assert max(exchange.run(sync, 50)) < 1 * MS
+
+
+@given(st.integers(-(2**63), 2**63 - 1), st.integers(-(2**63), 2**63 - 1), st.integers(0, 2**63))
+def test_answers_to_nothing_we_asked_are_refused(tc1, ts1, received):
+    sync = TimeSync()
+    sync.request(2**64)
+    sync.reply(tc1, ts1, received)
+    assert sync.offset_ns is None and sync.refused == 1
+
+
+def test_an_answer_counts_once_and_not_from_before_its_request():
+    sync = TimeSync()
+    sync.request(100)
+    sync.reply(0, 100, 200)
+    sync.reply(-5, 100, 200)
+    sync.reply(50, 100, 99)
+    assert sync.offset_ns is None and sync.refused == 3
+    sync.reply(50, 100, 200)
+    sync.reply(70, 100, 200)
+    assert sync.offset_ns == 100 and sync.refused == 4
+
+
+def test_requests_that_nobody_answers_are_forgotten():
+    sync = TimeSync()
+    for k in range(1000):
+        sync.request(k)
+    sync.reply(5, 0, 1000)
+    assert sync.offset_ns is None
+    sync.reply(5, 999, 1000)
+    assert sync.offset_ns is not None
+
+
+def test_only_requests_are_answered():
+    sync = TimeSync()
+    assert sync.answer(5, 7, 100, 200) is None
+    assert sync.answer(-5, 7, 100, 200) is None
+    assert sync.answer(0, -7, 100, 200) == (150, -7)

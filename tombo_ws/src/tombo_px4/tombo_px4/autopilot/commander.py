@@ -1,0 +1,327 @@
+"""Arming, modes and fail-safes: what PX4's commander allows, refuses and does by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from tombo_px4.autopilot.parameters import ParameterTable
+from tombo_px4.autopilot.targets import Kind
+from tombo_px4.bridge.modes import (
+    ACRO,
+    ALTCTL,
+    AUTO_HOLD,
+    AUTO_LAND,
+    AUTO_MISSION,
+    AUTO_RTL,
+    AUTO_TAKEOFF,
+    MANUAL,
+    OFFBOARD,
+    POSCTL,
+    STABILIZED,
+    Mode,
+)
+from tombo_px4.protocol.results import Battery, Health, Result, Severity
+
+DESCEND = Mode(-1)
+"""Level descent without a position; a heartbeat shows it as land."""
+TERMINATE = Mode(-2)
+"""Rotors off for good; a heartbeat shows it as manual."""
+_BY_HAND = (MANUAL, ALTCTL, POSCTL, ACRO, STABILIZED)
+_TITLES = {
+    MANUAL: "Manual",
+    ALTCTL: "Altitude",
+    POSCTL: "Position",
+    ACRO: "Acro",
+    STABILIZED: "Stabilized",
+    OFFBOARD: "Offboard",
+    AUTO_TAKEOFF: "Takeoff",
+    AUTO_HOLD: "Hold",
+    AUTO_MISSION: "Mission",
+    AUTO_RTL: "Return",
+    AUTO_LAND: "Land",
+    DESCEND: "Descend",
+    TERMINATE: "Termination",
+}
+_NOT_FOR_ARMING = (AUTO_LAND, AUTO_RTL)
+"""Modes that end a flight; after it the mode before is back."""
+_NO_SIGNAL = "No offboard signal"
+_NO_STICKS = "No manual control input"
+_NO_POSITION = "Navigation error: No valid position estimate"
+_BATTERY = ("", "Low battery", "Critical battery", "Emergency battery level")
+
+Say = Callable[[Severity, str], None]
+
+
+class Situation(NamedTuple):
+    """What the commander looks at."""
+
+    tick: int
+    attitude: bool
+    local_position: bool
+    global_position: bool
+    home: bool
+    landed: bool
+    maybe_landed: bool
+    taken_off: bool
+    """It has been in the air since arming."""
+    signal_tick: int
+    """Tick of the last valid set point; negative: none ever came."""
+    kind: Kind
+    """Of that set point."""
+    battery: Battery
+    roll: float
+    pitch: float
+    """[rad]."""
+
+
+class Commander:
+    """Which mode the vehicle flies in, and whether its rotors may turn."""
+
+    def __init__(self, parameters: ParameterTable, say: Say) -> None:
+        self._parameters = parameters
+        self._say = say
+        self.armed = False
+        self.intent: Mode = AUTO_HOLD
+        """Mode that the user asked for."""
+        self.mode: Mode = AUTO_HOLD
+        """Mode that is flown."""
+        self.failsafe = False
+        self.terminated = False
+        self._armed_tick = 0
+        self._landed_tick = -1
+        self._tilted_tick = -1
+        self._tilt_told = False
+        self._battery_told = 0
+        self._battery_action: Mode | None = None
+        self._after_disarming: Mode = AUTO_HOLD
+
+    # --- what can be
+
+    def missing(self, mode: Mode, now: Situation) -> str:
+        """Return what a mode lacks to be flown now; "" if nothing."""
+        if mode == TERMINATE:
+            return ""
+        if not now.attitude:
+            return "No valid attitude estimate"
+        if mode == DESCEND:
+            return ""
+        if mode in _BY_HAND:
+            return _NO_STICKS
+        if mode == OFFBOARD:
+            if self.signal_lost(now):
+                return _NO_SIGNAL
+            if now.kind <= Kind.ACCELERATION and not now.local_position:
+                return _NO_POSITION
+            return ""
+        if mode == AUTO_MISSION:
+            return "No valid mission available"
+        if not now.local_position:
+            return _NO_POSITION
+        if mode in (AUTO_HOLD, AUTO_RTL) and not now.global_position:
+            return "Navigation error: No valid global position estimate"
+        if mode == AUTO_RTL and not now.home:
+            return "Home position not set"
+        return ""
+
+    def signal_lost(self, now: Situation) -> bool:
+        """Return whether set points are missing for longer than COM_OF_LOSS_T."""
+        limit = 1000.0 * self._parameters.get("COM_OF_LOSS_T")
+        return now.signal_tick < 0 or now.tick - now.signal_tick > limit
+
+    def health(self, now: Situation) -> Health:
+        """Return what arming in the present mode would be denied for."""
+        problems = []
+        lacking = self.missing(self.intent, now)
+        if lacking:
+            problems.append(lacking)
+        if self.intent in _NOT_FOR_ARMING:
+            problems.append("Mode not suitable for arming")
+        if now.battery.warning >= 2:
+            problems.append(_BATTERY[now.battery.warning])
+        if self.terminated:
+            problems.append("Flight termination active")
+        return Health(
+            tuple(dict.fromkeys(problems)),
+            now.attitude,
+            now.local_position,
+            now.global_position,
+            now.home,
+        )
+
+    # --- commands
+
+    def arm(self, now: Situation) -> Result:
+        """Arm, if nothing is in the way. Force does not help: PX4 checks commands from outside."""
+        if self.armed:
+            return Result.ACCEPTED
+        problems = self.health(now).problems
+        if problems:
+            self._say(Severity.CRITICAL, "Arming denied: Resolve system health failures first")
+            for problem in problems:
+                self._say(Severity.CRITICAL, f"Preflight Fail: {problem}")
+            return Result.TEMPORARILY_REJECTED
+        self.armed = True
+        self._armed_tick = now.tick
+        self._landed_tick = -1
+        self._battery_action = None
+        self._say(Severity.INFO, "Armed by external command")
+        return Result.ACCEPTED
+
+    def disarm(self, now: Situation, force: bool, reason: str = "external command") -> Result:
+        """Disarm; in the air only by force."""
+        if not self.armed:
+            return Result.ACCEPTED
+        if not force and not (now.landed or now.maybe_landed):
+            self._say(Severity.CRITICAL, "Disarming denied: not landed")
+            return Result.TEMPORARILY_REJECTED
+        self.armed = False
+        self.failsafe = False
+        self._battery_action = None
+        self.intent = self.mode = self._after_disarming
+        self._say(Severity.INFO, f"Disarmed by {reason}")
+        return Result.ACCEPTED
+
+    def set_mode(self, mode: Mode, now: Situation) -> Result:
+        """Change the mode: on the ground any, in flight one that can be flown."""
+        title = _TITLES.get(mode)
+        if title is None or mode in (DESCEND, TERMINATE):
+            kind = "auto mode" if mode.main == AUTO_HOLD.main else "mode"
+            self._say(Severity.CRITICAL, f"Unsupported {kind}")
+            return Result.TEMPORARILY_REJECTED
+        lacking = self.missing(mode, now)
+        if self.armed and lacking:
+            self._say(Severity.CRITICAL, f"Switching to {title} is currently not available")
+            self._say(Severity.CRITICAL, f"{title}: {lacking}")
+            return Result.TEMPORARILY_REJECTED
+        self.intent = mode
+        if mode not in _NOT_FOR_ARMING:
+            self._after_disarming = mode
+        self._battery_action = None
+        self._settle(now)
+        return Result.ACCEPTED
+
+    def take_up(self, mode: Mode, now: Situation) -> None:
+        """Change to the mode that follows by itself; stay silently if it cannot be flown."""
+        if not self.missing(mode, now):
+            self.set_mode(mode, now)
+
+    def terminate(self, now: Situation) -> Result:
+        """Stop the rotors for good."""
+        if not self.armed:
+            return Result.DENIED
+        self.terminated = True
+        self._say(Severity.EMERGENCY, "Flight termination commanded")
+        self.disarm(now, True, "flight termination")
+        return Result.ACCEPTED
+
+    # --- by itself
+
+    def update(self, now: Situation) -> None:
+        """Look at the situation: fail-safes and disarming."""
+        self._watch_battery(now)
+        if not self.armed:
+            self.mode = self.intent
+            return
+        self._watch_tilt(now)
+        if self.armed:
+            self._settle(now)
+            self._disarm_by_itself(now)
+
+    def _settle(self, now: Situation) -> None:
+        """Choose the mode to fly, from what is asked for and what can be."""
+        if not self.armed:
+            self.mode, self.failsafe = self.intent, False
+            return
+        if self.terminated:
+            self.mode, self.failsafe = TERMINATE, True
+            return
+        lacking = self.missing(self.intent, now)
+        wanted = self._fallback(self.intent, now) if lacking else self.intent
+        cause = lacking
+        if self._battery_action is not None and wanted not in (AUTO_LAND, DESCEND):
+            wanted, cause = self._battery_action, _BATTERY[now.battery.warning]
+        mode = self._possible(wanted, now)
+        failsafe = mode != self.intent
+        if failsafe and (not self.failsafe or mode != self.mode):
+            self._say(
+                Severity.CRITICAL,
+                f"Failsafe activated: {cause or self.missing(wanted, now)}, {_TITLES[mode]}",
+            )
+        elif self.failsafe and not failsafe:
+            self._say(Severity.NOTICE, f"Failsafe cleared, {_TITLES[mode]}")
+        self.mode, self.failsafe = mode, failsafe
+
+    def _fallback(self, intent: Mode, now: Situation) -> Mode:
+        if intent == OFFBOARD and self.signal_lost(now):
+            action = int(self._parameters.get("COM_OBL_RC_ACT"))
+            chosen = {4: AUTO_LAND, 5: AUTO_HOLD, 6: TERMINATE, 7: TERMINATE}.get(action)
+            # modes that need a remote control fall back to return: there is none
+            return AUTO_RTL if chosen is None else chosen
+        return AUTO_RTL
+
+    def _possible(self, wanted: Mode, now: Situation) -> Mode:
+        """Return the mode, or what is left if it cannot be flown: return, land, descend."""
+        if wanted == TERMINATE:
+            return wanted
+        left = (AUTO_LAND,) if wanted == AUTO_LAND else (wanted, AUTO_RTL, AUTO_LAND)
+        for mode in left:
+            if not self.missing(mode, now):
+                return mode
+        return DESCEND
+
+    def _disarm_by_itself(self, now: Situation) -> None:
+        get = self._parameters.get
+        if self.mode == TERMINATE:
+            if self.intent == OFFBOARD and int(get("COM_OBL_RC_ACT")) == 7 and not self.terminated:
+                self.disarm(now, True, "failsafe")
+            else:
+                self.terminated = True
+                self.disarm(now, True, "flight termination")
+            return
+        if not now.landed:
+            self._landed_tick = -1
+            return
+        if self._landed_tick < 0:
+            self._landed_tick = now.tick
+        wait = get("COM_DISARM_LAND") if now.taken_off else get("COM_DISARM_PRFLT")
+        reason = "landing" if now.taken_off else "auto preflight disarming"
+        if wait > 0.0 and now.tick - self._landed_tick >= 1000.0 * wait:
+            self.disarm(now, False, reason)
+
+    def _watch_tilt(self, now: Situation) -> None:
+        get = self._parameters.get
+        degree = 57.29577951308232
+        roll, pitch = get("FD_FAIL_R"), get("FD_FAIL_P")
+        rolled = roll > 0 and abs(now.roll) * degree > roll
+        pitched = pitch > 0 and abs(now.pitch) * degree > pitch
+        if not (rolled or pitched):
+            self._tilted_tick, self._tilt_told = -1, False
+            return
+        if self._tilted_tick < 0:
+            self._tilted_tick = now.tick
+        wait = get("FD_FAIL_R_TTRI") if rolled else get("FD_FAIL_P_TTRI")
+        if now.tick - self._tilted_tick < 1000.0 * wait or self._tilt_told:
+            return
+        self._tilt_told = True
+        self._say(Severity.EMERGENCY, "Critical failure detected: attitude")
+        early = 1000.0 * (get("COM_SPOOLUP_TIME") + get("COM_LKDOWN_TKO"))
+        if now.tick - self._armed_tick < early:
+            self.disarm(now, True, "lockdown")
+        elif int(get("CBRK_FLIGHTTERM")) != 121212:
+            self.terminated = True
+
+    def _watch_battery(self, now: Situation) -> None:
+        warning = now.battery.warning
+        if warning <= self._battery_told:
+            return
+        self._battery_told = warning
+        self._say(
+            Severity.WARNING if warning == 1 else Severity.CRITICAL,
+            f"{_BATTERY[warning]}: {100.0 * now.battery.remaining:.0f} %",
+        )
+        action = int(self._parameters.get("COM_LOW_BAT_ACT"))
+        if not self.armed or warning < 2 or action == 0:
+            return
+        land = action == 2 or (action == 3 and warning == 3)
+        self._battery_action = AUTO_LAND if land else AUTO_RTL

@@ -1,0 +1,237 @@
+"""Commands that come in (COMMAND_LONG, COMMAND_INT, SET_MODE) and PX4's answers to them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import common as mavlink
+
+from tombo_px4.bridge import modes
+from tombo_px4.bridge.modes import Mode
+from tombo_px4.frames import GeoOrigin, ros_yaw
+from tombo_px4.protocol.results import Result
+
+if TYPE_CHECKING:
+    from tombo_px4.autopilot.vehicle import Px4Vehicle
+    from tombo_px4.protocol.streams import StreamTable
+
+Array = NDArray[np.float64]
+
+FORCE = 21196
+"""Second parameter of ARM_DISARM that leaves out all checks."""
+UNSUPPORTED_FRAME = 8
+"""MAV_RESULT_COMMAND_UNSUPPORTED_MAV_FRAME."""
+_GLOBAL_FRAMES = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
+_NO_PLACE = 0x7FFFFFFF
+_CHANGE_MODE = mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
+_AIR_SPEED, _GROUND_SPEED = 0, 1
+_LARGEST_ID = 0xFFFFFF
+
+
+class Command(NamedTuple):
+    """A command as it was meant, whichever message brought it."""
+
+    number: int
+    params: tuple[float, ...]
+    """Seven; 5 and 6 are degrees where they are a place."""
+    frame: int = mavlink.MAV_FRAME_GLOBAL
+    from_module: bool = True
+    """False: of SET_MODE, which the MAVLink module does not acknowledge itself."""
+
+
+@dataclass
+class Answer:
+    """What is sent back."""
+
+    results: list[int]
+    """A COMMAND_ACK for each, in this order; empty: none."""
+    messages: list[int] = field(default_factory=list)
+    """Numbers of messages that were asked for."""
+    interval_of: int | None = None
+    """MESSAGE_INTERVAL of this message was asked for."""
+    text: str = ""
+    """Said to the operators, as a warning."""
+
+
+def command_of(message: Any) -> Command:
+    """Return the command in a COMMAND_LONG, COMMAND_INT or SET_MODE."""
+    kind = message.get_type()
+    if kind == "SET_MODE":
+        mode = modes.mode_of(message.custom_mode)
+        wanted = (float(message.base_mode), float(mode.main), float(mode.sub), 0.0, 0.0, 0.0, 0.0)
+        return Command(mavlink.MAV_CMD_DO_SET_MODE, wanted, from_module=False)
+    first = (message.param1, message.param2, message.param3, message.param4)
+    if kind == "COMMAND_LONG":
+        return Command(message.command, (*first, message.param5, message.param6, message.param7))
+    x, y = (math.nan if v == _NO_PLACE else 1e-7 * v for v in (message.x, message.y))
+    return Command(message.command, (*first, x, y, message.z), message.frame)
+
+
+def whole(value: float) -> int | None:
+    """Return the whole number that a parameter stands for; None: none that can be meant."""
+    if not math.isfinite(value) or abs(value) > _LARGEST_ID:
+        return None
+    return round(value)
+
+
+class CommandServer:
+    """Carries out the commands of all links."""
+
+    def __init__(self, vehicle: Px4Vehicle, origin: GeoOrigin) -> None:
+        self._vehicle = vehicle
+        self._origin = origin
+        self._table: dict[int, Callable[[Command, StreamTable], Answer]] = {
+            mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
+            mavlink.MAV_CMD_DO_SET_MODE: self._set_mode,
+            mavlink.MAV_CMD_NAV_TAKEOFF: self._take_off,
+            mavlink.MAV_CMD_NAV_LAND: lambda c, s: _answer(vehicle.land()),
+            mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda c, s: _answer(vehicle.return_home()),
+            mavlink.MAV_CMD_NAV_LOITER_UNLIM: lambda c, s: _answer(vehicle.hold()),
+            mavlink.MAV_CMD_DO_REPOSITION: self._reposition,
+            mavlink.MAV_CMD_DO_CHANGE_SPEED: self._change_speed,
+            mavlink.MAV_CMD_DO_SET_HOME: self._set_home,
+            mavlink.MAV_CMD_DO_FLIGHTTERMINATION: self._terminate,
+            mavlink.MAV_CMD_MISSION_START: self._start_mission,
+            mavlink.MAV_CMD_RUN_PREARM_CHECKS: self._check,
+            mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: self._reboot,
+            mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_interval,
+            mavlink.MAV_CMD_GET_MESSAGE_INTERVAL: self._get_interval,
+            mavlink.MAV_CMD_REQUEST_MESSAGE: self._request_message,
+            mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: _send(148),
+            mavlink.MAV_CMD_REQUEST_PROTOCOL_VERSION: _send(300),
+            mavlink.MAV_CMD_GET_HOME_POSITION: _send(242),
+        }
+
+    def carry_out(self, command: Command, streams: StreamTable) -> Answer:
+        """Carry out a command that came over a link with these streams."""
+        if any(math.isinf(p) for p in command.params):
+            return Answer([Result.DENIED], text="command refused: a parameter is infinite")
+        handler = self._table.get(command.number)
+        if handler is None:
+            return Answer([Result.UNSUPPORTED])
+        return handler(command, streams)
+
+    def _arm(self, command: Command, streams: StreamTable) -> Answer:
+        wanted, force = whole(command.params[0]), whole(command.params[1]) == FORCE
+        if wanted not in (0, 1) or wanted != command.params[0]:
+            return Answer([Result.UNSUPPORTED])
+        act = self._vehicle.arm if wanted else self._vehicle.disarm
+        return _answer(act(force))
+
+    def _set_mode(self, command: Command, streams: StreamTable) -> Answer:
+        base, main, sub = (whole(p) for p in command.params[:3])
+        result = Result.DENIED
+        custom = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        if base is not None and base & custom and main is not None and 0 <= main < 256:
+            sub = sub if sub is not None and 0 <= sub < 256 else 0
+            result = self._vehicle.set_mode(Mode(main, sub if main == modes.AUTO_HOLD.main else 0))
+        # The MAVLink module acknowledges that it has passed the command on, then comes the answer.
+        return Answer([Result.ACCEPTED, result] if command.from_module else [result])
+
+    def _take_off(self, command: Command, streams: StreamTable) -> Answer:
+        if command.frame not in _GLOBAL_FRAMES:
+            return Answer([UNSUPPORTED_FRAME])
+        height = command.params[6] - self._origin.altitude_m - float(self._vehicle.home[2])
+        yaw = command.params[3]
+        return _answer(
+            self._vehicle.takeoff(
+                height if math.isfinite(height) else None,
+                ros_yaw(math.radians(yaw)) if math.isfinite(yaw) else None,
+            )
+        )
+
+    def _reposition(self, command: Command, streams: StreamTable) -> Answer:
+        if command.frame not in _GLOBAL_FRAMES:
+            return Answer([UNSUPPORTED_FRAME])
+        place = self._place(command)
+        flags, yaw = whole(command.params[1]) or 0, command.params[3]
+        if place is None:
+            return Answer([Result.DENIED])
+        if not flags & _CHANGE_MODE and self._vehicle.mode != modes.AUTO_HOLD:
+            return Answer([Result.TEMPORARILY_REJECTED])
+        wanted = ros_yaw(yaw) if math.isfinite(yaw) else None  # rad, as PX4 reads it
+        return _answer(self._vehicle.reposition(place, wanted))
+
+    def _place(self, command: Command) -> Array | None:
+        """Return (3) in map of parameters 5 to 7, NaN where there is none; None: nowhere."""
+        latitude, longitude, altitude = command.params[4:]
+        height = altitude - self._origin.altitude_m
+        if math.isnan(latitude) or math.isnan(longitude):
+            return np.array([math.nan, math.nan, height])
+        if abs(latitude) > 90.0 or abs(longitude) > 180.0:
+            return None
+        place = self._origin.local_of(latitude, longitude, self._origin.altitude_m)
+        return np.array([place[0], place[1], height])
+
+    def _change_speed(self, command: Command, streams: StreamTable) -> Answer:
+        """Change the speed of AUTO modes, by its parameter: PX4 keeps it apart."""
+        kind, speed = whole(command.params[0]), command.params[1]
+        if kind not in (_AIR_SPEED, _GROUND_SPEED):
+            return Answer([Result.UNSUPPORTED])
+        if speed < 0.0:  # no change, or back to the default, which the parameter is
+            return Answer([Result.ACCEPTED])
+        refusal = self._vehicle.parameters.set("MPC_XY_CRUISE", speed)
+        return Answer([Result.DENIED if refusal else Result.ACCEPTED])
+
+    def _set_home(self, command: Command, streams: StreamTable) -> Answer:
+        if whole(command.params[0]) == 1:
+            return _answer(self._vehicle.set_home())
+        place = self._place(command)
+        if command.frame not in _GLOBAL_FRAMES:
+            return Answer([UNSUPPORTED_FRAME])
+        return Answer([Result.DENIED]) if place is None else _answer(self._vehicle.set_home(place))
+
+    def _terminate(self, command: Command, streams: StreamTable) -> Answer:
+        if not command.params[0] > 0.5:
+            return Answer([Result.ACCEPTED])
+        return _answer(self._vehicle.terminate())
+
+    def _start_mission(self, command: Command, streams: StreamTable) -> Answer:
+        return Answer([Result.DENIED], text="mission refused: there is none")
+
+    def _check(self, command: Command, streams: StreamTable) -> Answer:
+        if self._vehicle.armed:
+            return Answer([Result.TEMPORARILY_REJECTED])
+        problems = self._vehicle.health.problems
+        return Answer([Result.ACCEPTED], text="; ".join(problems))
+
+    def _reboot(self, command: Command, streams: StreamTable) -> Answer:
+        if whole(command.params[0]) == 0:
+            return Answer([Result.ACCEPTED])
+        if self._vehicle.armed:
+            return Answer([Result.DENIED], text="reboot denied: armed")
+        return Answer([Result.DENIED], text="reboot denied: start the simulation again instead")
+
+    def _set_interval(self, command: Command, streams: StreamTable) -> Answer:
+        number, interval = whole(command.params[0]), command.params[1]
+        done = (
+            number is not None
+            and math.isfinite(interval)
+            and streams.set_interval(number, interval, self._vehicle.boot_us)
+        )
+        return Answer([Result.ACCEPTED if done else Result.FAILED])
+
+    def _get_interval(self, command: Command, streams: StreamTable) -> Answer:
+        number = whole(command.params[0])
+        if number is None or not 0 <= number <= 65535:
+            return Answer([Result.DENIED])
+        return Answer([Result.ACCEPTED], interval_of=number)
+
+    def _request_message(self, command: Command, streams: StreamTable) -> Answer:
+        number = whole(command.params[0])
+        if number is None:
+            return Answer([Result.DENIED])
+        return Answer([Result.ACCEPTED], messages=[number])
+
+
+def _answer(result: Result) -> Answer:
+    return Answer([result])
+
+
+def _send(number: int) -> Callable[[Command, StreamTable], Answer]:
+    return lambda command, streams: Answer([Result.ACCEPTED], messages=[number])

@@ -1,0 +1,608 @@
+"""The Tombo vehicle behind an autopilot that behaves as PX4 does; no MAVLink, all ENU and FLU."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_control.autopilot import A, new_autopilot, part
+from tombo_control.estimate import TICK_NS, Estimate
+from tombo_control.params import POSITION_TICKS, ControlParams, EstimatorParams
+from tombo_dynamics.plant import part as plant_part
+from tombo_dynamics.vehicle import GRAVITY
+from tombo_px4.autopilot.battery import BatteryMeter
+from tombo_px4.autopilot.commander import DESCEND, TERMINATE, Commander, Situation
+from tombo_px4.autopilot.estimation import Estimation
+from tombo_px4.autopilot.land_detector import LandDetector, Motion
+from tombo_px4.autopilot.navigator import Navigator
+from tombo_px4.autopilot.parameters import ParameterTable
+from tombo_px4.autopilot.pursuit import Pursuit
+from tombo_px4.autopilot.targets import Demand, Kind, Target, heading_of, resolve
+from tombo_px4.bridge.modes import (
+    AUTO_HOLD,
+    AUTO_LAND,
+    AUTO_RTL,
+    AUTO_TAKEOFF,
+    MANUAL,
+    OFFBOARD,
+    Mode,
+)
+from tombo_px4.protocol.results import (
+    AttitudeSetpoint,
+    Battery,
+    Health,
+    LandedState,
+    PositionSetpoint,
+    Result,
+    Severity,
+    Status,
+    TakeoffState,
+)
+from tombo_sim.simulator import Simulator
+from tombo_sim.world import World
+
+Array = NDArray[np.float64]
+_TICK = 1e-3
+_NONE = np.full(3, math.nan)
+_LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
+_ABOVE = 0.1
+"""[m]: a set point this far above a standing vehicle means that it shall take off."""
+_LIFTS_TICKS = 500
+"""A take-off that has begun so long ago is one."""
+_SINKS = -0.1
+"""[m/s]: a set point that sinks faster may be meant to land."""
+_SMOOTH = 0.065
+"""Share of a new specific force: 0.3 s at 50 Hz."""
+_SINK = GRAVITY / 4.0
+"""[m/s]: the ramp of a take-off begins so far below 0 (PX4: with MPC_Z_VEL_P_ACC of 4): a standing
+vehicle is held down for the first part of it."""
+_MOST_STATUSES = 64
+_FARTHEST = 1e5
+"""[m]: a place that is farther is a slip."""
+_SETTLES_TICKS = 2000
+"""A vehicle whose rotors were stopped in the air is down after this."""
+
+
+class Px4Vehicle:
+    """One vehicle with its autopilot. `step` is a millisecond."""
+
+    def __init__(self, world: World, seed: int, parameters: ParameterTable) -> None:
+        """Set the vehicle on the ground, at tick 0.
+
+        Args:
+            world: what is simulated.
+            seed: all randomness derives from it.
+            parameters: of the autopilot; shared, changes act at once.
+
+        Raises:
+            InputError: as `Simulator`.
+        """
+        self.simulator = Simulator(world, seed)
+        self.parameters = parameters
+        self._vehicle = world.vehicle
+        maps = self.simulator.ready.maps
+        self._a = new_autopilot(
+            ControlParams(), EstimatorParams(), world.vehicle, np.zeros(3), _LEVEL
+        )
+        a = self._a
+        self._estimation = Estimation(a, self.simulator, parameters, seed)
+        self._pursuit = Pursuit(a, maps, parameters)
+        parameters.suit("MPC_THR_HOVER", self._pursuit.hover)
+        self._commander = Commander(parameters, self._say)
+        self._navigator = Navigator(parameters)
+        self._ground = LandDetector()
+        self._statuses: list[Status] = []
+        self._signal_tick = -1
+        self._kind = Kind.POSITION
+        self._demand: Demand | None = None
+        self._refused = ""
+        self._flown: Demand | None = None
+        self._estimate: Estimate | None = None
+        self._home: Array | None = None
+        self._home_yaw = 0.0
+        self._takeoff = TakeoffState.DISARMED
+        self._armed_tick = 0
+        self._ramp_tick = 0
+        self._wanted_tick: int | None = None
+        self._aloft_tick = -(10**9)
+        self._taken_off = False
+        self._blind = False
+        self._was_mode: Mode | None = None
+        self._force = 1.0
+        self._meter = BatteryMeter(world.vehicle.battery_voltage, parameters)
+        self._battery = Battery(world.vehicle.battery_voltage, 0.0, 1.0, 0)
+
+    # Views of the memory are made anew each time: kept ones would be torn off in a copy.
+
+    @property
+    def _position(self) -> Array:
+        return part(self._a, "position")
+
+    @property
+    def _velocity(self) -> Array:
+        return part(self._a, "velocity")
+
+    @property
+    def _attitude(self) -> Array:
+        return part(self._a, "attitude")
+
+    @property
+    def _rates(self) -> Array:
+        return part(self._a, "rates")
+
+    @property
+    def _command(self) -> Array:
+        return part(self._a, "command")
+
+    # --- what it is
+
+    @property
+    def tick(self) -> int:
+        """The present millisecond."""
+        return self.simulator.tick
+
+    @property
+    def boot_us(self) -> int:
+        """Time since boot [us]."""
+        return self.simulator.tick * 1000
+
+    @property
+    def armed(self) -> bool:
+        """Whether the rotors may turn."""
+        return self._commander.armed
+
+    @property
+    def mode(self) -> Mode:
+        """The mode that is flown, as a heartbeat shows it."""
+        mode = self._commander.mode
+        if mode == DESCEND:
+            return AUTO_LAND
+        return MANUAL if mode == TERMINATE else mode
+
+    @property
+    def failsafe(self) -> bool:
+        """Whether another mode is flown than was asked for."""
+        return self._commander.failsafe
+
+    @property
+    def takeoff_state(self) -> TakeoffState:
+        """How far a take-off has come."""
+        return self._takeoff
+
+    @property
+    def landed(self) -> LandedState:
+        """Where the vehicle is."""
+        if self._ground.landed:
+            return LandedState.ON_GROUND
+        mode = self._commander.mode
+        if mode == DESCEND or (mode in (AUTO_LAND, AUTO_RTL) and self._navigator.landing):
+            return LandedState.LANDING
+        if self._takeoff == TakeoffState.RAMPUP or mode == AUTO_TAKEOFF:
+            return LandedState.TAKEOFF
+        return LandedState.IN_AIR
+
+    @property
+    def estimate(self) -> Estimate:
+        """What the autopilot believes, at the present tick."""
+        if self._estimate is not None and self._estimate.stamp_ns == self.tick * TICK_NS:
+            return self._estimate
+        a = self._a
+        self._estimate = Estimate(
+            self.tick * TICK_NS,
+            self._position.copy(),
+            self._velocity.copy(),
+            self._attitude.copy(),
+            self._rates.copy(),
+            part(a, "gyro_bias").copy(),
+            part(a, "accel_bias").copy(),
+            self._estimation.last_fused * TICK_NS,
+        )
+        return self._estimate
+
+    @property
+    def pose_variance(self) -> tuple[float, ...]:
+        """(6) of x, y, z [m^2], roll, pitch, yaw [rad^2]; grows without aiding."""
+        return self._estimation.pose_variance(self.tick)
+
+    @property
+    def velocity_variance(self) -> tuple[float, ...]:
+        """(6) of velocity [m^2/s^2] and rates [rad^2/s^2]."""
+        return self._estimation.velocity_variance(self.tick)
+
+    @property
+    def resets(self) -> int:
+        """How often the estimate has jumped."""
+        return self._estimation.resets
+
+    @property
+    def vision_source(self) -> bool:
+        """Whether the position comes from vision."""
+        return self._estimation.source == "vision"
+
+    @property
+    def estimation(self) -> Estimation:
+        """The estimator: what it uses and has refused."""
+        return self._estimation
+
+    @property
+    def health(self) -> Health:
+        """What arming would be denied for."""
+        return self._commander.health(self._situation())
+
+    @property
+    def battery(self) -> Battery:
+        """State of the battery."""
+        return self._battery
+
+    @property
+    def home(self) -> Array:
+        """(3) where it was armed, in map [m]; before, where it is."""
+        return self._position.copy() if self._home is None else self._home.copy()
+
+    @property
+    def home_yaw(self) -> float:
+        """Yaw when it was armed [rad]."""
+        return self._home_yaw
+
+    @property
+    def rotor_speeds(self) -> Array:
+        """(4) [rad/s], as they really are."""
+        return plant_part(self.simulator.m, "speed").copy()
+
+    @property
+    def rotor_commands(self) -> Array:
+        """(4) [rad/s], as asked for."""
+        return self._command.copy()
+
+    @property
+    def thrust(self) -> float:
+        """Collective thrust asked for, share of the highest."""
+        return float(self._a[A.thrust_setpoint]) / self._pursuit.thrust_max
+
+    @property
+    def rotor_shares(self) -> Array:
+        """(4) rotor speeds asked for, shares of the highest."""
+        return self._command / self._pursuit.speed_max
+
+    @property
+    def attitude_setpoint(self) -> AttitudeSetpoint:
+        """What attitude and rate loop follow."""
+        a = self._a
+        return AttitudeSetpoint(
+            part(a, "attitude_setpoint").copy(), part(a, "rates_setpoint").copy(), self.thrust
+        )
+
+    @property
+    def position_setpoint(self) -> PositionSetpoint | None:
+        """What the position loop follows; None while it is not in use."""
+        demand = self._flown
+        if demand is None or demand.kind >= Kind.ATTITUDE:
+            return None
+        return PositionSetpoint(
+            demand.position.copy(),
+            demand.velocity.copy(),
+            demand.acceleration.copy(),
+            float(self._a[A.leg + 9]),
+            demand.yaw_rate,
+        )
+
+    @property
+    def flown(self) -> Demand | None:
+        """What is followed now; None while nothing is."""
+        return self._flown
+
+    def take_statuses(self) -> list[Status]:
+        """Return the messages since the last call."""
+        taken, self._statuses = self._statuses, []
+        return taken
+
+    # --- what it is told
+
+    def vision(self, boot_us: int, position: Array, attitude: Array) -> str:
+        """Take a pose from outside.
+
+        Args:
+            boot_us: time of capture since boot.
+            position: (3) of base_link in map [m].
+            attitude: (4) xyzw, map from base_link.
+
+        Returns:
+            "" if it will be looked at, else why not: wrong_shape, not_finite, not_unit,
+            out_of_range, future, out_of_order, late, not_fused.
+        """
+        return self._estimation.vision(self.tick, boot_us, position, attitude)
+
+    def set_origin(self) -> None:
+        """Take the map's origin on earth as known, so that vision gives a global position."""
+        self._estimation.set_origin()
+
+    def target(self, target: Target) -> str:
+        """Take a set point of OFFBOARD; a valid one counts as a sign of life of the stream.
+
+        Returns:
+            "" or why it is refused.
+        """
+        demand = resolve(target, self._attitude)
+        if isinstance(demand, str):
+            if demand != self._refused:
+                self._say(Severity.CRITICAL, demand)
+            self._refused = demand
+            return demand
+        self._refused = ""
+        self._kind = demand.kind
+        if self._commander.mode == OFFBOARD:  # PX4 forwards set points only then
+            self._demand = demand
+        self._signal_tick = self.tick
+        return ""
+
+    def arm(self, force: bool = False) -> Result:
+        """Arm; force does not help, as with PX4."""
+        was = self.armed
+        result = self._commander.arm(self._situation())
+        if self.armed and not was:
+            self._armed_tick = self.tick
+            self._takeoff = TakeoffState.SPOOLUP
+            self._taken_off = False
+            self._navigator.leave()
+            if self._estimation.local_ok(self.tick):
+                self._home = self._position.copy()
+                self._home_yaw = heading_of(self._attitude)
+        return result
+
+    def disarm(self, force: bool = False) -> Result:
+        """Disarm; in the air only by force."""
+        return self._commander.disarm(self._situation(), force)
+
+    def set_mode(self, mode: Mode) -> Result:
+        """Change the flight mode."""
+        return self._commander.set_mode(mode, self._situation())
+
+    def takeoff(self, height_m: float | None = None, yaw: float | None = None) -> Result:
+        """Take off to a height above home, or to MIS_TAKEOFF_ALT."""
+        result = self.set_mode(AUTO_TAKEOFF)
+        if result == Result.ACCEPTED:
+            self._navigator.leave()
+            self._navigator.takeoff_height = _or_nan(height_m)
+            self._navigator.takeoff_yaw = _or_nan(yaw)
+        return result
+
+    def land(self) -> Result:
+        """Land where it is."""
+        result = self.set_mode(AUTO_LAND)
+        if result == Result.ACCEPTED and self.armed:
+            self._say(Severity.INFO, "Landing at current position")
+        return result
+
+    def return_home(self) -> Result:
+        """Return to where it was armed, and land."""
+        result = self.set_mode(AUTO_RTL)
+        if result == Result.ACCEPTED and self.armed:
+            self._say(Severity.INFO, "Returning to launch")
+        return result
+
+    def hold(self) -> Result:
+        """Stay where it is."""
+        return self.set_mode(AUTO_HOLD)
+
+    def reposition(self, position: Array, yaw: float | None = None) -> Result:
+        """Fly to a place (3) in map and hold it; axes that are NaN stay as they are."""
+        if np.shape(position) != (3,):
+            return Result.DENIED
+        goal = np.where(np.isfinite(position), position, self._position)
+        if np.abs(goal).max() > _FARTHEST:
+            return Result.DENIED
+        result = self.set_mode(AUTO_HOLD)
+        if result == Result.ACCEPTED and self.armed:
+            self._navigator.go_to(goal, _or_nan(yaw))
+        return result
+
+    def set_home(self, position: Array | None = None) -> Result:
+        """Make a place (3) in map home; None: where it is."""
+        place = self._position if position is None else np.array(position, dtype=float)
+        possible = place.shape == (3,) and bool((np.abs(place) < _FARTHEST).all())
+        if not self._estimation.local_ok(self.tick) or not possible:
+            return Result.DENIED
+        self._home = place.copy()
+        self._home_yaw = heading_of(self._attitude)
+        return Result.ACCEPTED
+
+    def terminate(self) -> Result:
+        """Stop the rotors for good, wherever it is."""
+        return self._commander.terminate(self._situation())
+
+    # --- what it does
+
+    def step(self) -> None:
+        """Fly one millisecond."""
+        simulator = self.simulator
+        tick = simulator.tick
+        airborne = self._airborne(tick)
+        self._estimation.sense(simulator, airborne)
+        if tick % POSITION_TICKS == 0:
+            self._decide(tick)
+        self._pursuit.run(tick, self._blind)
+        if tick % POSITION_TICKS == 0 and self._ground.contact and self._aloft(tick):
+            self._pursuit.settle()
+        self._estimation.advance(simulator, airborne)
+        simulator.advance(self._command)
+
+    def _airborne(self, tick: int) -> bool:
+        if self._takeoff >= TakeoffState.RAMPUP:
+            self._aloft_tick = tick
+            return True
+        return tick - self._aloft_tick < _SETTLES_TICKS and not self.armed
+
+    def _aloft(self, tick: int) -> bool:
+        """Return whether it has had the time to lift off."""
+        return self._takeoff >= TakeoffState.RAMPUP and tick - self._ramp_tick > _LIFTS_TICKS
+
+    def _situation(self) -> Situation:
+        tick = self.tick
+        estimation = self._estimation
+        x, y, z, w = (float(v) for v in self._attitude)
+        return Situation(
+            tick,
+            estimation.attitude_ok,
+            estimation.local_ok(tick),
+            estimation.global_ok(tick),
+            self._home is not None or estimation.local_ok(tick),
+            self._ground.landed,
+            self._ground.maybe_landed,
+            self._taken_off,
+            self._signal_tick,
+            self._kind,
+            self._battery,
+            math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+            math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0)),
+        )
+
+    def _decide(self, tick: int) -> None:
+        """Fifty times a second: battery, ground, mode, set points."""
+        self._battery = self._meter.draw(self.simulator.m, POSITION_TICKS * _TICK)
+        self._look_down()
+        commander = self._commander
+        commander.update(self._situation())
+        if not commander.armed:
+            self._takeoff = TakeoffState.DISARMED
+            self._blind = False
+            self._flown = None
+            self._was_mode = None
+            if commander.mode != OFFBOARD:
+                self._demand = None
+            self._pursuit.stop()
+            return
+        mode = commander.mode
+        self._blind = mode == DESCEND
+        demand = None if self._blind else self._wanted(mode, tick)
+        self._flown = demand
+        self._was_mode = mode
+        if not self._ready(demand, tick):
+            self._pursuit.idle(self._vehicle.rotor_speed_min)
+            return
+        if demand is None:
+            self._pursuit.blind()
+        else:
+            self._pursuit.take(demand, self._climb_max(tick))
+        if self._navigator.finished and commander.intent == AUTO_TAKEOFF:
+            commander.take_up(AUTO_HOLD, self._situation())
+
+    def _wanted(self, mode: Mode, tick: int) -> Demand | None:
+        """Return what the mode wants to be followed."""
+        if mode == OFFBOARD and self._demand is not None:
+            self._navigator.leave()
+            return self._demand
+        if mode != OFFBOARD:
+            self._demand = None
+        home = self._position if self._home is None else self._home
+        if self._takeoff < TakeoffState.RAMPUP and mode == self._was_mode == AUTO_TAKEOFF:
+            self._navigator.begin_again(tick * _TICK, self._position)
+        reference = self._navigator.follow(
+            mode, tick * _TICK, self._position, self._velocity, heading_of(self._attitude), home
+        )
+        return Demand(
+            Kind.POSITION,
+            reference.position,
+            reference.velocity,
+            reference.acceleration,
+            reference.yaw,
+            math.nan,
+            _LEVEL,
+            np.zeros(3),
+            math.nan,
+        )
+
+    def _ready(self, demand: Demand | None, tick: int) -> bool:
+        """Go on with the take-off; return whether anything is controlled."""
+        if self._takeoff == TakeoffState.SPOOLUP:
+            if tick - self._armed_tick < 1000.0 * self.parameters.get("COM_SPOOLUP_TIME"):
+                return False
+            self._takeoff = TakeoffState.READY
+            self._wanted_tick = None
+        if self._takeoff == TakeoffState.READY:
+            if self._wanted_tick is None:  # once it has begun the ramp goes on by itself
+                if not self._rises(demand):
+                    return False
+                self._wanted_tick = tick
+            by_position = demand is None or demand.kind < Kind.ATTITUDE
+            if by_position and tick - self._wanted_tick < self._ramp()[1]:
+                return False
+            self._takeoff = TakeoffState.RAMPUP
+            self._ramp_tick = tick
+            self._pursuit.start()
+        if self._takeoff == TakeoffState.RAMPUP:
+            _, held, whole = self._ramp()
+            if tick - self._ramp_tick >= whole - held:
+                self._takeoff = TakeoffState.FLIGHT
+        if not self._ground.landed and not self._taken_off:
+            self._taken_off = True
+            self._say(Severity.INFO, "Takeoff detected")
+        return True
+
+    def _rises(self, demand: Demand | None) -> bool:
+        """Return whether a standing vehicle is wanted in the air."""
+        if demand is None:
+            return False
+        if demand.kind >= Kind.ATTITUDE:
+            return demand.thrust > 0.3 * self._pursuit.hover
+        height, climb, push = demand.position[2], demand.velocity[2], demand.acceleration[2]
+        if self._commander.mode == AUTO_TAKEOFF:
+            return True
+        return bool(
+            height > self._position[2] + _ABOVE
+            or (not math.isfinite(height) and climb > 0.05)
+            or (not math.isfinite(height) and not math.isfinite(climb) and push > 0.0)
+        )
+
+    def _climb_max(self, tick: int) -> float:
+        if self._takeoff != TakeoffState.RAMPUP:
+            return math.inf
+        fastest, held, whole = self._ramp()
+        return fastest * min((tick - self._ramp_tick) / max(whole - held, 1.0), 1.0)
+
+    def _ramp(self) -> tuple[float, float, float]:
+        """Return where the ramp ends [m/s], how long it holds it down and lasts in all [ticks]."""
+        get = self.parameters.get
+        fastest, whole = get("MPC_TKO_SPEED"), 1000.0 * get("MPC_TKO_RAMP_T")
+        return fastest, whole * _SINK / (_SINK + fastest), whole
+
+    def _look_down(self) -> None:
+        """Ask the land detector; a landing ends the flight, though not the armed state."""
+        a = self._a
+        flown = self._flown
+        vx, vy, vz = (float(v) for v in self._velocity)
+        descending = self._blind
+        if flown is not None and flown.kind <= Kind.ACCELERATION:
+            descending = float(a[A.velocity_setpoint + 2]) < _SINKS
+        force = plant_part(self.simulator.m, "imu")[3:] - part(a, "accel_bias")
+        length = math.sqrt(float(force @ force)) / GRAVITY
+        self._force += _SMOOTH * (length - self._force)
+        aloft = self._aloft(self.tick)
+        motion = Motion(
+            self.armed,
+            aloft,
+            not self._blind,
+            descending,
+            vz,
+            math.hypot(vx, vy),
+            math.sqrt(float(self._rates @ self._rates)),
+            self._force,
+            float(a[A.thrust_setpoint]) / self._pursuit.weight,
+        )
+        get = self.parameters.get
+        self._ground.update(
+            motion, get("LNDMC_Z_VEL_MAX"), get("LNDMC_XY_VEL_MAX"), POSITION_TICKS
+        )
+        if aloft and self._ground.landed:
+            self._takeoff = TakeoffState.READY
+            self._wanted_tick = None
+            self._say(Severity.INFO, "Landing detected")
+
+    def _say(self, severity: Severity, text: str) -> None:
+        if len(self._statuses) < _MOST_STATUSES:
+            self._statuses.append(Status(severity, text))
+
+
+def _or_nan(value: float | None) -> float:
+    return float(value) if value is not None and math.isfinite(value) else math.nan

@@ -1,0 +1,639 @@
+"""The bridge to PX4 without sockets and without ROS: what comes in, what goes out, and when.
+
+Poses of the motion capture go to PX4's estimator, set points to its cascade; its estimate and its
+sensors come back. Preflight checks and the session decide whether and when it is armed.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import common as mav
+
+from tombo_control.autopilot import IDLE
+from tombo_control.estimate import Setpoint
+from tombo_control.pose_check import refuse_pose
+from tombo_dynamics.rotation import yaw_pitch_roll
+from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
+from tombo_px4.bridge.finding import Finding, Weight
+from tombo_px4.bridge.modes import AUTO_LAND, OFFBOARD, mode_name
+from tombo_px4.bridge.preflight import FROZEN, Preflight
+from tombo_px4.bridge.records import (
+    Acknowledged,
+    Battery,
+    EstimatorState,
+    Heartbeat,
+    ImuSample,
+    Landed,
+    LandedState,
+    LocalPosition,
+    ParameterValue,
+    Record,
+    StatusText,
+    SystemStatus,
+    TimeMessage,
+    VehicleAttitude,
+    VehicleOdometry,
+    Version,
+)
+from tombo_px4.bridge.session import Decision, Reply, Request, Session, Stage, View
+from tombo_px4.bridge.setpoint_stream import SetpointStream
+from tombo_px4.bridge.vehicle_findings import HOVER, READ
+from tombo_px4.link import outgoing
+from tombo_px4.link.arrivals import Arrivals
+from tombo_px4.link.errand import Order
+from tombo_px4.link.incoming import Incoming
+from tombo_px4.link.mavlink_link import Received
+from tombo_px4.link.outgoing import Target
+from tombo_px4.link.parameter_reader import ParameterReader
+from tombo_px4.link.timesync import TimeSync
+
+Array = NDArray[np.float64]
+
+_SECOND_NS = 1_000_000_000
+_HEARTBEAT_NS = _SECOND_NS
+_TIMESYNC_NS = _SECOND_NS // 10
+_LOOK_NS = _SECOND_NS // 5
+"""The checks are made so often."""
+_ASK_NS = 3 * _SECOND_NS
+"""Messages that come too seldom are asked for again so often."""
+_TOO_SLOW, _MOST_ASKS = 0.6, 5
+_SLOW_SHARE = 0.4
+"""Less than this share of the rate asked for is a fault."""
+_SETTLE_NS = 4 * _SECOND_NS
+_STATE_HZ, _BATTERY_HZ, _ESTIMATOR_HZ = 10.0, 2.0, 5.0
+_NEWS_NS = _SECOND_NS // 4
+"""A heartbeat older than this is asked for while something is to be confirmed, and in flight: PX4
+sends one a second and refuses another interval, so that an order would be confirmed late."""
+_FROZEN_NS = 2 * _SECOND_NS
+"""PX4 calls a vehicle airborne that still stands and spools up."""
+_REBOOT_NS = _SECOND_NS
+_SET_BACK_NS = _SECOND_NS // 2
+
+
+@dataclass(frozen=True)
+class Status:
+    """What the bridge knows of vehicle and flight; a change of it is published."""
+
+    connected: bool = False
+    armed: bool = False
+    mode: str = ""
+    landed: Landed = Landed.UNDEFINED
+    stage: Stage = Stage.WAITING
+    why: str = ""
+    offboard: bool = False
+    ready: bool = False
+    findings: tuple[str, ...] = ()
+    text: str = ""
+    firmware: str = ""
+
+
+@dataclass
+class Outcome:
+    """What came of a tick."""
+
+    messages: list[Any] = field(default_factory=list)
+    """To be sent now."""
+    odometry: list[VehicleOdometry] = field(default_factory=list)
+    """All with a stamp."""
+    imu: list[ImuSample] = field(default_factory=list)
+    battery: list[Battery] = field(default_factory=list)
+    texts: list[StatusText] = field(default_factory=list)
+    faults: dict[str, str] = field(default_factory=dict)
+    """Key -> what is wrong, for as long as it is."""
+    events: list[tuple[str, str]] = field(default_factory=list)
+    """Key and text of what went wrong once."""
+    replies: list[Reply] = field(default_factory=list)
+    status: Status = field(default_factory=Status)
+
+
+class Bridge:
+    """Ties the parts together. All times are of the clock that stamps poses and arrivals [ns]."""
+
+    def __init__(
+        self,
+        params: BridgeParams,
+        link: LinkParams,
+        mass: float,
+        writes: dict[str, float] | None = None,
+    ) -> None:
+        """Make the bridge.
+
+        Args:
+            params: what it sends, and what it asks of a pose.
+            link: ids; the link itself is the caller's.
+            mass: of the vehicle [kg], for thrusts.
+            writes: parameters of the vehicle that are to be set.
+
+        Raises:
+            InputError: a parameter is a word that means nothing.
+        """
+        params.check()
+        self.params = params
+        self.sync = TimeSync()
+        self.answered = 0
+        """TIMESYNC requests of the vehicle that were answered."""
+        self.incoming = Incoming(self.sync, link.own_system, link.own_component)
+        self.preflight = Preflight(params, link.system)
+        self.session = Session(params.link_timeout)
+        self.parameters: ParameterReader
+        self.arrivals = Arrivals()
+        self.poses_sent = 0
+        self.poses_refused: dict[str, int] = {}
+        self.findings: list[Finding] = []
+        self.vouched = False
+        """PX4's estimate may be relied on: the checks have passed, or it flies."""
+        self._ready_ns: int | None = None
+        self._frozen_ns: int | None = None
+        self._link = link
+        self._target = Target(link.system, link.component)
+        self._stream = SetpointStream(params, self._target, mass)
+        self.parameters = ParameterReader(READ, self._target, writes)
+        self._out = Outcome()
+        self._answers: list[TimeMessage] = []
+        self._heartbeat: Heartbeat | None = None
+        self._odometry: VehicleOdometry | None = None
+        self._attitude: VehicleAttitude | None = None
+        self._landed = Landed.UNDEFINED
+        self._version: Version | None = None
+        self._system: SystemStatus | None = None
+        self._battery_ns = 0
+        self._last_text = ""
+        self._boot_ns = 0
+        self._linked_ns: int | None = None
+        self.pose_stamp_ns = 0
+        """Capture of the last pose that was sent."""
+        self._now_ns = 0
+        self._beat_ns = self._asked_time_ns = self._looked_ns = self._asked_ns = 0
+        self._news_ns = 0
+        self._asks: Counter[str] = Counter()
+        self._requests = 0
+        self._covariance = outgoing.diagonal_covariance(params.position_std, params.attitude_std)
+
+    # --- What comes in ------------------------------------------------------------------------
+
+    def take(self, received: Received) -> None:
+        """Take a message of the vehicle."""
+        found = self.incoming.read(received)
+        self.arrivals.count(received.message.get_type(), received.arrival_ns)
+        if found is not None:
+            self._note(found)
+
+    def _note(self, found: Record) -> None:
+        if isinstance(found, VehicleOdometry):
+            self._take_odometry(found)
+        elif isinstance(found, ImuSample):
+            self.preflight.imu(found)
+            if found.stamp_ns is not None:
+                self._out.imu.append(found)
+        elif isinstance(found, Heartbeat):
+            self._heartbeat = found
+        elif isinstance(found, TimeMessage):
+            if found.tc1 == 0:
+                self._answers.append(found)
+            else:
+                self.sync.reply(found.tc1, found.ts1, found.arrival_ns)
+        elif isinstance(found, Acknowledged):
+            self.session.acknowledged(found)
+        elif isinstance(found, StatusText):
+            self._say(found)
+        elif isinstance(found, LandedState):
+            self._landed = found.state
+        elif isinstance(found, EstimatorState):
+            self.preflight.estimator(found)
+        elif isinstance(found, ParameterValue):
+            self.parameters.take(found)
+        elif isinstance(found, Battery):
+            self._battery_ns = found.arrival_ns
+            self._out.battery.append(found)
+        elif isinstance(found, SystemStatus):
+            self._system = found
+            if found.battery.arrival_ns - self._battery_ns > 2 * _SECOND_NS:
+                self._out.battery.append(found.battery)
+        elif isinstance(found, VehicleAttitude):
+            self._attitude = found
+        elif isinstance(found, LocalPosition):
+            self._take_local(found)
+        elif isinstance(found, Version):
+            self._version = found
+
+    def _say(self, text: StatusText) -> None:
+        self._last_text = text.text
+        self.session.said(text)
+        self._out.texts.append(text)
+
+    def _take_odometry(self, found: VehicleOdometry) -> None:
+        if found.boot_ns < self._boot_ns - _REBOOT_NS:
+            self._rebooted(found.arrival_ns)
+        elif found.boot_ns <= self._boot_ns:
+            return
+        self._boot_ns = found.boot_ns
+        self._odometry = found
+        self.preflight.odometry(found)
+        if found.stamp_ns is not None:
+            self._out.odometry.append(found)
+
+    def _take_local(self, found: LocalPosition) -> None:
+        """Make odometry of position and attitude where PX4 sends no ODOMETRY."""
+        attitude = self._attitude
+        silent = self._odometry is None or (
+            found.arrival_ns - self._odometry.arrival_ns > _SECOND_NS
+        )
+        # once made so, it stays so until ODOMETRY comes
+        if attitude is None or not (silent or self._made_of_parts):
+            return
+        if abs(found.boot_ns - attitude.boot_ns) > _LOOK_NS:
+            return
+        self._take_odometry(
+            VehicleOdometry(
+                found.arrival_ns,
+                found.stamp_ns,
+                found.boot_ns,
+                found.position,
+                attitude.attitude,
+                found.velocity,
+                attitude.rates,
+                None,
+                -1,
+            )
+        )
+
+    @property
+    def _made_of_parts(self) -> bool:
+        return self._odometry is not None and self._odometry.resets < 0
+
+    def _rebooted(self, now_ns: int) -> None:
+        self._out.events.append(("vehicle_rebooted", "PX4 was started anew: its clock went back"))
+        self.preflight.forget()
+        self.parameters.forget()
+        self._asked_ns = 0
+        self._linked_ns = now_ns
+
+    def pose(
+        self, stamp_ns: int, now_ns: int, frame_id: str, position: Array, attitude: Array
+    ) -> str:
+        """Take a pose of the motion capture; it leaves at the next tick.
+
+        Args:
+            stamp_ns: time of capture.
+            now_ns: its arrival, of the same clock.
+            frame_id: must be `map`.
+            position: (3) of base_link [m].
+            attitude: (4) xyzw, map from base_link; its length may be off by a tenth.
+
+        Returns:
+            "" if it is sent, else why not: wrong_frame, not_finite, not_unit, future, late,
+            out_of_order.
+        """
+        age_s = (now_ns - stamp_ns) * 1e-9
+        why = self._refuse_pose(stamp_ns, now_ns, frame_id, position, attitude)
+        if why:
+            self.poses_refused[why] = self.poses_refused.get(why, 0) + 1
+            self.preflight.refused_pose(why, now_ns, age_s)
+            return why
+        self.pose_stamp_ns = stamp_ns
+        unit = attitude / np.linalg.norm(attitude)
+        self.preflight.pose(stamp_ns, now_ns, position, unit)
+        kind = self.params.mocap
+        self._out.messages.append(
+            outgoing.pose_message(kind, stamp_ns, position, unit, self._covariance)
+        )
+        self.poses_sent += 1
+        return ""
+
+    def _refuse_pose(
+        self, stamp_ns: int, now_ns: int, frame_id: str, position: Array, attitude: Array
+    ) -> str:
+        why = refuse_pose(stamp_ns, now_ns, frame_id, position, attitude)
+        if why:
+            return why
+        if now_ns - stamp_ns > self.params.pose_age_max * 1e9:
+            return "late"
+        if self.pose_stamp_ns - _SECOND_NS < stamp_ns <= self.pose_stamp_ns:
+            return "out_of_order"
+        return ""
+
+    def crowded_poses(self, now_ns: int) -> None:
+        """Take note that two publishers send poses: none of them is sent on."""
+        self.preflight.refused_pose("crowded", now_ns)
+
+    def setpoint(self, setpoint: Setpoint, now_ns: int) -> bool:
+        """Take a set point; False: not finite, not taken."""
+        return self._stream.setpoint(setpoint, now_ns)
+
+    def rotation(self, wanted: Array, thrust: float, now_ns: int) -> bool:
+        """Take a set point of attitude (4) xyzw, or rates (3) [rad/s], and thrust [N].
+
+        Which of the two it is says the parameter `setpoint`. False: it can't be used.
+        """
+        return self._stream.rotation(wanted, thrust, now_ns)
+
+    def ask(self, kind: str) -> int:
+        """Take an operator's wish: arm, disarm, offboard, land, hold; return its number.
+
+        The answer comes in `Outcome.replies`, within some seconds.
+        """
+        self._requests += 1
+        self.session.ask(Request(self._requests, kind))
+        return self._requests
+
+    # --- What goes out ------------------------------------------------------------------------
+
+    def tick(self, now_ns: int) -> Outcome:
+        """Decide; return what is to be sent and published."""
+        out, self._out = self._out, Outcome()
+        if now_ns < self._now_ns - _SET_BACK_NS:
+            self._clock_set_back(now_ns, out)
+        self._now_ns = now_ns
+        for text in self.incoming.overdue(now_ns):
+            self._last_text = text.text
+            self.session.said(text)
+            out.texts.append(text)
+        self._answer_time(now_ns, out)
+        linked = self._follow_link(now_ns)
+        if now_ns - self._looked_ns >= _LOOK_NS:
+            self._looked_ns = now_ns
+            self.findings = self._check(now_ns, linked)
+        decision = self.session.tick(
+            View(
+                now_ns,
+                self._heartbeat,
+                self._landed,
+                self._stream.phase,
+                self._stream.fresh(now_ns),
+                self._present(now_ns) is not None,
+                tuple(f.text for f in self.findings if f.weight == Weight.BLOCKS),
+                self._must_land(now_ns),
+            )
+        )
+        for order in decision.orders:
+            out.messages.append(self._order(order))
+        self._housekeeping(now_ns, linked, out)
+        out.faults.update(decision.faults)
+        out.events += decision.events
+        out.replies += decision.replies
+        present = self._present(now_ns)
+        message = self._stream.message(decision.stream, present, self.hover_thrust, now_ns)
+        if message is not None:
+            out.messages.append(message)
+        self._faults(now_ns, linked, out)
+        out.status = self._status(linked)
+        self._vouch(out.status, now_ns)
+        return out
+
+    def _must_land(self, now_ns: int) -> str:
+        """Return why to land: the poses stand still in flight, so nobody sees the vehicle."""
+        frozen = [f for f in self.findings if f.key == FROZEN and f.weight == Weight.BLOCKS]
+        if not frozen:
+            self._frozen_ns = None
+            return ""
+        self._frozen_ns = self._frozen_ns or now_ns
+        return frozen[0].text if now_ns - self._frozen_ns > _FROZEN_NS else ""
+
+    def _vouch(self, status: Status, now_ns: int) -> None:
+        if not status.ready:
+            self._ready_ns = None
+        elif self._ready_ns is None:
+            self._ready_ns = now_ns
+        settled = (
+            self._ready_ns is not None and now_ns - self._ready_ns >= self.params.ready_time * 1e9
+        )
+        self.vouched = self.vouched or status.armed or settled
+
+    def _clock_set_back(self, now_ns: int, out: Outcome) -> None:
+        """Forget when things happened: everything periodic would wait for the old time."""
+        back = (self._now_ns - now_ns) * 1e-9
+        text = f"the system's clock was set back by {back:.1f} s: all stamps begin anew"
+        out.events.append(("clock_set_back", text))
+        self._beat_ns = self._asked_time_ns = self._looked_ns = self._asked_ns = self._news_ns = 0
+        self.pose_stamp_ns = self._battery_ns = 0
+        self._stream.clock_set_back(now_ns)
+        self._ready_ns = self._frozen_ns = None
+        self._linked_ns = now_ns if self._linked_ns is not None else None
+        if self._heartbeat is not None:
+            self._heartbeat = replace(self._heartbeat, arrival_ns=now_ns)
+        self._odometry = None
+        self.preflight.forget()
+        self.parameters.forget()
+        self.arrivals.clear()
+        decision = Decision()
+        self.session.clock_set_back(decision)
+        out.replies += decision.replies
+
+    def _follow_link(self, now_ns: int) -> bool:
+        """Return whether the vehicle is there."""
+        heard = self._heartbeat
+        if heard is None or now_ns - heard.arrival_ns > self.params.link_timeout * 1e9:
+            self._linked_ns = None
+            return False
+        if self._linked_ns is None:
+            self._linked_ns, self._asked_ns, self._looked_ns = now_ns, 0, 0
+            self.arrivals.clear()
+        return True
+
+    def _answer_time(self, now_ns: int, out: Outcome) -> None:
+        for request in self._answers:
+            times = self.sync.answer(request.tc1, request.ts1, request.arrival_ns, now_ns)
+            if times is not None:
+                self.answered += 1
+                out.messages.append(outgoing.timesync(times))
+        self._answers.clear()
+
+    def _housekeeping(self, now_ns: int, linked: bool, out: Outcome) -> None:
+        if now_ns - self._beat_ns >= _HEARTBEAT_NS:
+            self._beat_ns = now_ns
+            out.messages.append(outgoing.heartbeat())
+        if not linked:
+            return
+        if now_ns - self._asked_time_ns >= _TIMESYNC_NS:
+            self._asked_time_ns = now_ns
+            out.messages.append(outgoing.timesync(self.sync.request(now_ns)))
+        if now_ns - self._asked_ns >= _ASK_NS:
+            begun = self._asked_ns == 0
+            self._asked_ns = now_ns
+            out.messages += self._ask_for_messages(now_ns, begun)
+        heard = self._heartbeat
+        assert heard is not None
+        if (heard.armed or self.session.expects) and (
+            now_ns - max(heard.arrival_ns, self._news_ns) >= _NEWS_NS
+        ):
+            self._news_ns = now_ns
+            number = mav.MAVLINK_MSG_ID_HEARTBEAT
+            out.messages.append(outgoing.request_message(self._target, number))
+        out.messages += self.parameters.tick(now_ns, not heard.armed)
+
+    def _ask_for_messages(self, now_ns: int, begun: bool) -> list[Any]:
+        """Ask for what comes too seldom; `begun`: for everything."""
+        wanted = {
+            mav.MAVLINK_MSG_ID_ODOMETRY: ("ODOMETRY", self.params.odometry_rate),
+            mav.MAVLINK_MSG_ID_HIGHRES_IMU: ("HIGHRES_IMU", self.params.imu_rate),
+            mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: ("EXTENDED_SYS_STATE", _STATE_HZ),
+            mav.MAVLINK_MSG_ID_BATTERY_STATUS: ("BATTERY_STATUS", _BATTERY_HZ),
+            mav.MAVLINK_MSG_ID_ESTIMATOR_STATUS: ("ESTIMATOR_STATUS", _ESTIMATOR_HZ),
+        }
+        messages = []
+        if begun:
+            self._asks.clear()
+        for number, (name, rate) in wanted.items():
+            slow = self.arrivals.rate_hz(name, now_ns) < _TOO_SLOW * rate
+            if begun or (slow and self._asks[name] < _MOST_ASKS):
+                self._asks[name] += 1
+                messages.append(outgoing.message_interval(self._target, number, rate))
+        if self._version is None:
+            number = mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+            messages.append(outgoing.request_message(self._target, number))
+        return messages
+
+    def _order(self, order: Order) -> Any:
+        if order.mode is not None:
+            return outgoing.set_mode(self._target, order.mode)
+        return outgoing.arm(self._target, bool(order.armed))
+
+    def farewell(self) -> Any:
+        """Return what brings down a vehicle that flies by our set points; None: nothing is to do.
+
+        For a bridge that is told to end: send it, and again until this is None.
+        """
+        heard, stage = self._heartbeat, self.session.stage
+        if heard is None:
+            return None
+        if stage == Stage.ARMING and not heard.armed:
+            return self._order(Order(armed=False))  # arming may be under way
+        if not heard.armed or stage not in (Stage.ENTERING, Stage.ARMING, Stage.FLYING):
+            return None
+        if self._landed == Landed.ON_GROUND:
+            return self._order(Order(armed=False))
+        return self._order(Order(mode=AUTO_LAND)) if heard.mode == OFFBOARD else None
+
+    # --- Set points ---------------------------------------------------------------------------
+
+    def _present(self, now_ns: int) -> Setpoint | None:
+        """Return the vehicle's own position as a set point; None if it is not known."""
+        odometry = self._odometry
+        if odometry is None or now_ns - odometry.arrival_ns > _SECOND_NS:
+            return None
+        zero = np.zeros(3)
+        yaw = float(yaw_pitch_roll(odometry.attitude)[0])
+        return Setpoint(odometry.position, zero, zero, yaw, IDLE, now_ns)
+
+    @property
+    def hover_thrust(self) -> float:
+        """Throttle that hovers; 0: not known."""
+        return self.params.hover_thrust or float(self.parameters.values.get(HOVER, 0.0))
+
+    # --- What is wrong ------------------------------------------------------------------------
+
+    def _check(self, now_ns: int, linked: bool) -> list[Finding]:
+        if not linked or self._linked_ns is None:
+            return []
+        assert self._heartbeat is not None
+        return self.preflight.findings(
+            now_ns,
+            self.sync,
+            self.parameters.values,
+            linked_ns=self._linked_ns,
+            answered=self.answered,
+            flying=self._heartbeat.armed and self._landed != Landed.ON_GROUND,
+        )
+
+    def _faults(self, now_ns: int, linked: bool, out: Outcome) -> None:
+        """Say what goes wrong with the link though it may look well."""
+        if not linked or self._linked_ns is None:
+            return
+        settled = now_ns - self._linked_ns > _SETTLE_NS
+        flies = self.session.stage in (Stage.FLYING, Stage.LANDING)
+        for finding in self.findings:
+            if finding.weight == Weight.ADVICE:
+                continue
+            if settled or flies:
+                out.faults[f"check.{finding.key}"] = finding.text
+        if self.session.stage == Stage.FLYING:
+            out.faults.update(self._stream.faults(self.hover_thrust, now_ns))
+        if settled:
+            for name, wanted in (
+                ("ODOMETRY", self.params.odometry_rate),
+                ("HIGHRES_IMU", self.params.imu_rate),
+            ):
+                rate = self.arrivals.rate_hz(name, now_ns)
+                if 0.0 < rate < _SLOW_SHARE * wanted:
+                    out.faults[f"slow.{name}"] = (
+                        f"{name} comes at {rate:.0f} Hz, {wanted:.0f} Hz were asked for: raise the"
+                        " rate of PX4's link (MAV_0_RATE, baud), or ask for less"
+                    )
+        if self.parameters.complete and not self.parameters.values:
+            text = "PX4 tells none of its parameters: what is wrong with them is not seen"
+            out.faults["parameters_unknown"] = text
+        if self.parameters.unwritten:
+            pairs = ", ".join(f"{n}={v:g}" for n, v in self.parameters.unwritten.items())
+            out.faults["parameters_not_set"] = f"PX4 did not take: {pairs}"
+        if self.parameters.await_restart:
+            names = ", ".join(self.parameters.await_restart)
+            out.faults["parameters_at_start"] = f"{names} changed: restart PX4, it uses them then"
+
+    def _status(self, linked: bool) -> Status:
+        heard = self._heartbeat
+        return Status(
+            linked,
+            heard is not None and heard.armed,
+            "" if heard is None else mode_name(heard.mode),
+            self._landed,
+            self.session.stage,
+            self.session.why,
+            self.session.stage == Stage.FLYING and self._stream.follows,
+            linked and not any(f.weight == Weight.BLOCKS for f in self.findings),
+            tuple(f.text for f in self.findings),
+            self._last_text,
+            "" if self._version is None else str(self._version),
+        )
+
+    def figures(self, now_ns: int) -> dict[str, Any]:
+        """Return what `/diagnostics` shows beside the faults."""
+        sync = self.sync
+        heard = self._heartbeat
+        figures: dict[str, Any] = {
+            "mode": "" if heard is None else mode_name(heard.mode),
+            "armed": heard is not None and heard.armed,
+            "landed": self._landed.name.lower(),
+            "stage": self.session.stage.value,
+            "timesync_converged": sync.converged,
+            "timesync_offset_ns": sync.offset_ns,
+            "timesync_round_trip_us": None if sync.rtt_ns is None else round(sync.rtt_ns * 1e-3),
+            "timesync_jumps": sync.jumps,
+            "timesync_answered": self.answered,
+            "mocap_rate_hz": self.preflight.pose_rate_hz(now_ns),
+            "mocap_latency_ms": round(1e3 * self.preflight.latency_s(now_ns), 2),
+            "poses_sent": self.poses_sent,
+            "setpoints_sent": self._stream.sent,
+            "odometry_latency_ms": self._odometry_latency_ms(),
+        }
+        for why, count in self.poses_refused.items():
+            figures[f"poses_refused.{why}"] = count
+        for word, count in self.incoming.refused.items():
+            figures[f"refused.{word}"] = count
+        for name, rate in self.arrivals.rates(now_ns).items():
+            figures[f"rate_hz.{name}"] = rate
+        for name, value in self.parameters.values.items():
+            figures[f"parameter.{name}"] = value
+        verdict = self.preflight.motion.verdict
+        figures["mocap_turned_by_hand"] = (
+            "not yet: axes and delay of the poses are proven by turning it for some seconds"
+            if verdict is None
+            else verdict.mistake or f"axes agree, stamps {1e3 * verdict.delay_s:.0f} ms late"
+        )
+        if self.parameters.missing:
+            figures["parameters_unknown"] = " ".join(self.parameters.missing)
+        texts = (f"{f.weight.name.lower()}: {f.text}" for f in self.findings)
+        figures["findings"] = " | ".join(texts)
+        if self._system is not None and self._system.checked:
+            figures["px4_ready"] = self._system.ready
+        return figures
+
+    def _odometry_latency_ms(self) -> float | None:
+        last = self._odometry
+        if last is None or last.stamp_ns is None:
+            return None
+        return round((last.arrival_ns - last.stamp_ns) * 1e-6, 2)

@@ -1,0 +1,420 @@
+"""The checks before take-off: are the poses good, is PX4 fed with them, and does it follow?
+
+Wrong axes, wrong stamps and poses that are not fused are what labs lose their days on; each of
+them is silent in PX4. Here each is a `Finding`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import takewhile
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_dynamics.rotation import yaw_pitch_roll
+from tombo_dynamics.vehicle import GRAVITY
+from tombo_px4.bridge.bridge_params import MOCAP, BridgeParams
+from tombo_px4.bridge.finding import Finding, Weight
+from tombo_px4.bridge.motion_check import MotionCheck
+from tombo_px4.bridge.pose_axes import explain_place, explain_up
+from tombo_px4.bridge.records import EstimatorState, ImuSample, VehicleOdometry
+from tombo_px4.bridge.vehicle_findings import DELAY_MAX, EV_DELAY, parameter_findings
+from tombo_px4.link.timesync import TimeSync
+
+Array = NDArray[np.float64]
+
+FROZEN = "pose_frozen"
+"""Finding: at rest it may be a simulation's; in flight nothing stands so still."""
+_WINDOW_NS = 1_000_000_000
+_KEPT = 600
+_ENOUGH = 8
+_SLOWEST_HZ = 20.0
+_NO_TURN, _NO_PUSH = 0.15, 0.8
+"""[rad/s], [m/s^2]: a vehicle that stands still shows no more."""
+_STILL_GYRO, _STILL_ACCEL = 1e-4, 1e-3
+"""[rad/s], [m/s^2]: no sensor is as quiet as this, but a simulated one."""
+_IN_FLIGHT = 5.0
+"""In flight PX4's position may be off by so many times more."""
+_ODOMETRY_SILENT_NS = 500_000_000
+_ESTIMATOR_SILENT_NS = 5_000_000_000
+_PAIR_NS = 50_000_000
+_DELAY_OFF_MS = 20.0
+_LONG_ROUND_TRIP_NS = 20_000_000
+_REQUESTS_NS = 3_000_000_000
+_REFUSED = {
+    "wrong_frame": "mocap poses are not in frame map: let the driver publish in map",
+    "not_finite": "mocap poses contain NaN or infinity: the tracker has lost the body",
+    "not_unit": "mocap quaternions are no rotations: the driver fills them wrongly",
+    "out_of_order": "mocap stamps do not grow: they repeat or go back; two drivers at work?",
+    "crowded": "two nodes publish mocap poses: stop one of them",
+}
+
+
+@dataclass(frozen=True)
+class _Pose:
+    stamp_ns: int
+    arrival_ns: int
+    position: Array
+    attitude: Array
+
+
+_Arrived = TypeVar("_Arrived", _Pose, ImuSample, VehicleOdometry)
+
+
+class Preflight:
+    """Collects what came lately; `findings` judges it."""
+
+    def __init__(self, params: BridgeParams, system: int) -> None:
+        self._params = params
+        self._system = system
+        self._poses: deque[_Pose] = deque(maxlen=_KEPT)
+        self._refused: dict[str, tuple[int, float]] = {}
+        self._imu: deque[ImuSample] = deque(maxlen=_KEPT)
+        self._odometry: deque[VehicleOdometry] = deque(maxlen=_KEPT)
+        self._estimator: EstimatorState | None = None
+        self._judged_ns = 0
+        self.motion = MotionCheck()
+        """What turning the vehicle by hand has shown."""
+
+    def pose(self, stamp_ns: int, arrival_ns: int, position: Array, attitude: Array) -> None:
+        """Take a pose that was sent to PX4."""
+        self._poses.append(_Pose(stamp_ns, arrival_ns, position, attitude))
+        self.motion.pose(stamp_ns, attitude)
+
+    def refused_pose(self, why: str, now_ns: int, age_s: float = 0.0) -> None:
+        """Take note of a pose that was not sent, and how old it was."""
+        self._refused[why] = (now_ns, age_s)
+
+    def imu(self, sample: ImuSample) -> None:
+        """Take a sample of PX4's sensors."""
+        self._imu.append(sample)
+        if sample.stamp_ns is not None:
+            self.motion.gyro(sample.stamp_ns, sample.gyro)
+
+    def odometry(self, odometry: VehicleOdometry) -> None:
+        """Take PX4's estimate."""
+        self._odometry.append(odometry)
+
+    def estimator(self, state: EstimatorState) -> None:
+        """Take what PX4 says about its estimator."""
+        self._estimator = state
+
+    def forget(self) -> None:
+        """Begin anew: another vehicle, the same one started again, or another time."""
+        self._poses.clear()
+        self._refused.clear()
+        self._judged_ns = 0
+        self._imu.clear()
+        self._odometry.clear()
+        self._estimator = None
+        self.motion.forget()
+
+    def latency_s(self, now_ns: int) -> float:
+        """Return the usual time from a pose's capture to its arrival here [s]; NaN: no poses."""
+        ages = [p.arrival_ns - p.stamp_ns for p in self._recent(now_ns)]
+        return float(np.median(ages)) * 1e-9 if ages else math.nan
+
+    def pose_rate_hz(self, now_ns: int) -> float:
+        """Return how many poses came within the last second."""
+        return len(self._recent(now_ns)) / (_WINDOW_NS * 1e-9)
+
+    def findings(
+        self,
+        now_ns: int,
+        sync: TimeSync,
+        parameters: Mapping[str, float | int],
+        *,
+        linked_ns: int,
+        answered: int,
+        flying: bool,
+    ) -> list[Finding]:
+        """Return what is wrong, the worst first.
+
+        Args:
+            now_ns: the present.
+            sync: with the vehicle's clock.
+            parameters: of the vehicle, as far as known.
+            linked_ns: since when the vehicle is there.
+            answered: how many of its TIMESYNC requests were answered.
+            flying: it is in the air; what can be judged at rest only is left out.
+        """
+        found = self._of_poses(now_ns, flying)
+        found += self._of_time(now_ns, sync, linked_ns, answered)
+        found += self._of_delay(now_ns, parameters)
+        if self._params.mocap == MOCAP:
+            text = (
+                "poses go out as ATT_POS_MOCAP, which EKF2 does not fuse:"
+                " set px4.mocap to odometry or vision"
+            )
+            found.append(Finding("mocap_message", text))
+        found += parameter_findings(parameters, self._system)
+        fused = not any(f.key in ("not_fused", "mocap_message") for f in found)
+        found += self._of_estimate(now_ns, flying, fused)
+        if not flying:
+            found += self._of_up(now_ns)
+        found += self._of_motion(now_ns, parameters, flying)
+        return sorted(found, key=lambda finding: -finding.weight)
+
+    # --- The poses themselves -----------------------------------------------------------------
+
+    def _recent(self, now_ns: int) -> list[_Pose]:
+        return self._newest(self._poses, now_ns)
+
+    def _newest(self, kept: deque[_Arrived], now_ns: int) -> list[_Arrived]:
+        """Return those of the last second, oldest first, without looking at the older ones."""
+        found = list(takewhile(lambda r: now_ns - r.arrival_ns < _WINDOW_NS, reversed(kept)))
+        return found[::-1]
+
+    def _of_poses(self, now_ns: int, flying: bool) -> list[Finding]:
+        found = []
+        for why, (seen_ns, age_s) in self._refused.items():
+            if now_ns - seen_ns > _WINDOW_NS:
+                continue
+            if why == "future":
+                text = (
+                    f"mocap stamps are {-age_s:.3g} s in the future: the clock of the mocap"
+                    " computer is ahead; let chrony or NTP set both clocks"
+                )
+            elif why == "late":
+                text = (
+                    f"mocap stamps are {age_s:.3g} s old when they arrive, accepted are"
+                    f" {self._params.pose_age_max:g} s: the clock of the mocap computer is behind"
+                    " (chrony, NTP), or the network is late"
+                )
+            else:
+                text = _REFUSED[why]
+            found.append(Finding(f"pose_{why}", text))
+        recent = self._recent(now_ns)
+        last = self._poses[-1].arrival_ns if self._poses else None
+        if last is None or now_ns - last > self._params.pose_timeout * 1e9:
+            if not found:
+                age = "" if last is None else f" for {(now_ns - last) * 1e-9:.1f} s"
+                text = (
+                    f"no mocap pose has come{age}: is the driver running, is the body tracked,"
+                    " is the topic /mocap/pose?"
+                )
+                found.append(Finding("pose_stale", text))
+            return found
+        if self._frozen(recent) and self._trembles(now_ns):
+            text = (
+                "mocap pose is frozen: not one bit has changed for a second; the tracker repeats"
+                " its last pose, the body is not seen (or it is simulated, without noise)"
+            )
+            weight = Weight.BLOCKS if flying else Weight.WARNING
+            found.append(Finding(FROZEN, text, weight))
+        rate = self.pose_rate_hz(now_ns)
+        seen_for = now_ns - self._poses[0].arrival_ns
+        if seen_for > _WINDOW_NS and rate < _SLOWEST_HZ:
+            text = f"mocap poses come at {rate:.0f} Hz: EKF2 wants {_SLOWEST_HZ:.0f} Hz and more"
+            found.append(Finding("pose_rate", text, Weight.WARNING))
+        return found
+
+    def _frozen(self, recent: list[_Pose]) -> bool:
+        if len(recent) < _ENOUGH or recent[-1].arrival_ns - recent[0].arrival_ns < 0.8e9:
+            return False
+        first = recent[0]
+        return all(
+            np.array_equal(p.position, first.position)
+            and np.array_equal(p.attitude, first.attitude)
+            for p in recent
+        )
+
+    def _trembles(self, now_ns: int) -> bool:
+        """Return whether PX4's sensors show any noise: if not, nothing real is there to move."""
+        samples = self._newest(self._imu, now_ns)
+        if len(samples) < _ENOUGH:
+            return True
+        gyro = np.std([s.gyro for s in samples], axis=0).max()
+        accel = np.std([s.accel for s in samples], axis=0).max()
+        return bool(gyro > _STILL_GYRO or accel > _STILL_ACCEL)
+
+    # --- Time ---------------------------------------------------------------------------------
+
+    def _of_time(
+        self, now_ns: int, sync: TimeSync, linked_ns: int, answered: int
+    ) -> list[Finding]:
+        if not sync.converged:
+            text = (
+                "TIMESYNC has not converged: PX4's answers are missing or too few; stamps can't"
+                " be compared. Does the link work both ways?"
+            )
+            return [Finding("timesync", text)]
+        found = []
+        if sync.rtt_ns is not None and sync.rtt_ns > _LONG_ROUND_TRIP_NS:
+            text = (
+                f"TIMESYNC takes {sync.rtt_ns * 1e-6:.0f} ms there and back: stamps are uncertain"
+                " by half of it; a radio link, or a busy computer?"
+            )
+            found.append(Finding("timesync_slow", text, Weight.WARNING))
+        if answered == 0 and now_ns - linked_ns > _REQUESTS_NS:
+            text = (
+                "PX4 has not asked for our time (TIMESYNC): it takes the arrival of poses for"
+                " their capture; enable TIMESYNC on its link (MAV_0_MODE onboard)"
+            )
+            found.append(Finding("timesync_unasked", text, Weight.WARNING))
+        return found
+
+    def _of_delay(self, now_ns: int, parameters: Mapping[str, float | int]) -> list[Finding]:
+        latency = self.latency_s(now_ns)
+        longest, extra = parameters.get(DELAY_MAX), parameters.get(EV_DELAY, 0.0)
+        if longest is None or not math.isfinite(latency):
+            return []
+        total = 1e3 * latency + extra
+        if total <= longest:
+            return []
+        text = (
+            f"poses are {total:.0f} ms old for EKF2 ({1e3 * latency:.0f} ms to here, EKF2_EV_DELAY"
+            f" {extra:.0f} ms), it keeps {longest:.0f} ms (EKF2_DELAY_MAX) and drops older ones"
+        )
+        return [Finding("pose_delay", text)]
+
+    # --- What PX4 makes of them ---------------------------------------------------------------
+
+    def _of_estimate(self, now_ns: int, flying: bool, fused: bool) -> list[Finding]:
+        state = self._estimator
+        if state is not None and now_ns - state.arrival_ns > _ESTIMATOR_SILENT_NS:
+            state = None
+        found: list[Finding] = []
+        if fused and state is not None and not (state.is_aided and state.has_position):
+            text = (
+                "PX4 knows no position though poses are sent: nothing is fused; EKF2_EV_CTRL,"
+                " stamps, or poses that jump"
+            )
+            found.append(Finding("not_fused", text))
+        # NaN where no source is fused; max() of it depends on the order
+        ratios = () if state is None else (state.position_ratio, state.height_ratio)
+        ratio = max((r for r in ratios if r > 1.0), default=0.0)
+        if ratio > 1.0:
+            text = (
+                f"PX4 refuses the poses: innovation test ratio {ratio:.1f}, accepted below 1; its"
+                " estimate is elsewhere: axes, stamps, or restart it"
+            )
+            found.append(Finding("poses_refused", text))
+        last = self._odometry[-1] if self._odometry else None
+        if last is None or now_ns - last.arrival_ns > _ODOMETRY_SILENT_NS:
+            text = "PX4 sends no position (ODOMETRY): it has no estimate, or the link is too slow"
+            found.append(Finding("no_position", text))
+            return found
+        pairs = self._pairs(now_ns)
+        if pairs is None:
+            return found
+        ours, theirs, turn = pairs
+        off = math.dist(ours, theirs)
+        limit = self._params.position_error_max
+        if off > limit * (_IN_FLIGHT if flying else 1.0):
+            found.append(Finding("position_differs", _explain_offset(ours, theirs, limit)))
+        if abs(turn) > self._params.yaw_error_max:
+            found.append(Finding("yaw_differs", _explain_turn(math.degrees(turn))))
+        return found
+
+    def _pairs(self, now_ns: int) -> tuple[Array, Array, float] | None:
+        """Return position of the pose, that of PX4, and yaw of the pose against PX4's.
+
+        All of the same time, medians over the last second; None without enough of both.
+        """
+        recent = self._recent(now_ns)
+        if len(recent) < _ENOUGH:
+            return None
+        stamps = np.array([p.stamp_ns for p in recent])
+        lately = [o for o in self._newest(self._odometry, now_ns) if o.stamp_ns is not None]
+        if len(lately) < _ENOUGH:
+            return None
+        seen = np.array([o.stamp_ns for o in lately])
+        right = np.clip(np.searchsorted(stamps, seen), 1, len(stamps) - 1)
+        nearest = right - (seen - stamps[right - 1] < stamps[right] - seen)
+        away = stamps[nearest] - seen
+        near = np.abs(away) <= _PAIR_NS
+        if near.sum() < _ENOUGH:
+            return None
+        nearest, away = nearest[near], away[near]
+        theirs = np.array([o.position for o in lately])[near]
+        theirs += 1e-9 * away[:, None] * np.array([o.velocity for o in lately])[near]
+        ours = np.array([p.position for p in recent])[nearest]
+        yaw = yaw_pitch_roll(np.array([o.attitude for o in lately])[near])[:, 0]
+        own = yaw_pitch_roll(np.array([p.attitude for p in recent])[nearest])[:, 0]
+        turn = float(np.angle(np.exp(1j * (own - yaw)).sum()))
+        return np.median(ours, axis=0), np.median(theirs, axis=0), turn
+
+    def _of_up(self, now_ns: int) -> list[Finding]:
+        recent = self._recent(now_ns)
+        samples = self._newest(self._imu, now_ns)
+        if len(samples) < _ENOUGH or not recent:
+            text = (
+                "PX4 sends no HIGHRES_IMU: which way is up can't be checked"
+                if len(samples) < _ENOUGH
+                else ""
+            )
+            return [Finding("no_imu", text)] if text else []
+        gyro = np.mean([s.gyro for s in samples], axis=0)
+        accel = np.mean([s.accel for s in samples], axis=0)
+        push = abs(float(np.linalg.norm(accel)) - GRAVITY)
+        if float(np.linalg.norm(gyro)) > _NO_TURN or push > _NO_PUSH:
+            return [Finding("moved", "the vehicle is moved: put it down", Weight.WARNING)]
+        why = explain_up(recent[-1].attitude, accel, self._params.tilt_error_max)
+        return [Finding("mocap_up", why)] if why else []
+
+    def _of_motion(
+        self, now_ns: int, parameters: Mapping[str, float | int], flying: bool
+    ) -> list[Finding]:
+        """Judge axes and delay from the last time somebody turned the vehicle by hand."""
+        if not flying and now_ns - self._judged_ns >= _WINDOW_NS:
+            self._judged_ns = now_ns
+            self.motion.judge(now_ns)
+        verdict = self.motion.verdict
+        if verdict is None:
+            return []
+        if verdict.mistake:
+            weight = Weight.BLOCKS if verdict.sure else Weight.WARNING
+            return [Finding("mocap_axes", verdict.mistake, weight)]
+        delay_ms, told_ms = 1e3 * verdict.delay_s, parameters.get(EV_DELAY, 0.0)
+        if abs(delay_ms - told_ms) <= _DELAY_OFF_MS:
+            return []
+        text = (
+            f"poses show the vehicle as it was {delay_ms:.0f} ms before their stamps (gyro"
+            f" compared), EKF2_EV_DELAY is {told_ms:.0f} ms: let the driver stamp the capture, or"
+            f" set it to {max(delay_ms, 0.0):.0f}"
+        )
+        return [Finding("stamp_delay", text, Weight.WARNING)]
+
+
+def _explain_offset(ours: Array, theirs: Array, limit: float) -> str:
+    off = math.dist(ours, theirs)
+    places = f"pose ({_place(ours)}), PX4 ({_place(theirs)})"
+    mistake = explain_place(theirs, ours, limit)
+    if mistake:
+        return (
+            f"PX4's position is the pose with {mistake}: {places}; does somebody else feed PX4"
+            " too, with other axes?"
+        )
+    if abs(off - abs(float(ours[2] - theirs[2]))) < 0.3 * limit:
+        return (
+            f"PX4's height is {theirs[2] - ours[2]:+.2f} m off the pose's: {places}; height must"
+            " come from vision (EKF2_HGT_REF 3, EKF2_EV_CTRL bit 1)"
+        )
+    return (
+        f"PX4's position is {off:.2f} m away from the pose: {places}; it does not follow: are the"
+        " poses fused (EKF2_EV_CTRL), is another sensor stronger?"
+    )
+
+
+def _place(position: Array) -> str:
+    return ", ".join(f"{p:.2f}" for p in position)
+
+
+def _explain_turn(degrees: float) -> str:
+    text = f"yaw of mocap body differs from PX4 by {degrees:+.0f} deg: "
+    quarter = round(degrees / 90.0) * 90
+    if quarter and abs(degrees - quarter) < 10.0:
+        return text + (
+            "x of the rigid body is not the nose; define it anew with the nose along +x, or PX4's"
+            " heading comes from the magnetometer (EKF2_EV_CTRL bit 3)"
+        )
+    return text + (
+        "PX4 takes its heading from elsewhere (magnetometer; EKF2_EV_CTRL bit 3), or the body was"
+        " defined at an angle"
+    )

@@ -1,0 +1,148 @@
+"""Which set point goes to PX4, and when: the suite's, one that is held, or its own position."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_control.autopilot import IDLE
+from tombo_control.estimate import Setpoint
+from tombo_px4.bridge.bridge_params import ATTITUDE, POSITION, BridgeParams
+from tombo_px4.bridge.session import Stream
+from tombo_px4.link import outgoing
+from tombo_px4.link.outgoing import Target
+
+Array = NDArray[np.float64]
+
+_UNIT = 0.2
+
+
+class SetpointStream:
+    """Keeps what the suite wants, and makes messages of it at the rate of the stream."""
+
+    def __init__(self, params: BridgeParams, target: Target, mass: float) -> None:
+        self._params = params
+        self._target = target
+        self._mass = mass
+        self._timeout_ns = params.setpoint_timeout * 1e9
+        self._setpoint: Setpoint | None = None
+        self._setpoint_ns = -(10**18)
+        self._rotation: tuple[Array, float, int] | None = None
+        self._new = self._rotation_new = False
+        self._stream = Stream.PRESENT
+        self._held: Setpoint | None = None
+        self._streamed_ns = 0
+        self.sent = 0
+
+    def setpoint(self, setpoint: Setpoint, now_ns: int) -> bool:
+        """Take a set point; False: not finite, not taken."""
+        if not setpoint.finite():
+            return False
+        self._setpoint, self._setpoint_ns, self._new = setpoint, now_ns, True
+        return True
+
+    def rotation(self, wanted: Array, thrust: float, now_ns: int) -> bool:
+        """Take attitude (4) xyzw, or rates (3) [rad/s], and thrust [N]; False: of no use."""
+        if not math.isfinite(float(wanted.sum()) + thrust):
+            return False
+        if wanted.shape == (4,) and abs(float(wanted @ wanted) - 1.0) > _UNIT:
+            return False
+        if wanted.shape == (4,):
+            wanted = wanted / np.linalg.norm(wanted)
+        self._rotation, self._rotation_new = (wanted, thrust, now_ns), True
+        return True
+
+    @property
+    def phase(self) -> int:
+        """Phase of the mission, as its last set point says."""
+        return IDLE if self._setpoint is None else self._setpoint.phase
+
+    def fresh(self, now_ns: int) -> bool:
+        """Return whether set points are coming."""
+        return now_ns - self._setpoint_ns <= self._timeout_ns
+
+    @property
+    def follows(self) -> bool:
+        """Whether the suite's set points are what goes out."""
+        return self._stream == Stream.SETPOINT
+
+    def clock_set_back(self, now_ns: int) -> None:
+        """Forget when things happened."""
+        self._streamed_ns = 0
+        self._setpoint_ns = min(self._setpoint_ns, now_ns)
+
+    def message(
+        self, stream: Stream, present: Setpoint | None, hover: float, now_ns: int
+    ) -> Any | None:
+        """Return what is to be sent now; None: nothing.
+
+        Args:
+            stream: what the session wants to go out.
+            present: the vehicle's own position; None: not known.
+            hover: throttle that hovers; 0: not known.
+            now_ns: the present.
+        """
+        if stream != self._stream:
+            self._stream, self._held = stream, None
+            self._streamed_ns = 0
+        due = now_ns - self._streamed_ns >= 1e9 / self._params.stream_rate
+        message = None
+        if stream == Stream.SETPOINT:
+            if due or self._new or self._rotation_new:
+                message = self._wanted(now_ns, due, hover)
+        elif due:
+            if stream == Stream.HOLD:
+                present = self._held = self._held or present
+            message = None if present is None else self._position(present, now_ns)
+        self._new = self._rotation_new = False
+        if message is not None:
+            self._streamed_ns = now_ns
+            self.sent += 1
+        return message
+
+    def _position(self, setpoint: Setpoint, now_ns: int) -> Any:
+        return outgoing.position_target(setpoint, self._target, now_ns)
+
+    def _wanted(self, now_ns: int, due: bool, hover: float) -> Any | None:
+        """Return the set point of the suite, as PX4 is to follow it."""
+        rotation = self._rotation
+        if self._params.setpoint != POSITION and rotation is not None and hover > 0.0:
+            wanted, thrust, taken_ns = rotation
+            if now_ns - taken_ns <= self._timeout_ns:
+                if not self._rotation_new and not due:
+                    return None
+                throttle = outgoing.throttle_of(thrust, self._mass, hover)
+                if self._params.setpoint == ATTITUDE:
+                    return outgoing.attitude_target(wanted, throttle, self._target, now_ns)
+                return outgoing.rates_target(wanted, throttle, self._target, now_ns)
+        setpoint = self._setpoint
+        if setpoint is None:
+            return None
+        if not self.fresh(now_ns):
+            still = np.zeros(3)
+            setpoint = replace(setpoint, velocity=still, acceleration=still)
+        return self._position(setpoint, now_ns)
+
+    def faults(self, hover: float, now_ns: int) -> dict[str, str]:
+        """Return what is wrong with the set points while the vehicle flies by them."""
+        found = {}
+        if not self.fresh(now_ns):
+            silent = (now_ns - self._setpoint_ns) * 1e-9
+            found["setpoint_silent"] = (
+                f"no set point for {silent:.1f} s: the last position is held"
+            )
+        if self._params.setpoint == POSITION:
+            return found
+        if hover <= 0.0:
+            found["hover_thrust"] = (
+                "MPC_THR_HOVER is not known: position set points are flown; set px4.hover_thrust"
+            )
+        if self._rotation is None or now_ns - self._rotation[2] > self._timeout_ns:
+            found["rotation_silent"] = (
+                f"no {self._params.setpoint} set points come: position set points are flown"
+            )
+        return found

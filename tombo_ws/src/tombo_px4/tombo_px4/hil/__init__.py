@@ -1,0 +1,1 @@
+"""Physics for a real PX4 SITL, in lockstep."""

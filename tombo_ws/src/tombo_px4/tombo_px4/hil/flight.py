@@ -1,0 +1,186 @@
+"""One flight of the Tombo vehicle with an autopilot on the other side: controls in, messages out.
+
+No socket and no clock: `step` is one HIL_SENSOR interval; `tombo_px4.hil.lockstep` runs it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import common
+
+from tombo_px4.bridge.bridge_params import ODOMETRY
+from tombo_px4.hil.controls import ControlMap
+from tombo_px4.hil.params import HilParams
+from tombo_px4.hil.sensors import HilSensors, Slow
+from tombo_px4.link.outgoing import pose_message
+from tombo_sim.simulator import PoseSample, Simulator
+from tombo_sim.world import World
+
+Array = NDArray[np.float64]
+SYSTEM, COMPONENT = 1, 200
+"""Who PX4's simulators say they are."""
+INERTIAL = 0x3F
+"""Accelerometer and gyro."""
+ALL_SENSORS = 0x1FFF
+"""Also magnetometer, barometer, differential pressure, temperature: each group complete."""
+SLOW_EVERY = 5
+"""Messages from one with all sensors to the next: 50 Hz of 250."""
+_FIX_3D, _SATELLITES = 3, 14
+_EPH_CM, _EPV_CM = 70, 110
+TICK_US = 1000
+Watch = Callable[[Simulator], None]
+
+
+class Motors(NamedTuple):
+    """What PX4 wants: the content of HIL_ACTUATOR_CONTROLS."""
+
+    controls: Sequence[float] = (0.0, 0.0, 0.0, 0.0)
+    armed: bool = False
+
+
+class HilFlight:
+    """One vehicle from the ground up. The same seed gives the same chance.
+
+    Attributes:
+        simulator: the plant; its memory `m` has the truth.
+        poses: motion-capture poses that arrived during the last step; `captured` and `arrives` are
+            ticks, `TICK_US` times a tick is PX4's clock.
+        rotors: rotor speeds asked for in the last step [rad/s].
+    """
+
+    def __init__(
+        self, world: World, seed: int, params: HilParams, watch: Watch | None = None
+    ) -> None:
+        """Set the vehicle on the ground; `watch` is called at every tick after the first.
+
+        Raises:
+            InputError: as `Simulator`.
+        """
+        self._watch = watch
+        self.params = params
+        self.simulator = Simulator(world, seed)
+        self.sensors = HilSensors(params, seed)
+        self.controls = ControlMap(world.vehicle, self.simulator.ready.maps, params.mapping)
+        self.poses: list[PoseSample] = []
+        self.rotors: Array = np.zeros(4)
+        self.steps = 0
+        self._mav = common.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
+        self._slow = Slow()
+        self._gps_due = _Due(params.gps_rate if params.gps else 0.0)
+        self._truth_due = _Due(params.truth_rate)
+
+    @property
+    def time_us(self) -> int:
+        """Time of the present tick: PX4's clock."""
+        return self.simulator.tick * TICK_US
+
+    def want_truth(self, interval_us: float) -> None:
+        """Take PX4's wish for HIL_STATE_QUATERNION: -1 none, 0 the default; a set rate stays."""
+        if self.params.truth_rate > 0.0:
+            return
+        rate = 0.0 if interval_us < 0.0 else 1e6 / interval_us if interval_us > 0.0 else 200.0
+        self._truth_due = _Due(rate, self.time_us)
+
+    def step(self, motors: Motors) -> bytes:
+        """Fly one interval with the motors as wanted; return the frames for PX4, in one piece.
+
+        HIL_SENSOR is the last, because it moves PX4's clock and wakes it: what came before is
+        there then, in every run alike, taken at the time of the HIL_SENSOR before.
+        """
+        self.rotors = self.controls.speeds(motors.controls, motors.armed)
+        simulator, sensors = self.simulator, self.sensors
+        self.poses = []
+        for _ in range(self.params.ticks):
+            simulator.advance(self.rotors)
+            sensors.observe(simulator.imu)
+            if simulator.arrived:
+                # a wrong stamp may lie before PX4's clock began, for which it has no number
+                self.poses += [pose for pose in simulator.arrived if pose.stamp_ns >= 0]
+            if self._watch is not None:
+                self._watch(simulator)
+        self.steps += 1
+        out = b""
+        if self.steps > 1:
+            if self._gps_due.strikes(self.time_us):
+                out += self._gps()
+            if self._truth_due.strikes(self.time_us):
+                out += self._truth()
+            if self.params.mocap:
+                for pose in self.poses:
+                    out += bytes(odometry(pose).pack(self._mav))
+        return out + self._sensor()
+
+    def _sensor(self) -> bytes:
+        fields = INERTIAL
+        if (self.steps - 1) % SLOW_EVERY == 0:
+            self._slow = self.sensors.slow(self.simulator.m)
+            fields = ALL_SENSORS
+        slow = self._slow
+        message = self._mav.hil_sensor_encode(
+            self.time_us,
+            *self.sensors.inertial(),
+            *slow.field,
+            slow.pressure,
+            slow.differential,
+            slow.altitude,
+            slow.temperature,
+            fields,
+            0,
+        )
+        return bytes(message.pack(self._mav))
+
+    def _gps(self) -> bytes:
+        fix = self.sensors.gps(self.simulator.m)
+        message = self._mav.hil_gps_encode(
+            self.time_us,
+            _FIX_3D,
+            fix.latitude,
+            fix.longitude,
+            fix.altitude,
+            _EPH_CM,
+            _EPV_CM,
+            fix.ground_speed,
+            *fix.velocity,
+            fix.course,
+            _SATELLITES,
+        )
+        return bytes(message.pack(self._mav))
+
+    def _truth(self) -> bytes:
+        true = self.sensors.truth(self.simulator.m)
+        message = self._mav.hil_state_quaternion_encode(
+            self.time_us,
+            list(true.attitude),
+            *true.rates,
+            true.latitude,
+            true.longitude,
+            true.altitude,
+            *true.velocity,
+            true.air_speed,
+            true.air_speed,
+            *true.force,
+        )
+        return bytes(message.pack(self._mav))
+
+
+def odometry(pose: PoseSample) -> Any:
+    """Return a motion-capture pose as the message PX4 fuses, stamped in PX4's own clock."""
+    return pose_message(ODOMETRY, pose.stamp_ns, pose.pose[:3], pose.pose[3:], None)
+
+
+class _Due:
+    """Says when it is time again, at a rate that need not divide that of the steps."""
+
+    def __init__(self, rate: float, now_us: int = 0) -> None:
+        self._period_us = 1e6 / rate if rate > 0.0 else 0.0
+        self._next_us = float(now_us)
+
+    def strikes(self, now_us: int) -> bool:
+        if self._period_us == 0.0 or now_us < self._next_us:
+            return False
+        self._next_us += self._period_us
+        return True

@@ -1,0 +1,272 @@
+"""The simulator that a real PX4 flies: Tombo's physics behind PX4's simulator link, in lockstep.
+
+Each HIL_SENSOR waits for the HIL_ACTUATOR_CONTROLS with the same time; `time_usec` is PX4's clock.
+
+    hil = Hil(world, seed=0, params=HilParams(), link=HilLink(4560))
+    while True:
+        if hil.advance(time.monotonic_ns()):        # one step was flown
+            for pose in hil.flight.poses: ...       # arrived now; pose.stamp_ns [ns]
+        else:
+            hil.wait(time.monotonic_ns(), 0.1)      # or come back within a millisecond
+        for line in hil.take_news(): ...
+
+`hil.flight.simulator.m` has the truth, `hil.flight.time_us` PX4's clock.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from enum import Enum
+from typing import NamedTuple
+
+from tombo_px4.hil.flight import HilFlight, Motors, Watch
+from tombo_px4.hil.link import Answer, HilLink
+from tombo_px4.hil.mocap import MocapFeed
+from tombo_px4.hil.params import HilParams
+from tombo_sim.world import World
+
+BOOT_PATIENCE_NS = 5_000_000
+"""A step that PX4, booting, does not answer. It answered from the tenth on."""
+PATIENCE_NS = 1_000_000_000
+"""Silence that is reported; PX4 too complains after a second."""
+PX4_RATE = 250
+"""[Hz] at which PX4 expects HIL_SENSOR; it answers once its estimator has run (IMU_INTEG_RATE)."""
+_SLIP_NS = 200_000_000
+"""Behind by more, time stretches instead of being made up for."""
+_LONGEST_NEWS = 200
+
+
+class Phase(Enum):
+    """How it is with PX4."""
+
+    WAITING = "waiting for PX4"
+    BOOTING = "PX4 boots"
+    FLYING = "in lockstep"
+    SILENT = "PX4 is silent"
+
+
+class News(NamedTuple):
+    """Something to tell the user."""
+
+    severe: bool
+    text: str
+
+
+class Hil:
+    """Runs one flight after the other, one for each connection of PX4. Never blocks but in `wait`.
+
+    Attributes:
+        flight: the present one, or the one that waits for PX4.
+        motors: what PX4 wants.
+        steps: HIL_SENSOR sent in this flight.
+        answered: how many of them have been answered.
+        boot_steps: steps unanswered before the first answer.
+        missed: steps unanswered after it.
+        wrong_time: answers with another time than the last HIL_SENSOR's.
+        repeated: answers beyond the first to a step.
+        slips: how often the machine could not keep up with the speed.
+        flights: how many have begun.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        seed: int,
+        params: HilParams,
+        link: HilLink,
+        *,
+        speed: float = 1.0,
+        mocap: MocapFeed | None = None,
+        watch: Watch | None = None,
+    ) -> None:
+        """Set the vehicle on the ground.
+
+        Args:
+            world: what is simulated.
+            seed: all chance comes from it; each flight has the same.
+            params: checked (`HilParams.check`).
+            link: where PX4 connects; closing it is up to the caller.
+            speed: simulated time against that of `advance`; 0: as fast as possible.
+            mocap: poses go there too, besides `flight.poses`.
+            watch: called with the simulator at every tick of 1 ms; a new flight has a new one.
+
+        Raises:
+            InputError: as `Simulator`.
+        """
+        self._world, self._seed, self._params = world, seed, params
+        self._link = link
+        self._mocap = mocap
+        self._watch = watch
+        self._period_ns = round(1e6 * params.ticks / speed) if speed > 0.0 else 0
+        self._news: deque[News] = deque(maxlen=_LONGEST_NEWS)
+        self.flights = 0
+        self._fresh()
+
+    def _fresh(self) -> None:
+        """Put a new vehicle on the ground."""
+        self.flight = HilFlight(self._world, self._seed, self._params, self._watch)
+        self.motors = Motors()
+        self.steps = self.answered = self.boot_steps = self.missed = 0
+        self.wrong_time = self.repeated = self.slips = 0
+        self._connection = 0
+        self._sent_ns = self._due_ns = 0
+        self._has_answer = True  # to the step before the first one
+        self._heard = self._silent = self._free_running = False
+        self._runs_on = False  # silent and disarmed; over with any answer, a late one too
+
+    @property
+    def phase(self) -> Phase:
+        """How it is with PX4."""
+        if not self._connection:
+            return Phase.WAITING
+        if self._silent:
+            return Phase.SILENT
+        return Phase.FLYING if self._heard else Phase.BOOTING
+
+    def take_news(self) -> list[News]:
+        """Return what is to be told, once."""
+        news = list(self._news)
+        self._news.clear()
+        return news
+
+    def advance(self, now_ns: int) -> bool:
+        """Take what PX4 has sent, and fly one step if it is answered and due.
+
+        Args:
+            now_ns: time of a clock that never goes back; only its differences count.
+
+        Returns:
+            whether a step was flown: there may be another one to fly at once.
+        """
+        answers = self._link.receive()
+        if self._connection and (
+            not self._link.connected or self._link.connections != self._connection
+        ):
+            self._lose()
+        if not self._link.connected:
+            return False
+        if not self._connection:
+            self._begin(now_ns)
+        interval_us = self._link.take_interval()
+        if interval_us is not None:
+            self.flight.want_truth(interval_us)
+        for answer in answers:
+            self._take(answer)
+        if now_ns < self._next_ns(now_ns):
+            return False
+        self._step(now_ns)
+        return True
+
+    def wait(self, now_ns: int, longest_s: float) -> None:
+        """Sleep until there is something to do, or `longest_s` is over."""
+        timeout_s = longest_s
+        if self._connection:
+            timeout_s = min(1e-9 * (self._next_ns(now_ns) - now_ns), longest_s)
+        self._link.wait(timeout_s)
+
+    def _next_ns(self, now_ns: int) -> int:
+        """Return when the next step is flown if nothing more comes."""
+        if self._has_answer:
+            return self._due_ns
+        patience = PATIENCE_NS if self._heard and not self._runs_on else BOOT_PATIENCE_NS
+        return max(self._sent_ns + patience, self._due_ns)
+
+    def _begin(self, now_ns: int) -> None:
+        self.flights += 1
+        self._connection = self._link.connections
+        self._due_ns = now_ns
+        self._tell(f"PX4 has connected: flight {self.flights} begins, at time 0, on the ground")
+
+    def _lose(self) -> None:
+        how = "armed" if self.motors.armed else "not armed"
+        height = self.flight.simulator.height
+        self._tell(
+            f"PX4 has left at {1e-6 * self.flight.time_us:.2f} s ({how}, {height:.2f} m up): that "
+            "flight is over; waiting for a new connection, which begins a new one",
+            severe=self.motors.armed,
+        )
+        self._fresh()
+
+    def _take(self, answer: Answer) -> None:
+        if not answer.lockstep and not self._free_running:
+            self._free_running = True
+            self._tell(
+                "PX4 was built without lockstep: its answers are taken as they come, and it flies "
+                "well in real time only",
+                severe=True,
+            )
+        if self.steps == 0:  # to a step of a flight that is over
+            self.wrong_time += 1
+            return
+        self._runs_on = False
+        if not self._heard:
+            self._heard = True
+            self._tell(f"PX4 answers, after {self.boot_steps} steps without; in lockstep from now")
+        if answer.lockstep and answer.time_us != self.flight.time_us:
+            self.wrong_time += 1
+            return
+        if answer.armed != self.motors.armed:
+            self._tell("armed" if answer.armed else "disarmed")
+        self.motors = Motors(answer.controls, answer.armed)
+        if self._has_answer:
+            self.repeated += 1
+            return
+        self._has_answer = True
+        self.answered += 1
+        if self._silent:
+            self._silent = False
+            self._tell("PX4 answers again")
+
+    def _step(self, now_ns: int) -> None:
+        """Fly one step with what PX4 wants, and send it what the sensors say."""
+        if not self._has_answer:
+            self._go_on_without()
+        self._pace(now_ns)
+        self._link.send(self.flight.step(self.motors))
+        self._sent_ns = now_ns
+        self._has_answer = False
+        self.steps += 1
+        if self._mocap is not None:
+            self._mocap.advance(self.flight.poses, self.flight.time_us)
+
+    def _go_on_without(self) -> None:
+        """Count a step without an answer.
+
+        An armed PX4 that stands in a debugger must find little time gone, so time all but stands
+        still: a step a second. Waiting for ever would stop both if one answer was lost. Disarmed,
+        time goes on: in OFFBOARD without a stream of set points PX4 has no controls to send, and
+        without time it would never get out of there.
+        """
+        if not self._heard:
+            self.boot_steps += 1
+            return
+        self.missed += 1
+        self._runs_on = not self.motors.armed
+        if not self._silent:
+            self._silent = True
+            goes = "time stands still but for a step a second"
+            if not self.motors.armed:
+                goes = "disarmed, so time goes on (in OFFBOARD it is silent until set points come)"
+            rate = round(self._params.rate)
+            why = "" if rate == PX4_RATE else f"; is PX4's IMU_INTEG_RATE {rate}, as hil.rate?"
+            self._tell(
+                f"PX4 has not answered for {1e-9 * PATIENCE_NS:.0f} s at "
+                f"{1e-6 * self.flight.time_us:.2f} s: {goes}{why}",
+                severe=True,
+            )
+
+    def _pace(self, now_ns: int) -> None:
+        """Set when the next step is due."""
+        if self._period_ns == 0:
+            return
+        self._due_ns += self._period_ns
+        if not self._has_answer:  # waited for PX4: nothing to be made up for
+            self._due_ns = now_ns + self._period_ns
+        elif now_ns - self._due_ns > _SLIP_NS:
+            self._due_ns = now_ns + self._period_ns
+            self.slips += 1
+            if self.slips == 1:
+                self._tell("slower than wanted: time stretches", severe=True)
+
+    def _tell(self, text: str, severe: bool = False) -> None:
+        self._news.append(News(severe, text))

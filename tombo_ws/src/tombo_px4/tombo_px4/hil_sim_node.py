@@ -1,0 +1,101 @@
+"""The vehicle of a real PX4, as a node: physics behind PX4's simulator link, and the mocap for it.
+
+PX4 connects to the port, in lockstep, and flies; its other links are its own. Poses of the motion
+capture leave by ROS, so the bridge brings them to PX4 as it would in the lab. Real time only.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+
+from tombo_dynamics.errors import InputError
+from tombo_px4.hil.link import PX4_PORT, HilLink
+from tombo_px4.hil.lockstep import Hil
+from tombo_px4.hil.params import HilParams
+from tombo_ros.node_loop import run
+from tombo_sim.simulator import Simulator
+from tombo_sim.vehicle_node import TICK_NS, VehicleNode
+
+_MOST_STEPS = 20
+"""In one run of the loop."""
+_FAR_NS = 100_000_000
+"""So far off, the flight's clock is set anew; below, it follows."""
+_FOLLOWS = 64
+"""Ticks in which a difference of the clocks is made up for."""
+
+
+class HilSimNode(VehicleNode):
+    """The simulator link at 1 kHz."""
+
+    keeps_every_tick = False
+
+    def __init__(self) -> None:
+        """Declare parameters, listen for PX4, set the vehicle on the ground.
+
+        Raises:
+            InputError: a parameter is refused, the port is taken, or the world can't be.
+        """
+        super().__init__({"hil": HilParams()})
+        if self.sim_time:
+            raise InputError("use_sim_time true: PX4 flies in real time; accepted: false")
+        port = self.declare(
+            "port", PX4_PORT, "TCP port for PX4's simulator link", bounds=(1, 65535)
+        )
+        self._link = HilLink(port)
+        params = self.records["hil"].check()
+        self._hil = Hil(self.world, self.seed, params, self._link, watch=self._watch)
+        self.present(self._hil.flight.simulator)
+        self._began_ns = 0
+        """Time of tick 0."""
+
+    def spin(self) -> None:
+        """Show the obstacle, then wait for PX4."""
+        self.show_obstacle(time.time_ns())
+        super().spin()
+
+    def step(self, now_ns: int) -> None:
+        """Fly what is due, and tell what has happened."""
+        for _ in range(_MOST_STEPS):
+            if not self._hil.advance(time.monotonic_ns()):
+                break
+        logger = self.ros.get_logger()
+        for news in self._hil.take_news():
+            if news.severe:  # rclpy: one severity for each line of code
+                logger.warning(news.text)
+            else:
+                logger.info(news.text)
+
+    def _watch(self, simulator: Simulator) -> None:
+        """Show a tick. Its time is the system's, as smooth as PX4's own clock."""
+        if simulator is not self.simulator:
+            self.exchange(simulator)
+            self.show_obstacle(time.time_ns())
+        off_ns = time.time_ns() - (self._began_ns + simulator.tick * TICK_NS)
+        self._began_ns += off_ns if abs(off_ns) > _FAR_NS else off_ns // _FOLLOWS
+        self.show(self._began_ns)
+
+    def report(self, now_ns: int) -> None:
+        """Add how it is with PX4."""
+        hil = self._hil
+        self.health.value("px4", hil.phase.value)
+        for name in ("flights", "steps", "answered", "missed", "wrong_time", "slips"):
+            self.health.value(name, getattr(hil, name))
+        for name, count in self._link.counters.items():
+            if count:
+                self.health.value(f"link.{name}", count)
+        super().report(now_ns)
+
+    def close(self) -> None:
+        """Let go of the port."""
+        self._link.close()
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    sys.exit(run(HilSimNode, argv))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,61 @@
+"""What the counters of a link tell when nothing, or the wrong thing, is heard on it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from tombo_px4.bridge.bridge_params import LinkParams
+
+
+def link_faults(
+    counters: Mapping[str, int],
+    stranger: tuple[int, int] | None,
+    params: LinkParams,
+    linked: bool,
+    trouble: str,
+) -> dict[str, str]:
+    """Return key -> what is wrong with the link, in words that name cause and cure.
+
+    Args:
+        counters: of `Link`.
+        stranger: system and component that were refused last.
+        params: whom we wait for.
+        linked: the vehicle is heard.
+        trouble: why a message could not be packed, "" if all could.
+    """
+    faults: dict[str, str] = {}
+    if trouble:
+        faults["unsendable"] = trouble
+    if linked:
+        return faults
+    if stranger is not None and stranger[0] != params.system:
+        faults["wrong_system"] = (
+            f"system {stranger[0]} speaks here, waiting for {params.system}: set link.system, or"
+            " the vehicle's MAV_SYS_ID"
+        )
+    elif stranger is not None:
+        faults["wrong_component"] = (
+            f"component {stranger[1]} of system {stranger[0]} speaks here, waiting for"
+            f" {params.component}: set link.component"
+        )
+    if counters["unsigned"]:
+        faults["unsigned"] = (
+            f"{counters['unsigned']} messages without a signature were left out: link.key_file is"
+            " set here, but the other side does not sign"
+        )
+    if counters["bad_signature"]:
+        faults["bad_signature"] = (
+            f"{counters['bad_signature']} messages are signed with another key: compare"
+            " link.key_file with the vehicle's key"
+        )
+    if counters["foreign_address"]:
+        faults["foreign_address"] = (
+            f"{counters['foreign_address']} datagrams came from another machine: set"
+            " link.allow_remote if that is the vehicle"
+        )
+    if not counters["received"] and counters["garbage_bytes"] > 1000:
+        faults["garbage"] = (
+            f"{counters['garbage_bytes']} bytes came that are no MAVLink: baud rate, or another"
+            " program on this port"
+        )
+    return faults

@@ -1,0 +1,258 @@
+"""A link to a MAVLink partner: owns the socket or the serial port, and lets only good frames in.
+
+Nothing here blocks, and nothing that comes in raises: what is refused is counted. A link belongs
+to one thread.
+"""
+
+from __future__ import annotations
+
+import select
+from collections import deque
+from typing import Any, NamedTuple
+
+from pymavlink.dialects.v20 import common
+
+from tombo_dynamics.errors import InputError
+from tombo_px4.link.address import parse_peer, parse_url
+from tombo_px4.link.framing import Findings, Frame, StreamFramer, decode, frames_of
+from tombo_px4.link.signing import Gate, check_key
+from tombo_px4.link.transport import Clock, Packet, open_transport
+
+COUNTED = {
+    "received": "messages let in",
+    "sent": "messages sent",
+    "garbage_bytes": "bytes in no frame",
+    "bad_checksum": "candidates of a known message with a wrong checksum",
+    "unknown_message": "frames of messages that the dialect does not know",
+    "wrong_system": "frames of another system than the accepted one",
+    "wrong_component": "frames of another component than the accepted one",
+    "unsigned": "frames without a signature, where there is a key",
+    "bad_signature": "frames signed with another key",
+    "replayed": "signed frames with a timestamp that is not newer",
+    "undecodable": "frames that could not be decoded",
+    "dropped": "datagrams the kernel had no room for, TCP clients there was none for",
+    "foreign_address": "datagrams and TCP clients from another machine, where none is allowed",
+    "oversized": "datagrams longer than MAVLink's can be",
+    "no_peer": "messages not sent: nobody is there yet",
+    "send_failed": "messages not sent: no room, no way, or a value that does not fit its field",
+}
+"""The counters of a link."""
+
+_WORK_PER_MESSAGE = 4
+"""Steps of work that one call may spend for each message it may return."""
+
+_BYTES_PER_STEP = 256
+
+
+class Received(NamedTuple):
+    """One message that was let in.
+
+    Attributes:
+        message: as pymavlink decodes it.
+        arrival_ns: CLOCK_REALTIME, by the kernel where it can.
+        system: sender's system.
+        component: sender's component.
+        peer: where it came from; `Link.send` takes it.
+    """
+
+    message: Any
+    arrival_ns: int
+    system: int
+    component: int
+    peer: Any
+
+
+class Link:
+    """A MAVLink connection over UDP, TCP or a serial port.
+
+    Attributes:
+        url: as it was given.
+        mav: encoder of messages with this link's ids: `link.mav.heartbeat_encode(...)`.
+        counters: how much came, went and was refused; see `COUNTED`.
+        trouble: why a message last could not be packed, "" if all could.
+        stranger: system and component that were last refused for being others than accepted.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        *,
+        system: int,
+        component: int,
+        clock: Clock,
+        accept_system: int = 0,
+        accept_component: int = 0,
+        key: bytes | None = None,
+        link_id: int = 0,
+        allow_remote: bool = False,
+        default_peer: str | None = None,
+    ) -> None:
+        """Open the link.
+
+        Args:
+            url: see `address.ACCEPTED`; port 0 of a listener: any that is free, see `address`.
+            system: our system, 1 to 255.
+            component: our component, 1 to 255.
+            clock: time now, CLOCK_REALTIME [ns]: `time.time_ns`.
+            accept_system: the only system that is let in, 0 for any.
+            accept_component: the only component that is let in, 0 for any.
+            key: 32 bytes: only signed messages go out and come in.
+            link_id: number in our signatures, different on each link of one component.
+            allow_remote: speak with other machines too.
+            default_peer: "HOST:PORT" to send to until somebody has spoken (udpin).
+
+        Raises:
+            InputError: URL, busy port, unreachable host, another machine, ids, key.
+        """
+        for name, number, lowest in (
+            ("system", system, 1),
+            ("component", component, 1),
+            ("accept_system", accept_system, 0),
+            ("accept_component", accept_component, 0),
+            ("link_id", link_id, 0),
+        ):
+            if not lowest <= number <= 255:
+                raise InputError(f"{name} {number} is out of bounds; accepted: {lowest} to 255")
+        parsed = parse_url(url, allow_remote)
+        if default_peer and parsed.kind != "udpin":
+            raise InputError(
+                f"link '{url}': peer '{default_peer}' belongs to a listener; accepted: udpin"
+            )
+        peer = parse_peer(default_peer, allow_remote) if default_peer else None
+        self.url = url
+        self.counters = dict.fromkeys(COUNTED, 0)
+        self.trouble = ""
+        self.stranger: tuple[int, int] | None = None
+        self.mav = common.MAVLink(None, srcSystem=system, srcComponent=component)
+        self._clock = clock
+        self._accept_system = accept_system
+        self._accept_component = accept_component
+        self._gate: Gate | None = None
+        if key is not None:
+            self._gate = Gate(check_key(key), clock())
+            self.mav.signing.secret_key = key
+            self.mav.signing.link_id = link_id
+            self.mav.signing.sign_outgoing = True
+        self._findings = Findings()
+        self._streams: dict[Any, StreamFramer] = {}
+        self._waiting: deque[tuple[Frame, int, Any]] = deque()
+        self._closed = False
+        self._transport = open_transport(parsed, clock, self.counters, allow_remote, peer)
+
+    @property
+    def connected(self) -> bool:
+        """The TCP peer is there, the UDP peer known, the serial device open."""
+        return not self._closed and self._transport.connected
+
+    @property
+    def address(self) -> tuple[str, int] | None:
+        """Host and port where it listens or sends from; None of what has none."""
+        return self._transport.address
+
+    def fileno(self) -> int:
+        """Return what select() can wait on, the same one until it is closed.
+
+        What `receive` has left over does not show there: read until it returns nothing.
+        """
+        return self._transport.fileno()
+
+    def receive(self, limit: int = 200) -> list[Received]:
+        """Return the messages that have come, `limit` at most; the rest waits.
+
+        The work is bounded too: under a flood of garbage it returns with less.
+        """
+        received: list[Received] = []
+        if self._closed:
+            return received
+        self._transport.tend()
+        work = _WORK_PER_MESSAGE * limit
+        while work > 0 and len(received) < limit:
+            if self._waiting:
+                work -= 1
+                frame, arrival_ns, peer = self._waiting.popleft()
+                message = self._admit(frame)
+                if message is not None:
+                    # Only who is let in is answered.
+                    self._transport.peer = peer
+                    received.append(
+                        Received(message, arrival_ns, frame.system, frame.component, peer)
+                    )
+                continue
+            packet = self._transport.read()
+            if packet is None:
+                break
+            tries = self._findings.tries
+            self._waiting.extend(
+                (frame, packet.arrival_ns, packet.peer) for frame in self._frames(packet)
+            )
+            work -= 1 + len(packet.data) // _BYTES_PER_STEP + self._findings.tries - tries
+        self.counters["received"] += len(received)
+        self.counters["garbage_bytes"] = self._findings.garbage_bytes
+        self.counters["bad_checksum"] = self._findings.bad_checksum
+        self.counters["unknown_message"] = self._findings.unknown_message
+        return received
+
+    def send(self, message: Any, to: Any = None) -> bool:
+        """Send a message to the peer, or to one from `Received.peer`; False: counted, not sent."""
+        if self._gate:
+            self.mav.signing.timestamp = self._gate.next_timestamp(self._clock())
+        try:
+            data = message.pack(self.mav)
+        except Exception as error:  # whatever pymavlink makes of a value that does not fit
+            self.counters["send_failed"] += 1
+            self.trouble = f"{type(message).__name__} can't be packed: {error}"
+            return False
+        self.mav.seq = (self.mav.seq + 1) % 256
+        wrong = "send_failed" if self._closed else self._transport.write(data, to)
+        self.counters[wrong or "sent"] += 1
+        return not wrong
+
+    def wait(self, timeout_s: float) -> bool:
+        """Sleep until something comes, `timeout_s` at most; return whether something has."""
+        if self._waiting:
+            return True
+        if self._closed:
+            return False
+        self._transport.tend()
+        due_ns = self._transport.due_ns()
+        if due_ns is not None:  # to connect again may be due before
+            timeout_s = min(timeout_s, 1e-9 * due_ns)
+        # Unlike poll and epoll it counts in microseconds.
+        return bool(select.select([self.fileno()], (), (), max(0.0, timeout_s))[0])
+
+    def close(self) -> None:
+        """Let go of the socket or port; a second time does nothing."""
+        if not self._closed:
+            self._closed = True
+            self._waiting.clear()
+            self._transport.close()
+
+    def _frames(self, packet: Packet) -> list[Frame]:
+        if not self._transport.stream:
+            return frames_of(packet.data, self._findings)
+        if not packet.data:
+            self._streams.pop(packet.peer, None)
+            return []
+        framer = self._streams.get(packet.peer)
+        if framer is None:
+            framer = self._streams[packet.peer] = StreamFramer(self._findings)
+        return framer.feed(packet.data)
+
+    def _admit(self, frame: Frame) -> Any:
+        """Return the message of a frame that may come in, else None."""
+        refusal = ""
+        if self._accept_system not in (0, frame.system):
+            refusal = "wrong_system"
+        elif self._accept_component not in (0, frame.component):
+            refusal = "wrong_component"
+        elif self._gate:
+            refusal = self._gate.refusal(frame)
+        if not refusal:
+            try:
+                return decode(frame)
+            except Exception:  # a foreign decoder on foreign bytes: nothing may get past here
+                refusal = "undecodable"
+        if refusal.startswith("wrong_"):
+            self.stranger = (frame.system, frame.component)
+        self.counters[refusal] += 1
+        return None

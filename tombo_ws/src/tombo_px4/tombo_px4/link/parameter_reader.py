@@ -1,0 +1,162 @@
+"""Reads parameters of the vehicle by name, and writes those the operator asks for."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mav
+
+from tombo_dynamics.errors import InputError
+from tombo_px4.bridge.records import ParameterValue
+from tombo_px4.link.outgoing import Target, read_parameter
+
+_AGAIN_NS = 1_000_000_000
+_TRIES = 4
+_AFRESH_NS = 15_000_000_000
+"""On the ground somebody may change them: all are read again so often."""
+_AT_ONCE = 3
+_WHOLE = mav.MAV_PARAM_TYPE_INT32
+_AT_START = (
+    "EKF2_HGT_REF",
+    "EKF2_MAG_TYPE",
+    "EKF2_EV_DELAY",
+    "EKF2_DELAY_MAX",
+    "SYS_HAS_GPS",
+    "SYS_HAS_MAG",
+    "SYS_HAS_BARO",
+    "MAV_SYS_ID",
+)
+"""PX4 reads these when it starts."""
+
+
+def parse_assignments(texts: Sequence[str]) -> dict[str, float]:
+    """Read `NAME=VALUE` of parameters to be written.
+
+    Raises:
+        InputError: names what is not of that form.
+    """
+    wanted: dict[str, float] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        name = name.strip()
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if not equals or not 0 < len(name) <= 16 or not math.isfinite(number):
+            raise InputError(
+                f"px4_parameters: '{text}' can't be used; accepted: NAME=VALUE as EKF2_EV_CTRL=11"
+            )
+        wanted[name] = number
+    return wanted
+
+
+class ParameterReader:
+    """Asks for a few parameters at a time until each is known or has not answered four times."""
+
+    def __init__(
+        self, names: Iterable[str], to: Target, writes: Mapping[str, float] | None = None
+    ) -> None:
+        self.values: dict[str, float | int] = {}
+        """As the vehicle said last."""
+        self.written: dict[str, float | int] = {}
+        """What was written, and confirmed by the vehicle."""
+        self._changed: set[str] = set()
+        self._names = list(dict.fromkeys([*names, *(writes or {})]))
+        self._writes = dict(writes or {})
+        self._kinds: dict[str, int] = {}
+        self._to = to
+        self._tries: dict[str, int] = {}
+        self._asked_ns: dict[str, int] = {}
+        self._write_tries: dict[str, int] = {}
+        self._begun_ns: int | None = None
+
+    @property
+    def missing(self) -> list[str]:
+        """Names the vehicle did not answer to."""
+        return [n for n in self._names if n not in self.values and self._spent(n)]
+
+    @property
+    def unwritten(self) -> dict[str, float]:
+        """What was to be written and the vehicle did not take."""
+        return {
+            name: value
+            for name, value in self._writes.items()
+            if name in self.missing or self._write_tries.get(name, 0) >= _TRIES
+        }
+
+    @property
+    def await_restart(self) -> list[str]:
+        """What was changed and PX4 takes at its next start only."""
+        return [name for name in _AT_START if name in self._changed]
+
+    @property
+    def complete(self) -> bool:
+        """Nothing is asked for any more."""
+        return all(n in self.values or self._spent(n) for n in self._names)
+
+    def forget(self) -> None:
+        """Begin anew: another vehicle, or the same one started again."""
+        self.values.clear()
+        self._tries.clear()
+        self._asked_ns.clear()
+        self._write_tries.clear()
+        self._changed.clear()
+        self._begun_ns = None
+
+    def take(self, found: ParameterValue) -> None:
+        """Take a value, asked for or not: PX4 tells when one is changed."""
+        if found.name not in self._names:
+            return
+        self.values[found.name] = found.value
+        self._kinds[found.name] = found.kind
+        wanted = self._writes.get(found.name)
+        if wanted is not None and _same(found.value, wanted):
+            self.written[found.name] = found.value
+            if self._write_tries.get(found.name):
+                self._changed.add(found.name)
+            del self._writes[found.name]
+
+    def tick(self, now_ns: int, on_ground: bool) -> list[Any]:
+        """Return what to send now."""
+        if self._begun_ns is None or (
+            on_ground and self.complete and now_ns - self._begun_ns > _AFRESH_NS
+        ):
+            again = self._begun_ns is not None
+            self._begun_ns = now_ns
+            self._tries = dict.fromkeys(self._names, _TRIES - 1) if again else {}
+            self._asked_ns.clear()
+        messages: list[Any] = []
+        for name in self._names:
+            due = now_ns - self._asked_ns.get(name, 0) > _AGAIN_NS
+            fresh = name in self.values and self._asked_ns.get(name, 0) >= self._begun_ns
+            if not due or len(messages) >= _AT_ONCE:
+                continue
+            if name in self._writes and name in self._kinds and on_ground:
+                if self._write_tries.get(name, 0) < _TRIES:
+                    self._write_tries[name] = self._write_tries.get(name, 0) + 1
+                    self._asked_ns[name] = now_ns
+                    messages.append(self._write(name))
+            elif not fresh and not self._spent(name):
+                self._tries[name] = self._tries.get(name, 0) + 1
+                self._asked_ns[name] = now_ns
+                messages.append(read_parameter(self._to, name))
+        return messages
+
+    def _spent(self, name: str) -> bool:
+        return self._tries.get(name, 0) >= _TRIES
+
+    def _write(self, name: str) -> Any:
+        value, kind = self._writes[name], self._kinds[name]
+        if kind == _WHOLE:  # PX4 takes whole numbers by their bytes
+            value = struct.unpack("<f", struct.pack("<i", round(value)))[0]
+        return mav.MAVLink_param_set_message(
+            self._to.system, self._to.component, name.encode(), value, kind
+        )
+
+
+def _same(found: float | int, wanted: float) -> bool:
+    return abs(found - wanted) <= 1e-5 * max(1.0, abs(wanted))

@@ -1,0 +1,80 @@
+"""Texts of STATUSTEXT: those longer than 50 characters come in pieces."""
+
+from __future__ import annotations
+
+from tombo_px4.bridge.records import StatusText
+
+_FULL = 50
+"""A piece of this length is followed by another."""
+_PATIENCE_NS = 1_000_000_000
+_MOST_TEXTS, _MOST_CHUNKS = 8, 8
+_GAP = "…"
+
+
+class _Growing:
+    def __init__(self, severity: int, arrival_ns: int) -> None:
+        self.severity = severity
+        self.arrival_ns = arrival_ns
+        self.chunks: dict[int, str] = {}
+        self.last: int | None = None
+
+    def whole(self) -> bool:
+        return self.last is not None and len(self.chunks) == self.last + 1
+
+    def text(self) -> StatusText:
+        end = self.last if self.last is not None else max(self.chunks, default=0)
+        words = "".join(self.chunks.get(k, _GAP) for k in range(end + 1))
+        if self.last is None:
+            words += _GAP
+        return StatusText(self.arrival_ns, self.severity, _printable(words))
+
+
+class ChunkJoiner:
+    """Puts pieces together in whichever order they come; a missing one becomes `…`."""
+
+    def __init__(self) -> None:
+        self._growing: dict[int, _Growing] = {}
+
+    def take(
+        self, severity: int, text: str, number: int, chunk: int, arrival_ns: int
+    ) -> StatusText | str | None:
+        """Take a piece; return the text once it is whole, or a word that refuses it.
+
+        Args:
+            severity: MAV_SEVERITY.
+            text: up to 50 characters.
+            number: of the text; 0: it is whole in itself.
+            chunk: place of the piece in it.
+            arrival_ns: when it came.
+        """
+        if not 0 <= severity <= 7:
+            return "range"
+        if number == 0:
+            return StatusText(arrival_ns, severity, _printable(text))
+        if chunk >= _MOST_CHUNKS:
+            return "range"
+        if number not in self._growing and len(self._growing) >= _MOST_TEXTS:
+            return "too_many"
+        growing = self._growing.setdefault(number, _Growing(severity, arrival_ns))
+        growing.chunks[chunk] = text
+        if len(text) < _FULL:
+            growing.last = chunk
+            for k in [k for k in growing.chunks if k > chunk]:
+                del growing.chunks[k]
+        if not growing.whole():
+            return None
+        del self._growing[number]
+        return growing.text()
+
+    def overdue(self, now_ns: int) -> list[StatusText]:
+        """Return what there is of texts that have waited for a second."""
+        late = [
+            number
+            for number, growing in self._growing.items()
+            if now_ns - growing.arrival_ns > _PATIENCE_NS
+        ]
+        return [self._growing.pop(number).text() for number in late]
+
+
+def _printable(text: str) -> str:
+    return "".join(c if c.isprintable() else " " for c in text).strip()

@@ -1,0 +1,305 @@
+"""TCP, both ways: a server with a few clients, and a client that keeps trying."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import select
+import socket
+from typing import Any
+
+from tombo_px4.link.address import Address, Url, is_loopback
+from tombo_px4.link.transport import CHUNK, Clock, Counters, Outbox, Packet, Retry, refused
+
+MAX_CLIENTS = 4
+_CONNECT_NS = 5_000_000_000
+
+
+class Connection:
+    """A connected socket, watched by an epoll."""
+
+    def __init__(self, sock: socket.socket, peer: Any, watch: select.epoll) -> None:
+        self.socket = sock
+        self.peer = peer
+        self.spoke = False
+        self.broken = False
+        self._watch = watch
+        self._out = Outbox()
+        self._full = False
+        with contextlib.suppress(OSError):
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        watch.register(sock.fileno(), select.EPOLLIN)
+
+    def read(self) -> bytes | None:
+        """Return some bytes; b"": it has ended; None: nothing more for now."""
+        try:
+            return self.socket.recv(CHUNK)
+        except BlockingIOError:
+            return None
+        except OSError:
+            return b""
+
+    def write(self, data: bytes) -> bool:
+        """Send a frame, or keep it until there is room; False: too much waits, or it is broken."""
+        try:
+            taken = self._out.push(data, self.socket.send)
+        except OSError:
+            self.broken = True
+            return False
+        self._watch_room()
+        return taken
+
+    def flush(self) -> None:
+        """Send what waits."""
+        try:
+            self._out.flush(self.socket.send)
+        except OSError:
+            self.broken = True
+            return
+        self._watch_room()
+
+    def close(self) -> None:
+        """Close the socket."""
+        with contextlib.suppress(OSError, ValueError):
+            self._watch.unregister(self.socket.fileno())
+        self.socket.close()
+
+    def _watch_room(self) -> None:
+        full = bool(self._out)
+        if full != self._full:
+            self._full = full
+            events = select.EPOLLIN | (select.EPOLLOUT if full else 0)
+            self._watch.modify(self.socket.fileno(), events)
+
+
+class _Streams:
+    """Some connections behind one descriptor that select() can wait on."""
+
+    stream = True
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._watch = select.epoll()
+        self._connections: dict[int, Connection] = {}
+        self._ready: list[tuple[int, int]] = []
+        self._ended: list[Any] = []
+        self.address: Address | None = None
+        self._peer: Any = None
+
+    @property
+    def peer(self) -> Any:
+        """Whom to answer: who spoke last and was let in, else who is there."""
+        return self._peer
+
+    @peer.setter
+    def peer(self, peer: Any) -> None:
+        if peer != self._peer or not self._connection(peer):
+            self._peer = peer
+        connection = self._connection(peer)
+        if connection:
+            connection.spoke = True
+
+    @property
+    def connected(self) -> bool:
+        """Somebody is there."""
+        return bool(self._connections)
+
+    def fileno(self) -> int:
+        """Return what select() can wait on."""
+        return self._watch.fileno()
+
+    def read(self) -> Packet | None:
+        """Return the next piece of one of the streams, in turn; None: nothing more for now."""
+        if self._ended:
+            return Packet(b"", 0, self._ended.pop())
+        if not self._ready:
+            self._ready = self._watch.poll(0)
+        while self._ready:
+            number, events = self._ready.pop()
+            connection = self._connections.get(number)
+            if connection is None:
+                self._event(number, events)
+                continue
+            if events & select.EPOLLOUT:
+                connection.flush()
+            data = b"" if connection.broken else connection.read()
+            if data:
+                return Packet(data, self._clock(), connection.peer)
+            if data is not None:
+                self._drop(number)
+                return Packet(b"", 0, self._ended.pop())
+        return None
+
+    def write(self, data: bytes, peer: Any) -> str:
+        """Send one frame; return "" or the counter of what went wrong."""
+        connection = self._connection(peer if peer is not None else self._peer)
+        if connection is None and peer is None:
+            connection = next(iter(self._connections.values()), None)
+        if connection is None:
+            return "no_peer"
+        return "" if connection.write(data) else "send_failed"
+
+    def tend(self) -> None:
+        """Do nothing."""
+
+    def due_ns(self) -> int | None:
+        """Return that nothing is ever due."""
+        return None
+
+    def close(self) -> None:
+        """Close every socket."""
+        for number in list(self._connections):
+            self._drop(number)
+        self._watch.close()
+
+    def _event(self, number: int, events: int) -> None:
+        """Something happened to a socket that is no connection."""
+
+    def _connection(self, peer: Any) -> Connection | None:
+        for connection in self._connections.values():
+            if connection.peer == peer:
+                return connection
+        return None
+
+    def _add(self, sock: socket.socket, peer: Any) -> None:
+        sock.setblocking(False)
+        self._connections[sock.fileno()] = Connection(sock, peer, self._watch)
+
+    def _drop(self, number: int) -> None:
+        connection = self._connections.pop(number)
+        connection.close()
+        self._ended.append(connection.peer)
+        if self._peer == connection.peer:
+            self._peer = None
+
+
+class TcpIn(_Streams):
+    """A TCP server. It hears a few clients, and answers the one that spoke last and was let in."""
+
+    def __init__(self, url: Url, clock: Clock, counters: Counters, allow_remote: bool) -> None:
+        super().__init__(clock)
+        self._counters = counters
+        self._foreign = allow_remote
+        self._listener = socket.socket(url.family, socket.SOCK_STREAM)
+        try:
+            # A server that comes back finds its port although old connections still linger.
+            self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            self._listener.setblocking(False)
+            self._listener.bind(url.address)
+            self._listener.listen(MAX_CLIENTS)
+        except OSError as error:
+            self.close()
+            raise refused(url, "listen there", error, "a free port of this machine") from error
+        self.address = self._listener.getsockname()[:2]
+        self._watch.register(self._listener.fileno(), select.EPOLLIN)
+
+    def close(self) -> None:
+        """Close every socket."""
+        self._listener.close()
+        super().close()
+
+    def _event(self, number: int, events: int) -> None:
+        if number != self._listener.fileno():
+            return
+        try:
+            sock, peer = self._listener.accept()
+        except OSError:
+            return
+        if not self._foreign and not is_loopback(peer[0]):
+            self._counters["foreign_address"] += 1
+            sock.close()
+            return
+        if len(self._connections) >= MAX_CLIENTS:
+            silent = [n for n, c in self._connections.items() if not c.spoke]
+            if not silent:
+                self._counters["dropped"] += 1
+                sock.close()
+                return
+            self._drop(silent[0])
+        self._add(sock, peer)
+
+
+class TcpOut(_Streams):
+    """A TCP client. It connects in the background, and again when the connection is lost."""
+
+    def __init__(self, url: Url, clock: Clock) -> None:
+        super().__init__(clock)
+        self._url = url
+        self._retry = Retry(clock)
+        self._patience = Retry(clock, _CONNECT_NS)
+        self._trying: socket.socket | None = None
+        try:
+            self._begin()
+        except OSError as error:
+            self.close()
+            raise refused(url, "connect", error, "a host this machine can reach") from error
+
+    def tend(self) -> None:
+        """Connect if there is no connection."""
+        if self._trying is not None:
+            if self._patience.due_ns() == 0:
+                self._abandon()
+        elif not self._connections and self._retry.due_ns() == 0:
+            with contextlib.suppress(OSError):
+                self._begin()
+
+    def due_ns(self) -> int | None:
+        """Return the time until the next try."""
+        if self._connections:
+            return None
+        return (self._retry if self._trying is None else self._patience).due_ns()
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._abandon()
+        super().close()
+
+    def _begin(self) -> None:
+        self._retry.now()
+        self._patience.now()
+        sock = socket.socket(self._url.family, socket.SOCK_STREAM)
+        sock.setblocking(False)
+        result = sock.connect_ex(self._url.address)
+        if result not in (0, errno.EINPROGRESS, errno.ECONNREFUSED):
+            sock.close()
+            raise OSError(result, "connect")
+        if result == errno.ECONNREFUSED:
+            sock.close()
+            return
+        self._trying = sock
+        self._watch.register(sock.fileno(), select.EPOLLOUT)
+
+    def _event(self, number: int, events: int) -> None:
+        sock = self._trying
+        if sock is None or number != sock.fileno():
+            return
+        if sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) != 0 or _is_itself(sock):
+            self._abandon()
+            return
+        self._trying = None
+        self._watch.unregister(number)
+        self._retry.now()
+        self._add(sock, self._url.address)
+        self._peer = self._url.address
+
+    def _abandon(self) -> None:
+        if self._trying is not None:
+            with contextlib.suppress(OSError, ValueError):
+                self._watch.unregister(self._trying.fileno())
+            self._trying.close()
+            self._trying = None
+
+    def _drop(self, number: int) -> None:
+        super()._drop(number)
+        self._retry.now()
+
+
+def _is_itself(sock: socket.socket) -> bool:
+    """Whether a socket got connected to itself.
+
+    TCP allows that, and a client that keeps trying a port without a server gets there one day.
+    """
+    try:
+        return bool(sock.getsockname() == sock.getpeername())
+    except OSError:
+        return True

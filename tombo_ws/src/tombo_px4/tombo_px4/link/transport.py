@@ -1,0 +1,159 @@
+"""What carries bytes: a common face of UDP, TCP and serial ports, none of which ever blocks."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
+
+from tombo_dynamics.errors import InputError
+from tombo_px4.link.address import Address, Url
+
+Clock = Callable[[], int]
+"""Time now, CLOCK_REALTIME [ns]."""
+
+Counters = dict[str, int]
+
+CHUNK = 4096
+"""Most bytes of a stream that are read at once."""
+
+_ROOM = 1 << 18
+_SECOND_NS = 1_000_000_000
+
+
+class Packet(NamedTuple):
+    """Some bytes that came: a datagram, or a piece of a stream (empty: the stream ended)."""
+
+    data: bytes
+    arrival_ns: int
+    peer: Any
+
+
+class Transport(Protocol):
+    """An open way to the other side."""
+
+    stream: bool
+    """Pieces of a stream, not datagrams that are whole in themselves."""
+
+    address: Address | None
+    """Where it listens or sends from."""
+
+    peer: Any
+    """Whom to answer; None: nobody yet."""
+
+    @property
+    def connected(self) -> bool:
+        """Somebody is there to send to."""
+        ...
+
+    def fileno(self) -> int:
+        """Return what select() can wait on, the same one until it is closed."""
+        ...
+
+    def read(self) -> Packet | None:
+        """Return what came next; None: nothing more for now."""
+        ...
+
+    def write(self, data: bytes, peer: Any) -> str:
+        """Send one frame; return "" or the counter of what went wrong."""
+        ...
+
+    def tend(self) -> None:
+        """Do what is due: connect again."""
+        ...
+
+    def due_ns(self) -> int | None:
+        """Return the time until `tend` has something to do; None: it never has."""
+        ...
+
+    def close(self) -> None:
+        """Let go of everything."""
+        ...
+
+
+class Retry:
+    """When to try again, by a clock that may be set back."""
+
+    def __init__(self, clock: Clock, period_ns: int = _SECOND_NS // 2) -> None:
+        self._clock = clock
+        self._period_ns = period_ns
+        self._last_ns: int | None = None
+
+    def now(self) -> None:
+        """Note that it is being tried now."""
+        self._last_ns = self._clock()
+
+    def due_ns(self) -> int:
+        """Return the time until the next try, 0 if it is due."""
+        if self._last_ns is None:
+            return 0
+        waited = self._clock() - self._last_ns
+        return max(0, self._period_ns - waited) if waited >= 0 else 0
+
+
+class Outbox:
+    """Bytes on their way into something that may be full: a frame goes whole or not at all."""
+
+    def __init__(self) -> None:
+        self._waiting = bytearray()
+
+    def __bool__(self) -> bool:
+        return bool(self._waiting)
+
+    def push(self, data: bytes, write: Callable[[bytes], int]) -> bool:
+        """Write a frame behind what waits; False: there is no room for it.
+
+        Raises:
+            OSError: the way is broken.
+        """
+        if len(self._waiting) + len(data) > _ROOM:
+            self.flush(write)
+            if len(self._waiting) + len(data) > _ROOM:
+                return False
+        self._waiting += data
+        self.flush(write)
+        return True
+
+    def flush(self, write: Callable[[bytes], int]) -> None:
+        """Write what waits, as far as there is room.
+
+        Raises:
+            OSError: the way is broken.
+        """
+        while self._waiting:
+            try:
+                written = write(bytes(self._waiting[:65536]))
+            except (BlockingIOError, InterruptedError):
+                return
+            del self._waiting[:written]
+
+
+def refused(url: Url, doing: str, error: Exception, accepted: str) -> InputError:
+    """Build the error for a way that can't be opened."""
+    number = getattr(error, "errno", None)
+    why = os.strerror(number).lower() if isinstance(number, int) and number > 0 else str(error)
+    return InputError(f"link '{url.text}': can't {doing} ({why}); accepted: {accepted}")
+
+
+def open_transport(
+    url: Url, clock: Clock, counters: Counters, allow_remote: bool, peer: Address | None
+) -> Transport:
+    """Open what the URL names.
+
+    Raises:
+        InputError: busy port, no such device, no such host.
+    """
+    # The kinds are built on this file.
+    from tombo_px4.link.serial_port import SerialPort
+    from tombo_px4.link.tcp import TcpIn, TcpOut
+    from tombo_px4.link.udp import UdpIn, UdpOut
+
+    if url.kind == "udpin":
+        return UdpIn(url, clock, counters, allow_remote, peer)
+    if url.kind == "udpout":
+        return UdpOut(url, clock, counters, allow_remote)
+    if url.kind == "tcpin":
+        return TcpIn(url, clock, counters, allow_remote)
+    if url.kind == "tcpout":
+        return TcpOut(url, clock)
+    return SerialPort(url, clock)

@@ -1,0 +1,1 @@
+"""The MAVLink side of the simulated PX4: endpoint, telemetry, parameters, commands."""

@@ -1,0 +1,146 @@
+"""The simulated vehicle on its MAVLink links: takes what comes, flies, tells how it is.
+
+Time comes in: `boot_ns` since the vehicle's start, `wall_ns` of the clock that the links stamp
+arrivals with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import zip_longest
+from typing import TYPE_CHECKING, Any
+
+from tombo_px4.frames import GeoOrigin
+from tombo_px4.link.mavlink_link import Link
+from tombo_px4.protocol.inbox import Arrived, Inbox
+from tombo_px4.protocol.parameter_protocol import ParameterServer
+from tombo_px4.protocol.port import Port
+from tombo_px4.protocol.telemetry import Telemetry
+from tombo_px4.protocol.voice import Voice
+
+if TYPE_CHECKING:
+    from tombo_px4.autopilot.vehicle import Px4Vehicle
+
+TICK_NS = 1_000_000
+_MOST_TICKS = 25
+"""Ticks that one call flies; the caller comes back for the rest."""
+_MOST_MESSAGES = 100
+"""Messages of a link that one call takes; the rest waits its turn."""
+
+
+class Endpoint:
+    """Serves all links of one vehicle."""
+
+    def __init__(
+        self,
+        vehicle: Px4Vehicle,
+        links: Sequence[tuple[Link, str]],
+        origin: GeoOrigin | None = None,
+        homes: Sequence[tuple[str, int] | None] = (),
+    ) -> None:
+        """Serve links, each with the set of streams it carries by default.
+
+        Args:
+            vehicle: at its present tick.
+            links: with `onboard` or `ground`.
+            origin: where the origin of map is on the globe.
+            homes: where each link sends to while nobody has spoken; none: as the link does.
+
+        Raises:
+            InputError: there is no such set of streams.
+        """
+        self.vehicle = vehicle
+        self.origin = origin = origin or GeoOrigin()
+        self.telemetry = Telemetry(vehicle, origin)
+        offered, now = self.telemetry.offered, vehicle.boot_us
+        self.ports = [
+            Port(link, streams, offered, now, home)
+            for (link, streams), home in zip_longest(links, homes[: len(links)])
+        ]
+        self.voice = Voice(self.ports)
+        self._parameters = ParameterServer(vehicle.parameters)
+        self.inbox = Inbox(
+            vehicle, origin, self.telemetry, self._parameters, self.voice, self.ports
+        )
+        self._looks: tuple[Any, ...] = ()
+        self._boot_ns = 0
+
+    def advance(self, boot_ns: int, wall_ns: int) -> None:
+        """Take what has come, fly up to now, send what is due.
+
+        The work of one call is bounded: a flood, or a vehicle that lags behind, takes several.
+
+        Args:
+            boot_ns: time now, since the vehicle's start.
+            wall_ns: time now, of the links' arrival stamps.
+        """
+        self._boot_ns = boot_ns
+        self.telemetry.unix_us = wall_ns // 1000
+        came = self._receive(boot_ns, wall_ns)
+        for port in self.ports:
+            port.tend(self.vehicle.boot_us)
+            port.ask_time(boot_ns)
+        self._fly(boot_ns)
+        for arrived in came:
+            self.inbox.take(arrived)
+        self._tell_changes()
+        for port in self.ports:
+            for message in port.list.take_due(port.mav, self._parameters, self.vehicle.boot_us):
+                port.send(message)
+
+    @property
+    def behind_ns(self) -> int:
+        """How far the vehicle is behind the time of the last call."""
+        return self._boot_ns - self.vehicle.tick * TICK_NS
+
+    def next_ns(self) -> int:
+        """Return when something is due next [ns since boot], if nothing comes."""
+        return min(port.next_ns() for port in self.ports)
+
+    def say(self, severity: int, text: str) -> None:
+        """Tell everybody something that the vehicle does not know itself."""
+        self.voice.say(severity, text, self.vehicle.boot_us)
+
+    def _receive(self, boot_ns: int, wall_ns: int) -> list[Arrived]:
+        """Return what has come; TIMESYNC is answered before anything else is done."""
+        came = []
+        for port in self.ports:
+            for received in port.link.receive(_MOST_MESSAGES):
+                arrival_ns = received.arrival_ns + boot_ns - wall_ns
+                port.heard(received.peer, self.vehicle.boot_us)
+                if received.message.get_type() == "TIMESYNC":
+                    port.time(received.message, received.peer, arrival_ns, boot_ns)
+                else:
+                    came.append(Arrived(port, received, arrival_ns // 1000))
+        return came
+
+    def _fly(self, boot_ns: int) -> None:
+        """Fly up to now, sending at each tick what is due there."""
+        vehicle = self.vehicle
+        due_us = min(port.streams.next_us for port in self.ports)
+        for _ in range(_MOST_TICKS):
+            if vehicle.boot_us >= due_us:
+                due_us = self._send_due()
+            if (vehicle.tick + 1) * TICK_NS > boot_ns:
+                break
+            vehicle.step()
+
+    def _send_due(self) -> int:
+        """Send what is due at this tick; return when something is due next."""
+        for port in self.ports:
+            for number in port.streams.take_due(self.vehicle.boot_us):
+                message = self.telemetry.message(number, port.mav)
+                if message is not None:
+                    port.send(message)
+        return min(port.streams.next_us for port in self.ports)
+
+    def _tell_changes(self) -> None:
+        """Say what the vehicle says. A new mode waits for the next HEARTBEAT, as PX4's does."""
+        vehicle = self.vehicle
+        for severity, text in vehicle.take_statuses():
+            self.voice.say(severity, text, vehicle.boot_us)
+        looks = (vehicle.armed, vehicle.mode, vehicle.failsafe, vehicle.landed)
+        if looks == self._looks:
+            return
+        self._looks = looks
+        self.telemetry.forget()

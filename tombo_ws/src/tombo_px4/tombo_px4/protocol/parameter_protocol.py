@@ -1,0 +1,167 @@
+"""MAVLink's parameter protocol as PX4 speaks it: whole numbers travel as the bytes of a float."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from pymavlink.dialects.v20 import common as mavlink
+
+if TYPE_CHECKING:
+    from tombo_px4.autopilot.parameters import ParameterTable
+
+HASH = "_HASH_CHECK"
+"""Stands before the list: a ground station that knows these values needs no list."""
+_NO_INDEX = 65535
+_NAME_LENGTH = 16
+_TYPES = {"int32": mavlink.MAV_PARAM_TYPE_INT32, "float": mavlink.MAV_PARAM_TYPE_REAL32}
+_TYPE_MISMATCH = 7
+"""MAV_PARAM_ERROR_TYPE_MISMATCH, newer than pymavlink's."""
+_BATCH = 5
+"""Values of a list that leave at once."""
+_BATCH_US = 5_000
+
+
+def float_of_int(value: int) -> float:
+    """Return the float that has the bytes of an int32."""
+    number: float = struct.unpack("<f", struct.pack("<i", value))[0]
+    return number
+
+
+def int_of_float(value: float) -> int:
+    """Return the int32 that has the bytes of a float."""
+    number: int = struct.unpack("<i", struct.pack("<f", value))[0]
+    return number
+
+
+def name_of(field: Any) -> str:
+    """Return a parameter's name from the field of a message, which may be bytes."""
+    text = field.decode("ascii", "replace") if isinstance(field, bytes) else str(field)
+    return text.split("\x00")[0][:_NAME_LENGTH]
+
+
+class SetAnswer(NamedTuple):
+    """What PARAM_SET comes to."""
+
+    value: Any | None
+    """PARAM_VALUE, for everybody; None: there is no such parameter."""
+    error: Any | None
+    """PARAM_ERROR, for who asked."""
+    refusal: str
+    """Why it was refused; "": it was not."""
+
+
+def _error(mav: Any, system: int, component: int, name: str, index: int, number: int) -> Any:
+    return mav.param_error_encode(
+        system, component, name.encode("ascii", "replace"), index, number
+    )
+
+
+class ParameterServer:
+    """Answers for one table, in the order of the names, as PX4 does."""
+
+    def __init__(self, table: ParameterTable) -> None:
+        self.table = table
+        self._names = sorted(table.names)
+        self._index = {name: i for i, name in enumerate(self._names)}
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def value(self, mav: Any, name: str) -> Any | None:
+        """Return PARAM_VALUE of a parameter, or of the hash; None: there is no such one."""
+        if name == HASH:
+            return mav.param_value_encode(
+                name.encode(),
+                float_of_int(struct.unpack("<i", struct.pack("<I", self.hash()))[0]),
+                mavlink.MAV_PARAM_TYPE_UINT32,
+                len(self),
+                _NO_INDEX,
+            )
+        index = self._index.get(name)
+        if index is None:
+            return None
+        kind = self.table.type_of(name)
+        value = self.table.get(name)
+        sent = float_of_int(int(value)) if kind == "int32" else float(value)
+        return mav.param_value_encode(name.encode(), sent, _TYPES[kind], len(self), index)
+
+    def value_at(self, mav: Any, index: int) -> Any | None:
+        """Return PARAM_VALUE of the parameter with an index; None: there is no such one."""
+        if not 0 <= index < len(self):
+            return None
+        return self.value(mav, self._names[index])
+
+    def answer_read(self, mav: Any, message: Any, system: int, component: int) -> Any:
+        """Return the answer to PARAM_REQUEST_READ: PARAM_VALUE or PARAM_ERROR."""
+        name, index = name_of(message.param_id), message.param_index
+        value = self.value(mav, name) if index < 0 else self.value_at(mav, index)
+        if value is not None:
+            return value
+        return _error(mav, system, component, name, index, mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST)
+
+    def answer_set(self, mav: Any, message: Any, system: int, component: int) -> SetAnswer:
+        """Carry out PARAM_SET; a refusal is followed by the value that stands."""
+        name = name_of(message.param_id)
+        if name not in self._index:
+            missing = mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST
+            error = _error(mav, system, component, name, -1, missing)
+            return SetAnswer(None, error, f"{name} is unknown")
+        if message.param_type != _TYPES[self.table.type_of(name)]:
+            refusal, number = f"{name} is {self.table.type_of(name)}", _TYPE_MISMATCH
+        else:
+            refusal = self._set(name, message.param_value)
+            number = mavlink.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE
+        error = _error(mav, system, component, name, -1, number) if refusal else None
+        return SetAnswer(self.value(mav, name), error, refusal)
+
+    def _set(self, name: str, sent: float) -> str:
+        """Change a parameter; return why not, "" if it was changed."""
+        if self.table.type_of(name) == "int32":
+            return self.table.set(name, int_of_float(sent))
+        return self.table.set(name, sent)
+
+    def hash(self) -> int:
+        """Return PX4's checksum over names and values: CRC-32 that starts from 0, not inverted."""
+        crc = 0
+        for name in self._names:
+            value = self.table.get(name)
+            whole = self.table.type_of(name) == "int32"
+            content = struct.pack("<i", int(value)) if whole else struct.pack("<f", value)
+            crc = zlib.crc32(name.encode() + content, crc ^ 0xFFFFFFFF) ^ 0xFFFFFFFF
+        return crc
+
+
+class ParameterList:
+    """How far the list on a link has got."""
+
+    def __init__(self) -> None:
+        self._next: int | None = None
+        self._due_us = 0
+
+    @property
+    def due_us(self) -> int | None:
+        """When the next batch is due; None: nobody asked."""
+        return None if self._next is None else self._due_us
+
+    def begin(self) -> None:
+        """Begin with the hash; asked again meanwhile, begin without it."""
+        self._next = -1 if self._next is None else 0
+
+    def stop(self) -> None:
+        """Send no more: the ground station knows the values by their hash."""
+        self._next = None
+
+    def take_due(self, mav: Any, server: ParameterServer, boot_us: int) -> list[Any]:
+        """Return the PARAM_VALUE messages that are due."""
+        if self._next is None or boot_us < self._due_us:
+            return []
+        self._due_us = boot_us + _BATCH_US
+        if self._next < 0:
+            self._next = 0
+            return [server.value(mav, HASH)]
+        last = min(self._next + _BATCH, len(server))
+        batch = [server.value_at(mav, i) for i in range(self._next, last)]
+        self._next = last if last < len(server) else None
+        return batch

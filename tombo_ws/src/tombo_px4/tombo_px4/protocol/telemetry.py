@@ -1,0 +1,319 @@
+"""The messages that tell how the vehicle is, each stamped with the tick it is about."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from tombo_px4.autopilot import sensors
+from tombo_px4.autopilot.system_status import base_mode, system_state, system_status
+from tombo_px4.bridge.modes import custom_mode
+from tombo_px4.frames import (
+    GeoOrigin,
+    frd_from_flu,
+    ned_from_enu,
+    px4_quaternion,
+    px4_yaw,
+    px4_yaw_rate,
+)
+from tombo_px4.protocol.fields import centi, degrees_e7, fitted, heading, millimetres
+from tombo_px4.protocol.identity import ProtocolVersion, autopilot_version
+from tombo_px4.protocol.picture import Picture, numbers
+from tombo_px4.protocol.results import LandedState
+
+if TYPE_CHECKING:
+    from tombo_px4.autopilot.vehicle import Px4Vehicle
+
+Builder = Callable[["Telemetry", Any, Picture], Any]
+_NAN = math.nan
+_CELLS_UNUSED = 65535
+_UPPER_DIAGONAL = (0, 6, 11, 15, 18, 20)
+
+
+class Telemetry:
+    """Builds messages about one vehicle."""
+
+    def __init__(self, vehicle: Px4Vehicle, origin: GeoOrigin) -> None:
+        self._vehicle = vehicle
+        self._origin = origin
+        self._picture = Picture(vehicle, origin)
+        self._tick = -1
+        self.load = 0.0
+        """Share of the time that the simulation needs, for SYS_STATUS."""
+        self.unix_us = 0
+        """Time of day, for SYSTEM_TIME; 0: not known."""
+        self.offered = {number: name for number, (name, _) in _BUILDERS.items()}
+        """Number and name of every message that can be built."""
+
+    def message(self, number: int, mav: Any) -> Any | None:
+        """Return a message about the present tick.
+
+        None: there is no such message, or nothing to tell: an unknown position is not told.
+        """
+        found = _BUILDERS.get(number)
+        if found is None:
+            return None
+        if self._tick != self._vehicle.tick:
+            self._tick = self._vehicle.tick
+            self._picture = Picture(self._vehicle, self._origin)
+        return found[1](self, mav, self._picture)
+
+    def forget(self) -> None:
+        """Look at the vehicle anew: a command has changed it within the tick."""
+        self._tick = -1
+
+
+def _heartbeat(self: Telemetry, mav: Any, p: Picture) -> Any:
+    v = p.vehicle
+    return mav.heartbeat_encode(
+        mavlink.MAV_TYPE_QUADROTOR,
+        mavlink.MAV_AUTOPILOT_PX4,
+        base_mode(v),
+        custom_mode(v.mode),
+        system_state(v),
+    )
+
+
+def _system_status(self: Telemetry, mav: Any, p: Picture) -> Any:
+    return system_status(mav, p.vehicle, p.health, self.load)
+
+
+def _system_time(self: Telemetry, mav: Any, p: Picture) -> Any:
+    return mav.system_time_encode(self.unix_us, p.boot_ms)
+
+
+def _attitude(self: Telemetry, mav: Any, p: Picture) -> Any:
+    return mav.attitude_encode(p.boot_ms, *p.angles, *p.rates)
+
+
+def _attitude_quaternion(self: Telemetry, mav: Any, p: Picture) -> Any:
+    return mav.attitude_quaternion_encode(p.boot_ms, *p.attitude, *p.rates)
+
+
+def _local_position(self: Telemetry, mav: Any, p: Picture) -> Any:
+    if not p.health.local_position:
+        return None
+    return mav.local_position_ned_encode(p.boot_ms, *p.position, *p.velocity)
+
+
+def _global_position(self: Telemetry, mav: Any, p: Picture) -> Any:
+    if not p.health.global_position:
+        return None
+    latitude, longitude, altitude = p.globe
+    return mav.global_position_int_encode(
+        p.boot_ms,
+        degrees_e7(latitude),
+        degrees_e7(longitude),
+        millimetres(altitude),
+        millimetres(p.height - p.home_height),
+        *(centi(v) for v in p.velocity),
+        heading(p.heading_deg),
+    )
+
+
+def _odometry(self: Telemetry, mav: Any, p: Picture) -> Any:
+    if not p.health.local_position:
+        return None
+    return mav.odometry_encode(
+        p.boot_us,
+        mavlink.MAV_FRAME_LOCAL_NED,
+        mavlink.MAV_FRAME_LOCAL_NED,  # EKF2 gives the velocity in the axes of the position
+        *p.position,
+        p.attitude,
+        *p.velocity,
+        *p.rates,
+        _diagonal(p.pose_variance),
+        _diagonal(p.vehicle.velocity_variance),
+        p.vehicle.resets % 256,
+        mavlink.MAV_ESTIMATOR_TYPE_AUTOPILOT,
+        100,
+    )
+
+
+def _diagonal(variances: Sequence[float]) -> list[float]:
+    """Return the upper triangle of a covariance; PX4 does not tell the correlations."""
+    upper = 21 * [_NAN]
+    for place, variance in zip(_UPPER_DIAGONAL, variances, strict=True):
+        upper[place] = variance
+    return upper
+
+
+def _highres_imu(self: Telemetry, mav: Any, p: Picture) -> Any:
+    return sensors.highres_imu(mav, p)
+
+
+def _gps_raw(self: Telemetry, mav: Any, p: Picture) -> Any:
+    return sensors.gps_raw(mav, p)
+
+
+def _altitude(self: Telemetry, mav: Any, p: Picture) -> Any:
+    if not p.health.local_position:
+        return None
+    up = p.height
+    amsl = p.origin.altitude_m + up
+    return mav.altitude_encode(p.boot_us, amsl, amsl, up, up - p.home_height, _NAN, _NAN)
+
+
+def _vfr_hud(self: Telemetry, mav: Any, p: Picture) -> Any:
+    north, east, down = p.velocity
+    throttle = sum(p.rotor_shares) / len(p.rotor_shares) if p.vehicle.armed else 0.0
+    return mav.vfr_hud_encode(
+        0.0,
+        math.hypot(north, east),
+        fitted(p.heading_deg, (0, 360)) % 360,
+        fitted(100.0 * throttle, (0, 100)),
+        p.origin.altitude_m + p.height,
+        -down,
+    )
+
+
+def _servo_output(self: Telemetry, mav: Any, p: Picture) -> Any:
+    if p.vehicle.armed:
+        pulses = [fitted(1000.0 + 1000.0 * share, (1000, 2000)) for share in p.rotor_shares]
+    else:
+        pulses = [900, 900, 900, 900]
+    return mav.servo_output_raw_encode(p.boot_us % 2**32, 0, *pulses, 0, 0, 0, 0)
+
+
+def _extended_state(self: Telemetry, mav: Any, p: Picture) -> Any:
+    return mav.extended_sys_state_encode(mavlink.MAV_VTOL_STATE_UNDEFINED, int(p.vehicle.landed))
+
+
+def _battery_status(self: Telemetry, mav: Any, p: Picture) -> Any:
+    battery = p.vehicle.battery
+    cells = 3
+    cell = fitted(1e3 * battery.voltage / cells, (0, 65534), _CELLS_UNUSED)
+    state = (
+        mavlink.MAV_BATTERY_CHARGE_STATE_OK,
+        mavlink.MAV_BATTERY_CHARGE_STATE_LOW,
+        mavlink.MAV_BATTERY_CHARGE_STATE_CRITICAL,
+        mavlink.MAV_BATTERY_CHARGE_STATE_EMERGENCY,
+    )[battery.warning]
+    return mav.battery_status_encode(
+        0,
+        mavlink.MAV_BATTERY_FUNCTION_ALL,
+        mavlink.MAV_BATTERY_TYPE_LIPO,
+        32767,
+        cells * [cell] + (10 - cells) * [_CELLS_UNUSED],
+        fitted(100.0 * battery.current, (0, 32767), -1),
+        -1,
+        -1,
+        fitted(100.0 * battery.remaining, (0, 100), -1),
+        0,
+        state,
+    )
+
+
+def _home_position(self: Telemetry, mav: Any, p: Picture) -> Any:
+    if not p.health.home:
+        return None
+    home = p.vehicle.home
+    latitude, longitude, altitude = p.origin.global_of(home)
+    place = (degrees_e7(latitude), degrees_e7(longitude), millimetres(altitude))
+    local = numbers(ned_from_enu(home))
+    return mav.home_position_encode(
+        *place, *local, [1.0, 0.0, 0.0, 0.0], _NAN, _NAN, _NAN, p.boot_us
+    )
+
+
+def _origin_message(self: Telemetry, mav: Any, p: Picture) -> Any:
+    if not p.health.global_position:
+        return None
+    o = p.origin
+    place = (degrees_e7(o.latitude_deg), degrees_e7(o.longitude_deg), millimetres(o.altitude_m))
+    return mav.gps_global_origin_encode(*place, p.boot_us)
+
+
+def _attitude_target(self: Telemetry, mav: Any, p: Picture) -> Any:
+    if not p.vehicle.armed:
+        return None
+    wanted = p.vehicle.attitude_setpoint
+    attitude = numbers(px4_quaternion(wanted.attitude))
+    rates = numbers(frd_from_flu(wanted.rates))
+    return mav.attitude_target_encode(p.boot_ms, 0, attitude, *rates, wanted.thrust)
+
+
+def _position_target(self: Telemetry, mav: Any, p: Picture) -> Any:
+    wanted = p.vehicle.position_setpoint
+    if wanted is None:
+        return None
+    vectors = (wanted.position, wanted.velocity, wanted.acceleration)
+    axes = [
+        *(v for vector in vectors for v in numbers(ned_from_enu(vector))),
+        math.nan if math.isnan(wanted.yaw) else px4_yaw(wanted.yaw),
+        px4_yaw_rate(wanted.yaw_rate),
+    ]
+    bits = (*range(9), 10, 11)
+    mask = sum(1 << bit for bit, v in zip(bits, axes, strict=True) if math.isnan(v))
+    return mav.position_target_local_ned_encode(
+        p.boot_ms, mavlink.MAV_FRAME_LOCAL_NED, mask, *axes
+    )
+
+
+def _estimator_status(self: Telemetry, mav: Any, p: Picture) -> Any:
+    health = p.health
+    flags = mavlink.ESTIMATOR_ATTITUDE if health.attitude else 0
+    if health.local_position:
+        flags |= (
+            mavlink.ESTIMATOR_VELOCITY_HORIZ
+            | mavlink.ESTIMATOR_VELOCITY_VERT
+            | mavlink.ESTIMATOR_POS_HORIZ_REL
+            | mavlink.ESTIMATOR_PRED_POS_HORIZ_REL
+            | mavlink.ESTIMATOR_POS_VERT_ABS
+        )
+    if not health.local_position or p.vehicle.landed == LandedState.ON_GROUND:
+        flags |= mavlink.ESTIMATOR_CONST_POS_MODE  # PX4 sets it at rest as well
+    if health.global_position:
+        flags |= mavlink.ESTIMATOR_POS_HORIZ_ABS | mavlink.ESTIMATOR_PRED_POS_HORIZ_ABS
+    variance = p.pose_variance
+    accuracy = (math.sqrt(variance[0] + variance[1]), math.sqrt(variance[2]))
+    fused = 0.0 if health.local_position else _NAN  # no source, no ratio
+    ratios = (_NAN, fused, fused, _NAN, _NAN, _NAN)
+    return mav.estimator_status_encode(p.boot_us, flags, *ratios, *accuracy)
+
+
+def _vibration(self: Telemetry, mav: Any, p: Picture) -> Any:
+    return mav.vibration_encode(p.boot_us, 0.0, 0.0, 0.0, 0, 0, 0)
+
+
+def _ground_truth(self: Telemetry, mav: Any, p: Picture) -> Any:
+    return sensors.ground_truth(mav, p)
+
+
+def _version(self: Telemetry, mav: Any, p: Picture) -> Any:
+    return autopilot_version(mav)
+
+
+def _protocol(self: Telemetry, mav: Any, p: Picture) -> Any:
+    return ProtocolVersion()
+
+
+_BUILDERS: dict[int, tuple[str, Builder]] = {
+    0: ("HEARTBEAT", _heartbeat),
+    1: ("SYS_STATUS", _system_status),
+    2: ("SYSTEM_TIME", _system_time),
+    24: ("GPS_RAW_INT", _gps_raw),
+    30: ("ATTITUDE", _attitude),
+    31: ("ATTITUDE_QUATERNION", _attitude_quaternion),
+    32: ("LOCAL_POSITION_NED", _local_position),
+    33: ("GLOBAL_POSITION_INT", _global_position),
+    36: ("SERVO_OUTPUT_RAW", _servo_output),
+    49: ("GPS_GLOBAL_ORIGIN", _origin_message),
+    74: ("VFR_HUD", _vfr_hud),
+    83: ("ATTITUDE_TARGET", _attitude_target),
+    85: ("POSITION_TARGET_LOCAL_NED", _position_target),
+    105: ("HIGHRES_IMU", _highres_imu),
+    115: ("HIL_STATE_QUATERNION", _ground_truth),
+    141: ("ALTITUDE", _altitude),
+    147: ("BATTERY_STATUS", _battery_status),
+    148: ("AUTOPILOT_VERSION", _version),
+    230: ("ESTIMATOR_STATUS", _estimator_status),
+    241: ("VIBRATION", _vibration),
+    242: ("HOME_POSITION", _home_position),
+    245: ("EXTENDED_SYS_STATE", _extended_state),
+    300: ("PROTOCOL_VERSION", _protocol),
+    331: ("ODOMETRY", _odometry),
+}

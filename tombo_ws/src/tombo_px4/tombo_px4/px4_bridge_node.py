@@ -1,0 +1,463 @@
+"""PX4 in the place of estimator and controller: a node that speaks MAVLink with it.
+
+Poses of the motion capture and set points go out, odometry, IMU and battery come in; services arm
+and change modes, and answer when PX4's heartbeat says that it is so.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rclpy.task import Future
+from std_srvs.srv import SetBool, Trigger
+
+from tombo_bag.topics import (
+    ATTITUDE_SETPOINT,
+    BATTERY,
+    ESTIMATOR_STATUS,
+    IMU,
+    MOCAP_POSE,
+    ODOMETRY,
+    PX4_STATUS,
+    RATES_SETPOINT,
+    SETPOINT,
+    TF,
+)
+from tombo_control.estimate import Setpoint
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.rotation import turned
+from tombo_dynamics.vehicle import VehicleParams
+from tombo_msgs.msg import Px4Status
+from tombo_px4.bridge.bridge import Bridge, Outcome, Status
+from tombo_px4.bridge.bridge_params import ATTITUDE, POSITION, BridgeParams, LinkParams
+from tombo_px4.bridge.modes import OFFBOARD, mode_name
+from tombo_px4.bridge.records import Battery, ImuSample, Landed, VehicleOdometry
+from tombo_px4.link.link_findings import link_faults
+from tombo_px4.link.mavlink_link import Link
+from tombo_px4.link.parameter_reader import parse_assignments
+from tombo_px4.link.signing import read_key
+from tombo_ros.conversion import array, to_ns, to_time
+from tombo_ros.health import ERROR, WARN
+from tombo_ros.node_loop import LoopNode, run
+from tombo_ros.pacing import ESTIMATOR
+from tombo_ros.topic import message_class
+from tombo_ros.wire import Wire
+
+_RATE_HZ = 250.0
+_TF_NS = 20_000_000
+_RETOLD_NS = 1_000_000_000
+"""Findings with figures in them are told anew at most so often."""
+_FAREWELL_NS = 1_500_000_000
+"""A node that is told to end has two seconds."""
+_LANDING_NS = 20_000_000_000
+"""So long it stays with a vehicle that comes down, unless it is told again to end."""
+_LANDING_STEP_S = 0.004
+_ASK_AGAIN_NS = 1_000_000_000
+_LAST_WORD_S = 0.1
+"""What was published last needs a moment to leave."""
+_GRAVE = ("no_vehicle", "link_lost", "mode_taken", "given_up", "wrong_system")
+_ERROR_SEVERITY, _WARNING_SEVERITY = 3, 4
+_NUMBER = re.compile(r"[-+]?\d[\d.]*")
+_POSE_TEXTS = {
+    "wrong_frame": "a pose whose frame is not map",
+    "not_finite": "a pose with NaN or infinity",
+    "not_unit": "a pose whose quaternion is no rotation",
+    "future": "a pose stamped in the future",
+    "late": "a pose that is too old when it arrives",
+    "out_of_order": "a pose not newer than the one before",
+}
+
+
+class Px4BridgeNode(LoopNode):
+    """Runs `Bridge` and owns the link; only the loop's thread touches either."""
+
+    def __init__(self) -> None:
+        """Declare parameters, topics and services; open the link."""
+        records = {"link": LinkParams(), "px4": BridgeParams(), "vehicle": VehicleParams()}
+        super().__init__("px4_bridge", _RATE_HZ, records, priority=ESTIMATOR)
+        try:
+            self._set_up()
+        except InputError:
+            self.leave()  # now: what is left of a node complains at the end of the program
+            raise
+
+    def _set_up(self) -> None:
+        self._stops = 0
+        self._status = Status()
+        writes = self.declare(
+            "px4_parameters",
+            [],
+            "NAME=VALUE of vehicle parameters to be set while it is disarmed; empty: none is",
+        )
+        if self.sim_time:
+            raise InputError("use_sim_time: true; accepted: false, PX4 flies in real time")
+        link = self.records["link"]
+        key = None
+        if link.key_file:
+            found = read_key(Path(link.key_file))
+            key = found.key
+            if found.warning:
+                self.health.fault("key_file", True, found.warning)
+        mass = self.records["vehicle"].mass
+        self._bridge = Bridge(self.records["px4"], link, mass, parse_assignments(writes))
+        self._link = Link(
+            link.url,
+            system=link.own_system,
+            component=link.own_component,
+            clock=time.time_ns,
+            accept_system=link.system,
+            accept_component=link.component,
+            key=key,
+            allow_remote=link.allow_remote,
+        )
+        turned(np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3))  # loads its compiled code now
+        self._pose_in = self.listen(MOCAP_POSE, depth=20)
+        self._setpoint_in = self.listen(SETPOINT)
+        self._rotation_in = self._rotation_input()
+        self._make_outputs()
+        self._waiting: deque[tuple[str, Any]] = deque()  # filled by the services' thread
+        self._asked: dict[int, Any] = {}
+        self._serve_requests()
+        self._active: set[str] = set()
+        self._told: tuple[Any, ...] = ()
+        self._told_ns = 0
+
+    def _rotation_input(self) -> Any:
+        kind = self.records["px4"].setpoint
+        if kind == POSITION:
+            return None
+        return self.listen(ATTITUDE_SETPOINT if kind == ATTITUDE else RATES_SETPOINT, depth=20)
+
+    def _make_outputs(self) -> None:
+        self._odometry_out = self.speak(ODOMETRY)
+        self._odometry = Wire(
+            ODOMETRY.typename, {"header": {"frame_id": "map"}, "child_frame_id": "base_link"}
+        )
+        self._pose_field = self._odometry.field("pose.pose.position.x", 7)
+        self._covariance_field = self._odometry.field("pose.covariance", 36)
+        self._twist_field = self._odometry.field("twist.twist.linear.x", 6)
+        self._imu_out = self.speak(IMU)
+        self._imu = Wire(
+            IMU.typename,
+            {"header": {"frame_id": "base_link"}, "orientation_covariance": [-1.0] + 8 * [0.0]},
+        )
+        self._gyro = self._imu.field("angular_velocity.x", 3)
+        self._accel = self._imu.field("linear_acceleration.x", 3)
+        self._battery_out = self.speak(BATTERY)
+        self._estimator_out: Any = None
+        if self._rotation_in is not None:  # the controller behind those set points asks for it
+            self._estimator_out = self.speak(ESTIMATOR_STATUS)
+            self._estimator_ns = 0
+        self._status_out = self.speak(PX4_STATUS)
+        self._tf_ns = 0
+        self._tf_out = self._tf = None
+        try:
+            message_class(TF.typename)
+        except ImportError:
+            return
+        one = {"header": {"frame_id": "map"}, "child_frame_id": "base_link"}
+        self._tf_out, self._tf = self.speak(TF), Wire(TF.typename, {"transforms": [one]})
+
+    # --- Services: called in their own thread, answered by the loop --------------------------
+
+    def _serve_requests(self) -> None:
+        self.ros.create_service(SetBool, "px4/arm", self._arm)
+        for kind in ("land", "hold", "offboard"):
+            self.ros.create_service(Trigger, f"px4/{kind}", self._trigger(kind))
+
+    async def _arm(self, request: Any, response: Any) -> Any:
+        return await self._answered("arm" if request.data else "disarm", response)
+
+    def _trigger(self, kind: str) -> Callable[[Any, Any], Any]:
+        async def call(request: Any, response: Any) -> Any:
+            return await self._answered(kind, response)
+
+        return call
+
+    async def _answered(self, kind: str, response: Any) -> Any:
+        """Hand a wish to the loop; it answers within some seconds, other calls go on meanwhile."""
+        future: Any = Future()
+        self._waiting.append((kind, future))
+        response.success, response.message = await future
+        return response
+
+    def _take_requests(self) -> None:
+        while self._waiting:
+            kind, future = self._waiting.popleft()
+            self._asked[self._bridge.ask(kind)] = future
+
+    def _reply(self, outcome: Outcome) -> None:
+        for reply in outcome.replies:
+            self._asked.pop(reply.number).set_result((reply.success, reply.text))
+        if outcome.replies:
+            self._executor.wake()
+
+    # --- The loop -----------------------------------------------------------------------------
+
+    def records_changed(self, name: str) -> None:
+        """Say that link and ways to send stand for a whole run."""
+        self.health.fault("not_at_runtime", True, f"{name} is used at the next start")
+
+    def step(self, now_ns: int) -> None:
+        """Take what has come from both sides, decide, send, publish."""
+        bridge = self._bridge
+        for received in self._link.receive():
+            bridge.take(received)
+        now_ns = time.time_ns()
+        self._take_poses(now_ns)
+        self._take_setpoints(now_ns)
+        self._take_requests()
+        outcome = bridge.tick(time.time_ns())
+        for message in outcome.messages:
+            self._link.send(message)
+        if bridge.vouched:  # the mission begins with the first estimate
+            for odometry in outcome.odometry:
+                self._publish_odometry(odometry)
+        for sample in outcome.imu:
+            self._publish_imu(sample)
+        for battery in outcome.battery:
+            self._battery_out.publish(_battery(battery))
+        self._reply(outcome)
+        self._status = outcome.status
+        self._tell(outcome, now_ns)
+
+    def _take_poses(self, now_ns: int) -> None:
+        crowded = self._pose_in.crowded(now_ns)
+        if crowded:
+            self._bridge.crowded_poses(now_ns)
+        for taken in self._pose_in.take():
+            if crowded:
+                continue
+            message = taken.message
+            why = self._bridge.pose(
+                to_ns(message.header.stamp),
+                taken.received_ns or now_ns,
+                message.header.frame_id,
+                array(message.pose.position),
+                array(message.pose.orientation),
+            )
+            if why:
+                self.health.happened(f"pose_{why}", _POSE_TEXTS[why])
+
+    def _take_setpoints(self, now_ns: int) -> None:
+        crowded = self._setpoint_in.crowded(now_ns)
+        for taken in self._setpoint_in.take():
+            if not crowded and not self._bridge.setpoint(_setpoint(taken.message), now_ns):
+                text = "set point with NaN or infinity: the last one stands"
+                self.health.happened("setpoint_refused", text)
+        if self._rotation_in is None:
+            return
+        for taken in self._rotation_in.take():
+            message = taken.message
+            attitude = hasattr(message, "orientation")
+            wanted = array(message.orientation if attitude else message.rates)
+            if not self._bridge.rotation(wanted, float(message.thrust), now_ns):
+                text = "attitude or rates with NaN, or no rotation: the last one stands"
+                self.health.happened("rotation_refused", text)
+
+    def _tell(self, outcome: Outcome, now_ns: int) -> None:
+        """Log texts, keep the faults, publish the status."""
+        logger = self.ros.get_logger()
+        for text in outcome.texts:
+            if text.severity <= _ERROR_SEVERITY:
+                logger.error(f"PX4: {text.text}")
+            elif text.severity == _WARNING_SEVERITY:
+                logger.warning(f"PX4: {text.text}")
+            else:
+                logger.info(f"PX4: {text.text}")
+        for key, said in outcome.events:
+            self.health.happened(key, said)
+        faults = dict(outcome.faults)
+        faults.update(
+            link_faults(
+                self._link.counters,
+                self._link.stranger,
+                self.records["link"],
+                outcome.status.connected,
+                self._link.trouble,
+            )
+        )
+        for key in self._active - faults.keys():
+            self.health.fault(key, False)
+        for key, said in faults.items():
+            self.health.fault(key, True, said, ERROR if key in _GRAVE else WARN)
+        self._active = set(faults)
+        self._publish_status(outcome.status, now_ns)
+
+    # --- What is published --------------------------------------------------------------------
+
+    def _publish_odometry(self, odometry: VehicleOdometry) -> None:
+        assert odometry.stamp_ns is not None
+        wire = self._odometry
+        wire.stamp(odometry.stamp_ns)
+        self._pose_field.put((*odometry.position, *odometry.attitude))
+        covariance = odometry.pose_covariance
+        self._covariance_field.put_array(np.zeros(36) if covariance is None else covariance)
+        x, y, z, w = odometry.attitude
+        moving = turned(np.array([-x, -y, -z, w]), odometry.velocity)
+        self._twist_field.put((*moving, *odometry.rates))
+        self._odometry_out.publish(wire.data())
+        if self._estimator_out is not None and odometry.stamp_ns - self._estimator_ns >= _TF_NS:
+            self._estimator_ns = odometry.stamp_ns
+            self._publish_estimator_status(odometry.stamp_ns)
+        if self._tf_out is not None and odometry.stamp_ns - self._tf_ns >= _TF_NS:
+            self._tf_ns = odometry.stamp_ns
+            self._publish_transform(odometry)
+
+    def _publish_estimator_status(self, stamp_ns: int) -> None:
+        """Say when the last pose was; PX4 keeps its biases to itself, its gyro is free of them."""
+        message: Any = message_class(ESTIMATOR_STATUS.typename)()
+        message.header.stamp, message.header.frame_id = to_time(stamp_ns), "base_link"
+        message.initialised = True
+        message.pose_stamp = to_time(self._bridge.pose_stamp_ns)
+        message.poses = self._bridge.poses_sent
+        message.rejected = sum(self._bridge.poses_refused.values())
+        self._estimator_out.publish(message)
+
+    def _publish_transform(self, odometry: VehicleOdometry) -> None:
+        path = "transforms[0]"
+        seconds, rest = divmod(int(odometry.stamp_ns or 0), 1_000_000_000)
+        self._tf.set(f"{path}.header.stamp.sec", seconds)
+        self._tf.set(f"{path}.header.stamp.nanosec", rest)
+        self._tf.set(f"{path}.transform.translation.x", *odometry.position)
+        self._tf.set(f"{path}.transform.rotation.x", *odometry.attitude)
+        self._tf_out.publish(self._tf.data())
+
+    def _publish_imu(self, sample: ImuSample) -> None:
+        assert sample.stamp_ns is not None
+        self._imu.stamp(sample.stamp_ns)
+        self._gyro.put(sample.gyro)
+        self._accel.put(sample.accel)
+        self._imu_out.publish(self._imu.data())
+
+    def _publish_status(self, status: Status, now_ns: int) -> None:
+        plain = tuple(_NUMBER.sub("#", text) for text in status.findings)
+        state = (status.connected, status.armed, status.mode, status.landed, status.stage)
+        state = (*state, status.offboard, status.ready, status.firmware, status.text, plain)
+        told = (*state, status.why, status.findings)
+        same = self._told == told
+        alike = self._told[: len(state)] == state
+        if same or (alike and now_ns - self._told_ns < _RETOLD_NS):
+            return
+        self._told, self._told_ns = told, now_ns
+        message: Any = Px4Status()
+        message.header.stamp, message.header.frame_id = to_time(now_ns), "map"
+        message.connected, message.armed, message.mode = (
+            status.connected,
+            status.armed,
+            status.mode,
+        )
+        message.landed_state = int(status.landed)
+        message.stage, message.why = status.stage.value, status.why
+        message.offboard, message.ready = status.offboard, status.ready
+        message.findings = list(status.findings)
+        message.status_text, message.firmware = status.text, status.firmware
+        self._status_out.publish(message)
+
+    def report(self, now_ns: int) -> None:
+        """Add what is known of link and vehicle."""
+        for key, value in self._bridge.figures(time.time_ns()).items():
+            self.health.value(key, value)
+        for key, count in self._link.counters.items():
+            if count:
+                self.health.value(f"link.{key}", count)
+        self.health.value("link.url", self._link.url)
+        super().report(now_ns)
+
+    def stop(self) -> None:
+        """Let the loop end; told so again, also the landing that follows it."""
+        self._stops += 1
+        super().stop()
+
+    def close(self) -> None:
+        """Bring down what flies by our set points, and let go of the link."""
+        if self._status.armed and self._status.connected:
+            self._come_down()
+        self._say_farewell()
+        self._link.close()
+
+    def _come_down(self) -> None:
+        """Ask for a landing if it is in OFFBOARD; poses go on until it is disarmed."""
+        mode = self._status.mode
+        self.ros.get_logger().warning(
+            f"ending in flight, mode {mode}: poses go on until the vehicle is disarmed, "
+            f"{_LANDING_NS // 10**9} s at most, or until told again to end"
+        )
+        told = self._stops
+        asked_ns = 0
+        end_ns = time.monotonic_ns() + _LANDING_NS
+        while self._status.armed and self._status.connected:
+            now_ns = time.monotonic_ns()
+            if self._stops > told or now_ns > end_ns:
+                return
+            if now_ns - asked_ns > _ASK_AGAIN_NS and not self._asked and self._ours():
+                asked_ns = now_ns
+                grounded = self._status.landed == Landed.ON_GROUND
+                self._asked[self._bridge.ask("disarm" if grounded else "land")] = Future()
+            self._link.wait(_LANDING_STEP_S)
+            wall_ns = time.time_ns()
+            self.step(wall_ns)
+            self._attend(wall_ns, wall_ns)
+        time.sleep(_LAST_WORD_S)
+
+    def _ours(self) -> bool:
+        """Whether it flies by set points; any other mode is somebody else's, and not fought."""
+        return self._status.mode == mode_name(OFFBOARD)
+
+    def _say_farewell(self) -> None:
+        """See to it that nothing is armed late, and nothing left in the air to the fail-safe."""
+        end_ns = time.monotonic_ns() + _FAREWELL_NS
+        said_ns = 0
+        while time.monotonic_ns() < end_ns:
+            message = self._bridge.farewell()
+            if message is None:
+                break
+            if time.monotonic_ns() - said_ns > _FAREWELL_NS // 6:
+                said_ns = time.monotonic_ns()
+                self.ros.get_logger().warning("ending in flight: PX4 is asked to come down")
+                self._link.send(message)
+            self._link.wait(0.02)
+            for received in self._link.receive():
+                self._bridge.take(received)
+            if self._stops > 1:  # no more patience: it was said once
+                break
+
+
+def _setpoint(message: Any) -> Setpoint:
+    return Setpoint(
+        array(message.position),
+        array(message.velocity),
+        array(message.acceleration),
+        float(message.yaw),
+        int(message.phase),
+        to_ns(message.header.stamp),
+    )
+
+
+def _battery(battery: Battery) -> Any:
+    message: Any = message_class(BATTERY.typename)()
+    message.header.stamp, message.header.frame_id = to_time(battery.arrival_ns), "base_link"
+    message.voltage, message.percentage = battery.voltage, battery.remaining
+    message.current = -battery.current  # discharging is negative in ROS
+    nan = float("nan")
+    message.charge = message.capacity = message.design_capacity = message.temperature = nan
+    message.power_supply_status = message.POWER_SUPPLY_STATUS_DISCHARGING
+    message.present = True
+    message.cell_voltage = list(battery.cells)
+    return message
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    sys.exit(run(Px4BridgeNode, argv))
+
+
+if __name__ == "__main__":
+    main()

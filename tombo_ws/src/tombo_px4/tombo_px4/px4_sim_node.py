@@ -1,0 +1,182 @@
+"""A PX4 that is not there, as a node: autopilot and vehicle behind MAVLink, and their mocap.
+
+It takes no rotor commands: whoever flies it does so over its links, as over those of a real PX4.
+Poses of the motion capture leave by ROS alone; PX4 hears of them from the bridge. Real time only.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from tombo_dynamics.errors import InputError
+from tombo_px4.autopilot.parameters import PARAMETERS, ParameterTable
+from tombo_px4.autopilot.vehicle import Px4Vehicle
+from tombo_px4.bridge.modes import mode_name
+from tombo_px4.hil.advice import MOCAP_ONLY
+from tombo_px4.link.mavlink_link import Link
+from tombo_px4.link.signing import read_key
+from tombo_px4.protocol.endpoint import Endpoint
+from tombo_ros.node_loop import run
+from tombo_sim.vehicle_node import TICK_NS, VehicleNode
+
+_BEHIND_NS = 500_000_000
+"""Further behind than this, or ahead, the flight's clock is set anew: a stop that PX4's own clock
+would not know. Less is made up for within a tenth of a second, as when other nodes start."""
+_WARNING = 4
+"""Severity of a text; the more severe the lower."""
+_MOST_TICKS = 20
+"""In one run of the loop; links are read between."""
+
+
+class Px4SimNode(VehicleNode):
+    """The endpoint and the motion capture, at 1 kHz."""
+
+    keeps_every_tick = False
+
+    def __init__(self) -> None:
+        """Declare parameters, open the links, set the vehicle on the ground.
+
+        Raises:
+            InputError: a parameter is refused, a link can't be opened, or the world can't be.
+        """
+        super().__init__()
+        if self.sim_time:
+            raise InputError("use_sim_time true: a link to PX4 is in real time; accepted: false")
+        onboard = self.declare(
+            "onboard_url",
+            "udpout://127.0.0.1:14540?local=14580",
+            "link of an on-board computer; empty: none",
+        )
+        ground = self.declare(
+            "ground_url",
+            "udpout://127.0.0.1:14550?local=18570",
+            "link of a ground station; empty: none",
+        )
+        key_file = self.declare("key_file", "", "32 bytes of the signing key; empty: not signed")
+        remote = self.declare("allow_remote", False, "true: speak to other machines too")
+        if not onboard and not ground:
+            raise InputError("onboard_url and ground_url: both empty; accepted: at least one link")
+        table = self._table()
+        self._warm_up()
+        self.vehicle = Px4Vehicle(self.world, self.seed, table)
+        self.present(self.vehicle.simulator)
+        key = self._key(key_file)
+        self._links = {
+            kind: Link(
+                url,
+                system=int(table.get("MAV_SYS_ID")),
+                component=int(table.get("MAV_COMP_ID")),
+                clock=time.time_ns,
+                key=key,
+                allow_remote=remote,
+            )
+            for kind, url in (("onboard", onboard), ("ground", ground))
+            if url
+        }
+        self._endpoint = Endpoint(
+            self.vehicle, [(link, kind) for kind, link in self._links.items()]
+        )
+        self._began_ns: int | None = None
+        """Time of tick 0."""
+        self._slipped = 0
+
+    def _key(self, path: str) -> bytes | None:
+        """Return the signing key of a file; None without one.
+
+        Raises:
+            InputError: it can't be read, or is none.
+        """
+        if not path:
+            return None
+        key, warning = read_key(Path(path))
+        if warning:
+            self.health.fault("key_file", True, warning)
+        return key
+
+    def _table(self) -> ParameterTable:
+        """Declare PX4's parameters as `px4.NAME`; those of mocap alone are the default."""
+        table = ParameterTable()
+        for p in PARAMETERS:
+            kind: Any = int if p.kind == "int32" else float
+            default = kind(MOCAP_ONLY.get(p.name, p.default))
+            text = f"{p.doc} [{p.unit}]" if p.unit else p.doc
+            value = self.declare(f"px4.{p.name}", default, text, bounds=(p.low, p.high))
+            if value != kind(p.default) and (refusal := table.set(p.name, value)):
+                raise InputError(f"px4.{refusal}")
+        return table
+
+    def _warm_up(self) -> None:
+        """Load all compiled code now: not when it is needed."""
+        spare = Px4Vehicle(self.world, 0, ParameterTable())
+        for _ in range(10):
+            spare.step()
+
+    def spin(self) -> None:
+        """Show the obstacle, then fly."""
+        self._began_ns = time.time_ns()
+        self.show_obstacle(self._began_ns)
+        self.show(self._began_ns)
+        super().spin()
+
+    def step(self, now_ns: int) -> None:
+        """Go on to the present, and answer what has come over the links."""
+        assert self._began_ns is not None
+        behind_ns = now_ns - self._began_ns - self.vehicle.tick * TICK_NS
+        if abs(behind_ns) > _BEHIND_NS:
+            self._slip(behind_ns)
+            behind_ns = 0
+        if behind_ns < TICK_NS:
+            self._endpoint.advance(self.vehicle.tick * TICK_NS, now_ns)
+        for _ in range(min(behind_ns // TICK_NS, _MOST_TICKS)):
+            self._endpoint.advance((self.vehicle.tick + 1) * TICK_NS, time.time_ns())
+            self.show(self._began_ns)
+        self._repeat_what_it_says()
+
+    def _slip(self, behind_ns: int) -> None:
+        """Let the flight's clock go on from here: what was lost is not made up for."""
+        assert self._began_ns is not None
+        self._began_ns += behind_ns
+        self._slipped += 1
+        text = f"the loop was {behind_ns * 1e-9:.2f} s behind the clock: flight time stood still"
+        self.health.happened("slipped", text)
+
+    def _repeat_what_it_says(self) -> None:
+        """Put the autopilot's texts into the log."""
+        logger = self.ros.get_logger()
+        for severity, text in self._endpoint.voice.said:
+            if severity <= _WARNING:  # rclpy: one severity for each line of code
+                logger.warning(f"PX4 says: {text}")
+            else:
+                logger.info(f"PX4 says: {text}")
+        self._endpoint.voice.said.clear()
+
+    def report(self, now_ns: int) -> None:
+        """Add what autopilot and links say."""
+        vehicle = self.vehicle
+        self.health.value("armed", vehicle.armed)
+        self.health.value("mode", mode_name(vehicle.mode))
+        self.health.value("failsafe", vehicle.failsafe)
+        self.health.value("slipped", self._slipped)
+        for kind, link in self._links.items():
+            for name, count in link.counters.items():
+                if count:
+                    self.health.value(f"{kind}.{name}", count)
+        super().report(now_ns)
+
+    def close(self) -> None:
+        """Let go of the links."""
+        for link in self._links.values():
+            link.close()
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    sys.exit(run(Px4SimNode, argv))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,109 @@
+"""Stamps that say another time than the capture: who uses them, and when they are refused."""
+
+import numpy as np
+import pytest
+from kernel_flight import NOISE, RATE, TICK, capture_ticks, fly_kernel
+
+from tombo_control.autopilot import HOVER
+from tombo_control.observer import Observer
+from tombo_flight.flight import fly_scenario
+from tombo_flight.scenario import load_scenario, world_of
+from tombo_sim.kernel import POSE, STAMPED
+from tombo_sim.simulator import Simulator
+from tombo_sim.world import World
+
+CAPTURES = capture_ticks(2.0)[:-1]
+NONE_ARRIVES = {"mocap_dropouts": {"probability": 1.0, "duration": 9.0}}
+
+
+def stamped(offset, delay=0.0, seconds=2.0, **more):
+    effects = {"mocap_stamp_error": {"offset": offset}, "mocap_latency": {"delay": delay}} | more
+    samples = round(seconds * RATE) + 1
+    return fly_kernel(effects, seconds=seconds, mocap_noise=np.zeros((samples, NOISE)))
+
+
+@pytest.mark.parametrize("offset", [-0.0304, 0.0123, 0.02])
+def test_the_stamp_is_off_and_the_pose_is_that_of_the_capture(offset):
+    f = stamped(offset, delay=0.03)
+    captured = CAPTURES[: int(1.9 * RATE)]
+    n = captured.size
+    assert f.mocap[:n, STAMPED] * TICK == pytest.approx(captured * TICK + offset, abs=1e-9)
+    assert (f.mocap[:n, POSE : POSE + 3] == f["position"][captured]).all()
+    ticks, rows = np.array(f.delivered).T
+    assert (ticks - CAPTURES[rows] == 30).all()  # it arrives when it would
+
+
+@pytest.mark.parametrize("offset", [-0.04, 0.0, 0.04])
+def test_the_estimate_trails_by_the_error_of_the_stamp(offset):
+    f = stamped(offset, delay=0.05, seconds=4.0)
+    velocity, error = f["velocity"][:, 0], (f["est_position"] - f["position"])[:, 0]
+    lag = -(error @ velocity) / (velocity @ velocity)
+    assert lag == pytest.approx(offset, abs=0.008)
+
+
+@pytest.mark.parametrize("offset", [0.006, 0.05, 0.2])
+def test_a_stamp_from_the_future_is_refused(offset):
+    """The estimate is the one of a flight without motion capture."""
+    blind = fly_kernel(NONE_ARRIVES, seconds=2.0)
+    f = stamped(offset)
+    assert (f["est_position"] == blind["est_position"]).all()
+    assert (f["position"] == blind["position"]).all()
+
+
+def test_a_stamp_little_ahead_of_the_clock_waits_for_its_time():
+    f = stamped(0.004)
+    ticks, rows = np.array(f.delivered).T
+    assert (ticks - CAPTURES[rows] == 4).all()
+    noise = {"imu_bias": {"accel_x": 0.2}}
+    aided, blind = stamped(0.004, **noise), fly_kernel(noise | NONE_ARRIVES, seconds=2.0)
+    errors = [np.abs(x["est_position"] - x["position"]).max() for x in (aided, blind)]
+    assert errors[0] < 0.05 < errors[1]
+
+
+@pytest.mark.parametrize("offset, bound", [(-0.1, 0.1), (-0.001, 0.005)])
+def test_a_stamp_from_before_the_flight_does_no_harm(offset, bound):
+    f = stamped(offset)
+    assert f.mocap[0, STAMPED] == pytest.approx(1e3 * offset)
+    assert np.abs(f["est_position"] - f["position"]).max() < bound
+
+
+# --- tick by tick ---------------------------------------------------------------------------
+
+
+def test_the_simulators_samples_carry_the_wrong_stamp():
+    world = World(
+        effects={"mocap_stamp_error": {"offset": 0.0123}, "mocap_latency": {"delay": 0.02}}
+    )
+    simulator = Simulator(world, 0)
+    arrived = []
+    for _ in range(100):
+        arrived += simulator.arrived
+        simulator.advance(np.zeros(4))
+    assert [s.stamp_ns for s in arrived] == [12_300_000, 45_300_000, 79_300_000]
+    assert [s.captured for s in arrived] == [12, 45, 79]
+    assert [s.arrives for s in arrived] == [20, 53, 87]
+
+
+@pytest.mark.parametrize("offset", [-0.0202, 0.0123, 0.033])
+def test_the_nodes_estimate_is_that_of_the_headless_flight(offset):
+    """The samples of the simulator, in the hands of the estimator's node; 33 ms is 3 ms ahead."""
+    settings = (
+        "mission.takeoff_time=0.2", "duration=6", "effects.mocap_latency.delay=0.03",
+        "effects.mocap_latency.jitter=0", f"effects.mocap_stamp_error.offset={offset}",
+    )  # fmt: skip
+    scenario = load_scenario("hover", settings)
+    log = fly_scenario(scenario, 4).log
+    simulator = Simulator(world_of(scenario), 4)
+    observer = Observer(scenario.estimator, scenario.vehicle)
+    observer.phase(HOVER)
+    began = 1_000_000_000
+    gaps = []
+    for k, command in enumerate(log["rotor_command"]):
+        now = began + k * 1_000_000
+        for s in simulator.arrived:
+            assert not observer.pose(began + s.stamp_ns, now, "map", s.pose[:3], s.pose[3:])
+        estimate = observer.imu(now, simulator.imu[:3].copy(), simulator.imu[3:].copy())
+        if k > 4000:
+            gaps.append(np.abs(estimate.position - log["est_position"][k]).max())
+        simulator.advance(command)
+    assert max(gaps) < 1e-3

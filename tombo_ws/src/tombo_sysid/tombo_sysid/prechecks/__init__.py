@@ -1,5 +1,0 @@
-"""What is wrong with a log before any physics is asked: see `check_log`."""
-
-from tombo_sysid.prechecks.checking import check_log
-
-__all__ = ["check_log"]
