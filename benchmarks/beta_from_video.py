@@ -18,12 +18,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tombo_dynamics.errors import InputError
+from tombo_propeller.flap_video.camera_geometry import (
+    BladeSpan,
+    CameraPose,
+    FlapAngle,
+    ambiguous_angle_limit,
+    apparent_radius,
+)
 from tombo_propeller.flap_video.measure import measure, spans_of
-from tombo_propeller.flap_video.rendered import Rendering, Scene
 from tombo_propeller.flap_video.scale import reference_scale
-from tombo_propeller.flap_video.view import Angle, Span, View, apparent_radius, blind_angle
+from tombo_propeller.flap_video.synthetic_video import Scene, SyntheticVideo
 
-SPAN = Span(0.1111, 0.035)
+SPAN = BladeSpan(0.1111, 0.035)
 ANGLES = (0.0, 2.0, 4.0, 8.0, 12.0, 20.0, 30.0)
 FRAMES = 20
 
@@ -56,7 +62,7 @@ def scene_of(rng: np.random.Generator, beta_deg: float, px_per_mm: float) -> Sce
 class Result:
     """What is kept of a measurement."""
 
-    overall: Angle
+    overall: FlapAngle
     paper: float
     z: float
     """Error of the disc's radius in its standard deviations."""
@@ -66,15 +72,15 @@ def measured(scene: Scene, seed: int, rng: np.random.Generator) -> Result:
     """Measure a scene against slow frames of it."""
     slow = replace(scene, beta=0.0, twist=0.0, speed=rng.uniform(70.0, 110.0))
     height = scene.camera_height * (1.0 + 0.01 * rng.normal())
-    view = View(height, scene.towards)
-    frames = np.stack(list(Rendering(slow, seed).frames(32)))
-    film = Rendering(scene, seed)
+    view = CameraPose(height, scene.towards)
+    frames = np.stack(list(SyntheticVideo(slow, seed).frames(32)))
+    film = SyntheticVideo(scene, seed)
     found = measure(
         film, spans_of(FRAMES, 10, 2), lambda rim: reference_scale(frames, 0.0, SPAN, view, rim),
         SPAN, view,
     )  # fmt: skip
     seen = float(
-        apparent_radius(np.array(scene.beta), SPAN, View(scene.camera_height, scene.towards))
+        apparent_radius(np.array(scene.beta), SPAN, CameraPose(scene.camera_height, scene.towards))
     )
     z = (found.radius - seen) / found.radius_sd
     return Result(found.overall, found.windows[0].paper, z)
@@ -138,7 +144,7 @@ def main() -> None:
                 rows.append((beta, None))
         table(rows, label)
         if towards and not math.isnan(height):
-            blind = math.degrees(blind_angle(SPAN, View(height)))
+            blind = math.degrees(ambiguous_angle_limit(SPAN, CameraPose(height)))
             print(f"{label}: below {blind:.1f} deg two angles look the same")
 
 

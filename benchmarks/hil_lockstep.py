@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from tombo_flight.scenario import load_scenario, world_of
-from tombo_px4.hil.flight import HilFlight, Motors
+from tombo_px4.hil.flight import HilFlight, MotorCommands
 from tombo_px4.hil.link import HilLink
-from tombo_px4.hil.lockstep import Hil
+from tombo_px4.hil.lockstep import HilSimulator
 from tombo_px4.hil.params import HilParams
 from tombo_sim.world import World
 
@@ -35,7 +35,7 @@ def say(text: str = "") -> None:
 def fly(world: World, rate: float, seconds: float) -> None:
     """Fly with a peer and print a row of the table."""
     link = HilLink(0)
-    hil = Hil(world, 0, HilParams(rate=rate, mocap=True).check(), link, speed=0.0)
+    hil = HilSimulator(world, 0, HilParams(rate=rate, mocap=True).check(), link, speed=0.0)
     peer = subprocess.Popen([sys.executable, str(PEER), str(link.port), str(seconds)])
     waits = []
     began = cpu = 0.0
@@ -92,7 +92,7 @@ def main() -> None:
     say()
     flight = HilFlight(world, 0, HilParams())
     m = flight.simulator.m
-    motors = Motors([0.4] * 4, armed=True)
+    motors = MotorCommands([0.4] * 4, armed=True)
     say("Parts of a step of 4 ms [us]:")
     for name, action in (
         ("one tick of physics (four a step)", lambda: flight.simulator.advance(flight.rotors)),

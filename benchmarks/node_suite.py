@@ -27,8 +27,8 @@ from tombo_flight.scenario import load_scenario
 from tombo_flight.suite.nodes import SUITE
 from tombo_flight.suite.parameter_yaml import parameter_yaml, suite_parameters
 from tombo_ros.loop_statistics import LoopStatistics
-from tombo_ros.pacing import Priority, ask_for, sleep_until
-from tombo_ros.topic import Input
+from tombo_ros.pacing import Priority, request_realtime_priority, sleep_until
+from tombo_ros.topic import PolledSubscription
 
 LOOPS = (
     ("controller: rate loop", 1000.0),
@@ -82,7 +82,11 @@ class Suite:
 def bare_loop(seconds: float) -> None:
     """Print how late a loop of 1 kHz with nothing in it runs here and now, for comparison."""
     watch = LoopStatistics()
-    command = "SCHED_FIFO" if ask_for(Priority(50, 50), set()).startswith("FIFO") else "normal"
+    command = (
+        "SCHED_FIFO"
+        if request_realtime_priority(Priority(50, 50), set()).startswith("FIFO")
+        else "normal"
+    )
     deadline = time.monotonic_ns() + 1_000_000
     for _ in range(round(seconds * 1000)):
         sleep_until(deadline)
@@ -91,7 +95,7 @@ def bare_loop(seconds: float) -> None:
         deadline += 1_000_000
     with contextlib.suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    found = watch.figures()
+    found = watch.metrics()
     print(
         f"bare loop ({command}): p50 {found.jitter_p50_us:.0f}, p99 {found.jitter_p99_us:.0f}, "
         f"max {found.jitter_max_us:.0f} us late"
@@ -106,7 +110,7 @@ def measure(seconds: float) -> None:
         context: Any = rclpy.Context()
         rclpy.init(context=context)
         node = rclpy.create_node("bench", context=context)
-        diagnostics = Input(node, DIAGNOSTICS, 200)
+        diagnostics = PolledSubscription(node, DIAGNOSTICS, 200)
         while not suite.running():
             time.sleep(0.05)
         began, before = time.monotonic(), suite.cpu_s()

@@ -77,12 +77,12 @@ def publish(names: list[str], seconds: float, burst_ms: int) -> None:
 
     from tombo_ros.conversion import to_time
     from tombo_ros.pacing import sleep_until
-    from tombo_ros.topic import Output
+    from tombo_ros.topic import TopicPublisher
 
     rclpy.init()
     node = rclpy.create_node("load")
     specs = [TOPICS[name] for name in names]
-    outputs = [Output(node, spec) for spec in specs]
+    outputs = [TopicPublisher(node, spec) for spec in specs]
     variants = [varied(spec, output.kind) for spec, output in zip(specs, outputs, strict=True)]
     rates = [FASTEST_HZ.get(spec.name, spec.rate_hz or EVENT_HZ) for spec in specs]
     periods = [max(round(1000 / rate), 1) for rate in rates]

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from tombo_control import mission as plan
 from tombo_control.autopilot import HOVER
+from tombo_control.controller_core import Command, ControllerCore
 from tombo_control.estimate import TICK_NS, Estimate, Setpoint
-from tombo_control.flight_controller import Command, FlightController
-from tombo_control.observer import Observer
+from tombo_control.estimator_core import EstimatorCore
 from tombo_control.params import POSITION_TICKS, InputLimits
-from tombo_control.reference import progress
+from tombo_control.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.plant import part
 from tombo_dynamics.rotation import tilt
 from tombo_flight.scenario import Scenario, load_scenario, world_of
@@ -44,11 +44,11 @@ class Lockstep:
     def __init__(self, scenario: Scenario, seed: int = 1) -> None:
         self.scenario = scenario
         self.simulator = Simulator(world_of(scenario), seed)
-        self.observer = Observer(scenario.estimator, scenario.vehicle)
-        self.controller = FlightController(
-            scenario.control, scenario.vehicle, InputLimits(), self.simulator.ready.maps
+        self.observer = EstimatorCore(scenario.estimator, scenario.vehicle)
+        self.controller = ControllerCore(
+            scenario.control, scenario.vehicle, InputLimits(), self.simulator.setup.maps
         )
-        self.mission = plan.begin(self.simulator.ready.start)
+        self.mission = plan.begin(self.simulator.setup.start)
         self.steer: Callable[[float], Setpoint | None] | None = None
         """Set point at a time [s] in place of the mission's; None: none is sent."""
         self.odometry_ticks = 1
@@ -126,7 +126,9 @@ class Lockstep:
 
     def _setpoint(self, time_s: float) -> Setpoint:
         leg = self.mission.leg
-        way, speed, change = progress(time_s - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s)
+        way, speed, change = trapezoidal_profile(
+            time_s - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s
+        )
         start, cruise = np.array(leg.start), np.array(leg.velocity)
         return Setpoint(
             start + way * cruise,
@@ -137,7 +139,7 @@ class Lockstep:
         )
 
     def _proceed(self, estimate: Estimate) -> None:
-        self.mission = plan.proceed(
+        self.mission = plan.advance_mission(
             self.mission,
             self.scenario.mission,
             self.simulator.tick * 1e-3,

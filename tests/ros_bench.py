@@ -101,18 +101,18 @@ class Counterpart:
     def __init__(self) -> None:
         import rclpy
 
-        from tombo_ros.topic import Input
+        from tombo_ros.topic import PolledSubscription
 
         self._context = rclpy.Context()
         rclpy.init(context=self._context)
         self.node = rclpy.create_node("counterpart", context=self._context)
-        self._make_input = Input
+        self._make_input = PolledSubscription
         self._outputs: dict[str, Any] = {}
         self.inputs: dict[str, Any] = {}
         self.heard: dict[str, list[Any]] = {}
         self.now_ns = SECOND_NS
 
-    def listen(self, *specs: Any) -> None:
+    def subscribe(self, *specs: Any) -> None:
         for spec in specs:
             self.inputs[spec.name] = self._make_input(self.node, spec, 5000)
             self.heard[spec.name] = []
@@ -122,9 +122,9 @@ class Counterpart:
 
     def _publisher(self, spec: Any) -> Any:
         if spec.name not in self._outputs:
-            from tombo_ros.topic import Output
+            from tombo_ros.topic import TopicPublisher
 
-            self._outputs[spec.name] = Output(self.node, spec)
+            self._outputs[spec.name] = TopicPublisher(self.node, spec)
         return self._outputs[spec.name]
 
     def meet(self, *specs: Any, others: int = 1, patience_s: float = 20.0) -> None:
@@ -135,7 +135,7 @@ class Counterpart:
                 if spec.name in self.inputs:
                     there = self.node.count_publishers(spec.name)
                 else:
-                    there = self._publisher(spec).listeners
+                    there = self._publisher(spec).subscriber_count
                 if there >= others:
                     break
                 assert time.monotonic() < end, f"nobody at the other end of {spec.name}"

@@ -106,7 +106,7 @@ class ScriptedPx4:
         usec = m.usec if m.get_type() == "VISION_POSITION_ESTIMATE" else m.time_usec
         if not self.sync.converged:
             return
-        captured = self.sync.to_ours(usec * 1000) - self.ahead_ns
+        captured = self.sync.to_local_time(usec * 1000) - self.ahead_ns
         self.stamps.append((captured, now_ns))
         if self.fuses and m.get_type() == "ODOMETRY":
             self.estimate = enu_from_ned([m.x, m.y, m.z])

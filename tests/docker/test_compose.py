@@ -11,8 +11,8 @@ import yaml
 
 from tombo_flight.scenario import load_scenario, world_of
 from tombo_flight.suite.nodes import SUITE
-from tombo_px4.hil.advice import AIRFRAME, MOCAP_ONLY, airframe_parameters
 from tombo_px4.hil.flight import HilFlight
+from tombo_px4.hil.hil_start_help import AIRFRAME, MOCAP_ONLY, airframe_parameters
 from tombo_px4.hil.params import HilParams
 
 ROOT = Path(__file__).parents[2]

@@ -26,11 +26,11 @@ from tombo_bag.topics import (
     SETPOINT,
 )
 from tombo_control.autopilot import HOVER, LANDED
+from tombo_control.controller_core import ControllerCore
 from tombo_control.estimate import Estimate, Setpoint
-from tombo_control.flight_controller import FlightController
 from tombo_control.params import ControlParams, InputLimits
 from tombo_dynamics.propeller import configuration, thrust_map
-from tombo_dynamics.propeller.choice import PropellerChoice
+from tombo_dynamics.propeller.mounted_propeller import PropellerChoice
 from tombo_dynamics.rotor_maps import rotor_maps
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_msgs.msg import EstimatorStatus, PositionSetpoint
@@ -95,10 +95,10 @@ class _Inputs:
         return message
 
 
-def _twin() -> FlightController:
+def _twin() -> ControllerCore:
     choice, vehicle = PropellerChoice(), VehicleParams()
     maps = rotor_maps(thrust_map(configuration(choice.conf), choice.law), vehicle)
-    return FlightController(ControlParams(), vehicle, InputLimits(), maps)
+    return ControllerCore(ControlParams(), vehicle, InputLimits(), maps)
 
 
 def _tilt(setpoint) -> float:
@@ -106,7 +106,7 @@ def _tilt(setpoint) -> float:
 
 
 def test_each_gyro_sample_is_answered_as_the_pure_controller_does(world, start):
-    world.listen(ROTOR_COMMAND, RATES_SETPOINT, ATTITUDE_SETPOINT, DIAGNOSTICS)
+    world.subscribe(ROTOR_COMMAND, RATES_SETPOINT, ATTITUDE_SETPOINT, DIAGNOSTICS)
     node = start("tombo_control.controller_node", "-p", "use_sim_time:=true")
     world.meet(
         IMU,

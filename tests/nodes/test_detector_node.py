@@ -16,7 +16,7 @@ from tombo_bag.topics import (
 )
 from tombo_msgs.msg import CollisionEvent
 from tombo_ros.conversion import array, point, to_ns, to_time
-from tombo_ros.topic import Output
+from tombo_ros.topic import TopicPublisher
 
 MS = 1_000_000
 PERIOD_NS, LATENCY_NS = 33 * MS, 40 * MS
@@ -35,7 +35,7 @@ class Flight:
 
     def __init__(self, world, start, *arguments):
         self.world = world
-        world.listen(COLLISION_EVENT, DETECTOR_STATUS, DIAGNOSTICS)
+        world.subscribe(COLLISION_EVENT, DETECTOR_STATUS, DIAGNOSTICS)
         self.node = start("tombo_collision.detector_node", "-p", "use_sim_time:=true", *arguments)
         world.meet(MOCAP_POSE, CLOCK, COLLISION_EVENT, DETECTOR_STATUS, DIAGNOSTICS)
         self.place = np.array([0.0, 0.0, 0.18])
@@ -121,7 +121,7 @@ def test_bad_poses_are_refused_counted_and_told_and_it_goes_on(world, start):
 def test_poses_of_two_motion_captures_are_not_mixed(world, start):
     flight = Flight(world, start)
     flight.fly(14)
-    other = Output(world.node, MOCAP_POSE)
+    other = TopicPublisher(world.node, MOCAP_POSE)
     for _ in range(10):  # it is 3 cm off: a kick, if the two were one
         flight.fly(1)
         other.publish(pose(flight.stamp_ns + 10 * MS, flight.place + np.array([0.0, 0.03, 0.0])))

@@ -46,7 +46,7 @@ from tombo_bag.topics import (
 )
 from tombo_msgs.msg import CollisionEvent, EstimatorStatus, PositionSetpoint, RotorSpeeds
 from tombo_ros.conversion import to_ns, to_time
-from tombo_ros.topic import Input, Output
+from tombo_ros.topic import PolledSubscription, TopicPublisher
 
 ROOT = Path(__file__).parents[2]
 HEIGHT = 1.5
@@ -83,10 +83,10 @@ class Spoiler(threading.Thread):
         self.pose: Callable[[Any], Any] | None = None
         self.running = True
         raw_pose = TopicSpec("/raw/pose", MOCAP_POSE.typename, MOCAP_POSE.qos, 30.0, "")
-        self._poses = Input(world.node, raw_pose, 50)
-        self._pose_out = Output(world.node, MOCAP_POSE)
+        self._poses = PolledSubscription(world.node, raw_pose, 50)
+        self._pose_out = TopicPublisher(world.node, MOCAP_POSE)
         self.doubled = False
-        self._second = Output(world.node, MOCAP_POSE)
+        self._second = TopicPublisher(world.node, MOCAP_POSE)
 
     def run(self) -> None:
         while self.running:
@@ -218,8 +218,8 @@ def hovering(folder: Path) -> Iterator[Suite]:
     world = Counterpart()
     made = Suite(world=world, spoiler=Spoiler(world), nodes={}, folder=folder, file=file, mark=0)
     try:
-        world.listen(TRUE_ODOMETRY, DIAGNOSTICS, SETPOINT, REACTION_STATUS, MISSION_STATUS)
-        world.listen(COLLISION_EVENT)
+        world.subscribe(TRUE_ODOMETRY, DIAGNOSTICS, SETPOINT, REACTION_STATUS, MISSION_STATUS)
+        world.subscribe(COLLISION_EVENT)
         made.spoiler.start()
         for name in NODES:
             made.start(name)

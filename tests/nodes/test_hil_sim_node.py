@@ -40,7 +40,7 @@ def heights(world, seconds: float) -> list[float]:
 
 
 def test_a_px4_flies_it_and_the_mocap_sees_it(world, start, port):
-    world.listen(MOCAP_POSE, TRUE_ODOMETRY)
+    world.subscribe(MOCAP_POSE, TRUE_ODOMETRY)
     node = start(NODE, "-p", f"port:={port}", "-p", "hil.gps:=true")
     world.meet(MOCAP_POSE, TRUE_ODOMETRY, patience_s=_COMPILES_S)
     assert heights(world, 0.5) == [], "time goes on without PX4"
@@ -86,7 +86,7 @@ def test_what_it_can_not_do_it_refuses_in_a_line(start, port, arguments, complai
 def test_a_port_that_is_taken_is_refused(start):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
-        taken.listen()
+        taken.subscribe()
         number = taken.getsockname()[1]
         node = start(NODE, "-p", f"port:={number}")
         assert node.process.wait(_COMPILES_S) == 2

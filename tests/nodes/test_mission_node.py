@@ -43,7 +43,7 @@ class Flight:
         self.place, self.velocity = np.array(place, float), np.zeros(3)
         self.lost = False
         world.now_ns = 1_763_700_000_123_456_789
-        world.listen(MISSION_SETPOINT, MISSION_STATUS, DIAGNOSTICS)
+        world.subscribe(MISSION_SETPOINT, MISSION_STATUS, DIAGNOSTICS)
         if reaction is not None:
             self.react(**reaction)
         arguments = [f"mission.{name}:={value}" for name, value in PLAN.items()]

@@ -77,7 +77,7 @@ class Lab:
         self.px4.parameters.update(parameters)
         self.phase, self.goal = MissionStatus.IDLE, np.array([0.0, 0.0, GROUND])
         self.captures = []
-        world.listen(PX4_STATUS, DIAGNOSTICS, ODOMETRY, IMU, BATTERY)
+        world.subscribe(PX4_STATUS, DIAGNOSTICS, ODOMETRY, IMU, BATTERY)
         arguments = [f"link.url:=udpin://127.0.0.1:{port}", *more]
         self.node = start(NODE, *(a for p in arguments for a in ("-p", p)))
         world.meet(MOCAP_POSE, SETPOINT, PX4_STATUS)

@@ -13,8 +13,8 @@ from tombo_bag.reader import Bag
 from tombo_bag.topics import PX4_STATUS, TRUE_ODOMETRY
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario
+from tombo_flight.suite.px4_connection import free_udp_port
 from tombo_flight.suite.px4_probe import find_vehicle
-from tombo_flight.suite.px4_side import free_udp_port
 from tombo_px4.bridge.bridge_params import LinkParams
 
 pytest.importorskip("rclpy")
@@ -100,7 +100,7 @@ def lab(start):
 
 
 def test_ctrl_c_in_the_air_lands_the_vehicle(world, lab, domain, tmp_path):
-    world.listen(TRUE_ODOMETRY)
+    world.subscribe(TRUE_ODOMETRY)
     world.meet(TRUE_ODOMETRY, patience_s=_COMPILES_S)
     url, node = lab
     words = ("fly", "hover", "--px4", url, "--yes", "--domain", str(domain), "-o", "out", "--json")

@@ -10,13 +10,13 @@ import pytest
 pytest.importorskip("rclpy")
 
 from tombo_bag.topics import IMU, MARKERS, MOCAP_POSE, ROTOR_COMMAND, TRUE_ODOMETRY
-from tombo_flight.suite.px4_side import free_udp_port
+from tombo_flight.suite.px4_connection import free_udp_port
 from tombo_px4.link.mavlink_link import Link
-from tombo_px4.link.outgoing import Target, arm, read_parameter
+from tombo_px4.link.message_encoder import MessageTarget, arm, read_parameter
 from tombo_ros.conversion import array, to_ns
 
 NODE = "tombo_px4.px4_sim_node"
-VEHICLE = Target(1, 1)
+VEHICLE = MessageTarget(1, 1)
 _COMPILES_S = 120.0
 _ARM, _DENIED = 400, 1
 MS = 1_000_000
@@ -53,7 +53,7 @@ def wait_for(
 
 
 def test_mavlink_on_one_side_and_mocap_on_the_other(world, start, link):
-    world.listen(MOCAP_POSE, TRUE_ODOMETRY, MARKERS, IMU)
+    world.subscribe(MOCAP_POSE, TRUE_ODOMETRY, MARKERS, IMU)
     obstacle = ("-p", "obstacle.radius:=0.25", "-p", "obstacle.x:=2.0", "-p", "obstacle.top:=2.6")
     node = start(NODE, *urls(link), *obstacle)
     beat = wait_for(link, "HEARTBEAT", patience_s=_COMPILES_S)
@@ -84,7 +84,7 @@ def test_mavlink_on_one_side_and_mocap_on_the_other(world, start, link):
 
 
 def test_poses_go_on_in_step_with_the_systems_clock(world, start, link):
-    world.listen(MOCAP_POSE)
+    world.subscribe(MOCAP_POSE)
     node = start(NODE, *urls(link), "-p", "mocap_rate:=100.0")
     world.meet(MOCAP_POSE, patience_s=_COMPILES_S)
     world.wait_for(MOCAP_POSE, meanwhile=link.receive)

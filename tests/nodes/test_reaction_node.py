@@ -39,19 +39,19 @@ class Flight:
     def __init__(self, world, start):
         self.world = world
         world.now_ns = 1_763_700_000_123_456_789
-        world.listen(SETPOINT, REACTION_STATUS, MARKERS, DIAGNOSTICS)
+        world.subscribe(SETPOINT, REACTION_STATUS, MARKERS, DIAGNOSTICS)
         self.node = start("tombo_collision.reaction_node", "-p", "use_sim_time:=true")
         world.meet(CLOCK, MISSION_SETPOINT, ODOMETRY, MOCAP_POSE, DETECTOR_STATUS)
         world.meet(COLLISION_EVENT, SETPOINT, REACTION_STATUS, MARKERS, DIAGNOSTICS)
         self.place = np.array([1.6, 0.0, 2.0])
-        self.wish = np.array([1.65, 0.0, 2.0])
+        self.mission_setpoint = np.array([1.65, 0.0, 2.0])
         self.phase = MissionStatus.APPROACH
         self.detector = True
 
     def setpoint(self):
         message = PositionSetpoint(yaw=0.3, phase=self.phase)
         message.header.stamp, message.header.frame_id = to_time(self.world.now_ns), "map"
-        message.position, message.velocity = point(self.wish), vector([0.7, 0.0, 0.0])
+        message.position, message.velocity = point(self.mission_setpoint), vector([0.7, 0.0, 0.0])
         message.acceleration = vector([0.1, 0.2, 0.3])
         return message
 
@@ -117,7 +117,7 @@ def test_passes_wishes_on_and_answers_a_collision_at_once(world, start):
     assert all(
         array(m.position) == pytest.approx(X_R) for m in world.heard[SETPOINT.name][before:]
     )
-    flight.wish, flight.phase = X_R, MissionStatus.HOLD
+    flight.mission_setpoint, flight.phase = X_R, MissionStatus.HOLD
     flight.wait(SETPOINT, lambda m: m.phase == MissionStatus.HOLD)
     assert flight.node.end() == 0
 
@@ -136,13 +136,13 @@ def test_holds_without_a_detector_refuses_nonsense_and_says_so(world, start):
 
     world.publish(COLLISION_EVENT, flight.collision(age_ms=5000))
     assert "long ago" in told(world, "reaction", "event_stale")
-    flight.wish = np.array([math.nan, 0.0, 2.0])
+    flight.mission_setpoint = np.array([math.nan, 0.0, 2.0])
     flight.wait(SETPOINT, lambda m: m.phase == MissionStatus.HOLD)
     assert "the last one stands" in told(
         world, "reaction", "mission_not_finite", meanwhile=flight.step
     )
     assert all(np.isfinite(array(m.position)).all() for m in world.heard[SETPOINT.name])
     # who comes late learns the state
-    world.listen(REACTION_STATUS)
+    world.subscribe(REACTION_STATUS)
     late = heard(world, REACTION_STATUS, lambda m: m.state == ReactionStatus.HOLDING)
     assert late.collisions == 0

@@ -74,7 +74,7 @@ def _true_place(world) -> np.ndarray:
 
 
 def test_paused_it_goes_on_by_the_ticks_it_is_told(world, start):
-    world.listen(IMU, TRUE_ODOMETRY, CLOCK, DIAGNOSTICS)
+    world.subscribe(IMU, TRUE_ODOMETRY, CLOCK, DIAGNOSTICS)
     node = start("tombo_sim.sim_node", *_WORLD, "-p", "speed:=0.0")
     world.meet(ROTOR_COMMAND, IMU, TRUE_ODOMETRY, CLOCK, patience_s=_COMPILES_S)
     _wait(world, lambda: world.heard[CLOCK.name])
@@ -126,7 +126,7 @@ def test_paused_it_goes_on_by_the_ticks_it_is_told(world, start):
 
 
 def test_in_lockstep_each_tick_waits_for_its_command(world, start):
-    world.listen(IMU, TRUE_ODOMETRY, TRUE_ROTORS, MOCAP_POSE, DIAGNOSTICS)
+    world.subscribe(IMU, TRUE_ODOMETRY, TRUE_ROTORS, MOCAP_POSE, DIAGNOSTICS)
     node = start("tombo_sim.sim_node", *_WORLD, "-p", "lockstep:=true", "-p", "speed:=0.0")
     world.meet(ROTOR_COMMAND, IMU, TRUE_ODOMETRY, MOCAP_POSE, patience_s=_COMPILES_S)
     set_parameters(world, "sim", step=1)
@@ -173,7 +173,7 @@ def test_in_lockstep_each_tick_waits_for_its_command(world, start):
 
 def test_in_lockstep_time_keeps_its_own_speed_before_the_first_command(world, start):
     """A plan would else be through with waiting for its take-off before all nodes have met."""
-    world.listen(IMU)
+    world.subscribe(IMU)
     node = start("tombo_sim.sim_node", *_WORLD, "-p", "lockstep:=true")
     world.meet(IMU, patience_s=_COMPILES_S)
     heard(world, IMU, lambda m: True)
@@ -184,7 +184,7 @@ def test_in_lockstep_time_keeps_its_own_speed_before_the_first_command(world, st
 
 
 def test_in_lockstep_nobody_stops_time_by_speaking_of_the_past(world, start):
-    world.listen(IMU, DIAGNOSTICS)
+    world.subscribe(IMU, DIAGNOSTICS)
     node = start("tombo_sim.sim_node", *_WORLD, "-p", "lockstep:=true")
     world.meet(ROTOR_COMMAND, IMU, patience_s=_COMPILES_S)
     _wait(world, lambda: bool(world.heard[IMU.name]))

@@ -74,9 +74,9 @@ def test_every_type_of_pose_under_any_name(tmp_path, flight, typename):
     assert [round(event.stamp_ns / 1e9, 3) for event in result.replayed.events] == [24.133]
     assert "poses are taken from /vicon/quad/quad, the only candidate" in result.findings
     assert any("defaults" in finding for finding in result.findings)
-    figures = result.nodes["detector"]
-    assert figures["events_recorded"] is None
-    assert figures["false_alarms"] is None
+    metrics = result.nodes["detector"]
+    assert metrics["events_recorded"] is None
+    assert metrics["false_alarms"] is None
     assert result.differences == []
 
 

@@ -112,7 +112,7 @@ def test_stamps_that_go_backwards_or_repeat(flight):
 def test_stamps_of_zero(flight):
     unstamped = replace(flight, stamp_ns=np.zeros_like(flight.stamp_ns))
     assert "1198 of 1198 stamps are zero (--stamp-on-arrival" in only(unstamped)
-    assert check_poses(unstamped.stamped_on_arrival(), 0.25) == []
+    assert check_poses(unstamped.with_arrival_stamps(), 0.25) == []
 
 
 def test_a_gap(flight):

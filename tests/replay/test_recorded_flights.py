@@ -25,12 +25,12 @@ def test_the_detector_says_the_same_events_to_the_sample(replayed, bag):
     result = replayed(bag, nodes=("detector",))
     found = [(flight_time(e), e.trigger, round(e.statistic, 2)) for e in result.replayed.events]
     assert found == EVENTS[bag]
-    figures = result.nodes["detector"]
-    assert figures["matched"] == len(EVENTS[bag])
-    assert (figures["missed"], figures["extra"], figures["false_alarms"]) == (0, 0, 0)
-    assert figures["detection_time_difference_ms"] == [0.0] * len(EVENTS[bag])
-    assert all(error < 1e-9 for error in figures["x_c_error_m"])
-    assert all(-1.0 <= ms <= 0.0 for ms in figures["known_time_difference_ms"])
+    metrics = result.nodes["detector"]
+    assert metrics["matched"] == len(EVENTS[bag])
+    assert (metrics["missed"], metrics["extra"], metrics["false_alarms"]) == (0, 0, 0)
+    assert metrics["detection_time_difference_ms"] == [0.0] * len(EVENTS[bag])
+    assert all(error < 1e-9 for error in metrics["x_c_error_m"])
+    assert all(-1.0 <= ms <= 0.0 for ms in metrics["known_time_difference_ms"])
     assert result.differences == []
     assert result.damage == []
 
@@ -56,8 +56,8 @@ def test_events_recorded_and_replayed_have_all_the_same_values(replayed):
 )
 def test_another_detector_is_seen_to_be_one(replayed, setting, missed, extra):
     result = replayed("paper_collision_0", setting, nodes=("detector",))
-    figures = result.nodes["detector"]
-    assert (figures["missed"], figures["extra"]) == (missed, extra)
+    metrics = result.nodes["detector"]
+    assert (metrics["missed"], metrics["extra"]) == (missed, extra)
     assert len(result.differences) == (missed > 0) + (extra > 0)
 
 
@@ -87,11 +87,11 @@ def test_noise_parameters_change_the_statistic(replayed):
 
 def test_false_alarms_are_counted_against_the_true_contact(replayed):
     result = replayed("no_obstacle_1", "detector.threshold=4", nodes=("detector",))
-    figures = result.nodes["detector"]
-    assert figures["false_alarms"] == figures["extra"] > 2
+    metrics = result.nodes["detector"]
+    assert metrics["false_alarms"] == metrics["extra"] > 2
     minutes = result.duration_s / 60.0
-    assert figures["false_alarms_per_minute"] == pytest.approx(
-        figures["false_alarms"] / minutes, rel=0.01
+    assert metrics["false_alarms_per_minute"] == pytest.approx(
+        metrics["false_alarms"] / minutes, rel=0.01
     )
     true = replayed("paper_collision_0", nodes=("detector",)).nodes["detector"]
     assert 10.0 < true["latency_ms"][0] < 60.0

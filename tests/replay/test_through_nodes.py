@@ -31,13 +31,13 @@ def processes(word: str) -> set[int]:
 
 def test_the_real_detector_says_what_was_recorded():
     result = replay_bag(BAG, Request(nodes=("detector",)), ThroughNodes(15.0))
-    figures = result.nodes["detector"]
-    assert (figures["matched"], figures["missed"], figures["extra"]) == (1, 0, 0)
-    assert figures["detection_time_difference_ms"] == [0.0]
-    assert figures["x_c_error_m"][0] < 1e-9
-    assert -5.0 < figures["known_time_difference_ms"][0] < 100.0
-    assert figures["dds"]["sent"] == 1198
-    assert figures["dds"]["received"] >= 1190
+    metrics = result.nodes["detector"]
+    assert (metrics["matched"], metrics["missed"], metrics["extra"]) == (1, 0, 0)
+    assert metrics["detection_time_difference_ms"] == [0.0]
+    assert metrics["x_c_error_m"][0] < 1e-9
+    assert -5.0 < metrics["known_time_difference_ms"][0] < 100.0
+    assert metrics["dds"]["sent"] == 1198
+    assert metrics["dds"]["received"] >= 1190
     assert len(result.replayed.series["statistic"].stamp_ns) >= 1190
     assert not processes("/tombo-replay-")
 

@@ -9,7 +9,7 @@ from rosbags.highlevel import AnyReader
 from synthetic_flight import synthetic_flight
 
 from tombo_bag.flight_time import EPOCH_NS, flight_seconds, nanoseconds
-from tombo_bag.flight_topics import heading, into_body, write_flight
+from tombo_bag.flight_topics import heading, map_to_body, write_flight
 from tombo_bag.mcap_sink import McapSink
 from tombo_bag.reader import Bag
 
@@ -133,12 +133,12 @@ def test_twist_is_given_in_the_body_frame():
     """Facing north (yaw 90 deg), flying east is flying to the right: -y of FLU."""
     north = np.array([[0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]])
     np.testing.assert_allclose(
-        into_body(north, np.array([[2.0, 0.0, 0.0]])), [[0, -2, 0]], atol=1e-12
+        map_to_body(north, np.array([[2.0, 0.0, 0.0]])), [[0, -2, 0]], atol=1e-12
     )
     # nose down by 90 deg, falling is flying forward
     down = np.array([[0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5)]])
     np.testing.assert_allclose(
-        into_body(down, np.array([[0.0, 0.0, -3.0]])), [[3, 0, 0]], atol=1e-12
+        map_to_body(down, np.array([[0.0, 0.0, -3.0]])), [[3, 0, 0]], atol=1e-12
     )
     assert heading(north) == pytest.approx([np.pi / 2])
 

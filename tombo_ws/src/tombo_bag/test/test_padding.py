@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from random_messages import ALL_TYPES, messages
 
 from tombo_bag.columnar_cdr import encode
-from tombo_bag.padding import Cleaner
+from tombo_bag.padding import PaddingNormalizer
 from tombo_bag.schemas import known_types, type_store
 
 FEW = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
@@ -22,7 +22,7 @@ SMALL_TYPES = [
 
 
 def cleaned(typename, many):
-    return Cleaner(typename, known_types()).clean(many)
+    return PaddingNormalizer(typename, known_types()).clean(many)
 
 
 def places_that_mean_nothing(typename, message):
@@ -66,7 +66,7 @@ def test_shapes_of_equal_size_are_told_apart_and_order_is_kept():
     pairs = [("aaaa", "b"), ("c", "dddd"), ("eeee", "f"), ("", ""), ("gg", "hhh")] * 3
     clean = [encode(typename, {"key": k, "value": v}) for k, v in pairs]
     dirty = [message + b"\xaa" * (20 + i % 2 - len(message)) for i, message in enumerate(clean)]
-    cleaner = Cleaner(typename, known_types())
+    cleaner = PaddingNormalizer(typename, known_types())
     assert cleaner.clean(dirty) == clean
     assert cleaner.clean(dirty[::-1]) == clean[::-1]
 
@@ -110,7 +110,7 @@ def test_many_at_once_are_fast_because_equal_shapes_are_treated_together(monkeyp
     monkeypatch.setattr(padding, "layout_of", lambda *args: calls.append(1) or walk(*args))
     typename = "sensor_msgs/msg/Imu"
     whole = encode(typename, {"header": {"frame_id": "base_link"}})
-    cleaner = Cleaner(typename, known_types())
+    cleaner = PaddingNormalizer(typename, known_types())
     for _ in range(3):
         np.testing.assert_equal(cleaner.clean([whole + b"\0" * 4] * 1000), [whole] * 1000)
     assert len(calls) == 1

@@ -18,7 +18,7 @@ from tombo_bag.columnar_cdr import encode
 from tombo_bag.qos import EVENT, SENSOR, STATE
 from tombo_bag.reader import Bag
 from tombo_bag.rolling_sink import NOTES, RollingOptions, RollingSink
-from tombo_bag.schemas import known_types, learn, schema_text, type_hash
+from tombo_bag.schemas import known_types, load_installed_type, schema_text, type_hash
 from tombo_dynamics.errors import InputError
 
 STRING = "std_msgs/msg/String"
@@ -119,7 +119,7 @@ def test_each_file_begins_with_the_records_given(tmp_path):
 def test_messages_of_another_version_stay_as_they_come(tmp_path):
     dirty = word("1") + bytes(range(8))
     sink = opened(tmp_path / "bag")
-    sink.leave_as_they_come("/a")
+    sink.keep_padding("/a")
     sink.write("/a", dirty, START, START)
     sink.write("/b", dirty, START, START)
     sink.close()
@@ -339,13 +339,13 @@ def test_types_of_installed_packages_are_learned(tmp_path, monkeypatch):
     (folder / "Lacking.msg").write_text("your_msgs/Thing thing\n")
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "prefix"))
     with pytest.raises(InputError, match="my_msgs/msg/Broken"):
-        learn("my_msgs/msg/Broken")
+        load_installed_type("my_msgs/msg/Broken")
     with pytest.raises(InputError, match=r"type in my_msgs/msg/Lacking 'your_msgs/msg/Thing'"):
-        learn("my_msgs/msg/Lacking")
+        load_installed_type("my_msgs/msg/Lacking")
     for name in ("my_msgs/srv/Ask_Event", "my_msgs/msg/../Part", "Part", ""):
         with pytest.raises(InputError, match="unknown message type"):
-            learn(name)
-    learn("my_msgs/msg/Whole")
+            load_installed_type(name)
+    load_installed_type("my_msgs/msg/Whole")
     assert {"my_msgs/msg/Whole", "my_msgs/msg/Part"} <= known_types().keys()
     text = schema_text("my_msgs/msg/Whole")
     assert "MSG: my_msgs/Part\n" in text and "MSG: std_msgs/Header\n" in text

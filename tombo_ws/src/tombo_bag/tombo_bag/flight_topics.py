@@ -228,7 +228,7 @@ class _FlightWriter:
         _vector(records, "pose.pose.position", where[every])
         _vector(records, "pose.pose.orientation", how[every])
         if moving is not None:
-            _vector(records, "twist.twist.linear", into_body(how[every], moving[every]))
+            _vector(records, "twist.twist.linear", map_to_body(how[every], moving[every]))
         if turning is not None:
             _vector(records, "twist.twist.angular", turning[every])
 
@@ -378,7 +378,7 @@ class _FlightWriter:
         self.parts.append(Columns(channel, messages.times_ns, messages.messages))
 
 
-def into_body(attitude: Array, vectors: Array) -> Array:
+def map_to_body(attitude: Array, vectors: Array) -> Array:
     """Turn (N, 3) vectors from map into base_link; (N, 4) quaternions xyzw, map from base_link."""
     axis, w = -attitude[:, :3], attitude[:, 3:]
     twice = 2.0 * np.cross(axis, vectors)

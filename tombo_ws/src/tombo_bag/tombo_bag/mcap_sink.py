@@ -51,7 +51,7 @@ from tombo_bag.schemas import schema_text, type_hash
 from tombo_dynamics.errors import InputError, unknown_name
 
 SECOND_NS = 1_000_000_000
-LastWords: TypeAlias = Callable[[], Mapping[str, dict[str, str]]]
+FinalRecords: TypeAlias = Callable[[], Mapping[str, dict[str, str]]]
 
 
 @dataclass(frozen=True)
@@ -274,13 +274,13 @@ class McapSink:
             self._write_chunks([source])
             self._waiting, self._waiting_bytes = [], 0
 
-    def close(self, last_words: LastWords | None = None) -> None:
+    def close(self, final_records: FinalRecords | None = None) -> None:
         """Finish the file: last chunk, indexes, statistics, footer. A second call does nothing.
 
         If there is no space for these, the newest chunks give way to them.
 
         Args:
-            last_words: returns metadata to write, name → values. Called when all messages are
+            final_records: returns metadata to write, name → values. Called when all messages are
                 written, and anew when messages had to give way.
         """
         if self.closed:
@@ -289,7 +289,7 @@ class McapSink:
             try:
                 self.flush()
             finally:
-                self._finish_in_the_space_there_is(last_words)
+                self._finish_on_full_disk(final_records)
         finally:
             self.closed = True
             self._file.close()
@@ -349,12 +349,12 @@ class McapSink:
             self.message_counts.update(counts)
             self._unwritten = []
 
-    def _finish_in_the_space_there_is(self, last_words: LastWords | None) -> None:
+    def _finish_on_full_disk(self, final_records: FinalRecords | None) -> None:
         metadata = list(self._metadata)
         too_many = 1
         while True:
             try:
-                for name, values in (last_words() if last_words else {}).items():
+                for name, values in (final_records() if final_records else {}).items():
                     self.add_metadata(name, values)
                 self._finish()
                 return

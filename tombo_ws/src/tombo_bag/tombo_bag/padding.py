@@ -51,7 +51,7 @@ class _Shape:
         return cls(fixed, message[fixed], np.flatnonzero(~meant[:end]), end)
 
 
-class Cleaner:
+class PaddingNormalizer:
     """Cleans the messages of one type, many at once. Remembers the shapes it has seen."""
 
     def __init__(self, typename: str, types: Types) -> None:

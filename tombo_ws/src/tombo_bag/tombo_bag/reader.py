@@ -17,10 +17,10 @@ from tombo_bag.columns import ColumnTable, columns_of
 from tombo_bag.scan import (
     ChunkPlace,
     Damage,
-    cut_out,
-    look_inside,
+    extract_messages,
+    index_chunk,
     open_chunk,
-    refine_cut,
+    refine_truncation,
     walk,
 )
 from tombo_bag.schemas import parse_schema
@@ -76,9 +76,9 @@ class Bag:
         unannounced = not self._found.finished or not self._found.channels
         for place in self._found.chunks:
             if place.offset and (check or unannounced or place.index is None):
-                place.index, _ = look_inside(self._open(place), self._found)
+                place.index, _ = index_chunk(self._open(place), self._found)
                 if not place.whole:
-                    refine_cut(self._found, place)
+                    refine_truncation(self._found, place)
 
     @property
     def damage(self) -> tuple[Damage, ...]:
@@ -180,10 +180,10 @@ class Bag:
                 rows = (place.index or {}).get(number)
                 if rows is None:
                     continue
-                piece = cut_out(data, number, rows[:, 1])
+                piece = extract_messages(data, number, rows[:, 1])
                 if piece is None:
-                    place.index, _ = look_inside(data, self._found)
-                    piece = cut_out(data, number, place.index.get(number, rows[:0])[:, 1])
+                    place.index, _ = index_chunk(data, self._found)
+                    piece = extract_messages(data, number, place.index.get(number, rows[:0])[:, 1])
                 if piece is not None:
                     yield number, *piece
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from tombo_bag.bag_metadata import BagMetadata, FileEntry, TopicEntry
 from tombo_bag.mcap_sink import SECOND_NS, Columns, McapSink
-from tombo_bag.padding import Cleaner
+from tombo_bag.padding import PaddingNormalizer
 from tombo_bag.qos import Qos
 from tombo_bag.schemas import known_types, type_hash
 from tombo_dynamics.errors import InputError
@@ -68,7 +68,7 @@ class _Topic:
     typename: str
     type_hash: str
     qos: Qos
-    cleaner: Cleaner | None
+    cleaner: PaddingNormalizer | None
     channel: int
     waiting: Waiting = field(default_factory=list)
     held: Waiting = field(default_factory=list)
@@ -156,14 +156,14 @@ class RollingSink:
         if known is None:
             hashed = type_hash(typename)
             channel = 0 if self._sink.closed else self._sink.add_channel(name, typename, qos)
-            cleaner = Cleaner(typename, known_types())
+            cleaner = PaddingNormalizer(typename, known_types())
             self._topics[name] = _Topic(typename, hashed, qos, cleaner, channel)
         elif known.typename != typename:
             raise InputError(
                 f"topic '{name}' has type {typename}; it is {known.typename} in this recording"
             )
 
-    def leave_as_they_come(self, name: str) -> None:
+    def keep_padding(self, name: str) -> None:
         """Don't clean a topic's messages: its publisher means something else by their type."""
         self._topics[name].cleaner = None
 
@@ -260,12 +260,12 @@ class RollingSink:
         if self._sink.closed:
             return
 
-        def last_words() -> dict[str, dict[str, str]]:
+        def final_records() -> dict[str, dict[str, str]]:
             metadata = self.metadata()
             return {NOTES: dict(metadata.custom), "rosbag2": metadata.as_record()}
 
         try:
-            self._sink.close(last_words)
+            self._sink.close(final_records)
         except OSError:
             if not self._done:
                 raise

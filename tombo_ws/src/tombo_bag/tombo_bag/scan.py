@@ -211,7 +211,7 @@ def open_chunk(place: ChunkPlace) -> tuple[bytes | memoryview, Damage | None]:
     return data, None
 
 
-def refine_cut(found: FileMap, place: ChunkPlace) -> None:
+def refine_truncation(found: FileMap, place: ChunkPlace) -> None:
     """Say in the damage of a chunk that was cut off how far its messages could be read."""
     times = [int(rows[:, 0].max()) for rows in (place.index or {}).values()]
     if not times:
@@ -222,7 +222,7 @@ def refine_cut(found: FileMap, place: ChunkPlace) -> None:
             found.damage[i] = replace(damage, from_ns=max(times), text=text)
 
 
-def look_inside(
+def index_chunk(
     data: bytes | memoryview, found: FileMap
 ) -> tuple[dict[int, NDArray[np.uint64]], int]:
     """List a chunk's messages and note its schemas and channels; also: bytes of whole records."""
@@ -246,7 +246,7 @@ def look_inside(
     return {channel: np.array(rows, np.uint64) for channel, rows in places.items()}, at
 
 
-def cut_out(
+def extract_messages(
     data: bytes | memoryview, channel: int, offsets: NDArray[np.uint64]
 ) -> tuple[NDArray[np.void], list[bytes]] | None:
     """Take messages out of a chunk: their heads and their bytes; None if the index is wrong."""

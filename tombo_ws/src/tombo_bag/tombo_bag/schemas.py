@@ -84,7 +84,7 @@ def known_types() -> Types:
     return type_store().fielddefs
 
 
-def learn(typename: str) -> None:
+def load_installed_type(typename: str) -> None:
     """Make a type known, with all it depends on, from the packages that are installed.
 
     Raises:
@@ -127,7 +127,7 @@ def schema_text(typename: str) -> str:
     Raises:
         InputError: the type is not known.
     """
-    learn(typename)
+    load_installed_type(typename)
     types = known_types()
     parts = [_definition(typename)]
     for name in _dependencies(typename, types):
@@ -170,7 +170,7 @@ def named_type(descriptor: Any) -> str | None:
 
 def type_hash(typename: str) -> str:
     """Return the type's `RIHS01_...` hash, by which ROS 2 tells versions of a type apart."""
-    learn(typename)
+    load_installed_type(typename)
     return type_store().hash_rihs01(typename)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tombo_bag.topics import TOPICS
-from tombo_bringup.topic_table import every_node, tables, updated
+from tombo_bringup.interface_tables import every_node, tables, updated
 from tombo_dynamics.errors import InputError
 from tombo_flight.suite.nodes import PX4_SUITE, SUITE
 
@@ -18,7 +18,7 @@ NODES = {node.name: node for node in every_node()}
 
 
 def test_the_tables_are_up_to_date():
-    due = "python -m tombo_bringup.topic_table docs/nodes.md"
+    due = "python -m tombo_bringup.interface_tables docs/nodes.md"
     assert updated(PAGE, tables()) == PAGE, f"run: {due}"
 
 
@@ -31,7 +31,7 @@ def test_every_topic_has_a_line_and_a_speaker():
 
 def test_what_flies_does_not_listen_to_the_truth():
     for node in NODES.values():
-        assert not any(topic.startswith("/ground_truth") for topic in node.listens)
+        assert not any(topic.startswith("/ground_truth") for topic in node.subscribes)
 
 
 def edges() -> list[tuple[str, str, str]]:
@@ -40,8 +40,8 @@ def edges() -> list[tuple[str, str, str]]:
 
 @pytest.mark.parametrize(("speaker", "topic", "listener"), edges())
 def test_an_arrow_of_the_figure_is_there(speaker: str, topic: str, listener: str):
-    assert f"/{topic}" in NODES[speaker].speaks
-    assert f"/{topic}" in NODES[listener].listens
+    assert f"/{topic}" in NODES[speaker].publishes
+    assert f"/{topic}" in NODES[listener].subscribes
 
 
 def test_the_figure_has_every_node_that_flies():

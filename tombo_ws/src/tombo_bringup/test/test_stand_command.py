@@ -17,7 +17,7 @@ from tombo_bringup.cli.benchmark_stand_command import benchmark_stand as benchma
 from tombo_bringup.cli.propeller_command import app
 from tombo_diagnosis.benchmark.stand_cases import SIZES, make_case
 from tombo_diagnosis.benchmark.stand_run import benchmark
-from tombo_diagnosis.benchmark.stand_shapes import SHAPES
+from tombo_diagnosis.benchmark.unmodelled_effects import UNMODELLED_EFFECTS
 from tombo_diagnosis.diagnosis import VERDICTS
 from tombo_diagnosis.stand.analyse import analyse
 from tombo_dynamics.errors import InputError
@@ -199,11 +199,11 @@ def test_blind_cases_hide_what_they_say():
     kinds = {c.kind for c in cases}
     assert kinds == {"none", "single", "pair", "unknown"}
     for c in cases:
-        known = SHAPES if c.kind == "unknown" else STAND_EFFECTS
+        known = UNMODELLED_EFFECTS if c.kind == "unknown" else STAND_EFFECTS
         assert set(c.hidden) <= set(known)
         assert len(c.hidden) == {"none": 0, "single": 1, "pair": 2, "unknown": 1}[c.kind]
         assert c.size in ("", *SIZES)
-        assert not set(SHAPES) & set(STAND_EFFECTS)
+        assert not set(UNMODELLED_EFFECTS) & set(STAND_EFFECTS)
 
 
 def test_a_small_benchmark_scores_and_stays_honest():

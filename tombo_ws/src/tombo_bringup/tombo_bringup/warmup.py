@@ -25,11 +25,11 @@ def warm_propeller() -> None:
 def warm_flight() -> None:
     """Fly a moment with the whole autopilot, and with the bare kernel."""
     from tombo_bringup.bench.kernel_flight import new_flight, stretches
-    from tombo_flight.flight_output import rehearse
+    from tombo_flight.flight_output import warm_up_flight
     from tombo_flight.scenario import load_scenario
 
     scenario = load_scenario()
-    rehearse(scenario)
+    warm_up_flight(scenario)
     flight = new_flight(scenario, 0)
     leg, mode, start, _ = stretches(flight, 1.0)[0]
     flight.stretch(leg, mode, start, start + 1)
@@ -38,9 +38,9 @@ def warm_flight() -> None:
 def warm_nodes() -> None:
     """Go through the cores of all nodes."""
     from tombo_flight.scenario import load_scenario
-    from tombo_flight.suite.rehearsal import rehearse_nodes
+    from tombo_flight.suite.warm_up import warm_up_nodes
 
-    rehearse_nodes(load_scenario())
+    warm_up_nodes(load_scenario())
 
 
 def warm_files() -> None:

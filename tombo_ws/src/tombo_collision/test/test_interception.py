@@ -8,14 +8,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tombo_collision import interception
+from tombo_collision import reaction_core as interception
 from tombo_collision.detector import CollisionEvent
-from tombo_collision.interception import (
+from tombo_collision.params import ReactionLimits, ReactionParams
+from tombo_collision.reaction_core import (
     APPROACH,
     BLIND,
+    CONTACT_TOO_FAR,
     DETECTOR_SILENT,
     DUPLICATE,
-    ELSEWHERE,
     FUTURE,
     HOLD,
     HOLDING,
@@ -34,10 +35,9 @@ from tombo_collision.interception import (
     STATE_NAMES,
     TAKEOFF,
     TWO_PUBLISHERS,
-    Interception,
+    ReactionCore,
     Setpoint,
 )
-from tombo_collision.params import ReactionLimits, ReactionParams
 from tombo_control import autopilot
 
 MS = 1_000_000
@@ -61,9 +61,9 @@ class Bench:
     """Runs the logic at 250 Hz with the inputs that are switched on, and keeps what it says."""
 
     def __init__(self, phase=APPROACH, place=HERE):
-        self.logic = Interception(ReactionParams(), ReactionLimits())
+        self.logic = ReactionCore(ReactionParams(), ReactionLimits())
         self.now = START
-        self.wish = at(place, phase)
+        self.mission_setpoint = at(place, phase)
         self.place = np.array(place, float)
         self.mission = self.odometry = self.mocap = self.detector = True
         self.said = []
@@ -82,7 +82,7 @@ class Bench:
             if self.odometry:
                 self.logic.odometry(self.place, self.now)
             if self.mission and tick % 5 == 0:
-                self.logic.mission(self.wish, self.now)
+                self.logic.mission(self.mission_setpoint, self.now)
             self.tick()
         return [s for _, s in self.said[before:]]
 
@@ -120,20 +120,20 @@ def test_without_a_collision_the_mission_s_set_point_goes_on_unchanged(phase):
     bench = Bench(phase)
     said = bench.run(1.0)
     assert len(said) == 50
-    assert all(s is bench.wish for s in said)
+    assert all(s is bench.mission_setpoint for s in said)
     assert bench.state == IDLE
 
 
 def test_each_wish_goes_on_in_the_same_run():
     bench = Bench()
-    wish = at([1.0, 0.0, 2.0])
-    bench.logic.mission(wish, bench.now)
-    assert bench.tick() is wish
+    mission_setpoint = at([1.0, 0.0, 2.0])
+    bench.logic.mission(mission_setpoint, bench.now)
+    assert bench.tick() is mission_setpoint
     assert bench.tick() is None
 
 
 def test_nothing_is_said_before_the_mission_has_spoken():
-    logic = Interception(ReactionParams(), ReactionLimits())
+    logic = ReactionCore(ReactionParams(), ReactionLimits())
     for k in range(100):
         logic.odometry(HERE, START + k * 4 * MS)
         assert logic.tick(START + k * 4 * MS) is None
@@ -147,7 +147,7 @@ def test_a_collision_is_answered_in_the_same_run(phase):
     assert said.position == pytest.approx(X_R)
     assert said.phase == REACT
     assert not said.velocity.any() and not said.acceleration.any()
-    assert said.yaw == bench.wish.yaw
+    assert said.yaw == bench.mission_setpoint.yaw
     assert bench.state == REACTING
     assert bench.logic.status.reaction.collisions == 1
 
@@ -158,11 +158,11 @@ def test_it_holds_x_r_until_the_mission_flies_there_itself():
     bench.tick()
     place, phase = only(bench.run(1.0))
     assert place == pytest.approx(X_R) and phase == REACT
-    bench.wish = at(X_R, REACT, (0, 0, 0))
-    assert bench.run(0.1)[-1] is bench.wish
+    bench.mission_setpoint = at(X_R, REACT, (0, 0, 0))
+    assert bench.run(0.1)[-1] is bench.mission_setpoint
     for phase in (HOLD, LAND, LANDED):
-        bench.wish = at(X_R - [0.0, 0.0, 0.1], phase)
-        assert bench.run(0.1)[-1] is bench.wish
+        bench.mission_setpoint = at(X_R - [0.0, 0.0, 0.1], phase)
+        assert bench.run(0.1)[-1] is bench.mission_setpoint
         assert bench.state == (IDLE if phase == LANDED else REACTING)
     assert bench.logic.status.reaction.collisions == 1
 
@@ -170,14 +170,14 @@ def test_it_holds_x_r_until_the_mission_flies_there_itself():
 def test_a_mission_that_lands_instead_is_let_land():
     bench = Bench()
     bench.hit()
-    bench.wish = at([0.0, 0.0, 1.0], LAND)
-    assert bench.run(0.1)[-1] is bench.wish
+    bench.mission_setpoint = at([0.0, 0.0, 1.0], LAND)
+    assert bench.run(0.1)[-1] is bench.mission_setpoint
 
 
 def test_a_second_collision_overrides_the_mission_until_it_knows():
     bench = Bench()
     bench.hit()
-    bench.wish = at(X_R, HOLD, (0, 0, 0))
+    bench.mission_setpoint = at(X_R, HOLD, (0, 0, 0))
     bench.run(0.5)
     bench.hit(collision(X_R, (0.0, 1.0, 0.0)))
     said = bench.tick()
@@ -185,18 +185,18 @@ def test_a_second_collision_overrides_the_mission_until_it_knows():
     assert bench.logic.status.reaction.collisions == 2
     place, _ = only(bench.run(0.5))  # the mission still holds the first x_r
     assert place == pytest.approx([0.9, -0.7, 2.0])
-    bench.wish = at(place, REACT, (0, 0, 0))
-    assert bench.run(0.1)[-1] is bench.wish
+    bench.mission_setpoint = at(place, REACT, (0, 0, 0))
+    assert bench.run(0.1)[-1] is bench.mission_setpoint
 
 
 def test_once_landed_the_next_flight_begins_afresh():
     bench = Bench()
     bench.hit()
-    bench.wish = at([0, 0, 0.18], LANDED)
+    bench.mission_setpoint = at([0, 0, 0.18], LANDED)
     bench.run(0.1)
-    bench.wish = at([0, 0, 0.18], PHASE_IDLE)
+    bench.mission_setpoint = at([0, 0, 0.18], PHASE_IDLE)
     said = bench.run(0.1)
-    assert said[-1] is bench.wish
+    assert said[-1] is bench.mission_setpoint
     assert bench.logic.status.reaction.collisions == 0
 
 
@@ -210,14 +210,14 @@ def test_once_landed_the_next_flight_begins_afresh():
         (NOT_UNIT, collision(direction=(1.2, 0, 0)), 20),
         (STALE, collision(), 1001),
         (FUTURE, collision(), -51),
-        (ELSEWHERE, collision([1000.0, 0.0, 2.0]), 20),
+        (CONTACT_TOO_FAR, collision([1000.0, 0.0, 2.0]), 20),
     ],
 )
 def test_an_event_that_makes_no_sense_changes_nothing(why, event, age_ms):
     bench = Bench()
     assert bench.hit(event, age_ms) == why
     said = bench.run(0.2)
-    assert all(s is bench.wish for s in said)
+    assert all(s is bench.mission_setpoint for s in said)
     assert bench.state == IDLE
     assert bench.hit() == ""  # and the next is answered
 
@@ -226,7 +226,7 @@ def test_an_event_that_makes_no_sense_changes_nothing(why, event, age_ms):
 def test_on_the_ground_and_landing_there_is_no_reaction(phase):
     bench = Bench(phase)
     assert bench.hit() == NOT_FLYING
-    assert all(s is bench.wish for s in bench.run(0.2))
+    assert all(s is bench.mission_setpoint for s in bench.run(0.2))
 
 
 def test_the_same_event_again_is_not_a_second_collision():
@@ -248,11 +248,11 @@ def test_a_direction_that_is_nearly_a_unit_vector_is_made_one():
 def test_started_in_flight_a_fresh_event_waits_for_the_mission():
     bench = Bench()
     fresh = Bench()
-    fresh.logic = Interception(ReactionParams(), ReactionLimits())
+    fresh.logic = ReactionCore(ReactionParams(), ReactionLimits())
     fresh.now = bench.now
     assert fresh.hit() == ""
     assert fresh.tick() is None
-    fresh.logic.mission(fresh.wish, fresh.now)
+    fresh.logic.mission(fresh.mission_setpoint, fresh.now)
     assert fresh.tick().position == pytest.approx(X_R)
 
 
@@ -264,21 +264,21 @@ def test_a_silent_detector_makes_it_hold_where_it_is_and_go_on_after():
     bench.run(0.1)
     assert (bench.state, bench.logic.status.why) == (HOLDING, DETECTOR_SILENT)
     bench.place = HERE + np.array([0.4, 0.0, 0.0])  # it brakes; where it was is where it stays
-    bench.wish = at([3.0, 0.0, 2.0])
+    bench.mission_setpoint = at([3.0, 0.0, 2.0])
     place, phase = only(bench.run(1.0))
     assert place == pytest.approx(HERE) and phase == HOLD
     assert not bench.said[-1][1].velocity.any()
     bench.detector = True
     bench.run(0.06)
     assert bench.state == IDLE
-    assert bench.run(0.1)[-1] is bench.wish
+    assert bench.run(0.1)[-1] is bench.mission_setpoint
 
 
 def test_without_a_detector_nobody_takes_off():
     bench = Bench(PHASE_IDLE)
     bench.detector = False
     said = bench.run(1.0)
-    assert all(s is bench.wish for s in said)
+    assert all(s is bench.mission_setpoint for s in said)
     assert (bench.state, bench.logic.status.why) == (HOLDING, DETECTOR_SILENT)
 
 
@@ -287,7 +287,7 @@ def test_a_detector_without_poses_is_not_to_blame():
     bench.mocap = False
     bench.run(1.0)
     assert bench.state == BLIND
-    assert bench.run(0.1)[-1] is bench.wish
+    assert bench.run(0.1)[-1] is bench.mission_setpoint
     bench.mocap = True
     states = set()
     for _ in range(100):
@@ -326,7 +326,7 @@ def test_a_silent_mission_makes_it_hold_where_it_is(phase):
     times = [when for when, _ in bench.said][-20:]
     assert set(np.diff(times)) == {20 * MS}
     bench.mission = True
-    assert bench.run(0.1)[-1] is bench.wish
+    assert bench.run(0.1)[-1] is bench.mission_setpoint
     assert bench.state == IDLE
 
 
@@ -343,7 +343,7 @@ def test_a_mission_that_dies_after_a_collision_leaves_it_at_x_r(phase):
     bench = Bench()
     bench.hit()
     bench.tick()
-    bench.wish = at(X_R, phase, (0, 0, 0))
+    bench.mission_setpoint = at(X_R, phase, (0, 0, 0))
     bench.run(0.2)
     bench.mission = False
     bench.place = X_C + np.array([0.1, 0.1, -0.5])
@@ -355,7 +355,7 @@ def test_a_mission_that_dies_after_a_collision_leaves_it_at_x_r(phase):
 def test_a_mission_that_dies_while_landing_leaves_it_hovering():
     bench = Bench()
     bench.hit()
-    bench.wish = at(X_R, LAND)
+    bench.mission_setpoint = at(X_R, LAND)
     bench.run(0.2)
     bench.place = X_R - [0.0, 0.0, 0.7]
     bench.mission = False
@@ -375,21 +375,21 @@ def test_a_collision_while_it_holds_is_answered():
 
 def test_two_missions_make_it_hold():
     bench = Bench()
-    bench.logic.crowded(True)
+    bench.logic.multiple_publishers(True)
     place, phase = only(bench.run(0.5))
     assert place == pytest.approx(HERE) and phase == HOLD
     assert (bench.state, bench.logic.status.why) == (HOLDING, TWO_PUBLISHERS)
-    bench.logic.crowded(False)
-    assert bench.run(0.1)[-1] is bench.wish
+    bench.logic.multiple_publishers(False)
+    assert bench.run(0.1)[-1] is bench.mission_setpoint
 
 
 def test_two_missions_after_a_collision_leave_it_at_x_r():
     bench = Bench()
     bench.hit()
-    bench.wish = at(X_R, HOLD, (0, 0, 0))
+    bench.mission_setpoint = at(X_R, HOLD, (0, 0, 0))
     bench.run(0.1)
-    bench.logic.crowded(True)
-    bench.wish = at([5.0, 5.0, 5.0], HOLD)
+    bench.logic.multiple_publishers(True)
+    bench.mission_setpoint = at([5.0, 5.0, 5.0], HOLD)
     place, phase = only(bench.run(0.5))
     assert place == pytest.approx(X_R) and phase == REACT
 
@@ -400,10 +400,10 @@ anything = st.sampled_from([math.nan, math.inf, -math.inf])
 @given(st.sampled_from(["position", "velocity", "acceleration", "yaw"]), anything)
 def test_a_wish_that_is_no_number_is_refused_and_counts_as_silence(name, value):
     bench = Bench()
-    good = bench.wish
+    good = bench.mission_setpoint
     bad = value if name == "yaw" else np.array([0.0, value, 0.0])
-    bench.wish = replace(good, **{name: bad})
-    assert not bench.logic.mission(bench.wish, bench.now)
+    bench.mission_setpoint = replace(good, **{name: bad})
+    assert not bench.logic.mission(bench.mission_setpoint, bench.now)
     said = bench.run(0.6)
     assert all(s.finite() for s in said)
     assert (bench.state, bench.logic.status.why) == (HOLDING, MISSION_SILENT)
@@ -425,12 +425,12 @@ def test_an_estimate_that_is_no_number_is_refused():
 
 def test_without_any_estimate_it_holds_what_was_said_last():
     bench = Bench()
-    bench.logic = Interception(ReactionParams(), ReactionLimits())
+    bench.logic = ReactionCore(ReactionParams(), ReactionLimits())
     bench.odometry = False
     bench.run(0.1)
     bench.mission = False
     place, _ = only(bench.run(0.8)[2:])
-    assert place == pytest.approx(bench.wish.position)
+    assert place == pytest.approx(bench.mission_setpoint.position)
 
 
 def test_the_status_is_another_object_only_when_something_has_changed():
@@ -450,8 +450,8 @@ def test_a_clock_set_back_begins_anew():
     bench.hit()
     bench.run(0.1)
     bench.now -= 1000 * MS * 1000
-    bench.wish = at([0.0, 0.0, 0.18], PHASE_IDLE)
-    assert bench.run(0.2)[-1] is bench.wish
+    bench.mission_setpoint = at([0.0, 0.0, 0.18], PHASE_IDLE)
+    assert bench.run(0.2)[-1] is bench.mission_setpoint
     assert bench.state == IDLE
     assert bench.logic.status.reaction.collisions == 0
 
@@ -487,6 +487,6 @@ def test_whoever_falls_silent_it_says_something_sensible_fifty_times_a_second(ch
     assert np.diff(times).max(initial=0) <= 330 * MS
     for _, said in bench.said:
         assert said.finite()
-        places = (bench.wish.position, HERE, X_R)
+        places = (bench.mission_setpoint.position, HERE, X_R)
         assert min(np.linalg.norm(said.position - p) for p in places) < 1e-9
         assert said.phase in (APPROACH, REACT, HOLD)

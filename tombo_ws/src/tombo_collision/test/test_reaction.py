@@ -14,9 +14,9 @@ from tombo_collision.reaction import (
     IDLE,
     REACTING,
     ReactionState,
-    escape_direction,
+    bounce_direction,
     react,
-    watch_mocap,
+    update_mocap_age,
 )
 
 P = ReactionParams()
@@ -50,7 +50,7 @@ def test_x_r_lies_at_d_r_from_x_c_against_the_flight(x_c, direction, distance):
 
 @given(units)
 def test_n_r_is_horizontal_unless_the_flight_was_nearly_vertical(direction):
-    n_r = escape_direction(direction)
+    n_r = bounce_direction(direction)
     across = np.hypot(direction[0], direction[1])
     if across > 0.21:
         assert n_r[2] == 0.0
@@ -73,7 +73,7 @@ def test_what_is_decided_stays_until_the_next_event(x_c, direction):
     state = react(ReactionState(), given_event, P)
     latched = dataclasses.asdict(state)
     for age in (0.01, 0.5, 3.0, 0.02):
-        state = watch_mocap(state, age, 0.25)
+        state = update_mocap_age(state, age, 0.25)
     after = dataclasses.asdict(state)
     for name in ("x_c", "n_r", "x_r", "since_s", "collisions", "state"):
         assert np.array_equal(after[name], latched[name]), name
@@ -128,7 +128,7 @@ def test_after_any_two_collisions_x_r_is_a_place_at_d_r(x_c, first, second):
     one = react(ReactionState(), event(x_c, first), P)
     assume(np.linalg.norm(one.n_r) > 0.0)
     # the worst place for the second: straight away from it is where the first was
-    there = one.x_c - P.distance * escape_direction(second)
+    there = one.x_c - P.distance * bounce_direction(second)
     two = react(one, event(there, second, 30.0), P)
     assert np.linalg.norm(two.n_r) == pytest.approx(1.0)
     if (there + P.distance * two.n_r)[2] >= P.height_min:
@@ -136,13 +136,13 @@ def test_after_any_two_collisions_x_r_is_a_place_at_d_r(x_c, first, second):
 
 
 def test_mocap_lost_and_back():
-    lost = watch_mocap(FIRST, 0.3, 0.25)
+    lost = update_mocap_age(FIRST, 0.3, 0.25)
     assert lost.state == BLIND
-    assert watch_mocap(lost, 0.3, 0.25).state == BLIND
-    assert watch_mocap(lost, 0.25, 0.25).state == REACTING
-    assert watch_mocap(ReactionState(), 9.0, 0.25).state == IDLE
+    assert update_mocap_age(lost, 0.3, 0.25).state == BLIND
+    assert update_mocap_age(lost, 0.25, 0.25).state == REACTING
+    assert update_mocap_age(ReactionState(), 9.0, 0.25).state == IDLE
 
 
 def test_a_collision_while_blind_is_answered():
-    lost = watch_mocap(FIRST, 0.3, 0.25)
+    lost = update_mocap_age(FIRST, 0.3, 0.25)
     assert react(lost, event([0.5, 0.0, 2.0], [0.0, 1.0, 0.0]), P).state == REACTING

@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pose_bench import flight, watch
 
-from tombo_collision.params import DetectorParams
-from tombo_collision.watch import (
+from tombo_collision.detector_core import (
     FUTURE,
     JUMP,
     LATE,
@@ -17,8 +16,9 @@ from tombo_collision.watch import (
     NOT_UNIT,
     OUT_OF_ORDER,
     WRONG_FRAME,
-    CollisionWatch,
+    DetectorCore,
 )
+from tombo_collision.params import DetectorParams
 
 EPOCH = 1_763_700_000_123_456_789
 LATENCY = 10_000_000
@@ -39,7 +39,7 @@ def feed(look, poses=STRUCK, epoch=EPOCH, begin=0, end=None):
 
 def one_bad(stamp=0, now=0, frame="map", position=None, attitude=None, before=60):
     """The struck flight with one bad pose before sample `before`; (it, all others seen)."""
-    look = CollisionWatch(DetectorParams())
+    look = DetectorCore(DetectorParams())
     seen = feed(look, end=before)
     at = stamps()[before - 1] + 10 * MS
     bad = look.pose(
@@ -53,7 +53,7 @@ def one_bad(stamp=0, now=0, frame="map", position=None, attitude=None, before=60
 
 
 def test_stamps_of_today_give_what_small_ones_give():
-    look = CollisionWatch(DetectorParams())
+    look = DetectorCore(DetectorParams())
     seen = feed(look)
     (found,) = [(i, s) for i, s in enumerate(seen) if s.event is not None]
     index, (event, contact) = found[0], (found[1].event, found[1].contact_ns)
@@ -94,20 +94,20 @@ def test_a_bad_pose_is_refused_and_leaves_no_trace(reason, bad):
     assert (refused.refused, refused.event, refused.statistic) == (reason, None, 0.0)
     assert look.refused == {reason: 1}
     assert (look.poses, look.rejected) == (len(STRUCK) + 1, 1)
-    untouched = feed(CollisionWatch(DetectorParams()))
+    untouched = feed(DetectorCore(DetectorParams()))
     assert [s.statistic for s in others] == [s.statistic for s in untouched]
     assert sum(s.event is not None for s in others) == 1
 
 
 def test_a_sample_before_the_others_is_not_used_for_the_start():
-    look = CollisionWatch(DetectorParams())
+    look = DetectorCore(DetectorParams())
     assert look.pose(EPOCH + 9 * MS, EPOCH, "map", [0, 0, 2.0], [0, 0, 0, 1.0]).refused == FUTURE
     assert sum(s.event is not None for s in feed(look)) == 1
 
 
 @pytest.mark.parametrize(("norm", "ahead"), [(0.91, 0), (1.09, 0), (1.0, 5 * MS)])
 def test_what_is_only_a_little_off_is_used(norm, ahead):
-    look = CollisionWatch(DetectorParams())
+    look = DetectorCore(DetectorParams())
     seen = look.pose(EPOCH + ahead, EPOCH, "map", [0, 0, 0.2], [0, 0, 0, norm])
     assert not seen.refused
 
@@ -115,7 +115,7 @@ def test_what_is_only_a_little_off_is_used(norm, ahead):
 @pytest.mark.parametrize("back", [0.1, 0.3, 1e3, 1e6])
 def test_a_clock_set_back_does_not_deafen_it(back):
     """A simulation started again: the watch goes on with the new time at once."""
-    look = CollisionWatch(DetectorParams())
+    look = DetectorCore(DetectorParams())
     feed(look, end=60)
     epoch = EPOCH - round(1e9 * back) - round(1e9 * (STRUCK.t[59] - STRUCK.t[0]))
     again = feed(look, epoch=epoch)
@@ -124,7 +124,7 @@ def test_a_clock_set_back_does_not_deafen_it(back):
 
 
 def test_a_clock_set_back_at_once_does_not_deafen_it():
-    look = CollisionWatch(DetectorParams())
+    look = DetectorCore(DetectorParams())
     feed(look, begin=1, end=6)
     again = feed(look, epoch=EPOCH - 3600 * 1000 * MS)
     assert not any(s.refused for s in again)
@@ -132,20 +132,20 @@ def test_a_clock_set_back_at_once_does_not_deafen_it():
 
 
 def test_new_parameters_hold_from_the_next_pose_on():
-    look = CollisionWatch(DetectorParams())
+    look = DetectorCore(DetectorParams())
     feed(look, end=100)
-    look.retune(DetectorParams(trigger="none"))
+    look.set_params(DetectorParams(trigger="none"))
     assert not any(s.event for s in feed(look, begin=100))
-    look = CollisionWatch(DetectorParams(trigger="none"))
+    look = DetectorCore(DetectorParams(trigger="none"))
     feed(look, end=80)
-    look.retune(DetectorParams())
+    look.set_params(DetectorParams())
     assert sum(s.event is not None for s in feed(look, begin=80)) == 1
 
 
 def test_new_noise_holds_from_the_next_pose_on():
-    look = CollisionWatch(DetectorParams(trigger="none"))
+    look = DetectorCore(DetectorParams(trigger="none"))
     feed(look, end=60)
-    look.retune(DetectorParams(trigger="none", position_noise=0.01, rate_noise=1.2))
+    look.set_params(DetectorParams(trigger="none", position_noise=0.01, rate_noise=1.2))
     calm = [s.statistic for s in feed(look, begin=60, end=80)]
     assert np.mean(calm) < 0.3 * STATISTIC[60:80].mean()
 
@@ -167,7 +167,7 @@ anything = st.floats(allow_nan=True, allow_infinity=True)
     )
 )
 def test_whatever_comes_it_neither_fails_nor_loses_the_strike(rows):
-    look = CollisionWatch(DetectorParams())
+    look = DetectorCore(DetectorParams())
     feed(look, end=40)
     now = stamps()[39]
     for offset, later, frame, position, attitude in rows:

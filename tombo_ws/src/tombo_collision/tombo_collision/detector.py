@@ -33,10 +33,10 @@ _RATE_STEP = 0.033
 """s: `rate_noise` holds for attitudes this far apart or more; closer ones give noisier rates."""
 _SLOW = 0.03
 """m: a track shorter than this has no direction."""
-_SETTLE_SAMPLES = 8
-_KNOWS_VELOCITY = 2
+_WARM_UP_SAMPLES = 8
+_MIN_SAMPLES_FOR_GATE = 2
 """Samples after which the filter's velocity is good enough to tell a jump."""
-_AGREE = 3
+_POSES_TO_ACCEPT_JUMP = 3
 """Samples at the new place that make a jump the truth."""
 _MODELS = 256
 
@@ -73,23 +73,23 @@ class CollisionDetector:
     """Watches capture-stamped poses; `update` returns an event when one is detected."""
 
     def __init__(self, params: DetectorParams) -> None:
-        self.retune(params)
+        self.set_params(params)
         self._filter: Any = None
         self._ground = math.nan
         self._last_stamp = -math.inf
         self._last_attitude: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)
         self._track: deque[tuple[float, Array]] = deque()
         self._samples = 0
-        self._blocked_until = -math.inf
+        self._holdoff_until = -math.inf
         self._count = 0
         self._inside = False
-        self._astray: list[_Pose] = []
+        self._jump_candidates: list[_Pose] = []
         self.statistic = 0.0
         """Normalised innovation squared of the last sample; 0 where there was none."""
         self.refused = ""
         """Why the last sample was not used; empty if it was."""
 
-    def retune(self, params: DetectorParams) -> None:
+    def set_params(self, params: DetectorParams) -> None:
         """Go on with other parameters; what was seen so far stays."""
         self._p = params
         self._innovation = params.trigger in ("innovation", "both")
@@ -125,12 +125,12 @@ class CollisionDetector:
         follows = self._filter is not None and 0.0 < step <= self._p.gap_max
         moved = False
         if not follows:
-            self._astray.clear()
-        elif self._samples >= _KNOWS_VELOCITY and self._has_jumped(pose, step):
-            if len(self._astray) < _AGREE:
+            self._jump_candidates.clear()
+        elif self._samples >= _MIN_SAMPLES_FOR_GATE and self._has_jumped(pose, step):
+            if len(self._jump_candidates) < _POSES_TO_ACCEPT_JUMP:
                 self._refuse(JUMP)
                 return None
-            self._astray.clear()
+            self._jump_candidates.clear()
             moved, follows = True, False
         self.refused = ""
         position = position.copy()
@@ -139,15 +139,15 @@ class CollisionDetector:
             self._ground = floor if first > floor + self._p.arm_height else first
         event = None
         if step < 0.0:
-            self._blocked_until = -math.inf
+            self._holdoff_until = -math.inf
         if follows:
-            self._advance(step, pose)
+            self._predict_and_update(step, pose)
             armed = (
                 pose.position[2] - self._ground > self._p.arm_height
-                and stamp_s >= self._blocked_until
+                and stamp_s >= self._holdoff_until
             )
             if armed:
-                event = self._judge(stamp_s, position)
+                event = self._evaluate_triggers(stamp_s, position)
         else:
             self._restart(position)
             if moved:  # into the region, perhaps: no entry
@@ -155,10 +155,10 @@ class CollisionDetector:
         self._last_stamp = stamp_s
         self._last_attitude = pose.attitude
         if event is not None:
-            self._blocked_until = stamp_s + self._p.holdoff
+            self._holdoff_until = stamp_s + self._p.holdoff
             self._track.clear()
             self._samples = 0
-        elif stamp_s >= self._blocked_until and self.statistic < self._p.threshold:
+        elif stamp_s >= self._holdoff_until and self.statistic < self._p.threshold:
             self._track.append((stamp_s, position))
             oldest = stamp_s - _TRACK_TIME - 0.5 * step
             while len(self._track) > 1 and self._track[0][0] < oldest:
@@ -170,32 +170,34 @@ class CollisionDetector:
         self.statistic = 0.0
 
     def _has_jumped(self, pose: _Pose, step: float) -> bool:
-        """Say whether a pose is where no strike could have put it; `_astray` keeps those that do.
+        """Say whether a pose is where no strike could have put it; `_jump_candidates` keeps those.
 
         Once one has jumped, the next belongs to whichever it is nearer to, the old place or the
         new one: the longer no pose comes from the old place, the further away that could be.
         """
         x, y, z, vx, vy, vz = self._filter.x[:6, 0].tolist()
         velocity, speed = (vx, vy, vz), math.sqrt(vx * vx + vy * vy + vz * vz)
-        near, off = self._reach((x, y, z), velocity, speed, self._last_attitude, pose, step)
-        if not self._astray:
+        near, off = self._is_reachable((x, y, z), velocity, speed, self._last_attitude, pose, step)
+        if not self._jump_candidates:
             if not near:
-                self._astray.append(pose)
+                self._jump_candidates.append(pose)
             return not near
-        last = self._astray[-1]
+        last = self._jump_candidates[-1]
         since = pose.stamp_s - last.stamp_s
         if since <= 0.0:
             return True
-        agrees, off_new = self._reach(last.position, velocity, speed, last.attitude, pose, since)
+        agrees, off_new = self._is_reachable(
+            last.position, velocity, speed, last.attitude, pose, since
+        )
         if near and off <= off_new:
-            self._astray.clear()
+            self._jump_candidates.clear()
             return False
         if not agrees:
-            self._astray.clear()
-        self._astray.append(pose)
+            self._jump_candidates.clear()
+        self._jump_candidates.append(pose)
         return True
 
-    def _reach(
+    def _is_reachable(
         self,
         place: tuple[float, ...],
         velocity: tuple[float, ...],
@@ -247,7 +249,7 @@ class CollisionDetector:
             model = self._models[step] = _model(self._p, step)
         return model
 
-    def _advance(self, step: float, pose: _Pose) -> None:
+    def _predict_and_update(self, step: float, pose: _Pose) -> None:
         """Predict over `step` [s], compare with the sample and correct."""
         kf = self._filter
         kf.F, kf.B, kf.Q, kf.R = self._model(step)
@@ -268,9 +270,9 @@ class CollisionDetector:
         kf.update(np.array([[px], [py], [pz], [rx / step], [ry / step], [rz / step]]))
         y_ = kf.y[:, 0]
         self._samples += 1
-        self.statistic = float(y_ @ kf.SI @ y_) if self._samples > _SETTLE_SAMPLES else 0.0
+        self.statistic = float(y_ @ kf.SI @ y_) if self._samples > _WARM_UP_SAMPLES else 0.0
 
-    def _judge(self, stamp_s: float, position: Array) -> CollisionEvent | None:
+    def _evaluate_triggers(self, stamp_s: float, position: Array) -> CollisionEvent | None:
         """Apply the triggers to the present sample."""
         p = self._p
         if self._innovation and self.statistic > p.threshold:

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from tombo_bag.topics import COLLISION_EVENT, DETECTOR_STATUS, MOCAP_POSE
+from tombo_collision.detector_core import TWO_PUBLISHERS, DetectorCore, DetectorOutput
 from tombo_collision.params import DetectorParams
-from tombo_collision.watch import TWO_PUBLISHERS, CollisionWatch, Seen
 from tombo_msgs.msg import CollisionEvent, DetectorStatus
 from tombo_ros.conversion import array, point, to_ns, to_time, vector
 from tombo_ros.node_loop import LoopNode, run
@@ -35,79 +35,81 @@ _TRIGGERS = {
 
 
 class DetectorNode(LoopNode):
-    """Runs `CollisionWatch` on each pose."""
+    """Runs `DetectorCore` on each pose."""
 
     def __init__(self) -> None:
         """Declare parameters and topics."""
         super().__init__("detector", 200.0, {"detector": DetectorParams()})
-        self._watch = CollisionWatch(self.records["detector"])
-        self._poses = self.listen(MOCAP_POSE, depth=20)
-        self._events = self.speak(COLLISION_EVENT)
-        self._status = self.speak(DETECTOR_STATUS)
+        self._core = DetectorCore(self.records["detector"])
+        self._poses = self.subscribe(MOCAP_POSE, depth=20)
+        self._events = self.advertise(COLLISION_EVENT)
+        self._status = self.advertise(DETECTOR_STATUS)
         self._pose_ns: int | None = None
         self._known = 0
 
-    def records_changed(self, name: str) -> None:
+    def on_parameters_changed(self, name: str) -> None:
         """Take new parameters in flight."""
-        self._watch.retune(self.records["detector"])
+        self._core.set_params(self.records["detector"])
 
     def step(self, now_ns: int) -> None:
         """Take poses."""
         # arrivals are stamped by the system's clock, whatever the node's
-        crowded = self._poses.crowded(time.time_ns())
+        multiple_publishers = self._poses.multiple_publishers(time.time_ns())
         for taken in self._poses.take():
-            self._take(taken.message, now_ns, crowded)
+            self._take(taken.message, now_ns, multiple_publishers)
         silent = self._pose_ns is not None and now_ns - self._pose_ns > _SILENT_NS
         self.health.fault("mocap_silent", silent, "no mocap poses: no collision can be seen")
 
-    def _take(self, message: Any, now_ns: int, crowded: bool) -> None:
+    def _take(self, message: Any, now_ns: int, multiple_publishers: bool) -> None:
         stamp_ns = to_ns(message.header.stamp)
-        if crowded:
-            seen = self._watch.refuse(TWO_PUBLISHERS)
+        if multiple_publishers:
+            output = self._core.refuse(TWO_PUBLISHERS)
         else:
-            seen = self._watch.pose(
+            output = self._core.pose(
                 stamp_ns,
                 now_ns + self.slack_ns,
                 message.header.frame_id,
                 array(message.pose.position),
                 array(message.pose.orientation),
             )
-        if seen.event is not None:
+        if output.event is not None:
             self._known += 1
-            self._publish_event(seen, message.header.stamp)
-        self._publish_status(seen, message.header.stamp)
+            self._publish_event(output, message.header.stamp)
+        self._publish_status(output, message.header.stamp)
         self._pose_ns = now_ns
-        if seen.refused:
-            self.health.happened(f"pose_{seen.refused}", _REFUSALS[seen.refused])
+        if output.refused:
+            self.health.report_event(f"pose_{output.refused}", _REFUSALS[output.refused])
         elif now_ns - stamp_ns > _LATE_NS:
-            self.health.happened("mocap_late", "poses come more than 0.1 s after their capture")
+            self.health.report_event(
+                "mocap_late", "poses come more than 0.1 s after their capture"
+            )
 
-    def _publish_event(self, seen: Seen, stamp: Any) -> None:
-        event = seen.event
+    def _publish_event(self, output: DetectorOutput, stamp: Any) -> None:
+        event = output.event
         assert event is not None
         message = CollisionEvent()
         message.header.stamp, message.header.frame_id = stamp, "map"
         message.trigger = _TRIGGERS[event.trigger]
-        message.contact_stamp = to_time(seen.contact_ns)
+        message.contact_stamp = to_time(output.contact_ns)
         message.contact_position = point(event.x_c)
         message.flight_direction = vector(event.flight_direction)
         message.confidence, message.statistic = event.confidence, event.statistic
         message.count = event.count
         self._events.publish(message)
 
-    def _publish_status(self, seen: Seen, stamp: Any) -> None:
+    def _publish_status(self, output: DetectorOutput, stamp: Any) -> None:
         message = DetectorStatus()
         message.header.stamp, message.header.frame_id = stamp, "map"
-        message.statistic = seen.statistic
+        message.statistic = output.statistic
         message.threshold = self.records["detector"].threshold
-        message.poses, message.rejected = self._watch.poses, self._watch.rejected
+        message.poses, message.rejected = self._core.poses, self._core.rejected
         self._status.publish(message)
 
     def report(self, now_ns: int) -> None:
         """Add the counts."""
-        self.health.value("poses", self._watch.poses)
+        self.health.value("poses", self._core.poses)
         self.health.value("collisions", self._known)
-        for why, count in sorted(self._watch.refused.items()):
+        for why, count in sorted(self._core.refused.items()):
             self.health.value(f"refused.{why}", count)
         super().report(now_ns)
 

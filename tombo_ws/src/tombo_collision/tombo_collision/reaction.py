@@ -37,7 +37,7 @@ class ReactionState:
     collisions: int = 0
 
 
-def escape_direction(flight_direction: Array) -> Array:
+def bounce_direction(flight_direction: Array) -> Array:
     """Return n_r (3): opposite to the flight, horizontal unless the flight was nearly vertical."""
     horizontal = np.array([flight_direction[0], flight_direction[1], 0.0])
     length = math.sqrt(float(horizontal @ horizontal))
@@ -54,7 +54,7 @@ def react(state: ReactionState, event: CollisionEvent, params: ReactionParams) -
     leaves along the new n_r; should that lead back to within half of d_r of an earlier x_c, it
     leaves along the sum of both directions, or sideways where the two cancel.
     """
-    n_r = escape_direction(event.flight_direction)
+    n_r = bounce_direction(event.flight_direction)
     x_r = event.x_c + params.distance * n_r
     if state.collisions:
         near = x_r - state.x_c
@@ -75,7 +75,7 @@ def _sideways(direction: Array) -> Array:
     return np.array([-direction[1], direction[0], 0.0]) / length
 
 
-def watch_mocap(state: ReactionState, age_s: float, limit_s: float) -> ReactionState:
+def update_mocap_age(state: ReactionState, age_s: float, limit_s: float) -> ReactionState:
     """Say that mocap is lost (age above the limit) or back; x_r is kept meanwhile."""
     if state.state == REACTING and age_s > limit_s:
         return replace(state, state=BLIND)

@@ -21,22 +21,22 @@ from tombo_bag.topics import (
     SETPOINT,
 )
 from tombo_collision.detector import CollisionEvent
-from tombo_collision.interception import (
+from tombo_collision.params import ReactionLimits, ReactionParams
+from tombo_collision.reaction_core import (
     BLIND,
     DUPLICATE,
     HOLDING,
-    Interception,
+    ReactionCore,
     Setpoint,
     Status,
 )
-from tombo_collision.params import ReactionLimits, ReactionParams
 from tombo_msgs.msg import CollisionEvent as EventMessage
 from tombo_msgs.msg import PositionSetpoint, ReactionStatus
 from tombo_ros.conversion import array, point, to_ns, to_time, vector
 from tombo_ros.health import ERROR
 from tombo_ros.markers import GREEN, RED, point_marker
+from tombo_ros.message_template import MessageTemplate
 from tombo_ros.node_loop import LoopNode, run
-from tombo_ros.wire import Wire
 
 _NOWHERE = (math.nan, math.nan, math.nan)
 _TRIGGERS = {
@@ -60,7 +60,7 @@ _EVENT_REFUSALS = {
 
 
 class ReactionNode(LoopNode):
-    """Runs `Interception` on what arrives."""
+    """Runs `ReactionCore` on what arrives."""
 
     def __init__(self) -> None:
         """Declare parameters and topics."""
@@ -69,48 +69,50 @@ class ReactionNode(LoopNode):
         self._reacts = self.declare(
             "react", True, "false: collisions are seen, and nothing is done about them"
         )
-        self._logic = Interception(self.records["reaction"], self.records["inputs"])
-        self._wish_in = self.listen(MISSION_SETPOINT)
-        self._event_in = self.listen(COLLISION_EVENT)
-        self._detector_in = self.listen(DETECTOR_STATUS)
-        self._odometry_in = self.listen(ODOMETRY)
-        self._pose_in = self.listen(MOCAP_POSE)
-        self._exclusive = (self._wish_in, self._event_in, self._detector_in)
-        self._odometry = Wire(
+        self._core = ReactionCore(self.records["reaction"], self.records["inputs"])
+        self._mission_setpoint_in = self.subscribe(MISSION_SETPOINT)
+        self._event_in = self.subscribe(COLLISION_EVENT)
+        self._detector_in = self.subscribe(DETECTOR_STATUS)
+        self._odometry_in = self.subscribe(ODOMETRY)
+        self._pose_in = self.subscribe(MOCAP_POSE)
+        self._exclusive = (self._mission_setpoint_in, self._event_in, self._detector_in)
+        self._odometry = MessageTemplate(
             ODOMETRY.typename,
             {"header": {"frame_id": "map"}, "child_frame_id": "base_link"},
         )
         self._position = self._odometry.field("pose.pose.position.x", 3)
-        self._setpoint = self.speak(SETPOINT)
-        self._status = self.speak(REACTION_STATUS)
-        self._markers = self.speak(MARKERS)
-        self._told: Status | None = None
+        self._setpoint = self.advertise(SETPOINT)
+        self._status = self.advertise(REACTION_STATUS)
+        self._markers = self.advertise(MARKERS)
+        self._published_status: Status | None = None
         self._refused = 0
 
-    def records_changed(self, name: str) -> None:
+    def on_parameters_changed(self, name: str) -> None:
         """Take new parameters in flight."""
-        self._logic.params = self.records["reaction"]
-        self._logic.limits = self.records["inputs"]
+        self._core.params = self.records["reaction"]
+        self._core.limits = self.records["inputs"]
 
     def step(self, now_ns: int) -> None:
         """Take what has come, say what follows from it."""
-        logic = self._logic
+        logic = self._core
         if self._pose_in.take_raw():
             logic.mocap(now_ns)
         if self._detector_in.take_raw():
             logic.detector(now_ns)
         self._take_odometry(now_ns)
-        for taken in self._wish_in.take():
-            self._take_wish(taken.message, now_ns)
+        for taken in self._mission_setpoint_in.take():
+            self._take_mission_setpoint(taken.message, now_ns)
         for taken in self._event_in.take():
             if self._reacts:
                 self._take_event(taken.message, now_ns)
         wall_ns = time.time_ns()  # whatever the clock: arrivals are stamped by the system's
-        logic.crowded(any(found.crowded(wall_ns) for found in self._exclusive))
+        logic.multiple_publishers(
+            any(found.multiple_publishers(wall_ns) for found in self._exclusive)
+        )
         setpoint = logic.tick(now_ns)
         if setpoint is not None:
             self._publish_setpoint(setpoint, now_ns)
-        if logic.status is not self._told:
+        if logic.status is not self._published_status:
             self._publish_status(logic.status, now_ns)
 
     def _take_odometry(self, now_ns: int) -> None:
@@ -120,11 +122,11 @@ class ReactionNode(LoopNode):
         data = samples[-1].message
         if not self._odometry.fits(data):
             self._refuse("odometry_shape", "odometry is not of base_link in map")
-        elif not self._logic.odometry(np.array(self._position.of(data)), now_ns):
+        elif not self._core.odometry(np.array(self._position.of(data)), now_ns):
             self._refuse("odometry_not_finite", "odometry with NaN or infinity")
 
-    def _take_wish(self, message: Any, now_ns: int) -> None:
-        wish = Setpoint(
+    def _take_mission_setpoint(self, message: Any, now_ns: int) -> None:
+        mission_setpoint = Setpoint(
             array(message.position),
             array(message.velocity),
             array(message.acceleration),
@@ -133,7 +135,7 @@ class ReactionNode(LoopNode):
         )
         if message.header.frame_id.lstrip("/") != "map":
             self._refuse("mission_wrong_frame", "a set point whose frame is not map")
-        elif not self._logic.mission(wish, now_ns):
+        elif not self._core.mission(mission_setpoint, now_ns):
             text = "a set point with NaN, infinity or an unknown phase: the last one stands"
             self._refuse("mission_not_finite", text)
 
@@ -152,13 +154,13 @@ class ReactionNode(LoopNode):
         if message.header.frame_id.lstrip("/") != "map":
             why = "wrong_frame"
         else:
-            why = self._logic.event(event, stamp_ns, now_ns)
+            why = self._core.event(event, stamp_ns, now_ns)
         if why and why != DUPLICATE:
             self._refuse(f"event_{why}", _EVENT_REFUSALS[why])
 
     def _refuse(self, key: str, text: str) -> None:
         self._refused += 1
-        self.health.happened(key, text)
+        self.health.report_event(key, text)
 
     def _publish_setpoint(self, setpoint: Setpoint, now_ns: int) -> None:
         message = PositionSetpoint()
@@ -172,8 +174,8 @@ class ReactionNode(LoopNode):
     def _publish_status(self, status: Status, now_ns: int) -> None:
         reaction = status.reaction
         decided = reaction.state != "idle"
-        before = self._told
-        self._told = status
+        before = self._published_status
+        self._published_status = status
         message = ReactionStatus()
         message.header.stamp, message.header.frame_id = to_time(now_ns), "map"
         message.state = status.state
@@ -193,7 +195,7 @@ class ReactionNode(LoopNode):
 
     def report(self, now_ns: int) -> None:
         """Add the counts."""
-        self.health.value("collisions", self._logic.status.reaction.collisions)
+        self.health.value("collisions", self._core.status.reaction.collisions)
         self.health.value("refused", self._refused)
         super().report(now_ns)
 

@@ -21,7 +21,7 @@ from tombo_dynamics.propeller import configuration, thrust_map
 from tombo_dynamics.rigid_body import begin_flight, begin_tick, finish_tick
 from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
 from tombo_dynamics.vehicle import VehicleParams
-from tombo_sim.kernel import fly_on_truth
+from tombo_sim.kernel import fly_with_true_state
 
 Array = NDArray[np.float64]
 
@@ -80,7 +80,7 @@ class Bench:
         while self.tick < end:
             stop = min(self.tick + every, end)
             maps = rotor_table()
-            fly_on_truth(self.m, self.a, maps, self.theta, STILL, self.tick, stop)
+            fly_with_true_state(self.m, self.a, maps, self.theta, STILL, self.tick, stop)
             self.tick = stop
             rows.append(self.truth("body").copy())
         return np.array(rows)

@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from tombo_control.autopilot import A, part
-from tombo_control.coasting import align, coast
+from tombo_control.gyro_propagation import correct_with_estimate, propagate
 from tombo_dynamics.rotation import quaternion_multiply
 
 Array = NDArray[np.float64]
@@ -52,7 +52,7 @@ def _coasting(truth: _Truth, error: Array, ticks: int = _BEFORE) -> Array:
     """An autopilot at tick `ticks`, off by a rotation `error` and with position unknown."""
     a = fresh_autopilot(attitude=quaternion_multiply(truth.attitude(0), _turn(error)))
     part(a, "rates")[:] = truth.rates
-    coast(a, ticks, ticks)
+    propagate(a, ticks, ticks)
     return a
 
 
@@ -63,7 +63,7 @@ def test_coasting_turns_with_the_gyro_and_moves_with_the_velocity(
     truth = _Truth(rates, velocity)
     a = fresh_autopilot(position=truth.position(0), attitude=truth.attitude(0))
     part(a, "rates")[:], part(a, "velocity")[:] = rates, velocity
-    coast(a, ticks, ticks)
+    propagate(a, ticks, ticks)
     assert _angle(part(a, "attitude"), truth.attitude(ticks)) < 1e-7
     assert np.allclose(part(a, "position"), truth.position(ticks), atol=1e-12)
 
@@ -74,7 +74,7 @@ def test_a_late_estimate_equals_integrating_from_it(
 ) -> None:
     truth = _Truth(rates, velocity)
     a = _coasting(truth, np.zeros(3))
-    align(a, truth.estimate(_BEFORE - late), _BEFORE - late, _BEFORE)
+    correct_with_estimate(a, truth.estimate(_BEFORE - late), _BEFORE - late, _BEFORE)
     assert _angle(part(a, "attitude"), truth.attitude(_BEFORE)) < 1e-7
     assert np.allclose(part(a, "position"), truth.position(_BEFORE), atol=1e-12)
     assert np.array_equal(part(a, "velocity"), velocity)
@@ -84,7 +84,7 @@ def test_a_late_estimate_equals_integrating_from_it(
 def test_a_wrong_attitude_is_put_right_at_once(rates: Array, error: Array, late: int) -> None:
     truth = _Truth(rates, np.zeros(3))
     a = _coasting(truth, error)
-    align(a, truth.estimate(_BEFORE - late), _BEFORE - late, _BEFORE)
+    correct_with_estimate(a, truth.estimate(_BEFORE - late), _BEFORE - late, _BEFORE)
     # the correction is applied in the body frame of the present: off by the product of two angles
     turned = float(np.linalg.norm(rates)) * late * 1e-3
     left = float(np.linalg.norm(error)) * turned
@@ -100,11 +100,11 @@ def test_estimates_in_a_row_do_not_correct_twice(
     tick = _BEFORE
     size = float(np.linalg.norm(error))
     for _ in range(6):
-        align(a, truth.estimate(tick - late), tick - late, tick)
+        correct_with_estimate(a, truth.estimate(tick - late), tick - late, tick)
         turned = float(np.linalg.norm(rates)) * late * 1e-3
         assert _angle(part(a, "attitude"), truth.attitude(tick)) < 1.1 * size * turned + 1e-7
         tick += period
-        coast(a, tick, period)
+        propagate(a, tick, period)
 
 
 @given(_rates, _velocity, st.integers(1, 5))
@@ -113,10 +113,10 @@ def test_an_estimate_ahead_of_the_gyro_is_carried_back(
 ) -> None:
     truth = _Truth(rates, velocity)
     a = _coasting(truth, np.array([0.05, 0.0, 0.0]))
-    align(a, truth.estimate(_BEFORE + ahead), _BEFORE + ahead, _BEFORE)
+    correct_with_estimate(a, truth.estimate(_BEFORE + ahead), _BEFORE + ahead, _BEFORE)
     assert _angle(part(a, "attitude"), truth.attitude(_BEFORE)) < 1e-7
     assert np.allclose(part(a, "position"), truth.position(_BEFORE), atol=1e-12)
-    coast(a, _BEFORE + ahead, ahead)
+    propagate(a, _BEFORE + ahead, ahead)
     assert _angle(part(a, "attitude"), truth.attitude(_BEFORE + ahead)) < 1e-7
 
 
@@ -126,20 +126,20 @@ def test_the_sign_of_the_quaternion_does_not_matter(rates: Array, late: int) -> 
     a = _coasting(truth, np.array([0.0, 0.1, 0.0]))
     b = a.copy()
     estimate = truth.estimate(_BEFORE - late)
-    align(a, estimate, _BEFORE - late, _BEFORE)
+    correct_with_estimate(a, estimate, _BEFORE - late, _BEFORE)
     estimate[6:] *= -1.0
-    align(b, estimate, _BEFORE - late, _BEFORE)
+    correct_with_estimate(b, estimate, _BEFORE - late, _BEFORE)
     assert _angle(part(a, "attitude"), part(b, "attitude")) < 1e-7
 
 
 def test_an_estimate_older_than_the_history_is_taken_as_it_is() -> None:
     truth = _Truth(np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]))
     a = _coasting(truth, np.zeros(3), ticks=700)
-    align(a, truth.estimate(100), 100, 700)
+    correct_with_estimate(a, truth.estimate(100), 100, 700)
     assert _angle(part(a, "attitude"), truth.attitude(100)) < 1e-7
     assert np.allclose(part(a, "position"), truth.position(700))
-    coast(a, 704, 4)
-    align(a, truth.estimate(701), 701, 704)
+    propagate(a, 704, 4)
+    correct_with_estimate(a, truth.estimate(701), 701, 704)
     assert _angle(part(a, "attitude"), truth.attitude(704)) < 1e-6
 
 
@@ -147,6 +147,6 @@ def test_an_estimate_older_than_the_history_is_taken_as_it_is() -> None:
 def test_an_attitude_off_by_half_a_turn_is_put_right(half_turn: list[float]) -> None:
     truth = _Truth(np.zeros(3), np.zeros(3))
     a = _coasting(truth, np.array(half_turn))
-    align(a, truth.estimate(_BEFORE - 3), _BEFORE - 3, _BEFORE)
+    correct_with_estimate(a, truth.estimate(_BEFORE - 3), _BEFORE - 3, _BEFORE)
     assert _angle(part(a, "attitude"), truth.attitude(0)) < 1e-7
     assert np.isfinite(a[A.attitude : A.attitude + 4]).all()

@@ -9,14 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tombo_control.autopilot import APPROACH, HOVER, IDLE, LAND, LANDED, TAKEOFF, A, new_autopilot
-from tombo_control.course import Waypoint, leg_to, read_course, targets
-from tombo_control.leg import turning
-from tombo_control.mission import MissionParams, begin, escape, proceed, resume
-from tombo_control.mission_course import (
+from tombo_control.course import Waypoint, leg_to, read_course, resolved_waypoints
+from tombo_control.leg import turning_leg
+from tombo_control.mission import MissionParams, advance_mission, begin, resume, start_reaction
+from tombo_control.mission_core import (
     REACTION_HOLDING,
     REACTION_IDLE,
-    CourseLimits,
-    MissionCourse,
+    MissionCore,
+    MissionLimits,
 )
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_control.position_control import follow_leg
@@ -61,7 +61,7 @@ class Follower:
             there[2] = max(there[2], HOME[2])
             before = self.seen[-1][2] if self.seen else HOME
             velocity = (there - before) / self.step
-            self.state = proceed(self.state, self.plan, now, there, velocity)
+            self.state = advance_mission(self.state, self.plan, now, there, velocity)
             self.seen.append((now, self.state.mode, there, leg.yaw_at(now), self.state.steps))
         return self
 
@@ -76,7 +76,7 @@ def test_flies_to_every_waypoint_turns_and_holds_there_and_lands():
     now, mode, steps = flight.column(0), flight.column(1), flight.column(4)
     place, yaw = flight.column(2), flight.column(3)
     assert mode[steps > 0].max() == LANDED
-    wanted = targets(plan.course, HOVERING, plan.approach_speed)
+    wanted = resolved_waypoints(plan.course, HOVERING, plan.approach_speed)
     for i, target in enumerate(wanted):
         last = np.flatnonzero((steps == i + 1) & (mode == APPROACH))[-1]
         assert place[last] == pytest.approx(target[:3], abs=1e-6)
@@ -94,7 +94,9 @@ def test_the_heading_of_the_last_waypoint_is_kept_until_the_floor():
 
 
 def test_what_a_waypoint_leaves_out_is_as_before():
-    found = targets(read_course("c", [{}, {"speed": 2.0, "yaw": 1.0}, {"x": 3.0}]), HOVERING, 0.7)
+    found = resolved_waypoints(
+        read_course("c", [{}, {"speed": 2.0, "yaw": 1.0}, {"x": 3.0}]), HOVERING, 0.7
+    )
     assert found[0] == (*HOVERING, 0.0, 0.7, 0.8, 1.0, 0.0)
     assert found[1] == (*HOVERING, 1.0, 2.0, 0.8, 1.0, 0.0)
     assert found[2] == (3.0, *HOVERING[1:], 1.0, 2.0, 0.8, 1.0, 0.0)
@@ -111,9 +113,9 @@ def test_lasts_as_long_whether_looked_at_30_or_50_times_a_second():
 def test_a_late_look_begins_the_next_leg_then_and_nothing_jumps():
     plan = plan_of([{"x": 1.0}, {"x": 0.0}])
     flight = Follower(plan).run(5.1)
-    late = flight.state.leg.over_s + 3.0
+    late = flight.state.leg.hold_end_s + 3.0
     here = np.array(flight.state.leg.position(late))
-    state = proceed(flight.state, plan, late, here, np.zeros(3))
+    state = advance_mission(flight.state, plan, late, here, np.zeros(3))
     assert state.steps == 2
     assert state.leg.begin_s == late
     assert state.leg.position(late) == pytest.approx(here)
@@ -128,7 +130,7 @@ def test_lands_in_the_middle_of_a_course_when_it_is_time():
 
 def test_leaving_for_the_safe_point_keeps_the_heading():
     flight = Follower(plan_of([{"yaw": 1.0, "hold": 5.0}])).run(9.0)
-    left = escape(flight.state, np.array([0.5, 0.5, 1.5]), 9.0)
+    left = start_reaction(flight.state, np.array([0.5, 0.5, 1.5]), 9.0)
     assert left.leg.yaw_at(9.5) == pytest.approx(1.0)
 
 
@@ -177,7 +179,7 @@ def test_any_course_is_finite_smooth_and_ends_on_the_floor(course):
     on = flight.column(1) == APPROACH
     place, yaw = flight.column(2)[on], flight.column(3)[on]
     assert np.isfinite(place).all() and np.isfinite(yaw).all()
-    wanted = targets(plan.course, HOVERING, plan.approach_speed)
+    wanted = resolved_waypoints(plan.course, HOVERING, plan.approach_speed)
     fastest, turned = max(t.speed for t in wanted), max(t.yaw_rate for t in wanted)
     hardest = max(t.acceleration for t in wanted)
     velocity = np.diff(place, axis=0) / 0.02
@@ -193,11 +195,11 @@ angles = st.floats(-20.0, 20.0)
 @given(angles, angles, st.floats(0.05, 5.0), st.floats(0.0, 100.0))
 def test_a_turn_ends_at_its_heading_no_faster_than_asked_and_takes_no_detour(a, b, rate, now):
     point = (0.0, 1.0, 2.0)
-    leg = turning(point, point, (a, b), now, speed=1.0, acceleration=1.0, yaw_rate=rate)
-    times = np.linspace(now, leg.done_s, 400)
+    leg = turning_leg(point, point, (a, b), now, speed=1.0, acceleration=1.0, yaw_rate=rate)
+    times = np.linspace(now, leg.motion_end_s, 400)
     yaw = np.array([leg.yaw_at(t) for t in times])
     assert yaw[0] == pytest.approx(a, abs=1e-8)
-    assert leg.yaw_at(leg.done_s + 1.0) == pytest.approx(b, abs=1e-8)
+    assert leg.yaw_at(leg.motion_end_s + 1.0) == pytest.approx(b, abs=1e-8)
     steps = np.diff(yaw) * math.copysign(1.0, b - a)
     assert (steps >= -1e-9).all()
     dt = times[1] - times[0]
@@ -208,7 +210,9 @@ def test_a_turn_ends_at_its_heading_no_faster_than_asked_and_takes_no_detour(a, 
 
 @pytest.mark.parametrize("now", [0.0, 0.4, 1.7, 3.0, 90.0])
 def test_the_autopilot_s_memory_says_the_same_as_the_leg(now):
-    target = targets(read_course("c", [{"x": 1.0, "yaw": 2.0, "speed": 0.5}]), HOVERING, 1.0)[0]
+    target = resolved_waypoints(
+        read_course("c", [{"x": 1.0, "yaw": 2.0, "speed": 0.5}]), HOVERING, 1.0
+    )[0]
     leg = leg_to(target, HOVERING, -1.0, 0.3)
     level = np.array([0.0, 0.0, 0.0, 1.0])
     a = new_autopilot(ControlParams(), EstimatorParams(), VehicleParams(), HOME, level)
@@ -222,7 +226,7 @@ class World:
     """The course as its node runs it, the vehicle being where it is told."""
 
     def __init__(self, plan):
-        self.course = MissionCourse(plan, CourseLimits())
+        self.course = MissionCore(plan, MissionLimits())
         self.now = 10**18
         self.place, self.velocity = HOME.copy(), np.zeros(3)
         self.said = []
@@ -231,7 +235,7 @@ class World:
         for _ in range(round(seconds * 50)):
             self.now += 20 * MS
             self.course.estimate(self.place.copy(), self.velocity.copy(), self.now)
-            self.course.answered(self.now)
+            self.course.reaction_alive(self.now)
             said = self.course.tick(self.now)
             self.said.append(said)
             there = said.position if said.phase not in (IDLE, LANDED) else self.place
@@ -252,7 +256,7 @@ def test_the_node_flies_the_course_of_the_headless_flight():
         here, velocity = world.place.copy(), world.velocity.copy()
         world.run(0.02)
         now = world.course.time_s
-        state = proceed(state, plan, now, here, velocity)
+        state = advance_mission(state, plan, now, here, velocity)
         said = world.said[-1]
         assert said.phase == state.mode
         assert said.position == pytest.approx(state.leg.position(now), abs=1e-9)
@@ -273,7 +277,7 @@ def test_a_course_that_was_held_up_goes_on_where_it_stopped():
     world.run(60.0, LANDED)
     assert world.course.mode == LANDED
     places = np.array([said.position for said in world.said])
-    for target in targets(read_course("c", LEGS), HOVERING, 0.7):
+    for target in resolved_waypoints(read_course("c", LEGS), HOVERING, 0.7):
         assert np.linalg.norm(places - target[:3], axis=1).min() < 1e-3
     assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() < 0.05
 

@@ -12,7 +12,13 @@ from scipy.linalg import solve_discrete_lyapunov
 from scipy.spatial.transform import Rotation
 
 from tombo_control.autopilot import HISTORY_TICKS, part
-from tombo_control.estimator import correct, measure_rates, observer_gains, predict, remember
+from tombo_control.estimator import (
+    correct,
+    observer_gains,
+    predict,
+    store_history,
+    update_body_rates,
+)
 from tombo_control.params import EstimatorParams
 from tombo_dynamics.vehicle import GRAVITY
 
@@ -90,7 +96,7 @@ def estimate(
     out = np.zeros((n, 6))
     last = 0
     for k in range(n):
-        remember(a, k)
+        store_history(a, k)
         for captured in due.get(k, []):
             pose = np.empty(7)
             pose[:3] = truth.position[captured] + shake[captured, :3]
@@ -101,7 +107,7 @@ def estimate(
             last = max(last, stamp)
         out[k, :3] = part(a, "position")
         out[k, 3:] = part(a, "velocity")
-        measure_rates(a, imu[k], 0)
+        update_body_rates(a, imu[k], 0)
         predict(a, imu[k], 3, True)
     return a, out
 
@@ -196,9 +202,9 @@ def error_after_a_period(deviation):
     part(a, "accel_bias")[:] = deviation[12:15]
     imu = np.array([0.0, 0.0, 0.0, 0.0, 0.0, GRAVITY])
     for _ in range(PERIOD):
-        measure_rates(a, imu, 0)
+        update_body_rates(a, imu, 0)
         predict(a, imu, 3, True)
-    remember(a, PERIOD)
+    store_history(a, PERIOD)
     pose = np.append(np.zeros(3), UPRIGHT)
     assert correct(a, pose, 0, PERIOD, PERIOD, PERIOD * TICK, True)
     angle = Rotation.from_quat(part(a, "attitude")).as_rotvec()
@@ -229,7 +235,7 @@ POSE = np.array([0.1, 0.2, 10.1, *Rotation.from_euler("xyz", [0.1, 0.2, 0.3]).as
 def memory_at(now):
     a = fresh_autopilot()
     for k in range(now + 1):
-        remember(a, k)
+        store_history(a, k)
     return a
 
 
@@ -271,10 +277,10 @@ def test_on_the_ground_it_learns_no_velocity_and_no_accelerometer_bias():
     a = memory_at(0)
     imu = np.array([0.0, 0.0, 0.0, 0.5, 0.0, 3.0])
     for k in range(1, 500):
-        remember(a, k)
+        store_history(a, k)
         if k % PERIOD == 0:
             correct(a, POSE, 0, k, k, 0.033, False)
-        measure_rates(a, imu, 0)
+        update_body_rates(a, imu, 0)
         predict(a, imu, 3, False)
     assert (part(a, "velocity") == 0.0).all()
     assert (part(a, "accel_bias") == 0.0).all()

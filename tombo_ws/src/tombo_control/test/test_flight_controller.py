@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from lockstep_bench import EPOCH_NS, Lockstep, calm, hover_at, hovering
 from tombo_control.autopilot import HOVER, IDLE, LANDED
+from tombo_control.controller_core import Command, ControllerCore
 from tombo_control.estimate import TICK_NS, Estimate
-from tombo_control.flight_controller import Command, FlightController
 from tombo_control.params import ControlParams, InputLimits
 from tombo_dynamics.rotor_maps import speed_for_thrust
 from tombo_flight.flight import fly_scenario
@@ -30,7 +30,7 @@ class _Bench:
 
     def __init__(self) -> None:
         maps = rotor_table()
-        self.controller = FlightController(ControlParams(), VEHICLE, InputLimits(), maps)
+        self.controller = ControllerCore(ControlParams(), VEHICLE, InputLimits(), maps)
         self.tick = 1000
         self.hover = speed_for_thrust(maps, VEHICLE.hover_thrust())
 
@@ -399,7 +399,7 @@ def test_a_clock_set_back_is_followed_and_silence_is_still_noticed(bench: _Bench
 
 def test_what_is_forgotten_lifts_no_vehicle_off(bench: _Bench) -> None:
     bench.run(200)
-    bench.controller.forget()
+    bench.controller.reset_inputs()
     assert not np.any(bench.run(200, setpoint=False).speed)
     assert np.all(bench.run(200).speed > 100.0)
 

@@ -19,26 +19,26 @@ from tombo_control.autopilot import (
     REACT,
     TAKEOFF,
 )
-from tombo_control.mission import MissionParams, begin, proceed
-from tombo_control.mission_course import (
+from tombo_control.mission import MissionParams, advance_mission, begin
+from tombo_control.mission_core import (
     BLIND,
-    HELD,
     NO_ESTIMATE,
-    NO_REACTION,
     REACTING,
     REACTION_BLIND,
     REACTION_HOLDING,
+    REACTION_HOLDS,
     REACTION_IDLE,
+    REACTION_SILENT,
     TWO_ESTIMATES,
-    CourseLimits,
-    MissionCourse,
+    MissionCore,
+    MissionLimits,
 )
 from tombo_dynamics.vehicle import VehicleParams
 
 MS = 1_000_000
 START = 1_763_700_000_000_000_000
 PLAN = MissionParams(approach_time=8.0, land_time=20.0, hold_time=2.0)
-LIMITS = CourseLimits()
+LIMITS = MissionLimits()
 HOME = np.array([0.1, -0.2, 0.18])
 NOWHERE = (math.nan,) * 3
 X_R = np.array([0.5, 0.1, 2.0])
@@ -48,7 +48,7 @@ class World:
     """A vehicle that follows the set point with a lag of 0.1 s, and the course, at 50 Hz."""
 
     def __init__(self, place=HOME, plan=PLAN, started=True, epoch=START):
-        self.course = MissionCourse(plan, LIMITS, started)
+        self.course = MissionCore(plan, LIMITS, started)
         self.place = np.array(place, float)
         self.velocity = np.zeros(3)
         self.now = epoch
@@ -67,7 +67,7 @@ class World:
             if self.odometry:
                 self.course.estimate(self.place.copy(), self.velocity.copy(), self.now)
             if self.answers:
-                self.course.answered(self.now)
+                self.course.reaction_alive(self.now)
             said = self.course.tick(self.now)
             if said is not None:
                 self.said.append(said)
@@ -96,8 +96,8 @@ class World:
 
 
 def test_the_defaults_are_those_of_the_vehicle_and_the_reaction():
-    assert CourseLimits().ground_height == VehicleParams().leg_height
-    assert CourseLimits().escape_age == ReactionParams().timeout
+    assert MissionLimits().ground_height == VehicleParams().leg_height
+    assert MissionLimits().escape_age == ReactionParams().timeout
 
 
 def test_flies_the_plan_in_the_plan_s_own_time():
@@ -123,7 +123,7 @@ def test_is_the_plan_of_the_headless_flight():
         now = world.course.time_s
         if state.mode == IDLE:
             state = begin(here)
-        state = proceed(state, PLAN, now, here, velocity)
+        state = advance_mission(state, PLAN, now, here, velocity)
         assert world.said[-1].phase == state.mode
         assert world.said[-1].position == pytest.approx(state.leg.position(now), abs=1e-9)
     assert state.mode == LANDED
@@ -227,14 +227,15 @@ def test_a_decision_without_a_place_or_of_long_ago_is_none():
 
 
 @pytest.mark.parametrize(
-    ("state", "why"), [(REACTION_HOLDING, HELD), (REACTION_BLIND, BLIND), (None, NO_REACTION)]
+    ("state", "why"),
+    [(REACTION_HOLDING, REACTION_HOLDS), (REACTION_BLIND, BLIND), (None, REACTION_SILENT)],
 )
 @pytest.mark.parametrize("mode", [TAKEOFF, HOVER, APPROACH])
 def test_while_the_reaction_does_not_pass_its_wishes_it_waits_where_the_vehicle_is(
     state, why, mode
 ):
     world = World().until(mode).run(1.2)
-    assert not world.course.waits
+    assert not world.course.wait_reason
     if state is None:
         world.answers = False
         world.run(0.32)
@@ -242,7 +243,7 @@ def test_while_the_reaction_does_not_pass_its_wishes_it_waits_where_the_vehicle_
         world.reaction(state)
     world.follows = False
     world.run(1.0)
-    assert world.course.waits == why
+    assert world.course.wait_reason == why
     world.place = world.place + np.array([-0.6, 0.3, 0.1])  # held elsewhere, drifted
     world.run(1.0)
     assert math.dist(world.said[-1].position, world.place) < 0.06
@@ -253,7 +254,7 @@ def test_while_the_reaction_does_not_pass_its_wishes_it_waits_where_the_vehicle_
     world.follows = world.answers = True
     world.reaction(REACTION_IDLE)
     world.run(0.1)
-    assert not world.course.waits
+    assert not world.course.wait_reason
     assert world.largest_step(again) < 0.02
     world.run(6.0)
     assert world.largest_step(again) < 0.02
@@ -295,7 +296,7 @@ def test_without_estimates_the_reference_and_the_clock_stand_still(mode):
     world.odometry = False
     world.run(0.28)
     begin, time_s = len(world.said), world.course.time_s
-    assert world.course.waits == NO_ESTIMATE
+    assert world.course.wait_reason == NO_ESTIMATE
     world.run(30.0)
     assert world.course.time_s == time_s
     assert world.largest_step(begin) == 0.0
@@ -322,14 +323,14 @@ def test_a_vehicle_that_drifted_without_estimates_goes_on_from_where_it_is(drift
 
 def test_two_estimators_stop_it_as_none_does():
     world = World().until(APPROACH)
-    world.course.crowded(True)
+    world.course.multiple_publishers(True)
     begin = len(world.said)
     world.run(3.0)
-    assert world.course.waits == TWO_ESTIMATES
+    assert world.course.wait_reason == TWO_ESTIMATES
     assert world.largest_step(begin) == 0.0
-    world.course.crowded(False)
+    world.course.multiple_publishers(False)
     world.run(0.1)
-    assert not world.course.waits
+    assert not world.course.wait_reason
 
 
 def test_a_vehicle_left_behind_is_not_left_behind_for_ever():
@@ -498,11 +499,11 @@ def test_whatever_fails_set_points_are_finite_and_the_flight_ends(events):
             world.reaction(REACTING, X_R + 0.1 * count, count)
         else:
             crowd = not crowd
-            world.course.crowded(crowd)
+            world.course.multiple_publishers(crowd)
         world.run(seconds)
     assert all(s.finite() for s in world.said)
     speeds = [float(np.linalg.norm(s.velocity)) for s in world.said]
     assert max(speeds) <= PLAN.approach_speed + 1e-9
     world.odometry = world.answers = world.follows = True
-    world.course.crowded(False)
+    world.course.multiple_publishers(False)
     world.until(LANDED)

@@ -8,7 +8,7 @@ from control_bench import FOREVER, fresh_autopilot, rotor_table
 
 from tombo_control.autopilot import A, part
 from tombo_control.cascade import cascade
-from tombo_control.estimator import correct, measure_rates, predict, remember
+from tombo_control.estimator import correct, predict, store_history, update_body_rates
 from tombo_dynamics.vehicle import GRAVITY, VehicleParams
 
 IMU = np.array([0.02, -0.01, 0.03, 0.1, -0.1, GRAVITY])
@@ -18,10 +18,10 @@ SPOILT = [("imu", i) for i in range(6)] + [("pose", 0), ("pose", 2), ("pose", 5)
 
 def fly(a, imu, pose, first, ticks):
     for k in range(first, first + ticks):
-        remember(a, k)
+        store_history(a, k)
         if k % 33 == 0:
             correct(a, pose, 0, k, k, 0.033, True)
-        measure_rates(a, imu, 0)
+        update_body_rates(a, imu, 0)
         cascade(a, rotor_table(), k)
         command = part(a, "command")
         assert np.isfinite(command).all()

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lockstep_bench import EPOCH_NS, Lockstep, calm, hover_at, hovering
 from tombo_control.autopilot import HOVER, IDLE
 from tombo_control.estimate import TICK_NS
-from tombo_control.observer import Observer
+from tombo_control.estimator_core import EstimatorCore
 from tombo_control.params import EstimatorParams
 from tombo_dynamics.vehicle import GRAVITY, VehicleParams
 
@@ -26,7 +26,7 @@ class _Ride:
     """An observer on a vehicle that moves evenly, level, without noise; poses come 10 ms late."""
 
     def __init__(self, velocity: Any = (0.0, 0.0, 0.0), begin_s: float = 0.0) -> None:
-        self.observer = Observer(EstimatorParams(), VehicleParams())
+        self.observer = EstimatorCore(EstimatorParams(), VehicleParams())
         self.observer.phase(HOVER)
         self.velocity = np.array(velocity)
         self.tick = round(begin_s * 1000)
@@ -157,7 +157,7 @@ def test_restarted_in_flight_it_converges_within_a_second() -> None:
     flight.steer = lambda t: hover_at(t - begin, 0.0, 2.0, (1.0, 0.0, 0.0))
     flight.fly(3.0)
     assert abs(flight.velocity[0] - 1.0) < 0.1
-    flight.observer = Observer(flight.scenario.estimator, flight.scenario.vehicle)
+    flight.observer = EstimatorCore(flight.scenario.estimator, flight.scenario.vehicle)
     flight.observer.phase(HOVER)
     flight.fly(0.15)
     assert flight.observer.estimate is not None

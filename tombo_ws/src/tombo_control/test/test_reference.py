@@ -5,8 +5,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from tombo_control.leg import stay, straight
-from tombo_control.reference import progress
+from tombo_control.leg import hold_leg, straight_leg
+from tombo_control.trapezoidal_profile import trapezoidal_profile
 
 durations = st.floats(0.1, 100.0)
 shares = st.one_of(st.just(0.0), st.floats(1e-3, 0.5))
@@ -14,7 +14,7 @@ shares = st.one_of(st.just(0.0), st.floats(1e-3, 0.5))
 
 def sampled(duration, ramp, n=2001):
     t = np.linspace(-0.1 * duration, 1.1 * duration, n)
-    return t, *np.array([progress(x, duration, ramp) for x in t]).T
+    return t, *np.array([trapezoidal_profile(x, duration, ramp) for x in t]).T
 
 
 @given(durations, shares)
@@ -43,8 +43,8 @@ def test_speed_is_the_slope_of_the_way_and_acceleration_that_of_speed(duration, 
 @given(durations, shares)
 def test_stands_still_before_and_after(duration, share):
     ramp = share * duration
-    assert progress(-1e-9, duration, ramp) == (0.0, 0.0, 0.0)
-    way, speed, change = progress(duration + 1e-9, duration, ramp)
+    assert trapezoidal_profile(-1e-9, duration, ramp) == (0.0, 0.0, 0.0)
+    way, speed, change = trapezoidal_profile(duration + 1e-9, duration, ramp)
     assert (way, speed, change) == (pytest.approx(duration - ramp), 0.0, 0.0)
 
 
@@ -53,7 +53,7 @@ points = st.tuples(*[st.floats(-50.0, 50.0)] * 3)
 
 @given(points, points, st.floats(0.05, 8.0), st.floats(0.0, 1e4))
 def test_a_straight_leg_ends_at_its_goal_and_keeps_its_speed(start, goal, speed, now):
-    leg = straight(start, goal, speed, now)
+    leg = straight_leg(start, goal, speed, now)
     assert leg.position(now) == pytest.approx(start, abs=1e-9)
     assert leg.position(now + 1e7) == pytest.approx(goal, abs=1e-6)
     assert np.linalg.norm(leg.velocity) <= speed * (1.0 + 1e-9)
@@ -64,7 +64,7 @@ def test_a_straight_leg_ends_at_its_goal_and_keeps_its_speed(start, goal, speed,
 
 
 def test_a_short_leg_ramps_up_and_down_at_the_same_acceleration():
-    leg = straight((0.0, 0.0, 0.0), (0.2, 0.0, 0.0), 2.0, 0.0)
+    leg = straight_leg((0.0, 0.0, 0.0), (0.2, 0.0, 0.0), 2.0, 0.0)
     top = np.linalg.norm(leg.velocity)
     assert top == pytest.approx(np.sqrt(0.2 * 0.8))
     assert leg.ramp_s == pytest.approx(top / 0.8)
@@ -73,4 +73,4 @@ def test_a_short_leg_ramps_up_and_down_at_the_same_acceleration():
 
 @given(points, st.floats(0.0, 1e5), st.floats(-10.0, 1e5))
 def test_staying_is_staying(point, now, later):
-    assert stay(point, now).position(now + later) == point
+    assert hold_leg(point, now).position(now + later) == point

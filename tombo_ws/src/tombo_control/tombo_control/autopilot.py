@@ -23,7 +23,7 @@ HISTORY_TICKS = 512
 
 IDLE, TAKEOFF, HOVER, APPROACH, REACT, HOLD, LAND, LANDED, BLIND = range(9)
 """Mode numbers, as in `tombo_msgs/MissionStatus`."""
-MODE_NAMES = (
+PHASE_NAMES = (
     "idle",
     "takeoff",
     "hover",

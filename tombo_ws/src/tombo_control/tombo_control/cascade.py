@@ -16,7 +16,7 @@ _TICK = 1e-3
 
 
 @compiled
-def stand_by(a: Array) -> None:
+def stop_rotors(a: Array) -> None:
     """Stop the rotors, forget the integrals, take motion as it is for the derivatives."""
     for i in range(4):
         a[A.command + i] = 0.0
@@ -28,7 +28,7 @@ def stand_by(a: Array) -> None:
 
 
 @compiled
-def run_loops(a: Array, maps: Array, position: bool, attitude: bool, blind: bool) -> None:
+def run_control_loops(a: Array, maps: Array, position: bool, attitude: bool, blind: bool) -> None:
     """Run the rate loop, and the position and the attitude loop if they are due.
 
     Args:
@@ -63,7 +63,7 @@ def cascade(a: Array, maps: Array, tick: int) -> None:
     mode = a[A.mode]
     if mode == IDLE or mode == LANDED:  # noqa: SIM109 - a tuple costs time when compiled
         a[A.mode + 1] = mode
-        stand_by(a)
+        stop_rotors(a)
         return
     position = tick % POSITION_TICKS == 0
     blind = False
@@ -73,4 +73,4 @@ def cascade(a: Array, maps: Array, tick: int) -> None:
         a[A.mode + 1] = BLIND if blind else mode
         if not blind:
             follow_leg(a, time)
-    run_loops(a, maps, position, tick % ATTITUDE_TICKS == 0, blind)
+    run_control_loops(a, maps, position, tick % ATTITUDE_TICKS == 0, blind)

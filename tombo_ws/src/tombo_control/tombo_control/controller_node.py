@@ -19,8 +19,8 @@ from tombo_bag.topics import (
     ROTOR_COMMAND,
     SETPOINT,
 )
-from tombo_control.estimate import Estimate, Setpoint, tick_of
-from tombo_control.flight_controller import Command, FlightController
+from tombo_control.controller_core import Command, ControllerCore
+from tombo_control.estimate import Estimate, Setpoint, nearest_tick
 from tombo_control.params import (
     ATTITUDE_TICKS,
     POSITION_TICKS,
@@ -29,17 +29,17 @@ from tombo_control.params import (
     InputLimits,
 )
 from tombo_dynamics.propeller import thrust_map
-from tombo_dynamics.propeller.choice import PropellerChoice, mounted
-from tombo_dynamics.rotation import turned
+from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_configuration
+from tombo_dynamics.rotation import rotate_vectors
 from tombo_dynamics.rotor_maps import rotor_maps
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_ros.conversion import array, to_ns
 from tombo_ros.health import ERROR
 from tombo_ros.loop_statistics import LoopStatistics
+from tombo_ros.message_template import MessageTemplate
 from tombo_ros.node_loop import SECOND_NS, LoopNode, run
 from tombo_ros.pacing import CONTROLLER, sleep_until
-from tombo_ros.topic import Taken
-from tombo_ros.wire import Wire
+from tombo_ros.topic import ReceivedMessage
 
 _MARGIN_NS = 250_000
 """The loop aims to run this long after a gyro sample has arrived."""
@@ -57,7 +57,7 @@ _BLIND_TEXT = "position unknown (estimate or mocap too old): level descent"
 
 
 class ControllerNode(LoopNode):
-    """Runs `FlightController`, once for each gyro sample."""
+    """Runs `ControllerCore`, once for each gyro sample."""
 
     def __init__(self) -> None:
         """Declare parameters and topics."""
@@ -70,8 +70,10 @@ class ControllerNode(LoopNode):
         super().__init__("controller", 1000.0, records, priority=CONTROLLER)
         r = self.records
         propeller = r["propeller"]
-        maps = rotor_maps(thrust_map(mounted(propeller), propeller.law), r["vehicle"])
-        self._controller = FlightController(r["control"], r["vehicle"], r["inputs"], maps)
+        maps = rotor_maps(
+            thrust_map(mounted_configuration(propeller), propeller.law), r["vehicle"]
+        )
+        self._controller = ControllerCore(r["control"], r["vehicle"], r["inputs"], maps)
         self._warm_up()
         self.loops = {
             "loop": LoopStatistics(),
@@ -79,30 +81,32 @@ class ControllerNode(LoopNode):
             "attitude loop": LoopStatistics(),
             "position loop": LoopStatistics(),
         }
-        self._imu_in = self.listen(IMU, depth=20)
-        self._odometry_in = self.listen(ODOMETRY, depth=20)
-        self._status_in = self.listen(ESTIMATOR_STATUS)
-        self._setpoint_in = self.listen(SETPOINT)
+        self._imu_in = self.subscribe(IMU, depth=20)
+        self._odometry_in = self.subscribe(ODOMETRY, depth=20)
+        self._status_in = self.subscribe(ESTIMATOR_STATUS)
+        self._setpoint_in = self.subscribe(SETPOINT)
         body, world = {"frame_id": "base_link"}, {"frame_id": "map"}
-        self._imu = Wire(
+        self._imu = MessageTemplate(
             IMU.typename, {"header": body, "orientation_covariance": [-1.0] + 8 * [0.0]}
         )
         self._gyro = self._imu.field("angular_velocity.x", 3)
-        self._odometry = Wire(ODOMETRY.typename, {"header": world, "child_frame_id": "base_link"})
+        self._odometry = MessageTemplate(
+            ODOMETRY.typename, {"header": world, "child_frame_id": "base_link"}
+        )
         self._pose = self._odometry.field("pose.pose.position.x", 7)
         self._twist = self._odometry.field("twist.twist.linear.x", 6)
         self._command_out, self._command = (
-            self.speak(ROTOR_COMMAND),
-            Wire(ROTOR_COMMAND.typename, {"header": body}),
+            self.advertise(ROTOR_COMMAND),
+            MessageTemplate(ROTOR_COMMAND.typename, {"header": body}),
         )
         self._speed = self._command.field("speed", 4)
         self._rates_out, self._rates = (
-            self.speak(RATES_SETPOINT),
-            Wire(RATES_SETPOINT.typename, {"header": body}),
+            self.advertise(RATES_SETPOINT),
+            MessageTemplate(RATES_SETPOINT.typename, {"header": body}),
         )
         self._attitude_out, self._attitude = (
-            self.speak(ATTITUDE_SETPOINT),
-            Wire(ATTITUDE_SETPOINT.typename, {"header": world}),
+            self.advertise(ATTITUDE_SETPOINT),
+            MessageTemplate(ATTITUDE_SETPOINT.typename, {"header": world}),
         )
         self._late_samples = 0
         self._stamp_ns = 0
@@ -115,8 +119,10 @@ class ControllerNode(LoopNode):
         """Load all compiled code now, not at the first sample."""
         r = self.records
         propeller = r["propeller"]
-        maps = rotor_maps(thrust_map(mounted(propeller), propeller.law), r["vehicle"])
-        spare = FlightController(r["control"], r["vehicle"], r["inputs"], maps)
+        maps = rotor_maps(
+            thrust_map(mounted_configuration(propeller), propeller.law), r["vehicle"]
+        )
+        spare = ControllerCore(r["control"], r["vehicle"], r["inputs"], maps)
         zero, level = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])
         second = 1_000_000_000
         for k in range(25):
@@ -125,9 +131,9 @@ class ControllerNode(LoopNode):
             spare.biases(zero, now)
             spare.setpoint(Setpoint(zero, zero, zero, 0.0, 2), now)
             spare.tick(now, now, zero)
-        turned(level, zero)
+        rotate_vectors(level, zero)
 
-    def records_changed(self, name: str) -> None:
+    def on_parameters_changed(self, name: str) -> None:
         """Take new gains in flight; another vehicle or propeller only at the next start."""
         if name in ("control", "inputs"):
             self._controller.params(self.records["control"], self.records["inputs"])
@@ -162,7 +168,7 @@ class ControllerNode(LoopNode):
             return
         if self.health.active("imu_silent"):
             self.health.fault("imu_silent", False)
-        if self._imu_in.crowded(time.time_ns()):
+        if self._imu_in.multiple_publishers(time.time_ns()):
             return
         if not self.sim_time:
             self._follow(now_ns - samples[-1].received_ns)
@@ -170,7 +176,7 @@ class ControllerNode(LoopNode):
         for taken in samples:  # two at a time if the first came too late for its run
             self._answer(taken.message, now_ns)
 
-    def _gyro_samples(self) -> list[Taken]:
+    def _gyro_samples(self) -> list[ReceivedMessage]:
         """Return the samples that are there; for one that is late, wait a moment."""
         samples = self._imu_in.take_raw()
         for _ in range(0 if self.sim_time or self._imu_in.last_ns is None else _LOOKS):
@@ -188,16 +194,16 @@ class ControllerNode(LoopNode):
 
     def _answer(self, data: bytes, now_ns: int) -> None:
         if not self._imu.fits(data):
-            self.health.happened("imu_shape", "imu frame is not base_link, or of other shape")
+            self.health.report_event("imu_shape", "imu frame is not base_link, or of other shape")
             return
         stamp = self._imu.stamp_of(data)
         rates = self._gyro.of(data)
         gyro = np.array(rates)
         if not math.isfinite(rates[0] + rates[1] + rates[2]):
-            self.health.happened("imu_not_finite", "gyro sample with NaN or infinity")
+            self.health.report_event("imu_not_finite", "gyro sample with NaN or infinity")
         if self.sim_time and stamp < self._stamp_ns - SECOND_NS:
             # A new simulation. The last flight's set point would lift the vehicle off.
-            self._controller.forget()
+            self._controller.reset_inputs()
         self._stamp_ns = stamp
         clock = stamp if self.sim_time else now_ns
         command = self._controller.tick(clock, stamp, gyro)
@@ -209,7 +215,7 @@ class ControllerNode(LoopNode):
         self._tell(command, now_ns)
 
     def _tell(self, command: Command, now_ns: int) -> None:
-        tick = tick_of(command.stamp_ns)
+        tick = nearest_tick(command.stamp_ns)
         self._count("rate loop", tick, RATE_TICKS, now_ns)
         if command.attitude_ran:
             self._count("attitude loop", tick, ATTITUDE_TICKS, now_ns)
@@ -242,14 +248,14 @@ class ControllerNode(LoopNode):
     def _take_odometry(self, now_ns: int) -> None:
         for taken in self._odometry_in.take_raw():
             data = taken.message
-            if self._odometry_in.crowded(time.time_ns()):
+            if self._odometry_in.multiple_publishers(time.time_ns()):
                 continue
             if not self._odometry.fits(data):
                 self._refuse("odometry", "odometry is not of base_link in map")
                 continue
             pose, twist = np.array(self._pose.of(data)), np.array(self._twist.of(data))
             stamp = self._odometry.stamp_of(data)
-            velocity = turned(pose[3:], twist[:3])
+            velocity = rotate_vectors(pose[3:], twist[:3])
             zero = np.zeros(3)
             estimate = Estimate(stamp, pose[:3], velocity, pose[3:], twist[3:], zero, zero, 0)
             if stamp > now_ns + _AHEAD_NS + self.slack_ns or not self._controller.estimate(
@@ -265,7 +271,7 @@ class ControllerNode(LoopNode):
 
     def _take_setpoint(self, now_ns: int) -> None:
         for taken in self._setpoint_in.take():
-            if self._setpoint_in.crowded(time.time_ns()):
+            if self._setpoint_in.multiple_publishers(time.time_ns()):
                 continue
             setpoint = _setpoint(taken.message)
             if self.sim_time and setpoint.stamp_ns > max(self._stamp_ns, now_ns) + SECOND_NS:
@@ -275,7 +281,7 @@ class ControllerNode(LoopNode):
 
     def _refuse(self, what: str, text: str) -> None:
         self._refused += 1
-        self.health.happened(f"{what}_refused", text)
+        self.health.report_event(f"{what}_refused", text)
 
     def report(self, now_ns: int) -> None:
         """Add the counts."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from tombo_control.leg import ACCELERATION, Leg, Point, turning
+from tombo_control.leg import ACCELERATION, Leg, Point, turning_leg
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.params import check_number, param
 
@@ -32,7 +32,7 @@ class Waypoint:
     hold: float | None = param(None, "s", (0.0, 600.0), "time there, once way and turn are over")
 
 
-class Target(NamedTuple):
+class ResolvedWaypoint(NamedTuple):
     """A waypoint with everything known, in the order of `Waypoint`."""
 
     x: float
@@ -89,7 +89,9 @@ def _waypoint(name: str, given: object) -> Waypoint:
     )
 
 
-def targets(course: Sequence[Waypoint], hover: Point, speed: float) -> list[Target]:
+def resolved_waypoints(
+    course: Sequence[Waypoint], hover: Point, speed: float
+) -> list[ResolvedWaypoint]:
     """Return the waypoints with what they leave out filled in.
 
     Args:
@@ -97,18 +99,18 @@ def targets(course: Sequence[Waypoint], hover: Point, speed: float) -> list[Targ
         hover: where the vehicle is before the first one, heading east.
         speed: of a course that says nothing about it [m/s].
     """
-    known = Target(*hover, 0.0, speed, ACCELERATION, _YAW_RATE, 0.0)
+    known = ResolvedWaypoint(*hover, 0.0, speed, ACCELERATION, _YAW_RATE, 0.0)
     found = []
     for waypoint in course:
-        values = ((name, getattr(waypoint, name)) for name in Target._fields)
+        values = ((name, getattr(waypoint, name)) for name in ResolvedWaypoint._fields)
         known = known._replace(**{name: v for name, v in values if v is not None})
         found.append(known)
     return found
 
 
-def leg_to(target: Target, start: Point, yaw: float, now_s: float) -> Leg:
+def leg_to(target: ResolvedWaypoint, start: Point, yaw: float, now_s: float) -> Leg:
     """Return the leg from `start`, heading `yaw`, to a waypoint."""
-    leg = turning(
+    leg = turning_leg(
         start,
         target[:3],
         (yaw, target.yaw),

@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 TICK_NS = 1_000_000
 
 
-def tick_of(stamp_ns: int) -> int:
+def nearest_tick(stamp_ns: int) -> int:
     """Return the tick of 1 ms nearest to a stamp."""
     return (stamp_ns + TICK_NS // 2) // TICK_NS
 
@@ -50,7 +50,7 @@ class Setpoint:
     yaw: float
     """[rad], counter-clockwise from east."""
     phase: int
-    """Mode number, `autopilot.MODE_NAMES`."""
+    """Mode number, `autopilot.PHASE_NAMES`."""
     stamp_ns: int = 0
 
     def finite(self) -> bool:

@@ -17,7 +17,7 @@ _TICK = 1e-3
 
 
 @compiled
-def remember(a: Array, tick: int) -> None:
+def store_history(a: Array, tick: int) -> None:
     """Store the present estimate in the history, as the state at `tick`."""
     past = A.history + 8 * (tick % HISTORY_TICKS)
     for i in range(3):
@@ -28,7 +28,7 @@ def remember(a: Array, tick: int) -> None:
 
 
 @compiled
-def measure_rates(a: Array, imu: Array, i: int) -> None:
+def update_body_rates(a: Array, imu: Array, i: int) -> None:
     """Set the body rates that the cascade flies on: gyro `imu[i:i+3]` minus its bias [rad/s].
 
     A reading that is not finite is left out; the last rate stands.
@@ -121,7 +121,7 @@ def correct(
 ) -> bool:
     """Correct the estimate by a pose that was captured at tick `captured` and is known at `now`.
 
-    The present estimate must be in the history already (`remember`).
+    The present estimate must be in the history already (`store_history`).
 
     Args:
         a: the autopilot's memory.
@@ -188,7 +188,7 @@ def correct(
 
 
 @compiled
-def observe(a: Array, imu: Array, tick: int, steps: int, airborne: bool) -> None:
+def process_imu(a: Array, imu: Array, tick: int, steps: int, airborne: bool) -> None:
     """Take the IMU sample of `tick` and carry the estimate on to `tick + steps`.
 
     More than one step bridges lost samples: the last one is taken to hold.
@@ -200,7 +200,7 @@ def observe(a: Array, imu: Array, tick: int, steps: int, airborne: bool) -> None
         steps: ticks to the next sample.
         airborne: as in `predict`.
     """
-    measure_rates(a, imu, 0)
+    update_body_rates(a, imu, 0)
     for k in range(steps):
         predict(a, imu, 3, airborne)
-        remember(a, tick + k + 1)
+        store_history(a, tick + k + 1)

@@ -18,18 +18,18 @@ from tombo_bag.topics import (
     ODOMETRY,
     TF,
 )
-from tombo_control.estimate import Estimate, tick_of
-from tombo_control.observer import Observer
+from tombo_control.estimate import Estimate, nearest_tick
+from tombo_control.estimator_core import EstimatorCore
 from tombo_control.params import EstimatorParams
-from tombo_dynamics.rotation import turned
+from tombo_dynamics.rotation import rotate_vectors
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_ros.conversion import array, to_ns
 from tombo_ros.health import ERROR
 from tombo_ros.markers import disc_markers
+from tombo_ros.message_template import MessageTemplate
 from tombo_ros.node_loop import LoopNode, run
 from tombo_ros.pacing import ESTIMATOR
 from tombo_ros.topic import message_class
-from tombo_ros.wire import Wire
 
 _ODOMETRY_TICKS, _STATUS_TICKS, _TF_TICKS, _DISC_TICKS = 4, 20, 20, 100
 _POSE_SILENT_S = 0.12
@@ -47,7 +47,7 @@ _REFUSALS = {
 
 
 class EstimatorNode(LoopNode):
-    """Runs `Observer` on what arrives: some four gyro samples a run, each in its turn.
+    """Runs `EstimatorCore` on what arrives: some four gyro samples a run, each in its turn.
 
     The controller carries the estimate on with its own gyro, so 4 ms more cost nothing, and a wake
     for each sample would cost a tenth of a core.
@@ -57,43 +57,43 @@ class EstimatorNode(LoopNode):
         """Declare parameters and topics."""
         records = {"estimator": EstimatorParams(), "vehicle": VehicleParams()}
         super().__init__("estimator", 250.0, records, priority=ESTIMATOR)
-        self._observer = Observer(self.records["estimator"], self.records["vehicle"])
+        self._observer = EstimatorCore(self.records["estimator"], self.records["vehicle"])
         self._warm_up()
-        self._imu_in = self.listen(IMU, depth=200)
-        self._pose_in = self.listen(MOCAP_POSE, depth=20)
-        self._phase_in = self.listen(MISSION_STATUS)
-        self._imu = Wire(
+        self._imu_in = self.subscribe(IMU, depth=200)
+        self._pose_in = self.subscribe(MOCAP_POSE, depth=20)
+        self._phase_in = self.subscribe(MISSION_STATUS)
+        self._imu = MessageTemplate(
             IMU.typename,
             {"header": {"frame_id": "base_link"}, "orientation_covariance": [-1.0] + 8 * [0.0]},
         )
         self._gyro = self._imu.field("angular_velocity.x", 3)
         self._accel = self._imu.field("linear_acceleration.x", 3)
         self._odometry_out, self._odometry = (
-            self.speak(ODOMETRY),
-            Wire(
+            self.advertise(ODOMETRY),
+            MessageTemplate(
                 ODOMETRY.typename, {"header": {"frame_id": "map"}, "child_frame_id": "base_link"}
             ),
         )
         self._pose_field = self._odometry.field("pose.pose.position.x", 7)
         self._twist_field = self._odometry.field("twist.twist.linear.x", 6)
         self._status_out, self._status = (
-            self.speak(ESTIMATOR_STATUS),
-            Wire(ESTIMATOR_STATUS.typename, {"header": {"frame_id": "base_link"}}),
+            self.advertise(ESTIMATOR_STATUS),
+            MessageTemplate(ESTIMATOR_STATUS.typename, {"header": {"frame_id": "base_link"}}),
         )
-        self._markers = self.speak(MARKERS)
+        self._markers = self.advertise(MARKERS)
         self._tf_out, self._tf = self._transforms()
         self._hubs = self.records["vehicle"].rotor_positions()
 
     def _warm_up(self) -> None:
         """Load all compiled code now, not at the first sample."""
-        spare = Observer(self.records["estimator"], self.records["vehicle"])
+        spare = EstimatorCore(self.records["estimator"], self.records["vehicle"])
         level = np.array([0.0, 0.0, 0.0, 1.0])
         for k in range(120):
             now = 1_000_000_000 + k * 1_000_000
             if k % 30 == 0:
                 spare.pose(now, now, "map", np.zeros(3), level)
             spare.imu(now, np.zeros(3), np.array([0.0, 0.0, 9.8]))
-        turned(level, np.zeros(3))
+        rotate_vectors(level, np.zeros(3))
 
     def _transforms(self) -> tuple[Any, Any]:
         """Return topic and shape of /tf, or nothing where tf2_msgs is not installed."""
@@ -103,9 +103,9 @@ class EstimatorNode(LoopNode):
             self.ros.get_logger().info("tf2_msgs is not installed: no /tf; poses are on /odometry")
             return None, None
         one = {"header": {"frame_id": "map"}, "child_frame_id": "base_link"}
-        return self.speak(TF), Wire(TF.typename, {"transforms": [one]})
+        return self.advertise(TF), MessageTemplate(TF.typename, {"transforms": [one]})
 
-    def records_changed(self, name: str) -> None:
+    def on_parameters_changed(self, name: str) -> None:
         """Take new bandwidths in flight; another vehicle only at the next start."""
         if name == "estimator":
             self._observer.params(self.records["estimator"])
@@ -115,12 +115,12 @@ class EstimatorNode(LoopNode):
         for taken in self._phase_in.take():
             self._observer.phase(int(taken.message.phase))
         wall_ns = time.time_ns()  # arrivals are stamped by the system's clock
-        crowded = self._pose_in.crowded(wall_ns)
+        multiple_publishers = self._pose_in.multiple_publishers(wall_ns)
         for taken in self._pose_in.take():
-            if not crowded:
+            if not multiple_publishers:
                 self._take_pose(taken.message, now_ns)
         samples = self._imu_in.take_raw()
-        if self._imu_in.crowded(wall_ns):
+        if self._imu_in.multiple_publishers(wall_ns):
             samples = []
         for taken in samples:
             self._take_imu(taken.message)
@@ -135,19 +135,19 @@ class EstimatorNode(LoopNode):
             array(message.pose.orientation),
         )
         if why:
-            self.health.happened(f"pose_{why}", _REFUSALS[why])
+            self.health.report_event(f"pose_{why}", _REFUSALS[why])
 
     def _take_imu(self, data: bytes) -> None:
         if not self._imu.fits(data):
-            self.health.happened("imu_shape", "imu frame is not base_link, or of other shape")
+            self.health.report_event("imu_shape", "imu frame is not base_link, or of other shape")
             return
         gyro, accel = np.array(self._gyro.of(data)), np.array(self._accel.of(data))
         if not np.isfinite(gyro.sum() + accel.sum()):
-            self.health.happened("imu_not_finite", "imu sample with NaN or infinity")
+            self.health.report_event("imu_not_finite", "imu sample with NaN or infinity")
         estimate = self._observer.imu(self._imu.stamp_of(data), gyro, accel)
         if estimate is None:
             return
-        tick = tick_of(estimate.stamp_ns)
+        tick = nearest_tick(estimate.stamp_ns)
         if tick % _ODOMETRY_TICKS == 0:
             self._publish_odometry(estimate)
         if tick % _STATUS_TICKS == 0:
@@ -155,7 +155,9 @@ class EstimatorNode(LoopNode):
         if tick % _TF_TICKS == 1 and self._tf_out is not None:
             self._publish_transform(estimate)
         if tick % _DISC_TICKS == 2:
-            hubs = [estimate.position + turned(estimate.attitude, hub) for hub in self._hubs]
+            hubs = [
+                estimate.position + rotate_vectors(estimate.attitude, hub) for hub in self._hubs
+            ]
             radius = self.records["vehicle"].rotor_radius
             self._markers.publish(disc_markers(estimate.stamp_ns, hubs, estimate.attitude, radius))
 
@@ -163,7 +165,7 @@ class EstimatorNode(LoopNode):
         self._odometry.stamp(estimate.stamp_ns)
         self._pose_field.put((*estimate.position, *estimate.attitude))
         x, y, z, w = estimate.attitude
-        moving = turned(np.array([-x, -y, -z, w]), estimate.velocity)
+        moving = rotate_vectors(np.array([-x, -y, -z, w]), estimate.velocity)
         self._twist_field.put((*moving, *estimate.rates))
         self._odometry_out.publish(self._odometry.data())
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_control.reference import progress
+from tombo_control.trapezoidal_profile import trapezoidal_profile
 
 Array = NDArray[np.float64]
 Point = tuple[float, float, float]
@@ -22,7 +22,7 @@ _FOREVER = 1e9
 
 @dataclass(frozen=True)
 class Leg:
-    """A straight reference, from begin to end, then held (map, SI); see `reference.progress`."""
+    """A straight reference, from begin to end, then held (map, SI); see `trapezoidal_profile`."""
 
     start: Point
     velocity: Point
@@ -48,38 +48,40 @@ class Leg:
 
     def position(self, time_s: float) -> Point:
         """Return the reference position at `time_s`."""
-        way, _, _ = progress(time_s - self.begin_s, self.end_s - self.begin_s, self.ramp_s)
+        way, _, _ = trapezoidal_profile(
+            time_s - self.begin_s, self.end_s - self.begin_s, self.ramp_s
+        )
         x, y, z = (s + v * way for s, v in zip(self.start, self.velocity, strict=True))
         return x, y, z
 
     def yaw_at(self, time_s: float) -> float:
         """Return the reference yaw at `time_s`."""
-        way, _, _ = progress(time_s - self.begin_s, self.turn_s, self.turn_ramp_s)
+        way, _, _ = trapezoidal_profile(time_s - self.begin_s, self.turn_s, self.turn_ramp_s)
         return self.yaw + self.yaw_rate * way
 
     @property
-    def done_s(self) -> float:
+    def motion_end_s(self) -> float:
         """When way and turn are over."""
         return max(self.end_s, self.begin_s + self.turn_s)
 
     @property
-    def over_s(self) -> float:
+    def hold_end_s(self) -> float:
         """When the hold after them is over, too."""
-        return self.done_s + self.hold_s
+        return self.motion_end_s + self.hold_s
 
 
-def stay(point: Point, now_s: float, yaw: float = 0.0) -> Leg:
+def hold_leg(point: Point, now_s: float, yaw: float = 0.0) -> Leg:
     """Return the leg that holds a point."""
     return Leg(point, (0.0, 0.0, 0.0), now_s, _FOREVER, yaw=yaw)
 
 
-def straight(start: Point, goal: Point, speed: float, now_s: float, yaw: float = 0.0) -> Leg:
+def straight_leg(start: Point, goal: Point, speed: float, now_s: float, yaw: float = 0.0) -> Leg:
     """Return the leg from `start` to `goal` at `speed` [m/s], with ramps of 0.8 m/s^2."""
     leg = _line(start, goal, speed, ACCELERATION, now_s)
-    return stay(goal, now_s, yaw) if leg is None else replace(leg, yaw=yaw)
+    return hold_leg(goal, now_s, yaw) if leg is None else replace(leg, yaw=yaw)
 
 
-def turning(
+def turning_leg(
     start: Point,
     goal: Point,
     yaws: tuple[float, float],

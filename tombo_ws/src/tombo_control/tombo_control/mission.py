@@ -21,8 +21,15 @@ from tombo_control.autopilot import (
     REACT,
     TAKEOFF,
 )
-from tombo_control.course import Course, Target, Waypoint, leg_to, read_course, targets
-from tombo_control.leg import Leg, Point, stay, straight
+from tombo_control.course import (
+    Course,
+    ResolvedWaypoint,
+    Waypoint,
+    leg_to,
+    read_course,
+    resolved_waypoints,
+)
+from tombo_control.leg import Leg, Point, hold_leg, straight_leg
 from tombo_dynamics.params import param, structure
 
 Array = NDArray[np.float64]
@@ -92,10 +99,10 @@ class MissionState:
 def begin(home: Array) -> MissionState:
     """Return the state on the ground at `home` (3)."""
     x, y, z = (float(v) for v in home)
-    return MissionState(IDLE, stay((x, y, z), 0.0), (x, y, z))
+    return MissionState(IDLE, hold_leg((x, y, z), 0.0), (x, y, z))
 
 
-def begin_in_flight(position: Array, ground: float) -> MissionState:
+def initial_state_in_flight(position: Array, ground: float) -> MissionState:
     """Return the state of a mission that begins in the air: hold at `position` (3), then land.
 
     Args:
@@ -103,16 +110,16 @@ def begin_in_flight(position: Array, ground: float) -> MissionState:
         ground: height of a vehicle that stands on the ground [m].
     """
     x, y, z = (float(v) for v in position)
-    return MissionState(HOLD, stay((x, y, z), 0.0), (x, y, ground), settled_s=0.0)
+    return MissionState(HOLD, hold_leg((x, y, z), 0.0), (x, y, ground), settled_s=0.0)
 
 
 def wait(state: MissionState, now_s: float, position: Array) -> MissionState:
     """Stay at `position` (3) in the plan's present phase."""
     x, y, z = (float(v) for v in position)
-    return replace(state, leg=stay((x, y, z), now_s, state.leg.yaw_at(now_s)))
+    return replace(state, leg=hold_leg((x, y, z), now_s, state.leg.yaw_at(now_s)))
 
 
-def grounded(state: MissionState, now_s: float, position: Array) -> MissionState:
+def set_landed(state: MissionState, now_s: float, position: Array) -> MissionState:
     """End the flight at `position` (3): the vehicle stands on the ground."""
     return replace(wait(state, now_s, position), mode=LANDED)
 
@@ -124,7 +131,9 @@ def resume(
     x, y, z = (float(v) for v in position)
     here = (x, y, z)
     if state.mode in (TAKEOFF, HOVER):
-        return replace(state, leg=straight(here, _top(state, params), params.climb_speed, now_s))
+        return replace(
+            state, leg=straight_leg(here, _top(state, params), params.climb_speed, now_s)
+        )
     if state.mode == APPROACH and params.course is not None:
         target = _targets(state, params)[_waypoint(state, params.course)]
         return replace(state, leg=leg_to(target, here, state.leg.yaw_at(now_s), now_s))
@@ -132,20 +141,20 @@ def resume(
         goal = (params.goal_x, params.goal_y, params.height)
         if params.step_size > 0.0:
             goal = _corner(state, params, state.steps - 1)
-        return replace(state, leg=straight(here, goal, params.approach_speed, now_s))
+        return replace(state, leg=straight_leg(here, goal, params.approach_speed, now_s))
     return state
 
 
-def escape(state: MissionState, x_r: Array, now_s: float) -> MissionState:
+def start_reaction(state: MissionState, x_r: Array, now_s: float) -> MissionState:
     """Leave the plan for the safe point x_r (3); a point that is not finite changes nothing."""
     x, y, z = (float(v) for v in x_r)
     if not math.isfinite(x + y + z):
         return state
-    leg = stay((x, y, z), now_s, state.leg.yaw_at(now_s))
+    leg = hold_leg((x, y, z), now_s, state.leg.yaw_at(now_s))
     return replace(state, mode=REACT, leg=leg, settled_since_s=math.inf, settled_s=math.nan)
 
 
-def proceed(
+def advance_mission(
     state: MissionState, params: MissionParams, now_s: float, position: Array, velocity: Array
 ) -> MissionState:
     """Return the state after looking at the clock and the estimate (map, SI)."""
@@ -157,12 +166,12 @@ def proceed(
     if mode == IDLE and now_s >= params.takeoff_time:
         top = _top(state, params)
         return replace(
-            state, mode=TAKEOFF, leg=straight(state.home, top, params.climb_speed, now_s)
+            state, mode=TAKEOFF, leg=straight_leg(state.home, top, params.climb_speed, now_s)
         )
     if mode == TAKEOFF and now_s >= state.leg.end_s:
         top = _top(state, params)
         if _near(position, top, _ARRIVED) and _speed(velocity) < _STILL:
-            return replace(state, mode=HOVER, leg=stay(top, now_s))
+            return replace(state, mode=HOVER, leg=hold_leg(top, now_s))
     flying = mode == HOVER and now_s >= params.approach_time
     if params.course is not None and (flying or mode == APPROACH):
         return _along_course(state, params, params.course, now_s, position)
@@ -172,7 +181,7 @@ def proceed(
             return _next_step(state, params, now_s)
         start = state.leg.position(now_s)
         return replace(
-            state, mode=APPROACH, leg=straight(start, goal, params.approach_speed, now_s)
+            state, mode=APPROACH, leg=straight_leg(start, goal, params.approach_speed, now_s)
         )
     next_step_s = params.approach_time + params.step_period * state.steps
     if mode == APPROACH and params.step_size > 0.0 and now_s >= next_step_s:
@@ -187,8 +196,8 @@ def _top(state: MissionState, params: MissionParams) -> Point:
     return state.home[0], state.home[1], params.height
 
 
-def _targets(state: MissionState, params: MissionParams) -> list[Target]:
-    return targets(params.course or (), _top(state, params), params.approach_speed)
+def _targets(state: MissionState, params: MissionParams) -> list[ResolvedWaypoint]:
+    return resolved_waypoints(params.course or (), _top(state, params), params.approach_speed)
 
 
 def _waypoint(state: MissionState, course: Course) -> int:
@@ -200,16 +209,16 @@ def _along_course(
     state: MissionState, params: MissionParams, course: Course, now_s: float, position: Array
 ) -> MissionState:
     """Begin the leg to the next waypoint when the last one is over; after the last, land."""
-    known: list[Target] = []
+    known: list[ResolvedWaypoint] = []
     while True:
         begun = state.mode == APPROACH and state.steps > 0
-        over_s = state.leg.over_s if begun else params.approach_time
-        if now_s < over_s:
+        hold_end_s = state.leg.hold_end_s if begun else params.approach_time
+        if now_s < hold_end_s:
             return state
         if state.steps >= len(course):
             return _land(state, params, now_s, position)
         known = known or _targets(state, params)
-        begin_s = over_s if now_s - over_s < _LATE else now_s
+        begin_s = hold_end_s if now_s - hold_end_s < _LATE else now_s
         here, yaw = state.leg.position(now_s), state.leg.yaw_at(now_s)
         leg = leg_to(known[state.steps], here, yaw, begin_s)
         state = replace(state, mode=APPROACH, leg=leg, steps=state.steps + 1)
@@ -218,7 +227,7 @@ def _along_course(
 def _next_step(state: MissionState, params: MissionParams, now_s: float) -> MissionState:
     """Jump to the next corner of a square with a change of height: a hard test for a detector."""
     point = _corner(state, params, state.steps)
-    return replace(state, mode=APPROACH, leg=stay(point, now_s), steps=state.steps + 1)
+    return replace(state, mode=APPROACH, leg=hold_leg(point, now_s), steps=state.steps + 1)
 
 
 def _corner(state: MissionState, params: MissionParams, step: int) -> Point:
@@ -248,7 +257,7 @@ def _land(
     height = float(position[2])
     below = (x, y, state.home[2] - 0.6)
     yaw = state.leg.yaw_at(now_s)
-    leg = straight((x, y, height), below, params.land_speed, now_s, yaw)
+    leg = straight_leg((x, y, height), below, params.land_speed, now_s, yaw)
     return replace(state, mode=LAND, leg=leg)
 
 
@@ -259,7 +268,7 @@ def _landing(
         return state
     lag = float(position[2]) - state.leg.position(now_s)[2]
     if lag > 0.25 and abs(float(velocity[2])) < 0.15 and float(position[2]) < state.home[2] + 0.3:
-        here = stay(state.leg.position(now_s), now_s, state.leg.yaw)
+        here = hold_leg(state.leg.position(now_s), now_s, state.leg.yaw)
         return replace(state, mode=LANDED, leg=here)
     return state
 

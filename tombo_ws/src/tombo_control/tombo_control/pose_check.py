@@ -7,15 +7,13 @@ import numpy as np
 from tombo_control.estimate import Array
 
 FRAME = "map"
-_FUTURE_NS = 5_000_000
+_MAX_FUTURE_NS = 5_000_000
 """A stamp may be this far ahead of the clock: two clocks of one machine agree better."""
 _SQUARE = 0.2
 """The square of a quaternion's length may be off by this: its length by a tenth."""
 
 
-def refuse_pose(
-    stamp_ns: int, now_ns: int, frame_id: str, position: Array, attitude: Array
-) -> str:
+def check_pose(stamp_ns: int, now_ns: int, frame_id: str, position: Array, attitude: Array) -> str:
     """Return "" or why it can't be used: wrong_frame, not_finite, not_unit, future.
 
     Args:
@@ -31,4 +29,4 @@ def refuse_pose(
         return "not_finite"
     if abs(float(attitude @ attitude) - 1.0) > _SQUARE:
         return "not_unit"
-    return "future" if stamp_ns > now_ns + _FUTURE_NS else ""
+    return "future" if stamp_ns > now_ns + _MAX_FUTURE_NS else ""

@@ -7,7 +7,7 @@ import math
 from tombo_control.autopilot import A, G
 from tombo_control.estimator import to_map
 from tombo_control.params import POSITION_TICKS
-from tombo_control.reference import progress
+from tombo_control.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.rotation import Array, normalize_quaternion
 from tombo_dynamics.vehicle import GRAVITY
@@ -20,14 +20,14 @@ _LOWEST_LIFT = 0.3 * GRAVITY
 def follow_leg(a: Array, time: float) -> None:
     """Write the reference of the current leg at `time` [s] into the set points."""
     duration = a[A.leg + 7] - a[A.leg + 6]
-    way, speed, change = progress(time - a[A.leg + 6], duration, a[A.leg + 8])
+    way, speed, change = trapezoidal_profile(time - a[A.leg + 6], duration, a[A.leg + 8])
     for i in range(3):
         a[A.position_setpoint + i] = a[A.leg + i] + a[A.leg + 3 + i] * way
         a[A.velocity_reference + i] = a[A.leg + 3 + i] * speed
         a[A.velocity_setpoint + i] = a[A.velocity_reference + i]
         a[A.acceleration_setpoint + i] = a[A.leg + 3 + i] * change
     if a[A.leg + 11] != 0.0:
-        turned, _, _ = progress(time - a[A.leg + 6], a[A.leg + 12], a[A.leg + 13])
+        turned, _, _ = trapezoidal_profile(time - a[A.leg + 6], a[A.leg + 12], a[A.leg + 13])
         a[A.leg + 9] = a[A.leg + 10] + a[A.leg + 11] * turned
 
 

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from tombo_diagnosis.diagnosis import Cause, Diagnosis, Experiment, FlightNote, Residual, Score
+from tombo_diagnosis.diagnosis import Cause, Diagnosis, Experiment, FlightSummary, Residual, Score
 from tombo_diagnosis.logs.flight_log import Finding
-from tombo_flight.extended_model import Fitted, Gain
+from tombo_flight.extended_model import FittedParameter, Gain
 
 DRAG = 0.283
 MASS = 1.2
@@ -74,8 +74,8 @@ def residuals(
 CAUSE = Cause(
     "linear_rotor_drag",
     (
-        Fitted("d_xy", "N s/m", 0.0, DRAG, 0.2761, 0.2903),
-        Fitted("d_z", "N s/m", 0.0, 0.041, -0.018, 0.1),
+        FittedParameter("d_xy", "N s/m", 0.0, DRAG, 0.2761, 0.2903),
+        FittedParameter("d_z", "N s/m", 0.0, 0.041, -0.018, 0.1),
     ),
     0.987,
     "force against the velocity, in proportion to it",
@@ -83,14 +83,14 @@ CAUSE = Cause(
 )
 MASS_ERROR = Cause(
     "mass_error",
-    (Fitted("fraction", "1", 0.0, 0.062, 0.0561, 0.0679),),
+    (FittedParameter("fraction", "1", 0.0, 0.062, 0.0561, 0.0679),),
     0.51,
     "specific force off by one factor on all axes, in hover and in turns alike",
     ((9e-6,),),
 )
 THRUST_ERROR = Cause(
     "thrust_coefficient_error",
-    (Fitted("fraction", "1", 0.0, -0.058, -0.0637, -0.0523),),
+    (FittedParameter("fraction", "1", 0.0, -0.058, -0.0637, -0.0523),),
     0.47,
     "specific force along body z off by a factor of thrust",
     ((8e-6,),),
@@ -158,7 +158,7 @@ def sample(
     causes = {"set": (MASS_ERROR, THRUST_ERROR), "named": (CAUSE,), "partly_explained": (CAUSE,)}
     members = ("mass_error", "thrust_coefficient_error") if verdict == "set" else ()
     notes = tuple(
-        FlightNote(
+        FlightSummary(
             f"circle_{i + 1}",
             f"lab/circle_{i + 1}.mcap (MCAP)",
             seconds,

@@ -13,7 +13,7 @@ from diagnosis_samples import EXPERIMENT, MISSION, sample
 
 from tombo_diagnosis.report.diagnosis_output import (
     DIAGNOSIS_FILES,
-    HeldAgainst,
+    NominalReference,
     diagnosis_json,
     write_diagnosis,
 )
@@ -21,7 +21,7 @@ from tombo_dynamics.errors import InputError
 from tombo_flight.model_file import read_model
 from tombo_flight.process.output_folder import open_output
 
-AGAINST = HeldAgainst("hover", "2031-04-05")
+AGAINST = NominalReference("hover", "2031-04-05")
 
 
 def strict(text: str):

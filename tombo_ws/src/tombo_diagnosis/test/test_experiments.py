@@ -7,12 +7,12 @@ import pytest
 import yaml
 
 from tombo_control.autopilot import APPROACH
-from tombo_diagnosis.flight.experiments import catalogue, mission, write_mission
+from tombo_diagnosis.flight.manoeuvres import manoeuvre_catalogue, mission, write_mission
 from tombo_dynamics.errors import InputError
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import extended_scenario, load_scenario
 
-CATALOGUE = catalogue()
+CATALOGUE = manoeuvre_catalogue()
 FLOWN = [name for name, manoeuvre in CATALOGUE.items() if manoeuvre.scenario]
 
 

@@ -8,11 +8,13 @@ import pytest
 
 from tombo_diagnosis.flight.scenario_nominal import nominal_model
 from tombo_dynamics.errors import InputError
-from tombo_flight.extended_model import Addition, Fitted, Model, Origin
+from tombo_flight.extended_model import FittedEffect, FittedParameter, Model, Origin
 from tombo_flight.model_file import write_model
 from tombo_flight.scenario import load_scenario
 
-DRAG = Addition("linear_rotor_drag", (Fitted("d_xy", "N s/m", 0.3, 0.5, 0.48, 0.52),), 0.9)
+DRAG = FittedEffect(
+    "linear_rotor_drag", (FittedParameter("d_xy", "N s/m", 0.3, 0.5, 0.48, 0.52),), 0.9
+)
 ORIGIN = Origin("tombo", "2026-01-01", "named", 0.9, "Drag.", "no_obstacle")
 
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tombo_diagnosis.flight.analyse import analyse, quiet
-from tombo_diagnosis.flight.experiments import catalogue
+from tombo_diagnosis.flight.analyse import analyse, no_progress
+from tombo_diagnosis.flight.experiment_design import as_log, separate
+from tombo_diagnosis.flight.manoeuvres import manoeuvre_catalogue
 from tombo_diagnosis.flight.scenario_nominal import nominal_model
-from tombo_diagnosis.flight.separation import as_log, separate
 from tombo_diagnosis.flight.track import track_of
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import extended_scenario, scenario_over
@@ -52,13 +52,13 @@ def doubtful():
 @pytest.fixture(scope="module")
 def proposed(doubtful):
     assert set(doubtful.judgement.members) == set(DOUBT)
-    return separate(doubtful, quiet)
+    return separate(doubtful, no_progress)
 
 
 def test_what_is_proposed_promises_more_than_the_flights_at_hand(proposed):
     assert set(proposed.effects) == set(DOUBT)
     assert proposed.separation > 5.0 > abs(proposed.present)
-    assert proposed.mission in [m.scenario for m in catalogue().values()]
+    assert proposed.mission in [m.scenario for m in manoeuvre_catalogue().values()]
     assert "wind" in proposed.text
 
 
@@ -75,14 +75,14 @@ def test_it_flies_and_lands(proposed):
 
 def test_without_a_set_nothing_is_proposed(doubtful):
     sure = replace(doubtful, judgement=replace(doubtful.judgement, members=()))
-    assert separate(sure, quiet) is None
+    assert separate(sure, no_progress) is None
 
 
 def test_a_vehicle_that_the_suite_does_not_know_is_told_what_to_do_by_hand(doubtful):
     other = replace(nominal_model(), calibrated=True)
     doubtful.problem.nominal, own = other, doubtful.problem.nominal
     try:
-        said = separate(doubtful, quiet)
+        said = separate(doubtful, no_progress)
     finally:
         doubtful.problem.nominal = own
     assert not said.mission and np.isnan(said.separation) and "wind" in said.text

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_diagnosis.logs.flight_log import Finding
-from tombo_flight.extended_model import Fitted, Gain
+from tombo_flight.extended_model import FittedParameter, Gain
 
 Array = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ class Cause:
 
     effect: str
     """Name in the registry."""
-    theta: tuple[Fitted, ...]
+    theta: tuple[FittedParameter, ...]
     confidence: float
     """Calibrated probability (0 to 1) that this is a cause."""
     signature: str
@@ -83,7 +83,7 @@ class Residual:
 
 
 @dataclass(frozen=True)
-class FlightNote:
+class FlightSummary:
     """One flight of the diagnosis."""
 
     name: str
@@ -111,7 +111,7 @@ class Diagnosis:
     prechecks: tuple[Finding, ...]
     candidates: tuple[Score, ...]
     """All effects of the registry, likeliest first."""
-    flights: tuple[FlightNote, ...]
+    flights: tuple[FlightSummary, ...]
     residuals: tuple[Residual, ...]
     confidence: float
     """Calibrated probability of the verdict."""

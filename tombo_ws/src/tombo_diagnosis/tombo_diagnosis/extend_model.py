@@ -8,9 +8,9 @@ from dataclasses import replace
 from tombo_diagnosis.diagnosis import Cause, Diagnosis
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError
-from tombo_flight.extended_model import Addition, Model, Origin, Source
+from tombo_flight.extended_model import FittedEffect, Model, Origin, Source
 
-EXTENDS = ("named", "partly_explained")
+EXTENDING_VERDICTS = ("named", "partly_explained")
 """Verdicts that say what the model lacks; the others leave it as it is."""
 
 
@@ -34,10 +34,10 @@ def model_of(
     Raises:
         InputError: nothing was named, or a cause is not of the registry.
     """
-    if diagnosis.verdict not in EXTENDS or not diagnosis.causes:
+    if diagnosis.verdict not in EXTENDING_VERDICTS or not diagnosis.causes:
         raise InputError(
             f"model: the verdict '{diagnosis.verdict}' names no effect to extend the model by; "
-            f"accepted: {' or '.join(EXTENDS)}, with a cause"
+            f"accepted: {' or '.join(EXTENDING_VERDICTS)}, with a cause"
         )
     notes: list[str] = []
     fitted = [_addition(cause, notes) for cause in diagnosis.causes]
@@ -60,7 +60,7 @@ def model_of(
     return Model(tuple(fitted), origin, diagnosis.gain, (*notes, *diagnosis.notes))
 
 
-def _addition(cause: Cause, notes: list[str]) -> Addition:
+def _addition(cause: Cause, notes: list[str]) -> FittedEffect:
     """Return what a cause adds; a value that no simulation takes is brought to its bound."""
     if cause.effect not in REGISTRY:
         raise InputError(f"model: effect '{cause.effect}' is not in the registry")
@@ -75,10 +75,10 @@ def _addition(cause: Cause, notes: list[str]) -> Addition:
         if value != fitted.value:
             notes.append(f"{name}: {fitted.value:g} was fitted, {value:g} is its bound")
         theta.append(replace(fitted, value=value, unit=declared[fitted.name].unit))
-    return Addition(cause.effect, tuple(theta), cause.confidence, cause.covariance)
+    return FittedEffect(cause.effect, tuple(theta), cause.confidence, cause.covariance)
 
 
-def _merged(base: tuple[Addition, ...], fitted: list[Addition]) -> list[Addition]:
+def _merged(base: tuple[FittedEffect, ...], fitted: list[FittedEffect]) -> list[FittedEffect]:
     """Return the additions of both; a parameter that was fitted anew replaces the old one.
 
     A covariance stays where its effect's parameters are all of one fit.

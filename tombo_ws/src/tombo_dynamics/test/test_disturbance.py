@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from one_vehicle import Vehicle, hover_speed, random_attitude, vacuum_maps
 from scipy.spatial.transform import Rotation
 
-from tombo_dynamics.disturbance import SHAPES, set_disturbance
+from tombo_dynamics.disturbance import DISTURBANCES, set_disturbance
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
 
-every_shape = pytest.mark.parametrize("name", SHAPES)
+every_shape = pytest.mark.parametrize("name", DISTURBANCES)
 SEEDS = st.integers(0, 1000)
 
 
@@ -40,12 +40,12 @@ def added(name, *values, ticks=0, **where):
 @every_shape
 def test_it_is_no_candidate_and_says_what_it_is(name):
     assert name not in REGISTRY
-    shape = SHAPES[name]
+    shape = DISTURBANCES[name]
     assert shape.doc.endswith(".") and shape.params
     for p in shape.params:
         low, high = p.bounds
         assert p.unit and p.doc and low <= p.typical <= high
-    assert len({s.id for s in SHAPES.values()}) == len(SHAPES)
+    assert len({s.id for s in DISTURBANCES.values()}) == len(DISTURBANCES)
 
 
 @every_shape

@@ -19,7 +19,7 @@ from tombo_dynamics.vehicle import GRAVITY
 _PARAMS = 6
 _SET, _STATE = P.disturbance + 1, P.disturbance + 1 + _PARAMS
 """Parameters; state (9), all zero at first."""
-_TETHER, _LOAD, _PERIODIC, _FADE, _DRY, _PUSH, _WALL, _YAW, _PLAY = range(1, 10)
+_TETHER, _LOAD, _PERIODIC, _FADE, _DRY_FRICTION, _PUSH, _WALL, _YAW, _HYSTERESIS = range(1, 10)
 
 _CORD_FREQUENCY, _CORD_DAMPING = 80.0, 0.3
 """[rad/s] and ratio of a load that bounces on its cord: stretched by 1.5 mm at rest."""
@@ -30,7 +30,7 @@ _FADED = 0.8
 
 
 @dataclass(frozen=True)
-class Shape:
+class Disturbance:
     """A kind of disturbance."""
 
     id: int
@@ -41,8 +41,8 @@ class Shape:
 _METRE = (-100.0, 100.0)
 _TURN = (-math.pi, math.pi)
 
-SHAPES: dict[str, Shape] = {
-    "tether": Shape(
+DISTURBANCES: dict[str, Disturbance] = {
+    "tether": Disturbance(
         _TETHER,
         (
             Param("x", "m", 0.0, _METRE, "fixed end in map", 0.0),
@@ -53,7 +53,7 @@ SHAPES: dict[str, Shape] = {
         ),
         "Elastic cord from the centre of mass to a fixed point.",
     ),
-    "slung_load": Shape(
+    "slung_load": Disturbance(
         _LOAD,
         (
             Param("mass", "kg", 0.0, (0.001, 5.0), "of the load", 0.15),
@@ -61,7 +61,7 @@ SHAPES: dict[str, Shape] = {
         ),
         "Point mass on a cord below the centre of mass; it swings, and it may rest on the floor.",
     ),
-    "periodic_push": Shape(
+    "periodic_push": Disturbance(
         _PERIODIC,
         (
             Param("amplitude", "N", 0.0, (0.0, 50.0), "of the push", 0.6),
@@ -70,17 +70,17 @@ SHAPES: dict[str, Shape] = {
         ),
         "Horizontal force that goes to and fro in map.",
     ),
-    "thrust_fade": Shape(
+    "thrust_fade": Disturbance(
         _FADE,
         (Param("rate", "1/s", 0.0, (0.0, 1.0), "share of thrust lost per second", 0.004),),
         "Collective thrust is lost with the time since the start, at any voltage.",
     ),
-    "dry_drag": Shape(
-        _DRY,
+    "dry_drag": Disturbance(
+        _DRY_FRICTION,
         (Param("force", "N", 0.0, (0.0, 50.0), "whatever the speed", 0.5),),
         "Force of constant size against the velocity in the disc plane.",
     ),
-    "body_push": Shape(
+    "body_push": Disturbance(
         _PUSH,
         (
             Param("x", "N", 0.0, (-50.0, 50.0), "forward", 0.5),
@@ -89,7 +89,7 @@ SHAPES: dict[str, Shape] = {
         ),
         "Constant force in body axes, as of rotors that stand askew.",
     ),
-    "wall_suction": Shape(
+    "wall_suction": Disturbance(
         _WALL,
         (
             Param("force", "N", 0.0, (0.0, 50.0), "at the wall", 2.0),
@@ -99,7 +99,7 @@ SHAPES: dict[str, Shape] = {
         ),
         "Horizontal force towards a wall, exponential in the distance.",
     ),
-    "yaw_spring": Shape(
+    "yaw_spring": Disturbance(
         _YAW,
         (
             Param("moment", "N m", 0.0, (0.0, 5.0), "at a quarter turn", 0.03),
@@ -107,8 +107,8 @@ SHAPES: dict[str, Shape] = {
         ),
         "Yaw moment with the sine of the heading, as of a stiff cable.",
     ),
-    "thrust_hysteresis": Shape(
-        _PLAY,
+    "thrust_hysteresis": Disturbance(
+        _HYSTERESIS,
         (Param("play", "N", 0.0, (0.0, 10.0), "half width of the loop", 0.4),),
         "Collective thrust trails its changes by a play: less when it rises than when it falls.",
     ),
@@ -121,15 +121,15 @@ def set_disturbance(m: Array, name: str, *values: float) -> None:
 
     Args:
         m: the plant's memory, at the start of a tick.
-        name: one of `SHAPES`.
+        name: one of `DISTURBANCES`.
         values: its parameters in order; without any, the typical ones.
 
     Raises:
         InputError: an unknown name, too many or too few parameters, or one out of bounds.
     """
-    if name not in SHAPES:
-        raise unknown_name("disturbance", name, SHAPES)
-    shape = SHAPES[name]
+    if name not in DISTURBANCES:
+        raise unknown_name("disturbance", name, DISTURBANCES)
+    shape = DISTURBANCES[name]
     given = values or tuple(p.typical for p in shape.params)
     if len(given) != len(shape.params):
         raise InputError(
@@ -151,7 +151,7 @@ def prepare_disturbance(m: Array) -> None:
     shape = m[P.disturbance]
     if shape == _LOAD:
         _swing(m)
-    elif shape == _PLAY:
+    elif shape == _HYSTERESIS:
         thrust = m[P.rotors]
         m[_STATE] = min(max(m[_STATE], thrust - m[_SET]), thrust + m[_SET])
 
@@ -206,7 +206,7 @@ def disturb(m: Array, row: int) -> None:
     elif shape == _FADE:
         time = (m[P.clock] + 0.5 * row) * m[P.clock + 1]
         m[f + 2] -= min(m[p] * time, _FADED) * m[P.rotors + 5 * row]
-    elif shape == _DRY:
+    elif shape == _DRY_FRICTION:
         u, v = m[P.flow], m[P.flow + 1]
         size = m[p] / math.sqrt(u * u + v * v + _SMOOTH_SPEED * _SMOOTH_SPEED)
         m[f] -= size * u
@@ -222,7 +222,7 @@ def disturb(m: Array, row: int) -> None:
         x, y = pull * ex, pull * ey
     elif shape == _YAW:
         m[f + 5] -= m[p] * math.sin(math.atan2(m[r + 3], m[r]) - m[p + 1])
-    elif shape == _PLAY:
+    elif shape == _HYSTERESIS:
         m[f + 2] += m[_STATE] - m[P.rotors]
     m[f] += m[r] * x + m[r + 3] * y + m[r + 6] * z
     m[f + 1] += m[r + 1] * x + m[r + 4] * y + m[r + 7] * z

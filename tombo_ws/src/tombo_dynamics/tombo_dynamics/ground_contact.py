@@ -12,7 +12,7 @@ _DIAGONAL = math.sqrt(2.0)
 
 
 @compiled
-def reach_down(m: Array) -> float:
+def ground_clearance(m: Array) -> float:
     """Return a height of the centre of gravity [m] above which nothing touches the floor."""
     legs = math.hypot(m[V.leg_spread] * _DIAGONAL, m[V.leg_height])
     motors = math.hypot(m[V.arm_length], m[V.rotor_height])

@@ -12,11 +12,11 @@ from tombo_dynamics.effects.compose import (
     apply_rotor,
     apply_wrench,
 )
-from tombo_dynamics.ground_contact import ground_contact, reach_down
+from tombo_dynamics.ground_contact import ground_clearance, ground_contact
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import DELAY_TICKS, SLOPES, Array, P, V
 from tombo_dynamics.rotation import normalize_quaternion, rotation_matrix
-from tombo_dynamics.rotors import sum_rotors, turn_rotors
+from tombo_dynamics.rotors import advance_rotor_speeds, rotor_wrench
 from tombo_dynamics.vehicle import GRAVITY
 
 _START, _SLOPE = P.work, P.work + 26
@@ -27,7 +27,7 @@ _START, _SLOPE = P.work, P.work + 26
 def derivative(m: Array, noise: Array, theta: Array, row: int, out: int) -> None:
     """Write d(body)/dt (13) of the state in `P.body` into `m[out:]`.
 
-    Euler's equation holds the rotors' spin momentum; its change reacts through `sum_rotors`.
+    Euler's equation holds the rotors' spin momentum; its change reacts through `rotor_wrench`.
     `row` picks the rotors' state at start (0), middle (1) or end (2) of the tick. The wrench that
     was used is left in `P.wrench`.
     """
@@ -100,9 +100,9 @@ def begin_tick(m: Array, maps: Array, noise: Array, theta: Array) -> None:
     apply_command(m, noise, theta)
     for i in range(4):
         m[P.target + i] *= 1.0 - m[P.fold + i]
-    sum_rotors(m, maps, 1.0, 0)
-    sum_rotors(m, maps, m[P.inertial + 8], 1)
-    sum_rotors(m, maps, m[P.inertial + 9], 2)
+    rotor_wrench(m, maps, 1.0, 0)
+    rotor_wrench(m, maps, m[P.inertial + 8], 1)
+    rotor_wrench(m, maps, m[P.inertial + 9], 2)
     if m[P.disturbance] != 0.0:
         prepare_disturbance(m)
     derivative(m, noise, theta, 0, SLOPES)
@@ -130,7 +130,7 @@ def finish_tick(m: Array, noise: Array, theta: Array) -> None:
     for i in range(13):
         m[P.body + i] = m[_START + i] + h / 6.0 * (m[SLOPES + i] + m[_SLOPE + i])
     normalize_quaternion(m, P.body + 6)
-    turn_rotors(m)
+    advance_rotor_speeds(m)
     m[P.clock] += 1.0
 
 
@@ -150,6 +150,6 @@ def begin_flight(m: Array, noise: Array, theta: Array, tick: float) -> None:
     apply_body(m, noise, theta)
     for i in range(4):
         m[P.inertial + 10 + i] = 1.0 / m[P.inertial + i]
-    m[P.inertial + 14] = reach_down(m)
+    m[P.inertial + 14] = ground_clearance(m)
     m[P.inertial + 8] = math.exp(-0.5 * tick / m[P.inertial + 4])
     m[P.inertial + 9] = math.exp(-tick / m[P.inertial + 4])

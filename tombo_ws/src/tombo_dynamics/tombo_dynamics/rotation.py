@@ -107,7 +107,7 @@ def conjugate(q: Array) -> Array:
     return np.asarray(q * np.array([-1.0, -1.0, -1.0, 1.0]))
 
 
-def continuous(q: Array) -> Array:
+def unwrap_quaternions(q: Array) -> Array:
     """Return the same rotations (N, 4) with signs such that no step is the long way round.
 
     What is not finite, or zero, stays as it is.
@@ -140,7 +140,7 @@ def tilt(q: Array) -> Array:
 
 
 @compiled
-def turned(q: Array, v: Array) -> Array:
+def rotate_vectors(q: Array, v: Array) -> Array:
     """Return the vector `v` (3) turned by the quaternion `q` (4) xyzw."""
     out = np.empty(3)
     x, y, z, w = q[0], q[1], q[2], q[3]

@@ -9,7 +9,7 @@ from tombo_dynamics.vehicle import ARM_X, ARM_Y, SPIN
 
 
 @compiled
-def sum_rotors(m: Array, maps: Array, decay: float, row: int) -> None:
+def rotor_wrench(m: Array, maps: Array, decay: float, row: int) -> None:
     """Write thrust, moments and spin momentum of all rotors into row `row` of `P.rotors`.
 
     The drives follow their target exponentially; `decay` is what is left of the gap to it.
@@ -47,7 +47,7 @@ def sum_rotors(m: Array, maps: Array, decay: float, row: int) -> None:
 
 
 @compiled
-def turn_rotors(m: Array) -> None:
+def advance_rotor_speeds(m: Array) -> None:
     """Carry the rotor speeds to the end of the tick."""
     for i in range(4):
         target = m[P.target + i]

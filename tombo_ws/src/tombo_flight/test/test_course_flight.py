@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from tombo_control.autopilot import APPROACH, LAND
-from tombo_control.course import leg_to, targets
+from tombo_control.course import leg_to, resolved_waypoints
 from tombo_dynamics.errors import InputError
 from tombo_flight.course_check import course_begin
 from tombo_flight.flight import as_flown, fly_scenario
 from tombo_flight.replay.bag_scenario import scenario_of_bag
 from tombo_flight.scenario import extended_scenario, load_scenario, world_of
-from tombo_sim.beginning import begin
+from tombo_sim.flight_setup import begin
 
 COURSE = [
     {"x": 1.5, "yaw": 1.57, "speed": 1.0, "hold": 2.5},
@@ -39,8 +39,10 @@ def yaw_of(record):
 def ends(scenario, begun):
     """(time, target) at the end of each hold, for a course begun at a time."""
     here, yaw, now = (0.0, 0.0, scenario.mission.height), 0.0, begun
-    for target in targets(scenario.mission.course, here, scenario.mission.approach_speed):
-        now = leg_to(target, here, yaw, now).over_s
+    for target in resolved_waypoints(
+        scenario.mission.course, here, scenario.mission.approach_speed
+    ):
+        now = leg_to(target, here, yaw, now).hold_end_s
         here, yaw = target[:3], target.yaw
         yield now, target
 

@@ -25,7 +25,7 @@ from tombo_control.autopilot import (
 )
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.flight import fly_scenario
-from tombo_flight.flight_metrics import Verdict, first_lasting, lowest_point, summarize
+from tombo_flight.flight_metrics import MetricsInput, first_sustained, lowest_point, summarize
 from tombo_flight.flight_output import flight_summary
 from tombo_flight.scenario import Scenario, load_scenario
 
@@ -98,7 +98,7 @@ class Made:
 
     def summary(self):
         return summarize(
-            Verdict(
+            MetricsInput(
                 self.scenario,
                 7,
                 self.t,
@@ -396,7 +396,7 @@ def test_time_is_told_against_the_wall():
 def test_first_lasting_is_the_first_run_of_that_length(values, length):
     condition = np.array(values, dtype=bool)
     starts = [i for i in range(len(values) - length + 1) if all(values[i : i + length])]
-    assert first_lasting(condition, length) == (starts[0] if starts else None)
+    assert first_sustained(condition, length) == (starts[0] if starts else None)
 
 
 def test_lowest_point_is_a_leg_level_and_a_motor_on_the_side():

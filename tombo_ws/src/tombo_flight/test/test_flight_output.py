@@ -9,7 +9,7 @@ import numpy as np
 
 from tombo_bringup import warmup
 from tombo_flight.flight import fly_scenario
-from tombo_flight.flight_output import WALL_KEYS, as_json, flight_summary, rehearse
+from tombo_flight.flight_output import WALL_KEYS, as_json, flight_summary, warm_up_flight
 from tombo_flight.scenario import load_scenario
 
 
@@ -50,7 +50,7 @@ def test_a_flight_that_ends_before_its_first_sample_has_a_summary_too():
 def test_a_rehearsal_does_not_change_the_flight():
     scenario = load_scenario("hover", ["duration=1"])
     before = fly_scenario(scenario, 1).log["position"].copy()
-    rehearse(scenario)
+    warm_up_flight(scenario)
     assert np.array_equal(fly_scenario(scenario, 1).log["position"], before)
 
 

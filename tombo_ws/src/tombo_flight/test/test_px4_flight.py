@@ -27,39 +27,39 @@ from tombo_flight.report.flight_report import write_report
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite.node_flight import over_mavlink
 from tombo_flight.suite.nodes import SUITE
-from tombo_flight.suite.px4_flight import READY_S, BridgeWatch, px4_figures
+from tombo_flight.suite.px4_connection import px4_connection
+from tombo_flight.suite.px4_flight import READY_S, BridgeMonitor, px4_metrics
 from tombo_flight.suite.px4_probe import find_vehicle
-from tombo_flight.suite.px4_side import px4_side
 from tombo_px4.bridge.bridge_params import LinkParams
 
 
 def test_without_a_url_both_ends_meet_on_a_free_port_of_this_machine():
-    side = px4_side(None, ["px4.setpoint=rates", "link.own_system=200"])
+    connection = px4_connection(None, ["px4.setpoint=rates", "link.own_system=200"])
 
-    port = int(side.link.url.rpartition(":")[2])
-    assert side.simulated
-    assert side.link.url == f"udpin://127.0.0.1:{port}"
-    assert side.parameters["sim"]["onboard_url"] == f"udpout://127.0.0.1:{port}"
-    assert side.parameters["px4_bridge"]["px4"]["setpoint"] == "rates"
-    assert side.parameters["px4_bridge"]["link"]["own_system"] == 200
-    assert px4_side(None, []).link.url != side.link.url
+    port = int(connection.link.url.rpartition(":")[2])
+    assert connection.simulated
+    assert connection.link.url == f"udpin://127.0.0.1:{port}"
+    assert connection.parameters["sim"]["onboard_url"] == f"udpout://127.0.0.1:{port}"
+    assert connection.parameters["px4_bridge"]["px4"]["setpoint"] == "rates"
+    assert connection.parameters["px4_bridge"]["link"]["own_system"] == 200
+    assert px4_connection(None, []).link.url != connection.link.url
 
 
 def test_set_points_of_attitude_come_from_our_controller_on_a_faster_gyro():
-    plain, more = px4_side(None, []), px4_side(None, ["px4.setpoint=attitude"])
+    plain, more = px4_connection(None, []), px4_connection(None, ["px4.setpoint=attitude"])
     assert "controller" not in over_mavlink(plain)["suite"]
     assert over_mavlink(more)["suite"]["controller"] == SUITE["controller"]
     assert more.bridge.imu_rate == 250.0 > plain.bridge.imu_rate
-    chosen = px4_side(None, ["px4.setpoint=rates", "px4.imu_rate=100"])
+    chosen = px4_connection(None, ["px4.setpoint=rates", "px4.imu_rate=100"])
     assert chosen.bridge.imu_rate == 100.0
 
 
 def test_with_a_url_nothing_is_simulated():
-    side = px4_side("udpin://127.0.0.1:14540", [])
+    connection = px4_connection("udpin://127.0.0.1:14540", [])
 
-    assert not side.simulated
-    assert set(side.parameters) == {"px4_bridge"}
-    assert over_mavlink(side)["without"] == ("sim",)
+    assert not connection.simulated
+    assert set(connection.parameters) == {"px4_bridge"}
+    assert over_mavlink(connection)["without"] == ("sim",)
 
 
 def test_a_vehicle_is_known_by_its_heartbeat():
@@ -68,13 +68,13 @@ def test_a_vehicle_is_known_by_its_heartbeat():
 
     assert found is not None
     assert (found.system, found.component, found.armed, found.mode) == (1, 1, True, "hold")
-    assert found.words == "a PX4 quadrotor, system 1, armed, in mode hold"
+    assert found.description == "a PX4 quadrotor, system 1, armed, in mode hold"
 
 
 def test_nobody_at_the_other_end_is_said():
-    side = px4_side(None, [])
+    connection = px4_connection(None, [])
     with pytest.raises(InputError, match=r"no heartbeat within 0\.3 s; accepted: a link on which"):
-        find_vehicle(side.link, patience_s=0.3)
+        find_vehicle(connection.link, patience_s=0.3)
 
 
 def test_another_system_is_named_and_how_to_reach_it():
@@ -97,7 +97,7 @@ def test_a_signed_link_says_what_it_has_refused(tmp_path):
 
 
 def test_a_stop_ends_the_waiting():
-    assert find_vehicle(px4_side(None, []).link, stop=lambda: True) is None
+    assert find_vehicle(px4_connection(None, []).link, stop=lambda: True) is None
 
 
 @pytest.fixture(scope="module")
@@ -204,9 +204,9 @@ READY = {
 }  # fmt: skip
 
 
-def watched(*looks: tuple[float, dict[str, object] | None, int | None, bool]) -> BridgeWatch:
+def watched(*looks: tuple[float, dict[str, object] | None, int | None, bool]) -> BridgeMonitor:
     """A watch that has had looks at: time, changes of the status, phase, over."""
-    found = BridgeWatch()
+    found = BridgeMonitor()
     for time_s, status, phase, over in looks:
         found.see(None if status is None else {**READY, **status}, phase, time_s, over=over)
     return found
@@ -296,10 +296,10 @@ def test_warnings_are_one_line_for_each_key():
 
 
 def test_parameters_of_px4_go_to_the_bridge():
-    side = px4_side(None, ["px4_parameters=[EKF2_EV_CTRL=11, NAV_DLL_ACT=0]"])
+    connection = px4_connection(None, ["px4_parameters=[EKF2_EV_CTRL=11, NAV_DLL_ACT=0]"])
     wanted = ["EKF2_EV_CTRL=11", "NAV_DLL_ACT=0"]
-    assert side.parameters["px4_bridge"]["px4_parameters"] == wanted
-    assert "px4_parameters" not in px4_side(None, []).parameters["px4_bridge"]
+    assert connection.parameters["px4_bridge"]["px4_parameters"] == wanted
+    assert "px4_parameters" not in px4_connection(None, []).parameters["px4_bridge"]
 
 
 def test_a_px4_that_signs_wants_a_key_on_this_side(tmp_path):
@@ -350,7 +350,7 @@ def test_the_summary_tells_what_the_bridge_has_told(flown, tmp_path):
             )
     record = flight_from_bag(path)
     with Recording(tmp_path / "told.mcap") as recording:
-        found = px4_figures(recording, record)
+        found = px4_metrics(recording, record)
 
     assert record.epoch_ns == EPOCH_NS
     assert (found["armed_s"], found["armed_duration_s"]) == (1.5, 9.5)
@@ -379,7 +379,7 @@ def test_without_a_bridge_nothing_is_made_up(flown, tmp_path):
     write_mcap(flown, path)
     record = flight_from_bag(path)
     with Recording(path) as recording:
-        found = px4_figures(recording, record)
+        found = px4_metrics(recording, record)
 
     assert found["modes"] == [] and found["refused"] == {}
     assert found["armed_s"] is None and found["armed_duration_s"] == 0.0

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from tombo_control.course import leg_to, targets
-from tombo_control.leg import Point, straight
+from tombo_control.course import leg_to, resolved_waypoints
+from tombo_control.leg import Point, straight_leg
 from tombo_control.mission import MissionParams
 from tombo_control.params import ControlParams
 from tombo_dynamics.errors import InputError
@@ -33,12 +33,12 @@ def check_course(mission: MissionParams, control: ControlParams) -> None:
     hover: Point = (0.0, 0.0, mission.height)
     end_s = course_begin(mission)
     here, yaw = hover, 0.0
-    for i, target in enumerate(targets(mission.course, hover, mission.approach_speed)):
+    for i, target in enumerate(resolved_waypoints(mission.course, hover, mission.approach_speed)):
         leg = leg_to(target, here, yaw, end_s)
         vx, vy, vz = leg.velocity
         _check_speed(i, "across", math.hypot(vx, vy), "velocity_max_xy", control.velocity_max_xy)
         _check_speed(i, "up or down", abs(vz), "velocity_max_z", control.velocity_max_z)
-        end_s, here, yaw = leg.over_s, target[:3], target.yaw
+        end_s, here, yaw = leg.hold_end_s, target[:3], target.yaw
     if end_s > mission.land_time:
         raise InputError(
             f"mission.course: lasts until {end_s:.1f} s; accepted: at most mission.land_time, "
@@ -48,7 +48,7 @@ def check_course(mission: MissionParams, control: ControlParams) -> None:
 
 def course_begin(mission: MissionParams) -> float:
     """Return when the course begins if the climb goes well [s]."""
-    climb = straight(
+    climb = straight_leg(
         (0.0, 0.0, 0.0), (0.0, 0.0, mission.height), mission.climb_speed, mission.takeoff_time
     )
     return max(mission.approach_time, climb.end_s)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Fitted:
+class FittedParameter:
     """A fitted parameter of an effect."""
 
     name: str
@@ -39,11 +39,11 @@ class Gain:
 
 
 @dataclass(frozen=True)
-class Addition:
+class FittedEffect:
     """An effect of the model with its fitted parameters."""
 
     effect: str
-    theta: tuple[Fitted, ...]
+    theta: tuple[FittedParameter, ...]
     confidence: float
     covariance: tuple[tuple[float, ...], ...] = ()
     """Of theta, in its order; empty: not known."""
@@ -82,7 +82,7 @@ class Origin:
 class Model:
     """What `model.yaml` holds."""
 
-    additions: tuple[Addition, ...]
+    additions: tuple[FittedEffect, ...]
     origin: Origin
     gain: tuple[Gain, ...] = ()
     """Prediction error before and after, on data held out."""
@@ -94,7 +94,7 @@ class Model:
         return {a.effect: {f.name: f.value for f in a.theta} for a in self.additions}
 
 
-def effects_over(
+def merge_effects(
     effects: Mapping[str, Mapping[str, float]], model: Model
 ) -> dict[str, dict[str, float]]:
     """Return a scenario's effects with the model's laid over them, parameter by parameter."""

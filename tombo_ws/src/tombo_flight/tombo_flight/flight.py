@@ -21,17 +21,17 @@ from tombo_control import mission as plan
 from tombo_control.autopilot import (
     LAND,
     LANDED,
-    MODE_NAMES,
+    PHASE_NAMES,
     A,
     new_autopilot,
 )
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.plant import P, part
-from tombo_flight.flight_metrics import Verdict, summarize
+from tombo_flight.flight_end import FlightEndDetector
+from tombo_flight.flight_metrics import MetricsInput, summarize
 from tombo_flight.flight_record import FlightRecord
-from tombo_flight.referee import Referee
 from tombo_flight.scenario import Scenario, as_mapping, world_of
-from tombo_sim.beginning import NOISE, TICK_S, Beginning, begin
+from tombo_sim.flight_setup import NOISE, TICK_S, FlightSetup, begin
 from tombo_sim.kernel import ARRIVES, MOCAP_WIDTH, POSE, STAMPED, fly
 from tombo_sim.log_columns import COLUMNS, LOG_WIDTH
 
@@ -55,7 +55,7 @@ class Workspace:
 
 
 @dataclass
-class _Course:
+class _FlightState:
     """What detector, reaction and mission have come to in the flight so far."""
 
     mission: plan.MissionState
@@ -93,8 +93,8 @@ def fly_scenario(
             obstacle, or parameters are so stiff that the simulation diverges.
     """
     vehicle = scenario.vehicle
-    ready = begin(world_of(scenario), seed)
-    m, maps, theta = ready.m, ready.maps, ready.theta
+    setup = begin(world_of(scenario), seed)
+    m, maps, theta = setup.m, setup.maps, setup.theta
     if prepare is not None:
         prepare(m)
     ticks = round(scenario.duration / TICK_S)
@@ -102,14 +102,14 @@ def fly_scenario(
         np.arange(0.0, scenario.duration, 1.0 / scenario.estimator.mocap_rate) / TICK_S
     ).astype(np.int64)
     captures = np.append(captures, np.int64(2**62))
-    mocap_noise = ready.mocap_noise.standard_normal((captures.size, NOISE))
+    mocap_noise = setup.mocap_noise.standard_normal((captures.size, NOISE))
     mocap = np.zeros((captures.size, MOCAP_WIDTH))
     log = (workspace or Workspace()).rows(ticks)
     body = part(m, "body")
     a = new_autopilot(scenario.control, scenario.estimator, vehicle, body[:3], body[6:10])
 
-    course = _Course(plan.begin(ready.start), CollisionDetector(scenario.detector))
-    referee = Referee(vehicle.leg_height)
+    course = _FlightState(plan.begin(setup.start), CollisionDetector(scenario.detector))
+    flight_end = FlightEndDetector(vehicle.leg_height)
     state = np.zeros(3, dtype=np.int64)
     began = time.perf_counter()
     k = 0
@@ -119,7 +119,7 @@ def fly_scenario(
     while k < end:
         if k >= base + noise.shape[0]:
             base = k
-            noise = ready.tick_noise.standard_normal((_BLOCK, NOISE))
+            noise = setup.tick_noise.standard_normal((_BLOCK, NOISE))
         k, row = fly(
             m,
             a,
@@ -144,9 +144,9 @@ def fly_scenario(
         if row < 0:
             continue
         now = k * TICK_S
-        _look_at_sample(course, scenario, mocap[row], row, now, a)
+        _process_pose(course, scenario, mocap[row], row, now, a)
         upright = 1.0 - 2.0 * (m[P.body + 6] ** 2 + m[P.body + 7] ** 2)
-        finished = referee.watch(m[P.body + 2], upright, course.mission.mode)
+        finished = flight_end.watch(m[P.body + 2], upright, course.mission.mode)
         if finished is not None:
             end = min(end, k + round(finished / TICK_S))
         if stop is not None and stop():
@@ -155,21 +155,21 @@ def fly_scenario(
             progress(now)
     wall = time.perf_counter() - began
 
-    flown = as_flown(scenario, seed, ready)
+    flown = as_flown(scenario, seed, setup)
     return _record(scenario, seed, flown, log[:k], mocap, course, wall)
 
 
-def as_flown(scenario: Scenario, seed: int, ready: Beginning) -> dict[str, Any]:
+def as_flown(scenario: Scenario, seed: int, setup: FlightSetup) -> dict[str, Any]:
     """Return the scenario as plain values, with the seed and what follows from it."""
     flown = as_mapping(scenario)
-    flown["effects"] = ready.effects
+    flown["effects"] = setup.effects
     flown["seed"] = seed
-    flown["obstacle"] = dict(zip(("x_m", "y_m", "radius_m", "top_m"), ready.obstacle, strict=True))
+    flown["obstacle"] = dict(zip(("x_m", "y_m", "radius_m", "top_m"), setup.obstacle, strict=True))
     return flown
 
 
-def _look_at_sample(
-    course: _Course, scenario: Scenario, sample: Array, row: int, now: float, a: Array
+def _process_pose(
+    course: _FlightState, scenario: Scenario, sample: Array, row: int, now: float, a: Array
 ) -> None:
     """Hand a delivered pose to detector, reaction and mission, their outcome to the autopilot."""
     stamp = sample[STAMPED] * TICK_S
@@ -200,7 +200,7 @@ def _look_at_sample(
         if scenario.react and before.mode not in (LAND, LANDED):
             course.reaction = react(course.reaction, event, scenario.reaction)
             course.reactions.append(course.reaction)
-            course.mission = plan.escape(before, course.reaction.x_r, now)
+            course.mission = plan.start_reaction(before, course.reaction.x_r, now)
             course.events.append(
                 {
                     "time_s": now,
@@ -212,7 +212,7 @@ def _look_at_sample(
                     "count": course.reaction.collisions,
                 }
             )
-    course.mission = plan.proceed(
+    course.mission = plan.advance_mission(
         course.mission,
         scenario.mission,
         now,
@@ -233,18 +233,18 @@ def _record(
     flown: dict[str, Any],
     log: Array,
     mocap: Array,
-    course: _Course,
+    course: _FlightState,
     wall: float,
 ) -> FlightRecord:
     columns = {name: log[:, where] for name, where in COLUMNS.items()}
     rows = np.array([row for row, _ in course.statistics], dtype=np.int64)
     events = course.events + [
-        {"time_s": when, "kind": MODE_NAMES[mode], "text": MODE_NAMES[mode].replace("_", " ")}
+        {"time_s": when, "kind": PHASE_NAMES[mode], "text": PHASE_NAMES[mode].replace("_", " ")}
         for when, mode in course.modes
     ]
     t: Array = np.arange(log.shape[0], dtype=np.float64) * TICK_S
     summary, seen = summarize(
-        Verdict(
+        MetricsInput(
             scenario, seed, t, columns, course.detections, course.arrivals, course.reactions, wall
         )
     )

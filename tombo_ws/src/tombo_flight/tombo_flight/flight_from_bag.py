@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_bag.columns import ColumnTable
-from tombo_bag.flight_topics import into_body
+from tombo_bag.flight_topics import map_to_body
 from tombo_bag.recording import Recording
 from tombo_bag.topics import (
     ATTITUDE_SETPOINT,
@@ -41,10 +41,10 @@ from tombo_bag.topics import (
 )
 from tombo_collision.detector import CollisionEvent
 from tombo_collision.reaction import REACTING, ReactionState
-from tombo_control.autopilot import BLIND, IDLE, MODE_NAMES
+from tombo_control.autopilot import BLIND, IDLE, PHASE_NAMES
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.rotation import conjugate, continuous
-from tombo_flight.flight_metrics import Verdict, summarize
+from tombo_dynamics.rotation import conjugate, unwrap_quaternions
+from tombo_flight.flight_metrics import MetricsInput, summarize
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.pose_track import PoseTrack, pose_track
 from tombo_flight.scenario import Scenario, as_mapping, scenario_from_mapping
@@ -90,7 +90,7 @@ def flight_from_bag(path: Path, wall_time_s: float = 0.0) -> FlightRecord:
             if spec.name in recording.topics and recording.topics[spec.name].count
         }
         metadata = recording.metadata.get(RECORD, {})
-    return _Reading(path, tables, metadata).record(wall_time_s)
+    return _RecordedFlight(path, tables, metadata).record(wall_time_s)
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class _Grid:
         return found, at.size - 1 - first_of_reversed
 
 
-class _Reading:
+class _RecordedFlight:
     """One flight being put together from its topics."""
 
     def __init__(
@@ -140,7 +140,7 @@ class _Reading:
             known = truth["stamp_ns"]
             self._clock = truth["publish_time_ns"], known
         else:
-            self._track = _seen(path, tables)
+            self._track = _mocap_track(path, tables)
             known = self._track.stamps_ns
         epoch = _epoch(metadata, tables, known)
         last = int(known.max())
@@ -155,13 +155,13 @@ class _Reading:
         t: Array = np.arange(self._grid.ticks, dtype=np.float64) * 1e-3
         detections, arrivals = self._detections()
         if self._track is not None:
-            self._believe(log, detections)
+            self._assume_contact(log, detections)
         reactions, switches = self._reactions()
         events = [_detection(e, at) for e, at in zip(detections, arrivals, strict=True)]
         events += [_switch(reaction, at) for reaction, at in zip(reactions, switches, strict=True)]
         events += _phases(t, log["mode"][:, 0])
         summary, seen = summarize(
-            Verdict(
+            MetricsInput(
                 self._scenario,
                 int(self._flown.get("seed", 0)),
                 t,
@@ -182,7 +182,7 @@ class _Reading:
         attitude: Array = np.zeros((0, 4))
         if poses is not None:
             captured = self._grid.seconds(poses["stamp_ns"])
-            arrival = self._known(poses["log_time_ns"])
+            arrival = self._to_flight_time(poses["log_time_ns"])
             position, attitude = _vector(poses, "pose.position"), _turn(poses, "pose.orientation")
         return FlightRecord(
             t=t,
@@ -198,7 +198,7 @@ class _Reading:
             epoch_ns=self._grid.epoch_ns,
         )
 
-    def _known(self, log_times_ns: NDArray[np.int64]) -> Array:
+    def _to_flight_time(self, log_times_ns: NDArray[np.int64]) -> Array:
         """Return the flight time [s] of moments on the recorder's clock.
 
         In simulated time that clock is another one: the truth tells both, its stamp and when it
@@ -223,7 +223,7 @@ class _Reading:
         if self._track is None:
             self._pose(log, TRUE_ODOMETRY.name, ("position", "attitude", "velocity", "rates"))
         else:
-            self._way(log, self._track)
+            self._fill_from_mocap(log, self._track)
         self._pose(log, ODOMETRY.name, ("est_position", "est_attitude", "est_velocity", ""))
         self._rotors(log)
         self._contact(log)
@@ -250,18 +250,18 @@ class _Reading:
         log["mode"] = self._mode()
         return log
 
-    def _way(self, log: dict[str, Array], track: PoseTrack) -> None:
+    def _fill_from_mocap(self, log: dict[str, Array], track: PoseTrack) -> None:
         """Fill in what the motion capture has seen, and the rates that the gyro has."""
         stamps = track.stamps_ns
         log["position"] = self._grid.smooth(stamps, track.position)
         log["velocity"] = self._grid.smooth(stamps, track.velocity)
-        log["attitude"] = self._grid.smooth(stamps, continuous(track.attitude))
+        log["attitude"] = self._grid.smooth(stamps, unwrap_quaternions(track.attitude))
         log["attitude"] /= np.linalg.norm(log["attitude"], axis=1, keepdims=True)
         if (table := self._tables.get(IMU.name)) is not None:
             rates = _vector(table, "angular_velocity")
             log["rates"] = self._grid.held(table["stamp_ns"], rates)
 
-    def _believe(self, log: dict[str, Array], detections: list[CollisionEvent]) -> None:
+    def _assume_contact(self, log: dict[str, Array], detections: list[CollisionEvent]) -> None:
         """Enter the first contact as the detector has it."""
         for event in detections:
             at = round(event.contact_time_s / 1e-3)
@@ -279,8 +279,8 @@ class _Reading:
         back = conjugate(turn)
         values = (
             _vector(table, "pose.pose.position"),
-            continuous(turn),
-            into_body(back, _vector(table, "twist.twist.linear")),
+            unwrap_quaternions(turn),
+            map_to_body(back, _vector(table, "twist.twist.linear")),
             _vector(table, "twist.twist.angular"),
         )
         for name, value in zip(names, values, strict=True):
@@ -316,9 +316,9 @@ class _Reading:
         if status is not None:
             mode = self._grid.held(status["stamp_ns"], _column(status, "phase"))
             mode[: max(int(self._grid.at(status["stamp_ns"]).min()), 0)] = IDLE
-        wish = self._tables.get(SETPOINT.name)
-        if wish is not None:
-            followed = self._grid.held(wish["stamp_ns"], _column(wish, "phase"))
+        setpoints = self._tables.get(SETPOINT.name)
+        if setpoints is not None:
+            followed = self._grid.held(setpoints["stamp_ns"], _column(setpoints, "phase"))
             mode[followed == BLIND] = BLIND
         return mode
 
@@ -343,7 +343,7 @@ class _Reading:
             )
             for i in range(stamps.size)
         ]
-        return events, [float(at) for at in self._known(table["log_time_ns"])]
+        return events, [float(at) for at in self._to_flight_time(table["log_time_ns"])]
 
     def _reactions(self) -> tuple[list[ReactionState], list[float]]:
         """Return the switches of the set point, and when each was made."""
@@ -389,7 +389,7 @@ class _Reading:
         }
 
 
-def _seen(path: Path, tables: Mapping[str, ColumnTable]) -> PoseTrack:
+def _mocap_track(path: Path, tables: Mapping[str, ColumnTable]) -> PoseTrack:
     """Return the way flown as the motion capture has seen it.
 
     Raises:
@@ -486,7 +486,7 @@ def _switch(reaction: ReactionState, at_s: float) -> dict[str, Any]:
 def _phases(t: Array, mode: Array) -> list[dict[str, Any]]:
     """Return an event for each change of the mode."""
     changes = np.flatnonzero(mode[1:] != mode[:-1]) + 1
-    names = [MODE_NAMES[int(mode[k])] if mode[k] < len(MODE_NAMES) else "?" for k in changes]
+    names = [PHASE_NAMES[int(mode[k])] if mode[k] < len(PHASE_NAMES) else "?" for k in changes]
     return [
         {"time_s": float(t[k]), "kind": name, "text": name.replace("_", " ")}
         for k, name in zip(changes, names, strict=True)

@@ -22,9 +22,9 @@ from tombo_flight.scenario import Scenario
 Array = NDArray[np.float64]
 
 _TICK_S = 1e-3
-_CALM_TILT = 0.17
-_CALM_RATE = 1.0
-_CALM_TIME = 0.3
+_STABLE_TILT = 0.17
+_STABLE_RATE = 1.0
+_STABLE_TIME = 0.3
 _SETTLED_RADIUS = 0.1
 _SETTLED_SPEED = 0.1
 _SETTLED_TIME = 1.0
@@ -32,7 +32,7 @@ _OVERTURNED = 2.1
 
 
 @dataclass(frozen=True)
-class Verdict:
+class MetricsInput:
     """What the figures are drawn from."""
 
     scenario: Scenario
@@ -46,7 +46,7 @@ class Verdict:
     wall_time_s: float
 
 
-def first_lasting(condition: NDArray[np.bool_], length: int) -> int | None:
+def first_sustained(condition: NDArray[np.bool_], length: int) -> int | None:
     """Return the first index from which `condition` holds for `length` entries on end, or None."""
     if condition.size < length:
         return None
@@ -84,7 +84,7 @@ def _number(value: float | None, digits: int = 6) -> float | None:
     return round(float(value), digits) + 0.0  # no minus before a zero
 
 
-def summarize(flight: Verdict) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+def summarize(flight: MetricsInput) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Return the summary and the events that only the truth shows (contact, settled, crash)."""
     log, t = flight.log, flight.t
     vehicle = flight.scenario.vehicle
@@ -171,7 +171,7 @@ def _crash(vehicle: VehicleParams, log: dict[str, Array], mode: Array) -> int | 
     return min(hits) if hits else None
 
 
-def _detection(flight: Verdict, c: int | None) -> dict[str, Any]:
+def _detection(flight: MetricsInput, c: int | None) -> dict[str, Any]:
     """Latency from true contact to the event's arrival, and false alarms.
 
     An innovation event before contact is a false alarm. A known region may rightly fire before
@@ -201,7 +201,7 @@ def _detection(flight: Verdict, c: int | None) -> dict[str, Any]:
     }
 
 
-def _recovery(flight: Verdict, c: int | None, events: list[dict[str, Any]]) -> dict[str, Any]:
+def _recovery(flight: MetricsInput, c: int | None, events: list[dict[str, Any]]) -> dict[str, Any]:
     """Falling distance, unstable phase, recovery time and settled error (docs/figures.md)."""
     result: dict[str, Any] = {
         "max_falling_distance_m": None,
@@ -215,17 +215,17 @@ def _recovery(flight: Verdict, c: int | None, events: list[dict[str, Any]]) -> d
     position = log["position"][c:]
     landing = np.flatnonzero(np.isin(log["mode"][c:, 0], (LAND, LANDED)))
     until = int(landing[0]) if landing.size else position.shape[0]
-    calm = (tilt(log["attitude"][c:]) < _CALM_TILT) & (
-        np.linalg.norm(log["rates"][c:], axis=1) < _CALM_RATE
+    calm = (tilt(log["attitude"][c:]) < _STABLE_TILT) & (
+        np.linalg.norm(log["rates"][c:], axis=1) < _STABLE_RATE
     )
-    quiet = first_lasting(calm, round(_CALM_TIME / _TICK_S))
+    quiet = first_sustained(calm, round(_STABLE_TIME / _TICK_S))
     result["unstable_phase_s"] = None if quiet is None else _number(quiet * _TICK_S)
     settled = None
     if flight.reactions:
         x_r = flight.reactions[-1].x_r
         error = np.linalg.norm(position[:until] - x_r, axis=1)
         slow = np.linalg.norm(log["velocity"][c : c + until], axis=1) < _SETTLED_SPEED
-        settled = first_lasting((error < _SETTLED_RADIUS) & slow, round(_SETTLED_TIME / _TICK_S))
+        settled = first_sustained((error < _SETTLED_RADIUS) & slow, round(_SETTLED_TIME / _TICK_S))
         if settled is not None:
             result["recovery_time_s"] = _number(settled * _TICK_S)
             result["settled_error_m"] = _number(error[settled:].mean())
@@ -248,7 +248,7 @@ def _strikes(fold: Array) -> int:
     return int((folded[1:] & ~folded[:-1]).sum())
 
 
-def _tracking(flight: Verdict, c: int | None) -> dict[str, Any]:
+def _tracking(flight: MetricsInput, c: int | None) -> dict[str, Any]:
     """RMS distance from the set point, in hover and in the approach, before contact."""
     log = flight.log
     end = flight.t.size if c is None else c

@@ -24,7 +24,7 @@ WALL_KEYS = ("wall_time_s", "real_time_factor")
 
 _REHEARSAL_S = 0.1
 
-Tell = Callable[[str, float], None]
+ProgressCallback = Callable[[str, float], None]
 """Told what is being done and how far it is: a stage and a share from 0 to 1."""
 
 
@@ -33,7 +33,7 @@ def _silent(stage: str, share: float) -> None:
 
 
 @dataclasses.dataclass(frozen=True)
-class FlownFlight:
+class FlightResult:
     """A flight, its summary as it stands in the file, and how long recording took."""
 
     record: FlightRecord
@@ -50,7 +50,7 @@ class FlownFlight:
         return float(self.summary["duration_s"]) / total if total > 0.0 else None
 
 
-def rehearse(scenario: Scenario) -> None:
+def warm_up_flight(scenario: Scenario) -> None:
     """Fly the first tenth of a second, to load the compiled code and to find bad input.
 
     Raises:
@@ -106,8 +106,8 @@ def fly_into(
     stop: StopSignals,
     *,
     record: bool = True,
-    tell: Tell = _silent,
-) -> FlownFlight:
+    on_progress: ProgressCallback = _silent,
+) -> FlightResult:
     """Fly a scenario and write its files into an output folder, which the caller publishes.
 
     A flight that is stopped leaves `flight.mcap` and `summary.json` with what was flown so far; a
@@ -115,11 +115,11 @@ def fly_into(
 
     Args:
         folder: where the files go.
-        scenario: what to fly; `rehearse` it first.
+        scenario: what to fly; `warm_up_flight` it first.
         seed: all randomness derives from it.
         stop: watched between samples of the motion capture.
         record: write `flight.mcap`.
-        tell: told the progress.
+        on_progress: told the progress.
 
     Raises:
         OSError: the files can't be written.
@@ -138,19 +138,19 @@ def fly_into(
         scenario,
         seed,
         Workspace(),
-        progress=lambda now: tell("flying", now / scenario.duration),
+        progress=lambda now: on_progress("flying", now / scenario.duration),
         stop=cut,
     )
     messages = seconds = None
     if record:
-        tell("writing flight.mcap", 0.0)
+        on_progress("writing flight.mcap", 0.0)
         messages, seconds = write_mcap(flown, folder / "flight.mcap")
     summary = flight_summary(flown, interrupted=interrupted, recorded_messages=messages)
     flown = dataclasses.replace(flown, summary=summary)
     (folder / "summary.json").write_text(as_json(summary), encoding="utf-8", newline="\n")
     if not interrupted:
-        draw_pictures(flown, folder, stop, tell)
-    return FlownFlight(flown, summary, seconds)
+        draw_pictures(flown, folder, stop, on_progress)
+    return FlightResult(flown, summary, seconds)
 
 
 def write_mcap(record: FlightRecord, path: Path) -> tuple[int, float]:
@@ -171,18 +171,21 @@ def write_mcap(record: FlightRecord, path: Path) -> tuple[int, float]:
 
 
 def draw_pictures(
-    record: FlightRecord, folder: OutputFolder, stop: StopSignals, tell: Tell = _silent
+    record: FlightRecord,
+    folder: OutputFolder,
+    stop: StopSignals,
+    on_progress: ProgressCallback = _silent,
 ) -> None:
     """Write `flight.png` and `report.html`, or neither if a stop comes meanwhile."""
     pictures = (folder / "flight.png", folder / "report.html")
     try:
         with stop.at_once():
-            tell("drawing flight.png", 0.0)
+            on_progress("drawing flight.png", 0.0)
             from tombo_flight.report.flight_plot import draw_flight, png_bytes
 
             png = png_bytes(draw_flight(record))
             pictures[0].write_bytes(png)
-            tell("writing report.html", 0.0)
+            on_progress("writing report.html", 0.0)
             from tombo_flight.report.flight_report import write_report
 
             write_report(record, pictures[1], png)

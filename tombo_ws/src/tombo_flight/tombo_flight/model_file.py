@@ -15,7 +15,7 @@ from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.params import check_number
 from tombo_dynamics.yaml_text import parse_yaml
-from tombo_flight.extended_model import Addition, Fitted, Gain, Model, Origin, Source
+from tombo_flight.extended_model import FittedEffect, FittedParameter, Gain, Model, Origin, Source
 
 FORMAT = 1
 _END = "..."
@@ -157,7 +157,7 @@ def model_from_text(text: str, what: str) -> Model:
     )
 
 
-def _read_addition(name: str, given: Any, where: str) -> Addition:
+def _read_addition(name: str, given: Any, where: str) -> FittedEffect:
     if name not in REGISTRY:
         raise unknown_name(f"effect in {where.rpartition('.')[0]}", name, REGISTRY)
     declared = {p.name: p for p in REGISTRY[name].theta}
@@ -169,9 +169,9 @@ def _read_addition(name: str, given: Any, where: str) -> Addition:
             raise unknown_name(f"parameter of effect '{name}' in {where}", str(key), declared)
         at, p = f"{where}.{key}", declared[key]
         value = _mapping(value, at)
-        _known(value, [f.name for f in dataclasses.fields(Fitted)][1:], at)
+        _known(value, [f.name for f in dataclasses.fields(FittedParameter)][1:], at)
         theta.append(
-            Fitted(
+            FittedParameter(
                 p.name,
                 p.unit,
                 _number(value, "nominal", at, p.unit, _ANY, p.null),
@@ -192,7 +192,7 @@ def _read_addition(name: str, given: Any, where: str) -> Addition:
     if covariance and {len(covariance), *map(len, covariance)} != {len(theta)}:
         raise InputError(f"{where}.covariance: accepted: {len(theta)} rows of {len(theta)}")
     confidence = _number(given, "confidence", where, "1", _SHARE)
-    return Addition(name, tuple(theta), confidence, covariance)
+    return FittedEffect(name, tuple(theta), confidence, covariance)
 
 
 def _read_origin(given: Any, where: str) -> Origin:

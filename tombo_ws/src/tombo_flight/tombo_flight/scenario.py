@@ -16,11 +16,11 @@ from tombo_control.params import ControlParams, EstimatorParams
 from tombo_dynamics.effects import check_theta
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.params import check_number, from_mapping, param
-from tombo_dynamics.propeller.choice import PropellerChoice, mounted
+from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_configuration
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_dynamics.yaml_text import parse_yaml
 from tombo_flight.course_check import check_course
-from tombo_flight.extended_model import effects_over
+from tombo_flight.extended_model import merge_effects
 from tombo_flight.model_file import read_model
 from tombo_flight.scenario_catalogue import builtin_scenarios
 from tombo_sim.world import ObstacleParams, SpreadParams, World
@@ -184,7 +184,7 @@ def load_scenario(
                 "are not the suite's; accepted: a model of the suite's own vehicle"
             )
         plain = scenario_from_mapping(values, label)
-        values |= {"effects": effects_over(plain.effects, extended), "model": model}
+        values |= {"effects": merge_effects(plain.effects, extended), "model": model}
     for setting in settings:
         values = override(values, setting)
     return scenario_from_mapping(values, label)
@@ -249,7 +249,7 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
     scenario = Scenario(**built)
     if scenario.propeller.law not in LAWS:
         raise unknown_name("propeller.law", scenario.propeller.law, LAWS)
-    mounted(scenario.propeller)
+    mounted_configuration(scenario.propeller)
     if scenario.detector.trigger not in TRIGGERS:
         raise unknown_name("detector.trigger", scenario.detector.trigger, TRIGGERS)
     check_course(scenario.mission, scenario.control)

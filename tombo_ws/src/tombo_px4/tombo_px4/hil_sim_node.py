@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 from tombo_dynamics.errors import InputError
 from tombo_px4.hil.link import PX4_PORT, HilLink
-from tombo_px4.hil.lockstep import Hil
+from tombo_px4.hil.lockstep import HilSimulator
 from tombo_px4.hil.params import HilParams
 from tombo_ros.node_loop import run
 from tombo_sim.simulator import Simulator
@@ -29,7 +29,7 @@ _FOLLOWS = 64
 class HilSimNode(VehicleNode):
     """The simulator link at 1 kHz."""
 
-    keeps_every_tick = False
+    catches_up = False
 
     def __init__(self) -> None:
         """Declare parameters, listen for PX4, set the vehicle on the ground.
@@ -45,14 +45,14 @@ class HilSimNode(VehicleNode):
         )
         self._link = HilLink(port)
         params = self.records["hil"].check()
-        self._hil = Hil(self.world, self.seed, params, self._link, watch=self._watch)
-        self.present(self._hil.flight.simulator)
+        self._hil = HilSimulator(self.world, self.seed, params, self._link, watch=self._watch)
+        self.attach_simulator(self._hil.flight.simulator)
         self._began_ns = 0
         """Time of tick 0."""
 
     def spin(self) -> None:
         """Show the obstacle, then wait for PX4."""
-        self.show_obstacle(time.time_ns())
+        self.publish_obstacle(time.time_ns())
         super().spin()
 
     def step(self, now_ns: int) -> None:
@@ -61,7 +61,7 @@ class HilSimNode(VehicleNode):
             if not self._hil.advance(time.monotonic_ns()):
                 break
         logger = self.ros.get_logger()
-        for news in self._hil.take_news():
+        for news in self._hil.take_notices():
             if news.severe:  # rclpy: one severity for each line of code
                 logger.warning(news.text)
             else:
@@ -70,11 +70,11 @@ class HilSimNode(VehicleNode):
     def _watch(self, simulator: Simulator) -> None:
         """Show a tick. Its time is the system's, as smooth as PX4's own clock."""
         if simulator is not self.simulator:
-            self.exchange(simulator)
-            self.show_obstacle(time.time_ns())
+            self.replace_simulator(simulator)
+            self.publish_obstacle(time.time_ns())
         off_ns = time.time_ns() - (self._began_ns + simulator.tick * TICK_NS)
         self._began_ns += off_ns if abs(off_ns) > _FAR_NS else off_ns // _FOLLOWS
-        self.show(self._began_ns)
+        self.publish_tick(self._began_ns)
 
     def report(self, now_ns: int) -> None:
         """Add how it is with PX4."""

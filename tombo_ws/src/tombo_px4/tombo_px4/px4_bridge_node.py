@@ -32,37 +32,37 @@ from tombo_bag.topics import (
 )
 from tombo_control.estimate import Setpoint
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.rotation import turned
+from tombo_dynamics.rotation import rotate_vectors
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_msgs.msg import Px4Status
-from tombo_px4.bridge.bridge import Bridge, Outcome, Status
+from tombo_px4.bridge.bridge import Bridge, BridgeOutput, Status
 from tombo_px4.bridge.bridge_params import ATTITUDE, POSITION, BridgeParams, LinkParams
+from tombo_px4.bridge.decoded_messages import Battery, ImuSample, MavLandedState, VehicleOdometry
 from tombo_px4.bridge.modes import OFFBOARD, mode_name
-from tombo_px4.bridge.records import Battery, ImuSample, Landed, VehicleOdometry
 from tombo_px4.link.link_findings import link_faults
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.parameter_reader import parse_assignments
 from tombo_px4.link.signing import read_key
 from tombo_ros.conversion import array, to_ns, to_time
 from tombo_ros.health import ERROR, WARN
+from tombo_ros.message_template import MessageTemplate
 from tombo_ros.node_loop import LoopNode, run
 from tombo_ros.pacing import ESTIMATOR
 from tombo_ros.topic import message_class
-from tombo_ros.wire import Wire
 
 _RATE_HZ = 250.0
 _TF_NS = 20_000_000
-_RETOLD_NS = 1_000_000_000
+_STATUS_REPEAT_NS = 1_000_000_000
 """Findings with figures in them are told anew at most so often."""
-_FAREWELL_NS = 1_500_000_000
+_SHUTDOWN_NS = 1_500_000_000
 """A node that is told to end has two seconds."""
 _LANDING_NS = 20_000_000_000
 """So long it stays with a vehicle that comes down, unless it is told again to end."""
 _LANDING_STEP_S = 0.004
 _ASK_AGAIN_NS = 1_000_000_000
-_LAST_WORD_S = 0.1
+_FLUSH_S = 0.1
 """What was published last needs a moment to leave."""
-_GRAVE = ("no_vehicle", "link_lost", "mode_taken", "given_up", "wrong_system")
+_ERROR_FAULTS = ("no_vehicle", "link_lost", "mode_taken", "given_up", "wrong_system")
 _ERROR_SEVERITY, _WARNING_SEVERITY = 3, 4
 _NUMBER = re.compile(r"[-+]?\d[\d.]*")
 _POSE_TEXTS = {
@@ -85,7 +85,7 @@ class Px4BridgeNode(LoopNode):
         try:
             self._set_up()
         except InputError:
-            self.leave()  # now: what is left of a node complains at the end of the program
+            self.destroy()  # now: what is left of a node complains at the end of the program
             raise
 
     def _set_up(self) -> None:
@@ -117,45 +117,47 @@ class Px4BridgeNode(LoopNode):
             key=key,
             allow_remote=link.allow_remote,
         )
-        turned(np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3))  # loads its compiled code now
-        self._pose_in = self.listen(MOCAP_POSE, depth=20)
-        self._setpoint_in = self.listen(SETPOINT)
-        self._rotation_in = self._rotation_input()
+        rotate_vectors(np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3))  # loads its compiled code now
+        self._pose_in = self.subscribe(MOCAP_POSE, depth=20)
+        self._setpoint_in = self.subscribe(SETPOINT)
+        self._attitude_or_rates_in = self._subscribe_attitude_or_rates()
         self._make_outputs()
         self._waiting: deque[tuple[str, Any]] = deque()  # filled by the services' thread
-        self._asked: dict[int, Any] = {}
+        self._pending_requests: dict[int, Any] = {}
         self._serve_requests()
         self._active: set[str] = set()
-        self._told: tuple[Any, ...] = ()
-        self._told_ns = 0
+        self._published_status: tuple[Any, ...] = ()
+        self._published_status_ns = 0
 
-    def _rotation_input(self) -> Any:
+    def _subscribe_attitude_or_rates(self) -> Any:
         kind = self.records["px4"].setpoint
         if kind == POSITION:
             return None
-        return self.listen(ATTITUDE_SETPOINT if kind == ATTITUDE else RATES_SETPOINT, depth=20)
+        return self.subscribe(ATTITUDE_SETPOINT if kind == ATTITUDE else RATES_SETPOINT, depth=20)
 
     def _make_outputs(self) -> None:
-        self._odometry_out = self.speak(ODOMETRY)
-        self._odometry = Wire(
+        self._odometry_out = self.advertise(ODOMETRY)
+        self._odometry = MessageTemplate(
             ODOMETRY.typename, {"header": {"frame_id": "map"}, "child_frame_id": "base_link"}
         )
         self._pose_field = self._odometry.field("pose.pose.position.x", 7)
         self._covariance_field = self._odometry.field("pose.covariance", 36)
         self._twist_field = self._odometry.field("twist.twist.linear.x", 6)
-        self._imu_out = self.speak(IMU)
-        self._imu = Wire(
+        self._imu_out = self.advertise(IMU)
+        self._imu = MessageTemplate(
             IMU.typename,
             {"header": {"frame_id": "base_link"}, "orientation_covariance": [-1.0] + 8 * [0.0]},
         )
         self._gyro = self._imu.field("angular_velocity.x", 3)
         self._accel = self._imu.field("linear_acceleration.x", 3)
-        self._battery_out = self.speak(BATTERY)
+        self._battery_out = self.advertise(BATTERY)
         self._estimator_out: Any = None
-        if self._rotation_in is not None:  # the controller behind those set points asks for it
-            self._estimator_out = self.speak(ESTIMATOR_STATUS)
+        if (
+            self._attitude_or_rates_in is not None
+        ):  # the controller behind those set points asks for it
+            self._estimator_out = self.advertise(ESTIMATOR_STATUS)
             self._estimator_ns = 0
-        self._status_out = self.speak(PX4_STATUS)
+        self._status_out = self.advertise(PX4_STATUS)
         self._tf_ns = 0
         self._tf_out = self._tf = None
         try:
@@ -163,7 +165,10 @@ class Px4BridgeNode(LoopNode):
         except ImportError:
             return
         one = {"header": {"frame_id": "map"}, "child_frame_id": "base_link"}
-        self._tf_out, self._tf = self.speak(TF), Wire(TF.typename, {"transforms": [one]})
+        self._tf_out, self._tf = (
+            self.advertise(TF),
+            MessageTemplate(TF.typename, {"transforms": [one]}),
+        )
 
     # --- Services: called in their own thread, answered by the loop --------------------------
 
@@ -191,17 +196,17 @@ class Px4BridgeNode(LoopNode):
     def _take_requests(self) -> None:
         while self._waiting:
             kind, future = self._waiting.popleft()
-            self._asked[self._bridge.ask(kind)] = future
+            self._pending_requests[self._bridge.ask(kind)] = future
 
-    def _reply(self, outcome: Outcome) -> None:
-        for reply in outcome.replies:
-            self._asked.pop(reply.number).set_result((reply.success, reply.text))
-        if outcome.replies:
+    def _reply(self, bridge_output: BridgeOutput) -> None:
+        for reply in bridge_output.replies:
+            self._pending_requests.pop(reply.number).set_result((reply.success, reply.text))
+        if bridge_output.replies:
             self._executor.wake()
 
     # --- The loop -----------------------------------------------------------------------------
 
-    def records_changed(self, name: str) -> None:
+    def on_parameters_changed(self, name: str) -> None:
         """Say that link and ways to send stand for a whole run."""
         self.health.fault("not_at_runtime", True, f"{name} is used at the next start")
 
@@ -214,26 +219,26 @@ class Px4BridgeNode(LoopNode):
         self._take_poses(now_ns)
         self._take_setpoints(now_ns)
         self._take_requests()
-        outcome = bridge.tick(time.time_ns())
-        for message in outcome.messages:
+        bridge_output = bridge.tick(time.time_ns())
+        for message in bridge_output.messages:
             self._link.send(message)
-        if bridge.vouched:  # the mission begins with the first estimate
-            for odometry in outcome.odometry:
+        if bridge.estimate_trusted:  # the mission begins with the first estimate
+            for odometry in bridge_output.odometry:
                 self._publish_odometry(odometry)
-        for sample in outcome.imu:
+        for sample in bridge_output.imu:
             self._publish_imu(sample)
-        for battery in outcome.battery:
+        for battery in bridge_output.battery:
             self._battery_out.publish(_battery(battery))
-        self._reply(outcome)
-        self._status = outcome.status
-        self._tell(outcome, now_ns)
+        self._reply(bridge_output)
+        self._status = bridge_output.status
+        self._report(bridge_output, now_ns)
 
     def _take_poses(self, now_ns: int) -> None:
-        crowded = self._pose_in.crowded(now_ns)
-        if crowded:
-            self._bridge.crowded_poses(now_ns)
+        multiple_publishers = self._pose_in.multiple_publishers(now_ns)
+        if multiple_publishers:
+            self._bridge.multiple_pose_publishers(now_ns)
         for taken in self._pose_in.take():
-            if crowded:
+            if multiple_publishers:
                 continue
             message = taken.message
             why = self._bridge.pose(
@@ -244,66 +249,68 @@ class Px4BridgeNode(LoopNode):
                 array(message.pose.orientation),
             )
             if why:
-                self.health.happened(f"pose_{why}", _POSE_TEXTS[why])
+                self.health.report_event(f"pose_{why}", _POSE_TEXTS[why])
 
     def _take_setpoints(self, now_ns: int) -> None:
-        crowded = self._setpoint_in.crowded(now_ns)
+        multiple_publishers = self._setpoint_in.multiple_publishers(now_ns)
         for taken in self._setpoint_in.take():
-            if not crowded and not self._bridge.setpoint(_setpoint(taken.message), now_ns):
+            if not multiple_publishers and not self._bridge.setpoint(
+                _setpoint(taken.message), now_ns
+            ):
                 text = "set point with NaN or infinity: the last one stands"
-                self.health.happened("setpoint_refused", text)
-        if self._rotation_in is None:
+                self.health.report_event("setpoint_refused", text)
+        if self._attitude_or_rates_in is None:
             return
-        for taken in self._rotation_in.take():
+        for taken in self._attitude_or_rates_in.take():
             message = taken.message
             attitude = hasattr(message, "orientation")
             wanted = array(message.orientation if attitude else message.rates)
             if not self._bridge.rotation(wanted, float(message.thrust), now_ns):
                 text = "attitude or rates with NaN, or no rotation: the last one stands"
-                self.health.happened("rotation_refused", text)
+                self.health.report_event("rotation_refused", text)
 
-    def _tell(self, outcome: Outcome, now_ns: int) -> None:
+    def _report(self, bridge_output: BridgeOutput, now_ns: int) -> None:
         """Log texts, keep the faults, publish the status."""
         logger = self.ros.get_logger()
-        for text in outcome.texts:
+        for text in bridge_output.texts:
             if text.severity <= _ERROR_SEVERITY:
                 logger.error(f"PX4: {text.text}")
             elif text.severity == _WARNING_SEVERITY:
                 logger.warning(f"PX4: {text.text}")
             else:
                 logger.info(f"PX4: {text.text}")
-        for key, said in outcome.events:
-            self.health.happened(key, said)
-        faults = dict(outcome.faults)
+        for key, said in bridge_output.events:
+            self.health.report_event(key, said)
+        faults = dict(bridge_output.faults)
         faults.update(
             link_faults(
                 self._link.counters,
-                self._link.stranger,
+                self._link.rejected_sender,
                 self.records["link"],
-                outcome.status.connected,
-                self._link.trouble,
+                bridge_output.status.connected,
+                self._link.pack_error,
             )
         )
         for key in self._active - faults.keys():
             self.health.fault(key, False)
         for key, said in faults.items():
-            self.health.fault(key, True, said, ERROR if key in _GRAVE else WARN)
+            self.health.fault(key, True, said, ERROR if key in _ERROR_FAULTS else WARN)
         self._active = set(faults)
-        self._publish_status(outcome.status, now_ns)
+        self._publish_status(bridge_output.status, now_ns)
 
     # --- What is published --------------------------------------------------------------------
 
     def _publish_odometry(self, odometry: VehicleOdometry) -> None:
         assert odometry.stamp_ns is not None
-        wire = self._odometry
-        wire.stamp(odometry.stamp_ns)
+        message_template = self._odometry
+        message_template.stamp(odometry.stamp_ns)
         self._pose_field.put((*odometry.position, *odometry.attitude))
         covariance = odometry.pose_covariance
         self._covariance_field.put_array(np.zeros(36) if covariance is None else covariance)
         x, y, z, w = odometry.attitude
-        moving = turned(np.array([-x, -y, -z, w]), odometry.velocity)
+        moving = rotate_vectors(np.array([-x, -y, -z, w]), odometry.velocity)
         self._twist_field.put((*moving, *odometry.rates))
-        self._odometry_out.publish(wire.data())
+        self._odometry_out.publish(message_template.data())
         if self._estimator_out is not None and odometry.stamp_ns - self._estimator_ns >= _TF_NS:
             self._estimator_ns = odometry.stamp_ns
             self._publish_estimator_status(odometry.stamp_ns)
@@ -342,11 +349,11 @@ class Px4BridgeNode(LoopNode):
         state = (status.connected, status.armed, status.mode, status.landed, status.stage)
         state = (*state, status.offboard, status.ready, status.firmware, status.text, plain)
         told = (*state, status.why, status.findings)
-        same = self._told == told
-        alike = self._told[: len(state)] == state
-        if same or (alike and now_ns - self._told_ns < _RETOLD_NS):
+        same = self._published_status == told
+        alike = self._published_status[: len(state)] == state
+        if same or (alike and now_ns - self._published_status_ns < _STATUS_REPEAT_NS):
             return
-        self._told, self._told_ns = told, now_ns
+        self._published_status, self._published_status_ns = told, now_ns
         message: Any = Px4Status()
         message.header.stamp, message.header.frame_id = to_time(now_ns), "map"
         message.connected, message.armed, message.mode = (
@@ -363,7 +370,7 @@ class Px4BridgeNode(LoopNode):
 
     def report(self, now_ns: int) -> None:
         """Add what is known of link and vehicle."""
-        for key, value in self._bridge.figures(time.time_ns()).items():
+        for key, value in self._bridge.metrics(time.time_ns()).items():
             self.health.value(key, value)
         for key, count in self._link.counters.items():
             if count:
@@ -379,11 +386,11 @@ class Px4BridgeNode(LoopNode):
     def close(self) -> None:
         """Bring down what flies by our set points, and let go of the link."""
         if self._status.armed and self._status.connected:
-            self._come_down()
-        self._say_farewell()
+            self._land_before_exit()
+        self._send_shutdown_command()
         self._link.close()
 
-    def _come_down(self) -> None:
+    def _land_before_exit(self) -> None:
         """Ask for a landing if it is in OFFBOARD; poses go on until it is disarmed."""
         mode = self._status.mode
         self.ros.get_logger().warning(
@@ -397,29 +404,35 @@ class Px4BridgeNode(LoopNode):
             now_ns = time.monotonic_ns()
             if self._stops > told or now_ns > end_ns:
                 return
-            if now_ns - asked_ns > _ASK_AGAIN_NS and not self._asked and self._ours():
+            if (
+                now_ns - asked_ns > _ASK_AGAIN_NS
+                and not self._pending_requests
+                and self._in_offboard()
+            ):
                 asked_ns = now_ns
-                grounded = self._status.landed == Landed.ON_GROUND
-                self._asked[self._bridge.ask("disarm" if grounded else "land")] = Future()
+                grounded = self._status.landed == MavLandedState.ON_GROUND
+                self._pending_requests[self._bridge.ask("disarm" if grounded else "land")] = (
+                    Future()
+                )
             self._link.wait(_LANDING_STEP_S)
             wall_ns = time.time_ns()
             self.step(wall_ns)
-            self._attend(wall_ns, wall_ns)
-        time.sleep(_LAST_WORD_S)
+            self._periodic_tasks(wall_ns, wall_ns)
+        time.sleep(_FLUSH_S)
 
-    def _ours(self) -> bool:
+    def _in_offboard(self) -> bool:
         """Whether it flies by set points; any other mode is somebody else's, and not fought."""
         return self._status.mode == mode_name(OFFBOARD)
 
-    def _say_farewell(self) -> None:
+    def _send_shutdown_command(self) -> None:
         """See to it that nothing is armed late, and nothing left in the air to the fail-safe."""
-        end_ns = time.monotonic_ns() + _FAREWELL_NS
+        end_ns = time.monotonic_ns() + _SHUTDOWN_NS
         said_ns = 0
         while time.monotonic_ns() < end_ns:
-            message = self._bridge.farewell()
+            message = self._bridge.shutdown_command()
             if message is None:
                 break
-            if time.monotonic_ns() - said_ns > _FAREWELL_NS // 6:
+            if time.monotonic_ns() - said_ns > _SHUTDOWN_NS // 6:
                 said_ns = time.monotonic_ns()
                 self.ros.get_logger().warning("ending in flight: PX4 is asked to come down")
                 self._link.send(message)

@@ -16,7 +16,7 @@ from tombo_dynamics.errors import InputError
 from tombo_px4.autopilot.parameters import PARAMETERS, ParameterTable
 from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.bridge.modes import mode_name
-from tombo_px4.hil.advice import MOCAP_ONLY
+from tombo_px4.hil.hil_start_help import MOCAP_ONLY
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.signing import read_key
 from tombo_px4.protocol.endpoint import Endpoint
@@ -35,7 +35,7 @@ _MOST_TICKS = 20
 class Px4SimNode(VehicleNode):
     """The endpoint and the motion capture, at 1 kHz."""
 
-    keeps_every_tick = False
+    catches_up = False
 
     def __init__(self) -> None:
         """Declare parameters, open the links, set the vehicle on the ground.
@@ -63,7 +63,7 @@ class Px4SimNode(VehicleNode):
         table = self._table()
         self._warm_up()
         self.vehicle = Px4Vehicle(self.world, self.seed, table)
-        self.present(self.vehicle.simulator)
+        self.attach_simulator(self.vehicle.simulator)
         key = self._key(key_file)
         self._links = {
             kind: Link(
@@ -118,8 +118,8 @@ class Px4SimNode(VehicleNode):
     def spin(self) -> None:
         """Show the obstacle, then fly."""
         self._began_ns = time.time_ns()
-        self.show_obstacle(self._began_ns)
-        self.show(self._began_ns)
+        self.publish_obstacle(self._began_ns)
+        self.publish_tick(self._began_ns)
         super().spin()
 
     def step(self, now_ns: int) -> None:
@@ -133,8 +133,8 @@ class Px4SimNode(VehicleNode):
             self._endpoint.advance(self.vehicle.tick * TICK_NS, now_ns)
         for _ in range(min(behind_ns // TICK_NS, _MOST_TICKS)):
             self._endpoint.advance((self.vehicle.tick + 1) * TICK_NS, time.time_ns())
-            self.show(self._began_ns)
-        self._repeat_what_it_says()
+            self.publish_tick(self._began_ns)
+        self._log_status_texts()
 
     def _slip(self, behind_ns: int) -> None:
         """Let the flight's clock go on from here: what was lost is not made up for."""
@@ -142,17 +142,17 @@ class Px4SimNode(VehicleNode):
         self._began_ns += behind_ns
         self._slipped += 1
         text = f"the loop was {behind_ns * 1e-9:.2f} s behind the clock: flight time stood still"
-        self.health.happened("slipped", text)
+        self.health.report_event("slipped", text)
 
-    def _repeat_what_it_says(self) -> None:
+    def _log_status_texts(self) -> None:
         """Put the autopilot's texts into the log."""
         logger = self.ros.get_logger()
-        for severity, text in self._endpoint.voice.said:
+        for severity, text in self._endpoint.statustext.said:
             if severity <= _WARNING:  # rclpy: one severity for each line of code
                 logger.warning(f"PX4 says: {text}")
             else:
                 logger.info(f"PX4 says: {text}")
-        self._endpoint.voice.said.clear()
+        self._endpoint.statustext.said.clear()
 
     def report(self, now_ns: int) -> None:
         """Add what autopilot and links say."""

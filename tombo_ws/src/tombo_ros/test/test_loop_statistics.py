@@ -33,9 +33,9 @@ def test_what_is_early_counts_as_nothing_and_what_is_very_late_as_the_last_bin()
 
 
 def test_without_a_run_there_are_zeros() -> None:
-    figures = LoopStatistics().figures()
-    assert figures.runs == figures.missed == 0
-    assert figures.rate_hz == figures.jitter_p50_us == figures.jitter_max_us == 0.0
+    metrics = LoopStatistics().metrics()
+    assert metrics.runs == metrics.missed == 0
+    assert metrics.rate_hz == metrics.jitter_p50_us == metrics.jitter_max_us == 0.0
 
 
 @given(st.integers(2, 400), st.integers(100_000, 50_000_000))
@@ -43,9 +43,9 @@ def test_the_rate_is_that_of_the_runs(runs: int, period_ns: int) -> None:
     watch = LoopStatistics()
     for k in range(runs):
         watch.ran(10**15 + k * period_ns, 100)
-    figures = watch.figures()
-    assert figures.runs == runs
-    assert figures.rate_hz == pytest.approx(1e9 / period_ns)
+    metrics = watch.metrics()
+    assert metrics.runs == runs
+    assert metrics.rate_hz == pytest.approx(1e9 / period_ns)
 
 
 def test_missed_deadlines_add_up() -> None:
@@ -53,6 +53,6 @@ def test_missed_deadlines_add_up() -> None:
     watch.ran(0, 10)
     watch.ran(4_000_000, 3_000_000, missed=3)
     watch.ran(5_000_000, 10, missed=0)
-    assert watch.figures().missed == 3
-    assert watch.figures().as_values()["missed"] == 3
-    assert watch.figures().jitter_max_us == 3000.0
+    assert watch.metrics().missed == 3
+    assert watch.metrics().as_values()["missed"] == 3
+    assert watch.metrics().jitter_max_us == 3000.0

@@ -44,7 +44,7 @@ def _settle(world: Any, condition: Any, patience_s: float = 5.0) -> None:
 
 
 def test_with_simulated_time_it_runs_when_the_clock_says_so(world: Any, start: Any) -> None:
-    world.listen(STEPS, ECHO, DIAGNOSTICS)
+    world.subscribe(STEPS, ECHO, DIAGNOSTICS)
     node = start("tiny_node", "-p", "use_sim_time:=true")
     world.meet(CLOCK, POKE, STEPS, ECHO)
     _settle(world, lambda: "running" in node.output)
@@ -81,15 +81,15 @@ def test_with_simulated_time_it_runs_when_the_clock_says_so(world: Any, start: A
     reports = world.heard[DIAGNOSTICS.name]
     loops = [s for report in reports for s in report.status if s.name == "tiny: loop"]
     assert loops
-    figures = {pair.key: pair.value for pair in loops[-1].values}
-    assert float(figures["rate_hz"]) > 0.0
+    metrics = {pair.key: pair.value for pair in loops[-1].values}
+    assert float(metrics["rate_hz"]) > 0.0
     assert node.end() == 0
 
 
 def test_in_real_time_it_keeps_its_rate_and_leaves_the_graph_when_told(
     world: Any, start: Any
 ) -> None:
-    world.listen(STEPS)
+    world.subscribe(STEPS)
     node = start("tiny_node")
     world.meet(STEPS)
     _settle(world, lambda: len(_steps(world)) > 20, 10.0)

@@ -23,7 +23,7 @@ from tombo_control.mission import MissionParams
 from tombo_control.params import EstimatorParams
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.params import param
-from tombo_dynamics.propeller.choice import PropellerChoice
+from tombo_dynamics.propeller.mounted_propeller import PropellerChoice
 from tombo_ros.record_parameters import RecordParameters
 
 

@@ -94,16 +94,16 @@ def test_everything_arrives_unchanged_and_three_libraries_read_it(start, world, 
     named = ["-p", "topics:=['/steady', '/collision_event']"]
     recorder = record(start, tmp_path / "bag", *named, "-p", "file_duration_max:=0.4")
     recorder_of_all = record(start, tmp_path / "all", "-p", "all:=true", "-p", "topics:=['']")
-    world.listen(DIAGNOSTICS)
+    world.subscribe(DIAGNOSTICS)
     meet(world, STEADY, COLLISION_EVENT, others=2)
     meet(world, IMU, others=1)
     pour(world, STEADY, IMU, number=500)
 
-    def figures(report) -> dict[str, str]:
+    def metrics(report) -> dict[str, str]:
         return {pair.key: pair.value for s in report.status for pair in s.values}
 
-    said = world.wait_for(DIAGNOSTICS, lambda m: figures(m).get("messages", "0") != "0")
-    assert {"lost", "rate_hz", "bytes", "file"} <= figures(said).keys()
+    said = world.wait_for(DIAGNOSTICS, lambda m: metrics(m).get("messages", "0") != "0")
+    assert {"lost", "rate_hz", "bytes", "file"} <= metrics(said).keys()
     os.killpg(recorder.process.pid, signal.SIGINT)
     time.sleep(0.02)
     assert recorder.end(signal.SIGINT) == 0
@@ -193,7 +193,7 @@ def test_other_qos_several_publishers_and_types_nobody_can_describe(start, world
     strange = world.node.create_publisher(ListParameters.Event, "/strange", 10)
     weak = TopicSpec(ODOMETRY.name, ODOMETRY.typename, SENSOR, 0.0, "best effort")
     goals = TopicSpec("/goals", "nav_msgs/msg/Goals", Qos(), 0.0, "not of rosbags' store")
-    world.listen(DIAGNOSTICS)
+    world.subscribe(DIAGNOSTICS)
     recorder = record(start, tmp_path / "bag", "-p", "all:=true")
     text = world.wait_for_fault("recorder", "undescribed./strange")
     assert "ListParameters_Event" in text and "accepted" not in text
@@ -239,7 +239,7 @@ def test_another_version_of_a_type_is_said_and_its_bytes_left_alone(
     (folder / "RotorSpeeds.msg").write_text("std_msgs/Header header\nfloat64 one\n")
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "prefix"))
     recorder = start(RECORDER, "-p", f"single_file:={tmp_path / 'a.mcap'}")
-    world.listen(DIAGNOSTICS)
+    world.subscribe(DIAGNOSTICS)
     meet(world, ROTOR_COMMAND)
     sent = message_class(ROTOR_COMMAND.typename)()
     world.publish(ROTOR_COMMAND, sent)
@@ -253,7 +253,7 @@ def test_another_version_of_a_type_is_said_and_its_bytes_left_alone(
 
 def test_a_disk_that_fills_up_ends_the_recording_with_a_whole_file(start, world, tmp_path):  # noqa: F811
     recorder = record(start, tmp_path / "bag", "-p", "compression:=none")
-    world.listen(DIAGNOSTICS)
+    world.subscribe(DIAGNOSTICS)
     meet(world, IMU)
     path = tmp_path / "bag" / "bag_0.mcap"
     pour(world, IMU, number=1000)

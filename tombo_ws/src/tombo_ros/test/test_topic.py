@@ -15,7 +15,7 @@ from rosgraph_msgs.msg import Clock
 from tiny_node import POKE
 
 from tombo_ros.conversion import to_ns, to_time
-from tombo_ros.topic import Input, Output
+from tombo_ros.topic import PolledSubscription, TopicPublisher
 
 _SECOND_NS = 1_000_000_000
 
@@ -25,7 +25,7 @@ class _Speaker:
 
     def __init__(self, world: Any) -> None:
         self.node = world.node
-        self.output = Output(world.node, POKE)
+        self.output = TopicPublisher(world.node, POKE)
         self.sent = 0
 
     def say(self, number: int) -> None:
@@ -36,8 +36,8 @@ class _Speaker:
         self.node.destroy_publisher(self.output._publisher)
 
 
-def _listening(world: Any, *speakers: _Speaker) -> Input:
-    heard = Input(world.node, POKE)
+def _listening(world: Any, *speakers: _Speaker) -> PolledSubscription:
+    heard = PolledSubscription(world.node, POKE)
     end = time.monotonic() + 10.0
     while any(s.output._publisher.get_subscription_count() == 0 for s in speakers):
         assert time.monotonic() < end
@@ -45,7 +45,7 @@ def _listening(world: Any, *speakers: _Speaker) -> Input:
     return heard
 
 
-def _wait(heard: Input, number: int) -> None:
+def _wait(heard: PolledSubscription, number: int) -> None:
     end = time.monotonic() + 5.0
     while heard.received < number:
         heard.waiting()
@@ -109,7 +109,7 @@ def test_one_publisher_is_no_crowd(world: Any) -> None:
     for number in range(50):
         speaker.say(number)
     _wait(heard, 50)
-    assert not heard.crowded(time.time_ns())
+    assert not heard.multiple_publishers(time.time_ns())
 
 
 def test_two_that_speak_in_turn_are_a_crowd_until_one_is_gone(world: Any) -> None:
@@ -124,12 +124,12 @@ def test_two_that_speak_in_turn_are_a_crowd_until_one_is_gone(world: Any) -> Non
         second.say(number)
         _wait(heard, 32 + 2 * number)
     now = time.time_ns()
-    assert heard.crowded(now)
-    assert heard.crowded(now + _SECOND_NS // 2)
+    assert heard.multiple_publishers(now)
+    assert heard.multiple_publishers(now + _SECOND_NS // 2)
     for number in range(20):
         first.say(number)
     _wait(heard, 60)
-    assert not heard.crowded(now + 2 * _SECOND_NS)
+    assert not heard.multiple_publishers(now + 2 * _SECOND_NS)
 
 
 def test_two_of_the_same_age_are_a_crowd_too(world: Any) -> None:
@@ -139,7 +139,7 @@ def test_two_of_the_same_age_are_a_crowd_too(world: Any) -> None:
         for k, speaker in enumerate((first, second)):
             speaker.say(number)
             _wait(heard, 2 * number + k + 1)
-    assert heard.crowded(time.time_ns())
+    assert heard.multiple_publishers(time.time_ns())
 
 
 def test_one_that_was_restarted_is_no_crowd(world: Any) -> None:
@@ -157,4 +157,4 @@ def test_one_that_was_restarted_is_no_crowd(world: Any) -> None:
     for number in range(20):
         again.say(number)
     _wait(heard, 40)
-    assert not heard.crowded(time.time_ns())
+    assert not heard.multiple_publishers(time.time_ns())

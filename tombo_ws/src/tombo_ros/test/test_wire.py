@@ -18,7 +18,7 @@ from sensor_msgs.msg import Imu
 
 from tombo_msgs.msg import RotorSpeeds
 from tombo_ros.conversion import to_ns, to_time
-from tombo_ros.wire import Wire
+from tombo_ros.message_template import MessageTemplate
 
 _number = st.floats(allow_nan=False)
 _stamp_ns = st.integers(0, 2**31 * 10**9 - 1)
@@ -40,8 +40,8 @@ _SHAPES: dict[str, tuple[Any, dict[str, Any], dict[str, int]]] = {
 
 
 @lru_cache
-def _wire(typename: str, which: str = "reader") -> Wire:
-    return Wire(typename, _SHAPES[typename][1])
+def _wire(typename: str, which: str = "reader") -> MessageTemplate:
+    return MessageTemplate(typename, _SHAPES[typename][1])
 
 
 def _values(message: Any) -> list[float]:
@@ -60,21 +60,23 @@ def _values(message: Any) -> list[float]:
 @given(data=st.data())
 def test_packed_bytes_are_what_rclpy_reads(typename: str, data: st.DataObject) -> None:
     kind, template, fields = _SHAPES[typename]
-    wire = _wire(typename, "writer")
+    message_template = _wire(typename, "writer")
     stamp = data.draw(_stamp_ns)
-    wire.stamp(stamp)
+    message_template.stamp(stamp)
     put = {}
     for path, count in fields.items():
         put[path] = data.draw(st.lists(_number, min_size=count, max_size=count))
-        wire.field(path, count).put(put[path])
-    message = deserialize_message(wire.data(), kind)
+        message_template.field(path, count).put(put[path])
+    message = deserialize_message(message_template.data(), kind)
     assert to_ns(message.header.stamp) == stamp
     assert message.header.frame_id == template["header"]["frame_id"]
     found = _values(message)
     for values in put.values():
         joined = ",".join(map(repr, values))
         assert joined in ",".join(map(repr, found))
-    assert len(serialize_message(message)) == len(wire.data())  # but for padding the same bytes
+    assert len(serialize_message(message)) == len(
+        message_template.data()
+    )  # but for padding the same bytes
 
 
 @pytest.mark.parametrize("typename", list(_SHAPES))
@@ -103,11 +105,11 @@ def test_a_message_made_by_hand_is_read_field_by_field() -> None:
     message.pose.pose.position.x, message.pose.pose.orientation.w = 1.5, 0.25
     message.twist.twist.angular.z = -3.0
     data = serialize_message(message)
-    wire = _wire("nav_msgs/msg/Odometry")
-    assert wire.fits(data)
-    assert wire.stamp_of(data) == 12_345_678_901
-    assert wire.field("pose.pose.position.x", 7).of(data) == (1.5, 0, 0, 0, 0, 0, 0.25)
-    assert wire.field("twist.twist.linear.x", 6).of(data) == (0, 0, 0, 0, 0, -3.0)
+    message_template = _wire("nav_msgs/msg/Odometry")
+    assert message_template.fits(data)
+    assert message_template.stamp_of(data) == 12_345_678_901
+    assert message_template.field("pose.pose.position.x", 7).of(data) == (1.5, 0, 0, 0, 0, 0, 0.25)
+    assert message_template.field("twist.twist.linear.x", 6).of(data) == (0, 0, 0, 0, 0, -3.0)
 
 
 @given(_stamp_ns)
@@ -131,16 +133,16 @@ def test_another_child_frame_does_not_fit(child: str) -> None:
 
 @pytest.mark.parametrize("typename", list(_SHAPES))
 def test_short_bytes_do_not_fit(typename: str) -> None:
-    wire = _wire(typename)
-    data = wire.data()
-    assert wire.fits(data)
-    assert not any(wire.fits(data[:length]) for length in range(len(data)))
+    message_template = _wire(typename)
+    data = message_template.data()
+    assert message_template.fits(data)
+    assert not any(message_template.fits(data[:length]) for length in range(len(data)))
 
 
 @pytest.mark.parametrize("head", [b"\x00\x00\x00\x00", b"\x00\x03\x00\x00", b"\x00\x07\x00\x00"])
 def test_big_endian_and_other_encodings_do_not_fit(head: bytes) -> None:
-    wire = _wire("sensor_msgs/msg/Imu")
-    assert not wire.fits(head + wire.data()[4:])
+    message_template = _wire("sensor_msgs/msg/Imu")
+    assert not message_template.fits(head + message_template.data()[4:])
 
 
 @given(st.binary(max_size=400))
@@ -149,8 +151,13 @@ def test_any_bytes_are_refused_without_an_exception(data: bytes) -> None:
 
 
 def test_what_was_packed_stays_until_packed_anew() -> None:
-    wire = _wire("tombo_msgs/msg/RotorSpeeds", "by hand")
-    first = wire.data()
-    wire.set("speed", 1.0, 2.0, 3.0, 4.0)
-    assert first != wire.data()
-    assert list(deserialize_message(wire.data(), RotorSpeeds).speed) == [1.0, 2.0, 3.0, 4.0]
+    message_template = _wire("tombo_msgs/msg/RotorSpeeds", "by hand")
+    first = message_template.data()
+    message_template.set("speed", 1.0, 2.0, 3.0, 4.0)
+    assert first != message_template.data()
+    assert list(deserialize_message(message_template.data(), RotorSpeeds).speed) == [
+        1.0,
+        2.0,
+        3.0,
+        4.0,
+    ]

@@ -18,9 +18,9 @@ ECHO = TopicSpec("/echo", "rosgraph_msgs/msg/Clock", Qos(100), 0.0, "what was he
 class TinyNode(LoopNode):
     def __init__(self) -> None:
         super().__init__("tiny", 100.0, {"estimator": EstimatorParams()})
-        self._steps = self.speak(STEPS)
-        self._echo = self.speak(ECHO)
-        self._poke = self.listen(POKE)
+        self._steps = self.advertise(STEPS)
+        self._echo = self.advertise(ECHO)
+        self._poke = self.subscribe(POKE)
 
     def step(self, now_ns: int) -> None:
         self._steps.publish(Clock(clock=to_time(now_ns)))

@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from tombo_bag.topics import DIAGNOSTICS
 from tombo_ros.conversion import to_time
-from tombo_ros.topic import Output
+from tombo_ros.topic import TopicPublisher
 
 OK, WARN, ERROR = 0, 1, 2
 _LEVELS = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
@@ -33,7 +33,7 @@ class Health:
     def __init__(self, node: Any) -> None:
         self._node = node
         self._name = node.get_name()
-        self._output = Output(node, DIAGNOSTICS)
+        self._output = TopicPublisher(node, DIAGNOSTICS)
         self._faults: dict[str, _Fault] = {}
         self._values: dict[str, Any] = {}
         self._seen_ns: dict[str, int] = {}
@@ -69,12 +69,12 @@ class Health:
         else:
             logger.info(f"{key}: over")
 
-    def happened(self, key: str, text: str, level: int = WARN) -> None:
+    def report_event(self, key: str, text: str, level: int = WARN) -> None:
         """Say that something went wrong once; it is shown until a second after the last time."""
         self._seen_ns[key] = time.time_ns()
         self.fault(key, True, text, level)
 
-    def expire(self, wall_ns: int) -> None:
+    def clear_expired(self, wall_ns: int) -> None:
         """End what has happened more than a second ago."""
         for key, seen_ns in list(self._seen_ns.items()):
             if wall_ns - seen_ns > _SHOWN_NS:
@@ -107,8 +107,8 @@ class Health:
         report = DiagnosticArray()
         report.header.stamp = to_time(now_ns)
         report.status = [_status(self._name, level, text, values)]
-        for loop, figures in loops.items():
-            report.status.append(_status(f"{self._name}: {loop}", OK, "", figures))
+        for loop, metrics in loops.items():
+            report.status.append(_status(f"{self._name}: {loop}", OK, "", metrics))
         self._output.publish(report)
 
 

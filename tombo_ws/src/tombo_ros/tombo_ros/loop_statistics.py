@@ -11,7 +11,7 @@ _BINS = 20_000
 
 
 @dataclass(frozen=True)
-class LoopFigures:
+class LoopMetrics:
     """What a loop has done since its start."""
 
     runs: int
@@ -74,11 +74,11 @@ class LoopStatistics:
         self._lateness.add(late_ns)
         self.missed += missed
 
-    def figures(self) -> LoopFigures:
+    def metrics(self) -> LoopMetrics:
         """Return what there was so far."""
         runs = self._lateness.number
         span = self._last_ns - self._first_ns
-        return LoopFigures(
+        return LoopMetrics(
             runs,
             self.missed,
             (runs - 1) * 1e9 / span if span > 0 else 0.0,

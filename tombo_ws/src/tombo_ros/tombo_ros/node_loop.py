@@ -28,9 +28,15 @@ from tombo_dynamics.errors import InputError
 from tombo_ros.conversion import to_ns
 from tombo_ros.health import ERROR, WARN, Health
 from tombo_ros.loop_statistics import LoopStatistics
-from tombo_ros.pacing import Priority, ask_for, collect_young, quiet_collector, sleep_until
+from tombo_ros.pacing import (
+    Priority,
+    collect_generation_0,
+    freeze_garbage,
+    request_realtime_priority,
+    sleep_until,
+)
 from tombo_ros.record_parameters import RecordParameters
-from tombo_ros.topic import Input, Output
+from tombo_ros.topic import PolledSubscription, TopicPublisher
 
 SECOND_NS = 1_000_000_000
 _LOOK_NS = SECOND_NS // 2
@@ -45,11 +51,11 @@ _POLL_SHARE, _POLL_LEAST_NS, _POLL_MOST_NS = 0.1, 100_000, 1_000_000
 class LoopNode(ABC):
     """One node: subclass it, take inputs and publish in `step`."""
 
-    keeps_every_tick = False
+    catches_up = False
     """True: deadlines missed are made up for; False: they are left out."""
-    answers_messages = True
+    runs_on_message = True
     """In simulated time: True runs the loop for each message too, False at its rate alone."""
-    makes_time = False
+    publishes_clock = False
     """True: this node is the one that says what time it is; it runs by the wall's clock."""
 
     def __init__(
@@ -88,9 +94,9 @@ class LoopNode(ABC):
         self.slack_ns = _SLACK_NS if self.sim_time else 0
         """How far the present may be ahead of `now_ns`: /clock speaks now and then only."""
         self._priority = None if self.sim_time else priority
-        self._inputs: list[Input] = []
-        follows = self.sim_time and not self.makes_time
-        self._clock = Input(self.ros, CLOCK, depth=1) if follows else None
+        self._inputs: list[PolledSubscription] = []
+        follows = self.sim_time and not self.publishes_clock
+        self._clock = PolledSubscription(self.ros, CLOCK, depth=1) if follows else None
         self._now_ns = 0
         self._stopping = False
         self._executor = SingleThreadedExecutor()
@@ -103,15 +109,15 @@ class LoopNode(ABC):
         """Section -> record as it stands."""
         return self.parameters.records
 
-    def listen(self, spec: TopicSpec, *, depth: int | None = None) -> Input:
+    def subscribe(self, spec: TopicSpec, *, depth: int | None = None) -> PolledSubscription:
         """Subscribe to a topic; the loop polls it."""
-        found = Input(self.ros, spec, depth)
+        found = PolledSubscription(self.ros, spec, depth)
         self._inputs.append(found)
         return found
 
-    def speak(self, spec: TopicSpec) -> Output:
+    def advertise(self, spec: TopicSpec) -> TopicPublisher:
         """Advertise a topic."""
-        return Output(self.ros, spec)
+        return TopicPublisher(self.ros, spec)
 
     def declare(self, name: str, default: Any, doc: str, **more: Any) -> Any:
         """Declare a parameter of the node's own; see `RecordParameters.declare`."""
@@ -121,7 +127,7 @@ class LoopNode(ABC):
     def step(self, now_ns: int) -> None:
         """Run the loop once, at ROS time `now_ns`."""
 
-    def records_changed(self, name: str) -> None:  # noqa: B027 - a hook
+    def on_parameters_changed(self, name: str) -> None:  # noqa: B027 - a hook
         """Take note that a section, or a parameter of the node's own, was set."""
 
     def close(self) -> None:  # noqa: B027 - a hook
@@ -148,10 +154,10 @@ class LoopNode(ABC):
         served_by = {self._services.native_id or 0}
         scheduling = "normal"
         if self._priority is not None:
-            scheduling = ask_for(self._priority, served_by)
+            scheduling = request_realtime_priority(self._priority, served_by)
         self.health.value("scheduling", scheduling)
         self.ros.get_logger().info(f"running, scheduling {scheduling}")
-        quiet_collector()
+        freeze_garbage()
         if self._clock is not None:
             self._spin_simulated()
         else:
@@ -173,7 +179,7 @@ class LoopNode(ABC):
             self.late_ns = late
             period = self.period_ns
             if late > period:
-                if self.keeps_every_tick:
+                if self.catches_up:
                     missed = 1
                 else:
                     missed = late // period
@@ -186,7 +192,7 @@ class LoopNode(ABC):
             missed = 0
             now = time.time_ns()
             self.step(now)
-            self._attend(now, now)
+            self._periodic_tasks(now, now)
             deadline += period + self.shift_ns
             self.shift_ns = 0
 
@@ -200,14 +206,14 @@ class LoopNode(ABC):
             moved = self._read_clock()
             if due - self._now_ns > self.period_ns + SECOND_NS:  # the clock was set back
                 due = 0
-            if self._now_ns and ((moved and self._now_ns >= due) or self._fresh()):
+            if self._now_ns and ((moved and self._now_ns >= due) or self._input_waiting()):
                 if self._now_ns >= due:
                     main.ran(self._now_ns, 0)
                     due = (self._now_ns // self.period_ns + 1) * self.period_ns
                 self.step(self._now_ns)
             else:
                 sleep_until(time.monotonic_ns() + poll)
-            self._attend(time.time_ns(), self._now_ns)
+            self._periodic_tasks(time.time_ns(), self._now_ns)
 
     def _read_clock(self) -> bool:
         """Take the newest `/clock`; return whether it has changed."""
@@ -220,24 +226,24 @@ class LoopNode(ABC):
         self._now_ns = to_ns(deserialize_message(taken[-1].message, self._clock.kind).clock)
         return self._now_ns != before
 
-    def _fresh(self) -> bool:
+    def _input_waiting(self) -> bool:
         """Return whether any input has something: looked at without taking it."""
-        return self.answers_messages and any(found.waiting() for found in self._inputs)
+        return self.runs_on_message and any(found.waiting() for found in self._inputs)
 
-    def _attend(self, wall_ns: int, now_ns: int) -> None:
+    def _periodic_tasks(self, wall_ns: int, now_ns: int) -> None:
         """Do what is not the loop's work: parameters set, publishers counted, reports."""
         for name in self.parameters.changed():
-            self.records_changed(name)
+            self.on_parameters_changed(name)
         if wall_ns - self._looked_ns > _LOOK_NS:
             self._looked_ns = wall_ns
-            self.health.expire(wall_ns)
+            self.health.clear_expired(wall_ns)
             if self._clock is not None:
                 silent = self._clock.silent(wall_ns, _CLOCK_SILENT_S)
                 self.health.fault("clock_silent", silent, "no /clock: time stands still", ERROR)
             for found in self._inputs:
                 self.health.fault(
                     f"second_publisher.{found.topic}",
-                    found.crowded(wall_ns),
+                    found.multiple_publishers(wall_ns),
                     f"more than one node publishes on {found.topic}",
                 )
                 if found.unreadable:
@@ -246,12 +252,12 @@ class LoopNode(ABC):
         elif wall_ns - self._reported_ns > SECOND_NS or self.health.urgent:
             if wall_ns - self._reported_ns > SECOND_NS:
                 self._reported_ns = wall_ns
-                collect_young()
+                collect_generation_0()
             self.report(now_ns)
 
     def report(self, now_ns: int) -> None:
         """Publish `/diagnostics`."""
-        loops = {name: watch.figures().as_values() for name, watch in self.loops.items()}
+        loops = {name: watch.metrics().as_values() for name, watch in self.loops.items()}
         self.health.send(now_ns, loops)
 
     def _serve(self) -> None:
@@ -262,7 +268,7 @@ class LoopNode(ABC):
         except ExternalShutdownException:
             return
 
-    def leave(self) -> None:
+    def destroy(self) -> None:
         """Take the node off the graph, so that nobody waits for it."""
         self._stopping = True
         if self._services.is_alive():
@@ -308,7 +314,7 @@ def run(make: Callable[[], LoopNode], argv: Sequence[str] | None = None) -> int:
         if node is not None:
             node.close()
             node.report(node.now_ns())
-            node.leave()
+            node.destroy()
         rclpy.shutdown()
         for number in (signal.SIGINT, signal.SIGTERM):  # Python is about to forget our handler
             signal.signal(number, signal.SIG_IGN)

@@ -51,7 +51,7 @@ RECORDER = Priority(0, 40)
 """Who stands where: the shorter the period, the further in front; nobody works long up there."""
 
 
-def ask_for(wanted: Priority, leave_out: set[int]) -> str:
+def request_realtime_priority(wanted: Priority, leave_out: set[int]) -> str:
     """Move the process's threads to SCHED_FIFO if the system allows it; say what was got.
 
     Args:
@@ -77,13 +77,13 @@ def ask_for(wanted: Priority, leave_out: set[int]) -> str:
     return f"FIFO {wanted.loop}" if wanted.loop else f"normal, transport FIFO {wanted.transport}"
 
 
-def quiet_collector() -> None:
+def freeze_garbage() -> None:
     """Keep the garbage collector out of the loop: what is there stays, the young is looked at."""
     gc.collect()
     gc.freeze()
     gc.disable()
 
 
-def collect_young() -> None:
+def collect_generation_0() -> None:
     """Collect what the last second left; takes some microseconds."""
     gc.collect(0)

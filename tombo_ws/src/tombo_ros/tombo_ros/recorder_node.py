@@ -19,7 +19,7 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from tombo_bag.qos import Qos
 from tombo_bag.rolling_sink import RollingOptions, RollingSink
 from tombo_bag.schemas import type_hash
-from tombo_bag.tally import Tally
+from tombo_bag.sequence_counter import SequenceCounter
 from tombo_bag.topics import CLOCK, TOPICS
 from tombo_dynamics.errors import InputError
 from tombo_ros.health import ERROR
@@ -40,16 +40,16 @@ _NAME_NOT_YET_KNOWN = "_NODE_NAME_UNKNOWN_"
 """As rclpy says it: a publisher may be found before its node is."""
 
 
-class Source:
+class RecordedTopic:
     """One recorded topic: a polled subscription and what it counts."""
 
     def __init__(self, node: RecorderNode, name: str, typename: str, qos: Qos) -> None:
         self.name = name
         self.typename = typename
-        self.tally = Tally()
+        self.sequence_counter = SequenceCounter()
         self._node = node
         self._kind = message_class(typename)
-        self._met = False
+        self._has_publisher = False
         self._subscribe(qos)
 
     def _subscribe(self, qos: Qos) -> None:
@@ -57,16 +57,16 @@ class Source:
         self._subscription = self._node.ros.create_subscription(
             self._kind,
             self.name,
-            _nobody,
+            _no_callback,
             profile(qos, DEPTH),
             callback_group=PolledGroup(),
             raw=True,
         )
         self._take = self._subscription.handle.take_message
 
-    def adapt(self, qos: Qos) -> None:
+    def relax_qos(self, qos: Qos) -> None:
         """Ask for less where a publisher doesn't offer what is asked for."""
-        weaker = weakest((self.qos, qos))
+        weaker = weakest_qos((self.qos, qos))
         if weaker != self.qos:
             self.take()
             self._node.ros.destroy_subscription(self._subscription)
@@ -76,13 +76,13 @@ class Source:
         """Record all that has come."""
         write = self._node.sink.write
         item = self._take(self._kind, True)
-        if item is not None and not self._met:
-            self._met = True
+        if item is not None and not self._has_publisher:
+            self._has_publisher = True
             self._node.meet(self)
         while item is not None:
             message, info = item
             received = info["received_timestamp"]
-            self.tally.seen(info["publication_sequence_number"])
+            self.sequence_counter.seen(info["publication_sequence_number"])
             write(self.name, message, received, info["source_timestamp"] or received)
             item = self._take(self._kind, True)
 
@@ -91,7 +91,7 @@ class RecorderNode(LoopNode):
     """Polls the topics, writes what has come, looks for new publishers."""
 
     # By the wall's clock also in simulated time: a recording goes on when that stands still.
-    makes_time = True
+    publishes_clock = True
 
     def __init__(self) -> None:
         super().__init__("recorder", POLLS_HZ, priority=RECORDER)
@@ -100,7 +100,7 @@ class RecorderNode(LoopNode):
         self._started_ns = time.time_ns()
         self._stopped_ns = 0
         self._undescribed: dict[str, str] = {}
-        self._sources: dict[str, Source] = {}
+        self._sources: dict[str, RecordedTopic] = {}
         known = [name for name in TOPICS if name != CLOCK.name]
         names = self.declare("topics", known, "names of the topics to record")
         self._all = self.declare("all", False, "record every other topic on the graph too")
@@ -108,11 +108,11 @@ class RecorderNode(LoopNode):
         self.sink = RollingSink(self._options(), self._notes, self._records())
         for name, spec in self._specs.items():
             if spec is not None:
-                self._subscribe(name, spec.typename, spec.qos, complain=False)
+                self._subscribe(name, spec.typename, spec.qos, warn_if_unknown=False)
         self._written_at = self._counted_at = time.monotonic_ns()
         self._searched_at = 0
         self._seen_before = 0
-        self._figures()
+        self._diagnostics_values()
         self.ros.get_logger().info(f"recording to {self.sink.options.target}")
 
     def _resolved(self, name: str) -> str:
@@ -175,20 +175,20 @@ class RecorderNode(LoopNode):
             self._guarded(lambda: self.sink.flush(now_ns))
         elif clock - self._searched_at >= LOOK_NS:
             self._searched_at = clock
-            self._look()
+            self._discover_publishers()
         elif clock - self._counted_at >= SECOND_NS:
-            self._figures()
+            self._diagnostics_values()
 
     def close(self) -> None:
         """Take what is left, finish the file, say in one line what was recorded."""
         for source in self._sources.values():
             source.take()
-        self._look()
+        self._discover_publishers()
         self._stopped_ns = time.time_ns()
         self._guarded(self.sink.close)
         if self.sink.unwritten:
             self.exit_code = 1
-        self._figures()
+        self._diagnostics_values()
         self._say_what_was_recorded()
 
     def _guarded(self, action: Callable[[], None]) -> None:
@@ -203,7 +203,7 @@ class RecorderNode(LoopNode):
             self.exit_code = 1
             self.stop()
 
-    def _look(self) -> None:
+    def _discover_publishers(self) -> None:
         """Find new publishers; adapt to what they offer; count them."""
         wanted = dict.fromkeys(self._specs)
         if self._all:
@@ -212,34 +212,34 @@ class RecorderNode(LoopNode):
             source = self._sources.get(name)
             offers = self.ros.get_publishers_info_by_topic(name)
             if offers and source is None:
-                qos = weakest(map(_offered, offers))
+                qos = weakest_qos(map(_offered, offers))
                 source = self._subscribe(name, offers[0].topic_type, qos)
             if source is not None:
                 if offers:
                     self.meet(source, offers)
-                source.tally.publishers(len(offers))
+                source.sequence_counter.publishers(len(offers))
 
-    def meet(self, source: Source, offers: Sequence[Any] | None = None) -> None:
+    def meet(self, source: RecordedTopic, offers: Sequence[Any] | None = None) -> None:
         """Take note of a topic's publishers. Now the topic is one of the recording's."""
         if offers is None:
             offers = self.ros.get_publishers_info_by_topic(source.name)
         if offers:
-            source.adapt(weakest(map(_offered, offers)))
+            source.relax_qos(weakest_qos(map(_offered, offers)))
         self.sink.add_topic(source.name, source.typename, source.qos)
         for offer in offers:
             self._compare(source, offer)
 
     def _subscribe(
-        self, name: str, typename: str, qos: Qos, *, complain: bool = True
-    ) -> Source | None:
+        self, name: str, typename: str, qos: Qos, *, warn_if_unknown: bool = True
+    ) -> RecordedTopic | None:
         """Begin to record a topic, if its type is installed and can be described."""
         if name in self._undescribed:
             return None
         try:
             type_hash(typename)
-            source = self._sources[name] = Source(self, name, typename, qos)
+            source = self._sources[name] = RecordedTopic(self, name, typename, qos)
         except (InputError, ImportError, AttributeError, ValueError) as error:
-            if complain:
+            if warn_if_unknown:
                 self._undescribed[name] = typename
                 reason = str(error).partition("; accepted")[0]
                 self.health.fault(
@@ -248,7 +248,7 @@ class RecorderNode(LoopNode):
             return None
         return source
 
-    def _compare(self, source: Source, offer: Any) -> None:
+    def _compare(self, source: RecordedTopic, offer: Any) -> None:
         """Complain of a publisher whose type is not the one that stands in the file."""
         if offer.topic_type != source.typename:
             text = f"{offer.topic_type} is not recorded, {source.typename} is"
@@ -256,18 +256,22 @@ class RecorderNode(LoopNode):
             return
         theirs = str(offer.topic_type_hash)
         if theirs.startswith("RIHS01_") and theirs != type_hash(source.typename):
-            self.sink.leave_as_they_come(source.name)
+            self.sink.keep_padding(source.name)
             if offer.node_name == _NAME_NOT_YET_KNOWN:  # it will be at the next look
                 return
             text = f"{offer.node_name} publishes another version of {source.typename}"
             self.health.fault(f"other_version.{source.name}", True, f"{source.name}: {text}")
 
-    def _figures(self) -> None:
+    def _diagnostics_values(self) -> None:
         clock = time.monotonic_ns()
         span_s = max(clock - self._counted_at, 1) / SECOND_NS
         self._counted_at = clock
-        messages = sum(source.tally.messages for source in self._sources.values())
-        crowded = [name for name, source in self._sources.items() if source.tally.crowded]
+        messages = sum(source.sequence_counter.messages for source in self._sources.values())
+        multiple_publishers = [
+            name
+            for name, source in self._sources.items()
+            if source.sequence_counter.multiple_publishers
+        ]
         for key, value in (
             ("messages", messages),
             ("lost", self._lost()),
@@ -275,33 +279,48 @@ class RecorderNode(LoopNode):
             ("rate_hz", round((messages - self._seen_before) / span_s, 1)),
             ("bytes", self.sink.size),
             ("file", str(self.sink.path)),
-            ("crowded", " ".join(crowded)),
+            ("crowded", " ".join(multiple_publishers)),
         ):
             self.health.value(key, value)
         self._seen_before = messages
 
     def _lost(self) -> int:
-        return sum(source.tally.lost for source in self._sources.values())
+        return sum(source.sequence_counter.lost for source in self._sources.values())
 
     def _notes(self) -> dict[str, str]:
         """Return what the file says about its own making."""
-        tallies = {name: self._sources[name].tally for name in sorted(self.sink.topics)}
+        tallies = {name: self._sources[name].sequence_counter for name in sorted(self.sink.topics)}
         return {
             "started_ns": str(self._started_ns),
             "stopped_ns": str(self._stopped_ns or ""),
             "messages": str(self.sink.messages),
             "lost": str(self._lost()),
             "unwritten": str(self.sink.unwritten),
-            "crowded": " ".join(name for name, tally in tallies.items() if tally.crowded),
-            "unnumbered": " ".join(name for name, tally in tallies.items() if tally.unnumbered),
-            **{f"lost:{name}": str(tally.lost) for name, tally in tallies.items()},
+            "crowded": " ".join(
+                name
+                for name, sequence_counter in tallies.items()
+                if sequence_counter.multiple_publishers
+            ),
+            "unnumbered": " ".join(
+                name
+                for name, sequence_counter in tallies.items()
+                if sequence_counter.without_sequence
+            ),
+            **{
+                f"lost:{name}": str(sequence_counter.lost)
+                for name, sequence_counter in tallies.items()
+            },
             **{f"undescribed:{name}": kind for name, kind in self._undescribed.items()},
         }
 
     def _say_what_was_recorded(self) -> None:
         seconds = (self._stopped_ns - self._started_ns) / SECOND_NS
-        tallies = [source.tally for source in self._sources.values() if source.tally.messages]
-        uncounted = sum(not tally.countable for tally in tallies)
+        tallies = [
+            source.sequence_counter
+            for source in self._sources.values()
+            if source.sequence_counter.messages
+        ]
+        uncounted = sum(not sequence_counter.is_exact for sequence_counter in tallies)
         lost = f"lost {self._lost()}"
         if uncounted:
             lost += f" (not countable on {uncounted} topics with several publishers)"
@@ -314,7 +333,7 @@ class RecorderNode(LoopNode):
         sys.stdout.flush()
 
 
-def weakest(offers: Iterable[Qos]) -> Qos:
+def weakest_qos(offers: Iterable[Qos]) -> Qos:
     """Return what all of some publishers offer."""
     every = list(offers)
     reliable = all(qos.reliability == "reliable" for qos in every)
@@ -337,7 +356,7 @@ def _offered(offer: Any) -> Qos:
     )
 
 
-def _nobody(message: Any) -> None:
+def _no_callback(message: Any) -> None:
     """Take the place of the callback that rclpy asks for."""
 
 

@@ -43,7 +43,7 @@ class PolledGroup(CallbackGroup):
         """Do nothing."""
 
 
-class Taken(NamedTuple):
+class ReceivedMessage(NamedTuple):
     """One message as it arrived."""
 
     message: Any
@@ -56,7 +56,7 @@ class Taken(NamedTuple):
     """Number that its publisher gave it."""
 
 
-class Input:
+class PolledSubscription:
     """A subscription without callback: `take` returns what has come since the last call.
 
     A message costs 2 us as bytes, against some 100 us for a callback of an executor.
@@ -70,7 +70,7 @@ class Input:
         self._subscription = node.create_subscription(
             self.kind,
             self.topic,
-            _nobody,
+            _no_callback,
             profile(spec.qos, depth),
             callback_group=PolledGroup(),
             raw=True,
@@ -82,7 +82,7 @@ class Input:
         """Messages whose bytes are none of this type."""
         self._made_ns = time.time_ns()
         self._take = self._subscription.handle.take_message
-        self._waiting: list[Taken] = []
+        self._waiting: list[ReceivedMessage] = []
         self._sequence = 0
         self._turned_ns = [0, 0]
 
@@ -91,7 +91,7 @@ class Input:
         self._pull()
         return bool(self._waiting)
 
-    def take_raw(self) -> list[Taken]:
+    def take_raw(self) -> list[ReceivedMessage]:
         """Return the bytes of all messages that have arrived, oldest first."""
         self._pull()
         found, self._waiting = self._waiting, []
@@ -103,7 +103,9 @@ class Input:
             data, info = item
             received = info["received_timestamp"]
             sequence = info["publication_sequence_number"]
-            self._waiting.append(Taken(data, received, info["source_timestamp"], sequence))
+            self._waiting.append(
+                ReceivedMessage(data, received, info["source_timestamp"], sequence)
+            )
             self.last_ns = received
             self.received += 1
             if sequence <= self._sequence:
@@ -111,7 +113,7 @@ class Input:
             self._sequence = sequence
             item = self._take(self.kind, True)
 
-    def crowded(self, now_ns: int) -> bool:
+    def multiple_publishers(self, now_ns: int) -> bool:
         """Return whether two publishers have spoken here within the last second.
 
         A publisher numbers its messages. One that was restarted makes the numbers fall once; of
@@ -121,7 +123,7 @@ class Input:
         first, second = self._turned_ns
         return first > 0 and second - first < _SECOND_NS and now_ns - second < _SECOND_NS
 
-    def take(self) -> list[Taken]:
+    def take(self) -> list[ReceivedMessage]:
         """Return all messages that have arrived, oldest first."""
         messages = []
         for taken in self.take_raw():
@@ -130,10 +132,12 @@ class Input:
             except Exception:  # rclpy's own class; the message is counted, not lost in silence
                 self.unreadable += 1
                 continue
-            messages.append(Taken(message, taken.received_ns, taken.sent_ns, taken.sequence))
+            messages.append(
+                ReceivedMessage(message, taken.received_ns, taken.sent_ns, taken.sequence)
+            )
         return messages
 
-    def newest(self) -> Taken | None:
+    def newest(self) -> ReceivedMessage | None:
         """Return the newest message that has arrived since the last call."""
         messages = self.take()
         return messages[-1] if messages else None
@@ -152,7 +156,7 @@ class Input:
         return now_ns - self.last_ns > limit_s * 1e9
 
 
-class Output:
+class TopicPublisher:
     """A publisher."""
 
     def __init__(self, node: Node, spec: TopicSpec) -> None:
@@ -163,7 +167,7 @@ class Output:
         )
 
     @property
-    def listeners(self) -> int:
+    def subscriber_count(self) -> int:
         """How many subscribers this publisher has met."""
         return int(self._publisher.get_subscription_count())
 
@@ -172,5 +176,5 @@ class Output:
         self._publisher.publish(message)
 
 
-def _nobody(message: Any) -> None:
+def _no_callback(message: Any) -> None:
     """Take the place of the callback that rclpy asks for."""

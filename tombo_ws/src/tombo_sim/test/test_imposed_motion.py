@@ -6,13 +6,13 @@ from kernel_flight import NOISE, TICK, VEHICLE, fly_kernel, maps
 
 from tombo_dynamics.effects.compose import pack_theta
 from tombo_dynamics.plant import new_plant, part
-from tombo_sim.imposed_motion import (
+from tombo_sim.inverse_simulation import (
     IMPOSED_WIDTH,
     I,
     air,
-    along_motion,
-    as_captured,
-    readings_at_rest,
+    run_along_motion,
+    simulate_imu_at_rest,
+    simulate_mocap,
 )
 
 QUIET = np.zeros((1, NOISE))
@@ -65,7 +65,7 @@ def along(flight, effects, speed=None, noise=CHANCE):
     motion = motion_of(flight)
     out = np.full((motion.shape[0], IMPOSED_WIDTH), np.nan)
     measured = np.zeros((0, 8)) if speed is None else speed
-    along_motion(vehicle(), maps(), pack_theta(effects), noise, TICK, motion,
+    run_along_motion(vehicle(), maps(), pack_theta(effects), noise, TICK, motion,
                  commands_of(flight), measured, out)  # fmt: skip
     return out
 
@@ -136,7 +136,7 @@ def test_the_floor_does_not_push_on_a_motion_that_noise_carries_into_it(flight):
     for height in (0.05, 0.02):
         low[:, 2] = height
         out = np.zeros((low.shape[0], IMPOSED_WIDTH))
-        along_motion(vehicle(), maps(), pack_theta({}), QUIET, TICK, low, commands_of(flight),
+        run_along_motion(vehicle(), maps(), pack_theta({}), QUIET, TICK, low, commands_of(flight),
                      np.zeros((0, 8)), out)  # fmt: skip
         outs.append(out)
     assert np.array_equal(*outs)
@@ -167,7 +167,7 @@ def test_what_is_captured_is_what_the_simulators_capture_gives():
     rows = [row for _, row in flown.delivered]
     ticks = flown.mocap[rows, 0].astype(int)
     true = np.hstack([flown["position"], flown["attitude"]])[ticks]
-    seen = as_captured(new_plant(VEHICLE), pack_theta(CAPTURE), QUIET, true, 1 / 30)
+    seen = simulate_mocap(new_plant(VEHICLE), pack_theta(CAPTURE), QUIET, true, 1 / 30)
     assert seen[:, :7] == pytest.approx(flown.mocap[rows, 3:10], abs=1e-12)
     assert seen[:, 7] == pytest.approx(np.full(len(rows), 0.011))
     assert not seen[:, 8:].any()
@@ -178,7 +178,7 @@ def test_samples_are_lost_in_gaps_of_the_length_that_was_asked_for():
     still = np.zeros((20_000, 7))
     still[:, 6] = 1.0
     effects = {"mocap_dropouts": {"probability": 0.02, "duration": 0.1}}
-    lost = as_captured(new_plant(VEHICLE), pack_theta(effects), noise, still, 1 / 30)[:, 8] > 0
+    lost = simulate_mocap(new_plant(VEHICLE), pack_theta(effects), noise, still, 1 / 30)[:, 8] > 0
     starts = np.count_nonzero(lost[1:] & ~lost[:-1])
     assert starts == pytest.approx(0.02 * np.count_nonzero(~lost), rel=0.15)
     assert lost.sum() / starts == pytest.approx(0.1 * 30.0 + 0.5, rel=0.15)
@@ -188,11 +188,13 @@ def test_a_stamp_error_and_the_vehicle_at_rest():
     still = np.zeros((5, 7))
     still[:, 6] = 1.0
     theta = pack_theta({"mocap_stamp_error": {"offset": -0.02}})
-    assert as_captured(new_plant(VEHICLE), theta, QUIET, still, 0.03)[:, 9] == pytest.approx(-0.02)
+    assert simulate_mocap(new_plant(VEHICLE), theta, QUIET, still, 0.03)[:, 9] == pytest.approx(
+        -0.02
+    )
     out = np.zeros((4000, 6))
     noise = np.random.default_rng(3).standard_normal((4000, NOISE))
     theta = pack_theta({"imu_noise": {"gyro": 0.02, "accel": 0.3}, "imu_bias": {"accel_x": 0.1}})
-    readings_at_rest(new_plant(VEHICLE), theta, noise, TICK, out)
+    simulate_imu_at_rest(new_plant(VEHICLE), theta, noise, TICK, out)
     assert out[:, :3].std() == pytest.approx(0.02, rel=0.05)
     assert out[:, 3:].mean(axis=0) == pytest.approx([0.1, 0.0, 9.81], abs=0.03)
 
@@ -215,7 +217,7 @@ def test_a_lever_arm_feels_the_angular_acceleration_that_was_measured(flight):
     motion[:, 13:16] = [0.0, 4.0, 0.0]
     out = np.zeros((motion.shape[0], IMPOSED_WIDTH))
     theta = pack_theta({"imu_lever_arm": {"z": 0.05}})
-    along_motion(vehicle(), maps(), theta, QUIET, TICK, motion, commands_of(flight),
+    run_along_motion(vehicle(), maps(), theta, QUIET, TICK, motion, commands_of(flight),
                  np.zeros((0, 8)), out)  # fmt: skip
     error = out[:, I.accel_error : I.accel_error + 3]
     assert np.allclose(error, [0.2, 0.0, 0.0])

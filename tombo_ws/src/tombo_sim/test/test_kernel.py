@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.plant import part
 from tombo_dynamics.vehicle import GRAVITY, VehicleParams
-from tombo_sim.kernel import fly_on_truth
+from tombo_sim.kernel import fly_with_true_state
 
 TRUTH = ("position", "velocity", "attitude", "rates", "rotor_speed")
 
@@ -162,7 +162,7 @@ def test_the_force_of_a_contact_is_in_the_log_while_it_lasts():
 
 def hop(seed):
     m, a, theta = memories({"linear_rotor_drag": {"d_xy": 0.3}}, yaw=0.1 * seed)
-    fly_on_truth(m, a, maps(), theta, np.zeros(NOISE), 0, 4000)
+    fly_with_true_state(m, a, maps(), theta, np.zeros(NOISE), 0, 4000)
     return m, a
 
 
@@ -176,7 +176,7 @@ def test_the_bare_loop_in_pieces_is_the_loop_in_one():
     whole, _ = hop(2)
     m, a, theta = memories({"linear_rotor_drag": {"d_xy": 0.3}}, yaw=0.2)
     for start in range(0, 4000, 500):
-        fly_on_truth(m, a, maps(), theta, np.zeros(NOISE), start, start + 500)
+        fly_with_true_state(m, a, maps(), theta, np.zeros(NOISE), start, start + 500)
     assert (m == whole).all()
 
 

@@ -5,7 +5,7 @@ import pytest
 from kernel_flight import NOISE, RATE, TICK, capture_ticks, fly_kernel
 
 from tombo_control.autopilot import HOVER
-from tombo_control.observer import Observer
+from tombo_control.estimator_core import EstimatorCore
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario, world_of
 from tombo_sim.kernel import POSE, STAMPED
@@ -94,7 +94,7 @@ def test_the_nodes_estimate_is_that_of_the_headless_flight(offset):
     scenario = load_scenario("hover", settings)
     log = fly_scenario(scenario, 4).log
     simulator = Simulator(world_of(scenario), 4)
-    observer = Observer(scenario.estimator, scenario.vehicle)
+    observer = EstimatorCore(scenario.estimator, scenario.vehicle)
     observer.phase(HOVER)
     began = 1_000_000_000
     gaps = []

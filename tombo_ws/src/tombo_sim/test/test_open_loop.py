@@ -6,7 +6,7 @@ from kernel_flight import NOISE, TICK, VEHICLE, fly_kernel, maps
 
 from tombo_dynamics.effects.compose import pack_theta
 from tombo_dynamics.plant import new_plant, part
-from tombo_sim.imposed_motion import IMPOSED_WIDTH, I, along_motion
+from tombo_sim.inverse_simulation import IMPOSED_WIDTH, I, run_along_motion
 from tombo_sim.open_loop import open_loop
 
 SEED = 6
@@ -42,8 +42,8 @@ def let_go(flight, effects, hold=False, speed=None, ticks=HALF_A_SECOND):
     theta = pack_theta(effects)
     model = np.zeros((motion.shape[0], IMPOSED_WIDTH))
     measured = np.zeros((0, 8)) if speed is None else speed
-    along_motion(vehicle(), maps(), theta, np.zeros((1, NOISE)), TICK, motion, command, measured,
-                 model)  # fmt: skip
+    still = np.zeros((1, NOISE))
+    run_along_motion(vehicle(), maps(), theta, still, TICK, motion, command, measured, model)
     out = np.full((STARTS.size, 13), np.nan)
     drives = model[:, I.speed : I.speed + 4].copy()
     open_loop(vehicle(), maps(), theta, TICK, motion, command, measured, drives, STARTS, ticks,

@@ -15,8 +15,8 @@ from tombo_dynamics.plant import P, part
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.scenario import Scenario, load_scenario, world_of
+from tombo_sim.ground_truth import contact_force
 from tombo_sim.simulator import Simulator
-from tombo_sim.truth import contact_force
 from tombo_sim.world import ObstacleParams, World
 
 _ROUNDING = 1e-10
@@ -148,7 +148,7 @@ def test_the_collision_flight_does_collide() -> None:
 def test_another_seed_is_another_flight() -> None:
     world = world_of(_scenario("collision")[0])
     first, second = Simulator(world, 3), Simulator(world, 4)
-    assert not np.array_equal(first.ready.start, second.ready.start)
+    assert not np.array_equal(first.setup.start, second.setup.start)
     assert not np.array_equal(first.imu, second.imu)
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_control.autopilot import LAND, LANDED, A, new_autopilot, part
-from tombo_control.cascade import cascade, stand_by
-from tombo_control.estimator import correct, measure_rates, predict, remember
-from tombo_control.leg import straight
+from tombo_control.cascade import cascade, stop_rotors
+from tombo_control.estimator import correct, predict, store_history, update_body_rates
+from tombo_control.leg import straight_leg
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_dynamics.plant import P
 from tombo_dynamics.plant import part as plant_part
@@ -37,7 +37,7 @@ class Failsafe:
     def __init__(self, simulator: Simulator, vehicle: VehicleParams) -> None:
         body = plant_part(simulator.m, "body")
         self._a = new_autopilot(ControlParams(), EstimatorParams(), vehicle, body[:3], body[6:10])
-        self._maps = simulator.ready.maps
+        self._maps = simulator.setup.maps
         self._ground = float(body[2])
         self._hover = 4.0 * vehicle.hover_thrust()
         self._low_ticks = 0
@@ -49,12 +49,12 @@ class Failsafe:
         height = simulator.height - self._ground
         airborne = height > 0.02
         self._low_ticks = self._low_ticks + 1 if height < _LOW else 0
-        remember(a, tick)
+        store_history(a, tick)
         for sample in simulator.arrived:
             period = sample.captured * _TICK - a[A.mode + 2]
             if correct(a, sample.pose, 0, sample.captured, tick, period, airborne):
                 a[A.mode + 2] = max(float(a[A.mode + 2]), sample.captured * _TICK)
-        measure_rates(a, simulator.m, P.imu)
+        update_body_rates(a, simulator.m, P.imu)
         if self.engaged:
             cascade(a, self._maps, tick)
             low = part(a, "position")[2] < self._ground + _LOW
@@ -67,7 +67,7 @@ class Failsafe:
         """Begin to land from where the vehicle is."""
         a = self._a
         x, y, z = (float(v) for v in part(a, "position"))
-        leg = straight((x, y, z), (x, y, self._ground - _BELOW), _DESCENT, tick * _TICK)
+        leg = straight_leg((x, y, z), (x, y, self._ground - _BELOW), _DESCENT, tick * _TICK)
         part(a, "leg")[:] = leg.as_array()
         forward = part(a, "attitude")
         yaw = np.arctan2(
@@ -75,7 +75,7 @@ class Failsafe:
             1.0 - 2.0 * (forward[1] ** 2 + forward[2] ** 2),
         )
         a[A.leg + 9] = float(yaw)
-        stand_by(a)
+        stop_rotors(a)
         part(a, "attitude_setpoint")[:] = forward
         a[A.thrust_setpoint] = self._hover
         a[A.mode] = LAND

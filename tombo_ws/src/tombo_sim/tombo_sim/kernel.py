@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tombo_control.autopilot import IDLE, LANDED, A
 from tombo_control.cascade import cascade
-from tombo_control.estimator import correct, measure_rates, predict, remember
+from tombo_control.estimator import correct, predict, store_history, update_body_rates
 from tombo_dynamics.effects.compose import apply_imu, apply_mocap
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import Array, P
@@ -66,13 +66,13 @@ def fly(
     """
     for k in range(start, stop):
         noise = tick_noise[k - base]
-        sense(m, maps, noise, theta)
+        read_imu(m, maps, noise, theta)
         if k == capture_ticks[state[NEXT_CAPTURE]]:
-            capture(m, mocap_noise, theta, mocap, state, k)
+            capture_pose(m, mocap_noise, theta, mocap, state, k)
         airborne = a[A.mode] != IDLE and a[A.mode] != LANDED
-        remember(a, k)
-        row = deliver(a, mocap, state, k, airborne)
-        measure_rates(a, m, P.imu)
+        store_history(a, k)
+        row = deliver_pose(a, mocap, state, k, airborne)
+        update_body_rates(a, m, P.imu)
         cascade(a, maps, k)
         for i in range(4):
             m[P.command + i] = a[A.command + i]
@@ -85,7 +85,7 @@ def fly(
 
 
 @compiled
-def fly_on_truth(
+def fly_with_true_state(
     m: Array, a: Array, maps: Array, theta: Array, noise: Array, start: int, stop: int
 ) -> None:
     """Fly the plant and the cascade alone, the true state in place of the estimate; no log.
@@ -108,7 +108,7 @@ def fly_on_truth(
 
 
 @compiled
-def sense(m: Array, maps: Array, noise: Array, theta: Array) -> None:
+def read_imu(m: Array, maps: Array, noise: Array, theta: Array) -> None:
     """Begin the tick and read the IMU: body rates, and force without gravity over mass."""
     begin_tick(m, maps, noise, theta)
     for i in range(3):
@@ -118,7 +118,7 @@ def sense(m: Array, maps: Array, noise: Array, theta: Array) -> None:
 
 
 @compiled
-def capture(
+def capture_pose(
     m: Array, mocap_noise: Array, theta: Array, mocap: Array, state: NDArray[np.int64], tick: int
 ) -> None:
     """Take a mocap sample of the true pose and enter it, with its time of arrival."""
@@ -150,7 +150,9 @@ def stamped_tick(mocap: Array, i: int) -> int:
 
 
 @compiled
-def deliver(a: Array, mocap: Array, state: NDArray[np.int64], tick: int, airborne: bool) -> int:
+def deliver_pose(
+    a: Array, mocap: Array, state: NDArray[np.int64], tick: int, airborne: bool
+) -> int:
     """Hand the estimator the sample that arrives in this tick; return its row, or -1.
 
     The estimator takes the stamp for the time of capture. It refuses one from the future, but lets

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import DELAY_TICKS, P
 from tombo_dynamics.rigid_body import begin_flight, begin_tick, finish_tick
-from tombo_dynamics.rotors import sum_rotors
+from tombo_dynamics.rotors import rotor_wrench
 
 Array = NDArray[np.float64]
 
@@ -72,9 +72,9 @@ def open_loop(
             if measured:
                 for i in range(4):
                     m[P.target + i] = speed[k, i] + m[P.inertial + 4] * speed[k, 4 + i]
-                sum_rotors(m, maps, 1.0, 0)
-                sum_rotors(m, maps, m[P.inertial + 8], 1)
-                sum_rotors(m, maps, m[P.inertial + 9], 2)
+                rotor_wrench(m, maps, 1.0, 0)
+                rotor_wrench(m, maps, m[P.inertial + 8], 1)
+                rotor_wrench(m, maps, m[P.inertial + 9], 2)
             finish_tick(m, noise, theta)
         for j in range(13):
             out[w, j] = m[P.body + j]

@@ -20,8 +20,8 @@ from tombo_dynamics.plant import P
 from tombo_ros.conversion import to_time
 from tombo_ros.health import ERROR
 from tombo_ros.loop_statistics import LatenessHistogram
+from tombo_ros.message_template import MessageTemplate
 from tombo_ros.node_loop import run
-from tombo_ros.wire import Wire
 from tombo_sim.failsafe import Failsafe
 from tombo_sim.simulator import Simulator
 from tombo_sim.vehicle_node import TICK_NS, VehicleNode
@@ -36,7 +36,7 @@ _RESUME_NS = 100_000_000
 class SimNode(VehicleNode):
     """One vehicle, its sensors, and the flight controller's fail-safe."""
 
-    makes_time = True
+    publishes_clock = True
 
     def __init__(self) -> None:
         """Declare parameters and set the vehicle on the ground.
@@ -75,10 +75,10 @@ class SimNode(VehicleNode):
         self._clock_ticks = max(round(1000.0 / clock_rate), 1)
         self._warm_up()
         self._speed_max = 1.5 * self.world.vehicle.rotor_speed_max
-        self.present(Simulator(self.world, self.seed))
+        self.attach_simulator(Simulator(self.world, self.seed))
         self.failsafe = Failsafe(self.simulator, self.world.vehicle)
         self._ground = self.simulator.height
-        self._commands = self.listen(ROTOR_COMMAND, depth=100)
+        self._commands = self.subscribe(ROTOR_COMMAND, depth=100)
         self._command = np.zeros(4)
         self._command_ns = self._resumed_ns = 0
         self._answered_ns = -1
@@ -104,16 +104,18 @@ class SimNode(VehicleNode):
         body = {"frame_id": "base_link"}
         nan = float("nan")
         self._imu_out, self._imu = (
-            self.speak(IMU),
-            Wire(IMU.typename, {"header": body, "orientation_covariance": [-1.0] + 8 * [0.0]}),
+            self.advertise(IMU),
+            MessageTemplate(
+                IMU.typename, {"header": body, "orientation_covariance": [-1.0] + 8 * [0.0]}
+            ),
         )
         self._imu.set("orientation.w", 1.0)
         self._gyro = self._imu.field("angular_velocity.x", 3)
         self._accel = self._imu.field("linear_acceleration.x", 3)
         unknown = ("temperature", "charge", "capacity", "design_capacity", "percentage")
         self._battery_out, self._battery = (
-            self.speak(BATTERY),
-            Wire(
+            self.advertise(BATTERY),
+            MessageTemplate(
                 BATTERY.typename,
                 {
                     "header": body,
@@ -124,15 +126,15 @@ class SimNode(VehicleNode):
                 },
             ),
         )
-        self._answer = Wire(ROTOR_COMMAND.typename, {"header": body})
+        self._answer = MessageTemplate(ROTOR_COMMAND.typename, {"header": body})
         self._answer_speed = self._answer.field("speed", 4)
-        self._clock_out = self.speak(CLOCK) if self.sim_time else None
-        self._clock_message = Wire(CLOCK.typename, {})
+        self._clock_out = self.advertise(CLOCK) if self.sim_time else None
+        self._clock_message = MessageTemplate(CLOCK.typename, {})
 
     def spin(self) -> None:
         """Show the obstacle, then fly."""
-        self.show_obstacle(self.stamp_ns)
-        self._pace()
+        self.publish_obstacle(self.stamp_ns)
+        self._set_period()
         super().spin()
 
     @property
@@ -144,16 +146,16 @@ class SimNode(VehicleNode):
         """Return the flight's time."""
         return self.stamp_ns if self.sim_time else time.time_ns()
 
-    def records_changed(self, name: str) -> None:
+    def on_parameters_changed(self, name: str) -> None:
         """Change speed, or take the order to step."""
         if name == "speed":
-            self._pace()
+            self._set_period()
         elif name == "step":
             self._steps += int(self.parameters.get("step"))
         elif name != "imu":
-            super().records_changed(name)
+            super().on_parameters_changed(name)
 
-    def _pace(self) -> None:
+    def _set_period(self) -> None:
         speed = float(self.parameters.get("speed")) if self.sim_time else 1.0
         if not self.sim_time and float(self.parameters.get("speed")) != 1.0:
             self.health.fault("speed", True, "speed has no effect without use_sim_time")
@@ -173,10 +175,10 @@ class SimNode(VehicleNode):
                 self._publish_clock()
                 self._asked_ns = now_ns
                 return
-            if self._lockstep and not self._answered(now_ns):
+            if self._lockstep and not self._may_advance(now_ns):
                 return
             self._steps -= int(paused)
-        self.simulator.advance(self._choose(now_ns))
+        self.simulator.advance(self._select_command(now_ns))
         self._advanced_ns = now_ns
         self.failsafe.observe(self.simulator)
         self._publish()
@@ -188,7 +190,7 @@ class SimNode(VehicleNode):
             self._began_ns = (now_ns - self.late_ns) // 1000 * 1000
         self._publish()
 
-    def _answered(self, now_ns: int) -> bool:
+    def _may_advance(self, now_ns: int) -> bool:
         """Return whether to go on: the command to the present tick is there, or won't come.
 
         Without commands, also before the first one, time goes on as fast as `speed` says, not as
@@ -215,7 +217,7 @@ class SimNode(VehicleNode):
             if not all(0.0 <= value <= self._speed_max for value in speed):
                 self._refuse(f"rotor_command {list(speed)} rad/s is no command")
                 continue
-            if self._commands.crowded(time.time_ns()):
+            if self._commands.multiple_publishers(time.time_ns()):
                 self._refuse("two nodes command the rotors")
                 continue
             stamp = self._answer.stamp_of(taken.message)
@@ -233,17 +235,17 @@ class SimNode(VehicleNode):
     def _refuse(self, text: str) -> None:
         self._refused += 1
         self.health.value("commands_refused", self._refused)
-        self.health.happened("command_refused", text, ERROR)
+        self.health.report_event("command_refused", text, ERROR)
 
-    def _silent(self, now_ns: int) -> bool:
+    def _command_timed_out(self, now_ns: int) -> bool:
         """Return whether commands are missing; simulated time that stands still misses none."""
         if now_ns - self._command_ns <= self._timeout_ns:
             return False
         return not self.sim_time or self.stamp_ns - self._answered_ns > self._timeout_ns
 
-    def _choose(self, now_ns: int) -> Any:
+    def _select_command(self, now_ns: int) -> Any:
         """Return the command that acts: the one asked for, the fail-safe's, or none."""
-        silent = self._silent(now_ns)
+        silent = self._command_timed_out(now_ns)
         airborne = self.simulator.height > self._ground + 0.1
         if self.failsafe.engaged:
             if not silent and now_ns - self._resumed_ns > _RESUME_NS:
@@ -267,7 +269,7 @@ class SimNode(VehicleNode):
         self._accel.put_array(m[P.imu + 3 : P.imu + 6])
         if self.parameters.get("imu"):
             self._imu_out.publish(self._imu.data())
-        self.show(self._began_ns)
+        self.publish_tick(self._began_ns)
         if tick % _BATTERY_TICKS == 0:
             self._battery.stamp(stamp)
             self._battery.set("voltage", m[P.supply + 2])

@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 
 from tombo_dynamics.plant import P, part
 from tombo_dynamics.rigid_body import finish_tick
-from tombo_sim.beginning import NOISE, TICK_S, begin
+from tombo_sim.flight_setup import NOISE, TICK_S, begin
 from tombo_sim.kernel import (
     ARRIVES,
     MOCAP_WIDTH,
     NEXT_CAPTURE,
     POSE,
     STAMPED,
-    capture,
-    sense,
+    capture_pose,
+    read_imu,
     stamped_tick,
 )
 from tombo_sim.world import World
@@ -54,12 +54,12 @@ class Simulator:
         Raises:
             InputError: as `beginning.begin`.
         """
-        self.ready = begin(world, seed)
-        self.m = self.ready.m
+        self.setup = begin(world, seed)
+        self.m = self.setup.m
         """Memory of the plant, `tombo_dynamics.plant.P`."""
         self.tick = 0
         self._rate = world.mocap_rate
-        self._noise = self.ready.tick_noise.standard_normal((_BLOCK, NOISE))
+        self._noise = self.setup.tick_noise.standard_normal((_BLOCK, NOISE))
         self._captures = 0
         self._row = np.zeros((1, MOCAP_WIDTH))
         self._state = np.zeros(3, dtype=np.int64)
@@ -71,10 +71,10 @@ class Simulator:
     def advance(self, command: Array) -> None:
         """Finish the tick with rotor speeds (4) [rad/s] asked for, and sense at the next one."""
         part(self.m, "command")[:] = command
-        finish_tick(self.m, self._noise[self.tick % _BLOCK], self.ready.theta)
+        finish_tick(self.m, self._noise[self.tick % _BLOCK], self.setup.theta)
         self.tick += 1
         if self.tick % _BLOCK == 0:
-            self._noise = self.ready.tick_noise.standard_normal((_BLOCK, NOISE))
+            self._noise = self.setup.tick_noise.standard_normal((_BLOCK, NOISE))
         self._sense()
 
     @property
@@ -88,13 +88,13 @@ class Simulator:
         return float(self.m[P.body + 2])
 
     def _sense(self) -> None:
-        sense(self.m, self.ready.maps, self._noise[self.tick % _BLOCK], self.ready.theta)
+        read_imu(self.m, self.setup.maps, self._noise[self.tick % _BLOCK], self.setup.theta)
         due = round(self._captures * (1.0 / self._rate) / TICK_S)
         if self.tick >= due:
             self._captures += 1
-            noise = self.ready.mocap_noise.standard_normal((1, NOISE))
+            noise = self.setup.mocap_noise.standard_normal((1, NOISE))
             self._state[NEXT_CAPTURE] = 0
-            capture(self.m, noise, self.ready.theta, self._row, self._state, self.tick)
+            capture_pose(self.m, noise, self.setup.theta, self._row, self._state, self.tick)
             row = self._row[0]
             if row[ARRIVES] >= 0.0:
                 self._under_way.append(

@@ -20,24 +20,24 @@ from tombo_bag.topics import (
 )
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.plant import P, part
-from tombo_dynamics.propeller.choice import PropellerChoice
+from tombo_dynamics.propeller.mounted_propeller import PropellerChoice
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_ros.markers import obstacle_marker
+from tombo_ros.message_template import MessageTemplate
 from tombo_ros.node_loop import LoopNode
 from tombo_ros.pacing import SIMULATOR
-from tombo_ros.wire import Wire
-from tombo_sim.propulsion import propulsion_effects
+from tombo_sim.ground_truth import contact_force, true_state
+from tombo_sim.propeller_effects import propulsion_effects
 from tombo_sim.simulator import Simulator
-from tombo_sim.truth import contact_force, true_state
 from tombo_sim.world import ObstacleParams, SpreadParams, World
 
 TICK_NS = 1_000_000
 
 
 class VehicleNode(LoopNode):
-    """The node `sim`: make a vehicle of `world` and `seed`, `present` it, and `show` each tick."""
+    """The node `sim`: makes a vehicle of `world` and `seed` and publishes each tick of it."""
 
-    keeps_every_tick = True
+    catches_up = True
     simulator: Simulator
     """The vehicle, once it is presented."""
 
@@ -87,34 +87,36 @@ class VehicleNode(LoopNode):
         r = self.records
         return World(r["vehicle"], r["propeller"], r["obstacle"], r["spread"], effects, mocap_rate)
 
-    def present(self, simulator: Simulator) -> None:
+    def attach_simulator(self, simulator: Simulator) -> None:
         """Take the vehicle that is to be shown, and advertise the topics."""
         contact_force(simulator.m)  # compiled code is loaded now, not at the first touch
         true_state(simulator.m, self._state)
         body, world = {"frame_id": "base_link"}, {"frame_id": "map"}
         self._pose_out, self._pose = (
-            self.speak(MOCAP_POSE),
-            Wire(MOCAP_POSE.typename, {"header": world}),
+            self.advertise(MOCAP_POSE),
+            MessageTemplate(MOCAP_POSE.typename, {"header": world}),
         )
         self._pose_values = self._pose.field("pose.position.x", 7)
         self._odometry_out, self._odometry = (
-            self.speak(TRUE_ODOMETRY),
-            Wire(TRUE_ODOMETRY.typename, {"header": world, "child_frame_id": "base_link"}),
+            self.advertise(TRUE_ODOMETRY),
+            MessageTemplate(
+                TRUE_ODOMETRY.typename, {"header": world, "child_frame_id": "base_link"}
+            ),
         )
         self._true_pose = self._odometry.field("pose.pose.position.x", 7)
         self._true_twist = self._odometry.field("twist.twist.linear.x", 6)
         self._rotors_out, self._rotors = (
-            self.speak(TRUE_ROTORS),
-            Wire(TRUE_ROTORS.typename, {"header": body}),
+            self.advertise(TRUE_ROTORS),
+            MessageTemplate(TRUE_ROTORS.typename, {"header": body}),
         )
         self._contact_out, self._contact = (
-            self.speak(TRUE_CONTACT),
-            Wire(TRUE_CONTACT.typename, {"header": world}),
+            self.advertise(TRUE_CONTACT),
+            MessageTemplate(TRUE_CONTACT.typename, {"header": world}),
         )
-        self._markers = self.speak(MARKERS)
-        self.exchange(simulator)
+        self._markers = self.advertise(MARKERS)
+        self.replace_simulator(simulator)
 
-    def exchange(self, simulator: Simulator) -> None:
+    def replace_simulator(self, simulator: Simulator) -> None:
         """Take another vehicle, which is shown from now on."""
         self.simulator = simulator
         self._rotor_fields = [
@@ -123,13 +125,13 @@ class VehicleNode(LoopNode):
         ]
         self._touched = False
 
-    def show_obstacle(self, stamp_ns: int) -> None:
+    def publish_obstacle(self, stamp_ns: int) -> None:
         """Publish the obstacle's marker, if there is an obstacle."""
-        marker = obstacle_marker(stamp_ns, self.simulator.ready.obstacle)
+        marker = obstacle_marker(stamp_ns, self.simulator.setup.obstacle)
         if marker is not None:
             self._markers.publish(marker)
 
-    def records_changed(self, name: str) -> None:
+    def on_parameters_changed(self, name: str) -> None:
         """Say that the world is what it was at the start."""
         self.health.fault(
             "not_at_runtime",
@@ -137,7 +139,7 @@ class VehicleNode(LoopNode):
             f"{name} is part of the world: it is used at the next start",
         )
 
-    def show(self, began_ns: int) -> None:
+    def publish_tick(self, began_ns: int) -> None:
         """Publish what a lab sees of the present tick, and what is really so.
 
         Args:

@@ -9,14 +9,14 @@ import pytest
 
 from tombo_bringup.bench import __main__ as command
 from tombo_bringup.bench.kernel_flight import contact_time, fly_whole, new_flight, stretches
-from tombo_bringup.bench.measures import batch_steps, kernel_steps, numpy_steps
 from tombo_bringup.bench.numpy_step import hovering
+from tombo_bringup.bench.speed_measurements import batch_steps, kernel_steps, numpy_steps
 from tombo_control.autopilot import APPROACH, A
-from tombo_control.leg import straight
+from tombo_control.leg import straight_leg
 from tombo_dynamics.plant import P, part
 from tombo_dynamics.rotation import tilt
 from tombo_flight.scenario import load_scenario
-from tombo_sim.kernel import fly_on_truth
+from tombo_sim.kernel import fly_with_true_state
 
 
 def test_numpy_and_kernel_fly_the_same_approach():
@@ -33,15 +33,21 @@ def test_numpy_and_kernel_fly_the_same_approach():
     part(flight.plant, "body")[:] = plain.body
     part(flight.plant, "speed")[:] = plain.speed
     part(flight.plant, "command")[:] = plain.speed
-    leg = straight((0.0, 0.0, 2.0), (1.0, 0.5, 2.3), scenario.mission.approach_speed, 0.0)
+    leg = straight_leg((0.0, 0.0, 2.0), (1.0, 0.5, 2.3), scenario.mission.approach_speed, 0.0)
     flight.autopilot[A.leg : A.leg + 14] = leg.as_array()
     flight.autopilot[A.mode] = APPROACH
 
     furthest = 0.0
     for tick in range(3000):
         plain.step(leg, tick)
-        fly_on_truth(
-            flight.plant, flight.autopilot, flight.maps, flight.theta, flight.calm, tick, tick + 1
+        fly_with_true_state(
+            flight.plant,
+            flight.autopilot,
+            flight.maps,
+            flight.theta,
+            flight.zero_noise,
+            tick,
+            tick + 1,
         )
         body = part(flight.plant, "body")
         assert np.abs(body - plain.body).max() < 1e-3, tick

@@ -8,8 +8,8 @@ import math
 import pytest
 
 from tombo_flight.campaign.campaign import fly_campaign
-from tombo_flight.campaign.plot import draw_campaign
-from tombo_flight.campaign.statistics import SPREAD_FIGURES, aggregate, spread
+from tombo_flight.campaign.campaign_plot import draw_campaign
+from tombo_flight.campaign.statistics import SPREAD_METRICS, aggregate, spread
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_output import WALL_KEYS, flight_summary
 from tombo_flight.scenario import load_scenario
@@ -94,7 +94,7 @@ def test_spread_of_known_values():
 
 def flight(**changes):
     return {
-        **dict.fromkeys(SPREAD_FIGURES, 1.0), "collided": True, "detected": True, "landed": True,
+        **dict.fromkeys(SPREAD_METRICS, 1.0), "collided": True, "detected": True, "landed": True,
         "crashed": False, "false_alarms": 0, **changes,
     }  # fmt: skip
 
@@ -117,7 +117,7 @@ def test_aggregate_counts_recovery_only_of_those_that_settled_and_did_not_crash(
 
 
 def test_the_figure_copes_with_flights_without_a_collision():
-    none = flight(**dict.fromkeys(SPREAD_FIGURES) | {"duration_s": 1.0})
+    none = flight(**dict.fromkeys(SPREAD_METRICS) | {"duration_s": 1.0})
     campaign = {
         "scenario": "a $x_b name", "conf": 13, "reaction": False, "first_seed": 0, "last_seed": 1,
         "flights": [none, none], "aggregate": aggregate([none, none], 1.0),

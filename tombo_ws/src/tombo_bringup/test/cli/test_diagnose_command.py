@@ -15,7 +15,7 @@ from diagnosis_samples import EXPERIMENT, sample
 from tombo_bringup.cli import diagnose_command
 from tombo_bringup.cli.benchmark_command import THRESHOLDS, meets
 from tombo_diagnosis.diagnosis import VERDICTS
-from tombo_diagnosis.report.diagnosis_output import HeldAgainst, diagnosis_mapping
+from tombo_diagnosis.report.diagnosis_output import NominalReference, diagnosis_mapping
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def found(monkeypatch):
         answer["asked"] = (logs, model, mapping, names)
         for stage in ("reading", "checking", "fitting"):
             tell(stage, 0.5)
-        return answer["diagnosis"], HeldAgainst("hover", "2031-04-05")
+        return answer["diagnosis"], NominalReference("hover", "2031-04-05")
 
     monkeypatch.setattr(diagnose_command, "run", run)
     return answer

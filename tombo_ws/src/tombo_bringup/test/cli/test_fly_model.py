@@ -9,7 +9,7 @@ import pytest
 
 from tombo_bag.recording import Recording
 from tombo_dynamics.errors import InputError
-from tombo_flight.extended_model import Addition, Fitted, Model, Origin
+from tombo_flight.extended_model import FittedEffect, FittedParameter, Model, Origin
 from tombo_flight.model_file import write_model
 from tombo_flight.replay.bag_scenario import RECORD
 from tombo_flight.scenario import load_scenario
@@ -18,13 +18,13 @@ SHORT = ("hover", "--set", "duration=3")
 ORIGIN = Origin("tombo", "2025-01-02", "named", 0.9, "", "no_obstacle")
 
 
-def fitted(name: str, value: float) -> Fitted:
-    return Fitted(name, "m/s", 0.0, value, value, value)
+def fitted(name: str, value: float) -> FittedParameter:
+    return FittedParameter(name, "m/s", 0.0, value, value, value)
 
 
 @pytest.fixture
 def model(tmp_path: Path) -> str:
-    wind = Addition("steady_wind", (fitted("east", 2.0), fitted("north", -1.0)), 0.9)
+    wind = FittedEffect("steady_wind", (fitted("east", 2.0), fitted("north", -1.0)), 0.9)
     write_model(tmp_path / "windy.yaml", Model((wind,), ORIGIN))
     return "windy.yaml"
 

@@ -19,8 +19,8 @@ from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_from_bag import RECORD, flight_from_bag
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite import nodes, running
-from tombo_flight.suite.node_figures import node_figures
-from tombo_flight.suite.node_flight import Watch
+from tombo_flight.suite.node_flight import FlightMonitor
+from tombo_flight.suite.node_metrics import node_metrics
 
 SECOND = 10**9
 SHORT = ("hover", "--set", "duration=3")
@@ -125,7 +125,7 @@ def test_the_recorder_is_told_scenario_and_seed(fly, tmp_path):
 
 def test_loops_and_latency_are_the_last_that_each_node_told(bag):
     with Recording(bag) as recording:
-        found = node_figures(recording)
+        found = node_metrics(recording)
 
     assert list(found["loops"]) == ["sim", "rate", "attitude", "position"]
     assert found["loops"]["sim"] == {
@@ -140,7 +140,7 @@ def test_without_reports_nothing_is_made_up(tmp_path):
     with McapSink(path) as sink:
         write_flight(sink, fly_scenario(load_scenario("hover", ["duration=0.1"]), 0))
     with Recording(path) as recording:
-        assert node_figures(recording) == {
+        assert node_metrics(recording) == {
             "loops": {},
             "latency_gyro_to_command_us": {"p50": None, "p99": None},
             "recorder": {"messages": None, "lost": None},
@@ -214,8 +214,8 @@ def state(t_s: float, height_m: float, phase: int | None, upright: float = 1.0) 
     return {"stamp_ns": stamp_ns, "height_m": height_m, "upright": upright, "phase": phase}
 
 
-def watch(*states: dict[str, Any], duration: float = 40.0) -> Watch:
-    found = Watch(load_scenario("hover", [f"duration={duration}"]))
+def watch(*states: dict[str, Any], duration: float = 40.0) -> FlightMonitor:
+    found = FlightMonitor(load_scenario("hover", [f"duration={duration}"]))
     for one in states:
         found.see(one)
     return found

@@ -14,11 +14,11 @@ from suite_bench import FAKES
 
 from tombo_bag.mcap_sink import McapSink
 from tombo_bringup import node_flight
-from tombo_bringup.cli.optional_url import with_url
+from tombo_bringup.cli.optional_url import expand_url_option
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite import nodes
-from tombo_flight.suite.px4_flight import BridgeWatch
+from tombo_flight.suite.px4_flight import BridgeMonitor
 
 
 @pytest.mark.parametrize(
@@ -40,7 +40,7 @@ from tombo_flight.suite.px4_flight import BridgeWatch
     ],
 )
 def test_the_url_may_be_left_out(words: str, wanted: str):
-    assert with_url(words.split()) == wanted.split()
+    assert expand_url_option(words.split()) == wanted.split()
 
 
 @pytest.mark.parametrize(
@@ -159,7 +159,7 @@ def test_a_vehicle_that_arms_and_stays_on_the_ground_ends_the_command_with_the_r
 def test_a_vehicle_that_stays_armed_is_said_loudly(fly, monkeypatch, tmp_path):
     flown = fly_scenario(load_scenario("hover", ["duration=1.0"]), 0)
     monkeypatch.setattr(node_flight, "flight_from_bag", lambda bag, wall_s: flown)
-    monkeypatch.setattr(node_flight, "node_figures", lambda recording: {})
+    monkeypatch.setattr(node_flight, "node_metrics", lambda recording: {})
     monkeypatch.setattr(node_flight, "draw_pictures", lambda *arguments: None)
     monkeypatch.setattr("tombo_bringup.cli.node_tables.print_nodes", lambda flown: None)
     result = fly("--set", "duration=2.0", says={"armed": True, "mode": "position"})
@@ -175,7 +175,7 @@ def test_a_vehicle_that_stays_armed_is_said_loudly(fly, monkeypatch, tmp_path):
 def test_a_second_ctrl_c_in_the_air_leaves_the_vehicle_to_px4(fly, monkeypatch, tmp_path):
     flown = fly_scenario(load_scenario("hover", ["duration=1.0"]), 0)
     monkeypatch.setattr(node_flight, "flight_from_bag", lambda bag, wall_s: flown)
-    monkeypatch.setattr(node_flight, "node_figures", lambda recording: {})
+    monkeypatch.setattr(node_flight, "node_metrics", lambda recording: {})
     monkeypatch.setattr("tombo_bringup.cli.node_tables.print_nodes", lambda flown: None)
     presses: list[threading.Timer] = []
 
@@ -184,7 +184,7 @@ def test_a_second_ctrl_c_in_the_air_leaves_the_vehicle_to_px4(fly, monkeypatch, 
         press.start()
         presses.append(press)
 
-    class Pressed(BridgeWatch):
+    class Pressed(BridgeMonitor):
         def see(self, *looks, **more) -> None:
             super().see(*looks, **more)
             if self.armed and not presses:  # the first
@@ -192,7 +192,7 @@ def test_a_second_ctrl_c_in_the_air_leaves_the_vehicle_to_px4(fly, monkeypatch, 
             elif presses and not presses[0].is_alive() and len(presses) == 1:
                 notice("")  # while it lands
 
-    monkeypatch.setattr(node_flight, "BridgeWatch", Pressed)
+    monkeypatch.setattr(node_flight, "BridgeMonitor", Pressed)
     with speaking(1) as url:
         began = time.monotonic()
         says = {"armed": True, "mode": "offboard"}

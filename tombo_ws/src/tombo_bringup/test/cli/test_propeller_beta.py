@@ -10,7 +10,13 @@ import cv2
 import numpy as np
 import pytest
 
-from tombo_propeller.flap_video.rendered import Rendering, Scene, slow, write_folder, write_video
+from tombo_propeller.flap_video.synthetic_video import (
+    Scene,
+    SyntheticVideo,
+    reference_scene,
+    write_folder,
+    write_video,
+)
 
 SCENE = Scene(beta=math.radians(18.0), width=400, height=400, scale=1650.0, camera_height=6.0)
 SCALE = ("--scale", "1.65")
@@ -20,8 +26,8 @@ SCALE = ("--scale", "1.65")
 def films(tmp_path_factory):
     """Two windows of 18 deg as a folder, and slow frames of the same as a video."""
     folder = tmp_path_factory.mktemp("films")
-    write_folder(Rendering(SCENE), 20, folder / "fast")
-    write_video(Rendering(slow(SCENE)), 32, folder / "slow.avi")
+    write_folder(SyntheticVideo(SCENE), 20, folder / "fast")
+    write_video(SyntheticVideo(reference_scene(SCENE)), 32, folder / "slow.avi")
     return folder
 
 
@@ -116,7 +122,7 @@ def test_films_without_a_propeller_are_refused(tombo, tmp_path):
 
 
 def test_a_disc_that_leaves_the_picture_is_measured_or_refused_never_wrong(tombo, tmp_path):
-    write_folder(Rendering(replace(SCENE, off_centre=(60.0, 0.0))), 10, tmp_path / "cut")
+    write_folder(SyntheticVideo(replace(SCENE, off_centre=(60.0, 0.0))), 10, tmp_path / "cut")
     result = beta(tombo, tmp_path / "cut", "--scale", "1.65", "--camera-height", "6000", "--json")
     assert (
         result.code == 2 or result.json["beta"]["low_deg"] < 18 < result.json["beta"]["high_deg"]

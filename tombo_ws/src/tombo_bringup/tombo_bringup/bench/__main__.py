@@ -11,7 +11,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from tombo_bringup.bench.measures import measure
+from tombo_bringup.bench.speed_measurements import measure
 
 _ROWS: Final = (
     ("kernel_steps_per_s", "bare kernel, one core", "M steps/s", 1e-6, 2, "at least 3"),

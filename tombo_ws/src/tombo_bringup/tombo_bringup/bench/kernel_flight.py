@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_control.autopilot import APPROACH, HOVER, REACT, TAKEOFF, A, new_autopilot
-from tombo_control.leg import Leg, stay, straight
+from tombo_control.leg import Leg, hold_leg, straight_leg
 from tombo_dynamics.effects.compose import pack_theta
 from tombo_dynamics.plant import P, new_plant, part
 from tombo_dynamics.rigid_body import begin_flight
 from tombo_dynamics.rotor_maps import rotor_maps
 from tombo_flight.scenario import Scenario
-from tombo_sim.kernel import fly_on_truth
-from tombo_sim.propulsion import propulsion_effects, thrust_map_of
+from tombo_sim.kernel import fly_with_true_state
+from tombo_sim.propeller_effects import propulsion_effects, thrust_map_of
 
 Array = NDArray[np.float64]
 
@@ -39,14 +39,16 @@ class KernelFlight:
     autopilot: Array
     maps: Array
     theta: Array
-    calm: Array
+    zero_noise: Array
     """The standard normal numbers of every tick: none, since the bare kernel takes one row."""
 
     def stretch(self, leg: Leg, mode: int, start: int, stop: int) -> None:
         """Fly a leg from tick `start` to tick `stop`."""
         self.autopilot[A.leg : A.leg + 14] = leg.as_array()
         self.autopilot[A.mode] = mode
-        fly_on_truth(self.plant, self.autopilot, self.maps, self.theta, self.calm, start, stop)
+        fly_with_true_state(
+            self.plant, self.autopilot, self.maps, self.theta, self.zero_noise, start, stop
+        )
 
 
 def new_flight(scenario: Scenario, seed: int) -> KernelFlight:
@@ -60,12 +62,12 @@ def new_flight(scenario: Scenario, seed: int) -> KernelFlight:
     part(m, "draws")[:] = draws[:8]
     pole = scenario.obstacle
     part(m, "obstacle")[:] = [pole.x, pole.y, pole.radius, pole.top]
-    calm = np.zeros(9)
-    begin_flight(m, calm, theta, TICK_S)
+    zero_noise = np.zeros(9)
+    begin_flight(m, zero_noise, theta, TICK_S)
     body = part(m, "body")
     a = new_autopilot(scenario.control, scenario.estimator, vehicle, body[:3], body[6:10])
     maps = rotor_maps(thrust_map_of(scenario.propeller), vehicle)
-    return KernelFlight(scenario, m, a, maps, theta, calm)
+    return KernelFlight(scenario, m, a, maps, theta, zero_noise)
 
 
 def stretches(flight: KernelFlight, contact_s: float) -> list[Stretch]:
@@ -79,14 +81,14 @@ def stretches(flight: KernelFlight, contact_s: float) -> list[Stretch]:
     x, y, z = (float(v) for v in part(flight.plant, "body")[:3])
     top = (x, y, mission.height)
     goal = (mission.goal_x, mission.goal_y, mission.height)
-    up = straight((x, y, z), top, mission.climb_speed, mission.takeoff_time)
-    ahead = straight(top, goal, mission.approach_speed, mission.approach_time)
+    up = straight_leg((x, y, z), top, mission.climb_speed, mission.takeoff_time)
+    ahead = straight_leg(top, goal, mission.approach_speed, mission.approach_time)
     switch = min(contact_s + _REACTION_S, _LENGTH_S)
     x_c, y_c, z_c = ahead.position(min(contact_s, _LENGTH_S))
-    back = stay((x_c - reaction.distance, y_c, z_c), switch)
+    back = hold_leg((x_c - reaction.distance, y_c, z_c), switch)
     times = [0.0, up.end_s, mission.approach_time, switch, _LENGTH_S]
     ticks = [round(time / TICK_S) for time in times]
-    legs = [(up, TAKEOFF), (stay(top, up.end_s), HOVER), (ahead, APPROACH), (back, REACT)]
+    legs = [(up, TAKEOFF), (hold_leg(top, up.end_s), HOVER), (ahead, APPROACH), (back, REACT)]
     return [
         (leg, mode, ticks[i], ticks[i + 1])
         for i, (leg, mode) in enumerate(legs)
@@ -103,8 +105,14 @@ def contact_time(scenario: Scenario, seed: int) -> float:
             continue
         flight.stretch(leg, mode, start, start)
         for k in range(start, stop):
-            fly_on_truth(
-                flight.plant, flight.autopilot, flight.maps, flight.theta, flight.calm, k, k + 1
+            fly_with_true_state(
+                flight.plant,
+                flight.autopilot,
+                flight.maps,
+                flight.theta,
+                flight.zero_noise,
+                k,
+                k + 1,
             )
             if flight.plant[P.contact] > 0.0:
                 return k * TICK_S

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tombo_control.leg import Leg
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY, SPIN
 from tombo_flight.scenario import Scenario
-from tombo_sim.propulsion import thrust_map_of
+from tombo_sim.propeller_effects import thrust_map_of
 
 Array = NDArray[np.float64]
 

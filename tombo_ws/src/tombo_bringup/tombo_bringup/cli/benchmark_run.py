@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from tombo_bringup.cli.whole_number import whole_number
+from tombo_bringup.cli.parse_integer import parse_integer
 
 EXIT_CODES: Final = (
     "Exit code: 0 whatever the score; 2 for bad input or output that can't be written; 130 after "
@@ -20,16 +20,16 @@ _MOST_WORKERS: Final = 1024
 _SEED_LIMIT: Final = 2**63
 
 Cases = Annotated[
-    int, typer.Option("--cases", metavar="N", parser=whole_number, help="How many cases.")
+    int, typer.Option("--cases", metavar="N", parser=parse_integer, help="How many cases.")
 ]
 Seed = Annotated[
     int,
-    typer.Option("--seed", metavar="S", parser=whole_number, help="All chance comes from it."),
+    typer.Option("--seed", metavar="S", parser=parse_integer, help="All chance comes from it."),
 ]
 Workers = Annotated[
     int | None,
     typer.Option(
-        "--workers", metavar="W", parser=whole_number, help="Processes. Default: one a core."
+        "--workers", metavar="W", parser=parse_integer, help="Processes. Default: one a core."
     ),
 ]
 Output = Annotated[
@@ -85,8 +85,8 @@ def run_and_tell(
     from tombo_flight.process.stop_signals import StopSignals
 
     with StopSignals() as stop:
-        with progress_bar() as tell:
-            result = run(cases, seed, workers, tell, stop.asked)
+        with progress_bar() as on_progress:
+            result = run(cases, seed, workers, on_progress, stop.asked)
         if stop.asked():
             typer.echo("Error: interrupted", err=True)
             raise typer.Exit(stop.exit_code)

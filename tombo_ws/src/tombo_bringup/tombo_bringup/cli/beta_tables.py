@@ -46,18 +46,18 @@ def print_beta(found: Measurement, notes: list[str], path: Path | None) -> None:
 
 def notes_of(found: Measurement) -> list[str]:
     """Return what a reader of the angle has to know."""
-    from tombo_propeller.flap_video.view import View, angle, blind_angle
+    from tombo_propeller.flap_video.camera_geometry import CameraPose, ambiguous_angle_limit, angle
 
     notes = []
     span, view = found.span, found.view
     if math.isinf(view.height):
-        seen = angle(found.radius, found.radius_sd, span, View(1.0, view.towards))
+        seen = angle(found.radius, found.radius_sd, span, CameraPose(1.0, view.towards))
         notes.append(
             "no --camera-height: taken to be far away. With the camera at 1 m the same disc means "
             + seen.words()
         )
     else:
-        blind = blind_angle(span, view)
+        blind = ambiguous_angle_limit(span, view)
         if blind > 0.0:
             notes.append(
                 f"perspective is taken out (camera at {view.height:.3g} m). From above the disc "
@@ -77,7 +77,7 @@ def notes_of(found: Measurement) -> list[str]:
         notes.append(f"the camera is tilted by {math.degrees(rim.tilt):.1f} deg, {how}")
     if not found.steady:
         notes.append("the angle changes over the film: see the windows")
-    if found.overall.strange:
+    if found.overall.inconsistent:
         notes.append(
             f"the disc has {found.radius * 1e3:.2f} mm, more than any flap gives: check scale, "
             "camera height and --from-below"

@@ -9,10 +9,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from tombo_propeller.design import cells, words
-from tombo_propeller.design.check import Check
+from tombo_propeller.design import summary_text as words
+from tombo_propeller.design import table_cells
 from tombo_propeller.design.design import Design
-from tombo_propeller.design.flyable import SCENARIO
+from tombo_propeller.design.flight_check import Check
+from tombo_propeller.design.flight_files import SCENARIO
 from tombo_propeller.design.recommend import Recommendation
 from tombo_propeller.design.request import QUANTITIES
 
@@ -56,10 +57,12 @@ def _candidates(found: Design, made: Recommendation) -> Table:
         unit = f"\n[dim]{quantity.unit}[/dim]" if quantity.unit else ""
         table.add_column(f"{heading}{unit}", justify="right", no_wrap=True)
     table.add_column("", min_width=15)
-    for index, why in cells.shown(found, made):
+    for index, why in table_cells.shown(found, made):
         style = {"recommended": "green", "fails in flight": "red"}.get(why, "")
-        figures = (cells.cell(found, index, k) for k in range(len(QUANTITIES)))
-        table.add_row(Text(cells.label_of(found, index)), *figures, Text(_brief(why)), style=style)
+        figures = (table_cells.cell(found, index, k) for k in range(len(QUANTITIES)))
+        table.add_row(
+            Text(table_cells.label_of(found, index)), *figures, Text(_brief(why)), style=style
+        )
     return table
 
 

@@ -13,9 +13,9 @@ import typer
 from tombo_bringup.cli.result_files import compute_into, results_folder
 
 if TYPE_CHECKING:
-    from tombo_bringup.cli.progress import Tell
+    from tombo_bringup.cli.progress import ProgressCallback
     from tombo_diagnosis.diagnosis import Diagnosis
-    from tombo_diagnosis.report.diagnosis_output import HeldAgainst
+    from tombo_diagnosis.report.diagnosis_output import NominalReference
 
 DIAGNOSE_EXIT_CODES = (
     "Exit code: 0 whatever the verdict; 2 for bad input or output that can't be written; 130 "
@@ -99,9 +99,9 @@ def diagnose(
     path = results_folder(output, "diagnosis", logs[0].name.split(".")[0], as_json, "log")
     (found, _), written = compute_into(
         path, force or output is None, DIAGNOSIS_FILES,
-        lambda tell: run(logs, model, mapping, names, tell),
-        lambda folder, both, tell: write_diagnosis(
-            folder, *both, pictures=not no_report, tell=tell
+        lambda on_progress: run(logs, model, mapping, names, on_progress),
+        lambda folder, both, on_progress: write_diagnosis(
+            folder, *both, pictures=not no_report, on_progress=on_progress
         ),
     )  # fmt: skip
     if as_json:
@@ -117,36 +117,36 @@ def run(
     model: Path | None,
     mapping: str | None,
     names: dict[str, str],
-    tell: Tell,
-) -> tuple[Diagnosis, HeldAgainst]:
+    on_progress: ProgressCallback,
+) -> tuple[Diagnosis, NominalReference]:
     """Read, check and diagnose.
 
     Raises:
         InputError: a log, the mapping or the model can't be used.
     """
     from tombo_diagnosis.checks import check_log
-    from tombo_diagnosis.logs.reading import read_logs
-    from tombo_diagnosis.report.diagnosis_output import HeldAgainst
+    from tombo_diagnosis.logs.log_reader import read_logs
+    from tombo_diagnosis.report.diagnosis_output import NominalReference
     from tombo_flight.model_file import read_model
 
     base = None if model is None else read_model(model)
-    tell(f"reading {logs[0].name}{' and others' if len(logs) > 1 else ''}", 0.0)
+    on_progress(f"reading {logs[0].name}{' and others' if len(logs) > 1 else ''}", 0.0)
     flights = read_logs(logs, mapping=mapping, names=names)
     checked = []
     for k, flight in enumerate(flights):
-        tell(f"checking {flight.name}", k / len(flights))
+        on_progress(f"checking {flight.name}", k / len(flights))
         checked.append(check_log(flight))
 
-    tell("loading the model", 0.0)  # imports compiled code
+    on_progress("loading the model", 0.0)  # imports compiled code
     from tombo_diagnosis.flight.diagnose import diagnose
     from tombo_diagnosis.flight.scenario_nominal import nominal_model
 
     nominal = nominal_model(model)
-    from tombo_diagnosis.flight.separation import separate
+    from tombo_diagnosis.flight.experiment_design import separate
 
-    found = diagnose(checked, nominal, tell, separate, time.perf_counter)
+    found = diagnose(checked, nominal, on_progress, separate, time.perf_counter)
     today = datetime.date.today().isoformat()
-    return found, HeldAgainst(nominal.label, today, base)
+    return found, NominalReference(nominal.label, today, base)
 
 
 def parse_topics(texts: list[str]) -> dict[str, str]:

@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from tombo_diagnosis.report.diagnosis_output import MISSION, MODEL
-from tombo_diagnosis.report.diagnosis_words import (
+from tombo_diagnosis.report.diagnosis_text import (
     CLASSES,
     LABELS,
     certainty,

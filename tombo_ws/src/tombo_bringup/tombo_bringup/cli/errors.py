@@ -36,18 +36,18 @@ def exit_code_of(command: Callable[[], object]) -> int:
     except typer.Exit as leave:
         return int(leave.exit_code)
     except InputError as error:
-        say(str(error))
+        print_error(str(error))
     except _UsageError as error:
-        say(_usage(error))
+        print_error(_usage(error))
     except (KeyboardInterrupt, typer.Abort):
-        say("interrupted")
+        print_error("interrupted")
         return INTERRUPTED
     except BrokenPipeError:
-        _let_go_of_standard_output()
+        _discard_stdout()
         return BROKEN_PIPE
     except OSError as error:
         where = f"'{error.filename}': " if error.filename else ""
-        say(f"{where}{error.strerror or error}")
+        print_error(f"{where}{error.strerror or error}")
     else:
         return result if isinstance(result, int) else 0
     return BAD_INPUT
@@ -63,7 +63,7 @@ def _usage(error: Any) -> str:
     return message
 
 
-def say(message: str) -> None:
+def print_error(message: str) -> None:
     """Write an error as one line, whatever is in the message."""
     line = " ".join(message.split())
     printable = "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
@@ -73,7 +73,7 @@ def say(message: str) -> None:
         return
 
 
-def _let_go_of_standard_output() -> None:
+def _discard_stdout() -> None:
     """Let what is still to be written go nowhere: whoever read it has left."""
     try:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

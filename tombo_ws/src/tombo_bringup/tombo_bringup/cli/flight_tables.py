@@ -10,18 +10,18 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from tombo_flight.report import paper
-from tombo_flight.report.comparison import Row, comparison_rows, fixed
-from tombo_flight.report.story import Verdict, tell
+from tombo_flight.report import paper_values as paper
+from tombo_flight.report.milestones import Outcome, find_milestones
+from tombo_flight.report.paper_comparison import Row, comparison_rows, fixed
 
 if TYPE_CHECKING:
-    from tombo_flight.flight_output import FlownFlight
+    from tombo_flight.flight_output import FlightResult
 
 _COLOURS: Final = {
-    Verdict.RECOVERED: "bold green",
-    Verdict.CRASHED: "bold red",
-    Verdict.NO_CONTACT: "bold",
-    Verdict.NOT_SETTLED: "bold yellow",
+    Outcome.RECOVERED: "bold green",
+    Outcome.CRASHED: "bold red",
+    Outcome.NO_CONTACT: "bold",
+    Outcome.NOT_SETTLED: "bold yellow",
 }
 _CAMPAIGN_ROWS: Final = (
     ("max_falling_distance_m", "fall [m]", 1.0, 2, paper.MEAN_MAX_FALLING_DISTANCE_M),
@@ -36,12 +36,12 @@ _CAMPAIGN_ROWS: Final = (
 """Key of the aggregate, words, factor to the unit shown, decimals, the paper's value."""
 
 
-def print_flight(flight: FlownFlight) -> None:
+def print_flight(flight: FlightResult) -> None:
     """Print a flight's figures beside the paper's, and its verdict."""
     summary = flight.summary
-    story = tell(flight.record)
-    rows = comparison_rows(story, summary)
-    if story.contact_s is None:
+    milestones = find_milestones(flight.record)
+    rows = comparison_rows(milestones, summary)
+    if milestones.contact_s is None:
         rows = [row for row in rows if row.flight is not None and row.name != "Largest tilt"]
     else:
         rows = [row for row in rows if row.name != "Outcome"]
@@ -66,8 +66,9 @@ def print_flight(flight: FlownFlight) -> None:
     if summary["interrupted"]:
         _line(f"Interrupted after {summary['duration_s']:.3f} s of flight.", "bold yellow")
     else:
-        _line(f"{_sentence(story.verdict.value)} after {summary['duration_s']:.1f} s of flight.",
-              _COLOURS[story.verdict])  # fmt: skip
+        outcome = _sentence(milestones.verdict.value)
+        text = f"{outcome} after {summary['duration_s']:.1f} s of flight."
+        _line(text, _COLOURS[milestones.verdict])
     _line(_speed(flight))
 
 
@@ -132,7 +133,7 @@ def _sentence(words: str) -> str:
     return words[:1].upper() + words[1:]
 
 
-def _speed(flight: FlownFlight) -> str:
+def _speed(flight: FlightResult) -> str:
     summary = flight.summary
     line = f"Flown in {summary['wall_time_s']:.3f} s"
     if summary["real_time_factor"] is not None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tombo_bringup.cli.optional_url import SIMULATED
-from tombo_bringup.cli.whole_number import whole_number
+from tombo_bringup.cli.parse_integer import parse_integer
 
 if TYPE_CHECKING:
     from tombo_flight.scenario import Scenario
@@ -39,7 +39,7 @@ def fly(
         typer.Option(
             "--seed",
             metavar="N",
-            parser=whole_number,
+            parser=parse_integer,
             help="All chance comes from it. Default: 0.",
         ),
     ] = None,
@@ -59,7 +59,7 @@ def fly(
         typer.Option(
             "--conf",
             metavar="N",
-            parser=whole_number,
+            parser=parse_integer,
             help="Propeller configuration of the paper's Table I, 0 to 13.",
         ),
     ] = None,
@@ -124,7 +124,7 @@ def fly(
         typer.Option(
             "--domain",
             metavar="N",
-            parser=whole_number,
+            parser=parse_integer,
             help="With --nodes and --px4: ROS_DOMAIN_ID. Default: one that is free; with --px4 "
             "URL that of the environment, where the motion capture is.",
         ),
@@ -278,17 +278,17 @@ def _fly_one(
 ) -> int:
     from tombo_bringup.cli.progress import progress_bar
     from tombo_flight.flight_output import as_json as to_json
-    from tombo_flight.flight_output import fly_into, rehearse
+    from tombo_flight.flight_output import fly_into, warm_up_flight
     from tombo_flight.process.output_folder import open_output
     from tombo_flight.process.stop_signals import StopSignals
 
     path = _folder(output, default_folder(scenario.name, str(seed)))
     may_replace = force or output is None
-    with progress_bar() as tell:
-        tell("loading", 0.0)
-        rehearse(scenario)
+    with progress_bar() as on_progress:
+        on_progress("loading", 0.0)
+        warm_up_flight(scenario)
         with StopSignals() as stop, open_output(path, replace=may_replace) as folder:
-            flight = fly_into(folder, scenario, seed, stop, record=record, tell=tell)
+            flight = fly_into(folder, scenario, seed, stop, record=record, on_progress=on_progress)
             names = sorted(p.name for p in folder.staging.iterdir())
             folder.publish()
     if as_json:
@@ -316,21 +316,27 @@ def _fly_nodes(
     from tombo_flight.flight_output import as_json as to_json
     from tombo_flight.process.output_folder import open_output
     from tombo_flight.process.stop_signals import Stopped, StopSignals
-    from tombo_flight.suite.node_flight import fly_nodes_into
-    from tombo_flight.suite.rehearsal import rehearse_nodes
+    from tombo_flight.suite.node_flight import fly_nodes_and_save
+    from tombo_flight.suite.warm_up import warm_up_nodes
 
     path = _folder(output, default_folder(scenario.name, f"{seed}-nodes"))
     may_replace = force or output is None
-    with progress_bar() as tell:
-        tell("loading", 0.0)
-        rehearse_nodes(scenario)
+    with progress_bar() as on_progress:
+        on_progress("loading", 0.0)
+        warm_up_nodes(scenario)
         with (
             StopSignals(signal.SIGHUP) as stop,
             open_output(path, replace=may_replace) as folder,
         ):
             try:
-                flown = fly_nodes_into(
-                    folder, scenario, seed, stop, speed=speed, domain=domain, tell=tell
+                flown = fly_nodes_and_save(
+                    folder,
+                    scenario,
+                    seed,
+                    stop,
+                    speed=speed,
+                    domain=domain,
+                    on_progress=on_progress,
                 )
             except Stopped:  # before anything was flown: nothing to keep
                 return stop.exit_code
@@ -354,22 +360,22 @@ def _fly_many(
     from tombo_bringup.cli.progress import progress_bar
     from tombo_flight.campaign.campaign import fly_campaign
     from tombo_flight.flight_output import as_json as to_json
-    from tombo_flight.flight_output import rehearse
+    from tombo_flight.flight_output import warm_up_flight
     from tombo_flight.process.output_folder import open_output
     from tombo_flight.process.stop_signals import StopSignals
 
     default = default_folder(scenario.name, f"{seeds.start}-{seeds.stop}")
     path = _folder(output, default)
     may_replace = force or output is None
-    with progress_bar() as tell:
-        tell("loading", 0.0)
-        rehearse(scenario)
+    with progress_bar() as on_progress:
+        on_progress("loading", 0.0)
+        warm_up_flight(scenario)
         with StopSignals() as stop, open_output(path, replace=may_replace) as folder:
-            tell(f"0 of {len(seeds)} flights", 0.0)
+            on_progress(f"0 of {len(seeds)} flights", 0.0)
             campaign = fly_campaign(
                 scenario,
                 seeds,
-                progress=lambda n: tell(f"{n} of {len(seeds)} flights", n / len(seeds)),
+                progress=lambda n: on_progress(f"{n} of {len(seeds)} flights", n / len(seeds)),
                 stop=stop.asked,
             )
             if not campaign["flights"]:  # stopped before the first landing: nothing to keep
@@ -378,8 +384,8 @@ def _fly_many(
             (folder / "summary.json").write_text(text, encoding="utf-8", newline="\n")
             names = ["summary.json"]
             if not stop.asked():
-                tell("drawing campaign.png", 1.0)
-                from tombo_flight.campaign.plot import draw_campaign
+                on_progress("drawing campaign.png", 1.0)
+                from tombo_flight.campaign.campaign_plot import draw_campaign
                 from tombo_flight.report.flight_plot import png_bytes
 
                 (folder / "campaign.png").write_bytes(png_bytes(draw_campaign(campaign)))

@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from tombo_bringup.cli.errors import say
+from tombo_bringup.cli.errors import print_error
 from tombo_bringup.cli.progress import progress_bar
 from tombo_dynamics.errors import InputError
 from tombo_flight.flight_output import as_json as to_json
 from tombo_flight.process.output_folder import open_output
 from tombo_flight.process.stop_signals import Stopped, StopSignals
-from tombo_flight.suite.node_flight import NotFlown, fly_nodes_into
+from tombo_flight.suite.node_flight import NotFlown, fly_nodes_and_save
+from tombo_flight.suite.px4_connection import Px4Connection, px4_connection
 from tombo_flight.suite.px4_probe import find_vehicle
-from tombo_flight.suite.px4_side import Px4Side, px4_side
-from tombo_flight.suite.rehearsal import rehearse_nodes
+from tombo_flight.suite.warm_up import warm_up_nodes
 
 if TYPE_CHECKING:
     from tombo_flight.scenario import Scenario
@@ -51,29 +51,32 @@ def fly_px4(
         domain: ROS_DOMAIN_ID.
 
     Raises:
-        InputError: PX4 can't be reached or must not be armed, or as `fly_nodes_into`.
+        InputError: PX4 can't be reached or must not be armed, or as `fly_nodes_and_save`.
     """
-    side = px4_side(url, settings)
-    with progress_bar() as tell:
-        tell("loading", 0.0)
-        rehearse_nodes(scenario)
+    connection = px4_connection(url, settings)
+    with progress_bar() as on_progress:
+        on_progress("loading", 0.0)
+        warm_up_nodes(scenario)
     with StopSignals(signal.SIGHUP) as stop:
         try:
-            if not side.simulated and not may_arm(side, scenario, stop, yes=yes):
+            if not connection.simulated and not confirm_arming(
+                connection, scenario, stop, yes=yes
+            ):
                 return stop.exit_code or 1
         except Stopped:
             return stop.exit_code
-        with progress_bar() as tell, open_output(path, replace=may_replace) as folder:
+        with progress_bar() as on_progress, open_output(path, replace=may_replace) as folder:
             try:
-                flown = fly_nodes_into(
-                    folder, scenario, seed, stop, speed=1.0, domain=domain, tell=tell, px4=side,
+                flown = fly_nodes_and_save(
+                    folder, scenario, seed, stop, speed=1.0, domain=domain,
+                    on_progress=on_progress, px4=connection,
                     notice=lambda text: typer.echo(text, err=True),
                 )  # fmt: skip
             except Stopped:  # before anything was flown: nothing to keep
                 return stop.exit_code
             except NotFlown as error:
                 folder.publish()
-                say(f"{error}; recording and logs are in '{path}'")
+                print_error(f"{error}; recording and logs are in '{path}'")
                 return 1
             names = sorted(p.name for p in folder.staging.iterdir())
             folder.publish()
@@ -87,32 +90,35 @@ def fly_px4(
         print_nodes(flown)
         print_files(path, names)
     if flown.left_armed:
-        say(flown.left_armed)
+        print_error(flown.left_armed)
     return stop.exit_code or (1 if flown.died or flown.left_armed else 0)
 
 
-def may_arm(side: Px4Side, scenario: Scenario, stop: StopSignals, *, yes: bool) -> bool:
+def confirm_arming(
+    connection: Px4Connection, scenario: Scenario, stop: StopSignals, *, yes: bool
+) -> bool:
     """Say what is about to be armed, and ask.
 
     Raises:
         InputError: there is nothing to arm, or nobody to ask.
     """
-    url = side.link.url
+    url = connection.link.url
     if not yes and not sys.stdin.isatty():
         raise InputError(
             f"--px4 {url}: this arms a vehicle and flies it; accepted: with --yes, or on a "
             "terminal where it can be confirmed"
         )
-    vehicle = find_vehicle(side.link, stop=stop.asked)
+    vehicle = find_vehicle(connection.link, stop=stop.asked)
     if vehicle is None:
         return False
     if vehicle.armed:
         raise InputError(
-            f"--px4 {url}: {vehicle.words}: somebody else flies it; accepted: a disarmed vehicle"
+            f"--px4 {url}: {vehicle.description}: somebody else flies it; "
+            "accepted: a disarmed vehicle"
         )
     typer.echo(
-        f"At {url} is {vehicle.words}. This arms it, takes off to {scenario.mission.height:g} m "
-        f"and flies {scenario.name}.",
+        f"At {url} is {vehicle.description}. This arms it, takes off to "
+        f"{scenario.mission.height:g} m and flies {scenario.name}.",
         err=True,
     )
     if yes:
@@ -120,5 +126,5 @@ def may_arm(side: Px4Side, scenario: Scenario, stop: StopSignals, *, yes: bool) 
     with stop.at_once():
         if typer.confirm("Is the flight space clear? Arm and fly", err=True):
             return True
-    say("not confirmed: nothing was armed")
+    print_error("not confirmed: nothing was armed")
     return False

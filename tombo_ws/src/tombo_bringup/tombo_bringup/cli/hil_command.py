@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.whole_number import whole_number
+from tombo_bringup.cli.parse_integer import parse_integer
 
 if TYPE_CHECKING:
     from tombo_flight.process.stop_signals import StopSignals
-    from tombo_px4.hil.lockstep import Hil, News
+    from tombo_px4.hil.lockstep import HilSimulator, Notice
     from tombo_px4.hil.mocap import MocapFeed
     from tombo_sim.world import World
 
@@ -34,7 +34,7 @@ def hil(
         typer.Option(
             "--port",
             metavar="N",
-            parser=whole_number,
+            parser=parse_integer,
             help="TCP port for PX4: 4560 plus its instance.",
         ),
     ] = 4560,
@@ -50,7 +50,9 @@ def hil(
     ] = None,
     seed: Annotated[
         int,
-        typer.Option("--seed", metavar="N", parser=whole_number, help="All chance comes from it."),
+        typer.Option(
+            "--seed", metavar="N", parser=parse_integer, help="All chance comes from it."
+        ),
     ] = 0,
     rate: Annotated[
         float, typer.Option("--rate", metavar="HZ", help="HIL_SENSOR: 250, 333, 500 or 1000.")
@@ -95,7 +97,7 @@ def hil(
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_flight.scenario import load_scenario, world_of
     from tombo_px4.hil.link import HilLink
-    from tombo_px4.hil.lockstep import Hil
+    from tombo_px4.hil.lockstep import HilSimulator
     from tombo_px4.hil.params import HilParams
 
     if duration is not None and not duration > 0.0:
@@ -109,7 +111,7 @@ def hil(
     feed = None if mocap is None or mocap == ON_LINK else _feed(mocap)
     try:
         with StopSignals(signal.SIGHUP) as stop:
-            one = Hil(world, seed, params, link, speed=speed, mocap=feed)
+            one = HilSimulator(world, seed, params, link, speed=speed, mocap=feed)
             print(_introduction(one, world, link.port, mocap, scenario, seed), flush=True)
             _serve(one, stop, duration)
     finally:
@@ -126,10 +128,10 @@ def _feed(url: str) -> MocapFeed:
 
 
 def _introduction(
-    one: Hil, world: World, port: int, mocap: str | None, scenario: str, seed: int
+    one: HilSimulator, world: World, port: int, mocap: str | None, scenario: str, seed: int
 ) -> str:
     """Return what waits here, and how PX4 is started for it."""
-    from tombo_px4.hil.advice import airframe_parameters, mocap_parameters, start_commands
+    from tombo_px4.hil.hil_start_help import airframe_parameters, mocap_parameters, start_commands
 
     parameters = airframe_parameters(world, one.flight)
     if mocap is not None:
@@ -153,7 +155,7 @@ def _introduction(
     return "\n".join(lines)
 
 
-def _serve(one: Hil, stop: StopSignals, duration_s: float | None) -> None:
+def _serve(one: HilSimulator, stop: StopSignals, duration_s: float | None) -> None:
     """Run until it is stopped."""
     began = time.monotonic()
     screen = Screen(began, sys.stdout.isatty())
@@ -178,9 +180,9 @@ class Screen:
         self._flight = 0
         self._since = (now, 0)
 
-    def show(self, one: Hil, now: float) -> None:
+    def show(self, one: HilSimulator, now: float) -> None:
         """Show what is new; called often."""
-        for news in one.take_news():
+        for news in one.take_notices():
             self._tell(news)
         if one.flights != self._flight:
             self._flight = one.flights
@@ -189,13 +191,13 @@ class Screen:
             self._next = now + self._period
             self._put(self._status(one, now), live=True)
 
-    def close(self, one: Hil) -> None:
+    def close(self, one: HilSimulator) -> None:
         """Say how it ended."""
-        for news in one.take_news():
+        for news in one.take_notices():
             self._tell(news)
         self._put(f"stopped after {one.flights} flights")
 
-    def _status(self, one: Hil, now: float) -> str:
+    def _status(self, one: HilSimulator, now: float) -> str:
         flight = one.flight
         before, time_us = self._since
         self._since = (now, flight.time_us)
@@ -214,7 +216,7 @@ class Screen:
             parts.append(f"{flight.controls.refused} controls out of range")
         return ", ".join(parts)
 
-    def _tell(self, news: News) -> None:
+    def _tell(self, news: Notice) -> None:
         self._put(f"{'! ' if news.severe else ''}{news.text}")
 
     def _put(self, text: str, live: bool = False) -> None:

@@ -16,7 +16,7 @@ _MAVPROXY = re.compile(r"(udp|udpin|udpout|tcp|tcpin|tcpout|serial):(?!//)(.*)")
 """Its spelling of the same ways: `udpin:127.0.0.1:14540`."""
 
 
-def with_url(words: Sequence[str]) -> list[str]:
+def expand_url_option(words: Sequence[str]) -> list[str]:
     """Return a command line in which the option has a value.
 
     The word behind it is its value if it looks like a URL (`SCHEME://...`), a device or nothing
@@ -47,4 +47,4 @@ class OptionalUrlCommand(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read a command line."""
-        return super().parse_args(ctx, with_url(args))
+        return super().parse_args(ctx, expand_url_option(args))

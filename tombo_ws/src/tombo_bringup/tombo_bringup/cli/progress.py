@@ -11,7 +11,7 @@ from typing import Protocol
 _REFRESH_S = 0.1
 
 
-class Tell(Protocol):
+class ProgressCallback(Protocol):
     """Told what is being done and how far it is."""
 
     def __call__(self, stage: str, share: float) -> None:
@@ -20,7 +20,7 @@ class Tell(Protocol):
 
 
 @contextmanager
-def progress_bar() -> Iterator[Tell]:
+def progress_bar() -> Iterator[ProgressCallback]:
     """Show stage and share while within the context; no thread, so it takes no time from a flight.
 
     The bar is gone at the end.
@@ -42,7 +42,7 @@ def progress_bar() -> Iterator[Tell]:
     task = progress.add_task("", total=1.0)
     shown, when = "", 0.0
 
-    def tell(stage: str, share: float) -> None:
+    def on_progress(stage: str, share: float) -> None:
         nonlocal shown, when
         now = time.monotonic()
         if stage == shown and now - when < _REFRESH_S:
@@ -51,4 +51,4 @@ def progress_bar() -> Iterator[Tell]:
         progress.update(task, description=stage, completed=min(share, 1.0), refresh=True)
 
     with progress:
-        yield tell
+        yield on_progress

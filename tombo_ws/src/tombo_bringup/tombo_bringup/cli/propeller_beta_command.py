@@ -12,18 +12,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.number_option import number_option
+from tombo_bringup.cli.number_parser import number_parser
 from tombo_bringup.cli.result_files import compute_into, results_folder
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
-    from tombo_bringup.cli.progress import Tell
+    from tombo_bringup.cli.progress import ProgressCallback
     from tombo_flight.process.output_folder import OutputFolder
+    from tombo_propeller.flap_video.camera_geometry import BladeSpan, CameraPose
     from tombo_propeller.flap_video.disc import Frames
-    from tombo_propeller.flap_video.film import Film
+    from tombo_propeller.flap_video.disc_rim import Rim
     from tombo_propeller.flap_video.measure import Measurement
-    from tombo_propeller.flap_video.rim import Rim
-    from tombo_propeller.flap_video.view import Span, View
+    from tombo_propeller.flap_video.video import Video
 
 
 _HIGHEST_MM = 1e6
@@ -57,7 +57,7 @@ def beta(
         typer.Option(
             "--reference-beta",
             metavar="DEG",
-            parser=number_option("-30 to 30 deg"),
+            parser=number_parser("-30 to 30 deg"),
             help="The flap in the reference.",
         ),
     ] = 0.0,
@@ -66,7 +66,7 @@ def beta(
         typer.Option(
             "--scale",
             metavar="PX/MM",
-            parser=number_option("pixels per mm, 0.1 to 1000"),
+            parser=number_parser("pixels per mm, 0.1 to 1000"),
             help="Pixels per mm in the plane of the straight blades.",
         ),
     ] = None,
@@ -75,7 +75,7 @@ def beta(
         typer.Option(
             "--scale-error",
             metavar="%",
-            parser=number_option("0 to 20 %"),
+            parser=number_parser("0 to 20 %"),
             help="Standard deviation of --scale.",
         ),
     ] = 0.2,
@@ -92,7 +92,7 @@ def beta(
         typer.Option(
             "--camera-height",
             metavar="MM",
-            parser=number_option("a height in mm"),
+            parser=number_parser("a height in mm"),
             help="Lens to the plane of the straight blades: flapped tips look larger for being "
             "nearer. Without it the camera is taken to be far away.",
         ),
@@ -102,7 +102,7 @@ def beta(
         typer.Option(
             "--camera-height-error",
             metavar="%",
-            parser=number_option("0 to 20 %"),
+            parser=number_parser("0 to 20 %"),
             help="Its standard deviation.",
         ),
     ] = 1.0,
@@ -114,7 +114,7 @@ def beta(
         typer.Option(
             "--fps",
             metavar="X",
-            parser=number_option("frames per second, above 0, below 1e+07"),
+            parser=number_parser("frames per second, above 0, below 1e+07"),
             help="Frames per second. Default: the video's; pictures 960, the paper's.",
         ),
     ] = None,
@@ -123,7 +123,7 @@ def beta(
         typer.Option(
             "--window",
             metavar="N",
-            parser=number_option("a whole number, 8 to 500", int),
+            parser=number_parser("a whole number, 8 to 500", int),
             help="Frames combined; the paper takes ten.",
         ),
     ] = 10,
@@ -132,7 +132,7 @@ def beta(
         typer.Option(
             "--windows",
             metavar="N",
-            parser=number_option("a whole number, 1 or more", int),
+            parser=number_parser("a whole number, 1 or more", int),
             help="At most so many windows, even over the film.",
         ),
     ] = 60,
@@ -141,7 +141,7 @@ def beta(
         typer.Option(
             "--tip-radius",
             metavar="MM",
-            parser=number_option("a radius in mm"),
+            parser=number_parser("a radius in mm"),
             help="Default: 111.1.",
         ),
     ] = None,
@@ -150,7 +150,7 @@ def beta(
         typer.Option(
             "--nodus-radius",
             metavar="MM",
-            parser=number_option("a radius in mm"),
+            parser=number_parser("a radius in mm"),
             help="Outer end of the nodus. Default: 35.",
         ),
     ] = None,
@@ -179,11 +179,11 @@ def beta(
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from tombo_dynamics.propeller import configuration
+    from tombo_propeller.flap_video.camera_geometry import BladeSpan, CameraPose
     from tombo_propeller.flap_video.output import BETA_FILES, beta_csv, beta_json, write_text
-    from tombo_propeller.flap_video.view import Span, View
 
     blade = configuration(13).blade
-    straight = Span(
+    straight = BladeSpan(
         blade.tip_radius_m if tip is None else tip * 1e-3,
         blade.joint.outer_radius_m if nodus is None else nodus * 1e-3,
     )
@@ -191,7 +191,7 @@ def beta(
         raise _bad(f"--reference-beta {reference_beta:g}; accepted: -30 to 30 deg")
     if scale is not None and not (math.isfinite(scale) and math.isfinite(scale_error)):
         raise _bad(f"--scale {scale:g} +- {scale_error:g} %; accepted: finite numbers")
-    view = View(
+    view = CameraPose(
         math.inf if camera_height is None else _height(camera_height, straight.tip),
         not from_below,
         _share("--camera-height-error", camera_height_error),
@@ -208,18 +208,22 @@ def beta(
             "--scale, --marks"
         )
 
-    def run(tell: Tell) -> tuple[Measurement, list[str]]:
+    def run(on_progress: ProgressCallback) -> tuple[Measurement, list[str]]:
         if demo:
-            return _demo(tell, window)
+            return _demo(on_progress, window)
         assert film is not None
         return _measured(
-            film, fps, window, windows, straight, view, tell,
+            film, fps, window, windows, straight, view, on_progress,
             _Source(reference, reference_frames, math.radians(reference_beta), scale,
                     _share("--scale-error", scale_error), marks),
         )  # fmt: skip
 
-    def write(folder: OutputFolder, measured: tuple[Measurement, list[str]], tell: Tell) -> None:
-        tell("drawing", 0.99)
+    def write(
+        folder: OutputFolder,
+        measured: tuple[Measurement, list[str]],
+        on_progress: ProgressCallback,
+    ) -> None:
+        on_progress("drawing", 0.99)
         _write(folder / "overlay.png", folder / "beta.png", measured[0])
         write_text(folder / "beta.json", beta_json(*measured))
         write_text(folder / "beta.csv", beta_csv(measured[0]))
@@ -255,17 +259,17 @@ def _measured(
     fps: float | None,
     window: int,
     windows: int,
-    straight: Span,
-    view: View,
-    tell: Tell,
+    straight: BladeSpan,
+    view: CameraPose,
+    on_progress: ProgressCallback,
     source: _Source,
 ) -> tuple[Measurement, list[str]]:
     from tombo_bringup.cli.beta_tables import notes_of
     from tombo_propeller.flap_video import measure as m
     from tombo_propeller.flap_video import scale as s
-    from tombo_propeller.flap_video.film import open_film
+    from tombo_propeller.flap_video.video import open_video
 
-    film = open_film(path, fps)
+    film = open_video(path, fps)
     begin = 0
     still = None
     if source.frames is not None:
@@ -280,7 +284,7 @@ def _measured(
                 "accepted: another film, or --reference-frames A:B of this one"
             )
         with _naming(source.reference, "reference"):
-            other = open_film(source.reference, fps)
+            other = open_video(source.reference, fps)
             still = _frames(other, 0, min(other.count, 120))
     fixed = None
     if source.scale is not None:
@@ -297,31 +301,31 @@ def _measured(
 
     with _naming(path):
         spans = m.spans_of(film.count, window, windows, begin)
-        found = m.measure(film, spans, scale_of, straight, view, tell)
+        found = m.measure(film, spans, scale_of, straight, view, on_progress)
     return found, [*film.notes, *notes_of(found)]
 
 
-def _demo(tell: Tell, window: int) -> tuple[Measurement, list[str]]:
+def _demo(on_progress: ProgressCallback, window: int) -> tuple[Measurement, list[str]]:
     import numpy as np
 
     from tombo_bringup.cli.beta_tables import notes_of
     from tombo_propeller.flap_video import measure as m
-    from tombo_propeller.flap_video.rendered import Rendering, Scene, slow
+    from tombo_propeller.flap_video.camera_geometry import BladeSpan, CameraPose
     from tombo_propeller.flap_video.scale import reference_scale
-    from tombo_propeller.flap_video.view import Span, View
+    from tombo_propeller.flap_video.synthetic_video import Scene, SyntheticVideo, reference_scene
 
     scene = Scene(beta=math.radians(12.0), camera_height=3.0, off_centre=(14.0, -9.0), tilt=0.04)
-    straight, view = Span(scene.tip, scene.nodus), View(scene.camera_height)
-    frames = np.stack(list(Rendering(slow(scene)).frames(32)))
-    film = Rendering(scene)
+    straight, view = BladeSpan(scene.tip, scene.nodus), CameraPose(scene.camera_height)
+    frames = np.stack(list(SyntheticVideo(reference_scene(scene)).frames(32)))
+    film = SyntheticVideo(scene)
     found = m.measure(
         film, m.spans_of(4 * window, window, 4),
-        lambda rim: reference_scale(frames, 0.0, straight, view, rim), straight, view, tell,
+        lambda rim: reference_scale(frames, 0.0, straight, view, rim), straight, view, on_progress,
     )  # fmt: skip
     return found, ["rendered with a flap of 12 deg, camera at 3 m", *notes_of(found)]
 
 
-def _frames(film: Film, first: int, behind: int) -> Frames:
+def _frames(film: Video, first: int, behind: int) -> Frames:
     for _, frames in film.parts([(first, behind)]):
         return frames
     raise _bad(f"no frames {first}:{behind} in '{film.path}', which has {film.count}")

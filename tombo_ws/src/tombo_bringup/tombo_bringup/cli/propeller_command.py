@@ -15,12 +15,12 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from tombo_bringup.cli.parse_integer import parse_integer
 from tombo_bringup.cli.propeller_beta_command import beta
 from tombo_bringup.cli.propeller_design_command import design
 from tombo_bringup.cli.propeller_diagnose_command import diagnose
 from tombo_bringup.cli.propeller_recovery_command import recovery
 from tombo_bringup.cli.propeller_reproduce_command import reproduce
-from tombo_bringup.cli.whole_number import whole_number
 
 if TYPE_CHECKING:
     from tombo_dynamics.propeller import Configuration, Operation
@@ -61,7 +61,7 @@ def propeller(
         typer.Option(
             "--conf",
             metavar="N",
-            parser=whole_number,
+            parser=parse_integer,
             help="Configuration of the paper's Table I, 0 is rigid, or of the --library.",
         ),
     ] = 13,

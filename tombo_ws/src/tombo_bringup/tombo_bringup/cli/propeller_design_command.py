@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.number_option import number_option
+from tombo_bringup.cli.number_parser import number_parser
 from tombo_bringup.cli.result_files import check_output, compute_into
 
 if TYPE_CHECKING:
-    from tombo_bringup.cli.progress import Tell
+    from tombo_bringup.cli.progress import ProgressCallback
     from tombo_propeller.design.design import Design
     from tombo_propeller.design.recommend import Recommendation
 
@@ -39,7 +39,7 @@ def design(
         typer.Option(
             "--mass",
             metavar="KG",
-            parser=number_option(_accepted("--mass")),
+            parser=number_parser(_accepted("--mass")),
             help="Mass at take-off.",
             show_default=False,
         ),
@@ -55,7 +55,7 @@ def design(
         typer.Option(
             "--min-thrust-margin",
             metavar="X",
-            parser=number_option(_accepted("--min-thrust-margin")),
+            parser=number_parser(_accepted("--min-thrust-margin")),
             help="Usable thrust over weight, at least.",
         ),
     ] = 2.0,
@@ -64,7 +64,7 @@ def design(
         typer.Option(
             "--max-collision-force",
             metavar="N",
-            parser=number_option(_accepted("--max-collision-force")),
+            parser=number_parser(_accepted("--max-collision-force")),
             help="At 2000 rpm, as in Table III.",
         ),
     ] = None,
@@ -73,7 +73,7 @@ def design(
         typer.Option(
             "--max-recovery",
             metavar="S",
-            parser=number_option(_accepted("--max-recovery")),
+            parser=number_parser(_accepted("--max-recovery")),
             help="Until a blade is straight again.",
         ),
     ] = None,
@@ -82,7 +82,7 @@ def design(
         typer.Option(
             "--max-noise",
             metavar="DB",
-            parser=number_option(_accepted("--max-noise")),
+            parser=number_parser(_accepted("--max-noise")),
             help="At 2000 rpm, 5 m away.",
         ),
     ] = None,
@@ -91,7 +91,7 @@ def design(
         typer.Option(
             "--min-lift-over-drag",
             metavar="X",
-            parser=number_option(_accepted("--min-lift-over-drag")),
+            parser=number_parser(_accepted("--min-lift-over-drag")),
             help="In hover.",
         ),
     ] = None,
@@ -110,7 +110,7 @@ def design(
         typer.Option(
             "--confidence",
             metavar="P",
-            parser=number_option(_accepted("--confidence")),
+            parser=number_parser(_accepted("--confidence")),
             help="That a predicted figure keeps to its limit.",
         ),
     ] = 0.9,
@@ -126,7 +126,7 @@ def design(
         typer.Option(
             "--flights",
             metavar="N",
-            parser=number_option(f"a whole number from 0 to {_MOST_FLIGHTS}", int),
+            parser=number_parser(f"a whole number from 0 to {_MOST_FLIGHTS}", int),
             help="Collisions flown with a candidate; 0: none.",
         ),
     ] = 12,
@@ -152,8 +152,8 @@ def design(
     from tombo_dynamics.propeller import read_library
     from tombo_flight.flight_output import as_json as to_json
     from tombo_propeller.design.design import blade_of
+    from tombo_propeller.design.design_json import design_mapping
     from tombo_propeller.design.files import DESIGN_FILES, write_design
-    from tombo_propeller.design.outcome import design_mapping
     from tombo_propeller.design.request import Request, arm_of
 
     if not 0 <= flights <= _MOST_FLIGHTS:
@@ -179,18 +179,18 @@ def design(
         extrapolate,
     )
 
-    def run(tell: Tell) -> tuple[Design, Recommendation]:
+    def run(on_progress: ProgressCallback) -> tuple[Design, Recommendation]:
         from tombo_propeller.design.design import design as find
         from tombo_propeller.design.recommend import recommend
 
-        tell("loading the model", 0.0)
-        found = find(request, known, chosen, tell)
-        return found, recommend(found, range(flights), tell)
+        on_progress("loading the model", 0.0)
+        found = find(request, known, chosen, on_progress)
+        return found, recommend(found, range(flights), on_progress)
 
     path = None if output is None else Path(output)
     (found, made), written = compute_into(
         path, force, DESIGN_FILES, run,
-        lambda folder, both, tell: write_design(folder.staging, *both, tell),
+        lambda folder, both, on_progress: write_design(folder.staging, *both, on_progress),
     )  # fmt: skip
     if as_json:
         typer.echo(to_json(design_mapping(found, made)), nl=False)

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from tombo_bringup.cli.parse_integer import parse_integer
 from tombo_bringup.cli.result_files import compute_into, results_folder
-from tombo_bringup.cli.whole_number import whole_number
 
 if TYPE_CHECKING:
-    from tombo_bringup.cli.progress import Tell
+    from tombo_bringup.cli.progress import ProgressCallback
     from tombo_diagnosis.stand.diagnose import StandDiagnosis
     from tombo_diagnosis.stand.table3 import Table3
     from tombo_flight.process.output_folder import OutputFolder
@@ -44,7 +44,7 @@ def diagnose(
         typer.Option(
             "--conf",
             metavar="N",
-            parser=whole_number,
+            parser=parse_integer,
             help="Configuration of runs that have no column conf; 0 is rigid. Default: 13.",
             show_default=False,
         ),
@@ -92,7 +92,9 @@ def diagnose(
     from tombo_diagnosis.report.stand_output import STAND_FILES, stand_json, write_stand
     from tombo_dynamics.errors import InputError
 
-    def write(folder: OutputFolder, both: tuple[StandDiagnosis, Table3 | None], _: Tell) -> None:
+    def write(
+        folder: OutputFolder, both: tuple[StandDiagnosis, Table3 | None], _: ProgressCallback
+    ) -> None:
         headline = stand_headline(both[0].diagnosis)
         write_stand(folder, *both, headline, datetime.date.today().isoformat())
 
@@ -106,7 +108,7 @@ def diagnose(
         path = results_folder(output, "stand", first, as_json, "run")
         (found, study), written = compute_into(
             path, force or output is None, STAND_FILES,
-            lambda tell: run(paths, mapping, conf, law, plain, model, tell), write,
+            lambda on_progress: run(paths, mapping, conf, law, plain, model, on_progress), write,
         )  # fmt: skip
     except InputError as error:
         typer.echo(f"Error: {error}", err=True)
@@ -124,7 +126,7 @@ def run(
     law: str | None,
     plain: bool,
     model: Path | None,
-    tell: Tell,
+    on_progress: ProgressCallback,
 ) -> tuple[StandDiagnosis, Table3 | None]:
     """Read and diagnose; of no path, Table III.
 
@@ -133,8 +135,8 @@ def run(
     """
     from tombo_diagnosis.stand.diagnose import StandDiagnosis, diagnose_points, diagnose_stand
     from tombo_diagnosis.stand.model_file import read_stand_model
-    from tombo_diagnosis.stand.reading import read_stand
     from tombo_diagnosis.stand.table3 import study_table3, table3_assembled
+    from tombo_diagnosis.stand.table_reader import read_stand
     from tombo_dynamics.propeller import configuration, parameter_row
 
     number = _CONF if conf is None else conf
@@ -143,16 +145,20 @@ def run(
     given = None if model is None else read_stand_model(model)
     if not paths:
         base = None if given is None else given.theta
-        diagnosis, findings = diagnose_points(table3_assembled(formulas), (), tell, base=base)
-        tell("leaving one configuration out", 0.9)
+        diagnosis, findings = diagnose_points(
+            table3_assembled(formulas), (), on_progress, base=base
+        )
+        on_progress("leaving one configuration out", 0.9)
         return StandDiagnosis(diagnosis, findings, None, given), study_table3(formulas)
     found = []
     for k, path in enumerate(paths):
-        tell(f"reading {path.name}", k / len(paths))
+        on_progress(f"reading {path.name}", k / len(paths))
         found.append(read_stand(path, mapping))
     if all(t.mapping.model == "plain" for t in found):
         _refuse_without_effect(False, True, conf, law, None, "a plain propeller (--mapping)")
-    return diagnose_stand(found, number, formulas, plain, tell, time.perf_counter, given), None
+    return diagnose_stand(
+        found, number, formulas, plain, on_progress, time.perf_counter, given
+    ), None
 
 
 def _refuse_without_effect(

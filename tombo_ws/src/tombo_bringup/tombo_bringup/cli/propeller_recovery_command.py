@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from tombo_bringup.cli.number_option import number_option
+from tombo_bringup.cli.number_parser import number_parser
 from tombo_bringup.cli.result_files import results_folder
 
 
@@ -39,7 +39,7 @@ def recovery(
         typer.Option(
             "--tare",
             metavar="X",
-            parser=number_option("a number, in the column's unit"),
+            parser=number_parser("a number, in the column's unit"),
             help="What the unloaded cell reads, in the column's unit.",
         ),
     ] = 0.0,
@@ -48,7 +48,7 @@ def recovery(
         typer.Option(
             "--share",
             metavar="X",
-            parser=number_option("0.5 to 0.99"),
+            parser=number_parser("0.5 to 0.99"),
             help="Of the level before that counts as recovered. Default: 0.9 of thrust; of speed "
             "its root, 0.949, as thrust goes with speed squared.",
         ),

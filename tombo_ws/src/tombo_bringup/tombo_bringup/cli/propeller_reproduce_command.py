@@ -11,7 +11,7 @@ import typer
 from tombo_bringup.cli.result_files import check_output, compute_into
 
 if TYPE_CHECKING:
-    from tombo_bringup.cli.progress import Tell
+    from tombo_bringup.cli.progress import ProgressCallback
     from tombo_flight.process.output_folder import OutputFolder
     from tombo_propeller.reproduce.reproduction import Reproduction
 
@@ -61,17 +61,17 @@ def reproduce(
 
         names = REPRODUCTION_FILES
 
-    def run(tell: Tell) -> Reproduction:
-        tell("loading", 0.0)
+    def run(on_progress: ProgressCallback) -> Reproduction:
+        on_progress("loading", 0.0)
         from tombo_propeller.reproduce import reproduction
 
-        tell("computing", 0.0)
+        on_progress("computing", 0.0)
         return reproduction.reproduce(laws)
 
-    def write(folder: OutputFolder, found: Reproduction, tell: Tell) -> None:
+    def write(folder: OutputFolder, found: Reproduction, on_progress: ProgressCallback) -> None:
         from tombo_propeller.reproduce.output import write_reproduction
 
-        write_reproduction(folder, found, tell)
+        write_reproduction(folder, found, on_progress)
 
     found, _ = compute_into(path, force, names, run, write)
     if as_json:
@@ -105,7 +105,7 @@ def _print(found: Reproduction) -> None:
     from rich.text import Text
 
     from tombo_propeller.reproduce.reproduction import GROUPS
-    from tombo_propeller.reproduce.words import (
+    from tombo_propeller.reproduce.summary_text import (
         MARKS,
         computed_text,
         headline,

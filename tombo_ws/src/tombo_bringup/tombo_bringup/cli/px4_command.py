@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.whole_number import whole_number
+from tombo_bringup.cli.parse_integer import parse_integer
 
 if TYPE_CHECKING:
     from tombo_flight.scenario import Scenario
@@ -27,7 +27,7 @@ _PORT, _GROUND_PORT = 14540, 14550
 _OWN, _OWN_GROUND = 40, 4030
 """From the client's port to the vehicle's own, as with PX4's instances: 14580 and 18570 for
 14540, 14581 and 18571 for 14541."""
-_REHEARSAL_TICKS = 60
+_WARM_UP_TICKS = 60
 
 
 def px4(
@@ -42,7 +42,7 @@ def px4(
         typer.Option(
             "--port",
             metavar="N",
-            parser=whole_number,
+            parser=parse_integer,
             help="UDP port of the on-board client; the vehicle's own are N+40 and N+4030, as "
             "with PX4's instances.",
         ),
@@ -52,13 +52,15 @@ def px4(
         typer.Option(
             "--ground-port",
             metavar="N",
-            parser=whole_number,
+            parser=parse_integer,
             help="UDP port of the ground station.",
         ),
     ] = _GROUND_PORT,
     seed: Annotated[
         int,
-        typer.Option("--seed", metavar="N", parser=whole_number, help="All chance comes from it."),
+        typer.Option(
+            "--seed", metavar="N", parser=parse_integer, help="All chance comes from it."
+        ),
     ] = 0,
     settings: Annotated[
         list[str] | None,
@@ -209,10 +211,10 @@ def _vehicle(scenario: Scenario, seed: int, table: ParameterTable) -> Px4Vehicle
     from tombo_px4.autopilot.vehicle import Px4Vehicle
 
     world = world_of(scenario)
-    with progress_bar() as tell:
-        tell("loading", 0.0)
+    with progress_bar() as on_progress:
+        on_progress("loading", 0.0)
         spare = Px4Vehicle(world, seed, ParameterTable())
-        for _ in range(_REHEARSAL_TICKS):
+        for _ in range(_WARM_UP_TICKS):
             spare.step()
         return Px4Vehicle(world, seed, table)
 
@@ -227,12 +229,12 @@ def _serve(endpoint: Endpoint, duration_s: float | None, lines: list[str]) -> No
         screen.begin(lines)
         over = False
 
-        def look(boot_ns: int, clock: BootClock) -> None:
+        def redraw(boot_ns: int, clock: BootClock) -> None:
             nonlocal over
-            screen.look(endpoint, boot_ns, clock.slipped_ns)
+            screen.redraw(endpoint, boot_ns, clock.slipped_ns)
             over = limit_ns is not None and boot_ns + clock.slipped_ns >= limit_ns
 
         clock = serve(
-            endpoint, time.monotonic_ns, time.time_ns, lambda: over or stop.asked(), look
+            endpoint, time.monotonic_ns, time.time_ns, lambda: over or stop.asked(), redraw
         )
         screen.end(endpoint, clock.slipped_ns)

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from tombo_px4.protocol.endpoint import Endpoint
 
 _LIVE_NS = 250_000_000
-_HEARD_US = 3_000_000
-_GRAVE = 4
+_RECENTLY_HEARD_US = 3_000_000
+_SEVERITY_COLOURED = 4
 """MAV_SEVERITY_WARNING: this and graver is coloured."""
 
 
@@ -27,7 +27,7 @@ class Screen(Protocol):
         """Say where it can be reached."""
         ...
 
-    def look(self, endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> None:
+    def redraw(self, endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> None:
         """Show how it is; called hundreds of times a second."""
         ...
 
@@ -66,8 +66,8 @@ def state_line(endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> str:
     x, y, z = (float(p) for p in v.estimate.position)
     heard = [
         f"{system}/{component}"
-        for (system, component), when in sorted(endpoint.inbox.neighbours.items())
-        if v.boot_us - when < _HEARD_US
+        for (system, component), when in sorted(endpoint.message_router.heard_systems.items())
+        if v.boot_us - when < _RECENTLY_HEARD_US
     ]
     words = [
         f"{boot_ns * 1e-9:7.1f} s",
@@ -91,15 +91,18 @@ class LineScreen:
         for line in lines:
             self._put(line)
 
-    def look(self, endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> None:
+    def redraw(self, endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> None:
         """Print what was said."""
-        for severity, text in endpoint.voice.said:
-            self._put(f"{boot_ns * 1e-9:8.2f} s  {text}", "yellow" if severity <= _GRAVE else "")
-        endpoint.voice.said.clear()
+        for severity, text in endpoint.statustext.said:
+            self._put(
+                f"{boot_ns * 1e-9:8.2f} s  {text}",
+                "yellow" if severity <= _SEVERITY_COLOURED else "",
+            )
+        endpoint.statustext.said.clear()
 
     def end(self, endpoint: Endpoint, slipped_ns: int) -> None:
         """Say how long it ran, and what was refused."""
-        for reason, count in sorted(endpoint.voice.counts.items()):
+        for reason, count in sorted(endpoint.statustext.counts.items()):
             self._put(f"  {count} x {reason}")
         late = f", {slipped_ns * 1e-9:.1f} s behind real time" if slipped_ns else ""
         self._put(f"stopped after {endpoint.vehicle.boot_us * 1e-6:.1f} s{late}")
@@ -115,9 +118,9 @@ class LiveScreen(LineScreen):
         self._live = live
         self._next_ns = 0
 
-    def look(self, endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> None:
+    def redraw(self, endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> None:
         """Print what was said; draw the state anew a few times a second."""
-        super().look(endpoint, boot_ns, slipped_ns)
+        super().redraw(endpoint, boot_ns, slipped_ns)
         if boot_ns < self._next_ns:
             return
         self._next_ns = boot_ns + _LIVE_NS

@@ -160,9 +160,9 @@ def _through_nodes(bag: Path, request: Request, speed: float) -> Replay:
     from tombo_flight.replay.run import replay_bag
     from tombo_flight.replay.through_nodes import Interrupted, ThroughNodes
 
-    with StopSignals(signal.SIGHUP) as stop, progress_bar() as tell:
+    with StopSignals(signal.SIGHUP) as stop, progress_bar() as on_progress:
         try:
-            return replay_bag(bag, request, ThroughNodes(speed, tell, stop.asked))
+            return replay_bag(bag, request, ThroughNodes(speed, on_progress, stop.asked))
         except Interrupted:
             typer.echo("Error: interrupted", err=True)
             raise typer.Exit(stop.exit_code) from None
@@ -239,7 +239,7 @@ def _check_folder(folder: Path) -> None:
 
 def _write(result: Replay, text: str, folder: Path) -> None:
     """Write the files, each whole or not at all."""
-    from tombo_flight.replay.figure import draw_replay
+    from tombo_flight.replay.plot import draw_replay
     from tombo_flight.report.flight_plot import png_bytes
 
     folder.mkdir(parents=True, exist_ok=True)

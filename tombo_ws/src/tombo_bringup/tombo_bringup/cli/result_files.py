@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 import typer
 
 if TYPE_CHECKING:
-    from tombo_bringup.cli.progress import Tell
+    from tombo_bringup.cli.progress import ProgressCallback
     from tombo_flight.process.output_folder import OutputFolder
 
 _Found = TypeVar("_Found")
@@ -56,8 +56,8 @@ def compute_into(
     path: Path | None,
     replace: bool,
     results: Sequence[str],
-    compute: Callable[[Tell], _Found],
-    write: Callable[[OutputFolder, _Found, Tell], None],
+    compute: Callable[[ProgressCallback], _Found],
+    write: Callable[[OutputFolder, _Found, ProgressCallback], None],
 ) -> tuple[_Found, list[str]]:
     """Compute, with a progress bar, and write; a signal ends it at once, with nothing written.
 
@@ -81,14 +81,14 @@ def compute_into(
 
     with StopSignals() as stop:
         try:
-            with progress_bar() as tell:
+            with progress_bar() as on_progress:
                 if path is None:
                     with stop.at_once():
-                        return compute(tell), []
+                        return compute(on_progress), []
                 with open_output(path, replace=replace, results=results) as folder:
                     with stop.at_once():
-                        found = compute(tell)
-                        write(folder, found, tell)
+                        found = compute(on_progress)
+                        write(folder, found, on_progress)
                     written = [name for name in results if (folder / name).is_file()]
                     folder.publish()
                 return found, written

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from tombo_diagnosis.report.diagnosis_words import (
+from tombo_diagnosis.report.diagnosis_text import (
     CLASSES,
     LABELS,
     capital,
@@ -24,13 +24,13 @@ from tombo_diagnosis.report.diagnosis_words import (
     percent,
     words,
 )
-from tombo_diagnosis.stand.departure import departures
+from tombo_diagnosis.stand.model_differences import differences_from_model
 
 if TYPE_CHECKING:
     from tombo_diagnosis.diagnosis import Diagnosis
-    from tombo_diagnosis.stand.constant import ThrustConstant
     from tombo_diagnosis.stand.diagnose import StandDiagnosis
     from tombo_diagnosis.stand.table3 import Table3
+    from tombo_diagnosis.stand.thrust_constant import ThrustConstant
 
 _COLOURS = {"good": "bold green", "warn": "bold yellow", "bad": "bold red"}
 _RPM = 30.0 / math.pi
@@ -43,9 +43,9 @@ _NAMED = 4
 def stand_headline(diagnosis: Diagnosis) -> str:
     """Return the verdict as one sentence."""
     causes = [words(c.effect) for c in diagnosis.causes]
-    told = departures(diagnosis.causes)
+    told = differences_from_model(diagnosis.causes)
     if told and diagnosis.verdict == "named":
-        new = [words(c.effect) for c in diagnosis.causes if not departures([c])]
+        new = [words(c.effect) for c in diagnosis.causes if not differences_from_model([c])]
         parts = [*told, *([f"it is {listed(new, 'and')}"] if new else [])]
         return capital("; ".join(parts))
     if diagnosis.verdict == "set" and len(diagnosis.set) > _NAMED:
@@ -143,7 +143,7 @@ def _residuals(found: StandDiagnosis) -> Table:
     c = problem.points.measured[0]
     own = problem.seen[:, c]
     speed = problem.points.setup.speed
-    before = problem.residual(problem.final(problem.nothing))[:, c]
+    before = problem.residual(problem.final(problem.null_hypothesis))[:, c]
     after = problem.unexplained(found.findings.search.best.fit)[:, c]
     unit = ("N", "N m", "rad", "rad/s")[c]
     name = ("thrust", "torque", "flap angle", "second tachometer")[c]

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rich.live import Live
 
     from tombo_flight.suite.status_table import Suite
-    from tombo_flight.suite.supervisor import Ended
+    from tombo_flight.suite.supervisor import ProcessExit
 
 _LINE_S = 5.0
 _TABLE_S = 0.25
@@ -30,11 +30,11 @@ class Screen(Protocol):
         """Show a line of a node's log."""
         ...
 
-    def ended(self, end: Ended, log: str) -> None:
+    def ended(self, end: ProcessExit, log: str) -> None:
         """Show that a node has ended by itself."""
         ...
 
-    def closing(self, ends: Sequence[Ended], folder: str) -> None:
+    def closing(self, ends: Sequence[ProcessExit], folder: str) -> None:
         """Show how it ended: nodes that did not end well when asked to, where the files are."""
         ...
 
@@ -86,11 +86,11 @@ class JsonScreen:
         """Print it."""
         self._put({"event": "warning", "node": node, "text": line})
 
-    def ended(self, end: Ended, log: str) -> None:
+    def ended(self, end: ProcessExit, log: str) -> None:
         """Print it."""
         self._put({"event": "ended", **_plain(end), "log": log})
 
-    def closing(self, ends: Sequence[Ended], folder: str) -> None:
+    def closing(self, ends: Sequence[ProcessExit], folder: str) -> None:
         """Print it."""
         self._put({"event": "closed", "folder": folder, "not_well": [_plain(e) for e in ends]})
 
@@ -119,13 +119,13 @@ class LineScreen:
 
         self._put(f"{node}: {without_stamp(line)}", "yellow")
 
-    def ended(self, end: Ended, log: str) -> None:
+    def ended(self, end: ProcessExit, log: str) -> None:
         """Print it, with its last words."""
         self._put(f"{end.name} has ended, {end.how}; its log: {log}", "bold red")
-        for line in end.last_words:
+        for line in end.last_log_lines:
             self._put(f"  {line}")
 
-    def closing(self, ends: Sequence[Ended], folder: str) -> None:
+    def closing(self, ends: Sequence[ProcessExit], folder: str) -> None:
         """Print it."""
         for end in ends:
             self._put(f"{end.name} did not stop when asked to: {end.how}", "yellow")
@@ -156,10 +156,10 @@ class TableScreen(LineScreen):
         self._live.console.print(Text(text, style))
 
 
-def _plain(end: Ended) -> dict[str, Any]:
+def _plain(end: ProcessExit) -> dict[str, Any]:
     return {
         "node": end.name,
         "exit_code": end.code,
         "how": end.how,
-        "last_words": list(end.last_words),
+        "last_words": list(end.last_log_lines),
     }

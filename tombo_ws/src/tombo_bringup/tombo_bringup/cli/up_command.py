@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tombo_bringup.cli.optional_url import SIMULATED
-from tombo_bringup.cli.whole_number import whole_number
+from tombo_bringup.cli.parse_integer import parse_integer
 
 if TYPE_CHECKING:
     from tombo_flight.scenario import Scenario
-    from tombo_flight.suite.px4_side import Px4Side
-    from tombo_flight.suite.running import Wish
+    from tombo_flight.suite.px4_connection import Px4Connection
+    from tombo_flight.suite.running import SuiteConfig
 
 UP_EXIT_CODES = (
     "Exit code: 0 when it was stopped (Ctrl-C, SIGTERM, --duration), 1 when a node ended by "
@@ -46,7 +46,9 @@ def up(
     ] = None,
     seed: Annotated[
         int,
-        typer.Option("--seed", metavar="N", parser=whole_number, help="All chance comes from it."),
+        typer.Option(
+            "--seed", metavar="N", parser=parse_integer, help="All chance comes from it."
+        ),
     ] = 0,
     without: Annotated[
         list[str] | None,
@@ -96,7 +98,7 @@ def up(
         typer.Option(
             "--domain",
             metavar="N",
-            parser=whole_number,
+            parser=parse_integer,
             help="ROS_DOMAIN_ID. Default: that of the environment.",
         ),
     ] = None,
@@ -117,9 +119,9 @@ def up(
     from tombo_dynamics.errors import InputError
     from tombo_flight.scenario import load_scenario
     from tombo_flight.suite.node_flight import over_mavlink
-    from tombo_flight.suite.px4_side import px4_side
-    from tombo_flight.suite.rehearsal import rehearse_nodes
-    from tombo_flight.suite.running import Wish
+    from tombo_flight.suite.px4_connection import px4_connection
+    from tombo_flight.suite.running import SuiteConfig
+    from tombo_flight.suite.warm_up import warm_up_nodes
 
     if duration is not None and not duration > 0.0:
         raise InputError(f"--duration {duration:g}: out of bounds; accepted: a number above 0")
@@ -128,10 +130,12 @@ def up(
     if px4 is not None and speed != 1.0:
         raise InputError(f"--speed {speed:g}: accepted: without --px4, which is in real time")
     check_model(model, px4)
-    side = None if px4 is None else px4_side(None if px4 == SIMULATED else px4, bridge or [])
-    over = {} if side is None else over_mavlink(side)
+    connection = (
+        None if px4 is None else px4_connection(None if px4 == SIMULATED else px4, bridge or [])
+    )
+    over = {} if connection is None else over_mavlink(connection)
     folder = record or Path("runs") / time.strftime("up-%Y%m%d-%H%M%S")
-    wish = Wish(
+    config = SuiteConfig(
         scenario=load_scenario(scenario, settings or [], model),
         seed=check_seed(seed),
         folder=folder,
@@ -141,41 +145,45 @@ def up(
         domain=domain,
         **{**over, "without": (*over.get("without", ()), *(without or ()))},
     )
-    rehearse_nodes(wish.scenario)  # compiles what is not compiled yet, and finds bad input
-    if side is not None and not side.simulated and not _confirmed(side, wish.scenario, yes=yes):
+    warm_up_nodes(config.scenario)  # compiles what is not compiled yet, and finds bad input
+    if (
+        connection is not None
+        and not connection.simulated
+        and not _confirmed(connection, config.scenario, yes=yes)
+    ):
         raise typer.Exit(1)
-    raise typer.Exit(_watch(wish, duration, as_json))
+    raise typer.Exit(_watch(config, duration, as_json))
 
 
-def _confirmed(side: Px4Side, scenario: Scenario, *, yes: bool) -> bool:
+def _confirmed(connection: Px4Connection, scenario: Scenario, *, yes: bool) -> bool:
     """Say what is at the other end of the link, and ask whether it may be armed."""
-    from tombo_bringup.cli.fly_px4 import may_arm
+    from tombo_bringup.cli.fly_px4 import confirm_arming
     from tombo_flight.process.stop_signals import Stopped, StopSignals
 
     with StopSignals() as stop:
         try:
-            return may_arm(side, scenario, stop, yes=yes)
+            return confirm_arming(connection, scenario, stop, yes=yes)
         except Stopped:
             return False
 
 
-def _watch(wish: Wish, duration_s: float | None, as_json: bool) -> int:
+def _watch(config: SuiteConfig, duration_s: float | None, as_json: bool) -> int:
     """Run the suite until it is stopped, or nothing of it is left; return the exit code."""
     from tombo_bringup.cli.suite_screen import new_screen
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_flight.suite.running import LOGS, RunningSuite
 
     with StopSignals(signal.SIGHUP) as stop, new_screen(as_json) as screen:
-        with RunningSuite(wish) as suite:
+        with RunningSuite(config) as suite:
             while not stop.asked() and suite.running:
-                news = suite.look(_LOOK_S)
+                news = suite.poll(_LOOK_S)
                 for node, line in news.warnings:
                     screen.warning(node, line)
                 for end in news.ended:
-                    screen.ended(end, str(wish.folder / LOGS / f"{end.name}.log"))
+                    screen.ended(end, str(config.folder / LOGS / f"{end.name}.log"))
                 screen.status(suite.status())
                 if duration_s is not None and suite.uptime_s >= duration_s:
                     break
             not_well = suite.stop()
-        screen.closing(not_well, str(wish.folder))
+        screen.closing(not_well, str(config.folder))
     return 1 if suite.ended else 0

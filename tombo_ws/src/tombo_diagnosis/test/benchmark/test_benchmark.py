@@ -5,7 +5,7 @@ import json
 import pytest
 
 from tombo_diagnosis.benchmark.flight_cases import make_case
-from tombo_diagnosis.benchmark.flight_examine import examine
+from tombo_diagnosis.benchmark.flight_evaluation import examine
 from tombo_diagnosis.benchmark.flight_score import aggregate
 
 SEED = 3

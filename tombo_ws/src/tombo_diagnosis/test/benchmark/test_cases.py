@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from tombo_diagnosis.benchmark.flight_cases import (
+    EXCLUDED_EFFECTS,
     FORMULATIONS,
     KINDS,
     NOMINAL,
-    NOT_FLOWN,
     SIZES,
-    UNSEEN,
-    effects_that_show,
+    UNOBSERVABLE_PARAMETERS,
     make_case,
     nominal_value,
+    observable_effects,
 )
-from tombo_diagnosis.benchmark.flight_flights import course, fly_case
-from tombo_diagnosis.flight.candidates import PARAMETERS
-from tombo_dynamics.disturbance import SHAPES
+from tombo_diagnosis.benchmark.flight_simulation import course, simulate_case
+from tombo_diagnosis.flight.parameters import PARAMETERS
+from tombo_dynamics.disturbance import DISTURBANCES
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.effects.registry import check_theta
 
@@ -63,8 +63,11 @@ def test_what_is_hidden_has_the_size_that_is_said():
     scales = {p.label: p.scale for p in PARAMETERS}
     for case in of("single"):
         (name,) = case.hidden
-        assert name in effects_that_show(case.formulation) and case.shift
-        assert all(label.startswith(f"{name}.") and label not in UNSEEN for label in case.shift)
+        assert name in observable_effects(case.formulation) and case.shift
+        assert all(
+            label.startswith(f"{name}.") and label not in UNOBSERVABLE_PARAMETERS
+            for label in case.shift
+        )
         if name in ("gusts", "mocap_dropouts"):
             continue
         length = np.linalg.norm([v / scales[label] for label, v in case.shift.items()])
@@ -93,21 +96,21 @@ def test_unknown_forces_are_in_no_registry_and_within_their_bounds():
         (name,) = case.hidden
         seen.add(name)
         assert name not in REGISTRY and not case.shift
-        assert len(case.disturbance) == len(SHAPES[name].params)
-        for value, p in zip(case.disturbance, SHAPES[name].params, strict=True):
+        assert len(case.disturbance) == len(DISTURBANCES[name].params)
+        for value, p in zip(case.disturbance, DISTURBANCES[name].params, strict=True):
             assert p.bounds[0] <= value <= p.bounds[1]
-    assert seen == set(SHAPES)
+    assert seen == set(DISTURBANCES)
 
 
 def test_every_effect_that_flies_is_hidden_some_time():
     hidden = {name for number in range(1500) for name in make_case(1, number).hidden}
-    assert set(REGISTRY) - NOT_FLOWN <= hidden
-    assert not hidden & NOT_FLOWN
+    assert set(REGISTRY) - EXCLUDED_EFFECTS <= hidden
+    assert not hidden & EXCLUDED_EFFECTS
 
 
 def test_a_mocap_alone_is_not_asked_for_faults_of_an_imu():
-    assert not [n for n in effects_that_show("mocap") if n.startswith("imu")]
-    assert "imu_bias" in effects_that_show("imu")
+    assert not [n for n in observable_effects("mocap") if n.startswith("imu")]
+    assert "imu_bias" in observable_effects("imu")
 
 
 def test_all_that_flies_is_a_scenario():
@@ -129,11 +132,11 @@ def test_courses_stay_in_the_room_and_differ():
 def test_flights_of_a_case_are_the_same_each_time_and_carry_what_the_sensors_give():
     case = next(c for c in (make_case(2, n, flights=1) for n in range(50))
                 if c.kind == "none" and c.formulation == "mocap_rpm")  # fmt: skip
-    (one,), (other,) = fly_case(case), fly_case(case)
+    (one,), (other,) = simulate_case(case), simulate_case(case)
     assert set(one.series) == {"position", "attitude", "rotor_command", "rotor_speed", "voltage"}
     for name, series in one.series.items():
         assert np.array_equal(series.values, other.series[name].values)
     assert one.duration_s > 15.0 and one.exclude
     again = make_case(3, case.number, flights=1)
-    assert not np.array_equal(fly_case(again)[0].series["voltage"].values[:50],
+    assert not np.array_equal(simulate_case(again)[0].series["voltage"].values[:50],
                               one.series["voltage"].values[:50])  # fmt: skip

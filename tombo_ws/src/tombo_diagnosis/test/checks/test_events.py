@@ -10,7 +10,7 @@ from made_flight import STAND, Series, made_flight, poses_only, with_series, wit
 from tombo_diagnosis.checks import check_log
 from tombo_diagnosis.checks.events import Event
 from tombo_diagnosis.checks.impacts import impacts
-from tombo_diagnosis.logs.reading import read_logs
+from tombo_diagnosis.logs.log_reader import read_logs
 
 BAGS = Path(__file__).parents[5] / "tests" / "bags"
 FLIGHT = made_flight(duration=24.0)

@@ -6,7 +6,7 @@ import pytest
 from made_flight import made_flight, poses_only
 
 from tombo_diagnosis.checks import check_log
-from tombo_diagnosis.logs.reading import read_logs
+from tombo_diagnosis.logs.log_reader import read_logs
 
 BAGS = Path(__file__).parents[5] / "tests" / "bags"
 

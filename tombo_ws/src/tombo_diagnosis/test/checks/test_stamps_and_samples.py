@@ -10,9 +10,9 @@ from hypothesis.extra import numpy as hnp
 from made_flight import made_flight, poses_only, with_series, with_values, wrote
 
 from tombo_diagnosis.checks import check_log
-from tombo_diagnosis.checks.agreement import lateness
-from tombo_diagnosis.checks.checking import _motion
-from tombo_diagnosis.checks.stamps import jitter
+from tombo_diagnosis.checks.pipeline import _motion
+from tombo_diagnosis.checks.pose_imu_consistency import time_offset
+from tombo_diagnosis.checks.timestamps import jitter
 from tombo_diagnosis.logs.flight_log import CHANNELS, FlightLog, Series
 from tombo_dynamics.errors import InputError
 
@@ -22,7 +22,7 @@ POSE = ("position", "attitude")
 
 def lag_of(flight):
     checked = check_log(flight)
-    return lateness(_motion(dict(checked.series), list(checked.exclude)))
+    return time_offset(_motion(dict(checked.series), list(checked.exclude)))
 
 
 @pytest.mark.parametrize("late", [-0.05, -0.012, 0.0, 0.008, 0.03, 0.11])

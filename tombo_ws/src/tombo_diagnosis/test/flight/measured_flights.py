@@ -133,11 +133,13 @@ def as_log(flown, name="flight 1", sensors="imu_rpm", begin=BEGIN, true_poses=Fa
     return FlightLog(name, "simulated", series, exclude=((-1.0, begin), (end, t[-1] + 1.0)))
 
 
-DRAWS = np.array([1.1, -1.3, 0.6, -0.8, 0.0, 0.0, 0.0, 0.0])
+ROTOR_DRAWS = np.array([1.1, -1.3, 0.6, -0.8, 0.0, 0.0, 0.0, 0.0])
 """The propellers of the vehicle that flies."""
 
 
-def logs(hidden=None, seed=1, count=2, sensors="imu_rpm", courses=LIVELY, draws=DRAWS, **more):
+def logs(
+    hidden=None, seed=1, count=2, sensors="imu_rpm", courses=LIVELY, draws=ROTOR_DRAWS, **more
+):
     """Return flights of one vehicle with something hidden in them."""
     effects = with_hidden(hidden or {})
     return [

@@ -8,9 +8,9 @@ from measured_flights import LENGTH, logs, nominal, tracks
 
 from tombo_diagnosis.flight.analyse import analyse
 from tombo_diagnosis.flight.diagnose import diagnose
-from tombo_diagnosis.flight.events import momentary
 from tombo_diagnosis.flight.problem import Problem
 from tombo_diagnosis.flight.track import track_of
+from tombo_diagnosis.flight.transients import find_transients
 from tombo_diagnosis.logs.flight_log import Series
 
 KNOCK_S = 9.0
@@ -45,7 +45,7 @@ def test_a_healthy_flight_with_a_knock_has_no_cause():
 @pytest.mark.parametrize("sensors", ["imu_rpm", "mocap"])
 def test_quiet_flights_have_no_moments(sensors):
     problem = Problem(tracks(sensors=sensors), nominal())
-    assert momentary(problem, problem.nothing) == []
+    assert find_transients(problem, problem.null_hypothesis) == []
 
 
 def test_knocks_all_the_time_are_an_unknown_cause():

@@ -9,11 +9,11 @@ from functools import cache
 
 import numpy as np
 import pytest
-from measured_flights import DRAWS, fly, logs, nominal, with_hidden
+from measured_flights import ROTOR_DRAWS, fly, logs, nominal, with_hidden
 
 from tombo_diagnosis.flight.analyse import analyse
-from tombo_diagnosis.flight.causes import cause_of
-from tombo_diagnosis.flight.naming import search
+from tombo_diagnosis.flight.cause_estimates import estimate_cause
+from tombo_diagnosis.flight.model_selection import search
 from tombo_diagnosis.flight.problem import Problem
 from tombo_diagnosis.flight.track import track_of
 from tombo_dynamics.effects import REGISTRY
@@ -35,7 +35,7 @@ def shown_best(effect):
 
 @cache
 def flight(effect="", name="", value=0.0):
-    return fly(with_hidden({effect: {name: value}} if effect else {}), seed=100, draws=DRAWS)
+    return fly(with_hidden({effect: {name: value}} if effect else {}), seed=100, draws=ROTOR_DRAWS)
 
 
 def hidden_value(p):
@@ -61,7 +61,7 @@ def found(flights, p):
     tracks = [track_of(log) for log in flights]
     if p.index not in healthy_problem().columns.indices:
         findings = analyse(tracks, nominal())
-        cause = cause_of(p.effect, findings, findings.search.best)
+        cause = estimate_cause(p.effect, findings, findings.search.best)
         fitted = next((f for f in cause.theta if f.name == p.name), None)
         wide = (fitted.high - fitted.low) / 3.92 if fitted else math.nan
         return findings.judgement.effects, fitted.value if fitted else math.nan, wide

@@ -6,14 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate
 
-from tombo_diagnosis.flight.evidence import Normal, solve
+from tombo_diagnosis.flight.evidence import NormalEquations, solve
 
 SEEDS = st.integers(0, 2**32 - 1)
 SIZES = st.floats(0.05, 3.0)
 
 
 def equations(design, left):
-    return Normal(design.T @ design, design.T @ left, float(left @ left))
+    return NormalEquations(design.T @ design, design.T @ left, float(left @ left))
 
 
 def data(seed, unknowns, rows=12):
@@ -21,21 +21,21 @@ def data(seed, unknowns, rows=12):
     return rng.standard_normal((rows, unknowns)), rng.standard_normal(rows)
 
 
-def log_density(design, left, deviations, centre, at):
+def log_density(design, left, deviations, prior_mean, at):
     misfit = left - design @ at
-    prior = np.sum(((at - centre) / deviations) ** 2)
+    prior = np.sum(((at - prior_mean) / deviations) ** 2)
     return -0.5 * misfit @ misfit - 0.5 * prior - np.log(deviations * np.sqrt(2 * np.pi)).sum()
 
 
 @given(SEEDS, SIZES, st.floats(-1.0, 1.0))
 def test_one_unknown_is_integrated(seed, deviation, middle):
     design, left = data(seed, 1)
-    wide, centre = np.array([deviation]), np.array([middle])
-    solution = solve(equations(design, left), wide, centre)
+    wide, prior_mean = np.array([deviation]), np.array([middle])
+    solution = solve(equations(design, left), wide, prior_mean)
 
     def density(x):
         at = np.array([x])
-        return np.exp(log_density(design, left, wide, centre, at) - solution.evidence)
+        return np.exp(log_density(design, left, wide, prior_mean, at) - solution.evidence)
 
     m, s = solution.mean[0], np.sqrt(solution.covariance[0, 0])
     total, _ = integrate.quad(density, m - 12 * s, m + 12 * s)

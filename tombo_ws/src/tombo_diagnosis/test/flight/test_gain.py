@@ -7,8 +7,13 @@ import numpy as np
 import pytest
 from measured_flights import nominal, tracks
 
-from tombo_diagnosis.flight.gain import gain_by_effect, one_step, simulated, without
-from tombo_diagnosis.flight.naming import search
+from tombo_diagnosis.flight.cross_validation import (
+    fit_without_flight,
+    gain_by_effect,
+    one_step_gains,
+    open_loop_gains,
+)
+from tombo_diagnosis.flight.model_selection import search
 from tombo_diagnosis.flight.problem import Problem
 
 DRAG = {"linear_rotor_drag": {"d_xy": 0.7}}
@@ -24,9 +29,11 @@ def found(hidden, count=3):
 
 def gains(hidden, count=3):
     problem, said = found(hidden, count)
-    tried = [said.best, *said.rivals]
-    held = [without(problem, f, [e for e in tried if e.ways]) for f in range(count)]
-    return problem, held, one_step(problem, held), simulated(problem, held)
+    tried = [said.best, *said.alternatives]
+    held = [
+        fit_without_flight(problem, f, [e for e in tried if e.hypotheses]) for f in range(count)
+    ]
+    return problem, held, one_step_gains(problem, held), open_loop_gains(problem, held)
 
 
 def by_name(table):
@@ -70,7 +77,7 @@ def test_healthy_flights_have_no_gain():
 def test_two_flights_give_no_interval():
     problem = Problem(tracks(DRAG, count=2), nominal())
     best = search(problem).best
-    for g in one_step(problem, [without(problem, f, [best]) for f in range(2)]):
+    for g in one_step_gains(problem, [fit_without_flight(problem, f, [best]) for f in range(2)]):
         assert math.isnan(g.low) and math.isnan(g.high) and g.flights == 2
 
 
@@ -81,7 +88,7 @@ def test_a_flight_that_is_held_out_teaches_nothing():
     best = search(problem).best
     assert "linear_rotor_drag" in best.effects
     index = next(p.index for p in nominal().parameters if p.label == "linear_rotor_drag.d_xy")
-    alone, others = (without(problem, f, [best]).theta[index] for f in (2, 0))
+    alone, others = (fit_without_flight(problem, f, [best]).theta[index] for f in (2, 0))
     assert alone == pytest.approx(0.7, rel=0.1)
     assert others < alone - 0.1
 

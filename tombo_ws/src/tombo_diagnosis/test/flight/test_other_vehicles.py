@@ -13,7 +13,7 @@ from tombo_diagnosis.flight.diagnose import diagnose
 from tombo_diagnosis.flight.prediction import residuals
 from tombo_diagnosis.flight.track import track_of
 from tombo_diagnosis.logs.flight_log import Airframe, Series
-from tombo_diagnosis.logs.reading import read_logs
+from tombo_diagnosis.logs.log_reader import read_logs
 from tombo_dynamics.errors import InputError
 
 FOLDER = Path(__file__).resolve().parents[6] / "shared" / "data" / "flights"

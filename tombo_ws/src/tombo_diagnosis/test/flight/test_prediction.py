@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from measured_flights import DRAWS, LIVELY, SILENT, as_log, fly, nominal, with_hidden
+from measured_flights import LIVELY, ROTOR_DRAWS, SILENT, as_log, fly, nominal, with_hidden
 
 from tombo_diagnosis.flight.prediction import channels_of, motion_of, residuals
 from tombo_diagnosis.flight.track import track_of
@@ -19,7 +19,7 @@ HIDDEN = {"steady_wind": {"east": 1.0}, "flapping_moment": {"k": 0.02}}
 @cache
 def flown(*hidden):
     effects = with_hidden({name: dict(values) for name, values in hidden}, SILENT)
-    return fly(effects, LIVELY[0], draws=DRAWS)
+    return fly(effects, LIVELY[0], draws=ROTOR_DRAWS)
 
 
 def theta_of(hidden):
@@ -36,7 +36,7 @@ def frozen(hidden):
 
 def rows_of(track, theta):
     """Return channel → (rows,) what is left, all formulations alike."""
-    left = residuals(track, nominal(silent=True), theta, draws=DRAWS)
+    left = residuals(track, nominal(silent=True), theta, draws=ROTOR_DRAWS)
     found = {}
     for group, rows in left.items():
         own = [c for c in channels_of(track, nominal(silent=True)) if c.group == group]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from measured_flights import SLOW, logs, nominal, tracks
 
-from tombo_diagnosis.flight.candidates import PARAMETERS
 from tombo_diagnosis.flight.evidence import solve
+from tombo_diagnosis.flight.parameters import PARAMETERS
 from tombo_diagnosis.flight.problem import Problem
 from tombo_diagnosis.flight.track import track_of
 from tombo_diagnosis.logs.flight_log import Series
@@ -35,9 +35,11 @@ def freed(problem, label):
 
 def test_noise_of_measured_rotor_speeds_is_no_inertia():
     # At one heading next to nothing is yaw moment but the noise, times the rotors' inertia.
-    quiet = logs(courses=SLOW)
-    clean, _ = freed(Problem([track_of(log) for log in quiet], nominal()), "inertia_error.zz")
-    measured = [track_of(noisy_rotor_speeds(log)) for log in quiet]
+    no_progress = logs(courses=SLOW)
+    clean, _ = freed(
+        Problem([track_of(log) for log in no_progress], nominal()), "inertia_error.zz"
+    )
+    measured = [track_of(noisy_rotor_speeds(log)) for log in no_progress]
     mean, deviation = freed(Problem(measured, nominal()), "inertia_error.zz")
     assert abs(mean - clean) < 2.0 * deviation
 
@@ -45,7 +47,7 @@ def test_noise_of_measured_rotor_speeds_is_no_inertia():
 @pytest.mark.parametrize(("course", "shown"), [(HIGH, False), (LANDING, True)])
 def test_what_shows_now_and_then_only_counts_by_these_moments(course, shown):
     problem = Problem(tracks(sensors="mocap", courses=course), nominal())
-    assert (PLACE["ground_effect.strength"] in problem.columns.open) is shown
+    assert (PLACE["ground_effect.strength"] in problem.columns.identifiable) is shown
 
 
 def test_stronger_thrust_is_not_charged_for_noise_of_measured_rotor_speeds():
@@ -59,8 +61,8 @@ def test_stronger_thrust_is_not_charged_for_noise_of_measured_rotor_speeds():
         k for k, c in enumerate(problem.channels[0]) if c.name in ("turning x", "turning y")
     ]
     for flight in range(len(flown)):
-        before = problem.linears[flight].left["fast"][:, turning].var(axis=0)
-        after = problem.left(fit, flight)["fast"][:, turning].var(axis=0)
+        before = problem.linears[flight].residual["fast"][:, turning].var(axis=0)
+        after = problem.residual(fit, flight)["fast"][:, turning].var(axis=0)
         assert np.all(after < before)
 
 

@@ -7,14 +7,22 @@ import pytest
 from measured_flights import HEALTHY, logs, nominal, tracks
 
 from tombo_diagnosis.flight.analyse import analyse
-from tombo_diagnosis.flight.candidates import PARAMETERS
 from tombo_diagnosis.flight.gust_fit import fit_gusts
-from tombo_diagnosis.flight.leftover import chance_powers, left_powers, leftovers
+from tombo_diagnosis.flight.haar_variance import SCALES_S, block_variances, pooled
+from tombo_diagnosis.flight.noise_statistics import (
+    fit_noise_effects,
+    imu_noise_statistics,
+    pose_noise_statistics,
+)
+from tombo_diagnosis.flight.parameters import PARAMETERS
 from tombo_diagnosis.flight.problem import Problem
-from tombo_diagnosis.flight.scatter import imu_figures, pose_figures, scatter_fits
-from tombo_diagnosis.flight.spectra import SCALES_S, block_variances, pooled
+from tombo_diagnosis.flight.residual_test import (
+    noise_variances,
+    residual_excesses,
+    residual_variances,
+)
 from tombo_diagnosis.flight.track import track_of
-from tombo_diagnosis.flight.verdict import best_scatter
+from tombo_diagnosis.flight.verdict import select_noise_fits
 
 NAMES = {p.index: p.label for p in PARAMETERS}
 DOUBLED = {
@@ -30,7 +38,7 @@ def healthy():
 
 
 def found(flights):
-    return best_scatter(scatter_fits(flights, nominal(), nominal().theta))
+    return select_noise_fits(fit_noise_effects(flights, nominal(), nominal().theta))
 
 
 def test_healthy_noise_is_no_finding(healthy):
@@ -58,7 +66,7 @@ def test_gaps_are_found_and_their_length():
 
 
 def test_figures_of_noise_are_its_deviations_whatever_the_flight(healthy):
-    imu, pose = imu_figures(healthy), pose_figures(healthy)
+    imu, pose = imu_noise_statistics(healthy), pose_noise_statistics(healthy)
     expected = HEALTHY["imu_noise"] | HEALTHY["mocap_noise"]
     for figures, name in ((imu, "gyro"), (imu, "accel"), (pose, "position"), (pose, "attitude")):
         assert math.exp(figures[name].value) == pytest.approx(expected[name], rel=0.1), name
@@ -67,7 +75,7 @@ def test_figures_of_noise_are_its_deviations_whatever_the_flight(healthy):
 
 
 def test_without_an_imu_its_noise_is_not_looked_for():
-    assert imu_figures(tracks(sensors="mocap", count=1)) == {}
+    assert imu_noise_statistics(tracks(sensors="mocap", count=1)) == {}
 
 
 def test_variances_of_white_noise_fall_with_the_block_and_drifts_do_not_count():
@@ -94,7 +102,10 @@ def test_flights_are_pooled_by_their_lengths_and_short_ones_do_not_spoil_it():
 def test_what_chance_leaves_is_what_healthy_flights_leave(healthy):
     """Every channel at every time scale, within a factor that sampling gives."""
     problem = Problem(healthy, nominal())
-    rest = leftovers(left_powers(problem, problem.nothing), chance_powers(problem, problem.theta))
+    rest = residual_excesses(
+        residual_variances(problem, problem.null_hypothesis),
+        noise_variances(problem, problem.theta),
+    )
     assert {each.channel for each in rest} == {c.name for c in problem.channels[0]}
     assert max(each.excess for each in rest) < 0.6
     assert [e.excess for e in rest] == sorted((e.excess for e in rest), reverse=True)
@@ -103,7 +114,9 @@ def test_what_chance_leaves_is_what_healthy_flights_leave(healthy):
 def test_gusts_are_fitted_with_strength_and_time():
     flights = tracks({"gusts": {"deviation": 0.9, "time": 0.8}}, seed=5)
     problem = Problem(flights, nominal())
-    fit = fit_gusts(problem, problem.nothing, left_powers(problem, problem.nothing))
+    fit = fit_gusts(
+        problem, problem.null_hypothesis, residual_variances(problem, problem.null_hypothesis)
+    )
     assert fit.evidence > 10.0 and not fit.at_edge
     assert abs(fit.deviation - 0.9) < max(0.2, 3.0 * fit.deviation_error)
     assert abs(math.log(fit.time / 0.8)) < max(0.5, 3.0 * fit.time_error / fit.time)
@@ -111,14 +124,16 @@ def test_gusts_are_fitted_with_strength_and_time():
 
 def test_healthy_air_is_no_finding(healthy):
     problem = Problem(healthy, nominal())
-    fit = fit_gusts(problem, problem.nothing, left_powers(problem, problem.nothing))
+    fit = fit_gusts(
+        problem, problem.null_hypothesis, residual_variances(problem, problem.null_hypothesis)
+    )
     assert fit.evidence < 1.0
 
 
 def test_gusts_are_named_by_the_whole_analysis():
     said = analyse(tracks({"gusts": {"deviation": 0.9, "time": 0.8}}, seed=6), nominal())
     assert said.judgement.verdict == "named" and said.judgement.effects == ("gusts",)
-    assert said.repeats < 0.1
+    assert said.residual_r2 < 0.1
 
 
 @pytest.mark.parametrize("unknown", ["tether", "thrust_hysteresis", "yaw_spring"])

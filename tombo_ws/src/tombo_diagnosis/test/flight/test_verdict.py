@@ -8,31 +8,44 @@ import pytest
 from measured_flights import nominal
 
 from tombo_diagnosis.flight.gust_fit import GustFit
-from tombo_diagnosis.flight.leftover import Leftover
-from tombo_diagnosis.flight.naming import ADDS, MORE, Explanation, Search, Way
-from tombo_diagnosis.flight.scatter import ScatterFit
-from tombo_diagnosis.flight.verdict import GATE, TELLS, best_scatter, judge
+from tombo_diagnosis.flight.model_selection import (
+    LOG_BF_ADDITIONAL,
+    LOG_BF_FIRST,
+    Explanation,
+    Hypothesis,
+    SearchResult,
+)
+from tombo_diagnosis.flight.noise_statistics import NoiseFit
+from tombo_diagnosis.flight.residual_test import ResidualExcess
+from tombo_diagnosis.flight.verdict import (
+    LOG_BF_DISTINCT,
+    MAX_LOG_VARIANCE_EXCESS,
+    judge,
+    select_noise_fits,
+)
 
-STRONG = 200.0 * ADDS
-PLAIN = 10.0 * ADDS
-QUIET = -1.0
-LOUD = GATE + 3.0
+STRONG = 200.0 * LOG_BF_FIRST
+PLAIN = 10.0 * LOG_BF_FIRST
+NO_NOISE = -1.0
+LOUD = MAX_LOG_VARIANCE_EXCESS + 3.0
 
 
 def explanation(*effects, evidence=STRONG):
-    return Explanation(tuple(Way(e, (k,)) for k, e in enumerate(effects)), None, evidence)
+    return Explanation(tuple(Hypothesis(e, (k,)) for k, e in enumerate(effects)), None, evidence)
 
 
 NOTHING = Explanation((), None, 0.0)
 
 
-def searched(best=NOTHING, *rivals):
-    singles = {e.effects[0]: e.evidence for e in (best, *rivals) if len(e.effects) == 1}
-    return Search(best, singles or {"wind": -2.0}, rivals)
+def searched(best=NOTHING, *alternatives):
+    single_log_bf = {
+        e.effects[0]: e.evidence for e in (best, *alternatives) if len(e.effects) == 1
+    }
+    return SearchResult(best, single_log_bf or {"wind": -2.0}, alternatives)
 
 
 def left(excess):
-    return [Leftover("force x", "m/s^2", 0.5, 0.1, 0.05, excess), Leftover(
+    return [ResidualExcess("force x", "m/s^2", 0.5, 0.1, 0.05, excess), ResidualExcess(
         "force y", "m/s^2", 0.5, 0.05, 0.05, -2.0)]  # fmt: skip
 
 
@@ -41,12 +54,19 @@ def blown(evidence=STRONG, at_edge=False):
 
 
 def noise(effect="imu_noise", evidence=STRONG, free=(3,)):
-    return ScatterFit(effect, free, (0.02,), (0.001,), evidence)
+    return NoiseFit(effect, free, (0.02,), (0.001,), evidence)
 
 
-def judged(found, excess=QUIET, noisy=(), gusts=None, repeats=0.0, explained=1.0):
+def judged(found, excess=NO_NOISE, noisy=(), gusts=None, residual_r2=0.0, explained=1.0):
     return judge(
-        found, noisy, gusts, left(excess), repeats, explained, removed=explained, nominal=nominal()
+        found,
+        noisy,
+        gusts,
+        left(excess),
+        residual_r2,
+        explained,
+        removed=explained,
+        nominal=nominal(),
     )
 
 
@@ -66,7 +86,7 @@ def test_a_cause_that_leaves_only_chance_is_named():
     assert said.confidence > 0.9 and said.each["wind"] > 0.9
 
 
-@pytest.mark.parametrize("evidence", [2 * ADDS, STRONG, 1000 * ADDS])
+@pytest.mark.parametrize("evidence", [2 * LOG_BF_FIRST, STRONG, 1000 * LOG_BF_FIRST])
 @pytest.mark.parametrize("explained", [0.0, 0.4])
 def test_nothing_is_named_when_much_is_left_over(evidence, explained):
     """However much the data speak for it: without this gate an unknown force gets a name."""
@@ -77,13 +97,13 @@ def test_nothing_is_named_when_much_is_left_over(evidence, explained):
 def test_what_explains_most_but_not_all_is_part_of_it():
     said = judged(searched(explanation("wind")), LOUD, explained=0.95)
     assert (said.verdict, said.effects) == ("partly_explained", ("wind",))
-    weak = judged(searched(explanation("wind", evidence=2 * ADDS)), LOUD, explained=0.95)
+    weak = judged(searched(explanation("wind", evidence=2 * LOG_BF_FIRST)), LOUD, explained=0.95)
     assert weak.verdict == "unknown"
 
 
 def test_causes_as_likely_as_each_other_are_a_set():
-    close = explanation("tilt", evidence=PLAIN - 0.5 * TELLS)
-    far = explanation("drag", evidence=PLAIN - 3 * TELLS)
+    close = explanation("tilt", evidence=PLAIN - 0.5 * LOG_BF_DISTINCT)
+    far = explanation("drag", evidence=PLAIN - 3 * LOG_BF_DISTINCT)
     said = judged(searched(explanation("wind", evidence=PLAIN), close, far))
     assert (said.verdict, said.effects, said.members) == (
         "set",
@@ -108,7 +128,7 @@ def test_what_rivals_share_does_not_make_them_alike():
     )
     found = searched(best, rival)
     assert judged(found).members
-    shared = replace(found, tried={frozenset({"wind"}): STRONG})
+    shared = replace(found, evaluated={frozenset({"wind"}): STRONG})
     said = judged(shared)
     assert (said.effects, said.members) == (("wind", "bias"), ())
 
@@ -124,13 +144,13 @@ def test_confidence_of_the_set_and_its_members_are_probabilities():
     close = explanation("tilt", evidence=STRONG)
     said = judged(searched(explanation("wind"), close))
     assert said.each["wind"] == pytest.approx(0.5, abs=0.02) == pytest.approx(said.each["tilt"])
-    faint = judged(searched(explanation("wind", evidence=ADDS + 0.1)))
+    faint = judged(searched(explanation("wind", evidence=LOG_BF_FIRST + 0.1)))
     for each in (said, faint):
         assert all(0.0 <= v < 1.0 for v in (each.confidence, *each.each.values()))
 
 
 def test_a_cause_that_barely_earned_its_place_is_less_sure():
-    faint = judged(searched(explanation("wind", evidence=ADDS + 0.1)))
+    faint = judged(searched(explanation("wind", evidence=LOG_BF_FIRST + 0.1)))
     assert faint.confidence < judged(searched(explanation("wind"))).confidence
 
 
@@ -147,8 +167,8 @@ def test_gusts_are_named_when_they_do_not_repeat():
 
 
 @pytest.mark.parametrize("gusts,repeats", [(blown(), 0.6), (blown(at_edge=True), 0.0)])
-def test_what_repeats_or_has_no_time_of_gusts_is_unknown(gusts, repeats):
-    said = judged(searched(), gusts=gusts, repeats=repeats, explained=0.0)
+def test_what_repeats_or_has_no_time_of_gusts_is_unknown(gusts, residual_r2):
+    said = judged(searched(), gusts=gusts, residual_r2=residual_r2, explained=0.0)
     assert said.verdict == "unknown" and not said.effects
 
 
@@ -177,7 +197,7 @@ def test_evidence_without_bounds_gives_probabilities(evidence):
 
 @pytest.mark.parametrize("tangent", [5e4, math.inf])
 def test_a_tangent_that_promised_what_the_model_does_not_keep_is_no_cause(tangent):
-    said = judged(Search(NOTHING, {"wind": tangent}, ()), explained=0.0)
+    said = judged(SearchResult(NOTHING, {"wind": tangent}, ()), explained=0.0)
     assert said.verdict == "none" and 0.0 <= said.confidence <= 1.0
 
 
@@ -187,25 +207,32 @@ def test_nothing_left_over_at_all_is_no_excess():
 
 
 def test_an_effect_of_chance_is_taken_by_its_best_way():
-    fits = [noise(evidence=ADDS + 1, free=(1,)), noise(evidence=ADDS + 9, free=(1, 2)),
-            noise("gyro", ADDS + 5), noise("faint", ADDS - 1), noise("odd", math.nan)]  # fmt: skip
-    assert [f.free for f in best_scatter(fits)][:1] == [(1, 2)]
-    assert [f.effect for f in best_scatter(fits)] == ["imu_noise", "gyro"]
+    fits = [
+        noise(evidence=LOG_BF_FIRST + 1, free=(1,)),
+        noise(evidence=LOG_BF_FIRST + 9, free=(1, 2)),
+        noise("gyro", LOG_BF_FIRST + 5),
+        noise("faint", LOG_BF_FIRST - 1),
+        noise("odd", math.nan),
+    ]
+    assert [f.free for f in select_noise_fits(fits)][:1] == [(1, 2)]
+    assert [f.effect for f in select_noise_fits(fits)] == ["imu_noise", "gyro"]
 
 
 def test_beside_a_strong_cause_a_weak_one_needs_more():
     # Alone either would do; by chance some effect nearly always looks a little likely.
-    weak = 0.5 * (ADDS + MORE)
+    weak = 0.5 * (LOG_BF_FIRST + LOG_BF_ADDITIONAL)
     said = judged(searched(explanation("mass_error", evidence=weak)), noisy=[noise()])
     assert said.verdict == "named" and said.effects == ("imu_noise",)
     said = judged(searched(explanation("mass_error")), noisy=[noise(evidence=weak)])
     assert said.effects == ("mass_error",)
-    said = judged(searched(explanation("mass_error", evidence=MORE + 1.0)), noisy=[noise()])
+    said = judged(
+        searched(explanation("mass_error", evidence=LOG_BF_ADDITIONAL + 1.0)), noisy=[noise()]
+    )
     assert set(said.effects) == {"mass_error", "imu_noise"}
 
 
 def test_rivals_of_a_cause_that_did_not_earn_its_place_are_no_set():
-    weak = 0.5 * (ADDS + MORE)
+    weak = 0.5 * (LOG_BF_FIRST + LOG_BF_ADDITIONAL)
     found = searched(
         explanation("mass_error", evidence=weak), explanation("thrust", evidence=weak - 1.0)
     )

@@ -11,7 +11,7 @@ from log_writers import table_text, write_bag, write_ulog
 from made_flight import made_flight
 
 from tombo_diagnosis.logs.log_names import flight_names
-from tombo_diagnosis.logs.reading import read_logs
+from tombo_diagnosis.logs.log_reader import read_logs
 from tombo_dynamics.errors import InputError
 
 FLIGHT = made_flight(duration=6.0, mocap_hz=50.0, imu_hz=100.0)

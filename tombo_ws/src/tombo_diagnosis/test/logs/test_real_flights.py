@@ -8,7 +8,7 @@ import pytest
 from tombo_diagnosis.checks import check_log
 from tombo_diagnosis.checks.rotor_order import rotor_order
 from tombo_diagnosis.logs.flight_log import Series
-from tombo_diagnosis.logs.reading import read_logs
+from tombo_diagnosis.logs.log_reader import read_logs
 
 FOLDER = Path(__file__).resolve().parents[6] / "shared" / "data" / "flights"
 CRASH = "B2_circle_medium_rep3"

@@ -10,7 +10,7 @@ from made_flight import made_flight, poses_only
 
 from tombo_bag.recording import Recording
 from tombo_diagnosis.logs.bag_log import read_bag
-from tombo_diagnosis.logs.reading import read_logs
+from tombo_diagnosis.logs.log_reader import read_logs
 from tombo_dynamics.errors import InputError
 
 BAGS = Path(__file__).parents[5] / "tests" / "bags"

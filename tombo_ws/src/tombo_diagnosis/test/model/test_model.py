@@ -11,26 +11,36 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tombo_diagnosis.diagnosis import VERDICTS, Cause, Diagnosis, FlightNote
+from tombo_diagnosis.diagnosis import VERDICTS, Cause, Diagnosis, FlightSummary
 from tombo_diagnosis.extend_model import model_of
 from tombo_dynamics.effects import REGISTRY, check_theta
 from tombo_dynamics.errors import InputError
-from tombo_flight.extended_model import Addition, Fitted, Gain, Model, Origin, Source, effects_over
+from tombo_flight.extended_model import (
+    FittedEffect,
+    FittedParameter,
+    Gain,
+    Model,
+    Origin,
+    Source,
+    merge_effects,
+)
 from tombo_flight.model_file import model_from_text, model_text, read_model, write_model
 
 DRAG = Cause(
     "linear_rotor_drag",
     (
-        Fitted("d_xy", "N s/m", 0.3, 0.45, 0.44, 0.46),
-        Fitted("d_z", "N s/m", 0.1, 0.12, 0.05, math.nan),
+        FittedParameter("d_xy", "N s/m", 0.3, 0.45, 0.44, 0.46),
+        FittedParameter("d_z", "N s/m", 0.1, 0.12, 0.05, math.nan),
     ),
     0.98,
     "force against the velocity",
     ((1e-4, 2e-6), (2e-6, 3e-4)),
 )
-WIND = Cause("steady_wind", (Fitted("east", "m/s", 0.0, 1.5, 1.2, 1.8),), 0.9, "a constant force")
+WIND = Cause(
+    "steady_wind", (FittedParameter("east", "m/s", 0.0, 1.5, 1.2, 1.8),), 0.9, "a constant force"
+)
 GAIN = Gain("force x", "m/s^2", "one step", 0.2, 0.05, 0.75, 0.7, 0.8, 6)
-FLIGHT = FlightNote("a", "a.mcap: MCAP", 31.0, 28.0, "imu", ("current",))
+FLIGHT = FlightSummary("a", "a.mcap: MCAP", 31.0, 28.0, "imu", ("current",))
 
 
 def diagnosis(*causes, verdict="named", **more):
@@ -97,7 +107,7 @@ def test_part_of_the_truth_is_put_in_and_nothing_is_not():
 
 @pytest.mark.parametrize("value", [99.0, -99.0])
 def test_a_value_that_no_simulation_takes_is_brought_to_its_bound_and_said(value):
-    wild = dataclasses.replace(WIND, theta=(Fitted("east", "m/s", 0.0, value, 1.0, 2.0),))
+    wild = dataclasses.replace(WIND, theta=(FittedParameter("east", "m/s", 0.0, value, 1.0, 2.0),))
     extended = model(wild)
     assert extended.effects["steady_wind"]["east"] == math.copysign(15.0, value)
     assert f"steady_wind.east: {value:g} was fitted" in extended.notes[0]
@@ -107,8 +117,10 @@ def test_a_value_that_no_simulation_takes_is_brought_to_its_bound_and_said(value
 def test_a_cause_that_can_t_be_flown_is_refused():
     for cause in (
         dataclasses.replace(WIND, effect="ghosts"),
-        dataclasses.replace(WIND, theta=(Fitted("up", "m/s", 0.0, 1.0, 0.0, 2.0),)),
-        dataclasses.replace(WIND, theta=(Fitted("east", "m/s", 0.0, math.nan, 0.0, 2.0),)),
+        dataclasses.replace(WIND, theta=(FittedParameter("up", "m/s", 0.0, 1.0, 0.0, 2.0),)),
+        dataclasses.replace(
+            WIND, theta=(FittedParameter("east", "m/s", 0.0, math.nan, 0.0, 2.0),)
+        ),
     ):
         with pytest.raises(InputError):
             model(cause)
@@ -116,7 +128,9 @@ def test_a_cause_that_can_t_be_flown_is_refused():
 
 def test_a_model_made_from_a_model_keeps_what_it_held():
     base = model(DRAG)
-    finer = dataclasses.replace(DRAG, theta=(Fitted("d_xy", "N s/m", 0.45, 0.5, 0.4, 0.6),))
+    finer = dataclasses.replace(
+        DRAG, theta=(FittedParameter("d_xy", "N s/m", 0.45, 0.5, 0.4, 0.6),)
+    )
     extended = model(finer, WIND, base=base)
     assert extended.effects == {
         "linear_rotor_drag": {"d_z": 0.12, "d_xy": 0.5},
@@ -130,7 +144,7 @@ def test_a_model_made_from_a_model_keeps_what_it_held():
 def test_is_laid_over_a_scenario_parameter_by_parameter():
     scenario = {"steady_wind": {"east": 1.0, "north": 2.0}, "imu_noise": {"gyro": 0.01}}
     before = {name: dict(values) for name, values in scenario.items()}
-    over = effects_over(scenario, model(WIND))
+    over = merge_effects(scenario, model(WIND))
     assert over == {"steady_wind": {"east": 1.5, "north": 2.0}, "imu_noise": {"gyro": 0.01}}
     assert scenario == before
 
@@ -143,11 +157,13 @@ def models(draw):
     for name in draw(st.lists(st.sampled_from(sorted(REGISTRY)), min_size=1, unique=True)):
         chosen = REGISTRY[name].theta[: draw(st.integers(1, len(REGISTRY[name].theta)))]
         theta = tuple(
-            Fitted(p.name, p.unit, draw(numbers), draw(st.floats(*p.bounds)), *[draw(numbers)] * 2)
+            FittedParameter(
+                p.name, p.unit, draw(numbers), draw(st.floats(*p.bounds)), *[draw(numbers)] * 2
+            )
             for p in chosen
         )
         matrix = [tuple(draw(numbers) for _ in theta) for _ in theta]
-        additions.append(Addition(name, theta, draw(st.floats(0.0, 1.0)), tuple(matrix)))
+        additions.append(FittedEffect(name, theta, draw(st.floats(0.0, 1.0)), tuple(matrix)))
     flights = tuple(Source(draw(texts), draw(texts), draw(numbers), "imu") for _ in range(2))
     origin = Origin(*[draw(texts) for _ in range(3)], 0.5, draw(texts), draw(texts), "", flights)
     gain = (Gain(draw(texts), "N", "1 s", *[draw(numbers) for _ in range(5)], 3),)
@@ -162,7 +178,11 @@ def test_any_model_survives_its_file(made):
 def test_numbers_of_numpy_are_written_as_numbers():
     odd = dataclasses.replace(
         WIND,
-        theta=(Fitted("east", "m/s", 0.0, np.float64(1.5), np.float64(1.2), np.float64(np.inf)),),
+        theta=(
+            FittedParameter(
+                "east", "m/s", 0.0, np.float64(1.5), np.float64(1.2), np.float64(np.inf)
+            ),
+        ),
         covariance=np.eye(1),  # type: ignore[arg-type]
     )
     read = model_from_text(model_text(model(odd)), "it")

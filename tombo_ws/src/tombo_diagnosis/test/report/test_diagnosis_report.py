@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from diagnosis_samples import EXPERIMENT, SUMMARY, sample
 
-from tombo_diagnosis.diagnosis import VERDICTS, Diagnosis, FlightNote, Residual
+from tombo_diagnosis.diagnosis import VERDICTS, Diagnosis, FlightSummary, Residual
 from tombo_diagnosis.logs.flight_log import Finding
 from tombo_diagnosis.report.diagnosis_report import diagnosis_html
 
@@ -166,7 +166,7 @@ def test_hostile_names_stay_text():
     hostile = dataclasses.replace(
         one,
         residuals=tuple(r),
-        flights=(FlightNote(EVIL, EVIL, 1.0, 1.0, EVIL, (EVIL,)),),
+        flights=(FlightSummary(EVIL, EVIL, 1.0, 1.0, EVIL, (EVIL,)),),
         prechecks=(Finding(EVIL, EVIL, EVIL, EVIL, 1.0, 2.0, EVIL),),
         causes=(dataclasses.replace(one.causes[0], effect=EVIL, signature=EVIL),),
         candidates=(dataclasses.replace(one.candidates[0], effect=EVIL, remark=EVIL),),

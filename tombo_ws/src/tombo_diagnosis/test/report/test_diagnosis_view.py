@@ -10,9 +10,9 @@ import pytest
 from diagnosis_samples import DRAG, MASS, sample
 
 from tombo_diagnosis.report import diagnosis_view as view
-from tombo_diagnosis.report.diagnosis_chart import Axis, Chart, nice_ticks
-from tombo_diagnosis.report.diagnosis_words import certainty, figure, interval, percent
-from tombo_flight.extended_model import Fitted
+from tombo_diagnosis.report.diagnosis_text import certainty, figure, interval, percent
+from tombo_diagnosis.report.svg_chart import Axis, Chart, nice_ticks
+from tombo_flight.extended_model import FittedParameter
 
 
 @pytest.fixture(scope="module")
@@ -134,7 +134,7 @@ def test_a_chart_puts_values_where_they_belong():
 )
 def test_values_have_the_digits_that_their_interval_allows(fitted, text):
     value, low, high = fitted
-    shown = interval(Fitted("a", "1", 0.0, value, low, high))
+    shown = interval(FittedParameter("a", "1", 0.0, value, low, high))
     assert tuple(s.replace("e−07", "e−7") for s in shown) == text
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tombo_diagnosis.stand.points import Points
+from tombo_diagnosis.stand.operating_points import OperatingPoints
 from tombo_dynamics.propeller import configuration, parameter_row, speed_of_maximum_thrust
 from tombo_dynamics.propeller.effects import Draws, Setup, predict
 
@@ -38,7 +38,7 @@ def setup(confs=(5, 9, 13), runs=1, steps=14, loads=True, share=0.65) -> Setup:
     )  # fmt: skip
 
 
-def read(s: Setup, theta, channels=4, seed=0, draws=None, change=None) -> Points:
+def read(s: Setup, theta, channels=4, seed=0, draws=None, change=None) -> OperatingPoints:
     rng = np.random.default_rng(seed)
     drawn = draws or Draws.none(s)
     clean = predict(s, theta, drawn)
@@ -50,7 +50,7 @@ def read(s: Setup, theta, channels=4, seed=0, draws=None, change=None) -> Points
     readings[:, channels:] = np.nan
     readings[s.speed == 0.0, 2:] = np.nan
     props, runs = int(s.propeller.max()) + 1, int(s.run.max()) + 1
-    return Points(
+    return OperatingPoints(
         s, readings, sigma, tuple(f"run {k}" for k in range(runs)),
         tuple(f"propeller {k}" for k in range(props)), np.full(props, 0.1),
     )  # fmt: skip

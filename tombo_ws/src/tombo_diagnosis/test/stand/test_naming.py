@@ -9,19 +9,19 @@ import pytest
 import stands
 
 from tombo_diagnosis.stand.analyse import analyse
-from tombo_diagnosis.stand.causes import causes, scores
-from tombo_diagnosis.stand.departure import departures, extending
-from tombo_diagnosis.stand.gain import held_out
-from tombo_diagnosis.stand.leftover import curves
+from tombo_diagnosis.stand.cause_estimates import causes, scores
+from tombo_diagnosis.stand.cross_validation import held_out
+from tombo_diagnosis.stand.experiment_design import separate
+from tombo_diagnosis.stand.model_differences import differences_from_model, model_extending_causes
+from tombo_diagnosis.stand.model_selection import Hypothesis, fit_hypotheses
 from tombo_diagnosis.stand.problem import Problem
-from tombo_diagnosis.stand.repeats import repeats
-from tombo_diagnosis.stand.search import Way, explain
-from tombo_diagnosis.stand.separate import separate
-from tombo_diagnosis.stand.verdict import LEFT
+from tombo_diagnosis.stand.repeatability import repeats
+from tombo_diagnosis.stand.residual_test import fit_residual_curves
+from tombo_diagnosis.stand.verdict import LOG_BF_CURVES
 from tombo_dynamics.propeller.effects import STAND_EFFECTS, Draws
 
 SETUP = stands.setup()
-HAS_MEAN = [n for n, e in STAND_EFFECTS.items() if not e.chance and "tombo" in e.models]
+HAS_MEAN = [n for n, e in STAND_EFFECTS.items() if not e.stochastic and "tombo" in e.models]
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -101,8 +101,8 @@ def test_a_shape_that_nobody_named_gets_no_name():
 
     found = analyse(stands.read(SETUP, {}, change=wavy))
     assert found.judgement.verdict == "unknown"
-    assert found.judgement.left.channel == "thrust"
-    assert found.judgement.left.size > 0.01
+    assert found.judgement.residual_curves.channel == "thrust"
+    assert found.judgement.residual_curves.size > 0.01
 
 
 def test_free_curves_find_what_a_cause_leaves_and_nothing_on_a_healthy_stand():
@@ -113,8 +113,10 @@ def test_free_curves_find_what_a_cause_leaves_and_nothing_on_a_healthy_stand():
 
     for change, something in ((wavy, True), (None, False)):
         problem = Problem(stands.read(SETUP, {"thrust_gain": (0.1,)}, change=change))
-        known = explain(problem, (Way("thrust_gain", problem.open("thrust_gain")),))
-        assert (curves(problem, known.fit).evidence > LEFT) is something
+        known = fit_hypotheses(
+            problem, (Hypothesis("thrust_gain", problem.identifiable("thrust_gain")),)
+        )
+        assert (fit_residual_curves(problem, known.fit).evidence > LOG_BF_CURVES) is something
 
 
 def again(share):
@@ -145,7 +147,7 @@ def test_runs_that_differ_by_a_share_are_no_speed_noise(share, channels):
     assert "differ" in told
     percent = float(told.split("differ by ")[1].split(" %")[0])
     assert percent == pytest.approx(100.0 * share, abs=0.4)
-    assert not extending(causes(found))  # nothing that other runs would share
+    assert not model_extending_causes(causes(found))  # nothing that other runs would share
 
 
 def test_runs_that_agree_are_said_to():
@@ -157,8 +159,12 @@ def test_runs_that_agree_are_said_to():
 def test_levels_of_runs_keep_speed_noise_from_taking_their_place():
     """The gate: beside noise that was made to fit, a level for each run still explains more."""
     problem = Problem(again(0.1)(1, 0))
-    noise = explain(problem, (Way("speed_noise", (), 4.0),))
-    assert curves(problem, noise.fit).evidence > LEFT > curves(problem, noise.fit, False).evidence
+    noise = fit_hypotheses(problem, (Hypothesis("speed_noise", (), 4.0),))
+    assert (
+        fit_residual_curves(problem, noise.fit).evidence
+        > LOG_BF_CURVES
+        > fit_residual_curves(problem, noise.fit, False).evidence
+    )
 
 
 def test_speed_noise_stays_speed_noise_with_two_runs():
@@ -172,14 +178,16 @@ def test_speed_noise_stays_speed_noise_with_two_runs():
 def test_what_the_model_has_and_these_runs_have_not_is_a_departure():
     base = {"thrust_tare": (0.147,)}
     absent = causes(analyse(stands.read(SETUP, {}, seed=7), base=base))
-    [told] = departures(absent)
+    [told] = differences_from_model(absent)
     assert told.startswith("the model’s thrust tare 0.147 N is not in these runs (")
-    assert not extending(absent)
+    assert not model_extending_causes(absent)
     more = causes(analyse(stands.read(SETUP, {"thrust_tare": (0.6,)}, seed=7), base=base))
-    [told] = departures(more)
+    [told] = differences_from_model(more)
     assert told.endswith("N in these runs, 0.147 N in the model")
-    assert [c.effect for c in extending(more)] == ["thrust_tare"]
-    assert departures(causes(analyse(stands.read(SETUP, {"thrust_tare": (0.6,)})))) == []
+    assert [c.effect for c in model_extending_causes(more)] == ["thrust_tare"]
+    assert (
+        differences_from_model(causes(analyse(stands.read(SETUP, {"thrust_tare": (0.6,)})))) == []
+    )
 
 
 def test_two_causes_are_both_found():
@@ -241,10 +249,10 @@ def test_a_name_is_withheld_where_free_curves_find_more_beside_it():
 
     clean = analyse(stands.read(SETUP, {"thrust_gain": (0.1,)}, seed=9))
     assert clean.judgement.verdict == "named"
-    assert clean.judgement.left.evidence < LEFT
+    assert clean.judgement.residual_curves.evidence < LOG_BF_CURVES
     found = analyse(stands.read(SETUP, {"thrust_gain": (0.1,)}, seed=9, change=resonant))
     judgement, best = found.judgement, found.search.best
     assert best.effects == ("thrust_gain",)
     assert best.evidence > judgement.free.evidence + 10.0  # only what is left can tell
-    assert judgement.left.evidence > LEFT
+    assert judgement.residual_curves.evidence > LOG_BF_CURVES
     assert judgement.verdict == "partly_explained"

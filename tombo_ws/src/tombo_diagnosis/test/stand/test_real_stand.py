@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tombo_diagnosis.stand.diagnose import diagnose_stand
-from tombo_diagnosis.stand.reading import read_stand
+from tombo_diagnosis.stand.table_reader import read_stand
 
 FOLDER = Path(__file__).parents[6] / "shared" / "data" / "thrust_stand"
 FILE = FOLDER / "bitcraze2021_cf21_stock_prop.csv"

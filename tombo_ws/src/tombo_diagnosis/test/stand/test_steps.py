@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tombo_diagnosis.stand.change_points import step_of
 from tombo_diagnosis.stand.plateaus import plateaus
-from tombo_diagnosis.stand.reading import read_stand
-from tombo_diagnosis.stand.steps import step_of
+from tombo_diagnosis.stand.table_reader import read_stand
 
 UP = np.linspace(0.25, 1.0, 16)
 WAYS = {

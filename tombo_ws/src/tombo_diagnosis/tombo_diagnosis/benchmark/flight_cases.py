@@ -12,17 +12,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tombo_diagnosis.flight.candidates import PARAMETERS, Parameter
-from tombo_dynamics.disturbance import SHAPES
+from tombo_diagnosis.flight.parameters import PARAMETERS, Parameter
+from tombo_dynamics.disturbance import DISTURBANCES
 from tombo_flight.scenario import load_scenario
 
 SIZES = {"small": 0.25, "medium": 0.5, "large": 1.0}
 """Share of the size that clearly matters (`typical` in the registry)."""
 KINDS = (("none", 0.2), ("single", 0.5), ("pair", 0.1), ("unknown", 0.2))
 FORMULATIONS = (("imu_rpm", 0.35), ("imu", 0.25), ("mocap_rpm", 0.2), ("mocap", 0.2))
-NOT_FLOWN = frozenset({"contact_force", "blade_strike", "propeller_wear"})
+EXCLUDED_EFFECTS = frozenset({"contact_force", "blade_strike", "propeller_wear"})
 """Effects of contact: the flights of the benchmark touch nothing."""
-UNSEEN = frozenset({"mocap_misalignment.yaw"})
+UNOBSERVABLE_PARAMETERS = frozenset({"mocap_misalignment.yaw"})
 """No flight can show it: physics does not know where north is."""
 _ALIASES = frozenset({"body_push"})
 """Shapes that without an IMU are the same as an effect: a constant push in body axes is a thrust
@@ -35,7 +35,7 @@ _NOISES = (
 _IMU_ONLY = ("imu_", "accel_scale")
 """Effects that only an IMU shows."""
 NOMINAL = {
-    **{n: e for n, e in load_scenario("no_obstacle").effects.items() if n not in NOT_FLOWN},
+    **{n: e for n, e in load_scenario("no_obstacle").effects.items() if n not in EXCLUDED_EFFECTS},
     "thrust_scatter": {"deviation": 0.01},
 }
 """What the nominal model knows: the paper's flight, with a matched set of propellers."""
@@ -72,7 +72,7 @@ def make_case(seed: int, number: int, flights: int = 3) -> Case:
     kind = _draw(rng, KINDS)
     formulation = _draw(rng, FORMULATIONS)
     effects: Effects = {name: dict(values) for name, values in NOMINAL.items()}
-    _leave_tolerances(effects, rng)
+    _perturb_within_tolerances(effects, rng)
     hidden: list[str] = []
     shift: dict[str, float] = {}
     size = "" if kind == "none" else str(rng.choice(list(SIZES)))
@@ -80,7 +80,7 @@ def make_case(seed: int, number: int, flights: int = 3) -> Case:
     if kind in ("single", "pair"):
         if kind == "pair" and size == "small":
             size = "medium"
-        candidates = effects_that_show(formulation)
+        candidates = observable_effects(formulation)
         for name in rng.choice(candidates, 1 if kind == "single" else 2, replace=False):
             hidden.append(str(name))
             factor = SIZES[size] * float(rng.uniform(0.8, 1.25))
@@ -93,7 +93,9 @@ def make_case(seed: int, number: int, flights: int = 3) -> Case:
                 effects[str(name)][parameter.name] = value
                 shift[label] = value - nominal_value(parameter)
     elif kind == "unknown":
-        shapes = [s for s in SHAPES if not (s in _ALIASES and formulation.startswith("mocap"))]
+        shapes = [
+            s for s in DISTURBANCES if not (s in _ALIASES and formulation.startswith("mocap"))
+        ]
         name = str(rng.choice(shapes))
         hidden.append(name)
         factor = {"small": 0.8, "medium": 1.2, "large": 2.0}[size]
@@ -104,14 +106,14 @@ def make_case(seed: int, number: int, flights: int = 3) -> Case:
     )  # fmt: skip
 
 
-def effects_that_show(formulation: str) -> list[str]:
+def observable_effects(formulation: str) -> list[str]:
     """Return the effects that flights with these sensors can show at all."""
     names = list(dict.fromkeys(p.effect for p in PARAMETERS))
     blind = _IMU_ONLY if formulation.startswith("mocap") else ()
     return (
-        [n for n in names if n not in NOT_FLOWN and not n.startswith(blind)]
+        [n for n in names if n not in EXCLUDED_EFFECTS and not n.startswith(blind)]
         if blind
-        else [n for n in names if n not in NOT_FLOWN]
+        else [n for n in names if n not in EXCLUDED_EFFECTS]
     )
 
 
@@ -125,11 +127,11 @@ def _draw(rng: np.random.Generator, table: tuple[tuple[str, float], ...]) -> str
     return str(rng.choice(names, p=np.array(weights) / sum(weights)))
 
 
-def _leave_tolerances(effects: Effects, rng: np.random.Generator) -> None:
+def _perturb_within_tolerances(effects: Effects, rng: np.random.Generator) -> None:
     """Put every parameter off its nominal value by what a careful lab leaves."""
     for p in PARAMETERS:
         off = p.tolerance * float(rng.standard_normal())
-        if p.effect in NOT_FLOWN or p.effect in ("mocap_dropouts", "thrust_scatter"):
+        if p.effect in EXCLUDED_EFFECTS or p.effect in ("mocap_dropouts", "thrust_scatter"):
             continue
         if p.label == "gusts.time":
             continue
@@ -141,7 +143,7 @@ def _leave_tolerances(effects: Effects, rng: np.random.Generator) -> None:
 
 def _shift(name: str, factor: float, rng: np.random.Generator) -> dict[Parameter, float]:
     """Return how far the hidden effect's parameters are moved: `factor` of what matters."""
-    own = [p for p in PARAMETERS if p.effect == name and p.label not in UNSEEN]
+    own = [p for p in PARAMETERS if p.effect == name and p.label not in UNOBSERVABLE_PARAMETERS]
     if name == "gusts":
         deviation, time = own
         return {deviation: factor * deviation.scale, time: float(rng.uniform(-0.5, 1.0))}
@@ -175,7 +177,7 @@ def _disturbance(name: str, factor: float, rng: np.random.Generator) -> tuple[fl
         "yaw_spring": "moment", "thrust_hysteresis": "play",
     }  # fmt: skip
     values = []
-    for p in SHAPES[name].params:
+    for p in DISTURBANCES[name].params:
         value = p.typical
         if p.name == strength.get(name) or name == "body_push":
             value *= factor

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from tombo_diagnosis.benchmark.flight_examine import CHANCE
+from tombo_diagnosis.benchmark.flight_evaluation import STOCHASTIC_EFFECTS
 
 Row = Mapping[str, Any]
-_ASSERTS = ("named", "set")
-_SAYS = (*_ASSERTS, "partly_explained")
+_NAMING_VERDICTS = ("named", "set")
+_SAYS = (*_NAMING_VERDICTS, "partly_explained")
 _BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.98, 1.0)
 
 
@@ -33,12 +33,12 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
     single = [r for r in rows if r["kind"] == "single"]
     for size in ("large", "medium", "small"):
         own = [r for r in single if r["size"] == size]
-        result[f"top1_{size}"] = _share(own, _first_is_right)
+        result[f"top1_{size}"] = _share(own, _top1_correct)
         result[f"top1_{size}_cases"] = len(own)
     named = [r for r in rows if r["verdict"] == "named"]
     result["right_if_named"] = _share(named, lambda r: set(r["causes"]) <= set(r["hidden"]))
     result["named_cases"] = len(named)
-    told = [r for r in single if r["verdict"] in _ASSERTS]
+    told = [r for r in single if r["verdict"] in _NAMING_VERDICTS]
     result["truth_in_set"] = _share(told, lambda r: r["hidden"][0] in _answered(r))
     sizes = [len(_answered(r)) for r in told]
     result["mean_set_size"] = float(np.mean(sizes)) if sizes else None
@@ -48,7 +48,7 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
     result["false_alarm_upper"] = _upper(alarms, len(healthy))
     result["healthy_cases"] = len(healthy)
     unknown = [r for r in rows if r["kind"] == "unknown"]
-    result["unknown_wrongly_named"] = _share(unknown, lambda r: r["verdict"] in _ASSERTS)
+    result["unknown_wrongly_named"] = _share(unknown, lambda r: r["verdict"] in _NAMING_VERDICTS)
     result["unknown_partly_explained"] = _share(
         unknown, lambda r: r["verdict"] == "partly_explained"
     )
@@ -61,7 +61,9 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
     errors = [(e, v) for r in rows for e, v in r.get("parameters", {}).items()]
     for suffix, mean in (("", True), ("_chance", False)):
         own_errors = [
-            v["error"] for e, v in errors if (e not in CHANCE) is mean and v["error"] is not None
+            v["error"]
+            for e, v in errors
+            if (e not in STOCHASTIC_EFFECTS) is mean and v["error"] is not None
         ]
         median, p90 = (
             (float(np.median(own_errors)), float(np.quantile(own_errors, 0.9)))
@@ -85,7 +87,7 @@ def _answered(row: Row) -> set[str]:
     return {*row["causes"], *row["set"]}
 
 
-def _first_is_right(row: Row) -> bool:
+def _top1_correct(row: Row) -> bool:
     return row["verdict"] in _SAYS and row["causes"][:1] == row["hidden"]
 
 

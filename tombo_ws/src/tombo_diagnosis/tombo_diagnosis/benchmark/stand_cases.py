@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_diagnosis.benchmark.stand_shapes import SHAPES
+from tombo_diagnosis.benchmark.unmodelled_effects import UNMODELLED_EFFECTS
+from tombo_diagnosis.stand.operating_points import OperatingPoints
 from tombo_diagnosis.stand.parameters import HEALTHY_SHARE, Parameter, parameters
-from tombo_diagnosis.stand.points import Points
 from tombo_dynamics.propeller import configuration, parameter_row, speed_of_maximum_thrust
 from tombo_dynamics.propeller.effects import STAND_EFFECTS, Draws, Setup, predict
 
@@ -49,7 +49,7 @@ class Case:
     hidden: tuple[str, ...]
     shift: Mapping[str, float]
     """effect.parameter -> hidden value less its null, tolerances included."""
-    points: Points
+    points: OperatingPoints
 
 
 def make_case(seed: int, number: int) -> Case:
@@ -84,9 +84,9 @@ def make_case(seed: int, number: int) -> Case:
     )
     clean = predict(setup, values, draws)
     if kind == "unknown":
-        can = [n for n in SHAPES if stand != "thrust" or n not in _TORQUE_SHAPES]
+        can = [n for n in UNMODELLED_EFFECTS if stand != "thrust" or n not in _TORQUE_SHAPES]
         hidden = (str(rng.choice(can)),)
-        shaped = SHAPES[hidden[0]](clean, setup, _UNKNOWN[size], rng)
+        shaped = UNMODELLED_EFFECTS[hidden[0]](clean, setup, _UNKNOWN[size], rng)
         clean = np.where((setup.speed > 0.0)[:, None], shaped, clean)
     return Case(number, kind, size, stand, hidden, shift, _read(clean, setup, stand, names, rng))
 
@@ -161,7 +161,7 @@ def _read(
     stand: str,
     names: tuple[tuple[str, ...], ...],
     rng: np.random.Generator,
-) -> Points:
+) -> OperatingPoints:
     """Add noise with heavy tails, and leave out what the stand has not."""
     said = np.array([
         rng.uniform(0.002, 0.005) * setup.largest_thrust,
@@ -177,12 +177,12 @@ def _read(
     readings[:, have:] = np.nan
     readings[setup.speed == 0.0, 2:] = np.nan
     stiffness = np.full(len(names[1]), np.nan)
-    return Points(setup, readings, sigma, names[0], names[1], stiffness)
+    return OperatingPoints(setup, readings, sigma, names[0], names[1], stiffness)
 
 
 def _healthy(p: Parameter, rng: np.random.Generator) -> float:
     """Return how far a parameter is off its null on a healthy stand."""
-    if p.chance:
+    if p.stochastic:
         return HEALTHY_SHARE[p.effect] * p.scale
     off = p.tolerance * float(rng.standard_normal())
     return abs(off) if p.null <= p.low else off
@@ -192,8 +192,8 @@ def _moved(
     p: Parameter, base: float, factor: float, name: str, rng: np.random.Generator, setup: Setup
 ) -> float:
     """Return a parameter's hidden value: `factor` of what matters from its null, either way."""
-    if p.chance or p.null <= p.low:
-        return float(min(p.null + factor * p.scale + (base - p.null) * (not p.chance), p.high))
+    if p.stochastic or p.null <= p.low:
+        return float(min(p.null + factor * p.scale + (base - p.null) * (not p.stochastic), p.high))
     side = -1.0 if rng.random() < 0.5 else 1.0
     if name == "torsion_constant":
         factor = 1.0 - min(factor * p.scale, 0.9)  # as much stiffer as softer, on a logarithm

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from functools import partial
 
-from tombo_diagnosis.benchmark.run_cases import run_cases
-from tombo_diagnosis.benchmark.stand_examine import examine
+from tombo_diagnosis.benchmark.runner import run_benchmark
+from tombo_diagnosis.benchmark.stand_evaluation import examine
 from tombo_diagnosis.benchmark.stand_score import aggregate
 
-benchmark = partial(run_cases, examine, aggregate)
+benchmark = partial(run_benchmark, examine, aggregate)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from tombo_diagnosis.checks.motion import WIDTH
 from tombo_diagnosis.checks.spans import Array, runs, step_of
-from tombo_diagnosis.checks.stamps import jitter
+from tombo_diagnosis.checks.timestamps import jitter
 from tombo_diagnosis.logs.flight_log import Series
 from tombo_diagnosis.logs.frames import is_usable
 from tombo_dynamics.vehicle import GRAVITY

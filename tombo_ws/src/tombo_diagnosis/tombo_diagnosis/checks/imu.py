@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tombo_diagnosis.checks.agreement import Alignment, alignment, lateness
 from tombo_diagnosis.checks.motion import Motion
+from tombo_diagnosis.checks.pose_imu_consistency import Alignment, alignment, time_offset
 from tombo_diagnosis.checks.spans import Array, Mask
 from tombo_diagnosis.checks.unit_mistakes import guess
 from tombo_diagnosis.logs.flight_log import Finding, Series
@@ -65,7 +65,7 @@ def check_gyro(flight: str, motion: Motion) -> tuple[list[Finding], float | None
 
     Returns the findings and the size of the gyro's rates against those of the attitude.
     """
-    late = lateness(motion)
+    late = time_offset(motion)
     together = alignment(motion, late.lag if late else 0.0)
     if together is None or together.explained < 0.3:
         return _loud_gyro(flight, motion)

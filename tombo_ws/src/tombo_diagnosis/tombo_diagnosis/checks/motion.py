@@ -12,7 +12,7 @@ from tombo_diagnosis.checks.gaps import gap_spans
 from tombo_diagnosis.checks.spans import Array, Mask, Span, inside
 from tombo_diagnosis.logs.flight_log import Series
 from tombo_diagnosis.logs.frames import is_usable
-from tombo_dynamics.rotation import continuous
+from tombo_dynamics.rotation import unwrap_quaternions
 
 RATE = 50.0
 """Hz of the even clock."""
@@ -61,7 +61,7 @@ def motion_of(
             spoiled |= (t < series.t[0]) | (t > series.t[-1])
     p = _sampled(position, t)
     usable = is_usable(attitude.values)
-    q = _sampled(Series(attitude.t[usable], continuous(attitude.values[usable])), t)
+    q = _sampled(Series(attitude.t[usable], unwrap_quaternions(attitude.values[usable])), t)
     q /= np.maximum(np.linalg.norm(q, axis=1, keepdims=True), 1e-9)
     sigma = WIDTH * RATE
     smooth = gaussian_filter1d(q, sigma, axis=0)

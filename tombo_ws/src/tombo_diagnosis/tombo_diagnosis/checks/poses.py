@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tombo_diagnosis.checks.agreement import force_response, lean_response
 from tombo_diagnosis.checks.motion import Motion
+from tombo_diagnosis.checks.pose_imu_consistency import force_response, tilt_response
 from tombo_diagnosis.checks.spans import Array
 from tombo_diagnosis.checks.unit_mistakes import guess
 from tombo_diagnosis.logs.flight_log import Series
@@ -29,7 +29,7 @@ def check_attitude(flight: str, attitude: Series) -> None:
         )
 
 
-def check_lean(flight: str, motion: Motion) -> None:
+def check_tilt(flight: str, motion: Motion) -> None:
     """Refuse attitudes that lean far for long while the track is calm.
 
     Raises:
@@ -67,7 +67,7 @@ def check_poses(flight: str, motion: Motion, scale: float | None, imu: bool) -> 
     Raises:
         InputError: says what is seen and what is expected.
     """
-    lean = lean_response(motion)
+    lean = tilt_response(motion)
     size = _size(motion)
     if scale is not None and not 0.33 < scale < 3.0 and not 0.2 < size < 5.0:
         raise InputError(
@@ -85,7 +85,7 @@ def check_poses(flight: str, motion: Motion, scale: float | None, imu: bool) -> 
 
 def _size(motion: Motion) -> float:
     """Return how much the track accelerates against what its lean gives; 1: not known."""
-    response = lean_response(motion)
+    response = tilt_response(motion)
     if response is None or response[1] < 0.3:
         return 1.0
     return float(np.linalg.norm(response[0]) / np.sqrt(2.0))

@@ -8,16 +8,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_diagnosis.flight.events import Event, momentary, set_apart
 from tombo_diagnosis.flight.gust_fit import GustFit, fit_gusts
-from tombo_diagnosis.flight.leftover import Leftover, Powers, chance_powers, left_powers, leftovers
-from tombo_diagnosis.flight.naming import ADDS, Search, search
-from tombo_diagnosis.flight.nominal import Nominal
-from tombo_diagnosis.flight.predictable import foretold
+from tombo_diagnosis.flight.model_selection import LOG_BF_FIRST, SearchResult, search
+from tombo_diagnosis.flight.noise_statistics import NoiseFit, fit_noise_effects
+from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.problem import Problem
-from tombo_diagnosis.flight.scatter import ScatterFit, scatter_fits
+from tombo_diagnosis.flight.residual_predictability import cross_validated_r2
+from tombo_diagnosis.flight.residual_test import (
+    ResidualExcess,
+    ScaleVariances,
+    noise_variances,
+    residual_excesses,
+    residual_variances,
+)
 from tombo_diagnosis.flight.track import Track
-from tombo_diagnosis.flight.verdict import Judgement, best_scatter, judge
+from tombo_diagnosis.flight.transients import Transient, exclude_transients, find_transients
+from tombo_diagnosis.flight.verdict import Judgement, judge, select_noise_fits
 
 Progress = Callable[[str, float], None]
 _FORCES = ("force", "acceleration")
@@ -33,73 +39,87 @@ class Findings:
     """All that the analysis came to, before it is put into words."""
 
     problem: Problem
-    search: Search
-    scatter: tuple[ScatterFit, ...]
+    search: SearchResult
+    scatter: tuple[NoiseFit, ...]
     """Effects of chance that earn their place."""
-    every_scatter: tuple[ScatterFit, ...]
+    all_noise_fits: tuple[NoiseFit, ...]
     """All of them that were looked at."""
     gusts: GustFit | None
-    expected: Powers
+    expected: ScaleVariances
     """What chance leaves over, as far as it is explained."""
-    leftovers: tuple[Leftover, ...]
-    repeats: float
+    residual_excesses: tuple[ResidualExcess, ...]
+    residual_r2: float
     judgement: Judgement
-    events: tuple[Event, ...] = ()
+    events: tuple[Transient, ...] = ()
     """Moments that were set apart."""
 
 
-def quiet(stage: str, share: float) -> None:
+def no_progress(stage: str, share: float) -> None:
     """Report nothing."""
 
 
-def analyse(tracks: Sequence[Track], nominal: Nominal, progress: Progress = quiet) -> Findings:
+def analyse(
+    tracks: Sequence[Track], nominal: NominalModel, progress: Progress = no_progress
+) -> Findings:
     """Name what the flights call for; where moments do not fit, without these moments."""
     findings = _analysed(tracks, nominal, progress)
     if findings.judgement.verdict in _DOUBTS:
-        events = momentary(findings.problem, findings.search.best.fit)
+        events = find_transients(findings.problem, findings.search.best.fit)
         if events:
             progress("again without moments that do not fit", 0.6)
-            calm = set_apart(tracks, events)
-            return replace(_analysed(calm, nominal, quiet), events=tuple(events))
+            without_transients = exclude_transients(tracks, events)
+            return replace(
+                _analysed(without_transients, nominal, no_progress), events=tuple(events)
+            )
     return findings
 
 
-def _analysed(tracks: Sequence[Track], nominal: Nominal, progress: Progress) -> Findings:
+def _analysed(tracks: Sequence[Track], nominal: NominalModel, progress: Progress) -> Findings:
     progress("predicting", 0.0)
     problem = Problem(tracks, nominal)
     progress("naming", 0.3)
     found = search(problem, lambda share: progress("naming", 0.3 + 0.3 * share))
     progress("looking at what is left over", 0.6)
     # Of a vehicle that the suite does not know, healthy noise is not known either.
-    fits = [] if nominal.calibrated else scatter_fits(tracks, nominal, problem.theta)
-    noisy = best_scatter(fits)
+    fits = [] if nominal.calibrated else fit_noise_effects(tracks, nominal, problem.theta)
+    noise_fits = select_noise_fits(fits)
     theta = found.best.fit.theta.copy()
     for fit in sorted(fits, key=lambda each: each.evidence):
-        if fit in noisy or _healthy(fit, theta, nominal):
+        if fit in noise_fits or _within_tolerance(fit, theta, nominal):
             theta[list(fit.free)] = fit.value
-    measured = left_powers(problem, found.best.fit)
-    expected = chance_powers(problem, theta)
-    before = left_powers(problem, problem.nothing)
+    measured = residual_variances(problem, found.best.fit)
+    expected = noise_variances(problem, theta)
+    before = residual_variances(problem, problem.null_hypothesis)
     explained, removed = _explained(before, measured, expected)
-    rest = leftovers(measured, expected)
+    rest = residual_excesses(measured, expected)
     gusts = None
-    repeats = 0.0
-    loud = any(each.excess > 0.0 and each.channel.startswith(_FORCES) for each in rest)
-    if loud:
-        repeats = foretold(problem, found.best.fit, _FORCES)
-    if loud and not nominal.calibrated:
+    residual_r2 = 0.0
+    forces_unexplained = any(
+        each.excess > 0.0 and each.channel.startswith(_FORCES) for each in rest
+    )
+    if forces_unexplained:
+        residual_r2 = cross_validated_r2(problem, found.best.fit, _FORCES)
+    if forces_unexplained and not nominal.calibrated:
         blown = fit_gusts(problem, replace(found.best.fit, theta=theta), measured)
-        if blown.evidence > ADDS:
+        if blown.evidence > LOG_BF_FIRST:
             gusts = blown
-            expected = chance_powers(problem, blown.theta)
-            rest = leftovers(measured, expected)
-    judgement = judge(found, noisy, gusts, rest, repeats, explained, removed, nominal)
+            expected = noise_variances(problem, blown.theta)
+            rest = residual_excesses(measured, expected)
+    judgement = judge(found, noise_fits, gusts, rest, residual_r2, explained, removed, nominal)
     return Findings(
-        problem, found, tuple(noisy), tuple(fits), gusts, expected, tuple(rest), repeats, judgement
+        problem,
+        found,
+        tuple(noise_fits),
+        tuple(fits),
+        gusts,
+        expected,
+        tuple(rest),
+        residual_r2,
+        judgement,
     )
 
 
-def _healthy(fit: ScatterFit, theta: NDArray[np.float64], nominal: Nominal) -> bool:
+def _within_tolerance(fit: NoiseFit, theta: NDArray[np.float64], nominal: NominalModel) -> bool:
     """Return whether noise is within a few tolerances of its nominal value."""
     return len(fit.free) == 1 and all(
         abs(value - float(theta[i])) < _HEALTHY * nominal.parameters[i].tolerance
@@ -107,15 +127,17 @@ def _healthy(fit: ScatterFit, theta: NDArray[np.float64], nominal: Nominal) -> b
     )
 
 
-def _explained(before: Powers, after: Powers, expected: Powers) -> tuple[float, float]:
+def _explained(
+    before: ScaleVariances, after: ScaleVariances, expected: ScaleVariances
+) -> tuple[float, float]:
     """Return the shares of the excess that an explanation takes away.
 
     The mean over the channels that it concerns, and of the sum over all channels.
     """
-    worst = {each.channel: each for each in leftovers(after, expected)}
+    worst = {each.channel: each for each in residual_excesses(after, expected)}
     concerned = []
     total = rest = 0.0
-    for was in leftovers(before, expected):
+    for was in residual_excesses(before, expected):
         now = worst[was.channel]
         much = max((was.measured / was.expected) ** 2 - 1.0, 0.0)
         less = max((now.measured / now.expected) ** 2 - 1.0, 0.0)

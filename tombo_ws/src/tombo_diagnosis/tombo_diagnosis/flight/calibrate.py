@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from tombo_diagnosis.flight.nominal import Nominal
+from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.track import Track, track_of
 from tombo_diagnosis.logs.flight_log import Airframe, FlightLog, Series
 from tombo_dynamics.errors import InputError
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 _HOVER_SPEED = 1000.0
 """rad/s that stands for hover: only thrust counts, speeds are a way to write it."""
-_TAKEN = frozenset(
+_ABSORBED_PARAMETERS = frozenset(
     {
         "mass_error.fraction",
         "thrust_coefficient_error.fraction",
@@ -37,7 +37,7 @@ _TAKEN = frozenset(
 )
 
 
-_THRUST = frozenset(
+_THRUST_PARAMETERS = frozenset(
     {
         "mass_error.fraction",
         "thrust_coefficient_error.fraction",
@@ -66,7 +66,7 @@ class _Parabola:
         return 0.01 * self.thrust(omega)
 
 
-def calibrated(logs: Sequence[FlightLog]) -> tuple[Nominal, list[FlightLog]]:
+def calibrated(logs: Sequence[FlightLog]) -> tuple[NominalModel, list[FlightLog]]:
     """Return a nominal model of the logs' airframe, and the logs with commands as rotor speeds.
 
     Raises:
@@ -84,26 +84,26 @@ def calibrated(logs: Sequence[FlightLog]) -> tuple[Nominal, list[FlightLog]]:
     maps = rotor_maps(_Parabola(weight / _HOVER_SPEED**2), vehicle)
     offset, gain = _thrust_fit(logs)
     changed = [_with_speeds(log, offset, gain) for log in logs]
-    nominal = Nominal(
+    nominal = NominalModel(
         f"{frame.name}, thrust fitted to its own flights",
         vehicle,
         maps,
         {},
         calibrated=True,
-        fitted=_TAKEN,
+        fitted=_ABSORBED_PARAMETERS,
         moments=False,
     )
     return nominal, changed
 
 
-def thrust_unknown(log: FlightLog) -> bool:
+def has_no_thrust_data(log: FlightLog) -> bool:
     """Return whether a log has nothing that tells thrust: no IMU, no rotors."""
     return not {"accel", "rotor_command", "rotor_speed", "motor_command"} & set(log.series)
 
 
 def thrust_from_track(
-    logs: Sequence[FlightLog], nominal: Nominal
-) -> tuple[Nominal, list[FlightLog]]:
+    logs: Sequence[FlightLog], nominal: NominalModel
+) -> tuple[NominalModel, list[FlightLog]]:
     """Return the model and the logs with the thrust that the poses themselves call for.
 
     With poses alone the force along the thrust can't be told from thrust; those across it can.
@@ -116,7 +116,7 @@ def thrust_from_track(
         series = Series(track.t, np.repeat(speed[:, None], 4, axis=1))
         changed.append(replace(log, series={**log.series, "rotor_speed": series}))
     label = f"{nominal.label}, thrust from the track"
-    fitted = nominal.fitted | _THRUST
+    fitted = nominal.fitted | _THRUST_PARAMETERS
     return replace(nominal, label=label, moments=False, fitted=fitted), changed
 
 

@@ -8,25 +8,25 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_diagnosis.diagnosis import Diagnosis, Experiment, FlightNote, Residual
-from tombo_diagnosis.flight.analyse import Findings, Progress, analyse, quiet
-from tombo_diagnosis.flight.calibrate import calibrated, thrust_from_track, thrust_unknown
-from tombo_diagnosis.flight.causes import cause_of, scores
-from tombo_diagnosis.flight.events import as_findings
-from tombo_diagnosis.flight.gain import (
+from tombo_diagnosis.diagnosis import Diagnosis, Experiment, FlightSummary, Residual
+from tombo_diagnosis.flight.analyse import Findings, Progress, analyse, no_progress
+from tombo_diagnosis.flight.calibrate import calibrated, has_no_thrust_data, thrust_from_track
+from tombo_diagnosis.flight.cause_estimates import estimate_cause, scores
+from tombo_diagnosis.flight.cross_validation import (
     HeldOut,
-    baseline,
-    extended,
+    extended_model_residuals,
+    fit_without_flight,
     gain_by_effect,
-    one_step,
-    simulated,
-    without,
+    nominal_residuals,
+    one_step_gains,
+    open_loop_gains,
 )
-from tombo_diagnosis.flight.naming import Explanation, only
-from tombo_diagnosis.flight.nominal import Nominal
+from tombo_diagnosis.flight.model_selection import Explanation, restrict_to
+from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.prediction import motion_of
+from tombo_diagnosis.flight.summary_text import notes, summary
 from tombo_diagnosis.flight.track import Track, track_of
-from tombo_diagnosis.flight.words import notes, summary
+from tombo_diagnosis.flight.transients import transient_findings
 from tombo_diagnosis.logs.flight_log import Finding, FlightLog
 from tombo_dynamics.errors import InputError
 from tombo_flight.extended_model import Gain
@@ -42,8 +42,8 @@ _SHOWN = 8
 
 def diagnose(
     logs: Sequence[FlightLog],
-    nominal: Nominal,
-    progress: Progress = quiet,
+    nominal: NominalModel,
+    progress: Progress = no_progress,
     separate: Separate | None = None,
     clock: Callable[[], float] = lambda: 0.0,
 ) -> Diagnosis:
@@ -63,7 +63,7 @@ def diagnose(
     usable, refused = _usable(logs)
     if any(log.airframe is not None for log in usable):
         nominal, usable = calibrated(usable)
-    elif all(thrust_unknown(log) for log in usable):
+    elif all(has_no_thrust_data(log) for log in usable):
         nominal, usable = thrust_from_track(usable, nominal)
     tracks = _blocks([track_of(log) for log in usable])
     findings = analyse(tracks, nominal, progress)
@@ -72,13 +72,13 @@ def diagnose(
     final = final_explanation(findings)
     gains: list[Gain] = []
     held: list[HeldOut] = []
-    if final.ways:
-        tried = [final, *(only(problem, final, (e,)) for e in final.effects)]
-        tried += [r for r in findings.search.rivals if findings.judgement.members]
-        held = [without(problem, f, tried) for f in range(len(problem.tracks))]
-        gains = one_step(problem, held) + simulated(problem, held)
+    if final.hypotheses:
+        tried = [final, *(restrict_to(problem, final, (e,)) for e in final.effects)]
+        tried += [r for r in findings.search.alternatives if findings.judgement.members]
+        held = [fit_without_flight(problem, f, tried) for f in range(len(problem.tracks))]
+        gains = one_step_gains(problem, held) + open_loop_gains(problem, held)
     causes = tuple(
-        cause_of(effect, findings, _explaining(effect, findings, final))
+        estimate_cause(effect, findings, _explaining(effect, findings, final))
         for effect in findings.judgement.effects
     )
     experiment = None
@@ -96,7 +96,7 @@ def diagnose(
         prechecks=(
             *(f for log in logs for f in log.findings),
             *refused,
-            *as_findings(problem.tracks, findings.events),
+            *transient_findings(problem.tracks, findings.events),
         ),
         candidates=candidates,
         flights=tuple(_note(track) for track in problem.tracks),
@@ -115,15 +115,15 @@ def final_explanation(findings: Findings) -> Explanation:
     judgement = findings.judgement
     best = findings.search.best
     if judgement.verdict in ("none", "unknown"):
-        return Explanation((), findings.problem.nothing, 0.0)
+        return Explanation((), findings.problem.null_hypothesis, 0.0)
     if judgement.verdict == "set":
         return best
-    return only(findings.problem, best, judgement.effects)
+    return restrict_to(findings.problem, best, judgement.effects)
 
 
 def _explaining(effect: str, findings: Findings, final: Explanation) -> Explanation:
     """Return the likeliest explanation that an effect is part of."""
-    every = [final, findings.search.best, *findings.search.rivals]
+    every = [final, findings.search.best, *findings.search.alternatives]
     return next((e for e in every if effect in e.effects), final)
 
 
@@ -179,8 +179,8 @@ def _within(t: Array, begin: float, end: float) -> NDArray[np.bool_]:
     return np.asarray((t >= begin) & (t < end))
 
 
-def _note(track: Track) -> FlightNote:
-    return FlightNote(
+def _note(track: Track) -> FlightSummary:
+    return FlightSummary(
         track.name,
         track.log.source,
         track.log.duration_s,
@@ -201,7 +201,7 @@ def _residuals(findings: Findings, final: Explanation) -> list[Residual]:
     for f in range(min(len(problem.tracks), _SHOWN)):
         track = problem.tracks[f]
         motion = motion_of(track, problem.nominal, problem.theta)
-        after = extended(problem, final.fit, f).left
+        after = extended_model_residuals(problem, final.fit, f).residual
         body = np.einsum("nji,nj->ni", motion.rotation, motion.state[:, 3:6])
         drivers = {f"body_velocity_{a} [m/s]": body[:, i] for i, a in enumerate("xyz")}
         drivers["speed [m/s]"] = np.linalg.norm(body, axis=1)
@@ -211,7 +211,7 @@ def _residuals(findings: Findings, final: Explanation) -> list[Residual]:
             drivers["mean_rotor_command [rad/s]"] = track.command.mean(axis=1)
         if track.voltage.size:
             drivers["voltage [V]"] = track.voltage[:, 0]
-        for group, rows in baseline(problem, f).items():
+        for group, rows in nominal_residuals(problem, f).items():
             times, counted = {
                 "fast": (track.fast.t, track.fast_rows),
                 "slow": (track.slow.t, track.slow_rows),
@@ -221,14 +221,14 @@ def _residuals(findings: Findings, final: Explanation) -> list[Residual]:
             beside = {n: np.interp(at, track.t, v) for n, v in drivers.items()}
             own = [c for c in problem.channels[f] if c.group == group]
             for j, c in enumerate(own):
-                left = rows[:, j]
+                residual = rows[:, j]
                 shown.append(
                     Residual(
                         track.name,
                         c.name,
                         c.unit,
                         at,
-                        left,
+                        residual,
                         after[group][:, j],
                         sigma.get(c.name, 0.0),
                         beside,

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Normal:
+class NormalEquations:
     """Whitened normal equations: cost(d) = square - 2 vector.d + d.matrix.d."""
 
     matrix: Array
@@ -27,15 +27,15 @@ class Normal:
     """(K,)"""
     square: float
 
-    def __add__(self, other: Normal) -> Normal:
+    def __add__(self, other: NormalEquations) -> NormalEquations:
         """Return the equations of both sets of data."""
-        return Normal(
+        return NormalEquations(
             self.matrix + other.matrix, self.vector + other.vector, self.square + other.square
         )
 
 
 @dataclass(frozen=True)
-class Solution:
+class Posterior:
     """What the data say of the unknowns under a prior."""
 
     mean: Array
@@ -47,23 +47,26 @@ class Solution:
 
 
 def solve(
-    normal: Normal, deviations: Array, centre: Array | None = None, covariance: bool = True
-) -> Solution:
+    normal: NormalEquations,
+    deviations: Array,
+    prior_mean: Array | None = None,
+    covariance: bool = True,
+) -> Posterior:
     """Return mean and covariance of the unknowns, and the evidence of the prior.
 
     Args:
         normal: equations about the present point.
         deviations: (K,) prior standard deviations.
-        centre: (K,) prior means against the present point; None: zeros.
+        prior_mean: (K,) prior means against the present point; None: zeros.
         covariance: False: leave it out (its diagonal is then the prior's).
     """
-    centre = np.zeros(deviations.size) if centre is None else centre
+    prior_mean = np.zeros(deviations.size) if prior_mean is None else prior_mean
     scaled = deviations[:, None] * normal.matrix * deviations
     scaled[np.diag_indices_from(scaled)] += 1.0
     factor = cho_factor(scaled, lower=True, check_finite=False)
     # About the prior's centre the unknowns are deviations * z, z standard normal.
-    about = normal.vector - normal.matrix @ centre
-    square = normal.square - float((2.0 * normal.vector - normal.matrix @ centre) @ centre)
+    about = normal.vector - normal.matrix @ prior_mean
+    square = normal.square - float((2.0 * normal.vector - normal.matrix @ prior_mean) @ prior_mean)
     inner = deviations * about
     z = cho_solve(factor, inner, check_finite=False)
     logdet = 2.0 * float(np.log(np.diag(factor[0])).sum())
@@ -71,8 +74,8 @@ def solve(
     if covariance:
         inverse = cho_solve(factor, np.eye(z.size), check_finite=False)
         spread = deviations[:, None] * inverse * deviations
-    return Solution(
-        centre + deviations * z,
+    return Posterior(
+        prior_mean + deviations * z,
         spread,
         -0.5 * (square - float(inner @ z)) - 0.5 * logdet,
     )

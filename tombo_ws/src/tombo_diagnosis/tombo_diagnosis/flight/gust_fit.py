@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_diagnosis.flight.candidates import PARAMETERS
-from tombo_diagnosis.flight.leftover import Powers, chance_powers
+from tombo_diagnosis.flight.parameters import PARAMETERS
 from tombo_diagnosis.flight.problem import Fit, Problem
+from tombo_diagnosis.flight.residual_test import ScaleVariances, noise_variances
 from tombo_dynamics.effects.compose import layout
 
 Array = NDArray[np.float64]
@@ -19,7 +19,7 @@ _TIMES = np.array([0.15, 0.3, 0.5, 0.8, 1.2, 2.0, 3.5, 7.0])
 _TIME_TOLERANCE = 0.3
 """Healthy scatter of the logarithm of the gusts' time."""
 _FORCES = ("force", "acceleration")
-_UNMODELLED = 0.1
+_MODEL_LOG_SD = 0.1
 """Healthy scatter of the logarithm of a power beyond sampling."""
 
 
@@ -39,7 +39,7 @@ class GustFit:
     """The time is at an end of what was tried: no gusts have it."""
 
 
-def fit_gusts(problem: Problem, fit: Fit, measured: Powers) -> GustFit:
+def fit_gusts(problem: Problem, fit: Fit, measured: ScaleVariances) -> GustFit:
     """Fit deviation and time of the gusts to what a fit leaves of the forces.
 
     Args:
@@ -50,7 +50,7 @@ def fit_gusts(problem: Problem, fit: Fit, measured: Powers) -> GustFit:
     places = layout()["gusts"]
     forces = [j for j, n in enumerate(measured.names) if n.startswith(_FORCES)]
     values = measured.variances[:, forces]
-    error = np.sqrt(4.0 / np.maximum(measured.counts[:, forces], 1.0) + _UNMODELLED**2)
+    error = np.sqrt(4.0 / np.maximum(measured.counts[:, forces], 1.0) + _MODEL_LOG_SD**2)
     usable = np.isfinite(values)
 
     def cost(model: Array) -> float:
@@ -58,19 +58,21 @@ def fit_gusts(problem: Problem, fit: Fit, measured: Powers) -> GustFit:
         miss = (np.log(np.maximum(values, 1e-12)) - np.log(model + 1e-6)) / error
         return 0.5 * float(np.sum(miss[usable] ** 2))
 
-    still = fit.theta.copy()
-    still[places["deviation"]] = 0.0
-    quiet = chance_powers(problem, still).variances[:, forces]
+    theta_without_gusts = fit.theta.copy()
+    theta_without_gusts[places["deviation"]] = 0.0
+    noise_only = noise_variances(problem, theta_without_gusts).variances[:, forces]
     costs, grid = [], []
     deviations = np.geomspace(0.05, 4.0, 120)
     for time in _TIMES:
-        blown = still.copy()
-        blown[places["deviation"]] = 1.0
-        blown[places["time"]] = time
+        theta_with_gusts = theta_without_gusts.copy()
+        theta_with_gusts[places["deviation"]] = 1.0
+        theta_with_gusts[places["time"]] = time
         # Force is linear in small gusts: powers add, and grow with the square of the deviation.
-        unit = np.maximum(chance_powers(problem, blown).variances[:, forces] - quiet, 0.0)
+        unit = np.maximum(
+            noise_variances(problem, theta_with_gusts).variances[:, forces] - noise_only, 0.0
+        )
         for deviation in deviations:
-            costs.append(cost(quiet + deviation**2 * unit))
+            costs.append(cost(noise_only + deviation**2 * unit))
             grid.append((deviation, time))
     weights = np.exp(np.min(costs) - np.array(costs))
     weights /= weights.sum()

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_diagnosis.flight.candidates import Parameter, parameters
+from tombo_diagnosis.flight.parameters import Parameter, parameters
 from tombo_dynamics.effects.compose import pack_theta
 from tombo_dynamics.plant import new_plant, part
 from tombo_dynamics.vehicle import VehicleParams
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Nominal:
+class NominalModel:
     """A model of the vehicle, as it is simulated before the diagnosis."""
 
     label: str

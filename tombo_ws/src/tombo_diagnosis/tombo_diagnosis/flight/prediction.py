@@ -14,18 +14,18 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
-from tombo_diagnosis.flight.nominal import Nominal
+from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.track import FAST_WIDTH, Track
 from tombo_dynamics.effects import REGISTRY, Stage
 from tombo_dynamics.effects.compose import layout, null_theta
-from tombo_dynamics.rotation import conjugate, continuous, quaternion_multiply
+from tombo_dynamics.rotation import conjugate, quaternion_multiply, unwrap_quaternions
 from tombo_dynamics.rotor_maps import speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_sim.imposed_motion import IMPOSED_WIDTH, I, along_motion, as_captured
+from tombo_sim.inverse_simulation import IMPOSED_WIDTH, I, run_along_motion, simulate_mocap
 
 Array = NDArray[np.float64]
 
-QUIET = np.zeros((1, 9))
+NO_NOISE = np.zeros((1, 9))
 """No noise."""
 _AXES = ("x", "y", "z")
 _MOCAP = sorted(
@@ -57,18 +57,18 @@ class Motion:
     """(N, 3) body rates from the attitude alone [rad/s]."""
     rotation: Array
     """(N, 3, 3) map from body."""
-    lateness: Array
+    pose_latency: Array
     """(M,) latency that the model gives each pose, against its stamp [s]."""
 
 
-def channels_of(track: Track, nominal: Nominal) -> list[ChannelId]:
+def channels_of(track: Track, nominal: NominalModel) -> list[ChannelId]:
     """Return the channels that a flight has, in the order of `residuals`."""
-    driven = bool(track.command.size or track.speed.size)
+    has_rotor_data = bool(track.command.size or track.speed.size)
     names: list[ChannelId] = []
     if track.formulation == "imu":
-        force = _AXES if driven else _AXES[:2]
+        force = _AXES if has_rotor_data else _AXES[:2]
         names += [ChannelId(f"force {a}", "m/s^2", "fast") for a in force]
-        if driven and nominal.moments:
+        if has_rotor_data and nominal.moments:
             names += [ChannelId(f"turning {a}", "rad/s^2", "fast") for a in _AXES]
         if track.speed.size and track.command.size:
             names += [ChannelId(f"rotor speed {i}", "rad/s", "fast") for i in range(1, 5)]
@@ -87,7 +87,7 @@ def channels_of(track: Track, nominal: Nominal) -> list[ChannelId]:
     return names
 
 
-def motion_of(track: Track, nominal: Nominal, theta: Array) -> Motion:
+def motion_of(track: Track, nominal: NominalModel, theta: Array) -> Motion:
     """Return the motion that, seen by this motion capture, gives the measured poses."""
     m = nominal.plant()
     spacing = float(np.median(np.diff(track.pose_t)))
@@ -95,16 +95,16 @@ def motion_of(track: Track, nominal: Nominal, theta: Array) -> Motion:
     seen: Array = np.zeros((guess.shape[0], 10))
     # The frame's errors are a turn and a shift, alike for all poses: the second step is exact.
     axes = np.hstack([np.eye(4, 3, -1), np.zeros((4, 3)), np.ones((4, 1))])
-    seen_axes = as_captured(m, theta, QUIET, axes, spacing)[:, :3]
+    seen_axes = simulate_mocap(m, theta, NO_NOISE, axes, spacing)[:, :3]
     back = np.linalg.inv(seen_axes[1:] - seen_axes[0])
     for _ in range(3 if np.any(theta[_MOCAP] != _NULL[_MOCAP]) else 1):
-        seen = as_captured(m, theta, QUIET, guess, spacing)
+        seen = simulate_mocap(m, theta, NO_NOISE, guess, spacing)
         guess[:, :3] += (track.pose[:, :3] - seen[:, :3]) @ back
         inverse = conjugate(seen[:, 3:7])
         guess[:, 3:] = quaternion_multiply(
             quaternion_multiply(track.pose[:, 3:], inverse), guess[:, 3:]
         )
-    guess[:, 3:] = continuous(guess[:, 3:])
+    guess[:, 3:] = unwrap_quaternions(guess[:, 3:])
     spline = CubicSpline(track.pose_t - seen[:, 9], guess)
     value = spline(track.t)
     rate = spline(track.t, 1)
@@ -121,13 +121,13 @@ def motion_of(track: Track, nominal: Nominal, theta: Array) -> Motion:
     return Motion(state, rates, Rotation.from_quat(q).as_matrix(), seen[:, 7] - seen[:, 9])
 
 
-def imposed(
+def simulate_along_motion(
     track: Track,
-    nominal: Nominal,
+    nominal: NominalModel,
     theta: Array,
     motion: Motion,
     draws: Array | None = None,
-    noise: Array = QUIET,
+    noise: Array = NO_NOISE,
 ) -> Array:
     """Run the model along the motion; (N, 21), columns as in `imposed_motion.I`."""
     out = np.zeros((track.t.size, IMPOSED_WIDTH))
@@ -135,25 +135,25 @@ def imposed(
     if not command.size:
         command = track.speed[:, :4] if track.speed.size else _hover(track, nominal)
     tick = float(track.t[1] - track.t[0])
-    along_motion(
+    run_along_motion(
         nominal.plant(draws), nominal.maps, theta, noise, tick, motion.state,
         command, track.speed, out,
     )  # fmt: skip
     return out
 
 
-def _hover(track: Track, nominal: Nominal) -> Array:
+def _hover(track: Track, nominal: NominalModel) -> Array:
     speed = speed_for_thrust(nominal.maps, nominal.vehicle.hover_thrust())
     return np.full((track.t.size, 4), speed)
 
 
 def residuals(
     track: Track,
-    nominal: Nominal,
+    nominal: NominalModel,
     theta: Array,
     motion: Motion | None = None,
     draws: Array | None = None,
-    noise: Array = QUIET,
+    noise: Array = NO_NOISE,
 ) -> dict[str, Array]:
     """Return what is left of each group's channels, (rows, channels), for the rows that count.
 
@@ -166,24 +166,24 @@ def residuals(
         noise: (K, 9) standard normals for the effects that take some.
     """
     motion = motion or motion_of(track, nominal, theta)
-    model = imposed(track, nominal, theta, motion, draws, noise)
-    driven = bool(track.command.size or track.speed.size)
+    model = simulate_along_motion(track, nominal, theta, motion, draws, noise)
+    has_rotor_data = bool(track.command.size or track.speed.size)
     fast: list[Array] = []
     slow: list[Array] = []
-    pull = np.array([0.0, 0.0, GRAVITY])
+    gravity = np.array([0.0, 0.0, GRAVITY])
     if track.formulation == "imu":
         smooth = track.fast_kernel.smooth
         predicted = model[:, I.force : I.force + 3] + model[:, I.accel_error : I.accel_error + 3]
-        left = track.accel - predicted
-        fast.append(smooth @ (left if driven else left[:, :2]))
+        residual = track.accel - predicted
+        fast.append(smooth @ (residual if has_rotor_data else residual[:, :2]))
         body = track.gyro - model[:, I.gyro_error : I.gyro_error + 3]
-        if driven and nominal.moments:
+        if has_rotor_data and nominal.moments:
             measured = track.fast_kernel.slope @ body
             fast.append(measured - smooth @ model[:, I.turning : I.turning + 3])
         if track.speed.size and track.command.size:
             fast.append(smooth @ (track.speed[:, :4] - model[:, I.speed : I.speed + 4]))
         accel = track.accel - model[:, I.accel_error : I.accel_error + 3]
-        in_map = np.einsum("nij,nj->ni", motion.rotation, accel) - pull
+        in_map = np.einsum("nij,nj->ni", motion.rotation, accel) - gravity
         smooth = track.slow_kernel.smooth
         seen = track.slow_kernel.curvature @ motion.state[:, :3]
         slow.append(seen - smooth @ in_map)
@@ -198,16 +198,16 @@ def residuals(
         if track.speed.size and track.command.size:
             slow.append(smooth @ (track.speed[:, :4] - model[:, I.speed : I.speed + 4]))
     if track.voltage.size and not nominal.calibrated:
-        left = track.voltage - model[:, I.voltage : I.voltage + 1]
-        slow.append(track.slow_kernel.smooth @ left)
+        residual = track.voltage - model[:, I.voltage : I.voltage + 1]
+        slow.append(track.slow_kernel.smooth @ residual)
     result = {"slow": np.column_stack(slow)}
     if fast:
         result["fast"] = np.column_stack(fast)
     if track.arrival.size:
-        result["pose"] = (track.arrival - motion.lateness)[track.pose_rows, None]
+        result["pose"] = (track.arrival - motion.pose_latency)[track.pose_rows, None]
     return result
 
 
-def moves_poses(index: int) -> bool:
+def affects_poses(index: int) -> bool:
     """Return whether the parameter at this place of theta acts on the poses."""
     return index in _MOCAP

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tombo_diagnosis.flight.nominal import Nominal
+from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_dynamics.rotor_maps import rotor_maps
 from tombo_flight.scenario import Scenario, load_scenario, world_of
-from tombo_sim.propulsion import propulsion_effects, thrust_map_of
+from tombo_sim.propeller_effects import propulsion_effects, thrust_map_of
 
 _SCENARIO = "no_obstacle"
 
 
-def nominal_model(model: Path | None = None) -> Nominal:
+def nominal_model(model: Path | None = None) -> NominalModel:
     """Return the suite's own vehicle without an obstacle, extended by a model file if given.
 
     Raises:
@@ -22,10 +22,10 @@ def nominal_model(model: Path | None = None) -> Nominal:
     return nominal_of(scenario, _SCENARIO if model is None else f"{_SCENARIO} with {model.name}")
 
 
-def nominal_of(scenario: Scenario, label: str) -> Nominal:
+def nominal_of(scenario: Scenario, label: str) -> NominalModel:
     """Return the nominal model of a scenario: its vehicle, propeller and effects."""
     world = world_of(scenario)
-    return Nominal(
+    return NominalModel(
         label,
         world.vehicle,
         rotor_maps(thrust_map_of(world.propeller), world.vehicle),

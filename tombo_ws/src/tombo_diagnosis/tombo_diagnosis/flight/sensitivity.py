@@ -11,34 +11,40 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_diagnosis.flight.candidates import Parameter
-from tombo_diagnosis.flight.chance import shaken
-from tombo_diagnosis.flight.nominal import Nominal
-from tombo_diagnosis.flight.prediction import Motion, imposed, motion_of, moves_poses, residuals
+from tombo_diagnosis.flight.noise_simulation import with_pose_noise
+from tombo_diagnosis.flight.nominal import NominalModel
+from tombo_diagnosis.flight.parameters import Parameter
+from tombo_diagnosis.flight.prediction import (
+    Motion,
+    affects_poses,
+    motion_of,
+    residuals,
+    simulate_along_motion,
+)
 from tombo_diagnosis.flight.track import TICK, Track
-from tombo_sim.imposed_motion import I
+from tombo_sim.inverse_simulation import I
 
 Array = NDArray[np.float64]
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 Groups = dict[str, Array]
 
-DRAWN = "thrust_scatter.deviation"
+DRAW_SCALE_LABEL = "thrust_scatter.deviation"
 """The parameter that says how large the vehicle's draws are."""
-_TREMBLES = 0.1
+_MAX_NOISE_SHARE = 0.1
 """Share of a slope's energy that noise may have."""
-DRAWS = 4
+ROTOR_DRAWS = 4
 """Draws of the vehicle that effects use: one a rotor."""
 
 
 @dataclass(frozen=True)
-class Linear:
+class Linearization:
     """A flight's residuals about one theta: left(theta + d) = left - sum of slopes * d."""
 
     theta: Array
     motion: Motion
     """Behind the measured poses, of these parameters."""
-    left: Groups
+    residual: Groups
     """group -> (rows, channels)."""
     slopes: dict[int, Groups]
     """Index in theta -> group -> (rows, channels): change of what is predicted per unit."""
@@ -56,73 +62,82 @@ def step_of(p: Parameter, at: float) -> float:
 
 
 def slope(
-    track: Track, nominal: Nominal, theta: Array, p: Parameter, motion: Motion, left: Groups
+    track: Track,
+    nominal: NominalModel,
+    theta: Array,
+    p: Parameter,
+    motion: Motion,
+    residual: Groups,
 ) -> Groups | None:
     """Return the change of what is predicted per unit of a parameter; None: it changes nothing."""
     moved = theta.copy()
     step = step_of(p, float(theta[p.index]))
     moved[p.index] += step
-    there = residuals(track, nominal, moved, None if moves_poses(p.index) else motion)
-    change = {group: (left[group] - there[group]) / step for group in left}
+    there = residuals(track, nominal, moved, None if affects_poses(p.index) else motion)
+    change = {group: (residual[group] - there[group]) / step for group in residual}
     return change if any(np.any(c) for c in change.values()) else None
 
 
 def linearize(
     track: Track,
-    nominal: Nominal,
+    nominal: NominalModel,
     theta: Array,
-    only: Sequence[int] | None = None,
-    start: Linear | None = None,
-) -> Linear:
+    indices: Sequence[int] | None = None,
+    start: Linearization | None = None,
+) -> Linearization:
     """Return residuals and slopes of a flight about `theta`.
 
     Args:
         track: the flight.
         nominal: the model.
         theta: parameters of all effects.
-        only: indices to differentiate; None: all of the registry, and the draws.
+        indices: indices to differentiate; None: all of the registry, and the draws.
         start: the same about other parameters. The residuals are then those with what the step
             from there changes, along the rotor speeds that the commands ask for, as for slopes.
     """
     motion = motion_of(track, nominal, theta)
-    driver = _driven_as_asked(track, nominal, theta, motion)
+    driver = _with_commanded_speeds(track, nominal, theta, motion)
     base = residuals(driver, nominal, theta, motion)
     if driver is track:
-        left = base
+        residual = base
     elif start is None:
-        left = residuals(track, nominal, theta, motion)
+        residual = residuals(track, nominal, theta, motion)
     else:
         before = residuals(driver, nominal, start.theta, start.motion)
-        left = {group: start.left[group] + (base[group] - before[group]) for group in base}
+        residual = {group: start.residual[group] + (base[group] - before[group]) for group in base}
     slopes = {}
-    trembling = None
+    noisy_replica = None
     noisy: set[int] = set()
-    if only is None and not nominal.calibrated:
-        again = shaken(track, nominal, theta, 0)
+    if indices is None and not nominal.calibrated:
+        again = with_pose_noise(track, nominal, theta, 0)
         where = motion_of(again, nominal, theta)
-        trembling = _Trembling(again, nominal, where, residuals(again, nominal, theta, where))
+        noisy_replica = _NoisyReplica(
+            again, nominal, where, residuals(again, nominal, theta, where)
+        )
     for p in nominal.parameters:
-        if only is None or p.index in only:
+        if indices is None or p.index in indices:
             change = slope(driver, nominal, theta, p, motion, base)
             if change is not None:
                 slopes[p.index] = change
-                if trembling is not None and _noise(trembling, p, theta, change):
+                if noisy_replica is not None and _noise(noisy_replica, p, theta, change):
                     noisy.add(p.index)
     draws: list[Groups] = []
     width = 1.0
-    if only is None:
-        spread, width = _drawn_theta(theta, nominal)
-        for i in range(DRAWS):
+    if indices is None:
+        spread, width = _theta_with_scatter(theta, nominal)
+        for i in range(ROTOR_DRAWS):
             drawn = np.zeros(8)
             drawn[i] = 0.5
             there = residuals(driver, nominal, spread, motion, drawn)
             change = {group: (base[group] - there[group]) / 0.5 for group in base}
             if any(np.any(c) for c in change.values()):
                 draws.append(change)
-    return Linear(theta, motion, left, slopes, draws, width, frozenset(noisy))
+    return Linearization(theta, motion, residual, slopes, draws, width, frozenset(noisy))
 
 
-def _driven_as_asked(track: Track, nominal: Nominal, theta: Array, motion: Motion) -> Track:
+def _with_commanded_speeds(
+    track: Track, nominal: NominalModel, theta: Array, motion: Motion
+) -> Track:
     """Return the flight with the rotor speeds that its commands ask for in place of measured ones.
 
     The noise of measured speeds is in the residuals; in the slopes too, the two would agree, and
@@ -132,42 +147,49 @@ def _driven_as_asked(track: Track, nominal: Nominal, theta: Array, motion: Motio
     """
     if not (track.speed.size and track.command.size):
         return track
-    speed = imposed(track, nominal, theta, motion)[:, I.speed : I.speed + 4]
+    speed = simulate_along_motion(track, nominal, theta, motion)[:, I.speed : I.speed + 4]
     return replace(track, speed=np.column_stack([speed, np.gradient(speed, TICK, axis=0)]))
 
 
 @dataclass(frozen=True)
-class _Trembling:
+class _NoisyReplica:
     """A flight with the noise of its poses once more."""
 
     track: Track
-    nominal: Nominal
+    nominal: NominalModel
     motion: Motion
-    left: Groups
+    residual: Groups
 
 
-def _noise(trembling: _Trembling, p: Parameter, theta: Array, change: Groups) -> bool:
+def _noise(noisy_replica: _NoisyReplica, p: Parameter, theta: Array, change: Groups) -> bool:
     """Return whether a slope is mostly noise of the poses, which is in the residuals too.
 
     Where a flight hardly turns, what an offset of the markers would do is the attitude's noise,
     differentiated twice; a fit would find an offset in every flight.
     """
-    if not moves_poses(p.index):
+    if not affects_poses(p.index):
         return False
-    again = slope(trembling.track, trembling.nominal, theta, p, trembling.motion, trembling.left)
+    again = slope(
+        noisy_replica.track,
+        noisy_replica.nominal,
+        theta,
+        p,
+        noisy_replica.motion,
+        noisy_replica.residual,
+    )
     if again is None:
         return False
     # The channel that would tell most decides.
-    spread = np.maximum(trembling.left["slow"].var(axis=0), 1e-18)
+    spread = np.maximum(noisy_replica.residual["slow"].var(axis=0), 1e-18)
     energy = np.sum(change["slow"] ** 2, axis=0)
     shaken_energy = np.sum(again["slow"] ** 2, axis=0)
     best = int(np.argmax(energy / spread))
     return bool(
-        energy[best] > 0.0 and shaken_energy[best] - energy[best] > _TREMBLES * energy[best]
+        energy[best] > 0.0 and shaken_energy[best] - energy[best] > _MAX_NOISE_SHARE * energy[best]
     )
 
 
-def _drawn_theta(theta: Array, nominal: Nominal) -> tuple[Array, float]:
+def _theta_with_scatter(theta: Array, nominal: NominalModel) -> tuple[Array, float]:
     """Return theta with the effects of the draws on, and what a draw then is in healthy flights.
 
     A nominal model without scatter has no slope with the draws: it is taken at a tenth of the size
@@ -176,18 +198,18 @@ def _drawn_theta(theta: Array, nominal: Nominal) -> tuple[Array, float]:
     spread = theta.copy()
     width = 1.0
     for p in nominal.parameters:
-        if p.label == DRAWN and theta[p.index] < p.step:
+        if p.label == DRAW_SCALE_LABEL and theta[p.index] < p.step:
             spread[p.index] = p.step
             width = max(float(theta[p.index]), p.tolerance) / p.step
     return spread, width
 
 
-def with_draws(theta: Array, nominal: Nominal) -> Array:
+def theta_with_scatter(theta: Array, nominal: NominalModel) -> Array:
     """Return theta with the effects of the draws on, as large as the draws' unknowns mean it."""
-    return _drawn_theta(theta, nominal)[0]
+    return _theta_with_scatter(theta, nominal)[0]
 
 
-def over_flights(function: Callable[[_Item], _Result], flights: Sequence[_Item]) -> list[_Result]:
+def map_flights(function: Callable[[_Item], _Result], flights: Sequence[_Item]) -> list[_Result]:
     """Apply to every flight, on two threads: compiled code does not hold the interpreter."""
     return list(_pool().map(function, flights))
 

@@ -19,7 +19,7 @@ from tombo_diagnosis.flight.filters import (
 )
 from tombo_diagnosis.logs.flight_log import FlightLog, Series
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.rotation import continuous
+from tombo_dynamics.rotation import unwrap_quaternions
 
 Array = NDArray[np.float64]
 
@@ -159,7 +159,7 @@ def _poses(position: Series, attitude: Series) -> tuple[Array, Array, Array]:
     pose = pose[good]
     lengths = np.linalg.norm(pose[:, 3:], axis=1)
     pose[:, 3:] /= np.maximum(lengths, 1e-9)[:, None]
-    pose[:, 3:] = continuous(pose[:, 3:])
+    pose[:, 3:] = unwrap_quaternions(pose[:, 3:])
     late: Array = np.zeros(0)
     if position.arrival is not None:
         late = position.arrival[good] - pose_t

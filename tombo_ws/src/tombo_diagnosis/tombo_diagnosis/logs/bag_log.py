@@ -18,7 +18,7 @@ from tombo_bag.recording import Recording
 from tombo_bag.topics import BATTERY, IMU, MOCAP_POSE, ROTOR_COMMAND
 from tombo_diagnosis.logs.flight_log import Finding, FlightLog, Series
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.rotation import continuous
+from tombo_dynamics.rotation import unwrap_quaternions
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -171,7 +171,7 @@ def _pose(table: ColumnTable, typename: str) -> dict[str, Array]:
     position, orientation = _POSES[typename]
     return {
         "position": _columns(table, position, "xyz"),
-        "attitude": continuous(_columns(table, orientation, "xyzw")),
+        "attitude": unwrap_quaternions(_columns(table, orientation, "xyzw")),
     }
 
 

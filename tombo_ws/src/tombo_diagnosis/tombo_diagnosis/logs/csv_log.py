@@ -16,7 +16,7 @@ from tombo_diagnosis.logs.flight_log import CHANNELS, Finding, FlightLog, Series
 from tombo_diagnosis.logs.frames import axes_matrix, handedness, turn_attitude
 from tombo_diagnosis.logs.units import factor
 from tombo_dynamics.errors import InputError, unknown_name
-from tombo_dynamics.rotation import continuous
+from tombo_dynamics.rotation import unwrap_quaternions
 
 Array = NDArray[np.float64]
 
@@ -147,7 +147,7 @@ def converted(key: str, channel: ChannelMap, mapping: LogMapping, values: Array)
     body = axes_matrix(mapping.body, "body")
     if key == "attitude":
         quaternions = _quaternions(channel, values)
-        return continuous(turn_attitude(quaternions, world, body, mapping.turn))
+        return unwrap_quaternions(turn_attitude(quaternions, world, body, mapping.turn))
     if channel.range is not None:
         low, high = channel.range
         return np.asarray((values - low) / (high - low))

@@ -20,7 +20,7 @@ from tombo_diagnosis.logs.flight_log import CHANNELS, Airframe, Series
 from tombo_diagnosis.logs.frames import BODIES, WORLDS, axes_matrix, handedness, turn_attitude
 from tombo_diagnosis.logs.units import factor
 from tombo_dynamics.errors import InputError, unknown_name
-from tombo_dynamics.rotation import continuous
+from tombo_dynamics.rotation import unwrap_quaternions
 
 Array = NDArray[np.float64]
 
@@ -86,7 +86,7 @@ class LogMapping:
         """Return attitudes of base_link, given those of the motion capture's body."""
         same = np.eye(3)
         values = turn_attitude(attitude.values, same, same, self.turn)
-        return Series(attitude.t, continuous(values), attitude.arrival)
+        return Series(attitude.t, unwrap_quaternions(values), attitude.arrival)
 
 
 def shipped() -> dict[str, LogMapping]:

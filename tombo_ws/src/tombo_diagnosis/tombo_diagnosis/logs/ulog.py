@@ -17,7 +17,7 @@ from pyulog.exceptions import ULogException
 
 from tombo_diagnosis.logs.flight_log import Finding, FlightLog, Series
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.rotation import continuous
+from tombo_dynamics.rotation import unwrap_quaternions
 
 Array = NDArray[np.float64]
 Topics = Mapping[str, Mapping[str, NDArray[Any]]]
@@ -261,4 +261,4 @@ def flu_from_frd(vectors: Array) -> Array:
 def ros_quaternion(quaternions: Array) -> Array:
     """Turn (N, 4) wxyz, NED from FRD, into xyzw, map from base_link."""
     w, x, y, z = quaternions.T
-    return continuous(_HALF * np.column_stack([x + y, x - y, w - z, w + z]))
+    return unwrap_quaternions(_HALF * np.column_stack([x + y, x - y, w - z, w + z]))

@@ -8,8 +8,8 @@ from html import escape
 from typing import Final
 
 from tombo_diagnosis.diagnosis import Diagnosis, Score
-from tombo_diagnosis.report.diagnosis_view import zero_s
-from tombo_diagnosis.report.diagnosis_words import DASH, certainty, figure, percent, words
+from tombo_diagnosis.report.diagnosis_plot_data import zero_s
+from tombo_diagnosis.report.diagnosis_text import DASH, certainty, figure, percent, words
 
 _SHOWN: Final = 8
 """Candidates in sight; the others are folded away."""

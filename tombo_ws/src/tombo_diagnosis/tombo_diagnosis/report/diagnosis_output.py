@@ -10,8 +10,8 @@ import yaml
 
 from tombo_diagnosis.diagnosis import Cause, Diagnosis
 from tombo_diagnosis.extend_model import model_of
-from tombo_diagnosis.report.diagnosis_words import extends
-from tombo_flight.extended_model import Fitted, Model
+from tombo_diagnosis.report.diagnosis_text import extends
+from tombo_flight.extended_model import FittedParameter, Model
 from tombo_flight.flight_output import as_json, plain
 from tombo_flight.model_file import write_model
 from tombo_flight.version import tombo_version
@@ -27,7 +27,7 @@ PLOTS: Final = ("summary.png", "residuals.png", "drivers.png", "gains.png")
 DIAGNOSIS_FILES: Final = (JSON, REPORT, MODEL, MISSION, *(f"plots/{name}" for name in PLOTS))
 """All names that a diagnosis may write: those of an earlier one give way."""
 
-Tell = Callable[[str, float], None]
+ProgressCallback = Callable[[str, float], None]
 """Told what is being done and how far it is: a stage and a share from 0 to 1."""
 
 
@@ -85,7 +85,7 @@ def _cause(cause: Cause) -> dict[str, Any]:
     }
 
 
-def _theta(theta: Fitted) -> dict[str, Any]:
+def _theta(theta: FittedParameter) -> dict[str, Any]:
     return {
         "value": theta.value,
         "unit": theta.unit,
@@ -101,7 +101,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> str:
 
 
 @dataclasses.dataclass(frozen=True)
-class HeldAgainst:
+class NominalReference:
     """What the flights were held against, and when: the provenance in `model.yaml`."""
 
     scenario: str
@@ -113,10 +113,10 @@ class HeldAgainst:
 def write_diagnosis(
     folder: OutputFolder,
     diagnosis: Diagnosis,
-    against: HeldAgainst,
+    against: NominalReference,
     *,
     pictures: bool = True,
-    tell: Tell | None = None,
+    on_progress: ProgressCallback | None = None,
 ) -> None:
     """Write the files of a diagnosis into an output folder, which the caller publishes.
 
@@ -125,12 +125,12 @@ def write_diagnosis(
         diagnosis: what was found.
         against: what the flights were held against.
         pictures: also the report and the plots.
-        tell: told the progress.
+        on_progress: told the progress.
 
     Raises:
         OSError: the files can't be written.
     """
-    say = tell or (lambda stage, share: None)
+    say = on_progress or (lambda stage, share: None)
     say(f"writing {JSON}", 0.0)
     (folder / JSON).write_text(diagnosis_json(diagnosis), encoding="utf-8", newline="\n")
     _write_mission(folder, diagnosis)
@@ -160,7 +160,7 @@ def _write_mission(folder: OutputFolder, diagnosis: Diagnosis) -> None:
     (folder / MISSION).write_text(head + text, encoding="utf-8", newline="\n")
 
 
-def _draw(folder: OutputFolder, diagnosis: Diagnosis, say: Tell) -> None:
+def _draw(folder: OutputFolder, diagnosis: Diagnosis, say: ProgressCallback) -> None:
     from tombo_diagnosis.report import diagnosis_plots
     from tombo_diagnosis.report.diagnosis_poster import diagnosis_poster
     from tombo_flight.report.flight_plot import png_bytes

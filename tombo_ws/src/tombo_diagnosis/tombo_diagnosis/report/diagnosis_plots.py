@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from tombo_diagnosis.diagnosis import Diagnosis, Residual
-from tombo_diagnosis.report.diagnosis_view import (
+from tombo_diagnosis.report.diagnosis_plot_data import (
     Array,
     Pair,
     binned,
@@ -30,7 +30,7 @@ from tombo_diagnosis.report.diagnosis_view import (
     thinned,
     zero_s,
 )
-from tombo_diagnosis.report.diagnosis_words import figure, headline, percent, unit, words
+from tombo_diagnosis.report.diagnosis_text import figure, headline, percent, unit, words
 from tombo_flight.extended_model import Gain
 from tombo_flight.report import style
 

@@ -10,9 +10,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tombo_diagnosis.diagnosis import Cause, Diagnosis
+from tombo_diagnosis.report.diagnosis_plot_data import by_channel, corrected, pairs
 from tombo_diagnosis.report.diagnosis_plots import gain_axes, keys, pair_axes, time_axes
-from tombo_diagnosis.report.diagnosis_view import by_channel, corrected, pairs
-from tombo_diagnosis.report.diagnosis_words import (
+from tombo_diagnosis.report.diagnosis_text import (
     CLASSES,
     LABELS,
     best_gains,
@@ -22,7 +22,7 @@ from tombo_diagnosis.report.diagnosis_words import (
     unit,
     words,
 )
-from tombo_flight.extended_model import Fitted
+from tombo_flight.extended_model import FittedParameter
 from tombo_flight.report import style
 
 SIZE_IN: Final = (16.0, 9.0)
@@ -115,6 +115,6 @@ def _figures(cause: Cause) -> list[tuple[str, float, str]]:
     ]
 
 
-def _sureness(fitted: Fitted) -> float:
+def _sureness(fitted: FittedParameter) -> float:
     """Return how far a parameter is from its nominal value, in widths of its interval."""
     return abs(fitted.value - fitted.nominal) / max(fitted.high - fitted.low, 1e-12)

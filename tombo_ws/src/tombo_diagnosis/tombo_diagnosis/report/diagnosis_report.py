@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Final
 
 from tombo_diagnosis.diagnosis import Diagnosis
-from tombo_diagnosis.report import diagnosis_evidence, diagnosis_pictures, diagnosis_sections
-from tombo_diagnosis.report.diagnosis_words import (
+from tombo_diagnosis.report import diagnosis_evidence, diagnosis_sections, diagnosis_svg_plots
+from tombo_diagnosis.report.diagnosis_text import (
     CLASSES,
     LABELS,
     certainty,
@@ -37,7 +37,7 @@ def write_diagnosis_report(diagnosis: Diagnosis, path: Path, folder: str = "") -
 def diagnosis_html(diagnosis: Diagnosis, folder: str = "") -> str:
     """Return the report as text; it loads nothing from anywhere."""
     words = headline(diagnosis)
-    drivers = diagnosis_pictures.drivers(diagnosis)
+    drivers = diagnosis_svg_plots.drivers(diagnosis)
     causes = diagnosis_sections.causes(diagnosis)
     several = "What it may be" if diagnosis.verdict == "set" else "What it is"
     notes = diagnosis_sections.notes(diagnosis.notes)
@@ -52,13 +52,13 @@ def diagnosis_html(diagnosis: Diagnosis, folder: str = "") -> str:
             "headline": escape(words),
             "summary": escape(diagnosis.summary),
             "cards": diagnosis_sections.cards(diagnosis),
-            "hero": diagnosis_pictures.hero(diagnosis),
+            "hero": diagnosis_svg_plots.main_plot(diagnosis),
             "next": _panel("What to fly next", _next(diagnosis, folder)),
             "causes": _panel(several, causes),
             "notes": _panel("What can’t be certified", notes),
             "gains": _panel(_WORTH, _gains(diagnosis)),
             "drivers": _panel("What drives it", drivers),
-            "overview": _panel("All channels", diagnosis_pictures.overview(diagnosis)),
+            "overview": _panel("All channels", diagnosis_svg_plots.overview(diagnosis)),
             "candidates": diagnosis_evidence.candidates(diagnosis.candidates),
             "prechecks": diagnosis_evidence.prechecks(diagnosis),
             "flights": diagnosis_evidence.flights(diagnosis),

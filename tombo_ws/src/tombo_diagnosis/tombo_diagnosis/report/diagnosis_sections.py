@@ -9,7 +9,7 @@ from html import escape
 
 from tombo_diagnosis.diagnosis import Cause, Diagnosis
 from tombo_diagnosis.report.diagnosis_evidence import meter, table
-from tombo_diagnosis.report.diagnosis_words import (
+from tombo_diagnosis.report.diagnosis_text import (
     best_gains,
     certainty,
     figure,
@@ -18,7 +18,7 @@ from tombo_diagnosis.report.diagnosis_words import (
     unit,
     words,
 )
-from tombo_flight.extended_model import Fitted, Gain
+from tombo_flight.extended_model import FittedParameter, Gain
 
 
 def cards(diagnosis: Diagnosis) -> str:
@@ -75,7 +75,7 @@ def _cause(cause: Cause) -> str:
     )
 
 
-def _whisker(theta: Fitted) -> str:
+def _whisker(theta: FittedParameter) -> str:
     """Return a small scale from the model's value to beyond the fitted one."""
     ends = (theta.nominal, theta.value, theta.low, theta.high)
     if not all(map(math.isfinite, ends)):

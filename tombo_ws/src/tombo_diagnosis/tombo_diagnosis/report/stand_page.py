@@ -8,7 +8,7 @@ from html import escape
 from typing import TYPE_CHECKING, Final
 
 from tombo_diagnosis.report import diagnosis_sections, stand_sections
-from tombo_diagnosis.report.diagnosis_words import CLASSES, LABELS, certainty
+from tombo_diagnosis.report.diagnosis_text import CLASSES, LABELS, certainty
 from tombo_flight.report.flight_report import asset, fill
 
 if TYPE_CHECKING:

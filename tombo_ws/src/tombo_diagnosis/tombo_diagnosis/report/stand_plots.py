@@ -32,7 +32,7 @@ def draw_residuals(found: StandDiagnosis, headline: str) -> Any:
 
     problem = found.findings.problem
     points = problem.points
-    before = problem.residual(problem.final(problem.nothing))
+    before = problem.residual(problem.final(problem.null_hypothesis))
     after = problem.unexplained(found.findings.search.best.fit)
     channels = [c for c in points.measured if problem.seen[:, c].any()]
     with mpl.rc_context(RC):
@@ -66,7 +66,7 @@ def draw_stiffness(found: StandDiagnosis) -> Any:
     soft = np.isfinite(points.stiffness)
     if soft.sum() < 2 or 0 not in points.measured:
         return None
-    before = problem.residual(problem.final(problem.nothing))[:, 0]
+    before = problem.residual(problem.final(problem.null_hypothesis))[:, 0]
     after = problem.residual(problem.final(found.findings.search.best.fit))[:, 0]
     with mpl.rc_context(RC):
         figure = Figure(figsize=(6.4, 3.6), layout="constrained")

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from html import escape
 from typing import TYPE_CHECKING, Final
 
-from tombo_diagnosis.diagnosis import Diagnosis, FlightNote, Score
+from tombo_diagnosis.diagnosis import Diagnosis, FlightSummary, Score
 from tombo_diagnosis.logs.flight_log import Finding
 from tombo_diagnosis.report.diagnosis_evidence import meter, table
-from tombo_diagnosis.report.diagnosis_words import DASH, certainty, figure, percent, unit, words
+from tombo_diagnosis.report.diagnosis_text import DASH, certainty, figure, percent, unit, words
 from tombo_diagnosis.stand.model_file import extends_model
 
 if TYPE_CHECKING:
@@ -203,7 +203,7 @@ def findings(found: Sequence[Finding]) -> str:
     return table(("severity", "table", "check", "what was seen"), lines, "checks")
 
 
-def runs(notes: Sequence[FlightNote]) -> str:
+def runs(notes: Sequence[FlightSummary]) -> str:
     """Return the tables that were read, and what they lack."""
     lines = [
         f'<tr><th scope="row">{escape(n.name)}</th>'

@@ -106,10 +106,10 @@ def _left_one_out(axis: Any, study: Table3) -> None:
 
 
 def _parting(axis: Any, study: Table3) -> None:
-    from tombo_diagnosis.stand.settling import AS_IT_IS, foretold
+    from tombo_diagnosis.stand.discriminating_measurements import AS_IT_IS, predicted_readings
 
     rpm = np.arange(800.0, 5001.0, 50.0, dtype=np.float64)
-    curves = foretold(study.fits, _SOFT, rpm, study.law)
+    curves = predicted_readings(study.fits, _SOFT, rpm, study.law)
     axis.axvspan(3200.0, 4500.0, color=FAINT, alpha=0.6, zorder=0, linewidth=0.0)
     axis.plot(rpm, curves[AS_IT_IS][:, 0], color=VERMILLION, label=f"law {study.law} as it is")
     for effect, (colour, line) in _TOLD.items():

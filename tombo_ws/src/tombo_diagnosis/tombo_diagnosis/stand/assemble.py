@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_diagnosis.logs.flight_log import Finding
+from tombo_diagnosis.stand.operating_points import OperatingPoints
 from tombo_diagnosis.stand.plateaus import Plateaus, plateaus
-from tombo_diagnosis.stand.plausible import check_scale
-from tombo_diagnosis.stand.points import Points
-from tombo_diagnosis.stand.reading import StandTable
+from tombo_diagnosis.stand.table_reader import StandTable
+from tombo_diagnosis.stand.unit_check import check_scale
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import configuration, nodus_moduli, parameter_row, valid_speed
 from tombo_dynamics.propeller.effects import Setup, predict
@@ -25,15 +25,15 @@ _FEWEST = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Assembled:
+class StandData:
     """What is diagnosed."""
 
-    points: Points
+    points: OperatingPoints
     runs: tuple[Plateaus, ...]
     findings: tuple[Finding, ...]
 
 
-def assemble(tables: Sequence[StandTable], conf: int, law: str, plain: bool = False) -> Assembled:
+def assemble(tables: Sequence[StandTable], conf: int, law: str, plain: bool = False) -> StandData:
     """Join runs.
 
     Args:
@@ -64,7 +64,7 @@ def assemble(tables: Sequence[StandTable], conf: int, law: str, plain: bool = Fa
         own_run = table.channels.get("run")
         own_conf = table.channels.get("conf")
         own_prop = table.channels.get("propeller")
-        numbers = np.full(n, conf) if own_conf is None else _whole(own_conf[first], table)
+        numbers = np.full(n, conf) if own_conf is None else _whole_numbers(own_conf[first], table)
         names = [
             table.name if own_run is None else f"{table.name}, run {own_run[k]:g}" for k in first
         ]
@@ -89,7 +89,7 @@ def assemble(tables: Sequence[StandTable], conf: int, law: str, plain: bool = Fa
             stiffness.setdefault(wing, math.nan if plain else _stiffness(int(c)))
         if not plain:
             rows.append(np.stack([parameter_row(configuration(int(c)), law) for c in numbers]))
-            findings += _beyond(table.name, part.speed, numbers, law)
+            findings += _above_valid_speed(table.name, part.speed, numbers, law)
     speed = np.concatenate([p.speed for p in found])
     readings = np.concatenate([p.readings for p in found])
     if plain:
@@ -107,14 +107,14 @@ def assemble(tables: Sequence[StandTable], conf: int, law: str, plain: bool = Fa
         largest_thrust=_largest(readings[:, 0], 1.0),
         largest_torque=_largest(readings[:, 1], 0.03),
     )
-    points = Points(
+    points = OperatingPoints(
         setup, readings, np.concatenate([p.sigma for p in found]), tuple(runs), tuple(propellers),
         np.array([stiffness[p] for p in propellers]),
     )  # fmt: skip
     if not plain:
         check_scale(points, tables, [p.speed.size for p in found])
         _check_enough(points, tables)
-    return Assembled(points, tuple(found), tuple(findings))
+    return StandData(points, tuple(found), tuple(findings))
 
 
 def _refuse_twice(tables: Sequence[StandTable]) -> None:
@@ -130,7 +130,7 @@ def _refuse_twice(tables: Sequence[StandTable]) -> None:
                 )
 
 
-def _check_enough(points: Points, tables: Sequence[StandTable]) -> None:
+def _check_enough(points: OperatingPoints, tables: Sequence[StandTable]) -> None:
     """Refuse what leaves fewer than three points.
 
     Raises:
@@ -149,7 +149,7 @@ def _check_enough(points: Points, tables: Sequence[StandTable]) -> None:
         )
 
 
-def _whole(values: Array, table: StandTable) -> NDArray[np.int64]:
+def _whole_numbers(values: Array, table: StandTable) -> NDArray[np.int64]:
     wrong = values[~np.isfinite(values) | (values != np.round(values))]
     if wrong.size:
         column = table.mapping.channels["conf"].columns[0]
@@ -198,7 +198,9 @@ def _constants(speed: Array, readings: Array, propellers: Sequence[Array]) -> Ar
     return rows
 
 
-def _beyond(name: str, speed: Array, numbers: NDArray[np.int64], law: str) -> list[Finding]:
+def _above_valid_speed(
+    name: str, speed: Array, numbers: NDArray[np.int64], law: str
+) -> list[Finding]:
     found = []
     for c in np.unique(numbers):
         limit = valid_speed(configuration(int(c)), law)

@@ -6,22 +6,22 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from tombo_diagnosis.diagnosis import Diagnosis, FlightNote
+from tombo_diagnosis.diagnosis import Diagnosis, FlightSummary
 from tombo_diagnosis.stand.analyse import Findings, analyse
-from tombo_diagnosis.stand.assemble import Assembled, assemble
-from tombo_diagnosis.stand.causes import causes, scores
-from tombo_diagnosis.stand.constant import ThrustConstant, thrust_constant
-from tombo_diagnosis.stand.gain import held_out
+from tombo_diagnosis.stand.assemble import StandData, assemble
+from tombo_diagnosis.stand.cause_estimates import causes, scores
+from tombo_diagnosis.stand.cross_validation import held_out
+from tombo_diagnosis.stand.experiment_design import separate
 from tombo_diagnosis.stand.model_file import StandModel
-from tombo_diagnosis.stand.points import Points
-from tombo_diagnosis.stand.reading import StandTable
-from tombo_diagnosis.stand.separate import separate
-from tombo_diagnosis.stand.words import notes, summary
+from tombo_diagnosis.stand.operating_points import OperatingPoints
+from tombo_diagnosis.stand.summary_text import notes, summary
+from tombo_diagnosis.stand.table_reader import StandTable
+from tombo_diagnosis.stand.thrust_constant import ThrustConstant, thrust_constant
 from tombo_dynamics.propeller.effects import CHANNELS
 
-Tell = Callable[[str, float], None]
+ProgressCallback = Callable[[str, float], None]
 
-TAKEN = ("thrust_coefficient", "drag_coefficient")
+ABSORBED_EFFECTS = ("thrust_coefficient", "drag_coefficient")
 """What the fit of k_T and k_Q takes up."""
 
 
@@ -42,7 +42,7 @@ def diagnose_stand(
     conf: int,
     law: str,
     plain: bool,
-    tell: Tell,
+    on_progress: ProgressCallback,
     clock: Callable[[], float],
     given: StandModel | None = None,
 ) -> StandDiagnosis:
@@ -53,7 +53,7 @@ def diagnose_stand(
         conf: configuration of tables that do not say theirs.
         law: of the Tombo propellers.
         plain: hold them against T = k omega^2.
-        tell: told the progress.
+        on_progress: told the progress.
         clock: of run time [s].
         given: model of earlier runs.
 
@@ -61,38 +61,38 @@ def diagnose_stand(
         InputError: the tables can't be diagnosed together.
     """
     began = clock()
-    tell("finding plateaus", 0.0)
+    on_progress("finding plateaus", 0.0)
     found = assemble(tables, conf, law, plain)
     constant = None
     if found.points.setup.plain and 0 in found.points.measured:
         constant = thrust_constant(found, {t.name: t.rotor_speed for t in tables})
     note = [
-        FlightNote(
+        FlightSummary(
             t.name, t.source, _duration(t), _duration(t), "stand",
             tuple(c for c in CHANNELS if c not in t.channels),
         )
         for t in tables
     ]  # fmt: skip
     base = None if given is None else given.theta
-    diagnosis, findings = diagnose_points(found, note, tell, constant, base)
+    diagnosis, findings = diagnose_points(found, note, on_progress, constant, base)
     diagnosis = _timed(diagnosis, clock() - began)
     return StandDiagnosis(diagnosis, findings, constant, given)
 
 
 def diagnose_points(
-    found: Assembled,
-    flights: Sequence[FlightNote],
-    tell: Tell,
+    found: StandData,
+    flights: Sequence[FlightSummary],
+    on_progress: ProgressCallback,
     constant: ThrustConstant | None = None,
     base: Mapping[str, tuple[float, ...]] | None = None,
 ) -> tuple[Diagnosis, Findings]:
     """Diagnose operating points."""
     points = found.points
-    tell("looking for causes", 0.1)
-    findings = analyse(points, TAKEN if points.setup.plain else (), base)
-    tell("leaving out one block after the other", 0.4)
+    on_progress("looking for causes", 0.1)
+    findings = analyse(points, ABSORBED_EFFECTS if points.setup.plain else (), base)
+    on_progress("leaving out one block after the other", 0.4)
     gains, shares = held_out(findings)
-    tell("simulating measurements", 0.8)
+    on_progress("simulating measurements", 0.8)
     experiment = separate(findings)
     judgement, found_causes = findings.judgement, causes(findings)
     diagnosis = Diagnosis(
@@ -114,7 +114,7 @@ def diagnose_points(
     return diagnosis, findings
 
 
-def _model(points: Points) -> str:
+def _model(points: OperatingPoints) -> str:
     if points.setup.plain:
         k_T = float(points.setup.rows[0, 0])
         return f"T = k_T omega^2, k_T = {k_T:.4g} N s^2, fitted to these points"

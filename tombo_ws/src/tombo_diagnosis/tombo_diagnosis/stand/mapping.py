@@ -218,14 +218,14 @@ def _channel(key: str, content: object, what: str) -> StandChannel:
     return StandChannel(tuple(str(c) for c in columns), unit, sign, poles)
 
 
-def recognise(columns: Sequence[str]) -> StandMapping | None:
+def mapping_for_header(columns: Sequence[str]) -> StandMapping | None:
     """Return a shipped mapping whose header a table has, or None."""
     return next(
         (m for m in shipped().values() if m.header and set(m.header) <= set(columns)), None
     )
 
 
-def understand(columns: Sequence[str], path: Path) -> StandMapping:
+def infer_mapping(columns: Sequence[str], path: Path) -> StandMapping:
     """Return a mapping from plain names of columns: thrust_N, rpm, torque [mN m], beta_deg ...
 
     Raises:

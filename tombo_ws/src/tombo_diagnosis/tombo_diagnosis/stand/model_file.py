@@ -11,8 +11,8 @@ from typing import Any
 import yaml
 
 from tombo_diagnosis.diagnosis import Diagnosis
-from tombo_diagnosis.extend_model import EXTENDS
-from tombo_diagnosis.stand.departure import extending
+from tombo_diagnosis.extend_model import EXTENDING_VERDICTS
+from tombo_diagnosis.stand.model_differences import model_extending_causes
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller.effects import STAND_EFFECTS, check_stand_theta
 from tombo_dynamics.yaml_text import parse_yaml
@@ -36,7 +36,9 @@ class StandModel:
 
 def extends_model(diagnosis: Diagnosis) -> bool:
     """Return whether something was found that a model can take over."""
-    return diagnosis.verdict in EXTENDS and bool(extending(diagnosis.causes))
+    return diagnosis.verdict in EXTENDING_VERDICTS and bool(
+        model_extending_causes(diagnosis.causes)
+    )
 
 
 def stand_model_text(
@@ -67,7 +69,7 @@ def stand_model_text(
                 },
                 "covariance": [[_plain(v) for v in row] for row in cause.covariance],
             }
-            for cause in extending(diagnosis.causes)
+            for cause in model_extending_causes(diagnosis.causes)
         },
         "origin": {
             "model": diagnosis.model,

@@ -24,7 +24,7 @@ class Parameter:
     high: float
     scale: float
     """A change of this size clearly matters."""
-    chance: bool
+    stochastic: bool
 
     @property
     def label(self) -> str:
@@ -40,7 +40,7 @@ class Parameter:
 def parameters(setup: Setup) -> tuple[Parameter, ...]:
     """Return the parameters of all effects that make sense for a setup's model."""
     model = "plain" if setup.plain else "tombo"
-    grows = {
+    scales_with = {
         "": 1.0,
         "thrust": setup.largest_thrust / _OWN_THRUST,
         "torque": setup.largest_torque / _OWN_TORQUE,
@@ -48,7 +48,7 @@ def parameters(setup: Setup) -> tuple[Parameter, ...]:
     return tuple(
         Parameter(
             name, p.name, p.unit, p.null, *p.bounds,
-            abs(p.typical - p.null) * grows[p.grows], effect.chance,
+            abs(p.typical - p.null) * scales_with[p.scales_with], effect.stochastic,
         )
         for name, effect in STAND_EFFECTS.items()
         if model in effect.models

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_diagnosis.logs.flight_log import Finding
-from tombo_diagnosis.stand.reading import StandTable
-from tombo_diagnosis.stand.steps import without_changed
+from tombo_diagnosis.stand.change_points import without_changed
+from tombo_diagnosis.stand.table_reader import StandTable
 
 Array = NDArray[np.float64]
 

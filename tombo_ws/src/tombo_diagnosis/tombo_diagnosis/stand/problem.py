@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_diagnosis.flight.evidence import Normal, Solution, solve
+from tombo_diagnosis.flight.evidence import NormalEquations, Posterior, solve
+from tombo_diagnosis.stand.operating_points import OperatingPoints
 from tombo_diagnosis.stand.parameters import HEALTHY_SHARE, Parameter, parameters
-from tombo_diagnosis.stand.points import Points
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller.effects import STAND_EFFECTS, Draws, predict
 
@@ -47,28 +47,28 @@ class Fit:
     widths: Widths
     theta: Array
     """(K,) parameters: free ones fitted, the others at their nominal value."""
-    solution: Solution
+    solution: Posterior
     """About theta; parameters, then the draws of propellers and runs."""
     evidence: float
     """Logarithm of the probability of the data, bounds taken into account."""
-    normal: Normal
+    normal: NormalEquations
 
 
 class Problem:
-    """The regression about the nominal model; `taken` are effects that its own fit took up."""
+    """The regression about the nominal model; `absorbed` are effects that its own fit took up."""
 
     def __init__(
         self,
-        points: Points,
-        taken: Sequence[str] = (),
+        points: OperatingPoints,
+        absorbed: Sequence[str] = (),
         base: dict[str, tuple[float, ...]] | None = None,
     ) -> None:
         setup = points.setup
         self.points = points
         every = parameters(setup)
-        self.parameters = tuple(p for p in every if not p.chance)
-        self.healthy = {p.label: HEALTHY_SHARE[p.effect] * p.scale for p in every if p.chance}
-        self.taken = frozenset(k for k, p in enumerate(self.parameters) if p.effect in taken)
+        self.parameters = tuple(p for p in every if not p.stochastic)
+        self.healthy = {p.label: HEALTHY_SHARE[p.effect] * p.scale for p in every if p.stochastic}
+        self.absorbed = frozenset(k for k, p in enumerate(self.parameters) if p.effect in absorbed)
         self.nominal = np.array([p.null for p in self.parameters])
         for name, values in (base or {}).items():
             own = [k for k, p in enumerate(self.parameters) if p.effect == name]
@@ -96,19 +96,19 @@ class Problem:
         scales = np.array([p.scale for p in self.parameters])
         self.excited = size * scales > 1.0
         """(K,) whether a parameter of the size that matters stands out of the noise."""
-        self.nothing = self.fit(())
+        self.null_hypothesis = self.fit(())
 
     @property
     def used(self) -> int:
         """Number of points that count: measured, where the model has a root."""
         return int(self.seen.any(axis=1).sum())
 
-    def open(self, effect: str) -> tuple[int, ...]:
+    def identifiable(self, effect: str) -> tuple[int, ...]:
         """Return the places of an effect's parameters that can be its cause."""
         return tuple(
             k
             for k, p in enumerate(self.parameters)
-            if p.effect == effect and self.excited[k] and k not in self.taken
+            if p.effect == effect and self.excited[k] and k not in self.absorbed
         )
 
     def values(self, theta: Array) -> dict[str, tuple[float, ...]]:
@@ -130,7 +130,7 @@ class Problem:
     def deviations(self, free: Sequence[int], widths: Widths, held: float = 1.0) -> Array:
         """Return the prior standard deviations of parameters and draws."""
         own = np.array([p.tolerance for p in self.parameters]) * held
-        for k in (*free, *self.taken):
+        for k in (*free, *self.absorbed):
             own[k] = self.parameters[k].scale
         return np.concatenate([own, self._draw_widths(widths)])
 
@@ -139,13 +139,15 @@ class Problem:
         runs = np.repeat([widths.run, widths.share], 2 * self.runs)
         return np.concatenate([propellers, runs])
 
-    def normal(self, theta: Array, slopes: Array, widths: Widths) -> tuple[Normal, float]:
+    def normal(self, theta: Array, slopes: Array, widths: Widths) -> tuple[NormalEquations, float]:
         """Return the whitened equations about theta, and half the log of the noise's variance."""
         left = np.where(self.seen, self.residual(theta), 0.0)
         every = np.concatenate([slopes, self.drawn], axis=2)
         return self.whitened(left, every, widths)
 
-    def whitened(self, left: Array, slopes: Array, widths: Widths) -> tuple[Normal, float]:
+    def whitened(
+        self, left: Array, slopes: Array, widths: Widths
+    ) -> tuple[NormalEquations, float]:
         """Return equations of any columns (N, 4, K), and half the log determinant."""
         weight = np.where(self.seen, 1.0 / self.sigma, 0.0)
         y = left * weight
@@ -162,7 +164,7 @@ class Problem:
         x = x - g[:, :, None] * (shrink[:, None] * along)[:, None, :]
         flat, rows = x.reshape(-1, x.shape[2]), y.reshape(-1)
         half = 0.5 * float(np.sum(np.log1p(length)))
-        return Normal(flat.T @ flat, flat.T @ rows, float(rows @ rows)), half
+        return NormalEquations(flat.T @ flat, flat.T @ rows, float(rows @ rows)), half
 
     def fit(
         self,
@@ -180,7 +182,7 @@ class Problem:
             slopes: (N, 4, K) for what stays within its tolerance; None: nominal.
         """
         free = tuple(free)
-        moving = (*free, *self.taken)
+        moving = (*free, *self.absorbed)
         theta = self.nominal.copy() if start is None else start.copy()
         deviations = self.deviations(free, widths)
         slopes = (self.slopes if slopes is None else slopes).copy()
@@ -189,9 +191,9 @@ class Problem:
             for k in moving:
                 slopes[:, :, k] = self.slope(theta, k)
             normal, half = self.normal(theta, slopes, widths)
-            centre = np.zeros(deviations.size)
-            centre[: theta.size] = self.nominal - theta
-            solution = solve(normal, deviations, centre)
+            prior_mean = np.zeros(deviations.size)
+            prior_mean[: theta.size] = self.nominal - theta
+            solution = solve(normal, deviations, prior_mean)
             evidence = solution.evidence - half - self._outside(moving, theta, solution)
             found = Fit(free, widths, theta.copy(), solution, evidence, normal)
             if not moving:
@@ -233,7 +235,7 @@ class Problem:
                 return moved
         return theta
 
-    def _outside(self, moving: Sequence[int], theta: Array, solution: Solution) -> float:
+    def _outside(self, moving: Sequence[int], theta: Array, solution: Posterior) -> float:
         cost = 0.0
         for k in moving:
             p = self.parameters[k]
@@ -246,7 +248,7 @@ class Problem:
 
     def final(self, fit: Fit) -> Array:
         """Return the parameters of a fit, its last step taken, others at their nominal value."""
-        return self._moved(fit.theta, (*fit.free, *self.taken), fit.solution.mean)
+        return self._moved(fit.theta, (*fit.free, *self.absorbed), fit.solution.mean)
 
     def unexplained(self, fit: Fit) -> Array:
         """Return what a fit leaves (N, 4), with what its effects of chance did undone."""

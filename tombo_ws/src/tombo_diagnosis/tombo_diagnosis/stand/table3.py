@@ -8,10 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_diagnosis.stand.assemble import Assembled
-from tombo_diagnosis.stand.left_one_out import MEAN, PHYSICAL, Prediction, predictions
-from tombo_diagnosis.stand.points import Points
-from tombo_diagnosis.stand.settling import Settling, fitted_to, settling
+from tombo_diagnosis.stand.assemble import StandData
+from tombo_diagnosis.stand.discriminating_measurements import (
+    DiscriminatingMeasurement,
+    least_squares_fits,
+    settling,
+)
+from tombo_diagnosis.stand.leave_one_out import MEAN, PHYSICAL, Prediction, predictions
+from tombo_diagnosis.stand.operating_points import OperatingPoints
 from tombo_dynamics.propeller import configurations, evaluate, nodus_moduli, parameter_row
 from tombo_dynamics.propeller.effects import CHANNELS, Setup
 
@@ -46,7 +50,7 @@ class Table3:
     spearman_p: float
     predictions: tuple[Prediction, ...]
     """Leaving one configuration out, best first."""
-    settling: tuple[Settling, ...]
+    settling: tuple[DiscriminatingMeasurement, ...]
     """Measurements that would settle it, easiest first."""
     fits: dict[str, float]
     """Candidate -> its parameter fitted to the table."""
@@ -56,7 +60,7 @@ class Table3:
     """The nominal one."""
 
 
-def table3_points(law: str = "repaired") -> Points:
+def table3_points(law: str = "repaired") -> OperatingPoints:
     """Return Table III as operating points; the noise is the printed deviation."""
     own = [c for c in configurations() if c.measured is not None]
     n = len(own)
@@ -76,12 +80,12 @@ def table3_points(law: str = "repaired") -> Points:
     )
     names = tuple(f"Conf. {c.number}" for c in own)
     stiff = np.array([math.nan if c.rigid else nodus_moduli(c).G_N_MPa for c in own])
-    return Points(setup, readings, sigma, ("Table III",) * n, names, stiff)
+    return OperatingPoints(setup, readings, sigma, ("Table III",) * n, names, stiff)
 
 
-def table3_assembled(law: str = "repaired") -> Assembled:
+def table3_assembled(law: str = "repaired") -> StandData:
     """Return Table III as what `diagnose_points` takes."""
-    return Assembled(table3_points(law), (), ())
+    return StandData(table3_points(law), (), ())
 
 
 def study_table3(law: str = "repaired") -> Table3:
@@ -100,7 +104,7 @@ def study_table3(law: str = "repaired") -> Table3:
     predicted = {**{k: np.array(v)[soft] for k, v in laws.items()}, _THEIRS: mean}
     rms = {k: float(np.sqrt(np.mean((y[soft] - v) ** 2))) for k, v in predicted.items()}
     chi2 = {k: float(np.sum(((y[soft] - v) / dev[soft]) ** 2)) for k, v in predicted.items()}
-    fits = fitted_to(points)
+    fits = least_squares_fits(points)
     rank = stats.spearmanr(points.stiffness[soft], y[soft])
     return Table3(
         tuple(c.number for c in own), tuple(map(float, y)), tuple(map(float, dev)), laws, rms,

@@ -8,7 +8,7 @@ from independent_propeller import span_load
 
 from tombo_dynamics.propeller import configuration
 from tombo_dynamics.propeller.laws.wing_loads import twisted
-from tombo_dynamics.propeller.wing import rigid_integrals, ten_constants, wing
+from tombo_dynamics.propeller.wing import rigid_integrals, wing, wing_integrals
 
 BLADE = configuration(13).blade
 ANGLE = st.floats(-0.2, 1.0)
@@ -24,8 +24,8 @@ def test_ten_constants_of_the_nine_inch_blade() -> None:
         7.080855e-7, 4.885858e-7, 5.071665e-7, 5.463607e-7, 4.448284e-7,
         3.163733e-7, 2.213414e-7, 2.233647e-7, 2.412724e-7, 2.019179e-7,
     ]  # fmt: skip
-    assert ten_constants(BLADE, 2, 0.035, 0.110) == pytest.approx(square, rel=3e-7)
-    assert ten_constants(BLADE, 3, 0.035, 0.110) == pytest.approx(cube, rel=3e-7)
+    assert wing_integrals(BLADE, 2, 0.035, 0.110) == pytest.approx(square, rel=3e-7)
+    assert wing_integrals(BLADE, 3, 0.035, 0.110) == pytest.approx(cube, rel=3e-7)
 
 
 def test_inner_and_rigid_constants() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from tombo_dynamics.disc import FAR, disc_and_pole
+from tombo_dynamics.disc_geometry import FAR, disc_to_obstacle
 from tombo_dynamics.effects.registry import Param, Stage, effect
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import Array, P, V
@@ -21,11 +21,11 @@ _RECOVERY_CONSTANTS = -math.log(1.0 - _REACH ** (1.0 / 3.0))
 
 
 @compiled
-def hub_and_pole(m: Array, i: int) -> tuple[float, float, float]:
+def hub_to_obstacle(m: Array, i: int) -> tuple[float, float, float]:
     """Return distance [m] and direction from the hub of rotor `i` to the obstacle's axis."""
     hx = m[V.arm_length] * ARM_X[i] - m[P.inertial + 5]
     hy = m[V.arm_length] * ARM_Y[i] - m[P.inertial + 6]
-    return disc_and_pole(m, hx, hy, m[V.rotor_height])
+    return disc_to_obstacle(m, hx, hy, m[V.rotor_height])
 
 
 @compiled
@@ -119,7 +119,7 @@ def blade_strike(
             left = max(0.0, 1.0 - _RECOVERY_CONSTANTS * tick / max(recovery_time, 1e-3))
             m[P.fold + i] = m[P.fold + i] * left if m[P.fold + i] > 1e-4 else 0.0
         if near and m[P.damage + i] < 1.0:
-            distance, ex, ey = hub_and_pole(m, i)
+            distance, ex, ey = hub_to_obstacle(m, i)
             tip = tip_radius(m, i)
             if distance < tip + m[P.obstacle + 2] and m[P.speed + i] > _TURNING:
                 m[P.folding + i] = 1.0

@@ -26,9 +26,10 @@ from tombo_dynamics.propeller.library import (
     configurations,
     read_library,
 )
+from tombo_dynamics.propeller.maximum_thrust import Peak, speed_for_thrust, thrust_peak
 from tombo_dynamics.propeller.moduli import Moduli, nodus_moduli
 from tombo_dynamics.propeller.operation import RPM, Operation
-from tombo_dynamics.propeller.peak import Peak, speed_for_thrust, thrust_peak
+from tombo_dynamics.propeller.parameter_rows import parameter_rows
 from tombo_dynamics.propeller.quantities import QUANTITIES
 from tombo_dynamics.propeller.records import (
     STANDARD,
@@ -42,7 +43,6 @@ from tombo_dynamics.propeller.records import (
     Surroundings,
 )
 from tombo_dynamics.propeller.rotor_inertia import RotorInertia, rotor_inertia
-from tombo_dynamics.propeller.rows import parameter_rows
 from tombo_dynamics.propeller.sweep import Sweep, sweep
 from tombo_dynamics.propeller.thrust_map import (
     ThrustMap,

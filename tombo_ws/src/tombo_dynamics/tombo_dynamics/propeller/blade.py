@@ -48,7 +48,7 @@ def _gauss(order: int) -> tuple[Array, Array]:
     return nodes, weights
 
 
-def span_rule(
+def span_quadrature(
     blade: Blade, start: ArrayLike, end: ArrayLike, order: int = 16
 ) -> tuple[Array, Array]:
     """Return Gauss-Legendre nodes [m] and weights [m] from `start` to `end`, piece by piece.

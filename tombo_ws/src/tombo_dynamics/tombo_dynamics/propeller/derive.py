@@ -11,7 +11,7 @@ from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.params import validate
 from tombo_dynamics.propeller.library import Library, known_configuration, read_library
 from tombo_dynamics.propeller.records import Blade, Configuration, Fibre, Matrix, Nodus
-from tombo_dynamics.propeller.wing_mass import carried_wing
+from tombo_dynamics.propeller.wing_mass import wing_mass_from
 
 _NODUS = ("matrix", "fibre", "fibres", "fibre_diameter_mm", "length_mm")
 
@@ -42,7 +42,7 @@ def with_nodus(
         fibre_diameter_mm: of one fibre [mm].
         length_mm: length of the nodus along the span [mm].
         outer_radius_m: where the nodus ends and the wing begins [m]. Mass and centroid of the wing
-            follow (`wing_mass.carried_wing`); what belongs to the joint's section stays.
+            follow (`wing_mass.wing_mass_from`); what belongs to the joint's section stays.
         name: what to call it; otherwise the changes.
         library: where names are looked up; otherwise the built-in one.
         **unknown: refused by name.
@@ -123,7 +123,7 @@ def _moved(blade: Blade, outer_radius_m: float) -> Blade:
             f"outer_radius_m: {outer_radius_m!r}; accepted: between {low} and {high} m, on the "
             "blade"
         )
-    mass, centroid = carried_wing(blade, outer_radius_m)
+    mass, centroid = wing_mass_from(blade, outer_radius_m)
     changes = {
         "outer_radius_m": outer_radius_m,
         "wing_mass_kg": float(mass),

@@ -9,17 +9,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tombo_dynamics.errors import InputError, unknown_name
-from tombo_dynamics.propeller.laws.names import DEFAULT_LAW, LOST, OK, TWIST, law_number
+from tombo_dynamics.propeller.laws.names import (
+    DEFAULT_LAW,
+    NO_EQUILIBRIUM,
+    OK,
+    TWIST_OUT_OF_RANGE,
+    law_number,
+)
 from tombo_dynamics.propeller.laws.parameters import ROW_SIZE, checked, parameter_row
 from tombo_dynamics.propeller.laws.points import COLUMNS, solve_points
 from tombo_dynamics.propeller.operation import RPM, Operation
-from tombo_dynamics.propeller.records import STANDARD, Configuration, Surroundings
-from tombo_dynamics.propeller.rows import (
+from tombo_dynamics.propeller.parameter_rows import (
+    broadcast_error,
     family,
+    float_array,
     parameter_rows,
-    plain_numbers,
-    unlike_shapes,
 )
+from tombo_dynamics.propeller.records import STANDARD, Configuration, Surroundings
 
 Array = NDArray[np.float64]
 
@@ -27,9 +33,9 @@ SPEED_LIMIT = 18000.0 * RPM
 """Highest speed [rad/s]: as far as the paper's figures go. The tip is then at Mach 0.6."""
 OUTSIDE = ("error", "mask", "keep")
 _REASONS = {
-    TWIST: "the twist takes the tip out of the angles of attack that the coefficients were "
-    "measured at",
-    LOST: "no equilibrium continues the one at rest",
+    TWIST_OUT_OF_RANGE: "the twist takes the tip out of the angles of attack that the "
+    "coefficients were measured at",
+    NO_EQUILIBRIUM: "no equilibrium continues the one at rest",
 }
 
 
@@ -80,7 +86,7 @@ def evaluate(
         )
     except _ShapesError:
         given = {"speed_rad_s": speed_rad_s, **changes}
-        raise unlike_shapes(family(configuration), given) from None
+        raise broadcast_error(family(configuration), given) from None
     if outside == "error" and not operation.valid.all():
         raise _not_valid(operation, configuration, rows, law)
     return operation
@@ -214,7 +220,7 @@ def _not_valid(operation: Operation, configuration: Any, rows: Array, law: str) 
 
 
 def _checked_speeds(speed_rad_s: ArrayLike) -> Array:
-    speeds = plain_numbers("speed", speed_rad_s, _accepted_speeds())
+    speeds = float_array("speed", speed_rad_s, _accepted_speeds())
     usable = (speeds >= 0.0) & (speeds <= SPEED_LIMIT)
     if not usable.all():
         worst = float(speeds.ravel()[int(np.argmin(usable.ravel()))])

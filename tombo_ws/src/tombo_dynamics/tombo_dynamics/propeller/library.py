@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from tombo_dynamics.errors import InputError, unknown_name
-from tombo_dynamics.propeller.reading import read_yaml, record
+from tombo_dynamics.propeller.record_reader import read_yaml, record
 from tombo_dynamics.propeller.records import (
     Blade,
-    BladePiece,
+    BladeSegment,
     CollisionPosition,
     Configuration,
     Fibre,
@@ -208,7 +208,7 @@ def _blade(name: str, values: object) -> Blade:
         where,
         name=name,
         pieces=tuple(
-            record(BladePiece, piece, f"{where}.pieces[{i}]") for i, piece in enumerate(pieces)
+            record(BladeSegment, piece, f"{where}.pieces[{i}]") for i, piece in enumerate(pieces)
         ),
         section=record(Section, rest.get("section"), f"{where}.section"),
         joint=record(Joint, rest.get("joint"), f"{where}.joint"),

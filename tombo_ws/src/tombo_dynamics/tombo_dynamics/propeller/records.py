@@ -61,7 +61,7 @@ class Nodus:
 
 
 @dataclass(frozen=True)
-class BladePiece:
+class BladeSegment:
     """A stretch of the blade with its polynomials, highest power first, x in metres."""
 
     start_m: float = quantity("m", 0.0, 1.0)
@@ -125,7 +125,7 @@ class Blade:
     """A blade: shape, section coefficients and joint. Spans are from the hub's centre."""
 
     name: str
-    pieces: tuple[BladePiece, ...]
+    pieces: tuple[BladeSegment, ...]
     section: Section
     joint: Joint
     published: PublishedTorsion | None = None

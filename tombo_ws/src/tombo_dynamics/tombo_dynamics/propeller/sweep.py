@@ -14,8 +14,8 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller.evaluate import evaluate
 from tombo_dynamics.propeller.laws.names import DEFAULT_LAW
 from tombo_dynamics.propeller.operation import Operation
+from tombo_dynamics.propeller.parameter_rows import MATERIALS, family
 from tombo_dynamics.propeller.records import STANDARD, Surroundings
-from tombo_dynamics.propeller.rows import MATERIALS, family
 
 
 @dataclass(frozen=True, eq=False, repr=False)

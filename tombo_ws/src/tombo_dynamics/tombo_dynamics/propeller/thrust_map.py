@@ -19,7 +19,7 @@ from tombo_dynamics.propeller.cubic import cubic_table, cubic_values, inverse_ta
 from tombo_dynamics.propeller.evaluate import evaluate_rows
 from tombo_dynamics.propeller.laws.names import DEFAULT_LAW
 from tombo_dynamics.propeller.laws.parameters import checked, parameter_row
-from tombo_dynamics.propeller.peak import peak_of_rows
+from tombo_dynamics.propeller.maximum_thrust import peak_of_rows
 from tombo_dynamics.propeller.records import STANDARD, Configuration, Surroundings
 
 Array = NDArray[np.float64]

@@ -19,7 +19,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tombo_dynamics.propeller.blade import drag_coefficient, lift_coefficient, shape, span_rule
+from tombo_dynamics.propeller.blade import (
+    drag_coefficient,
+    lift_coefficient,
+    shape,
+    span_quadrature,
+)
 from tombo_dynamics.propeller.records import Blade, Section
 
 Array = NDArray[np.float64]
@@ -49,13 +54,13 @@ class Wing:
     """Highest twist [rad]: beyond it some section leaves the coefficients' measured range."""
 
 
-def ten_constants(blade: Blade, power: int, start: ArrayLike, end: ArrayLike) -> Array:
+def wing_integrals(blade: Blade, power: int, start: ArrayLike, end: ArrayLike) -> Array:
     """Return the integrals of depth x^power times ten functions of the pitch, (..., 10).
 
     The functions: 1, sin and cos of the lift's angle, cos and sin of the drag's angle, then the
     same five times tan(theta). Limits in metres.
     """
-    x, weights = span_rule(blade, start, end)
+    x, weights = span_quadrature(blade, start, end)
     depth, pitch = shape(blade, x)
     lift = blade.section.lift_rate * pitch + np.radians(blade.section.lift_phase_deg)
     drag = blade.section.drag_rate * pitch + np.radians(blade.section.drag_phase_deg)
@@ -78,7 +83,7 @@ def drag_weights(section: Section, k: Array) -> Array:
 
 def rigid_integrals(blade: Blade, start: ArrayLike, end: ArrayLike) -> tuple[Array, Array, Array]:
     """Return the untwisted integrals of thrust [m^4], drag [m^4] and torque [m^5]."""
-    x, weights = span_rule(blade, start, end)
+    x, weights = span_quadrature(blade, start, end)
     depth, pitch = shape(blade, x)
     load = weights * depth * x**2
     lift = lift_coefficient(blade.section, pitch)
@@ -89,8 +94,8 @@ def rigid_integrals(blade: Blade, start: ArrayLike, end: ArrayLike) -> tuple[Arr
 def wing_from(blade: Blade, root_m: ArrayLike) -> Wing:
     """Return the integrals of a blade whose wing begins at `root_m` [m], any shape."""
     root, tip = np.asarray(root_m, dtype=float), blade.pieces[-1].end_m
-    second = ten_constants(blade, 2, root, tip)
-    third = ten_constants(blade, 3, root, tip)
+    second = wing_integrals(blade, 2, root, tip)
+    third = wing_integrals(blade, 3, root, tip)
     _, pitch = shape(blade, np.linspace(root, tip, 201, axis=-1))
     inner = rigid_integrals(blade, blade.pieces[0].start_m, root)
     return Wing(

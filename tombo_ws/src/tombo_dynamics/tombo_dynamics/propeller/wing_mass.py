@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tombo_dynamics.propeller.blade import shape, span_rule
+from tombo_dynamics.propeller.blade import shape, span_quadrature
 from tombo_dynamics.propeller.records import Blade
 
 Array = NDArray[np.float64]
@@ -19,7 +19,7 @@ def volume_moments(blade: Blade, start: ArrayLike, end: ArrayLike) -> tuple[Arra
         start: where the stretches begin [m], any shape.
         end: where they end [m], broadcast with `start`.
     """
-    x, weights = span_rule(blade, start, end, order=32)
+    x, weights = span_quadrature(blade, start, end, order=32)
     depth, _ = shape(blade, x)
     thickness = np.ones_like(x)
     if blade.thickness_at_m:
@@ -29,7 +29,7 @@ def volume_moments(blade: Blade, start: ArrayLike, end: ArrayLike) -> tuple[Arra
     return total, (volume * x).sum(-1) / total, (volume * x**2).sum(-1) / total
 
 
-def carried_wing(blade: Blade, root_m: ArrayLike) -> tuple[Array, Array]:
+def wing_mass_from(blade: Blade, root_m: ArrayLike) -> tuple[Array, Array]:
     """Return mass [kg] and centroid [m] of a wing that begins at `root_m` [m], any shape.
 
     The published mass and centroid belong to `joint.outer_radius_m`. From there they change as

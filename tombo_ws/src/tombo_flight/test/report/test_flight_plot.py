@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from matplotlib.image import imread
 from matplotlib.text import Text
 
+from tombo_flight.report.flight_overview import draw_overview
 from tombo_flight.report.flight_plot import draw_flight, png_bytes
-from tombo_flight.report.flight_poster import draw_poster
 from tombo_flight.report.panel import envelope
 
 EDGES = [
@@ -53,11 +53,11 @@ def test_every_flight_draws(edge_flights, name):
 
 @pytest.mark.parametrize("name", EDGES)
 def test_every_poster_draws(edge_flights, name):
-    assert_is_a_picture(png_bytes(draw_poster(edge_flights[name])), 1600, 900, 1e-4)
+    assert_is_a_picture(png_bytes(draw_overview(edge_flights[name])), 1600, 900, 1e-4)
 
 
 def test_poster_of_the_recovery_names_its_instants(flight):
-    figure = draw_poster(flight)
+    figure = draw_overview(flight)
     assert_is_a_picture(png_bytes(figure), 1600, 900)
     words = " ".join(t.get_text() for t in figure.findobj(Text))
     for word in ("contact", "lowest, +1.2 s", "settled, +5.0 s", "unstable 1.5 s", "$x_c$"):
@@ -79,7 +79,7 @@ def drawn_texts(figure):
 
 
 @pytest.mark.parametrize("name", ["whole", *EDGES])
-@pytest.mark.parametrize("draw", [draw_flight, draw_poster])
+@pytest.mark.parametrize("draw", [draw_flight, draw_overview])
 def test_no_text_covers_another_or_leaves_the_picture(flight, edge_flights, name, draw):
     figure = draw(flight if name == "whole" else edge_flights[name])
     boxes = drawn_texts(figure)
@@ -124,7 +124,7 @@ def test_a_flight_without_contact_has_one_column_and_no_marks(edge_flights):
 
 def test_a_name_with_dollars_is_not_read_as_mathematics(make_flight):
     name = "$\\frac{$ <b>"
-    for draw in (draw_flight, draw_poster):
+    for draw in (draw_flight, draw_overview):
         assert png_bytes(draw(make_flight(end_s=0.3, name=name)))
 
 
@@ -142,7 +142,7 @@ def test_drawing_leaves_no_global_state():
     code = f"""
 import sys
 sys.path[:0] = {[path for path in sys.path if path]!r}
-import tombo_flight.report.flight_plot, tombo_flight.report.flight_poster
+import tombo_flight.report.flight_plot, tombo_flight.report.flight_overview
 assert "matplotlib.pyplot" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -9,12 +9,12 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from tombo_flight.report.comparison import comparison_rows
+from tombo_flight.report.airframe_shapes import Airframe
 from tombo_flight.report.flight_plot import draw_flight, png_bytes
 from tombo_flight.report.flight_report import SCRIPTS, asset, report_html, write_report
-from tombo_flight.report.payload import COLUMNS, flight_block, kept_samples, script_json
-from tombo_flight.report.shapes import Airframe
-from tombo_flight.report.story import tell
+from tombo_flight.report.milestones import find_milestones
+from tombo_flight.report.paper_comparison import comparison_rows
+from tombo_flight.report.report_data import COLUMNS, flight_block, kept_samples, script_json
 from tombo_flight.report.tables import values_table
 
 NODE = shutil.which("node")
@@ -141,7 +141,7 @@ def test_a_blow_between_samples_is_not_lost(flight):
     force = np.zeros_like(flight.log["contact_force"])
     force[30_013, 1] = -77.0
     record = replace(flight, log={**flight.log, "contact_force": force})
-    blow = columns(flight_block(record, tell(record)))["contact_N"]
+    blow = columns(flight_block(record, find_milestones(record)))["contact_N"]
     assert blow.max() == pytest.approx(77.0)
     assert np.count_nonzero(blow) == 1
 
@@ -180,7 +180,7 @@ def test_every_flight_has_a_report(edge_flights, name, tmp_path):
     write_report(edge_flights[name], path, b"png")
     page = Page(path.read_text(encoding="utf-8"))
     assert columns(page.block("flight"))["t"].size > 0
-    assert page.block("story")["verdict"] == tell(edge_flights[name]).verdict.value
+    assert page.block("story")["verdict"] == find_milestones(edge_flights[name]).verdict.value
 
 
 def test_the_same_flight_gives_the_same_bytes(flight):
@@ -188,7 +188,7 @@ def test_the_same_flight_gives_the_same_bytes(flight):
 
 
 def test_the_table_holds_the_papers_figures_against_the_flights(flight):
-    rows = {row.name: row for row in comparison_rows(tell(flight), flight.summary)}
+    rows = {row.name: row for row in comparison_rows(find_milestones(flight), flight.summary)}
     assert rows["Unstable phase"].paper == 1.5
     assert rows["Recovery phase"].paper == 3.5
     assert rows["Recovery time"].paper == 5.0
@@ -202,8 +202,8 @@ def test_the_table_holds_the_papers_figures_against_the_flights(flight):
 
 
 def test_without_the_reaction_the_paper_expects_a_crash(flight):
-    story = tell(replace(flight, summary={**flight.summary, "reaction": False}))
-    outcome = comparison_rows(story, flight.summary)[0]
+    milestones = find_milestones(replace(flight, summary={**flight.summary, "reaction": False}))
+    outcome = comparison_rows(milestones, flight.summary)[0]
     assert outcome.paper_text == "falls and crashes"
     assert outcome.flight_text == "recovered"
 

@@ -4,74 +4,74 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tombo_flight.report.story import (
-    MODE_NAMES,
-    Verdict,
-    mode_spans,
+from tombo_flight.report.milestones import (
+    PHASE_NAMES,
+    Outcome,
+    find_milestones,
     nearest,
+    phase_spans,
     roll_pitch_yaw_deg,
-    tell,
 )
 
 
 def test_tells_the_recovery_in_the_papers_words(flight):
-    story = tell(flight)
-    assert story.verdict is Verdict.RECOVERED
-    assert story.contact_s == 23.0
-    assert story.unstable_end_s == 24.5
-    assert story.recovery_end_s == 28.0
-    assert story.recovery_phase_s == 3.5
-    assert story.x_c_m == (1.7, 0.0, 2.0)
-    assert story.detection_s == pytest.approx(23.07)
+    milestones = find_milestones(flight)
+    assert milestones.verdict is Outcome.RECOVERED
+    assert milestones.contact_s == 23.0
+    assert milestones.unstable_end_s == 24.5
+    assert milestones.recovery_end_s == 28.0
+    assert milestones.recovery_phase_s == 3.5
+    assert milestones.x_c_m == (1.7, 0.0, 2.0)
+    assert milestones.detection_s == pytest.approx(23.07)
 
 
 def test_fall_is_measured_until_settled_and_not_in_the_landing(flight):
-    story = tell(flight)
+    milestones = find_milestones(flight)
     assert flight.log["position"][-1, 2] < 0.2, "the flight ends on the ground"
-    assert story.fall_m == pytest.approx(0.5, abs=0.01)
-    assert story.contact_s < story.lowest_s < story.recovery_end_s
+    assert milestones.falling_distance_m == pytest.approx(0.5, abs=0.01)
+    assert milestones.contact_s < milestones.lowest_s < milestones.recovery_end_s
 
 
 @pytest.mark.parametrize(
     ("name", "verdict"),
     [
-        ("no contact", Verdict.NO_CONTACT),
-        ("crashed", Verdict.CRASHED),
-        ("cut short at 0.3 s", Verdict.NO_CONTACT),
-        ("one sample", Verdict.NO_CONTACT),
-        ("nothing but the log", Verdict.NO_CONTACT),
-        ("detected before contact", Verdict.RECOVERED),
+        ("no contact", Outcome.NO_CONTACT),
+        ("crashed", Outcome.CRASHED),
+        ("cut short at 0.3 s", Outcome.NO_CONTACT),
+        ("one sample", Outcome.NO_CONTACT),
+        ("nothing but the log", Outcome.NO_CONTACT),
+        ("detected before contact", Outcome.RECOVERED),
     ],
 )
 def test_verdict(edge_flights, name, verdict):
-    assert tell(edge_flights[name]).verdict is verdict
+    assert find_milestones(edge_flights[name]).verdict is verdict
 
 
 def test_contact_without_settling_is_no_recovery(flight):
     summary = dict(flight.summary, recovery_time_s=None)
-    assert tell(replace(flight, summary=summary)).verdict is Verdict.NOT_SETTLED
+    assert find_milestones(replace(flight, summary=summary)).verdict is Outcome.NOT_SETTLED
 
 
 def test_no_contact_is_no_success_even_if_the_summary_has_a_recovery_time(flight):
     summary = dict(flight.summary, collided=False)
-    assert tell(replace(flight, summary=summary)).verdict is Verdict.NO_CONTACT
+    assert find_milestones(replace(flight, summary=summary)).verdict is Outcome.NO_CONTACT
 
 
 def test_a_false_alarm_is_not_the_detection_of_the_contact(flight):
     alarm = {"time_s": 12.0, "kind": "detection", "text": "false"}
     switch = {"time_s": 12.02, "kind": "setpoint_switch", "text": "false"}
-    story = tell(replace(flight, events=[alarm, switch, *flight.events]))
-    assert story.detection_s == pytest.approx(23.07)
-    assert story.switch_s == pytest.approx(23.082)
+    milestones = find_milestones(replace(flight, events=[alarm, switch, *flight.events]))
+    assert milestones.detection_s == pytest.approx(23.07)
+    assert milestones.switch_s == pytest.approx(23.082)
 
 
 def test_detection_may_come_before_contact(edge_flights):
-    story = tell(edge_flights["detected before contact"])
-    assert story.detection_s == pytest.approx(22.85)
+    milestones = find_milestones(edge_flights["detected before contact"])
+    assert milestones.detection_s == pytest.approx(22.85)
 
 
 def test_modes_cover_the_flight_without_a_gap(flight):
-    modes = tell(flight).modes
+    modes = find_milestones(flight).modes
     assert modes[0].start_s == 0.0
     assert modes[-1].end_s == flight.t[-1]
     assert all(a.end_s == b.start_s for a, b in itertools.pairwise(modes))
@@ -79,9 +79,9 @@ def test_modes_cover_the_flight_without_a_gap(flight):
 
 
 def test_an_unknown_mode_shows_its_number():
-    span = mode_spans(np.array([0.0, 1.0]), np.array([77, 77]))[0]
+    span = phase_spans(np.array([0.0, 1.0]), np.array([77, 77]))[0]
     assert "77" in span.name
-    assert "descend blind" in MODE_NAMES
+    assert "descend blind" in PHASE_NAMES
 
 
 def test_nearest_takes_the_closer_sample():
@@ -104,5 +104,5 @@ def test_angles_are_right_and_break_where_they_jump():
 
 def test_an_unsettled_flight_does_not_count_the_landing_as_a_fall(flight):
     gaps = {"recovery_time_s": None, "max_falling_distance_m": None}
-    story = tell(replace(flight, summary={**flight.summary, **gaps}))
-    assert story.fall_m == pytest.approx(0.5, abs=0.01)
+    milestones = find_milestones(replace(flight, summary={**flight.summary, **gaps}))
+    assert milestones.falling_distance_m == pytest.approx(0.5, abs=0.01)

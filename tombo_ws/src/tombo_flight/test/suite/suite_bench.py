@@ -16,8 +16,8 @@ MARK = "TOMBO_TEST_MARK"
 UP = """
 import sys
 from types import ModuleType
-sys.modules["tombo_flight.suite.rehearsal"] = rehearsal = ModuleType("rehearsal")
-rehearsal.rehearse_nodes = lambda scenario: None  # nothing flies: saves a second
+sys.modules["tombo_flight.suite.warm_up"] = warm_up = ModuleType("warm_up")
+warm_up.warm_up_nodes = lambda scenario: None  # nothing flies: saves a second
 from tombo_flight.suite import nodes
 nodes.SUITE.clear()
 nodes.SUITE.update({suite!r})

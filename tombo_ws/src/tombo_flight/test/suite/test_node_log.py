@@ -26,7 +26,7 @@ def test_warnings_and_errors_are_news_and_nothing_else(tmp_path):
 
     assert log.news(0.0) == [warning, error]
     assert log.news(1.0) == []
-    assert log.last_words[-1] == error
+    assert log.last_log_lines[-1] == error
 
 
 def test_half_a_line_waits_for_its_other_half(tmp_path):

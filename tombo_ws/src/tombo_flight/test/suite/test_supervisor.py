@@ -11,22 +11,22 @@ from pathlib import Path
 import pytest
 from suite_bench import FAKES, Marked, wait_for
 
-from tombo_flight.suite.supervisor import Ended, Program, Supervisor
+from tombo_flight.suite.supervisor import ProcessExit, Program, Supervisor
 
 
-def fake(name: str, *, listened: bool = False) -> Program:
-    return Program(name, (sys.executable, str(FAKES / f"fake_{name}.py")), listened)
+def fake(name: str, *, capture_stdout: bool = False) -> Program:
+    return Program(name, (sys.executable, str(FAKES / f"fake_{name}.py")), capture_stdout)
 
 
 def code(name: str, text: str) -> Program:
     return Program(name, (sys.executable, "-c", text))
 
 
-def look_until_ended(supervisor: Supervisor, number: int = 1) -> list[Ended]:
-    ended: list[Ended] = []
+def look_until_ended(supervisor: Supervisor, number: int = 1) -> list[ProcessExit]:
+    ended: list[ProcessExit] = []
 
     def all_ended() -> bool:
-        ended.extend(supervisor.look(0.05).ended)
+        ended.extend(supervisor.poll(0.05).ended)
         return len(ended) >= number
 
     wait_for(all_ended)
@@ -43,7 +43,7 @@ def test_a_node_that_fails_at_its_start_is_reported_with_its_words(marked, tmp_p
         assert set(supervisor.running) == {"good"}
 
     assert (end.name, end.code, end.how) == ("broken", 1, "exit code 1")
-    assert end.last_words[-1].startswith("Error: parameter detector.threshold")
+    assert end.last_log_lines[-1].startswith("Error: parameter detector.threshold")
 
 
 def test_a_node_that_dies_later_is_reported_with_its_traceback_and_the_rest_goes_on(
@@ -52,10 +52,10 @@ def test_a_node_that_dies_later_is_reported_with_its_traceback_and_the_rest_goes
     with Supervisor([fake("short"), fake("good")], tmp_path, marked.environment) as supervisor:
         (end,) = look_until_ended(supervisor)
         time.sleep(0.2)
-        assert supervisor.look(0.0).ended == []
+        assert supervisor.poll(0.0).ended == []
         assert set(supervisor.running) == {"good"}
 
-    assert end.last_words[-1] == "RuntimeError: a bug"
+    assert end.last_log_lines[-1] == "RuntimeError: a bug"
     assert "RuntimeError: a bug" in (tmp_path / "short.log").read_text()
 
 
@@ -207,9 +207,9 @@ def test_a_flood_of_words_neither_holds_up_the_node_nor_fills_the_memory(marked,
     with Supervisor([code("node", flood)], tmp_path, marked.environment) as supervisor:
 
         def over() -> bool:
-            look = supervisor.look(0.05)
-            shown.extend(line for _, line in look.warnings)
-            return bool(look.ended)
+            poll = supervisor.poll(0.05)
+            shown.extend(line for _, line in poll.warnings)
+            return bool(poll.ended)
 
         wait_for(over)
 
@@ -224,9 +224,9 @@ def test_words_on_a_pipe_come_whole_line_by_line(marked, tmp_path):
         "    sys.stdout.write(half); sys.stdout.flush(); time.sleep(0.2)\n"
         "time.sleep(60)\n"
     )
-    program = Program("node", (sys.executable, "-c", halves), listened=True)
+    program = Program("node", (sys.executable, "-c", halves), capture_stdout=True)
     heard: list[tuple[str, str]] = []
     with Supervisor([program], tmp_path, marked.environment) as supervisor:
-        wait_for(lambda: heard.extend(supervisor.look(0.05).heard) or len(heard) >= 3)
+        wait_for(lambda: heard.extend(supervisor.poll(0.05).heard) or len(heard) >= 3)
 
     assert heard == [("node", '{"a": 1}'), ("node", "x"), ("node", "y")]

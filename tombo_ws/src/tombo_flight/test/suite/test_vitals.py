@@ -6,9 +6,9 @@ import math
 
 from rich.console import Console
 
+from tombo_flight.suite.node_diagnostics import NodeDiagnostics
 from tombo_flight.suite.status_table import Suite, status_line, status_object, status_table
-from tombo_flight.suite.supervisor import Ended
-from tombo_flight.suite.vitals import Vitals
+from tombo_flight.suite.supervisor import ProcessExit
 
 LOOP = {"rate_hz": "250.0", "jitter_p50_us": "2", "jitter_p99_us": "60.5", "missed": "3"}
 
@@ -17,8 +17,8 @@ def status(name: str, level: int = 0, message: str = "ok", **values: str) -> dic
     return {"name": name, "level": level, "message": message, "values": values}
 
 
-def vitals() -> Vitals:
-    found = Vitals()
+def node_diagnostics() -> NodeDiagnostics:
+    found = NodeDiagnostics()
     found.take(
         [
             status("controller", mode="hold", mocap_age_s="0.5"),
@@ -35,8 +35,8 @@ def suite(now_s: float = 10.5) -> Suite:
     return Suite(
         ("controller", "estimator", "mission", "sim"),
         {"controller": 11, "estimator": 12, "mission": 13},
-        {"sim": Ended("sim", -9, ())},
-        vitals(),
+        {"sim": ProcessExit("sim", -9, ())},
+        node_diagnostics(),
         now_s,
         61.0,
     )
@@ -50,20 +50,20 @@ def shown(of: Suite) -> str:
 
 
 def test_a_report_has_the_node_and_its_loops_apart():
-    found = vitals().nodes["controller"]
+    found = node_diagnostics().nodes["controller"]
 
     assert found.level == 0
     assert found.message == ""
     assert found.values == {"mode": "hold", "mocap_age_s": 0.5}
     assert [loop.name for loop in found.loops] == ["rate loop", "attitude loop"]
     assert found.loops[0].number("jitter_p99_us") == 60.5
-    assert found.loops[0].figures["missed"] == 3
+    assert found.loops[0].metrics["missed"] == 3
     assert math.isnan(found.loops[0].number("nothing"))
 
 
 def test_the_freshest_pose_counts_and_nobody_knowing_is_no_number():
-    assert vitals().mocap_age_s == 0.031
-    assert math.isnan(Vitals().mocap_age_s)
+    assert node_diagnostics().mocap_age_s == 0.031
+    assert math.isnan(NodeDiagnostics().mocap_age_s)
 
 
 def test_the_table_shows_every_loop_and_every_trouble():

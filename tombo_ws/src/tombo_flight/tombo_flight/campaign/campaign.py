@@ -11,7 +11,7 @@ from tombo_dynamics.errors import InputError
 from tombo_flight.campaign.statistics import aggregate
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_output import flight_summary
-from tombo_flight.process.processes import on_processes
+from tombo_flight.process.process_pool import run_in_processes
 from tombo_flight.scenario import Scenario
 from tombo_flight.version import tombo_version
 
@@ -33,7 +33,7 @@ def fly_campaign(
     stopped holds the flights up to the first one missing.
 
     Args:
-        scenario: what to fly; `flight_output.rehearse` it first.
+        scenario: what to fly; `flight_output.warm_up_flight` it first.
         seeds: the seeds.
         workers: number of processes; the cores that this process may use if None.
         progress: called with the number of flights done.
@@ -48,7 +48,7 @@ def fly_campaign(
     """
     began = time.perf_counter()
     count = min(workers or len(os.sched_getaffinity(0)), len(seeds))
-    flights = on_processes(
+    flights = run_in_processes(
         _fly, seeds, count, begin=_begin, given=(scenario,), progress=progress, stop=stop
     )
     wall = time.perf_counter() - began

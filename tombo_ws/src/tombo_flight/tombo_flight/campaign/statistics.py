@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-SPREAD_FIGURES = (
+SPREAD_METRICS = (
     "detection_latency_s",
     "max_falling_distance_m",
     "unstable_phase_s",
@@ -54,7 +54,7 @@ def aggregate(flights: Sequence[Summary], wall_time_s: float) -> dict[str, Any]:
         wall_time_s: from the first start to the last landing, start of the processes included.
 
     Returns:
-        counts of flights, `false_alarms` in all of them, the spread of each of `SPREAD_FIGURES`,
+        counts of flights, `false_alarms` in all of them, the spread of each of `SPREAD_METRICS`,
         `wall_time_s`, and `real_time_factor`: flight time of all over `wall_time_s`.
     """
     flown_s = sum(float(flight["duration_s"]) for flight in flights)
@@ -70,7 +70,7 @@ def aggregate(flights: Sequence[Summary], wall_time_s: float) -> dict[str, Any]:
         ),
         "landed": _count(flights, "landed"),
         "false_alarms": sum(int(flight["false_alarms"]) for flight in flights),
-        **{name: spread([flight[name] for flight in flights]) for name in SPREAD_FIGURES},
+        **{name: spread([flight[name] for flight in flights]) for name in SPREAD_METRICS},
         "wall_time_s": wall_time_s,
         "real_time_factor": flown_s / wall_time_s if wall_time_s > 0.0 else None,
     }

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_flight.replay.arrival import last_before
+from tombo_flight.replay.merge_streams import last_before
 from tombo_flight.replay.outputs import Event, Series
 
 Array = NDArray[np.float64]
@@ -62,8 +62,8 @@ def compare_events(
     """Return the figures of two lists of events; times in seconds after `begin_ns`."""
     matched, missed, extra = pairs(recorded, replayed)
     return {
-        "events_recorded": [event_figures(event, begin_ns) for event in recorded],
-        "events_replayed": [event_figures(event, begin_ns) for event in replayed],
+        "events_recorded": [event_metrics(event, begin_ns) for event in recorded],
+        "events_replayed": [event_metrics(event, begin_ns) for event in replayed],
         "matched": len(matched),
         "missed": len(missed),
         "extra": len(extra),
@@ -73,7 +73,7 @@ def compare_events(
     }
 
 
-def event_figures(event: Event, begin_ns: int) -> dict[str, Any]:
+def event_metrics(event: Event, begin_ns: int) -> dict[str, Any]:
     """Return an event as plain values."""
     return {
         "stamp_s": (event.stamp_ns - begin_ns) / 1e9,
@@ -123,9 +123,9 @@ def compare_steps(recorded: Series, replayed: Series, unit: str) -> dict[str, An
 
     Or late, by up to `STEP_NS`: that much lies between two clocks' readings of one moment.
     """
-    figures = {"recorded": len(recorded.stamp_ns), "replayed": len(replayed.stamp_ns)}
-    if not figures["recorded"] or not figures["replayed"]:
-        return {**figures, "compared": 0, **_size(np.zeros(0), unit)}
+    metrics = {"recorded": len(recorded.stamp_ns), "replayed": len(replayed.stamp_ns)}
+    if not metrics["recorded"] or not metrics["replayed"]:
+        return {**metrics, "compared": 0, **_size(np.zeros(0), unit)}
     order = np.argsort(replayed.stamp_ns, kind="stable")
     stamps, values = replayed.stamp_ns[order], replayed.values[order]
     sizes = []
@@ -135,9 +135,9 @@ def compare_steps(recorded: Series, replayed: Series, unit: str) -> dict[str, An
         sizes.append(np.where(row >= 0, size, np.nan))
     known = ~np.isnan(sizes[1])
     if not known.any():
-        return {**figures, "compared": 0, **_size(np.zeros(0), unit)}
+        return {**metrics, "compared": 0, **_size(np.zeros(0), unit)}
     return {
-        **figures,
+        **metrics,
         "compared": int(known.sum()),
         **_size(np.nanmin(np.array(sizes)[:, known], axis=0), unit),
     }

@@ -6,15 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_bag.columns import ColumnTable
+from tombo_control.controller_core import ControllerCore
 from tombo_control.estimate import Estimate, Setpoint
-from tombo_control.flight_controller import FlightController
 from tombo_control.params import InputLimits
 from tombo_dynamics.rotor_maps import rotor_maps
-from tombo_flight.replay.arrival import in_order_of_arrival
+from tombo_flight.replay.merge_streams import merge_by_arrival
 from tombo_flight.replay.outputs import Series
 from tombo_flight.replay.poses import vectors
 from tombo_flight.scenario import Scenario
-from tombo_sim.propulsion import thrust_map_of
+from tombo_sim.propeller_effects import thrust_map_of
 
 Array = NDArray[np.float64]
 Times = NDArray[np.int64]
@@ -38,7 +38,7 @@ def replay_controller(
         scenario: its vehicle, propeller and gains.
     """
     maps = rotor_maps(thrust_map_of(scenario.propeller), scenario.vehicle)
-    controller = FlightController(scenario.control, scenario.vehicle, InputLimits(), maps)
+    controller = ControllerCore(scenario.control, scenario.vehicle, InputLimits(), maps)
     estimates = _estimates(odometry)
     wishes = _setpoints(setpoints)
     bias = vectors(status, "gyro_bias")
@@ -48,7 +48,7 @@ def replay_controller(
     gyro, stamps = vectors(imu, "angular_velocity"), imu["stamp_ns"].tolist()
     commands: list[Array] = []
     answered: list[int] = []
-    for now, stream, row in in_order_of_arrival(
+    for now, stream, row in merge_by_arrival(
         status["log_time_ns"],
         odometry["log_time_ns"],
         setpoints["log_time_ns"],
@@ -70,7 +70,7 @@ def replay_controller(
 
 def _estimates(odometry: ColumnTable) -> list[Estimate]:
     attitude = vectors(odometry, "pose.pose.orientation", "xyzw")
-    velocity = into_map(attitude, vectors(odometry, "twist.twist.linear"))
+    velocity = body_to_map(attitude, vectors(odometry, "twist.twist.linear"))
     position = vectors(odometry, "pose.pose.position")
     rates = vectors(odometry, "twist.twist.angular")
     nothing = np.zeros(3)
@@ -91,7 +91,7 @@ def _setpoints(table: ColumnTable) -> list[Setpoint]:
     ]
 
 
-def into_map(attitude: Array, vectors_: Array) -> Array:
+def body_to_map(attitude: Array, vectors_: Array) -> Array:
     """Turn (N, 3) vectors from base_link into map; (N, 4) quaternions xyzw."""
     axis, w = attitude[:, :3], attitude[:, 3:]
     twice = 2.0 * np.cross(axis, vectors_)

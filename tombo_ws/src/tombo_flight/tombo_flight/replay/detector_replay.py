@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from tombo_collision.detector_core import DetectorCore
 from tombo_collision.params import DetectorParams
-from tombo_collision.watch import CollisionWatch
 from tombo_flight.replay.outputs import Event, Outputs, Series
 from tombo_flight.replay.poses import PoseTrack
 
 
 def replay_detector(poses: PoseTrack, params: DetectorParams) -> tuple[Outputs, dict[str, int]]:
     """Feed poses in order of arrival; return what the detector says and what it refused."""
-    watch = CollisionWatch(params)
+    watch = DetectorCore(params)
     events: list[Event] = []
     stamps: list[int] = []
     statistics: list[float] = []

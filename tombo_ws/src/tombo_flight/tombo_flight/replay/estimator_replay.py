@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tombo_bag.columns import ColumnTable
-from tombo_bag.flight_topics import into_body
-from tombo_control.observer import Observer
+from tombo_bag.flight_topics import map_to_body
+from tombo_control.estimator_core import EstimatorCore
 from tombo_control.params import EstimatorParams
 from tombo_dynamics.vehicle import VehicleParams
-from tombo_flight.replay.arrival import in_order_of_arrival
+from tombo_flight.replay.merge_streams import merge_by_arrival
 from tombo_flight.replay.outputs import Series
 from tombo_flight.replay.poses import PoseTrack, vectors
 
@@ -52,7 +52,7 @@ def replay_estimator(
         params: of the estimator.
         vehicle: that is flown.
     """
-    observer = Observer(params, vehicle)
+    observer = EstimatorCore(params, vehicle)
     gyro, accel = vectors(imu, "angular_velocity"), vectors(imu, "linear_acceleration")
     stamps = imu["stamp_ns"].tolist()
     phases = [] if status is None or "phase" not in status else status["phase"].tolist()
@@ -60,7 +60,7 @@ def replay_estimator(
     frames = poses.frame.tolist()
     pose_stamps = poses.stamp_ns.tolist()
     estimates = []
-    for now, stream, row in in_order_of_arrival(phase_times, poses.arrival_ns, imu["log_time_ns"]):
+    for now, stream, row in merge_by_arrival(phase_times, poses.arrival_ns, imu["log_time_ns"]):
         if stream == 2:
             estimate = observer.imu(stamps[row], gyro[row], accel[row])
             if estimate is not None:
@@ -77,7 +77,7 @@ def replay_estimator(
     return EstimatorReplay(
         Series(stamp, np.array([e.position for e in estimates]).reshape(-1, 3)),
         Series(stamp, attitude),
-        Series(stamp, into_body(attitude, velocity)),
+        Series(stamp, map_to_body(attitude, velocity)),
         observer.poses,
         observer.rejected,
     )

@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from tombo_bag.columns import ColumnTable
 from tombo_control.estimate import Setpoint
 from tombo_control.mission import MissionParams
-from tombo_control.mission_course import CourseLimits, MissionCourse
-from tombo_flight.replay.arrival import in_order_of_arrival
-from tombo_flight.replay.controller_replay import into_map
+from tombo_control.mission_core import MissionCore, MissionLimits
+from tombo_flight.replay.controller_replay import body_to_map
+from tombo_flight.replay.merge_streams import merge_by_arrival
 from tombo_flight.replay.outputs import Series
 from tombo_flight.replay.poses import vectors
 
 Times = NDArray[np.int64]
 
 PERIOD_NS = 20_000_000
-_ODOMETRY, _REACTION, _ANSWER, _TICK = range(4)
+_ODOMETRY, _REACTION, _REACTION_SETPOINT, _TICK = range(4)
 
 
 def replay_mission(
@@ -40,10 +40,10 @@ def replay_mission(
         params: of the mission.
         ground_height: height of a vehicle that stands on the ground [m].
     """
-    course = MissionCourse(params, replace(CourseLimits(), ground_height=ground_height))
+    course = MissionCore(params, replace(MissionLimits(), ground_height=ground_height))
     position = vectors(odometry, "pose.pose.position")
     attitude = vectors(odometry, "pose.pose.orientation", "xyzw")
-    velocity = into_map(attitude, vectors(odometry, "twist.twist.linear"))
+    velocity = body_to_map(attitude, vectors(odometry, "twist.twist.linear"))
     arrived = odometry["log_time_ns"]
     decided = reaction if reaction is not None and "state" in reaction else None
     decisions: Times = np.zeros(0, np.int64)
@@ -55,13 +55,13 @@ def replay_mission(
         ticks = np.arange(arrived[0], arrived[-1] + PERIOD_NS, PERIOD_NS)
     said: list[tuple[int, Setpoint]] = []
     phases: list[tuple[int, int]] = []
-    for now, stream, row in in_order_of_arrival(arrived, decisions, answers, ticks):
+    for now, stream, row in merge_by_arrival(arrived, decisions, answers, ticks):
         if stream == _ODOMETRY:
             course.estimate(position[row], velocity[row], now)
         elif stream == _REACTION:
             course.reaction(states[row], x_r[row], collisions[row], stamps[row], now)
-        elif stream == _ANSWER:
-            course.answered(now)
+        elif stream == _REACTION_SETPOINT:
+            course.reaction_alive(now)
         else:
             setpoint = course.tick(now)
             if setpoint is not None:

@@ -26,11 +26,11 @@ class NodePlan:
 
     inputs: tuple[str, ...]
     """Topics without which it can't be replayed."""
-    helps: tuple[str, ...]
+    optional_inputs: tuple[str, ...]
     """Topics that are fed as well if they are there."""
-    says: tuple[str, ...]
+    compared_outputs: tuple[str, ...]
     """Names of `outputs.SERIES`, or `events`, that are compared."""
-    topics_said: tuple[str, ...]
+    output_topics: tuple[str, ...]
     """Topics on which it alone speaks."""
 
 
@@ -68,6 +68,6 @@ NODES: dict[str, NodePlan] = {
 }
 
 
-def said_by(nodes: Iterable[str]) -> list[str]:
+def outputs_of(nodes: Iterable[str]) -> list[str]:
     """Return the names of all that some nodes say."""
-    return [name for node in nodes for name in NODES[node].says]
+    return [name for node in nodes for name in NODES[node].compared_outputs]

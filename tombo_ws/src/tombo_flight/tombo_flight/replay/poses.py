@@ -57,7 +57,7 @@ class PoseTrack:
         """Return the track with all stamps moved."""
         return replace(self, stamp_ns=self.stamp_ns + shift_ns)
 
-    def stamped_on_arrival(self) -> PoseTrack:
+    def with_arrival_stamps(self) -> PoseTrack:
         """Return the track with the arrival as stamp."""
         return replace(self, stamp_ns=self.arrival_ns)
 

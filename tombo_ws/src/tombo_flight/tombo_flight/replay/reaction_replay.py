@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from tombo_bag.columns import ColumnTable
 from tombo_collision.detector import CollisionEvent
-from tombo_collision.interception import Interception, Setpoint, Status
 from tombo_collision.params import ReactionLimits, ReactionParams
-from tombo_flight.replay.arrival import in_order_of_arrival
+from tombo_collision.reaction_core import ReactionCore, Setpoint, Status
+from tombo_flight.replay.merge_streams import merge_by_arrival
 from tombo_flight.replay.outputs import Event, Series
 from tombo_flight.replay.poses import vectors
 
@@ -20,7 +20,7 @@ Times = NDArray[np.int64]
 
 PERIOD_NS = 4_000_000
 """The node looks at the clock 250 times a second, whatever comes."""
-_EVENT, _DETECTOR, _POSE, _ODOMETRY, _WISH, _CLOCK = range(6)
+_EVENT, _DETECTOR, _POSE, _ODOMETRY, _MISSION_SETPOINT, _CLOCK = range(6)
 
 
 @dataclass(frozen=True)
@@ -32,35 +32,41 @@ class ReactionReplay:
 
 
 def replay_reaction(
-    wishes: ColumnTable,
+    mission_setpoints: ColumnTable,
     odometry: ColumnTable,
     poses: Times,
-    signs: Times,
+    detector_status_times: Times,
     events: Sequence[Event],
     params: ReactionParams,
 ) -> ReactionReplay:
     """Feed everything in order of arrival.
 
     Args:
-        wishes: columns of the mission's tombo_msgs/PositionSetpoint.
+        mission_setpoints: columns of the mission's tombo_msgs/PositionSetpoint.
         odometry: columns of nav_msgs/Odometry.
         poses: arrival of the motion capture's poses.
-        signs: arrival of the detector's signs of life.
+        detector_status_times: arrival of the detector's signs of life.
         events: of the detector.
         params: of the reaction.
     """
-    core = Interception(params, ReactionLimits())
-    setpoints = _setpoints(wishes)
+    core = ReactionCore(params, ReactionLimits())
+    setpoints = _setpoints(mission_setpoints)
     position = vectors(odometry, "pose.pose.position")
     arrived = np.array([event.known_ns for event in events], np.int64)
-    streams = (arrived, signs, poses, odometry["log_time_ns"], wishes["log_time_ns"])
+    streams = (
+        arrived,
+        detector_status_times,
+        poses,
+        odometry["log_time_ns"],
+        mission_setpoints["log_time_ns"],
+    )
     times = np.concatenate(streams)
     clock = np.arange(times.min(), times.max() + PERIOD_NS, PERIOD_NS)
     refused: dict[str, int] = {}
     said: list[tuple[int, Setpoint]] = []
     states: list[tuple[int, Status]] = []
     status: Status | None = None
-    for now, stream, row in in_order_of_arrival(*streams, clock):
+    for now, stream, row in merge_by_arrival(*streams, clock):
         if stream == _EVENT:
             why = core.event(_collision(events[row], row + 1), events[row].stamp_ns, now)
             if why:
@@ -71,9 +77,9 @@ def replay_reaction(
             core.mocap(now)
         elif stream == _ODOMETRY:
             core.odometry(position[row], now)
-        elif stream == _WISH:
+        elif stream == _MISSION_SETPOINT:
             core.mission(setpoints[row], now)
-        if stream in (_EVENT, _WISH, _CLOCK):
+        if stream in (_EVENT, _MISSION_SETPOINT, _CLOCK):
             setpoint = core.tick(now)
             if setpoint is not None:
                 said.append((now, setpoint))

@@ -11,7 +11,7 @@ JOB is a JSON file:
 - topics: topic of `outputs` → the name under which a node says it here
 - answers: as `["/mocap/pose", "/detector/status", 1, 3, true]`: a node answers each message of the
   first topic by one of the second; playing waits while more than 3 have no answer, so that a slow
-  machine stretches the time and loses nothing (see `Answers`)
+  machine stretches the time and loses nothing (see `ResponseTracker`)
 
 Says `{"missing": [...]}` while it waits, `{"played": share}`, and at last
 `{"done": {"sent": n, "received": n, "late_ms": x}}`, a JSON line each.
@@ -34,9 +34,9 @@ import rclpy
 from tombo_bag.mcap_sink import McapSink
 from tombo_bag.reader import Bag
 from tombo_bag.topics import CLOCK, TOPICS, TopicSpec
+from tombo_ros.message_template import MessageTemplate
 from tombo_ros.pacing import sleep_until
-from tombo_ros.topic import Input, Output
-from tombo_ros.wire import Wire
+from tombo_ros.topic import PolledSubscription, TopicPublisher
 
 SECOND_NS = 1_000_000_000
 _CLOCK_NS = 1_000_000
@@ -46,11 +46,11 @@ _LEAD_NS = SECOND_NS // 2
 _DEPTH = 5000
 _PATIENCE_NS, _FIRST_NS = SECOND_NS // 4, 5 * SECOND_NS
 """Longest wait for an answer, and for the first, of the wall's clock."""
-_FORGIVEN = 4
+_MAX_MISSED = 4
 """After so many answers waited for in vain in a row none is waited for any more."""
 
 
-class Answers:
+class ResponseTracker:
     """How far a node is with what it was sent."""
 
     def __init__(self, asked: str, said: str, share: int, most: int, at_once: bool) -> None:
@@ -91,14 +91,14 @@ class Answers:
         """Whether too much is unanswered."""
         if self._now_ns is None:
             return self._first
-        return self._in_vain < _FORGIVEN and self._behind > self._most
+        return self._in_vain < _MAX_MISSED and self._behind > self._most
 
     @property
     def patience_ns(self) -> int:
         """How long to wait for it, of the wall's clock."""
         return _FIRST_NS if self._now_ns is None else _PATIENCE_NS
 
-    def forgive(self) -> None:
+    def skip_missing(self) -> None:
         """Go on without the answers that have not come: a message was lost."""
         self._in_vain += 1
         self._behind = 0
@@ -114,15 +114,17 @@ class Player:
         inputs: Path,
         outputs: Path,
         topics: Mapping[str, str],
-        answers: Sequence[Answers],
+        answers: Sequence[ResponseTracker],
     ) -> None:
         self._answers = answers
         self._messages = list(_in_order(Bag(inputs)))
         self._node = node
         names = {topic for _, topic, _ in self._messages}
-        self._outputs = {name: Output(node, _deep(TOPICS[name])) for name in names}
+        self._outputs = {
+            name: TopicPublisher(node, _with_deep_queue(TOPICS[name])) for name in names
+        }
         self._inputs = {
-            name: Input(node, replace(TOPICS[name], name=here), _DEPTH)
+            name: PolledSubscription(node, replace(TOPICS[name], name=here), _DEPTH)
             for name, here in topics.items()
         }
         self._sink = McapSink(outputs)
@@ -130,8 +132,8 @@ class Player:
             name: self._sink.add_channel(name, TOPICS[name].typename, TOPICS[name].qos)
             for name in topics
         }
-        self._clock_out = Output(node, CLOCK)
-        self._clock = Wire(CLOCK.typename, {})
+        self._clock_out = TopicPublisher(node, CLOCK)
+        self._clock = MessageTemplate(CLOCK.typename, {})
         self.now_ns = self._messages[0][0] - _LEAD_NS
         self.stopped = False
         self.received = 0
@@ -151,7 +153,7 @@ class Player:
         ]
         return [*deaf, *mute]
 
-    def tell_time(self) -> None:
+    def publish_clock(self) -> None:
         """Publish `/clock`."""
         seconds, rest = divmod(self.now_ns, SECOND_NS)
         self._clock.set("clock.sec", seconds)
@@ -168,9 +170,9 @@ class Player:
                 before = self.now_ns
                 self.now_ns = min(before + _CLOCK_NS, due_ns)
                 deadline += (self.now_ns - before) / speed
-                self.tell_time()
+                self.publish_clock()
                 deadline = self._wait(deadline)
-                self.listen()
+                self.subscribe()
             if self.stopped:
                 return
             if topic:
@@ -198,15 +200,15 @@ class Player:
                 continue
             answers.sent(self.now_ns)
             while answers.behind and not self.stopped:
-                self.listen()
+                self.subscribe()
                 if time.monotonic_ns() - began > answers.patience_ns:
-                    answers.forgive()
+                    answers.skip_missing()
                 elif answers.behind:
                     sleep_until(time.monotonic_ns() + 200_000)
         waited = time.monotonic_ns() - began
         return waited if waited > 200_000 else 0
 
-    def listen(self) -> None:
+    def subscribe(self) -> None:
         """Write down what has come."""
         for name, source in self._inputs.items():
             for taken in source.take_raw():
@@ -218,12 +220,12 @@ class Player:
 
     def close(self) -> int:
         """Finish the file; return how many messages were to be sent."""
-        self.listen()
+        self.subscribe()
         self._sink.close()
         return len(self._messages)
 
 
-def _deep(spec: TopicSpec) -> TopicSpec:
+def _with_deep_queue(spec: TopicSpec) -> TopicSpec:
     """Return the topic with a queue in which nothing gives way to newer messages."""
     return replace(spec, qos=replace(spec.qos, depth=_DEPTH))
 
@@ -249,7 +251,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     job = json.loads(Path(arguments[0]).read_text(encoding="utf-8"))
     rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
     node = rclpy.create_node("replay")
-    answers = [Answers(*pair) for pair in job["answers"]]
+    answers = [ResponseTracker(*pair) for pair in job["answers"]]
     player = Player(node, Path(job["inputs"]), Path(job["outputs"]), job["topics"], answers)
 
     def stop(number: int, frame: Any) -> None:
@@ -257,13 +259,13 @@ def main(argv: Sequence[str] | None = None) -> None:
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
-    told: list[str] | None = None
+    reported: list[str] | None = None
     while not player.stopped:
         missing = player.missing(job["listeners"])
-        player.tell_time()
-        player.listen()
-        if missing != told:
-            told = missing
+        player.publish_clock()
+        player.subscribe()
+        if missing != reported:
+            reported = missing
             _say({"missing": missing})
         if not missing:
             player.play(job["speed"])

@@ -22,12 +22,12 @@ from tombo_dynamics.errors import InputError, unknown_name
 from tombo_flight.replay.bag_scenario import scenario_of_bag
 from tombo_flight.replay.compare import Tolerances
 from tombo_flight.replay.cores import Inputs, through_cores
-from tombo_flight.replay.figures import Context, figures_of
+from tombo_flight.replay.metrics import Context, metrics_of
 from tombo_flight.replay.outputs import SERIES, Outputs, read_outputs
-from tombo_flight.replay.plan import NODES, said_by
+from tombo_flight.replay.plan import NODES, outputs_of
 from tombo_flight.replay.poses import PoseTrack, find_pose_topic, read_poses
 from tombo_flight.replay.prechecks import check_poses
-from tombo_flight.replay.suite_clock import TELLING, find_suite_clock
+from tombo_flight.replay.suite_clock import CLOCK_TOPICS, find_suite_clock
 
 
 @dataclass(frozen=True)
@@ -103,18 +103,18 @@ def replay_bag(path: Path, request: Request, feed: Feeder = through_cores) -> Re
     with Recording(path, request.names) as recording:
         result = Replay(path)
         inputs = _prepare(recording, request, result)
-        result.recorded = read_outputs(recording, said_by(inputs.nodes))
+        result.recorded = read_outputs(recording, outputs_of(inputs.nodes))
         result.contacts_ns = _contacts(recording)
         result.replayed, told = feed(inputs, result.recorded)
         minutes = _minutes(inputs.poses)
         for node in inputs.nodes:
-            figures, differences = figures_of(
+            metrics, differences = metrics_of(
                 node,
                 result.recorded,
                 result.replayed,
                 Context(result.begin_ns, minutes, result.contacts_ns, request.tolerances),
             )
-            result.nodes[node] = {**figures, **told.get(node, {})}
+            result.nodes[node] = {**metrics, **told.get(node, {})}
             result.differences += [f"{node}: {text}" for text in differences]
         result.findings = inputs.findings
         result.damage = recording.damage
@@ -148,10 +148,12 @@ def _prepare(recording: Recording, request: Request, result: Replay) -> Inputs:
             f"'{recording.path}': nothing to replay ({'; '.join(why)}); its "
             f"topics: {listed or 'none'}; accepted: --map TOPIC:=NAME for topics of another name"
         )
-    wanted = {topic for name in nodes for topic in (*NODES[name].inputs, *NODES[name].helps)}
-    wanted |= {SERIES[name].topic for name in said_by(nodes) if name in SERIES}
+    wanted = {
+        topic for name in nodes for topic in (*NODES[name].inputs, *NODES[name].optional_inputs)
+    }
+    wanted |= {SERIES[name].topic for name in outputs_of(nodes) if name in SERIES}
     wanted |= {TRUE_CONTACT.name, COLLISION_EVENT.name}
-    wanted |= set([name for name in TELLING if name in there][:1])
+    wanted |= set([name for name in CLOCK_TOPICS if name in there][:1])
     if MOCAP_POSE.name in wanted and pose_topic is not None:
         wanted = wanted - {MOCAP_POSE.name} | {pose_topic}
     recording.load(sorted(wanted & set(topics)))
@@ -183,7 +185,7 @@ def _arranged(poses: PoseTrack, request: Request) -> PoseTrack:
     if request.frame_ok is not None:
         poses = poses.renamed(request.frame_ok)
     if request.stamp_on_arrival:
-        poses = poses.stamped_on_arrival()
+        poses = poses.with_arrival_stamps()
     return poses.shifted(round(1e9 * request.shift_stamps_s))
 
 

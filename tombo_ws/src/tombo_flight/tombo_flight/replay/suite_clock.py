@@ -19,7 +19,7 @@ from tombo_bag.topics import IMU, MISSION_SETPOINT, ODOMETRY, SETPOINT
 
 Times = NDArray[np.int64]
 
-TELLING = (MISSION_SETPOINT.name, SETPOINT.name)
+CLOCK_TOPICS = (MISSION_SETPOINT.name, SETPOINT.name)
 """Topics whose stamps are the nodes' now."""
 _STAMP = struct.Struct("<iI")
 _SHORTEST = 12
@@ -35,10 +35,10 @@ def find_suite_clock(recording: Recording) -> tuple[Times, Times] | None:
     been recorded, of set points and of whatever else is stamped by the same clock.
     """
     topics = recording.topics
-    there = [name for name in (*TELLING, ODOMETRY.name, IMU.name) if _count(topics, name)]
-    if not there or there[0] not in TELLING:
+    there = [name for name in (*CLOCK_TOPICS, ODOMETRY.name, IMU.name) if _count(topics, name)]
+    if not there or there[0] not in CLOCK_TOPICS:
         return None
-    if abs(_glance_ns(recording.messages(there[0]))) < _APART_NS:
+    if abs(_clock_offset_ns(recording.messages(there[0]))) < _APART_NS:
         return None
     recording.load(there)
     pairs: list[tuple[Times, Times]] = []
@@ -61,7 +61,7 @@ def _count(topics: Mapping[str, Stream], name: str) -> int:
     return topics[name].count if name in topics else 0
 
 
-def _glance_ns(raw: RawMessages) -> float:
+def _clock_offset_ns(raw: RawMessages) -> float:
     """Return how far some stamps are ahead of log times; a header's stamp stands in front."""
     some = slice(0, None, len(raw.messages) // _SOME + 1)
     ahead = [

@@ -30,19 +30,19 @@ from tombo_bag.topics import (
 from tombo_dynamics.errors import InputError
 from tombo_flight.replay.cores import Inputs
 from tombo_flight.replay.outputs import EVENTS, SERIES, Outputs, read_outputs
-from tombo_flight.replay.plan import NODES, said_by
+from tombo_flight.replay.plan import NODES, outputs_of
 from tombo_flight.replay.poses import PoseTrack
 from tombo_flight.suite.domain import free_domain, udp_ports
 from tombo_flight.suite.nodes import node_environment, node_program
 from tombo_flight.suite.parameter_yaml import parameter_yaml, suite_parameters
-from tombo_flight.suite.supervisor import Ended, Program, Supervisor
+from tombo_flight.suite.supervisor import ProcessExit, Program, Supervisor
 
 PLAYER = "replay"
 PLAYER_MODULE = "tombo_flight.replay.replay_node"
-MEETING_S = 40.0
+DISCOVERY_TIMEOUT_S = 40.0
 """The nodes must have found each other after so long."""
 _LOOK_S = 0.2
-_ASIDE = "/replayed"
+_REPLAY_PREFIX = "/replayed"
 """Before the names of topics on which the nodes answer."""
 _ANSWERS: dict[str, tuple[str, str, int, int, bool]] = {
     "detector": (MOCAP_POSE.name, DETECTOR_STATUS.name, 1, 3, True),
@@ -53,7 +53,7 @@ _ANSWERS: dict[str, tuple[str, str, int, int, bool]] = {
 }
 """Node → what it is asked, what it answers, and how far it may be behind (see `replay_node`)."""
 
-Tell = Callable[[str, float], None]
+ProgressCallback = Callable[[str, float], None]
 """Told what is being done and how far it is: a stage and a share from 0 to 1."""
 
 
@@ -73,10 +73,13 @@ class ThroughNodes:
     """
 
     def __init__(
-        self, speed: float, tell: Tell = _silent, stop: Callable[[], bool] = lambda: False
+        self,
+        speed: float,
+        on_progress: ProgressCallback = _silent,
+        stop: Callable[[], bool] = lambda: False,
     ) -> None:
         self._speed = speed
-        self._tell = tell
+        self._tell = on_progress
         self._stop = stop
 
     def __call__(
@@ -100,15 +103,15 @@ class ThroughNodes:
             with Supervisor(programs, folder / "log", environment) as supervisor:
                 done = self._follow(supervisor)
             with Recording(folder / "outputs.mcap") as answers:
-                names = said_by(inputs.nodes)
+                names = outputs_of(inputs.nodes)
                 found = read_outputs(answers, names)
         for name in names:  # silence is an answer too
             if name == "events":
                 found.events = found.events or []
             else:
                 found.series.setdefault(name, SERIES[name].empty())
-        figures = {"seconds": time.perf_counter() - began, "dds": done}
-        told = {node: dict(figures) for node in inputs.nodes}
+        metrics = {"seconds": time.perf_counter() - began, "dds": done}
+        told = {node: dict(metrics) for node in inputs.nodes}
         for node in {"detector", "estimator"} & set(inputs.nodes):
             told[node]["poses"] = len(inputs.poses.stamp_ns)
         return found, told
@@ -120,8 +123,8 @@ class ThroughNodes:
         began = time.monotonic()
         self._tell("starting the nodes", 0.0)
         while True:
-            look = supervisor.look(_LOOK_S)
-            for _, line in look.heard:
+            poll = supervisor.poll(_LOOK_S)
+            for _, line in poll.heard:
                 said = _object(line)
                 if "done" in said:
                     return dict(said["done"])
@@ -129,13 +132,14 @@ class ThroughNodes:
                 playing = playing or "played" in said or said.get("missing") == []
                 if "played" in said:
                     self._tell("replaying", said["played"])
-            if look.ended:
-                raise InputError(_obituary(look.ended))
+            if poll.ended:
+                raise InputError(_exit_text(poll.ended))
             if self._stop():
                 raise Interrupted
-            if not playing and time.monotonic() - began > MEETING_S:
+            if not playing and time.monotonic() - began > DISCOVERY_TIMEOUT_S:
                 raise InputError(
-                    f"--dds: after {MEETING_S:.0f} s still nobody at {', '.join(missing)}; "
+                    f"--dds: after {DISCOVERY_TIMEOUT_S:.0f} s still nobody at "
+                    f"{', '.join(missing)}; "
                     "accepted: nodes that find each other (another ROS_DOMAIN_ID, or a firewall?)"
                 )
 
@@ -148,9 +152,9 @@ def _object(line: str) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def _obituary(ended: Sequence[Ended]) -> str:
+def _exit_text(ended: Sequence[ProcessExit]) -> str:
     one = ended[0]
-    words = f": {one.last_words[-1]}" if one.last_words else ""
+    words = f": {one.last_log_lines[-1]}" if one.last_log_lines else ""
     return f"--dds: {one.name} ended before the replay did ({one.how}){words}"
 
 
@@ -160,10 +164,12 @@ class _Plan:
     def __init__(self, inputs: Inputs) -> None:
         self.inputs = inputs
         wanted = [
-            topic for node in inputs.nodes for topic in (*NODES[node].inputs, *NODES[node].helps)
+            topic
+            for node in inputs.nodes
+            for topic in (*NODES[node].inputs, *NODES[node].optional_inputs)
         ]
-        live = {topic for node in inputs.nodes for topic in NODES[node].topics_said}
-        self.signs = (
+        live = {topic for node in inputs.nodes for topic in NODES[node].output_topics}
+        self.detector_status_missing = (
             "reaction" in inputs.nodes
             and not inputs.has(DETECTOR_STATUS.name)
             and DETECTOR_STATUS.name not in live
@@ -172,18 +178,20 @@ class _Plan:
         self.listeners = {
             topic: wanted.count(topic) for topic in dict.fromkeys(wanted) if self._there(topic)
         }
-        names = said_by(inputs.nodes)
+        names = outputs_of(inputs.nodes)
         compared = {EVENTS if name == "events" else SERIES[name].topic for name in names}
         self.said = {topic: self._name(topic) for topic in sorted(live & compared)}
 
     def _there(self, topic: str) -> bool:
         if topic == MOCAP_POSE.name:
             return len(self.inputs.poses.stamp_ns) > 0
-        return self.inputs.has(topic) or (topic == DETECTOR_STATUS.name and self.signs)
+        return self.inputs.has(topic) or (
+            topic == DETECTOR_STATUS.name and self.detector_status_missing
+        )
 
     def _name(self, topic: str) -> str:
         recorded = topic in self.inputs.recording.topics
-        return f"{_ASIDE}{topic}" if recorded else topic
+        return f"{_REPLAY_PREFIX}{topic}" if recorded else topic
 
     def programs(self, folder: Path, speed: float) -> list[Program]:
         """Return the nodes and the player, whose files are written into a folder."""
@@ -206,14 +214,14 @@ class _Plan:
 
     def _program(self, node: str, file: Path) -> Program:
         plain = node_program(node, [file])
-        moved = {topic: self._name(topic) for topic in NODES[node].topics_said}
+        moved = {topic: self._name(topic) for topic in NODES[node].output_topics}
         rules = [
             word
             for topic, name in moved.items()
             if name != topic
             for word in ("-r", f"{topic.lstrip('/')}:={name}")
         ]
-        return Program(plain.name, (*plain.command, *rules), plain.listened)
+        return Program(plain.name, (*plain.command, *rules), plain.capture_stdout)
 
     def write_inputs(self, path: Path) -> None:
         """Write what is played: log times by the nodes' clock, poses as PoseStamped."""
@@ -225,7 +233,7 @@ class _Plan:
                 channel = sink.add_channel(topic, spec.typename, spec.qos)
                 if topic == MOCAP_POSE.name:
                     parts.append(Columns(channel, poses.arrival_ns, _encoded(poses)))
-                elif topic == DETECTOR_STATUS.name and self.signs:
+                elif topic == DETECTOR_STATUS.name and self.detector_status_missing:
                     sign = encode(DETECTOR_STATUS.typename, {"header": {"frame_id": "map"}})
                     times = poses.arrival_ns
                     parts.append(Columns(channel, times, [sign] * len(times)))

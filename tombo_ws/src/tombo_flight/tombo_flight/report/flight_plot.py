@@ -12,8 +12,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tombo_flight.report import panels, style
+from tombo_flight.report.milestones import (
+    FlightMilestones,
+    Outcome,
+    find_milestones,
+    roll_pitch_yaw_deg,
+)
 from tombo_flight.report.panel import Array, Panel, Window, zoom_around
-from tombo_flight.report.story import FlightStory, Verdict, roll_pitch_yaw_deg, tell
 from tombo_flight.report.timeline import timeline
 
 if TYPE_CHECKING:
@@ -32,10 +37,10 @@ _HEIGHTS: Final = {
     "thrust": 2.0,
 }
 _VERDICT_COLOURS: Final = {
-    Verdict.RECOVERED: style.GREEN,
-    Verdict.CRASHED: style.VERMILLION,
-    Verdict.NO_CONTACT: style.MUTED,
-    Verdict.NOT_SETTLED: "#B07A00",
+    Outcome.RECOVERED: style.GREEN,
+    Outcome.CRASHED: style.VERMILLION,
+    Outcome.NO_CONTACT: style.MUTED,
+    Outcome.NOT_SETTLED: "#B07A00",
 }
 
 
@@ -45,23 +50,23 @@ def draw_flight(record: FlightRecord) -> Figure:
     The left column shows the whole flight, the right one the seconds around the contact
     (or the crash); with neither there is one wide column. The record has at least one sample.
     """
-    story = tell(record)
+    milestones = find_milestones(record)
     angles_deg = roll_pitch_yaw_deg(record.log["attitude"])
-    end_s = max(story.duration_s, 1e-3)
+    end_s = max(milestones.duration_s, 1e-3)
     with mpl.rc_context(style.RC):
         figure = Figure(figsize=SIZE_IN, dpi=DPI)
         FigureCanvasAgg(figure)
-        _title(figure, story)
-        if story.mark_s is None:
+        _title(figure, milestones)
+        if milestones.mark_s is None:
             columns = [(Window(0.0, end_s, 0.0, 1500, zoomed=False), _LEFT, _RIGHT)]
         else:
-            zoom = Window(*zoom_around(story.mark_s), story.mark_s, 900, zoomed=True)
+            zoom = Window(*zoom_around(milestones.mark_s), milestones.mark_s, 900, zoomed=True)
             columns = [
                 (Window(0.0, end_s, 0.0, 700, zoomed=False), _LEFT, _MIDDLE_LEFT),
                 (zoom, _MIDDLE_RIGHT, _RIGHT),
             ]
         for window, left, right in columns:
-            _column(figure, record, story, angles_deg, window, left, right)
+            _column(figure, record, milestones, angles_deg, window, left, right)
     return figure
 
 
@@ -75,7 +80,7 @@ def png_bytes(figure: Figure) -> bytes:
 def _column(
     figure: Figure,
     record: FlightRecord,
-    story: FlightStory,
+    milestones: FlightMilestones,
     angles_deg: Array,
     window: Window,
     left: float,
@@ -83,7 +88,7 @@ def _column(
 ) -> None:
     cut = _samples(record.t, window)
     rows = {
-        row: Panel(axes, record, story, window, cut)
+        row: Panel(axes, record, milestones, window, cut)
         for row, axes in _stack(figure, left, right).items()
     }
     timeline(rows["timeline"])
@@ -97,7 +102,7 @@ def _column(
         if row != "timeline":
             panel.shade()
             panel.axes.yaxis.set_label_coords(-0.43 / (SIZE_IN[0] * (right - left)), 0.5)
-    origin = "contact" if story.contact_s is not None else "the crash"
+    origin = "contact" if milestones.contact_s is not None else "the crash"
     words = f"time from {origin} [s]" if window.zoomed else "time [s]"
     rows["thrust"].axes.set_xlabel(words, labelpad=2)
 
@@ -122,19 +127,19 @@ def _samples(t: Array, window: Window) -> slice:
     return slice(first, max(last, first + 1))
 
 
-def _title(figure: Figure, story: FlightStory) -> None:
-    name = story.name if len(story.name) <= 60 else story.name[:59] + "…"
+def _title(figure: Figure, milestones: FlightMilestones) -> None:
+    name = milestones.name if len(milestones.name) <= 60 else milestones.name[:59] + "…"
     figure.text(_LEFT, 0.965, name, size=14, weight="bold", va="center", parse_math=False)
     details = [
-        None if story.seed is None else f"seed {story.seed}",
-        None if story.conf is None else f"Conf. {story.conf} propellers",
-        "without the reaction" if story.reaction is False else None,
-        f"{story.duration_s:.1f} s",
+        None if milestones.seed is None else f"seed {milestones.seed}",
+        None if milestones.conf is None else f"Conf. {milestones.conf} propellers",
+        "without the reaction" if milestones.reaction is False else None,
+        f"{milestones.duration_s:.1f} s",
     ]
     lengths = [
-        ("falls", story.fall_m, "m"),
-        ("unstable", story.unstable_phase_s, "s"),
-        ("recovered after", story.recovery_time_s, "s"),
+        ("falls", milestones.falling_distance_m, "m"),
+        ("unstable", milestones.unstable_phase_s, "s"),
+        ("recovered after", milestones.recovery_time_s, "s"),
     ]
     figures = [f"{name} {value:.2f} {unit}" for name, value, unit in lengths if value is not None]
     for x, side, words in ((_LEFT, "left", details), (_RIGHT, "right", figures)):
@@ -143,8 +148,8 @@ def _title(figure: Figure, story: FlightStory) -> None:
     figure.text(
         _RIGHT,
         0.965,
-        story.verdict.value.upper(),
-        color=_VERDICT_COLOURS[story.verdict],
+        milestones.verdict.value.upper(),
+        color=_VERDICT_COLOURS[milestones.verdict],
         size=12,
         weight="bold",
         va="center",

@@ -10,9 +10,9 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from tombo_flight.report.comparison import comparison_rows
-from tombo_flight.report.payload import flight_block, script_json, story_block
-from tombo_flight.report.story import FlightStory, Verdict, number, tell
+from tombo_flight.report.milestones import FlightMilestones, Outcome, find_milestones, number
+from tombo_flight.report.paper_comparison import comparison_rows
+from tombo_flight.report.report_data import flight_block, milestones_block, script_json
 from tombo_flight.report.tables import cards, comparison_table, events_table, values_table
 
 if TYPE_CHECKING:
@@ -22,10 +22,10 @@ SCRIPTS: Final = ("flight.js", "camera.js", "vehicle.js", "scene.js", "charts.js
 """Scripts of the page, in the order in which they are joined."""
 
 _CLASSES: Final = {
-    Verdict.RECOVERED: "good",
-    Verdict.CRASHED: "bad",
-    Verdict.NO_CONTACT: "plain",
-    Verdict.NOT_SETTLED: "warn",
+    Outcome.RECOVERED: "good",
+    Outcome.CRASHED: "bad",
+    Outcome.NO_CONTACT: "plain",
+    Outcome.NOT_SETTLED: "warn",
 }
 
 
@@ -42,25 +42,25 @@ def write_report(record: FlightRecord, path: Path, plot_png: bytes) -> None:
 
 def report_html(record: FlightRecord, plot_png: bytes) -> str:
     """The report as text; it loads nothing from anywhere."""
-    story = tell(record)
-    rows = comparison_rows(story, record.summary)
+    milestones = find_milestones(record)
+    rows = comparison_rows(milestones, record.summary)
     return fill(
         asset("report.html"),
         {
-            "title": escape(f"{story.name}: {story.verdict.value}"),
+            "title": escape(f"{milestones.name}: {milestones.verdict.value}"),
             "css": asset("report.css"),
-            "name": escape(story.name),
-            "verdict": escape(story.verdict.value),
-            "verdict_class": _CLASSES[story.verdict],
-            "facts": escape(_facts(record, story)),
+            "name": escape(milestones.name),
+            "verdict": escape(milestones.verdict.value),
+            "verdict_class": _CLASSES[milestones.verdict],
+            "facts": escape(_facts(record, milestones)),
             "cards": cards(rows),
             "comparison": comparison_table(rows),
             "plot": base64.b64encode(plot_png).decode("ascii"),
             "events": events_table(record.events),
             "scenario": values_table(record.scenario),
             "summary": values_table(record.summary),
-            "story_json": script_json(story_block(record, story)),
-            "flight_json": script_json(flight_block(record, story)),
+            "story_json": script_json(milestones_block(record, milestones)),
+            "flight_json": script_json(flight_block(record, milestones)),
             "script": "\n".join(asset(name) for name in SCRIPTS),
         },
     )
@@ -76,17 +76,17 @@ def fill(template: str, values: Mapping[str, str]) -> str:
     return re.sub(r"\{\{(\w+)\}\}", lambda match: values[match[1]], template)
 
 
-def _facts(record: FlightRecord, story: FlightStory) -> str:
+def _facts(record: FlightRecord, milestones: FlightMilestones) -> str:
     facts = []
-    if story.seed is not None:
-        facts.append(f"seed {story.seed}")
-    if story.conf is not None:
-        facts.append(f"Conf. {story.conf} propellers")
+    if milestones.seed is not None:
+        facts.append(f"seed {milestones.seed}")
+    if milestones.conf is not None:
+        facts.append(f"Conf. {milestones.conf} propellers")
     if record.summary.get("model"):
         facts.append(f"model {record.summary['model']}")
-    if story.reaction is False:
+    if milestones.reaction is False:
         facts.append("without the reaction")
-    facts.append(f"{story.duration_s:.1f} s of flight")
+    facts.append(f"{milestones.duration_s:.1f} s of flight")
     factor = number(record.summary, "real_time_factor")
     if factor is not None:
         facts.append(f"simulated {factor:.0f} times faster than real time")

@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from tombo_flight.report import style
-from tombo_flight.report.story import FlightStory
+from tombo_flight.report.milestones import FlightMilestones
 
 if TYPE_CHECKING:
     from tombo_flight.flight_record import FlightRecord
@@ -48,7 +48,7 @@ class Panel:
 
     axes: Axes
     record: FlightRecord
-    story: FlightStory
+    milestones: FlightMilestones
     window: Window
     cut: slice
 
@@ -100,22 +100,22 @@ class Panel:
 
     def shade(self) -> None:
         """Mark the phases as bands and the instants as upright lines."""
-        story, window = self.story, self.window
+        milestones, window = self.milestones, self.window
         for start, end, colour, alpha in (
-            (story.contact_s, story.unstable_end_s, style.UNSTABLE, 0.30),
-            (story.unstable_end_s, story.recovery_end_s, style.RECOVERY, 0.25),
+            (milestones.contact_s, milestones.unstable_end_s, style.UNSTABLE, 0.30),
+            (milestones.unstable_end_s, milestones.recovery_end_s, style.RECOVERY, 0.25),
         ):
             if start is not None and end is not None and start < window.end_s:
                 a, b = start - window.zero_s, min(end, window.end_s) - window.zero_s
                 self.axes.axvspan(a, b, color=colour, alpha=alpha, lw=0, zorder=0)
         instants = [
-            (story.contact_s, style.INK, 1.1, "-"),
-            (story.crash_s, style.VERMILLION, 1.1, "--"),
+            (milestones.contact_s, style.INK, 1.1, "-"),
+            (milestones.crash_s, style.VERMILLION, 1.1, "--"),
         ]
         if window.zoomed:
             instants += [
-                (story.detection_s, style.PURPLE, 0.9, "-"),
-                (story.switch_s, style.GREEN, 0.9, "-"),
+                (milestones.detection_s, style.PURPLE, 0.9, "-"),
+                (milestones.switch_s, style.GREEN, 0.9, "-"),
             ]
         for instant, colour, width, dash in instants:
             if instant is not None and window.start_s <= instant <= window.end_s:

@@ -9,8 +9,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from tombo_flight.report import style
+from tombo_flight.report.milestones import FRONT_LEFT, ROTOR_NAMES, UPRIGHT_RAD
 from tombo_flight.report.panel import SMALL, Array, Panel, envelope, key
-from tombo_flight.report.story import FRONT_LEFT, ROTOR_NAMES, UPRIGHT_RAD
 
 _HATCH: Final = "//////"
 
@@ -86,7 +86,7 @@ def _with_set_point(panel: Panel, axis: int, colour: str) -> None:
 
 def _name_places(panel: Panel) -> None:
     """Lines at the x of x_c and of x_r; their names stand right of the zoomed panel."""
-    named = ((panel.story.x_c_m, "$x_c$"), (panel.story.x_r_m, "$x_r$"))
+    named = ((panel.milestones.x_c_m, "$x_c$"), (panel.milestones.x_r_m, "$x_r$"))
     places = [(place[0], name) for place, name in named if place is not None]
     levels = [x for x, _ in places]
     low, high = panel.axes.get_ylim()
@@ -111,9 +111,9 @@ def _name_places(panel: Panel) -> None:
 
 
 def _fall_arrow(panel: Panel) -> None:
-    story, window, axes = panel.story, panel.window, panel.axes
-    start, low, when = story.contact_height_m, story.lowest_m, story.lowest_s
-    if start is None or low is None or when is None or story.contact_s is None:
+    milestones, window, axes = panel.milestones, panel.window, panel.axes
+    start, low, when = milestones.contact_height_m, milestones.lowest_m, milestones.lowest_s
+    if start is None or low is None or when is None or milestones.contact_s is None:
         return
     if start - low < 0.02 or when > window.end_s:
         return

@@ -26,7 +26,7 @@ UNSTABLE: Final = "#F4B183"
 RECOVERY: Final = "#9CC9E3"
 SETTLED: Final = "#A9D8C4"
 
-MODE_COLOURS: Final = {
+PHASE_COLOURS: Final = {
     0: "#C9D1D8",  # idle
     1: "#8FB8DE",  # takeoff
     2: "#B5D3EC",  # hover

@@ -8,8 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from tombo_flight.report.comparison import Row, fixed
-from tombo_flight.report.story import number
+from tombo_flight.report.milestones import number
+from tombo_flight.report.paper_comparison import Row, fixed
 
 _CARDS: Final = (
     "Largest falling distance",

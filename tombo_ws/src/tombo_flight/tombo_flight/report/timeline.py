@@ -33,16 +33,16 @@ def timeline(panel: Panel) -> None:
     axes.tick_params(bottom=False)
     axes.set_ylabel("mode", rotation=0, ha="right", va="center")
     axes.yaxis.set_label_coords(-0.012, (0.5 - low) / (_TOP - low))
-    for span in panel.story.modes:
-        colour = style.MODE_COLOURS.get(span.mode, style.FAINT)
+    for span in panel.milestones.modes:
+        colour = style.PHASE_COLOURS.get(span.mode, style.FAINT)
         _bar(panel, 0.5, 1.0, (span.start_s, span.end_s), span.name, colour)
     if px4 is not None:
         _px4_modes(panel, px4["modes"])
     if window.zoomed:
         _phases(panel)
         _instants(panel)
-    elif panel.story.mark_s is not None:
-        _where_the_zoom_is(panel, panel.story.mark_s)
+    elif panel.milestones.mark_s is not None:
+        _where_the_zoom_is(panel, panel.milestones.mark_s)
 
 
 def _bar(
@@ -85,11 +85,11 @@ def _phases(panel: Panel) -> None:
 
     A name too long for its bracket starts with the bracket and leaves the next one less room.
     """
-    story, window = panel.story, panel.window
+    milestones, window = panel.milestones, panel.window
     free_from = -np.inf
     for start, end, name, colour in (
-        (story.contact_s, story.unstable_end_s, "unstable", style.VERMILLION),
-        (story.unstable_end_s, story.recovery_end_s, "recovery", style.BLUE),
+        (milestones.contact_s, milestones.unstable_end_s, "unstable", style.VERMILLION),
+        (milestones.unstable_end_s, milestones.recovery_end_s, "recovery", style.BLUE),
     ):
         if start is None or end is None or start >= window.end_s:
             continue
@@ -109,14 +109,14 @@ def _instants(panel: Panel) -> None:
 
     The contact's name stands left of its line, unless the detection came first.
     """
-    story, window, axes = panel.story, panel.window, panel.axes
-    if story.contact_s is None:
+    milestones, window, axes = panel.milestones, panel.window, panel.axes
+    if milestones.contact_s is None:
         return
     later = [
-        (instant - story.contact_s, words, colour)
+        (instant - milestones.contact_s, words, colour)
         for instant, words, colour in (
-            (story.detection_s, "detection", style.PURPLE),
-            (story.switch_s, "set point to $x_r$", style.GREEN),
+            (milestones.detection_s, "detection", style.PURPLE),
+            (milestones.switch_s, "set point to $x_r$", style.GREEN),
         )
         if instant is not None and window.start_s <= instant <= window.end_s
     ]
@@ -131,7 +131,7 @@ def _instants(panel: Panel) -> None:
         axes.text(right + 0.04, level, text, color=colour, va="center", size=SMALL)
     axes.plot((0.0, 0.0), (1.1, 3.6), color=style.INK, lw=1.1)
     x, side = (right + 0.04, "left") if early else (-0.06, "right")
-    text = f"contact, $t_c$ = {story.contact_s:.2f} s"
+    text = f"contact, $t_c$ = {milestones.contact_s:.2f} s"
     axes.text(x, 3.35, text, ha=side, va="center", weight="bold", size=SMALL)
 
 
@@ -141,7 +141,7 @@ def _where_the_zoom_is(panel: Panel, mark_s: float) -> None:
     panel.axes.plot((start, end), (1.45, 1.45), color=style.INK, lw=1.0, solid_capstyle="butt")
     for edge in (start, end):
         panel.axes.plot((edge, edge), (1.25, 1.65), color=style.INK, lw=1.0)
-    name = "contact" if panel.story.contact_s is not None else "crash"
+    name = "contact" if panel.milestones.contact_s is not None else "crash"
     late = mark_s > 0.55 * panel.window.end_s
     x, side = (end, "right") if late else (start, "left")
     words = f"{name} at {mark_s:.2f} s, enlarged on the right"

@@ -30,7 +30,7 @@ from tombo_bag.topics import (
     TopicSpec,
 )
 from tombo_ros.conversion import to_ns
-from tombo_ros.topic import Input
+from tombo_ros.topic import PolledSubscription
 
 _PERIOD_S = 0.05
 _EVERY_NODE = 100
@@ -41,13 +41,13 @@ class Monitor:
     """Polls its topics: at 20 Hz it has time, and costs the nodes nothing."""
 
     def __init__(self, node: Node, known: TopicSpec | None, *, px4: bool) -> None:
-        self._diagnostics = Input(node, DIAGNOSTICS, _EVERY_NODE)
-        self._known = None if known is None else Input(node, known, 1)
-        self._mission = None if known is None else Input(node, MISSION_STATUS)
-        self._px4 = Input(node, PX4_STATUS) if px4 else None
+        self._diagnostics = PolledSubscription(node, DIAGNOSTICS, _EVERY_NODE)
+        self._known = None if known is None else PolledSubscription(node, known, 1)
+        self._mission = None if known is None else PolledSubscription(node, MISSION_STATUS)
+        self._px4 = PolledSubscription(node, PX4_STATUS) if px4 else None
         self._phase: int | None = None
 
-    def news(self) -> list[dict[str, Any]]:
+    def changes(self) -> list[dict[str, Any]]:
         """Return what has come since the last call."""
         found: list[dict[str, Any]] = [
             {"diagnostics": [_plain(status) for status in taken.message.status]}
@@ -111,7 +111,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     monitor = Monitor(node, _known(words), px4="--px4" in words)
     try:
         while not stopped:
-            for line in monitor.news():
+            for line in monitor.changes():
                 sys.stdout.write(json.dumps(line) + "\n")
             sys.stdout.flush()
             time.sleep(_PERIOD_S)

@@ -15,20 +15,26 @@ from tombo_bag.recording import Recording
 from tombo_control.autopilot import IDLE
 from tombo_dynamics.errors import InputError
 from tombo_flight.flight import as_flown
+from tombo_flight.flight_end import FlightEndDetector
 from tombo_flight.flight_from_bag import RECORD, flight_from_bag
-from tombo_flight.flight_output import FlownFlight, Tell, as_json, draw_pictures, flight_summary
+from tombo_flight.flight_output import (
+    FlightResult,
+    ProgressCallback,
+    as_json,
+    draw_pictures,
+    flight_summary,
+)
 from tombo_flight.process.stop_signals import Stopped, StopSignals
-from tombo_flight.referee import Referee
 from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.suite.domain import free_domain, udp_ports
-from tombo_flight.suite.node_figures import node_figures
+from tombo_flight.suite.node_metrics import node_metrics
 from tombo_flight.suite.nodes import PX4_SUITE, SUITE
-from tombo_flight.suite.px4_flight import BridgeWatch, px4_figures
-from tombo_flight.suite.px4_side import Px4Side
-from tombo_flight.suite.running import LOGS, RunningSuite, Wish
-from tombo_flight.suite.supervisor import Ended
+from tombo_flight.suite.px4_connection import Px4Connection
+from tombo_flight.suite.px4_flight import BridgeMonitor, px4_metrics
+from tombo_flight.suite.running import LOGS, RunningSuite, SuiteConfig
+from tombo_flight.suite.supervisor import ProcessExit
 from tombo_px4.bridge.bridge_params import POSITION
-from tombo_sim.beginning import begin
+from tombo_sim.flight_setup import begin
 
 if TYPE_CHECKING:
     from tombo_flight.process.output_folder import OutputFolder
@@ -59,8 +65,8 @@ class NodeFlight:
         left_armed: that the vehicle is armed still, and in what mode; empty: it is not.
     """
 
-    flight: FlownFlight
-    died: list[Ended]
+    flight: FlightResult
+    died: list[ProcessExit]
     warnings: list[tuple[str, str]]
     left_armed: str = ""
 
@@ -69,12 +75,12 @@ class NotFlown(Exception):
     """The vehicle stayed on the ground, and why."""
 
 
-class Watch:
+class FlightMonitor:
     """Follows a flight as the monitor tells it, and knows when it is over."""
 
     def __init__(self, scenario: Scenario) -> None:
         self._duration_s = scenario.duration
-        self._referee = Referee(scenario.vehicle.leg_height)
+        self._flight_end = FlightEndDetector(scenario.vehicle.leg_height)
         self._lifted_m = scenario.vehicle.leg_height + _LIFTED_M
         self.airborne = False
         """It has left the ground."""
@@ -106,14 +112,14 @@ class Watch:
             self._began_ns = self._now_ns
         self._phase = phase
         self.airborne |= float(state["height_m"]) > self._lifted_m
-        more_s = self._referee.watch(
+        more_s = self._flight_end.watch(
             float(state["height_m"]), float(state["upright"]), IDLE if phase is None else phase
         )
         if more_s is not None:
             self._end_s = min(self._end_s, self.flown_s + more_s)
 
 
-def fly_nodes_into(
+def fly_nodes_and_save(
     folder: OutputFolder,
     scenario: Scenario,
     seed: int,
@@ -121,21 +127,21 @@ def fly_nodes_into(
     *,
     speed: float,
     domain: int | None,
-    tell: Tell,
-    px4: Px4Side | None = None,
+    on_progress: ProgressCallback,
+    px4: Px4Connection | None = None,
     notice: Callable[[str], None] = lambda text: None,
 ) -> NodeFlight:
     """Fly a scenario with all nodes and write its files into an output folder.
 
     Args:
         folder: where the files go; the caller publishes it.
-        scenario: what to fly; `rehearse_nodes` first.
+        scenario: what to fly; `warm_up_nodes` first.
         seed: of the simulator's chance. The nodes run in real time, so no two flights are equal.
         stop: a wish to stop ends the flight; what was flown is kept.
         speed: of simulated time against real time.
         domain: ROS_DOMAIN_ID; None: one of its own, or with a vehicle that is there already that
             of this process.
-        tell: told the progress.
+        on_progress: told the progress.
         px4: fly over MAVLink.
         notice: told what somebody at the terminal should know at once.
 
@@ -150,38 +156,38 @@ def fly_nodes_into(
     with TemporaryDirectory(prefix="tombo-") as scratch:
         metadata = Path(scratch) / "metadata.json"
         metadata.write_text(json.dumps(_metadata(scenario, seed, mode)), encoding="utf-8")
-        wish = Wish(
+        config = SuiteConfig(
             scenario=scenario,
             seed=seed,
             folder=Path(scratch) / "suite",
             recording={"single_file": str(bag.absolute()), "metadata_file": str(metadata)},
             speed=speed,
             domain=_domain(px4) if domain is None else domain,
-            monitor=_questions(px4),
+            monitor=_monitor_arguments(px4),
             **({} if px4 is None else over_mavlink(px4)),
         )
-        tell("starting the nodes", 0.0)
-        flown = _fly(wish, stop, tell, notice)
+        on_progress("starting the nodes", 0.0)
+        flown = _fly(config, stop, on_progress, notice)
         if flown.died or flown.refused:
-            _keep_words(wish.folder / LOGS, folder / NODES_LOG)
+            _collect_logs(config.folder / LOGS, folder / NODES_LOG)
     if flown.refused:
         raise NotFlown(flown.refused)
-    tell("reading flight.mcap", 1.0)
-    flight = _summed_up(flown, bag, mode)
+    on_progress("reading flight.mcap", 1.0)
+    flight = _summarize(flown, bag, mode)
     text = as_json(flight.summary)
     (folder / "summary.json").write_text(text, encoding="utf-8", newline="\n")
     if not flown.interrupted:
-        draw_pictures(flight.record, folder, stop, tell)
+        draw_pictures(flight.record, folder, stop, on_progress)
     return NodeFlight(flight, flown.died, flown.warnings, flown.left_armed)
 
 
-def _domain(px4: Px4Side | None) -> int | None:
+def _domain(px4: Px4Connection | None) -> int | None:
     """Return a domain of the flight's own; a vehicle that is there has its mocap in ours."""
     own = px4 is None or px4.simulated
     return free_domain(os.getpid(), udp_ports()) if own else None
 
 
-def over_mavlink(px4: Px4Side) -> dict[str, Any]:
+def over_mavlink(px4: Px4Connection) -> dict[str, Any]:
     """Return what differs in the wish for nodes that fly over MAVLink."""
     suite = dict(PX4_SUITE)
     if px4.bridge.setpoint != POSITION:  # somebody has to make attitudes or rates
@@ -193,7 +199,7 @@ def over_mavlink(px4: Px4Side) -> dict[str, Any]:
     }
 
 
-def _questions(px4: Px4Side | None) -> tuple[str, ...]:
+def _monitor_arguments(px4: Px4Connection | None) -> tuple[str, ...]:
     """Return what the monitor is to tell: the arguments of `monitor_node`."""
     if px4 is None:
         return ("--flight",)
@@ -208,7 +214,7 @@ class _Flown:
     interrupted: bool = False
     refused: str = ""
     left_armed: str = ""
-    died: list[Ended] = dataclasses.field(default_factory=list)
+    died: list[ProcessExit] = dataclasses.field(default_factory=list)
     warnings: list[tuple[str, str]] = dataclasses.field(default_factory=list)
 
 
@@ -220,17 +226,22 @@ def _metadata(scenario: Scenario, seed: int, mode: str) -> dict[str, dict[str, s
     }
 
 
-def _fly(wish: Wish, stop: StopSignals, tell: Tell, notice: Callable[[str], None]) -> _Flown:
+def _fly(
+    config: SuiteConfig,
+    stop: StopSignals,
+    on_progress: ProgressCallback,
+    notice: Callable[[str], None],
+) -> _Flown:
     """Run the suite until the flight is over."""
     flown = _Flown()
-    watch = Watch(wish.scenario)
-    needed = [name for name in _NEEDED if name in wish.nodes]
-    bridge = BridgeWatch() if "px4_bridge" in wish.nodes else None
-    with RunningSuite(wish) as suite:
+    watch = FlightMonitor(config.scenario)
+    needed = [name for name in _NEEDED if name in config.nodes]
+    bridge = BridgeMonitor() if "px4_bridge" in config.nodes else None
+    with RunningSuite(config) as suite:
         heard_s = began_s = time.monotonic()
         patience_s = _START_S
         while not watch.over or not (bridge is None or bridge.at_rest):
-            news = suite.look(_LOOK_S)
+            news = suite.poll(_LOOK_S)
             flown.warnings += news.warnings
             now_s = time.monotonic()
             if news.flight is not None:
@@ -238,9 +249,9 @@ def _fly(wish: Wish, stop: StopSignals, tell: Tell, notice: Callable[[str], None
                     began_s, patience_s = now_s, _SILENT_S
                 heard_s = now_s
                 watch.see(news.flight)
-                tell("flying", watch.flown_s / wish.scenario.duration)
+                on_progress("flying", watch.flown_s / config.scenario.duration)
             if bridge is not None:
-                told = suite.vitals.nodes.get("px4_bridge")
+                told = suite.node_diagnostics.nodes.get("px4_bridge")
                 bridge.see(
                     news.px4, watch.phase, now_s, over=watch.over, airborne=watch.airborne,
                     fault="" if told is None else told.message,
@@ -256,7 +267,7 @@ def _fly(wish: Wish, stop: StopSignals, tell: Tell, notice: Callable[[str], None
         lands = left and "px4_bridge" in suite.running
         if bridge is not None and left:
             if lands:
-                _come_down(suite, bridge, stop, notice)
+                _land_by_bridge(suite, bridge, stop, notice)
             if bridge.armed:
                 flown.left_armed = f"the vehicle is still armed, in mode {bridge.mode}"
         flown.wall_s = time.monotonic() - began_s
@@ -269,9 +280,9 @@ def _fly(wish: Wish, stop: StopSignals, tell: Tell, notice: Callable[[str], None
     return flown
 
 
-def _come_down(
+def _land_by_bridge(
     suite: RunningSuite,
-    bridge: BridgeWatch,
+    bridge: BridgeMonitor,
     stop: StopSignals,
     notice: Callable[[str], None],
 ) -> None:
@@ -291,14 +302,14 @@ def _come_down(
         while bridge.armed and (now_s := time.monotonic()) < end_s:
             if stop.asked() and not interrupted:
                 return
-            bridge.see(suite.look(_LOOK_S).px4, None, now_s, over=True)
+            bridge.see(suite.poll(_LOOK_S).px4, None, now_s, over=True)
             if "px4_bridge" not in suite.running:
                 end_s = min(end_s, now_s + _RELAYED_S)
     except KeyboardInterrupt:  # the second Ctrl-C; what was flown is kept
         return
 
 
-def _keep_words(logs: Path, target: Path) -> None:
+def _collect_logs(logs: Path, target: Path) -> None:
     """Put the logs of all nodes into one file."""
     parts = [
         f"== {path.stem}\n{path.read_text(encoding='utf-8', errors='replace')}"
@@ -307,7 +318,7 @@ def _keep_words(logs: Path, target: Path) -> None:
     target.write_text("\n".join(parts), encoding="utf-8")
 
 
-def _summed_up(flown: _Flown, bag: Path, mode: str) -> FlownFlight:
+def _summarize(flown: _Flown, bag: Path, mode: str) -> FlightResult:
     """Make record and summary from the recording.
 
     Raises:
@@ -317,21 +328,21 @@ def _summed_up(flown: _Flown, bag: Path, mode: str) -> FlownFlight:
     try:
         record = flight_from_bag(bag, flown.wall_s)
         with Recording(bag) as recording:
-            figures = node_figures(recording)
+            metrics = node_metrics(recording)
             if mode == "px4":
-                figures["px4"] = px4_figures(recording, record)
+                metrics["px4"] = px4_metrics(recording, record)
             messages = sum(stream.count for stream in recording.topics.values())
     except InputError as error:
         if flown.interrupted:
             raise Stopped from error
         for end in flown.died:
             if end.name in _NEEDED:
-                words = f": {end.last_words[-1]}" if end.last_words else ""
+                words = f": {end.last_log_lines[-1]}" if end.last_log_lines else ""
                 raise InputError(f"{end.name} has ended, {end.how}{words}") from error
         raise
     died = {end.name: end.how for end in flown.died}
-    more = {"mode": mode, **figures, "died": died}
+    more = {"mode": mode, **metrics, "died": died}
     record = dataclasses.replace(record, summary={**record.summary, **more})
     summary = flight_summary(record, interrupted=flown.interrupted, recorded_messages=messages)
     record = dataclasses.replace(record, summary=summary)
-    return FlownFlight(record, summary, None)
+    return FlightResult(record, summary, None)

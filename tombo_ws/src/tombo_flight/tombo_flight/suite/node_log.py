@@ -16,7 +16,7 @@ _IMPORTANT = re.compile(r"\[(WARN|ERROR|FATAL)\]|Error: ")
 _LINE = re.compile(r"\[(\w+)\] \[[\d.]+\] \[[^\]]*\]: (.*)")
 _AT_ONCE = 1 << 18
 _LARGEST = 32 << 20
-_LAST_WORDS = 8
+_LAST_LOG_LINES = 8
 _BURST = 10
 _REFILL_HZ = 1.0
 
@@ -34,7 +34,7 @@ class NodeLog:
         self.path = path
         self._place = 0
         self._rest = b""
-        self._last: deque[str] = deque(maxlen=_LAST_WORDS)
+        self._last: deque[str] = deque(maxlen=_LAST_LOG_LINES)
         self._tokens = float(_BURST)
         self._asked_s: float | None = None
         self._held_back = 0
@@ -45,7 +45,7 @@ class NodeLog:
         return os.open(self.path, flags, 0o644)
 
     @property
-    def last_words(self) -> tuple[str, ...]:
+    def last_log_lines(self) -> tuple[str, ...]:
         """The last lines that were read."""
         return tuple(self._last)
 

@@ -45,7 +45,9 @@ def node_program(
 
 def monitor_program(*arguments: str) -> Program:
     """Return how to start the monitor."""
-    return Program(MONITOR, (sys.executable, "-m", MONITOR_MODULE, *arguments), listened=True)
+    return Program(
+        MONITOR, (sys.executable, "-m", MONITOR_MODULE, *arguments), capture_stdout=True
+    )
 
 
 def node_environment(

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from tombo_dynamics.params import as_text
 from tombo_flight.scenario import Scenario, as_mapping, load_scenario
-from tombo_sim.propulsion import propulsion_effects
+from tombo_sim.propeller_effects import propulsion_effects
 
 SECTIONS: Final[dict[str, tuple[str, ...]]] = {
     "sim": ("vehicle", "propeller", "obstacle", "spread", "effects"),

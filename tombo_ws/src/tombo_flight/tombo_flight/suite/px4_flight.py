@@ -11,15 +11,15 @@ from tombo_bag.schemas import type_store
 from tombo_bag.topics import PX4_STATUS
 from tombo_control.autopilot import BLIND, LAND, LANDED
 from tombo_flight.flight_record import FlightRecord
-from tombo_flight.suite.node_figures import recorded_vitals
+from tombo_flight.suite.node_metrics import recorded_diagnostics
 
 READY_S: Final = 25.0
 """From the first word of the bridge: EKF2 converges, checks pass, the vehicle arms."""
 _DISARM_S: Final = 12.0
 """After the flight: PX4 disarms 2 s after landing, the bridge asks 4 s after it."""
-_GIVEN_UP: Final = "given up"
+_STAGE_GIVEN_UP: Final = "given up"
 """The stage of a bridge that was refused."""
-_FIGURES: Final = {
+_METRIC_KEYS: Final = {
     "time_offset_ns": "timesync_offset_ns",
     "time_round_trip_us": "timesync_round_trip_us",
     "mocap_latency_ms": "mocap_latency_ms",
@@ -35,7 +35,7 @@ _REFUSED: Final = ("poses_refused.", "refused.", "link.")
 """Beginnings of what counts refusals there."""
 
 
-class BridgeWatch:
+class BridgeMonitor:
     """Follows `/px4/status`: does it arm, and is it at rest in the end?"""
 
     def __init__(self) -> None:
@@ -96,22 +96,22 @@ class BridgeWatch:
         self._armed_once |= self.armed
         if not self._armed_once:
             self.refusal = self._why_not(phase, now_s - self._first_s, fault)
-        elif not (self.armed or airborne or over) and self._no_more(phase):
-            self.refusal = f"it armed, but never left the ground: {self._last_words(fault)}"
+        elif not (self.armed or airborne or over) and self._flight_impossible(phase):
+            self.refusal = f"it armed, but never left the ground: {self._failure_text(fault)}"
 
-    def _no_more(self, phase: int | None) -> bool:
+    def _flight_impossible(self, phase: int | None) -> bool:
         """Whether neither mission nor bridge will fly any more."""
-        return phase == LANDED or self._status.get("stage") == _GIVEN_UP
+        return phase == LANDED or self._status.get("stage") == _STAGE_GIVEN_UP
 
-    def _last_words(self, fault: str) -> str:
+    def _failure_text(self, fault: str) -> str:
         status = self._status
-        if status.get("stage") == _GIVEN_UP:
+        if status.get("stage") == _STAGE_GIVEN_UP:
             return str(status["why"])
         return str(status["status_text"] or fault or status["why"] or "PX4 disarmed it")
 
     def _why_not(self, phase: int | None, waited_s: float, fault: str) -> str:
         status = self._status
-        if status.get("stage") == _GIVEN_UP:
+        if status.get("stage") == _STAGE_GIVEN_UP:
             return f"PX4 did not take off: {status['why']}"
         if phase != LANDED and waited_s < READY_S:
             return ""
@@ -137,10 +137,10 @@ class _Change:
     firmware: str
 
 
-def px4_figures(recording: Recording, record: FlightRecord) -> dict[str, Any]:
+def px4_metrics(recording: Recording, record: FlightRecord) -> dict[str, Any]:
     """Return what the summary says about PX4; what nobody told is None."""
     changes = list(_changes(recording, record.epoch_ns))
-    bridge = recorded_vitals(recording).nodes.get("px4_bridge")
+    bridge = recorded_diagnostics(recording).nodes.get("px4_bridge")
     values = {} if bridge is None else bridge.values
     end_s = float(record.t[-1]) if record.t.size else 0.0
     return {
@@ -151,12 +151,12 @@ def px4_figures(recording: Recording, record: FlightRecord) -> dict[str, Any]:
         "offboard_duration_s": _lasted(changes, "offboard", end_s),
         "modes": _steps(changes, "mode"),
         "stages": _steps(changes, "stage"),
-        **{key: _told(values, name) for key, name in _FIGURES.items()},
+        **{key: _reported_value(values, name) for key, name in _METRIC_KEYS.items()},
         "refused": {
             name: count
             for name, count in values.items()
             if name.startswith(_REFUSED)
-            and name not in _FIGURES.values()
+            and name not in _METRIC_KEYS.values()
             and isinstance(count, int)
             and count > 0
         },
@@ -182,7 +182,7 @@ def _changes(recording: Recording, epoch_ns: int) -> Iterator[_Change]:
         )
 
 
-def _told(values: Mapping[str, Any], name: str) -> Any:
+def _reported_value(values: Mapping[str, Any], name: str) -> Any:
     value = values.get(name)
     return None if value in ("None", "nan", "") else value
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from tombo_dynamics.errors import InputError
-from tombo_flight.suite.px4_side import link_key
+from tombo_flight.suite.px4_connection import link_key
 from tombo_px4.bridge.bridge_params import LinkParams
 from tombo_px4.bridge.modes import mode_name, mode_of
 from tombo_px4.link.mavlink_link import Link
@@ -36,7 +36,7 @@ class Vehicle:
     kind: str
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """As a person wants it."""
         state = "armed" if self.armed else "disarmed"
         return f"a PX4 {self.kind}, system {self.system}, {state}, in mode {self.mode}"
@@ -98,16 +98,16 @@ def _find(
                         f"link '{params.url}': PX4 signs its messages and this side has no key: "
                         "--bridge link.key_file=…; accepted: the file of PX4's key"
                     )
-                return _introduced(received.message, *sender)
+                return _parse_heartbeat(received.message, *sender)
             others.add(sender)
-    raise InputError(_nobody(link, params, patience_s, others))
+    raise InputError(_no_vehicle_text(link, params, patience_s, others))
 
 
 def _signed(message: Any) -> bool:
     return bool(message.get_header().incompat_flags & _SIGNED)
 
 
-def _introduced(heartbeat: Any, system: int, component: int) -> Vehicle:
+def _parse_heartbeat(heartbeat: Any, system: int, component: int) -> Vehicle:
     if heartbeat.autopilot != _PX4:
         raise InputError(
             f"system {system}, component {component}: autopilot {heartbeat.autopilot} is no PX4; "
@@ -122,7 +122,7 @@ def _introduced(heartbeat: Any, system: int, component: int) -> Vehicle:
     )
 
 
-def _nobody(
+def _no_vehicle_text(
     link: Link, params: LinkParams, patience_s: float, others: set[tuple[int, int]]
 ) -> str:
     """Say in one line why there is no vehicle."""

@@ -16,6 +16,7 @@ from typing import Any, Final
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_flight.scenario import Scenario
 from tombo_flight.suite.domain import HIGHEST_DOMAIN
+from tombo_flight.suite.node_diagnostics import NodeDiagnostics
 from tombo_flight.suite.nodes import (
     MONITOR,
     SUITE,
@@ -25,8 +26,7 @@ from tombo_flight.suite.nodes import (
 )
 from tombo_flight.suite.parameter_yaml import parameter_yaml, suite_parameters
 from tombo_flight.suite.status_table import Suite
-from tombo_flight.suite.supervisor import Ended, Look, Program, Supervisor
-from tombo_flight.suite.vitals import Vitals
+from tombo_flight.suite.supervisor import ProcessExit, ProcessUpdate, Program, Supervisor
 
 PARAMETERS: Final = "parameters.yaml"
 LOGS: Final = "log"
@@ -34,7 +34,7 @@ FASTEST: Final = 20.0
 
 
 @dataclass(frozen=True)
-class Wish:
+class SuiteConfig:
     """What to run, checked.
 
     Attributes:
@@ -103,7 +103,7 @@ class Wish:
 
 
 @dataclass(frozen=True)
-class News:
+class SuiteUpdate:
     """What is new since the last look.
 
     Attributes:
@@ -113,7 +113,7 @@ class News:
         px4: the newest state of the bridge to PX4; None: no news.
     """
 
-    ended: list[Ended]
+    ended: list[ProcessExit]
     warnings: list[tuple[str, str]]
     flight: dict[str, Any] | None
     px4: dict[str, Any] | None = None
@@ -122,20 +122,20 @@ class News:
 class RunningSuite:
     """Use as a context manager: entering starts the nodes, leaving ends them (`Supervisor`)."""
 
-    def __init__(self, wish: Wish) -> None:
+    def __init__(self, config: SuiteConfig) -> None:
         """Write the parameter file.
 
         Raises:
             OSError: the folder can't be written.
         """
-        self.nodes = wish.nodes
-        self.vitals = Vitals()
-        self.ended: dict[str, Ended] = {}
+        self.nodes = config.nodes
+        self.node_diagnostics = NodeDiagnostics()
+        self.ended: dict[str, ProcessExit] = {}
         """Nodes that ended by themselves."""
-        wish.folder.mkdir(parents=True, exist_ok=True)
-        logs = wish.folder / LOGS
-        environment = node_environment(os.environ, logs / "ros", wish.domain)
-        programs = _programs(wish)
+        config.folder.mkdir(parents=True, exist_ok=True)
+        logs = config.folder / LOGS
+        environment = node_environment(os.environ, logs / "ros", config.domain)
+        programs = _programs(config)
         self._supervisor = Supervisor(programs, logs, environment)
         self._began_s = time.monotonic()
 
@@ -164,24 +164,29 @@ class RunningSuite:
         """Names of the nodes that run."""
         return set(self._supervisor.running) - {MONITOR}
 
-    def look(self, wait_s: float) -> News:
+    def poll(self, wait_s: float) -> SuiteUpdate:
         """Wait a while for news and return them."""
-        look = self._supervisor.look(wait_s)
-        flight, px4 = self._hear(look)
-        ended = [end for end in look.ended if end.name != MONITOR]
+        poll = self._supervisor.poll(wait_s)
+        flight, px4 = self._handle_monitor_output(poll)
+        ended = [end for end in poll.ended if end.name != MONITOR]
         self.ended |= {end.name: end for end in ended}
-        warnings = list(look.warnings)
-        for end in look.ended:
+        warnings = list(poll.warnings)
+        for end in poll.ended:
             if end.name == MONITOR:
-                words = f" ({end.last_words[-1]})" if end.last_words else ""
+                words = f" ({end.last_log_lines[-1]})" if end.last_log_lines else ""
                 warnings.append((MONITOR, f"ended, {end.how}: no status any more{words}"))
-        return News(ended, warnings, flight, px4)
+        return SuiteUpdate(ended, warnings, flight, px4)
 
     def status(self) -> Suite:
         """Return the suite as it is now."""
         now = time.monotonic()
         return Suite(
-            self.nodes, self._supervisor.running, self.ended, self.vitals, now, self.uptime_s
+            self.nodes,
+            self._supervisor.running,
+            self.ended,
+            self.node_diagnostics,
+            now,
+            self.uptime_s,
         )
 
     def interrupt(self, name: str) -> None:
@@ -191,14 +196,16 @@ class RunningSuite:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGINT)
 
-    def stop(self) -> list[Ended]:
+    def stop(self) -> list[ProcessExit]:
         """End the nodes, and return those that did not end well when asked to."""
         return [end for end in self._supervisor.stop() if end.code != 0 and end.name != MONITOR]
 
-    def _hear(self, look: Look) -> tuple[dict[str, Any] | None, dict[str, Any] | None]:
+    def _handle_monitor_output(
+        self, poll: ProcessUpdate
+    ) -> tuple[dict[str, Any] | None, dict[str, Any] | None]:
         """Take in what the monitor says; return the newest state of flight and bridge."""
         flight = px4 = None
-        for _, line in look.heard:
+        for _, line in poll.heard:
             try:
                 said = json.loads(line)
             except ValueError:
@@ -206,20 +213,20 @@ class RunningSuite:
             if not isinstance(said, dict):
                 continue
             if "diagnostics" in said:
-                self.vitals.take(said["diagnostics"], time.monotonic())
+                self.node_diagnostics.take(said["diagnostics"], time.monotonic())
             flight = said.get("flight", flight)
             px4 = said.get("px4", px4)
         return flight, px4
 
 
-def _programs(wish: Wish) -> Sequence[Program]:
-    parameters = suite_parameters(wish.scenario, wish.seed, speed=wish.speed)
-    parameters["recorder"] |= wish.recording
-    for node, values in wish.more.items():
+def _programs(config: SuiteConfig) -> Sequence[Program]:
+    parameters = suite_parameters(config.scenario, config.seed, speed=config.speed)
+    parameters["recorder"] |= config.recording
+    for node, values in config.more.items():
         parameters[node] = {**parameters.get(node, {}), **values}
-    file = wish.folder / PARAMETERS
-    comment = f"The parameters with which {wish.scenario.name}, seed {wish.seed}, was started."
+    file = config.folder / PARAMETERS
+    comment = f"The parameters with which {config.scenario.name}, seed {config.seed}, was started."
     file.write_text(parameter_yaml(parameters, comment), encoding="utf-8")
-    files = [path.resolve() for path in (file, *wish.files)]
-    programs = [node_program(name, files, wish.modules) for name in wish.nodes]
-    return [*programs, monitor_program(*wish.monitor)]
+    files = [path.resolve() for path in (file, *config.files)]
+    programs = [node_program(name, files, config.modules) for name in config.nodes]
+    return [*programs, monitor_program(*config.monitor)]

@@ -11,8 +11,8 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
-from tombo_flight.suite.supervisor import Ended
-from tombo_flight.suite.vitals import SILENT_S, Loop, Status, Vitals
+from tombo_flight.suite.node_diagnostics import SILENT_S, Loop, NodeDiagnostics, Status
+from tombo_flight.suite.supervisor import ProcessExit
 
 _STYLES = {"running": "green", "starting": "dim", "silent": "bold yellow"}
 _FAULT_STYLES = ("", "yellow", "bold red")
@@ -26,15 +26,15 @@ class Suite:
         names: of its nodes, in the order in which they are shown.
         pids: of those that run.
         ended: those that have ended.
-        vitals: what the nodes say.
-        now_s: on the clock of `vitals`.
+        node_diagnostics: what the nodes say.
+        now_s: on the clock of `node_diagnostics`.
         uptime_s: since the start.
     """
 
     names: tuple[str, ...]
     pids: Mapping[str, int]
-    ended: Mapping[str, Ended]
-    vitals: Vitals
+    ended: Mapping[str, ProcessExit]
+    node_diagnostics: NodeDiagnostics
     now_s: float
     uptime_s: float
 
@@ -42,7 +42,7 @@ class Suite:
         """Return `starting`, `running`, `silent`, or how it ended."""
         if name in self.ended:
             return self.ended[name].how
-        status = self.vitals.nodes.get(name)
+        status = self.node_diagnostics.nodes.get(name)
         if status is None:
             return "starting"
         return "silent" if self.now_s - status.heard_s > SILENT_S else "running"
@@ -50,7 +50,7 @@ class Suite:
 
 def status_table(suite: Suite) -> Table:
     """Return the table: a row a loop, the node's own beside its first one."""
-    age = suite.vitals.mocap_age_s
+    age = suite.node_diagnostics.mocap_age_s
     mocap = "mocap: no word" if math.isnan(age) else f"mocap: {1e3 * age:.0f} ms old"
     title = Text(f"{suite.uptime_s:.0f} s up, {mocap}")
     table = Table(box=SIMPLE_HEAD, title=title, padding=(0, 1, 0, 0))
@@ -61,7 +61,7 @@ def status_table(suite: Suite) -> Table:
     table.add_column("faults")
     for name in suite.names:
         state = suite.state(name)
-        status = suite.vitals.nodes.get(name, Status())
+        status = suite.node_diagnostics.nodes.get(name, Status())
         loops = status.loops if name in suite.pids else ()
         style = _STYLES.get(state, "bold red")
         pid = str(suite.pids.get(name, ""))
@@ -83,7 +83,7 @@ def status_line(suite: Suite) -> str:
     troubles = []
     for name in suite.names:
         state = suite.state(name)
-        status = suite.vitals.nodes.get(name)
+        status = suite.node_diagnostics.nodes.get(name)
         if state != "running":
             troubles.append(f"{name} {state}")
         elif status is not None and status.level:
@@ -91,7 +91,7 @@ def status_line(suite: Suite) -> str:
     missed = sum(
         int(loop.number("missed"))
         for name in suite.pids
-        for loop in suite.vitals.nodes.get(name, Status()).loops
+        for loop in suite.node_diagnostics.nodes.get(name, Status()).loops
         if not math.isnan(loop.number("missed"))
     )
     running = sum(name in suite.pids for name in suite.names)
@@ -103,7 +103,7 @@ def status_object(suite: Suite) -> dict[str, Any]:
     """Return the suite as plain values."""
     nodes = {}
     for name in suite.names:
-        status = suite.vitals.nodes.get(name, Status())
+        status = suite.node_diagnostics.nodes.get(name, Status())
         nodes[name] = {
             "pid": suite.pids.get(name),
             "state": suite.state(name),
@@ -111,7 +111,7 @@ def status_object(suite: Suite) -> dict[str, Any]:
             "level": status.level,
             "faults": status.message,
             "values": dict(status.values),
-            "loops": {loop.name: dict(loop.figures) for loop in status.loops},
+            "loops": {loop.name: dict(loop.metrics) for loop in status.loops},
         }
     return {"event": "status", "uptime_s": round(suite.uptime_s, 1), "nodes": nodes}
 

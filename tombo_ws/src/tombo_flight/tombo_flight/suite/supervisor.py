@@ -34,27 +34,27 @@ class Program:
     Attributes:
         name: its log is `<name>.log`.
         command: absolute path of the executable, and arguments.
-        listened: its standard output is not logged but returned by `Supervisor.look`.
+        capture_stdout: its standard output is not logged but returned by `Supervisor.poll`.
     """
 
     name: str
     command: tuple[str, ...]
-    listened: bool = False
+    capture_stdout: bool = False
 
 
 @dataclass(frozen=True)
-class Ended:
+class ProcessExit:
     """A program that has come to its end.
 
     Attributes:
         name: of the program.
         code: exit code; below 0 the number of the signal that ended it.
-        last_words: the last lines of its log.
+        last_log_lines: the last lines of its log.
     """
 
     name: str
     code: int
-    last_words: tuple[str, ...]
+    last_log_lines: tuple[str, ...]
 
     @property
     def how(self) -> str:
@@ -68,7 +68,7 @@ class Ended:
 
 
 @dataclass(frozen=True)
-class Look:
+class ProcessUpdate:
     """What a look at the programs has shown.
 
     Attributes:
@@ -77,7 +77,7 @@ class Look:
         heard: (name, line) of programs that are listened to.
     """
 
-    ended: list[Ended]
+    ended: list[ProcessExit]
     warnings: list[tuple[str, str]]
     heard: list[tuple[str, str]]
 
@@ -113,7 +113,7 @@ class Supervisor:
         self._environment = dict(environment)
         self._alive: dict[str, _Child] = {}
         self._guard: subprocess.Popen[bytes] | None = None
-        self._asked = False
+        self._stop_requested = False
 
     @property
     def running(self) -> dict[str, int]:
@@ -147,37 +147,39 @@ class Supervisor:
     ) -> None:
         """End what still runs."""
         try:
-            if not self._asked:  # else it was interrupted: no more patience
+            if not self._stop_requested:  # else it was interrupted: no more patience
                 self.stop()
         finally:
             self._kill()
 
-    def look(self, wait_s: float) -> Look:
+    def poll(self, wait_s: float) -> ProcessUpdate:
         """Wait for a while, or until a program that is listened to speaks; say what is new."""
-        heard = self._listen(wait_s)
-        ended = self._buried()
+        heard = self._read_pipes(wait_s)
+        ended = self._reap()
         now = time.monotonic()
         children = [*self._alive.values(), *(child for child, _ in ended)]
         warnings = [(c.program.name, line) for c in children for line in c.log.news(now)]
-        return Look([_obituary(child, code) for child, code in ended], warnings, heard)
+        return ProcessUpdate(
+            [_process_exit(child, code) for child, code in ended], warnings, heard
+        )
 
-    def stop(self) -> list[Ended]:
+    def stop(self) -> list[ProcessExit]:
         """End all programs: SIGINT, 2 s later SIGTERM, at last SIGKILL; return how they ended."""
         began = time.monotonic()
-        self._asked = True
+        self._stop_requested = True
         ended: list[tuple[_Child, int]] = []
         for after_s, number in _ESCALATION:
             while self._alive and time.monotonic() - began < after_s:
-                self._listen(_LOOK_S)
-                ended += self._buried()
+                self._read_pipes(_LOOK_S)
+                ended += self._reap()
             self._signal(number)
         while self._alive:
             time.sleep(_LOOK_S)
-            ended += self._buried()
+            ended += self._reap()
         now = time.monotonic()
         for child, _ in ended:
             child.log.news(now)
-        return [_obituary(child, code) for child, code in ended]
+        return [_process_exit(child, code) for child, code in ended]
 
     def _start(self, program: Program) -> _Child:
         if self._guard is None or self._guard.stdin is None:
@@ -193,7 +195,7 @@ class Supervisor:
                     *program.command,
                 ],
                 stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE if program.listened else file,
+                stdout=subprocess.PIPE if program.capture_stdout else file,
                 stderr=file,
                 start_new_session=True,
                 pass_fds=(fd,),
@@ -207,7 +209,7 @@ class Supervisor:
             os.set_blocking(pipe, False)
         return _Child(program, process, log, pipe)
 
-    def _listen(self, wait_s: float) -> list[tuple[str, str]]:
+    def _read_pipes(self, wait_s: float) -> list[tuple[str, str]]:
         """Wait until somebody speaks, at most so long, and return the whole lines."""
         pipes = {c.pipe: c for c in self._alive.values() if c.pipe is not None}
         ready, _, _ = select.select(list(pipes), [], [], wait_s)
@@ -229,7 +231,7 @@ class Supervisor:
         *whole, child.rest = (child.rest + data).split(b"\n")
         return [(child.program.name, line.decode("utf-8", "replace")) for line in whole]
 
-    def _buried(self) -> list[tuple[_Child, int]]:
+    def _reap(self) -> list[tuple[_Child, int]]:
         """Reap what has ended, and end what it left in its session; return (child, exit code)."""
         found = []
         for name, child in list(self._alive.items()):
@@ -238,7 +240,7 @@ class Supervisor:
                 continue
             _signal_group(pid, signal.SIGKILL)  # before it is reaped: the number is still its own
             code = child.process.wait()
-            self._tell_guard(-pid)
+            self._notify_guard(-pid)
             if child.process.stdout is not None:
                 child.process.stdout.close()
             del self._alive[name]
@@ -253,7 +255,7 @@ class Supervisor:
         """End everything now, the guard last."""
         self._signal(signal.SIGKILL)
         while self._alive:
-            self._buried()
+            self._reap()
             time.sleep(0.001)
         if self._guard is not None:
             try:
@@ -261,7 +263,7 @@ class Supervisor:
             except OSError:  # it has been killed: its pipe is broken
                 self._guard.wait()
 
-    def _tell_guard(self, group: int) -> None:
+    def _notify_guard(self, group: int) -> None:
         if self._guard is None or self._guard.stdin is None:
             return
         try:
@@ -270,8 +272,8 @@ class Supervisor:
             return
 
 
-def _obituary(child: _Child, code: int) -> Ended:
-    return Ended(child.program.name, code, child.log.last_words)
+def _process_exit(child: _Child, code: int) -> ProcessExit:
+    return ProcessExit(child.program.name, code, child.log.last_log_lines)
 
 
 def _has_ended(pid: int) -> bool:

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import configuration, nodus_moduli
-from tombo_propeller.design.choose import choose
-from tombo_propeller.design.judge import costs, slack
+from tombo_propeller.design.candidate_evaluation import costs, slack
+from tombo_propeller.design.candidate_ranking import choose
 from tombo_propeller.design.pareto import nondominated
 from tombo_propeller.design.request import NAMES, QUANTITIES, Limit, Request, arm_of
-from tombo_propeller.design.words import relief_lines
+from tombo_propeller.design.summary_text import relief_lines
 
 BLADE = configuration(13).blade
 

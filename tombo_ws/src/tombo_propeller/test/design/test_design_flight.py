@@ -8,16 +8,16 @@ import pytest
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import configuration, read_library, thrust_map
-from tombo_dynamics.propeller.choice import mounted
+from tombo_dynamics.propeller.mounted_propeller import mounted_configuration
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario, scenario_from_mapping, world_of
-from tombo_propeller.design.check import blade_recovery, check_design
 from tombo_propeller.design.files import DESIGN_FILES, write_design
-from tombo_propeller.design.flyable import is_built_in, scenario_of, write_flyable
+from tombo_propeller.design.flight_check import blade_recovery, check_design
+from tombo_propeller.design.flight_files import is_built_in, scenario_of, write_flyable
 from tombo_propeller.design.recommend import recommend
 from tombo_propeller.design.request import Request, vehicle_for
-from tombo_sim.propulsion import propulsion_effects, thrust_map_of
+from tombo_sim.propeller_effects import propulsion_effects, thrust_map_of
 
 SEEDS = range(6)
 
@@ -115,7 +115,7 @@ def test_files_of_a_design_can_be_moved_and_flown(made, tmp_path: Path):
     assert {"design.json", "design.yaml", "pareto.png", "library/configurations.yaml"} <= files
     scenario = load_scenario(str(moved / "design.yaml"))
     chosen = found.judged.configurations[made_up.index]
-    assert mounted(scenario.propeller) == chosen
+    assert mounted_configuration(scenario.propeller) == chosen
     top = float(thrust_map_of(scenario.propeller).thrust(500.0))
     assert top == pytest.approx(float(thrust_map(chosen).thrust(500.0)))
     assert world_of(scenario).vehicle.nodus_radius == chosen.blade.joint.outer_radius_m

@@ -8,8 +8,8 @@ import pytest
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import configuration, configurations, thrust_map
 from tombo_dynamics.vehicle import VehicleParams
-from tombo_propeller.design.operation import operate
-from tombo_propeller.design.placement import with_nodus_at
+from tombo_propeller.design.nodus_placement import with_nodus_at
+from tombo_propeller.design.operating_points import operate
 
 SOFT = [c for c in configurations() if c.nodus]
 BLADE = configuration(13).blade

@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 
 from tombo_dynamics.propeller import Configuration, configuration, configurations
-from tombo_propeller.design.readings import FEWEST, MEAN, flap_stiffness, left_out_errors, read
 from tombo_propeller.design.request import MEASURED
+from tombo_propeller.design.response_regression import (
+    FEWEST,
+    MEAN,
+    flap_stiffness,
+    left_out_errors,
+    read,
+)
 
 SOFT = [c for c in configurations() if c.measured and c.nodus]
 

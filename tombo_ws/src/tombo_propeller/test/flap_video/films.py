@@ -5,30 +5,30 @@ from functools import cache
 
 import numpy as np
 
+from tombo_propeller.flap_video.camera_geometry import BladeSpan, CameraPose
 from tombo_propeller.flap_video.measure import measure, spans_of
-from tombo_propeller.flap_video.rendered import Rendering, Scene, slow
 from tombo_propeller.flap_video.scale import reference_scale
-from tombo_propeller.flap_video.view import Span, View
+from tombo_propeller.flap_video.synthetic_video import Scene, SyntheticVideo, reference_scene
 
-SPAN = Span(0.1111, 0.035)
+SPAN = BladeSpan(0.1111, 0.035)
 SMALL = Scene(width=400, height=400, scale=1650.0, camera_height=8.0, off_centre=(6.0, -4.0))
 
 
 @cache
 def shots(scene, count=10, seed=0):
-    return np.stack(list(Rendering(scene, seed).frames(count)))
+    return np.stack(list(SyntheticVideo(scene, seed).frames(count)))
 
 
 def seen_by(scene):
-    return View(scene.camera_height, scene.towards)
+    return CameraPose(scene.camera_height, scene.towards)
 
 
 def reference(scene, seed=0, **changes):
-    return shots(replace(slow(scene), **changes), 32, seed)
+    return shots(replace(reference_scene(scene), **changes), 32, seed)
 
 
 def measured(scene, seed=0, windows=1, view=None, scale=None):
     view = view or seen_by(scene)
     give = lambda rim: scale or reference_scale(reference(scene, seed), 0.0, SPAN, view, rim)  # noqa: E731
     spans = spans_of(10 * windows, 10, windows)
-    return measure(Rendering(scene, seed), spans, give, SPAN, view)
+    return measure(SyntheticVideo(scene, seed), spans, give, SPAN, view)

@@ -9,7 +9,7 @@ import pytest
 from films import SMALL, shots
 
 from tombo_dynamics.errors import InputError
-from tombo_propeller.flap_video.disc import NothingMovesError, circle_of, evened, find_disc
+from tombo_propeller.flap_video.disc import NothingMovesError, circle_of, find_disc, remove_flicker
 
 
 def ring(n=90, x=100.0, y=80.0, r=50.0, noise=0.3, seed=0):
@@ -47,7 +47,7 @@ def test_the_disc_is_found_to_some_pixels(speed, exposure):
 
 def test_flicker_is_taken_out():
     frames = shots(replace(SMALL, flicker=0.1, noise=0.0))
-    corner = [f[:30, :30].mean() for f in evened(frames)]
+    corner = [f[:30, :30].mean() for f in remove_flicker(frames)]
     assert np.ptp([f[:30, :30].mean() for f in frames]) > 5.0
     assert np.ptp(corner) < 0.6
 

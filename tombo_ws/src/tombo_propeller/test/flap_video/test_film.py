@@ -6,13 +6,13 @@ import pytest
 from films import SMALL, shots
 
 from tombo_dynamics.errors import InputError
-from tombo_propeller.flap_video.film import open_film
-from tombo_propeller.flap_video.rendered import Rendering, write_folder, write_video
+from tombo_propeller.flap_video.synthetic_video import SyntheticVideo, write_folder, write_video
+from tombo_propeller.flap_video.video import open_video
 
 
 def test_a_folder_gives_the_frames_back(tmp_path):
-    write_folder(Rendering(SMALL), 12, tmp_path / "film")
-    film = open_film(tmp_path / "film")
+    write_folder(SyntheticVideo(SMALL), 12, tmp_path / "film")
+    film = open_video(tmp_path / "film")
     assert (film.count, film.fps) == (12, 960.0)
     parts = list(film.parts([(2, 5), (9, 14)]))
     assert [(first, len(frames)) for first, frames in parts] == [(2, 3), (9, 3)]
@@ -22,13 +22,13 @@ def test_a_folder_gives_the_frames_back(tmp_path):
 def test_pictures_are_in_order_of_their_numbers(tmp_path):
     for k in (10, 9, 1):
         cv2.imwrite(str(tmp_path / f"shot{k}.png"), np.full((80, 80), k, np.uint8))
-    ((_, frames),) = open_film(tmp_path).parts([(0, 3)])
+    ((_, frames),) = open_video(tmp_path).parts([(0, 3)])
     assert [int(f[0, 0]) for f in frames] == [1, 9, 10]
 
 
 def test_a_video_gives_nearly_the_frames_back(tmp_path):
-    write_video(Rendering(SMALL), 12, tmp_path / "film.avi")
-    film = open_film(tmp_path / "film.avi")
+    write_video(SyntheticVideo(SMALL), 12, tmp_path / "film.avi")
+    film = open_video(tmp_path / "film.avi")
     assert (film.count, film.fps) == (12, 960.0)
     ((first, frames),) = film.parts([(3, 6)])
     assert first == 3 and frames.shape == (3, 400, 400)
@@ -39,9 +39,9 @@ def test_a_video_gives_nearly_the_frames_back(tmp_path):
 def test_a_playback_rate_is_noticed(tmp_path):
     from dataclasses import replace
 
-    write_video(Rendering(replace(SMALL, fps=30.0)), 3, tmp_path / "film.avi")
-    assert "playback" in open_film(tmp_path / "film.avi").notes[0]
-    assert open_film(tmp_path / "film.avi", 960.0).notes == ()
+    write_video(SyntheticVideo(replace(SMALL, fps=30.0)), 3, tmp_path / "film.avi")
+    assert "playback" in open_video(tmp_path / "film.avi").notes[0]
+    assert open_video(tmp_path / "film.avi", 960.0).notes == ()
 
 
 def test_what_is_no_film_is_refused(tmp_path):
@@ -49,19 +49,19 @@ def test_what_is_no_film_is_refused(tmp_path):
     (tmp_path / "empty").mkdir()
     for path, why in [("text.mp4", "no video"), ("empty", "no pictures"), ("none", "exists")]:
         with pytest.raises(InputError, match=why):
-            open_film(tmp_path / path)
+            open_video(tmp_path / path)
     with pytest.raises(InputError, match="fps"):
-        open_film(tmp_path / "empty", -1.0)
+        open_video(tmp_path / "empty", -1.0)
 
 
 def test_pictures_that_do_not_belong_together_are_refused(tmp_path):
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((80, 80), np.uint8))
     cv2.imwrite(str(tmp_path / "b.png"), np.zeros((90, 80), np.uint8))
     with pytest.raises(InputError, match="one size"):
-        list(open_film(tmp_path).parts([(0, 2)]))
+        list(open_video(tmp_path).parts([(0, 2)]))
     (tmp_path / "b.png").write_bytes(b"no picture")
     with pytest.raises(InputError, match="can't read"):
-        list(open_film(tmp_path).parts([(0, 2)]))
+        list(open_video(tmp_path).parts([(0, 2)]))
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((8, 8), np.uint8))
     with pytest.raises(InputError, match="64 or more"):
-        list(open_film(tmp_path).parts([(0, 1)]))
+        list(open_video(tmp_path).parts([(0, 1)]))

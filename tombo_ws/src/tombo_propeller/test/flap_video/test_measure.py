@@ -8,11 +8,11 @@ import pytest
 from films import SMALL, SPAN, measured, reference, shots
 
 from tombo_dynamics.errors import InputError
+from tombo_propeller.flap_video.camera_geometry import CameraPose
 from tombo_propeller.flap_video.disc import find_disc
+from tombo_propeller.flap_video.disc_rim import find_rim
 from tombo_propeller.flap_video.measure import measure, spans_of
-from tombo_propeller.flap_video.rim import find_rim
 from tombo_propeller.flap_video.scale import known_scale, marked_scale, reference_scale
-from tombo_propeller.flap_video.view import View
 
 HARD = [
     {"beta": 8.0, "speed": 210.0, "exposure": 0.15, "gradient": 0.4, "clutter": 0.2},
@@ -81,7 +81,7 @@ def test_from_below_small_angles_are_resolved_that_from_above_are_not():
 def test_a_camera_that_is_near_misleads_who_takes_it_for_far():
     scene = replace(SMALL, beta=math.radians(20.0), camera_height=1.0)
     assert degrees(measured(scene).overall.best) == pytest.approx(20.0, abs=0.5)
-    assert degrees(measured(scene, view=View()).overall.best) < 14.0
+    assert degrees(measured(scene, view=CameraPose()).overall.best) < 14.0
 
 
 def test_a_reference_at_rest_gives_the_same_scale():
@@ -89,8 +89,8 @@ def test_a_reference_at_rest_gives_the_same_scale():
     frames = shots(scene)
     spinning = find_rim(frames, find_disc(frames))
     still = reference(scene, speed=0.0, phase=0.8)[:4]
-    at_rest = reference_scale(still, 0.0, SPAN, View(8.0), spinning)
-    slowly = reference_scale(reference(scene), 0.0, SPAN, View(8.0))
+    at_rest = reference_scale(still, 0.0, SPAN, CameraPose(8.0), spinning)
+    slowly = reference_scale(reference(scene), 0.0, SPAN, CameraPose(8.0))
     assert at_rest.source == "reference, at rest"
     assert at_rest.pixels_per_m == pytest.approx(slowly.pixels_per_m, rel=1.5e-3)
 
@@ -129,15 +129,15 @@ def test_a_scale_that_makes_it_another_propeller_is_refused():
 
 
 def test_a_flap_that_changes_is_not_averaged():
-    class Film:
+    class Video:
         path, fps = "changing", 960.0
 
         def parts(self, spans):
             for k, (first, _) in enumerate(spans):
                 yield first, shots(replace(SMALL, beta=math.radians(10.0 + 8.0 * k)))
 
-    scale = reference_scale(reference(SMALL), 0.0, SPAN, View(8.0))
-    found = measure(Film(), [(0, 10), (10, 20)], lambda rim: scale, SPAN, View(8.0))
+    scale = reference_scale(reference(SMALL), 0.0, SPAN, CameraPose(8.0))
+    found = measure(Video(), [(0, 10), (10, 20)], lambda rim: scale, SPAN, CameraPose(8.0))
     assert not found.steady
     assert [degrees(w.angle.best) for w in found.windows] == pytest.approx([10.0, 18.0], abs=0.5)
 

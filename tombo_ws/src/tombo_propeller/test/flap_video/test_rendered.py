@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from films import SMALL, shots
 
-from tombo_propeller.flap_video.rendered import Rendering
+from tombo_propeller.flap_video.synthetic_video import SyntheticVideo
 
 BARE = replace(SMALL, clutter=0.0, gradient=0.0, arm=False, noise=0.0, defocus=0.0, tilt=0.0,
                off_centre=(0.0, 0.0), speed=0.0, exposure=0.0, phase=0.0)  # fmt: skip
@@ -43,13 +43,13 @@ def test_motion_blur_moves_darkness_along_the_circle_and_loses_none():
 
 def test_blades_turn_by_speed_over_frame_rate():
     scene = replace(BARE, speed=300.0, exposure=0.1)
-    first = Rendering(scene).frame(0)
-    turned = Rendering(replace(scene, phase=300.0 / 960.0 * 3)).frame(0)
-    assert (Rendering(scene).frame(3) == turned).all()
+    first = SyntheticVideo(scene).frame(0)
+    turned = SyntheticVideo(replace(scene, phase=300.0 / 960.0 * 3)).frame(0)
+    assert (SyntheticVideo(scene).frame(3) == turned).all()
     assert (first != turned).any()
 
 
 def test_a_seed_is_a_film():
     noisy = replace(SMALL, noise=0.02)
-    assert (shots(noisy, 2, 5) == np.stack(list(Rendering(noisy, 5).frames(2)))).all()
+    assert (shots(noisy, 2, 5) == np.stack(list(SyntheticVideo(noisy, 5).frames(2)))).all()
     assert (shots(noisy, 2, 5) != shots(noisy, 2, 6)).any()

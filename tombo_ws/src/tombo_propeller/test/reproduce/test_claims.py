@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from tombo_propeller.reproduce.claim import DATA, FAILS, HOLDS, OPEN, Claim
-from tombo_propeller.reproduce.numbers import LawNumbers, Numbers
-from tombo_propeller.reproduce.printed import Paper, Printed, Row3
+from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers
+from tombo_propeller.reproduce.paper_values import Paper, PrintedNumber, Row3
 from tombo_propeller.reproduce.reproduction import GROUPS, Reproduction, judged, reproduce
 from tombo_propeller.reproduce.scatter_claims import weighted_slope
 
@@ -107,7 +107,7 @@ Change = Callable[[Paper, Numbers], tuple[Paper, Numbers]]
 def in_table_3(**fields: Callable[[Row3], object]) -> Change:
     def change(paper: Paper, numbers: Numbers) -> tuple[Paper, Numbers]:
         rows = {
-            c: replace(row, **{k: Printed(str(f(row))) for k, f in fields.items()})
+            c: replace(row, **{k: PrintedNumber(str(f(row))) for k, f in fields.items()})
             for c, row in paper.table_3.items()
         }
         return replace(paper, table_3=rows), numbers
@@ -117,7 +117,7 @@ def in_table_3(**fields: Callable[[Row3], object]) -> Change:
 
 def one_row(conf: int, **texts: str) -> Change:
     def change(paper: Paper, numbers: Numbers) -> tuple[Paper, Numbers]:
-        row = replace(paper.table_3[conf], **{k: Printed(t) for k, t in texts.items()})
+        row = replace(paper.table_3[conf], **{k: PrintedNumber(t) for k, t in texts.items()})
         return replace(paper, table_3={**paper.table_3, conf: row}), numbers
 
     return change
@@ -143,7 +143,7 @@ def computed(edit: Callable[[LawNumbers], dict[str, Any]]) -> Change:
 
 def first_modulus(paper: Paper, numbers: Numbers) -> tuple[Paper, Numbers]:
     young, shear = paper.table_1[1]
-    changed = {**paper.table_1, 1: (Printed("0.1543"), shear)}
+    changed = {**paper.table_1, 1: (PrintedNumber("0.1543"), shear)}
     assert young.text == "0.1542"
     return replace(paper, table_1=changed), numbers
 
@@ -151,7 +151,9 @@ def first_modulus(paper: Paper, numbers: Numbers) -> tuple[Paper, Numbers]:
 def force_at_50_mm(text: str) -> Change:
     def change(paper: Paper, numbers: Numbers) -> tuple[Paper, Numbers]:
         first, *rest = paper.table_2
-        return replace(paper, table_2=(replace(first, force_N=Printed(text)), *rest)), numbers
+        return replace(
+            paper, table_2=(replace(first, force_N=PrintedNumber(text)), *rest)
+        ), numbers
 
     return change
 
@@ -187,7 +189,7 @@ def ranked(paper: Paper, numbers: Numbers) -> tuple[Paper, Numbers]:
     """Let measured thrusts be those of law repaired."""
     low = numbers.laws["repaired"].low
     rows = {
-        c: replace(row, thrust_N=Printed(f"{low[c].thrust_N:.6f}"))
+        c: replace(row, thrust_N=PrintedNumber(f"{low[c].thrust_N:.6f}"))
         for c, row in paper.table_3.items()
     }
     return replace(paper, table_3=rows), numbers

@@ -22,9 +22,9 @@ from tombo_dynamics.propeller import (
 )
 from tombo_dynamics.propeller.laws.parameters import SCALARS, unpack
 from tombo_dynamics.propeller.laws.wing_loads import twisted
+from tombo_propeller.reproduce.computed_values import RPM, collapse, maximum
 from tombo_propeller.reproduce.deformation_claims import reading_deg
-from tombo_propeller.reproduce.numbers import RPM, collapse, maximum
-from tombo_propeller.reproduce.printed import Printed, read_paper
+from tombo_propeller.reproduce.paper_values import PrintedNumber, read_paper
 from tombo_propeller.reproduce.reproduction import reproduce
 from tombo_propeller.reproduce.scatter_claims import draws, weighted_slope
 
@@ -32,15 +32,15 @@ from tombo_propeller.reproduce.scatter_claims import draws, weighted_slope
 @given(st.integers(-99_999, 99_999), st.integers(0, 4), st.floats(-0.49, 0.49))
 def test_printed_digits_agree_within_half_of_the_last(n: int, digits: int, off: float) -> None:
     text = f"{n / 10**digits:.{digits}f}"
-    assert Printed(text).agrees((n + off) / 10**digits) or n == 0
-    assert not Printed(text).agrees((n + 1.0 + off) / 10**digits)
+    assert PrintedNumber(text).agrees((n + off) / 10**digits) or n == 0
+    assert not PrintedNumber(text).agrees((n + 1.0 + off) / 10**digits)
 
 
 def test_a_printed_zero_counts_as_a_digit() -> None:
     row = read_paper().table_3[12]
     assert (row.ratio.text, row.ratio.digits, row.ratio.half) == ("1.8990", 4, 5e-5)
     assert not row.ratio.agrees(1.8993)
-    assert Printed("1.899").agrees(1.8993)
+    assert PrintedNumber("1.899").agrees(1.8993)
 
 
 @pytest.mark.parametrize("law", ["published", "repaired"])

@@ -12,11 +12,11 @@ import pytest
 from tombo_bringup.cli.main import run
 from tombo_flight.report import paper as flown
 from tombo_propeller.reproduce.claims_page import END, START, with_claims
-from tombo_propeller.reproduce.figures import FIGURES
 from tombo_propeller.reproduce.output import REPRODUCTION_FILES
-from tombo_propeller.reproduce.printed import read_paper
+from tombo_propeller.reproduce.paper_values import read_paper
+from tombo_propeller.reproduce.plots import FIGURES
 from tombo_propeller.reproduce.reproduction import reproduce
-from tombo_propeller.reproduce.words import with_unit
+from tombo_propeller.reproduce.summary_text import with_unit
 
 ROOT = Path(__file__).parents[5]
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import Configuration, Nodus, nodus_moduli
 from tombo_dynamics.propeller.moduli import volume_fraction
-from tombo_propeller.design.placement import chord_m, with_nodus_at
+from tombo_propeller.design.nodus_placement import chord_m, with_nodus_at
 
 if TYPE_CHECKING:
     from tombo_dynamics.propeller import Blade, Library
@@ -23,7 +23,7 @@ _CLEARANCE = 2.0
 
 
 @dataclass(frozen=True)
-class Tested:
+class TestedRange:
     """Ranges that soft propellers were measured in (Table III), lowest and highest."""
 
     E_N_MPa: tuple[float, float]
@@ -63,7 +63,7 @@ _WORDS = {
 
 
 def properties(configuration: Configuration) -> dict[str, float]:
-    """Return what makes a nodus, by the names of `Tested`."""
+    """Return what makes a nodus, by the names of `TestedRange`."""
     nodus = configuration.nodus
     assert nodus is not None
     moduli = nodus_moduli(configuration)
@@ -96,10 +96,10 @@ def measured_soft(library: Library, blade: Blade) -> tuple[Configuration, ...]:
     return found
 
 
-def tested(measured: Iterable[Configuration]) -> Tested:
+def tested(measured: Iterable[Configuration]) -> TestedRange:
     """Return the ranges that measured propellers span."""
     rows = [properties(c) for c in measured]
-    return Tested(
+    return TestedRange(
         **{name: (min(r[name] for r in rows), max(r[name] for r in rows)) for name in _WORDS}
     )
 

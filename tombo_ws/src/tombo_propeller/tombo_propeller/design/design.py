@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.propeller import Blade, Configuration, Library
 from tombo_dynamics.vehicle import VehicleParams
-from tombo_propeller.design.candidates import Tested, candidates, measured_soft, tested
-from tombo_propeller.design.choose import Choice, choose
-from tombo_propeller.design.judge import Judged, judge, thrust_error
-from tombo_propeller.design.operation import operate
-from tombo_propeller.design.readings import Reading, read
+from tombo_propeller.design.candidate_evaluation import CandidateEvaluation, judge, thrust_error
+from tombo_propeller.design.candidate_ranking import Choice, choose
+from tombo_propeller.design.candidates import TestedRange, candidates, measured_soft, tested
+from tombo_propeller.design.operating_points import operate
 from tombo_propeller.design.request import MEASURED, Request, vehicle_for
+from tombo_propeller.design.response_regression import ResponseModel, read
 
-Tell = Callable[[str, float], None]
+ProgressCallback = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,11 +27,11 @@ class Design:
     """As it flies with the blade's own nodus."""
     blade: Blade
     measured: tuple[Configuration, ...]
-    tested: Tested
-    readings: Mapping[str, Reading]
+    tested: TestedRange
+    readings: Mapping[str, ResponseModel]
     thrust_error: float
     """RMS error of the model's thrust at 2000 rpm, as a share."""
-    judged: Judged
+    judged: CandidateEvaluation
     choice: Choice
 
     @property
@@ -52,7 +52,10 @@ def blade_of(library: Library, name: str) -> Blade:
 
 
 def design(
-    request: Request, library: Library, blade: Blade, tell: Tell = lambda stage, share: None
+    request: Request,
+    library: Library,
+    blade: Blade,
+    on_progress: ProgressCallback = lambda stage, share: None,
 ) -> Design:
     """Look at all candidates and choose.
 
@@ -60,7 +63,7 @@ def design(
         request: what is asked for.
         library: materials, configurations and measurements.
         blade: that the propeller is made with; a nodus may be put anywhere on it.
-        tell: told the progress.
+        on_progress: told the progress.
 
     Raises:
         InputError: the library has no measured soft propeller with this blade, or the vehicle is
@@ -70,11 +73,11 @@ def design(
     measured = measured_soft(library, blade)
     readings = {name: read(name, measured) for name in MEASURED}
     span = tested(measured)
-    tell("candidates", 0.0)
+    on_progress("candidates", 0.0)
     every = candidates(library, blade)
-    tell(f"{len(every)} candidates", 0.1)
+    on_progress(f"{len(every)} candidates", 0.1)
     operating = operate(every, vehicle, request.law)
-    tell("judging", 0.9)
+    on_progress("judging", 0.9)
     judged = judge(every, operating, readings, span, request, vehicle)
     error = thrust_error(measured, request.law)
     if not judged.value[:, 0].max() > 0.0:

@@ -9,16 +9,16 @@ from typing import Final
 from tombo_flight.flight_output import as_json
 from tombo_flight.report.flight_plot import png_bytes
 from tombo_propeller.design.design import Design
-from tombo_propeller.design.figures import draw_pareto, draw_readings
-from tombo_propeller.design.flyable import (
+from tombo_propeller.design.design_json import design_mapping
+from tombo_propeller.design.flight_files import (
     LIBRARY,
     LIBRARY_FILES,
     SCENARIO,
     scenario_of,
     write_flyable,
 )
-from tombo_propeller.design.outcome import design_mapping
 from tombo_propeller.design.page import design_html
+from tombo_propeller.design.plots import draw_pareto, draw_readings
 from tombo_propeller.design.recommend import Recommendation
 from tombo_propeller.design.request import NAMES
 
@@ -39,7 +39,7 @@ def write_design(
     folder: Path,
     found: Design,
     made: Recommendation,
-    tell: Callable[[str, float], None] = lambda stage, share: None,
+    on_progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> None:
     """Write the files of a design into a folder that exists.
 
@@ -56,7 +56,7 @@ def write_design(
         )
         scenario = scenario_of(found.request, configuration, force, recovery)
         write_flyable(folder, scenario, configuration)
-    tell("drawing", 0.5)
+    on_progress("drawing", 0.5)
     pictures = [png_bytes(draw_pareto(found, made)), png_bytes(draw_readings(found))]
     for name, picture in zip(PICTURES, pictures, strict=True):
         (folder / name).write_bytes(picture)

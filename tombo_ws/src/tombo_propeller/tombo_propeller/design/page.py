@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from html import escape
 
 from tombo_flight.report.flight_report import asset, fill
-from tombo_propeller.design import cells, words
-from tombo_propeller.design.check import Check
+from tombo_propeller.design import summary_text as words
+from tombo_propeller.design import table_cells
 from tombo_propeller.design.design import Design
-from tombo_propeller.design.flyable import SCENARIO
+from tombo_propeller.design.flight_check import Check
+from tombo_propeller.design.flight_files import SCENARIO
 from tombo_propeller.design.recommend import Recommendation
 from tombo_propeller.design.request import QUANTITIES
 
@@ -92,12 +93,12 @@ def _cards(found: Design, index: int | None) -> str:
         return ""
     cards = []
     for k, quantity in enumerate(QUANTITIES):
-        value = cells.figure(float(found.judged.value[index, k]), quantity)
+        value = table_cells.figure(float(found.judged.value[index, k]), quantity)
         small = f"<small> {escape(quantity.unit)}</small>" if quantity.unit else ""
         cards.append(
             f'<div class="card"><span class="name">{escape(quantity.words)}</span>'
             f'<span class="value">{escape(value)}{small}</span>'
-            f'<span class="beside">{escape(cells.known(found, index, k))}</span></div>'
+            f'<span class="beside">{escape(table_cells.known(found, index, k))}</span></div>'
         )
     return f'<div class="cards">{"".join(cards)}</div>'
 
@@ -121,15 +122,15 @@ def _check(check: Check | None) -> str:
 def _candidates(found: Design, made: Recommendation) -> str:
     head = ("candidate", *(f"{q.words} {q.unit}".strip() for q in QUANTITIES), "")
     rows = []
-    for index, why in cells.shown(found, made):
+    for index, why in table_cells.shown(found, made):
         row = "".join(
-            f"<td>{escape(cells.cell(found, index, k))}</td>" for k in range(len(QUANTITIES))
+            f"<td>{escape(table_cells.cell(found, index, k))}</td>" for k in range(len(QUANTITIES))
         )
         rows.append(
-            f'<tr><th scope="row">{escape(cells.label_of(found, index))}</th>{row}'
+            f'<tr><th scope="row">{escape(table_cells.label_of(found, index))}</th>{row}'
             f"<td>{escape(why)}</td></tr>"
         )
-    return _table(head, rows) + f'<p class="hint">{cells.KEY}</p>'
+    return _table(head, rows) + f'<p class="hint">{table_cells.KEY}</p>'
 
 
 def _table(head: Sequence[str], rows: Sequence[str]) -> str:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from tombo_propeller.design.check import Check, check_design
 from tombo_propeller.design.design import Design
+from tombo_propeller.design.flight_check import Check, check_design
 from tombo_propeller.design.request import LEAST_MARGIN
 
 MOST_FLOWN = 8
@@ -36,14 +36,14 @@ class Recommendation:
 def recommend(
     found: Design,
     seeds: Sequence[int],
-    tell: Callable[[str, float], None] = lambda stage, share: None,
+    on_progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> Recommendation:
     """Fly the feasible candidates in their order until one keeps its claims.
 
     Args:
         found: the design.
         seeds: of each candidate's flights; without any nothing is flown.
-        tell: told the progress.
+        on_progress: told the progress.
     """
     order = found.choice.order
     if not order or not seeds:
@@ -54,15 +54,15 @@ def recommend(
             break
         if any(_alike(found, index, other) for other, _ in failed):
             continue
-        check = check_design(found, index, seeds, tell=tell)
+        check = check_design(found, index, seeds, on_progress=on_progress)
         if check.held:
-            upper = check_design(found, index, seeds, upper=True, tell=tell)
+            upper = check_design(found, index, seeds, upper=True, on_progress=on_progress)
             return Recommendation(index, check, upper, tuple(failed))
         failed.append((index, check))
     left = len(order) - len(failed)
     for index in found.choice.nearest:
         lifts = found.judged.value[index, 0] >= LEAST_MARGIN
-        if lifts and check_design(found, index, seeds, tell=tell).flies:
+        if lifts and check_design(found, index, seeds, on_progress=on_progress).flies:
             return Recommendation(None, None, None, tuple(failed), left, index)
     return Recommendation(None, None, None, tuple(failed), left)
 

@@ -53,18 +53,18 @@ class Disc:
     """Share of the hull's directions on the circle."""
 
 
-def combined(frames: Frames) -> NDArray[np.float32]:
+def pixel_range(frames: Frames) -> NDArray[np.float32]:
     """Return by how much each pixel changes over the frames, noise smoothed away."""
     least: Any = None
     most: Any = None
-    for frame in evened(frames):
+    for frame in remove_flicker(frames):
         smooth = cv2.GaussianBlur(frame, (5, 5), 0)
         least = smooth if least is None else np.minimum(least, smooth)
         most = smooth if most is None else np.maximum(most, smooth)
     return np.asarray(most - least, dtype=np.float32)
 
 
-def evened(frames: Frames) -> list[NDArray[np.float32]]:
+def remove_flicker(frames: Frames) -> list[NDArray[np.float32]]:
     """Return the frames with the lamps' flicker taken out, as most of a picture stands still."""
     coarse = frames[:, ::4, ::4].astype(np.float32)
     usual = np.median(coarse, axis=0)
@@ -84,7 +84,7 @@ def find_disc(frames: Frames) -> Disc:
             move, or what moves is not round.
     """
     _refuse_unlit(frames)
-    swing = combined(frames)
+    swing = pixel_range(frames)
     still = float(np.percentile(swing, 10.0))
     strong = float(np.percentile(swing, 99.5))
     floor = max(_QUIET * still, 3.0, 0.05 * strong)

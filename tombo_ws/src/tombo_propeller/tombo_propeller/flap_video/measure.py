@@ -12,12 +12,23 @@ import numpy as np
 from scipy.special import chdtrc
 
 from tombo_dynamics.errors import InputError
+from tombo_propeller.flap_video.camera_geometry import (
+    BladeSpan,
+    CameraPose,
+    FlapAngle,
+    angle,
+    paper_angle,
+)
 from tombo_propeller.flap_video.disc import Disc, Frames, find_disc
-from tombo_propeller.flap_video.rim import Rim, find_rim
-from tombo_propeller.flap_video.scale import Scale, as_reference, metres, trusted
-from tombo_propeller.flap_video.view import Angle, Span, View, angle, paper_angle
+from tombo_propeller.flap_video.disc_rim import Rim, find_rim
+from tombo_propeller.flap_video.scale import (
+    Scale,
+    radius_sd_px,
+    refit_with_reference_profile,
+    rim_radius_m,
+)
 
-Tell = Callable[[str, float], None]
+ProgressCallback = Callable[[str, float], None]
 
 
 class Source(Protocol):
@@ -59,7 +70,7 @@ class Window:
     radius: float
     """m, as the scale of the straight blades' disc has it."""
     radius_sd: float
-    angle: Angle
+    angle: FlapAngle
     paper: float
     """rad, the paper's formula on the hull's circle; NaN where it has none."""
 
@@ -74,9 +85,9 @@ class Measurement:
     skipped: tuple[str, ...]
     """Why a window gave nothing."""
     scale: Scale
-    span: Span
-    view: View
-    overall: Angle
+    span: BladeSpan
+    view: CameraPose
+    overall: FlapAngle
     """Of all windows together, which means something if `steady`."""
     radius: float
     radius_sd: float
@@ -84,17 +95,25 @@ class Measurement:
 
 
 def _scaled(
-    disc: Disc, rim: Rim, first: int, count: int, fps: float, scale: Scale, span: Span, view: View
+    disc: Disc,
+    rim: Rim,
+    first: int,
+    count: int,
+    fps: float,
+    scale: Scale,
+    span: BladeSpan,
+    view: CameraPose,
 ) -> Window:
-    rim = as_reference(rim, scale, span, view)
-    radius, sd = metres(rim, scale)
+    rim = refit_with_reference_profile(rim, scale, span, view)
+    radius, sd = rim_radius_m(rim, scale)
     if not span.nodus < radius < 2.0 * span.tip:
         raise InputError(
             f"a disc of {radius * 1e3:.1f} mm radius by the scale ({scale.source}); accepted: one "
             f"between nodus, {span.nodus * 1e3:g} mm, and twice the tip's {span.tip * 1e3:g} mm"
         )
     return Window(
-        first, count, (first + 0.5 * (count - 1)) / fps, rim.passes.turned * fps, disc, rim,
+        first, count, (first + 0.5 * (count - 1)) / fps, rim.passes.rotation_per_frame * fps, disc,
+        rim,
         radius, sd, angle(radius, sd, span, view),
         paper_angle(disc.radius / scale.pixels_per_m, span),
     )  # fmt: skip
@@ -125,9 +144,9 @@ def measure(
     film: Source,
     spans: list[tuple[int, int]],
     scale_of: Callable[[Rim], Scale],
-    span: Span,
-    view: View,
-    tell: Tell = lambda stage, share: None,
+    span: BladeSpan,
+    view: CameraPose,
+    on_progress: ProgressCallback = lambda stage, share: None,
 ) -> Measurement:
     """Measure windows of a film.
 
@@ -137,7 +156,7 @@ def measure(
         scale_of: gives the scale; it is asked once, with the rim of the first good window.
         span: of the blade.
         view: where the camera is.
-        tell: told how far it is.
+        on_progress: told how far it is.
 
     Raises:
         InputError: no window can be measured, with the reason of the first; or no scale.
@@ -147,7 +166,7 @@ def measure(
     reason: InputError | None = None
     picture: Frames | None = None
     for k, (first, frames) in enumerate(film.parts(spans)):
-        tell(f"frames {first} to {first + len(frames) - 1}", k / len(spans))
+        on_progress(f"frames {first} to {first + len(frames) - 1}", k / len(spans))
         try:
             if len(frames) < _LEAST_FRAMES:
                 raise InputError(f"{len(frames)} frames; accepted: {_LEAST_FRAMES} or more")
@@ -173,7 +192,7 @@ def measure(
 
 def _together(windows: list[Window], scale: Scale) -> tuple[float, float, bool]:
     """Return radius, standard deviation [m], and whether the windows agree."""
-    own = np.array([trusted(w.rim) / scale.pixels_per_m for w in windows])
+    own = np.array([radius_sd_px(w.rim) / scale.pixels_per_m for w in windows])
     radii = np.array([w.radius for w in windows])
     weights = own**-2
     mean = float(weights @ radii / weights.sum())

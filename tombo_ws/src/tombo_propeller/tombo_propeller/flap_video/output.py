@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from tombo_propeller.flap_video.camera_geometry import FlapAngle
     from tombo_propeller.flap_video.measure import Measurement, Window
     from tombo_propeller.flap_video.trace import Trace
-    from tombo_propeller.flap_video.view import Angle
     from tombo_propeller.recovery import Recovery
 
 BETA_FILES = ("beta.json", "beta.csv", "beta.png", "overlay.png")
@@ -50,9 +50,9 @@ def beta_csv(found: Measurement) -> str:
     return _table(_COLUMNS, [_row(w) for w in found.windows])
 
 
-def _angle(a: Angle) -> dict[str, Any]:
+def _angle(a: FlapAngle) -> dict[str, Any]:
     return {
-        "deg": math.degrees(a.best) if a.resolved and not a.strange else None,
+        "deg": math.degrees(a.best) if a.resolved and not a.inconsistent else None,
         "low_deg": math.degrees(a.low),
         "high_deg": math.degrees(a.high),
         "pieces_deg": [[math.degrees(x) for x in piece] for piece in a.pieces],
@@ -77,7 +77,7 @@ def _window(w: Window) -> dict[str, Any]:
 
 def _row(w: Window) -> list[Any]:
     a = w.angle
-    best = math.degrees(a.best) if a.resolved and not a.strange else None
+    best = math.degrees(a.best) if a.resolved and not a.inconsistent else None
     return [
         round(w.time, 6), _rounded(w.speed * 30.0 / math.pi, 1), _rounded(best, 3),
         round(math.degrees(a.low), 3), round(math.degrees(a.high), 3), round(w.rim.radius, 3),

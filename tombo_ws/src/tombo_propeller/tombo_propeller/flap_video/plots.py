@@ -31,7 +31,7 @@ def plot_beta(found: Measurement, path: Path) -> None:
         for window in found.windows:
             for piece in window.angle.pieces:
                 angles.plot([window.time] * 2, np.degrees(piece), color=BLUE, lw=2.2, alpha=0.8)
-        named = [w for w in found.windows if w.angle.resolved and not w.angle.strange]
+        named = [w for w in found.windows if w.angle.resolved and not w.angle.inconsistent]
         angles.plot([], [], color=BLUE, lw=2.2, label="a window, 95 %")
         angles.plot([w.time for w in named], [math.degrees(w.angle.best) for w in named], "o",
                     color=BLUE, ms=4, label="most likely, where resolved")  # fmt: skip

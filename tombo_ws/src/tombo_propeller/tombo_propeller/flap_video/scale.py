@@ -8,10 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tombo_dynamics.errors import InputError
+from tombo_propeller.flap_video.blade_passes import resting_passes
+from tombo_propeller.flap_video.camera_geometry import (
+    BladeSpan,
+    CameraPose,
+    angle,
+    apparent_radius,
+    magnified,
+)
 from tombo_propeller.flap_video.disc import Frames, NothingMovesError, find_disc
-from tombo_propeller.flap_video.passes import resting_passes
-from tombo_propeller.flap_video.rim import Rim, find_rim, fit_rim
-from tombo_propeller.flap_video.view import Span, View, angle, apparent_radius, magnified
+from tombo_propeller.flap_video.disc_rim import Rim, find_rim, fit_rim
 
 _FLOOR_PX = 0.015
 """Pixels that no fit is trusted beyond: interpolation, compression, the lens."""
@@ -66,7 +72,7 @@ def marked_scale(a: tuple[float, float], b: tuple[float, float], distance: float
 
 
 def reference_scale(
-    frames: Frames, beta: float, span: Span, view: View, spinning: Rim | None = None
+    frames: Frames, beta: float, span: BladeSpan, view: CameraPose, spinning: Rim | None = None
 ) -> Scale:
     """Take the scale from frames of the same propeller, same camera, with a known flap [rad].
 
@@ -84,37 +90,39 @@ def reference_scale(
     try:
         rim, how = find_rim(frames, find_disc(frames)), "reference, spinning"
         # Its course is the one that counts: what remains is the radius' own error.
-        rim = replace(rim, sd=fit_rim(rim.passes, rim.radius, rim.oval, like=rim.course).sd)
+        rim = replace(rim, sd=fit_rim(rim.passes, rim.radius, rim.oval, like=rim.profile).sd)
     except NothingMovesError:
         if spinning is None:
             raise
         still = frames.astype(np.float32).mean(axis=0)
         passes = resting_passes(still, spinning.x, spinning.y, spinning.passes)
         first = spinning.radius * span.tip / seen
-        course = spinning.course.seen_at(first, 1.0)
-        rim = fit_rim(passes, first, spinning.oval, round_known=True, like=course)
+        profile = spinning.profile.seen_at(first, 1.0)
+        rim = fit_rim(passes, first, spinning.oval, round_known=True, like=profile)
         how = "reference, at rest"
-    error = trusted(rim) / rim.radius
+    error = radius_sd_px(rim) / rim.radius
     return Scale(rim.radius / seen, error, how, True, rim)
 
 
-def as_reference(rim: Rim, scale: Scale, span: Span, view: View) -> Rim:
+def refit_with_reference_profile(rim: Rim, scale: Scale, span: BladeSpan, view: CameraPose) -> Rim:
     """Fit again with the reference's course, so that what it gets wrong cancels."""
     if scale.rim is None:
         return rim
     for _ in range(2):
-        radius, sd = metres(rim, scale)
+        radius, sd = rim_radius_m(rim, scale)
         flap = angle(radius, sd, span, view).best
-        course = scale.rim.course.seen_at(rim.radius, math.cos(flap) * magnified(flap, span, view))
-        fit = fit_rim(rim.passes, rim.radius, rim.oval, like=course)
+        profile = scale.rim.profile.seen_at(
+            rim.radius, math.cos(flap) * magnified(flap, span, view)
+        )
+        fit = fit_rim(rim.passes, rim.radius, rim.oval, like=profile)
         bent = _BENT * (1.0 - math.cos(flap)) * scale.pixels_per_m
         rim = replace(fit, x=rim.x, y=rim.y, sd=math.hypot(fit.sd, bent))
     return rim
 
 
-def metres(rim: Rim, scale: Scale) -> tuple[float, float]:
+def rim_radius_m(rim: Rim, scale: Scale) -> tuple[float, float]:
     """Return the disc's radius and its standard deviation [m]."""
-    pixels, sd = rim.radius, trusted(rim)
+    pixels, sd = rim.radius, radius_sd_px(rim)
     if scale.relative:  # a tilted camera shortens both alike
         radius = pixels / scale.pixels_per_m
         return radius, math.hypot(sd / scale.pixels_per_m, radius * scale.error)
@@ -127,6 +135,6 @@ def metres(rim: Rim, scale: Scale) -> tuple[float, float]:
     return radius, math.sqrt(sum(part**2 for part in parts))
 
 
-def trusted(rim: Rim) -> float:
+def radius_sd_px(rim: Rim) -> float:
     """Return the standard deviation [pixels] that a rim's radius is trusted to."""
     return math.hypot(rim.sd, _FLOOR_PX)

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from tombo_propeller.reproduce.numbers import LawNumbers, Numbers
-from tombo_propeller.reproduce.printed import Paper
+from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers
+from tombo_propeller.reproduce.paper_values import Paper
 
 Verdict = Literal["holds", "fails", "can't be checked"]
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from tombo_propeller.reproduce.reproduction import GROUPS, Reproduction, reproduce
-from tombo_propeller.reproduce.words import computed_text, headline, verdict_text
+from tombo_propeller.reproduce.summary_text import computed_text, headline, verdict_text
 
 START: Final = "<!-- claims: written by `python -m tombo_propeller.reproduce.claims_page` -->"
 END: Final = "<!-- end of claims -->"
@@ -52,7 +52,7 @@ def main(arguments: list[str]) -> None:
     path = Path(arguments[0])
     path.write_text(with_claims(path.read_text(encoding="utf-8"), found), encoding="utf-8")
     if "--picture" in arguments:
-        from tombo_propeller.reproduce.figures import overview
+        from tombo_propeller.reproduce.plots import overview
 
         overview(found).savefig(arguments[arguments.index("--picture") + 1], dpi=110)
 

@@ -9,8 +9,8 @@ import numpy as np
 from scipy import stats
 
 from tombo_propeller.reproduce.claim import DATA, FAILS, OPEN, Claim, holds_if
-from tombo_propeller.reproduce.numbers import Numbers
-from tombo_propeller.reproduce.printed import Paper
+from tombo_propeller.reproduce.computed_values import Numbers
+from tombo_propeller.reproduce.paper_values import Paper
 
 HINGE_MM = 29.0
 """Where the nodus bends: the middle of its 23 to 35 mm."""

@@ -6,8 +6,8 @@ import math
 
 from tombo_dynamics.propeller import configuration
 from tombo_propeller.reproduce.claim import Claim, by_law, each, judge_of, verdicts
-from tombo_propeller.reproduce.numbers import LawNumbers, Numbers
-from tombo_propeller.reproduce.printed import Paper
+from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers
+from tombo_propeller.reproduce.paper_values import Paper
 
 READING_DEG = 0.5
 

@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 
 from tombo_propeller.reproduce.claim import DATA, FAILS, OPEN, Claim, holds_if
-from tombo_propeller.reproduce.numbers import Numbers
-from tombo_propeller.reproduce.printed import Paper, Printed
+from tombo_propeller.reproduce.computed_values import Numbers
+from tombo_propeller.reproduce.paper_values import Paper, PrintedNumber
 
 UNIT_VECTOR = 0.02
 """How far from one a unit vector's length may be, for points given to a centimetre."""
@@ -140,7 +140,7 @@ def crashes(paper: Paper, numbers: Numbers) -> Claim:
 
 
 def _campaign(
-    name: str, claim: str, paper: str, count: Printed, flights: Printed, but: str
+    name: str, claim: str, paper: str, count: PrintedNumber, flights: PrintedNumber, but: str
 ) -> Claim:
     share = 100.0 * count.value / flights.value
     return Claim(
@@ -160,7 +160,7 @@ def _campaign(
     )
 
 
-def _apart(a: Sequence[Printed], b: Sequence[Printed]) -> float:
+def _apart(a: Sequence[PrintedNumber], b: Sequence[PrintedNumber]) -> float:
     return math.dist([p.value for p in a], [p.value for p in b])
 
 

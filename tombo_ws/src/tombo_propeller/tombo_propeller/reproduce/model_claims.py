@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_propeller.reproduce.claim import OPEN, Claim, by_law, each, joined, judge_of, verdicts
-from tombo_propeller.reproduce.numbers import Numbers
-from tombo_propeller.reproduce.printed import Paper
+from tombo_propeller.reproduce.computed_values import Numbers
+from tombo_propeller.reproduce.paper_values import Paper
 
 EXACT = 1e-9
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from itertools import pairwise
 
 from tombo_propeller.reproduce.claim import Claim, by_law, joined, judge_of, verdicts
-from tombo_propeller.reproduce.numbers import Numbers, Optimum
-from tombo_propeller.reproduce.printed import Paper
+from tombo_propeller.reproduce.computed_values import Numbers, Optimum
+from tombo_propeller.reproduce.paper_values import Paper
 
 SAME_ANGLE_DEG = 0.1
 """No twist is printed at the optima; a figure shows no finer difference."""

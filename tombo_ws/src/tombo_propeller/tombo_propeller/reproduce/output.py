@@ -7,8 +7,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
 from tombo_flight.flight_output import as_json
-from tombo_propeller.reproduce.figures import FIGURES
 from tombo_propeller.reproduce.page import reproduction_html
+from tombo_propeller.reproduce.plots import FIGURES
 from tombo_propeller.reproduce.reproduction import Reproduction
 
 if TYPE_CHECKING:
@@ -19,14 +19,16 @@ PAGE: Final = "reproduction.html"
 REPRODUCTION_FILES: Final = (JSON, PAGE, *FIGURES)
 """All names that a reproduction writes: those of an earlier one give way."""
 
-Tell = Callable[[str, float], None]
+ProgressCallback = Callable[[str, float], None]
 
 
-def write_reproduction(folder: OutputFolder, r: Reproduction, tell: Tell) -> None:
+def write_reproduction(
+    folder: OutputFolder, r: Reproduction, on_progress: ProgressCallback
+) -> None:
     """Write all files into an output folder, which the caller publishes."""
     pictures = {}
     for k, (name, (draw, _, _)) in enumerate(FIGURES.items()):
-        tell(f"drawing {name}", k / len(FIGURES))
+        on_progress(f"drawing {name}", k / len(FIGURES))
         sheet = io.BytesIO()
         draw(r).savefig(sheet, format="png")
         pictures[name] = sheet.getvalue()

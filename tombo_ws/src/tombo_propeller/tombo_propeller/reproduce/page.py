@@ -11,9 +11,16 @@ from typing import Final
 from tombo_diagnosis.report.diagnosis_evidence import table
 from tombo_flight.report.flight_report import asset, fill
 from tombo_propeller.reproduce.claim import DATA, FAILS, HOLDS, OPEN, Claim
-from tombo_propeller.reproduce.figures import FIGURES
+from tombo_propeller.reproduce.plots import FIGURES
 from tombo_propeller.reproduce.reproduction import GROUPS, Reproduction
-from tombo_propeller.reproduce.words import KINDS, LABELS, MARKS, headline, summary, with_unit
+from tombo_propeller.reproduce.summary_text import (
+    KINDS,
+    LABELS,
+    MARKS,
+    headline,
+    summary,
+    with_unit,
+)
 
 _CLASSES: Final = {HOLDS: "good", FAILS: "bad", OPEN: "open"}
 

@@ -10,12 +10,12 @@ from typing import Any, Final
 from tombo_dynamics.propeller import LAWS
 from tombo_propeller.reproduce.claim import FAILS, HOLDS, OPEN, Claim, Maker
 from tombo_propeller.reproduce.collision_claims import COLLISION_CLAIMS
+from tombo_propeller.reproduce.computed_values import Numbers, compute
 from tombo_propeller.reproduce.deformation_claims import DEFORMATION_CLAIMS
 from tombo_propeller.reproduce.flight_claims import FLIGHT_CLAIMS
 from tombo_propeller.reproduce.model_claims import MODEL_CLAIMS
-from tombo_propeller.reproduce.numbers import Numbers, compute
 from tombo_propeller.reproduce.optimum_claims import OPTIMUM_CLAIMS
-from tombo_propeller.reproduce.printed import Paper, read_paper
+from tombo_propeller.reproduce.paper_values import Paper, read_paper
 from tombo_propeller.reproduce.scatter_claims import SCATTER_CLAIMS
 from tombo_propeller.reproduce.table_claims import TABLE_CLAIMS
 from tombo_propeller.reproduce.thrust_claims import THRUST_CLAIMS

@@ -19,8 +19,8 @@ from tombo_propeller.reproduce.claim import (
     judge_of,
     verdicts,
 )
-from tombo_propeller.reproduce.numbers import LawNumbers, Numbers
-from tombo_propeller.reproduce.printed import Paper
+from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers
+from tombo_propeller.reproduce.paper_values import Paper
 
 Array = NDArray[np.float64]
 

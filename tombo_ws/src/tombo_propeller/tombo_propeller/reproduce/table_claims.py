@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from tombo_dynamics.propeller import configuration, nodus_moduli
 from tombo_propeller.reproduce.claim import Claim, by_law, each, judge_of, verdicts
-from tombo_propeller.reproduce.numbers import LawNumbers, Numbers
-from tombo_propeller.reproduce.printed import Paper
+from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers
+from tombo_propeller.reproduce.paper_values import Paper
 
 _LAST_DIGIT = "to the last printed digit"
 

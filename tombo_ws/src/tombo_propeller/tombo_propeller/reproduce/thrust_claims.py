@@ -15,8 +15,8 @@ from tombo_propeller.reproduce.claim import (
     judge_of,
     verdicts,
 )
-from tombo_propeller.reproduce.numbers import LawNumbers, Numbers
-from tombo_propeller.reproduce.printed import Paper
+from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers
+from tombo_propeller.reproduce.paper_values import Paper
 
 
 def error_percent(paper: Paper, law: LawNumbers, conf: int) -> float:

@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.link.mavlink_link import Link
-from tombo_px4.link.status_text import ChunkJoiner
+from tombo_px4.link.status_text import StatusTextAssembler
 from tombo_px4.protocol.endpoint import Endpoint
 from tombo_sim.world import World
 
@@ -144,7 +144,7 @@ def of(messages: Iterable[Any], kind: str) -> list[Any]:
 
 def texts(messages: Iterable[Any]) -> list[str]:
     """The texts that were said, their pieces put together."""
-    joiner = ChunkJoiner()
+    joiner = StatusTextAssembler()
     joined = [
         joiner.take(m.severity, m.text, m.id, m.chunk_seq, 0) for m in of(messages, "STATUSTEXT")
     ]

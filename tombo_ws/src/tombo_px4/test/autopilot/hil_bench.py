@@ -12,7 +12,7 @@ from hil_peer import Peer, Pilot
 from tombo_dynamics.plant import P
 from tombo_flight.scenario import load_scenario, world_of
 from tombo_px4.hil.link import HilLink
-from tombo_px4.hil.lockstep import Hil
+from tombo_px4.hil.lockstep import HilSimulator
 from tombo_px4.hil.params import HilParams
 from tombo_sim.world import World
 
@@ -37,7 +37,7 @@ class Bench:
         **params: Any,
     ) -> None:
         self.link = HilLink(0)
-        self.hil = Hil(
+        self.hil = HilSimulator(
             world or hover_world(), 1, HilParams(**params).check(), self.link, speed=speed
         )
         self.now_ns = 10**15
@@ -63,7 +63,7 @@ class Bench:
     def turn(self) -> bool:
         self.now_ns += TURN_NS
         stepped = self.hil.advance(self.now_ns)
-        self.news += [news.text for news in self.hil.take_news()]
+        self.news += [news.text for news in self.hil.take_notices()]
         self.peer.pump()
         if stepped and self.record:
             forward = self.rotation[:, 0]

@@ -7,14 +7,14 @@ from typing import Any
 
 import pytest
 
-from tombo_px4.autopilot.commander import DESCEND, TERMINATE, Commander, Situation
+from tombo_px4.autopilot.commander import DESCEND, TERMINATE, Commander, CommanderInput
+from tombo_px4.autopilot.offboard_setpoint import ControlLevel
 from tombo_px4.autopilot.parameters import ParameterTable
-from tombo_px4.autopilot.targets import Kind
 from tombo_px4.bridge import modes
 from tombo_px4.protocol.results import Battery, Result
 
 FULL = Battery(12.6, 1.0, 1.0, 0)
-WELL = Situation(
+WELL = CommanderInput(
     tick=10_000,
     attitude=True,
     local_position=True,
@@ -24,7 +24,7 @@ WELL = Situation(
     maybe_landed=True,
     taken_off=False,
     signal_tick=10_000,
-    kind=Kind.POSITION,
+    kind=ControlLevel.POSITION,
     battery=FULL,
     roll=0.0,
     pitch=0.0,
@@ -91,9 +91,9 @@ class Desk:
         (modes.OFFBOARD, {"signal_tick": -1}, "No offboard signal"),
         (modes.OFFBOARD, {"signal_tick": 8_900}, "No offboard signal"),
         (modes.OFFBOARD, LOST, "No valid position estimate"),
-        (modes.OFFBOARD, {**LOST, "kind": Kind.VELOCITY}, "No valid position estimate"),
-        (modes.OFFBOARD, {**LOST, "kind": Kind.ATTITUDE}, ""),
-        (modes.OFFBOARD, {**LOST, "kind": Kind.RATES}, ""),
+        (modes.OFFBOARD, {**LOST, "kind": ControlLevel.VELOCITY}, "No valid position estimate"),
+        (modes.OFFBOARD, {**LOST, "kind": ControlLevel.ATTITUDE}, ""),
+        (modes.OFFBOARD, {**LOST, "kind": ControlLevel.RATES}, ""),
         (modes.AUTO_HOLD, {"battery": FULL._replace(warning=2)}, "Critical battery"),
         (modes.AUTO_HOLD, {"battery": FULL._replace(warning=1)}, ""),
     ],

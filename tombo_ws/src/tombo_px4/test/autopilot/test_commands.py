@@ -127,7 +127,7 @@ def test_unknown_commands_are_unsupported_and_counted():
     with bench() as b:
         assert b.acks(31000) == [UNSUPPORTED]
         assert b.acks(2000, 1.0) == [UNSUPPORTED]
-        assert b.endpoint.voice.counts["command 31000 is not supported"] == 1
+        assert b.endpoint.statustext.counts["command 31000 is not supported"] == 1
 
 
 @pytest.mark.parametrize("target", [(2, 1), (0, 1), (1, 42), (0, 0)])
@@ -137,7 +137,7 @@ def test_commands_for_another_vehicle_are_ignored(target):
         assert b.acks(ARM, 1.0, target=target) == []
         assert b.acks(31000, target=target) == []
         assert not b.vehicle.armed
-        assert b.endpoint.voice.counts["addressed to another"] == 2
+        assert b.endpoint.statustext.counts["addressed to another"] == 2
 
 
 def test_every_component_is_meant_by_component_zero():

@@ -7,8 +7,8 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from tombo_px4.link.status_text import ChunkJoiner
-from tombo_px4.protocol.status_text import StatusTexts
+from tombo_px4.link.status_text import StatusTextAssembler
+from tombo_px4.protocol.statustext_encoder import StatusTextEncoder
 
 MAV = mavlink.MAVLink(None, 245, 191)
 REQUEST = 512
@@ -55,7 +55,7 @@ def test_it_asks_for_the_time_on_the_on_board_link_only():
 def test_the_clock_of_the_client_is_learned():
     ahead_ns = 5_000_000_000_000
     with bench() as b:
-        sync = b.endpoint.ports[0].timesync
+        sync = b.endpoint.channels[0].timesync
 
         def answer():
             for m in of(b.client.seen, "TIMESYNC"):
@@ -90,7 +90,7 @@ def test_the_opening_of_qgroundcontrol():
             assert (count.count, count.mission_type) == (0, kind)
         b.client.send(mav.log_request_list_encode(1, 1, 0, 0xFFFF))
         assert b.wait("LOG_ENTRY").num_logs == 0
-        assert (255, 190) in b.endpoint.inbox.neighbours
+        assert (255, 190) in b.endpoint.message_router.heard_systems
         assert {m.get_type() for m in b.run(3.0)} >= {
             "HEARTBEAT", "SYS_STATUS", "BATTERY_STATUS", "HOME_POSITION", "GPS_RAW_INT",
             "GLOBAL_POSITION_INT", "ATTITUDE", "ALTITUDE", "VFR_HUD", "EXTENDED_SYS_STATE",
@@ -123,7 +123,7 @@ def test_the_opening_of_mavproxy():
         ):
             b.client.send(message)
             assert b.wait("MISSION_COUNT").count == 0
-        assert b.endpoint.voice.counts["REQUEST_DATA_STREAM is not used"] == 1
+        assert b.endpoint.statustext.counts["REQUEST_DATA_STREAM is not used"] == 1
 
 
 @pytest.mark.parametrize(
@@ -290,9 +290,9 @@ def test_texts_are_no_more_than_people_can_read():
 @example("x" * 100)
 @example("x" * 300)
 def test_a_long_text_comes_in_pieces_that_fit_together(text):
-    joiner = ChunkJoiner()
+    joiner = StatusTextAssembler()
     got = None
-    for message in StatusTexts().messages(MAV, 4, text):
+    for message in StatusTextEncoder().messages(MAV, 4, text):
         (sent,) = mavlink.MAVLink(None).parse_buffer(message.pack(MAV))
         assert got is None
         got = joiner.take(sent.severity, sent.text, sent.id, sent.chunk_seq, 0)
@@ -303,7 +303,7 @@ def test_a_long_text_comes_in_pieces_that_fit_together(text):
 
 
 def test_two_long_texts_do_not_mix():
-    texts = StatusTexts()
+    texts = StatusTextEncoder()
     first, second = (texts.messages(MAV, 4, letter * 120) for letter in "ab")
     assert {m.id for m in first} != {m.id for m in second}
     assert 0 not in {m.id for m in (*first, *second)}

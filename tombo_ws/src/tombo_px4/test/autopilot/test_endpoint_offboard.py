@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from tombo_px4.autopilot.targets import Target
+from tombo_px4.autopilot.offboard_setpoint import OffboardSetpoint
 from tombo_px4.frames import GeoOrigin, px4_quaternion
-from tombo_px4.protocol.offboard_input import read_target
+from tombo_px4.protocol.offboard_decoder import decode_setpoint
 
 NAN = math.nan
 MAV = mavlink.MAVLink(None, 1, 1)
@@ -33,7 +33,7 @@ def attitude(mask, q=(1.0, 0.0, 0.0, 0.0), rates=(0.1, 0.2, 0.3), thrust=0.5):
 
 
 def read(message):
-    return read_target(message, ORIGIN, HOME, 77)
+    return decode_setpoint(message, ORIGIN, HOME, 77)
 
 
 def test_position_velocity_and_acceleration_are_turned_to_our_axes():
@@ -180,8 +180,8 @@ def test_whatever_comes_is_a_target_within_bounds_or_a_reason(frame, mask, motio
         MAV.set_attitude_target_encode(0, 1, 1, mask & 255, pointing[:4], *pointing[4:]),
     ):
         target = read(message)
-        assert isinstance(target, str | Target)
-        if isinstance(target, Target):
+        assert isinstance(target, str | OffboardSetpoint)
+        if isinstance(target, OffboardSetpoint):
             for values in (target.position, target.velocity, target.acceleration, target.rates):
                 assert values is None or not (np.abs(values) > 1e5).any()
             if target.attitude is not None:

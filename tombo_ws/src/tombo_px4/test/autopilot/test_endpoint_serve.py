@@ -50,7 +50,7 @@ def test_a_request_is_answered_before_the_next_stream_is_due():
         asked, answered = [], []
         end = time.monotonic() + 1.0
 
-        def look(boot_ns, clock):
+        def redraw(boot_ns, clock):
             for m in of(b.client.collect(), "TIMESYNC"):
                 if m.tc1:
                     answered.append(m.ts1)
@@ -58,7 +58,7 @@ def test_a_request_is_answered_before_the_next_stream_is_due():
                 asked.append(len(asked) + 1)
                 b.client.send(b.client.mav.timesync_encode(0, asked[-1]))
 
-        serve(b.endpoint, time.monotonic_ns, time.time_ns, lambda: time.monotonic() > end, look)
+        serve(b.endpoint, time.monotonic_ns, time.time_ns, lambda: time.monotonic() > end, redraw)
         assert answered == asked
         assert len(answered) > 50
 
@@ -68,7 +68,7 @@ def test_a_machine_that_is_too_slow_is_told_and_time_slips():
         fast = FakeTime(300 * MS)
         clock = serve(b.endpoint, fast, time.time_ns, lambda: fast.reads > 40)
         assert clock.slipped_ns > 1_000 * MS
-        assert any("too slow" in text for _, text in b.endpoint.voice.said)
+        assert any("too slow" in text for _, text in b.endpoint.statustext.said)
         asked_for_ns = clock.boot_ns(fast.now_ns)
         assert asked_for_ns - b.vehicle.tick * MS < 1_000 * MS
 

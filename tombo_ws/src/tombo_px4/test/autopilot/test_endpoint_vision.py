@@ -6,7 +6,7 @@ from endpoint_bench import bench, of, texts
 from pymavlink.dialects.v20 import common as mavlink
 
 from tombo_px4.frames import ned_from_enu, px4_quaternion
-from tombo_px4.protocol.vision_input import quaternion_of_angles, read_vision
+from tombo_px4.protocol.vision_decoder import decode_vision, quaternion_of_angles
 
 NAN = math.nan
 MAV = mavlink.MAVLink(None, 1, 1)
@@ -41,7 +41,7 @@ def estimate(mav=MAV, stamp_us=5, place=None, angles=None):
 
 @pytest.mark.parametrize("message", [odometry(), odometry(frame=FRD), estimate()])
 def test_a_pose_is_read_in_our_frames(message):
-    pose = read_vision(message)
+    pose = decode_vision(message)
     assert pose.stamp_us == 5
     assert pose.position == pytest.approx(PLACE)
     assert pose.attitude == pytest.approx(ATTITUDE)
@@ -74,7 +74,7 @@ def test_angles_are_turned_in_the_order_yaw_pitch_roll():
     ],
 )
 def test_a_pose_that_cannot_be_used_is_refused_with_the_reason(message, reason):
-    refused = read_vision(message)
+    refused = decode_vision(message)
     assert isinstance(refused, str) and refused.startswith(reason)
 
 
@@ -98,7 +98,7 @@ def test_vision_moves_the_estimate_to_where_it_says(kind):
     with bench(**LAB) as b:
         stream(b, lambda b: kind(b.client.mav, b.client_us - 20_000))
         b.run(3.0)
-        assert b.endpoint.ports[0].timesync.converged
+        assert b.endpoint.channels[0].timesync.converged
         assert b.vehicle.vision_source
         assert b.vehicle.estimate.position == pytest.approx(PLACE, abs=0.02)
         sent = b.wait("ODOMETRY")
@@ -147,7 +147,7 @@ def test_poses_of_a_motion_capture_are_not_fused_and_it_is_said_once(make):
         assert len(said) == 1
         assert "VISION" in said[0]
         assert not b.vehicle.health.local_position
-        assert max(b.endpoint.voice.counts.values()) > 500
+        assert max(b.endpoint.statustext.counts.values()) > 500
 
 
 def test_a_refusal_of_the_estimator_is_counted_by_its_reason():
@@ -155,4 +155,4 @@ def test_a_refusal_of_the_estimator_is_counted_by_its_reason():
         b.each_round = lambda: b.client.send(odometry(b.client.mav))
         said = texts(b.run(0.5))
         assert said == ["ODOMETRY refused: not fused"]
-        assert b.endpoint.voice.counts["ODOMETRY refused"] > 100
+        assert b.endpoint.statustext.counts["ODOMETRY refused"] > 100

@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tombo_dynamics.plant import P
-from tombo_dynamics.propeller.choice import PropellerChoice
-from tombo_px4.hil.controls import ControlMap
-from tombo_px4.hil.flight import HilFlight, Motors
+from tombo_dynamics.propeller.mounted_propeller import PropellerChoice
+from tombo_px4.hil.flight import HilFlight, MotorCommands
+from tombo_px4.hil.motor_mapping import MotorMapping
 from tombo_px4.hil.params import MAPPINGS, HilParams
-from tombo_sim.beginning import begin
+from tombo_sim.flight_setup import begin
 from tombo_sim.world import SpreadParams, World
 
 EVEN = {"thrust_scatter": {"deviation": 0.0}}
@@ -24,9 +24,9 @@ WORLD = World(spread=SpreadParams(start=0.0, yaw=0.0, obstacle=0.0), effects=EVE
 MAPS = begin(WORLD, 0).maps
 
 
-def control_map(mapping: str, world: World = WORLD) -> ControlMap:
+def control_map(mapping: str, world: World = WORLD) -> MotorMapping:
     maps = MAPS if world is WORLD else begin(world, 0).maps
-    return ControlMap(world.vehicle, maps, mapping)
+    return MotorMapping(world.vehicle, maps, mapping)
 
 
 @pytest.mark.parametrize(
@@ -45,9 +45,9 @@ def test_the_vehicle_neither_climbs_nor_sinks_at_the_hover_control(mapping):
     m = flight.simulator.m
     for _ in range(100):  # the rotors get up to speed, held
         m[P.body : P.body + 6] = [0.0, 0.0, 20.0, 0.0, 0.0, 0.0]
-        flight.step(Motors([hover] * 4, armed=True))
+        flight.step(MotorCommands([hover] * 4, armed=True))
     for _ in range(100):
-        flight.step(Motors([hover] * 4, armed=True))
+        flight.step(MotorCommands([hover] * 4, armed=True))
     assert m[P.body + 5] == pytest.approx(0.0, abs=0.05)
 
 
@@ -96,12 +96,12 @@ def test_more_control_on_one_motor_turns_the_vehicle_as_px4s_quad_x(motor, roll,
     start[2] = 20.0
     for _ in range(100):
         m[P.body : P.body + 13] = start
-        flight.step(Motors([hover] * 4, armed=True))
+        flight.step(MotorCommands([hover] * 4, armed=True))
     controls = [hover] * 4
     controls[motor] += 0.1
     parser = MAVLINK.MAVLink(None)
     for _ in range(10):
-        heard = parser.parse_buffer(flight.step(Motors(controls, armed=True)))[-1]
+        heard = parser.parse_buffer(flight.step(MotorCommands(controls, armed=True)))[-1]
     assert heard.get_type() == "HIL_SENSOR"
     rates = [heard.xgyro, heard.ygyro, heard.zgyro]
     assert np.sign(rates).tolist() == [roll, pitch, yaw]

@@ -18,7 +18,7 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.plant import P, part
 from tombo_flight.scenario import load_scenario, world_of
 from tombo_px4.hil.link import HilLink
-from tombo_px4.hil.lockstep import PATIENCE_NS, Hil, Phase
+from tombo_px4.hil.lockstep import PATIENCE_NS, HilSimulator, Phase
 from tombo_px4.hil.params import HilParams
 
 SECOND_NS = 1_000_000_000
@@ -410,7 +410,7 @@ def test_a_killed_px4_is_noticed_and_its_successor_flies():
             assert time.monotonic() < end, (b.hil.phase, b.news)
             if not b.hil.advance(time.monotonic_ns()):
                 b.hil.wait(time.monotonic_ns(), 0.05)
-            b.news += [news.text for news in b.hil.take_news()]
+            b.news += [news.text for news in b.hil.take_notices()]
 
     try:
         run(lambda: b.hil.flights == 1 and b.hil.phase is Phase.WAITING)
@@ -487,7 +487,7 @@ def test_waiting_ends_when_something_comes():
 def test_a_watcher_sees_every_tick_and_the_vehicle_of_each_flight():
     link = HilLink(0)
     ticks = []
-    hil = Hil(
+    hil = HilSimulator(
         hover_world(),
         1,
         HilParams(),

@@ -14,7 +14,7 @@ from hil_peer import MAVLINK
 
 from tombo_dynamics.plant import P
 from tombo_px4.frames import enu_from_ned, ros_quaternion
-from tombo_px4.hil.lockstep import Hil
+from tombo_px4.hil.lockstep import HilSimulator
 from tombo_px4.hil.mocap import MocapFeed
 from tombo_px4.hil.params import HilParams
 from tombo_px4.link.mavlink_link import Link
@@ -66,7 +66,7 @@ def fed(onboard: Onboard) -> Iterator[Bench]:
         f"udpout://127.0.0.1:{onboard.port}", system=1, component=197, clock=lambda: next(clock)
     )
     b = Bench()
-    b.hil = Hil(hover_world(), 1, HilParams(), b.link, speed=0.0, mocap=MocapFeed(link))
+    b.hil = HilSimulator(hover_world(), 1, HilParams(), b.link, speed=0.0, mocap=MocapFeed(link))
     yield b
     b.close()
     link.close()

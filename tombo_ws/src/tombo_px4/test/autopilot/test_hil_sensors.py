@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tombo_dynamics.plant import P
 from tombo_px4.frames import px4_quaternion
-from tombo_px4.hil.flight import HilFlight, Motors
+from tombo_px4.hil.flight import HilFlight, MotorCommands
 from tombo_px4.hil.params import HilParams
 from tombo_px4.hil.sensors import HilSensors, altitude_at, pressure_at
 from tombo_sim.world import SpreadParams, World
@@ -32,7 +32,7 @@ class Shown:
 
     def step(self, *controls: float) -> dict[str, Any]:
         """The messages of one step, by name."""
-        motors = Motors(controls, armed=True) if controls else Motors()
+        motors = MotorCommands(controls, armed=True) if controls else MotorCommands()
         found = self.parser.parse_buffer(self.flight.step(motors))
         return {message.get_type(): message for message in found or []}
 
@@ -41,7 +41,7 @@ class Shown:
 
     def settle(self, steps: int = 250) -> None:
         for _ in range(steps):
-            self.flight.step(Motors())
+            self.flight.step(MotorCommands())
 
     def hang(self, height: float = 50.0) -> None:
         """Lift it off the ground, at rest."""
@@ -264,12 +264,12 @@ def test_no_gps_means_none():
 def test_truth_comes_as_often_as_px4_asks():
     shown = Shown()
     assert not any("HIL_STATE_QUATERNION" in shown.step() for _ in range(50))
-    shown.flight.want_truth(5000.0)
+    shown.flight.set_truth_interval(5000.0)
     heard = sum("HIL_STATE_QUATERNION" in shown.step() for _ in range(250))
     assert heard == pytest.approx(200, abs=1)
-    shown.flight.want_truth(-1.0)
+    shown.flight.set_truth_interval(-1.0)
     assert not any("HIL_STATE_QUATERNION" in shown.step() for _ in range(50))
-    shown.flight.want_truth(1000.0)  # more than there are steps
+    shown.flight.set_truth_interval(1000.0)  # more than there are steps
     assert all("HIL_STATE_QUATERNION" in shown.step() for _ in range(50))
 
 
@@ -325,7 +325,7 @@ def test_hil_sensor_is_the_last_of_a_step_and_never_missing():
     flight = HilFlight(World(), 0, HilParams(truth_rate=250.0, mocap=True))
     parser = MAVLINK.MAVLink(None)
     for _ in range(100):
-        names = [m.get_type() for m in parser.parse_buffer(flight.step(Motors()))]
+        names = [m.get_type() for m in parser.parse_buffer(flight.step(MotorCommands()))]
         assert names[-1] == "HIL_SENSOR"
         assert names.count("HIL_SENSOR") == 1
 
@@ -346,7 +346,7 @@ def test_no_reading_stands_still_even_without_effects():
 def test_the_same_seed_gives_the_same_bytes_and_another_one_others():
     def heard(seed: int) -> bytes:
         flight = HilFlight(World(), seed, HilParams())
-        return b"".join(flight.step(Motors()) for _ in range(60))
+        return b"".join(flight.step(MotorCommands()) for _ in range(60))
 
     assert heard(3) == heard(3)
     assert heard(3) != heard(4)

@@ -204,4 +204,4 @@ def test_a_stream_of_different_bad_values_is_said_once():
         heard = b.run(0.2)
     assert len(of(heard, "PARAM_ERROR")) == 50
     assert len(texts(heard)) == 1
-    assert b.endpoint.voice.counts["parameter refused"] == 50
+    assert b.endpoint.statustext.counts["parameter refused"] == 50

@@ -76,10 +76,10 @@ def test_bounds_themselves_are_accepted_in_single_precision():
 
 def test_what_fits_the_vehicle_gives_way_to_what_somebody_set():
     table = ParameterTable()
-    table.suit("MPC_THR_HOVER", 0.47)
+    table.set_vehicle_default("MPC_THR_HOVER", 0.47)
     assert table.get("MPC_THR_HOVER") == pytest.approx(0.47)
     table.set("MPC_THR_HOVER", 0.3)
-    table.suit("MPC_THR_HOVER", 0.47)
+    table.set_vehicle_default("MPC_THR_HOVER", 0.47)
     assert table.get("MPC_THR_HOVER") == pytest.approx(0.3)
 
 

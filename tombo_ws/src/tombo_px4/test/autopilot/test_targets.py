@@ -12,32 +12,37 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from vehicle_bench import NAN, motion
 
-from tombo_px4.autopilot.targets import Demand, Kind, Target, resolve
+from tombo_px4.autopilot.offboard_setpoint import (
+    ControlLevel,
+    OffboardSetpoint,
+    ResolvedSetpoint,
+    resolve_setpoint,
+)
 
 LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 EAST_90 = np.array([0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)])
 """Nose to the north: yaw 90 deg."""
 
 
-def demand(target: Target, attitude=LEVEL) -> Demand:
-    resolved = resolve(target, attitude)
-    assert isinstance(resolved, Demand), resolved
+def demand(target: OffboardSetpoint, attitude=LEVEL) -> ResolvedSetpoint:
+    resolved = resolve_setpoint(target, attitude)
+    assert isinstance(resolved, ResolvedSetpoint), resolved
     return resolved
 
 
-def refusal(target: Target) -> str:
-    resolved = resolve(target, LEVEL)
+def refusal(target: OffboardSetpoint) -> str:
+    resolved = resolve_setpoint(target, LEVEL)
     assert isinstance(resolved, str), resolved
     return resolved
 
 
 def test_each_kind_is_the_outermost_loop_that_is_commanded():
-    assert demand(motion([1, 2, 3])).kind == Kind.POSITION
-    assert demand(motion(velocity=[1, 2, 3])).kind == Kind.VELOCITY
-    assert demand(motion(push=[1, 2, 3])).kind == Kind.ACCELERATION
-    assert demand(motion([NAN, NAN, 3], [1, 2, NAN])).kind == Kind.POSITION
-    assert demand(Target(attitude=LEVEL, thrust=0.5)).kind == Kind.ATTITUDE
-    assert demand(Target(rates=np.zeros(3), thrust=0.5)).kind == Kind.RATES
+    assert demand(motion([1, 2, 3])).kind == ControlLevel.POSITION
+    assert demand(motion(velocity=[1, 2, 3])).kind == ControlLevel.VELOCITY
+    assert demand(motion(push=[1, 2, 3])).kind == ControlLevel.ACCELERATION
+    assert demand(motion([NAN, NAN, 3], [1, 2, NAN])).kind == ControlLevel.POSITION
+    assert demand(OffboardSetpoint(attitude=LEVEL, thrust=0.5)).kind == ControlLevel.ATTITUDE
+    assert demand(OffboardSetpoint(rates=np.zeros(3), thrust=0.5)).kind == ControlLevel.RATES
 
 
 def test_feed_forward_goes_along_with_the_position():
@@ -52,18 +57,18 @@ def test_which_axes_may_be_left_out():
     """PX4: every axis needs something, and x and y are commanded alike."""
     for commanded in itertools.product([False, True], repeat=9):
         values = np.where(np.reshape(commanded, (3, 3)), 1.0, NAN)
-        resolved = resolve(motion(*values), LEVEL)
+        resolved = resolve_setpoint(motion(*values), LEVEL)
         by_axis = np.isfinite(values).any(axis=0)
         alike = (np.isfinite(values[:, 0]) == np.isfinite(values[:, 1])).all()
         accepted = bool(by_axis.all() and alike)
-        assert isinstance(resolved, Demand) == accepted, values
+        assert isinstance(resolved, ResolvedSetpoint) == accepted, values
 
 
 def test_the_body_frame_turns_with_the_heading_and_knows_no_position():
     d = demand(motion([9, 9, 9], [1, 0, 0.5], [0, 1, 0], frame="body"), EAST_90)
     np.testing.assert_allclose(d.velocity, [0, 1, 0.5], atol=1e-12)
     np.testing.assert_allclose(d.acceleration, [-1, 0, 0], atol=1e-12)
-    assert np.isnan(d.position).all() and d.kind == Kind.VELOCITY
+    assert np.isnan(d.position).all() and d.kind == ControlLevel.VELOCITY
 
 
 def test_the_body_frame_stays_level_when_the_vehicle_tilts():
@@ -76,21 +81,21 @@ def test_the_body_frame_stays_level_when_the_vehicle_tilts():
 @pytest.mark.parametrize(
     ("target", "why"),
     [
-        (Target(), "nothing"),
+        (OffboardSetpoint(), "nothing"),
         (motion(velocity=[1, 1, 1], frame="moon"), "frame moon unsupported"),
         (motion([1, 2, NAN]), "axis is not commanded"),
         (motion([1, NAN, 2], [NAN, 1, NAN]), "x and y differ"),
         (motion([9, 9, 9], frame="body"), "axis is not commanded"),
-        (Target(attitude=LEVEL), "no thrust"),
-        (Target(rates=np.zeros(3)), "no thrust"),
-        (Target(attitude=np.zeros(4), thrust=0.5), "no unit quaternion"),
-        (Target(attitude=np.full(4, NAN), thrust=0.5), "not finite"),
-        (Target(rates=np.zeros(2), thrust=0.5), "wrong shape"),
+        (OffboardSetpoint(attitude=LEVEL), "no thrust"),
+        (OffboardSetpoint(rates=np.zeros(3)), "no thrust"),
+        (OffboardSetpoint(attitude=np.zeros(4), thrust=0.5), "no unit quaternion"),
+        (OffboardSetpoint(attitude=np.full(4, NAN), thrust=0.5), "not finite"),
+        (OffboardSetpoint(rates=np.zeros(2), thrust=0.5), "wrong shape"),
         (motion([1, 2]), "wrong shape"),
-        (Target(thrust=0.5), "nothing"),
+        (OffboardSetpoint(thrust=0.5), "nothing"),
         (motion([1e6, 0, 0]), "out of range"),
         (motion(velocity=[0, 0, 0], yaw_rate=1e3), "out of range"),
-        (Target(rates=np.array([0, 0, 1e3]), thrust=0.5), "out of range"),
+        (OffboardSetpoint(rates=np.array([0, 0, 1e3]), thrust=0.5), "out of range"),
     ],
 )
 def test_refused_with_the_reason(target, why):
@@ -98,19 +103,22 @@ def test_refused_with_the_reason(target, why):
 
 
 def test_thrust_is_bounded_and_a_quaternion_made_unit():
-    assert demand(Target(attitude=LEVEL, thrust=7.0)).thrust == 1.0
-    assert demand(Target(attitude=LEVEL, thrust=-1.0)).thrust == 0.0
-    d = demand(Target(attitude=1.1 * EAST_90, thrust=0.5))
+    assert demand(OffboardSetpoint(attitude=LEVEL, thrust=7.0)).thrust == 1.0
+    assert demand(OffboardSetpoint(attitude=LEVEL, thrust=-1.0)).thrust == 0.0
+    d = demand(OffboardSetpoint(attitude=1.1 * EAST_90, thrust=0.5))
     np.testing.assert_allclose(d.attitude, EAST_90)
 
 
 def test_rates_that_are_not_commanded_are_zero():
-    d = demand(Target(rates=np.array([NAN, 0.2, NAN]), thrust=0.5))
+    d = demand(OffboardSetpoint(rates=np.array([NAN, 0.2, NAN]), thrust=0.5))
     np.testing.assert_array_equal(d.rates, [0.0, 0.2, 0.0])
 
 
 def test_motion_goes_before_attitude():
-    assert demand(Target(velocity=np.ones(3), attitude=LEVEL, thrust=0.5)).kind == Kind.VELOCITY
+    assert (
+        demand(OffboardSetpoint(velocity=np.ones(3), attitude=LEVEL, thrust=0.5)).kind
+        == ControlLevel.VELOCITY
+    )
 
 
 def test_a_target_is_not_changed_and_not_kept():
@@ -130,11 +138,13 @@ axes = st.none() | arrays(float, 3, elements=numbers)
     st.none() | numbers, st.sampled_from(["map", "body"]),
 )  # fmt: skip
 def test_whatever_comes_is_resolved_or_refused(p, v, a, yaw, rate, attitude, rates, thrust, frame):
-    resolved = resolve(Target(p, v, a, yaw, rate, attitude, rates, thrust, frame=frame), LEVEL)
+    resolved = resolve_setpoint(
+        OffboardSetpoint(p, v, a, yaw, rate, attitude, rates, thrust, frame=frame), LEVEL
+    )
     if isinstance(resolved, str):
         assert resolved
         return
-    if resolved.kind <= Kind.ACCELERATION:
+    if resolved.kind <= ControlLevel.ACCELERATION:
         given_axes = [resolved.position, resolved.velocity, resolved.acceleration]
         assert np.isfinite(given_axes).any(axis=0).all()
         assert not np.isinf(given_axes).any()

@@ -13,8 +13,8 @@ from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.system_status import base_mode, system_state
 from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.frames import GeoOrigin
-from tombo_px4.protocol.picture import Picture
 from tombo_px4.protocol.telemetry import Telemetry
+from tombo_px4.protocol.telemetry_snapshot import TelemetrySnapshot
 from tombo_sim.world import World
 
 MAV = mavlink.MAVLink(None, 1, 1)
@@ -116,7 +116,7 @@ def test_the_odometry_tells_its_variances(flying, tell):
 
 def test_variances_change_places_with_the_axes():
     stub = SimpleNamespace(pose_variance=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0), boot_us=0)
-    assert Picture(stub, ORIGIN).pose_variance == [2.0, 1.0, 3.0, 4.0, 5.0, 6.0]
+    assert TelemetrySnapshot(stub, ORIGIN).pose_variance == [2.0, 1.0, 3.0, 4.0, 5.0, 6.0]
 
 
 def test_the_globe_is_told_in_its_units(flying, tell):
@@ -180,7 +180,7 @@ def test_set_points_are_told_as_they_are_followed(flying, tell):
 
 
 def test_motors_are_told_in_the_order_of_px4(flying, tell):
-    s, shares = tell("SERVO_OUTPUT_RAW"), flying.vehicle.rotor_shares
+    s, shares = tell("SERVO_OUTPUT_RAW"), flying.vehicle.normalized_rotor_speeds
     pulses = (s.servo1_raw, s.servo2_raw, s.servo3_raw, s.servo4_raw)
     assert pulses == pytest.approx(tuple(1000 + 1000 * shares), abs=1)
     assert all(1300 < p < 2000 for p in pulses)

@@ -32,7 +32,7 @@ def test_at_boot_it_knows_nothing_and_says_so():
     flight.fly(2.0)
     health = flight.vehicle.health
     assert health.armable and health.local_position and health.global_position and health.home
-    assert flight.vehicle.estimation.source == "gps"
+    assert flight.vehicle.ekf2_model.source == "gps"
     assert flight.vehicle.mode == AUTO_HOLD
 
 
@@ -217,5 +217,5 @@ def test_motion_capture_does_not_leak_into_the_estimate():
     vehicle = Px4Vehicle(world_of(load_scenario("no_obstacle")), 1, table)
     for _ in range(3000):
         vehicle.step()
-    assert not vehicle.health.local_position and vehicle.estimation.fused == 0
+    assert not vehicle.health.local_position and vehicle.ekf2_model.fused == 0
     assert np.abs(part(vehicle.simulator.m, "body")[:3] - vehicle.estimate.position).max() > 0.1

@@ -12,12 +12,12 @@ from tombo_collision.detector import CollisionDetector
 from tombo_collision.reaction import ReactionState, react
 from tombo_control import mission as plan
 from tombo_control.autopilot import LAND, LANDED
-from tombo_control.reference import progress
+from tombo_control.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.plant import part
 from tombo_dynamics.rotation import tilt, yaw_pitch_roll
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario
-from tombo_px4.autopilot.targets import Target
+from tombo_px4.autopilot.offboard_setpoint import OffboardSetpoint
 from tombo_px4.bridge.modes import OFFBOARD
 from tombo_px4.protocol.results import Result
 
@@ -33,10 +33,12 @@ class Collision(NamedTuple):
     flight: Flight
 
 
-def reference(leg: plan.Leg, now_s: float) -> Target:
-    way, speed, change = progress(now_s - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s)
+def reference(leg: plan.Leg, now_s: float) -> OffboardSetpoint:
+    way, speed, change = trapezoidal_profile(
+        now_s - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s
+    )
     start, cruise = np.array(leg.start), np.array(leg.velocity)
-    return Target(start + way * cruise, speed * cruise, change * cruise, leg.yaw)
+    return OffboardSetpoint(start + way * cruise, speed * cruise, change * cruise, leg.yaw)
 
 
 def collide(seed: int) -> Collision:
@@ -45,7 +47,7 @@ def collide(seed: int) -> Collision:
     flight = Flight(seed, "paper_collision", vision=True)
     vehicle, simulator = flight.vehicle, flight.vehicle.simulator
     detector, reaction = CollisionDetector(scenario.detector), ReactionState()
-    mission = plan.begin(simulator.ready.start)
+    mission = plan.begin(simulator.setup.start)
     rows, touched = [], None
     while vehicle.tick < 1000 or vehicle.armed:
         now_s = vehicle.tick * 1e-3
@@ -53,9 +55,9 @@ def collide(seed: int) -> Collision:
             event = detector.update(sample.captured * 1e-3, sample.pose[:3], sample.pose[3:])
             if event is not None and mission.mode not in (LAND, LANDED):
                 reaction = react(reaction, event, scenario.reaction)
-                mission = plan.escape(mission, reaction.x_r, now_s)
+                mission = plan.start_reaction(mission, reaction.x_r, now_s)
             estimate = vehicle.estimate
-            mission = plan.proceed(
+            mission = plan.advance_mission(
                 mission, scenario.mission, now_s, estimate.position, estimate.velocity
             )
         flight.target = None
@@ -97,7 +99,7 @@ def test_it_recovers_as_the_headless_flight_does(seed):
     flown = collide(seed)
     assert flown.recovery_s == pytest.approx(headless["recovery_time_s"], abs=0.5)
     assert flown.fall_m < 0.85
-    assert flown.flight.vehicle.estimation.rejected == 0 and flown.flight.vehicle.resets == 1
+    assert flown.flight.vehicle.ekf2_model.rejected == 0 and flown.flight.vehicle.resets == 1
     assert flown.flight.heard("Disarmed by landing")
     # far from what PX4 takes for a failure, though it may turn by a quarter about z
     assert np.rad2deg(flown.angle_rad) < 45.0

@@ -9,8 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from vehicle_bench import hovering, ready
 
+from tombo_px4.autopilot.offboard_setpoint import OffboardSetpoint
 from tombo_px4.autopilot.parameters import PARAMETERS
-from tombo_px4.autopilot.targets import Target
 from tombo_px4.bridge import modes
 from tombo_px4.protocol.results import Result
 
@@ -22,7 +22,7 @@ quaternions = (
     | st.just(np.array([0.0, 0.7, 0.0, 0.7]))
 )
 targets = st.builds(
-    Target,
+    OffboardSetpoint,
     position=axes,
     velocity=axes,
     acceleration=axes,

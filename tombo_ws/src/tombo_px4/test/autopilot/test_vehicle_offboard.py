@@ -9,7 +9,7 @@ import pytest
 from vehicle_bench import GROUND, NAN, Flight, hovering, motion, ready
 
 from tombo_dynamics.rotation import tilt, yaw_pitch_roll
-from tombo_px4.autopilot.targets import Target
+from tombo_px4.autopilot.offboard_setpoint import OffboardSetpoint
 from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, AUTO_RTL, AUTO_TAKEOFF, OFFBOARD
 from tombo_px4.protocol.results import Result, TakeoffState
 
@@ -113,7 +113,7 @@ def test_without_yaw_the_heading_is_held():
 def test_attitude_is_taken_and_accelerates_that_way(pitch, roll, axis, sign):
     flight = hovering(vision=True)
     hover = flight.vehicle.parameters.get("MPC_THR_HOVER")
-    flight.target = Target(attitude=tilted(pitch, roll), thrust=hover)
+    flight.target = OffboardSetpoint(attitude=tilted(pitch, roll), thrust=hover)
     flight.fly(0.8)
     rows = flight.fly(0.4)
     _, p, r = np.rad2deg(yaw_pitch_roll(rows[:, 6:10])).T
@@ -129,7 +129,7 @@ def test_an_attitude_may_turn_with_a_yaw_rate():
     for _ in range(20):
         yaw += 0.05 * 0.4
         q = np.array([0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)])
-        flight.target = Target(attitude=q, rates=np.array([NAN, NAN, 0.4]), thrust=hover)
+        flight.target = OffboardSetpoint(attitude=q, rates=np.array([NAN, NAN, 0.4]), thrust=hover)
         rows = flight.fly(0.05)
     assert rows[:, 12].mean() == pytest.approx(0.4, abs=0.06)
 
@@ -137,10 +137,10 @@ def test_an_attitude_may_turn_with_a_yaw_rate():
 def test_rates_are_followed():
     flight = hovering(vision=True)
     hover = flight.vehicle.parameters.get("MPC_THR_HOVER")
-    flight.target = Target(rates=np.array([0.0, 0.0, 0.6]), thrust=hover)
+    flight.target = OffboardSetpoint(rates=np.array([0.0, 0.0, 0.6]), thrust=hover)
     flight.fly(0.7)
     assert flight.fly(0.3)[:, 12].mean() == pytest.approx(0.6, abs=0.06)
-    flight.target = Target(rates=np.array([0.4, 0.0, 0.0]), thrust=hover)
+    flight.target = OffboardSetpoint(rates=np.array([0.4, 0.0, 0.0]), thrust=hover)
     flight.fly(0.3)
     assert flight.fly(0.2)[:, 10].mean() == pytest.approx(0.4, abs=0.08)
 
@@ -149,7 +149,7 @@ def test_thrust_climbs_and_sinks():
     for factor, sign in ((1.15, 1.0), (0.85, -1.0)):
         flight = hovering(vision=True)
         hover = flight.vehicle.parameters.get("MPC_THR_HOVER")
-        flight.target = Target(attitude=tilted(), thrust=factor * hover)
+        flight.target = OffboardSetpoint(attitude=tilted(), thrust=factor * hover)
         flight.fly(0.8)
         assert sign * flight.body[5] > 0.5
 
@@ -157,7 +157,7 @@ def test_thrust_climbs_and_sinks():
 def test_takes_off_by_attitude_and_thrust():
     flight = ready(vision=True)
     hover = flight.vehicle.parameters.get("MPC_THR_HOVER")
-    flight.target = Target(attitude=tilted(), thrust=1.1 * hover)
+    flight.target = OffboardSetpoint(attitude=tilted(), thrust=1.1 * hover)
     flight.fly(0.1)
     flight.vehicle.set_mode(OFFBOARD)
     flight.fly(0.1)
@@ -331,17 +331,22 @@ def test_what_is_followed_can_be_seen():
     seen = flight.vehicle.position_setpoint
     np.testing.assert_array_equal(seen.position, [0.0, 0.0, 2.0])
     assert np.isnan(seen.velocity).all() and seen.yaw == 0.0
-    flight.target = Target(attitude=tilted(3.0), thrust=0.4)
+    flight.target = OffboardSetpoint(attitude=tilted(3.0), thrust=0.4)
     flight.fly(0.1)
     assert flight.vehicle.position_setpoint is None
     np.testing.assert_allclose(flight.vehicle.attitude_setpoint.attitude, tilted(3.0))
     assert flight.vehicle.attitude_setpoint.thrust == pytest.approx(0.4)
-    assert 0.0 < flight.vehicle.rotor_shares.min() <= flight.vehicle.rotor_shares.max() <= 1.0
+    assert (
+        0.0
+        < flight.vehicle.normalized_rotor_speeds.min()
+        <= flight.vehicle.normalized_rotor_speeds.max()
+        <= 1.0
+    )
 
 
 def test_disarmed_the_rotors_stand_still_whatever_is_streamed():
     flight = Flight(vision=True)
-    flight.target = Target(attitude=tilted(), thrust=1.0)
+    flight.target = OffboardSetpoint(attitude=tilted(), thrust=1.0)
     flight.vehicle.set_mode(OFFBOARD)
     flight.fly(2.0)
     assert flight.vehicle.rotor_speeds.max() == 0.0

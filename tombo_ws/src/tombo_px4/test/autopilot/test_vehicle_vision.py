@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from vehicle_bench import Flight, hovering, motion, ready
 
-from tombo_dynamics.rotation import quaternion_multiply, turned, yaw_pitch_roll
+from tombo_dynamics.rotation import quaternion_multiply, rotate_vectors, yaw_pitch_roll
 from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD
 from tombo_px4.protocol.results import LandedState, Result
 
@@ -24,7 +24,7 @@ def error(flight: Flight) -> float:
 
 def test_it_is_used_in_place_of_gps():
     flight = ready()
-    assert flight.vehicle.estimation.source == "gps" and not flight.vehicle.vision_source
+    assert flight.vehicle.ekf2_model.source == "gps" and not flight.vehicle.vision_source
     flight.see = True
     flight.fly(0.3)
     assert flight.vehicle.vision_source and error(flight) < 0.005
@@ -33,7 +33,7 @@ def test_it_is_used_in_place_of_gps():
     assert flight.vehicle.vision_source and flight.vehicle.resets == resets
     flight.see = False
     flight.fly(2.0)
-    assert flight.vehicle.estimation.source == "gps"
+    assert flight.vehicle.ekf2_model.source == "gps"
 
 
 def test_the_estimate_is_as_good_as_the_motion_capture():
@@ -176,20 +176,20 @@ def test_what_is_refused(boot_us, position, attitude, word):
     if word == "late":
         flight.fly(0.6)
         boot_us += 450_000  # newer than the last one, older than what is remembered
-    before = vehicle.estimation.fused
+    before = vehicle.ekf2_model.fused
     answer = vehicle.vision(
         vehicle.boot_us + boot_us, np.array(position, float), np.array(attitude, float)
     )
     assert answer == word
     if word:
         flight.fly(0.01)
-        assert vehicle.estimation.fused == before
+        assert vehicle.ekf2_model.fused == before
 
 
 def test_a_body_that_is_tracked_elsewhere_is_made_up_for():
     lever = np.array([0.1, -0.2, 0.3])  # FLU
     flight = Flight(vision=True, EKF2_EV_POS_X=0.1, EKF2_EV_POS_Y=0.2, EKF2_EV_POS_Z=-0.3)
-    flight.mangle = lambda p, q: (p + turned(q, lever), q)
+    flight.mangle = lambda p, q: (p + rotate_vectors(q, lever), q)
     flight.fly(1.5)
     flight.offboard()
     flight.target = motion([0, 0, 2.0], yaw=1.5)
@@ -202,7 +202,7 @@ def test_told_not_to_fuse_it_does_not():
     flight.vehicle.parameters.set("EKF2_EV_CTRL", 0)
     flight.see = True
     flight.fly(0.5)
-    assert set(flight.words) == {"not_fused"} and flight.vehicle.estimation.source == "gps"
+    assert set(flight.words) == {"not_fused"} and flight.vehicle.ekf2_model.source == "gps"
 
 
 @pytest.mark.parametrize(("control", "known"), [(1, False), (3, True), (8, False), (11, True)])
@@ -234,7 +234,7 @@ def test_one_wrong_pose_is_refused_and_changes_nothing():
     flight.fly(0.04)
     flight.mangle = None
     flight.fly(0.2)
-    assert flight.vehicle.estimation.rejected > 0 and flight.vehicle.resets == 1
+    assert flight.vehicle.ekf2_model.rejected > 0 and flight.vehicle.resets == 1
     assert error(flight) < 0.01
 
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from tombo_dynamics.plant import part
 from tombo_flight.scenario import load_scenario, world_of
+from tombo_px4.autopilot.offboard_setpoint import OffboardSetpoint
 from tombo_px4.autopilot.parameters import ParameterTable
-from tombo_px4.autopilot.targets import Target
 from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.bridge.modes import OFFBOARD
 from tombo_px4.protocol.results import Result
@@ -36,10 +36,12 @@ VISION = {
 Mangle = Callable[[Array, Array], tuple[Array, Array]]
 
 
-def motion(position: Any = None, velocity: Any = None, push: Any = None, **rest: Any) -> Target:
+def motion(
+    position: Any = None, velocity: Any = None, push: Any = None, **rest: Any
+) -> OffboardSetpoint:
     """A target of positions, velocities, accelerations; NaN: not commanded."""
     axes = [None if v is None else np.array(v, dtype=float) for v in (position, velocity, push)]
-    return Target(position=axes[0], velocity=axes[1], acceleration=axes[2], **rest)
+    return OffboardSetpoint(position=axes[0], velocity=axes[1], acceleration=axes[2], **rest)
 
 
 class Flight:
@@ -57,7 +59,7 @@ class Flight:
         for name, value in {**(VISION if vision else {}), **values}.items():
             assert table.set(name, value) == ""
         self.vehicle = Px4Vehicle(world_of(load_scenario(scenario, settings)), seed, table)
-        self.target: Target | None = None
+        self.target: OffboardSetpoint | None = None
         self.period = 50
         """Ticks between two set points."""
         self.see = vision
@@ -87,7 +89,7 @@ class Flight:
         if self.target is not None and vehicle.tick % self.period == 0:
             vehicle.target(self.target)
         vehicle.step()
-        self.said += [status.text for status in vehicle.take_statuses()]
+        self.said += [status.text for status in vehicle.take_status_texts()]
 
     def _send_vision(self) -> None:
         vehicle = self.vehicle
@@ -124,7 +126,7 @@ class Flight:
         self.fly(0.1)
         assert self.vehicle.set_mode(OFFBOARD) == Result.ACCEPTED
         self.fly(0.1)
-        assert self.vehicle.arm() == Result.ACCEPTED, self.vehicle.take_statuses()
+        assert self.vehicle.arm() == Result.ACCEPTED, self.vehicle.take_status_texts()
         self.fly(8.0)
         assert np.linalg.norm(self.body[:3] - [x, y, z]) < 0.15, self.body[:3]
 

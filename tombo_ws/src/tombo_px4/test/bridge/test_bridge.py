@@ -13,7 +13,7 @@ from tombo_dynamics.errors import InputError
 from tombo_px4.bridge.bridge import Bridge
 from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
 from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD, POSCTL
-from tombo_px4.bridge.session import Stage
+from tombo_px4.bridge.offboard_session import Stage
 from tombo_px4.link.mavlink_link import Received
 
 NOW = 1_763_700_000_000_000_000
@@ -116,7 +116,7 @@ def test_a_whole_flight():
     flight.run(3.0)
     assert flight.bridge.session.stage == Stage.READY
     assert not flight.events and not flight.out.faults
-    assert not flight.bridge.incoming.refused
+    assert not flight.bridge.message_decoder.refused
     assert str(flight.out.status.firmware) == "1.17.0"
 
 
@@ -201,18 +201,18 @@ def test_the_estimate_is_vouched_for_after_the_checks_have_passed_for_a_while():
     flight = Flight(ready_time=2.0)
     flight.until(lambda f: f.out.status.ready)
     flight.run(1.5)
-    assert not flight.bridge.vouched
+    assert not flight.bridge.estimate_trusted
     flight.mocap_on = False
     flight.until(lambda f: not f.out.status.ready)
     flight.mocap_on = True
     flight.until(lambda f: f.out.status.ready)
     flight.run(1.5)
-    assert not flight.bridge.vouched, "each fault begins the wait anew"
+    assert not flight.bridge.estimate_trusted, "each fault begins the wait anew"
     flight.run(0.6)
-    assert flight.bridge.vouched
+    assert flight.bridge.estimate_trusted
     flight.mocap_on = False
     flight.run(2.0)
-    assert flight.bridge.vouched, "once begun, the mission goes on"
+    assert flight.bridge.estimate_trusted, "once begun, the mission goes on"
 
 
 def test_poses_that_stand_still_in_flight_bring_it_down():
@@ -307,7 +307,7 @@ def test_attitude_and_rates_in_place_of_positions(kind):
 def test_a_mode_taken_streams_the_vehicles_own_position():
     flight = Flight().take_off()
     flight.px4.mode = POSCTL
-    flight.stage(Stage.TAKEN)
+    flight.stage(Stage.EXTERNAL_MODE)
     flight.px4.place = np.array([0.4, 0.3, 1.2])
     flight.run(1.0)
     last = flight.px4.targets[-1]
@@ -321,7 +321,7 @@ def test_a_mode_taken_streams_the_vehicles_own_position():
 def test_offboard_chosen_by_somebody_else_holds_where_it_was():
     flight = Flight().take_off()
     flight.px4.mode = POSCTL
-    flight.stage(Stage.TAKEN)
+    flight.stage(Stage.EXTERNAL_MODE)
     flight.px4.mode = OFFBOARD
     flight.goal = np.array([3.0, 0.0, 1.5])
     flight.run(1.5)
@@ -461,13 +461,13 @@ def test_words_that_mean_nothing_are_refused(name, word):
 
 def test_ending_in_flight_it_asks_px4_to_land():
     flight = Flight().run(3.0)
-    assert flight.bridge.farewell() is None
+    assert flight.bridge.shutdown_command() is None
     flight.take_off()
-    last = flight.bridge.farewell()
+    last = flight.bridge.shutdown_command()
     assert (last.command, last.param2, last.param3) == (176, 4.0, 6.0)
     flight.px4.mode = POSCTL
     flight.run(1.5)
-    assert flight.bridge.farewell() is None, "somebody else flies it"
+    assert flight.bridge.shutdown_command() is None, "somebody else flies it"
 
 
 def test_position_and_attitude_do_where_px4_sends_no_odometry():
@@ -486,7 +486,9 @@ def test_position_and_attitude_do_where_px4_sends_no_odometry():
 
 def test_a_clock_set_back_in_flight_does_not_end_it():
     flight = Flight().take_off()
-    flight.bridge.session.stage = Stage.TAKEN  # the present position is streamed by the clock
+    flight.bridge.session.stage = (
+        Stage.EXTERNAL_MODE
+    )  # the present position is streamed by the clock
     back = 3600 * 1000 * MS
     flight.now -= back
     flight.px4.ahead_ns += back

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tombo_px4.bridge.checks import (
+from tombo_px4.bridge.field_checks import (
     BODY_NED,
     LOCAL_NED,
-    Tally,
+    RefusalCounter,
     all_within,
     finite,
     one_of,
@@ -63,25 +63,25 @@ def test_checks_are_strung_together_with_or():
 
 
 def test_a_tally_keeps_how_often_and_the_first_text():
-    tally = Tally()
-    tally.refuse("")
-    assert tally.total == 0 and tally.take_new() == []
-    tally.refuse("not_finite", "position of ODOMETRY")
-    tally.refuse("not_finite", "something else")
-    tally.refuse("wrong_frame", "frame 3")
-    assert tally.counts == {"not_finite": 2, "wrong_frame": 1}
-    assert tally.total == 3
+    counter = RefusalCounter()
+    counter.refuse("")
+    assert counter.total == 0 and counter.take_new() == []
+    counter.refuse("not_finite", "position of ODOMETRY")
+    counter.refuse("not_finite", "something else")
+    counter.refuse("wrong_frame", "frame 3")
+    assert counter.counts == {"not_finite": 2, "wrong_frame": 1}
+    assert counter.total == 3
     news = [("not_finite", "position of ODOMETRY"), ("wrong_frame", "frame 3")]
-    assert tally.take_new() == news
-    tally.refuse("not_finite")
-    assert tally.take_new() == []
-    assert tally.texts == dict(news)
+    assert counter.take_new() == news
+    counter.refuse("not_finite")
+    assert counter.take_new() == []
+    assert counter.texts == dict(news)
 
 
 def test_a_tally_does_not_grow_without_end():
-    tally = Tally()
+    counter = RefusalCounter()
     for k in range(1000):
-        tally.refuse(f"word_{k}")
-    assert len(tally.counts) == 65
-    assert tally.counts["other"] == 936
-    assert tally.total == 1000
+        counter.refuse(f"word_{k}")
+    assert len(counter.counts) == 65
+    assert counter.counts["other"] == 936
+    assert counter.total == 1000

@@ -148,9 +148,9 @@ def test_only_the_accepted_system_and_component_come_in(links, sender, accept, l
     assert [(item.system, item.component) for item in got] == let_in
     if counter:
         assert link.counters[counter] == 1
-        assert link.stranger not in (None, *let_in)
+        assert link.rejected_sender not in (None, *let_in)
     else:
-        assert link.stranger is None
+        assert link.rejected_sender is None
 
 
 def steal_attempts():
@@ -267,7 +267,7 @@ def test_values_that_do_not_fit_are_counted_not_raised(pair):
     vehicle, computer = pair()
     assert not computer.send(computer.mav.heartbeat_encode(6, 8, 0, 2**32, 3))
     assert not computer.send(computer.mav.heartbeat_encode(6, 8, None, 0, 3))
-    assert "heartbeat" in computer.trouble
+    assert "heartbeat" in computer.pack_error
     assert computer.counters["send_failed"] == 2 and computer.counters["sent"] == 0
     assert computer.send(beat(computer, 9))
     assert modes(collect(vehicle)) == [9]

@@ -10,10 +10,10 @@ from pymavlink.dialects.v20 import common as mav
 
 from tombo_control.estimate import Setpoint
 from tombo_px4.bridge.modes import AUTO_LAND
-from tombo_px4.link import outgoing
-from tombo_px4.link.outgoing import Target
+from tombo_px4.link import message_encoder
+from tombo_px4.link.message_encoder import MessageTarget
 
-TO = Target(1, 1)
+TO = MessageTarget(1, 1)
 STAMP = 1_763_700_000_123_456_789
 NOSE_NORTH = np.array([0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)])  # yaw 90 deg from east
 
@@ -27,7 +27,7 @@ def sent(message):
 @pytest.mark.parametrize("kind", ["odometry", "vision", "mocap"])
 def test_a_pose_goes_north_east_down_with_its_own_stamp(kind):
     place = np.array([1.0, 2.0, 3.0])  # east, north, up
-    m = sent(outgoing.pose_message(kind, STAMP, place, NOSE_NORTH, None))
+    m = sent(message_encoder.pose_message(kind, STAMP, place, NOSE_NORTH, None))
     assert (m.x, m.y, m.z) == pytest.approx((2.0, 1.0, -3.0))
     assert getattr(m, "usec" if kind == "vision" else "time_usec") == STAMP // 1000
     covariance = m.pose_covariance if kind == "odometry" else m.covariance
@@ -39,7 +39,7 @@ def test_a_pose_goes_north_east_down_with_its_own_stamp(kind):
 
 
 def test_odometry_is_of_the_kind_that_is_fused():
-    m = sent(outgoing.pose_message("odometry", STAMP, np.zeros(3), NOSE_NORTH, None))
+    m = sent(message_encoder.pose_message("odometry", STAMP, np.zeros(3), NOSE_NORTH, None))
     assert m.frame_id == mav.MAV_FRAME_LOCAL_NED
     assert m.child_frame_id == mav.MAV_FRAME_BODY_FRD
     assert m.estimator_type == mav.MAV_ESTIMATOR_TYPE_VISION
@@ -60,23 +60,23 @@ def test_vision_angles_are_those_of_the_quaternion(yaw, pitch, roll):
             cr * cp * cy + sr * sp * sy,
         ]
     )
-    m = outgoing.pose_message("vision", STAMP, np.zeros(3), q, None)
+    m = message_encoder.pose_message("vision", STAMP, np.zeros(3), q, None)
     assert m.roll == pytest.approx(roll, abs=1e-9)
     assert m.pitch == pytest.approx(-pitch, abs=1e-9)
     assert math.remainder(m.yaw - (math.pi / 2 - yaw), 2 * math.pi) == pytest.approx(0, abs=1e-9)
 
 
 def test_a_known_covariance_goes_out_in_their_order():
-    covariance = outgoing.diagonal_covariance(0.1, 0.2)
-    m = outgoing.pose_message("odometry", STAMP, np.zeros(3), NOSE_NORTH, covariance)
+    covariance = message_encoder.diagonal_covariance(0.1, 0.2)
+    m = message_encoder.pose_message("odometry", STAMP, np.zeros(3), NOSE_NORTH, covariance)
     assert [m.pose_covariance[k] for k in (0, 6, 11)] == pytest.approx(3 * [0.01])
     assert [m.pose_covariance[k] for k in (15, 18, 20)] == pytest.approx(3 * [0.04])
-    assert outgoing.diagonal_covariance(0.0, 0.0) is None
+    assert message_encoder.diagonal_covariance(0.0, 0.0) is None
 
 
 def test_a_position_set_point_carries_all_but_the_rate_of_yaw():
     place, speed, push = np.array([1.0, 2, 3]), np.array([4.0, 5, 6]), np.array([7.0, 8, 9])
-    m = sent(outgoing.position_target(Setpoint(place, speed, push, 0.3, 2), TO, STAMP))
+    m = sent(message_encoder.position_target(Setpoint(place, speed, push, 0.3, 2), TO, STAMP))
     assert m.type_mask == 0b100000000000
     assert m.coordinate_frame == mav.MAV_FRAME_LOCAL_NED
     assert (m.x, m.y, m.z, m.vx, m.vy, m.vz) == pytest.approx((2, 1, -3, 5, 4, -6))
@@ -86,10 +86,10 @@ def test_a_position_set_point_carries_all_but_the_rate_of_yaw():
 
 
 def test_attitude_and_rates_have_the_masks_px4_takes():
-    m = sent(outgoing.attitude_target(NOSE_NORTH, 0.6, TO, STAMP))
+    m = sent(message_encoder.attitude_target(NOSE_NORTH, 0.6, TO, STAMP))
     assert (m.type_mask, m.thrust) == (0b00000111, pytest.approx(0.6))
     assert m.q == pytest.approx([1.0, 0.0, 0.0, 0.0], abs=1e-6)
-    m = sent(outgoing.rates_target(np.array([0.1, 0.2, 0.3]), 0.6, TO, STAMP))
+    m = sent(message_encoder.rates_target(np.array([0.1, 0.2, 0.3]), 0.6, TO, STAMP))
     assert m.type_mask == 0b10000000
     rates = (m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate)
     assert rates == pytest.approx((0.1, -0.2, -0.3))
@@ -97,24 +97,24 @@ def test_attitude_and_rates_have_the_masks_px4_takes():
 
 def test_thrust_is_measured_in_weights():
     weight = 1.3 * 9.80665
-    assert outgoing.throttle_of(weight, 1.3, 0.47) == pytest.approx(0.47)
-    assert outgoing.throttle_of(10 * weight, 1.3, 0.47) == 1.0
-    assert outgoing.throttle_of(-1.0, 1.3, 0.47) == 0.0
+    assert message_encoder.throttle_of(weight, 1.3, 0.47) == pytest.approx(0.47)
+    assert message_encoder.throttle_of(10 * weight, 1.3, 0.47) == 1.0
+    assert message_encoder.throttle_of(-1.0, 1.3, 0.47) == 0.0
 
 
 def test_commands_carry_what_px4_reads():
-    m = sent(outgoing.set_mode(TO, AUTO_LAND))
+    m = sent(message_encoder.set_mode(TO, AUTO_LAND))
     assert (m.command, m.param1, m.param2, m.param3) == (176, 1.0, 4.0, 6.0)
-    m = sent(outgoing.arm(TO, True))
+    m = sent(message_encoder.arm(TO, True))
     assert (m.command, m.param1, m.param2) == (400, 1.0, 0.0)
-    m = sent(outgoing.message_interval(TO, 331, 100.0))
+    m = sent(message_encoder.message_interval(TO, 331, 100.0))
     assert (m.command, m.param1, m.param2) == (511, 331.0, 10_000.0)
-    m = sent(outgoing.read_parameter(TO, "EKF2_EV_CTRL"))
+    m = sent(message_encoder.read_parameter(TO, "EKF2_EV_CTRL"))
     assert (m.param_id, m.param_index) == ("EKF2_EV_CTRL", -1)
-    m = sent(outgoing.heartbeat())
+    m = sent(message_encoder.heartbeat())
     assert (m.type, m.autopilot) == (mav.MAV_TYPE_ONBOARD_CONTROLLER, mav.MAV_AUTOPILOT_INVALID)
 
 
 def test_time_wraps_where_the_field_ends():
     still = Setpoint(np.zeros(3), np.zeros(3), np.zeros(3), 0.0, 2)
-    assert 0 <= sent(outgoing.position_target(still, TO, STAMP)).time_boot_ms < 2**32
+    assert 0 <= sent(message_encoder.position_target(still, TO, STAMP)).time_boot_ms < 2**32

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tombo_dynamics.rotation import quaternion_multiply, turned
+from tombo_dynamics.rotation import quaternion_multiply, rotate_vectors
 from tombo_px4.bridge.bridge_params import BridgeParams
-from tombo_px4.bridge.finding import Weight
+from tombo_px4.bridge.decoded_messages import EstimatorStatusFlags, ImuSample, VehicleOdometry
 from tombo_px4.bridge.pose_axes import explain_up, up_error
 from tombo_px4.bridge.preflight import Preflight
-from tombo_px4.bridge.records import EstimatorState, ImuSample, VehicleOdometry
+from tombo_px4.bridge.preflight_finding import FindingSeverity
 from tombo_px4.link.timesync import TimeSync
 
 NOW = 1_763_700_000_000_000_000
@@ -66,7 +66,7 @@ class Lab:
         self.values = dict(GOOD)
         self.sync = synced()
         self.answered = 20
-        self.estimator = EstimatorState(NOW, True, True, True, True, 0.2, 0.1)
+        self.estimator = EstimatorStatusFlags(NOW, True, True, True, True, 0.2, 0.1)
         self.telemetry = True
         self.flying = False
         self.last_pose_s = 0.0
@@ -83,7 +83,7 @@ class Lab:
             place = place + rng.normal(0, self.noise, 3) if self.noise else place
             made.pose(arrival - round(self.latency * 1e9), arrival, place, attitude)
         back = self.attitude * [-1, -1, -1, 1]
-        up = turned(back, np.array([0.0, 0.0, 9.81]))
+        up = rotate_vectors(back, np.array([0.0, 0.0, 9.81]))
         for k in range(200 if self.telemetry else 0):
             arrival = NOW - 2 * SECOND + (k + 1) * 10 * MS
             stamp = arrival - 2 * MS
@@ -111,13 +111,13 @@ class Lab:
         """The text of a finding that forbids to arm."""
         found = {f.key: f for f in self.findings()}
         assert key in found, sorted(found)
-        assert found[key].weight == Weight.BLOCKS
+        assert found[key].weight == FindingSeverity.BLOCKS
         return found[key].text
 
     def warning(self, key):
         found = {f.key: f for f in self.findings()}
         assert key in found, sorted(found)
-        assert found[key].weight == Weight.WARNING
+        assert found[key].weight == FindingSeverity.WARNING
         return found[key].text
 
     def found(self):
@@ -191,7 +191,7 @@ def test_refused_poses_are_named_for_as_long_as_they_come(lab, why, age, words):
     made = lab.preflight()
     made.refused_pose(why, NOW - 100 * MS, age)
     (found,) = lab.findings(made)
-    assert found.weight == Weight.BLOCKS
+    assert found.weight == FindingSeverity.BLOCKS
     assert words in found.text
     made.refused_pose(why, NOW - 3 * SECOND, age)
     assert lab.findings(made) == []
@@ -228,11 +228,11 @@ Y_UP = spin("x", -math.pi / 2)
 
 def y_up_world_and_body(place, attitude):
     q = quaternion_multiply(quaternion_multiply(Y_UP, attitude), Y_UP * [-1, -1, -1, 1])
-    return turned(Y_UP, place), q
+    return rotate_vectors(Y_UP, place), q
 
 
 def y_up_world(place, attitude):
-    return turned(Y_UP, place), quaternion_multiply(Y_UP, attitude)
+    return rotate_vectors(Y_UP, place), quaternion_multiply(Y_UP, attitude)
 
 
 @pytest.mark.parametrize("mistake", [y_up_world_and_body, y_up_world])
@@ -279,7 +279,7 @@ def test_up_is_right_whichever_way_the_nose_points(yaw, tilt, about):
             ]
         ),
     )
-    accel = turned(q * [-1, -1, -1, 1], np.array([0.0, 0.0, 9.81]))
+    accel = rotate_vectors(q * [-1, -1, -1, 1], np.array([0.0, 0.0, 9.81]))
     assert explain_up(q, accel, 0.17) == ""
     level = np.array([0.0, 0.0, 9.81])
     assert up_error(q, level) == pytest.approx(tilt, abs=1e-6)
@@ -329,19 +329,19 @@ def test_nothing_is_fused(lab):
 
 
 def test_the_estimator_says_that_nothing_is_fused(lab):
-    lab.estimator = EstimatorState(NOW, True, False, True, False, 0.0, 0.0)
+    lab.estimator = EstimatorStatusFlags(NOW, True, False, True, False, 0.0, 0.0)
     assert "knows no position though poses are sent" in lab.text("not_fused")
 
 
 def test_poses_that_the_estimator_refuses(lab):
-    lab.estimator = EstimatorState(NOW, True, True, True, True, 3.2, 0.1)
+    lab.estimator = EstimatorStatusFlags(NOW, True, True, True, True, 3.2, 0.1)
     assert "test ratio 3.2" in lab.text("poses_refused")
-    lab.estimator = EstimatorState(NOW, True, True, True, True, math.nan, 4.1)
+    lab.estimator = EstimatorStatusFlags(NOW, True, True, True, True, math.nan, 4.1)
     assert "test ratio 4.1" in lab.text("poses_refused")
 
 
 def test_what_the_estimator_does_not_tell_is_no_fault(lab):
-    lab.estimator = EstimatorState(NOW, True, True, True, True, math.nan, math.nan)
+    lab.estimator = EstimatorStatusFlags(NOW, True, True, True, True, math.nan, math.nan)
     assert lab.found() == set()
     lab.estimator = None
     assert lab.found() == set()
@@ -382,7 +382,7 @@ def test_whom_px4_wants_to_hear_before_it_arms_is_told_and_forbids_nothing(lab):
     ):
         lab.values = GOOD | {name: value}
         (finding,) = lab.findings()
-        assert (finding.key, finding.weight) == (key, Weight.ADVICE)
+        assert (finding.key, finding.weight) == (key, FindingSeverity.ADVICE)
         assert words in finding.text
     lab.values = GOOD | {"NAV_DLL_ACT": 0, "COM_RCL_EXCEPT": 6}
     assert lab.found() == set()
@@ -393,7 +393,7 @@ def test_what_forbids_comes_first(lab):
     lab.last_pose_s = 0.5
     weights = [f.weight for f in lab.findings()]
     assert weights == sorted(weights, reverse=True)
-    assert weights[0] == Weight.BLOCKS
+    assert weights[0] == FindingSeverity.BLOCKS
 
 
 def test_parameters_not_known_are_no_findings(lab):

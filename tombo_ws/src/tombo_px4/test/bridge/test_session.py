@@ -5,10 +5,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tombo_control.autopilot import BLIND, HOVER, IDLE, LAND, LANDED, TAKEOFF
+from tombo_px4.bridge.decoded_messages import CommandAck, Heartbeat, MavLandedState, StatusText
 from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, AUTO_RTL, OFFBOARD, POSCTL
-from tombo_px4.bridge.records import Acknowledged, Heartbeat, Landed, StatusText
-from tombo_px4.bridge.session import Decision, Request, Session, Stage, Stream, View
-from tombo_px4.link.errand import ARM_COMMAND, SET_MODE_COMMAND, Errand, Order, Words
+from tombo_px4.bridge.offboard_session import (
+    Decision,
+    Request,
+    Session,
+    SessionInput,
+    Stage,
+    Stream,
+)
+from tombo_px4.link.command_transaction import (
+    ARM_COMMAND,
+    SET_MODE_COMMAND,
+    CommandTransaction,
+    RecentStatusTexts,
+    VehicleCommand,
+)
 
 STEP = 20_000_000
 SECOND = 1_000_000_000
@@ -19,7 +32,7 @@ class Vehicle:
     """PX4 as far as heartbeats and commands go; `refuses` makes it say no."""
 
     def __init__(self):
-        self.armed, self.mode, self.landed = False, AUTO_HOLD, Landed.ON_GROUND
+        self.armed, self.mode, self.landed = False, AUTO_HOLD, MavLandedState.ON_GROUND
         self.refuses: dict[int, int] = {}
         self.deaf = self.silent = False
         self.arms_late_ns = 0
@@ -33,8 +46,8 @@ class Vehicle:
             return
         result = self.refuses.get(order.command, 0)
         if order.mode is not None:  # the MAVLink module's own, which says nothing
-            session.acknowledged(Acknowledged(now, SET_MODE_COMMAND, 0))
-        session.acknowledged(Acknowledged(now, order.command, result))
+            session.handle_ack(CommandAck(now, SET_MODE_COMMAND, 0))
+        session.handle_ack(CommandAck(now, order.command, result))
         if result:
             session.said(StatusText(now, 2, "Arming denied: Resolve system health failures first"))
         elif order.mode is not None:
@@ -67,7 +80,7 @@ class Flight:
         if self.now - self._beat >= SECOND:
             self._beat = self.now
             self.vehicle.beat(self.now)
-        view = View(
+        view = SessionInput(
             self.now,
             self.vehicle.heartbeat,
             self.vehicle.landed,
@@ -77,7 +90,7 @@ class Flight:
             self.blockers,
         )
         out = self.session.tick(view)
-        for order in out.orders:
+        for order in out.vehicle_commands:
             self.vehicle.command(order, self.now, self.session)
         self.events += out.events
         self.replies += out.replies
@@ -99,7 +112,7 @@ class Flight:
         self.run(2.5)
         self.phase = TAKEOFF
         self.until(Stage.FLYING)
-        self.vehicle.landed = Landed.IN_AIR
+        self.vehicle.landed = MavLandedState.IN_AIR
         self.phase = HOVER
         return self.run(1.0)
 
@@ -127,12 +140,12 @@ def test_a_flight_arms_in_offboard_and_lands_by_px4():
     assert [str(o) for o in flight.vehicle.received] == ["mode offboard", "arming"]
     flight.run(0.1)
     assert flight.stream == Stream.SETPOINT
-    flight.vehicle.landed, flight.phase = Landed.IN_AIR, HOVER
+    flight.vehicle.landed, flight.phase = MavLandedState.IN_AIR, HOVER
     flight.run(10.0)
     flight.phase = LAND
     flight.until(Stage.LANDING).run(2.0)
     assert flight.modes_asked() == [OFFBOARD, AUTO_LAND]
-    flight.vehicle.landed, flight.vehicle.armed = Landed.ON_GROUND, False
+    flight.vehicle.landed, flight.vehicle.armed = MavLandedState.ON_GROUND, False
     flight.until(Stage.READY)
     flight.phase = LANDED
     flight.run(10.0)
@@ -168,7 +181,7 @@ def test_a_refused_arming_is_retried_reported_and_given_up():
     flight = Flight().run(2.0)
     flight.vehicle.refuses[ARM_COMMAND] = REJECTED
     flight.phase = TAKEOFF
-    flight.until(Stage.REFUSED)
+    flight.until(Stage.GIVEN_UP)
     assert flight.armings() == 5 * [True]
     text = flight.faults["given_up"]
     assert "arming temporarily rejected" in text
@@ -182,10 +195,10 @@ def test_after_a_refusal_the_mission_must_have_been_on_the_ground():
     flight = Flight().run(2.0)
     flight.vehicle.refuses[ARM_COMMAND] = DENIED
     flight.phase = TAKEOFF
-    flight.until(Stage.REFUSED)
+    flight.until(Stage.GIVEN_UP)
     flight.vehicle.refuses.clear()
     flight.run(10.0)
-    assert flight.session.stage == Stage.REFUSED
+    assert flight.session.stage == Stage.GIVEN_UP
     flight.phase = LANDED
     flight.until(Stage.READY)
     flight.phase = TAKEOFF
@@ -196,7 +209,7 @@ def test_a_refused_mode_arms_nothing():
     flight = Flight().run(2.0)
     flight.vehicle.refuses[SET_MODE_COMMAND] = REJECTED
     flight.phase = TAKEOFF
-    flight.until(Stage.REFUSED)
+    flight.until(Stage.GIVEN_UP)
     assert flight.armings() == []
     assert len(flight.modes_asked()) == 3
     assert "mode offboard temporarily rejected" in flight.session.why
@@ -208,19 +221,26 @@ def test_an_acknowledgement_is_no_confirmation():
     flight.phase = TAKEOFF
     flight.run(1.0)
     for command in (SET_MODE_COMMAND, ARM_COMMAND):
-        flight.session.acknowledged(Acknowledged(flight.now, command, 0))
-    flight.until(Stage.REFUSED)
+        flight.session.handle_ack(CommandAck(flight.now, command, 0))
+    flight.until(Stage.GIVEN_UP)
     assert "not confirmed by HEARTBEAT" in flight.session.why
     assert flight.armings() == []
 
 
 def test_a_heartbeat_from_before_the_order_confirms_nothing():
-    errand, old = Errand(Order(mode=OFFBOARD), 2), Heartbeat(SECOND, False, OFFBOARD)
-    assert errand.tick(old, Words(), SECOND + STEP), "it is sent even if it looks met"
-    errand.tick(old, Words(), SECOND + 2 * STEP)
-    assert not errand.done
-    errand.tick(Heartbeat(SECOND + 2 * STEP, False, OFFBOARD), Words(), SECOND + 3 * STEP)
-    assert errand.done
+    command_transaction, old = (
+        CommandTransaction(VehicleCommand(mode=OFFBOARD), 2),
+        Heartbeat(SECOND, False, OFFBOARD),
+    )
+    assert command_transaction.tick(old, RecentStatusTexts(), SECOND + STEP), (
+        "it is sent even if it looks met"
+    )
+    command_transaction.tick(old, RecentStatusTexts(), SECOND + 2 * STEP)
+    assert not command_transaction.done
+    command_transaction.tick(
+        Heartbeat(SECOND + 2 * STEP, False, OFFBOARD), RecentStatusTexts(), SECOND + 3 * STEP
+    )
+    assert command_transaction.done
 
 
 def test_a_mode_lost_while_arming_disarms_what_arms_late():
@@ -229,14 +249,14 @@ def test_a_mode_lost_while_arming_disarms_what_arms_late():
     flight.phase = TAKEOFF
     flight.until(Stage.ARMING).run(0.3)
     flight.vehicle.mode = POSCTL
-    flight.until(Stage.REFUSED)
+    flight.until(Stage.GIVEN_UP)
     assert "mode changed to position while arming" in flight.session.why
     flight.vehicle.arms_late_ns = 0
     flight.run(4.0)
     assert not flight.vehicle.armed
     assert flight.armings()[-1] is False
     assert any("disarmed again" in said for _, said in flight.events)
-    assert flight.session.stage == Stage.REFUSED
+    assert flight.session.stage == Stage.GIVEN_UP
 
 
 def test_poses_lost_while_arming_end_in_a_disarmed_vehicle():
@@ -255,7 +275,7 @@ def test_a_mode_taken_by_somebody_else_is_reported_and_never_fought():
     flight.vehicle.mode = POSCTL
     asked = len(flight.vehicle.received)
     flight.session.said(StatusText(flight.now, 4, "Pilot took over using sticks"))
-    flight.until(Stage.TAKEN).run(20.0)
+    flight.until(Stage.EXTERNAL_MODE).run(20.0)
     assert len(flight.vehicle.received) == asked
     assert flight.stream == Stream.PRESENT
     text = flight.faults["mode_taken"]
@@ -273,7 +293,7 @@ def test_a_mode_taken_by_somebody_else_is_reported_and_never_fought():
 def test_landing_is_not_asked_for_in_a_mode_of_somebody_elses():
     flight = Flight().take_off()
     flight.vehicle.mode = AUTO_RTL
-    flight.until(Stage.TAKEN)
+    flight.until(Stage.EXTERNAL_MODE)
     flight.phase = LAND
     flight.run(5.0)
     assert AUTO_LAND not in flight.modes_asked()
@@ -285,18 +305,20 @@ def test_a_lost_link_is_reported_and_nothing_is_armed_on_return():
     flight.run(1.3)
     assert flight.session.stage == Stage.FLYING
     flight.run(1.5)
-    assert flight.session.stage == Stage.LOST
+    assert flight.session.stage == Stage.LINK_LOST
     assert "nothing is armed" in flight.faults["link_lost"]
     assert flight.stream == Stream.SETPOINT, "the vehicle may still hear us"
     flight.vehicle.silent, flight.vehicle.armed = False, False
-    flight.vehicle.landed = Landed.ON_GROUND
+    flight.vehicle.landed = MavLandedState.ON_GROUND
     asked = len(flight.vehicle.received)
     flight.run(10.0)
     assert len(flight.vehicle.received) == asked
     assert "disarmed while the link was lost" in flight.faults["given_up"]
 
 
-@pytest.mark.parametrize(("mode", "stage"), [(OFFBOARD, Stage.FLYING), (AUTO_RTL, Stage.TAKEN)])
+@pytest.mark.parametrize(
+    ("mode", "stage"), [(OFFBOARD, Stage.FLYING), (AUTO_RTL, Stage.EXTERNAL_MODE)]
+)
 def test_a_link_that_returns_in_flight(mode, stage):
     flight = Flight().take_off()
     flight.vehicle.silent = True
@@ -316,7 +338,7 @@ def test_a_mission_whose_first_word_heard_is_take_off_is_flown():
 def test_take_off_asked_for_again_after_a_refusal_is_no_first_word():
     flight = Flight(TAKEOFF)
     flight.vehicle.refuses = {ARM_COMMAND: DENIED}
-    flight.until(Stage.REFUSED)
+    flight.until(Stage.GIVEN_UP)
     flight.vehicle.refuses = {}
     sent = len(flight.vehicle.received)
     flight.run(10.0)
@@ -326,10 +348,10 @@ def test_take_off_asked_for_again_after_a_refusal_is_no_first_word():
 def test_a_bridge_started_in_flight_touches_nothing():
     flight = Flight(HOVER)
     flight.vehicle.armed, flight.vehicle.mode = True, AUTO_RTL
-    flight.vehicle.landed = Landed.IN_AIR
+    flight.vehicle.landed = MavLandedState.IN_AIR
     flight.run(10.0)
-    assert (flight.session.stage, flight.vehicle.received) == (Stage.TAKEN, [])
-    flight.vehicle.armed, flight.vehicle.landed = False, Landed.ON_GROUND
+    assert (flight.session.stage, flight.vehicle.received) == (Stage.EXTERNAL_MODE, [])
+    flight.vehicle.armed, flight.vehicle.landed = False, MavLandedState.ON_GROUND
     flight.run(10.0)
     assert not flight.vehicle.received, "the mission still hovers: that is no order to take off"
     assert "start it anew" in flight.faults["not_engaged"]
@@ -342,7 +364,7 @@ def test_a_blind_descent_lands_and_does_not_take_off_again():
     flight.phase = HOVER
     flight.run(2.0)
     assert flight.session.stage == Stage.LANDING
-    flight.vehicle.landed, flight.vehicle.armed = Landed.ON_GROUND, False
+    flight.vehicle.landed, flight.vehicle.armed = MavLandedState.ON_GROUND, False
     flight.run(10.0)
     assert flight.armings() == [True]
 
@@ -354,7 +376,7 @@ def test_a_refused_landing_goes_on_in_offboard_and_disarms_on_the_ground():
     flight.until(Stage.LANDING).run(6.0)
     assert flight.session.stage == Stage.LANDING
     assert flight.stream == Stream.SETPOINT
-    flight.vehicle.landed, flight.phase = Landed.ON_GROUND, LANDED
+    flight.vehicle.landed, flight.phase = MavLandedState.ON_GROUND, LANDED
     flight.until(Stage.READY)
     assert flight.armings() == [True, False]
 
@@ -363,7 +385,7 @@ def test_a_vehicle_that_stays_armed_on_the_ground_is_disarmed():
     flight = Flight().take_off()
     flight.phase = LAND
     flight.until(Stage.LANDING)
-    flight.vehicle.landed = Landed.ON_GROUND
+    flight.vehicle.landed = MavLandedState.ON_GROUND
     flight.run(3.0)
     assert flight.armings() == [True]
     flight.until(Stage.READY)
@@ -383,7 +405,7 @@ def test_disarmed_in_flight_is_not_armed_again():
     flight = Flight().take_off()
     flight.vehicle.armed = False
     flight.session.said(StatusText(flight.now, 1, "Critical failure detected: terminate"))
-    flight.until(Stage.REFUSED).run(10.0)
+    flight.until(Stage.GIVEN_UP).run(10.0)
     assert "Critical failure" in flight.session.why
     assert flight.armings() == [True]
 
@@ -397,14 +419,14 @@ def test_services_are_answered_once_a_heartbeat_confirms():
     reply = flight.ask("arm")
     assert reply.success and flight.vehicle.heartbeat.armed
     assert flight.now - began < 2 * SECOND
-    assert flight.session.stage == Stage.TAKEN
+    assert flight.session.stage == Stage.EXTERNAL_MODE
 
 
 @pytest.mark.parametrize("kind", ["offboard", "hold", "land", "disarm"])
 def test_a_refused_wish_is_answered_with_px4s_words(kind):
     flight = Flight().take_off()
     flight.vehicle.mode = POSCTL
-    flight.until(Stage.TAKEN)
+    flight.until(Stage.EXTERNAL_MODE)
     flight.vehicle.refuses = {SET_MODE_COMMAND: DENIED, ARM_COMMAND: DENIED}
     reply = flight.ask(kind)
     assert not reply.success
@@ -432,7 +454,7 @@ def test_hold_and_land_by_service():
     flight = Flight().take_off()
     assert flight.ask("hold").success
     flight.run(5.0)
-    assert (flight.session.stage, flight.vehicle.mode) == (Stage.TAKEN, AUTO_HOLD)
+    assert (flight.session.stage, flight.vehicle.mode) == (Stage.EXTERNAL_MODE, AUTO_HOLD)
     flight.replies.clear()
     assert flight.ask("land").success
     assert flight.session.stage == Stage.LANDING
@@ -455,7 +477,7 @@ def test_offboard_by_service_opens_the_way_after_a_refusal():
     flight = Flight().run(2.5)
     flight.vehicle.refuses[ARM_COMMAND] = DENIED
     flight.phase = TAKEOFF
-    flight.until(Stage.REFUSED).run(6.0)
+    flight.until(Stage.GIVEN_UP).run(6.0)
     flight.vehicle.refuses.clear()
     assert flight.ask("offboard").success
     flight.until(Stage.FLYING)
@@ -508,7 +530,7 @@ HAPPENINGS = st.one_of(
     st.tuples(st.just("phase"), st.sampled_from([IDLE, TAKEOFF, HOVER, LAND, LANDED, BLIND])),
     st.tuples(st.just("mode"), st.sampled_from([OFFBOARD, AUTO_HOLD, POSCTL, AUTO_RTL])),
     st.tuples(st.just("armed"), st.booleans()),
-    st.tuples(st.just("landed"), st.sampled_from(list(Landed))),
+    st.tuples(st.just("landed"), st.sampled_from(list(MavLandedState))),
     st.tuples(st.just("silent"), st.booleans()),
     st.tuples(st.just("deaf"), st.booleans()),
     st.tuples(st.just("refuse"), st.sampled_from([0, 1, 2, 4])),

@@ -6,7 +6,7 @@ from pymavlink.dialects.v20 import common
 
 from tombo_dynamics.errors import InputError
 from tombo_px4.link.framing import Findings, frames_of
-from tombo_px4.link.signing import Gate, check_key, read_key, timestamp_of
+from tombo_px4.link.signing import SignatureVerifier, check_key, read_key, timestamp_of
 
 KEY = bytes(range(1, 33))
 OTHER = bytes(range(2, 34))
@@ -35,7 +35,7 @@ def test_timestamps_count_ten_microseconds_since_2015():
 
 
 def test_with_the_key_a_frame_comes_in_without_it_none():
-    gate = Gate(KEY, NOW_NS)
+    gate = SignatureVerifier(KEY, NOW_NS)
     assert gate.refusal(signed(NOW + 1)) == ""
     assert gate.refusal(signed(NOW + 2, OTHER)) == "bad_signature"
     assert gate.refusal(unsigned()) == gate.refusal(unsigned(old=True)) == "unsigned"
@@ -46,12 +46,12 @@ def test_any_changed_byte_breaks_the_signature():
     for position in range(1, len(frame.data)):
         data = bytearray(frame.data)
         data[position] ^= 0x10
-        gate = Gate(KEY, NOW_NS)
+        gate = SignatureVerifier(KEY, NOW_NS)
         assert gate.refusal(frame._replace(data=bytes(data))) == "bad_signature", position
 
 
 def test_a_frame_comes_in_once():
-    gate = Gate(KEY, NOW_NS)
+    gate = SignatureVerifier(KEY, NOW_NS)
     frames = [signed(NOW + k) for k in (5, 6)]
     assert [gate.refusal(frame) for frame in frames] == ["", ""]
     assert [gate.refusal(frame) for frame in frames] == ["replayed", "replayed"]
@@ -59,7 +59,7 @@ def test_a_frame_comes_in_once():
 
 
 def test_every_sender_and_link_has_timestamps_of_its_own():
-    gate = Gate(KEY, NOW_NS)
+    gate = SignatureVerifier(KEY, NOW_NS)
     assert gate.refusal(signed(NOW + 9)) == ""
     for other in ({"system": 2}, {"component": 2}, {"link_id": 2}):
         assert gate.refusal(signed(NOW + 3, **other)) == ""
@@ -67,13 +67,13 @@ def test_every_sender_and_link_has_timestamps_of_its_own():
 
 
 def test_what_was_recorded_before_we_listened_is_refused():
-    gate = Gate(KEY, NOW_NS)
+    gate = SignatureVerifier(KEY, NOW_NS)
     assert gate.refusal(signed(NOW - 1)) == "replayed"
     assert gate.refusal(signed(NOW)) == ""
 
 
 def test_a_forged_timestamp_does_not_shut_the_partner_out():
-    gate = Gate(KEY, NOW_NS)
+    gate = SignatureVerifier(KEY, NOW_NS)
     assert gate.refusal(signed(2**48 - 1, OTHER)) == "bad_signature"
     assert gate.refusal(signed(NOW + 1)) == ""
     assert gate.next_timestamp(NOW_NS) == NOW + 2
@@ -81,7 +81,7 @@ def test_a_forged_timestamp_does_not_shut_the_partner_out():
 
 def test_a_partner_whose_clock_is_behind_takes_over_our_time():
     """pymavlink plays the partner: by the protocol it continues from the newest it has heard."""
-    gate = Gate(KEY, NOW_NS)
+    gate = SignatureVerifier(KEY, NOW_NS)
     partner = encoder(1, 1, KEY)
     partner.signing.timestamp = timestamp_of(NOW_NS - 3600 * 10**9)
     (early,) = frames_of(heartbeat(1, partner), Findings())
@@ -93,7 +93,7 @@ def test_a_partner_whose_clock_is_behind_takes_over_our_time():
 
 
 def test_our_timestamps_grow_with_the_clock_and_without_it():
-    gate = Gate(KEY, NOW_NS)
+    gate = SignatureVerifier(KEY, NOW_NS)
     assert gate.next_timestamp(NOW_NS) == NOW + 1
     assert gate.next_timestamp(NOW_NS - 10**12) == NOW + 2
     assert gate.next_timestamp(NOW_NS + 10**9) == NOW + 100_000
@@ -102,7 +102,7 @@ def test_our_timestamps_grow_with_the_clock_and_without_it():
 
 
 def test_our_last_timestamp_does_not_wrap():
-    gate = Gate(KEY, 2**80)
+    gate = SignatureVerifier(KEY, 2**80)
     assert gate.next_timestamp(2**80) == 2**48 - 1
 
 

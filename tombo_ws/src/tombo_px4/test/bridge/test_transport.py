@@ -12,7 +12,7 @@ from tombo_dynamics.errors import InputError
 from tombo_px4.link import tcp, udp
 from tombo_px4.link.address import is_loopback, parse_peer, parse_url
 from tombo_px4.link.mavlink_link import COUNTED
-from tombo_px4.link.transport import Outbox, Retry, open_transport
+from tombo_px4.link.transport import RetryTimer, SendBuffer, open_transport
 
 
 class Way:
@@ -28,7 +28,7 @@ class Way:
         data = b""
         end = time.monotonic() + seconds
         while len(data) < number and time.monotonic() < end:
-            self.transport.tend()
+            self.transport.maintain()
             packet = self.transport.read()
             if packet is None:
                 time.sleep(0.001)
@@ -39,7 +39,7 @@ class Way:
     def tend_until(self, condition, seconds=3.0):
         end = time.monotonic() + seconds
         while not condition() and time.monotonic() < end:
-            self.transport.tend()
+            self.transport.maintain()
             self.transport.read()
             time.sleep(0.001)
         assert condition()
@@ -473,7 +473,7 @@ def test_a_serial_port_that_is_none_is_refused(way, tmp_path):
 
 
 def test_an_outbox_takes_frames_whole_or_not_at_all():
-    out = Outbox()
+    out = SendBuffer()
     room, went = [0], bytearray()
 
     def write(data):
@@ -494,7 +494,7 @@ def test_an_outbox_takes_frames_whole_or_not_at_all():
 
 def test_a_retry_is_not_put_off_by_a_clock_that_is_set_back():
     now = [10**18]
-    retry = Retry(lambda: now[0], 500)
+    retry = RetryTimer(lambda: now[0], 500)
     assert retry.due_ns() == 0
     retry.now()
     now[0] += 200

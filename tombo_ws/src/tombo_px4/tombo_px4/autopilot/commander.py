@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
+from tombo_px4.autopilot.offboard_setpoint import ControlLevel
 from tombo_px4.autopilot.parameters import ParameterTable
-from tombo_px4.autopilot.targets import Kind
 from tombo_px4.bridge.modes import (
     ACRO,
     ALTCTL,
@@ -27,7 +27,7 @@ DESCEND = Mode(-1)
 """Level descent without a position; a heartbeat shows it as land."""
 TERMINATE = Mode(-2)
 """Rotors off for good; a heartbeat shows it as manual."""
-_BY_HAND = (MANUAL, ALTCTL, POSCTL, ACRO, STABILIZED)
+_MANUAL_MODES = (MANUAL, ALTCTL, POSCTL, ACRO, STABILIZED)
 _TITLES = {
     MANUAL: "Manual",
     ALTCTL: "Altitude",
@@ -53,7 +53,7 @@ _BATTERY = ("", "Low battery", "Critical battery", "Emergency battery level")
 Say = Callable[[Severity, str], None]
 
 
-class Situation(NamedTuple):
+class CommanderInput(NamedTuple):
     """What the commander looks at."""
 
     tick: int
@@ -67,7 +67,7 @@ class Situation(NamedTuple):
     """It has been in the air since arming."""
     signal_tick: int
     """Tick of the last valid set point; negative: none ever came."""
-    kind: Kind
+    kind: ControlLevel
     """Of that set point."""
     battery: Battery
     roll: float
@@ -82,7 +82,7 @@ class Commander:
         self._parameters = parameters
         self._say = say
         self.armed = False
-        self.intent: Mode = AUTO_HOLD
+        self.user_intended_mode: Mode = AUTO_HOLD
         """Mode that the user asked for."""
         self.mode: Mode = AUTO_HOLD
         """Mode that is flown."""
@@ -98,7 +98,7 @@ class Commander:
 
     # --- what can be
 
-    def missing(self, mode: Mode, now: Situation) -> str:
+    def missing(self, mode: Mode, now: CommanderInput) -> str:
         """Return what a mode lacks to be flown now; "" if nothing."""
         if mode == TERMINATE:
             return ""
@@ -106,12 +106,12 @@ class Commander:
             return "No valid attitude estimate"
         if mode == DESCEND:
             return ""
-        if mode in _BY_HAND:
+        if mode in _MANUAL_MODES:
             return _NO_STICKS
         if mode == OFFBOARD:
             if self.signal_lost(now):
                 return _NO_SIGNAL
-            if now.kind <= Kind.ACCELERATION and not now.local_position:
+            if now.kind <= ControlLevel.ACCELERATION and not now.local_position:
                 return _NO_POSITION
             return ""
         if mode == AUTO_MISSION:
@@ -124,18 +124,18 @@ class Commander:
             return "Home position not set"
         return ""
 
-    def signal_lost(self, now: Situation) -> bool:
+    def signal_lost(self, now: CommanderInput) -> bool:
         """Return whether set points are missing for longer than COM_OF_LOSS_T."""
         limit = 1000.0 * self._parameters.get("COM_OF_LOSS_T")
         return now.signal_tick < 0 or now.tick - now.signal_tick > limit
 
-    def health(self, now: Situation) -> Health:
+    def health(self, now: CommanderInput) -> Health:
         """Return what arming in the present mode would be denied for."""
         problems = []
-        lacking = self.missing(self.intent, now)
+        lacking = self.missing(self.user_intended_mode, now)
         if lacking:
             problems.append(lacking)
-        if self.intent in _NOT_FOR_ARMING:
+        if self.user_intended_mode in _NOT_FOR_ARMING:
             problems.append("Mode not suitable for arming")
         if now.battery.warning >= 2:
             problems.append(_BATTERY[now.battery.warning])
@@ -151,7 +151,7 @@ class Commander:
 
     # --- commands
 
-    def arm(self, now: Situation) -> Result:
+    def arm(self, now: CommanderInput) -> Result:
         """Arm, if nothing is in the way. Force does not help: PX4 checks commands from outside."""
         if self.armed:
             return Result.ACCEPTED
@@ -168,7 +168,7 @@ class Commander:
         self._say(Severity.INFO, "Armed by external command")
         return Result.ACCEPTED
 
-    def disarm(self, now: Situation, force: bool, reason: str = "external command") -> Result:
+    def disarm(self, now: CommanderInput, force: bool, reason: str = "external command") -> Result:
         """Disarm; in the air only by force."""
         if not self.armed:
             return Result.ACCEPTED
@@ -178,11 +178,11 @@ class Commander:
         self.armed = False
         self.failsafe = False
         self._battery_action = None
-        self.intent = self.mode = self._after_disarming
+        self.user_intended_mode = self.mode = self._after_disarming
         self._say(Severity.INFO, f"Disarmed by {reason}")
         return Result.ACCEPTED
 
-    def set_mode(self, mode: Mode, now: Situation) -> Result:
+    def set_mode(self, mode: Mode, now: CommanderInput) -> Result:
         """Change the mode: on the ground any, in flight one that can be flown."""
         title = _TITLES.get(mode)
         if title is None or mode in (DESCEND, TERMINATE):
@@ -194,19 +194,19 @@ class Commander:
             self._say(Severity.CRITICAL, f"Switching to {title} is currently not available")
             self._say(Severity.CRITICAL, f"{title}: {lacking}")
             return Result.TEMPORARILY_REJECTED
-        self.intent = mode
+        self.user_intended_mode = mode
         if mode not in _NOT_FOR_ARMING:
             self._after_disarming = mode
         self._battery_action = None
-        self._settle(now)
+        self._select_mode(now)
         return Result.ACCEPTED
 
-    def take_up(self, mode: Mode, now: Situation) -> None:
+    def switch_if_allowed(self, mode: Mode, now: CommanderInput) -> None:
         """Change to the mode that follows by itself; stay silently if it cannot be flown."""
         if not self.missing(mode, now):
             self.set_mode(mode, now)
 
-    def terminate(self, now: Situation) -> Result:
+    def terminate(self, now: CommanderInput) -> Result:
         """Stop the rotors for good."""
         if not self.armed:
             return Result.DENIED
@@ -217,32 +217,34 @@ class Commander:
 
     # --- by itself
 
-    def update(self, now: Situation) -> None:
+    def update(self, now: CommanderInput) -> None:
         """Look at the situation: fail-safes and disarming."""
         self._watch_battery(now)
         if not self.armed:
-            self.mode = self.intent
+            self.mode = self.user_intended_mode
             return
         self._watch_tilt(now)
         if self.armed:
-            self._settle(now)
+            self._select_mode(now)
             self._disarm_by_itself(now)
 
-    def _settle(self, now: Situation) -> None:
+    def _select_mode(self, now: CommanderInput) -> None:
         """Choose the mode to fly, from what is asked for and what can be."""
         if not self.armed:
-            self.mode, self.failsafe = self.intent, False
+            self.mode, self.failsafe = self.user_intended_mode, False
             return
         if self.terminated:
             self.mode, self.failsafe = TERMINATE, True
             return
-        lacking = self.missing(self.intent, now)
-        wanted = self._fallback(self.intent, now) if lacking else self.intent
+        lacking = self.missing(self.user_intended_mode, now)
+        wanted = (
+            self._fallback(self.user_intended_mode, now) if lacking else self.user_intended_mode
+        )
         cause = lacking
         if self._battery_action is not None and wanted not in (AUTO_LAND, DESCEND):
             wanted, cause = self._battery_action, _BATTERY[now.battery.warning]
-        mode = self._possible(wanted, now)
-        failsafe = mode != self.intent
+        mode = self._available_mode(wanted, now)
+        failsafe = mode != self.user_intended_mode
         if failsafe and (not self.failsafe or mode != self.mode):
             self._say(
                 Severity.CRITICAL,
@@ -252,15 +254,15 @@ class Commander:
             self._say(Severity.NOTICE, f"Failsafe cleared, {_TITLES[mode]}")
         self.mode, self.failsafe = mode, failsafe
 
-    def _fallback(self, intent: Mode, now: Situation) -> Mode:
-        if intent == OFFBOARD and self.signal_lost(now):
+    def _fallback(self, user_intended_mode: Mode, now: CommanderInput) -> Mode:
+        if user_intended_mode == OFFBOARD and self.signal_lost(now):
             action = int(self._parameters.get("COM_OBL_RC_ACT"))
             chosen = {4: AUTO_LAND, 5: AUTO_HOLD, 6: TERMINATE, 7: TERMINATE}.get(action)
             # modes that need a remote control fall back to return: there is none
             return AUTO_RTL if chosen is None else chosen
         return AUTO_RTL
 
-    def _possible(self, wanted: Mode, now: Situation) -> Mode:
+    def _available_mode(self, wanted: Mode, now: CommanderInput) -> Mode:
         """Return the mode, or what is left if it cannot be flown: return, land, descend."""
         if wanted == TERMINATE:
             return wanted
@@ -270,10 +272,14 @@ class Commander:
                 return mode
         return DESCEND
 
-    def _disarm_by_itself(self, now: Situation) -> None:
+    def _disarm_by_itself(self, now: CommanderInput) -> None:
         get = self._parameters.get
         if self.mode == TERMINATE:
-            if self.intent == OFFBOARD and int(get("COM_OBL_RC_ACT")) == 7 and not self.terminated:
+            if (
+                self.user_intended_mode == OFFBOARD
+                and int(get("COM_OBL_RC_ACT")) == 7
+                and not self.terminated
+            ):
                 self.disarm(now, True, "failsafe")
             else:
                 self.terminated = True
@@ -289,7 +295,7 @@ class Commander:
         if wait > 0.0 and now.tick - self._landed_tick >= 1000.0 * wait:
             self.disarm(now, False, reason)
 
-    def _watch_tilt(self, now: Situation) -> None:
+    def _watch_tilt(self, now: CommanderInput) -> None:
         get = self._parameters.get
         degree = 57.29577951308232
         roll, pitch = get("FD_FAIL_R"), get("FD_FAIL_P")
@@ -311,7 +317,7 @@ class Commander:
         elif int(get("CBRK_FLIGHTTERM")) != 121212:
             self.terminated = True
 
-    def _watch_battery(self, now: Situation) -> None:
+    def _watch_battery(self, now: CommanderInput) -> None:
         warning = now.battery.warning
         if warning <= self._battery_told:
             return

@@ -45,7 +45,7 @@ class Command(NamedTuple):
 
 
 @dataclass
-class Answer:
+class CommandReply:
     """What is sent back."""
 
     results: list[int]
@@ -85,7 +85,7 @@ class CommandServer:
     def __init__(self, vehicle: Px4Vehicle, origin: GeoOrigin) -> None:
         self._vehicle = vehicle
         self._origin = origin
-        self._table: dict[int, Callable[[Command, StreamTable], Answer]] = {
+        self._table: dict[int, Callable[[Command, StreamTable], CommandReply]] = {
             mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
             mavlink.MAV_CMD_DO_SET_MODE: self._set_mode,
             mavlink.MAV_CMD_NAV_TAKEOFF: self._take_off,
@@ -107,23 +107,23 @@ class CommandServer:
             mavlink.MAV_CMD_GET_HOME_POSITION: _send(242),
         }
 
-    def carry_out(self, command: Command, streams: StreamTable) -> Answer:
+    def execute(self, command: Command, streams: StreamTable) -> CommandReply:
         """Carry out a command that came over a link with these streams."""
         if any(math.isinf(p) for p in command.params):
-            return Answer([Result.DENIED], text="command refused: a parameter is infinite")
+            return CommandReply([Result.DENIED], text="command refused: a parameter is infinite")
         handler = self._table.get(command.number)
         if handler is None:
-            return Answer([Result.UNSUPPORTED])
+            return CommandReply([Result.UNSUPPORTED])
         return handler(command, streams)
 
-    def _arm(self, command: Command, streams: StreamTable) -> Answer:
+    def _arm(self, command: Command, streams: StreamTable) -> CommandReply:
         wanted, force = whole(command.params[0]), whole(command.params[1]) == FORCE
         if wanted not in (0, 1) or wanted != command.params[0]:
-            return Answer([Result.UNSUPPORTED])
+            return CommandReply([Result.UNSUPPORTED])
         act = self._vehicle.arm if wanted else self._vehicle.disarm
         return _answer(act(force))
 
-    def _set_mode(self, command: Command, streams: StreamTable) -> Answer:
+    def _set_mode(self, command: Command, streams: StreamTable) -> CommandReply:
         base, main, sub = (whole(p) for p in command.params[:3])
         result = Result.DENIED
         custom = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
@@ -131,11 +131,11 @@ class CommandServer:
             sub = sub if sub is not None and 0 <= sub < 256 else 0
             result = self._vehicle.set_mode(Mode(main, sub if main == modes.AUTO_HOLD.main else 0))
         # The MAVLink module acknowledges that it has passed the command on, then comes the answer.
-        return Answer([Result.ACCEPTED, result] if command.from_module else [result])
+        return CommandReply([Result.ACCEPTED, result] if command.from_module else [result])
 
-    def _take_off(self, command: Command, streams: StreamTable) -> Answer:
+    def _take_off(self, command: Command, streams: StreamTable) -> CommandReply:
         if command.frame not in _GLOBAL_FRAMES:
-            return Answer([UNSUPPORTED_FRAME])
+            return CommandReply([UNSUPPORTED_FRAME])
         height = command.params[6] - self._origin.altitude_m - float(self._vehicle.home[2])
         yaw = command.params[3]
         return _answer(
@@ -145,15 +145,15 @@ class CommandServer:
             )
         )
 
-    def _reposition(self, command: Command, streams: StreamTable) -> Answer:
+    def _reposition(self, command: Command, streams: StreamTable) -> CommandReply:
         if command.frame not in _GLOBAL_FRAMES:
-            return Answer([UNSUPPORTED_FRAME])
+            return CommandReply([UNSUPPORTED_FRAME])
         place = self._place(command)
         flags, yaw = whole(command.params[1]) or 0, command.params[3]
         if place is None:
-            return Answer([Result.DENIED])
+            return CommandReply([Result.DENIED])
         if not flags & _CHANGE_MODE and self._vehicle.mode != modes.AUTO_HOLD:
-            return Answer([Result.TEMPORARILY_REJECTED])
+            return CommandReply([Result.TEMPORARILY_REJECTED])
         wanted = ros_yaw(yaw) if math.isfinite(yaw) else None  # rad, as PX4 reads it
         return _answer(self._vehicle.reposition(place, wanted))
 
@@ -168,70 +168,76 @@ class CommandServer:
         place = self._origin.local_of(latitude, longitude, self._origin.altitude_m)
         return np.array([place[0], place[1], height])
 
-    def _change_speed(self, command: Command, streams: StreamTable) -> Answer:
+    def _change_speed(self, command: Command, streams: StreamTable) -> CommandReply:
         """Change the speed of AUTO modes, by its parameter: PX4 keeps it apart."""
         kind, speed = whole(command.params[0]), command.params[1]
         if kind not in (_AIR_SPEED, _GROUND_SPEED):
-            return Answer([Result.UNSUPPORTED])
+            return CommandReply([Result.UNSUPPORTED])
         if speed < 0.0:  # no change, or back to the default, which the parameter is
-            return Answer([Result.ACCEPTED])
+            return CommandReply([Result.ACCEPTED])
         refusal = self._vehicle.parameters.set("MPC_XY_CRUISE", speed)
-        return Answer([Result.DENIED if refusal else Result.ACCEPTED])
+        return CommandReply([Result.DENIED if refusal else Result.ACCEPTED])
 
-    def _set_home(self, command: Command, streams: StreamTable) -> Answer:
+    def _set_home(self, command: Command, streams: StreamTable) -> CommandReply:
         if whole(command.params[0]) == 1:
             return _answer(self._vehicle.set_home())
         place = self._place(command)
         if command.frame not in _GLOBAL_FRAMES:
-            return Answer([UNSUPPORTED_FRAME])
-        return Answer([Result.DENIED]) if place is None else _answer(self._vehicle.set_home(place))
+            return CommandReply([UNSUPPORTED_FRAME])
+        return (
+            CommandReply([Result.DENIED])
+            if place is None
+            else _answer(self._vehicle.set_home(place))
+        )
 
-    def _terminate(self, command: Command, streams: StreamTable) -> Answer:
+    def _terminate(self, command: Command, streams: StreamTable) -> CommandReply:
         if not command.params[0] > 0.5:
-            return Answer([Result.ACCEPTED])
+            return CommandReply([Result.ACCEPTED])
         return _answer(self._vehicle.terminate())
 
-    def _start_mission(self, command: Command, streams: StreamTable) -> Answer:
-        return Answer([Result.DENIED], text="mission refused: there is none")
+    def _start_mission(self, command: Command, streams: StreamTable) -> CommandReply:
+        return CommandReply([Result.DENIED], text="mission refused: there is none")
 
-    def _check(self, command: Command, streams: StreamTable) -> Answer:
+    def _check(self, command: Command, streams: StreamTable) -> CommandReply:
         if self._vehicle.armed:
-            return Answer([Result.TEMPORARILY_REJECTED])
+            return CommandReply([Result.TEMPORARILY_REJECTED])
         problems = self._vehicle.health.problems
-        return Answer([Result.ACCEPTED], text="; ".join(problems))
+        return CommandReply([Result.ACCEPTED], text="; ".join(problems))
 
-    def _reboot(self, command: Command, streams: StreamTable) -> Answer:
+    def _reboot(self, command: Command, streams: StreamTable) -> CommandReply:
         if whole(command.params[0]) == 0:
-            return Answer([Result.ACCEPTED])
+            return CommandReply([Result.ACCEPTED])
         if self._vehicle.armed:
-            return Answer([Result.DENIED], text="reboot denied: armed")
-        return Answer([Result.DENIED], text="reboot denied: start the simulation again instead")
+            return CommandReply([Result.DENIED], text="reboot denied: armed")
+        return CommandReply(
+            [Result.DENIED], text="reboot denied: start the simulation again instead"
+        )
 
-    def _set_interval(self, command: Command, streams: StreamTable) -> Answer:
+    def _set_interval(self, command: Command, streams: StreamTable) -> CommandReply:
         number, interval = whole(command.params[0]), command.params[1]
         done = (
             number is not None
             and math.isfinite(interval)
             and streams.set_interval(number, interval, self._vehicle.boot_us)
         )
-        return Answer([Result.ACCEPTED if done else Result.FAILED])
+        return CommandReply([Result.ACCEPTED if done else Result.FAILED])
 
-    def _get_interval(self, command: Command, streams: StreamTable) -> Answer:
+    def _get_interval(self, command: Command, streams: StreamTable) -> CommandReply:
         number = whole(command.params[0])
         if number is None or not 0 <= number <= 65535:
-            return Answer([Result.DENIED])
-        return Answer([Result.ACCEPTED], interval_of=number)
+            return CommandReply([Result.DENIED])
+        return CommandReply([Result.ACCEPTED], interval_of=number)
 
-    def _request_message(self, command: Command, streams: StreamTable) -> Answer:
+    def _request_message(self, command: Command, streams: StreamTable) -> CommandReply:
         number = whole(command.params[0])
         if number is None:
-            return Answer([Result.DENIED])
-        return Answer([Result.ACCEPTED], messages=[number])
+            return CommandReply([Result.DENIED])
+        return CommandReply([Result.ACCEPTED], messages=[number])
 
 
-def _answer(result: Result) -> Answer:
-    return Answer([result])
+def _answer(result: Result) -> CommandReply:
+    return CommandReply([result])
 
 
-def _send(number: int) -> Callable[[Command, StreamTable], Answer]:
-    return lambda command, streams: Answer([Result.ACCEPTED], messages=[number])
+def _send(number: int) -> Callable[[Command, StreamTable], CommandReply]:
+    return lambda command, streams: CommandReply([Result.ACCEPTED], messages=[number])

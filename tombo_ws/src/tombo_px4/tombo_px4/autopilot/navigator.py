@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_control.leg import stay, straight
-from tombo_control.reference import progress
+from tombo_control.leg import hold_leg, straight_leg
+from tombo_control.trapezoidal_profile import trapezoidal_profile
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.bridge.modes import AUTO_LAND, AUTO_RTL, AUTO_TAKEOFF, Mode
 
@@ -35,7 +35,7 @@ class Navigator:
     def __init__(self, parameters: ParameterTable) -> None:
         self._parameters = parameters
         self._mode: Mode | None = None
-        self._leg = stay((0.0, 0.0, 0.0), 0.0)
+        self._leg = hold_leg((0.0, 0.0, 0.0), 0.0)
         self._yaw = 0.0
         self._stage = 0
         self._since = math.inf
@@ -62,7 +62,7 @@ class Navigator:
         """Put off the begin of a take-off: the rotors are not ready yet."""
         top = self._leg.position(self._leg.end_s)
         here = (float(position[0]), float(position[1]), float(position[2]))
-        self._leg = straight(here, top, self._parameters.get("MPC_TKO_SPEED"), now_s)
+        self._leg = straight_leg(here, top, self._parameters.get("MPC_TKO_SPEED"), now_s)
 
     def follow(
         self, mode: Mode, now_s: float, position: Array, velocity: Array, yaw: float, home: Array
@@ -78,7 +78,9 @@ class Navigator:
             self._goal = None
         self._go_on(mode, now_s, here, velocity, home)
         leg = self._leg
-        way, speed, change = progress(now_s - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s)
+        way, speed, change = trapezoidal_profile(
+            now_s - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s
+        )
         start, cruise = np.array(leg.start), np.array(leg.velocity)
         return Reference(start + way * cruise, speed * cruise, change * cruise, self._yaw)
 
@@ -93,17 +95,17 @@ class Navigator:
                 self._yaw = self.takeoff_yaw
             self.takeoff_height = self.takeoff_yaw = math.nan
             top = (here[0], here[1], max(height, here[2]))
-            self._leg = straight(here, top, get("MPC_TKO_SPEED"), now_s)
+            self._leg = straight_leg(here, top, get("MPC_TKO_SPEED"), now_s)
         elif mode == AUTO_LAND:
             self._sink(now_s, _stopping(here, velocity))
         elif mode == AUTO_RTL:
             self._climb_home(now_s, here, velocity, home)
         elif self._goal is not None:
-            self._leg = straight(here, self._goal, get("MPC_XY_CRUISE"), now_s)
+            self._leg = straight_leg(here, self._goal, get("MPC_XY_CRUISE"), now_s)
             if math.isfinite(self._goal_yaw):
                 self._yaw = self._goal_yaw
         else:
-            self._leg = stay(_stopping(here, velocity), now_s)
+            self._leg = hold_leg(_stopping(here, velocity), now_s)
 
     def _climb_home(self, now_s: float, here: Point, velocity: Array, home: Array) -> None:
         get = self._parameters.get
@@ -112,11 +114,11 @@ class Navigator:
         height = here[2]
         if far > get("NAV_ACC_RAD"):
             height = max(height, float(home[2]) + get("RTL_RETURN_ALT"))
-        self._leg = straight((x, y, here[2]), (x, y, height), get("MPC_Z_V_AUTO_UP"), now_s)
+        self._leg = straight_leg((x, y, here[2]), (x, y, height), get("MPC_Z_V_AUTO_UP"), now_s)
 
     def _sink(self, now_s: float, here: Point) -> None:
         goal = (here[0], here[1], here[2] - 200.0 - _BELOW)
-        self._leg = straight(here, goal, self._parameters.get("MPC_LAND_SPEED"), now_s)
+        self._leg = straight_leg(here, goal, self._parameters.get("MPC_LAND_SPEED"), now_s)
 
     def _go_on(self, mode: Mode, now_s: float, here: Point, velocity: Array, home: Array) -> None:
         if mode == AUTO_TAKEOFF:
@@ -138,11 +140,11 @@ class Navigator:
         if self._stage == 0 and reached:
             self._stage = 1
             above = (float(home[0]), float(home[1]), goal[2])
-            self._leg = straight(goal, above, get("MPC_XY_CRUISE"), now_s)
+            self._leg = straight_leg(goal, above, get("MPC_XY_CRUISE"), now_s)
         elif self._stage == 1 and reached and _speed(velocity) < _STILL:
             self._stage = 2
             low = min(goal[2], float(home[2]) + get("RTL_DESCEND_ALT"))
-            self._leg = straight(goal, (goal[0], goal[1], low), get("MPC_Z_V_AUTO_DN"), now_s)
+            self._leg = straight_leg(goal, (goal[0], goal[1], low), get("MPC_Z_V_AUTO_DN"), now_s)
         elif self._stage == 2 and reached:
             self._stage, self._since = 3, now_s
         elif self._stage == 3:

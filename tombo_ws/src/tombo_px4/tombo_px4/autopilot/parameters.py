@@ -151,7 +151,7 @@ class ParameterTable:
     def __init__(self) -> None:
         self._table = {p.name: p for p in PARAMETERS}
         self._values = {p.name: _kept(p, p.default) for p in PARAMETERS}
-        self._touched: set[str] = set()
+        self._set_by_user: set[str] = set()
         self.version = 0
         """Grows with every change."""
 
@@ -205,13 +205,13 @@ class ParameterTable:
         kept = _kept(parameter, value)
         if not _kept(parameter, parameter.low) <= kept <= _kept(parameter, parameter.high):
             return f"{name}: {value:g} is out of bounds {parameter.low:g} to {parameter.high:g}"
-        self._touched.add(name)
+        self._set_by_user.add(name)
         self._change(name, kept)
         return ""
 
-    def suit(self, name: str, value: float) -> None:
+    def set_vehicle_default(self, name: str, value: float) -> None:
         """Set what fits the vehicle, unless somebody has set something else."""
-        if name not in self._touched:
+        if name not in self._set_by_user:
             parameter = self._table[name]
             self._change(name, _kept(parameter, min(max(value, parameter.low), parameter.high)))
 

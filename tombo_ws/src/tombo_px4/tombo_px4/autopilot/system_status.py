@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from tombo_px4.bridge import modes
-from tombo_px4.protocol.fields import fitted
+from tombo_px4.protocol.field_scaling import fitted
 
 if TYPE_CHECKING:
     from tombo_px4.autopilot.vehicle import Px4Vehicle

@@ -13,13 +13,19 @@ from tombo_control.params import POSITION_TICKS, ControlParams, EstimatorParams
 from tombo_dynamics.plant import part as plant_part
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.autopilot.battery import BatteryMeter
-from tombo_px4.autopilot.commander import DESCEND, TERMINATE, Commander, Situation
-from tombo_px4.autopilot.estimation import Estimation
+from tombo_px4.autopilot.commander import DESCEND, TERMINATE, Commander, CommanderInput
+from tombo_px4.autopilot.ekf2_model import Ekf2Model
 from tombo_px4.autopilot.land_detector import LandDetector, Motion
 from tombo_px4.autopilot.navigator import Navigator
+from tombo_px4.autopilot.offboard_setpoint import (
+    ControlLevel,
+    OffboardSetpoint,
+    ResolvedSetpoint,
+    heading_of,
+    resolve_setpoint,
+)
 from tombo_px4.autopilot.parameters import ParameterTable
-from tombo_px4.autopilot.pursuit import Pursuit
-from tombo_px4.autopilot.targets import Demand, Kind, Target, heading_of, resolve
+from tombo_px4.autopilot.setpoint_controller import SetpointController
 from tombo_px4.bridge.modes import (
     AUTO_HOLD,
     AUTO_LAND,
@@ -37,7 +43,7 @@ from tombo_px4.protocol.results import (
     PositionSetpoint,
     Result,
     Severity,
-    Status,
+    StatusText,
     TakeoffState,
 )
 from tombo_sim.simulator import Simulator
@@ -58,7 +64,7 @@ _SMOOTH = 0.065
 _SINK = GRAVITY / 4.0
 """[m/s]: the ramp of a take-off begins so far below 0 (PX4: with MPC_Z_VEL_P_ACC of 4): a standing
 vehicle is held down for the first part of it."""
-_MOST_STATUSES = 64
+_MAX_STATUS_TEXTS = 64
 _FARTHEST = 1e5
 """[m]: a place that is farther is a slip."""
 _SETTLES_TICKS = 2000
@@ -82,23 +88,23 @@ class Px4Vehicle:
         self.simulator = Simulator(world, seed)
         self.parameters = parameters
         self._vehicle = world.vehicle
-        maps = self.simulator.ready.maps
+        maps = self.simulator.setup.maps
         self._a = new_autopilot(
             ControlParams(), EstimatorParams(), world.vehicle, np.zeros(3), _LEVEL
         )
         a = self._a
-        self._estimation = Estimation(a, self.simulator, parameters, seed)
-        self._pursuit = Pursuit(a, maps, parameters)
-        parameters.suit("MPC_THR_HOVER", self._pursuit.hover)
+        self._ekf2_model = Ekf2Model(a, self.simulator, parameters, seed)
+        self._setpoint_controller = SetpointController(a, maps, parameters)
+        parameters.set_vehicle_default("MPC_THR_HOVER", self._setpoint_controller.hover)
         self._commander = Commander(parameters, self._say)
         self._navigator = Navigator(parameters)
         self._ground = LandDetector()
-        self._statuses: list[Status] = []
+        self._status_texts: list[StatusText] = []
         self._signal_tick = -1
-        self._kind = Kind.POSITION
-        self._demand: Demand | None = None
+        self._kind = ControlLevel.POSITION
+        self._resolved: ResolvedSetpoint | None = None
         self._refused = ""
-        self._flown: Demand | None = None
+        self._flown: ResolvedSetpoint | None = None
         self._estimate: Estimate | None = None
         self._home: Array | None = None
         self._home_yaw = 0.0
@@ -106,9 +112,9 @@ class Px4Vehicle:
         self._armed_tick = 0
         self._ramp_tick = 0
         self._wanted_tick: int | None = None
-        self._aloft_tick = -(10**9)
+        self._airborne_tick = -(10**9)
         self._taken_off = False
-        self._blind = False
+        self._descend_mode = False
         self._was_mode: Mode | None = None
         self._force = 1.0
         self._meter = BatteryMeter(world.vehicle.battery_voltage, parameters)
@@ -197,39 +203,39 @@ class Px4Vehicle:
             self._rates.copy(),
             part(a, "gyro_bias").copy(),
             part(a, "accel_bias").copy(),
-            self._estimation.last_fused * TICK_NS,
+            self._ekf2_model.last_fused * TICK_NS,
         )
         return self._estimate
 
     @property
     def pose_variance(self) -> tuple[float, ...]:
         """(6) of x, y, z [m^2], roll, pitch, yaw [rad^2]; grows without aiding."""
-        return self._estimation.pose_variance(self.tick)
+        return self._ekf2_model.pose_variance(self.tick)
 
     @property
     def velocity_variance(self) -> tuple[float, ...]:
         """(6) of velocity [m^2/s^2] and rates [rad^2/s^2]."""
-        return self._estimation.velocity_variance(self.tick)
+        return self._ekf2_model.velocity_variance(self.tick)
 
     @property
     def resets(self) -> int:
         """How often the estimate has jumped."""
-        return self._estimation.resets
+        return self._ekf2_model.resets
 
     @property
     def vision_source(self) -> bool:
         """Whether the position comes from vision."""
-        return self._estimation.source == "vision"
+        return self._ekf2_model.source == "vision"
 
     @property
-    def estimation(self) -> Estimation:
+    def ekf2_model(self) -> Ekf2Model:
         """The estimator: what it uses and has refused."""
-        return self._estimation
+        return self._ekf2_model
 
     @property
     def health(self) -> Health:
         """What arming would be denied for."""
-        return self._commander.health(self._situation())
+        return self._commander.health(self._commander_input())
 
     @property
     def battery(self) -> Battery:
@@ -259,12 +265,12 @@ class Px4Vehicle:
     @property
     def thrust(self) -> float:
         """Collective thrust asked for, share of the highest."""
-        return float(self._a[A.thrust_setpoint]) / self._pursuit.thrust_max
+        return float(self._a[A.thrust_setpoint]) / self._setpoint_controller.thrust_max
 
     @property
-    def rotor_shares(self) -> Array:
+    def normalized_rotor_speeds(self) -> Array:
         """(4) rotor speeds asked for, shares of the highest."""
-        return self._command / self._pursuit.speed_max
+        return self._command / self._setpoint_controller.speed_max
 
     @property
     def attitude_setpoint(self) -> AttitudeSetpoint:
@@ -277,25 +283,25 @@ class Px4Vehicle:
     @property
     def position_setpoint(self) -> PositionSetpoint | None:
         """What the position loop follows; None while it is not in use."""
-        demand = self._flown
-        if demand is None or demand.kind >= Kind.ATTITUDE:
+        resolved = self._flown
+        if resolved is None or resolved.kind >= ControlLevel.ATTITUDE:
             return None
         return PositionSetpoint(
-            demand.position.copy(),
-            demand.velocity.copy(),
-            demand.acceleration.copy(),
+            resolved.position.copy(),
+            resolved.velocity.copy(),
+            resolved.acceleration.copy(),
             float(self._a[A.leg + 9]),
-            demand.yaw_rate,
+            resolved.yaw_rate,
         )
 
     @property
-    def flown(self) -> Demand | None:
+    def flown(self) -> ResolvedSetpoint | None:
         """What is followed now; None while nothing is."""
         return self._flown
 
-    def take_statuses(self) -> list[Status]:
+    def take_status_texts(self) -> list[StatusText]:
         """Return the messages since the last call."""
-        taken, self._statuses = self._statuses, []
+        taken, self._status_texts = self._status_texts, []
         return taken
 
     # --- what it is told
@@ -312,52 +318,52 @@ class Px4Vehicle:
             "" if it will be looked at, else why not: wrong_shape, not_finite, not_unit,
             out_of_range, future, out_of_order, late, not_fused.
         """
-        return self._estimation.vision(self.tick, boot_us, position, attitude)
+        return self._ekf2_model.vision(self.tick, boot_us, position, attitude)
 
     def set_origin(self) -> None:
         """Take the map's origin on earth as known, so that vision gives a global position."""
-        self._estimation.set_origin()
+        self._ekf2_model.set_origin()
 
-    def target(self, target: Target) -> str:
+    def target(self, target: OffboardSetpoint) -> str:
         """Take a set point of OFFBOARD; a valid one counts as a sign of life of the stream.
 
         Returns:
             "" or why it is refused.
         """
-        demand = resolve(target, self._attitude)
-        if isinstance(demand, str):
-            if demand != self._refused:
-                self._say(Severity.CRITICAL, demand)
-            self._refused = demand
-            return demand
+        resolved = resolve_setpoint(target, self._attitude)
+        if isinstance(resolved, str):
+            if resolved != self._refused:
+                self._say(Severity.CRITICAL, resolved)
+            self._refused = resolved
+            return resolved
         self._refused = ""
-        self._kind = demand.kind
+        self._kind = resolved.kind
         if self._commander.mode == OFFBOARD:  # PX4 forwards set points only then
-            self._demand = demand
+            self._resolved = resolved
         self._signal_tick = self.tick
         return ""
 
     def arm(self, force: bool = False) -> Result:
         """Arm; force does not help, as with PX4."""
         was = self.armed
-        result = self._commander.arm(self._situation())
+        result = self._commander.arm(self._commander_input())
         if self.armed and not was:
             self._armed_tick = self.tick
             self._takeoff = TakeoffState.SPOOLUP
             self._taken_off = False
             self._navigator.leave()
-            if self._estimation.local_ok(self.tick):
+            if self._ekf2_model.local_ok(self.tick):
                 self._home = self._position.copy()
                 self._home_yaw = heading_of(self._attitude)
         return result
 
     def disarm(self, force: bool = False) -> Result:
         """Disarm; in the air only by force."""
-        return self._commander.disarm(self._situation(), force)
+        return self._commander.disarm(self._commander_input(), force)
 
     def set_mode(self, mode: Mode) -> Result:
         """Change the flight mode."""
-        return self._commander.set_mode(mode, self._situation())
+        return self._commander.set_mode(mode, self._commander_input())
 
     def takeoff(self, height_m: float | None = None, yaw: float | None = None) -> Result:
         """Take off to a height above home, or to MIS_TAKEOFF_ALT."""
@@ -402,7 +408,7 @@ class Px4Vehicle:
         """Make a place (3) in map home; None: where it is."""
         place = self._position if position is None else np.array(position, dtype=float)
         possible = place.shape == (3,) and bool((np.abs(place) < _FARTHEST).all())
-        if not self._estimation.local_ok(self.tick) or not possible:
+        if not self._ekf2_model.local_ok(self.tick) or not possible:
             return Result.DENIED
         self._home = place.copy()
         self._home_yaw = heading_of(self._attitude)
@@ -410,7 +416,7 @@ class Px4Vehicle:
 
     def terminate(self) -> Result:
         """Stop the rotors for good, wherever it is."""
-        return self._commander.terminate(self._situation())
+        return self._commander.terminate(self._commander_input())
 
     # --- what it does
 
@@ -419,35 +425,39 @@ class Px4Vehicle:
         simulator = self.simulator
         tick = simulator.tick
         airborne = self._airborne(tick)
-        self._estimation.sense(simulator, airborne)
+        self._ekf2_model.sense(simulator, airborne)
         if tick % POSITION_TICKS == 0:
             self._decide(tick)
-        self._pursuit.run(tick, self._blind)
-        if tick % POSITION_TICKS == 0 and self._ground.contact and self._aloft(tick):
-            self._pursuit.settle()
-        self._estimation.advance(simulator, airborne)
+        self._setpoint_controller.run(tick, self._descend_mode)
+        if (
+            tick % POSITION_TICKS == 0
+            and self._ground.contact
+            and self._had_time_to_lift_off(tick)
+        ):
+            self._setpoint_controller.reduce_thrust_on_ground()
+        self._ekf2_model.advance(simulator, airborne)
         simulator.advance(self._command)
 
     def _airborne(self, tick: int) -> bool:
         if self._takeoff >= TakeoffState.RAMPUP:
-            self._aloft_tick = tick
+            self._airborne_tick = tick
             return True
-        return tick - self._aloft_tick < _SETTLES_TICKS and not self.armed
+        return tick - self._airborne_tick < _SETTLES_TICKS and not self.armed
 
-    def _aloft(self, tick: int) -> bool:
+    def _had_time_to_lift_off(self, tick: int) -> bool:
         """Return whether it has had the time to lift off."""
         return self._takeoff >= TakeoffState.RAMPUP and tick - self._ramp_tick > _LIFTS_TICKS
 
-    def _situation(self) -> Situation:
+    def _commander_input(self) -> CommanderInput:
         tick = self.tick
-        estimation = self._estimation
+        ekf2_model = self._ekf2_model
         x, y, z, w = (float(v) for v in self._attitude)
-        return Situation(
+        return CommanderInput(
             tick,
-            estimation.attitude_ok,
-            estimation.local_ok(tick),
-            estimation.global_ok(tick),
-            self._home is not None or estimation.local_ok(tick),
+            ekf2_model.attitude_ok,
+            ekf2_model.local_ok(tick),
+            ekf2_model.global_ok(tick),
+            self._home is not None or ekf2_model.local_ok(tick),
             self._ground.landed,
             self._ground.maybe_landed,
             self._taken_off,
@@ -461,48 +471,48 @@ class Px4Vehicle:
     def _decide(self, tick: int) -> None:
         """Fifty times a second: battery, ground, mode, set points."""
         self._battery = self._meter.draw(self.simulator.m, POSITION_TICKS * _TICK)
-        self._look_down()
+        self._update_land_detector()
         commander = self._commander
-        commander.update(self._situation())
+        commander.update(self._commander_input())
         if not commander.armed:
             self._takeoff = TakeoffState.DISARMED
-            self._blind = False
+            self._descend_mode = False
             self._flown = None
             self._was_mode = None
             if commander.mode != OFFBOARD:
-                self._demand = None
-            self._pursuit.stop()
+                self._resolved = None
+            self._setpoint_controller.stop()
             return
         mode = commander.mode
-        self._blind = mode == DESCEND
-        demand = None if self._blind else self._wanted(mode, tick)
-        self._flown = demand
+        self._descend_mode = mode == DESCEND
+        resolved = None if self._descend_mode else self._wanted(mode, tick)
+        self._flown = resolved
         self._was_mode = mode
-        if not self._ready(demand, tick):
-            self._pursuit.idle(self._vehicle.rotor_speed_min)
+        if not self._ready(resolved, tick):
+            self._setpoint_controller.idle(self._vehicle.rotor_speed_min)
             return
-        if demand is None:
-            self._pursuit.blind()
+        if resolved is None:
+            self._setpoint_controller.blind()
         else:
-            self._pursuit.take(demand, self._climb_max(tick))
-        if self._navigator.finished and commander.intent == AUTO_TAKEOFF:
-            commander.take_up(AUTO_HOLD, self._situation())
+            self._setpoint_controller.take(resolved, self._climb_max(tick))
+        if self._navigator.finished and commander.user_intended_mode == AUTO_TAKEOFF:
+            commander.switch_if_allowed(AUTO_HOLD, self._commander_input())
 
-    def _wanted(self, mode: Mode, tick: int) -> Demand | None:
+    def _wanted(self, mode: Mode, tick: int) -> ResolvedSetpoint | None:
         """Return what the mode wants to be followed."""
-        if mode == OFFBOARD and self._demand is not None:
+        if mode == OFFBOARD and self._resolved is not None:
             self._navigator.leave()
-            return self._demand
+            return self._resolved
         if mode != OFFBOARD:
-            self._demand = None
+            self._resolved = None
         home = self._position if self._home is None else self._home
         if self._takeoff < TakeoffState.RAMPUP and mode == self._was_mode == AUTO_TAKEOFF:
             self._navigator.begin_again(tick * _TICK, self._position)
         reference = self._navigator.follow(
             mode, tick * _TICK, self._position, self._velocity, heading_of(self._attitude), home
         )
-        return Demand(
-            Kind.POSITION,
+        return ResolvedSetpoint(
+            ControlLevel.POSITION,
             reference.position,
             reference.velocity,
             reference.acceleration,
@@ -513,7 +523,7 @@ class Px4Vehicle:
             math.nan,
         )
 
-    def _ready(self, demand: Demand | None, tick: int) -> bool:
+    def _ready(self, resolved: ResolvedSetpoint | None, tick: int) -> bool:
         """Go on with the take-off; return whether anything is controlled."""
         if self._takeoff == TakeoffState.SPOOLUP:
             if tick - self._armed_tick < 1000.0 * self.parameters.get("COM_SPOOLUP_TIME"):
@@ -522,15 +532,15 @@ class Px4Vehicle:
             self._wanted_tick = None
         if self._takeoff == TakeoffState.READY:
             if self._wanted_tick is None:  # once it has begun the ramp goes on by itself
-                if not self._rises(demand):
+                if not self._requests_takeoff(resolved):
                     return False
                 self._wanted_tick = tick
-            by_position = demand is None or demand.kind < Kind.ATTITUDE
+            by_position = resolved is None or resolved.kind < ControlLevel.ATTITUDE
             if by_position and tick - self._wanted_tick < self._ramp()[1]:
                 return False
             self._takeoff = TakeoffState.RAMPUP
             self._ramp_tick = tick
-            self._pursuit.start()
+            self._setpoint_controller.start()
         if self._takeoff == TakeoffState.RAMPUP:
             _, held, whole = self._ramp()
             if tick - self._ramp_tick >= whole - held:
@@ -540,13 +550,13 @@ class Px4Vehicle:
             self._say(Severity.INFO, "Takeoff detected")
         return True
 
-    def _rises(self, demand: Demand | None) -> bool:
+    def _requests_takeoff(self, resolved: ResolvedSetpoint | None) -> bool:
         """Return whether a standing vehicle is wanted in the air."""
-        if demand is None:
+        if resolved is None:
             return False
-        if demand.kind >= Kind.ATTITUDE:
-            return demand.thrust > 0.3 * self._pursuit.hover
-        height, climb, push = demand.position[2], demand.velocity[2], demand.acceleration[2]
+        if resolved.kind >= ControlLevel.ATTITUDE:
+            return resolved.thrust > 0.3 * self._setpoint_controller.hover
+        height, climb, push = resolved.position[2], resolved.velocity[2], resolved.acceleration[2]
         if self._commander.mode == AUTO_TAKEOFF:
             return True
         return bool(
@@ -567,28 +577,28 @@ class Px4Vehicle:
         fastest, whole = get("MPC_TKO_SPEED"), 1000.0 * get("MPC_TKO_RAMP_T")
         return fastest, whole * _SINK / (_SINK + fastest), whole
 
-    def _look_down(self) -> None:
+    def _update_land_detector(self) -> None:
         """Ask the land detector; a landing ends the flight, though not the armed state."""
         a = self._a
         flown = self._flown
         vx, vy, vz = (float(v) for v in self._velocity)
-        descending = self._blind
-        if flown is not None and flown.kind <= Kind.ACCELERATION:
+        descending = self._descend_mode
+        if flown is not None and flown.kind <= ControlLevel.ACCELERATION:
             descending = float(a[A.velocity_setpoint + 2]) < _SINKS
         force = plant_part(self.simulator.m, "imu")[3:] - part(a, "accel_bias")
         length = math.sqrt(float(force @ force)) / GRAVITY
         self._force += _SMOOTH * (length - self._force)
-        aloft = self._aloft(self.tick)
+        aloft = self._had_time_to_lift_off(self.tick)
         motion = Motion(
             self.armed,
             aloft,
-            not self._blind,
+            not self._descend_mode,
             descending,
             vz,
             math.hypot(vx, vy),
             math.sqrt(float(self._rates @ self._rates)),
             self._force,
-            float(a[A.thrust_setpoint]) / self._pursuit.weight,
+            float(a[A.thrust_setpoint]) / self._setpoint_controller.weight,
         )
         get = self.parameters.get
         self._ground.update(
@@ -600,8 +610,8 @@ class Px4Vehicle:
             self._say(Severity.INFO, "Landing detected")
 
     def _say(self, severity: Severity, text: str) -> None:
-        if len(self._statuses) < _MOST_STATUSES:
-            self._statuses.append(Status(severity, text))
+        if len(self._status_texts) < _MAX_STATUS_TEXTS:
+            self._status_texts.append(StatusText(severity, text))
 
 
 def _or_nan(value: float | None) -> float:

@@ -16,39 +16,46 @@ from pymavlink.dialects.v20 import common as mav
 
 from tombo_control.autopilot import IDLE
 from tombo_control.estimate import Setpoint
-from tombo_control.pose_check import refuse_pose
+from tombo_control.pose_check import check_pose
 from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
-from tombo_px4.bridge.finding import Finding, Weight
-from tombo_px4.bridge.modes import AUTO_LAND, OFFBOARD, mode_name
-from tombo_px4.bridge.preflight import FROZEN, Preflight
-from tombo_px4.bridge.records import (
-    Acknowledged,
+from tombo_px4.bridge.decoded_messages import (
     Battery,
-    EstimatorState,
+    CommandAck,
+    EstimatorStatusFlags,
+    ExtendedSysState,
+    FirmwareVersion,
     Heartbeat,
     ImuSample,
-    Landed,
-    LandedState,
     LocalPosition,
+    MavLandedState,
     ParameterValue,
     Record,
     StatusText,
     SystemStatus,
-    TimeMessage,
+    TimesyncMessage,
     VehicleAttitude,
     VehicleOdometry,
-    Version,
 )
-from tombo_px4.bridge.session import Decision, Reply, Request, Session, Stage, View
+from tombo_px4.bridge.modes import AUTO_LAND, OFFBOARD, mode_name
+from tombo_px4.bridge.offboard_session import (
+    Decision,
+    Reply,
+    Request,
+    Session,
+    SessionInput,
+    Stage,
+)
+from tombo_px4.bridge.parameter_findings import HOVER, READ
+from tombo_px4.bridge.preflight import FROZEN, Preflight
+from tombo_px4.bridge.preflight_finding import Finding, FindingSeverity
 from tombo_px4.bridge.setpoint_stream import SetpointStream
-from tombo_px4.bridge.vehicle_findings import HOVER, READ
-from tombo_px4.link import outgoing
-from tombo_px4.link.arrivals import Arrivals
-from tombo_px4.link.errand import Order
-from tombo_px4.link.incoming import Incoming
+from tombo_px4.link import message_encoder
+from tombo_px4.link.command_transaction import VehicleCommand
 from tombo_px4.link.mavlink_link import Received
-from tombo_px4.link.outgoing import Target
+from tombo_px4.link.message_decoder import MessageDecoder
+from tombo_px4.link.message_encoder import MessageTarget
+from tombo_px4.link.message_rates import MessageRates
 from tombo_px4.link.parameter_reader import ParameterReader
 from tombo_px4.link.timesync import TimeSync
 
@@ -61,12 +68,12 @@ _LOOK_NS = _SECOND_NS // 5
 """The checks are made so often."""
 _ASK_NS = 3 * _SECOND_NS
 """Messages that come too seldom are asked for again so often."""
-_TOO_SLOW, _MOST_ASKS = 0.6, 5
+_TOO_SLOW, _MAX_INTERVAL_REQUESTS = 0.6, 5
 _SLOW_SHARE = 0.4
 """Less than this share of the rate asked for is a fault."""
 _SETTLE_NS = 4 * _SECOND_NS
 _STATE_HZ, _BATTERY_HZ, _ESTIMATOR_HZ = 10.0, 2.0, 5.0
-_NEWS_NS = _SECOND_NS // 4
+_HEARTBEAT_REQUEST_NS = _SECOND_NS // 4
 """A heartbeat older than this is asked for while something is to be confirmed, and in flight: PX4
 sends one a second and refuses another interval, so that an order would be confirmed late."""
 _FROZEN_NS = 2 * _SECOND_NS
@@ -82,7 +89,7 @@ class Status:
     connected: bool = False
     armed: bool = False
     mode: str = ""
-    landed: Landed = Landed.UNDEFINED
+    landed: MavLandedState = MavLandedState.UNDEFINED
     stage: Stage = Stage.WAITING
     why: str = ""
     offboard: bool = False
@@ -93,7 +100,7 @@ class Status:
 
 
 @dataclass
-class Outcome:
+class BridgeOutput:
     """What came of a tick."""
 
     messages: list[Any] = field(default_factory=list)
@@ -137,29 +144,29 @@ class Bridge:
         self.sync = TimeSync()
         self.answered = 0
         """TIMESYNC requests of the vehicle that were answered."""
-        self.incoming = Incoming(self.sync, link.own_system, link.own_component)
+        self.message_decoder = MessageDecoder(self.sync, link.own_system, link.own_component)
         self.preflight = Preflight(params, link.system)
         self.session = Session(params.link_timeout)
         self.parameters: ParameterReader
-        self.arrivals = Arrivals()
+        self.message_rates = MessageRates()
         self.poses_sent = 0
         self.poses_refused: dict[str, int] = {}
         self.findings: list[Finding] = []
-        self.vouched = False
+        self.estimate_trusted = False
         """PX4's estimate may be relied on: the checks have passed, or it flies."""
         self._ready_ns: int | None = None
         self._frozen_ns: int | None = None
         self._link = link
-        self._target = Target(link.system, link.component)
+        self._target = MessageTarget(link.system, link.component)
         self._stream = SetpointStream(params, self._target, mass)
         self.parameters = ParameterReader(READ, self._target, writes)
-        self._out = Outcome()
-        self._answers: list[TimeMessage] = []
+        self._out = BridgeOutput()
+        self._answers: list[TimesyncMessage] = []
         self._heartbeat: Heartbeat | None = None
         self._odometry: VehicleOdometry | None = None
         self._attitude: VehicleAttitude | None = None
-        self._landed = Landed.UNDEFINED
-        self._version: Version | None = None
+        self._landed = MavLandedState.UNDEFINED
+        self._version: FirmwareVersion | None = None
         self._system: SystemStatus | None = None
         self._battery_ns = 0
         self._last_text = ""
@@ -168,18 +175,20 @@ class Bridge:
         self.pose_stamp_ns = 0
         """Capture of the last pose that was sent."""
         self._now_ns = 0
-        self._beat_ns = self._asked_time_ns = self._looked_ns = self._asked_ns = 0
-        self._news_ns = 0
-        self._asks: Counter[str] = Counter()
+        self._heartbeat_sent_ns = self._timesync_request_ns = self._checked_ns = self._asked_ns = 0
+        self._heartbeat_request_ns = 0
+        self._interval_requests: Counter[str] = Counter()
         self._requests = 0
-        self._covariance = outgoing.diagonal_covariance(params.position_std, params.attitude_std)
+        self._covariance = message_encoder.diagonal_covariance(
+            params.position_std, params.attitude_std
+        )
 
     # --- What comes in ------------------------------------------------------------------------
 
     def take(self, received: Received) -> None:
         """Take a message of the vehicle."""
-        found = self.incoming.read(received)
-        self.arrivals.count(received.message.get_type(), received.arrival_ns)
+        found = self.message_decoder.read(received)
+        self.message_rates.count(received.message.get_type(), received.arrival_ns)
         if found is not None:
             self._note(found)
 
@@ -192,18 +201,18 @@ class Bridge:
                 self._out.imu.append(found)
         elif isinstance(found, Heartbeat):
             self._heartbeat = found
-        elif isinstance(found, TimeMessage):
+        elif isinstance(found, TimesyncMessage):
             if found.tc1 == 0:
                 self._answers.append(found)
             else:
                 self.sync.reply(found.tc1, found.ts1, found.arrival_ns)
-        elif isinstance(found, Acknowledged):
-            self.session.acknowledged(found)
+        elif isinstance(found, CommandAck):
+            self.session.handle_ack(found)
         elif isinstance(found, StatusText):
             self._say(found)
-        elif isinstance(found, LandedState):
+        elif isinstance(found, ExtendedSysState):
             self._landed = found.state
-        elif isinstance(found, EstimatorState):
+        elif isinstance(found, EstimatorStatusFlags):
             self.preflight.estimator(found)
         elif isinstance(found, ParameterValue):
             self.parameters.take(found)
@@ -217,8 +226,8 @@ class Bridge:
         elif isinstance(found, VehicleAttitude):
             self._attitude = found
         elif isinstance(found, LocalPosition):
-            self._take_local(found)
-        elif isinstance(found, Version):
+            self._take_local_position(found)
+        elif isinstance(found, FirmwareVersion):
             self._version = found
 
     def _say(self, text: StatusText) -> None:
@@ -237,14 +246,14 @@ class Bridge:
         if found.stamp_ns is not None:
             self._out.odometry.append(found)
 
-    def _take_local(self, found: LocalPosition) -> None:
+    def _take_local_position(self, found: LocalPosition) -> None:
         """Make odometry of position and attitude where PX4 sends no ODOMETRY."""
         attitude = self._attitude
         silent = self._odometry is None or (
             found.arrival_ns - self._odometry.arrival_ns > _SECOND_NS
         )
         # once made so, it stays so until ODOMETRY comes
-        if attitude is None or not (silent or self._made_of_parts):
+        if attitude is None or not (silent or self._odometry_from_parts):
             return
         if abs(found.boot_ns - attitude.boot_ns) > _LOOK_NS:
             return
@@ -263,7 +272,7 @@ class Bridge:
         )
 
     @property
-    def _made_of_parts(self) -> bool:
+    def _odometry_from_parts(self) -> bool:
         return self._odometry is not None and self._odometry.resets < 0
 
     def _rebooted(self, now_ns: int) -> None:
@@ -300,7 +309,7 @@ class Bridge:
         self.preflight.pose(stamp_ns, now_ns, position, unit)
         kind = self.params.mocap
         self._out.messages.append(
-            outgoing.pose_message(kind, stamp_ns, position, unit, self._covariance)
+            message_encoder.pose_message(kind, stamp_ns, position, unit, self._covariance)
         )
         self.poses_sent += 1
         return ""
@@ -308,7 +317,7 @@ class Bridge:
     def _refuse_pose(
         self, stamp_ns: int, now_ns: int, frame_id: str, position: Array, attitude: Array
     ) -> str:
-        why = refuse_pose(stamp_ns, now_ns, frame_id, position, attitude)
+        why = check_pose(stamp_ns, now_ns, frame_id, position, attitude)
         if why:
             return why
         if now_ns - stamp_ns > self.params.pose_age_max * 1e9:
@@ -317,7 +326,7 @@ class Bridge:
             return "out_of_order"
         return ""
 
-    def crowded_poses(self, now_ns: int) -> None:
+    def multiple_pose_publishers(self, now_ns: int) -> None:
         """Take note that two publishers send poses: none of them is sent on."""
         self.preflight.refused_pose("crowded", now_ns)
 
@@ -335,7 +344,7 @@ class Bridge:
     def ask(self, kind: str) -> int:
         """Take an operator's wish: arm, disarm, offboard, land, hold; return its number.
 
-        The answer comes in `Outcome.replies`, within some seconds.
+        The answer comes in `BridgeOutput.replies`, within some seconds.
         """
         self._requests += 1
         self.session.ask(Request(self._requests, kind))
@@ -343,35 +352,35 @@ class Bridge:
 
     # --- What goes out ------------------------------------------------------------------------
 
-    def tick(self, now_ns: int) -> Outcome:
+    def tick(self, now_ns: int) -> BridgeOutput:
         """Decide; return what is to be sent and published."""
-        out, self._out = self._out, Outcome()
+        out, self._out = self._out, BridgeOutput()
         if now_ns < self._now_ns - _SET_BACK_NS:
             self._clock_set_back(now_ns, out)
         self._now_ns = now_ns
-        for text in self.incoming.overdue(now_ns):
+        for text in self.message_decoder.take_expired(now_ns):
             self._last_text = text.text
             self.session.said(text)
             out.texts.append(text)
-        self._answer_time(now_ns, out)
+        self._answer_timesync(now_ns, out)
         linked = self._follow_link(now_ns)
-        if now_ns - self._looked_ns >= _LOOK_NS:
-            self._looked_ns = now_ns
+        if now_ns - self._checked_ns >= _LOOK_NS:
+            self._checked_ns = now_ns
             self.findings = self._check(now_ns, linked)
         decision = self.session.tick(
-            View(
+            SessionInput(
                 now_ns,
                 self._heartbeat,
                 self._landed,
                 self._stream.phase,
                 self._stream.fresh(now_ns),
                 self._present(now_ns) is not None,
-                tuple(f.text for f in self.findings if f.weight == Weight.BLOCKS),
+                tuple(f.text for f in self.findings if f.weight == FindingSeverity.BLOCKS),
                 self._must_land(now_ns),
             )
         )
-        for order in decision.orders:
-            out.messages.append(self._order(order))
+        for order in decision.vehicle_commands:
+            out.messages.append(self._encode_command(order))
         self._housekeeping(now_ns, linked, out)
         out.faults.update(decision.faults)
         out.events += decision.events
@@ -382,19 +391,21 @@ class Bridge:
             out.messages.append(message)
         self._faults(now_ns, linked, out)
         out.status = self._status(linked)
-        self._vouch(out.status, now_ns)
+        self._update_estimate_trusted(out.status, now_ns)
         return out
 
     def _must_land(self, now_ns: int) -> str:
         """Return why to land: the poses stand still in flight, so nobody sees the vehicle."""
-        frozen = [f for f in self.findings if f.key == FROZEN and f.weight == Weight.BLOCKS]
+        frozen = [
+            f for f in self.findings if f.key == FROZEN and f.weight == FindingSeverity.BLOCKS
+        ]
         if not frozen:
             self._frozen_ns = None
             return ""
         self._frozen_ns = self._frozen_ns or now_ns
         return frozen[0].text if now_ns - self._frozen_ns > _FROZEN_NS else ""
 
-    def _vouch(self, status: Status, now_ns: int) -> None:
+    def _update_estimate_trusted(self, status: Status, now_ns: int) -> None:
         if not status.ready:
             self._ready_ns = None
         elif self._ready_ns is None:
@@ -402,14 +413,16 @@ class Bridge:
         settled = (
             self._ready_ns is not None and now_ns - self._ready_ns >= self.params.ready_time * 1e9
         )
-        self.vouched = self.vouched or status.armed or settled
+        self.estimate_trusted = self.estimate_trusted or status.armed or settled
 
-    def _clock_set_back(self, now_ns: int, out: Outcome) -> None:
+    def _clock_set_back(self, now_ns: int, out: BridgeOutput) -> None:
         """Forget when things happened: everything periodic would wait for the old time."""
         back = (self._now_ns - now_ns) * 1e-9
         text = f"the system's clock was set back by {back:.1f} s: all stamps begin anew"
         out.events.append(("clock_set_back", text))
-        self._beat_ns = self._asked_time_ns = self._looked_ns = self._asked_ns = self._news_ns = 0
+        self._heartbeat_sent_ns = self._timesync_request_ns = self._checked_ns = self._asked_ns = (
+            self._heartbeat_request_ns
+        ) = 0
         self.pose_stamp_ns = self._battery_ns = 0
         self._stream.clock_set_back(now_ns)
         self._ready_ns = self._frozen_ns = None
@@ -419,7 +432,7 @@ class Bridge:
         self._odometry = None
         self.preflight.forget()
         self.parameters.forget()
-        self.arrivals.clear()
+        self.message_rates.clear()
         decision = Decision()
         self.session.clock_set_back(decision)
         out.replies += decision.replies
@@ -431,42 +444,42 @@ class Bridge:
             self._linked_ns = None
             return False
         if self._linked_ns is None:
-            self._linked_ns, self._asked_ns, self._looked_ns = now_ns, 0, 0
-            self.arrivals.clear()
+            self._linked_ns, self._asked_ns, self._checked_ns = now_ns, 0, 0
+            self.message_rates.clear()
         return True
 
-    def _answer_time(self, now_ns: int, out: Outcome) -> None:
+    def _answer_timesync(self, now_ns: int, out: BridgeOutput) -> None:
         for request in self._answers:
             times = self.sync.answer(request.tc1, request.ts1, request.arrival_ns, now_ns)
             if times is not None:
                 self.answered += 1
-                out.messages.append(outgoing.timesync(times))
+                out.messages.append(message_encoder.timesync(times))
         self._answers.clear()
 
-    def _housekeeping(self, now_ns: int, linked: bool, out: Outcome) -> None:
-        if now_ns - self._beat_ns >= _HEARTBEAT_NS:
-            self._beat_ns = now_ns
-            out.messages.append(outgoing.heartbeat())
+    def _housekeeping(self, now_ns: int, linked: bool, out: BridgeOutput) -> None:
+        if now_ns - self._heartbeat_sent_ns >= _HEARTBEAT_NS:
+            self._heartbeat_sent_ns = now_ns
+            out.messages.append(message_encoder.heartbeat())
         if not linked:
             return
-        if now_ns - self._asked_time_ns >= _TIMESYNC_NS:
-            self._asked_time_ns = now_ns
-            out.messages.append(outgoing.timesync(self.sync.request(now_ns)))
+        if now_ns - self._timesync_request_ns >= _TIMESYNC_NS:
+            self._timesync_request_ns = now_ns
+            out.messages.append(message_encoder.timesync(self.sync.request(now_ns)))
         if now_ns - self._asked_ns >= _ASK_NS:
             begun = self._asked_ns == 0
             self._asked_ns = now_ns
-            out.messages += self._ask_for_messages(now_ns, begun)
+            out.messages += self._request_message_intervals(now_ns, begun)
         heard = self._heartbeat
         assert heard is not None
-        if (heard.armed or self.session.expects) and (
-            now_ns - max(heard.arrival_ns, self._news_ns) >= _NEWS_NS
+        if (heard.armed or self.session.awaits_confirmation) and (
+            now_ns - max(heard.arrival_ns, self._heartbeat_request_ns) >= _HEARTBEAT_REQUEST_NS
         ):
-            self._news_ns = now_ns
+            self._heartbeat_request_ns = now_ns
             number = mav.MAVLINK_MSG_ID_HEARTBEAT
-            out.messages.append(outgoing.request_message(self._target, number))
+            out.messages.append(message_encoder.request_message(self._target, number))
         out.messages += self.parameters.tick(now_ns, not heard.armed)
 
-    def _ask_for_messages(self, now_ns: int, begun: bool) -> list[Any]:
+    def _request_message_intervals(self, now_ns: int, begun: bool) -> list[Any]:
         """Ask for what comes too seldom; `begun`: for everything."""
         wanted = {
             mav.MAVLINK_MSG_ID_ODOMETRY: ("ODOMETRY", self.params.odometry_rate),
@@ -477,23 +490,23 @@ class Bridge:
         }
         messages = []
         if begun:
-            self._asks.clear()
+            self._interval_requests.clear()
         for number, (name, rate) in wanted.items():
-            slow = self.arrivals.rate_hz(name, now_ns) < _TOO_SLOW * rate
-            if begun or (slow and self._asks[name] < _MOST_ASKS):
-                self._asks[name] += 1
-                messages.append(outgoing.message_interval(self._target, number, rate))
+            slow = self.message_rates.rate_hz(name, now_ns) < _TOO_SLOW * rate
+            if begun or (slow and self._interval_requests[name] < _MAX_INTERVAL_REQUESTS):
+                self._interval_requests[name] += 1
+                messages.append(message_encoder.message_interval(self._target, number, rate))
         if self._version is None:
             number = mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION
-            messages.append(outgoing.request_message(self._target, number))
+            messages.append(message_encoder.request_message(self._target, number))
         return messages
 
-    def _order(self, order: Order) -> Any:
+    def _encode_command(self, order: VehicleCommand) -> Any:
         if order.mode is not None:
-            return outgoing.set_mode(self._target, order.mode)
-        return outgoing.arm(self._target, bool(order.armed))
+            return message_encoder.set_mode(self._target, order.mode)
+        return message_encoder.arm(self._target, bool(order.armed))
 
-    def farewell(self) -> Any:
+    def shutdown_command(self) -> Any:
         """Return what brings down a vehicle that flies by our set points; None: nothing is to do.
 
         For a bridge that is told to end: send it, and again until this is None.
@@ -502,12 +515,16 @@ class Bridge:
         if heard is None:
             return None
         if stage == Stage.ARMING and not heard.armed:
-            return self._order(Order(armed=False))  # arming may be under way
-        if not heard.armed or stage not in (Stage.ENTERING, Stage.ARMING, Stage.FLYING):
+            return self._encode_command(VehicleCommand(armed=False))  # arming may be under way
+        if not heard.armed or stage not in (Stage.ENTERING_OFFBOARD, Stage.ARMING, Stage.FLYING):
             return None
-        if self._landed == Landed.ON_GROUND:
-            return self._order(Order(armed=False))
-        return self._order(Order(mode=AUTO_LAND)) if heard.mode == OFFBOARD else None
+        if self._landed == MavLandedState.ON_GROUND:
+            return self._encode_command(VehicleCommand(armed=False))
+        return (
+            self._encode_command(VehicleCommand(mode=AUTO_LAND))
+            if heard.mode == OFFBOARD
+            else None
+        )
 
     # --- Set points ---------------------------------------------------------------------------
 
@@ -537,17 +554,17 @@ class Bridge:
             self.parameters.values,
             linked_ns=self._linked_ns,
             answered=self.answered,
-            flying=self._heartbeat.armed and self._landed != Landed.ON_GROUND,
+            flying=self._heartbeat.armed and self._landed != MavLandedState.ON_GROUND,
         )
 
-    def _faults(self, now_ns: int, linked: bool, out: Outcome) -> None:
+    def _faults(self, now_ns: int, linked: bool, out: BridgeOutput) -> None:
         """Say what goes wrong with the link though it may look well."""
         if not linked or self._linked_ns is None:
             return
         settled = now_ns - self._linked_ns > _SETTLE_NS
         flies = self.session.stage in (Stage.FLYING, Stage.LANDING)
         for finding in self.findings:
-            if finding.weight == Weight.ADVICE:
+            if finding.weight == FindingSeverity.ADVICE:
                 continue
             if settled or flies:
                 out.faults[f"check.{finding.key}"] = finding.text
@@ -558,7 +575,7 @@ class Bridge:
                 ("ODOMETRY", self.params.odometry_rate),
                 ("HIGHRES_IMU", self.params.imu_rate),
             ):
-                rate = self.arrivals.rate_hz(name, now_ns)
+                rate = self.message_rates.rate_hz(name, now_ns)
                 if 0.0 < rate < _SLOW_SHARE * wanted:
                     out.faults[f"slow.{name}"] = (
                         f"{name} comes at {rate:.0f} Hz, {wanted:.0f} Hz were asked for: raise the"
@@ -583,18 +600,18 @@ class Bridge:
             self._landed,
             self.session.stage,
             self.session.why,
-            self.session.stage == Stage.FLYING and self._stream.follows,
-            linked and not any(f.weight == Weight.BLOCKS for f in self.findings),
+            self.session.stage == Stage.FLYING and self._stream.follows_suite,
+            linked and not any(f.weight == FindingSeverity.BLOCKS for f in self.findings),
             tuple(f.text for f in self.findings),
             self._last_text,
             "" if self._version is None else str(self._version),
         )
 
-    def figures(self, now_ns: int) -> dict[str, Any]:
+    def metrics(self, now_ns: int) -> dict[str, Any]:
         """Return what `/diagnostics` shows beside the faults."""
         sync = self.sync
         heard = self._heartbeat
-        figures: dict[str, Any] = {
+        metrics: dict[str, Any] = {
             "mode": "" if heard is None else mode_name(heard.mode),
             "armed": heard is not None and heard.armed,
             "landed": self._landed.name.lower(),
@@ -611,26 +628,26 @@ class Bridge:
             "odometry_latency_ms": self._odometry_latency_ms(),
         }
         for why, count in self.poses_refused.items():
-            figures[f"poses_refused.{why}"] = count
-        for word, count in self.incoming.refused.items():
-            figures[f"refused.{word}"] = count
-        for name, rate in self.arrivals.rates(now_ns).items():
-            figures[f"rate_hz.{name}"] = rate
+            metrics[f"poses_refused.{why}"] = count
+        for word, count in self.message_decoder.refused.items():
+            metrics[f"refused.{word}"] = count
+        for name, rate in self.message_rates.rates(now_ns).items():
+            metrics[f"rate_hz.{name}"] = rate
         for name, value in self.parameters.values.items():
-            figures[f"parameter.{name}"] = value
+            metrics[f"parameter.{name}"] = value
         verdict = self.preflight.motion.verdict
-        figures["mocap_turned_by_hand"] = (
+        metrics["mocap_turned_by_hand"] = (
             "not yet: axes and delay of the poses are proven by turning it for some seconds"
             if verdict is None
             else verdict.mistake or f"axes agree, stamps {1e3 * verdict.delay_s:.0f} ms late"
         )
         if self.parameters.missing:
-            figures["parameters_unknown"] = " ".join(self.parameters.missing)
+            metrics["parameters_unknown"] = " ".join(self.parameters.missing)
         texts = (f"{f.weight.name.lower()}: {f.text}" for f in self.findings)
-        figures["findings"] = " | ".join(texts)
+        metrics["findings"] = " | ".join(texts)
         if self._system is not None and self._system.checked:
-            figures["px4_ready"] = self._system.ready
-        return figures
+            metrics["px4_ready"] = self._system.ready
+        return metrics
 
     def _odometry_latency_ms(self) -> float | None:
         last = self._odometry

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_dynamics.rotation import conjugate, quaternion_multiply, turned
+from tombo_dynamics.rotation import conjugate, quaternion_multiply, rotate_vectors
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ def up_error(attitude: Array, accel: Array) -> float:
         attitude: (4) xyzw of the pose.
         accel: (3) specific force at rest, base_link.
     """
-    up = turned(attitude, accel) / float(np.linalg.norm(accel))
+    up = rotate_vectors(attitude, accel) / float(np.linalg.norm(accel))
     return math.acos(min(max(float(up[2]), -1.0), 1.0))
 
 

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.bridge.bridge_params import MOCAP, BridgeParams
-from tombo_px4.bridge.finding import Finding, Weight
-from tombo_px4.bridge.motion_check import MotionCheck
+from tombo_px4.bridge.decoded_messages import EstimatorStatusFlags, ImuSample, VehicleOdometry
+from tombo_px4.bridge.hand_rotation_check import MotionCheck
+from tombo_px4.bridge.parameter_findings import DELAY_MAX, EV_DELAY, parameter_findings
 from tombo_px4.bridge.pose_axes import explain_place, explain_up
-from tombo_px4.bridge.records import EstimatorState, ImuSample, VehicleOdometry
-from tombo_px4.bridge.vehicle_findings import DELAY_MAX, EV_DELAY, parameter_findings
+from tombo_px4.bridge.preflight_finding import Finding, FindingSeverity
 from tombo_px4.link.timesync import TimeSync
 
 Array = NDArray[np.float64]
@@ -76,7 +76,7 @@ class Preflight:
         self._refused: dict[str, tuple[int, float]] = {}
         self._imu: deque[ImuSample] = deque(maxlen=_KEPT)
         self._odometry: deque[VehicleOdometry] = deque(maxlen=_KEPT)
-        self._estimator: EstimatorState | None = None
+        self._estimator: EstimatorStatusFlags | None = None
         self._judged_ns = 0
         self.motion = MotionCheck()
         """What turning the vehicle by hand has shown."""
@@ -100,7 +100,7 @@ class Preflight:
         """Take PX4's estimate."""
         self._odometry.append(odometry)
 
-    def estimator(self, state: EstimatorState) -> None:
+    def estimator(self, state: EstimatorStatusFlags) -> None:
         """Take what PX4 says about its estimator."""
         self._estimator = state
 
@@ -205,13 +205,13 @@ class Preflight:
                 "mocap pose is frozen: not one bit has changed for a second; the tracker repeats"
                 " its last pose, the body is not seen (or it is simulated, without noise)"
             )
-            weight = Weight.BLOCKS if flying else Weight.WARNING
+            weight = FindingSeverity.BLOCKS if flying else FindingSeverity.WARNING
             found.append(Finding(FROZEN, text, weight))
         rate = self.pose_rate_hz(now_ns)
         seen_for = now_ns - self._poses[0].arrival_ns
         if seen_for > _WINDOW_NS and rate < _SLOWEST_HZ:
             text = f"mocap poses come at {rate:.0f} Hz: EKF2 wants {_SLOWEST_HZ:.0f} Hz and more"
-            found.append(Finding("pose_rate", text, Weight.WARNING))
+            found.append(Finding("pose_rate", text, FindingSeverity.WARNING))
         return found
 
     def _frozen(self, recent: list[_Pose]) -> bool:
@@ -250,13 +250,13 @@ class Preflight:
                 f"TIMESYNC takes {sync.rtt_ns * 1e-6:.0f} ms there and back: stamps are uncertain"
                 " by half of it; a radio link, or a busy computer?"
             )
-            found.append(Finding("timesync_slow", text, Weight.WARNING))
+            found.append(Finding("timesync_slow", text, FindingSeverity.WARNING))
         if answered == 0 and now_ns - linked_ns > _REQUESTS_NS:
             text = (
                 "PX4 has not asked for our time (TIMESYNC): it takes the arrival of poses for"
                 " their capture; enable TIMESYNC on its link (MAV_0_MODE onboard)"
             )
-            found.append(Finding("timesync_unasked", text, Weight.WARNING))
+            found.append(Finding("timesync_unasked", text, FindingSeverity.WARNING))
         return found
 
     def _of_delay(self, now_ns: int, parameters: Mapping[str, float | int]) -> list[Finding]:
@@ -354,7 +354,7 @@ class Preflight:
         accel = np.mean([s.accel for s in samples], axis=0)
         push = abs(float(np.linalg.norm(accel)) - GRAVITY)
         if float(np.linalg.norm(gyro)) > _NO_TURN or push > _NO_PUSH:
-            return [Finding("moved", "the vehicle is moved: put it down", Weight.WARNING)]
+            return [Finding("moved", "the vehicle is moved: put it down", FindingSeverity.WARNING)]
         why = explain_up(recent[-1].attitude, accel, self._params.tilt_error_max)
         return [Finding("mocap_up", why)] if why else []
 
@@ -369,7 +369,7 @@ class Preflight:
         if verdict is None:
             return []
         if verdict.mistake:
-            weight = Weight.BLOCKS if verdict.sure else Weight.WARNING
+            weight = FindingSeverity.BLOCKS if verdict.sure else FindingSeverity.WARNING
             return [Finding("mocap_axes", verdict.mistake, weight)]
         delay_ms, told_ms = 1e3 * verdict.delay_s, parameters.get(EV_DELAY, 0.0)
         if abs(delay_ms - told_ms) <= _DELAY_OFF_MS:
@@ -379,7 +379,7 @@ class Preflight:
             f" compared), EKF2_EV_DELAY is {told_ms:.0f} ms: let the driver stamp the capture, or"
             f" set it to {max(delay_ms, 0.0):.0f}"
         )
-        return [Finding("stamp_delay", text, Weight.WARNING)]
+        return [Finding("stamp_delay", text, FindingSeverity.WARNING)]
 
 
 def _explain_offset(ours: Array, theirs: Array, limit: float) -> str:

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from tombo_control.autopilot import IDLE
 from tombo_control.estimate import Setpoint
 from tombo_px4.bridge.bridge_params import ATTITUDE, POSITION, BridgeParams
-from tombo_px4.bridge.session import Stream
-from tombo_px4.link import outgoing
-from tombo_px4.link.outgoing import Target
+from tombo_px4.bridge.offboard_session import Stream
+from tombo_px4.link import message_encoder
+from tombo_px4.link.message_encoder import MessageTarget
 
 Array = NDArray[np.float64]
 
@@ -24,17 +24,17 @@ _UNIT = 0.2
 class SetpointStream:
     """Keeps what the suite wants, and makes messages of it at the rate of the stream."""
 
-    def __init__(self, params: BridgeParams, target: Target, mass: float) -> None:
+    def __init__(self, params: BridgeParams, target: MessageTarget, mass: float) -> None:
         self._params = params
         self._target = target
         self._mass = mass
         self._timeout_ns = params.setpoint_timeout * 1e9
         self._setpoint: Setpoint | None = None
         self._setpoint_ns = -(10**18)
-        self._rotation: tuple[Array, float, int] | None = None
-        self._new = self._rotation_new = False
+        self._attitude_or_rates: tuple[Array, float, int] | None = None
+        self._new = self._attitude_or_rates_new = False
         self._stream = Stream.PRESENT
-        self._held: Setpoint | None = None
+        self._hold_setpoint: Setpoint | None = None
         self._streamed_ns = 0
         self.sent = 0
 
@@ -53,7 +53,7 @@ class SetpointStream:
             return False
         if wanted.shape == (4,):
             wanted = wanted / np.linalg.norm(wanted)
-        self._rotation, self._rotation_new = (wanted, thrust, now_ns), True
+        self._attitude_or_rates, self._attitude_or_rates_new = (wanted, thrust, now_ns), True
         return True
 
     @property
@@ -66,7 +66,7 @@ class SetpointStream:
         return now_ns - self._setpoint_ns <= self._timeout_ns
 
     @property
-    def follows(self) -> bool:
+    def follows_suite(self) -> bool:
         """Whether the suite's set points are what goes out."""
         return self._stream == Stream.SETPOINT
 
@@ -87,38 +87,38 @@ class SetpointStream:
             now_ns: the present.
         """
         if stream != self._stream:
-            self._stream, self._held = stream, None
+            self._stream, self._hold_setpoint = stream, None
             self._streamed_ns = 0
         due = now_ns - self._streamed_ns >= 1e9 / self._params.stream_rate
         message = None
         if stream == Stream.SETPOINT:
-            if due or self._new or self._rotation_new:
+            if due or self._new or self._attitude_or_rates_new:
                 message = self._wanted(now_ns, due, hover)
         elif due:
             if stream == Stream.HOLD:
-                present = self._held = self._held or present
+                present = self._hold_setpoint = self._hold_setpoint or present
             message = None if present is None else self._position(present, now_ns)
-        self._new = self._rotation_new = False
+        self._new = self._attitude_or_rates_new = False
         if message is not None:
             self._streamed_ns = now_ns
             self.sent += 1
         return message
 
     def _position(self, setpoint: Setpoint, now_ns: int) -> Any:
-        return outgoing.position_target(setpoint, self._target, now_ns)
+        return message_encoder.position_target(setpoint, self._target, now_ns)
 
     def _wanted(self, now_ns: int, due: bool, hover: float) -> Any | None:
         """Return the set point of the suite, as PX4 is to follow it."""
-        rotation = self._rotation
+        rotation = self._attitude_or_rates
         if self._params.setpoint != POSITION and rotation is not None and hover > 0.0:
             wanted, thrust, taken_ns = rotation
             if now_ns - taken_ns <= self._timeout_ns:
-                if not self._rotation_new and not due:
+                if not self._attitude_or_rates_new and not due:
                     return None
-                throttle = outgoing.throttle_of(thrust, self._mass, hover)
+                throttle = message_encoder.throttle_of(thrust, self._mass, hover)
                 if self._params.setpoint == ATTITUDE:
-                    return outgoing.attitude_target(wanted, throttle, self._target, now_ns)
-                return outgoing.rates_target(wanted, throttle, self._target, now_ns)
+                    return message_encoder.attitude_target(wanted, throttle, self._target, now_ns)
+                return message_encoder.rates_target(wanted, throttle, self._target, now_ns)
         setpoint = self._setpoint
         if setpoint is None:
             return None
@@ -141,7 +141,10 @@ class SetpointStream:
             found["hover_thrust"] = (
                 "MPC_THR_HOVER is not known: position set points are flown; set px4.hover_thrust"
             )
-        if self._rotation is None or now_ns - self._rotation[2] > self._timeout_ns:
+        if (
+            self._attitude_or_rates is None
+            or now_ns - self._attitude_or_rates[2] > self._timeout_ns
+        ):
             found["rotation_silent"] = (
                 f"no {self._params.setpoint} set points come: position set points are flown"
             )

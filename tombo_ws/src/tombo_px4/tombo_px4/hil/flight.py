@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common
 
 from tombo_px4.bridge.bridge_params import ODOMETRY
-from tombo_px4.hil.controls import ControlMap
+from tombo_px4.hil.motor_mapping import MotorMapping
 from tombo_px4.hil.params import HilParams
-from tombo_px4.hil.sensors import HilSensors, Slow
-from tombo_px4.link.outgoing import pose_message
+from tombo_px4.hil.sensors import HilSensors, SlowSensors
+from tombo_px4.link.message_encoder import pose_message
 from tombo_sim.simulator import PoseSample, Simulator
 from tombo_sim.world import World
 
@@ -27,7 +27,7 @@ INERTIAL = 0x3F
 """Accelerometer and gyro."""
 ALL_SENSORS = 0x1FFF
 """Also magnetometer, barometer, differential pressure, temperature: each group complete."""
-SLOW_EVERY = 5
+SLOW_SENSORS_EVERY = 5
 """Messages from one with all sensors to the next: 50 Hz of 250."""
 _FIX_3D, _SATELLITES = 3, 14
 _EPH_CM, _EPV_CM = 70, 110
@@ -35,7 +35,7 @@ TICK_US = 1000
 Watch = Callable[[Simulator], None]
 
 
-class Motors(NamedTuple):
+class MotorCommands(NamedTuple):
     """What PX4 wants: the content of HIL_ACTUATOR_CONTROLS."""
 
     controls: Sequence[float] = (0.0, 0.0, 0.0, 0.0)
@@ -64,28 +64,28 @@ class HilFlight:
         self.params = params
         self.simulator = Simulator(world, seed)
         self.sensors = HilSensors(params, seed)
-        self.controls = ControlMap(world.vehicle, self.simulator.ready.maps, params.mapping)
+        self.controls = MotorMapping(world.vehicle, self.simulator.setup.maps, params.mapping)
         self.poses: list[PoseSample] = []
         self.rotors: Array = np.zeros(4)
         self.steps = 0
         self._mav = common.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
-        self._slow = Slow()
-        self._gps_due = _Due(params.gps_rate if params.gps else 0.0)
-        self._truth_due = _Due(params.truth_rate)
+        self._slow = SlowSensors()
+        self._gps_due = _RateTimer(params.gps_rate if params.gps else 0.0)
+        self._truth_due = _RateTimer(params.truth_rate)
 
     @property
     def time_us(self) -> int:
         """Time of the present tick: PX4's clock."""
         return self.simulator.tick * TICK_US
 
-    def want_truth(self, interval_us: float) -> None:
+    def set_truth_interval(self, interval_us: float) -> None:
         """Take PX4's wish for HIL_STATE_QUATERNION: -1 none, 0 the default; a set rate stays."""
         if self.params.truth_rate > 0.0:
             return
         rate = 0.0 if interval_us < 0.0 else 1e6 / interval_us if interval_us > 0.0 else 200.0
-        self._truth_due = _Due(rate, self.time_us)
+        self._truth_due = _RateTimer(rate, self.time_us)
 
-    def step(self, motors: Motors) -> bytes:
+    def step(self, motors: MotorCommands) -> bytes:
         """Fly one interval with the motors as wanted; return the frames for PX4, in one piece.
 
         HIL_SENSOR is the last, because it moves PX4's clock and wakes it: what came before is
@@ -105,9 +105,9 @@ class HilFlight:
         self.steps += 1
         out = b""
         if self.steps > 1:
-            if self._gps_due.strikes(self.time_us):
+            if self._gps_due.is_due(self.time_us):
                 out += self._gps()
-            if self._truth_due.strikes(self.time_us):
+            if self._truth_due.is_due(self.time_us):
                 out += self._truth()
             if self.params.mocap:
                 for pose in self.poses:
@@ -116,7 +116,7 @@ class HilFlight:
 
     def _sensor(self) -> bytes:
         fields = INERTIAL
-        if (self.steps - 1) % SLOW_EVERY == 0:
+        if (self.steps - 1) % SLOW_SENSORS_EVERY == 0:
             self._slow = self.sensors.slow(self.simulator.m)
             fields = ALL_SENSORS
         slow = self._slow
@@ -172,14 +172,14 @@ def odometry(pose: PoseSample) -> Any:
     return pose_message(ODOMETRY, pose.stamp_ns, pose.pose[:3], pose.pose[3:], None)
 
 
-class _Due:
+class _RateTimer:
     """Says when it is time again, at a rate that need not divide that of the steps."""
 
     def __init__(self, rate: float, now_us: int = 0) -> None:
         self._period_us = 1e6 / rate if rate > 0.0 else 0.0
         self._next_us = float(now_us)
 
-    def strikes(self, now_us: int) -> bool:
+    def is_due(self, now_us: int) -> bool:
         if self._period_us == 0.0 or now_us < self._next_us:
             return False
         self._next_us += self._period_us

@@ -25,7 +25,7 @@ _UNSENT_LIMIT = 1 << 20
 """Bytes that PX4 may leave unread before the connection counts as dead."""
 
 
-class Answer(NamedTuple):
+class ActuatorControls(NamedTuple):
     """A HIL_ACTUATOR_CONTROLS."""
 
     time_us: int
@@ -111,7 +111,7 @@ class HilLink:
         with contextlib.suppress(InterruptedError):
             select.select(watched, writing, [], max(timeout_s, 0.0))
 
-    def receive(self) -> list[Answer]:
+    def receive(self) -> list[ActuatorControls]:
         """Return the answers that have come; without a client, accept one that knocks."""
         self._flush()
         data = self._read()
@@ -121,7 +121,7 @@ class HilLink:
             if frame.message_id == _CONTROLS:
                 message = decode(frame)
                 answers.append(
-                    Answer(
+                    ActuatorControls(
                         int(message.time_usec),
                         tuple(message.controls[:4]),
                         bool(message.mode & _ARMED),

@@ -19,8 +19,8 @@ from collections import deque
 from enum import Enum
 from typing import NamedTuple
 
-from tombo_px4.hil.flight import HilFlight, Motors, Watch
-from tombo_px4.hil.link import Answer, HilLink
+from tombo_px4.hil.flight import HilFlight, MotorCommands, Watch
+from tombo_px4.hil.link import ActuatorControls, HilLink
 from tombo_px4.hil.mocap import MocapFeed
 from tombo_px4.hil.params import HilParams
 from tombo_sim.world import World
@@ -33,7 +33,7 @@ PX4_RATE = 250
 """[Hz] at which PX4 expects HIL_SENSOR; it answers once its estimator has run (IMU_INTEG_RATE)."""
 _SLIP_NS = 200_000_000
 """Behind by more, time stretches instead of being made up for."""
-_LONGEST_NEWS = 200
+_MAX_NOTICES = 200
 
 
 class Phase(Enum):
@@ -45,14 +45,14 @@ class Phase(Enum):
     SILENT = "PX4 is silent"
 
 
-class News(NamedTuple):
+class Notice(NamedTuple):
     """Something to tell the user."""
 
     severe: bool
     text: str
 
 
-class Hil:
+class HilSimulator:
     """Runs one flight after the other, one for each connection of PX4. Never blocks but in `wait`.
 
     Attributes:
@@ -98,21 +98,21 @@ class Hil:
         self._mocap = mocap
         self._watch = watch
         self._period_ns = round(1e6 * params.ticks / speed) if speed > 0.0 else 0
-        self._news: deque[News] = deque(maxlen=_LONGEST_NEWS)
+        self._news: deque[Notice] = deque(maxlen=_MAX_NOTICES)
         self.flights = 0
-        self._fresh()
+        self._reset_vehicle()
 
-    def _fresh(self) -> None:
+    def _reset_vehicle(self) -> None:
         """Put a new vehicle on the ground."""
         self.flight = HilFlight(self._world, self._seed, self._params, self._watch)
-        self.motors = Motors()
+        self.motors = MotorCommands()
         self.steps = self.answered = self.boot_steps = self.missed = 0
         self.wrong_time = self.repeated = self.slips = 0
         self._connection = 0
         self._sent_ns = self._due_ns = 0
         self._has_answer = True  # to the step before the first one
         self._heard = self._silent = self._free_running = False
-        self._runs_on = False  # silent and disarmed; over with any answer, a late one too
+        self._runs_unanswered = False  # silent and disarmed; over with any answer, a late one too
 
     @property
     def phase(self) -> Phase:
@@ -123,7 +123,7 @@ class Hil:
             return Phase.SILENT
         return Phase.FLYING if self._heard else Phase.BOOTING
 
-    def take_news(self) -> list[News]:
+    def take_notices(self) -> list[Notice]:
         """Return what is to be told, once."""
         news = list(self._news)
         self._news.clear()
@@ -142,14 +142,14 @@ class Hil:
         if self._connection and (
             not self._link.connected or self._link.connections != self._connection
         ):
-            self._lose()
+            self._on_disconnect()
         if not self._link.connected:
             return False
         if not self._connection:
             self._begin(now_ns)
         interval_us = self._link.take_interval()
         if interval_us is not None:
-            self.flight.want_truth(interval_us)
+            self.flight.set_truth_interval(interval_us)
         for answer in answers:
             self._take(answer)
         if now_ns < self._next_ns(now_ns):
@@ -168,29 +168,29 @@ class Hil:
         """Return when the next step is flown if nothing more comes."""
         if self._has_answer:
             return self._due_ns
-        patience = PATIENCE_NS if self._heard and not self._runs_on else BOOT_PATIENCE_NS
+        patience = PATIENCE_NS if self._heard and not self._runs_unanswered else BOOT_PATIENCE_NS
         return max(self._sent_ns + patience, self._due_ns)
 
     def _begin(self, now_ns: int) -> None:
         self.flights += 1
         self._connection = self._link.connections
         self._due_ns = now_ns
-        self._tell(f"PX4 has connected: flight {self.flights} begins, at time 0, on the ground")
+        self._notify(f"PX4 has connected: flight {self.flights} begins, at time 0, on the ground")
 
-    def _lose(self) -> None:
+    def _on_disconnect(self) -> None:
         how = "armed" if self.motors.armed else "not armed"
         height = self.flight.simulator.height
-        self._tell(
+        self._notify(
             f"PX4 has left at {1e-6 * self.flight.time_us:.2f} s ({how}, {height:.2f} m up): that "
             "flight is over; waiting for a new connection, which begins a new one",
             severe=self.motors.armed,
         )
-        self._fresh()
+        self._reset_vehicle()
 
-    def _take(self, answer: Answer) -> None:
+    def _take(self, answer: ActuatorControls) -> None:
         if not answer.lockstep and not self._free_running:
             self._free_running = True
-            self._tell(
+            self._notify(
                 "PX4 was built without lockstep: its answers are taken as they come, and it flies "
                 "well in real time only",
                 severe=True,
@@ -198,16 +198,18 @@ class Hil:
         if self.steps == 0:  # to a step of a flight that is over
             self.wrong_time += 1
             return
-        self._runs_on = False
+        self._runs_unanswered = False
         if not self._heard:
             self._heard = True
-            self._tell(f"PX4 answers, after {self.boot_steps} steps without; in lockstep from now")
+            self._notify(
+                f"PX4 answers, after {self.boot_steps} steps without; in lockstep from now"
+            )
         if answer.lockstep and answer.time_us != self.flight.time_us:
             self.wrong_time += 1
             return
         if answer.armed != self.motors.armed:
-            self._tell("armed" if answer.armed else "disarmed")
-        self.motors = Motors(answer.controls, answer.armed)
+            self._notify("armed" if answer.armed else "disarmed")
+        self.motors = MotorCommands(answer.controls, answer.armed)
         if self._has_answer:
             self.repeated += 1
             return
@@ -215,12 +217,12 @@ class Hil:
         self.answered += 1
         if self._silent:
             self._silent = False
-            self._tell("PX4 answers again")
+            self._notify("PX4 answers again")
 
     def _step(self, now_ns: int) -> None:
         """Fly one step with what PX4 wants, and send it what the sensors say."""
         if not self._has_answer:
-            self._go_on_without()
+            self._handle_missing_answer()
         self._pace(now_ns)
         self._link.send(self.flight.step(self.motors))
         self._sent_ns = now_ns
@@ -229,7 +231,7 @@ class Hil:
         if self._mocap is not None:
             self._mocap.advance(self.flight.poses, self.flight.time_us)
 
-    def _go_on_without(self) -> None:
+    def _handle_missing_answer(self) -> None:
         """Count a step without an answer.
 
         An armed PX4 that stands in a debugger must find little time gone, so time all but stands
@@ -241,7 +243,7 @@ class Hil:
             self.boot_steps += 1
             return
         self.missed += 1
-        self._runs_on = not self.motors.armed
+        self._runs_unanswered = not self.motors.armed
         if not self._silent:
             self._silent = True
             goes = "time stands still but for a step a second"
@@ -249,7 +251,7 @@ class Hil:
                 goes = "disarmed, so time goes on (in OFFBOARD it is silent until set points come)"
             rate = round(self._params.rate)
             why = "" if rate == PX4_RATE else f"; is PX4's IMU_INTEG_RATE {rate}, as hil.rate?"
-            self._tell(
+            self._notify(
                 f"PX4 has not answered for {1e-9 * PATIENCE_NS:.0f} s at "
                 f"{1e-6 * self.flight.time_us:.2f} s: {goes}{why}",
                 severe=True,
@@ -266,7 +268,7 @@ class Hil:
             self._due_ns = now_ns + self._period_ns
             self.slips += 1
             if self.slips == 1:
-                self._tell("slower than wanted: time stretches", severe=True)
+                self._notify("slower than wanted: time stretches", severe=True)
 
-    def _tell(self, text: str, severe: bool = False) -> None:
-        self._news.append(News(severe, text))
+    def _notify(self, text: str, severe: bool = False) -> None:
+        self._news.append(Notice(severe, text))

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from tombo_px4.hil.flight import odometry
 from tombo_px4.link.mavlink_link import Link
-from tombo_px4.link.outgoing import heartbeat, timesync
+from tombo_px4.link.message_encoder import heartbeat, timesync
 from tombo_px4.link.timesync import TimeSync
 from tombo_sim.simulator import PoseSample
 

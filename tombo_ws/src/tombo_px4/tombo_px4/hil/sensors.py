@@ -38,7 +38,7 @@ def altitude_at(pressure: float) -> float:
     )
 
 
-class Slow(NamedTuple):
+class SlowSensors(NamedTuple):
     """What is measured at every fifth message only."""
 
     field: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -70,7 +70,7 @@ class Gps(NamedTuple):
     """Clockwise from north [cdeg]; 65535: too slow to tell."""
 
 
-class Truth(NamedTuple):
+class GroundTruth(NamedTuple):
     """What is really so, in the units of HIL_STATE_QUATERNION."""
 
     attitude: tuple[float, ...]
@@ -94,7 +94,7 @@ class HilSensors:
 
     def __init__(self, params: HilParams, seed: int) -> None:
         self._p = params
-        self._chance = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
+        self._rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
         self.origin = GeoOrigin(params.latitude, params.longitude, params.altitude)
         down, east = math.radians(params.inclination), math.radians(params.declination)
         level = math.cos(down)
@@ -117,19 +117,19 @@ class HilSensors:
         mean = (self._sum / max(self._ticks, 1)).reshape(2, 3)[::-1]
         self._sum[:] = 0.0
         self._ticks = 0
-        noisy = frd_from_flu(mean) + self._spread * self._chance.standard_normal((2, 3))
+        noisy = frd_from_flu(mean) + self._spread * self._rng.standard_normal((2, 3))
         values: list[float] = np.clip(noisy, -_FULL_SCALE, _FULL_SCALE).ravel().tolist()
         return values
 
-    def slow(self, m: Array) -> Slow:
+    def slow(self, m: Array) -> SlowSensors:
         """Return magnetometer, barometer, pitot tube and thermometer."""
-        n = self._chance.standard_normal(4)
+        n = self._rng.standard_normal(4)
         body = frd_from_flu(m[P.rotation : P.rotation + 9].reshape(3, 3).T @ self._field)
         x, y, z = (body + self._p.mag_noise * n[:3]).tolist()
         height = self.origin.altitude_m + float(m[P.body + 2])
         pressure = pressure_at(height) + self._p.pressure_noise * float(n[3])
         forward = float(m[P.flow])
-        return Slow(
+        return SlowSensors(
             (x, y, z),
             0.01 * pressure,
             0.01 * 0.5 * _AIR_DENSITY * forward * abs(forward),
@@ -139,7 +139,7 @@ class HilSensors:
 
     def gps(self, m: Array) -> Gps:
         """Return a fix."""
-        n = self._chance.standard_normal(6)
+        n = self._rng.standard_normal(6)
         position = m[P.body : P.body + 3] + self._p.gps_position_noise * n[:3]
         latitude, longitude, altitude = self._place(position)
         velocity = ned_from_enu(m[P.body + 3 : P.body + 6] + self._p.gps_velocity_noise * n[3:])
@@ -155,14 +155,14 @@ class HilSensors:
             course if speed > _SLOW else 65_535,
         )
 
-    def truth(self, m: Array) -> Truth:
+    def truth(self, m: Array) -> GroundTruth:
         """Return what is really so."""
         latitude, longitude, altitude = self._place(m[P.body : P.body + 3])
         body = np.stack([m[P.body + 10 : P.body + 13], m[P.wrench : P.wrench + 3]])
         rates, force = frd_from_flu(body)
         to_milli_g = 1000.0 / GRAVITY / float(m[P.inertial])
         flow = m[P.flow : P.flow + 3]
-        return Truth(
+        return GroundTruth(
             tuple(px4_quaternion(m[P.body + 6 : P.body + 10]).tolist()),
             tuple(rates.tolist()),
             latitude,

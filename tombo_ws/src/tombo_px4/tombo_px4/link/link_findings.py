@@ -9,34 +9,34 @@ from tombo_px4.bridge.bridge_params import LinkParams
 
 def link_faults(
     counters: Mapping[str, int],
-    stranger: tuple[int, int] | None,
+    rejected_sender: tuple[int, int] | None,
     params: LinkParams,
     linked: bool,
-    trouble: str,
+    pack_error: str,
 ) -> dict[str, str]:
     """Return key -> what is wrong with the link, in words that name cause and cure.
 
     Args:
         counters: of `Link`.
-        stranger: system and component that were refused last.
+        rejected_sender: system and component that were refused last.
         params: whom we wait for.
         linked: the vehicle is heard.
-        trouble: why a message could not be packed, "" if all could.
+        pack_error: why a message could not be packed, "" if all could.
     """
     faults: dict[str, str] = {}
-    if trouble:
-        faults["unsendable"] = trouble
+    if pack_error:
+        faults["unsendable"] = pack_error
     if linked:
         return faults
-    if stranger is not None and stranger[0] != params.system:
+    if rejected_sender is not None and rejected_sender[0] != params.system:
         faults["wrong_system"] = (
-            f"system {stranger[0]} speaks here, waiting for {params.system}: set link.system, or"
-            " the vehicle's MAV_SYS_ID"
+            f"system {rejected_sender[0]} speaks here, waiting for {params.system}: set "
+            "link.system, or the vehicle's MAV_SYS_ID"
         )
-    elif stranger is not None:
+    elif rejected_sender is not None:
         faults["wrong_component"] = (
-            f"component {stranger[1]} of system {stranger[0]} speaks here, waiting for"
-            f" {params.component}: set link.component"
+            f"component {rejected_sender[1]} of system {rejected_sender[0]} speaks here, "
+            f"waiting for {params.component}: set link.component"
         )
     if counters["unsigned"]:
         faults["unsigned"] = (

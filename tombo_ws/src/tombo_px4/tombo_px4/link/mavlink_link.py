@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import common
 from tombo_dynamics.errors import InputError
 from tombo_px4.link.address import parse_peer, parse_url
 from tombo_px4.link.framing import Findings, Frame, StreamFramer, decode, frames_of
-from tombo_px4.link.signing import Gate, check_key
+from tombo_px4.link.signing import SignatureVerifier, check_key
 from tombo_px4.link.transport import Clock, Packet, open_transport
 
 COUNTED = {
@@ -69,8 +69,8 @@ class Link:
         url: as it was given.
         mav: encoder of messages with this link's ids: `link.mav.heartbeat_encode(...)`.
         counters: how much came, went and was refused; see `COUNTED`.
-        trouble: why a message last could not be packed, "" if all could.
-        stranger: system and component that were last refused for being others than accepted.
+        pack_error: why a message last could not be packed, "" if all could.
+        rejected_sender: system and component that were last refused for being others.
     """
 
     def __init__(
@@ -121,15 +121,15 @@ class Link:
         peer = parse_peer(default_peer, allow_remote) if default_peer else None
         self.url = url
         self.counters = dict.fromkeys(COUNTED, 0)
-        self.trouble = ""
-        self.stranger: tuple[int, int] | None = None
+        self.pack_error = ""
+        self.rejected_sender: tuple[int, int] | None = None
         self.mav = common.MAVLink(None, srcSystem=system, srcComponent=component)
         self._clock = clock
         self._accept_system = accept_system
         self._accept_component = accept_component
-        self._gate: Gate | None = None
+        self._signature_verifier: SignatureVerifier | None = None
         if key is not None:
-            self._gate = Gate(check_key(key), clock())
+            self._signature_verifier = SignatureVerifier(check_key(key), clock())
             self.mav.signing.secret_key = key
             self.mav.signing.link_id = link_id
             self.mav.signing.sign_outgoing = True
@@ -164,7 +164,7 @@ class Link:
         received: list[Received] = []
         if self._closed:
             return received
-        self._transport.tend()
+        self._transport.maintain()
         work = _WORK_PER_MESSAGE * limit
         while work > 0 and len(received) < limit:
             if self._waiting:
@@ -194,13 +194,13 @@ class Link:
 
     def send(self, message: Any, to: Any = None) -> bool:
         """Send a message to the peer, or to one from `Received.peer`; False: counted, not sent."""
-        if self._gate:
-            self.mav.signing.timestamp = self._gate.next_timestamp(self._clock())
+        if self._signature_verifier:
+            self.mav.signing.timestamp = self._signature_verifier.next_timestamp(self._clock())
         try:
             data = message.pack(self.mav)
         except Exception as error:  # whatever pymavlink makes of a value that does not fit
             self.counters["send_failed"] += 1
-            self.trouble = f"{type(message).__name__} can't be packed: {error}"
+            self.pack_error = f"{type(message).__name__} can't be packed: {error}"
             return False
         self.mav.seq = (self.mav.seq + 1) % 256
         wrong = "send_failed" if self._closed else self._transport.write(data, to)
@@ -213,7 +213,7 @@ class Link:
             return True
         if self._closed:
             return False
-        self._transport.tend()
+        self._transport.maintain()
         due_ns = self._transport.due_ns()
         if due_ns is not None:  # to connect again may be due before
             timeout_s = min(timeout_s, 1e-9 * due_ns)
@@ -245,14 +245,14 @@ class Link:
             refusal = "wrong_system"
         elif self._accept_component not in (0, frame.component):
             refusal = "wrong_component"
-        elif self._gate:
-            refusal = self._gate.refusal(frame)
+        elif self._signature_verifier:
+            refusal = self._signature_verifier.refusal(frame)
         if not refusal:
             try:
                 return decode(frame)
             except Exception:  # a foreign decoder on foreign bytes: nothing may get past here
                 refusal = "undecodable"
         if refusal.startswith("wrong_"):
-            self.stranger = (frame.system, frame.component)
+            self.rejected_sender = (frame.system, frame.component)
         self.counters[refusal] += 1
         return None

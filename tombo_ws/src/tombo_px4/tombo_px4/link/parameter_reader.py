@@ -10,8 +10,8 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mav
 
 from tombo_dynamics.errors import InputError
-from tombo_px4.bridge.records import ParameterValue
-from tombo_px4.link.outgoing import Target, read_parameter
+from tombo_px4.bridge.decoded_messages import ParameterValue
+from tombo_px4.link.message_encoder import MessageTarget, read_parameter
 
 _AGAIN_NS = 1_000_000_000
 _TRIES = 4
@@ -58,7 +58,7 @@ class ParameterReader:
     """Asks for a few parameters at a time until each is known or has not answered four times."""
 
     def __init__(
-        self, names: Iterable[str], to: Target, writes: Mapping[str, float] | None = None
+        self, names: Iterable[str], to: MessageTarget, writes: Mapping[str, float] | None = None
     ) -> None:
         self.values: dict[str, float | int] = {}
         """As the vehicle said last."""

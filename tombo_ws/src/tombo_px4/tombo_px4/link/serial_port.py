@@ -11,7 +11,7 @@ from typing import Any
 
 from tombo_dynamics.errors import InputError
 from tombo_px4.link.address import Address, Url
-from tombo_px4.link.transport import CHUNK, Clock, Outbox, Packet, Retry, refused
+from tombo_px4.link.transport import CHUNK, Clock, Packet, RetryTimer, SendBuffer, refused
 
 _SPEEDS = {
     int(name[1:]): getattr(termios, name)
@@ -31,8 +31,8 @@ class SerialPort:
         self.peer: Any = url.host
         self._url = url
         self._clock = clock
-        self._retry = Retry(clock, 1_000_000_000)
-        self._out = Outbox()
+        self._retry = RetryTimer(clock, 1_000_000_000)
+        self._out = SendBuffer()
         self._full = False
         self._port: int | None = None
         if url.port not in _SPEEDS:
@@ -72,7 +72,7 @@ class SerialPort:
         except OSError:
             data = b""
         if not data:
-            self._lose()
+            self._close_and_retry()
         return Packet(data, self._clock(), self.peer)
 
     def write(self, data: bytes, peer: Any) -> str:
@@ -83,11 +83,11 @@ class SerialPort:
             taken = self._out.push(data, self._write)
             self._watch_room()
         except OSError:
-            self._lose()
+            self._close_and_retry()
             return "send_failed"
         return "" if taken else "send_failed"
 
-    def tend(self) -> None:
+    def maintain(self) -> None:
         """Open the device again if it went away."""
         if self._port is None and self._retry.due_ns() == 0:
             with contextlib.suppress(OSError, termios.error):
@@ -99,7 +99,7 @@ class SerialPort:
 
     def close(self) -> None:
         """Close the device."""
-        self._lose()
+        self._close_and_retry()
         self._watch.close()
 
     def _open(self) -> None:
@@ -118,10 +118,10 @@ class SerialPort:
             os.close(port)
             raise
         self._port = port
-        self._out = Outbox()
+        self._out = SendBuffer()
         self._full = False
 
-    def _lose(self) -> None:
+    def _close_and_retry(self) -> None:
         if self._port is not None:
             with contextlib.suppress(OSError, ValueError):
                 self._watch.unregister(self._port)

@@ -72,7 +72,7 @@ def timestamp_of(time_ns: int) -> int:
     return min(max((time_ns - _EPOCH_S * 1_000_000_000) // _UNIT_NS, 0), _LAST)
 
 
-class Gate:
+class SignatureVerifier:
     """Lets signed frames in, each once.
 
     Attributes:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tombo_px4.bridge.records import StatusText
+from tombo_px4.bridge.decoded_messages import StatusText
 
 _FULL = 50
 """A piece of this length is followed by another."""
@@ -11,7 +11,7 @@ _MOST_TEXTS, _MOST_CHUNKS = 8, 8
 _GAP = "…"
 
 
-class _Growing:
+class _PartialText:
     def __init__(self, severity: int, arrival_ns: int) -> None:
         self.severity = severity
         self.arrival_ns = arrival_ns
@@ -29,11 +29,11 @@ class _Growing:
         return StatusText(self.arrival_ns, self.severity, _printable(words))
 
 
-class ChunkJoiner:
+class StatusTextAssembler:
     """Puts pieces together in whichever order they come; a missing one becomes `…`."""
 
     def __init__(self) -> None:
-        self._growing: dict[int, _Growing] = {}
+        self._growing: dict[int, _PartialText] = {}
 
     def take(
         self, severity: int, text: str, number: int, chunk: int, arrival_ns: int
@@ -55,7 +55,7 @@ class ChunkJoiner:
             return "range"
         if number not in self._growing and len(self._growing) >= _MOST_TEXTS:
             return "too_many"
-        growing = self._growing.setdefault(number, _Growing(severity, arrival_ns))
+        growing = self._growing.setdefault(number, _PartialText(severity, arrival_ns))
         growing.chunks[chunk] = text
         if len(text) < _FULL:
             growing.last = chunk
@@ -66,7 +66,7 @@ class ChunkJoiner:
         del self._growing[number]
         return growing.text()
 
-    def overdue(self, now_ns: int) -> list[StatusText]:
+    def take_expired(self, now_ns: int) -> list[StatusText]:
         """Return what there is of texts that have waited for a second."""
         late = [
             number

@@ -9,7 +9,15 @@ import socket
 from typing import Any
 
 from tombo_px4.link.address import Address, Url, is_loopback
-from tombo_px4.link.transport import CHUNK, Clock, Counters, Outbox, Packet, Retry, refused
+from tombo_px4.link.transport import (
+    CHUNK,
+    Clock,
+    Counters,
+    Packet,
+    RetryTimer,
+    SendBuffer,
+    refused,
+)
 
 MAX_CLIENTS = 4
 _CONNECT_NS = 5_000_000_000
@@ -24,7 +32,7 @@ class Connection:
         self.spoke = False
         self.broken = False
         self._watch = watch
-        self._out = Outbox()
+        self._out = SendBuffer()
         self._full = False
         with contextlib.suppress(OSError):
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -139,7 +147,7 @@ class _Streams:
             return "no_peer"
         return "" if connection.write(data) else "send_failed"
 
-    def tend(self) -> None:
+    def maintain(self) -> None:
         """Do nothing."""
 
     def due_ns(self) -> int | None:
@@ -225,8 +233,8 @@ class TcpOut(_Streams):
     def __init__(self, url: Url, clock: Clock) -> None:
         super().__init__(clock)
         self._url = url
-        self._retry = Retry(clock)
-        self._patience = Retry(clock, _CONNECT_NS)
+        self._retry = RetryTimer(clock)
+        self._patience = RetryTimer(clock, _CONNECT_NS)
         self._trying: socket.socket | None = None
         try:
             self._begin()
@@ -234,7 +242,7 @@ class TcpOut(_Streams):
             self.close()
             raise refused(url, "connect", error, "a host this machine can reach") from error
 
-    def tend(self) -> None:
+    def maintain(self) -> None:
         """Connect if there is no connection."""
         if self._trying is not None:
             if self._patience.due_ns() == 0:

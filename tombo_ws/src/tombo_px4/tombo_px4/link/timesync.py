@@ -136,12 +136,12 @@ class TimeSync:
         self.rtt_ns = rtt
         self.offset_ns = self._base + round(self._offset)
 
-    def to_ours(self, theirs_ns: int) -> int:
+    def to_local_time(self, theirs_ns: int) -> int:
         """Convert their time to ours; unchanged before the first answer."""
         ours_ns = theirs_ns + (self.offset_ns or 0)
         return ours_ns + round(self._drifted(ours_ns) / (1.0 - self._drift))
 
-    def to_theirs(self, ours_ns: int) -> int:
+    def to_remote_time(self, ours_ns: int) -> int:
         """Convert our time to theirs; unchanged before the first answer."""
         return ours_ns - (self.offset_ns or 0) - round(self._drifted(ours_ns))
 

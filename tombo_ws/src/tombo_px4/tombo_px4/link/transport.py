@@ -58,12 +58,12 @@ class Transport(Protocol):
         """Send one frame; return "" or the counter of what went wrong."""
         ...
 
-    def tend(self) -> None:
+    def maintain(self) -> None:
         """Do what is due: connect again."""
         ...
 
     def due_ns(self) -> int | None:
-        """Return the time until `tend` has something to do; None: it never has."""
+        """Return the time until `maintain` has something to do; None: it never has."""
         ...
 
     def close(self) -> None:
@@ -71,7 +71,7 @@ class Transport(Protocol):
         ...
 
 
-class Retry:
+class RetryTimer:
     """When to try again, by a clock that may be set back."""
 
     def __init__(self, clock: Clock, period_ns: int = _SECOND_NS // 2) -> None:
@@ -91,7 +91,7 @@ class Retry:
         return max(0, self._period_ns - waited) if waited >= 0 else 0
 
 
-class Outbox:
+class SendBuffer:
     """Bytes on their way into something that may be full: a frame goes whole or not at all."""
 
     def __init__(self) -> None:

@@ -113,7 +113,7 @@ class UdpOut:
             return "send_failed"
         return ""
 
-    def tend(self) -> None:
+    def maintain(self) -> None:
         """Do nothing: there is no connection."""
 
     def due_ns(self) -> int | None:
@@ -175,7 +175,7 @@ class UdpIn:
             self._partners[peer] = self._partners.pop(peer)  # the last one is who spoke last
         elif self._new is None:
             with contextlib.suppress(OSError):
-                self._befriend(peer)
+                self._add_partner(peer)
 
     @property
     def connected(self) -> bool:
@@ -217,7 +217,7 @@ class UdpIn:
             return "send_failed"
         return ""
 
-    def tend(self) -> None:
+    def maintain(self) -> None:
         """Begin with the partners again."""
         self._quiet = False
 
@@ -231,7 +231,7 @@ class UdpIn:
             queue.socket.close()
         self._watch.close()
 
-    def _befriend(self, peer: Any) -> None:
+    def _add_partner(self, peer: Any) -> None:
         """Open a queue for a partner.
 
         Raises:

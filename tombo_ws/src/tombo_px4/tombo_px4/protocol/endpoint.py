@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 from tombo_px4.frames import GeoOrigin
 from tombo_px4.link.mavlink_link import Link
-from tombo_px4.protocol.inbox import Arrived, Inbox
+from tombo_px4.protocol.mavlink_channel import MavlinkChannel
+from tombo_px4.protocol.message_router import MessageRouter, RoutedMessage
 from tombo_px4.protocol.parameter_protocol import ParameterServer
-from tombo_px4.protocol.port import Port
+from tombo_px4.protocol.statustext import StatusTextSender
 from tombo_px4.protocol.telemetry import Telemetry
-from tombo_px4.protocol.voice import Voice
 
 if TYPE_CHECKING:
     from tombo_px4.autopilot.vehicle import Px4Vehicle
@@ -53,16 +53,16 @@ class Endpoint:
         self.origin = origin = origin or GeoOrigin()
         self.telemetry = Telemetry(vehicle, origin)
         offered, now = self.telemetry.offered, vehicle.boot_us
-        self.ports = [
-            Port(link, streams, offered, now, home)
+        self.channels = [
+            MavlinkChannel(link, streams, offered, now, home)
             for (link, streams), home in zip_longest(links, homes[: len(links)])
         ]
-        self.voice = Voice(self.ports)
+        self.statustext = StatusTextSender(self.channels)
         self._parameters = ParameterServer(vehicle.parameters)
-        self.inbox = Inbox(
-            vehicle, origin, self.telemetry, self._parameters, self.voice, self.ports
+        self.message_router = MessageRouter(
+            vehicle, origin, self.telemetry, self._parameters, self.statustext, self.channels
         )
-        self._looks: tuple[Any, ...] = ()
+        self._last_state: tuple[Any, ...] = ()
         self._boot_ns = 0
 
     def advance(self, boot_ns: int, wall_ns: int) -> None:
@@ -77,14 +77,14 @@ class Endpoint:
         self._boot_ns = boot_ns
         self.telemetry.unix_us = wall_ns // 1000
         came = self._receive(boot_ns, wall_ns)
-        for port in self.ports:
-            port.tend(self.vehicle.boot_us)
-            port.ask_time(boot_ns)
+        for port in self.channels:
+            port.maintain(self.vehicle.boot_us)
+            port.request_timesync(boot_ns)
         self._fly(boot_ns)
-        for arrived in came:
-            self.inbox.take(arrived)
-        self._tell_changes()
-        for port in self.ports:
+        for routed in came:
+            self.message_router.take(routed)
+        self._report_changes()
+        for port in self.channels:
             for message in port.list.take_due(port.mav, self._parameters, self.vehicle.boot_us):
                 port.send(message)
 
@@ -95,29 +95,29 @@ class Endpoint:
 
     def next_ns(self) -> int:
         """Return when something is due next [ns since boot], if nothing comes."""
-        return min(port.next_ns() for port in self.ports)
+        return min(port.next_ns() for port in self.channels)
 
     def say(self, severity: int, text: str) -> None:
         """Tell everybody something that the vehicle does not know itself."""
-        self.voice.say(severity, text, self.vehicle.boot_us)
+        self.statustext.say(severity, text, self.vehicle.boot_us)
 
-    def _receive(self, boot_ns: int, wall_ns: int) -> list[Arrived]:
+    def _receive(self, boot_ns: int, wall_ns: int) -> list[RoutedMessage]:
         """Return what has come; TIMESYNC is answered before anything else is done."""
         came = []
-        for port in self.ports:
+        for port in self.channels:
             for received in port.link.receive(_MOST_MESSAGES):
                 arrival_ns = received.arrival_ns + boot_ns - wall_ns
                 port.heard(received.peer, self.vehicle.boot_us)
                 if received.message.get_type() == "TIMESYNC":
                     port.time(received.message, received.peer, arrival_ns, boot_ns)
                 else:
-                    came.append(Arrived(port, received, arrival_ns // 1000))
+                    came.append(RoutedMessage(port, received, arrival_ns // 1000))
         return came
 
     def _fly(self, boot_ns: int) -> None:
         """Fly up to now, sending at each tick what is due there."""
         vehicle = self.vehicle
-        due_us = min(port.streams.next_us for port in self.ports)
+        due_us = min(port.streams.next_us for port in self.channels)
         for _ in range(_MOST_TICKS):
             if vehicle.boot_us >= due_us:
                 due_us = self._send_due()
@@ -127,20 +127,20 @@ class Endpoint:
 
     def _send_due(self) -> int:
         """Send what is due at this tick; return when something is due next."""
-        for port in self.ports:
+        for port in self.channels:
             for number in port.streams.take_due(self.vehicle.boot_us):
                 message = self.telemetry.message(number, port.mav)
                 if message is not None:
                     port.send(message)
-        return min(port.streams.next_us for port in self.ports)
+        return min(port.streams.next_us for port in self.channels)
 
-    def _tell_changes(self) -> None:
+    def _report_changes(self) -> None:
         """Say what the vehicle says. A new mode waits for the next HEARTBEAT, as PX4's does."""
         vehicle = self.vehicle
-        for severity, text in vehicle.take_statuses():
-            self.voice.say(severity, text, vehicle.boot_us)
-        looks = (vehicle.armed, vehicle.mode, vehicle.failsafe, vehicle.landed)
-        if looks == self._looks:
+        for severity, text in vehicle.take_status_texts():
+            self.statustext.say(severity, text, vehicle.boot_us)
+        state = (vehicle.armed, vehicle.mode, vehicle.failsafe, vehicle.landed)
+        if state == self._last_state:
             return
-        self._looks = looks
+        self._last_state = state
         self.telemetry.forget()

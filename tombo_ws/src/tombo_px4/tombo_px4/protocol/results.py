@@ -45,7 +45,7 @@ class Severity(IntEnum):
     INFO = 6
 
 
-class Status(NamedTuple):
+class StatusText(NamedTuple):
     """A message to the operator."""
 
     severity: Severity

@@ -40,7 +40,7 @@ def serve(
     monotonic_ns: Clock,
     wall_ns: Clock,
     stop: Callable[[], bool],
-    look: Callable[[int, BootClock], None] | None = None,
+    redraw: Callable[[int, BootClock], None] | None = None,
 ) -> BootClock:
     """Serve in real time until `stop` says so.
 
@@ -49,7 +49,7 @@ def serve(
         monotonic_ns: paces the vehicle: a clock that never jumps.
         wall_ns: CLOCK_REALTIME, which stamps arrivals.
         stop: asked a few hundred times a second.
-        look: called after each round with the time since boot [ns], to show how it goes.
+        redraw: called after each round with the time since boot [ns], to show how it goes.
 
     Returns:
         the clock, with how much it has slipped.
@@ -63,8 +63,8 @@ def serve(
         endpoint.advance(clock.boot_ns(began_ns), wall_ns())
         if clock.slip(endpoint.behind_ns):
             endpoint.say(4, "the machine is too slow: simulated time stands still meanwhile")
-        if look is not None:
-            look(clock.boot_ns(began_ns), clock)
+        if redraw is not None:
+            redraw(clock.boot_ns(began_ns), clock)
         watched = _watch(poll, endpoint, watched)
         now_ns = monotonic_ns()
         busy_ns += now_ns - began_ns
@@ -80,7 +80,7 @@ def serve(
 
 def _watch(poll: select.poll, endpoint: Endpoint, watched: dict[int, int]) -> dict[int, int]:
     """Watch the files that the links have now: those of TCP come and go."""
-    now = {port.link.fileno(): 1 for port in endpoint.ports}
+    now = {port.link.fileno(): 1 for port in endpoint.channels}
     if now.keys() != watched.keys():
         for number in watched.keys() - now.keys():
             poll.unregister(number)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from tombo_px4.autopilot import sensors
+from tombo_px4.autopilot import sensor_messages as sensors
 from tombo_px4.autopilot.system_status import base_mode, system_state, system_status
 from tombo_px4.bridge.modes import custom_mode
 from tombo_px4.frames import (
@@ -19,15 +19,15 @@ from tombo_px4.frames import (
     px4_yaw,
     px4_yaw_rate,
 )
-from tombo_px4.protocol.fields import centi, degrees_e7, fitted, heading, millimetres
+from tombo_px4.protocol.field_scaling import centi, degrees_e7, fitted, heading, millimetres
 from tombo_px4.protocol.identity import ProtocolVersion, autopilot_version
-from tombo_px4.protocol.picture import Picture, numbers
 from tombo_px4.protocol.results import LandedState
+from tombo_px4.protocol.telemetry_snapshot import TelemetrySnapshot, numbers
 
 if TYPE_CHECKING:
     from tombo_px4.autopilot.vehicle import Px4Vehicle
 
-Builder = Callable[["Telemetry", Any, Picture], Any]
+Builder = Callable[["Telemetry", Any, TelemetrySnapshot], Any]
 _NAN = math.nan
 _CELLS_UNUSED = 65535
 _UPPER_DIAGONAL = (0, 6, 11, 15, 18, 20)
@@ -39,7 +39,7 @@ class Telemetry:
     def __init__(self, vehicle: Px4Vehicle, origin: GeoOrigin) -> None:
         self._vehicle = vehicle
         self._origin = origin
-        self._picture = Picture(vehicle, origin)
+        self._snapshot = TelemetrySnapshot(vehicle, origin)
         self._tick = -1
         self.load = 0.0
         """Share of the time that the simulation needs, for SYS_STATUS."""
@@ -58,15 +58,15 @@ class Telemetry:
             return None
         if self._tick != self._vehicle.tick:
             self._tick = self._vehicle.tick
-            self._picture = Picture(self._vehicle, self._origin)
-        return found[1](self, mav, self._picture)
+            self._snapshot = TelemetrySnapshot(self._vehicle, self._origin)
+        return found[1](self, mav, self._snapshot)
 
     def forget(self) -> None:
         """Look at the vehicle anew: a command has changed it within the tick."""
         self._tick = -1
 
 
-def _heartbeat(self: Telemetry, mav: Any, p: Picture) -> Any:
+def _heartbeat(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     v = p.vehicle
     return mav.heartbeat_encode(
         mavlink.MAV_TYPE_QUADROTOR,
@@ -77,29 +77,29 @@ def _heartbeat(self: Telemetry, mav: Any, p: Picture) -> Any:
     )
 
 
-def _system_status(self: Telemetry, mav: Any, p: Picture) -> Any:
+def _system_status(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     return system_status(mav, p.vehicle, p.health, self.load)
 
 
-def _system_time(self: Telemetry, mav: Any, p: Picture) -> Any:
+def _system_time(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     return mav.system_time_encode(self.unix_us, p.boot_ms)
 
 
-def _attitude(self: Telemetry, mav: Any, p: Picture) -> Any:
+def _attitude(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     return mav.attitude_encode(p.boot_ms, *p.angles, *p.rates)
 
 
-def _attitude_quaternion(self: Telemetry, mav: Any, p: Picture) -> Any:
+def _attitude_quaternion(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     return mav.attitude_quaternion_encode(p.boot_ms, *p.attitude, *p.rates)
 
 
-def _local_position(self: Telemetry, mav: Any, p: Picture) -> Any:
+def _local_position(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     if not p.health.local_position:
         return None
     return mav.local_position_ned_encode(p.boot_ms, *p.position, *p.velocity)
 
 
-def _global_position(self: Telemetry, mav: Any, p: Picture) -> Any:
+def _global_position(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     if not p.health.global_position:
         return None
     latitude, longitude, altitude = p.globe
@@ -114,7 +114,7 @@ def _global_position(self: Telemetry, mav: Any, p: Picture) -> Any:
     )
 
 
-def _odometry(self: Telemetry, mav: Any, p: Picture) -> Any:
+def _odometry(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     if not p.health.local_position:
         return None
     return mav.odometry_encode(
@@ -141,15 +141,15 @@ def _diagonal(variances: Sequence[float]) -> list[float]:
     return upper
 
 
-def _highres_imu(self: Telemetry, mav: Any, p: Picture) -> Any:
+def _highres_imu(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     return sensors.highres_imu(mav, p)
 
 
-def _gps_raw(self: Telemetry, mav: Any, p: Picture) -> Any:
+def _gps_raw(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     return sensors.gps_raw(mav, p)
 
 
-def _altitude(self: Telemetry, mav: Any, p: Picture) -> Any:
+def _altitude(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     if not p.health.local_position:
         return None
     up = p.height
@@ -157,9 +157,11 @@ def _altitude(self: Telemetry, mav: Any, p: Picture) -> Any:
     return mav.altitude_encode(p.boot_us, amsl, amsl, up, up - p.home_height, _NAN, _NAN)
 
 
-def _vfr_hud(self: Telemetry, mav: Any, p: Picture) -> Any:
+def _vfr_hud(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     north, east, down = p.velocity
-    throttle = sum(p.rotor_shares) / len(p.rotor_shares) if p.vehicle.armed else 0.0
+    throttle = (
+        sum(p.normalized_rotor_speeds) / len(p.normalized_rotor_speeds) if p.vehicle.armed else 0.0
+    )
     return mav.vfr_hud_encode(
         0.0,
         math.hypot(north, east),
@@ -170,19 +172,21 @@ def _vfr_hud(self: Telemetry, mav: Any, p: Picture) -> Any:
     )
 
 
-def _servo_output(self: Telemetry, mav: Any, p: Picture) -> Any:
+def _servo_output(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     if p.vehicle.armed:
-        pulses = [fitted(1000.0 + 1000.0 * share, (1000, 2000)) for share in p.rotor_shares]
+        pulses = [
+            fitted(1000.0 + 1000.0 * share, (1000, 2000)) for share in p.normalized_rotor_speeds
+        ]
     else:
         pulses = [900, 900, 900, 900]
     return mav.servo_output_raw_encode(p.boot_us % 2**32, 0, *pulses, 0, 0, 0, 0)
 
 
-def _extended_state(self: Telemetry, mav: Any, p: Picture) -> Any:
+def _extended_state(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     return mav.extended_sys_state_encode(mavlink.MAV_VTOL_STATE_UNDEFINED, int(p.vehicle.landed))
 
 
-def _battery_status(self: Telemetry, mav: Any, p: Picture) -> Any:
+def _battery_status(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     battery = p.vehicle.battery
     cells = 3
     cell = fitted(1e3 * battery.voltage / cells, (0, 65534), _CELLS_UNUSED)
@@ -207,7 +211,7 @@ def _battery_status(self: Telemetry, mav: Any, p: Picture) -> Any:
     )
 
 
-def _home_position(self: Telemetry, mav: Any, p: Picture) -> Any:
+def _home_position(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     if not p.health.home:
         return None
     home = p.vehicle.home
@@ -219,7 +223,7 @@ def _home_position(self: Telemetry, mav: Any, p: Picture) -> Any:
     )
 
 
-def _origin_message(self: Telemetry, mav: Any, p: Picture) -> Any:
+def _origin_message(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     if not p.health.global_position:
         return None
     o = p.origin
@@ -227,7 +231,7 @@ def _origin_message(self: Telemetry, mav: Any, p: Picture) -> Any:
     return mav.gps_global_origin_encode(*place, p.boot_us)
 
 
-def _attitude_target(self: Telemetry, mav: Any, p: Picture) -> Any:
+def _attitude_target(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     if not p.vehicle.armed:
         return None
     wanted = p.vehicle.attitude_setpoint
@@ -236,7 +240,7 @@ def _attitude_target(self: Telemetry, mav: Any, p: Picture) -> Any:
     return mav.attitude_target_encode(p.boot_ms, 0, attitude, *rates, wanted.thrust)
 
 
-def _position_target(self: Telemetry, mav: Any, p: Picture) -> Any:
+def _position_target(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     wanted = p.vehicle.position_setpoint
     if wanted is None:
         return None
@@ -253,7 +257,7 @@ def _position_target(self: Telemetry, mav: Any, p: Picture) -> Any:
     )
 
 
-def _estimator_status(self: Telemetry, mav: Any, p: Picture) -> Any:
+def _estimator_status(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     health = p.health
     flags = mavlink.ESTIMATOR_ATTITUDE if health.attitude else 0
     if health.local_position:
@@ -275,19 +279,19 @@ def _estimator_status(self: Telemetry, mav: Any, p: Picture) -> Any:
     return mav.estimator_status_encode(p.boot_us, flags, *ratios, *accuracy)
 
 
-def _vibration(self: Telemetry, mav: Any, p: Picture) -> Any:
+def _vibration(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     return mav.vibration_encode(p.boot_us, 0.0, 0.0, 0.0, 0, 0, 0)
 
 
-def _ground_truth(self: Telemetry, mav: Any, p: Picture) -> Any:
+def _ground_truth(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     return sensors.ground_truth(mav, p)
 
 
-def _version(self: Telemetry, mav: Any, p: Picture) -> Any:
+def _version(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     return autopilot_version(mav)
 
 
-def _protocol(self: Telemetry, mav: Any, p: Picture) -> Any:
+def _protocol(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     return ProtocolVersion()
 
 

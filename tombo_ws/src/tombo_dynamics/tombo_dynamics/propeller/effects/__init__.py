@@ -10,7 +10,7 @@ from tombo_dynamics.propeller.effects.registry import (
     check_stand_theta,
     stand_effect,
 )
-from tombo_dynamics.propeller.effects.run import CHANNELS, Run
+from tombo_dynamics.propeller.effects.run_state import CHANNELS, Run
 
 __all__ = [
     "CHANNELS",

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_dynamics.propeller.effects.registry import Stage, StandParam, stand_effect
-from tombo_dynamics.propeller.effects.run import DRAG, LIFT, TORQUE, Run
+from tombo_dynamics.propeller.effects.run_state import DRAG, LIFT, TORQUE, Run
 from tombo_dynamics.propeller.laws.parameters import SCALARS
 
 Array = NDArray[np.float64]
@@ -109,7 +109,7 @@ def speed_exponent(m: Run, change: float) -> None:
     signature="each propeller is off by its own share at every speed, whatever its stiffness",
     separates_from={"thrust_coefficient": "more propellers of one configuration"},
     models=("tombo",),
-    chance=True,
+    stochastic=True,
 )
 def fabrication_scatter(m: Run, thrust: float, torque: float) -> None:
     """Make each propeller's lift and drag differ by chance."""
@@ -134,7 +134,7 @@ def fabrication_scatter(m: Run, thrust: float, torque: float) -> None:
         "speed_noise": "two runs of one propeller at the same speeds",
         "fabrication_scatter": "the same propeller mounted again",
     },
-    chance=True,
+    stochastic=True,
 )
 def run_scatter(m: Run, thrust: float, torque: float) -> None:
     """Let each run be off by its own share: air of the day, mount, warmth of the motor."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tombo_dynamics.propeller.effects.registry import Stage, StandParam, stand_effect
-from tombo_dynamics.propeller.effects.run import DRAG, LIFT, Run
+from tombo_dynamics.propeller.effects.run_state import DRAG, LIFT, Run
 from tombo_dynamics.propeller.laws.parameters import SCALARS
 
 _TOMBO = ("tombo",)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tombo_dynamics.propeller.effects.air import turn_inflow
 from tombo_dynamics.propeller.effects.registry import STAND_EFFECTS, Stage
-from tombo_dynamics.propeller.effects.run import CHANNELS, DRAG, LIFT, Run
+from tombo_dynamics.propeller.effects.run_state import CHANNELS, DRAG, LIFT, Run
 from tombo_dynamics.propeller.evaluate import SPEED_LIMIT, evaluate_rows
 from tombo_dynamics.propeller.laws.names import DEFAULT_LAW
 from tombo_dynamics.propeller.laws.parameters import SCALARS

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tombo_dynamics.propeller.effects.registry import Stage, StandParam, stand_effect
-from tombo_dynamics.propeller.effects.run import Run
+from tombo_dynamics.propeller.effects.run_state import Run
 
 _N, _NM = (-20.0, 20.0), (-2.0, 2.0)
 
@@ -26,7 +26,7 @@ def rpm_scale(m: Run, error: float) -> None:
     [StandParam("deviation", "1", 0.0, (0.0, 0.2), "standard deviation over speed", 0.015)],
     signature="readings scatter more the faster it turns, thrust and torque together",
     separates_from={"fabrication_scatter": "the same propeller again"},
-    chance=True,
+    stochastic=True,
 )
 def speed_noise(m: Run, deviation: float) -> None:
     """Let the shown speed of each point differ from the true one by chance."""
@@ -127,7 +127,7 @@ def angle_offset(m: Run, offset: float) -> None:
     ],
     signature="each run has an error of its own, the same at all of its speeds",
     separates_from={"fabrication_scatter": "the same propeller mounted again"},
-    chance=True,
+    stochastic=True,
 )
 def tare_scatter(m: Run, thrust: float, torque: float) -> None:
     """Tare each run a little differently."""

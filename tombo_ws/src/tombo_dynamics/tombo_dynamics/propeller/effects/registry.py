@@ -42,7 +42,7 @@ class StandParam:
     doc: str
     typical: float
     """A value that clearly matters, on a stand for the nine-inch propellers."""
-    grows: str = ""
+    scales_with: str = ""
     """The size that matters grows with the range of this channel ("thrust", "torque")."""
 
 
@@ -59,7 +59,7 @@ class StandEffect:
     """Effects that look alike, and the measurement that tells them apart."""
     models: tuple[str, ...]
     """Nominal models that it makes sense for: tombo, plain (T = k omega^2)."""
-    chance: bool
+    stochastic: bool
     """True: it has no mean, only a width."""
     function: Callable[..., None]
 
@@ -74,7 +74,7 @@ def stand_effect(
     signature: str,
     separates_from: Mapping[str, str] | None = None,
     models: tuple[str, ...] = ("tombo", "plain"),
-    chance: bool = False,
+    stochastic: bool = False,
 ) -> Callable[[_Function], _Function]:
     """Register the decorated function as an effect of a stand run.
 
@@ -85,7 +85,7 @@ def stand_effect(
         signature: how it shows in data, in one line.
         separates_from: other effects that look alike, and what tells them apart.
         models: nominal models that it makes sense for.
-        chance: whether it draws from chance and has no mean.
+        stochastic: whether it draws from chance and has no mean.
 
     Raises:
         ValueError: the name is taken, or the arguments and `theta` do not agree.
@@ -105,7 +105,7 @@ def stand_effect(
             signature,
             dict(separates_from or {}),
             models,
-            chance,
+            stochastic,
             function,
         )
         return function

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.propeller.laws import consistent, repaired
-from tombo_dynamics.propeller.laws.names import LAWS, LOST, OK, TWIST
+from tombo_dynamics.propeller.laws.names import LAWS, NO_EQUILIBRIUM, OK, TWIST_OUT_OF_RANGE
 from tombo_dynamics.propeller.laws.parameters import Parameters
 from tombo_dynamics.propeller.laws.wing_loads import twisted
 
@@ -155,7 +155,7 @@ def equilibrium(law: int, p: Parameters, square: float) -> tuple[float, float, f
         )
         if found and determinant > 0.0 and miss < _LONGEST_MISS and gap < _WIDEST_GAP:
             if last:
-                return a, b, g, (OK if g <= p.twist_limit else TWIST)
+                return a, b, g, (OK if g <= p.twist_limit else TWIST_OUT_OF_RANGE)
             alpha, beta, gamma, here = a, b, g, there
             t_a, t_b, t_g = n_a, n_b, n_g
             step *= 4.0
@@ -163,4 +163,9 @@ def equilibrium(law: int, p: Parameters, square: float) -> tuple[float, float, f
             step *= 0.5
             if step < _SHORTEST_STEP * square:
                 break
-    return math.nan, math.nan, math.nan, (TWIST if gamma > p.twist_limit else LOST)
+    return (
+        math.nan,
+        math.nan,
+        math.nan,
+        (TWIST_OUT_OF_RANGE if gamma > p.twist_limit else NO_EQUILIBRIUM),
+    )

@@ -9,8 +9,8 @@ LAWS = {"published": 0, "repaired": 1, "consistent": 2}
 DEFAULT_LAW = "repaired"
 
 OK = 0
-TWIST = 1
-LOST = 2
+TWIST_OUT_OF_RANGE = 1
+NO_EQUILIBRIUM = 2
 """Verdicts on a point: physical root found; some section beyond the coefficients' range; no root
 that continues the one at rest."""
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.propeller.laws.names import OK, TWIST
+from tombo_dynamics.propeller.laws.names import OK, TWIST_OUT_OF_RANGE
 from tombo_dynamics.propeller.laws.parameters import Parameters
 from tombo_dynamics.propeller.laws.spring import spring_angle
 from tombo_dynamics.propeller.laws.wing_loads import twisted
@@ -122,7 +122,7 @@ def published_point(
         c = math.cos(alpha) * math.cos(beta)
         thrust, drag, torque = _wing(p, end, gamma)
         thrust, drag, torque = c * thrust, c * drag, c * torque
-    verdict = OK if abs(gamma) <= p.twist_limit else TWIST
+    verdict = OK if abs(gamma) <= p.twist_limit else TWIST_OUT_OF_RANGE
     return (
         alpha, beta, gamma, p.inner_thrust + thrust, p.inner_drag + drag, p.inner_torque + torque,
         verdict,

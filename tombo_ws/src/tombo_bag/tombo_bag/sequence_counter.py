@@ -1,0 +1,49 @@
+"""Counts a topic's messages, and those that were sent but did not arrive."""
+
+from __future__ import annotations
+
+
+class SequenceCounter:
+    """The messages of one topic, told by the numbers their publisher gives them.
+
+    The numbers say which message of its publisher this is, but not which publisher. So a gap is a
+    loss only while the topic has a single one; what looks like a gap before a second publisher is
+    noticed is not counted.
+    """
+
+    def __init__(self) -> None:
+        self.messages = 0
+        self.lost = 0
+        self.multiple_publishers = False
+        """There was more than one publisher at some time: losses of that time are not counted."""
+        self.without_sequence = False
+        """The middleware gives no numbers: losses can't be counted."""
+        self._last: int | None = None
+        self._gaps = 0
+        self._shared = False
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether `lost` says all."""
+        return not (self.multiple_publishers or self.without_sequence)
+
+    def seen(self, number: int | None) -> None:
+        """Count a message; a number that is not above the last one is a new publisher's."""
+        self.messages += 1
+        if number is None:
+            self.without_sequence = True
+            return
+        if self._last is not None and number > self._last:
+            self._gaps += number - self._last - 1
+        self._last = number
+
+    def publishers(self, number: int) -> None:
+        """Say how many publishers the topic has now; to be called now and then, and at the end."""
+        if number > 1:
+            self.multiple_publishers = self._shared = True
+        elif self._shared:
+            self._shared = False
+            self._last = None
+        else:
+            self.lost += self._gaps
+        self._gaps = 0

@@ -1,0 +1,181 @@
+"""Poses held against the IMU: units, frames and stamps that contradict each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tombo_diagnosis.checks.motion import RATE, WIDTH, Motion
+from tombo_diagnosis.checks.spans import Array, Mask
+from tombo_dynamics.vehicle import GRAVITY
+
+_EXCITED = 0.04
+"""rad/s: root mean square of a rate that tells anything."""
+_MAX_LAG_S = 0.3
+_INDEPENDENT = RATE * WIDTH * 2.0 * np.sqrt(np.pi)
+"""Rows of the even clock for each independent one, behind the Gaussian."""
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """How gyro and rates of the attitude go together: gyro = scale * turn @ rates."""
+
+    scale: float
+    turn: Rotation
+    mirrored: bool
+    """True: the turn is to be followed by a mirror; axes have different handedness."""
+    angle: float
+    """of the turn [rad]."""
+    sigma: float
+    """Standard deviation of the angle [rad]."""
+    explained: float
+    """Share of the gyro's variance that is explained."""
+    axes: int
+    """How many directions are excited: 3 for a mirror to be told."""
+
+
+@dataclass(frozen=True)
+class TimeOffset:
+    """By how much the motion capture's stamps are late against the IMU's."""
+
+    lag: float
+    """s"""
+    sigma: float
+    correlation: float
+
+
+def time_offset(motion: Motion) -> TimeOffset | None:
+    """Return the lag of best agreement between gyro and rates of the attitude.
+
+    Only sizes are compared where axes may be wrong; None where nothing turns.
+    """
+    if not motion.gyro.size or np.count_nonzero(motion.good) < 100:
+        return None
+    good = motion.good
+    rates = motion.rates - motion.rates[good].mean(axis=0)
+    gyro = motion.gyro - motion.gyro[good].mean(axis=0)
+    if _rms(rates[good]) < _EXCITED:
+        return None
+    reach = int(_MAX_LAG_S * RATE)
+    shifts = np.arange(-reach, reach + 1)
+    match = np.array([_matched(rates, gyro, good, int(s)) for s in shifts])
+    best = int(np.argmax(match))
+    if best in (0, match.size - 1) or match[best] < 0.5:
+        return None
+    left, top, right = match[best - 1 : best + 2]
+    offset = 0.5 * (left - right) / min(left - 2.0 * top + right, -1e-12)
+    lag = (shifts[best] + offset) / RATE
+    # how sharply a shift shows, against what no shift explains
+    fitted = _fit(np.roll(rates, -int(shifts[best]), axis=0)[good], gyro[good])
+    slope = np.gradient(gyro, 1.0 / RATE, axis=0)[good]
+    noise = _rms(fitted)
+    sharp = np.sqrt(np.sum(slope**2) / _INDEPENDENT)
+    return TimeOffset(float(lag), float(noise / max(sharp, 1e-9)), float(np.sqrt(top)))
+
+
+def alignment(motion: Motion, lag: float) -> Alignment | None:
+    """Return how gyro and rates of the attitude go together once the lag is taken out."""
+    if not motion.gyro.size or np.count_nonzero(motion.good) < 100:
+        return None
+    good = motion.good
+    t = motion.t
+    shifted = np.column_stack([np.interp(t + lag, t, c) for c in motion.rates.T])
+    w = shifted[good] - shifted[good].mean(axis=0)
+    g = motion.gyro[good] - motion.gyro[good].mean(axis=0)
+    if _rms(w) < _EXCITED:
+        return None
+    covariance = g.T @ w / len(w)
+    u, s, vt = np.linalg.svd(covariance)
+    # what both see; noise of one alone is not in it
+    seen = np.sqrt(s)
+    axes = int(np.count_nonzero(seen > _EXCITED / 2.0))
+    # a mirror shows in the directions that are excited, all three of them
+    sign = np.sign(np.linalg.det(u @ vt))
+    mirrored = bool(axes == 3 and sign < 0.0 and s[2] > 0.2 * s[1])
+    matrix = u @ np.diag([1.0, 1.0, sign]) @ vt
+    scale = float(s.sum() / max(np.trace(w.T @ w / len(w)), 1e-12))
+    left = g - scale * w @ (u @ vt if mirrored else matrix).T
+    explained = 1.0 - float(np.sum(left**2) / max(np.sum(g**2), 1e-12))
+    turn = Rotation.from_matrix(-u @ vt if mirrored else matrix)
+    angle = float(turn.magnitude())
+    # the turn about an axis is told by what turns about the two others
+    weak = max(float(np.sqrt(s[1:].mean() / max(scale, 1e-9))), 1e-6)
+    sigma = _rms(left) / max(scale, 1e-9) / weak * np.sqrt(_INDEPENDENT / len(w))
+    return Alignment(scale, turn, mirrored, angle, float(sigma), explained, axes)
+
+
+def tilt_response(motion: Motion) -> tuple[Array, float] | None:
+    """Return (2, 2): horizontal acceleration per horizontal lean, over gravity; and its share.
+
+    A multirotor is pushed along its body z: the identity is expected. None without excitation.
+    """
+    up = motion.up[motion.good]
+    lean = up[:, :2] / np.maximum(np.abs(up[:, 2:]), 0.2) * GRAVITY
+    return _response(lean, motion.acceleration[motion.good, :2])
+
+
+def force_response(motion: Motion) -> tuple[Array, float] | None:
+    """Return (3, 3): the turn from the accelerometer's reading in map to the track's acceleration.
+
+    Also the share of the track's acceleration that it explains. Drag and wind are in both: no
+    turn is expected. None without excitation along two axes.
+    """
+    if not motion.accel.size or np.count_nonzero(motion.good) < 100:
+        return None
+    good = motion.good
+    expected = Rotation.from_quat(motion.attitude[good]).apply(motion.accel[good])
+    found = motion.acceleration[good]
+    expected = expected - expected.mean(axis=0)
+    found = found - found.mean(axis=0)
+    if max(_rms(expected), _rms(found)) < 0.2:
+        return None
+    u, s, vt = np.linalg.svd(found.T @ expected / len(found))
+    if s[1] < 0.2 * s[0]:
+        return None
+    turn = u @ vt
+    if s[2] < 0.2 * s[1]:
+        # a plane can be turned over or mirrored: the smaller mistake is the likelier one
+        other = u @ np.diag([1.0, 1.0, -1.0]) @ vt
+        proper, mirror = (turn, other) if np.linalg.det(turn) > 0.0 else (other, turn)
+        turn = mirror if np.trace(mirror) > np.trace(proper) + 1.0 else proper
+    left = found - expected @ turn.T
+    return turn, 1.0 - float(np.sum(left**2) / max(np.sum(found**2), 1e-12))
+
+
+def _response(expected: Array, found: Array) -> tuple[Array, float] | None:
+    if len(expected) < 100:
+        return None
+    expected = expected - expected.mean(axis=0)
+    found = found - found.mean(axis=0)
+    if max(_rms(expected), _rms(found)) < 0.2 or _rms(expected) < 2e-3:
+        return None
+    response, _, _, _ = np.linalg.lstsq(expected, found, rcond=None)
+    left = found - expected @ response
+    share = 1.0 - float(np.sum(left**2) / max(np.sum(found**2), 1e-12))
+    return np.asarray(response.T), share
+
+
+def _matched(rates: Array, gyro: Array, good: Mask, shift: int) -> float:
+    """Return the share of the gyro's variance that rates `shift` steps later explain."""
+    both = good & np.roll(good, -shift)
+    if shift > 0:
+        both[-shift:] = False
+    elif shift < 0:
+        both[:-shift] = False
+    g = gyro[both]
+    left = _fit(np.roll(rates, -shift, axis=0)[both], g)
+    return 1.0 - float(np.sum(left**2) / max(np.sum(g**2), 1e-12))
+
+
+def _fit(w: Array, g: Array) -> Array:
+    """Return what is left of g behind a linear map of w."""
+    if not len(w):
+        return g
+    coefficients, _, _, _ = np.linalg.lstsq(w, g, rcond=None)
+    return np.asarray(g - w @ coefficients)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0

@@ -1,0 +1,120 @@
+"""Stamps and values as such: not finite, out of order, twice, held."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_diagnosis.checks.spans import Mask, runs, step_of
+from tombo_diagnosis.logs.flight_log import Finding, Series
+
+_RESET_S = 0.5
+"""Stamps that go back by more are a clock that was set, not messages out of order."""
+_LARGEST = 1e7
+"""Beyond it, no value of any channel is one."""
+_HELD = 0.3
+"""Share of repeated values from which a channel was laid on a faster clock by holding."""
+
+_SAMPLED = ("position", "attitude", "gyro", "accel", "rotor_speed")
+"""Channels that measure something new each time; commands and supply may stay as they are."""
+
+
+def clean_series(flight: str, channel: str, series: Series) -> tuple[Series, list[Finding]]:
+    """Return a channel with finite, rising stamps and no repeats, and what was wrong with it."""
+    findings: list[Finding] = []
+
+    def note(check: str, severity: str, text: str) -> None:
+        findings.append(Finding(check, severity, flight, f"{channel}: {text}", channel=channel))
+
+    series, found = _ordered(series)
+    for check, severity, text in found:
+        note(check, severity, text)
+    with np.errstate(invalid="ignore"):
+        finite = np.asarray((np.abs(series.values) < _LARGEST).all(axis=1))
+    lost = int(finite.size - np.count_nonzero(finite))
+    if lost:
+        share = lost / finite.size
+        note(
+            "missing",
+            "warning" if share > 0.01 else "info",
+            f"{lost} of {finite.size} samples are no numbers, or no possible ones",
+        )
+        series = _part(series, finite)
+    share, repeats = _held_share(series)
+    if share > _HELD and channel in _SAMPLED:
+        note(
+            "duplicate",
+            "warning",
+            f"{100 * share:.0f} % of the samples repeat the one before: a slower channel held "
+            f"on a faster clock ({1.0 / max(step_of(series.t), 1e-9):.0f} Hz); the repeats are "
+            "left out, the stamps of the rest may be late by up to one step",
+        )
+        series = _part(series, ~repeats)
+    return series, findings
+
+
+def _part(series: Series, rows: NDArray[Any] | slice) -> Series:
+    arrival = None if series.arrival is None else series.arrival[rows]
+    return Series(series.t[rows], series.values[rows], arrival)
+
+
+def _ordered(series: Series) -> tuple[Series, list[tuple[str, str, str]]]:
+    found: list[tuple[str, str, str]] = []
+    size = min(series.t.size, len(series.values))
+    good = np.isfinite(series.t[:size])
+    if not good.all() or size < series.t.size:
+        found.append(("stamps", "warning", f"{int(size - good.sum())} stamps are no numbers"))
+    series = _part(series, np.flatnonzero(good))
+    back = np.diff(series.t)
+    resets = np.flatnonzero(back < -_RESET_S)
+    if resets.size:
+        edges = np.concatenate([[0], resets + 1, [series.t.size]])
+        longest = int(np.argmax(np.diff(edges)))
+        begin, end = int(edges[longest]), int(edges[longest + 1])
+        found.append(
+            (
+                "stamps",
+                "fault",
+                f"stamps jump back by {-back.min():.3g} s ({resets.size} times): the clock was "
+                f"set, or logs were joined; only the longest part is used, {end - begin} of "
+                f"{series.t.size} samples",
+            )
+        )
+        series = _part(series, slice(begin, end))
+    late = int(np.count_nonzero(np.diff(series.t) < 0.0))
+    if late:
+        found.append(
+            ("stamps", "warning", f"{late} stamps go backwards; expected: rising; sorted")
+        )
+        series = _part(series, np.argsort(series.t, kind="stable"))
+    twice = np.concatenate([[False], np.diff(series.t) <= 0.0])
+    if twice.any():
+        count = int(twice.sum())
+        severity = "warning" if count > 0.01 * twice.size else "info"
+        found.append(
+            ("duplicate", severity, f"{count} stamps are there twice; the first one counts")
+        )
+        series = _part(series, ~twice)
+    return series, found
+
+
+def _held_share(series: Series) -> tuple[float, Mask]:
+    if len(series.values) < 10:
+        return 0.0, np.zeros(len(series.values), np.bool_)
+    same = np.zeros(len(series.values), np.bool_)
+    same[1:] = (np.diff(series.values, axis=0) == 0.0).all(axis=1)
+    # held values come again and again; a vehicle at rest, or one that was lost, in long runs
+    lengths = np.array([end - begin for begin, end in runs(same)])
+    short = lengths[lengths <= 20]
+    moved = np.count_nonzero(~same)
+    if short.size < 0.2 * moved:
+        return 0.0, same
+    return float(short.sum() / max(same.size, 1)), same
+
+
+def nothing_left(series: Series) -> bool:
+    """Say whether a channel is too short to be used."""
+    return series.t.size < 2 or not math.isfinite(float(series.t[-1] - series.t[0]))

@@ -1,0 +1,202 @@
+"""The experiment that tells causes apart: every manoeuvre is simulated with each of them.
+
+For each manoeuvre of the catalogue the nominal model is flown. The slopes along that flight say
+what each member of the set would change and how well the others could explain it. The best
+manoeuvres are then flown with each member in turn and held against all of them by the analysis
+itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_diagnosis.diagnosis import Experiment
+from tombo_diagnosis.flight.analyse import Findings
+from tombo_diagnosis.flight.cause_estimates import estimate_cause, join_names
+from tombo_diagnosis.flight.evidence import NormalEquations, solve
+from tombo_diagnosis.flight.manoeuvres import Manoeuvre, manoeuvre_catalogue
+from tombo_diagnosis.flight.nominal import NominalModel
+from tombo_diagnosis.flight.problem import Problem, sum_of
+from tombo_diagnosis.flight.track import track_of
+from tombo_diagnosis.logs.flight_log import FlightLog, Series
+from tombo_dynamics.effects import REGISTRY
+from tombo_dynamics.errors import InputError
+from tombo_flight.flight import Workspace, fly_scenario
+from tombo_flight.flight_record import FlightRecord
+from tombo_flight.scenario import Scenario, extended_scenario
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, float], None]
+
+_SUFFICIENT_LOG_BF = 8.0
+"""Log Bayes factor that is plenty: the first manoeuvre that gives the worst pair it is taken."""
+_MAX_SIMULATED = 3
+"""So many of the most promising manoeuvres are flown with each member."""
+_AIRBORNE = 0.4
+_MEMBERS = 3
+
+
+@dataclass(frozen=True)
+class _DesignInput:
+    """What is the same for every manoeuvre: the members as fitted, the model, the sensors."""
+
+    fitted: Mapping[str, Mapping[str, float]]
+    nominal: NominalModel
+    imu: bool
+    rpm: bool
+
+
+def separate(findings: Findings, progress: Progress) -> Experiment | None:
+    """Return the manoeuvre that separates the members of a set best, or None without a set."""
+    members = findings.judgement.members[:_MEMBERS]
+    if len(members) < 2:
+        return None
+    fitted = {m: _theta(m, findings) for m in members}
+    by_hand = _by_hand(members)
+    present = _present_log_bf(findings, members)
+    if findings.problem.nominal.calibrated:
+        return Experiment(members, by_hand, float("nan"), present)
+    imu = findings.problem.tracks[0].formulation == "imu"
+    rpm = bool(findings.problem.tracks[0].speed.size)
+    bench = _DesignInput(fitted, findings.problem.nominal, imu, rpm)
+    flown = [m for m in manoeuvre_catalogue().values() if m.scenario]
+    screened = []
+    for number, manoeuvre in enumerate(flown):
+        progress("simulating experiments", number / len(flown))
+        expected = _expected_log_bf(manoeuvre, bench)
+        screened.append((expected, number, manoeuvre))
+    best: tuple[float, Manoeuvre] | None = None
+    for _, _, manoeuvre in sorted(screened, reverse=True)[:_MAX_SIMULATED]:
+        worst = _simulated_log_bf(manoeuvre, bench)
+        if best is None or worst > best[0]:
+            best = worst, manoeuvre
+        if worst > _SUFFICIENT_LOG_BF:
+            break
+    if best is None or best[0] < 2.0:
+        return Experiment(members, by_hand, best[0] if best else 0.0, present)
+    said = best[1].text[0].upper() + best[1].text[1:]
+    text = f"{said} Simulated with each of them in turn, it tells {join_names(members)} apart."
+    return Experiment(members, text, best[0], present, best[1].scenario)
+
+
+def _theta(member: str, findings: Findings) -> Mapping[str, float]:
+    """Return the fitted parameters of a member."""
+    every = [findings.search.best, *findings.search.alternatives]
+    own = next((e for e in every if member in e.effects), every[0])
+    return {f.name: f.value for f in estimate_cause(member, findings, own).theta}
+
+
+def _present_log_bf(findings: Findings, members: Sequence[str]) -> float:
+    """Return the log Bayes factor between the two closest members in the flights at hand."""
+    every = [findings.search.best, *findings.search.alternatives]
+    own = [[e.evidence for e in every if m in e.effects] for m in members]
+    evidence = sorted((max(values) for values in own if values), reverse=True)
+    return float(evidence[0] - evidence[1]) if len(evidence) > 1 else 0.0
+
+
+def _by_hand(members: Sequence[str]) -> str:
+    """Return what the registry advises for the first pair that it knows."""
+    for a in members:
+        for b, advice in REGISTRY[a].separates_from.items():
+            if b in members:
+                return f"To tell {join_names((a, b))} apart: {advice}."
+    names = join_names(members)
+    return f"Nothing that is flown alone tells {names} apart; change one of them by hand."
+
+
+def _expected_log_bf(
+    manoeuvre: Manoeuvre,
+    bench: _DesignInput,
+) -> float:
+    """Return the smallest log Bayes factor to expect, by the slopes along a nominal flight."""
+    try:
+        problem = _flown(manoeuvre, bench.nominal.effects, 99, bench)
+    except InputError:
+        return 0.0
+    columns = problem.columns
+    matrix = sum_of(problem.normals).matrix
+    worst = float("inf")
+    for member, theta in bench.fitted.items():
+        change = np.zeros(columns.count)
+        for p in columns.parameters:
+            if p.effect == member and p.name in theta and p.index in columns.identifiable:
+                off = theta[p.name] - float(problem.theta[p.index])
+                change[columns.places([p.index])] = off
+        if not change.any() and columns.draws:
+            change[len(columns.indices) :] = 4.0 * columns.draw_width
+        shown = NormalEquations(matrix, matrix @ change, float(change @ matrix @ change))
+        evidence = {name: _evidence(problem, shown, name) for name in bench.fitted}
+        worst = min(worst, evidence[member] - max(v for n, v in evidence.items() if n != member))
+    return worst
+
+
+def _flown(
+    manoeuvre: Manoeuvre,
+    effects: Mapping[str, Mapping[str, float]],
+    seed: int,
+    bench: _DesignInput,
+) -> Problem:
+    """Fly a manoeuvre with these effects and hold it against the nominal model."""
+    values = {**manoeuvre.scenario, "effects": {n: dict(v) for n, v in effects.items()}}
+    scenario: Scenario = extended_scenario(values, manoeuvre.name)
+    log = as_log(fly_scenario(scenario, seed, workspace=Workspace()), bench.imu, bench.rpm)
+    return Problem([track_of(log)], bench.nominal)
+
+
+def _simulated_log_bf(
+    manoeuvre: Manoeuvre,
+    bench: _DesignInput,
+) -> float:
+    """Return the smallest log Bayes factor of a true member against another one."""
+    worst = float("inf")
+    for number, (member, theta) in enumerate(bench.fitted.items()):
+        effects = {name: dict(values) for name, values in bench.nominal.effects.items()}
+        effects[member] = {**effects.get(member, {}), **theta}
+        try:
+            problem = _flown(manoeuvre, effects, 100 + number, bench)
+        except InputError:
+            return 0.0  # a member that does not fly the manoeuvre
+        shown = sum_of(problem.normals)
+        evidence = {name: _evidence(problem, shown, name) for name in bench.fitted}
+        others = [value for name, value in evidence.items() if name != member]
+        worst = min(worst, evidence[member] - max(others))
+    return worst
+
+
+def _evidence(problem: Problem, normal: NormalEquations, effect: str) -> float:
+    own = tuple(p.index for p in problem.columns.parameters if p.effect == effect)
+    free = [i for i in own if i in problem.columns.identifiable]
+    if not free:
+        wide = problem.columns.deviations(draw_width=8.0 * problem.columns.draw_width)
+        return solve(normal, wide, covariance=False).evidence
+    alone = [(i,) for i in free] + [tuple(free)]
+    return max(
+        solve(normal, problem.columns.deviations(ways), covariance=False).evidence
+        for ways in alone
+    )
+
+
+def as_log(flown: FlightRecord, imu: bool, rpm: bool) -> FlightLog:
+    """Return a simulated flight as a log with these sensors."""
+    t = flown.t
+    series = {
+        "position": Series(flown.mocap_t, flown.mocap_position, flown.mocap_arrival),
+        "attitude": Series(flown.mocap_t, flown.mocap_attitude, flown.mocap_arrival),
+        "rotor_command": Series(t, flown.log["rotor_command"]),
+        "voltage": Series(t[::100], flown.log["battery"][::100, 2:3]),
+    }
+    if imu:
+        series["gyro"] = Series(t, flown.log["gyro"])
+        series["accel"] = Series(t, flown.log["accel"])
+    if rpm:
+        series["rotor_speed"] = Series(t, flown.log["rotor_speed"])
+    air = np.flatnonzero(flown.mocap_position[:, 2] > _AIRBORNE)
+    if not air.size:
+        raise InputError("the manoeuvre was not flown; accepted: a flight")
+    begin, end = float(flown.mocap_t[air[0]]) + 0.3, float(flown.mocap_t[air[-1]])
+    ground = ((-1.0, begin), (end, float(t[-1]) + 1.0))
+    return FlightLog("simulated", "simulated", series, exclude=ground)

@@ -1,0 +1,54 @@
+"""How much of a residual lives at which time scale: variances of differences of block means."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+SCALES_S = (0.12, 0.24, 0.48, 0.96, 1.92, 3.84)
+"""Lengths of the blocks."""
+
+
+def block_variances(residual: Array, spacing: float) -> tuple[Array, Array]:
+    """Return variances (scales, channels) of half differences of adjacent block means, and counts.
+
+    Constants give nothing, a slow drift little: each scale sees what changes within it (Haar
+    wavelet variance, as Allan's).
+
+    Args:
+        residual: (rows, channels), evenly spaced.
+        spacing: of the rows [s].
+    """
+    variances = np.full((len(SCALES_S), residual.shape[1]), np.nan)
+    counts = np.zeros(len(SCALES_S))
+    for k, scale in enumerate(SCALES_S):
+        length = max(1, round(scale / spacing))
+        blocks = residual.shape[0] // length
+        if blocks < 4 or length * spacing > 1.5 * scale:
+            continue
+        means = residual[: blocks * length].reshape(blocks, length, -1).mean(axis=1)
+        half = 0.5 * np.diff(means, axis=0)
+        variances[k] = np.mean(half**2, axis=0)
+        counts[k] = blocks / 1.5
+    return variances, counts
+
+
+def block_means(rows: Array, length: int) -> Array:
+    """Return the means of blocks of `length` rows, (blocks, channels)."""
+    count = rows.shape[0] // length
+    return np.asarray(rows[: count * length].reshape(count, length, -1).mean(axis=1))
+
+
+def pooled(found: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Return variances and counts over flights, weighed by the counts."""
+    counts = np.sum([c for _, c in found], axis=0)
+    total = np.zeros_like(found[0][0])
+    for variances, count in found:
+        total += np.where(count[:, None] > 0, np.nan_to_num(variances) * count[:, None], 0.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = total / counts[:, None]
+    return mean, counts

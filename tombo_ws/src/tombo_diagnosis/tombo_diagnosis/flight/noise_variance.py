@@ -1,0 +1,51 @@
+"""How noisy a channel's rows are, correlation included, and how far they can be trusted at all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+BLOCK_S = 1.0
+"""Residuals are taken to be independent from one such block to the next."""
+_SETTLES_S = 10.0
+_FLOORS = (
+    ("force", 0.004),
+    ("mocap against accel", 0.004),
+    ("acceleration", 0.004),
+    ("turning", 0.02),
+    ("gyro against mocap", 0.0005),
+    ("rotor speed", 0.3),
+    ("voltage", 0.005),
+    ("latency", 1e-4),
+)
+"""By the beginning of a channel's name, in its unit: no average over ten seconds is trusted to be
+closer than this, however still the data look."""
+
+
+def floor_of(channel: str) -> float:
+    """Return how close an average of a channel can be trusted to be, in its unit."""
+    return next(floor for start, floor in _FLOORS if channel.startswith(start))
+
+
+def long_run_variance(residual: Sequence[Array], per_second: float, floor: float) -> float:
+    """Return what correlated noise amounts to: rows times the variance of their mean.
+
+    Args:
+        residual: (rows,) of each flight, what no candidate explains.
+        per_second: rows a second.
+        floor: see `floor_of`.
+    """
+    per_block = max(1, round(BLOCK_S * per_second))
+    sums = []
+    for rows in residual:
+        count = rows.size // per_block
+        centred = rows - rows.mean() if rows.size > 2 * per_block else rows
+        sums.append(centred[: count * per_block].reshape(count, per_block).sum(axis=1))
+    blocks = np.concatenate(sums)
+    white = float(np.mean(np.concatenate(residual) ** 2))
+    coloured = float(np.mean(blocks**2)) / per_block if blocks.size >= 3 else white
+    return max(coloured, white, floor**2 * per_second * _SETTLES_S)

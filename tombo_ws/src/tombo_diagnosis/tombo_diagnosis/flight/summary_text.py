@@ -1,0 +1,102 @@
+"""A diagnosis in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from tombo_diagnosis.diagnosis import Cause
+from tombo_diagnosis.flight.analyse import Findings
+from tombo_diagnosis.flight.cause_estimates import join_names
+from tombo_diagnosis.flight.verdict import MAX_LOG_VARIANCE_EXCESS
+from tombo_flight.extended_model import Gain
+
+
+def summary(findings: Findings, causes: Sequence[Cause], gains: Sequence[Gain]) -> str:
+    """Return the verdict in a sentence or two."""
+    judgement = findings.judgement
+    worst = findings.residual_excesses[0] if findings.residual_excesses else None
+    remains = (
+        f"{worst.channel} keeps {worst.measured:.2g} {worst.unit} at {worst.scale_s:g} s where "
+        f"chance gives {worst.expected:.2g}"
+        if worst is not None and worst.excess > MAX_LOG_VARIANCE_EXCESS
+        else ""
+    )
+    if judgement.verdict == "none":
+        return "The model predicts these flights as well as chance and its tolerances allow."
+    if judgement.verdict == "unknown":
+        tail = f": {remains}" if remains else ""
+        return f"Something is at work that no candidate explains{tail}."
+    if judgement.verdict == "set":
+        return (
+            f"The flights can't tell {join_names(judgement.members)} apart: each explains them. "
+            "Fly the separating experiment."
+        )
+    cause_texts = "; ".join(_cause_text(cause) for cause in causes)
+    cause_texts = f"{cause_texts[0].upper()}{cause_texts[1:]}"
+    best = max((g for g in gains if g.horizon == "one step"), key=_drop, default=None)
+    gain = (
+        f" With it the error of {best.channel} falls from {best.before:.3g} to {best.after:.3g} "
+        f"{best.unit} in flights held out."
+        if best is not None and best.reduction > 0.05
+        else ""
+    )
+    if judgement.verdict == "partly_explained":
+        rest = remains or "what remains looks like gusts, or like a force it only resembles"
+        return f"A part is explained. {cause_texts}; {rest}.{gain}"
+    besides = (
+        f" Besides, {join_names(judgement.members, 'or')} is at work: these flights can't tell."
+        if judgement.members
+        else ""
+    )
+    return f"{cause_texts}.{gain}{besides}"
+
+
+def _drop(gain: Gain) -> float:
+    return gain.reduction
+
+
+def _cause_text(cause: Cause) -> str:
+    """Return a cause with the parameters whose interval leaves the nominal value out."""
+    told = [f for f in cause.theta if not f.low <= f.nominal <= f.high] or list(cause.theta)
+    values = ", ".join(
+        f"{f.name} {f.value:.3g}{'' if f.unit == '1' else ' ' + f.unit} (was {f.nominal:.3g})"
+        for f in told
+    )
+    return f"{join_names((cause.effect,))}: {values}"
+
+
+def notes(findings: Findings) -> list[str]:
+    """Return what can't be certified, and why."""
+    problem = findings.problem
+    said = []
+    if len(problem.tracks) < 3:
+        said.append(
+            f"{len(problem.tracks)} flight{'s' if len(problem.tracks) > 1 else ''}: held-out "
+            "figures come from blocks or single flights, and have no interval; three flights or "
+            "more certify."
+        )
+    if problem.nominal.calibrated:
+        said.append(
+            "The vehicle is not the suite's own: thrust was fitted to these flights, so errors of "
+            "mass, thrust and level can't be seen, moments are not compared, and what healthy "
+            "flights leave over is not known; the level of false alarms can't be certified."
+        )
+        unexplained = [each for each in findings.residual_excesses if each.excess > 3.0]
+        if unexplained and findings.judgement.effects:
+            told = "; ".join(f"{e.channel} {e.measured:.2g} {e.unit}" for e in unexplained[:4])
+            said.append(f"What is left beyond the causes named: {told} (root mean square).")
+    if not problem.nominal.moments and not problem.nominal.calibrated:
+        said.append(
+            "Poses alone: thrust is taken from the track, so nothing along it (mass, thrust, "
+            "ground effect) and no moments can be seen; rotor commands or an IMU show them."
+        )
+    if any(track.formulation == "mocap" for track in problem.tracks):
+        said.append(
+            "Without an IMU accelerations come from 30 Hz poses: faults of the IMU can't be seen, "
+            "and quick effects only in part."
+        )
+    if findings.problem.columns.vehicles > 1 and len(problem.tracks) > 1:
+        said.append(
+            "The rotors differ from flight to flight: other propellers, or other vehicles."
+        )
+    return said

@@ -1,0 +1,121 @@
+"""What lasts a moment: a touch, a knock, a jump of the poses. No effect, and no reason to give up.
+
+A flight that brushed the ground for a tenth of a second leaves more over than chance does, and
+the gate would call the whole of it unknown. Such moments are found in what the best explanation
+leaves, set apart, and said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_diagnosis.flight.filters import clear_rows
+from tombo_diagnosis.flight.problem import Fit, Problem
+from tombo_diagnosis.flight.track import Track
+from tombo_diagnosis.logs.flight_log import Finding
+
+Array = NDArray[np.float64]
+
+_BURST = 12.0
+"""Times a channel's robust deviation: no noise comes to it, nor do effects in a fitted flight."""
+_AROUND_S = 0.3
+_APART_S = 0.5
+_MOMENTS = 3
+_SHARE = 0.1
+"""Of a flight. What comes oftener or lasts longer is not momentary but an unknown cause."""
+_NORMAL = 1.4826
+"""Standard deviation of normal noise over its median absolute deviation."""
+
+
+@dataclass(frozen=True)
+class Transient:
+    """A moment of one flight."""
+
+    flight: int
+    start_s: float
+    end_s: float
+    channel: str
+    """That shows it most."""
+    times_noise: float
+
+
+def find_transients(problem: Problem, fit: Fit) -> list[Transient]:
+    """Return the moments at which a fit leaves far more than at all other times."""
+    found: list[Transient] = []
+    for f, track in enumerate(problem.tracks):
+        own = _of_flight(problem, fit, f)
+        lasted = sum(event.end_s - event.start_s for event in own)
+        if len(own) > _MOMENTS or lasted > _SHARE * track.used_s:
+            return []
+        found += own
+    return found
+
+
+def _of_flight(problem: Problem, fit: Fit, flight: int) -> list[Transient]:
+    track = problem.tracks[flight]
+    times = {"fast": track.fast.t[track.fast_rows], "slow": track.slow.t[track.slow_rows]}
+    moments: list[tuple[float, float, str]] = []
+    for group, rows in problem.residual(fit, flight).items():
+        if group not in times:
+            continue
+        off = np.abs(rows - np.median(rows, axis=0))
+        ratio = off / np.maximum(_NORMAL * np.median(off, axis=0), 1e-12)
+        names = [c.name for c in problem.channels[flight] if c.group == group]
+        for k, j in zip(*np.nonzero(ratio > _BURST), strict=True):
+            moments.append((float(times[group][k]), float(ratio[k, j]), names[j]))
+    moments.sort()
+    events: list[Transient] = []
+    for t, ratio_, name in moments:
+        last = events[-1] if events else None
+        if last is not None and t - last.end_s < _APART_S:
+            more = ratio_ > last.times_noise
+            events[-1] = replace(
+                last,
+                end_s=t + _AROUND_S,
+                channel=name if more else last.channel,
+                times_noise=max(ratio_, last.times_noise),
+            )
+        else:
+            events.append(Transient(flight, t - _AROUND_S, t + _AROUND_S, name, ratio_))
+    return events
+
+
+def exclude_transients(tracks: Sequence[Track], events: Sequence[Transient]) -> list[Track]:
+    """Return the flights without these moments."""
+    result = list(tracks)
+    for f, track in enumerate(result):
+        own = [e for e in events if e.flight == f]
+        if not own:
+            continue
+        spoiled = np.zeros(track.t.size, np.bool_)
+        for event in own:
+            spoiled |= (track.t >= event.start_s) & (track.t <= event.end_s)
+        counted = np.interp(track.pose_t, track.t, spoiled.astype(np.float64)) < 0.5
+        result[f] = replace(
+            track,
+            fast_rows=track.fast_rows & clear_rows(track.fast, spoiled),
+            slow_rows=track.slow_rows & clear_rows(track.slow, spoiled),
+            pose_rows=track.pose_rows & counted,
+        )
+    return result
+
+
+def transient_findings(tracks: Sequence[Track], events: Sequence[Transient]) -> list[Finding]:
+    """Say what was set apart."""
+    return [
+        Finding(
+            "moment",
+            "fault",
+            tracks[event.flight].name,
+            f"something acts for a moment that no cause explains ({event.channel}: "
+            f"{event.times_noise:.0f} times the noise), as in a touch or a knock: set apart",
+            event.start_s,
+            event.end_s,
+            event.channel,
+        )
+        for event in events
+    ]

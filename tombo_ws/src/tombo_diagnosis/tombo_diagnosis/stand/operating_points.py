@@ -1,0 +1,72 @@
+"""Stand runs as operating points: what was imposed, what was read, and how well."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_dynamics.propeller.effects import CHANNELS, Setup
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+UNITS = dict(zip(CHANNELS, ("N", "N m", "rad", "rad/s"), strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class OperatingPoints:
+    """All operating points of a diagnosis."""
+
+    setup: Setup
+    readings: Array
+    """(N, 4) in the order of CHANNELS; NaN: not measured."""
+    sigma: Array
+    """(N, 4) standard deviation of each reading by noise alone."""
+    runs: tuple[str, ...]
+    """Names of the runs."""
+    propellers: tuple[str, ...]
+    """Names of the propellers."""
+    stiffness: Array
+    """(P,) shear modulus of each propeller's nodus [MPa]; NaN: rigid or not known."""
+
+    @property
+    def count(self) -> int:
+        """Number of points."""
+        return int(self.setup.speed.size)
+
+    @property
+    def measured(self) -> tuple[int, ...]:
+        """Places in CHANNELS of what was measured at all."""
+        return tuple(c for c in range(len(CHANNELS)) if np.isfinite(self.readings[:, c]).any())
+
+    def blocks(self) -> list[tuple[str, Mask]]:
+        """Return what is held out in turn: configurations, else runs, else blocks of speed."""
+        setup = self.setup
+        if len(self.propellers) > 2:
+            return [(n, setup.propeller == k) for k, n in enumerate(self.propellers)]
+        if len(self.runs) > 2:
+            return [(n, setup.run == k) for k, n in enumerate(self.runs)]
+        order = np.argsort(np.argsort(setup.speed, kind="stable"), kind="stable")
+        number = np.minimum(order * 5 // max(setup.speed.size, 1), 4)
+        return [(f"speeds {k + 1} of 5", number == k) for k in range(5) if (number == k).any()]
+
+    def only(self, keep: Mask) -> OperatingPoints:
+        """Return some of the points; propellers and runs keep their numbers."""
+        s = self.setup
+        return replace(
+            self,
+            setup=replace(
+                s,
+                speed=s.speed[keep],
+                rows=s.rows[keep],
+                propeller=s.propeller[keep],
+                run=s.run[keep],
+                elapsed=s.elapsed[keep],
+                applied_thrust=s.applied_thrust[keep] if s.applied_thrust.size else np.zeros(0),
+                applied_torque=s.applied_torque[keep] if s.applied_torque.size else np.zeros(0),
+            ),
+            readings=self.readings[keep],
+            sigma=self.sigma[keep],
+        )

@@ -1,0 +1,111 @@
+"""A stand diagnosis in words: the verdict with its figures, and what can't be certified."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tombo_diagnosis.diagnosis import Cause
+from tombo_diagnosis.extend_model import EXTENDING_VERDICTS
+from tombo_diagnosis.stand.analyse import Findings
+from tombo_diagnosis.stand.model_differences import differences_from_model, model_extending_causes
+from tombo_diagnosis.stand.operating_points import UNITS
+from tombo_diagnosis.stand.problem import RUN, SHARE
+from tombo_diagnosis.stand.repeatability import repeats
+from tombo_diagnosis.stand.thrust_constant import ThrustConstant
+from tombo_diagnosis.stand.verdict import LOG_BF_CURVES
+from tombo_flight.extended_model import Gain
+
+
+def summary(
+    findings: Findings,
+    found: Sequence[Cause],
+    gains: Sequence[Gain],
+    constant: ThrustConstant | None = None,
+) -> str:
+    """Return the verdict in a sentence or two."""
+    judgement, best = findings.judgement, findings.search.best
+    points = findings.problem.points
+    data = (
+        f"{findings.problem.used} points of {len(points.runs)} run{'s' * (len(points.runs) > 1)}, "
+        f"{len(points.propellers)} propeller{'s' * (len(points.propellers) > 1)}"
+    )
+    names = ", ".join(e.replace("_", " ") for e in judgement.effects)
+    worth = "; ".join(
+        f"{g.channel} {g.before:.3g} to {g.after:.3g} {g.unit}"
+        for g in gains
+        if g.after < g.before
+    )
+    worth = f" Error on points held out: {worth}." if worth and judgement.effects else ""
+    curves = judgement.residual_curves
+    unit = UNITS.get(curves.channel, "")
+    text = {
+        "none": f"{data} agree with the model within noise and tolerances.",
+        "unknown": f"{data} differ from the model in a way that no effect of the registry "
+        f"explains; free curves find {curves.size:.2g} {unit} more in {curves.channel}.",
+        "named": f"{data} call for {names} (log Bayes factor {best.evidence:.0f}).{worth}",
+        "set": f"{data} call for one of {names}, and can't tell which.{worth}",
+        "partly_explained": f"{data} call for {names}, but free curves find "
+        f"{curves.size:.2g} {unit} RMS more in {curves.channel}.{worth}",
+    }[judgement.verdict]
+    if judgement.verdict == "named" and judgement.members:
+        members = ", ".join(e.replace("_", " ") for e in judgement.members)
+        text += f" Besides it is one of {members}."
+    told = differences_from_model(found)
+    if told:
+        text += f" {'; '.join(told)}."
+    if {RUN, SHARE} & set(judgement.effects):
+        text += "".join(f" {r[0].upper()}{r[1:]}." for r in repeats(findings.problem))
+    if constant is not None:
+        k = constant
+        text = (
+            f"k_T = {k.k_T:.4g} N s^2 by rotor ({k.low:.4g} to {k.high:.4g}); "
+            f"thrust grows with speed to the power {k.exponent:.2f}. {text}"
+        )
+    return text
+
+
+def notes(
+    findings: Findings,
+    causes: Sequence[Cause],
+    gains: Sequence[Gain],
+    constant: ThrustConstant | None = None,
+) -> tuple[str, ...]:
+    """Return what can't be certified and why."""
+    problem, points = findings.problem, findings.problem.points
+    found: list[str] = []
+    if constant is not None:
+        found.append(
+            "k_T takes up everything that is a share of thrust at all speeds: coefficient, air "
+            "density, the cell's gain, a wrong rpm scale can't be told from it with this file"
+        )
+        found += [
+            f"k_T is limited by {e.what}: {100.0 * e.share:.2g} %" for e in constant.limits[:4]
+        ]
+    if problem.repeated:
+        found += repeats(problem)
+    else:
+        found.append("no propeller has two runs: what differs from day to day is not seen")
+    if findings.judgement.verdict in EXTENDING_VERDICTS and not model_extending_causes(causes):
+        found.append("no stand_model.yaml: nothing was found that other runs would share")
+    if len(points.propellers) < 3 and not points.setup.plain:
+        found.append(
+            "fewer than three propellers: scatter of fabrication looks like a coefficient"
+        )
+    if (
+        findings.judgement.residual_curves.evidence > LOG_BF_CURVES
+        and findings.judgement.verdict == "named"
+    ):
+        found.append("something small is left over")
+    if any(g.low < 0.0 < g.after for g in gains) and findings.judgement.effects:
+        found.append("the gain on held-out points is not sure: its interval reaches below zero")
+    lacking = [c for k, c in enumerate(UNITS) if k not in points.measured and c != "beta"]
+    if "torque" in lacking:
+        found.append(
+            "no torque: coefficient, density, gain and rpm scale look alike in thrust alone"
+        )
+    lost = int(np.count_nonzero(np.isfinite(points.readings) & ~problem.seen))
+    if lost:
+        found.append(f"{lost} readings lie where the law has no valid root; they are not used")
+    return tuple(found)

@@ -1,0 +1,140 @@
+"""The thrust constant of a plain propeller: k_T with interval, and what limits it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_diagnosis.stand.assemble import StandData
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+_BOOTSTRAP_BLOCKS = 12
+_BOOTSTRAP_SAMPLES = 2000
+
+
+@dataclass(frozen=True)
+class Limit:
+    """One thing that bounds how well k_T is known."""
+
+    what: str
+    share: float
+    """Of k_T, one way."""
+
+
+@dataclass(frozen=True)
+class ThrustConstant:
+    """T = k_T omega^2, of one rotor."""
+
+    k_T: float
+    """N s^2"""
+    low: float
+    """End of the 95 % interval, block bootstrap over the run."""
+    high: float
+    with_offset: float
+    """The same with a free zero."""
+    offset_N: float
+    exponent: float
+    """Power of the speed that fits best, with a zero at standstill."""
+    runs: dict[str, float]
+    """k_T of each run."""
+    limits: tuple[Limit, ...]
+    """What limits it, the largest first."""
+
+
+def thrust_constant(found: StandData, rotor_speeds: dict[str, Array]) -> ThrustConstant:
+    """Return k_T of a plain propeller's points.
+
+    Args:
+        found: the points.
+        rotor_speeds: run -> (N, rotors) rad/s as recorded.
+    """
+    setup = found.points.setup
+    y = found.points.readings[:, 0]
+    known = np.isfinite(y) & (setup.speed > 0.0)
+    x, y, run = setup.speed[known] ** 2, y[known], setup.run[known]
+    elapsed = setup.elapsed[known]
+    k = float(x @ y) / float(x @ x)
+    low, high = _bootstrap(x, y, run, elapsed)
+    design = np.column_stack([x, np.ones(x.size)])
+    sloped, offset = np.linalg.lstsq(design, y, rcond=None)[0]
+    exponent = _exponent(np.sqrt(x), y)
+    runs = {
+        name: float(x[run == n] @ y[run == n]) / float(x[run == n] @ x[run == n])
+        for n, name in enumerate(found.points.runs)
+        if (run == n).any()
+    }
+    limits = [
+        Limit("chance between blocks of the run (half the interval)", 0.5 * (high - low) / k),
+        Limit("zero: k_T with a free zero against one through standstill", abs(sloped / k - 1.0)),
+    ]
+    up = _by_direction(x, y, run, elapsed)
+    if up is not None:
+        limits.append(Limit("way up against way down (half), after the lag is undone", up / k))
+    drift = [
+        abs(p.standstill[1] - (0.0 if math.isfinite(p.standstill[0]) else math.nan))
+        for p in found.runs
+    ]
+    drift = [d for d in drift if math.isfinite(d)]
+    if drift:
+        limits.append(
+            Limit("drift of the zero over the run (half)", 0.5 * max(drift) / float(y.max()))
+        )
+    spread = _rotor_spread(rotor_speeds)
+    if spread > 0.0:
+        limits.append(Limit("rotors pull together: mean speed taken for mean square", spread))
+    if len(runs) > 1:
+        limits.append(
+            Limit("between runs (half the range)", 0.5 * float(np.ptp(list(runs.values()))) / k)
+        )
+    return ThrustConstant(
+        k, low, high, float(sloped), float(offset), exponent, runs,
+        tuple(sorted(limits, key=lambda each: -each.share)),
+    )  # fmt: skip
+
+
+def _bootstrap(x: Array, y: Array, run: Numbers, elapsed: Array) -> tuple[float, float]:
+    """Return the 95 % interval of k by resampling stretches of the runs (fixed seed)."""
+    number = np.minimum(
+        (elapsed * _BOOTSTRAP_BLOCKS).astype(int), _BOOTSTRAP_BLOCKS - 1
+    ) + _BOOTSTRAP_BLOCKS * run.astype(int)
+    names = np.unique(number)
+    top = np.array([x[number == b] @ y[number == b] for b in names])
+    bottom = np.array([x[number == b] @ x[number == b] for b in names])
+    chosen = np.random.default_rng(0).integers(0, names.size, (_BOOTSTRAP_SAMPLES, names.size))
+    drawn = top[chosen].sum(axis=1) / bottom[chosen].sum(axis=1)
+    low, high = np.quantile(drawn, [0.025, 0.975])
+    return float(low), float(high)
+
+
+def _exponent(speed: Array, y: Array) -> float:
+    good = (y > 0.05 * y.max()) & (speed > 0.0)
+    if good.sum() < 3:
+        return math.nan
+    weight = y[good] / y[good].max()
+    return float(np.polyfit(np.log(speed[good]), np.log(y[good]), 1, w=weight)[0])
+
+
+def _by_direction(x: Array, y: Array, run: Numbers, elapsed: Array) -> float | None:
+    """Return half the difference of k between the ways to and from the highest speed."""
+    rising = np.zeros(x.size, bool)
+    for n in np.unique(run):
+        own = run == n
+        rising |= own & (elapsed <= elapsed[own][np.argmax(x[own])])
+    if min(rising.sum(), (~rising).sum()) < 3:
+        return None
+    k = [float(x[m] @ y[m]) / float(x[m] @ x[m]) for m in (rising, ~rising)]
+    return 0.5 * abs(k[0] - k[1])
+
+
+def _rotor_spread(speeds: dict[str, Array]) -> float:
+    shares = []
+    for each in speeds.values():
+        if each.shape[1] > 1:
+            fast = each[each.mean(axis=1) > 0.5 * each.mean(axis=1).max()]
+            shares.append(float(np.mean(fast.var(axis=1) / fast.mean(axis=1) ** 2)))
+    return max(shares, default=0.0)

@@ -1,0 +1,309 @@
+"""Rows of parameters for many propellers at once: configurations, and named quantities changed.
+
+A row is what a law is given (`laws.parameters`). Changed quantities are arrays; what does not
+depend on them is not computed again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.propeller.laws.names import DEFAULT_LAW, law_number
+from tombo_dynamics.propeller.laws.parameters import (
+    OF_THE_WING,
+    ROW_SIZE,
+    SCALARS,
+    parameter_row,
+    put_wing,
+)
+from tombo_dynamics.propeller.library import configuration, read_library
+from tombo_dynamics.propeller.moduli import matrix_modulus
+from tombo_dynamics.propeller.quantities import (
+    COMPLIANCES,
+    QUANTITIES,
+    derive,
+    inputs_of,
+    reached,
+)
+from tombo_dynamics.propeller.records import (
+    STANDARD,
+    Configuration,
+    Fibre,
+    Matrix,
+    Surroundings,
+)
+from tombo_dynamics.propeller.wing import wing_from
+from tombo_dynamics.propeller.wing_mass import wing_mass_from
+
+Array = NDArray[np.float64]
+
+MATERIALS = ("matrix", "fibre")
+_WING_FOLLOWS = ("wing_mass_kg", "wing_centroid_m")
+_RADII_AT_ONCE = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """Propellers that share a law: some configurations, and where each stands in an array."""
+
+    members: tuple[Configuration, ...]
+    """Each configuration once."""
+    index: NDArray[np.int64]
+    """Any shape: which member."""
+
+
+def family(configurations: Any) -> Family:
+    """Return the configurations in an array-like of numbers and Configurations, any shape.
+
+    Raises:
+        InputError: none at all, an unknown number, or something else.
+    """
+    if isinstance(configurations, Configuration):
+        return Family((configurations,), np.zeros((), dtype=np.int64))
+    if isinstance(configurations, Iterable) and not isinstance(configurations, str | np.ndarray):
+        configurations = list(configurations)
+    try:
+        given = np.array(configurations, dtype=object)
+    except ValueError:
+        raise InputError(
+            f"configurations {configurations!r}; accepted: lists of equal length"
+        ) from None
+    members: dict[Configuration, int] = {}
+    index = np.empty(given.shape, dtype=np.int64)
+    for place, item in np.ndenumerate(given):
+        chosen = item if isinstance(item, Configuration) else configuration(item)
+        index[place] = members.setdefault(chosen, len(members))
+    if not members:
+        raise InputError("no configuration at all; accepted: one or more")
+    return Family(tuple(members), index)
+
+
+def checked_changes(changes: Mapping[str, Any]) -> dict[str, dict[str, Array]]:
+    """Return by changed name the quantities that it stands for: a material for its moduli.
+
+    Raises:
+        InputError: an unknown name, no number, or one out of its bounds.
+    """
+    found: dict[str, dict[str, Array]] = {}
+    for name, value in changes.items():
+        if name in MATERIALS:
+            found[name] = _material(name, value)
+        elif name in QUANTITIES:
+            found[name] = {name: _numbers(name, value)}
+        else:
+            raise unknown_name("quantity", name, (*QUANTITIES, *MATERIALS))
+    for name in MATERIALS:
+        for part in found.get(name, {}):
+            if part in found:
+                raise InputError(f"{name} and {part}: a {name} has one; accepted: one of them")
+    return found
+
+
+def parameter_rows(
+    configurations: Any,
+    law: str = DEFAULT_LAW,
+    surroundings: Surroundings = STANDARD,
+    **changes: Any,
+) -> Array:
+    """Return rows (..., ROW_SIZE) of configurations with named quantities changed.
+
+    Args:
+        configurations: a Configuration, a number of Table I, or an array-like of them.
+        law: "published", "repaired" or "consistent".
+        surroundings: air density and gravity.
+        **changes: by name of `QUANTITIES`, numbers of any shape; and `matrix` or `fibre`, records
+            or names of the built-in ones. All broadcast with each other and with
+            `configurations`. Along with `outer_radius_m` the wing's mass and centroid change,
+            unless they are given; what belongs to the joint's section stays.
+
+    Raises:
+        InputError: what is not accepted, or a quantity without effect: hidden by another one,
+            unknown to the law, or of a nodus where there is none.
+    """
+    law_number(law)
+    chosen = family(configurations)
+    groups = checked_changes(changes)
+    _check_effect(chosen, law, groups)
+    given = {name: value for group in groups.values() for name, value in group.items()}
+    shape = _common_shape(chosen, given)
+    base = np.stack([parameter_row(c, law, surroundings) for c in chosen.members])
+    index = np.broadcast_to(chosen.index, shape)
+    rows = base[index]
+    if not given:
+        return rows
+    inputs = [inputs_of(c, law, surroundings) for c in chosen.members]
+    names = set.intersection(*(set(one) for one in inputs))
+    known: dict[str, Any] = {
+        name: np.array([one[name] for one in inputs])[chosen.index] for name in names
+    }
+    moved = given.get("outer_radius_m")
+    if "length_mm" in given or moved is not None:
+        _check_length(known | given)
+    if moved is not None:
+        _move(rows, chosen, index, np.broadcast_to(moved, shape), known)
+    for name in given:
+        known[name] = given[name]
+    changed = (*given, *(_WING_FOLLOWS if moved is not None else ()))
+    for name, sources in reached(law, changed, tuple(SCALARS)).items():
+        if sources:
+            rows[..., SCALARS[name]] = derive(name, known, law)
+    if not np.isfinite(rows).all():
+        raise InputError(
+            f"{', '.join(given)}: so far from each other that a law's parameter is not finite; "
+            "accepted: a propeller"
+        )
+    return rows
+
+
+def _move(
+    rows: Array, chosen: Family, index: NDArray[np.int64], radius: Array, known: dict[str, Any]
+) -> None:
+    """Let the wings begin at other radii [m]: integrals, mass and centroid."""
+    mass, centroid = np.empty(rows.shape[:-1]), np.empty(rows.shape[:-1])
+    for number, member in enumerate(chosen.members):
+        here, blade = index == number, member.blade
+        radii, back = np.unique(radius[here], return_inverse=True)
+        low, high = blade.pieces[0].start_m, blade.pieces[-1].end_m
+        outside = ~((radii > low) & (radii < high))
+        if outside.any():
+            raise InputError(
+                f"outer_radius_m {radii[outside][0]:g} is outside of blade {blade.name}; "
+                f"accepted: between {low} and {high} m"
+            )
+        own = np.empty((radii.size, ROW_SIZE))
+        weights, centres = np.empty(radii.size), np.empty(radii.size)
+        for start in range(0, radii.size, _RADII_AT_ONCE):
+            part = slice(start, start + _RADII_AT_ONCE)
+            put_wing(own[part], wing_from(blade, radii[part]))
+            weights[part], centres[part] = wing_mass_from(blade, radii[part])
+        rows[here] = np.where(OF_THE_WING, own[back], rows[here])
+        mass[here], centroid[here] = weights[back], centres[back]
+    known["wing_mass_kg"], known["wing_centroid_m"] = mass, centroid
+
+
+def _check_length(known: Mapping[str, Any]) -> None:
+    if "length_mm" not in known:
+        return
+    length, radius = np.broadcast_arrays(known["length_mm"], known["outer_radius_m"])
+    behind = length * 1e-3 > radius
+    if behind.any():
+        raise InputError(
+            f"length_mm {length[behind].flat[0]:g} starts behind the hub's centre; accepted: at "
+            f"most {radius[behind].flat[0] * 1e3:g} mm"
+        )
+
+
+def _check_effect(chosen: Family, law: str, groups: Mapping[str, Mapping[str, Array]]) -> None:
+    names = tuple(part for group in groups.values() for part in group)
+    by_number = reached(law, names, tuple(SCALARS))
+    effective = set().union(*by_number.values(), {"outer_radius_m"})
+    for name, group in groups.items():
+        if not effective & set(group):
+            others = [other for other in groups if other != name]
+            beside = f"beside {', '.join(others)} " if others else ""
+            raise InputError(
+                f"{name} has no effect {beside}under law {law}; accepted: quantities that the "
+                "law's parameters depend on"
+            )
+    if law == "published" and "outer_radius_m" in names:
+        raise InputError(
+            "outer_radius_m: the authors' program has its nodus at 35 mm; accepted: law repaired "
+            "or consistent"
+        )
+    of_nodus = set().union(*(by_number[name] for name in COMPLIANCES))
+    for member in chosen.members:
+        if member.rigid and of_nodus:
+            raise InputError(
+                f"{sorted(of_nodus)[0]}: {member.label} is rigid, it has no nodus; accepted: "
+                "configurations with a nodus"
+            )
+
+
+def _common_shape(chosen: Family, given: Mapping[str, Any]) -> tuple[int, ...]:
+    try:
+        return np.broadcast_shapes(chosen.index.shape, *(v.shape for v in given.values()))
+    except ValueError:
+        raise broadcast_error(chosen, given) from None
+
+
+def broadcast_error(chosen: Family, values: Mapping[str, Any]) -> InputError:
+    """Build the error for shapes that do not broadcast."""
+    shapes = {"configurations": chosen.index.shape} | {n: np.shape(v) for n, v in values.items()}
+    text = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
+    return InputError(f"shapes {text}; accepted: shapes that broadcast")
+
+
+def float_array(name: str, value: ArrayLike, accepted: str) -> Array:
+    """Return numbers of any shape as floats.
+
+    Raises:
+        InputError: text, None, lists of unequal length: anything that is no number.
+    """
+    try:
+        raw = np.asarray(value)
+        numbers = raw.astype(float)
+    except (TypeError, ValueError):
+        raw = np.empty(0, dtype=object)
+        numbers = None
+    if (
+        numbers is None
+        or raw.dtype.kind not in "iufO"
+        or any(item is None for item in (raw.flat if raw.dtype.kind == "O" else ()))
+    ):
+        raise InputError(f"{name} {value!r} is not a number; {accepted}")
+    return numbers
+
+
+def _numbers(name: str, value: ArrayLike) -> Array:
+    quantity = QUANTITIES[name]
+    low, high = quantity.bounds
+    kind = "whole numbers" if quantity.whole else "numbers"
+    accepted = f"accepted: {kind} from {low:g} to {high:g} [{quantity.unit}]"
+    try:
+        raw = np.asarray(value)
+        numbers = raw.astype(float)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} {value!r} is not numeric; {accepted}") from None
+    if raw.dtype.kind not in "iuf":
+        raise InputError(f"{name} {value!r} is not numeric; {accepted}")
+    if not numbers.size:
+        raise InputError(f"{name} is empty; {accepted}")
+    bad = ~((numbers >= low) & (numbers <= high))
+    if quantity.whole:
+        bad |= numbers != np.round(numbers)
+    if bad.any():
+        raise InputError(f"{name} {numbers[bad].flat[0]:g}; {accepted}")
+    return numbers
+
+
+def _material(name: str, value: Any) -> dict[str, Array]:
+    library = read_library()
+    known: Mapping[str, Any] = library.matrices if name == "matrix" else library.fibres
+    kind = Matrix if name == "matrix" else Fibre
+    given = np.array(value, dtype=object)
+    if not given.size:
+        raise InputError(f"{name} is empty; accepted: {', '.join(known)} or records")
+    records = np.empty(given.shape, dtype=object)
+    for place, item in np.ndenumerate(given):
+        if not isinstance(item, kind) and not (isinstance(item, str) and item in known):
+            raise unknown_name(name, item, known)
+        records[place] = known[item] if isinstance(item, str) else item
+
+    def each(take: Any) -> Array:
+        return np.asarray([take(r) for r in records.ravel()], dtype=float).reshape(records.shape)
+
+    if name == "matrix":
+        return {
+            "matrix_modulus_MPa": each(matrix_modulus),
+            "poisson_ratio": each(lambda r: r.poisson_ratio),
+        }
+    return {
+        "fibre_youngs_modulus_MPa": each(lambda r: r.youngs_modulus_MPa),
+        "fibre_shear_modulus_MPa": each(lambda r: r.shear_modulus_MPa),
+    }

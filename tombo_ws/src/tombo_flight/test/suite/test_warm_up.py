@@ -1,0 +1,18 @@
+"""The rehearsal: all cores run, and what can't fly is refused before a process is started."""
+
+from __future__ import annotations
+
+import pytest
+
+from tombo_dynamics.errors import InputError
+from tombo_flight.scenario import load_scenario
+from tombo_flight.suite.warm_up import warm_up_nodes
+
+
+def test_every_gyro_sample_is_answered():
+    assert warm_up_nodes(load_scenario()) == 250
+
+
+def test_a_vehicle_that_starts_inside_the_obstacle_is_refused():
+    with pytest.raises(InputError, match="does not start inside"):
+        warm_up_nodes(load_scenario(settings=["obstacle.x=0.2", "obstacle.y=0"]))

@@ -1,0 +1,64 @@
+"""The picture of a campaign: how the figures of the collision are spread over the flights."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from tombo_flight.report import paper_values as paper
+from tombo_flight.report import style
+
+_PANELS: Final = (
+    ("max_falling_distance_m", "largest falling distance [m]", paper.MEAN_MAX_FALLING_DISTANCE_M),
+    ("unstable_phase_s", "unstable phase [s]", paper.UNSTABLE_PHASE_S),
+    ("recovery_time_s", "recovery time [s]", paper.MEAN_RECOVERY_TIME_S),
+    ("detection_latency_s", "detection latency [s]", None),
+    ("max_tilt_rad", "largest tilt [rad]", None),
+    ("approach_rms_m", "RMS error in the approach [m]", None),
+)
+
+
+def draw_campaign(campaign: Mapping[str, Any]) -> Figure:
+    """Draw histograms of a campaign's figures, the paper's values marked; 1800 x 1050 px."""
+    flights, total = campaign["flights"], campaign["aggregate"]
+    with mpl.rc_context(style.RC):
+        figure = Figure(figsize=(12.0, 7.0), dpi=150, layout="constrained")
+        FigureCanvasAgg(figure)
+        for axes, (key, label, printed) in zip(figure.subplots(2, 3).flat, _PANELS, strict=True):
+            values = [flight[key] for flight in flights if flight[key] is not None]
+            _histogram(axes, np.array(values, dtype=np.float64), label, printed)
+        figure.suptitle(
+            f"{campaign['scenario']}, seeds {campaign['first_seed']} to {campaign['last_seed']}, "
+            f"Conf. {campaign['conf']}"
+            + ("" if campaign["reaction"] else ", without the reaction")
+            + f": {total['flights']} flights, {total['collided']} collided, "
+            f"{total['crashed']} crashed, {total['recovered']} recovered",
+            parse_math=False,
+        )
+    return figure
+
+
+def _histogram(
+    axes: Axes, values: np.ndarray[Any, np.dtype[np.float64]], label: str, printed: float | None
+) -> None:
+    axes.set_xlabel(label)
+    axes.set_ylabel("flights")
+    if not values.size:
+        axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", color=style.MUTED)
+        axes.set(xticks=[], yticks=[])
+        return
+    bins = max(5, min(30, round(2.0 * values.size**0.5)))
+    axes.hist(values, bins=bins, color=style.SKY, alpha=0.75)
+    mean = float(values.mean())
+    axes.axvline(mean, color=style.INK, lw=1.4, label=f"mean {mean:.3g}")
+    if printed is not None:
+        axes.axvline(printed, color=style.VERMILLION, lw=1.8, ls="--", label=f"paper {printed:g}")
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.legend(frameon=False)

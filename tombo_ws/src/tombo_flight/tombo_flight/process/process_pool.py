@@ -1,0 +1,103 @@
+"""The same work on many items, on several processes that end with this one."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from typing import Any, TypeVar
+
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
+
+_WAITING = 4
+"""Items handed out to each process in advance."""
+_LOOK_S = 0.1
+"""How often the wish to stop is looked at."""
+
+
+def run_in_processes(
+    work: Callable[[_Item], _Result],
+    items: Sequence[_Item],
+    workers: int,
+    *,
+    begin: Callable[..., None] | None = None,
+    given: tuple[Any, ...] = (),
+    progress: Callable[[int], None] | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> list[_Result]:
+    """Return the results in the order of the items, up to the first one missing.
+
+    Args:
+        work: what is done with each item; a function of a module.
+        items: the items.
+        workers: number of processes.
+        begin: called once in each process with `given`.
+        given: arguments of `begin`.
+        progress: called with the number of items done.
+        stop: asked ten times a second; True ends all processes.
+
+    Raises:
+        Exception: what `work` raised first; all processes are ended.
+    """
+    done: dict[int, _Result] = {}
+    waiting: set[Future[tuple[int, _Result]]] = set()
+    strangers = set(multiprocessing.active_children())
+    left = iter(enumerate(items))
+    executor = ProcessPoolExecutor(
+        workers, multiprocessing.get_context("spawn"), _begin, (begin, given)
+    )
+    try:
+        while len(done) < len(items) and not (stop is not None and stop()):
+            while len(waiting) < _WAITING * workers and (item := next(left, None)) is not None:
+                waiting.add(_submit(executor, work, item))
+            finished, waiting = wait(waiting, _LOOK_S, FIRST_COMPLETED)
+            done.update(future.result() for future in finished)
+            if progress is not None and finished:
+                progress(len(done))
+    finally:
+        if len(done) < len(items):
+            for process in set(multiprocessing.active_children()) - strangers:
+                process.kill()
+        executor.shutdown(cancel_futures=True)
+    results = []
+    for number in range(len(items)):
+        if number not in done:
+            break
+        results.append(done[number])
+    return results
+
+
+def _submit(
+    executor: ProcessPoolExecutor, work: Callable[[_Item], _Result], item: tuple[int, _Item]
+) -> Future[tuple[int, _Result]]:
+    """Hand out an item. Processes started by that never see Ctrl-C: it is the parent's to answer.
+
+    A terminal sends Ctrl-C to parent and children alike; a blocked signal is inherited.
+    """
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        return executor.submit(_numbered, work, item)
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+def _numbered(work: Callable[[_Item], _Result], item: tuple[int, _Item]) -> tuple[int, _Result]:
+    return item[0], work(item[1])
+
+
+def _begin(begin: Callable[..., None] | None, given: tuple[Any, ...]) -> None:
+    """Prepare a process: it ends when its parent does."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    if begin is not None:
+        begin(*given)
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

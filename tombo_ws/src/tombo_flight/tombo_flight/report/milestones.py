@@ -1,0 +1,299 @@
+"""What happened in a flight, in the words of the paper: contact, unstable phase, recovery."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_control import autopilot
+from tombo_dynamics import vehicle
+from tombo_dynamics.rotation import yaw_pitch_roll
+
+if TYPE_CHECKING:
+    from tombo_flight.flight_record import FlightRecord
+
+Array = NDArray[np.float64]
+
+PHASE_NAMES: Final = tuple(name.replace("_", " ") for name in autopilot.PHASE_NAMES)
+ROTOR_NAMES: Final = tuple(name.replace("_", " ") for name in vehicle.ROTOR_NAMES)
+FRONT_LEFT: Final = vehicle.ROTOR_NAMES.index("front_left")
+"""The rotor that meets the obstacle in the paper's experiment."""
+
+UPRIGHT_RAD: Final = 0.17
+"""Tilt below which the unstable phase can end."""
+
+
+class Outcome(Enum):
+    """How a flight ended, as one word for the header."""
+
+    RECOVERED = "recovered"
+    CRASHED = "crashed"
+    NO_CONTACT = "no contact"
+    NOT_SETTLED = "not settled"
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """A vertical cylinder that stands on the ground; metres, map ENU."""
+
+    x_m: float
+    y_m: float
+    radius_m: float
+    top_m: float
+
+
+@dataclass(frozen=True)
+class Span:
+    """A stretch of one flight mode, [start_s, end_s]."""
+
+    start_s: float
+    end_s: float
+    mode: int
+
+    @property
+    def name(self) -> str:
+        """The mode's name; an unknown number shows as itself."""
+        known = 0 <= self.mode < len(PHASE_NAMES)
+        return PHASE_NAMES[self.mode] if known else f"mode {self.mode}"
+
+
+@dataclass(frozen=True)
+class FlightMilestones:
+    """The instants and lengths that the figures and the report mark; None where absent.
+
+    Times are seconds of the record's clock, points (x, y, z) metres in map ENU.
+    """
+
+    name: str
+    seed: int | None
+    conf: int | None
+    reaction: bool | None
+    verdict: Outcome
+    duration_s: float
+    contact_s: float | None
+    detection_s: float | None
+    switch_s: float | None
+    unstable_end_s: float | None
+    recovery_end_s: float | None
+    crash_s: float | None
+    x_c_m: tuple[float, float, float] | None
+    contact_point_m: tuple[float, float, float] | None
+    x_r_m: tuple[float, float, float] | None
+    n_r: tuple[float, float, float] | None
+    contact_height_m: float | None
+    lowest_s: float | None
+    lowest_m: float | None
+    modes: tuple[Span, ...]
+    obstacle: Obstacle | None
+
+    @property
+    def falling_distance_m(self) -> float | None:
+        """Height at contact minus the lowest height until settled."""
+        if self.contact_height_m is None or self.lowest_m is None:
+            return None
+        return self.contact_height_m - self.lowest_m
+
+    @property
+    def unstable_phase_s(self) -> float | None:
+        """From contact until the vehicle stays upright and calm."""
+        return _between(self.contact_s, self.unstable_end_s)
+
+    @property
+    def recovery_time_s(self) -> float | None:
+        """From contact until the vehicle has settled at x_r."""
+        return _between(self.contact_s, self.recovery_end_s)
+
+    @property
+    def recovery_phase_s(self) -> float | None:
+        """The paper's second phase: from the end of the unstable one until settled."""
+        return _between(self.unstable_end_s, self.recovery_end_s)
+
+    @property
+    def falling_rate_m_s(self) -> float | None:
+        """Mean rate of descent from contact to the lowest point."""
+        if self.falling_distance_m is None or self.lowest_s is None or self.contact_s is None:
+            return None
+        elapsed_s = self.lowest_s - self.contact_s
+        return self.falling_distance_m / elapsed_s if elapsed_s > 0.0 else None
+
+    @property
+    def mark_s(self) -> float | None:
+        """The instant that the figures zoom on: the contact, else the crash, else detection."""
+        return next(
+            (t for t in (self.contact_s, self.crash_s, self.detection_s) if t is not None), None
+        )
+
+
+def find_milestones(record: FlightRecord) -> FlightMilestones:
+    """Read a flight's story from its summary, its events and its ground truth.
+
+    The summary decides; events fill in what it leaves out. A flight that is cut short, that
+    never touches anything, or that crashes has its story too, with None in the gaps.
+    """
+    summary = record.summary
+    t = np.asarray(record.t, dtype=np.float64)
+    duration_s = float(t[-1]) if t.size else 0.0
+
+    contact_s = number(summary, "collision_time_s")
+    if contact_s is None:
+        contact_s = first_event_s(record, "contact")
+    collided = _flag(summary, "collided", otherwise=contact_s is not None)
+    if not collided:
+        contact_s = None
+
+    detection_s = _detection_s(record, contact_s)
+    switch_s = first_event_s(record, "setpoint_switch", detection_s)
+    unstable_s = number(summary, "unstable_phase_s")
+    recovery_s = number(summary, "recovery_time_s")
+    crash_s = first_event_s(record, "crash")
+    crashed = _flag(summary, "crashed", otherwise=crash_s is not None)
+
+    contact_height_m = lowest_m = lowest_s = None
+    if contact_s is not None and t.size:
+        end_s = duration_s if recovery_s is None else contact_s + recovery_s
+        contact_height_m, lowest_s, lowest_m = _fall(record, contact_s, end_s)
+        falling_distance_m = number(summary, "max_falling_distance_m")
+        lowest_m = (
+            lowest_m if falling_distance_m is None else contact_height_m - falling_distance_m
+        )
+
+    x_c = point(summary, "x_c_m")
+    if x_c is None and contact_s is not None and t.size:
+        at_contact = record.log["position"][nearest(t, contact_s)]
+        x_c = (float(at_contact[0]), float(at_contact[1]), float(at_contact[2]))
+
+    return FlightMilestones(
+        name=str(summary.get("scenario") or record.scenario.get("name") or "flight"),
+        seed=_integer(summary, "seed"),
+        conf=_integer(summary, "conf"),
+        reaction=None if "reaction" not in summary else bool(summary["reaction"]),
+        verdict=_verdict(crashed, collided, recovery_s),
+        duration_s=duration_s,
+        contact_s=contact_s,
+        detection_s=detection_s,
+        switch_s=switch_s,
+        unstable_end_s=_after(contact_s, unstable_s),
+        recovery_end_s=_after(contact_s, recovery_s),
+        crash_s=crash_s,
+        x_c_m=x_c,
+        contact_point_m=point(summary, "contact_point_m"),
+        x_r_m=point(summary, "x_r_m"),
+        n_r=point(summary, "n_r"),
+        contact_height_m=contact_height_m,
+        lowest_s=lowest_s,
+        lowest_m=lowest_m,
+        modes=phase_spans(t, record.log["mode"].reshape(-1)),
+        obstacle=_obstacle(record.scenario),
+    )
+
+
+def number(values: Mapping[str, Any], key: str) -> float | None:
+    """The finite number under `key`, else None (absent, null, text, NaN, infinite)."""
+    value = values.get(key)
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
+        return None
+    return float(value) if math.isfinite(value) else None
+
+
+def point(values: Mapping[str, Any], key: str) -> tuple[float, float, float] | None:
+    """Three finite numbers under `key`, else None."""
+    value = values.get(key)
+    if not isinstance(value, (list, tuple, np.ndarray)) or len(value) != 3:
+        return None
+    x, y, z = (number({key: item}, key) for item in value)
+    return None if x is None or y is None or z is None else (x, y, z)
+
+
+def first_event_s(record: FlightRecord, kind: str, after_s: float | None = None) -> float | None:
+    """Time of the first event of this kind, not before `after_s`; None if there is none."""
+    times = [number(event, "time_s") for event in record.events if event.get("kind") == kind]
+    early = -math.inf if after_s is None else after_s - 1e-6
+    return min((t for t in times if t is not None and t >= early), default=None)
+
+
+def nearest(t: Array, time_s: float) -> int:
+    """Index of the sample of `t` (ascending, not empty) closest to `time_s`."""
+    after = int(np.clip(np.searchsorted(t, time_s), 0, len(t) - 1))
+    before = max(after - 1, 0)
+    return before if time_s - t[before] < t[after] - time_s else after
+
+
+def phase_spans(t: Array, mode: NDArray[Any]) -> tuple[Span, ...]:
+    """Stretches of constant mode; `t` and `mode` are (N,), a span ends where the next starts."""
+    if not len(t):
+        return ()
+    starts = np.concatenate(([0], np.flatnonzero(np.diff(mode)) + 1))
+    ends = np.append(starts[1:], len(t) - 1)
+    return tuple(
+        Span(float(t[a]), float(t[b]), int(mode[a])) for a, b in zip(starts, ends, strict=True)
+    )
+
+
+def roll_pitch_yaw_deg(attitude: Array) -> Array:
+    """(N, 4) quaternions xyzw, map<-base_link, to (N, 3) roll, pitch, yaw in degrees.
+
+    Within +-180; NaN stands where an angle jumps from one end to the other, to break the line.
+    """
+    angles: Array = np.degrees(yaw_pitch_roll(np.asarray(attitude, dtype=np.float64))[:, ::-1])
+    angles[1:][np.abs(np.diff(angles, axis=0)) > 180.0] = np.nan
+    return angles
+
+
+def _detection_s(record: FlightRecord, contact_s: float | None) -> float | None:
+    """The detection that belongs to the contact; a false alarm long before it does not."""
+    latency_s = number(record.summary, "detection_latency_s")
+    if contact_s is not None and latency_s is not None:
+        return contact_s + latency_s
+    return first_event_s(record, "detection")
+
+
+def _fall(record: FlightRecord, contact_s: float, end_s: float) -> tuple[float, float, float]:
+    """Height at contact, and when and how low the vehicle comes before `end_s` or the landing."""
+    first, last = nearest(record.t, contact_s), nearest(record.t, end_s)
+    heights = record.log["position"][first : last + 1, 2]
+    landing = np.flatnonzero(record.log["mode"].reshape(-1)[first : last + 1] == autopilot.LAND)
+    lowest = int(np.argmin(heights[: landing[0] + 1] if landing.size else heights))
+    return float(heights[0]), float(record.t[first + lowest]), float(heights[lowest])
+
+
+def _verdict(crashed: bool, collided: bool, recovery_s: float | None) -> Outcome:
+    if crashed:
+        return Outcome.CRASHED
+    if not collided:
+        return Outcome.NO_CONTACT
+    return Outcome.RECOVERED if recovery_s is not None else Outcome.NOT_SETTLED
+
+
+def _obstacle(scenario: Mapping[str, Any]) -> Obstacle | None:
+    values = scenario.get("obstacle")
+    if not isinstance(values, Mapping):
+        return None
+    x_m, y_m = number(values, "x_m"), number(values, "y_m")
+    radius_m, top_m = number(values, "radius_m"), number(values, "top_m")
+    if x_m is None or y_m is None or not radius_m or not top_m:
+        return None
+    return Obstacle(x_m, y_m, radius_m, top_m)
+
+
+def _between(start_s: float | None, end_s: float | None) -> float | None:
+    return None if start_s is None or end_s is None else max(0.0, end_s - start_s)
+
+
+def _after(start_s: float | None, length_s: float | None) -> float | None:
+    return None if start_s is None or length_s is None else start_s + length_s
+
+
+def _flag(values: Mapping[str, Any], key: str, *, otherwise: bool) -> bool:
+    value = values.get(key)
+    return bool(value) if isinstance(value, (bool, np.bool_)) else otherwise
+
+
+def _integer(values: Mapping[str, Any], key: str) -> int | None:
+    value = number(values, key)
+    return None if value is None else int(value)

@@ -1,0 +1,105 @@
+"""The paper's figures of the collision experiment beside those of a flight."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from tombo_flight.report import paper_values as paper
+from tombo_flight.report.milestones import FlightMilestones, number
+
+_DEFINITIONS: Final = {
+    "Outcome": "In the paper the vehicle recovers with the reaction; without it, it falls and "
+    "crashes to the ground. Crashed: the frame touches the ground before landing is commanded, "
+    "or the tilt passes 2.1 rad and does not come back. No contact is no success.",
+    "Time of the collision": "First contact, on the clock that starts with the flight. The "
+    "paper's value is read from its figure: about, and set by how long the vehicle hovers first.",
+    "Unstable phase": "From contact until the tilt stays below 0.17 rad and the body rate below "
+    "1 rad/s for 0.3 s.",
+    "Recovery phase": "From the end of the unstable phase until the vehicle has settled at x_r.",
+    "Recovery time": "Both phases together: from contact until the position stays within 0.1 m "
+    "of x_r and the speed below 0.1 m/s for 1 s. The paper's value is a mean over its trials.",
+    "Largest falling distance": "Height at contact minus the lowest height until settled. The "
+    "paper's value is a mean over its trials.",
+    "Falling rate": "Mean rate of descent from contact to the lowest point. The paper prints the "
+    "rate that was observed, without the stretch it belongs to.",
+    "Distance from x_c to x_r": "The paper asks for d_r = 0.8 m, but the points it prints are "
+    f"{paper.PRINTED_BOUNCE_M:.3f} m apart: x_r was chosen by hand there. Here "
+    "x_r = x_c + d_r n_r with a unit n_r.",
+    "x_c, point of collision": "Position of the vehicle's centre at contact as the detector "
+    "estimates it; if nothing was detected, the true one. East, north, up; the paper prints it "
+    "in north-east-down as [0, 1.7, −2.0].",
+    "x_r, equilibrium point": "Where the vehicle is sent after the collision. East, north, up; "
+    "the paper prints it in north-east-down as [0.2, 0.9, −2.0].",
+    "Detection latency": "From the true contact to the detection. Negative when the vehicle "
+    "enters a known region before it touches. Not printed in the paper.",
+    "Largest tilt": "Largest angle between the vehicle's up axis and the vertical. Not printed "
+    "in the paper.",
+    "Settled error": "Distance from x_r once settled. Not printed in the paper.",
+}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure: what the paper prints and what this flight did; None where there is none.
+
+    `paper_text` and `flight_text` stand for figures that are not one number.
+    """
+
+    name: str
+    unit: str
+    paper: float | None
+    flight: float | None
+    digits: int = 2
+    paper_text: str | None = None
+    flight_text: str | None = None
+
+    @property
+    def definition(self) -> str:
+        """What the figure means, and where it differs from the paper's."""
+        return _DEFINITIONS[self.name]
+
+
+def comparison_rows(milestones: FlightMilestones, summary: Mapping[str, Any]) -> list[Row]:
+    """The rows of the table, in its order."""
+    latency_s, tilt_rad = (number(summary, k) for k in ("detection_latency_s", "max_tilt_rad"))
+    falling_distance_m, settled_m = (
+        number(summary, k) for k in ("max_falling_distance_m", "settled_error_m")
+    )
+    expected = "falls and crashes" if milestones.reaction is False else "recovers"
+    x_c, x_r = milestones.x_c_m, milestones.x_r_m
+    bounce_m = None if x_c is None or x_r is None else math.dist(x_c, x_r)
+    latency_ms = None if latency_s is None else 1e3 * latency_s
+    tilt_deg = None if tilt_rad is None else math.degrees(tilt_rad)
+    return [
+        _words("Outcome", expected, milestones.verdict.value),
+        Row("Time of the collision", "s", paper.COLLISION_TIME_S, milestones.contact_s),
+        Row("Unstable phase", "s", paper.UNSTABLE_PHASE_S, milestones.unstable_phase_s),
+        Row("Recovery phase", "s", paper.RECOVERY_PHASE_S, milestones.recovery_phase_s),
+        Row("Recovery time", "s", paper.MEAN_RECOVERY_TIME_S, milestones.recovery_time_s),
+        Row(
+            "Largest falling distance", "m", paper.MEAN_MAX_FALLING_DISTANCE_M, falling_distance_m
+        ),
+        Row("Falling rate", "m/s", paper.OBSERVED_FALLING_RATE_M_S, milestones.falling_rate_m_s),
+        Row("Distance from x_c to x_r", "m", paper.BOUNCE_DISTANCE_M, bounce_m, 3),
+        _words("x_c, point of collision", _place(paper.COLLISION_POINT_M), _place(x_c)),
+        _words("x_r, equilibrium point", _place(paper.EQUILIBRIUM_POINT_M), _place(x_r)),
+        Row("Detection latency", "ms", None, latency_ms, 0),
+        Row("Largest tilt", "°", None, tilt_deg, 1),
+        Row("Settled error", "m", None, settled_m, 3),
+    ]
+
+
+def fixed(value: float, digits: int) -> str:
+    """The number with so many decimals and a typographic minus."""
+    return f"{value:.{digits}f}".replace("-", "−")
+
+
+def _words(name: str, paper_text: str, flight_text: str) -> Row:
+    return Row(name, "", None, None, paper_text=paper_text, flight_text=flight_text)
+
+
+def _place(value: tuple[float, float, float] | None) -> str:
+    return "–" if value is None else "(" + ", ".join(fixed(v, 2) for v in value) + ") m"

@@ -1,0 +1,75 @@
+"""How well the nodes of a recorded flight kept their time: what they said on `/diagnostics`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from tombo_bag.recording import Recording
+from tombo_bag.rolling_sink import NOTES
+from tombo_bag.schemas import type_store
+from tombo_bag.topics import DIAGNOSTICS
+from tombo_flight.suite.node_diagnostics import Loop, NodeDiagnostics
+from tombo_flight.suite.nodes import SUITE
+
+_METRIC_KEYS = ("rate_hz", "jitter_p50_us", "jitter_p99_us", "missed")
+_OWN_LOOP = "loop"
+"""The loop that every node has. A node with more of them is told by those."""
+
+
+def recorded_diagnostics(recording: Recording) -> NodeDiagnostics:
+    """Return the last report of each node."""
+    node_diagnostics = NodeDiagnostics()
+    for report in _reports(recording):
+        node_diagnostics.take(report, 0.0)
+    return node_diagnostics
+
+
+def node_metrics(recording: Recording) -> dict[str, Any]:
+    """Return the loops, the latency through all nodes and the recorder's count, for a summary.
+
+    What nobody told is None.
+    """
+    node_diagnostics = recorded_diagnostics(recording)
+    notes = recording.metadata.get(NOTES, {})
+    sim = node_diagnostics.nodes["sim"].values if "sim" in node_diagnostics.nodes else {}
+    return {
+        "loops": {
+            name: {key: loop.metrics.get(key) for key in _METRIC_KEYS}
+            for name, loop in _loops(node_diagnostics)
+        },
+        "latency_gyro_to_command_us": {
+            share: sim.get(f"latency_gyro_to_command_{share}_us") for share in ("p50", "p99")
+        },
+        "recorder": {
+            key: int(notes[key]) if notes.get(key, "").isdecimal() else None
+            for key in ("messages", "lost")
+        },
+    }
+
+
+def _loops(node_diagnostics: NodeDiagnostics) -> Iterator[tuple[str, Loop]]:
+    """Yield (name, loop): those of the controller by their own names, others by the node's."""
+    order = {node: place for place, node in enumerate(SUITE)}
+    known = sorted(node_diagnostics.nodes.items(), key=lambda item: order.get(item[0], len(order)))
+    for node, status in known:
+        own = [loop for loop in status.loops if loop.name != _OWN_LOOP]
+        for loop in own or status.loops:
+            yield (loop.name.removesuffix(" loop") if own else node), loop
+
+
+def _reports(recording: Recording) -> Iterator[list[dict[str, Any]]]:
+    if DIAGNOSTICS.name not in recording.topics:
+        return
+    store = type_store()
+    for data in recording.messages(DIAGNOSTICS.name).messages:
+        array: Any = store.deserialize_cdr(data, DIAGNOSTICS.typename)
+        yield [
+            {
+                "name": status.name,
+                "level": status.level,
+                "message": status.message,
+                "values": {pair.key: pair.value for pair in status.values},
+            }
+            for status in array.status
+        ]

@@ -1,0 +1,149 @@
+"""The other end of the link in a flight over MAVLink: a simulated PX4, or one somebody gave."""
+
+from __future__ import annotations
+
+import dataclasses
+import socket
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.params import from_mapping
+from tombo_flight.scenario import override
+from tombo_px4.bridge.bridge_params import POSITION, BridgeParams, LinkParams
+from tombo_px4.link.address import parse_url
+from tombo_px4.link.parameter_reader import parse_assignments
+from tombo_px4.link.signing import read_key
+
+_RECORDS: Final[dict[str, type[LinkParams] | type[BridgeParams]]] = {
+    "link": LinkParams,
+    "px4": BridgeParams,
+}
+"""Sections of the bridge's parameters."""
+_PX4_PARAMETERS: Final = "px4_parameters"
+"""The bridge's list of what it sets in PX4."""
+_HERE: Final = "127.0.0.1"
+_GYRO_HZ: Final = 250.0
+"""Rate of the attitude loop."""
+
+
+@dataclass(frozen=True)
+class Px4Connection:
+    """How the bridge reaches PX4.
+
+    Attributes:
+        link: the bridge's link.
+        bridge: what it does with it.
+        endpoint: URL of the simulated PX4's end; empty: there is a PX4 already.
+        writes: NAME=VALUE of PX4's parameters that the bridge sets before the flight.
+    """
+
+    link: LinkParams
+    bridge: BridgeParams
+    endpoint: str = ""
+    writes: tuple[str, ...] = ()
+
+    @property
+    def simulated(self) -> bool:
+        """Whether PX4, vehicle and motion capture are simulated along with the flight."""
+        return bool(self.endpoint)
+
+    @property
+    def parameters(self) -> dict[str, dict[str, Any]]:
+        """Node → parameters that a scenario has not."""
+        both: dict[str, Any] = {
+            "link": dataclasses.asdict(self.link),
+            "px4": dataclasses.asdict(self.bridge),
+        }
+        found: dict[str, dict[str, Any]] = {"px4_bridge": both}
+        if self.writes:
+            both[_PX4_PARAMETERS] = list(self.writes)
+        if self.simulated:
+            found["sim"] = {
+                "onboard_url": self.endpoint,
+                "ground_url": "",
+                "key_file": self.link.key_file,
+            }
+        return found
+
+
+def px4_connection(url: str | None, settings: Sequence[str]) -> Px4Connection:
+    """Return the other end, checked.
+
+    Args:
+        url: of the bridge's link to a PX4 that is there; None: simulate one, on a free port.
+        settings: of the bridge, as `px4.setpoint=attitude`.
+
+    Raises:
+        InputError: unknown parameter, or a value that is not accepted.
+    """
+    values: dict[str, Any] = {}
+    for setting in settings:
+        values = override(values, setting, "--bridge", "px4.stream_rate=50")
+    writes = _writes(values.pop(_PX4_PARAMETERS, []))
+    for section in values:
+        if section not in _RECORDS:
+            raise unknown_name("section of --bridge", section, [*_RECORDS, _PX4_PARAMETERS])
+    if "url" in _section(values, "link"):
+        raise InputError("--bridge link.url: accepted: the URL behind --px4")
+    endpoint = ""
+    if url is None:
+        port = free_udp_port()
+        url, endpoint = f"udpin://{_HERE}:{port}", f"udpout://{_HERE}:{port}"
+    link = from_mapping(LinkParams, {**_section(values, "link"), "url": url}, "link")
+    wanted = dict(_section(values, "px4"))
+    if wanted.get("setpoint", POSITION) != POSITION:  # our controller flies by PX4's gyro
+        wanted.setdefault("imu_rate", _GYRO_HZ)
+    bridge = from_mapping(BridgeParams, wanted, "px4")
+    bridge.check()
+    link_key(link)
+    parse_url(link.url, link.allow_remote)
+    return Px4Connection(link, bridge, endpoint, writes)
+
+
+def _writes(given: Any) -> tuple[str, ...]:
+    """Return the assignments of PX4's parameters.
+
+    Raises:
+        InputError: they are no list of NAME=VALUE.
+    """
+    if not isinstance(given, list):
+        raise InputError(f"{_PX4_PARAMETERS}: {given!r} is no list; accepted: [NAME=VALUE, …]")
+    found = tuple(map(str, given))
+    parse_assignments(found)
+    return found
+
+
+def _section(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """Return the values of a section; texts and switches are of the right type.
+
+    Raises:
+        InputError: one is not.
+    """
+    found = values.get(name, {})
+    if not isinstance(found, Mapping):
+        raise InputError(f"--bridge {name}={found}: accepted: a parameter of {name}")
+    for field in dataclasses.fields(_RECORDS[name]):
+        wanted, value = type(field.default), found.get(field.name, field.default)
+        if wanted in (bool, str) and type(value) is not wanted:
+            kind = "true or false" if wanted is bool else "a text"
+            raise InputError(f"{name}.{field.name}: {value!r} is not {kind}; accepted: {kind}")
+    return found
+
+
+def link_key(link: LinkParams) -> bytes | None:
+    """Return the signing key; None without one.
+
+    Raises:
+        InputError: its file can't be read, or is no key.
+    """
+    return read_key(Path(link.key_file)).key if link.key_file else None
+
+
+def free_udp_port() -> int:
+    """Return a UDP port of this machine that nobody uses now."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind((_HERE, 0))
+        return int(probe.getsockname()[1])

@@ -1,0 +1,178 @@
+"""The pictures of a design: what can be had against what, and what predicts the readings."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from tombo_flight.report import style
+from tombo_propeller.design.candidate_evaluation import costs
+from tombo_propeller.design.design import Design
+from tombo_propeller.design.pareto import nondominated
+from tombo_propeller.design.recommend import Recommendation
+from tombo_propeller.design.request import MEASURED, NAMES, QUANTITIES, Quantity
+from tombo_propeller.design.summary_text import headline
+
+_COLOURS: Final = (style.SKY, style.BLUE, style.PURPLE, style.ORANGE, style.GREEN)
+_DPI: Final = 150
+_SHOWN: Final = QUANTITIES[1:]
+
+
+def draw_pareto(found: Design, made: Recommendation) -> Figure:
+    """Draw each figure against the thrust margin: what was measured, what is predicted."""
+    with mpl.rc_context(style.RC):
+        sheet = Figure(figsize=(11.0, 8.0), dpi=_DPI, layout="constrained")
+        FigureCanvasAgg(sheet)
+        grid = sheet.subplots(2, 2, sharex=True)
+        for axes, quantity in zip(grid.flat, _SHOWN, strict=True):
+            _panel(axes, found, made, quantity)
+        for axes in grid[1]:
+            axes.set_xlabel("thrust margin, modelled", labelpad=2)
+        vehicle = f"{found.request.mass_kg:g} kg, arms of {1e3 * found.request.arm_m:g} mm"
+        asked = ", ".join(limit.text for limit in found.choice.limits)
+        sheet.suptitle(
+            f"{headline(found, made)}\n{vehicle}: {asked}",
+            x=0.01, ha="left", weight="bold", size=10.5, parse_math=False, wrap=True,
+        )  # fmt: skip
+        handles = _keys(found, made)
+        sheet.legend(handles=handles, loc="outside lower center", ncols=4)
+    return sheet
+
+
+def draw_readings(found: Design) -> Figure:
+    """Draw what each regressor predicts readings left out with, against their mean."""
+    with mpl.rc_context(style.RC):
+        sheet = Figure(figsize=(11.0, 3.4), dpi=_DPI, layout="constrained")
+        FigureCanvasAgg(sheet)
+        quantities = [q for q in QUANTITIES if q.name in MEASURED]
+        used = [found.readings[q.name].regressor for q in quantities]
+        for axes, quantity in zip(sheet.subplots(1, 3), quantities, strict=True):
+            reading = found.readings[quantity.name]
+            trials = reading.trials[::-1]
+            better = [t.error < reading.mean_error for t in trials]
+            colours = [style.BLUE if b else style.MUTED for b in better]
+            axes.barh([t.regressor for t in trials], [t.error for t in trials], color=colours)
+            axes.axvline(reading.mean_error, color=style.VERMILLION, lw=1.8)
+            axes.set_xlabel(f"RMS error on readings left out [{quantity.unit}]")
+            axes.set_title(f"{quantity.words} (p = {reading.chance:.2f})", loc="left")
+            axes.grid(visible=False, axis="y")
+        some = [u for u in used if u != "mean"]
+        title = (
+            f"Used as predictor: {', '.join(some)}"
+            if some
+            else "Nothing known of a nodus predicts readings left out better than their mean "
+            "(line) by more than chance (p)"
+        )
+        sheet.suptitle(title, x=0.01, ha="left", weight="bold", size=10.5)
+    return sheet
+
+
+def _panel(axes: Axes, found: Design, made: Recommendation, quantity: Quantity) -> None:
+    judged, column = found.judged, NAMES.index(quantity.name)
+    x, y = judged.value[:, 0], judged.value[:, column]
+    measured = judged.tier == 0
+    matrices = list(dict.fromkeys(c.nodus.matrix.name for c in judged.configurations if c.nodus))
+    for k, matrix in enumerate(matrices):
+        colour = _COLOURS[k % len(_COLOURS)]
+        here = np.array([c.nodus is not None and c.nodus.matrix.name == matrix
+                         for c in judged.configurations])  # fmt: skip
+        for tier, alpha, size in ((2, 0.35, 2.6), (1, 0.9, 4.5)):
+            some = here & (judged.tier == tier)
+            if quantity.name in MEASURED and tier == 2:
+                continue
+            axes.plot(x[some], y[some], ".", ms=size, mew=0, color=colour, alpha=alpha)
+        axes.plot(x[here & measured], y[here & measured], "o", ms=6.5, color=colour, zorder=4)
+    for i in np.flatnonzero(measured):
+        if np.isfinite(x[i]) and np.isfinite(y[i]):
+            name = str(judged.configurations[i].number)
+            axes.annotate(name, (x[i], y[i]), (5, 4), textcoords="offset points", fontsize=7.5)
+    _front(axes, found, quantity)
+    _interval(axes, found, quantity)
+    _limits(axes, found, quantity)
+    for index, _ in made.failed:
+        axes.plot(x[index], y[index], "x", ms=11, mew=2.2, color=style.VERMILLION, zorder=5)
+    if made.index is not None:
+        axes.plot(x[made.index], y[made.index], "o", ms=15, mew=2.4, mfc="none",
+                  color=style.GREEN, zorder=6)  # fmt: skip
+    unit = f" [{quantity.unit}]" if quantity.unit else ""
+    where = ", at 2000 rpm" if quantity.name in MEASURED else ", in hover, modelled"
+    axes.set_ylabel(f"{quantity.words}{where}{unit}")
+    axes.set_title(_finding(found, quantity), loc="left", fontsize=9)
+
+
+def _front(axes: Axes, found: Design, quantity: Quantity) -> None:
+    """Draw the Pareto front of the two figures: of the measured ones, or of all if modelled."""
+    judged = found.judged
+    here = np.flatnonzero((judged.tier == 0) | (quantity.name not in MEASURED))
+    columns = [0, NAMES.index(quantity.name)]
+    some = here[nondominated(costs(judged.value[here])[:, columns])]
+    some = some[np.argsort(judged.value[some, 0])]
+    axes.plot(*judged.value[some][:, columns].T, color=style.INK, lw=1.0, alpha=0.6, zorder=3)
+
+
+def _interval(axes: Axes, found: Design, quantity: Quantity) -> None:
+    """Draw the mean of the readings and the interval of a prediction, if the mean is used."""
+    reading = found.readings.get(quantity.name)
+    if reading is None or reading.regressor != "mean" or not np.isfinite(reading.error):
+        return
+    reach = reading.error * reading.quantile(found.request.confidence)
+    axes.axhspan(reading.mean - reach, reading.mean + reach, color=style.FAINT, alpha=0.55, lw=0,
+                 zorder=0)  # fmt: skip
+    axes.axhline(reading.mean, color=style.MUTED, lw=0.9, zorder=1)
+
+
+def _limits(axes: Axes, found: Design, quantity: Quantity) -> None:
+    for limit in found.choice.limits:
+        if limit.quantity.name == NAMES[0]:
+            axes.axvline(limit.value, color=style.INK, lw=1.1, ls="--")
+        elif limit.quantity == quantity:
+            axes.axhline(limit.value, color=style.INK, lw=1.1, ls="--")
+
+
+def _finding(found: Design, quantity: Quantity) -> str:
+    reading = found.readings.get(quantity.name)
+    if reading is None:
+        ratio = found.judged.value[:, NAMES.index(quantity.name)]
+        ratio = ratio[np.isfinite(ratio)]
+        span = f": {ratio.min():.2f} to {ratio.max():.2f}" if ratio.size else ""
+        return f"{quantity.words.capitalize()} of all that lift the vehicle{span}"
+    if not reading.trials:
+        return "Too few readings to predict any"
+    p = f"(p = {reading.rank_p_value:.2f})"
+    if reading.regressor == "mean":
+        return f"{quantity.words.capitalize()} does not follow stiffness {p}"
+    return f"{quantity.words.capitalize()} follows {reading.regressor}"
+
+
+def _keys(found: Design, made: Recommendation) -> list[Line2D]:
+    matrices = list(
+        dict.fromkeys(c.nodus.matrix.name for c in found.judged.configurations if c.nodus)
+    )
+    keys = [
+        Line2D(
+            [], [], ls="", marker="o", color=_COLOURS[k % len(_COLOURS)], label=f"{m}, measured"
+        )
+        for k, m in enumerate(matrices)
+    ]
+    keys.append(Line2D([], [], ls="", marker=".", color=style.MUTED, label="predicted"))
+    share = found.request.confidence
+    keys.append(Line2D([], [], lw=7, color=style.FAINT, label=f"mean, {share:.0%} to each side"))
+    keys.append(Line2D([], [], ls="--", color=style.INK, label="limit"))
+    keys.append(Line2D([], [], lw=1.0, color=style.INK, alpha=0.6, label="Pareto front"))
+    if made.index is not None:
+        keys.append(
+            Line2D([], [], ls="", marker="o", ms=11, mew=2.2, mfc="none", color=style.GREEN,
+                   label="recommended")
+        )  # fmt: skip
+    if made.failed:
+        keys.append(
+            Line2D([], [], ls="", marker="x", ms=9, mew=2.2, color=style.VERMILLION,
+                   label="fails in flight")
+        )  # fmt: skip
+    return keys

@@ -1,0 +1,390 @@
+"""Where the autopilot thinks it is: IMU with GPS or vision, as EKF2 would have it.
+
+The same observer as in the rest of the suite, fed as EKF2 is: of a pose only position and yaw are
+used, tilt comes from gyro and accelerometer, so a vision frame that does not point up or whose
+attitude is wrong does what it does on the real vehicle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_control.autopilot import HISTORY_TICKS, A, E, part
+from tombo_control.estimator import correct, predict, store_history, update_body_rates
+from tombo_dynamics.plant import P
+from tombo_dynamics.plant import part as plant_part
+from tombo_dynamics.rotation import rotate_vectors
+from tombo_dynamics.vehicle import GRAVITY
+from tombo_px4.autopilot.offboard_setpoint import heading_of
+from tombo_px4.autopilot.parameters import ParameterTable
+from tombo_px4.frames import flu_from_frd
+from tombo_sim.simulator import Simulator
+
+Array = NDArray[np.float64]
+
+_TICK = 1e-3
+_ALIGN_TICKS = 200
+"""Samples of the accelerometer that the first attitude is levelled with."""
+_GPS_TICKS = 50
+_GPS_FIRST = 10
+"""So many fixes are waited for before they are believed."""
+_COMPASS_NOISE = 0.01
+"""[rad]."""
+_BARO_NOISE = 0.03
+"""[m]."""
+_GPS_BANDWIDTH = 3.0
+"""[rad/s]: a fix is noisier than a pose of the motion capture."""
+_FUTURE_US = 5_000
+_RESET_TICKS = 1000
+"""Refused for so long, samples are believed: EKF2 resets after 1 s (`no_aid_timeout_max`)."""
+_GAP_TICKS = 250
+"""Vision that was away for longer begins anew."""
+_STALE_TICKS = 1000
+"""Vision that is this old does not keep GPS out any more."""
+_FLIGHT_TILT, _GROUND_TILT = 0.1, 0.5
+"""Share of the tilt error seen by the accelerometer that goes into the correction."""
+_LEVEL_VARIANCE, _YAW_VARIANCE, _RATE_VARIANCE = 1e-4, 1e-4, 1e-4
+_SLOW_BIAS = 0.1
+"""Share of the correction of the gyro's roll and pitch bias that is kept in flight."""
+
+
+class _Fix(NamedTuple):
+    captured: int
+    arrives: int
+    position: Array
+    yaw: float
+
+
+class Ekf2Model:
+    """Estimate of attitude, position and velocity, in the autopilot's memory `a`."""
+
+    def __init__(
+        self, a: Array, simulator: Simulator, parameters: ParameterTable, seed: int
+    ) -> None:
+        self._a = a
+        self._parameters = parameters
+        self._rng = np.random.default_rng([seed, 0x6750])
+        self._vision_bandwidth = float(a[E.position_bandwidth])
+        self._level = np.zeros(3)
+        self._samples = 0
+        self._gps: deque[_Fix] = deque()
+        self._height = self._compass = math.nan
+        self._fixes = 0
+        self._vision: deque[_Fix] = deque(maxlen=64)
+        self._state_history: deque[_Fix] = deque(maxlen=8)
+        self._newest_vision = -1
+        self._last_vision = -(10**9)
+        self._last_fused = -(10**9)
+        self._last_captured = -1
+        self._refused_since = -1
+        self._source = ""
+        self._origin = False
+        self.attitude_ok = False
+        self.fused = 0
+        """Samples used."""
+        self.rejected = 0
+        """Samples refused by the gate."""
+        self.resets = 0
+        """How often position and yaw have jumped to a source."""
+        part(a, "position")[:] = 0.0
+
+    @property
+    def source(self) -> str:
+        """What the position comes from: `vision`, `gps` or "" for nothing."""
+        return self._source
+
+    @property
+    def last_fused(self) -> int:
+        """Tick at which a sample was last used."""
+        return self._last_fused
+
+    def set_origin(self) -> None:
+        """Take the place of the map's origin on earth as known, as SET_GPS_GLOBAL_ORIGIN does."""
+        self._origin = True
+
+    def local_ok(self, tick: int) -> bool:
+        """Return whether the position in map is known."""
+        limit = self._parameters.get("EKF2_NOAID_TOUT") * 1e-3
+        return bool(self._source) and tick - self._last_fused <= limit
+
+    def global_ok(self, tick: int) -> bool:
+        """Return whether the position on earth is known."""
+        return self.local_ok(tick) and (self._origin or self._source == "gps")
+
+    def pose_variance(self, tick: int) -> tuple[float, ...]:
+        """Return (6) of x, y, z [m^2], roll, pitch, yaw [rad^2]."""
+        since = min(max(tick - self._last_fused, 0) * _TICK, 60.0)
+        noise = 0.01 if self._source == "vision" else self._parameters.get("EKF2_GPS_P_NOISE")
+        place = noise**2 + (0.1 * since) ** 2
+        return (place, place, place, _LEVEL_VARIANCE, _LEVEL_VARIANCE, _YAW_VARIANCE)
+
+    def velocity_variance(self, tick: int) -> tuple[float, ...]:
+        """Return (6) of velocity [m^2/s^2] and rates [rad^2/s^2]."""
+        since = min(max(tick - self._last_fused, 0) * _TICK, 60.0)
+        speed = 0.02**2 + (0.1 * since) ** 2
+        return (speed, speed, speed, _RATE_VARIANCE, _RATE_VARIANCE, _RATE_VARIANCE)
+
+    def vision(self, tick: int, boot_us: int, position: Array, attitude: Array) -> str:
+        """Take a pose from outside; "" or why it is refused: see `Px4Vehicle.vision`."""
+        if position.shape != (3,) or attitude.shape != (4,):
+            return "wrong_shape"
+        if not (np.isfinite(position).all() and np.isfinite(attitude).all()):
+            return "not_finite"
+        if np.abs(position).max() > 1e6:
+            return "out_of_range"
+        if not 0.8 < float(attitude @ attitude) < 1.2:
+            return "not_unit"
+        if boot_us > tick * 1000 + _FUTURE_US:
+            return "future"
+        delay = self._parameters.get("EKF2_EV_DELAY")
+        captured = round(boot_us * 1e-3 - delay)
+        if captured <= self._newest_vision:
+            return "out_of_order"
+        oldest = min(self._parameters.get("EKF2_DELAY_MAX"), HISTORY_TICKS - 2)
+        if captured <= tick - oldest:
+            return "late"
+        if not int(self._parameters.get("EKF2_EV_CTRL")):
+            return "not_fused"
+        if captured - self._newest_vision > _GAP_TICKS:
+            self._state_history.clear()
+        self._newest_vision = captured
+        lever = self._tracked_body_offset()
+        if lever is not None:
+            position = position - rotate_vectors(part(self._a, "attitude"), lever)
+        self._vision.append(_Fix(captured, captured, position.copy(), heading_of(attitude)))
+        return ""
+
+    def _tracked_body_offset(self) -> Array | None:
+        """Return where the tracked body is (3), base_link; None: at its origin."""
+        place = [self._parameters.get(f"EKF2_EV_POS_{axis}") for axis in "XYZ"]
+        return flu_from_frd(place) if any(place) else None
+
+    def sense(self, simulator: Simulator, airborne: bool) -> None:
+        """Take the samples of the present tick, before the control loops run."""
+        a, tick = self._a, simulator.tick
+        store_history(a, tick)
+        if not airborne or not self.attitude_ok:
+            self._feel(simulator.imu)
+        if tick % _GPS_TICKS == 0:
+            self._receive(simulator)
+        while self._vision and self._vision[0].captured <= tick:
+            self._take(self._vision.popleft(), "vision", tick, airborne)
+        while self._gps and self._gps[0].arrives <= tick:
+            fix = self._gps.popleft()
+            if tick - self._last_vision > _STALE_TICKS:
+                self._take(fix, "gps", tick, airborne)
+        update_body_rates(a, simulator.m, P.imu)
+
+    def advance(self, simulator: Simulator, airborne: bool) -> None:
+        """Carry the estimate on to the next tick, after the control loops."""
+        predict(self._a, simulator.m, P.imu + 3, airborne and bool(self._source))
+
+    def _feel(self, imu: Array) -> None:
+        """Low-pass the specific force of a vehicle at rest; level the first attitude with it."""
+        force = imu[3:]
+        if not math.isfinite(float(force.sum())):
+            return
+        self._samples += 1
+        self._level += (force - self._level) / min(self._samples, _ALIGN_TICKS)
+        if self.attitude_ok or self._samples < _ALIGN_TICKS:
+            return
+        x, y, z = (float(v) for v in self._level)
+        length = math.sqrt(x * x + y * y + z * z)
+        if length < 0.5 * GRAVITY:
+            return
+        part(self._a, "attitude")[:] = _upright(x / length, y / length, z / length)
+        self._forget()
+        self.attitude_ok = True
+
+    def _receive(self, simulator: Simulator) -> None:
+        """Read barometer, compass and GPS, each with its own noise of where it really is."""
+        get = self._parameters.get
+        noise = self._rng.standard_normal(5)  # drawn in any case: chance stays in step
+        body = plant_part(simulator.m, "body")
+        baro = get("SYS_HAS_BARO") and get("EKF2_BARO_CTRL")
+        compass = get("SYS_HAS_MAG") and get("EKF2_MAG_TYPE") != 5
+        yaw = heading_of(body[6:10]) + _COMPASS_NOISE * float(noise[3])
+        self._height = float(body[2]) + _BARO_NOISE * float(noise[4]) if baro else math.nan
+        self._compass = yaw if compass else math.nan
+        if not (get("SYS_HAS_GPS") and int(get("EKF2_GPS_CTRL")) & 1 and compass):
+            self._gps.clear()
+            self._fixes = 0
+            return
+        position = body[:3] + get("EKF2_GPS_P_NOISE") * noise[:3]
+        tick = simulator.tick
+        self._gps.append(_Fix(tick, tick + int(get("EKF2_GPS_DELAY")), position, yaw))
+
+    def _take(self, fix: _Fix, source: str, tick: int, airborne: bool) -> None:
+        if not self.attitude_ok:
+            return
+        get = self._parameters.get
+        if source == "gps":
+            self._fixes += 1
+            if self._fixes < _GPS_FIRST:
+                return
+        control = int(get("EKF2_EV_CTRL")) if source == "vision" else 15
+        if source == "vision":
+            if not control & 1 or not (control & 2 or self._height_from_vision()):
+                return
+            self._state_history.append(fix)
+        if source != self._source or not self.local_ok(tick):
+            self._change_source(fix, source, tick, airborne)
+            return
+        a = self._a
+        slot = A.history + 8 * (fix.captured % HISTORY_TICKS)
+        if a[slot + 7] != fix.captured:
+            self.rejected += 1
+            return
+        if self._is_far(fix, source, control, slot, tick):
+            self._refuse(fix, source, tick, airborne)
+            return
+        self._refused_since = -1
+        self._fuse(fix, control, tick, airborne)
+        if source == "vision":
+            self._last_vision = tick
+
+    def _height_from_vision(self) -> bool:
+        return math.isfinite(self._height) or self._parameters.get("EKF2_HGT_REF") == 3
+
+    def _is_far(self, fix: _Fix, source: str, control: int, slot: int, tick: int) -> bool:
+        """Return whether a sample is too far from the estimate of its time to be believed."""
+        a = self._a
+        gap = fix.position - a[slot : slot + 3]
+        if not control & 2 and self._parameters.get("EKF2_HGT_REF") != 3:
+            gap[2] = 0.0
+        since = min((tick - self._last_fused) * _TICK, 5.0)
+        if float(np.abs(gap).max()) > self._innovation_gate(source) + 0.2 * since:
+            return True
+        if source != "vision" or not control & 8:
+            return False
+        turn = math.remainder(fix.yaw - heading_of(a[slot + 3 : slot + 7]), 2.0 * math.pi)
+        get = self._parameters.get
+        return abs(turn) > get("EKF2_EVP_GATE") * get("EKF2_EVA_NOISE") + 0.1 * since
+
+    def _innovation_gate(self, source: str) -> float:
+        get = self._parameters.get
+        if source == "gps":
+            return max(5.0 * get("EKF2_GPS_P_NOISE"), 0.1) + 0.3
+        return get("EKF2_EVP_GATE") * get("EKF2_EVP_NOISE")
+
+    def _refuse(self, fix: _Fix, source: str, tick: int, airborne: bool) -> None:
+        self.rejected += 1
+        if self._refused_since < 0:
+            self._refused_since = tick
+        elif tick - self._refused_since >= _RESET_TICKS:
+            self._reset(fix, source, tick, airborne)
+
+    def _change_source(self, fix: _Fix, source: str, tick: int, airborne: bool) -> None:
+        """Begin with a source: none is in use, or it was lost, or this one is better."""
+        if source == "vision" and self._source == "gps" and airborne and self.local_ok(tick):
+            # in flight only a vision that agrees takes over: the estimate must not jump
+            gap = fix.position - part(self._a, "position")
+            if float(np.abs(gap).max()) > self._innovation_gate(source):
+                self.rejected += 1
+                return
+            self._source = source
+            self._a[E.position_bandwidth] = self._vision_bandwidth
+            return
+        if source == "vision" and len(self._state_history) < 3:
+            return
+        self._reset(fix, source, tick, airborne)
+
+    def _reset(self, fix: _Fix, source: str, tick: int, airborne: bool) -> None:
+        """Let position and yaw jump to a sample."""
+        a = self._a
+        control = int(self._parameters.get("EKF2_EV_CTRL")) if source == "vision" else 15
+        velocity: Array = np.zeros(3)
+        if airborne and source == "vision" and len(self._state_history) > 1:
+            first = self._state_history[0]
+            time = max(fix.captured - first.captured, 1) * _TICK
+            velocity = np.clip((fix.position - first.position) / time, -10.0, 10.0)
+        elif airborne and self._source:
+            velocity = part(a, "velocity").copy()
+        late = (tick - fix.captured) * _TICK
+        part(a, "position")[:] = fix.position + late * velocity
+        part(a, "velocity")[:] = velocity
+        if not control & 2 and math.isfinite(self._height):
+            a[A.position + 2] = self._height
+        attitude = part(a, "attitude")
+        yaw = fix.yaw if control & 8 else self._compass
+        if math.isfinite(yaw):
+            _turn(attitude, yaw - heading_of(attitude))
+        self._forget()
+        store_history(a, tick)
+        self._source = source
+        self._refused_since = -1
+        self._last_fused = tick
+        self._last_captured = fix.captured
+        if source == "vision":
+            self._last_vision = tick
+        a[E.position_bandwidth] = self._vision_bandwidth if source == "vision" else _GPS_BANDWIDTH
+        self.resets += 1
+
+    def _forget(self) -> None:
+        part(self._a, "history").reshape(-1, 8)[:, 7] = -1.0
+
+    def _fuse(self, fix: _Fix, control: int, tick: int, airborne: bool) -> None:
+        a = self._a
+        slot = A.history + 8 * (fix.captured % HISTORY_TICKS)
+        pose = a[slot : slot + 7].copy()
+        pose[:2] = fix.position[:2]
+        if control & 2 or self._parameters.get("EKF2_HGT_REF") == 3:
+            pose[2] = fix.position[2]
+        elif math.isfinite(self._height):
+            pose[2] += self._height - a[A.position + 2]
+        _lean(pose[3:], self._tilt_error(pose[3:], airborne))
+        if control & 8:
+            _turn(pose[3:], fix.yaw - heading_of(pose[3:]))
+        elif math.isfinite(self._compass):
+            _turn(pose[3:], self._compass - heading_of(part(a, "attitude")))
+        bias = part(a, "gyro_bias")
+        before = bias[:2].copy()
+        period = (fix.captured - self._last_captured) * _TICK
+        if correct(a, pose, 0, fix.captured, tick, period, airborne):
+            if airborne:
+                bias[:2] = before + _SLOW_BIAS * (bias[:2] - before)
+            self._last_captured = fix.captured
+            self._last_fused = tick
+            a[A.mode + 2] = fix.captured * _TICK
+            self.fused += 1
+
+    def _tilt_error(self, attitude: Array, airborne: bool) -> Array:
+        """Return the turn (3), body frame, by which gravity says that the attitude is off."""
+        x, y, z, w = (float(v) for v in attitude)
+        up = np.array([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)])
+        if airborne:  # in flight a tilt error shows as a bias of the accelerometer
+            return _FLIGHT_TILT / GRAVITY * np.cross(part(self._a, "accel_bias"), up)
+        return _GROUND_TILT * np.cross(self._level / GRAVITY, up)
+
+
+def _upright(x: float, y: float, z: float) -> Array:
+    """Return the attitude of yaw 0 in which body (x, y, z), of unit length, points up."""
+    roll, pitch = math.atan2(y, z), math.asin(min(max(-x, -1.0), 1.0))
+    cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
+    cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
+    return np.array([sr * cp, cr * sp, -sr * sp, cr * cp])
+
+
+def _turn(q: Array, yaw: float) -> None:
+    """Turn a quaternion xyzw about map z, in place."""
+    s, c = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
+    x, y, z, w = (float(v) for v in q)
+    q[:] = (c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z)
+
+
+def _lean(q: Array, turn: Array) -> None:
+    """Turn a quaternion xyzw by a small rotation vector in its own frame, in place."""
+    x, y, z, w = (float(v) for v in q)
+    a, b, c = (0.5 * float(v) for v in turn)
+    q[:] = (
+        x + w * a + y * c - z * b,
+        y + w * b + z * a - x * c,
+        z + w * c + x * b - y * a,
+        w - x * a - y * b - z * c,
+    )
+    q /= math.sqrt(float(q @ q))

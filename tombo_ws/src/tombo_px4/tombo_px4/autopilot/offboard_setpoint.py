@@ -1,0 +1,203 @@
+"""Set points from outside: which combinations PX4 takes, and what each axis is to follow."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+_NONE = np.full(3, math.nan)
+_LARGEST = 1e5
+"""[m, m/s, m/s^2]: beyond, it is a slip."""
+_FASTEST = 100.0
+"""[rad/s], the same."""
+
+
+class ControlLevel(IntEnum):
+    """The outermost loop that a target drives, innermost last."""
+
+    POSITION = 0
+    VELOCITY = 1
+    ACCELERATION = 2
+    ATTITUDE = 3
+    RATES = 4
+
+
+@dataclass(frozen=True)
+class OffboardSetpoint:
+    """A set point of OFFBOARD: None or NaN means not commanded.
+
+    Either motion (position, velocity, acceleration, yaw, yaw rate) or attitude (attitude, rates,
+    thrust); with both, attitude is left out.
+    """
+
+    position: Array | None = None
+    """(3) map [m]."""
+    velocity: Array | None = None
+    """(3) [m/s], in `frame`."""
+    acceleration: Array | None = None
+    """(3) without gravity [m/s^2], in `frame`."""
+    yaw: float = math.nan
+    """Counter-clockwise from east [rad]."""
+    yaw_rate: float = math.nan
+    """Counter-clockwise [rad/s]."""
+    attitude: Array | None = None
+    """(4) xyzw, map from base_link."""
+    rates: Array | None = None
+    """(3) base_link [rad/s]."""
+    thrust: float | None = None
+    """Share of the highest collective thrust, 0 to 1."""
+    stamp_us: int = 0
+    frame: str = "map"
+    """`map`, or `body`: x ahead, y left, z up, level; a position is left out then."""
+
+
+@dataclass(frozen=True)
+class ResolvedSetpoint:
+    """A target resolved: what the cascade is to follow, axis by axis in map."""
+
+    kind: ControlLevel
+    position: Array
+    """(3), NaN: not commanded."""
+    velocity: Array
+    acceleration: Array
+    yaw: float
+    yaw_rate: float
+    attitude: Array
+    """(4), for ATTITUDE."""
+    rates: Array
+    """(3), for RATES; for ATTITUDE only the yaw rate's feed-forward."""
+    thrust: float
+
+
+_LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
+
+
+def resolve_setpoint(target: OffboardSetpoint, attitude: Array) -> ResolvedSetpoint | str:
+    """Return what a target asks for, or why it is refused.
+
+    Args:
+        target: as it came.
+        attitude: (4) xyzw estimate at its arrival, which turns `body` into map.
+    """
+    position = _axes(target.position)
+    velocity = _axes(target.velocity)
+    acceleration = _axes(target.acceleration)
+    if position is None or velocity is None or acceleration is None:
+        return "set point has a wrong shape"
+    if max(_most(position), _most(velocity), _most(acceleration)) > _LARGEST:
+        return "set point is out of range"
+    if np.isfinite([position, velocity, acceleration]).any():
+        return _resolve_motion(target, position, velocity, acceleration, attitude)
+    return _resolve_attitude(target)
+
+
+def _axes(values: Array | None) -> Array | None:
+    """Return three axes, infinities as not commanded; None for another shape."""
+    if values is None:
+        return _NONE
+    axes = np.array(values, dtype=float)
+    if axes.shape != (3,):
+        return None
+    axes[~np.isfinite(axes)] = math.nan
+    return axes
+
+
+def _most(axes: Array) -> float:
+    """Return the largest amount of the commanded axes; 0 if there are none."""
+    return float(np.nan_to_num(np.abs(axes)).max())
+
+
+def _number(value: float | None) -> float:
+    return float(value) if value is not None and math.isfinite(value) else math.nan
+
+
+def _resolve_motion(
+    target: OffboardSetpoint,
+    position: Array,
+    velocity: Array,
+    acceleration: Array,
+    attitude: Array,
+) -> ResolvedSetpoint | str:
+    if target.frame == "body":
+        heading = heading_of(attitude)
+        position = _NONE
+        velocity = _turned(velocity, heading)
+        acceleration = _turned(acceleration, heading)
+    elif target.frame != "map":
+        return f"coordinate frame {target.frame} unsupported"
+    commanded = [np.isfinite(axes) for axes in (position, velocity, acceleration)]
+    if not (commanded[0] | commanded[1] | commanded[2]).all():
+        return "invalid set point: an axis is not commanded"
+    if any(axes[0] != axes[1] for axes in commanded):
+        return "invalid set point: x and y differ in what is commanded"
+    kind = ControlLevel.ACCELERATION
+    if commanded[0].any():
+        kind = ControlLevel.POSITION
+    elif commanded[1].any():
+        kind = ControlLevel.VELOCITY
+    yaw, yaw_rate = _number(target.yaw), _number(target.yaw_rate)
+    if abs(yaw) > _LARGEST or abs(yaw_rate) > _FASTEST:
+        return "set point is out of range"
+    return ResolvedSetpoint(
+        kind, position, velocity, acceleration, yaw, yaw_rate, _LEVEL, np.zeros(3), math.nan
+    )
+
+
+def _resolve_attitude(target: OffboardSetpoint) -> ResolvedSetpoint | str:
+    thrust = _number(target.thrust)
+    rates = _axes(target.rates)
+    if rates is None:
+        return "set point has a wrong shape"
+    if _most(rates) > _FASTEST:
+        return "set point is out of range"
+    if target.attitude is None:
+        if not np.isfinite(rates).any():
+            return "set point commands nothing"
+        if not math.isfinite(thrust):
+            return "invalid set point: no thrust"
+        return ResolvedSetpoint(
+            ControlLevel.RATES,
+            _NONE,
+            _NONE,
+            _NONE,
+            math.nan,
+            math.nan,
+            _LEVEL,
+            np.nan_to_num(rates),
+            min(max(thrust, 0.0), 1.0),
+        )
+    attitude = np.array(target.attitude, dtype=float)
+    if attitude.shape != (4,) or not np.isfinite(attitude).all():
+        return "invalid set point: attitude is not finite"
+    length = float(np.linalg.norm(attitude))
+    if not 0.5 < length < 2.0:
+        return "invalid set point: attitude is no unit quaternion"
+    if not math.isfinite(thrust):
+        return "invalid set point: no thrust"
+    return ResolvedSetpoint(
+        ControlLevel.ATTITUDE,
+        _NONE,
+        _NONE,
+        _NONE,
+        math.nan,
+        math.nan,
+        attitude / length,
+        np.nan_to_num(rates),
+        min(max(thrust, 0.0), 1.0),
+    )
+
+
+def heading_of(attitude: Array) -> float:
+    """Return the yaw [rad] of a quaternion xyzw."""
+    x, y, z, w = (float(v) for v in attitude)
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def _turned(v: Array, yaw: float) -> Array:
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.array([c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]])

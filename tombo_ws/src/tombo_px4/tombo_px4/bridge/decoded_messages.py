@@ -1,0 +1,204 @@
+"""What PX4 says, read: frozen records in ENU/FLU and SI. `message_decoder.py` makes them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_px4.bridge.modes import Mode
+
+Array = NDArray[np.float64]
+
+
+class MavLandedState(IntEnum):
+    """MAV_LANDED_STATE."""
+
+    UNDEFINED = 0
+    ON_GROUND = 1
+    IN_AIR = 2
+    TAKEOFF = 3
+    LANDING = 4
+
+
+@dataclass(frozen=True)
+class Heartbeat:
+    """The autopilot lives."""
+
+    arrival_ns: int
+    armed: bool
+    mode: Mode
+
+
+@dataclass(frozen=True)
+class VehicleOdometry:
+    """PX4's estimate."""
+
+    arrival_ns: int
+    stamp_ns: int | None
+    """Of the estimate, our clock; None while the clocks are not known to each other."""
+    boot_ns: int
+    position: Array
+    """(3) in map [m]."""
+    attitude: Array
+    """(4) xyzw, map from base_link, unit."""
+    velocity: Array
+    """(3) in map [m/s]."""
+    rates: Array
+    """(3) base_link [rad/s]."""
+    pose_covariance: Array | None
+    """(6, 6) in axes of map; None: PX4 does not know it."""
+    resets: int
+    """Counts jumps of PX4's own estimate."""
+
+
+@dataclass(frozen=True)
+class LocalPosition:
+    """PX4's position alone; what there is where ODOMETRY is not sent."""
+
+    arrival_ns: int
+    stamp_ns: int | None
+    boot_ns: int
+    position: Array
+    velocity: Array
+
+
+@dataclass(frozen=True)
+class VehicleAttitude:
+    """PX4's attitude alone."""
+
+    arrival_ns: int
+    stamp_ns: int | None
+    boot_ns: int
+    attitude: Array
+    rates: Array
+
+
+@dataclass(frozen=True)
+class ImuSample:
+    """PX4's gyro and accelerometer."""
+
+    arrival_ns: int
+    stamp_ns: int | None
+    boot_ns: int
+    gyro: Array
+    """(3) base_link [rad/s]."""
+    accel: Array
+    """(3) specific force, base_link [m/s^2]."""
+
+
+@dataclass(frozen=True)
+class Battery:
+    """Voltage [V], current [A], what is left 0..1; NaN: not known."""
+
+    arrival_ns: int
+    voltage: float
+    current: float
+    remaining: float
+    cells: tuple[float, ...] = ()
+    """[V] of each cell, as far as known."""
+
+
+@dataclass(frozen=True)
+class SystemStatus:
+    """PX4's own checks, and the battery in short."""
+
+    battery: Battery
+    checked: bool
+    """PX4 reports on its pre-arm checks at all."""
+    ready: bool
+    """They pass."""
+
+
+@dataclass(frozen=True)
+class ExtendedSysState:
+    """On the ground or not."""
+
+    arrival_ns: int
+    state: MavLandedState
+
+
+@dataclass(frozen=True)
+class StatusText:
+    """Words of PX4."""
+
+    arrival_ns: int
+    severity: int
+    """MAV_SEVERITY: 0 emergency .. 3 error, 4 warning, 6 info."""
+    text: str
+
+
+@dataclass(frozen=True)
+class CommandAck:
+    """PX4's answer to a command; to DO_SET_MODE there are two, and the first says nothing."""
+
+    arrival_ns: int
+    command: int
+    result: int
+
+
+@dataclass(frozen=True)
+class ParameterValue:
+    """A parameter of the vehicle."""
+
+    name: str
+    value: float | int
+    kind: int
+    """MAV_PARAM_TYPE."""
+
+
+@dataclass(frozen=True)
+class EstimatorStatusFlags:
+    """How well PX4's estimator is fed."""
+
+    arrival_ns: int
+    has_attitude: bool
+    has_position: bool
+    """Horizontal, relative or absolute."""
+    has_height: bool
+    is_aided: bool
+    """Something tells where it is. (CONST_POS_MODE won't do: it is set at rest, too.)"""
+    position_ratio: float
+    """Innovation test ratio; above 1 the poses are refused. NaN: not told."""
+    height_ratio: float
+
+
+@dataclass(frozen=True)
+class TimesyncMessage:
+    """TIMESYNC: a request (tc1 = 0) or an answer."""
+
+    arrival_ns: int
+    tc1: int
+    ts1: int
+
+
+@dataclass(frozen=True)
+class FirmwareVersion:
+    """Firmware."""
+
+    major: int
+    minor: int
+    patch: int
+
+    def __str__(self) -> str:
+        return f"{self.major}.{self.minor}.{self.patch}"
+
+
+Record = (
+    Heartbeat
+    | VehicleOdometry
+    | LocalPosition
+    | VehicleAttitude
+    | ImuSample
+    | Battery
+    | SystemStatus
+    | ExtendedSysState
+    | StatusText
+    | CommandAck
+    | ParameterValue
+    | EstimatorStatusFlags
+    | TimesyncMessage
+    | FirmwareVersion
+)

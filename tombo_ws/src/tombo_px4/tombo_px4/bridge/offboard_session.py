@@ -1,0 +1,559 @@
+"""When the bridge streams, arms, asks for modes and lands. Pure: times and what was heard come in.
+
+Three rules stand above all. Only HEARTBEAT says what is so. A mode that somebody else chose is
+never fought. And nothing is armed twice for one take-off: after a flight, a lost link or a
+refusal the mission must have stood on the ground, or the operator must ask.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from enum import Enum
+
+from tombo_control.autopilot import BLIND, HOLD, IDLE, LAND, LANDED, TAKEOFF
+from tombo_px4.bridge.decoded_messages import CommandAck, Heartbeat, MavLandedState, StatusText
+from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD, Mode, mode_name
+from tombo_px4.link.command_transaction import (
+    CommandTransaction,
+    RecentStatusTexts,
+    VehicleCommand,
+)
+
+_FLIGHT = range(TAKEOFF, HOLD + 1)
+_DOWN = (LAND, BLIND)
+_GROUND = (IDLE, LANDED)
+_MODE_TRIES, _ARM_TRIES, _ASKED_TRIES = 3, 5, 2
+_STREAM_FIRST_NS = 1_000_000_000
+"""PX4 wants to see set points for so long before it takes OFFBOARD."""
+_OWN_ARMING_NS = 5_000_000_000
+"""A vehicle that arms so soon after our order was armed by it."""
+_SELF_DISARM_NS = 4_000_000_000
+"""PX4 disarms 2 s after landing (COM_DISARM_LAND); after this we ask."""
+
+_GRACE_NS = 3_000_000_000
+"""Vehicle and bridge start in any order."""
+
+
+class Stage(Enum):
+    """Where the bridge stands with the vehicle."""
+
+    WAITING = "waiting for the vehicle"
+    READY = "ready"
+    ENTERING_OFFBOARD = "entering offboard"
+    ARMING = "arming"
+    FLYING = "offboard"
+    LANDING = "landing"
+    EXTERNAL_MODE = "mode is somebody else's"
+    GIVEN_UP = "given up"
+    LINK_LOST = "link lost"
+
+
+class Stream(Enum):
+    """What goes out as set point."""
+
+    PRESENT = "present"
+    """Where the vehicle says it is."""
+    HOLD = "hold"
+    """Where it was when this began."""
+    SETPOINT = "setpoint"
+
+
+@dataclass(frozen=True)
+class Request:
+    """What an operator asks for."""
+
+    number: int
+    kind: str
+    """`arm`, `disarm`, `offboard`, `land`, `hold`."""
+
+
+@dataclass(frozen=True)
+class Reply:
+    """The answer to a request, once it is known."""
+
+    number: int
+    success: bool
+    text: str
+
+
+@dataclass(frozen=True)
+class SessionInput:
+    """What there is to decide on."""
+
+    now_ns: int
+    heartbeat: Heartbeat | None
+    landed: MavLandedState
+    phase: int
+    """Of the mission; IDLE without one."""
+    fresh: bool
+    """A set point came lately."""
+    streaming: bool
+    """There is a position to stream."""
+    blockers: tuple[str, ...]
+    """Why not to arm, in words."""
+    must_land: str = ""
+    """Why the flight has to end here, in words."""
+
+
+@dataclass
+class Decision:
+    """What to do in this tick."""
+
+    stream: Stream = Stream.PRESENT
+    vehicle_commands: list[VehicleCommand] = field(default_factory=list)
+    faults: dict[str, str] = field(default_factory=dict)
+    """What is wrong now."""
+    events: list[tuple[str, str]] = field(default_factory=list)
+    """What went wrong just now."""
+    replies: list[Reply] = field(default_factory=list)
+
+
+class Session:
+    """The state machine; `tick` decides."""
+
+    def __init__(self, link_timeout_s: float) -> None:
+        self.stage = Stage.WAITING
+        self.why = ""
+        """Why it stands there."""
+        self.recent_texts = RecentStatusTexts()
+        self._timeout_ns = round(link_timeout_s * 1e9)
+        self._transaction: CommandTransaction | None = None
+        self._engage_allowed = self._mission_seen = False
+        self._arm_request_ns: int | None = None
+        self._armed_for_flight = False
+        self._stream_since_ns: int | None = None
+        self._landed_since_ns: int | None = None
+        self._begun_ns: int | None = None
+        self._stage_before_loss = Stage.WAITING
+        self._landing_by_setpoints = False
+        self._pending_requests: deque[Request] = deque()
+        self._request: Request | None = None
+        self._request_transaction: CommandTransaction | None = None
+
+    @property
+    def awaits_confirmation(self) -> bool:
+        """An order is under way that a heartbeat is to confirm."""
+        return self._transaction is not None or self._request_transaction is not None
+
+    def ask(self, request: Request) -> None:
+        """Take what an operator asks for; the answer is in a later `Decision.replies`."""
+        self._pending_requests.append(request)
+
+    def handle_ack(self, ack: CommandAck) -> None:
+        """Take PX4's answer to a command."""
+        for command_transaction in (self._transaction, self._request_transaction):
+            if command_transaction is not None:
+                command_transaction.handle_ack(ack)
+
+    def said(self, text: StatusText) -> None:
+        """Take words of PX4."""
+        self.recent_texts.take(text)
+
+    def clock_set_back(self, out: Decision) -> None:
+        """Begin all waiting anew: what was to end at some time would not end for long."""
+        why = "the system's clock was set back meanwhile"
+        self._drop_requests(out, why)
+        self._stream_since_ns = self._landed_since_ns = self._arm_request_ns = None
+        if self.stage in (Stage.ENTERING_OFFBOARD, Stage.ARMING):
+            self._give_up(why)
+        elif self._transaction is not None:
+            self._transaction = CommandTransaction(self._transaction.order, _MODE_TRIES)
+
+    def tick(self, view: SessionInput) -> Decision:
+        """Decide."""
+        out = Decision()
+        heartbeat = view.heartbeat
+        if view.streaming:
+            self._stream_since_ns = self._stream_since_ns or view.now_ns
+        else:
+            self._stream_since_ns = None
+        if heartbeat is None or view.now_ns - heartbeat.arrival_ns > self._timeout_ns:
+            self._on_link_down(view, out)
+            return out
+        if self.stage in (Stage.WAITING, Stage.LINK_LOST):
+            self._on_link_up(view, heartbeat)
+        if view.fresh:
+            self._update_mission(view, heartbeat)
+        self._update_landed_time(view, heartbeat, out)
+        self._handle_requests(view, heartbeat, out)
+        if self._request is None:
+            self._advance(view, heartbeat, out)
+        self._set_stream_and_faults(view, heartbeat, out)
+        return out
+
+    def _update_mission(self, view: SessionInput, heartbeat: Heartbeat) -> None:
+        """Be willing once more when the mission is on the ground, or begins as it is first heard.
+
+        Its first words may be lost while the nodes find each other.
+        """
+        begins = view.phase == TAKEOFF and not self._mission_seen
+        self._mission_seen = True
+        if not heartbeat.armed and (begins or view.phase in _GROUND):
+            self._engage_allowed = True
+
+    # --- The link -----------------------------------------------------------------------------
+
+    def _on_link_down(self, view: SessionInput, out: Decision) -> None:
+        if self.stage not in (Stage.WAITING, Stage.LINK_LOST):
+            self._stage_before_loss = self.stage
+            self._set_stage(Stage.LINK_LOST, "")
+        heard = view.heartbeat
+        if heard is None:
+            text = "no heartbeat of the vehicle: is it on, and does it send here?"
+            self._begun_ns = self._begun_ns or view.now_ns
+            if view.now_ns - self._begun_ns > _GRACE_NS:
+                out.faults["no_vehicle"] = text
+        else:
+            age = (view.now_ns - heard.arrival_ns) * 1e-9
+            armed = "armed, " if heard.armed else ""
+            text = f"no heartbeat for {age:.1f} s, last {armed}mode {mode_name(heard.mode)}"
+            out.faults["link_lost"] = f"{text}: nothing is armed when it comes back"
+        self._drop_requests(out, text)
+        if self._stage_before_loss == Stage.FLYING and view.phase in _FLIGHT:
+            out.stream = Stream.SETPOINT  # it may still be heard
+
+    def _on_link_up(self, view: SessionInput, heartbeat: Heartbeat) -> None:
+        """A vehicle is there, for the first time or again."""
+        lost, self._stage_before_loss = self._stage_before_loss, Stage.WAITING
+        flew = lost in (
+            Stage.ENTERING_OFFBOARD,
+            Stage.ARMING,
+            Stage.FLYING,
+            Stage.LANDING,
+            Stage.EXTERNAL_MODE,
+        )
+        if heartbeat.armed:
+            if heartbeat.mode == AUTO_LAND and lost == Stage.LANDING:
+                self._set_stage(Stage.LANDING, "link is back")
+            elif heartbeat.mode == OFFBOARD and lost == Stage.FLYING:
+                self._set_stage(Stage.FLYING, "link is back")
+            else:
+                self._set_stage(
+                    Stage.EXTERNAL_MODE, f"found armed in mode {mode_name(heartbeat.mode)}"
+                )
+        elif flew:
+            self._give_up("disarmed while the link was lost")
+        else:
+            self._set_stage(Stage.READY, "")
+
+    # --- The operator -------------------------------------------------------------------------
+
+    def _handle_requests(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
+        """Begin, go on with, or answer what the operator asks for."""
+        while self._pending_requests:
+            request = self._pending_requests.popleft()
+            if self._request is not None:
+                self._reply(out, False, f"overtaken by '{request.kind}'")
+            self._begin_request(request, view, heartbeat, out)
+        command_transaction = self._request_transaction
+        if self._request is None or command_transaction is None:
+            return
+        if command_transaction.tick(heartbeat, self.recent_texts, view.now_ns):
+            out.vehicle_commands.append(command_transaction.order)
+            if command_transaction.order.armed:
+                self._arm_request_ns = view.now_ns
+        if command_transaction.failed:
+            self._reply(out, False, command_transaction.refusal)
+        elif command_transaction.done:
+            self._request_confirmed(view, heartbeat, out)
+
+    def _begin_request(
+        self, request: Request, view: SessionInput, heartbeat: Heartbeat, out: Decision
+    ) -> None:
+        self._request = request
+        kind = request.kind
+        why_not = ""
+        if kind == "arm" and not heartbeat.armed:
+            why_not = "; ".join(view.blockers)
+        elif kind in ("land", "hold") and not heartbeat.armed:
+            why_not = "the vehicle is not armed"
+        elif kind == "offboard" and not view.streaming:
+            why_not = "PX4 gives no position: there is nothing to stream, and it would refuse"
+        if why_not:
+            self._reply(out, False, why_not)
+            return
+        if kind in ("disarm", "land", "hold") and self.stage in (
+            Stage.ENTERING_OFFBOARD,
+            Stage.ARMING,
+        ):
+            self._give_up(f"stopped by the operator: {kind}")
+        vehicle_commands = {
+            "arm": VehicleCommand(armed=True),
+            "disarm": VehicleCommand(armed=False),
+            "offboard": VehicleCommand(mode=OFFBOARD),
+            "land": VehicleCommand(mode=AUTO_LAND),
+            "hold": VehicleCommand(mode=AUTO_HOLD),
+        }
+        self._request_transaction = CommandTransaction(vehicle_commands[kind], _ASKED_TRIES)
+
+    def _request_confirmed(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
+        assert self._request is not None
+        kind = self._request.kind
+        self._reply(out, True, f"{kind}: confirmed")
+        if kind == "offboard":
+            self._engage_allowed = True
+            self._set_stage(
+                Stage.FLYING if heartbeat.armed else Stage.READY, "asked by the operator"
+            )
+        elif kind == "land":
+            self._set_stage(Stage.LANDING, "asked by the operator")
+        elif kind == "hold":
+            self._set_stage(Stage.EXTERNAL_MODE, "hold, asked by the operator")
+        elif kind == "arm" and self.stage not in (Stage.FLYING, Stage.LANDING):
+            flies = heartbeat.mode == OFFBOARD
+            self._arm_request_ns = None
+            self._armed_for_flight = False
+            self._set_stage(
+                Stage.FLYING if flies else Stage.EXTERNAL_MODE, "armed by the operator"
+            )
+        elif kind == "disarm":
+            self._engage_allowed = False
+            self._set_stage(Stage.READY, "disarmed by the operator")
+
+    def _reply(self, out: Decision, success: bool, text: str) -> None:
+        assert self._request is not None
+        out.replies.append(Reply(self._request.number, success, text))
+        self._request = self._request_transaction = None
+
+    def _drop_requests(self, out: Decision, text: str) -> None:
+        if self._request is not None:
+            self._reply(out, False, text)
+        while self._pending_requests:
+            out.replies.append(Reply(self._pending_requests.popleft().number, False, text))
+
+    # --- The flight ---------------------------------------------------------------------------
+
+    def _advance(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
+        steps = {
+            Stage.READY: self._ready,
+            Stage.ENTERING_OFFBOARD: self._entering,
+            Stage.ARMING: self._arming,
+            Stage.FLYING: self._flying,
+            Stage.LANDING: self._landing,
+            Stage.EXTERNAL_MODE: self._external_mode,
+            Stage.GIVEN_UP: self._given_up,
+        }
+        steps[self.stage](view, heartbeat, out)
+
+    def _wants_flight(self, view: SessionInput) -> bool:
+        return view.fresh and view.phase in _FLIGHT
+
+    def _ready(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
+        if heartbeat.armed and self._arm_request_pending(view):
+            self._give_up("armed after it was called off")
+            return
+        if heartbeat.armed:
+            mode = mode_name(heartbeat.mode)
+            self._set_stage(Stage.EXTERNAL_MODE, f"armed by somebody else, in mode {mode}")
+            return
+        if not self._wants_flight(view):
+            return
+        if not self._engage_allowed:
+            out.faults["not_engaged"] = (
+                "the mission wants to fly, but was not seen on the ground since the last flight:"
+                " start it anew, or call px4/offboard"
+            )
+        elif view.blockers:
+            out.faults["preflight"] = "not armed: " + "; ".join(view.blockers)
+        elif (
+            self._stream_since_ns is not None
+            and view.now_ns - self._stream_since_ns >= _STREAM_FIRST_NS
+        ):
+            self._set_stage(Stage.ENTERING_OFFBOARD, "")
+            self._transaction = CommandTransaction(VehicleCommand(mode=OFFBOARD), _MODE_TRIES)
+            self._entering(view, heartbeat, out)
+
+    def _entering(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
+        if heartbeat.armed:
+            self._set_stage(Stage.EXTERNAL_MODE, "armed by somebody else")
+        elif not self._wants_flight(view):
+            self._set_stage(Stage.READY, "the mission takes it back")
+        elif view.blockers:
+            self._set_stage(Stage.READY, "")
+        elif self._step_transaction(view, heartbeat, out) == "failed":
+            self._abort_transaction(out)
+        elif self._transaction is not None and self._transaction.done:
+            self._set_stage(Stage.ARMING, "")
+            self._transaction = CommandTransaction(VehicleCommand(armed=True), _ARM_TRIES)
+            self._arming(view, heartbeat, out)
+
+    def _arming(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
+        if heartbeat.mode != OFFBOARD:
+            said = self.recent_texts.recent(view.now_ns)
+            mode = mode_name(heartbeat.mode)
+            why = f"mode changed to {mode} while arming" + (f": {said}" if said else "")
+            self._give_up(why)
+            out.events.append(("refused", why))
+        elif not heartbeat.armed and not self._wants_flight(view):
+            self._give_up("the mission took it back while arming")
+        elif not heartbeat.armed and view.blockers:
+            self._give_up("while arming: " + "; ".join(view.blockers))
+            out.events.append(("refused", self.why))
+        elif self._step_transaction(view, heartbeat, out) == "failed":
+            self._abort_transaction(out)
+        elif self._transaction is not None and self._transaction.done:
+            self._engage_allowed = False
+            self._armed_for_flight = True
+            self._arm_request_ns = None
+            self._set_stage(Stage.FLYING, "")
+
+    def _flying(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
+        if not heartbeat.armed:
+            said = self.recent_texts.recent(view.now_ns)
+            if view.phase in _FLIGHT:
+                self._give_up("disarmed in flight" + (f": {said}" if said else ""))
+                out.events.append(("disarmed", self.why))
+            else:
+                self._set_stage(Stage.READY, "landed")
+        elif heartbeat.mode != OFFBOARD:
+            said = self.recent_texts.recent(view.now_ns)
+            why = f"mode is {mode_name(heartbeat.mode)}, not offboard"
+            self._set_stage(Stage.EXTERNAL_MODE, why + (f": PX4 says {said}" if said else ""))
+        elif view.must_land:
+            out.events.append(("landing", view.must_land))
+            self._set_stage(Stage.LANDING, view.must_land)
+            self._transaction = CommandTransaction(VehicleCommand(mode=AUTO_LAND), _MODE_TRIES)
+        elif view.phase in _DOWN or (
+            view.phase == LANDED and view.landed != MavLandedState.ON_GROUND
+        ):
+            self._set_stage(Stage.LANDING, "")
+            self._transaction = CommandTransaction(VehicleCommand(mode=AUTO_LAND), _MODE_TRIES)
+            self._landing(view, heartbeat, out)
+        elif (
+            view.phase in _GROUND
+            and view.landed == MavLandedState.ON_GROUND
+            and self._armed_for_flight
+            and self._transaction is None
+        ):
+            self._transaction = CommandTransaction(VehicleCommand(armed=False), _MODE_TRIES)
+        elif view.phase in _FLIGHT:
+            self._transaction = None
+        if self.stage == Stage.FLYING and self._step_transaction(view, heartbeat, out) == "failed":
+            assert self._transaction is not None
+            out.events.append(("refused", self._transaction.refusal))
+            self._transaction = None
+
+    def _landing(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
+        if not heartbeat.armed:
+            self._set_stage(Stage.READY, "landed")
+            return
+        if self._step_transaction(view, heartbeat, out) == "failed":
+            assert self._transaction is not None
+            out.events.append(("refused", self._transaction.refusal))
+            self._transaction = None
+            self._landing_by_setpoints = True
+        lands = heartbeat.mode == AUTO_LAND
+        if lands:
+            self._landing_by_setpoints = False
+        under_way = self._transaction is not None or self._landing_by_setpoints
+        if not lands and not (under_way and heartbeat.mode == OFFBOARD):
+            said = self.recent_texts.recent(view.now_ns)
+            why = f"mode is {mode_name(heartbeat.mode)}, not land"
+            self._set_stage(Stage.EXTERNAL_MODE, why + (f": PX4 says {said}" if said else ""))
+        elif self._on_ground_for(view, _SELF_DISARM_NS) and self._transaction is None:
+            self._transaction = CommandTransaction(VehicleCommand(armed=False), _MODE_TRIES)
+
+    def _external_mode(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
+        if not heartbeat.armed:
+            self._set_stage(Stage.READY, "disarmed")
+
+    def _given_up(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
+        """Stay away until asked again; a vehicle our own order has armed late is disarmed."""
+        ours = self._arm_request_pending(view)
+        if heartbeat.armed:
+            if not ours and self._transaction is None:
+                self._set_stage(Stage.EXTERNAL_MODE, "armed by somebody else")
+                return
+            if view.landed not in (MavLandedState.ON_GROUND, MavLandedState.UNDEFINED):
+                self._set_stage(Stage.EXTERNAL_MODE, f"in the air after: {self.why}")
+                return
+            if self._transaction is None:
+                self._transaction = CommandTransaction(VehicleCommand(armed=False), _ARM_TRIES)
+                out.events.append(("disarmed", f"armed halfway, disarmed again: {self.why}"))
+        if self._step_transaction(view, heartbeat, out) == "failed":
+            assert self._transaction is not None
+            out.events.append(("refused", self._transaction.refusal))
+            self._set_stage(
+                Stage.EXTERNAL_MODE,
+                f"armed, and disarming was refused: {self._transaction.refusal}",
+            )
+        elif not heartbeat.armed and self._engage_allowed and not ours:
+            self._set_stage(Stage.READY, "")
+
+    # --- Helpers ------------------------------------------------------------------------------
+
+    def _arm_request_pending(self, view: SessionInput) -> bool:
+        """Return whether an order of ours to arm may still be carried out."""
+        own = self._arm_request_ns
+        return own is not None and view.now_ns - own <= _OWN_ARMING_NS
+
+    def _step_transaction(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> str:
+        """Go on with the errand; return "failed" when it is given up."""
+        command_transaction = self._transaction
+        if command_transaction is None:
+            return ""
+        before = command_transaction.refusal
+        if command_transaction.tick(heartbeat, self.recent_texts, view.now_ns):
+            out.vehicle_commands.append(command_transaction.order)
+            if command_transaction.order.armed:
+                self._arm_request_ns = view.now_ns
+            if command_transaction.refusal and command_transaction.refusal != before:
+                out.events.append(("refused", f"{command_transaction.refusal}; trying again"))
+        if (
+            command_transaction.done
+            and command_transaction.order.armed is not True
+            and command_transaction.order.mode != OFFBOARD
+        ):
+            self._transaction = None
+        return "failed" if command_transaction.failed else ""
+
+    def _abort_transaction(self, out: Decision) -> None:
+        assert self._transaction is not None
+        why = self._transaction.refusal
+        self._give_up(why)
+        out.events.append(("refused", why))
+
+    def _give_up(self, why: str) -> None:
+        self._engage_allowed = False
+        self._set_stage(Stage.GIVEN_UP, why)
+
+    def _set_stage(self, stage: Stage, why: str) -> None:
+        self.stage, self.why = stage, why
+        self._transaction = None
+        self._landing_by_setpoints = False
+        if stage in (Stage.READY, Stage.EXTERNAL_MODE):
+            self._armed_for_flight = False
+        if stage == Stage.EXTERNAL_MODE:
+            self._engage_allowed = False
+
+    def _update_landed_time(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
+        if view.landed == MavLandedState.ON_GROUND and heartbeat.armed:
+            self._landed_since_ns = self._landed_since_ns or view.now_ns
+        else:
+            self._landed_since_ns = None
+
+    def _on_ground_for(self, view: SessionInput, duration_ns: int) -> bool:
+        since = self._landed_since_ns
+        return since is not None and view.now_ns - since > duration_ns
+
+    def _set_stream_and_faults(
+        self, view: SessionInput, heartbeat: Heartbeat, out: Decision
+    ) -> None:
+        """Say what goes out, and what is wrong for as long as it is."""
+        mode: Mode = heartbeat.mode
+        if self.stage == Stage.FLYING:
+            out.stream = Stream.HOLD if view.phase in _GROUND else Stream.SETPOINT
+        elif self.stage == Stage.LANDING and mode == OFFBOARD:
+            out.stream = Stream.SETPOINT
+        elif mode == OFFBOARD and heartbeat.armed:
+            out.stream = Stream.HOLD
+        if self.stage == Stage.EXTERNAL_MODE and view.phase not in _GROUND:
+            out.faults["mode_taken"] = (
+                f"{self.why}; not fought: the stream holds the present position until px4/offboard"
+            )
+        if self.stage == Stage.GIVEN_UP:
+            out.faults["given_up"] = (
+                f"{self.why}; not tried again before the mission has been on the ground,"
+                " or px4/offboard is called"
+            )

@@ -1,0 +1,81 @@
+"""What to tell the user of a real PX4: how to start it so that it fits the Tombo vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from tombo_dynamics.rotor_maps import R
+from tombo_dynamics.vehicle import SPIN
+from tombo_px4.frames import PX4_ROTORS, frd_from_flu
+from tombo_px4.hil.flight import HilFlight
+from tombo_px4.hil.link import PX4_PORT
+from tombo_px4.hil.lockstep import PX4_RATE
+from tombo_sim.world import World
+
+AIRFRAME = {"PX4_SIM_MODEL": "none_iris", "PX4_SYS_AUTOSTART": "10016"}
+MOCAP_ONLY: Mapping[str, float] = {
+    "SYS_HAS_GPS": 0,
+    "SYS_HAS_MAG": 0,
+    "EKF2_GPS_CTRL": 0,
+    "EKF2_BARO_CTRL": 0,
+    "EKF2_RNG_CTRL": 0,
+    "EKF2_MAG_TYPE": 5,
+    "EKF2_EV_CTRL": 11,
+    "EKF2_HGT_REF": 3,
+}
+"""With these PX4 1.17 flew by external poses alone: position, height and yaw."""
+_IMAGE = "px4io/px4-sitl:v1.18.0-rc1"
+"""PX4's containers begin with 1.18."""
+_MOST_INSTANCES = 255
+
+
+def airframe_parameters(world: World, flight: HilFlight) -> dict[str, float]:
+    """Return the PX4 parameters that describe the Tombo vehicle, and the link if it is unusual.
+
+    PX4's iris has its front rotors farther out than the rear ones: untold, yawing would roll. In
+    lockstep PX4 answers once its estimator has run, so that must run at each HIL_SENSOR.
+    """
+    parameters = {"MPC_THR_HOVER": round(flight.controls.hover, 3), "COM_RCL_EXCEPT": 4.0}
+    rate = round(flight.params.rate)
+    if rate != PX4_RATE:
+        parameters |= {"IMU_INTEG_RATE": rate, "IMU_GYRO_RATEMAX": rate}
+    positions = frd_from_flu(world.vehicle.rotor_positions())
+    ratio = float(flight.simulator.setup.maps[R.torque_ratio])
+    for motor, rotor in enumerate(PX4_ROTORS):
+        name = f"CA_ROTOR{motor}_"
+        parameters[name + "PX"] = round(float(positions[rotor, 0]), 3)
+        parameters[name + "PY"] = round(float(positions[rotor, 1]), 3)
+        parameters[name + "KM"] = round(ratio * float(SPIN[rotor]), 3)
+    return parameters
+
+
+def mocap_parameters(world: World, on_link: bool) -> dict[str, float]:
+    """Return the PX4 parameters for flying by motion capture alone.
+
+    On the simulator link PX4 takes the time of arrival for that of capture: it must be told the
+    delay.
+    """
+    parameters = dict(MOCAP_ONLY)
+    if on_link:
+        delay = float(world.effects.get("mocap_latency", {}).get("delay", 0.0))
+        parameters["EKF2_EV_DELAY"] = round(1e3 * delay, 1)
+    return parameters
+
+
+def start_commands(port: int, parameters: Mapping[str, float]) -> tuple[str, str, str]:
+    """Return shell commands: what PX4 finds in its environment, then two ways to start it.
+
+    The first starts one built from its sources, the second one in its container. PX4 takes
+    PX4_PARAM_... at its start, and keeps them.
+    """
+    settings = [f"{name}={value}" for name, value in AIRFRAME.items()]
+    settings += [f"PX4_PARAM_{name}={value:g}" for name, value in parameters.items()]
+    lines = [" ".join(settings[i : i + 3]) for i in range(0, len(settings), 3)]
+    number = port - PX4_PORT
+    instance = f" -i {number}" if 0 < number < _MOST_INSTANCES else ""
+    given = "$(env | grep -o '^PX4_[A-Z0-9_]*' | sed 's/^/-e /')"
+    return (
+        "export " + " \\\n  ".join(lines),
+        f"./build/px4_sitl_default/bin/px4{instance}",
+        f"docker run --rm -it --network host {given} {_IMAGE}{instance}",
+    )

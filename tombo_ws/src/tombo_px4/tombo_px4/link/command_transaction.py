@@ -1,0 +1,130 @@
+"""One wish to PX4, a mode or armed or not: sent, confirmed from HEARTBEAT, repeated, given up."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+from tombo_px4.bridge.decoded_messages import CommandAck, Heartbeat, StatusText
+from tombo_px4.bridge.modes import Mode, mode_name
+
+SET_MODE_COMMAND, ARM_COMMAND = 176, 400
+"""MAV_CMD_DO_SET_MODE, MAV_CMD_COMPONENT_ARM_DISARM."""
+_ACCEPTED, _IN_PROGRESS = 0, 5
+RESULTS = (
+    "accepted",
+    "temporarily rejected",
+    "denied",
+    "unsupported",
+    "failed",
+    "in progress",
+    "cancelled",
+)
+"""Words for MAV_RESULT."""
+CONFIRM_NS = 2_000_000_000
+"""A heartbeat of 1 Hz that confirms a wish may be so long in coming."""
+PAUSE_NS = 1_000_000_000
+"""Between a refusal and the next try; the texts that explain it come meanwhile."""
+_WARNING = 4
+_TEXT_NS = 3_000_000_000
+
+
+@dataclass(frozen=True)
+class VehicleCommand:
+    """What to ask PX4 for: one of the two is set."""
+
+    mode: Mode | None = None
+    armed: bool | None = None
+
+    @property
+    def command(self) -> int:
+        """Number of the MAVLink command that asks for it."""
+        return SET_MODE_COMMAND if self.mode is not None else ARM_COMMAND
+
+    def confirmed_by(self, heartbeat: Heartbeat) -> bool:
+        """Return whether the vehicle says that it is so."""
+        if self.mode is not None:
+            return heartbeat.mode == self.mode
+        return heartbeat.armed == self.armed
+
+    def __str__(self) -> str:
+        if self.mode is not None:
+            return f"mode {mode_name(self.mode)}"
+        return "arming" if self.armed else "disarming"
+
+
+class RecentStatusTexts:
+    """The last warnings of PX4, to explain a refusal."""
+
+    def __init__(self) -> None:
+        self._texts: deque[StatusText] = deque(maxlen=8)
+
+    def take(self, text: StatusText) -> None:
+        """Keep a text if it is a warning or worse."""
+        if text.severity <= _WARNING:
+            self._texts.append(text)
+
+    def since(self, time_ns: int) -> str:
+        """Return what was said since a time, each text once."""
+        texts = dict.fromkeys(t.text for t in self._texts if t.arrival_ns >= time_ns)
+        return ", ".join(f"'{text}'" for text in texts)
+
+    def recent(self, now_ns: int) -> str:
+        """Return what was said within the last three seconds."""
+        return self.since(now_ns - _TEXT_NS)
+
+
+class CommandTransaction:
+    """An order under way. `tick` says when to send it; `done` or `failed` ends it."""
+
+    def __init__(self, order: VehicleCommand, tries: int) -> None:
+        self.order = order
+        self.done = False
+        self.failed = False
+        self.refusal = ""
+        """Why PX4 refused it the last time, or did not answer."""
+        self._tries = tries
+        self._begun_ns = 0
+        self._sent_ns: int | None = None
+        self._refused_ns: int | None = None
+        self._result = _ACCEPTED
+
+    def handle_ack(self, ack: CommandAck) -> None:
+        """Take an answer; that it was accepted proves nothing, that it was refused does."""
+        if ack.command != self.order.command or self._sent_ns is None or self.done:
+            return
+        if ack.result not in (_ACCEPTED, _IN_PROGRESS) and self._refused_ns is None:
+            self._refused_ns, self._result = ack.arrival_ns, ack.result
+
+    def tick(self, heartbeat: Heartbeat, recent_texts: RecentStatusTexts, now_ns: int) -> bool:
+        """Go on; return whether the order is to be sent now."""
+        if self._sent_ns is None:  # even if it looks met: the last heartbeat may be a second old
+            return self._send(now_ns)
+        if self.order.confirmed_by(heartbeat) and heartbeat.arrival_ns > self._begun_ns:
+            self.done = True
+            return False
+        if self._refused_ns is not None:
+            if now_ns - self._refused_ns < PAUSE_NS:
+                return False
+            known = self._result < len(RESULTS)
+            result = RESULTS[self._result] if known else f"result {self._result}"
+            said = recent_texts.since(self._sent_ns)
+            self.refusal = f"{self.order} {result}" + (f": {said}" if said else "")
+        elif now_ns - self._sent_ns < CONFIRM_NS:
+            return False
+        else:
+            said = recent_texts.since(self._sent_ns)
+            waited = CONFIRM_NS * 1e-9
+            self.refusal = f"{self.order} not confirmed by HEARTBEAT within {waited:.0f} s" + (
+                f": {said}" if said else ""
+            )
+        if self._tries <= 0:
+            self.failed = True
+            return False
+        return self._send(now_ns)
+
+    def _send(self, now_ns: int) -> bool:
+        self._tries -= 1
+        self._begun_ns = self._begun_ns or now_ns
+        self._sent_ns, self._refused_ns = now_ns, None
+        return True

@@ -1,0 +1,206 @@
+"""From our poses, set points and wishes to MAVLink messages; PX4's frames and masks."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import common as mav
+
+from tombo_control.estimate import Setpoint
+from tombo_dynamics.vehicle import GRAVITY
+from tombo_px4.bridge.bridge_params import MOCAP, ODOMETRY, VISION
+from tombo_px4.bridge.modes import Mode
+from tombo_px4.frames import (
+    frd_from_flu,
+    ned_from_enu,
+    px4_pose_covariance,
+    px4_quaternion,
+    px4_yaw,
+)
+
+Array = NDArray[np.float64]
+
+POSITION_MASK = mav.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
+"""Position, velocity, acceleration and yaw count; the rate of yaw doesn't."""
+ATTITUDE_MASK = (
+    mav.ATTITUDE_TARGET_TYPEMASK_BODY_ROLL_RATE_IGNORE
+    | mav.ATTITUDE_TARGET_TYPEMASK_BODY_PITCH_RATE_IGNORE
+    | mav.ATTITUDE_TARGET_TYPEMASK_BODY_YAW_RATE_IGNORE
+)
+RATES_MASK = mav.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
+_TRACKED = 100
+"""ODOMETRY.quality of a pose that is there, in percent."""
+_CUSTOM_MODE = mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+_NAN = math.nan
+_MICRO, _MILLI = 1_000, 1_000_000
+
+
+class MessageTarget:
+    """Whom the messages are for."""
+
+    def __init__(self, system: int, component: int) -> None:
+        self.system = system
+        self.component = component
+
+
+def pose_message(
+    kind: str, stamp_ns: int, position: Array, attitude: Array, covariance: Array | None
+) -> Any:
+    """Return a pose as PX4 wants it from outside.
+
+    Args:
+        kind: `odometry`, `vision` or `mocap`; EKF2 does not fuse the last.
+        stamp_ns: capture, of the clock that answers TIMESYNC.
+        position: (3) of base_link in map [m].
+        attitude: (4) xyzw, map from base_link.
+        covariance: (6, 6) in axes of map; None: unknown.
+    """
+    north, east, down = (float(p) for p in ned_from_enu(position))
+    q = px4_quaternion(attitude)
+    upper = unknown(21) if covariance is None else px4_pose_covariance(covariance).tolist()
+    stamp = stamp_ns // _MICRO
+    if kind == VISION:
+        roll, pitch, yaw = _euler(q)
+        return mav.MAVLink_vision_position_estimate_message(
+            stamp, north, east, down, roll, pitch, yaw, upper, 0
+        )
+    if kind == MOCAP:
+        return mav.MAVLink_att_pos_mocap_message(stamp, q.tolist(), north, east, down, upper)
+    assert kind == ODOMETRY
+    return mav.MAVLink_odometry_message(
+        stamp,
+        mav.MAV_FRAME_LOCAL_NED,
+        mav.MAV_FRAME_BODY_FRD,
+        north,
+        east,
+        down,
+        q.tolist(),
+        *(6 * [_NAN]),
+        upper,
+        unknown(21),
+        0,
+        mav.MAV_ESTIMATOR_TYPE_VISION,
+        _TRACKED,
+    )
+
+
+def unknown(count: int) -> list[float]:
+    """Return a covariance of which nothing is known: NaN in front (MAVLink common)."""
+    return [_NAN] + (count - 1) * [0.0]
+
+
+def diagonal_covariance(position_std: float, attitude_std: float) -> Array | None:
+    """Return (6, 6) of two standard deviations [m], [rad]; None if both are 0: unknown."""
+    if position_std <= 0.0 and attitude_std <= 0.0:
+        return None
+    return np.diag(3 * [position_std**2] + 3 * [attitude_std**2])
+
+
+def position_target(setpoint: Setpoint, to: MessageTarget, now_ns: int) -> Any:
+    """Return a set point of position, velocity and acceleration fed forward, and yaw."""
+    return mav.MAVLink_set_position_target_local_ned_message(
+        _milliseconds(now_ns),
+        to.system,
+        to.component,
+        mav.MAV_FRAME_LOCAL_NED,
+        POSITION_MASK,
+        *ned_from_enu(setpoint.position).tolist(),
+        *ned_from_enu(setpoint.velocity).tolist(),
+        *ned_from_enu(setpoint.acceleration).tolist(),
+        px4_yaw(setpoint.yaw),
+        0.0,
+    )
+
+
+def attitude_target(attitude: Array, throttle: float, to: MessageTarget, now_ns: int) -> Any:
+    """Return a set point of attitude (4) xyzw, map from base_link, and throttle 0..1."""
+    q = px4_quaternion(attitude).tolist()
+    return mav.MAVLink_set_attitude_target_message(
+        _milliseconds(now_ns), to.system, to.component, ATTITUDE_MASK, q, 0.0, 0.0, 0.0, throttle
+    )
+
+
+def rates_target(rates: Array, throttle: float, to: MessageTarget, now_ns: int) -> Any:
+    """Return a set point of body rates (3) [rad/s], base_link, and throttle 0..1."""
+    level = [1.0, 0.0, 0.0, 0.0]
+    return mav.MAVLink_set_attitude_target_message(
+        _milliseconds(now_ns),
+        to.system,
+        to.component,
+        RATES_MASK,
+        level,
+        *frd_from_flu(rates).tolist(),
+        throttle,
+    )
+
+
+def throttle_of(thrust: float, mass: float, hover_thrust: float) -> float:
+    """Return the throttle 0..1 for a thrust [N]: `hover_thrust` carries the weight of `mass`."""
+    return min(max(thrust / (mass * GRAVITY) * hover_thrust, 0.0), 1.0)
+
+
+def heartbeat() -> Any:
+    """Return the sign of life of an on-board computer."""
+    return mav.MAVLink_heartbeat_message(
+        mav.MAV_TYPE_ONBOARD_CONTROLLER,
+        mav.MAV_AUTOPILOT_INVALID,
+        0,
+        0,
+        mav.MAV_STATE_ACTIVE,
+        3,
+    )
+
+
+def timesync(times: tuple[int, int]) -> Any:
+    """Return TIMESYNC with (tc1, ts1)."""
+    return mav.MAVLink_timesync_message(*times)
+
+
+def command(to: MessageTarget, number: int, *values: float) -> Any:
+    """Return COMMAND_LONG with up to seven values, the rest 0."""
+    padded = [*values, *((7 - len(values)) * [0.0])]
+    return mav.MAVLink_command_long_message(to.system, to.component, number, 0, *padded)
+
+
+def set_mode(to: MessageTarget, mode: Mode) -> Any:
+    """Ask for a mode. Acknowledged twice; only HEARTBEAT confirms it."""
+    values = (float(_CUSTOM_MODE), float(mode.main), float(mode.sub))
+    return command(to, mav.MAV_CMD_DO_SET_MODE, *values)
+
+
+def arm(to: MessageTarget, armed: bool) -> Any:
+    """Ask to arm or disarm; never by force."""
+    return command(to, mav.MAV_CMD_COMPONENT_ARM_DISARM, float(armed))
+
+
+def message_interval(to: MessageTarget, number: int, rate_hz: float) -> Any:
+    """Ask for a message at a rate."""
+    values = (float(number), round(1e6 / rate_hz))
+    return command(to, mav.MAV_CMD_SET_MESSAGE_INTERVAL, *values)
+
+
+def request_message(to: MessageTarget, number: int) -> Any:
+    """Ask for a message once."""
+    return command(to, mav.MAV_CMD_REQUEST_MESSAGE, float(number))
+
+
+def read_parameter(to: MessageTarget, name: str) -> Any:
+    """Ask for a parameter by name."""
+    return mav.MAVLink_param_request_read_message(to.system, to.component, name.encode(), -1)
+
+
+def _euler(q: Array) -> tuple[float, float, float]:
+    """Return roll, pitch, yaw [rad] (Z-Y-X) of a quaternion wxyz, in its own frames."""
+    w, x, y, z = (float(v) for v in q)
+    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0))
+    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return roll, pitch, yaw
+
+
+def _milliseconds(now_ns: int) -> int:
+    """Return our time as time_boot_ms has room for it; PX4 does not read it."""
+    return now_ns // _MILLI % 2**32

@@ -1,0 +1,281 @@
+"""What comes in from the links: each message to who answers for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from tombo_px4.autopilot.commands import CommandReply, CommandServer, command_of
+from tombo_px4.frames import GeoOrigin
+from tombo_px4.link.mavlink_link import Received
+from tombo_px4.protocol.mavlink_channel import MavlinkChannel
+from tombo_px4.protocol.offboard_decoder import decode_setpoint
+from tombo_px4.protocol.parameter_protocol import HASH, ParameterServer, name_of
+from tombo_px4.protocol.results import Result, Severity
+from tombo_px4.protocol.statustext import StatusTextSender
+from tombo_px4.protocol.telemetry import Telemetry
+from tombo_px4.protocol.unsupported_protocols import (
+    addressed,
+    file_answer,
+    mission_answer,
+    no_logs,
+)
+from tombo_px4.protocol.vision_decoder import decode_vision
+
+if TYPE_CHECKING:
+    from tombo_px4.autopilot.vehicle import Px4Vehicle
+
+_EVERYBODY = 0
+_MOST_NEIGHBOURS = 64
+_BROADCAST = (
+    mavlink.MAV_CMD_REQUEST_MESSAGE,
+    mavlink.MAV_CMD_REQUEST_PROTOCOL_VERSION,
+    mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES,
+)
+"""Commands that may be meant for all systems."""
+_METADATA = (395, 396, 397)
+"""COMPONENT_INFORMATION, _BASIC, COMPONENT_METADATA: not there at all."""
+_NO_PROGRESS = 255
+
+
+class RoutedMessage(NamedTuple):
+    """A message, and where and when it came."""
+
+    port: MavlinkChannel
+    received: Received
+    arrival_us: int
+    """Since boot."""
+
+
+class MessageRouter:
+    """Takes messages; whatever is in them, it only answers, refuses or counts."""
+
+    def __init__(
+        self,
+        vehicle: Px4Vehicle,
+        origin: GeoOrigin,
+        telemetry: Telemetry,
+        parameters: ParameterServer,
+        statustext: StatusTextSender,
+        channels: list[MavlinkChannel],
+    ) -> None:
+        self._vehicle = vehicle
+        self._origin = origin
+        self._telemetry = telemetry
+        self._parameters = parameters
+        self._commands = CommandServer(vehicle, origin)
+        self._voice = statustext
+        self._channels = channels
+        self.system = int(vehicle.parameters.get("MAV_SYS_ID"))
+        self.component = int(vehicle.parameters.get("MAV_COMP_ID"))
+        self.heard_systems: dict[tuple[int, int], int] = {}
+        """System and component of all who were heard, and when [us since boot]."""
+        # By type: what answers, and whether a message for another vehicle is left to it.
+        self._handlers: dict[str, tuple[Callable[[RoutedMessage], None], bool]] = {
+            "HEARTBEAT": (lambda routed: None, False),
+            "COMMAND_LONG": (self._command, False),
+            "COMMAND_INT": (self._command, False),
+            "SET_MODE": (self._command, False),
+            "PARAM_REQUEST_LIST": (self._parameter_list, True),
+            "PARAM_REQUEST_READ": (self._parameter_read, True),
+            "PARAM_SET": (self._parameter_set, True),
+            "VISION_POSITION_ESTIMATE": (self._vision, False),
+            "ODOMETRY": (self._vision, False),
+            "ATT_POS_MOCAP": (self._vision, False),
+            "SET_POSITION_TARGET_LOCAL_NED": (self._target, False),
+            "SET_POSITION_TARGET_GLOBAL_INT": (self._target, False),
+            "SET_ATTITUDE_TARGET": (self._target, False),
+            "SET_GPS_GLOBAL_ORIGIN": (self._set_origin, True),
+            "MANUAL_CONTROL": (self._manual_control, False),
+            "RC_CHANNELS_OVERRIDE": (self._manual_control, True),
+            "LOG_REQUEST_LIST": (self._logs, True),
+            "FILE_TRANSFER_PROTOCOL": (self._files, True),
+            "PING": (self._ping, False),
+            "MISSION_REQUEST_LIST": (self._mission, True),
+            "MISSION_COUNT": (self._mission, True),
+            "MISSION_CLEAR_ALL": (self._mission, True),
+            "MISSION_REQUEST": (self._mission, True),
+            "MISSION_REQUEST_INT": (self._mission, True),
+            "MISSION_WRITE_PARTIAL_LIST": (self._mission, True),
+        }
+
+    def take(self, routed: RoutedMessage) -> None:
+        """Take a message."""
+        received = routed.received
+        sender = (received.system, received.component)
+        if sender == (self.system, self.component):
+            self._report_refusal("messages with this vehicle's own ids are ignored")
+            return
+        if sender in self.heard_systems or len(self.heard_systems) < _MOST_NEIGHBOURS:
+            self.heard_systems[sender] = routed.arrival_us
+        kind = received.message.get_type()
+        handler, only_ours = self._handlers.get(kind, (None, False))
+        if handler is None:
+            self._note(f"{kind} is not used")
+        elif not only_ours or self._for_us(received.message):
+            handler(routed)
+
+    def _report_refusal(self, reason: str, detail: str = "") -> None:
+        self._voice.report_refusal(reason, self._vehicle.boot_us, detail)
+
+    def _note(self, reason: str) -> None:
+        self._voice.note(reason, self._vehicle.boot_us)
+
+    def _for_us(self, message: Any) -> bool:
+        if addressed(message, self.system, self.component):
+            return True
+        self._note("addressed to another")
+        return False
+
+    # --- commands
+
+    def _command(self, routed: RoutedMessage) -> None:
+        port, received = routed.port, routed.received
+        message = received.message
+        command = command_of(message)
+        to_all = command.number in _BROADCAST and message.target_system == _EVERYBODY
+        if not to_all and not self._for_us(message):
+            return
+        answer = self._commands.execute(command, port.streams)
+        self._telemetry.forget()
+        results = self._send_requested(routed, answer)
+        for severity, text in self._vehicle.take_status_texts():
+            self._voice.say(severity, text, self._vehicle.boot_us)
+        for result in results:
+            port.link.send(
+                port.mav.command_ack_encode(
+                    command.number,
+                    int(result),
+                    _NO_PROGRESS,
+                    0,
+                    received.system,
+                    received.component,
+                ),
+                received.peer,
+            )
+        if answer.text:
+            self._voice.say(Severity.WARNING, answer.text, self._vehicle.boot_us)
+        if results[-1] == Result.UNSUPPORTED:
+            self._note(f"command {command.number} is not supported")
+
+    def _send_requested(self, routed: RoutedMessage, answer: CommandReply) -> list[int]:
+        """Send messages that were asked for; return the results, denied where there is none."""
+        port, peer = routed.port, routed.received.peer
+        results = list(answer.results)
+        for number in answer.messages:
+            message = self._telemetry.message(number, port.mav)
+            if message is None:
+                results = [Result.UNSUPPORTED if number in _METADATA else Result.DENIED]
+            else:
+                port.link.send(message, peer)
+        if answer.interval_of is not None:
+            interval = port.streams.interval(answer.interval_of)
+            port.link.send(port.mav.message_interval_encode(answer.interval_of, interval), peer)
+        return results
+
+    # --- parameters
+
+    def _parameter_list(self, routed: RoutedMessage) -> None:
+        routed.port.list.begin()
+
+    def _parameter_read(self, routed: RoutedMessage) -> None:
+        port, received = routed.port, routed.received
+        answer = self._parameters.answer_read(
+            port.mav, received.message, received.system, received.component
+        )
+        port.link.send(answer, received.peer)
+
+    def _parameter_set(self, routed: RoutedMessage) -> None:
+        port, received = routed.port, routed.received
+        if name_of(received.message.param_id) == HASH:
+            port.list.stop()
+            return
+        answer = self._parameters.answer_set(
+            port.mav, received.message, received.system, received.component
+        )
+        if answer.refusal:
+            self._report_refusal("parameter refused", answer.refusal)
+        if answer.error is not None:
+            port.link.send(answer.error, received.peer)
+        if answer.value is not None:
+            port.link.send(answer.value, received.peer)
+            for other in self._channels:  # everybody's copy has to stay right
+                if other is not port:
+                    other.send(answer.value)
+
+    # --- poses and set points
+
+    def _vision(self, routed: RoutedMessage) -> None:
+        message = routed.received.message
+        kind = message.get_type()
+        pose = decode_vision(message)
+        if isinstance(pose, str):
+            self._report_refusal(f"{kind} {pose}")
+            return
+        stamp_us = min(routed.arrival_us, self._vehicle.boot_us)
+        stamped = pose.stamp_us != 0 and routed.port.timesync.converged
+        if stamped:
+            stamp_us = routed.port.timesync.to_local_time(pose.stamp_us * 1000) // 1000
+        refusal = self._vehicle.vision(stamp_us, pose.position, pose.attitude)
+        if refusal == "out_of_order" and not stamped:  # two came at once: no fault of theirs
+            self._note(f"{kind} before the clocks agreed")
+        elif refusal:
+            self._report_refusal(f"{kind} refused", refusal.replace("_", " "))
+
+    def _target(self, routed: RoutedMessage) -> None:
+        message = routed.received.message
+        kind = message.get_type()
+        if message.target_system not in (
+            _EVERYBODY,
+            self.system,
+        ) or message.target_component not in (_EVERYBODY, self.component):
+            self._note("addressed to another")
+            return
+        vehicle = self._vehicle
+        target = decode_setpoint(message, self._origin, vehicle.home, vehicle.boot_us)
+        if isinstance(target, str):
+            self._report_refusal(f"{kind} {target}")
+            return
+        refusal = vehicle.target(target)
+        if refusal:
+            self._note(f"{kind} {refusal}")
+
+    def _set_origin(self, routed: RoutedMessage) -> None:
+        """The map stays where it is on the globe; from now on it is known to be there."""
+        self._vehicle.set_origin()
+        self._telemetry.forget()
+        message = self._telemetry.message(
+            mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, routed.port.mav
+        )
+        if message is not None:
+            routed.port.link.send(message, routed.received.peer)
+
+    def _manual_control(self, routed: RoutedMessage) -> None:
+        self._report_refusal(f"{routed.received.message.get_type()} ignored: no manual modes here")
+
+    # --- what there is none of
+
+    def _mission(self, routed: RoutedMessage) -> None:
+        self._reply(routed, mission_answer)
+
+    def _files(self, routed: RoutedMessage) -> None:
+        self._reply(routed, file_answer)
+
+    def _reply(self, routed: RoutedMessage, make: Callable[[Any, Any, int, int], Any]) -> None:
+        received = routed.received
+        message = make(routed.port.mav, received.message, received.system, received.component)
+        if message is not None:
+            routed.port.link.send(message, received.peer)
+
+    def _logs(self, routed: RoutedMessage) -> None:
+        routed.port.link.send(no_logs(routed.port.mav), routed.received.peer)
+
+    def _ping(self, routed: RoutedMessage) -> None:
+        received, message = routed.received, routed.received.message
+        if (message.target_system, message.target_component) == (_EVERYBODY, _EVERYBODY):
+            answer = routed.port.mav.ping_encode(
+                message.time_usec, message.seq, received.system, received.component
+            )
+            routed.port.link.send(answer, received.peer)

@@ -1,0 +1,172 @@
+"""Set points of OFFBOARD that come in, with their type masks, as PX4 reads them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import common as mavlink
+
+from tombo_px4.autopilot.offboard_setpoint import OffboardSetpoint
+from tombo_px4.frames import (
+    GeoOrigin,
+    enu_from_ned,
+    flu_from_frd,
+    px4_yaw_rate,
+    ros_quaternion,
+    ros_yaw,
+)
+
+Array = NDArray[np.float64]
+
+_POSITION, _VELOCITY, _ACCELERATION = 0, 3, 6
+"""First bit of each in the type mask of a position target: 1 means ignore."""
+_FORCE = mavlink.POSITION_TARGET_TYPEMASK_FORCE_SET
+_NO_YAW = mavlink.POSITION_TARGET_TYPEMASK_YAW_IGNORE
+_NO_YAW_RATE = mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
+_NO_RATES = 0b111
+_NO_THRUST = mavlink.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE
+_NO_ATTITUDE = mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
+_FARTHEST_M = 1e5
+_FASTEST = 1e3
+"""Bound of velocities [m/s], accelerations [m/s^2], yaw [rad] and rates [rad/s]: a slip, not a
+wish."""
+_GLOBAL_FRAMES = {
+    mavlink.MAV_FRAME_GLOBAL: False,
+    mavlink.MAV_FRAME_GLOBAL_INT: False,
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT: True,
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT: True,
+}
+"""Whether the altitude of a frame counts from home."""
+
+
+def decode_setpoint(
+    message: Any, origin: GeoOrigin, home: Array, stamp_us: int
+) -> OffboardSetpoint | str:
+    """Return what a message asks for, or why it is refused.
+
+    Args:
+        message: SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT or
+            SET_ATTITUDE_TARGET.
+        origin: where map is on the globe.
+        home: (3) home position in map [m].
+        stamp_us: arrival, since boot.
+    """
+    kind = message.get_type()
+    if kind == "SET_ATTITUDE_TARGET":
+        return _attitude(message, stamp_us)
+    body = False
+    if kind == "SET_POSITION_TARGET_LOCAL_NED":
+        body = message.coordinate_frame == mavlink.MAV_FRAME_BODY_NED
+        if not body and message.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED:
+            return f"coordinate frame {message.coordinate_frame} unsupported"
+        place = _masked((message.x, message.y, message.z), message.type_mask, _POSITION)
+        position = None if place is None else enu_from_ned(place)
+    else:
+        relative = _GLOBAL_FRAMES.get(message.coordinate_frame)
+        if relative is None:
+            return f"coordinate frame {message.coordinate_frame} unsupported"
+        position = _global(message, origin, float(home[2]) if relative else None)
+    velocity = _masked((message.vx, message.vy, message.vz), message.type_mask, _VELOCITY)
+    push = _masked((message.afx, message.afy, message.afz), message.type_mask, _ACCELERATION)
+    if push is not None and message.type_mask & _FORCE:
+        return "force not supported"
+    if position is None and velocity is None and push is None:
+        return "invalid: nothing is commanded"
+    yaw = math.nan if message.type_mask & _NO_YAW else message.yaw
+    yaw_rate = math.nan if message.type_mask & _NO_YAW_RATE else message.yaw_rate
+    wrong = _out_of_range(position, velocity, push, (yaw, yaw_rate))
+    if wrong:
+        return wrong
+    if body and velocity is None and push is None:
+        return "invalid: position in a body frame"
+    turned = flu_from_frd if body else enu_from_ned
+    return OffboardSetpoint(
+        position=None if body else position,
+        velocity=None if velocity is None else turned(velocity),
+        acceleration=None if push is None else turned(push),
+        yaw=math.nan if math.isnan(yaw) else ros_yaw(yaw),
+        yaw_rate=px4_yaw_rate(yaw_rate),
+        stamp_us=stamp_us,
+        frame="body" if body else "map",
+    )
+
+
+def _masked(values: Sequence[float], mask: int, bit: int) -> Array | None:
+    """Return three axes, NaN where the mask says ignore; None: there is nothing left."""
+    axes = np.array(
+        [math.nan if mask & 1 << (bit + i) else float(v) for i, v in enumerate(values)]
+    )
+    return None if np.isnan(axes).all() else axes
+
+
+def _global(message: Any, origin: GeoOrigin, home_height: float | None) -> Array | None:
+    asked = _masked((0.0, 0.0, message.alt), message.type_mask, _POSITION)
+    if asked is None:
+        return None
+    latitude, longitude = 1e-7 * message.lat_int, 1e-7 * message.lon_int
+    north, east, _ = (math.isfinite(v) for v in asked)
+    place = origin.local_of(latitude, longitude, origin.altitude_m)
+    height = message.alt - origin.altitude_m if home_height is None else message.alt + home_height
+    return np.array(
+        [
+            place[0] if east else math.nan,
+            place[1] if north else math.nan,
+            height if math.isfinite(asked[2]) else math.nan,
+        ]
+    )
+
+
+def _out_of_range(
+    position: Array | None,
+    velocity: Array | None,
+    acceleration: Array | None,
+    yaw: Sequence[float],
+) -> str:
+    """Return which number can't be meant; NaN is not commanded, so that is none."""
+    for name, values, bound in (
+        ("position", position, _FARTHEST_M),
+        ("velocity", velocity, _FASTEST),
+        ("acceleration", acceleration, _FASTEST),
+        ("yaw", yaw, _FASTEST),
+    ):
+        if values is not None and any(abs(v) > bound for v in values):
+            return f"{name} is out of range"
+    return ""
+
+
+def _attitude(message: Any, stamp_us: int) -> OffboardSetpoint | str:
+    mask = message.type_mask
+    rates = np.array(
+        [
+            math.nan if mask & 1 << i else rate
+            for i, rate in enumerate(
+                (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
+            )
+        ]
+    )
+    if any(abs(r) > _FASTEST for r in rates):
+        return "rates are out of range"
+    attitude = None
+    if not mask & _NO_ATTITUDE:
+        if not all(math.isfinite(q) for q in message.q):
+            return "attitude is not finite"
+        length = math.sqrt(sum(q * q for q in message.q))
+        if not 0.9 < length < 1.1:
+            return "attitude is no unit quaternion"
+        attitude = ros_quaternion(np.array(message.q) / length)
+    elif not np.isfinite(rates).any():
+        return "invalid: nothing is commanded"
+    if mask & _NO_THRUST:
+        return "invalid: no thrust"
+    if not math.isfinite(message.thrust) or not -1.0 <= message.thrust <= 1.0:
+        return "thrust is out of range"
+    return OffboardSetpoint(
+        attitude=attitude,
+        rates=None if mask & _NO_RATES == _NO_RATES else flu_from_frd(rates),
+        thrust=float(message.thrust),
+        stamp_us=stamp_us,
+    )

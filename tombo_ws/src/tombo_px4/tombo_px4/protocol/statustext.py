@@ -1,0 +1,57 @@
+"""What the vehicle says to people: STATUSTEXT on all links, never more than they can read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from tombo_px4.protocol.mavlink_channel import MavlinkChannel
+from tombo_px4.protocol.results import Severity
+from tombo_px4.protocol.statustext_encoder import RefusalLog, StatusTextEncoder
+
+_BURST, _PER_SECOND = 40.0, 10.0
+_KEPT = 256
+
+
+class StatusTextSender:
+    """Speaks on all links, and counts what was refused."""
+
+    def __init__(self, channels: Sequence[MavlinkChannel]) -> None:
+        self._channels = channels
+        self._texts = StatusTextEncoder()
+        self._refusal_log = RefusalLog()
+        self._rate_tokens = _BURST
+        self._refilled_us = 0
+        self.said: list[tuple[int, str]] = []
+        """Severity and text of what was said; whoever shows it empties the list."""
+        self.dropped_texts = 0
+        """Texts left out, as there were too many."""
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How often something was refused, by reason."""
+        return self._refusal_log.counts
+
+    def say(self, severity: int, text: str, boot_us: int) -> None:
+        """Say something now."""
+        self._rate_tokens += (boot_us - self._refilled_us) * 1e-6 * _PER_SECOND
+        self._rate_tokens = min(self._rate_tokens, _BURST)
+        self._refilled_us = boot_us
+        if self._rate_tokens < 1.0:
+            self.dropped_texts += 1
+            return
+        self._rate_tokens -= 1.0
+        if len(self.said) < _KEPT:
+            self.said.append((severity, text))
+        for port in self._channels:
+            for message in self._texts.messages(port.mav, severity, text):
+                port.send(message)
+
+    def report_refusal(self, reason: str, boot_us: int, detail: str = "") -> None:
+        """Count a refusal, and say it now and then."""
+        if self._refusal_log.note(reason, boot_us):
+            text = f"{reason}: {detail}" if detail else reason
+            self.say(Severity.WARNING, text, boot_us)
+
+    def note(self, reason: str, boot_us: int) -> None:
+        """Count something that nobody need be told."""
+        self._refusal_log.note(reason, boot_us)

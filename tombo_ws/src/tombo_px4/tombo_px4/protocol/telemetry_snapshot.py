@@ -1,0 +1,134 @@
+"""The vehicle at one tick as MAVLink tells it: NED and FRD, each quantity worked out once."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_dynamics.plant import P
+from tombo_px4.frames import PX4_ROTORS, GeoOrigin, frd_from_flu, ned_from_enu, px4_quaternion
+from tombo_sim.ground_truth import true_state
+
+if TYPE_CHECKING:
+    from tombo_control.estimate import Estimate
+    from tombo_px4.autopilot.vehicle import Px4Vehicle
+    from tombo_px4.protocol.results import Health
+
+Array = NDArray[np.float64]
+Vector = list[float]
+
+
+class TelemetrySnapshot:
+    """A view of the vehicle, valid for the tick it was taken at."""
+
+    def __init__(self, vehicle: Px4Vehicle, origin: GeoOrigin) -> None:
+        self.vehicle = vehicle
+        self.origin = origin
+        self.boot_us = vehicle.boot_us
+        self.boot_ms = self.boot_us // 1000 % 2**32
+
+    @cached_property
+    def estimate(self) -> Estimate:
+        """What the autopilot believes."""
+        return self.vehicle.estimate
+
+    @cached_property
+    def health(self) -> Health:
+        """What is known, and what arming would be denied for."""
+        return self.vehicle.health
+
+    @cached_property
+    def position(self) -> Vector:
+        """NED [m]."""
+        return numbers(ned_from_enu(self.estimate.position))
+
+    @cached_property
+    def velocity(self) -> Vector:
+        """NED [m/s]."""
+        return numbers(ned_from_enu(self.estimate.velocity))
+
+    @cached_property
+    def attitude(self) -> Vector:
+        """Quaternion wxyz, NED from FRD."""
+        return numbers(px4_quaternion(self.estimate.attitude))
+
+    @cached_property
+    def angles(self) -> tuple[float, float, float]:
+        """Roll, pitch, yaw [rad]."""
+        return angles_of(self.attitude)
+
+    @cached_property
+    def rates(self) -> Vector:
+        """FRD [rad/s], bias removed."""
+        return numbers(frd_from_flu(self.estimate.rates))
+
+    @cached_property
+    def pose_variance(self) -> Vector:
+        """Of x, y, z [m^2], then roll, pitch, yaw [rad^2], axes of NED."""
+        east, north, up, *angles = self.vehicle.pose_variance
+        return [north, east, up, *angles]
+
+    @cached_property
+    def heading_deg(self) -> float:
+        """Clockwise from north, 0 to 360."""
+        return math.degrees(self.angles[2]) % 360.0
+
+    @cached_property
+    def height(self) -> float:
+        """Estimated height in map [m]."""
+        return float(self.estimate.position[2])
+
+    @cached_property
+    def home_height(self) -> float:
+        """Height of home in map [m]."""
+        return float(self.vehicle.home[2])
+
+    @cached_property
+    def globe(self) -> tuple[float, float, float]:
+        """Latitude [deg], longitude [deg], altitude [m]."""
+        return self.origin.global_of(self.estimate.position)
+
+    @cached_property
+    def imu(self) -> Vector:
+        """Gyro [rad/s] and specific force [m/s^2], FRD, as measured."""
+        measured = self.vehicle.simulator.imu
+        return [*numbers(frd_from_flu(measured[:3])), *numbers(frd_from_flu(measured[3:]))]
+
+    @cached_property
+    def normalized_rotor_speeds(self) -> Vector:
+        """What PX4's motors 1 to 4 are asked for, as shares of the highest speed."""
+        shares = self.vehicle.normalized_rotor_speeds
+        return [min(max(float(shares[rotor]), 0.0), 1.0) for rotor in PX4_ROTORS]
+
+    @cached_property
+    def truth(self) -> Array:
+        """(13) really: position and attitude in map, velocity and rates in base_link."""
+        out = np.zeros(13)
+        true_state(self.vehicle.simulator.m, out)
+        return out
+
+    @cached_property
+    def true_velocity(self) -> Vector:
+        """NED [m/s]: what is really so."""
+        body = P.body + 3
+        return numbers(ned_from_enu(self.vehicle.simulator.m[body : body + 3]))
+
+
+def numbers(values: Array) -> Vector:
+    """Return plain numbers, which MAVLink's encoder takes faster."""
+    plain: Vector = values.tolist()
+    return plain
+
+
+def angles_of(quaternion: Vector) -> tuple[float, float, float]:
+    """Return roll, pitch, yaw [rad] of a quaternion wxyz."""
+    w, x, y, z = quaternion
+    return (
+        math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+        math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0)),
+        math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
+    )

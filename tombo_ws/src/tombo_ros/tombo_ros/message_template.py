@@ -1,0 +1,111 @@
+"""Messages of one shape as bytes: numbers packed into a template and read out of it, fast.
+
+At 1 kHz, making a message object and serializing it costs 15 us, taking one apart 25 us. All
+messages of a topic have the same shape as long as their frame ids have the same length, so the
+numbers always stand at the same places.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_bag.columnar_cdr import layout
+
+_SECOND_NS = 1_000_000_000
+_FORMATS = {"f8": "d", "f4": "f", "u1": "B", "i1": "b", "?": "?", "b1": "?", "i4": "i", "u4": "I"}
+
+
+class MessageTemplate:
+    """One shape of a message: pack into it, or read from bytes that have it."""
+
+    def __init__(self, typename: str, template: Mapping[str, Any]) -> None:
+        """Work out the shape.
+
+        Args:
+            typename: as `sensor_msgs/msg/Imu`.
+            template: values that stay, nested; strings above all.
+
+        Raises:
+            InputError: unknown type or field.
+        """
+        shape = layout(typename, template)
+        self._buffer = bytearray(shape.template)
+        self._leaves = {leaf.path: leaf for leaf in shape.leaves}
+        self._texts = [
+            (text.offset, bytes(shape.template[text.offset : text.offset + text.size + 1]))
+            for text in shape.texts
+        ]
+        self._stamp = self._leaves["header.stamp.sec"].offset if self._has_stamp else None
+
+    @property
+    def _has_stamp(self) -> bool:
+        return "header.stamp.sec" in self._leaves
+
+    def place(self, path: str, count: int = 1) -> struct.Struct:
+        """Return the reader and writer of `count` numbers that begin at a path.
+
+        Use it with `offset(path)`: `place.pack_into(wire.buffer, offset, *values)`.
+        """
+        leaf = self._leaves[path]
+        code = _FORMATS[leaf.dtype.str.lstrip("<|")]
+        return struct.Struct(f"<{count}{code}")
+
+    def offset(self, path: str) -> int:
+        """Return where a number begins."""
+        return self._leaves[path].offset
+
+    def set(self, path: str, *values: Any) -> None:
+        """Write numbers, one after the other, from a path on."""
+        self.place(path, len(values)).pack_into(self._buffer, self.offset(path), *values)
+
+    def field(self, path: str, count: int = 1) -> Field:
+        """Return a field of `count` numbers that begins at a path, for use in a loop."""
+        return Field(self.place(path, count), self.offset(path), self._buffer)
+
+    def stamp(self, time_ns: int) -> None:
+        """Write the header's stamp."""
+        assert self._stamp is not None
+        struct.pack_into("<iI", self._buffer, self._stamp, *divmod(time_ns, _SECOND_NS))
+
+    def data(self) -> bytes:
+        """Return the message as it stands."""
+        return bytes(self._buffer)
+
+    def fits(self, data: bytes) -> bool:
+        """Return whether bytes have this shape: the same strings at the same places."""
+        if len(data) < len(self._buffer) or data[:2] != b"\x00\x01":
+            return False
+        return all(data[at : at + len(text)] == text for at, text in self._texts)
+
+    def stamp_of(self, data: bytes) -> int:
+        """Return the header's stamp [ns] of bytes that fit."""
+        assert self._stamp is not None
+        seconds, rest = struct.unpack_from("<iI", data, self._stamp)
+        return int(seconds) * _SECOND_NS + int(rest)
+
+
+class Field:
+    """Some numbers of a shape, one after the other."""
+
+    def __init__(self, place: struct.Struct, offset: int, buffer: bytearray) -> None:
+        self._place = place
+        self._offset = offset
+        self._end = offset + place.size
+        self._buffer = buffer
+
+    def put(self, values: Sequence[Any]) -> None:
+        """Write them."""
+        self._place.pack_into(self._buffer, self._offset, *values)
+
+    def put_array(self, values: NDArray[np.float64]) -> None:
+        """Write an array of as many doubles as the field has, as they lie in memory."""
+        self._buffer[self._offset : self._end] = values.tobytes()
+
+    def of(self, data: bytes) -> tuple[Any, ...]:
+        """Read them from bytes that fit."""
+        return self._place.unpack_from(data, self._offset)

@@ -1,0 +1,106 @@
+"""The vehicle on the ground, ready to fly: everything that seed and world decide beforehand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_dynamics.effects.compose import pack_theta
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.plant import new_plant, part
+from tombo_dynamics.rigid_body import begin_flight
+from tombo_dynamics.rotor_maps import rotor_maps
+from tombo_dynamics.vehicle import VehicleParams
+from tombo_sim.propeller_effects import propulsion_effects, thrust_map_of
+from tombo_sim.world import World
+
+Array = NDArray[np.float64]
+TICK_S = 1e-3
+NOISE = 9
+"""Standard normals that a tick, and a mocap sample, takes."""
+
+
+@dataclass(frozen=True)
+class FlightSetup:
+    """A vehicle at rest at the start, and its streams of chance."""
+
+    m: Array
+    """Memory of the plant."""
+    maps: Array
+    """The rotor's table."""
+    effects: dict[str, dict[str, float]]
+    """All effects, those of the propeller included."""
+    theta: Array
+    """Their parameters, packed."""
+    start: Array
+    """(3) position in map [m]."""
+    obstacle: tuple[float, float, float, float]
+    """x, y, radius, top [m], as drawn."""
+    tick_noise: np.random.Generator
+    mocap_noise: np.random.Generator
+
+
+def begin(world: World, seed: int) -> FlightSetup:
+    """Set up a flight.
+
+    Args:
+        world: what is simulated.
+        seed: all randomness derives from it.
+
+    Raises:
+        InputError: the propeller cannot lift the vehicle, or the vehicle would start inside the
+            obstacle.
+    """
+    vehicle = world.vehicle
+    maps = rotor_maps(thrust_map_of(world.propeller), vehicle)
+    effects = propulsion_effects(world.propeller, world.effects)
+    theta = pack_theta(effects)
+    draw_seed, tick_seed, mocap_seed = np.random.SeedSequence(seed).spawn(3)
+    draws = np.random.default_rng(draw_seed).standard_normal(16)
+    m = new_plant(vehicle)
+    spread = world.spread
+    yaw = spread.yaw * draws[8]
+    start = np.array([spread.start * draws[9], spread.start * draws[10], vehicle.leg_height])
+    part(m, "body")[:3] = start
+    part(m, "body")[6:10] = [0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)]
+    part(m, "draws")[:] = draws[:8]
+    pole = world.obstacle
+    obstacle = (
+        float(pole.x + spread.obstacle * draws[11]),
+        float(pole.y + spread.obstacle * draws[12]),
+        float(pole.radius),
+        float(pole.top),
+    )
+    part(m, "obstacle")[:] = obstacle
+    _check_start(vehicle, start, obstacle)
+    begin_flight(m, np.zeros(NOISE), theta, TICK_S)
+    return FlightSetup(
+        m,
+        maps,
+        effects,
+        theta,
+        start,
+        obstacle,
+        np.random.default_rng(tick_seed),
+        np.random.default_rng(mocap_seed),
+    )
+
+
+def _check_start(vehicle: VehicleParams, start: Array, obstacle: Sequence[float]) -> None:
+    """Refuse an obstacle that stands where the vehicle starts.
+
+    Raises:
+        InputError: the discs of the vehicle reach into the obstacle at the start.
+    """
+    x, y, radius, _ = obstacle
+    free = radius + vehicle.arm_length + vehicle.rotor_radius
+    distance = math.hypot(x - start[0], y - start[1])
+    if radius > 0.0 and distance < free:
+        raise InputError(
+            f"obstacle: its axis is {distance:.2f} m from the start, its radius {radius:g} m; "
+            f"accepted: at least {free:.2f} m, so that the vehicle does not start inside"
+        )
