@@ -120,7 +120,7 @@ def test_numbers_in_words() -> None:
 
 def test_help_is_quick_to_import() -> None:
     code = (
-        "import sys; from tombo_bringup.cli import propeller_reproduce_command; "
+        "import sys; from tombo_bringup.cli.propeller import reproduce_command; "
         "bad = {'numpy', 'matplotlib', 'scipy', 'numba'} & set(sys.modules); assert not bad, bad"
     )
     python = ROOT / ".venv" / "bin" / "python"
