@@ -3,6 +3,7 @@
 # make lint     ruff and mypy
 # make format   lay the sources out as `make lint` wants them
 # make bench    measure the speed on this machine
+# make docs     regenerate pictures, tables and figures of the documentation (ARGS=campaign for one)
 # make setup    only make .venv; every other target does it first when needed
 # make clean    remove .venv, builds and caches; flights in runs/ stay
 
@@ -16,7 +17,7 @@ unexport LD_LIBRARY_PATH VIRTUAL_ENV _ROS_WHEELS_BOOTSTRAP_COMPLETE
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 .DEFAULT_GOAL := help
-.PHONY: help setup fly test lint format bench clean
+.PHONY: help setup fly test lint format bench docs clean
 
 help:
 	@sed -n 's/^# make /make /p' Makefile
@@ -47,6 +48,10 @@ format:
 bench:
 	$(SETUP)
 	@$(BIN)/python -m tombo_bringup.bench $(ARGS)
+
+docs:
+	$(SETUP)
+	@$(BIN)/python -m tombo_bringup.docs $(ARGS)
 
 clean:
 	rm -rf .venv build install log .mypy_cache .ruff_cache .pytest_cache .hypothesis

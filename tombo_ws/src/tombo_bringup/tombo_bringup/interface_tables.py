@@ -8,7 +8,6 @@ and those of `docs/px4.md` likewise; tests say when that is due. Topics come fro
 from __future__ import annotations
 
 import ast
-import re
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -201,11 +200,24 @@ def updated(page: str, tables: Mapping[str, str]) -> str:
         InputError: a table has no markers.
     """
     for name, table in tables.items():
-        pattern = re.compile(rf"(<!-- {name} -->\n).*?(<!-- /{name} -->)", re.DOTALL)
-        if not pattern.search(page):
-            raise InputError(f"the page has no <!-- {name} --> ... <!-- /{name} -->")
-        page = pattern.sub(lambda found, table=table: f"{found[1]}{table}{found[2]}", page)  # type: ignore[misc]
+        begin, end = _between(page, name)
+        page = page[:begin] + table + page[end:]
     return page
+
+
+def marked(page: str, name: str) -> str:
+    """Return what stands between a page's `<!-- NAME -->` and `<!-- /NAME -->`."""
+    begin, end = _between(page, name)
+    return page[begin:end]
+
+
+def _between(page: str, name: str) -> tuple[int, int]:
+    head, tail = f"<!-- {name} -->\n", f"<!-- /{name} -->"
+    begin = page.find(head) + len(head)
+    end = page.find(tail, begin)
+    if begin < len(head) or end < 0:
+        raise InputError(f"the page has no <!-- {name} --> ... <!-- /{name} -->")
+    return begin, end
 
 
 def tables(page: str = "nodes.md") -> dict[str, str]:
