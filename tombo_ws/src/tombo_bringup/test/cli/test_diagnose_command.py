@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 from diagnosis_samples import EXPERIMENT, sample
 
-from tombo_bringup.cli import diagnose_command
-from tombo_bringup.cli.benchmark_command import THRESHOLDS, meets
+from tombo_bringup.cli.diagnosis import diagnose_command
+from tombo_bringup.cli.diagnosis.benchmark_command import THRESHOLDS, meets
 from tombo_diagnosis.diagnosis import VERDICTS
 from tombo_diagnosis.report.diagnosis_output import NominalReference, diagnosis_mapping
 

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from tombo_bringup.cli.options import json_option, output_option
+
 if TYPE_CHECKING:
     from tombo_bag.comparison import Comparison
 
@@ -32,16 +34,13 @@ def compare(
     ] = None,
     output: Annotated[
         str | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="DIR",
-            help="Write compare.json and, if something differs, compare.png there, over those of "
-            "an earlier comparison.",
+        output_option(
+            "Write compare.json and, if something differs, compare.png there, over those of "
+            "an earlier comparison."
         ),
     ] = None,
     as_json: Annotated[
-        bool, typer.Option("--json", help="Print a list with an object per topic, nothing else.")
+        bool, json_option("Print a list with an object per topic, nothing else.")
     ] = False,
 ) -> None:
     """Compare two recordings topic by topic: every message, every field, to the last bit.

@@ -15,12 +15,12 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from tombo_bringup.cli.parse_integer import parse_integer
-from tombo_bringup.cli.propeller_beta_command import beta
-from tombo_bringup.cli.propeller_design_command import design
-from tombo_bringup.cli.propeller_diagnose_command import diagnose
-from tombo_bringup.cli.propeller_recovery_command import recovery
-from tombo_bringup.cli.propeller_reproduce_command import reproduce
+from tombo_bringup.cli.options import JsonOnly, integer_option, json_option
+from tombo_bringup.cli.propeller.beta_command import beta
+from tombo_bringup.cli.propeller.design_command import design
+from tombo_bringup.cli.propeller.diagnose_command import diagnose
+from tombo_bringup.cli.propeller.recovery_command import recovery
+from tombo_bringup.cli.propeller.reproduce_command import reproduce
 
 if TYPE_CHECKING:
     from tombo_dynamics.propeller import Configuration, Operation
@@ -58,11 +58,8 @@ def propeller(
     ctx: typer.Context,
     conf: Annotated[
         int,
-        typer.Option(
-            "--conf",
-            metavar="N",
-            parser=parse_integer,
-            help="Configuration of the paper's Table I, 0 is rigid, or of the --library.",
+        integer_option(
+            "--conf", "N", "Configuration of the paper's Table I, 0 is rigid, or of the --library."
         ),
     ] = 13,
     law: Annotated[
@@ -74,9 +71,7 @@ def propeller(
             "--rpm", metavar="A:B:STEP", help="Both ends included; or one speed. Default: all."
         ),
     ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print JSON only; plot only if -o is given.")
-    ] = False,
+    as_json: Annotated[bool, json_option("Print JSON only; plot only if -o is given.")] = False,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Where to write the plot.")
     ] = None,
@@ -136,7 +131,7 @@ def _refuse_options_before(ctx: typer.Context, command: str) -> None:
 
 @app.command()
 def moduli(
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON only.")] = False,
+    as_json: JsonOnly = False,
     library: Annotated[list[Path] | None, _LIBRARY] = None,
 ) -> None:
     """Print the moduli of every nodus beside those that the paper's Table I prints."""

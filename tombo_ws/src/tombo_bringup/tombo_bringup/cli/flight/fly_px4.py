@@ -83,8 +83,8 @@ def fly_px4(
     if as_json:
         typer.echo(to_json(flown.flight.summary), nl=False)
     else:
-        from tombo_bringup.cli.flight_tables import print_files, print_flight
-        from tombo_bringup.cli.node_tables import print_nodes
+        from tombo_bringup.cli.flight.flight_tables import print_files, print_flight
+        from tombo_bringup.cli.flight.node_tables import print_nodes
 
         print_flight(flown.flight)
         print_nodes(flown)

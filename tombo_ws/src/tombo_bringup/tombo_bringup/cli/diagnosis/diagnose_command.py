@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from tombo_bringup.cli.options import Force, json_option, output_option
 from tombo_bringup.cli.result_files import compute_into, results_folder
+from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.progress import ProgressCallback
@@ -60,26 +62,16 @@ def diagnose(
     ] = None,
     output: Annotated[
         str | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="DIR",
-            help="Folder of the results, new or empty. Default: runs/diagnosis-LOG, replaced; "
-            "with --json nothing is written.",
+        output_option(
+            "Folder of the results, new or empty. Default: runs/diagnosis-LOG, replaced; "
+            "with --json nothing is written."
         ),
     ] = None,
-    force: Annotated[
-        bool,
-        typer.Option(
-            "--force", help="Replace the results in DIR; other files in it are left alone."
-        ),
-    ] = False,
+    force: Force = False,
     no_report: Annotated[
         bool, typer.Option("--no-report", help="Write no report.html and no plots.")
     ] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print diagnosis.json, and nothing else.")
-    ] = False,
+    as_json: Annotated[bool, json_option("Print diagnosis.json, and nothing else.")] = False,
 ) -> None:
     """Say what the simulation gets wrong in measured flights, name the cause, measure the gain.
 
@@ -107,7 +99,7 @@ def diagnose(
     if as_json:
         typer.echo(diagnosis_json(found), nl=False)
     else:
-        from tombo_bringup.cli.diagnosis_tables import print_diagnosis
+        from tombo_bringup.cli.diagnosis.diagnosis_tables import print_diagnosis
 
         print_diagnosis(found, path, written)
 
@@ -160,16 +152,10 @@ def parse_topics(texts: list[str]) -> dict[str, str]:
         source, sign, name = text.partition("=")
         source = source.removesuffix(":")
         if not sign or not source.strip() or not name.strip():
-            raise _bad(
+            raise InputError(
                 f"--topic {text}: accepted: RECORDED=NAME, as in /vrpn/quad/pose=/mocap/pose"
             )
         if source in found:
-            raise _bad(f"--topic {text}: {source} is given twice; accepted: once")
+            raise InputError(f"--topic {text}: {source} is given twice; accepted: once")
         found[source] = name
     return found
-
-
-def _bad(message: str) -> Exception:
-    from tombo_dynamics.errors import InputError
-
-    return InputError(message)

@@ -7,17 +7,17 @@ from typing import Any, Final
 
 import typer
 
-from tombo_bringup.cli.benchmark_run import (
+from tombo_bringup.cli.diagnosis.benchmark_run import (
     EXIT_CODES,
     AsJson,
     Cases,
     Output,
-    Seed,
     Workers,
     checked,
     run_and_tell,
 )
-from tombo_bringup.cli.benchmark_stand_command import benchmark_stand
+from tombo_bringup.cli.diagnosis.benchmark_stand_command import benchmark_stand
+from tombo_bringup.cli.options import Seed
 
 app = typer.Typer()
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from tombo_bringup.cli.parse_integer import parse_integer
+from tombo_bringup.cli.options import Seed, integer_option, json_option
 
 EXIT_CODES: Final = (
     "Exit code: 0 whatever the score; 2 for bad input or output that can't be written; 130 after "
@@ -19,26 +19,17 @@ _MOST_CASES: Final = 100_000
 _MOST_WORKERS: Final = 1024
 _SEED_LIMIT: Final = 2**63
 
-Cases = Annotated[
-    int, typer.Option("--cases", metavar="N", parser=parse_integer, help="How many cases.")
-]
-Seed = Annotated[
-    int,
-    typer.Option("--seed", metavar="S", parser=parse_integer, help="All chance comes from it."),
-]
+Cases = Annotated[int, integer_option("--cases", "N", "How many cases.")]
+Seed = Seed
 Workers = Annotated[
     int | None,
-    typer.Option(
-        "--workers", metavar="W", parser=parse_integer, help="Processes. Default: one a core."
-    ),
+    integer_option("--workers", "W", "Processes. Default: one a core."),
 ]
 Output = Annotated[
     Path | None,
     typer.Option("-o", "--output", metavar="FILE", help="Write the JSON there as well."),
 ]
-AsJson = Annotated[
-    bool, typer.Option("--json", help="Print cases and aggregate as JSON, and nothing else.")
-]
+AsJson = Annotated[bool, json_option("Print cases and aggregate as JSON, and nothing else.")]
 
 
 def checked(cases: int, seed: int, workers: int | None, output: Path | None) -> int:

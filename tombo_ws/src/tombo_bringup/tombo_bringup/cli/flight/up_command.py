@@ -9,8 +9,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.optional_url import SIMULATED
-from tombo_bringup.cli.parse_integer import parse_integer
+from tombo_bringup.cli.flight.optional_url import SIMULATED
+from tombo_bringup.cli.options import (
+    Duration,
+    ModelFile,
+    ScenarioArgument,
+    Seed,
+    Settings,
+    Yes,
+    integer_option,
+    json_option,
+)
 
 if TYPE_CHECKING:
     from tombo_flight.scenario import Scenario
@@ -26,30 +35,10 @@ _LOOK_S = 0.1
 
 
 def up(
-    scenario: Annotated[
-        str,
-        typer.Argument(
-            metavar="SCENARIO",
-            help="A name of `tombo scenarios`, or a YAML file.",
-            show_default=True,
-        ),
-    ] = "paper_collision",
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the scenario."),
-    ] = None,
-    model: Annotated[
-        str | None,
-        typer.Option(
-            "--model", metavar="FILE", help="Lay a model.yaml's effects over the scenario's."
-        ),
-    ] = None,
-    seed: Annotated[
-        int,
-        typer.Option(
-            "--seed", metavar="N", parser=parse_integer, help="All chance comes from it."
-        ),
-    ] = 0,
+    scenario: ScenarioArgument = "paper_collision",
+    settings: Settings = None,
+    model: ModelFile = None,
+    seed: Seed = 0,
     without: Annotated[
         list[str] | None,
         typer.Option(
@@ -81,9 +70,7 @@ def up(
             "vehicle.",
         ),
     ] = None,
-    yes: Annotated[
-        bool, typer.Option("--yes", help="With --px4 URL: arm without asking first.")
-    ] = False,
+    yes: Yes = False,
     bridge: Annotated[
         list[str] | None,
         typer.Option(
@@ -95,18 +82,11 @@ def up(
     ] = 1.0,
     domain: Annotated[
         int | None,
-        typer.Option(
-            "--domain",
-            metavar="N",
-            parser=parse_integer,
-            help="ROS_DOMAIN_ID. Default: that of the environment.",
-        ),
+        integer_option("--domain", "N", "ROS_DOMAIN_ID. Default: that of the environment."),
     ] = None,
-    duration: Annotated[
-        float | None, typer.Option("--duration", metavar="S", help="Stop after S seconds.")
-    ] = None,
+    duration: Duration = None,
     as_json: Annotated[
-        bool, typer.Option("--json", help="Print JSON lines: the status each 5 s, ends at once.")
+        bool, json_option("Print JSON lines: the status each 5 s, ends at once.")
     ] = False,
 ) -> None:
     """Start simulator, estimator, detector, reaction, mission, controller and recorder.
@@ -115,7 +95,7 @@ def up(
     node; Ctrl-C stops them. A node that ends by itself is reported and not started again; the
     others go on.
     """
-    from tombo_bringup.cli.fly_command import check_model, check_seed
+    from tombo_bringup.cli.flight.fly_command import check_model, check_seed
     from tombo_dynamics.errors import InputError
     from tombo_flight.scenario import load_scenario
     from tombo_flight.suite.node_flight import over_mavlink
@@ -157,7 +137,7 @@ def up(
 
 def _confirmed(connection: Px4Connection, scenario: Scenario, *, yes: bool) -> bool:
     """Say what is at the other end of the link, and ask whether it may be armed."""
-    from tombo_bringup.cli.fly_px4 import confirm_arming
+    from tombo_bringup.cli.flight.fly_px4 import confirm_arming
     from tombo_flight.process.stop_signals import Stopped, StopSignals
 
     with StopSignals() as stop:
@@ -169,7 +149,7 @@ def _confirmed(connection: Px4Connection, scenario: Scenario, *, yes: bool) -> b
 
 def _watch(config: SuiteConfig, duration_s: float | None, as_json: bool) -> int:
     """Run the suite until it is stopped, or nothing of it is left; return the exit code."""
-    from tombo_bringup.cli.suite_screen import new_screen
+    from tombo_bringup.cli.flight.suite_screen import new_screen
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_flight.suite.running import LOGS, RunningSuite
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from tombo_bringup.cli.number_parser import number_parser
+from tombo_bringup.cli.options import Force, json_option, number_parser, output_option
 from tombo_bringup.cli.result_files import results_folder
 
 
@@ -55,18 +55,12 @@ def recovery(
     ] = None,
     output: Annotated[
         str | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="DIR",
-            help="Folder of the results. Default: runs/recovery-TRACE, replaced; with --json "
-            "none.",
+        output_option(
+            "Folder of the results. Default: runs/recovery-TRACE, replaced; with --json none."
         ),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace the results in DIR.")] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print recovery.json, and nothing else.")
-    ] = False,
+    force: Force = False,
+    as_json: Annotated[bool, json_option("Print recovery.json, and nothing else.")] = False,
 ) -> None:
     """Find the collisions in a trace, and the time until 90 % of the thrust are back.
 

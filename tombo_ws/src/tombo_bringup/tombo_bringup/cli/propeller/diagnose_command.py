@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.parse_integer import parse_integer
+from tombo_bringup.cli.options import Force, integer_option, json_option, output_option
 from tombo_bringup.cli.result_files import compute_into, results_folder
 
 if TYPE_CHECKING:
@@ -41,11 +41,10 @@ def diagnose(
     ] = None,
     conf: Annotated[
         int | None,
-        typer.Option(
+        integer_option(
             "--conf",
-            metavar="N",
-            parser=parse_integer,
-            help="Configuration of runs that have no column conf; 0 is rigid. Default: 13.",
+            "N",
+            "Configuration of runs that have no column conf; 0 is rigid. Default: 13.",
             show_default=False,
         ),
     ] = None,
@@ -70,25 +69,20 @@ def diagnose(
     ] = None,
     output: Annotated[
         str | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="DIR",
-            help="Folder of the results, new or empty. Default: runs/stand-NAME, replaced; with "
-            "--json nothing is written.",
+        output_option(
+            "Folder of the results, new or empty. Default: runs/stand-NAME, replaced; with "
+            "--json nothing is written."
         ),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace the results in DIR.")] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print diagnosis.json, and nothing else.")
-    ] = False,
+    force: Force = False,
+    as_json: Annotated[bool, json_option("Print diagnosis.json, and nothing else.")] = False,
 ) -> None:
     """Say what the propeller model gets wrong in thrust-stand data, name the cause, or the set.
 
     Writes report.html, diagnosis.json, plots, and stand_model.yaml where a cause is named.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from tombo_bringup.cli.stand_tables import print_stand, stand_headline
+    from tombo_bringup.cli.propeller.stand_tables import print_stand, stand_headline
     from tombo_diagnosis.report.stand_output import STAND_FILES, stand_json, write_stand
     from tombo_dynamics.errors import InputError
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from tombo_bringup.cli.options import Force, json_option, output_option
 from tombo_bringup.cli.result_files import check_output, compute_into
 
 if TYPE_CHECKING:
@@ -29,22 +30,14 @@ def reproduce(
     ] = None,
     output: Annotated[
         str | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="DIR",
-            help="Write reproduction.html, reproduction.json and the figures into this folder, "
-            "new or empty.",
+        output_option(
+            "Write reproduction.html, reproduction.json and the figures into this folder, "
+            "new or empty."
         ),
     ] = None,
-    force: Annotated[
-        bool,
-        typer.Option(
-            "--force", help="Replace the results in DIR; other files in it are left alone."
-        ),
-    ] = False,
+    force: Force = False,
     as_json: Annotated[
-        bool, typer.Option("--json", help="Print the list of claims as JSON, and nothing else.")
+        bool, json_option("Print the list of claims as JSON, and nothing else.")
     ] = False,
 ) -> None:
     """Recompute what the paper prints, and give each of its claims a verdict.

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.number_parser import number_parser
+from tombo_bringup.cli.options import Force, json_option, number_parser, output_option
 from tombo_bringup.cli.result_files import compute_into, results_folder
 from tombo_dynamics.errors import InputError
 
@@ -159,17 +159,12 @@ def beta(
     ] = False,
     output: Annotated[
         str | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="DIR",
-            help="Folder of the results. Default: runs/beta-FILM, replaced; with --json nothing.",
+        output_option(
+            "Folder of the results. Default: runs/beta-FILM, replaced; with --json nothing."
         ),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace the results in DIR.")] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print beta.json, and nothing else.")
-    ] = False,
+    force: Force = False,
+    as_json: Annotated[bool, json_option("Print beta.json, and nothing else.")] = False,
 ) -> None:
     """Measure the flap angle beta of a spinning propeller from above.
 
@@ -188,9 +183,9 @@ def beta(
         blade.joint.outer_radius_m if nodus is None else nodus * 1e-3,
     )
     if not -30.0 <= reference_beta <= 30.0:
-        raise _bad(f"--reference-beta {reference_beta:g}; accepted: -30 to 30 deg")
+        raise InputError(f"--reference-beta {reference_beta:g}; accepted: -30 to 30 deg")
     if scale is not None and not (math.isfinite(scale) and math.isfinite(scale_error)):
-        raise _bad(f"--scale {scale:g} +- {scale_error:g} %; accepted: finite numbers")
+        raise InputError(f"--scale {scale:g} +- {scale_error:g} %; accepted: finite numbers")
     view = CameraPose(
         math.inf if camera_height is None else _height(camera_height, straight.tip),
         not from_below,
@@ -199,11 +194,11 @@ def beta(
     ways = [reference is not None, reference_frames is not None, scale is not None,
             marks is not None]  # fmt: skip
     if demo and (film is not None or any(ways)):
-        raise _bad("--demo with a film or a scale; accepted: --demo alone")
+        raise InputError("--demo with a film or a scale; accepted: --demo alone")
     if not demo and film is None:
-        raise _bad("no film; accepted: a video, a folder of pictures, or --demo")
+        raise InputError("no film; accepted: a video, a folder of pictures, or --demo")
     if not demo and sum(ways) != 1:
-        raise _bad(
+        raise InputError(
             f"{sum(ways)} sources of the scale; accepted: one of --reference, --reference-frames, "
             "--scale, --marks"
         )
@@ -233,7 +228,7 @@ def beta(
     if as_json:
         typer.echo(beta_json(found, notes), nl=False)
     else:
-        from tombo_bringup.cli.beta_tables import print_beta
+        from tombo_bringup.cli.propeller.beta_tables import print_beta
 
         print_beta(found, notes, path)
 
@@ -264,7 +259,7 @@ def _measured(
     on_progress: ProgressCallback,
     source: _Source,
 ) -> tuple[Measurement, list[str]]:
-    from tombo_bringup.cli.beta_tables import notes_of
+    from tombo_bringup.cli.propeller.beta_tables import notes_of
     from tombo_propeller.flap_video import measure as m
     from tombo_propeller.flap_video import scale as s
     from tombo_propeller.flap_video.video import open_video
@@ -279,7 +274,7 @@ def _measured(
         begin = behind if first < window else 0
     elif source.reference is not None:
         if path.exists() and source.reference.exists() and path.samefile(source.reference):
-            raise _bad(
+            raise InputError(
                 f"--reference '{source.reference}' is the film itself, whose angle is not known; "
                 "accepted: another film, or --reference-frames A:B of this one"
             )
@@ -308,7 +303,7 @@ def _measured(
 def _demo(on_progress: ProgressCallback, window: int) -> tuple[Measurement, list[str]]:
     import numpy as np
 
-    from tombo_bringup.cli.beta_tables import notes_of
+    from tombo_bringup.cli.propeller.beta_tables import notes_of
     from tombo_propeller.flap_video import measure as m
     from tombo_propeller.flap_video.camera_geometry import BladeSpan, CameraPose
     from tombo_propeller.flap_video.scale import reference_scale
@@ -328,7 +323,7 @@ def _demo(on_progress: ProgressCallback, window: int) -> tuple[Measurement, list
 def _frames(film: Video, first: int, behind: int) -> Frames:
     for _, frames in film.parts([(first, behind)]):
         return frames
-    raise _bad(f"no frames {first}:{behind} in '{film.path}', which has {film.count}")
+    raise InputError(f"no frames {first}:{behind} in '{film.path}', which has {film.count}")
 
 
 def _write(overlay_path: Path, plot_path: Path, found: Measurement) -> None:
@@ -342,7 +337,9 @@ def _write(overlay_path: Path, plot_path: Path, found: Measurement) -> None:
 def _range(text: str) -> tuple[int, int]:
     match = re.fullmatch(r"\s*(\d+)\s*:\s*(\d+)\s*", text)
     if not match or int(match[1]) >= int(match[2]) or int(match[2]) - int(match[1]) > 2000:
-        raise _bad(f"--reference-frames {text}; accepted: A:B, A below B, 2000 frames at most")
+        raise InputError(
+            f"--reference-frames {text}; accepted: A:B, A below B, 2000 frames at most"
+        )
     return int(match[1]), int(match[2])
 
 
@@ -350,7 +347,7 @@ def _marks(text: str) -> tuple[tuple[float, float], tuple[float, float], float]:
     try:
         x1, y1, x2, y2, mm = (float(part) for part in text.split(","))
     except ValueError:
-        raise _bad(f"--marks {text}; accepted: X1,Y1,X2,Y2,MM") from None
+        raise InputError(f"--marks {text}; accepted: X1,Y1,X2,Y2,MM") from None
     return (x1, y1), (x2, y2), mm * 1e-3
 
 
@@ -358,7 +355,7 @@ def _height(millimetres: float, tip_m: float) -> float:
     """Return a camera's height [m]: nearer than two tip radii, tips are hardly in the picture."""
     least = 2e3 * tip_m
     if not least <= millimetres <= _HIGHEST_MM:
-        raise _bad(
+        raise InputError(
             f"--camera-height {millimetres:g}; accepted: in mm, {least:.4g} to {_HIGHEST_MM:g} "
             "(two tip radii are the least)"
         )
@@ -384,9 +381,5 @@ def _naming(film: Path, role: str = "") -> Iterator[None]:
 
 def _share(name: str, percent: float) -> float:
     if not 0.0 <= percent < 20.0:
-        raise _bad(f"{name} {percent:g} %; accepted: 0 to 20")
+        raise InputError(f"{name} {percent:g} %; accepted: 0 to 20")
     return percent * 1e-2
-
-
-def _bad(message: str) -> Exception:
-    return InputError(message)

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from tombo_bringup.cli.benchmark_run import (
+from tombo_bringup.cli.diagnosis.benchmark_run import (
     AsJson,
     Cases,
     Output,
-    Seed,
     Workers,
     checked,
     run_and_tell,
 )
+from tombo_bringup.cli.options import Seed
 
 _ROWS: Final[tuple[tuple[str, str, str, float], ...]] = (
     ("top1_large", "right cause first, large", ">= 95 %", 0.95),

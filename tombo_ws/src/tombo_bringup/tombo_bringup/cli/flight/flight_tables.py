@@ -73,7 +73,7 @@ def print_flight(flight: FlightResult) -> None:
 
 
 def print_campaign(campaign: Mapping[str, Any]) -> None:
-    """Print how the flights of a campaign ended, and how their figures are spread."""
+    """Print how the flights of a campaign ended; of each figure median and 5 to 95 % range."""
     total = campaign["aggregate"]
     what = f"Conf. {campaign['conf']}, law {campaign['law']}"
     if campaign["model"]:
@@ -87,7 +87,7 @@ def print_campaign(campaign: Mapping[str, Any]) -> None:
         title=Text(f"{campaign['scenario']}, {seeds} ({what})"),
     )
     table.add_column("")
-    for heading in ("paper", "mean", "std", "5 %", "median", "95 %", "max", "of"):
+    for heading in ("paper", "median", "5 %", "95 %", "max", "of"):
         table.add_column(heading, justify="right")
     for key, name, scale, digits, printed in _CAMPAIGN_ROWS:
         values = total[key]
@@ -96,7 +96,7 @@ def print_campaign(campaign: Mapping[str, Any]) -> None:
             "–" if printed is None else f"{printed:g}",
             *(
                 "–" if values[part] is None else fixed(scale * values[part], digits)
-                for part in ("mean", "std", "p5", "p50", "p95", "max")
+                for part in ("median", "p05", "p95", "max")
             ),
             str(values["count"]),
         )

@@ -9,8 +9,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.optional_url import SIMULATED
-from tombo_bringup.cli.parse_integer import parse_integer
+from tombo_bringup.cli.flight.optional_url import SIMULATED
+from tombo_bringup.cli.options import (
+    Force,
+    ModelFile,
+    ScenarioArgument,
+    Settings,
+    Yes,
+    integer_option,
+    json_option,
+    output_option,
+)
+from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
     from tombo_flight.scenario import Scenario
@@ -26,22 +36,10 @@ _MOST_FLIGHTS = 100_000
 
 
 def fly(
-    scenario: Annotated[
-        str,
-        typer.Argument(
-            metavar="SCENARIO",
-            help="A name of `tombo scenarios`, or a YAML file.",
-            show_default=True,
-        ),
-    ] = "paper_collision",
+    scenario: ScenarioArgument = "paper_collision",
     seed: Annotated[
         int | None,
-        typer.Option(
-            "--seed",
-            metavar="N",
-            parser=parse_integer,
-            help="All chance comes from it. Default: 0.",
-        ),
+        integer_option("--seed", "N", "All chance comes from it. Default: 0."),
     ] = None,
     seeds: Annotated[
         str | None,
@@ -56,12 +54,7 @@ def fly(
     ] = False,
     conf: Annotated[
         int | None,
-        typer.Option(
-            "--conf",
-            metavar="N",
-            parser=parse_integer,
-            help="Propeller configuration of the paper's Table I, 0 to 13.",
-        ),
+        integer_option("--conf", "N", "Propeller configuration of the paper's Table I, 0 to 13."),
     ] = None,
     law: Annotated[
         str | None,
@@ -69,24 +62,8 @@ def fly(
             "--law", metavar="L", help="Law of the nodus: published, repaired, consistent."
         ),
     ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Change a value of the scenario, as in vehicle.mass=1.4 or "
-            "effects.steady_wind.east=2. May be given many times.",
-        ),
-    ] = None,
-    model: Annotated[
-        str | None,
-        typer.Option(
-            "--model",
-            metavar="FILE",
-            help="Lay the effects of a model.yaml, which `tombo diagnose` writes, over those of "
-            "the scenario; --set wins over both.",
-        ),
-    ] = None,
+    settings: Settings = None,
+    model: ModelFile = None,
     nodes: Annotated[
         bool,
         typer.Option("--nodes", help="Fly with the ROS 2 nodes, each a process, in real time."),
@@ -100,9 +77,7 @@ def fly(
             "udpout://, tcpout://, serial://), which may be a real vehicle.",
         ),
     ] = None,
-    yes: Annotated[
-        bool, typer.Option("--yes", help="With --px4 URL: arm without asking first.")
-    ] = False,
+    yes: Yes = False,
     bridge: Annotated[
         list[str] | None,
         typer.Option(
@@ -121,33 +96,22 @@ def fly(
     ] = None,
     domain: Annotated[
         int | None,
-        typer.Option(
+        integer_option(
             "--domain",
-            metavar="N",
-            parser=parse_integer,
-            help="With --nodes and --px4: ROS_DOMAIN_ID. Default: one that is free; with --px4 "
+            "N",
+            "With --nodes and --px4: ROS_DOMAIN_ID. Default: one that is free; with --px4 "
             "URL that of the environment, where the motion capture is.",
         ),
     ] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="Write no flight.mcap.")] = False,
     output: Annotated[
         str | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="DIR",
-            help="Folder of the results, new or empty. Default: runs/SCENARIO-SEED, replaced.",
+        output_option(
+            "Folder of the results, new or empty. Default: runs/SCENARIO-SEED, replaced."
         ),
     ] = None,
-    force: Annotated[
-        bool,
-        typer.Option(
-            "--force", help="Replace the results in DIR; other files in it are left alone."
-        ),
-    ] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print the summary as JSON, and nothing else.")
-    ] = False,
+    force: Force = False,
+    as_json: Annotated[bool, json_option("Print the summary as JSON, and nothing else.")] = False,
 ) -> None:
     """Fly a scenario and write flight.mcap, summary.json, flight.png and report.html.
 
@@ -155,24 +119,24 @@ def fly(
     """
     many = None if seeds is None else parse_seeds(seeds)
     if many is not None and seed is not None:
-        raise _input_error(f"--seed {seed} and --seeds {seeds}: accepted: one of them")
+        raise InputError(f"--seed {seed} and --seeds {seeds}: accepted: one of them")
     if px4 is not None and speed is not None:
-        raise _input_error(f"--speed {speed:g}: accepted: without --px4, which is in real time")
+        raise InputError(f"--speed {speed:g}: accepted: without --px4, which is in real time")
     if not nodes and speed is not None:
-        raise _input_error(f"--speed {speed:g}: accepted: with --nodes only")
+        raise InputError(f"--speed {speed:g}: accepted: with --nodes only")
     if not nodes and px4 is None and domain is not None:
-        raise _input_error(f"--domain {domain}: accepted: with --nodes or --px4 only")
+        raise InputError(f"--domain {domain}: accepted: with --nodes or --px4 only")
     if nodes and (many is not None or no_record):
-        raise _input_error("--nodes: accepted: without --seeds and --no-record")
+        raise InputError("--nodes: accepted: without --seeds and --no-record")
     if px4 is not None and (nodes or many is not None or no_record):
-        raise _input_error("--px4: accepted: without --nodes, --seeds and --no-record")
+        raise InputError("--px4: accepted: without --nodes, --seeds and --no-record")
     if px4 is None and (yes or bridge):
-        raise _input_error("--yes and --bridge: accepted: with --px4 only")
+        raise InputError("--yes and --bridge: accepted: with --px4 only")
     check_model(model, px4)
     one = 0 if seed is None else check_seed(seed)
     chosen = _load(scenario, settings or [], no_reaction, conf, law, model)
     if px4 is not None:
-        from tombo_bringup.cli.fly_px4 import fly_px4
+        from tombo_bringup.cli.flight.fly_px4 import fly_px4
 
         path = _folder(output, default_folder(chosen.name, f"{one}-px4"))
         code = fly_px4(
@@ -206,19 +170,19 @@ def parse_seeds(text: str) -> range:
     accepted = f"accepted: A:B with 0 <= A < B, at most {_MOST_FLIGHTS} flights, as in 0:100"
     found = re.fullmatch(r"([0-9]{1,19}):([0-9]{1,19})", text)
     if found is None:
-        raise _input_error(f"--seeds {text}: not of the form A:B; {accepted}")
+        raise InputError(f"--seeds {text}: not of the form A:B; {accepted}")
     first, end = int(found[1]), int(found[2])
     if first >= end:
-        raise _input_error(f"--seeds {text}: no seed at all; {accepted}")
+        raise InputError(f"--seeds {text}: no seed at all; {accepted}")
     if end - first > _MOST_FLIGHTS or end > _SEED_LIMIT:
-        raise _input_error(f"--seeds {text}: too many; {accepted}")
+        raise InputError(f"--seeds {text}: too many; {accepted}")
     return range(first, end)
 
 
 def check_seed(seed: int) -> int:
     """Return the seed, or raise InputError."""
     if not 0 <= seed < _SEED_LIMIT:
-        raise _input_error(
+        raise InputError(
             f"--seed {seed}: out of bounds; accepted: a whole number from 0 to {_SEED_LIMIT - 1}"
         )
     return seed
@@ -231,7 +195,7 @@ def check_model(model: str | None, px4: str | None) -> None:
         InputError: it is given together with a real vehicle.
     """
     if model is not None and px4 not in (None, SIMULATED):
-        raise _input_error(
+        raise InputError(
             f"--model {model}: accepted: without --px4 URL, where no simulation flies"
         )
 
@@ -244,14 +208,8 @@ def default_folder(scenario: str, rest: str) -> Path:
 
 def _folder(output: str | None, default: Path) -> Path:
     if output is not None and not output.strip():
-        raise _input_error(f"-o '{output}': no name; accepted: a folder, new or empty")
+        raise InputError(f"-o '{output}': no name; accepted: a folder, new or empty")
     return default if output is None else Path(output)
-
-
-def _input_error(message: str) -> Exception:
-    from tombo_dynamics.errors import InputError
-
-    return InputError(message)
 
 
 def _load(
@@ -266,7 +224,7 @@ def _load(
     from tombo_flight.scenario import load_scenario
 
     if conf is not None and not 0 <= conf <= 13:
-        raise _input_error(f"--conf {conf}: unknown configuration; accepted: 0 (rigid) to 13")
+        raise InputError(f"--conf {conf}: unknown configuration; accepted: 0 (rigid) to 13")
     options = [] if conf is None else [f"propeller.conf={conf}"]
     options += [] if law is None else [f"propeller.law={law}"]
     options += ["react=false"] if no_reaction else []
@@ -294,7 +252,7 @@ def _fly_one(
     if as_json:
         typer.echo(to_json(flight.summary), nl=False)
     else:
-        from tombo_bringup.cli.flight_tables import print_files, print_flight
+        from tombo_bringup.cli.flight.flight_tables import print_files, print_flight
 
         print_flight(flight)
         if stop.asked() and not flight.summary["interrupted"]:
@@ -345,8 +303,8 @@ def _fly_nodes(
     if as_json:
         typer.echo(to_json(flown.flight.summary), nl=False)
     else:
-        from tombo_bringup.cli.flight_tables import print_files, print_flight
-        from tombo_bringup.cli.node_tables import print_nodes
+        from tombo_bringup.cli.flight.flight_tables import print_files, print_flight
+        from tombo_bringup.cli.flight.node_tables import print_nodes
 
         print_flight(flown.flight)
         print_nodes(flown)
@@ -394,7 +352,7 @@ def _fly_many(
     if as_json:
         typer.echo(text, nl=False)
     else:
-        from tombo_bringup.cli.flight_tables import print_campaign, print_files
+        from tombo_bringup.cli.flight.flight_tables import print_campaign, print_files
 
         print_campaign(campaign)
         print_files(path, names)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.number_parser import number_parser
+from tombo_bringup.cli.options import Force, json_option, number_parser, output_option
 from tombo_bringup.cli.result_files import check_output, compute_into
 
 if TYPE_CHECKING:
@@ -132,12 +132,10 @@ def design(
     ] = 12,
     output: Annotated[
         str | None,
-        typer.Option("-o", "--output", metavar="DIR", help="Folder of the results; else none."),
+        output_option("Folder of the results; else none."),
     ] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace the results in DIR; other files stay.")
-    ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print design.json only.")] = False,
+    force: Force = False,
+    as_json: Annotated[bool, json_option("Print design.json only.")] = False,
 ) -> None:
     """Recommend a nodus for a vehicle: matrix, fibres, length and place on the blade.
 
@@ -195,7 +193,7 @@ def design(
     if as_json:
         typer.echo(to_json(design_mapping(found, made)), nl=False)
     else:
-        from tombo_bringup.cli.design_tables import print_design
+        from tombo_bringup.cli.propeller.design_tables import print_design
 
         print_design(found, made, output, written)
     if made.index is None:

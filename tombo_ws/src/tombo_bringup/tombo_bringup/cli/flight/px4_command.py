@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.parse_integer import parse_integer
+from tombo_bringup.cli.options import Duration, ScenarioOption, Seed, Settings, integer_option
 
 if TYPE_CHECKING:
     from tombo_flight.scenario import Scenario
@@ -31,45 +31,22 @@ _WARM_UP_TICKS = 60
 
 
 def px4(
-    scenario: Annotated[
-        str,
-        typer.Option(
-            "--scenario", metavar="SCENARIO", help="A name of `tombo scenarios`, or a YAML file."
-        ),
-    ] = "paper_collision",
+    scenario: ScenarioOption = "paper_collision",
     port: Annotated[
         int,
-        typer.Option(
+        integer_option(
             "--port",
-            metavar="N",
-            parser=parse_integer,
-            help="UDP port of the on-board client; the vehicle's own are N+40 and N+4030, as "
+            "N",
+            "UDP port of the on-board client; the vehicle's own are N+40 and N+4030, as "
             "with PX4's instances.",
         ),
     ] = _PORT,
     ground_port: Annotated[
         int,
-        typer.Option(
-            "--ground-port",
-            metavar="N",
-            parser=parse_integer,
-            help="UDP port of the ground station.",
-        ),
+        integer_option("--ground-port", "N", "UDP port of the ground station."),
     ] = _GROUND_PORT,
-    seed: Annotated[
-        int,
-        typer.Option(
-            "--seed", metavar="N", parser=parse_integer, help="All chance comes from it."
-        ),
-    ] = 0,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Change a value of the scenario. May be given many times.",
-        ),
-    ] = None,
+    seed: Seed = 0,
+    settings: Settings = None,
     parameters: Annotated[
         list[str] | None,
         typer.Option(
@@ -100,16 +77,14 @@ def px4(
             help="Listen to other machines too: whoever reaches the ports can fly the vehicle.",
         ),
     ] = False,
-    duration: Annotated[
-        float | None, typer.Option("--duration", metavar="S", help="Stop after S seconds.")
-    ] = None,
+    duration: Duration = None,
 ) -> None:
     """Simulate a vehicle with a PX4 autopilot and serve MAVLink, as PX4's own simulation does.
 
     MAVSDK, MAVProxy, QGroundControl and the bridge of `tombo fly --px4` can fly it.
     """
-    from tombo_bringup.cli.fly_command import check_seed
-    from tombo_bringup.cli.px4_screen import where_to_connect
+    from tombo_bringup.cli.flight.fly_command import check_seed
+    from tombo_bringup.cli.flight.px4_screen import where_to_connect
     from tombo_dynamics.errors import InputError
     from tombo_flight.scenario import load_scenario
     from tombo_px4.autopilot.parameters import ParameterTable
@@ -220,7 +195,7 @@ def _vehicle(scenario: Scenario, seed: int, table: ParameterTable) -> Px4Vehicle
 
 
 def _serve(endpoint: Endpoint, duration_s: float | None, lines: list[str]) -> None:
-    from tombo_bringup.cli.px4_screen import new_screen
+    from tombo_bringup.cli.flight.px4_screen import new_screen
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_px4.protocol.serve import BootClock, serve
 

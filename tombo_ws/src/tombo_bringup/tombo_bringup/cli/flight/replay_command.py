@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from tombo_bringup.cli.options import json_option, output_option
+from tombo_dynamics.errors import InputError
+
 if TYPE_CHECKING:
     from tombo_flight.replay.compare import Tolerances
     from tombo_flight.replay.run import Replay, Request
@@ -97,16 +100,9 @@ def replay(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="DIR",
-            help="Write replay.json and replay.png there, over those of an earlier replay.",
-        ),
+        output_option("Write replay.json and replay.png there, over those of an earlier replay."),
     ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object, and nothing else.")
-    ] = False,
+    as_json: Annotated[bool, json_option("Print one JSON object, and nothing else.")] = False,
 ) -> None:
     """Feed a recorded run to the nodes' own code and compare with what was recorded.
 
@@ -138,7 +134,7 @@ def replay(
     if as_json:
         typer.echo(text, nl=False)
     else:
-        from tombo_bringup.cli.replay_tables import print_replay
+        from tombo_bringup.cli.flight.replay_tables import print_replay
 
         print_replay(result)
         if output is not None:
@@ -148,9 +144,9 @@ def replay(
 
 def _check_speed(dds: bool, speed: float) -> None:
     if not dds and speed != 1.0:
-        raise _bad(f"--speed {speed:g}: without --dds it is always as fast as possible")
+        raise InputError(f"--speed {speed:g}: without --dds it is always as fast as possible")
     if not 0.05 <= speed <= 20.0:
-        raise _bad(f"--speed {speed:g}: out of bounds; accepted: 0.05 to 20")
+        raise InputError(f"--speed {speed:g}: out of bounds; accepted: 0.05 to 20")
 
 
 def _through_nodes(bag: Path, request: Request, speed: float) -> Replay:
@@ -183,9 +179,11 @@ def _names(maps: list[str]) -> dict[str, str]:
     for text in maps:
         source, sign, name = text.partition(":=")
         if not sign or not source.startswith("/") or not name.startswith("/"):
-            raise _bad(f"--map {text}: accepted: /TOPIC:=/NAME, as in /lab/pose:=/mocap/pose")
+            raise InputError(
+                f"--map {text}: accepted: /TOPIC:=/NAME, as in /lab/pose:=/mocap/pose"
+            )
         if source in found:
-            raise _bad(f"--map {text}: {source} is mapped twice; accepted: once")
+            raise InputError(f"--map {text}: {source} is mapped twice; accepted: once")
         found[source] = name
     return found
 
@@ -203,22 +201,16 @@ def _tolerances(texts: list[str]) -> Tolerances:
         try:
             found[name] = float(value)
         except ValueError:
-            raise _bad(f"--tolerance {text}: no number; accepted: {name}=NUMBER") from None
+            raise InputError(f"--tolerance {text}: no number; accepted: {name}=NUMBER") from None
         if not found[name] >= 0.0:
-            raise _bad(f"--tolerance {text}: out of bounds; accepted: 0 and above")
+            raise InputError(f"--tolerance {text}: out of bounds; accepted: 0 and above")
     return Tolerances(**found)
 
 
 def _finite(option: str, value: float) -> float:
     if not abs(value) < 1e10:
-        raise _bad(f"{option} {value:g}: accepted: a number of seconds")
+        raise InputError(f"{option} {value:g}: accepted: a number of seconds")
     return value
-
-
-def _bad(message: str) -> Exception:
-    from tombo_dynamics.errors import InputError
-
-    return InputError(message)
 
 
 def _json(result: Replay) -> str:
@@ -232,9 +224,9 @@ def _check_folder(folder: Path) -> None:
     target = folder.absolute()
     there = next(path for path in (target, *target.parents) if os.path.lexists(path))
     if not there.is_dir():
-        raise _bad(f"-o {folder}: '{there}' is no folder; accepted: a folder, new or there")
+        raise InputError(f"-o {folder}: '{there}' is no folder; accepted: a folder, new or there")
     if not os.access(there, os.W_OK):
-        raise _bad(f"-o {folder}: '{there}' can't be written; accepted: a folder that can")
+        raise InputError(f"-o {folder}: '{there}' can't be written; accepted: a folder that can")
 
 
 def _write(result: Replay, text: str, folder: Path) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.parse_integer import parse_integer
+from tombo_bringup.cli.options import Duration, ScenarioOption, Seed, Settings, integer_option
 
 if TYPE_CHECKING:
     from tombo_flight.process.stop_signals import StopSignals
@@ -31,29 +31,11 @@ _SYSTEM, _COMPONENT = 1, 197
 def hil(
     port: Annotated[
         int,
-        typer.Option(
-            "--port",
-            metavar="N",
-            parser=parse_integer,
-            help="TCP port for PX4: 4560 plus its instance.",
-        ),
+        integer_option("--port", "N", "TCP port for PX4: 4560 plus its instance."),
     ] = 4560,
-    scenario: Annotated[
-        str,
-        typer.Option(
-            "--scenario", metavar="NAME", help="A name of `tombo scenarios`, or a YAML file."
-        ),
-    ] = "paper_collision",
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the scenario."),
-    ] = None,
-    seed: Annotated[
-        int,
-        typer.Option(
-            "--seed", metavar="N", parser=parse_integer, help="All chance comes from it."
-        ),
-    ] = 0,
+    scenario: ScenarioOption = "paper_collision",
+    settings: Settings = None,
+    seed: Seed = 0,
     rate: Annotated[
         float, typer.Option("--rate", metavar="HZ", help="HIL_SENSOR: 250, 333, 500 or 1000.")
     ] = 250.0,
@@ -84,15 +66,13 @@ def hil(
             "away from MAVSDK and others).",
         ),
     ] = None,
-    duration: Annotated[
-        float | None, typer.Option("--duration", metavar="S", help="Stop after S seconds.")
-    ] = None,
+    duration: Duration = None,
 ) -> None:
     """Let a real PX4 (SITL, none_iris) fly the Tombo vehicle: physics in lockstep over TCP.
 
     The scenario's vehicle, propeller, effects and obstacle are simulated; PX4 does the rest.
     """
-    from tombo_bringup.cli.fly_command import check_seed
+    from tombo_bringup.cli.flight.fly_command import check_seed
     from tombo_dynamics.errors import InputError
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_flight.scenario import load_scenario, world_of
