@@ -89,7 +89,7 @@ def test_over_mavlink_px4_stands_for_estimator_and_controller():
 def test_a_real_px4_gets_its_vehicle_from_the_simulator_link():
     started = bench.launch("px4.launch.py", sim="false", hil="true")
     (sim,) = (node for node in started if node.name == "/sim")
-    assert (sim.package, sim.executable) == ("tombo_sim", "hil_sim_node")
+    assert (sim.package, sim.executable) == ("tombo_px4", "hil_sim_node")
 
 
 @pytest.mark.parametrize("tool", ["rviz", "foxglove"])

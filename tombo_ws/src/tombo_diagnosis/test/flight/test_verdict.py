@@ -166,7 +166,7 @@ def test_gusts_are_named_when_they_do_not_repeat():
     assert judged(searched(), gusts=blown()).effects == ("gusts",)
 
 
-@pytest.mark.parametrize("gusts,repeats", [(blown(), 0.6), (blown(at_edge=True), 0.0)])
+@pytest.mark.parametrize("gusts,residual_r2", [(blown(), 0.6), (blown(at_edge=True), 0.0)])
 def test_what_repeats_or_has_no_time_of_gusts_is_unknown(gusts, residual_r2):
     said = judged(searched(), gusts=gusts, residual_r2=residual_r2, explained=0.0)
     assert said.verdict == "unknown" and not said.effects

@@ -253,6 +253,7 @@ def test_a_name_is_withheld_where_free_curves_find_more_beside_it():
     found = analyse(stands.read(SETUP, {"thrust_gain": (0.1,)}, seed=9, change=resonant))
     judgement, best = found.judgement, found.search.best
     assert best.effects == ("thrust_gain",)
-    assert best.evidence > judgement.free.evidence + 10.0  # only what is left can tell
+    # Only the residual can tell.
+    assert best.evidence > judgement.curves_without_causes.evidence + 10.0
     assert judgement.residual_curves.evidence > LOG_BF_CURVES
     assert judgement.verdict == "partly_explained"
