@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -10,6 +12,7 @@ import yaml
 from tombo_bringup.docs.__main__ import ROOT, out_of_date
 from tombo_bringup.docs.lock import code_hash, content_hash, reference_flights
 from tombo_bringup.docs.products import CAMPAIGN, PRODUCTS, campaign_table, two_modes
+from tombo_bringup.docs.wiring_picture import flight_wiring, wiring_mermaid
 from tombo_bringup.interface_tables import marked
 
 DATA = ROOT.parent / "shared" / "data"
@@ -36,6 +39,36 @@ def test_every_picture_of_the_docs_is_a_product():
 def test_readme_has_the_figures_of_the_campaign():
     values = yaml.load((ROOT / CAMPAIGN).read_text(), Loader=yaml.BaseLoader)
     assert marked((ROOT / "README.md").read_text(), "campaign") == campaign_table(values)
+
+
+def test_architecture_has_the_wiring_as_it_is():
+    chart = flight_wiring()
+    if chart is None:
+        pytest.skip("no tombo_flight.wiring")
+    assert marked((ROOT / "docs" / "architecture.md").read_text(), "wiring") == chart
+
+
+def test_wiring_is_drawn_with_an_arrow_per_publisher_and_subscriber():
+    core = SimpleNamespace
+    cores = [
+        core(name="estimator", inputs=("/pose", "/imu"), outputs=("/odometry",)),
+        core(name="controller", inputs=("/imu", "/odometry"), outputs=("/command",)),
+    ]
+    assert wiring_mermaid(cores, ("/pose", "/imu"), "/command").splitlines()[2:-1] == [
+        '    sim -- "pose<br/>imu" --> estimator',
+        '    sim -- "imu" --> controller',
+        '    estimator -- "odometry" --> controller',
+        '    controller -- "command" --> sim',
+    ]
+
+
+def test_files_that_the_architecture_page_names_exist():
+    page = (ROOT / "docs" / "architecture.md").read_text()
+    names = re.findall(r"`(tombo_\w+/[\w/.]+|cli/\w+\.py)`", page)
+    assert len(names) > 10
+    sources = ROOT / "tombo_ws" / "src"
+    places = (sources, sources / "tombo_bringup" / "tombo_bringup", ROOT)
+    assert [n for n in names if not any((place / n).exists() for place in places)] == []
 
 
 def test_two_modes_are_split_at_the_widest_gap():

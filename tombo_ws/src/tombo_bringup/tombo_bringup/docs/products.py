@@ -13,6 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
+from tombo_bringup.docs.wiring_picture import flight_wiring
 from tombo_bringup.interface_tables import updated
 
 CONFIG: Final = "tombo_ws/src/tombo_bringup/config"
@@ -62,6 +63,9 @@ def _tables(root: Path, data: Path) -> None:
     _write(root / CONFIG / "suite.yaml", default_file())
     for page in PAGES:
         _fill(root / "docs" / page, tables(page))
+    wiring = flight_wiring()
+    if wiring is not None:
+        _fill(root / "docs" / "architecture.md", {"wiring": wiring})
 
 
 def _reproduction(root: Path, data: Path) -> None:
@@ -176,8 +180,8 @@ _VARIATIONS: Final[tuple[tuple[str, tuple[str, ...]], ...]] = (
     ("0.9 m/s", ("mission.approach_speed=0.9",)),
     ("pillar 4 cm further right", ("obstacle.y=0.23",)),
     ("pillar 4 cm further left", ("obstacle.y=0.31",)),
-    ("pillar of 0.1 m", ("obstacle.x=2.0725", "obstacle.y=0.2283", "obstacle.radius=0.1")),
-    ("pillar of 0.5 m", ("obstacle.x=2.4568", "obstacle.y=0.3395", "obstacle.radius=0.5")),
+    ("pillar of radius 0.1 m", ("obstacle.x=2.0725", "obstacle.y=0.2283", "obstacle.radius=0.1")),
+    ("pillar of radius 0.5 m", ("obstacle.x=2.4568", "obstacle.y=0.3395", "obstacle.radius=0.5")),
     ("frame contact half as stiff", ("effects.contact_force.stiffness=3000",)),
     ("frame contact twice as stiff", ("effects.contact_force.stiffness=12000",)),
     (
@@ -297,6 +301,7 @@ PRODUCTS: Final = (
         (
             *("docs/effects.md", "docs/nodes.md#nodes", "docs/nodes.md#topics"),
             *("docs/px4.md#px4_nodes", f"{CONFIG}/all_parameters.yaml", f"{CONFIG}/suite.yaml"),
+            "docs/architecture.md#wiring",
         ),
         _tables,
         tested=True,
