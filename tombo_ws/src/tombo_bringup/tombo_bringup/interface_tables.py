@@ -1,4 +1,4 @@
-"""The tables of `docs/nodes.md`: nodes with their parameters, topics with who speaks and listens.
+"""The tables of `docs/nodes.md`: nodes with their parameters, topics with publishers and subscribers.
 
 `python -m tombo_bringup.interface_tables docs/nodes.md` writes them anew between their markers,
 and those of `docs/px4.md` likewise; tests say when that is due. Topics come from
@@ -188,9 +188,9 @@ def _flow(spec: TopicSpec, nodes: list[NodeFacts]) -> str:
         return "sim → all"
     if spec == DIAGNOSTICS:
         return "all"
-    speakers = [node.name for node in nodes if spec.name in node.publishes]
-    listeners = [node.name for node in nodes if spec.name in node.subscribes]
-    return f"{', '.join(speakers)} → {', '.join(listeners)}" if listeners else ", ".join(speakers)
+    publishers = [node.name for node in nodes if spec.name in node.publishes]
+    subscribers = [node.name for node in nodes if spec.name in node.subscribes]
+    return f"{', '.join(publishers)} → {', '.join(subscribers)}" if subscribers else ", ".join(publishers)
 
 
 def updated(page: str, tables: Mapping[str, str]) -> str:

@@ -46,10 +46,17 @@ def main() -> None:
         if found:
             raise InputError("; ".join(found))
         return
+    failed = []
     for product in chosen:
-        _make(product, options.data)
+        try:
+            _make(product, options.data)
+        except InputError as error:
+            typer.echo(f" failed: {error}")
+            failed.append(product.name)
     for line in LEFT:
         typer.echo(f"left: {line}")
+    if failed:
+        raise InputError(f"not made: {', '.join(failed)}; the others are")
 
 
 def _make(product: Product, data: Path) -> None:

@@ -15,6 +15,7 @@ from typing import Any, Final
 
 from tombo_bringup.docs.wiring_picture import flight_wiring
 from tombo_bringup.interface_tables import updated
+from tombo_dynamics.errors import InputError
 
 CONFIG: Final = "tombo_ws/src/tombo_bringup/config"
 CAMPAIGN: Final = "tombo_ws/src/tombo_propeller/tombo_propeller/reproduce/campaign.yaml"
@@ -366,7 +367,10 @@ def _fly_many(base: str, settings: Sequence[str], seeds: range) -> dict[str, Any
 
 def _tombo(*arguments: str) -> None:
     command = [sys.executable, "-m", "tombo_bringup.cli.main", *arguments]
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    if done.returncode != 0:
+        last = (done.stderr.strip().splitlines() or ["no message"])[-1]
+        raise InputError(f"tombo {arguments[0]} ended with {done.returncode}: {last}")
 
 
 def _write(path: Path, text: str) -> None:
