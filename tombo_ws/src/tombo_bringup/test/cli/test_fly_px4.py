@@ -13,11 +13,10 @@ from px4_bench import speaking
 from suite_bench import FAKES
 
 from tombo_bag.mcap_sink import McapSink
-from tombo_bringup import node_flight
 from tombo_bringup.cli.optional_url import expand_url_option
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario
-from tombo_flight.suite import nodes
+from tombo_flight.suite import node_flight, nodes
 from tombo_flight.suite.px4_flight import BridgeMonitor
 
 

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from tombo_bringup.cli import benchmark_command, propeller_command
+from tombo_bringup.cli.compare_command import COMPARE_EXIT_CODES, compare
 from tombo_bringup.cli.diagnose_command import DIAGNOSE_EXIT_CODES, diagnose
 from tombo_bringup.cli.effects_command import effects
 from tombo_bringup.cli.errors import exit_code_of
@@ -34,6 +35,7 @@ app.command(epilog=UP_EXIT_CODES, cls=OptionalUrlCommand)(up)
 app.command(epilog=PX4_EXIT_CODES)(px4)
 app.command(epilog=HIL_EXIT_CODES)(hil)
 app.command(epilog=REPLAY_EXIT_CODES)(replay)
+app.command(epilog=COMPARE_EXIT_CODES)(compare)
 app.command(epilog=DIAGNOSE_EXIT_CODES)(diagnose)
 app.command("run", context_settings=PASS_ON)(run_executable)
 app.command()(scenarios)

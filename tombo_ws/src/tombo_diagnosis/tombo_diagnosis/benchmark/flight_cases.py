@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tombo_diagnosis.flight.parameters import PARAMETERS, Parameter
+from tombo_diagnosis.engine.regression import Parameter
+from tombo_diagnosis.flight.parameters import PARAMETERS
 from tombo_dynamics.disturbance import DISTURBANCES
 from tombo_flight.scenario import load_scenario
 

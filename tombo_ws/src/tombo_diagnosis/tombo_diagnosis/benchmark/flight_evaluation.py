@@ -18,11 +18,11 @@ from tombo_diagnosis.benchmark.flight_simulation import (
 )
 from tombo_diagnosis.checks import check_log
 from tombo_diagnosis.diagnosis import Cause
-from tombo_diagnosis.flight.analyse import Findings, analyse
+from tombo_diagnosis.engine.model_selection import restrict_to
+from tombo_diagnosis.flight.analyse import FlightFindings, analyse
 from tombo_diagnosis.flight.cause_estimates import estimate_cause
 from tombo_diagnosis.flight.cross_validation import fit_without_flight
 from tombo_diagnosis.flight.diagnose import final_explanation
-from tombo_diagnosis.flight.model_selection import restrict_to
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.prediction import residuals
 from tombo_diagnosis.flight.track import track_of
@@ -73,8 +73,8 @@ def examine(seed: int, number: int) -> dict[str, Any]:
         "confidence": judgement.confidence,
         "seconds": seconds,
         "evidence": best.evidence,
-        "excess": max((each.excess for each in findings.residual_excesses), default=0.0),
-        "repeats": findings.residual_r2,
+        "excess": max((each.excess for each in findings.remainder.residual_excesses), default=0.0),
+        "repeats": findings.remainder.residual_r2,
         "explained": judgement.explained,
         "rivals": [
             {"effects": list(r.effects), "evidence": r.evidence, "disputed": log_bf_of_difference}
@@ -83,7 +83,7 @@ def examine(seed: int, number: int) -> dict[str, Any]:
             and math.isfinite(r.evidence)
         ],
         "lead": max(findings.search.single_log_bf.values(), default=0.0),
-        "chance": max((fit.evidence for fit in findings.all_noise_fits), default=0.0),
+        "chance": max((fit.evidence for fit in findings.remainder.all_noise_fits), default=0.0),
     }
     right = judgement.verdict == "named" and not judgement.members
     if right and set(judgement.effects) == set(case.hidden):
@@ -111,7 +111,7 @@ def _compared(case: Case, cause: Cause) -> dict[str, Any]:
     return {"error": math.sqrt(off / size) if size else None, "covered": covered}
 
 
-def _gain_share(case: Case, findings: Findings) -> float | None:
+def _gain_share(case: Case, findings: FlightFindings) -> float | None:
     """Return what the extension removes of what the true model removes, in held-out flights."""
     problem = findings.problem
     final = final_explanation(findings)

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_diagnosis.benchmark.unmodelled_effects import UNMODELLED_EFFECTS
+from tombo_diagnosis.engine.regression import Parameter
 from tombo_diagnosis.stand.operating_points import OperatingPoints
-from tombo_diagnosis.stand.parameters import HEALTHY_SHARE, Parameter, parameters
+from tombo_diagnosis.stand.parameters import HEALTHY_SHARE, parameters
 from tombo_dynamics.propeller import configuration, parameter_row, speed_of_maximum_thrust
 from tombo_dynamics.propeller.effects import STAND_EFFECTS, Draws, Setup, predict
 

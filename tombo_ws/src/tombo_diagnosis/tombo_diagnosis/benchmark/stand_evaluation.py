@@ -7,7 +7,7 @@ import time
 from typing import Any
 
 from tombo_diagnosis.benchmark.stand_cases import Case, make_case
-from tombo_diagnosis.stand.analyse import Findings, analyse
+from tombo_diagnosis.stand.analyse import StandFindings, analyse
 from tombo_diagnosis.stand.cause_estimates import fitted
 from tombo_dynamics.propeller.effects import STAND_EFFECTS
 
@@ -32,8 +32,8 @@ def examine(seed: int, number: int) -> dict[str, Any]:
         "confidence": judgement.confidence,
         "seconds": seconds,
         "evidence": best.evidence,
-        "left": judgement.residual_curves.evidence,
-        "free": judgement.curves_without_causes.evidence,
+        "left": findings.remainder.curves.evidence,
+        "free": findings.remainder.curves_without_causes.evidence,
     }
     right = judgement.verdict == "named" and not judgement.members
     if right and set(judgement.effects) == set(case.hidden):
@@ -45,12 +45,12 @@ def examine(seed: int, number: int) -> dict[str, Any]:
     return row
 
 
-def _compared(case: Case, findings: Findings, effect: str) -> dict[str, Any]:
+def _compared(case: Case, findings: StandFindings, effect: str) -> dict[str, Any]:
     """Return the relative error of an effect's change, and which intervals cover the truth."""
     off = size = 0.0
     covered = []
-    scales = {p.label: p.scale for p in findings.problem.parameters}
-    for found in fitted(findings.problem, findings.search.best, effect):
+    scales = {p.label: p.scale for p in findings.problem.columns.parameters}
+    for found in fitted(findings.problem, findings.search.best, effect)[0]:
         label = f"{effect}.{found.name}"
         change = case.shift.get(label, 0.0)
         true = found.nominal + change

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.flight.haar_variance import SCALES_S, block_variances, pooled
 from tombo_diagnosis.flight.noise_simulation import chance
 from tombo_diagnosis.flight.prediction import ChannelId
-from tombo_diagnosis.flight.problem import Fit, Problem
+from tombo_diagnosis.flight.problem import FlightProblem
 from tombo_diagnosis.flight.sensitivity import map_flights
 
 Array = NDArray[np.float64]
@@ -61,18 +62,18 @@ class ScaleVariances:
     """(scales, channels)"""
 
 
-def residual_variances(problem: Problem, fit: Fit) -> ScaleVariances:
+def residual_variances(problem: FlightProblem, fit: Fit) -> ScaleVariances:
     """Return what a fit, tolerances used, leaves over."""
     return _powers(problem, [problem.residual(fit, f) for f in range(len(problem.tracks))])
 
 
-def noise_variances(problem: Problem, theta: Array, seed: int = 1) -> ScaleVariances:
+def noise_variances(problem: FlightProblem, theta: Array, seed: int = 1) -> ScaleVariances:
     """Return what chance would leave over, by one draw a flight."""
     drawn = map_flights(lambda track: chance(track, problem.nominal, theta, seed), problem.tracks)
     return _powers(problem, drawn)
 
 
-def _powers(problem: Problem, rows: Sequence[dict[str, Array]]) -> ScaleVariances:
+def _powers(problem: FlightProblem, rows: Sequence[dict[str, Array]]) -> ScaleVariances:
     found: dict[str, list[tuple[Array, Array]]] = {}
     units: dict[str, str] = {}
     for f, groups in enumerate(rows):

@@ -91,7 +91,7 @@ class LogMapping:
 
 def shipped() -> dict[str, LogMapping]:
     """Return the mappings that come with the package, by name."""
-    folder = resources.files("tombo_diagnosis").joinpath("mappings")
+    folder = resources.files("tombo_diagnosis").joinpath("logs/mappings")
     files = sorted(f.name for f in folder.iterdir() if f.name.endswith(".yaml"))
     texts = {name: folder.joinpath(name).read_text(encoding="utf-8") for name in files}
     return {name[:-5]: parse_mapping(text, name[:-5]) for name, text in texts.items()}

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_diagnosis.flight.evidence import NormalEquations, solve
-from tombo_diagnosis.stand.problem import Fit, Problem
+from tombo_diagnosis.engine.evidence import NormalEquations, solve
+from tombo_diagnosis.engine.regression import Fit
+from tombo_diagnosis.stand.problem import StandProblem
 from tombo_dynamics.propeller.effects import CHANNELS, Setup
 
 Array = NDArray[np.float64]
@@ -52,20 +53,19 @@ class _CurveBasis:
     """(B,) of each column's polynomial."""
 
 
-def fit_residual_curves(problem: Problem, fit: Fit, by_run: bool = True) -> ResidualCurves:
+def fit_residual_curves(problem: StandProblem, fit: Fit, by_run: bool = True) -> ResidualCurves:
     """Return what free curves would still explain beside a fit; `by_run`: also levels of runs."""
     blocks = _blocks(problem, by_run and problem.repeated)
     if not blocks:
         return ResidualCurves(-math.inf, "", 0.0)
-    moved = fit.free or problem.absorbed
+    moved = fit.free or problem.columns.absorbed
     slopes = problem.slopes_at(fit.theta) if moved else problem.slopes
     left = problem.residual(fit.theta)
     basis = np.concatenate([b.columns for b in blocks], axis=2)
     every = np.concatenate([slopes, problem.drawn, basis], axis=2)
     normal, _ = problem.whitened(left, every, fit.widths)
-    known = problem.deviations(fit.free, fit.widths)
-    prior_mean = np.zeros(known.size)
-    prior_mean[: fit.theta.size] = problem.nominal - fit.theta
+    known = problem.columns.deviations(fit.free, fit.widths)
+    prior_mean = fit.prior_mean
     without = solve(
         _part(normal, np.arange(known.size)), known, prior_mean, covariance=False
     ).evidence
@@ -103,7 +103,7 @@ def _part(normal: NormalEquations, places: NDArray[np.int64]) -> NormalEquations
     )
 
 
-def _blocks(problem: Problem, by_run: bool) -> list[_CurveBasis]:
+def _blocks(problem: StandProblem, by_run: bool) -> list[_CurveBasis]:
     """Return free curves, each in units of its channel's range."""
     setup = problem.points.setup
     n = setup.speed.size

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tombo_bringup.cli.main import run
-from tombo_flight.report import paper as flown
+from tombo_flight.report import paper_values as flown
 from tombo_propeller.reproduce.claims_page import END, START, with_claims
 from tombo_propeller.reproduce.output import REPRODUCTION_FILES
 from tombo_propeller.reproduce.paper_values import read_paper

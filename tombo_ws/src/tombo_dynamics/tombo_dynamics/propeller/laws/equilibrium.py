@@ -129,8 +129,8 @@ def equilibrium(law: int, p: Parameters, square: float) -> tuple[float, float, f
     is halved.
 
     Returns:
-        alpha, beta, gamma [rad] and OK or TWIST; or NaNs and LOST, where the path turns back or
-        an angle approaches 90 degrees.
+        alpha, beta, gamma [rad] and OK or TWIST_OUT_OF_RANGE; or NaNs and NO_EQUILIBRIUM, where
+        the path turns back or an angle approaches 90 degrees.
     """
     kb = p.flap_compliance * p.joint_radius / p.wing_centroid
     alpha, beta = 0.0, -kb * p.wing_weight

@@ -19,7 +19,7 @@ Whole = NDArray[np.int64]
 
 COLUMNS = 8
 """Columns of a solution: thrust [N], drag [N], torque [N m], alpha, beta, gamma [rad], L/D,
-verdict (OK, TWIST or LOST)."""
+verdict (OK, TWIST_OUT_OF_RANGE or NO_EQUILIBRIUM)."""
 _PUBLISHED = LAWS["published"]
 _OK = OK
 

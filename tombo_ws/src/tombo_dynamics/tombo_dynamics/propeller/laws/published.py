@@ -99,7 +99,7 @@ def published_point(
 
     Returns:
         alpha, beta, gamma [rad], the integrals of thrust, drag [m^4] and torque [m^5] (multiply by
-        rho omega^2), and OK or TWIST.
+        rho omega^2), and OK or TWIST_OUT_OF_RANGE.
     """
     q = p.air_density * square
     pull = p.centrifugal * square

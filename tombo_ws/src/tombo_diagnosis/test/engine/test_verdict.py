@@ -5,24 +5,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from measured_flights import nominal
 
-from tombo_diagnosis.flight.gust_fit import GustFit
-from tombo_diagnosis.flight.model_selection import (
-    LOG_BF_ADDITIONAL,
-    LOG_BF_FIRST,
-    Explanation,
-    Hypothesis,
-    SearchResult,
-)
-from tombo_diagnosis.flight.noise_statistics import NoiseFit
-from tombo_diagnosis.flight.residual_test import ResidualExcess
-from tombo_diagnosis.flight.verdict import (
-    LOG_BF_DISTINCT,
+from tombo_diagnosis.engine.model import Explanation, Hypothesis, SearchResult
+from tombo_diagnosis.engine.model_selection import LOG_BF_ADDITIONAL, LOG_BF_FIRST
+from tombo_diagnosis.engine.verdict import LOG_BF_DISTINCT, RULES, Facts, judge
+from tombo_diagnosis.flight.analyse import (
     MAX_LOG_VARIANCE_EXCESS,
-    judge,
+    FlightRemainder,
     select_noise_fits,
+    weigh_remainder,
 )
+from tombo_diagnosis.flight.gust_fit import GustFit
+from tombo_diagnosis.flight.noise_statistics import NoiseFit
+from tombo_diagnosis.flight.problem import SETTING
+from tombo_diagnosis.flight.residual_test import ResidualExcess, ScaleVariances
 
 STRONG = 200.0 * LOG_BF_FIRST
 PLAIN = 10.0 * LOG_BF_FIRST
@@ -57,17 +53,17 @@ def noise(effect="imu_noise", evidence=STRONG, free=(3,)):
     return NoiseFit(effect, free, (0.02,), (0.001,), evidence)
 
 
+def remainder(rest, noisy=(), gusts=None, residual_r2=0.0, explained=0.0):
+    figures = FlightRemainder(
+        False, 0.0, False, explained=explained, scatter=tuple(noisy), gusts=gusts,
+        residual_excesses=tuple(rest), residual_r2=residual_r2,
+        expected=ScaleVariances((), (), np.zeros((0, 0)), np.zeros((0, 0))),
+    )  # fmt: skip
+    return weigh_remainder(figures, removed=explained, thrust_fitted=False)
+
+
 def judged(found, excess=NO_NOISE, noisy=(), gusts=None, residual_r2=0.0, explained=1.0):
-    return judge(
-        found,
-        noisy,
-        gusts,
-        left(excess),
-        residual_r2,
-        explained,
-        removed=explained,
-        nominal=nominal(),
-    )
+    return judge(SETTING, found, remainder(left(excess), noisy, gusts, residual_r2, explained))
 
 
 def test_nothing_found_and_nothing_left_over_is_none():
@@ -166,7 +162,7 @@ def test_gusts_are_named_when_they_do_not_repeat():
     assert judged(searched(), gusts=blown()).effects == ("gusts",)
 
 
-@pytest.mark.parametrize("gusts,repeats", [(blown(), 0.6), (blown(at_edge=True), 0.0)])
+@pytest.mark.parametrize("gusts,residual_r2", [(blown(), 0.6), (blown(at_edge=True), 0.0)])
 def test_what_repeats_or_has_no_time_of_gusts_is_unknown(gusts, residual_r2):
     said = judged(searched(), gusts=gusts, residual_r2=residual_r2, explained=0.0)
     assert said.verdict == "unknown" and not said.effects
@@ -202,7 +198,7 @@ def test_a_tangent_that_promised_what_the_model_does_not_keep_is_no_cause(tangen
 
 
 def test_nothing_left_over_at_all_is_no_excess():
-    said = judge(searched(), (), None, (), 0.0, 0.0, removed=0.0, nominal=nominal())
+    said = judge(SETTING, searched(), remainder(()))
     assert said.verdict == "none"
 
 
@@ -238,3 +234,31 @@ def test_rivals_of_a_cause_that_did_not_earn_its_place_are_no_set():
     )
     said = judged(found, noisy=[noise()])
     assert said.effects == ("imu_noise",) and not said.members
+
+
+def facts(**told):
+    nothing = Facts((), (), True, False, frozenset(), 0.5, 0.5, 0.5, 0.5)
+    return replace(nothing, **told)
+
+
+@pytest.mark.parametrize(
+    "told,verdict",
+    [
+        ({}, "none"),
+        ({"clean": False}, "unknown"),
+        ({"causes": ("wind",)}, "named"),
+        ({"causes": ("wind",), "clean": False}, "unknown"),
+        ({"causes": ("wind",), "clean": False, "strong": True}, "partly_explained"),
+        ({"causes": ("wind", "gusts"), "imitated": frozenset({"wind"})}, "partly_explained"),
+        ({"causes": ("wind",), "members": ("wind", "tilt")}, "set"),
+        ({"causes": ("drag", "wind"), "members": ("wind", "tilt")}, "named"),
+    ],
+)
+def test_the_first_rule_that_holds_decides(told, verdict):
+    rule = next(rule for rule in RULES if rule.holds(facts(**told)))
+    assert rule.verdict == verdict
+
+
+def test_every_rule_decides_some_case_and_gives_its_own_reason():
+    assert len({rule.reason for rule in RULES}) == len(RULES)
+    assert RULES[-1].holds(facts())

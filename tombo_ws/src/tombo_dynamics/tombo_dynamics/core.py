@@ -1,0 +1,76 @@
+"""What a core is: the pure part of a node. Messages in, messages out, time as an argument.
+
+A core is run by the headless flight, by the node that hosts it and by the replay, which all read
+the same wiring (`tombo_flight.wiring`). Between cores a message of tick k is there at tick k + 1;
+what the simulator's sensors measure at tick k is there at tick k.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+WARN, ERROR = 1, 2
+"""Levels of a fault."""
+
+
+@dataclass
+class CoreHealth:
+    """What a core reports of itself; whoever runs it takes it from here."""
+
+    faults: dict[str, tuple[str, int]] = field(default_factory=dict)
+    """Faults that are there now: key → (text for a person, level)."""
+    events: list[tuple[str, str]] = field(default_factory=list)
+    """What went wrong once since it was last taken: (key, text)."""
+    values: dict[str, Any] = field(default_factory=dict)
+    """Counts and states for the report."""
+
+    def fault(self, key: str, active: bool, text: str = "", level: int = WARN) -> None:
+        """Set or clear a fault; the text of the newest call is shown."""
+        if active:
+            self.faults[key] = (text or key, level)
+        else:
+            self.faults.pop(key, None)
+
+    def report_event(self, key: str, text: str) -> None:
+        """Report something that went wrong once."""
+        self.events.append((key, text))
+
+    def take_events(self) -> list[tuple[str, str]]:
+        """Return the events since the last call."""
+        taken, self.events = self.events, []
+        return taken
+
+
+class Core(ABC):
+    """Takes messages, decides, returns messages. Reads no clock; all times are of one clock."""
+
+    name: ClassVar[str]
+    """Name of its node."""
+    inputs: ClassVar[tuple[str, ...]]
+    """Topics that it takes, in the order in which those of one tick are handed over."""
+    outputs: ClassVar[tuple[str, ...]]
+    """Topics that it publishes."""
+    period_ns: ClassVar[int]
+    """It is stepped at least so often, at whole multiples of the period."""
+    steps_on_messages: ClassVar[bool] = True
+    """True: also stepped in a tick in which a message has come."""
+
+    def __init__(self) -> None:
+        self.health = CoreHealth()
+
+    @abstractmethod
+    def on(self, topic: str, message: Any, now_ns: int) -> None:
+        """Take a message (of `tombo_dynamics.messages`) that is there at `now_ns`."""
+
+    @abstractmethod
+    def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
+        """Go on to `now_ns`; return (topic, message) of all that is to be published, in order."""
+
+    def set_params(self, section: str, params: Any) -> None:  # noqa: B027 - a hook
+        """Take other parameters of a section; the state stays."""
+
+    def set_multiple_publishers(self, topic: str, several: bool) -> None:  # noqa: B027 - a hook
+        """Take note that more than one publisher is on a topic, or no longer."""

@@ -1,0 +1,209 @@
+"""What travels between the cores: one frozen dataclass for each message, and its constants.
+
+The fields are those of the ROS messages (`tombo_msgs` and the standard ones); a test compares the
+constants. Stamps are capture times [ns]. World `map` is ENU, body `base_link` FLU, SI units,
+quaternions xyzw.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Phase(IntEnum):
+    """Phase of the flight, as in `tombo_msgs/MissionStatus`."""
+
+    IDLE = 0
+    TAKEOFF = 1
+    HOVER = 2
+    APPROACH = 3
+    REACT = 4
+    HOLD = 5
+    LAND = 6
+    LANDED = 7
+    DESCEND_BLIND = 8
+
+
+class ReactionPhase(IntEnum):
+    """What the reaction does, as in `tombo_msgs/ReactionStatus`."""
+
+    IDLE = 0
+    REACTING = 1
+    BLIND = 2
+    HOLDING = 3
+
+
+class Trigger(IntEnum):
+    """What detected a collision, as in `tombo_msgs/CollisionEvent`."""
+
+    REGION = 1
+    INNOVATION = 2
+
+
+@dataclass(frozen=True)
+class Pose:
+    """`/mocap/pose`: pose of base_link in map as the motion capture sees it."""
+
+    stamp_ns: int
+    frame_id: str
+    position: Array
+    """(3) [m]."""
+    attitude: Array
+    """(4) xyzw, map from base_link."""
+
+
+@dataclass(frozen=True)
+class Imu:
+    """`/imu/data_raw`."""
+
+    stamp_ns: int
+    gyro: Array
+    """(3) [rad/s], base_link."""
+    accel: Array
+    """(3) specific force [m/s^2], base_link."""
+
+
+@dataclass(frozen=True)
+class Odometry:
+    """`/odometry`: the estimate at the capture of its newest gyro sample."""
+
+    stamp_ns: int
+    position: Array
+    """(3) of base_link in map [m]."""
+    attitude: Array
+    """(4) xyzw, map from base_link."""
+    velocity: Array
+    """(3) [m/s], in base_link as nav_msgs/Odometry has it."""
+    rates: Array
+    """(3) [rad/s], base_link, bias removed."""
+
+
+@dataclass(frozen=True)
+class EstimatorStatus:
+    """`/estimator/status`."""
+
+    stamp_ns: int
+    initialised: bool
+    gyro_bias: Array
+    """(3) [rad/s], base_link."""
+    accel_bias: Array
+    """(3) [m/s^2], base_link."""
+    pose_stamp_ns: int
+    """Capture time of the last pose used."""
+    poses: int
+    rejected: int
+
+
+@dataclass(frozen=True)
+class PositionSetpoint:
+    """`/mission/setpoint` and `/setpoint`: where the vehicle shall be."""
+
+    stamp_ns: int
+    position: Array
+    """(3) of base_link in map [m]."""
+    velocity: Array
+    """(3) in map, fed forward [m/s]."""
+    acceleration: Array
+    """(3) in map, fed forward, without gravity [m/s^2]."""
+    yaw: float
+    """[rad] about map +z, counter-clockwise from east."""
+    phase: int
+    """A `Phase`."""
+
+
+@dataclass(frozen=True)
+class MissionStatus:
+    """`/mission/status`, at each change."""
+
+    stamp_ns: int
+    phase: int
+    """A `Phase`."""
+    text: str
+
+
+@dataclass(frozen=True)
+class CollisionEvent:
+    """`/collision_event`."""
+
+    stamp_ns: int
+    """Capture time of the pose that triggered."""
+    frame_id: str
+    trigger: int
+    """A `Trigger`."""
+    contact_stamp_ns: int
+    """Estimated time of contact."""
+    contact_position: Array
+    """(3) x_c: base_link in map at contact [m]."""
+    flight_direction: Array
+    """(3) unit vector in map along the velocity before contact."""
+    confidence: float
+    """0 a guess, 1 certain."""
+    statistic: float
+    """The trigger's test value."""
+    count: int
+    """Collisions of this flight so far, this one included."""
+
+
+@dataclass(frozen=True)
+class DetectorStatus:
+    """`/detector/status`, for each pose."""
+
+    stamp_ns: int
+    statistic: float
+    threshold: float
+    poses: int
+    rejected: int
+
+
+@dataclass(frozen=True)
+class ReactionStatus:
+    """`/reaction/status`, at each change."""
+
+    stamp_ns: int
+    state: int
+    """A `ReactionPhase`."""
+    x_c: Array
+    """(3) base_link in map at contact [m]; NaN before a collision."""
+    x_r: Array
+    """(3) where to hold [m]; NaN before a collision."""
+    n_r: Array
+    """(3) unit vector in map from x_c to x_r; NaN before a collision."""
+    collisions: int
+
+
+@dataclass(frozen=True)
+class RotorCommand:
+    """`/rotor_command`."""
+
+    stamp_ns: int
+    """Capture time of the gyro sample behind it."""
+    speed: Array
+    """(4) [rad/s]."""
+
+
+@dataclass(frozen=True)
+class AttitudeSetpoint:
+    """`/attitude_setpoint`, of the position loop."""
+
+    stamp_ns: int
+    attitude: Array
+    """(4) xyzw, map from base_link."""
+    thrust: float
+    """Collective [N]."""
+
+
+@dataclass(frozen=True)
+class RatesSetpoint:
+    """`/rates_setpoint`, of the attitude loop."""
+
+    stamp_ns: int
+    rates: Array
+    """(3) [rad/s], base_link."""
+    thrust: float
+    """Collective [N]."""
