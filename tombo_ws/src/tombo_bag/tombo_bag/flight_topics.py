@@ -36,8 +36,7 @@ from tombo_bag.flight_events import EventMessages, event_messages
 from tombo_bag.flight_time import EPOCH_NS, nanoseconds, split_stamps
 from tombo_bag.mcap_sink import Columns, McapSink
 from tombo_bag.qos import EVENT, SENSOR, STATE, Qos
-
-Array = NDArray[np.float64]
+from tombo_dynamics.arrays import Array
 
 FRAME_MAP = "map"
 FRAME_BODY = "base_link"

@@ -9,6 +9,7 @@ from tombo_bag.columns import ColumnTable
 from tombo_control.controller_core import ControllerCore
 from tombo_control.estimate import Estimate, Setpoint
 from tombo_control.params import InputLimits
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotor_maps import rotor_maps
 from tombo_flight.replay.merge_streams import merge_by_arrival
 from tombo_flight.replay.outputs import Series
@@ -16,7 +17,6 @@ from tombo_flight.replay.poses import vectors
 from tombo_flight.scenario import Scenario
 from tombo_sim.propeller_effects import thrust_map_of
 
-Array = NDArray[np.float64]
 Times = NDArray[np.int64]
 _BIASES, _ODOMETRY, _SETPOINT, _GYRO = range(4)
 

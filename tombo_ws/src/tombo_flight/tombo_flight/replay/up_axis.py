@@ -8,11 +8,9 @@ with no tilt to explain it.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
-
-Array = NDArray[np.float64]
 
 _STEP_S = 0.2
 """Poses are averaged over this time, and accelerations taken from three such means."""
