@@ -9,6 +9,8 @@ from tombo_bag.columns import ColumnTable
 from tombo_control.controller_core import ControllerCore
 from tombo_control.estimate import Estimate, Setpoint
 from tombo_control.params import InputLimits
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.rotation import body_to_map
 from tombo_dynamics.rotor_maps import rotor_maps
 from tombo_flight.replay.merge_streams import merge_by_arrival
 from tombo_flight.replay.outputs import Series
@@ -16,7 +18,6 @@ from tombo_flight.replay.poses import vectors
 from tombo_flight.scenario import Scenario
 from tombo_sim.propeller_effects import thrust_map_of
 
-Array = NDArray[np.float64]
 Times = NDArray[np.int64]
 _BIASES, _ODOMETRY, _SETPOINT, _GYRO = range(4)
 
@@ -89,11 +90,3 @@ def _setpoints(table: ColumnTable) -> list[Setpoint]:
             zip(table["yaw"], table["phase"], table["stamp_ns"], strict=True)
         )
     ]
-
-
-def body_to_map(attitude: Array, vectors_: Array) -> Array:
-    """Turn (N, 3) vectors from base_link into map; (N, 4) quaternions xyzw."""
-    axis, w = attitude[:, :3], attitude[:, 3:]
-    twice = 2.0 * np.cross(axis, vectors_)
-    turned: Array = vectors_ + w * twice + np.cross(axis, twice)
-    return turned

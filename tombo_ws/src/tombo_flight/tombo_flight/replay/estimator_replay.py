@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tombo_bag.columns import ColumnTable
-from tombo_bag.flight_topics import map_to_body
 from tombo_control.estimator_core import EstimatorCore
 from tombo_control.params import EstimatorParams
+from tombo_dynamics.rotation import map_to_body
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.replay.merge_streams import merge_by_arrival
 from tombo_flight.replay.outputs import Series

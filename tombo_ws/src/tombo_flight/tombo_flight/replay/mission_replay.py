@@ -11,7 +11,7 @@ from tombo_bag.columns import ColumnTable
 from tombo_control.estimate import Setpoint
 from tombo_control.mission import MissionParams
 from tombo_control.mission_core import MissionCore, MissionLimits
-from tombo_flight.replay.controller_replay import body_to_map
+from tombo_dynamics.rotation import body_to_map
 from tombo_flight.replay.merge_streams import merge_by_arrival
 from tombo_flight.replay.outputs import Series
 from tombo_flight.replay.poses import vectors

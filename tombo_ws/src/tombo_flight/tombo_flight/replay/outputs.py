@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from tombo_bag.columns import ColumnTable
 from tombo_bag.recording import Recording
+from tombo_dynamics.arrays import Array
 from tombo_flight.replay.poses import vectors
 
-Array = NDArray[np.float64]
 Times = NDArray[np.int64]
 
 TRIGGER_NAMES = {1: "region", 2: "innovation"}
