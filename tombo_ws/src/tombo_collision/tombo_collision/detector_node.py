@@ -49,7 +49,7 @@ class DetectorNode(LoopNode):
 
     def on_parameters_changed(self, name: str) -> None:
         """Take new parameters in flight."""
-        self._core.set_params(self.records["detector"])
+        self._core.set_params(name, self.records["detector"])
 
     def step(self, now_ns: int) -> None:
         """Take poses."""

@@ -56,7 +56,10 @@ class Core(ABC):
     period_ns: ClassVar[int]
     """It is stepped at least so often, at whole multiples of the period."""
     steps_on_messages: ClassVar[bool] = True
-    """True: also stepped in a tick in which a message has come."""
+    """True: also stepped in a tick in which a message has come; False: messages wait for the next
+    multiple of the period, and are handed over just before that step."""
+    clock_slack_ns: int = 0
+    """How far the present may be ahead of `now_ns`: a /clock that is published now and then."""
 
     def __init__(self) -> None:
         self.health = CoreHealth()
