@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from tombo_collision.detector_core import DetectorCore
-from tombo_collision.reactions import REACTIONS, reaction_core
+from tombo_collision.reaction_core import ReactionCore
 from tombo_control.controller_core import ControllerCore
 from tombo_control.estimator_core import EstimatorCore
 from tombo_control.mission_core import MissionCore
@@ -25,7 +25,7 @@ COMMAND = "/rotor_command"
 
 def wiring(scenario: Scenario) -> tuple[type[Core], ...]:
     """Return the cores of a flight, in the order in which they are listed everywhere."""
-    return (EstimatorCore, DetectorCore, reaction_core(scenario), MissionCore, ControllerCore)
+    return (EstimatorCore, DetectorCore, ReactionCore, MissionCore, ControllerCore)
 
 
 PX4_TAKES = ("estimator", "controller")
