@@ -33,13 +33,16 @@ Parameters = dict[str, dict[str, Any]]
 """Node → its parameters, nested."""
 
 
-def suite_parameters(scenario: Scenario, seed: int, *, speed: float = 1.0) -> Parameters:
+def suite_parameters(
+    scenario: Scenario, seed: int, *, speed: float = 1.0, lockstep: bool = False
+) -> Parameters:
     """Return the parameters of every node of the suite.
 
     Args:
         scenario: what to fly; effects that follow from its propeller are filled in.
         seed: of the simulator's chance.
         speed: of simulated time against real time; other than 1, `sim` drives `/clock`.
+        lockstep: all nodes run the ticks of the headless flight, as fast as they can.
     """
     values = as_mapping(scenario)
     values["mission"]["course"] = as_text(values["mission"]["course"])
@@ -50,10 +53,15 @@ def suite_parameters(scenario: Scenario, seed: int, *, speed: float = 1.0) -> Pa
     }
     table["sim"] |= {"seed": seed, "mocap_rate": scenario.estimator.mocap_rate}
     table["reaction"] |= {"react": scenario.react}
-    if speed != 1.0:
+    if speed != 1.0 or lockstep:
         for parameters in table.values():
             parameters["use_sim_time"] = True
         table["sim"]["speed"] = float(speed)
+    if lockstep:
+        for parameters in table.values():
+            parameters["lockstep"] = True
+        table["sim"]["duration"] = scenario.duration
+        table["sim"]["lockstep_nodes"] = [name for name in table if name != "sim"]
     return table
 
 
