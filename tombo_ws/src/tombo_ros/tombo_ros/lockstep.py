@@ -264,7 +264,7 @@ class LockstepMaster:
             now_ns: time of the tick.
             sensed: topic → messages that the simulator has published, those of this tick included.
             idle: called ten times a second while it waits.
-            last: all nodes are due.
+            last: the flight is over: only those that publish nothing take what is left.
 
         Raises:
             LockstepError: a node does not answer.
@@ -273,8 +273,9 @@ class LockstepMaster:
         due: dict[str, _Member] = {}
         for member in self._members:
             wanted = tuple(counts.get(topic, 0) for topic in member.inputs)
-            messages = member.steps_on_messages and wanted != member.given
-            if messages or last or now_ns % member.period_ns == 0:
+            due_now = now_ns % member.period_ns == 0
+            due_now |= member.steps_on_messages and wanted != member.given
+            if not member.outputs if last else due_now:
                 member.given = wanted
                 member.tick.publish(member.ticks.encode(now_ns, wanted))
                 due[member.name] = member
