@@ -10,7 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,7 +79,7 @@ class DetectorCore(Core):
     inputs = ("/mocap/pose",)
     outputs = ("/collision_event", "/detector/status")
     period_ns = 20_000_000
-    sections = {"detector": DetectorParams}
+    sections: ClassVar[Mapping[str, type]] = {"detector": DetectorParams}
 
     @classmethod
     def make(cls, records: Mapping[str, Any]) -> DetectorCore:

@@ -10,7 +10,7 @@ import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,8 +122,10 @@ class ReactionCore(Core):
     )
     outputs = ("/setpoint", "/reaction/status")
     period_ns = 5_000_000
-    sections = {"reaction": ReactionParams, "inputs": ReactionLimits}
-    options = {"react": (True, "false: collisions are seen, and nothing is done about them")}
+    sections: ClassVar[Mapping[str, type]] = {"reaction": ReactionParams, "inputs": ReactionLimits}
+    options: ClassVar[Mapping[str, tuple[Any, str]]] = {
+        "react": (True, "false: collisions are seen, and nothing is done about them")
+    }
 
     @classmethod
     def make(cls, records: Mapping[str, Any]) -> ReactionCore:

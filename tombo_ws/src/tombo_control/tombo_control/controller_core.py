@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -73,7 +73,7 @@ class ControllerCore(Core):
     inputs = ("/odometry", "/estimator/status", "/setpoint", "/imu/data_raw")
     outputs = ("/rotor_command", "/rates_setpoint", "/attitude_setpoint")
     period_ns = 1_000_000
-    sections = {
+    sections: ClassVar[Mapping[str, type]] = {
         "control": ControlParams,
         "inputs": InputLimits,
         "vehicle": VehicleParams,

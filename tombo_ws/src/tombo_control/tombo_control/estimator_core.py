@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -56,7 +56,10 @@ class EstimatorCore(Core):
     inputs = ("/mission/status", "/mocap/pose", "/imu/data_raw")
     outputs = ("/odometry", "/estimator/status")
     period_ns = 4_000_000
-    sections = {"estimator": EstimatorParams, "vehicle": VehicleParams}
+    sections: ClassVar[Mapping[str, type]] = {
+        "estimator": EstimatorParams,
+        "vehicle": VehicleParams,
+    }
 
     @classmethod
     def make(cls, records: Mapping[str, Any]) -> EstimatorCore:

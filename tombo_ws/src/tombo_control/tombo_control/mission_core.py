@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,8 +118,10 @@ class MissionCore(Core):
     outputs = ("/mission/setpoint", "/mission/status")
     period_ns = 20_000_000
     steps_on_messages = False
-    sections = {"mission": MissionParams, "inputs": MissionLimits}
-    options = {"auto_start": (True, "false: wait on the ground until it is set to true")}
+    sections: ClassVar[Mapping[str, type]] = {"mission": MissionParams, "inputs": MissionLimits}
+    options: ClassVar[Mapping[str, tuple[Any, str]]] = {
+        "auto_start": (True, "false: wait on the ground until it is set to true")
+    }
 
     @classmethod
     def make(cls, records: Mapping[str, Any]) -> MissionCore:

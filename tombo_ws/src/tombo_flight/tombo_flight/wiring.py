@@ -6,7 +6,6 @@ flight, the nodes, the replay and `run_wiring` all read this.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 from tombo_collision.detector_core import DetectorCore

@@ -99,6 +99,7 @@ class CoreNode(LoopNode):
         """Hand a section or an option to the core."""
         value = self.records[name] if name in self.records else self.parameters.get(name)
         self.core.set_params(name, value)
+        self._take_over_faults()
 
     def on_published(self, topic: str, message: Any) -> None:
         """Take note of what the core has published: a hook."""
@@ -175,6 +176,9 @@ class CoreNode(LoopNode):
             publisher, codec = self._outputs[topic]
             publisher.publish(codec.encode(message))
             self.on_published(topic, message)
+        self._take_over_faults()
+
+    def _take_over_faults(self) -> None:
         health = self.core.health
         faults = health.faults
         if faults or self._shown_faults:

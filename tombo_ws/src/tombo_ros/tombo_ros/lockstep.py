@@ -1,10 +1,10 @@
 """Lockstep: nodes on a simulated clock run exactly the schedule of the headless flight.
 
-In each tick of 1 ms the simulator publishes what it senses and tells each node that is due how many
-messages it shall have on each input, counted since the start. The node waits until they are there,
-takes exactly these, steps, publishes, and answers with how many it has published. The simulator
-goes on when all have answered. Topics are reliable and keep what a late subscriber has not seen, so
-no message is lost; who waits in vain says for what, and ends.
+In each tick of 1 ms the simulator publishes what it senses and tells each node that is due how
+many messages it shall have on each input, counted since the start. The node waits until they are
+there, takes exactly these, steps, publishes, and answers with how many it has published. The
+simulator goes on when all have answered. Topics are reliable and keep what a late subscriber has
+not seen, so no message is lost; who waits in vain says for what, and ends.
 """
 
 from __future__ import annotations
@@ -256,7 +256,12 @@ class LockstepMaster:
         )
 
     def run_tick(
-        self, now_ns: int, sensed: Mapping[str, int], idle: Callable[[], None], *, last: bool = False
+        self,
+        now_ns: int,
+        sensed: Mapping[str, int],
+        idle: Callable[[], None],
+        *,
+        last: bool = False,
     ) -> None:
         """Let all nodes that are due run a tick, and wait for their answers.
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from tombo_bag.flight_time import EPOCH_NS
 from tombo_bag.message_codec import MessageCodec
+from tombo_bag.message_template import MessageTemplate
 from tombo_bag.topics import BATTERY, CLOCK, IMU, MISSION_STATUS, ROTOR_COMMAND, TopicSpec
 from tombo_control.autopilot import IDLE
 from tombo_dynamics.plant import P
@@ -23,7 +24,6 @@ from tombo_ros.conversion import to_time
 from tombo_ros.health import ERROR
 from tombo_ros.lockstep import START_PATIENCE_S, LockstepError, LockstepMaster, take_until
 from tombo_ros.loop_statistics import LatenessHistogram
-from tombo_bag.message_template import MessageTemplate
 from tombo_ros.node_loop import run
 from tombo_ros.topic import PolledSubscription
 from tombo_sim.failsafe import Failsafe

@@ -15,7 +15,6 @@ from tombo_bag.recording import Recording
 from tombo_control.autopilot import IDLE
 from tombo_dynamics.errors import InputError
 from tombo_flight.flight import as_flown
-from tombo_sim.flight_end import FlightEndDetector
 from tombo_flight.flight_from_bag import RECORD, flight_from_bag
 from tombo_flight.flight_output import (
     FlightResult,
@@ -34,6 +33,7 @@ from tombo_flight.suite.px4_flight import BridgeMonitor, px4_metrics
 from tombo_flight.suite.running import LOGS, RunningSuite, SuiteConfig
 from tombo_flight.suite.supervisor import ProcessExit
 from tombo_px4.bridge.bridge_params import POSITION
+from tombo_sim.flight_end import FlightEndDetector
 from tombo_sim.flight_setup import begin
 
 if TYPE_CHECKING:

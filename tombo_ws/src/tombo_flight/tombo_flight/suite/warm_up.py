@@ -22,7 +22,9 @@ def warm_up_nodes(scenario: Scenario) -> int:
         InputError: as `Simulator`.
     """
     topics: list[str] = []
-    run_wiring(replace(scenario, duration=_SECONDS), 0, lambda topic, message: topics.append(topic))
+    run_wiring(
+        replace(scenario, duration=_SECONDS), 0, lambda topic, message: topics.append(topic)
+    )
     simulator = Simulator(world_of(scenario), 0)
     failsafe = Failsafe(simulator, scenario.vehicle)
     failsafe.engage(0)
