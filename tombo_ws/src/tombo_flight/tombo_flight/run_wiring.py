@@ -17,7 +17,7 @@ from tombo_bag.flight_time import EPOCH_NS
 from tombo_dynamics.core import Core
 from tombo_dynamics.messages import Array, Imu, Phase, Pose, RotorCommand
 from tombo_flight.scenario import Scenario, world_of
-from tombo_flight.wiring import records_of, wiring
+from tombo_flight.wiring import CORES, core_of
 from tombo_sim.flight_end import FlightEndDetector
 from tombo_sim.simulator import TICK_NS, Simulator
 
@@ -110,14 +110,8 @@ def run_wiring(scenario: Scenario, seed: int, record: Record) -> int:
     Raises:
         InputError: as `Simulator`.
     """
-    cores = []
-    for kind in wiring(scenario):
-        core = kind.make(records_of(kind, scenario))
-        if "react" in kind.options:
-            core.set_params("react", scenario.react)
-        cores.append(core)
     return run_cores(
-        cores,
+        [core_of(kind, scenario) for kind in CORES],
         Simulator(world_of(scenario), seed),
         round(scenario.duration * 1e9 / TICK_NS),
         FlightEndDetector(scenario.vehicle.leg_height),

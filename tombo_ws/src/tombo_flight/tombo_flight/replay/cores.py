@@ -22,7 +22,7 @@ from tombo_flight.replay.outputs import EVENTS, SERIES, Event, Outputs, series_o
 from tombo_flight.replay.plan import NODES
 from tombo_flight.replay.poses import PoseTrack
 from tombo_flight.scenario import Scenario
-from tombo_flight.wiring import records_of
+from tombo_flight.wiring import core_of
 
 Times = NDArray[np.int64]
 Stream = tuple[Times, Sequence[Any]]
@@ -81,7 +81,7 @@ def through_cores(inputs: Inputs, recorded: Outputs) -> tuple[Outputs, dict[str,
     for node in inputs.nodes:
         began = time.perf_counter()
         plan = NODES[node]
-        core = plan.core.make(records_of(plan.core, inputs.scenario))
+        core = core_of(plan.core, inputs.scenario)
         streams = {topic: _stream(inputs, topic) for topic in core.inputs}
         published, refused = replay_core(core, streams, _steps(core, inputs, streams))
         for name in plan.compared_outputs:
@@ -149,8 +149,7 @@ def _stream(inputs: Inputs, topic: str) -> Stream:
         inputs.findings.append(
             f"reaction: no {COLLISION_EVENT.name} in the bag; it gets the replayed detector's"
         )
-        kind = NODES["detector"].core
-        detector = kind.make(records_of(kind, inputs.scenario))
+        detector = core_of(NODES["detector"].core, inputs.scenario)
         poses = {MOCAP_POSE.name: inputs.stream(MOCAP_POSE.name)}
         published, _ = replay_core(detector, poses, np.zeros(0, np.int64))
         events = [(now, message) for now, name, message in published if name == topic]

@@ -9,22 +9,20 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any, Final
 
 from tombo_dynamics.params import as_text
 from tombo_flight.scenario import Scenario, as_mapping, load_scenario
+from tombo_flight.wiring import CORES, records_of
 from tombo_sim.propeller_effects import propulsion_effects
 
 SECTIONS: Final[dict[str, tuple[str, ...]]] = {
     "sim": ("vehicle", "propeller", "obstacle", "spread", "effects"),
-    "estimator": ("estimator", "vehicle"),
-    "detector": ("detector",),
-    "reaction": ("reaction",),
-    "mission": ("mission",),
-    "controller": ("control", "vehicle", "propeller"),
+    **{core.name: tuple(core.sections) for core in CORES},
     "recorder": (),
 }
-"""Node → the sections of the scenario that it has as parameters."""
+"""Node → the sections that it has as parameters."""
 
 _ANYWHERE = "/**/"
 """In every namespace, and in none."""
@@ -48,8 +46,15 @@ def suite_parameters(
     values["mission"]["course"] = as_text(values["mission"]["course"])
     values["effects"] = propulsion_effects(scenario.propeller, scenario.effects)
     table: Parameters = {
-        node: {section: values[section] for section in sections}
-        for node, sections in SECTIONS.items()
+        "sim": {section: values[section] for section in SECTIONS["sim"]},
+        **{
+            core.name: {
+                section: values[section] if section in values else asdict(record)
+                for section, record in records_of(core, scenario).items()
+            }
+            for core in CORES
+        },
+        "recorder": {},
     }
     table["sim"] |= {"seed": seed, "mocap_rate": scenario.estimator.mocap_rate}
     table["reaction"] |= {"react": scenario.react}
