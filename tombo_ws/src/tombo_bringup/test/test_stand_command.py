@@ -17,8 +17,9 @@ from tombo_bringup.cli.diagnosis.benchmark_stand_command import (
     benchmark_stand as benchmark_command,
 )
 from tombo_bringup.cli.propeller.propeller_command import app
-from tombo_diagnosis.benchmark.stand_cases import SIZES, make_case
-from tombo_diagnosis.benchmark.stand_run import benchmark
+from tombo_diagnosis.benchmark.cases import SIZES
+from tombo_diagnosis.benchmark.stand_cases import make_case
+from tombo_diagnosis.benchmark.stand_evaluation import benchmark
 from tombo_diagnosis.benchmark.unmodelled_effects import UNMODELLED_EFFECTS
 from tombo_diagnosis.diagnosis import VERDICTS
 from tombo_diagnosis.stand.analyse import analyse

@@ -134,18 +134,20 @@ def test_a_clock_set_back_at_once_does_not_deafen_it():
 def test_new_parameters_hold_from_the_next_pose_on():
     look = DetectorCore(DetectorParams())
     feed(look, end=100)
-    look.set_params(DetectorParams(trigger="none"))
+    look.set_params("detector", DetectorParams(trigger="none"))
     assert not any(s.event for s in feed(look, begin=100))
     look = DetectorCore(DetectorParams(trigger="none"))
     feed(look, end=80)
-    look.set_params(DetectorParams())
+    look.set_params("detector", DetectorParams())
     assert sum(s.event is not None for s in feed(look, begin=80)) == 1
 
 
 def test_new_noise_holds_from_the_next_pose_on():
     look = DetectorCore(DetectorParams(trigger="none"))
     feed(look, end=60)
-    look.set_params(DetectorParams(trigger="none", position_noise=0.01, rate_noise=1.2))
+    look.set_params(
+        "detector", DetectorParams(trigger="none", position_noise=0.01, rate_noise=1.2)
+    )
     calm = [s.statistic for s in feed(look, begin=60, end=80)]
     assert np.mean(calm) < 0.3 * STATISTIC[60:80].mean()
 

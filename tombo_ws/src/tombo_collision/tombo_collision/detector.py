@@ -15,12 +15,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
-from numpy.typing import NDArray
 
 from tombo_collision.params import DetectorParams
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 
-Array = NDArray[np.float64]
 Model = tuple[Array, Array, Array, Array]
 
 NOT_FINITE, OUT_OF_ORDER, JUMP = "not_finite", "out_of_order", "jump"

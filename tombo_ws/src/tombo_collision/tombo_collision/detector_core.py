@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,9 @@ from tombo_collision.detector import (
     CollisionEvent,
 )
 from tombo_collision.params import DetectorParams
+from tombo_dynamics.core import Core
+from tombo_dynamics.messages import CollisionEvent as CollisionMessage
+from tombo_dynamics.messages import DetectorStatus, Pose, Trigger
 
 Array = NDArray[np.float64]
 
@@ -37,6 +41,21 @@ _MAX_AGE_NS = 500_000_000
 """An older pose says nothing about the vehicle any more."""
 _NORM = 0.1
 """A quaternion's norm may be off by this: what is further off was never an attitude."""
+_SILENT_NS = 120_000_000
+"""Three samples at 30 Hz and a half."""
+_LATE_NS = 100_000_000
+"""An older pose is used, but a collision is known late."""
+_REFUSALS = {
+    WRONG_FRAME: "a pose whose frame is not map",
+    NOT_FINITE: "a pose with NaN or infinity",
+    NOT_UNIT: "a pose whose quaternion is no rotation",
+    FUTURE: "a pose stamped in the future",
+    OUT_OF_ORDER: "a pose not newer than the one before",
+    LATE: "a pose more than half a second old",
+    JUMP: "a pose where no strike could have put the vehicle: markers mixed up?",
+    TWO_PUBLISHERS: "two nodes publish poses: nobody can tell which is true",
+}
+_TRIGGERS = {"region": Trigger.REGION, "innovation": Trigger.INNOVATION}
 
 
 @dataclass(frozen=True)
@@ -53,20 +72,77 @@ class DetectorOutput:
     """Estimated time of contact of the event."""
 
 
-class DetectorCore:
+class DetectorCore(Core):
     """Checks poses and hands the good ones to a `CollisionDetector`."""
 
+    name = "detector"
+    inputs = ("/mocap/pose",)
+    outputs = ("/collision_event", "/detector/status")
+    period_ns = 20_000_000
+    sections: ClassVar[Mapping[str, type]] = {"detector": DetectorParams}
+
+    @classmethod
+    def make(cls, records: Mapping[str, Any]) -> DetectorCore:
+        """Return a new detector."""
+        return cls(records["detector"])
+
     def __init__(self, params: DetectorParams) -> None:
+        super().__init__()
+        self._params = params
         self._detector = CollisionDetector(params)
+        self._outputs: list[tuple[str, Any]] = []
+        self._pose_ns: int | None = None
+        self._several = False
         self._origin: int | None = None
         self._last = 0
         self._used = 0
         self.refused: Counter[str] = Counter()
         """How many poses were refused, by reason."""
 
-    def set_params(self, params: DetectorParams) -> None:
+    def on(self, topic: str, message: Pose, now_ns: int) -> None:
+        """Take a pose."""
+        stamp_ns = message.stamp_ns
+        if self._several:
+            output = self.refuse(TWO_PUBLISHERS)
+        else:
+            output = self.pose(
+                stamp_ns,
+                now_ns + self.clock_slack_ns,
+                message.frame_id,
+                message.position,
+                message.attitude,
+            )
+        self._pose_ns = now_ns
+        if output.event is not None:
+            self.health.values["collisions"] = output.event.count
+            self._outputs.append(("/collision_event", _message(output, stamp_ns)))
+        threshold = self._params.threshold
+        status = DetectorStatus(stamp_ns, output.statistic, threshold, self.poses, self.rejected)
+        self._outputs.append(("/detector/status", status))
+        self.health.values["poses"] = self.poses
+        if output.refused:
+            self.health.values[f"refused.{output.refused}"] = self.refused[output.refused]
+            self.health.report_event(f"pose_{output.refused}", _REFUSALS[output.refused])
+        elif now_ns - stamp_ns > _LATE_NS:
+            self.health.report_event(
+                "mocap_late", "poses come more than 0.1 s after their capture"
+            )
+
+    def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
+        """Return what the poses since the last step gave."""
+        silent = self._pose_ns is not None and now_ns - self._pose_ns > _SILENT_NS
+        self.health.fault("mocap_silent", silent, "no mocap poses: no collision can be seen")
+        outputs, self._outputs = self._outputs, []
+        return outputs
+
+    def set_params(self, section: str, params: DetectorParams) -> None:
         """Go on with other parameters; what was seen so far stays."""
+        self._params = params
         self._detector.set_params(params)
+
+    def set_multiple_publishers(self, topic: str, several: bool) -> None:
+        """Refuse poses of several publishers: nobody can tell which is true."""
+        self._several = several
 
     @property
     def poses(self) -> int:
@@ -130,3 +206,19 @@ class DetectorCore:
         """Count a pose as refused; called from outside for what a pose alone does not show."""
         self.refused[reason] += 1
         return DetectorOutput(None, 0.0, reason)
+
+
+def _message(output: DetectorOutput, stamp_ns: int) -> CollisionMessage:
+    event = output.event
+    assert event is not None
+    return CollisionMessage(
+        stamp_ns,
+        FRAME,
+        _TRIGGERS[event.trigger],
+        output.contact_ns,
+        event.x_c,
+        event.flight_direction,
+        event.confidence,
+        event.statistic,
+        event.count,
+    )

@@ -6,12 +6,10 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_collision.detector import CollisionEvent
 from tombo_collision.params import ReactionParams
-
-Array = NDArray[np.float64]
+from tombo_dynamics.arrays import Array
 
 IDLE, REACTING, BLIND = "idle", "reacting", "blind"
 _VERTICAL = 0.2

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +20,16 @@ from tombo_collision.params import ReactionLimits, ReactionParams
 from tombo_collision.reaction import IDLE as REACTION_IDLE
 from tombo_collision.reaction import REACTING as REACTION_ACTIVE
 from tombo_collision.reaction import ReactionState, react
+from tombo_dynamics.core import ERROR, Core
+from tombo_dynamics.messages import CollisionEvent as CollisionMessage
+from tombo_dynamics.messages import (
+    DetectorStatus,
+    Odometry,
+    Pose,
+    PositionSetpoint,
+    ReactionStatus,
+    Trigger,
+)
 
 Array = NDArray[np.float64]
 
@@ -33,6 +45,23 @@ TWO_PUBLISHERS = "two_publishers"
 NOT_FINITE, NOT_UNIT, STALE, FUTURE = "not_finite", "not_unit", "stale", "future"
 DUPLICATE, CONTACT_TOO_FAR, NOT_FLYING = "duplicate", "elsewhere", "not_flying"
 """Why an event is refused."""
+_HOLDS = {
+    DETECTOR_SILENT: "no word of the detector though poses come: holding",
+    MISSION_SILENT: "no set points of the mission: holding",
+    TWO_PUBLISHERS: "two nodes publish what only one may: holding",
+}
+_EVENT_REFUSALS = {
+    NOT_FINITE: "a collision with NaN or infinity",
+    NOT_UNIT: "a collision whose flight direction is no unit vector",
+    STALE: "a collision of long ago",
+    FUTURE: "a collision stamped in the future",
+    CONTACT_TOO_FAR: "a collision far from the vehicle",
+    NOT_FLYING: "a collision while not flying",
+    "wrong_frame": "a collision whose frame is not map",
+}
+_EXCLUSIVE = ("/mission/setpoint", "/collision_event", "/detector/status")
+"""Topics that only one may publish."""
+_NOWHERE = np.full(3, np.nan)
 
 _ON_GROUND = (PHASE_IDLE, LANDED)
 _PLANNED = (PHASE_IDLE, TAKEOFF, HOVER, APPROACH)
@@ -76,19 +105,153 @@ class Status:
     """While HOLDING: one of the reasons above."""
 
 
-class ReactionCore:
+class ReactionCore(Core):
     """Takes what arrives, in any order; `tick` says what to publish now.
 
     All times are of one clock, `now_ns`. A clock set back by more than a second begins a new
     flight.
     """
 
-    def __init__(self, params: ReactionParams, limits: ReactionLimits) -> None:
+    name = "reaction"
+    inputs = (
+        "/mocap/pose",
+        "/detector/status",
+        "/odometry",
+        "/mission/setpoint",
+        "/collision_event",
+    )
+    outputs = ("/setpoint", "/reaction/status")
+    period_ns = 5_000_000
+    sections: ClassVar[Mapping[str, type]] = {"reaction": ReactionParams, "inputs": ReactionLimits}
+    options: ClassVar[Mapping[str, tuple[Any, str]]] = {
+        "react": (True, "false: collisions are seen, and nothing is done about them")
+    }
+
+    @classmethod
+    def make(cls, records: Mapping[str, Any]) -> ReactionCore:
+        """Return a new reaction."""
+        return cls(records["reaction"], records["inputs"])
+
+    def __init__(self, params: ReactionParams, limits: ReactionLimits, react: bool = True) -> None:
+        super().__init__()
         self.params = params
         self.limits = limits
+        self._react = react
+        """False: collisions are seen, and nothing is done about them."""
+        self._several: set[str] = set()
+        self._refused = 0
+        self._published_status: Status | None = None
         self._reset()
         self.status = Status(reaction=self._reaction)
         """Another object whenever something has changed."""
+
+    def on(
+        self,
+        topic: str,
+        message: Pose | DetectorStatus | Odometry | PositionSetpoint | CollisionMessage,
+        now_ns: int,
+    ) -> None:
+        """Take a set point of the mission, a collision, an estimate, or a sign of life."""
+        if isinstance(message, Pose):
+            self.mocap(now_ns)
+        elif isinstance(message, DetectorStatus):
+            self.detector(now_ns)
+        elif isinstance(message, Odometry):
+            if not self.odometry(message.position, now_ns):
+                self._refuse("odometry_not_finite", "odometry with NaN or infinity")
+        elif isinstance(message, PositionSetpoint):
+            setpoint = Setpoint(
+                message.position,
+                message.velocity,
+                message.acceleration,
+                message.yaw,
+                message.phase,
+            )
+            if not self.mission(setpoint, now_ns):
+                text = "a set point with NaN, infinity or an unknown phase: the last one stands"
+                self._refuse("mission_not_finite", text)
+        elif self._react:
+            self._take_event(message, now_ns)
+
+    def _take_event(self, message: CollisionMessage, now_ns: int) -> None:
+        if message.frame_id.lstrip("/") != "map":
+            why = "wrong_frame"
+        else:
+            event = CollisionEvent(
+                1e-9 * message.stamp_ns,
+                Trigger(message.trigger).name.lower() if message.trigger in (1, 2) else "unknown",
+                1e-9 * message.contact_stamp_ns,
+                message.contact_position,
+                message.flight_direction,
+                message.confidence,
+                message.statistic,
+                message.count,
+            )
+            why = self.event(event, message.stamp_ns, now_ns)
+        if why and why != DUPLICATE:
+            self._refuse(f"event_{why}", _EVENT_REFUSALS[why])
+
+    def _refuse(self, key: str, text: str) -> None:
+        self._refused += 1
+        self.health.values["refused"] = self._refused
+        self.health.report_event(key, text)
+
+    def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
+        """Decide; return the set point and the status, each when there is a new one."""
+        outputs: list[tuple[str, Any]] = []
+        setpoint = self.tick(now_ns)
+        if setpoint is not None:
+            outputs.append(
+                (
+                    "/setpoint",
+                    PositionSetpoint(
+                        now_ns,
+                        setpoint.position,
+                        setpoint.velocity,
+                        setpoint.acceleration,
+                        setpoint.yaw,
+                        setpoint.phase,
+                    ),
+                )
+            )
+        status = self.status
+        if status is not self._published_status:
+            self._published_status = status
+            done = status.reaction
+            decided = done.state != REACTION_IDLE
+            outputs.append(
+                (
+                    "/reaction/status",
+                    ReactionStatus(
+                        now_ns,
+                        status.state,
+                        done.x_c if decided else _NOWHERE,
+                        done.x_r if decided else _NOWHERE,
+                        done.n_r if decided else _NOWHERE,
+                        done.collisions,
+                    ),
+                )
+            )
+            self.health.values["collisions"] = done.collisions
+            for why, text in _HOLDS.items():
+                self.health.fault(why, status.state == HOLDING and status.why == why, text, ERROR)
+            blind = status.state == BLIND
+            self.health.fault("blind", blind, "pose or estimate is too old", ERROR)
+        return outputs
+
+    def set_params(self, section: str, params: Any) -> None:
+        """Take other parameters ("reaction"), limits ("inputs") or "react"; a decision stays."""
+        if section == "reaction":
+            self.params = params
+        elif section == "inputs":
+            self.limits = params
+        else:
+            self._react = bool(params)
+
+    def set_multiple_publishers(self, topic: str, several: bool) -> None:
+        """Hold while two publish what only one may."""
+        (self._several.add if several else self._several.discard)(topic)
+        self.multiple_publishers(any(each in self._several for each in _EXCLUSIVE))
 
     def _reset(self) -> None:
         self._reaction = ReactionState()

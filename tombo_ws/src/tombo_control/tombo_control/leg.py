@@ -6,11 +6,10 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_control.trapezoidal_profile import trapezoidal_profile
+from tombo_dynamics.arrays import Array
 
-Array = NDArray[np.float64]
 Point = tuple[float, float, float]
 
 ACCELERATION = 0.8

@@ -8,9 +8,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tombo_control.autopilot import (
     APPROACH,
     HOLD,
@@ -30,9 +27,8 @@ from tombo_control.course import (
     resolved_waypoints,
 )
 from tombo_control.leg import Leg, Point, hold_leg, straight_leg
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.params import param, structure
-
-Array = NDArray[np.float64]
 
 _ARRIVED = 0.08
 _STILL = 0.15

@@ -7,18 +7,32 @@ turns its legs into set points.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tombo_control import mission as plan
-from tombo_control.autopilot import APPROACH, HOLD, HOVER, IDLE, LAND, LANDED, REACT, TAKEOFF
+from tombo_control.autopilot import (
+    APPROACH,
+    HOLD,
+    HOVER,
+    IDLE,
+    LAND,
+    LANDED,
+    PHASE_NAMES,
+    REACT,
+    TAKEOFF,
+)
 from tombo_control.estimate import Setpoint
 from tombo_control.mission import MissionParams, MissionState
 from tombo_control.trapezoidal_profile import trapezoidal_profile
+from tombo_dynamics.core import Core
+from tombo_dynamics.messages import MissionStatus, Odometry, PositionSetpoint, ReactionStatus
 from tombo_dynamics.params import param
+from tombo_dynamics.rotation import rotate_vectors
 
 Array = NDArray[np.float64]
 
@@ -27,6 +41,13 @@ REACTION_IDLE, REACTING, REACTION_BLIND, REACTION_HOLDING = range(4)
 NO_ESTIMATE, TWO_ESTIMATES = "estimate_silent", "two_estimators"
 REACTION_HOLDS, BLIND, REACTION_SILENT = "reaction_holds", "blind", "reaction_silent"
 """Why the plan waits."""
+_WAITS = {
+    NO_ESTIMATE: "no estimates: the plan stands still",
+    TWO_ESTIMATES: "two nodes publish odometry: the plan stands still",
+    REACTION_HOLDS: "the reaction holds: the plan waits",
+    BLIND: "the reaction sees stale poses: the plan waits",
+    REACTION_SILENT: "no word of the reaction: the plan waits",
+}
 
 _PLANNED = (IDLE, TAKEOFF, HOVER, APPROACH)
 _MOVING = (TAKEOFF, HOVER, APPROACH)
@@ -85,14 +106,31 @@ class MissionLimits:
     )
 
 
-class MissionCore:
+class MissionCore(Core):
     """Keeps the plan's clock and state; `tick` gives the set point.
 
     All times are of one clock, `now_ns`. A clock set back by more than a second begins a new
     flight.
     """
 
+    name = "mission"
+    inputs = ("/odometry", "/reaction/status", "/setpoint")
+    outputs = ("/mission/setpoint", "/mission/status")
+    period_ns = 20_000_000
+    steps_on_messages = False
+    sections: ClassVar[Mapping[str, type]] = {"mission": MissionParams, "inputs": MissionLimits}
+    options: ClassVar[Mapping[str, tuple[Any, str]]] = {
+        "auto_start": (True, "false: wait on the ground until it is set to true")
+    }
+
+    @classmethod
+    def make(cls, records: Mapping[str, Any]) -> MissionCore:
+        """Return a new mission."""
+        return cls(records["mission"], records["inputs"])
+
     def __init__(self, params: MissionParams, limits: MissionLimits, started: bool = True) -> None:
+        super().__init__()
+        self._published_state: tuple[int, str] | None = None
         self.params = params
         self.limits = limits
         self.started = started
@@ -100,6 +138,66 @@ class MissionCore:
         self.wait_reason = ""
         """Why the plan waits; empty while it goes on."""
         self._reset()
+
+    def on(
+        self, topic: str, message: Odometry | ReactionStatus | PositionSetpoint, now_ns: int
+    ) -> None:
+        """Take an estimate, the reaction's status, or its set point as a sign of life."""
+        if isinstance(message, Odometry):
+            velocity = rotate_vectors(message.attitude, message.velocity)
+            if not self.estimate(message.position, velocity, now_ns):
+                self.health.report_event("odometry_not_finite", "odometry with NaN or infinity")
+        elif isinstance(message, ReactionStatus):
+            self.reaction(
+                message.state, message.x_r.tolist(), message.collisions, message.stamp_ns, now_ns
+            )
+        else:
+            self.reaction_alive(now_ns)
+
+    def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
+        """Go on with the plan; return its set point, and its status when that has changed."""
+        setpoint = self.tick(now_ns)
+        for why, text in _WAITS.items():
+            self.health.fault(why, self.wait_reason == why and self.mode != IDLE, text)
+        self.health.values["phase"] = PHASE_NAMES[self.mode]
+        self.health.values["flight_time_s"] = round(self.time_s, 2)
+        if setpoint is None:
+            return []
+        outputs: list[tuple[str, Any]] = [
+            (
+                "/mission/setpoint",
+                PositionSetpoint(
+                    now_ns,
+                    setpoint.position,
+                    setpoint.velocity,
+                    setpoint.acceleration,
+                    setpoint.yaw,
+                    setpoint.phase,
+                ),
+            )
+        ]
+        state = (setpoint.phase, self.wait_reason)
+        if state != self._published_state:
+            self._published_state = state
+            text = PHASE_NAMES[setpoint.phase].replace("_", " ")
+            if self.wait_reason:
+                text += f", waits: {_WAITS[self.wait_reason]}"
+            outputs.append(("/mission/status", MissionStatus(now_ns, setpoint.phase, text)))
+        return outputs
+
+    def set_params(self, section: str, params: Any) -> None:
+        """Take a changed plan ("mission"), other limits ("inputs"), or the word to start."""
+        if section == "mission":
+            self.params = params
+        elif section == "inputs":
+            self.limits = params
+        else:
+            self.started = bool(params)
+
+    def set_multiple_publishers(self, topic: str, several: bool) -> None:
+        """Stand still while two estimators speak."""
+        if topic == "/odometry":
+            self.multiple_publishers(several)
 
     def _reset(self) -> None:
         self.state: MissionState | None = None

@@ -27,10 +27,10 @@ from tombo_control.autopilot import (
 )
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.plant import P, part
-from tombo_flight.flight_end import FlightEndDetector
 from tombo_flight.flight_metrics import MetricsInput, summarize
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.scenario import Scenario, as_mapping, world_of
+from tombo_sim.flight_end import FlightEndDetector
 from tombo_sim.flight_setup import NOISE, TICK_S, FlightSetup, begin
 from tombo_sim.kernel import ARRIVES, MOCAP_WIDTH, POSE, STAMPED, fly
 from tombo_sim.log_columns import COLUMNS, LOG_WIDTH

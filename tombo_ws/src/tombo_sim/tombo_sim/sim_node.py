@@ -15,20 +15,25 @@ from typing import Any
 import numpy as np
 
 from tombo_bag.flight_time import EPOCH_NS
-from tombo_bag.topics import BATTERY, CLOCK, IMU, ROTOR_COMMAND
+from tombo_bag.message_codec import MessageCodec
+from tombo_bag.message_template import MessageTemplate
+from tombo_bag.topics import BATTERY, CLOCK, IMU, MISSION_STATUS, ROTOR_COMMAND, TopicSpec
+from tombo_control.autopilot import IDLE
 from tombo_dynamics.plant import P
 from tombo_ros.conversion import to_time
 from tombo_ros.health import ERROR
+from tombo_ros.lockstep import LockstepError, LockstepMaster, take_until
 from tombo_ros.loop_statistics import LatenessHistogram
-from tombo_ros.message_template import MessageTemplate
 from tombo_ros.node_loop import run
+from tombo_ros.topic import PolledSubscription
 from tombo_sim.failsafe import Failsafe
+from tombo_sim.flight_end import FlightEndDetector
 from tombo_sim.simulator import Simulator
 from tombo_sim.vehicle_node import TICK_NS, VehicleNode
 
 _BATTERY_TICKS = 100
-_LOCKSTEP_PATIENCE_NS = 200_000_000
-_LOCKSTEP_POLL_NS = 200_000
+_PATIENCE_NS = 200_000_000
+_POLL_NS = 200_000
 _RESUME_NS = 100_000_000
 """Commands must have come for so long before the fail-safe hands over."""
 
@@ -68,8 +73,27 @@ class SimNode(VehicleNode):
         self.declare(
             "imu", True, "false: the IMU falls silent, to try what happens", read_only=False
         )
-        self._lockstep = self.sim_time and self.declare(
-            "lockstep", False, "with use_sim_time: each tick waits for the command to it"
+        self._waits = self.sim_time and self.declare(
+            "wait_for_command",
+            False,
+            "with use_sim_time: each tick waits for the command to it, up to 0.2 s",
+        )
+        members = self.declare(
+            "lockstep_nodes",
+            ["estimator", "detector", "reaction", "mission", "controller"],
+            "with lockstep: names of the nodes that take part",
+        )
+        self._start_patience_s = self.declare(
+            "lockstep_start_patience",
+            120.0,
+            "with lockstep: wall time [s] until all must be ready; they may have to compile",
+            bounds=(0.1, 3600.0),
+        )
+        self._duration = self.declare(
+            "duration",
+            0.0,
+            "with lockstep: the flight ends then [s], or when it is decided; 0: never",
+            bounds=(0.0, 86400.0),
         )
         clock_rate = self.declare("clock_rate", 250.0, "of /clock [Hz]", bounds=(1.0, 1000.0))
         self._clock_ticks = max(round(1000.0 / clock_rate), 1)
@@ -89,6 +113,7 @@ class SimNode(VehicleNode):
         self._began_ns = EPOCH_NS
         """Time of tick 0."""
         self._started = False
+        self._master = LockstepMaster(self, members) if self.lockstep else None
         self._make_outputs()
 
     def _warm_up(self) -> None:
@@ -130,6 +155,7 @@ class SimNode(VehicleNode):
         self._answer_speed = self._answer.field("speed", 4)
         self._clock_out = self.advertise(CLOCK) if self.sim_time else None
         self._clock_message = MessageTemplate(CLOCK.typename, {})
+        self._codecs = {s.name: MessageCodec(s.typename) for s in (MISSION_STATUS, ROTOR_COMMAND)}
 
     def spin(self) -> None:
         """Show the obstacle, then fly."""
@@ -160,8 +186,8 @@ class SimNode(VehicleNode):
         if not self.sim_time and float(self.parameters.get("speed")) != 1.0:
             self.health.fault("speed", True, "speed has no effect without use_sim_time")
         self.period_ns = round(TICK_NS / speed) if speed > 0.0 else TICK_NS
-        if self._lockstep:
-            self.period_ns = min(self.period_ns, _LOCKSTEP_POLL_NS)
+        if self._waits:
+            self.period_ns = min(self.period_ns, _POLL_NS)
 
     def step(self, now_ns: int) -> None:
         """Go on by one tick, if it is time to."""
@@ -175,7 +201,7 @@ class SimNode(VehicleNode):
                 self._publish_clock()
                 self._asked_ns = now_ns
                 return
-            if self._lockstep and not self._may_advance(now_ns):
+            if self._waits and not self._may_advance(now_ns):
                 return
             self._steps -= int(paused)
         self.simulator.advance(self._select_command(now_ns))
@@ -204,9 +230,69 @@ class SimNode(VehicleNode):
         if self._command_ns == 0:
             self._asked_ns = now_ns
             return due
-        in_vain = now_ns - self._asked_ns > _LOCKSTEP_PATIENCE_NS
-        self.health.fault("lockstep", in_vain, "no command came for a tick; going on without")
+        in_vain = now_ns - self._asked_ns > _PATIENCE_NS
+        self.health.fault(
+            "wait_for_command", in_vain, "no command came for a tick; going on without"
+        )
         return in_vain and due
+
+    def spin_lockstep(self) -> None:
+        """Fly tick by tick, each with the answers of all nodes, until the flight is over.
+
+        Raises:
+            LockstepError: a node is not there, or does not answer.
+        """
+        master = self._master
+        assert master is not None
+        self._wait_for_nodes(master)
+        phases = self.subscribe(MISSION_STATUS)
+        flight_end = FlightEndDetector(self.world.vehicle.leg_height)
+        phase, command = IDLE, np.zeros(4)
+        end = round(self._duration * 1e9 / TICK_NS) or 2**62
+        simulator = self.simulator
+        while simulator.tick < end and not self.stopping:
+            self._publish()
+            over_s = flight_end.watch(simulator.height, simulator.upright, phase)
+            if over_s is not None:
+                end = min(end, simulator.tick + round(over_s * 1e9 / TICK_NS))
+            master.run_tick(self.stamp_ns, self._sent(), self._idle)
+            for received in self._take_answers(master, MISSION_STATUS, phases):
+                phase = int(received.phase)
+            for received in self._take_answers(master, ROTOR_COMMAND, self._commands):
+                command = np.array(received.speed)
+            simulator.advance(command)
+            self._idle()
+        if not self.stopping:
+            master.run_tick(self.stamp_ns, self._sent(), self._idle, last=True)
+
+    def _wait_for_nodes(self, master: LockstepMaster) -> None:
+        end = time.monotonic() + self._start_patience_s
+        while master.missing and not self.stopping:
+            if time.monotonic() > end:
+                raise LockstepError(
+                    f"lockstep: {', '.join(master.missing)} not ready after "
+                    f"{self._start_patience_s:g} s; accepted: nodes started with lockstep:=true"
+                )
+            self._idle()
+            time.sleep(0.05)
+
+    def _sent(self) -> dict[str, int]:
+        """Return how many messages of each topic were published."""
+        return {publisher.spec.name: publisher.sent for publisher in self._publishers}
+
+    def _take_answers(
+        self, master: LockstepMaster, spec: TopicSpec, source: PolledSubscription
+    ) -> list[Any]:
+        """Return what the nodes have published on a topic in this tick."""
+        count = master.published.get(spec.name, 0)
+        if count == source.taken:
+            return []
+        codec = self._codecs[spec.name]
+        taken = take_until(self, "sim", spec.name, source, count, self.stamp_ns)
+        return [codec.decode(received.message) for received in taken]
+
+    def _idle(self) -> None:
+        self.periodic_tasks(time.time_ns(), self.stamp_ns)
 
     def _take_commands(self, now_ns: int) -> None:
         for taken in self._commands.take_raw():

@@ -333,7 +333,10 @@ PRODUCTS: Final = (
         ("docs/diagnosis.png", "docs/diagnosis.md#crazyflie"),
         _diagnosis,
         (
-            *(f"tombo_diagnosis/tombo_diagnosis/{part}" for part in ("flight", "checks", "logs")),
+            *(
+                f"tombo_diagnosis/tombo_diagnosis/{part}"
+                for part in ("engine", "flight", "checks", "logs")
+            ),
             "tombo_dynamics/tombo_dynamics/effects",
         ),
         data="flights",
@@ -342,7 +345,10 @@ PRODUCTS: Final = (
         "stand",
         ("docs/stand.png",),
         _stand,
-        ("tombo_diagnosis/tombo_diagnosis/stand", "tombo_dynamics/tombo_dynamics/propeller"),
+        (
+            *("tombo_diagnosis/tombo_diagnosis/engine", "tombo_diagnosis/tombo_diagnosis/stand"),
+            "tombo_dynamics/tombo_dynamics/propeller",
+        ),
     ),
     Product("beta", ("docs/beta.png",), _beta, ("tombo_propeller/tombo_propeller/flap_video",)),
     Product(

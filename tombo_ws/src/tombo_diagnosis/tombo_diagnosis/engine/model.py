@@ -6,7 +6,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar
 
-from tombo_diagnosis.engine.regression import Array, Columns, Fit
+from tombo_diagnosis.engine.regression import Columns, Fit
+from tombo_dynamics.arrays import Array
 
 Progress = Callable[[str, float], None]
 """Called with a stage and the share done."""

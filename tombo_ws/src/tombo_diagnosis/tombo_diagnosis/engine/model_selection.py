@@ -62,10 +62,8 @@ def search(
         beam = [_relinearized_if_strong(model, each) for each in kept[:_BEAM_WIDTH]]
     best = beam[0]
     for explanation in evaluated.values():
-        if len(explanation.effects) == 1:
-            (effect,) = explanation.effects
-            before = single_log_bf.get(effect, -math.inf)
-            single_log_bf[effect] = max(before, explanation.evidence)
+        if len(explanation.effects) == 1 and math.isfinite(explanation.evidence):
+            single_log_bf[explanation.effects[0]] = explanation.evidence
     own = frozenset(best.effects)
     alternatives = [e for k, e in evaluated.items() if len(k) == len(own) and k != own]
     if best.hypotheses:

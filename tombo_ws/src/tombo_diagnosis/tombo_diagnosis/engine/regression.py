@@ -15,11 +15,9 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_diagnosis.engine.evidence import NormalEquations, Posterior
-
-Array = NDArray[np.float64]
+from tombo_dynamics.arrays import Array
 
 TOLERANCE = 0.05
 """Share of the scale."""

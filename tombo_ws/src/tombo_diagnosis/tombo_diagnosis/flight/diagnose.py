@@ -29,10 +29,10 @@ from tombo_diagnosis.flight.summary_text import notes, summary
 from tombo_diagnosis.flight.track import Track, track_of
 from tombo_diagnosis.flight.transients import transient_findings
 from tombo_diagnosis.logs.flight_log import Finding, FlightLog
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_flight.extended_model import Gain
 
-Array = NDArray[np.float64]
 Separate = Callable[[FlightFindings, Progress], Experiment | None]
 
 _BLOCK_S = 8.0

@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_diagnosis.diagnosis import Experiment
 from tombo_diagnosis.engine.cause_estimates import join_names
@@ -30,7 +29,6 @@ from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.scenario import Scenario, extended_scenario
 
-Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
 _SUFFICIENT_LOG_BF = 8.0

@@ -6,15 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.flight.parameters import PARAMETERS
 from tombo_diagnosis.flight.problem import FlightProblem
 from tombo_diagnosis.flight.residual_test import ScaleVariances, noise_variances
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import layout
-
-Array = NDArray[np.float64]
 
 _TIMES = np.array([0.15, 0.3, 0.5, 0.8, 1.2, 2.0, 3.5, 7.0])
 _TIME_TOLERANCE = 0.3

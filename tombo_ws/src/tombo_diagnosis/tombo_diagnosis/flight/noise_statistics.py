@@ -19,9 +19,8 @@ from tombo_diagnosis.engine.regression import Parameter
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.parameters import PARAMETERS
 from tombo_diagnosis.flight.track import Track
+from tombo_dynamics.arrays import Array
 from tombo_sim.inverse_simulation import simulate_imu_at_rest, simulate_mocap
-
-Array = NDArray[np.float64]
 
 _DRAWN = 20_000
 _IMU_RATE = (800.0, 1250.0)

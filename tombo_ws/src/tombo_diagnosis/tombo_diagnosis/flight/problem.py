@@ -6,7 +6,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_diagnosis.engine.evidence import NormalEquations, Posterior, solve
 from tombo_diagnosis.engine.model import Setting
@@ -21,8 +20,7 @@ from tombo_diagnosis.flight.sensitivity import (
     map_flights,
 )
 from tombo_diagnosis.flight.track import FAST_SPACING, SLOW_SPACING, Track
-
-Array = NDArray[np.float64]
+from tombo_dynamics.arrays import Array
 
 _STEPS = 6
 """Gauss-Newton steps of a refinement, at most."""

@@ -8,15 +8,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.flight.haar_variance import block_means
 from tombo_diagnosis.flight.prediction import Motion
 from tombo_diagnosis.flight.problem import FlightProblem, tangent_of
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import yaw_pitch_roll
-
-Array = NDArray[np.float64]
 
 _BLOCK_S = 0.48
 """Means over such blocks are looked at: noise of the sensors is no gust."""

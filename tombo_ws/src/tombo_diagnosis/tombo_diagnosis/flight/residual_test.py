@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.flight.haar_variance import SCALES_S, block_variances, pooled
@@ -18,8 +17,7 @@ from tombo_diagnosis.flight.noise_simulation import chance
 from tombo_diagnosis.flight.prediction import ChannelId
 from tombo_diagnosis.flight.problem import FlightProblem
 from tombo_diagnosis.flight.sensitivity import map_flights
-
-Array = NDArray[np.float64]
+from tombo_dynamics.arrays import Array
 
 _MODEL_ERROR_FLOOR = (
     ("force", 0.012),

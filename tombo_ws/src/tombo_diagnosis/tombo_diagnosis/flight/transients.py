@@ -11,15 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.flight.filters import clear_rows
 from tombo_diagnosis.flight.problem import FlightProblem
 from tombo_diagnosis.flight.track import Track
 from tombo_diagnosis.logs.flight_log import Finding
-
-Array = NDArray[np.float64]
 
 _BURST = 12.0
 """Times a channel's robust deviation: no noise comes to it, nor do effects in a fitted flight."""

@@ -11,10 +11,9 @@ from tombo_diagnosis.engine.model_selection import fit_hypotheses
 from tombo_diagnosis.stand.analyse import StandFindings
 from tombo_diagnosis.stand.operating_points import UNITS
 from tombo_diagnosis.stand.problem import StandProblem
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller.effects import CHANNELS
 from tombo_flight.extended_model import Gain
-
-Array = NDArray[np.float64]
 
 
 def held_out(findings: StandFindings) -> tuple[list[Gain], dict[str, float]]:

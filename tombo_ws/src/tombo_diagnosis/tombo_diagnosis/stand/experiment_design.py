@@ -14,9 +14,8 @@ from tombo_diagnosis.engine.model_selection import fit_hypotheses
 from tombo_diagnosis.stand.analyse import StandFindings
 from tombo_diagnosis.stand.operating_points import OperatingPoints
 from tombo_diagnosis.stand.problem import StandProblem
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller.effects import CHANNELS, Setup, predict
-
-Array = NDArray[np.float64]
 
 SIGMAS = {"torque": 0.005, "beta": 0.007, "reference_speed": 0.001, "thrust": 0.003}
 """Noise of what is measured besides: shares of the range; beta in rad (0.4 degrees)."""

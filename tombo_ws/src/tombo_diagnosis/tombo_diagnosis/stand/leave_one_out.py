@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_diagnosis.stand.operating_points import OperatingPoints
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller.effects import STAND_EFFECTS, StandParam, predict
-
-Array = NDArray[np.float64]
 
 MEAN = "mean of the others"
 PHYSICAL = (

@@ -6,17 +6,15 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_diagnosis.engine.evidence import NormalEquations, solve
 from tombo_diagnosis.engine.model import Setting
 from tombo_diagnosis.engine.regression import NOMINAL_WIDTHS, Columns, Fit
 from tombo_diagnosis.stand.operating_points import OperatingPoints
 from tombo_diagnosis.stand.parameters import HEALTHY_SHARE, parameters
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller.effects import STAND_EFFECTS, Draws, predict
-
-Array = NDArray[np.float64]
 
 _STEP = 0.02
 """Of a numerical derivative, in sizes that matter."""

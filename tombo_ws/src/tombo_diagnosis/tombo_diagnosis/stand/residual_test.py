@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from tombo_diagnosis.engine.evidence import NormalEquations, solve
 from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.stand.problem import StandProblem
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller.effects import CHANNELS, Setup
-
-Array = NDArray[np.float64]
 
 _ORDER = 10
 _ORDER_DECAY = 0.88

@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_propeller.flap_video.disc import Frames, remove_flicker
 
-Array = NDArray[np.float64]
 Plane = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 

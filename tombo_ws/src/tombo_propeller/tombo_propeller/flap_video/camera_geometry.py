@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
-
-Array = NDArray[np.float64]
 
 LIMIT_95 = 1.96
 _STEP = math.radians(0.01)

@@ -13,12 +13,12 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mav
 
 from tombo_control.autopilot import IDLE
 from tombo_control.estimate import Setpoint
 from tombo_control.pose_check import check_pose
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
 from tombo_px4.bridge.decoded_messages import (
@@ -60,8 +60,6 @@ from tombo_px4.link.message_encoder import MessageTarget
 from tombo_px4.link.message_rates import MessageRates
 from tombo_px4.link.parameter_reader import ParameterReader
 from tombo_px4.link.timesync import TimeSync
-
-Array = NDArray[np.float64]
 
 _SECOND_NS = 1_000_000_000
 _HEARTBEAT_NS = _SECOND_NS

@@ -61,7 +61,7 @@ def diagnosis(
     and rotor speeds. Some hide pairs, some what is no candidate, some nothing.
     """
     count = checked(cases, seed, workers, output)
-    from tombo_diagnosis.benchmark.flight_run import benchmark as run
+    from tombo_diagnosis.benchmark.flight_evaluation import benchmark as run
 
     run_and_tell(run, cases, seed, count, output, as_json, print_benchmark)
 

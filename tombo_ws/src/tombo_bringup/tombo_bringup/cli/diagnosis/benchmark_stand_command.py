@@ -55,7 +55,7 @@ def benchmark_stand(
     Four kinds of stand, from thrust alone to check loads and a second tachometer.
     """
     count = checked(cases, seed, workers, output)
-    from tombo_diagnosis.benchmark.stand_run import benchmark as run
+    from tombo_diagnosis.benchmark.stand_evaluation import benchmark as run
 
     run_and_tell(run, cases, seed, count, output, as_json, print_score)
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller.effects.registry import Stage, StandParam, stand_effect
 from tombo_dynamics.propeller.effects.run_state import DRAG, LIFT, TORQUE, Run
 from tombo_dynamics.propeller.laws.parameters import SCALARS
-
-Array = NDArray[np.float64]
 
 _RELATIVE = (-0.6, 1.5)
 

@@ -10,16 +10,11 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.propeller.laws import consistent, repaired
 from tombo_dynamics.propeller.laws.names import LAWS, NO_EQUILIBRIUM, OK, TWIST_OUT_OF_RANGE
 from tombo_dynamics.propeller.laws.parameters import Parameters
 from tombo_dynamics.propeller.laws.wing_loads import twisted
-
-Array = NDArray[np.float64]
 
 _STEPS = 15
 _STEP_LIMIT = 0.3
