@@ -52,31 +52,24 @@ REAL_TIME = (
     f"{SRC}tombo_ros/test/test_record_parameters.py",
 )
 ALONE = ("tests/docker/test_scripts.py", "tests/setup/test_setup_script.py")
-SLOW: tuple[str, ...] = ()
-"""Path, or path::function, of what takes more than a second of a quiet core."""
-
-
-def _place(item: pytest.Item) -> str:
-    """Return `folder/test_file.py::function`, from the root of the repository."""
-    name = getattr(item, "originalname", None) or item.name
-    return f"{item.path.relative_to(ROOT).as_posix()}::{name}"
+SLOW = tuple((ROOT / "tests" / "slow_tests.txt").read_text().split())
+"""Folders, files and functions that take more than 0.2 s of a quiet core."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark every test, and sort by `ORDER`; those that run alone come last."""
     rank = {}
     for item in items:
-        place = _place(item)
-        if place.startswith(REAL_TIME) or REAL_TIME_FIXTURES & {
-            *getattr(item, "fixturenames", ())
-        }:
+        name = item.nodeid.partition("[")[0]
+        nodes = REAL_TIME_FIXTURES & {*getattr(item, "fixturenames", ())}
+        if nodes or name.startswith(REAL_TIME):
             item.add_marker("real_time")
             item.add_marker("alone")
-        elif place.startswith(ALONE):
+        elif name.startswith(ALONE):
             item.add_marker("alone")
-        elif place.startswith(SLOW):
+        elif name in SLOW or any(name.startswith(s) for s in SLOW if "::" not in s):
             item.add_marker("slow")
-        order = next((i for i, folder in enumerate(ORDER) if place.startswith(folder)), len(ORDER))
+        order = next((i for i, folder in enumerate(ORDER) if name.startswith(folder)), len(ORDER))
         rank[item] = (item.get_closest_marker("alone") is not None, order)
     items.sort(key=rank.__getitem__)
 
