@@ -1,4 +1,4 @@
-"""The tables of `docs/nodes.md`: nodes with their parameters, topics with publishers and subscribers.
+"""The tables of `docs/nodes.md`: nodes with their parameters, topics with who is at each end.
 
 `python -m tombo_bringup.interface_tables docs/nodes.md` writes them anew between their markers,
 and those of `docs/px4.md` likewise; tests say when that is due. Topics come from
