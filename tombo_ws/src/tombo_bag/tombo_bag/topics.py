@@ -159,4 +159,4 @@ TOPICS: dict[str, TopicSpec] = {
         CLOCK,
     )
 }
-"""All topics by name. `/clock`: only with `use_sim_time`; `/tf`: only with tf2_msgs installed."""
+"""All topics by name. `/clock` is published with `use_sim_time` only, `/tf` where tf2_msgs is."""

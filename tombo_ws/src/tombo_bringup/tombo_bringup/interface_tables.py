@@ -1,7 +1,7 @@
-"""The tables of `docs/nodes.md`: nodes with their parameters, topics with who is at each end.
+"""The tables of `docs/nodes.md`: nodes and parameters, topics with publishers and subscribers.
 
-`python -m tombo_bringup.interface_tables docs/nodes.md` writes them anew between their markers,
-and those of `docs/px4.md` likewise; tests say when that is due. Topics come from
+`python -m tombo_bringup.interface_tables docs/nodes.md` writes them between their markers, as
+those of `docs/px4.md`; tests say when they are out of date. Topics come from
 `tombo_bag.topics`; the rest is read from the sources of the nodes, which are never imported.
 """
 

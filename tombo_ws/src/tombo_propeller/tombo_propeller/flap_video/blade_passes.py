@@ -29,7 +29,7 @@ _PHI: Any = np.arange(_DIRECTIONS) * (2.0 * math.pi / _DIRECTIONS)
 _INNER, _OUTER = 0.90, 1.07
 """The ring, in radii of the disc."""
 _BLADE = (0.55, 0.88)
-"""The ring in which blades are told from what is behind them."""
+"""The ring in which blades are distinguished from the background."""
 _GROUND_FRAMES = 2
 """Frames that must show what is behind a blade."""
 _FALSE_SWING = 5.0

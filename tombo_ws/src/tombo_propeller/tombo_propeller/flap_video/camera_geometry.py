@@ -87,7 +87,8 @@ class FlapAngle:
             parts = [f"{math.degrees(a):.1f} to {math.degrees(b):.1f}" for a, b in self.pieces]
             return " or ".join(parts) + " deg: seen from there they look the same"
         if not self.resolved:
-            return f"at most {math.degrees(self.high):.1f} deg: not told from 0 by the diameter"
+            high = math.degrees(self.high)
+            return f"at most {high:.1f} deg: by the diameter it may be 0"
         return (
             f"{math.degrees(self.best):.1f} deg "
             f"({math.degrees(self.low):.1f} to {math.degrees(self.high):.1f})"

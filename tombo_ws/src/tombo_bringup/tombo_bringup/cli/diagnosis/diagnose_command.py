@@ -77,7 +77,7 @@ def diagnose(
 
     Writes report.html, diagnosis.json and plots; model.yaml, the extended model,
     where a cause is named (`tombo fly --model`); separating_experiment.yaml, the
-    mission to fly, where causes can't be told apart.
+    mission to fly, where causes can't be distinguished.
     """
     # One thread of linear algebra: on matrices this small more get into each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -52,7 +52,7 @@ def new_screen() -> Iterator[Screen]:
 def where_to_connect(host: str, port: int, ground_port: int) -> list[str]:
     """Return the lines that say how a client reaches the vehicle."""
     return [
-        "A simulated PX4 1.17 quadrotor. It sends to, and is heard by, a client that listens at",
+        "A simulated PX4 1.17 quadrotor. It exchanges messages with a client that listens at",
         f"  MAVSDK          udpin://{host}:{port}",
         f"  MAVProxy        mavproxy.py --master=udpin:{host}:{ground_port}",
         f"  QGroundControl  a UDP link that listens on port {ground_port} (14550: by itself)",
