@@ -34,7 +34,7 @@ fly:
 	@$(BIN)/tombo fly $(ARGS)
 
 PYTEST := $(BIN)/python -m pytest --durations=10 $(PYTEST_ARGS)
-PARALLEL := -n auto --dist worksteal
+PARALLEL := -n auto --dist loadfile --no-loadscope-reorder
 
 check: lint
 	$(SETUP)
