@@ -26,7 +26,7 @@ def causes(found):
 
 
 SETUP = stands.setup()
-HAS_MEAN = [n for n, e in STAND_EFFECTS.items() if not e.stochastic and "tombo" in e.models]
+HAS_MEAN = [n for n, e in STAND_EFFECTS.items() if not e.stochastic and e.suits("tombo")]
 
 
 @pytest.mark.parametrize("seed", range(4))
