@@ -18,7 +18,7 @@ from tombo_diagnosis.flight.analyse import (
 from tombo_diagnosis.flight.gust_fit import GustFit
 from tombo_diagnosis.flight.noise_statistics import NoiseFit
 from tombo_diagnosis.flight.problem import SETTING
-from tombo_diagnosis.flight.residual_test import ResidualExcess, ScaleVariances
+from tombo_diagnosis.flight.residual_check import ResidualExcess, ScaleVariances
 
 STRONG = 200.0 * LOG_BF_FIRST
 PLAIN = 10.0 * LOG_BF_FIRST

@@ -16,7 +16,7 @@ from tombo_diagnosis.flight.noise_statistics import (
 )
 from tombo_diagnosis.flight.parameters import PARAMETERS
 from tombo_diagnosis.flight.problem import FlightProblem
-from tombo_diagnosis.flight.residual_test import (
+from tombo_diagnosis.flight.residual_check import (
     noise_variances,
     residual_excesses,
     residual_variances,

@@ -17,7 +17,7 @@ from tombo_diagnosis.stand.experiment_design import separate
 from tombo_diagnosis.stand.model_differences import differences_from_model, model_extending_causes
 from tombo_diagnosis.stand.problem import StandProblem
 from tombo_diagnosis.stand.repeatability import repeats
-from tombo_diagnosis.stand.residual_test import fit_residual_curves
+from tombo_diagnosis.stand.residual_check import fit_residual_curves
 from tombo_dynamics.propeller.effects import STAND_EFFECTS, Draws
 
 
@@ -26,7 +26,7 @@ def causes(found):
 
 
 SETUP = stands.setup()
-HAS_MEAN = [n for n, e in STAND_EFFECTS.items() if not e.stochastic and "tombo" in e.models]
+HAS_MEAN = [n for n, e in STAND_EFFECTS.items() if not e.stochastic and e.suits("tombo")]
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -95,7 +95,7 @@ def shown(stand: str, setup: Setup) -> list[str]:
     blind = _SHOWN_BY[stand]
     return [
         n for n, e in STAND_EFFECTS.items()
-        if "tombo" in e.models and not n.startswith(blind or ("?",))
+        if e.suits("tombo") and not n.startswith(blind or ("?",))
         and not (n == "fabrication_scatter" and one) and not (n == "tare_scatter" and few)
         and n != "run_scatter"  # every stand has it, by as much as a healthy one
     ]  # fmt: skip

@@ -17,14 +17,14 @@ from tombo_diagnosis.flight.gust_fit import GustFit, fit_gusts
 from tombo_diagnosis.flight.noise_statistics import NoiseFit, fit_noise_effects
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.problem import FlightProblem
-from tombo_diagnosis.flight.residual_predictability import cross_validated_r2
-from tombo_diagnosis.flight.residual_test import (
+from tombo_diagnosis.flight.residual_check import (
     ResidualExcess,
     ScaleVariances,
     noise_variances,
     residual_excesses,
     residual_variances,
 )
+from tombo_diagnosis.flight.residual_predictability import cross_validated_r2
 from tombo_diagnosis.flight.track import Track
 from tombo_diagnosis.flight.transients import Transient, exclude_transients, find_transients
 from tombo_dynamics.effects import REGISTRY, Stage

@@ -10,7 +10,7 @@ import numpy as np
 from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.flight.parameters import PARAMETERS
 from tombo_diagnosis.flight.problem import FlightProblem
-from tombo_diagnosis.flight.residual_test import ScaleVariances, noise_variances
+from tombo_diagnosis.flight.residual_check import ScaleVariances, noise_variances
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import layout
 

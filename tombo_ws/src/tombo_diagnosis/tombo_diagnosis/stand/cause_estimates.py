@@ -82,7 +82,7 @@ def scores(findings: StandFindings, shares: dict[str, float]) -> tuple[Score, ..
             return "needs three propellers, or runs of one propeller"
         return "far below the noise of these points, or its channel was not measured"
 
-    effects = [name for name, effect in STAND_EFFECTS.items() if model in effect.models]
+    effects = [name for name, effect in STAND_EFFECTS.items() if effect.suits(model)]
     return cause_estimates.scores(findings.search.single_log_bf, shares, effects, why_not)
 
 

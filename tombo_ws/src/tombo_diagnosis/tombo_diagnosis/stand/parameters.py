@@ -19,7 +19,7 @@ def parameters(setup: Setup) -> tuple[Parameter, ...]:
     }
     found: list[Parameter] = []
     for name, effect in STAND_EFFECTS.items():
-        for p in effect.theta if model in effect.models else ():
+        for p in effect.theta if effect.suits(model) else ():
             scale = abs(p.typical - p.null) * scales_with[p.scales_with]
             place = -1 if effect.stochastic else sum(not q.stochastic for q in found)
             found.append(

@@ -98,7 +98,7 @@ class StandProblem:
             max_fitted=99,
             model_error_share=_FEW_SHARE if self._speeds() < _FEW_SPEEDS else 0.0,
             calibration=CALIBRATION,
-            always_fitted=("centrifugal_stiffening",),  # it saturates at once
+            always_fitted=tuple(n for n, e in STAND_EFFECTS.items() if e.saturates),
         )
         self.null_hypothesis = self._fit((), NOMINAL_WIDTHS, self.theta, self.slopes)
 
