@@ -80,9 +80,11 @@ CACHE_FOLDER: Path = _open_cache()
 
 
 def compiled(function: _Function) -> _Function:
-    """Compile `function` with numba (no GIL, IEEE semantics for NaN), cached on disk.
+    """Compile `function` with numba (no GIL), cached on disk.
 
-    Division by zero gives inf or NaN as in C; multiply-add contraction is allowed.
+    Arithmetic is strictly IEEE 754, in the order in which it is written: a function gives the same
+    bits wherever it is inlined, in a node as in the headless flight. Division by zero gives inf or
+    NaN as in C.
     """
     previous = config.CACHE_DIR
     config.CACHE_DIR = str(CACHE_FOLDER)
@@ -92,7 +94,6 @@ def compiled(function: _Function) -> _Function:
             nogil=True,
             forceinline=True,  # passing arrays to small functions costs more than their arithmetic
             error_model="numpy",
-            fastmath={"contract", "nsz", "arcp"},
         )(function)
     finally:
         config.CACHE_DIR = previous

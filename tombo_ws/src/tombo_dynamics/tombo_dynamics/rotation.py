@@ -53,8 +53,8 @@ def rotate_by_vector(q: Array, i: int, rx: float, ry: float, rz: float) -> None:
     square = rx * rx + ry * ry + rz * rz
     if square < 1e-4:
         # series to the fourth order of the angle: error below 1e-14 for 0.01 rad
-        s = 0.5 - square / 48.0 + square * square / 3840.0
-        c = 1.0 - square / 8.0 + square * square / 384.0
+        s = 0.5 - square * (1.0 / 48.0) + square * square * (1.0 / 3840.0)
+        c = 1.0 - 0.125 * square + square * square * (1.0 / 384.0)
     else:
         angle = math.sqrt(square)
         s = math.sin(0.5 * angle) / angle
