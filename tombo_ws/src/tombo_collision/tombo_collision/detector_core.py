@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -79,6 +79,12 @@ class DetectorCore(Core):
     inputs = ("/mocap/pose",)
     outputs = ("/collision_event", "/detector/status")
     period_ns = 20_000_000
+    sections = {"detector": DetectorParams}
+
+    @classmethod
+    def make(cls, records: Mapping[str, Any]) -> DetectorCore:
+        """Return a new detector."""
+        return cls(records["detector"])
 
     def __init__(self, params: DetectorParams) -> None:
         super().__init__()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -122,6 +122,13 @@ class ReactionCore(Core):
     )
     outputs = ("/setpoint", "/reaction/status")
     period_ns = 5_000_000
+    sections = {"reaction": ReactionParams, "inputs": ReactionLimits}
+    options = {"react": (True, "false: collisions are seen, and nothing is done about them")}
+
+    @classmethod
+    def make(cls, records: Mapping[str, Any]) -> ReactionCore:
+        """Return a new reaction."""
+        return cls(records["reaction"], records["inputs"])
 
     def __init__(self, params: ReactionParams, limits: ReactionLimits, react: bool = True) -> None:
         super().__init__()
@@ -231,11 +238,13 @@ class ReactionCore(Core):
         return outputs
 
     def set_params(self, section: str, params: Any) -> None:
-        """Take other parameters ("reaction") or limits ("inputs"); a decision stays."""
+        """Take other parameters ("reaction"), limits ("inputs") or "react"; a decision stays."""
         if section == "reaction":
             self.params = params
-        else:
+        elif section == "inputs":
             self.limits = params
+        else:
+            self._react = bool(params)
 
     def set_multiple_publishers(self, topic: str, several: bool) -> None:
         """Hold while two publish what only one may."""

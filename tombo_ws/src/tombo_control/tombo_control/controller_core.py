@@ -7,7 +7,9 @@ without gyro it says nothing, and the flight controller behind it takes over.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,9 +24,30 @@ from tombo_control.params import (
     EstimatorParams,
     InputLimits,
 )
+from tombo_dynamics.core import ERROR, Core
+from tombo_dynamics.messages import (
+    AttitudeSetpoint,
+    EstimatorStatus,
+    Imu,
+    Odometry,
+    PositionSetpoint,
+    RatesSetpoint,
+    RotorCommand,
+)
+from tombo_dynamics.propeller import thrust_map
+from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_configuration
+from tombo_dynamics.rotation import rotate_vectors
+from tombo_dynamics.rotor_maps import rotor_maps
 from tombo_dynamics.vehicle import VehicleParams
 
 _MAX_GAP_TICKS = 100
+_AHEAD_NS = 5_000_000
+"""An estimate may be stamped so far ahead of the clock."""
+_GRACE_NS = 3_000_000_000
+"""Nodes start in any order: before its first sample the gyro may be silent for so long."""
+_NEW_SIMULATION_NS = 1_000_000_000
+"""On a simulated clock: stamps that differ by more are of another simulation."""
+_BLIND_TEXT = "position unknown (estimate or mocap too old): level descent"
 
 
 class Command(NamedTuple):
@@ -43,12 +66,38 @@ class Command(NamedTuple):
     """Holds the last set point: none is coming."""
 
 
-class ControllerCore:
+class ControllerCore(Core):
     """The cascade of 50, 250 and 1000 Hz behind its inputs."""
+
+    name = "controller"
+    inputs = ("/odometry", "/estimator/status", "/setpoint", "/imu/data_raw")
+    outputs = ("/rotor_command", "/rates_setpoint", "/attitude_setpoint")
+    period_ns = 1_000_000
+    sections = {
+        "control": ControlParams,
+        "inputs": InputLimits,
+        "vehicle": VehicleParams,
+        "propeller": PropellerChoice,
+    }
+
+    @classmethod
+    def make(cls, records: Mapping[str, Any]) -> ControllerCore:
+        """Return a new controller."""
+        propeller, vehicle = records["propeller"], records["vehicle"]
+        maps = rotor_maps(thrust_map(mounted_configuration(propeller), propeller.law), vehicle)
+        return cls(records["control"], vehicle, records["inputs"], maps)
 
     def __init__(
         self, control: ControlParams, vehicle: VehicleParams, limits: InputLimits, maps: Array
     ) -> None:
+        super().__init__()
+        self._outputs: list[tuple[str, Any]] = []
+        self._multiple_publishers: set[str] = set()
+        self._began_ns: int | None = None
+        self._imu_ns: int | None = None
+        """When the last gyro sample came."""
+        self._gyro_stamp_ns = 0
+        self._refused = 0
         self._control = control
         self._vehicle = vehicle
         self._limits = limits
@@ -58,6 +107,109 @@ class ControllerCore:
         self._tick = -1
         self._position_slot = self._attitude_slot = -1
         self.reset_inputs()
+
+    def on(
+        self,
+        topic: str,
+        message: Odometry | EstimatorStatus | PositionSetpoint | Imu,
+        now_ns: int,
+    ) -> None:
+        """Take an estimate, biases, a set point, or a gyro sample, which is answered at once."""
+        several = topic in self._multiple_publishers
+        if isinstance(message, Imu):
+            self._imu_ns = now_ns
+            if not several:
+                self._answer(message, now_ns)
+        elif isinstance(message, EstimatorStatus):
+            if not self.biases(message.gyro_bias, message.pose_stamp_ns):
+                self._refuse("estimator_status", "gyro bias with NaN")
+        elif several:
+            return
+        elif isinstance(message, Odometry):
+            self._take_odometry(message, now_ns)
+        else:
+            self._take_setpoint(message, now_ns)
+
+    def _answer(self, sample: Imu, now_ns: int) -> None:
+        stamp = sample.stamp_ns
+        if not math.isfinite(sample.gyro.sum()):
+            self.health.report_event("imu_not_finite", "gyro sample with NaN or infinity")
+        if self.clock_slack_ns and stamp < self._gyro_stamp_ns - _NEW_SIMULATION_NS:
+            self.reset_inputs()  # the last flight's set point would lift the vehicle off
+        self._gyro_stamp_ns = stamp
+        command = self.tick(now_ns, stamp, sample.gyro)
+        if command is None:
+            return
+        self._outputs.append(("/rotor_command", RotorCommand(stamp, command.speed)))
+        if command.attitude_ran:
+            rates = RatesSetpoint(stamp, *self.rates_setpoint)
+            self._outputs.append(("/rates_setpoint", rates))
+        if command.position_ran:
+            attitude = AttitudeSetpoint(stamp, *self.attitude_setpoint)
+            self._outputs.append(("/attitude_setpoint", attitude))
+            health = self.health
+            health.fault("blind", command.blind, _BLIND_TEXT, ERROR)
+            health.fault("setpoint_silent", command.held, "no set point: holding the last")
+
+    def _take_odometry(self, message: Odometry, now_ns: int) -> None:
+        velocity = rotate_vectors(message.attitude, message.velocity)
+        estimate = Estimate(
+            message.stamp_ns,
+            message.position,
+            velocity,
+            message.attitude,
+            message.rates,
+            np.zeros(3),
+            np.zeros(3),
+            0,
+        )
+        early = message.stamp_ns > now_ns + _AHEAD_NS + self.clock_slack_ns
+        if early or not self.estimate(estimate):
+            self._refuse("odometry", "odometry not finite, not a rotation, old or from later")
+
+    def _take_setpoint(self, message: PositionSetpoint, now_ns: int) -> None:
+        latest_ns = max(self._gyro_stamp_ns, now_ns) + _NEW_SIMULATION_NS
+        if self.clock_slack_ns and message.stamp_ns > latest_ns:
+            self._refuse("setpoint", "set point from later: of a simulation before this one?")
+            return
+        setpoint = Setpoint(
+            message.position,
+            message.velocity,
+            message.acceleration,
+            message.yaw,
+            message.phase,
+            message.stamp_ns,
+        )
+        if not self.setpoint(setpoint, now_ns):
+            self._refuse("setpoint", "set point with NaN or infinity: the last one stands")
+
+    def _refuse(self, what: str, text: str) -> None:
+        self._refused += 1
+        self.health.values["refused"] = self._refused
+        self.health.report_event(f"{what}_refused", text)
+
+    def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
+        """Return the answers to the gyro samples since the last step."""
+        if self._began_ns is None or now_ns < self._began_ns:
+            self._began_ns = now_ns
+        silent_ns = now_ns - (self._imu_ns or self._began_ns + _GRACE_NS)
+        silent = silent_ns > self._limits.imu_timeout * 1e9
+        self.health.fault("imu_silent", silent, "no gyro: no commands", ERROR)
+        outputs, self._outputs = self._outputs, []
+        return outputs
+
+    def set_params(self, section: str, params: Any) -> None:
+        """Take other gains in flight; another vehicle or propeller at the next start only."""
+        if section == "control":
+            self.params(params, self._limits)
+        elif section == "inputs":
+            self.params(self._control, params)
+        else:
+            self.health.fault("not_at_runtime", True, f"{section} is used at the next start")
+
+    def set_multiple_publishers(self, topic: str, several: bool) -> None:
+        """Use nothing of a topic with several publishers: nobody can tell which is true."""
+        (self._multiple_publishers.add if several else self._multiple_publishers.discard)(topic)
 
     def reset_inputs(self) -> None:
         """Take all that was said so far for another flight's: no set point, so no rotor turns."""

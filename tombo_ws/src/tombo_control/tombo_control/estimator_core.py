@@ -7,6 +7,8 @@ doubled, or wrong, and the estimate begins in flight if it has to.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +17,9 @@ from tombo_control.estimate import TICK_NS, Array, Estimate, nearest_tick
 from tombo_control.estimator import correct, process_imu, store_history, update_body_rates
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_control.pose_check import check_pose
+from tombo_dynamics.core import ERROR, Core
+from tombo_dynamics.messages import EstimatorStatus, Imu, MissionStatus, Odometry, Pose
+from tombo_dynamics.rotation import rotate_vectors
 from tombo_dynamics.vehicle import VehicleParams
 
 _INITIAL_POSES = 3
@@ -23,16 +28,48 @@ _JUMPS_TO_REINITIALIZE = 5
 _BRIDGE_TICKS = 100
 """Longest gap of the IMU that is bridged by its last sample."""
 _NO_STAMP = -1
+_ODOMETRY_TICKS, _STATUS_TICKS = 4, 20
+"""Ticks between two messages."""
+_POSE_SILENT_NS, _IMU_SILENT_NS = 120_000_000, 50_000_000
+"""Three and a half samples at 30 Hz; fifty of the IMU."""
+_GRACE_NS = 3_000_000_000
+"""Nodes start in any order: before the first message a sensor may be silent for so long."""
+_REFUSALS = {
+    "wrong_frame": "a pose whose frame is not map",
+    "not_finite": "a pose with NaN or infinity",
+    "not_unit": "a pose whose quaternion is no rotation",
+    "future": "a pose stamped in the future",
+    "out_of_order": "a pose not newer than the one before",
+    "late": "a pose more than half a second old",
+    "jump": "a pose too far from the estimate",
+}
 
 
-class EstimatorCore:
+class EstimatorCore(Core):
     """Estimates pose and velocity from gyro, accelerometer and mocap poses.
 
     Refused poses and lost samples are counted; after a gap of the IMU of more than 0.1 s it
     begins anew.
     """
 
+    name = "estimator"
+    inputs = ("/mission/status", "/mocap/pose", "/imu/data_raw")
+    outputs = ("/odometry", "/estimator/status")
+    period_ns = 4_000_000
+    sections = {"estimator": EstimatorParams, "vehicle": VehicleParams}
+
+    @classmethod
+    def make(cls, records: Mapping[str, Any]) -> EstimatorCore:
+        """Return a new estimator."""
+        return cls(records["estimator"], records["vehicle"])
+
     def __init__(self, params: EstimatorParams, vehicle: VehicleParams) -> None:
+        super().__init__()
+        self._outputs: list[tuple[str, Any]] = []
+        self._multiple_publishers: set[str] = set()
+        self._began_ns: int | None = None
+        self._imu_ns: int | None = None
+        """When the last IMU sample came."""
         self._params = params
         self._vehicle = vehicle
         self._a: Array | None = None
@@ -52,6 +89,84 @@ class EstimatorCore:
         """Poses refused."""
         self.lost_samples = 0
         """IMU samples that never came."""
+
+    def on(self, topic: str, message: Pose | Imu | MissionStatus, now_ns: int) -> None:
+        """Take a pose, an IMU sample or the mission's phase."""
+        if isinstance(message, Imu):
+            self._imu_ns = now_ns
+            if topic not in self._multiple_publishers:
+                self._take_imu(message)
+        elif isinstance(message, Pose):
+            if topic not in self._multiple_publishers:
+                why = self.pose(
+                    message.stamp_ns,
+                    now_ns + self.clock_slack_ns,
+                    message.frame_id,
+                    message.position,
+                    message.attitude,
+                )
+                if why:
+                    self.health.report_event(f"pose_{why}", _REFUSALS[why])
+        else:
+            self.phase(message.phase)
+
+    def _take_imu(self, sample: Imu) -> None:
+        if not np.isfinite(sample.gyro.sum() + sample.accel.sum()):
+            self.health.report_event("imu_not_finite", "imu sample with NaN or infinity")
+        estimate = self.imu(sample.stamp_ns, sample.gyro, sample.accel)
+        if estimate is None:
+            return
+        tick = nearest_tick(estimate.stamp_ns)
+        if tick % _ODOMETRY_TICKS == 0:
+            x, y, z, w = estimate.attitude
+            velocity = rotate_vectors(np.array([-x, -y, -z, w]), estimate.velocity)
+            odometry = Odometry(
+                estimate.stamp_ns, estimate.position, estimate.attitude, velocity, estimate.rates
+            )
+            self._outputs.append(("/odometry", odometry))
+        if tick % _STATUS_TICKS == 0:
+            status = EstimatorStatus(
+                estimate.stamp_ns,
+                True,
+                estimate.gyro_bias,
+                estimate.accel_bias,
+                estimate.pose_stamp_ns,
+                self.poses,
+                self.rejected,
+            )
+            self._outputs.append(("/estimator/status", status))
+
+    def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
+        """Return what follows from the IMU samples since the last step."""
+        if self._began_ns is None or now_ns < self._began_ns:
+            self._began_ns = now_ns
+        estimate, health = self._estimate, self.health
+        if estimate is None:
+            waited = now_ns - self._began_ns > _GRACE_NS
+            health.fault("mocap_silent", waited and not self._initial_poses, "no mocap poses")
+        else:
+            age = now_ns - estimate.pose_stamp_ns
+            text = f"the last mocap pose is {age * 1e-9:.2f} s old"
+            health.fault("mocap_silent", age > _POSE_SILENT_NS, text)
+            health.values["mocap_age_s"] = round(age * 1e-9, 3)
+        silent_ns = now_ns - (self._imu_ns or self._began_ns + _GRACE_NS)
+        health.fault("imu_silent", silent_ns > _IMU_SILENT_NS, "no imu samples", ERROR)
+        health.values["poses"] = self.poses
+        health.values["poses_rejected"] = self.rejected
+        health.values["imu_lost"] = self.lost_samples
+        outputs, self._outputs = self._outputs, []
+        return outputs
+
+    def set_params(self, section: str, params: Any) -> None:
+        """Take other bandwidths in flight; another vehicle at the next start only."""
+        if section == "estimator":
+            self.params(params)
+        else:
+            self.health.fault("not_at_runtime", True, f"{section} is used at the next start")
+
+    def set_multiple_publishers(self, topic: str, several: bool) -> None:
+        """Use nothing of a topic with several publishers: nobody can tell which is true."""
+        (self._multiple_publishers.add if several else self._multiple_publishers.discard)(topic)
 
     def phase(self, phase: int) -> None:
         """Take the mission's phase: on the ground the velocity is zero."""

@@ -7,7 +7,7 @@ turns its legs into set points.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -118,6 +118,13 @@ class MissionCore(Core):
     outputs = ("/mission/setpoint", "/mission/status")
     period_ns = 20_000_000
     steps_on_messages = False
+    sections = {"mission": MissionParams, "inputs": MissionLimits}
+    options = {"auto_start": (True, "false: wait on the ground until it is set to true")}
+
+    @classmethod
+    def make(cls, records: Mapping[str, Any]) -> MissionCore:
+        """Return a new mission."""
+        return cls(records["mission"], records["inputs"])
 
     def __init__(self, params: MissionParams, limits: MissionLimits, started: bool = True) -> None:
         super().__init__()

@@ -8,7 +8,7 @@ what the simulator's sensors measure at tick k is there at tick k.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -58,11 +58,20 @@ class Core(ABC):
     steps_on_messages: ClassVar[bool] = True
     """True: also stepped in a tick in which a message has come; False: messages wait for the next
     multiple of the period, and are handed over just before that step."""
+    sections: ClassVar[Mapping[str, type]]
+    """Its parameters: section → record."""
+    options: ClassVar[Mapping[str, tuple[Any, str]]] = {}
+    """Further parameters: name → (default, meaning); `set_params` takes them."""
     clock_slack_ns: int = 0
     """How far the present may be ahead of `now_ns`: a /clock that is published now and then."""
 
     def __init__(self) -> None:
         self.health = CoreHealth()
+
+    @classmethod
+    @abstractmethod
+    def make(cls, records: Mapping[str, Any]) -> Core:
+        """Return a new core with the records of its `sections`."""
 
     @abstractmethod
     def on(self, topic: str, message: Any, now_ns: int) -> None:
@@ -73,7 +82,7 @@ class Core(ABC):
         """Go on to `now_ns`; return (topic, message) of all that is to be published, in order."""
 
     def set_params(self, section: str, params: Any) -> None:  # noqa: B027 - a hook
-        """Take other parameters of a section; the state stays."""
+        """Take another record of a section, or another value of an option; the state stays."""
 
     def set_multiple_publishers(self, topic: str, several: bool) -> None:  # noqa: B027 - a hook
         """Take note that more than one publisher is on a topic, or no longer."""

@@ -7,8 +7,9 @@ quaternions xyzw.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -207,3 +208,27 @@ class RatesSetpoint:
     """(3) [rad/s], base_link."""
     thrust: float
     """Collective [N]."""
+
+
+_NEUTRAL: dict[str, Any] = {
+    "frame_id": "map",
+    "attitude": (0.0, 0.0, 0.0, 1.0),
+    "accel": (0.0, 0.0, 9.81),
+    "flight_direction": (1.0, 0.0, 0.0),
+    "speed": (0.0, 0.0, 0.0, 0.0),
+    "phase": int(Phase.HOVER),
+    "trigger": int(Trigger.REGION),
+    "state": int(ReactionPhase.IDLE),
+}
+_NEUTRAL_OF_TYPE = {"Array": (0.0, 0.0, 0.0), "float": 0.0, "int": 0, "bool": True, "str": ""}
+
+
+def neutral(kind: type, stamp_ns: int) -> Any:
+    """Return a message of a vehicle that hovers level at the origin, for warm-up and tests."""
+    values = {}
+    for one in fields(kind):
+        value = _NEUTRAL.get(one.name, _NEUTRAL_OF_TYPE[str(one.type)])
+        if one.name.endswith("stamp_ns"):
+            value = stamp_ns
+        values[one.name] = np.array(value) if one.type == "Array" else value
+    return kind(**values)

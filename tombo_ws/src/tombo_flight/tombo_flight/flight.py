@@ -27,7 +27,7 @@ from tombo_control.autopilot import (
 )
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.plant import P, part
-from tombo_flight.flight_end import FlightEndDetector
+from tombo_sim.flight_end import FlightEndDetector
 from tombo_flight.flight_metrics import MetricsInput, summarize
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.scenario import Scenario, as_mapping, world_of

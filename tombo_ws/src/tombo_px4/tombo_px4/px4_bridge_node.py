@@ -45,7 +45,7 @@ from tombo_px4.link.parameter_reader import parse_assignments
 from tombo_px4.link.signing import read_key
 from tombo_ros.conversion import array, to_ns, to_time
 from tombo_ros.health import ERROR, WARN
-from tombo_ros.message_template import MessageTemplate
+from tombo_bag.message_template import MessageTemplate
 from tombo_ros.node_loop import LoopNode, run
 from tombo_ros.pacing import ESTIMATOR
 from tombo_ros.topic import message_class

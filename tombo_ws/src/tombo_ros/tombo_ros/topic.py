@@ -165,6 +165,8 @@ class TopicPublisher:
         self._publisher = node.create_publisher(
             self.kind, spec.name.lstrip("/"), profile(spec.qos)
         )
+        self.sent = 0
+        """Messages published."""
 
     @property
     def subscriber_count(self) -> int:
@@ -174,6 +176,7 @@ class TopicPublisher:
     def publish(self, message: Any) -> None:
         """Send a message, or its bytes (CDR)."""
         self._publisher.publish(message)
+        self.sent += 1
 
 
 def _no_callback(message: Any) -> None:

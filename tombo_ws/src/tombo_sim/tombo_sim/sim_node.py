@@ -20,7 +20,7 @@ from tombo_dynamics.plant import P
 from tombo_ros.conversion import to_time
 from tombo_ros.health import ERROR
 from tombo_ros.loop_statistics import LatenessHistogram
-from tombo_ros.message_template import MessageTemplate
+from tombo_bag.message_template import MessageTemplate
 from tombo_ros.node_loop import run
 from tombo_sim.failsafe import Failsafe
 from tombo_sim.simulator import Simulator

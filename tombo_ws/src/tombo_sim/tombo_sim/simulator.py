@@ -24,7 +24,7 @@ from tombo_sim.world import World
 
 Array = NDArray[np.float64]
 _BLOCK = 4096
-_TICK_NS = 1e6
+TICK_NS = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -87,6 +87,11 @@ class Simulator:
         """True height of base_link [m]."""
         return float(self.m[P.body + 2])
 
+    @property
+    def upright(self) -> float:
+        """Cosine of the true tilt."""
+        return float(1.0 - 2.0 * (self.m[P.body + 6] ** 2 + self.m[P.body + 7] ** 2))
+
     def _sense(self) -> None:
         read_imu(self.m, self.setup.maps, self._noise[self.tick % _BLOCK], self.setup.theta)
         due = round(self._captures * (1.0 / self._rate) / TICK_S)
@@ -100,7 +105,7 @@ class Simulator:
                 self._under_way.append(
                     PoseSample(
                         stamped_tick(self._row, 0),
-                        round(float(row[STAMPED]) * _TICK_NS),
+                        round(float(row[STAMPED]) * TICK_NS),
                         int(row[ARRIVES]),
                         row[POSE : POSE + 7].copy(),
                     )

@@ -23,15 +23,13 @@ from tombo_dynamics.plant import P, part
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_ros.markers import obstacle_marker
-from tombo_ros.message_template import MessageTemplate
+from tombo_bag.message_template import MessageTemplate
 from tombo_ros.node_loop import LoopNode
 from tombo_ros.pacing import SIMULATOR
 from tombo_sim.ground_truth import contact_force, true_state
 from tombo_sim.propeller_effects import propulsion_effects
-from tombo_sim.simulator import Simulator
+from tombo_sim.simulator import TICK_NS, Simulator
 from tombo_sim.world import ObstacleParams, SpreadParams, World
-
-TICK_NS = 1_000_000
 
 
 class VehicleNode(LoopNode):

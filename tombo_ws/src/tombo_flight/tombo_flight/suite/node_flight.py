@@ -15,7 +15,7 @@ from tombo_bag.recording import Recording
 from tombo_control.autopilot import IDLE
 from tombo_dynamics.errors import InputError
 from tombo_flight.flight import as_flown
-from tombo_flight.flight_end import FlightEndDetector
+from tombo_sim.flight_end import FlightEndDetector
 from tombo_flight.flight_from_bag import RECORD, flight_from_bag
 from tombo_flight.flight_output import (
     FlightResult,

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bag.columnar_cdr import layout
+from tombo_bag.columnar_cdr import Layout, layout, layout_of
+from tombo_bag.schemas import known_types
 
 _SECOND_NS = 1_000_000_000
 _FORMATS = {"f8": "d", "f4": "f", "u1": "B", "i1": "b", "?": "?", "b1": "?", "i4": "i", "u4": "I"}
@@ -33,13 +34,33 @@ class MessageTemplate:
         Raises:
             InputError: unknown type or field.
         """
-        shape = layout(typename, template)
+        self._take_shape(layout(typename, template))
+
+    @classmethod
+    def of_bytes(cls, typename: str, data: bytes) -> MessageTemplate:
+        """Return the shape of a message at hand.
+
+        Raises:
+            InputError: the bytes are no message of this type.
+        """
+        made = cls.__new__(cls)
+        made._take_shape(layout_of(typename, data, known_types()))
+        return made
+
+    def _take_shape(self, shape: Layout) -> None:
         self._buffer = bytearray(shape.template)
         self._leaves = {leaf.path: leaf for leaf in shape.leaves}
         self._texts = [
             (text.offset, bytes(shape.template[text.offset : text.offset + text.size + 1]))
             for text in shape.texts
         ]
+        self.texts = {
+            text.path: shape.template[text.offset : text.offset + text.size].decode(
+                "utf-8", "replace"
+            )
+            for text in shape.texts
+        }
+        """Path of each string → the string."""
         self._stamp = self._leaves["header.stamp.sec"].offset if self._has_stamp else None
 
     @property
@@ -71,6 +92,10 @@ class MessageTemplate:
         """Write the header's stamp."""
         assert self._stamp is not None
         struct.pack_into("<iI", self._buffer, self._stamp, *divmod(time_ns, _SECOND_NS))
+
+    def write(self, place: struct.Struct, offset: int, *values: Any) -> None:
+        """Write numbers at an offset."""
+        place.pack_into(self._buffer, offset, *values)
 
     def data(self) -> bytes:
         """Return the message as it stands."""

@@ -1,0 +1,287 @@
+"""Bytes of messages (CDR) ⇄ the dataclasses of `tombo_dynamics.messages`, by one table.
+
+Nodes, replay and recordings use the same table. Messages of one shape (`MessageTemplate`) are read
+and written in some microseconds.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from tombo_bag.columns import ColumnTable
+from tombo_bag.message_template import Field, MessageTemplate
+from tombo_dynamics import messages as kinds
+from tombo_dynamics.errors import InputError
+
+_SECOND_NS = 1_000_000_000
+_SHAPES = 8
+"""So many shapes of a type are kept."""
+_TIME = struct.Struct("<iI")
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Where one field of a dataclass stands in the message.
+
+    Attributes:
+        path: of its first number, of its string, or of its time.
+        count: numbers of an array; 1: a single number; 0: a string or a time.
+    """
+
+    path: str
+    count: int = 1
+
+    @property
+    def is_time(self) -> bool:
+        """Whether it is a time [ns]."""
+        return self.count == 0 and self.path.endswith("stamp")
+
+    @property
+    def is_text(self) -> bool:
+        """Whether it is a string."""
+        return self.count == 0 and not self.is_time
+
+
+_STAMP = _Part("header.stamp", 0)
+_FRAME = _Part("header.frame_id", 0)
+
+
+@dataclass(frozen=True)
+class _Form:
+    """How a dataclass stands in a message: a part for each of its fields, in their order."""
+
+    kind: type
+    parts: tuple[_Part, ...]
+    frames: Mapping[str, str]
+    """Path → frame that it must be; what the dataclass itself holds is not in here."""
+    values: Mapping[str, Any] = field(default_factory=dict)
+    """What always stands in the message besides."""
+
+
+_MAP, _BODY = {"header.frame_id": "map"}, {"header.frame_id": "base_link"}
+_FORMS: dict[str, _Form] = {
+    "geometry_msgs/msg/PoseStamped": _Form(
+        kinds.Pose,
+        (_STAMP, _FRAME, _Part("pose.position.x", 3), _Part("pose.orientation.x", 4)),
+        {},
+    ),
+    "sensor_msgs/msg/Imu": _Form(
+        kinds.Imu,
+        (_STAMP, _Part("angular_velocity.x", 3), _Part("linear_acceleration.x", 3)),
+        _BODY,
+        {"orientation": {"w": 1.0}, "orientation_covariance": [-1.0] + 8 * [0.0]},
+    ),
+    "nav_msgs/msg/Odometry": _Form(
+        kinds.Odometry,
+        (
+            _STAMP,
+            _Part("pose.pose.position.x", 3),
+            _Part("pose.pose.orientation.x", 4),
+            _Part("twist.twist.linear.x", 3),
+            _Part("twist.twist.angular.x", 3),
+        ),
+        {**_MAP, "child_frame_id": "base_link"},
+    ),
+    "tombo_msgs/msg/EstimatorStatus": _Form(
+        kinds.EstimatorStatus,
+        (
+            _STAMP,
+            _Part("initialised"),
+            _Part("gyro_bias.x", 3),
+            _Part("accel_bias.x", 3),
+            _Part("pose_stamp", 0),
+            _Part("poses"),
+            _Part("rejected"),
+        ),
+        _BODY,
+    ),
+    "tombo_msgs/msg/PositionSetpoint": _Form(
+        kinds.PositionSetpoint,
+        (
+            _STAMP,
+            _Part("position.x", 3),
+            _Part("velocity.x", 3),
+            _Part("acceleration.x", 3),
+            _Part("yaw"),
+            _Part("phase"),
+        ),
+        _MAP,
+    ),
+    "tombo_msgs/msg/MissionStatus": _Form(
+        kinds.MissionStatus, (_STAMP, _Part("phase"), _Part("text", 0)), _MAP
+    ),
+    "tombo_msgs/msg/CollisionEvent": _Form(
+        kinds.CollisionEvent,
+        (
+            _STAMP,
+            _FRAME,
+            _Part("trigger"),
+            _Part("contact_stamp", 0),
+            _Part("contact_position.x", 3),
+            _Part("flight_direction.x", 3),
+            _Part("confidence"),
+            _Part("statistic"),
+            _Part("count"),
+        ),
+        {},
+    ),
+    "tombo_msgs/msg/DetectorStatus": _Form(
+        kinds.DetectorStatus,
+        (_STAMP, _Part("statistic"), _Part("threshold"), _Part("poses"), _Part("rejected")),
+        _MAP,
+    ),
+    "tombo_msgs/msg/ReactionStatus": _Form(
+        kinds.ReactionStatus,
+        (
+            _STAMP,
+            _Part("state"),
+            _Part("x_c.x", 3),
+            _Part("x_r.x", 3),
+            _Part("n_r.x", 3),
+            _Part("collisions"),
+        ),
+        _MAP,
+    ),
+    "tombo_msgs/msg/RotorSpeeds": _Form(kinds.RotorCommand, (_STAMP, _Part("speed", 4)), _BODY),
+    "tombo_msgs/msg/AttitudeSetpoint": _Form(
+        kinds.AttitudeSetpoint, (_STAMP, _Part("orientation.x", 4), _Part("thrust")), _MAP
+    ),
+    "tombo_msgs/msg/RatesSetpoint": _Form(
+        kinds.RatesSetpoint, (_STAMP, _Part("rates.x", 3), _Part("thrust")), _BODY
+    ),
+}
+"""Type name → how its dataclass stands in it."""
+
+
+@cache
+def form_of(typename: str) -> _Form:
+    """Return how a type's dataclass stands in it.
+
+    Raises:
+        InputError: no core takes or gives this type.
+    """
+    if typename not in _FORMS:
+        raise InputError(f"{typename}: no core uses it; accepted: {', '.join(_FORMS)}")
+    return _FORMS[typename]
+
+
+class _Shape:
+    """One shape of a message, and where the fields of the dataclass stand in it."""
+
+    def __init__(self, form: _Form, template: MessageTemplate) -> None:
+        self.template = template
+        self._form = form
+        self._places: list[Field | int | str] = []
+        for part in form.parts:
+            if part.is_time:
+                self._places.append(template.offset(f"{part.path}.sec"))
+            elif part.is_text:
+                self._places.append(template.texts[part.path])
+            else:
+                self._places.append(template.field(part.path, part.count))
+
+    def read(self, data: bytes) -> Any:
+        values: list[Any] = []
+        for part, place in zip(self._form.parts, self._places, strict=True):
+            if isinstance(place, Field):
+                found = place.of(data)
+                values.append(found[0] if part.count == 1 else np.array(found))
+            elif isinstance(place, int):
+                seconds, rest = _TIME.unpack_from(data, place)
+                values.append(seconds * _SECOND_NS + rest)
+            else:
+                values.append(place)
+        return self._form.kind(*values)
+
+    def write(self, values: list[Any]) -> bytes:
+        template = self.template
+        for part, place, value in zip(self._form.parts, self._places, values, strict=True):
+            if isinstance(place, Field):
+                place.put((value,) if part.count == 1 else value)
+            elif isinstance(place, int):
+                template.write(_TIME, place, *divmod(max(value, 0), _SECOND_NS))
+        return template.data()
+
+
+class MessageCodec:
+    """Reads and writes the messages of one type."""
+
+    def __init__(self, typename: str) -> None:
+        """Look up how the type's dataclass stands in it.
+
+        Raises:
+            InputError: no core takes or gives this type.
+        """
+        self.typename = typename
+        self._form = form_of(typename)
+        self._names = [one.name for one in fields(self._form.kind)]
+        self._texts = [
+            (i, part.path) for i, part in enumerate(self._form.parts) if part.is_text
+        ]
+        self._read: list[_Shape] = []
+        self._written: dict[tuple[str, ...], _Shape] = {}
+
+    def decode(self, data: bytes) -> Any:
+        """Return the dataclass of a message.
+
+        Raises:
+            InputError: the bytes are no message of this type, or of another frame.
+        """
+        for shape in self._read:
+            if shape.template.fits(data):
+                return shape.read(data)
+        template = MessageTemplate.of_bytes(self.typename, data)
+        for path, frame in self._form.frames.items():
+            found = template.texts[path]
+            if found.lstrip("/") != frame:
+                raise InputError(f"{path} is '{found}'; accepted: '{frame}'")
+        shape = _Shape(self._form, template)
+        self._read = [shape, *self._read[: _SHAPES - 1]]
+        return shape.read(data)
+
+    def encode(self, message: Any) -> bytes:
+        """Return a dataclass as a message."""
+        values = [getattr(message, name) for name in self._names]
+        texts = tuple(values[i] for i, _ in self._texts)
+        shape = self._written.get(texts)
+        if shape is None:
+            if len(self._written) >= _SHAPES:
+                self._written.clear()
+            nested: dict[str, Any] = dict(self._form.values)
+            every = {**self._form.frames}
+            every |= {path: text for (_, path), text in zip(self._texts, texts, strict=True)}
+            for path, text in every.items():
+                outer, _, inner = path.rpartition(".")
+                if outer:
+                    nested[outer] = {inner: text}
+                else:
+                    nested[inner] = text
+            shape = _Shape(self._form, MessageTemplate(self.typename, nested))
+            self._written[texts] = shape
+        return shape.write(values)
+
+
+def messages_of(typename: str, table: ColumnTable) -> list[Any]:
+    """Return the messages of a recorded topic, read as columns, as dataclasses."""
+    columns = [_column(part, table) for part in form_of(typename).parts]
+    kind = form_of(typename).kind
+    return [kind(*values) for values in zip(*columns, strict=True)]
+
+
+def _column(part: _Part, table: ColumnTable) -> list[Any]:
+    if part.is_time:
+        seconds = table[f"{part.path}.sec"].astype(np.int64)
+        return (seconds * _SECOND_NS + table[f"{part.path}.nanosec"]).tolist()  # type: ignore[no-any-return]
+    if part.is_text or part.count == 1:
+        return table[part.path].tolist()  # type: ignore[no-any-return]
+    if not part.path.endswith(".x"):
+        return list(table[part.path].astype(np.float64))
+    base = part.path.removesuffix("x")
+    axes = [table[f"{base}{axis}"].astype(np.float64) for axis in "xyzw"[: part.count]]
+    return list(np.stack(axes, axis=1))

@@ -1,0 +1,127 @@
+"""The reference of how a flight runs: the cores of a wiring hosted tick by tick, in plain Python.
+
+In each tick of 1 ms the simulator senses. Every core takes the sensor messages of this tick and
+what other cores published in earlier ticks, in the order of its `inputs`, and is stepped if its
+period is due or a message has come. The rotor command of the tick acts in it. Within a tick no core
+depends on another, so nodes in lockstep fly the same flight to the last bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from tombo_bag.flight_time import EPOCH_NS
+from tombo_dynamics.core import Core
+from tombo_dynamics.messages import Imu, Phase, Pose, RotorCommand
+from tombo_flight.scenario import Scenario, world_of
+from tombo_flight.wiring import records_of, wiring
+from tombo_sim.flight_end import FlightEndDetector
+from tombo_sim.simulator import TICK_NS, Simulator
+
+Record = Callable[[str, Any], None]
+"""Told every message: topic, message."""
+
+
+class CoreRunner:
+    """Hosts one core: keeps what has come for it until its step."""
+
+    def __init__(self, core: Core) -> None:
+        self.core = core
+        self._pending: list[tuple[int, str, Any]] = []
+        self._order = {topic: i for i, topic in enumerate(core.inputs)}
+
+    def take(self, topic: str, message: Any) -> None:
+        """Keep a message that is there from now on."""
+        if topic in self._order:
+            self._pending.append((self._order[topic], topic, message))
+
+    def run(self, now_ns: int) -> Sequence[tuple[str, Any]]:
+        """Hand over what is there and step, if it is due; return what is published."""
+        core = self.core
+        messages = self._pending and core.steps_on_messages
+        if not messages and now_ns % core.period_ns:
+            return ()
+        for _, topic, message in sorted(self._pending, key=lambda entry: entry[0]):
+            core.on(topic, message, now_ns)
+        self._pending.clear()
+        return core.step(now_ns)
+
+
+def run_cores(
+    cores: Iterable[Core],
+    simulator: Simulator,
+    ticks: int,
+    flight_end: FlightEndDetector,
+    record: Record,
+) -> int:
+    """Fly until the flight is over; return the ticks flown.
+
+    Args:
+        cores: those of the wiring.
+        simulator: at tick 0.
+        ticks: at most so many.
+        flight_end: decides from truth and phase when to end.
+        record: told every message.
+    """
+    runners = [CoreRunner(core) for core in cores]
+    command = np.zeros(4)
+    phase = int(Phase.IDLE)
+    tick, end = 0, ticks
+    while tick < end:
+        now_ns = EPOCH_NS + tick * TICK_NS
+        for topic, message in sensed(simulator, now_ns):
+            record(topic, message)
+            for runner in runners:
+                runner.take(topic, message)
+        over_s = flight_end.watch(simulator.height, simulator.upright, phase)
+        if over_s is not None:
+            end = min(end, tick + round(over_s * 1e9 / TICK_NS))
+        published = [entry for runner in runners for entry in runner.run(now_ns)]
+        for topic, message in published:
+            record(topic, message)
+            for runner in runners:
+                runner.take(topic, message)
+            if isinstance(message, RotorCommand):
+                command = message.speed
+            elif topic == "/mission/status":
+                phase = message.phase
+        simulator.advance(command)
+        tick += 1
+    return tick
+
+
+def sensed(simulator: Simulator, now_ns: int) -> list[tuple[str, Any]]:
+    """Return what the sensors give in the present tick, as (topic, message)."""
+    messages: list[tuple[str, Any]] = [
+        (
+            "/mocap/pose",
+            Pose(EPOCH_NS + sample.stamp_ns, "map", sample.pose[:3].copy(), sample.pose[3:].copy()),
+        )
+        for sample in simulator.arrived
+    ]
+    imu = simulator.imu.copy()
+    return [*messages, ("/imu/data_raw", Imu(now_ns, imu[:3], imu[3:]))]
+
+
+def run_wiring(scenario: Scenario, seed: int, record: Record) -> int:
+    """Fly a scenario by its wiring; return the ticks flown.
+
+    Raises:
+        InputError: as `Simulator`.
+    """
+    cores = []
+    for kind in wiring(scenario):
+        core = kind.make(records_of(kind, scenario))
+        if "react" in kind.options:
+            core.set_params("react", scenario.react)
+        cores.append(core)
+    return run_cores(
+        cores,
+        Simulator(world_of(scenario), seed),
+        round(scenario.duration * 1e9 / TICK_NS),
+        FlightEndDetector(scenario.vehicle.leg_height),
+        record,
+    )

@@ -1,0 +1,209 @@
+"""The node that hosts a core: its parameters, topics, faults and loop follow from the core."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from tombo_bag.message_codec import MessageCodec, form_of
+from tombo_bag.topics import TOPICS, TopicSpec
+from tombo_dynamics.core import Core
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.messages import neutral
+from tombo_ros.node_loop import SECOND_NS, LoopNode, run
+from tombo_ros.pacing import Priority, sleep_until
+from tombo_ros.topic import PolledSubscription, ReceivedMessage
+
+_DEPTH = 200
+"""Messages that an input may be behind."""
+_MARGIN_NS = 250_000
+"""A loop that follows a sensor aims to run this long after a sample has arrived."""
+_FOLLOW = 0.02
+"""Share of the distance to that aim that is made good in each run."""
+_FASTEST_NS = 1000
+"""And at most so much in each: 0.1 % of the rate at 1 kHz."""
+_WAIT_NS, _LOOKS = 100_000, 4
+"""A sample that is late is looked for again so often, so far apart."""
+_WARM_UP_TICKS, _WARM_UP_POSE = 120, 30
+
+
+class CoreInput:
+    """One input of the core: what has come, as dataclasses."""
+
+    def __init__(self, spec: TopicSpec, subscription: PolledSubscription) -> None:
+        self.topic = spec.name
+        self.subscription = subscription
+        self._codec = MessageCodec(spec.typename)
+        self.several = False
+        """More than one node publishes here."""
+
+    def decode(self, data: bytes) -> Any:
+        """Return a message; raises InputError for another frame, or bytes that are none."""
+        return self._codec.decode(data)
+
+
+class CoreNode(LoopNode):
+    """Runs a core on what arrives."""
+
+    def __init__(
+        self,
+        core: type[Core],
+        *,
+        rate_hz: float = 0.0,
+        priority: Priority | None = None,
+        follows: str = "",
+    ) -> None:
+        """Declare parameters and topics, load compiled code.
+
+        Args:
+            core: to host.
+            rate_hz: of the loop in real time; 0: by the core's period.
+            priority: see `LoopNode`.
+            follows: topic of a sensor that is answered first; in real time the loop keeps its
+                phase behind the arrival of its samples.
+
+        Raises:
+            InputError: a parameter given at the start is refused.
+        """
+        records = {section: kind() for section, kind in core.sections.items()}
+        rate = rate_hz or SECOND_NS / core.period_ns
+        super().__init__(core.name, rate, records, priority=priority)
+        self.runs_on_message = core.steps_on_messages
+        options = {
+            name: self.declare(name, default, doc, read_only=False)
+            for name, (default, doc) in core.options.items()
+        }
+        self.core = core.make(self.records)
+        for name, value in options.items():
+            self.core.set_params(name, value)
+        self.core.clock_slack_ns = self.slack_ns
+        warm_up(core.make(self.records))
+        self.core_inputs = [
+            CoreInput(TOPICS[topic], self.subscribe(TOPICS[topic], depth=_DEPTH))
+            for topic in core.inputs
+        ]
+        self._followed = next((i for i in self.core_inputs if i.topic == follows), None)
+        self._outputs = {
+            topic: (self.advertise(TOPICS[topic]), MessageCodec(TOPICS[topic].typename))
+            for topic in core.outputs
+        }
+        self._shown_faults: set[str] = set()
+        self._late_samples = 0
+        self.step_ns = 0
+        """Time of the last step."""
+
+    def on_parameters_changed(self, name: str) -> None:
+        """Hand a section or an option to the core."""
+        value = self.records[name] if name in self.records else self.parameters.get(name)
+        self.core.set_params(name, value)
+
+    def on_published(self, topic: str, message: Any) -> None:
+        """Take note of what the core has published: a hook."""
+
+    def step(self, now_ns: int) -> None:
+        """Hand over what has come in the order of the inputs, step, publish.
+
+        A sensor that is followed comes first in real time: what came besides counts for its next
+        sample.
+        """
+        wall_ns = time.time_ns()  # arrivals are stamped by the system's clock, whatever the node's
+        rest = self.core_inputs
+        followed = self._followed
+        if followed is not None and not self.sim_time:
+            samples = self._wait_for(followed.subscription)
+            if samples:
+                self._follow(now_ns - samples[-1].received_ns)
+                self._late_samples += len(samples) - 1
+            self._hand_over(followed, samples, now_ns, wall_ns)
+            self.step_core(now_ns)
+            rest = [found for found in rest if found is not followed]
+        for found in rest:
+            self._hand_over(found, found.subscription.take_raw(), now_ns, wall_ns)
+        if rest is self.core_inputs:
+            self.step_core(now_ns)
+
+    def _hand_over(
+        self, source: CoreInput, taken: Sequence[ReceivedMessage], now_ns: int, wall_ns: int
+    ) -> None:
+        several = source.subscription.multiple_publishers(wall_ns)
+        if several != source.several:
+            source.several = several
+            self.core.set_multiple_publishers(source.topic, several)
+        for received in taken:
+            self.hand_over(source, received.message, now_ns)
+
+    def hand_over(self, source: CoreInput, data: bytes, now_ns: int) -> None:
+        """Hand one message to the core."""
+        try:
+            message = source.decode(data)
+        except InputError as error:
+            name = source.topic.strip("/")
+            self.health.report_event(f"refused.{name}", f"{name}: {error}")
+            return
+        self.core.on(source.topic, message, now_ns)
+
+    def step_core(self, now_ns: int) -> None:
+        """Step the core and publish; take over its faults."""
+        self.step_ns = now_ns
+        for topic, message in self.core.step(now_ns):
+            publisher, codec = self._outputs[topic]
+            publisher.publish(codec.encode(message))
+            self.on_published(topic, message)
+        health = self.core.health
+        faults = health.faults
+        if faults or self._shown_faults:
+            for key, (text, level) in faults.items():
+                self.health.fault(key, True, text, level)
+            for key in self._shown_faults.difference(faults):
+                self.health.fault(key, False)
+            self._shown_faults = set(faults)
+        if health.events:
+            for key, text in health.take_events():
+                self.health.report_event(key, text)
+
+    def _wait_for(self, source: PolledSubscription) -> list[ReceivedMessage]:
+        """Return the samples that are there; for one that is late, wait a moment."""
+        samples = source.take_raw()
+        for _ in range(0 if source.last_ns is None else _LOOKS):
+            if samples:
+                break
+            sleep_until(time.monotonic_ns() + _WAIT_NS)
+            samples = source.take_raw()
+        return samples
+
+    def _follow(self, age_ns: int) -> None:
+        """Move the next deadline so that it falls a margin after a sample's arrival."""
+        off = (_MARGIN_NS - age_ns + self.late_ns + self.period_ns // 2) % self.period_ns
+        shift = int(_FOLLOW * (off - self.period_ns // 2))
+        self.shift_ns = min(max(shift, -_FASTEST_NS), _FASTEST_NS)
+
+    def report(self, now_ns: int) -> None:
+        """Add what the core says of itself."""
+        for key, value in self.core.health.values.items():
+            self.health.value(key, value)
+        if self._followed is not None:
+            self.health.value("gyro_late", self._late_samples)
+        super().report(now_ns)
+
+
+def warm_up(core: Core) -> None:
+    """Load all compiled code of a core now, not at its first message: fly it for a moment."""
+    kinds = [(topic, form_of(TOPICS[topic].typename).kind) for topic in core.inputs]
+    for tick in range(_WARM_UP_TICKS):
+        now_ns = SECOND_NS + tick * 1_000_000
+        for topic, kind in kinds:
+            if topic != "/mocap/pose" or tick % _WARM_UP_POSE == 0:
+                core.on(topic, neutral(kind, now_ns), now_ns)
+        core.step(now_ns)
+
+
+def main_of(make: Callable[[], LoopNode]) -> Callable[[Sequence[str] | None], None]:
+    """Return the main function of a node."""
+
+    def main(argv: Sequence[str] | None = None) -> None:
+        """Run the node."""
+        sys.exit(run(make, argv))
+
+    return main
