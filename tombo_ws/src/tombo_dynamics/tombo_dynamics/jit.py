@@ -21,7 +21,7 @@ import numba
 from numba.core import config
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
-_PACKAGES = ("tombo_dynamics", "tombo_control", "tombo_sim")
+_PACKAGES = ("tombo_dynamics", "tombo_control", "tombo_collision", "tombo_sim")
 _KEPT_VERSIONS = 4
 
 

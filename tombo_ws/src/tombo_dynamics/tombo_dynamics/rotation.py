@@ -140,14 +140,22 @@ def tilt(q: Array) -> Array:
 
 
 @compiled
+def rotated(q: Array, vx: float, vy: float, vz: float) -> tuple[float, float, float]:
+    """Return a vector turned by the quaternion `q` (4) xyzw."""
+    x, y, z, w = q[0], q[1], q[2], q[3]
+    tx = 2.0 * (y * vz - z * vy)
+    ty = 2.0 * (z * vx - x * vz)
+    tz = 2.0 * (x * vy - y * vx)
+    return (
+        vx + w * tx + y * tz - z * ty,
+        vy + w * ty + z * tx - x * tz,
+        vz + w * tz + x * ty - y * tx,
+    )
+
+
+@compiled
 def rotate_vectors(q: Array, v: Array) -> Array:
     """Return the vector `v` (3) turned by the quaternion `q` (4) xyzw."""
     out = np.empty(3)
-    x, y, z, w = q[0], q[1], q[2], q[3]
-    tx = 2.0 * (y * v[2] - z * v[1])
-    ty = 2.0 * (z * v[0] - x * v[2])
-    tz = 2.0 * (x * v[1] - y * v[0])
-    out[0] = v[0] + w * tx + y * tz - z * ty
-    out[1] = v[1] + w * ty + z * tx - x * tz
-    out[2] = v[2] + w * tz + x * ty - y * tx
+    out[0], out[1], out[2] = rotated(q, v[0], v[1], v[2])
     return out
