@@ -59,9 +59,11 @@ class _Form:
     kind: type
     parts: tuple[_Part, ...]
     frames: Mapping[str, str]
-    """Path → frame that it must be; what the dataclass itself holds is not in here."""
+    """Path → frame; what the dataclass itself holds is not in here."""
     values: Mapping[str, Any] = field(default_factory=dict)
     """What always stands in the message besides."""
+    any_frame: bool = False
+    """Messages of another frame are taken too: a status says nothing in a frame."""
 
 
 _MAP, _BODY = {"header.frame_id": "map"}, {"header.frame_id": "base_link"}
@@ -100,6 +102,7 @@ _FORMS: dict[str, _Form] = {
             _Part("rejected"),
         ),
         _BODY,
+        any_frame=True,
     ),
     "tombo_msgs/msg/PositionSetpoint": _Form(
         kinds.PositionSetpoint,
@@ -114,7 +117,7 @@ _FORMS: dict[str, _Form] = {
         _MAP,
     ),
     "tombo_msgs/msg/MissionStatus": _Form(
-        kinds.MissionStatus, (_STAMP, _Part("phase"), _Part("text", 0)), _MAP
+        kinds.MissionStatus, (_STAMP, _Part("phase"), _Part("text", 0)), _MAP, any_frame=True
     ),
     "tombo_msgs/msg/CollisionEvent": _Form(
         kinds.CollisionEvent,
@@ -135,6 +138,7 @@ _FORMS: dict[str, _Form] = {
         kinds.DetectorStatus,
         (_STAMP, _Part("statistic"), _Part("threshold"), _Part("poses"), _Part("rejected")),
         _MAP,
+        any_frame=True,
     ),
     "tombo_msgs/msg/ReactionStatus": _Form(
         kinds.ReactionStatus,
@@ -147,6 +151,7 @@ _FORMS: dict[str, _Form] = {
             _Part("collisions"),
         ),
         _MAP,
+        any_frame=True,
     ),
     "tombo_msgs/msg/RotorSpeeds": _Form(kinds.RotorCommand, (_STAMP, _Part("speed", 4)), _BODY),
     "tombo_msgs/msg/AttitudeSetpoint": _Form(
@@ -221,9 +226,7 @@ class MessageCodec:
         self.typename = typename
         self._form = form_of(typename)
         self._names = [one.name for one in fields(self._form.kind)]
-        self._texts = [
-            (i, part.path) for i, part in enumerate(self._form.parts) if part.is_text
-        ]
+        self._texts = [(i, part.path) for i, part in enumerate(self._form.parts) if part.is_text]
         self._read: list[_Shape] = []
         self._written: dict[tuple[str, ...], _Shape] = {}
 
@@ -237,7 +240,8 @@ class MessageCodec:
             if shape.template.fits(data):
                 return shape.read(data)
         template = MessageTemplate.of_bytes(self.typename, data)
-        for path, frame in self._form.frames.items():
+        frames = {} if self._form.any_frame else self._form.frames
+        for path, frame in frames.items():
             found = template.texts[path]
             if found.lstrip("/") != frame:
                 raise InputError(f"{path} is '{found}'; accepted: '{frame}'")

@@ -18,8 +18,10 @@ from pathlib import Path
 from tombo_bag import topics
 from tombo_bag.qos import Qos
 from tombo_bag.topics import CLOCK, DIAGNOSTICS, TOPICS, TopicSpec
+from tombo_dynamics.core import Core
 from tombo_dynamics.errors import InputError
 from tombo_flight.suite.nodes import PX4_SUITE, SUITE
+from tombo_flight.wiring import CORES
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,7 @@ class NodeFacts:
     subscribes: frozenset[str]
 
 
+CORE_NODE = "tombo_ros.core_node"
 IN_PLACE_OF_SIM = {
     "px4_sim_node": "tombo_px4.px4_sim_node",
     "hil_sim_node": "tombo_px4.hil_sim_node",
@@ -67,6 +70,9 @@ def every_node() -> list[NodeFacts]:
 
 def _facts(name: str, module: str) -> NodeFacts:
     tree = _source(module)
+    for core in CORES:
+        if core.name == name:
+            return _core_facts(core, module.partition(".")[0], tree)
     begin = next(call for call in _calls(tree, "__init__") if len(call.args) > 1)
     records = begin.args[2] if len(begin.args) > 2 else ast.Dict([], [])
     keys = [*_resolved(tree, records).keys]
@@ -88,6 +94,24 @@ def _facts(name: str, module: str) -> NodeFacts:
     )
 
 
+def _core_facts(core: type[Core], package: str, tree: ast.Module) -> NodeFacts:
+    """Return the facts of a node that hosts a core: the core's, and what its source adds."""
+    rates = [
+        float(ast.literal_eval(keyword.value))
+        for keyword in ast.walk(tree)
+        if isinstance(keyword, ast.keyword) and keyword.arg == "rate_hz"
+    ]
+    return NodeFacts(
+        core.name,
+        package,
+        rates[0] if rates else 1e9 / core.period_ns,
+        tuple(core.sections),
+        {name: doc for name, (_, doc) in core.options.items()},
+        frozenset((*core.outputs, *_topic_names(tree, "advertise"))),
+        frozenset(core.inputs),
+    )
+
+
 def _source(module: str) -> ast.Module:
     """Return the source of a node, behind those of the nodes that it is made from."""
     spec = find_spec(module)
@@ -97,7 +121,10 @@ def _source(module: str) -> ast.Module:
     bases = [
         node.module
         for node in tree.body
-        if isinstance(node, ast.ImportFrom) and node.module and node.module.endswith("_node")
+        if isinstance(node, ast.ImportFrom)
+        and node.module
+        and node.module.endswith("_node")
+        and node.module != CORE_NODE
     ]
     body = [statement for base in bases for statement in _source(base).body]
     return ast.Module([*body, *tree.body], [])

@@ -20,7 +20,7 @@ from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
 from tombo_collision.params import DetectorParams
-from tombo_dynamics.jit import compiled
+from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.params import as_tuple, tuple_type
 from tombo_dynamics.vehicle import GRAVITY
 
@@ -96,7 +96,7 @@ def set_triggers(r: Any, params: DetectorParams) -> None:
     r["region"] = params.trigger in ("region", "both")
 
 
-@compiled
+@compiled_call
 def begin_detector(r: Any) -> None:
     """Begin before the first pose."""
     r.ground = math.nan
@@ -104,7 +104,7 @@ def begin_detector(r: Any) -> None:
     r.holdoff_until = -math.inf
 
 
-@compiled
+@compiled_call
 def _track_entry(r: Any, i: int) -> Array:
     """Return time [s] and position [m] of sample `i` of the track; -1: the last."""
     if i < 0:
@@ -112,7 +112,7 @@ def _track_entry(r: Any, i: int) -> Array:
     return r.track[(r.track_begin + i) % _TRACK_LENGTH]
 
 
-@compiled
+@compiled_call
 def _append_to_track(r: Any, stamp_s: float, position: Array, step: float) -> None:
     """Append a sample and forget those of more than half a second ago."""
     if r.track_length == _TRACK_LENGTH:
@@ -129,7 +129,7 @@ def _append_to_track(r: Any, stamp_s: float, position: Array, step: float) -> No
         r.track_length -= 1
 
 
-@compiled
+@compiled_call
 def detect(r: Any, p: Any, stamp_s: float, position: Array, attitude: Array) -> int:
     """Take a pose captured at `stamp_s` [s]; return what became of it, `USED` and so on.
 
@@ -193,13 +193,13 @@ def detect(r: Any, p: Any, stamp_s: float, position: Array, attitude: Array) -> 
     return USED
 
 
-@compiled
+@compiled_call
 def _refuse(r: Any, reason: int) -> int:
     r.statistic = 0.0
     return reason
 
 
-@compiled
+@compiled_call
 def _keep_pose(pose: Any, stamp_s: float, position: Array, attitude: Array) -> None:
     pose.stamp_s = stamp_s
     for i in range(3):
@@ -208,7 +208,7 @@ def _keep_pose(pose: Any, stamp_s: float, position: Array, attitude: Array) -> N
         pose.attitude[i] = attitude[i]
 
 
-@compiled
+@compiled_call
 def _has_jumped(
     r: Any, p: Any, stamp_s: float, position: Array, attitude: Array, step: float
 ) -> bool:
@@ -235,7 +235,7 @@ def _has_jumped(
     return True
 
 
-@compiled
+@compiled_call
 def _is_reachable(
     r: Any, p: Any, place: Array, before: Array, position: Array, attitude: Array, step: float
 ) -> tuple[bool, float]:
@@ -275,7 +275,7 @@ def _is_reachable(
     return near, distance / p.jump_distance + angle / p.jump_angle
 
 
-@compiled
+@compiled_call
 def _restart(r: Any, position: Array) -> None:
     """Begin the filter at a position, as `free_flight_filter`."""
     for i in range(3):
@@ -292,7 +292,7 @@ def _restart(r: Any, position: Array) -> None:
     r.track_length = 0
 
 
-@compiled
+@compiled_call
 def _predict_and_update(r: Any, p: Any, step: float, position: Array, attitude: Array) -> None:
     """Predict over `step` [s], compare with the sample and correct."""
     ax, ay = free_acceleration(r.last.attitude, attitude)
@@ -334,7 +334,7 @@ def _predict_and_update(r: Any, p: Any, step: float, position: Array, attitude: 
     r.statistic = statistic if r.samples > _WARM_UP_SAMPLES else 0.0
 
 
-@compiled
+@compiled_call
 def free_acceleration(before: Array, after: Array) -> tuple[float, float]:
     """Return the acceleration in map x and y [m/s^2] of a free flight with the mean attitude.
 
@@ -353,7 +353,7 @@ def free_acceleration(before: Array, after: Array) -> tuple[float, float]:
     return ax, GRAVITY * 2.0 * (my * mz - mw * mx) / upright
 
 
-@compiled
+@compiled_call
 def rotation_vector(before: Array, after: Array) -> tuple[float, float, float]:
     """Return the rotation vector [rad], body frame, from the first quaternion to the second."""
     x0, y0, z0, w0 = before[0], before[1], before[2], before[3]
@@ -369,7 +369,7 @@ def rotation_vector(before: Array, after: Array) -> tuple[float, float, float]:
     return scale * ex, scale * ey, scale * ez
 
 
-@compiled
+@compiled_call
 def _evaluate_triggers(r: Any, p: Any, stamp_s: float, position: Array) -> bool:
     """Apply the triggers to the present sample; fill in an event and return True if one fires."""
     if r.innovation and r.statistic > p.threshold:
@@ -385,7 +385,7 @@ def _evaluate_triggers(r: Any, p: Any, stamp_s: float, position: Array) -> bool:
     return False
 
 
-@compiled
+@compiled_call
 def _in_region(r: Any, p: Any, position: Array) -> bool:
     dx, dy, dz = _direction(r)
     x, y, z = position[0] - p.region_x, position[1] - p.region_y, position[2] - p.region_z
@@ -396,7 +396,7 @@ def _in_region(r: Any, p: Any, position: Array) -> bool:
     )
 
 
-@compiled
+@compiled_call
 def _direction(r: Any) -> tuple[float, float, float]:
     """Unit vector of the flight over the last half second before now, or zero."""
     if r.track_length > 0:
@@ -408,7 +408,7 @@ def _direction(r: Any) -> tuple[float, float, float]:
     return 0.0, 0.0, 0.0
 
 
-@compiled
+@compiled_call
 def _fill_event(r: Any, p: Any, stamp_s: float, position: Array, trigger: int) -> None:
     r.count += 1
     r.trigger = trigger

@@ -30,7 +30,7 @@ from tombo_collision.detector import (
 )
 from tombo_collision.params import DetectorParams
 from tombo_dynamics.core import Core
-from tombo_dynamics.jit import compiled
+from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.message_records import COLLISION_EVENT, DETECTOR_STATUS, message_of
 from tombo_dynamics.messages import CollisionEvent, DetectorStatus, Pose
 
@@ -89,14 +89,14 @@ DETECTOR_CORE = np.dtype(
 """Memory of the detector's core."""
 
 
-@compiled
+@compiled_call
 def begin_detector_core(r: Any) -> None:
     """Begin before the first pose."""
     begin_detector(r.detector)
     r.origin_ns = _NONE
 
 
-@compiled
+@compiled_call
 def take_pose(r: Any, p: Any, stamp_ns: int, now_ns: int, position: Array, attitude: Array) -> int:
     """Take a pose in map; return what became of it: used (0), `EVENT` or a key of `REASONS`.
 
@@ -126,7 +126,7 @@ def take_pose(r: Any, p: Any, stamp_ns: int, now_ns: int, position: Array, attit
     return result
 
 
-@compiled
+@compiled_call
 def fill_status(r: Any, p: Any, stamp_ns: int, result: int) -> None:
     """Count a pose and fill in the status for it."""
     used = result <= EVENT
@@ -145,7 +145,7 @@ def fill_status(r: Any, p: Any, stamp_ns: int, result: int) -> None:
     status.poses = r.used + status.rejected
 
 
-@compiled
+@compiled_call
 def _look_at(r: Any, p: Any, stamp_ns: int, now_ns: int, position: Array, attitude: Array) -> int:
     square = 0.0
     for i in range(4):
@@ -178,7 +178,7 @@ class DetectorCore(Core):
     inputs = ("/mocap/pose",)
     outputs = ("/collision_event", "/detector/status")
     period_ns = 20_000_000
-    sections: ClassVar = {"detector": DetectorParams}
+    sections: ClassVar[Mapping[str, type]] = {"detector": DetectorParams}
 
     @classmethod
     def make(cls, records: Mapping[str, Any]) -> DetectorCore:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -19,7 +19,7 @@ from tombo_collision.params import ReactionLimits
 from tombo_collision.reactions import DEFAULT, REGISTRY, Decision, Reaction
 from tombo_dynamics.core import ERROR, Core
 from tombo_dynamics.errors import unknown_name
-from tombo_dynamics.jit import compiled
+from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.message_records import (
     COLLISION_EVENT,
     POSITION_SETPOINT,
@@ -139,7 +139,7 @@ REACTION = np.dtype(
 """Memory of the reaction's core."""
 
 
-@compiled
+@compiled_call
 def begin_reaction(r: Any) -> None:
     """Forget everything but what was published."""
     r.active = False
@@ -162,7 +162,7 @@ def begin_reaction(r: Any) -> None:
     r.pending = 0
 
 
-@compiled
+@compiled_call
 def take_mission_setpoint(r: Any, setpoint: Any, now_ns: int) -> bool:
     """Take the mission's set point; False: not finite or of no known phase, not taken."""
     total = setpoint.yaw
@@ -177,7 +177,7 @@ def take_mission_setpoint(r: Any, setpoint: Any, now_ns: int) -> bool:
     return True
 
 
-@compiled
+@compiled_call
 def copy_setpoint(to: Any, source: Any) -> None:
     """Copy all of a set point but its stamp."""
     for i in range(3):
@@ -188,7 +188,7 @@ def copy_setpoint(to: Any, source: Any) -> None:
     to.phase = source.phase
 
 
-@compiled
+@compiled_call
 def take_position(r: Any, position: Array, now_ns: int) -> bool:
     """Take the estimated position (3) [m]; False: not finite, not taken."""
     if not math.isfinite(position[0] + position[1] + position[2]):
@@ -200,7 +200,7 @@ def take_position(r: Any, position: Array, now_ns: int) -> bool:
     return True
 
 
-@compiled
+@compiled_call
 def note_mocap(r: Any, limits: Any, now_ns: int) -> None:
     """Take note of a pose: the detector has something to look at."""
     if now_ns - r.mocap_ns > limits.pose_timeout * 1e9:
@@ -208,7 +208,7 @@ def note_mocap(r: Any, limits: Any, now_ns: int) -> None:
     r.mocap_ns = now_ns
 
 
-@compiled
+@compiled_call
 def check_event(r: Any, limits: Any, event: Any, now_ns: int) -> int:
     """Return whether a collision is to be reacted to: an index in EVENT_REFUSALS."""
     for i in range(min(r.events, _STAMPS)):
@@ -239,7 +239,7 @@ def check_event(r: Any, limits: Any, event: Any, now_ns: int) -> int:
     return _ACCEPTED
 
 
-@compiled
+@compiled_call
 def reaction_step(r: Any, limits: Any, now_ns: int) -> None:
     """Decide; `publishes` and `status_due` say whether `setpoint` and `status` are new.
 
@@ -293,7 +293,7 @@ def reaction_step(r: Any, limits: Any, now_ns: int) -> None:
         r.said = True
 
 
-@compiled
+@compiled_call
 def _hold_at(out: Any, place: Array, yaw: float, phase: int) -> None:
     """Write the set point that rests at a place (3) [m]."""
     for i in range(3):
@@ -304,12 +304,12 @@ def _hold_at(out: Any, place: Array, yaw: float, phase: int) -> None:
     out.phase = phase
 
 
-@compiled
+@compiled_call
 def _on_ground(phase: int) -> bool:
-    return phase == _GROUNDED or phase == _LANDED  # noqa: SIM109 - as compiled code likes it
+    return phase == _GROUNDED or phase == _LANDED
 
 
-@compiled
+@compiled_call
 def _holds_x_r(r: Any, mission_timed_out: bool) -> bool:
     """Return whether x_r is the set point: the mission does not fly there yet, or is not heard."""
     phase = r.mission.phase
@@ -324,7 +324,7 @@ def _holds_x_r(r: Any, mission_timed_out: bool) -> bool:
     return planned or not r.mission_at_x_r or (unsure and phase != _LAND)
 
 
-@compiled
+@compiled_call
 def _reason_to_hold(r: Any, limits: Any, mission_timed_out: bool, now_ns: int) -> int:
     phase = r.mission.phase
     if mission_timed_out and not _on_ground(phase):
@@ -337,7 +337,7 @@ def _reason_to_hold(r: Any, limits: Any, mission_timed_out: bool, now_ns: int) -
     return _DETECTOR_SILENT if silent else _NO_REASON
 
 
-@compiled
+@compiled_call
 def _report(r: Any, limits: Any, why: int, now_ns: int) -> None:
     old = limits.pose_timeout * 1e9
     stale = now_ns - r.odometry_ns > old or now_ns - r.mocap_ns > old
@@ -354,7 +354,7 @@ def _report(r: Any, limits: Any, why: int, now_ns: int) -> None:
         _fill_status(r, state, now_ns)
 
 
-@compiled
+@compiled_call
 def _fill_status(r: Any, state: int, now_ns: int) -> None:
     status = r.status
     status.stamp_ns = now_ns
@@ -385,8 +385,13 @@ class ReactionCore(Core):
     )
     outputs = ("/setpoint", "/reaction/status")
     period_ns = 5_000_000
-    sections: ClassVar = {"inputs": ReactionLimits, **REGISTRY}
-    options: ClassVar = {"reaction": (DEFAULT, f"what it does: {', '.join(REGISTRY)}")}
+    sections: ClassVar[Mapping[str, type]] = {
+        "inputs": ReactionLimits,
+        **{name: kind for name, kind in REGISTRY.items() if fields(kind)},
+    }
+    options: ClassVar[Mapping[str, tuple[Any, str]]] = {
+        "reaction": (DEFAULT, f"what it does: {', '.join(REGISTRY)}")
+    }
 
     @classmethod
     def make(cls, records: Mapping[str, Any]) -> ReactionCore:

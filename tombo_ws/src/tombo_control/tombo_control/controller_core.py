@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from tombo_control.params import (
     InputLimits,
 )
 from tombo_dynamics.core import ERROR, Core
-from tombo_dynamics.jit import compiled
+from tombo_dynamics.jit import compiled, compiled_call
 from tombo_dynamics.message_records import ODOMETRY, POSITION_SETPOINT, fill_record
 from tombo_dynamics.messages import (
     AttitudeSetpoint,
@@ -76,7 +76,7 @@ CONTROLLER = np.dtype(
 """Bookkeeping of the controller's core; its state is an autopilot's memory."""
 
 
-@compiled
+@compiled_call
 def reset_inputs(r: Any) -> None:
     """Take all that was said so far for another flight's: no set point, so no rotor turns."""
     r.estimate_ns = _NEVER
@@ -86,7 +86,7 @@ def reset_inputs(r: Any) -> None:
     r.blind = False
 
 
-@compiled
+@compiled_call
 def begin_controller(r: Any) -> None:
     """Begin before the first gyro sample."""
     r.tick = _NEVER
@@ -95,7 +95,7 @@ def begin_controller(r: Any) -> None:
     reset_inputs(r)
 
 
-@compiled
+@compiled_call
 def take_odometry(r: Any, a: Array, odometry: Any) -> bool:
     """Take an estimate; False: not finite, not a rotation, or old."""
     q = odometry.attitude
@@ -119,9 +119,9 @@ def take_odometry(r: Any, a: Array, odometry: Any) -> bool:
     return True
 
 
-@compiled
+@compiled_call
 def take_biases(r: Any, a: Array, gyro_bias: Array, pose_stamp_ns: int) -> bool:
-    """Take the gyro's bias (3) [rad/s] and the capture time of the last pose; False: not finite."""
+    """Take the gyro's bias (3) [rad/s] and the last pose's capture time; False: not finite."""
     if not math.isfinite(gyro_bias[0] + gyro_bias[1] + gyro_bias[2]):
         return False
     for i in range(3):
@@ -130,7 +130,7 @@ def take_biases(r: Any, a: Array, gyro_bias: Array, pose_stamp_ns: int) -> bool:
     return True
 
 
-@compiled
+@compiled_call
 def take_setpoint(r: Any, setpoint: Any, now_ns: int) -> bool:
     """Take a set point that arrived at `now_ns`; False: not finite."""
     total = setpoint.yaw
@@ -230,7 +230,7 @@ class ControllerCore(Core):
     inputs = ("/odometry", "/estimator/status", "/setpoint", "/imu/data_raw")
     outputs = ("/rotor_command", "/rates_setpoint", "/attitude_setpoint")
     period_ns = 1_000_000
-    sections: ClassVar = {
+    sections: ClassVar[Mapping[str, type]] = {
         "control": ControlParams,
         "inputs": InputLimits,
         "vehicle": VehicleParams,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tombo_control.leg import ACCELERATION, Leg, Point, turning_leg
 from tombo_dynamics.errors import InputError, unknown_name
-from tombo_dynamics.jit import compiled
+from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.params import check_number, param
 
 Array = NDArray[np.float64]
@@ -116,7 +116,7 @@ def waypoint_table(course: Sequence[Waypoint] | None) -> Array:
     return np.array(rows, dtype=np.float64).reshape(-1, len(ResolvedWaypoint._fields))
 
 
-@compiled
+@compiled_call
 def resolved_waypoint(table: Array, row: int, hover: Point, speed: float) -> ResolvedWaypoint:
     """Return a waypoint of a `waypoint_table`, what it leaves out as in `resolved_waypoints`."""
     x, y, z = hover
@@ -137,7 +137,7 @@ def resolved_waypoint(table: Array, row: int, hover: Point, speed: float) -> Res
     )
 
 
-@compiled
+@compiled_call
 def leg_to(target: ResolvedWaypoint, start: Point, yaw: float, now_s: float) -> Leg:
     """Return the leg from `start`, heading `yaw`, to a waypoint."""
     return turning_leg(

@@ -27,7 +27,7 @@ from tombo_control.estimator import correct, process_imu, store_history, update_
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_control.pose_check import FRAME, MAX_FUTURE_NS, MAX_SQUARE_ERROR
 from tombo_dynamics.core import ERROR, Core
-from tombo_dynamics.jit import compiled
+from tombo_dynamics.jit import compiled, compiled_call
 from tombo_dynamics.message_records import ESTIMATOR_STATUS, ODOMETRY, message_of
 from tombo_dynamics.messages import EstimatorStatus, Imu, MissionStatus, Odometry, Pose
 from tombo_dynamics.rotation import rotated
@@ -101,7 +101,7 @@ ESTIMATOR = np.dtype(
 """Bookkeeping of the estimator's core; its state is an autopilot's memory."""
 
 
-@compiled
+@compiled_call
 def reset_estimator(r: Any) -> None:
     """Forget the state; the next poses begin it anew."""
     r.running = False
@@ -113,7 +113,7 @@ def reset_estimator(r: Any) -> None:
     r.stamp_ns = _NO_STAMP
 
 
-@compiled
+@compiled_call
 def take_pose(
     r: Any, a: Array, stamp_ns: int, now_ns: int, position: Array, attitude: Array
 ) -> int:
@@ -150,7 +150,7 @@ def take_pose(
     return why
 
 
-@compiled
+@compiled_call
 def _check(r: Any, stamp_ns: int, now_ns: int, position: Array, attitude: Array) -> int:
     total = position[0] + position[1] + position[2]
     square = 0.0
@@ -168,7 +168,7 @@ def _check(r: Any, stamp_ns: int, now_ns: int, position: Array, attitude: Array)
     return _LATE if now_ns - stamp_ns > (HISTORY_TICKS - 2) * TICK_NS else _TAKEN
 
 
-@compiled
+@compiled_call
 def _append_pending(r: Any, tick: int, pose: Array) -> None:
     """Keep a pose for its IMU sample; of too many the oldest is dropped."""
     if r.pending == _PENDING:
@@ -179,7 +179,7 @@ def _append_pending(r: Any, tick: int, pose: Array) -> None:
     r.pending += 1
 
 
-@compiled
+@compiled_call
 def _drop_first_pending(r: Any) -> None:
     r.pending -= 1
     for k in range(r.pending):
@@ -188,7 +188,7 @@ def _drop_first_pending(r: Any) -> None:
             r.pending_poses[k, i] = r.pending_poses[k + 1, i]
 
 
-@compiled
+@compiled_call
 def _initialize(r: Any, a: Array, stamp_ns: int, pose: Array) -> None:
     """Begin the estimate from three poses on end: place, attitude, velocity."""
     if r.initial > 0 and stamp_ns - r.initial_ns[r.initial - 1] > _MAX_INITIAL_GAP_NS:
@@ -221,13 +221,13 @@ def _initialize(r: Any, a: Array, stamp_ns: int, pose: Array) -> None:
     r.initial = 0
 
 
-@compiled
+@compiled_call
 def _distance(pose: Array, x: float, y: float, z: float) -> float:
     x, y, z = pose[0] - x, pose[1] - y, pose[2] - z
     return math.sqrt(x * x + y * y + z * z)
 
 
-@compiled
+@compiled_call
 def _check_jump(r: Any, a: Array, stamp_ns: int, pose: Array) -> int:
     """Refuse a pose too far from the estimate, unless it comes again and again."""
     tick = nearest_tick(stamp_ns)
@@ -308,19 +308,19 @@ def take_imu(r: Any, a: Array, stamp_ns: int, gyro: Array, accel: Array) -> bool
     return True
 
 
-@compiled
+@compiled_call
 def odometry_due(stamp_ns: int) -> bool:
     """Return whether an estimate goes out as odometry."""
     return nearest_tick(stamp_ns) % _ODOMETRY_TICKS == 0
 
 
-@compiled
+@compiled_call
 def status_due(stamp_ns: int) -> bool:
     """Return whether a status goes out with an estimate."""
     return nearest_tick(stamp_ns) % _STATUS_TICKS == 0
 
 
-@compiled
+@compiled_call
 def fill_odometry(r: Any, out: Any) -> None:
     """Write the newest estimate as odometry: velocity in base_link."""
     e = r.estimate
@@ -337,7 +337,7 @@ def fill_odometry(r: Any, out: Any) -> None:
         out.rates[i] = e[A.rates + i]
 
 
-@compiled
+@compiled_call
 def fill_status(r: Any, out: Any) -> None:
     """Write the status that goes with the newest estimate."""
     out.stamp_ns = r.stamp_ns
@@ -361,7 +361,10 @@ class EstimatorCore(Core):
     inputs = ("/mission/status", "/mocap/pose", "/imu/data_raw")
     outputs = ("/odometry", "/estimator/status")
     period_ns = 4_000_000
-    sections: ClassVar = {"estimator": EstimatorParams, "vehicle": VehicleParams}
+    sections: ClassVar[Mapping[str, type]] = {
+        "estimator": EstimatorParams,
+        "vehicle": VehicleParams,
+    }
 
     @classmethod
     def make(cls, records: Mapping[str, Any]) -> EstimatorCore:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_control.trapezoidal_profile import trapezoidal_profile
-from tombo_dynamics.jit import compiled
+from tombo_dynamics.jit import compiled_call
 
 Array = NDArray[np.float64]
 Point = tuple[float, float, float]
@@ -67,7 +67,7 @@ class Leg(NamedTuple):
         return self.motion_end_s + self.hold_s
 
 
-@compiled
+@compiled_call
 def leg_position(leg: Leg, time_s: float) -> Point:
     """Return the reference position at `time_s` [s]."""
     way, _, _ = trapezoidal_profile(time_s - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s)
@@ -76,26 +76,26 @@ def leg_position(leg: Leg, time_s: float) -> Point:
     return x + vx * way, y + vy * way, z + vz * way
 
 
-@compiled
+@compiled_call
 def leg_yaw(leg: Leg, time_s: float) -> float:
     """Return the reference yaw [rad] at `time_s` [s]."""
     way, _, _ = trapezoidal_profile(time_s - leg.begin_s, leg.turn_s, leg.turn_ramp_s)
     return leg.yaw + leg.yaw_rate * way
 
 
-@compiled
+@compiled_call
 def motion_end(leg: Leg) -> float:
     """Return when way and turn are over [s]."""
     return max(leg.end_s, leg.begin_s + leg.turn_s)
 
 
-@compiled
+@compiled_call
 def hold_leg(point: Point, now_s: float, yaw: float = 0.0) -> Leg:
     """Return the leg that holds a point."""
     return Leg(point, (0.0, 0.0, 0.0), now_s, _FOREVER, 0.0, float(yaw), 0.0, 0.0, 0.0, 0.0)
 
 
-@compiled
+@compiled_call
 def straight_leg(start: Point, goal: Point, speed: float, now_s: float, yaw: float = 0.0) -> Leg:
     """Return the leg from `start` to `goal` at `speed` [m/s], with ramps of 0.8 m/s^2."""
     if _distance(start, goal) < _SAME:
@@ -103,7 +103,7 @@ def straight_leg(start: Point, goal: Point, speed: float, now_s: float, yaw: flo
     return turning_leg(start, goal, (float(yaw), float(yaw)), now_s, speed, ACCELERATION, 1.0)
 
 
-@compiled
+@compiled_call
 def turning_leg(
     start: Point,
     goal: Point,
@@ -154,13 +154,13 @@ def turning_leg(
     )
 
 
-@compiled
+@compiled_call
 def _distance(a: Point, b: Point) -> float:
     x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     return math.sqrt(x * x + y * y + z * z)
 
 
-@compiled
+@compiled_call
 def _trapezoid(length: float, speed: float, acceleration: float) -> tuple[float, float, float]:
     """Return the speed reached, the whole time and that of a ramp."""
     ramp = min(speed / acceleration, math.sqrt(length / acceleration))

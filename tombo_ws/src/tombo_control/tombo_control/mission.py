@@ -40,7 +40,7 @@ from tombo_control.leg import (
     motion_end,
     straight_leg,
 )
-from tombo_dynamics.jit import compiled
+from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.params import numeric_fields, param, structure
 
 Array = NDArray[np.float64]
@@ -116,25 +116,25 @@ class MissionState(NamedTuple):
     """When the vehicle was first settled at x_r [s]; NaN before."""
 
 
-@compiled
+@compiled_call
 def _point(place: Array) -> Point:
     return place[0], place[1], place[2]
 
 
-@compiled
+@compiled_call
 def _with(state: MissionState, mode: int, leg: Leg, steps: int) -> MissionState:
     """Return the state with another phase, leg and number of steps."""
     return MissionState(mode, leg, state.home, steps, state.settled_since_s, state.settled_s)
 
 
-@compiled
+@compiled_call
 def begin(home: Array) -> MissionState:
     """Return the state on the ground at `home` (3)."""
     here = _point(home)
     return MissionState(IDLE, hold_leg(here, 0.0), here, 0, math.inf, math.nan)
 
 
-@compiled
+@compiled_call
 def initial_state_in_flight(position: Array, ground: float) -> MissionState:
     """Return the state of a mission that begins in the air: hold at `position` (3), then land.
 
@@ -146,21 +146,21 @@ def initial_state_in_flight(position: Array, ground: float) -> MissionState:
     return MissionState(HOLD, hold_leg((x, y, z), 0.0), (x, y, ground), 0, math.inf, 0.0)
 
 
-@compiled
+@compiled_call
 def wait(state: MissionState, now_s: float, position: Array) -> MissionState:
     """Stay at `position` (3) in the plan's present phase."""
     leg = hold_leg(_point(position), now_s, leg_yaw(state.leg, now_s))
     return _with(state, state.mode, leg, state.steps)
 
 
-@compiled
+@compiled_call
 def set_landed(state: MissionState, now_s: float, position: Array) -> MissionState:
     """End the flight at `position` (3): the vehicle stands on the ground."""
     waiting = wait(state, now_s, position)
     return _with(waiting, LANDED, waiting.leg, waiting.steps)
 
 
-@compiled
+@compiled_call
 def resume(state: MissionState, plan: Any, now_s: float, position: Array) -> MissionState:
     """Go on with the plan's present phase from `position` (3), at rest there."""
     here = _point(position)
@@ -178,7 +178,7 @@ def resume(state: MissionState, plan: Any, now_s: float, position: Array) -> Mis
     return _with(state, state.mode, leg, state.steps)
 
 
-@compiled
+@compiled_call
 def start_reaction(state: MissionState, x_r: Array, now_s: float) -> MissionState:
     """Leave the plan for the safe point x_r (3); a point that is not finite changes nothing."""
     if not math.isfinite(x_r[0] + x_r[1] + x_r[2]):
@@ -187,7 +187,7 @@ def start_reaction(state: MissionState, x_r: Array, now_s: float) -> MissionStat
     return MissionState(REACT, leg, state.home, state.steps, math.inf, math.nan)
 
 
-@compiled
+@compiled_call
 def advance_mission(
     state: MissionState, plan: Any, now_s: float, position: Array, velocity: Array
 ) -> MissionState:
@@ -223,25 +223,25 @@ def advance_mission(
     return state
 
 
-@compiled
+@compiled_call
 def _top(state: MissionState, plan: Any) -> Point:
     """Return where it hovers."""
     return state.home[0], state.home[1], plan.height
 
 
-@compiled
+@compiled_call
 def _goal(plan: Any) -> Point:
     return plan.goal_x, plan.goal_y, plan.height
 
 
-@compiled
+@compiled_call
 def _target(state: MissionState, plan: Any, row: int) -> ResolvedWaypoint:
     """Return a waypoint; the plan may have been changed in flight, and be shorter."""
     row = min(max(row, 0), plan.waypoints.shape[0] - 1)
     return resolved_waypoint(plan.waypoints, row, _top(state, plan), plan.approach_speed)
 
 
-@compiled
+@compiled_call
 def _along_course(state: MissionState, plan: Any, now_s: float, position: Array) -> MissionState:
     """Begin the leg to the next waypoint when the last one is over; after the last, land."""
     while True:
@@ -258,14 +258,14 @@ def _along_course(state: MissionState, plan: Any, now_s: float, position: Array)
         state = _with(state, APPROACH, leg, state.steps + 1)
 
 
-@compiled
+@compiled_call
 def _next_step(state: MissionState, plan: Any, now_s: float) -> MissionState:
     """Jump to the next corner of a square with a change of height: a hard test for a detector."""
     corner = _corner(state, plan, state.steps)
     return _with(state, APPROACH, hold_leg(corner, now_s), state.steps + 1)
 
 
-@compiled
+@compiled_call
 def _corner(state: MissionState, plan: Any, step: int) -> Point:
     corner = step % 4
     dx = 1.0 if corner < 2 else 0.0
@@ -275,7 +275,7 @@ def _corner(state: MissionState, plan: Any, step: int) -> Point:
     return state.home[0] + size * dx, state.home[1] + size * dy, plan.height + size * dz
 
 
-@compiled
+@compiled_call
 def _settling(
     state: MissionState, plan: Any, now_s: float, position: Array, velocity: Array
 ) -> MissionState:
@@ -289,7 +289,7 @@ def _settling(
     return MissionState(mode, state.leg, state.home, state.steps, since, settled)
 
 
-@compiled
+@compiled_call
 def _land(state: MissionState, plan: Any, now_s: float, position: Array) -> MissionState:
     x, y, _ = leg_position(state.leg, now_s)
     below = (x, y, state.home[2] - 0.6)
@@ -298,7 +298,7 @@ def _land(state: MissionState, plan: Any, now_s: float, position: Array) -> Miss
     return _with(state, LAND, leg, state.steps)
 
 
-@compiled
+@compiled_call
 def _landing(state: MissionState, now_s: float, position: Array, velocity: Array) -> MissionState:
     wanted = leg_position(state.leg, now_s)
     height = position[2]
@@ -307,13 +307,13 @@ def _landing(state: MissionState, now_s: float, position: Array, velocity: Array
     return state
 
 
-@compiled
+@compiled_call
 def _near(position: Array, point: Point, radius: float) -> bool:
     dx, dy, dz = position[0] - point[0], position[1] - point[1], position[2] - point[2]
     return dx * dx + dy * dy + dz * dz < radius * radius
 
 
-@compiled
+@compiled_call
 def _speed(velocity: Array) -> float:
     x, y, z = velocity[0], velocity[1], velocity[2]
     return math.sqrt(x * x + y * y + z * z)

@@ -37,7 +37,7 @@ from tombo_control.mission import (
 )
 from tombo_control.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.core import Core
-from tombo_dynamics.jit import compiled
+from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.message_records import POSITION_SETPOINT, message_of
 from tombo_dynamics.messages import MissionStatus, Odometry, PositionSetpoint, ReactionStatus
 from tombo_dynamics.params import as_tuple, param, tuple_type
@@ -156,7 +156,7 @@ MISSION = np.dtype(
 """Memory of the mission's core."""
 
 
-@compiled
+@compiled_call
 def begin_mission(r: Any, started: bool) -> None:
     """Forget everything but what was published."""
     r.begun = False
@@ -177,7 +177,7 @@ def begin_mission(r: Any, started: bool) -> None:
     r.has_flown = False
 
 
-@compiled
+@compiled_call
 def mission_state(r: Any) -> MissionState:
     """Return where the plan stands."""
     t = r.leg
@@ -197,7 +197,7 @@ def mission_state(r: Any) -> MissionState:
     return MissionState(r.mode, leg, home, r.steps, r.settled_since_s, r.settled_s)
 
 
-@compiled
+@compiled_call
 def _store(r: Any, state: MissionState) -> None:
     leg = state.leg
     for i in range(3):
@@ -213,7 +213,7 @@ def _store(r: Any, state: MissionState) -> None:
     r.settled_s = state.settled_s
 
 
-@compiled
+@compiled_call
 def take_estimate(r: Any, position: Array, velocity: Array, now_ns: int) -> bool:
     """Take an estimate (3), (3), map; False: not finite, not taken."""
     total = 0.0
@@ -228,7 +228,7 @@ def take_estimate(r: Any, position: Array, velocity: Array, now_ns: int) -> bool
     return True
 
 
-@compiled
+@compiled_call
 def take_reaction(
     r: Any, limits: Any, state: int, x_r: Array, collisions: int, stamp_ns: int, now_ns: int
 ) -> None:
@@ -261,7 +261,7 @@ def take_reaction(
             r.escape[i] = x_r[i]
 
 
-@compiled
+@compiled_call
 def mission_step(r: Any, plan: Any, limits: Any, now_ns: int) -> bool:
     """Go on to `now_ns`; write `setpoint` and return True, False before the first estimate."""
     if r.now_ns != _NEVER and now_ns < r.now_ns - _CLOCK_SET_NS:
@@ -291,12 +291,12 @@ def mission_step(r: Any, plan: Any, limits: Any, now_ns: int) -> bool:
     return True
 
 
-@compiled
+@compiled_call
 def _is_planned(mode: int) -> bool:
     return mode == IDLE or TAKEOFF <= mode <= APPROACH
 
 
-@compiled
+@compiled_call
 def _reason_to_wait(r: Any, limits: Any, now_ns: int) -> int:
     if r.two_estimators:
         return _TWO_ESTIMATES
@@ -313,7 +313,7 @@ def _reason_to_wait(r: Any, limits: Any, now_ns: int) -> int:
     return _GOES_ON
 
 
-@compiled
+@compiled_call
 def _advance(r: Any, plan: Any, limits: Any, waited: int) -> None:
     """Take the plan's next step, with a fresh estimate."""
     state, now, here = mission_state(r), r.time_ns * 1e-9, r.estimate[0]
@@ -345,7 +345,7 @@ def _advance(r: Any, plan: Any, limits: Any, waited: int) -> None:
     _store(r, state)
 
 
-@compiled
+@compiled_call
 def _tracking_error(state: MissionState, now: float, here: Array) -> float:
     """Return how far the vehicle is from the reference [m]."""
     x, y, z = leg_position(state.leg, now)
@@ -353,13 +353,13 @@ def _tracking_error(state: MissionState, now: float, here: Array) -> float:
     return math.sqrt(x * x + y * y + z * z)
 
 
-@compiled
+@compiled_call
 def _reference_moves(state: MissionState, now: float) -> bool:
     x, y, z = state.leg.velocity
     return (x != 0.0 or y != 0.0 or z != 0.0) and now < state.leg.end_s
 
 
-@compiled
+@compiled_call
 def _is_on_ground(r: Any, state: MissionState, now: float) -> bool:
     """Say whether the vehicle stands on the ground though it is to fly.
 
@@ -382,7 +382,7 @@ def _is_on_ground(r: Any, state: MissionState, now: float) -> bool:
     return now - r.rest_since_s >= (_REST_S if r.has_flown else _NO_LIFT_S)
 
 
-@compiled
+@compiled_call
 def _set_point(r: Any, now_ns: int, still: bool) -> None:
     """Write the reference at the present flight time; `still`: held where it is."""
     leg, now = mission_state(r).leg, r.time_ns * 1e-9
@@ -413,8 +413,10 @@ class MissionCore(Core):
     outputs = ("/mission/setpoint", "/mission/status")
     period_ns = 20_000_000
     steps_on_messages = False
-    sections: ClassVar = {"mission": MissionParams, "inputs": MissionLimits}
-    options: ClassVar = {"auto_start": (True, "false: wait on the ground until it is set to true")}
+    sections: ClassVar[Mapping[str, type]] = {"mission": MissionParams, "inputs": MissionLimits}
+    options: ClassVar[Mapping[str, tuple[Any, str]]] = {
+        "auto_start": (True, "false: wait on the ground until it is set to true")
+    }
 
     @classmethod
     def make(cls, records: Mapping[str, Any]) -> MissionCore:

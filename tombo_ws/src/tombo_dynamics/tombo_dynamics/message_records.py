@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from tombo_dynamics import messages
-from tombo_dynamics.jit import compiled
+from tombo_dynamics.jit import compiled_call
 
 _Message = TypeVar("_Message")
 _LENGTHS = {"attitude": 4, "speed": 4}
@@ -37,7 +37,7 @@ REACTION_STATUS = _record_type(messages.ReactionStatus)
 MISSION_STATUS = _record_type(messages.MissionStatus)
 
 
-@compiled
+@compiled_call
 def copy_status(to: Any, source: Any) -> None:
     """Copy a reaction's status."""
     to.stamp_ns = source.stamp_ns
@@ -49,7 +49,7 @@ def copy_status(to: Any, source: Any) -> None:
         to.n_r[i] = source.n_r[i]
 
 
-@compiled
+@compiled_call
 def copy_event(to: Any, source: Any) -> None:
     """Copy a collision."""
     to.stamp_ns = source.stamp_ns

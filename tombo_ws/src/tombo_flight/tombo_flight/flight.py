@@ -15,22 +15,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_collision.detector import TRIGGER_NAMES
-from tombo_collision.detector_core import DetectorCore
+from tombo_collision.detector import TRIGGER_NAMES, CollisionEvent
 from tombo_collision.reaction_core import ReactionCore
+from tombo_collision.reactions import Decision
 from tombo_control.autopilot import PHASE_NAMES
-from tombo_control.controller_core import ControllerCore
-from tombo_control.estimator_core import EstimatorCore
-from tombo_control.mission_core import MissionCore
-from tombo_dynamics.core import Core
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.message_records import message_of
-from tombo_dynamics.messages import CollisionEvent
+from tombo_dynamics.messages import CollisionEvent as CollisionMessage
 from tombo_dynamics.plant import P
-from tombo_flight.flight_metrics import MetricsInput, summarize
+from tombo_flight.flight_metrics import (
+    MetricsInput,
+    detection_event,
+    summarize,
+    switch_event,
+)
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.scenario import Scenario, as_mapping, world_of
-from tombo_flight.wiring import make_core
+from tombo_flight.wiring import CORES, core_of
 from tombo_sim.flight_setup import NOISE, TICK_S, FlightSetup, begin
 from tombo_sim.kernel import (
     ARRIVES,
@@ -106,15 +107,8 @@ def fly_scenario(
     poses = (captures, normals, mocap, np.zeros(3, dtype=np.int64))
     log = (workspace or Workspace()).rows(ticks)
     published = new_published(ticks, captures.size)
-    kinds: tuple[type[Core], ...] = (
-        EstimatorCore,
-        DetectorCore,
-        ReactionCore,
-        MissionCore,
-        ControllerCore,
-    )
-    cores: Any = [make_core(kind, scenario) for kind in kinds]
-    reaction: ReactionCore = cores[2]
+    cores: Any = [core_of(kind, scenario) for kind in CORES]
+    reaction: ReactionCore = cores[CORES.index(ReactionCore)]
     memories, params = core_memories(*cores)
     flight: Any = np.zeros(1, FLIGHT)[0]
     flight["end"] = ticks
@@ -158,7 +152,7 @@ def _react(reaction: ReactionCore, published: Published, flight: Any) -> None:
     now_ns = EPOCH_NS + tick * _TICK_NS
     events = published.event[: flight["published"][EVENT]]
     for entry in events[events["tick"] == tick - 1]:
-        reaction.event(message_of(CollisionEvent, entry["message"], frame_id="map"), now_ns)
+        reaction.event(message_of(CollisionMessage, entry["message"], frame_id="map"), now_ns)
     reaction.step(now_ns)
     publish_reaction(reaction.memory, published, flight, tick)
 
@@ -183,13 +177,19 @@ def _record(
 ) -> FlightRecord:
     columns = {name: log[:, where] for name, where in COLUMNS.items()}
     t: Array = np.arange(log.shape[0], dtype=np.float64) * TICK_S
-    detections = [_detection(entry) for entry in published["event"]]
+    detections = [_detection(event) for event in published["event"]["message"]]
+    arrivals = (published["event"]["tick"] * TICK_S).tolist()
+    events = [detection_event(*known) for known in zip(detections, arrivals, strict=True)]
     status = published["reaction_status"]
-    collisions = np.diff(status["message"]["collisions"], prepend=0)
-    decisions = status[collisions > 0]
-    events = detections + [_switch(entry) for entry in decisions] + _phases(published)
+    decided = status[np.diff(status["message"]["collisions"], prepend=0) > 0]
+    decisions = [Decision(s["x_c"], s["n_r"], s["x_r"]) for s in decided["message"]]
+    events += [
+        switch_event(decision, float(entry["tick"]) * TICK_S, i + 1)
+        for i, (decision, entry) in enumerate(zip(decisions, decided, strict=True))
+    ]
+    events += _phases(published)
     summary, seen = summarize(
-        MetricsInput(scenario, seed, t, columns, detections, decisions["message"], wall)
+        MetricsInput(scenario, seed, t, columns, detections, arrivals, decisions, wall)
     )
     arrived = mocap[published["detector_status"]["row"]]
     return FlightRecord(
@@ -211,35 +211,18 @@ def _seconds(stamp_ns: Any) -> float:
     return float(int(stamp_ns) - EPOCH_NS) * 1e-9
 
 
-def _detection(entry: Any) -> dict[str, Any]:
-    event = entry["message"]
-    name = TRIGGER_NAMES[event["trigger"]]
-    return {
-        "time_s": float(entry["tick"]) * TICK_S,
-        "kind": "detection",
-        "text": f"collision detected ({name})",
-        "trigger": name,
-        "stamp_s": _seconds(event["stamp_ns"]),
-        "contact_time_s": _seconds(event["contact_stamp_ns"]),
-        "x_c_m": event["contact_position"].tolist(),
-        "flight_direction": event["flight_direction"].tolist(),
-        "confidence": float(event["confidence"]),
-        "statistic": float(event["statistic"]),
-        "count": int(event["count"]),
-    }
-
-
-def _switch(entry: Any) -> dict[str, Any]:
-    status = entry["message"]
-    return {
-        "time_s": float(entry["tick"]) * TICK_S,
-        "kind": "setpoint_switch",
-        "text": "set point moved to x_r",
-        "x_c_m": status["x_c"].tolist(),
-        "x_r_m": status["x_r"].tolist(),
-        "n_r": status["n_r"].tolist(),
-        "count": int(status["collisions"]),
-    }
+def _detection(event: Any) -> CollisionEvent:
+    """Return a published collision in flight time."""
+    return CollisionEvent(
+        _seconds(event["stamp_ns"]),
+        TRIGGER_NAMES[event["trigger"]],
+        _seconds(event["contact_stamp_ns"]),
+        event["contact_position"],
+        event["flight_direction"],
+        float(event["confidence"]),
+        float(event["statistic"]),
+        int(event["count"]),
+    )
 
 
 def _phases(published: dict[str, Any]) -> list[dict[str, Any]]:

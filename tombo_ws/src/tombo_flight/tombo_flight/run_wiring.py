@@ -2,8 +2,8 @@
 
 In each tick of 1 ms the simulator senses. Every core takes the sensor messages of this tick and
 what other cores published in earlier ticks, in the order of its `inputs`, and is stepped if its
-period is due or a message has come. The rotor command of the tick acts in it. Within a tick no core
-depends on another, so nodes in lockstep fly the same flight to the last bit.
+period is due or a message has come. The rotor command of the tick acts in it. Within a tick no
+core depends on another, so nodes in lockstep fly the same flight to the last bit.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import numpy as np
 
 from tombo_bag.flight_time import EPOCH_NS
 from tombo_dynamics.core import Core
-from tombo_dynamics.messages import Imu, Phase, Pose, RotorCommand
+from tombo_dynamics.messages import Array, Imu, Phase, Pose, RotorCommand
 from tombo_flight.scenario import Scenario, world_of
-from tombo_flight.wiring import records_of, wiring
+from tombo_flight.wiring import CORES, core_of
 from tombo_sim.flight_end import FlightEndDetector
 from tombo_sim.simulator import TICK_NS, Simulator
 
@@ -67,7 +67,7 @@ def run_cores(
         record: told every message.
     """
     runners = [CoreRunner(core) for core in cores]
-    command = np.zeros(4)
+    command: Array = np.zeros(4)
     phase = int(Phase.IDLE)
     tick, end = 0, ticks
     while tick < end:
@@ -95,13 +95,11 @@ def run_cores(
 
 def sensed(simulator: Simulator, now_ns: int) -> list[tuple[str, Any]]:
     """Return what the sensors give in the present tick, as (topic, message)."""
-    messages: list[tuple[str, Any]] = [
-        (
-            "/mocap/pose",
-            Pose(EPOCH_NS + sample.stamp_ns, "map", sample.pose[:3].copy(), sample.pose[3:].copy()),
-        )
-        for sample in simulator.arrived
-    ]
+    messages: list[tuple[str, Any]] = []
+    for sample in simulator.arrived:
+        position, attitude = sample.pose[:3].copy(), sample.pose[3:].copy()
+        pose = Pose(EPOCH_NS + sample.stamp_ns, "map", position, attitude)
+        messages.append(("/mocap/pose", pose))
     imu = simulator.imu.copy()
     return [*messages, ("/imu/data_raw", Imu(now_ns, imu[:3], imu[3:]))]
 
@@ -112,14 +110,8 @@ def run_wiring(scenario: Scenario, seed: int, record: Record) -> int:
     Raises:
         InputError: as `Simulator`.
     """
-    cores = []
-    for kind in wiring(scenario):
-        core = kind.make(records_of(kind, scenario))
-        if "react" in kind.options:
-            core.set_params("react", scenario.react)
-        cores.append(core)
     return run_cores(
-        cores,
+        [core_of(kind, scenario) for kind in CORES],
         Simulator(world_of(scenario), seed),
         round(scenario.duration * 1e9 / TICK_NS),
         FlightEndDetector(scenario.vehicle.leg_height),

@@ -1,40 +1,67 @@
 """The wiring of a flight, as data: which cores there are and what each gets.
 
 Who publishes a topic and who takes it follows from the cores' `inputs` and `outputs`. The headless
-flight, the nodes, the replay and `run_wiring` all read this.
+flight, the nodes, the replay and the documentation all read this.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from tombo_collision.detector_core import DetectorCore
 from tombo_collision.reaction_core import ReactionCore
 from tombo_control.controller_core import ControllerCore
 from tombo_control.estimator_core import EstimatorCore
-from tombo_control.mission_core import MissionCore
+from tombo_control.mission_core import MissionCore, MissionLimits
 from tombo_dynamics.core import Core
 from tombo_flight.scenario import Scenario
 
+CORES: tuple[type[Core], ...] = (
+    EstimatorCore,
+    DetectorCore,
+    ReactionCore,
+    MissionCore,
+    ControllerCore,
+)
+"""The cores of a flight, in the order in which they are listed everywhere."""
+PX4_REPLACES = (EstimatorCore, ControllerCore)
+"""Cores whose place PX4 and the bridge to it take."""
 SENSORS = ("/mocap/pose", "/imu/data_raw")
 """What the simulator senses and cores take."""
 COMMAND = "/rotor_command"
 """What the simulator takes."""
 
 
-def wiring(scenario: Scenario) -> tuple[type[Core], ...]:
-    """Return the cores of a flight, in the order in which they are listed everywhere."""
-    return (EstimatorCore, DetectorCore, ReactionCore, MissionCore, ControllerCore)
+def publisher_of(topic: str) -> str:
+    """Return who publishes a topic of the wiring."""
+    return next((core.name for core in CORES if topic in core.outputs), "sim")
 
 
-PX4_TAKES = ("estimator", "controller")
-"""Cores whose place PX4 and the bridge to it take."""
+def subscribers_of(topic: str) -> tuple[str, ...]:
+    """Return who takes a topic of the wiring."""
+    taken = tuple(core.name for core in CORES if topic in core.inputs)
+    return (*taken, "sim") if topic == COMMAND else taken
 
 
 def records_of(core: type[Core], scenario: Scenario) -> dict[str, Any]:
-    """Return the parameters of a core: section → record; what no scenario says is the default."""
-    return {
+    """Return the parameters of a core, section → record; what no scenario says is the default."""
+    records = {
         section: getattr(scenario, section, None) or kind()
         for section, kind in core.sections.items()
     }
+    chosen = scenario.chosen_reaction
+    if chosen.name in records:
+        records[chosen.name] = chosen
+    if core.sections.get("inputs") is MissionLimits:
+        ground = scenario.vehicle.leg_height
+        records["inputs"] = replace(records["inputs"], ground_height=ground)
+    return records
+
+
+def core_of(kind: type[Core], scenario: Scenario) -> Core:
+    """Return a new core with the parameters of a scenario."""
+    core = kind.make(records_of(kind, scenario))
+    if "reaction" in kind.options:
+        core.set_params("reaction", scenario.chosen_reaction.name)
+    return core

@@ -18,6 +18,7 @@ import numpy as np
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
+from tombo_bag.message_template import MessageTemplate
 from tombo_bag.topics import (
     ATTITUDE_SETPOINT,
     BATTERY,
@@ -45,7 +46,6 @@ from tombo_px4.link.parameter_reader import parse_assignments
 from tombo_px4.link.signing import read_key
 from tombo_ros.conversion import array, to_ns, to_time
 from tombo_ros.health import ERROR, WARN
-from tombo_bag.message_template import MessageTemplate
 from tombo_ros.node_loop import LoopNode, run
 from tombo_ros.pacing import ESTIMATOR
 from tombo_ros.topic import message_class

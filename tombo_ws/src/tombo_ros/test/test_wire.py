@@ -16,9 +16,9 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Imu
 
+from tombo_bag.message_template import MessageTemplate
 from tombo_msgs.msg import RotorSpeeds
 from tombo_ros.conversion import to_ns, to_time
-from tombo_bag.message_template import MessageTemplate
 
 _number = st.floats(allow_nan=False)
 _stamp_ns = st.integers(0, 2**31 * 10**9 - 1)

@@ -12,6 +12,7 @@ from tombo_bag.topics import TOPICS, TopicSpec
 from tombo_dynamics.core import Core
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import neutral
+from tombo_ros.lockstep import LockstepMember
 from tombo_ros.node_loop import SECOND_NS, LoopNode, run
 from tombo_ros.pacing import Priority, sleep_until
 from tombo_ros.topic import PolledSubscription, ReceivedMessage
@@ -98,6 +99,7 @@ class CoreNode(LoopNode):
         """Hand a section or an option to the core."""
         value = self.records[name] if name in self.records else self.parameters.get(name)
         self.core.set_params(name, value)
+        self._take_over_faults()
 
     def on_published(self, topic: str, message: Any) -> None:
         """Take note of what the core has published: a hook."""
@@ -123,6 +125,29 @@ class CoreNode(LoopNode):
             self._hand_over(found, found.subscription.take_raw(), now_ns, wall_ns)
         if rest is self.core_inputs:
             self.step_core(now_ns)
+
+    def spin_lockstep(self) -> None:
+        """Run the ticks that the simulator gives."""
+        kind = type(self.core)
+        member = LockstepMember(
+            self,
+            kind.name,
+            {found.topic: found.subscription for found in self.core_inputs},
+            {topic: publisher for topic, (publisher, _) in self._outputs.items()},
+            kind.period_ns,
+            kind.steps_on_messages,
+        )
+        member.spin(self._step_lockstep, self._idle)
+
+    def _step_lockstep(self, now_ns: int, messages: list[list[ReceivedMessage]]) -> None:
+        self._now_ns = now_ns
+        for source, taken in zip(self.core_inputs, messages, strict=True):
+            for received in taken:
+                self.hand_over(source, received.message, now_ns)
+        self.step_core(now_ns)
+
+    def _idle(self) -> None:
+        self.periodic_tasks(time.time_ns(), self._now_ns)
 
     def _hand_over(
         self, source: CoreInput, taken: Sequence[ReceivedMessage], now_ns: int, wall_ns: int
@@ -151,6 +176,9 @@ class CoreNode(LoopNode):
             publisher, codec = self._outputs[topic]
             publisher.publish(codec.encode(message))
             self.on_published(topic, message)
+        self._take_over_faults()
+
+    def _take_over_faults(self) -> None:
         health = self.core.health
         faults = health.faults
         if faults or self._shown_faults:

@@ -27,6 +27,7 @@ from tombo_bag.topics import CLOCK, TopicSpec
 from tombo_dynamics.errors import InputError
 from tombo_ros.conversion import to_ns
 from tombo_ros.health import ERROR, WARN, Health
+from tombo_ros.lockstep import LockstepError, lockstep_spec
 from tombo_ros.loop_statistics import LoopStatistics
 from tombo_ros.pacing import (
     Priority,
@@ -91,11 +92,19 @@ class LoopNode(ABC):
         self.shift_ns = 0
         """Moves the next deadline: a loop that follows another clock sets it."""
         self.sim_time = bool(self.ros.get_parameter("use_sim_time").value)
-        self.slack_ns = _SLACK_NS if self.sim_time else 0
+        self.slack_ns = 0
         """How far the present may be ahead of `now_ns`: /clock speaks now and then only."""
         self._priority = None if self.sim_time else priority
         self._inputs: list[PolledSubscription] = []
-        follows = self.sim_time and not self.publishes_clock
+        self._publishers: list[TopicPublisher] = []
+        self.lockstep = self.sim_time and self.declare(
+            "lockstep",
+            False,
+            "with use_sim_time: run exactly the ticks that the simulator gives (all nodes alike)",
+        )
+        follows = self.sim_time and not self.publishes_clock and not self.lockstep
+        if follows:
+            self.slack_ns = _SLACK_NS
         self._clock = PolledSubscription(self.ros, CLOCK, depth=1) if follows else None
         self._now_ns = 0
         self._stopping = False
@@ -111,13 +120,17 @@ class LoopNode(ABC):
 
     def subscribe(self, spec: TopicSpec, *, depth: int | None = None) -> PolledSubscription:
         """Subscribe to a topic; the loop polls it."""
+        if self.lockstep:
+            spec, depth = lockstep_spec(spec), None
         found = PolledSubscription(self.ros, spec, depth)
         self._inputs.append(found)
         return found
 
     def advertise(self, spec: TopicSpec) -> TopicPublisher:
         """Advertise a topic."""
-        return TopicPublisher(self.ros, spec)
+        made = TopicPublisher(self.ros, lockstep_spec(spec) if self.lockstep else spec)
+        self._publishers.append(made)
+        return made
 
     def declare(self, name: str, default: Any, doc: str, **more: Any) -> Any:
         """Declare a parameter of the node's own; see `RecordParameters.declare`."""
@@ -158,10 +171,16 @@ class LoopNode(ABC):
         self.health.value("scheduling", scheduling)
         self.ros.get_logger().info(f"running, scheduling {scheduling}")
         freeze_garbage()
-        if self._clock is not None:
+        if self.lockstep:
+            self.spin_lockstep()
+        elif self._clock is not None:
             self._spin_simulated()
         else:
             self._spin_real()
+
+    def spin_lockstep(self) -> None:
+        """Run the ticks of a lockstep; a node that knows none runs by the wall's clock."""
+        self._spin_real()
 
     def _spin_real(self) -> None:
         main = self.loops["loop"]
@@ -192,7 +211,7 @@ class LoopNode(ABC):
             missed = 0
             now = time.time_ns()
             self.step(now)
-            self._periodic_tasks(now, now)
+            self.periodic_tasks(now, now)
             deadline += period + self.shift_ns
             self.shift_ns = 0
 
@@ -213,7 +232,7 @@ class LoopNode(ABC):
                 self.step(self._now_ns)
             else:
                 sleep_until(time.monotonic_ns() + poll)
-            self._periodic_tasks(time.time_ns(), self._now_ns)
+            self.periodic_tasks(time.time_ns(), self._now_ns)
 
     def _read_clock(self) -> bool:
         """Take the newest `/clock`; return whether it has changed."""
@@ -230,7 +249,7 @@ class LoopNode(ABC):
         """Return whether any input has something: looked at without taking it."""
         return self.runs_on_message and any(found.waiting() for found in self._inputs)
 
-    def _periodic_tasks(self, wall_ns: int, now_ns: int) -> None:
+    def periodic_tasks(self, wall_ns: int, now_ns: int) -> None:
         """Do what is not the loop's work: parameters set, publishers counted, reports."""
         for name in self.parameters.changed():
             self.on_parameters_changed(name)
@@ -308,7 +327,7 @@ def run(make: Callable[[], LoopNode], argv: Sequence[str] | None = None) -> int:
         node = make()
         if not stopped:
             node.spin()
-    except InputError as error:
+    except (InputError, LockstepError) as error:
         code = _refuse(str(error))
     finally:
         if node is not None:

@@ -23,10 +23,11 @@ from tombo_bag.sequence_counter import SequenceCounter
 from tombo_bag.topics import CLOCK, TOPICS
 from tombo_dynamics.errors import InputError
 from tombo_ros.health import ERROR
+from tombo_ros.lockstep import UNCOUNTED, LockstepMember, lockstep_spec
 from tombo_ros.node_loop import LoopNode, run
 from tombo_ros.pacing import RECORDER
 from tombo_ros.qos import profile
-from tombo_ros.topic import PolledGroup, message_class
+from tombo_ros.topic import PolledGroup, ReceivedMessage, message_class
 
 SECOND_NS = 1_000_000_000
 POLLS_HZ = 200.0
@@ -36,6 +37,8 @@ FLUSH_NS = 400_000_000
 """What a kill -9 may cost is this and what is under way."""
 LOOK_NS = SECOND_NS // 2
 """How often publishers are looked for."""
+_LOCKSTEP_NS = 50_000_000
+"""In lockstep the recorder is never further behind than this."""
 _NAME_NOT_YET_KNOWN = "_NODE_NAME_UNKNOWN_"
 """As rclpy says it: a publisher may be found before its node is."""
 
@@ -50,6 +53,8 @@ class RecordedTopic:
         self._node = node
         self._kind = message_class(typename)
         self._has_publisher = False
+        self.taken = 0
+        """Messages recorded."""
         self._subscribe(qos)
 
     def _subscribe(self, qos: Qos) -> None:
@@ -84,7 +89,27 @@ class RecordedTopic:
             received = info["received_timestamp"]
             self.sequence_counter.seen(info["publication_sequence_number"])
             write(self.name, message, received, info["source_timestamp"] or received)
+            self.taken += 1
             item = self._take(self._kind, True)
+
+    @property
+    def handle(self) -> Any:
+        """The subscription as the middleware's wait sets know it."""
+        return self._subscription.handle
+
+    @property
+    def received(self) -> int:
+        """How many messages have come."""
+        return self.taken
+
+    def waiting_number(self) -> int:
+        """Record all that has come; return how many messages are left."""
+        self.take()
+        return 0
+
+    def take_first(self, number: int) -> list[ReceivedMessage]:
+        """Return nothing: what has come is recorded already."""
+        return []
 
 
 class RecorderNode(LoopNode):
@@ -108,7 +133,8 @@ class RecorderNode(LoopNode):
         self.sink = RollingSink(self._options(), self._notes, self._records())
         for name, spec in self._specs.items():
             if spec is not None:
-                self._subscribe(name, spec.typename, spec.qos, warn_if_unknown=False)
+                qos = lockstep_spec(spec).qos if self.lockstep else spec.qos
+                self._subscribe(name, spec.typename, qos, warn_if_unknown=False)
         self._written_at = self._counted_at = time.monotonic_ns()
         self._searched_at = 0
         self._seen_before = 0
@@ -178,6 +204,21 @@ class RecorderNode(LoopNode):
             self._discover_publishers()
         elif clock - self._counted_at >= SECOND_NS:
             self._diagnostics_values()
+
+    def spin_lockstep(self) -> None:
+        """Record what each fiftieth tick asks for before the simulator goes on."""
+        inputs = {
+            spec.name: self._sources[name]
+            for name, spec in self._specs.items()
+            if spec is not None and spec.name not in UNCOUNTED and name in self._sources
+        }
+        member = LockstepMember(self, "recorder", inputs, {}, _LOCKSTEP_NS, False)
+        member.spin(lambda now_ns, messages: None, self._idle)
+
+    def _idle(self) -> None:
+        now_ns = time.time_ns()
+        self.step(now_ns)
+        self.periodic_tasks(now_ns, now_ns)
 
     def close(self) -> None:
         """Take what is left, finish the file, say in one line what was recorded."""

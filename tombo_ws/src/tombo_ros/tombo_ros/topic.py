@@ -88,8 +88,27 @@ class PolledSubscription:
 
     def waiting(self) -> bool:
         """Return whether there is a message to take."""
+        return self.waiting_number() > 0
+
+    def waiting_number(self) -> int:
+        """Return how many messages there are to take."""
         self._pull()
-        return bool(self._waiting)
+        return len(self._waiting)
+
+    @property
+    def handle(self) -> Any:
+        """The subscription as the middleware's wait sets know it."""
+        return self._subscription.handle
+
+    @property
+    def taken(self) -> int:
+        """How many messages have been taken."""
+        return self.received - len(self._waiting)
+
+    def take_first(self, number: int) -> list[ReceivedMessage]:
+        """Return the bytes of the oldest messages that have arrived, so many."""
+        found, self._waiting = self._waiting[:number], self._waiting[number:]
+        return found
 
     def take_raw(self) -> list[ReceivedMessage]:
         """Return the bytes of all messages that have arrived, oldest first."""

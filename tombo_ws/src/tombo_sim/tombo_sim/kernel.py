@@ -45,7 +45,7 @@ from tombo_control.estimator_core import take_pose as estimator_pose
 from tombo_control.mission_core import MissionCore, mission_step, take_estimate, take_reaction
 from tombo_dynamics import message_records as records
 from tombo_dynamics.effects.compose import apply_imu, apply_mocap
-from tombo_dynamics.jit import compiled
+from tombo_dynamics.jit import compiled, compiled_call
 from tombo_dynamics.message_records import copy_event, copy_status
 from tombo_dynamics.plant import Array, P
 from tombo_dynamics.rigid_body import begin_tick, finish_tick
@@ -266,7 +266,7 @@ def fly(
     return False
 
 
-@compiled
+@compiled_call
 def publish_reaction(r: Any, p: Any, f: Any, k: int) -> None:
     """Publish what the reaction's step of tick `k` has left in its memory."""
     n = f.published
@@ -283,7 +283,7 @@ def publish_reaction(r: Any, p: Any, f: Any, k: int) -> None:
         n[REACTION_STATUS] += 1
 
 
-@compiled
+@compiled_call
 def _step_mission(mi: Any, params: Any, p: Any, f: Any, now: int) -> None:
     """Hand the mission what has come since its last step, and step it."""
     n, k = f.published, f.tick
@@ -317,7 +317,7 @@ def _step_mission(mi: Any, params: Any, p: Any, f: Any, now: int) -> None:
         n[MISSION_STATUS] += 1
 
 
-@compiled
+@compiled_call
 def _take_pose(
     e: Any, ea: Array, d: Any, params: Any, p: Any, n: Any, mocap: Array, row: int, k: int
 ) -> None:
@@ -344,7 +344,7 @@ def _take_pose(
         n[EVENT] += 1
 
 
-@compiled
+@compiled_call
 def next_arrival(mocap: Array, state: NDArray[np.int64], tick: int) -> int:
     """Return the row of a sample that has arrived by `tick`, each once, or -1."""
     head = state[OLDEST_UNDELIVERED]
@@ -393,7 +393,7 @@ def read_imu(m: Array, maps: Array, noise: Array, theta: Array) -> None:
     apply_imu(m, noise, theta)
 
 
-@compiled
+@compiled_call
 def capture_pose(
     m: Array, mocap_noise: Array, theta: Array, mocap: Array, state: NDArray[np.int64], tick: int
 ) -> None:

@@ -15,20 +15,23 @@ from typing import Any
 import numpy as np
 
 from tombo_bag.flight_time import EPOCH_NS
-from tombo_bag.topics import BATTERY, CLOCK, IMU, ROTOR_COMMAND
+from tombo_bag.message_codec import MessageCodec
+from tombo_bag.message_template import MessageTemplate
+from tombo_bag.topics import BATTERY, CLOCK, IMU, MISSION_STATUS, ROTOR_COMMAND, TopicSpec
+from tombo_control.autopilot import IDLE
 from tombo_dynamics.plant import P
 from tombo_ros.conversion import to_time
 from tombo_ros.health import ERROR
+from tombo_ros.lockstep import START_PATIENCE_S, LockstepError, LockstepMaster, take_until
 from tombo_ros.loop_statistics import LatenessHistogram
-from tombo_bag.message_template import MessageTemplate
 from tombo_ros.node_loop import run
+from tombo_ros.topic import PolledSubscription
 from tombo_sim.failsafe import Failsafe
+from tombo_sim.flight_end import FlightEndDetector
 from tombo_sim.simulator import Simulator
 from tombo_sim.vehicle_node import TICK_NS, VehicleNode
 
 _BATTERY_TICKS = 100
-_LOCKSTEP_PATIENCE_NS = 200_000_000
-_LOCKSTEP_POLL_NS = 200_000
 _RESUME_NS = 100_000_000
 """Commands must have come for so long before the fail-safe hands over."""
 
@@ -68,8 +71,16 @@ class SimNode(VehicleNode):
         self.declare(
             "imu", True, "false: the IMU falls silent, to try what happens", read_only=False
         )
-        self._lockstep = self.sim_time and self.declare(
-            "lockstep", False, "with use_sim_time: each tick waits for the command to it"
+        members = self.declare(
+            "lockstep_nodes",
+            ["estimator", "detector", "reaction", "mission", "controller"],
+            "with lockstep: names of the nodes that take part",
+        )
+        self._duration = self.declare(
+            "duration",
+            0.0,
+            "with lockstep: the flight ends then [s], or when it is decided; 0: never",
+            bounds=(0.0, 86400.0),
         )
         clock_rate = self.declare("clock_rate", 250.0, "of /clock [Hz]", bounds=(1.0, 1000.0))
         self._clock_ticks = max(round(1000.0 / clock_rate), 1)
@@ -82,13 +93,13 @@ class SimNode(VehicleNode):
         self._command = np.zeros(4)
         self._command_ns = self._resumed_ns = 0
         self._answered_ns = -1
-        self._asked_ns = self._advanced_ns = 0
         self._refused = 0
         self._latency = LatenessHistogram()
         self._steps = 0
         self._began_ns = EPOCH_NS
         """Time of tick 0."""
         self._started = False
+        self._master = LockstepMaster(self, members) if self.lockstep else None
         self._make_outputs()
 
     def _warm_up(self) -> None:
@@ -130,6 +141,7 @@ class SimNode(VehicleNode):
         self._answer_speed = self._answer.field("speed", 4)
         self._clock_out = self.advertise(CLOCK) if self.sim_time else None
         self._clock_message = MessageTemplate(CLOCK.typename, {})
+        self._codecs = {s.name: MessageCodec(s.typename) for s in (MISSION_STATUS, ROTOR_COMMAND)}
 
     def spin(self) -> None:
         """Show the obstacle, then fly."""
@@ -160,8 +172,6 @@ class SimNode(VehicleNode):
         if not self.sim_time and float(self.parameters.get("speed")) != 1.0:
             self.health.fault("speed", True, "speed has no effect without use_sim_time")
         self.period_ns = round(TICK_NS / speed) if speed > 0.0 else TICK_NS
-        if self._lockstep:
-            self.period_ns = min(self.period_ns, _LOCKSTEP_POLL_NS)
 
     def step(self, now_ns: int) -> None:
         """Go on by one tick, if it is time to."""
@@ -173,13 +183,9 @@ class SimNode(VehicleNode):
             paused = float(self.parameters.get("speed")) == 0.0
             if paused and self._steps == 0:
                 self._publish_clock()
-                self._asked_ns = now_ns
-                return
-            if self._lockstep and not self._may_advance(now_ns):
                 return
             self._steps -= int(paused)
         self.simulator.advance(self._select_command(now_ns))
-        self._advanced_ns = now_ns
         self.failsafe.observe(self.simulator)
         self._publish()
 
@@ -190,23 +196,63 @@ class SimNode(VehicleNode):
             self._began_ns = (now_ns - self.late_ns) // 1000 * 1000
         self._publish()
 
-    def _may_advance(self, now_ns: int) -> bool:
-        """Return whether to go on: the command to the present tick is there, or won't come.
+    def spin_lockstep(self) -> None:
+        """Fly tick by tick, each with the answers of all nodes, until the flight is over.
 
-        Without commands, also before the first one, time goes on as fast as `speed` says, not as
-        fast as it can: a plan would else have waited for its take-off before all nodes have met.
+        Raises:
+            LockstepError: a node is not there, or does not answer.
         """
-        if self._answered_ns >= self.stamp_ns:
-            self._asked_ns = now_ns
-            return True
-        speed = float(self.parameters.get("speed"))
-        due = speed == 0.0 or (now_ns - self._advanced_ns) * speed >= TICK_NS
-        if self._command_ns == 0:
-            self._asked_ns = now_ns
-            return due
-        in_vain = now_ns - self._asked_ns > _LOCKSTEP_PATIENCE_NS
-        self.health.fault("lockstep", in_vain, "no command came for a tick; going on without")
-        return in_vain and due
+        master = self._master
+        assert master is not None
+        self._wait_for_nodes(master)
+        phases = self.subscribe(MISSION_STATUS)
+        flight_end = FlightEndDetector(self.world.vehicle.leg_height)
+        phase, command = IDLE, np.zeros(4)
+        end = round(self._duration * 1e9 / TICK_NS) or 2**62
+        simulator = self.simulator
+        while simulator.tick < end and not self.stopping:
+            self._publish()
+            over_s = flight_end.watch(simulator.height, simulator.upright, phase)
+            if over_s is not None:
+                end = min(end, simulator.tick + round(over_s * 1e9 / TICK_NS))
+            master.run_tick(self.stamp_ns, self._sent(), self._idle)
+            for received in self._take_answers(master, MISSION_STATUS, phases):
+                phase = int(received.phase)
+            for received in self._take_answers(master, ROTOR_COMMAND, self._commands):
+                command = np.array(received.speed)
+            simulator.advance(command)
+            self._idle()
+        if not self.stopping:
+            master.run_tick(self.stamp_ns, self._sent(), self._idle, last=True)
+
+    def _wait_for_nodes(self, master: LockstepMaster) -> None:
+        end = time.monotonic() + START_PATIENCE_S
+        while master.missing and not self.stopping:
+            if time.monotonic() > end:
+                raise LockstepError(
+                    f"lockstep: {', '.join(master.missing)} not ready after "
+                    f"{START_PATIENCE_S:g} s; accepted: nodes started with lockstep:=true"
+                )
+            self._idle()
+            time.sleep(0.05)
+
+    def _sent(self) -> dict[str, int]:
+        """Return how many messages of each topic were published."""
+        return {publisher.spec.name: publisher.sent for publisher in self._publishers}
+
+    def _take_answers(
+        self, master: LockstepMaster, spec: TopicSpec, source: PolledSubscription
+    ) -> list[Any]:
+        """Return what the nodes have published on a topic in this tick."""
+        count = master.published.get(spec.name, 0)
+        if count == source.taken:
+            return []
+        codec = self._codecs[spec.name]
+        taken = take_until(self, "sim", spec.name, source, count, self.stamp_ns)
+        return [codec.decode(received.message) for received in taken]
+
+    def _idle(self) -> None:
+        self.periodic_tasks(time.time_ns(), self.stamp_ns)
 
     def _take_commands(self, now_ns: int) -> None:
         for taken in self._commands.take_raw():
@@ -229,8 +275,7 @@ class SimNode(VehicleNode):
             if taken.received_ns - self._command_ns > self._timeout_ns:
                 self._resumed_ns = taken.received_ns
             self._command, self._command_ns = np.array(speed), taken.received_ns
-            if stamp > self._answered_ns:  # an old stamp must not make us wait anew
-                self._answered_ns, self._asked_ns = stamp, now_ns
+            self._answered_ns = max(self._answered_ns, stamp)
 
     def _refuse(self, text: str) -> None:
         self._refused += 1

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from tombo_bag.message_template import MessageTemplate
 from tombo_bag.topics import (
     MARKERS,
     MOCAP_POSE,
@@ -23,7 +24,6 @@ from tombo_dynamics.plant import P, part
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_ros.markers import obstacle_marker
-from tombo_bag.message_template import MessageTemplate
 from tombo_ros.node_loop import LoopNode
 from tombo_ros.pacing import SIMULATOR
 from tombo_sim.ground_truth import contact_force, true_state

@@ -91,6 +91,14 @@ def fly(
         bool,
         typer.Option("--nodes", help="Fly with the ROS 2 nodes, each a process, in real time."),
     ] = False,
+    lockstep: Annotated[
+        bool,
+        typer.Option(
+            "--lockstep",
+            help="With --nodes: the ticks of the headless flight, each answered by all nodes, as "
+            "fast as the machine can: the same flight to the last bit.",
+        ),
+    ] = False,
     px4: Annotated[
         str | None,
         typer.Option(
@@ -160,6 +168,8 @@ def fly(
         raise _input_error(f"--speed {speed:g}: accepted: without --px4, which is in real time")
     if not nodes and speed is not None:
         raise _input_error(f"--speed {speed:g}: accepted: with --nodes only")
+    if lockstep and (not nodes or speed is not None):
+        raise _input_error("--lockstep: accepted: with --nodes and without --speed")
     if not nodes and px4 is None and domain is not None:
         raise _input_error(f"--domain {domain}: accepted: with --nodes or --px4 only")
     if nodes and (many is not None or no_record):
@@ -188,7 +198,7 @@ def fly(
         )
     elif nodes:
         code = _fly_nodes(
-            chosen, one, output, force, as_json, 1.0 if speed is None else speed, domain
+            chosen, one, output, force, as_json, 1.0 if speed is None else speed, domain, lockstep
         )
     elif many is None:
         code = _fly_one(chosen, one, output, force, not no_record, as_json)
@@ -311,6 +321,7 @@ def _fly_nodes(
     as_json: bool,
     speed: float,
     domain: int | None,
+    lockstep: bool,
 ) -> int:
     from tombo_bringup.cli.progress import progress_bar
     from tombo_flight.flight_output import as_json as to_json
@@ -337,6 +348,7 @@ def _fly_nodes(
                     speed=speed,
                     domain=domain,
                     on_progress=on_progress,
+                    lockstep=lockstep,
                 )
             except Stopped:  # before anything was flown: nothing to keep
                 return stop.exit_code

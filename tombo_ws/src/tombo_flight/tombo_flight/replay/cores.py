@@ -1,35 +1,35 @@
-"""Feeds the pure cores, one node after the other, each with what was recorded."""
+"""Feeds the cores from a recording: each what its node got, in the order in which it arrived."""
 
 from __future__ import annotations
 
 import time
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tombo_bag.columns import ColumnTable
+from tombo_bag.message_codec import messages_of
 from tombo_bag.recording import Recording
-from tombo_bag.topics import (
-    COLLISION_EVENT,
-    DETECTOR_STATUS,
-    ESTIMATOR_STATUS,
-    IMU,
-    MISSION_SETPOINT,
-    MISSION_STATUS,
-    ODOMETRY,
-    REACTION_STATUS,
-    SETPOINT,
-)
-from tombo_flight.replay.controller_replay import replay_controller
-from tombo_flight.replay.detector_replay import replay_detector
-from tombo_flight.replay.estimator_replay import replay_estimator
-from tombo_flight.replay.mission_replay import replay_mission
-from tombo_flight.replay.outputs import Outputs
+from tombo_bag.topics import COLLISION_EVENT, DETECTOR_STATUS, MOCAP_POSE, TOPICS
+from tombo_dynamics.core import Core
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.messages import DetectorStatus, Pose, neutral
+from tombo_flight.replay.merge_streams import merge_by_arrival
+from tombo_flight.replay.outputs import EVENTS, SERIES, Event, Outputs, series_of
+from tombo_flight.replay.plan import NODES
 from tombo_flight.replay.poses import PoseTrack
-from tombo_flight.replay.reaction_replay import replay_reaction
 from tombo_flight.scenario import Scenario
+from tombo_flight.wiring import core_of
+
+Times = NDArray[np.int64]
+Stream = tuple[Times, Sequence[Any]]
+"""Arrivals and messages of a topic."""
+Published = list[tuple[int, str, Any]]
+"""Time, topic and message of all that a core has published."""
+_NOTHING: Stream = (np.zeros(0, np.int64), [])
 
 
 @dataclass
@@ -44,109 +44,132 @@ class Inputs:
     findings: list[str] = field(default_factory=list)
     """What the replay finds on its way."""
 
-    def table(self, topic: str) -> ColumnTable:
-        """Return a topic's columns."""
-        return self.recording.columns(topic)
-
     def has(self, topic: str) -> bool:
         """Return whether there is at least one message of a topic."""
         streams = self.recording.topics
         return topic in streams and streams[topic].count > 0
 
+    def stream(self, topic: str) -> Stream:
+        """Return what was recorded of a topic.
+
+        Raises:
+            InputError: it has another type.
+        """
+        if topic == MOCAP_POSE.name:
+            track = self.poses
+            rows = zip(
+                track.stamp_ns.tolist(),
+                track.frame.tolist(),
+                track.position,
+                track.attitude,
+                strict=True,
+            )
+            return track.arrival_ns, [Pose(*row) for row in rows]
+        if not self.has(topic):
+            return _NOTHING
+        found, wanted = self.recording.topics[topic].typename, TOPICS[topic].typename
+        if found != wanted:
+            raise InputError(f"{topic} has type {found}; accepted: {wanted}")
+        table = self.recording.columns(topic)
+        return table["log_time_ns"], messages_of(wanted, table)
+
 
 def through_cores(inputs: Inputs, recorded: Outputs) -> tuple[Outputs, dict[str, dict[str, Any]]]:
-    """Return what the nodes say, and figures by node."""
-    cores = _Cores(inputs, recorded)
-    told: dict[str, dict[str, Any]] = {}
+    """Return what the cores publish, and figures by node."""
+    outputs = Outputs()
+    figures: dict[str, dict[str, Any]] = {}
     for node in inputs.nodes:
         began = time.perf_counter()
-        told[node] = getattr(cores, node)()
-        told[node]["seconds"] = time.perf_counter() - began
-    return cores.said, told
+        plan = NODES[node]
+        core = core_of(plan.core, inputs.scenario)
+        streams = {topic: _stream(inputs, topic) for topic in core.inputs}
+        published, refused = replay_core(core, streams, _steps(core, inputs, streams))
+        for name in plan.compared_outputs:
+            if name == "events":
+                if EVENTS in core.outputs:
+                    outputs.events = _events(published)
+            else:
+                source = SERIES[name]
+                said = [message for _, topic, message in published if topic == source.topic]
+                outputs.series[name] = series_of(said, source)
+        figures[node] = {**_figures(core, refused), "seconds": time.perf_counter() - began}
+    return outputs, figures
 
 
-class _Cores:
-    """A method for each node of `plan.NODES`: adds what it says to `said`, returns figures."""
+def replay_core(
+    core: Core, streams: dict[str, Stream], steps: Times
+) -> tuple[Published, Counter[str]]:
+    """Feed a core all messages in order of arrival, as the node that hosts it would.
 
-    def __init__(self, inputs: Inputs, recorded: Outputs) -> None:
-        self.inputs = inputs
-        self.recorded = recorded
-        self.said = Outputs()
+    Args:
+        core: new.
+        streams: of its inputs, in their order.
+        steps: times at which it is stepped besides.
 
-    def detector(self) -> dict[str, Any]:
-        found, refused = self._detections
-        self.said.events = found.events
-        self.said.series.update(found.series)
-        return {"poses": len(self.inputs.poses.stamp_ns), "poses_refused": refused}
+    Returns:
+        what it publishes, and how often it reported what.
+    """
+    topics = list(streams)
+    published: Published = []
+    reported: Counter[str] = Counter()
+    waiting: list[tuple[str, Any]] = []
+    for now, stream, row in merge_by_arrival(*(times for times, _ in streams.values()), steps):
+        if stream < len(topics):
+            waiting.append((topics[stream], streams[topics[stream]][1][row]))
+            if not core.steps_on_messages:
+                continue
+        for topic, message in waiting:
+            core.on(topic, message, now)
+        waiting.clear()
+        published += [(now, topic, message) for topic, message in core.step(now)]
+        reported.update(key for key, _ in core.health.take_events())
+    return published, reported
 
-    def estimator(self) -> dict[str, Any]:
-        inputs = self.inputs
-        found = replay_estimator(
-            inputs.poses,
-            inputs.table(IMU.name),
-            inputs.table(MISSION_STATUS.name) if inputs.has(MISSION_STATUS.name) else None,
-            inputs.scenario.estimator,
-            inputs.scenario.vehicle,
+
+def _steps(core: Core, inputs: Inputs, streams: dict[str, Stream]) -> Times:
+    """Return when a core is stepped besides: as recorded where that tells, else by its period."""
+    if not core.steps_on_messages and inputs.has(core.outputs[0]):
+        stamps: Times = inputs.recording.columns(core.outputs[0])["stamp_ns"]
+        return stamps
+    ends = [t for times, _ in streams.values() if len(times) for t in (times[0], times[-1])]
+    first, last = int(min(ends)) // core.period_ns, int(max(ends)) // core.period_ns
+    return np.arange(first + 1, last + 2, dtype=np.int64) * core.period_ns
+
+
+def _stream(inputs: Inputs, topic: str) -> Stream:
+    """Return what a core gets of a topic: what was recorded, or what stands in for it."""
+    recorded = topic in inputs.recording.topics
+    if topic == DETECTOR_STATUS.name and not recorded and len(inputs.poses.stamp_ns):
+        inputs.findings.append(
+            f"reaction: no {DETECTOR_STATUS.name} in the bag; the detector counts as alive"
         )
-        self.said.series.update(found.series())
-        return {"poses": found.poses, "poses_refused": found.rejected}
-
-    def mission(self) -> dict[str, Any]:
-        inputs = self.inputs
-
-        def arrivals(topic: str, clock: str = "log_time_ns") -> Any:
-            return inputs.table(topic)[clock] if inputs.has(topic) else None
-
-        answers, ticks = arrivals(SETPOINT.name), arrivals(MISSION_SETPOINT.name, "stamp_ns")
-        known = inputs.has(REACTION_STATUS.name)
-        self.said.series.update(
-            replay_mission(
-                inputs.table(ODOMETRY.name),
-                inputs.table(REACTION_STATUS.name) if known else None,
-                np.zeros(0, np.int64) if answers is None else answers,
-                ticks,
-                inputs.scenario.mission,
-                inputs.scenario.vehicle.leg_height,
-            )
+        arrivals = inputs.poses.arrival_ns
+        return arrivals, [neutral(DetectorStatus, int(now)) for now in arrivals]
+    if topic == COLLISION_EVENT.name and not recorded and len(inputs.poses.stamp_ns):
+        inputs.findings.append(
+            f"reaction: no {COLLISION_EVENT.name} in the bag; it gets the replayed detector's"
         )
-        return {}
+        detector = core_of(NODES["detector"].core, inputs.scenario)
+        poses = {MOCAP_POSE.name: inputs.stream(MOCAP_POSE.name)}
+        published, _ = replay_core(detector, poses, np.zeros(0, np.int64))
+        events = [(now, message) for now, name, message in published if name == topic]
+        return np.array([now for now, _ in events], np.int64), [one for _, one in events]
+    return inputs.stream(topic)
 
-    def reaction(self) -> dict[str, Any]:
-        inputs, topics = self.inputs, self.inputs.recording.topics
-        events, status = self.recorded.events, None
-        if DETECTOR_STATUS.name in topics:
-            status = inputs.table(DETECTOR_STATUS.name)["log_time_ns"]
-        elif len(inputs.poses.stamp_ns):
-            inputs.findings.append(
-                f"reaction: no {DETECTOR_STATUS.name} in the bag; the detector counts as alive"
-            )
-            status = inputs.poses.arrival_ns
-        if events is None and len(inputs.poses.stamp_ns):
-            inputs.findings.append(
-                f"reaction: no {COLLISION_EVENT.name} in the bag; it gets the replayed detector's"
-            )
-            events = self._detections[0].events
-        found = replay_reaction(
-            inputs.table(MISSION_SETPOINT.name),
-            inputs.table(ODOMETRY.name),
-            inputs.poses.arrival_ns,
-            np.zeros(0, np.int64) if status is None else status,
-            events or [],
-            inputs.scenario.reaction,
-        )
-        self.said.series.update(found.series)
-        return {"events_refused": found.refused}
 
-    def controller(self) -> dict[str, Any]:
-        self.said.series["rotor_command"] = replay_controller(
-            self.inputs.table(IMU.name),
-            self.inputs.table(ODOMETRY.name),
-            self.inputs.table(SETPOINT.name),
-            self.inputs.table(ESTIMATOR_STATUS.name),
-            self.inputs.scenario,
-        )
-        return {}
+def _events(published: Published) -> list[Event]:
+    return [Event.of(message, now) for now, topic, message in published if topic == EVENTS]
 
-    @cached_property
-    def _detections(self) -> tuple[Outputs, dict[str, int]]:
-        return replay_detector(self.inputs.poses, self.inputs.scenario.detector)
+
+def _figures(core: Core, reported: Counter[str]) -> dict[str, Any]:
+    """Return what a core has counted."""
+    figures = {key: core.health.values[key] for key in ("poses",) if key in core.health.values}
+    for kind in ("pose", "event"):
+        refused = {
+            key.removeprefix(f"{kind}_"): count
+            for key, count in reported.items()
+            if key.startswith(f"{kind}_")
+        }
+        if f"{kind}s" in figures or refused:
+            figures[f"{kind}s_refused"] = refused
+    return figures

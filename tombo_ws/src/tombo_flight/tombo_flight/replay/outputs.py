@@ -5,19 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tombo_bag.columns import ColumnTable
+from tombo_bag.message_codec import messages_of
 from tombo_bag.recording import Recording
-from tombo_flight.replay.poses import vectors
+from tombo_bag.topics import TOPICS
+from tombo_dynamics.messages import CollisionEvent, Trigger
 
 Array = NDArray[np.float64]
 Times = NDArray[np.int64]
-
-TRIGGER_NAMES = {1: "region", 2: "innovation"}
-"""Constants of tombo_msgs/CollisionEvent."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,22 @@ class Event:
     statistic: float
     flight_direction: tuple[float, float, float] = (math.nan, math.nan, math.nan)
     confidence: float = math.nan
+
+    @staticmethod
+    def of(message: CollisionEvent, known_ns: int) -> Event:
+        """Return a message as an event that is known at a time."""
+        number = int(message.trigger)
+        known = [trigger.name.lower() for trigger in Trigger if trigger == number]
+        return Event(
+            message.stamp_ns,
+            known_ns,
+            known[0] if known else str(number),
+            tuple(message.contact_position.tolist()),
+            message.contact_stamp_ns,
+            message.statistic,
+            tuple(message.flight_direction.tolist()),
+            message.confidence,
+        )
 
 
 @dataclass(frozen=True)
@@ -55,7 +71,7 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Source:
-    """Where a series is recorded: topic, fields (`a:xyz` stands for a.x, a.y, a.z), columns."""
+    """Where a series comes from: a topic, a field of its dataclass, numbers of that field."""
 
     topic: str
     field: str
@@ -68,14 +84,14 @@ class Source:
 
 SERIES: dict[str, Source] = {
     "statistic": Source("/detector/status", "statistic", 1),
-    "setpoint": Source("/setpoint", "position:xyz", 3),
-    "mission_setpoint": Source("/mission/setpoint", "position:xyz", 3),
+    "setpoint": Source("/setpoint", "position", 3),
+    "mission_setpoint": Source("/mission/setpoint", "position", 3),
     "phase": Source("/mission/status", "phase", 1),
     "reaction_state": Source("/reaction/status", "state", 1),
-    "x_r": Source("/reaction/status", "x_r:xyz", 3),
-    "odometry_position": Source("/odometry", "pose.pose.position:xyz", 3),
-    "odometry_attitude": Source("/odometry", "pose.pose.orientation:xyzw", 4),
-    "odometry_velocity": Source("/odometry", "twist.twist.linear:xyz", 3),
+    "x_r": Source("/reaction/status", "x_r", 3),
+    "odometry_position": Source("/odometry", "position", 3),
+    "odometry_attitude": Source("/odometry", "attitude", 4),
+    "odometry_velocity": Source("/odometry", "velocity", 3),
     "rotor_command": Source("/rotor_command", "speed", 4),
 }
 """Series by name."""
@@ -91,7 +107,10 @@ def read_outputs(recording: Recording, names: Sequence[str]) -> Outputs:
     for name in names:
         source = SERIES.get(name)
         if source is not None and source.topic in topics and topics[source.topic].count:
-            found.series[name] = read_series(recording.columns(source.topic), source)
+            typename = TOPICS[source.topic].typename
+            if topics[source.topic].typename == typename:
+                table = recording.columns(source.topic)
+                found.series[name] = series_of(messages_of(typename, table), source)
     return found
 
 
@@ -99,27 +118,12 @@ def read_events(table: ColumnTable) -> list[Event]:
     """Read messages of tombo_msgs/CollisionEvent."""
     if "trigger" not in table:
         return []
-    contact = table["contact_stamp.sec"].astype(np.int64) * 1_000_000_000
-    contact = contact + table["contact_stamp.nanosec"]
-    rows = zip(
-        table["stamp_ns"].tolist(),
-        table["log_time_ns"].tolist(),
-        [TRIGGER_NAMES.get(number, str(number)) for number in table["trigger"].tolist()],
-        map(tuple, vectors(table, "contact_position").tolist()),
-        contact.tolist(),
-        table["statistic"].tolist(),
-        map(tuple, vectors(table, "flight_direction").tolist()),
-        table["confidence"].tolist(),
-        strict=True,
-    )
-    return [Event(*row) for row in rows]
+    messages = messages_of(TOPICS[EVENTS].typename, table)
+    return [Event.of(*row) for row in zip(messages, table["log_time_ns"].tolist(), strict=True)]
 
 
-def read_series(table: ColumnTable, source: Source) -> Series:
-    """Read a series from its topic's columns."""
-    path, _, axes = source.field.partition(":")
-    if axes:
-        return Series(table["stamp_ns"], vectors(table, path, axes))
-    if path not in table:
-        return source.empty()
-    return Series(table["stamp_ns"], table[path].astype(np.float64).reshape(-1, source.width))
+def series_of(messages: Sequence[Any], source: Source) -> Series:
+    """Return a series from the messages of its topic."""
+    values = np.array([getattr(m, source.field) for m in messages], np.float64)
+    stamps = np.array([m.stamp_ns for m in messages], np.int64)
+    return Series(stamps, values.reshape(-1, source.width))

@@ -1,4 +1,4 @@
-"""What each node needs to be replayed, and what it says."""
+"""Which nodes can be replayed, what each needs, and what of it is compared."""
 
 from __future__ import annotations
 
@@ -8,66 +8,57 @@ from dataclasses import dataclass
 from tombo_bag.topics import (
     COLLISION_EVENT,
     DETECTOR_STATUS,
-    ESTIMATOR_STATUS,
-    IMU,
-    MISSION_SETPOINT,
     MISSION_STATUS,
     MOCAP_POSE,
-    ODOMETRY,
     REACTION_STATUS,
-    ROTOR_COMMAND,
     SETPOINT,
 )
+from tombo_collision.detector_core import DetectorCore
+from tombo_collision.reaction_core import ReactionCore
+from tombo_control.controller_core import ControllerCore
+from tombo_control.estimator_core import EstimatorCore
+from tombo_control.mission_core import MissionCore
+from tombo_dynamics.core import Core
 
 
 @dataclass(frozen=True)
 class NodePlan:
-    """What a node needs to be replayed, and what it says."""
+    """How a node is replayed."""
 
-    inputs: tuple[str, ...]
-    """Topics without which it can't be replayed."""
-    optional_inputs: tuple[str, ...]
-    """Topics that are fed as well if they are there."""
+    core: type[Core]
     compared_outputs: tuple[str, ...]
-    """Names of `outputs.SERIES`, or `events`, that are compared."""
-    output_topics: tuple[str, ...]
-    """Topics on which it alone speaks."""
+    """Names of `outputs.SERIES`, or `events`."""
+    optional_inputs: tuple[str, ...] = ()
+    """Topics that are fed if they are there."""
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Topics without which it can't be replayed."""
+        return tuple(t for t in self.core.inputs if t not in self.optional_inputs)
 
 
 NODES: dict[str, NodePlan] = {
-    "detector": NodePlan(
-        (MOCAP_POSE.name,),
-        (),
-        ("events", "statistic"),
-        (COLLISION_EVENT.name, DETECTOR_STATUS.name),
-    ),
-    "mission": NodePlan(
-        (ODOMETRY.name,),
-        (REACTION_STATUS.name, SETPOINT.name),
-        ("mission_setpoint", "phase"),
-        (MISSION_SETPOINT.name, MISSION_STATUS.name),
-    ),
-    "reaction": NodePlan(
-        (MISSION_SETPOINT.name, ODOMETRY.name),
-        (MOCAP_POSE.name, DETECTOR_STATUS.name, COLLISION_EVENT.name),
-        ("events", "setpoint", "x_r"),
-        (SETPOINT.name, REACTION_STATUS.name),
-    ),
-    "estimator": NodePlan(
-        (MOCAP_POSE.name, IMU.name),
-        (MISSION_STATUS.name,),
-        ("odometry_position", "odometry_attitude", "odometry_velocity"),
-        (ODOMETRY.name, ESTIMATOR_STATUS.name),
-    ),
-    "controller": NodePlan(
-        (IMU.name, ODOMETRY.name, ESTIMATOR_STATUS.name, SETPOINT.name),
-        (),
-        ("rotor_command",),
-        (ROTOR_COMMAND.name,),
-    ),
+    plan.core.name: plan
+    for plan in (
+        NodePlan(DetectorCore, ("events", "statistic")),
+        NodePlan(
+            MissionCore, ("mission_setpoint", "phase"), (REACTION_STATUS.name, SETPOINT.name)
+        ),
+        NodePlan(
+            ReactionCore,
+            ("events", "setpoint", "x_r"),
+            (MOCAP_POSE.name, DETECTOR_STATUS.name, COLLISION_EVENT.name),
+        ),
+        NodePlan(
+            EstimatorCore,
+            ("odometry_position", "odometry_attitude", "odometry_velocity"),
+            (MISSION_STATUS.name,),
+        ),
+        NodePlan(ControllerCore, ("rotor_command",)),
+    )
 }
 
 
 def outputs_of(nodes: Iterable[str]) -> list[str]:
-    """Return the names of all that some nodes say."""
+    """Return the names of all that is compared of some nodes."""
     return [name for node in nodes for name in NODES[node].compared_outputs]

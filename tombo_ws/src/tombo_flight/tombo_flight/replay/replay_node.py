@@ -32,9 +32,9 @@ from typing import Any
 import rclpy
 
 from tombo_bag.mcap_sink import McapSink
+from tombo_bag.message_template import MessageTemplate
 from tombo_bag.reader import Bag
 from tombo_bag.topics import CLOCK, TOPICS, TopicSpec
-from tombo_bag.message_template import MessageTemplate
 from tombo_ros.pacing import sleep_until
 from tombo_ros.topic import PolledSubscription, TopicPublisher
 

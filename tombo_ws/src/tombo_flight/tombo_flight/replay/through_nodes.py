@@ -168,7 +168,7 @@ class _Plan:
             for node in inputs.nodes
             for topic in (*NODES[node].inputs, *NODES[node].optional_inputs)
         ]
-        live = {topic for node in inputs.nodes for topic in NODES[node].output_topics}
+        live = {topic for node in inputs.nodes for topic in NODES[node].core.outputs}
         self.detector_status_missing = (
             "reaction" in inputs.nodes
             and not inputs.has(DETECTOR_STATUS.name)
@@ -214,7 +214,7 @@ class _Plan:
 
     def _program(self, node: str, file: Path) -> Program:
         plain = node_program(node, [file])
-        moved = {topic: self._name(topic) for topic in NODES[node].output_topics}
+        moved = {topic: self._name(topic) for topic in NODES[node].core.outputs}
         rules = [
             word
             for topic, name in moved.items()

@@ -15,7 +15,6 @@ from tombo_bag.recording import Recording
 from tombo_control.autopilot import IDLE
 from tombo_dynamics.errors import InputError
 from tombo_flight.flight import as_flown
-from tombo_sim.flight_end import FlightEndDetector
 from tombo_flight.flight_from_bag import RECORD, flight_from_bag
 from tombo_flight.flight_output import (
     FlightResult,
@@ -34,6 +33,7 @@ from tombo_flight.suite.px4_flight import BridgeMonitor, px4_metrics
 from tombo_flight.suite.running import LOGS, RunningSuite, SuiteConfig
 from tombo_flight.suite.supervisor import ProcessExit
 from tombo_px4.bridge.bridge_params import POSITION
+from tombo_sim.flight_end import FlightEndDetector
 from tombo_sim.flight_setup import begin
 
 if TYPE_CHECKING:
@@ -128,6 +128,7 @@ def fly_nodes_and_save(
     speed: float,
     domain: int | None,
     on_progress: ProgressCallback,
+    lockstep: bool = False,
     px4: Px4Connection | None = None,
     notice: Callable[[str], None] = lambda text: None,
 ) -> NodeFlight:
@@ -139,6 +140,7 @@ def fly_nodes_and_save(
         seed: of the simulator's chance. The nodes run in real time, so no two flights are equal.
         stop: a wish to stop ends the flight; what was flown is kept.
         speed: of simulated time against real time.
+        lockstep: run the ticks of the headless flight, as fast as the machine can.
         domain: ROS_DOMAIN_ID; None: one of its own, or with a vehicle that is there already that
             of this process.
         on_progress: told the progress.
@@ -162,6 +164,7 @@ def fly_nodes_and_save(
             folder=Path(scratch) / "suite",
             recording={"single_file": str(bag.absolute()), "metadata_file": str(metadata)},
             speed=speed,
+            lockstep=lockstep,
             domain=_domain(px4) if domain is None else domain,
             monitor=_monitor_arguments(px4),
             **({} if px4 is None else over_mavlink(px4)),
@@ -235,12 +238,13 @@ def _fly(
     """Run the suite until the flight is over."""
     flown = _Flown()
     watch = FlightMonitor(config.scenario)
-    needed = [name for name in _NEEDED if name in config.nodes]
+    needed = [name for name in config.nodes if config.lockstep or name in _NEEDED]
     bridge = BridgeMonitor() if "px4_bridge" in config.nodes else None
     with RunningSuite(config) as suite:
         heard_s = began_s = time.monotonic()
         patience_s = _START_S
-        while not watch.over or not (bridge is None or bridge.at_rest):
+        # in lockstep the simulator ends the flight: at its last tick, not when somebody looks
+        while config.lockstep or not watch.over or not (bridge is None or bridge.at_rest):
             news = suite.poll(_LOOK_S)
             flown.warnings += news.warnings
             now_s = time.monotonic()
@@ -276,6 +280,7 @@ def _fly(
             end
             for end in suite.ended.values()
             if not (lands and end.name == "px4_bridge" and end.code == 0)  # it was told to
+            and not (config.lockstep and end.name == "sim" and end.code == 0)  # the flight is over
         ]
     return flown
 

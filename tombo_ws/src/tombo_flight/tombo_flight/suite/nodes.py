@@ -6,25 +6,28 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from tombo_dynamics.core import Core
 from tombo_flight.suite.supervisor import Program
+from tombo_flight.wiring import CORES, PX4_REPLACES
 
+
+def node_module(core: type[Core]) -> str:
+    """Return the module of the node that hosts a core: it stands beside it."""
+    return core.__module__.removesuffix("_core") + "_node"
+
+
+RECORDER = "tombo_ros.recorder_node"
 SUITE: dict[str, str] = {
     "sim": "tombo_sim.sim_node",
-    "estimator": "tombo_control.estimator_node",
-    "detector": "tombo_collision.detector_node",
-    "reaction": "tombo_collision.reaction_node",
-    "mission": "tombo_control.mission_node",
-    "controller": "tombo_control.controller_node",
-    "recorder": "tombo_ros.recorder_node",
+    **{core.name: node_module(core) for core in CORES},
+    "recorder": RECORDER,
 }
 """Name of each node → its module. The order in which they start is of no importance."""
 PX4_SUITE: dict[str, str] = {
     "sim": "tombo_px4.px4_sim_node",
     "px4_bridge": "tombo_px4.px4_bridge_node",
-    "detector": SUITE["detector"],
-    "reaction": SUITE["reaction"],
-    "mission": SUITE["mission"],
-    "recorder": SUITE["recorder"],
+    **{core.name: node_module(core) for core in CORES if core not in PX4_REPLACES},
+    "recorder": RECORDER,
 }
 """The suite over MAVLink: PX4 estimates and controls. `sim` plays PX4, vehicle and mocap; with a
 vehicle of its own at the other end of the link it is left out."""

@@ -9,22 +9,20 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any, Final
 
 from tombo_dynamics.params import as_text
 from tombo_flight.scenario import Scenario, as_mapping, load_scenario
+from tombo_flight.wiring import CORES, records_of
 from tombo_sim.propeller_effects import propulsion_effects
 
 SECTIONS: Final[dict[str, tuple[str, ...]]] = {
     "sim": ("vehicle", "propeller", "obstacle", "spread", "effects"),
-    "estimator": ("estimator", "vehicle"),
-    "detector": ("detector",),
-    "reaction": ("reaction",),
-    "mission": ("mission",),
-    "controller": ("control", "vehicle", "propeller"),
+    **{core.name: tuple(core.sections) for core in CORES},
     "recorder": (),
 }
-"""Node → the sections of the scenario that it has as parameters."""
+"""Node → the sections that it has as parameters."""
 
 _ANYWHERE = "/**/"
 """In every namespace, and in none."""
@@ -33,27 +31,42 @@ Parameters = dict[str, dict[str, Any]]
 """Node → its parameters, nested."""
 
 
-def suite_parameters(scenario: Scenario, seed: int, *, speed: float = 1.0) -> Parameters:
+def suite_parameters(
+    scenario: Scenario, seed: int, *, speed: float = 1.0, lockstep: bool = False
+) -> Parameters:
     """Return the parameters of every node of the suite.
 
     Args:
         scenario: what to fly; effects that follow from its propeller are filled in.
         seed: of the simulator's chance.
         speed: of simulated time against real time; other than 1, `sim` drives `/clock`.
+        lockstep: all nodes run the ticks of the headless flight, as fast as they can.
     """
     values = as_mapping(scenario)
     values["mission"]["course"] = as_text(values["mission"]["course"])
     values["effects"] = propulsion_effects(scenario.propeller, scenario.effects)
     table: Parameters = {
-        node: {section: values[section] for section in sections}
-        for node, sections in SECTIONS.items()
+        "sim": {section: values[section] for section in SECTIONS["sim"]},
+        **{
+            core.name: {
+                section: values[section] if section in values else asdict(record)
+                for section, record in records_of(core, scenario).items()
+            }
+            for core in CORES
+        },
+        "recorder": {},
     }
     table["sim"] |= {"seed": seed, "mocap_rate": scenario.estimator.mocap_rate}
-    table["reaction"] |= {"react": scenario.react}
-    if speed != 1.0:
+    table["reaction"] |= {"reaction": scenario.chosen_reaction.name}
+    if speed != 1.0 or lockstep:
         for parameters in table.values():
             parameters["use_sim_time"] = True
         table["sim"]["speed"] = float(speed)
+    if lockstep:
+        for parameters in table.values():
+            parameters["lockstep"] = True
+        table["sim"]["duration"] = scenario.duration
+        table["sim"]["lockstep_nodes"] = [name for name in table if name != "sim"]
     return table
 
 

@@ -45,6 +45,7 @@ class SuiteConfig:
         without: nodes to leave out.
         files: parameter files over those of the scenario.
         speed: of simulated time against real time.
+        lockstep: all nodes run the ticks of the headless flight, as fast as they can.
         domain: ROS_DOMAIN_ID; None: that of this process.
         monitor: arguments of the monitor.
         suite: which nodes there are, name → module; None: those of `SUITE`.
@@ -61,6 +62,7 @@ class SuiteConfig:
     without: tuple[str, ...] = ()
     files: tuple[Path, ...] = ()
     speed: float = 1.0
+    lockstep: bool = False
     domain: int | None = None
     monitor: tuple[str, ...] = ()
     suite: Mapping[str, str] | None = None
@@ -220,7 +222,9 @@ class RunningSuite:
 
 
 def _programs(config: SuiteConfig) -> Sequence[Program]:
-    parameters = suite_parameters(config.scenario, config.seed, speed=config.speed)
+    parameters = suite_parameters(
+        config.scenario, config.seed, speed=config.speed, lockstep=config.lockstep
+    )
     parameters["recorder"] |= config.recording
     for node, values in config.more.items():
         parameters[node] = {**parameters.get(node, {}), **values}

@@ -5,59 +5,30 @@ Otherwise the first start after a change would compile in three processes at onc
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import replace
 
-from tombo_collision.detector_core import DetectorCore
-from tombo_control.autopilot import HOVER
-from tombo_control.controller_core import ControllerCore
-from tombo_control.estimate import Setpoint
-from tombo_control.estimator_core import EstimatorCore
-from tombo_control.params import InputLimits
+from tombo_flight.run_wiring import run_wiring
 from tombo_flight.scenario import Scenario, world_of
 from tombo_sim.failsafe import Failsafe
 from tombo_sim.simulator import Simulator
 
-Array = NDArray[np.float64]
-
-_TICKS = 250
-_TICK_NS = 1_000_000
-_BEGIN_NS = 1_000_000_000
+_SECONDS = 0.25
 
 
 def warm_up_nodes(scenario: Scenario) -> int:
-    """Fly a quarter of a second, all nodes' cores in one loop; return the commands given.
+    """Fly a quarter of a second by the wiring, and the fail-safe; return the messages.
 
     Raises:
         InputError: as `Simulator`.
     """
-    vehicle = scenario.vehicle
+    topics: list[str] = []
+    run_wiring(
+        replace(scenario, duration=_SECONDS), 0, lambda topic, message: topics.append(topic)
+    )
     simulator = Simulator(world_of(scenario), 0)
-    failsafe = Failsafe(simulator, vehicle)
-    observer = EstimatorCore(scenario.estimator, vehicle)
-    limits = InputLimits()
-    controller = ControllerCore(scenario.control, vehicle, limits, simulator.setup.maps)
-    watch = DetectorCore(scenario.detector)
-    wish = Setpoint(simulator.setup.start, np.zeros(3), np.zeros(3), 0.0, HOVER)
-    speed: Array = np.zeros(4)
-    commands = 0
-    for tick in range(_TICKS):
-        now = _BEGIN_NS + tick * _TICK_NS
-        gyro, force = simulator.imu[:3].copy(), simulator.imu[3:].copy()
-        for sample in simulator.arrived:
-            stamp = _BEGIN_NS + sample.stamp_ns
-            observer.pose(stamp, now, "map", sample.pose[:3], sample.pose[3:])
-            watch.pose(stamp, now, "map", sample.pose[:3], sample.pose[3:])
-        estimate = observer.imu(now, gyro, force)
-        if estimate is not None:
-            controller.estimate(estimate)
-            controller.biases(estimate.gyro_bias, estimate.pose_stamp_ns)
-        controller.setpoint(wish, now)
-        answer = controller.tick(now, now, gyro)
-        if answer is not None:
-            speed, commands = answer.speed, commands + 1
-        simulator.advance(speed)
+    failsafe = Failsafe(simulator, scenario.vehicle)
+    failsafe.engage(0)
+    for _ in range(2):
+        simulator.advance(failsafe.command)
         failsafe.observe(simulator)
-    failsafe.engage(simulator.tick)
-    failsafe.observe(simulator)
-    return commands
+    return len(topics)

@@ -1,0 +1,306 @@
+"""Lockstep: nodes on a simulated clock run exactly the schedule of the headless flight.
+
+In each tick of 1 ms the simulator publishes what it senses and tells each node that is due how
+many messages it shall have on each input, counted since the start. The node waits until they are
+there, takes exactly these, steps, publishes, and answers with how many it has published. The
+simulator goes on when all have answered. Topics are reliable and keep what a late subscriber has
+not seen, so no message is lost; who waits in vain says for what, and ends.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import struct
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+
+from tombo_bag.message_template import MessageTemplate
+from tombo_bag.qos import Qos
+from tombo_bag.topics import CLOCK, DIAGNOSTICS, MARKERS, TF, TopicSpec
+from tombo_msgs.msg import LockstepNode
+from tombo_ros.topic import PolledSubscription, ReceivedMessage, TopicPublisher
+
+if TYPE_CHECKING:
+    from tombo_ros.node_loop import LoopNode
+
+QOS = Qos(depth=2000, durability="transient_local")
+"""Of all topics in lockstep: reliable, and what came before a subscriber was met is not lost."""
+_READY = TopicSpec(
+    "/lockstep/ready", "tombo_msgs/msg/LockstepNode", QOS, 0.0, "nodes of a lockstep"
+)
+_COUNTS = "tombo_msgs/msg/LockstepCounts"
+_SECOND_NS = 1_000_000_000
+_TIME = struct.Struct("<iI")
+_LOOK_NS = 100_000_000
+"""How often a node that waits looks at its parameters and whether it is to end."""
+PATIENCE_S = 20.0
+"""Wall time after which waiting ends in an error."""
+START_PATIENCE_S = 120.0
+"""The same before the first tick: nodes may have to compile."""
+
+
+class LockstepError(Exception):
+    """The lockstep can't go on, and why."""
+
+
+UNCOUNTED = (DIAGNOSTICS.name, MARKERS.name, TF.name, CLOCK.name)
+"""Topics outside of the lockstep: nothing that flies takes them."""
+
+
+def lockstep_spec(spec: TopicSpec) -> TopicSpec:
+    """Return a topic as it is in lockstep."""
+    return spec if spec.name in UNCOUNTED else replace(spec, qos=QOS)
+
+
+def _channel(node: str, direction: str) -> TopicSpec:
+    return TopicSpec(f"/lockstep/{node}/{direction}", _COUNTS, QOS, 0.0, "counts of messages")
+
+
+class Waiter:
+    """Sleeps until one of some subscriptions has a message."""
+
+    def __init__(self, node: LoopNode, subscriptions: Sequence[PolledSubscription]) -> None:
+        context = node.ros.context.handle
+        assert context is not None
+        self._subscriptions = subscriptions
+        self._set = _rclpy.WaitSet(len(subscriptions), 0, 0, 0, 0, 0, context)
+
+    def wait(self, timeout_ns: int) -> None:
+        """Return when there is a message, or after the time-out."""
+        with contextlib.ExitStack() as entered:
+            self._set.clear_entities()
+            for one in self._subscriptions:
+                entered.enter_context(one.handle)
+                self._set.add_subscription(one.handle)
+            self._set.wait(timeout_ns)
+
+
+class _Counts:
+    """Messages of the type LockstepCounts with a fixed number of counts."""
+
+    def __init__(self, number: int) -> None:
+        self._template = MessageTemplate(_COUNTS, {"counts": [0] * number})
+        self._number = number
+        self._stamp = self._template.offset("stamp.sec")
+        self._field = self._template.field("counts", number) if number else None
+
+    def encode(self, stamp_ns: int, counts: Sequence[int]) -> bytes:
+        self._template.write(_TIME, self._stamp, *divmod(stamp_ns, _SECOND_NS))
+        if self._field is not None:
+            self._field.put(counts)
+        return self._template.data()
+
+    def decode(self, data: bytes) -> tuple[int, tuple[int, ...]]:
+        seconds, rest = _TIME.unpack_from(data, self._stamp)
+        counts = self._field.of(data) if self._field is not None else ()
+        return seconds * _SECOND_NS + rest, counts
+
+
+class LockstepMember:
+    """A node's end: waits for ticks, collects what belongs to them, answers."""
+
+    def __init__(
+        self,
+        node: LoopNode,
+        name: str,
+        inputs: Mapping[str, PolledSubscription],
+        outputs: Mapping[str, TopicPublisher],
+        period_ns: int,
+        steps_on_messages: bool,
+    ) -> None:
+        """Advertise the answers; `spin` says that the node is ready.
+
+        Args:
+            node: the node.
+            name: by which the simulator knows it.
+            inputs: topic → subscription, in the order in which they are handed over.
+            outputs: topic → publisher.
+            period_ns: the node is due at whole multiples.
+            steps_on_messages: it is due whenever a message is there for it.
+        """
+        self._node = node
+        self._name = name
+        self._inputs = inputs
+        self._outputs = outputs
+        self._tick = PolledSubscription(node.ros, _channel(name, "tick"))
+        self._done = TopicPublisher(node.ros, _channel(name, "done"))
+        self._ready = TopicPublisher(node.ros, _READY)
+        self._ticks, self._answers = _Counts(len(inputs)), _Counts(len(outputs))
+        self._waiter = Waiter(node, [self._tick])
+        self._period_ns = period_ns
+        self._steps_on_messages = steps_on_messages
+
+    def spin(
+        self, step: Callable[[int, list[list[ReceivedMessage]]], None], idle: Callable[[], None]
+    ) -> None:
+        """Run tick after tick until the node is to end.
+
+        Args:
+            step: takes the time of the tick [ns] and the messages of each input, and publishes.
+            idle: called after each tick, and ten times a second while none comes.
+
+        Raises:
+            LockstepError: messages of a tick don't come.
+        """
+        said = LockstepNode(
+            name=self._name,
+            inputs=list(self._inputs),
+            outputs=list(self._outputs),
+            period_ns=self._period_ns,
+            steps_on_messages=self._steps_on_messages,
+        )
+        self._ready.publish(said)
+        while not self._node.stopping:
+            for received in self._tick.take_raw():
+                now_ns, counts = self._ticks.decode(received.message)
+                step(now_ns, self._collect(now_ns, counts))
+                sent = [publisher.sent for publisher in self._outputs.values()]
+                self._done.publish(self._answers.encode(now_ns, sent))
+                idle()
+            if not self._tick.waiting():
+                self._waiter.wait(_LOOK_NS)
+                idle()
+
+    def _collect(self, now_ns: int, counts: Sequence[int]) -> list[list[ReceivedMessage]]:
+        """Return the messages of each input up to these counts, as soon as they are there."""
+        found = []
+        for (topic, source), count in zip(self._inputs.items(), counts, strict=True):
+            found.append(take_until(self._node, self._name, topic, source, count, now_ns))
+        return found
+
+
+def take_until(
+    node: LoopNode,
+    name: str,
+    topic: str,
+    source: PolledSubscription,
+    count: int,
+    now_ns: int,
+) -> list[ReceivedMessage]:
+    """Return the messages that make up `count` since the start, as soon as they are there.
+
+    Raises:
+        LockstepError: they don't come.
+    """
+    if source.taken + source.waiting_number() < count:
+        waiter = Waiter(node, [source])
+        end = time.monotonic() + PATIENCE_S
+        while source.taken + source.waiting_number() < count:
+            if node.stopping:
+                return []
+            if time.monotonic() > end:
+                raise LockstepError(
+                    f"lockstep: {name} waits at {now_ns * 1e-9:.3f} s for message {count} of "
+                    f"{topic} and has {source.received} after {PATIENCE_S:g} s"
+                )
+            waiter.wait(_LOOK_NS)
+    return source.take_first(count - source.taken)
+
+
+@dataclass
+class _Member:
+    """What the simulator knows of a node."""
+
+    name: str
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    period_ns: int
+    steps_on_messages: bool
+    tick: TopicPublisher
+    done: PolledSubscription
+    ticks: _Counts
+    answers: _Counts
+    given: tuple[int, ...] = ()
+
+
+class LockstepMaster:
+    """The simulator's end: says who is due, and waits for the answers."""
+
+    def __init__(self, node: LoopNode, names: Sequence[str]) -> None:
+        """Advertise the ticks of some nodes."""
+        self._node = node
+        self._missing = dict.fromkeys(names)
+        self._ready = PolledSubscription(node.ros, _READY)
+        self._members: list[_Member] = []
+        self._waiters: dict[tuple[str, ...], Waiter] = {}
+        self.published: dict[str, int] = {}
+        """Messages of the nodes up to the last tick, by topic."""
+
+    @property
+    def missing(self) -> list[str]:
+        """Names of the nodes that are not ready."""
+        for received in self._ready.take():
+            said = received.message
+            if said.name in self._missing:
+                del self._missing[said.name]
+                self._members.append(self._member(said))
+        return list(self._missing)
+
+    def _member(self, said: Any) -> _Member:
+        name, ros = str(said.name), self._node.ros
+        return _Member(
+            name,
+            tuple(said.inputs),
+            tuple(said.outputs),
+            int(said.period_ns),
+            bool(said.steps_on_messages),
+            TopicPublisher(ros, _channel(name, "tick")),
+            PolledSubscription(ros, _channel(name, "done")),
+            _Counts(len(said.inputs)),
+            _Counts(len(said.outputs)),
+            (0,) * len(said.inputs),
+        )
+
+    def run_tick(
+        self,
+        now_ns: int,
+        sensed: Mapping[str, int],
+        idle: Callable[[], None],
+        *,
+        last: bool = False,
+    ) -> None:
+        """Let all nodes that are due run a tick, and wait for their answers.
+
+        Args:
+            now_ns: time of the tick.
+            sensed: topic → messages that the simulator has published, those of this tick included.
+            idle: called ten times a second while it waits.
+            last: the flight is over: only those that publish nothing take what is left.
+
+        Raises:
+            LockstepError: a node does not answer.
+        """
+        counts = {**self.published, **sensed}
+        due: dict[str, _Member] = {}
+        for member in self._members:
+            wanted = tuple(counts.get(topic, 0) for topic in member.inputs)
+            due_now = now_ns % member.period_ns == 0
+            due_now |= member.steps_on_messages and wanted != member.given
+            if not member.outputs if last else due_now:
+                member.given = wanted
+                member.tick.publish(member.ticks.encode(now_ns, wanted))
+                due[member.name] = member
+        end = time.monotonic() + PATIENCE_S
+        while due and not self._node.stopping:
+            for member in list(due.values()):
+                for received in member.done.take_raw():
+                    stamp_ns, sent = member.answers.decode(received.message)
+                    if stamp_ns == now_ns:
+                        del due[member.name]
+                        self.published.update(zip(member.outputs, sent, strict=True))
+            if not due:
+                break
+            if time.monotonic() > end:
+                raise LockstepError(
+                    f"lockstep: no answer to the tick at {now_ns * 1e-9:.3f} s from "
+                    f"{', '.join(due)} within {PATIENCE_S:g} s: has it ended?"
+                )
+            key = tuple(due)
+            if key not in self._waiters:
+                self._waiters[key] = Waiter(self._node, [member.done for member in due.values()])
+            self._waiters[key].wait(_LOOK_NS)
+            idle()
