@@ -1,4 +1,4 @@
-"""The detector as node and replay call it: stamps in ns, every pose looked at before it is used.
+"""The detector as node, replay and headless flight run it: each pose is checked before its use.
 
 Nothing that a motion capture can deliver may raise an alarm: a pose in another frame, from the
 future, long late, twice, no number, or of another body is refused, with the reason.
@@ -9,30 +9,47 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tombo_collision.detector import (
+    DETECTOR,
+    EVENT,
     JUMP,
+    JUMPED_POSE,
     NOT_FINITE,
+    NOT_FINITE_POSE,
     OUT_OF_ORDER,
-    CollisionDetector,
-    CollisionEvent,
+    OUT_OF_ORDER_POSE,
+    begin_detector,
+    detect,
+    detector_params,
+    set_triggers,
 )
 from tombo_collision.params import DetectorParams
 from tombo_dynamics.core import Core
-from tombo_dynamics.messages import CollisionEvent as CollisionMessage
-from tombo_dynamics.messages import DetectorStatus, Pose, Trigger
+from tombo_dynamics.jit import compiled_call
+from tombo_dynamics.message_records import COLLISION_EVENT, DETECTOR_STATUS, message_of
+from tombo_dynamics.messages import CollisionEvent, DetectorStatus, Pose
 
 Array = NDArray[np.float64]
 
 FRAME = "map"
 WRONG_FRAME, NOT_UNIT, FUTURE, LATE = "wrong_frame", "not_unit", "future", "late"
 TWO_PUBLISHERS = "two_publishers"
-REASONS = (WRONG_FRAME, NOT_FINITE, NOT_UNIT, FUTURE, LATE, OUT_OF_ORDER, JUMP, TWO_PUBLISHERS)
+_, _, _, _, _, _WRONG_FRAME, _NOT_UNIT, _FUTURE, _LATE, _TWO_PUBLISHERS = range(10)
+REASONS = {
+    NOT_FINITE_POSE: NOT_FINITE,
+    OUT_OF_ORDER_POSE: OUT_OF_ORDER,
+    JUMPED_POSE: JUMP,
+    _WRONG_FRAME: WRONG_FRAME,
+    _NOT_UNIT: NOT_UNIT,
+    _FUTURE: FUTURE,
+    _LATE: LATE,
+    _TWO_PUBLISHERS: TWO_PUBLISHERS,
+}
 """Why a pose can be refused."""
 
 _MAX_FUTURE_NS = 5_000_000
@@ -55,25 +72,107 @@ _REFUSALS = {
     JUMP: "a pose where no strike could have put the vehicle: markers mixed up?",
     TWO_PUBLISHERS: "two nodes publish poses: nobody can tell which is true",
 }
-_TRIGGERS = {"region": Trigger.REGION, "innovation": Trigger.INNOVATION}
+_NONE = -1
+
+DETECTOR_CORE = np.dtype(
+    [
+        ("detector", DETECTOR),
+        ("origin_ns", np.int64),  # stamp that is time 0 of the detector; -1: none yet
+        ("last_ns", np.int64),  # stamp of the last pose used
+        ("used", np.int64),  # poses used
+        ("refused", np.int64, 10),  # poses refused, by reason
+        ("status", DETECTOR_STATUS),  # of the last pose
+        ("event", COLLISION_EVENT),  # the last one
+    ],
+    align=True,
+)
+"""Memory of the detector's core."""
 
 
-@dataclass(frozen=True)
-class DetectorOutput:
-    """What the detector made of one pose."""
+@compiled_call
+def begin_detector_core(r: Any) -> None:
+    """Begin before the first pose."""
+    begin_detector(r.detector)
+    r.origin_ns = _NONE
 
-    event: CollisionEvent | None
-    """Its times in seconds lose the last digits of a stamp; `contact_ns` and the pose's do not."""
-    statistic: float
-    """Normalised innovation squared; 0 where there was none."""
-    refused: str = ""
-    """Why the pose was not used, one of `REASONS`; empty if it was."""
-    contact_ns: int = 0
-    """Estimated time of contact of the event."""
+
+@compiled_call
+def take_pose(r: Any, p: Any, stamp_ns: int, now_ns: int, position: Array, attitude: Array) -> int:
+    """Take a pose in map; return what became of it: used (0), `EVENT` or a key of `REASONS`.
+
+    `status` is filled in, and `event` if there is one.
+
+    Args:
+        r: the core's memory.
+        p: `detector_params`.
+        stamp_ns: capture time.
+        now_ns: the present, on the same clock.
+        position: (3) [m].
+        attitude: quaternion xyzw (4), map from base_link.
+    """
+    result = _look_at(r, p, stamp_ns, now_ns, position, attitude)
+    fill_status(r, p, stamp_ns, result)
+    if result == EVENT:
+        d, event = r.detector, r.event
+        event.stamp_ns = stamp_ns
+        event.trigger = d.trigger
+        event.contact_stamp_ns = r.origin_ns + int(np.rint(1e9 * d.contact_s))
+        for i in range(3):
+            event.contact_position[i] = d.x_c[i]
+            event.flight_direction[i] = d.direction[i]
+        event.confidence = d.confidence
+        event.statistic = d.statistic
+        event.count = d.count
+    return result
+
+
+@compiled_call
+def fill_status(r: Any, p: Any, stamp_ns: int, result: int) -> None:
+    """Count a pose and fill in the status for it."""
+    used = result <= EVENT
+    status = r.status
+    status.statistic = 0.0
+    if used:
+        r.used += 1
+        status.statistic = r.detector.statistic
+    else:
+        r.refused[result] += 1
+    status.stamp_ns = stamp_ns
+    status.threshold = p.threshold
+    status.rejected = 0
+    for i in range(r.refused.size):
+        status.rejected += r.refused[i]
+    status.poses = r.used + status.rejected
+
+
+@compiled_call
+def _look_at(r: Any, p: Any, stamp_ns: int, now_ns: int, position: Array, attitude: Array) -> int:
+    square = 0.0
+    for i in range(4):
+        square += attitude[i] * attitude[i]
+    if not math.isfinite(square):
+        return NOT_FINITE_POSE
+    if abs(math.sqrt(square) - 1.0) > _NORM:
+        return _NOT_UNIT
+    if stamp_ns > now_ns + _MAX_FUTURE_NS:
+        return _FUTURE
+    if stamp_ns < now_ns - _MAX_AGE_NS:
+        return _LATE
+    clock_set = r.last_ns > now_ns + _MAX_FUTURE_NS
+    if r.origin_ns == _NONE or clock_set:
+        if clock_set:  # take it whatever its stamp is, and start anew there
+            r.detector.last.stamp_s = math.inf
+        r.origin_ns = stamp_ns
+    elif stamp_ns <= r.last_ns:
+        return OUT_OF_ORDER_POSE
+    result = detect(r.detector, p, 1e-9 * (stamp_ns - r.origin_ns), position, attitude)
+    if result <= EVENT:
+        r.last_ns = stamp_ns
+    return result
 
 
 class DetectorCore(Core):
-    """Checks poses and hands the good ones to a `CollisionDetector`."""
+    """Checks poses and watches the good ones for a collision."""
 
     name = "detector"
     inputs = ("/mocap/pose",)
@@ -88,45 +187,40 @@ class DetectorCore(Core):
 
     def __init__(self, params: DetectorParams) -> None:
         super().__init__()
-        self._params = params
-        self._detector = CollisionDetector(params)
+        self.memory: Any = np.zeros(1, DETECTOR_CORE)[0]
+        begin_detector_core(self.memory)
+        self.set_params("detector", params)
         self._outputs: list[tuple[str, Any]] = []
         self._pose_ns: int | None = None
         self._several = False
-        self._origin: int | None = None
-        self._last = 0
-        self._used = 0
-        self.refused: Counter[str] = Counter()
-        """How many poses were refused, by reason."""
 
     def on(self, topic: str, message: Pose, now_ns: int) -> None:
         """Take a pose."""
-        stamp_ns = message.stamp_ns
+        r, stamp_ns = self.memory, message.stamp_ns
+        result = _WRONG_FRAME
         if self._several:
-            output = self.refuse(TWO_PUBLISHERS)
+            result = _TWO_PUBLISHERS
+        if self._several or message.frame_id.lstrip("/") != FRAME:
+            fill_status(r, self.params, stamp_ns, result)
         else:
-            output = self.pose(
-                stamp_ns,
-                now_ns + self.clock_slack_ns,
-                message.frame_id,
-                message.position,
-                message.attitude,
+            clock_ns = now_ns + self.clock_slack_ns
+            result = take_pose(
+                r, self.params, stamp_ns, clock_ns, message.position, message.attitude
             )
         self._pose_ns = now_ns
-        if output.event is not None:
-            self.health.values["collisions"] = output.event.count
-            self._outputs.append(("/collision_event", _message(output, stamp_ns)))
-        threshold = self._params.threshold
-        status = DetectorStatus(stamp_ns, output.statistic, threshold, self.poses, self.rejected)
-        self._outputs.append(("/detector/status", status))
-        self.health.values["poses"] = self.poses
-        if output.refused:
-            self.health.values[f"refused.{output.refused}"] = self.refused[output.refused]
-            self.health.report_event(f"pose_{output.refused}", _REFUSALS[output.refused])
+        health = self.health
+        if result == EVENT:
+            health.values["collisions"] = int(r["event"]["count"])
+            event = message_of(CollisionEvent, r["event"], frame_id=FRAME)
+            self._outputs.append(("/collision_event", event))
+        self._outputs.append(("/detector/status", message_of(DetectorStatus, r["status"])))
+        health.values["poses"] = int(r["status"]["poses"])
+        if result in REASONS:
+            reason = REASONS[result]
+            health.values[f"refused.{reason}"] = int(r["refused"][result])
+            health.report_event(f"pose_{reason}", _REFUSALS[reason])
         elif now_ns - stamp_ns > _LATE_NS:
-            self.health.report_event(
-                "mocap_late", "poses come more than 0.1 s after their capture"
-            )
+            health.report_event("mocap_late", "poses come more than 0.1 s after their capture")
 
     def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
         """Return what the poses since the last step gave."""
@@ -137,88 +231,15 @@ class DetectorCore(Core):
 
     def set_params(self, section: str, params: DetectorParams) -> None:
         """Go on with other parameters; what was seen so far stays."""
-        self._params = params
-        self._detector.set_params(params)
+        self.params = detector_params(params)
+        set_triggers(self.memory["detector"], params)
 
     def set_multiple_publishers(self, topic: str, several: bool) -> None:
         """Refuse poses of several publishers: nobody can tell which is true."""
         self._several = several
 
     @property
-    def poses(self) -> int:
-        """Poses that came."""
-        return self._used + self.rejected
-
-    @property
-    def rejected(self) -> int:
-        """Poses refused, for whatever reason."""
-        return self.refused.total()
-
-    def pose(
-        self,
-        stamp_ns: int,
-        now_ns: int,
-        frame_id: str,
-        position: Array | Sequence[float],
-        attitude: Array | Sequence[float],
-    ) -> DetectorOutput:
-        """Take a pose.
-
-        Args:
-            stamp_ns: capture time.
-            now_ns: the present, on the same clock.
-            frame_id: must be map.
-            position: (3) [m].
-            attitude: quaternion xyzw (4), map from base_link.
-        """
-        q = np.asarray(attitude, dtype=np.float64)
-        norm = math.hypot(*q.tolist())
-        if frame_id.lstrip("/") != FRAME:
-            return self.refuse(WRONG_FRAME)
-        if norm != norm or norm == math.inf:
-            return self.refuse(NOT_FINITE)
-        if abs(norm - 1.0) > _NORM:
-            return self.refuse(NOT_UNIT)
-        if stamp_ns > now_ns + _MAX_FUTURE_NS:
-            return self.refuse(FUTURE)
-        if stamp_ns < now_ns - _MAX_AGE_NS:
-            return self.refuse(LATE)
-        clock_set = self._last > now_ns + _MAX_FUTURE_NS
-        if self._origin is None or clock_set:
-            if clock_set:
-                self._detector.reset_clock()
-            self._origin = stamp_ns
-        elif stamp_ns <= self._last:
-            return self.refuse(OUT_OF_ORDER)
-        p = np.asarray(position, dtype=np.float64)
-        event = self._detector.update(1e-9 * (stamp_ns - self._origin), p, q)
-        if self._detector.refused:
-            return self.refuse(self._detector.refused)
-        self._last = stamp_ns
-        self._used += 1
-        if event is None:
-            return DetectorOutput(None, self._detector.statistic)
-        contact_ns = self._origin + round(1e9 * event.contact_time_s)
-        event = replace(event, stamp_s=1e-9 * stamp_ns, contact_time_s=1e-9 * contact_ns)
-        return DetectorOutput(event, event.statistic, "", contact_ns)
-
-    def refuse(self, reason: str) -> DetectorOutput:
-        """Count a pose as refused; called from outside for what a pose alone does not show."""
-        self.refused[reason] += 1
-        return DetectorOutput(None, 0.0, reason)
-
-
-def _message(output: DetectorOutput, stamp_ns: int) -> CollisionMessage:
-    event = output.event
-    assert event is not None
-    return CollisionMessage(
-        stamp_ns,
-        FRAME,
-        _TRIGGERS[event.trigger],
-        output.contact_ns,
-        event.x_c,
-        event.flight_direction,
-        event.confidence,
-        event.statistic,
-        event.count,
-    )
+    def refused(self) -> Counter[str]:
+        """How many poses were refused, by reason."""
+        counts = self.memory["refused"]
+        return Counter({name: int(counts[i]) for i, name in REASONS.items() if counts[i]})

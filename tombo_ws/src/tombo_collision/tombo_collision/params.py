@@ -150,23 +150,6 @@ class DetectorParams:
 
 
 @dataclass(frozen=True)
-class ReactionParams:
-    """Reaction to a collision: x_r = x_c + d_r n_r."""
-
-    distance: float = param(0.8, "m", (0.05, 20.0), "d_r, from x_c to x_r", "paper")
-    height_min: float = param(
-        0.7, "m", (0.0, 100.0), "x_r is not put below this height", "clear of ground effect"
-    )
-    timeout: float = param(
-        12.0,
-        "s",
-        (1.0, 600.0),
-        "the reaction is called off as not settled after this time",
-        "more than twice the paper's recovery time",
-    )
-
-
-@dataclass(frozen=True)
 class ReactionLimits:
     """How long the reaction goes on without an input."""
 

@@ -1,70 +1,96 @@
 """The reaction in line between mission and controller: which set point goes on.
 
 Without a collision it is the mission's, unchanged. After one it is x_r, at once, until the mission
-flies there itself. Where mission or detector fall silent, the vehicle holds where it is.
+flies there itself. Where mission or detector fall silent, the vehicle holds where it is. What x_r
+is decides one of `tombo_collision.reactions`.
 """
 
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import fields, replace
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_collision.detector import CollisionEvent
-from tombo_collision.params import ReactionLimits, ReactionParams
-from tombo_collision.reaction import IDLE as REACTION_IDLE
-from tombo_collision.reaction import REACTING as REACTION_ACTIVE
-from tombo_collision.reaction import ReactionState, react
+from tombo_collision.params import ReactionLimits
+from tombo_collision.reactions import DEFAULT, REGISTRY, Decision, Reaction
 from tombo_dynamics.core import ERROR, Core
-from tombo_dynamics.messages import CollisionEvent as CollisionMessage
+from tombo_dynamics.errors import unknown_name
+from tombo_dynamics.jit import compiled_call
+from tombo_dynamics.message_records import (
+    COLLISION_EVENT,
+    POSITION_SETPOINT,
+    REACTION_STATUS,
+    fill_record,
+    message_of,
+)
 from tombo_dynamics.messages import (
+    CollisionEvent,
     DetectorStatus,
     Odometry,
+    Phase,
     Pose,
     PositionSetpoint,
+    ReactionPhase,
     ReactionStatus,
-    Trigger,
 )
+from tombo_dynamics.params import as_tuple, tuple_type
 
 Array = NDArray[np.float64]
 
-PHASE_IDLE, TAKEOFF, HOVER, APPROACH, REACT, HOLD, LAND, LANDED = range(8)
-"""Phases of the flight, as in `tombo_msgs/MissionStatus`."""
-IDLE, REACTING, BLIND, HOLDING = range(4)
-"""States of the reaction, as in `tombo_msgs/ReactionStatus`."""
-STATE_NAMES = ("idle", "reacting", "blind", "holding")
+_GROUNDED, _APPROACH, _REACT = int(Phase.IDLE), int(Phase.APPROACH), int(Phase.REACT)
+_HOLD, _LAND, _LANDED = int(Phase.HOLD), int(Phase.LAND), int(Phase.LANDED)
+_IDLE, _REACTING = int(ReactionPhase.IDLE), int(ReactionPhase.REACTING)
+_BLIND, _HOLDING = int(ReactionPhase.BLIND), int(ReactionPhase.HOLDING)
 
-DETECTOR_SILENT, MISSION_SILENT = "detector_silent", "mission_silent"
-TWO_PUBLISHERS = "two_publishers"
-"""Why it holds."""
-NOT_FINITE, NOT_UNIT, STALE, FUTURE = "not_finite", "not_unit", "stale", "future"
-DUPLICATE, CONTACT_TOO_FAR, NOT_FLYING = "duplicate", "elsewhere", "not_flying"
-"""Why an event is refused."""
-_HOLDS = {
-    DETECTOR_SILENT: "no word of the detector though poses come: holding",
-    MISSION_SILENT: "no set points of the mission: holding",
-    TWO_PUBLISHERS: "two nodes publish what only one may: holding",
-}
-_EVENT_REFUSALS = {
-    NOT_FINITE: "a collision with NaN or infinity",
-    NOT_UNIT: "a collision whose flight direction is no unit vector",
-    STALE: "a collision of long ago",
-    FUTURE: "a collision stamped in the future",
-    CONTACT_TOO_FAR: "a collision far from the vehicle",
-    NOT_FLYING: "a collision while not flying",
-    "wrong_frame": "a collision whose frame is not map",
+HOLD_REASONS = ("", "detector_silent", "mission_silent", "two_publishers")
+"""Why it holds; empty while it does not."""
+_NO_REASON, _DETECTOR_SILENT, _MISSION_SILENT, _TWO_PUBLISHERS = range(4)
+_HOLDS = (
+    "",
+    "no word of the detector though poses come: holding",
+    "no set points of the mission: holding",
+    "two nodes publish what only one may: holding",
+)
+EVENT_REFUSALS = (
+    "",
+    "not_finite",
+    "not_unit",
+    "stale",
+    "future",
+    "duplicate",
+    "elsewhere",
+    "not_flying",
+    "waits",
+    "wrong_frame",
+)
+"""Why an event is not reacted to; empty if it is. `waits`: until the mission's first set point."""
+(
+    _ACCEPTED,
+    _NOT_FINITE,
+    _NOT_UNIT,
+    _STALE,
+    _FUTURE,
+    _DUPLICATE,
+    _CONTACT_TOO_FAR,
+    _NOT_FLYING,
+    _WAITS,
+    _WRONG_FRAME,
+) = range(10)
+_EVENT_TEXTS = {
+    _NOT_FINITE: "a collision with NaN or infinity",
+    _NOT_UNIT: "a collision whose flight direction is no unit vector",
+    _STALE: "a collision of long ago",
+    _FUTURE: "a collision stamped in the future",
+    _CONTACT_TOO_FAR: "a collision far from the vehicle",
+    _NOT_FLYING: "a collision while not flying",
+    _WRONG_FRAME: "a collision whose frame is not map",
 }
 _EXCLUSIVE = ("/mission/setpoint", "/collision_event", "/detector/status")
 """Topics that only one may publish."""
-_NOWHERE = np.full(3, np.nan)
-
-_ON_GROUND = (PHASE_IDLE, LANDED)
-_PLANNED = (PHASE_IDLE, TAKEOFF, HOVER, APPROACH)
 _PERIOD_NS = 20_000_000
 """What no set point of the mission prompts is said at 50 Hz."""
 _MAX_FUTURE_NS = 50_000_000
@@ -73,40 +99,277 @@ _MAX_CONTACT_DISTANCE = 3.0
 _SAME_POSITION = 0.05
 """m: a set point this near to x_r is x_r."""
 _CLOCK_SET_NS = 1_000_000_000
+_STAMPS, _MAX_PENDING = 16, 4
+
+_Limits: Any = tuple_type(ReactionLimits, "_Limits", __name__)
+REACTION = np.dtype(
+    [
+        ("active", np.bool_),  # a decision holds
+        ("x_c", np.float64, 3),  # of the last decision [m], map
+        ("n_r", np.float64, 3),
+        ("x_r", np.float64, 3),
+        ("collisions", np.int64),
+        ("has_mission", np.bool_),  # the mission has spoken
+        ("mission", POSITION_SETPOINT),  # its last set point
+        ("mission_ns", np.int64),  # when it came, as in the next three
+        ("odometry_ns", np.int64),
+        ("mocap_ns", np.int64),
+        ("detector_ns", np.int64),
+        ("has_position", np.bool_),
+        ("position", np.float64, 3),  # the estimate [m], map
+        ("mission_at_x_r", np.bool_),  # the mission has come to x_r itself
+        ("two_publishers", np.bool_),
+        ("holds", np.bool_),
+        ("hold", POSITION_SETPOINT),  # where it holds
+        ("setpoint", POSITION_SETPOINT),  # the last one published
+        ("publishes", np.bool_),  # it is of the last step
+        ("said", np.bool_),  # there was one
+        ("publish_due", np.bool_),
+        ("now_ns", np.int64),  # of the last step
+        ("stamps", np.int64, _STAMPS),  # of the last events: a ring
+        ("events", np.int64),  # entered into it
+        ("pending", np.int64),  # events that wait for the mission's first set point
+        ("why", np.int64),  # index in HOLD_REASONS
+        ("status", REACTION_STATUS),  # the last one published
+        ("changed", np.bool_),  # the decision is another one than in it
+        ("status_due", np.bool_),  # it is of the last step
+    ],
+    align=True,
+)
+"""Memory of the reaction's core."""
 
 
-def _zeros() -> Array:
-    return np.zeros(3)
+@compiled_call
+def begin_reaction(r: Any) -> None:
+    """Forget everything but what was published."""
+    r.active = False
+    r.collisions = 0
+    r.changed = True
+    r.has_mission = False
+    r.has_position = False
+    r.mission_ns = 0
+    r.odometry_ns = 0
+    r.mocap_ns = 0
+    r.detector_ns = 0
+    r.mission_at_x_r = True
+    r.two_publishers = False
+    r.holds = False
+    r.said = False
+    r.publish_due = False
+    r.setpoint.stamp_ns = 0
+    r.now_ns = 0
+    r.events = 0
+    r.pending = 0
 
 
-@dataclass(frozen=True)
-class Setpoint:
-    """Where the vehicle shall be (map, SI)."""
+@compiled_call
+def take_mission_setpoint(r: Any, setpoint: Any, now_ns: int) -> bool:
+    """Take the mission's set point; False: not finite or of no known phase, not taken."""
+    total = setpoint.yaw
+    for i in range(3):
+        total += setpoint.position[i] + setpoint.velocity[i] + setpoint.acceleration[i]
+    if not math.isfinite(total) or not 0 <= setpoint.phase <= _LANDED:
+        return False
+    copy_setpoint(r.mission, setpoint)
+    r.has_mission = True
+    r.publish_due = True
+    r.mission_ns = now_ns
+    return True
 
-    position: Array
-    velocity: Array = field(default_factory=_zeros)
-    acceleration: Array = field(default_factory=_zeros)
-    yaw: float = 0.0
-    phase: int = PHASE_IDLE
 
-    def finite(self) -> bool:
-        """Return whether every number is finite."""
-        total = self.position.sum() + self.velocity.sum() + self.acceleration.sum() + self.yaw
-        return math.isfinite(total)
+@compiled_call
+def copy_setpoint(to: Any, source: Any) -> None:
+    """Copy all of a set point but its stamp."""
+    for i in range(3):
+        to.position[i] = source.position[i]
+        to.velocity[i] = source.velocity[i]
+        to.acceleration[i] = source.acceleration[i]
+    to.yaw = source.yaw
+    to.phase = source.phase
 
 
-@dataclass(frozen=True)
-class Status:
-    """What the reaction does, for `/reaction/status`."""
+@compiled_call
+def take_position(r: Any, position: Array, now_ns: int) -> bool:
+    """Take the estimated position (3) [m]; False: not finite, not taken."""
+    if not math.isfinite(position[0] + position[1] + position[2]):
+        return False
+    for i in range(3):
+        r.position[i] = position[i]
+    r.has_position = True
+    r.odometry_ns = now_ns
+    return True
 
-    state: int = IDLE
-    reaction: ReactionState = field(default_factory=ReactionState)
-    why: str = ""
-    """While HOLDING: one of the reasons above."""
+
+@compiled_call
+def note_mocap(r: Any, limits: Any, now_ns: int) -> None:
+    """Take note of a pose: the detector has something to look at."""
+    if now_ns - r.mocap_ns > limits.pose_timeout * 1e9:
+        r.detector_ns = max(r.detector_ns, now_ns)  # its time begins now
+    r.mocap_ns = now_ns
+
+
+@compiled_call
+def check_event(r: Any, limits: Any, event: Any, now_ns: int) -> int:
+    """Return whether a collision is to be reacted to: an index in EVENT_REFUSALS."""
+    for i in range(min(r.events, _STAMPS)):
+        if r.stamps[i] == event.stamp_ns:
+            return _DUPLICATE
+    r.stamps[r.events % _STAMPS] = event.stamp_ns
+    r.events += 1
+    x, d = event.contact_position, event.flight_direction
+    if not math.isfinite(x[0] + x[1] + x[2] + d[0] + d[1] + d[2]):
+        return _NOT_FINITE
+    if abs(math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) - 1.0) > 0.1:
+        return _NOT_UNIT
+    if now_ns - event.stamp_ns > limits.event_age * 1e9:
+        return _STALE
+    if event.stamp_ns - now_ns > _MAX_FUTURE_NS:
+        return _FUTURE
+    if not r.has_mission:  # started in flight: it is a matter of milliseconds
+        r.events -= 1
+        return _WAITS
+    if r.mission.phase == _GROUNDED or r.mission.phase >= _LAND:
+        return _NOT_FLYING
+    if r.has_position:
+        square = 0.0
+        for i in range(3):
+            square += (x[i] - r.position[i]) * (x[i] - r.position[i])
+        if square > _MAX_CONTACT_DISTANCE * _MAX_CONTACT_DISTANCE:
+            return _CONTACT_TOO_FAR
+    return _ACCEPTED
+
+
+@compiled_call
+def reaction_step(r: Any, limits: Any, now_ns: int) -> None:
+    """Decide; `publishes` and `status_due` say whether `setpoint` and `status` are new.
+
+    A clock that was set back begins a new flight (`clock_set`), and events that wait are taken
+    (`check_event`) before.
+    """
+    r.now_ns = now_ns
+    r.publishes = False
+    r.status_due = False
+    if not r.has_mission:
+        if r.status.stamp_ns == 0:  # the first one
+            _fill_status(r, _IDLE, now_ns)
+        return
+    mission = r.mission
+    if mission.phase == _LANDED and r.active:
+        r.active = False
+        r.changed = True
+    elif mission.phase == _GROUNDED and r.collisions > 0:
+        r.active = False
+        r.collisions = 0
+        r.changed = True
+    mission_timed_out = now_ns - r.mission_ns > limits.mission_timeout * 1e9
+    why = _NO_REASON
+    own = True
+    if r.active and _holds_x_r(r, mission_timed_out):
+        r.holds = False
+        out = r.hold
+        _hold_at(out, r.x_r, mission.yaw, _REACT)
+    else:
+        why = _reason_to_hold(r, limits, mission_timed_out, now_ns)
+        out = r.hold
+        if why == _NO_REASON or _on_ground(mission.phase):
+            r.holds = False
+            own = False
+            out = mission
+        elif not r.holds:
+            r.holds = True
+            old = now_ns - r.odometry_ns > limits.pose_timeout * 1e9
+            if r.has_position and not old:
+                _hold_at(out, r.position, mission.yaw, _HOLD)
+            elif r.said:
+                _hold_at(out, r.setpoint.position, mission.yaw, _HOLD)
+            else:
+                _hold_at(out, mission.position, mission.yaw, _HOLD)
+    _report(r, limits, why, now_ns)
+    if r.publish_due or (own and now_ns - r.setpoint.stamp_ns >= _PERIOD_NS):
+        copy_setpoint(r.setpoint, out)
+        r.setpoint.stamp_ns = now_ns
+        r.publish_due = False
+        r.publishes = True
+        r.said = True
+
+
+@compiled_call
+def _hold_at(out: Any, place: Array, yaw: float, phase: int) -> None:
+    """Write the set point that rests at a place (3) [m]."""
+    for i in range(3):
+        out.position[i] = place[i]
+        out.velocity[i] = 0.0
+        out.acceleration[i] = 0.0
+    out.yaw = yaw
+    out.phase = phase
+
+
+@compiled_call
+def _on_ground(phase: int) -> bool:
+    return phase == _GROUNDED or phase == _LANDED
+
+
+@compiled_call
+def _holds_x_r(r: Any, mission_timed_out: bool) -> bool:
+    """Return whether x_r is the set point: the mission does not fly there yet, or is not heard."""
+    phase = r.mission.phase
+    planned = phase <= _APPROACH
+    if not r.mission_at_x_r and not planned:
+        square = 0.0
+        for i in range(3):
+            off = r.mission.position[i] - r.x_r[i]
+            square += off * off
+        r.mission_at_x_r = phase == _LAND or square < _SAME_POSITION * _SAME_POSITION
+    unsure = mission_timed_out or r.two_publishers
+    return planned or not r.mission_at_x_r or (unsure and phase != _LAND)
+
+
+@compiled_call
+def _reason_to_hold(r: Any, limits: Any, mission_timed_out: bool, now_ns: int) -> int:
+    phase = r.mission.phase
+    if mission_timed_out and not _on_ground(phase):
+        return _MISSION_SILENT
+    if r.two_publishers and phase != _LAND:
+        return _TWO_PUBLISHERS
+    poses = now_ns - r.mocap_ns <= limits.pose_timeout * 1e9
+    detector_timed_out = now_ns - r.detector_ns > limits.detector_timeout * 1e9
+    silent = phase <= _APPROACH and poses and detector_timed_out
+    return _DETECTOR_SILENT if silent else _NO_REASON
+
+
+@compiled_call
+def _report(r: Any, limits: Any, why: int, now_ns: int) -> None:
+    old = limits.pose_timeout * 1e9
+    stale = now_ns - r.odometry_ns > old or now_ns - r.mocap_ns > old
+    if stale and not _on_ground(r.mission.phase):
+        state = _BLIND
+    elif why != _NO_REASON:
+        state = _HOLDING
+    elif r.active:
+        state = _REACTING
+    else:
+        state = _IDLE
+    if state != r.status.state or why != r.why or r.changed or r.status.stamp_ns == 0:
+        r.why = why
+        _fill_status(r, state, now_ns)
+
+
+@compiled_call
+def _fill_status(r: Any, state: int, now_ns: int) -> None:
+    status = r.status
+    status.stamp_ns = now_ns
+    status.state = state
+    status.collisions = r.collisions
+    for i in range(3):
+        status.x_c[i] = r.x_c[i] if r.active else math.nan
+        status.x_r[i] = r.x_r[i] if r.active else math.nan
+        status.n_r[i] = r.n_r[i] if r.active else math.nan
+    r.changed = False
+    r.status_due = True
 
 
 class ReactionCore(Core):
-    """Takes what arrives, in any order; `tick` says what to publish now.
+    """Takes what arrives, in any order; `step` says what to publish now.
 
     All times are of one clock, `now_ns`. A clock set back by more than a second begins a new
     flight.
@@ -122,74 +385,96 @@ class ReactionCore(Core):
     )
     outputs = ("/setpoint", "/reaction/status")
     period_ns = 5_000_000
-    sections: ClassVar[Mapping[str, type]] = {"reaction": ReactionParams, "inputs": ReactionLimits}
+    sections: ClassVar[Mapping[str, type]] = {
+        "inputs": ReactionLimits,
+        **{name: kind for name, kind in REGISTRY.items() if fields(kind)},
+    }
     options: ClassVar[Mapping[str, tuple[Any, str]]] = {
-        "react": (True, "false: collisions are seen, and nothing is done about them")
+        "reaction": (DEFAULT, f"what it does: {', '.join(REGISTRY)}")
     }
 
     @classmethod
     def make(cls, records: Mapping[str, Any]) -> ReactionCore:
-        """Return a new reaction."""
-        return cls(records["reaction"], records["inputs"])
+        """Return a new core with the paper's reaction, see `options`."""
+        core = cls(records[DEFAULT], records["inputs"])
+        core._records.update(records)
+        return core
 
-    def __init__(self, params: ReactionParams, limits: ReactionLimits, react: bool = True) -> None:
+    def __init__(self, reaction: Reaction, limits: ReactionLimits) -> None:
         super().__init__()
-        self.params = params
-        self.limits = limits
-        self._react = react
-        """False: collisions are seen, and nothing is done about them."""
+        self._records: dict[str, Any] = {reaction.name: reaction}
+        self.reaction = reaction
+        self.limits = as_tuple(limits, _Limits)
         self._several: set[str] = set()
         self._refused = 0
-        self._published_status: Status | None = None
-        self._reset()
-        self.status = Status(reaction=self._reaction)
-        """Another object whenever something has changed."""
+        self._pending: list[CollisionEvent] = []
+        self._setpoint: Any = np.zeros(1, POSITION_SETPOINT)[0]
+        self._event: Any = np.zeros(1, COLLISION_EVENT)[0]
+        self.memory: Any = np.zeros(1, REACTION)[0]
+        begin_reaction(self.memory)
 
     def on(
         self,
         topic: str,
-        message: Pose | DetectorStatus | Odometry | PositionSetpoint | CollisionMessage,
+        message: Pose | DetectorStatus | Odometry | PositionSetpoint | CollisionEvent,
         now_ns: int,
     ) -> None:
         """Take a set point of the mission, a collision, an estimate, or a sign of life."""
+        r = self.memory
         if isinstance(message, Pose):
-            self.mocap(now_ns)
+            note_mocap(r, self.limits, now_ns)
         elif isinstance(message, DetectorStatus):
-            self.detector(now_ns)
+            r["detector_ns"] = now_ns
         elif isinstance(message, Odometry):
-            if not self.odometry(message.position, now_ns):
+            if not take_position(r, message.position, now_ns):
                 self._refuse("odometry_not_finite", "odometry with NaN or infinity")
         elif isinstance(message, PositionSetpoint):
-            setpoint = Setpoint(
-                message.position,
-                message.velocity,
-                message.acceleration,
-                message.yaw,
-                message.phase,
-            )
-            if not self.mission(setpoint, now_ns):
+            fill_record(self._setpoint, message)
+            if not take_mission_setpoint(r, self._setpoint, now_ns):
                 text = "a set point with NaN, infinity or an unknown phase: the last one stands"
                 self._refuse("mission_not_finite", text)
-        elif self._react:
-            self._take_event(message, now_ns)
-
-    def _take_event(self, message: CollisionMessage, now_ns: int) -> None:
-        if message.frame_id.lstrip("/") != "map":
-            why = "wrong_frame"
         else:
-            event = CollisionEvent(
-                1e-9 * message.stamp_ns,
-                Trigger(message.trigger).name.lower() if message.trigger in (1, 2) else "unknown",
-                1e-9 * message.contact_stamp_ns,
-                message.contact_position,
-                message.flight_direction,
-                message.confidence,
-                message.statistic,
-                message.count,
-            )
-            why = self.event(event, message.stamp_ns, now_ns)
-        if why and why != DUPLICATE:
-            self._refuse(f"event_{why}", _EVENT_REFUSALS[why])
+            self.event(message, now_ns)
+
+    def event(self, event: CollisionEvent, now_ns: int) -> str:
+        """Take a collision, and decide; return why it was refused, one of `EVENT_REFUSALS`.
+
+        Before the mission's first set point it is kept until there is one.
+        """
+        r = self.memory
+        if event.frame_id.lstrip("/") != "map":
+            why = _WRONG_FRAME
+        else:
+            fill_record(self._event, event)
+            why = check_event(r, self.limits, self._event, now_ns)
+        if why == _WAITS:
+            self._pending = [*self._pending[1 - _MAX_PENDING :], event]
+            r["pending"] = len(self._pending)
+        elif why == _ACCEPTED:
+            length = math.sqrt(float(event.flight_direction @ event.flight_direction))
+            unit = replace(event, flight_direction=event.flight_direction / length)
+            decision = self.reaction.decide(unit, self.decision)
+            if decision is not None:
+                r["x_c"], r["n_r"], r["x_r"] = decision.x_c, decision.n_r, decision.x_r
+                r["collisions"] += 1
+                r["active"], r["changed"], r["publish_due"] = True, True, True
+                r["mission_at_x_r"] = False
+        elif why != _DUPLICATE:
+            self._refuse(f"event_{EVENT_REFUSALS[why]}", _EVENT_TEXTS[why])
+        return EVENT_REFUSALS[why]
+
+    @property
+    def decision(self) -> Decision | None:
+        """What was decided last; None before a collision."""
+        r = self.memory
+        if not r["collisions"]:
+            return None
+        return Decision(r["x_c"].copy(), r["n_r"].copy(), r["x_r"].copy())
+
+    @property
+    def why(self) -> str:
+        """Why it holds, one of `HOLD_REASONS`."""
+        return HOLD_REASONS[self.memory["why"]]
 
     def _refuse(self, key: str, text: str) -> None:
         self._refused += 1
@@ -198,222 +483,48 @@ class ReactionCore(Core):
 
     def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
         """Decide; return the set point and the status, each when there is a new one."""
+        r = self.memory
+        if now_ns < r["now_ns"] - _CLOCK_SET_NS:
+            self._pending.clear()
+            begin_reaction(r)
+        if r["pending"] and r["has_mission"]:
+            early, self._pending = self._pending, []
+            r["pending"] = 0
+            for event in early:
+                self.event(event, now_ns)
+        reaction_step(r, self.limits, now_ns)
         outputs: list[tuple[str, Any]] = []
-        setpoint = self.tick(now_ns)
-        if setpoint is not None:
-            outputs.append(
-                (
-                    "/setpoint",
-                    PositionSetpoint(
-                        now_ns,
-                        setpoint.position,
-                        setpoint.velocity,
-                        setpoint.acceleration,
-                        setpoint.yaw,
-                        setpoint.phase,
-                    ),
-                )
-            )
-        status = self.status
-        if status is not self._published_status:
-            self._published_status = status
-            done = status.reaction
-            decided = done.state != REACTION_IDLE
-            outputs.append(
-                (
-                    "/reaction/status",
-                    ReactionStatus(
-                        now_ns,
-                        status.state,
-                        done.x_c if decided else _NOWHERE,
-                        done.x_r if decided else _NOWHERE,
-                        done.n_r if decided else _NOWHERE,
-                        done.collisions,
-                    ),
-                )
-            )
-            self.health.values["collisions"] = done.collisions
-            for why, text in _HOLDS.items():
-                self.health.fault(why, status.state == HOLDING and status.why == why, text, ERROR)
-            blind = status.state == BLIND
-            self.health.fault("blind", blind, "pose or estimate is too old", ERROR)
+        if r["publishes"]:
+            outputs.append(("/setpoint", message_of(PositionSetpoint, r["setpoint"])))
+        if r["status_due"]:
+            status = message_of(ReactionStatus, r["status"])
+            outputs.append(("/reaction/status", status))
+            health = self.health
+            health.values["collisions"] = status.collisions
+            for i, why in enumerate(HOLD_REASONS[1:], start=1):
+                health.fault(why, status.state == _HOLDING and r["why"] == i, _HOLDS[i], ERROR)
+            health.fault("blind", status.state == _BLIND, "pose or estimate is too old", ERROR)
         return outputs
 
     def set_params(self, section: str, params: Any) -> None:
-        """Take other parameters ("reaction"), limits ("inputs") or "react"; a decision stays."""
+        """Take limits ("inputs"), a reaction's parameters, or which one ("reaction").
+
+        Raises:
+            InputError: there is no reaction of this name.
+        """
+        if section == "inputs":
+            self.limits = as_tuple(params, _Limits)
+            return
         if section == "reaction":
-            self.params = params
-        elif section == "inputs":
-            self.limits = params
-        else:
-            self._react = bool(params)
+            if params not in REGISTRY:
+                raise unknown_name("reaction", str(params), REGISTRY)
+            self.reaction = self._records.get(params) or REGISTRY[params]()
+            return
+        self._records[section] = params
+        if section == self.reaction.name:
+            self.reaction = params
 
     def set_multiple_publishers(self, topic: str, several: bool) -> None:
         """Hold while two publish what only one may."""
         (self._several.add if several else self._several.discard)(topic)
-        self.multiple_publishers(any(each in self._several for each in _EXCLUSIVE))
-
-    def _reset(self) -> None:
-        self._reaction = ReactionState()
-        self._mission_setpoint: Setpoint | None = None
-        self._position: Array | None = None
-        self._mission_setpoint_ns = self._odometry_ns = self._mocap_ns = self._detector_ns = 0
-        self._mission_at_x_r = True
-        self._two_publishers = False
-        self._hold: Setpoint | None = None
-        self._last: Setpoint | None = None
-        self._publish_due = False
-        self._published_ns = self._now_ns = 0
-        self._stamps: deque[int] = deque(maxlen=16)
-        self._pending_events: list[tuple[CollisionEvent, int]] = []
-
-    def mission(self, mission_setpoint: Setpoint, now_ns: int) -> bool:
-        """Take the mission's set point; False: not finite or of no known phase, not taken."""
-        if not mission_setpoint.finite() or not 0 <= mission_setpoint.phase <= LANDED:
-            return False
-        self._mission_setpoint, self._mission_setpoint_ns, self._publish_due = (
-            mission_setpoint,
-            now_ns,
-            True,
-        )
-        return True
-
-    def odometry(self, position: Array, now_ns: int) -> bool:
-        """Take the estimated position (3) [m]; False: not finite, not taken."""
-        if not np.isfinite(position).all():
-            return False
-        self._position, self._odometry_ns = position, now_ns
-        return True
-
-    def mocap(self, now_ns: int) -> None:
-        """Take note of a pose: the detector has something to look at."""
-        if now_ns - self._mocap_ns > self.limits.pose_timeout * 1e9:
-            self._detector_ns = max(self._detector_ns, now_ns)  # its time begins now
-        self._mocap_ns = now_ns
-
-    def detector(self, now_ns: int) -> None:
-        """Take note of the detector's sign of life."""
-        self._detector_ns = now_ns
-
-    def multiple_publishers(self, multiple_publishers: bool) -> None:
-        """Say whether two nodes publish what only one may."""
-        self._two_publishers = multiple_publishers
-
-    def event(self, event: CollisionEvent, stamp_ns: int, now_ns: int) -> str:
-        """Take a collision, and decide; return why it was refused, or nothing.
-
-        Before the mission's first set point it is kept until there is one.
-
-        Args:
-            event: the collision.
-            stamp_ns: its stamp to the last digit; one that was seen before is a duplicate.
-            now_ns: the present.
-        """
-        if stamp_ns in self._stamps:
-            return DUPLICATE
-        self._stamps.append(stamp_ns)
-        if not math.isfinite(float(event.x_c.sum() + event.flight_direction.sum())):
-            return NOT_FINITE
-        length = math.sqrt(float(event.flight_direction @ event.flight_direction))
-        if abs(length - 1.0) > 0.1:
-            return NOT_UNIT
-        if now_ns - stamp_ns > self.limits.event_age * 1e9:
-            return STALE
-        if stamp_ns - now_ns > _MAX_FUTURE_NS:
-            return FUTURE
-        if self._mission_setpoint is None:  # started in flight: it is a matter of milliseconds
-            self._stamps.pop()
-            self._pending_events = [*self._pending_events[-3:], (event, stamp_ns)]
-            return ""
-        if self._mission_setpoint.phase in (PHASE_IDLE, LAND, LANDED):
-            return NOT_FLYING
-        if self._position is not None:
-            off = event.x_c - self._position
-            if float(off @ off) > _MAX_CONTACT_DISTANCE**2:
-                return CONTACT_TOO_FAR
-        direction = event.flight_direction / length
-        self._reaction = react(
-            self._reaction, replace(event, flight_direction=direction), self.params
-        )
-        self._mission_at_x_r, self._publish_due = False, True
-        return ""
-
-    def tick(self, now_ns: int) -> Setpoint | None:
-        """Decide; return the set point to publish now, None while there is nothing to say."""
-        if now_ns < self._now_ns - _CLOCK_SET_NS:
-            self._reset()
-        self._now_ns = now_ns
-        mission_setpoint = self._mission_setpoint
-        if mission_setpoint is None:
-            return None
-        early, self._pending_events = self._pending_events, []
-        for event, stamp_ns in early:
-            self.event(event, stamp_ns, now_ns)
-        if mission_setpoint.phase == LANDED and self._reaction.state == REACTION_ACTIVE:
-            self._reaction = replace(self._reaction, state=REACTION_IDLE)
-        elif mission_setpoint.phase == PHASE_IDLE and self._reaction.collisions:
-            self._reaction = ReactionState()
-        mission_timed_out = now_ns - self._mission_setpoint_ns > self.limits.mission_timeout * 1e9
-        output, why = self._select_setpoint(mission_setpoint, mission_timed_out, now_ns)
-        self._report(mission_setpoint, why, now_ns)
-        own = output is not mission_setpoint
-        if not self._publish_due and not (own and now_ns - self._published_ns >= _PERIOD_NS):
-            return None
-        self._publish_due, self._published_ns, self._last = False, now_ns, output
-        return output
-
-    def _select_setpoint(
-        self, mission_setpoint: Setpoint, mission_timed_out: bool, now_ns: int
-    ) -> tuple[Setpoint, str]:
-        """Return the set point that holds now, and why it holds, if it does."""
-        if self._reaction.state == REACTION_ACTIVE:
-            if not self._mission_at_x_r and mission_setpoint.phase not in _PLANNED:
-                off = mission_setpoint.position - self._reaction.x_r
-                self._mission_at_x_r = (
-                    mission_setpoint.phase == LAND or float(off @ off) < _SAME_POSITION**2
-                )
-            flies_on = mission_setpoint.phase in _PLANNED or not self._mission_at_x_r
-            unsure = mission_timed_out or self._two_publishers
-            if flies_on or (unsure and mission_setpoint.phase != LAND):
-                self._hold = None
-                return Setpoint(self._reaction.x_r, yaw=mission_setpoint.yaw, phase=REACT), ""
-        why = self._reason_to_hold(mission_setpoint, mission_timed_out, now_ns)
-        if not why or mission_setpoint.phase in _ON_GROUND:
-            self._hold = None
-            return mission_setpoint, why
-        if self._hold is None:
-            here = self._position
-            if here is None or now_ns - self._odometry_ns > self.limits.pose_timeout * 1e9:
-                here = (self._last or mission_setpoint).position
-            self._hold = Setpoint(here, yaw=mission_setpoint.yaw, phase=HOLD)
-        return self._hold, why
-
-    def _reason_to_hold(
-        self, mission_setpoint: Setpoint, mission_timed_out: bool, now_ns: int
-    ) -> str:
-        if mission_timed_out and mission_setpoint.phase not in _ON_GROUND:
-            return MISSION_SILENT
-        if self._two_publishers and mission_setpoint.phase != LAND:
-            return TWO_PUBLISHERS
-        poses = now_ns - self._mocap_ns <= self.limits.pose_timeout * 1e9
-        detector_timed_out = now_ns - self._detector_ns > self.limits.detector_timeout * 1e9
-        return (
-            DETECTOR_SILENT
-            if mission_setpoint.phase in _PLANNED and poses and detector_timed_out
-            else ""
-        )
-
-    def _report(self, mission_setpoint: Setpoint, why: str, now_ns: int) -> None:
-        old = self.limits.pose_timeout * 1e9
-        stale = now_ns - self._odometry_ns > old or now_ns - self._mocap_ns > old
-        if stale and mission_setpoint.phase not in _ON_GROUND:
-            state = BLIND
-        elif why:
-            state = HOLDING
-        elif self._reaction.state == REACTION_ACTIVE:
-            state = REACTING
-        else:
-            state = IDLE
-        known = self.status
-        if (state, why) != (known.state, known.why) or known.reaction is not self._reaction:
-            self.status = Status(state, self._reaction, why)
+        self.memory["two_publishers"] = any(each in self._several for each in _EXCLUSIVE)

@@ -11,7 +11,14 @@ from hypothesis import strategies as st
 from tombo_control.autopilot import APPROACH, HOVER, IDLE, LAND, LANDED, TAKEOFF, A, new_autopilot
 from tombo_control.course import Waypoint, leg_to, read_course, resolved_waypoints
 from tombo_control.leg import turning_leg
-from tombo_control.mission import MissionParams, advance_mission, begin, resume, start_reaction
+from tombo_control.mission import (
+    MissionParams,
+    advance_mission,
+    begin,
+    compiled_plan,
+    resume,
+    start_reaction,
+)
 from tombo_control.mission_core import (
     REACTION_HOLDING,
     REACTION_IDLE,
@@ -61,7 +68,9 @@ class Follower:
             there[2] = max(there[2], HOME[2])
             before = self.seen[-1][2] if self.seen else HOME
             velocity = (there - before) / self.step
-            self.state = advance_mission(self.state, self.plan, now, there, velocity)
+            self.state = advance_mission(
+                self.state, compiled_plan(self.plan), now, there, velocity
+            )
             self.seen.append((now, self.state.mode, there, leg.yaw_at(now), self.state.steps))
         return self
 
@@ -115,7 +124,7 @@ def test_a_late_look_begins_the_next_leg_then_and_nothing_jumps():
     flight = Follower(plan).run(5.1)
     late = flight.state.leg.hold_end_s + 3.0
     here = np.array(flight.state.leg.position(late))
-    state = advance_mission(flight.state, plan, late, here, np.zeros(3))
+    state = advance_mission(flight.state, compiled_plan(plan), late, here, np.zeros(3))
     assert state.steps == 2
     assert state.leg.begin_s == late
     assert state.leg.position(late) == pytest.approx(here)
@@ -139,7 +148,7 @@ def test_goes_on_to_the_same_waypoint_from_where_it_is():
     flight = Follower(plan).run(6.5)
     assert flight.state.steps == 2
     pushed = np.array([0.5, 1.0, 1.5])
-    state = resume(flight.state, plan, 6.5, pushed)
+    state = resume(flight.state, compiled_plan(plan), 6.5, pushed)
     assert state.leg.position(6.5) == pytest.approx(pushed)
     assert state.leg.yaw_at(6.5) == pytest.approx(flight.state.leg.yaw_at(6.5))
     assert state.leg.position(60.0) == pytest.approx((2.0, -0.2, 1.2))
@@ -222,6 +231,10 @@ def test_the_autopilot_s_memory_says_the_same_as_the_leg(now):
     assert a[A.leg + 9] == pytest.approx(leg.yaw_at(now))
 
 
+def setpoint_of(outputs):
+    return next((m for topic, m in outputs if topic == "/mission/setpoint"), None)
+
+
 class World:
     """The course as its node runs it, the vehicle being where it is told."""
 
@@ -236,7 +249,7 @@ class World:
             self.now += 20 * MS
             self.course.estimate(self.place.copy(), self.velocity.copy(), self.now)
             self.course.reaction_alive(self.now)
-            said = self.course.tick(self.now)
+            said = setpoint_of(self.course.step(self.now))
             self.said.append(said)
             there = said.position if said.phase not in (IDLE, LANDED) else self.place
             there = np.maximum(there, [-math.inf, -math.inf, HOME[2]])
@@ -246,7 +259,7 @@ class World:
         return self
 
     def tell(self, state):
-        self.course.reaction(state, (math.nan,) * 3, 0, self.now, self.now)
+        self.course.reaction(state, np.full(3, math.nan), 0, self.now, self.now)
 
 
 def test_the_node_flies_the_course_of_the_headless_flight():
@@ -256,7 +269,7 @@ def test_the_node_flies_the_course_of_the_headless_flight():
         here, velocity = world.place.copy(), world.velocity.copy()
         world.run(0.02)
         now = world.course.time_s
-        state = advance_mission(state, plan, now, here, velocity)
+        state = advance_mission(state, compiled_plan(plan), now, here, velocity)
         said = world.said[-1]
         assert said.phase == state.mode
         assert said.position == pytest.approx(state.leg.position(now), abs=1e-9)

@@ -19,7 +19,7 @@ from tombo_control.autopilot import (
     REACT,
     TAKEOFF,
 )
-from tombo_control.mission import MissionParams, advance_mission, begin
+from tombo_control.mission import MissionParams, advance_mission, begin, compiled_plan
 from tombo_control.mission_core import (
     BLIND,
     NO_ESTIMATE,
@@ -44,6 +44,10 @@ NOWHERE = (math.nan,) * 3
 X_R = np.array([0.5, 0.1, 2.0])
 
 
+def setpoint_of(outputs):
+    return next((m for topic, m in outputs if topic == "/mission/setpoint"), None)
+
+
 class World:
     """A vehicle that follows the set point with a lag of 0.1 s, and the course, at 50 Hz."""
 
@@ -59,7 +63,7 @@ class World:
 
     def reaction(self, state, x_r=NOWHERE, count=0, age_s=0.0):
         stamp = self.now - round(1e9 * age_s)
-        self.course.reaction(state, x_r, count, stamp, self.now)
+        self.course.reaction(state, np.array(x_r, dtype=float), count, stamp, self.now)
 
     def run(self, seconds, stop=lambda world: False):
         for _ in range(round(seconds * 50)):
@@ -68,7 +72,7 @@ class World:
                 self.course.estimate(self.place.copy(), self.velocity.copy(), self.now)
             if self.answers:
                 self.course.reaction_alive(self.now)
-            said = self.course.tick(self.now)
+            said = setpoint_of(self.course.step(self.now))
             if said is not None:
                 self.said.append(said)
                 if not self.modes or said.phase != self.modes[-1]:
@@ -123,7 +127,7 @@ def test_is_the_plan_of_the_headless_flight():
         now = world.course.time_s
         if state.mode == IDLE:
             state = begin(here)
-        state = advance_mission(state, PLAN, now, here, velocity)
+        state = advance_mission(state, compiled_plan(PLAN), now, here, velocity)
         assert world.said[-1].phase == state.mode
         assert world.said[-1].position == pytest.approx(state.leg.position(now), abs=1e-9)
     assert state.mode == LANDED
@@ -169,7 +173,7 @@ def test_waits_for_the_word_to_start():
     world = World(started=False)
     world.run(30.0)
     assert world.modes == [IDLE]
-    world.course.started = True
+    world.course.set_params("auto_start", True)
     world.run(PLAN.takeoff_time + 0.05)
     assert world.course.mode == TAKEOFF
 
@@ -323,12 +327,12 @@ def test_a_vehicle_that_drifted_without_estimates_goes_on_from_where_it_is(drift
 
 def test_two_estimators_stop_it_as_none_does():
     world = World().until(APPROACH)
-    world.course.multiple_publishers(True)
+    world.course.set_multiple_publishers("/odometry", True)
     begin = len(world.said)
     world.run(3.0)
     assert world.course.wait_reason == TWO_ESTIMATES
     assert world.largest_step(begin) == 0.0
-    world.course.multiple_publishers(False)
+    world.course.set_multiple_publishers("/odometry", False)
     world.run(0.1)
     assert not world.course.wait_reason
 
@@ -499,11 +503,11 @@ def test_whatever_fails_set_points_are_finite_and_the_flight_ends(events):
             world.reaction(REACTING, X_R + 0.1 * count, count)
         else:
             crowd = not crowd
-            world.course.multiple_publishers(crowd)
+            world.course.set_multiple_publishers("/odometry", crowd)
         world.run(seconds)
     assert all(s.finite() for s in world.said)
     speeds = [float(np.linalg.norm(s.velocity)) for s in world.said]
     assert max(speeds) <= PLAN.approach_speed + 1e-9
     world.odometry = world.answers = world.follows = True
-    world.course.multiple_publishers(False)
+    world.course.set_multiple_publishers("/odometry", False)
     world.until(LANDED)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_control.params import ControlParams, EstimatorParams
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.params import as_tuple, tuple_type
 from tombo_dynamics.plant import VehicleIndex
 from tombo_dynamics.vehicle import VehicleParams
@@ -138,6 +139,20 @@ def new_autopilot(
     memory[_OBSERVER:_NOMINAL] = as_tuple(estimator, EstimatorIndex)
     memory[_NOMINAL:] = as_tuple(vehicle, VehicleIndex)
     return memory
+
+
+@compiled
+def restart_estimate(a: Array, position: Array, velocity: Array, attitude: Array) -> None:
+    """Begin at a position (3), velocity (3) and attitude (4), as `new_autopilot` does."""
+    for i in range(_GAINS):
+        a[i] = 0.0
+    for i in range(3):
+        a[A.position + i] = position[i]
+        a[A.velocity + i] = velocity[i]
+    for i in range(4):
+        a[A.attitude + i] = attitude[i]
+    for tick in range(HISTORY_TICKS):
+        a[A.history + 8 * tick + 7] = -1.0
 
 
 def part(memory: Array, name: str) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 
 from tombo_control.autopilot import BLIND, IDLE, LANDED, A, G, new_autopilot, part
 from tombo_control.cascade import stop_rotors
-from tombo_control.estimate import Array, Estimate, Setpoint, nearest_tick
+from tombo_control.estimate import Array, nearest_tick
 from tombo_control.gyro_propagation import control_tick, correct_with_estimate
 from tombo_control.params import (
     ATTITUDE_TICKS,
@@ -25,6 +25,8 @@ from tombo_control.params import (
     InputLimits,
 )
 from tombo_dynamics.core import ERROR, Core
+from tombo_dynamics.jit import compiled, compiled_call
+from tombo_dynamics.message_records import ODOMETRY, POSITION_SETPOINT, fill_record
 from tombo_dynamics.messages import (
     AttitudeSetpoint,
     EstimatorStatus,
@@ -34,9 +36,10 @@ from tombo_dynamics.messages import (
     RatesSetpoint,
     RotorCommand,
 )
+from tombo_dynamics.params import as_tuple, tuple_type
 from tombo_dynamics.propeller import thrust_map
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_configuration
-from tombo_dynamics.rotation import rotate_vectors
+from tombo_dynamics.rotation import rotated
 from tombo_dynamics.rotor_maps import rotor_maps
 from tombo_dynamics.vehicle import VehicleParams
 
@@ -48,6 +51,160 @@ _GRACE_NS = 3_000_000_000
 _NEW_SIMULATION_NS = 1_000_000_000
 """On a simulated clock: stamps that differ by more are of another simulation."""
 _BLIND_TEXT = "position unknown (estimate or mocap too old): level descent"
+
+
+_Limits: Any = tuple_type(InputLimits, "_Limits", __name__)
+_NEVER = -1
+
+CONTROLLER = np.dtype(
+    [
+        ("tick", np.int64),  # of the last gyro sample; -1: none, as in the next ones
+        ("position_slot", np.int64),  # of the last run of the position loop
+        ("attitude_slot", np.int64),
+        ("estimate_ns", np.int64),  # stamp of the last estimate taken
+        ("pose_ns", np.int64),  # of the last pose behind it
+        ("setpoint_ns", np.int64),  # when the set point came
+        ("has_setpoint", np.bool_),
+        ("setpoint", POSITION_SETPOINT),
+        ("blind", np.bool_),  # the position is not known
+        ("position_ran", np.bool_),  # in the last tick, as the next ones
+        ("attitude_ran", np.bool_),
+        ("held", np.bool_),  # holds the last set point: none is coming
+    ],
+    align=True,
+)
+"""Bookkeeping of the controller's core; its state is an autopilot's memory."""
+
+
+@compiled_call
+def reset_inputs(r: Any) -> None:
+    """Take all that was said so far for another flight's: no set point, so no rotor turns."""
+    r.estimate_ns = _NEVER
+    r.pose_ns = _NEVER
+    r.setpoint_ns = _NEVER
+    r.has_setpoint = False
+    r.blind = False
+
+
+@compiled_call
+def begin_controller(r: Any) -> None:
+    """Begin before the first gyro sample."""
+    r.tick = _NEVER
+    r.position_slot = _NEVER
+    r.attitude_slot = _NEVER
+    reset_inputs(r)
+
+
+@compiled_call
+def take_odometry(r: Any, a: Array, odometry: Any) -> bool:
+    """Take an estimate; False: not finite, not a rotation, or old."""
+    q = odometry.attitude
+    vx, vy, vz = rotated(q, odometry.velocity[0], odometry.velocity[1], odometry.velocity[2])
+    values = np.empty(10)
+    values[3], values[4], values[5] = vx, vy, vz
+    total = vx + vy + vz
+    for i in range(3):
+        values[i] = odometry.position[i]
+        total += values[i]
+    square = 0.0
+    for i in range(4):
+        values[6 + i] = q[i]
+        square += q[i] * q[i]
+    if not math.isfinite(total + square) or odometry.stamp_ns <= r.estimate_ns:
+        return False
+    if abs(square - 1.0) > 0.01:
+        return False
+    r.estimate_ns = odometry.stamp_ns
+    correct_with_estimate(a, values, nearest_tick(odometry.stamp_ns), max(r.tick, 0))
+    return True
+
+
+@compiled_call
+def take_biases(r: Any, a: Array, gyro_bias: Array, pose_stamp_ns: int) -> bool:
+    """Take the gyro's bias (3) [rad/s] and the last pose's capture time; False: not finite."""
+    if not math.isfinite(gyro_bias[0] + gyro_bias[1] + gyro_bias[2]):
+        return False
+    for i in range(3):
+        a[A.gyro_bias + i] = gyro_bias[i]
+    r.pose_ns = pose_stamp_ns
+    return True
+
+
+@compiled_call
+def take_setpoint(r: Any, setpoint: Any, now_ns: int) -> bool:
+    """Take a set point that arrived at `now_ns`; False: not finite."""
+    total = setpoint.yaw
+    for i in range(3):
+        total += setpoint.position[i] + setpoint.velocity[i] + setpoint.acceleration[i]
+    if not math.isfinite(total):
+        return False
+    s = r.setpoint
+    for i in range(3):
+        s.position[i] = setpoint.position[i]
+        s.velocity[i] = setpoint.velocity[i]
+        s.acceleration[i] = setpoint.acceleration[i]
+    s.yaw = setpoint.yaw
+    s.phase = setpoint.phase
+    r.has_setpoint = True
+    r.setpoint_ns = now_ns
+    return True
+
+
+@compiled
+def answer_gyro(
+    r: Any, a: Array, maps: Array, limits: Any, now_ns: int, stamp_ns: int, gyro: Array
+) -> bool:
+    """Set the rotor speeds `A.command`; False for a sample that is not newer than the last.
+
+    Args:
+        r: the controller's bookkeeping.
+        a: the autopilot's memory.
+        maps: the rotor's table.
+        limits: `InputLimits`.
+        now_ns: time now, of the stamps' clock.
+        stamp_ns: capture time of the sample.
+        gyro: (3) [rad/s], base_link; what is not finite is taken from the sample before.
+    """
+    tick = nearest_tick(stamp_ns)
+    ticks = tick - r.tick
+    if r.tick < 0 or ticks < -_MAX_GAP_TICKS or ticks > _MAX_GAP_TICKS:
+        if ticks < -_MAX_GAP_TICKS:  # the clock was set back
+            r.estimate_ns = _NEVER
+            r.pose_ns = _NEVER
+            r.setpoint_ns = min(r.setpoint_ns, now_ns)
+        ticks = 1
+    elif ticks <= 0:
+        return False
+    r.tick = tick
+    s = r.setpoint
+    r.position_ran = False
+    r.attitude_ran = False
+    r.held = False
+    if not r.has_setpoint or s.phase == IDLE or s.phase == LANDED:
+        mode = s.phase if r.has_setpoint else IDLE
+        control_tick(a, maps, gyro, tick, ticks, False, False, False)
+        stop_rotors(a)
+        a[A.mode] = mode
+        a[A.mode + 1] = mode
+        return True
+    r.position_ran = tick // POSITION_TICKS != r.position_slot
+    r.attitude_ran = tick // ATTITUDE_TICKS != r.attitude_slot
+    r.held = now_ns - r.setpoint_ns > limits.setpoint_timeout * 1e9
+    if r.position_ran:
+        r.position_slot = tick // POSITION_TICKS
+        odometry = stamp_ns - r.estimate_ns > limits.odometry_timeout * 1e9
+        r.blind = odometry or stamp_ns - r.pose_ns > a[G.blind_timeout] * 1e9
+        for i in range(3):
+            a[A.position_setpoint + i] = s.position[i]
+            a[A.velocity_setpoint + i] = 0.0 if r.held else s.velocity[i]
+            a[A.acceleration_setpoint + i] = 0.0 if r.held else s.acceleration[i]
+        a[A.leg + 9] = s.yaw
+        a[A.mode] = s.phase
+        a[A.mode + 1] = BLIND if r.blind else s.phase
+    if r.attitude_ran:
+        r.attitude_slot = tick // ATTITUDE_TICKS
+    control_tick(a, maps, gyro, tick, ticks, r.position_ran, r.attitude_ran, r.blind)
+    return True
 
 
 class Command(NamedTuple):
@@ -100,13 +257,18 @@ class ControllerCore(Core):
         self._refused = 0
         self._control = control
         self._vehicle = vehicle
-        self._limits = limits
-        self._maps = maps
+        self.limits = as_tuple(limits, _Limits)
+        self.maps = maps
+        self.autopilot = self._fresh()
+        """Memory of the cascade, `tombo_control.autopilot`."""
+        self.memory: Any = np.zeros(1, CONTROLLER)[0]
+        begin_controller(self.memory)
+        self._odometry: Any = np.zeros(1, ODOMETRY)[0]
+        self._setpoint: Any = np.zeros(1, POSITION_SETPOINT)[0]
+
+    def _fresh(self) -> Array:
         level = np.array([0.0, 0.0, 0.0, 1.0])
-        self._a = new_autopilot(control, EstimatorParams(), vehicle, np.zeros(3), level)
-        self._tick = -1
-        self._position_slot = self._attitude_slot = -1
-        self.reset_inputs()
+        return new_autopilot(self._control, EstimatorParams(), self._vehicle, np.zeros(3), level)
 
     def on(
         self,
@@ -152,35 +314,16 @@ class ControllerCore(Core):
             health.fault("setpoint_silent", command.held, "no set point: holding the last")
 
     def _take_odometry(self, message: Odometry, now_ns: int) -> None:
-        velocity = rotate_vectors(message.attitude, message.velocity)
-        estimate = Estimate(
-            message.stamp_ns,
-            message.position,
-            velocity,
-            message.attitude,
-            message.rates,
-            np.zeros(3),
-            np.zeros(3),
-            0,
-        )
+        fill_record(self._odometry, message)
         early = message.stamp_ns > now_ns + _AHEAD_NS + self.clock_slack_ns
-        if early or not self.estimate(estimate):
+        if early or not take_odometry(self.memory, self.autopilot, self._odometry):
             self._refuse("odometry", "odometry not finite, not a rotation, old or from later")
 
     def _take_setpoint(self, message: PositionSetpoint, now_ns: int) -> None:
         latest_ns = max(self._gyro_stamp_ns, now_ns) + _NEW_SIMULATION_NS
         if self.clock_slack_ns and message.stamp_ns > latest_ns:
             self._refuse("setpoint", "set point from later: of a simulation before this one?")
-            return
-        setpoint = Setpoint(
-            message.position,
-            message.velocity,
-            message.acceleration,
-            message.yaw,
-            message.phase,
-            message.stamp_ns,
-        )
-        if not self.setpoint(setpoint, now_ns):
+        elif not self.setpoint(message, now_ns):
             self._refuse("setpoint", "set point with NaN or infinity: the last one stands")
 
     def _refuse(self, what: str, text: str) -> None:
@@ -193,7 +336,7 @@ class ControllerCore(Core):
         if self._began_ns is None or now_ns < self._began_ns:
             self._began_ns = now_ns
         silent_ns = now_ns - (self._imu_ns or self._began_ns + _GRACE_NS)
-        silent = silent_ns > self._limits.imu_timeout * 1e9
+        silent = silent_ns > self.limits.imu_timeout * 1e9
         self.health.fault("imu_silent", silent, "no gyro: no commands", ERROR)
         outputs, self._outputs = self._outputs, []
         return outputs
@@ -201,9 +344,10 @@ class ControllerCore(Core):
     def set_params(self, section: str, params: Any) -> None:
         """Take other gains in flight; another vehicle or propeller at the next start only."""
         if section == "control":
-            self.params(params, self._limits)
+            self._control = params
+            self.autopilot[G[0] :] = self._fresh()[G[0] :]
         elif section == "inputs":
-            self.params(self._control, params)
+            self.limits = as_tuple(params, _Limits)
         else:
             self.health.fault("not_at_runtime", True, f"{section} is used at the next start")
 
@@ -213,107 +357,40 @@ class ControllerCore(Core):
 
     def reset_inputs(self) -> None:
         """Take all that was said so far for another flight's: no set point, so no rotor turns."""
-        self._estimate_ns = self._pose_ns = self._setpoint_ns = -1
-        self._setpoint: Setpoint | None = None
-        self._blind = False
-
-    def params(self, control: ControlParams, limits: InputLimits) -> None:
-        """Take other parameters in flight; state and integrals stay."""
-        self._control, self._limits = control, limits
-        level = np.array([0.0, 0.0, 0.0, 1.0])
-        fresh = new_autopilot(control, EstimatorParams(), self._vehicle, np.zeros(3), level)
-        self._a[G[0] :] = fresh[G[0] :]
-
-    def estimate(self, estimate: Estimate) -> bool:
-        """Take an estimate (position, velocity, attitude); False: not finite, or old."""
-        values = np.concatenate([estimate.position, estimate.velocity, estimate.attitude])
-        if not np.isfinite(values.sum()) or estimate.stamp_ns <= self._estimate_ns:
-            return False
-        if abs(float(estimate.attitude @ estimate.attitude) - 1.0) > 0.01:
-            return False
-        self._estimate_ns = estimate.stamp_ns
-        correct_with_estimate(self._a, values, nearest_tick(estimate.stamp_ns), max(self._tick, 0))
-        return True
+        reset_inputs(self.memory)
 
     def biases(self, gyro_bias: Array, pose_stamp_ns: int) -> bool:
         """Take the gyro's bias (3) [rad/s] and the capture time of the last pose used."""
-        if not np.isfinite(gyro_bias.sum()):
-            return False
-        part(self._a, "gyro_bias")[:] = gyro_bias
-        self._pose_ns = pose_stamp_ns
-        return True
+        return take_biases(self.memory, self.autopilot, gyro_bias, pose_stamp_ns)
 
-    def setpoint(self, setpoint: Setpoint, now_ns: int) -> bool:
+    def setpoint(self, setpoint: PositionSetpoint, now_ns: int) -> bool:
         """Take a set point that arrived at `now_ns`; False: not finite."""
-        if not setpoint.finite():
-            return False
-        self._setpoint, self._setpoint_ns = setpoint, now_ns
-        return True
+        fill_record(self._setpoint, setpoint)
+        return take_setpoint(self.memory, self._setpoint, now_ns)
 
     def tick(self, now_ns: int, stamp_ns: int, gyro: Array) -> Command | None:
-        """Answer a gyro sample; None for one that is not newer than the last.
-
-        Args:
-            now_ns: time now, of the stamps' clock.
-            stamp_ns: capture time of the sample.
-            gyro: (3) [rad/s], base_link; what is not finite is taken from the sample before.
-        """
-        tick = nearest_tick(stamp_ns)
-        ticks = tick - self._tick
-        if self._tick < 0 or ticks < -_MAX_GAP_TICKS or ticks > _MAX_GAP_TICKS:
-            if ticks < -_MAX_GAP_TICKS:  # the clock was set back
-                self._estimate_ns = self._pose_ns = -1
-                self._setpoint_ns = min(self._setpoint_ns, now_ns)
-            ticks = 1
-        elif ticks <= 0:
+        """Answer a gyro sample as `answer_gyro` does; None for one that is not newer."""
+        r, a = self.memory, self.autopilot
+        if not answer_gyro(r, a, self.maps, self.limits, now_ns, stamp_ns, gyro):
             return None
-        self._tick = tick
-        setpoint = self._setpoint
-        a = self._a
-        if setpoint is None or setpoint.phase in (IDLE, LANDED):
-            mode = IDLE if setpoint is None else setpoint.phase
-            control_tick(a, self._maps, gyro, tick, ticks, False, False, False)
-            stop_rotors(a)
-            a[A.mode] = a[A.mode + 1] = mode
-            return self._command(stamp_ns, False, False, False)
-        position = tick // POSITION_TICKS != self._position_slot
-        attitude = tick // ATTITUDE_TICKS != self._attitude_slot
-        held = now_ns - self._setpoint_ns > self._limits.setpoint_timeout * 1e9
-        if position:
-            self._position_slot = tick // POSITION_TICKS
-            self._blind = self._is_blind(stamp_ns)
-            part(a, "position_setpoint")[:] = setpoint.position
-            part(a, "velocity_setpoint")[:] = 0.0 if held else setpoint.velocity
-            part(a, "acceleration_setpoint")[:] = 0.0 if held else setpoint.acceleration
-            a[A.leg + 9] = setpoint.yaw
-            a[A.mode] = setpoint.phase
-            a[A.mode + 1] = BLIND if self._blind else setpoint.phase
-        if attitude:
-            self._attitude_slot = tick // ATTITUDE_TICKS
-        control_tick(a, self._maps, gyro, tick, ticks, position, attitude, self._blind)
-        return self._command(stamp_ns, position, attitude, held)
-
-    def _is_blind(self, stamp_ns: int) -> bool:
-        """Return whether estimate, or the poses behind it, are too old to fly on."""
-        odometry = stamp_ns - self._estimate_ns > self._limits.odometry_timeout * 1e9
-        poses = stamp_ns - self._pose_ns > self._control.blind_timeout * 1e9
-        return odometry or poses
-
-    def _command(self, stamp_ns: int, position: bool, attitude: bool, held: bool) -> Command:
-        blind = self._blind and self.flying
-        return Command(stamp_ns, part(self._a, "command").copy(), position, attitude, blind, held)
+        ran, blind = bool(r["position_ran"]), bool(r["blind"]) and self.flying
+        command = part(a, "command").copy()
+        return Command(stamp_ns, command, ran, bool(r["attitude_ran"]), blind, bool(r["held"]))
 
     @property
     def flying(self) -> bool:
         """Whether the rotors are to turn."""
-        return bool(self._a[A.mode] != IDLE and self._a[A.mode] != LANDED)
+        return bool(self.autopilot[A.mode] != IDLE and self.autopilot[A.mode] != LANDED)
 
     @property
     def attitude_setpoint(self) -> tuple[Array, float]:
         """Attitude (4) xyzw and collective thrust [N] asked for."""
-        return part(self._a, "attitude_setpoint").copy(), float(self._a[A.thrust_setpoint])
+        a = self.autopilot
+        return part(a, "attitude_setpoint").copy(), float(a[A.thrust_setpoint])
 
     @property
     def rates_setpoint(self) -> tuple[Array, float]:
         """Body rates (3) [rad/s] and collective thrust [N] asked for."""
-        return part(self._a, "rates_setpoint").copy(), float(self._a[A.thrust_setpoint])
+        return part(self.autopilot, "rates_setpoint").copy(), float(
+            self.autopilot[A.thrust_setpoint]
+        )

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from tombo_control.leg import ACCELERATION, Leg, Point, turning_leg
 from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.params import check_number, param
+
+Array = NDArray[np.float64]
 
 MOST_WAYPOINTS = 500
 _YAW_RATE = 1.0
@@ -99,24 +106,47 @@ def resolved_waypoints(
         hover: where the vehicle is before the first one, heading east.
         speed: of a course that says nothing about it [m/s].
     """
-    known = ResolvedWaypoint(*hover, 0.0, speed, ACCELERATION, _YAW_RATE, 0.0)
-    found = []
-    for waypoint in course:
-        values = ((name, getattr(waypoint, name)) for name in ResolvedWaypoint._fields)
-        known = known._replace(**{name: v for name, v in values if v is not None})
-        found.append(known)
-    return found
+    table = waypoint_table(course)
+    return [resolved_waypoint(table, i, hover, speed) for i in range(len(course))]
 
 
+def waypoint_table(course: Sequence[Waypoint] | None) -> Array:
+    """Return the waypoints (N, 8) as compiled code takes them; NaN: as at the one before."""
+    rows = [[getattr(w, name) for name in ResolvedWaypoint._fields] for w in course or ()]
+    return np.array(rows, dtype=np.float64).reshape(-1, len(ResolvedWaypoint._fields))
+
+
+@compiled_call
+def resolved_waypoint(table: Array, row: int, hover: Point, speed: float) -> ResolvedWaypoint:
+    """Return a waypoint of a `waypoint_table`, what it leaves out as in `resolved_waypoints`."""
+    x, y, z = hover
+    values = np.array([x, y, z, 0.0, speed, ACCELERATION, _YAW_RATE, 0.0])
+    for i in range(row + 1):
+        for k in range(8):
+            if not math.isnan(table[i, k]):
+                values[k] = table[i, k]
+    return ResolvedWaypoint(
+        values[0],
+        values[1],
+        values[2],
+        values[3],
+        values[4],
+        values[5],
+        values[6],
+        values[7],
+    )
+
+
+@compiled_call
 def leg_to(target: ResolvedWaypoint, start: Point, yaw: float, now_s: float) -> Leg:
     """Return the leg from `start`, heading `yaw`, to a waypoint."""
-    leg = turning_leg(
+    return turning_leg(
         start,
-        target[:3],
+        (target.x, target.y, target.z),
         (yaw, target.yaw),
         now_s,
-        speed=target.speed,
-        acceleration=target.acceleration,
-        yaw_rate=target.yaw_rate,
+        target.speed,
+        target.acceleration,
+        target.yaw_rate,
+        target.hold,
     )
-    return replace(leg, hold_s=target.hold)

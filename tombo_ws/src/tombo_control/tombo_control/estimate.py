@@ -7,10 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_dynamics.jit import compiled
+
 Array = NDArray[np.float64]
 TICK_NS = 1_000_000
 
 
+@compiled
 def nearest_tick(stamp_ns: int) -> int:
     """Return the tick of 1 ms nearest to a stamp."""
     return (stamp_ns + TICK_NS // 2) // TICK_NS

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from tombo_control.autopilot import HISTORY_TICKS, A, E
-from tombo_dynamics.jit import compiled
+from tombo_dynamics.jit import compiled, compiled_call
 from tombo_dynamics.rotation import Array, relative_rotation, rotate_by_vector
 from tombo_dynamics.vehicle import GRAVITY
 
@@ -115,7 +115,7 @@ def observer_gains(bandwidth: float, period: float) -> tuple[float, float, float
     return 1.0 - pole**3, 1.5 * gap * gap * (1.0 + pole) / period, gap**3 / (period * period)
 
 
-@compiled
+@compiled_call
 def correct(
     a: Array, pose: Array, j: int, captured: int, now: int, period: float, airborne: bool
 ) -> bool:

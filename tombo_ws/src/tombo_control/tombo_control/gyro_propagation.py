@@ -12,7 +12,7 @@ import math
 from tombo_control.autopilot import HISTORY_TICKS, A
 from tombo_control.cascade import run_control_loops
 from tombo_control.estimator import store_history, update_body_rates
-from tombo_dynamics.jit import compiled
+from tombo_dynamics.jit import compiled, compiled_call
 from tombo_dynamics.rotation import Array, relative_rotation, rotate_by_vector
 
 _TICK = 1e-3
@@ -30,7 +30,7 @@ def propagate(a: Array, tick: int, ticks: int) -> None:
         store_history(a, tick - ticks + k + 1)
 
 
-@compiled
+@compiled_call
 def correct_with_estimate(a: Array, estimate: Array, captured: int, now: int) -> None:
     """Take an estimate that was true at tick `captured`; `now` is the present tick.
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from tombo_control.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.jit import compiled_call
 
 Point = tuple[float, float, float]
 
@@ -17,10 +18,11 @@ ACCELERATION = 0.8
 _TURN_RAMP = 0.3
 """s: a turn takes this long to reach its rate."""
 _FOREVER = 1e9
+_SAME = 1e-9
+"""m or rad: what is nearer is the same."""
 
 
-@dataclass(frozen=True)
-class Leg:
+class Leg(NamedTuple):
     """A straight reference, from begin to end, then held (map, SI); see `trapezoidal_profile`."""
 
     start: Point
@@ -47,21 +49,16 @@ class Leg:
 
     def position(self, time_s: float) -> Point:
         """Return the reference position at `time_s`."""
-        way, _, _ = trapezoidal_profile(
-            time_s - self.begin_s, self.end_s - self.begin_s, self.ramp_s
-        )
-        x, y, z = (s + v * way for s, v in zip(self.start, self.velocity, strict=True))
-        return x, y, z
+        return leg_position(self, time_s)
 
     def yaw_at(self, time_s: float) -> float:
         """Return the reference yaw at `time_s`."""
-        way, _, _ = trapezoidal_profile(time_s - self.begin_s, self.turn_s, self.turn_ramp_s)
-        return self.yaw + self.yaw_rate * way
+        return leg_yaw(self, time_s)
 
     @property
     def motion_end_s(self) -> float:
         """When way and turn are over."""
-        return max(self.end_s, self.begin_s + self.turn_s)
+        return motion_end(self)
 
     @property
     def hold_end_s(self) -> float:
@@ -69,60 +66,100 @@ class Leg:
         return self.motion_end_s + self.hold_s
 
 
+@compiled_call
+def leg_position(leg: Leg, time_s: float) -> Point:
+    """Return the reference position at `time_s` [s]."""
+    way, _, _ = trapezoidal_profile(time_s - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s)
+    x, y, z = leg.start
+    vx, vy, vz = leg.velocity
+    return x + vx * way, y + vy * way, z + vz * way
+
+
+@compiled_call
+def leg_yaw(leg: Leg, time_s: float) -> float:
+    """Return the reference yaw [rad] at `time_s` [s]."""
+    way, _, _ = trapezoidal_profile(time_s - leg.begin_s, leg.turn_s, leg.turn_ramp_s)
+    return leg.yaw + leg.yaw_rate * way
+
+
+@compiled_call
+def motion_end(leg: Leg) -> float:
+    """Return when way and turn are over [s]."""
+    return max(leg.end_s, leg.begin_s + leg.turn_s)
+
+
+@compiled_call
 def hold_leg(point: Point, now_s: float, yaw: float = 0.0) -> Leg:
     """Return the leg that holds a point."""
-    return Leg(point, (0.0, 0.0, 0.0), now_s, _FOREVER, yaw=yaw)
+    return Leg(point, (0.0, 0.0, 0.0), now_s, _FOREVER, 0.0, float(yaw), 0.0, 0.0, 0.0, 0.0)
 
 
+@compiled_call
 def straight_leg(start: Point, goal: Point, speed: float, now_s: float, yaw: float = 0.0) -> Leg:
     """Return the leg from `start` to `goal` at `speed` [m/s], with ramps of 0.8 m/s^2."""
-    leg = _line(start, goal, speed, ACCELERATION, now_s)
-    return hold_leg(goal, now_s, yaw) if leg is None else replace(leg, yaw=yaw)
+    if _distance(start, goal) < _SAME:
+        return hold_leg(goal, now_s, yaw)
+    return turning_leg(start, goal, (float(yaw), float(yaw)), now_s, speed, ACCELERATION, 1.0)
 
 
+@compiled_call
 def turning_leg(
     start: Point,
     goal: Point,
     yaws: tuple[float, float],
     now_s: float,
-    *,
     speed: float,
     acceleration: float,
     yaw_rate: float,
+    hold_s: float = 0.0,
 ) -> Leg:
     """Return the leg from `start` to `goal` that turns from the first to the second yaw [rad].
 
     Both begin at once, each as fast as its own limits allow; yaw is not wrapped.
     """
-    leg = _line(start, goal, speed, acceleration, now_s)
-    if leg is None:
-        leg = Leg(goal, (0.0, 0.0, 0.0), now_s, now_s)
+    velocity = (0.0, 0.0, 0.0)
+    lasts = 0.0
+    ramp = 0.0
+    length = _distance(start, goal)
+    if length < _SAME:
+        start = goal
+    else:
+        cruise, lasts, ramp = _trapezoid(length, speed, acceleration)
+        velocity = (
+            cruise * (goal[0] - start[0]) / length,
+            cruise * (goal[1] - start[1]) / length,
+            cruise * (goal[2] - start[2]) / length,
+        )
+    yaw = yaws[1]
+    rate = 0.0
+    turn_s = 0.0
+    turn_ramp_s = 0.0
     change = yaws[1] - yaws[0]
-    if abs(change) < 1e-9:
-        return replace(leg, yaw=yaws[1])
-    rate, lasts, ramp = _trapezoid(abs(change), yaw_rate, yaw_rate / _TURN_RAMP)
-    return replace(
-        leg,
-        yaw=yaws[0],
-        yaw_rate=math.copysign(rate, change),
-        turn_s=lasts,
-        turn_ramp_s=ramp,
+    if abs(change) >= _SAME:
+        yaw = yaws[0]
+        rate, turn_s, turn_ramp_s = _trapezoid(abs(change), yaw_rate, yaw_rate / _TURN_RAMP)
+        rate = math.copysign(rate, change)
+    return Leg(
+        start,
+        velocity,
+        now_s,
+        now_s + lasts,
+        ramp,
+        yaw,
+        rate,
+        turn_s,
+        turn_ramp_s,
+        float(hold_s),
     )
 
 
-def _line(
-    start: Point, goal: Point, speed: float, acceleration: float, now_s: float
-) -> Leg | None:
-    """Return the leg without a turn; None: there is no way to go."""
-    way = [g - s for g, s in zip(goal, start, strict=True)]
-    length = math.sqrt(sum(w * w for w in way))
-    if length < 1e-9:
-        return None
-    cruise, lasts, ramp = _trapezoid(length, speed, acceleration)
-    vx, vy, vz = (cruise * w / length for w in way)
-    return Leg(start, (vx, vy, vz), now_s, now_s + lasts, ramp)
+@compiled_call
+def _distance(a: Point, b: Point) -> float:
+    x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    return math.sqrt(x * x + y * y + z * z)
 
 
+@compiled_call
 def _trapezoid(length: float, speed: float, acceleration: float) -> tuple[float, float, float]:
     """Return the speed reached, the whole time and that of a ramp."""
     ramp = min(speed / acceleration, math.sqrt(length / acceleration))

@@ -1,12 +1,14 @@
 """The mission: take off, hover, fly to the goal or a course; hold after a collision; land.
 
-Pure and event-driven: one call per pose or at a fixed rate, with time as an argument.
+Pure, compiled and event-driven: one call per pose or at a fixed rate, with time as an argument.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections import namedtuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 from tombo_control.autopilot import (
     APPROACH,
@@ -19,16 +21,25 @@ from tombo_control.autopilot import (
     TAKEOFF,
 )
 from tombo_control.course import (
-    Course,
     ResolvedWaypoint,
     Waypoint,
     leg_to,
     read_course,
-    resolved_waypoints,
+    resolved_waypoint,
+    waypoint_table,
 )
-from tombo_control.leg import Leg, Point, hold_leg, straight_leg
+from tombo_control.leg import (
+    Leg,
+    Point,
+    hold_leg,
+    leg_position,
+    leg_yaw,
+    motion_end,
+    straight_leg,
+)
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.params import param, structure
+from tombo_dynamics.jit import compiled_call
+from tombo_dynamics.params import numeric_fields, param, structure
 
 _ARRIVED = 0.08
 _STILL = 0.15
@@ -78,8 +89,17 @@ class MissionParams:
     land_speed: float = param(0.4, "m/s", (0.1, 2.0), "descent", "estimated: gentle")
 
 
-@dataclass(frozen=True)
-class MissionState:
+Plan: Any = namedtuple("Plan", [*numeric_fields(MissionParams), "waypoints"])  # type: ignore[misc]
+"""`MissionParams` as compiled code takes them; `waypoints` (N, 8) is the course."""
+
+
+def compiled_plan(params: MissionParams) -> Any:
+    """Return the parameters as compiled code takes them."""
+    numbers = (float(getattr(params, name)) for name in numeric_fields(MissionParams))
+    return Plan(*numbers, waypoint_table(params.course))
+
+
+class MissionState(NamedTuple):
     """Where the mission stands."""
 
     mode: int
@@ -92,12 +112,25 @@ class MissionState:
     """When the vehicle was first settled at x_r [s]; NaN before."""
 
 
+@compiled_call
+def _point(place: Array) -> Point:
+    return place[0], place[1], place[2]
+
+
+@compiled_call
+def _with(state: MissionState, mode: int, leg: Leg, steps: int) -> MissionState:
+    """Return the state with another phase, leg and number of steps."""
+    return MissionState(mode, leg, state.home, steps, state.settled_since_s, state.settled_s)
+
+
+@compiled_call
 def begin(home: Array) -> MissionState:
     """Return the state on the ground at `home` (3)."""
-    x, y, z = (float(v) for v in home)
-    return MissionState(IDLE, hold_leg((x, y, z), 0.0), (x, y, z))
+    here = _point(home)
+    return MissionState(IDLE, hold_leg(here, 0.0), here, 0, math.inf, math.nan)
 
 
+@compiled_call
 def initial_state_in_flight(position: Array, ground: float) -> MissionState:
     """Return the state of a mission that begins in the air: hold at `position` (3), then land.
 
@@ -105,175 +138,178 @@ def initial_state_in_flight(position: Array, ground: float) -> MissionState:
         position: of the vehicle.
         ground: height of a vehicle that stands on the ground [m].
     """
-    x, y, z = (float(v) for v in position)
-    return MissionState(HOLD, hold_leg((x, y, z), 0.0), (x, y, ground), settled_s=0.0)
+    x, y, z = _point(position)
+    return MissionState(HOLD, hold_leg((x, y, z), 0.0), (x, y, ground), 0, math.inf, 0.0)
 
 
+@compiled_call
 def wait(state: MissionState, now_s: float, position: Array) -> MissionState:
     """Stay at `position` (3) in the plan's present phase."""
-    x, y, z = (float(v) for v in position)
-    return replace(state, leg=hold_leg((x, y, z), now_s, state.leg.yaw_at(now_s)))
+    leg = hold_leg(_point(position), now_s, leg_yaw(state.leg, now_s))
+    return _with(state, state.mode, leg, state.steps)
 
 
+@compiled_call
 def set_landed(state: MissionState, now_s: float, position: Array) -> MissionState:
     """End the flight at `position` (3): the vehicle stands on the ground."""
-    return replace(wait(state, now_s, position), mode=LANDED)
+    waiting = wait(state, now_s, position)
+    return _with(waiting, LANDED, waiting.leg, waiting.steps)
 
 
-def resume(
-    state: MissionState, params: MissionParams, now_s: float, position: Array
-) -> MissionState:
+@compiled_call
+def resume(state: MissionState, plan: Any, now_s: float, position: Array) -> MissionState:
     """Go on with the plan's present phase from `position` (3), at rest there."""
-    x, y, z = (float(v) for v in position)
-    here = (x, y, z)
-    if state.mode in (TAKEOFF, HOVER):
-        return replace(
-            state, leg=straight_leg(here, _top(state, params), params.climb_speed, now_s)
-        )
-    if state.mode == APPROACH and params.course is not None:
-        target = _targets(state, params)[_waypoint(state, params.course)]
-        return replace(state, leg=leg_to(target, here, state.leg.yaw_at(now_s), now_s))
-    if state.mode == APPROACH:
-        goal = (params.goal_x, params.goal_y, params.height)
-        if params.step_size > 0.0:
-            goal = _corner(state, params, state.steps - 1)
-        return replace(state, leg=straight_leg(here, goal, params.approach_speed, now_s))
-    return state
+    here = _point(position)
+    if state.mode == TAKEOFF or state.mode == HOVER:
+        leg = straight_leg(here, _top(state, plan), plan.climb_speed, now_s)
+    elif state.mode != APPROACH:
+        return state
+    elif plan.waypoints.shape[0] > 0:
+        leg = leg_to(_target(state, plan, state.steps - 1), here, leg_yaw(state.leg, now_s), now_s)
+    elif plan.step_size > 0.0:
+        goal = _corner(state, plan, state.steps - 1)
+        leg = straight_leg(here, goal, plan.approach_speed, now_s)
+    else:
+        leg = straight_leg(here, _goal(plan), plan.approach_speed, now_s)
+    return _with(state, state.mode, leg, state.steps)
 
 
+@compiled_call
 def start_reaction(state: MissionState, x_r: Array, now_s: float) -> MissionState:
     """Leave the plan for the safe point x_r (3); a point that is not finite changes nothing."""
-    x, y, z = (float(v) for v in x_r)
-    if not math.isfinite(x + y + z):
+    if not math.isfinite(x_r[0] + x_r[1] + x_r[2]):
         return state
-    leg = hold_leg((x, y, z), now_s, state.leg.yaw_at(now_s))
-    return replace(state, mode=REACT, leg=leg, settled_since_s=math.inf, settled_s=math.nan)
+    leg = hold_leg(_point(x_r), now_s, leg_yaw(state.leg, now_s))
+    return MissionState(REACT, leg, state.home, state.steps, math.inf, math.nan)
 
 
+@compiled_call
 def advance_mission(
-    state: MissionState, params: MissionParams, now_s: float, position: Array, velocity: Array
+    state: MissionState, plan: Any, now_s: float, position: Array, velocity: Array
 ) -> MissionState:
     """Return the state after looking at the clock and the estimate (map, SI)."""
     mode = state.mode
-    if mode in (LAND, LANDED):
-        return _landing(state, params, now_s, position, velocity)
-    if mode != IDLE and now_s >= params.land_time:
-        return _land(state, params, now_s, position)
-    if mode == IDLE and now_s >= params.takeoff_time:
-        top = _top(state, params)
-        return replace(
-            state, mode=TAKEOFF, leg=straight_leg(state.home, top, params.climb_speed, now_s)
-        )
+    if mode == LANDED:
+        return state
+    if mode == LAND:
+        return _landing(state, now_s, position, velocity)
+    if mode != IDLE and now_s >= plan.land_time:
+        return _land(state, plan, now_s, position)
+    if mode == IDLE and now_s >= plan.takeoff_time:
+        leg = straight_leg(state.home, _top(state, plan), plan.climb_speed, now_s)
+        return _with(state, TAKEOFF, leg, state.steps)
     if mode == TAKEOFF and now_s >= state.leg.end_s:
-        top = _top(state, params)
+        top = _top(state, plan)
         if _near(position, top, _ARRIVED) and _speed(velocity) < _STILL:
-            return replace(state, mode=HOVER, leg=hold_leg(top, now_s))
-    flying = mode == HOVER and now_s >= params.approach_time
-    if params.course is not None and (flying or mode == APPROACH):
-        return _along_course(state, params, params.course, now_s, position)
+            return _with(state, HOVER, hold_leg(top, now_s), state.steps)
+    flying = mode == HOVER and now_s >= plan.approach_time
+    if plan.waypoints.shape[0] > 0 and (flying or mode == APPROACH):
+        return _along_course(state, plan, now_s, position)
     if flying:
-        goal = (params.goal_x, params.goal_y, params.height)
-        if params.step_size > 0.0:
-            return _next_step(state, params, now_s)
-        start = state.leg.position(now_s)
-        return replace(
-            state, mode=APPROACH, leg=straight_leg(start, goal, params.approach_speed, now_s)
-        )
-    next_step_s = params.approach_time + params.step_period * state.steps
-    if mode == APPROACH and params.step_size > 0.0 and now_s >= next_step_s:
-        return _next_step(state, params, now_s)
-    if mode in (REACT, HOLD):
-        return _settling(state, params, now_s, position, velocity)
+        if plan.step_size > 0.0:
+            return _next_step(state, plan, now_s)
+        start = leg_position(state.leg, now_s)
+        leg = straight_leg(start, _goal(plan), plan.approach_speed, now_s)
+        return _with(state, APPROACH, leg, state.steps)
+    next_step_s = plan.approach_time + plan.step_period * state.steps
+    if mode == APPROACH and plan.step_size > 0.0 and now_s >= next_step_s:
+        return _next_step(state, plan, now_s)
+    if mode == REACT or mode == HOLD:
+        return _settling(state, plan, now_s, position, velocity)
     return state
 
 
-def _top(state: MissionState, params: MissionParams) -> Point:
+@compiled_call
+def _top(state: MissionState, plan: Any) -> Point:
     """Return where it hovers."""
-    return state.home[0], state.home[1], params.height
+    return state.home[0], state.home[1], plan.height
 
 
-def _targets(state: MissionState, params: MissionParams) -> list[ResolvedWaypoint]:
-    return resolved_waypoints(params.course or (), _top(state, params), params.approach_speed)
+@compiled_call
+def _goal(plan: Any) -> Point:
+    return plan.goal_x, plan.goal_y, plan.height
 
 
-def _waypoint(state: MissionState, course: Course) -> int:
-    """Return which waypoint is flown to; the plan may have been changed in flight."""
-    return min(max(state.steps - 1, 0), len(course) - 1)
+@compiled_call
+def _target(state: MissionState, plan: Any, row: int) -> ResolvedWaypoint:
+    """Return a waypoint; the plan may have been changed in flight, and be shorter."""
+    row = min(max(row, 0), plan.waypoints.shape[0] - 1)
+    return resolved_waypoint(plan.waypoints, row, _top(state, plan), plan.approach_speed)
 
 
-def _along_course(
-    state: MissionState, params: MissionParams, course: Course, now_s: float, position: Array
-) -> MissionState:
+@compiled_call
+def _along_course(state: MissionState, plan: Any, now_s: float, position: Array) -> MissionState:
     """Begin the leg to the next waypoint when the last one is over; after the last, land."""
-    known: list[ResolvedWaypoint] = []
     while True:
-        begun = state.mode == APPROACH and state.steps > 0
-        hold_end_s = state.leg.hold_end_s if begun else params.approach_time
+        hold_end_s = plan.approach_time
+        if state.mode == APPROACH and state.steps > 0:
+            hold_end_s = motion_end(state.leg) + state.leg.hold_s
         if now_s < hold_end_s:
             return state
-        if state.steps >= len(course):
-            return _land(state, params, now_s, position)
-        known = known or _targets(state, params)
+        if state.steps >= plan.waypoints.shape[0]:
+            return _land(state, plan, now_s, position)
         begin_s = hold_end_s if now_s - hold_end_s < _LATE else now_s
-        here, yaw = state.leg.position(now_s), state.leg.yaw_at(now_s)
-        leg = leg_to(known[state.steps], here, yaw, begin_s)
-        state = replace(state, mode=APPROACH, leg=leg, steps=state.steps + 1)
+        here, yaw = leg_position(state.leg, now_s), leg_yaw(state.leg, now_s)
+        leg = leg_to(_target(state, plan, state.steps), here, yaw, begin_s)
+        state = _with(state, APPROACH, leg, state.steps + 1)
 
 
-def _next_step(state: MissionState, params: MissionParams, now_s: float) -> MissionState:
+@compiled_call
+def _next_step(state: MissionState, plan: Any, now_s: float) -> MissionState:
     """Jump to the next corner of a square with a change of height: a hard test for a detector."""
-    point = _corner(state, params, state.steps)
-    return replace(state, mode=APPROACH, leg=hold_leg(point, now_s), steps=state.steps + 1)
+    corner = _corner(state, plan, state.steps)
+    return _with(state, APPROACH, hold_leg(corner, now_s), state.steps + 1)
 
 
-def _corner(state: MissionState, params: MissionParams, step: int) -> Point:
-    corners = ((1.0, 0.0, 0.0), (1.0, 1.0, 0.4), (0.0, 1.0, -0.2), (0.0, 0.0, 0.3))
-    dx, dy, dz = corners[step % 4]
-    size = params.step_size
-    return state.home[0] + size * dx, state.home[1] + size * dy, params.height + size * dz
+@compiled_call
+def _corner(state: MissionState, plan: Any, step: int) -> Point:
+    corner = step % 4
+    dx = 1.0 if corner < 2 else 0.0
+    dy = 1.0 if corner == 1 or corner == 2 else 0.0
+    dz = (0.0, 0.4, -0.2, 0.3)[corner]
+    size = plan.step_size
+    return state.home[0] + size * dx, state.home[1] + size * dy, plan.height + size * dz
 
 
+@compiled_call
 def _settling(
-    state: MissionState, params: MissionParams, now_s: float, position: Array, velocity: Array
+    state: MissionState, plan: Any, now_s: float, position: Array, velocity: Array
 ) -> MissionState:
-    goal = state.leg.start
-    near = _near(position, goal, _SETTLED_RADIUS) and _speed(velocity) < _SETTLED_SPEED
+    near = _near(position, state.leg.start, _SETTLED_RADIUS) and _speed(velocity) < _SETTLED_SPEED
     since = min(state.settled_since_s, now_s) if near else math.inf
-    if state.mode == REACT and now_s - since >= _SETTLED_TIME:
-        return replace(state, mode=HOLD, settled_since_s=since, settled_s=now_s)
-    if state.mode == HOLD and now_s - state.settled_s >= params.hold_time:
-        return _land(state, params, now_s, position)
-    return replace(state, settled_since_s=since)
+    mode, settled = state.mode, state.settled_s
+    if mode == REACT and now_s - since >= _SETTLED_TIME:
+        mode, settled = HOLD, now_s
+    elif mode == HOLD and now_s - settled >= plan.hold_time:
+        return _land(state, plan, now_s, position)
+    return MissionState(mode, state.leg, state.home, state.steps, since, settled)
 
 
-def _land(
-    state: MissionState, params: MissionParams, now_s: float, position: Array
-) -> MissionState:
-    x, y, _ = state.leg.position(now_s)
-    height = float(position[2])
+@compiled_call
+def _land(state: MissionState, plan: Any, now_s: float, position: Array) -> MissionState:
+    x, y, _ = leg_position(state.leg, now_s)
     below = (x, y, state.home[2] - 0.6)
-    yaw = state.leg.yaw_at(now_s)
-    leg = straight_leg((x, y, height), below, params.land_speed, now_s, yaw)
-    return replace(state, mode=LAND, leg=leg)
+    yaw = leg_yaw(state.leg, now_s)
+    leg = straight_leg((x, y, position[2]), below, plan.land_speed, now_s, yaw)
+    return _with(state, LAND, leg, state.steps)
 
 
-def _landing(
-    state: MissionState, params: MissionParams, now_s: float, position: Array, velocity: Array
-) -> MissionState:
-    if state.mode == LANDED:
-        return state
-    lag = float(position[2]) - state.leg.position(now_s)[2]
-    if lag > 0.25 and abs(float(velocity[2])) < 0.15 and float(position[2]) < state.home[2] + 0.3:
-        here = hold_leg(state.leg.position(now_s), now_s, state.leg.yaw)
-        return replace(state, mode=LANDED, leg=here)
+@compiled_call
+def _landing(state: MissionState, now_s: float, position: Array, velocity: Array) -> MissionState:
+    wanted = leg_position(state.leg, now_s)
+    height = position[2]
+    if height - wanted[2] > 0.25 and abs(velocity[2]) < 0.15 and height < state.home[2] + 0.3:
+        return _with(state, LANDED, hold_leg(wanted, now_s, state.leg.yaw), state.steps)
     return state
 
 
+@compiled_call
 def _near(position: Array, point: Point, radius: float) -> bool:
-    dx, dy, dz = (float(position[i]) - point[i] for i in range(3))
+    dx, dy, dz = position[0] - point[0], position[1] - point[1], position[2] - point[2]
     return dx * dx + dy * dy + dz * dz < radius * radius
 
 
+@compiled_call
 def _speed(velocity: Array) -> float:
-    vx, vy, vz = float(velocity[0]), float(velocity[1]), float(velocity[2])
-    return math.sqrt(vx * vx + vy * vy + vz * vz)
+    x, y, z = velocity[0], velocity[1], velocity[2]
+    return math.sqrt(x * x + y * y + z * z)

@@ -7,9 +7,9 @@ import numpy as np
 from tombo_dynamics.arrays import Array
 
 FRAME = "map"
-_MAX_FUTURE_NS = 5_000_000
+MAX_FUTURE_NS = 5_000_000
 """A stamp may be this far ahead of the clock: two clocks of one machine agree better."""
-_SQUARE = 0.2
+MAX_SQUARE_ERROR = 0.2
 """The square of a quaternion's length may be off by this: its length by a tenth."""
 
 
@@ -27,6 +27,6 @@ def check_pose(stamp_ns: int, now_ns: int, frame_id: str, position: Array, attit
         return "wrong_frame"
     if not np.isfinite(position.sum() + attitude.sum()):
         return "not_finite"
-    if abs(float(attitude @ attitude) - 1.0) > _SQUARE:
+    if abs(float(attitude @ attitude) - 1.0) > MAX_SQUARE_ERROR:
         return "not_unit"
-    return "future" if stamp_ns > now_ns + _MAX_FUTURE_NS else ""
+    return "future" if stamp_ns > now_ns + MAX_FUTURE_NS else ""

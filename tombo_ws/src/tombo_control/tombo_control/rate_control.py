@@ -7,6 +7,7 @@ from tombo_dynamics.jit import compiled
 from tombo_dynamics.rotation import Array
 
 _TICK = 1e-3
+_RATE = 1e3
 
 
 @compiled
@@ -27,4 +28,4 @@ def rate_control(a: Array) -> None:
         if a[A.saturated + i] * error <= 0.0:
             total = a[A.rate_integral + i] + k * error * _TICK
             a[A.rate_integral + i] = min(max(total, -a[G.rate_i_max]), a[G.rate_i_max])
-        a[A.torque_setpoint + i] = p * error + a[A.rate_integral + i] - d * step / _TICK
+        a[A.torque_setpoint + i] = p * error + a[A.rate_integral + i] - d * step * _RATE

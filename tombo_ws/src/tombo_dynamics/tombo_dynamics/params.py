@@ -113,10 +113,14 @@ def from_mapping(cls: type[_Record], values: Mapping[str, Any], name: str) -> _R
     return cls(**converted)
 
 
+def numeric_fields(cls: type[Any]) -> list[str]:
+    """Return the names of the fields of a parameter record that are numbers."""
+    return [f.name for f in dataclasses.fields(cls) if "bounds" in f.metadata]
+
+
 def tuple_type(cls: type[Any], name: str, module: str) -> Any:
     """Make the named tuple type that carries the numeric fields of `cls` into compiled code."""
-    names = [f.name for f in dataclasses.fields(cls) if "bounds" in f.metadata]
-    return namedtuple(name, names, module=module)
+    return namedtuple(name, numeric_fields(cls), module=module)
 
 
 def as_tuple(record: Any, kind: Any) -> Any:

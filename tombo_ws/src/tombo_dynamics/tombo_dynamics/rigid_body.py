@@ -36,7 +36,8 @@ def derivative(m: Array, noise: Array, theta: Array, row: int, out: int) -> None
     f = P.wrench
     s = P.strike
     rotors = P.rotors + 5 * row
-    rotation_matrix(m, b + 6, m, r)
+    if row > 0:  # at the start of the tick it is there already
+        rotation_matrix(m, b + 6, m, r)
     ax = m[b + 3] - m[P.wind]
     ay = m[b + 4] - m[P.wind + 1]
     az = m[b + 5] - m[P.wind + 2]
@@ -115,6 +116,7 @@ def finish_tick(m: Array, noise: Array, theta: Array) -> None:
     The rotors' speeds have a closed form (first-order lag) and enter exactly.
     """
     h = m[P.clock + 1]
+    sixth = h * (1.0 / 6.0)
     for i in range(13):
         m[_START + i] = m[P.body + i]
         m[P.body + i] += 0.5 * h * m[SLOPES + i]
@@ -128,7 +130,7 @@ def finish_tick(m: Array, noise: Array, theta: Array) -> None:
         m[SLOPES + i] += 2.0 * m[_SLOPE + i]
     derivative(m, noise, theta, 2, _SLOPE)
     for i in range(13):
-        m[P.body + i] = m[_START + i] + h / 6.0 * (m[SLOPES + i] + m[_SLOPE + i])
+        m[P.body + i] = m[_START + i] + sixth * (m[SLOPES + i] + m[_SLOPE + i])
     normalize_quaternion(m, P.body + 6)
     advance_rotor_speeds(m)
     m[P.clock] += 1.0

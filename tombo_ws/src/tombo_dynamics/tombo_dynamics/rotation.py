@@ -53,8 +53,8 @@ def rotate_by_vector(q: Array, i: int, rx: float, ry: float, rz: float) -> None:
     square = rx * rx + ry * ry + rz * rz
     if square < 1e-4:
         # series to the fourth order of the angle: error below 1e-14 for 0.01 rad
-        s = 0.5 - square / 48.0 + square * square / 3840.0
-        c = 1.0 - square / 8.0 + square * square / 384.0
+        s = 0.5 - square * (1.0 / 48.0) + square * square * (1.0 / 3840.0)
+        c = 1.0 - 0.125 * square + square * square * (1.0 / 384.0)
     else:
         angle = math.sqrt(square)
         s = math.sin(0.5 * angle) / angle
@@ -153,14 +153,22 @@ def tilt(q: Array) -> Array:
 
 
 @compiled
+def rotated(q: Array, vx: float, vy: float, vz: float) -> tuple[float, float, float]:
+    """Return a vector turned by the quaternion `q` (4) xyzw."""
+    x, y, z, w = q[0], q[1], q[2], q[3]
+    tx = 2.0 * (y * vz - z * vy)
+    ty = 2.0 * (z * vx - x * vz)
+    tz = 2.0 * (x * vy - y * vx)
+    return (
+        vx + w * tx + y * tz - z * ty,
+        vy + w * ty + z * tx - x * tz,
+        vz + w * tz + x * ty - y * tx,
+    )
+
+
+@compiled
 def rotate_vectors(q: Array, v: Array) -> Array:
     """Return the vector `v` (3) turned by the quaternion `q` (4) xyzw."""
     out = np.empty(3)
-    x, y, z, w = q[0], q[1], q[2], q[3]
-    tx = 2.0 * (y * v[2] - z * v[1])
-    ty = 2.0 * (z * v[0] - x * v[2])
-    tz = 2.0 * (x * v[1] - y * v[0])
-    out[0] = v[0] + w * tx + y * tz - z * ty
-    out[1] = v[1] + w * ty + z * tx - x * tz
-    out[2] = v[2] + w * tz + x * ty - y * tx
+    out[0], out[1], out[2] = rotated(q, v[0], v[1], v[2])
     return out

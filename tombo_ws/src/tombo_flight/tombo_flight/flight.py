@@ -1,7 +1,7 @@
-"""The headless flight: plant, autopilot, detector, reaction and mission in lockstep, no server.
+"""The headless flight: the cores of the wiring and the vehicle in one compiled loop, no server.
 
-Deterministic in (scenario, seed). Compiled code flies from one mocap sample to the next; detector,
-reaction and mission look at each sample as their nodes would.
+Deterministic in (scenario, seed). Compiled code flies until a collision is to be reacted to; the
+reaction decides here, whichever it is.
 """
 
 from __future__ import annotations
@@ -15,29 +15,46 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_collision.detector import CollisionDetector, CollisionEvent
-from tombo_collision.reaction import ReactionState, react
-from tombo_control import mission as plan
-from tombo_control.autopilot import (
-    LAND,
-    LANDED,
-    PHASE_NAMES,
-    A,
-    new_autopilot,
-)
+from tombo_collision.detector import TRIGGER_NAMES, CollisionEvent
+from tombo_collision.reaction_core import ReactionCore
+from tombo_collision.reactions import Decision
+from tombo_control.autopilot import PHASE_NAMES
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.plant import P, part
-from tombo_flight.flight_metrics import MetricsInput, summarize
+from tombo_dynamics.message_records import message_of
+from tombo_dynamics.messages import CollisionEvent as CollisionMessage
+from tombo_dynamics.plant import P
+from tombo_flight.flight_metrics import (
+    MetricsInput,
+    detection_event,
+    summarize,
+    switch_event,
+)
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.scenario import Scenario, as_mapping, world_of
-from tombo_sim.flight_end import FlightEndDetector
+from tombo_flight.wiring import CORES, core_of
 from tombo_sim.flight_setup import NOISE, TICK_S, FlightSetup, begin
-from tombo_sim.kernel import ARRIVES, MOCAP_WIDTH, POSE, STAMPED, fly
+from tombo_sim.kernel import (
+    ARRIVES,
+    EPOCH_NS,
+    EVENT,
+    FLIGHT,
+    MOCAP_WIDTH,
+    POSE,
+    STAMPED,
+    Published,
+    core_memories,
+    fly,
+    new_published,
+    publish_reaction,
+)
 from tombo_sim.log_columns import COLUMNS, LOG_WIDTH
 
 Array = NDArray[np.float64]
 
 _BLOCK = 8192
+_CHUNK = 2048
+"""Ticks between two looks at `stop`."""
+_TICK_NS = 1_000_000
 
 
 @dataclass
@@ -52,21 +69,6 @@ class Workspace:
             self.log = np.full((count, LOG_WIDTH), math.nan)
         view: Array = self.log[:count]
         return view
-
-
-@dataclass
-class _FlightState:
-    """What detector, reaction and mission have come to in the flight so far."""
-
-    mission: plan.MissionState
-    detector: CollisionDetector
-    reaction: ReactionState = field(default_factory=ReactionState)
-    events: list[dict[str, Any]] = field(default_factory=list)
-    detections: list[CollisionEvent] = field(default_factory=list)
-    arrivals: list[float] = field(default_factory=list)
-    reactions: list[ReactionState] = field(default_factory=list)
-    statistics: list[tuple[int, float]] = field(default_factory=list)
-    modes: list[tuple[float, int]] = field(default_factory=list)
 
 
 def fly_scenario(
@@ -84,7 +86,7 @@ def fly_scenario(
         seed: all randomness derives from it.
         workspace: memory to reuse; the record's log then lives in it until the next flight.
         progress: called with the flight time [s] now and then.
-        stop: asked at each sample; True ends the flight where it is.
+        stop: asked now and then; True ends the flight where it is.
         prepare: called with the plant's memory before the first tick, to change what a scenario
             cannot say.
 
@@ -92,71 +94,67 @@ def fly_scenario(
         InputError: the propeller cannot lift the vehicle, the vehicle would start inside the
             obstacle, or parameters are so stiff that the simulation diverges.
     """
-    vehicle = scenario.vehicle
     setup = begin(world_of(scenario), seed)
-    m, maps, theta = setup.m, setup.maps, setup.theta
     if prepare is not None:
-        prepare(m)
+        prepare(setup.m)
     ticks = round(scenario.duration / TICK_S)
     captures = np.round(
         np.arange(0.0, scenario.duration, 1.0 / scenario.estimator.mocap_rate) / TICK_S
     ).astype(np.int64)
     captures = np.append(captures, np.int64(2**62))
-    mocap_noise = setup.mocap_noise.standard_normal((captures.size, NOISE))
     mocap = np.zeros((captures.size, MOCAP_WIDTH))
+    normals = setup.mocap_noise.standard_normal((captures.size, NOISE))
+    poses = (captures, normals, mocap, np.zeros(3, dtype=np.int64))
     log = (workspace or Workspace()).rows(ticks)
-    body = part(m, "body")
-    a = new_autopilot(scenario.control, scenario.estimator, vehicle, body[:3], body[6:10])
+    published = new_published(ticks, captures.size)
+    cores: Any = [core_of(kind, scenario) for kind in CORES]
+    reaction: ReactionCore = cores[CORES.index(ReactionCore)]
+    memories, params = core_memories(*cores)
+    flight: Any = np.zeros(1, FLIGHT)[0]
+    flight["end"] = ticks
+    flight["over"]["ground"] = scenario.vehicle.leg_height
 
-    course = _FlightState(plan.begin(setup.start), CollisionDetector(scenario.detector))
-    flight_end = FlightEndDetector(vehicle.leg_height)
-    state = np.zeros(3, dtype=np.int64)
     began = time.perf_counter()
-    k = 0
-    end = ticks
     noise: Array = np.empty((0, NOISE))
     base = 0
-    while k < end:
+    while (k := int(flight["tick"])) < flight["end"]:
         if k >= base + noise.shape[0]:
             base = k
             noise = setup.tick_noise.standard_normal((_BLOCK, NOISE))
-        k, row = fly(
-            m,
-            a,
-            maps,
-            theta,
-            noise,
-            mocap_noise,
-            captures,
-            mocap,
-            state,
-            log,
-            base,
-            k,
-            min(end, base + noise.shape[0]),
-        )
-        if not math.isfinite(m[P.body + 2] + m[P.body + 10]):
+        plant = (setup.m, setup.maps, setup.theta, noise)
+        until = min(base + _BLOCK, k + _CHUNK)
+        if fly(plant, poses, memories, params, published, flight, log, base, until):
+            _react(reaction, published, flight)
+        now_s = float(flight["tick"]) * TICK_S
+        if not math.isfinite(setup.m[P.body + 2] + setup.m[P.body + 10]):
             raise InputError(
-                f"the simulation diverges at {k * TICK_S:.2f} s: vehicle and effects together are "
+                f"the simulation diverges at {now_s:.2f} s: vehicle and effects together are "
                 "too stiff for steps of 1 ms; accepted: larger inertia, or smaller stiffness and "
                 "damping"
             )
-        if row < 0:
-            continue
-        now = k * TICK_S
-        _process_pose(course, scenario, mocap[row], row, now, a)
-        upright = 1.0 - 2.0 * (m[P.body + 6] ** 2 + m[P.body + 7] ** 2)
-        finished = flight_end.watch(m[P.body + 2], upright, course.mission.mode)
-        if finished is not None:
-            end = min(end, k + round(finished / TICK_S))
         if stop is not None and stop():
             break
-        if progress is not None and row % 64 == 0:
-            progress(now)
+        if progress is not None:
+            progress(now_s)
     wall = time.perf_counter() - began
 
+    said = {
+        name: table[: flight["published"][i]]
+        for i, (name, table) in enumerate(zip(Published._fields, published, strict=True))
+    }
     flown = as_flown(scenario, seed, setup)
-    return _record(scenario, seed, flown, log[:k], mocap, course, wall)
+    return _record(scenario, seed, flown, log[: flight["tick"]], mocap, said, wall)
+
+
+def _react(reaction: ReactionCore, published: Published, flight: Any) -> None:
+    """Step the reaction in the last tick, which a collision has reached."""
+    tick = int(flight["tick"]) - 1
+    now_ns = EPOCH_NS + tick * _TICK_NS
+    events = published.event[: flight["published"][EVENT]]
+    for entry in events[events["tick"] == tick - 1]:
+        reaction.event(message_of(CollisionMessage, entry["message"], frame_id="map"), now_ns)
+    reaction.step(now_ns)
+    publish_reaction(reaction.memory, published, flight, tick)
 
 
 def as_flown(scenario: Scenario, seed: int, setup: FlightSetup) -> dict[str, Any]:
@@ -168,88 +166,32 @@ def as_flown(scenario: Scenario, seed: int, setup: FlightSetup) -> dict[str, Any
     return flown
 
 
-def _process_pose(
-    course: _FlightState, scenario: Scenario, sample: Array, row: int, now: float, a: Array
-) -> None:
-    """Hand a delivered pose to detector, reaction and mission, their outcome to the autopilot."""
-    stamp = sample[STAMPED] * TICK_S
-    event, statistic = None, 0.0
-    if stamp <= now:  # the detector's node refuses a stamp from the future
-        event = course.detector.update(stamp, sample[POSE : POSE + 3], sample[POSE + 3 : POSE + 7])
-        statistic = course.detector.statistic
-    course.statistics.append((row, statistic))
-    before = course.mission
-    if event is not None:
-        course.detections.append(event)
-        course.arrivals.append(now)
-        course.events.append(
-            {
-                "time_s": now,
-                "kind": "detection",
-                "text": f"collision detected ({event.trigger})",
-                "trigger": event.trigger,
-                "stamp_s": event.stamp_s,
-                "contact_time_s": event.contact_time_s,
-                "x_c_m": event.x_c.tolist(),
-                "flight_direction": event.flight_direction.tolist(),
-                "confidence": event.confidence,
-                "statistic": event.statistic,
-                "count": event.count,
-            }
-        )
-        if scenario.react and before.mode not in (LAND, LANDED):
-            course.reaction = react(course.reaction, event, scenario.reaction)
-            course.reactions.append(course.reaction)
-            course.mission = plan.start_reaction(before, course.reaction.x_r, now)
-            course.events.append(
-                {
-                    "time_s": now,
-                    "kind": "setpoint_switch",
-                    "text": "set point moved to x_r",
-                    "x_c_m": event.x_c.tolist(),
-                    "x_r_m": course.reaction.x_r.tolist(),
-                    "n_r": course.reaction.n_r.tolist(),
-                    "count": course.reaction.collisions,
-                }
-            )
-    course.mission = plan.advance_mission(
-        course.mission,
-        scenario.mission,
-        now,
-        a[A.position : A.position + 3],
-        a[A.velocity : A.velocity + 3],
-    )
-    if course.mission is not before:
-        if course.mission.leg is not before.leg:
-            a[A.leg : A.leg + 14] = course.mission.leg.as_array()
-        if course.mission.mode != before.mode:
-            a[A.mode] = course.mission.mode
-            course.modes.append((now, course.mission.mode))
-
-
 def _record(
     scenario: Scenario,
     seed: int,
     flown: dict[str, Any],
     log: Array,
     mocap: Array,
-    course: _FlightState,
+    published: dict[str, Any],
     wall: float,
 ) -> FlightRecord:
     columns = {name: log[:, where] for name, where in COLUMNS.items()}
-    rows = np.array([row for row, _ in course.statistics], dtype=np.int64)
-    events = course.events + [
-        {"time_s": when, "kind": PHASE_NAMES[mode], "text": PHASE_NAMES[mode].replace("_", " ")}
-        for when, mode in course.modes
-    ]
     t: Array = np.arange(log.shape[0], dtype=np.float64) * TICK_S
+    detections = [_detection(event) for event in published["event"]["message"]]
+    arrivals = (published["event"]["tick"] * TICK_S).tolist()
+    events = [detection_event(*known) for known in zip(detections, arrivals, strict=True)]
+    status = published["reaction_status"]
+    decided = status[np.diff(status["message"]["collisions"], prepend=0) > 0]
+    decisions = [Decision(s["x_c"], s["n_r"], s["x_r"]) for s in decided["message"]]
+    events += [
+        switch_event(decision, float(entry["tick"]) * TICK_S, i + 1)
+        for i, (decision, entry) in enumerate(zip(decisions, decided, strict=True))
+    ]
+    events += _phases(published)
     summary, seen = summarize(
-        MetricsInput(
-            scenario, seed, t, columns, course.detections, course.arrivals, course.reactions, wall
-        )
+        MetricsInput(scenario, seed, t, columns, detections, arrivals, decisions, wall)
     )
-    events = sorted(events + seen, key=lambda e: float(e["time_s"]))
-    arrived = mocap[rows]
+    arrived = mocap[published["detector_status"]["row"]]
     return FlightRecord(
         t=t,
         log=columns,
@@ -257,8 +199,42 @@ def _record(
         mocap_arrival=arrived[:, ARRIVES] * TICK_S,
         mocap_position=arrived[:, POSE : POSE + 3],
         mocap_attitude=arrived[:, POSE + 3 : POSE + 7],
-        detector_statistic=np.array([value for _, value in course.statistics]),
-        events=events,
+        detector_statistic=published["detector_status"]["message"]["statistic"].copy(),
+        events=sorted(events + seen, key=lambda e: float(e["time_s"])),
         scenario=flown,
         summary=summary,
+        published=published,
     )
+
+
+def _seconds(stamp_ns: Any) -> float:
+    return float(int(stamp_ns) - EPOCH_NS) * 1e-9
+
+
+def _detection(event: Any) -> CollisionEvent:
+    """Return a published collision in flight time."""
+    return CollisionEvent(
+        _seconds(event["stamp_ns"]),
+        TRIGGER_NAMES[event["trigger"]],
+        _seconds(event["contact_stamp_ns"]),
+        event["contact_position"],
+        event["flight_direction"],
+        float(event["confidence"]),
+        float(event["statistic"]),
+        int(event["count"]),
+    )
+
+
+def _phases(published: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return an event for each phase that the mission has begun in flight."""
+    status = published["mission_status"]
+    phase = status["message"]["phase"]
+    begun = np.flatnonzero(np.diff(phase, prepend=0) != 0)
+    return [
+        {
+            "time_s": float(status["tick"][i]) * TICK_S,
+            "kind": PHASE_NAMES[phase[i]],
+            "text": PHASE_NAMES[phase[i]].replace("_", " "),
+        }
+        for i in begun
+    ]

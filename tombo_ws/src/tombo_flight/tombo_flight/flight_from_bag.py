@@ -39,11 +39,16 @@ from tombo_bag.topics import (
     TRUE_ROTORS,
 )
 from tombo_collision.detector import CollisionEvent
-from tombo_collision.reaction import REACTING, ReactionState
+from tombo_collision.reactions import Decision
 from tombo_control.autopilot import BLIND, IDLE, PHASE_NAMES
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import conjugate, map_to_body, unwrap_quaternions
-from tombo_flight.flight_metrics import MetricsInput, summarize
+from tombo_flight.flight_metrics import (
+    MetricsInput,
+    detection_event,
+    summarize,
+    switch_event,
+)
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.pose_track import PoseTrack, pose_track
 from tombo_flight.scenario import Scenario, as_mapping, scenario_from_mapping
@@ -156,8 +161,11 @@ class _RecordedFlight:
         if self._track is not None:
             self._assume_contact(log, detections)
         reactions, switches = self._reactions()
-        events = [_detection(e, at) for e, at in zip(detections, arrivals, strict=True)]
-        events += [_switch(reaction, at) for reaction, at in zip(reactions, switches, strict=True)]
+        events = [detection_event(e, at) for e, at in zip(detections, arrivals, strict=True)]
+        events += [
+            switch_event(reaction, at, i + 1)
+            for i, (reaction, at) in enumerate(zip(reactions, switches, strict=True))
+        ]
         events += _phases(t, log["mode"][:, 0])
         summary, seen = summarize(
             MetricsInput(
@@ -344,22 +352,23 @@ class _RecordedFlight:
         ]
         return events, [float(at) for at in self._to_flight_time(table["log_time_ns"])]
 
-    def _reactions(self) -> tuple[list[ReactionState], list[float]]:
+    def _reactions(self) -> tuple[list[Decision], list[float]]:
         """Return the switches of the set point, and when each was made."""
         table = self._tables.get(REACTION_STATUS.name)
         if table is None:
             return [], []
         since = self._grid.seconds(table["stamp_ns"])
         x_c, x_r, n_r = (_vector(table, name) for name in ("x_c", "x_r", "n_r"))
-        found: list[ReactionState] = []
+        found: list[Decision] = []
+        times: list[float] = []
+        known = 0
         for i in range(since.size):
             count = int(table["collisions"][i])
-            known = found[-1].collisions if found else 0
             if int(table["state"][i]) == _STATUS_REACTING and count > known:
-                found.append(
-                    ReactionState(REACTING, x_c[i], n_r[i], x_r[i], float(since[i]), count)
-                )
-        return found, [reaction.since_s for reaction in found]
+                known = count
+                found.append(Decision(x_c[i], n_r[i], x_r[i]))
+                times.append(float(since[i]))
+        return found, times
 
     def _statistic(self, captured_s: Array) -> Array:
         """Return the detector's test value of each pose, 0 where it told none."""
@@ -452,34 +461,6 @@ def _scenario(path: Path, metadata: Mapping[str, str]) -> tuple[dict[str, Any], 
         return flown, scenario_from_mapping(values, str(flown.get("name", "recording")))
     except (ValueError, TypeError, KeyError) as error:  # ValueError: also InputError
         raise InputError(f"'{path}': its scenario can't be used: {error}") from error
-
-
-def _detection(event: CollisionEvent, at_s: float) -> dict[str, Any]:
-    return {
-        "time_s": at_s,
-        "kind": "detection",
-        "text": f"collision detected ({event.trigger})",
-        "trigger": event.trigger,
-        "stamp_s": event.stamp_s,
-        "contact_time_s": event.contact_time_s,
-        "x_c_m": event.x_c.tolist(),
-        "flight_direction": event.flight_direction.tolist(),
-        "confidence": event.confidence,
-        "statistic": event.statistic,
-        "count": event.count,
-    }
-
-
-def _switch(reaction: ReactionState, at_s: float) -> dict[str, Any]:
-    return {
-        "time_s": at_s,
-        "kind": "setpoint_switch",
-        "text": "set point moved to x_r",
-        "x_c_m": reaction.x_c.tolist(),
-        "x_r_m": reaction.x_r.tolist(),
-        "n_r": reaction.n_r.tolist(),
-        "count": reaction.collisions,
-    }
 
 
 def _phases(t: Array, mode: Array) -> list[dict[str, Any]]:

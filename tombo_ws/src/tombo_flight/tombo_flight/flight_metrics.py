@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_collision.detector import CollisionEvent
-from tombo_collision.reaction import ReactionState
+from tombo_collision.reactions import Decision
 from tombo_control.autopilot import APPROACH, BLIND, HOVER, IDLE, LAND, LANDED, TAKEOFF
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import tilt
@@ -41,8 +41,38 @@ class MetricsInput:
     detections: list[CollisionEvent]
     arrivals: list[float]
     """When each detection was known [s]."""
-    reactions: list[ReactionState]
+    reactions: list[Decision]
     wall_time_s: float
+
+
+def detection_event(event: CollisionEvent, at_s: float) -> dict[str, Any]:
+    """Return a detection, known at `at_s` [s], as an event of the record."""
+    return {
+        "time_s": at_s,
+        "kind": "detection",
+        "text": f"collision detected ({event.trigger})",
+        "trigger": event.trigger,
+        "stamp_s": event.stamp_s,
+        "contact_time_s": event.contact_time_s,
+        "x_c_m": event.x_c.tolist(),
+        "flight_direction": event.flight_direction.tolist(),
+        "confidence": event.confidence,
+        "statistic": event.statistic,
+        "count": event.count,
+    }
+
+
+def switch_event(reaction: Decision, at_s: float, count: int) -> dict[str, Any]:
+    """Return the `count`-th decision, made at `at_s` [s], as an event of the record."""
+    return {
+        "time_s": at_s,
+        "kind": "setpoint_switch",
+        "text": "set point moved to x_r",
+        "x_c_m": reaction.x_c.tolist(),
+        "x_r_m": reaction.x_r.tolist(),
+        "n_r": reaction.n_r.tolist(),
+        "count": count,
+    }
 
 
 def first_sustained(condition: NDArray[np.bool_], length: int) -> int | None:

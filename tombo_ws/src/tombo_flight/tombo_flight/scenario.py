@@ -10,7 +10,10 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from tombo_collision.params import TRIGGERS, DetectorParams, ReactionParams
+from tombo_collision.params import TRIGGERS, DetectorParams
+from tombo_collision.reactions import Reaction, reaction_from_mapping
+from tombo_collision.reactions.bounce import Bounce
+from tombo_collision.reactions.none import NoReaction
 from tombo_control.mission import MissionParams
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_dynamics.effects import check_theta
@@ -45,10 +48,15 @@ class Scenario:
     estimator: EstimatorParams = field(default_factory=EstimatorParams)
     mission: MissionParams = field(default_factory=MissionParams)
     detector: DetectorParams = field(default_factory=DetectorParams)
-    reaction: ReactionParams = field(default_factory=ReactionParams)
+    reaction: Reaction = field(default_factory=Bounce)
     obstacle: ObstacleParams = field(default_factory=ObstacleParams)
     spread: SpreadParams = field(default_factory=SpreadParams)
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    @property
+    def chosen_reaction(self) -> Reaction:
+        """What is done about a collision: with `react` false, nothing."""
+        return self.reaction if self.react else NoReaction()
 
 
 _SECTIONS: dict[str, type] = {
@@ -58,7 +66,6 @@ _SECTIONS: dict[str, type] = {
     "estimator": EstimatorParams,
     "mission": MissionParams,
     "detector": DetectorParams,
-    "reaction": ReactionParams,
     "obstacle": ObstacleParams,
     "spread": SpreadParams,
 }
@@ -227,7 +234,9 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
     for key, value in values.items():
         if key not in accepted:
             raise unknown_name(f"key in scenario '{label}'", key, accepted)
-        if key in _SECTIONS:
+        if key == "reaction":
+            built[key] = reaction_from_mapping({} if value is None else value)
+        elif key in _SECTIONS:
             built[key] = from_mapping(_SECTIONS[key], value if value is not None else {}, key)
         elif key == "effects":
             if not isinstance(value, Mapping):
@@ -259,6 +268,7 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
 def as_mapping(scenario: Scenario) -> dict[str, Any]:
     """Return the scenario as plain nested dictionaries, as it could stand in a file."""
     plain: dict[str, Any] = dataclasses.asdict(scenario)
+    plain["reaction"]["name"] = scenario.reaction.name
     course = plain["mission"]["course"]
     if course is not None:
         plain["mission"]["course"] = [

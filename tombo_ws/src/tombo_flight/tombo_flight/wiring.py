@@ -50,6 +50,9 @@ def records_of(core: type[Core], scenario: Scenario) -> dict[str, Any]:
         section: getattr(scenario, section, None) or kind()
         for section, kind in core.sections.items()
     }
+    chosen = scenario.chosen_reaction
+    if chosen.name in records:
+        records[chosen.name] = chosen
     if core.sections.get("inputs") is MissionLimits:
         ground = scenario.vehicle.leg_height
         records["inputs"] = replace(records["inputs"], ground_height=ground)
@@ -59,6 +62,6 @@ def records_of(core: type[Core], scenario: Scenario) -> dict[str, Any]:
 def core_of(kind: type[Core], scenario: Scenario) -> Core:
     """Return a new core with the parameters of a scenario."""
     core = kind.make(records_of(kind, scenario))
-    if "react" in kind.options:
-        core.set_params("react", scenario.react)
+    if "reaction" in kind.options:
+        core.set_params("reaction", scenario.chosen_reaction.name)
     return core

@@ -1,87 +1,363 @@
-"""The fused flight kernel: plant, sensors, estimator and cascade, tick by tick, compiled."""
+"""The fused flight: plant, sensors and all five cores, tick by tick, compiled.
+
+The same functions that the cores' shells call. `tombo_flight.run_wiring` flies the same flight in
+plain Python, nodes in lockstep do over DDS; a test holds the three to the last bit.
+"""
 
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_collision.detector import EVENT as COLLISION
+from tombo_collision.detector_core import DetectorCore
+from tombo_collision.detector_core import take_pose as detector_pose
+from tombo_collision.reaction_core import (
+    ReactionCore,
+    copy_setpoint,
+    note_mocap,
+    reaction_step,
+    take_mission_setpoint,
+    take_position,
+)
 from tombo_control.autopilot import IDLE, LANDED, A
 from tombo_control.cascade import cascade
-from tombo_control.estimator import correct, predict, store_history, update_body_rates
+from tombo_control.controller_core import (
+    ControllerCore,
+    answer_gyro,
+    take_biases,
+    take_odometry,
+    take_setpoint,
+)
+from tombo_control.estimate import TICK_NS
+from tombo_control.estimator_core import (
+    EstimatorCore,
+    fill_odometry,
+    fill_status,
+    odometry_due,
+    status_due,
+    take_imu,
+)
+from tombo_control.estimator_core import take_pose as estimator_pose
+from tombo_control.mission_core import MissionCore, mission_step, take_estimate, take_reaction
+from tombo_dynamics import message_records as records
 from tombo_dynamics.effects.compose import apply_imu, apply_mocap
-from tombo_dynamics.jit import compiled
+from tombo_dynamics.jit import compiled, compiled_call
+from tombo_dynamics.message_records import copy_event, copy_status
 from tombo_dynamics.plant import Array, P
 from tombo_dynamics.rigid_body import begin_tick, finish_tick
+from tombo_dynamics.rotation import rotated
+from tombo_sim.flight_end import FLIGHT_END, UNDECIDED, watch_end
 from tombo_sim.log_columns import AT
 
+EPOCH_NS = 1_000_000_000
+"""Time of tick 0, as in `tombo_bag.flight_time`."""
 _TICK = 1e-3
+_MISSION_PERIOD_NS, _REACTION_PERIOD_NS = MissionCore.period_ns, ReactionCore.period_ns
 
 NEXT_CAPTURE, OLDEST_UNDELIVERED, LAST_CAPTURED = range(3)
-"""Meaning of the kernel's integer state."""
+"""Meaning of the capture's integer state."""
 STAMPED, ARRIVES, DELIVERED, POSE = 0, 1, 2, 3
 """Columns of the mocap table: capture as the stamp says it [ticks, with fraction], tick of arrival
 (-1: dropped), 0/1, pose (7)."""
 MOCAP_WIDTH = 10
-_AHEAD = 5
-"""Ticks that a stamp may be ahead of the clock; the pose then waits for its time."""
+
+(
+    ODOMETRY,
+    ESTIMATOR_STATUS,
+    DETECTOR_STATUS,
+    EVENT,
+    REACTION_STATUS,
+    SETPOINT,
+    MISSION_SETPOINT,
+    MISSION_STATUS,
+) = range(8)
+"""Index of a topic in `FLIGHT.published`: the fields of `Published` in their order."""
+
+
+def _entry(message: Any, *more: Any) -> np.dtype[Any]:
+    return np.dtype([("tick", np.int64), ("message", message), *more], align=True)
+
+
+class Published(NamedTuple):
+    """What the cores have published, a table a topic: tick and message."""
+
+    odometry: Any
+    estimator_status: Any
+    detector_status: Any
+    """Also the row of the pose in the table of samples."""
+    event: Any
+    reaction_status: Any
+    setpoint: Any
+    mission_setpoint: Any
+    mission_status: Any
+    """Also the reason to wait, an index in `mission_core.WAIT_REASONS`."""
+
+
+class CoreParams(NamedTuple):
+    """Parameters of the cores as compiled code takes them."""
+
+    detector: Any
+    reaction: Any
+    plan: Any
+    mission: Any
+    controller: Any
+
+
+FLIGHT = np.dtype(
+    [
+        ("tick", np.int64),  # the next one to fly
+        ("end", np.int64),  # first tick not to fly
+        ("phase", np.int64),  # the mission's, as published
+        ("over", FLIGHT_END),
+        ("published", np.int64, 8),  # messages in each table of `Published`
+        ("read_odometry", np.int64),  # what the mission has taken of them
+        ("read_reaction", np.int64),
+        ("read_setpoint", np.int64),
+    ],
+    align=True,
+)
+"""Where a fused flight stands."""
+
+
+def new_published(ticks: int, captures: int) -> Published:
+    """Return empty tables for a flight of so many ticks and poses."""
+    fast, slow = ticks // 4 + 64, ticks // 20 + 64
+    return Published(
+        np.zeros(fast, _entry(records.ODOMETRY)),
+        np.zeros(slow, _entry(records.ESTIMATOR_STATUS)),
+        np.zeros(captures + 1, _entry(records.DETECTOR_STATUS, ("row", np.int64))),
+        np.zeros(captures + 1, _entry(records.COLLISION_EVENT)),
+        np.zeros(ticks + 64, _entry(records.REACTION_STATUS)),
+        np.zeros(ticks + 64, _entry(records.POSITION_SETPOINT)),
+        np.zeros(slow, _entry(records.POSITION_SETPOINT)),
+        np.zeros(slow, _entry(records.MISSION_STATUS, ("wait_reason", np.int64))),
+    )
+
+
+def core_memories(
+    estimator: EstimatorCore,
+    detector: DetectorCore,
+    reaction: ReactionCore,
+    mission: MissionCore,
+    controller: ControllerCore,
+) -> tuple[tuple[Any, ...], CoreParams]:
+    """Return memories and parameters of the five cores, as `fly` takes them."""
+    memories = (
+        estimator.memory,
+        estimator.autopilot,
+        detector.memory,
+        reaction.memory,
+        mission.memory,
+        controller.memory,
+        controller.autopilot,
+    )
+    return memories, CoreParams(
+        detector.params, reaction.limits, mission.plan, mission.limits, controller.limits
+    )
 
 
 @compiled
 def fly(
-    m: Array,
-    a: Array,
-    maps: Array,
-    theta: Array,
-    tick_noise: Array,
-    mocap_noise: Array,
-    capture_ticks: NDArray[np.int64],
-    mocap: Array,
-    state: NDArray[np.int64],
+    plant: tuple[Any, ...],
+    poses: tuple[Any, ...],
+    cores: tuple[Any, ...],
+    params: Any,
+    published: Any,
+    f: Any,
     log: Array,
     base: int,
-    start: int,
     stop: int,
-) -> tuple[int, int]:
-    """Fly from tick `start` until a mocap sample has been delivered or tick `stop` is reached.
+) -> bool:
+    """Fly from tick `f.tick` until tick `stop`, the flight's end, or a collision to react to.
+
+    In each tick the simulator senses, every core takes what was published in the tick before, and
+    is stepped if its period is due or a message has come; the rotor command acts in the tick. A
+    collision is reacted to outside: the tick is then complete but for the reaction's step.
 
     Args:
-        m: memory of the plant, changed in place.
-        a: memory of the autopilot, changed in place.
-        maps: the rotor's table, `tombo_dynamics.rotor_maps`.
-        theta: parameters of all effects.
-        tick_noise: (B, 9) standard normals, a row a tick, the first for tick `base`.
-        mocap_noise: (M, 9) standard normals, a row a sample.
-        capture_ticks: (M,) ticks at which samples are captured.
-        mocap: (M, 10) table of samples, filled here.
-        state: (3,) see NEXT_CAPTURE.
+        plant: memory of the plant, the rotor's table, parameters of the effects, (B, 9) standard
+            normals, a row a tick, the first for tick `base`.
+        poses: (M,) ticks of capture, (M, 9) standard normals, (M, 10) table of samples, filled
+            here, and the state of the capture.
+        cores: memories of estimator (bookkeeping, autopilot), detector, reaction, mission and
+            controller (bookkeeping, autopilot).
+        params: `CoreParams`.
+        published: `Published`, what the cores have published; appended to here.
+        f: `FLIGHT`.
         log: (N, LOG_WIDTH), a row is written for every tick.
-        base: tick of the first row of `tick_noise`.
-        start: first tick to fly.
+        base: tick of the first row of the plant's normals.
         stop: first tick not to fly.
 
     Returns:
-        the next tick to fly, and the row of the sample delivered in the last one (or -1).
+        True if the reaction of tick `f.tick` - 1 is to be stepped outside.
     """
-    for k in range(start, stop):
+    m, maps, theta, tick_noise = plant
+    capture_ticks, mocap_noise, mocap, captured = poses
+    e, ea, d, r, mi, c, ca = cores
+    p, n = published, f.published
+    while f.tick < min(stop, f.end):
+        k = f.tick
+        now = EPOCH_NS + k * TICK_NS
         noise = tick_noise[k - base]
         read_imu(m, maps, noise, theta)
-        if k == capture_ticks[state[NEXT_CAPTURE]]:
-            capture_pose(m, mocap_noise, theta, mocap, state, k)
-        airborne = a[A.mode] != IDLE and a[A.mode] != LANDED
-        store_history(a, k)
-        row = deliver_pose(a, mocap, state, k, airborne)
-        update_body_rates(a, m, P.imu)
-        cascade(a, maps, k)
+        if k == capture_ticks[captured[NEXT_CAPTURE]]:
+            capture_pose(m, mocap_noise, theta, mocap, captured, k)
+        # what others published in the tick before
+        heard = now % _REACTION_PERIOD_NS == 0
+        if n[MISSION_STATUS] > 0 and p.mission_status[n[MISSION_STATUS] - 1].tick == k - 1:
+            phase = p.mission_status[n[MISSION_STATUS] - 1].message.phase
+            f.phase = phase
+            e.airborne = phase != IDLE and phase != LANDED
+        upright = 1.0 - 2.0 * (m[P.body + 6] * m[P.body + 6] + m[P.body + 7] * m[P.body + 7])
+        after = watch_end(f.over, m[P.body + 2], upright, f.phase)
+        if after != UNDECIDED:
+            f.end = min(f.end, k + int(after / _TICK + 0.5))
+        if n[DETECTOR_STATUS] > 0 and p.detector_status[n[DETECTOR_STATUS] - 1].tick == k - 1:
+            r.detector_ns = now
+            heard = True
+        if n[ODOMETRY] > 0 and p.odometry[n[ODOMETRY] - 1].tick == k - 1:
+            odometry = p.odometry[n[ODOMETRY] - 1].message
+            take_position(r, odometry.position, now)
+            take_odometry(c, ca, odometry)
+            heard = True
+        if n[ESTIMATOR_STATUS] > 0 and p.estimator_status[n[ESTIMATOR_STATUS] - 1].tick == k - 1:
+            status = p.estimator_status[n[ESTIMATOR_STATUS] - 1].message
+            take_biases(c, ca, status.gyro_bias, status.pose_stamp_ns)
+        if n[MISSION_SETPOINT] > 0 and p.mission_setpoint[n[MISSION_SETPOINT] - 1].tick == k - 1:
+            take_mission_setpoint(r, p.mission_setpoint[n[MISSION_SETPOINT] - 1].message, now)
+            heard = True
+        if n[SETPOINT] > 0 and p.setpoint[n[SETPOINT] - 1].tick == k - 1:
+            take_setpoint(c, p.setpoint[n[SETPOINT] - 1].message, now)
+        collided = n[EVENT] > 0 and p.event[n[EVENT] - 1].tick == k - 1
+        if now % _MISSION_PERIOD_NS == 0:
+            _step_mission(mi, params, p, f, now)
+        # sensors
+        i = next_arrival(mocap, captured, k)
+        while i >= 0:
+            _take_pose(e, ea, d, params.detector, p, n, mocap, i, k)
+            note_mocap(r, params.reaction, now)
+            heard = True
+            i = next_arrival(mocap, captured, k)
+        gyro, accel = m[P.imu : P.imu + 3], m[P.imu + 3 : P.imu + 6]
+        if take_imu(e, ea, now, gyro, accel):
+            if odometry_due(now):
+                p.odometry[n[ODOMETRY]].tick = k
+                fill_odometry(e, p.odometry[n[ODOMETRY]].message)
+                n[ODOMETRY] += 1
+            if status_due(now):
+                p.estimator_status[n[ESTIMATOR_STATUS]].tick = k
+                fill_status(e, p.estimator_status[n[ESTIMATOR_STATUS]].message)
+                n[ESTIMATOR_STATUS] += 1
+        answer_gyro(c, ca, maps, params.controller, now, now, gyro)
         for i in range(4):
-            m[P.command + i] = a[A.command + i]
-        write_row(m, a, log, k)
-        predict(a, m, P.imu + 3, airborne)
+            m[P.command + i] = ca[A.command + i]
+        write_row(m, e, c, ca, log, k)
         finish_tick(m, noise, theta)
-        if row >= 0:
-            return k + 1, row
-    return stop, -1
+        f.tick = k + 1
+        if collided or r.pending > 0:
+            return True
+        if heard:
+            reaction_step(r, params.reaction, now)
+            publish_reaction(r, p, f, k)
+    return False
+
+
+@compiled_call
+def publish_reaction(r: Any, p: Any, f: Any, k: int) -> None:
+    """Publish what the reaction's step of tick `k` has left in its memory."""
+    n = f.published
+    if r.publishes:
+        entry = p.setpoint[n[SETPOINT]]
+        entry.tick = k
+        copy_setpoint(entry.message, r.setpoint)
+        entry.message.stamp_ns = r.setpoint.stamp_ns
+        n[SETPOINT] += 1
+    if r.status_due:
+        entry = p.reaction_status[n[REACTION_STATUS]]
+        entry.tick = k
+        copy_status(entry.message, r.status)
+        n[REACTION_STATUS] += 1
+
+
+@compiled_call
+def _step_mission(mi: Any, params: Any, p: Any, f: Any, now: int) -> None:
+    """Hand the mission what has come since its last step, and step it."""
+    n, k = f.published, f.tick
+    while f.read_odometry < n[ODOMETRY]:
+        odometry = p.odometry[f.read_odometry].message
+        x, y, z = odometry.velocity[0], odometry.velocity[1], odometry.velocity[2]
+        velocity = np.empty(3)
+        velocity[0], velocity[1], velocity[2] = rotated(odometry.attitude, x, y, z)
+        take_estimate(mi, odometry.position, velocity, now)
+        f.read_odometry += 1
+    while f.read_reaction < n[REACTION_STATUS]:
+        s = p.reaction_status[f.read_reaction].message
+        take_reaction(mi, params.mission, s.state, s.x_r, s.collisions, s.stamp_ns, now)
+        f.read_reaction += 1
+    if f.read_setpoint < n[SETPOINT]:
+        mi.answer_ns = now
+        f.read_setpoint = n[SETPOINT]
+    if not mission_step(mi, params.plan, params.mission, now):
+        return
+    entry = p.mission_setpoint[n[MISSION_SETPOINT]]
+    entry.tick = k
+    copy_setpoint(entry.message, mi.setpoint)
+    entry.message.stamp_ns = now
+    n[MISSION_SETPOINT] += 1
+    if mi.status_due:
+        status = p.mission_status[n[MISSION_STATUS]]
+        status.tick = k
+        status.wait_reason = mi.wait_reason
+        status.message.stamp_ns = now
+        status.message.phase = mi.mode
+        n[MISSION_STATUS] += 1
+
+
+@compiled_call
+def _take_pose(
+    e: Any, ea: Array, d: Any, params: Any, p: Any, n: Any, mocap: Array, row: int, k: int
+) -> None:
+    """Hand a pose to estimator and detector, and publish what the detector makes of it."""
+    now = EPOCH_NS + k * TICK_NS
+    sample = mocap[row]
+    stamp = EPOCH_NS + int(np.rint(sample[STAMPED] * TICK_NS))
+    position, attitude = sample[POSE : POSE + 3], sample[POSE + 3 : POSE + 7]
+    estimator_pose(e, ea, stamp, now, position, attitude)
+    result = detector_pose(d, params, stamp, now, position, attitude)
+    entry = p.detector_status[n[DETECTOR_STATUS]]
+    entry.tick = k
+    entry.row = row
+    entry.message.stamp_ns = stamp
+    entry.message.statistic = d.status.statistic
+    entry.message.threshold = d.status.threshold
+    entry.message.poses = d.status.poses
+    entry.message.rejected = d.status.rejected
+    n[DETECTOR_STATUS] += 1
+    if result == COLLISION and n[EVENT] < p.event.shape[0]:
+        event = p.event[n[EVENT]]
+        event.tick = k
+        copy_event(event.message, d.event)
+        n[EVENT] += 1
+
+
+@compiled_call
+def next_arrival(mocap: Array, state: NDArray[np.int64], tick: int) -> int:
+    """Return the row of a sample that has arrived by `tick`, each once, or -1."""
+    head = state[OLDEST_UNDELIVERED]
+    end = state[NEXT_CAPTURE]
+    while head < end and (mocap[head, ARRIVES] < 0.0 or mocap[head, DELIVERED] > 0.0):
+        head += 1
+    state[OLDEST_UNDELIVERED] = head
+    for i in range(head, end):
+        if mocap[i, DELIVERED] == 0.0 and 0.0 <= mocap[i, ARRIVES] <= tick:
+            mocap[i, DELIVERED] = 1.0
+            mocap[i, ARRIVES] = tick
+            return i
+    return -1
 
 
 @compiled
@@ -117,7 +393,7 @@ def read_imu(m: Array, maps: Array, noise: Array, theta: Array) -> None:
     apply_imu(m, noise, theta)
 
 
-@compiled
+@compiled_call
 def capture_pose(
     m: Array, mocap_noise: Array, theta: Array, mocap: Array, state: NDArray[np.int64], tick: int
 ) -> None:
@@ -150,35 +426,7 @@ def stamped_tick(mocap: Array, i: int) -> int:
 
 
 @compiled
-def deliver_pose(
-    a: Array, mocap: Array, state: NDArray[np.int64], tick: int, airborne: bool
-) -> int:
-    """Hand the estimator the sample that arrives in this tick; return its row, or -1.
-
-    The estimator takes the stamp for the time of capture. It refuses one from the future, but lets
-    one wait that is only a little ahead.
-    """
-    head = state[OLDEST_UNDELIVERED]
-    end = state[NEXT_CAPTURE]
-    while head < end and (mocap[head, ARRIVES] < 0.0 or mocap[head, DELIVERED] > 0.0):
-        head += 1
-    state[OLDEST_UNDELIVERED] = head
-    for i in range(head, end):
-        if mocap[i, DELIVERED] == 0.0 and 0.0 <= mocap[i, ARRIVES] <= tick:
-            captured = stamped_tick(mocap, i)
-            if tick < captured <= tick + _AHEAD:
-                continue
-            mocap[i, DELIVERED] = 1.0
-            mocap[i, ARRIVES] = tick
-            period = captured * _TICK - a[A.mode + 2]
-            if correct(a, mocap[i], POSE, captured, tick, period, airborne):
-                a[A.mode + 2] = max(a[A.mode + 2], captured * _TICK)
-            return i
-    return -1
-
-
-@compiled
-def write_row(m: Array, a: Array, log: Array, k: int) -> None:
+def write_row(m: Array, e: Any, c: Any, a: Array, log: Array, k: int) -> None:
     """Write the tick into row `k` of the log, in the columns of `log_columns.AT`."""
     r = P.rotation
     touching = m[P.contact]
@@ -189,11 +437,11 @@ def write_row(m: Array, a: Array, log: Array, k: int) -> None:
         log[k, AT.contact + 2 + i] = m[P.contact + 5 + i]
         log[k, AT.gyro + i] = m[P.imu + i]
         log[k, AT.accel + i] = m[P.imu + 3 + i]
-        log[k, AT.est_position + i] = a[A.position + i]
-        log[k, AT.est_velocity + i] = a[A.velocity + i]
-        log[k, AT.position_setpoint + i] = a[A.position_setpoint + i]
-        log[k, AT.velocity_setpoint + i] = a[A.velocity_reference + i]
-        log[k, AT.acceleration_setpoint + i] = a[A.acceleration_setpoint + i]
+        log[k, AT.est_position + i] = e.estimate[A.position + i] if e.known else math.nan
+        log[k, AT.est_velocity + i] = e.estimate[A.velocity + i] if e.known else math.nan
+        log[k, AT.position_setpoint + i] = c.setpoint.position[i]
+        log[k, AT.velocity_setpoint + i] = c.setpoint.velocity[i]
+        log[k, AT.acceleration_setpoint + i] = c.setpoint.acceleration[i]
         log[k, AT.rates_setpoint + i] = a[A.rates_setpoint + i]
         log[k, AT.wind + i] = m[P.wind + i]
         log[k, AT.battery + i] = m[P.supply + i]
@@ -210,10 +458,11 @@ def write_row(m: Array, a: Array, log: Array, k: int) -> None:
         log[k, AT.rotor_thrust + i] = m[P.thrust + i]
         log[k, AT.fold + i] = m[P.fold + i]
         log[k, AT.damage + i] = m[P.damage + i]
-        log[k, AT.est_attitude + i] = a[A.attitude + i]
+        log[k, AT.est_attitude + i] = e.estimate[A.attitude + i] if e.known else math.nan
         log[k, AT.attitude_setpoint + i] = a[A.attitude_setpoint + i]
         log[k, AT.rotor_command + i] = m[P.command + i]
     log[k, AT.contact] = touching
     log[k, AT.contact + 1] = m[P.contact + 1]
     log[k, AT.thrust_setpoint] = a[A.thrust_setpoint]
     log[k, AT.mode] = a[A.mode + 1]
+    log[k, AT.loops] = (2.0 if c.position_ran else 0.0) + (1.0 if c.attitude_ran else 0.0)

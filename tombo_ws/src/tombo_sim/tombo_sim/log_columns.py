@@ -28,6 +28,7 @@ _WIDTHS = {
     "thrust_setpoint": 1,
     "rotor_command": 4,
     "mode": 1,
+    "loops": 1,
     "wind": 3,
     "battery": 3,
 }
@@ -75,6 +76,7 @@ class _Starts(NamedTuple):
     thrust_setpoint: Any
     rotor_command: Any
     mode: Any
+    loops: Any
     wind: Any
     battery: Any
 

@@ -1,0 +1,72 @@
+"""The paper's reaction: the set point becomes x_r = x_c + d_r n_r, and stays there."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tombo_collision.reactions import Array, Decision, Reaction
+from tombo_dynamics.messages import CollisionEvent
+from tombo_dynamics.params import param
+
+_VERTICAL = 0.2
+
+
+@dataclass(frozen=True)
+class Bounce(Reaction):
+    """Back off by d_r against the flight before contact: x_r = x_c + d_r n_r."""
+
+    name: ClassVar[str] = "bounce"
+
+    distance: float = param(0.8, "m", (0.05, 20.0), "d_r, from x_c to x_r", "paper")
+    height_min: float = param(
+        0.7, "m", (0.0, 100.0), "x_r is not put below this height", "clear of ground effect"
+    )
+    timeout: float = param(
+        12.0,
+        "s",
+        (1.0, 600.0),
+        "the reaction is called off as not settled after this time",
+        "more than twice the paper's recovery time",
+    )
+
+    def decide(self, event: CollisionEvent, last: Decision | None) -> Decision:
+        """Return x_r = x_c + d_r n_r (paper, Eq. of the reaction).
+
+        After a second collision the vehicle leaves along the new n_r; should that lead back to
+        within half of d_r of the earlier x_c, it leaves along the sum of both directions, or
+        sideways where the two cancel.
+        """
+        x_c = event.contact_position
+        n_r = bounce_direction(event.flight_direction)
+        x_r = x_c + self.distance * n_r
+        if last is not None:
+            near = x_r - last.x_c
+            if math.sqrt(float(near @ near)) < 0.5 * self.distance:
+                both = n_r + last.n_r
+                size = math.sqrt(float(both @ both))
+                n_r = both / size if size > 0.3 else _sideways(n_r)
+                x_r = x_c + self.distance * n_r
+        x_r[2] = max(x_r[2], self.height_min)
+        return Decision(x_c, n_r, x_r)
+
+
+def bounce_direction(flight_direction: Array) -> Array:
+    """Return n_r (3): opposite to the flight, horizontal unless the flight was nearly vertical."""
+    horizontal = np.array([flight_direction[0], flight_direction[1], 0.0])
+    length = math.sqrt(float(horizontal @ horizontal))
+    if length < _VERTICAL:
+        return -flight_direction
+    escape: Array = -horizontal / length
+    return escape
+
+
+def _sideways(direction: Array) -> Array:
+    """Return a horizontal unit vector (3) across `direction`; map x for a vertical one."""
+    length = math.hypot(float(direction[0]), float(direction[1]))
+    if length < 1e-6:
+        return np.array([1.0, 0.0, 0.0])
+    return np.array([-direction[1], direction[0], 0.0]) / length
