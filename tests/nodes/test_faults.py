@@ -56,7 +56,7 @@ HOVER = """
 /**:
   ros__parameters:
     use_sim_time: true
-    lockstep: true
+    wait_for_command: true
     seed: 3
     truth_rate: 50.0
     mission: {takeoff_time: 0.2, height: 1.5, climb_speed: 1.0, approach_time: 3000.0,

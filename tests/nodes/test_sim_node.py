@@ -125,9 +125,9 @@ def test_paused_it_goes_on_by_the_ticks_it_is_told(world, start):
     assert node.end() == 0
 
 
-def test_in_lockstep_each_tick_waits_for_its_command(world, start):
+def test_each_tick_waits_for_its_command_if_asked_to(world, start):
     world.subscribe(IMU, TRUE_ODOMETRY, TRUE_ROTORS, MOCAP_POSE, DIAGNOSTICS)
-    node = start("tombo_sim.sim_node", *_WORLD, "-p", "lockstep:=true", "-p", "speed:=0.0")
+    node = start("tombo_sim.sim_node", *_WORLD, "-p", "wait_for_command:=true", "-p", "speed:=0.0")
     world.meet(ROTOR_COMMAND, IMU, TRUE_ODOMETRY, MOCAP_POSE, patience_s=_COMPILES_S)
     set_parameters(world, "sim", step=1)
     _wait(world, lambda: 1_000_000_000 + _MS in _stamps(world, IMU))
@@ -146,7 +146,7 @@ def test_in_lockstep_each_tick_waits_for_its_command(world, start):
             world.publish(ROTOR_COMMAND, _command(first, _CLIMB))
         assert time.monotonic() - began < 10.0
     _wait(world, lambda: _stamps(world, IMU)[-1] == first + _MS)
-    time.sleep(0.12)  # longer than command_timeout: in lockstep the wall's clock does not count
+    time.sleep(0.12)  # longer than command_timeout: then the wall's clock does not count
     world.hear()
     assert _stamps(world, IMU)[-1] == first + _MS
     world.publish(ROTOR_COMMAND, _command(first + _MS, _CLIMB))
@@ -167,14 +167,14 @@ def test_in_lockstep_each_tick_waits_for_its_command(world, start):
     assert np.array_equal(array(heard[-1].pose.position), poses[-1].pose[:3])
 
     world.hear()  # the rest of the 450 without answers: it goes on, and says so
-    assert "no command came" in told(world, "sim", "lockstep")
+    assert "no command came" in told(world, "sim", "wait_for_command")
     assert node.end() == 0
 
 
-def test_in_lockstep_time_keeps_its_own_speed_before_the_first_command(world, start):
+def test_time_keeps_its_own_speed_before_the_first_command(world, start):
     """A plan would else be through with waiting for its take-off before all nodes have met."""
     world.subscribe(IMU)
-    node = start("tombo_sim.sim_node", *_WORLD, "-p", "lockstep:=true")
+    node = start("tombo_sim.sim_node", *_WORLD, "-p", "wait_for_command:=true")
     world.meet(IMU, patience_s=_COMPILES_S)
     heard(world, IMU, lambda m: True)
     began, begin = time.monotonic(), _stamps(world, IMU)[-1]
@@ -183,9 +183,9 @@ def test_in_lockstep_time_keeps_its_own_speed_before_the_first_command(world, st
     assert node.end() == 0
 
 
-def test_in_lockstep_nobody_stops_time_by_speaking_of_the_past(world, start):
+def test_nobody_stops_time_by_commands_of_the_past(world, start):
     world.subscribe(IMU, DIAGNOSTICS)
-    node = start("tombo_sim.sim_node", *_WORLD, "-p", "lockstep:=true")
+    node = start("tombo_sim.sim_node", *_WORLD, "-p", "wait_for_command:=true")
     world.meet(ROTOR_COMMAND, IMU, patience_s=_COMPILES_S)
     _wait(world, lambda: bool(world.heard[IMU.name]))
     first = _stamps(world, IMU)[-1]
@@ -197,7 +197,7 @@ def test_in_lockstep_nobody_stops_time_by_speaking_of_the_past(world, start):
             world.publish(ROTOR_COMMAND, _command(first, _CLIMB))
             sent.append(time.monotonic())
 
-    assert "no command came" in told(world, "sim", "lockstep", meanwhile=speak)
+    assert "no command came" in told(world, "sim", "wait_for_command", meanwhile=speak)
     began, begin = time.monotonic(), _stamps(world, IMU)[-1]
     heard(world, IMU, lambda m: to_ns(m.header.stamp) > begin + 500 * _MS, meanwhile=speak)
     assert time.monotonic() - began > 0.4, "without commands time goes on at its own speed"

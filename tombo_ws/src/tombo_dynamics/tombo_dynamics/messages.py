@@ -117,6 +117,11 @@ class PositionSetpoint:
     phase: int
     """A `Phase`."""
 
+    def finite(self) -> bool:
+        """Return whether every number is finite."""
+        total = self.position.sum() + self.velocity.sum() + self.acceleration.sum() + self.yaw
+        return bool(np.isfinite(total))
+
 
 @dataclass(frozen=True)
 class MissionStatus:

@@ -18,6 +18,7 @@ import numpy as np
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
+from tombo_bag.message_codec import MessageCodec
 from tombo_bag.message_template import MessageTemplate
 from tombo_bag.topics import (
     ATTITUDE_SETPOINT,
@@ -31,8 +32,8 @@ from tombo_bag.topics import (
     SETPOINT,
     TF,
 )
-from tombo_control.estimate import Setpoint
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.messages import PositionSetpoint
 from tombo_dynamics.rotation import rotate_vectors
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_msgs.msg import Px4Status
@@ -120,6 +121,7 @@ class Px4BridgeNode(LoopNode):
         rotate_vectors(np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3))  # loads its compiled code now
         self._pose_in = self.subscribe(MOCAP_POSE, depth=20)
         self._setpoint_in = self.subscribe(SETPOINT)
+        self._setpoint_codec = MessageCodec(SETPOINT.typename)
         self._attitude_or_rates_in = self._subscribe_attitude_or_rates()
         self._make_outputs()
         self._waiting: deque[tuple[str, Any]] = deque()  # filled by the services' thread
@@ -253,11 +255,15 @@ class Px4BridgeNode(LoopNode):
 
     def _take_setpoints(self, now_ns: int) -> None:
         multiple_publishers = self._setpoint_in.multiple_publishers(now_ns)
-        for taken in self._setpoint_in.take():
-            if not multiple_publishers and not self._bridge.setpoint(
-                _setpoint(taken.message), now_ns
-            ):
-                text = "set point with NaN or infinity: the last one stands"
+        for taken in self._setpoint_in.take_raw():
+            text = ""
+            try:
+                setpoint: PositionSetpoint = self._setpoint_codec.decode(taken.message)
+                if not multiple_publishers and not self._bridge.setpoint(setpoint, now_ns):
+                    text = "set point with NaN or infinity: the last one stands"
+            except InputError as error:
+                text = f"set point: {error}: the last one stands"
+            if text:
                 self.health.report_event("setpoint_refused", text)
         if self._attitude_or_rates_in is None:
             return
@@ -441,17 +447,6 @@ class Px4BridgeNode(LoopNode):
                 self._bridge.take(received)
             if self._stops > 1:  # no more patience: it was said once
                 break
-
-
-def _setpoint(message: Any) -> Setpoint:
-    return Setpoint(
-        array(message.position),
-        array(message.velocity),
-        array(message.acceleration),
-        float(message.yaw),
-        int(message.phase),
-        to_ns(message.header.stamp),
-    )
 
 
 def _battery(battery: Battery) -> Any:

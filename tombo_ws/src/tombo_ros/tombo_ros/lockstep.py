@@ -37,10 +37,6 @@ _SECOND_NS = 1_000_000_000
 _TIME = struct.Struct("<iI")
 _LOOK_NS = 100_000_000
 """How often a node that waits looks at its parameters and whether it is to end."""
-PATIENCE_S = 20.0
-"""Wall time after which waiting ends in an error."""
-START_PATIENCE_S = 120.0
-"""The same before the first tick: nodes may have to compile."""
 
 
 class LockstepError(Exception):
@@ -188,14 +184,14 @@ def take_until(
     """
     if source.taken + source.waiting_number() < count:
         waiter = Waiter(node, [source])
-        end = time.monotonic() + PATIENCE_S
+        end = time.monotonic() + node.lockstep_patience_s
         while source.taken + source.waiting_number() < count:
             if node.stopping:
                 return []
             if time.monotonic() > end:
                 raise LockstepError(
                     f"lockstep: {name} waits at {now_ns * 1e-9:.3f} s for message {count} of "
-                    f"{topic} and has {source.received} after {PATIENCE_S:g} s"
+                    f"{topic} and has {source.received} after {node.lockstep_patience_s:g} s"
                 )
             waiter.wait(_LOOK_NS)
     return source.take_first(count - source.taken)
@@ -284,7 +280,7 @@ class LockstepMaster:
                 member.given = wanted
                 member.tick.publish(member.ticks.encode(now_ns, wanted))
                 due[member.name] = member
-        end = time.monotonic() + PATIENCE_S
+        end = time.monotonic() + self._node.lockstep_patience_s
         while due and not self._node.stopping:
             for member in list(due.values()):
                 for received in member.done.take_raw():
@@ -297,7 +293,7 @@ class LockstepMaster:
             if time.monotonic() > end:
                 raise LockstepError(
                     f"lockstep: no answer to the tick at {now_ns * 1e-9:.3f} s from "
-                    f"{', '.join(due)} within {PATIENCE_S:g} s: has it ended?"
+                    f"{', '.join(due)} within {self._node.lockstep_patience_s:g} s: has it ended?"
                 )
             key = tuple(due)
             if key not in self._waiters:

@@ -102,6 +102,14 @@ class LoopNode(ABC):
             False,
             "with use_sim_time: run exactly the ticks that the simulator gives (all nodes alike)",
         )
+        self.lockstep_patience_s = 20.0
+        if self.lockstep:
+            self.lockstep_patience_s = self.declare(
+                "lockstep_patience",
+                20.0,
+                "wall time [s] after which a node that waits in lockstep ends with an error",
+                bounds=(0.1, 3600.0),
+            )
         follows = self.sim_time and not self.publishes_clock and not self.lockstep
         if follows:
             self.slack_ns = _SLACK_NS

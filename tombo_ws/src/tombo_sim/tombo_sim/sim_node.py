@@ -22,7 +22,7 @@ from tombo_control.autopilot import IDLE
 from tombo_dynamics.plant import P
 from tombo_ros.conversion import to_time
 from tombo_ros.health import ERROR
-from tombo_ros.lockstep import START_PATIENCE_S, LockstepError, LockstepMaster, take_until
+from tombo_ros.lockstep import LockstepError, LockstepMaster, take_until
 from tombo_ros.loop_statistics import LatenessHistogram
 from tombo_ros.node_loop import run
 from tombo_ros.topic import PolledSubscription
@@ -32,6 +32,8 @@ from tombo_sim.simulator import Simulator
 from tombo_sim.vehicle_node import TICK_NS, VehicleNode
 
 _BATTERY_TICKS = 100
+_PATIENCE_NS = 200_000_000
+_POLL_NS = 200_000
 _RESUME_NS = 100_000_000
 """Commands must have come for so long before the fail-safe hands over."""
 
@@ -71,10 +73,21 @@ class SimNode(VehicleNode):
         self.declare(
             "imu", True, "false: the IMU falls silent, to try what happens", read_only=False
         )
+        self._waits = self.sim_time and self.declare(
+            "wait_for_command",
+            False,
+            "with use_sim_time: each tick waits for the command to it, up to 0.2 s",
+        )
         members = self.declare(
             "lockstep_nodes",
             ["estimator", "detector", "reaction", "mission", "controller"],
             "with lockstep: names of the nodes that take part",
+        )
+        self._start_patience_s = self.declare(
+            "lockstep_start_patience",
+            120.0,
+            "with lockstep: wall time [s] until all must be ready; they may have to compile",
+            bounds=(0.1, 3600.0),
         )
         self._duration = self.declare(
             "duration",
@@ -93,6 +106,7 @@ class SimNode(VehicleNode):
         self._command = np.zeros(4)
         self._command_ns = self._resumed_ns = 0
         self._answered_ns = -1
+        self._asked_ns = self._advanced_ns = 0
         self._refused = 0
         self._latency = LatenessHistogram()
         self._steps = 0
@@ -172,6 +186,8 @@ class SimNode(VehicleNode):
         if not self.sim_time and float(self.parameters.get("speed")) != 1.0:
             self.health.fault("speed", True, "speed has no effect without use_sim_time")
         self.period_ns = round(TICK_NS / speed) if speed > 0.0 else TICK_NS
+        if self._waits:
+            self.period_ns = min(self.period_ns, _POLL_NS)
 
     def step(self, now_ns: int) -> None:
         """Go on by one tick, if it is time to."""
@@ -183,9 +199,13 @@ class SimNode(VehicleNode):
             paused = float(self.parameters.get("speed")) == 0.0
             if paused and self._steps == 0:
                 self._publish_clock()
+                self._asked_ns = now_ns
+                return
+            if self._waits and not self._may_advance(now_ns):
                 return
             self._steps -= int(paused)
         self.simulator.advance(self._select_command(now_ns))
+        self._advanced_ns = now_ns
         self.failsafe.observe(self.simulator)
         self._publish()
 
@@ -195,6 +215,26 @@ class SimNode(VehicleNode):
         if not self.sim_time:
             self._began_ns = (now_ns - self.late_ns) // 1000 * 1000
         self._publish()
+
+    def _may_advance(self, now_ns: int) -> bool:
+        """Return whether to go on: the command to the present tick is there, or won't come.
+
+        Without commands, also before the first one, time goes on as fast as `speed` says, not as
+        fast as it can: a plan would else have waited for its take-off before all nodes have met.
+        """
+        if self._answered_ns >= self.stamp_ns:
+            self._asked_ns = now_ns
+            return True
+        speed = float(self.parameters.get("speed"))
+        due = speed == 0.0 or (now_ns - self._advanced_ns) * speed >= TICK_NS
+        if self._command_ns == 0:
+            self._asked_ns = now_ns
+            return due
+        in_vain = now_ns - self._asked_ns > _PATIENCE_NS
+        self.health.fault(
+            "wait_for_command", in_vain, "no command came for a tick; going on without"
+        )
+        return in_vain and due
 
     def spin_lockstep(self) -> None:
         """Fly tick by tick, each with the answers of all nodes, until the flight is over.
@@ -226,12 +266,12 @@ class SimNode(VehicleNode):
             master.run_tick(self.stamp_ns, self._sent(), self._idle, last=True)
 
     def _wait_for_nodes(self, master: LockstepMaster) -> None:
-        end = time.monotonic() + START_PATIENCE_S
+        end = time.monotonic() + self._start_patience_s
         while master.missing and not self.stopping:
             if time.monotonic() > end:
                 raise LockstepError(
                     f"lockstep: {', '.join(master.missing)} not ready after "
-                    f"{START_PATIENCE_S:g} s; accepted: nodes started with lockstep:=true"
+                    f"{self._start_patience_s:g} s; accepted: nodes started with lockstep:=true"
                 )
             self._idle()
             time.sleep(0.05)
@@ -275,7 +315,8 @@ class SimNode(VehicleNode):
             if taken.received_ns - self._command_ns > self._timeout_ns:
                 self._resumed_ns = taken.received_ns
             self._command, self._command_ns = np.array(speed), taken.received_ns
-            self._answered_ns = max(self._answered_ns, stamp)
+            if stamp > self._answered_ns:  # an old stamp must not make us wait anew
+                self._answered_ns, self._asked_ns = stamp, now_ns
 
     def _refuse(self, text: str) -> None:
         self._refused += 1

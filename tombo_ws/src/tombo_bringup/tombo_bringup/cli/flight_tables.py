@@ -137,7 +137,8 @@ def _speed(flight: FlightResult) -> str:
     summary = flight.summary
     line = f"Flown in {summary['wall_time_s']:.3f} s"
     if summary["real_time_factor"] is not None:
-        line += f", {summary['real_time_factor']:.0f} times real time"
+        factor = summary["real_time_factor"]
+        line += f", {factor:.{0 if factor >= 10 else 2}f} times real time"
     factor = flight.real_time_factor_with_recording
     if factor is not None and flight.recording_s is not None:
         line += (

@@ -11,6 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+from tombo_bag.flight_time import EPOCH_NS
 from tombo_bag.recording import Recording
 from tombo_control.autopilot import IDLE
 from tombo_dynamics.errors import InputError
@@ -157,7 +158,10 @@ def fly_nodes_and_save(
     mode = "nodes" if px4 is None else "px4"
     with TemporaryDirectory(prefix="tombo-") as scratch:
         metadata = Path(scratch) / "metadata.json"
-        metadata.write_text(json.dumps(_metadata(scenario, seed, mode)), encoding="utf-8")
+        record = _metadata(scenario, seed, mode)
+        if lockstep:  # time 0 is the simulator's first tick, as in the headless flight
+            record[RECORD]["epoch_ns"] = str(EPOCH_NS)
+        metadata.write_text(json.dumps(record), encoding="utf-8")
         config = SuiteConfig(
             scenario=scenario,
             seed=seed,

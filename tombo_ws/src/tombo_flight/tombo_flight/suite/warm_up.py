@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from tombo_flight.run_wiring import run_wiring
 from tombo_flight.scenario import Scenario, world_of
+from tombo_flight.wiring import COMMAND
 from tombo_sim.failsafe import Failsafe
 from tombo_sim.simulator import Simulator
 
@@ -16,7 +17,7 @@ _SECONDS = 0.25
 
 
 def warm_up_nodes(scenario: Scenario) -> int:
-    """Fly a quarter of a second by the wiring, and the fail-safe; return the messages.
+    """Fly a quarter of a second by the wiring, and the fail-safe; return the rotor commands.
 
     Raises:
         InputError: as `Simulator`.
@@ -31,4 +32,4 @@ def warm_up_nodes(scenario: Scenario) -> int:
     for _ in range(2):
         simulator.advance(failsafe.command)
         failsafe.observe(simulator)
-    return len(topics)
+    return topics.count(COMMAND)

@@ -8,8 +8,8 @@ from pymavlink.dialects.v20 import common as mav
 
 from scripted_px4 import GROUND, ScriptedPx4
 from tombo_control.autopilot import HOVER, IDLE, LAND, LANDED, TAKEOFF
-from tombo_control.estimate import Setpoint
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.messages import PositionSetpoint
 from tombo_px4.bridge.bridge import Bridge
 from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
 from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD, POSCTL
@@ -66,7 +66,9 @@ class Flight:
                 shown = self.as_mocap(place, attitude)
                 self.bridge.pose(captured + self.mocap_shift, arrival, "map", *shown)
         if self._k % 5 == 2 and self.mission_on:
-            self.bridge.setpoint(Setpoint(self.goal, ZERO, ZERO, 0.0, self.phase, now), now)
+            self.bridge.setpoint(
+                PositionSetpoint(now, self.goal, ZERO, ZERO, 0.0, self.phase), now
+            )
         self.out = self.bridge.tick(now)
         for message in self.out.messages:
             self._to_px4.append((now + self._delay(), self._wire(message)))
@@ -252,8 +254,8 @@ def test_poses_that_are_no_poses_are_not_sent():
 
 def test_set_points_that_are_none_are_left_out():
     bridge = Flight().bridge
-    assert not bridge.setpoint(Setpoint(ZERO * math.nan, ZERO, ZERO, 0.0, HOVER), NOW)
-    assert not bridge.setpoint(Setpoint(ZERO, ZERO, ZERO, math.inf, HOVER), NOW)
+    assert not bridge.setpoint(PositionSetpoint(0, ZERO * math.nan, ZERO, ZERO, 0.0, HOVER), NOW)
+    assert not bridge.setpoint(PositionSetpoint(0, ZERO, ZERO, ZERO, math.inf, HOVER), NOW)
     assert not bridge.rotation(np.zeros(4), 12.0, NOW)
     assert not bridge.rotation(ZERO, math.nan, NOW)
     assert bridge.rotation(np.array([0.0, 0, 0, 1]), 12.0, NOW)
@@ -263,7 +265,7 @@ def test_a_silent_mission_is_held_without_feed_forward():
     flight = Flight().take_off()
     speed = np.array([0.3, 0.0, 0.2])
     flight.mission_on = False
-    flight.bridge.setpoint(Setpoint(flight.goal, speed, speed, 0.0, HOVER), flight.now)
+    flight.bridge.setpoint(PositionSetpoint(0, flight.goal, speed, speed, 0.0, HOVER), flight.now)
     flight.run(2.0)
     assert "no set point for" in flight.out.faults["setpoint_silent"]
     last = flight.px4.targets[-1]
@@ -279,7 +281,7 @@ def test_set_points_leave_at_once_and_carry_the_feed_forward():
     assert 48 <= len(flight.px4.targets) <= 52, "one for each of the mission's"
     bridge = flight.bridge
     speed, push = np.array([0.1, 0.2, 0.3]), np.array([0.4, 0.5, 0.6])
-    bridge.setpoint(Setpoint(flight.goal, speed, push, 0.2, HOVER, flight.now), flight.now)
+    bridge.setpoint(PositionSetpoint(flight.now, flight.goal, speed, push, 0.2, HOVER), flight.now)
     (target,) = [
         m
         for m in bridge.tick(flight.now + MS).messages

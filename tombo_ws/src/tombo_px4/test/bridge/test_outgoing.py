@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mav
 
-from tombo_control.estimate import Setpoint
+from tombo_dynamics.messages import PositionSetpoint
 from tombo_px4.bridge.modes import AUTO_LAND
 from tombo_px4.link import message_encoder
 from tombo_px4.link.message_encoder import MessageTarget
@@ -76,7 +76,9 @@ def test_a_known_covariance_goes_out_in_their_order():
 
 def test_a_position_set_point_carries_all_but_the_rate_of_yaw():
     place, speed, push = np.array([1.0, 2, 3]), np.array([4.0, 5, 6]), np.array([7.0, 8, 9])
-    m = sent(message_encoder.position_target(Setpoint(place, speed, push, 0.3, 2), TO, STAMP))
+    m = sent(
+        message_encoder.position_target(PositionSetpoint(0, place, speed, push, 0.3, 2), TO, STAMP)
+    )
     assert m.type_mask == 0b100000000000
     assert m.coordinate_frame == mav.MAV_FRAME_LOCAL_NED
     assert (m.x, m.y, m.z, m.vx, m.vy, m.vz) == pytest.approx((2, 1, -3, 5, 4, -6))
@@ -116,5 +118,5 @@ def test_commands_carry_what_px4_reads():
 
 
 def test_time_wraps_where_the_field_ends():
-    still = Setpoint(np.zeros(3), np.zeros(3), np.zeros(3), 0.0, 2)
+    still = PositionSetpoint(0, np.zeros(3), np.zeros(3), np.zeros(3), 0.0, 2)
     assert 0 <= sent(message_encoder.position_target(still, TO, STAMP)).time_boot_ms < 2**32

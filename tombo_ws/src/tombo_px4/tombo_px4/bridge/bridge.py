@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mav
 
 from tombo_control.autopilot import IDLE
-from tombo_control.estimate import Setpoint
 from tombo_control.pose_check import check_pose
+from tombo_dynamics.messages import PositionSetpoint
 from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
 from tombo_px4.bridge.decoded_messages import (
@@ -330,7 +330,7 @@ class Bridge:
         """Take note that two publishers send poses: none of them is sent on."""
         self.preflight.refused_pose("crowded", now_ns)
 
-    def setpoint(self, setpoint: Setpoint, now_ns: int) -> bool:
+    def setpoint(self, setpoint: PositionSetpoint, now_ns: int) -> bool:
         """Take a set point; False: not finite, not taken."""
         return self._stream.setpoint(setpoint, now_ns)
 
@@ -528,14 +528,14 @@ class Bridge:
 
     # --- Set points ---------------------------------------------------------------------------
 
-    def _present(self, now_ns: int) -> Setpoint | None:
+    def _present(self, now_ns: int) -> PositionSetpoint | None:
         """Return the vehicle's own position as a set point; None if it is not known."""
         odometry = self._odometry
         if odometry is None or now_ns - odometry.arrival_ns > _SECOND_NS:
             return None
         zero = np.zeros(3)
         yaw = float(yaw_pitch_roll(odometry.attitude)[0])
-        return Setpoint(odometry.position, zero, zero, yaw, IDLE, now_ns)
+        return PositionSetpoint(now_ns, odometry.position, zero, zero, yaw, IDLE)
 
     @property
     def hover_thrust(self) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_control.autopilot import IDLE
-from tombo_control.estimate import Setpoint
+from tombo_dynamics.messages import PositionSetpoint
 from tombo_px4.bridge.bridge_params import ATTITUDE, POSITION, BridgeParams
 from tombo_px4.bridge.offboard_session import Stream
 from tombo_px4.link import message_encoder
@@ -29,16 +29,16 @@ class SetpointStream:
         self._target = target
         self._mass = mass
         self._timeout_ns = params.setpoint_timeout * 1e9
-        self._setpoint: Setpoint | None = None
+        self._setpoint: PositionSetpoint | None = None
         self._setpoint_ns = -(10**18)
         self._attitude_or_rates: tuple[Array, float, int] | None = None
         self._new = self._attitude_or_rates_new = False
         self._stream = Stream.PRESENT
-        self._hold_setpoint: Setpoint | None = None
+        self._hold_setpoint: PositionSetpoint | None = None
         self._streamed_ns = 0
         self.sent = 0
 
-    def setpoint(self, setpoint: Setpoint, now_ns: int) -> bool:
+    def setpoint(self, setpoint: PositionSetpoint, now_ns: int) -> bool:
         """Take a set point; False: not finite, not taken."""
         if not setpoint.finite():
             return False
@@ -76,7 +76,7 @@ class SetpointStream:
         self._setpoint_ns = min(self._setpoint_ns, now_ns)
 
     def message(
-        self, stream: Stream, present: Setpoint | None, hover: float, now_ns: int
+        self, stream: Stream, present: PositionSetpoint | None, hover: float, now_ns: int
     ) -> Any | None:
         """Return what is to be sent now; None: nothing.
 
@@ -104,7 +104,7 @@ class SetpointStream:
             self.sent += 1
         return message
 
-    def _position(self, setpoint: Setpoint, now_ns: int) -> Any:
+    def _position(self, setpoint: PositionSetpoint, now_ns: int) -> Any:
         return message_encoder.position_target(setpoint, self._target, now_ns)
 
     def _wanted(self, now_ns: int, due: bool, hover: float) -> Any | None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mav
 
-from tombo_control.estimate import Setpoint
+from tombo_dynamics.messages import PositionSetpoint
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.bridge.bridge_params import MOCAP, ODOMETRY, VISION
 from tombo_px4.bridge.modes import Mode
@@ -99,7 +99,7 @@ def diagonal_covariance(position_std: float, attitude_std: float) -> Array | Non
     return np.diag(3 * [position_std**2] + 3 * [attitude_std**2])
 
 
-def position_target(setpoint: Setpoint, to: MessageTarget, now_ns: int) -> Any:
+def position_target(setpoint: PositionSetpoint, to: MessageTarget, now_ns: int) -> Any:
     """Return a set point of position, velocity and acceleration fed forward, and yaw."""
     return mav.MAVLink_set_position_target_local_ned_message(
         _milliseconds(now_ns),

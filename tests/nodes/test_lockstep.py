@@ -1,0 +1,87 @@
+"""Lockstep over DDS: the flight of the nodes is the headless one, and nothing waits for ever."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections import defaultdict
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from ros_bench import NodeProcess
+from tombo_bag.message_codec import MessageCodec, messages_of
+from tombo_bag.recording import Recording
+from tombo_bag.topics import TOPICS
+from tombo_flight.run_wiring import run_wiring
+from tombo_flight.scenario import Scenario, load_scenario
+from tombo_flight.suite.nodes import SUITE
+from tombo_flight.suite.parameter_yaml import parameter_yaml, suite_parameters
+from tombo_flight.suite.warm_up import warm_up_nodes
+
+SETTINGS = (
+    "mission.takeoff_time=0.2",
+    "mission.climb_speed=1.2",
+    "mission.approach_time=3.5",
+    "obstacle.x=1.4",
+    "duration=9.5",
+)
+"""The paper's flight, with little hover before the collision."""
+
+
+def start_suite(
+    start, folder: Path, scenario: Scenario, seed: int, **sim
+) -> dict[str, NodeProcess]:
+    """Start all nodes in lockstep; the recorder writes flight.mcap."""
+    parameters = suite_parameters(scenario, seed, lockstep=True)
+    parameters["recorder"]["single_file"] = str(folder / "flight.mcap")
+    parameters["sim"] |= sim
+    file = folder / "parameters.yaml"
+    file.write_text(parameter_yaml(parameters))
+    return {name: start(module, "--params-file", str(file)) for name, module in SUITE.items()}
+
+
+def test_flight_with_a_collision_equals_the_wiring_to_the_last_bit(start, tmp_path):
+    scenario, seed = load_scenario("paper_collision", SETTINGS), 3
+    warm_up_nodes(scenario)
+    nodes = start_suite(start, tmp_path, scenario, seed)
+    published = defaultdict(list)
+    run_wiring(scenario, seed, lambda topic, message: published[topic].append(message))
+    assert len(published["/collision_event"]) == 1
+    assert nodes["sim"].process.wait(150.0) == 0, nodes["sim"].output
+    assert nodes["recorder"].end() == 0
+    assert "lost 0" in nodes["recorder"].output
+    with Recording(tmp_path / "flight.mcap") as recording:
+        for topic, messages in published.items():
+            typename = TOPICS[topic].typename
+            codec = MessageCodec(typename)
+            recorded = messages_of(typename, recording.columns(topic))
+            assert [codec.encode(m) for m in recorded] == [codec.encode(m) for m in messages], (
+                topic
+            )
+
+
+def test_node_that_dies_ends_the_flight_with_its_name(start, tmp_path):
+    scenario = load_scenario("hover")
+    nodes = start_suite(start, tmp_path, scenario, 0, lockstep_patience=2.0)
+    file = tmp_path / "flight.mcap"
+    end = time.monotonic() + 120.0
+    while not (file.exists() and file.stat().st_size > 50_000):
+        assert time.monotonic() < end, nodes["sim"].output
+        time.sleep(0.1)
+    nodes["detector"].process.send_signal(signal.SIGKILL)
+    assert nodes["sim"].process.wait(30.0) == 2
+    assert "no answer to the tick at" in nodes["sim"].output
+    assert "from detector within 2 s: has it ended?" in nodes["sim"].output
+    assert nodes["recorder"].end() == 0
+
+
+def test_node_that_does_not_come_is_named(start):
+    sim = start(
+        SUITE["sim"], "-p", "use_sim_time:=true", "-p", "lockstep:=true",
+        "-p", "lockstep_nodes:=[nobody]", "-p", "lockstep_start_patience:=1.0",
+    )  # fmt: skip
+    assert sim.process.wait(60.0) == 2
+    assert "nobody not ready after 1 s" in sim.output

@@ -1,0 +1,154 @@
+"""The wiring as data, and its schedule: a message of a tick is there in the next one."""
+
+from __future__ import annotations
+
+import re
+from enum import IntEnum
+
+import numpy as np
+import pytest
+
+from tombo_bag.flight_time import EPOCH_NS
+from tombo_bag.message_codec import form_of
+from tombo_bag.schemas import own_definitions
+from tombo_bag.topics import TOPICS
+from tombo_dynamics.core import Core
+from tombo_dynamics.messages import Imu, Phase, ReactionPhase, RotorCommand, Trigger, neutral
+from tombo_flight.run_wiring import CoreRunner, run_cores
+from tombo_flight.scenario import load_scenario, world_of
+from tombo_flight.wiring import CORES, SENSORS, core_of, publisher_of, subscribers_of
+from tombo_sim.flight_end import FlightEndDetector
+from tombo_sim.simulator import TICK_NS, Simulator
+
+IMU, COMMAND, ODOMETRY = "/imu/data_raw", "/rotor_command", "/odometry"
+
+
+@pytest.mark.parametrize("core", CORES, ids=lambda core: core.name)
+def test_core_says_what_it_takes_and_publishes(core: type[Core]):
+    for topic in (*core.inputs, *core.outputs):
+        assert form_of(TOPICS[topic].typename)
+    for topic in core.inputs:
+        assert topic in SENSORS or publisher_of(topic) != "sim", topic
+        assert core.name in subscribers_of(topic)
+    assert not set(core.inputs) & set(core.outputs)
+    assert core.period_ns % TICK_NS == 0
+
+
+def test_each_topic_has_one_publisher():
+    published = [topic for core in CORES for topic in core.outputs]
+    assert len(published) == len(set(published))
+    assert subscribers_of(COMMAND) == ("sim",)
+
+
+@pytest.mark.parametrize("kind", CORES, ids=lambda core: core.name)
+def test_core_takes_neutral_messages_and_publishes_what_it_says(kind: type[Core]):
+    core = core_of(kind, load_scenario("hover"))
+    topics = set()
+    for tick in range(200):
+        now_ns = EPOCH_NS + tick * TICK_NS
+        for topic in core.inputs:
+            core.on(topic, neutral(form_of(TOPICS[topic].typename).kind, now_ns), now_ns)
+        for topic, message in core.step(now_ns):
+            topics.add(topic)
+            assert isinstance(message, form_of(TOPICS[topic].typename).kind)
+    assert topics <= set(core.outputs)
+    assert topics
+
+
+class Relay(Core):
+    """Publishes the time at which each message came."""
+
+    name = "relay"
+    inputs = (IMU,)
+    outputs = (ODOMETRY,)
+    period_ns = 1_000_000_000
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.taken: list[tuple[int, int]] = []
+        self.steps: list[int] = []
+
+    @classmethod
+    def make(cls, records) -> Relay:
+        return cls()
+
+    def on(self, topic, message, now_ns) -> None:
+        self.taken.append((message.stamp_ns, now_ns))
+
+    def step(self, now_ns):
+        self.steps.append(now_ns)
+        return [(self.outputs[0], neutral(form_of(TOPICS[self.outputs[0]].typename).kind, now_ns))]
+
+
+class Listener(Relay):
+    name = "listener"
+    inputs = (ODOMETRY,)
+    outputs = ("/setpoint",)
+
+
+class Slow(Listener):
+    name = "slow"
+    outputs = ("/mission/setpoint",)
+    period_ns = 20_000_000
+    steps_on_messages = False
+
+
+def fly(*cores: Core, ticks: int = 50) -> list[str]:
+    simulator = Simulator(world_of(load_scenario("hover")), 0)
+    topics: list[str] = []
+    run_cores(cores, simulator, ticks, FlightEndDetector(0.18), lambda t, m: topics.append(t))
+    return topics
+
+
+def test_sensor_message_is_there_in_its_tick_and_a_cores_message_in_the_next():
+    relay, listener = Relay(), Listener()
+    fly(listener, relay)
+    assert [now - stamp for stamp, now in relay.taken] == [0] * 50
+    assert [now - stamp for stamp, now in listener.taken] == [TICK_NS] * 49
+
+
+def test_core_that_waits_for_its_period_takes_everything_then():
+    slow = Slow()
+    fly(Relay(), slow)
+    assert [step - EPOCH_NS for step in slow.steps] == [0, 20 * TICK_NS, 40 * TICK_NS]
+    assert len(slow.taken) == 40
+    assert {now for _, now in slow.taken} == {EPOCH_NS + 20 * TICK_NS, EPOCH_NS + 40 * TICK_NS}
+
+
+def test_messages_of_a_tick_are_handed_over_in_the_order_of_the_inputs():
+    core = Relay()
+    core.inputs = ("/setpoint", IMU)
+    runner = CoreRunner(core)
+    runner.take(IMU, neutral(Imu, 1))
+    runner.take("/setpoint", neutral(form_of(TOPICS["/setpoint"].typename).kind, 2))
+    runner.run(7)
+    assert [stamp for stamp, _ in core.taken] == [2, 1]
+
+
+def test_command_of_a_tick_acts_in_it():
+    class Climb(Relay):
+        outputs = (COMMAND,)
+
+        def step(self, now_ns):
+            return [(COMMAND, RotorCommand(now_ns, np.full(4, 700.0)))]
+
+    scenario = load_scenario("hover")
+    flown, alone = (Simulator(world_of(scenario), 0) for _ in range(2))
+    run_cores([Climb()], flown, 30, FlightEndDetector(0.18), lambda topic, message: None)
+    for _ in range(30):
+        alone.advance(np.full(4, 700.0))
+    assert np.array_equal(flown.imu, alone.imu)
+
+
+@pytest.mark.parametrize(
+    ("kind", "message", "prefix"),
+    [
+        (Phase, "MissionStatus", ""),
+        (ReactionPhase, "ReactionStatus", ""),
+        (Trigger, "CollisionEvent", "TRIGGER_"),
+    ],
+)
+def test_constants_are_those_of_the_message_definition(kind: type[IntEnum], message, prefix):
+    text = own_definitions()[f"tombo_msgs/msg/{message}"]
+    found = dict(re.findall(r"^uint8 (\w+)=(\d+)", text, re.M))
+    assert {prefix + one.name: str(one.value) for one in kind} == found
