@@ -1,4 +1,4 @@
-"""The reaction: x_r = x_c + d_r n_r, latched; second collisions; the floor; mocap lost."""
+"""Reactions by name; the paper's: x_r = x_c + d_r n_r, second collisions, the floor."""
 
 import dataclasses
 
@@ -7,19 +7,13 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from tombo_collision.detector import CollisionEvent
-from tombo_collision.params import ReactionParams
-from tombo_collision.reaction import (
-    BLIND,
-    IDLE,
-    REACTING,
-    ReactionState,
-    bounce_direction,
-    react,
-    update_mocap_age,
-)
+from tombo_collision.reactions import REGISTRY, reaction_from_mapping
+from tombo_collision.reactions.bounce import Bounce, bounce_direction
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.messages import CollisionEvent
+from tombo_dynamics.params import validate
 
-P = ReactionParams()
+P = Bounce()
 coordinate = st.floats(-20.0, 20.0)
 places = st.tuples(coordinate, coordinate, st.floats(2.0, 20.0)).map(np.array)
 units = (
@@ -30,22 +24,21 @@ units = (
 )
 
 
-def event(x_c, direction, stamp=23.1):
-    return CollisionEvent(
-        stamp, "innovation", stamp - 0.02, np.array(x_c, float), np.array(direction, float),
-        1.0, 100.0, 1,
-    )  # fmt: skip
+def event(x_c, direction):
+    x_c, direction = np.array(x_c, float), np.array(direction, float)
+    return CollisionEvent(23_100_000_000, "map", 2, 23_080_000_000, x_c, direction, 1.0, 100.0, 1)
+
+
+def decide(last, collision, params):
+    return params.decide(collision, last)
 
 
 @given(places, units, st.floats(0.05, 1.2))
 def test_x_r_lies_at_d_r_from_x_c_against_the_flight(x_c, direction, distance):
-    state = react(ReactionState(), event(x_c, direction), ReactionParams(distance=distance))
+    state = decide(None, event(x_c, direction), Bounce(distance=distance))
     assert np.array_equal(state.x_r, x_c + distance * state.n_r)
     assert np.linalg.norm(state.n_r) == pytest.approx(1.0)
     assert state.n_r @ direction < 0.0
-    assert state.state == REACTING
-    assert state.collisions == 1
-    assert state.since_s == 23.1
 
 
 @given(units)
@@ -62,54 +55,46 @@ def test_n_r_is_horizontal_unless_the_flight_was_nearly_vertical(direction):
 def test_the_paper_s_flight():
     """Along +x into x_c = (1.7, 0, 2): x_r is 0.8 m straight back, where the paper has 0.825 m
     at 14 degrees, chosen by hand."""
-    state = react(ReactionState(), event([1.7, 0.0, 2.0], [1.0, 0.0, 0.0]), P)
+    state = decide(None, event([1.7, 0.0, 2.0], [1.0, 0.0, 0.0]), P)
     assert state.x_r == pytest.approx([0.9, 0.0, 2.0])
 
 
 @given(places, units)
-def test_what_is_decided_stays_until_the_next_event(x_c, direction):
+def test_a_decision_leaves_the_event_as_it_was(x_c, direction):
     given_event = event(x_c, direction)
     before = dataclasses.asdict(given_event)
-    state = react(ReactionState(), given_event, P)
-    latched = dataclasses.asdict(state)
-    for age in (0.01, 0.5, 3.0, 0.02):
-        state = update_mocap_age(state, age, 0.25)
-    after = dataclasses.asdict(state)
-    for name in ("x_c", "n_r", "x_r", "since_s", "collisions", "state"):
-        assert np.array_equal(after[name], latched[name]), name
-    for name, value in before.items():  # nor is the event's own memory touched
+    decide(None, given_event, P)
+    for name, value in before.items():
         assert np.array_equal(getattr(given_event, name), value), name
 
 
 @given(st.floats(-1.0, 0.69), units)
 def test_x_r_is_not_put_below_the_floor(height, direction):
-    state = react(ReactionState(), event([1.0, 2.0, height], direction), P)
+    state = decide(None, event([1.0, 2.0, height], direction), P)
     assert state.x_r[2] == max(height + P.distance * state.n_r[2], P.height_min)
     assert state.x_r[:2] == pytest.approx((state.x_c + P.distance * state.n_r)[:2])
 
 
 def test_down_onto_something_it_goes_up_and_up_under_something_down():
-    down = react(ReactionState(), event([0, 0, 2.0], [0.1, 0.0, -np.sqrt(0.99)]), P)
+    down = decide(None, event([0, 0, 2.0], [0.1, 0.0, -np.sqrt(0.99)]), P)
     assert down.x_r[2] > 2.75
-    up = react(ReactionState(), event([0, 0, 2.0], [0.0, 0.0, 1.0]), P)
+    up = decide(None, event([0, 0, 2.0], [0.0, 0.0, 1.0]), P)
     assert up.x_r == pytest.approx([0.0, 0.0, 1.2])
 
 
-FIRST = react(ReactionState(), event([1.7, 0.0, 2.0], [1.0, 0.0, 0.0]), P)
+FIRST = decide(None, event([1.7, 0.0, 2.0], [1.0, 0.0, 0.0]), P)
 
 
 def test_a_second_collision_elsewhere_is_answered_like_the_first():
-    state = react(FIRST, event([0.9, 0.0, 2.0], [0.0, 1.0, 0.0], 30.0), P)
+    state = decide(FIRST, event([0.9, 0.0, 2.0], [0.0, 1.0, 0.0]), P)
     assert state.x_r == pytest.approx([0.9, -0.8, 2.0])
-    assert state.collisions == 2
-    assert state.since_s == 30.0
 
 
 @pytest.mark.parametrize("gap", [0.5, 0.8, 1.1])
 def test_between_two_obstacles_it_leaves_sideways(gap):
     """On the way back it hits another one: straight away from that is into the first."""
     x_c = np.array([1.7 - gap, 0.0, 2.0])
-    state = react(FIRST, event(x_c, [-1.0, 0.0, 0.0], 26.0), P)
+    state = decide(FIRST, event(x_c, [-1.0, 0.0, 0.0]), P)
     assert np.linalg.norm(state.x_r - x_c) == pytest.approx(P.distance)
     assert abs(state.n_r[0]) < 1e-9
     assert np.linalg.norm(state.x_r - FIRST.x_c) >= 0.5 * P.distance
@@ -118,31 +103,35 @@ def test_between_two_obstacles_it_leaves_sideways(gap):
 def test_in_a_corner_it_leaves_between_the_two_walls():
     """First a wall ahead, then one to the left, hit while close to the first."""
     x_c = np.array([1.5, 0.7, 2.0])
-    state = react(FIRST, event(x_c, [0.0, 1.0, 0.0], 26.0), P)
+    state = decide(FIRST, event(x_c, [0.0, 1.0, 0.0]), P)
     assert state.n_r == pytest.approx(np.array([-1.0, -1.0, 0.0]) / np.sqrt(2.0))
     assert np.linalg.norm(state.x_r - FIRST.x_c) > 0.5 * P.distance
 
 
 @given(places, units, units)
 def test_after_any_two_collisions_x_r_is_a_place_at_d_r(x_c, first, second):
-    one = react(ReactionState(), event(x_c, first), P)
+    one = decide(None, event(x_c, first), P)
     assume(np.linalg.norm(one.n_r) > 0.0)
     # the worst place for the second: straight away from it is where the first was
     there = one.x_c - P.distance * bounce_direction(second)
-    two = react(one, event(there, second, 30.0), P)
+    two = decide(one, event(there, second), P)
     assert np.linalg.norm(two.n_r) == pytest.approx(1.0)
     if (there + P.distance * two.n_r)[2] >= P.height_min:
         assert np.linalg.norm(two.x_r - there) == pytest.approx(P.distance)
 
 
-def test_mocap_lost_and_back():
-    lost = update_mocap_age(FIRST, 0.3, 0.25)
-    assert lost.state == BLIND
-    assert update_mocap_age(lost, 0.3, 0.25).state == BLIND
-    assert update_mocap_age(lost, 0.25, 0.25).state == REACTING
-    assert update_mocap_age(ReactionState(), 9.0, 0.25).state == IDLE
+def test_every_registered_reaction_has_a_name_and_bounded_parameters():
+    assert {"bounce", "none"} <= set(REGISTRY)
+    for name, kind in REGISTRY.items():
+        assert kind.name == name
+        validate(kind(), name)
+        decision = kind().decide(event([1.7, 0.0, 2.0], [1.0, 0.0, 0.0]), None)
+        assert decision is None or np.isfinite(decision.x_r).all()
 
 
-def test_a_collision_while_blind_is_answered():
-    lost = update_mocap_age(FIRST, 0.3, 0.25)
-    assert react(lost, event([0.5, 0.0, 2.0], [0.0, 1.0, 0.0]), P).state == REACTING
+def test_a_reaction_is_chosen_by_name_and_refuses_what_it_does_not_know():
+    assert reaction_from_mapping({"name": "bounce", "distance": 0.5}) == Bounce(distance=0.5)
+    assert reaction_from_mapping({"name": "none"}).name == "none"
+    for wrong in ({"name": "bouncy"}, {"distance": 1e9}, {"name": "none", "distance": 0.5}):
+        with pytest.raises(InputError):
+            reaction_from_mapping(wrong)

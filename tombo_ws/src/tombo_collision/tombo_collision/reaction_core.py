@@ -306,7 +306,7 @@ def _hold_at(out: Any, place: Array, yaw: float, phase: int) -> None:
 
 @compiled_call
 def _on_ground(phase: int) -> bool:
-    return phase == _GROUNDED or phase == _LANDED
+    return phase <= _GROUNDED or phase >= _LANDED
 
 
 @compiled_call

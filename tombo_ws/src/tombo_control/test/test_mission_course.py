@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tombo_collision.params import ReactionParams
+from tombo_collision.reactions.bounce import Bounce
 from tombo_control.autopilot import (
     APPROACH,
     HOLD,
@@ -101,7 +101,7 @@ class World:
 
 def test_the_defaults_are_those_of_the_vehicle_and_the_reaction():
     assert MissionLimits().ground_height == VehicleParams().leg_height
-    assert MissionLimits().escape_age == ReactionParams().timeout
+    assert MissionLimits().escape_age == Bounce().timeout
 
 
 def test_flies_the_plan_in_the_plan_s_own_time():

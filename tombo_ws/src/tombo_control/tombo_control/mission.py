@@ -218,7 +218,7 @@ def advance_mission(
     next_step_s = plan.approach_time + plan.step_period * state.steps
     if mode == APPROACH and plan.step_size > 0.0 and now_s >= next_step_s:
         return _next_step(state, plan, now_s)
-    if mode == REACT or mode == HOLD:
+    if REACT <= mode <= HOLD:
         return _settling(state, plan, now_s, position, velocity)
     return state
 

@@ -198,7 +198,8 @@ def mission_state(r: Any) -> MissionState:
 
 
 @compiled_call
-def _store(r: Any, state: MissionState) -> None:
+def store_state(r: Any, state: MissionState) -> None:
+    """Keep where the plan stands."""
     leg = state.leg
     for i in range(3):
         r.start[i] = leg.start[i]
@@ -274,9 +275,9 @@ def mission_step(r: Any, plan: Any, limits: Any, now_ns: int) -> bool:
         r.begun = True
         r.has_flown = r.estimate[0, 2] > limits.ground_height + _AIRBORNE
         if r.has_flown:
-            _store(r, initial_state_in_flight(r.estimate[0], limits.ground_height))
+            store_state(r, initial_state_in_flight(r.estimate[0], limits.ground_height))
         else:
-            _store(r, begin(r.estimate[0]))
+            store_state(r, begin(r.estimate[0]))
         passed = 0
     waited = r.wait_reason
     r.wait_reason = _reason_to_wait(r, limits, now_ns)
@@ -324,7 +325,7 @@ def _advance(r: Any, plan: Any, limits: Any, waited: int) -> None:
     if state.mode == IDLE:
         state = begin(here)
     if _is_on_ground(r, state, now):
-        _store(r, set_landed(state, now, here))
+        store_state(r, set_landed(state, now, here))
         return
     waiting = _is_planned(state.mode) and r.wait_reason != _GOES_ON
     off = _tracking_error(state, now, here)
@@ -342,7 +343,7 @@ def _advance(r: Any, plan: Any, limits: Any, waited: int) -> None:
     ready = r.started or state.mode != IDLE
     if (ready and not waiting) or late:
         state = advance_mission(state, plan, now, here, r.estimate[1])
-    _store(r, state)
+    store_state(r, state)
 
 
 @compiled_call

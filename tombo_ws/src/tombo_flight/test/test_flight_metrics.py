@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tombo_collision.detector import CollisionEvent
-from tombo_collision.reaction import ReactionState
+from tombo_collision.reactions import Decision
 from tombo_control.autopilot import (
     APPROACH,
     BLIND,
@@ -88,9 +88,7 @@ class Made:
         return self
 
     def reacted(self, x_r=X_R):
-        self.reactions.append(
-            ReactionState("reacting", x_r - [-0.8, 0.0, 0.0], np.array([-1.0, -0.0, -0.0]), x_r)
-        )
+        self.reactions.append(Decision(x_r - [-0.8, 0.0, 0.0], np.array([-1.0, -0.0, -0.0]), x_r))
         return self
 
     def figures(self):

@@ -1,19 +1,38 @@
-"""A flight with the fused kernel alone: no detector, no mission, hover or a short hop."""
+"""A flight with the fused kernel alone: all cores, hover or a short hop."""
 
 from dataclasses import dataclass, field
 from functools import cache
 
 import numpy as np
 
-from tombo_control.autopilot import HOVER, A, new_autopilot
-from tombo_control.params import ControlParams, EstimatorParams
+from tombo_collision.detector_core import DetectorCore
+from tombo_collision.params import DetectorParams, ReactionLimits
+from tombo_collision.reaction_core import ReactionCore
+from tombo_collision.reactions.bounce import Bounce
+from tombo_control.autopilot import HOVER, A, new_autopilot, restart_estimate
+from tombo_control.controller_core import ControllerCore
+from tombo_control.estimate import TICK_NS
+from tombo_control.estimator import store_history
+from tombo_control.estimator_core import EstimatorCore
+from tombo_control.leg import hold_leg
+from tombo_control.mission import MissionParams, MissionState
+from tombo_control.mission_core import MissionCore, MissionLimits, store_state
+from tombo_control.params import ControlParams, EstimatorParams, InputLimits
 from tombo_dynamics.effects.compose import pack_theta
 from tombo_dynamics.plant import new_plant, part
 from tombo_dynamics.propeller import configuration, thrust_map
 from tombo_dynamics.rigid_body import begin_flight
 from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
 from tombo_dynamics.vehicle import VehicleParams
-from tombo_sim.kernel import MOCAP_WIDTH, fly
+from tombo_sim.kernel import (
+    DETECTOR_STATUS,
+    EPOCH_NS,
+    FLIGHT,
+    MOCAP_WIDTH,
+    core_memories,
+    fly,
+    new_published,
+)
 from tombo_sim.log_columns import COLUMNS, LOG_WIDTH
 
 VEHICLE = VehicleParams()
@@ -70,6 +89,34 @@ def memories(effects, position=(0.0, 0.0, 1.5), yaw=0.2, obstacle=(0.0, 0.0, 0.0
     return m, a, theta
 
 
+def hovering_cores(m, a):
+    """Return memories and parameters of cores that hover where the plant is, told as `a` is."""
+    body = part(m, "body")
+    estimator = EstimatorCore(EstimatorParams(), VEHICLE)
+    restart_estimate(estimator.autopilot, body[:3], np.zeros(3), body[6:10])
+    store_history(estimator.autopilot, EPOCH_NS // TICK_NS)
+    estimator.autopilot[A.mode + 2] = EPOCH_NS * 1e-9
+    estimator.memory["running"] = True
+    estimator.memory["next_tick"] = EPOCH_NS // TICK_NS
+    mission = MissionCore(MissionParams(approach_time=3600.0, land_time=3600.0), MissionLimits())
+    target = part(a, "leg")
+    leg = hold_leg(tuple(target[:3].tolist()), 0.0, float(target[9]))
+    store_state(mission.memory, MissionState(HOVER, leg, (0.0, 0.0, 0.0)))
+    mission.memory["begun"] = True
+    controller = ControllerCore(ControlParams(), VEHICLE, InputLimits(), maps())
+    controller.autopilot[:] = a
+    controller.memory["has_setpoint"] = True
+    controller.memory["setpoint"]["phase"] = HOVER
+    controller.memory["setpoint"]["position"] = target[:3]
+    controller.memory["setpoint"]["yaw"] = target[9]
+    controller.memory["setpoint_ns"] = controller.memory["pose_ns"] = EPOCH_NS
+    controller.memory["estimate_ns"] = EPOCH_NS - 1
+    reaction = ReactionCore(Bounce(), ReactionLimits())
+    return core_memories(
+        estimator, DetectorCore(DetectorParams(trigger="none")), reaction, mission, controller
+    )
+
+
 def fly_kernel(effects=None, seconds=1.0, seed=0, chunk=10**9, block=10**9, tick_noise=None,
                mocap_noise=None, **where):  # fmt: skip
     """Fly; `chunk`: ticks that a call may fly, `block`: rows of noise that it is given."""
@@ -79,22 +126,22 @@ def fly_kernel(effects=None, seconds=1.0, seed=0, chunk=10**9, block=10**9, tick
     rng = np.random.default_rng(seed)
     drawn = rng.standard_normal((ticks, NOISE)) if tick_noise is None else tick_noise
     samples = captures.size
-    poses = rng.standard_normal((samples, NOISE)) if mocap_noise is None else mocap_noise
+    noise = rng.standard_normal((samples, NOISE)) if mocap_noise is None else mocap_noise
     mocap = np.zeros((samples, MOCAP_WIDTH))
     log = np.full((ticks, LOG_WIDTH), np.nan)
-    state = np.zeros(3, dtype=np.int64)
-    delivered = []
-    k = 0
-    while k < ticks:
+    poses = (captures, noise, mocap, np.zeros(3, dtype=np.int64))
+    cores, params = hovering_cores(m, a)
+    published = new_published(ticks, samples)
+    flight = np.zeros(1, FLIGHT)[0]
+    flight["end"] = ticks
+    while (k := flight["tick"]) < ticks:
         base = k - k % block
+        plant = (m, maps(), theta, drawn[base : base + block].copy())
         stop = min(k + chunk, base + block, ticks)
-        k, row = fly(
-            m, a, maps(), theta, drawn[base : base + block].copy(), poses, captures, mocap, state,
-            log, base, k, stop,
-        )  # fmt: skip
-        if row >= 0:
-            delivered.append((k - 1, row))
-    return Flight(log, mocap, delivered, m, a)
+        assert not fly(plant, poses, cores, params, published, flight, log, base, stop)
+    arrived = published.detector_status[: flight["published"][DETECTOR_STATUS]]
+    delivered = list(zip(arrived["tick"].tolist(), arrived["row"].tolist(), strict=True))
+    return Flight(log, mocap, delivered, m, cores[-1])
 
 
 NOISY = {

@@ -9,10 +9,10 @@ import pytest
 from vehicle_bench import Flight
 
 from tombo_collision.detector import CollisionDetector
-from tombo_collision.reaction import ReactionState, react
 from tombo_control import mission as plan
 from tombo_control.autopilot import LAND, LANDED
 from tombo_control.trapezoidal_profile import trapezoidal_profile
+from tombo_dynamics.messages import CollisionEvent
 from tombo_dynamics.plant import part
 from tombo_dynamics.rotation import tilt, yaw_pitch_roll
 from tombo_flight.flight import fly_scenario
@@ -46,19 +46,23 @@ def collide(seed: int) -> Collision:
     scenario = load_scenario("paper_collision")
     flight = Flight(seed, "paper_collision", vision=True)
     vehicle, simulator = flight.vehicle, flight.vehicle.simulator
-    detector, reaction = CollisionDetector(scenario.detector), ReactionState()
+    detector, decision = CollisionDetector(scenario.detector), None
     mission = plan.begin(simulator.setup.start)
+    flight_plan = plan.compiled_plan(scenario.mission)
     rows, touched = [], None
     while vehicle.tick < 1000 or vehicle.armed:
         now_s = vehicle.tick * 1e-3
         for sample in simulator.arrived:
             event = detector.update(sample.captured * 1e-3, sample.pose[:3], sample.pose[3:])
             if event is not None and mission.mode not in (LAND, LANDED):
-                reaction = react(reaction, event, scenario.reaction)
-                mission = plan.start_reaction(mission, reaction.x_r, now_s)
+                collision = CollisionEvent(
+                    sample.stamp_ns, "map", 2, 0, event.x_c, event.flight_direction, 1.0, 0.0, 1
+                )
+                decision = scenario.reaction.decide(collision, decision)
+                mission = plan.start_reaction(mission, decision.x_r, now_s)
             estimate = vehicle.estimate
             mission = plan.advance_mission(
-                mission, scenario.mission, now_s, estimate.position, estimate.velocity
+                mission, flight_plan, now_s, estimate.position, estimate.velocity
             )
         flight.target = None
         if vehicle.tick % 20 == 0:
@@ -72,8 +76,8 @@ def collide(seed: int) -> Collision:
         if touched is None and part(simulator.m, "contact")[0] > 0.0:
             touched = vehicle.tick
         assert vehicle.tick < 60_000
-    assert touched is not None and reaction.collisions >= 1
-    return measured(np.array(rows), touched, reaction.x_r, flight)
+    assert touched is not None and decision is not None
+    return measured(np.array(rows), touched, decision.x_r, flight)
 
 
 def measured(rows: Any, touched: int, x_r: Any, flight: Flight) -> Collision:
