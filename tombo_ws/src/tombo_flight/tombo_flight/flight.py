@@ -19,6 +19,7 @@ from tombo_collision.detector import TRIGGER_NAMES, CollisionEvent
 from tombo_collision.reaction_core import ReactionCore
 from tombo_collision.reactions import Decision
 from tombo_control.autopilot import PHASE_NAMES
+from tombo_control.mission_core import status_text
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.message_records import message_of
 from tombo_dynamics.messages import CollisionEvent as CollisionMessage
