@@ -35,8 +35,11 @@ from tombo_bag.columnar_cdr import layout
 from tombo_bag.flight_events import EventMessages, event_messages
 from tombo_bag.flight_time import EPOCH_NS, nanoseconds, split_stamps
 from tombo_bag.mcap_sink import Columns, McapSink
+from tombo_bag.message_codec import MessageCodec, records_of
 from tombo_bag.qos import EVENT, SENSOR, STATE, Qos
+from tombo_bag.topics import TOPICS
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.messages import Phase
 from tombo_dynamics.rotation import map_to_body
 
 FRAME_MAP = "map"
@@ -44,6 +47,10 @@ FRAME_BODY = "base_link"
 TICK_HZ = 1000
 UNKNOWN = -1.0
 """First element of a covariance in sensor_msgs: the quantity is not measured at all."""
+
+
+Published = tuple[NDArray[np.int64], Any]
+"""Ticks, and messages: structured (see `message_codec.records_of`), or a list of dataclasses."""
 
 
 class Flight(Protocol):
@@ -85,6 +92,11 @@ class Flight(Protocol):
         ...
 
     @property
+    def published(self) -> Mapping[str, Published]:
+        """What the cores published, by topic; what is missing follows from the log."""
+        ...
+
+    @property
     def scenario(self) -> Mapping[str, Any]:
         """The scenario as flown, with obstacle {x_m, y_m, radius_m, top_m}."""
         ...
@@ -108,10 +120,13 @@ def write_flight(sink: McapSink, record: Flight) -> None:
     writer.mocap()
     writer.imu()
     writer.rotor_command()
-    writer.odometry("/odometry", "est_position", "est_attitude", "est_velocity", "gyro", STATE)
+    for topic, (ticks, said) in record.published.items():
+        writer.published(topic, ticks, said)
+    if not record.published:
+        writer.odometry("/odometry", "est_position", "est_attitude", "est_velocity", "gyro", STATE)
+        writer.setpoint("/mission/setpoint", ("mission_setpoint", "position_setpoint"))
+        writer.setpoint("/setpoint", ("position_setpoint",))
     writer.rates_setpoint()
-    writer.setpoint("/mission/setpoint", ("mission_setpoint", "position_setpoint"))
-    writer.setpoint("/setpoint", ("position_setpoint",))
     writer.attitude_setpoint()
     writer.transform()
     writer.battery()
@@ -119,7 +134,8 @@ def write_flight(sink: McapSink, record: Flight) -> None:
     writer.rotors()
     writer.contact()
     for messages in event_messages(record.events, record.scenario, record.t, writer.mode()):
-        writer.events(messages)
+        if messages.topic not in record.published:
+            writer.events(messages)
     sink.write_columns(*writer.parts)
 
 
@@ -162,6 +178,26 @@ class _FlightWriter:
 
     def every(self, rate_hz: int) -> slice:
         return slice(0, None, TICK_HZ // rate_hz)
+
+    def runs(self, rate_hz: int) -> Any:
+        """Return the ticks in which a loop of the controller ran: the first of each slot."""
+        phases = self.mode()
+        if phases is None or not self.record.published:
+            return self.every(rate_hz)
+        flying = np.flatnonzero((phases != Phase.IDLE) & (phases != Phase.LANDED))
+        return flying[np.diff(flying // (TICK_HZ // rate_hz), prepend=-1) != 0]
+
+    def published(self, topic: str, ticks: NDArray[np.int64], messages: Any) -> None:
+        """Write what was published as it was."""
+        spec = TOPICS[topic]
+        if isinstance(messages, np.ndarray):
+            written: Any = records_of(spec.typename, messages)
+        else:
+            codec = MessageCodec(spec.typename)
+            written = [codec.encode(message) for message in messages]
+        times_ns = EPOCH_NS + ticks * (1_000_000_000 // TICK_HZ)
+        channel = self.sink.add_channel(topic, spec.typename, spec.qos)
+        self.parts.append(Columns(channel, times_ns, written))
 
     def mocap(self) -> None:
         arrival = np.asarray(self.record.mocap_arrival, np.float64)
@@ -237,7 +273,7 @@ class _FlightWriter:
         thrust = self.column("thrust_setpoint", 1)
         if rates is None:
             return
-        every = self.every(250)
+        every = self.runs(250)
         records = self.topic(
             "/rates_setpoint",
             "tombo_msgs/msg/RatesSetpoint",
@@ -276,7 +312,7 @@ class _FlightWriter:
         thrust = self.column("thrust_setpoint", 1)
         if attitude is None:
             return
-        every = self.every(50)
+        every = self.runs(50)
         records = self.topic(
             "/attitude_setpoint",
             "tombo_msgs/msg/AttitudeSetpoint",

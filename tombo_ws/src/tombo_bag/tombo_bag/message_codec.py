@@ -13,7 +13,9 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from tombo_bag.columnar_cdr import layout
 from tombo_bag.columns import ColumnTable
 from tombo_bag.message_template import Field, MessageTemplate
 from tombo_dynamics import messages as kinds
@@ -257,15 +259,9 @@ class MessageCodec:
         if shape is None:
             if len(self._written) >= _SHAPES:
                 self._written.clear()
-            nested: dict[str, Any] = dict(self._form.values)
             every = {**self._form.frames}
             every |= {path: text for (_, path), text in zip(self._texts, texts, strict=True)}
-            for path, text in every.items():
-                outer, _, inner = path.rpartition(".")
-                if outer:
-                    nested[outer] = {inner: text}
-                else:
-                    nested[inner] = text
+            nested = _nested(every, self._form.values)
             shape = _Shape(self._form, MessageTemplate(self.typename, nested))
             self._written[texts] = shape
         return shape.write(values)
@@ -276,6 +272,46 @@ def messages_of(typename: str, table: ColumnTable) -> list[Any]:
     columns = [_column(part, table) for part in form_of(typename).parts]
     kind = form_of(typename).kind
     return [kind(*values) for values in zip(*columns, strict=True)]
+
+
+def records_of(typename: str, table: NDArray[np.void]) -> NDArray[np.void]:
+    """Return messages as bytes, laid in by columns.
+
+    Args:
+        typename: of the messages.
+        table: (N,) structured, the fields of the dataclass by name; strings are left out, frames
+            are map or what the type has.
+    """
+    form = form_of(typename)
+    template = _nested({_FRAME.path: "map", **form.frames}, form.values)
+    records = layout(typename, template).records(len(table))
+    for part, one in zip(form.parts, fields(form.kind), strict=True):
+        if part.is_text:
+            continue
+        values = table[one.name]
+        if part.is_time:
+            records[f"{part.path}.sec"], records[f"{part.path}.nanosec"] = np.divmod(
+                values, _SECOND_NS
+            )
+        elif part.count == 1 or not part.path.endswith(".x"):
+            records[part.path] = values
+        else:
+            base = part.path.removesuffix("x")
+            for i, axis in enumerate("xyzw"[: part.count]):
+                records[f"{base}{axis}"] = values[:, i]
+    return records
+
+
+def _nested(texts: Mapping[str, str], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a template with strings at their paths."""
+    nested: dict[str, Any] = dict(values)
+    for path, text in texts.items():
+        outer, _, inner = path.rpartition(".")
+        if outer:
+            nested[outer] = {inner: text}
+        else:
+            nested[inner] = text
+    return nested
 
 
 def _column(part: _Part, table: ColumnTable) -> list[Any]:

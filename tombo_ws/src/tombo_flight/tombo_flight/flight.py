@@ -19,9 +19,11 @@ from tombo_collision.detector import TRIGGER_NAMES, CollisionEvent
 from tombo_collision.reaction_core import ReactionCore
 from tombo_collision.reactions import Decision
 from tombo_control.autopilot import PHASE_NAMES
+from tombo_control.mission_core import status_text
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.message_records import message_of
 from tombo_dynamics.messages import CollisionEvent as CollisionMessage
+from tombo_dynamics.messages import MissionStatus
 from tombo_dynamics.plant import P
 from tombo_flight.flight_metrics import (
     MetricsInput,
@@ -51,6 +53,16 @@ from tombo_sim.log_columns import COLUMNS, LOG_WIDTH
 
 Array = NDArray[np.float64]
 
+_TOPICS = {
+    "odometry": "/odometry",
+    "estimator_status": "/estimator/status",
+    "detector_status": "/detector/status",
+    "event": "/collision_event",
+    "reaction_status": "/reaction/status",
+    "setpoint": "/setpoint",
+    "mission_setpoint": "/mission/setpoint",
+}
+"""Tables of `Published` → topics; `/mission/status` has a text besides."""
 _BLOCK = 8192
 _CHUNK = 2048
 """Ticks between two looks at `stop`."""
@@ -203,8 +215,23 @@ def _record(
         events=sorted(events + seen, key=lambda e: float(e["time_s"])),
         scenario=flown,
         summary=summary,
-        published=published,
+        published=_by_topic(published),
     )
+
+
+def _by_topic(published: dict[str, Any]) -> dict[str, Any]:
+    """Return what was published by topic: ticks and messages."""
+    found = {
+        topic: (published[name]["tick"], published[name]["message"])
+        for name, topic in _TOPICS.items()
+    }
+    status = published["mission_status"]
+    texts = [status_text(int(one["message"]["phase"]), int(one["wait_reason"])) for one in status]
+    messages = [
+        message_of(MissionStatus, one["message"], text=text)
+        for one, text in zip(status, texts, strict=True)
+    ]
+    return {**found, "/mission/status": (status["tick"], messages)}
 
 
 def _seconds(stamp_ns: Any) -> float:

@@ -35,4 +35,4 @@ class FlightRecord:
     epoch_ns: int = 0
     """Of a recording: stamp of the tick at t = 0."""
     published: dict[str, Any] = field(default_factory=dict)
-    """Of a headless flight: what the cores published, `tombo_sim.kernel.Published` by name."""
+    """Of a headless flight: topic → ticks and messages of the cores."""
