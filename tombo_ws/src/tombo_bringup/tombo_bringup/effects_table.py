@@ -27,8 +27,9 @@ _HEAD = """\
 
 Deviations from the nominal model. The simulation can switch them on, the diagnosis can fit them.
 Switch one on in a scenario (`effects: {steady_wind: {east: 2.0}}`) or by
-`--set effects.steady_wind.east=2`. A parameter that is not given has its *null*
-value; with all of its parameters at null an effect adds exactly nothing. *Typical* is a size that clearly matters in flight.
+`--set effects.steady_wind.east=2`. A parameter that is not given has its *null* value; with all of
+its parameters at null an effect adds exactly nothing. *Typical* is a size that clearly matters in
+flight.
 
 `blade_strike`, `propeller_wear` and `thrust_scatter` are filled in from the chosen propeller's
 measured figures (Table III of the paper), unless the scenario says otherwise.
