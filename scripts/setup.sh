@@ -40,7 +40,7 @@ workspace_key() {
 kernels_key() {
   {
     requirements_key
-    find "$SRC"/tombo_{dynamics,control,sim} -name '*.py' ! -name '*_node.py' -print0 2>/dev/null | sort -z | xargs -0 cat
+    find "$SRC"/tombo_{dynamics,control,collision,sim} -name '*.py' ! -name '*_node.py' -print0 2>/dev/null | sort -z | xargs -0 cat
   } | key || true
 }
 holds() { [ "$(cat "$KEYS/$1" 2>/dev/null)" = "$2" ]; }
