@@ -10,6 +10,8 @@ of the motion capture: its capture); the log time is the time at which it was kn
 | /imu/data_raw | sensor_msgs/Imu | 1 kHz |
 | /rotor_command | tombo_msgs/RotorSpeeds | 1 kHz |
 | /odometry | nav_msgs/Odometry (estimate) | 250 Hz |
+| /estimator/status | tombo_msgs/EstimatorStatus | 50 Hz |
+| /detector/status | tombo_msgs/DetectorStatus | each pose |
 | /rates_setpoint | tombo_msgs/RatesSetpoint | 250 Hz |
 | /mission/setpoint, /setpoint | tombo_msgs/PositionSetpoint | 50 Hz |
 | /attitude_setpoint | tombo_msgs/AttitudeSetpoint | 50 Hz |
@@ -35,7 +37,9 @@ from tombo_bag.columnar_cdr import layout
 from tombo_bag.flight_events import EventMessages, event_messages
 from tombo_bag.flight_time import EPOCH_NS, nanoseconds, split_stamps
 from tombo_bag.mcap_sink import Columns, McapSink
+from tombo_bag.message_codec import MessageCodec, records_of
 from tombo_bag.qos import EVENT, SENSOR, STATE, Qos
+from tombo_bag.topics import TOPICS
 
 Array = NDArray[np.float64]
 
@@ -108,18 +112,23 @@ def write_flight(sink: McapSink, record: Flight) -> None:
     writer.mocap()
     writer.imu()
     writer.rotor_command()
-    writer.odometry("/odometry", "est_position", "est_attitude", "est_velocity", "gyro", STATE)
+    published: Mapping[str, tuple[Any, Any]] = getattr(record, "published", {})
+    for topic, (ticks, messages) in published.items():
+        writer.published(topic, ticks, messages)
     writer.rates_setpoint()
-    writer.setpoint("/mission/setpoint", ("mission_setpoint", "position_setpoint"))
-    writer.setpoint("/setpoint", ("position_setpoint",))
     writer.attitude_setpoint()
+    if not published:
+        writer.odometry("/odometry", "est_position", "est_attitude", "est_velocity", "gyro", STATE)
+        writer.setpoint("/mission/setpoint", ("mission_setpoint", "position_setpoint"))
+        writer.setpoint("/setpoint", ("position_setpoint",))
     writer.transform()
     writer.battery()
     writer.odometry("/ground_truth/odometry", "position", "attitude", "velocity", "rates", SENSOR)
     writer.rotors()
     writer.contact()
     for messages in event_messages(record.events, record.scenario, record.t, writer.mode()):
-        writer.events(messages)
+        if messages.topic not in published:
+            writer.events(messages)
     sink.write_columns(*writer.parts)
 
 
@@ -162,6 +171,25 @@ class _FlightWriter:
 
     def every(self, rate_hz: int) -> slice:
         return slice(0, None, TICK_HZ // rate_hz)
+
+    def published(self, topic: str, ticks: NDArray[np.int64], messages: Any) -> None:
+        """Write what a core has published: a table, or messages with texts as dataclasses."""
+        spec = TOPICS[topic]
+        if isinstance(messages, list):
+            codec = MessageCodec(spec.typename)
+            records: Any = [codec.encode(message) for message in messages]
+        else:
+            records = records_of(spec.typename, messages)
+        channel = self.sink.add_channel(topic, spec.typename, spec.qos)
+        times_ns = EPOCH_NS + np.asarray(ticks, np.int64) * (1_000_000_000 // TICK_HZ)
+        self.parts.append(Columns(channel, times_ns, records))
+
+    def ran(self, loop: int, rate_hz: int) -> Any:
+        """Return the ticks in which a loop ran: 1 attitude, 2 position; else its rate."""
+        loops = self.column("loops", 1)
+        if loops is None:
+            return self.every(rate_hz)
+        return np.flatnonzero(loops[:, 0] == 3.0 if loop == 2 else loops[:, 0] > 0.0)
 
     def mocap(self) -> None:
         arrival = np.asarray(self.record.mocap_arrival, np.float64)
@@ -237,7 +265,7 @@ class _FlightWriter:
         thrust = self.column("thrust_setpoint", 1)
         if rates is None:
             return
-        every = self.every(250)
+        every = self.ran(1, 250)
         records = self.topic(
             "/rates_setpoint",
             "tombo_msgs/msg/RatesSetpoint",
@@ -276,7 +304,7 @@ class _FlightWriter:
         thrust = self.column("thrust_setpoint", 1)
         if attitude is None:
             return
-        every = self.every(50)
+        every = self.ran(2, 50)
         records = self.topic(
             "/attitude_setpoint",
             "tombo_msgs/msg/AttitudeSetpoint",
@@ -291,7 +319,8 @@ class _FlightWriter:
         position, attitude = self.column("est_position", 3), self.column("est_attitude", 4)
         if position is None or attitude is None:
             return
-        every = self.every(50)
+        ticks = np.arange(len(position))[self.every(50)]
+        every = ticks[np.isfinite(position[ticks, 0])]
         one = {"header": {"frame_id": FRAME_MAP}, "child_frame_id": FRAME_BODY}
         records = self.topic(
             "/tf",

@@ -13,7 +13,9 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from tombo_bag.columnar_cdr import layout
 from tombo_bag.columns import ColumnTable
 from tombo_bag.message_template import Field, MessageTemplate
 from tombo_dynamics import messages as kinds
@@ -289,3 +291,33 @@ def _column(part: _Part, table: ColumnTable) -> list[Any]:
     base = part.path.removesuffix("x")
     axes = [table[f"{base}{axis}"].astype(np.float64) for axis in "xyzw"[: part.count]]
     return list(np.stack(axes, axis=1))
+
+
+def records_of(typename: str, table: Any) -> NDArray[np.void]:
+    """Return the messages of a table, a column for each field of the dataclass, as records.
+
+    All are of the frames that the dataclass is in, or of `map`; `Columns` takes them.
+    """
+    form = form_of(typename)
+    nested: dict[str, Any] = dict(form.values)
+    for path, frame in {**form.frames, **{p.path: "map" for p in form.parts if p.is_text}}.items():
+        outer, _, inner = path.rpartition(".")
+        if outer:
+            nested[outer] = {inner: frame}
+        else:
+            nested[inner] = frame
+    records = layout(typename, nested).records(len(table))
+    for part, name in zip(form.parts, (one.name for one in fields(form.kind)), strict=True):
+        if part.is_text:
+            continue
+        values = table[name]
+        if part.is_time:
+            records[f"{part.path}.sec"], records[f"{part.path}.nanosec"] = np.divmod(
+                np.maximum(values, 0), _SECOND_NS
+            )
+        elif part.path.endswith(".x"):
+            for i, axis in enumerate("xyzw"[: part.count]):
+                records[f"{part.path.removesuffix('x')}{axis}"] = values[:, i]
+        else:
+            records[part.path] = values
+    return records

@@ -19,9 +19,11 @@ from tombo_collision.detector import TRIGGER_NAMES, CollisionEvent
 from tombo_collision.reaction_core import ReactionCore
 from tombo_collision.reactions import Decision
 from tombo_control.autopilot import PHASE_NAMES
+from tombo_control.mission_core import status_text
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.message_records import message_of
 from tombo_dynamics.messages import CollisionEvent as CollisionMessage
+from tombo_dynamics.messages import MissionStatus
 from tombo_dynamics.plant import P
 from tombo_flight.flight_metrics import (
     MetricsInput,
@@ -203,8 +205,35 @@ def _record(
         events=sorted(events + seen, key=lambda e: float(e["time_s"])),
         scenario=flown,
         summary=summary,
-        published=published,
+        published=_topics(published),
     )
+
+
+def _topics(published: dict[str, Any]) -> dict[str, Any]:
+    """Return what the cores published by topic: ticks, and messages as a table or a list."""
+    named = {
+        "/odometry": "odometry",
+        "/estimator/status": "estimator_status",
+        "/detector/status": "detector_status",
+        "/collision_event": "event",
+        "/reaction/status": "reaction_status",
+        "/setpoint": "setpoint",
+        "/mission/setpoint": "mission_setpoint",
+    }
+    topics = {
+        topic: (published[name]["tick"], published[name]["message"])
+        for topic, name in named.items()
+    }
+    status = published["mission_status"]
+    texts = [
+        MissionStatus(
+            int(entry["message"]["stamp_ns"]),
+            int(entry["message"]["phase"]),
+            status_text(int(entry["message"]["phase"]), int(entry["wait_reason"])),
+        )
+        for entry in status
+    ]
+    return {**topics, "/mission/status": (status["tick"], texts)}
 
 
 def _seconds(stamp_ns: Any) -> float:
