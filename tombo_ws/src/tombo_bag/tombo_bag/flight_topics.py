@@ -10,8 +10,6 @@ of the motion capture: its capture); the log time is the time at which it was kn
 | /imu/data_raw | sensor_msgs/Imu | 1 kHz |
 | /rotor_command | tombo_msgs/RotorSpeeds | 1 kHz |
 | /odometry | nav_msgs/Odometry (estimate) | 250 Hz |
-| /estimator/status | tombo_msgs/EstimatorStatus | 50 Hz |
-| /detector/status | tombo_msgs/DetectorStatus | each pose |
 | /rates_setpoint | tombo_msgs/RatesSetpoint | 250 Hz |
 | /mission/setpoint, /setpoint | tombo_msgs/PositionSetpoint | 50 Hz |
 | /attitude_setpoint | tombo_msgs/AttitudeSetpoint | 50 Hz |
@@ -40,6 +38,7 @@ from tombo_bag.mcap_sink import Columns, McapSink
 from tombo_bag.message_codec import MessageCodec, records_of
 from tombo_bag.qos import EVENT, SENSOR, STATE, Qos
 from tombo_bag.topics import TOPICS
+from tombo_dynamics.messages import Phase
 
 Array = NDArray[np.float64]
 
@@ -48,6 +47,10 @@ FRAME_BODY = "base_link"
 TICK_HZ = 1000
 UNKNOWN = -1.0
 """First element of a covariance in sensor_msgs: the quantity is not measured at all."""
+
+
+Published = tuple[NDArray[np.int64], Any]
+"""Ticks, and messages: structured (see `message_codec.records_of`), or a list of dataclasses."""
 
 
 class Flight(Protocol):
@@ -89,6 +92,11 @@ class Flight(Protocol):
         ...
 
     @property
+    def published(self) -> Mapping[str, Published]:
+        """What the cores published, by topic; what is missing follows from the log."""
+        ...
+
+    @property
     def scenario(self) -> Mapping[str, Any]:
         """The scenario as flown, with obstacle {x_m, y_m, radius_m, top_m}."""
         ...
@@ -112,22 +120,21 @@ def write_flight(sink: McapSink, record: Flight) -> None:
     writer.mocap()
     writer.imu()
     writer.rotor_command()
-    published: Mapping[str, tuple[Any, Any]] = getattr(record, "published", {})
-    for topic, (ticks, messages) in published.items():
-        writer.published(topic, ticks, messages)
-    writer.rates_setpoint()
-    writer.attitude_setpoint()
-    if not published:
+    for topic, (ticks, said) in record.published.items():
+        writer.published(topic, ticks, said)
+    if not record.published:
         writer.odometry("/odometry", "est_position", "est_attitude", "est_velocity", "gyro", STATE)
         writer.setpoint("/mission/setpoint", ("mission_setpoint", "position_setpoint"))
         writer.setpoint("/setpoint", ("position_setpoint",))
+    writer.rates_setpoint()
+    writer.attitude_setpoint()
     writer.transform()
     writer.battery()
     writer.odometry("/ground_truth/odometry", "position", "attitude", "velocity", "rates", SENSOR)
     writer.rotors()
     writer.contact()
     for messages in event_messages(record.events, record.scenario, record.t, writer.mode()):
-        if messages.topic not in published:
+        if messages.topic not in record.published:
             writer.events(messages)
     sink.write_columns(*writer.parts)
 
@@ -172,24 +179,25 @@ class _FlightWriter:
     def every(self, rate_hz: int) -> slice:
         return slice(0, None, TICK_HZ // rate_hz)
 
-    def published(self, topic: str, ticks: NDArray[np.int64], messages: Any) -> None:
-        """Write what a core has published: a table, or messages with texts as dataclasses."""
-        spec = TOPICS[topic]
-        if isinstance(messages, list):
-            codec = MessageCodec(spec.typename)
-            records: Any = [codec.encode(message) for message in messages]
-        else:
-            records = records_of(spec.typename, messages)
-        channel = self.sink.add_channel(topic, spec.typename, spec.qos)
-        times_ns = EPOCH_NS + np.asarray(ticks, np.int64) * (1_000_000_000 // TICK_HZ)
-        self.parts.append(Columns(channel, times_ns, records))
-
-    def ran(self, loop: int, rate_hz: int) -> Any:
-        """Return the ticks in which a loop ran: 1 attitude, 2 position; else its rate."""
-        loops = self.column("loops", 1)
-        if loops is None:
+    def runs(self, rate_hz: int) -> Any:
+        """Return the ticks in which a loop of the controller ran: the first of each slot."""
+        phases = self.mode()
+        if phases is None or not self.record.published:
             return self.every(rate_hz)
-        return np.flatnonzero(loops[:, 0] == 3.0 if loop == 2 else loops[:, 0] > 0.0)
+        flying = np.flatnonzero((phases != Phase.IDLE) & (phases != Phase.LANDED))
+        return flying[np.diff(flying // (TICK_HZ // rate_hz), prepend=-1) != 0]
+
+    def published(self, topic: str, ticks: NDArray[np.int64], messages: Any) -> None:
+        """Write what was published as it was."""
+        spec = TOPICS[topic]
+        if isinstance(messages, np.ndarray):
+            written: Any = records_of(spec.typename, messages)
+        else:
+            codec = MessageCodec(spec.typename)
+            written = [codec.encode(message) for message in messages]
+        times_ns = EPOCH_NS + ticks * (1_000_000_000 // TICK_HZ)
+        channel = self.sink.add_channel(topic, spec.typename, spec.qos)
+        self.parts.append(Columns(channel, times_ns, written))
 
     def mocap(self) -> None:
         arrival = np.asarray(self.record.mocap_arrival, np.float64)
@@ -265,7 +273,7 @@ class _FlightWriter:
         thrust = self.column("thrust_setpoint", 1)
         if rates is None:
             return
-        every = self.ran(1, 250)
+        every = self.runs(250)
         records = self.topic(
             "/rates_setpoint",
             "tombo_msgs/msg/RatesSetpoint",
@@ -304,7 +312,7 @@ class _FlightWriter:
         thrust = self.column("thrust_setpoint", 1)
         if attitude is None:
             return
-        every = self.ran(2, 50)
+        every = self.runs(50)
         records = self.topic(
             "/attitude_setpoint",
             "tombo_msgs/msg/AttitudeSetpoint",
@@ -319,8 +327,7 @@ class _FlightWriter:
         position, attitude = self.column("est_position", 3), self.column("est_attitude", 4)
         if position is None or attitude is None:
             return
-        ticks = np.arange(len(position))[self.every(50)]
-        every = ticks[np.isfinite(position[ticks, 0])]
+        every = self.every(50)
         one = {"header": {"frame_id": FRAME_MAP}, "child_frame_id": FRAME_BODY}
         records = self.topic(
             "/tf",

@@ -259,15 +259,9 @@ class MessageCodec:
         if shape is None:
             if len(self._written) >= _SHAPES:
                 self._written.clear()
-            nested: dict[str, Any] = dict(self._form.values)
             every = {**self._form.frames}
             every |= {path: text for (_, path), text in zip(self._texts, texts, strict=True)}
-            for path, text in every.items():
-                outer, _, inner = path.rpartition(".")
-                if outer:
-                    nested[outer] = {inner: text}
-                else:
-                    nested[inner] = text
+            nested = _nested(every, self._form.values)
             shape = _Shape(self._form, MessageTemplate(self.typename, nested))
             self._written[texts] = shape
         return shape.write(values)
@@ -278,6 +272,46 @@ def messages_of(typename: str, table: ColumnTable) -> list[Any]:
     columns = [_column(part, table) for part in form_of(typename).parts]
     kind = form_of(typename).kind
     return [kind(*values) for values in zip(*columns, strict=True)]
+
+
+def records_of(typename: str, table: NDArray[np.void]) -> NDArray[np.void]:
+    """Return messages as bytes, laid in by columns.
+
+    Args:
+        typename: of the messages.
+        table: (N,) structured, the fields of the dataclass by name; strings are left out, frames
+            are map or what the type has.
+    """
+    form = form_of(typename)
+    template = _nested({_FRAME.path: "map", **form.frames}, form.values)
+    records = layout(typename, template).records(len(table))
+    for part, one in zip(form.parts, fields(form.kind), strict=True):
+        if part.is_text:
+            continue
+        values = table[one.name]
+        if part.is_time:
+            records[f"{part.path}.sec"], records[f"{part.path}.nanosec"] = np.divmod(
+                values, _SECOND_NS
+            )
+        elif part.count == 1 or not part.path.endswith(".x"):
+            records[part.path] = values
+        else:
+            base = part.path.removesuffix("x")
+            for i, axis in enumerate("xyzw"[: part.count]):
+                records[f"{base}{axis}"] = values[:, i]
+    return records
+
+
+def _nested(texts: Mapping[str, str], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a template with strings at their paths."""
+    nested: dict[str, Any] = dict(values)
+    for path, text in texts.items():
+        outer, _, inner = path.rpartition(".")
+        if outer:
+            nested[outer] = {inner: text}
+        else:
+            nested[inner] = text
+    return nested
 
 
 def _column(part: _Part, table: ColumnTable) -> list[Any]:
@@ -291,33 +325,3 @@ def _column(part: _Part, table: ColumnTable) -> list[Any]:
     base = part.path.removesuffix("x")
     axes = [table[f"{base}{axis}"].astype(np.float64) for axis in "xyzw"[: part.count]]
     return list(np.stack(axes, axis=1))
-
-
-def records_of(typename: str, table: Any) -> NDArray[np.void]:
-    """Return the messages of a table, a column for each field of the dataclass, as records.
-
-    All are of the frames that the dataclass is in, or of `map`; `Columns` takes them.
-    """
-    form = form_of(typename)
-    nested: dict[str, Any] = dict(form.values)
-    for path, frame in {**form.frames, **{p.path: "map" for p in form.parts if p.is_text}}.items():
-        outer, _, inner = path.rpartition(".")
-        if outer:
-            nested[outer] = {inner: frame}
-        else:
-            nested[inner] = frame
-    records = layout(typename, nested).records(len(table))
-    for part, name in zip(form.parts, (one.name for one in fields(form.kind)), strict=True):
-        if part.is_text:
-            continue
-        values = table[name]
-        if part.is_time:
-            records[f"{part.path}.sec"], records[f"{part.path}.nanosec"] = np.divmod(
-                np.maximum(values, 0), _SECOND_NS
-            )
-        elif part.path.endswith(".x"):
-            for i, axis in enumerate("xyzw"[: part.count]):
-                records[f"{part.path.removesuffix('x')}{axis}"] = values[:, i]
-        else:
-            records[part.path] = values
-    return records

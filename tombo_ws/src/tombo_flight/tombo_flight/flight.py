@@ -53,6 +53,16 @@ from tombo_sim.log_columns import COLUMNS, LOG_WIDTH
 
 Array = NDArray[np.float64]
 
+_TOPICS = {
+    "odometry": "/odometry",
+    "estimator_status": "/estimator/status",
+    "detector_status": "/detector/status",
+    "event": "/collision_event",
+    "reaction_status": "/reaction/status",
+    "setpoint": "/setpoint",
+    "mission_setpoint": "/mission/setpoint",
+}
+"""Tables of `Published` → topics; `/mission/status` has a text besides."""
 _BLOCK = 8192
 _CHUNK = 2048
 """Ticks between two looks at `stop`."""
@@ -205,35 +215,23 @@ def _record(
         events=sorted(events + seen, key=lambda e: float(e["time_s"])),
         scenario=flown,
         summary=summary,
-        published=_topics(published),
+        published=_by_topic(published),
     )
 
 
-def _topics(published: dict[str, Any]) -> dict[str, Any]:
-    """Return what the cores published by topic: ticks, and messages as a table or a list."""
-    named = {
-        "/odometry": "odometry",
-        "/estimator/status": "estimator_status",
-        "/detector/status": "detector_status",
-        "/collision_event": "event",
-        "/reaction/status": "reaction_status",
-        "/setpoint": "setpoint",
-        "/mission/setpoint": "mission_setpoint",
-    }
-    topics = {
+def _by_topic(published: dict[str, Any]) -> dict[str, Any]:
+    """Return what was published by topic: ticks and messages."""
+    found = {
         topic: (published[name]["tick"], published[name]["message"])
-        for topic, name in named.items()
+        for name, topic in _TOPICS.items()
     }
     status = published["mission_status"]
-    texts = [
-        MissionStatus(
-            int(entry["message"]["stamp_ns"]),
-            int(entry["message"]["phase"]),
-            status_text(int(entry["message"]["phase"]), int(entry["wait_reason"])),
-        )
-        for entry in status
+    texts = [status_text(int(one["message"]["phase"]), int(one["wait_reason"])) for one in status]
+    messages = [
+        message_of(MissionStatus, one["message"], text=text)
+        for one, text in zip(status, texts, strict=True)
     ]
-    return {**topics, "/mission/status": (status["tick"], texts)}
+    return {**found, "/mission/status": (status["tick"], messages)}
 
 
 def _seconds(stamp_ns: Any) -> float:

@@ -38,5 +38,4 @@ class FlightRecord:
     epoch_ns: int = 0
     """Of a recording: stamp of the tick at t = 0."""
     published: dict[str, Any] = field(default_factory=dict)
-    """Of a headless flight: what the cores published, topic -> ticks, and the messages as a table
-    with their fields or, where there is a text, as a list."""
+    """Of a headless flight: topic → ticks and messages of the cores."""
