@@ -8,16 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from lockstep_bench import EPOCH_NS, Lockstep, calm, hover_at, hovering
 from tombo_control.autopilot import HOVER, IDLE
 from tombo_control.estimate import TICK_NS
 from tombo_control.estimator_core import EstimatorCore
 from tombo_control.params import EstimatorParams
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY, VehicleParams
 
-Array = NDArray[np.float64]
 _LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 _MOCAP_TICKS = 33
 
