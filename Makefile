@@ -1,8 +1,10 @@
 # make fly      fly the paper's collision experiment (ARGS='hover --seed 3' for another flight)
+# make check    lint and the fast tests, in parallel: a minute
 # make test     lint, then every test (PYTEST_ARGS='-k propeller' for some)
 # make lint     ruff and mypy
 # make format   lay the sources out as `make lint` wants them
 # make bench    measure the speed on this machine
+# make docs     regenerate pictures, tables and figures of the documentation (ARGS=campaign for one)
 # make setup    only make .venv; every other target does it first when needed
 # make clean    remove .venv, builds and caches; flights in runs/ stay
 
@@ -12,11 +14,13 @@ SETUP := @./scripts/setup.sh
 # A sourced ROS or another environment must not leak into .venv.
 unexport PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
 unexport LD_LIBRARY_PATH VIRTUAL_ENV _ROS_WHEELS_BOOTSTRAP_COMPLETE
+# Compiled once, not in every process of every run.
+unexport PYTHONDONTWRITEBYTECODE
 # What the tests say over DDS stays on this machine.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 .DEFAULT_GOAL := help
-.PHONY: help setup fly test lint format bench clean
+.PHONY: help setup fly check test lint format bench docs clean
 
 help:
 	@sed -n 's/^# make /make /p' Makefile
@@ -29,9 +33,20 @@ fly:
 	$(SETUP)
 	@$(BIN)/tombo fly $(ARGS)
 
+PYTEST := $(BIN)/python -m pytest --durations=10 $(PYTEST_ARGS)
+PARALLEL := -n auto --dist loadfile --no-loadscope-reorder
+
+check: lint
+	$(SETUP)
+	$(PYTEST) $(PARALLEL) -m "not slow and not alone"
+
+# Both parts run, whatever the first says; 5: PYTEST_ARGS leave no test in that part.
 test: lint
 	$(SETUP)
-	$(BIN)/python -m pytest $(PYTEST_ARGS)
+	@parallel=0; alone=0; \
+	$(PYTEST) $(PARALLEL) -m "not alone" || parallel=$$?; \
+	$(PYTEST) -m alone || alone=$$?; \
+	case "$$parallel $$alone" in "0 0" | "0 5" | "5 0") ;; *) exit 1 ;; esac
 
 lint:
 	$(SETUP) --no-kernels
@@ -47,6 +62,10 @@ format:
 bench:
 	$(SETUP)
 	@$(BIN)/python -m tombo_bringup.bench $(ARGS)
+
+docs:
+	$(SETUP)
+	@$(BIN)/python -m tombo_bringup.docs $(ARGS)
 
 clean:
 	rm -rf .venv build install log .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -21,8 +21,8 @@ from typing import Any
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller import (
     LAWS,
     SPEED_LIMIT,
@@ -34,8 +34,6 @@ from tombo_dynamics.propeller import (
 from tombo_dynamics.propeller.blade import drag_coefficient, lift_coefficient, shape
 from tombo_dynamics.propeller.laws.equilibrium import newton
 from tombo_dynamics.propeller.laws.parameters import unpack
-
-Array = NDArray[np.float64]
 
 RANGES: dict[str, tuple[float, float]] = {
     "matrix_modulus_MPa": (0.08, 2.0),  # Table I: 0.115 to 0.589

@@ -13,7 +13,7 @@ set -euo pipefail
 
 readonly ROOT="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)"
 readonly VENV="$ROOT/.venv" KEYS="$ROOT/.venv/.tombo" BUILD="$ROOT/build" SRC="$ROOT/tombo_ws/src"
-readonly OLDEST=10 NEWEST=13 CMAKE_NEEDED=3.21
+readonly OLDEST=11 NEWEST=13 CMAKE_NEEDED=3.21
 
 kernels=yes
 [ "${1:-}" = --no-kernels ] && kernels=no
@@ -76,7 +76,7 @@ choose_python() {
     python="$PYTHON"
     return
   fi
-  for candidate in python3 python3.13 python3.12 python3.11 python3.10; do
+  for candidate in python3 python3.13 python3.12 python3.11; do
     version="$(python_version "$candidate")" || continue
     if supported "$version"; then
       python="$candidate"

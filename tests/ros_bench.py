@@ -39,7 +39,7 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> int:
     return number
 
 
-def _die_with_the_test() -> None:
+def die_with_the_test() -> None:
     """Let the kernel kill the node should the test itself be killed (PR_SET_PDEATHSIG)."""
     ctypes.CDLL(None).prctl(1, signal.SIGKILL, 0, 0, 0)
 
@@ -57,7 +57,7 @@ class NodeProcess:
             stderr=subprocess.STDOUT,
             stdin=subprocess.DEVNULL,
             start_new_session=True,
-            preexec_fn=_die_with_the_test,
+            preexec_fn=die_with_the_test,
         )
 
     @property

@@ -19,10 +19,11 @@ def heard(world, spec, condition=lambda message: True, since=0, meanwhile=None, 
     raise AssertionError(f"no such message on {spec.name}")
 
 
-def told(world, node, fault, since=0, meanwhile=None):
-    """Return the text in which a node reports a fault."""
+def told(world, node, fault, since=0, meanwhile=None, text=""):
+    """Return the first report of a node, from the `since`th on, with a fault and a text."""
 
     def texts(report):
-        return [s.message for s in report.status if s.name == node and f"{fault}:" in s.message]
+        said = [s.message for s in report.status if s.name == node]
+        return [s for s in said if f"{fault}:" in s and text in s]
 
     return texts(heard(world, DIAGNOSTICS, texts, since, meanwhile))[0]

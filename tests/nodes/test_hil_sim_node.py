@@ -17,7 +17,8 @@ from tombo_bag.topics import IMU, MOCAP_POSE, TRUE_ODOMETRY
 from tombo_ros.conversion import to_ns
 
 NODE = "tombo_px4.hil_sim_node"
-PEER = Path(__file__).parents[1] / "tombo_sim" / "px4" / "hil_peer.py"
+SRC = Path(__file__).parents[2] / "tombo_ws" / "src"
+PEER = SRC / "tombo_px4" / "test" / "autopilot" / "hil_peer.py"
 _COMPILES_S = 120.0
 MS = 1_000_000
 
@@ -86,7 +87,7 @@ def test_what_it_can_not_do_it_refuses_in_a_line(start, port, arguments, complai
 def test_a_port_that_is_taken_is_refused(start):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
-        taken.subscribe()
+        taken.listen()
         number = taken.getsockname()[1]
         node = start(NODE, "-p", f"port:={number}")
         assert node.process.wait(_COMPILES_S) == 2

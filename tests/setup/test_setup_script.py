@@ -124,14 +124,14 @@ def test_an_old_cmake_is_named_with_its_version(clone: Clone):
     assert "3.16.3" in line and "3.21" in line and "package cmake" in line
 
 
-@pytest.mark.parametrize("version", ["2.7", "3.9", "3.14", "4.0"])
+@pytest.mark.parametrize("version", ["2.7", "3.9", "3.10", "3.14", "4.0"])
 def test_a_python_out_of_range_is_refused(clone: Clone, version: str):
     (clone.root / "version").write_text(version)
-    assert "3.10 to 3.13" in missing_line(clone)
+    assert "3.11 to 3.13" in missing_line(clone)
     assert version in missing_line(clone, PYTHON="python3")
 
 
-@pytest.mark.parametrize("version", ["3.10", "3.11", "3.12", "3.13"])
+@pytest.mark.parametrize("version", ["3.11", "3.12", "3.13"])
 def test_every_supported_python_is_accepted(clone: Clone, version: str):
     (clone.root / "version").write_text(version)
     assert clone.setup().returncode == 0
@@ -204,9 +204,9 @@ def test_another_interpreter_makes_a_new_environment(clone: Clone):
     assert clone.setup(PYTHON="python3").returncode == 0
     assert clone.steps() == [], "the same version keeps what is there"
     clone.write_tool(
-        "python3.10", PYTHON.format(root=clone.root).replace("cat $root/version", "echo 3.10")
+        "python3.11", PYTHON.format(root=clone.root).replace("cat $root/version", "echo 3.11")
     )
-    assert clone.setup(PYTHON="python3.10").returncode == 0
+    assert clone.setup(PYTHON="python3.11").returncode == 0
     assert clone.steps() == ["venv", "pip", "colcon"]
 
 

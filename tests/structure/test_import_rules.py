@@ -27,8 +27,8 @@ MAY_IMPORT = {
     "tombo_control": {"tombo_dynamics"},
     "tombo_collision": {"tombo_dynamics"},
     "tombo_bag": {"tombo_dynamics"},
-    # The fused kernel runs the physics and the cascade in one compiled loop.
-    "tombo_sim": {"tombo_dynamics", "tombo_control"},
+    # The fused kernel runs the physics and all cores in one compiled loop.
+    "tombo_sim": {"tombo_dynamics", "tombo_control", "tombo_collision"},
     "tombo_ros": {"tombo_dynamics", "tombo_bag"},
     "tombo_px4": {"tombo_dynamics", "tombo_control", "tombo_sim"},
     "tombo_flight": {

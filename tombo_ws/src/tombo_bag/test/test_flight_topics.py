@@ -9,9 +9,10 @@ from rosbags.highlevel import AnyReader
 from synthetic_flight import synthetic_flight
 
 from tombo_bag.flight_time import EPOCH_NS, flight_seconds, nanoseconds
-from tombo_bag.flight_topics import heading, map_to_body, write_flight
+from tombo_bag.flight_topics import heading, write_flight
 from tombo_bag.mcap_sink import McapSink
 from tombo_bag.reader import Bag
+from tombo_dynamics.rotation import map_to_body
 
 TICKS = 13_000
 RATES_HZ = {

@@ -38,9 +38,9 @@ from tombo_bag.mcap_sink import Columns, McapSink
 from tombo_bag.message_codec import MessageCodec, records_of
 from tombo_bag.qos import EVENT, SENSOR, STATE, Qos
 from tombo_bag.topics import TOPICS
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import Phase
-
-Array = NDArray[np.float64]
+from tombo_dynamics.rotation import map_to_body
 
 FRAME_MAP = "map"
 FRAME_BODY = "base_link"
@@ -412,13 +412,6 @@ class _FlightWriter:
     def events(self, messages: EventMessages) -> None:
         channel = self.sink.add_channel(messages.topic, messages.typename, EVENT)
         self.parts.append(Columns(channel, messages.times_ns, messages.messages))
-
-
-def map_to_body(attitude: Array, vectors: Array) -> Array:
-    """Turn (N, 3) vectors from map into base_link; (N, 4) quaternions xyzw, map from base_link."""
-    axis, w = -attitude[:, :3], attitude[:, 3:]
-    twice = 2.0 * np.cross(axis, vectors)
-    return np.asarray(vectors + w * twice + np.cross(axis, twice))
 
 
 def heading(attitude: Array) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class SequenceCounter:
-    """The messages of one topic, told by the numbers their publisher gives them.
+    """Counts the messages of one topic by the sequence numbers of their publisher.
 
     The numbers say which message of its publisher this is, but not which publisher. So a gap is a
     loss only while the topic has a single one; what looks like a gap before a second publisher is

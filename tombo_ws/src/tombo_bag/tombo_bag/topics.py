@@ -18,8 +18,8 @@ class TopicSpec:
         name: absolute, as `/mocap/pose`.
         typename: message type, as `geometry_msgs/msg/PoseStamped`.
         qos: what its publisher offers and its subscribers ask for.
-        rate_hz: how often it speaks; 0: when something happens.
-        doc: what it says.
+        rate_hz: how often it is published; 0: when something happens.
+        doc: its content.
     """
 
     name: str
@@ -49,7 +49,7 @@ ROTOR_COMMAND = TopicSpec(
     "tombo_msgs/msg/RotorSpeeds",
     SENSOR,
     1000.0,
-    "rotor speeds asked for; stamp: capture of the gyro sample behind them",
+    "commanded rotor speeds; stamp: capture of the gyro sample used for them",
 )
 ODOMETRY = TopicSpec(
     "/odometry",
@@ -62,14 +62,14 @@ ESTIMATOR_STATUS = TopicSpec(
     "/estimator/status", "tombo_msgs/msg/EstimatorStatus", STATE, 50.0, "biases, use of the poses"
 )
 MISSION_SETPOINT = TopicSpec(
-    "/mission/setpoint", "tombo_msgs/msg/PositionSetpoint", STATE, 50.0, "the mission's wish"
+    "/mission/setpoint", "tombo_msgs/msg/PositionSetpoint", STATE, 50.0, "set point of the mission"
 )
 SETPOINT = TopicSpec(
     "/setpoint",
     "tombo_msgs/msg/PositionSetpoint",
     STATE,
     50.0,
-    "what the controller follows: the mission's wish, or x_r after a collision",
+    "what the controller follows: the mission's set point, or x_r after a collision",
 )
 ATTITUDE_SETPOINT = TopicSpec(
     "/attitude_setpoint", "tombo_msgs/msg/AttitudeSetpoint", STATE, 50.0, "of the position loop"
@@ -88,7 +88,7 @@ DETECTOR_STATUS = TopicSpec(
     "tombo_msgs/msg/DetectorStatus",
     STATE,
     30.0,
-    "test value of each pose; also the detector's sign of life",
+    "test statistic of each pose; its arrival shows that the detector runs",
 )
 REACTION_STATUS = TopicSpec(
     "/reaction/status", "tombo_msgs/msg/ReactionStatus", EVENT, 0.0, "at each change"
@@ -159,4 +159,4 @@ TOPICS: dict[str, TopicSpec] = {
         CLOCK,
     )
 }
-"""All topics by name. `/clock` speaks with `use_sim_time` only, `/tf` where tf2_msgs is there."""
+"""All topics by name. `/clock` is published with `use_sim_time` only, `/tf` where tf2_msgs is."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import ast
 import re
 import sys
+from configparser import ConfigParser
 from pathlib import Path
 
 import launch_bench as bench
@@ -27,14 +27,11 @@ def _stand_ins(monkeypatch: pytest.MonkeyPatch):
 
 
 def entry_points(package: str) -> dict[str, str]:
-    """Executable -> `module:function`, as the package's setup.py installs them."""
-    tree = ast.parse((bench.SRC / package / "setup.py").read_text())
-    table = next(
-        ast.literal_eval(k.value)
-        for k in ast.walk(tree)
-        if getattr(k, "arg", "") == "entry_points"
-    )
-    return dict(line.replace(" ", "").split("=") for line in table["console_scripts"])
+    """Executable -> `module:function`, as the package's setup.cfg installs them."""
+    found = ConfigParser()
+    found.read(bench.SRC / package / "setup.cfg")
+    lines = found["options.entry_points"]["console_scripts"].split("\n")
+    return dict(line.replace(" ", "").split("=") for line in lines if line)
 
 
 def names(started: list) -> list[str]:
@@ -89,7 +86,7 @@ def test_over_mavlink_px4_stands_for_estimator_and_controller():
 def test_a_real_px4_gets_its_vehicle_from_the_simulator_link():
     started = bench.launch("px4.launch.py", sim="false", hil="true")
     (sim,) = (node for node in started if node.name == "/sim")
-    assert (sim.package, sim.executable) == ("tombo_sim", "hil_sim_node")
+    assert (sim.package, sim.executable) == ("tombo_px4", "hil_sim_node")
 
 
 @pytest.mark.parametrize("tool", ["rviz", "foxglove"])
@@ -163,10 +160,3 @@ def test_the_page_names_every_argument_of_the_flight_over_mavlink():
 def test_fly_runs_the_command():
     (process,) = bench.launch("fly.launch.py", scenario="hover", seed="3")
     assert process.words[:5] == ["lib/tombo_bringup/tombo", "fly", "hover", "--seed", "3"]
-
-
-def test_folders_of_share_are_installed():
-    setup = (bench.SRC / "tombo_bringup" / "setup.py").read_text()
-    for folder, pattern in (("launch", "*.py"), ("rviz", "*.rviz"), ("foxglove", "*.json")):
-        assert f'(f"share/{{NAME}}/{folder}", glob("{folder}/{pattern}"))' in setup
-        assert list((bench.SRC / "tombo_bringup" / folder).glob(pattern))

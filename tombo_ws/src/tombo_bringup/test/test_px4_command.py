@@ -10,8 +10,8 @@ from px4_process import TOMBO, free_ports, px4_process, read_until
 from pymavlink.dialects.v20 import common as mavlink
 
 from tombo_bringup.cli import main
-from tombo_bringup.cli.px4_command import set_parameter
-from tombo_bringup.cli.px4_screen import state_line, where_to_connect
+from tombo_bringup.cli.flight.px4_command import set_parameter
+from tombo_bringup.cli.flight.px4_screen import state_line, where_to_connect
 from tombo_dynamics.errors import InputError
 from tombo_px4.autopilot.parameters import ParameterTable
 

@@ -13,10 +13,13 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from tombo_bringup.cli.benchmark_stand_command import benchmark_stand as benchmark_command
-from tombo_bringup.cli.propeller_command import app
-from tombo_diagnosis.benchmark.stand_cases import SIZES, make_case
-from tombo_diagnosis.benchmark.stand_run import benchmark
+from tombo_bringup.cli.diagnosis.benchmark_stand_command import (
+    benchmark_stand as benchmark_command,
+)
+from tombo_bringup.cli.propeller.propeller_command import app
+from tombo_diagnosis.benchmark.cases import SIZES
+from tombo_diagnosis.benchmark.stand_cases import make_case
+from tombo_diagnosis.benchmark.stand_evaluation import benchmark
 from tombo_diagnosis.benchmark.unmodelled_effects import UNMODELLED_EFFECTS
 from tombo_diagnosis.diagnosis import VERDICTS
 from tombo_diagnosis.stand.analyse import analyse
@@ -140,12 +143,12 @@ def test_a_benchmark_that_can_not_be_written_says_so_at_once(tmp_path, monkeypat
 
 
 def test_a_stop_signal_ends_it_with_nothing_written(tmp_path, monkeypatch):
-    from tombo_bringup.cli import propeller_diagnose_command
+    from tombo_bringup.cli.propeller import diagnose_command
 
     def stopped(*arguments):
         os.kill(os.getpid(), signal.SIGTERM)
 
-    monkeypatch.setattr(propeller_diagnose_command, "run", stopped)
+    monkeypatch.setattr(diagnose_command, "run", stopped)
     result = run(table(tmp_path / "a.csv"), "-o", tmp_path / "out")
     assert result.exit_code == 143
     assert result.stderr.endswith("Error: interrupted\n")

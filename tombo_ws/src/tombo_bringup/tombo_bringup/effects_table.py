@@ -25,10 +25,11 @@ _HEAD = """\
 <!-- Written by `python -m tombo_bringup.effects_table` from the registry. Do not edit. -->
 # Effects
 
-All that the simulation can switch on or be wrong about, and the diagnosis can fit. Switch one on
-in a scenario (`effects: {steady_wind: {east: 2.0}}`) or by `--set effects.steady_wind.east=2`. A
-parameter that is not given has its *null* value; with all of its parameters at null an effect adds
-exactly nothing. *Typical* is a size that clearly matters in flight.
+Deviations from the nominal model. The simulation can switch them on, the diagnosis can fit them.
+Switch one on in a scenario (`effects: {steady_wind: {east: 2.0}}`) or by
+`--set effects.steady_wind.east=2`. A parameter that is not given has its *null*
+value; with all of its parameters at null an effect adds exactly nothing. *Typical* is a size
+that clearly matters in flight.
 
 `blade_strike`, `propeller_wear` and `thrust_scatter` are filled in from the chosen propeller's
 measured figures (Table III of the paper), unless the scenario says otherwise.
@@ -52,7 +53,7 @@ def _section(entry: Effect) -> str:
     lines += [_row(p) for p in entry.theta]
     lines += ["", f"Shows as: {entry.signature}."]
     for other, manoeuvre in entry.separates_from.items():
-        lines.append(f"Told apart from `{other}`: {manoeuvre}.")
+        lines.append(f"Distinguished from `{other}` by: {manoeuvre}.")
     return "\n".join(lines) + "\n"
 
 

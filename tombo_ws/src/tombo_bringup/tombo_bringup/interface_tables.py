@@ -1,14 +1,13 @@
-"""The tables of `docs/nodes.md`: nodes with their parameters, topics with who speaks and listens.
+"""The tables of `docs/nodes.md`: nodes and parameters, topics with publishers and subscribers.
 
-`python -m tombo_bringup.interface_tables docs/nodes.md` writes them anew between their markers,
-and those of `docs/px4.md` likewise; tests say when that is due. Topics come from
+`python -m tombo_bringup.interface_tables docs/nodes.md` writes them between their markers, as
+those of `docs/px4.md`; tests say when they are out of date. Topics come from
 `tombo_bag.topics`; the rest is read from the sources of the nodes, which are never imported.
 """
 
 from __future__ import annotations
 
 import ast
-import re
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -216,9 +215,13 @@ def _flow(spec: TopicSpec, nodes: list[NodeFacts]) -> str:
         return "sim → all"
     if spec == DIAGNOSTICS:
         return "all"
-    speakers = [node.name for node in nodes if spec.name in node.publishes]
-    listeners = [node.name for node in nodes if spec.name in node.subscribes]
-    return f"{', '.join(speakers)} → {', '.join(listeners)}" if listeners else ", ".join(speakers)
+    publishers = [node.name for node in nodes if spec.name in node.publishes]
+    subscribers = [node.name for node in nodes if spec.name in node.subscribes]
+    return (
+        f"{', '.join(publishers)} → {', '.join(subscribers)}"
+        if subscribers
+        else ", ".join(publishers)
+    )
 
 
 def updated(page: str, tables: Mapping[str, str]) -> str:
@@ -228,11 +231,24 @@ def updated(page: str, tables: Mapping[str, str]) -> str:
         InputError: a table has no markers.
     """
     for name, table in tables.items():
-        pattern = re.compile(rf"(<!-- {name} -->\n).*?(<!-- /{name} -->)", re.DOTALL)
-        if not pattern.search(page):
-            raise InputError(f"the page has no <!-- {name} --> ... <!-- /{name} -->")
-        page = pattern.sub(lambda found, table=table: f"{found[1]}{table}{found[2]}", page)  # type: ignore[misc]
+        begin, end = _between(page, name)
+        page = page[:begin] + table + page[end:]
     return page
+
+
+def marked(page: str, name: str) -> str:
+    """Return what stands between a page's `<!-- NAME -->` and `<!-- /NAME -->`."""
+    begin, end = _between(page, name)
+    return page[begin:end]
+
+
+def _between(page: str, name: str) -> tuple[int, int]:
+    head, tail = f"<!-- {name} -->\n", f"<!-- /{name} -->"
+    begin = page.find(head) + len(head)
+    end = page.find(tail, begin)
+    if begin < len(head) or end < 0:
+        raise InputError(f"the page has no <!-- {name} --> ... <!-- /{name} -->")
+    return begin, end
 
 
 def tables(page: str = "nodes.md") -> dict[str, str]:

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tombo_collision.detector import CollisionDetector, CollisionEvent
 from tombo_collision.params import DetectorParams
-
-Array = NDArray[np.float64]
+from tombo_dynamics.arrays import Array
 
 
 @dataclass

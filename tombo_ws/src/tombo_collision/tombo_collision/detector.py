@@ -17,14 +17,12 @@ from typing import Any
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
-from numpy.typing import NDArray
 
 from tombo_collision.params import DetectorParams
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.params import as_tuple, tuple_type
 from tombo_dynamics.vehicle import GRAVITY
-
-Array = NDArray[np.float64]
 
 _TRACK_TIME = 0.5
 """s: the flight's direction is that over the last half second."""

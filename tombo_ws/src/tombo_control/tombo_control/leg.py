@@ -6,12 +6,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_control.trapezoidal_profile import trapezoidal_profile
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled_call
 
-Array = NDArray[np.float64]
 Point = tuple[float, float, float]
 
 ACCELERATION = 0.8

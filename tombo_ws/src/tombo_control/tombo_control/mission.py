@@ -10,9 +10,6 @@ from collections import namedtuple
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tombo_control.autopilot import (
     APPROACH,
     HOLD,
@@ -40,10 +37,9 @@ from tombo_control.leg import (
     motion_end,
     straight_leg,
 )
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.params import numeric_fields, param, structure
-
-Array = NDArray[np.float64]
 
 _ARRIVED = 0.08
 _STILL = 0.15

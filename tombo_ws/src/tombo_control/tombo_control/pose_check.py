@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tombo_control.estimate import Array
+from tombo_dynamics.arrays import Array
 
 FRAME = "map"
 MAX_FUTURE_NS = 5_000_000

@@ -5,13 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tombo_diagnosis.logs.flight_log import Finding
+from tombo_dynamics.arrays import Array
 from tombo_flight.extended_model import FittedParameter, Gain
-
-Array = NDArray[np.float64]
 
 VERDICTS = ("none", "named", "set", "unknown", "partly_explained")
 

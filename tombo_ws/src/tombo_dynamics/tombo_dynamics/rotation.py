@@ -107,6 +107,19 @@ def conjugate(q: Array) -> Array:
     return np.asarray(q * np.array([-1.0, -1.0, -1.0, 1.0]))
 
 
+def body_to_map(attitude: Array, vectors: Array) -> Array:
+    """Turn vectors (N, 3), or one (3), by quaternions (N, 4)."""
+    axis, w = attitude[:, :3], attitude[:, 3:]
+    twice = 2.0 * np.cross(axis, vectors)
+    turned: Array = vectors + w * twice + np.cross(axis, twice)
+    return turned
+
+
+def map_to_body(attitude: Array, vectors: Array) -> Array:
+    """Turn vectors (N, 3), or one (3), by the inverse of quaternions (N, 4)."""
+    return body_to_map(conjugate(attitude), vectors)
+
+
 def unwrap_quaternions(q: Array) -> Array:
     """Return the same rotations (N, 4) with signs such that no step is the long way round.
 

@@ -15,7 +15,7 @@ from tombo_bag.mcap_sink import Columns, McapSink
 from tombo_bag.reader import Bag
 from tombo_bag.recording import Recording
 from tombo_bag.topics import DIAGNOSTICS, PX4_STATUS
-from tombo_bringup.cli.node_tables import grouped
+from tombo_bringup.cli.flight.node_tables import grouped
 from tombo_dynamics.errors import InputError
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_from_bag import flight_from_bag

@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_bag.columns import ColumnTable
-from tombo_bag.flight_topics import map_to_body
 from tombo_bag.recording import Recording
 from tombo_bag.topics import (
     ATTITUDE_SETPOINT,
@@ -43,7 +42,7 @@ from tombo_collision.detector import CollisionEvent
 from tombo_collision.reactions import Decision
 from tombo_control.autopilot import BLIND, IDLE, PHASE_NAMES
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.rotation import conjugate, unwrap_quaternions
+from tombo_dynamics.rotation import conjugate, map_to_body, unwrap_quaternions
 from tombo_flight.flight_metrics import (
     MetricsInput,
     detection_event,

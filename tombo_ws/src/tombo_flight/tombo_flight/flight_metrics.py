@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from tombo_collision.detector import CollisionEvent
 from tombo_collision.reactions import Decision
 from tombo_control.autopilot import APPROACH, BLIND, HOVER, IDLE, LAND, LANDED, TAKEOFF
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import tilt
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES, VehicleParams
 from tombo_flight.scenario import Scenario
-
-Array = NDArray[np.float64]
 
 _TICK_S = 1e-3
 _STABLE_TILT = 0.17

@@ -10,11 +10,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
-
-Array = NDArray[np.float64]
 
 SHARE = 0.9
 """Of the level before the collision."""

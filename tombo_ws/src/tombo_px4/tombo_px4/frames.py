@@ -12,9 +12,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from tombo_dynamics.arrays import Array
 
 PX4_ROTORS = (0, 1, 2, 3)
 """Our index of PX4's motor 1, 2, 3, 4 of a quad-x: front right, rear left, front left, rear right.

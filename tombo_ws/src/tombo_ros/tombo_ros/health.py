@@ -16,7 +16,8 @@ from tombo_ros.topic import TopicPublisher
 OK, WARN, ERROR = 0, 1, 2
 _LEVELS = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
 _HARDWARE = "tombo"
-_SHOWN_NS = 1_000_000_000
+_SHOWN_NS = 1_500_000_000
+"""How long an event is shown: longer than the period of the reports, so that one has its text."""
 
 
 @dataclass
@@ -43,10 +44,12 @@ class Health:
     def fault(self, key: str, active: bool, text: str = "", level: int = WARN) -> None:
         """Say whether a fault is there. Logged when it comes and when it goes, and counted.
 
+        While it lasts, reports have the newest text and level.
+
         Args:
             key: name of the fault, as `mocap_silent`.
             active: it is there now.
-            text: for a person; that of its beginning is kept while it lasts.
+            text: for a person.
             level: WARN or ERROR.
         """
         known = self._faults.get(key)
@@ -54,13 +57,14 @@ class Health:
             if not active:
                 return
             known = self._faults[key] = _Fault()
+        if active:
+            known.text, known.level = text or key, level
         if known.active == active:
             return
         known.active = active
         self.urgent = True
         logger = self._node.get_logger()
         if active:
-            known.text, known.level = text or key, level
             known.count += 1
             if level >= ERROR:
                 logger.error(f"{key}: {known.text}")
@@ -70,12 +74,12 @@ class Health:
             logger.info(f"{key}: over")
 
     def report_event(self, key: str, text: str, level: int = WARN) -> None:
-        """Say that something went wrong once; it is shown until a second after the last time."""
+        """Say that something went wrong once; it is shown for 1.5 s after the last time."""
         self._seen_ns[key] = time.time_ns()
         self.fault(key, True, text, level)
 
     def clear_expired(self, wall_ns: int) -> None:
-        """End what has happened more than a second ago."""
+        """End the events that were last seen more than 1.5 s ago."""
         for key, seen_ns in list(self._seen_ns.items()):
             if wall_ns - seen_ns > _SHOWN_NS:
                 del self._seen_ns[key]

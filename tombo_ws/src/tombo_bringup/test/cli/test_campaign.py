@@ -84,12 +84,11 @@ def test_spread_of_known_values():
     assert values["count"] == 5
     assert values["mean"] == 3.0
     assert values["std"] == pytest.approx(math.sqrt(2.5), abs=1e-6)
-    assert (values["p5"], values["p50"], values["p95"]) == (1.2, 3.0, 4.8)
+    assert (values["p05"], values["median"], values["p95"]) == (1.2, 3.0, 4.8)
+    assert (values["p5"], values["p50"]) == (1.2, 3.0)
     assert values["max"] == 5.0
     assert spread([7.0])["std"] is None
-    assert spread([None]) == {
-        "count": 0, "mean": None, "std": None, "p5": None, "p50": None, "p95": None, "max": None,
-    }  # fmt: skip
+    assert spread([None]) == {**dict.fromkeys(values), "count": 0}
 
 
 def flight(**changes):
@@ -114,6 +113,16 @@ def test_aggregate_counts_recovery_only_of_those_that_settled_and_did_not_crash(
     assert (total["detected"], total["landed"], total["false_alarms"]) == (3, 3, 2)
     assert total["recovery_time_s"]["count"] == 3
     assert total["real_time_factor"] == 2.0
+
+
+def test_two_modes_are_told_by_median_and_range_not_by_the_mean(tombo):
+    two_modes = [0.1] * 40 + [0.6] * 60
+    flights = [flight(max_falling_distance_m=value) for value in two_modes]
+    values = aggregate(flights, 1.0)["max_falling_distance_m"]
+    assert (values["median"], values["p05"], values["p95"]) == (0.6, 0.1, 0.6)
+    assert values["mean"] == pytest.approx(0.4)
+    shown = tombo("fly", "hover", "--set", "duration=0.2", "--seeds", "0:2").out
+    assert "median" in shown and "mean" not in shown
 
 
 def test_the_figure_copes_with_flights_without_a_collision():

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tombo_bringup.cli.propeller_design_command import INFEASIBLE
+from tombo_bringup.cli.propeller.design_command import INFEASIBLE
 
 EASY = ("--mass", "1.3", "--min-thrust-margin", "1.7", "--max-collision-force", "150")
 

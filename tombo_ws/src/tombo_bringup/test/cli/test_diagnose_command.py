@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 from diagnosis_samples import EXPERIMENT, sample
 
-from tombo_bringup.cli import diagnose_command
-from tombo_bringup.cli.benchmark_command import THRESHOLDS, meets
+from tombo_bringup.cli.diagnosis import diagnose_command
+from tombo_bringup.cli.diagnosis.benchmark_command import THRESHOLDS, meets
 from tombo_diagnosis.diagnosis import VERDICTS
 from tombo_diagnosis.report.diagnosis_output import NominalReference, diagnosis_mapping
 
@@ -182,7 +182,7 @@ class Scored:
 def blind(monkeypatch):
     """The benchmark, without its hour of work."""
     asked: list[Any] = []
-    module = types.ModuleType("tombo_diagnosis.benchmark.flight_run")
+    module = types.ModuleType("tombo_diagnosis.benchmark.flight_evaluation")
 
     def benchmark(cases, seed, workers, progress, stop):
         asked.append((cases, seed, workers))
@@ -190,7 +190,7 @@ def blind(monkeypatch):
         return Scored()
 
     module.benchmark = benchmark  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "tombo_diagnosis.benchmark.flight_run", module)
+    monkeypatch.setitem(sys.modules, "tombo_diagnosis.benchmark.flight_evaluation", module)
     return asked
 
 

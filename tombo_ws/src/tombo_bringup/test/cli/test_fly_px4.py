@@ -13,11 +13,10 @@ from px4_bench import speaking
 from suite_bench import FAKES
 
 from tombo_bag.mcap_sink import McapSink
-from tombo_bringup import node_flight
-from tombo_bringup.cli.optional_url import expand_url_option
+from tombo_bringup.cli.flight.optional_url import expand_url_option
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario
-from tombo_flight.suite import nodes
+from tombo_flight.suite import node_flight, nodes
 from tombo_flight.suite.px4_flight import BridgeMonitor
 
 
@@ -161,7 +160,7 @@ def test_a_vehicle_that_stays_armed_is_said_loudly(fly, monkeypatch, tmp_path):
     monkeypatch.setattr(node_flight, "flight_from_bag", lambda bag, wall_s: flown)
     monkeypatch.setattr(node_flight, "node_metrics", lambda recording: {})
     monkeypatch.setattr(node_flight, "draw_pictures", lambda *arguments: None)
-    monkeypatch.setattr("tombo_bringup.cli.node_tables.print_nodes", lambda flown: None)
+    monkeypatch.setattr("tombo_bringup.cli.flight.node_tables.print_nodes", lambda flown: None)
     result = fly("--set", "duration=2.0", says={"armed": True, "mode": "position"})
 
     assert result.code == 1
@@ -176,7 +175,7 @@ def test_a_second_ctrl_c_in_the_air_leaves_the_vehicle_to_px4(fly, monkeypatch, 
     flown = fly_scenario(load_scenario("hover", ["duration=1.0"]), 0)
     monkeypatch.setattr(node_flight, "flight_from_bag", lambda bag, wall_s: flown)
     monkeypatch.setattr(node_flight, "node_metrics", lambda recording: {})
-    monkeypatch.setattr("tombo_bringup.cli.node_tables.print_nodes", lambda flown: None)
+    monkeypatch.setattr("tombo_bringup.cli.flight.node_tables.print_nodes", lambda flown: None)
     presses: list[threading.Timer] = []
 
     def notice(text: str) -> None:

@@ -10,14 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_control.leg import Leg
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY, SPIN
 from tombo_flight.scenario import Scenario
 from tombo_sim.propeller_effects import thrust_map_of
-
-Array = NDArray[np.float64]
 
 TICK_S = 1e-3
 _UP = np.array([0.0, 0.0, 1.0])

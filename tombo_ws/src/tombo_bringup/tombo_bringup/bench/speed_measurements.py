@@ -164,7 +164,7 @@ def cores() -> int:
 
 
 def measure(said: ProgressText = lambda text: None) -> dict[str, float | int | None]:
-    """Measure everything; `said` is told what comes next.
+    """Measure everything; `said` is called with the name of the next measurement.
 
     Returns:
         steps per second of the kernel, of the batch (with its number of threads) and of NumPy,

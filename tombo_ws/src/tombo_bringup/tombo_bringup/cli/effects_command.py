@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
+
+from tombo_bringup.cli.options import JsonOnly
 
 if TYPE_CHECKING:
     from tombo_dynamics.effects import Effect
 
 
 def effects(
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON only.")] = False,
+    as_json: JsonOnly = False,
 ) -> None:
     """List every effect that a scenario can switch on, with its parameters.
 

@@ -8,18 +8,20 @@ from typing import Annotated
 
 import typer
 
-from tombo_bringup.cli import benchmark_command, propeller_command
-from tombo_bringup.cli.diagnose_command import DIAGNOSE_EXIT_CODES, diagnose
+from tombo_bringup.cli.compare_command import COMPARE_EXIT_CODES, compare
+from tombo_bringup.cli.diagnosis import benchmark_command
+from tombo_bringup.cli.diagnosis.diagnose_command import DIAGNOSE_EXIT_CODES, diagnose
 from tombo_bringup.cli.effects_command import effects
 from tombo_bringup.cli.errors import exit_code_of
-from tombo_bringup.cli.fly_command import EXIT_CODES, fly
-from tombo_bringup.cli.hil_command import HIL_EXIT_CODES, hil
-from tombo_bringup.cli.optional_url import OptionalUrlCommand
-from tombo_bringup.cli.px4_command import PX4_EXIT_CODES, px4
-from tombo_bringup.cli.replay_command import REPLAY_EXIT_CODES, replay
+from tombo_bringup.cli.flight.fly_command import EXIT_CODES, fly
+from tombo_bringup.cli.flight.hil_command import HIL_EXIT_CODES, hil
+from tombo_bringup.cli.flight.optional_url import OptionalUrlCommand
+from tombo_bringup.cli.flight.px4_command import PX4_EXIT_CODES, px4
+from tombo_bringup.cli.flight.replay_command import REPLAY_EXIT_CODES, replay
+from tombo_bringup.cli.flight.up_command import UP_EXIT_CODES, up
+from tombo_bringup.cli.propeller import propeller_command
 from tombo_bringup.cli.run_command import PASS_ON, run_executable
 from tombo_bringup.cli.scenarios_command import scenarios
-from tombo_bringup.cli.up_command import UP_EXIT_CODES, up
 
 app = typer.Typer(
     name="tombo",
@@ -34,6 +36,7 @@ app.command(epilog=UP_EXIT_CODES, cls=OptionalUrlCommand)(up)
 app.command(epilog=PX4_EXIT_CODES)(px4)
 app.command(epilog=HIL_EXIT_CODES)(hil)
 app.command(epilog=REPLAY_EXIT_CODES)(replay)
+app.command(epilog=COMPARE_EXIT_CODES)(compare)
 app.command(epilog=DIAGNOSE_EXIT_CODES)(diagnose)
 app.command("run", context_settings=PASS_ON)(run_executable)
 app.command()(scenarios)

@@ -12,7 +12,7 @@ _REFRESH_S = 0.1
 
 
 class ProgressCallback(Protocol):
-    """Told what is being done and how far it is."""
+    """Called with the stage of the work and the share that is done."""
 
     def __call__(self, stage: str, share: float) -> None:
         """Take a stage and a share from 0 to 1."""

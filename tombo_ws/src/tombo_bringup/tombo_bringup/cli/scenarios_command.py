@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated
 
 import typer
 
+from tombo_bringup.cli.options import JsonOnly
+
 
 def scenarios(
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON only.")] = False,
+    as_json: JsonOnly = False,
 ) -> None:
     """List the scenarios that come with the suite."""
     from tombo_flight.scenario_catalogue import builtin_scenarios

@@ -6,7 +6,7 @@ import pytest
 
 from tombo_diagnosis.benchmark.flight_cases import make_case
 from tombo_diagnosis.benchmark.flight_evaluation import examine
-from tombo_diagnosis.benchmark.flight_score import aggregate
+from tombo_diagnosis.benchmark.score import score_of_flights
 
 SEED = 3
 
@@ -52,7 +52,7 @@ def test_no_name_is_given_where_none_is_due(rows):
 
 def test_rows_are_plain_and_score(rows):
     assert json.loads(json.dumps(list(rows.values())))[0]["case"] == LARGE[0]
-    said = aggregate(list(rows.values()))
+    said = score_of_flights(list(rows.values()))
     assert said["top1_large"] == said["mocap_only"]["top1_large"] == 1.0
     assert said["false_alarm"] == 0.0 and said["unknown_wrongly_named"] == 0.0
     assert said["seconds_per_case"] > 0.0

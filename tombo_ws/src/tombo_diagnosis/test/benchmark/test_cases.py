@@ -5,12 +5,11 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
+from tombo_diagnosis.benchmark.cases import KINDS, SIZES
 from tombo_diagnosis.benchmark.flight_cases import (
     EXCLUDED_EFFECTS,
     FORMULATIONS,
-    KINDS,
     NOMINAL,
-    SIZES,
     UNOBSERVABLE_PARAMETERS,
     make_case,
     nominal_value,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tombo_diagnosis.benchmark.flight_score import aggregate, score
+from tombo_diagnosis.benchmark.score import score, score_of_flights
 
 
 def row(kind="single", verdict="named", causes=("wind",), hidden=("wind",), size="large", **more):
@@ -107,7 +107,7 @@ def test_mocap_alone_is_scored_apart_and_what_did_not_fly_not_at_all():
         {"kind": "single", "size": "large", "formulation": "imu", "hidden": ["wind"],
          "verdict": "not flown", "why": "crashed"},
     ]  # fmt: skip
-    said = aggregate(rows)
+    said = score_of_flights(rows)
     assert said["cases"] == 2 and said["top1_large"] == 1.0
     assert said["mocap_only"]["cases"] == 1 and said["mocap_only"]["top1_large"] == 0.0
     assert said["not_flown"] == 1

@@ -32,10 +32,10 @@ def test_flights_of_several_vehicles_with_propellers_of_their_own_have_none(sens
     ]
     model = replace(nominal(), effects=with_hidden(rough))
     findings = analyse([track for own in flights for track in own], model)
-    assert findings.problem.columns.vehicles == 2
+    assert findings.problem.vehicles == 2
     assert findings.judgement.verdict == "none"
     same = analyse(tracks(rough, sensors=sensors), model)
-    assert same.problem.columns.vehicles == 1 and same.judgement.verdict == "none"
+    assert same.problem.vehicles == 1 and same.judgement.verdict == "none"
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from measured_flights import LENGTH, logs, nominal, tracks
 
 from tombo_diagnosis.flight.analyse import analyse
 from tombo_diagnosis.flight.diagnose import diagnose
-from tombo_diagnosis.flight.problem import Problem
+from tombo_diagnosis.flight.problem import FlightProblem
 from tombo_diagnosis.flight.track import track_of
 from tombo_diagnosis.flight.transients import find_transients
 from tombo_diagnosis.logs.flight_log import Series
@@ -39,16 +39,16 @@ def test_a_healthy_flight_with_a_knock_has_no_cause():
     first, second = logs(sensors="imu")
     found = analyse([track_of(knocked(first)), track_of(second)], nominal())
     assert found.judgement.verdict == "none"
-    assert len(found.events) == 1 and found.events[0].flight == 0
+    assert len(found.remainder.transients) == 1 and found.remainder.transients[0].flight == 0
 
 
 @pytest.mark.parametrize("sensors", ["imu_rpm", "mocap"])
 def test_quiet_flights_have_no_moments(sensors):
-    problem = Problem(tracks(sensors=sensors), nominal())
+    problem = FlightProblem(tracks(sensors=sensors), nominal())
     assert find_transients(problem, problem.null_hypothesis) == []
 
 
 def test_knocks_all_the_time_are_an_unknown_cause():
     times = np.arange(4.0, LENGTH - 2.0, 1.0)
     found = analyse([track_of(knocked(log, times)) for log in logs(sensors="imu")], nominal())
-    assert found.events == () and found.judgement.verdict == "unknown"
+    assert found.remainder.transients == () and found.judgement.verdict == "unknown"

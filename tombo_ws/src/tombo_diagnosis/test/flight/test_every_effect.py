@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 from measured_flights import ROTOR_DRAWS, fly, logs, nominal, with_hidden
 
+from tombo_diagnosis.engine.model_selection import search
 from tombo_diagnosis.flight.analyse import analyse
 from tombo_diagnosis.flight.cause_estimates import estimate_cause
-from tombo_diagnosis.flight.model_selection import search
-from tombo_diagnosis.flight.problem import Problem
+from tombo_diagnosis.flight.problem import FlightProblem
 from tombo_diagnosis.flight.track import track_of
 from tombo_dynamics.effects import REGISTRY
 
 
 @cache
 def healthy_problem():
-    return Problem([track_of(log) for log in logs()], nominal())
+    return FlightProblem([track_of(log) for log in logs()], nominal())
 
 
 def shown_best(effect):
@@ -65,7 +65,7 @@ def found(flights, p):
         fitted = next((f for f in cause.theta if f.name == p.name), None)
         wide = (fitted.high - fitted.low) / 3.92 if fitted else math.nan
         return findings.judgement.effects, fitted.value if fitted else math.nan, wide
-    problem = Problem(tracks, nominal())
+    problem = FlightProblem(tracks, nominal())
     best = search(problem).best
     if p.index not in best.fit.free:
         return best.effects, math.nan, math.nan

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from measured_flights import nominal, tracks
 
+from tombo_diagnosis.engine.model_selection import search
 from tombo_diagnosis.flight.cross_validation import (
     fit_without_flight,
     gain_by_effect,
     one_step_gains,
     open_loop_gains,
 )
-from tombo_diagnosis.flight.model_selection import search
-from tombo_diagnosis.flight.problem import Problem
+from tombo_diagnosis.flight.problem import FlightProblem
 
 DRAG = {"linear_rotor_drag": {"d_xy": 0.7}}
 BALANCED = np.zeros(8)
@@ -23,7 +23,7 @@ BALANCED = np.zeros(8)
 
 @cache
 def found(hidden, count=3):
-    problem = Problem(tracks(DRAG if hidden else {}, count=count, draws=BALANCED), nominal())
+    problem = FlightProblem(tracks(DRAG if hidden else {}, count=count, draws=BALANCED), nominal())
     return problem, search(problem)
 
 
@@ -75,7 +75,7 @@ def test_healthy_flights_have_no_gain():
 
 
 def test_two_flights_give_no_interval():
-    problem = Problem(tracks(DRAG, count=2), nominal())
+    problem = FlightProblem(tracks(DRAG, count=2), nominal())
     best = search(problem).best
     for g in one_step_gains(problem, [fit_without_flight(problem, f, [best]) for f in range(2)]):
         assert math.isnan(g.low) and math.isnan(g.high) and g.flights == 2
@@ -84,7 +84,7 @@ def test_two_flights_give_no_interval():
 def test_a_flight_that_is_held_out_teaches_nothing():
     """One flight has no drag of this kind: without it the others' drag is learned, and misfits."""
     odd = [*tracks(DRAG, count=2), *tracks(count=1, seed=7)]
-    problem = Problem(odd, nominal())
+    problem = FlightProblem(odd, nominal())
     best = search(problem).best
     assert "linear_rotor_drag" in best.effects
     index = next(p.index for p in nominal().parameters if p.label == "linear_rotor_drag.d_xy")

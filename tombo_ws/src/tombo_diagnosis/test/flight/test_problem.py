@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from measured_flights import SLOW, logs, nominal, tracks
 
-from tombo_diagnosis.flight.evidence import solve
+from tombo_diagnosis.engine.evidence import solve
 from tombo_diagnosis.flight.parameters import PARAMETERS
-from tombo_diagnosis.flight.problem import Problem
+from tombo_diagnosis.flight.problem import FlightProblem
 from tombo_diagnosis.flight.track import track_of
 from tombo_diagnosis.logs.flight_log import Series
 
@@ -37,16 +37,16 @@ def test_noise_of_measured_rotor_speeds_is_no_inertia():
     # At one heading next to nothing is yaw moment but the noise, times the rotors' inertia.
     no_progress = logs(courses=SLOW)
     clean, _ = freed(
-        Problem([track_of(log) for log in no_progress], nominal()), "inertia_error.zz"
+        FlightProblem([track_of(log) for log in no_progress], nominal()), "inertia_error.zz"
     )
     measured = [track_of(noisy_rotor_speeds(log)) for log in no_progress]
-    mean, deviation = freed(Problem(measured, nominal()), "inertia_error.zz")
+    mean, deviation = freed(FlightProblem(measured, nominal()), "inertia_error.zz")
     assert abs(mean - clean) < 2.0 * deviation
 
 
 @pytest.mark.parametrize(("course", "shown"), [(HIGH, False), (LANDING, True)])
 def test_what_shows_now_and_then_only_counts_by_these_moments(course, shown):
-    problem = Problem(tracks(sensors="mocap", courses=course), nominal())
+    problem = FlightProblem(tracks(sensors="mocap", courses=course), nominal())
     assert (PLACE["ground_effect.strength"] in problem.columns.identifiable) is shown
 
 
@@ -54,8 +54,8 @@ def test_stronger_thrust_is_not_charged_for_noise_of_measured_rotor_speeds():
     # Of moments that are all noise, stronger thrust would make more; that is none of its doing.
     stronger = {"thrust_coefficient_error": {"fraction": 0.12}}
     flown = [track_of(noisy_rotor_speeds(log, 20.0)) for log in logs(stronger, courses=SLOW)]
-    problem = Problem(flown, nominal())
-    fit = problem.refine((PLACE["thrust_coefficient_error.fraction"],))
+    problem = FlightProblem(flown, nominal())
+    fit = problem.fit((PLACE["thrust_coefficient_error.fraction"],), {}, problem.null_hypothesis)
     assert fit.theta[PLACE["thrust_coefficient_error.fraction"]] == pytest.approx(0.12, abs=0.01)
     turning = [
         k for k, c in enumerate(problem.channels[0]) if c.name in ("turning x", "turning y")
@@ -69,9 +69,9 @@ def test_stronger_thrust_is_not_charged_for_noise_of_measured_rotor_speeds():
 def test_no_propeller_is_weaker_than_nothing():
     """One that is stronger than new is no weak one, however well that would explain the flight."""
     strong = np.array([8.0, -2.0, -3.0, -3.0, 0.0, 0.0, 0.0, 0.0])
-    problem = Problem(tracks(draws=strong), nominal())
+    problem = FlightProblem(tracks(draws=strong), nominal())
     place = PLACE["weak_propeller.front_right"]
-    fit = problem.refine((place,))
+    fit = problem.fit((place,), {}, problem.null_hypothesis)
     column = problem.columns.places((place,))[0]
     loss = fit.theta[place] + fit.solution.mean[column]
     assert loss > -problem.columns.parameters[place].tolerance

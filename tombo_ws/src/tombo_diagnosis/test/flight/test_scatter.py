@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from measured_flights import HEALTHY, logs, nominal, tracks
 
-from tombo_diagnosis.flight.analyse import analyse
+from tombo_diagnosis.flight.analyse import analyse, select_noise_fits
 from tombo_diagnosis.flight.gust_fit import fit_gusts
 from tombo_diagnosis.flight.haar_variance import SCALES_S, block_variances, pooled
 from tombo_diagnosis.flight.noise_statistics import (
@@ -15,14 +15,13 @@ from tombo_diagnosis.flight.noise_statistics import (
     pose_noise_statistics,
 )
 from tombo_diagnosis.flight.parameters import PARAMETERS
-from tombo_diagnosis.flight.problem import Problem
-from tombo_diagnosis.flight.residual_test import (
+from tombo_diagnosis.flight.problem import FlightProblem
+from tombo_diagnosis.flight.residual_check import (
     noise_variances,
     residual_excesses,
     residual_variances,
 )
 from tombo_diagnosis.flight.track import track_of
-from tombo_diagnosis.flight.verdict import select_noise_fits
 
 NAMES = {p.index: p.label for p in PARAMETERS}
 DOUBLED = {
@@ -101,7 +100,7 @@ def test_flights_are_pooled_by_their_lengths_and_short_ones_do_not_spoil_it():
 
 def test_what_chance_leaves_is_what_healthy_flights_leave(healthy):
     """Every channel at every time scale, within a factor that sampling gives."""
-    problem = Problem(healthy, nominal())
+    problem = FlightProblem(healthy, nominal())
     rest = residual_excesses(
         residual_variances(problem, problem.null_hypothesis),
         noise_variances(problem, problem.theta),
@@ -113,7 +112,7 @@ def test_what_chance_leaves_is_what_healthy_flights_leave(healthy):
 
 def test_gusts_are_fitted_with_strength_and_time():
     flights = tracks({"gusts": {"deviation": 0.9, "time": 0.8}}, seed=5)
-    problem = Problem(flights, nominal())
+    problem = FlightProblem(flights, nominal())
     fit = fit_gusts(
         problem, problem.null_hypothesis, residual_variances(problem, problem.null_hypothesis)
     )
@@ -123,7 +122,7 @@ def test_gusts_are_fitted_with_strength_and_time():
 
 
 def test_healthy_air_is_no_finding(healthy):
-    problem = Problem(healthy, nominal())
+    problem = FlightProblem(healthy, nominal())
     fit = fit_gusts(
         problem, problem.null_hypothesis, residual_variances(problem, problem.null_hypothesis)
     )

@@ -8,20 +8,25 @@ import numpy as np
 import pytest
 import stands
 
-from tombo_diagnosis.stand.analyse import analyse
-from tombo_diagnosis.stand.cause_estimates import causes, scores
+from tombo_diagnosis.engine.model import Hypothesis
+from tombo_diagnosis.engine.model_selection import fit_hypotheses
+from tombo_diagnosis.stand.analyse import LOG_BF_CURVES, analyse
+from tombo_diagnosis.stand.cause_estimates import estimate_cause, scores
 from tombo_diagnosis.stand.cross_validation import held_out
 from tombo_diagnosis.stand.experiment_design import separate
 from tombo_diagnosis.stand.model_differences import differences_from_model, model_extending_causes
-from tombo_diagnosis.stand.model_selection import Hypothesis, fit_hypotheses
-from tombo_diagnosis.stand.problem import Problem
+from tombo_diagnosis.stand.problem import StandProblem
 from tombo_diagnosis.stand.repeatability import repeats
-from tombo_diagnosis.stand.residual_test import fit_residual_curves
-from tombo_diagnosis.stand.verdict import LOG_BF_CURVES
+from tombo_diagnosis.stand.residual_check import fit_residual_curves
 from tombo_dynamics.propeller.effects import STAND_EFFECTS, Draws
 
+
+def causes(found):
+    return [estimate_cause(e, found) for e in found.judgement.effects]
+
+
 SETUP = stands.setup()
-HAS_MEAN = [n for n, e in STAND_EFFECTS.items() if not e.stochastic and "tombo" in e.models]
+HAS_MEAN = [n for n, e in STAND_EFFECTS.items() if not e.stochastic and e.suits("tombo")]
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -32,7 +37,11 @@ def test_a_healthy_stand_has_no_cause(seed):
 
 @pytest.mark.parametrize("name", HAS_MEAN)
 def test_every_effect_is_named_on_a_calibrated_stand(name):
-    own = {p.label: p for p in Problem(stands.read(SETUP, {})).parameters if p.effect == name}
+    own = {
+        p.label: p
+        for p in StandProblem(stands.read(SETUP, {})).columns.parameters
+        if p.effect == name
+    }
     theta = tuple(p.null + p.scale * (1.0 if p.null + p.scale <= p.high else -1.0)
                   for p in own.values())  # fmt: skip
     if name in ("torsion_constant", "load_sharing"):
@@ -101,8 +110,8 @@ def test_a_shape_that_nobody_named_gets_no_name():
 
     found = analyse(stands.read(SETUP, {}, change=wavy))
     assert found.judgement.verdict == "unknown"
-    assert found.judgement.residual_curves.channel == "thrust"
-    assert found.judgement.residual_curves.size > 0.01
+    assert found.remainder.curves.channel == "thrust"
+    assert found.remainder.curves.size > 0.01
 
 
 def test_free_curves_find_what_a_cause_leaves_and_nothing_on_a_healthy_stand():
@@ -112,7 +121,7 @@ def test_free_curves_find_what_a_cause_leaves_and_nothing_on_a_healthy_stand():
         return out
 
     for change, something in ((wavy, True), (None, False)):
-        problem = Problem(stands.read(SETUP, {"thrust_gain": (0.1,)}, change=change))
+        problem = StandProblem(stands.read(SETUP, {"thrust_gain": (0.1,)}, change=change))
         known = fit_hypotheses(
             problem, (Hypothesis("thrust_gain", problem.identifiable("thrust_gain")),)
         )
@@ -158,7 +167,7 @@ def test_runs_that_agree_are_said_to():
 
 def test_levels_of_runs_keep_speed_noise_from_taking_their_place():
     """The gate: beside noise that was made to fit, a level for each run still explains more."""
-    problem = Problem(again(0.1)(1, 0))
+    problem = StandProblem(again(0.1)(1, 0))
     noise = fit_hypotheses(problem, (Hypothesis("speed_noise", (), 4.0),))
     assert (
         fit_residual_curves(problem, noise.fit).evidence
@@ -249,10 +258,11 @@ def test_a_name_is_withheld_where_free_curves_find_more_beside_it():
 
     clean = analyse(stands.read(SETUP, {"thrust_gain": (0.1,)}, seed=9))
     assert clean.judgement.verdict == "named"
-    assert clean.judgement.residual_curves.evidence < LOG_BF_CURVES
+    assert clean.remainder.curves.evidence < LOG_BF_CURVES
     found = analyse(stands.read(SETUP, {"thrust_gain": (0.1,)}, seed=9, change=resonant))
-    judgement, best = found.judgement, found.search.best
+    remainder, best = found.remainder, found.search.best
     assert best.effects == ("thrust_gain",)
-    assert best.evidence > judgement.free.evidence + 10.0  # only what is left can tell
-    assert judgement.residual_curves.evidence > LOG_BF_CURVES
-    assert judgement.verdict == "partly_explained"
+    # Only what is left can tell.
+    assert best.evidence > remainder.curves_without_causes.evidence + 10.0
+    assert remainder.curves.evidence > LOG_BF_CURVES
+    assert found.judgement.verdict == "partly_explained"

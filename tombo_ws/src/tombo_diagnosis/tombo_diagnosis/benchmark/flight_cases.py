@@ -12,13 +12,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tombo_diagnosis.flight.parameters import PARAMETERS, Parameter
+from tombo_diagnosis.benchmark.cases import (
+    KINDS,
+    SIZES,
+    UNKNOWN_SIZES,
+    Case,
+    draw_name,
+    draw_size,
+)
+from tombo_diagnosis.engine.regression import Parameter
+from tombo_diagnosis.flight.parameters import PARAMETERS
 from tombo_dynamics.disturbance import DISTURBANCES
 from tombo_flight.scenario import load_scenario
 
-SIZES = {"small": 0.25, "medium": 0.5, "large": 1.0}
-"""Share of the size that clearly matters (`typical` in the registry)."""
-KINDS = (("none", 0.2), ("single", 0.5), ("pair", 0.1), ("unknown", 0.2))
 FORMULATIONS = (("imu_rpm", 0.35), ("imu", 0.25), ("mocap_rpm", 0.2), ("mocap", 0.2))
 EXCLUDED_EFFECTS = frozenset({"contact_force", "blade_strike", "propeller_wear"})
 """Effects of contact: the flights of the benchmark touch nothing."""
@@ -44,20 +50,9 @@ Effects = dict[str, dict[str, float]]
 
 
 @dataclass(frozen=True)
-class Case:
-    """One blind case."""
+class FlightCase(Case):
+    """A vehicle with something hidden; its formulation is imu or mocap, _rpm with rotor speeds."""
 
-    number: int
-    kind: str
-    """none, single, pair or unknown."""
-    size: str
-    """small, medium, large; empty for none."""
-    formulation: str
-    """imu or mocap, _rpm where rotor speeds are measured."""
-    hidden: tuple[str, ...]
-    """Effects at work beyond the nominal ones, or the disturbance."""
-    shift: Mapping[str, float]
-    """effect.parameter -> hidden value minus nominal value."""
     effects: Mapping[str, Mapping[str, float]]
     """The true model: nominal, off by tolerances, and what is hidden."""
     disturbance: tuple[float, ...]
@@ -66,20 +61,18 @@ class Case:
     seed: tuple[int, int]
 
 
-def make_case(seed: int, number: int, flights: int = 3) -> Case:
+def make_case(seed: int, number: int, flights: int = 3) -> FlightCase:
     """Return a case; the same for the same seed and number."""
     rng = np.random.default_rng([seed, number])
-    kind = _draw(rng, KINDS)
-    formulation = _draw(rng, FORMULATIONS)
+    kind = draw_name(rng, KINDS)
+    formulation = draw_name(rng, FORMULATIONS)
     effects: Effects = {name: dict(values) for name, values in NOMINAL.items()}
     _perturb_within_tolerances(effects, rng)
     hidden: list[str] = []
     shift: dict[str, float] = {}
-    size = "" if kind == "none" else str(rng.choice(list(SIZES)))
+    size = draw_size(rng, kind)
     disturbance: tuple[float, ...] = ()
     if kind in ("single", "pair"):
-        if kind == "pair" and size == "small":
-            size = "medium"
         candidates = observable_effects(formulation)
         for name in rng.choice(candidates, 1 if kind == "single" else 2, replace=False):
             hidden.append(str(name))
@@ -98,9 +91,8 @@ def make_case(seed: int, number: int, flights: int = 3) -> Case:
         ]
         name = str(rng.choice(shapes))
         hidden.append(name)
-        factor = {"small": 0.8, "medium": 1.2, "large": 2.0}[size]
-        disturbance = _disturbance(name, factor, rng)
-    return Case(
+        disturbance = _disturbance(name, UNKNOWN_SIZES[size], rng)
+    return FlightCase(
         number, kind, size, formulation, tuple(hidden), shift, effects, disturbance, flights,
         (seed, number),
     )  # fmt: skip
@@ -109,22 +101,13 @@ def make_case(seed: int, number: int, flights: int = 3) -> Case:
 def observable_effects(formulation: str) -> list[str]:
     """Return the effects that flights with these sensors can show at all."""
     names = list(dict.fromkeys(p.effect for p in PARAMETERS))
-    blind = _IMU_ONLY if formulation.startswith("mocap") else ()
-    return (
-        [n for n in names if n not in EXCLUDED_EFFECTS and not n.startswith(blind)]
-        if blind
-        else [n for n in names if n not in EXCLUDED_EFFECTS]
-    )
+    blind: tuple[str, ...] = _IMU_ONLY if formulation.startswith("mocap") else ()
+    return [n for n in names if n not in EXCLUDED_EFFECTS and not n.startswith(blind)]
 
 
 def nominal_value(parameter: Parameter) -> float:
     """Return a parameter's value in the nominal model."""
     return NOMINAL.get(parameter.effect, {}).get(parameter.name, parameter.null)
-
-
-def _draw(rng: np.random.Generator, table: tuple[tuple[str, float], ...]) -> str:
-    names, weights = zip(*table, strict=True)
-    return str(rng.choice(names, p=np.array(weights) / sum(weights)))
 
 
 def _perturb_within_tolerances(effects: Effects, rng: np.random.Generator) -> None:

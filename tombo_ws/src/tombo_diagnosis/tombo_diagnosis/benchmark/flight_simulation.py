@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from tombo_diagnosis.benchmark.flight_cases import NOMINAL, Case
+from tombo_diagnosis.benchmark.flight_cases import NOMINAL, FlightCase
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.scenario_nominal import nominal_of
 from tombo_diagnosis.logs.flight_log import FlightLog, Series
@@ -92,12 +92,12 @@ def _scenario(effects: Any, points: list[dict[str, float]]) -> Scenario:
     )
 
 
-def true_draws(case: Case) -> Array:
+def true_draws(case: FlightCase) -> Array:
     """Return the vehicle's draws (8): the same propellers in all of its flights."""
     return np.random.default_rng([*case.seed, 2]).standard_normal(8)
 
 
-def simulate_case(case: Case) -> list[FlightLog]:
+def simulate_case(case: FlightCase) -> list[FlightLog]:
     """Return the measured flights of a case."""
     streams = np.random.SeedSequence([*case.seed, 1]).spawn(case.flights)
     draws = true_draws(case)

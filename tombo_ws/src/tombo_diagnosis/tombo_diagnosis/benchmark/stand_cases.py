@@ -7,27 +7,31 @@ that makes the data is any of two. All of it derives from (seed, number of the c
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_diagnosis.benchmark.cases import (
+    KINDS,
+    SIZES,
+    UNKNOWN_SIZES,
+    Case,
+    draw_name,
+    draw_size,
+)
 from tombo_diagnosis.benchmark.unmodelled_effects import UNMODELLED_EFFECTS
+from tombo_diagnosis.engine.regression import Parameter
 from tombo_diagnosis.stand.operating_points import OperatingPoints
-from tombo_diagnosis.stand.parameters import HEALTHY_SHARE, Parameter, parameters
+from tombo_diagnosis.stand.parameters import HEALTHY_SHARE, parameters
 from tombo_dynamics.propeller import configuration, parameter_row, speed_of_maximum_thrust
 from tombo_dynamics.propeller.effects import STAND_EFFECTS, Draws, Setup, predict
 
 Array = NDArray[np.float64]
 
-SIZES = {"small": 0.25, "medium": 0.5, "large": 1.0}
-"""Share of the size that clearly matters."""
-KINDS = (("none", 0.2), ("single", 0.5), ("pair", 0.1), ("unknown", 0.2))
 STANDS = (("full", 0.4), ("beta", 0.2), ("torque", 0.2), ("thrust", 0.2))
 """full: thrust, torque, flap angle, a second tachometer, known loads, three nodi; beta: thrust,
 torque, angle; torque: thrust and torque; thrust: thrust alone, one nodus."""
-_UNKNOWN = {"small": 0.8, "medium": 1.2, "large": 2.0}
 _SHOWN_BY = {
     "thrust": ("torque_", "drag_", "angle_"),
     "torque": ("angle_",),
@@ -38,32 +42,24 @@ _SHOWN_BY = {
 _TORQUE_SHAPES = ("hub_friction", "creep")
 
 
-@dataclass(frozen=True, eq=False)
-class Case:
-    """One blind case."""
+@dataclass(frozen=True)
+class StandCase(Case):
+    """A stand with something hidden; its formulation is one of STANDS."""
 
-    number: int
-    kind: str
-    size: str
-    stand: str
-    hidden: tuple[str, ...]
-    shift: Mapping[str, float]
-    """effect.parameter -> hidden value less its null, tolerances included."""
     points: OperatingPoints
 
 
-def make_case(seed: int, number: int) -> Case:
+def make_case(seed: int, number: int) -> StandCase:
     """Return a case; the same for the same seed and number."""
     rng = np.random.default_rng([seed, number, 7])
-    kind, stand = _draw(rng, KINDS), _draw(rng, STANDS)
+    kind, stand = draw_name(rng, KINDS), draw_name(rng, STANDS)
     setup, names = _setup(rng, stand)
     every = parameters(setup)
     theta = {p.label: p.null + _healthy(p, rng) for p in every}
-    size = "" if kind == "none" else str(rng.choice(list(SIZES)))
+    size = draw_size(rng, kind)
     hidden: tuple[str, ...] = ()
     shift: dict[str, float] = {}
     if kind in ("single", "pair"):
-        size = "medium" if kind == "pair" and size == "small" else size
         can = [n for n in shown(stand, setup) if n in {p.effect for p in every}]
         hidden = tuple(
             str(n) for n in rng.choice(can, 1 if kind == "single" else 2, replace=False)
@@ -86,9 +82,10 @@ def make_case(seed: int, number: int) -> Case:
     if kind == "unknown":
         can = [n for n in UNMODELLED_EFFECTS if stand != "thrust" or n not in _TORQUE_SHAPES]
         hidden = (str(rng.choice(can)),)
-        shaped = UNMODELLED_EFFECTS[hidden[0]](clean, setup, _UNKNOWN[size], rng)
+        shaped = UNMODELLED_EFFECTS[hidden[0]](clean, setup, UNKNOWN_SIZES[size], rng)
         clean = np.where((setup.speed > 0.0)[:, None], shaped, clean)
-    return Case(number, kind, size, stand, hidden, shift, _read(clean, setup, stand, names, rng))
+    points = _read(clean, setup, stand, names, rng)
+    return StandCase(number, kind, size, stand, hidden, shift, points)
 
 
 def shown(stand: str, setup: Setup) -> list[str]:
@@ -98,7 +95,7 @@ def shown(stand: str, setup: Setup) -> list[str]:
     blind = _SHOWN_BY[stand]
     return [
         n for n, e in STAND_EFFECTS.items()
-        if "tombo" in e.models and not n.startswith(blind or ("?",))
+        if e.suits("tombo") and not n.startswith(blind or ("?",))
         and not (n == "fabrication_scatter" and one) and not (n == "tare_scatter" and few)
         and n != "run_scatter"  # every stand has it, by as much as a healthy one
     ]  # fmt: skip
@@ -205,8 +202,3 @@ def _spread(rng: np.random.Generator, shape: tuple[int, int]) -> Array:
     """Draw with a spread near one: few draws could all be small, and hide nothing."""
     drawn = rng.standard_normal(shape)
     return np.asarray(drawn * np.maximum(1.0, 0.8 / np.sqrt(np.mean(drawn**2, axis=0))))
-
-
-def _draw(rng: np.random.Generator, table: tuple[tuple[str, float], ...]) -> str:
-    names, weights = zip(*table, strict=True)
-    return str(rng.choice(names, p=np.array(weights) / sum(weights)))

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-import math
 import time
+from functools import partial
 from typing import Any
 
-from tombo_diagnosis.benchmark.stand_cases import Case, make_case
-from tombo_diagnosis.stand.analyse import Findings, analyse
-from tombo_diagnosis.stand.cause_estimates import fitted
+from tombo_diagnosis.benchmark.evaluation import (
+    answer_row,
+    case_row,
+    compare_parameters,
+    exactly_right,
+)
+from tombo_diagnosis.benchmark.runner import run_benchmark
+from tombo_diagnosis.benchmark.score import score_of_stands
+from tombo_diagnosis.benchmark.stand_cases import StandCase, make_case
+from tombo_diagnosis.stand.analyse import StandFindings, analyse
+from tombo_diagnosis.stand.cause_estimates import estimate_cause
 from tombo_dynamics.propeller.effects import STAND_EFFECTS
 
 
@@ -17,44 +25,26 @@ def examine(seed: int, number: int) -> dict[str, Any]:
     case = make_case(seed, number)
     began = time.perf_counter()
     findings = analyse(case.points)
-    seconds = time.perf_counter() - began
-    judgement, best = findings.judgement, findings.search.best
-    row: dict[str, Any] = {
-        "case": number,
-        "kind": case.kind,
-        "size": case.size,
-        "formulation": case.stand,
-        "hidden": list(case.hidden),
-        "shift": dict(case.shift),
-        "verdict": judgement.verdict,
-        "causes": list(judgement.effects),
-        "set": list(judgement.members),
-        "confidence": judgement.confidence,
-        "seconds": seconds,
-        "evidence": best.evidence,
-        "left": judgement.residual_curves.evidence,
-        "free": judgement.curves_without_causes.evidence,
-    }
-    right = judgement.verdict == "named" and not judgement.members
-    if right and set(judgement.effects) == set(case.hidden):
-        row["parameters"] = {
-            e: _compared(case, findings, e)
-            for e in judgement.effects
-            if not STAND_EFFECTS[e].stochastic
-        }
+    row = case_row(case) | answer_row(findings, time.perf_counter() - began)
+    row["left"] = findings.remainder.curves.evidence
+    row["free"] = findings.remainder.curves_without_causes.evidence
+    if exactly_right(case, findings):
+        own = [e for e in case.hidden if not STAND_EFFECTS[e].stochastic]
+        row["parameters"] = {e: _compared(case, findings, e) for e in own}
     return row
 
 
-def _compared(case: Case, findings: Findings, effect: str) -> dict[str, Any]:
-    """Return the relative error of an effect's change, and which intervals cover the truth."""
-    off = size = 0.0
-    covered = []
-    scales = {p.label: p.scale for p in findings.problem.parameters}
-    for found in fitted(findings.problem, findings.search.best, effect):
-        label = f"{effect}.{found.name}"
-        change = case.shift.get(label, 0.0)
-        true = found.nominal + change
-        off += ((found.value - true) / scales[label]) ** 2
-        size += (change / scales[label]) ** 2
-        covered.append(bool(found.low <= true <= found.high))
-    return {"error": math.sqrt(off / size) if size else None, "covered": covered}
+def _compared(case: StandCase, findings: StandFindings, effect: str) -> dict[str, Any]:
+    """Return how well an effect's parameters were found."""
+    theta = findings.problem.theta
+    return compare_parameters(
+        case,
+        [p for p in findings.problem.columns.parameters if p.effect == effect],
+        lambda p: float(theta[p.index]),
+        lambda p: float(theta[p.index]) + case.shift.get(p.label, 0.0),
+        {f.name: f for f in estimate_cause(effect, findings).theta},
+    )
+
+
+benchmark = partial(run_benchmark, examine, score_of_stands)
+"""Many blind runs of thrust stands, diagnosed and scored."""

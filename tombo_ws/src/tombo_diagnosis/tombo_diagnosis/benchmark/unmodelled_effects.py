@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller.effects import Setup
-
-Array = NDArray[np.float64]
 
 _Shape = Callable[[Array, Setup, float, np.random.Generator], Array]
 

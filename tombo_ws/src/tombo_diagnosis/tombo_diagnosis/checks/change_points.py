@@ -10,8 +10,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from tombo_diagnosis.checks.spans import Array
 from tombo_diagnosis.logs.flight_log import Finding
+from tombo_dynamics.arrays import Array
 
 _BIN_S = 0.25
 _SIDE = 8

@@ -9,10 +9,11 @@ from scipy.ndimage import gaussian_filter1d, median_filter
 from scipy.spatial.transform import Rotation
 
 from tombo_diagnosis.checks.motion import WIDTH
-from tombo_diagnosis.checks.spans import Array, runs, step_of
+from tombo_diagnosis.checks.spans import runs, step_of
 from tombo_diagnosis.checks.timestamps import jitter
 from tombo_diagnosis.logs.flight_log import Series
 from tombo_diagnosis.logs.frames import is_usable
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 
 _SPIKE = 1.5 * GRAVITY

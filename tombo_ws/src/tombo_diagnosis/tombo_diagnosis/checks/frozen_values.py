@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from tombo_diagnosis.checks.spans import Array, Span, runs, step_of
+from tombo_diagnosis.checks.spans import Span, runs, step_of
 from tombo_diagnosis.logs.flight_log import Finding
+from tombo_dynamics.arrays import Array
 
 _LINE = 3e-4
 """How far off a straight line, against its rise, values are that still lie on it."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from tombo_diagnosis.checks.spans import Array, Span, step_of
+from tombo_diagnosis.checks.spans import Span, step_of
 from tombo_diagnosis.logs.flight_log import Finding
+from tombo_dynamics.arrays import Array
 
 _LEAST_S = 0.05
 _LONG_S = 0.3

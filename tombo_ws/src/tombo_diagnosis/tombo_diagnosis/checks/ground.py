@@ -6,8 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tombo_diagnosis.checks.spans import Array, Mask, Span, merged, runs, step_of
+from tombo_diagnosis.checks.spans import Mask, Span, merged, runs, step_of
 from tombo_diagnosis.logs.flight_log import Finding, Series
+from tombo_dynamics.arrays import Array
 
 _RISE = 0.12
 """m that a flight goes above the ground, at least."""

@@ -9,9 +9,10 @@ import numpy as np
 
 from tombo_diagnosis.checks.motion import Motion
 from tombo_diagnosis.checks.pose_imu_consistency import Alignment, alignment, time_offset
-from tombo_diagnosis.checks.spans import Array, Mask
+from tombo_diagnosis.checks.spans import Mask
 from tombo_diagnosis.checks.unit_mistakes import guess
 from tombo_diagnosis.logs.flight_log import Finding, Series
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 
 TURNED = np.radians(20.0)

@@ -9,9 +9,10 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from tombo_diagnosis.checks.gaps import gap_spans
-from tombo_diagnosis.checks.spans import Array, Mask, Span, inside
+from tombo_diagnosis.checks.spans import Mask, Span, inside
 from tombo_diagnosis.logs.flight_log import Series
 from tombo_diagnosis.logs.frames import is_usable
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import unwrap_quaternions
 
 RATE = 50.0

@@ -6,9 +6,10 @@ from itertools import permutations
 
 import numpy as np
 
-from tombo_diagnosis.checks.spans import Array, Mask
+from tombo_diagnosis.checks.spans import Mask
 from tombo_diagnosis.checks.unit_mistakes import guess
 from tombo_diagnosis.logs.flight_log import Finding, Series
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ROTOR_NAMES
 
 _SATURATED = 0.01

@@ -13,9 +13,10 @@ from tombo_diagnosis.checks.gaps import gaps
 from tombo_diagnosis.checks.ground import ground
 from tombo_diagnosis.checks.motion import Motion, motion_of
 from tombo_diagnosis.checks.series_cleaning import clean_series, nothing_left
-from tombo_diagnosis.checks.spans import Array, Mask, Span, inside, merged, step_of
+from tombo_diagnosis.checks.spans import Mask, Span, inside, merged, step_of
 from tombo_diagnosis.checks.timestamps import arrival_stamps
 from tombo_diagnosis.logs.flight_log import Finding, FlightLog, Series
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
 

@@ -8,7 +8,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tombo_diagnosis.checks.motion import RATE, WIDTH, Motion
-from tombo_diagnosis.checks.spans import Array, Mask
+from tombo_diagnosis.checks.spans import Mask
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 
 _EXCITED = 0.04

@@ -6,9 +6,9 @@ import numpy as np
 
 from tombo_diagnosis.checks.motion import Motion
 from tombo_diagnosis.checks.pose_imu_consistency import force_response, tilt_response
-from tombo_diagnosis.checks.spans import Array
 from tombo_diagnosis.checks.unit_mistakes import guess
 from tombo_diagnosis.logs.flight_log import Series
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
 

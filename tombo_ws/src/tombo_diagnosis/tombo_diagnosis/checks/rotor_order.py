@@ -7,8 +7,9 @@ from itertools import permutations
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from tombo_diagnosis.checks.spans import Array, Span, inside, step_of
+from tombo_diagnosis.checks.spans import Span, inside, step_of
 from tombo_diagnosis.logs.flight_log import Finding, Series
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES, SPIN
 
 _RATE = 100.0

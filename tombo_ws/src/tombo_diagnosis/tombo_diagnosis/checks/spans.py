@@ -7,7 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tombo_dynamics.arrays import Array
+
 Mask = NDArray[np.bool_]
 Span = tuple[float, float]
 

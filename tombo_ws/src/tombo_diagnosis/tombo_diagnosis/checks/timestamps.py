@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from tombo_diagnosis.checks.spans import Array, step_of
+from tombo_diagnosis.checks.spans import step_of
 from tombo_diagnosis.logs.flight_log import Finding
+from tombo_dynamics.arrays import Array
 
 _JITTER_S = 0.0015
 _BLOCK = 60

@@ -1,93 +1,111 @@
-"""What the flights call for: the whole analysis, in order."""
+"""What the flights call for: the engine's analysis, and the gate against unknown causes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_diagnosis.engine.analyse import analyse_problem
+from tombo_diagnosis.engine.model import Findings, Progress, Remainder, SearchResult, no_progress
+from tombo_diagnosis.engine.model_selection import LOG_BF_FIRST
+from tombo_diagnosis.engine.verdict import p_cause
 from tombo_diagnosis.flight.gust_fit import GustFit, fit_gusts
-from tombo_diagnosis.flight.model_selection import LOG_BF_FIRST, SearchResult, search
 from tombo_diagnosis.flight.noise_statistics import NoiseFit, fit_noise_effects
 from tombo_diagnosis.flight.nominal import NominalModel
-from tombo_diagnosis.flight.problem import Problem
-from tombo_diagnosis.flight.residual_predictability import cross_validated_r2
-from tombo_diagnosis.flight.residual_test import (
+from tombo_diagnosis.flight.problem import FlightProblem
+from tombo_diagnosis.flight.residual_check import (
     ResidualExcess,
     ScaleVariances,
     noise_variances,
     residual_excesses,
     residual_variances,
 )
+from tombo_diagnosis.flight.residual_predictability import cross_validated_r2
 from tombo_diagnosis.flight.track import Track
 from tombo_diagnosis.flight.transients import Transient, exclude_transients, find_transients
-from tombo_diagnosis.flight.verdict import Judgement, judge, select_noise_fits
+from tombo_dynamics.effects import REGISTRY, Stage
 
-Progress = Callable[[str, float], None]
+MAX_LOG_VARIANCE_EXCESS = 0.6
+"""Excess (logarithm of a variance's ratio) up to which a remainder counts as chance."""
 _FORCES = ("force", "acceleration")
+_FORCE_EFFECTS = frozenset(
+    name for name, e in REGISTRY.items() if e.stage in (Stage.WRENCH, Stage.AIR)
+)
+"""Effects that push the vehicle."""
 _DOUBTS = ("unknown", "partly_explained")
 _CONCERNS = 0.5
 """A cause concerns the channels whose excess it brings below this share."""
 _HEALTHY = 4.0
 """Noise off its nominal value by up to so many tolerances is taken as it is measured."""
+_MAX_GUST_R2 = 0.1
+"""Share of a remainder that other flights may foretell if it is to be gusts."""
+_MIN_EXPLAINED_CALIBRATED, _MAX_R2_CALIBRATED = 0.7, 0.5
+"""Share of the excess that causes have to explain, and share of the remainder that other flights
+may foretell, where healthy flights are not known."""
+_MIN_PARTIAL_SHARE, _MIN_PARTIAL_SHARE_CALIBRATED = 0.85, 0.5
+"""Share of all excess that a cause has to take away to be called part of it."""
+_UNEXPLAINED_SLOPE, _UNEXPLAINED_EVEN_EXCESS = 3.0, 0.2
+"""Probability that something is left: fitted to what blind cases of other seeds came to."""
 
 
 @dataclass(frozen=True)
-class Findings:
-    """All that the analysis came to, before it is put into words."""
+class FlightRemainder(Remainder):
+    """What the best explanation leaves of the flights' channels."""
 
-    problem: Problem
-    search: SearchResult
-    scatter: tuple[NoiseFit, ...]
+    scatter: tuple[NoiseFit, ...] = ()
     """Effects of chance that earn their place."""
-    all_noise_fits: tuple[NoiseFit, ...]
+    all_noise_fits: tuple[NoiseFit, ...] = ()
     """All of them that were looked at."""
-    gusts: GustFit | None
-    expected: ScaleVariances
+    gusts: GustFit | None = None
+    expected: ScaleVariances = field(kw_only=True)
     """What chance leaves over, as far as it is explained."""
-    residual_excesses: tuple[ResidualExcess, ...]
-    residual_r2: float
-    judgement: Judgement
-    events: tuple[Transient, ...] = ()
+    residual_excesses: tuple[ResidualExcess, ...] = ()
+    """What is left over, gusts and noise taken into account; the largest excess first."""
+    residual_r2: float = 0.0
+    """Share of the forces' remainder that other flights foretell."""
+    transients: tuple[Transient, ...] = ()
     """Moments that were set apart."""
 
 
-def no_progress(stage: str, share: float) -> None:
-    """Report nothing."""
+FlightFindings = Findings[FlightProblem, FlightRemainder]
 
 
 def analyse(
     tracks: Sequence[Track], nominal: NominalModel, progress: Progress = no_progress
-) -> Findings:
+) -> FlightFindings:
     """Name what the flights call for; where moments do not fit, without these moments."""
     findings = _analysed(tracks, nominal, progress)
     if findings.judgement.verdict in _DOUBTS:
         events = find_transients(findings.problem, findings.search.best.fit)
         if events:
             progress("again without moments that do not fit", 0.6)
-            without_transients = exclude_transients(tracks, events)
-            return replace(
-                _analysed(without_transients, nominal, no_progress), events=tuple(events)
-            )
+            again = _analysed(exclude_transients(tracks, events), nominal, no_progress)
+            return replace(again, remainder=replace(again.remainder, transients=tuple(events)))
     return findings
 
 
-def _analysed(tracks: Sequence[Track], nominal: NominalModel, progress: Progress) -> Findings:
+def _analysed(
+    tracks: Sequence[Track], nominal: NominalModel, progress: Progress
+) -> FlightFindings:
     progress("predicting", 0.0)
-    problem = Problem(tracks, nominal)
-    progress("naming", 0.3)
-    found = search(problem, lambda share: progress("naming", 0.3 + 0.3 * share))
-    progress("looking at what is left over", 0.6)
+    return analyse_problem(FlightProblem(tracks, nominal), held_against_noise, progress)
+
+
+def held_against_noise(problem: FlightProblem, found: SearchResult) -> FlightRemainder:
+    """Return what the best explanation leaves over, held against known noise and gusts."""
+    nominal, best = problem.nominal, found.best.fit
     # Of a vehicle that the suite does not know, healthy noise is not known either.
-    fits = [] if nominal.calibrated else fit_noise_effects(tracks, nominal, problem.theta)
+    fits = [] if nominal.calibrated else fit_noise_effects(problem.tracks, nominal, problem.theta)
     noise_fits = select_noise_fits(fits)
-    theta = found.best.fit.theta.copy()
+    theta = best.theta.copy()
     for fit in sorted(fits, key=lambda each: each.evidence):
         if fit in noise_fits or _within_tolerance(fit, theta, nominal):
             theta[list(fit.free)] = fit.value
-    measured = residual_variances(problem, found.best.fit)
+    measured = residual_variances(problem, best)
     expected = noise_variances(problem, theta)
     before = residual_variances(problem, problem.null_hypothesis)
     explained, removed = _explained(before, measured, expected)
@@ -98,25 +116,70 @@ def _analysed(tracks: Sequence[Track], nominal: NominalModel, progress: Progress
         each.excess > 0.0 and each.channel.startswith(_FORCES) for each in rest
     )
     if forces_unexplained:
-        residual_r2 = cross_validated_r2(problem, found.best.fit, _FORCES)
+        residual_r2 = cross_validated_r2(problem, best, _FORCES)
     if forces_unexplained and not nominal.calibrated:
-        blown = fit_gusts(problem, replace(found.best.fit, theta=theta), measured)
+        blown = fit_gusts(problem, replace(best, theta=theta), measured)
         if blown.evidence > LOG_BF_FIRST:
             gusts = blown
             expected = noise_variances(problem, blown.theta)
             rest = residual_excesses(measured, expected)
-    judgement = judge(found, noise_fits, gusts, rest, residual_r2, explained, removed, nominal)
-    return Findings(
-        problem,
-        found,
-        tuple(noise_fits),
-        tuple(fits),
-        gusts,
-        expected,
-        tuple(rest),
-        residual_r2,
-        judgement,
-    )
+    return weigh_remainder(
+        FlightRemainder(
+            False, 0.0, False, explained=explained, scatter=tuple(noise_fits),
+            all_noise_fits=tuple(fits), gusts=gusts, expected=expected,
+            residual_excesses=tuple(rest), residual_r2=residual_r2,
+        ),
+        removed,
+        nominal.calibrated,
+    )  # fmt: skip
+
+
+def weigh_remainder(
+    found: FlightRemainder, removed: float, thrust_fitted: bool
+) -> FlightRemainder:
+    """Return what is left with what it means.
+
+    Args:
+        found: what is left, in figures.
+        removed: share of the excess of all channels that the best explanation takes away.
+        thrust_fitted: thrust was fitted to the same flights: healthy noise is not known.
+    """
+    gusts, explained = found.gusts, found.explained
+    accepted = gusts is not None and found.residual_r2 < _MAX_GUST_R2 and not gusts.at_edge
+    excess = max((each.excess for each in found.residual_excesses), default=-math.inf)
+    if thrust_fitted:
+        clean = explained > _MIN_EXPLAINED_CALIBRATED and found.residual_r2 < _MAX_R2_CALIBRATED
+        mostly = explained > _MIN_PARTIAL_SHARE_CALIBRATED
+    else:
+        clean = excess <= MAX_LOG_VARIANCE_EXCESS
+        mostly = removed > _MIN_PARTIAL_SHARE
+    p_left = _p_unexplained(excess)
+    noise = {fit.effect: fit.evidence for fit in found.scatter}
+    if gusts is not None and accepted:
+        noise["gusts"] = gusts.evidence
+    elif gusts is not None:
+        clean, p_left = False, max(p_left, p_cause(gusts.evidence))
+    return replace(
+        found, clean=clean, p_unexplained=p_left, mostly_explained=mostly, noise_log_bf=noise,
+        imitated={"gusts": _FORCE_EFFECTS - {"gusts"}} if accepted else {},
+    )  # fmt: skip
+
+
+def _p_unexplained(excess: float) -> float:
+    """Return the probability that something is left over, from the largest excess."""
+    if not math.isfinite(excess):
+        return 0.5
+    return 1.0 / (1.0 + math.exp(-_UNEXPLAINED_SLOPE * (excess - _UNEXPLAINED_EVEN_EXCESS)))
+
+
+def select_noise_fits(fits: Sequence[NoiseFit]) -> list[NoiseFit]:
+    """Return the effects of chance that earn their place, by their best way, likeliest first."""
+    best: dict[str, NoiseFit] = {}
+    for fit in fits:
+        if fit.effect not in best or best[fit.effect].evidence < fit.evidence:
+            best[fit.effect] = fit
+    chosen = [fit for fit in best.values() if fit.evidence > LOG_BF_FIRST]
+    return sorted(chosen, key=lambda fit: -fit.evidence)
 
 
 def _within_tolerance(fit: NoiseFit, theta: NDArray[np.float64], nominal: NominalModel) -> bool:

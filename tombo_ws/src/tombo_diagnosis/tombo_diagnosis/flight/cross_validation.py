@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
-from tombo_diagnosis.flight.evidence import solve
-from tombo_diagnosis.flight.model_selection import (
-    LOG_BF_ADDITIONAL,
-    LOG_BF_FIRST,
-    Explanation,
-    SearchResult,
-)
+from tombo_diagnosis.engine.evidence import solve
+from tombo_diagnosis.engine.gain import gain_of, rms
+from tombo_diagnosis.engine.model import Explanation, SearchResult
+from tombo_diagnosis.engine.model_selection import LOG_BF_ADDITIONAL, LOG_BF_FIRST
+from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.flight.prediction import motion_of, residuals, simulate_along_motion
-from tombo_diagnosis.flight.problem import Fit, Problem, sum_of
+from tombo_diagnosis.flight.problem import SCATTER, FlightProblem, sum_of, tangent_of
 from tombo_diagnosis.flight.sensitivity import theta_with_scatter
 from tombo_diagnosis.flight.track import TICK
 from tombo_dynamics.rotation import conjugate, quaternion_multiply
@@ -29,8 +25,6 @@ from tombo_sim.open_loop import open_loop
 Array = NDArray[np.float64]
 
 HORIZONS_S = (0.5, 1.0)
-_FEW = 3
-"""Fewer flights than this give no interval."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +39,9 @@ class HeldOut:
     """group -> (rows, channels): what the extended model leaves of the flight's channels."""
 
 
-def fit_without_flight(problem: Problem, flight: int, tried: Sequence[Explanation]) -> HeldOut:
+def fit_without_flight(
+    problem: FlightProblem, flight: int, tried: Sequence[Explanation]
+) -> HeldOut:
     """Name and fit without a flight: the best of the explanations that were tried, fitted anew."""
     others = [f for f in range(len(problem.tracks)) if f != flight] or [flight]
     best: tuple[float, Fit, Array] | None = None
@@ -68,7 +64,7 @@ def fit_without_flight(problem: Problem, flight: int, tried: Sequence[Explanatio
     return _extended(problem, fit, mean, flight)
 
 
-def nominal_theta(problem: Problem) -> Array:
+def nominal_theta(problem: FlightProblem) -> Array:
     """Return the parameters of the model as it was, with what its own fit has taken up."""
     theta = problem.theta.copy()
     absorbed = sorted(problem.columns.absorbed)
@@ -76,25 +72,26 @@ def nominal_theta(problem: Problem) -> Array:
     return theta
 
 
-def nominal_residuals(problem: Problem, flight: int) -> dict[str, Array]:
+def nominal_residuals(problem: FlightProblem, flight: int) -> dict[str, Array]:
     """Return what the model as it was leaves of a flight, group -> (rows, channels)."""
     if not problem.columns.absorbed:
         return problem.linears[flight].residual
     return residuals(problem.tracks[flight], problem.nominal, nominal_theta(problem))
 
 
-def extended_model_residuals(problem: Problem, fit: Fit, flight: int) -> HeldOut:
+def extended_model_residuals(problem: FlightProblem, fit: Fit, flight: int) -> HeldOut:
     """Return what a fit to all flights leaves of one."""
     return _extended(problem, fit, fit.solution.mean, flight)
 
 
-def _solved(problem: Problem, fit: Fit, flights: Sequence[int]) -> tuple[float, Array]:
-    deviations = problem.columns.deviations(fit.free, draw_width=fit.draw_width, pinned=fit.pinned)
-    solution = solve(sum_of([fit.normals[f] for f in flights]), deviations, fit.prior_mean)
+def _solved(problem: FlightProblem, fit: Fit, flights: Sequence[int]) -> tuple[float, Array]:
+    deviations = problem.columns.deviations(fit.free, fit.widths, pinned=fit.pinned)
+    normal = sum_of([tangent_of(fit).normals[f] for f in flights])
+    solution = solve(normal, deviations, fit.prior_mean)
     return solution.evidence, solution.mean
 
 
-def _extended(problem: Problem, fit: Fit, mean: Array, flight: int) -> HeldOut:
+def _extended(problem: FlightProblem, fit: Fit, mean: Array, flight: int) -> HeldOut:
     """Keep of the unknowns only what is named; tolerances stay as the nominal model has them."""
     columns = problem.columns
     draws = np.zeros(8)
@@ -103,14 +100,14 @@ def _extended(problem: Problem, fit: Fit, mean: Array, flight: int) -> HeldOut:
         p = columns.parameters[columns.indices[place]]
         theta[p.index] = np.clip(fit.theta[p.index] + mean[place], p.low, p.high)
     drawn = theta
-    if fit.draw_width > 1.01 * columns.draw_width and columns.vehicles == 1:
-        draws[: columns.draws] = mean[len(columns.indices) :]
+    if fit.widths.get(SCATTER, 1.0) > 1.01 and problem.vehicles == 1:
+        draws[: problem.rotor_draws] = mean[len(columns.indices) :]
         drawn = theta_with_scatter(theta, problem.nominal)
     residual = residuals(problem.tracks[flight], problem.nominal, drawn, draws=draws)
     return HeldOut(flight, drawn, draws, residual)
 
 
-def one_step_gains(problem: Problem, held: Sequence[HeldOut]) -> list[Gain]:
+def one_step_gains(problem: FlightProblem, held: Sequence[HeldOut]) -> list[Gain]:
     """Return the gain of every channel's equation error."""
     before: dict[str, list[float]] = {}
     after: dict[str, list[float]] = {}
@@ -120,12 +117,12 @@ def one_step_gains(problem: Problem, held: Sequence[HeldOut]) -> list[Gain]:
             own = [c for c in problem.channels[each.flight] if c.group == group]
             for j, c in enumerate(own):
                 units[c.name] = c.unit
-                before.setdefault(c.name, []).append(_rms(rows[:, j]))
-                after.setdefault(c.name, []).append(_rms(each.residual[group][:, j]))
-    return [_gain(n, units[n], "one step", before[n], after[n]) for n in before]
+                before.setdefault(c.name, []).append(rms(rows[:, j]))
+                after.setdefault(c.name, []).append(rms(each.residual[group][:, j]))
+    return [gain_of(n, units[n], "one step", before[n], after[n]) for n in before]
 
 
-def open_loop_gains(problem: Problem, held: Sequence[HeldOut]) -> list[Gain]:
+def open_loop_gains(problem: FlightProblem, held: Sequence[HeldOut]) -> list[Gain]:
     """Return the gain of open-loop simulation over each horizon: position, velocity, attitude."""
     gains = []
     for horizon in HORIZONS_S:
@@ -140,30 +137,29 @@ def open_loop_gains(problem: Problem, held: Sequence[HeldOut]) -> list[Gain]:
             ):
                 errors = _window_errors(problem, each.flight, theta, drawn, horizon)
                 for name, values in errors.items():
-                    table.setdefault(name, []).append(_rms(values))
+                    table.setdefault(name, []).append(rms(values))
         for name in before:
             unit = {"position": "m", "velocity": "m/s", "attitude": "rad"}[name.split()[0]]
-            gains.append(_gain(name, unit, f"{horizon:g} s", before[name], after[name]))
+            gains.append(gain_of(name, unit, f"{horizon:g} s", before[name], after[name]))
     return gains
 
 
-def _healthy_draws(problem: Problem, flight: int) -> Array:
+def _healthy_draws(problem: FlightProblem, flight: int) -> Array:
     """Return a vehicle's draws (8) as the nominal model's scatter lets the data have them.
 
     Left to itself a simulation with rotors a percent too strong tips over in a second, whatever
     else is right: both sides of a comparison are given the rotors of the vehicle.
     """
-    columns = problem.columns
     draws = np.zeros(8)
-    if columns.draws:
-        first = columns.first_draw(flight)
-        found = problem.null_hypothesis.solution.mean[first : first + columns.draws]
-        draws[: columns.draws] = np.clip(found, -3.0, 3.0)
+    if problem.rotor_draws:
+        first = problem.first_draw(flight)
+        found = problem.null_hypothesis.solution.mean[first : first + problem.rotor_draws]
+        draws[: problem.rotor_draws] = np.clip(found, -3.0, 3.0)
     return draws
 
 
 def _window_errors(
-    problem: Problem, flight: int, theta: Array, draws: Array, horizon: float
+    problem: FlightProblem, flight: int, theta: Array, draws: Array, horizon: float
 ) -> dict[str, Array]:
     track, nominal = problem.tracks[flight], problem.nominal
     ticks = round(horizon / TICK)
@@ -194,30 +190,7 @@ def _window_errors(
     return errors
 
 
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else math.nan
-
-
-def _gain(
-    channel: str, unit: str, horizon: str, before: Sequence[float], after: Sequence[float]
-) -> Gain:
-    """Return a channel's gain; its interval from the flights' logarithms of after over before."""
-    b, a = np.array(before), np.array(after)
-    total_before = float(np.sqrt(np.mean(b**2)))
-    total_after = float(np.sqrt(np.mean(a**2)))
-    reduction = 1.0 - total_after / total_before if total_before > 0.0 else 0.0
-    low = high = math.nan
-    if b.size >= _FEW and (b > 0.0).all() and (a > 0.0).all():
-        logs = np.log(a / b)
-        wide = float(stats.t.ppf(0.975, b.size - 1)) * float(logs.std(ddof=1)) / math.sqrt(b.size)
-        low = min(1.0 - math.exp(float(logs.mean()) + wide), reduction)
-        high = max(1.0 - math.exp(float(logs.mean()) - wide), reduction)
-    return Gain(
-        channel, unit, horizon, total_before, total_after, reduction, low, high, int(b.size)
-    )
-
-
-def gain_by_effect(problem: Problem, found: SearchResult) -> dict[str, float]:
+def gain_by_effect(problem: FlightProblem, found: SearchResult) -> dict[str, float]:
     """Return effect -> share of what the best explanation removes, in flights not fitted on."""
     result = {}
     best = found.best.fit
@@ -235,7 +208,7 @@ def gain_by_effect(problem: Problem, found: SearchResult) -> dict[str, float]:
     return result
 
 
-def _removed(problem: Problem, fit: Fit, mean: Array, flight: int) -> float:
+def _removed(problem: FlightProblem, fit: Fit, mean: Array, flight: int) -> float:
     """Return the cost that what is named takes off a flight's; tolerances take nothing."""
     after = _extended(problem, fit, mean, flight).residual
     before = nominal_residuals(problem, flight)

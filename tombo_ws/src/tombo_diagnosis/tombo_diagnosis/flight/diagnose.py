@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_diagnosis.diagnosis import Diagnosis, Experiment, FlightSummary, Residual
-from tombo_diagnosis.flight.analyse import Findings, Progress, analyse, no_progress
+from tombo_diagnosis.engine.model import Explanation, Progress, no_progress
+from tombo_diagnosis.engine.model_selection import restrict_to
+from tombo_diagnosis.flight.analyse import FlightFindings, analyse
 from tombo_diagnosis.flight.calibrate import calibrated, has_no_thrust_data, thrust_from_track
 from tombo_diagnosis.flight.cause_estimates import estimate_cause, scores
 from tombo_diagnosis.flight.cross_validation import (
@@ -21,18 +23,17 @@ from tombo_diagnosis.flight.cross_validation import (
     one_step_gains,
     open_loop_gains,
 )
-from tombo_diagnosis.flight.model_selection import Explanation, restrict_to
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.prediction import motion_of
 from tombo_diagnosis.flight.summary_text import notes, summary
 from tombo_diagnosis.flight.track import Track, track_of
 from tombo_diagnosis.flight.transients import transient_findings
 from tombo_diagnosis.logs.flight_log import Finding, FlightLog
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_flight.extended_model import Gain
 
-Array = NDArray[np.float64]
-Separate = Callable[[Findings, Progress], Experiment | None]
+Separate = Callable[[FlightFindings, Progress], Experiment | None]
 
 _BLOCK_S = 8.0
 """A single flight is cut into blocks of about this length, which stand for flights."""
@@ -96,7 +97,7 @@ def diagnose(
         prechecks=(
             *(f for log in logs for f in log.findings),
             *refused,
-            *transient_findings(problem.tracks, findings.events),
+            *transient_findings(problem.tracks, findings.remainder.transients),
         ),
         candidates=candidates,
         flights=tuple(_note(track) for track in problem.tracks),
@@ -110,7 +111,7 @@ def diagnose(
     )
 
 
-def final_explanation(findings: Findings) -> Explanation:
+def final_explanation(findings: FlightFindings) -> Explanation:
     """Return the explanation that goes into the model: of what is sure, or the likeliest."""
     judgement = findings.judgement
     best = findings.search.best
@@ -121,10 +122,9 @@ def final_explanation(findings: Findings) -> Explanation:
     return restrict_to(findings.problem, best, judgement.effects)
 
 
-def _explaining(effect: str, findings: Findings, final: Explanation) -> Explanation:
+def _explaining(effect: str, findings: FlightFindings, final: Explanation) -> Explanation:
     """Return the likeliest explanation that an effect is part of."""
-    every = [final, findings.search.best, *findings.search.alternatives]
-    return next((e for e in every if effect in e.effects), final)
+    return final if effect in final.effects else findings.search.explaining(effect) or final
 
 
 def _usable(logs: Sequence[FlightLog]) -> tuple[list[FlightLog], list[Finding]]:
@@ -190,12 +190,12 @@ def _note(track: Track) -> FlightSummary:
     )
 
 
-def _residuals(findings: Findings, final: Explanation) -> list[Residual]:
+def _residuals(findings: FlightFindings, final: Explanation) -> list[Residual]:
     """Return what is left before and after, with what could drive it."""
     problem = findings.problem
     sigma = {
-        name: float(np.sqrt(2.0 * np.nan_to_num(findings.expected.variances[0, j])))
-        for j, name in enumerate(findings.expected.names)
+        name: float(np.sqrt(2.0 * np.nan_to_num(findings.remainder.expected.variances[0, j])))
+        for j, name in enumerate(findings.remainder.expected.names)
     }
     shown = []
     for f in range(min(len(problem.tracks), _SHOWN)):

@@ -12,15 +12,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_diagnosis.diagnosis import Experiment
-from tombo_diagnosis.flight.analyse import Findings
-from tombo_diagnosis.flight.cause_estimates import estimate_cause, join_names
-from tombo_diagnosis.flight.evidence import NormalEquations, solve
+from tombo_diagnosis.engine.cause_estimates import join_names
+from tombo_diagnosis.engine.evidence import NormalEquations, solve
+from tombo_diagnosis.flight.analyse import FlightFindings
+from tombo_diagnosis.flight.cause_estimates import estimate_cause
 from tombo_diagnosis.flight.manoeuvres import Manoeuvre, manoeuvre_catalogue
 from tombo_diagnosis.flight.nominal import NominalModel
-from tombo_diagnosis.flight.problem import Problem, sum_of
+from tombo_diagnosis.flight.problem import SCATTER, FlightProblem
 from tombo_diagnosis.flight.track import track_of
 from tombo_diagnosis.logs.flight_log import FlightLog, Series
 from tombo_dynamics.effects import REGISTRY
@@ -29,7 +29,6 @@ from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.scenario import Scenario, extended_scenario
 
-Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
 _SUFFICIENT_LOG_BF = 8.0
@@ -50,7 +49,7 @@ class _DesignInput:
     rpm: bool
 
 
-def separate(findings: Findings, progress: Progress) -> Experiment | None:
+def separate(findings: FlightFindings, progress: Progress) -> Experiment | None:
     """Return the manoeuvre that separates the members of a set best, or None without a set."""
     members = findings.judgement.members[:_MEMBERS]
     if len(members) < 2:
@@ -83,14 +82,13 @@ def separate(findings: Findings, progress: Progress) -> Experiment | None:
     return Experiment(members, text, best[0], present, best[1].scenario)
 
 
-def _theta(member: str, findings: Findings) -> Mapping[str, float]:
+def _theta(member: str, findings: FlightFindings) -> Mapping[str, float]:
     """Return the fitted parameters of a member."""
-    every = [findings.search.best, *findings.search.alternatives]
-    own = next((e for e in every if member in e.effects), every[0])
+    own = findings.search.explaining(member) or findings.search.best
     return {f.name: f.value for f in estimate_cause(member, findings, own).theta}
 
 
-def _present_log_bf(findings: Findings, members: Sequence[str]) -> float:
+def _present_log_bf(findings: FlightFindings, members: Sequence[str]) -> float:
     """Return the log Bayes factor between the two closest members in the flights at hand."""
     every = [findings.search.best, *findings.search.alternatives]
     own = [[e.evidence for e in every if m in e.effects] for m in members]
@@ -118,7 +116,7 @@ def _expected_log_bf(
     except InputError:
         return 0.0
     columns = problem.columns
-    matrix = sum_of(problem.normals).matrix
+    matrix = problem.normal().matrix
     worst = float("inf")
     for member, theta in bench.fitted.items():
         change = np.zeros(columns.count)
@@ -139,12 +137,12 @@ def _flown(
     effects: Mapping[str, Mapping[str, float]],
     seed: int,
     bench: _DesignInput,
-) -> Problem:
+) -> FlightProblem:
     """Fly a manoeuvre with these effects and hold it against the nominal model."""
     values = {**manoeuvre.scenario, "effects": {n: dict(v) for n, v in effects.items()}}
     scenario: Scenario = extended_scenario(values, manoeuvre.name)
     log = as_log(fly_scenario(scenario, seed, workspace=Workspace()), bench.imu, bench.rpm)
-    return Problem([track_of(log)], bench.nominal)
+    return FlightProblem([track_of(log)], bench.nominal)
 
 
 def _simulated_log_bf(
@@ -160,18 +158,18 @@ def _simulated_log_bf(
             problem = _flown(manoeuvre, effects, 100 + number, bench)
         except InputError:
             return 0.0  # a member that does not fly the manoeuvre
-        shown = sum_of(problem.normals)
+        shown = problem.normal()
         evidence = {name: _evidence(problem, shown, name) for name in bench.fitted}
         others = [value for name, value in evidence.items() if name != member]
         worst = min(worst, evidence[member] - max(others))
     return worst
 
 
-def _evidence(problem: Problem, normal: NormalEquations, effect: str) -> float:
+def _evidence(problem: FlightProblem, normal: NormalEquations, effect: str) -> float:
     own = tuple(p.index for p in problem.columns.parameters if p.effect == effect)
     free = [i for i in own if i in problem.columns.identifiable]
     if not free:
-        wide = problem.columns.deviations(draw_width=8.0 * problem.columns.draw_width)
+        wide = problem.columns.deviations(widths={SCATTER: 8.0})
         return solve(normal, wide, covariance=False).evidence
     alone = [(i,) for i in free] + [tuple(free)]
     return max(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-Array = NDArray[np.float64]
+from tombo_dynamics.arrays import Array
 
 _REACH = 4.0
 """The kernel is cut off at so many widths."""

@@ -6,14 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.flight.parameters import PARAMETERS
-from tombo_diagnosis.flight.problem import Fit, Problem
-from tombo_diagnosis.flight.residual_test import ScaleVariances, noise_variances
+from tombo_diagnosis.flight.problem import FlightProblem
+from tombo_diagnosis.flight.residual_check import ScaleVariances, noise_variances
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import layout
-
-Array = NDArray[np.float64]
 
 _TIMES = np.array([0.15, 0.3, 0.5, 0.8, 1.2, 2.0, 3.5, 7.0])
 _TIME_TOLERANCE = 0.3
@@ -39,7 +38,7 @@ class GustFit:
     """The time is at an end of what was tried: no gusts have it."""
 
 
-def fit_gusts(problem: Problem, fit: Fit, measured: ScaleVariances) -> GustFit:
+def fit_gusts(problem: FlightProblem, fit: Fit, measured: ScaleVariances) -> GustFit:
     """Fit deviation and time of the gusts to what a fit leaves of the forces.
 
     Args:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tombo_dynamics.arrays import Array
 
 SCALES_S = (0.12, 0.24, 0.48, 0.96, 1.92, 3.84)
 """Lengths of the blocks."""

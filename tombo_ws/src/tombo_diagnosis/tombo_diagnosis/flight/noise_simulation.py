@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.prediction import NO_NOISE, Motion, motion_of, residuals
 from tombo_diagnosis.flight.track import TICK, Track
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import conjugate, quaternion_multiply
 from tombo_sim.inverse_simulation import simulate_mocap
-
-Array = NDArray[np.float64]
 
 _SAMPLE = 0.001
 """s: noise of the IMU is given for samples of 1 kHz; a tick is the mean of several."""

@@ -15,12 +15,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_diagnosis.engine.regression import Parameter
 from tombo_diagnosis.flight.nominal import NominalModel
-from tombo_diagnosis.flight.parameters import PARAMETERS, WIDE, Parameter
+from tombo_diagnosis.flight.parameters import PARAMETERS
 from tombo_diagnosis.flight.track import Track
+from tombo_dynamics.arrays import Array
 from tombo_sim.inverse_simulation import simulate_imu_at_rest, simulate_mocap
-
-Array = NDArray[np.float64]
 
 _DRAWN = 20_000
 _IMU_RATE = (800.0, 1250.0)
@@ -233,7 +233,7 @@ def _fit(
         return np.asarray(np.array([f.value - model[f.name] for f in statistics]) / sigma)
 
     at = np.clip(start + 0.5 * scales, low, high)
-    wide = WIDE * scales
+    wide = scales
     for _ in range(12):
         residual = misfit(at)
         slopes = np.column_stack(

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tombo_dynamics.arrays import Array
 
 BLOCK_S = 1.0
 """Residuals are taken to be independent from one such block to the next."""

@@ -9,7 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_diagnosis.flight.parameters import Parameter, parameters
+from tombo_diagnosis.engine.regression import Parameter
+from tombo_diagnosis.flight.parameters import parameters
 from tombo_dynamics.effects.compose import pack_theta
 from tombo_dynamics.plant import new_plant, part
 from tombo_dynamics.vehicle import VehicleParams

@@ -8,14 +8,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.flight.haar_variance import block_means
 from tombo_diagnosis.flight.prediction import Motion
-from tombo_diagnosis.flight.problem import Fit, Problem
+from tombo_diagnosis.flight.problem import FlightProblem, tangent_of
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import yaw_pitch_roll
-
-Array = NDArray[np.float64]
 
 _BLOCK_S = 0.48
 """Means over such blocks are looked at: noise of the sensors is no gust."""
@@ -62,7 +61,7 @@ def _grid_features(state: Array, low: Array, high: Array) -> Array:
     return np.asarray(both.reshape(both.shape[0], -1))
 
 
-def cross_validated_r2(problem: Problem, fit: Fit, start: tuple[str, ...]) -> float:
+def cross_validated_r2(problem: FlightProblem, fit: Fit, start: tuple[str, ...]) -> float:
     """Return the share (0 to 1) of the remainder's variance that other flights foretell.
 
     Args:
@@ -71,7 +70,7 @@ def cross_validated_r2(problem: Problem, fit: Fit, start: tuple[str, ...]) -> fl
         start: beginnings of the names of the channels to look at.
     """
     xs, ys = [], []
-    motions = [linear.motion for linear in fit.linears]
+    motions = [linear.motion for linear in tangent_of(fit).linears]
     places = np.vstack([motion.state[:, :3] for motion in motions])
     low, high = places.min(axis=0), places.max(axis=0)
     for f, (track, motion) in enumerate(zip(problem.tracks, motions, strict=True)):

@@ -11,9 +11,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_diagnosis.engine.regression import Parameter
 from tombo_diagnosis.flight.noise_simulation import with_pose_noise
 from tombo_diagnosis.flight.nominal import NominalModel
-from tombo_diagnosis.flight.parameters import Parameter
 from tombo_diagnosis.flight.prediction import (
     Motion,
     affects_poses,

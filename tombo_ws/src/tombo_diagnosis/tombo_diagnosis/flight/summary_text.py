@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tombo_diagnosis.diagnosis import Cause
-from tombo_diagnosis.flight.analyse import Findings
-from tombo_diagnosis.flight.cause_estimates import join_names
-from tombo_diagnosis.flight.verdict import MAX_LOG_VARIANCE_EXCESS
+from tombo_diagnosis.engine.cause_estimates import join_names
+from tombo_diagnosis.flight.analyse import MAX_LOG_VARIANCE_EXCESS, FlightFindings
 from tombo_flight.extended_model import Gain
 
 
-def summary(findings: Findings, causes: Sequence[Cause], gains: Sequence[Gain]) -> str:
+def summary(findings: FlightFindings, causes: Sequence[Cause], gains: Sequence[Gain]) -> str:
     """Return the verdict in a sentence or two."""
     judgement = findings.judgement
-    worst = findings.residual_excesses[0] if findings.residual_excesses else None
+    worst = (
+        findings.remainder.residual_excesses[0] if findings.remainder.residual_excesses else None
+    )
     remains = (
         f"{worst.channel} keeps {worst.measured:.2g} {worst.unit} at {worst.scale_s:g} s where "
         f"chance gives {worst.expected:.2g}"
@@ -65,7 +66,7 @@ def _cause_text(cause: Cause) -> str:
     return f"{join_names((cause.effect,))}: {values}"
 
 
-def notes(findings: Findings) -> list[str]:
+def notes(findings: FlightFindings) -> list[str]:
     """Return what can't be certified, and why."""
     problem = findings.problem
     said = []
@@ -81,7 +82,7 @@ def notes(findings: Findings) -> list[str]:
             "mass, thrust and level can't be seen, moments are not compared, and what healthy "
             "flights leave over is not known; the level of false alarms can't be certified."
         )
-        unexplained = [each for each in findings.residual_excesses if each.excess > 3.0]
+        unexplained = [each for each in findings.remainder.residual_excesses if each.excess > 3.0]
         if unexplained and findings.judgement.effects:
             told = "; ".join(f"{e.channel} {e.measured:.2g} {e.unit}" for e in unexplained[:4])
             said.append(f"What is left beyond the causes named: {told} (root mean square).")
@@ -95,7 +96,7 @@ def notes(findings: Findings) -> list[str]:
             "Without an IMU accelerations come from 30 Hz poses: faults of the IMU can't be seen, "
             "and quick effects only in part."
         )
-    if findings.problem.columns.vehicles > 1 and len(problem.tracks) > 1:
+    if findings.problem.vehicles > 1 and len(problem.tracks) > 1:
         said.append(
             "The rotors differ from flight to flight: other propellers, or other vehicles."
         )

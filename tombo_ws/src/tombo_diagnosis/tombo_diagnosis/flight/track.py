@@ -18,10 +18,9 @@ from tombo_diagnosis.flight.filters import (
     tick_means,
 )
 from tombo_diagnosis.logs.flight_log import FlightLog, Series
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import unwrap_quaternions
-
-Array = NDArray[np.float64]
 
 TICK = 0.004
 """[s]"""

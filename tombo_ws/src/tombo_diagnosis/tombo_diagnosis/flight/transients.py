@@ -11,14 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.flight.filters import clear_rows
-from tombo_diagnosis.flight.problem import Fit, Problem
+from tombo_diagnosis.flight.problem import FlightProblem
 from tombo_diagnosis.flight.track import Track
 from tombo_diagnosis.logs.flight_log import Finding
-
-Array = NDArray[np.float64]
 
 _BURST = 12.0
 """Times a channel's robust deviation: no noise comes to it, nor do effects in a fitted flight."""
@@ -43,7 +41,7 @@ class Transient:
     times_noise: float
 
 
-def find_transients(problem: Problem, fit: Fit) -> list[Transient]:
+def find_transients(problem: FlightProblem, fit: Fit) -> list[Transient]:
     """Return the moments at which a fit leaves far more than at all other times."""
     found: list[Transient] = []
     for f, track in enumerate(problem.tracks):
@@ -55,7 +53,7 @@ def find_transients(problem: Problem, fit: Fit) -> list[Transient]:
     return found
 
 
-def _of_flight(problem: Problem, fit: Fit, flight: int) -> list[Transient]:
+def _of_flight(problem: FlightProblem, fit: Fit, flight: int) -> list[Transient]:
     track = problem.tracks[flight]
     times = {"fast": track.fast.t[track.fast_rows], "slow": track.slow.t[track.slow_rows]}
     moments: list[tuple[float, float, str]] = []

@@ -17,10 +17,10 @@ from tombo_bag.columns import ColumnTable
 from tombo_bag.recording import Recording
 from tombo_bag.topics import BATTERY, IMU, MOCAP_POSE, ROTOR_COMMAND
 from tombo_diagnosis.logs.flight_log import Finding, FlightLog, Series
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import unwrap_quaternions
 
-Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 ROTOR_SPEED = "/rotor_speed"

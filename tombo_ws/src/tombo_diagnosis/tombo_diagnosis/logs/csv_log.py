@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tombo_diagnosis.logs.csv_mapping import ChannelMap, LogMapping, TimeColumn, shipped
@@ -15,10 +14,9 @@ from tombo_diagnosis.logs.csv_table import CsvTable, open_table
 from tombo_diagnosis.logs.flight_log import CHANNELS, Finding, FlightLog, Series
 from tombo_diagnosis.logs.frames import axes_matrix, handedness, turn_attitude
 from tombo_diagnosis.logs.units import factor
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.rotation import unwrap_quaternions
-
-Array = NDArray[np.float64]
 
 _NEEDED = ("position", "attitude")
 

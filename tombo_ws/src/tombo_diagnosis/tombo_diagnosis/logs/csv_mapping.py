@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tombo_diagnosis.logs.flight_log import CHANNELS, Airframe, Series
@@ -21,8 +20,6 @@ from tombo_diagnosis.logs.frames import BODIES, WORLDS, axes_matrix, handedness,
 from tombo_diagnosis.logs.units import factor
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.rotation import unwrap_quaternions
-
-Array = NDArray[np.float64]
 
 ORDERS = {"xyzw": 4, "wxyz": 4, "rpy": 3, "ypr": 3}
 """How an attitude is written, and in how many columns: quaternion, or roll, pitch and yaw."""
@@ -91,7 +88,7 @@ class LogMapping:
 
 def shipped() -> dict[str, LogMapping]:
     """Return the mappings that come with the package, by name."""
-    folder = resources.files("tombo_diagnosis").joinpath("mappings")
+    folder = resources.files("tombo_diagnosis").joinpath("logs/mappings")
     files = sorted(f.name for f in folder.iterdir() if f.name.endswith(".yaml"))
     texts = {name: folder.joinpath(name).read_text(encoding="utf-8") for name in files}
     return {name[:-5]: parse_mapping(text, name[:-5]) for name, text in texts.items()}

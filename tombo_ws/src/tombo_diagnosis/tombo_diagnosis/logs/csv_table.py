@@ -9,11 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
-
-Array = NDArray[np.float64]
 
 _GZIP = b"\x1f\x8b"
 _LARGEST = 2_000_000_000

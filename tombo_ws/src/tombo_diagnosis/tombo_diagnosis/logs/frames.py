@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
-
-Array = NDArray[np.float64]
 
 WORLDS = {"ENU": ("x", "y", "z"), "NED": ("y", "x", "-z"), "NWU": ("-y", "x", "z")}
 BODIES = {"FLU": ("x", "y", "z"), "FRD": ("x", "-y", "-z"), "RFU": ("y", "-x", "z")}

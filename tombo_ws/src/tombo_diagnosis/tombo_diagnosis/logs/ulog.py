@@ -16,10 +16,10 @@ from pyulog import ULog
 from pyulog.exceptions import ULogException
 
 from tombo_diagnosis.logs.flight_log import Finding, FlightLog, Series
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import unwrap_quaternions
 
-Array = NDArray[np.float64]
 Topics = Mapping[str, Mapping[str, NDArray[Any]]]
 
 MAGIC = ULog.HEADER_BYTES[:4]

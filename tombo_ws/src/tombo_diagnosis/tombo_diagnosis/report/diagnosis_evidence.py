@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Final
 
 from tombo_diagnosis.diagnosis import Diagnosis, Score
-from tombo_diagnosis.report.diagnosis_plot_data import zero_s
+from tombo_diagnosis.logs.flight_log import Finding
 from tombo_diagnosis.report.diagnosis_text import DASH, certainty, figure, percent, words
 
 _SHOWN: Final = 8
@@ -20,18 +20,14 @@ _SEVERITIES: Final = {"fault": "bad", "warning": "warn", "info": "plain"}
 def candidates(scores: Sequence[Score]) -> str:
     """Return all candidates; those that are out of the question folded away."""
     rows = [_score(score) for score in scores]
-    head = ("candidate", "probability", "removes, held out", "log evidence", "remark")
-    shown = table(head, rows[:_SHOWN], "scores")
-    if len(rows) > _SHOWN:
-        rest = table(head, rows[_SHOWN:], "scores")
-        shown += f"<details><summary>{len(rows) - _SHOWN} others</summary>{rest}</details>"
-    return shown
+    head = ("candidate, alone", "probability", "removes, held out", "log evidence", "remark")
+    return _folded(head, rows, _SHOWN, "scores", "others")
 
 
 def _score(score: Score) -> str:
     known = math.isfinite(score.probability)
     kind = "" if score.excited else ' class="blind"'
-    remark = score.remark if score.excited else f"not shown by these flights: {score.remark}"
+    remark = score.remark if score.excited else f"not shown by these data: {score.remark}"
     share = score.probability if known else 0.0
     return (
         f'<tr{kind}><th scope="row">{escape(words(score.effect))}</th>'
@@ -42,30 +38,47 @@ def _score(score: Score) -> str:
     )
 
 
-def prechecks(diagnosis: Diagnosis) -> str:
-    """Return what the pre-checks found, with the times of it."""
-    if not diagnosis.prechecks:
+def prechecks(
+    findings: Sequence[Finding], what: str, zeros: Mapping[str, float] | None = None
+) -> str:
+    """Return what the pre-checks found, the worst first.
+
+    Args:
+        findings: what was found.
+        what: they are about: flight or table.
+        zeros: name of a flight -> time that is its zero [s]; None: nothing has a time.
+    """
+    if not findings:
         return '<p class="hint">Nothing was found.</p>'
     order = list(_SEVERITIES)
     found = sorted(
-        diagnosis.prechecks,
-        key=lambda f: order.index(f.severity) if f.severity in order else len(order),
+        findings, key=lambda f: order.index(f.severity) if f.severity in order else len(order)
     )
     lines = []
     for finding in found:
-        zero = zero_s(diagnosis, finding.flight)
+        time = ""
+        if zeros is not None:
+            zero = zeros.get(finding.flight, 0.0)
+            time = f"<td>{_when(finding.start_s - zero, finding.end_s - zero)}</td>"
         lines.append(
             f'<tr><td><span class="verdict {_SEVERITIES.get(finding.severity, "plain")}">'
-            f"{escape(finding.severity)}</span></td><td>{escape(finding.flight)}</td>"
-            f"<td>{_when(finding.start_s - zero, finding.end_s - zero)}</td>"
-            f"<td>{escape(finding.check)}</td><td>{escape(finding.message)}</td></tr>"
+            f"{escape(finding.severity)}</span></td><td>{escape(finding.flight)}</td>{time}"
+            f"<td>{escape(words(finding.check))}</td><td>{escape(finding.message)}</td></tr>"
         )
-    head = ("severity", "flight", "time", "check", "what was seen")
-    shown = table(head, lines[:_CHECKS_SHOWN], "checks")
-    if len(lines) > _CHECKS_SHOWN:
-        rest = table(head, lines[_CHECKS_SHOWN:], "checks")
-        shown += f"<details><summary>{len(lines) - _CHECKS_SHOWN} more</summary>{rest}</details>"
-    return shown
+    times = () if zeros is None else ("time",)
+    return _folded(
+        ("severity", what, *times, "check", "what was seen"), lines, _CHECKS_SHOWN, "checks",
+        "more",
+    )  # fmt: skip
+
+
+def _folded(head: Sequence[str], lines: Sequence[str], shown: int, style: str, others: str) -> str:
+    """Return a table of which the first lines are in sight, the others folded away."""
+    text = table(head, lines[:shown], style)
+    if len(lines) > shown:
+        rest = table(head, lines[shown:], style)
+        text += f"<details><summary>{len(lines) - shown} {others}</summary>{rest}</details>"
+    return text
 
 
 def _when(start_s: float, end_s: float) -> str:

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_diagnosis.diagnosis import Diagnosis, Residual
+from tombo_dynamics.arrays import Array
 from tombo_flight.report.panel import envelope
-
-Array = NDArray[np.float64]
 
 BLOCK_S: Final = 1.0
 """Samples closer than this are taken to say the same once: residuals are autocorrelated."""

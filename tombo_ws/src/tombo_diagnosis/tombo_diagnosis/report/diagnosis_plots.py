@@ -17,7 +17,6 @@ from matplotlib.patches import Patch
 
 from tombo_diagnosis.diagnosis import Diagnosis, Residual
 from tombo_diagnosis.report.diagnosis_plot_data import (
-    Array,
     Pair,
     binned,
     by_channel,
@@ -31,6 +30,7 @@ from tombo_diagnosis.report.diagnosis_plot_data import (
     zero_s,
 )
 from tombo_diagnosis.report.diagnosis_text import figure, headline, percent, unit, words
+from tombo_dynamics.arrays import Array
 from tombo_flight.extended_model import Gain
 from tombo_flight.report import style
 

@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-from html import escape
 from pathlib import Path
 from typing import Final
 
 from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.report import diagnosis_evidence, diagnosis_sections, diagnosis_svg_plots
-from tombo_diagnosis.report.diagnosis_text import (
-    CLASSES,
-    LABELS,
-    certainty,
-    extends,
-    figure,
-    headline,
-    next_steps,
-)
-from tombo_flight.report.flight_report import asset, fill
+from tombo_diagnosis.report.diagnosis_plot_data import zero_s
+from tombo_diagnosis.report.diagnosis_text import extends, figure, headline, next_steps
+from tombo_diagnosis.report.page import Page, page_html
 
 _WORTH: Final = "What it is worth: prediction error on flights held out from naming and fit"
 
@@ -36,35 +28,32 @@ def write_diagnosis_report(diagnosis: Diagnosis, path: Path, folder: str = "") -
 
 def diagnosis_html(diagnosis: Diagnosis, folder: str = "") -> str:
     """Return the report as text; it loads nothing from anywhere."""
-    words = headline(diagnosis)
-    drivers = diagnosis_svg_plots.drivers(diagnosis)
-    causes = diagnosis_sections.causes(diagnosis)
     several = "What it may be" if diagnosis.verdict == "set" else "What it is"
-    notes = diagnosis_sections.notes(diagnosis.notes)
-    return fill(
-        asset("diagnosis.html", __package__),
-        {
-            "title": escape(f"Diagnosis: {words}"),
-            "css": asset("report.css") + asset("diagnosis.css", __package__),
-            "verdict_class": CLASSES.get(diagnosis.verdict, "warn"),
-            "verdict": escape(LABELS.get(diagnosis.verdict, diagnosis.verdict)),
-            "confidence": escape(certainty(diagnosis.confidence)),
-            "headline": escape(words),
-            "summary": escape(diagnosis.summary),
-            "cards": diagnosis_sections.cards(diagnosis),
-            "hero": diagnosis_svg_plots.main_plot(diagnosis),
-            "next": _panel("What to fly next", _next(diagnosis, folder)),
-            "causes": _panel(several, causes),
-            "notes": _panel("What can’t be certified", notes),
-            "gains": _panel(_WORTH, _gains(diagnosis)),
-            "drivers": _panel("What drives it", drivers),
-            "overview": _panel("All channels", diagnosis_svg_plots.overview(diagnosis)),
-            "candidates": diagnosis_evidence.candidates(diagnosis.candidates),
-            "prechecks": diagnosis_evidence.prechecks(diagnosis),
-            "flights": diagnosis_evidence.flights(diagnosis),
-            "model": escape(diagnosis.model or "the suite’s own"),
-            "seconds": figure(diagnosis.seconds, 2),
-        },
+    zeros = {f.name: zero_s(diagnosis, f.name) for f in diagnosis.flights}
+    model, seconds = diagnosis.model or "the suite’s own", figure(diagnosis.seconds, 2)
+    return page_html(
+        diagnosis,
+        Page(
+            eyebrow="Diagnosis",
+            headline=headline(diagnosis),
+            summary=diagnosis.summary,
+            cards=diagnosis_sections.cards(diagnosis),
+            sections=(
+                ("The gap", diagnosis_svg_plots.main_plot(diagnosis)),
+                ("What to fly next", _next(diagnosis, folder)),
+                (several, diagnosis_sections.causes(diagnosis)),
+                (_WORTH, _gains(diagnosis)),
+                ("What can’t be certified", diagnosis_sections.notes(diagnosis.notes)),
+                ("What drives it", diagnosis_svg_plots.drivers(diagnosis)),
+                ("All channels", diagnosis_svg_plots.overview(diagnosis)),
+                ("All candidates", diagnosis_evidence.candidates(diagnosis.candidates)),
+                ("The logs", diagnosis_evidence.prechecks(diagnosis.prechecks, "flight", zeros)),
+                ("Flights used", diagnosis_evidence.flights(diagnosis)),
+            ),
+            footer="Residual: measured minus model, all channels through the same zero-phase "
+            f"filter. Intervals are 95 %. Held against: {model}. Diagnosed in {seconds} s after "
+            "loading.",
+        ),
     )
 
 
@@ -83,10 +72,3 @@ def _next(diagnosis: Diagnosis, folder: str) -> str:
         parts.append(diagnosis_sections.command(line))
     parts.append(diagnosis_sections.notes(next_steps(diagnosis)))
     return "".join(parts)
-
-
-def _panel(title: str, content: str) -> str:
-    """Return a panel of the page, or nothing if there is nothing in it."""
-    if not content:
-        return ""
-    return f'<section class="panel"><h2>{escape(title)}</h2>{content}</section>'

@@ -18,12 +18,13 @@ from tombo_diagnosis.report.diagnosis_text import (
     unit,
     words,
 )
+from tombo_diagnosis.report.page import Card
 from tombo_flight.extended_model import FittedParameter, Gain
 
 
-def cards(diagnosis: Diagnosis) -> str:
+def cards(diagnosis: Diagnosis) -> list[Card]:
     """Return the few figures of the header."""
-    facts = [("confidence", certainty(diagnosis.confidence), "", "of the verdict")]
+    facts: list[Card] = [("confidence", certainty(diagnosis.confidence), "", "of the verdict")]
     for cause in diagnosis.causes[:2]:
         for theta in cause.theta[:2]:
             value, low, high = interval(theta)
@@ -36,16 +37,7 @@ def cards(diagnosis: Diagnosis) -> str:
         facts.append((name, f"−{percent(gain.reduction)}", "", beside))
     used = sum(flight.used_s for flight in diagnosis.flights)
     facts.append(("flights", str(len(diagnosis.flights)), "", f"{used:.0f} s used"))
-    return f'<div class="cards">{"".join(_card(*fact) for fact in facts)}</div>'
-
-
-def _card(name: str, value: str, unit_text: str, beside: str) -> str:
-    small = f"<small> {escape(unit_text)}</small>" if unit_text else ""
-    return (
-        f'<div class="card"><span class="name">{escape(name)}</span>'
-        f'<span class="value">{escape(value)}{small}</span>'
-        f'<span class="beside">{escape(beside)}&nbsp;</span></div>'
-    )
+    return facts
 
 
 def causes(diagnosis: Diagnosis) -> str:
@@ -137,8 +129,9 @@ def gains(gain: Sequence[Gain]) -> str:
 
 
 def _horizon(horizon: str) -> str:
-    if horizon == "one step":
-        return "one step: force and torque"
+    names = {"one step": "one step: force and torque", "held out": "points held out"}
+    if horizon in names:
+        return names[horizon]
     return f"simulated {horizon} ahead from a measured state"
 
 

@@ -12,7 +12,6 @@ import numpy as np
 from tombo_diagnosis.diagnosis import Diagnosis, Residual
 from tombo_diagnosis.logs.flight_log import Finding
 from tombo_diagnosis.report.diagnosis_plot_data import (
-    Array,
     Pair,
     binned,
     by_channel,
@@ -29,6 +28,7 @@ from tombo_diagnosis.report.diagnosis_plot_data import (
 )
 from tombo_diagnosis.report.diagnosis_text import capital, figure, percent, unit, words
 from tombo_diagnosis.report.svg_chart import Axis, Chart
+from tombo_dynamics.arrays import Array
 
 MOST_PANELS: Final = 60
 """Small pictures of the overview; of more flights those that show most."""

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from html import escape
 from typing import TYPE_CHECKING, Final
 
-from tombo_diagnosis.report import diagnosis_sections, stand_sections
-from tombo_diagnosis.report.diagnosis_text import CLASSES, LABELS, certainty
-from tombo_flight.report.flight_report import asset, fill
+from tombo_diagnosis.diagnosis import Diagnosis
+from tombo_diagnosis.report import diagnosis_evidence, diagnosis_sections, stand_sections
+from tombo_diagnosis.report.page import Page, page_html
+from tombo_flight.report.flight_report import asset
 
 if TYPE_CHECKING:
     from tombo_diagnosis.stand.diagnose import StandDiagnosis
@@ -39,34 +40,37 @@ def stand_html(
     shown = {name: pictures[name] for name in CAPTIONS if name in pictures}
     figures = "".join(_figure(name, png) for name, png in shown.items())
     may_be = "What it may be" if d.verdict == "set" else "What it is"
-    return fill(
-        asset("stand.html", __package__),
-        {
-            "css": asset("report.css")
-            + asset("diagnosis.css", __package__)
-            + asset("stand.css", __package__),
-            "title": escape(f"Stand: {headline}"),
-            "verdict_class": CLASSES[d.verdict],
-            "verdict": escape(LABELS[d.verdict]),
-            "confidence": escape(certainty(d.confidence)),
-            "headline": escape(headline),
-            "summary": escape(stand_sections.summary(found, study)),
-            "cards": stand_sections.cards(found, study),
-            "next": _panel("What would settle it", stand_sections.settle(found, study)),
-            "figures": _panel("The gap", f'<div class="pictures">{figures}</div>'),
-            "constant": _panel("k_T and what limits it", stand_sections.constant(found)),
-            "causes": _panel(may_be, _causes(found)),
-            "gains": _panel("On points that neither named nor fitted it", stand_sections.gains(d)),
-            "table3": _panel(
-                "Each configuration predicted by the others", stand_sections.predictions(study)
+    seen = diagnosis_evidence.prechecks(d.prechecks, "table") + stand_sections.runs(d.flights)
+    return page_html(
+        d,
+        Page(
+            eyebrow="Thrust stand",
+            headline=headline,
+            summary=stand_sections.summary(found, study),
+            cards=stand_sections.cards(found, study),
+            sections=(
+                ("What would settle it", stand_sections.settle(found, study)),
+                ("The gap", f'<div class="pictures">{figures}</div>' if figures else ""),
+                ("k_T and what limits it", stand_sections.constant(found)),
+                (may_be, _causes(found)),
+                ("On points that neither named nor fitted it", _gains(d)),
+                (
+                    "Each configuration predicted by the others",
+                    stand_sections.predictions(study),
+                ),
+                ("All candidates", diagnosis_evidence.candidates(d.candidates)),
+                ("What can’t be certified", diagnosis_sections.notes(d.notes)),
+                ("What was found in the tables", seen),
             ),
-            "candidates": stand_sections.candidates(d.candidates),
-            "notes": _panel("What can’t be certified", diagnosis_sections.notes(d.notes)),
-            "findings": stand_sections.findings(d.prechecks),
-            "runs": stand_sections.runs(d.flights),
-            "model": escape(d.model),
-        },
+            footer=f"Residual: measured less model. Intervals are 95 %. Held against: {d.model}.",
+            style=asset("stand.css", __package__),
+        ),
     )
+
+
+def _gains(diagnosis: Diagnosis) -> str:
+    worth_showing = diagnosis.gain and diagnosis.causes
+    return diagnosis_sections.gains(diagnosis.gain) if worth_showing else ""
 
 
 def _causes(found: StandDiagnosis) -> str:
@@ -84,10 +88,3 @@ def _figure(name: str, png: bytes) -> str:
         f'<figure><img alt="{caption}" src="data:image/png;base64,{data}">'
         f"<figcaption>{caption}.</figcaption></figure>"
     )
-
-
-def _panel(title: str, content: str) -> str:
-    """Return a panel of the page, or nothing if there is nothing in it."""
-    if not content:
-        return ""
-    return f'<section class="panel"><h2>{escape(title)}</h2>{content}</section>'

@@ -6,14 +6,13 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_flight.report.style import BLUE, GREEN, INK, MUTED, ORANGE, PURPLE, RC, SKY, VERMILLION
 
 if TYPE_CHECKING:
     from tombo_diagnosis.stand.diagnose import StandDiagnosis
 
-Array = NDArray[np.float64]
 
 _RPM = 30.0 / math.pi
 _UNITS = {

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from html import escape
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
-from tombo_diagnosis.diagnosis import Diagnosis, FlightSummary, Score
-from tombo_diagnosis.logs.flight_log import Finding
+from tombo_diagnosis.diagnosis import FlightSummary
 from tombo_diagnosis.report.diagnosis_evidence import meter, table
-from tombo_diagnosis.report.diagnosis_text import DASH, certainty, figure, percent, unit, words
+from tombo_diagnosis.report.diagnosis_text import DASH, figure, percent, unit, words
+from tombo_diagnosis.report.page import Card
 from tombo_diagnosis.stand.model_file import extends_model
 
 if TYPE_CHECKING:
     from tombo_diagnosis.stand.diagnose import StandDiagnosis
     from tombo_diagnosis.stand.table3 import Table3
-
-_SHOWN: Final = 8
-_SEVERITIES: Final = {"fault": "bad", "warning": "warn", "info": "plain"}
 
 
 def summary(found: StandDiagnosis, study: Table3 | None) -> str:
@@ -30,9 +26,9 @@ def summary(found: StandDiagnosis, study: Table3 | None) -> str:
     return statement(study)
 
 
-def cards(found: StandDiagnosis, study: Table3 | None) -> str:
+def cards(found: StandDiagnosis, study: Table3 | None) -> list[Card]:
     """Return the figures that count: k_T or the gains, what the verdict rests on."""
-    facts: list[tuple[str, str, str, str]] = []
+    facts: list[Card] = []
     points, d = found.findings.problem.points, found.diagnosis
     if study is not None:
         mean = study.rms["their mean"]
@@ -53,21 +49,12 @@ def cards(found: StandDiagnosis, study: Table3 | None) -> str:
     facts.append(("log Bayes factor", figure(evidence, 2), "", "against the model as it is"))
     several = f"{len(points.runs)} runs" if len(points.runs) > 1 else "1 run"
     facts.append(("points", str(found.findings.problem.used), "", f"{several}, {_wings(found)}"))
-    return f'<div class="cards">{"".join(_card(*fact) for fact in facts)}</div>'
+    return facts
 
 
 def _wings(found: StandDiagnosis) -> str:
     count = len(found.findings.problem.points.propellers)
     return f"{count} propellers" if count > 1 else "1 propeller"
-
-
-def _card(name: str, value: str, unit_text: str, beside: str) -> str:
-    small = f"<small> {escape(unit_text)}</small>" if unit_text else ""
-    return (
-        f'<div class="card"><span class="name">{escape(name)}</span>'
-        f'<span class="value">{escape(value)}{small}</span>'
-        f'<span class="beside">{escape(beside)}&nbsp;</span></div>'
-    )
 
 
 def settle(found: StandDiagnosis, study: Table3 | None) -> str:
@@ -132,23 +119,6 @@ def constant(found: StandDiagnosis) -> str:
     )
 
 
-def gains(diagnosis: Diagnosis) -> str:
-    """Return the error on what was left out, before and after."""
-    lines = []
-    for g in diagnosis.gain:
-        known = math.isfinite(g.low)
-        span = f"{percent(g.low)} to {percent(g.high)}" if known else DASH
-        lines.append(
-            f'<tr><th scope="row">{escape(words(g.channel))}</th>'
-            f"<td>{meter(g.before, g.before, 'before')}{_sized(g.before, g.unit)}</td>"
-            f"<td>{meter(g.after, g.before, 'after')}{_sized(g.after, g.unit)}</td>"
-            f"<td>{percent(g.reduction)}</td><td>{span}</td></tr>"
-        )
-    if not lines or not diagnosis.causes:
-        return ""
-    return table(("channel", "model", "extended", "less by", "95 % interval"), lines, "gains")
-
-
 def predictions(study: Table3 | None) -> str:
     """Return how well each extension predicts a configuration left out."""
     if study is None:
@@ -167,40 +137,6 @@ def predictions(study: Table3 | None) -> str:
     from tombo_diagnosis.stand.table3 import TWO_VALUES
 
     return table(head, lines, "scores") + f"<p class='hint'>{escape(TWO_VALUES)}</p>"
-
-
-def candidates(scores: Sequence[Score]) -> str:
-    """Return all candidates with their held-out score; the unlikely ones folded away."""
-    rows = []
-    for s in scores:
-        kind = "" if s.excited else ' class="blind"'
-        remark = s.remark if s.excited else f"not shown: {s.remark}"
-        rows.append(
-            f'<tr{kind}><th scope="row">{escape(words(s.effect))}</th>'
-            f"<td>{meter(s.probability, 1.0, 'after')}{certainty(s.probability)}</td>"
-            f"<td>{percent(s.gain) if s.excited else DASH}</td>"
-            f"<td>{figure(s.evidence) if s.excited else DASH}</td><td>{escape(remark)}</td></tr>"
-        )
-    head = ("candidate, alone", "probability", "removes, held out", "log evidence", "remark")
-    text = table(head, rows[:_SHOWN], "scores")
-    if len(rows) > _SHOWN:
-        rest = table(head, rows[_SHOWN:], "scores")
-        text += f"<details><summary>{len(rows) - _SHOWN} others</summary>{rest}</details>"
-    return text
-
-
-def findings(found: Sequence[Finding]) -> str:
-    """Return what reading and checking the tables came upon, the worst first."""
-    if not found:
-        return '<p class="hint">Nothing was found.</p>'
-    order = list(_SEVERITIES)
-    lines = [
-        f'<tr><td><span class="verdict {_SEVERITIES[f.severity]}">{escape(f.severity)}</span></td>'
-        f"<td>{escape(f.flight)}</td><td>{escape(words(f.check))}</td>"
-        f"<td>{escape(f.message)}</td></tr>"
-        for f in sorted(found, key=lambda f: order.index(f.severity))
-    ]
-    return table(("severity", "table", "check", "what was seen"), lines, "checks")
 
 
 def runs(notes: Sequence[FlightSummary]) -> str:

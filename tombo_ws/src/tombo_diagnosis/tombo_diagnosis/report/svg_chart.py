@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tombo_dynamics.arrays import Array
 
 SIZE: Final = 2000
 """Width and height of the drawing in its own units; the page stretches it."""

@@ -1,30 +1,43 @@
-"""From operating points to what is wrong: regression, search, verdict."""
+"""From operating points to what is wrong: the engine's analysis, and its gate of free curves."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from tombo_diagnosis.stand.model_selection import SearchResult, search
+from tombo_diagnosis.engine.analyse import analyse_problem
+from tombo_diagnosis.engine.model import Findings, Remainder, SearchResult, no_progress
 from tombo_diagnosis.stand.operating_points import OperatingPoints
-from tombo_diagnosis.stand.problem import Problem
-from tombo_diagnosis.stand.verdict import Judgement, judge
+from tombo_diagnosis.stand.problem import RUN, SHARE, StandProblem
+from tombo_diagnosis.stand.residual_check import ResidualCurves, fit_residual_curves
+
+LOG_BF_CURVES = 3.0
+"""Log Bayes factor with which free curves say that something is left."""
+_MIN_PARTIAL_SHARE = 0.7
+"""Share of what free curves explain that a cause has to explain to be called part of it."""
+_LOG_BF_OVER_CURVES, _LOG_BF_OVER_CURVES_EACH = 4.0, 6.0
+"""Log Bayes factor by which a cause, and each further one, has to beat free curves alone: names
+say more than a shape only if they say it with less."""
 
 
-@dataclass(frozen=True, eq=False)
-class Findings:
-    """All that the analysis came to."""
+@dataclass(frozen=True, kw_only=True)
+class StandRemainder(Remainder):
+    """What free curves over speed still explain."""
 
-    problem: Problem
-    search: SearchResult
-    judgement: Judgement
+    curves: ResidualCurves
+    """Beside the causes."""
+    curves_without_causes: ResidualCurves
+
+
+StandFindings = Findings[StandProblem, StandRemainder]
 
 
 def analyse(
     points: OperatingPoints,
     absorbed: Sequence[str] = (),
     base: Mapping[str, tuple[float, ...]] | None = None,
-) -> Findings:
+) -> StandFindings:
     """Diagnose operating points.
 
     Args:
@@ -35,6 +48,26 @@ def analyse(
     Raises:
         InputError: no point is within the model's valid speeds.
     """
-    problem = Problem(points, absorbed, dict(base or {}))
-    found = search(problem)
-    return Findings(problem, found, judge(problem, found))
+    problem = StandProblem(points, absorbed, dict(base or {}))
+    return analyse_problem(problem, held_against_curves, no_progress)
+
+
+def held_against_curves(problem: StandProblem, found: SearchResult) -> StandRemainder:
+    """Return what the best explanation leaves over, held against free curves over speed."""
+    best = found.best
+    curves = fit_residual_curves(problem, best.fit)
+    alone = curves
+    ahead = -math.inf
+    if best.hypotheses:
+        # A level for each run is what these effects of chance are: no rival of theirs.
+        by_run = not {RUN, SHARE} & set(best.effects)
+        alone = fit_residual_curves(problem, problem.null_hypothesis, by_run=by_run)
+        ahead = _LOG_BF_OVER_CURVES + _LOG_BF_OVER_CURVES_EACH * (len(best.hypotheses) - 1)
+    over = min(max(curves.evidence - LOG_BF_CURVES, -50.0), 50.0)
+    return StandRemainder(
+        clean=curves.evidence < LOG_BF_CURVES and best.evidence > alone.evidence + ahead,
+        p_unexplained=1.0 / (1.0 + math.exp(-over)),
+        mostly_explained=best.evidence > _MIN_PARTIAL_SHARE * (best.evidence + curves.evidence),
+        curves=curves,
+        curves_without_causes=alone,
+    )

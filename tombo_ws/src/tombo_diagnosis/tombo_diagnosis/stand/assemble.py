@@ -14,11 +14,10 @@ from tombo_diagnosis.stand.operating_points import OperatingPoints
 from tombo_diagnosis.stand.plateaus import Plateaus, plateaus
 from tombo_diagnosis.stand.table_reader import StandTable
 from tombo_diagnosis.stand.unit_check import check_scale
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import configuration, nodus_moduli, parameter_row, valid_speed
 from tombo_dynamics.propeller.effects import Setup, predict
-
-Array = NDArray[np.float64]
 
 _FEWEST = 3
 """Points that are worth a diagnosis."""

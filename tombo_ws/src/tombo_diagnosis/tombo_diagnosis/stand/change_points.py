@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from tombo_diagnosis.logs.flight_log import Finding
 from tombo_diagnosis.stand.table_reader import StandTable
-
-Array = NDArray[np.float64]
+from tombo_dynamics.arrays import Array
 
 _FEWEST = 20
 _SIDE = 5

@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from tombo_diagnosis.diagnosis import Diagnosis, FlightSummary
-from tombo_diagnosis.stand.analyse import Findings, analyse
+from tombo_diagnosis.stand.analyse import StandFindings, analyse
 from tombo_diagnosis.stand.assemble import StandData, assemble
-from tombo_diagnosis.stand.cause_estimates import causes, scores
+from tombo_diagnosis.stand.cause_estimates import estimate_cause, scores
 from tombo_diagnosis.stand.cross_validation import held_out
 from tombo_diagnosis.stand.experiment_design import separate
 from tombo_diagnosis.stand.model_file import StandModel
@@ -30,7 +30,7 @@ class StandDiagnosis:
     """What was found, and what it rests on."""
 
     diagnosis: Diagnosis
-    findings: Findings
+    findings: StandFindings
     constant: ThrustConstant | None
     """Of a plain propeller."""
     given: StandModel | None = None
@@ -85,7 +85,7 @@ def diagnose_points(
     on_progress: ProgressCallback,
     constant: ThrustConstant | None = None,
     base: Mapping[str, tuple[float, ...]] | None = None,
-) -> tuple[Diagnosis, Findings]:
+) -> tuple[Diagnosis, StandFindings]:
     """Diagnose operating points."""
     points = found.points
     on_progress("looking for causes", 0.1)
@@ -94,10 +94,11 @@ def diagnose_points(
     gains, shares = held_out(findings)
     on_progress("simulating measurements", 0.8)
     experiment = separate(findings)
-    judgement, found_causes = findings.judgement, causes(findings)
+    judgement = findings.judgement
+    causes = tuple(estimate_cause(e, findings) for e in judgement.effects)
     diagnosis = Diagnosis(
         verdict=judgement.verdict,
-        causes=found_causes,
+        causes=causes,
         set=judgement.members,
         separating_experiment=experiment,
         gain=tuple(gains),
@@ -106,8 +107,8 @@ def diagnose_points(
         flights=tuple(flights),
         residuals=(),
         confidence=judgement.confidence,
-        summary=summary(findings, found_causes, gains, constant),
-        notes=notes(findings, found_causes, gains, constant),
+        summary=summary(findings, causes, gains, constant),
+        notes=notes(findings, causes, gains, constant),
         model=_model(points),
         vehicle="" if not points.setup.plain else "plain propeller",
     )

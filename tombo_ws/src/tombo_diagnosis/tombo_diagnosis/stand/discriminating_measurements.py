@@ -6,15 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tombo_diagnosis.flight.verdict import LOG_BF_DISTINCT
+from tombo_diagnosis.engine.verdict import LOG_BF_DISTINCT
 from tombo_diagnosis.stand.leave_one_out import values_of
 from tombo_diagnosis.stand.operating_points import OperatingPoints
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller import SPEED_LIMIT, configuration, parameter_row, valid_speed
 from tombo_dynamics.propeller.effects import CHANNELS, STAND_EFFECTS, Setup, predict
-
-Array = NDArray[np.float64]
 
 AS_IT_IS = "the law as it is"
 _RPM = 30.0 / math.pi

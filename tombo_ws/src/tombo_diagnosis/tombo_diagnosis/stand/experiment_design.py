@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_diagnosis.diagnosis import Experiment
-from tombo_diagnosis.stand.analyse import Findings
-from tombo_diagnosis.stand.model_selection import Explanation, fit_hypotheses
+from tombo_diagnosis.engine.model import Explanation
+from tombo_diagnosis.engine.model_selection import fit_hypotheses
+from tombo_diagnosis.stand.analyse import StandFindings
 from tombo_diagnosis.stand.operating_points import OperatingPoints
-from tombo_diagnosis.stand.problem import Problem
+from tombo_diagnosis.stand.problem import StandProblem
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller.effects import CHANNELS, Setup, predict
-
-Array = NDArray[np.float64]
 
 SIGMAS = {"torque": 0.005, "beta": 0.007, "reference_speed": 0.001, "thrust": 0.003}
 """Noise of what is measured besides: shares of the range; beta in rad (0.4 degrees)."""
@@ -30,7 +30,7 @@ class Option:
     extend: Callable[[OperatingPoints], OperatingPoints]
 
 
-def separate(findings: Findings) -> Experiment | None:
+def separate(findings: StandFindings) -> Experiment | None:
     """Return the measurement that tells the members of a set apart best, or None.
 
     Each member in turn is taken for true; its readings are predicted without noise, the old points
@@ -90,7 +90,7 @@ def options(points: OperatingPoints) -> list[Option]:
     return found
 
 
-def _explanations(findings: Findings, members: Sequence[str]) -> list[Explanation]:
+def _explanations(findings: StandFindings, members: Sequence[str]) -> list[Explanation]:
     """Return the best explanation with each member, likeliest first."""
     every = (findings.search.best, *findings.search.alternatives)
     found: list[Explanation] = []
@@ -102,13 +102,13 @@ def _explanations(findings: Findings, members: Sequence[str]) -> list[Explanatio
 
 
 def _separation(
-    findings: Findings, points: OperatingPoints, alternatives: Sequence[Explanation]
+    findings: StandFindings, points: OperatingPoints, alternatives: Sequence[Explanation]
 ) -> float:
     """Return the expected log Bayes factor between the two that are closest."""
     worst = np.inf
     for true in alternatives[:2]:
         told = with_predicted_readings(findings.problem, points, true)
-        problem = Problem(told)
+        problem = StandProblem(told)
         own = fit_hypotheses(problem, true.hypotheses).evidence
         for other in alternatives:
             if other is not true:
@@ -117,7 +117,7 @@ def _separation(
 
 
 def with_predicted_readings(
-    problem: Problem, points: OperatingPoints, true: Explanation
+    problem: StandProblem, points: OperatingPoints, true: Explanation
 ) -> OperatingPoints:
     """Return points with the readings that an explanation predicts, without noise."""
     values = problem.values(problem.final(true.fit))

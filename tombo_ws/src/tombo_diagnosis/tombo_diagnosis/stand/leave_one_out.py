@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_diagnosis.stand.operating_points import OperatingPoints
-from tombo_dynamics.propeller.effects import STAND_EFFECTS, StandParam, predict
-
-Array = NDArray[np.float64]
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.propeller.effects import STAND_EFFECTS, Param, predict
 
 MEAN = "mean of the others"
 PHYSICAL = (
@@ -76,7 +75,7 @@ def _root(square: float) -> float:
     return math.copysign(math.sqrt(abs(square)), square)
 
 
-def values_of(p: StandParam) -> Array:
+def values_of(p: Param) -> Array:
     """Return values of a parameter within its bounds, its null among them, dense near it."""
     span = abs(p.typical - p.null)
     steps = span * np.sinh(np.linspace(-6.0, 6.0, 1201)) / 10.0

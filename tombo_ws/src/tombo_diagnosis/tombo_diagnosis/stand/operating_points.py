@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller.effects import CHANNELS, Setup
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 UNITS = dict(zip(CHANNELS, ("N", "N m", "rad", "rad/s"), strict=True))

@@ -2,39 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from tombo_diagnosis.engine.regression import Parameter
 from tombo_dynamics.propeller.effects import STAND_EFFECTS, Setup
 
-TOLERANCE = 0.05
-"""Share of the size that matters which is no finding: as for flights."""
 _OWN_THRUST, _OWN_TORQUE = 3.0, 0.12
 """N and N m: the largest loads of the stand that the registry's typical sizes are for."""
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One parameter of one effect."""
-
-    effect: str
-    name: str
-    unit: str
-    null: float
-    low: float
-    high: float
-    scale: float
-    """A change of this size clearly matters."""
-    stochastic: bool
-
-    @property
-    def label(self) -> str:
-        """effect.name."""
-        return f"{self.effect}.{self.name}"
-
-    @property
-    def tolerance(self) -> float:
-        """Standard deviation of what counts as healthy."""
-        return TOLERANCE * self.scale
 
 
 def parameters(setup: Setup) -> tuple[Parameter, ...]:
@@ -45,15 +17,15 @@ def parameters(setup: Setup) -> tuple[Parameter, ...]:
         "thrust": setup.largest_thrust / _OWN_THRUST,
         "torque": setup.largest_torque / _OWN_TORQUE,
     }
-    return tuple(
-        Parameter(
-            name, p.name, p.unit, p.null, *p.bounds,
-            abs(p.typical - p.null) * scales_with[p.scales_with], effect.stochastic,
-        )
-        for name, effect in STAND_EFFECTS.items()
-        if model in effect.models
-        for p in effect.theta
-    )  # fmt: skip
+    found: list[Parameter] = []
+    for name, effect in STAND_EFFECTS.items():
+        for p in effect.theta if effect.suits(model) else ():
+            scale = abs(p.typical - p.null) * scales_with[p.scales_with]
+            place = -1 if effect.stochastic else sum(not q.stochastic for q in found)
+            found.append(
+                Parameter(place, name, p.name, p.unit, p.null, *p.bounds, scale, effect.stochastic)
+            )
+    return tuple(found)
 
 
 HEALTHY_SHARE = {

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from tombo_diagnosis.logs.flight_log import Finding
 from tombo_diagnosis.stand.change_points import without_changed
 from tombo_diagnosis.stand.table_reader import StandTable
-
-Array = NDArray[np.float64]
+from tombo_dynamics.arrays import Array
 
 LOADS = ("thrust", "torque", "beta", "reference_speed")
 _RAW_ROWS = 60

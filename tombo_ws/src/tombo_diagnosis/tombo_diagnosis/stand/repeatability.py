@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from tombo_diagnosis.stand.problem import Problem
+from tombo_diagnosis.stand.problem import StandProblem
 
 _SURE = 3.0
 """Standard deviations of the difference."""
 _CHANNELS = ("thrust", "torque")
 
 
-def repeats(problem: Problem) -> list[str]:
+def repeats(problem: StandProblem) -> list[str]:
     """Return, for each propeller with several runs, the share by which they differ, in words.
 
     Of each run the share by which its load is off the model's, weighted least squares.
     """
     points, setup = problem.points, problem.points.setup
-    model = problem.prediction(problem.nominal)
+    model = problem.prediction(problem.theta)
     found = []
     for p, name in enumerate(points.propellers):
         for c, channel in enumerate(_CHANNELS):

@@ -8,18 +8,17 @@ import numpy as np
 
 from tombo_diagnosis.diagnosis import Cause
 from tombo_diagnosis.extend_model import EXTENDING_VERDICTS
-from tombo_diagnosis.stand.analyse import Findings
+from tombo_diagnosis.stand.analyse import LOG_BF_CURVES, StandFindings
 from tombo_diagnosis.stand.model_differences import differences_from_model, model_extending_causes
 from tombo_diagnosis.stand.operating_points import UNITS
 from tombo_diagnosis.stand.problem import RUN, SHARE
 from tombo_diagnosis.stand.repeatability import repeats
 from tombo_diagnosis.stand.thrust_constant import ThrustConstant
-from tombo_diagnosis.stand.verdict import LOG_BF_CURVES
 from tombo_flight.extended_model import Gain
 
 
 def summary(
-    findings: Findings,
+    findings: StandFindings,
     found: Sequence[Cause],
     gains: Sequence[Gain],
     constant: ThrustConstant | None = None,
@@ -38,7 +37,7 @@ def summary(
         if g.after < g.before
     )
     worth = f" Error on points held out: {worth}." if worth and judgement.effects else ""
-    curves = judgement.residual_curves
+    curves = findings.remainder.curves
     unit = UNITS.get(curves.channel, "")
     text = {
         "none": f"{data} agree with the model within noise and tolerances.",
@@ -67,7 +66,7 @@ def summary(
 
 
 def notes(
-    findings: Findings,
+    findings: StandFindings,
     causes: Sequence[Cause],
     gains: Sequence[Gain],
     constant: ThrustConstant | None = None,
@@ -94,7 +93,7 @@ def notes(
             "fewer than three propellers: scatter of fabrication looks like a coefficient"
         )
     if (
-        findings.judgement.residual_curves.evidence > LOG_BF_CURVES
+        findings.remainder.curves.evidence > LOG_BF_CURVES
         and findings.judgement.verdict == "named"
     ):
         found.append("something small is left over")

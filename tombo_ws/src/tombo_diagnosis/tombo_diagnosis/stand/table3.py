@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_diagnosis.stand.assemble import StandData
 from tombo_diagnosis.stand.discriminating_measurements import (
@@ -18,8 +17,6 @@ from tombo_diagnosis.stand.leave_one_out import MEAN, PHYSICAL, Prediction, pred
 from tombo_diagnosis.stand.operating_points import OperatingPoints
 from tombo_dynamics.propeller import configurations, evaluate, nodus_moduli, parameter_row
 from tombo_dynamics.propeller.effects import CHANNELS, Setup
-
-Array = NDArray[np.float64]
 
 SPEED = 2000.0 * math.pi / 30.0
 """rad/s of the table."""

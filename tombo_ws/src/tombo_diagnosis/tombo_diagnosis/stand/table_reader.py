@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_diagnosis.logs.csv_table import CsvTable, open_table
 from tombo_diagnosis.logs.flight_log import Finding
@@ -20,10 +19,9 @@ from tombo_diagnosis.stand.mapping import (
     mapping_for_header,
     unit_factor,
 )
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import SPEED_LIMIT
-
-Array = NDArray[np.float64]
 
 _SOUND = 340.0
 _MACH = 0.95

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_diagnosis.stand.assemble import StandData
+from tombo_dynamics.arrays import Array
 
-Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
 _BOOTSTRAP_BLOCKS = 12

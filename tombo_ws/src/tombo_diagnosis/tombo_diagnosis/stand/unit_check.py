@@ -6,14 +6,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_diagnosis.stand.operating_points import OperatingPoints
 from tombo_diagnosis.stand.table_reader import StandTable
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller.effects import predict
-
-Array = NDArray[np.float64]
 
 _ODD = 3.0
 """Times the model's thrust, or its inverse, that no propeller of the paper shows."""

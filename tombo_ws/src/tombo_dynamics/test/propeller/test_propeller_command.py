@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from tombo_bringup.cli.propeller_command import app
+from tombo_bringup.cli.propeller.propeller_command import app
 from tombo_dynamics.propeller import configuration, evaluate, valid_speed
 
 RUNNER = CliRunner()

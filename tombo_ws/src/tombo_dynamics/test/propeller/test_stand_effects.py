@@ -51,7 +51,7 @@ def typical(name: str) -> dict[str, tuple[float, ...]]:
 @pytest.mark.parametrize("name", STAND_EFFECTS)
 def test_an_effect_at_null_adds_exactly_nothing_and_else_something(name):
     effect = STAND_EFFECTS[name]
-    s = setup(5, 13) if "tombo" in effect.models else setup(0, plain=True)
+    s = setup(5, 13) if effect.suits("tombo") else setup(0, plain=True)
     base = predict(s, {}, draws(s))
     m_null = {name: nulls()[name]}
     assert np.array_equal(predict(s, m_null, draws(s)), base, equal_nan=True)
@@ -66,7 +66,7 @@ def test_the_function_itself_does_nothing_at_null(name):
 
     assert module_predict is predict
     effect = STAND_EFFECTS[name]
-    s = setup(5, 13) if "tombo" in effect.models else setup(0, plain=True)
+    s = setup(5, 13) if effect.suits("tombo") else setup(0, plain=True)
     run, same = _begin(s, draws(s)), _begin(s, draws(s))
     run.thrust = same.thrust = np.linspace(0.1, 1.0, s.speed.size)
     effect.function(run, *nulls()[name])

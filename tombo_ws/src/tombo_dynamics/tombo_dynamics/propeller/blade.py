@@ -6,11 +6,10 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller.records import Blade, Section
-
-Array = NDArray[np.float64]
 
 
 def shape(blade: Blade, x: Array) -> tuple[Array, Array]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.propeller.laws.names import (
     DEFAULT_LAW,
@@ -26,8 +27,6 @@ from tombo_dynamics.propeller.parameter_rows import (
     parameter_rows,
 )
 from tombo_dynamics.propeller.records import STANDARD, Configuration, Surroundings
-
-Array = NDArray[np.float64]
 
 SPEED_LIMIT = 18000.0 * RPM
 """Highest speed [rad/s]: as far as the paper's figures go. The tip is then at Mach 0.6."""

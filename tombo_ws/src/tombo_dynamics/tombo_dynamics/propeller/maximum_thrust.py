@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.propeller.evaluate import (
     OUTSIDE,
@@ -24,8 +25,6 @@ from tombo_dynamics.propeller.parameter_rows import (
     parameter_rows,
 )
 from tombo_dynamics.propeller.records import STANDARD, Surroundings
-
-Array = NDArray[np.float64]
 
 _GRID = 91
 _LEVELS = 6

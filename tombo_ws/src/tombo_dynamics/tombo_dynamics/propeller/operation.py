@@ -11,9 +11,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
-
-Array = NDArray[np.float64]
 
 RPM = math.pi / 30.0
 """One revolution per minute [rad/s]: 2000 * RPM is what `speed_rad_s` takes."""

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.propeller.laws.names import DEFAULT_LAW, law_number
 from tombo_dynamics.propeller.laws.parameters import (
@@ -40,8 +41,6 @@ from tombo_dynamics.propeller.records import (
 )
 from tombo_dynamics.propeller.wing import wing_from
 from tombo_dynamics.propeller.wing_mass import wing_mass_from
-
-Array = NDArray[np.float64]
 
 MATERIALS = ("matrix", "fibre")
 _WING_FOLLOWS = ("wing_mass_kg", "wing_centroid_m")

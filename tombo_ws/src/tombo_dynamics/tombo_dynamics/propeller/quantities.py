@@ -12,7 +12,6 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller.moduli import (
@@ -31,7 +30,6 @@ from tombo_dynamics.propeller.records import (
     Surroundings,
 )
 
-Array = NDArray[np.float64]
 Formula = tuple[Callable[..., Any], tuple[str, ...]]
 """A function of quantities, and which ones."""
 

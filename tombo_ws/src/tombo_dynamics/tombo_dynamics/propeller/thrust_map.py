@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.propeller.cubic import cubic_table, cubic_values, inverse_table
@@ -21,8 +22,6 @@ from tombo_dynamics.propeller.laws.names import DEFAULT_LAW
 from tombo_dynamics.propeller.laws.parameters import checked, parameter_row
 from tombo_dynamics.propeller.maximum_thrust import peak_of_rows
 from tombo_dynamics.propeller.records import STANDARD, Configuration, Surroundings
-
-Array = NDArray[np.float64]
 
 USABLE_SHARE = 0.9
 _CELLS = 48

@@ -17,8 +17,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller.blade import (
     drag_coefficient,
     lift_coefficient,
@@ -26,8 +27,6 @@ from tombo_dynamics.propeller.blade import (
     span_quadrature,
 )
 from tombo_dynamics.propeller.records import Blade, Section
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

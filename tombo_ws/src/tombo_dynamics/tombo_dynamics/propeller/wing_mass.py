@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller.blade import shape, span_quadrature
 from tombo_dynamics.propeller.records import Blade
-
-Array = NDArray[np.float64]
 
 
 def volume_moments(blade: Blade, start: ArrayLike, end: ArrayLike) -> tuple[Array, Array, Array]:

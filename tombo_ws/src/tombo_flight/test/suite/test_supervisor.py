@@ -155,7 +155,7 @@ programs = [Program(n, (sys.executable, {fakes!r} + f"/fake_{{n}}.py")) for n in
 with Supervisor(programs, Path({logs!r}), os.environ) as supervisor:
     print(*supervisor.running.values(), flush=True)
     while True:
-        supervisor.look(0.1)
+        supervisor.poll(0.1)
 """
 
 

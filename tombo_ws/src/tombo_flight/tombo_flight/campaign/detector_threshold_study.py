@@ -289,13 +289,18 @@ def _table(
     return "\n".join(lines) + "\n"
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Fly, print the table and draw the figure."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0] if __doc__ else None)
-    parser.add_argument("--flights", type=int, default=120, help="flights of each kind")
-    parser.add_argument("--figure", type=Path, default=Path("detector_threshold.png"))
-    options = parser.parse_args(arguments)
-    seeds = range(FIRST_SEED, FIRST_SEED + options.flights)
+@dataclass(frozen=True)
+class Study:
+    """What was flown: traces by variation, with and without an obstacle."""
+
+    collisions: dict[str, list[DetectorTrace]]
+    free: dict[str, list[DetectorTrace]]
+    scenario: Scenario
+
+
+def run_study(flights: int) -> Study:
+    """Fly each variation with `flights` seeds; progress on standard error."""
+    seeds = range(FIRST_SEED, FIRST_SEED + flights)
     memory = Workspace()
 
     def flown(base: str, kinds: dict[str, tuple[str, ...]]) -> dict[str, list[DetectorTrace]]:
@@ -305,21 +310,80 @@ def main(arguments: Sequence[str] | None = None) -> None:
             found[name] = record_traces(load_scenario(base, settings), seeds, memory)
         return found
 
-    collisions = flown("paper_collision", COLLISIONS)
-    free = flown("aggressive", FREE_FLIGHTS)
-    scenario = load_scenario()
-    sys.stdout.write(_table(collisions, free, scenario))
+    return Study(
+        flown("paper_collision", COLLISIONS), flown("aggressive", FREE_FLIGHTS), load_scenario()
+    )
+
+
+def draw(study: Study, path: Path) -> None:
+    """Draw the figure into a file."""
+    holdoff = study.scenario.detector.holdoff
 
     def swept(kinds: dict[str, list[DetectorTrace]]) -> dict[str, list[ThresholdResult]]:
-        holdoff = scenario.detector.holdoff
         return {
-            name: [evaluate_threshold(watches, float(t), holdoff) for t in THRESHOLDS]
-            for name, watches in kinds.items()
+            name: [evaluate_threshold(traces, float(t), holdoff) for t in THRESHOLDS]
+            for name, traces in kinds.items()
         }
 
-    figure = draw_study(swept(collisions), swept(free), scenario.detector.threshold)
-    options.figure.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(options.figure)
+    threshold = study.scenario.detector.threshold
+    figure = draw_study(swept(study.collisions), swept(study.free), threshold)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path)
+
+
+def markdown(study: Study) -> str:
+    """Return the table of docs/collision.md, and the largest statistic without a contact."""
+    holdoff, chosen = study.scenario.detector.holdoff, study.scenario.detector.threshold
+    columns = ("paper", "0.4 m/s", "1.0 m/s", "pole of 3 cm", "Conf. 8, the softest push")
+    *alarms, noisy = study.free
+    head = (
+        "threshold",
+        *columns,
+        f"false alarms: {', '.join(alarms)}",
+        f"false alarms: {noisy}",
+    )
+    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+    for threshold in (8.0, 13.0, 30.0, 60.0, 100.0, 150.0, 200.0):
+        counts = [
+            str(evaluate_threshold(study.free[name], threshold, holdoff).false_alarms)
+            for name in study.free
+        ]
+        shown = f"**{threshold:g}**" if threshold == chosen else f"{threshold:g}"
+        cells = [_latencies(study.collisions[name], threshold, holdoff) for name in columns]
+        row = (shown, *cells, ", ".join(counts[:-1]), counts[-1])
+        lines.append(f"| {' | '.join(row)} |")
+    largest = {
+        name: max(float(trace.statistic.max()) for trace in traces)
+        for name, traces in study.free.items()
+    }
+    minutes = evaluate_threshold(study.free["aggressive"], 1.0, holdoff).minutes
+    lines += [
+        "",
+        f"Each column of false alarms is {minutes:.0f} minutes of flight. Largest statistic "
+        "without a contact: "
+        + ", ".join(f"{name} {value:.1f}" for name, value in largest.items())
+        + ".",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _latencies(traces: Sequence[DetectorTrace], threshold: float, holdoff: float) -> str:
+    found = evaluate_threshold(traces, threshold, holdoff)
+    shares = (found.latency_ms(share) for share in (50.0, 95.0))
+    cells = [f"{value:.0f}" if math.isfinite(value) else "missed" for value in shares]
+    worst = f"{found.missed} missed" if found.missed else f"{found.latency_ms(100.0):.0f}"
+    return " / ".join([*cells, worst])
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Fly, print the table and draw the figure."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0] if __doc__ else None)
+    parser.add_argument("--flights", type=int, default=120, help="flights of each kind")
+    parser.add_argument("--figure", type=Path, default=Path("detector_threshold.png"))
+    options = parser.parse_args(arguments)
+    study = run_study(options.flights)
+    sys.stdout.write(_table(study.collisions, study.free, study.scenario))
+    draw(study, options.figure)
 
 
 if __name__ == "__main__":

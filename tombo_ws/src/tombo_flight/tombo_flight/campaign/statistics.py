@@ -21,6 +21,7 @@ SPREAD_METRICS = (
 )
 """Figures of a summary whose spread over the flights is given; SI units as the names say."""
 
+_SHARES = ("mean", "std", "median", "p05", "p95", "p5", "p50", "max")
 Summary = Mapping[str, Any]
 
 
@@ -28,20 +29,24 @@ def spread(values: Sequence[float | None]) -> dict[str, float | int | None]:
     """Return how the values are spread; flights without the figure (None) are left out.
 
     Returns:
-        count, mean, std (of the sample; None for less than two), p5, p50, p95 (percentiles,
-        linear between neighbours) and max; None without any value.
+        count, mean, std (of the sample; None for less than two), median, p05, p95 (percentiles,
+        linear between neighbours) and max; p5 and p50 are older names of p05 and median. None
+        without any value. Where the values have two modes, the mean may be a value that no flight
+        has: median and percentiles are what to quote.
     """
     found = np.array([value for value in values if value is not None], dtype=np.float64)
     if not found.size:
-        return {"count": 0, **dict.fromkeys(("mean", "std", "p5", "p50", "p95", "max"))}
-    p5, p50, p95 = (round(float(p), 6) for p in np.percentile(found, (5.0, 50.0, 95.0)))
+        return {"count": 0, **dict.fromkeys(_SHARES)}
+    p05, median, p95 = (round(float(p), 6) for p in np.percentile(found, (5.0, 50.0, 95.0)))
     return {
         "count": int(found.size),
         "mean": round(float(found.mean()), 6),
         "std": round(float(found.std(ddof=1)), 6) if found.size > 1 else None,
-        "p5": p5,
-        "p50": p50,
+        "median": median,
+        "p05": p05,
         "p95": p95,
+        "p5": p05,
+        "p50": median,
         "max": round(float(found.max()), 6),
     }
 

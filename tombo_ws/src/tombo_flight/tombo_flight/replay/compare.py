@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_flight.replay.merge_streams import last_before
 from tombo_flight.replay.outputs import Event, Series
-
-Array = NDArray[np.float64]
 
 STEP_NS = 25_000_000
 """A set point may change this much earlier or later: a period of the mission, and a bit."""

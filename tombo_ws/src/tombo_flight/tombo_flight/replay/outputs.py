@@ -14,9 +14,9 @@ from tombo_bag.columns import ColumnTable
 from tombo_bag.message_codec import messages_of
 from tombo_bag.recording import Recording
 from tombo_bag.topics import TOPICS
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import CollisionEvent, Trigger
 
-Array = NDArray[np.float64]
 Times = NDArray[np.int64]
 
 

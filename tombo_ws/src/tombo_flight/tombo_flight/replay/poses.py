@@ -12,9 +12,9 @@ from tombo_bag.bag_files import Stream
 from tombo_bag.columns import ColumnTable
 from tombo_bag.recording import Recording
 from tombo_bag.topics import MOCAP_POSE, TOPICS
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 
-Array = NDArray[np.float64]
 Times = NDArray[np.int64]
 
 POSE_TYPES: dict[str, tuple[str, str]] = {

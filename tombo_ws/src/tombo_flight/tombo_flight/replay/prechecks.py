@@ -9,10 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_flight.replay.poses import PoseTrack
 from tombo_flight.replay.up_axis import find_up_axis
-
-Array = NDArray[np.float64]
 
 _UNIT = 1e-3
 _AHEAD_S, _BEHIND_S = 0.002, 0.25

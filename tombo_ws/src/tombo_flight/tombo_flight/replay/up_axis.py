@@ -8,11 +8,10 @@ with no tilt to explain it.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.rotation import body_to_map
 from tombo_dynamics.vehicle import GRAVITY
-
-Array = NDArray[np.float64]
 
 _STEP_S = 0.2
 """Poses are averaged over this time, and accelerations taken from three such means."""
@@ -34,7 +33,7 @@ def find_up_axis(time_s: Array, position: Array, attitude: Array) -> list[str]:
         position: (N, 3) [m].
         attitude: (N, 4) unit quaternions xyzw.
     """
-    upright = _turned(attitude, np.array(_AXES["z"]))[:, 2]
+    upright = body_to_map(attitude, np.array(_AXES["z"]))[:, 2]
     if np.median(upright) < 0.0:
         return ["base_link z points down: attitudes of a z-down body (NED, FRD)?"]
     climbs = [axis for i, axis in enumerate("xyz") if _climbs(position[:, i])]
@@ -94,7 +93,7 @@ def _misfits(time_s: Array, position: Array, attitude: Array) -> dict[str, float
     found: dict[str, float] = {}
     for name, axis in _AXES.items():
         up = np.array(axis)
-        body_up = means(_turned(attitude, up))[1:-1]
+        body_up = means(body_to_map(attitude, up))[1:-1]
         force = acceleration + GRAVITY * up
         across = force - np.sum(force * body_up, axis=1)[:, None] * body_up
         size = np.linalg.norm(across, axis=1)
@@ -103,11 +102,3 @@ def _misfits(time_s: Array, position: Array, attitude: Array) -> dict[str, float
             return None
         found[name] = float(np.quantile(size, _USUAL))
     return found
-
-
-def _turned(attitude: Array, vector: Array) -> Array:
-    """Turn a vector (3) of the body into the world by (N, 4) quaternions xyzw."""
-    axis, w = attitude[:, :3], attitude[:, 3:]
-    twice = 2.0 * np.cross(axis, vector)
-    turned: Array = vector + w * twice + np.cross(axis, twice)
-    return turned

@@ -7,13 +7,11 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import rotation_matrix
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, VehicleParams
 from tombo_flight.report.milestones import number
-
-Array = NDArray[np.float64]
 
 _DEFAULT = VehicleParams()
 

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from tombo_dynamics.arrays import Array
 from tombo_flight.report import panels, style
 from tombo_flight.report.milestones import (
     FlightMilestones,
@@ -18,7 +19,7 @@ from tombo_flight.report.milestones import (
     find_milestones,
     roll_pitch_yaw_deg,
 )
-from tombo_flight.report.panel import Array, Panel, Window, zoom_around
+from tombo_flight.report.panel import Panel, Window, zoom_around
 from tombo_flight.report.timeline import timeline
 
 if TYPE_CHECKING:

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from tombo_control import autopilot
 from tombo_dynamics import vehicle
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import yaw_pitch_roll
 
 if TYPE_CHECKING:
     from tombo_flight.flight_record import FlightRecord
 
-Array = NDArray[np.float64]
 
 PHASE_NAMES: Final = tuple(name.replace("_", " ") for name in autopilot.PHASE_NAMES)
 ROTOR_NAMES: Final = tuple(name.replace("_", " ") for name in vehicle.ROTOR_NAMES)

@@ -11,8 +11,9 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_rgb
 from matplotlib.patheffects import withStroke
 
+from tombo_dynamics.arrays import Array
 from tombo_flight.report import style
-from tombo_flight.report.airframe_shapes import Airframe, Array, Camera, Part, circle
+from tombo_flight.report.airframe_shapes import Airframe, Camera, Part, circle
 from tombo_flight.report.milestones import FRONT_LEFT, FlightMilestones, Obstacle, Outcome, nearest
 
 if TYPE_CHECKING:

@@ -10,15 +10,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_flight.report import style
 from tombo_flight.report.milestones import FlightMilestones
 
 if TYPE_CHECKING:
     from tombo_flight.flight_record import FlightRecord
 
-Array = NDArray[np.float64]
 
 SMALL: Final = 7.8
 """Size of the words inside a panel, points."""

@@ -8,9 +8,10 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from tombo_dynamics.arrays import Array
 from tombo_flight.report import style
 from tombo_flight.report.milestones import FRONT_LEFT, ROTOR_NAMES, UPRIGHT_RAD
-from tombo_flight.report.panel import SMALL, Array, Panel, envelope, key
+from tombo_flight.report.panel import SMALL, Panel, envelope, key
 
 _HATCH: Final = "//////"
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tombo_bringup.cli.main import run
-from tombo_flight.report import paper as flown
+from tombo_flight.report import paper_values as flown
 from tombo_propeller.reproduce.claims_page import END, START, with_claims
 from tombo_propeller.reproduce.output import REPRODUCTION_FILES
 from tombo_propeller.reproduce.paper_values import read_paper
@@ -120,7 +120,7 @@ def test_numbers_in_words() -> None:
 
 def test_help_is_quick_to_import() -> None:
     code = (
-        "import sys; from tombo_bringup.cli import propeller_reproduce_command; "
+        "import sys; from tombo_bringup.cli.propeller import reproduce_command; "
         "bad = {'numpy', 'matplotlib', 'scipy', 'numba'} & set(sys.modules); assert not bad, bad"
     )
     python = ROOT / ".venv" / "bin" / "python"

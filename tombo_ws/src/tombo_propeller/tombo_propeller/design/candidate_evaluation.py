@@ -10,14 +10,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller import Configuration, evaluate
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_propeller.design.candidates import TestedRange
 from tombo_propeller.design.operating_points import FlightPerformance
 from tombo_propeller.design.request import MEASURED, NAMES, Limit, Request
 from tombo_propeller.design.response_regression import ResponseModel
-
-Array = NDArray[np.float64]
 
 MEASURED_HERE: Final = "measured"
 MODELLED: Final = "modelled"

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_propeller.design.candidate_evaluation import CandidateEvaluation, costs, slack
 from tombo_propeller.design.pareto import nondominated
 from tombo_propeller.design.request import NAMES, Limit
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -63,7 +63,7 @@ def design(
         request: what is asked for.
         library: materials, configurations and measurements.
         blade: that the propeller is made with; a nodus may be put anywhere on it.
-        on_progress: told the progress.
+        on_progress: called with the progress.
 
     Raises:
         InputError: the library has no measured soft propeller with this blade, or the vehicle is

@@ -89,7 +89,7 @@ def check_design(
         seeds: of the flights; one at least.
         upper: with the upper ends of the predictions from all readings in place of a reading, as
             if the next propeller of the kind were any other one.
-        on_progress: told the progress.
+        on_progress: called with the progress.
 
     Raises:
         InputError: the simulator refuses the vehicle.

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller import Configuration, evaluate_rows, parameter_row
 from tombo_dynamics.propeller.thrust_map import USABLE_SHARE
 from tombo_dynamics.vehicle import VehicleParams
-
-Array = NDArray[np.float64]
 
 _SPEEDS = 49
 _FINE = 21

@@ -43,7 +43,7 @@ def recommend(
     Args:
         found: the design.
         seeds: of each candidate's flights; without any nothing is flown.
-        on_progress: told the progress.
+        on_progress: called with the progress.
     """
     order = found.choice.order
     if not order or not seeds:

@@ -13,13 +13,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller import Configuration, nodus_moduli
 from tombo_dynamics.propeller.moduli import volume_fraction
-
-Array = NDArray[np.float64]
 
 SIGNIFICANT = 0.05
 FEWEST = 4

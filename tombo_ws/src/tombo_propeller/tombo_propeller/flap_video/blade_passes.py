@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_propeller.flap_video.disc import Frames, remove_flicker
 
-Array = NDArray[np.float64]
 Plane = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
@@ -29,7 +29,7 @@ _PHI: Any = np.arange(_DIRECTIONS) * (2.0 * math.pi / _DIRECTIONS)
 _INNER, _OUTER = 0.90, 1.07
 """The ring, in radii of the disc."""
 _BLADE = (0.55, 0.88)
-"""The ring in which blades are told from what is behind them."""
+"""The ring in which blades are distinguished from the background."""
 _GROUND_FRAMES = 2
 """Frames that must show what is behind a blade."""
 _FALSE_SWING = 5.0

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
-
-Array = NDArray[np.float64]
 
 LIMIT_95 = 1.96
 _STEP = math.radians(0.01)
@@ -89,7 +87,8 @@ class FlapAngle:
             parts = [f"{math.degrees(a):.1f} to {math.degrees(b):.1f}" for a, b in self.pieces]
             return " or ".join(parts) + " deg: seen from there they look the same"
         if not self.resolved:
-            return f"at most {math.degrees(self.high):.1f} deg: not told from 0 by the diameter"
+            high = math.degrees(self.high)
+            return f"at most {high:.1f} deg: by the diameter it may be 0"
         return (
             f"{math.degrees(self.best):.1f} deg "
             f"({math.degrees(self.low):.1f} to {math.degrees(self.high):.1f})"

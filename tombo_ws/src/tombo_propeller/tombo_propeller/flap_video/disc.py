@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 
-Array = NDArray[np.float64]
 Frames = NDArray[np.uint8]
 """(frames, height, width), grey."""
 

@@ -11,14 +11,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_propeller.flap_video.blade_passes import Passes, passes_of
 from tombo_propeller.flap_video.disc import Disc, Frames
-
-Array = NDArray[np.float64]
 
 _LEAST_PASSES = 8
 _CENTRE_KNOWN = 3.0

@@ -156,7 +156,7 @@ def measure(
         scale_of: gives the scale; it is asked once, with the rim of the first good window.
         span: of the blade.
         view: where the camera is.
-        on_progress: told how far it is.
+        on_progress: called with the share that is done.
 
     Raises:
         InputError: no window can be measured, with the reason of the first; or no scale.

@@ -7,13 +7,9 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tombo_diagnosis.logs.csv_table import open_table
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
-
-Array = NDArray[np.float64]
 
 THRUST, SPEED = "thrust", "speed"
 UNITS = {

@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller import (
     SPEED_LIMIT,
     STANDARD,
@@ -26,8 +26,6 @@ from tombo_dynamics.propeller import (
 from tombo_dynamics.propeller.laws.parameters import SCALARS
 from tombo_dynamics.propeller.moduli import chamis, matrix_modulus, published_moduli
 from tombo_dynamics.propeller.moduli import volume_fraction as share_of_fibre
-
-Array = NDArray[np.float64]
 
 RPM = 30.0 / math.pi
 """rpm in a rad/s."""

@@ -114,16 +114,22 @@ def recovers(paper: Paper, numbers: Numbers) -> Claim:
     """With the reaction the vehicle recovers."""
     share, flights = paper.number("campaign", "recovered"), paper.number("campaign", "flights")
     figures = ", ".join(
-        f"{word} {paper.number('campaign', key).text} {unit} (paper "
-        f"{paper.number('flight', key).text})"
+        f"{word} {paper.text('campaign', key)} {unit} ({paper.text('campaign', f'{key}_range')}; "
+        f"paper {paper.text('flight', key)})"
         for word, key, unit in (
             ("falls", "falls_m", "m"),
             ("unstable", "unstable_s", "s"),
             ("recovers in", "whole_recovery_s", "s"),
         )
     )
-    return _campaign("recovers", "With the reaction the vehicle recovers", "yes", share, flights,
-                     f"{figures}; but {_CALIBRATED}")  # fmt: skip
+    return _campaign(
+        "recovers",
+        "With the reaction the vehicle recovers",
+        "yes",
+        share,
+        flights,
+        f"in the median (5 to 95 % of flights; the paper's value) it {figures}; but {_CALIBRATED}",
+    )
 
 
 def crashes(paper: Paper, numbers: Numbers) -> Claim:

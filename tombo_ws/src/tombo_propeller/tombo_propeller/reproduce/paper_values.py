@@ -69,7 +69,7 @@ class Paper:
     table_2: tuple[Row2, ...]
     table_3: Mapping[int, Row3]
     said: Mapping[str, Mapping[str, Any]]
-    """`paper.yaml`: sections of numbers, as text."""
+    """`paper.yaml`: sections of numbers, as text; `campaign` is this suite's, `campaign.yaml`."""
 
     def number(self, section: str, name: str) -> PrintedNumber:
         """Return a single number of `paper.yaml`."""
@@ -113,7 +113,10 @@ def read_paper() -> Paper:
             for row in measured["collision_positions"]
         ),
         table_3={int(row["conf"]): _row_3(row) for row in measured["at_2000_rpm"]},
-        said=_texts(Path(__file__).parent / "paper.yaml"),
+        said={
+            **_texts(Path(__file__).parent / "paper.yaml"),
+            "campaign": _texts(Path(__file__).parent / "campaign.yaml"),
+        },
     )
 
 

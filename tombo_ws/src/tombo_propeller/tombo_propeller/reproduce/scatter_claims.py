@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from tombo_dynamics.arrays import Array
 from tombo_propeller.reproduce.claim import (
     FAILS,
     HOLDS,
@@ -21,8 +21,6 @@ from tombo_propeller.reproduce.claim import (
 )
 from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers
 from tombo_propeller.reproduce.paper_values import Paper
-
-Array = NDArray[np.float64]
 
 CHANCE = 0.05
 """What chance gives more often than this is no evidence."""

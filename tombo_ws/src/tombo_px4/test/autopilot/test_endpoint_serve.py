@@ -93,7 +93,7 @@ def test_links_are_watched_for_what_comes_as_they_change():
     watched = {}
     poll = SimpleNamespace(register=watched.__setitem__, unregister=watched.pop)
     links = [SimpleNamespace(fileno=lambda: 7), SimpleNamespace(fileno=lambda: 8)]
-    endpoint = SimpleNamespace(ports=[SimpleNamespace(link=link) for link in links])
+    endpoint = SimpleNamespace(channels=[SimpleNamespace(link=link) for link in links])
     known = _watch(poll, endpoint, {})
     assert watched == {7: select.POLLIN, 8: select.POLLIN}
     links[1].fileno = lambda: 9

@@ -12,7 +12,8 @@ from tombo_dynamics.errors import InputError
 from tombo_px4.link import tcp, udp
 from tombo_px4.link.address import is_loopback, parse_peer, parse_url
 from tombo_px4.link.mavlink_link import COUNTED
-from tombo_px4.link.transport import RetryTimer, SendBuffer, open_transport
+from tombo_px4.link.open_transport import open_transport
+from tombo_px4.link.transport import RetryTimer, SendBuffer
 
 
 class Way:

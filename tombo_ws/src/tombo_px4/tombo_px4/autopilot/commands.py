@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mavlink
 
+from tombo_dynamics.arrays import Array
 from tombo_px4.bridge import modes
 from tombo_px4.bridge.modes import Mode
 from tombo_px4.frames import GeoOrigin, ros_yaw
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from tombo_px4.autopilot.vehicle import Px4Vehicle
     from tombo_px4.protocol.streams import StreamTable
 
-Array = NDArray[np.float64]
 
 FORCE = 21196
 """Second parameter of ARM_DISARM that leaves out all checks."""

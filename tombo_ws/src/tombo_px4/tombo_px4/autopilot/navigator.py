@@ -6,14 +6,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_control.leg import hold_leg, straight_leg
 from tombo_control.trapezoidal_profile import trapezoidal_profile
+from tombo_dynamics.arrays import Array
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.bridge.modes import AUTO_LAND, AUTO_RTL, AUTO_TAKEOFF, Mode
 
-Array = NDArray[np.float64]
 _BELOW = 3.0
 """[m] the goal of a landing is below the vehicle's own ground, so that it is reached for sure."""
 _STILL = 0.3

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tombo_dynamics.arrays import Array
+
 _NONE = np.full(3, math.nan)
 _LARGEST = 1e5
 """[m, m/s, m/s^2]: beyond, it is a slip."""

@@ -7,15 +7,17 @@ sensors come back. Preflight checks and the session decide whether and when it i
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mav
 
 from tombo_control.autopilot import IDLE
 from tombo_control.pose_check import check_pose
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import PositionSetpoint
 from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
@@ -58,8 +60,6 @@ from tombo_px4.link.message_encoder import MessageTarget
 from tombo_px4.link.message_rates import MessageRates
 from tombo_px4.link.parameter_reader import ParameterReader
 from tombo_px4.link.timesync import TimeSync
-
-Array = NDArray[np.float64]
 
 _SECOND_NS = 1_000_000_000
 _HEARTBEAT_NS = _SECOND_NS
@@ -193,42 +193,52 @@ class Bridge:
             self._note(found)
 
     def _note(self, found: Record) -> None:
-        if isinstance(found, VehicleOdometry):
-            self._take_odometry(found)
-        elif isinstance(found, ImuSample):
-            self.preflight.imu(found)
-            if found.stamp_ns is not None:
-                self._out.imu.append(found)
-        elif isinstance(found, Heartbeat):
-            self._heartbeat = found
-        elif isinstance(found, TimesyncMessage):
-            if found.tc1 == 0:
-                self._answers.append(found)
-            else:
-                self.sync.reply(found.tc1, found.ts1, found.arrival_ns)
-        elif isinstance(found, CommandAck):
-            self.session.handle_ack(found)
-        elif isinstance(found, StatusText):
-            self._say(found)
-        elif isinstance(found, ExtendedSysState):
-            self._landed = found.state
-        elif isinstance(found, EstimatorStatusFlags):
-            self.preflight.estimator(found)
-        elif isinstance(found, ParameterValue):
-            self.parameters.take(found)
-        elif isinstance(found, Battery):
-            self._battery_ns = found.arrival_ns
-            self._out.battery.append(found)
-        elif isinstance(found, SystemStatus):
-            self._system = found
-            if found.battery.arrival_ns - self._battery_ns > 2 * _SECOND_NS:
-                self._out.battery.append(found.battery)
-        elif isinstance(found, VehicleAttitude):
-            self._attitude = found
-        elif isinstance(found, LocalPosition):
-            self._take_local_position(found)
-        elif isinstance(found, FirmwareVersion):
-            self._version = found
+        handle = self._handlers.get(type(found))
+        if handle is not None:
+            handle(found)
+
+    @cached_property
+    def _handlers(self) -> dict[type, Callable[[Any], None]]:
+        """Record → what takes it."""
+        return {
+            VehicleOdometry: self._take_odometry,
+            ImuSample: self._take_imu,
+            Heartbeat: partial(setattr, self, "_heartbeat"),
+            TimesyncMessage: self._take_timesync,
+            CommandAck: self.session.handle_ack,
+            StatusText: self._say,
+            ExtendedSysState: self._take_landed_state,
+            EstimatorStatusFlags: self.preflight.estimator,
+            ParameterValue: self.parameters.take,
+            Battery: self._take_battery,
+            SystemStatus: self._take_system_status,
+            VehicleAttitude: partial(setattr, self, "_attitude"),
+            LocalPosition: self._take_local_position,
+            FirmwareVersion: partial(setattr, self, "_version"),
+        }
+
+    def _take_imu(self, found: ImuSample) -> None:
+        self.preflight.imu(found)
+        if found.stamp_ns is not None:
+            self._out.imu.append(found)
+
+    def _take_timesync(self, found: TimesyncMessage) -> None:
+        if found.tc1 == 0:
+            self._answers.append(found)
+        else:
+            self.sync.reply(found.tc1, found.ts1, found.arrival_ns)
+
+    def _take_landed_state(self, found: ExtendedSysState) -> None:
+        self._landed = found.state
+
+    def _take_battery(self, found: Battery) -> None:
+        self._battery_ns = found.arrival_ns
+        self._out.battery.append(found)
+
+    def _take_system_status(self, found: SystemStatus) -> None:
+        self._system = found
+        if found.battery.arrival_ns - self._battery_ns > 2 * _SECOND_NS:
+            self._out.battery.append(found.battery)
 
     def _say(self, text: StatusText) -> None:
         self._last_text = text.text

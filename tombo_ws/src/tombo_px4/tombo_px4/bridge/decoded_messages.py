@@ -5,12 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tombo_dynamics.arrays import Array
 from tombo_px4.bridge.modes import Mode
-
-Array = NDArray[np.float64]
 
 
 class MavLandedState(IntEnum):

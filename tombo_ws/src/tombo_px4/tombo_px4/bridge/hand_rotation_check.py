@@ -14,11 +14,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import conjugate, quaternion_multiply
-
-Array = NDArray[np.float64]
 
 _WINDOW_NS = 8_000_000_000
 _SPAN_NS = 90_000_000

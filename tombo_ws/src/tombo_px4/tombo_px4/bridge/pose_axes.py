@@ -9,11 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import conjugate, quaternion_multiply, rotate_vectors
-
-Array = NDArray[np.float64]
 
 _HALF = math.sqrt(0.5)
 _Y_UP = np.array([_HALF, 0.0, 0.0, _HALF])

@@ -14,8 +14,8 @@ from itertools import takewhile
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.bridge.bridge_params import MOCAP, BridgeParams
@@ -25,8 +25,6 @@ from tombo_px4.bridge.parameter_findings import DELAY_MAX, EV_DELAY, parameter_f
 from tombo_px4.bridge.pose_axes import explain_place, explain_up
 from tombo_px4.bridge.preflight_finding import Finding, FindingSeverity
 from tombo_px4.link.timesync import TimeSync
-
-Array = NDArray[np.float64]
 
 FROZEN = "pose_frozen"
 """Finding: at rest it may be a simulation's; in flight nothing stands so still."""

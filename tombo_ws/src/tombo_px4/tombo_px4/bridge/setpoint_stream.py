@@ -7,16 +7,14 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_control.autopilot import IDLE
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import PositionSetpoint
 from tombo_px4.bridge.bridge_params import ATTITUDE, POSITION, BridgeParams
 from tombo_px4.bridge.offboard_session import Stream
 from tombo_px4.link import message_encoder
 from tombo_px4.link.message_encoder import MessageTarget
-
-Array = NDArray[np.float64]
 
 _UNIT = 0.2
 

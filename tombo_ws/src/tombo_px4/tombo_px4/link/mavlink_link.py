@@ -15,8 +15,9 @@ from pymavlink.dialects.v20 import common
 from tombo_dynamics.errors import InputError
 from tombo_px4.link.address import parse_peer, parse_url
 from tombo_px4.link.framing import Findings, Frame, StreamFramer, decode, frames_of
+from tombo_px4.link.open_transport import open_transport
 from tombo_px4.link.signing import SignatureVerifier, check_key
-from tombo_px4.link.transport import Clock, Packet, open_transport
+from tombo_px4.link.transport import Clock, Packet
 
 COUNTED = {
     "received": "messages let in",

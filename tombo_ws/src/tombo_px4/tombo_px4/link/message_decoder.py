@@ -13,9 +13,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mav
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import rotate_vectors
 from tombo_px4.bridge.decoded_messages import (
     Battery,
@@ -40,8 +40,6 @@ from tombo_px4.frames import enu_from_ned, flu_from_frd, ros_pose_covariance, ro
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.link.status_text import StatusTextAssembler
 from tombo_px4.link.timesync import TimeSync
-
-Array = NDArray[np.float64]
 
 _MICRO_NS, _MILLI_NS = 1_000, 1_000_000
 _OLDEST_NS, _AHEAD_NS = 1_000_000_000, 20_000_000

@@ -6,9 +6,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mav
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import PositionSetpoint
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.bridge.bridge_params import MOCAP, ODOMETRY, VISION
@@ -20,8 +20,6 @@ from tombo_px4.frames import (
     px4_quaternion,
     px4_yaw,
 )
-
-Array = NDArray[np.float64]
 
 POSITION_MASK = mav.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
 """Position, velocity, acceleration and yaw count; the rate of yaw doesn't."""

@@ -133,27 +133,3 @@ def refused(url: Url, doing: str, error: Exception, accepted: str) -> InputError
     number = getattr(error, "errno", None)
     why = os.strerror(number).lower() if isinstance(number, int) and number > 0 else str(error)
     return InputError(f"link '{url.text}': can't {doing} ({why}); accepted: {accepted}")
-
-
-def open_transport(
-    url: Url, clock: Clock, counters: Counters, allow_remote: bool, peer: Address | None
-) -> Transport:
-    """Open what the URL names.
-
-    Raises:
-        InputError: busy port, no such device, no such host.
-    """
-    # The kinds are built on this file.
-    from tombo_px4.link.serial_port import SerialPort
-    from tombo_px4.link.tcp import TcpIn, TcpOut
-    from tombo_px4.link.udp import UdpIn, UdpOut
-
-    if url.kind == "udpin":
-        return UdpIn(url, clock, counters, allow_remote, peer)
-    if url.kind == "udpout":
-        return UdpOut(url, clock, counters, allow_remote)
-    if url.kind == "tcpin":
-        return TcpIn(url, clock, counters, allow_remote)
-    if url.kind == "tcpout":
-        return TcpOut(url, clock)
-    return SerialPort(url, clock)

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mavlink
 
+from tombo_dynamics.arrays import Array
 from tombo_px4.autopilot.offboard_setpoint import OffboardSetpoint
 from tombo_px4.frames import (
     GeoOrigin,
@@ -19,8 +19,6 @@ from tombo_px4.frames import (
     ros_quaternion,
     ros_yaw,
 )
-
-Array = NDArray[np.float64]
 
 _POSITION, _VELOCITY, _ACCELERATION = 0, 3, 6
 """First bit of each in the type mask of a position target: 1 means ignore."""

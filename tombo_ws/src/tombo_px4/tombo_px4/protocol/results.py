@@ -5,10 +5,7 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from tombo_dynamics.arrays import Array
 
 
 class Result(IntEnum):

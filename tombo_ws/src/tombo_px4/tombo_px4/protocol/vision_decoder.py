@@ -11,12 +11,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mavlink
 
+from tombo_dynamics.arrays import Array
 from tombo_px4.frames import enu_from_ned, ros_quaternion
-
-Array = NDArray[np.float64]
 
 NOT_FUSED = "is not fused: PX4 takes the estimator type VISION"
 _FARTHEST_M = 1e5

@@ -4,9 +4,8 @@ from tombo_dynamics.propeller.effects import air, nodus, readings
 from tombo_dynamics.propeller.effects.predict import Draws, Setup, nulls, predict
 from tombo_dynamics.propeller.effects.registry import (
     STAND_EFFECTS,
+    Param,
     Stage,
-    StandEffect,
-    StandParam,
     check_stand_theta,
     stand_effect,
 )
@@ -16,11 +15,10 @@ __all__ = [
     "CHANNELS",
     "STAND_EFFECTS",
     "Draws",
+    "Param",
     "Run",
     "Setup",
     "Stage",
-    "StandEffect",
-    "StandParam",
     "air",
     "check_stand_theta",
     "nodus",

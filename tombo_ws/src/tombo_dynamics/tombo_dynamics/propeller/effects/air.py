@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tombo_dynamics.propeller.effects.registry import Stage, StandParam, stand_effect
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.propeller.effects.registry import Param, Stage, stand_effect
 from tombo_dynamics.propeller.effects.run_state import DRAG, LIFT, TORQUE, Run
 from tombo_dynamics.propeller.laws.parameters import SCALARS
-
-Array = NDArray[np.float64]
 
 _RELATIVE = (-0.6, 1.5)
 
@@ -17,7 +15,7 @@ _RELATIVE = (-0.6, 1.5)
 @stand_effect(
     "thrust_coefficient",
     Stage.PROPELLER,
-    [StandParam("error", "1", 0.0, _RELATIVE, "true over model, less 1", 0.10)],
+    [Param("error", "1", 0.0, _RELATIVE, "true over model, less 1", 0.10)],
     signature="thrust is off by a share at every speed, torque is not",
     separates_from={
         "thrust_gain": "hang a known weight on the cell",
@@ -37,7 +35,7 @@ def thrust_coefficient(m: Run, error: float) -> None:
 @stand_effect(
     "drag_coefficient",
     Stage.PROPELLER,
-    [StandParam("error", "1", 0.0, _RELATIVE, "true over model, less 1", 0.15)],
+    [Param("error", "1", 0.0, _RELATIVE, "true over model, less 1", 0.15)],
     signature="torque is off by a share at every speed, thrust is nearly not",
     separates_from={"torque_gain": "apply a known torque with arm and weight"},
 )
@@ -55,7 +53,7 @@ def drag_coefficient(m: Run, error: float) -> None:
 @stand_effect(
     "air_density",
     Stage.PROPELLER,
-    [StandParam("error", "1", 0.0, (-0.5, 0.5), "true over model, less 1", 0.08)],
+    [Param("error", "1", 0.0, (-0.5, 0.5), "true over model, less 1", 0.08)],
     signature="thrust and torque are off by the same share at every speed",
     separates_from={
         "rpm_scale": "a second tachometer, or a barometer",
@@ -73,7 +71,7 @@ def air_density(m: Run, error: float) -> None:
 @stand_effect(
     "inflow",
     Stage.PROPELLER,
-    [StandParam("coefficient", "1", 0.0, (0.0, 2.0), "of momentum theory's induced speed", 0.4)],
+    [Param("coefficient", "1", 0.0, (0.0, 2.0), "of momentum theory's induced speed", 0.4)],
     signature="less thrust by a share, more torque than the thrust's loss would leave",
     separates_from={
         "thrust_coefficient": "torque: inflow takes power",
@@ -89,7 +87,7 @@ def inflow(m: Run, coefficient: float) -> None:
 @stand_effect(
     "speed_exponent",
     Stage.PROPELLER,
-    [StandParam("change", "1", 0.0, (-1.0, 1.0), "added to 2 in T = k omega^2", 0.1)],
+    [Param("change", "1", 0.0, (-1.0, 1.0), "added to 2 in T = k omega^2", 0.1)],
     signature="thrust over omega^2 rises or falls steadily with speed",
     separates_from={"thrust_tare": "readings at standstill before and after"},
     models=("plain",),
@@ -103,8 +101,8 @@ def speed_exponent(m: Run, change: float) -> None:
     "fabrication_scatter",
     Stage.PROPELLER,
     [
-        StandParam("thrust", "1", 0.0, (0.0, 0.5), "standard deviation of the lift", 0.08),
-        StandParam("torque", "1", 0.0, (0.0, 0.5), "standard deviation of the drag", 0.08),
+        Param("thrust", "1", 0.0, (0.0, 0.5), "standard deviation of the lift", 0.08),
+        Param("torque", "1", 0.0, (0.0, 0.5), "standard deviation of the drag", 0.08),
     ],
     signature="each propeller is off by its own share at every speed, whatever its stiffness",
     separates_from={"thrust_coefficient": "more propellers of one configuration"},
@@ -126,8 +124,8 @@ def fabrication_scatter(m: Run, thrust: float, torque: float) -> None:
     "run_scatter",
     Stage.LOAD,
     [
-        StandParam("thrust", "1", 0.0, (0.0, 0.5), "standard deviation of thrust", 0.04),
-        StandParam("torque", "1", 0.0, (0.0, 0.5), "standard deviation of torque", 0.04),
+        Param("thrust", "1", 0.0, (0.0, 0.5), "standard deviation of thrust", 0.04),
+        Param("torque", "1", 0.0, (0.0, 0.5), "standard deviation of torque", 0.04),
     ],
     signature="runs of one propeller differ by a share, the same at all speeds of a run",
     separates_from={

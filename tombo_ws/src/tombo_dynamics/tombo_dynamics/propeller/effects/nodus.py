@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tombo_dynamics.propeller.effects.registry import Stage, StandParam, stand_effect
+from tombo_dynamics.propeller.effects.registry import Param, Stage, stand_effect
 from tombo_dynamics.propeller.effects.run_state import DRAG, LIFT, Run
 from tombo_dynamics.propeller.laws.parameters import SCALARS
 
@@ -13,7 +13,7 @@ _TOMBO = ("tombo",)
     "centrifugal_stiffening",
     Stage.PROPELLER,
     [
-        StandParam(
+        Param(
             "moment",
             "kg m^2",
             0.0,
@@ -28,6 +28,7 @@ _TOMBO = ("tombo",)
         "in_plane_term": "a soft and a stiff nodus at high speed, with the flap angle",
     },
     models=_TOMBO,
+    saturates=True,
 )
 def centrifugal_stiffening(m: Run, moment: float) -> None:
     """Stiffen the twist with omega^2: 1 / C = 1 / C_0 + moment omega^2."""
@@ -38,7 +39,7 @@ def centrifugal_stiffening(m: Run, moment: float) -> None:
 @stand_effect(
     "torsion_constant",
     Stage.PROPELLER,
-    [StandParam("factor", "1", 1.0, (0.02, 10.0), "true J over that of the model", 0.6)],
+    [Param("factor", "1", 1.0, (0.02, 10.0), "true J over that of the model", 0.6)],
     signature="thrust falls short (or not) by twist, at every speed, most with soft nodi",
     separates_from={"load_sharing": "the flap angle: the load bends, the torsion constant not"},
     models=_TOMBO,
@@ -51,7 +52,7 @@ def torsion_constant(m: Run, factor: float) -> None:
 @stand_effect(
     "load_sharing",
     Stage.PROPELLER,
-    [StandParam("share", "1", 1.0, (0.1, 2.0), "of both wings' load that a nodus carries", 0.5)],
+    [Param("share", "1", 1.0, (0.1, 2.0), "of both wings' load that a nodus carries", 0.5)],
     signature="flap, lag and twist are all smaller than the model's, thrust of soft ones higher",
     separates_from={"torsion_constant": "the flap angle"},
     models=_TOMBO,
@@ -66,7 +67,7 @@ def load_sharing(m: Run, share: float) -> None:
 @stand_effect(
     "in_plane_term",
     Stage.PROPELLER,
-    [StandParam("blend", "1", 0.0, (0.0, 1.0), "0: the law's own term, 1: the other law's", 1.0)],
+    [Param("blend", "1", 0.0, (0.0, 1.0), "0: the law's own term, 1: the other law's", 1.0)],
     signature="no maximum of thrust: at high speed soft propellers gain against the law",
     separates_from={"centrifugal_stiffening": "thrust of a soft nodus towards its maximum"},
     models=_TOMBO,

@@ -8,14 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller.effects.air import turn_inflow
 from tombo_dynamics.propeller.effects.registry import STAND_EFFECTS, Stage
 from tombo_dynamics.propeller.effects.run_state import CHANNELS, DRAG, LIFT, Run
 from tombo_dynamics.propeller.evaluate import SPEED_LIMIT, evaluate_rows
 from tombo_dynamics.propeller.laws.names import DEFAULT_LAW
 from tombo_dynamics.propeller.laws.parameters import SCALARS
-
-Array = NDArray[np.float64]
 
 _INFLOW_RADIUS = 0.7
 """Of the tip radius: where the inflow's angle is taken."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tombo_dynamics.propeller.effects.registry import Stage, StandParam, stand_effect
+from tombo_dynamics.propeller.effects.registry import Param, Stage, stand_effect
 from tombo_dynamics.propeller.effects.run_state import Run
 
 _N, _NM = (-20.0, 20.0), (-2.0, 2.0)
@@ -11,7 +11,7 @@ _N, _NM = (-20.0, 20.0), (-2.0, 2.0)
 @stand_effect(
     "rpm_scale",
     Stage.SPEED,
-    [StandParam("error", "1", 0.0, (-0.5, 1.0), "shown over true speed, less 1", 0.04)],
+    [Param("error", "1", 0.0, (-0.5, 1.0), "shown over true speed, less 1", 0.04)],
     signature="thrust and torque are off by twice the share, at every speed",
     separates_from={"air_density": "a second tachometer"},
 )
@@ -23,7 +23,7 @@ def rpm_scale(m: Run, error: float) -> None:
 @stand_effect(
     "speed_noise",
     Stage.SPEED,
-    [StandParam("deviation", "1", 0.0, (0.0, 0.2), "standard deviation over speed", 0.015)],
+    [Param("deviation", "1", 0.0, (0.0, 0.2), "standard deviation over speed", 0.015)],
     signature="readings scatter more the faster it turns, thrust and torque together",
     separates_from={"fabrication_scatter": "the same propeller again"},
     stochastic=True,
@@ -36,7 +36,7 @@ def speed_noise(m: Run, deviation: float) -> None:
 @stand_effect(
     "thrust_tare",
     Stage.READING,
-    [StandParam("offset", "N", 0.0, _N, "reading without load", 0.05, "thrust")],
+    [Param("offset", "N", 0.0, _N, "reading without load", 0.05, "thrust")],
     signature="the same error at every speed, also at standstill",
     separates_from={"thrust_gain": "two speeds far apart", "thrust_drift": "standstill again"},
 )
@@ -48,7 +48,7 @@ def thrust_tare(m: Run, offset: float) -> None:
 @stand_effect(
     "thrust_gain",
     Stage.READING,
-    [StandParam("error", "1", 0.0, (-0.6, 1.5), "shown over true, less 1", 0.08)],
+    [Param("error", "1", 0.0, (-0.6, 1.5), "shown over true, less 1", 0.08)],
     signature="thrust is off by a share at every speed, known weights too",
     separates_from={"thrust_coefficient": "hang a known weight on the cell"},
 )
@@ -60,7 +60,7 @@ def thrust_gain(m: Run, error: float) -> None:
 @stand_effect(
     "thrust_drift",
     Stage.READING,
-    [StandParam("change", "N", 0.0, _N, "of the tare over a run", 0.06, "thrust")],
+    [Param("change", "N", 0.0, _N, "of the tare over a run", 0.06, "thrust")],
     signature="thrust on the way down differs from that on the way up, in steady growth",
     separates_from={"thrust_tare": "readings at standstill before and after"},
 )
@@ -72,7 +72,7 @@ def thrust_drift(m: Run, change: float) -> None:
 @stand_effect(
     "torque_tare",
     Stage.READING,
-    [StandParam("offset", "N m", 0.0, _NM, "reading without load", 2e-3, "torque")],
+    [Param("offset", "N m", 0.0, _NM, "reading without load", 2e-3, "torque")],
     signature="the same error of torque at every speed, also at standstill",
     separates_from={"torque_gain": "two speeds far apart"},
 )
@@ -84,7 +84,7 @@ def torque_tare(m: Run, offset: float) -> None:
 @stand_effect(
     "torque_gain",
     Stage.READING,
-    [StandParam("error", "1", 0.0, (-0.6, 1.5), "shown over true, less 1", 0.10)],
+    [Param("error", "1", 0.0, (-0.6, 1.5), "shown over true, less 1", 0.10)],
     signature="torque is off by a share at every speed, known torques too",
     separates_from={"drag_coefficient": "apply a known torque with arm and weight"},
 )
@@ -96,7 +96,7 @@ def torque_gain(m: Run, error: float) -> None:
 @stand_effect(
     "torque_drift",
     Stage.READING,
-    [StandParam("change", "N m", 0.0, _NM, "of the tare over a run", 2.5e-3, "torque")],
+    [Param("change", "N m", 0.0, _NM, "of the tare over a run", 2.5e-3, "torque")],
     signature="torque on the way down differs from that on the way up, in steady growth",
     separates_from={"torque_tare": "readings at standstill before and after"},
 )
@@ -108,7 +108,7 @@ def torque_drift(m: Run, change: float) -> None:
 @stand_effect(
     "angle_offset",
     Stage.READING,
-    [StandParam("offset", "rad", 0.0, (-0.5, 0.5), "shown less true flap angle", 0.03)],
+    [Param("offset", "rad", 0.0, (-0.5, 0.5), "shown less true flap angle", 0.03)],
     signature="the flap angle is off by the same at every speed",
     separates_from={"load_sharing": "the flap angle at two speeds"},
     models=("tombo",),
@@ -122,8 +122,8 @@ def angle_offset(m: Run, offset: float) -> None:
     "tare_scatter",
     Stage.READING,
     [
-        StandParam("thrust", "N", 0.0, (0.0, 5.0), "standard deviation", 0.04, "thrust"),
-        StandParam("torque", "N m", 0.0, (0.0, 0.5), "standard deviation", 1.5e-3, "torque"),
+        Param("thrust", "N", 0.0, (0.0, 5.0), "standard deviation", 0.04, "thrust"),
+        Param("torque", "N m", 0.0, (0.0, 0.5), "standard deviation", 1.5e-3, "torque"),
     ],
     signature="each run has an error of its own, the same at all of its speeds",
     separates_from={"fabrication_scatter": "the same propeller mounted again"},

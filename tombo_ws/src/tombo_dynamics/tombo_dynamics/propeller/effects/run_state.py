@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller.laws.parameters import SCALARS
-
-Array = NDArray[np.float64]
 
 CHANNELS = ("thrust", "torque", "beta", "reference_speed")
 """What a stand may measure; in N, N m, rad, rad/s."""

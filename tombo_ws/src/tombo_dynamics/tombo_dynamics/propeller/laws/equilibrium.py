@@ -10,16 +10,11 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.propeller.laws import consistent, repaired
 from tombo_dynamics.propeller.laws.names import LAWS, NO_EQUILIBRIUM, OK, TWIST_OUT_OF_RANGE
 from tombo_dynamics.propeller.laws.parameters import Parameters
 from tombo_dynamics.propeller.laws.wing_loads import twisted
-
-Array = NDArray[np.float64]
 
 _STEPS = 15
 _STEP_LIMIT = 0.3
@@ -129,8 +124,8 @@ def equilibrium(law: int, p: Parameters, square: float) -> tuple[float, float, f
     is halved.
 
     Returns:
-        alpha, beta, gamma [rad] and OK or TWIST; or NaNs and LOST, where the path turns back or
-        an angle approaches 90 degrees.
+        alpha, beta, gamma [rad] and OK or TWIST_OUT_OF_RANGE; or NaNs and NO_EQUILIBRIUM, where
+        the path turns back or an angle approaches 90 degrees.
     """
     kb = p.flap_compliance * p.joint_radius / p.wing_centroid
     alpha, beta = 0.0, -kb * p.wing_weight

@@ -10,8 +10,8 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.propeller.laws.names import law_number
@@ -19,8 +19,6 @@ from tombo_dynamics.propeller.library import known_configuration
 from tombo_dynamics.propeller.quantities import derive, inputs_of
 from tombo_dynamics.propeller.records import STANDARD, Blade, Configuration, Surroundings
 from tombo_dynamics.propeller.wing import Wing, rigid_integrals, wing
-
-Array = NDArray[np.float64]
 
 ROW_SIZE = 65
 SCALARS = {

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.propeller.laws.equilibrium import equilibrium
 from tombo_dynamics.propeller.laws.names import LAWS, OK
@@ -14,12 +15,11 @@ from tombo_dynamics.propeller.laws.parameters import Parameters, unpack
 from tombo_dynamics.propeller.laws.published import published_point
 from tombo_dynamics.propeller.laws.wing_loads import twisted
 
-Array = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
 COLUMNS = 8
 """Columns of a solution: thrust [N], drag [N], torque [N m], alpha, beta, gamma [rad], L/D,
-verdict (OK, TWIST or LOST)."""
+verdict (OK, TWIST_OUT_OF_RANGE or NO_EQUILIBRIUM)."""
 _PUBLISHED = LAWS["published"]
 _OK = OK
 

@@ -17,15 +17,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.propeller.laws.names import OK, TWIST_OUT_OF_RANGE
 from tombo_dynamics.propeller.laws.parameters import Parameters
 from tombo_dynamics.propeller.laws.spring import spring_angle
 from tombo_dynamics.propeller.laws.wing_loads import twisted
-
-Array = NDArray[np.float64]
 
 PASSES = 4
 _NODES = np.polynomial.legendre.leggauss(5)[0]
@@ -99,7 +97,7 @@ def published_point(
 
     Returns:
         alpha, beta, gamma [rad], the integrals of thrust, drag [m^4] and torque [m^5] (multiply by
-        rho omega^2), and OK or TWIST.
+        rho omega^2), and OK or TWIST_OUT_OF_RANGE.
     """
     q = p.air_density * square
     pull = p.centrifugal * square

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
-
-Array = NDArray[np.float64]
 
 
 @compiled

@@ -1,0 +1,56 @@
+"""`tombo compare` on the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+BAGS = Path(__file__).parents[5] / "tests" / "bags"
+ONE = str(BAGS / "paper_collision_0.mcap")
+OTHER = str(BAGS / "paper_collision_7.mcap")
+
+
+def test_equal_recordings_exit_with_0(tombo):
+    result = tombo("compare", ONE, ONE)
+    assert result.code == 0 and result.err == ""
+    assert "Nothing differs on 8 topics." in result.out
+
+
+def test_different_recordings_exit_with_1_and_a_table(tombo):
+    result = tombo("compare", ONE, OTHER, "--topic", "/mocap/pose")
+    assert result.code == 1 and result.err == ""
+    words = " ".join(result.out.split())
+    assert "/mocap/pose 1202 1198 differs 0 pose.position.x" in words
+    assert "1 of 1 topics differ." in words
+
+
+def test_json_is_a_list_with_an_object_per_topic(tombo):
+    result = tombo("compare", ONE, OTHER, "--topic", "/mocap/pose", "--json")
+    (topic,) = result.json
+    assert result.code == 1
+    assert topic["topic"] == "/mocap/pose" and topic["equal"] is False
+    assert topic["first_difference_s"] == 0.0 and topic["largest"] > 0.0
+
+
+def test_picture_and_json_are_written_and_other_files_stay(tombo, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine.txt").write_text("mine")
+    result = tombo("compare", ONE, OTHER, "-o", "out", "--json")
+    names = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert names == ["compare.json", "compare.png", "mine.txt"]
+    assert (tmp_path / "out" / "compare.json").read_text() == result.out
+    assert (tmp_path / "out" / "compare.png").read_bytes().startswith(b"\x89PNG")
+    assert tombo("compare", ONE, ONE, "-o", "out").code == 0
+    assert not (tmp_path / "out" / "compare.png").exists()
+
+
+def test_bad_input_exits_with_2_and_one_line(tombo, tmp_path):
+    (tmp_path / "text.mcap").write_text("no recording")
+    for arguments, words in (
+        (("nothing.mcap", ONE), "can't read 'nothing.mcap'"),
+        (("text.mcap", ONE), "starts with bytes"),
+        ((ONE, ONE, "--topic", "/odometri"), "did you mean '/odometry'?"),
+        ((ONE, ONE, "-o", ""), "-o ''"),
+    ):
+        result = tombo("compare", *arguments)
+        assert result.code == 2 and result.out == ""
+        assert words in result.err and result.err.count("\n") == 1

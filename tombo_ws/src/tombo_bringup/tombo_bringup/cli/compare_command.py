@@ -1,0 +1,82 @@
+"""`tombo compare`: two recordings, topic by topic."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tombo_bringup.cli.options import json_option, output_option
+
+if TYPE_CHECKING:
+    from tombo_bag.comparison import Comparison
+
+COMPARE_EXIT_CODES = "Exit code: 0 when nothing differs, 1 when something does, 2 for bad input."
+FILES = ("compare.json", "compare.png")
+
+
+def compare(
+    a: Annotated[
+        str,
+        typer.Argument(metavar="A", help="MCAP file, bag folder, or a flight's results folder."),
+    ],
+    b: Annotated[str, typer.Argument(metavar="B", help="The other one.")],
+    topics: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--topic",
+            metavar="T",
+            help="Compare this topic only. May be given many times. Default: all but those about "
+            "the processes (/clock, /diagnostics, /events/write_split, /parameter_events, "
+            "/rosout).",
+        ),
+    ] = None,
+    output: Annotated[
+        str | None,
+        output_option(
+            "Write compare.json and, if something differs, compare.png there, over those of "
+            "an earlier comparison."
+        ),
+    ] = None,
+    as_json: Annotated[
+        bool, json_option("Print a list with an object per topic, nothing else.")
+    ] = False,
+) -> None:
+    """Compare two recordings topic by topic: every message, every field, to the last bit.
+
+    Messages are paired by the stamp of their header, without one by publish time. Times of receipt
+    are not compared; NaN equals NaN.
+    """
+    from tombo_bag.comparison import compare_recordings
+    from tombo_bringup.cli.result_files import check_output
+    from tombo_flight.flight_output import as_json as to_json
+
+    check_output(output)
+    found = compare_recordings(a, b, topics or ())
+    text = to_json(found.as_list())
+    for line in found.damage:
+        typer.echo(f"Damage: {line}", err=True)
+    if output is not None:
+        _write(found, text, Path(output), a, b)
+    if as_json:
+        typer.echo(text, nl=False)
+    else:
+        from tombo_bringup.cli.compare_tables import print_comparison
+
+        print_comparison(found, a, b)
+        if output is not None:
+            typer.echo(f"{output}: {', '.join(FILES[: 1 if found.equal else 2])}")
+    raise typer.Exit(0 if found.equal else 1)
+
+
+def _write(found: Comparison, text: str, folder: Path, a: str, b: str) -> None:
+    from tombo_flight.process.output_folder import open_output
+    from tombo_flight.report.comparison_plot import draw_comparison
+    from tombo_flight.report.flight_plot import png_bytes
+
+    with open_output(folder, replace=True, results=FILES) as staged:
+        (staged / FILES[0]).write_text(text, encoding="utf-8", newline="\n")
+        if not found.equal:
+            (staged / FILES[1]).write_bytes(png_bytes(draw_comparison(found, a, b)))
+        staged.publish()

@@ -1,0 +1,58 @@
+"""A comparison of two recordings on the terminal: a table of topics, a table of fields."""
+
+from __future__ import annotations
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from tombo_bag.comparison import Comparison
+
+
+def print_comparison(found: Comparison, a: str, b: str) -> None:
+    """Print a row per topic and, below, a row per field that differs."""
+    console = Console()
+    table = Table(box=SIMPLE_HEAD, title=Text(f"A: {a}, B: {b}"), padding=(0, 1, 0, 0))
+    for heading in ("topic", "in A", "in B", "", "first [s]", "first difference"):
+        right = heading.startswith(("in", "first ["))
+        table.add_column(heading, justify="right" if right else "left", overflow="fold")
+    for topic in found.topics:
+        first = ("", "") if topic.first is None else (_time(found, topic.first[0]), topic.first[1])
+        verdict = Text("equal", "green") if topic.equal else Text("differs", "bold red")
+        counts = [str(topic.messages_a), str(topic.messages_b)]
+        table.add_row(Text(topic.topic), *counts, verdict, *map(Text, first))
+    console.print(table)
+    if any(topic.fields for topic in found.topics):
+        console.print(_fields(found))
+    if found.left_out:
+        left_out = ", ".join(found.left_out)
+        console.print(Text(f"Not compared without --topic: {left_out}."), soft_wrap=True)
+    count = sum(not topic.equal for topic in found.topics)
+    total = len(found.topics)
+    if count:
+        console.print(Text(f"{count} of {total} topics differ.", "bold red"))
+    else:
+        console.print(Text(f"Nothing differs on {total} topics.", "bold green"))
+
+
+def _fields(found: Comparison) -> Table:
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for heading in ("field", "messages", "first [s]", "largest difference"):
+        right = heading != "field"
+        table.add_column(heading, justify="right" if right else "left", overflow="fold")
+    for topic in found.topics:
+        if topic.fields:
+            table.add_row(Text(topic.topic, "bold"))
+        for field in topic.fields:
+            table.add_row(
+                Text(f"  {field.field}"),
+                str(field.messages),
+                _time(found, field.first_ns),
+                "–" if field.largest is None else f"{field.largest:.6g}",
+            )
+    return table
+
+
+def _time(found: Comparison, stamp_ns: int) -> str:
+    return f"{found.seconds(stamp_ns):.6f}".rstrip("0").rstrip(".")

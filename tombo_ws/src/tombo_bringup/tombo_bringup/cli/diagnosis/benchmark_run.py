@@ -1,0 +1,131 @@
+"""What the commands of `tombo benchmark` share: options, and the way from them to a score."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import typer
+
+from tombo_bringup.cli.options import Seed, integer_option, json_option
+
+EXIT_CODES: Final = (
+    "Exit code: 0 whatever the score; 2 for bad input or output that can't be written; 130 after "
+    "Ctrl-C."
+)
+_MOST_CASES: Final = 100_000
+_MOST_WORKERS: Final = 1024
+_SEED_LIMIT: Final = 2**63
+
+Cases = Annotated[int, integer_option("--cases", "N", "How many cases.")]
+Seed = Seed
+Workers = Annotated[
+    int | None,
+    integer_option("--workers", "W", "Processes. Default: one a core."),
+]
+Output = Annotated[
+    Path | None,
+    typer.Option("-o", "--output", metavar="FILE", help="Write the JSON there as well."),
+]
+AsJson = Annotated[bool, json_option("Print cases and aggregate as JSON, and nothing else.")]
+
+
+def checked(cases: int, seed: int, workers: int | None, output: Path | None) -> int:
+    """Return how many processes to use.
+
+    Raises:
+        InputError: an option is out of bounds, or the output can't be written.
+    """
+    count = (os.cpu_count() or 1) if workers is None else workers
+    _bounds("--cases", cases, 1, _MOST_CASES)
+    _bounds("--seed", seed, 0, _SEED_LIMIT - 1)
+    _bounds("--workers", count, 1, _MOST_WORKERS)
+    if output is not None:
+        _try_to_write(output)
+    return count
+
+
+def run_and_tell(
+    run: Callable[..., Any],
+    cases: int,
+    seed: int,
+    workers: int,
+    output: Path | None,
+    as_json: bool,
+    show: Callable[[Mapping[str, Any], int], None],
+) -> None:
+    """Run a benchmark with a progress bar; write its JSON, print its score.
+
+    Args:
+        run: (cases, seed, workers, progress, stop) to a BenchmarkResult.
+        cases: how many.
+        seed: of all chance.
+        workers: processes.
+        output: of the JSON.
+        as_json: print that, and nothing else.
+        show: prints aggregate and number of cases.
+
+    Raises:
+        typer.Exit: stopped by a signal, with nothing written.
+        InputError: the output can't be written any more.
+    """
+    from tombo_bringup.cli.progress import progress_bar
+    from tombo_flight.flight_output import as_json as to_json
+    from tombo_flight.process.stop_signals import StopSignals
+
+    with StopSignals() as stop:
+        with progress_bar() as on_progress:
+            result = run(cases, seed, workers, on_progress, stop.asked)
+        if stop.asked():
+            typer.echo("Error: interrupted", err=True)
+            raise typer.Exit(stop.exit_code)
+    text = to_json({"cases": result.cases, "aggregate": result.aggregate})
+    if output is not None:
+        _write(output, text)
+    if as_json:
+        typer.echo(text, nl=False)
+        return
+    show(result.aggregate, len(result.cases))
+    if output is not None:
+        typer.echo(f"Wrote {output}")
+
+
+def _write(path: Path, text: str) -> None:
+    staged = path.with_name(f".{path.name}.unfinished")
+    try:
+        staged.write_text(text, encoding="utf-8", newline="\n")
+        staged.replace(path)
+    except OSError as error:
+        raise _unwritable(path, error) from error
+    finally:
+        staged.unlink(missing_ok=True)
+
+
+def _bounds(option: str, value: int, low: int, high: int) -> None:
+    from tombo_dynamics.errors import InputError
+
+    if not low <= value <= high:
+        raise InputError(f"{option} {value}: out of bounds; accepted: {low} to {high}")
+
+
+def _try_to_write(path: Path) -> None:
+    """Try it, before hours of work: permissions alone do not tell (/proc, a full disk)."""
+    there = path.exists()
+    try:
+        with path.open("ab"):
+            pass
+        if not there:
+            path.unlink()
+    except OSError as error:
+        raise _unwritable(path, error) from error
+
+
+def _unwritable(path: Path, error: OSError) -> Exception:
+    from tombo_dynamics.errors import InputError
+
+    return InputError(
+        f"-o {path}: can't be written ({error.strerror}); accepted: a file in a folder that can "
+        "be written"
+    )

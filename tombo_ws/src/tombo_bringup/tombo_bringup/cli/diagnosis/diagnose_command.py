@@ -1,0 +1,161 @@
+"""`tombo diagnose`: what the simulation gets wrong in measured flights, and why."""
+
+from __future__ import annotations
+
+import datetime
+import os
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tombo_bringup.cli.options import Force, json_option, output_option
+from tombo_bringup.cli.result_files import compute_into, results_folder
+from tombo_dynamics.errors import InputError
+
+if TYPE_CHECKING:
+    from tombo_bringup.cli.progress import ProgressCallback
+    from tombo_diagnosis.diagnosis import Diagnosis
+    from tombo_diagnosis.report.diagnosis_output import NominalReference
+
+DIAGNOSE_EXIT_CODES = (
+    "Exit code: 0 whatever the verdict; 2 for bad input or output that can't be written; 130 "
+    "after Ctrl-C, 143 after SIGTERM, with nothing written."
+)
+
+
+def diagnose(
+    logs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="LOG...",
+            help="Flights of one vehicle: MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, CSV.",
+            show_default=False,
+        ),
+    ],
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            "--model",
+            metavar="FILE",
+            help="Hold the flights against this model, as written by an earlier diagnosis. "
+            "Default: the suite's own.",
+        ),
+    ] = None,
+    mapping: Annotated[
+        str | None,
+        typer.Option(
+            "--mapping",
+            metavar="FILE|NAME",
+            help="What the columns of a CSV are, in which units and frames (docs/logs.md).",
+        ),
+    ] = None,
+    topics: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--topic",
+            metavar="RECORDED=NAME",
+            help="Take a recorded topic for one of the suite's, as in "
+            "/vrpn/quad/pose=/mocap/pose. May be given many times.",
+        ),
+    ] = None,
+    output: Annotated[
+        str | None,
+        output_option(
+            "Folder of the results, new or empty. Default: runs/diagnosis-LOG, replaced; "
+            "with --json nothing is written."
+        ),
+    ] = None,
+    force: Force = False,
+    no_report: Annotated[
+        bool, typer.Option("--no-report", help="Write no report.html and no plots.")
+    ] = False,
+    as_json: Annotated[bool, json_option("Print diagnosis.json, and nothing else.")] = False,
+) -> None:
+    """Say what the simulation gets wrong in measured flights, name the cause, measure the gain.
+
+    Writes report.html, diagnosis.json and plots; model.yaml, the extended model,
+    where a cause is named (`tombo fly --model`); separating_experiment.yaml, the
+    mission to fly, where causes can't be distinguished.
+    """
+    # One thread of linear algebra: on matrices this small more get into each other's way.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from tombo_diagnosis.report.diagnosis_output import (
+        DIAGNOSIS_FILES,
+        diagnosis_json,
+        write_diagnosis,
+    )
+
+    names = parse_topics(topics or [])
+    path = results_folder(output, "diagnosis", logs[0].name.split(".")[0], as_json, "log")
+    (found, _), written = compute_into(
+        path, force or output is None, DIAGNOSIS_FILES,
+        lambda on_progress: run(logs, model, mapping, names, on_progress),
+        lambda folder, both, on_progress: write_diagnosis(
+            folder, *both, pictures=not no_report, on_progress=on_progress
+        ),
+    )  # fmt: skip
+    if as_json:
+        typer.echo(diagnosis_json(found), nl=False)
+    else:
+        from tombo_bringup.cli.diagnosis.diagnosis_tables import print_diagnosis
+
+        print_diagnosis(found, path, written)
+
+
+def run(
+    logs: list[Path],
+    model: Path | None,
+    mapping: str | None,
+    names: dict[str, str],
+    on_progress: ProgressCallback,
+) -> tuple[Diagnosis, NominalReference]:
+    """Read, check and diagnose.
+
+    Raises:
+        InputError: a log, the mapping or the model can't be used.
+    """
+    from tombo_diagnosis.checks import check_log
+    from tombo_diagnosis.logs.log_reader import read_logs
+    from tombo_diagnosis.report.diagnosis_output import NominalReference
+    from tombo_flight.model_file import read_model
+
+    base = None if model is None else read_model(model)
+    on_progress(f"reading {logs[0].name}{' and others' if len(logs) > 1 else ''}", 0.0)
+    flights = read_logs(logs, mapping=mapping, names=names)
+    checked = []
+    for k, flight in enumerate(flights):
+        on_progress(f"checking {flight.name}", k / len(flights))
+        checked.append(check_log(flight))
+
+    on_progress("loading the model", 0.0)  # imports compiled code
+    from tombo_diagnosis.flight.diagnose import diagnose
+    from tombo_diagnosis.flight.scenario_nominal import nominal_model
+
+    nominal = nominal_model(model)
+    from tombo_diagnosis.flight.experiment_design import separate
+
+    found = diagnose(checked, nominal, on_progress, separate, time.perf_counter)
+    today = datetime.date.today().isoformat()
+    return found, NominalReference(nominal.label, today, base)
+
+
+def parse_topics(texts: list[str]) -> dict[str, str]:
+    """Return recorded topic → the suite's name, from `RECORDED=NAME` (or `:=`).
+
+    Raises:
+        InputError: not of this form, or a topic given twice.
+    """
+    found: dict[str, str] = {}
+    for text in texts:
+        source, sign, name = text.partition("=")
+        source = source.removesuffix(":")
+        if not sign or not source.strip() or not name.strip():
+            raise InputError(
+                f"--topic {text}: accepted: RECORDED=NAME, as in /vrpn/quad/pose=/mocap/pose"
+            )
+        if source in found:
+            raise InputError(f"--topic {text}: {source} is given twice; accepted: once")
+        found[source] = name
+    return found

@@ -1,0 +1,1 @@
+"""Commands about flights: fly, up, px4, hil, replay."""

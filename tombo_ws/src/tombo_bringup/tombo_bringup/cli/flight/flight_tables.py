@@ -1,0 +1,156 @@
+"""Flights and campaigns on the terminal: the paper's figures beside those of the simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Final
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from tombo_flight.report import paper_values as paper
+from tombo_flight.report.milestones import Outcome, find_milestones
+from tombo_flight.report.paper_comparison import Row, comparison_rows, fixed
+
+if TYPE_CHECKING:
+    from tombo_flight.flight_output import FlightResult
+
+_COLOURS: Final = {
+    Outcome.RECOVERED: "bold green",
+    Outcome.CRASHED: "bold red",
+    Outcome.NO_CONTACT: "bold",
+    Outcome.NOT_SETTLED: "bold yellow",
+}
+_CAMPAIGN_ROWS: Final = (
+    ("max_falling_distance_m", "fall [m]", 1.0, 2, paper.MEAN_MAX_FALLING_DISTANCE_M),
+    ("unstable_phase_s", "unstable [s]", 1.0, 2, paper.UNSTABLE_PHASE_S),
+    ("recovery_time_s", "recovery [s]", 1.0, 2, paper.MEAN_RECOVERY_TIME_S),
+    ("detection_latency_s", "latency [ms]", 1e3, 0, None),
+    ("settled_error_m", "settled [m]", 1.0, 3, None),
+    ("max_tilt_rad", "tilt [rad]", 1.0, 2, None),
+    ("hover_rms_m", "hover RMS [m]", 1.0, 3, None),
+    ("approach_rms_m", "approach RMS [m]", 1.0, 3, None),
+)
+"""Key of the aggregate, words, factor to the unit shown, decimals, the paper's value."""
+
+
+def print_flight(flight: FlightResult) -> None:
+    """Print a flight's figures beside the paper's, and its verdict."""
+    summary = flight.summary
+    milestones = find_milestones(flight.record)
+    rows = comparison_rows(milestones, summary)
+    if milestones.contact_s is None:
+        rows = [row for row in rows if row.flight is not None and row.name != "Largest tilt"]
+    else:
+        rows = [row for row in rows if row.name != "Outcome"]
+    rows += [
+        _length("RMS error in hover", summary["hover_rms_m"]),
+        _length("RMS error in the approach", summary["approach_rms_m"]),
+        Row("False alarms", "", None, summary["false_alarms"], 0),
+    ]
+    what = f"Conf. {summary['conf']}, law {summary['law']}"
+    if summary["model"]:
+        what += f", model {summary['model']}"
+    if not summary["reaction"]:
+        what += ", without the reaction"
+    title = f"{summary['scenario']}, seed {summary['seed']} ({what})"
+    table = Table(box=SIMPLE_HEAD, title=Text(title))
+    for heading in ("", "paper", "this flight"):
+        table.add_column(heading, justify="right" if heading else "left")
+    for row in rows:
+        printed = _cell(row, row.paper, row.paper_text)
+        table.add_row(row.name, printed, _cell(row, row.flight, row.flight_text))
+    _print(table)
+    if summary["interrupted"]:
+        _line(f"Interrupted after {summary['duration_s']:.3f} s of flight.", "bold yellow")
+    else:
+        outcome = _sentence(milestones.verdict.value)
+        text = f"{outcome} after {summary['duration_s']:.1f} s of flight."
+        _line(text, _COLOURS[milestones.verdict])
+    _line(_speed(flight))
+
+
+def print_campaign(campaign: Mapping[str, Any]) -> None:
+    """Print how the flights of a campaign ended; of each figure median and 5 to 95 % range."""
+    total = campaign["aggregate"]
+    what = f"Conf. {campaign['conf']}, law {campaign['law']}"
+    if campaign["model"]:
+        what += f", model {campaign['model']}"
+    if not campaign["reaction"]:
+        what += ", without the reaction"
+    seeds = f"seeds {campaign['first_seed']} to {campaign['last_seed']}"
+    table = Table(
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+        title=Text(f"{campaign['scenario']}, {seeds} ({what})"),
+    )
+    table.add_column("")
+    for heading in ("paper", "median", "5 %", "95 %", "max", "of"):
+        table.add_column(heading, justify="right")
+    for key, name, scale, digits, printed in _CAMPAIGN_ROWS:
+        values = total[key]
+        table.add_row(
+            Text(name),
+            "–" if printed is None else f"{printed:g}",
+            *(
+                "–" if values[part] is None else fixed(scale * values[part], digits)
+                for part in ("median", "p05", "p95", "max")
+            ),
+            str(values["count"]),
+        )
+    _print(table)
+    counts = ("collided", "detected", "recovered", "crashed", "landed")
+    line = ", ".join(f"{total[name]} {name}" for name in counts)
+    alarms = total["false_alarms"]
+    colour = "bold red" if 2 * total["crashed"] > total["flights"] else "bold green"
+    _line(f"{total['flights']} flights: {line}; {alarms} false alarms.", colour)
+    if campaign["interrupted"]:
+        asked = campaign["last_seed"] - campaign["first_seed"] + 1
+        _line(f"Interrupted: {total['flights']} of {asked} flights are done.", "bold yellow")
+    factor = total["real_time_factor"]
+    if factor is not None:
+        _line(f"Flown in {total['wall_time_s']:.1f} s, {factor:.0f} times real time.")
+
+
+def print_files(folder: object, names: list[str]) -> None:
+    """Print where the results are, on one line however long it gets."""
+    _line(f"{folder}: {', '.join(names)}")
+
+
+def _length(name: str, value: float | None) -> Row:
+    return Row(name, "m", None, value, 3)
+
+
+def _cell(row: Row, value: float | None, text: str | None) -> Text:
+    if text is not None:
+        return Text(text)
+    return Text("–" if value is None else f"{fixed(value, row.digits)} {row.unit}".rstrip())
+
+
+def _sentence(words: str) -> str:
+    return words[:1].upper() + words[1:]
+
+
+def _speed(flight: FlightResult) -> str:
+    summary = flight.summary
+    line = f"Flown in {summary['wall_time_s']:.3f} s"
+    if summary["real_time_factor"] is not None:
+        factor = summary["real_time_factor"]
+        line += f", {factor:.{0 if factor >= 10 else 2}f} times real time"
+    factor = flight.real_time_factor_with_recording
+    if factor is not None and flight.recording_s is not None:
+        line += (
+            f"; {summary['recorded_messages']} messages recorded in {flight.recording_s:.3f} s, "
+            f"together {factor:.0f} times"
+        )
+    return line + "."
+
+
+def _print(table: Table) -> None:
+    Console().print(table)
+
+
+def _line(text: str, style: str = "") -> None:
+    Console().print(Text(text, style), soft_wrap=True)

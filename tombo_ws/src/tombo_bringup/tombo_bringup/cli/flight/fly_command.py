@@ -1,0 +1,371 @@
+"""`tombo fly`: one flight with all its files, or many seeds with one table."""
+
+from __future__ import annotations
+
+import re
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tombo_bringup.cli.flight.optional_url import SIMULATED
+from tombo_bringup.cli.options import (
+    Force,
+    ModelFile,
+    ScenarioArgument,
+    Settings,
+    Yes,
+    integer_option,
+    json_option,
+    output_option,
+)
+from tombo_dynamics.errors import InputError
+
+if TYPE_CHECKING:
+    from tombo_flight.scenario import Scenario
+
+EXIT_CODES = (
+    "Exit code: 0 when the flight was flown, whatever became of the vehicle (a crash is a "
+    "result); 1 when a node ended by itself (--nodes, --px4), or PX4 did not take off or is left "
+    "armed; 2 for bad input, a PX4 that can't be reached, or output that can't be written; 130 "
+    "after Ctrl-C, 143 after SIGTERM, with what was flown so far in the folder."
+)
+_SEED_LIMIT = 2**63
+_MOST_FLIGHTS = 100_000
+
+
+def fly(
+    scenario: ScenarioArgument = "paper_collision",
+    seed: Annotated[
+        int | None,
+        integer_option("--seed", "N", "All chance comes from it. Default: 0."),
+    ] = None,
+    seeds: Annotated[
+        str | None,
+        typer.Option(
+            "--seeds",
+            metavar="A:B",
+            help="Fly seeds A to B-1 on all cores; one table, no files of single flights.",
+        ),
+    ] = None,
+    no_reaction: Annotated[
+        bool, typer.Option("--no-reaction", help="Detect collisions, but do nothing.")
+    ] = False,
+    conf: Annotated[
+        int | None,
+        integer_option("--conf", "N", "Propeller configuration of the paper's Table I, 0 to 13."),
+    ] = None,
+    law: Annotated[
+        str | None,
+        typer.Option(
+            "--law", metavar="L", help="Law of the nodus: published, repaired, consistent."
+        ),
+    ] = None,
+    settings: Settings = None,
+    model: ModelFile = None,
+    nodes: Annotated[
+        bool,
+        typer.Option("--nodes", help="Fly with the ROS 2 nodes, each a process, in real time."),
+    ] = False,
+    lockstep: Annotated[
+        bool,
+        typer.Option(
+            "--lockstep",
+            help="With --nodes: the ticks of the headless flight, each answered by all nodes, as "
+            "fast as the machine can: the same flight to the last bit.",
+        ),
+    ] = False,
+    px4: Annotated[
+        str | None,
+        typer.Option(
+            "--px4",
+            metavar="[URL]",
+            help="Fly with the nodes over MAVLink: a simulated PX4, or the one at URL (udpin://, "
+            "udpout://, tcpout://, serial://), which may be a real vehicle.",
+        ),
+    ] = None,
+    yes: Yes = False,
+    bridge: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--bridge",
+            metavar="KEY=VALUE",
+            help="With --px4: set a parameter of the bridge, as in link.allow_remote=true, "
+            "px4.position_std=0.002 or, of PX4 itself, px4_parameters=[EKF2_EV_CTRL=11]. May be "
+            "given many times.",
+        ),
+    ] = None,
+    speed: Annotated[
+        float | None,
+        typer.Option(
+            "--speed", metavar="X", help="With --nodes: simulated time against real time."
+        ),
+    ] = None,
+    domain: Annotated[
+        int | None,
+        integer_option(
+            "--domain",
+            "N",
+            "With --nodes and --px4: ROS_DOMAIN_ID. Default: one that is free; with --px4 "
+            "URL that of the environment, where the motion capture is.",
+        ),
+    ] = None,
+    no_record: Annotated[bool, typer.Option("--no-record", help="Write no flight.mcap.")] = False,
+    output: Annotated[
+        str | None,
+        output_option(
+            "Folder of the results, new or empty. Default: runs/SCENARIO-SEED, replaced."
+        ),
+    ] = None,
+    force: Force = False,
+    as_json: Annotated[bool, json_option("Print the summary as JSON, and nothing else.")] = False,
+) -> None:
+    """Fly a scenario and write flight.mcap, summary.json, flight.png and report.html.
+
+    With --seeds: summary.json with all summaries and their statistics, and campaign.png.
+    """
+    many = None if seeds is None else parse_seeds(seeds)
+    if many is not None and seed is not None:
+        raise InputError(f"--seed {seed} and --seeds {seeds}: accepted: one of them")
+    if px4 is not None and speed is not None:
+        raise InputError(f"--speed {speed:g}: accepted: without --px4, which is in real time")
+    if not nodes and speed is not None:
+        raise InputError(f"--speed {speed:g}: accepted: with --nodes only")
+    if lockstep and (not nodes or speed is not None):
+        raise InputError("--lockstep: accepted: with --nodes and without --speed")
+    if not nodes and px4 is None and domain is not None:
+        raise InputError(f"--domain {domain}: accepted: with --nodes or --px4 only")
+    if nodes and (many is not None or no_record):
+        raise InputError("--nodes: accepted: without --seeds and --no-record")
+    if px4 is not None and (nodes or many is not None or no_record):
+        raise InputError("--px4: accepted: without --nodes, --seeds and --no-record")
+    if px4 is None and (yes or bridge):
+        raise InputError("--yes and --bridge: accepted: with --px4 only")
+    check_model(model, px4)
+    one = 0 if seed is None else check_seed(seed)
+    chosen = _load(scenario, settings or [], no_reaction, conf, law, model)
+    if px4 is not None:
+        from tombo_bringup.cli.flight.fly_px4 import fly_px4
+
+        path = _folder(output, default_folder(chosen.name, f"{one}-px4"))
+        code = fly_px4(
+            chosen,
+            one,
+            path,
+            may_replace=force or output is None,
+            as_json=as_json,
+            url=None if px4 == SIMULATED else px4,
+            yes=yes,
+            settings=bridge or [],
+            domain=domain,
+        )
+    elif nodes:
+        code = _fly_nodes(
+            chosen, one, output, force, as_json, 1.0 if speed is None else speed, domain, lockstep
+        )
+    elif many is None:
+        code = _fly_one(chosen, one, output, force, not no_record, as_json)
+    else:
+        code = _fly_many(chosen, many, output, force, as_json)
+    raise typer.Exit(code)
+
+
+def parse_seeds(text: str) -> range:
+    """Return the seeds that `A:B` means: A to B-1.
+
+    Raises:
+        InputError: not of this form, none, or too many.
+    """
+    accepted = f"accepted: A:B with 0 <= A < B, at most {_MOST_FLIGHTS} flights, as in 0:100"
+    found = re.fullmatch(r"([0-9]{1,19}):([0-9]{1,19})", text)
+    if found is None:
+        raise InputError(f"--seeds {text}: not of the form A:B; {accepted}")
+    first, end = int(found[1]), int(found[2])
+    if first >= end:
+        raise InputError(f"--seeds {text}: no seed at all; {accepted}")
+    if end - first > _MOST_FLIGHTS or end > _SEED_LIMIT:
+        raise InputError(f"--seeds {text}: too many; {accepted}")
+    return range(first, end)
+
+
+def check_seed(seed: int) -> int:
+    """Return the seed, or raise InputError."""
+    if not 0 <= seed < _SEED_LIMIT:
+        raise InputError(
+            f"--seed {seed}: out of bounds; accepted: a whole number from 0 to {_SEED_LIMIT - 1}"
+        )
+    return seed
+
+
+def check_model(model: str | None, px4: str | None) -> None:
+    """Refuse a model where nothing is simulated.
+
+    Raises:
+        InputError: it is given together with a real vehicle.
+    """
+    if model is not None and px4 not in (None, SIMULATED):
+        raise InputError(
+            f"--model {model}: accepted: without --px4 URL, where no simulation flies"
+        )
+
+
+def default_folder(scenario: str, rest: str) -> Path:
+    """Return `runs/<scenario>-<rest>`; a name can't lead out of `runs`."""
+    name = re.sub(r"[^\w.+-]+", "_", scenario).lstrip(".") or "scenario"
+    return Path("runs") / f"{name[:100]}-{rest}"
+
+
+def _folder(output: str | None, default: Path) -> Path:
+    if output is not None and not output.strip():
+        raise InputError(f"-o '{output}': no name; accepted: a folder, new or empty")
+    return default if output is None else Path(output)
+
+
+def _load(
+    name: str,
+    settings: list[str],
+    no_reaction: bool,
+    conf: int | None,
+    law: str | None,
+    model: str | None,
+) -> Scenario:
+    """Read the scenario; options win over --set, as they are more to the point."""
+    from tombo_flight.scenario import load_scenario
+
+    if conf is not None and not 0 <= conf <= 13:
+        raise InputError(f"--conf {conf}: unknown configuration; accepted: 0 (rigid) to 13")
+    options = [] if conf is None else [f"propeller.conf={conf}"]
+    options += [] if law is None else [f"propeller.law={law}"]
+    options += ["react=false"] if no_reaction else []
+    return load_scenario(name, [*settings, *options], model)
+
+
+def _fly_one(
+    scenario: Scenario, seed: int, output: str | None, force: bool, record: bool, as_json: bool
+) -> int:
+    from tombo_bringup.cli.progress import progress_bar
+    from tombo_flight.flight_output import as_json as to_json
+    from tombo_flight.flight_output import fly_into, warm_up_flight
+    from tombo_flight.process.output_folder import open_output
+    from tombo_flight.process.stop_signals import StopSignals
+
+    path = _folder(output, default_folder(scenario.name, str(seed)))
+    may_replace = force or output is None
+    with progress_bar() as on_progress:
+        on_progress("loading", 0.0)
+        warm_up_flight(scenario)
+        with StopSignals() as stop, open_output(path, replace=may_replace) as folder:
+            flight = fly_into(folder, scenario, seed, stop, record=record, on_progress=on_progress)
+            names = sorted(p.name for p in folder.staging.iterdir())
+            folder.publish()
+    if as_json:
+        typer.echo(to_json(flight.summary), nl=False)
+    else:
+        from tombo_bringup.cli.flight.flight_tables import print_files, print_flight
+
+        print_flight(flight)
+        if stop.asked() and not flight.summary["interrupted"]:
+            typer.echo("Interrupted after the flight: the pictures are not drawn.")
+        print_files(path, names)
+    return stop.exit_code
+
+
+def _fly_nodes(
+    scenario: Scenario,
+    seed: int,
+    output: str | None,
+    force: bool,
+    as_json: bool,
+    speed: float,
+    domain: int | None,
+    lockstep: bool,
+) -> int:
+    from tombo_bringup.cli.progress import progress_bar
+    from tombo_flight.flight_output import as_json as to_json
+    from tombo_flight.process.output_folder import open_output
+    from tombo_flight.process.stop_signals import Stopped, StopSignals
+    from tombo_flight.suite.node_flight import fly_nodes_and_save
+    from tombo_flight.suite.warm_up import warm_up_nodes
+
+    path = _folder(output, default_folder(scenario.name, f"{seed}-nodes"))
+    may_replace = force or output is None
+    with progress_bar() as on_progress:
+        on_progress("loading", 0.0)
+        warm_up_nodes(scenario)
+        with (
+            StopSignals(signal.SIGHUP) as stop,
+            open_output(path, replace=may_replace) as folder,
+        ):
+            try:
+                flown = fly_nodes_and_save(
+                    folder,
+                    scenario,
+                    seed,
+                    stop,
+                    speed=speed,
+                    domain=domain,
+                    on_progress=on_progress,
+                    lockstep=lockstep,
+                )
+            except Stopped:  # before anything was flown: nothing to keep
+                return stop.exit_code
+            names = sorted(p.name for p in folder.staging.iterdir())
+            folder.publish()
+    if as_json:
+        typer.echo(to_json(flown.flight.summary), nl=False)
+    else:
+        from tombo_bringup.cli.flight.flight_tables import print_files, print_flight
+        from tombo_bringup.cli.flight.node_tables import print_nodes
+
+        print_flight(flown.flight)
+        print_nodes(flown)
+        print_files(path, names)
+    return stop.exit_code or (1 if flown.died else 0)
+
+
+def _fly_many(
+    scenario: Scenario, seeds: range, output: str | None, force: bool, as_json: bool
+) -> int:
+    from tombo_bringup.cli.progress import progress_bar
+    from tombo_flight.campaign.campaign import fly_campaign
+    from tombo_flight.flight_output import as_json as to_json
+    from tombo_flight.flight_output import warm_up_flight
+    from tombo_flight.process.output_folder import open_output
+    from tombo_flight.process.stop_signals import StopSignals
+
+    default = default_folder(scenario.name, f"{seeds.start}-{seeds.stop}")
+    path = _folder(output, default)
+    may_replace = force or output is None
+    with progress_bar() as on_progress:
+        on_progress("loading", 0.0)
+        warm_up_flight(scenario)
+        with StopSignals() as stop, open_output(path, replace=may_replace) as folder:
+            on_progress(f"0 of {len(seeds)} flights", 0.0)
+            campaign = fly_campaign(
+                scenario,
+                seeds,
+                progress=lambda n: on_progress(f"{n} of {len(seeds)} flights", n / len(seeds)),
+                stop=stop.asked,
+            )
+            if not campaign["flights"]:  # stopped before the first landing: nothing to keep
+                return stop.exit_code
+            text = to_json(campaign)
+            (folder / "summary.json").write_text(text, encoding="utf-8", newline="\n")
+            names = ["summary.json"]
+            if not stop.asked():
+                on_progress("drawing campaign.png", 1.0)
+                from tombo_flight.campaign.campaign_plot import draw_campaign
+                from tombo_flight.report.flight_plot import png_bytes
+
+                (folder / "campaign.png").write_bytes(png_bytes(draw_campaign(campaign)))
+                names.insert(0, "campaign.png")
+            folder.publish()
+    if as_json:
+        typer.echo(text, nl=False)
+    else:
+        from tombo_bringup.cli.flight.flight_tables import print_campaign, print_files
+
+        print_campaign(campaign)
+        print_files(path, names)
+    return stop.exit_code

@@ -1,0 +1,130 @@
+"""`tombo fly --px4`: one flight over MAVLink, by a simulated PX4 or by the one at a URL."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from tombo_bringup.cli.errors import print_error
+from tombo_bringup.cli.progress import progress_bar
+from tombo_dynamics.errors import InputError
+from tombo_flight.flight_output import as_json as to_json
+from tombo_flight.process.output_folder import open_output
+from tombo_flight.process.stop_signals import Stopped, StopSignals
+from tombo_flight.suite.node_flight import NotFlown, fly_nodes_and_save
+from tombo_flight.suite.px4_connection import Px4Connection, px4_connection
+from tombo_flight.suite.px4_probe import find_vehicle
+from tombo_flight.suite.warm_up import warm_up_nodes
+
+if TYPE_CHECKING:
+    from tombo_flight.scenario import Scenario
+
+
+def fly_px4(
+    scenario: Scenario,
+    seed: int,
+    path: Path,
+    *,
+    may_replace: bool,
+    as_json: bool,
+    url: str | None,
+    yes: bool,
+    settings: Sequence[str],
+    domain: int | None,
+) -> int:
+    """Fly, print, and return the exit code.
+
+    Args:
+        scenario: what to fly.
+        seed: of the simulator's chance.
+        path: folder of the results.
+        may_replace: results that are there are replaced.
+        as_json: print the summary as JSON, and nothing else.
+        url: of a PX4 that is there; None: simulate one.
+        yes: arm it without asking.
+        settings: of the bridge.
+        domain: ROS_DOMAIN_ID.
+
+    Raises:
+        InputError: PX4 can't be reached or must not be armed, or as `fly_nodes_and_save`.
+    """
+    connection = px4_connection(url, settings)
+    with progress_bar() as on_progress:
+        on_progress("loading", 0.0)
+        warm_up_nodes(scenario)
+    with StopSignals(signal.SIGHUP) as stop:
+        try:
+            if not connection.simulated and not confirm_arming(
+                connection, scenario, stop, yes=yes
+            ):
+                return stop.exit_code or 1
+        except Stopped:
+            return stop.exit_code
+        with progress_bar() as on_progress, open_output(path, replace=may_replace) as folder:
+            try:
+                flown = fly_nodes_and_save(
+                    folder, scenario, seed, stop, speed=1.0, domain=domain,
+                    on_progress=on_progress, px4=connection,
+                    notice=lambda text: typer.echo(text, err=True),
+                )  # fmt: skip
+            except Stopped:  # before anything was flown: nothing to keep
+                return stop.exit_code
+            except NotFlown as error:
+                folder.publish()
+                print_error(f"{error}; recording and logs are in '{path}'")
+                return 1
+            names = sorted(p.name for p in folder.staging.iterdir())
+            folder.publish()
+    if as_json:
+        typer.echo(to_json(flown.flight.summary), nl=False)
+    else:
+        from tombo_bringup.cli.flight.flight_tables import print_files, print_flight
+        from tombo_bringup.cli.flight.node_tables import print_nodes
+
+        print_flight(flown.flight)
+        print_nodes(flown)
+        print_files(path, names)
+    if flown.left_armed:
+        print_error(flown.left_armed)
+    return stop.exit_code or (1 if flown.died or flown.left_armed else 0)
+
+
+def confirm_arming(
+    connection: Px4Connection, scenario: Scenario, stop: StopSignals, *, yes: bool
+) -> bool:
+    """Say what is about to be armed, and ask.
+
+    Raises:
+        InputError: there is nothing to arm, or nobody to ask.
+    """
+    url = connection.link.url
+    if not yes and not sys.stdin.isatty():
+        raise InputError(
+            f"--px4 {url}: this arms a vehicle and flies it; accepted: with --yes, or on a "
+            "terminal where it can be confirmed"
+        )
+    vehicle = find_vehicle(connection.link, stop=stop.asked)
+    if vehicle is None:
+        return False
+    if vehicle.armed:
+        raise InputError(
+            f"--px4 {url}: {vehicle.description}: somebody else flies it; "
+            "accepted: a disarmed vehicle"
+        )
+    typer.echo(
+        f"At {url} is {vehicle.description}. This arms it, takes off to "
+        f"{scenario.mission.height:g} m and flies {scenario.name}.",
+        err=True,
+    )
+    if yes:
+        return True
+    with stop.at_once():
+        if typer.confirm("Is the flight space clear? Arm and fly", err=True):
+            return True
+    print_error("not confirmed: nothing was armed")
+    return False

@@ -1,0 +1,209 @@
+"""`tombo hil`: the simulator of a real PX4, until somebody stops it."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import sys
+import time
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tombo_bringup.cli.options import Duration, ScenarioOption, Seed, Settings, integer_option
+
+if TYPE_CHECKING:
+    from tombo_flight.process.stop_signals import StopSignals
+    from tombo_px4.hil.lockstep import HilSimulator, Notice
+    from tombo_px4.hil.mocap import MocapFeed
+    from tombo_sim.world import World
+
+HIL_EXIT_CODES = (
+    "Exit code: 0 when it was stopped (Ctrl-C, SIGTERM, --duration), 2 for bad input or a port "
+    "that is taken."
+)
+ON_LINK = "link"
+_WAIT_S = 0.1
+_SYSTEM, _COMPONENT = 1, 197
+"""Of the motion capture's messages: PX4's own system, a source of visual odometry."""
+
+
+def hil(
+    port: Annotated[
+        int,
+        integer_option("--port", "N", "TCP port for PX4: 4560 plus its instance."),
+    ] = 4560,
+    scenario: ScenarioOption = "paper_collision",
+    settings: Settings = None,
+    seed: Seed = 0,
+    rate: Annotated[
+        float, typer.Option("--rate", metavar="HZ", help="HIL_SENSOR: 250, 333, 500 or 1000.")
+    ] = 250.0,
+    speed: Annotated[
+        float,
+        typer.Option(
+            "--speed",
+            metavar="X",
+            help="Simulated time against real time; 0: as fast as PX4 answers.",
+        ),
+    ] = 1.0,
+    mapping: Annotated[
+        str,
+        typer.Option(
+            "--mapping",
+            metavar="M",
+            help="What a motor's control is linear in: thrust (hovers near 0.5) or speed.",
+        ),
+    ] = "thrust",
+    no_gps: Annotated[bool, typer.Option("--no-gps", help="Send no HIL_GPS.")] = False,
+    mocap: Annotated[
+        str | None,
+        typer.Option(
+            "--mocap",
+            metavar="URL",
+            help="Send the motion capture's poses too: 'link' for this connection, or "
+            "udpout://127.0.0.1:14280, PX4's payload port (14580 would take PX4's on-board link "
+            "away from MAVSDK and others).",
+        ),
+    ] = None,
+    duration: Duration = None,
+) -> None:
+    """Let a real PX4 (SITL, none_iris) fly the Tombo vehicle: physics in lockstep over TCP.
+
+    The scenario's vehicle, propeller, effects and obstacle are simulated; PX4 does the rest.
+    """
+    from tombo_bringup.cli.flight.fly_command import check_seed
+    from tombo_dynamics.errors import InputError
+    from tombo_flight.process.stop_signals import StopSignals
+    from tombo_flight.scenario import load_scenario, world_of
+    from tombo_px4.hil.link import HilLink
+    from tombo_px4.hil.lockstep import HilSimulator
+    from tombo_px4.hil.params import HilParams
+
+    if duration is not None and not duration > 0.0:
+        raise InputError(f"--duration {duration:g}: out of bounds; accepted: a number above 0")
+    if not 0.0 <= speed <= 100.0:
+        raise InputError(f"--speed {speed:g}: out of bounds; accepted: a number from 0 to 100")
+    params = HilParams(rate=rate, mapping=mapping, gps=not no_gps, mocap=mocap == ON_LINK).check()
+    world = world_of(load_scenario(scenario, settings or []))
+    check_seed(seed)
+    link = HilLink(port)
+    feed = None if mocap is None or mocap == ON_LINK else _feed(mocap)
+    try:
+        with StopSignals(signal.SIGHUP) as stop:
+            one = HilSimulator(world, seed, params, link, speed=speed, mocap=feed)
+            print(_introduction(one, world, link.port, mocap, scenario, seed), flush=True)
+            _serve(one, stop, duration)
+    finally:
+        link.close()
+        if feed is not None:
+            feed.close()
+
+
+def _feed(url: str) -> MocapFeed:
+    from tombo_px4.hil.mocap import MocapFeed
+    from tombo_px4.link.mavlink_link import Link
+
+    return MocapFeed(Link(url, system=_SYSTEM, component=_COMPONENT, clock=time.time_ns))
+
+
+def _introduction(
+    one: HilSimulator, world: World, port: int, mocap: str | None, scenario: str, seed: int
+) -> str:
+    """Return what waits here, and how PX4 is started for it."""
+    from tombo_px4.hil.hil_start_help import airframe_parameters, mocap_parameters, start_commands
+
+    parameters = airframe_parameters(world, one.flight)
+    if mocap is not None:
+        parameters |= mocap_parameters(world, mocap == ON_LINK)
+    settings, built, container = start_commands(port, parameters)
+    lines = [
+        f"{scenario}, seed {seed}: waiting for PX4 on TCP port {port} of 127.0.0.1. Start it with",
+        "",
+        settings,
+        built,
+        "",
+        "or, in place of the last line, from its container",
+        "",
+        container,
+        "",
+        "PX4 connects once: start it anew after this. Built, it keeps these parameters; without "
+        "parameters*.bson of build/px4_sitl_default/rootfs it begins with its own again.",
+    ]
+    if mocap is None:
+        lines.append("To fly by motion capture alone: --mocap link. More is in docs/px4.md.")
+    return "\n".join(lines)
+
+
+def _serve(one: HilSimulator, stop: StopSignals, duration_s: float | None) -> None:
+    """Run until it is stopped."""
+    began = time.monotonic()
+    screen = Screen(began, sys.stdout.isatty())
+    while not stop.asked():
+        now_ns = time.monotonic_ns()
+        if not one.advance(now_ns):
+            one.wait(now_ns, _WAIT_S)
+        now = time.monotonic()
+        screen.show(one, now)
+        if duration_s is not None and now - began >= duration_s:
+            break
+    screen.close(one)
+
+
+class Screen:
+    """One line of how it is, renewed on a terminal, now and then elsewhere; news above it."""
+
+    def __init__(self, now: float, terminal: bool) -> None:
+        self._terminal = terminal
+        self._period = 0.25 if terminal else 5.0
+        self._next = now
+        self._flight = 0
+        self._since = (now, 0)
+
+    def show(self, one: HilSimulator, now: float) -> None:
+        """Show what is new; called often."""
+        for news in one.take_notices():
+            self._tell(news)
+        if one.flights != self._flight:
+            self._flight = one.flights
+            self._since = (now, one.flight.time_us)
+        if now >= self._next:
+            self._next = now + self._period
+            self._put(self._status(one, now), live=True)
+
+    def close(self, one: HilSimulator) -> None:
+        """Say how it ended."""
+        for news in one.take_notices():
+            self._tell(news)
+        self._put(f"stopped after {one.flights} flights")
+
+    def _status(self, one: HilSimulator, now: float) -> str:
+        flight = one.flight
+        before, time_us = self._since
+        self._since = (now, flight.time_us)
+        factor = 1e-6 * (flight.time_us - time_us) / max(now - before, 1e-9)
+        parts = [
+            f"{one.phase.value}: flight {one.flights}, {1e-6 * flight.time_us:.1f} s",
+            f"{factor:.1f} times real time",
+            f"{one.steps} steps",
+            f"{one.missed} missed",
+            "armed" if one.motors.armed else "not armed",
+            f"{flight.simulator.height:.2f} m up",
+        ]
+        if one.wrong_time:
+            parts.append(f"{one.wrong_time} answers with a wrong time")
+        if flight.controls.refused:
+            parts.append(f"{flight.controls.refused} controls out of range")
+        return ", ".join(parts)
+
+    def _tell(self, news: Notice) -> None:
+        self._put(f"{'! ' if news.severe else ''}{news.text}")
+
+    def _put(self, text: str, live: bool = False) -> None:
+        if live and self._terminal:
+            width = shutil.get_terminal_size().columns - 1
+            print(f"\r{text[:width]}\x1b[K", end="", flush=True)
+        elif self._terminal:
+            print(f"\r{text}\x1b[K", flush=True)
+        else:
+            print(text, flush=True)

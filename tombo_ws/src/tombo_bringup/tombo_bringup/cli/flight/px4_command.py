@@ -1,0 +1,215 @@
+"""`tombo px4`: the simulated vehicle as a PX4 that any MAVLink client can fly."""
+
+from __future__ import annotations
+
+import signal
+import time
+from contextlib import ExitStack, closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tombo_bringup.cli.options import Duration, ScenarioOption, Seed, Settings, integer_option
+
+if TYPE_CHECKING:
+    from tombo_flight.scenario import Scenario
+    from tombo_px4.autopilot.parameters import ParameterTable
+    from tombo_px4.autopilot.vehicle import Px4Vehicle
+    from tombo_px4.link.mavlink_link import Link
+    from tombo_px4.protocol.endpoint import Endpoint
+
+PX4_EXIT_CODES = (
+    "Exit code: 0 when it was stopped (Ctrl-C, SIGTERM, --duration), 2 for bad input or a busy "
+    "port."
+)
+_PORT, _GROUND_PORT = 14540, 14550
+_OWN, _OWN_GROUND = 40, 4030
+"""From the client's port to the vehicle's own, as with PX4's instances: 14580 and 18570 for
+14540, 14581 and 18571 for 14541."""
+_WARM_UP_TICKS = 60
+
+
+def px4(
+    scenario: ScenarioOption = "paper_collision",
+    port: Annotated[
+        int,
+        integer_option(
+            "--port",
+            "N",
+            "UDP port of the on-board client; the vehicle's own are N+40 and N+4030, as "
+            "with PX4's instances.",
+        ),
+    ] = _PORT,
+    ground_port: Annotated[
+        int,
+        integer_option("--ground-port", "N", "UDP port of the ground station."),
+    ] = _GROUND_PORT,
+    seed: Seed = 0,
+    settings: Settings = None,
+    parameters: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--param",
+            metavar="NAME=VALUE",
+            help="Change a parameter of the autopilot, as in COM_OF_LOSS_T=0.5. May be given many "
+            "times.",
+        ),
+    ] = None,
+    key: Annotated[
+        Path | None,
+        typer.Option(
+            "--key",
+            metavar="FILE",
+            help="Key of MAVLink's signatures: only who has it is heard.",
+        ),
+    ] = None,
+    host: Annotated[
+        str,
+        typer.Option(
+            "--host", metavar="HOST", help="Where the clients are; others with --allow-remote."
+        ),
+    ] = "127.0.0.1",
+    allow_remote: Annotated[
+        bool,
+        typer.Option(
+            "--allow-remote",
+            help="Listen to other machines too: whoever reaches the ports can fly the vehicle.",
+        ),
+    ] = False,
+    duration: Duration = None,
+) -> None:
+    """Simulate a vehicle with a PX4 autopilot and serve MAVLink, as PX4's own simulation does.
+
+    MAVSDK, MAVProxy, QGroundControl and the bridge of `tombo fly --px4` can fly it.
+    """
+    from tombo_bringup.cli.flight.fly_command import check_seed
+    from tombo_bringup.cli.flight.px4_screen import where_to_connect
+    from tombo_dynamics.errors import InputError
+    from tombo_flight.scenario import load_scenario
+    from tombo_px4.autopilot.parameters import ParameterTable
+    from tombo_px4.link.address import parse_peer
+    from tombo_px4.protocol.endpoint import Endpoint
+
+    if duration is not None and not duration > 0.0:
+        raise InputError(f"--duration {duration:g}: out of bounds; accepted: a number above 0")
+    table = ParameterTable()
+    for text in parameters or []:
+        set_parameter(table, text)
+    chosen = load_scenario(scenario, settings or [])
+    with ExitStack() as stack:
+        links = [
+            (stack.enter_context(closing(link)), streams)
+            for link, streams in _open_links(port, ground_port, table, key, host, allow_remote)
+        ]
+        vehicle = _vehicle(chosen, check_seed(seed), table)
+        homes = [parse_peer(f"{host}:{number}", allow_remote) for number in (port, ground_port)]
+        endpoint = Endpoint(vehicle, links, homes=homes)
+        _serve(endpoint, duration, where_to_connect(host, port, ground_port))
+
+
+def set_parameter(table: ParameterTable, text: str) -> None:
+    """Set the parameter that a text NAME=VALUE means.
+
+    Raises:
+        InputError: not of this form, unknown, or a value that is refused.
+    """
+    from tombo_dynamics.errors import InputError, unknown_name
+
+    name, separator, value = (part.strip() for part in text.partition("="))
+    if not separator or not name:
+        raise InputError(f"--param '{text}': accepted: NAME=VALUE, as in COM_OF_LOSS_T=0.5")
+    if name not in table.names:
+        raise unknown_name("--param", name, table.names)
+    try:
+        number = float(value)
+    except ValueError:
+        raise InputError(f"--param '{text}': '{value}' is no number") from None
+    refusal = table.set(name, number)
+    if refusal:
+        raise InputError(f"--param {refusal}")
+
+
+def _open_links(
+    port: int,
+    ground_port: int,
+    table: ParameterTable,
+    key: Path | None,
+    host: str,
+    allow_remote: bool,
+) -> list[tuple[Link, str]]:
+    from tombo_dynamics.errors import InputError
+    from tombo_px4.link.mavlink_link import Link
+    from tombo_px4.link.signing import read_key
+
+    highest = 65535 - _OWN_GROUND
+    if not 1 <= port <= highest:
+        raise InputError(f"--port {port}: out of bounds; accepted: 1 to {highest}")
+    if not 1 <= ground_port <= 65535:
+        raise InputError(f"--ground-port {ground_port}: out of bounds; accepted: 1 to 65535")
+    secret = None
+    if key is not None:
+        secret, warning = read_key(key)
+        if warning:
+            typer.echo(f"Warning: {warning}", err=True)
+    links: list[tuple[Link, str]] = []
+    try:
+        for number, (own, client, streams) in enumerate(
+            (
+                (port + _OWN, port, "onboard"),
+                (port + _OWN_GROUND, ground_port, "ground"),
+            )
+        ):
+            link = Link(
+                f"udpin://{'0.0.0.0' if allow_remote else '127.0.0.1'}:{own}",
+                system=int(table.get("MAV_SYS_ID")),
+                component=int(table.get("MAV_COMP_ID")),
+                clock=time.time_ns,
+                key=secret,
+                link_id=number,
+                allow_remote=allow_remote,
+                default_peer=f"{host}:{client}",
+            )
+            links.append((link, streams))
+    except InputError:
+        for link, _ in links:
+            link.close()
+        raise
+    return links
+
+
+def _vehicle(scenario: Scenario, seed: int, table: ParameterTable) -> Px4Vehicle:
+    """Make the vehicle; a spare one flies first, so that all code is compiled and loaded."""
+    from tombo_bringup.cli.progress import progress_bar
+    from tombo_flight.scenario import world_of
+    from tombo_px4.autopilot.parameters import ParameterTable
+    from tombo_px4.autopilot.vehicle import Px4Vehicle
+
+    world = world_of(scenario)
+    with progress_bar() as on_progress:
+        on_progress("loading", 0.0)
+        spare = Px4Vehicle(world, seed, ParameterTable())
+        for _ in range(_WARM_UP_TICKS):
+            spare.step()
+        return Px4Vehicle(world, seed, table)
+
+
+def _serve(endpoint: Endpoint, duration_s: float | None, lines: list[str]) -> None:
+    from tombo_bringup.cli.flight.px4_screen import new_screen
+    from tombo_flight.process.stop_signals import StopSignals
+    from tombo_px4.protocol.serve import BootClock, serve
+
+    limit_ns = None if duration_s is None else round(1e9 * duration_s)
+    with StopSignals(signal.SIGHUP) as stop, new_screen() as screen:
+        screen.begin(lines)
+        over = False
+
+        def redraw(boot_ns: int, clock: BootClock) -> None:
+            nonlocal over
+            screen.redraw(endpoint, boot_ns, clock.slipped_ns)
+            over = limit_ns is not None and boot_ns + clock.slipped_ns >= limit_ns
+
+        clock = serve(
+            endpoint, time.monotonic_ns, time.time_ns, lambda: over or stop.asked(), redraw
+        )
+        screen.end(endpoint, clock.slipped_ns)

@@ -1,0 +1,245 @@
+"""`tombo replay`: a recorded run once more through the nodes' cores, and what differs."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import secrets
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tombo_bringup.cli.options import json_option, output_option
+from tombo_dynamics.errors import InputError
+
+if TYPE_CHECKING:
+    from tombo_flight.replay.compare import Tolerances
+    from tombo_flight.replay.run import Replay, Request
+
+REPLAY_EXIT_CODES = (
+    "Exit code: 0 also when recorded and replayed differ (that is a result); with --strict 1 "
+    "when they differ by more than the tolerances; 2 for bad input."
+)
+FILES = ("replay.json", "replay.png")
+
+
+def replay(
+    bag: Annotated[
+        Path,
+        typer.Argument(
+            metavar="BAG",
+            help="MCAP file, rosbag2 folder (MCAP or SQLite), .db3, or ROS 1 .bag.",
+        ),
+    ],
+    nodes: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--node",
+            metavar="NODE",
+            help="detector, reaction, mission, estimator or controller; may be given many times. "
+            "Default: each whose inputs are in the bag.",
+        ),
+    ] = None,
+    maps: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--map",
+            metavar="TOPIC:=NAME",
+            help="Take a recorded topic for one of the suite's, as in /lab/pose:=/mocap/pose. "
+            "May be given many times.",
+        ),
+    ] = None,
+    params: Annotated[
+        str | None,
+        typer.Option(
+            "--params", metavar="SCENARIO", help="Parameters over the bag's: YAML file or name."
+        ),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="One parameter over the bag's, as in detector.threshold=30. May be given many "
+            "times.",
+        ),
+    ] = None,
+    frame_ok: Annotated[
+        str | None,
+        typer.Option("--frame-ok", metavar="NAME", help="Take this frame_id of poses for map."),
+    ] = None,
+    shift_stamps: Annotated[
+        float,
+        typer.Option("--shift-stamps", metavar="S", help="Add S seconds to the poses' stamps."),
+    ] = 0.0,
+    stamp_on_arrival: Annotated[
+        bool,
+        typer.Option("--stamp-on-arrival", help="Stamp poses when they arrived, not by header."),
+    ] = False,
+    dds: Annotated[
+        bool,
+        typer.Option("--dds", help="Through the real nodes over DDS, as stamped, not the cores."),
+    ] = False,
+    speed: Annotated[
+        float,
+        typer.Option("--speed", metavar="X", help="With --dds: recorded time against real time."),
+    ] = 1.0,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Exit with 1 if there is a difference.")
+    ] = False,
+    tolerances: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--tolerance",
+            metavar="KEY=VALUE",
+            help="What counts as a difference: time_ms, x_c_m, statistic, setpoint_m, odometry_m "
+            "or command_rad_s. May be given many times.",
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        output_option("Write replay.json and replay.png there, over those of an earlier replay."),
+    ] = None,
+    as_json: Annotated[bool, json_option("Print one JSON object, and nothing else.")] = False,
+) -> None:
+    """Feed a recorded run to the nodes' own code and compare with what was recorded.
+
+    Inputs are fed in the order and at the times of their arrival, with the stamps of their
+    headers. Parameters are those of the recorded flight if the bag has them.
+    """
+    from tombo_flight.replay.run import Request, replay_bag
+
+    request = Request(
+        nodes=_nodes(nodes or []),
+        names=_names(maps or []),
+        frame_ok=frame_ok,
+        shift_stamps_s=_finite("--shift-stamps", shift_stamps),
+        stamp_on_arrival=stamp_on_arrival,
+        scenario=params,
+        settings=tuple(settings or ()),
+        tolerances=_tolerances(tolerances or []),
+    )
+    if output is not None:
+        _check_folder(output)
+    _check_speed(dds, speed)
+    if dds:
+        result = _through_nodes(bag, request, speed)
+    else:
+        result = replay_bag(bag, request)
+    text = _json(result)
+    if output is not None:
+        _write(result, text, output)
+    if as_json:
+        typer.echo(text, nl=False)
+    else:
+        from tombo_bringup.cli.flight.replay_tables import print_replay
+
+        print_replay(result)
+        if output is not None:
+            typer.echo(f"Wrote {', '.join(FILES)} to {output}")
+    raise typer.Exit(1 if strict and result.differences else 0)
+
+
+def _check_speed(dds: bool, speed: float) -> None:
+    if not dds and speed != 1.0:
+        raise InputError(f"--speed {speed:g}: without --dds it is always as fast as possible")
+    if not 0.05 <= speed <= 20.0:
+        raise InputError(f"--speed {speed:g}: out of bounds; accepted: 0.05 to 20")
+
+
+def _through_nodes(bag: Path, request: Request, speed: float) -> Replay:
+    """Replay through live nodes; a signal ends them before this process."""
+    from tombo_bringup.cli.progress import progress_bar
+    from tombo_flight.process.stop_signals import StopSignals
+    from tombo_flight.replay.run import replay_bag
+    from tombo_flight.replay.through_nodes import Interrupted, ThroughNodes
+
+    with StopSignals(signal.SIGHUP) as stop, progress_bar() as on_progress:
+        try:
+            return replay_bag(bag, request, ThroughNodes(speed, on_progress, stop.asked))
+        except Interrupted:
+            typer.echo("Error: interrupted", err=True)
+            raise typer.Exit(stop.exit_code) from None
+
+
+def _nodes(names: list[str]) -> tuple[str, ...]:
+    from tombo_dynamics.errors import unknown_name
+    from tombo_flight.replay.plan import NODES
+
+    for name in names:
+        if name not in NODES:
+            raise unknown_name("--node", name, NODES)
+    return tuple(name for name in NODES if name in names)
+
+
+def _names(maps: list[str]) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for text in maps:
+        source, sign, name = text.partition(":=")
+        if not sign or not source.startswith("/") or not name.startswith("/"):
+            raise InputError(
+                f"--map {text}: accepted: /TOPIC:=/NAME, as in /lab/pose:=/mocap/pose"
+            )
+        if source in found:
+            raise InputError(f"--map {text}: {source} is mapped twice; accepted: once")
+        found[source] = name
+    return found
+
+
+def _tolerances(texts: list[str]) -> Tolerances:
+    from tombo_dynamics.errors import unknown_name
+    from tombo_flight.replay.compare import Tolerances
+
+    names = [field.name for field in dataclasses.fields(Tolerances)]
+    found: dict[str, float] = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        if name not in names:
+            raise unknown_name("--tolerance", name, names)
+        try:
+            found[name] = float(value)
+        except ValueError:
+            raise InputError(f"--tolerance {text}: no number; accepted: {name}=NUMBER") from None
+        if not found[name] >= 0.0:
+            raise InputError(f"--tolerance {text}: out of bounds; accepted: 0 and above")
+    return Tolerances(**found)
+
+
+def _finite(option: str, value: float) -> float:
+    if not abs(value) < 1e10:
+        raise InputError(f"{option} {value:g}: accepted: a number of seconds")
+    return value
+
+
+def _json(result: Replay) -> str:
+    from tombo_flight.flight_output import as_json
+
+    return as_json(result.as_mapping())
+
+
+def _check_folder(folder: Path) -> None:
+    """See that the folder can be written, or made, before the work begins."""
+    target = folder.absolute()
+    there = next(path for path in (target, *target.parents) if os.path.lexists(path))
+    if not there.is_dir():
+        raise InputError(f"-o {folder}: '{there}' is no folder; accepted: a folder, new or there")
+    if not os.access(there, os.W_OK):
+        raise InputError(f"-o {folder}: '{there}' can't be written; accepted: a folder that can")
+
+
+def _write(result: Replay, text: str, folder: Path) -> None:
+    """Write the files, each whole or not at all."""
+    from tombo_flight.replay.plot import draw_replay
+    from tombo_flight.report.flight_plot import png_bytes
+
+    folder.mkdir(parents=True, exist_ok=True)
+    contents = (text.encode(), png_bytes(draw_replay(result)))
+    for name, content in zip(FILES, contents, strict=True):
+        staged = folder / f".{name}-{secrets.token_hex(4)}"
+        try:
+            staged.write_bytes(content)
+            staged.replace(folder / name)
+        finally:
+            staged.unlink(missing_ok=True)

@@ -1,0 +1,169 @@
+"""`tombo up`: the whole suite as processes, watched until somebody stops it."""
+
+from __future__ import annotations
+
+import signal
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tombo_bringup.cli.flight.optional_url import SIMULATED
+from tombo_bringup.cli.options import (
+    Duration,
+    ModelFile,
+    ScenarioArgument,
+    Seed,
+    Settings,
+    Yes,
+    integer_option,
+    json_option,
+)
+
+if TYPE_CHECKING:
+    from tombo_flight.scenario import Scenario
+    from tombo_flight.suite.px4_connection import Px4Connection
+    from tombo_flight.suite.running import SuiteConfig
+
+UP_EXIT_CODES = (
+    "Exit code: 0 when it was stopped (Ctrl-C, SIGTERM, --duration), 1 when a node ended by "
+    "itself before, or when arming was not confirmed, 2 for bad input."
+)
+
+_LOOK_S = 0.1
+
+
+def up(
+    scenario: ScenarioArgument = "paper_collision",
+    settings: Settings = None,
+    model: ModelFile = None,
+    seed: Seed = 0,
+    without: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--without", metavar="NODE", help="Leave a node out. May be given many times."
+        ),
+    ] = None,
+    params: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--params",
+            metavar="FILE",
+            help="A ROS parameter file over those of the scenario. May be given many times.",
+        ),
+    ] = None,
+    record: Annotated[
+        Path | None,
+        typer.Option(
+            "--record",
+            metavar="DIR",
+            help="Folder of recording, parameters and logs. Default: runs/up-DATE-TIME.",
+        ),
+    ] = None,
+    px4: Annotated[
+        str | None,
+        typer.Option(
+            "--px4",
+            metavar="[URL]",
+            help="Over MAVLink: with a simulated PX4, or the one at URL, which may be a real "
+            "vehicle.",
+        ),
+    ] = None,
+    yes: Yes = False,
+    bridge: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--bridge", metavar="KEY=VALUE", help="With --px4: set a parameter of the bridge."
+        ),
+    ] = None,
+    speed: Annotated[
+        float, typer.Option("--speed", metavar="X", help="Simulated time against real time.")
+    ] = 1.0,
+    domain: Annotated[
+        int | None,
+        integer_option("--domain", "N", "ROS_DOMAIN_ID. Default: that of the environment."),
+    ] = None,
+    duration: Duration = None,
+    as_json: Annotated[
+        bool, json_option("Print JSON lines: the status each 5 s, ends at once.")
+    ] = False,
+) -> None:
+    """Start simulator, estimator, detector, reaction, mission, controller and recorder.
+
+    With --px4 PX4 stands for estimator and controller. Each is a process of its own and a ROS 2
+    node; Ctrl-C stops them. A node that ends by itself is reported and not started again; the
+    others go on.
+    """
+    from tombo_bringup.cli.flight.fly_command import check_model, check_seed
+    from tombo_dynamics.errors import InputError
+    from tombo_flight.scenario import load_scenario
+    from tombo_flight.suite.node_flight import over_mavlink
+    from tombo_flight.suite.px4_connection import px4_connection
+    from tombo_flight.suite.running import SuiteConfig
+    from tombo_flight.suite.warm_up import warm_up_nodes
+
+    if duration is not None and not duration > 0.0:
+        raise InputError(f"--duration {duration:g}: out of bounds; accepted: a number above 0")
+    if px4 is None and (yes or bridge):
+        raise InputError("--yes and --bridge: accepted: with --px4 only")
+    if px4 is not None and speed != 1.0:
+        raise InputError(f"--speed {speed:g}: accepted: without --px4, which is in real time")
+    check_model(model, px4)
+    connection = (
+        None if px4 is None else px4_connection(None if px4 == SIMULATED else px4, bridge or [])
+    )
+    over = {} if connection is None else over_mavlink(connection)
+    folder = record or Path("runs") / time.strftime("up-%Y%m%d-%H%M%S")
+    config = SuiteConfig(
+        scenario=load_scenario(scenario, settings or [], model),
+        seed=check_seed(seed),
+        folder=folder,
+        recording={"output": str((folder / "bag").absolute())},
+        files=tuple(params or ()),
+        speed=speed,
+        domain=domain,
+        **{**over, "without": (*over.get("without", ()), *(without or ()))},
+    )
+    warm_up_nodes(config.scenario)  # compiles what is not compiled yet, and finds bad input
+    if (
+        connection is not None
+        and not connection.simulated
+        and not _confirmed(connection, config.scenario, yes=yes)
+    ):
+        raise typer.Exit(1)
+    raise typer.Exit(_watch(config, duration, as_json))
+
+
+def _confirmed(connection: Px4Connection, scenario: Scenario, *, yes: bool) -> bool:
+    """Say what is at the other end of the link, and ask whether it may be armed."""
+    from tombo_bringup.cli.flight.fly_px4 import confirm_arming
+    from tombo_flight.process.stop_signals import Stopped, StopSignals
+
+    with StopSignals() as stop:
+        try:
+            return confirm_arming(connection, scenario, stop, yes=yes)
+        except Stopped:
+            return False
+
+
+def _watch(config: SuiteConfig, duration_s: float | None, as_json: bool) -> int:
+    """Run the suite until it is stopped, or nothing of it is left; return the exit code."""
+    from tombo_bringup.cli.flight.suite_screen import new_screen
+    from tombo_flight.process.stop_signals import StopSignals
+    from tombo_flight.suite.running import LOGS, RunningSuite
+
+    with StopSignals(signal.SIGHUP) as stop, new_screen(as_json) as screen:
+        with RunningSuite(config) as suite:
+            while not stop.asked() and suite.running:
+                news = suite.poll(_LOOK_S)
+                for node, line in news.warnings:
+                    screen.warning(node, line)
+                for end in news.ended:
+                    screen.ended(end, str(config.folder / LOGS / f"{end.name}.log"))
+                screen.status(suite.status())
+                if duration_s is not None and suite.uptime_s >= duration_s:
+                    break
+            not_well = suite.stop()
+        screen.closing(not_well, str(config.folder))
+    return 1 if suite.ended else 0

@@ -1,0 +1,200 @@
+"""`tombo propeller design`: a nodus for a vehicle, and whether it flies as claimed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tombo_bringup.cli.options import Force, json_option, number_parser, output_option
+from tombo_bringup.cli.result_files import check_output, compute_into
+
+if TYPE_CHECKING:
+    from tombo_bringup.cli.progress import ProgressCallback
+    from tombo_propeller.design.design import Design
+    from tombo_propeller.design.recommend import Recommendation
+
+INFEASIBLE = 1
+_MOST_FLIGHTS = 200
+
+
+def _accepted(option: str) -> Callable[[], str]:
+    """Return who can say what an option accepts."""
+
+    def words() -> str:
+        from tombo_propeller.design.request import BOUNDS
+
+        unit, low, high = BOUNDS[option]
+        return f"a number from {low:g} to {high:g} [{unit}]"
+
+    return words
+
+
+def design(
+    mass: Annotated[
+        float,
+        typer.Option(
+            "--mass",
+            metavar="KG",
+            parser=number_parser(_accepted("--mass")),
+            help="Mass at take-off.",
+            show_default=False,
+        ),
+    ],
+    frame: Annotated[
+        str,
+        typer.Option(
+            "--frame", metavar="s500|MM", help="Frame, or centre to rotor axis in millimetres."
+        ),
+    ] = "s500",
+    min_thrust_margin: Annotated[
+        float,
+        typer.Option(
+            "--min-thrust-margin",
+            metavar="X",
+            parser=number_parser(_accepted("--min-thrust-margin")),
+            help="Usable thrust over weight, at least.",
+        ),
+    ] = 2.0,
+    max_collision_force: Annotated[
+        float | None,
+        typer.Option(
+            "--max-collision-force",
+            metavar="N",
+            parser=number_parser(_accepted("--max-collision-force")),
+            help="At 2000 rpm, as in Table III.",
+        ),
+    ] = None,
+    max_recovery: Annotated[
+        float | None,
+        typer.Option(
+            "--max-recovery",
+            metavar="S",
+            parser=number_parser(_accepted("--max-recovery")),
+            help="Until a blade is straight again.",
+        ),
+    ] = None,
+    max_noise: Annotated[
+        float | None,
+        typer.Option(
+            "--max-noise",
+            metavar="DB",
+            parser=number_parser(_accepted("--max-noise")),
+            help="At 2000 rpm, 5 m away.",
+        ),
+    ] = None,
+    min_lift_over_drag: Annotated[
+        float | None,
+        typer.Option(
+            "--min-lift-over-drag",
+            metavar="X",
+            parser=number_parser(_accepted("--min-lift-over-drag")),
+            help="In hover.",
+        ),
+    ] = None,
+    law: Annotated[str, typer.Option("--law", help="repaired or consistent.")] = "repaired",
+    library: Annotated[
+        Path | None,
+        typer.Option(
+            "--library",
+            metavar="DIR",
+            help="Own materials.yaml, blades.yaml, configurations.yaml, measurements.yaml.",
+        ),
+    ] = None,
+    blade: Annotated[str, typer.Option("--blade", help="Of the library.")] = "nine_inch",
+    confidence: Annotated[
+        float,
+        typer.Option(
+            "--confidence",
+            metavar="P",
+            parser=number_parser(_accepted("--confidence")),
+            help="That a predicted figure keeps to its limit.",
+        ),
+    ] = 0.9,
+    extrapolate: Annotated[
+        bool,
+        typer.Option(
+            "--extrapolate",
+            help="Let predictions of force, recovery and noise count outside of what was tested.",
+        ),
+    ] = False,
+    flights: Annotated[
+        int,
+        typer.Option(
+            "--flights",
+            metavar="N",
+            parser=number_parser(f"a whole number from 0 to {_MOST_FLIGHTS}", int),
+            help="Collisions flown with a candidate; 0: none.",
+        ),
+    ] = 12,
+    output: Annotated[
+        str | None,
+        output_option("Folder of the results; else none."),
+    ] = None,
+    force: Force = False,
+    as_json: Annotated[bool, json_option("Print design.json only.")] = False,
+) -> None:
+    """Recommend a nodus for a vehicle: matrix, fibres, length and place on the blade.
+
+    The recommended one is flown in the paper's collision; claimed and simulated figures are
+    printed side by side. With -o also design.yaml for `tombo fly`, design.json, a page, pictures.
+
+    Exit code: 0 recommended; 1 nothing keeps to all limits, or to its claims in flight; 2 for bad
+    input or output that can't be written; 130 after Ctrl-C, with nothing written.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from tombo_dynamics.errors import InputError
+    from tombo_dynamics.propeller import read_library
+    from tombo_flight.flight_output import as_json as to_json
+    from tombo_propeller.design.design import blade_of
+    from tombo_propeller.design.design_json import design_mapping
+    from tombo_propeller.design.files import DESIGN_FILES, write_design
+    from tombo_propeller.design.request import Request, arm_of
+
+    if not 0 <= flights <= _MOST_FLIGHTS:
+        raise InputError(f"--flights {flights}: out of bounds; accepted: 0 to {_MOST_FLIGHTS}")
+    check_output(output)
+    if library is not None and not library.is_dir():
+        raise InputError(
+            f"--library {library}: no such folder; accepted: a folder with any of "
+            "materials.yaml, blades.yaml, configurations.yaml, measurements.yaml"
+        )
+    known = read_library(library) if library is not None else read_library()
+    chosen = blade_of(known, blade)
+    request = Request(
+        mass,
+        arm_of(frame, chosen),
+        min_thrust_margin,
+        max_collision_force,
+        max_recovery,
+        max_noise,
+        min_lift_over_drag,
+        law,
+        confidence,
+        extrapolate,
+    )
+
+    def run(on_progress: ProgressCallback) -> tuple[Design, Recommendation]:
+        from tombo_propeller.design.design import design as find
+        from tombo_propeller.design.recommend import recommend
+
+        on_progress("loading the model", 0.0)
+        found = find(request, known, chosen, on_progress)
+        return found, recommend(found, range(flights), on_progress)
+
+    path = None if output is None else Path(output)
+    (found, made), written = compute_into(
+        path, force, DESIGN_FILES, run,
+        lambda folder, both, on_progress: write_design(folder.staging, *both, on_progress),
+    )  # fmt: skip
+    if as_json:
+        typer.echo(to_json(design_mapping(found, made)), nl=False)
+    else:
+        from tombo_bringup.cli.propeller.design_tables import print_design
+
+        print_design(found, made, output, written)
+    if made.index is None:
+        raise typer.Exit(INFEASIBLE)

@@ -1,0 +1,343 @@
+"""`tombo propeller`: operating points of a propeller as table, plot or JSON, and its moduli."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import math
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from tombo_bringup.cli.options import JsonOnly, integer_option, json_option
+from tombo_bringup.cli.propeller.beta_command import beta
+from tombo_bringup.cli.propeller.design_command import design
+from tombo_bringup.cli.propeller.diagnose_command import diagnose
+from tombo_bringup.cli.propeller.recovery_command import recovery
+from tombo_bringup.cli.propeller.reproduce_command import reproduce
+
+if TYPE_CHECKING:
+    from tombo_dynamics.propeller import Configuration, Operation
+
+app = typer.Typer(help="The propeller model: thrust, drag, torque, deformation.")
+
+_MOST_ROWS = 100_000
+_CURVE_POINTS = 400
+_FIELDS = ("thrust_N", "drag_N", "torque_Nm", "alpha_rad", "beta_rad", "gamma_rad")
+_FORMATS = (".png", ".svg", ".pdf")
+_RPM = 30.0 / math.pi
+
+
+@contextmanager
+def _bad_input_exits() -> Iterator[None]:
+    """Turn an InputError into one line on standard error and exit code 2."""
+    from tombo_dynamics.errors import InputError
+
+    try:
+        yield
+    except InputError as error:
+        typer.echo(f"Error: {error}", err=True)
+        raise typer.Exit(2) from None
+
+
+_LIBRARY = typer.Option(
+    "--library",
+    metavar="DIR",
+    help="Folder with own materials, blades, configurations, measurements; may be repeated.",
+)
+
+
+@app.callback(invoke_without_command=True)
+def propeller(
+    ctx: typer.Context,
+    conf: Annotated[
+        int,
+        integer_option(
+            "--conf", "N", "Configuration of the paper's Table I, 0 is rigid, or of the --library."
+        ),
+    ] = 13,
+    law: Annotated[
+        str, typer.Option("--law", help="published, repaired or consistent.")
+    ] = "repaired",
+    rpm: Annotated[
+        str | None,
+        typer.Option(
+            "--rpm", metavar="A:B:STEP", help="Both ends included; or one speed. Default: all."
+        ),
+    ] = None,
+    as_json: Annotated[bool, json_option("Print JSON only; plot only if -o is given.")] = False,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Where to write the plot.")
+    ] = None,
+    library: Annotated[list[Path] | None, _LIBRARY] = None,
+) -> None:
+    """Print the operating points of a propeller and plot them over speed.
+
+    Speeds of a range at which the law is not valid come out as valid = false and empty; if there
+    is no valid one at all, that is an error.
+    """
+    if ctx.invoked_subcommand is not None:
+        with _bad_input_exits():
+            _refuse_options_before(ctx, ctx.invoked_subcommand)
+        return
+    with _bad_input_exits():
+        from tombo_dynamics.propeller import evaluate, read_library, valid_speed
+
+        chosen = read_library(*(library or ())).configuration(conf)
+        limit = valid_speed(chosen, law) * _RPM
+        speeds = _default_speeds(limit) if rpm is None else parse_rpm(rpm)
+        radians = [speed / _RPM for speed in speeds]
+        path = output
+        if path is None and not as_json:
+            path = Path(f"propeller-conf{conf}-{law}.png")
+        if path is not None:
+            _check_writable(path)
+        points = evaluate(chosen, radians, law, outside="mask")
+        if not points.valid.any():
+            evaluate(chosen, radians, law)  # says which range is valid
+        if as_json:
+            typer.echo(json.dumps(rows(points, speeds, conf, law), indent=1))
+        else:
+            _print_table(points, speeds, chosen, law, limit)
+        if path is not None:
+            _plot(path, chosen, law, limit)
+            typer.echo(f"Plot: {path.resolve()}", err=as_json)
+
+
+def _refuse_options_before(ctx: typer.Context, command: str) -> None:
+    """Refuse options that stand before a sub-command, which would not see them."""
+    from tombo_dynamics.errors import InputError
+
+    for parameter in ctx.command.params:
+        source = ctx.get_parameter_source(str(parameter.name))
+        if source is None or source.name != "COMMANDLINE":
+            continue
+        group: Any = ctx.command
+        option = next(name for name in parameter.opts if name.startswith("--"))
+        taken = {name for own in group.commands[command].params for name in own.opts}
+        accepted = (
+            f"it after {command}, tombo propeller {command} {option} ..."
+            if option in taken
+            else f"options of {command}, after it: {option} is not one"
+        )
+        raise InputError(f"{option} before {command} has no effect; accepted: {accepted}")
+
+
+@app.command()
+def moduli(
+    as_json: JsonOnly = False,
+    library: Annotated[list[Path] | None, _LIBRARY] = None,
+) -> None:
+    """Print the moduli of every nodus beside those that the paper's Table I prints."""
+    with _bad_input_exits():
+        from tombo_dynamics.propeller import nodus_moduli, read_library
+
+        known = read_library(*(library or ())).configurations
+        soft = [c for c in known.values() if not c.rigid]
+        computed = [(c, nodus_moduli(c)) for c in soft]
+    if as_json:
+        found = [
+            {"conf": c.number, "E_N_MPa": m.E_N_MPa, "G_N_MPa": m.G_N_MPa} for c, m in computed
+        ]
+        typer.echo(json.dumps(found, indent=1))
+        return
+    table = Table(title="Moduli of the nodus [MPa], paper's Table I")
+    for heading in ("conf", "E_N", "printed", "", "G_N", "printed", ""):
+        table.add_column(heading, justify="right")
+    matching, printed = 0, 0
+    for c, m in computed:
+        e_tick, g_tick = _same(m.E_N_MPa, c.printed_E_N_MPa), _same(m.G_N_MPa, c.printed_G_N_MPa)
+        matching += e_tick + g_tick
+        printed += (c.printed_E_N_MPa is not None) + (c.printed_G_N_MPa is not None)
+        table.add_row(
+            str(c.number),
+            f"{m.E_N_MPa:.6f}",
+            _printed(c.printed_E_N_MPa),
+            _tick(e_tick, c.printed_E_N_MPa),
+            f"{m.G_N_MPa:.6f}",
+            _printed(c.printed_G_N_MPa),
+            _tick(g_tick, c.printed_G_N_MPa),
+        )
+    Console().print(table)
+    typer.echo(f"{matching} of {printed} values agree with the paper to the last digit.")
+
+
+def parse_rpm(text: str) -> list[float]:
+    """Return the speeds [rpm] that `A:B:STEP`, `A:B` (step 500) or `A` means, ends included.
+
+    Raises:
+        InputError: not of this form, not from 0 to 18 000, or too many speeds.
+    """
+    from tombo_dynamics.errors import InputError
+    from tombo_dynamics.propeller import SPEED_LIMIT
+
+    top = SPEED_LIMIT * _RPM
+    accepted = f"accepted: A:B:STEP or A, 0 <= A <= B <= {top:.0f} rpm, STEP above 0"
+    parts = text.split(":")
+    try:
+        numbers = [float(part) for part in parts]
+    except ValueError:
+        raise InputError(f"--rpm {text}: not a range of numbers; {accepted}") from None
+    if len(numbers) > 3 or not all(math.isfinite(number) for number in numbers):
+        raise InputError(f"--rpm {text}: not a range of finite numbers; {accepted}")
+    first, last, step = (*numbers, *(numbers[0], 500.0)[len(numbers) - 1 :])
+    if not step > 0.0:
+        raise InputError(f"--rpm {text}: STEP is not above 0; {accepted}")
+    if first > last:
+        raise InputError(f"--rpm {text}: A is above B; {accepted}")
+    if not 0.0 <= first <= last <= top * (1.0 + 1e-12):
+        raise InputError(f"--rpm {text}: outside of the model; {accepted}")
+    if (last - first) / step >= _MOST_ROWS:
+        raise InputError(f"--rpm {text}: more than {_MOST_ROWS} speeds; accepted: a wider STEP")
+    count = math.floor((last - first) / step + 1e-9) + 1
+    return [min(first + i * step, last) for i in range(count)]
+
+
+def rows(
+    points: Operation, speeds: list[float], conf: int, law: str
+) -> list[dict[str, float | int | str | bool | None]]:
+    """Return one JSON object a speed; SI units and radians, null where the law is not valid."""
+    found = []
+    for i, speed in enumerate(speeds):
+        valid = bool(points.valid[i])
+        row: dict[str, float | int | str | bool | None] = {"law": law, "conf": conf, "rpm": speed}
+        for name in (*_FIELDS, "lift_over_drag"):
+            row[name] = float(getattr(points, name)[i]) if valid else None
+        row["valid"] = valid
+        found.append(row)
+    return found
+
+
+def _default_speeds(limit: float) -> list[float]:
+    step = 500.0 if limit < 9000.0 else 1000.0
+    return [step * i for i in range(1, math.floor(limit / step + 1e-9) + 1)]
+
+
+def _check_writable(path: Path) -> None:
+    from tombo_dynamics.errors import InputError
+
+    folder = path.resolve().parent
+    if path.suffix.lower() not in _FORMATS:
+        raise InputError(f"-o {path}: no picture format; accepted: {', '.join(_FORMATS)}")
+    if not folder.is_dir():
+        raise InputError(
+            f"-o {path}: no folder {folder}; accepted: a file in a folder that exists"
+        )
+    if path.is_dir() or not os.access(path if path.exists() else folder, os.W_OK):
+        raise InputError(f"-o {path}: not writable; accepted: a file that can be written")
+
+
+def _print_table(
+    points: Operation, speeds: list[float], chosen: Configuration, law: str, limit: float
+) -> None:
+    from tombo_dynamics.propeller import speed_of_maximum_thrust
+
+    rigid = ", rigid" if chosen.rigid else ""
+    table = Table(title=f"Conf. {chosen.number}{rigid}, law {law}")
+    for heading in ("rpm", "thrust", "drag", "torque", "alpha", "beta", "gamma", "L/D", "valid"):
+        unit = {"thrust": "N", "drag": "N", "torque": "mN m"}.get(heading, "")
+        unit = "deg" if heading in ("alpha", "beta", "gamma") else unit
+        table.add_column(f"{heading}\n[dim]{unit}[/dim]" if unit else heading, justify="right")
+    for i, speed in enumerate(speeds):
+        if not points.valid[i]:
+            table.add_row(f"{speed:g}", *7 * ["-"], "[red]no[/red]")
+            continue
+        table.add_row(
+            f"{speed:g}",
+            f"{points.thrust_N[i]:.3f}",
+            f"{points.drag_N[i]:.3f}",
+            f"{points.torque_Nm[i] * 1e3:.1f}",
+            *(f"{math.degrees(getattr(points, name)[i]):.2f}" for name in _FIELDS[3:]),
+            f"{points.lift_over_drag[i]:.4f}",
+            "[green]yes[/green]",
+        )
+    Console().print(table)
+    top, exists = speed_of_maximum_thrust(chosen, law)
+    most = f"Maximum of thrust at {top * _RPM:.0f} rpm." if exists else "No maximum of thrust."
+    typer.echo(f"Valid up to {limit:.0f} rpm. {most}")
+    if chosen.measured is not None:
+        typer.echo(
+            f"Measured at 2000 rpm (Table III): {chosen.measured.thrust_N:.3f} "
+            f"+- {chosen.measured.thrust_dev_N:.2f} N."
+        )
+
+
+def _plot(path: Path, chosen: Configuration, law: str, limit: float) -> None:
+    """Draw the whole valid range of speeds, whatever the table shows."""
+    from matplotlib.figure import Figure
+
+    from tombo_dynamics.propeller import evaluate, speed_of_maximum_thrust
+
+    rpm = [limit * i / _CURVE_POINTS for i in range(_CURVE_POINTS + 1)]
+    points = evaluate(chosen, [speed / _RPM for speed in rpm], law, outside="mask")
+    figure = Figure(figsize=(10.0, 7.0), layout="constrained")
+    (force, torque), (angle, ratio) = figure.subplots(2, 2, sharex=True)
+    force.plot(rpm, points.thrust_N, label="thrust", color="C0")
+    force.plot(rpm, points.drag_N, label="drag", color="C1")
+    torque.plot(rpm, points.torque_Nm * 1e3, color="C1")
+    for name, label in (("alpha", "lag α"), ("beta", "flap β"), ("gamma", "twist γ")):
+        values: Any = getattr(points, f"{name}_rad")
+        angle.plot(rpm, values * 180.0 / math.pi, label=label)
+    ratio.plot(rpm, points.lift_over_drag, color="C2")
+    if chosen.measured is not None:
+        measured = chosen.measured
+        force.errorbar(
+            [2000.0], [measured.thrust_N], yerr=[measured.thrust_dev_N], fmt="k.", capsize=3,
+            label="thrust measured (Table III)",
+        )  # fmt: skip
+    top, exists = speed_of_maximum_thrust(chosen, law)
+    for axes, label in (
+        (force, "force [N]"),
+        (torque, "torque [mN m], not validated"),
+        (angle, "angle [deg]"),
+        (ratio, "lift over drag"),
+    ):
+        axes.set_ylabel(label)
+        axes.grid(alpha=0.3)
+        if exists:
+            axes.axvline(top * _RPM, color="0.5", linestyle="--", linewidth=1.0)
+    if exists:
+        force.plot([], [], color="0.5", linestyle="--", label="speed of maximum thrust")
+    force.legend()
+    angle.legend()
+    for axes in (angle, ratio):
+        axes.set_xlabel("speed [rpm]")
+    name = chosen.name or f"Conf. {chosen.number}{', rigid' if chosen.rigid else ''}"
+    figure.suptitle(f"{name}, law {law}")
+    figure.savefig(path, dpi=120)
+
+
+def _same(value: float, printed: float | None) -> bool:
+    return printed is not None and f"{value:.4f}" == f"{printed:.4f}"
+
+
+def _printed(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4f}"
+
+
+def _tick(same: bool, printed: float | None) -> str:
+    if printed is None:
+        return ""
+    return "[green]✓[/green]" if same else "[red]✗[/red]"
+
+
+def _whole_lines(command: Callable[..., None]) -> str:
+    """Return a function's description with a line a paragraph, for any width of the terminal."""
+    paragraphs = inspect.cleandoc(command.__doc__ or "").split("\n\n")
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
+
+
+for _name, _command in (
+    ("design", design),
+    ("reproduce", reproduce),
+    ("diagnose", diagnose),
+    ("beta", beta),
+    ("recovery", recovery),
+):
+    app.command(name=_name, help=_whole_lines(_command))(_command)

@@ -1,0 +1,1 @@
+"""Regenerates what the documentation takes from the code: pictures, tables, figures."""

@@ -1,0 +1,51 @@
+"""The picture of the wiring in docs/architecture.md, drawn from the wiring itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+SIM = "sim"
+
+
+class CoreType(Protocol):
+    """What the picture needs of a core."""
+
+    name: str
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+
+def wiring_mermaid(cores: Sequence[CoreType], sensors: Sequence[str], command: str) -> str:
+    """Return the flow chart: an arrow from each publisher to each subscriber, with its topics.
+
+    Args:
+        cores: the cores of a flight.
+        sensors: topics that the simulator publishes and cores take.
+        command: the topic that the simulator takes.
+    """
+    arrows: dict[tuple[str, str], list[str]] = {}
+
+    def connect(topic: str, publisher: str, subscriber: str) -> None:
+        arrows.setdefault((publisher, subscriber), []).append(topic.removeprefix("/"))
+
+    publishers = {topic: core.name for core in cores for topic in core.outputs}
+    publishers |= {topic: SIM for topic in sensors if topic not in publishers}
+    for core in cores:
+        for topic in core.inputs:
+            if topic in publishers and publishers[topic] != core.name:
+                connect(topic, publishers[topic], core.name)
+    connect(command, publishers[command], SIM)
+    lines = [f'    {a} -- "{"<br/>".join(topics)}" --> {b}' for (a, b), topics in arrows.items()]
+    return "\n".join(["```mermaid", "flowchart LR", *lines, "```", ""])
+
+
+def flight_wiring() -> str | None:
+    """Return the chart of the flight's wiring; None if this version has no such table."""
+    from importlib import import_module
+    from importlib.util import find_spec
+
+    if find_spec("tombo_flight.wiring") is None:
+        return None
+    wiring: Any = import_module("tombo_flight.wiring")
+    return wiring_mermaid(wiring.CORES, wiring.SENSORS, wiring.COMMAND)

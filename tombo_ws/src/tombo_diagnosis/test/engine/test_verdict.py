@@ -1,0 +1,264 @@
+"""The verdict, from findings made by hand."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tombo_diagnosis.engine.model import Explanation, Hypothesis, SearchResult
+from tombo_diagnosis.engine.model_selection import LOG_BF_ADDITIONAL, LOG_BF_FIRST
+from tombo_diagnosis.engine.verdict import LOG_BF_DISTINCT, RULES, Facts, judge
+from tombo_diagnosis.flight.analyse import (
+    MAX_LOG_VARIANCE_EXCESS,
+    FlightRemainder,
+    select_noise_fits,
+    weigh_remainder,
+)
+from tombo_diagnosis.flight.gust_fit import GustFit
+from tombo_diagnosis.flight.noise_statistics import NoiseFit
+from tombo_diagnosis.flight.problem import SETTING
+from tombo_diagnosis.flight.residual_check import ResidualExcess, ScaleVariances
+
+STRONG = 200.0 * LOG_BF_FIRST
+PLAIN = 10.0 * LOG_BF_FIRST
+NO_NOISE = -1.0
+LOUD = MAX_LOG_VARIANCE_EXCESS + 3.0
+
+
+def explanation(*effects, evidence=STRONG):
+    return Explanation(tuple(Hypothesis(e, (k,)) for k, e in enumerate(effects)), None, evidence)
+
+
+NOTHING = Explanation((), None, 0.0)
+
+
+def searched(best=NOTHING, *alternatives):
+    single_log_bf = {
+        e.effects[0]: e.evidence for e in (best, *alternatives) if len(e.effects) == 1
+    }
+    return SearchResult(best, single_log_bf or {"wind": -2.0}, alternatives)
+
+
+def left(excess):
+    return [ResidualExcess("force x", "m/s^2", 0.5, 0.1, 0.05, excess), ResidualExcess(
+        "force y", "m/s^2", 0.5, 0.05, 0.05, -2.0)]  # fmt: skip
+
+
+def blown(evidence=STRONG, at_edge=False):
+    return GustFit(0.7, 1.0, 0.1, 0.1, evidence, np.zeros(1), at_edge)
+
+
+def noise(effect="imu_noise", evidence=STRONG, free=(3,)):
+    return NoiseFit(effect, free, (0.02,), (0.001,), evidence)
+
+
+def remainder(rest, noisy=(), gusts=None, residual_r2=0.0, explained=0.0):
+    figures = FlightRemainder(
+        False, 0.0, False, explained=explained, scatter=tuple(noisy), gusts=gusts,
+        residual_excesses=tuple(rest), residual_r2=residual_r2,
+        expected=ScaleVariances((), (), np.zeros((0, 0)), np.zeros((0, 0))),
+    )  # fmt: skip
+    return weigh_remainder(figures, removed=explained, thrust_fitted=False)
+
+
+def judged(found, excess=NO_NOISE, noisy=(), gusts=None, residual_r2=0.0, explained=1.0):
+    return judge(SETTING, found, remainder(left(excess), noisy, gusts, residual_r2, explained))
+
+
+def test_nothing_found_and_nothing_left_over_is_none():
+    said = judged(searched(), explained=0.0)
+    assert said.verdict == "none" and not said.effects and said.confidence > 0.8
+
+
+def test_nothing_found_and_much_left_over_is_unknown():
+    said = judged(searched(), LOUD, explained=0.0)
+    assert said.verdict == "unknown" and not said.effects and said.confidence > 0.9
+
+
+def test_a_cause_that_leaves_only_chance_is_named():
+    said = judged(searched(explanation("wind")))
+    assert (said.verdict, said.effects, said.members) == ("named", ("wind",), ())
+    assert said.confidence > 0.9 and said.each["wind"] > 0.9
+
+
+@pytest.mark.parametrize("evidence", [2 * LOG_BF_FIRST, STRONG, 1000 * LOG_BF_FIRST])
+@pytest.mark.parametrize("explained", [0.0, 0.4])
+def test_nothing_is_named_when_much_is_left_over(evidence, explained):
+    """However much the data speak for it: without this gate an unknown force gets a name."""
+    said = judged(searched(explanation("wind", evidence=evidence)), LOUD, explained=explained)
+    assert said.verdict == "unknown" and not said.effects and not said.members
+
+
+def test_what_explains_most_but_not_all_is_part_of_it():
+    said = judged(searched(explanation("wind")), LOUD, explained=0.95)
+    assert (said.verdict, said.effects) == ("partly_explained", ("wind",))
+    weak = judged(searched(explanation("wind", evidence=2 * LOG_BF_FIRST)), LOUD, explained=0.95)
+    assert weak.verdict == "unknown"
+
+
+def test_causes_as_likely_as_each_other_are_a_set():
+    close = explanation("tilt", evidence=PLAIN - 0.5 * LOG_BF_DISTINCT)
+    far = explanation("drag", evidence=PLAIN - 3 * LOG_BF_DISTINCT)
+    said = judged(searched(explanation("wind", evidence=PLAIN), close, far))
+    assert (said.verdict, said.effects, said.members) == (
+        "set",
+        ("wind", "tilt"),
+        ("wind", "tilt"),
+    )
+    assert said.each["wind"] > said.each["tilt"] > 0.0
+
+
+@pytest.mark.parametrize("ahead,verdict", [(0.03, "set"), (0.3, "named")])
+def test_strong_causes_are_told_apart_by_a_share_of_what_they_explain(ahead, verdict):
+    """Small errors of the model weigh more than noise does where much is at stake."""
+    rival = explanation("tilt", evidence=STRONG * (1.0 - ahead))
+    assert judged(searched(explanation("wind"), rival)).verdict == verdict
+
+
+def test_what_rivals_share_does_not_make_them_alike():
+    """Two that both need the wind, which is strong, are told apart by what they add to it."""
+    best, rival = (
+        explanation("wind", "bias", evidence=STRONG + PLAIN),
+        explanation("wind", "tilt", evidence=STRONG + PLAIN / 2),
+    )
+    found = searched(best, rival)
+    assert judged(found).members
+    shared = replace(found, evaluated={frozenset({"wind"}): STRONG})
+    said = judged(shared)
+    assert (said.effects, said.members) == (("wind", "bias"), ())
+
+
+def test_one_sure_cause_beside_two_that_can_not_be_told_apart():
+    best = explanation("wind", "bias")
+    said = judged(searched(best, explanation("wind", "tilt", evidence=STRONG - 0.1)))
+    assert said.verdict == "named" and said.effects == ("wind",)
+    assert set(said.members) == {"bias", "tilt"}
+
+
+def test_confidence_of_the_set_and_its_members_are_probabilities():
+    close = explanation("tilt", evidence=STRONG)
+    said = judged(searched(explanation("wind"), close))
+    assert said.each["wind"] == pytest.approx(0.5, abs=0.02) == pytest.approx(said.each["tilt"])
+    faint = judged(searched(explanation("wind", evidence=LOG_BF_FIRST + 0.1)))
+    for each in (said, faint):
+        assert all(0.0 <= v < 1.0 for v in (each.confidence, *each.each.values()))
+
+
+def test_a_cause_that_barely_earned_its_place_is_less_sure():
+    faint = judged(searched(explanation("wind", evidence=LOG_BF_FIRST + 0.1)))
+    assert faint.confidence < judged(searched(explanation("wind"))).confidence
+
+
+def test_noise_is_a_cause_beside_others():
+    said = judged(
+        searched(explanation("wind", evidence=STRONG)), noisy=[noise(evidence=STRONG / 2)]
+    )
+    assert (said.verdict, said.effects) == ("named", ("wind", "imu_noise"))
+    assert judged(searched(), noisy=[noise()], explained=0.0).effects == ("imu_noise",)
+
+
+def test_gusts_are_named_when_they_do_not_repeat():
+    assert judged(searched(), gusts=blown()).effects == ("gusts",)
+
+
+@pytest.mark.parametrize("gusts,residual_r2", [(blown(), 0.6), (blown(at_edge=True), 0.0)])
+def test_what_repeats_or_has_no_time_of_gusts_is_unknown(gusts, residual_r2):
+    said = judged(searched(), gusts=gusts, residual_r2=residual_r2, explained=0.0)
+    assert said.verdict == "unknown" and not said.effects
+
+
+def test_at_most_three_causes_are_named():
+    many = [noise(f"noise_{k}", STRONG - k) for k in range(5)]
+    said = judged(searched(explanation("wind")), noisy=many)
+    assert len(said.effects) == 3 and said.effects[0] == "wind"
+
+
+@pytest.mark.parametrize("excess", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("found", [searched(), searched(explanation("wind"))])
+def test_figures_that_are_not_finite_give_a_verdict_and_probabilities(excess, found):
+    said = judged(found, excess)
+    assert said.verdict in ("none", "named", "unknown", "partly_explained")
+    assert all(0.0 <= v <= 1.0 for v in (said.confidence, *said.each.values()))
+    assert excess == -math.inf or not said.effects or said.verdict == "partly_explained"
+
+
+@pytest.mark.parametrize("evidence", [math.inf, 1e300, 1e5])
+def test_evidence_without_bounds_gives_probabilities(evidence):
+    rival = explanation("tilt", evidence=-math.inf)
+    said = judged(searched(explanation("wind", evidence=evidence), rival))
+    assert said.effects == ("wind",)
+    assert all(0.0 <= v < 1.0 for v in (said.confidence, *said.each.values()))
+
+
+@pytest.mark.parametrize("tangent", [5e4, math.inf])
+def test_a_tangent_that_promised_what_the_model_does_not_keep_is_no_cause(tangent):
+    said = judged(SearchResult(NOTHING, {"wind": tangent}, ()), explained=0.0)
+    assert said.verdict == "none" and 0.0 <= said.confidence <= 1.0
+
+
+def test_nothing_left_over_at_all_is_no_excess():
+    said = judge(SETTING, searched(), remainder(()))
+    assert said.verdict == "none"
+
+
+def test_an_effect_of_chance_is_taken_by_its_best_way():
+    fits = [
+        noise(evidence=LOG_BF_FIRST + 1, free=(1,)),
+        noise(evidence=LOG_BF_FIRST + 9, free=(1, 2)),
+        noise("gyro", LOG_BF_FIRST + 5),
+        noise("faint", LOG_BF_FIRST - 1),
+        noise("odd", math.nan),
+    ]
+    assert [f.free for f in select_noise_fits(fits)][:1] == [(1, 2)]
+    assert [f.effect for f in select_noise_fits(fits)] == ["imu_noise", "gyro"]
+
+
+def test_beside_a_strong_cause_a_weak_one_needs_more():
+    # Alone either would do; by chance some effect nearly always looks a little likely.
+    weak = 0.5 * (LOG_BF_FIRST + LOG_BF_ADDITIONAL)
+    said = judged(searched(explanation("mass_error", evidence=weak)), noisy=[noise()])
+    assert said.verdict == "named" and said.effects == ("imu_noise",)
+    said = judged(searched(explanation("mass_error")), noisy=[noise(evidence=weak)])
+    assert said.effects == ("mass_error",)
+    said = judged(
+        searched(explanation("mass_error", evidence=LOG_BF_ADDITIONAL + 1.0)), noisy=[noise()]
+    )
+    assert set(said.effects) == {"mass_error", "imu_noise"}
+
+
+def test_rivals_of_a_cause_that_did_not_earn_its_place_are_no_set():
+    weak = 0.5 * (LOG_BF_FIRST + LOG_BF_ADDITIONAL)
+    found = searched(
+        explanation("mass_error", evidence=weak), explanation("thrust", evidence=weak - 1.0)
+    )
+    said = judged(found, noisy=[noise()])
+    assert said.effects == ("imu_noise",) and not said.members
+
+
+def facts(**told):
+    nothing = Facts((), (), True, False, frozenset(), 0.5, 0.5, 0.5, 0.5)
+    return replace(nothing, **told)
+
+
+@pytest.mark.parametrize(
+    "told,verdict",
+    [
+        ({}, "none"),
+        ({"clean": False}, "unknown"),
+        ({"causes": ("wind",)}, "named"),
+        ({"causes": ("wind",), "clean": False}, "unknown"),
+        ({"causes": ("wind",), "clean": False, "strong": True}, "partly_explained"),
+        ({"causes": ("wind", "gusts"), "imitated": frozenset({"wind"})}, "partly_explained"),
+        ({"causes": ("wind",), "members": ("wind", "tilt")}, "set"),
+        ({"causes": ("drag", "wind"), "members": ("wind", "tilt")}, "named"),
+    ],
+)
+def test_the_first_rule_that_holds_decides(told, verdict):
+    rule = next(rule for rule in RULES if rule.holds(facts(**told)))
+    assert rule.verdict == verdict
+
+
+def test_every_rule_decides_some_case_and_gives_its_own_reason():
+    assert len({rule.reason for rule in RULES}) == len(RULES)
+    assert RULES[-1].holds(facts())

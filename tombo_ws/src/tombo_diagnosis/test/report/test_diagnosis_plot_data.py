@@ -1,0 +1,149 @@
+"""What of a diagnosis is shown: the right driver, honest intervals, thinned without loss."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from diagnosis_samples import DRAG, MASS, sample
+
+from tombo_diagnosis.report import diagnosis_plot_data as view
+from tombo_diagnosis.report.diagnosis_text import certainty, figure, interval, percent
+from tombo_diagnosis.report.svg_chart import Axis, Chart, nice_ticks
+from tombo_flight.extended_model import FittedParameter
+
+
+@pytest.fixture(scope="module")
+def named():
+    return sample()
+
+
+def test_the_driver_of_drag_is_the_velocity_along_the_same_axis(named):
+    found = [(p.channel, p.driver) for p in view.pairs(named)]
+    assert found == [
+        ("specific_force_y", "body_velocity_y [m/s]"),
+        ("specific_force_x", "body_velocity_x [m/s]"),
+    ]
+
+
+def test_without_a_correction_the_residual_itself_finds_its_driver():
+    found = view.pairs(sample("unknown"))[0]
+    assert found.driver == f"body_velocity_{found.channel[-1]} [m/s]"
+    assert np.array_equal(found.before, found.after)
+
+
+def test_means_in_slices_have_the_slope_of_the_drag_before_and_none_after(named):
+    pair = view.pairs(named)[0]
+    before = view.binned(pair.x, pair.before, pair.block)
+    after = view.binned(pair.x, pair.after, pair.block)
+    assert np.polyfit(before.x, before.mean, 1)[0] == pytest.approx(-DRAG / MASS, rel=0.02)
+    assert np.abs(after.mean).max() < 0.02
+    assert np.all(after.half > 0.0)
+
+
+def test_the_interval_of_a_mean_covers_it_though_samples_are_correlated():
+    rng = np.random.default_rng(1)
+    covered = []
+    for _ in range(300):
+        slow = np.repeat(rng.standard_normal(40), 100)  # a hundred samples say the same thing
+        block = np.repeat(np.arange(40), 100)
+        bins = view.binned(np.zeros(4000), slow, block, 1)
+        covered.append(abs(bins.mean[0]) <= bins.half[0])
+    assert 0.91 <= np.mean(covered) <= 0.985
+
+
+def test_blocks_do_not_run_across_flights(named):
+    pair = view.pairs(named)[0]
+    seconds = sum(math.ceil(f.duration_s) for f in named.flights)
+    assert len(np.unique(pair.block)) == seconds
+
+
+def test_a_thinned_line_keeps_its_extremes_and_breaks_at_gaps():
+    t = np.arange(0.0, 100.0, 0.01)
+    y = np.sin(t)
+    y[4321], y[7000:7100] = 50.0, np.nan
+    t[9000:] += 5.0
+    pieces = view.runs(t, y, 200)
+    assert len(pieces) == 3
+    assert max(piece[1].max() for piece in pieces) == 50.0
+    assert sum(len(piece[0]) for piece in pieces) < 500
+    for a, _ in pieces:
+        assert np.all(np.diff(a) > 0.0)
+    assert view.runs(t, y * np.nan, 200) == []
+
+
+def test_a_spike_does_not_flatten_the_picture_but_noise_has_its_band():
+    y = np.concatenate((np.linspace(-1.0, 1.0, 5000), [500.0]))
+    assert view.reach([y]) == pytest.approx(1.12, rel=0.02)
+    assert view.reach([0.01 * y], 2.0) == pytest.approx(2.24)
+    assert view.reach([np.full(3, np.nan)]) > 0.0
+
+
+def test_a_long_flight_is_shown_where_the_residual_is_largest(named):
+    one = named.residuals[0]
+    t = np.arange(0.0, 200.0, 0.01)
+    before = np.where((t > 120.0) & (t < 140.0), 1.0, 0.01)
+    start, end = view.stretch(dataclasses.replace(one, t=t, before=before, after=before))
+    assert end - start == pytest.approx(30.0)
+    assert start < 120.02 and end > 139.98
+
+
+def test_a_clock_since_1970_is_shown_from_the_flights_start():
+    far = sample(flights=1, clock=1.77e9)
+    assert view.zero_s(far, "circle_1") == 1.77e9
+    assert view.zero_s(sample(flights=1, clock=12.0), "circle_1") == 0.0
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "ticks"),
+    [
+        (-1.1, 1.1, [-1.0, -0.5, 0.0, 0.5, 1.0]),
+        (0.0, 30.0, [0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0]),
+        (1.0, 1.0, []),
+        (0.0, math.nan, []),
+    ],
+)
+def test_ticks_are_round_numbers(low, high, ticks):
+    assert nice_ticks(low, high, 6)[0] == pytest.approx(ticks)
+
+
+def test_a_chart_puts_values_where_they_belong():
+    chart = Chart(Axis(0.0, 10.0, "t"), Axis(-1.0, 1.0, "y"), "a chart")
+    chart.line([(np.array([0.0, 5.0, 10.0]), np.array([-1.0, 0.0, 1.0]))], "before")
+    chart.band(-0.5, 0.5)
+    chart.band(-math.nan, math.nan)
+    html = chart.html()
+    assert 'd="M0 2000L1000 1000L2000 0"' in html
+    assert html.count("<rect") == 1
+    assert 'y="500" width="2000" height="1000"' in html
+
+
+@pytest.mark.parametrize(
+    ("fitted", "text"),
+    [
+        ((0.2831, 0.2761, 0.2903), ("0.283", "0.276", "0.290")),
+        ((0.041, -0.018, 0.1), ("0.04", "−0.02", "0.10")),
+        ((1234.0, 1100.0, 1400.0), ("1234", "1100", "1400")),
+        ((1.5e-7, 1.4e-7, 1.6e-7), ("1.50e−7", "1.40e−7", "1.60e−7")),
+        ((2.0, math.nan, math.nan), ("2.00", "–", "–")),
+        ((math.nan, math.nan, math.nan), ("–", "–", "–")),
+        ((0.0, 0.0, 0.0), ("0", "0", "0")),
+    ],
+)
+def test_values_have_the_digits_that_their_interval_allows(fitted, text):
+    value, low, high = fitted
+    shown = interval(FittedParameter("a", "1", 0.0, value, low, high))
+    assert tuple(s.replace("e−07", "e−7") for s in shown) == text
+
+
+def test_numbers_in_words():
+    assert figure(0.0123456) == "0.0123"
+    assert figure(-1.5) == "−1.50"
+    assert figure(math.inf) == "–"
+    assert percent(-0.001) == "0 %"
+    assert percent(-0.02) == "−2 %"
+    assert certainty(0.999) == "> 99 %"
+    assert certainty(1.0) == "> 99 %"
+    assert certainty(0.0) == "< 1 %"

@@ -1,0 +1,43 @@
+"""What every blind case is: nothing is hidden, one effect, two, or what no effect describes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+SIZES = {"small": 0.25, "medium": 0.5, "large": 1.0}
+"""Share of the size that clearly matters (`typical` in the registry)."""
+UNKNOWN_SIZES = {"small": 0.8, "medium": 1.2, "large": 2.0}
+"""Times its typical strength is what no effect describes."""
+KINDS = (("none", 0.2), ("single", 0.5), ("pair", 0.1), ("unknown", 0.2))
+
+
+@dataclass(frozen=True)
+class Case:
+    """One blind case; all of it derives from (seed, number)."""
+
+    number: int
+    kind: str
+    """none, single, pair or unknown."""
+    size: str
+    """small, medium, large; empty for none."""
+    formulation: str
+    """Which sensors there are."""
+    hidden: tuple[str, ...]
+    """Effects at work beyond the nominal ones, or what no effect describes."""
+    shift: Mapping[str, float]
+    """effect.parameter -> hidden value minus nominal value."""
+
+
+def draw_name(rng: np.random.Generator, table: Sequence[tuple[str, float]]) -> str:
+    """Return a name of a table (name, weight), drawn by the weights."""
+    names, weights = zip(*table, strict=True)
+    return str(rng.choice(names, p=np.array(weights) / sum(weights)))
+
+
+def draw_size(rng: np.random.Generator, kind: str) -> str:
+    """Return the size of what is hidden; two causes are never small."""
+    size = "" if kind == "none" else str(rng.choice(list(SIZES)))
+    return "medium" if kind == "pair" and size == "small" else size

@@ -1,0 +1,83 @@
+"""What was answered to a blind case, as plain values: the same for flights and stands."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from tombo_diagnosis.benchmark.cases import Case
+from tombo_diagnosis.engine.model import Findings
+from tombo_diagnosis.engine.regression import Parameter
+from tombo_flight.extended_model import FittedParameter
+
+_RIVALS = 3
+"""So many of the other explanations are reported."""
+
+
+def case_row(case: Case) -> dict[str, Any]:
+    """Return what is known of a case before it is diagnosed."""
+    return {
+        "case": case.number,
+        "kind": case.kind,
+        "size": case.size,
+        "formulation": case.formulation,
+        "hidden": list(case.hidden),
+        "shift": dict(case.shift),
+    }
+
+
+def answer_row(findings: Findings[Any, Any], seconds: float) -> dict[str, Any]:
+    """Return what was answered, and what the verdict rests on."""
+    judgement, found = findings.judgement, findings.search
+    return {
+        "verdict": judgement.verdict,
+        "reason": judgement.reason,
+        "causes": list(judgement.effects),
+        "set": list(judgement.members),
+        "confidence": judgement.confidence,
+        "seconds": seconds,
+        "evidence": found.best.evidence,
+        "rivals": [
+            {"effects": list(r.effects), "evidence": r.evidence, "disputed": disputed}
+            for r in found.alternatives[:_RIVALS]
+            if math.isfinite(disputed := found.log_bf_of_difference(r))
+            and math.isfinite(r.evidence)
+        ],
+        "lead": max(found.single_log_bf.values(), default=0.0),
+    }
+
+
+def exactly_right(case: Case, findings: Findings[Any, Any]) -> bool:
+    """Return whether just what is hidden was named."""
+    judgement = findings.judgement
+    named = judgement.verdict == "named" and not judgement.members
+    return named and set(judgement.effects) == set(case.hidden)
+
+
+def compare_parameters(
+    case: Case,
+    parameters: Iterable[Parameter],
+    nominal: Callable[[Parameter], float],
+    true: Callable[[Parameter], float],
+    fitted: Mapping[str, FittedParameter],
+) -> dict[str, Any]:
+    """Return the relative error of an effect's change, and which intervals cover the truth.
+
+    Args:
+        case: what was hidden.
+        parameters: of the effect.
+        nominal: its value in the model that the data were held against.
+        true: its value in the model that made the data.
+        fitted: name -> what was found.
+    """
+    off = size = 0.0
+    covered = []
+    for p in parameters:
+        found = fitted.get(p.name)
+        value = nominal(p) if found is None else found.value
+        off += ((value - true(p)) / p.scale) ** 2
+        size += ((true(p) - nominal(p)) / p.scale) ** 2
+        if found is not None and p.label in case.shift:
+            covered.append(bool(found.low <= true(p) <= found.high))
+    return {"error": math.sqrt(off / size) if size else None, "covered": covered}

@@ -1,0 +1,1 @@
+"""One diagnosis for flights and thrust stands: hypotheses, evidence, search, verdict."""

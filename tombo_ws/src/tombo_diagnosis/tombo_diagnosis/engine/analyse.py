@@ -1,0 +1,30 @@
+"""The whole analysis, in order: search for causes, look at what is left, judge."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+from tombo_diagnosis.engine.model import Findings, Model, Progress, Remainder, SearchResult
+from tombo_diagnosis.engine.model_selection import search
+from tombo_diagnosis.engine.verdict import judge
+
+P = TypeVar("P", bound=Model)
+R = TypeVar("R", bound=Remainder)
+
+
+def analyse_problem(
+    problem: P, test_residual: Callable[[P, SearchResult], R], progress: Progress
+) -> Findings[P, R]:
+    """Name what the data call for.
+
+    Args:
+        problem: the data about their nominal model.
+        test_residual: what the best explanation leaves over, against what noise leaves.
+        progress: called with a stage and the share done, from 0.3 on.
+    """
+    progress("naming", 0.3)
+    found = search(problem, lambda share: progress("naming", 0.3 + 0.3 * share))
+    progress("looking at what is left over", 0.6)
+    remainder = test_residual(problem, found)
+    return Findings(problem, found, remainder, judge(problem.setting, found, remainder))

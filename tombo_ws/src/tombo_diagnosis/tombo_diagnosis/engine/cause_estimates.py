@@ -1,0 +1,86 @@
+"""What was named, in figures: parameters with intervals, and the score of every candidate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numpy as np
+
+from tombo_diagnosis.diagnosis import Score
+from tombo_diagnosis.engine.model import Explanation, Model
+from tombo_diagnosis.engine.regression import Parameter
+from tombo_flight.extended_model import FittedParameter
+
+TWO_SIDED = 1.96
+"""Standard deviations from the middle of a 95 % interval to its ends."""
+_MODEL_ERROR = 0.015
+"""Share of a change that is in doubt however well it is fitted: ticks, kernels, noise's shape."""
+_MAX_LOG_BF = 700.0
+
+Covariance = tuple[tuple[float, ...], ...]
+
+
+def fitted_parameter(
+    p: Parameter, nominal: float, value: float, deviation: float
+) -> FittedParameter:
+    """Return a parameter with its 95 % interval, in its bounds.
+
+    No model is exact: a change is not known better than its own small share.
+    """
+    half = TWO_SIDED * math.hypot(deviation, _MODEL_ERROR * abs(value - nominal))
+    low, high = max(value - half, p.low), min(value + half, p.high)
+    return FittedParameter(p.name, p.unit, nominal, value, min(low, value), max(high, value))
+
+
+def fitted_parameters(
+    model: Model, explanation: Explanation, effect: str
+) -> tuple[tuple[FittedParameter, ...], Covariance]:
+    """Return the parameters of a cause with a mean, and their covariance."""
+    free = sorted(i for h in explanation.hypotheses if h.effect == effect for i in h.free)
+    places = model.columns.places(free)
+    theta = model.final(explanation.fit)
+    spread = explanation.fit.solution.covariance[np.ix_(places, places)]
+    deviations = np.sqrt(np.maximum(np.diag(spread), 0.0))
+    found = tuple(
+        fitted_parameter(
+            model.columns.parameters[i], float(model.theta[i]), float(theta[i]), float(d)
+        )
+        for i, d in zip(free, deviations, strict=True)
+    )
+    return found, tuple(tuple(float(v) for v in row) for row in spread)
+
+
+def scores(
+    log_bf: Mapping[str, float],
+    shares: Mapping[str, float],
+    effects: Iterable[str],
+    why_not: Callable[[str], str],
+) -> tuple[Score, ...]:
+    """Return the scores of all effects, likeliest first.
+
+    Args:
+        log_bf: effect -> log Bayes factor of it alone, of those that the data can show.
+        shares: effect -> share of the excess that it removes in held-out data.
+        effects: all of the registry that make sense for the model.
+        why_not: says of an effect why the data can't show it.
+    """
+    finite = {e: max(min(float(v), _MAX_LOG_BF), -_MAX_LOG_BF) for e, v in log_bf.items()}
+    total = float(np.logaddexp.reduce([0.0, *finite.values()]))
+    found = []
+    for effect in effects:
+        shown = effect in finite
+        found.append(
+            Score(
+                effect, shares.get(effect, 0.0), finite.get(effect, 0.0),
+                math.exp(finite[effect] - total) if shown else 0.0,
+                shown, "" if shown else why_not(effect),
+            )
+        )  # fmt: skip
+    return tuple(sorted(found, key=lambda s: (-s.excited, -s.evidence)))
+
+
+def join_names(effects: Sequence[str], last: str = "and") -> str:
+    """Return effects as people say them: a, b and c."""
+    texts = [effect.replace("_", " ") for effect in effects]
+    return texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} {last} {texts[-1]}"

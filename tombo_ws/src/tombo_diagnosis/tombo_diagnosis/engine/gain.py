@@ -1,0 +1,46 @@
+"""How much better an extended model predicts data that neither named nor fitted it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from tombo_flight.extended_model import Gain
+
+_FEW = 3
+"""Fewer blocks held out than this give no interval."""
+
+
+def rms(values: NDArray[np.float64]) -> float:
+    """Return the root mean square; NaN of nothing."""
+    return float(np.sqrt(np.mean(values**2))) if values.size else math.nan
+
+
+def gain_of(
+    channel: str, unit: str, horizon: str, before: Sequence[float], after: Sequence[float]
+) -> Gain:
+    """Return a channel's gain; its interval from the logarithms of after over before.
+
+    Args:
+        channel: its name.
+        unit: of the errors.
+        horizon: how far ahead is predicted.
+        before: RMS error of the model as it was in each block held out.
+        after: the same of the extended model.
+    """
+    b, a = np.array(before), np.array(after)
+    total_before, total_after = rms(b), rms(a)
+    reduction = 1.0 - total_after / total_before if total_before > 0.0 else 0.0
+    low = high = math.nan
+    if b.size >= _FEW and (b > 0.0).all() and (a > 0.0).all():
+        logs = np.log(a / b)
+        half = float(stats.t.ppf(0.975, b.size - 1)) * float(logs.std(ddof=1)) / math.sqrt(b.size)
+        low = min(1.0 - math.exp(float(logs.mean()) + half), reduction)
+        high = max(1.0 - math.exp(float(logs.mean()) - half), reduction)
+    return Gain(
+        channel, unit, horizon, total_before, total_after, reduction, low, high, int(b.size)
+    )

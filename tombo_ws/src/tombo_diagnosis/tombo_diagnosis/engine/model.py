@@ -1,0 +1,187 @@
+"""What the diagnosis asks of a kind of data, and what it says of it: flights, thrust stands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Generic, Protocol, TypeVar
+
+from tombo_diagnosis.engine.regression import Columns, Fit
+from tombo_dynamics.arrays import Array
+
+Progress = Callable[[str, float], None]
+"""Called with a stage and the share done."""
+Calibration = Sequence[tuple[float, float]]
+"""(stated, true) probabilities, in growing order; between them a straight line."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """In what a kind of data differs from others; all else is the same for all."""
+
+    max_fitted: int
+    """So many effects are fitted with the model itself at each step of the search."""
+    model_error_share: float
+    """Share of the evidence in dispute that errors of the model itself may make."""
+    calibration: Mapping[str, Calibration]
+    """Verdict -> its stated against its true probability, found on other seeds than reported."""
+    always_fitted: Collection[str] = ()
+    """Effects whose tangent in the nominal model promises nothing."""
+
+
+class Model(Protocol):
+    """The regression of some data about a nominal model; all fits are made from it.
+
+    Flights and thrust stands implement it; search and verdict know nothing else of them.
+    """
+
+    columns: Columns
+    theta: Array
+    """Parameters of the nominal model."""
+    null_hypothesis: Fit
+    """The nominal model, everything within its tolerance."""
+    setting: Setting
+
+    def effects(self) -> Sequence[str]:
+        """Return the effects with a mean."""
+        ...
+
+    def noise_effects(self) -> Mapping[str, float]:
+        """Return the effects of chance whose draws these data can show, each with its price.
+
+        The price is the log Bayes factor that it has to bring besides.
+        """
+        ...
+
+    def confounded_with(self, effect: str) -> Collection[str]:
+        """Return the effects that are no causes beside this one."""
+        ...
+
+    def fit(self, free: Sequence[int], widths: Mapping[str, float], start: Fit) -> Fit:
+        """Fit parameters with the model itself, not only its tangent.
+
+        Args:
+            free: places in theta.
+            widths: effect of chance -> factor on its width.
+            start: fit to begin from.
+        """
+        ...
+
+    def relinearized(self, fit: Fit) -> Fit:
+        """Return a fit with all slopes taken where it ended, not in the nominal model."""
+        ...
+
+    def final(self, fit: Fit) -> Array:
+        """Return the parameters that a fit came to."""
+        ...
+
+    def evidence_with(self, fit: Fit, widths: Mapping[str, float], tight: float = 1.0) -> float:
+        """Return the log evidence of a fit with other widths, by its tangent."""
+        ...
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One way in which one effect may be at work."""
+
+    effect: str
+    free: tuple[int, ...]
+    """Places in theta; empty for an effect of chance."""
+    width: float | None = None
+    """Factor on its width in the nominal model, of an effect of chance."""
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """A set of causes, fitted."""
+
+    hypotheses: tuple[Hypothesis, ...]
+    fit: Fit
+    evidence: float
+    """Log Bayes factor against the nominal model."""
+    relinearized: bool = False
+    """Whether all slopes were taken where its fit ended."""
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the causes, in the order in which they were found."""
+        return tuple(hypothesis.effect for hypothesis in self.hypotheses)
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """What the search came to."""
+
+    best: Explanation
+    single_log_bf: dict[str, float]
+    """Effect -> log Bayes factor of it alone, by its best way."""
+    alternatives: tuple[Explanation, ...]
+    """Other explanations with as many causes, likeliest first."""
+    evaluated: Mapping[frozenset[str], float] = field(default_factory=dict)
+    """Effects -> log Bayes factor of them together, of every explanation that was fitted."""
+
+    def log_bf_of_difference(self, alternative: Explanation) -> float:
+        """Return the log Bayes factor of what the best explanation and a rival do not share."""
+        shared = frozenset(self.best.effects) & frozenset(alternative.effects)
+        return self.best.evidence - self.evaluated.get(shared, 0.0)
+
+    def explaining(self, effect: str) -> Explanation | None:
+        """Return the likeliest explanation that an effect is part of."""
+        every = (self.best, *self.alternatives)
+        return next((e for e in every if effect in e.effects), None)
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What the best explanation leaves over, held against what noise leaves."""
+
+    clean: bool
+    """Nothing but known noise is left."""
+    p_unexplained: float
+    """Probability that something is left."""
+    mostly_explained: bool
+    """The best explanation takes away most of what was there to be explained."""
+    noise_log_bf: Mapping[str, float] = field(default_factory=dict)
+    """Effect of chance -> log Bayes factor, of those that earn their place by what is left."""
+    imitated: Mapping[str, Collection[str]] = field(default_factory=dict)
+    """Effect of chance -> causes that a force only has to resemble to leave such a remainder."""
+    explained: float = 0.0
+    """Share of the excess that the best explanation takes away."""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """The verdict and what it rests on."""
+
+    verdict: str
+    effects: tuple[str, ...]
+    """Causes, likeliest first; of a set its members."""
+    members: tuple[str, ...]
+    """Of the set, where the data can't tell. Named causes beside it are sure: one of the set is at
+    work besides."""
+    confidence: float
+    each: dict[str, float]
+    """Confidence in each effect that was named or is in the set."""
+    explained: float
+    """Share of the excess that the causes explain."""
+    reason: str
+    """Why this verdict and no other."""
+
+
+P = TypeVar("P")
+R = TypeVar("R", bound=Remainder)
+
+
+@dataclass(frozen=True, eq=False)
+class Findings(Generic[P, R]):
+    """All that an analysis came to, before it is put into words."""
+
+    problem: P
+    """The data as a `Model`."""
+    search: SearchResult
+    remainder: R
+    judgement: Judgement
+
+
+def no_progress(stage: str, share: float) -> None:
+    """Report nothing."""

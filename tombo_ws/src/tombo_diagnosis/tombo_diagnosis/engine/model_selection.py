@@ -1,0 +1,263 @@
+"""The search for causes: which effects, alone or up to three together, explain the data.
+
+Every candidate is first judged by the tangent about the best explanation so far, the promising
+ones then by the model itself. An explanation grows as long as another cause earns its place.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tombo_diagnosis.engine.evidence import solve
+from tombo_diagnosis.engine.model import Explanation, Hypothesis, Model, SearchResult
+from tombo_diagnosis.engine.regression import TIGHT, Fit
+
+LOG_BF_FIRST = 3.5
+"""Log Bayes factor with which a cause earns its place; see docs/diagnosis.md for what it gives."""
+LOG_BF_ADDITIONAL = 7.0
+"""The same for one cause beside others: two at once are rarer."""
+_MIN_TANGENT_LOG_BF = 1.5
+_MIN_RELATIVE_GAIN = 0.2
+"""A candidate whose tangent promises less than this share of the best one's is not fitted."""
+_MAX_TIGHT_REFITS = 2
+_STRETCHED_SIGMAS = 3.0
+_BEAM_WIDTH = 2
+"""So many explanations are carried on."""
+_MAX_CAUSES = 3
+_RELINEARIZE_LOG_BF = 25.0
+"""From this evidence on the nominal model's slopes are no longer good enough."""
+_RELINEARIZE_WITHIN_LOG_BF = 10.0
+"""Explanations so close to the best one are held against it with slopes of their own."""
+_WIDTHS = np.geomspace(1.5, 40.0, 10)
+"""Factors on the width of an effect of chance that are tried."""
+
+
+def search(
+    model: Model, progress: Callable[[float], None] | None = None, most: int = _MAX_CAUSES
+) -> SearchResult:
+    """Return the best explanation of the data and what else would do."""
+    null = Explanation((), model.null_hypothesis, 0.0)
+    single_log_bf = {h.effect: gain for gain, h in reversed(rank_hypotheses(model, null))}
+    beam = [null]
+    evaluated: dict[frozenset[str], Explanation] = {}
+    for size in range(1, most + 1):
+        grown: dict[frozenset[str], Explanation] = {}
+        for explanation in beam:
+            for hypothesis in _worth_fitting(model, explanation):
+                found = add_hypothesis(model, explanation, hypothesis)
+                key = frozenset(found.effects)
+                if key not in grown or grown[key].evidence < found.evidence:
+                    grown[key] = found
+        if progress is not None:
+            progress(size / most)
+        evaluated.update(grown)
+        least = beam[0].evidence + (LOG_BF_FIRST if size == 1 else LOG_BF_ADDITIONAL)
+        kept = [e for e in _likeliest_first(grown.values()) if e.evidence > least]
+        if not kept:
+            break
+        beam = [_relinearized_if_strong(model, each) for each in kept[:_BEAM_WIDTH]]
+    best = beam[0]
+    for explanation in evaluated.values():
+        if len(explanation.effects) == 1 and math.isfinite(explanation.evidence):
+            single_log_bf[explanation.effects[0]] = explanation.evidence
+    own = frozenset(best.effects)
+    alternatives = [e for k, e in evaluated.items() if len(k) == len(own) and k != own]
+    if best.hypotheses:
+        best, *alternatives = _relinearize_near_best(model, [best, *alternatives])
+    known = {key: e.evidence for key, e in evaluated.items()}
+    return SearchResult(
+        free_all_axes(model, best), single_log_bf, tuple(_likeliest_first(alternatives)), known
+    )
+
+
+def _likeliest_first(explanations: Iterable[Explanation]) -> list[Explanation]:
+    return sorted(explanations, key=lambda e: -e.evidence)
+
+
+def _worth_fitting(model: Model, explanation: Explanation) -> list[Hypothesis]:
+    """Return the hypotheses to add to an explanation: the best two ways of each effect.
+
+    The best effects first, so many as the model says; and what looks best with tolerances held.
+    """
+    ranked = rank_hypotheses(model, explanation)
+    promising = [(gain, h) for gain, h in ranked if gain > _MIN_TANGENT_LOG_BF]
+    counts: dict[str, int] = {}
+    chosen = []
+    first = promising[0][0] if promising else 0.0
+    for gain, hypothesis in promising:
+        counts[hypothesis.effect] = counts.get(hypothesis.effect, 0) + 1
+        several = counts[hypothesis.effect] > 1
+        close = gain > first - 3.0 if several else gain > _MIN_RELATIVE_GAIN * first
+        if counts[hypothesis.effect] <= 2 and close and len(counts) <= model.setting.max_fitted:
+            chosen.append(hypothesis)
+    chosen += [h for _, h in ranked if h.effect in model.setting.always_fitted and h not in chosen]
+    return chosen + _with_tight_priors(model, explanation)
+
+
+def _with_tight_priors(model: Model, explanation: Explanation) -> list[Hypothesis]:
+    """Return what looks best with tolerances held, where some are stretched beyond belief."""
+    fit = explanation.fit
+    columns = model.columns
+    limits = columns.deviations(fit.free, fit.widths)
+    stretched = np.abs(fit.solution.mean - fit.prior_mean) / limits
+    own = [
+        k for k, i in enumerate(columns.indices) if i in columns.identifiable and i not in fit.free
+    ]
+    if not own or float(stretched[own].max()) < _STRETCHED_SIGMAS:
+        return []
+    best: dict[str, Hypothesis] = {}
+    for gain, hypothesis in rank_hypotheses(model, explanation, TIGHT):
+        if gain > _MIN_TANGENT_LOG_BF and hypothesis.free:
+            best.setdefault(hypothesis.effect, hypothesis)
+    return list(best.values())[:_MAX_TIGHT_REFITS]
+
+
+def rank_hypotheses(
+    model: Model, explanation: Explanation, tight: float = 1.0
+) -> list[tuple[float, Hypothesis]]:
+    """Return every way of every effect with what it adds to an explanation, by the tangent.
+
+    Args:
+        model: the data.
+        explanation: what is known already.
+        tight: factor on the tolerances.
+    """
+    fit, columns = explanation.fit, model.columns
+    held = columns.deviations(fit.free, fit.widths, tight, fit.pinned)
+    base = solve(fit.normal, held, fit.prior_mean, covariance=False).evidence
+    out = {*explanation.effects}.union(*(model.confounded_with(e) for e in explanation.effects))
+    found = []
+    for effect in model.effects():
+        for free in columns.variants(effect) if effect not in out else ():
+            pinned = [place for place in fit.pinned if columns.indices[place] not in free]
+            deviations = columns.deviations((*fit.free, *free), fit.widths, tight, pinned)
+            solution = solve(fit.normal, deviations, fit.prior_mean, covariance=False)
+            gain = solution.evidence - base
+            if gain > _MIN_TANGENT_LOG_BF and columns.outside(fit.theta, free, solution.mean):
+                solution = solve(fit.normal, deviations, fit.prior_mean)
+                gain -= columns.bounds_penalty(fit.theta, free, solution)
+            found.append((gain - _multiplicity_penalty(model, effect), Hypothesis(effect, free)))
+    found += [
+        _widest(model, explanation, effect, price, tight)
+        for effect, price in model.noise_effects().items()
+        if effect not in out
+    ]
+    return sorted(found, key=lambda each: -each[0])
+
+
+def _widest(
+    model: Model, explanation: Explanation, effect: str, price: float, tight: float
+) -> tuple[float, Hypothesis]:
+    """Return an effect of chance by its likeliest width, and what it adds.
+
+    A broad prior over the width: what it adds is the mean over the grid, not the best of it.
+    """
+    fit = explanation.fit
+    base = model.evidence_with(fit, fit.widths, tight)
+    gains = [
+        model.evidence_with(fit, {**fit.widths, effect: float(width)}, tight) - base
+        for width in _WIDTHS
+    ]
+    mean = float(np.logaddexp.reduce(gains)) - math.log(len(gains)) - price
+    return mean, Hypothesis(effect, (), float(_WIDTHS[int(np.argmax(gains))]))
+
+
+def add_hypothesis(model: Model, explanation: Explanation, hypothesis: Hypothesis) -> Explanation:
+    """Return an explanation with one more cause, everything in it fitted anew."""
+    return fit_hypotheses(model, (*explanation.hypotheses, hypothesis), explanation.fit)
+
+
+def fit_hypotheses(
+    model: Model, hypotheses: tuple[Hypothesis, ...], start: Fit | None = None
+) -> Explanation:
+    """Fit a set of causes with the model itself, from `start` (None: the nominal model)."""
+    null = model.null_hypothesis
+    free = tuple(dict.fromkeys(i for each in hypotheses for i in each.free))
+    widths = {each.effect: each.width for each in hypotheses if each.width is not None}
+    fit = model.fit(free, widths, start or null)
+    evidence = fit.evidence - null.evidence
+    evidence -= sum(_multiplicity_penalty(model, each.effect) for each in hypotheses)
+    evidence -= sum(math.log(_WIDTHS.size) - 1.0 + model.noise_effects()[e] for e in widths)
+    evidence -= model.columns.bounds_penalty(fit.theta, free, fit.solution, fitted=True)
+    for each in hypotheses:
+        if each.free and all(fit.theta[i] == model.theta[i] for i in each.free):
+            evidence = -math.inf  # at the edge of its bounds it does nothing: no cause
+    return Explanation(hypotheses, fit, evidence)
+
+
+def restrict_to(
+    model: Model, explanation: Explanation, effects_kept: Sequence[str]
+) -> Explanation:
+    """Return an explanation with some of its causes only, fitted anew."""
+    kept = [each for each in explanation.hypotheses if each.effect in effects_kept]
+    if len(kept) == len(explanation.hypotheses):
+        return explanation
+    result = Explanation((), model.null_hypothesis, 0.0)
+    for hypothesis in kept:
+        result = add_hypothesis(model, result, hypothesis)
+    return result
+
+
+def _relinearized(model: Model, explanation: Explanation) -> Explanation:
+    """Return an explanation with all slopes taken where it is, and its evidence then."""
+    if explanation.relinearized or not math.isfinite(explanation.evidence):
+        return explanation
+    fit = model.relinearized(explanation.fit)
+    evidence = explanation.evidence + fit.evidence - explanation.fit.evidence
+    return replace(explanation, fit=fit, evidence=evidence, relinearized=True)
+
+
+def _relinearized_if_strong(model: Model, explanation: Explanation) -> Explanation:
+    strong = explanation.evidence >= _RELINEARIZE_LOG_BF
+    return _relinearized(model, explanation) if strong else explanation
+
+
+def _relinearize_near_best(model: Model, explanations: list[Explanation]) -> list[Explanation]:
+    """Return explanations likeliest first, the first and all that come close to it relinearized.
+
+    With slopes of its own one may fall far behind others; then these get their own, too.
+    """
+    rough, done = explanations, list[Explanation]()
+    while True:
+        top = max(e.evidence for e in (*rough, *done))
+        near = [e for e in rough if e.evidence > top - _RELINEARIZE_WITHIN_LOG_BF]
+        if not near:
+            return _likeliest_first((*rough, *done))
+        done += [_relinearized(model, e) for e in near]
+        rough = [e for e in rough if e not in near]
+
+
+def free_all_axes(model: Model, explanation: Explanation) -> Explanation:
+    """Return an explanation with every parameter of a named unit free: all axes of a bias or wind.
+
+    What was too small on one axis to earn its place is measured there all the same.
+    """
+    columns = model.columns
+    hypotheses = []
+    for hypothesis in explanation.hypotheses:
+        own = [columns.parameters[i] for i in hypothesis.free]
+        free = hypothesis.free
+        if own and own[0].low < own[0].null < own[0].high:
+            units = {p.unit for p in own}
+            free = tuple(
+                p.index
+                for p in columns.parameters
+                if p.effect == hypothesis.effect
+                and p.unit in units
+                and p.index in columns.identifiable
+            )
+        hypotheses.append(replace(hypothesis, free=free))
+    if tuple(hypotheses) == explanation.hypotheses:
+        return explanation
+    every = tuple(dict.fromkeys(i for each in hypotheses for i in each.free))
+    fit = model.fit(every, explanation.fit.widths, explanation.fit)
+    return replace(explanation, hypotheses=tuple(hypotheses), fit=fit)
+
+
+def _multiplicity_penalty(model: Model, effect: str) -> float:
+    """Return the log of an effect's ways: that they are many makes it no likelier cause."""
+    return math.log(max(1, len(model.columns.variants(effect))))

@@ -1,0 +1,194 @@
+"""The unknowns of a diagnosis: parameters with their priors, and draws of chance.
+
+A lab knows its nominal parameters only so well. That is the *tolerance*: an error of this size is
+no finding. A twentieth of the size that clearly matters is what careful weighing, balancing and
+calibrating give; it is also what keeps a cause from being named for the small change of another.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from tombo_diagnosis.engine.evidence import NormalEquations, Posterior
+from tombo_dynamics.arrays import Array
+
+TOLERANCE = 0.05
+"""Share of the scale."""
+TIGHT = 0.2
+"""Factor on the tolerances where little is to be left to them."""
+NOMINAL_WIDTHS: Mapping[str, float] = MappingProxyType({})
+"""All effects of chance as wide as in the nominal model."""
+_PINNED = 1e-3
+_MAX_BOUND_EXCESS_SIGMAS = 4.0
+"""A fit further out of a parameter's bounds than so many deviations is none."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of an effect."""
+
+    index: int
+    """Place in theta."""
+    effect: str
+    name: str
+    unit: str
+    null: float
+    low: float
+    high: float
+    scale: float
+    """A change of this size clearly matters; the prior's standard deviation of a cause."""
+    stochastic: bool = False
+    """Of an effect of chance, which is fitted by its width and has no place in theta."""
+
+    @property
+    def label(self) -> str:
+        """effect.name."""
+        return f"{self.effect}.{self.name}"
+
+    @property
+    def tolerance(self) -> float:
+        """Standard deviation of what counts as healthy."""
+        return TOLERANCE * self.scale
+
+    @property
+    def step(self) -> float:
+        """Step of a numerical derivative."""
+        return 0.1 * self.scale
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What the unknowns are: parameters of theta, then draws of chance."""
+
+    parameters: tuple[Parameter, ...]
+    """All of theta."""
+    indices: tuple[int, ...]
+    """Places in theta of the parameters that these data can show."""
+    draws: tuple[str, ...] = ()
+    """Of each draw the effect of chance that it belongs to."""
+    draw_width: float = 1.0
+    """Standard deviation of a draw's unknown in the nominal model."""
+    absorbed: frozenset[int] = frozenset()
+    """Places in theta of what the nominal model's own fit has taken up: always free."""
+    unobservable: frozenset[int] = frozenset()
+    """Places in theta of what, at the size that matters, is far below the noise."""
+
+    @cached_property
+    def identifiable(self) -> tuple[int, ...]:
+        """Places in theta of what can be a cause."""
+        return tuple(
+            i for i in self.indices if i not in self.absorbed and i not in self.unobservable
+        )
+
+    @property
+    def count(self) -> int:
+        """All unknowns."""
+        return len(self.indices) + len(self.draws)
+
+    @cached_property
+    def _variants(self) -> dict[str, list[tuple[int, ...]]]:
+        table: dict[str, list[tuple[int, ...]]] = {}
+        for effect in dict.fromkeys(p.effect for p in self.parameters):
+            own = [self.parameters[i] for i in self.identifiable]
+            own = sorted((p for p in own if p.effect == effect), key=lambda p: p.index)
+            units = dict.fromkeys(p.unit for p in own)
+            ways: list[tuple[int, ...]] = [(p.index,) for p in own]
+            ways += [tuple(p.index for p in own if p.unit == unit) for unit in units]
+            ways.append(tuple(p.index for p in own))
+            table[effect] = list(dict.fromkeys(way for way in ways if way))
+        return table
+
+    def variants(self, effect: str) -> list[tuple[int, ...]]:
+        """Return the ways in which an effect can be at work: one parameter, those of a unit, all.
+
+        Each way is a tuple of places in theta.
+        """
+        return self._variants.get(effect, [])
+
+    def deviations(
+        self,
+        free: Sequence[int] = (),
+        widths: Mapping[str, float] = NOMINAL_WIDTHS,
+        tight: float = 1.0,
+        pinned: Sequence[int] = (),
+    ) -> Array:
+        """Return (count) prior standard deviations.
+
+        Args:
+            free: places in theta of what is wide: as wide as the size that clearly matters.
+            widths: effect of chance -> factor on its draws' width; what is absent has 1.
+            tight: factor on the tolerances of everything else.
+            pinned: columns that stay where they are: at a bound of their parameter.
+        """
+        own = [
+            self.parameters[i].scale
+            if i in free or i in self.absorbed
+            else tight * self.parameters[i].tolerance
+            for i in self.indices
+        ]
+        own += [self.draw_width * widths.get(effect, 1.0) for effect in self.draws]
+        deviations = np.array(own)
+        deviations[list(pinned)] *= _PINNED
+        return deviations
+
+    def places(self, indices: Sequence[int]) -> list[int]:
+        """Return the columns of parameters that can be seen."""
+        return [self.indices.index(i) for i in indices if i in self.indices]
+
+    def outside(self, theta: Array, free: Sequence[int], mean: Array) -> bool:
+        """Return whether a step from theta ends beyond a bound of its free parameters."""
+        for index, place in zip(free, self.places(free), strict=True):
+            p = self.parameters[index]
+            if not p.low <= theta[index] + mean[place] <= p.high:
+                return True
+        return False
+
+    def bounds_penalty(
+        self, theta: Array, free: Sequence[int], solution: Posterior, fitted: bool = False
+    ) -> float:
+        """Return what it costs in log evidence that a fit lies beyond its parameters' bounds.
+
+        A tangent may end far beyond them where the model bends; `fitted`: this is no tangent.
+        """
+        cost = 0.0
+        for index, place in zip(free, self.places(free), strict=True):
+            p = self.parameters[index]
+            value = theta[index] + solution.mean[place]
+            over = max(p.low - value, value - p.high, 0.0)
+            variance = max(float(solution.covariance[place, place]), 1e-18)
+            deviation = math.sqrt(variance) + p.tolerance
+            if fitted and over > _MAX_BOUND_EXCESS_SIGMAS * deviation:
+                return math.inf
+            cost += 0.5 * (over / deviation) ** 2
+        return min(cost, 1e6)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A set of freed parameters, fitted; all else within its tolerance."""
+
+    free: tuple[int, ...]
+    """Places in theta."""
+    widths: Mapping[str, float]
+    """Effect of chance -> factor on its width in the nominal model."""
+    theta: Array
+    """All parameters, about which the equations are."""
+    prior_mean: Array
+    """(count) means of the prior, about theta."""
+    solution: Posterior
+    """About theta, so that its mean is what is left to do: nearly nothing for free ones."""
+    normal: NormalEquations
+    """Of all data, about theta."""
+    evidence: float
+    """Logarithm of the probability of the data."""
+    tangent: Any
+    """What the model needs to go on from here, of a type of its own."""
+    pinned: tuple[int, ...] = ()
+    """Columns that the data would carry beyond a bound; they stay at it."""

@@ -1,0 +1,233 @@
+"""The verdict: none, named, set, unknown or partly explained, and how sure it is.
+
+Two gates stand before a name: the cause must earn its place against the nominal model, and what it
+leaves over must be what noise leaves. Without the second one a strong unknown force is nearly
+always given somebody's name. `RULES` is the whole decision, read from top to bottom.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tombo_diagnosis.engine.model import (
+    Calibration,
+    Explanation,
+    Judgement,
+    Remainder,
+    SearchResult,
+    Setting,
+)
+from tombo_diagnosis.engine.model_selection import LOG_BF_ADDITIONAL, LOG_BF_FIRST
+
+LOG_BF_DISTINCT = 4.0
+"""Log Bayes factor with which one cause is told from another."""
+_STRONG_LOG_BF = 50.0
+"""From this evidence on a single cause may be called a part of what is wrong."""
+_MAX_PROBABILITY = 0.99
+_NONE_SLOPE, _NONE_EVEN_LOG_BF = 1.3, 2.0
+_MAX_CAUSES = 3
+_MAX_EXPONENT = 50.0
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What the rules look at."""
+
+    causes: tuple[str, ...]
+    """Effects that earn their place, likeliest first."""
+    members: tuple[str, ...]
+    """Effects that stand in for each other in explanations that do as well."""
+    clean: bool
+    """Nothing but known noise is left over."""
+    strong: bool
+    """One strong cause takes away most of what was there to be explained."""
+    imitated: frozenset[str]
+    """Causes that the force behind an effect of chance beside them may only resemble."""
+    p_none: float
+    """Probability that no cause is at work, if none earned its place."""
+    p_unexplained: float
+    """Probability that something is left over."""
+    p_cause: float
+    """Probability that the weakest of the causes is no coincidence."""
+    p_best: float
+    """Probability of the best explanation against its alternatives."""
+
+    @property
+    def certain(self) -> tuple[str, ...]:
+        """Causes that all explanations need which do as well."""
+        return tuple(e for e in self.causes if e not in self.members)
+
+
+@dataclass(frozen=True)
+class Rule:
+    """One line of the decision: what must hold, and what is said then."""
+
+    holds: Callable[[Facts], bool]
+    verdict: str
+    causes: Callable[[Facts], tuple[str, ...]]
+    """Effects that are put forward."""
+    probability: Callable[[Facts], float]
+    """Of the verdict, before it is calibrated."""
+    reason: str
+
+
+def _no_effects(_: Facts) -> tuple[str, ...]:
+    return ()
+
+
+RULES: Sequence[Rule] = (
+    Rule(lambda f: not f.causes and f.clean,
+         "none", _no_effects, lambda f: f.p_none,
+         "no effect earns its place, and what is left is noise"),
+    Rule(lambda f: not f.causes,
+         "unknown", _no_effects, lambda f: f.p_unexplained,
+         "no effect earns its place, but more than noise is left"),
+    Rule(lambda f: not f.clean and f.strong,
+         "partly_explained", lambda f: f.causes, lambda f: f.p_unexplained,
+         "one strong cause takes away most, but more than noise is left"),
+    Rule(lambda f: not f.clean,
+         "unknown", _no_effects, lambda f: f.p_unexplained,
+         "what looks like a cause leaves more than noise: it may only resemble the true one"),
+    Rule(lambda f: bool(f.imitated),
+         "partly_explained", lambda f: tuple(e for e in f.causes if e in f.imitated),
+         lambda f: f.p_cause,
+         "random forces beside a cause are what a force leaves that the cause only resembles"),
+    Rule(lambda f: bool(f.members and f.certain),
+         "named", lambda f: f.certain, lambda f: f.p_cause,
+         "some causes are in all explanations that do as well, others stand in for each other"),
+    Rule(lambda f: bool(f.members),
+         "set", lambda f: f.members, lambda f: f.p_cause,
+         "several explanations do as well"),
+    Rule(lambda _: True,
+         "named", lambda f: f.causes, lambda f: f.p_cause * f.p_best,
+         "one explanation earns its place and is ahead of all others"),
+)  # fmt: skip
+"""The first rule that holds gives the verdict."""
+
+
+def judge(setting: Setting, found: SearchResult, remainder: Remainder) -> Judgement:
+    """Weigh what was found.
+
+    Args:
+        setting: of the kind of data.
+        found: the search for causes that have a mean.
+        remainder: what the best explanation leaves over.
+    """
+    weights = dict.fromkeys(found.best.effects, found.best.evidence)
+    for effect, log_bf in remainder.noise_log_bf.items():
+        weights[effect] = max(weights.get(effect, 0.0), log_bf)
+    weights = _above_additional_threshold(weights)
+    kept = bool(found.best.effects) and all(e in weights for e in found.best.effects)
+    share = setting.model_error_share
+    rivals = [
+        r for r in found.alternatives if kept and _deficit(r, found, share) < LOG_BF_DISTINCT
+    ]
+    facts = _facts(found, remainder, weights, rivals, share)
+    rule = next(rule for rule in RULES if rule.holds(facts))
+    causes = rule.causes(facts)
+    each = _confidences(found, facts, rivals, share) if causes else {}
+    if rule.verdict == "set":
+        causes = tuple(sorted(causes, key=lambda e: -each.get(e, 0.0)))
+    confidence = calibrated(rule.probability(facts), setting.calibration.get(rule.verdict, ()))
+    members = facts.members if rule.verdict in ("named", "set") else ()
+    explained = remainder.explained if facts.causes else 0.0
+    return Judgement(rule.verdict, causes, members, confidence, each, explained, rule.reason)
+
+
+def _facts(
+    found: SearchResult,
+    remainder: Remainder,
+    weights: dict[str, float],
+    rivals: Sequence[Explanation],
+    share: float,
+) -> Facts:
+    causes = tuple(sorted(weights, key=lambda e: -weights[e]))[:_MAX_CAUSES]
+    random = [e for e in remainder.imitated if e in causes]
+    forces = {e for r in random for e in causes if e in remainder.imitated[r]}
+    lead = max(found.single_log_bf.values(), default=0.0)
+    return Facts(
+        causes=causes,
+        members=_interchangeable_effects(found.best, rivals),
+        clean=remainder.clean,
+        strong=remainder.mostly_explained
+        and found.best.evidence > _STRONG_LOG_BF
+        and len(causes) == 1,
+        imitated=frozenset(e for e in causes if forces and e not in random),
+        p_none=_logistic(_NONE_SLOPE * (_NONE_EVEN_LOG_BF - lead)),
+        p_unexplained=remainder.p_unexplained,
+        p_cause=p_cause(min(weights.values(), default=0.0)),
+        p_best=1.0 / (1.0 + sum(_relative_odds(r, found, share) for r in found.alternatives)),
+    )
+
+
+def _confidences(
+    found: SearchResult, facts: Facts, rivals: Sequence[Explanation], share: float
+) -> dict[str, float]:
+    """Return the confidence in each cause and in each member of the set."""
+    each = {
+        e: _clipped(facts.p_cause * (facts.p_best if e in facts.members else 1.0))
+        for e in facts.causes
+    }
+    for rival in rivals:
+        odds = _relative_odds(rival, found, share) * facts.p_best
+        for e in rival.effects:
+            if e in facts.members:
+                each.setdefault(e, _clipped(facts.p_cause * odds))
+    return each
+
+
+def _above_additional_threshold(weights: dict[str, float]) -> dict[str, float]:
+    """Return the causes that earn their place beside the strongest: two at once are rarer."""
+    strongest = max(weights.values(), default=0.0)
+    return {e: w for e, w in weights.items() if w == strongest or w > LOG_BF_ADDITIONAL}
+
+
+def _interchangeable_effects(best: Explanation, rivals: Sequence[Explanation]) -> tuple[str, ...]:
+    """Return the effects that stand in for each other in explanations that do as well."""
+    every = [best, *rivals]
+    shared = set.intersection(*(set(e.effects) for e in every))
+    ordered = dict.fromkeys(e for explanation in every for e in explanation.effects)
+    return tuple(e for e in ordered if e not in shared)
+
+
+def _deficit(rival: Explanation, found: SearchResult, share: float) -> float:
+    """Return how far a rival is behind the best: a log Bayes factor, less where much is at stake.
+
+    Where a cause is strong, small errors of the model weigh more than noise does: they make a
+    `share` of what is in dispute.
+    """
+    ahead = found.best.evidence - rival.evidence
+    disputed = found.log_bf_of_difference(rival)
+    if not math.isfinite(disputed):
+        return ahead
+    return ahead / max(1.0, share * disputed / LOG_BF_DISTINCT)
+
+
+def _relative_odds(rival: Explanation, found: SearchResult, share: float) -> float:
+    """Return how likely a rival is against the best; of tangents it may look the likelier."""
+    return math.exp(min(-_deficit(rival, found, share), _MAX_EXPONENT))
+
+
+def p_cause(log_bf: float) -> float:
+    """Return the probability that a cause of such a log Bayes factor is no coincidence."""
+    return 1.0 - math.exp(-max(log_bf - 0.5 * LOG_BF_FIRST, 0.0))
+
+
+def _logistic(x: float) -> float:
+    return 1.0 / (1.0 + math.exp(-min(max(x, -700.0), 700.0)))
+
+
+def calibrated(probability: float, table: Calibration = ()) -> float:
+    """Return a probability as a table calibrates it, never more than 0.99."""
+    if table:
+        stated, true = zip(*table, strict=True)
+        probability = float(np.interp(probability, stated, true))
+    return _clipped(probability)
+
+
+def _clipped(probability: float) -> float:
+    return min(max(probability, 0.0), _MAX_PROBABILITY)

@@ -1,0 +1,115 @@
+"""Whether what an explanation leaves over is what chance leaves: by channel and time scale.
+
+This is the gate against unknown causes. The best candidate always explains something; it is the
+cause only if nothing but noise remains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tombo_diagnosis.engine.regression import Fit
+from tombo_diagnosis.flight.haar_variance import SCALES_S, block_variances, pooled
+from tombo_diagnosis.flight.noise_simulation import chance
+from tombo_diagnosis.flight.prediction import ChannelId
+from tombo_diagnosis.flight.problem import FlightProblem
+from tombo_diagnosis.flight.sensitivity import map_flights
+from tombo_dynamics.arrays import Array
+
+_MODEL_ERROR_FLOOR = (
+    ("force", 0.012),
+    ("acceleration", 0.012),
+    ("turning", 0.04),
+    ("mocap against accel", 0.006),
+    ("gyro against mocap", 0.0012),
+    ("rotor speed", 0.4),
+    ("voltage", 0.01),
+    ("latency", 2e-4),
+)
+"""By the beginning of a channel's name, in its unit: what no simulation gets better."""
+_STANDARD_ERRORS = 2.0
+"""So many standard errors of a variance's logarithm are granted."""
+
+
+@dataclass(frozen=True)
+class ResidualExcess:
+    """One channel's remainder at its worst time scale."""
+
+    channel: str
+    unit: str
+    scale_s: float
+    measured: float
+    """Root mean square at that scale."""
+    expected: float
+    excess: float
+    """Logarithm of the ratio of variances, less what sampling may give; above 0: too much."""
+
+
+@dataclass(frozen=True)
+class ScaleVariances:
+    """Variances by time scale of every channel, all flights together."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    variances: Array
+    """(scales, channels)"""
+    counts: Array
+    """(scales, channels)"""
+
+
+def residual_variances(problem: FlightProblem, fit: Fit) -> ScaleVariances:
+    """Return what a fit, tolerances used, leaves over."""
+    return _powers(problem, [problem.residual(fit, f) for f in range(len(problem.tracks))])
+
+
+def noise_variances(problem: FlightProblem, theta: Array, seed: int = 1) -> ScaleVariances:
+    """Return what chance would leave over, by one draw a flight."""
+    drawn = map_flights(lambda track: chance(track, problem.nominal, theta, seed), problem.tracks)
+    return _powers(problem, drawn)
+
+
+def _powers(problem: FlightProblem, rows: Sequence[dict[str, Array]]) -> ScaleVariances:
+    found: dict[str, list[tuple[Array, Array]]] = {}
+    units: dict[str, str] = {}
+    for f, groups in enumerate(rows):
+        for group, residual in groups.items():
+            own: list[ChannelId] = [c for c in problem.channels[f] if c.group == group]
+            variances, counts = block_variances(residual, 1.0 / problem.per_second(group))
+            for j, c in enumerate(own):
+                found.setdefault(c.name, []).append((variances[:, j : j + 1], counts))
+                units[c.name] = c.unit
+    means, numbers = [], []
+    for parts in found.values():
+        mean, count = pooled(parts)
+        means.append(mean[:, 0])
+        numbers.append(count)
+    return ScaleVariances(
+        tuple(found), tuple(units.values()), np.column_stack(means), np.column_stack(numbers)
+    )
+
+
+def residual_excesses(measured: ScaleVariances, expected: ScaleVariances) -> list[ResidualExcess]:
+    """Return every channel's remainder, the largest excess first."""
+    result = []
+    for j, name in enumerate(measured.names):
+        floor = next(f for start, f in _MODEL_ERROR_FLOOR if name.startswith(start)) ** 2
+        ratio = np.log(
+            np.maximum(measured.variances[:, j], 1e-30) / (expected.variances[:, j] + floor)
+        )
+        error = np.sqrt(4.0 / np.maximum(measured.counts[:, j], 1.0))
+        excess = ratio - _STANDARD_ERRORS * error
+        excess[~np.isfinite(excess)] = -np.inf
+        worst = int(np.argmax(excess))
+        residual = ResidualExcess(
+            name,
+            measured.units[j],
+            SCALES_S[worst],
+            float(np.sqrt(max(measured.variances[worst, j], 0.0))),
+            float(np.sqrt(expected.variances[worst, j] + floor)),
+            float(excess[worst]),
+        )
+        result.append(residual)
+    return sorted(result, key=lambda each: -each.excess)
