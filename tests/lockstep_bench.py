@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from tombo_control import mission as plan
 from tombo_control.autopilot import HOVER
 from tombo_control.controller_core import Command, ControllerCore
-from tombo_control.estimate import TICK_NS, Estimate, Setpoint
+from tombo_control.estimate import TICK_NS, Estimate
 from tombo_control.estimator_core import EstimatorCore
 from tombo_control.params import POSITION_TICKS, InputLimits
 from tombo_control.trapezoidal_profile import trapezoidal_profile
+from tombo_dynamics.messages import Odometry, PositionSetpoint
 from tombo_dynamics.plant import part
-from tombo_dynamics.rotation import tilt
+from tombo_dynamics.rotation import rotate_vectors, tilt
 from tombo_flight.scenario import Scenario, load_scenario, world_of
 from tombo_sim.simulator import Simulator
 
@@ -34,8 +35,17 @@ def calm(*settings: str) -> Scenario:
     return load_scenario("no_obstacle", settings)
 
 
-def hover_at(x: float, y: float, z: float, velocity: Any = (0.0, 0.0, 0.0)) -> Setpoint:
-    return Setpoint(np.array([x, y, z]), np.array(velocity), np.zeros(3), 0.0, HOVER)
+def hover_at(x: float, y: float, z: float, velocity: Any = (0.0, 0.0, 0.0)) -> PositionSetpoint:
+    return PositionSetpoint(0, np.array([x, y, z]), np.array(velocity), np.zeros(3), 0.0, HOVER)
+
+
+def odometry_of(estimate: Estimate) -> Odometry:
+    """Return an estimate as the estimator publishes it: velocity in base_link."""
+    x, y, z, w = estimate.attitude
+    velocity = rotate_vectors(np.array([-x, -y, -z, w]), estimate.velocity)
+    return Odometry(
+        estimate.stamp_ns, estimate.position, estimate.attitude, velocity, estimate.rates
+    )
 
 
 class Lockstep:
@@ -49,7 +59,7 @@ class Lockstep:
             scenario.control, scenario.vehicle, InputLimits(), self.simulator.setup.maps
         )
         self.mission = plan.begin(self.simulator.setup.start)
-        self.steer: Callable[[float], Setpoint | None] | None = None
+        self.steer: Callable[[float], PositionSetpoint | None] | None = None
         """Set point at a time [s] in place of the mission's; None: none is sent."""
         self.odometry_ticks = 1
         self.late_ticks = 0
@@ -95,7 +105,7 @@ class Lockstep:
                 self._under_way.append((tick + self.late_ticks, estimate))
         while self._under_way and self._under_way[0][0] <= tick:
             estimate = self._under_way.popleft()[1]
-            self.controller.estimate(estimate)
+            self.controller.estimate(odometry_of(estimate))
             self.controller.biases(estimate.gyro_bias, estimate.pose_stamp_ns)
         if tick % POSITION_TICKS == 0:
             self._send_setpoint(tick * 1e-3, now)
@@ -124,13 +134,14 @@ class Lockstep:
             self.controller.setpoint(setpoint, now_ns)
             self.observer.phase(setpoint.phase)
 
-    def _setpoint(self, time_s: float) -> Setpoint:
+    def _setpoint(self, time_s: float) -> PositionSetpoint:
         leg = self.mission.leg
         way, speed, change = trapezoidal_profile(
             time_s - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s
         )
         start, cruise = np.array(leg.start), np.array(leg.velocity)
-        return Setpoint(
+        return PositionSetpoint(
+            0,
             start + way * cruise,
             speed * cruise,
             change * cruise,
@@ -141,7 +152,7 @@ class Lockstep:
     def _proceed(self, estimate: Estimate) -> None:
         self.mission = plan.advance_mission(
             self.mission,
-            self.scenario.mission,
+            plan.compiled_plan(self.scenario.mission),
             self.simulator.tick * 1e-3,
             estimate.position,
             estimate.velocity,

@@ -27,12 +27,7 @@ from tombo_bag.topics import (
 )
 from tombo_control.autopilot import HOVER, LANDED
 from tombo_control.controller_core import ControllerCore
-from tombo_control.estimate import Estimate, Setpoint
-from tombo_control.params import ControlParams, InputLimits
-from tombo_dynamics.propeller import configuration, thrust_map
-from tombo_dynamics.propeller.mounted_propeller import PropellerChoice
-from tombo_dynamics.rotor_maps import rotor_maps
-from tombo_dynamics.vehicle import VehicleParams
+from tombo_dynamics import messages
 from tombo_msgs.msg import EstimatorStatus, PositionSetpoint
 from tombo_ros.conversion import point, quaternion, to_ns, to_time, vector
 
@@ -96,9 +91,7 @@ class _Inputs:
 
 
 def _twin() -> ControllerCore:
-    choice, vehicle = PropellerChoice(), VehicleParams()
-    maps = rotor_maps(thrust_map(configuration(choice.conf), choice.law), vehicle)
-    return ControllerCore(ControlParams(), vehicle, InputLimits(), maps)
+    return ControllerCore.make({name: kind() for name, kind in ControllerCore.sections.items()})
 
 
 def _tilt(setpoint) -> float:
@@ -140,14 +133,17 @@ def test_each_gyro_sample_is_answered_as_the_pure_controller_does(world, start):
     for stamp, gyro in inputs.gyros.items():
         if stamp % (4 * _MS) == 0:
             place = np.array([0.3, 0.0, 2.0])
-            twin.estimate(Estimate(stamp, place, _ZERO, _LEVEL, _ZERO, _ZERO, _ZERO, 0))
+            odometry = messages.Odometry(stamp, place, _LEVEL, _ZERO, _ZERO)
+            twin.on(ODOMETRY.name, odometry, stamp)
         if stamp % (20 * _MS) == 0:
-            twin.biases(_ZERO, stamp)
+            status = messages.EstimatorStatus(stamp, True, _ZERO, _ZERO, stamp, 1, 0)
+            twin.on(ESTIMATOR_STATUS.name, status, stamp)
             if stamp >= stamps[0]:
                 goal = np.array([0.0, 0.0, 2.0])
-                twin.setpoint(Setpoint(goal, _ZERO, _ZERO, 0.0, HOVER, stamp), stamp)
-        command = twin.tick(stamp, stamp, gyro)
-        assert command is not None
+                setpoint = messages.PositionSetpoint(stamp, goal, _ZERO, _ZERO, 0.0, HOVER)
+                twin.on(SETPOINT.name, setpoint, stamp)
+        twin.on(IMU.name, messages.Imu(stamp, gyro, _ZERO), stamp)
+        (command,) = (m for topic, m in twin.step(stamp) if topic == ROTOR_COMMAND.name)
         wanted[stamp] = command.speed
     off = np.array([np.abs(m.speed - wanted[to_ns(m.header.stamp)]).max() for m in answers])
     assert off.max() < 2.0  # rad/s; a message may come a tick late

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -45,6 +45,7 @@ class SyntheticFlight:
     mocap_attitude: np.ndarray
     events: list[dict[str, Any]]
     scenario: dict[str, Any]
+    published: dict[str, Any] = field(default_factory=dict)
 
 
 def synthetic_flight(ticks: int = 40_000, seed: int = 0) -> SyntheticFlight:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from control_bench import VEHICLE, rotor_table
 
-from lockstep_bench import EPOCH_NS, Lockstep, calm, hover_at, hovering
+from lockstep_bench import EPOCH_NS, Lockstep, calm, hover_at, hovering, odometry_of
 from tombo_control.autopilot import HOVER, IDLE, LANDED
 from tombo_control.controller_core import Command, ControllerCore
 from tombo_control.estimate import TICK_NS, Estimate
@@ -48,7 +48,7 @@ class _Bench:
             "accel_bias": _ZERO,
             "pose_stamp_ns": self.now_ns,
         }
-        return self.controller.estimate(Estimate(**{**values, **more}))
+        return self.controller.estimate(odometry_of(Estimate(**{**values, **more})))
 
     def setpoint(self, **more: Any) -> bool:
         return self.controller.setpoint(replace(hover_at(0.0, 0.0, 2.0), **more), self.now_ns)
@@ -348,9 +348,9 @@ def test_old_poses_behind_fresh_odometry_are_not_flown_on(flight: Lockstep) -> N
 
 
 def test_the_time_limits_are_parameters(bench: _Bench) -> None:
-    bench.controller.params(
-        ControlParams(blind_timeout=4.0), InputLimits(odometry_timeout=3.0, setpoint_timeout=2.0)
-    )
+    bench.controller.set_params("control", ControlParams(blind_timeout=4.0))
+    limits = InputLimits(odometry_timeout=3.0, setpoint_timeout=2.0)
+    bench.controller.set_params("inputs", limits)
     command = bench.run(1900, estimate=False, pose=False, setpoint=False)
     assert not command.held
     assert not command.blind
@@ -416,7 +416,7 @@ def test_estimates_of_the_clock_before_are_not_mistaken_for_fresh_ones(bench: _B
 def test_other_gains_in_flight_keep_integrals_and_attitude(flight: Lockstep) -> None:
     before = flight.fly(0.1)[-1]
     softer = replace(flight.scenario.control, position_p=0.6, rate_p=18.0)
-    flight.controller.params(softer, InputLimits())
+    flight.controller.set_params("control", softer)
     rows = flight.fly(3.0)
     assert np.linalg.norm(rows[:, :3] - before[:3], axis=1).max() < 0.08
     assert np.abs(rows[:100, 10:12]).max() < 0.3
@@ -426,7 +426,8 @@ def test_other_gains_in_flight_do_count(flight: Lockstep) -> None:
     speeds = []
     for p in (0.3, 1.5):
         other = copy.deepcopy(flight)
-        other.controller.params(replace(other.scenario.control, position_p=p), InputLimits())
+        gains = replace(other.scenario.control, position_p=p)
+        other.controller.set_params("control", gains)
         other.steer = lambda _: hover_at(0.5, 0.0, 2.0)
         speeds.append(float(other.fly(1.5)[:, 3].max()))
     assert speeds[1] > 2.0 * speeds[0]

@@ -314,9 +314,8 @@ class ControllerCore(Core):
             health.fault("setpoint_silent", command.held, "no set point: holding the last")
 
     def _take_odometry(self, message: Odometry, now_ns: int) -> None:
-        fill_record(self._odometry, message)
         early = message.stamp_ns > now_ns + _AHEAD_NS + self.clock_slack_ns
-        if early or not take_odometry(self.memory, self.autopilot, self._odometry):
+        if early or not self.estimate(message):
             self._refuse("odometry", "odometry not finite, not a rotation, old or from later")
 
     def _take_setpoint(self, message: PositionSetpoint, now_ns: int) -> None:
@@ -358,6 +357,11 @@ class ControllerCore(Core):
     def reset_inputs(self) -> None:
         """Take all that was said so far for another flight's: no set point, so no rotor turns."""
         reset_inputs(self.memory)
+
+    def estimate(self, odometry: Odometry) -> bool:
+        """Take an estimate as `take_odometry` does; False: not taken."""
+        fill_record(self._odometry, odometry)
+        return take_odometry(self.memory, self.autopilot, self._odometry)
 
     def biases(self, gyro_bias: Array, pose_stamp_ns: int) -> bool:
         """Take the gyro's bias (3) [rad/s] and the capture time of the last pose used."""

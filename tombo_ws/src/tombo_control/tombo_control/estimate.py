@@ -38,25 +38,3 @@ class Estimate:
     """(3) [m/s^2]."""
     pose_stamp_ns: int
     """Capture time of the last pose used."""
-
-
-@dataclass(frozen=True)
-class Setpoint:
-    """Where the vehicle shall be."""
-
-    position: Array
-    """(3) of base_link in map [m]."""
-    velocity: Array
-    """(3) fed forward [m/s]."""
-    acceleration: Array
-    """(3) fed forward, without gravity [m/s^2]."""
-    yaw: float
-    """[rad], counter-clockwise from east."""
-    phase: int
-    """Mode number, `autopilot.PHASE_NAMES`."""
-    stamp_ns: int = 0
-
-    def finite(self) -> bool:
-        """Return whether every number is finite."""
-        total = self.position.sum() + self.velocity.sum() + self.acceleration.sum() + self.yaw
-        return bool(np.isfinite(total))

@@ -465,4 +465,3 @@ def write_row(m: Array, e: Any, c: Any, a: Array, log: Array, k: int) -> None:
     log[k, AT.contact + 1] = m[P.contact + 1]
     log[k, AT.thrust_setpoint] = a[A.thrust_setpoint]
     log[k, AT.mode] = a[A.mode + 1]
-    log[k, AT.loops] = (2.0 if c.position_ran else 0.0) + (1.0 if c.attitude_ran else 0.0)

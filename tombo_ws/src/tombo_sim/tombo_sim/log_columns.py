@@ -28,7 +28,6 @@ _WIDTHS = {
     "thrust_setpoint": 1,
     "rotor_command": 4,
     "mode": 1,
-    "loops": 1,
     "wind": 3,
     "battery": 3,
 }
@@ -76,7 +75,6 @@ class _Starts(NamedTuple):
     thrust_setpoint: Any
     rotor_command: Any
     mode: Any
-    loops: Any
     wind: Any
     battery: Any
 

@@ -1,0 +1,50 @@
+"""The compiled filter is filterpy's: same state, covariance and statistic to 1e-12."""
+
+import numpy as np
+import pytest
+from pose_bench import flight
+
+from tombo_collision.detector import (
+    CollisionDetector,
+    free_acceleration,
+    free_flight_filter,
+    rotation_vector,
+)
+from tombo_collision.params import DetectorParams
+
+
+@pytest.mark.parametrize("rate", [30.0, 100.0])
+@pytest.mark.parametrize("seed", range(5))
+def test_compiled_filter_agrees_with_filterpy(rate, seed):
+    params = DetectorParams(trigger="none")
+    poses = flight(3.0, velocity=(0.7, 0.1, -0.1), seed=seed, rate=rate)
+    poses = poses.pushed(2.0, (-0.5, 0.2, -0.3)).turned(2.0, (0.5, -0.3, 2.0))
+    detector = CollisionDetector(params)
+    r = detector.memory
+    kf = None
+    for i, (t, position, attitude) in enumerate(
+        zip(poses.t, poses.position, poses.attitude, strict=True)
+    ):
+        detector.update(float(t), position, attitude)
+        assert not detector.refused
+        if kf is None:
+            kf = free_flight_filter(params, 1.0)
+            kf.x[:3, 0] = position
+            continue
+        step, before = float(t - poses.t[i - 1]), poses.attitude[i - 1]
+        model = free_flight_filter(params, step)
+        kf.F, kf.B, kf.Q, kf.R = model.F, model.B, model.Q, model.R
+        turn = np.array(rotation_vector(before, attitude))
+        kf.predict(u=np.array([[*free_acceleration(before, attitude), 0.0]]).T)
+        kf.update(np.array([[*position, *(turn / step)]]).T)
+        state = np.concatenate([r["position"], r["velocity"], r["rates"]])
+        assert state == pytest.approx(kf.x[:, 0], rel=1e-12, abs=1e-12)
+        for axis in range(3):
+            block = kf.P[np.ix_([axis, 3 + axis], [axis, 3 + axis])]
+            found = r["covariance"][axis]
+            assert found == pytest.approx([block[0, 0], block[0, 1], block[1, 1]], rel=1e-9)
+            assert r["rate_variance"][axis] == pytest.approx(kf.P[6 + axis, 6 + axis], rel=1e-9)
+        assert r["residual"] == pytest.approx(kf.y[:, 0], rel=1e-12, abs=1e-12)
+        if i > 8:
+            expected = float(kf.y[:, 0] @ kf.SI @ kf.y[:, 0])
+            assert detector.statistic == pytest.approx(expected, rel=1e-9)
