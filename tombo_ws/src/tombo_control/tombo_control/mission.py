@@ -89,14 +89,15 @@ class MissionParams:
     land_speed: float = param(0.4, "m/s", (0.1, 2.0), "descent", "estimated: gentle")
 
 
-Plan: Any = namedtuple("Plan", [*numeric_fields(MissionParams), "waypoints"])  # type: ignore[misc]
+Plan: Any = namedtuple("Plan", [*numeric_fields(MissionParams), "waypoints"])
 """`MissionParams` as compiled code takes them; `waypoints` (N, 8) is the course."""
 
 
 def compiled_plan(params: MissionParams) -> Any:
     """Return the parameters as compiled code takes them."""
     numbers = (float(getattr(params, name)) for name in numeric_fields(MissionParams))
-    return Plan(*numbers, waypoint_table(params.course))
+    plan: Any = Plan
+    return plan(*numbers, waypoint_table(params.course))
 
 
 class MissionState(NamedTuple):
@@ -306,7 +307,7 @@ def _landing(state: MissionState, now_s: float, position: Array, velocity: Array
 @compiled_call
 def _near(position: Array, point: Point, radius: float) -> bool:
     dx, dy, dz = position[0] - point[0], position[1] - point[1], position[2] - point[2]
-    return dx * dx + dy * dy + dz * dz < radius * radius
+    return bool(dx * dx + dy * dy + dz * dz < radius * radius)
 
 
 @compiled_call
