@@ -89,7 +89,7 @@ class MissionParams:
     land_speed: float = param(0.4, "m/s", (0.1, 2.0), "descent", "estimated: gentle")
 
 
-Plan: Any = namedtuple("Plan", [*numeric_fields(MissionParams), "waypoints"])
+Plan: Any = namedtuple("Plan", [*numeric_fields(MissionParams), "waypoints"])  # type: ignore[misc]
 """`MissionParams` as compiled code takes them; `waypoints` (N, 8) is the course."""
 
 
