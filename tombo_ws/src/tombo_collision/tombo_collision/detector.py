@@ -390,7 +390,7 @@ def _in_region(r: Any, p: Any, position: Array) -> bool:
     x, y, z = position[0] - p.region_x, position[1] - p.region_y, position[2] - p.region_z
     along = x * dx + y * dy + z * dz
     x, y, z = x - along * dx, y - along * dy, z - along * dz
-    across: float = x * x + y * y + z * z
+    across = x * x + y * y + z * z
     return bool(abs(along) < p.region_depth and across < p.region_radius * p.region_radius)
 
 

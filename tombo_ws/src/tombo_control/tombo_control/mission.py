@@ -96,7 +96,8 @@ Plan: Any = namedtuple("Plan", [*numeric_fields(MissionParams), "waypoints"])  #
 def compiled_plan(params: MissionParams) -> Any:
     """Return the parameters as compiled code takes them."""
     numbers = (float(getattr(params, name)) for name in numeric_fields(MissionParams))
-    return Plan._make((*numbers, waypoint_table(params.course)))
+    plan: Any = Plan
+    return plan(*numbers, waypoint_table(params.course))
 
 
 class MissionState(NamedTuple):

@@ -78,7 +78,7 @@ def stretches(flight: KernelFlight, contact_s: float) -> list[Stretch]:
         flight: a vehicle on the ground.
         contact_s: when it will meet the obstacle, see `contact_time`.
     """
-    mission = flight.scenario.mission
+    mission, reaction = flight.scenario.mission, Bounce()
     x, y, z = (float(v) for v in part(flight.plant, "body")[:3])
     top = (x, y, mission.height)
     goal = (mission.goal_x, mission.goal_y, mission.height)
@@ -86,7 +86,7 @@ def stretches(flight: KernelFlight, contact_s: float) -> list[Stretch]:
     ahead = straight_leg(top, goal, mission.approach_speed, mission.approach_time)
     switch = min(contact_s + _REACTION_S, _LENGTH_S)
     x_c, y_c, z_c = ahead.position(min(contact_s, _LENGTH_S))
-    back = hold_leg((x_c - Bounce().distance, y_c, z_c), switch)
+    back = hold_leg((x_c - reaction.distance, y_c, z_c), switch)
     times = [0.0, up.end_s, mission.approach_time, switch, _LENGTH_S]
     ticks = [round(time / TICK_S) for time in times]
     legs = [(up, TAKEOFF), (hold_leg(top, up.end_s), HOVER), (ahead, APPROACH), (back, REACT)]
