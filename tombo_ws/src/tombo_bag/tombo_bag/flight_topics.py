@@ -327,7 +327,8 @@ class _FlightWriter:
         position, attitude = self.column("est_position", 3), self.column("est_attitude", 4)
         if position is None or attitude is None:
             return
-        every = self.every(50)
+        known = np.isfinite(position[:, 0])  # there is no estimate yet in the first ticks
+        every = np.flatnonzero(known & (np.arange(len(known)) % (TICK_HZ // 50) == 0))
         one = {"header": {"frame_id": FRAME_MAP}, "child_frame_id": FRAME_BODY}
         records = self.topic(
             "/tf",

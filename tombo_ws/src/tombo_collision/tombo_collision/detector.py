@@ -107,7 +107,8 @@ def _track_entry(r: Any, i: int) -> Array:
     """Return time [s] and position [m] of sample `i` of the track; -1: the last."""
     if i < 0:
         i += r.track_length
-    return r.track[(r.track_begin + i) % _TRACK_LENGTH]
+    entry: Array = r.track[(r.track_begin + i) % _TRACK_LENGTH]
+    return entry
 
 
 @compiled_call
@@ -389,9 +390,8 @@ def _in_region(r: Any, p: Any, position: Array) -> bool:
     x, y, z = position[0] - p.region_x, position[1] - p.region_y, position[2] - p.region_z
     along = x * dx + y * dy + z * dz
     x, y, z = x - along * dx, y - along * dy, z - along * dz
-    return abs(along) < p.region_depth and (
-        x * x + y * y + z * z < p.region_radius * p.region_radius
-    )
+    across = x * x + y * y + z * z
+    return bool(abs(along) < p.region_depth and across < p.region_radius * p.region_radius)
 
 
 @compiled_call

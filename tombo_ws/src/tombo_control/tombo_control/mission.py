@@ -96,7 +96,8 @@ Plan: Any = namedtuple("Plan", [*numeric_fields(MissionParams), "waypoints"])  #
 def compiled_plan(params: MissionParams) -> Any:
     """Return the parameters as compiled code takes them."""
     numbers = (float(getattr(params, name)) for name in numeric_fields(MissionParams))
-    return Plan(*numbers, waypoint_table(params.course))
+    plan: Any = Plan
+    return plan(*numbers, waypoint_table(params.course))
 
 
 class MissionState(NamedTuple):
@@ -306,7 +307,7 @@ def _landing(state: MissionState, now_s: float, position: Array, velocity: Array
 @compiled_call
 def _near(position: Array, point: Point, radius: float) -> bool:
     dx, dy, dz = position[0] - point[0], position[1] - point[1], position[2] - point[2]
-    return dx * dx + dy * dy + dz * dz < radius * radius
+    return bool(dx * dx + dy * dy + dz * dz < radius * radius)
 
 
 @compiled_call

@@ -380,7 +380,7 @@ def _is_on_ground(r: Any, state: MissionState, now: float) -> bool:
         r.rest_since_s = math.inf
         return False
     r.rest_since_s = min(r.rest_since_s, now)
-    return now - r.rest_since_s >= (_REST_S if r.has_flown else _NO_LIFT_S)
+    return bool(now - r.rest_since_s >= (_REST_S if r.has_flown else _NO_LIFT_S))
 
 
 @compiled_call

@@ -99,7 +99,7 @@ def hovering_cores(m, a):
     estimator.memory["running"] = True
     estimator.memory["next_tick"] = EPOCH_NS // TICK_NS
     mission = MissionCore(MissionParams(approach_time=3600.0, land_time=3600.0), MissionLimits())
-    target = part(a, "leg")
+    target = a[A.leg : A.leg + 14]
     leg = hold_leg(tuple(target[:3].tolist()), 0.0, float(target[9]))
     store_state(mission.memory, MissionState(HOVER, leg, (0.0, 0.0, 0.0)))
     mission.memory["begun"] = True

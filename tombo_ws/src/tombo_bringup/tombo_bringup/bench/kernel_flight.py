@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_collision.reactions.bounce import Bounce
 from tombo_control.autopilot import APPROACH, HOVER, REACT, TAKEOFF, A, new_autopilot
 from tombo_control.leg import Leg, hold_leg, straight_leg
 from tombo_dynamics.effects.compose import pack_theta
@@ -77,7 +78,7 @@ def stretches(flight: KernelFlight, contact_s: float) -> list[Stretch]:
         flight: a vehicle on the ground.
         contact_s: when it will meet the obstacle, see `contact_time`.
     """
-    mission, reaction = flight.scenario.mission, flight.scenario.reaction
+    mission, reaction = flight.scenario.mission, Bounce()
     x, y, z = (float(v) for v in part(flight.plant, "body")[:3])
     top = (x, y, mission.height)
     goal = (mission.goal_x, mission.goal_y, mission.height)

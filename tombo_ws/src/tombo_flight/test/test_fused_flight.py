@@ -1,0 +1,78 @@
+"""The fused flight and the plain Python runner fly the same flight, to the last bit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+from tombo_collision.reactions import REGISTRY, Decision, Reaction
+from tombo_flight.flight import fly_scenario
+from tombo_flight.run_wiring import run_wiring
+from tombo_flight.scenario import load_scenario
+
+SHORT = (
+    "mission.takeoff_time=0.5",
+    "mission.climb_speed=1.5",
+    "mission.approach_time=3.5",
+    "mission.land_time=9.5",
+    "duration=11",
+)
+JITTER = ("effects.mocap_latency.delay=0.02", "effects.mocap_latency.jitter=0.02")
+
+
+def differences(settings: tuple[str, ...], seed: int) -> tuple[dict[str, int], Any]:
+    """Return for each topic how many messages differ, and the record of the fused flight."""
+    scenario = load_scenario("paper_collision", (*SHORT, *settings))
+    record = fly_scenario(scenario, seed)
+    said: dict[str, list[Any]] = {}
+    ticks = run_wiring(scenario, seed, lambda topic, m: said.setdefault(topic, []).append(m))
+    assert ticks == record.t.size
+    commands = np.array([m.speed for m in said["/rotor_command"]])
+    found = {"/rotor_command": int((commands != record.log["rotor_command"]).any(axis=1).sum())}
+    for topic, (_, messages) in record.published.items():
+        other = said.get(topic, [])
+        assert len(messages) == len(other), topic
+        if isinstance(messages, list):
+            found[topic] = sum(a != b for a, b in zip(messages, other, strict=True))
+            continue
+        found[topic] = 0
+        for a, b in zip(messages, other, strict=True):
+            found[topic] += not all(
+                np.array_equal(a[name], getattr(b, name), equal_nan=True) for name in a.dtype.names
+            )
+    return found, record
+
+
+@pytest.mark.parametrize("settings", [(), JITTER, ("react=false",)])
+def test_fused_flight_is_the_runners_to_the_last_bit(settings):
+    found, record = differences(settings, 3)
+    assert not any(found.values()), found
+    assert record.summary["collided"] and record.summary["detected"]
+    assert bool(record.published["/reaction/status"][1]["collisions"][-1]) == (
+        settings != ("react=false",)
+    )
+
+
+def test_reaction_written_in_python_is_one_class_and_flies():
+    @dataclass(frozen=True)
+    class Up(Reaction):
+        """Climb away."""
+
+        name: ClassVar[str] = "up"
+
+        def decide(self, event: Any, last: Decision | None) -> Decision:
+            """Go up by half a metre."""
+            up = np.array([0.0, 0.0, 1.0])
+            x_c = event.contact_position
+            return Decision(x_c, up, x_c + 0.5 * up)
+
+    try:
+        scenario = load_scenario("paper_collision", (*SHORT, "reaction.name=up"))
+        summary = fly_scenario(scenario, 3).summary
+    finally:
+        del REGISTRY["up"]
+    assert summary["n_r"] == [0.0, 0.0, 1.0]
+    assert summary["x_r_m"][2] == pytest.approx(summary["x_c_m"][2] + 0.5)
