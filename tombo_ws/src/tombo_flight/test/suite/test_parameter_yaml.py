@@ -55,12 +55,16 @@ def test_every_value_of_a_scenario_arrives_at_a_node(name):
 
     wanted = flat({k: v for k, v in as_mapping(scenario).items() if k not in NO_PARAMETER})
 
+    assert wanted.pop("react") is False
+    name = wanted.pop("reaction.name")
+    wanted = {key.replace("reaction.", f"{name}."): value for key, value in wanted.items()}
+
     course = anywhere["mission.course"]
     anywhere["mission.course"] = yaml.safe_load(course) if course else None
     missing = {k: v for k, v in wanted.items() if k not in anywhere or anywhere[k] != v}
     assert not missing
     assert nodes["sim"]["seed"] == 7
-    assert nodes["reaction"]["react"] is False
+    assert nodes["reaction"]["reaction"] == "none"
     assert nodes["controller"]["vehicle.rotor_inertia"] == 6.1e-05
 
 
