@@ -132,7 +132,7 @@ def test_healthy_air_is_no_finding(healthy):
 def test_gusts_are_named_by_the_whole_analysis():
     said = analyse(tracks({"gusts": {"deviation": 0.9, "time": 0.8}}, seed=6), nominal())
     assert said.judgement.verdict == "named" and said.judgement.effects == ("gusts",)
-    assert said.residual_r2 < 0.1
+    assert said.remainder.residual_r2 < 0.1
 
 
 @pytest.mark.parametrize("unknown", ["tether", "thrust_hysteresis", "yaw_spring"])

@@ -179,14 +179,20 @@ def fit_hypotheses(
     free = tuple(dict.fromkeys(i for each in hypotheses for i in each.free))
     widths = {each.effect: each.width for each in hypotheses if each.width is not None}
     fit = model.fit(free, widths, start or null)
-    evidence = fit.evidence - null.evidence
+    evidence = _within_bounds(model, fit) - null.evidence
     evidence -= sum(_multiplicity_penalty(model, each.effect) for each in hypotheses)
     evidence -= sum(math.log(_WIDTHS.size) - 1.0 + model.noise_effects()[e] for e in widths)
-    evidence -= model.columns.bounds_penalty(fit.theta, free, fit.solution, fitted=True)
     for each in hypotheses:
         if each.free and all(fit.theta[i] == model.theta[i] for i in each.free):
             evidence = -math.inf  # at the edge of its bounds it does nothing: no cause
     return Explanation(hypotheses, fit, evidence)
+
+
+def _within_bounds(model: Model, fit: Fit) -> float:
+    """Return the log evidence of a fit, less what it costs to lie beyond a bound."""
+    return fit.evidence - model.columns.bounds_penalty(
+        fit.theta, fit.free, fit.solution, fitted=True
+    )
 
 
 def restrict_to(
@@ -207,7 +213,8 @@ def _relinearized(model: Model, explanation: Explanation) -> Explanation:
     if explanation.relinearized or not math.isfinite(explanation.evidence):
         return explanation
     fit = model.relinearized(explanation.fit)
-    evidence = explanation.evidence + fit.evidence - explanation.fit.evidence
+    evidence = explanation.evidence + _within_bounds(model, fit)
+    evidence -= _within_bounds(model, explanation.fit)
     return replace(explanation, fit=fit, evidence=evidence, relinearized=True)
 
 
