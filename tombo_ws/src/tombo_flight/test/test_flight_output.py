@@ -38,13 +38,13 @@ def test_wall_times_are_the_last_keys_and_the_only_ones_that_differ():
 
 
 def test_a_flight_that_ends_before_its_first_sample_has_a_summary_too():
-    record = fly_scenario(load_scenario("hover", ["duration=1"]), 0, stop=lambda: True)
+    record = fly_scenario(load_scenario("hover", ["duration=5"]), 0, stop=lambda: True)
 
     summary = flight_summary(record, interrupted=True)
 
     assert summary["interrupted"]
     assert json.loads(as_json(summary)) == summary
-    assert 0.0 <= summary["duration_s"] < 0.2
+    assert 0.0 <= summary["duration_s"] < 2.5
 
 
 def test_a_rehearsal_does_not_change_the_flight():

@@ -3,33 +3,23 @@
 from __future__ import annotations
 
 import re
-from collections import defaultdict
 from enum import IntEnum
 
 import numpy as np
 import pytest
 
 from tombo_bag.flight_time import EPOCH_NS
-from tombo_bag.message_codec import MessageCodec, form_of, records_of
+from tombo_bag.message_codec import form_of
 from tombo_bag.schemas import own_definitions
 from tombo_bag.topics import TOPICS
 from tombo_dynamics.core import Core
 from tombo_dynamics.messages import Imu, Phase, ReactionPhase, RotorCommand, Trigger, neutral
-from tombo_flight.flight import fly_scenario
-from tombo_flight.run_wiring import CoreRunner, run_cores, run_wiring
+from tombo_flight.run_wiring import CoreRunner, run_cores
 from tombo_flight.scenario import load_scenario, world_of
 from tombo_flight.wiring import CORES, SENSORS, core_of, publisher_of, subscribers_of
 from tombo_sim.flight_end import FlightEndDetector
 from tombo_sim.simulator import TICK_NS, Simulator
 
-COLLISION_SOON = (
-    "mission.takeoff_time=0.2",
-    "mission.climb_speed=1.2",
-    "mission.approach_time=3.5",
-    "obstacle.x=1.4",
-    "duration=9.5",
-)
-"""The paper's flight, with little hover before the collision."""
 IMU, COMMAND, ODOMETRY = "/imu/data_raw", "/rotor_command", "/odometry"
 
 
@@ -148,25 +138,6 @@ def test_command_of_a_tick_acts_in_it():
     for _ in range(30):
         alone.advance(np.full(4, 700.0))
     assert np.array_equal(flown.imu, alone.imu)
-
-
-@pytest.mark.parametrize("seed", [0, 3])
-def test_headless_flight_publishes_what_the_wiring_does_to_the_last_bit(seed):
-    scenario = load_scenario("paper_collision", COLLISION_SOON)
-    flown = fly_scenario(scenario, seed)
-    published = defaultdict(list)
-    run_wiring(scenario, seed, lambda topic, message: published[topic].append(message))
-    assert len(published["/collision_event"]) == 1
-    for topic, (_, messages) in flown.published.items():
-        typename = TOPICS[topic].typename
-        codec = MessageCodec(typename)
-        if isinstance(messages, np.ndarray):
-            written = [one.tobytes() for one in records_of(typename, messages)]
-        else:
-            written = [codec.encode(message) for message in messages]
-        assert written == [codec.encode(message) for message in published[topic]], topic
-    speeds = np.array([message.speed for message in published[COMMAND]])
-    assert np.array_equal(flown.log["rotor_command"], speeds)
 
 
 @pytest.mark.parametrize(

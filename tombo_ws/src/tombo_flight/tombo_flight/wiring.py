@@ -50,9 +50,8 @@ def records_of(core: type[Core], scenario: Scenario) -> dict[str, Any]:
         section: getattr(scenario, section, None) or kind()
         for section, kind in core.sections.items()
     }
-    chosen = scenario.chosen_reaction
-    if chosen.name in records:
-        records[chosen.name] = chosen
+    if scenario.reaction.name in records:
+        records[scenario.reaction.name] = scenario.reaction
     if core.sections.get("inputs") is MissionLimits:
         ground = scenario.vehicle.leg_height
         records["inputs"] = replace(records["inputs"], ground_height=ground)

@@ -103,6 +103,7 @@ def hovering_cores(m, a):
     leg = hold_leg(tuple(target[:3].tolist()), 0.0, float(target[9]))
     store_state(mission.memory, MissionState(HOVER, leg, (0.0, 0.0, 0.0)))
     mission.memory["begun"] = True
+    mission.estimate(body[:3], np.zeros(3), EPOCH_NS)
     controller = ControllerCore(ControlParams(), VEHICLE, InputLimits(), maps())
     controller.autopilot[:] = a
     controller.memory["has_setpoint"] = True

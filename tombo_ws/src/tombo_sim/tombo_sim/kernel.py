@@ -23,7 +23,7 @@ from tombo_collision.reaction_core import (
     take_mission_setpoint,
     take_position,
 )
-from tombo_control.autopilot import IDLE, LANDED, A
+from tombo_control.autopilot import BLIND, IDLE, LANDED, A
 from tombo_control.cascade import cascade
 from tombo_control.controller_core import (
     ControllerCore,
@@ -464,4 +464,4 @@ def write_row(m: Array, e: Any, c: Any, a: Array, log: Array, k: int) -> None:
     log[k, AT.contact] = touching
     log[k, AT.contact + 1] = m[P.contact + 1]
     log[k, AT.thrust_setpoint] = a[A.thrust_setpoint]
-    log[k, AT.mode] = a[A.mode + 1]
+    log[k, AT.mode] = BLIND if a[A.mode + 1] == BLIND else c.setpoint.phase

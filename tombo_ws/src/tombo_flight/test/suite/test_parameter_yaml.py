@@ -53,14 +53,17 @@ def test_every_value_of_a_scenario_arrives_at_a_node(name):
     nodes = read(parameter_yaml(suite_parameters(scenario, 7)))
     anywhere = {key: value for values in nodes.values() for key, value in values.items()}
 
-    wanted = flat({k: v for k, v in as_mapping(scenario).items() if k not in NO_PARAMETER})
+    values = as_mapping(scenario)
+    reaction, react = values.pop("reaction"), values.pop("react")
+    values[reaction.pop("name")] = reaction  # a section of its own for each reaction
+    wanted = flat({k: v for k, v in values.items() if k not in NO_PARAMETER})
 
     course = anywhere["mission.course"]
     anywhere["mission.course"] = yaml.safe_load(course) if course else None
     missing = {k: v for k, v in wanted.items() if k not in anywhere or anywhere[k] != v}
     assert not missing
     assert nodes["sim"]["seed"] == 7
-    assert nodes["reaction"]["react"] is False
+    assert not react and nodes["reaction"]["reaction"] == "none"
     assert nodes["controller"]["vehicle.rotor_inertia"] == 6.1e-05
 
 
