@@ -131,7 +131,7 @@ def _courses() -> Iterable[tuple[str, str, Waypoints]]:
         "rock ahead and sideways, slowly first, then quicker and quicker.",
         [
             {axis: place, "speed": 2.4, "acceleration": acceleration}
-            for acceleration in (0.8, 1.5, 3.0, 5.0)
+            for acceleration in (0.8, 1.5, 3.0, 4.0)
             for axis in ("x", "y")
             for place in (0.5, -0.5, 0.0)
         ],
