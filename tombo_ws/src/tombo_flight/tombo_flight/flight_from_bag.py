@@ -40,7 +40,7 @@ from tombo_bag.topics import (
 )
 from tombo_collision.detector import CollisionEvent
 from tombo_collision.reactions import Decision
-from tombo_control.autopilot import BLIND, IDLE, PHASE_NAMES
+from tombo_control.autopilot import IDLE, LANDED, PHASE_NAMES
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import conjugate, map_to_body, unwrap_quaternions
 from tombo_flight.flight_metrics import (
@@ -58,6 +58,10 @@ Array = NDArray[np.float64]
 Ticks = NDArray[np.int64]
 
 TICK_NS = 1_000_000
+_FIRST_POSES = 3
+"""The estimator begins from so many poses of the motion capture."""
+_FIRST_STEP_NS = 20_000_000
+"""The mission speaks so long after the first estimate at most: its step."""
 _BEYOND_NS = 1_000_000_000
 """A flight goes on for so long at most after the last that is known of it."""
 RECORD = "tombo_flight"
@@ -76,8 +80,9 @@ _TOPICS = (
 def flight_from_bag(path: Path, wall_time_s: float = 0.0) -> FlightRecord:
     """Read a recording back into a flight record, with its summary.
 
-    Time 0 is that of the file's metadata, else the mission's first word, or the first true pose if
-    that comes later. What nobody published is NaN; what was not yet published is as it was first.
+    Time 0 is that of the file's metadata, else the first true pose; where nodes came later than
+    the simulator, it is as long before the mission's first word as the estimator takes to begin.
+    What nobody published is NaN; what was not yet published is as it was first.
 
     Args:
         path: recording of a flight: a file, or a folder of them.
@@ -146,13 +151,14 @@ class _RecordedFlight:
         else:
             self._track = _mocap_track(path, tables)
             known = self._track.stamps_ns
-        epoch = _epoch(metadata, tables, known)
+        self._flown, self._scenario = _scenario(path, metadata)
+        lead_ns = _FIRST_STEP_NS + round(1e9 * _FIRST_POSES / self._scenario.estimator.mocap_rate)
+        epoch = _epoch(metadata, tables, known, lead_ns)
         last = int(known.max())
         if IMU.name in tables:
             heard = int(tables[IMU.name]["stamp_ns"].max())
             last = max(last, min(heard, last + _BEYOND_NS))
         self._grid = _Grid(epoch, (last - epoch + TICK_NS // 2) // TICK_NS + 1)
-        self._flown, self._scenario = _scenario(path, metadata)
 
     def record(self, wall_time_s: float) -> FlightRecord:
         log = self._log()
@@ -317,16 +323,23 @@ class _RecordedFlight:
         log["contact_force"][at] = _vector(table, "force")[there]
 
     def _mode(self) -> Array:
-        """Return what was flown: the mission's phase, or the descent that the reaction orders."""
+        """Return the phase of the set point followed, a tick after it was published.
+
+        Where no set points were recorded, it is the mission's phase; that it has landed may come
+        after the last of them.
+        """
         mode: Array = np.full((self._grid.ticks, 1), float(IDLE))
-        status = self._tables.get(MISSION_STATUS.name)
-        if status is not None:
-            mode = self._grid.held(status["stamp_ns"], _column(status, "phase"))
-            mode[: max(int(self._grid.at(status["stamp_ns"]).min()), 0)] = IDLE
-        setpoints = self._tables.get(SETPOINT.name)
-        if setpoints is not None:
-            followed = self._grid.held(setpoints["stamp_ns"], _column(setpoints, "phase"))
-            mode[followed == BLIND] = BLIND
+        for name, delay_ns in ((SETPOINT.name, TICK_NS), (MISSION_STATUS.name, 0)):
+            if (table := self._tables.get(name)) is not None:
+                stamps = table["stamp_ns"] + delay_ns
+                mode = self._grid.held(stamps, _column(table, "phase"))
+                mode[: max(int(self._grid.at(stamps).min()), 0)] = IDLE
+                break
+        setpoints, status = (self._tables.get(s.name) for s in (SETPOINT, MISSION_STATUS))
+        if setpoints is not None and status is not None and status["phase"][-1] == LANDED:
+            landed_ns = status["stamp_ns"][-1:]
+            if landed_ns[0] > setpoints["stamp_ns"].max():
+                mode[max(int(self._grid.at(landed_ns)[0]), 0) :] = LANDED
         return mode
 
     def _detections(self) -> tuple[list[CollisionEvent], list[float]]:
@@ -427,16 +440,22 @@ def _without_truth(
 
 
 def _epoch(
-    metadata: Mapping[str, str], tables: Mapping[str, ColumnTable], stamps: NDArray[np.int64]
+    metadata: Mapping[str, str],
+    tables: Mapping[str, ColumnTable],
+    stamps: NDArray[np.int64],
+    lead_ns: int,
 ) -> int:
-    """Return the stamp of the flight's tick 0, where what is known has these stamps."""
+    """Return the stamp of the flight's tick 0, where what is known has these stamps.
+
+    The mission's first word comes `lead_ns` after the beginning at most.
+    """
     if "epoch_ns" in metadata:
         return int(metadata["epoch_ns"])
     first = int(stamps.min())
     mission = tables.get(MISSION_STATUS.name)
     if mission is None:
         return first
-    began = int(mission["stamp_ns"].min())
+    began = int(mission["stamp_ns"].min()) - lead_ns
     ticks = (min(max(began, first), int(stamps.max())) - first + TICK_NS - 1) // TICK_NS
     return first + ticks * TICK_NS
 

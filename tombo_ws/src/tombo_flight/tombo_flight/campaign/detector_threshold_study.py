@@ -27,7 +27,6 @@ from numpy.typing import NDArray
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.report import style
 from tombo_flight.scenario import Scenario, load_scenario
-from tombo_sim.flight_setup import TICK_S
 
 Array = NDArray[np.float64]
 
@@ -68,7 +67,7 @@ class DetectorTrace:
     stamp: Array
     """(M,) capture times of the samples [s]."""
     arrival: Array
-    """(M,) when the detector had seen them, a tick after they came [s]."""
+    """(M,) when they came; an event is published in the same tick [s]."""
     statistic: Array
     """(M,) normalised innovation squared; 0 where the detector was not armed."""
     contact: float
@@ -125,7 +124,7 @@ def record_traces(
         watches.append(
             DetectorTrace(
                 stamp=record.mocap_t.copy(),
-                arrival=record.mocap_arrival + TICK_S,
+                arrival=record.mocap_arrival.copy(),
                 statistic=np.where(armed, record.detector_statistic, 0.0),
                 contact=math.inf if contact is None else float(contact),
             )
