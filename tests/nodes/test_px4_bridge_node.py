@@ -284,6 +284,6 @@ def test_ended_while_offboard_holds_it_lands_with_poses_to_the_end(lab, world):
     while lab.node.process.poll() is None and time.monotonic() < end:
         lab.run(0.05)
 
-    assert lab.node.process.returncode == 0
+    assert lab.node.process.returncode == 0, lab.node.output
     assert lab.px4.mode == AUTO_LAND and not lab.px4.armed
     assert lab.captures[-1] - lab.px4.stamps[-1][0] < 500 * MS

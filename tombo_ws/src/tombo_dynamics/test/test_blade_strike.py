@@ -84,7 +84,7 @@ def test_the_rotor_loses_what_the_tangential_push_takes(rotor, bearing):
     tangential = np.linalg.norm(np.cross(v["strike"][:3], outward(v, rotor)))
     lost = v.params.rotor_inertia * (HOVER - v["speed"][rotor])
     lever = lost / (tangential * 1e-3)
-    assert NODUS <= lever <= RADIUS
+    assert NODUS <= lever <= RADIUS * (1.0 + 1e-12)  # but for rounding
     assert lever == pytest.approx(RADIUS, rel=1e-6)  # it is struck at the tip
     energy = 0.5 * v.params.rotor_inertia * (HOVER**2 - v["speed"][rotor] ** 2)
     assert v["energy"][rotor] == pytest.approx(energy)

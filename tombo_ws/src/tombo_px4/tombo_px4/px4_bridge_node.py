@@ -423,7 +423,7 @@ class Px4BridgeNode(LoopNode):
             self._link.wait(_LANDING_STEP_S)
             wall_ns = time.time_ns()
             self.step(wall_ns)
-            self._periodic_tasks(wall_ns, wall_ns)
+            self.periodic_tasks(wall_ns, wall_ns)
         time.sleep(_FLUSH_S)
 
     def _in_offboard(self) -> bool:
