@@ -163,7 +163,7 @@ def test_chunks_follow_each_other_but_none_waits_longer_than_one_flush(tmp_path)
     assert ends == [(10, 10), (25, 30), (90, 90)]
 
 
-def test_what_is_flushed_survives_a_crash_and_the_folder_is_read_without_metadata(tmp_path):
+def test_flushed_messages_survive_a_crash_and_are_read_without_metadata(tmp_path):
     sink = opened(tmp_path / "bag", file_duration_max=1.0)
     for i in range(300):
         sink.write("/a", word(str(i)), START + i * 10 * MS, START)

@@ -164,13 +164,13 @@ def test_it_prints_how_px4_is_started_for_this_vehicle(capsys):
 
 
 @pytest.mark.parametrize("rate", ["333", "500", "1000"])
-def test_another_rate_is_told_to_px4_whose_estimator_must_run_at_each_step(rate, capsys):
+def test_another_hil_rate_comes_with_the_px4_parameter_it_needs(rate, capsys):
     given = settings(introduction(capsys, "--rate", rate))
     assert given["PX4_PARAM_IMU_INTEG_RATE"] == rate
     assert given["PX4_PARAM_IMU_GYRO_RATEMAX"] == rate
 
 
-def test_the_container_of_the_services_has_the_parameters_that_are_printed(capsys):
+def test_the_compose_services_have_the_printed_parameters(capsys):
     services = yaml.safe_load(COMPOSE.read_text(encoding="utf-8"))["services"]
     px4 = services["px4"]
     text = introduction(capsys, "--mocap", "udpout://127.0.0.1:14280")

@@ -499,7 +499,7 @@ inputs = st.lists(
 
 
 @given(inputs, st.integers(0, 12))
-def test_whoever_falls_silent_it_says_something_sensible_fifty_times_a_second(changes, when):
+def test_a_valid_setpoint_comes_at_50_hz_whichever_input_is_silent(changes, when):
     """In the air: no gap beyond the mission's timeout, no jump but to where it is or to x_r."""
     bench = Bench()
     for k, (name, alive, seconds) in enumerate(changes):

@@ -35,7 +35,7 @@ def test_there_are_no_other_triggers():
         CollisionDetector(DetectorParams(trigger="regoin"))
 
 
-def test_with_both_the_region_comes_first_and_the_strike_in_it_is_the_same_event():
+def test_region_fires_first_and_the_strike_in_it_is_the_same_event():
     struck = THROUGH.pushed(REACHED, (-1.0, 0.0, 0.0))
     events, _ = watch(struck, trigger="both")
     assert [e.trigger for e in events] == ["region"]

@@ -202,7 +202,7 @@ angles = st.floats(-20.0, 20.0)
 
 
 @given(angles, angles, st.floats(0.05, 5.0), st.floats(0.0, 100.0))
-def test_a_turn_ends_at_its_heading_no_faster_than_asked_and_takes_no_detour(a, b, rate, now):
+def test_a_turn_reaches_its_heading_the_short_way_within_its_rate(a, b, rate, now):
     point = (0.0, 1.0, 2.0)
     leg = turning_leg(point, point, (a, b), now, speed=1.0, acceleration=1.0, yaw_rate=rate)
     times = np.linspace(now, leg.motion_end_s, 400)

@@ -149,7 +149,7 @@ def test_set_points_carry_the_reference_s_own_velocity_and_acceleration():
     assert all(s.stamp_ns for s in world.said)
 
 
-def test_nothing_is_said_before_the_first_estimate_and_the_clock_starts_with_it():
+def test_no_setpoint_before_the_first_estimate_which_starts_the_clock():
     world = World()
     world.odometry = False
     world.run(5.0)
@@ -235,9 +235,7 @@ def test_a_decision_without_a_place_or_of_long_ago_is_none():
     [(REACTION_HOLDING, REACTION_HOLDS), (REACTION_BLIND, BLIND), (None, REACTION_SILENT)],
 )
 @pytest.mark.parametrize("mode", [TAKEOFF, HOVER, APPROACH])
-def test_while_the_reaction_does_not_pass_its_wishes_it_waits_where_the_vehicle_is(
-    state, why, mode
-):
+def test_it_waits_at_the_vehicle_while_the_reaction_holds(state, why, mode):
     world = World().until(mode).run(1.2)
     assert not world.course.wait_reason
     if state is None:
@@ -313,7 +311,7 @@ def test_without_estimates_the_reference_and_the_clock_stand_still(mode):
 
 
 @pytest.mark.parametrize("drift", [(0.0, 0.1, -0.2), (0.0, 1.0, -0.5)])
-def test_a_vehicle_that_drifted_without_estimates_goes_on_from_where_it_is(drift):
+def test_after_drift_without_estimates_it_resumes_from_the_vehicle(drift):
     world = World().until(APPROACH).run(1.0)
     world.odometry = False
     world.run(1.0)

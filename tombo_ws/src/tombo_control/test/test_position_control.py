@@ -106,7 +106,7 @@ def test_derivative_brakes_a_measured_acceleration():
     assert z[0] / z[2] == pytest.approx(-0.5 / GRAVITY, rel=1e-9)
 
 
-def test_integral_takes_over_a_constant_disturbance_and_no_more_than_its_limit():
+def test_integral_cancels_a_constant_disturbance_up_to_its_limit():
     a = fresh_autopilot()
     part(a, "velocity")[:] = -0.3, 0.0, -0.1
     run(a, 50)

@@ -78,7 +78,7 @@ def test_without_a_set_nothing_is_proposed(doubtful):
     assert separate(sure, no_progress) is None
 
 
-def test_a_vehicle_that_the_suite_does_not_know_is_told_what_to_do_by_hand(doubtful):
+def test_for_an_unknown_vehicle_the_experiment_is_given_in_words(doubtful):
     other = replace(nominal_model(), calibrated=True)
     doubtful.problem.nominal, own = other, doubtful.problem.nominal
     try:

@@ -114,7 +114,7 @@ def test_a_vehicle_that_drifts_is_levelled_out_by_flapping():
 
 
 @pytest.mark.parametrize("k", [-0.02, 0.03])
-def test_translational_lift_is_the_square_of_the_airspeed_in_the_disc_plane(k):
+def test_translational_lift_grows_with_squared_in_plane_airspeed(k):
     lift = {"translational_lift": {"k": k}, "steady_wind": {"east": 1.0}}
     tilt = Rotation.from_euler("y", 0.3)
     v = Vehicle(lift, velocity=(4.0, 2.0, -1.0), attitude=tilt.as_quat(), speed=hover_speed())

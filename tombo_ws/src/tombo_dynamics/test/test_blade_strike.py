@@ -315,7 +315,7 @@ def test_a_thin_pole_inside_the_disc_is_struck_with_its_lever():
     assert lost == pytest.approx(push * lever * 1e-3)
 
 
-def test_a_disc_that_rises_over_the_top_in_the_middle_of_a_strike_is_let_go():
+def test_a_disc_that_rises_above_the_obstacle_during_a_strike_is_free():
     """There is nothing left to push against, least of all in a direction made up."""
     v = struck()
     v.begin()

@@ -87,7 +87,7 @@ def test_what_cannot_be_set_is_refused():
 # --- one by one -----------------------------------------------------------------------------
 
 
-def test_a_tether_is_slack_up_to_its_length_and_pulls_towards_its_end_beyond():
+def test_a_tether_is_slack_up_to_its_length_and_then_pulls():
     anchor = (1.0, 2.0, 0.0)
     slack = added("tether", *anchor, 5.0, 10.0, position=(1.0, 2.0, 4.9))
     assert not slack.any()

@@ -128,7 +128,7 @@ def test_its_lean_turns_with_the_vehicle_that_of_a_tilted_world_does_not():
 
 
 @given(st.floats(-3.2, 3.2), SEEDS)
-def test_a_world_turned_in_yaw_is_the_world_of_a_vehicle_that_flew_another_way(yaw, seed):
+def test_a_world_turned_in_yaw_equals_a_flight_with_another_heading(yaw, seed):
     """Its samples are those of the flight that began turned: nothing in them tells."""
     rng = np.random.default_rng(seed)
     turn = Rotation.from_euler("z", yaw)
@@ -167,7 +167,7 @@ def test_an_offset_point_is_tracked_where_it_is(seed):
 
 
 @given(SEEDS)
-def test_the_offset_hangs_on_the_true_attitude_and_is_turned_with_the_world(seed):
+def test_the_marker_offset_turns_with_the_true_attitude_and_the_world(seed):
     rng = np.random.default_rng(seed)
     position, attitude = rng.normal(0.0, 3.0, 3), random_attitude(rng)
     seen = measured(

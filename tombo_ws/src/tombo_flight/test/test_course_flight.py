@@ -51,7 +51,7 @@ def began(record, kind):
     return next(float(e["time_s"]) for e in record.events if e["kind"] == kind)
 
 
-def test_the_vehicle_is_at_each_waypoint_with_its_heading_and_lands_by_itself():
+def test_each_waypoint_is_reached_with_its_heading_before_landing():
     scenario = scenario_with()
     record = fly_scenario(scenario, 3)
     assert record.summary["landed"] and not record.summary["crashed"]

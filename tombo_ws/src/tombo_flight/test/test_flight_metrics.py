@@ -139,7 +139,7 @@ def test_latency_runs_from_the_true_contact_to_the_arrival():
     assert figures["false_alarms"] == 0
 
 
-def test_an_event_before_contact_is_a_false_alarm_and_the_next_is_the_detection():
+def test_an_event_before_contact_is_a_false_alarm_not_the_detection():
     made = Made().touched().detected(3.0, 3.01).detected(CONTACT, CONTACT + 0.012)
     figures = made.figures()
     assert figures["false_alarms"] == 1
@@ -187,7 +187,7 @@ def test_falling_distance_is_from_the_height_at_contact():
     assert made.figures()["max_falling_distance_m"] == pytest.approx(0.83)
 
 
-def test_falling_distance_of_a_flight_that_never_settles_ends_with_the_landing():
+def test_falling_distance_without_settling_ends_at_the_landing():
     made = Made().touched()
     made.set("position", 5.0, 5.5, 1.2, axis=2)
     made.set("position", 9.0, 99.0, 0.18, axis=2).set("mode", 8.9, 99.0, LAND)

@@ -100,7 +100,7 @@ def fly(*cores: Core, ticks: int = 50) -> list[str]:
     return topics
 
 
-def test_sensor_message_is_there_in_its_tick_and_a_cores_message_in_the_next():
+def test_sensors_arrive_in_their_tick_and_messages_in_the_next():
     relay, listener = Relay(), Listener()
     fly(listener, relay)
     assert [now - stamp for stamp, now in relay.taken] == [0] * 50

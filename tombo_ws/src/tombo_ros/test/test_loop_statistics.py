@@ -22,7 +22,7 @@ def test_percentiles_are_numpys_to_the_microsecond(durations: list[int], share: 
     assert histogram.largest_us == pytest.approx(max(durations) * 1e-3)
 
 
-def test_what_is_early_counts_as_nothing_and_what_is_very_late_as_the_last_bin() -> None:
+def test_early_counts_as_zero_and_very_late_as_the_last_bin() -> None:
     histogram = LatenessHistogram()
     histogram.add(-5_000)
     assert histogram.percentile_us(1.0) == 0.0

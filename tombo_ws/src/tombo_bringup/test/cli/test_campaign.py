@@ -98,7 +98,7 @@ def flight(**changes):
     }  # fmt: skip
 
 
-def test_aggregate_counts_recovery_only_of_those_that_settled_and_did_not_crash():
+def test_recovery_is_aggregated_over_flights_that_settled_without_crash():
     flights = [
         flight(),
         flight(recovery_time_s=None),

@@ -129,7 +129,7 @@ def fly(tombo, tmp_path, monkeypatch):
     return command
 
 
-def test_a_refused_arming_is_one_line_with_px4s_words_and_leaves_the_recording(fly, tmp_path):
+def test_a_refused_arming_is_one_line_with_px4s_text_and_keeps_the_bag(fly, tmp_path):
     why = "arming denied: 'Resolve system health failures first'"
     result = fly(says={"stage": "given up", "why": why})
 
@@ -140,9 +140,7 @@ def test_a_refused_arming_is_one_line_with_px4s_words_and_leaves_the_recording(f
     assert json.loads((tmp_path / "told.json").read_text())["tombo_flight"]["mode"] == "px4"
 
 
-def test_a_vehicle_that_arms_and_stays_on_the_ground_ends_the_command_with_the_reason(
-    fly, tmp_path
-):
+def test_a_vehicle_that_arms_but_never_lifts_off_ends_with_the_reason(fly, tmp_path):
     words = "Disarmed by auto preflight disarming"
     then = {"armed": False, "stage": "ready", "why": "landed", "status_text": words}
     result = fly(says={"armed": True}, then={**then, "phase": 7})

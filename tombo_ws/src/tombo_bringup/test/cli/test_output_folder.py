@@ -20,7 +20,7 @@ def names(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
 
-def test_the_default_folder_is_replaced_as_a_whole_but_for_the_users_files(tombo, tmp_path):
+def test_the_default_folder_is_replaced_except_for_the_users_files(tombo, tmp_path):
     assert tombo("fly", "hover", "--set", "duration=0.3").code == 0
     folder = tmp_path / "runs" / "hover-0"
     (folder / "notes.txt").write_text("mine")

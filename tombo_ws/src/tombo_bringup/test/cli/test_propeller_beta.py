@@ -121,7 +121,7 @@ def test_films_without_a_propeller_are_refused(tombo, tmp_path):
         assert "accepted" in result.err
 
 
-def test_a_disc_that_leaves_the_picture_is_measured_or_refused_never_wrong(tombo, tmp_path):
+def test_a_disc_that_leaves_the_image_is_measured_or_refused(tombo, tmp_path):
     write_folder(SyntheticVideo(replace(SCENE, off_centre=(60.0, 0.0))), 10, tmp_path / "cut")
     result = beta(tombo, tmp_path / "cut", "--scale", "1.65", "--camera-height", "6000", "--json")
     assert (

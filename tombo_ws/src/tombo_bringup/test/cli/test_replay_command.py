@@ -29,7 +29,7 @@ def test_json_is_one_object_with_all_that_came_out(tombo):
     assert found["speed"]["real_time_factor"] > 1.0
 
 
-def test_the_table_says_what_matched_what_can_not_be_replayed_and_how_fast(tombo):
+def test_the_table_names_matches_what_is_not_replayed_and_the_speed(tombo):
     out = tombo("replay", WHOLE).out
     words = " ".join(out.split())
     assert "1 recorded, 1 replayed: 1 matched, 0 missed, 0 extra" in words
@@ -39,7 +39,7 @@ def test_the_table_says_what_matched_what_can_not_be_replayed_and_how_fast(tombo
     assert "times real time" in words
 
 
-def test_strict_turns_a_difference_into_an_exit_code_and_tolerances_take_it_back(tombo):
+def test_strict_makes_a_difference_an_error_unless_within_tolerance(tombo):
     other = ("replay", WHOLE, "--node", "detector", "--set", "detector.trigger=region")
     assert tombo(*other).code == 0
     strict = tombo(*other, "--strict")
@@ -79,7 +79,7 @@ def test_a_flight_folder_is_a_recording(tombo, tmp_path):
     assert found["nodes"]["detector"]["matched"] == 1
 
 
-def test_a_cut_recording_is_replayed_as_far_as_it_goes_and_the_damage_is_said(tombo, tmp_path):
+def test_a_truncated_recording_is_replayed_and_the_damage_reported(tombo, tmp_path):
     data = Path(STRIKE).read_bytes()
     (tmp_path / "cut.mcap").write_bytes(data[: int(0.8 * len(data))])
     result = tombo("replay", "cut.mcap")

@@ -64,7 +64,7 @@ def test_the_user_stops_it_with_exit_code_0_and_nothing_is_left(marked, number):
     assert marked.alive() == []
 
 
-def test_a_node_that_dies_is_told_with_its_last_words_and_the_rest_goes_on(marked):
+def test_a_dead_node_is_reported_with_its_last_output_others_go_on(marked):
     process = marked.up({"sim": "fake_good", "mission": "fake_short"})
     started(marked, "sim")
     lines = read_until(process, lambda lines: "  RuntimeError: a bug" in lines)

@@ -162,7 +162,7 @@ def test_rotor_speeds_against_commands(change, severity, texts):
     assert ("rotor_speed" in checked.series) == (severity == "warning")
 
 
-def test_speeds_in_another_order_are_told_by_the_commands_where_there_is_no_gyro():
+def test_rotor_order_is_found_from_commands_without_gyro():
     flight = with_values(FLIGHT, "rotor_speed", lambda s: s[:, [1, 0, 2, 3]])
     checked = check_log(with_series(flight, gyro=None))
     assert wrote(checked, "in the order rear_left, front_right, front_left")

@@ -128,7 +128,7 @@ def test_a_straight_line_is_no_measurement():
     assert any(b <= 8.0 and e >= 8.99 for b, e in checked.exclude)
 
 
-def test_data_extrapolated_past_their_end_are_not_taken_for_a_crash_of_the_vehicle():
+def test_extrapolated_data_are_not_taken_for_a_crash():
     def line(values):
         slope = np.array([15.0, 4.0, 20.0])[: values.shape[1]] / 200.0
         values[2400:] = values[2400] + slope * np.arange(len(values) - 2400)[:, None]

@@ -24,7 +24,7 @@ def test_healthy_flights_have_none(seed):
 
 
 @pytest.mark.parametrize("sensors", ["mocap", "imu"])
-def test_flights_of_several_vehicles_with_propellers_of_their_own_have_none(sensors):
+def test_healthy_vehicles_with_scattered_propellers_give_no_cause(sensors):
     rough = {"thrust_scatter": {"deviation": 0.1}}
     flights = [
         tracks(rough, seed, count=1, sensors=sensors, draws=np.roll([1.0, -1.0, 0, 0] * 2, seed))

@@ -50,7 +50,7 @@ def test_what_shows_now_and_then_only_counts_by_these_moments(course, shown):
     assert (PLACE["ground_effect.strength"] in problem.columns.identifiable) is shown
 
 
-def test_stronger_thrust_is_not_charged_for_noise_of_measured_rotor_speeds():
+def test_thrust_gain_is_not_penalised_by_noise_of_measured_rotor_speeds():
     # Of moments that are all noise, stronger thrust would make more; that is none of its doing.
     stronger = {"thrust_coefficient_error": {"fraction": 0.12}}
     flown = [track_of(noisy_rotor_speeds(log, 20.0)) for log in logs(stronger, courses=SLOW)]

@@ -77,7 +77,7 @@ def test_without_an_imu_its_noise_is_not_looked_for():
     assert imu_noise_statistics(tracks(sensors="mocap", count=1)) == {}
 
 
-def test_variances_of_white_noise_fall_with_the_block_and_drifts_do_not_count():
+def test_white_noise_variance_falls_with_block_length_without_drift():
     rng = np.random.default_rng(1)
     noise = rng.standard_normal((40_000, 1))
     variances, counts = block_variances(noise, 0.02)
@@ -88,7 +88,7 @@ def test_variances_of_white_noise_fall_with_the_block_and_drifts_do_not_count():
     assert still == pytest.approx(variances)
 
 
-def test_flights_are_pooled_by_their_lengths_and_short_ones_do_not_spoil_it():
+def test_flights_are_pooled_by_length_so_that_short_ones_weigh_little():
     rng = np.random.default_rng(2)
     long, short = rng.standard_normal((5000, 2)), 9.0 * rng.standard_normal((40, 2))
     both, counts = pooled([block_variances(long, 0.02), block_variances(short, 0.02)])

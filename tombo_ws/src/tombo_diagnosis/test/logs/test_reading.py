@@ -50,7 +50,7 @@ def test_logs_of_a_folder_have_short_and_unique_names(tmp_path):
     assert [log.name for log in logs] == ["mon/circle", "tue/circle"]
 
 
-def test_names_that_say_nothing_give_way_to_the_folder_and_numbers_part_the_rest():
+def test_generic_file_names_are_replaced_by_the_folder_or_numbered():
     paths = ["/d/run-1/flight.mcap", "/d/run-2/flight.mcap", "/d/x/log_0.csv.gz", "/d/y.ulg"]
     assert flight_names([Path(p) for p in paths]) == ["run-1", "run-2", "x", "y"]
     assert flight_names([Path("/d/y.csv"), Path("/d/y.ulg")]) == ["d/y", "d/y#2"]

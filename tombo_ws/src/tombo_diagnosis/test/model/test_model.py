@@ -106,7 +106,7 @@ def test_part_of_the_truth_is_put_in_and_nothing_is_not():
 
 
 @pytest.mark.parametrize("value", [99.0, -99.0])
-def test_a_value_that_no_simulation_takes_is_brought_to_its_bound_and_said(value):
+def test_a_value_out_of_bounds_is_clipped_and_noted(value):
     wild = dataclasses.replace(WIND, theta=(FittedParameter("east", "m/s", 0.0, value, 1.0, 2.0),))
     extended = model(wild)
     assert extended.effects["steady_wind"]["east"] == math.copysign(15.0, value)

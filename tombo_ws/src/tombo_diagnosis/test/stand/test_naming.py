@@ -114,7 +114,7 @@ def test_a_shape_that_nobody_named_gets_no_name():
     assert found.remainder.curves.size > 0.01
 
 
-def test_free_curves_find_what_a_cause_leaves_and_nothing_on_a_healthy_stand():
+def test_residual_curves_find_an_unmodelled_rest_but_none_when_healthy():
     def wavy(y, s):
         out = y.copy()
         out[:, 0] *= 1.0 + 0.02 * np.sin(14.0 * s.speed / s.speed.max()) * (s.speed > 0.0)

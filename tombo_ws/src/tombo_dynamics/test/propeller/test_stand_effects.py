@@ -117,7 +117,7 @@ def test_stiffening_grows_with_speed_where_a_torsion_constant_does_not():
     assert stiffened[-1] / stiffened[1] > 2.0 * constant[-1] / constant[1]
 
 
-def test_a_shared_load_halves_the_flap_of_a_light_load_and_keeps_a_rigid_propeller():
+def test_a_shared_load_halves_a_small_flap_and_keeps_a_rigid_propeller():
     assert np.allclose(
         predict(setup(0), {"load_sharing": (0.5,)}), predict(setup(0), {}), rtol=1e-12
     )
@@ -152,7 +152,7 @@ def test_readings_are_exact():
     assert np.allclose(shown, 1.05**-2)
 
 
-def test_density_and_both_coefficients_together_are_the_same_at_given_deformation():
+def test_density_equals_both_coefficients_at_a_given_deformation():
     """Force and torque know the density only as a factor of the coefficients."""
     s = setup(13)
     dense = predict(s, {"air_density": (0.1,)})

@@ -36,7 +36,7 @@ def test_half_a_line_waits_for_its_other_half(tmp_path):
     assert log.news(0.1) == ["[WARN] two"]
 
 
-def test_who_complains_without_end_is_shown_now_and_then_with_the_number_left_out(tmp_path):
+def test_endless_warnings_are_shown_at_times_with_the_number_left_out(tmp_path):
     log = written(tmp_path, "".join(f"[WARN] {i}\n" for i in range(100)))
     assert len(log.news(0.0)) == 10
     append(log, "[WARN] again\n")

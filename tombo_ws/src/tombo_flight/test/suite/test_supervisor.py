@@ -46,9 +46,7 @@ def test_a_node_that_fails_at_its_start_is_reported_with_its_words(marked, tmp_p
     assert end.last_log_lines[-1].startswith("Error: parameter detector.threshold")
 
 
-def test_a_node_that_dies_later_is_reported_with_its_traceback_and_the_rest_goes_on(
-    marked, tmp_path
-):
+def test_a_node_that_dies_later_is_reported_with_its_traceback(marked, tmp_path):
     with Supervisor([fake("short"), fake("good")], tmp_path, marked.environment) as supervisor:
         (end,) = look_until_ended(supervisor)
         time.sleep(0.2)
@@ -84,7 +82,7 @@ def test_who_obeys_is_asked_once_and_ends_at_once(marked, tmp_path):
     assert (tmp_path / "node.log").read_text() == "ready\nasked\n"
 
 
-def test_who_ignores_every_signal_is_gone_within_three_seconds_with_its_children(marked, tmp_path):
+def test_a_process_that_ignores_signals_is_killed_within_three_seconds(marked, tmp_path):
     with Supervisor([fake("deaf"), fake("good")], tmp_path, marked.environment) as supervisor:
         wait_for(lambda: len(marked.alive()) >= 3)  # good, deaf and its child
         time.sleep(0.3)

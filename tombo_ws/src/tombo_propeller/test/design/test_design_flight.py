@@ -47,7 +47,7 @@ def test_a_designed_nodus_flies_from_its_library(made):
     assert made_up.check.held
 
 
-def test_blades_that_push_too_weakly_let_the_vehicle_fall_and_are_passed_over(made):
+def test_blades_with_too_weak_a_push_let_it_fall_and_are_rejected(made):
     found = made(mass_kg=1.3, min_thrust_margin=1.5, max_collision_force_N=100.0)
     assert [found.judged.configurations[i].number for i in found.choice.order] == [8]
     made_up = recommend(found, SEEDS)
@@ -121,9 +121,7 @@ def test_files_of_a_design_can_be_moved_and_flown(made, tmp_path: Path):
     assert world_of(scenario).vehicle.nodus_radius == chosen.blade.joint.outer_radius_m
 
 
-def test_a_propeller_of_a_library_takes_the_mean_of_all_if_its_silicone_was_never_measured(
-    stiff_library, tmp_path: Path
-):
+def test_an_unmeasured_silicone_takes_the_mean_of_all(stiff_library, tmp_path: Path):
     (tmp_path / "materials.yaml").write_text((stiff_library / "materials.yaml").read_text())
     (tmp_path / "configurations.yaml").write_text(
         "- {conf: 30, blade: nine_inch, matrix: Stiff50, fibre: tendon, fibres: 5, "

@@ -42,7 +42,7 @@ def test_the_blades_own_place_changes_nothing():
     assert with_nodus_at(BLADE, 0.035, 0.012) is BLADE
 
 
-def test_further_out_the_wing_is_lighter_and_the_section_smaller_or_larger_with_the_chord():
+def test_a_nodus_further_out_has_a_lighter_wing_and_another_chord():
     inner, outer = with_nodus_at(BLADE, 0.035, 0.010), with_nodus_at(BLADE, 0.055, 0.010)
     assert outer.joint.wing_mass_kg < inner.joint.wing_mass_kg == BLADE.joint.wing_mass_kg
     assert outer.joint.wing_centroid_m > inner.joint.wing_centroid_m

@@ -63,7 +63,7 @@ def test_the_simulators_strikes_come_out_and_the_interval_holds(struck, recovery
     assert inside >= 26
 
 
-def test_each_of_several_collisions_is_found_and_the_last_does_not_recover():
+def test_each_collision_is_found_and_the_last_does_not_recover():
     t, thrust = on_the_bench(0.42, hits=3, wear=3.0)
     noisy = thrust + 0.1 * np.random.default_rng(0).standard_normal(len(t))
     found = recoveries(t, noisy)

@@ -49,7 +49,7 @@ def test_far_away_the_papers_formula_holds_and_near_it_does_not(beta):
     assert math.isnan(near) or near < b
 
 
-def test_at_one_metre_the_disc_has_its_size_at_rest_again_at_twelve_degrees():
+def test_seen_from_one_metre_a_flap_of_twelve_degrees_keeps_the_disc_size():
     blind = ambiguous_angle_limit(SPAN, CameraPose(1.0))
     assert apparent_radius(blind, SPAN, CameraPose(1.0)) == pytest.approx(SPAN.tip, rel=1e-4)
     assert deg(blind) == pytest.approx(2.0 * deg(math.atan(SPAN.tip / 1.0)), abs=0.3)

@@ -71,7 +71,7 @@ def test_a_mode_is_acknowledged_twice_first_always_with_accepted():
         assert heartbeat(b).custom_mode == 6 << 16
 
 
-def test_offboard_without_a_stream_is_refused_in_the_air_but_not_on_the_ground():
+def test_offboard_without_setpoints_is_refused_in_the_air_only():
     with bench() as b:
         b.settle()
         assert b.acks(SET_MODE, *OFFBOARD)[-1] == ACCEPTED

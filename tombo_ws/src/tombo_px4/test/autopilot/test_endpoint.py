@@ -14,7 +14,7 @@ MAV = mavlink.MAVLink(None, 245, 191)
 REQUEST = 512
 
 
-def test_heartbeats_come_once_a_second_even_when_something_changes_and_when_asked_for():
+def test_heartbeats_come_at_1_hz_also_after_changes_and_requests():
     with bench() as b:
         b.settle()
         assert len(of(b.run(5.0), "HEARTBEAT")) == 5
@@ -35,7 +35,7 @@ def test_rates_on_the_wire_are_those_of_a_real_px4():
         assert len(of(heard, kind)) == pytest.approx(5 * rate, rel=0.03), kind
 
 
-def test_a_request_for_the_time_is_answered_at_once_with_the_time_since_boot():
+def test_timesync_is_answered_at_once_with_the_time_since_boot():
     with bench() as b:
         b.run(1.0)
         b.client.send(MAV.timesync_encode(0, 123_456_789))

@@ -68,7 +68,7 @@ def test_an_unarmed_rotor_stands_still_whatever_is_wanted(mapping):
 
 
 @given(st.lists(st.floats(width=32), min_size=4, max_size=4))
-def test_whatever_comes_the_rotors_stay_in_range_and_what_is_no_control_is_counted(controls):
+def test_rotors_stay_in_range_and_invalid_controls_are_counted(controls):
     mapped = control_map("thrust")
     speeds = mapped.speeds(controls, True)
     bad = [c for c in controls if not -1e-3 <= c <= 1.001]

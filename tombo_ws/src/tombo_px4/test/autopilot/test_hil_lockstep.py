@@ -83,7 +83,7 @@ def test_the_same_seed_and_answers_are_the_same_flight():
     assert np.array_equal(*ends)
 
 
-def test_the_propeller_folds_when_px4_flies_into_the_obstacle_and_px4_goes_on():
+def test_the_propeller_folds_when_px4_hits_the_obstacle_and_flies_on():
     world = world_of(load_scenario("paper_collision", ["obstacle.x=1.2", "obstacle.y=0.27"]))
     with bench(world) as b:
         b.fly(6.0)
@@ -207,7 +207,7 @@ def test_a_repeated_answer_is_counted_and_the_last_one_counts():
         assert b.position[2] == pytest.approx(2.2, abs=0.3)
 
 
-def test_controls_that_are_no_numbers_or_out_of_range_are_zero_and_counted():
+def test_invalid_controls_are_zero_and_counted():
     with bench() as b:
         b.fly(4.0)
         rotors = []
@@ -240,7 +240,7 @@ def test_garbage_between_answers_is_counted_and_the_flight_goes_on():
         assert b.position[2] == pytest.approx(2.2, abs=0.3)
 
 
-def test_what_looks_like_the_start_of_a_long_message_costs_a_second_at_most():
+def test_a_false_message_start_costs_a_second_at_most():
     with bench() as b:
         b.fly(4.0)
         start = b"\xfd\xff\x00\x00\x00\x01\x01\x5d\x00\x00"  # 267 bytes of controls
@@ -278,7 +278,7 @@ def test_an_answer_in_pieces_is_an_answer():
 # ---- silence, and PX4 gone
 
 
-def test_silence_in_flight_is_told_after_a_second_and_time_all_but_stands_still():
+def test_silence_in_flight_is_reported_after_1_s_and_time_slows_down():
     with bench() as b:
         b.fly(5.0)
         kept, b.peer.answer = b.peer.answer, lambda sensor, values: None
@@ -372,7 +372,7 @@ def test_a_new_connection_begins_a_new_flight_on_the_ground():
         assert b.position[2] == pytest.approx(2.2, abs=0.3)
 
 
-def test_px4_that_left_and_is_back_before_anybody_looked_gets_a_new_flight():
+def test_a_px4_that_reconnects_unnoticed_gets_a_new_flight():
     with bench() as b:
         b.fly(3.0)
         b.peer.close()

@@ -145,7 +145,7 @@ def test_the_feed_lives_on_when_px4_starts_anew(fed, onboard):
     assert max(stamps) <= 1_000_000
 
 
-def test_poses_on_the_simulator_link_come_before_the_sensors_of_their_step():
+def test_poses_on_the_simulator_link_precede_the_sensors_of_their_step():
     with bench(mocap=True) as b:
         truth = Truths(b)
         b.peer.keep = True

@@ -207,7 +207,7 @@ def test_limit_of_tilt():
 # --- The stream ------------------------------------------------------------------------------
 
 
-def test_without_a_stream_the_mode_is_accepted_on_the_ground_but_arming_denied():
+def test_without_setpoints_offboard_is_accepted_but_arming_denied():
     flight = ready(vision=True)
     assert flight.vehicle.set_mode(OFFBOARD) == Result.ACCEPTED
     assert flight.vehicle.mode == OFFBOARD
@@ -228,7 +228,7 @@ def test_without_a_stream_the_mode_is_refused_in_the_air():
     assert flight.vehicle.set_mode(OFFBOARD) == Result.ACCEPTED
 
 
-def test_the_ramp_of_a_take_off_holds_it_down_first_and_goes_on_though_the_wish_is_gone():
+def test_the_takeoff_ramp_goes_on_without_setpoints():
     flight = ready(vision=True)
     flight.target = motion([0.0, 0.0, 1.5])
     flight.fly(0.1)

@@ -199,7 +199,7 @@ def test_a_fault_of_the_laboratory_keeps_it_on_the_ground(fault, words):
     assert words in text + " ".join(flight.out.status.findings)
 
 
-def test_the_estimate_is_vouched_for_after_the_checks_have_passed_for_a_while():
+def test_the_estimate_is_published_once_checks_have_passed_for_a_while():
     flight = Flight(ready_time=2.0)
     flight.until(lambda f: f.out.status.ready)
     flight.run(1.5)

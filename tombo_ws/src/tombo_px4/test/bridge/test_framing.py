@@ -101,7 +101,7 @@ def test_a_message_of_another_dialect_is_counted_and_passed_over(size, signed):
     assert findings == Findings(unknown_message=2, tries=2)
 
 
-def test_what_looks_like_an_unknown_message_in_the_middle_of_garbage_hides_no_frame():
+def test_garbage_that_looks_like_a_message_hides_no_frame():
     findings = Findings()
     lie = unknown(60)[:10]
     assert modes(frames_of(lie + heartbeat(1) + bytes(90), findings)) == [1]

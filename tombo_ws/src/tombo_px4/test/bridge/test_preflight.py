@@ -375,7 +375,7 @@ def test_parameters_that_are_not_right_for_mocap(lab, name, value, key, words):
     assert words in lab.warning(key)
 
 
-def test_whom_px4_wants_to_hear_before_it_arms_is_told_and_forbids_nothing(lab):
+def test_a_ground_station_that_px4_requires_is_reported_as_advice(lab):
     for name, value, key, words in (
         ("NAV_DLL_ACT", 2, "ground_station", "NAV_DLL_ACT is 2"),
         ("COM_RCL_EXCEPT", 3, "remote_control", "COM_RCL_EXCEPT is 3, without bit 2"),

@@ -92,7 +92,7 @@ def test_a_request_that_waited_for_a_polled_loop_biases_nothing():
     assert abs(plain.offset_ns - TODAY) > 100 * US  # what the middle is for
 
 
-def test_another_side_that_answers_late_and_says_so_wrongly_costs_less_than_a_tenth():
+def test_a_late_answer_with_wrong_times_costs_less_than_a_tenth():
     chance = random.Random(2)
     exchange = Exchange(Clock(TODAY), Clock(), wait=lambda: chance.randrange(4 * MS), middle=False)
     errors = exchange.run(TimeSync(), 600)
