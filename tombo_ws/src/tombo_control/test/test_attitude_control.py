@@ -38,12 +38,12 @@ def tilt_between(p, q):
 
 def turned(q, rates):
     out = q.copy()
-    rotate_by_vector(out, 0, *(rates * STEP))
+    rotate_by_vector(out, *(rates * STEP))
     return out
 
 
 def angle_between(p, q):
-    x, y, z, w = relative_rotation(p, 0, q, 0)
+    x, y, z, w = relative_rotation(p, q)
     return 2.0 * math.atan2(math.sqrt(x * x + y * y + z * z), w)
 
 
@@ -66,7 +66,7 @@ def test_converges_while_the_sign_of_the_quaternion_flips(setpoint, start):
 @given(attitudes, attitudes)
 def test_sign_of_either_quaternion_does_not_matter(setpoint, attitude):
     rates = rates_for(setpoint, attitude)
-    _, _, z, w = relative_rotation(setpoint, 0, attitude, 0)
+    _, _, z, w = relative_rotation(setpoint, attitude)
     if min(w, math.hypot(w, z)) > 1e-3:  # at half a turn either way round is as good
         assert np.allclose(rates_for(-setpoint, attitude), rates, atol=1e-9)
         assert np.allclose(rates_for(setpoint, -attitude), rates, atol=1e-9)

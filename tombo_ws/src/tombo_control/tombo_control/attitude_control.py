@@ -17,7 +17,9 @@ def attitude_control(a: Array) -> None:
     own gain, so a large yaw error never bends the way to level (Brescianini et al. 2013, Eqs. 9 to
     12). The quaternion's sign does not matter.
     """
-    x, y, z, w = relative_rotation(a, A.attitude_setpoint, a, A.attitude)
+    x, y, z, w = relative_rotation(
+        a[A.attitude_setpoint : A.attitude_setpoint + 4], a[A.attitude : A.attitude + 4]
+    )
     upright = math.sqrt(w * w + z * z)
     if upright > 1e-6:
         tx = (w * x - y * z) / upright

@@ -10,7 +10,7 @@ from tombo_control.position_control import follow_leg, level_descent, position_c
 from tombo_control.rate_control import rate_control
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.rotation import Array
-from tombo_dynamics.rotor_maps import R, speed_for_thrust
+from tombo_dynamics.rotor_maps import speed_for_thrust
 
 _TICK = 1e-3
 
@@ -43,12 +43,12 @@ def run_control_loops(a: Array, maps: Array, position: bool, attitude: bool, bli
         if blind:
             level_descent(a, a[N.mass])
         else:
-            position_control(a, a[N.mass], 4.0 * maps[R.thrust_highest])
+            position_control(a, a[N.mass], 4.0 * maps.thrust_highest)
     if attitude:
         attitude_control(a)
     rate_control(a)
     inertia_torque(a)
-    allocate(a, maps[R.torque_ratio], maps[R.thrust_lowest], maps[R.thrust_highest])
+    allocate(a, maps.torque_ratio, maps.thrust_lowest, maps.thrust_highest)
     for i in range(4):
         a[A.command + i] = speed_for_thrust(maps, a[A.rotor_thrust + i])
 

@@ -99,7 +99,10 @@ def predict(a: Array, imu: Array, i: int, airborne: bool) -> None:
         for k in range(3):
             a[A.velocity + k] = 0.0
     rotate_by_vector(
-        a, A.attitude, a[A.rates] * _TICK, a[A.rates + 1] * _TICK, a[A.rates + 2] * _TICK
+        a[A.attitude : A.attitude + 4],
+        a[A.rates] * _TICK,
+        a[A.rates + 1] * _TICK,
+        a[A.rates + 2] * _TICK,
     )
 
 
@@ -155,7 +158,7 @@ def correct(
     ey = pose[j + 1] - a[slot + 1]
     ez = pose[j + 2] - a[slot + 2]
     bx, by, bz = to_body(a, ex, ey, ez)
-    tx, ty, tz, tw = relative_rotation(pose, j + 3, a, slot + 3)
+    tx, ty, tz, tw = relative_rotation(pose[j + 3 : j + 7], a[slot + 3 : slot + 7])
     sine = math.sqrt(tx * tx + ty * ty + tz * tz)
     scale = 2.0 * math.atan2(sine, tw) / sine if sine > 1e-12 else 2.0
     rx, ry, rz = scale * tx, scale * ty, scale * tz
@@ -178,7 +181,7 @@ def correct(
         a[past] += share * ex
         a[past + 1] += share * ey
         a[past + 2] += share * ez
-        rotate_by_vector(a, past + 3, gain_q * rx, gain_q * ry, gain_q * rz)
+        rotate_by_vector(a[past + 3 : past + 7], gain_q * rx, gain_q * ry, gain_q * rz)
     present = A.history + 8 * (now % HISTORY_TICKS)
     for k in range(3):
         a[A.position + k] = a[present + k]

@@ -25,7 +25,10 @@ def propagate(a: Array, tick: int, ticks: int) -> None:
         for i in range(3):
             a[A.position + i] += _TICK * a[A.velocity + i]
         rotate_by_vector(
-            a, A.attitude, a[A.rates] * _TICK, a[A.rates + 1] * _TICK, a[A.rates + 2] * _TICK
+            a[A.attitude : A.attitude + 4],
+            a[A.rates] * _TICK,
+            a[A.rates + 1] * _TICK,
+            a[A.rates + 2] * _TICK,
         )
         store_history(a, tick - ticks + k + 1)
 
@@ -50,15 +53,15 @@ def correct_with_estimate(a: Array, estimate: Array, captured: int, now: int) ->
             a[A.attitude + i] = estimate[6 + i]
         if captured > now:  # it came before the gyro sample it was made from: turn it back
             x, y, z = a[A.rates], a[A.rates + 1], a[A.rates + 2]
-            rotate_by_vector(a, A.attitude, late * x, late * y, late * z)
+            rotate_by_vector(a[A.attitude : A.attitude + 4], late * x, late * y, late * z)
         store_history(a, now)
         return
-    x, y, z, w = relative_rotation(estimate, 6, a, slot + 3)
+    x, y, z, w = relative_rotation(estimate[6:10], a[slot + 3 : slot + 7])
     sine = math.sqrt(x * x + y * y + z * z)
     scale = 2.0 * math.atan2(sine, w) / sine if sine > 1e-12 else 2.0
     for tick in range(captured, now + 1):  # the next estimate is held against the history too
         past = A.history + 8 * (tick % HISTORY_TICKS)
-        rotate_by_vector(a, past + 3, scale * x, scale * y, scale * z)
+        rotate_by_vector(a[past + 3 : past + 7], scale * x, scale * y, scale * z)
     present = A.history + 8 * (now % HISTORY_TICKS)
     for i in range(4):
         a[A.attitude + i] = a[present + 3 + i]

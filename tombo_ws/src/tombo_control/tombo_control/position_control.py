@@ -116,7 +116,7 @@ def attitude_from_thrust(fx: float, fy: float, fz: float, yaw: float, out: Array
     out[i + 1] = ty * c - tx * s
     out[i + 2] = tw * s
     out[i + 3] = tw * c
-    normalize_quaternion(out, i)
+    normalize_quaternion(out[i : i + 4])
 
 
 @compiled

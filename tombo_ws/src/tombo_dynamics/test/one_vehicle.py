@@ -9,7 +9,7 @@ from tombo_dynamics.effects.compose import pack_theta
 from tombo_dynamics.plant import new_plant, part
 from tombo_dynamics.propeller import configuration, thrust_map
 from tombo_dynamics.rigid_body import begin_flight, begin_tick, finish_tick
-from tombo_dynamics.rotor_maps import R, rotor_maps, speed_for_thrust
+from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY, SPIN, VehicleParams
 
 TICK = 1e-3
@@ -26,7 +26,8 @@ def tombo_maps():
 @cache
 def vacuum_maps():
     table = tombo_maps().copy()
-    table[R.thrust : R.speed] = 0.0
+    table.thrust = 0.0
+    table.torque = 0.0
     return table
 
 

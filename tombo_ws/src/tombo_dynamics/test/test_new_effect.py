@@ -46,13 +46,13 @@ from tombo_dynamics.effects.compose import layout, null_theta, pack_theta
 from tombo_dynamics.jit import CACHE_FOLDER
 from tombo_dynamics.plant import new_plant, part
 from tombo_dynamics.rigid_body import begin_flight, begin_tick, finish_tick
-from tombo_dynamics.rotor_maps import _SIZE, R
+from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.vehicle import VehicleParams
 
 def speed_after(values):
     theta = pack_theta(check_theta(values, "effects"))
-    maps = np.zeros(_SIZE)
-    maps[R.step] = maps[R.inverse_step] = 1.0
+    maps = RotorMaps.new()
+    maps.step = maps.inverse_step = 1.0
     m = new_plant(VehicleParams())
     part(m, "body")[2] = 7.0
     begin_flight(m, np.zeros(9), theta, 1e-3)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import configuration, thrust_map
-from tombo_dynamics.rotor_maps import R, rotor_maps, rotor_thrust, rotor_torque, speed_for_thrust
+from tombo_dynamics.rotor_maps import rotor_maps, rotor_thrust, rotor_torque, speed_for_thrust
 from tombo_dynamics.vehicle import VehicleParams
 
 PROPELLERS = [(0, "repaired"), (3, "repaired"), (13, "repaired"), (13, "consistent"),
@@ -44,7 +44,7 @@ def test_more_speed_is_more_thrust_and_more_torque(propeller):
 
 def test_speed_for_a_thrust_gives_that_thrust(propeller):
     _, table = propeller
-    highest = table[R.thrust_highest]
+    highest = table.thrust_highest
     for thrust in np.linspace(0.02 * highest, highest, 400):
         back = rotor_thrust(table, speed_for_thrust(table, thrust))
         assert back == pytest.approx(thrust, rel=1e-3)
@@ -58,7 +58,7 @@ def test_speed_for_thrust_stays_within_the_drives_range(thrust):
     assert -1e-9 <= speed <= top * (1.0 + 1e-9)
     if thrust <= 0.0:
         assert speed == pytest.approx(0.0, abs=1e-9)
-    if thrust >= table[R.thrust_highest]:
+    if thrust >= table.thrust_highest:
         assert speed == pytest.approx(top, rel=1e-9)
 
 
@@ -67,10 +67,10 @@ def test_numbers_at_the_head_of_the_table(propeller):
     vehicle = VehicleParams()
     hover = vehicle.hover_thrust()
     speed = speed_for_thrust(table, hover)
-    assert table[R.thrust_highest] == pytest.approx(float(source.thrust(top_speed(source))))
-    assert table[R.thrust_lowest] == pytest.approx(rotor_thrust(table, vehicle.rotor_speed_min))
+    assert table.thrust_highest == pytest.approx(float(source.thrust(top_speed(source))))
+    assert table.thrust_lowest == pytest.approx(rotor_thrust(table, vehicle.rotor_speed_min))
     ratio = rotor_torque(table, speed) / rotor_thrust(table, speed)
-    assert table[R.torque_ratio] == pytest.approx(ratio, rel=1e-3)
+    assert table.torque_ratio == pytest.approx(ratio, rel=1e-3)
 
 
 def test_thrust_and_torque_of_a_propeller_at_rest_are_zero(propeller):
@@ -83,7 +83,7 @@ def test_the_drives_limit_cuts_the_table():
     slow = VehicleParams(rotor_speed_max=600.0)
     table = rotor_maps(thrust_map(configuration(13)), slow)
     assert speed_for_thrust(table, 1e3) == pytest.approx(600.0)
-    assert table[R.thrust_highest] == pytest.approx(
+    assert table.thrust_highest == pytest.approx(
         float(thrust_map(configuration(13)).thrust(600.0))
     )
 
@@ -102,7 +102,7 @@ def test_a_propeller_that_cannot_lift_the_vehicle_is_refused(conf):
 
 def test_room_to_climb_is_a_tenth():
     source = thrust_map(configuration(13))
-    highest = rotor_maps(source, VehicleParams())[R.thrust_highest]
+    highest = rotor_maps(source, VehicleParams()).thrust_highest
     limit = 4.0 * highest / 1.1 / 9.80665
     rotor_maps(source, VehicleParams(mass=limit - 1e-6))
     with pytest.raises(InputError, match=r"vehicle\.mass"):

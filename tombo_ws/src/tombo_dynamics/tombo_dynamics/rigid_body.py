@@ -37,7 +37,7 @@ def derivative(m: Array, noise: Array, theta: Array, row: int, out: int) -> None
     s = P.strike
     rotors = P.rotors + 5 * row
     if row > 0:  # at the start of the tick it is there already
-        rotation_matrix(m, b + 6, m, r)
+        rotation_matrix(m[b + 6 : b + 10], m[r : r + 9].reshape(3, 3))
     ax = m[b + 3] - m[P.wind]
     ay = m[b + 4] - m[P.wind + 1]
     az = m[b + 5] - m[P.wind + 2]
@@ -83,7 +83,7 @@ def begin_tick(m: Array, maps: Array, noise: Array, theta: Array) -> None:
     Air, efficiencies, strikes and the targets of the drives. The command that acts is the one left
     by the tick before: one tick of transport.
     """
-    rotation_matrix(m, P.body + 6, m, P.rotation)
+    rotation_matrix(m[P.body + 6 : P.body + 10], m[P.rotation : P.rotation + 9].reshape(3, 3))
     for i in range(3):
         m[P.wind + i] = 0.0
     for i in range(4):
@@ -131,7 +131,7 @@ def finish_tick(m: Array, noise: Array, theta: Array) -> None:
     derivative(m, noise, theta, 2, _SLOPE)
     for i in range(13):
         m[P.body + i] = m[_START + i] + sixth * (m[SLOPES + i] + m[_SLOPE + i])
-    normalize_quaternion(m, P.body + 6)
+    normalize_quaternion(m[P.body + 6 : P.body + 10])
     advance_rotor_speeds(m)
     m[P.clock] += 1.0
 

@@ -1,7 +1,6 @@
 """Quaternions xyzw (as in ROS): rotation from `base_link` (FLU) to `map` (ENU).
 
-The compiled functions take an array and the index at which the quaternion begins in it: a slice
-would cost more than the arithmetic.
+A quaternion is an array (4), a rotation matrix one of (3, 3).
 """
 
 from __future__ import annotations
@@ -9,35 +8,29 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
 
-Array = NDArray[np.float64]
+
+@compiled
+def normalize_quaternion(q: Array) -> None:
+    """Scale the quaternion `q` to unit length, in place."""
+    n = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    q[0] *= n
+    q[1] *= n
+    q[2] *= n
+    q[3] *= n
 
 
 @compiled
-def normalize_quaternion(q: Array, i: int) -> None:
-    """Scale the quaternion at `q[i:i+4]` to unit length, in place."""
-    n = 1.0 / math.sqrt(
-        q[i] * q[i] + q[i + 1] * q[i + 1] + q[i + 2] * q[i + 2] + q[i + 3] * q[i + 3]
-    )
-    q[i] *= n
-    q[i + 1] *= n
-    q[i + 2] *= n
-    q[i + 3] *= n
-
-
-@compiled
-def relative_rotation(
-    reference: Array, i: int, q: Array, j: int
-) -> tuple[float, float, float, float]:
+def relative_rotation(reference: Array, q: Array) -> tuple[float, float, float, float]:
     """Return conj(q) * reference (xyzw), with non-negative scalar part.
 
-    It is the rotation from `q[j:j+4]` to `reference[i:i+4]`, expressed in the frame of `q`.
+    It is the rotation from `q` to `reference`, expressed in the frame of `q`.
     """
-    rx, ry, rz, rw = reference[i], reference[i + 1], reference[i + 2], reference[i + 3]
-    x0, y0, z0, w0 = q[j], q[j + 1], q[j + 2], q[j + 3]
+    rx, ry, rz, rw = reference[0], reference[1], reference[2], reference[3]
+    x0, y0, z0, w0 = q[0], q[1], q[2], q[3]
     x = w0 * rx - x0 * rw - y0 * rz + z0 * ry
     y = w0 * ry + x0 * rz - y0 * rw - z0 * rx
     z = w0 * rz - x0 * ry + y0 * rx - z0 * rw
@@ -48,8 +41,8 @@ def relative_rotation(
 
 
 @compiled
-def rotate_by_vector(q: Array, i: int, rx: float, ry: float, rz: float) -> None:
-    """Turn the quaternion at `q[i:i+4]` by the rotation vector (rx, ry, rz) [rad], own frame."""
+def rotate_by_vector(q: Array, rx: float, ry: float, rz: float) -> None:
+    """Turn the quaternion `q` by the rotation vector (rx, ry, rz) [rad], own frame, in place."""
     square = rx * rx + ry * ry + rz * rz
     if square < 1e-4:
         # series to the fourth order of the angle: error below 1e-14 for 0.01 rad
@@ -60,31 +53,31 @@ def rotate_by_vector(q: Array, i: int, rx: float, ry: float, rz: float) -> None:
         s = math.sin(0.5 * angle) / angle
         c = math.cos(0.5 * angle)
     bx, by, bz = s * rx, s * ry, s * rz
-    x0, y0, z0, w0 = q[i], q[i + 1], q[i + 2], q[i + 3]
+    x0, y0, z0, w0 = q[0], q[1], q[2], q[3]
     x = w0 * bx + x0 * c + y0 * bz - z0 * by
     y = w0 * by - x0 * bz + y0 * c + z0 * bx
     z = w0 * bz + x0 * by - y0 * bx + z0 * c
     w = w0 * c - x0 * bx - y0 * by - z0 * bz
     n = 1.0 / math.sqrt(x * x + y * y + z * z + w * w)
-    q[i] = n * x
-    q[i + 1] = n * y
-    q[i + 2] = n * z
-    q[i + 3] = n * w
+    q[0] = n * x
+    q[1] = n * y
+    q[2] = n * z
+    q[3] = n * w
 
 
 @compiled
-def rotation_matrix(q: Array, i: int, out: Array, j: int) -> None:
-    """Write the 3x3 matrix (row-major) that takes body vectors to `map` into `out[j:j+9]`."""
-    x, y, z, w = q[i], q[i + 1], q[i + 2], q[i + 3]
-    out[j] = 1.0 - 2.0 * (y * y + z * z)
-    out[j + 1] = 2.0 * (x * y - z * w)
-    out[j + 2] = 2.0 * (x * z + y * w)
-    out[j + 3] = 2.0 * (x * y + z * w)
-    out[j + 4] = 1.0 - 2.0 * (x * x + z * z)
-    out[j + 5] = 2.0 * (y * z - x * w)
-    out[j + 6] = 2.0 * (x * z - y * w)
-    out[j + 7] = 2.0 * (y * z + x * w)
-    out[j + 8] = 1.0 - 2.0 * (x * x + y * y)
+def rotation_matrix(q: Array, out: Array) -> None:
+    """Write the matrix (3, 3) that takes body vectors to `map` into `out`."""
+    x, y, z, w = q[0], q[1], q[2], q[3]
+    out[0, 0] = 1.0 - 2.0 * (y * y + z * z)
+    out[0, 1] = 2.0 * (x * y - z * w)
+    out[0, 2] = 2.0 * (x * z + y * w)
+    out[1, 0] = 2.0 * (x * y + z * w)
+    out[1, 1] = 1.0 - 2.0 * (x * x + z * z)
+    out[1, 2] = 2.0 * (y * z - x * w)
+    out[2, 0] = 2.0 * (x * z - y * w)
+    out[2, 1] = 2.0 * (y * z + x * w)
+    out[2, 2] = 1.0 - 2.0 * (x * x + y * y)
 
 
 def quaternion_multiply(a: Array, b: Array) -> Array:

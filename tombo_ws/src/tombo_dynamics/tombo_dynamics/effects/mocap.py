@@ -32,10 +32,10 @@ from tombo_dynamics.rotation import (
 )
 def mocap_marker_offset(m: Array, noise: Array, x: float, y: float, z: float) -> None:
     """Track the point (x, y, z) of base_link: its position is p + R (x, y, z)."""
-    turn = np.zeros(9)
-    rotation_matrix(m, P.mocap + 3, turn, 0)
+    turn = np.zeros((3, 3))
+    rotation_matrix(m[P.mocap + 3 : P.mocap + 7], turn)
     for i in range(3):
-        m[P.mocap + i] += turn[3 * i] * x + turn[3 * i + 1] * y + turn[3 * i + 2] * z
+        m[P.mocap + i] += turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z
 
 
 @effect(
@@ -61,9 +61,9 @@ def mocap_body_misalignment(m: Array, noise: Array, yaw: float, roll: float, pit
     The rigid body was defined in the mocap software while the vehicle did not stand along its
     axes. Position is untouched.
     """
-    rotate_by_vector(m, P.mocap + 3, 0.0, 0.0, yaw)
-    rotate_by_vector(m, P.mocap + 3, 0.0, pitch, 0.0)
-    rotate_by_vector(m, P.mocap + 3, roll, 0.0, 0.0)
+    rotate_by_vector(m[P.mocap + 3 : P.mocap + 7], 0.0, 0.0, yaw)
+    rotate_by_vector(m[P.mocap + 3 : P.mocap + 7], 0.0, pitch, 0.0)
+    rotate_by_vector(m[P.mocap + 3 : P.mocap + 7], roll, 0.0, 0.0)
 
 
 @effect(
@@ -89,18 +89,19 @@ def mocap_misalignment(m: Array, noise: Array, yaw: float, roll: float, pitch: f
     Nothing in flight tells yaw, as physics knows no north; a wind of known direction or an
     obstacle of known place does.
     """
-    turn = np.zeros(13)
+    turn = np.zeros(4)
     turn[3] = 1.0
-    rotate_by_vector(turn, 0, 0.0, 0.0, yaw)
-    rotate_by_vector(turn, 0, 0.0, pitch, 0.0)
-    rotate_by_vector(turn, 0, roll, 0.0, 0.0)
-    rotation_matrix(turn, 0, turn, 4)
+    rotate_by_vector(turn, 0.0, 0.0, yaw)
+    rotate_by_vector(turn, 0.0, pitch, 0.0)
+    rotate_by_vector(turn, roll, 0.0, 0.0)
+    matrix = np.zeros((3, 3))
+    rotation_matrix(turn, matrix)
     x, y, z = m[P.mocap], m[P.mocap + 1], m[P.mocap + 2]
     for i in range(3):
-        m[P.mocap + i] = turn[4 + 3 * i] * x + turn[5 + 3 * i] * y + turn[6 + 3 * i] * z
+        m[P.mocap + i] = matrix[i, 0] * x + matrix[i, 1] * y + matrix[i, 2] * z
     # turn * q, written as conj(conj(turn)) * q
     turn[0], turn[1], turn[2] = -turn[0], -turn[1], -turn[2]
-    qx, qy, qz, qw = relative_rotation(m, P.mocap + 3, turn, 0)
+    qx, qy, qz, qw = relative_rotation(m[P.mocap + 3 : P.mocap + 7], turn)
     m[P.mocap + 3], m[P.mocap + 4], m[P.mocap + 5], m[P.mocap + 6] = qx, qy, qz, qw
 
 
@@ -117,7 +118,9 @@ def mocap_noise(m: Array, noise: Array, position: float, attitude: float) -> Non
     """Add white noise to position and attitude."""
     for i in range(3):
         m[P.mocap + i] += position * noise[i]
-    rotate_by_vector(m, P.mocap + 3, attitude * noise[3], attitude * noise[4], attitude * noise[5])
+    rotate_by_vector(
+        m[P.mocap + 3 : P.mocap + 7], attitude * noise[3], attitude * noise[4], attitude * noise[5]
+    )
 
 
 @effect(

@@ -104,9 +104,9 @@ def circle(radius_m: float, height_m: float = 0.0, points: int = 49) -> Array:
 
 def matrix(attitude: Array) -> Array:
     """(4,) quaternion xyzw to the (3, 3) matrix that turns base_link into map."""
-    flat = np.zeros(9)
-    rotation_matrix(np.asarray(attitude, dtype=np.float64), 0, flat, 0)
-    return flat.reshape(3, 3)
+    turn = np.zeros((3, 3))
+    rotation_matrix(np.asarray(attitude, dtype=np.float64), turn)
+    return turn
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_control.autopilot import HOVER
-from tombo_dynamics.rotor_maps import R
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.scenario import Scenario, load_scenario, world_of
@@ -234,7 +233,7 @@ def _flown(found: Design, index: int, name: str, upper: bool) -> float:
 def _table(scenario: Scenario) -> tuple[float, float]:
     """Return the thrust margin in the simulator's own table, and the scatter of thrust."""
     setup = begin(world_of(scenario), FIRST_SEED)
-    margin = float(setup.maps[R.thrust_highest]) / scenario.vehicle.hover_thrust()
+    margin = float(setup.maps.thrust_highest) / scenario.vehicle.hover_thrust()
     return margin, setup.effects["thrust_scatter"]["deviation"]
 
 

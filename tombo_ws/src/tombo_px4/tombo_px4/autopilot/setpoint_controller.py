@@ -11,7 +11,7 @@ from tombo_control.attitude_control import attitude_control
 from tombo_control.autopilot import A, G, N, part
 from tombo_control.cascade import run_control_loops, stop_rotors
 from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS
-from tombo_dynamics.rotor_maps import R, speed_for_thrust
+from tombo_dynamics.rotor_maps import speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.autopilot.offboard_setpoint import ControlLevel, ResolvedSetpoint, heading_of
 from tombo_px4.autopilot.parameters import ParameterTable
@@ -28,9 +28,9 @@ class SetpointController:
         self._maps = maps
         self._parameters = parameters
         self._version = -1
-        self.thrust_max = 4.0 * float(maps[R.thrust_highest])
+        self.thrust_max = 4.0 * float(maps.thrust_highest)
         """Collective thrust [N] at full throttle."""
-        self.speed_max = float(speed_for_thrust(maps, maps[R.thrust_highest]))
+        self.speed_max = float(speed_for_thrust(maps, maps.thrust_highest))
         """Highest rotor speed [rad/s]."""
         self.weight = float(a[N.mass]) * GRAVITY
         """[N], as the autopilot knows it."""

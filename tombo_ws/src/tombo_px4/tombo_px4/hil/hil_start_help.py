@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from tombo_dynamics.rotor_maps import R
 from tombo_dynamics.vehicle import SPIN
 from tombo_px4.frames import PX4_ROTORS, frd_from_flu
 from tombo_px4.hil.flight import HilFlight
@@ -40,7 +39,7 @@ def airframe_parameters(world: World, flight: HilFlight) -> dict[str, float]:
     if rate != PX4_RATE:
         parameters |= {"IMU_INTEG_RATE": rate, "IMU_GYRO_RATEMAX": rate}
     positions = frd_from_flu(world.vehicle.rotor_positions())
-    ratio = float(flight.simulator.setup.maps[R.torque_ratio])
+    ratio = float(flight.simulator.setup.maps.torque_ratio)
     for motor, rotor in enumerate(PX4_ROTORS):
         name = f"CA_ROTOR{motor}_"
         parameters[name + "PX"] = round(float(positions[rotor, 0]), 3)

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_dynamics.rotor_maps import R, speed_for_thrust
+from tombo_dynamics.rotor_maps import speed_for_thrust
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_px4.frames import PX4_ROTORS
 
@@ -30,10 +30,10 @@ class MotorMapping:
     def __init__(self, vehicle: VehicleParams, maps: Array, mapping: str) -> None:
         self._maps = maps
         self._by_thrust = mapping == "thrust"
-        self._lowest = float(maps[R.thrust_lowest])
-        self._range = float(maps[R.thrust_highest]) - self._lowest
+        self._lowest = float(maps.thrust_lowest)
+        self._range = float(maps.thrust_highest) - self._lowest
         self._idle = vehicle.rotor_speed_min
-        top = float(speed_for_thrust(maps, float(maps[R.thrust_highest])))
+        top = float(speed_for_thrust(maps, float(maps.thrust_highest)))
         self._span = top - self._idle
         self._hover_thrust = vehicle.hover_thrust()
         self.refused = 0
