@@ -91,7 +91,7 @@ def main() -> None:
         fly(world, rate, seconds)
     say()
     flight = HilFlight(world, 0, HilParams())
-    m = flight.simulator.m
+    plant = flight.simulator.plant
     motors = MotorCommands([0.4] * 4, armed=True)
     say("Parts of a step of 4 ms [us]:")
     for name, action in (
@@ -99,7 +99,7 @@ def main() -> None:
         ("controls to rotor speeds", lambda: flight.controls.speeds(motors.controls, True)),
         ("IMU, averaged", flight.sensors.inertial),
         ("HIL_SENSOR, encoded", flight._sensor),
-        ("magnetometer and barometer (every fifth)", lambda: flight.sensors.slow(m)),
+        ("magnetometer and barometer (every fifth)", lambda: flight.sensors.slow(plant)),
         ("HIL_STATE_QUATERNION, encoded (200 Hz)", flight._truth),
         ("HIL_GPS, encoded (10 Hz)", flight._gps),
     ):

@@ -20,7 +20,7 @@ from tombo_control.estimator_core import EstimatorCore
 from tombo_control.params import POSITION_TICKS, InputLimits
 from tombo_control.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.messages import Odometry, PositionSetpoint
-from tombo_dynamics.plant import part
+from tombo_dynamics.records import numbers
 from tombo_dynamics.rotation import rotate_vectors, tilt
 from tombo_flight.scenario import Scenario, load_scenario, world_of
 from tombo_sim.simulator import Simulator
@@ -80,15 +80,15 @@ class Lockstep:
     @property
     def position(self) -> Array:
         """True."""
-        return part(self.simulator.m, "body")[:3].copy()
+        return self.simulator.plant.state.position.copy()
 
     @property
     def velocity(self) -> Array:
-        return part(self.simulator.m, "body")[3:6].copy()
+        return self.simulator.plant.state.velocity.copy()
 
     @property
     def tilt(self) -> float:
-        return float(tilt(part(self.simulator.m, "body")[6:10]))
+        return float(tilt(self.simulator.plant.state.attitude))
 
     def step(self) -> None:
         simulator, now = self.simulator, self.now_ns
@@ -122,7 +122,7 @@ class Lockstep:
         rows = []
         for _ in range(round(seconds * 1000)):
             self.step()
-            rows.append(part(self.simulator.m, "body").copy())
+            rows.append(numbers(self.simulator.plant.state))
         return np.array(rows)
 
     def _lost(self) -> bool:

@@ -24,7 +24,7 @@ from tombo_bag.topics import (
     MOCAP_POSE,
     ODOMETRY,
 )
-from tombo_dynamics.plant import part
+from tombo_dynamics.records import numbers
 from tombo_dynamics.rotation import rotate_vectors
 from tombo_msgs.msg import MissionStatus
 from tombo_ros.conversion import array, point, quaternion, to_ns, to_time, vector
@@ -51,7 +51,7 @@ class _Recorded:
         for _ in range(round(seconds * 1000)):
             simulator = self.flight.simulator
             now = self.flight.now_ns
-            self.truth[now] = part(simulator.m, "body").copy()
+            self.truth[now] = numbers(simulator.plant.state)
             imu = Imu()
             imu.header.stamp, imu.header.frame_id = to_time(now), "base_link"
             imu.angular_velocity = vector(simulator.imu[:3])

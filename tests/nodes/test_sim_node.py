@@ -21,7 +21,6 @@ from tombo_bag.topics import (
     TRUE_ODOMETRY,
     TRUE_ROTORS,
 )
-from tombo_dynamics.plant import part
 from tombo_msgs.msg import RotorSpeeds
 from tombo_ros.conversion import array, to_ns, to_time
 from tombo_sim.simulator import Simulator
@@ -108,7 +107,7 @@ def test_paused_it_goes_on_by_the_ticks_it_is_told(world, start):
         twin.advance(_CLIMB)
     for spec in (TRUE_ODOMETRY, IMU):
         _wait(world, lambda s=spec: _stamps(world, s)[-1] == zero_ns + twin.tick * _MS)
-    assert np.array_equal(_true_place(world), part(twin.m, "body")[:3])
+    assert np.array_equal(_true_place(world), twin.plant.state.position)
     gyro_and_force = world.heard[IMU.name][-1]
     assert np.array_equal(array(gyro_and_force.linear_acceleration), twin.imu[3:])
 
@@ -159,7 +158,7 @@ def test_each_tick_waits_for_its_command_if_asked_to(world, start):
         twin.advance(_CLIMB if acting else np.zeros(4))
         poses += twin.arrived
     _wait(world, lambda: _stamps(world, TRUE_ODOMETRY)[-1] == first + 2 * _MS)
-    assert np.array_equal(_true_place(world), part(twin.m, "body")[:3])
+    assert np.array_equal(_true_place(world), twin.plant.state.position)
     heard = world.heard[MOCAP_POSE.name]
     assert [to_ns(p.header.stamp) for p in heard] == [
         1_000_000_000 + p.captured * _MS for p in poses

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from tombo_control.autopilot import HOVER, A, new_autopilot
 from tombo_control.autopilot import part as autopilot_part
 from tombo_control.params import ControlParams, EstimatorParams
-from tombo_dynamics.effects.compose import null_theta, pack_theta
-from tombo_dynamics.plant import new_plant
-from tombo_dynamics.plant import part as plant_part
+from tombo_dynamics.effects.compose import SimulatedPlant, new_plant, null_theta, pack_theta
 from tombo_dynamics.propeller import configuration, thrust_map
+from tombo_dynamics.records import numbers
 from tombo_dynamics.rigid_body import begin_flight, begin_tick, finish_tick
 from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
 from tombo_dynamics.vehicle import VehicleParams
@@ -62,13 +61,10 @@ def fresh_autopilot(
 class Bench:
     """A vehicle that starts in a perfect hover at 10 m, its cascade flying on the truth."""
 
-    m: Array
+    plant: SimulatedPlant
     a: Array
     theta: Array
     tick: int = 0
-
-    def truth(self, name: str) -> Array:
-        return plant_part(self.m, name)
 
     def known(self, name: str) -> Array:
         return autopilot_part(self.a, name)
@@ -80,38 +76,37 @@ class Bench:
         while self.tick < end:
             stop = min(self.tick + every, end)
             maps = rotor_table()
-            fly_with_true_state(self.m, self.a, maps, self.theta, STILL, self.tick, stop)
+            fly_with_true_state(self.plant, self.a, maps, self.theta, STILL, self.tick, stop)
             self.tick = stop
-            rows.append(self.truth("body").copy())
+            rows.append(numbers(self.plant.state))
         return np.array(rows)
 
     def fly_ticks(self, seconds: float, control: Callable[[Array, int], None]) -> Array:
         """Fly with any controller `control(a, tick)` in place of the cascade."""
         rows = []
         for tick in range(self.tick, self.tick + round(seconds * 1000)):
-            begin_tick(self.m, rotor_table(), STILL, self.theta)
-            body = self.truth("body")
+            begin_tick(self.plant, rotor_table(), STILL, self.theta)
+            body = numbers(self.plant.state)
             self.known("position")[:] = body[0:3]
             self.known("velocity")[:] = body[3:6]
             self.known("attitude")[:] = body[6:10]
             self.known("rates")[:] = body[10:13]
             control(self.a, tick)
-            self.truth("command")[:] = self.known("command")
-            finish_tick(self.m, STILL, self.theta)
+            self.plant.rotor_command = self.known("command")
+            finish_tick(self.plant, STILL, self.theta)
             self.tick = tick + 1
-            rows.append(body.copy())
+            rows.append(body)
         return np.array(rows)
 
 
 def bench(control: ControlParams | None = None, **effects: dict[str, float]) -> Bench:
-    m = new_plant(VEHICLE)
-    plant_part(m, "body")[2] = 10.0
+    plant = new_plant(VEHICLE)
+    plant.state.position[2] = 10.0
     hover = speed_for_thrust(rotor_table(), VEHICLE.hover_thrust())
-    plant_part(m, "speed")[:] = hover
-    plant_part(m, "command")[:] = hover
+    plant.rotor_speed = plant.rotor_command = hover
     theta = pack_theta(effects) if effects else null_theta()
-    begin_flight(m, STILL, theta, 1e-3)
-    return Bench(m, fresh_autopilot(control), theta)
+    begin_flight(plant, STILL, theta, 1e-3)
+    return Bench(plant, fresh_autopilot(control), theta)
 
 
 def quaternion(axis: Any, angle: float) -> Array:

@@ -44,7 +44,7 @@ def test_loops_run_exactly_at_their_rates(output, rate):
 def swing(control, seconds=20.0):
     """Displace by 0.2 m, fly with a controller; the energy of the swing (n,) per mass [J/kg]."""
     b = bench()
-    b.truth("body")[0] = 0.2
+    b.plant.state.position[0] = 0.2
     body = b.fly_ticks(seconds, control)
     k = C.velocity_p * C.position_p
     return 0.5 * (body[:, 3] ** 2 + k * body[:, 0] ** 2)
@@ -90,8 +90,9 @@ def test_stands_by_with_rotors_off_and_integrals_forgotten(mode):
 
 def test_levels_and_sinks_without_mocap_and_comes_back():
     b = bench()
-    b.truth("body")[3:10] = [1.0, 0.5, 0.0, *quaternion((0.6, -0.8, 0.0), 0.4)]
-    heading = yaw_pitch_roll(b.truth("body")[6:10])[0]
+    b.plant.state.velocity = [1.0, 0.5, 0.0]
+    b.plant.state.attitude = quaternion((0.6, -0.8, 0.0), 0.4)
+    heading = yaw_pitch_roll(b.plant.state.attitude)[0]
 
     def stale(a, tick):
         a[A.mode + 2] = tick * 1e-3 - (C.blind_timeout + 0.001)
@@ -117,9 +118,10 @@ def test_levels_and_sinks_without_mocap_and_comes_back():
 def test_saturated_command_brings_it_back_from_a_tumble():
     """Dropped upside down with a spin: it levels and holds, with no rotor past its limits."""
     b = bench()
-    b.truth("body")[2] = 30.0
+    b.plant.state.position[2] = 30.0
     b.known("leg")[2] = 30.0
-    b.truth("body")[6:13] = [*quaternion((1.0, 0.3, 0.0), math.pi - 0.01), 3.0, -2.0, 1.0]
+    b.plant.state.attitude = quaternion((1.0, 0.3, 0.0), math.pi - 0.01)
+    b.plant.state.rates = [3.0, -2.0, 1.0]
     body = b.fly(15.0)
     assert tilt(body[-1, 6:10]) < 0.02
     assert np.linalg.norm(body[-1, :3] - [0.0, 0.0, 30.0]) < 0.1

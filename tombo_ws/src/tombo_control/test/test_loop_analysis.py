@@ -89,7 +89,7 @@ def test_the_table_in_the_docs_holds_these_numbers(found):
 def growth(control: ControlParams, seconds: float, **effects: dict[str, float]) -> float:
     """Log of the size of body rates at the end over that in the middle, after a tiny kick."""
     b = bench(control, **effects)
-    b.truth("body")[10] = 1e-7
+    b.plant.state.rates[0] = 1e-7
     rates = np.linalg.norm(b.fly(seconds, every=1)[:, ANGULAR], axis=1)
     half = rates.size // 2
     return math.log(rates[half + half // 2 :].max() / rates[half : half + half // 2].max())
@@ -127,13 +127,13 @@ def test_a_yaw_torque_step_of_the_plant_follows_the_yaw_drive():
     """The reaction to speeding the rotors up comes long before the drag does."""
     b = bench()
     drive = yaw_drive(VEHICLE, rotor_table())
-    small = 1e-3 * b.truth("speed")[0]
-    b.truth("command")[:] += small * np.array([-1.0, -1.0, 1.0, 1.0])
+    small = 1e-3 * b.plant.rotor_speed[0]
+    b.plant.rotor_command[:] += small * np.array([-1.0, -1.0, 1.0, 1.0])
     asked = []
 
     def hold(a, tick):
-        b.known("command")[:] = b.truth("command")
-        asked.append(b.truth("body")[12])
+        b.known("command")[:] = b.plant.rotor_command
+        asked.append(b.plant.state.rates[2])
 
     rate = b.fly_ticks(1.0, hold)[:, 12]
     t = np.arange(rate.size) * 1e-3

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from tombo_control.autopilot import A, N
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.rotation import Array
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, SPIN
 
 

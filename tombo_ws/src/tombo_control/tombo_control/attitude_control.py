@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 from tombo_control.autopilot import A, G
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.rotation import Array, relative_rotation
+from tombo_dynamics.rotation import relative_rotation
 
 
 @compiled

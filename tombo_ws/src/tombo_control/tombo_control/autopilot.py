@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.params import as_tuple, tuple_type
-from tombo_dynamics.plant import VehicleIndex
 from tombo_dynamics.vehicle import VehicleParams
 
 Array = NDArray[np.float64]
@@ -107,6 +106,7 @@ _STARTS = _starts()
 A = _Autopilot(*_STARTS[:-1])
 """Where each part of the autopilot begins in `a`."""
 ControlIndex: Any = tuple_type(ControlParams, "ControlIndex", __name__)
+VehicleIndex: Any = tuple_type(VehicleParams, "VehicleIndex", __name__)
 EstimatorIndex: Any = tuple_type(EstimatorParams, "EstimatorIndex", __name__)
 _GAINS = _STARTS[-1]
 _OBSERVER = _GAINS + len(ControlIndex._fields)

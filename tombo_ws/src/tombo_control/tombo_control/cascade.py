@@ -8,9 +8,9 @@ from tombo_control.autopilot import BLIND, IDLE, LANDED, A, G, N
 from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS
 from tombo_control.position_control import follow_leg, level_descent, position_control
 from tombo_control.rate_control import rate_control
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.rotation import Array
-from tombo_dynamics.rotor_maps import speed_for_thrust
+from tombo_dynamics.rotor_maps import RotorMaps, speed_for_thrust
 
 _TICK = 1e-3
 
@@ -28,7 +28,9 @@ def stop_rotors(a: Array) -> None:
 
 
 @compiled
-def run_control_loops(a: Array, maps: Array, position: bool, attitude: bool, blind: bool) -> None:
+def run_control_loops(
+    a: Array, maps: RotorMaps, position: bool, attitude: bool, blind: bool
+) -> None:
     """Run the rate loop, and the position and the attitude loop if they are due.
 
     Args:
@@ -54,7 +56,7 @@ def run_control_loops(a: Array, maps: Array, position: bool, attitude: bool, bli
 
 
 @compiled
-def cascade(a: Array, maps: Array, tick: int) -> None:
+def cascade(a: Array, maps: RotorMaps, tick: int) -> None:
     """Run the loops that are due in `tick` and set the rotor speeds, `A.command`.
 
     Position at 50 Hz, attitude at 250 Hz, rates at 1000 Hz. With mocap older than

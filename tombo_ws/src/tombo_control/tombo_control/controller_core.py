@@ -40,7 +40,7 @@ from tombo_dynamics.params import as_tuple, tuple_type
 from tombo_dynamics.propeller import thrust_map
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_configuration
 from tombo_dynamics.rotation import rotated
-from tombo_dynamics.rotor_maps import rotor_maps
+from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
 from tombo_dynamics.vehicle import VehicleParams
 
 _MAX_GAP_TICKS = 100
@@ -152,7 +152,7 @@ def take_setpoint(r: Any, setpoint: Any, now_ns: int) -> bool:
 
 @compiled
 def answer_gyro(
-    r: Any, a: Array, maps: Array, limits: Any, now_ns: int, stamp_ns: int, gyro: Array
+    r: Any, a: Array, maps: RotorMaps, limits: Any, now_ns: int, stamp_ns: int, gyro: Array
 ) -> bool:
     """Set the rotor speeds `A.command`; False for a sample that is not newer than the last.
 
@@ -245,7 +245,7 @@ class ControllerCore(Core):
         return cls(records["control"], vehicle, records["inputs"], maps)
 
     def __init__(
-        self, control: ControlParams, vehicle: VehicleParams, limits: InputLimits, maps: Array
+        self, control: ControlParams, vehicle: VehicleParams, limits: InputLimits, maps: RotorMaps
     ) -> None:
         super().__init__()
         self._outputs: list[tuple[str, Any]] = []

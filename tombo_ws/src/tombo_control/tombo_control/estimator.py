@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 
 from tombo_control.autopilot import HISTORY_TICKS, A, E
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled, compiled_call
-from tombo_dynamics.rotation import Array, relative_rotation, rotate_by_vector
+from tombo_dynamics.rotation import relative_rotation, rotate_by_vector
 from tombo_dynamics.vehicle import GRAVITY
 
 _TICK = 1e-3

@@ -12,8 +12,10 @@ import math
 from tombo_control.autopilot import HISTORY_TICKS, A
 from tombo_control.cascade import run_control_loops
 from tombo_control.estimator import store_history, update_body_rates
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled, compiled_call
-from tombo_dynamics.rotation import Array, relative_rotation, rotate_by_vector
+from tombo_dynamics.rotation import relative_rotation, rotate_by_vector
+from tombo_dynamics.rotor_maps import RotorMaps
 
 _TICK = 1e-3
 
@@ -70,7 +72,7 @@ def correct_with_estimate(a: Array, estimate: Array, captured: int, now: int) ->
 @compiled
 def control_tick(
     a: Array,
-    maps: Array,
+    maps: RotorMaps,
     gyro: Array,
     tick: int,
     ticks: int,

@@ -8,8 +8,9 @@ from tombo_control.autopilot import A, G
 from tombo_control.estimator import to_map
 from tombo_control.params import POSITION_TICKS
 from tombo_control.trapezoidal_profile import trapezoidal_profile
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.rotation import Array, normalize_quaternion
+from tombo_dynamics.rotation import normalize_quaternion
 from tombo_dynamics.vehicle import GRAVITY
 
 _PERIOD = POSITION_TICKS * 1e-3

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from tombo_control.autopilot import A, G
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.rotation import Array
 
 _TICK = 1e-3
 _RATE = 1e3

@@ -24,8 +24,10 @@ CONTEXT = {
 TRUTH = {"mocap_dropouts": {"probability": 0.3}, "blade_strike": {"duration": 0.0085}}
 """Values to try where the typical one is too rare for a short scene, or ends on a tick."""
 BASE = {"linear_rotor_drag": {"d_xy": 0.2, "d_z": 0.1}}
-SEEN = ("wind", "efficiency", "target", "speed", "fold", "damage", "strike", "contact", "wrench",
-        "inertial", "body")  # fmt: skip
+SEEN = (
+    "wind", "efficiency", "rotor_target", "rotor_speed", "fold", "damage", "strike_force",
+    "strike_moment", "force", "moment", "inertia", "centre_of_gravity", "gyro", "accel",
+)  # fmt: skip
 
 
 def typical(name):
@@ -73,16 +75,21 @@ def observe(name, values):
     noise = _noise()
     rows = []
     for k in range(TICKS):
-        v["command"] = 450.0 + 80.0 * np.sin(0.07 * k + np.array([0.0, 1.0, 2.5, 4.0]))
+        v.plant.rotor_command = 450.0 + 80.0 * np.sin(0.07 * k + np.array([0.0, 1.0, 2.5, 4.0]))
         v.begin(noise[k])
-        v["imu"][:3], v["imu"][3:] = v.rates, v["wrench"][:3] / v.mass
-        apply_imu(v.m, noise[k], v.theta)
-        v["mocap"][:3], v["mocap"][3:7] = v.position, v["body"][6:10]
-        v["mocap"][7:9] = v["mocap"][10] = 0.0
-        v["mocap"][9] = max(v["mocap"][9] - 5e-3, 0.0)
-        apply_mocap(v.m, noise[k], v.theta)
-        voltage = v["supply"][2:]  # charge and current are bookkeeping of the battery's effect
-        rows.append(np.concatenate([*(v[part] for part in (*SEEN, "imu", "mocap")), voltage]))
+        v.plant.gyro, v.plant.accel = v.rates, v.plant.force / v.mass
+        apply_imu(v.plant, noise[k], v.theta)
+        v.plant.mocap = (tuple(v.position), tuple(v.body[6:10]), 5e-3, 0.0, 0.0, False)
+        apply_mocap(v.plant, noise[k], v.theta)
+        plant, contact, mocap = v.plant, v.plant.contact, v.plant.mocap
+        scalars = [
+            plant.mass, plant.motor_time_constant, plant.half_tick_decay, plant.tick_decay,
+            mocap.latency, mocap.stamp_error, mocap.dropped, contact.touching, contact.rotor,
+            plant.memories.mocap_dropouts.rest,
+            plant.supply.voltage,  # charge and current: bookkeeping of the battery's effect
+        ]  # fmt: skip
+        vectors = [mocap.position, mocap.attitude, contact.force, contact.point]
+        rows.append(np.concatenate([*(plant[name] for name in SEEN), v.body, *vectors, scalars]))
         v.finish(noise[k])
     return np.array(rows)
 
@@ -95,12 +102,12 @@ def busy_memory():
         draws=np.linspace(-1.5, 1.5, 8),
     )  # fmt: skip
     v.fly(0.02, lambda k: 480.0 + 10.0 * k * np.array([1.0, -1.0, 0.5, 0.2]))
-    v["wind"] = [0.4, 0.3, -0.1]
-    v["gust"] = 0.0
-    v["efficiency"] = [0.9, 1.0, 1.1, 0.8]
-    v["target"] = v["command"]
-    v["delay"].reshape(-1, 4)[int(v["clock"][0]) % 64] = v["command"]
-    v["imu"] = [0.1, 0.2, 0.3, 1.0, 2.0, 9.0]
-    v["mocap"][:8] = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3, math.sqrt(0.86), 0.01]
-    v["wrench"] = [0.1, 0.2, 12.0, 0.01, 0.02, 0.03]
+    v.plant.wind = [0.4, 0.3, -0.1]
+    v.plant.efficiency = [0.9, 1.0, 1.1, 0.8]
+    v.plant.rotor_target = v.plant.rotor_command
+    v.plant.past_commands[v.plant.ticks % 64] = v.plant.rotor_command
+    v.imu = [0.1, 0.2, 0.3, 1.0, 2.0, 9.0]
+    v.plant.mocap.position, v.plant.mocap.latency = [1.0, 2.0, 3.0], 0.01
+    v.plant.mocap.attitude = [0.1, 0.2, 0.3, math.sqrt(0.86)]
+    v.plant.force, v.plant.moment = [0.1, 0.2, 12.0], [0.01, 0.02, 0.03]
     return v

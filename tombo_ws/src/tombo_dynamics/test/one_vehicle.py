@@ -5,9 +5,10 @@ from functools import cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tombo_dynamics.effects.compose import pack_theta
-from tombo_dynamics.plant import new_plant, part
+from tombo_dynamics.effects.compose import new_plant, pack_theta
+from tombo_dynamics.plant import set_state
 from tombo_dynamics.propeller import configuration, thrust_map
+from tombo_dynamics.records import numbers
 from tombo_dynamics.rigid_body import begin_flight, begin_tick, finish_tick
 from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY, SPIN, VehicleParams
@@ -53,31 +54,46 @@ class Vehicle:
         self.maps = tombo_maps() if maps is None else maps
         self.theta = pack_theta(effects or {}) if theta is None else theta
         self.tick = tick
-        self.m = new_plant(self.params)
-        self["body"] = [*position, *velocity, *attitude, *rates]
-        self["obstacle"] = obstacle
+        self.plant = new_plant(self.params)
+        self.body = [*position, *velocity, *attitude, *rates]
+        self.plant.obstacle = tuple(obstacle)
         if draws is not None:
-            self["draws"] = draws
-        begin_flight(self.m, QUIET, self.theta, tick)
+            self.plant.draws = draws
+        begin_flight(self.plant, QUIET, self.theta, tick)
         self.spin_up(speed)
 
-    def __getitem__(self, name):
-        return part(self.m, name)
+    @property
+    def body(self):
+        """Position, velocity, quaternion and rates (13): a copy."""
+        return numbers(self.plant.state)
 
-    def __setitem__(self, name, value):
-        part(self.m, name)[:] = value
+    @body.setter
+    def body(self, values):
+        set_state(self.plant.state, np.array(values, dtype=float))
+
+    @property
+    def wrench(self):
+        return np.concatenate((self.plant.force, self.plant.moment))
+
+    @property
+    def imu(self):
+        return np.concatenate((self.plant.gyro, self.plant.accel))
+
+    @imu.setter
+    def imu(self, values):
+        self.plant.gyro, self.plant.accel = values[:3], values[3:]
 
     def spin_up(self, speed):
         """Let the rotors turn at `speed` [rad/s], and go on asking for it."""
-        self["speed"] = speed
-        self["command"] = speed
-        self["delay"].reshape(-1, 4)[:] = speed
+        self.plant.rotor_speed = speed
+        self.plant.rotor_command = speed
+        self.plant.past_commands[:] = speed
 
     def begin(self, noise=QUIET):
-        begin_tick(self.m, self.maps, noise, self.theta)
+        begin_tick(self.plant, self.maps, noise, self.theta)
 
     def finish(self, noise=QUIET):
-        finish_tick(self.m, noise, self.theta)
+        finish_tick(self.plant, noise, self.theta)
 
     def fly(self, seconds, command=None, noise=None, watch=None):
         """Fly on; `command(k)` gives rotor speeds, `noise[k]` a tick's normals.
@@ -87,39 +103,39 @@ class Vehicle:
         seen = []
         for k in range(round(seconds / self.tick)):
             if command is not None:
-                self["command"] = command(k)
+                self.plant.rotor_command = command(k)
             normals = QUIET if noise is None else noise[k]
-            begin_tick(self.m, self.maps, normals, self.theta)
+            begin_tick(self.plant, self.maps, normals, self.theta)
             if watch is not None:
                 seen.append(watch(self))
-            finish_tick(self.m, normals, self.theta)
+            finish_tick(self.plant, normals, self.theta)
         return np.array(seen)
 
     # --- what a physicist would ask of it ---------------------------------------------------
 
     @property
     def position(self):
-        return self["body"][:3]
+        return self.plant.state.position
 
     @property
     def velocity(self):
-        return self["body"][3:6]
+        return self.plant.state.velocity
 
     @property
     def rates(self):
-        return self["body"][10:13]
+        return self.plant.state.rates
 
     @property
     def rotation(self):
-        return Rotation.from_quat(self["body"][6:10])
+        return Rotation.from_quat(self.plant.state.attitude)
 
     @property
     def mass(self):
-        return self["inertial"][0]
+        return self.plant.mass
 
     @property
     def inertia(self):
-        return self["inertial"][1:4]
+        return self.plant.inertia
 
     def kinetic_energy(self):
         """Return translation plus rotation of the airframe [J]; rotors' spin left out."""
@@ -134,7 +150,7 @@ class Vehicle:
 
     def rotor_momentum(self):
         """Return the spin momentum of the rotors along body z [kg m^2/s]."""
-        return self.params.rotor_inertia * SPIN @ self["speed"]
+        return self.params.rotor_inertia * SPIN @ self.plant.rotor_speed
 
     def angular_momentum(self):
         """Return that of airframe and rotors about the centre of mass, in map [kg m^2/s]."""

@@ -21,7 +21,7 @@ def test_wind_without_drag_does_nothing():
     for wind in ({}, {"steady_wind": {"east": 9.0, "north": -4.0}}):
         v = Vehicle(wind, speed=hover_speed(), velocity=(1.0, 2.0, 0.5), rates=(0.1, 0.2, 0.3))
         v.fly(0.5)
-        ends.append(v["body"].copy())
+        ends.append(v.body.copy())
     assert (ends[0] == ends[1]).all()
 
 
@@ -45,7 +45,7 @@ def test_only_the_motion_through_the_air_counts(seed):
     calm.fly(0.1)
     windy.fly(0.1)
     assert windy.velocity - wind == pytest.approx(calm.velocity, abs=1e-9)
-    assert windy["body"][6:] == pytest.approx(calm["body"][6:], abs=1e-9)
+    assert windy.body[6:] == pytest.approx(calm.body[6:], abs=1e-9)
 
 
 @given(st.integers(0, 10_000))
@@ -53,9 +53,9 @@ def test_drag_takes_energy_from_every_motion(seed):
     rng = np.random.default_rng(seed)
     v = Vehicle(DRAG, attitude=random_attitude(rng), velocity=rng.normal(0.0, 5.0, 3))
     v.begin()
-    power = v["wrench"][:3] @ v.rotation.inv().apply(v.velocity)
+    power = v.plant.force @ v.rotation.inv().apply(v.velocity)
     assert power < 0.0
-    assert not v["wrench"][3:].any()  # at the centre of mass
+    assert not v.plant.moment.any()  # at the centre of mass
 
 
 def test_terminal_speed_under_linear_drag(no_air):
@@ -83,7 +83,7 @@ def flapping(velocity, **more):
     for effects in ({"flapping_moment": {"k": 0.02}}, {}):
         v = Vehicle(effects, velocity=velocity, speed=hover_speed(), **more)
         v.begin()
-        moments.append(v["wrench"].copy())
+        moments.append(v.wrench.copy())
     change = moments[0] - moments[1]
     assert not change[:3].any()
     return change[3:]
@@ -120,16 +120,16 @@ def test_translational_lift_grows_with_squared_in_plane_airspeed(k):
     v = Vehicle(lift, velocity=(4.0, 2.0, -1.0), attitude=tilt.as_quat(), speed=hover_speed())
     v.begin()
     u, w, _ = tilt.inv().apply([3.0, 2.0, -1.0])
-    assert v["efficiency"] == pytest.approx(np.full(4, 1.0 + k * (u * u + w * w)))
+    assert v.plant.efficiency == pytest.approx(np.full(4, 1.0 + k * (u * u + w * w)))
     still = Vehicle(lift, velocity=(1.0, 0.0, -3.0), speed=hover_speed())
     still.begin()
-    assert still["efficiency"] == pytest.approx(np.ones(4))
+    assert still.plant.efficiency == pytest.approx(np.ones(4))
 
 
 def test_translational_lift_never_turns_thrust_around():
     v = Vehicle({"translational_lift": {"k": -0.05}}, velocity=(12.0, 0.0, 0.0), speed=500.0)
     v.begin()
-    assert v["efficiency"] == pytest.approx(np.full(4, 0.2))
+    assert v.plant.efficiency == pytest.approx(np.full(4, 0.2))
 
 
 def test_quadratic_drag_is_against_the_motion_and_grows_with_its_square():
@@ -137,7 +137,7 @@ def test_quadratic_drag_is_against_the_motion_and_grows_with_its_square():
     for speed in (1.0, 2.0):
         v = Vehicle({"quadratic_body_drag": {"c_area": 0.1}}, velocity=(speed, -speed, speed))
         v.begin()
-        forces.append(v["wrench"][:3].copy())
+        forces.append(v.plant.force.copy())
     assert forces[1] == pytest.approx(4.0 * forces[0])
     direction = forces[0] / np.linalg.norm(forces[0])
     assert direction == pytest.approx(np.array([-1.0, 1.0, -1.0]) / math.sqrt(3.0))
@@ -151,10 +151,10 @@ def gusts(deviation, time, seconds=60.0, seed=0):
     noise = np.random.default_rng(seed).standard_normal((round(seconds * 1e3), NOISE))
     seen = []
     for row in noise:
-        v["body"][2] = 2000.0
+        v.plant.state.position[2] = 2000.0
         v.begin(row)
-        seen.append(v["wind"].copy())
-        v["clock"][0] += 1.0
+        seen.append(v.plant.wind.copy())
+        v.plant.ticks += 1
     return np.array(seen)
 
 
@@ -181,6 +181,8 @@ def test_gusts_add_to_the_steady_wind():
     noise = np.zeros(NOISE)
     noise[:3] = [1.0, -2.0, 0.5]
     v.begin(noise)
-    assert v["wind"] - v["gust"] == pytest.approx([3.0, 1.0, 0.0])
-    assert v["gust"] == pytest.approx(v["gust"][0] * noise[:3])
-    assert v["gust"][0] > 0.0
+    assert v.plant.wind - v.plant.memories.gusts.velocity == pytest.approx([3.0, 1.0, 0.0])
+    assert v.plant.memories.gusts.velocity == pytest.approx(
+        v.plant.memories.gusts.velocity[0] * noise[:3]
+    )
+    assert v.plant.memories.gusts.velocity[0] > 0.0

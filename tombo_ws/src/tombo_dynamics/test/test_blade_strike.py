@@ -41,19 +41,22 @@ def struck(rotor=2, bearing=0.0, depth=0.001, wear=0.0, heading=0.0, pole=POLE, 
 
 def bench(v, seconds):
     """Let the rotors run on a test bench: the airframe cannot move. Return thrusts over time."""
-    body = v["body"].copy()
+    body = v.body.copy()
     thrusts = []
     for _ in range(round(seconds * 1e3)):
-        v["body"] = body
+        v.body = body
         v.begin()
-        thrusts.append(v["thrust"].copy())
+        thrusts.append(v.plant.rotor_thrust.copy())
         v.finish()
     return np.array(thrusts)
 
 
 def outward(v, rotor):
     """Return the unit vector from a hub to the obstacle, in base_link."""
-    way = v["obstacle"][:2] - (v.position + v.rotation.apply(hub(rotor)))[:2]
+    way = (
+        np.array([v.plant.obstacle.x, v.plant.obstacle.y])
+        - (v.position + v.rotation.apply(hub(rotor)))[:2]
+    )
     way = np.append(way / np.linalg.norm(way), 0.0)
     return v.rotation.inv().apply(way)
 
@@ -69,7 +72,7 @@ SPOTS = [(0, -0.8), (0, 0.0), (1, 2.4), (1, 3.0), (2, 0.0), (2, 0.8), (3, -1.6),
 def test_the_push_leans_from_away_towards_against_the_blade(rotor, bearing, heading):
     v = struck(rotor, bearing, heading=heading)
     v.begin()
-    force = v["strike"][:3]
+    force = v.plant.strike_force
     out = outward(v, rotor)
     blade_moves = SPIN[rotor] * np.cross([0.0, 0.0, 1.0], out)
     assert force @ out == pytest.approx(-145.5 * math.cos(0.4))
@@ -81,16 +84,16 @@ def test_the_push_leans_from_away_towards_against_the_blade(rotor, bearing, head
 def test_the_rotor_loses_what_the_tangential_push_takes(rotor, bearing):
     v = struck(rotor, bearing)
     v.begin()
-    tangential = np.linalg.norm(np.cross(v["strike"][:3], outward(v, rotor)))
-    lost = v.params.rotor_inertia * (HOVER - v["speed"][rotor])
+    tangential = np.linalg.norm(np.cross(v.plant.strike_force, outward(v, rotor)))
+    lost = v.params.rotor_inertia * (HOVER - v.plant.rotor_speed[rotor])
     lever = lost / (tangential * 1e-3)
     assert NODUS <= lever <= RADIUS * (1.0 + 1e-12)  # but for rounding
     assert lever == pytest.approx(RADIUS, rel=1e-6)  # it is struck at the tip
-    energy = 0.5 * v.params.rotor_inertia * (HOVER**2 - v["speed"][rotor] ** 2)
-    assert v["energy"][rotor] == pytest.approx(energy)
+    energy = 0.5 * v.params.rotor_inertia * (HOVER**2 - v.plant.rotor_speed[rotor] ** 2)
+    assert v.plant.strike_energy[rotor] == pytest.approx(energy)
     others = np.delete(np.arange(4), rotor)
-    assert (v["speed"][others] == HOVER).all()
-    assert not v["energy"][others].any()
+    assert (v.plant.rotor_speed[others] == HOVER).all()
+    assert not v.plant.strike_energy[others].any()
 
 
 @pytest.mark.parametrize("rotor, bearing", SPOTS)
@@ -101,28 +104,30 @@ def test_vehicle_and_rotor_together_get_the_torque_of_the_contact_point(rotor, b
     shift = [offset["cog_offset"]["x"], offset["cog_offset"]["y"], 0.0] if offset else np.zeros(3)
     v.position[:] += shift  # the disc stays where it was, the state is the centre of gravity's
     v.begin()
-    assert v["contact"][:2] == pytest.approx([1.0, rotor])
-    point = v["contact"][5:8] - v.position
-    torque = np.cross(point, v["strike"][:3])
-    on_rotor = SPIN[rotor] * v.params.rotor_inertia * (v["speed"][rotor] - HOVER) / 1e-3
-    assert v["strike"][5] + on_rotor == pytest.approx(torque[2])
-    assert v["strike"][3:5] == pytest.approx(torque[:2])
+    assert v.plant.contact.touching and v.plant.contact.rotor == rotor
+    point = v.plant.contact.point - v.position
+    torque = np.cross(point, v.plant.strike_force)
+    on_rotor = SPIN[rotor] * v.params.rotor_inertia * (v.plant.rotor_speed[rotor] - HOVER) / 1e-3
+    assert v.plant.strike_moment[2] + on_rotor == pytest.approx(torque[2])
+    assert v.plant.strike_moment[:2] == pytest.approx(torque[:2])
     rim = point + shift - hub(rotor)
     assert np.linalg.norm(rim) == pytest.approx(RADIUS)
 
 
 def test_the_airframe_moves_by_the_impulse():
     v, free = struck(), struck()
-    free["obstacle"] = 0.0
+    free.plant.obstacle.radius = 0.0
     impulse = np.zeros(3)
     for _ in range(10):
         v.begin()
-        impulse += 1e-3 * v.rotation.apply(v["strike"][:3])
-        lift = v.rotation.apply([0.0, 0.0, v["rotors"][0]])  # less than the free vehicle's
+        impulse += 1e-3 * v.rotation.apply(v.plant.strike_force)
+        lift = v.rotation.apply(
+            [0.0, 0.0, v.plant.rotors[0].thrust]
+        )  # less than the free vehicle's
         impulse += 1e-3 * lift
         v.finish()
         free.begin()
-        impulse[2] -= 1e-3 * free["rotors"][0]
+        impulse[2] -= 1e-3 * free.plant.rotors[0].thrust
         free.finish()
     assert v.mass * (v.velocity - free.velocity) == pytest.approx(impulse, abs=0.01)
     assert v.velocity[0] < -0.5
@@ -132,14 +137,18 @@ def test_a_stopped_rotor_is_not_turned_backwards():
     v = struck(speed=60.0)
     for _ in range(30):
         v.begin()
-        assert v["speed"].min() >= -1e-12
+        assert v.plant.rotor_speed.min() >= -1e-12
         v.finish()
 
 
 def test_a_rotor_that_does_not_turn_is_not_struck():
     v = struck(speed=10.0)
     v.begin()
-    assert not v["strike"].any() and not v["folding"].any() and not v["contact"][0]
+    assert (
+        not v.plant.strike_force.any()
+        and not v.plant.memories.blade_strike.folding.any()
+        and not v.plant.contact.touching
+    )
 
 
 # --- the course of a strike -----------------------------------------------------------------
@@ -147,13 +156,13 @@ def test_a_rotor_that_does_not_turn_is_not_struck():
 
 def test_the_push_fades_while_the_blade_folds():
     v = struck()
-    body = v["body"].copy()
+    body = v.body.copy()
     pushes, folds = [], []
     for _ in range(20):
-        v["body"] = body
+        v.body = body
         v.begin()
-        pushes.append(np.linalg.norm(v["strike"][:3]))
-        folds.append(v["fold"][2])
+        pushes.append(np.linalg.norm(v.plant.strike_force))
+        folds.append(v.plant.fold[2])
         v.finish()
     assert pushes[0] == pytest.approx(145.5)
     assert (np.diff(pushes[:15]) < 0.0).all()
@@ -172,7 +181,7 @@ def test_thrust_collapses_and_returns_in_the_measured_time(conf, speed):
         recovery_time=figures["recovery_s"],
     )  # fmt: skip
     struck_thrust = bench(v, 0.010)
-    v["obstacle"][2] = 0.0  # the pole is taken away
+    v.plant.obstacle.radius = 0.0  # the pole is taken away
     thrust = np.vstack([struck_thrust, bench(v, 1.5)])
     before = thrust[0, 0]
     assert thrust[:, [0, 1, 3]] == pytest.approx(before)
@@ -190,7 +199,7 @@ def test_a_longer_recovery_time_is_a_longer_recovery():
     for recovery_time in (0.2, 0.4, 0.8):
         v = struck(recovery_time=recovery_time)
         bench(v, 0.02)
-        v["obstacle"][2] = 0.0
+        v.plant.obstacle.radius = 0.0
         share = bench(v, 1.0)[:, 2]
         halves.append(np.argmax(share > 0.5 * share[-1]))
     assert halves[0] < halves[1] < halves[2]
@@ -199,15 +208,15 @@ def test_a_longer_recovery_time_is_a_longer_recovery():
 def test_a_blade_that_straightens_into_the_obstacle_is_struck_again():
     v = struck(depth=0.03)
     pushed = []
-    body = v["body"].copy()
+    body = v.body.copy()
     for _ in range(400):
-        v["body"] = body
+        v.body = body
         v.begin()
-        pushed.append(v["contact"][0] > 0.0)
+        pushed.append(v.plant.contact.touching > 0.0)
         v.finish()
     begins = np.count_nonzero(np.diff(np.array(pushed, dtype=int)) > 0)
     assert begins >= 2
-    assert v["fold"][2] > 0.1  # it cannot stand where the pole is
+    assert v.plant.fold[2] > 0.1  # it cannot stand where the pole is
 
 
 @pytest.mark.parametrize("conf", [5, 9, 12, 13])
@@ -218,8 +227,8 @@ def test_the_airframe_gets_less_energy_than_the_rotor_loses(conf, speed, bearing
     figures = measured_performance(conf)
     v = struck(bearing=bearing, speed=speed, peak_force=figures["collision_force_N"])
     free = struck(speed=speed)
-    free["obstacle"] = 0.0
-    lost = v.fly(0.016, watch=lambda v: v["energy"].sum()).sum()
+    free.plant.obstacle.radius = 0.0
+    lost = v.fly(0.016, watch=lambda v: v.plant.strike_energy.sum()).sum()
     free.fly(0.016)
     gained = v.energy() - free.energy()
     assert lost > 1.0
@@ -232,21 +241,21 @@ def test_the_airframe_gets_less_energy_than_the_rotor_loses(conf, speed, bearing
 def test_a_rigid_blade_breaks_and_stays_broken():
     v = struck(peak_force=269.3, recovery_time=0.0, wear=0.01)
     bench(v, 0.02)
-    assert v["damage"][2] >= 1.0
-    v["obstacle"][2] = 0.0
+    assert v.plant.damage[2] >= 1.0
+    v.plant.obstacle.radius = 0.0
     thrust = bench(v, 3.0)
     assert not thrust[:, 2].any()
-    assert (v["fold"] == [0.0, 0.0, 1.0, 0.0]).all()
-    assert v["speed"][2] < 1.0
+    assert (v.plant.fold == [0.0, 0.0, 1.0, 0.0]).all()
+    assert v.plant.rotor_speed[2] < 1.0
     assert thrust[-1, [0, 1, 3]].min() > 1.0
 
 
 def strike_and_recover(v):
-    pole = v["obstacle"][2]
+    pole = v.plant.obstacle.radius
     bench(v, 0.03)
-    v["obstacle"][2] = 0.0
+    v.plant.obstacle.radius = 0.0
     thrust = bench(v, 1.5)
-    v["obstacle"][2] = pole
+    v.plant.obstacle.radius = pole
     return thrust[-1, 2]
 
 
@@ -254,18 +263,18 @@ def test_the_third_full_strike_tears_a_blade_off():
     v = struck(wear=3.0)
     whole = strike_and_recover(v)
     assert whole > 3.0
-    assert 0.3 < v["damage"][2] < 0.5
+    assert 0.3 < v.plant.damage[2] < 0.5
     assert strike_and_recover(v) == pytest.approx(whole, rel=0.01)
-    assert v["damage"][2] < 1.0
+    assert v.plant.damage[2] < 1.0
     assert strike_and_recover(v) == 0.0
-    assert not v["damage"][[0, 1, 3]].any()
+    assert not v.plant.damage[[0, 1, 3]].any()
 
 
 def test_a_lighter_strike_wears_by_its_energy():
     full, light = struck(wear=3.0), struck(wear=3.0, speed=0.5 * HOVER)
     strike_and_recover(full)
     strike_and_recover(light)
-    ratio = light["damage"][2] / full["damage"][2]
+    ratio = light.plant.damage[2] / full.plant.damage[2]
     assert ratio == pytest.approx(0.25, abs=0.05)
 
 
@@ -273,7 +282,7 @@ def test_without_wear_a_blade_never_tears():
     v = struck(wear=0.0)
     for _ in range(6):
         strike_and_recover(v)
-    assert not v["damage"].any()
+    assert not v.plant.damage.any()
 
 
 # --- where nothing happens ------------------------------------------------------------------
@@ -282,7 +291,10 @@ def test_without_wear_a_blade_never_tears():
 def untouched(v):
     v.begin()
     return not (
-        v["strike"].any() or v["fold"].any() or v["contact"][0] or (v["speed"] != HOVER).any()
+        v.plant.strike_force.any()
+        or v.plant.fold.any()
+        or v.plant.contact.touching
+        or (v.plant.rotor_speed != HOVER).any()
     )
 
 
@@ -294,15 +306,15 @@ def test_the_disc_ends_at_the_tip(rotor, bearing):
 
 def test_without_an_obstacle_nothing_is_struck():
     v = struck()
-    v["obstacle"][2] = 0.0
+    v.plant.obstacle.radius = 0.0
     assert untouched(v)
 
 
 def test_a_disc_above_the_top_passes():
     v = struck()
-    v["obstacle"][3] = 2.03 - 1e-6
+    v.plant.obstacle.top = 2.03 - 1e-6
     assert untouched(v)
-    v["obstacle"][3] = 2.03 + 1e-6
+    v.plant.obstacle.top = 2.03 + 1e-6
     assert not untouched(v)
 
 
@@ -310,8 +322,8 @@ def test_a_thin_pole_inside_the_disc_is_struck_with_its_lever():
     v = struck(pole=0.01, depth=0.05, slant=0.5 * math.pi)
     v.begin()
     lever = RADIUS + 0.01 - 0.05
-    push = np.linalg.norm(v["strike"][:3])
-    lost = v.params.rotor_inertia * (HOVER - v["speed"][2])
+    push = np.linalg.norm(v.plant.strike_force)
+    lost = v.params.rotor_inertia * (HOVER - v.plant.rotor_speed[2])
     assert lost == pytest.approx(push * lever * 1e-3)
 
 
@@ -320,14 +332,14 @@ def test_a_disc_that_rises_above_the_obstacle_during_a_strike_is_free():
     v = struck()
     v.begin()
     v.finish()
-    assert v["folding"][2] == 1.0
-    v["obstacle"][3] = 1.5
+    assert v.plant.memories.blade_strike.folding[2] == 1.0
+    v.plant.obstacle.top = 1.5
     v.begin()
-    assert not v["strike"].any()
-    assert v["contact"][0] == 0.0
+    assert not v.plant.strike_force.any()
+    assert v.plant.contact.touching == 0.0
 
 
 def test_a_disc_on_edge_meets_nothing():
     v = struck()
-    v["body"][6:10] = Rotation.from_euler("x", 0.5 * math.pi).as_quat()
+    v.plant.state.attitude = Rotation.from_euler("x", 0.5 * math.pi).as_quat()
     assert untouched(v)

@@ -20,7 +20,7 @@ SEEDS = st.integers(0, 1000)
 
 def disturbed(name, *values, **where):
     v = Vehicle(**where)
-    set_disturbance(v.m, name, *values)
+    set_disturbance(v.plant, name, *values)
     return v
 
 
@@ -28,9 +28,9 @@ def added(name, *values, ticks=0, **where):
     """Return the wrench that the disturbance adds at the start of a tick, in body axes."""
     wrenches = []
     for v in (Vehicle(**where), disturbed(name, *values, **where)):
-        v["clock"][0] = ticks
+        v.plant.ticks = ticks
         v.begin()
-        wrenches.append(v["wrench"].copy())
+        wrenches.append(v.wrench.copy())
     return wrenches[1] - wrenches[0]
 
 
@@ -52,9 +52,9 @@ def test_it_is_no_candidate_and_says_what_it_is(name):
 def test_with_typical_values_it_shows_and_stays_finite(name):
     ends = []
     for v in (Vehicle(speed=hover_speed()), disturbed(name, speed=hover_speed())):
-        v["body"][3:6] = [1.0, 0.5, 0.2]
+        v.plant.state.velocity = [1.0, 0.5, 0.2]
         v.fly(1.0, lambda k: hover_speed() + 30.0 * math.sin(0.01 * k))
-        ends.append(v["body"].copy())
+        ends.append(v.body.copy())
     assert np.isfinite(ends[1]).all()
     assert np.abs(ends[1] - ends[0]).max() > 1e-3
 
@@ -62,26 +62,28 @@ def test_with_typical_values_it_shows_and_stays_finite(name):
 def test_without_one_nothing_is_kept_or_changed():
     v = Vehicle(speed=hover_speed(), velocity=(1.0, 0.0, 0.0))
     v.fly(0.05)
-    assert not v["disturbance"].any()
+    assert v.plant.disturbance == np.zeros((), v.plant.disturbance.dtype)
 
 
 @every_shape
 def test_it_can_be_exchanged_and_leaves_nothing_behind(name):
     v = disturbed(name)
     v.fly(0.01)
-    set_disturbance(v.m, "body_push", 0.0, 0.0, 0.0)
-    assert v["disturbance"][1:] == pytest.approx(np.zeros(15))
+    set_disturbance(v.plant, "body_push", 0.0, 0.0, 0.0)
+    kept = v.plant.disturbance.copy()
+    kept.kind = 0
+    assert kept == np.zeros((), kept.dtype)
 
 
 def test_what_cannot_be_set_is_refused():
     v = Vehicle()
     with pytest.raises(InputError, match=r"'tethr' \(did you mean 'tether'\?\)"):
-        set_disturbance(v.m, "tethr")
+        set_disturbance(v.plant, "tethr")
     with pytest.raises(InputError, match=r"'dry_drag': 2 parameters; accepted: force \[N\]"):
-        set_disturbance(v.m, "dry_drag", 1.0, 2.0)
+        set_disturbance(v.plant, "dry_drag", 1.0, 2.0)
     with pytest.raises(InputError, match=r"disturbance\.dry_drag\.force: -1"):
-        set_disturbance(v.m, "dry_drag", -1.0)
-    assert not v["disturbance"].any()
+        set_disturbance(v.plant, "dry_drag", -1.0)
+    assert v.plant.disturbance == np.zeros((), v.plant.disturbance.dtype)
 
 
 # --- one by one -----------------------------------------------------------------------------
@@ -122,21 +124,26 @@ def test_a_load_hangs_with_its_weight():
     speed = hover_speed() * math.sqrt(thrust / (v.mass * GRAVITY))
     v.spin_up(speed)
     v.fly(1.0)
-    assert v["disturbance"][-3:] == pytest.approx([0.0, 0.0, -load * GRAVITY], rel=0.02, abs=1e-9)
-    assert v["wrench"][2] == pytest.approx(v.mass * GRAVITY, rel=0.02)
+    assert v.plant.disturbance.pull == pytest.approx(
+        [0.0, 0.0, -load * GRAVITY], rel=0.02, abs=1e-9
+    )
+    assert v.plant.force[2] == pytest.approx(v.mass * GRAVITY, rel=0.02)
 
 
 def test_a_load_swings_with_the_period_of_a_pendulum(no_air):
     """Below a vehicle that is held in place."""
     length = 1.0
     v = disturbed("slung_load", 0.1, length, maps=no_air, position=(0.0, 0.0, 50.0))
-    v["disturbance"][7:10] = [length * math.sin(0.1), 0.0, 50.0 - length * math.cos(0.1)]
+    v.plant.disturbance.load_position = [
+        length * math.sin(0.1),
+        0.0,
+        50.0 - length * math.cos(0.1),
+    ]
     sideways = []
     for _ in range(6000):
-        v["body"][:6] = [0.0, 0.0, 50.0, 0.0, 0.0, 0.0]
-        v["body"][6:] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+        v.body = [0.0, 0.0, 50.0, *[0.0] * 6, 1.0, 0.0, 0.0, 0.0]
         v.begin()
-        sideways.append(v["disturbance"][7])
+        sideways.append(v.plant.disturbance.load_position[0])
         v.finish()
     x = np.array(sideways)
     up = np.flatnonzero((x[1:] >= 0.0) & (x[:-1] < 0.0)) * 1e-3
@@ -152,46 +159,47 @@ def test_vehicle_and_load_keep_their_momentum(seed):
         "slung_load", 0.4, 0.6, maps=vacuum_maps(), position=(0.0, 0.0, 100.0),
         velocity=rng.normal(0.0, 1.0, 3), attitude=random_attitude(rng), rates=rng.normal(0, 1, 3),
     )  # fmt: skip
-    load = v["disturbance"][7:13]
-    load[:3] += rng.normal(0.0, 0.1, 3)
-    load[3:6] += rng.normal(0.0, 0.5, 3)
+    load = v.plant.disturbance
+    load.load_position += rng.normal(0.0, 0.1, 3)
+    load.load_velocity += rng.normal(0.0, 0.5, 3)
 
     def momentum():
-        return v.mass * v.velocity + 0.4 * load[3:6]
+        return v.mass * v.velocity + 0.4 * load.load_velocity
 
     before = momentum()
     v.fly(0.5)
     fallen = np.array([0.0, 0.0, -(v.mass + 0.4) * GRAVITY * 0.5])
     assert momentum() == pytest.approx(before + fallen, abs=1e-9)
-    reach = np.linalg.norm(load[:3] - v.position)
+    reach = np.linalg.norm(load.load_position - v.position)
     assert reach < 0.6 * 1.1
 
 
 def test_a_load_lies_on_the_floor_until_the_cord_is_taut():
     v = disturbed("slung_load", 0.2, 0.7, position=(0.0, 0.0, 0.18))
-    v["body"][3:6] = [0.0, 0.0, 0.0]
-    load = v["disturbance"][7:13]
+    v.plant.state.velocity = [0.0, 0.0, 0.0]
+    load = v.plant.disturbance.load_position
     for height in (0.3, 0.69):
-        v["body"][2] = height
-        v["body"][3:6] = 0.0
+        v.plant.state.position[2] = height
+        v.plant.state.velocity = 0.0
         v.begin()
-        assert load[2] == 0.0 and not v["disturbance"][-3:].any()
-    v["body"][2] = 0.72
+        assert load[2] == 0.0 and not v.plant.disturbance.pull.any()
+    v.plant.state.position[2] = 0.72
     v.begin()
-    assert v["disturbance"][-1] < 0.0
+    assert v.plant.disturbance.pull[2] < 0.0
 
 
 def test_a_load_that_falls_stays_where_it_hits_the_floor():
     v = disturbed("slung_load", 0.2, 0.7, position=(0.0, 0.0, 0.4))
-    load = v["disturbance"][7:13]
-    load[:] = [0.1, 0.0, 0.1, 0.3, 0.0, 0.0]
+    load = v.plant.disturbance
+    load.load_position, load.load_velocity = [0.1, 0.0, 0.1], [0.3, 0.0, 0.0]
     for _ in range(300):
-        v["body"][:6] = [0.0, 0.0, 0.4, 0.0, 0.0, 0.0]
+        v.plant.state.position, v.plant.state.velocity = [0.0, 0.0, 0.4], 0.0
         v.begin()
         v.finish()
     fall = math.sqrt(2.0 * 0.1 / GRAVITY)
-    assert load == pytest.approx([0.1 + 0.3 * fall, 0.0, 0.0, 0.0, 0.0, 0.0], abs=1e-3)
-    assert load[2] == 0.0
+    assert load.load_position == pytest.approx([0.1 + 0.3 * fall, 0.0, 0.0], abs=1e-3)
+    assert load.load_velocity == pytest.approx(np.zeros(3), abs=1e-3)
+    assert load.load_position[2] == 0.0
 
 
 def test_a_periodic_push_goes_to_and_fro_along_its_heading():
@@ -216,7 +224,7 @@ def test_thrust_fades_with_the_time_since_the_start():
     assert not whole.any()
     v = Vehicle(speed=hover_speed())
     v.begin()
-    thrust = v["wrench"][2]
+    thrust = v.plant.force[2]
     for seconds, lost in ((0.0, 0.0), (10.0, 0.05), (20.0, 0.1), (1000.0, 0.8)):
         fade = added("thrust_fade", 0.005, ticks=1000 * seconds, speed=hover_speed())
         assert fade == pytest.approx([0.0, 0.0, -lost * thrust, 0.0, 0.0, 0.0])
@@ -267,7 +275,7 @@ def test_thrust_goes_round_a_loop():
         v.spin_up(speed)
         v.begin()
         loop.setdefault(round(speed), {})["up" if k < 200 else "down"] = (
-            v["wrench"][2] - v["rotors"][0]
+            v.plant.force[2] - v.plant.rotors[0].thrust
         )
         v.finish()
     both = [g for g in loop.values() if len(g) == 2]

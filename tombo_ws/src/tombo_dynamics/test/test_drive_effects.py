@@ -8,6 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from one_vehicle import Vehicle, hover_speed
 
+from tombo_dynamics.records import numbers
+
 
 def step(k):
     return np.full(4, 600.0 if k >= 50 else 400.0)
@@ -19,7 +21,7 @@ def ramp(k):
 
 def speeds(effects, command=step, seconds=0.25, **more):
     v = Vehicle(effects, speed=400.0, position=(0.0, 0.0, 50.0), **more)
-    return v.fly(seconds, command, watch=lambda v: v["speed"].copy())
+    return v.fly(seconds, command, watch=lambda v: v.plant.rotor_speed.copy())
 
 
 # --- lag ------------------------------------------------------------------------------------
@@ -36,7 +38,7 @@ def test_motor_lag_moves_the_63_percent_time(vehicle, extra):
 
 def test_the_drive_never_gets_faster_than_a_millisecond(vehicle):
     v = Vehicle({"motor_lag": {"extra_tau": -vehicle.motor_time_constant}})
-    assert v["inertial"][4] == pytest.approx(1e-3)
+    assert v.plant.motor_time_constant == pytest.approx(1e-3)
 
 
 # --- delay ----------------------------------------------------------------------------------
@@ -55,9 +57,9 @@ def test_a_delay_between_ticks_lies_between_its_neighbours(delay):
     """On a ramp interpolation is exact: the target is the command of that time ago."""
     v = Vehicle({"command_delay": {"delay": delay}}, speed=400.0, position=(0.0, 0.0, 50.0))
     v.fly(0.1, ramp)
-    v["command"] = ramp(100)
+    v.plant.rotor_command = ramp(100)
     v.begin()
-    assert v["target"] == pytest.approx(ramp(100 - delay * 1e3), rel=1e-9)
+    assert v.plant.rotor_target == pytest.approx(ramp(100 - delay * 1e3), rel=1e-9)
 
 
 def test_delay_does_not_depend_on_the_length_of_the_tick():
@@ -66,7 +68,7 @@ def test_delay_does_not_depend_on_the_length_of_the_tick():
     for tick in (1e-3, 0.5e-3):
         v = Vehicle({"command_delay": {"delay": 0.020}}, speed=400.0, tick=tick)
         v.fly(0.1, lambda k, tick=tick: 400.0 + 1000.0 * k * tick * np.ones(4))
-        ends.append(v["target"].copy())
+        ends.append(v.plant.rotor_target.copy())
     assert ends[0] == pytest.approx(ends[1], abs=1.0)
 
 
@@ -84,7 +86,7 @@ def sagging(resistance=0.0, discharge=0.0, seconds=1.0, speed=None):
 
 def test_voltage_falls_by_resistance_times_current(vehicle):
     v = sagging(resistance=0.05)
-    charge, current, voltage = v["supply"]
+    charge, current, voltage = numbers(v.plant.supply)
     assert current > 5.0
     assert voltage == pytest.approx(vehicle.battery_voltage - 0.05 * current, rel=1e-4)
     assert charge == pytest.approx(current / 3600.0, rel=0.05)
@@ -92,31 +94,33 @@ def test_voltage_falls_by_resistance_times_current(vehicle):
 
 def test_current_feeds_the_mechanical_power_at_the_drives_efficiency():
     v = sagging(resistance=0.05)
-    _, current, voltage = v["supply"]
-    mechanical = v["torque"] @ v["speed"]
+    _, current, voltage = numbers(v.plant.supply)
+    mechanical = v.plant.rotor_torque @ v.plant.rotor_speed
     assert mechanical / (current * voltage) == pytest.approx(0.7, rel=1e-3)
 
 
 def test_speed_and_with_it_thrust_fall_with_the_voltage(vehicle):
     v = sagging(resistance=0.1)
-    share = v["supply"][2] / vehicle.battery_voltage
+    share = v.plant.supply.voltage / vehicle.battery_voltage
     assert 0.5 < share < 0.99
-    assert v["speed"] / hover_speed() == pytest.approx(np.full(4, share), rel=1e-3)
-    assert v["thrust"].sum() < 0.97 * v.mass * 9.80665
+    assert v.plant.rotor_speed / hover_speed() == pytest.approx(np.full(4, share), rel=1e-3)
+    assert v.plant.rotor_thrust.sum() < 0.97 * v.mass * 9.80665
 
 
 def test_a_weaker_battery_sags_more():
-    voltages = [sagging(resistance=r)["supply"][2] for r in (0.0, 0.03, 0.1, 0.3)]
+    voltages = [sagging(resistance=r).plant.supply.voltage for r in (0.0, 0.03, 0.1, 0.3)]
     assert (np.diff(voltages) < 0.0).all()
 
 
 def test_voltage_falls_with_the_charge_used(vehicle):
     v = sagging(discharge=3.0, seconds=5.0)
-    charge = v["supply"][0]
-    assert v["supply"][2] == pytest.approx(vehicle.battery_voltage - 3.0 * charge, abs=1e-3)
-    assert charge == pytest.approx(5.0 * v["supply"][1] / 3600.0, rel=0.05)
+    charge = v.plant.supply.charge
+    assert v.plant.supply.voltage == pytest.approx(
+        vehicle.battery_voltage - 3.0 * charge, abs=1e-3
+    )
+    assert charge == pytest.approx(5.0 * v.plant.supply.current / 3600.0, rel=0.05)
 
 
 def test_without_load_the_battery_is_full(vehicle):
     v = sagging(resistance=0.3, discharge=3.0, speed=0.0)
-    assert v["supply"] == pytest.approx([0.0, 0.0, vehicle.battery_voltage])
+    assert numbers(v.plant.supply) == pytest.approx([0.0, 0.0, vehicle.battery_voltage])

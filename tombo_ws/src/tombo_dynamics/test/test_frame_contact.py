@@ -24,7 +24,7 @@ def against(no_air, x=TOUCH, velocity=(1.0, 0.0, 0.0), effects=STIFF, **more):
 
 def hit(v, seconds=0.15):
     """Fly through a contact; return the forces on the frame, in map, a row a tick."""
-    return v.fly(seconds, watch=lambda v: v["contact"][2:5] * v["contact"][0])
+    return v.fly(seconds, watch=lambda v: v.plant.contact.force * v.plant.contact.touching)
 
 
 def test_a_head_on_arm_bounces_back_slower(no_air):
@@ -70,10 +70,10 @@ def test_moment_is_arm_times_force(no_air):
     v = against(no_air, velocity=(1.2, 0.4, 0.0), x=TOUCH + 0.02)
     v.position[1] = 0.05
     v.begin()
-    force, point = v["contact"][2:5], v["contact"][5:8]
+    force, point = v.plant.contact.force, v.plant.contact.point
     expected = np.cross(point - v.position, force)
-    assert v.rotation.apply(v["wrench"][:3]) == pytest.approx(force)
-    assert v.rotation.apply(v["wrench"][3:]) == pytest.approx(expected, abs=1e-12)
+    assert v.rotation.apply(v.plant.force) == pytest.approx(force)
+    assert v.rotation.apply(v.plant.moment) == pytest.approx(expected, abs=1e-12)
     assert abs(expected[2]) > 0.1
 
 
@@ -89,9 +89,9 @@ def test_contact_pushes_away_and_rubs_against_the_motion(seed):
         velocity=rng.normal(0.0, 1.0, 3), attitude=lean.as_quat(), rates=rng.normal(0, 2, 3),
     )  # fmt: skip
     v.begin()
-    if not v["contact"][0]:
+    if not v.plant.contact.touching:
         return
-    force, point = v["contact"][2:5], v["contact"][5:8]
+    force, point = v.plant.contact.force, v.plant.contact.point
     outward = np.append(point[:2] - POLE[:2], 0.0)
     outward /= np.linalg.norm(outward)
     normal = force @ outward
@@ -108,17 +108,19 @@ def test_a_frame_that_leaves_is_not_held_back(no_air):
     """Barely in and fast out: the damper would pull, the contact does not."""
     v = against(no_air, x=TOUCH + 0.002, velocity=(-2.0, 0.0, 0.0))
     v.begin()
-    assert not v["wrench"].any()
+    assert not v.wrench.any()
     v.velocity[0] = 0.0
     v.begin()
-    assert np.linalg.norm(v["wrench"][:3]) == pytest.approx(0.002 * 6000.0)
+    assert np.linalg.norm(v.plant.force) == pytest.approx(0.002 * 6000.0)
 
 
 def test_friction_takes_the_share_of_coulomb_from_a_fast_slide(no_air):
     v = against(no_air, x=TOUCH + 0.005, velocity=(0.0, 2.0, 0.0))
     v.begin()
-    assert v["contact"][3] / v["contact"][2] == pytest.approx(v.params.friction, rel=0.02)
-    assert v["contact"][3] < 0.0
+    assert v.plant.contact.force[1] / v.plant.contact.force[0] == pytest.approx(
+        v.params.friction, rel=0.02
+    )
+    assert v.plant.contact.force[1] < 0.0
 
 
 @settings(max_examples=60, deadline=None)
@@ -141,21 +143,21 @@ def test_a_collision_never_gives_energy(seed):
 def test_no_contact_out_of_reach_above_the_top_or_without_an_obstacle(no_air):
     def touches(v):
         v.begin()
-        assert v["contact"][0] == (1.0 if np.abs(v["wrench"]).max() > 0.0 else 0.0)
-        return bool(v["contact"][0])
+        assert v.plant.contact.touching == (1.0 if np.abs(v.wrench).max() > 0.0 else 0.0)
+        return bool(v.plant.contact.touching)
 
     assert touches(against(no_air, x=TOUCH + 0.001))
     assert not touches(against(no_air, x=TOUCH - 0.001))
     assert not touches(against(no_air, x=TOUCH + 0.01, position=(TOUCH + 0.01, 0.0, 5.1)))
     nothing = against(no_air, x=TOUCH + 0.01)
-    nothing["obstacle"][2] = 0.0
+    nothing.plant.obstacle.radius = 0.0
     assert not touches(nothing)
 
 
 def test_two_arms_at_once_are_logged_with_their_whole_force(no_air):
     """Nose first between two arms: both ends touch, and the log has the sum."""
     v = against(no_air, attitude=(0.0, 0.0, 0.0, 1.0), velocity=(0.5, 0.0, 0.0))
-    v["obstacle"] = [2.0, 0.0, 1.8, 5.0]
+    v.plant.obstacle = (2.0, 0.0, 1.8, 5.0)
     v.position[0] = 2.0 - math.hypot(1.82, 0.0) - 0.16
     velocity = v.velocity.copy()
     impulse = 1e-3 * hit(v, 0.2).sum(axis=0)
@@ -170,4 +172,4 @@ def test_the_arms_start_at_the_centre_not_at_the_centre_of_gravity(no_air):
     for closer, touches in ((0.019, False), (0.021, True)):
         v = against(no_air, x=TOUCH + closer, effects=along_the_arm)
         v.begin()
-        assert bool(v["contact"][0]) == touches
+        assert bool(v.plant.contact.touching) == touches

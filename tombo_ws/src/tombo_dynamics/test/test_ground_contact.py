@@ -25,7 +25,7 @@ def test_legs_carry_the_weight(vehicle):
     v.fly(2.0)
     v.begin()
     weight = v.mass * GRAVITY
-    assert v["wrench"] == pytest.approx([0.0, 0.0, weight, 0.0, 0.0, 0.0], abs=1e-6)
+    assert v.wrench == pytest.approx([0.0, 0.0, weight, 0.0, 0.0, 0.0], abs=1e-6)
     sag = vehicle.leg_height - v.position[2]
     assert sag == pytest.approx(weight / (4.0 * vehicle.ground_stiffness), rel=1e-6)
 
@@ -33,16 +33,16 @@ def test_legs_carry_the_weight(vehicle):
 def test_a_standing_vehicle_stays_where_it_is():
     v = standing(attitude=Rotation.from_euler("z", 0.7).as_quat())
     v.fly(1.0)
-    before = v["body"].copy()
+    before = v.body.copy()
     v.fly(10.0)
-    assert v["body"] == pytest.approx(before, abs=1e-9)
+    assert v.body == pytest.approx(before, abs=1e-9)
 
 
 def test_half_the_weight_stands_on_the_floor_while_rotors_carry_the_rest():
     v = standing(speed=360.0)
     v.fly(2.0)
     v.begin()
-    lift = v["thrust"].sum()
+    lift = v.plant.rotor_thrust.sum()
     assert 0.3 < lift / (v.mass * GRAVITY) < 0.7
     sag = v.params.leg_height - v.position[2]
     assert 4.0 * v.params.ground_stiffness * sag + lift == pytest.approx(v.mass * GRAVITY)
@@ -64,7 +64,7 @@ def test_a_centre_of_gravity_ahead_loads_the_front_legs(vehicle):
     nose_down = v.rotation.as_euler("ZYX")[1]
     spring = 4.0 * vehicle.ground_stiffness * vehicle.leg_spread**2
     assert nose_down == pytest.approx(v.mass * GRAVITY * ahead / spring, rel=0.05)
-    assert v["wrench"][3:] == pytest.approx(np.zeros(3), abs=1e-6)
+    assert v.plant.moment == pytest.approx(np.zeros(3), abs=1e-6)
     assert np.abs(v.velocity).max() < 1e-6
 
 
@@ -74,7 +74,7 @@ def test_friction_stops_a_sliding_vehicle_in_the_distance_of_coulomb(vehicle, sp
     params = VehicleParams(friction=0.2)
     heading = Rotation.from_euler("z", 0.5)
     v = standing(params, velocity=heading.apply([speed, 0.0, 0.0]))
-    path = v.fly(3.0, watch=lambda v: heading.inv().apply(v["body"][:3]))
+    path = v.fly(3.0, watch=lambda v: heading.inv().apply(v.plant.state.position))
     expected = speed**2 / (2.0 * 0.2 * GRAVITY)
     assert path[-1, 0] == pytest.approx(expected, rel=0.25)
     assert np.diff(path[:, 0]).min() > -1e-5  # it does not come back
@@ -88,17 +88,17 @@ def test_the_floor_only_pushes():
     v.position[2] -= 0.003
     v.velocity[2] = 3.0
     v.begin()
-    assert v["wrench"] == pytest.approx(np.zeros(6), abs=1e-12)
+    assert v.wrench == pytest.approx(np.zeros(6), abs=1e-12)
     v.velocity[2] = -3.0
     v.begin()
-    assert v["wrench"][2] > 4 * 0.003 * v.params.ground_stiffness
+    assert v.plant.force[2] > 4 * 0.003 * v.params.ground_stiffness
 
 
 def test_the_floor_is_not_felt_above_it():
     v = standing()
     v.position[2] += 1e-6
     v.begin()
-    assert v["wrench"] == pytest.approx(np.zeros(6), abs=0.0)
+    assert v.wrench == pytest.approx(np.zeros(6), abs=0.0)
 
 
 def test_damping_eats_the_bounce():
@@ -132,4 +132,4 @@ def test_the_floor_is_felt_as_soon_as_the_lowest_leg_is_there(lean):
     lowest = tilt.apply(legs)[:, 2].min()
     v = Vehicle(params=wide, position=(0.0, 0.0, -lowest - 0.001), attitude=tilt.as_quat())
     v.begin()
-    assert np.linalg.norm(v["wrench"][:3]) == pytest.approx(0.001 * wide.ground_stiffness)
+    assert np.linalg.norm(v.plant.force) == pytest.approx(0.001 * wide.ground_stiffness)

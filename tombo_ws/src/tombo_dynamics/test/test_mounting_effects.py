@@ -27,17 +27,17 @@ def as_rotation(yaw, roll, pitch):
 def measured(effects, position=(0.0, 0.0, 0.0), attitude=(0.0, 0.0, 0.0, 1.0)):
     """Return the mocap's sample of a pose."""
     v = Vehicle(effects)
-    v["mocap"][:3] = position
-    v["mocap"][3:7] = attitude
-    apply_mocap(v.m, QUIET, v.theta)
-    return v["mocap"].copy()
+    v.plant.mocap.position = position
+    v.plant.mocap.attitude = attitude
+    apply_mocap(v.plant, QUIET, v.theta)
+    return v.plant.mocap.copy()
 
 
 def read_imu(v):
     """Return the reading in the tick that has begun."""
-    v["imu"][:3], v["imu"][3:] = v.rates, v["wrench"][:3] / v.mass
-    apply_imu(v.m, QUIET, v.theta)
-    return v["imu"].copy()
+    v.plant.gyro, v.plant.accel = v.rates, v.plant.force / v.mass
+    apply_imu(v.plant, QUIET, v.theta)
+    return v.imu
 
 
 # --- the accelerometer ----------------------------------------------------------------------
@@ -52,7 +52,7 @@ def test_off_centre_it_feels_what_its_own_place_feels():
     )
     places, readings, turns = [], [], []
     for _ in range(40):
-        v["command"] = (500.0, 450.0, 380.0, 460.0)
+        v.plant.rotor_command = (500.0, 450.0, 380.0, 460.0)
         v.begin()
         places.append(v.position + v.rotation.apply(list(ARM.values())))
         turns.append(v.rotation)
@@ -65,7 +65,7 @@ def test_off_centre_it_feels_what_its_own_place_feels():
         for turn, a in zip(turns[1:-1], acceleration, strict=True)
     ]
     assert np.array(readings[1:-1]) == pytest.approx(np.array(felt), abs=2e-2)
-    assert np.abs(readings[1] - v["wrench"][:3] / v.mass).max() > 0.5
+    assert np.abs(readings[1] - v.plant.force / v.mass).max() > 0.5
 
 
 def test_a_steady_turn_pulls_an_accelerometer_off_the_axis_inwards(no_air):
@@ -92,9 +92,9 @@ def test_scale_multiplies_the_force_and_not_the_bias():
         "imu_bias": {"gyro_x": 0.01, "accel_x": 1.0, "accel_y": 2.0, "accel_z": 3.0},
     }
     v = Vehicle(effects)
-    v["imu"] = [0.0, 0.2, 0.3, 10.0, 20.0, 30.0]
-    apply_imu(v.m, QUIET, v.theta)
-    assert v["imu"] == pytest.approx([0.01, 0.2, 0.3, 12.0, 18.0, 34.5])
+    v.imu = [0.0, 0.2, 0.3, 10.0, 20.0, 30.0]
+    apply_imu(v.plant, QUIET, v.theta)
+    assert v.imu == pytest.approx([0.01, 0.2, 0.3, 12.0, 18.0, 34.5])
 
 
 # --- the rigid body of the motion capture ---------------------------------------------------
@@ -106,10 +106,10 @@ def test_a_turned_rigid_body_turns_the_attitude_from_the_right(yaw, roll, pitch,
     position, attitude = rng.normal(0.0, 3.0, 3), random_attitude(rng)
     angles = {"yaw": yaw, "roll": roll, "pitch": pitch}
     seen = measured({"mocap_body_misalignment": angles}, position, attitude)
-    assert (seen[:3] == position).all()
+    assert (seen.position == position).all()
     expected = Rotation.from_quat(attitude) * as_rotation(**angles)
-    assert (Rotation.from_quat(seen[3:7]).inv() * expected).magnitude() < 1e-7
-    assert np.linalg.norm(seen[3:7]) == pytest.approx(1.0, abs=1e-14)
+    assert (Rotation.from_quat(seen.attitude).inv() * expected).magnitude() < 1e-7
+    assert np.linalg.norm(seen.attitude) == pytest.approx(1.0, abs=1e-14)
 
 
 def test_its_lean_turns_with_the_vehicle_that_of_a_tilted_world_does_not():
@@ -118,7 +118,7 @@ def test_its_lean_turns_with_the_vehicle_that_of_a_tilted_world_does_not():
     def lean(effect, heading):
         attitude = Rotation.from_euler("z", heading).as_quat()
         seen = measured({effect: {"pitch": 0.1}}, attitude=attitude)
-        return Rotation.from_quat(seen[3:7]).apply([0.0, 0.0, 1.0])[:2]
+        return Rotation.from_quat(seen.attitude).apply([0.0, 0.0, 1.0])[:2]
 
     world, body = "mocap_misalignment", "mocap_body_misalignment"
     assert lean(world, 0.0) == pytest.approx([math.sin(0.1), 0.0])
@@ -145,10 +145,10 @@ def test_a_world_turned_in_yaw_equals_a_flight_with_another_heading(yaw, seed):
     straight.fly(0.1)
     turned.fly(0.1)
     seen = measured(
-        {"mocap_misalignment": {"yaw": yaw}}, straight.position, straight["body"][6:10]
+        {"mocap_misalignment": {"yaw": yaw}}, straight.position, straight.plant.state.attitude
     )
-    assert seen[:3] == pytest.approx(turned.position, abs=1e-9)
-    assert (Rotation.from_quat(seen[3:7]).inv() * turned.rotation).magnitude() < 1e-7
+    assert seen.position == pytest.approx(turned.position, abs=1e-9)
+    assert (Rotation.from_quat(seen.attitude).inv() * turned.rotation).magnitude() < 1e-7
 
 
 @given(SEEDS)
@@ -162,8 +162,8 @@ def test_an_offset_point_is_tracked_where_it_is(seed):
     given_as = {"mocap_marker_offset": dict(zip("xyz", offset, strict=True))}
     seen = measured(given_as, position, attitude)
     expected = position + Rotation.from_quat(attitude).apply(offset)
-    assert seen[:3] == pytest.approx(expected, abs=1e-12)
-    assert (seen[3:7] == attitude).all()
+    assert seen.position == pytest.approx(expected, abs=1e-12)
+    assert (seen.attitude == attitude).all()
 
 
 @given(SEEDS)
@@ -181,9 +181,9 @@ def test_the_marker_offset_turns_with_the_true_attitude_and_the_world(seed):
     )
     world = as_rotation(1.0, 0.0, -0.1)
     point = position + Rotation.from_quat(attitude).apply(list(ARM.values()))
-    assert seen[:3] == pytest.approx(world.apply(point), abs=1e-12)
+    assert seen.position == pytest.approx(world.apply(point), abs=1e-12)
     whole = world * Rotation.from_quat(attitude) * as_rotation(**TURN)
-    assert (Rotation.from_quat(seen[3:7]).inv() * whole).magnitude() < 1e-7
+    assert (Rotation.from_quat(seen.attitude).inv() * whole).magnitude() < 1e-7
 
 
 # --- the stamp ------------------------------------------------------------------------------
@@ -194,5 +194,6 @@ def test_a_wrong_stamp_changes_neither_pose_nor_arrival(offset):
     late = {"mocap_latency": {"delay": 0.03}}
     right = measured(late, (1.0, 2.0, 3.0))
     wrong = measured(late | {"mocap_stamp_error": {"offset": offset}}, (1.0, 2.0, 3.0))
-    assert wrong[10] - right[10] == pytest.approx(offset)
-    assert (wrong[:10] == right[:10]).all()
+    assert wrong.stamp_error - right.stamp_error == pytest.approx(offset)
+    wrong.stamp_error = right.stamp_error
+    assert wrong == right

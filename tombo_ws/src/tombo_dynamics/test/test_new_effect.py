@@ -19,8 +19,17 @@ ROPE = '''
 
 from __future__ import annotations
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.registry import Param, Stage, effect
-from tombo_dynamics.plant import Array, P
+from tombo_dynamics.plant import Plant
+from tombo_dynamics.records import Record, field
+
+
+class RopeState(Record):
+    """What a rope remembers."""
+
+    tightenings = field("1", "how often it has become taut", kind=int)
+    taut = field("1", "it is", kind=bool)
 
 
 @effect(
@@ -32,19 +41,22 @@ from tombo_dynamics.plant import Array, P
     ],
     signature="force towards the anchor once the rope is taut",
     separates_from={"steady_wind": "fly a circle: the rope pulls inwards"},
+    state=RopeState,
 )
-def rope(m: Array, noise: Array, stiffness: float, length: float) -> None:
+def rope(plant: Plant, noise: Array, state: RopeState, stiffness: float, length: float) -> None:
     """Pull an upright vehicle down once it is higher than the rope is long."""
-    m[P.wrench + 2] -= stiffness * max(0.0, m[P.body + 2] - length)
+    stretch = plant.state.position[2] - length
+    plant.force[2] -= stiffness * max(0.0, stretch)
+    state.tightenings += stretch > 0.0 and not state.taut
+    state.taut = stretch > 0.0
 '''
 
 FLY = """
 import json
 import numpy as np
 from tombo_dynamics.effects import REGISTRY, check_theta
-from tombo_dynamics.effects.compose import layout, null_theta, pack_theta
+from tombo_dynamics.effects.compose import layout, new_plant, null_theta, pack_theta
 from tombo_dynamics.jit import CACHE_FOLDER
-from tombo_dynamics.plant import new_plant, part
 from tombo_dynamics.rigid_body import begin_flight, begin_tick, finish_tick
 from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.vehicle import VehicleParams
@@ -53,16 +65,18 @@ def speed_after(values):
     theta = pack_theta(check_theta(values, "effects"))
     maps = RotorMaps.new()
     maps.step = maps.inverse_step = 1.0
-    m = new_plant(VehicleParams())
-    part(m, "body")[2] = 7.0
-    begin_flight(m, np.zeros(9), theta, 1e-3)
+    plant = new_plant(VehicleParams())
+    plant.state.position[2] = 7.0
+    begin_flight(plant, np.zeros(9), theta, 1e-3)
     for _ in range(10):
-        begin_tick(m, maps, np.zeros(9), theta)
-        finish_tick(m, np.zeros(9), theta)
-    return part(m, "body")[5]
+        begin_tick(plant, maps, np.zeros(9), theta)
+        finish_tick(plant, np.zeros(9), theta)
+    if "rope" in values:
+        tightenings.append(int(plant.memories.rope.tightenings))
+    return plant.state.velocity[2]
 
 rope = {"rope": {"stiffness": 65.0}} if "rope" in REGISTRY else {}
-errors = []
+errors, tightenings = [], []
 for bad in ({"rope": {"stiffness": -1.0}}, {"rope": {"strength": 1.0}}):
     try:
         check_theta(bad, "effects")
@@ -71,7 +85,7 @@ for bad in ({"rope": {"stiffness": -1.0}}, {"rope": {"strength": 1.0}}):
 print(json.dumps({
     "effects": list(REGISTRY), "size": null_theta().size, "place": layout().get("rope"),
     "free": speed_after({}), "held": speed_after(rope), "errors": errors,
-    "cache": CACHE_FOLDER.name,
+    "tightenings": tightenings, "cache": CACHE_FOLDER.name,
 }))
 """
 
@@ -122,6 +136,10 @@ def test_it_acts_and_is_absent_at_null(without, with_rope):
     assert with_rope["free"] == without["free"] == pytest.approx(-0.0980665)
     pull = 65.0 * 2.0 / 1.3  # N/m times m of stretch over mass
     assert with_rope["held"] - with_rope["free"] == pytest.approx(-pull * 0.01, rel=1e-3)
+
+
+def test_what_it_remembers_is_kept_from_tick_to_tick(with_rope):
+    assert with_rope["tightenings"] == [1]
 
 
 def test_its_parameters_are_checked(with_rope):

@@ -47,7 +47,7 @@ def test_thrust_acts_along_body_z():
     lean = Rotation.from_euler("zyx", [0.4, 0.3, -0.2])
     v = Vehicle(attitude=lean.as_quat(), speed=600.0)
     v.begin()
-    force = v["thrust"].sum() * lean.apply([0.0, 0.0, 1.0])
+    force = v.plant.rotor_thrust.sum() * lean.apply([0.0, 0.0, 1.0])
     v.finish()
     expected = (force / v.mass - [0.0, 0.0, GRAVITY]) * 1e-3
     assert v.velocity == pytest.approx(expected, rel=1e-3, abs=1e-9)
@@ -68,7 +68,7 @@ def test_physics_is_the_same_everywhere(x, y, z):
     here.fly(0.05)
     there.fly(0.05)
     assert there.position - here.position == pytest.approx([x, y, z], abs=1e-9)
-    assert there["body"][3:] == pytest.approx(here["body"][3:], abs=1e-11)
+    assert there.body[3:] == pytest.approx(here.body[3:], abs=1e-11)
 
 
 # --- rotation -------------------------------------------------------------------------------
@@ -103,7 +103,7 @@ def test_a_steady_turn_about_z_is_read_as_yaw(no_air):
 
 def test_attitude_stays_a_unit_quaternion():
     v = tumbling(5, speed=600.0)
-    norms = v.fly(2.0, watch=lambda v: np.linalg.norm(v["body"][6:10]))
+    norms = v.fly(2.0, watch=lambda v: np.linalg.norm(v.plant.state.attitude))
     assert norms == pytest.approx(np.ones(2000), abs=1e-14)
 
 
@@ -178,10 +178,10 @@ def test_roll_moment_is_thrust_times_arm(vehicle):
     v = Vehicle(speed=speed)
     v.begin()
     arm = vehicle.arm_length / math.sqrt(2.0)
-    excess = v["thrust"][[1, 2]].sum() - v["thrust"][[0, 3]].sum()
-    assert v["wrench"][3] == pytest.approx(arm * excess)
-    assert v["wrench"][5] == pytest.approx(-SPIN @ v["torque"], abs=1e-15)
-    assert v["wrench"][2] == pytest.approx(v["thrust"].sum())
+    excess = v.plant.rotor_thrust[[1, 2]].sum() - v.plant.rotor_thrust[[0, 3]].sum()
+    assert v.plant.moment[0] == pytest.approx(arm * excess)
+    assert v.plant.moment[2] == pytest.approx(-SPIN @ v.plant.rotor_torque, abs=1e-15)
+    assert v.plant.force[2] == pytest.approx(v.plant.rotor_thrust.sum())
 
 
 def test_one_rotor_alone_turns_the_body_against_itself():
@@ -201,8 +201,8 @@ def test_rotor_speed_follows_a_step_with_its_time_constant(vehicle, tick):
     v = Vehicle(speed=300.0, tick=tick)
     v.fly(vehicle.motor_time_constant, lambda k: np.full(4, 600.0))
     reached = 600.0 - 300.0 * math.exp(-1.0)
-    assert v["speed"] == pytest.approx(np.full(4, reached), rel=1e-12)
-    assert (v["speed"][0] - 300.0) / 300.0 == pytest.approx(0.632, abs=1e-3)
+    assert v.plant.rotor_speed == pytest.approx(np.full(4, reached), rel=1e-12)
+    assert (v.plant.rotor_speed[0] - 300.0) / 300.0 == pytest.approx(0.632, abs=1e-3)
 
 
 # --- integration ----------------------------------------------------------------------------
@@ -217,7 +217,7 @@ def test_halving_the_tick_divides_the_error_by_sixteen():
     def end(tick):
         v = tumbling(7, effects=SMOOTH, params=UNLIKE, tick=tick, speed=466.0)
         v.fly(0.32, lambda k: [484.0, 466.0, 470.0, 480.0])
-        return v["body"].copy()
+        return v.body.copy()
 
     exact = end(0.5e-3)
     errors = [np.abs(end(tick) - exact).max() for tick in (16e-3, 8e-3, 4e-3)]
@@ -232,8 +232,8 @@ def test_energy_changes_by_the_work_of_the_forces(seed):
     before = v.energy()
 
     def power(v):
-        moment = v["wrench"][3:]
-        return v["wrench"][:3] @ v.rotation.inv().apply(v.velocity) + moment @ v.rates
+        moment = v.plant.moment
+        return v.plant.force @ v.rotation.inv().apply(v.velocity) + moment @ v.rates
 
     def command(k):
         return [520.0, 500.0, 480.0, 510.0]
@@ -251,7 +251,7 @@ def test_a_smaller_tick_does_not_change_the_flight():
     for tick in (0.25e-3, 1e-3):
         v = tumbling(10, effects=SMOOTH, speed=450.0, tick=tick)
         v.fly(0.5, lambda k: [600.0, 400.0, 500.0, 550.0])
-        ends.append(v["body"].copy())
+        ends.append(v.body.copy())
     assert ends[0] == pytest.approx(ends[1], abs=1e-5)
 
 

@@ -10,17 +10,16 @@ from one_vehicle import NOISE, QUIET, Vehicle, random_attitude
 from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.effects.compose import apply_imu, apply_mocap, pack_theta
-from tombo_dynamics.plant import P
 
 ANGLE = st.floats(-0.5, 0.5)
 
 
 def measured_pose(effects, position, attitude, noise=QUIET):
     v = Vehicle(effects)
-    v["mocap"][:3] = position
-    v["mocap"][3:7] = attitude
-    apply_mocap(v.m, noise, v.theta)
-    return v["mocap"].copy()
+    v.plant.mocap.position = position
+    v.plant.mocap.attitude = attitude
+    apply_mocap(v.plant, noise, v.theta)
+    return v.plant.mocap.copy()
 
 
 def imu_readings(effects, noise):
@@ -28,9 +27,9 @@ def imu_readings(effects, noise):
     v = Vehicle(effects)
     rows = []
     for row in noise:
-        v["imu"] = 0.0
-        apply_imu(v.m, row, v.theta)
-        rows.append(v["imu"].copy())
+        v.imu = np.zeros(6)
+        apply_imu(v.plant, row, v.theta)
+        rows.append(v.imu)
     return np.array(rows)
 
 
@@ -69,18 +68,18 @@ def test_misalignment_turns_the_world_about_z_then_y_then_x(yaw, roll, pitch, se
         * Rotation.from_euler("y", pitch)
         * Rotation.from_euler("x", roll)
     )
-    assert seen[:3] == pytest.approx(turn.apply(position), abs=1e-12)
-    error = Rotation.from_quat(seen[3:7]).inv() * turn * Rotation.from_quat(attitude)
+    assert seen.position == pytest.approx(turn.apply(position), abs=1e-12)
+    error = Rotation.from_quat(seen.attitude).inv() * turn * Rotation.from_quat(attitude)
     assert error.magnitude() < 1e-7
-    assert np.linalg.norm(seen[:3]) == pytest.approx(np.linalg.norm(position))
-    assert np.linalg.norm(seen[3:7]) == pytest.approx(1.0, abs=1e-14)
+    assert np.linalg.norm(seen.position) == pytest.approx(np.linalg.norm(position))
+    assert np.linalg.norm(seen.attitude) == pytest.approx(1.0, abs=1e-14)
 
 
 def test_a_quarter_turn_of_the_frame_makes_east_north():
     quarter = {"mocap_misalignment": {"yaw": 0.5 * math.pi}}
     seen = measured_pose(quarter, (2.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0))
-    assert seen[:3] == pytest.approx([0.0, 2.0, 1.0], abs=1e-15)
-    assert Rotation.from_quat(seen[3:7]).as_euler("ZYX")[0] == pytest.approx(0.5 * math.pi)
+    assert seen.position == pytest.approx([0.0, 2.0, 1.0], abs=1e-15)
+    assert Rotation.from_quat(seen.attitude).as_euler("ZYX")[0] == pytest.approx(0.5 * math.pi)
 
 
 # --- noise ----------------------------------------------------------------------------------
@@ -90,15 +89,15 @@ def test_pose_noise_has_its_deviation_and_leaves_a_unit_quaternion():
     rng = np.random.default_rng(3)
     position, attitude = np.array([1.0, 2.0, 3.0]), random_attitude(rng)
     effects = {"mocap_noise": {"position": 0.01, "attitude": 0.03}}
-    poses = np.array([
-        measured_pose(effects, position, attitude, row)
-        for row in rng.standard_normal((3000, NOISE))
-    ])  # fmt: skip
-    assert (poses[:, :3] - position).std(axis=0) == pytest.approx([0.01] * 3, rel=0.05)
-    turns = (Rotation.from_quat(attitude).inv() * Rotation.from_quat(poses[:, 3:7])).as_rotvec()
+    normals = rng.standard_normal((3000, NOISE))
+    poses = [measured_pose(effects, position, attitude, row) for row in normals]
+    positions = np.array([pose.position for pose in poses])
+    quaternions = np.array([pose.attitude for pose in poses])
+    assert (positions - position).std(axis=0) == pytest.approx([0.01] * 3, rel=0.05)
+    turns = (Rotation.from_quat(attitude).inv() * Rotation.from_quat(quaternions)).as_rotvec()
     assert turns.std(axis=0) == pytest.approx([0.03] * 3, rel=0.05)
-    assert np.linalg.norm(poses[:, 3:7], axis=1) == pytest.approx(np.ones(3000), abs=1e-14)
-    everything = np.hstack([poses[:, :3], turns])
+    assert np.linalg.norm(quaternions, axis=1) == pytest.approx(np.ones(3000), abs=1e-14)
+    everything = np.hstack([positions, turns])
     between = np.corrcoef(everything.T)[np.triu_indices(6, 1)]
     assert np.abs(between).max() < 0.08
 
@@ -111,13 +110,13 @@ def test_latency_has_mean_and_jitter_and_is_never_negative():
     effects = {"mocap_latency": {"delay": 0.03, "jitter": 0.004}}
     pose = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
     seen = np.array([
-        measured_pose(effects, *pose, row)[7] for row in rng.standard_normal((3000, NOISE))
+        measured_pose(effects, *pose, row).latency for row in rng.standard_normal((3000, NOISE))
     ])  # fmt: skip
     assert seen.mean() == pytest.approx(0.03, abs=3e-4)
     assert seen.std() == pytest.approx(0.004, rel=0.05)
     hasty = np.zeros(NOISE)
     hasty[6] = -100.0
-    assert measured_pose(effects, *pose, hasty)[7] == 0.0
+    assert measured_pose(effects, *pose, hasty).latency == 0.0
 
 
 # --- gaps -----------------------------------------------------------------------------------
@@ -131,10 +130,10 @@ def dropped(probability, duration, samples=20_000, seed=5):
     v = Vehicle()
     missing = np.zeros(samples, dtype=bool)
     for i, row in enumerate(np.random.default_rng(seed).standard_normal((samples, NOISE))):
-        v.m[P.mocap + 8] = 0.0
-        v.m[P.mocap + 9] = max(v.m[P.mocap + 9] - PERIOD, 0.0)
-        apply_mocap(v.m, row, theta)
-        missing[i] = v.m[P.mocap + 8] > 0.0
+        v.plant.mocap.dropped = False
+        v.plant.mocap.interval = PERIOD
+        apply_mocap(v.plant, row, theta)
+        missing[i] = v.plant.mocap.dropped
     return missing
 
 

@@ -46,7 +46,9 @@ def fly(scene, seconds=1.2, order=(0, 1, 2, 3)):
     wind = {"steady_wind": {"east": scene["wind"][0], "north": scene["wind"][1]}}
     where = {k: value for k, value in scene.items() if k != "wind"}
     v = Vehicle(EVERYTHING | wind, speed=command(0)[list(order)], **where)
-    touched = v.fly(seconds, lambda k: command(k)[list(order)], watch=lambda v: v["contact"][0])
+    touched = v.fly(
+        seconds, lambda k: command(k)[list(order)], watch=lambda v: v.plant.contact.touching
+    )
     return v, touched.any()
 
 
@@ -71,9 +73,9 @@ def test_a_mirrored_world_moves_as_the_mirror_image(axis, order, seed):
     assert mirrored.position == pytest.approx(flip * there.position, abs=1e-6)
     assert mirrored.velocity == pytest.approx(flip * there.velocity, abs=1e-5)
     assert mirrored.rates == pytest.approx(turn * there.rates, abs=1e-5)
-    assert mirrored["fold"] == pytest.approx(there["fold"][order], abs=1e-6)
-    assert mirrored["speed"] == pytest.approx(there["speed"][order], abs=1e-5)
-    assert mirrored["damage"] == pytest.approx(there["damage"][order], abs=1e-6)
+    assert mirrored.plant.fold == pytest.approx(there.plant.fold[order], abs=1e-6)
+    assert mirrored.plant.rotor_speed == pytest.approx(there.plant.rotor_speed[order], abs=1e-5)
+    assert mirrored.plant.damage == pytest.approx(there.plant.damage[order], abs=1e-6)
 
 
 @pytest.mark.parametrize("angle", [0.3, math.pi / 2, -2.5])
@@ -106,7 +108,7 @@ def test_a_moved_world_moves_alike(seed):
     there, _ = fly(moved)
     assert touched
     assert there.position - here.position == pytest.approx([7.0, -4.0, 0.0], abs=1e-6)
-    assert there["body"][3:] == pytest.approx(here["body"][3:], abs=1e-5)
+    assert there.body[3:] == pytest.approx(here.body[3:], abs=1e-5)
 
 
 def test_the_sign_of_the_quaternion_means_nothing():
@@ -118,6 +120,6 @@ def test_the_sign_of_the_quaternion_means_nothing():
         v.velocity[:] = [1.0, 2.0, 3.0]
         v.rates[:] = [1.0, -2.0, 0.5]
         v.fly(0.3)
-        ends.append(v["body"].copy())
+        ends.append(v.body.copy())
     assert ends[1][6:10] == pytest.approx(-ends[0][6:10], abs=1e-15)
     assert np.delete(ends[1], range(6, 10)) == pytest.approx(np.delete(ends[0], range(6, 10)))

@@ -14,34 +14,34 @@ def hovering(effects, height=10.0, **more):
     return v
 
 
-WHOLE = hovering({})["thrust"].copy()
+WHOLE = hovering({}).plant.rotor_thrust.copy()
 
 
 @pytest.mark.parametrize("fraction", [-0.3, -0.1, 0.2])
 def test_thrust_coefficient_error_scales_all_thrusts_and_torques(fraction):
     v, nominal = hovering({"thrust_coefficient_error": {"fraction": fraction}}), hovering({})
-    assert v["thrust"] == pytest.approx((1.0 + fraction) * nominal["thrust"])
-    assert v["torque"] == pytest.approx((1.0 + fraction) * nominal["torque"])
-    assert not np.abs(v["wrench"][3:]).max() > 1e-12
+    assert v.plant.rotor_thrust == pytest.approx((1.0 + fraction) * nominal.plant.rotor_thrust)
+    assert v.plant.rotor_torque == pytest.approx((1.0 + fraction) * nominal.plant.rotor_torque)
+    assert not np.abs(v.plant.moment).max() > 1e-12
 
 
 @pytest.mark.parametrize("i, name", enumerate(ROTOR_NAMES))
 def test_a_weak_propeller_is_the_one_that_is_named(i, name):
     v = hovering({"weak_propeller": {name: 0.25}})
-    share = v["thrust"] / WHOLE
+    share = v.plant.rotor_thrust / WHOLE
     expected = np.ones(4)
     expected[i] = 0.75
     assert share == pytest.approx(expected)
     hub = v.params.rotor_positions()[i]
     lost = 0.25 * WHOLE[i]
-    assert v["wrench"][3:5] == pytest.approx([-hub[1] * lost, hub[0] * lost])
-    assert np.sign(v["wrench"][5]) == SPIN[i]  # the drag that it lacks held the body back
+    assert v.wrench[3:5] == pytest.approx([-hub[1] * lost, hub[0] * lost])
+    assert np.sign(v.plant.moment[2]) == SPIN[i]  # the drag that it lacks held the body back
 
 
 def test_scatter_is_one_draw_for_each_rotor_and_flight():
     draws = np.array([1.0, -0.5, 0.0, 2.0, 9.0, 9.0, 9.0, 9.0])
     v = Vehicle({"thrust_scatter": {"deviation": 0.1}}, draws=draws, speed=hover_speed())
-    shares = v.fly(0.05, watch=lambda v: v["efficiency"].copy())
+    shares = v.fly(0.05, watch=lambda v: v.plant.efficiency.copy())
     assert shares == pytest.approx(np.tile([1.1, 0.95, 1.0, 1.2], (50, 1)))
 
 
@@ -51,7 +51,7 @@ def test_scatter_over_many_sets_has_the_deviation_of_the_table():
     for _ in range(500):
         v = Vehicle({"thrust_scatter": {"deviation": 0.1}}, draws=rng.standard_normal(8))
         v.begin()
-        shares.append(v["efficiency"].copy())
+        shares.append(v.plant.efficiency.copy())
     assert np.std(shares) == pytest.approx(0.1, rel=0.05)
     assert np.mean(shares) == pytest.approx(1.0, abs=0.01)
 
@@ -64,8 +64,8 @@ def test_inertia_error_slows_the_turn_about_its_own_axis_and_no_other(axis, name
     turns = []
     for effects in ({}, {"inertia_error": {name: 0.25}}):
         v = Vehicle(effects)
-        v["command"] = np.array([520.0, 470.0, 480.0, 530.0]) + 60.0 * SPIN
-        v["speed"] = v["command"]
+        v.plant.rotor_command = np.array([520.0, 470.0, 480.0, 530.0]) + 60.0 * SPIN
+        v.plant.rotor_speed = v.plant.rotor_command
         v.begin()
         v.finish()
         turns.append(v.rates.copy())
@@ -81,7 +81,7 @@ def test_inertia_error_slows_the_turn_about_its_own_axis_and_no_other(axis, name
 def gain(height, strength=1.0):
     """Return thrust over thrust far from the floor, with the disc at `height`."""
     v = hovering({"ground_effect": {"strength": strength}}, height=height - 0.03)
-    return v["thrust"][0] / WHOLE[0]
+    return v.plant.rotor_thrust[0] / WHOLE[0]
 
 
 def test_thrust_near_the_floor_is_that_of_cheeseman_and_bennett(vehicle):
@@ -116,7 +116,7 @@ def test_mass_error_changes_acceleration_but_not_free_fall(no_air, vehicle, frac
     v, nominal = hovering(heavy), hovering({})
     assert v.mass == pytest.approx(vehicle.mass * (1.0 + fraction))
     assert (v.inertia == nominal.inertia).all()
-    specific = [x["wrench"][2] / x.mass for x in (v, nominal)]
+    specific = [x.plant.force[2] / x.mass for x in (v, nominal)]
     assert specific[0] * (1.0 + fraction) == pytest.approx(specific[1])
     falling = Vehicle(heavy, maps=no_air)
     falling.fly(0.5)
@@ -132,7 +132,7 @@ def test_the_heavy_side_goes_down(vehicle, offset, axis, sign):
     """FLU: positive pitch is nose down, negative roll is left side down."""
     v = hovering({"cog_offset": offset})
     lever = abs(next(iter(offset.values())))
-    assert v["wrench"][3 + axis] == pytest.approx(sign * lever * WHOLE.sum())
+    assert v.wrench[3 + axis] == pytest.approx(sign * lever * WHOLE.sum())
     v.finish()
     v.fly(0.1)
     assert sign * v.rotation.as_rotvec()[axis] > 0.0
@@ -143,14 +143,14 @@ def test_a_torque_free_body_does_not_feel_its_centre_of_gravity(no_air):
     plain = Vehicle({}, maps=no_air, rates=(1.0, 2.0, 3.0))
     v.fly(0.3)
     plain.fly(0.3)
-    assert v["body"] == pytest.approx(plain["body"], abs=1e-12)
+    assert v.body == pytest.approx(plain.body, abs=1e-12)
 
 
 def test_effects_on_one_rotor_multiply():
     v = hovering(
         {"thrust_coefficient_error": {"fraction": -0.1}, "weak_propeller": {"rear_left": 0.5}}
     )
-    assert v["efficiency"] == pytest.approx([0.9, 0.45, 0.9, 0.9])
+    assert v.plant.efficiency == pytest.approx([0.9, 0.45, 0.9, 0.9])
     tilted = Rotation.from_euler("x", 0.3).as_quat()
     leaning = hovering({"thrust_coefficient_error": {"fraction": -0.1}}, attitude=tilted)
-    assert leaning["thrust"] == pytest.approx(0.9 * WHOLE)
+    assert leaning.plant.rotor_thrust == pytest.approx(0.9 * WHOLE)

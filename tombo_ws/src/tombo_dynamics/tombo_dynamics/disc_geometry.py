@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.plant import Array, P
+from tombo_dynamics.plant import Plant
+from tombo_dynamics.rotation import to_body
 
 FAR = 1e9
 """m: distance of what cannot meet."""
@@ -13,11 +14,11 @@ _STEEP = 0.2
 
 
 @compiled
-def disc_to_obstacle(m: Array, hx: float, hy: float, hz: float) -> tuple[float, float, float]:
+def disc_to_obstacle(plant: Plant, hx: float, hy: float, hz: float) -> tuple[float, float, float]:
     """Return the distance from hub to the cylinder's axis in the disc plane, and its direction.
 
     Args:
-        m: the plant's memory; `body`, `rotation` and `obstacle` are read.
+        plant: `state`, `rotation` and `obstacle` are read.
         hx: hub position in base_link, x [m].
         hy: hub position in base_link, y [m].
         hz: hub position in base_link, z [m].
@@ -27,17 +28,16 @@ def disc_to_obstacle(m: Array, hx: float, hy: float, hz: float) -> tuple[float, 
         floor, or stands steeper than 78 deg), and the unit direction from the hub in the disc
         plane, base_link x and y.
     """
-    r = P.rotation
-    if abs(m[r + 8]) < _STEEP:
+    turn, position, pole = plant.rotation, plant.state.position, plant.obstacle
+    if abs(turn[2, 2]) < _STEEP:
         return FAR, 1.0, 0.0
-    ax = m[P.obstacle] - (m[P.body] + m[r] * hx + m[r + 1] * hy + m[r + 2] * hz)
-    ay = m[P.obstacle + 1] - (m[P.body + 1] + m[r + 3] * hx + m[r + 4] * hy + m[r + 5] * hz)
-    az = -(m[r + 2] * ax + m[r + 5] * ay) / m[r + 8]
-    z = m[P.body + 2] + m[r + 6] * hx + m[r + 7] * hy + m[r + 8] * hz + az
-    if z > m[P.obstacle + 3] or z < 0.0:
+    ax = pole.x - (position[0] + turn[0, 0] * hx + turn[0, 1] * hy + turn[0, 2] * hz)
+    ay = pole.y - (position[1] + turn[1, 0] * hx + turn[1, 1] * hy + turn[1, 2] * hz)
+    az = -(turn[0, 2] * ax + turn[1, 2] * ay) / turn[2, 2]
+    z = position[2] + turn[2, 0] * hx + turn[2, 1] * hy + turn[2, 2] * hz + az
+    if z > pole.top or z < 0.0:
         return FAR, 1.0, 0.0
-    ex = m[r] * ax + m[r + 3] * ay + m[r + 6] * az
-    ey = m[r + 1] * ax + m[r + 4] * ay + m[r + 7] * az
+    ex, ey, _ = to_body(turn, ax, ay, az)
     distance = math.sqrt(ex * ex + ey * ey)
     if distance < 1e-9:
         return 0.0, 1.0, 0.0

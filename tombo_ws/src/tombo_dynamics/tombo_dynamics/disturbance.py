@@ -9,16 +9,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from tombo_dynamics.effects.registry import Param
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.params import check_number
-from tombo_dynamics.plant import PLANT_SIZES, Array, P
+from tombo_dynamics.plant import Plant
+from tombo_dynamics.rotation import to_body
 from tombo_dynamics.vehicle import GRAVITY
 
-_PARAMS = 6
-_SET, _STATE = P.disturbance + 1, P.disturbance + 1 + _PARAMS
-"""Parameters; state (9), all zero at first."""
 _TETHER, _LOAD, _PERIODIC, _FADE, _DRY_FRICTION, _PUSH, _WALL, _YAW, _HYSTERESIS = range(1, 10)
 
 _CORD_FREQUENCY, _CORD_DAMPING = 80.0, 0.3
@@ -116,11 +116,11 @@ DISTURBANCES: dict[str, Disturbance] = {
 """Name → shape."""
 
 
-def set_disturbance(m: Array, name: str, *values: float) -> None:
-    """Let a disturbance act on the plant `m` from its present state on.
+def set_disturbance(plant: Plant, name: str, *values: float) -> None:
+    """Let a disturbance act on the plant from its present state on.
 
     Args:
-        m: the plant's memory, at the start of a tick.
+        plant: at the start of a tick.
         name: one of `DISTURBANCES`.
         values: its parameters in order; without any, the typical ones.
 
@@ -136,94 +136,104 @@ def set_disturbance(m: Array, name: str, *values: float) -> None:
             f"disturbance '{name}': {len(given)} parameters; accepted: "
             + ", ".join(f"{p.name} [{p.unit}]" for p in shape.params)
         )
-    m[P.disturbance : P.disturbance + PLANT_SIZES.disturbance] = 0.0
-    for i, (p, value) in enumerate(zip(shape.params, given, strict=True)):
-        m[_SET + i] = check_number(f"disturbance.{name}.{p.name}", value, p.unit, p.bounds)
-    m[P.disturbance] = shape.id
+    checked = [
+        check_number(f"disturbance.{name}.{p.name}", value, p.unit, p.bounds)
+        for p, value in zip(shape.params, given, strict=True)
+    ]
+    plant.disturbance = np.zeros((), plant.disturbance.dtype)
+    plant.disturbance.kind = shape.id
+    plant.disturbance.params[: len(checked)] = checked
     if shape.id == _LOAD:
-        m[_STATE : _STATE + 6] = m[P.body : P.body + 6]
-        m[_STATE + 2] = max(m[P.body + 2] - m[_SET + 1], 0.0)
+        plant.disturbance.load_position = plant.state.position
+        plant.disturbance.load_velocity = plant.state.velocity
+        plant.disturbance.load_position[2] = max(plant.state.position[2] - checked[1], 0.0)
 
 
 @compiled
-def prepare_disturbance(m: Array) -> None:
+def prepare_disturbance(plant: Plant) -> None:
     """Carry the disturbance's own state over the tick, before its first slope is taken."""
-    shape = m[P.disturbance]
-    if shape == _LOAD:
-        _swing(m)
-    elif shape == _HYSTERESIS:
-        thrust = m[P.rotors]
-        m[_STATE] = min(max(m[_STATE], thrust - m[_SET]), thrust + m[_SET])
+    d = plant.disturbance
+    if d.kind == _LOAD:
+        _swing(plant)
+    elif d.kind == _HYSTERESIS:
+        thrust, play = plant.rotors[0].thrust, d.params[0]
+        d.trailing_thrust = min(max(d.trailing_thrust, thrust - play), thrust + play)
 
 
 @compiled
-def _swing(m: Array) -> None:
+def _swing(plant: Plant) -> None:
     """Move the load under gravity and cord; the cord's pull stays for the tick, for both ends.
 
-    State: position and velocity of the load, pull on the vehicle, all in map. The vehicle gets the
-    very force that the load feels, so momentum is kept.
+    The vehicle gets the very force that the load feels, so momentum is kept.
     """
-    mass = m[_SET]
-    s, b, h = _STATE, P.body, m[P.clock + 1]
-    x, y, z = m[s] - m[b], m[s + 1] - m[b + 1], m[s + 2] - m[b + 2]
+    d, state, tick = plant.disturbance, plant.state, plant.tick_length
+    mass, length = d.params[0], d.params[1]
+    place, velocity = d.load_position, d.load_velocity
+    x = place[0] - state.position[0]
+    y = place[1] - state.position[1]
+    z = place[2] - state.position[2]
     distance = max(math.sqrt(x * x + y * y + z * z), 1e-9)
     x, y, z = x / distance, y / distance, z / distance
-    parting = x * (m[s + 3] - m[b + 3]) + y * (m[s + 4] - m[b + 4]) + z * (m[s + 5] - m[b + 5])
-    stretch = distance - m[_SET + 1]
+    parting = (
+        x * (velocity[0] - state.velocity[0])
+        + y * (velocity[1] - state.velocity[1])
+        + z * (velocity[2] - state.velocity[2])
+    )
+    stretch = distance - length
     pull = 0.0
     if stretch > 0.0:
         stiff = mass * _CORD_FREQUENCY * _CORD_FREQUENCY
         damp = 2.0 * _CORD_DAMPING * mass * _CORD_FREQUENCY
         pull = max(0.0, stiff * stretch + damp * parting)
-    m[s + 6], m[s + 7], m[s + 8] = pull * x, pull * y, pull * z
-    m[s + 3] -= h * pull * x / mass
-    m[s + 4] -= h * pull * y / mass
-    m[s + 5] -= h * (pull * z / mass + GRAVITY)
-    if m[s + 2] <= 0.0 and m[s + 5] <= 0.0:  # it lies on the floor
-        m[s + 3] = m[s + 4] = m[s + 5] = 0.0
+    d.pull[0], d.pull[1], d.pull[2] = pull * x, pull * y, pull * z
+    velocity[0] -= tick * pull * x / mass
+    velocity[1] -= tick * pull * y / mass
+    velocity[2] -= tick * (pull * z / mass + GRAVITY)
+    if place[2] <= 0.0 and velocity[2] <= 0.0:  # it lies on the floor
+        for i in range(3):
+            velocity[i] = 0.0
     for i in range(3):
-        m[s + i] += h * m[s + 3 + i]
-    m[s + 2] = max(m[s + 2], 0.0)
+        place[i] += tick * velocity[i]
+    place[2] = max(place[2], 0.0)
 
 
 @compiled
-def disturb(m: Array, row: int) -> None:
-    """Add the disturbance to `wrench`; `row` as in `rigid_body.derivative`."""
-    shape = m[P.disturbance]
-    p, b, r, f = _SET, P.body, P.rotation, P.wrench
+def disturb(plant: Plant, row: int) -> None:
+    """Add the disturbance to `force` and `moment`; `row` as in `rigid_body.derivative`."""
+    d, p = plant.disturbance, plant.disturbance.params
+    position, force, turn = plant.state.position, plant.force, plant.rotation
+    time = (plant.ticks + 0.5 * row) * plant.tick_length
     x = y = z = 0.0  # force in map
-    if shape == _TETHER:
-        x, y, z = m[p] - m[b], m[p + 1] - m[b + 1], m[p + 2] - m[b + 2]
+    if d.kind == _TETHER:
+        x, y, z = p[0] - position[0], p[1] - position[1], p[2] - position[2]
         distance = math.sqrt(x * x + y * y + z * z)
-        pull = m[p + 4] * max(distance - m[p + 3], 0.0) / max(distance, 1e-9)
+        pull = p[4] * max(distance - p[3], 0.0) / max(distance, 1e-9)
         x, y, z = pull * x, pull * y, pull * z
-    elif shape == _LOAD:
-        x, y, z = m[_STATE + 6], m[_STATE + 7], m[_STATE + 8]
-    elif shape == _PERIODIC:
-        time = (m[P.clock] + 0.5 * row) * m[P.clock + 1]
-        push = m[p] * math.sin(2.0 * math.pi * m[p + 1] * time)
-        x, y = push * math.cos(m[p + 2]), push * math.sin(m[p + 2])
-    elif shape == _FADE:
-        time = (m[P.clock] + 0.5 * row) * m[P.clock + 1]
-        m[f + 2] -= min(m[p] * time, _FADED) * m[P.rotors + 5 * row]
-    elif shape == _DRY_FRICTION:
-        u, v = m[P.flow], m[P.flow + 1]
-        size = m[p] / math.sqrt(u * u + v * v + _SMOOTH_SPEED * _SMOOTH_SPEED)
-        m[f] -= size * u
-        m[f + 1] -= size * v
-    elif shape == _PUSH:
-        m[f] += m[p]
-        m[f + 1] += m[p + 1]
-        m[f + 2] += m[p + 2]
-    elif shape == _WALL:
-        ex, ey = math.cos(m[p + 3]), math.sin(m[p + 3])
-        gap = max(m[p + 2] - ex * m[b] - ey * m[b + 1], 0.0)
-        pull = m[p] * math.exp(-gap / m[p + 1])
+    elif d.kind == _LOAD:
+        x, y, z = d.pull[0], d.pull[1], d.pull[2]
+    elif d.kind == _PERIODIC:
+        push = p[0] * math.sin(2.0 * math.pi * p[1] * time)
+        x, y = push * math.cos(p[2]), push * math.sin(p[2])
+    elif d.kind == _FADE:
+        force[2] -= min(p[0] * time, _FADED) * plant.rotors[row].thrust
+    elif d.kind == _DRY_FRICTION:
+        u, v = plant.airspeed[0], plant.airspeed[1]
+        size = p[0] / math.sqrt(u * u + v * v + _SMOOTH_SPEED * _SMOOTH_SPEED)
+        force[0] -= size * u
+        force[1] -= size * v
+    elif d.kind == _PUSH:
+        for i in range(3):
+            force[i] += p[i]
+    elif d.kind == _WALL:
+        ex, ey = math.cos(p[3]), math.sin(p[3])
+        gap = max(p[2] - ex * position[0] - ey * position[1], 0.0)
+        pull = p[0] * math.exp(-gap / p[1])
         x, y = pull * ex, pull * ey
-    elif shape == _YAW:
-        m[f + 5] -= m[p] * math.sin(math.atan2(m[r + 3], m[r]) - m[p + 1])
-    elif shape == _HYSTERESIS:
-        m[f + 2] += m[_STATE] - m[P.rotors]
-    m[f] += m[r] * x + m[r + 3] * y + m[r + 6] * z
-    m[f + 1] += m[r + 1] * x + m[r + 4] * y + m[r + 7] * z
-    m[f + 2] += m[r + 2] * x + m[r + 5] * y + m[r + 8] * z
+    elif d.kind == _YAW:
+        plant.moment[2] -= p[0] * math.sin(math.atan2(turn[1, 0], turn[0, 0]) - p[1])
+    elif d.kind == _HYSTERESIS:
+        force[2] += d.trailing_thrust - plant.rotors[0].thrust
+    fx, fy, fz = to_body(turn, x, y, z)
+    force[0] += fx
+    force[1] += fy
+    force[2] += fz

@@ -1,155 +1,160 @@
-"""The memory of one simulated vehicle: one flat array `m`, and the index of each of its parts.
-
-One array is what compiled code takes fastest, and it makes a vehicle cheap to copy and to batch.
-`m[P.body + 2]` is the height, `m[V.mass]` the nominal mass; Python code uses `part(m, "body")`.
-"""
+"""The memory of one simulated vehicle, as a record: cheap to copy, and fast in compiled code."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
-
-from tombo_dynamics.params import as_tuple, tuple_type
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.jit import compiled
+from tombo_dynamics.records import Record, field
 from tombo_dynamics.vehicle import VehicleParams
-
-Array = NDArray[np.float64]
 
 DELAY_TICKS = 64
 """Length of the ring of past commands: delays up to 63 ms."""
 
 
-class _Plant(NamedTuple):
-    """Index of the first element of each part. `map` is ENU, body is FLU, SI units."""
+class State(Record):
+    """State of the rigid body, or its slope: the derivative of each field."""
 
-    body: int
-    """13: position and velocity in map, quaternion xyzw (map from body), body rates."""
-    speed: int
-    """4: rotor speeds [rad/s], positive whatever the direction of spin."""
-    thrust: int
-    """4: rotor thrusts [N]."""
-    torque: int
-    """4: aerodynamic drag torques of the rotors [N m], positive."""
-    efficiency: int
-    """4: factor on thrust and torque in this tick (1: the map's own)."""
-    fold: int
-    """4: 0 blade straight, 1 blade folded back at the nodus."""
-    folding: int
-    """4: 1 while a blade swings back after a strike, until it is folded."""
-    damage: int
-    """4: 0 new; at 1 the blade tears off."""
-    command: int
-    """4: rotor speeds last asked for [rad/s]."""
-    target: int
-    """4: rotor speeds that the drives work towards in this tick [rad/s]."""
-    strike: int
-    """6: force [N] and moment [N m] of blade strikes in this tick, body frame."""
-    energy: int
-    """4: kinetic energy that each rotor lost to strikes in this tick [J]."""
-    contact: int
-    """8: touching (0/1), rotor (-1: frame), force on the frame in map (3), point in map (3)."""
-    inertial: int
-    """15: mass, Ixx, Iyy, Izz, motor time constant, centre of gravity x, y, z in body, what is
-    left of a gap to the target after half a tick and after a whole one; the inverses of the first
-    four; the height above which nothing touches the floor [m]."""
-    wind: int
-    """3: velocity of the air in map [m/s] in this tick."""
-    gust: int
-    """3: state of the gust filter [m/s]."""
-    supply: int
-    """3: charge used [A h], current [A], voltage [V]."""
-    wrench: int
-    """6: forces [N] and moments [N m] on the centre of mass, body frame, gravity left out."""
-    rotation: int
-    """9: rotation matrix map from body, row-major, of the state in `body`."""
-    flow: int
-    """3: velocity of the vehicle through the air, body frame [m/s]."""
-    rotors: int
-    """15: thrust, moments x, y, z and spin momentum of all rotors at start, middle and end of
-    the tick."""
-    imu: int
-    """6: gyro [rad/s] and specific force [m/s^2], body frame, as measured."""
-    mocap: int
-    """11: position (3), quaternion (4), latency [s], dropped (0/1), rest of a dropout [s], error
-    of the stamp [s]."""
-    draws: int
-    """8: standard normal numbers drawn once a flight."""
-    obstacle: int
-    """4: vertical cylinder: x, y, radius, height of its top, in map [m]; radius 0: none."""
-    clock: int
-    """2: ticks since the start, length of a tick [s]."""
-    delay: int
-    """256: the rotor speeds asked for in the last 64 ticks, a ring."""
-    work: int
-    """39: the integrator's scratch: state at the start of the tick, slopes, latest slope."""
-    disturbance: int
-    """16: shape (0: none), parameters (6), state (9); see `tombo_dynamics.disturbance`."""
+    position = field("m", "of the centre of gravity, map", 3)
+    velocity = field("m/s", "map", 3)
+    attitude = field("1", "quaternion xyzw, map from body", 4)
+    rates = field("rad/s", "body", 3)
 
 
-PLANT_SIZES = _Plant(
-    13,
-    4,
-    4,
-    4,
-    4,
-    4,
-    4,
-    4,
-    4,
-    4,
-    6,
-    4,
-    8,
-    15,
-    3,
-    3,
-    3,
-    6,
-    9,
-    3,
-    15,
-    6,
-    11,
-    8,
-    4,
-    2,
-    4 * DELAY_TICKS,
-    39,
-    16,
-)
+class RotorSum(Record):
+    """What all four rotors give together at one time of the tick, body frame."""
+
+    thrust = field("N", "along body z")
+    moment = field("N m", "about the centre of gravity", 3)
+    spin_momentum = field("N m s", "angular momentum of the rotors, along body z")
 
 
-def _starts(sizes: tuple[int, ...], first: int = 0) -> list[int]:
-    starts = [first]
-    for size in sizes:
-        starts.append(starts[-1] + size)
-    return starts
+class Contact(Record):
+    """Where the obstacle is touched in this tick."""
+
+    touching = field("1", "a blade or the frame touches the obstacle", kind=bool)
+    rotor = field("1", "rotor that touches; -1: the frame", kind=int)
+    force = field("N", "on the frame, map", 3)
+    point = field("m", "map", 3)
 
 
-_PLANT_STARTS = _starts(PLANT_SIZES)
-P = _Plant(*_PLANT_STARTS[:-1])
-"""Where each part of the plant begins in `m`."""
-VehicleIndex: Any = tuple_type(VehicleParams, "VehicleIndex", __name__)
-V: Any = VehicleIndex(*range(_PLANT_STARTS[-1], _PLANT_STARTS[-1] + len(VehicleIndex._fields)))
-"""Where each vehicle parameter is in `m`."""
-SLOPES = P.work + 13
-"""d(body)/dt (13) after `begin_tick`: at the start of the tick."""
-ANGULAR_ACCELERATION = SLOPES + 10
-"""d(body rates)/dt (3) [rad/s^2] at the start of the tick."""
-PLANT_SIZE = _PLANT_STARTS[-1] + len(VehicleIndex._fields)
+class Supply(Record):
+    """The battery."""
+
+    charge = field("A h", "used")
+    current = field("A", "drawn")
+    voltage = field("V", "at the drives")
 
 
-def new_plant(vehicle: VehicleParams) -> Array:
-    """Return the memory of a vehicle at the origin, upright, everything else zero."""
-    memory = np.zeros(PLANT_SIZE)
-    memory[P.body + 9] = 1.0
-    memory[_PLANT_STARTS[-1] :] = as_tuple(vehicle, VehicleIndex)
-    return memory
+class MocapSample(Record):
+    """A motion-capture sample while the effects act on it."""
+
+    position = field("m", "map", 3)
+    attitude = field("1", "quaternion xyzw, map from body", 4)
+    interval = field("s", "since the capture before")
+    latency = field("s", "from capture to arrival")
+    stamp_error = field("s", "stamp later than the capture")
+    dropped = field("1", "it never arrives", kind=bool)
 
 
-def part(memory: Array, name: str) -> Array:
-    """Return a view of a named part of a plant's memory."""
-    start = getattr(P, name)
-    view: Array = memory[start : start + getattr(PLANT_SIZES, name)]
-    return view
+class Obstacle(Record):
+    """A vertical cylinder."""
+
+    x = field("m", "of its axis, map")
+    y = field("m", "of its axis, map")
+    radius = field("m", "0: there is none")
+    top = field("m", "height of its top, map")
+
+
+class DisturbanceState(Record):
+    """See `tombo_dynamics.disturbance`."""
+
+    kind = field("1", "0: none", kind=int)
+    params = field("", "in the order in which they are declared", 6)
+    load_position = field("m", "of the slung load, map", 3)
+    load_velocity = field("m/s", "of the slung load, map", 3)
+    pull = field("N", "of its cord on the vehicle, map", 3)
+    trailing_thrust = field("N", "what thrust the hysteresis is at")
+
+
+class Plant(Record):
+    """A vehicle: `map` is ENU, body is FLU. Effects with memory have theirs in `memories`."""
+
+    state = field("", "at the tick's start, after `finish_tick` at its end", kind=State)
+    start = field("", "the integrator's: state at the start of the tick", kind=State)
+    slope = field("", "after `begin_tick`: at the start; later sums all slopes", kind=State)
+    stage_slope = field("", "the integrator's: the latest slope", kind=State)
+    rotation = field("1", "matrix of the attitude, map from body", (3, 3))
+    airspeed = field("m/s", "velocity through the air, body", 3)
+    force = field("N", "on the centre of mass, body, without gravity", 3)
+    moment = field("N m", "about the centre of mass, body", 3)
+
+    mass = field("kg", "true mass")
+    inertia = field("kg m^2", "true moments of inertia xx, yy, zz", 3)
+    centre_of_gravity = field("m", "true place, base_link x and y", 2)
+    motor_time_constant = field("s", "true one")
+    inverse_mass = field("1/kg", "1 / mass")
+    inverse_inertia = field("1/(kg m^2)", "1 / inertia", 3)
+    half_tick_decay = field("1", "of a gap to the target: what is left after half a tick")
+    tick_decay = field("1", "what is left after a whole tick")
+    clear_height = field("m", "above it nothing touches the floor")
+
+    rotor_speed = field("rad/s", "positive whatever the direction of spin", 4)
+    rotor_thrust = field("N", "of each rotor", 4)
+    rotor_torque = field("N m", "aerodynamic drag torque, positive", 4)
+    rotor_command = field("rad/s", "last asked for", 4)
+    rotor_target = field("rad/s", "what the drives work towards in this tick", 4)
+    past_commands = field("rad/s", "of the last ticks, a ring", (DELAY_TICKS, 4))
+    efficiency = field("1", "factor on thrust and torque in this tick", 4)
+    fold = field("1", "0: blade straight, 1: folded back at the nodus", 4)
+    damage = field("1", "0: new; at 1 the blade tears off", 4)
+    rotors = field("", "sum at start, middle and end of the tick", 3, kind=RotorSum)
+
+    strike_force = field("N", "of blade strikes in this tick, body", 3)
+    strike_moment = field("N m", "of blade strikes in this tick, body", 3)
+    strike_energy = field("J", "kinetic energy that each rotor lost to strikes in this tick", 4)
+    contact = field("", "with the obstacle", kind=Contact)
+    wind = field("m/s", "velocity of the air in this tick, map", 3)
+    supply = field("", "battery", kind=Supply)
+    gyro = field("rad/s", "as measured, body", 3)
+    accel = field("m/s^2", "specific force as measured, body", 3)
+    mocap = field("", "the latest sample", kind=MocapSample)
+
+    draws = field("1", "standard normal numbers drawn once a flight", 8)
+    obstacle = field("", "", kind=Obstacle)
+    ticks = field("1", "since the start", kind=int)
+    tick_length = field("s", "")
+    disturbance = field("", "a force that no effect describes", kind=DisturbanceState)
+    vehicle = field("", "nominal parameters", kind=VehicleParams)
+
+
+@compiled
+def copy_state(to: State, source: State) -> None:
+    """Copy a state; reads `source`, writes `to`."""
+    for i in range(3):
+        to.position[i] = source.position[i]
+        to.velocity[i] = source.velocity[i]
+        to.rates[i] = source.rates[i]
+    for i in range(4):
+        to.attitude[i] = source.attitude[i]
+
+
+@compiled
+def add_slope(to: State, source: State, slope: State, factor: float) -> None:
+    """Write `source` + `factor` * `slope` into `to`, which may be `source` itself."""
+    for i in range(3):
+        to.position[i] = source.position[i] + factor * slope.position[i]
+        to.velocity[i] = source.velocity[i] + factor * slope.velocity[i]
+        to.rates[i] = source.rates[i] + factor * slope.rates[i]
+    for i in range(4):
+        to.attitude[i] = source.attitude[i] + factor * slope.attitude[i]
+
+
+@compiled
+def set_state(state: State, values: Array) -> None:
+    """Write position, velocity, quaternion and rates (13, more are left alone) into `state`."""
+    for i in range(3):
+        state.position[i] = values[i]
+        state.velocity[i] = values[3 + i]
+        state.rates[i] = values[10 + i]
+    for i in range(4):
+        state.attitude[i] = values[6 + i]

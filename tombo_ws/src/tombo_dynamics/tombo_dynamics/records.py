@@ -13,7 +13,9 @@ a view of three numbers, and `plant.mass` one number:
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
+from functools import cache
 from operator import itemgetter
 from typing import Any, ClassVar, TypeVar
 
@@ -23,6 +25,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.params import numeric_fields
 
 _Kind = TypeVar("_Kind", bound="Record")
+_WORD = 8
 _TYPES = {float: np.float64, int: np.int64, bool: np.bool_}
 
 
@@ -41,10 +44,11 @@ class Field:
         if isinstance(self.kind, np.dtype):
             return self.kind
         if issubclass(self.kind, Record):
-            return self.kind.layout
+            layout: np.dtype[Any] = self.kind.layout
+            return layout
         if self.kind in _TYPES:
             return np.dtype(_TYPES[self.kind])
-        return parameter_layout(self.kind)
+        return parameter_record(self.kind).layout
 
 
 def field(unit: str, doc: str, shape: int | tuple[int, ...] = (), kind: Any = float) -> Any:
@@ -59,11 +63,6 @@ def field(unit: str, doc: str, shape: int | tuple[int, ...] = (), kind: Any = fl
     return Field(unit, doc, (shape,) if isinstance(shape, int) else shape, kind)
 
 
-def parameter_layout(params: type[Any]) -> np.dtype[Any]:
-    """Return the numpy type that holds the numeric fields of a class of parameters, as floats."""
-    return np.dtype([(name, np.float64) for name in numeric_fields(params)])
-
-
 def fill_parameters(record: Any, params: Any) -> None:
     """Write the numbers of a parameter record into a field of that class."""
     for name in record.dtype.names:
@@ -75,16 +74,6 @@ def numbers(record: Any) -> Array:
     return np.frombuffer(record, np.float64).copy()
 
 
-def set_numbers(record: Any, values: Array) -> None:
-    """Write values (N) into the fields of a record that has floats only, in their order."""
-    first = 0
-    for name in record.dtype.names:
-        shape = record[name].shape
-        size = int(np.prod(shape))
-        record[name] = np.reshape(values[first : first + size], shape)
-        first += size
-
-
 class Record(np.void):
     """Base of all records; `layout` is its numpy type, `fields` what was declared."""
 
@@ -92,10 +81,22 @@ class Record(np.void):
     layout: ClassVar[np.dtype[Any]]
 
     def __init_subclass__(cls) -> None:
-        cls.fields = {n: f for n, f in vars(cls).items() if isinstance(f, Field)}
-        columns = [(name, one.layout(), one.shape) for name, one in cls.fields.items()]
-        cls.layout = np.dtype((cls, np.dtype(columns, align=True)))
-        for name, one in cls.fields.items():
+        own = {n: f for n, f in vars(cls).items() if isinstance(f, Field)}
+        cls.fields = {**getattr(cls, "fields", {}), **own}
+        taken = [name for name in own if hasattr(np.void, name)]
+        if taken:
+            raise ValueError(f"{cls.__name__}: numpy has its own meaning for {', '.join(taken)}")
+        formats = [np.dtype((one.layout(), one.shape)) for one in cls.fields.values()]
+        # Whole words: numpy does not know how a record inside a record is to be aligned.
+        ends = np.cumsum([-(-one.itemsize // _WORD) * _WORD for one in formats]).tolist()
+        placed = {
+            "names": list(cls.fields),
+            "formats": formats,
+            "offsets": [0, *ends[:-1]],
+            "itemsize": ends[-1],
+        }
+        cls.layout = np.dtype((cls, np.dtype(placed, align=True)))  # type: ignore[call-overload]
+        for name, one in own.items():
             setattr(cls, name, property(itemgetter(name), doc=f"{one.doc} [{one.unit}]"))
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -107,3 +108,14 @@ class Record(np.void):
         """Return a record of zeros."""
         record: _Kind = np.zeros(1, cls.layout)[0]
         return record
+
+
+@cache
+def parameter_record(params: type[Any]) -> type[Record]:
+    """Return the record that holds the numeric fields of a class of parameters, as floats."""
+    declared = {one.name: one.metadata for one in dataclasses.fields(params)}
+    return type(
+        f"{params.__name__}Record",
+        (Record,),
+        {n: field(declared[n]["unit"], declared[n]["doc"]) for n in numeric_fields(params)},
+    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.disturbance import disturb, prepare_disturbance
 from tombo_dynamics.effects.compose import (
     apply_air,
@@ -14,144 +15,138 @@ from tombo_dynamics.effects.compose import (
 )
 from tombo_dynamics.ground_contact import ground_clearance, ground_contact
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.plant import DELAY_TICKS, SLOPES, Array, P, V
-from tombo_dynamics.rotation import normalize_quaternion, rotation_matrix
-from tombo_dynamics.rotors import advance_rotor_speeds, rotor_wrench
+from tombo_dynamics.plant import DELAY_TICKS, Plant, State, add_slope, copy_state
+from tombo_dynamics.rotation import normalize_quaternion, rotation_matrix, to_body, to_map
+from tombo_dynamics.rotor_maps import RotorMaps
+from tombo_dynamics.rotors import advance_rotor_speeds, sum_rotors
 from tombo_dynamics.vehicle import GRAVITY
 
-_START, _SLOPE = P.work, P.work + 26
-"""Scratch of the integrator, beside `SLOPES`, which becomes the weighted sum of all slopes."""
-
 
 @compiled
-def derivative(m: Array, noise: Array, theta: Array, row: int, out: int) -> None:
-    """Write d(body)/dt (13) of the state in `P.body` into `m[out:]`.
+def derivative(plant: Plant, noise: Array, theta: Array, row: int, slope: State) -> None:
+    """Write the derivative of `plant.state` into `slope`.
 
-    Euler's equation holds the rotors' spin momentum; its change reacts through `rotor_wrench`.
-    `row` picks the rotors' state at start (0), middle (1) or end (2) of the tick. The wrench that
-    was used is left in `P.wrench`.
+    Euler's equation holds the rotors' spin momentum; its change reacts through `sum_rotors`.
+    `row` picks the rotors' state at start (0), middle (1) or end (2) of the tick. Also writes
+    `airspeed`, and the wrench that was used: `force` and `moment`.
     """
-    b = P.body
-    r = P.rotation
-    f = P.wrench
-    s = P.strike
-    rotors = P.rotors + 5 * row
+    state, rotors, force, moment = plant.state, plant.rotors[row], plant.force, plant.moment
+    turn = plant.rotation
     if row > 0:  # at the start of the tick it is there already
-        rotation_matrix(m[b + 6 : b + 10], m[r : r + 9].reshape(3, 3))
-    ax = m[b + 3] - m[P.wind]
-    ay = m[b + 4] - m[P.wind + 1]
-    az = m[b + 5] - m[P.wind + 2]
-    m[P.flow] = m[r] * ax + m[r + 3] * ay + m[r + 6] * az
-    m[P.flow + 1] = m[r + 1] * ax + m[r + 4] * ay + m[r + 7] * az
-    m[P.flow + 2] = m[r + 2] * ax + m[r + 5] * ay + m[r + 8] * az
-    wx, wy, wz = m[b + 10], m[b + 11], m[b + 12]
-    spin = m[rotors + 4]
-    m[f] = m[s]
-    m[f + 1] = m[s + 1]
-    m[f + 2] = m[s + 2] + m[rotors]
-    m[f + 3] = m[s + 3] + m[rotors + 1] - wy * spin
-    m[f + 4] = m[s + 4] + m[rotors + 2] + wx * spin
-    m[f + 5] = m[s + 5] + m[rotors + 3]
-    apply_wrench(m, noise, theta)
-    if m[P.disturbance] != 0.0:
-        disturb(m, row)
-    if m[b + 2] < m[P.inertial + 14]:
-        ground_contact(m)
-    per_mass = m[P.inertial + 10]
-    fx, fy, fz = m[f] * per_mass, m[f + 1] * per_mass, m[f + 2] * per_mass
-    m[out] = m[b + 3]
-    m[out + 1] = m[b + 4]
-    m[out + 2] = m[b + 5]
-    m[out + 3] = m[r] * fx + m[r + 1] * fy + m[r + 2] * fz
-    m[out + 4] = m[r + 3] * fx + m[r + 4] * fy + m[r + 5] * fz
-    m[out + 5] = m[r + 6] * fx + m[r + 7] * fy + m[r + 8] * fz - GRAVITY
-    qx, qy, qz, qw = m[b + 6], m[b + 7], m[b + 8], m[b + 9]
-    m[out + 6] = 0.5 * (qw * wx + qy * wz - qz * wy)
-    m[out + 7] = 0.5 * (qw * wy + qz * wx - qx * wz)
-    m[out + 8] = 0.5 * (qw * wz + qx * wy - qy * wx)
-    m[out + 9] = -0.5 * (qx * wx + qy * wy + qz * wz)
-    ix, iy, iz = m[P.inertial + 1], m[P.inertial + 2], m[P.inertial + 3]
-    m[out + 10] = (m[f + 3] - (iz - iy) * wy * wz) * m[P.inertial + 11]
-    m[out + 11] = (m[f + 4] - (ix - iz) * wz * wx) * m[P.inertial + 12]
-    m[out + 12] = (m[f + 5] - (iy - ix) * wx * wy) * m[P.inertial + 13]
+        rotation_matrix(state.attitude, turn)
+    plant.airspeed[0], plant.airspeed[1], plant.airspeed[2] = to_body(
+        turn,
+        state.velocity[0] - plant.wind[0],
+        state.velocity[1] - plant.wind[1],
+        state.velocity[2] - plant.wind[2],
+    )
+    wx, wy, wz = state.rates[0], state.rates[1], state.rates[2]
+    spin = rotors.spin_momentum
+    force[0] = plant.strike_force[0]
+    force[1] = plant.strike_force[1]
+    force[2] = plant.strike_force[2] + rotors.thrust
+    moment[0] = plant.strike_moment[0] + rotors.moment[0] - wy * spin
+    moment[1] = plant.strike_moment[1] + rotors.moment[1] + wx * spin
+    moment[2] = plant.strike_moment[2] + rotors.moment[2]
+    apply_wrench(plant, noise, theta)
+    if plant.disturbance.kind != 0:
+        disturb(plant, row)
+    if state.position[2] < plant.clear_height:
+        ground_contact(plant)
+    per_mass = plant.inverse_mass
+    ax, ay, az = to_map(turn, force[0] * per_mass, force[1] * per_mass, force[2] * per_mass)
+    slope.velocity[0] = ax
+    slope.velocity[1] = ay
+    slope.velocity[2] = az - GRAVITY
+    for i in range(3):
+        slope.position[i] = state.velocity[i]
+    q = state.attitude
+    qx, qy, qz, qw = q[0], q[1], q[2], q[3]
+    slope.attitude[0] = 0.5 * (qw * wx + qy * wz - qz * wy)
+    slope.attitude[1] = 0.5 * (qw * wy + qz * wx - qx * wz)
+    slope.attitude[2] = 0.5 * (qw * wz + qx * wy - qy * wx)
+    slope.attitude[3] = -0.5 * (qx * wx + qy * wy + qz * wz)
+    ix, iy, iz = plant.inertia[0], plant.inertia[1], plant.inertia[2]
+    slope.rates[0] = (moment[0] - (iz - iy) * wy * wz) * plant.inverse_inertia[0]
+    slope.rates[1] = (moment[1] - (ix - iz) * wz * wx) * plant.inverse_inertia[1]
+    slope.rates[2] = (moment[2] - (iy - ix) * wx * wy) * plant.inverse_inertia[2]
 
 
 @compiled
-def begin_tick(m: Array, maps: Array, noise: Array, theta: Array) -> None:
+def begin_tick(plant: Plant, maps: RotorMaps, noise: Array, theta: Array) -> None:
     """Settle what stays constant in the tick, and take the first slope of the integrator.
 
     Air, efficiencies, strikes and the targets of the drives. The command that acts is the one left
     by the tick before: one tick of transport.
     """
-    rotation_matrix(m[P.body + 6 : P.body + 10], m[P.rotation : P.rotation + 9].reshape(3, 3))
+    rotation_matrix(plant.state.attitude, plant.rotation)
     for i in range(3):
-        m[P.wind + i] = 0.0
+        plant.wind[i] = 0.0
+        plant.strike_force[i] = 0.0
+        plant.strike_moment[i] = 0.0
     for i in range(4):
-        m[P.efficiency + i] = 1.0
-        m[P.energy + i] = 0.0
-    for i in range(6):
-        m[P.strike + i] = 0.0
-    m[P.contact] = 0.0
-    apply_air(m, noise, theta)
-    apply_rotor(m, noise, theta)
-    slot = P.delay + 4 * (int(m[P.clock]) % DELAY_TICKS)
+        plant.efficiency[i] = 1.0
+        plant.strike_energy[i] = 0.0
+    plant.contact.touching = False
+    apply_air(plant, noise, theta)
+    apply_rotor(plant, noise, theta)
+    newest = plant.past_commands[plant.ticks % DELAY_TICKS]
     for i in range(4):
-        m[slot + i] = m[P.command + i]
-        m[P.target + i] = m[P.command + i]
-    apply_command(m, noise, theta)
+        newest[i] = plant.rotor_command[i]
+        plant.rotor_target[i] = plant.rotor_command[i]
+    apply_command(plant, noise, theta)
     for i in range(4):
-        m[P.target + i] *= 1.0 - m[P.fold + i]
-    rotor_wrench(m, maps, 1.0, 0)
-    rotor_wrench(m, maps, m[P.inertial + 8], 1)
-    rotor_wrench(m, maps, m[P.inertial + 9], 2)
-    if m[P.disturbance] != 0.0:
-        prepare_disturbance(m)
-    derivative(m, noise, theta, 0, SLOPES)
+        plant.rotor_target[i] *= 1.0 - plant.fold[i]
+    sum_rotors(plant, maps, 1.0, 0)
+    sum_rotors(plant, maps, plant.half_tick_decay, 1)
+    sum_rotors(plant, maps, plant.tick_decay, 2)
+    if plant.disturbance.kind != 0:
+        prepare_disturbance(plant)
+    derivative(plant, noise, theta, 0, plant.slope)
 
 
 @compiled
-def finish_tick(m: Array, noise: Array, theta: Array) -> None:
+def finish_tick(plant: Plant, noise: Array, theta: Array) -> None:
     """Integrate the rigid body over the tick (classical Runge-Kutta), after `begin_tick`.
 
     The rotors' speeds have a closed form (first-order lag) and enter exactly.
     """
-    h = m[P.clock + 1]
-    sixth = h * (1.0 / 6.0)
-    for i in range(13):
-        m[_START + i] = m[P.body + i]
-        m[P.body + i] += 0.5 * h * m[SLOPES + i]
-    derivative(m, noise, theta, 1, _SLOPE)
-    for i in range(13):
-        m[P.body + i] = m[_START + i] + 0.5 * h * m[_SLOPE + i]
-        m[SLOPES + i] += 2.0 * m[_SLOPE + i]
-    derivative(m, noise, theta, 1, _SLOPE)
-    for i in range(13):
-        m[P.body + i] = m[_START + i] + h * m[_SLOPE + i]
-        m[SLOPES + i] += 2.0 * m[_SLOPE + i]
-    derivative(m, noise, theta, 2, _SLOPE)
-    for i in range(13):
-        m[P.body + i] = m[_START + i] + sixth * (m[SLOPES + i] + m[_SLOPE + i])
-    normalize_quaternion(m[P.body + 6 : P.body + 10])
-    advance_rotor_speeds(m)
-    m[P.clock] += 1.0
+    tick = plant.tick_length
+    state, start, sum_of_slopes, slope = plant.state, plant.start, plant.slope, plant.stage_slope
+    copy_state(start, state)
+    add_slope(state, start, sum_of_slopes, 0.5 * tick)
+    derivative(plant, noise, theta, 1, slope)
+    add_slope(state, start, slope, 0.5 * tick)
+    add_slope(sum_of_slopes, sum_of_slopes, slope, 2.0)
+    derivative(plant, noise, theta, 1, slope)
+    add_slope(state, start, slope, tick)
+    add_slope(sum_of_slopes, sum_of_slopes, slope, 2.0)
+    derivative(plant, noise, theta, 2, slope)
+    add_slope(sum_of_slopes, sum_of_slopes, slope, 1.0)
+    add_slope(state, start, sum_of_slopes, tick * (1.0 / 6.0))
+    normalize_quaternion(state.attitude)
+    advance_rotor_speeds(plant)
+    plant.ticks += 1
 
 
 @compiled
-def begin_flight(m: Array, noise: Array, theta: Array, tick: float) -> None:
+def begin_flight(plant: Plant, noise: Array, theta: Array, tick: float) -> None:
     """Set true inertial parameters and the constants of the tick length `tick` [s]."""
-    m[P.inertial] = m[V.mass]
-    m[P.inertial + 1] = m[V.inertia_xx]
-    m[P.inertial + 2] = m[V.inertia_yy]
-    m[P.inertial + 3] = m[V.inertia_zz]
-    m[P.inertial + 4] = m[V.motor_time_constant]
-    for i in range(5, 8):
-        m[P.inertial + i] = 0.0
-    m[P.supply + 2] = m[V.battery_voltage]
-    m[P.clock] = 0.0
-    m[P.clock + 1] = tick
-    apply_body(m, noise, theta)
-    for i in range(4):
-        m[P.inertial + 10 + i] = 1.0 / m[P.inertial + i]
-    m[P.inertial + 14] = ground_clearance(m)
-    m[P.inertial + 8] = math.exp(-0.5 * tick / m[P.inertial + 4])
-    m[P.inertial + 9] = math.exp(-tick / m[P.inertial + 4])
+    nominal = plant.vehicle
+    plant.mass = nominal.mass
+    plant.inertia[0] = nominal.inertia_xx
+    plant.inertia[1] = nominal.inertia_yy
+    plant.inertia[2] = nominal.inertia_zz
+    plant.motor_time_constant = nominal.motor_time_constant
+    for i in range(2):
+        plant.centre_of_gravity[i] = 0.0
+    plant.supply.voltage = nominal.battery_voltage
+    plant.ticks = 0
+    plant.tick_length = tick
+    apply_body(plant, noise, theta)
+    plant.inverse_mass = 1.0 / plant.mass
+    for i in range(3):
+        plant.inverse_inertia[i] = 1.0 / plant.inertia[i]
+    plant.clear_height = ground_clearance(plant)
+    plant.half_tick_decay = math.exp(-0.5 * tick / plant.motor_time_constant)
+    plant.tick_decay = math.exp(-tick / plant.motor_time_constant)

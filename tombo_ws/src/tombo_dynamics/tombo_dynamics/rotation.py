@@ -80,6 +80,26 @@ def rotation_matrix(q: Array, out: Array) -> None:
     out[2, 2] = 1.0 - 2.0 * (x * x + y * y)
 
 
+@compiled
+def to_map(turn: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return a body vector turned into `map` by the matrix `turn` (3, 3), map from body."""
+    return (
+        turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z,
+        turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z,
+        turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z,
+    )
+
+
+@compiled
+def to_body(turn: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return a `map` vector turned into the body frame by the matrix `turn` (3, 3)."""
+    return (
+        turn[0, 0] * x + turn[1, 0] * y + turn[2, 0] * z,
+        turn[0, 1] * x + turn[1, 1] * y + turn[2, 1] * z,
+        turn[0, 2] * x + turn[1, 2] * y + turn[2, 2] * z,
+    )
+
+
 def quaternion_multiply(a: Array, b: Array) -> Array:
     """Return the Hamilton product a*b of quaternions xyzw (..., 4)."""
     ax, ay, az, aw = (a[..., i] for i in range(4))

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from tombo_dynamics.params import param
 
 GRAVITY = 9.80665
+AIR_DENSITY = 1.2041
+"""kg/m^3: dry air at 20 degC and 1013.25 hPa."""
 ROTOR_NAMES = ("front_right", "rear_left", "front_left", "rear_right")
 """Rotor order everywhere: PX4's quad-x numbering 1..4."""
 SPIN = np.array([1.0, 1.0, -1.0, -1.0])

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_dynamics.disturbance import set_disturbance
-from tombo_dynamics.plant import part
+from tombo_dynamics.plant import Plant
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario
 
@@ -21,16 +21,16 @@ def _flown(prepare: Any = None, settings: tuple[str, ...] = (), seed: int = 1) -
 
 
 def test_it_is_called_once_with_the_plant_at_rest_on_the_ground() -> None:
-    seen: list[Array] = []
-    log = _flown(lambda m: seen.append(m.copy()))
+    seen: list[Plant] = []
+    log = _flown(lambda plant: seen.append(plant.copy()))
     assert len(seen) == 1
-    assert np.array_equal(part(seen[0], "body")[:3], log["position"][0])
-    assert not part(seen[0], "clock")[0]
+    assert np.array_equal(seen[0].state.position, log["position"][0])
+    assert not seen[0].ticks
 
 
 def test_equal_propellers_in_flights_of_different_seeds() -> None:
-    def same_propellers(m: Array) -> None:
-        part(m, "draws")[:4] = [1.0, -1.0, 0.5, 0.0]
+    def same_propellers(plant: Plant) -> None:
+        plant.draws[:4] = [1.0, -1.0, 0.5, 0.0]
 
     scatter = ("effects.thrust_scatter.deviation=0.1",)
     moments = []
@@ -42,6 +42,6 @@ def test_equal_propellers_in_flights_of_different_seeds() -> None:
 
 def test_a_disturbance_acts_in_the_flight_and_the_accelerometer_feels_it() -> None:
     calm = _flown()
-    pushed = _flown(lambda m: set_disturbance(m, "body_push", 0.0, 0.65, 0.0))
+    pushed = _flown(lambda plant: set_disturbance(plant, "body_push", 0.0, 0.65, 0.0))
     felt = pushed["accel"][-1000:, 1].mean() - calm["accel"][-1000:, 1].mean()
     assert abs(felt - 0.65 / 1.3) < 0.05

@@ -24,7 +24,7 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.message_records import message_of
 from tombo_dynamics.messages import CollisionEvent as CollisionMessage
 from tombo_dynamics.messages import MissionStatus
-from tombo_dynamics.plant import P
+from tombo_dynamics.plant import Plant
 from tombo_flight.flight_metrics import (
     MetricsInput,
     detection_event,
@@ -36,20 +36,18 @@ from tombo_flight.scenario import Scenario, as_mapping, world_of
 from tombo_flight.wiring import CORES, core_of
 from tombo_sim.flight_setup import NOISE, TICK_S, FlightSetup, begin
 from tombo_sim.kernel import (
-    ARRIVES,
     EPOCH_NS,
     EVENT,
     FLIGHT,
-    MOCAP_WIDTH,
-    POSE,
-    STAMPED,
+    Captures,
+    MocapEntry,
     Published,
     core_memories,
     fly,
     new_published,
     publish_reaction,
 )
-from tombo_sim.log_columns import COLUMNS, LOG_WIDTH
+from tombo_sim.log_columns import LogRow
 
 Array = NDArray[np.float64]
 
@@ -73,14 +71,13 @@ _TICK_NS = 1_000_000
 class Workspace:
     """Scratch memory for flights, reused from one to the next: fresh pages cost milliseconds."""
 
-    log: Array = field(default_factory=lambda: np.zeros((0, LOG_WIDTH)))
+    log: Any = field(default_factory=lambda: np.zeros(0, LogRow.layout))
 
-    def rows(self, count: int) -> Array:
+    def rows(self, count: int) -> Any:
         """Return a log of `count` rows; its content is what the last flight left."""
         if self.log.shape[0] < count:
-            self.log = np.full((count, LOG_WIDTH), math.nan)
-        view: Array = self.log[:count]
-        return view
+            self.log = np.zeros(count, LogRow.layout)
+        return self.log[:count]
 
 
 def fly_scenario(
@@ -89,7 +86,7 @@ def fly_scenario(
     workspace: Workspace | None = None,
     progress: Callable[[float], None] | None = None,
     stop: Callable[[], bool] | None = None,
-    prepare: Callable[[Array], None] | None = None,
+    prepare: Callable[[Plant], None] | None = None,
 ) -> FlightRecord:
     """Fly a scenario and return its record.
 
@@ -99,7 +96,7 @@ def fly_scenario(
         workspace: memory to reuse; the record's log then lives in it until the next flight.
         progress: called with the flight time [s] now and then.
         stop: asked now and then; True ends the flight where it is.
-        prepare: called with the plant's memory before the first tick, to change what a scenario
+        prepare: called with the plant before the first tick, to change what a scenario
             cannot say.
 
     Raises:
@@ -108,15 +105,15 @@ def fly_scenario(
     """
     setup = begin(world_of(scenario), seed)
     if prepare is not None:
-        prepare(setup.m)
+        prepare(setup.plant)
     ticks = round(scenario.duration / TICK_S)
     captures = np.round(
         np.arange(0.0, scenario.duration, 1.0 / scenario.estimator.mocap_rate) / TICK_S
     ).astype(np.int64)
     captures = np.append(captures, np.int64(2**62))
-    mocap = np.zeros((captures.size, MOCAP_WIDTH))
+    entries = np.zeros(captures.size, MocapEntry.layout)
     normals = setup.mocap_noise.standard_normal((captures.size, NOISE))
-    poses = (captures, normals, mocap, np.zeros(3, dtype=np.int64))
+    poses = (captures, normals, entries, Captures.new())
     log = (workspace or Workspace()).rows(ticks)
     published = new_published(ticks, captures.size)
     cores: Any = [core_of(kind, scenario) for kind in CORES]
@@ -133,12 +130,13 @@ def fly_scenario(
         if k >= base + noise.shape[0]:
             base = k
             noise = setup.tick_noise.standard_normal((_BLOCK, NOISE))
-        plant = (setup.m, setup.maps, setup.theta, noise)
+        vehicle = (setup.plant, setup.maps, setup.theta, noise)
         until = min(base + _BLOCK, k + _CHUNK)
-        if fly(plant, poses, memories, params, published, flight, log, base, until):
+        if fly(vehicle, poses, memories, params, published, flight, log, base, until):
             _react(reaction, published, flight)
         now_s = float(flight["tick"]) * TICK_S
-        if not math.isfinite(setup.m[P.body + 2] + setup.m[P.body + 10]):
+        state = setup.plant.state
+        if not math.isfinite(state.position[2] + state.rates[0]):
             raise InputError(
                 f"the simulation diverges at {now_s:.2f} s: vehicle and effects together are "
                 "too stiff for steps of 1 ms; accepted: larger inertia, or smaller stiffness and "
@@ -155,7 +153,7 @@ def fly_scenario(
         for i, (name, table) in enumerate(zip(Published._fields, published, strict=True))
     }
     flown = as_flown(scenario, seed, setup)
-    return _record(scenario, seed, flown, log[: flight["tick"]], mocap, said, wall)
+    return _record(scenario, seed, flown, log[: flight["tick"]], entries, said, wall)
 
 
 def _react(reaction: ReactionCore, published: Published, flight: Any) -> None:
@@ -182,12 +180,12 @@ def _record(
     scenario: Scenario,
     seed: int,
     flown: dict[str, Any],
-    log: Array,
-    mocap: Array,
+    log: Any,
+    entries: Any,
     published: dict[str, Any],
     wall: float,
 ) -> FlightRecord:
-    columns = {name: log[:, where] for name, where in COLUMNS.items()}
+    columns = {name: log[name] for name in LogRow.fields}
     t: Array = np.arange(log.shape[0], dtype=np.float64) * TICK_S
     detections = [_detection(event) for event in published["event"]["message"]]
     arrivals = (published["event"]["tick"] * TICK_S).tolist()
@@ -203,14 +201,14 @@ def _record(
     summary, seen = summarize(
         MetricsInput(scenario, seed, t, columns, detections, arrivals, decisions, wall)
     )
-    arrived = mocap[published["detector_status"]["row"]]
+    arrived = entries[published["detector_status"]["row"]]
     return FlightRecord(
         t=t,
         log=columns,
-        mocap_t=arrived[:, STAMPED] * TICK_S,
-        mocap_arrival=arrived[:, ARRIVES] * TICK_S,
-        mocap_position=arrived[:, POSE : POSE + 3],
-        mocap_attitude=arrived[:, POSE + 3 : POSE + 7],
+        mocap_t=arrived["stamp"] * TICK_S,
+        mocap_arrival=arrived["arrives"] * TICK_S,
+        mocap_position=arrived["position"],
+        mocap_attitude=arrived["attitude"],
         detector_statistic=published["detector_status"]["message"]["statistic"].copy(),
         events=sorted(events + seen, key=lambda e: float(e["time_s"])),
         scenario=flown,

@@ -52,7 +52,7 @@ from tombo_flight.flight_metrics import (
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.pose_track import PoseTrack, pose_track
 from tombo_flight.scenario import Scenario, as_mapping, scenario_from_mapping
-from tombo_sim.log_columns import COLUMNS
+from tombo_sim.log_columns import LogRow
 
 Array = NDArray[np.float64]
 Ticks = NDArray[np.int64]
@@ -230,8 +230,8 @@ class _RecordedFlight:
 
     def _log(self) -> dict[str, Array]:
         log = {
-            name: np.full((self._grid.ticks, where.stop - where.start), math.nan)
-            for name, where in COLUMNS.items()
+            name: np.full((self._grid.ticks, *one.shape), math.nan)
+            for name, one in LogRow.fields.items()
         }
         if self._track is None:
             self._pose(log, TRUE_ODOMETRY.name, ("position", "attitude", "velocity", "rates"))

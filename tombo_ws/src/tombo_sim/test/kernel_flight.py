@@ -18,9 +18,9 @@ from tombo_control.leg import hold_leg
 from tombo_control.mission import MissionParams, MissionState
 from tombo_control.mission_core import MissionCore, MissionLimits, store_state
 from tombo_control.params import ControlParams, EstimatorParams, InputLimits
-from tombo_dynamics.effects.compose import pack_theta
-from tombo_dynamics.plant import new_plant, part
+from tombo_dynamics.effects.compose import new_plant, pack_theta
 from tombo_dynamics.propeller import configuration, thrust_map
+from tombo_dynamics.records import numbers
 from tombo_dynamics.rigid_body import begin_flight
 from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
 from tombo_dynamics.vehicle import VehicleParams
@@ -28,12 +28,13 @@ from tombo_sim.kernel import (
     DETECTOR_STATUS,
     EPOCH_NS,
     FLIGHT,
-    MOCAP_WIDTH,
+    Captures,
+    MocapEntry,
     core_memories,
     fly,
     new_published,
 )
-from tombo_sim.log_columns import COLUMNS, LOG_WIDTH
+from tombo_sim.log_columns import LogRow
 
 VEHICLE = VehicleParams()
 NOISE = 9
@@ -58,12 +59,12 @@ class Flight:
     log: np.ndarray
     mocap: np.ndarray
     delivered: list
-    m: np.ndarray
+    plant: np.void
     a: np.ndarray
     columns: dict = field(init=False)
 
     def __post_init__(self):
-        self.columns = {name: self.log[:, where] for name, where in COLUMNS.items()}
+        self.columns = {name: self.log[name] for name in LogRow.fields}
 
     def __getitem__(self, name):
         return self.columns[name]
@@ -72,26 +73,26 @@ class Flight:
 def memories(effects, position=(0.0, 0.0, 1.5), yaw=0.2, obstacle=(0.0, 0.0, 0.0, 0.0), seed=0):
     """Return plant, autopilot and theta of a vehicle in hover, told to go half a metre ahead."""
     theta = pack_theta(effects)
-    m = new_plant(VEHICLE)
+    plant = new_plant(VEHICLE)
     attitude = np.array([0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2)])
-    part(m, "body")[:3] = position
-    part(m, "body")[6:10] = attitude
-    part(m, "obstacle")[:] = obstacle
-    part(m, "draws")[:] = np.random.default_rng(seed + 1).standard_normal(8)
-    begin_flight(m, np.zeros(NOISE), theta, TICK)
+    plant.state.position = position
+    plant.state.attitude = attitude
+    plant.obstacle = tuple(obstacle)
+    plant.draws = np.random.default_rng(seed + 1).standard_normal(8)
+    begin_flight(plant, np.zeros(NOISE), theta, TICK)
     hover = speed_for_thrust(maps(), VEHICLE.hover_thrust())
-    part(m, "speed")[:] = part(m, "command")[:] = hover
-    part(m, "delay")[:] = hover
+    plant.rotor_speed = plant.rotor_command = hover
+    plant.past_commands[:] = hover
     a = new_autopilot(ControlParams(), EstimatorParams(), VEHICLE, np.array(position), attitude)
     a[A.mode] = HOVER
     target = np.add(position, (0.5, 0.1, -0.1))
     a[A.leg : A.leg + 10] = [*target, 0.0, 0.0, 0.0, 0.0, 1e6, 1.0, yaw]
-    return m, a, theta
+    return plant, a, theta
 
 
-def hovering_cores(m, a):
+def hovering_cores(plant, a):
     """Return memories and parameters of cores that hover where the plant is, told as `a` is."""
-    body = part(m, "body")
+    body = numbers(plant.state)
     estimator = EstimatorCore(EstimatorParams(), VEHICLE)
     restart_estimate(estimator.autopilot, body[:3], np.zeros(3), body[6:10])
     store_history(estimator.autopilot, EPOCH_NS // TICK_NS)
@@ -121,28 +122,30 @@ def hovering_cores(m, a):
 def fly_kernel(effects=None, seconds=1.0, seed=0, chunk=10**9, block=10**9, tick_noise=None,
                mocap_noise=None, **where):  # fmt: skip
     """Fly; `chunk`: ticks that a call may fly, `block`: rows of noise that it is given."""
-    m, a, theta = memories(effects or {}, seed=seed, **where)
+    plant, a, theta = memories(effects or {}, seed=seed, **where)
     ticks = round(seconds / TICK)
     captures = capture_ticks(seconds)
     rng = np.random.default_rng(seed)
     drawn = rng.standard_normal((ticks, NOISE)) if tick_noise is None else tick_noise
     samples = captures.size
     noise = rng.standard_normal((samples, NOISE)) if mocap_noise is None else mocap_noise
-    mocap = np.zeros((samples, MOCAP_WIDTH))
-    log = np.full((ticks, LOG_WIDTH), np.nan)
-    poses = (captures, noise, mocap, np.zeros(3, dtype=np.int64))
-    cores, params = hovering_cores(m, a)
+    mocap = np.zeros(samples, MocapEntry.layout)
+    log = np.zeros(ticks, LogRow.layout)
+    for name in LogRow.fields:
+        log[name] = np.nan
+    poses = (captures, noise, mocap, Captures.new())
+    cores, params = hovering_cores(plant, a)
     published = new_published(ticks, samples)
     flight = np.zeros(1, FLIGHT)[0]
     flight["end"] = ticks
     while (k := flight["tick"]) < ticks:
         base = k - k % block
-        plant = (m, maps(), theta, drawn[base : base + block].copy())
+        vehicle = (plant, maps(), theta, drawn[base : base + block].copy())
         stop = min(k + chunk, base + block, ticks)
-        assert not fly(plant, poses, cores, params, published, flight, log, base, stop)
+        assert not fly(vehicle, poses, cores, params, published, flight, log, base, stop)
     arrived = published.detector_status[: flight["published"][DETECTOR_STATUS]]
     delivered = list(zip(arrived["tick"].tolist(), arrived["row"].tolist(), strict=True))
-    return Flight(log, mocap, delivered, m, cores[-1])
+    return Flight(log, mocap, delivered, plant, cores[-1])
 
 
 NOISY = {

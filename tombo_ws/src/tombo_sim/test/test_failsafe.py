@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lockstep_bench import Lockstep, calm, hover_at
-from tombo_dynamics.plant import part
+from tombo_dynamics.records import numbers
 from tombo_dynamics.rotation import tilt, yaw_pitch_roll
 from tombo_sim.failsafe import Failsafe
 
@@ -32,7 +32,7 @@ class _Flight:
 
     @property
     def body(self) -> Array:
-        return part(self.simulator.m, "body").copy()
+        return numbers(self.simulator.plant.state)
 
     def fly(self, seconds: float) -> None:
         for _ in range(round(seconds * 1000)):
@@ -54,7 +54,7 @@ class _Flight:
 
     def topple(self) -> None:
         """Tilt by 20 deg, still turning."""
-        speed = part(self.simulator.m, "speed").mean()
+        speed = self.simulator.plant.rotor_speed.mean()
         while self.lockstep.tilt < np.deg2rad(20.0):
             self.command(speed * np.array([0.94, 1.06, 1.06, 0.94]))
 

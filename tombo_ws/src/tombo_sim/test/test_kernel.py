@@ -7,7 +7,7 @@ import pytest
 from kernel_flight import IN_THE_WAY, NOISE, NOISY, TICK, fly_kernel, maps, memories
 from scipy.spatial.transform import Rotation
 
-from tombo_dynamics.plant import part
+from tombo_dynamics.records import numbers
 from tombo_dynamics.vehicle import GRAVITY, VehicleParams
 from tombo_sim.kernel import fly_with_true_state
 
@@ -17,7 +17,7 @@ TRUTH = ("position", "velocity", "attitude", "rates", "rotor_speed")
 def same(one, other):
     assert (one.log == other.log).all()
     assert (one.mocap == other.mocap).all()
-    assert (one.m == other.m).all()
+    assert one.plant == other.plant
     assert (one.a == other.a).all()
     assert one.delivered == other.delivered
 
@@ -111,13 +111,9 @@ def test_the_log_obeys_newton():
 
 def test_what_a_tick_leaves_in_memory_is_in_its_row():
     f = fly_kernel(NOISY | {"steady_wind": {"east": 2.0}}, seconds=3.0, seed=8, **IN_THE_WAY)
-    parts = {
-        "rotor_thrust": "thrust", "fold": "fold", "damage": "damage", "wind": "wind",
-        "battery": "supply", "rotor_command": "command",
-    }  # fmt: skip
-    for quantity, name in parts.items():
-        assert (f[quantity][-1] == part(f.m, name)).all()
-    assert (np.hstack([f["gyro"], f["accel"]])[-1] == part(f.m, "imu")).all()
+    for name in ("rotor_thrust", "fold", "damage", "wind", "rotor_command", "gyro", "accel"):
+        assert (f[name][-1] == f.plant[name]).all()
+    assert (f["battery"][-1] == numbers(f.plant.supply)).all()
     assert f["damage"][-1].any() and f["wind"][-1].all() and f["battery"][-1].all()
     assert (np.diff(f["battery"][:, 0]) > 0.0).all()  # charge is used up
 
@@ -161,32 +157,32 @@ def test_the_force_of_a_contact_is_in_the_log_while_it_lasts():
 
 
 def hop(seed):
-    m, a, theta = memories({"linear_rotor_drag": {"d_xy": 0.3}}, yaw=0.1 * seed)
-    fly_with_true_state(m, a, maps(), theta, np.zeros(NOISE), 0, 4000)
-    return m, a
+    plant, a, theta = memories({"linear_rotor_drag": {"d_xy": 0.3}}, yaw=0.1 * seed)
+    fly_with_true_state(plant, a, maps(), theta, np.zeros(NOISE), 0, 4000)
+    return plant, a
 
 
 def test_flying_on_the_truth_reaches_the_set_point():
-    m, _ = hop(1)
-    assert m[:3] == pytest.approx([0.5, 0.1, 1.4], abs=0.1)
-    assert np.abs(m[3:6]).max() < 0.2
+    plant, _ = hop(1)
+    assert plant.state.position == pytest.approx([0.5, 0.1, 1.4], abs=0.1)
+    assert np.abs(plant.state.velocity).max() < 0.2
 
 
 def test_the_bare_loop_in_pieces_is_the_loop_in_one():
     whole, _ = hop(2)
-    m, a, theta = memories({"linear_rotor_drag": {"d_xy": 0.3}}, yaw=0.2)
+    plant, a, theta = memories({"linear_rotor_drag": {"d_xy": 0.3}}, yaw=0.2)
     for start in range(0, 4000, 500):
-        fly_with_true_state(m, a, maps(), theta, np.zeros(NOISE), start, start + 500)
-    assert (m == whole).all()
+        fly_with_true_state(plant, a, maps(), theta, np.zeros(NOISE), start, start + 500)
+    assert plant == whole
 
 
 def test_vehicles_on_threads_fly_as_they_do_alone():
     alone = [hop(seed) for seed in range(8)]
     with ThreadPoolExecutor(4) as pool:
         together = list(pool.map(hop, range(8)))
-    for (m, a), (n, b) in zip(alone, together, strict=True):
-        assert (m == n).all()
-        assert (a == b).all()
+    for (plant, autopilot), (plant_b, autopilot_b) in zip(alone, together, strict=True):
+        assert plant == plant_b
+        assert (autopilot == autopilot_b).all()
 
 
 def test_whole_flights_on_threads_are_the_same():

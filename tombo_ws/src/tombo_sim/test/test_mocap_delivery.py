@@ -4,9 +4,6 @@ import numpy as np
 import pytest
 from kernel_flight import IN_THE_WAY, NOISE, NOISY, RATE, TICK, capture_ticks, fly_kernel
 
-from tombo_dynamics.plant import P
-from tombo_sim.kernel import ARRIVES, DELIVERED, POSE, STAMPED
-
 RAGGED = {"mocap_latency": {"delay": 0.05, "jitter": 0.03}}
 """Jitter as long as the period: samples overtake each other."""
 
@@ -18,7 +15,7 @@ def delivered_rows(flight):
 
 def test_samples_are_captured_at_the_rate_of_the_motion_capture():
     f = fly_kernel(seconds=1.0)
-    assert f.mocap[:30, STAMPED] == pytest.approx(np.arange(30) / RATE / TICK, abs=0.5)
+    assert f.mocap["stamp"][:30] == pytest.approx(np.arange(30) / RATE / TICK, abs=0.5)
 
 
 def test_without_latency_a_sample_is_known_in_the_tick_of_its_capture():
@@ -33,26 +30,26 @@ def test_a_sample_arrives_later_by_the_latency_and_keeps_its_stamp(delay):
     late = {"mocap_latency": {"delay": delay}}
     f = fly_kernel(late, seconds=1.0, mocap_noise=np.zeros((31, NOISE)))
     ticks, rows = delivered_rows(f)
-    captured = f.mocap[rows, STAMPED]
+    captured = f.mocap["stamp"][rows]
     assert (captured == capture_ticks(1.0)[rows]).all()
     assert (ticks - captured == round(delay / TICK)).all()
-    assert (f.mocap[rows, ARRIVES] == ticks).all()
-    assert (f.mocap[rows, DELIVERED] == 1.0).all()
-    pending = f.mocap[rows.max() + 1 : 30, DELIVERED]
+    assert (f.mocap["arrives"][rows] == ticks).all()
+    assert f.mocap["delivered"][rows].all()
+    pending = f.mocap["delivered"][rows.max() + 1 : 30]
     assert not pending.any()
 
 
 def test_a_sample_is_the_true_pose_at_its_capture():
     f = fly_kernel({"mocap_latency": {"delay": 0.02}}, seconds=1.0)
-    at = f.mocap[:30, STAMPED].astype(int)
-    assert (f.mocap[:30, POSE : POSE + 3] == f["position"][at]).all()
-    assert (f.mocap[:30, POSE + 3 : POSE + 7] == f["attitude"][at]).all()
+    at = f.mocap["stamp"][:30].astype(int)
+    assert (f.mocap["position"][:30] == f["position"][at]).all()
+    assert (f.mocap["attitude"][:30] == f["attitude"][at]).all()
 
 
 def test_every_sample_is_delivered_once_whatever_overtakes():
     f = fly_kernel(RAGGED, seconds=3.0, seed=1)
     ticks, rows = delivered_rows(f)
-    captured = f.mocap[rows, STAMPED]
+    captured = f.mocap["stamp"][rows]
     assert len(set(rows)) == len(rows)
     assert (np.diff(ticks) >= 0).all()
     assert (ticks >= captured).all()
@@ -73,8 +70,8 @@ def test_a_dropped_sample_never_arrives():
     _, rows = delivered_rows(f)
     missing = sorted(set(range(150)) - set(rows))
     assert 20 < len(missing) < 130
-    assert (f.mocap[missing, ARRIVES] == -1.0).all()
-    assert not f.mocap[missing, DELIVERED].any()
+    assert (f.mocap["arrives"][missing] == -1).all()
+    assert not f.mocap["delivered"][missing].any()
     assert (np.diff(missing) == 1).any()  # gaps, not single samples only
 
 
@@ -107,4 +104,4 @@ def test_gap_state_carries_over_between_calls():
     whole = fly_kernel(NOISY, seconds=2.0, seed=9, **IN_THE_WAY)
     pieces = fly_kernel(NOISY, seconds=2.0, seed=9, chunk=5, **IN_THE_WAY)
     assert whole.delivered == pieces.delivered
-    assert whole.m[P.mocap + 9] == pieces.m[P.mocap + 9]
+    assert whole.plant.memories.mocap_dropouts == pieces.plant.memories.mocap_dropouts

@@ -8,7 +8,6 @@ from tombo_control.autopilot import HOVER
 from tombo_control.estimator_core import EstimatorCore
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario, world_of
-from tombo_sim.kernel import POSE, STAMPED
 from tombo_sim.simulator import Simulator
 from tombo_sim.world import World
 
@@ -27,8 +26,8 @@ def test_the_stamp_is_off_and_the_pose_is_that_of_the_capture(offset):
     f = stamped(offset, delay=0.03)
     captured = CAPTURES[: int(1.9 * RATE)]
     n = captured.size
-    assert f.mocap[:n, STAMPED] * TICK == pytest.approx(captured * TICK + offset, abs=1e-9)
-    assert (f.mocap[:n, POSE : POSE + 3] == f["position"][captured]).all()
+    assert f.mocap["stamp"][:n] * TICK == pytest.approx(captured * TICK + offset, abs=1e-9)
+    assert (f.mocap["position"][:n] == f["position"][captured]).all()
     ticks, rows = np.array(f.delivered).T
     assert (ticks - CAPTURES[rows] == 30).all()  # it arrives when it would
 
@@ -63,7 +62,7 @@ def test_a_stamp_little_ahead_of_the_clock_waits_for_its_time():
 @pytest.mark.parametrize("offset, bound", [(-0.1, 0.1), (-0.001, 0.005)])
 def test_a_stamp_from_before_the_flight_does_no_harm(offset, bound):
     f = stamped(offset)
-    assert f.mocap[0, STAMPED] == pytest.approx(1e3 * offset)
+    assert f.mocap["stamp"][0] == pytest.approx(1e3 * offset)
     assert np.abs(f["est_position"] - f["position"]).max() < bound
 
 

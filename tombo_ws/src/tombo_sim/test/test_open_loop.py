@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from kernel_flight import NOISE, TICK, VEHICLE, fly_kernel, maps
 
-from tombo_dynamics.effects.compose import pack_theta
-from tombo_dynamics.plant import new_plant, part
-from tombo_sim.inverse_simulation import IMPOSED_WIDTH, I, run_along_motion
+from tombo_dynamics.effects.compose import new_plant, pack_theta
+from tombo_dynamics.plant import State
+from tombo_sim.inverse_simulation import ImposedTick, run_along_motion
 from tombo_sim.open_loop import open_loop
 
 SEED = 6
@@ -31,24 +31,24 @@ def motion_of(flight):
 
 
 def vehicle():
-    m = new_plant(VEHICLE)
-    part(m, "draws")[:] = np.random.default_rng(SEED + 1).standard_normal(8)
-    return m
+    plant = new_plant(VEHICLE)
+    plant.draws = np.random.default_rng(SEED + 1).standard_normal(8)
+    return plant
 
 
 def let_go(flight, effects, hold=False, speed=None, ticks=HALF_A_SECOND):
     motion = motion_of(flight)
     command = np.vstack([flight["rotor_command"][:1], flight["rotor_command"][:-1]])
     theta = pack_theta(effects)
-    model = np.zeros((motion.shape[0], IMPOSED_WIDTH))
+    model = np.zeros(motion.shape[0], ImposedTick.layout)
     measured = np.zeros((0, 8)) if speed is None else speed
     still = np.zeros((1, NOISE))
     run_along_motion(vehicle(), maps(), theta, still, TICK, motion, command, measured, model)
-    out = np.full((STARTS.size, 13), np.nan)
-    drives = model[:, I.speed : I.speed + 4].copy()
+    out = np.zeros(STARTS.size, State.layout)
+    drives = model["rotor_speed"].copy()
     open_loop(vehicle(), maps(), theta, TICK, motion, command, measured, drives, STARTS, ticks,
               hold, out)  # fmt: skip
-    return out - motion[STARTS + ticks, :13]
+    return out.view(np.float64).reshape(-1, 13) - motion[STARTS + ticks, :13]
 
 
 def test_the_true_model_flies_what_was_flown(flight):

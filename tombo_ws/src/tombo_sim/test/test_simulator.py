@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.plant import P, part
+from tombo_dynamics.records import numbers
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.scenario import Scenario, load_scenario, world_of
@@ -71,7 +71,7 @@ class _Flown:
         self.record: FlightRecord = fly_scenario(scenario, seed)
         log = self.record.log
         simulator = Simulator(world_of(scenario), seed)
-        m = simulator.m
+        plant = simulator.plant
         self.body = np.zeros((len(self.record.t), 13))
         self.imu = np.zeros((len(self.record.t), 6))
         self.rotors = np.zeros((len(self.record.t), 16))
@@ -79,13 +79,13 @@ class _Flown:
         self.poses: list[Any] = []
         for k, command in enumerate(log["rotor_command"]):
             assert simulator.tick == k
-            self.body[k] = part(m, "body")
+            self.body[k] = numbers(plant.state)
             self.imu[k] = simulator.imu
-            rotors = [part(m, q) for q in ("speed", "thrust", "fold", "damage")]
+            rotors = [plant.rotor_speed, plant.rotor_thrust, plant.fold, plant.damage]
             self.rotors[k] = np.concatenate(rotors)
-            self.touch[k, :3] = contact_force(m)
-            self.touch[k, 3:5] = m[P.contact : P.contact + 2]
-            self.touch[k, 5:] = m[P.contact + 5 : P.contact + 8]
+            self.touch[k, :3] = contact_force(plant)
+            self.touch[k, 3:5] = plant.contact.touching, plant.contact.rotor
+            self.touch[k, 5:] = plant.contact.point
             self.poses += [(k, sample) for sample in simulator.arrived]
             simulator.advance(command)
 

@@ -14,8 +14,6 @@ from tombo_control.cascade import cascade, stop_rotors
 from tombo_control.estimator import correct, predict, store_history, update_body_rates
 from tombo_control.leg import straight_leg
 from tombo_control.params import ControlParams, EstimatorParams
-from tombo_dynamics.plant import P
-from tombo_dynamics.plant import part as plant_part
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_sim.simulator import Simulator
 
@@ -35,10 +33,12 @@ class Failsafe:
     """Estimates all the time; commands between `engage` and `release`."""
 
     def __init__(self, simulator: Simulator, vehicle: VehicleParams) -> None:
-        body = plant_part(simulator.m, "body")
-        self._a = new_autopilot(ControlParams(), EstimatorParams(), vehicle, body[:3], body[6:10])
+        state = simulator.plant.state
+        self._a = new_autopilot(
+            ControlParams(), EstimatorParams(), vehicle, state.position, state.attitude
+        )
         self._maps = simulator.setup.maps
-        self._ground = float(body[2])
+        self._ground = float(state.position[2])
         self._hover = 4.0 * vehicle.hover_thrust()
         self._low_ticks = 0
         self.engaged = False
@@ -54,14 +54,14 @@ class Failsafe:
             period = sample.captured * _TICK - a[A.mode + 2]
             if correct(a, sample.pose, 0, sample.captured, tick, period, airborne):
                 a[A.mode + 2] = max(float(a[A.mode + 2]), sample.captured * _TICK)
-        update_body_rates(a, simulator.m, P.imu)
+        update_body_rates(a, simulator.plant.gyro, 0)
         if self.engaged:
             cascade(a, self._maps, tick)
             low = part(a, "position")[2] < self._ground + _LOW
             still = float(np.abs(part(a, "velocity")).max()) < 0.2
             if (low and still) or self._low_ticks > _LOW_TICKS:
                 a[A.mode] = LANDED
-        predict(a, simulator.m, P.imu + 3, airborne)
+        predict(a, simulator.plant.accel, 0, airborne)
 
     def engage(self, tick: int) -> None:
         """Begin to land from where the vehicle is."""

@@ -7,18 +7,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tombo_dynamics.effects.compose import pack_theta
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.effects.compose import SimulatedPlant, new_plant, pack_theta
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.plant import new_plant, part
 from tombo_dynamics.rigid_body import begin_flight
-from tombo_dynamics.rotor_maps import rotor_maps
+from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_sim.propeller_effects import propulsion_effects, thrust_map_of
 from tombo_sim.world import World
 
-Array = NDArray[np.float64]
 TICK_S = 1e-3
 NOISE = 9
 """Standard normals that a tick, and a mocap sample, takes."""
@@ -28,10 +26,8 @@ NOISE = 9
 class FlightSetup:
     """A vehicle at rest at the start, and its streams of chance."""
 
-    m: Array
-    """Memory of the plant."""
-    maps: Array
-    """The rotor's table."""
+    plant: SimulatedPlant
+    maps: RotorMaps
     effects: dict[str, dict[str, float]]
     """All effects, those of the propeller included."""
     theta: Array
@@ -61,13 +57,13 @@ def begin(world: World, seed: int) -> FlightSetup:
     theta = pack_theta(effects)
     draw_seed, tick_seed, mocap_seed = np.random.SeedSequence(seed).spawn(3)
     draws = np.random.default_rng(draw_seed).standard_normal(16)
-    m = new_plant(vehicle)
+    plant = new_plant(vehicle)
     spread = world.spread
     yaw = spread.yaw * draws[8]
     start = np.array([spread.start * draws[9], spread.start * draws[10], vehicle.leg_height])
-    part(m, "body")[:3] = start
-    part(m, "body")[6:10] = [0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)]
-    part(m, "draws")[:] = draws[:8]
+    plant.state.position = start
+    plant.state.attitude = [0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)]
+    plant.draws = draws[:8]
     pole = world.obstacle
     obstacle = (
         float(pole.x + spread.obstacle * draws[11]),
@@ -75,11 +71,11 @@ def begin(world: World, seed: int) -> FlightSetup:
         float(pole.radius),
         float(pole.top),
     )
-    part(m, "obstacle")[:] = obstacle
+    plant.obstacle = obstacle
     _check_start(vehicle, start, obstacle)
-    begin_flight(m, np.zeros(NOISE), theta, TICK_S)
+    begin_flight(plant, np.zeros(NOISE), theta, TICK_S)
     return FlightSetup(
-        m,
+        plant,
         maps,
         effects,
         theta,

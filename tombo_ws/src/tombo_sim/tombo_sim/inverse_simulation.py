@@ -6,62 +6,50 @@ the measurement in place of the integrator. So what is compared with data is wha
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import apply_air, apply_imu, apply_mocap
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.plant import ANGULAR_ACCELERATION, P
+from tombo_dynamics.plant import Plant, set_state
+from tombo_dynamics.records import Record, field
 from tombo_dynamics.rigid_body import begin_flight, begin_tick, derivative
-from tombo_dynamics.rotors import advance_rotor_speeds, rotor_wrench
+from tombo_dynamics.rotor_maps import RotorMaps
+from tombo_dynamics.rotors import advance_rotor_speeds, sum_rotors
 from tombo_dynamics.vehicle import GRAVITY
 
-Array = NDArray[np.float64]
 
+class ImposedTick(Record):
+    """What `run_along_motion` writes of a tick."""
 
-class _Imposed(NamedTuple):
-    """First column of each quantity that `run_along_motion` writes."""
-
-    force: Any = 0
-    """3: specific force without sensor errors, body [m/s^2]."""
-    accel_error: Any = 3
-    """3: what the accelerometer shows beyond it [m/s^2]."""
-    gyro_error: Any = 6
-    """3: what the gyro shows beyond the body rates [rad/s]."""
-    turning: Any = 9
-    """3: angular acceleration, body [rad/s^2]."""
-    acceleration: Any = 12
-    """3: acceleration in map [m/s^2]."""
-    speed: Any = 15
-    """4: rotor speeds that the drives would have [rad/s]."""
-    voltage: Any = 19
-    """1: supply [V]."""
-    current: Any = 20
-    """1: supply [A]."""
-
-
-I = _Imposed()  # noqa: E741 - an index like P and V
-IMPOSED_WIDTH = 21
+    force = field("m/s^2", "specific force without sensor errors, body", 3)
+    accel_error = field("m/s^2", "what the accelerometer shows beyond it", 3)
+    gyro_error = field("rad/s", "what the gyro shows beyond the body rates", 3)
+    angular_acceleration = field("rad/s^2", "body", 3)
+    acceleration = field("m/s^2", "map", 3)
+    rotor_speed = field("rad/s", "that the drives would have", 4)
+    voltage = field("V", "of the supply", 1)
+    current = field("A", "of the supply", 1)
 
 
 @compiled
 def run_along_motion(
-    m: Array,
-    maps: Array,
+    plant: Plant,
+    maps: RotorMaps,
     theta: Array,
     noise: Array,
     tick: float,
     motion: Array,
     command: Array,
     speed: Array,
-    out: Array,
+    out: Any,
 ) -> None:
     """Run the model along a motion.
 
     Args:
-        m: memory of a fresh plant (`new_plant`), its draws set; changed.
+        plant: a fresh one (`new_plant`), its draws set; changed.
         maps: the rotor's table.
         theta: parameters of all effects.
         noise: (K, 9) standard normals, used in turn (one row of zeros: no noise).
@@ -70,65 +58,61 @@ def run_along_motion(
         command: (N, 4) rotor speeds asked for, mean over the tick [rad/s].
         speed: (N, 8) measured rotor speeds [rad/s] and their slopes [rad/s^2], from which thrust
             and torque then come, or (0, 8): thrust follows from the drives.
-        out: (N, 21), filled; columns as in `I`.
+        out: (N,) `ImposedTick`, filled.
     """
-    begin_flight(m, noise[0], theta, tick)
-    m[P.inertial + 14] = -1e9  # on a measured motion the floor would push as hard as noise says
+    begin_flight(plant, noise[0], theta, tick)
+    plant.clear_height = -1e9  # on a measured motion the floor would push as hard as noise says
     measured = speed.shape[0] > 0
     for i in range(4):
-        m[P.command + i] = command[0, i]
-        m[P.speed + i] = command[0, i]
-        if measured:
-            m[P.speed + i] = speed[0, i]
-    for j in range(4 * 64):
-        m[P.delay + j] = command[0, j % 4]
-    free = np.zeros(8)
+        plant.rotor_command[i] = command[0, i]
+        plant.rotor_speed[i] = speed[0, i] if measured else command[0, i]
+        plant.past_commands[:, i] = command[0, i]
+    drives_speed, drives_target = np.zeros(4), np.zeros(4)
     for k in range(motion.shape[0]):
-        row = noise[k % noise.shape[0]]
-        for j in range(13):
-            m[P.body + j] = motion[k, j]
+        row, tick_out = noise[k % noise.shape[0]], out[k]
+        set_state(plant.state, motion[k])
         for i in range(4):
-            m[P.command + i] = command[k, i]
-        begin_tick(m, maps, row, theta)
+            plant.rotor_command[i] = command[k, i]
+        begin_tick(plant, maps, row, theta)
         for i in range(4):
-            free[i] = m[P.speed + i]
-            free[4 + i] = m[P.target + i]
-            out[k, I.speed + i] = free[i]
+            drives_speed[i] = plant.rotor_speed[i]
+            drives_target[i] = plant.rotor_target[i]
+            tick_out.rotor_speed[i] = drives_speed[i]
         if measured:
             for i in range(4):
-                m[P.speed + i] = speed[k, i]
-                m[P.target + i] = speed[k, i] + m[P.inertial + 4] * speed[k, 4 + i]
-            rotor_wrench(m, maps, 1.0, 0)
-            derivative(m, row, theta, 0, P.work + 13)
-        slopes = P.work + 13
+                plant.rotor_speed[i] = speed[k, i]
+                plant.rotor_target[i] = speed[k, i] + plant.motor_time_constant * speed[k, 4 + i]
+            sum_rotors(plant, maps, 1.0, 0)
+            derivative(plant, row, theta, 0, plant.slope)
         for i in range(3):
-            f = m[P.wrench + i] / m[P.inertial]
-            m[P.imu + i] = m[P.body + 10 + i]
-            m[P.imu + 3 + i] = f
-            out[k, I.force + i] = f
-            out[k, I.acceleration + i] = m[slopes + 3 + i]
-            out[k, I.turning + i] = m[slopes + 10 + i]
+            force = plant.force[i] / plant.mass
+            plant.gyro[i] = plant.state.rates[i]
+            plant.accel[i] = force
+            tick_out.force[i] = force
+            tick_out.acceleration[i] = plant.slope.velocity[i]
+            tick_out.angular_acceleration[i] = plant.slope.rates[i]
+            plant.slope.rates[i] = motion[k, 13 + i]
+        apply_imu(plant, row, theta)
         for i in range(3):
-            m[ANGULAR_ACCELERATION + i] = motion[k, 13 + i]
-        apply_imu(m, row, theta)
-        for i in range(3):
-            out[k, I.gyro_error + i] = m[P.imu + i] - m[P.body + 10 + i]
-            out[k, I.accel_error + i] = m[P.imu + 3 + i] - out[k, I.force + i]
-        out[k, I.voltage] = m[P.supply + 2]
-        out[k, I.current] = m[P.supply + 1]
+            tick_out.gyro_error[i] = plant.gyro[i] - plant.state.rates[i]
+            tick_out.accel_error[i] = plant.accel[i] - tick_out.force[i]
+        tick_out.voltage[0] = plant.supply.voltage
+        tick_out.current[0] = plant.supply.current
         for i in range(4):
-            m[P.speed + i] = free[i]
-            m[P.target + i] = free[4 + i]
-        advance_rotor_speeds(m)
-        m[P.clock] += 1.0
+            plant.rotor_speed[i] = drives_speed[i]
+            plant.rotor_target[i] = drives_target[i]
+        advance_rotor_speeds(plant)
+        plant.ticks += 1
 
 
 @compiled
-def simulate_mocap(m: Array, theta: Array, noise: Array, poses: Array, spacing: float) -> Array:
+def simulate_mocap(
+    plant: Plant, theta: Array, noise: Array, poses: Array, spacing: float
+) -> Array:
     """Return what motion capture makes of true poses.
 
     Args:
-        m: memory of a plant; its mocap part is changed.
+        plant: a fresh one; its mocap sample is changed.
         theta: parameters of all effects.
         noise: (K, 9) standard normals, used in turn.
         poses: (N, 7) true position and quaternion.
@@ -138,50 +122,54 @@ def simulate_mocap(m: Array, theta: Array, noise: Array, poses: Array, spacing: 
         (N, 10): pose, latency [s], dropped (0/1), error of the stamp [s].
     """
     out = np.zeros((poses.shape[0], 10))
-    m[P.mocap + 9] = 0.0
+    sample = plant.mocap
     for k in range(poses.shape[0]):
-        for j in range(7):
-            m[P.mocap + j] = poses[k, j]
-        m[P.mocap + 7] = 0.0
-        m[P.mocap + 8] = 0.0
-        m[P.mocap + 9] = max(m[P.mocap + 9] - spacing, 0.0)
-        m[P.mocap + 10] = 0.0
-        apply_mocap(m, noise[k % noise.shape[0]], theta)
-        for j in range(9):
-            out[k, j] = m[P.mocap + j]
-        out[k, 9] = m[P.mocap + 10]
+        for i in range(3):
+            sample.position[i] = poses[k, i]
+        for i in range(4):
+            sample.attitude[i] = poses[k, 3 + i]
+        sample.latency = 0.0
+        sample.stamp_error = 0.0
+        sample.dropped = False
+        sample.interval = spacing if k > 0 else np.inf  # no gap of before goes on
+        apply_mocap(plant, noise[k % noise.shape[0]], theta)
+        for i in range(3):
+            out[k, i] = sample.position[i]
+        for i in range(4):
+            out[k, 3 + i] = sample.attitude[i]
+        out[k, 7] = sample.latency
+        out[k, 8] = sample.dropped
+        out[k, 9] = sample.stamp_error
     return out
 
 
 @compiled
-def simulate_imu_at_rest(m: Array, theta: Array, noise: Array, tick: float, out: Array) -> None:
+def simulate_imu_at_rest(plant: Plant, theta: Array, noise: Array, out: Array) -> None:
     """Write what the IMU shows of a vehicle at rest: (N, 6) gyro and specific force.
 
     Args:
-        m: memory of a plant.
+        plant: a fresh one.
         theta: parameters of all effects.
         noise: (N, 9) standard normals.
-        tick: distance of the rows [s].
         out: (N, 6) [rad/s, m/s^2], filled.
     """
     for k in range(out.shape[0]):
-        for i in range(6):
-            m[P.imu + i] = 0.0
-        m[P.imu + 5] = GRAVITY
-        for j in range(39):
-            m[P.work + j] = 0.0
-        apply_imu(m, noise[k], theta)
-        for i in range(6):
-            out[k, i] = m[P.imu + i]
+        for i in range(3):
+            plant.gyro[i] = 0.0
+            plant.accel[i] = GRAVITY if i == 2 else 0.0
+        apply_imu(plant, noise[k], theta)
+        for i in range(3):
+            out[k, i] = plant.gyro[i]
+            out[k, 3 + i] = plant.accel[i]
 
 
 @compiled
-def air(m: Array, theta: Array, noise: Array, tick: float, out: Array) -> None:
+def air(plant: Plant, theta: Array, noise: Array, tick: float, out: Array) -> None:
     """Write the air's velocity in map, (N, 3) [m/s], tick by tick."""
-    m[P.clock + 1] = tick
+    plant.tick_length = tick
     for k in range(out.shape[0]):
         for i in range(3):
-            m[P.wind + i] = 0.0
-        apply_air(m, noise[k], theta)
+            plant.wind[i] = 0.0
+        apply_air(plant, noise[k], theta)
         for i in range(3):
-            out[k, i] = m[P.wind + i]
+            out[k, i] = plant.wind[i]

@@ -10,7 +10,6 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_collision.detector import EVENT as COLLISION
 from tombo_collision.detector_core import DetectorCore
@@ -44,26 +43,42 @@ from tombo_control.estimator_core import (
 from tombo_control.estimator_core import take_pose as estimator_pose
 from tombo_control.mission_core import MissionCore, mission_step, take_estimate, take_reaction
 from tombo_dynamics import message_records as records
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import apply_imu, apply_mocap
 from tombo_dynamics.jit import compiled, compiled_call
 from tombo_dynamics.message_records import copy_event, copy_status
-from tombo_dynamics.plant import Array, P
+from tombo_dynamics.plant import Plant
+from tombo_dynamics.records import Record, field
 from tombo_dynamics.rigid_body import begin_tick, finish_tick
 from tombo_dynamics.rotation import rotated
+from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_sim.flight_end import FLIGHT_END, UNDECIDED, watch_end
-from tombo_sim.log_columns import AT
+from tombo_sim.ground_truth import contact_force
+from tombo_sim.log_columns import LogRow
 
 EPOCH_NS = 1_000_000_000
 """Time of tick 0, as in `tombo_bag.flight_time`."""
 _TICK = 1e-3
 _MISSION_PERIOD_NS, _REACTION_PERIOD_NS = MissionCore.period_ns, ReactionCore.period_ns
 
-NEXT_CAPTURE, OLDEST_UNDELIVERED, LAST_CAPTURED = range(3)
-"""Meaning of the capture's integer state."""
-STAMPED, ARRIVES, DELIVERED, POSE = 0, 1, 2, 3
-"""Columns of the mocap table: capture as the stamp says it [ticks, with fraction], tick of arrival
-(-1: dropped), 0/1, pose (7)."""
-MOCAP_WIDTH = 10
+
+class MocapEntry(Record):
+    """A captured pose in the table of a flight."""
+
+    stamp = field("tick", "capture as the stamp says it, with fraction")
+    arrives = field("tick", "-1: dropped", kind=int)
+    delivered = field("1", "", kind=bool)
+    position = field("m", "map", 3)
+    attitude = field("1", "quaternion xyzw, map from base_link", 4)
+
+
+class Captures(Record):
+    """How far the table is filled and read."""
+
+    next = field("1", "index of the next sample to capture", kind=int)
+    oldest_undelivered = field("1", "index; all before it have arrived or never will", kind=int)
+    latest_tick = field("tick", "of the latest capture", kind=int)
+
 
 (
     ODOMETRY,
@@ -162,13 +177,13 @@ def core_memories(
 
 @compiled
 def fly(
-    plant: tuple[Any, ...],
+    vehicle: tuple[Any, ...],
     poses: tuple[Any, ...],
     cores: tuple[Any, ...],
     params: Any,
     published: Any,
     f: Any,
-    log: Array,
+    log: Any,
     base: int,
     stop: int,
 ) -> bool:
@@ -179,41 +194,42 @@ def fly(
     collision is reacted to outside: the tick is then complete but for the reaction's step.
 
     Args:
-        plant: memory of the plant, the rotor's table, parameters of the effects, (B, 9) standard
-            normals, a row a tick, the first for tick `base`.
-        poses: (M,) ticks of capture, (M, 9) standard normals, (M, 10) table of samples, filled
-            here, and the state of the capture.
+        vehicle: plant, rotor table, parameters of the effects, (B, 9) standard normals, a row a
+            tick, the first for tick `base`.
+        poses: (M,) ticks of capture, (M, 9) standard normals, (M,) `MocapEntry`, filled here, and
+            `Captures`.
         cores: memories of estimator (bookkeeping, autopilot), detector, reaction, mission and
             controller (bookkeeping, autopilot).
         params: `CoreParams`.
         published: `Published`, what the cores have published; appended to here.
         f: `FLIGHT`.
-        log: (N, LOG_WIDTH), a row is written for every tick.
+        log: (N,) `LogRow`, one is written for every tick.
         base: tick of the first row of the plant's normals.
         stop: first tick not to fly.
 
     Returns:
         True if the reaction of tick `f.tick` - 1 is to be stepped outside.
     """
-    m, maps, theta, tick_noise = plant
-    capture_ticks, mocap_noise, mocap, captured = poses
+    plant, maps, theta, tick_noise = vehicle
+    capture_ticks, mocap_noise, entries, captures = poses
     e, ea, d, r, mi, c, ca = cores
     p, n = published, f.published
     while f.tick < min(stop, f.end):
         k = f.tick
         now = EPOCH_NS + k * TICK_NS
         noise = tick_noise[k - base]
-        read_imu(m, maps, noise, theta)
-        if k == capture_ticks[captured[NEXT_CAPTURE]]:
-            capture_pose(m, mocap_noise, theta, mocap, captured, k)
+        read_imu(plant, maps, noise, theta)
+        if k == capture_ticks[captures.next]:
+            capture_pose(plant, mocap_noise, theta, entries, captures, k)
         # what others published in the tick before
         heard = now % _REACTION_PERIOD_NS == 0
         if n[MISSION_STATUS] > 0 and p.mission_status[n[MISSION_STATUS] - 1].tick == k - 1:
             phase = p.mission_status[n[MISSION_STATUS] - 1].message.phase
             f.phase = phase
             e.airborne = phase != IDLE and phase != LANDED
-        upright = 1.0 - 2.0 * (m[P.body + 6] * m[P.body + 6] + m[P.body + 7] * m[P.body + 7])
-        after = watch_end(f.over, m[P.body + 2], upright, f.phase)
+        q = plant.state.attitude
+        upright = 1.0 - 2.0 * (q[0] * q[0] + q[1] * q[1])
+        after = watch_end(f.over, plant.state.position[2], upright, f.phase)
         if after != UNDECIDED:
             f.end = min(f.end, k + int(after / _TICK + 0.5))
         if n[DETECTOR_STATUS] > 0 and p.detector_status[n[DETECTOR_STATUS] - 1].tick == k - 1:
@@ -236,13 +252,13 @@ def fly(
         if now % _MISSION_PERIOD_NS == 0:
             _step_mission(mi, params, p, f, now)
         # sensors
-        i = next_arrival(mocap, captured, k)
+        i = next_arrival(entries, captures, k)
         while i >= 0:
-            _take_pose(e, ea, d, params.detector, p, n, mocap, i, k)
+            _take_pose(e, ea, d, params.detector, p, n, entries[i], i, k)
             note_mocap(r, params.reaction, now)
             heard = True
-            i = next_arrival(mocap, captured, k)
-        gyro, accel = m[P.imu : P.imu + 3], m[P.imu + 3 : P.imu + 6]
+            i = next_arrival(entries, captures, k)
+        gyro, accel = plant.gyro, plant.accel
         if take_imu(e, ea, now, gyro, accel):
             if odometry_due(now):
                 p.odometry[n[ODOMETRY]].tick = k
@@ -254,9 +270,9 @@ def fly(
                 n[ESTIMATOR_STATUS] += 1
         answer_gyro(c, ca, maps, params.controller, now, now, gyro)
         for i in range(4):
-            m[P.command + i] = ca[A.command + i]
-        write_row(m, e, c, ca, log, k)
-        finish_tick(m, noise, theta)
+            plant.rotor_command[i] = ca[A.command + i]
+        write_row(plant, e, c, ca, log[k])
+        finish_tick(plant, noise, theta)
         f.tick = k + 1
         if collided or r.pending > 0:
             return True
@@ -319,13 +335,12 @@ def _step_mission(mi: Any, params: Any, p: Any, f: Any, now: int) -> None:
 
 @compiled_call
 def _take_pose(
-    e: Any, ea: Array, d: Any, params: Any, p: Any, n: Any, mocap: Array, row: int, k: int
+    e: Any, ea: Array, d: Any, params: Any, p: Any, n: Any, sample: MocapEntry, row: int, k: int
 ) -> None:
     """Hand a pose to estimator and detector, and publish what the detector makes of it."""
     now = EPOCH_NS + k * TICK_NS
-    sample = mocap[row]
-    stamp = EPOCH_NS + int(np.rint(sample[STAMPED] * TICK_NS))
-    position, attitude = sample[POSE : POSE + 3], sample[POSE + 3 : POSE + 7]
+    stamp = EPOCH_NS + int(np.rint(sample.stamp * TICK_NS))
+    position, attitude = sample.position, sample.attitude
     estimator_pose(e, ea, stamp, now, position, attitude)
     result = detector_pose(d, params, stamp, now, position, attitude)
     entry = p.detector_status[n[DETECTOR_STATUS]]
@@ -345,123 +360,115 @@ def _take_pose(
 
 
 @compiled_call
-def next_arrival(mocap: Array, state: NDArray[np.int64], tick: int) -> int:
-    """Return the row of a sample that has arrived by `tick`, each once, or -1."""
-    head = state[OLDEST_UNDELIVERED]
-    end = state[NEXT_CAPTURE]
-    while head < end and (mocap[head, ARRIVES] < 0.0 or mocap[head, DELIVERED] > 0.0):
+def next_arrival(entries: Any, captures: Captures, tick: int) -> int:
+    """Return the index of a sample that has arrived by `tick`, each once, or -1."""
+    head = captures.oldest_undelivered
+    while head < captures.next and (entries[head].arrives < 0 or entries[head].delivered):
         head += 1
-    state[OLDEST_UNDELIVERED] = head
-    for i in range(head, end):
-        if mocap[i, DELIVERED] == 0.0 and 0.0 <= mocap[i, ARRIVES] <= tick:
-            mocap[i, DELIVERED] = 1.0
-            mocap[i, ARRIVES] = tick
+    captures.oldest_undelivered = head
+    for i in range(head, captures.next):
+        entry = entries[i]
+        if not entry.delivered and 0 <= entry.arrives <= tick:
+            entry.delivered = True
+            entry.arrives = tick
             return i
     return -1
 
 
 @compiled
 def fly_with_true_state(
-    m: Array, a: Array, maps: Array, theta: Array, noise: Array, start: int, stop: int
+    plant: Plant, a: Array, maps: RotorMaps, theta: Array, noise: Array, start: int, stop: int
 ) -> None:
     """Fly the plant and the cascade alone, the true state in place of the estimate; no log.
 
     The bare loop for benchmarks and for studies of many vehicles.
     """
     for k in range(start, stop):
-        begin_tick(m, maps, noise, theta)
+        begin_tick(plant, maps, noise, theta)
         for i in range(3):
-            a[A.position + i] = m[P.body + i]
-            a[A.velocity + i] = m[P.body + 3 + i]
-            a[A.rates + i] = m[P.body + 10 + i]
+            a[A.position + i] = plant.state.position[i]
+            a[A.velocity + i] = plant.state.velocity[i]
+            a[A.rates + i] = plant.state.rates[i]
         for i in range(4):
-            a[A.attitude + i] = m[P.body + 6 + i]
+            a[A.attitude + i] = plant.state.attitude[i]
         a[A.mode + 2] = k * _TICK
         cascade(a, maps, k)
         for i in range(4):
-            m[P.command + i] = a[A.command + i]
-        finish_tick(m, noise, theta)
+            plant.rotor_command[i] = a[A.command + i]
+        finish_tick(plant, noise, theta)
 
 
 @compiled
-def read_imu(m: Array, maps: Array, noise: Array, theta: Array) -> None:
+def read_imu(plant: Plant, maps: RotorMaps, noise: Array, theta: Array) -> None:
     """Begin the tick and read the IMU: body rates, and force without gravity over mass."""
-    begin_tick(m, maps, noise, theta)
+    begin_tick(plant, maps, noise, theta)
     for i in range(3):
-        m[P.imu + i] = m[P.body + 10 + i]
-        m[P.imu + 3 + i] = m[P.wrench + i] / m[P.inertial]
-    apply_imu(m, noise, theta)
+        plant.gyro[i] = plant.state.rates[i]
+        plant.accel[i] = plant.force[i] / plant.mass
+    apply_imu(plant, noise, theta)
 
 
 @compiled_call
 def capture_pose(
-    m: Array, mocap_noise: Array, theta: Array, mocap: Array, state: NDArray[np.int64], tick: int
+    plant: Plant, mocap_noise: Array, theta: Array, entries: Any, captures: Captures, tick: int
 ) -> None:
     """Take a mocap sample of the true pose and enter it, with its time of arrival."""
-    i = state[NEXT_CAPTURE]
-    for j in range(3):
-        m[P.mocap + j] = m[P.body + j]
-    for j in range(4):
-        m[P.mocap + 3 + j] = m[P.body + 6 + j]
-    m[P.mocap + 7] = 0.0
-    m[P.mocap + 8] = 0.0
-    m[P.mocap + 10] = 0.0
-    m[P.mocap + 9] = max(m[P.mocap + 9] - (tick - state[LAST_CAPTURED]) * m[P.clock + 1], 0.0)
-    apply_mocap(m, mocap_noise[i], theta)
-    mocap[i, STAMPED] = tick + m[P.mocap + 10] / m[P.clock + 1]
-    mocap[i, DELIVERED] = 0.0
-    mocap[i, ARRIVES] = -1.0
-    if m[P.mocap + 8] == 0.0:
-        mocap[i, ARRIVES] = tick + int(m[P.mocap + 7] / m[P.clock + 1] + 0.5)
-    for j in range(7):
-        mocap[i, POSE + j] = m[P.mocap + j]
-    state[NEXT_CAPTURE] = i + 1
-    state[LAST_CAPTURED] = tick
-
-
-@compiled
-def stamped_tick(mocap: Array, i: int) -> int:
-    """Return the tick nearest to the stamp of sample `i`."""
-    return math.floor(float(mocap[i, STAMPED]) + 0.5)
-
-
-@compiled
-def write_row(m: Array, e: Any, c: Any, a: Array, log: Array, k: int) -> None:
-    """Write the tick into row `k` of the log, in the columns of `log_columns.AT`."""
-    r = P.rotation
-    touching = m[P.contact]
+    sample, entry = plant.mocap, entries[captures.next]
     for i in range(3):
-        log[k, AT.position + i] = m[P.body + i]
-        log[k, AT.velocity + i] = m[P.body + 3 + i]
-        log[k, AT.rates + i] = m[P.body + 10 + i]
-        log[k, AT.contact + 2 + i] = m[P.contact + 5 + i]
-        log[k, AT.gyro + i] = m[P.imu + i]
-        log[k, AT.accel + i] = m[P.imu + 3 + i]
-        log[k, AT.est_position + i] = e.estimate[A.position + i] if e.known else math.nan
-        log[k, AT.est_velocity + i] = e.estimate[A.velocity + i] if e.known else math.nan
-        log[k, AT.position_setpoint + i] = c.setpoint.position[i]
-        log[k, AT.velocity_setpoint + i] = c.setpoint.velocity[i]
-        log[k, AT.acceleration_setpoint + i] = c.setpoint.acceleration[i]
-        log[k, AT.rates_setpoint + i] = a[A.rates_setpoint + i]
-        log[k, AT.wind + i] = m[P.wind + i]
-        log[k, AT.battery + i] = m[P.supply + i]
-        push = 0.0
-        if touching > 0.0:
-            for j in range(3):
-                push += m[r + 3 * i + j] * m[P.strike + j]
-            if m[P.contact + 1] < 0.0:
-                push += m[P.contact + 2 + i]
-        log[k, AT.contact_force + i] = push
+        sample.position[i] = plant.state.position[i]
     for i in range(4):
-        log[k, AT.attitude + i] = m[P.body + 6 + i]
-        log[k, AT.rotor_speed + i] = m[P.speed + i]
-        log[k, AT.rotor_thrust + i] = m[P.thrust + i]
-        log[k, AT.fold + i] = m[P.fold + i]
-        log[k, AT.damage + i] = m[P.damage + i]
-        log[k, AT.est_attitude + i] = e.estimate[A.attitude + i] if e.known else math.nan
-        log[k, AT.attitude_setpoint + i] = a[A.attitude_setpoint + i]
-        log[k, AT.rotor_command + i] = m[P.command + i]
-    log[k, AT.contact] = touching
-    log[k, AT.contact + 1] = m[P.contact + 1]
-    log[k, AT.thrust_setpoint] = a[A.thrust_setpoint]
-    log[k, AT.mode] = BLIND if a[A.mode + 1] == BLIND else c.setpoint.phase
+        sample.attitude[i] = plant.state.attitude[i]
+    sample.latency = 0.0
+    sample.stamp_error = 0.0
+    sample.dropped = False
+    sample.interval = (tick - captures.latest_tick) * plant.tick_length
+    apply_mocap(plant, mocap_noise[captures.next], theta)
+    entry.stamp = tick + sample.stamp_error / plant.tick_length
+    entry.delivered = False
+    entry.arrives = -1
+    if not sample.dropped:
+        entry.arrives = tick + int(sample.latency / plant.tick_length + 0.5)
+    for i in range(3):
+        entry.position[i] = sample.position[i]
+    for i in range(4):
+        entry.attitude[i] = sample.attitude[i]
+    captures.next += 1
+    captures.latest_tick = tick
+
+
+@compiled
+def write_row(plant: Plant, e: Any, c: Any, a: Array, row: LogRow) -> None:
+    """Write the tick into a row of the log; `e`, `c` and `a` are as in `fly`."""
+    contact, supply = plant.contact, plant.supply
+    for i in range(3):
+        row.position[i] = plant.state.position[i]
+        row.velocity[i] = plant.state.velocity[i]
+        row.rates[i] = plant.state.rates[i]
+        row.contact[2 + i] = contact.point[i]
+        row.gyro[i] = plant.gyro[i]
+        row.accel[i] = plant.accel[i]
+        row.est_position[i] = e.estimate[A.position + i] if e.known else math.nan
+        row.est_velocity[i] = e.estimate[A.velocity + i] if e.known else math.nan
+        row.position_setpoint[i] = c.setpoint.position[i]
+        row.velocity_setpoint[i] = c.setpoint.velocity[i]
+        row.acceleration_setpoint[i] = c.setpoint.acceleration[i]
+        row.rates_setpoint[i] = a[A.rates_setpoint + i]
+        row.wind[i] = plant.wind[i]
+        row.contact_force[i] = 0.0
+    if contact.touching:
+        x, y, z = contact_force(plant)
+        row.contact_force[0], row.contact_force[1], row.contact_force[2] = x, y, z
+    row.contact[0] = contact.touching
+    row.contact[1] = contact.rotor
+    row.battery[0], row.battery[1], row.battery[2] = supply.charge, supply.current, supply.voltage
+    for i in range(4):
+        row.attitude[i] = plant.state.attitude[i]
+        row.rotor_speed[i] = plant.rotor_speed[i]
+        row.rotor_thrust[i] = plant.rotor_thrust[i]
+        row.fold[i] = plant.fold[i]
+        row.damage[i] = plant.damage[i]
+        row.est_attitude[i] = e.estimate[A.attitude + i] if e.known else math.nan
+        row.attitude_setpoint[i] = a[A.attitude_setpoint + i]
+        row.rotor_command[i] = plant.rotor_command[i]
+    row.thrust_setpoint[0] = a[A.thrust_setpoint]
+    row.mode[0] = BLIND if a[A.mode + 1] == BLIND else c.setpoint.phase

@@ -1,82 +1,35 @@
-"""What the simulator writes down in every tick, and in which columns."""
+"""What the simulator writes down in every tick."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
-
-_WIDTHS = {
-    "position": 3,
-    "velocity": 3,
-    "attitude": 4,
-    "rates": 3,
-    "rotor_speed": 4,
-    "rotor_thrust": 4,
-    "fold": 4,
-    "damage": 4,
-    "contact_force": 3,
-    "contact": 5,
-    "gyro": 3,
-    "accel": 3,
-    "est_position": 3,
-    "est_velocity": 3,
-    "est_attitude": 4,
-    "position_setpoint": 3,
-    "velocity_setpoint": 3,
-    "acceleration_setpoint": 3,
-    "attitude_setpoint": 4,
-    "rates_setpoint": 3,
-    "thrust_setpoint": 1,
-    "rotor_command": 4,
-    "mode": 1,
-    "wind": 3,
-    "battery": 3,
-}
+from tombo_dynamics.records import Record, field
 
 
-def _columns() -> dict[str, slice]:
-    table = {}
-    start = 0
-    for name, width in _WIDTHS.items():
-        table[name] = slice(start, start + width)
-        start += width
-    return table
+class LogRow(Record):
+    """Truth, then what the autopilot knew and wanted. Map is ENU, body FLU."""
 
-
-COLUMNS: dict[str, slice] = _columns()
-"""Name -> columns of the log. Truth: position to contact (map ENU, body FLU, SI); `contact` is
-touching (0/1), rotor (-1 frame) and the point in map. Then what the autopilot knew and wanted;
-set points of velocity and acceleration are what the reference feeds forward."""
-LOG_WIDTH: int = sum(_WIDTHS.values())
-
-
-class _Starts(NamedTuple):
-    """First column of each quantity, as constants for compiled code."""
-
-    position: Any
-    velocity: Any
-    attitude: Any
-    rates: Any
-    rotor_speed: Any
-    rotor_thrust: Any
-    fold: Any
-    damage: Any
-    contact_force: Any
-    contact: Any
-    gyro: Any
-    accel: Any
-    est_position: Any
-    est_velocity: Any
-    est_attitude: Any
-    position_setpoint: Any
-    velocity_setpoint: Any
-    acceleration_setpoint: Any
-    attitude_setpoint: Any
-    rates_setpoint: Any
-    thrust_setpoint: Any
-    rotor_command: Any
-    mode: Any
-    wind: Any
-    battery: Any
-
-
-AT = _Starts(**{name: columns.start for name, columns in COLUMNS.items()})
+    position = field("m", "map", 3)
+    velocity = field("m/s", "map", 3)
+    attitude = field("1", "quaternion xyzw, map from body", 4)
+    rates = field("rad/s", "body", 3)
+    rotor_speed = field("rad/s", "of each rotor", 4)
+    rotor_thrust = field("N", "of each rotor", 4)
+    fold = field("1", "0: blade straight, 1: folded back", 4)
+    damage = field("1", "0: new, 1: torn off", 4)
+    contact_force = field("N", "of the obstacle on blades and frame, map", 3)
+    contact = field("", "touching (0/1), rotor (-1: frame), point in map [m] (3)", 5)
+    gyro = field("rad/s", "as measured, body", 3)
+    accel = field("m/s^2", "specific force as measured, body", 3)
+    est_position = field("m", "estimated, map", 3)
+    est_velocity = field("m/s", "estimated, map", 3)
+    est_attitude = field("1", "estimated quaternion xyzw", 4)
+    position_setpoint = field("m", "map", 3)
+    velocity_setpoint = field("m/s", "what the reference feeds forward, map", 3)
+    acceleration_setpoint = field("m/s^2", "what the reference feeds forward, map", 3)
+    attitude_setpoint = field("1", "quaternion xyzw", 4)
+    rates_setpoint = field("rad/s", "body", 3)
+    thrust_setpoint = field("N", "collective", 1)
+    rotor_command = field("rad/s", "of each rotor", 4)
+    mode = field("1", "phase of the set point, or blind", 1)
+    wind = field("m/s", "velocity of the air, map", 3)
+    battery = field("", "charge used [A h], current [A], voltage [V]", 3)

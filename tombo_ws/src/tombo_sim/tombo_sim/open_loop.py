@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.plant import DELAY_TICKS, P
+from tombo_dynamics.plant import DELAY_TICKS, Plant, copy_state, set_state
 from tombo_dynamics.rigid_body import begin_flight, begin_tick, finish_tick
-from tombo_dynamics.rotors import rotor_wrench
-
-Array = NDArray[np.float64]
+from tombo_dynamics.rotor_maps import RotorMaps
+from tombo_dynamics.rotors import sum_rotors
 
 
 @compiled
 def open_loop(
-    m: Array,
-    maps: Array,
+    plant: Plant,
+    maps: RotorMaps,
     theta: Array,
     tick: float,
     motion: Array,
@@ -26,12 +28,12 @@ def open_loop(
     starts: NDArray[np.int64],
     ticks: int,
     hold_attitude: bool,
-    out: Array,
+    out: Any,
 ) -> None:
     """Simulate windows from measured states, with the commands that were recorded.
 
     Args:
-        m: memory of a plant, its draws set; changed.
+        plant: its draws are set; changed.
         maps: the rotor's table.
         theta: parameters of all effects.
         tick: distance of the rows [s].
@@ -42,39 +44,40 @@ def open_loop(
         starts: (W,) rows at which windows begin.
         ticks: length of a window.
         hold_attitude: True: attitude and rates stay the measured ones throughout.
-        out: (W, 13) state at the end of each window, filled.
+        out: (W,) `State` at the end of each window, filled.
     """
     noise = np.zeros(9)
     measured = speed.shape[0] > 0
     for w in range(starts.size):
         first = starts[w]
-        begin_flight(m, noise, theta, tick)
-        m[P.inertial + 14] = -1e9
-        for j in range(13):
-            m[P.body + j] = motion[first, j]
+        begin_flight(plant, noise, theta, tick)
+        plant.clear_height = -1e9
+        set_state(plant.state, motion[first])
         for i in range(4):
-            m[P.speed + i] = drives[first, i]
-        m[P.clock] = DELAY_TICKS
+            plant.rotor_speed[i] = drives[first, i]
+        plant.ticks = DELAY_TICKS
         for back in range(DELAY_TICKS):
             row = max(first - 1 - back, 0)
-            slot = P.delay + 4 * ((DELAY_TICKS - 1 - back) % DELAY_TICKS)
             for i in range(4):
-                m[slot + i] = command[row, i]
+                plant.past_commands[DELAY_TICKS - 1 - back, i] = command[row, i]
         for k in range(first, first + ticks):
             if hold_attitude:
-                for j in range(6, 13):
-                    m[P.body + j] = motion[k, j]
+                for i in range(4):
+                    plant.state.attitude[i] = motion[k, 6 + i]
+                for i in range(3):
+                    plant.state.rates[i] = motion[k, 10 + i]
             for i in range(4):
-                m[P.command + i] = command[k, i]
+                plant.rotor_command[i] = command[k, i]
                 if measured:
-                    m[P.speed + i] = speed[k, i]
-            begin_tick(m, maps, noise, theta)
+                    plant.rotor_speed[i] = speed[k, i]
+            begin_tick(plant, maps, noise, theta)
             if measured:
                 for i in range(4):
-                    m[P.target + i] = speed[k, i] + m[P.inertial + 4] * speed[k, 4 + i]
-                rotor_wrench(m, maps, 1.0, 0)
-                rotor_wrench(m, maps, m[P.inertial + 8], 1)
-                rotor_wrench(m, maps, m[P.inertial + 9], 2)
-            finish_tick(m, noise, theta)
-        for j in range(13):
-            out[w, j] = m[P.body + j]
+                    plant.rotor_target[i] = (
+                        speed[k, i] + plant.motor_time_constant * speed[k, 4 + i]
+                    )
+                sum_rotors(plant, maps, 1.0, 0)
+                sum_rotors(plant, maps, plant.half_tick_decay, 1)
+                sum_rotors(plant, maps, plant.tick_decay, 2)
+            finish_tick(plant, noise, theta)
+        copy_state(out[w], plant.state)

@@ -19,7 +19,6 @@ from tombo_bag.message_codec import MessageCodec
 from tombo_bag.message_template import MessageTemplate
 from tombo_bag.topics import BATTERY, CLOCK, IMU, MISSION_STATUS, ROTOR_COMMAND, TopicSpec
 from tombo_control.autopilot import IDLE
-from tombo_dynamics.plant import P
 from tombo_ros.conversion import to_time
 from tombo_ros.health import ERROR
 from tombo_ros.lockstep import LockstepError, LockstepMaster, take_until
@@ -349,17 +348,17 @@ class SimNode(VehicleNode):
 
     def _publish(self) -> None:
         simulator, stamp = self.simulator, self.stamp_ns
-        m, tick = simulator.m, simulator.tick
+        plant, tick = simulator.plant, simulator.tick
         self._imu.stamp(stamp)
-        self._gyro.put_array(m[P.imu : P.imu + 3])
-        self._accel.put_array(m[P.imu + 3 : P.imu + 6])
+        self._gyro.put_array(plant.gyro)
+        self._accel.put_array(plant.accel)
         if self.parameters.get("imu"):
             self._imu_out.publish(self._imu.data())
         self.publish_tick(self._began_ns)
         if tick % _BATTERY_TICKS == 0:
             self._battery.stamp(stamp)
-            self._battery.set("voltage", m[P.supply + 2])
-            self._battery.set("current", -m[P.supply + 1])
+            self._battery.set("voltage", plant.supply.voltage)
+            self._battery.set("current", -plant.supply.current)
             self._battery_out.publish(self._battery.data())
         if tick % self._clock_ticks == 0:
             self._publish_clock()

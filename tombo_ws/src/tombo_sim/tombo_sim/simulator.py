@@ -2,27 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tombo_dynamics.plant import P, part
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.rigid_body import finish_tick
 from tombo_sim.flight_setup import NOISE, TICK_S, begin
-from tombo_sim.kernel import (
-    ARRIVES,
-    MOCAP_WIDTH,
-    NEXT_CAPTURE,
-    POSE,
-    STAMPED,
-    capture_pose,
-    read_imu,
-    stamped_tick,
-)
+from tombo_sim.kernel import Captures, MocapEntry, capture_pose, read_imu
 from tombo_sim.world import World
 
-Array = NDArray[np.float64]
 _BLOCK = 4096
 TICK_NS = 1_000_000
 
@@ -55,14 +45,13 @@ class Simulator:
             InputError: as `beginning.begin`.
         """
         self.setup = begin(world, seed)
-        self.m = self.setup.m
-        """Memory of the plant, `tombo_dynamics.plant.P`."""
+        self.plant = self.setup.plant
         self.tick = 0
         self._rate = world.mocap_rate
         self._noise = self.setup.tick_noise.standard_normal((_BLOCK, NOISE))
-        self._captures = 0
-        self._row = np.zeros((1, MOCAP_WIDTH))
-        self._state = np.zeros(3, dtype=np.int64)
+        self._captured = 0
+        self._entries = np.zeros(1, MocapEntry.layout)
+        self._captures = Captures.new()
         self._under_way: list[PoseSample] = []
         self.arrived: list[PoseSample] = []
         """Poses that arrive in the present tick."""
@@ -70,8 +59,8 @@ class Simulator:
 
     def advance(self, command: Array) -> None:
         """Finish the tick with rotor speeds (4) [rad/s] asked for, and sense at the next one."""
-        part(self.m, "command")[:] = command
-        finish_tick(self.m, self._noise[self.tick % _BLOCK], self.setup.theta)
+        self.plant.rotor_command = command
+        finish_tick(self.plant, self._noise[self.tick % _BLOCK], self.setup.theta)
         self.tick += 1
         if self.tick % _BLOCK == 0:
             self._noise = self.setup.tick_noise.standard_normal((_BLOCK, NOISE))
@@ -80,34 +69,38 @@ class Simulator:
     @property
     def imu(self) -> Array:
         """(6) gyro [rad/s] and specific force [m/s^2], base_link, as measured."""
-        return part(self.m, "imu")
+        return np.concatenate((self.plant.gyro, self.plant.accel))
 
     @property
     def height(self) -> float:
         """True height of base_link [m]."""
-        return float(self.m[P.body + 2])
+        return float(self.plant.state.position[2])
 
     @property
     def upright(self) -> float:
         """Cosine of the true tilt."""
-        return float(1.0 - 2.0 * (self.m[P.body + 6] ** 2 + self.m[P.body + 7] ** 2))
+        return float(
+            1.0 - 2.0 * (self.plant.state.attitude[0] ** 2 + self.plant.state.attitude[1] ** 2)
+        )
 
     def _sense(self) -> None:
-        read_imu(self.m, self.setup.maps, self._noise[self.tick % _BLOCK], self.setup.theta)
-        due = round(self._captures * (1.0 / self._rate) / TICK_S)
+        read_imu(self.plant, self.setup.maps, self._noise[self.tick % _BLOCK], self.setup.theta)
+        due = round(self._captured * (1.0 / self._rate) / TICK_S)
         if self.tick >= due:
-            self._captures += 1
+            self._captured += 1
             noise = self.setup.mocap_noise.standard_normal((1, NOISE))
-            self._state[NEXT_CAPTURE] = 0
-            capture_pose(self.m, noise, self.setup.theta, self._row, self._state, self.tick)
-            row = self._row[0]
-            if row[ARRIVES] >= 0.0:
+            self._captures.next = 0
+            capture_pose(
+                self.plant, noise, self.setup.theta, self._entries, self._captures, self.tick
+            )
+            entry = self._entries[0]
+            if entry.arrives >= 0:
                 self._under_way.append(
                     PoseSample(
-                        stamped_tick(self._row, 0),
-                        round(float(row[STAMPED]) * TICK_NS),
-                        int(row[ARRIVES]),
-                        row[POSE : POSE + 7].copy(),
+                        math.floor(entry.stamp + 0.5),
+                        round(float(entry.stamp) * TICK_NS),
+                        int(entry.arrives),
+                        np.concatenate((entry.position, entry.attitude)),
                     )
                 )
         self.arrived = [s for s in self._under_way if s.arrives <= self.tick]

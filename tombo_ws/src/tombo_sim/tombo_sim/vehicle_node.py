@@ -20,7 +20,7 @@ from tombo_bag.topics import (
     TRUE_ROTORS,
 )
 from tombo_dynamics.effects import REGISTRY
-from tombo_dynamics.plant import P, part
+from tombo_dynamics.plant import Plant
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_ros.markers import obstacle_marker
@@ -87,8 +87,8 @@ class VehicleNode(LoopNode):
 
     def attach_simulator(self, simulator: Simulator) -> None:
         """Take the vehicle that is to be shown, and advertise the topics."""
-        contact_force(simulator.m)  # compiled code is loaded now, not at the first touch
-        true_state(simulator.m, self._state)
+        contact_force(simulator.plant)  # compiled code is loaded now, not at the first touch
+        true_state(simulator.plant, self._state)
         body, world = {"frame_id": "base_link"}, {"frame_id": "map"}
         self._pose_out, self._pose = (
             self.advertise(MOCAP_POSE),
@@ -118,8 +118,13 @@ class VehicleNode(LoopNode):
         """Take another vehicle, which is shown from now on."""
         self.simulator = simulator
         self._rotor_fields = [
-            (self._rotors.field(name, 4), part(simulator.m, name))
-            for name in ("speed", "thrust", "fold", "damage")
+            (self._rotors.field(name, 4), values)
+            for name, values in (
+                ("speed", simulator.plant.rotor_speed),
+                ("thrust", simulator.plant.rotor_thrust),
+                ("fold", simulator.plant.fold),
+                ("damage", simulator.plant.damage),
+            )
         ]
         self._touched = False
 
@@ -143,19 +148,19 @@ class VehicleNode(LoopNode):
         Args:
             began_ns: time of tick 0.
         """
-        m, tick = self.simulator.m, self.simulator.tick
+        plant, tick = self.simulator.plant, self.simulator.tick
         stamp = began_ns + tick * TICK_NS
         for sample in self.simulator.arrived:
             self._pose.stamp(began_ns + sample.stamp_ns)
             self._pose_values.put_array(sample.pose)
             self._pose_out.publish(self._pose.data())
         if tick % self._truth_ticks == 0:
-            self._publish_truth(stamp, m)
-        self._publish_contact(stamp, m)
+            self._publish_truth(stamp, plant)
+        self._publish_contact(stamp, plant)
 
-    def _publish_truth(self, stamp: int, m: Any) -> None:
+    def _publish_truth(self, stamp: int, plant: Plant) -> None:
         self._odometry.stamp(stamp)
-        true_state(m, self._state)
+        true_state(plant, self._state)
         self._true_pose.put_array(self._state[:7])
         self._true_twist.put_array(self._state[7:])
         self._odometry_out.publish(self._odometry.data())
@@ -164,16 +169,16 @@ class VehicleNode(LoopNode):
             field.put_array(values)
         self._rotors_out.publish(self._rotors.data())
 
-    def _publish_contact(self, stamp: int, m: Any) -> None:
-        touching = m[P.contact] > 0.0
+    def _publish_contact(self, stamp: int, plant: Plant) -> None:
+        touching = bool(plant.contact.touching)
         if touching or self._touched:
             self._contact.stamp(stamp)
-            self._contact.set("in_contact", bool(touching))
-            self._contact.set("rotor", int(m[P.contact + 1]))
-            self._contact.set("force.x", *contact_force(m))
-            self._contact.set("point.x", *m[P.contact + 5 : P.contact + 8])
+            self._contact.set("in_contact", touching)
+            self._contact.set("rotor", int(plant.contact.rotor))
+            self._contact.set("force.x", *contact_force(plant))
+            self._contact.set("point.x", *plant.contact.point)
             self._contact_out.publish(self._contact.data())
-        self._touched = bool(touching)
+        self._touched = touching
 
     def report(self, now_ns: int) -> None:
         """Add how far the flight is."""

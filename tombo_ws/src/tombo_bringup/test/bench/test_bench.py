@@ -13,7 +13,8 @@ from tombo_bringup.bench.numpy_step import hovering
 from tombo_bringup.bench.speed_measurements import batch_steps, kernel_steps, numpy_steps
 from tombo_control.autopilot import APPROACH, A
 from tombo_control.leg import straight_leg
-from tombo_dynamics.plant import P, part
+from tombo_dynamics.plant import set_state
+from tombo_dynamics.records import numbers
 from tombo_dynamics.rotation import tilt
 from tombo_flight.scenario import load_scenario
 from tombo_sim.kernel import fly_with_true_state
@@ -30,9 +31,9 @@ def test_numpy_and_kernel_fly_the_same_approach():
     )
     plain = hovering(scenario, np.array([0.0, 0.0, 2.0]))
     flight = new_flight(scenario, 0)
-    part(flight.plant, "body")[:] = plain.body
-    part(flight.plant, "speed")[:] = plain.speed
-    part(flight.plant, "command")[:] = plain.speed
+    set_state(flight.plant.state, plain.body)
+    flight.plant.rotor_speed = plain.speed
+    flight.plant.rotor_command = plain.speed
     leg = straight_leg((0.0, 0.0, 2.0), (1.0, 0.5, 2.3), scenario.mission.approach_speed, 0.0)
     flight.autopilot[A.leg : A.leg + 14] = leg.as_array()
     flight.autopilot[A.mode] = APPROACH
@@ -49,7 +50,7 @@ def test_numpy_and_kernel_fly_the_same_approach():
             tick,
             tick + 1,
         )
-        body = part(flight.plant, "body")
+        body = numbers(flight.plant.state)
         assert np.abs(body - plain.body).max() < 1e-3, tick
         furthest = max(furthest, float(body[0]))
 
@@ -68,16 +69,16 @@ def test_the_kernels_flight_is_the_papers_experiment():
     for leg, mode, start, stop in legs:
         for k in range(start, stop, 10):
             flight.stretch(leg, mode, k, min(k + 10, stop))
-            folded = max(folded, float(flight.plant[P.fold + front_left]))
+            folded = max(folded, float(flight.plant.fold[front_left]))
     assert folded > 0.5
-    body = part(flight.plant, "body")
+    body = numbers(flight.plant.state)
     assert body[2] > 1.0
     assert float(tilt(body[6:10][None])[0]) < 0.3
     assert body[0] < scenario.obstacle.x - 0.5
 
     again = new_flight(scenario, 0)
     assert fly_whole(again, legs) == legs[-1][3]
-    assert np.array_equal(part(again.plant, "body"), body)
+    assert np.array_equal(numbers(again.plant.state), body)
 
 
 def test_rates_are_positive_and_numpy_is_the_slow_one():

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from tombo_collision.reactions.bounce import Bounce
 from tombo_control.autopilot import APPROACH, HOVER, REACT, TAKEOFF, A, new_autopilot
 from tombo_control.leg import Leg, hold_leg, straight_leg
-from tombo_dynamics.effects.compose import pack_theta
-from tombo_dynamics.plant import P, new_plant, part
+from tombo_dynamics.effects.compose import SimulatedPlant, new_plant, pack_theta
 from tombo_dynamics.rigid_body import begin_flight
-from tombo_dynamics.rotor_maps import rotor_maps
+from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
 from tombo_flight.scenario import Scenario
 from tombo_sim.kernel import fly_with_true_state
 from tombo_sim.propeller_effects import propulsion_effects, thrust_map_of
@@ -36,9 +35,9 @@ class KernelFlight:
     """One vehicle on its way: the memories of plant and autopilot, and what they fly with."""
 
     scenario: Scenario
-    plant: Array
+    plant: SimulatedPlant
     autopilot: Array
-    maps: Array
+    maps: RotorMaps
     theta: Array
     zero_noise: Array
     """The standard normal numbers of every tick: none, since the bare kernel takes one row."""
@@ -57,18 +56,23 @@ def new_flight(scenario: Scenario, seed: int) -> KernelFlight:
     vehicle = scenario.vehicle
     theta = pack_theta(propulsion_effects(scenario.propeller, scenario.effects))
     draws = np.random.default_rng(seed).standard_normal(12)
-    m = new_plant(vehicle)
+    plant = new_plant(vehicle)
     start = [scenario.spread.start * draws[8], scenario.spread.start * draws[9]]
-    part(m, "body")[:3] = [*start, vehicle.leg_height]
-    part(m, "draws")[:] = draws[:8]
+    plant.state.position = [*start, vehicle.leg_height]
+    plant.draws = draws[:8]
     pole = scenario.obstacle
-    part(m, "obstacle")[:] = [pole.x, pole.y, pole.radius, pole.top]
+    plant.obstacle = (pole.x, pole.y, pole.radius, pole.top)
     zero_noise = np.zeros(9)
-    begin_flight(m, zero_noise, theta, TICK_S)
-    body = part(m, "body")
-    a = new_autopilot(scenario.control, scenario.estimator, vehicle, body[:3], body[6:10])
+    begin_flight(plant, zero_noise, theta, TICK_S)
+    a = new_autopilot(
+        scenario.control,
+        scenario.estimator,
+        vehicle,
+        plant.state.position,
+        plant.state.attitude,
+    )
     maps = rotor_maps(thrust_map_of(scenario.propeller), vehicle)
-    return KernelFlight(scenario, m, a, maps, theta, zero_noise)
+    return KernelFlight(scenario, plant, a, maps, theta, zero_noise)
 
 
 def stretches(flight: KernelFlight, contact_s: float) -> list[Stretch]:
@@ -79,7 +83,7 @@ def stretches(flight: KernelFlight, contact_s: float) -> list[Stretch]:
         contact_s: when it will meet the obstacle, see `contact_time`.
     """
     mission, reaction = flight.scenario.mission, Bounce()
-    x, y, z = (float(v) for v in part(flight.plant, "body")[:3])
+    x, y, z = (float(v) for v in flight.plant.state.position)
     top = (x, y, mission.height)
     goal = (mission.goal_x, mission.goal_y, mission.height)
     up = straight_leg((x, y, z), top, mission.climb_speed, mission.takeoff_time)
@@ -115,7 +119,7 @@ def contact_time(scenario: Scenario, seed: int) -> float:
                 k,
                 k + 1,
             )
-            if flight.plant[P.contact] > 0.0:
+            if flight.plant.contact.touching:
                 return k * TICK_S
     return math.inf
 

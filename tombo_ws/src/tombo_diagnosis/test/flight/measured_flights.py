@@ -9,7 +9,6 @@ from tombo_diagnosis.flight.scenario_nominal import nominal_of
 from tombo_diagnosis.flight.track import track_of
 from tombo_diagnosis.logs.flight_log import FlightLog, Series
 from tombo_dynamics.disturbance import set_disturbance
-from tombo_dynamics.plant import part
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import scenario_over
 
@@ -99,11 +98,11 @@ def with_hidden(hidden, base=None):
 
 
 def fly(effects, course=LIVELY[0], seed=1, length=LENGTH, draws=None, disturbance=None):
-    def prepare(m):
+    def prepare(plant):
         if draws is not None:
-            part(m, "draws")[:] = draws
+            plant.draws = draws
         if disturbance is not None:
-            set_disturbance(m, disturbance[0], *disturbance[1:])
+            set_disturbance(plant, disturbance[0], *disturbance[1:])
 
     return fly_scenario(scenario(effects, course, length), seed, prepare=prepare)
 

@@ -13,7 +13,7 @@ from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.scenario_nominal import nominal_of
 from tombo_diagnosis.logs.flight_log import FlightLog, Series
 from tombo_dynamics.disturbance import set_disturbance
-from tombo_dynamics.plant import part
+from tombo_dynamics.plant import Plant
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.scenario import Scenario, scenario_over
@@ -106,10 +106,10 @@ def simulate_case(case: FlightCase) -> list[FlightLog]:
     for number, stream in enumerate(streams):
         rng = np.random.default_rng(stream)
 
-        def prepare(m: Array) -> None:
-            part(m, "draws")[:] = draws
+        def prepare(plant: Plant) -> None:
+            plant.draws = draws
             if case.disturbance:
-                set_disturbance(m, case.hidden[0], *case.disturbance)
+                set_disturbance(plant, case.hidden[0], *case.disturbance)
 
         scenario = _scenario(case.effects, course(rng))
         flown = fly_scenario(scenario, int(rng.integers(2**31)), workspace=space, prepare=prepare)

@@ -17,9 +17,9 @@ from tombo_diagnosis.flight.prediction import motion_of, residuals, simulate_alo
 from tombo_diagnosis.flight.problem import SCATTER, FlightProblem, sum_of, tangent_of
 from tombo_diagnosis.flight.sensitivity import theta_with_scatter
 from tombo_diagnosis.flight.track import TICK
+from tombo_dynamics.plant import State
 from tombo_dynamics.rotation import conjugate, quaternion_multiply
 from tombo_flight.extended_model import Gain
-from tombo_sim.inverse_simulation import I
 from tombo_sim.open_loop import open_loop
 
 Array = NDArray[np.float64]
@@ -171,13 +171,14 @@ def _window_errors(
         return {}
     motion = motion_of(track, nominal, theta)
     model = simulate_along_motion(track, nominal, theta, motion, draws)
-    out = np.zeros((starts.size, 13))
+    flown = np.zeros(starts.size, State.layout)
     command = track.command if track.command.size else track.speed[:, :4]
     hold = not nominal.moments
     open_loop(
         nominal.plant(draws), nominal.maps, theta, TICK, motion.state, command, track.speed,
-        model[:, I.speed : I.speed + 4].copy(), starts, ticks, hold, out,
+        model["rotor_speed"].copy(), starts, ticks, hold, flown,
     )  # fmt: skip
+    out = flown.view(np.float64).reshape(-1, 13)
     true = motion.state[starts + ticks, :13]
     off = out - true
     errors = {f"position {a}": off[:, i] for i, a in enumerate("xyz")}

@@ -83,7 +83,7 @@ def predicted_imu_statistics(nominal: NominalModel, theta: Array) -> dict[str, f
     """Return what the model makes of the same figures."""
     noise = _noise()[:4000]
     out = np.zeros((noise.shape[0], 6))
-    simulate_imu_at_rest(nominal.plant(), theta, noise, 0.001, out)
+    simulate_imu_at_rest(nominal.plant(), theta, noise, out)
     third = np.diff(out, 3, axis=0)
     return {
         "gyro": 0.5 * math.log(max(float(np.mean(third[:, :3] ** 2)) / 20.0, 1e-16)),

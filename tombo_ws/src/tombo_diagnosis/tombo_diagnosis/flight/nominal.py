@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from tombo_diagnosis.engine.regression import Parameter
 from tombo_diagnosis.flight.parameters import parameters
-from tombo_dynamics.effects.compose import pack_theta
-from tombo_dynamics.plant import new_plant, part
+from tombo_dynamics.effects.compose import SimulatedPlant, new_plant, pack_theta
+from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.vehicle import VehicleParams
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ class NominalModel:
 
     label: str
     vehicle: VehicleParams
-    maps: Array
+    maps: RotorMaps
     """The rotor's table, `tombo_dynamics.rotor_maps`."""
     effects: Mapping[str, Mapping[str, float]]
     """What it knows of effects, with their parameters."""
@@ -46,9 +46,9 @@ class NominalModel:
         """All parameters of theta, with sizes that matter for this vehicle."""
         return parameters(self.vehicle.mass, self.vehicle.arm_length)
 
-    def plant(self, draws: Array | None = None) -> Array:
-        """Return the memory of a fresh plant with the flight's draws (8), or none."""
-        m = new_plant(self.vehicle)
+    def plant(self, draws: Array | None = None) -> SimulatedPlant:
+        """Return a fresh plant with the flight's draws (8), or none."""
+        plant = new_plant(self.vehicle)
         if draws is not None:
-            part(m, "draws")[:] = draws
-        return m
+            plant.draws = draws
+        return plant

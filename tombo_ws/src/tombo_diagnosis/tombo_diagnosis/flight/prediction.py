@@ -7,6 +7,7 @@ are undone on the measured poses with the function that simulates them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from tombo_dynamics.effects.compose import layout, null_theta
 from tombo_dynamics.rotation import conjugate, quaternion_multiply, unwrap_quaternions
 from tombo_dynamics.rotor_maps import speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_sim.inverse_simulation import IMPOSED_WIDTH, I, run_along_motion, simulate_mocap
+from tombo_sim.inverse_simulation import ImposedTick, run_along_motion, simulate_mocap
 
 Array = NDArray[np.float64]
 
@@ -89,16 +90,16 @@ def channels_of(track: Track, nominal: NominalModel) -> list[ChannelId]:
 
 def motion_of(track: Track, nominal: NominalModel, theta: Array) -> Motion:
     """Return the motion that, seen by this motion capture, gives the measured poses."""
-    m = nominal.plant()
+    plant = nominal.plant()
     spacing = float(np.median(np.diff(track.pose_t)))
     guess: Array = track.pose.copy()
     seen: Array = np.zeros((guess.shape[0], 10))
     # The frame's errors are a turn and a shift, alike for all poses: the second step is exact.
     axes = np.hstack([np.eye(4, 3, -1), np.zeros((4, 3)), np.ones((4, 1))])
-    seen_axes = simulate_mocap(m, theta, NO_NOISE, axes, spacing)[:, :3]
+    seen_axes = simulate_mocap(plant, theta, NO_NOISE, axes, spacing)[:, :3]
     back = np.linalg.inv(seen_axes[1:] - seen_axes[0])
     for _ in range(3 if np.any(theta[_MOCAP] != _NULL[_MOCAP]) else 1):
-        seen = simulate_mocap(m, theta, NO_NOISE, guess, spacing)
+        seen = simulate_mocap(plant, theta, NO_NOISE, guess, spacing)
         guess[:, :3] += (track.pose[:, :3] - seen[:, :3]) @ back
         inverse = conjugate(seen[:, 3:7])
         guess[:, 3:] = quaternion_multiply(
@@ -128,9 +129,9 @@ def simulate_along_motion(
     motion: Motion,
     draws: Array | None = None,
     noise: Array = NO_NOISE,
-) -> Array:
-    """Run the model along the motion; (N, 21), columns as in `imposed_motion.I`."""
-    out = np.zeros((track.t.size, IMPOSED_WIDTH))
+) -> Any:
+    """Run the model along the motion; (N,) `tombo_sim.inverse_simulation.ImposedTick`."""
+    out = np.zeros(track.t.size, ImposedTick.layout)
     command = track.command
     if not command.size:
         command = track.speed[:, :4] if track.speed.size else _hover(track, nominal)
@@ -173,16 +174,16 @@ def residuals(
     gravity = np.array([0.0, 0.0, GRAVITY])
     if track.formulation == "imu":
         smooth = track.fast_kernel.smooth
-        predicted = model[:, I.force : I.force + 3] + model[:, I.accel_error : I.accel_error + 3]
+        predicted = model["force"] + model["accel_error"]
         residual = track.accel - predicted
         fast.append(smooth @ (residual if has_rotor_data else residual[:, :2]))
-        body = track.gyro - model[:, I.gyro_error : I.gyro_error + 3]
+        body = track.gyro - model["gyro_error"]
         if has_rotor_data and nominal.moments:
             measured = track.fast_kernel.slope @ body
-            fast.append(measured - smooth @ model[:, I.turning : I.turning + 3])
+            fast.append(measured - smooth @ model["angular_acceleration"])
         if track.speed.size and track.command.size:
-            fast.append(smooth @ (track.speed[:, :4] - model[:, I.speed : I.speed + 4]))
-        accel = track.accel - model[:, I.accel_error : I.accel_error + 3]
+            fast.append(smooth @ (track.speed[:, :4] - model["rotor_speed"]))
+        accel = track.accel - model["accel_error"]
         in_map = np.einsum("nij,nj->ni", motion.rotation, accel) - gravity
         smooth = track.slow_kernel.smooth
         seen = track.slow_kernel.curvature @ motion.state[:, :3]
@@ -191,14 +192,14 @@ def residuals(
     else:
         smooth = track.slow_kernel.smooth
         seen = track.slow_kernel.curvature @ motion.state[:, :3]
-        slow.append(seen - smooth @ model[:, I.acceleration : I.acceleration + 3])
+        slow.append(seen - smooth @ model["acceleration"])
         if nominal.moments:
             turned = track.slow_kernel.slope @ motion.rates
-            slow.append(turned - smooth @ model[:, I.turning : I.turning + 3])
+            slow.append(turned - smooth @ model["angular_acceleration"])
         if track.speed.size and track.command.size:
-            slow.append(smooth @ (track.speed[:, :4] - model[:, I.speed : I.speed + 4]))
+            slow.append(smooth @ (track.speed[:, :4] - model["rotor_speed"]))
     if track.voltage.size and not nominal.calibrated:
-        residual = track.voltage - model[:, I.voltage : I.voltage + 1]
+        residual = track.voltage - model["voltage"]
         slow.append(track.slow_kernel.smooth @ residual)
     result = {"slow": np.column_stack(slow)}
     if fast:

@@ -22,7 +22,6 @@ from tombo_diagnosis.flight.prediction import (
     simulate_along_motion,
 )
 from tombo_diagnosis.flight.track import TICK, Track
-from tombo_sim.inverse_simulation import I
 
 Array = NDArray[np.float64]
 _Item = TypeVar("_Item")
@@ -147,7 +146,7 @@ def _with_commanded_speeds(
     """
     if not (track.speed.size and track.command.size):
         return track
-    speed = simulate_along_motion(track, nominal, theta, motion)[:, I.speed : I.speed + 4]
+    speed = simulate_along_motion(track, nominal, theta, motion)["rotor_speed"]
     return replace(track, speed=np.column_stack([speed, np.gradient(speed, TICK, axis=0)]))
 
 

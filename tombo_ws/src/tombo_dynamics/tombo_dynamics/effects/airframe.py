@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.registry import Param, Stage, effect
-from tombo_dynamics.plant import Array, P
+from tombo_dynamics.plant import Plant
 
 
 @effect(
@@ -16,9 +17,9 @@ from tombo_dynamics.plant import Array, P
         "accel_scale": "the reading at rest on the floor, where only a scale shows",
     },
 )
-def mass_error(m: Array, noise: Array, fraction: float) -> None:
+def mass_error(plant: Plant, noise: Array, fraction: float) -> None:
     """Scale the mass by 1 + fraction; the inertia stays."""
-    m[P.inertial] *= 1.0 + fraction
+    plant.mass *= 1.0 + fraction
 
 
 @effect(
@@ -35,11 +36,11 @@ def mass_error(m: Array, noise: Array, fraction: float) -> None:
         "thrust_coefficient_error": "hover: a thrust factor also shows in the specific force",
     },
 )
-def inertia_error(m: Array, noise: Array, xx: float, yy: float, zz: float) -> None:
+def inertia_error(plant: Plant, noise: Array, xx: float, yy: float, zz: float) -> None:
     """Scale the moments of inertia by 1 + xx, 1 + yy, 1 + zz; the mass stays."""
-    m[P.inertial + 1] *= 1.0 + xx
-    m[P.inertial + 2] *= 1.0 + yy
-    m[P.inertial + 3] *= 1.0 + zz
+    plant.inertia[0] *= 1.0 + xx
+    plant.inertia[1] *= 1.0 + yy
+    plant.inertia[2] *= 1.0 + zz
 
 
 @effect(
@@ -55,7 +56,7 @@ def inertia_error(m: Array, noise: Array, xx: float, yy: float, zz: float) -> No
         "flapping_moment": "hover: flapping needs speed",
     },
 )
-def cog_offset(m: Array, noise: Array, x: float, y: float) -> None:
+def cog_offset(plant: Plant, noise: Array, x: float, y: float) -> None:
     """Move the centre of gravity by (x, y) in base_link; thrust then acts off centre."""
-    m[P.inertial + 5] += x
-    m[P.inertial + 6] += y
+    plant.centre_of_gravity[0] += x
+    plant.centre_of_gravity[1] += y

@@ -1,5 +1,7 @@
 """Chain all registered effects into one compiled function per stage, over one flat vector theta.
 
+The plant of a simulation has a place for what effects with memory remember.
+
 The chain is written out as source, because compiled code that is built at run time from closures
 cannot be cached on disk. An effect whose parameters are all null costs one comparison.
 """
@@ -12,12 +14,16 @@ import sys
 import tempfile
 from collections.abc import Mapping
 from types import ModuleType
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY, Stage
 from tombo_dynamics.jit import CACHE_FOLDER
+from tombo_dynamics.plant import Plant
+from tombo_dynamics.records import Record, field, fill_parameters
+from tombo_dynamics.vehicle import VehicleParams
 
 _MODULE = "tombo_composed_effects"
 
@@ -34,12 +40,12 @@ def layout() -> dict[str, dict[str, int]]:
     return table
 
 
-def null_theta() -> NDArray[np.float64]:
+def null_theta() -> Array:
     """Return theta with every parameter at its null value."""
     return np.array([p.null for effect in REGISTRY.values() for p in effect.theta])
 
 
-def pack_theta(values: Mapping[str, Mapping[str, float]]) -> NDArray[np.float64]:
+def pack_theta(values: Mapping[str, Mapping[str, float]]) -> Array:
     """Return theta with the given parameters (checked before) and null values elsewhere."""
     theta = null_theta()
     table = layout()
@@ -56,15 +62,18 @@ def _source() -> str:
     lines.append("from tombo_dynamics.jit import compiled")
     table = layout()
     for stage in Stage:
-        lines += ["", "", "@compiled", f"def apply_{stage.value}(m, noise, theta):"]
+        lines += ["", "", "@compiled", f"def apply_{stage.value}(plant, noise, theta):"]
         body = []
         for name, effect in REGISTRY.items():
             if effect.stage is stage:
                 index = table[name]
                 active = " or ".join(f"theta[{index[p.name]}] != {p.null!r}" for p in effect.theta)
-                arguments = ", ".join(f"theta[{index[p.name]}]" for p in effect.theta)
+                memory = [f"plant.memories.{name}"] if effect.state else []
+                arguments = ", ".join(
+                    [*memory, *(f"theta[{index[p.name]}]" for p in effect.theta)]
+                )
                 body.append(f"    if {active}:")
-                body.append(f"        {name}_(m, noise, {arguments})")
+                body.append(f"        {name}_(plant, noise, {arguments})")
         lines += body or ["    pass"]
     return "\n".join(lines) + "\n"
 
@@ -84,6 +93,32 @@ def _load() -> ModuleType:
     sys.modules[_MODULE] = module
     spec.loader.exec_module(module)
     return module
+
+
+EffectMemories: Any = type(
+    "EffectMemories",
+    (Record,),
+    {
+        name: field("", effect.doc, kind=effect.state)
+        for name, effect in REGISTRY.items()
+        if effect.state
+    },
+)
+"""A record of what the effects with `state=` remember, under their names."""
+
+
+class SimulatedPlant(Plant):
+    """A vehicle with the memories of all effects."""
+
+    memories = field("", "of the effects", kind=EffectMemories)
+
+
+def new_plant(vehicle: VehicleParams) -> SimulatedPlant:
+    """Return a vehicle at the origin, upright, everything else zero."""
+    plant = SimulatedPlant.new()
+    plant.state.attitude[3] = 1.0
+    fill_parameters(plant.vehicle, vehicle)
+    return plant
 
 
 composed = _load()

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.body_point import point_velocity, push_point
 from tombo_dynamics.effects.registry import Param, Stage, effect
-from tombo_dynamics.plant import Array, P, V
+from tombo_dynamics.plant import Plant
+from tombo_dynamics.rotation import to_map
 from tombo_dynamics.vehicle import ARM_X, ARM_Y
 
 _FARTHEST_CENTRE = 0.15
@@ -20,80 +23,63 @@ _FARTHEST_CENTRE = 0.15
         Param("damping", "N s/m", 0.0, (0.0, 1000.0), "of frame against obstacle", 25.0),
     ],
     signature="a short push away from the obstacle, at the arm that touches",
+    contact=True,
 )
-def contact_force(m: Array, noise: Array, stiffness: float, damping: float) -> None:
+def contact_force(plant: Plant, noise: Array, stiffness: float, damping: float) -> None:
     """Push the arms (cylinders from centre to motor) off the vertical cylinder.
 
     Kelvin-Voigt normal force that never pulls, Coulomb friction against the sliding velocity.
     Distances are taken horizontally, so it holds for moderate tilt. The obstacle has no top to
     land on: what sinks into it from above is pushed out sideways.
     """
-    if m[P.obstacle + 2] <= 0.0:
+    pole, v, contact = plant.obstacle, plant.vehicle, plant.contact
+    position, turn = plant.state.position, plant.rotation
+    if pole.radius <= 0.0:
         return
-    px = m[P.obstacle] - m[P.body]
-    py = m[P.obstacle + 1] - m[P.body + 1]
-    clearance = m[P.obstacle + 2] + m[V.arm_radius]
-    reach = m[V.arm_length] + clearance + _FARTHEST_CENTRE
+    px = pole.x - position[0]
+    py = pole.y - position[1]
+    clearance = pole.radius + v.arm_radius
+    reach = v.arm_length + clearance + _FARTHEST_CENTRE
     if px * px + py * py > reach * reach:
         return
-    r = P.rotation
-    cx, cy = -m[P.inertial + 5], -m[P.inertial + 6]
-    ox = m[r] * cx + m[r + 1] * cy
-    oy = m[r + 3] * cx + m[r + 4] * cy
-    oz = m[r + 6] * cx + m[r + 7] * cy
+    cx, cy = -plant.centre_of_gravity[0], -plant.centre_of_gravity[1]
+    ox, oy, oz = to_map(turn, cx, cy, 0.0)
     px -= ox
     py -= oy
     pushed_x, pushed_y, pushed_z = 0.0, 0.0, 0.0
     for i in range(4):
-        ax = m[V.arm_length] * ARM_X[i]
-        ay = m[V.arm_length] * ARM_Y[i]
-        wx = m[r] * ax + m[r + 1] * ay
-        wy = m[r + 3] * ax + m[r + 4] * ay
-        wz = m[r + 6] * ax + m[r + 7] * ay
+        ax = v.arm_length * ARM_X[i]
+        ay = v.arm_length * ARM_Y[i]
+        wx, wy, wz = to_map(turn, ax, ay, 0.0)
         share = (px * wx + py * wy) / max(wx * wx + wy * wy, 1e-9)
         share = min(max(share, 0.0), 1.0)
         nx = share * wx - px
         ny = share * wy - py
         distance = math.sqrt(nx * nx + ny * ny)
         depth = clearance - distance
-        height = m[P.body + 2] + oz + share * wz
-        if depth <= 0.0 or height > m[P.obstacle + 3] or distance < 1e-9:
+        height = position[2] + oz + share * wz
+        if depth <= 0.0 or height > pole.top or distance < 1e-9:
             continue
         nx /= distance
         ny /= distance
         bx = cx + share * ax
         by = cy + share * ay
-        sx = -m[P.body + 12] * by
-        sy = m[P.body + 12] * bx
-        sz = m[P.body + 10] * by - m[P.body + 11] * bx
-        vx = m[P.body + 3] + m[r] * sx + m[r + 1] * sy + m[r + 2] * sz
-        vy = m[P.body + 4] + m[r + 3] * sx + m[r + 4] * sy + m[r + 5] * sz
-        vz = m[P.body + 5] + m[r + 6] * sx + m[r + 7] * sy + m[r + 8] * sz
+        vx, vy, vz = point_velocity(plant, bx, by, 0.0)
         approach = vx * nx + vy * ny
         normal = max(0.0, stiffness * depth - damping * approach)
         tx = vx - approach * nx
         ty = vy - approach * ny
-        rub = m[V.friction] * normal / (math.sqrt(tx * tx + ty * ty + vz * vz) + 0.02)
+        rub = v.friction * normal / (math.sqrt(tx * tx + ty * ty + vz * vz) + 0.02)
         fx = normal * nx - rub * tx
         fy = normal * ny - rub * ty
         fz = -rub * vz
-        ux = m[r] * fx + m[r + 3] * fy + m[r + 6] * fz
-        uy = m[r + 1] * fx + m[r + 4] * fy + m[r + 7] * fz
-        uz = m[r + 2] * fx + m[r + 5] * fy + m[r + 8] * fz
-        m[P.wrench] += ux
-        m[P.wrench + 1] += uy
-        m[P.wrench + 2] += uz
-        m[P.wrench + 3] += by * uz
-        m[P.wrench + 4] -= bx * uz
-        m[P.wrench + 5] += bx * uy - by * ux
+        push_point(plant, bx, by, 0.0, fx, fy, fz)
         pushed_x += fx
         pushed_y += fy
         pushed_z += fz
-        m[P.contact] = 1.0
-        m[P.contact + 1] = -1.0
-        m[P.contact + 2] = pushed_x
-        m[P.contact + 3] = pushed_y
-        m[P.contact + 4] = pushed_z
-        m[P.contact + 5] = m[P.body] + ox + share * wx
-        m[P.contact + 6] = m[P.body + 1] + oy + share * wy
-        m[P.contact + 7] = height
+        contact.touching = True
+        contact.rotor = -1
+        contact.force[0], contact.force[1], contact.force[2] = pushed_x, pushed_y, pushed_z
+        contact.point[0] = position[0] + ox + share * wx
+        contact.point[1] = position[1] + oy + share * wy
+        contact.point[2] = height

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.registry import Param, Stage, effect
-from tombo_dynamics.plant import Array, P
+from tombo_dynamics.plant import Plant
+from tombo_dynamics.vehicle import AIR_DENSITY
 
 
 @effect(
@@ -21,11 +23,11 @@ from tombo_dynamics.plant import Array, P
         "steady_wind": "the same leg both ways",
     },
 )
-def linear_rotor_drag(m: Array, noise: Array, d_xy: float, d_z: float) -> None:
+def linear_rotor_drag(plant: Plant, noise: Array, d_xy: float, d_z: float) -> None:
     """Force -D v on the centre of mass, v through the air (Faessler et al. 2018, Eq. 2)."""
-    m[P.wrench] -= d_xy * m[P.flow]
-    m[P.wrench + 1] -= d_xy * m[P.flow + 1]
-    m[P.wrench + 2] -= d_z * m[P.flow + 2]
+    plant.force[0] -= d_xy * plant.airspeed[0]
+    plant.force[1] -= d_xy * plant.airspeed[1]
+    plant.force[2] -= d_z * plant.airspeed[2]
 
 
 @effect(
@@ -35,13 +37,13 @@ def linear_rotor_drag(m: Array, noise: Array, d_xy: float, d_z: float) -> None:
     signature="lateral specific force against the velocity, grows with its square",
     separates_from={"linear_rotor_drag": "three speeds"},
 )
-def quadratic_body_drag(m: Array, noise: Array, c_area: float) -> None:
-    """Force -rho/2 c_area |v| v on the centre of mass, rho = 1.2041 kg/m^3."""
-    u, v, w = m[P.flow], m[P.flow + 1], m[P.flow + 2]
-    k = 0.5 * 1.2041 * c_area * math.sqrt(u * u + v * v + w * w)
-    m[P.wrench] -= k * u
-    m[P.wrench + 1] -= k * v
-    m[P.wrench + 2] -= k * w
+def quadratic_body_drag(plant: Plant, noise: Array, c_area: float) -> None:
+    """Force -rho/2 c_area |v| v on the centre of mass, rho the air's density."""
+    u, v, w = plant.airspeed[0], plant.airspeed[1], plant.airspeed[2]
+    k = 0.5 * AIR_DENSITY * c_area * math.sqrt(u * u + v * v + w * w)
+    plant.force[0] -= k * u
+    plant.force[1] -= k * v
+    plant.force[2] -= k * w
 
 
 @effect(
@@ -55,12 +57,12 @@ def quadratic_body_drag(m: Array, noise: Array, c_area: float) -> None:
         "imu_lever_arm": "steady forward flight: a lever arm needs rotation",
     },
 )
-def flapping_moment(m: Array, noise: Array, k: float) -> None:
+def flapping_moment(plant: Plant, noise: Array, k: float) -> None:
     """Lean back from the motion: moment k (v, -u, 0), (u, v) the airspeed in the disc plane.
 
     Rotor discs tilt away from the motion (blade flapping), and their drag acts at the hubs, above
     the centre of mass: both lift the side that goes ahead (Mahony, Kumar and Corke 2012; linear in
     the velocity as in Faessler et al. 2018).
     """
-    m[P.wrench + 3] += k * m[P.flow + 1]
-    m[P.wrench + 4] -= k * m[P.flow]
+    plant.moment[0] += k * plant.airspeed[1]
+    plant.moment[1] -= k * plant.airspeed[0]

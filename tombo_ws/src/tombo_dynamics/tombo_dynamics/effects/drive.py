@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.registry import Param, Stage, effect
-from tombo_dynamics.plant import DELAY_TICKS, Array, P, V
+from tombo_dynamics.plant import DELAY_TICKS, Plant
 
 _DRIVE_EFFICIENCY = 0.7
 
@@ -20,9 +21,9 @@ _DRIVE_EFFICIENCY = 0.7
         "inertia_error": "slow rate sweeps: a lag vanishes at low frequency, a factor stays",
     },
 )
-def motor_lag(m: Array, noise: Array, extra_tau: float) -> None:
+def motor_lag(plant: Plant, noise: Array, extra_tau: float) -> None:
     """Add to the first-order time constant of rotor speed."""
-    m[P.inertial + 4] = max(1e-3, m[P.inertial + 4] + extra_tau)
+    plant.motor_time_constant = max(1e-3, plant.motor_time_constant + extra_tau)
 
 
 @effect(
@@ -35,16 +36,15 @@ def motor_lag(m: Array, noise: Array, extra_tau: float) -> None:
         "mocap_stamp_error": "gyro against command: a wrong stamp leaves it alone",
     },
 )
-def command_delay(m: Array, noise: Array, delay: float) -> None:
+def command_delay(plant: Plant, noise: Array, delay: float) -> None:
     """Hand the drives the command of `delay` seconds ago (between ticks: interpolated)."""
-    ticks = delay / m[P.clock + 1]
+    ticks = delay / plant.tick_length
     whole = int(ticks)
     rest = ticks - whole
-    newest = int(m[P.clock])
-    a = (newest - whole) % DELAY_TICKS
-    b = (newest - whole - 1) % DELAY_TICKS
+    newer = plant.past_commands[(plant.ticks - whole) % DELAY_TICKS]
+    older = plant.past_commands[(plant.ticks - whole - 1) % DELAY_TICKS]
     for i in range(4):
-        m[P.target + i] = (1.0 - rest) * m[P.delay + 4 * a + i] + rest * m[P.delay + 4 * b + i]
+        plant.rotor_target[i] = (1.0 - rest) * newer[i] + rest * older[i]
 
 
 @effect(
@@ -57,20 +57,22 @@ def command_delay(m: Array, noise: Array, delay: float) -> None:
     signature="thrust falls with current and along the flight, with the voltage",
     separates_from={"ground_effect": "two heights at equal voltage"},
 )
-def battery_sag(m: Array, noise: Array, resistance: float, discharge: float) -> None:
+def battery_sag(plant: Plant, noise: Array, resistance: float, discharge: float) -> None:
     """Scale the reachable rotor speed by supply voltage over the full one.
 
     The current is mechanical power over voltage and a drive efficiency of 0.7.
     """
     power = 0.0
     for i in range(4):
-        power += m[P.torque + i] * m[P.speed + i]
-    current = power / (_DRIVE_EFFICIENCY * max(m[P.supply + 2], 3.0))
-    m[P.supply] += current * m[P.clock + 1] / 3600.0
-    m[P.supply + 1] = current
-    voltage = m[V.battery_voltage] - resistance * current - discharge * m[P.supply]
-    m[P.supply + 2] += (max(voltage, 3.0) - m[P.supply + 2]) * (
-        1.0 - math.exp(-m[P.clock + 1] / 0.01)
+        power += plant.rotor_torque[i] * plant.rotor_speed[i]
+    current = power / (_DRIVE_EFFICIENCY * max(plant.supply.voltage, 3.0))
+    plant.supply.charge += current * plant.tick_length / 3600.0
+    plant.supply.current = current
+    voltage = (
+        plant.vehicle.battery_voltage - resistance * current - discharge * plant.supply.charge
+    )
+    plant.supply.voltage += (max(voltage, 3.0) - plant.supply.voltage) * (
+        1.0 - math.exp(-plant.tick_length / 0.01)
     )
     for i in range(4):
-        m[P.target + i] *= m[P.supply + 2] / m[V.battery_voltage]
+        plant.rotor_target[i] *= plant.supply.voltage / plant.vehicle.battery_voltage

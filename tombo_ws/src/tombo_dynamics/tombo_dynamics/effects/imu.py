@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.registry import Param, Stage, effect
-from tombo_dynamics.plant import ANGULAR_ACCELERATION, Array, P
+from tombo_dynamics.plant import Plant
 
 
 @effect(
@@ -20,20 +21,20 @@ from tombo_dynamics.plant import ANGULAR_ACCELERATION, Array, P
         "flapping_moment": "rate steps in hover: a lever arm needs rotation, flapping speed",
     },
 )
-def imu_lever_arm(m: Array, noise: Array, x: float, y: float, z: float) -> None:
+def imu_lever_arm(plant: Plant, noise: Array, x: float, y: float, z: float) -> None:
     """Read the force at r = (x, y, z) from the centre of mass: add w' x r + w x (w x r).
 
     Rates and angular acceleration are those at the start of the tick (rigid-body kinematics).
     """
-    wx, wy, wz = m[P.body + 10], m[P.body + 11], m[P.body + 12]
-    ax = m[ANGULAR_ACCELERATION]
-    ay = m[ANGULAR_ACCELERATION + 1]
-    az = m[ANGULAR_ACCELERATION + 2]
+    rates = plant.state.rates
+    wx, wy, wz = rates[0], rates[1], rates[2]
+    turning = plant.slope.rates
+    ax, ay, az = turning[0], turning[1], turning[2]
     along = wx * x + wy * y + wz * z
     square = wx * wx + wy * wy + wz * wz
-    m[P.imu + 3] += ay * z - az * y + wx * along - square * x
-    m[P.imu + 4] += az * x - ax * z + wy * along - square * y
-    m[P.imu + 5] += ax * y - ay * x + wz * along - square * z
+    plant.accel[0] += ay * z - az * y + wx * along - square * x
+    plant.accel[1] += az * x - ax * z + wy * along - square * y
+    plant.accel[2] += ax * y - ay * x + wz * along - square * z
 
 
 @effect(
@@ -51,11 +52,11 @@ def imu_lever_arm(m: Array, noise: Array, x: float, y: float, z: float) -> None:
         "imu_bias": "full and low thrust: a scale grows with the reading",
     },
 )
-def accel_scale(m: Array, noise: Array, x: float, y: float, z: float) -> None:
+def accel_scale(plant: Plant, noise: Array, x: float, y: float, z: float) -> None:
     """Scale the accelerometer's readings by 1 + x, 1 + y, 1 + z."""
-    m[P.imu + 3] *= 1.0 + x
-    m[P.imu + 4] *= 1.0 + y
-    m[P.imu + 5] *= 1.0 + z
+    plant.accel[0] *= 1.0 + x
+    plant.accel[1] *= 1.0 + y
+    plant.accel[2] *= 1.0 + z
 
 
 @effect(
@@ -77,7 +78,7 @@ def accel_scale(m: Array, noise: Array, x: float, y: float, z: float) -> None:
     },
 )
 def imu_bias(
-    m: Array,
+    plant: Plant,
     noise: Array,
     gyro_x: float,
     gyro_y: float,
@@ -87,12 +88,12 @@ def imu_bias(
     accel_z: float,
 ) -> None:
     """Add constant offsets to the readings."""
-    m[P.imu] += gyro_x
-    m[P.imu + 1] += gyro_y
-    m[P.imu + 2] += gyro_z
-    m[P.imu + 3] += accel_x
-    m[P.imu + 4] += accel_y
-    m[P.imu + 5] += accel_z
+    plant.gyro[0] += gyro_x
+    plant.gyro[1] += gyro_y
+    plant.gyro[2] += gyro_z
+    plant.accel[0] += accel_x
+    plant.accel[1] += accel_y
+    plant.accel[2] += accel_z
 
 
 @effect(
@@ -103,9 +104,10 @@ def imu_bias(
         Param("accel", "m/s^2", 0.0, (0.0, 20.0), "standard deviation of a 1 kHz sample", 0.3),
     ],
     signature="white noise on gyro and accelerometer",
+    stochastic=True,
 )
-def imu_noise(m: Array, noise: Array, gyro: float, accel: float) -> None:
+def imu_noise(plant: Plant, noise: Array, gyro: float, accel: float) -> None:
     """Add white noise to the readings."""
     for i in range(3):
-        m[P.imu + i] += gyro * noise[3 + i]
-        m[P.imu + 3 + i] += accel * noise[6 + i]
+        plant.gyro[i] += gyro * noise[3 + i]
+        plant.accel[i] += accel * noise[6 + i]

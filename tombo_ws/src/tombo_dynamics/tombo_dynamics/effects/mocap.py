@@ -6,8 +6,10 @@ import math
 
 import numpy as np
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.registry import Param, Stage, effect
-from tombo_dynamics.plant import Array, P
+from tombo_dynamics.plant import Plant
+from tombo_dynamics.records import Record, field
 from tombo_dynamics.rotation import (
     relative_rotation,
     rotate_by_vector,
@@ -30,12 +32,12 @@ from tombo_dynamics.rotation import (
         "cog_offset": "rate steps: a centre of gravity off the axis shows as a moment",
     },
 )
-def mocap_marker_offset(m: Array, noise: Array, x: float, y: float, z: float) -> None:
+def mocap_marker_offset(plant: Plant, noise: Array, x: float, y: float, z: float) -> None:
     """Track the point (x, y, z) of base_link: its position is p + R (x, y, z)."""
     turn = np.zeros((3, 3))
-    rotation_matrix(m[P.mocap + 3 : P.mocap + 7], turn)
+    rotation_matrix(plant.mocap.attitude, turn)
     for i in range(3):
-        m[P.mocap + i] += turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z
+        plant.mocap.position[i] += turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z
 
 
 @effect(
@@ -55,15 +57,17 @@ def mocap_marker_offset(m: Array, noise: Array, x: float, y: float, z: float) ->
         "imu_bias": "mocap alone: its own acceleration against its own attitude",
     },
 )
-def mocap_body_misalignment(m: Array, noise: Array, yaw: float, roll: float, pitch: float) -> None:
+def mocap_body_misalignment(
+    plant: Plant, noise: Array, yaw: float, roll: float, pitch: float
+) -> None:
     """Turn the attitude about its own axes by Rz(yaw) Ry(pitch) Rx(roll), on the right.
 
     The rigid body was defined in the mocap software while the vehicle did not stand along its
     axes. Position is untouched.
     """
-    rotate_by_vector(m[P.mocap + 3 : P.mocap + 7], 0.0, 0.0, yaw)
-    rotate_by_vector(m[P.mocap + 3 : P.mocap + 7], 0.0, pitch, 0.0)
-    rotate_by_vector(m[P.mocap + 3 : P.mocap + 7], roll, 0.0, 0.0)
+    rotate_by_vector(plant.mocap.attitude, 0.0, 0.0, yaw)
+    rotate_by_vector(plant.mocap.attitude, 0.0, pitch, 0.0)
+    rotate_by_vector(plant.mocap.attitude, roll, 0.0, 0.0)
 
 
 @effect(
@@ -82,7 +86,7 @@ def mocap_body_misalignment(m: Array, noise: Array, yaw: float, roll: float, pit
         "stays in map, that of a body misalignment turns with the vehicle",
     },
 )
-def mocap_misalignment(m: Array, noise: Array, yaw: float, roll: float, pitch: float) -> None:
+def mocap_misalignment(plant: Plant, noise: Array, yaw: float, roll: float, pitch: float) -> None:
     """Turn position and attitude by Rz(yaw) Ry(pitch) Rx(roll) about the map's origin.
 
     The whole world is turned, so only what is fixed in it can tell: gravity tells roll and pitch.
@@ -96,13 +100,14 @@ def mocap_misalignment(m: Array, noise: Array, yaw: float, roll: float, pitch: f
     rotate_by_vector(turn, roll, 0.0, 0.0)
     matrix = np.zeros((3, 3))
     rotation_matrix(turn, matrix)
-    x, y, z = m[P.mocap], m[P.mocap + 1], m[P.mocap + 2]
+    x, y, z = plant.mocap.position[0], plant.mocap.position[1], plant.mocap.position[2]
     for i in range(3):
-        m[P.mocap + i] = matrix[i, 0] * x + matrix[i, 1] * y + matrix[i, 2] * z
+        plant.mocap.position[i] = matrix[i, 0] * x + matrix[i, 1] * y + matrix[i, 2] * z
     # turn * q, written as conj(conj(turn)) * q
     turn[0], turn[1], turn[2] = -turn[0], -turn[1], -turn[2]
-    qx, qy, qz, qw = relative_rotation(m[P.mocap + 3 : P.mocap + 7], turn)
-    m[P.mocap + 3], m[P.mocap + 4], m[P.mocap + 5], m[P.mocap + 6] = qx, qy, qz, qw
+    qx, qy, qz, qw = relative_rotation(plant.mocap.attitude, turn)
+    plant.mocap.attitude[0], plant.mocap.attitude[1] = qx, qy
+    plant.mocap.attitude[2], plant.mocap.attitude[3] = qz, qw
 
 
 @effect(
@@ -113,13 +118,14 @@ def mocap_misalignment(m: Array, noise: Array, yaw: float, roll: float, pitch: f
         Param("attitude", "rad", 0.0, (0.0, 0.2), "standard deviation of each axis", 0.005),
     ],
     signature="white noise on the pose",
+    stochastic=True,
 )
-def mocap_noise(m: Array, noise: Array, position: float, attitude: float) -> None:
+def mocap_noise(plant: Plant, noise: Array, position: float, attitude: float) -> None:
     """Add white noise to position and attitude."""
     for i in range(3):
-        m[P.mocap + i] += position * noise[i]
+        plant.mocap.position[i] += position * noise[i]
     rotate_by_vector(
-        m[P.mocap + 3 : P.mocap + 7], attitude * noise[3], attitude * noise[4], attitude * noise[5]
+        plant.mocap.attitude, attitude * noise[3], attitude * noise[4], attitude * noise[5]
     )
 
 
@@ -132,9 +138,9 @@ def mocap_noise(m: Array, noise: Array, position: float, attitude: float) -> Non
     ],
     signature="pose trails the IMU; the stamp, being the capture time, stays right",
 )
-def mocap_latency(m: Array, noise: Array, delay: float, jitter: float) -> None:
+def mocap_latency(plant: Plant, noise: Array, delay: float, jitter: float) -> None:
     """Let the sample arrive later than it was captured; its stamp stays the capture time."""
-    m[P.mocap + 7] += max(0.0, delay + jitter * noise[6])
+    plant.mocap.latency += max(0.0, delay + jitter * noise[6])
 
 
 @effect(
@@ -148,12 +154,18 @@ def mocap_latency(m: Array, noise: Array, delay: float, jitter: float) -> None:
         "mocap_marker_offset": "straight accelerations: an offset needs rotation",
     },
 )
-def mocap_stamp_error(m: Array, noise: Array, offset: float) -> None:
+def mocap_stamp_error(plant: Plant, noise: Array, offset: float) -> None:
     """Let the stamp say a time later than the capture, as when it is taken at arrival.
 
     Whoever trusts the stamp takes the pose for a newer one. A stamp ahead of the clock is refused.
     """
-    m[P.mocap + 10] += offset
+    plant.mocap.stamp_error += offset
+
+
+class DropoutState(Record):
+    """What dropouts remember."""
+
+    rest = field("s", "of the present gap")
 
 
 @effect(
@@ -164,11 +176,16 @@ def mocap_stamp_error(m: Array, noise: Array, offset: float) -> None:
         Param("duration", "s", 0.0, (0.0, 5.0), "mean length of a gap", 0.1),
     ],
     signature="missing samples, singly or in gaps",
+    state=DropoutState,
+    stochastic=True,
 )
-def mocap_dropouts(m: Array, noise: Array, probability: float, duration: float) -> None:
+def mocap_dropouts(
+    plant: Plant, noise: Array, state: DropoutState, probability: float, duration: float
+) -> None:
     """Drop samples in gaps whose lengths are exponentially distributed."""
-    if m[P.mocap + 9] <= 0.0 and 0.5 * math.erfc(noise[7] / math.sqrt(2.0)) < probability:
+    state.rest = max(state.rest - plant.mocap.interval, 0.0)
+    if state.rest <= 0.0 and 0.5 * math.erfc(noise[7] / math.sqrt(2.0)) < probability:
         chance = max(0.5 * math.erfc(noise[8] / math.sqrt(2.0)), 1e-9)
-        m[P.mocap + 9] = 1e-9 - duration * math.log(chance)
-    if m[P.mocap + 9] > 0.0:
-        m[P.mocap + 8] = 1.0
+        state.rest = 1e-9 - duration * math.log(chance)
+    if state.rest > 0.0:
+        plant.mocap.dropped = True

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.disc_geometry import FAR, disc_to_obstacle
 from tombo_dynamics.effects.registry import Param, Stage, effect
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.plant import Array, P, V
+from tombo_dynamics.plant import Plant
+from tombo_dynamics.records import Record, field
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, SPIN
 
 _FULL_STRIKE = 6.9
@@ -21,23 +23,26 @@ _RECOVERY_CONSTANTS = -math.log(1.0 - _REACH ** (1.0 / 3.0))
 
 
 @compiled
-def hub_to_obstacle(m: Array, i: int) -> tuple[float, float, float]:
+def hub_to_obstacle(plant: Plant, i: int) -> tuple[float, float, float]:
     """Return distance [m] and direction from the hub of rotor `i` to the obstacle's axis."""
-    hx = m[V.arm_length] * ARM_X[i] - m[P.inertial + 5]
-    hy = m[V.arm_length] * ARM_Y[i] - m[P.inertial + 6]
-    return disc_to_obstacle(m, hx, hy, m[V.rotor_height])
+    hx = plant.vehicle.arm_length * ARM_X[i] - plant.centre_of_gravity[0]
+    hy = plant.vehicle.arm_length * ARM_Y[i] - plant.centre_of_gravity[1]
+    return disc_to_obstacle(plant, hx, hy, plant.vehicle.rotor_height)
 
 
 @compiled
-def tip_radius(m: Array, i: int) -> float:
+def tip_radius(plant: Plant, i: int) -> float:
     """Return how far blade `i` reaches from its hub [m]: folded it ends at the nodus."""
-    straight = 1.0 - m[P.fold + i]
-    return float(m[V.nodus_radius] + (m[V.rotor_radius] - m[V.nodus_radius]) * straight)
+    straight = 1.0 - plant.fold[i]
+    return float(
+        plant.vehicle.nodus_radius
+        + (plant.vehicle.rotor_radius - plant.vehicle.nodus_radius) * straight
+    )
 
 
 @compiled
 def push_rim(
-    m: Array, i: int, force: float, slant: float, reach: float, ex: float, ey: float
+    plant: Plant, i: int, force: float, slant: float, reach: float, ex: float, ey: float
 ) -> None:
     """Push blade `i` with `force` [N] at `reach` [m] towards (ex, ey), where the obstacle is.
 
@@ -45,31 +50,40 @@ def push_rim(
     against the blade's motion. The hub takes the force; its torque about the axis slows the rotor,
     at most to a stop: then only the radial part is left.
     """
-    tick = m[P.clock + 1]
-    before = m[P.speed + i]
-    lever = max(reach, m[V.nodus_radius])
+    tick = plant.tick_length
+    before = plant.rotor_speed[i]
+    lever = max(reach, plant.vehicle.nodus_radius)
     radial = force * math.cos(slant)
-    along = min(force * math.sin(slant), m[V.rotor_inertia] * before / (lever * tick))
-    after = before - along * lever * tick / m[V.rotor_inertia]
-    m[P.speed + i] = after
-    m[P.energy + i] += 0.5 * m[V.rotor_inertia] * (before * before - after * after)
-    hx = m[V.arm_length] * ARM_X[i] - m[P.inertial + 5]
-    hy = m[V.arm_length] * ARM_Y[i] - m[P.inertial + 6]
-    hz = m[V.rotor_height]
+    along = min(force * math.sin(slant), plant.vehicle.rotor_inertia * before / (lever * tick))
+    after = before - along * lever * tick / plant.vehicle.rotor_inertia
+    plant.rotor_speed[i] = after
+    plant.strike_energy[i] += 0.5 * plant.vehicle.rotor_inertia * (before * before - after * after)
+    hx = plant.vehicle.arm_length * ARM_X[i] - plant.centre_of_gravity[0]
+    hy = plant.vehicle.arm_length * ARM_Y[i] - plant.centre_of_gravity[1]
+    hz = plant.vehicle.rotor_height
     fx = -radial * ex + SPIN[i] * ey * along
     fy = -radial * ey - SPIN[i] * ex * along
-    m[P.strike] += fx
-    m[P.strike + 1] += fy
-    m[P.strike + 3] -= hz * fy
-    m[P.strike + 4] += hz * fx
-    m[P.strike + 5] += hx * fy - hy * fx
-    m[P.contact] = 1.0
-    m[P.contact + 1] = i
+    plant.strike_force[0] += fx
+    plant.strike_force[1] += fy
+    plant.strike_moment[0] -= hz * fy
+    plant.strike_moment[1] += hz * fx
+    plant.strike_moment[2] += hx * fy - hy * fx
+    plant.contact.touching = True
+    plant.contact.rotor = i
+    turn = plant.rotation
     rx = hx + ex * reach
     ry = hy + ey * reach
     for k in range(3):
-        r = P.rotation + 3 * k
-        m[P.contact + 5 + k] = m[P.body + k] + m[r] * rx + m[r + 1] * ry + m[r + 2] * hz
+        place = plant.state.position[k] + turn[k, 0] * rx + turn[k, 1] * ry + turn[k, 2] * hz
+        plant.contact.point[k] = place
+
+
+class StrikeState(Record):
+    """What a blade strike remembers."""
+
+    folding = field(
+        "1", "the blade swings back after a strike, until it is folded: 0 or 1", 4, kind=int
+    )
 
 
 @effect(
@@ -86,10 +100,13 @@ def push_rim(
     signature="one corner's thrust and speed collapse within milliseconds and return within half "
     "a second, with a push along the rim and a kick in yaw",
     separates_from={"weak_propeller": "a weak propeller does not recover"},
+    state=StrikeState,
+    contact=True,
 )
 def blade_strike(
-    m: Array,
+    plant: Plant,
     noise: Array,
+    state: StrikeState,
     peak_force: float,
     recovery_time: float,
     slant: float,
@@ -107,31 +124,31 @@ def blade_strike(
     back after the recovery time. A straightening blade that reaches the obstacle is struck again.
     A blade whose damage has reached 1 is gone.
     """
-    tick = m[P.clock + 1]
-    dx = m[P.obstacle] - m[P.body]
-    dy = m[P.obstacle + 1] - m[P.body + 1]
-    reach = m[V.arm_length] + 1.5 * m[V.rotor_radius] + m[P.obstacle + 2]
-    near = m[P.obstacle + 2] > 0.0 and dx * dx + dy * dy < reach * reach
+    tick = plant.tick_length
+    dx = plant.obstacle.x - plant.state.position[0]
+    dy = plant.obstacle.y - plant.state.position[1]
+    reach = plant.vehicle.arm_length + 1.5 * plant.vehicle.rotor_radius + plant.obstacle.radius
+    near = plant.obstacle.radius > 0.0 and dx * dx + dy * dy < reach * reach
     for i in range(4):
-        if m[P.damage + i] >= 1.0:
-            m[P.fold + i] = 1.0
-        elif m[P.fold + i] > 0.0 and m[P.folding + i] == 0.0:
+        if plant.damage[i] >= 1.0:
+            plant.fold[i] = 1.0
+        elif plant.fold[i] > 0.0 and state.folding[i] == 0:
             left = max(0.0, 1.0 - _RECOVERY_CONSTANTS * tick / max(recovery_time, 1e-3))
-            m[P.fold + i] = m[P.fold + i] * left if m[P.fold + i] > 1e-4 else 0.0
-        if near and m[P.damage + i] < 1.0:
-            distance, ex, ey = hub_to_obstacle(m, i)
-            tip = tip_radius(m, i)
-            if distance < tip + m[P.obstacle + 2] and m[P.speed + i] > _TURNING:
-                m[P.folding + i] = 1.0
-            if m[P.folding + i] > 0.0 and distance < FAR:
-                force = peak_force * (1.0 - m[P.fold + i])
-                push_rim(m, i, force, slant, min(distance, tip), ex, ey)
-        if m[P.folding + i] > 0.0:
-            m[P.fold + i] += tick / max(duration, tick)
-            if m[P.fold + i] >= 1.0:
-                m[P.fold + i] = 1.0
-                m[P.folding + i] = 0.0
-        m[P.efficiency + i] *= 1.0 - m[P.fold + i]
+            plant.fold[i] = plant.fold[i] * left if plant.fold[i] > 1e-4 else 0.0
+        if near and plant.damage[i] < 1.0:
+            distance, ex, ey = hub_to_obstacle(plant, i)
+            tip = tip_radius(plant, i)
+            if distance < tip + plant.obstacle.radius and plant.rotor_speed[i] > _TURNING:
+                state.folding[i] = 1
+            if state.folding[i] == 1 and distance < FAR:
+                force = peak_force * (1.0 - plant.fold[i])
+                push_rim(plant, i, force, slant, min(distance, tip), ex, ey)
+        if state.folding[i] == 1:
+            plant.fold[i] += tick / max(duration, tick)
+            if plant.fold[i] >= 1.0:
+                plant.fold[i] = 1.0
+                state.folding[i] = 0
+        plant.efficiency[i] *= 1.0 - plant.fold[i]
 
 
 @effect(
@@ -149,8 +166,9 @@ def blade_strike(
     ],
     signature="a corner's thrust does not come back after one of several strikes",
     separates_from={"weak_propeller": "a torn blade begins with a strike"},
+    contact=True,
 )
-def propeller_wear(m: Array, noise: Array, collisions: float) -> None:
+def propeller_wear(plant: Plant, noise: Array, collisions: float) -> None:
     """Add a strike's energy to the damage; at 1 the blade is torn off.
 
     The paper: about three collisions a propeller (3 of them replaced in 10 trials). A strike that
@@ -159,4 +177,4 @@ def propeller_wear(m: Array, noise: Array, collisions: float) -> None:
     if collisions <= 0.0:
         return
     for i in range(4):
-        m[P.damage + i] += m[P.energy + i] / (_FULL_STRIKE * collisions)
+        plant.damage[i] += plant.strike_energy[i] / (_FULL_STRIKE * collisions)

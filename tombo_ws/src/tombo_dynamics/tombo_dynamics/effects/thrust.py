@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.registry import Param, Stage, effect
-from tombo_dynamics.plant import Array, P
+from tombo_dynamics.plant import Plant
+from tombo_dynamics.rotation import to_body
 
 
 @effect(
@@ -16,10 +18,10 @@ from tombo_dynamics.plant import Array, P
         "translational_lift": "hover and a fast straight: the coefficient is the same in both",
     },
 )
-def thrust_coefficient_error(m: Array, noise: Array, fraction: float) -> None:
+def thrust_coefficient_error(plant: Plant, noise: Array, fraction: float) -> None:
     """Scale thrust and torque of all rotors by 1 + fraction."""
     for i in range(4):
-        m[P.efficiency + i] *= 1.0 + fraction
+        plant.efficiency[i] *= 1.0 + fraction
 
 
 @effect(
@@ -35,7 +37,7 @@ def thrust_coefficient_error(m: Array, noise: Array, fraction: float) -> None:
     separates_from={"cog_offset": "yaw step: only a weak propeller changes the yaw moment"},
 )
 def weak_propeller(
-    m: Array,
+    plant: Plant,
     noise: Array,
     front_right: float,
     rear_left: float,
@@ -43,10 +45,10 @@ def weak_propeller(
     rear_right: float,
 ) -> None:
     """Take a share of thrust and torque from single rotors."""
-    m[P.efficiency] *= 1.0 - front_right
-    m[P.efficiency + 1] *= 1.0 - rear_left
-    m[P.efficiency + 2] *= 1.0 - front_left
-    m[P.efficiency + 3] *= 1.0 - rear_right
+    plant.efficiency[0] *= 1.0 - front_right
+    plant.efficiency[1] *= 1.0 - rear_left
+    plant.efficiency[2] *= 1.0 - front_left
+    plant.efficiency[3] *= 1.0 - rear_right
 
 
 @effect(
@@ -55,11 +57,12 @@ def weak_propeller(
     [Param("deviation", "1", 0.0, (0.0, 0.5), "standard deviation of thrust over its mean", 0.1)],
     signature="a constant moment about a fixed body axis, another one for every set of propellers",
     separates_from={"weak_propeller": "exchange the propellers: scatter goes with them"},
+    stochastic=True,
 )
-def thrust_scatter(m: Array, noise: Array, deviation: float) -> None:
+def thrust_scatter(plant: Plant, noise: Array, deviation: float) -> None:
     """Scale each rotor by its own constant draw (paper, Table III: thrust deviation)."""
     for i in range(4):
-        m[P.efficiency + i] *= max(0.2, 1.0 + deviation * m[P.draws + i])
+        plant.efficiency[i] *= max(0.2, 1.0 + deviation * plant.draws[i])
 
 
 @effect(
@@ -73,18 +76,16 @@ def thrust_scatter(m: Array, noise: Array, deviation: float) -> None:
         "thrust_coefficient_error": "hover, where only the coefficient shows",
     },
 )
-def translational_lift(m: Array, noise: Array, k: float) -> None:
+def translational_lift(plant: Plant, noise: Array, k: float) -> None:
     """Scale thrust and torque by 1 + k v_h^2, v_h the airspeed in the disc plane, at least 0.2.
 
     A flow across a rotor lowers its induced velocity: more thrust at the same speed, at first with
     the square (momentum theory, Glauert; the k_h v_h^2 of Faessler et al. 2018).
     """
-    r = P.rotation
-    ax = m[P.body + 3] - m[P.wind]
-    ay = m[P.body + 4] - m[P.wind + 1]
-    az = m[P.body + 5] - m[P.wind + 2]
-    u = m[r] * ax + m[r + 3] * ay + m[r + 6] * az
-    v = m[r + 1] * ax + m[r + 4] * ay + m[r + 7] * az
+    velocity, wind = plant.state.velocity, plant.wind
+    u, v, _ = to_body(
+        plant.rotation, velocity[0] - wind[0], velocity[1] - wind[1], velocity[2] - wind[2]
+    )
     gain = max(0.2, 1.0 + k * (u * u + v * v))
     for i in range(4):
-        m[P.efficiency + i] *= gain
+        plant.efficiency[i] *= gain

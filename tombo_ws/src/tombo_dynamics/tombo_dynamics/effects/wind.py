@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.registry import Param, Stage, effect
-from tombo_dynamics.plant import Array, P
+from tombo_dynamics.plant import Plant
+from tombo_dynamics.records import Record, field
 
 
 @effect(
@@ -22,10 +24,16 @@ from tombo_dynamics.plant import Array, P
         "linear_rotor_drag": "both ways",
     },
 )
-def steady_wind(m: Array, noise: Array, east: float, north: float) -> None:
+def steady_wind(plant: Plant, noise: Array, east: float, north: float) -> None:
     """Let the air move with a constant horizontal velocity."""
-    m[P.wind] += east
-    m[P.wind + 1] += north
+    plant.wind[0] += east
+    plant.wind[1] += north
+
+
+class GustState(Record):
+    """What gusts remember."""
+
+    velocity = field("m/s", "of the gust, map", 3)
 
 
 @effect(
@@ -36,11 +44,13 @@ def steady_wind(m: Array, noise: Array, east: float, north: float) -> None:
         Param("time", "s", 1.0, (0.05, 30.0), "correlation time", 1.0),
     ],
     signature="random force, correlated over the gust's time, not repeatable",
+    state=GustState,
+    stochastic=True,
 )
-def gusts(m: Array, noise: Array, deviation: float, time: float) -> None:
+def gusts(plant: Plant, noise: Array, state: GustState, deviation: float, time: float) -> None:
     """Let the air's velocity wander as a first-order Gauss-Markov process."""
-    decay = math.exp(-m[P.clock + 1] / time)
+    decay = math.exp(-plant.tick_length / time)
     drive = deviation * math.sqrt(1.0 - decay * decay)
     for i in range(3):
-        m[P.gust + i] = decay * m[P.gust + i] + drive * noise[i]
-        m[P.wind + i] += m[P.gust + i]
+        state.velocity[i] = decay * state.velocity[i] + drive * noise[i]
+        plant.wind[i] += state.velocity[i]

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.vehicle import AIR_DENSITY
 
 
 def quantity(unit: str, low: float, high: float, **default: Any) -> Any:
@@ -213,7 +214,7 @@ class Configuration:
 class Surroundings:
     """Air and gravity. The defaults are the paper's."""
 
-    air_density_kg_m3: float = quantity("kg/m^3", 0.01, 2000.0, default=1.2041)
+    air_density_kg_m3: float = quantity("kg/m^3", 0.01, 2000.0, default=AIR_DENSITY)
     gravity_m_s2: float = quantity("m/s^2", 0.0, 100.0, default=9.8)
 
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from hil_peer import Peer, Pilot
 
-from tombo_dynamics.plant import P
 from tombo_flight.scenario import load_scenario, world_of
 from tombo_px4.hil.link import HilLink
 from tombo_px4.hil.lockstep import HilSimulator
@@ -49,12 +48,12 @@ class Bench:
 
     @property
     def position(self) -> Any:
-        return self.hil.flight.simulator.m[P.body : P.body + 3].copy()
+        return self.hil.flight.simulator.plant.state.position.copy()
 
     @property
     def rotation(self) -> Any:
         """Map from base_link."""
-        return self.hil.flight.simulator.m[P.rotation : P.rotation + 9].reshape(3, 3).copy()
+        return self.hil.flight.simulator.plant.rotation.reshape(3, 3).copy()
 
     @property
     def seconds(self) -> float:

@@ -10,8 +10,9 @@ from hil_peer import MAVLINK
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tombo_dynamics.plant import P
+from tombo_dynamics.plant import set_state
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice
+from tombo_dynamics.records import numbers
 from tombo_px4.hil.flight import HilFlight, MotorCommands
 from tombo_px4.hil.motor_mapping import MotorMapping
 from tombo_px4.hil.params import MAPPINGS, HilParams
@@ -42,13 +43,13 @@ def test_hover_is_where_the_documentation_says(conf, mapping, hover):
 def test_the_vehicle_neither_climbs_nor_sinks_at_the_hover_control(mapping):
     flight = HilFlight(WORLD, 0, HilParams(mapping=mapping))
     hover = flight.controls.hover
-    m = flight.simulator.m
+    plant = flight.simulator.plant
     for _ in range(100):  # the rotors get up to speed, held
-        m[P.body : P.body + 6] = [0.0, 0.0, 20.0, 0.0, 0.0, 0.0]
+        plant.state.position, plant.state.velocity = [0.0, 0.0, 20.0], 0.0
         flight.step(MotorCommands([hover] * 4, armed=True))
     for _ in range(100):
         flight.step(MotorCommands([hover] * 4, armed=True))
-    assert m[P.body + 5] == pytest.approx(0.0, abs=0.05)
+    assert plant.state.velocity[2] == pytest.approx(0.0, abs=0.05)
 
 
 @pytest.mark.parametrize("mapping", MAPPINGS)
@@ -91,11 +92,11 @@ def test_rotors_stay_in_range_and_invalid_controls_are_counted(controls):
 def test_more_control_on_one_motor_turns_the_vehicle_as_px4s_quad_x(motor, roll, pitch, yaw):
     flight = HilFlight(WORLD, 0, HilParams())
     hover = flight.controls.hover
-    m = flight.simulator.m
-    start = m[P.body : P.body + 13].copy()
+    plant = flight.simulator.plant
+    start = numbers(plant.state)
     start[2] = 20.0
     for _ in range(100):
-        m[P.body : P.body + 13] = start
+        set_state(plant.state, start)
         flight.step(MotorCommands([hover] * 4, armed=True))
     controls = [hover] * 4
     controls[motor] += 0.1

@@ -15,7 +15,7 @@ from hil_bench import Bench, bench, hover_world
 from hil_peer import Peer, Pilot
 
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.plant import P, part
+from tombo_dynamics.records import numbers
 from tombo_flight.scenario import load_scenario, world_of
 from tombo_px4.hil.link import HilLink
 from tombo_px4.hil.lockstep import PATIENCE_NS, HilSimulator, Phase
@@ -79,7 +79,7 @@ def test_the_same_seed_and_answers_are_the_same_flight():
     for _ in range(2):
         with bench() as b:
             b.fly(3.0)
-            ends.append(part(b.hil.flight.simulator.m, "body").copy())
+            ends.append(numbers(b.hil.flight.simulator.plant.state))
     assert np.array_equal(*ends)
 
 
@@ -87,12 +87,12 @@ def test_the_propeller_folds_when_px4_hits_the_obstacle_and_flies_on():
     world = world_of(load_scenario("paper_collision", ["obstacle.x=1.2", "obstacle.y=0.27"]))
     with bench(world) as b:
         b.fly(6.0)
-        assert b.hil.flight.simulator.m[P.contact] == 0.0
+        assert b.hil.flight.simulator.plant.contact.touching == 0.0
         b.peer.pilot.goal = (0.0, 2.0, -2.0)
         folds = []
         while b.seconds < 12.0 and max(folds, default=0.0) != 1.0:
             if b.turn():
-                folds.append(part(b.hil.flight.simulator.m, "fold").max())
+                folds.append(b.hil.flight.simulator.plant.fold.max())
         assert max(folds) == 1.0
         b.fly(b.seconds + 1.0)
         assert b.hil.missed == 0

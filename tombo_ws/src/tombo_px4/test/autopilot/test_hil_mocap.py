@@ -12,7 +12,7 @@ import pytest
 from hil_bench import Bench, bench, hover_world
 from hil_peer import MAVLINK
 
-from tombo_dynamics.plant import P
+from tombo_dynamics.records import numbers
 from tombo_px4.frames import enu_from_ned, ros_quaternion
 from tombo_px4.hil.lockstep import HilSimulator
 from tombo_px4.hil.mocap import MocapFeed
@@ -95,7 +95,7 @@ class Truths(dict[int, np.ndarray]):
 
         def watched(command: Any) -> None:
             advance(command)
-            self[1000 * simulator.tick] = simulator.m[P.body : P.body + 13].copy()
+            self[1000 * simulator.tick] = numbers(simulator.plant.state)
 
         simulator.advance = watched
 

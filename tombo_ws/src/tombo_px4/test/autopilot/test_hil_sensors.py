@@ -11,7 +11,6 @@ from hil_peer import MAVLINK
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tombo_dynamics.plant import P
 from tombo_px4.frames import px4_quaternion
 from tombo_px4.hil.flight import HilFlight, MotorCommands
 from tombo_px4.hil.params import HilParams
@@ -27,7 +26,7 @@ class Shown:
 
     def __init__(self, world: World | None = None, seed: int = 1, **params: Any) -> None:
         self.flight = HilFlight(world or World(spread=AT_ORIGIN), seed, HilParams(**params))
-        self.m = self.flight.simulator.m
+        self.plant = self.flight.simulator.plant
         self.parser = MAVLINK.MAVLink(None)
 
     def step(self, *controls: float) -> dict[str, Any]:
@@ -45,12 +44,12 @@ class Shown:
 
     def hang(self, height: float = 50.0) -> None:
         """Lift it off the ground, at rest."""
-        self.m[P.body : P.body + 6] = [0.0, 0.0, height, 0.0, 0.0, 0.0]
+        self.plant.state.position, self.plant.state.velocity = [0.0, 0.0, height], 0.0
 
     def attitude(self, yaw: float = 0.0, roll: float = 0.0) -> None:
         """Turn it: yaw from east to north, then roll right side down [rad]."""
         a, b = 0.5 * yaw, 0.5 * roll
-        self.m[P.body + 6 : P.body + 10] = [
+        self.plant.state.attitude = [
             math.cos(a) * math.sin(b),
             math.sin(a) * math.sin(b),
             math.sin(a) * math.cos(b),
@@ -92,7 +91,7 @@ def test_at_rest_the_accelerometer_reads_gravity_upwards_in_frd():
 def test_the_gyro_is_positive_where_px4_says_so(flu, axis, meaning):
     shown = Shown()
     shown.hang()
-    shown.m[P.body + 10 : P.body + 13] = flu
+    shown.plant.state.rates = flu
     shown.sensor()
     message = shown.sensor()
     rates = [message.xgyro, message.ygyro, message.zgyro]
@@ -101,7 +100,7 @@ def test_the_gyro_is_positive_where_px4_says_so(flu, axis, meaning):
     assert rates == pytest.approx(expected, abs=0.02)
     for _ in range(30):
         shown.sensor()
-    rotation = shown.m[P.rotation : P.rotation + 9].reshape(3, 3)
+    rotation = shown.plant.rotation
     forward, right = rotation[:, 0], -rotation[:, 1]
     moved = {"right side down": -right[2], "nose up": forward[2], "nose to the right": -forward[1]}
     assert moved[meaning] > 0.03
@@ -179,7 +178,7 @@ def test_the_pitot_tube_reads_the_wind_of_flying_forward():
 
     def fly() -> None:
         shown.hang()
-        shown.m[P.body + 3] = 10.0  # east, where the nose is
+        shown.plant.state.velocity[0] = 10.0  # east, where the nose is
 
     assert slow_message(shown, fly).diff_pressure == pytest.approx(0.6125, abs=0.02)
 
@@ -224,8 +223,8 @@ def test_gps_moves_and_speaks_as_the_vehicle_does():
     shown = Shown(gps_position_noise=0.0, gps_velocity_noise=0.0)
     fixes = []
     for _ in range(200):
-        shown.m[P.body + 2] = 50.0
-        shown.m[P.body + 3 : P.body + 6] = [1.0, 2.0, 0.5]
+        shown.plant.state.position[2] = 50.0
+        shown.plant.state.velocity = [1.0, 2.0, 0.5]
         messages = shown.step()
         if "HIL_GPS" in messages:
             fixes.append(messages["HIL_GPS"])
@@ -278,10 +277,10 @@ def test_the_truth_is_true():
     shown.settle(2)
     shown.hang()
     shown.attitude(yaw=0.3, roll=0.2)
-    shown.m[P.body + 3 : P.body + 6] = [1.0, 2.0, 3.0]
-    shown.m[P.body + 10 : P.body + 13] = [0.1, 0.2, 0.3]
+    shown.plant.state.velocity = [1.0, 2.0, 3.0]
+    shown.plant.state.rates = [0.1, 0.2, 0.3]
     true = shown.step()["HIL_STATE_QUATERNION"]
-    q = px4_quaternion(shown.m[P.body + 6 : P.body + 10])
+    q = px4_quaternion(shown.plant.state.attitude)
     assert true.attitude_quaternion == pytest.approx(q.tolist(), abs=1e-6)
     rates = [true.rollspeed, true.pitchspeed, true.yawspeed]
     assert rates == pytest.approx([0.1, -0.2, -0.3], abs=0.01)
@@ -302,8 +301,8 @@ def test_the_truth_of_a_vehicle_at_rest_is_one_g_upwards():
 def test_a_force_beyond_the_messages_range_is_cut_off():
     shown = Shown(truth_rate=250.0)
     shown.settle(3)
-    shown.m[P.wrench] = 1e6
-    truth = shown.flight.sensors.truth(shown.m)
+    shown.plant.force[0] = 1e6
+    truth = shown.flight.sensors.truth(shown.plant)
     assert truth.force[0] == 32_767
 
 

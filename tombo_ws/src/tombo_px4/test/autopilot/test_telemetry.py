@@ -8,7 +8,7 @@ from endpoint_bench import ARM, bench, of
 from pymavlink.dialects.v20 import common as mavlink
 from pymavlink.generator.mavcrc import x25crc
 
-from tombo_dynamics.plant import P
+from tombo_dynamics.plant import set_state
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.system_status import base_mode, system_state
 from tombo_px4.autopilot.vehicle import Px4Vehicle
@@ -152,10 +152,10 @@ def test_the_magnetometer_gives_the_heading_back(tell):
 
 
 def test_the_ground_truth_is_the_truth(flying, tell):
-    truth, m = tell("HIL_STATE_QUATERNION"), flying.vehicle.simulator.m
+    truth, plant = tell("HIL_STATE_QUATERNION"), flying.vehicle.simulator.plant
     back = ORIGIN.local_of(1e-7 * truth.lat, 1e-7 * truth.lon, 1e-3 * truth.alt)
-    assert back == pytest.approx(m[P.body : P.body + 3], abs=0.02)
-    east, north, up = m[P.body + 3 : P.body + 6]
+    assert back == pytest.approx(plant.state.position, abs=0.02)
+    east, north, up = plant.state.velocity
     assert (truth.vx, truth.vy, truth.vz) == pytest.approx(
         (100 * north, 100 * east, -100 * up), abs=0.51
     )
@@ -264,7 +264,7 @@ def test_every_message_can_be_packed_from_the_first_tick_on():
 def test_a_vehicle_that_is_nowhere_still_speaks():
     vehicle = Px4Vehicle(World(), 0, ParameterTable())
     telemetry = Telemetry(vehicle, ORIGIN)
-    vehicle.simulator.m[P.body : P.body + 13] = math.nan
+    set_state(vehicle.simulator.plant.state, np.full(13, math.nan))
     for number in telemetry.offered:
         message = telemetry.message(number, MAV)
         assert message is None or message.pack(MAV)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from vehicle_bench import GROUND, NAN, VISION, Flight, hovering, motion, ready
 
-from tombo_dynamics.plant import part
 from tombo_flight.scenario import load_scenario, world_of
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.vehicle import Px4Vehicle
@@ -218,4 +217,4 @@ def test_motion_capture_does_not_leak_into_the_estimate():
     for _ in range(3000):
         vehicle.step()
     assert not vehicle.health.local_position and vehicle.ekf2_model.fused == 0
-    assert np.abs(part(vehicle.simulator.m, "body")[:3] - vehicle.estimate.position).max() > 0.1
+    assert np.abs(vehicle.simulator.plant.state.position - vehicle.estimate.position).max() > 0.1

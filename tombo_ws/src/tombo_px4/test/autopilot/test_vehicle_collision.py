@@ -13,7 +13,6 @@ from tombo_control import mission as plan
 from tombo_control.autopilot import LAND, LANDED
 from tombo_control.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.messages import CollisionEvent
-from tombo_dynamics.plant import part
 from tombo_dynamics.rotation import tilt, yaw_pitch_roll
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario
@@ -73,7 +72,7 @@ def collide(seed: int) -> Collision:
             assert vehicle.land() == Result.ACCEPTED
         flight.step()
         rows.append(flight.body)
-        if touched is None and part(simulator.m, "contact")[0] > 0.0:
+        if touched is None and simulator.plant.contact.touching > 0.0:
             touched = vehicle.tick
         assert vehicle.tick < 60_000
     assert touched is not None and decision is not None

@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from vehicle_bench import hovering, ready
 
+from tombo_dynamics.records import numbers
 from tombo_px4.autopilot.offboard_setpoint import OffboardSetpoint
 from tombo_px4.autopilot.parameters import PARAMETERS
 from tombo_px4.bridge import modes
@@ -70,7 +71,7 @@ def obey(flight, call) -> None:
 
 def check(flight) -> None:
     vehicle = flight.vehicle
-    assert np.isfinite(vehicle.simulator.m).all()
+    assert np.isfinite(numbers(vehicle.simulator.plant.state)).all()
     estimate = vehicle.estimate
     for values in (estimate.position, estimate.velocity, estimate.attitude, estimate.rates):
         assert np.isfinite(values).all()

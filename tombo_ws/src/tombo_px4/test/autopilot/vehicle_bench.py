@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_dynamics.plant import part
+from tombo_dynamics.records import numbers
 from tombo_flight.scenario import load_scenario, world_of
 from tombo_px4.autopilot.offboard_setpoint import OffboardSetpoint
 from tombo_px4.autopilot.parameters import ParameterTable
@@ -75,7 +75,7 @@ class Flight:
     @property
     def body(self) -> Array:
         """Position, velocity, attitude, rates (13), true."""
-        return part(self.vehicle.simulator.m, "body").copy()
+        return numbers(self.vehicle.simulator.plant.state)
 
     @property
     def height(self) -> float:
@@ -109,7 +109,7 @@ class Flight:
         rows = np.empty((round(seconds * 1000), 13))
         for row in rows:
             self.step()
-            row[:] = part(self.vehicle.simulator.m, "body")
+            row[:] = numbers(self.vehicle.simulator.plant.state)
         return rows
 
     def fly_until(self, done: Callable[[], bool], seconds: float) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_dynamics.plant import P, part
+from tombo_dynamics.plant import Plant
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.protocol.results import Battery
 
@@ -29,12 +29,12 @@ class BatteryMeter:
         self._parameters = parameters
         self._used_mah = 0.0
 
-    def draw(self, m: Array, seconds: float) -> Battery:
-        """Count what the plant `m` has drawn; without a battery in it, from power and voltage."""
-        voltage, current = float(m[P.supply + 2]), float(m[P.supply + 1])
+    def draw(self, plant: Plant, seconds: float) -> Battery:
+        """Count what the plant has drawn; without a battery in it, from power and voltage."""
+        voltage, current = float(plant.supply.voltage), float(plant.supply.current)
         if voltage <= 0.0 or current <= 0.0:
             voltage = self._voltage
-            power = float(part(m, "torque") @ part(m, "speed"))
+            power = float(plant.rotor_torque @ plant.rotor_speed)
             current = power / (_EFFICIENCY * voltage)
         self._used_mah += current * seconds / 3.6
         get = self._parameters.get

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from tombo_control.autopilot import HISTORY_TICKS, A, E, part
 from tombo_control.estimator import correct, predict, store_history, update_body_rates
-from tombo_dynamics.plant import P
-from tombo_dynamics.plant import part as plant_part
+from tombo_dynamics.records import numbers
 from tombo_dynamics.rotation import rotate_vectors
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.autopilot.offboard_setpoint import heading_of
@@ -178,11 +177,11 @@ class Ekf2Model:
             fix = self._gps.popleft()
             if tick - self._last_vision > _STALE_TICKS:
                 self._take(fix, "gps", tick, airborne)
-        update_body_rates(a, simulator.m, P.imu)
+        update_body_rates(a, simulator.plant.gyro, 0)
 
     def advance(self, simulator: Simulator, airborne: bool) -> None:
         """Carry the estimate on to the next tick, after the control loops."""
-        predict(self._a, simulator.m, P.imu + 3, airborne and bool(self._source))
+        predict(self._a, simulator.plant.accel, 0, airborne and bool(self._source))
 
     def _feel(self, imu: Array) -> None:
         """Low-pass the specific force of a vehicle at rest; level the first attitude with it."""
@@ -205,7 +204,7 @@ class Ekf2Model:
         """Read barometer, compass and GPS, each with its own noise of where it really is."""
         get = self._parameters.get
         noise = self._rng.standard_normal(5)  # drawn in any case: chance stays in step
-        body = plant_part(simulator.m, "body")
+        body = numbers(simulator.plant.state)
         baro = get("SYS_HAS_BARO") and get("EKF2_BARO_CTRL")
         compass = get("SYS_HAS_MAG") and get("EKF2_MAG_TYPE") != 5
         yaw = heading_of(body[6:10]) + _COMPASS_NOISE * float(noise[3])

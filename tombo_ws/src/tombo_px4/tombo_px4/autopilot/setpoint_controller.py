@@ -11,7 +11,7 @@ from tombo_control.attitude_control import attitude_control
 from tombo_control.autopilot import A, G, N, part
 from tombo_control.cascade import run_control_loops, stop_rotors
 from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS
-from tombo_dynamics.rotor_maps import speed_for_thrust
+from tombo_dynamics.rotor_maps import RotorMaps, speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.autopilot.offboard_setpoint import ControlLevel, ResolvedSetpoint, heading_of
 from tombo_px4.autopilot.parameters import ParameterTable
@@ -23,7 +23,7 @@ _PERIOD = POSITION_TICKS * 1e-3
 class SetpointController:
     """Flies the demand that was last given, in the autopilot's memory `a`."""
 
-    def __init__(self, a: Array, maps: Array, parameters: ParameterTable) -> None:
+    def __init__(self, a: Array, maps: RotorMaps, parameters: ParameterTable) -> None:
         self._a = a
         self._maps = maps
         self._parameters = parameters

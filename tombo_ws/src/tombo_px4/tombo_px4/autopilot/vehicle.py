@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from tombo_control.autopilot import A, new_autopilot, part
 from tombo_control.estimate import TICK_NS, Estimate
 from tombo_control.params import POSITION_TICKS, ControlParams, EstimatorParams
-from tombo_dynamics.plant import part as plant_part
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.autopilot.battery import BatteryMeter
 from tombo_px4.autopilot.commander import DESCEND, TERMINATE, Commander, CommanderInput
@@ -255,7 +254,8 @@ class Px4Vehicle:
     @property
     def rotor_speeds(self) -> Array:
         """(4) [rad/s], as they really are."""
-        return plant_part(self.simulator.m, "speed").copy()
+        speeds: Array = self.simulator.plant.rotor_speed.copy()
+        return speeds
 
     @property
     def rotor_commands(self) -> Array:
@@ -470,7 +470,7 @@ class Px4Vehicle:
 
     def _decide(self, tick: int) -> None:
         """Fifty times a second: battery, ground, mode, set points."""
-        self._battery = self._meter.draw(self.simulator.m, POSITION_TICKS * _TICK)
+        self._battery = self._meter.draw(self.simulator.plant, POSITION_TICKS * _TICK)
         self._update_land_detector()
         commander = self._commander
         commander.update(self._commander_input())
@@ -585,7 +585,7 @@ class Px4Vehicle:
         descending = self._descend_mode
         if flown is not None and flown.kind <= ControlLevel.ACCELERATION:
             descending = float(a[A.velocity_setpoint + 2]) < _SINKS
-        force = plant_part(self.simulator.m, "imu")[3:] - part(a, "accel_bias")
+        force = self.simulator.plant.accel - part(a, "accel_bias")
         length = math.sqrt(float(force @ force)) / GRAVITY
         self._force += _SMOOTH * (length - self._force)
         aloft = self._had_time_to_lift_off(self.tick)

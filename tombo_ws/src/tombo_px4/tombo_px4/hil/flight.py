@@ -117,7 +117,7 @@ class HilFlight:
     def _sensor(self) -> bytes:
         fields = INERTIAL
         if (self.steps - 1) % SLOW_SENSORS_EVERY == 0:
-            self._slow = self.sensors.slow(self.simulator.m)
+            self._slow = self.sensors.slow(self.simulator.plant)
             fields = ALL_SENSORS
         slow = self._slow
         message = self._mav.hil_sensor_encode(
@@ -134,7 +134,7 @@ class HilFlight:
         return bytes(message.pack(self._mav))
 
     def _gps(self) -> bytes:
-        fix = self.sensors.gps(self.simulator.m)
+        fix = self.sensors.gps(self.simulator.plant)
         message = self._mav.hil_gps_encode(
             self.time_us,
             _FIX_3D,
@@ -151,7 +151,7 @@ class HilFlight:
         return bytes(message.pack(self._mav))
 
     def _truth(self) -> bytes:
-        true = self.sensors.truth(self.simulator.m)
+        true = self.sensors.truth(self.simulator.plant)
         message = self._mav.hil_state_quaternion_encode(
             self.time_us,
             list(true.attitude),

@@ -10,7 +10,7 @@ Each HIL_SENSOR waits for the HIL_ACTUATOR_CONTROLS with the same time; `time_us
             hil.wait(time.monotonic_ns(), 0.1)      # or come back within a millisecond
         for line in hil.take_news(): ...
 
-`hil.flight.simulator.m` has the truth, `hil.flight.time_us` PX4's clock.
+`hil.flight.simulator.plant` has the truth, `hil.flight.time_us` PX4's clock.
 """
 
 from __future__ import annotations

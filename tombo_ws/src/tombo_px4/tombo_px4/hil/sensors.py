@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_dynamics.plant import P
+from tombo_dynamics.plant import Plant
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.frames import GeoOrigin, enu_from_ned, frd_from_flu, ned_from_enu, px4_quaternion
 from tombo_px4.hil.params import HilParams
@@ -90,7 +90,7 @@ class GroundTruth(NamedTuple):
 
 
 class HilSensors:
-    """Reads the plant's memory. `observe` in every tick; the others when a message is due."""
+    """Reads the plant. `observe` in every tick; the others when a message is due."""
 
     def __init__(self, params: HilParams, seed: int) -> None:
         self._p = params
@@ -121,14 +121,14 @@ class HilSensors:
         values: list[float] = np.clip(noisy, -_FULL_SCALE, _FULL_SCALE).ravel().tolist()
         return values
 
-    def slow(self, m: Array) -> SlowSensors:
+    def slow(self, plant: Plant) -> SlowSensors:
         """Return magnetometer, barometer, pitot tube and thermometer."""
         n = self._rng.standard_normal(4)
-        body = frd_from_flu(m[P.rotation : P.rotation + 9].reshape(3, 3).T @ self._field)
+        body = frd_from_flu(plant.rotation.T @ self._field)
         x, y, z = (body + self._p.mag_noise * n[:3]).tolist()
-        height = self.origin.altitude_m + float(m[P.body + 2])
+        height = self.origin.altitude_m + float(plant.state.position[2])
         pressure = pressure_at(height) + self._p.pressure_noise * float(n[3])
-        forward = float(m[P.flow])
+        forward = float(plant.airspeed[0])
         return SlowSensors(
             (x, y, z),
             0.01 * pressure,
@@ -137,12 +137,12 @@ class HilSensors:
             15.0 - _LAPSE_K_M * height,
         )
 
-    def gps(self, m: Array) -> Gps:
+    def gps(self, plant: Plant) -> Gps:
         """Return a fix."""
         n = self._rng.standard_normal(6)
-        position = m[P.body : P.body + 3] + self._p.gps_position_noise * n[:3]
+        position = plant.state.position + self._p.gps_position_noise * n[:3]
         latitude, longitude, altitude = self._place(position)
-        velocity = ned_from_enu(m[P.body + 3 : P.body + 6] + self._p.gps_velocity_noise * n[3:])
+        velocity = ned_from_enu(plant.state.velocity + self._p.gps_velocity_noise * n[3:])
         north, east, down = velocity.tolist()
         speed = math.hypot(north, east)
         course = round(math.degrees(math.atan2(east, north)) * 100.0) % 36_000
@@ -155,20 +155,20 @@ class HilSensors:
             course if speed > _SLOW else 65_535,
         )
 
-    def truth(self, m: Array) -> GroundTruth:
+    def truth(self, plant: Plant) -> GroundTruth:
         """Return what is really so."""
-        latitude, longitude, altitude = self._place(m[P.body : P.body + 3])
-        body = np.stack([m[P.body + 10 : P.body + 13], m[P.wrench : P.wrench + 3]])
+        latitude, longitude, altitude = self._place(plant.state.position)
+        body = np.stack([plant.state.rates, plant.force])
         rates, force = frd_from_flu(body)
-        to_milli_g = 1000.0 / GRAVITY / float(m[P.inertial])
-        flow = m[P.flow : P.flow + 3]
+        to_milli_g = 1000.0 / GRAVITY / float(plant.mass)
+        flow = plant.airspeed
         return GroundTruth(
-            tuple(px4_quaternion(m[P.body + 6 : P.body + 10]).tolist()),
+            tuple(px4_quaternion(plant.state.attitude).tolist()),
             tuple(rates.tolist()),
             latitude,
             longitude,
             altitude,
-            tuple(_short(100.0 * v) for v in ned_from_enu(m[P.body + 3 : P.body + 6]).tolist()),
+            tuple(_short(100.0 * v) for v in ned_from_enu(plant.state.velocity).tolist()),
             min(round(100.0 * math.sqrt(float(flow @ flow))), 65_535),
             tuple(_short(to_milli_g * f) for f in force.tolist()),
         )

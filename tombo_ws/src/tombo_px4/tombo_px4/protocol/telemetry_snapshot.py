@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_dynamics.plant import P
 from tombo_px4.frames import PX4_ROTORS, GeoOrigin, frd_from_flu, ned_from_enu, px4_quaternion
 from tombo_sim.ground_truth import true_state
 
@@ -108,14 +107,13 @@ class TelemetrySnapshot:
     def truth(self) -> Array:
         """(13) really: position and attitude in map, velocity and rates in base_link."""
         out = np.zeros(13)
-        true_state(self.vehicle.simulator.m, out)
+        true_state(self.vehicle.simulator.plant, out)
         return out
 
     @cached_property
     def true_velocity(self) -> Vector:
         """NED [m/s]: what is really so."""
-        body = P.body + 3
-        return numbers(ned_from_enu(self.vehicle.simulator.m[body : body + 3]))
+        return numbers(ned_from_enu(self.vehicle.simulator.plant.state.velocity))
 
 
 def numbers(values: Array) -> Vector:

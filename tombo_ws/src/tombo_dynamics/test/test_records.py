@@ -1,0 +1,82 @@
+"""Records: fields by name, shared with compiled code, described by unit and doc."""
+
+import numpy as np
+import pytest
+
+from tombo_dynamics.jit import compiled
+from tombo_dynamics.records import Record, field, fill_parameters, numbers
+from tombo_dynamics.vehicle import VehicleParams
+
+
+class Point(Record):
+    place = field("m", "map", 3)
+    count = field("1", "how often seen", kind=int)
+
+
+class Track(Record):
+    start = field("", "where it begins", kind=Point)
+    points = field("", "a ring", 4, kind=Point)
+    vehicle = field("", "who flies", kind=VehicleParams)
+    seen = field("1", "", kind=bool)
+
+
+class LongTrack(Track):
+    length = field("m", "")
+
+
+@compiled
+def walk(track, k):
+    track.start.place[1] += track.vehicle.mass
+    track.points[k].count += 2
+    track.seen = True
+
+
+def test_compiled_code_writes_what_python_reads():
+    track = Track.new()
+    fill_parameters(track.vehicle, VehicleParams(mass=1.7))
+    walk(track, 3)
+    assert track.start.place == pytest.approx([0.0, 1.7, 0.0])
+    assert [point.count for point in track.points] == [0, 0, 0, 2]
+    assert track.seen
+
+
+def test_an_array_field_is_a_view_and_a_copy_is_not():
+    point = Point.new()
+    other = point.copy()
+    point.place[2] = 3.0
+    assert point.place[2] == 3.0 and not other.place.any()
+
+
+def test_a_record_inherits_the_fields_of_its_base():
+    assert list(LongTrack.fields) == [*Track.fields, "length"]
+    assert LongTrack.new().length == 0.0
+
+
+def test_fields_say_unit_and_meaning():
+    assert Point.fields["place"].unit == "m"
+    assert Point.place.__doc__ == "map [m]"
+
+
+def test_another_name_can_be_neither_read_nor_set():
+    point = Point.new()
+    with pytest.raises(AttributeError, match="plaec"):
+        point.plaec  # noqa: B018
+    with pytest.raises(ValueError, match="plaec"):
+        point.plaec = 1.0
+
+
+def test_a_name_with_a_meaning_in_numpy_is_refused():
+    with pytest.raises(ValueError, match="Shape: numpy has its own meaning for shape"):
+        type("Shape", (Record,), {"shape": field("1", "")})
+
+
+def test_numbers_are_a_flat_copy():
+    class Pair(Record):
+        a = field("m", "", 2)
+        b = field("m", "")
+
+    pair = Pair.new()
+    pair.a, pair.b = [1.0, 2.0], 3.0
+    copy = numbers(pair)
+    copy[0] = 9.0
+    assert np.array_equal(numbers(pair), [1.0, 2.0, 3.0])
