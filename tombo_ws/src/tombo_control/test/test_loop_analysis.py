@@ -132,7 +132,7 @@ def test_a_yaw_torque_step_of_the_plant_follows_the_yaw_drive():
     asked = []
 
     def hold(a, tick):
-        b.known("command")[:] = b.truth("command")
+        b.a.setpoint.rotor_speed = b.truth("command")
         asked.append(b.truth("body")[12])
 
     rate = b.fly_ticks(1.0, hold)[:, 12]

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS, RATE_TICKS, ControlParams
-from tombo_dynamics.rotation import Array
-from tombo_dynamics.rotor_maps import rotor_thrust, rotor_torque, speed_for_thrust
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.rotor_maps import RotorMaps, rotor_thrust, rotor_torque, speed_for_thrust
 from tombo_dynamics.vehicle import VehicleParams
 
 Complex = NDArray[np.complex128]
@@ -70,7 +70,7 @@ class YawDrive:
     reacts on the airframe long before its drag has grown."""
 
 
-def yaw_drive(vehicle: VehicleParams, maps: Array) -> YawDrive:
+def yaw_drive(vehicle: VehicleParams, maps: RotorMaps) -> YawDrive:
     """Return the yaw actuator of a vehicle in hover, with the table `rotor_maps` of its rotors."""
     speed = float(speed_for_thrust(maps, vehicle.hover_thrust()))
     step = 1e-3 * speed
@@ -121,7 +121,7 @@ def velocity_pid_response(z: Complex, c: ControlParams) -> tuple[Complex, Comple
     return forward, forward + c.velocity_d * (1.0 - 1.0 / step) / period
 
 
-def open_loops(c: ControlParams, vehicle: VehicleParams, maps: Array) -> dict[str, Loop]:
+def open_loops(c: ControlParams, vehicle: VehicleParams, maps: RotorMaps) -> dict[str, Loop]:
     """Return the open loop of each controller, as a function of z on the unit circle.
 
     Args:
@@ -229,7 +229,9 @@ def _between(w: Array, curve: Array, k: int, level: float) -> float:
     return float(w[k] * (w[k + 1] / w[k]) ** share)
 
 
-def cascade_margins(c: ControlParams, vehicle: VehicleParams, maps: Array) -> dict[str, Margins]:
+def cascade_margins(
+    c: ControlParams, vehicle: VehicleParams, maps: RotorMaps
+) -> dict[str, Margins]:
     """Return the margins of all loops, see `open_loops`."""
     loops = open_loops(c, vehicle, maps)
     return {name: margins(loop, LOOP_TICKS[name]) for name, loop in loops.items()}

@@ -41,7 +41,7 @@ class Field:
         if isinstance(self.kind, np.dtype):
             return self.kind
         if issubclass(self.kind, Record):
-            return self.kind.layout
+            return np.dtype(self.kind.layout)
         if self.kind in _TYPES:
             return np.dtype(_TYPES[self.kind])
         return parameter_layout(self.kind)

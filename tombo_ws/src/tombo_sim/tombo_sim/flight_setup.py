@@ -13,7 +13,7 @@ from tombo_dynamics.effects.compose import pack_theta
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.plant import new_plant, part
 from tombo_dynamics.rigid_body import begin_flight
-from tombo_dynamics.rotor_maps import rotor_maps
+from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_sim.propeller_effects import propulsion_effects, thrust_map_of
 from tombo_sim.world import World
@@ -30,7 +30,7 @@ class FlightSetup:
 
     m: Array
     """Memory of the plant."""
-    maps: Array
+    maps: RotorMaps
     """The rotor's table."""
     effects: dict[str, dict[str, float]]
     """All effects, those of the propeller included."""

@@ -23,10 +23,11 @@ from tombo_collision.reaction_core import (
     take_mission_setpoint,
     take_position,
 )
-from tombo_control.autopilot import BLIND, IDLE, LANDED, A
+from tombo_control.autopilot import BLIND, IDLE, LANDED, Autopilot
 from tombo_control.cascade import cascade
 from tombo_control.controller_core import (
     ControllerCore,
+    ControllerMemory,
     answer_gyro,
     take_biases,
     take_odometry,
@@ -35,6 +36,7 @@ from tombo_control.controller_core import (
 from tombo_control.estimate import TICK_NS
 from tombo_control.estimator_core import (
     EstimatorCore,
+    EstimatorMemory,
     fill_odometry,
     fill_status,
     odometry_due,
@@ -50,6 +52,7 @@ from tombo_dynamics.message_records import copy_event, copy_status
 from tombo_dynamics.plant import Array, P
 from tombo_dynamics.rigid_body import begin_tick, finish_tick
 from tombo_dynamics.rotation import rotated
+from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_sim.flight_end import FLIGHT_END, UNDECIDED, watch_end
 from tombo_sim.log_columns import AT
 
@@ -254,7 +257,7 @@ def fly(
                 n[ESTIMATOR_STATUS] += 1
         answer_gyro(c, ca, maps, params.controller, now, now, gyro)
         for i in range(4):
-            m[P.command + i] = ca[A.command + i]
+            m[P.command + i] = ca.setpoint.rotor_speed[i]
         write_row(m, e, c, ca, log, k)
         finish_tick(m, noise, theta)
         f.tick = k + 1
@@ -319,14 +322,22 @@ def _step_mission(mi: Any, params: Any, p: Any, f: Any, now: int) -> None:
 
 @compiled_call
 def _take_pose(
-    e: Any, ea: Array, d: Any, params: Any, p: Any, n: Any, mocap: Array, row: int, k: int
+    e: EstimatorMemory,
+    autopilot: Autopilot,
+    d: Any,
+    params: Any,
+    p: Any,
+    n: Any,
+    mocap: Array,
+    row: int,
+    k: int,
 ) -> None:
     """Hand a pose to estimator and detector, and publish what the detector makes of it."""
     now = EPOCH_NS + k * TICK_NS
     sample = mocap[row]
     stamp = EPOCH_NS + int(np.rint(sample[STAMPED] * TICK_NS))
     position, attitude = sample[POSE : POSE + 3], sample[POSE + 3 : POSE + 7]
-    estimator_pose(e, ea, stamp, now, position, attitude)
+    estimator_pose(e, autopilot, stamp, now, position, attitude)
     result = detector_pose(d, params, stamp, now, position, attitude)
     entry = p.detector_status[n[DETECTOR_STATUS]]
     entry.tick = k
@@ -362,24 +373,31 @@ def next_arrival(mocap: Array, state: NDArray[np.int64], tick: int) -> int:
 
 @compiled
 def fly_with_true_state(
-    m: Array, a: Array, maps: Array, theta: Array, noise: Array, start: int, stop: int
+    m: Array,
+    autopilot: Autopilot,
+    maps: RotorMaps,
+    theta: Array,
+    noise: Array,
+    start: int,
+    stop: int,
 ) -> None:
     """Fly the plant and the cascade alone, the true state in place of the estimate; no log.
 
     The bare loop for benchmarks and for studies of many vehicles.
     """
+    state, setpoint = autopilot.state, autopilot.setpoint
     for k in range(start, stop):
         begin_tick(m, maps, noise, theta)
         for i in range(3):
-            a[A.position + i] = m[P.body + i]
-            a[A.velocity + i] = m[P.body + 3 + i]
-            a[A.rates + i] = m[P.body + 10 + i]
+            state.position[i] = m[P.body + i]
+            state.velocity[i] = m[P.body + 3 + i]
+            state.rates[i] = m[P.body + 10 + i]
         for i in range(4):
-            a[A.attitude + i] = m[P.body + 6 + i]
-        a[A.mode + 2] = k * _TICK
-        cascade(a, maps, k)
+            state.attitude[i] = m[P.body + 6 + i]
+        autopilot.mocap_time = k * _TICK
+        cascade(autopilot, maps, k)
         for i in range(4):
-            m[P.command + i] = a[A.command + i]
+            m[P.command + i] = setpoint.rotor_speed[i]
         finish_tick(m, noise, theta)
 
 
@@ -426,10 +444,13 @@ def stamped_tick(mocap: Array, i: int) -> int:
 
 
 @compiled
-def write_row(m: Array, e: Any, c: Any, a: Array, log: Array, k: int) -> None:
+def write_row(
+    m: Array, e: EstimatorMemory, c: ControllerMemory, autopilot: Autopilot, log: Array, k: int
+) -> None:
     """Write the tick into row `k` of the log, in the columns of `log_columns.AT`."""
     r = P.rotation
     touching = m[P.contact]
+    estimate, setpoint = e.estimate, autopilot.setpoint
     for i in range(3):
         log[k, AT.position + i] = m[P.body + i]
         log[k, AT.velocity + i] = m[P.body + 3 + i]
@@ -437,12 +458,12 @@ def write_row(m: Array, e: Any, c: Any, a: Array, log: Array, k: int) -> None:
         log[k, AT.contact + 2 + i] = m[P.contact + 5 + i]
         log[k, AT.gyro + i] = m[P.imu + i]
         log[k, AT.accel + i] = m[P.imu + 3 + i]
-        log[k, AT.est_position + i] = e.estimate[A.position + i] if e.known else math.nan
-        log[k, AT.est_velocity + i] = e.estimate[A.velocity + i] if e.known else math.nan
+        log[k, AT.est_position + i] = estimate.position[i] if e.known else math.nan
+        log[k, AT.est_velocity + i] = estimate.velocity[i] if e.known else math.nan
         log[k, AT.position_setpoint + i] = c.setpoint.position[i]
         log[k, AT.velocity_setpoint + i] = c.setpoint.velocity[i]
         log[k, AT.acceleration_setpoint + i] = c.setpoint.acceleration[i]
-        log[k, AT.rates_setpoint + i] = a[A.rates_setpoint + i]
+        log[k, AT.rates_setpoint + i] = setpoint.rates[i]
         log[k, AT.wind + i] = m[P.wind + i]
         log[k, AT.battery + i] = m[P.supply + i]
         push = 0.0
@@ -458,10 +479,10 @@ def write_row(m: Array, e: Any, c: Any, a: Array, log: Array, k: int) -> None:
         log[k, AT.rotor_thrust + i] = m[P.thrust + i]
         log[k, AT.fold + i] = m[P.fold + i]
         log[k, AT.damage + i] = m[P.damage + i]
-        log[k, AT.est_attitude + i] = e.estimate[A.attitude + i] if e.known else math.nan
-        log[k, AT.attitude_setpoint + i] = a[A.attitude_setpoint + i]
+        log[k, AT.est_attitude + i] = estimate.attitude[i] if e.known else math.nan
+        log[k, AT.attitude_setpoint + i] = setpoint.attitude[i]
         log[k, AT.rotor_command + i] = m[P.command + i]
     log[k, AT.contact] = touching
     log[k, AT.contact + 1] = m[P.contact + 1]
-    log[k, AT.thrust_setpoint] = a[A.thrust_setpoint]
-    log[k, AT.mode] = BLIND if a[A.mode + 1] == BLIND else c.setpoint.phase
+    log[k, AT.thrust_setpoint] = setpoint.thrust
+    log[k, AT.mode] = BLIND if autopilot.mode_flown == BLIND else c.setpoint.phase

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_collision.reactions.bounce import Bounce
-from tombo_control.autopilot import APPROACH, HOVER, REACT, TAKEOFF, A, new_autopilot
-from tombo_control.leg import Leg, hold_leg, straight_leg
+from tombo_control.autopilot import APPROACH, HOVER, REACT, TAKEOFF, Autopilot, new_autopilot
+from tombo_control.leg import Leg, hold_leg, store_leg, straight_leg
 from tombo_dynamics.effects.compose import pack_theta
 from tombo_dynamics.plant import P, new_plant, part
 from tombo_dynamics.rigid_body import begin_flight
-from tombo_dynamics.rotor_maps import rotor_maps
+from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
 from tombo_flight.scenario import Scenario
 from tombo_sim.kernel import fly_with_true_state
 from tombo_sim.propeller_effects import propulsion_effects, thrust_map_of
@@ -37,16 +37,16 @@ class KernelFlight:
 
     scenario: Scenario
     plant: Array
-    autopilot: Array
-    maps: Array
+    autopilot: Autopilot
+    maps: RotorMaps
     theta: Array
     zero_noise: Array
     """The standard normal numbers of every tick: none, since the bare kernel takes one row."""
 
     def stretch(self, leg: Leg, mode: int, start: int, stop: int) -> None:
         """Fly a leg from tick `start` to tick `stop`."""
-        self.autopilot[A.leg : A.leg + 14] = leg.as_array()
-        self.autopilot[A.mode] = mode
+        store_leg(self.autopilot.leg, leg)
+        self.autopilot.mode_asked = mode
         fly_with_true_state(
             self.plant, self.autopilot, self.maps, self.theta, self.zero_noise, start, stop
         )
@@ -66,9 +66,9 @@ def new_flight(scenario: Scenario, seed: int) -> KernelFlight:
     zero_noise = np.zeros(9)
     begin_flight(m, zero_noise, theta, TICK_S)
     body = part(m, "body")
-    a = new_autopilot(scenario.control, scenario.estimator, vehicle, body[:3], body[6:10])
+    autopilot = new_autopilot(scenario.control, scenario.estimator, vehicle, body[:3], body[6:10])
     maps = rotor_maps(thrust_map_of(scenario.propeller), vehicle)
-    return KernelFlight(scenario, m, a, maps, theta, zero_noise)
+    return KernelFlight(scenario, m, autopilot, maps, theta, zero_noise)
 
 
 def stretches(flight: KernelFlight, contact_s: float) -> list[Stretch]:

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_dynamics.rotor_maps import speed_for_thrust
+from tombo_dynamics.rotor_maps import RotorMaps, speed_for_thrust
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_px4.frames import PX4_ROTORS
 
@@ -27,7 +27,7 @@ _ROUNDING = 1e-3
 class MotorMapping:
     """Controls of PX4's motors 1 to 4 to speeds of our rotors."""
 
-    def __init__(self, vehicle: VehicleParams, maps: Array, mapping: str) -> None:
+    def __init__(self, vehicle: VehicleParams, maps: RotorMaps, mapping: str) -> None:
         self._maps = maps
         self._by_thrust = mapping == "thrust"
         self._lowest = float(maps.thrust_lowest)
