@@ -9,20 +9,17 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tombo_control.autopilot import HOVER, A, new_autopilot
-from tombo_control.autopilot import part as autopilot_part
+from tombo_control.autopilot import HOVER, Autopilot, new_autopilot
 from tombo_control.params import ControlParams, EstimatorParams
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import SimulatedPlant, new_plant, null_theta, pack_theta
 from tombo_dynamics.propeller import configuration, thrust_map
 from tombo_dynamics.records import numbers
 from tombo_dynamics.rigid_body import begin_flight, begin_tick, finish_tick
-from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
+from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps, speed_for_thrust
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_sim.kernel import fly_with_true_state
-
-Array = NDArray[np.float64]
 
 VEHICLE = VehicleParams()
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
@@ -32,7 +29,7 @@ FOREVER = 1e9
 
 
 @lru_cache
-def rotor_table() -> Array:
+def rotor_table() -> RotorMaps:
     return rotor_maps(thrust_map(configuration(13), law="repaired"), VEHICLE)
 
 
@@ -41,7 +38,7 @@ def fresh_autopilot(
     position: Any = (0.0, 0.0, 10.0),
     attitude: Any = UPRIGHT,
     estimator: EstimatorParams | None = None,
-) -> Array:
+) -> Autopilot:
     """An autopilot that hovers where it is, with fresh mocap for ever."""
     a = new_autopilot(
         control or ControlParams(),
@@ -50,10 +47,10 @@ def fresh_autopilot(
         np.array(position, dtype=float),
         np.array(attitude, dtype=float),
     )
-    a[A.mode] = a[A.mode + 1] = HOVER
-    a[A.mode + 2] = FOREVER
-    a[A.thrust_setpoint] = 4.0 * VEHICLE.hover_thrust()
-    a[A.leg + 7] = FOREVER
+    a.mode_asked = a.mode_flown = HOVER
+    a.mocap_time = FOREVER
+    a.setpoint.thrust = 4.0 * VEHICLE.hover_thrust()
+    a.leg.end_s = FOREVER
     return a
 
 
@@ -62,12 +59,9 @@ class Bench:
     """A vehicle that starts in a perfect hover at 10 m, its cascade flying on the truth."""
 
     plant: SimulatedPlant
-    a: Array
+    a: Autopilot
     theta: Array
     tick: int = 0
-
-    def known(self, name: str) -> Array:
-        return autopilot_part(self.a, name)
 
     def fly(self, seconds: float, every: int = 5) -> Array:
         """Fly on; return position, velocity, attitude, rates (13) every few ticks."""
@@ -81,18 +75,17 @@ class Bench:
             rows.append(numbers(self.plant.state))
         return np.array(rows)
 
-    def fly_ticks(self, seconds: float, control: Callable[[Array, int], None]) -> Array:
+    def fly_ticks(self, seconds: float, control: Callable[[Autopilot, int], None]) -> Array:
         """Fly with any controller `control(a, tick)` in place of the cascade."""
         rows = []
         for tick in range(self.tick, self.tick + round(seconds * 1000)):
             begin_tick(self.plant, rotor_table(), STILL, self.theta)
             body = numbers(self.plant.state)
-            self.known("position")[:] = body[0:3]
-            self.known("velocity")[:] = body[3:6]
-            self.known("attitude")[:] = body[6:10]
-            self.known("rates")[:] = body[10:13]
+            state = self.a.state
+            state.position, state.velocity = body[0:3], body[3:6]
+            state.attitude, state.rates = body[6:10], body[10:13]
             control(self.a, tick)
-            self.plant.rotor_command = self.known("command")
+            self.plant.rotor_command = self.a.setpoint.rotor_speed
             finish_tick(self.plant, STILL, self.theta)
             self.tick = tick + 1
             rows.append(body)

@@ -8,10 +8,12 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from tombo_control.allocation import allocate, inertia_torque
-from tombo_control.autopilot import part
+from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, SPIN
 
 LOW, HIGH, RATIO = 0.2, 7.0, 0.04
+MAPS = RotorMaps.new()
+MAPS.thrust_lowest, MAPS.thrust_highest, MAPS.torque_ratio = LOW, HIGH, RATIO
 EFFECT = np.array(
     [np.ones(4), VEHICLE.arm_length * ARM_Y, -VEHICLE.arm_length * ARM_X, -RATIO * SPIN]
 )
@@ -23,10 +25,10 @@ not_numbers = st.sampled_from([math.nan, math.inf, -math.inf])
 
 def rotor_thrusts(thrust, roll, pitch, yaw):
     a = fresh_autopilot()
-    part(a, "thrust_setpoint")[0] = thrust
-    part(a, "torque_setpoint")[:] = roll, pitch, yaw
-    allocate(a, RATIO, LOW, HIGH)
-    return part(a, "rotor_thrust").copy(), part(a, "saturated").copy()
+    a.setpoint.thrust = thrust
+    a.setpoint.torque[:] = roll, pitch, yaw
+    allocate(a.setpoint, a.loops, a.nominal, MAPS)
+    return a.setpoint.rotor_thrust.copy(), a.loops.saturated.copy()
 
 
 @given(st.lists(st.floats(LOW + 1e-6, HIGH - 1e-6), min_size=4, max_size=4))
@@ -90,10 +92,10 @@ def test_a_demand_that_is_no_number_gives_no_thrust_outside_the_limits(demand):
 def test_torque_gives_the_acceleration_asked_for(acceleration, rates):
     """Euler's equation of the airframe, solved for the acceleration, gives back what was asked."""
     a = fresh_autopilot()
-    part(a, "rates")[:] = rates
-    part(a, "torque_setpoint")[:] = acceleration
-    inertia_torque(a)
+    a.state.rates[:] = rates
+    a.setpoint.angular_acceleration[:] = acceleration
+    inertia_torque(a.state, a.setpoint, a.nominal)
     inertia = np.array([VEHICLE.inertia_xx, VEHICLE.inertia_yy, VEHICLE.inertia_zz])
     w = np.array(rates)
-    torque = part(a, "torque_setpoint")
+    torque = a.setpoint.torque
     assert np.allclose((torque - np.cross(w, inertia * w)) / inertia, acceleration, atol=1e-8)

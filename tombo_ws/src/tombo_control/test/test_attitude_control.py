@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tombo_control.attitude_control import attitude_control
-from tombo_control.autopilot import part
 from tombo_control.params import ControlParams
 from tombo_dynamics.rotation import quaternion_multiply, relative_rotation, rotate_by_vector
 
@@ -26,10 +25,10 @@ attitudes = (
 
 def rates_for(setpoint, attitude):
     a = fresh_autopilot()
-    part(a, "attitude_setpoint")[:] = setpoint
-    part(a, "attitude")[:] = attitude
-    attitude_control(a)
-    return part(a, "rates_setpoint").copy()
+    a.setpoint.attitude[:] = setpoint
+    a.state.attitude[:] = attitude
+    attitude_control(a.state, a.setpoint, a.gains)
+    return a.setpoint.rates.copy()
 
 
 def tilt_between(p, q):

@@ -12,7 +12,7 @@ from control_bench import (
     rotor_table,
 )
 
-from tombo_control.autopilot import BLIND, HOVER, IDLE, LANDED, A, part
+from tombo_control.autopilot import BLIND, HOVER, IDLE, LANDED
 from tombo_control.cascade import cascade
 from tombo_control.params import ControlParams
 from tombo_dynamics.rotation import tilt, yaw_pitch_roll
@@ -26,16 +26,16 @@ def ticks_that_write(name):
     a = fresh_autopilot()
     written = []
     for tick in range(1000):
-        part(a, name)[0] = MARK
+        a.setpoint[name][0] = MARK
         cascade(a, rotor_table(), tick)
-        if part(a, name)[0] != MARK:
+        if a.setpoint[name][0] != MARK:
             written.append(tick)
     return written
 
 
 @pytest.mark.parametrize(
     ("output", "rate"),
-    [("thrust_setpoint", 50), ("rates_setpoint", 250), ("torque_setpoint", 1000)],
+    [("attitude", 50), ("rates", 250), ("torque", 1000)],
 )
 def test_loops_run_exactly_at_their_rates(output, rate):
     assert ticks_that_write(output) == list(range(0, 1000, 1000 // rate))
@@ -51,14 +51,14 @@ def swing(control, seconds=20.0):
 
 
 def cascade_on(a, tick):
-    a[A.mode + 2] = FOREVER
+    a.mocap_time = FOREVER
     cascade(a, rotor_table(), tick)
 
 
 def position_alone(a, tick):
     """P on position with the same stiffness; the velocity is not looked at."""
-    part(a, "velocity")[:] = 0.0
-    part(a, "velocity_integral")[:] = 0.0
+    a.state.velocity[:] = 0.0
+    a.loops.velocity_integral[:] = 0.0
     cascade_on(a, tick)
 
 
@@ -71,21 +71,21 @@ def test_p_alone_on_a_double_integrator_cannot_damp_and_the_cascade_can():
 @pytest.mark.parametrize("mode", [IDLE, LANDED])
 def test_stands_by_with_rotors_off_and_integrals_forgotten(mode):
     a = fresh_autopilot()
-    part(a, "position_setpoint")[:] = 3.0, 3.0, 13.0
-    part(a, "rates")[:] = 0.1, -0.2, 0.3
+    a.setpoint.position[:] = 3.0, 3.0, 13.0
+    a.state.rates[:] = 0.1, -0.2, 0.3
     for tick in range(500):
-        part(a, "leg")[:3] = 0.3, -0.3, 10.3
+        a.leg.start[:] = 0.3, -0.3, 10.3
         cascade(a, rotor_table(), tick)
-    assert np.abs(part(a, "velocity_integral")).min() > 0.0
-    assert np.abs(part(a, "rate_integral")).min() > 0.0
-    a[A.mode] = mode
+    assert np.abs(a.loops.velocity_integral).min() > 0.0
+    assert np.abs(a.loops.rate_integral).min() > 0.0
+    a.mode_asked = mode
     cascade(a, rotor_table(), 501)
-    assert (part(a, "command") == 0.0).all()
-    assert (part(a, "velocity_integral") == 0.0).all()
-    assert (part(a, "rate_integral") == 0.0).all()
-    assert a[A.mode + 1] == mode
+    assert (a.setpoint.rotor_speed == 0.0).all()
+    assert (a.loops.velocity_integral == 0.0).all()
+    assert (a.loops.rate_integral == 0.0).all()
+    assert a.mode_flown == mode
     # so the derivative of the first tick in the air starts from the present rate
-    assert (part(a, "rate_filtered") == part(a, "rates")).all()
+    assert (a.loops.rate_filtered == a.state.rates).all()
 
 
 def test_levels_and_sinks_without_mocap_and_comes_back():
@@ -95,22 +95,22 @@ def test_levels_and_sinks_without_mocap_and_comes_back():
     heading = yaw_pitch_roll(b.plant.state.attitude)[0]
 
     def stale(a, tick):
-        a[A.mode + 2] = tick * 1e-3 - (C.blind_timeout + 0.001)
+        a.mocap_time = tick * 1e-3 - (C.blind_timeout + 0.001)
         cascade(a, rotor_table(), tick)
 
     body = b.fly_ticks(3.0, stale)
-    assert b.a[A.mode + 1] == BLIND
+    assert b.a.mode_flown == BLIND
     assert tilt(body[1500:, 6:10]).max() < 0.01
     sink = -np.gradient(body[:, 5], 1e-3)[1500:]
     assert sink.mean() == pytest.approx((1.0 - C.blind_thrust) * GRAVITY, rel=0.02)
     assert abs(yaw_pitch_roll(body[-1, 6:10])[0] - heading) < 0.05
 
     def fresh(a, tick):
-        a[A.mode + 2] = tick * 1e-3 - (C.blind_timeout - 0.001)
+        a.mocap_time = tick * 1e-3 - (C.blind_timeout - 0.001)
         cascade(a, rotor_table(), tick)
 
     body = b.fly_ticks(20.0, fresh)
-    assert b.a[A.mode + 1] == HOVER
+    assert b.a.mode_flown == HOVER
     assert tilt(body[:, 6:10]).max() < C.tilt_max + 0.1
     assert np.linalg.norm(body[-1, :3] - [0.0, 0.0, 10.0]) < 0.05
 
@@ -119,7 +119,7 @@ def test_saturated_command_brings_it_back_from_a_tumble():
     """Dropped upside down with a spin: it levels and holds, with no rotor past its limits."""
     b = bench()
     b.plant.state.position[2] = 30.0
-    b.known("leg")[2] = 30.0
+    b.a.leg.start[2] = 30.0
     b.plant.state.attitude = quaternion((1.0, 0.3, 0.0), math.pi - 0.01)
     b.plant.state.rates = [3.0, -2.0, 1.0]
     body = b.fly(15.0)

@@ -8,13 +8,12 @@ from control_bench import fresh_autopilot, quaternion
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from numpy.typing import NDArray
 
-from tombo_control.autopilot import A, part
+from tombo_control.autopilot import Autopilot
 from tombo_control.gyro_propagation import correct_with_estimate, propagate
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import quaternion_multiply
 
-Array = NDArray[np.float64]
 _BEFORE = 40
 _rates = arrays(float, 3, elements=st.floats(-8.0, 8.0))
 _velocity = arrays(float, 3, elements=st.floats(-3.0, 3.0))
@@ -44,15 +43,17 @@ class _Truth:
     def position(self, tick: int) -> Array:
         return np.array([1.0, 2.0, 3.0]) + self.velocity * tick * 1e-3
 
-    def estimate(self, tick: int) -> Array:
-        return np.concatenate([self.position(tick), self.velocity, self.attitude(tick)])
+    def correct(self, a: Autopilot, captured: int, now: int, sign: float = 1.0) -> None:
+        """Hand the truth at tick `captured` to an autopilot at tick `now`."""
+        position, attitude = self.position(captured), sign * self.attitude(captured)
+        correct_with_estimate(a.state, a.history, position, self.velocity, attitude, captured, now)
 
 
-def _coasting(truth: _Truth, error: Array, ticks: int = _BEFORE) -> Array:
+def _coasting(truth: _Truth, error: Array, ticks: int = _BEFORE) -> Autopilot:
     """An autopilot at tick `ticks`, off by a rotation `error` and with position unknown."""
     a = fresh_autopilot(attitude=quaternion_multiply(truth.attitude(0), _turn(error)))
-    part(a, "rates")[:] = truth.rates
-    propagate(a, ticks, ticks)
+    a.state.rates[:] = truth.rates
+    propagate(a.state, a.history, ticks, ticks)
     return a
 
 
@@ -62,10 +63,10 @@ def test_coasting_turns_with_the_gyro_and_moves_with_the_velocity(
 ) -> None:
     truth = _Truth(rates, velocity)
     a = fresh_autopilot(position=truth.position(0), attitude=truth.attitude(0))
-    part(a, "rates")[:], part(a, "velocity")[:] = rates, velocity
-    propagate(a, ticks, ticks)
-    assert _angle(part(a, "attitude"), truth.attitude(ticks)) < 1e-7
-    assert np.allclose(part(a, "position"), truth.position(ticks), atol=1e-12)
+    a.state.rates[:], a.state.velocity[:] = rates, velocity
+    propagate(a.state, a.history, ticks, ticks)
+    assert _angle(a.state.attitude, truth.attitude(ticks)) < 1e-7
+    assert np.allclose(a.state.position, truth.position(ticks), atol=1e-12)
 
 
 @given(_rates, _velocity, _late)
@@ -74,21 +75,21 @@ def test_a_late_estimate_equals_integrating_from_it(
 ) -> None:
     truth = _Truth(rates, velocity)
     a = _coasting(truth, np.zeros(3))
-    correct_with_estimate(a, truth.estimate(_BEFORE - late), _BEFORE - late, _BEFORE)
-    assert _angle(part(a, "attitude"), truth.attitude(_BEFORE)) < 1e-7
-    assert np.allclose(part(a, "position"), truth.position(_BEFORE), atol=1e-12)
-    assert np.array_equal(part(a, "velocity"), velocity)
+    truth.correct(a, _BEFORE - late, _BEFORE)
+    assert _angle(a.state.attitude, truth.attitude(_BEFORE)) < 1e-7
+    assert np.allclose(a.state.position, truth.position(_BEFORE), atol=1e-12)
+    assert np.array_equal(a.state.velocity, velocity)
 
 
 @given(_rates, _small, _late)
 def test_a_wrong_attitude_is_put_right_at_once(rates: Array, error: Array, late: int) -> None:
     truth = _Truth(rates, np.zeros(3))
     a = _coasting(truth, error)
-    correct_with_estimate(a, truth.estimate(_BEFORE - late), _BEFORE - late, _BEFORE)
+    truth.correct(a, _BEFORE - late, _BEFORE)
     # the correction is applied in the body frame of the present: off by the product of two angles
     turned = float(np.linalg.norm(rates)) * late * 1e-3
     left = float(np.linalg.norm(error)) * turned
-    assert _angle(part(a, "attitude"), truth.attitude(_BEFORE)) < 1.1 * left + 1e-7
+    assert _angle(a.state.attitude, truth.attitude(_BEFORE)) < 1.1 * left + 1e-7
 
 
 @given(_rates, _small, _late, st.integers(1, 8))
@@ -100,11 +101,11 @@ def test_estimates_in_a_row_do_not_correct_twice(
     tick = _BEFORE
     size = float(np.linalg.norm(error))
     for _ in range(6):
-        correct_with_estimate(a, truth.estimate(tick - late), tick - late, tick)
+        truth.correct(a, tick - late, tick)
         turned = float(np.linalg.norm(rates)) * late * 1e-3
-        assert _angle(part(a, "attitude"), truth.attitude(tick)) < 1.1 * size * turned + 1e-7
+        assert _angle(a.state.attitude, truth.attitude(tick)) < 1.1 * size * turned + 1e-7
         tick += period
-        propagate(a, tick, period)
+        propagate(a.state, a.history, tick, period)
 
 
 @given(_rates, _velocity, st.integers(1, 5))
@@ -113,11 +114,11 @@ def test_an_estimate_ahead_of_the_gyro_is_carried_back(
 ) -> None:
     truth = _Truth(rates, velocity)
     a = _coasting(truth, np.array([0.05, 0.0, 0.0]))
-    correct_with_estimate(a, truth.estimate(_BEFORE + ahead), _BEFORE + ahead, _BEFORE)
-    assert _angle(part(a, "attitude"), truth.attitude(_BEFORE)) < 1e-7
-    assert np.allclose(part(a, "position"), truth.position(_BEFORE), atol=1e-12)
-    propagate(a, _BEFORE + ahead, ahead)
-    assert _angle(part(a, "attitude"), truth.attitude(_BEFORE + ahead)) < 1e-7
+    truth.correct(a, _BEFORE + ahead, _BEFORE)
+    assert _angle(a.state.attitude, truth.attitude(_BEFORE)) < 1e-7
+    assert np.allclose(a.state.position, truth.position(_BEFORE), atol=1e-12)
+    propagate(a.state, a.history, _BEFORE + ahead, ahead)
+    assert _angle(a.state.attitude, truth.attitude(_BEFORE + ahead)) < 1e-7
 
 
 @given(_rates, _late)
@@ -125,28 +126,26 @@ def test_the_sign_of_the_quaternion_does_not_matter(rates: Array, late: int) -> 
     truth = _Truth(rates, np.zeros(3))
     a = _coasting(truth, np.array([0.0, 0.1, 0.0]))
     b = a.copy()
-    estimate = truth.estimate(_BEFORE - late)
-    correct_with_estimate(a, estimate, _BEFORE - late, _BEFORE)
-    estimate[6:] *= -1.0
-    correct_with_estimate(b, estimate, _BEFORE - late, _BEFORE)
-    assert _angle(part(a, "attitude"), part(b, "attitude")) < 1e-7
+    truth.correct(a, _BEFORE - late, _BEFORE)
+    truth.correct(b, _BEFORE - late, _BEFORE, sign=-1.0)
+    assert _angle(a.state.attitude, b.state.attitude) < 1e-7
 
 
 def test_an_estimate_older_than_the_history_is_taken_as_it_is() -> None:
     truth = _Truth(np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]))
     a = _coasting(truth, np.zeros(3), ticks=700)
-    correct_with_estimate(a, truth.estimate(100), 100, 700)
-    assert _angle(part(a, "attitude"), truth.attitude(100)) < 1e-7
-    assert np.allclose(part(a, "position"), truth.position(700))
-    propagate(a, 704, 4)
-    correct_with_estimate(a, truth.estimate(701), 701, 704)
-    assert _angle(part(a, "attitude"), truth.attitude(704)) < 1e-6
+    truth.correct(a, 100, 700)
+    assert _angle(a.state.attitude, truth.attitude(100)) < 1e-7
+    assert np.allclose(a.state.position, truth.position(700))
+    propagate(a.state, a.history, 704, 4)
+    truth.correct(a, 701, 704)
+    assert _angle(a.state.attitude, truth.attitude(704)) < 1e-6
 
 
 @pytest.mark.parametrize("half_turn", [[0.0, 0.0, np.pi], [np.pi, 0.0, 0.0]])
 def test_an_attitude_off_by_half_a_turn_is_put_right(half_turn: list[float]) -> None:
     truth = _Truth(np.zeros(3), np.zeros(3))
     a = _coasting(truth, np.array(half_turn))
-    correct_with_estimate(a, truth.estimate(_BEFORE - 3), _BEFORE - 3, _BEFORE)
-    assert _angle(part(a, "attitude"), truth.attitude(0)) < 1e-7
-    assert np.isfinite(a[A.attitude : A.attitude + 4]).all()
+    truth.correct(a, _BEFORE - 3, _BEFORE)
+    assert _angle(a.state.attitude, truth.attitude(0)) < 1e-7
+    assert np.isfinite(a.state.attitude).all()

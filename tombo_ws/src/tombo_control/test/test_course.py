@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tombo_control.autopilot import APPROACH, HOVER, IDLE, LAND, LANDED, TAKEOFF, A, new_autopilot
+from tombo_control.autopilot import APPROACH, HOVER, IDLE, LAND, LANDED, TAKEOFF, new_autopilot
 from tombo_control.course import Waypoint, leg_to, read_course, resolved_waypoints
-from tombo_control.leg import turning_leg
+from tombo_control.leg import store_leg, turning_leg
 from tombo_control.mission import (
     MissionParams,
     advance_mission,
@@ -225,10 +225,10 @@ def test_the_autopilot_s_memory_says_the_same_as_the_leg(now):
     leg = leg_to(target, HOVERING, -1.0, 0.3)
     level = np.array([0.0, 0.0, 0.0, 1.0])
     a = new_autopilot(ControlParams(), EstimatorParams(), VehicleParams(), HOME, level)
-    a[A.leg : A.leg + 14] = leg.as_array()
-    follow_leg(a, now)
-    assert a[A.position_setpoint : A.position_setpoint + 3] == pytest.approx(leg.position(now))
-    assert a[A.leg + 9] == pytest.approx(leg.yaw_at(now))
+    store_leg(a.leg, leg)
+    follow_leg(a.leg, a.setpoint, now)
+    assert a.setpoint.position == pytest.approx(leg.position(now))
+    assert a.setpoint.yaw == pytest.approx(leg.yaw_at(now))
 
 
 def setpoint_of(outputs):

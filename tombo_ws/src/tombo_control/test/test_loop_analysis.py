@@ -132,7 +132,7 @@ def test_a_yaw_torque_step_of_the_plant_follows_the_yaw_drive():
     asked = []
 
     def hold(a, tick):
-        b.known("command")[:] = b.plant.rotor_command
+        b.a.setpoint.rotor_speed = b.plant.rotor_command
         asked.append(b.plant.state.rates[2])
 
     rate = b.fly_ticks(1.0, hold)[:, 12]

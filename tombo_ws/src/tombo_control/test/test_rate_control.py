@@ -9,7 +9,6 @@ from control_bench import bench, fresh_autopilot, quaternion, rotor_table
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tombo_control.autopilot import part
 from tombo_control.cascade import cascade
 from tombo_control.params import ControlParams
 from tombo_control.rate_control import rate_control
@@ -20,11 +19,11 @@ C = ControlParams()
 
 
 def asked(a, setpoint, rates, saturated=(0.0, 0.0, 0.0)):
-    part(a, "rates_setpoint")[:] = setpoint
-    part(a, "rates")[:] = rates
-    part(a, "saturated")[:] = saturated
-    rate_control(a)
-    return part(a, "torque_setpoint").copy()
+    a.setpoint.rates[:] = setpoint
+    a.state.rates[:] = rates
+    a.loops.saturated[:] = saturated
+    rate_control(a.state, a.setpoint, a.loops, a.gains)
+    return a.setpoint.angular_acceleration.copy()
 
 
 def test_a_jump_of_the_set_point_gives_no_derivative_kick():
@@ -66,9 +65,9 @@ def test_the_integral_stops_only_in_the_direction_that_is_used_up(direction, axi
     towards = np.zeros(3)
     towards[axis] = direction * error
     asked(a, towards, np.zeros(3), full)
-    assert part(a, "rate_integral")[axis] == 0.0
+    assert a.loops.rate_integral[axis] == 0.0
     asked(a, -towards, np.zeros(3), full)
-    assert part(a, "rate_integral")[axis] * direction < 0.0
+    assert a.loops.rate_integral[axis] * direction < 0.0
 
 
 @given(st.floats(-100.0, 100.0))
@@ -76,7 +75,7 @@ def test_the_integral_is_bounded(error):
     a = fresh_autopilot()
     for _ in range(3000):
         asked(a, [error, 0.0, error], np.zeros(3))
-    assert np.abs(part(a, "rate_integral")).max() <= C.rate_i_max
+    assert np.abs(a.loops.rate_integral).max() <= C.rate_i_max
 
 
 def overshoot(control, held_s):
@@ -86,10 +85,10 @@ def overshoot(control, held_s):
 
     def towards_goal(a, tick):
         cascade(a, maps, tick)
-        part(a, "attitude_setpoint")[:] = goal
+        a.setpoint.attitude[:] = goal
 
     maps = rotor_table()
-    b.known("attitude_setpoint")[:] = goal
+    b.a.setpoint.attitude[:] = goal
     ticks = round(held_s * 1000)
     for tick in range(ticks):  # in a vice: the state does not move
         towards_goal(b.a, tick)

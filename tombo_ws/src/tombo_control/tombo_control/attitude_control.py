@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import math
 
-from tombo_control.autopilot import A, G
-from tombo_dynamics.arrays import Array
+from tombo_control.autopilot import Setpoint, State
+from tombo_control.params import ControlParams
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.rotation import relative_rotation
 
 
 @compiled
-def attitude_control(a: Array) -> None:
-    """Run the 250 Hz loop: body rates from the attitude error.
+def attitude_control(state: State, setpoint: Setpoint, gains: ControlParams) -> None:
+    """Run the 250 Hz loop: `setpoint.rates` from the error of attitude.
 
-    The error is split into the shortest turn that aligns body z and a turn about it, each with its
-    own gain, so a large yaw error never bends the way to level (Brescianini et al. 2013, Eqs. 9 to
-    12). The quaternion's sign does not matter.
+    The error, from `state.attitude` to `setpoint.attitude`, is split into the shortest turn that
+    aligns body z and a turn about it, each with its own gain, so a large yaw error never bends the
+    way to level (Brescianini et al. 2013, Eqs. 9 to 12). The quaternion's sign does not matter.
     """
-    x, y, z, w = relative_rotation(
-        a[A.attitude_setpoint : A.attitude_setpoint + 4], a[A.attitude : A.attitude + 4]
-    )
+    x, y, z, w = relative_rotation(setpoint.attitude, state.attitude)
     upright = math.sqrt(w * w + z * z)
     if upright > 1e-6:
         tx = (w * x - y * z) / upright
@@ -31,16 +29,16 @@ def attitude_control(a: Array) -> None:
         ty = y
         yaw = 0.0
     sine = math.sqrt(tx * tx + ty * ty)
-    gain = 2.0 * a[G.attitude_p]
+    gain = 2.0 * gains.attitude_p
     if sine > 1e-9:
         gain *= math.atan2(sine, upright) / sine
     px = gain * tx
     py = gain * ty
-    fast = math.sqrt(px * px + py * py) / a[G.rate_max]
+    fast = math.sqrt(px * px + py * py) / gains.rate_max
     if fast > 1.0:
         px /= fast
         py /= fast
-    pz = a[G.yaw_p] * 2.0 * math.asin(min(max(yaw, -1.0), 1.0))
-    a[A.rates_setpoint] = px
-    a[A.rates_setpoint + 1] = py
-    a[A.rates_setpoint + 2] = min(max(pz, -a[G.yaw_rate_max]), a[G.yaw_rate_max])
+    pz = gains.yaw_p * 2.0 * math.asin(min(max(yaw, -1.0), 1.0))
+    setpoint.rates[0] = px
+    setpoint.rates[1] = py
+    setpoint.rates[2] = min(max(pz, -gains.yaw_rate_max), gains.yaw_rate_max)

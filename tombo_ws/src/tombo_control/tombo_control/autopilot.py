@@ -1,25 +1,21 @@
-"""The memory of estimator and cascade: one flat array `a`, and the index of each of its parts.
+"""The memory of estimator and cascade: `Autopilot`, a record that compiled code and Python share.
 
-`a[A.position + 2]` is the estimated height, `a[G.position_p]` a gain of the cascade,
-`a[E.mocap_rate]` a parameter of the estimator; Python code uses `part(a, "position")`.
+`autopilot.state.position[2]` is the estimated height, `autopilot.gains.position_p` a gain of the
+cascade, `autopilot.observer.mocap_rate` a parameter of the estimator.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
-
+from tombo_control.leg import LegRecord
 from tombo_control.params import ControlParams, EstimatorParams
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.params import as_tuple, tuple_type
+from tombo_dynamics.records import Record, field, fill_parameters
 from tombo_dynamics.vehicle import VehicleParams
-
-Array = NDArray[np.float64]
 
 HISTORY_TICKS = 512
 """Length of the ring of past estimates: mocap samples up to half a second late are used."""
+_NO_TICK = -1
 
 IDLE, TAKEOFF, HOVER, APPROACH, REACT, HOLD, LAND, LANDED, BLIND = range(9)
 """Mode numbers, as in `tombo_msgs/MissionStatus`."""
@@ -36,88 +32,66 @@ PHASE_NAMES = (
 )
 
 
-class _Autopilot(NamedTuple):
-    """Index of the first element of each part. `map` is ENU, body is FLU, SI units."""
+class State(Record):
+    """Estimated state of the vehicle. `map` is ENU, body is FLU."""
 
-    position: int
-    """3: estimated position in map [m]."""
-    velocity: int
-    """3: estimated velocity in map [m/s]."""
-    attitude: int
-    """4: estimated attitude, xyzw, map from body."""
-    gyro_bias: int
-    """3: estimated gyro bias [rad/s]."""
-    accel_bias: int
-    """3: estimated accelerometer bias [m/s^2], body frame."""
-    rates: int
-    """3: body rates, bias removed [rad/s]."""
-    leg: int
-    """14: the reference being flown: start (3), cruise velocity (3), begin [s], end [s], ramp [s],
-    yaw now [rad]; of a turn: yaw at the begin [rad], rate [rad/s], how long [s], ramp [s]."""
-    position_setpoint: int
-    """3: [m], map."""
-    velocity_setpoint: int
-    """3: [m/s], map."""
-    velocity_reference: int
-    """3: velocity of the reference, fed forward [m/s], map."""
-    acceleration_setpoint: int
-    """3: feed-forward of the reference [m/s^2], map."""
-    velocity_integral: int
-    """3: acceleration of the velocity integral [m/s^2], map."""
-    previous_velocity: int
-    """3: estimate at the last run of the position loop [m/s]."""
-    attitude_setpoint: int
-    """4: xyzw, map from body."""
-    thrust_setpoint: int
-    """1: collective thrust [N]."""
-    rates_setpoint: int
-    """3: [rad/s], body."""
-    rate_integral: int
-    """3: angular acceleration of the rate integral [rad/s^2]."""
-    rate_filtered: int
-    """3: low-passed body rates, for the derivative [rad/s]."""
-    saturated: int
-    """3: -1, 0, +1: the allocation could not give more roll, pitch, yaw in that direction."""
-    torque_setpoint: int
-    """3: angular acceleration [rad/s^2], then torque [N m], asked of the rotors, body."""
-    rotor_thrust: int
-    """4: thrust asked of each rotor [N]."""
-    command: int
-    """4: rotor speeds asked for [rad/s]."""
-    mode: int
-    """3: mode asked for, mode flown, time of capture of the last mocap sample [s]."""
-    history: int
-    """512 x 8: position (3), attitude (4), tick of the last states, a ring."""
+    position = field("m", "of base_link, in map", 3)
+    velocity = field("m/s", "of base_link, in map", 3)
+    attitude = field("1", "quaternion xyzw, map from body", 4)
+    gyro_bias = field("rad/s", "what the gyro shows too much, body", 3)
+    accel_bias = field("m/s^2", "what the accelerometer shows too much, body", 3)
+    rates = field("rad/s", "body rates, bias removed, body", 3)
 
 
-AUTOPILOT_SIZES = _Autopilot(
-    3, 3, 4, 3, 3, 3, 14, 3, 3, 3, 3, 3, 3, 4, 1, 3, 3, 3, 3, 3, 4, 4, 3, 8 * HISTORY_TICKS
-)
+class PoseAtTick(Record):
+    """A pose and the tick that it belongs to."""
+
+    tick = field("1", "of 1 ms; -1: there is no pose", kind=int)
+    position = field("m", "in map", 3)
+    attitude = field("1", "quaternion xyzw, map from body", 4)
 
 
-def _starts() -> list[int]:
-    starts = [0]
-    for size in AUTOPILOT_SIZES:
-        starts.append(starts[-1] + size)
-    return starts
+class Setpoint(Record):
+    """What is asked for at each level of the cascade, from the reference down to the rotors."""
+
+    position = field("m", "in map", 3)
+    velocity = field("m/s", "feed-forward; the position loop adds its share and limits it; map", 3)
+    acceleration = field("m/s^2", "feed-forward, in map", 3)
+    yaw = field("rad", "heading")
+    attitude = field("1", "quaternion xyzw, map from body", 4)
+    thrust = field("N", "collective thrust")
+    rates = field("rad/s", "body rates, body", 3)
+    angular_acceleration = field("rad/s^2", "body", 3)
+    torque = field("N m", "that gives this acceleration, body", 3)
+    rotor_thrust = field("N", "of each rotor", 4)
+    rotor_speed = field("rad/s", "of each rotor: the command", 4)
 
 
-_STARTS = _starts()
-A = _Autopilot(*_STARTS[:-1])
-"""Where each part of the autopilot begins in `a`."""
-ControlIndex: Any = tuple_type(ControlParams, "ControlIndex", __name__)
-VehicleIndex: Any = tuple_type(VehicleParams, "VehicleIndex", __name__)
-EstimatorIndex: Any = tuple_type(EstimatorParams, "EstimatorIndex", __name__)
-_GAINS = _STARTS[-1]
-_OBSERVER = _GAINS + len(ControlIndex._fields)
-_NOMINAL = _OBSERVER + len(EstimatorIndex._fields)
-AUTOPILOT_SIZE = _NOMINAL + len(VehicleIndex._fields)
-G: Any = ControlIndex(*range(_GAINS, _OBSERVER))
-"""Where each parameter of the cascade is in `a`."""
-E: Any = EstimatorIndex(*range(_OBSERVER, _NOMINAL))
-"""Where each parameter of the estimator is in `a`."""
-N: Any = VehicleIndex(*range(_NOMINAL, AUTOPILOT_SIZE))
-"""Where each parameter of the nominal vehicle, the one that is controlled for, is in `a`."""
+class LoopMemory(Record):
+    """What the loops of the cascade remember from run to run."""
+
+    velocity_integral = field("m/s^2", "acceleration of the velocity integral, in map", 3)
+    previous_velocity = field("m/s", "at the last run of the position loop, in map", 3)
+    rate_integral = field("rad/s^2", "angular acceleration of the rate integral, body", 3)
+    rate_filtered = field("rad/s", "low-passed body rates, for the derivative, body", 3)
+    saturated = field("1", "-1, 0, +1: no more roll, pitch, yaw torque in that direction", 3)
+
+
+class Autopilot(Record):
+    """State, set points, memory and parameters of estimator and cascade."""
+
+    state = field("", "the present estimate", kind=State)
+    history = field("", "past estimates, a ring: a tick's place is the tick modulo 512",
+                    HISTORY_TICKS, PoseAtTick)  # fmt: skip
+    mocap_time = field("s", "capture of the last mocap sample used")
+    leg = field("", "the reference to fly", kind=LegRecord)
+    setpoint = field("", "what the cascade asks for", kind=Setpoint)
+    loops = field("", "what the cascade remembers", kind=LoopMemory)
+    mode_asked = field("1", "mode asked for", kind=int)
+    mode_flown = field("1", "mode flown: the one asked for, or BLIND", kind=int)
+    gains = field("", "parameters of the cascade", kind=ControlParams)
+    observer = field("", "parameters of the estimator", kind=EstimatorParams)
+    nominal = field("", "the vehicle that is controlled for", kind=VehicleParams)
 
 
 def new_autopilot(
@@ -126,37 +100,47 @@ def new_autopilot(
     vehicle: VehicleParams,
     position: Array,
     attitude: Array,
-) -> Array:
+) -> Autopilot:
     """Return the memory of an autopilot at rest, at a known position (3) and attitude (4)."""
-    memory = np.zeros(AUTOPILOT_SIZE)
-    part(memory, "position")[:] = position
-    part(memory, "attitude")[:] = attitude
-    part(memory, "attitude_setpoint")[:] = attitude
-    part(memory, "position_setpoint")[:] = position
-    part(memory, "leg")[:3] = position
-    part(memory, "history").reshape(-1, 8)[:, 7] = -1.0
-    memory[_GAINS:_OBSERVER] = as_tuple(control, ControlIndex)
-    memory[_OBSERVER:_NOMINAL] = as_tuple(estimator, EstimatorIndex)
-    memory[_NOMINAL:] = as_tuple(vehicle, VehicleIndex)
-    return memory
+    autopilot = Autopilot.new()
+    autopilot.state.position = autopilot.setpoint.position = autopilot.leg.start = position
+    autopilot.state.attitude = autopilot.setpoint.attitude = attitude
+    autopilot.history["tick"] = _NO_TICK
+    fill_parameters(autopilot.gains, control)
+    fill_parameters(autopilot.observer, estimator)
+    fill_parameters(autopilot.nominal, vehicle)
+    return autopilot
 
 
 @compiled
-def restart_estimate(a: Array, position: Array, velocity: Array, attitude: Array) -> None:
-    """Begin at a position (3), velocity (3) and attitude (4), as `new_autopilot` does."""
-    for i in range(_GAINS):
-        a[i] = 0.0
+def restart_estimate(
+    autopilot: Autopilot, position: Array, velocity: Array, attitude: Array
+) -> None:
+    """Begin the estimate anew at a position (3), velocity (3) and attitude (4), without biases.
+
+    Sets `state` and empties `history`.
+    """
+    state = autopilot.state
     for i in range(3):
-        a[A.position + i] = position[i]
-        a[A.velocity + i] = velocity[i]
+        state.position[i] = position[i]
+        state.velocity[i] = velocity[i]
+        state.gyro_bias[i] = 0.0
+        state.accel_bias[i] = 0.0
+        state.rates[i] = 0.0
     for i in range(4):
-        a[A.attitude + i] = attitude[i]
-    for tick in range(HISTORY_TICKS):
-        a[A.history + 8 * tick + 7] = -1.0
+        state.attitude[i] = attitude[i]
+    for i in range(HISTORY_TICKS):
+        autopilot.history[i].tick = _NO_TICK
 
 
-def part(memory: Array, name: str) -> Array:
-    """Return a view of a named part of an autopilot's memory."""
-    start = getattr(A, name)
-    view: Array = memory[start : start + getattr(AUTOPILOT_SIZES, name)]
-    return view
+@compiled
+def copy_state(to: State, source: State) -> None:
+    """Copy a state."""
+    for i in range(3):
+        to.position[i] = source.position[i]
+        to.velocity[i] = source.velocity[i]
+        to.gyro_bias[i] = source.gyro_bias[i]
+        to.accel_bias[i] = source.accel_bias[i]
+        to.rates[i] = source.rates[i]
+    for i in range(4):
+        to.attitude[i] = source.attitude[i]

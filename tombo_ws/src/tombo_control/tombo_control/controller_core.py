@@ -13,9 +13,9 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from tombo_control.autopilot import BLIND, IDLE, LANDED, A, G, new_autopilot, part
+from tombo_control.autopilot import BLIND, IDLE, LANDED, Autopilot, new_autopilot
 from tombo_control.cascade import stop_rotors
-from tombo_control.estimate import Array, nearest_tick
+from tombo_control.estimate import nearest_tick
 from tombo_control.gyro_propagation import control_tick, correct_with_estimate
 from tombo_control.params import (
     ATTITUDE_TICKS,
@@ -24,6 +24,7 @@ from tombo_control.params import (
     EstimatorParams,
     InputLimits,
 )
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import ERROR, Core
 from tombo_dynamics.jit import compiled, compiled_call
 from tombo_dynamics.message_records import ODOMETRY, POSITION_SETPOINT, fill_record
@@ -39,6 +40,7 @@ from tombo_dynamics.messages import (
 from tombo_dynamics.params import as_tuple, tuple_type
 from tombo_dynamics.propeller import thrust_map
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_configuration
+from tombo_dynamics.records import Record, field, fill_parameters
 from tombo_dynamics.rotation import rotated
 from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
 from tombo_dynamics.vehicle import VehicleParams
@@ -56,109 +58,115 @@ _BLIND_TEXT = "position unknown (estimate or mocap too old): level descent"
 _Limits: Any = tuple_type(InputLimits, "_Limits", __name__)
 _NEVER = -1
 
-CONTROLLER = np.dtype(
-    [
-        ("tick", np.int64),  # of the last gyro sample; -1: none, as in the next ones
-        ("position_slot", np.int64),  # of the last run of the position loop
-        ("attitude_slot", np.int64),
-        ("estimate_ns", np.int64),  # stamp of the last estimate taken
-        ("pose_ns", np.int64),  # of the last pose behind it
-        ("setpoint_ns", np.int64),  # when the set point came
-        ("has_setpoint", np.bool_),
-        ("setpoint", POSITION_SETPOINT),
-        ("blind", np.bool_),  # the position is not known
-        ("position_ran", np.bool_),  # in the last tick, as the next ones
-        ("attitude_ran", np.bool_),
-        ("held", np.bool_),  # holds the last set point: none is coming
-    ],
-    align=True,
-)
-"""Bookkeeping of the controller's core; its state is an autopilot's memory."""
+
+class ControllerMemory(Record):
+    """Bookkeeping of the controller's core; its state is an autopilot's memory."""
+
+    tick = field("1", "of the last gyro sample; -1: none, as in the next ones", kind=int)
+    position_slot = field("1", "of the last run of the position loop", kind=int)
+    attitude_slot = field("1", "of the last run of the attitude loop", kind=int)
+    estimate_ns = field("ns", "stamp of the last estimate taken", kind=int)
+    pose_ns = field("ns", "stamp of the last pose behind it", kind=int)
+    setpoint_ns = field("ns", "when the set point came", kind=int)
+    has_setpoint = field("1", "a set point has come", kind=bool)
+    setpoint = field("", "the last one, as it came", kind=POSITION_SETPOINT)
+    blind = field("1", "the position is not known", kind=bool)
+    position_ran = field("1", "in the last tick, as the next ones", kind=bool)
+    attitude_ran = field("1", "the attitude loop ran", kind=bool)
+    held = field("1", "holds the last set point: none is coming", kind=bool)
 
 
 @compiled_call
-def reset_inputs(r: Any) -> None:
+def reset_inputs(memory: ControllerMemory) -> None:
     """Take all that was said so far for another flight's: no set point, so no rotor turns."""
-    r.estimate_ns = _NEVER
-    r.pose_ns = _NEVER
-    r.setpoint_ns = _NEVER
-    r.has_setpoint = False
-    r.blind = False
+    memory.estimate_ns = _NEVER
+    memory.pose_ns = _NEVER
+    memory.setpoint_ns = _NEVER
+    memory.has_setpoint = False
+    memory.blind = False
 
 
 @compiled_call
-def begin_controller(r: Any) -> None:
+def begin_controller(memory: ControllerMemory) -> None:
     """Begin before the first gyro sample."""
-    r.tick = _NEVER
-    r.position_slot = _NEVER
-    r.attitude_slot = _NEVER
-    reset_inputs(r)
+    memory.tick = _NEVER
+    memory.position_slot = _NEVER
+    memory.attitude_slot = _NEVER
+    reset_inputs(memory)
 
 
 @compiled_call
-def take_odometry(r: Any, a: Array, odometry: Any) -> bool:
+def take_odometry(memory: ControllerMemory, autopilot: Autopilot, odometry: Any) -> bool:
     """Take an estimate; False: not finite, not a rotation, or old."""
     q = odometry.attitude
     vx, vy, vz = rotated(q, odometry.velocity[0], odometry.velocity[1], odometry.velocity[2])
-    values = np.empty(10)
-    values[3], values[4], values[5] = vx, vy, vz
+    velocity = np.empty(3)
+    velocity[0], velocity[1], velocity[2] = vx, vy, vz
     total = vx + vy + vz
     for i in range(3):
-        values[i] = odometry.position[i]
-        total += values[i]
+        total += odometry.position[i]
     square = 0.0
     for i in range(4):
-        values[6 + i] = q[i]
         square += q[i] * q[i]
-    if not math.isfinite(total + square) or odometry.stamp_ns <= r.estimate_ns:
+    if not math.isfinite(total + square) or odometry.stamp_ns <= memory.estimate_ns:
         return False
     if abs(square - 1.0) > 0.01:
         return False
-    r.estimate_ns = odometry.stamp_ns
-    correct_with_estimate(a, values, nearest_tick(odometry.stamp_ns), max(r.tick, 0))
+    memory.estimate_ns = odometry.stamp_ns
+    captured, now = nearest_tick(odometry.stamp_ns), max(memory.tick, 0)
+    state, history = autopilot.state, autopilot.history
+    correct_with_estimate(state, history, odometry.position, velocity, q, captured, now)
     return True
 
 
 @compiled_call
-def take_biases(r: Any, a: Array, gyro_bias: Array, pose_stamp_ns: int) -> bool:
+def take_biases(
+    memory: ControllerMemory, autopilot: Autopilot, gyro_bias: Array, pose_stamp_ns: int
+) -> bool:
     """Take the gyro's bias (3) [rad/s] and the last pose's capture time; False: not finite."""
     if not math.isfinite(gyro_bias[0] + gyro_bias[1] + gyro_bias[2]):
         return False
     for i in range(3):
-        a[A.gyro_bias + i] = gyro_bias[i]
-    r.pose_ns = pose_stamp_ns
+        autopilot.state.gyro_bias[i] = gyro_bias[i]
+    memory.pose_ns = pose_stamp_ns
     return True
 
 
 @compiled_call
-def take_setpoint(r: Any, setpoint: Any, now_ns: int) -> bool:
+def take_setpoint(memory: ControllerMemory, setpoint: Any, now_ns: int) -> bool:
     """Take a set point that arrived at `now_ns`; False: not finite."""
     total = setpoint.yaw
     for i in range(3):
         total += setpoint.position[i] + setpoint.velocity[i] + setpoint.acceleration[i]
     if not math.isfinite(total):
         return False
-    s = r.setpoint
+    told = memory.setpoint
     for i in range(3):
-        s.position[i] = setpoint.position[i]
-        s.velocity[i] = setpoint.velocity[i]
-        s.acceleration[i] = setpoint.acceleration[i]
-    s.yaw = setpoint.yaw
-    s.phase = setpoint.phase
-    r.has_setpoint = True
-    r.setpoint_ns = now_ns
+        told.position[i] = setpoint.position[i]
+        told.velocity[i] = setpoint.velocity[i]
+        told.acceleration[i] = setpoint.acceleration[i]
+    told.yaw = setpoint.yaw
+    told.phase = setpoint.phase
+    memory.has_setpoint = True
+    memory.setpoint_ns = now_ns
     return True
 
 
 @compiled
 def answer_gyro(
-    r: Any, a: Array, maps: RotorMaps, limits: Any, now_ns: int, stamp_ns: int, gyro: Array
+    memory: ControllerMemory,
+    autopilot: Autopilot,
+    maps: RotorMaps,
+    limits: Any,
+    now_ns: int,
+    stamp_ns: int,
+    gyro: Array,
 ) -> bool:
-    """Set the rotor speeds `A.command`; False for a sample that is not newer than the last.
+    """Set `setpoint.rotor_speed`; False for a sample that is not newer than the last.
 
     Args:
-        r: the controller's bookkeeping.
-        a: the autopilot's memory.
+        memory: the controller's bookkeeping.
+        autopilot: as in `control_tick`; its upper set points are those of the last message.
         maps: the rotor's table.
         limits: `InputLimits`.
         now_ns: time now, of the stamps' clock.
@@ -166,44 +174,47 @@ def answer_gyro(
         gyro: (3) [rad/s], base_link; what is not finite is taken from the sample before.
     """
     tick = nearest_tick(stamp_ns)
-    ticks = tick - r.tick
-    if r.tick < 0 or ticks < -_MAX_GAP_TICKS or ticks > _MAX_GAP_TICKS:
+    ticks = tick - memory.tick
+    if memory.tick < 0 or ticks < -_MAX_GAP_TICKS or ticks > _MAX_GAP_TICKS:
         if ticks < -_MAX_GAP_TICKS:  # the clock was set back
-            r.estimate_ns = _NEVER
-            r.pose_ns = _NEVER
-            r.setpoint_ns = min(r.setpoint_ns, now_ns)
+            memory.estimate_ns = _NEVER
+            memory.pose_ns = _NEVER
+            memory.setpoint_ns = min(memory.setpoint_ns, now_ns)
         ticks = 1
     elif ticks <= 0:
         return False
-    r.tick = tick
-    s = r.setpoint
-    r.position_ran = False
-    r.attitude_ran = False
-    r.held = False
-    if not r.has_setpoint or s.phase == IDLE or s.phase == LANDED:
-        mode = s.phase if r.has_setpoint else IDLE
-        control_tick(a, maps, gyro, tick, ticks, False, False, False)
-        stop_rotors(a)
-        a[A.mode] = mode
-        a[A.mode + 1] = mode
+    memory.tick = tick
+    told = memory.setpoint
+    memory.position_ran = False
+    memory.attitude_ran = False
+    memory.held = False
+    if not memory.has_setpoint or told.phase == IDLE or told.phase == LANDED:
+        mode = told.phase if memory.has_setpoint else IDLE
+        control_tick(autopilot, maps, gyro, tick, ticks, False, False, False)
+        stop_rotors(autopilot.state, autopilot.setpoint, autopilot.loops)
+        autopilot.mode_asked = mode
+        autopilot.mode_flown = mode
         return True
-    r.position_ran = tick // POSITION_TICKS != r.position_slot
-    r.attitude_ran = tick // ATTITUDE_TICKS != r.attitude_slot
-    r.held = now_ns - r.setpoint_ns > limits.setpoint_timeout * 1e9
-    if r.position_ran:
-        r.position_slot = tick // POSITION_TICKS
-        odometry = stamp_ns - r.estimate_ns > limits.odometry_timeout * 1e9
-        r.blind = odometry or stamp_ns - r.pose_ns > a[G.blind_timeout] * 1e9
+    memory.position_ran = tick // POSITION_TICKS != memory.position_slot
+    memory.attitude_ran = tick // ATTITUDE_TICKS != memory.attitude_slot
+    memory.held = now_ns - memory.setpoint_ns > limits.setpoint_timeout * 1e9
+    if memory.position_ran:
+        memory.position_slot = tick // POSITION_TICKS
+        odometry = stamp_ns - memory.estimate_ns > limits.odometry_timeout * 1e9
+        memory.blind = odometry or stamp_ns - memory.pose_ns > autopilot.gains.blind_timeout * 1e9
+        setpoint = autopilot.setpoint
         for i in range(3):
-            a[A.position_setpoint + i] = s.position[i]
-            a[A.velocity_setpoint + i] = 0.0 if r.held else s.velocity[i]
-            a[A.acceleration_setpoint + i] = 0.0 if r.held else s.acceleration[i]
-        a[A.leg + 9] = s.yaw
-        a[A.mode] = s.phase
-        a[A.mode + 1] = BLIND if r.blind else s.phase
-    if r.attitude_ran:
-        r.attitude_slot = tick // ATTITUDE_TICKS
-    control_tick(a, maps, gyro, tick, ticks, r.position_ran, r.attitude_ran, r.blind)
+            setpoint.position[i] = told.position[i]
+            setpoint.velocity[i] = 0.0 if memory.held else told.velocity[i]
+            setpoint.acceleration[i] = 0.0 if memory.held else told.acceleration[i]
+        setpoint.yaw = told.yaw
+        autopilot.mode_asked = told.phase
+        autopilot.mode_flown = BLIND if memory.blind else told.phase
+    if memory.attitude_ran:
+        memory.attitude_slot = tick // ATTITUDE_TICKS
+    control_tick(
+        autopilot, maps, gyro, tick, ticks, memory.position_ran, memory.attitude_ran, memory.blind
+    )
     return True
 
 
@@ -255,20 +266,15 @@ class ControllerCore(Core):
         """When the last gyro sample came."""
         self._gyro_stamp_ns = 0
         self._refused = 0
-        self._control = control
-        self._vehicle = vehicle
         self.limits = as_tuple(limits, _Limits)
         self.maps = maps
-        self.autopilot = self._fresh()
+        level = np.array([0.0, 0.0, 0.0, 1.0])
+        self.autopilot = new_autopilot(control, EstimatorParams(), vehicle, np.zeros(3), level)
         """Memory of the cascade, `tombo_control.autopilot`."""
-        self.memory: Any = np.zeros(1, CONTROLLER)[0]
+        self.memory = ControllerMemory.new()
         begin_controller(self.memory)
         self._odometry: Any = np.zeros(1, ODOMETRY)[0]
         self._setpoint: Any = np.zeros(1, POSITION_SETPOINT)[0]
-
-    def _fresh(self) -> Array:
-        level = np.array([0.0, 0.0, 0.0, 1.0])
-        return new_autopilot(self._control, EstimatorParams(), self._vehicle, np.zeros(3), level)
 
     def on(
         self,
@@ -343,8 +349,7 @@ class ControllerCore(Core):
     def set_params(self, section: str, params: Any) -> None:
         """Take other gains in flight; another vehicle or propeller at the next start only."""
         if section == "control":
-            self._control = params
-            self.autopilot[G[0] :] = self._fresh()[G[0] :]
+            fill_parameters(self.autopilot.gains, params)
         elif section == "inputs":
             self.limits = as_tuple(params, _Limits)
         else:
@@ -374,27 +379,26 @@ class ControllerCore(Core):
 
     def tick(self, now_ns: int, stamp_ns: int, gyro: Array) -> Command | None:
         """Answer a gyro sample as `answer_gyro` does; None for one that is not newer."""
-        r, a = self.memory, self.autopilot
-        if not answer_gyro(r, a, self.maps, self.limits, now_ns, stamp_ns, gyro):
+        memory, autopilot = self.memory, self.autopilot
+        if not answer_gyro(memory, autopilot, self.maps, self.limits, now_ns, stamp_ns, gyro):
             return None
-        ran, blind = bool(r["position_ran"]), bool(r["blind"]) and self.flying
-        command = part(a, "command").copy()
-        return Command(stamp_ns, command, ran, bool(r["attitude_ran"]), blind, bool(r["held"]))
+        ran, blind = bool(memory.position_ran), bool(memory.blind) and self.flying
+        speed = autopilot.setpoint.rotor_speed.copy()
+        return Command(stamp_ns, speed, ran, bool(memory.attitude_ran), blind, bool(memory.held))
 
     @property
     def flying(self) -> bool:
         """Whether the rotors are to turn."""
-        return bool(self.autopilot[A.mode] != IDLE and self.autopilot[A.mode] != LANDED)
+        return self.autopilot.mode_asked not in (IDLE, LANDED)
 
     @property
     def attitude_setpoint(self) -> tuple[Array, float]:
         """Attitude (4) xyzw and collective thrust [N] asked for."""
-        a = self.autopilot
-        return part(a, "attitude_setpoint").copy(), float(a[A.thrust_setpoint])
+        setpoint = self.autopilot.setpoint
+        return setpoint.attitude.copy(), float(setpoint.thrust)
 
     @property
     def rates_setpoint(self) -> tuple[Array, float]:
         """Body rates (3) [rad/s] and collective thrust [N] asked for."""
-        return part(self.autopilot, "rates_setpoint").copy(), float(
-            self.autopilot[A.thrust_setpoint]
-        )
+        setpoint = self.autopilot.setpoint
+        return setpoint.rates.copy(), float(setpoint.thrust)

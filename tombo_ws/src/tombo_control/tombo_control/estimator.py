@@ -8,103 +8,72 @@ from __future__ import annotations
 
 import math
 
-from tombo_control.autopilot import HISTORY_TICKS, A, E
+from tombo_control.autopilot import HISTORY_TICKS, Autopilot, State
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled, compiled_call
-from tombo_dynamics.rotation import relative_rotation, rotate_by_vector
+from tombo_dynamics.rotation import relative_rotation, rotate_by_vector, rotated, rotated_back
 from tombo_dynamics.vehicle import GRAVITY
 
 _TICK = 1e-3
 
 
 @compiled
-def store_history(a: Array, tick: int) -> None:
-    """Store the present estimate in the history, as the state at `tick`."""
-    past = A.history + 8 * (tick % HISTORY_TICKS)
+def store_history(state: State, history: Array, tick: int) -> None:
+    """Enter the pose of `state` in `history`, as that of `tick`."""
+    past = history[tick % HISTORY_TICKS]
     for i in range(3):
-        a[past + i] = a[A.position + i]
+        past.position[i] = state.position[i]
     for i in range(4):
-        a[past + 3 + i] = a[A.attitude + i]
-    a[past + 7] = tick
+        past.attitude[i] = state.attitude[i]
+    past.tick = tick
 
 
 @compiled
-def update_body_rates(a: Array, imu: Array, i: int) -> None:
-    """Set the body rates that the cascade flies on: gyro `imu[i:i+3]` minus its bias [rad/s].
+def update_body_rates(state: State, gyro: Array) -> None:
+    """Set `state.rates`, which the cascade flies on: gyro (3) [rad/s] minus its bias.
 
     A reading that is not finite is left out; the last rate stands.
     """
-    for k in range(3):
-        if math.isfinite(imu[i + k]):
-            a[A.rates + k] = imu[i + k] - a[A.gyro_bias + k]
+    for i in range(3):
+        if math.isfinite(gyro[i]):
+            state.rates[i] = gyro[i] - state.gyro_bias[i]
 
 
 @compiled
-def to_map(a: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Turn a body vector into map by the estimated attitude."""
-    qx, qy, qz, qw = a[A.attitude], a[A.attitude + 1], a[A.attitude + 2], a[A.attitude + 3]
-    tx = 2.0 * (qy * z - qz * y)
-    ty = 2.0 * (qz * x - qx * z)
-    tz = 2.0 * (qx * y - qy * x)
-    return (
-        x + qw * tx + qy * tz - qz * ty,
-        y + qw * ty + qz * tx - qx * tz,
-        z + qw * tz + qx * ty - qy * tx,
-    )
-
-
-@compiled
-def to_body(a: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Turn a map vector into the body frame by the estimated attitude."""
-    qx, qy, qz, qw = a[A.attitude], a[A.attitude + 1], a[A.attitude + 2], a[A.attitude + 3]
-    tx = 2.0 * (qy * z - qz * y)
-    ty = 2.0 * (qz * x - qx * z)
-    tz = 2.0 * (qx * y - qy * x)
-    return (
-        x - qw * tx + qy * tz - qz * ty,
-        y - qw * ty + qz * tx - qx * tz,
-        z - qw * tz + qx * ty - qy * tx,
-    )
-
-
-@compiled
-def predict(a: Array, imu: Array, i: int, airborne: bool) -> None:
-    """Carry the estimate over one tick of 1 ms with the body rates and the specific force.
+def predict(state: State, force: Array, airborne: bool) -> None:
+    """Carry `state` over one tick of 1 ms with its body rates and the specific force.
 
     With a force that is not finite the velocity is taken as constant over the tick.
 
     Args:
-        a: the autopilot's memory; `A.rates` is up to date.
-        imu: array that holds the specific force [m/s^2], body frame.
-        i: where it begins in `imu`.
+        state: its rates are up to date; position, velocity and attitude are written.
+        force: (3) specific force [m/s^2], body frame.
         airborne: False holds the velocity at zero, as on the ground.
     """
+    position, velocity, bias, rates = (
+        state.position,
+        state.velocity,
+        state.accel_bias,
+        state.rates,
+    )
     if airborne:
-        ax, ay, az = to_map(
-            a,
-            imu[i] - a[A.accel_bias],
-            imu[i + 1] - a[A.accel_bias + 1],
-            imu[i + 2] - a[A.accel_bias + 2],
+        ax, ay, az = rotated(
+            state.attitude, force[0] - bias[0], force[1] - bias[1], force[2] - bias[2]
         )
         az -= GRAVITY
         if not math.isfinite(ax + ay + az):
             ax = ay = az = 0.0
         half = 0.5 * _TICK * _TICK
-        a[A.position] += _TICK * a[A.velocity] + half * ax
-        a[A.position + 1] += _TICK * a[A.velocity + 1] + half * ay
-        a[A.position + 2] += _TICK * a[A.velocity + 2] + half * az
-        a[A.velocity] += _TICK * ax
-        a[A.velocity + 1] += _TICK * ay
-        a[A.velocity + 2] += _TICK * az
+        position[0] += _TICK * velocity[0] + half * ax
+        position[1] += _TICK * velocity[1] + half * ay
+        position[2] += _TICK * velocity[2] + half * az
+        velocity[0] += _TICK * ax
+        velocity[1] += _TICK * ay
+        velocity[2] += _TICK * az
     else:
-        for k in range(3):
-            a[A.velocity + k] = 0.0
-    rotate_by_vector(
-        a[A.attitude : A.attitude + 4],
-        a[A.rates] * _TICK,
-        a[A.rates + 1] * _TICK,
-        a[A.rates + 2] * _TICK,
-    )
+        for i in range(3):
+            velocity[i] = 0.0
+    rotate_by_vector(state.attitude, rates[0] * _TICK, rates[1] * _TICK, rates[2] * _TICK)
 
 
 @compiled
@@ -121,16 +90,22 @@ def observer_gains(bandwidth: float, period: float) -> tuple[float, float, float
 
 @compiled_call
 def correct(
-    a: Array, pose: Array, j: int, captured: int, now: int, period: float, airborne: bool
+    autopilot: Autopilot,
+    position: Array,
+    attitude: Array,
+    captured: int,
+    now: int,
+    period: float,
+    airborne: bool,
 ) -> bool:
     """Correct the estimate by a pose that was captured at tick `captured` and is known at `now`.
 
     The present estimate must be in the history already (`store_history`).
 
     Args:
-        a: the autopilot's memory.
-        pose: array that holds position in map [m] and quaternion xyzw.
-        j: where they begin in `pose`.
+        autopilot: `state` and `history` are corrected, by the parameters in `observer`.
+        position: (3) in map [m].
+        attitude: (4) quaternion xyzw, map from body.
         captured: tick of capture.
         now: tick of arrival.
         period: time since the last sample [s]; at most 0.2 s is used.
@@ -140,71 +115,78 @@ def correct(
         False if the sample is from the future, from before the start, older than the history, or
         not finite.
     """
-    slot = A.history + 8 * (captured % HISTORY_TICKS)
-    if captured < 0 or captured > now or a[slot + 7] != captured:
+    state, history, observer = autopilot.state, autopilot.history, autopilot.observer
+    past = history[captured % HISTORY_TICKS]
+    if captured < 0 or captured > now or past.tick != captured:
         return False
-    for k in range(7):
-        if not math.isfinite(pose[j + k]):
+    for i in range(3):
+        if not math.isfinite(position[i]):
+            return False
+    for i in range(4):
+        if not math.isfinite(attitude[i]):
             return False
     step = min(max(period, _TICK), 0.2)
-    gain_p, gain_v, gain_b = observer_gains(a[E.position_bandwidth], step)
+    gain_p, gain_v, gain_b = observer_gains(observer.position_bandwidth, step)
     if not airborne:
         gain_v = 0.0
         gain_b = 0.0
-    pole = math.exp(-a[E.attitude_bandwidth] * step)
+    pole = math.exp(-observer.attitude_bandwidth * step)
     gain_q = 1.0 - pole * pole
     gain_g = (1.0 - pole) ** 2 / step
 
-    ex = pose[j] - a[slot]
-    ey = pose[j + 1] - a[slot + 1]
-    ez = pose[j + 2] - a[slot + 2]
-    bx, by, bz = to_body(a, ex, ey, ez)
-    tx, ty, tz, tw = relative_rotation(pose[j + 3 : j + 7], a[slot + 3 : slot + 7])
+    ex = position[0] - past.position[0]
+    ey = position[1] - past.position[1]
+    ez = position[2] - past.position[2]
+    bx, by, bz = rotated_back(state.attitude, ex, ey, ez)
+    tx, ty, tz, tw = relative_rotation(attitude, past.attitude)
     sine = math.sqrt(tx * tx + ty * ty + tz * tz)
     scale = 2.0 * math.atan2(sine, tw) / sine if sine > 1e-12 else 2.0
     rx, ry, rz = scale * tx, scale * ty, scale * tz
 
-    a[A.velocity] += gain_v * ex
-    a[A.velocity + 1] += gain_v * ey
-    a[A.velocity + 2] += gain_v * ez
-    limit = a[E.accel_bias_max]
-    a[A.accel_bias] = min(max(a[A.accel_bias] - gain_b * bx, -limit), limit)
-    a[A.accel_bias + 1] = min(max(a[A.accel_bias + 1] - gain_b * by, -limit), limit)
-    a[A.accel_bias + 2] = min(max(a[A.accel_bias + 2] - gain_b * bz, -limit), limit)
-    cap = a[E.gyro_bias_max]
-    a[A.gyro_bias] = min(max(a[A.gyro_bias] - gain_g * rx, -cap), cap)
-    a[A.gyro_bias + 1] = min(max(a[A.gyro_bias + 1] - gain_g * ry, -cap), cap)
-    a[A.gyro_bias + 2] = min(max(a[A.gyro_bias + 2] - gain_g * rz, -cap), cap)
+    state.velocity[0] += gain_v * ex
+    state.velocity[1] += gain_v * ey
+    state.velocity[2] += gain_v * ez
+    bias, limit = state.accel_bias, observer.accel_bias_max
+    bias[0] = min(max(bias[0] - gain_b * bx, -limit), limit)
+    bias[1] = min(max(bias[1] - gain_b * by, -limit), limit)
+    bias[2] = min(max(bias[2] - gain_b * bz, -limit), limit)
+    drift, cap = state.gyro_bias, observer.gyro_bias_max
+    drift[0] = min(max(drift[0] - gain_g * rx, -cap), cap)
+    drift[1] = min(max(drift[1] - gain_g * ry, -cap), cap)
+    drift[2] = min(max(drift[2] - gain_g * rz, -cap), cap)
     # later samples are held against the history, so it has to know of this correction
     for tick in range(captured, now + 1):
-        past = A.history + 8 * (tick % HISTORY_TICKS)
+        past = history[tick % HISTORY_TICKS]
         share = gain_p + gain_v * (tick - captured) * _TICK
-        a[past] += share * ex
-        a[past + 1] += share * ey
-        a[past + 2] += share * ez
-        rotate_by_vector(a[past + 3 : past + 7], gain_q * rx, gain_q * ry, gain_q * rz)
-    present = A.history + 8 * (now % HISTORY_TICKS)
-    for k in range(3):
-        a[A.position + k] = a[present + k]
-    for k in range(4):
-        a[A.attitude + k] = a[present + 3 + k]
+        past.position[0] += share * ex
+        past.position[1] += share * ey
+        past.position[2] += share * ez
+        rotate_by_vector(past.attitude, gain_q * rx, gain_q * ry, gain_q * rz)
+    present = history[now % HISTORY_TICKS]
+    for i in range(3):
+        state.position[i] = present.position[i]
+    for i in range(4):
+        state.attitude[i] = present.attitude[i]
     return True
 
 
 @compiled
-def process_imu(a: Array, imu: Array, tick: int, steps: int, airborne: bool) -> None:
+def process_imu(
+    autopilot: Autopilot, gyro: Array, accel: Array, tick: int, steps: int, airborne: bool
+) -> None:
     """Take the IMU sample of `tick` and carry the estimate on to `tick + steps`.
 
     More than one step bridges lost samples: the last one is taken to hold.
 
     Args:
-        a: the autopilot's memory, at `tick`.
-        imu: (6) gyro [rad/s] and specific force [m/s^2], body frame.
+        autopilot: `state` at `tick` and `history` are carried on.
+        gyro: (3) [rad/s], body frame.
+        accel: (3) specific force [m/s^2], body frame.
         tick: tick of the sample.
         steps: ticks to the next sample.
         airborne: as in `predict`.
     """
-    update_body_rates(a, imu, 0)
+    update_body_rates(autopilot.state, gyro)
     for k in range(steps):
-        predict(a, imu, 3, airborne)
-        store_history(a, tick + k + 1)
+        predict(autopilot.state, accel, airborne)
+        store_history(autopilot.state, autopilot.history, tick + k + 1)

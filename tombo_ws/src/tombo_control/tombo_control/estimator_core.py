@@ -16,20 +16,23 @@ from tombo_control.autopilot import (
     HISTORY_TICKS,
     IDLE,
     LANDED,
-    A,
-    E,
-    G,
+    Autopilot,
+    PoseAtTick,
+    State,
+    copy_state,
     new_autopilot,
     restart_estimate,
 )
-from tombo_control.estimate import TICK_NS, Array, Estimate, nearest_tick
+from tombo_control.estimate import TICK_NS, Estimate, nearest_tick
 from tombo_control.estimator import correct, process_imu, store_history, update_body_rates
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_control.pose_check import FRAME, MAX_FUTURE_NS, MAX_SQUARE_ERROR
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import ERROR, Core
 from tombo_dynamics.jit import compiled, compiled_call
 from tombo_dynamics.message_records import ESTIMATOR_STATUS, ODOMETRY, message_of
 from tombo_dynamics.messages import EstimatorStatus, Imu, MissionStatus, Odometry, Pose
+from tombo_dynamics.records import Record, field, fill_parameters
 from tombo_dynamics.rotation import rotated
 from tombo_dynamics.vehicle import VehicleParams
 
@@ -71,87 +74,96 @@ _REFUSALS = (
 _PENDING = 16
 """Poses that can wait for the IMU sample of their time."""
 
-ESTIMATOR = np.dtype(
-    [
-        ("running", np.bool_),  # there is a state
-        ("known", np.bool_),  # and an estimate, at an IMU sample
-        ("airborne", np.bool_),  # by the mission's phase: on the ground the velocity is zero
-        ("stamp_ns", np.int64),  # of the last IMU sample; -1: none, as in the next ones
-        ("next_tick", np.int64),  # tick of the state
-        ("pose_stamp_ns", np.int64),  # of the last pose used
-        ("newest_pose_ns", np.int64),  # of the last pose that came
-        ("poses", np.int64),  # used
-        ("rejected", np.int64),
-        ("lost_samples", np.int64),  # IMU samples that never came
-        ("imu", np.float64, 6),  # the last sample: gyro [rad/s], specific force [m/s^2]
-        ("initial", np.int64),  # poses to begin from
-        ("initial_ns", np.int64, _INITIAL_POSES),
-        ("initial_poses", np.float64, (_INITIAL_POSES, 7)),
-        ("pending", np.int64),  # poses that wait for their IMU sample
-        ("pending_ticks", np.int64, _PENDING),
-        ("pending_poses", np.float64, (_PENDING, 7)),
-        ("jumps", np.int64),  # poses on end that were refused as jumps
-        ("jump", np.float64, 3),  # position of the last of them [m]
-        ("estimate", np.float64, 19),  # `Estimate`, flat: position to rates as in `A`
-        ("odometry", ODOMETRY),
-        ("status", ESTIMATOR_STATUS),
-    ],
-    align=True,
-)
-"""Bookkeeping of the estimator's core; its state is an autopilot's memory."""
+
+class InitialPose(Record):
+    """A pose that the estimate is begun from."""
+
+    stamp_ns = field("ns", "capture", kind=int)
+    position = field("m", "in map", 3)
+
+
+class EstimatorMemory(Record):
+    """Bookkeeping of the estimator's core; its state is an autopilot's memory."""
+
+    running = field("1", "there is a state", kind=bool)
+    known = field("1", "and an estimate, at an IMU sample", kind=bool)
+    airborne = field("1", "by the mission's phase: on the ground velocity is zero", kind=bool)
+    stamp_ns = field("ns", "of the last IMU sample; -1: none, as in the next ones", kind=int)
+    next_tick = field("1", "tick of the state", kind=int)
+    pose_stamp_ns = field("ns", "of the last pose used", kind=int)
+    newest_pose_ns = field("ns", "of the last pose that came", kind=int)
+    poses = field("1", "used", kind=int)
+    rejected = field("1", "poses refused", kind=int)
+    lost_samples = field("1", "IMU samples that never came", kind=int)
+    gyro = field("rad/s", "of the last sample, body", 3)
+    accel = field("m/s^2", "of the last sample: specific force, body", 3)
+    initial = field("1", "how many poses there are to begin from", kind=int)
+    initial_poses = field("", "these poses", _INITIAL_POSES, InitialPose)
+    pending = field("1", "how many poses wait for their IMU sample", kind=int)
+    pending_poses = field("", "these poses", _PENDING, PoseAtTick)
+    jumps = field("1", "poses on end that were refused as jumps", kind=int)
+    jump = field("m", "position of the last of them, in map", 3)
+    estimate = field("", "the newest, at the last IMU sample", kind=State)
+    odometry = field("", "message, filled when it is due", kind=ODOMETRY)
+    status = field("", "message, filled when it is due", kind=ESTIMATOR_STATUS)
 
 
 @compiled_call
-def reset_estimator(r: Any) -> None:
+def reset_estimator(memory: EstimatorMemory) -> None:
     """Forget the state; the next poses begin it anew."""
-    r.running = False
-    r.known = False
-    r.initial = 0
-    r.pending = 0
-    r.jumps = 0
-    r.newest_pose_ns = _NO_STAMP
-    r.stamp_ns = _NO_STAMP
+    memory.running = False
+    memory.known = False
+    memory.initial = 0
+    memory.pending = 0
+    memory.jumps = 0
+    memory.newest_pose_ns = _NO_STAMP
+    memory.stamp_ns = _NO_STAMP
 
 
 @compiled_call
 def take_pose(
-    r: Any, a: Array, stamp_ns: int, now_ns: int, position: Array, attitude: Array
+    memory: EstimatorMemory,
+    autopilot: Autopilot,
+    stamp_ns: int,
+    now_ns: int,
+    position: Array,
+    attitude: Array,
 ) -> int:
     """Take a pose in map; return 0 or why it is not used, an index in `POSE_REFUSALS`.
 
     Args:
-        r: the estimator's bookkeeping.
-        a: the autopilot's memory.
+        memory: the estimator's bookkeeping.
+        autopilot: state and history are used and written.
         stamp_ns: time of capture.
         now_ns: time now, of the same clock.
         position: (3) of base_link [m].
         attitude: (4) xyzw, map from base_link; its length may be off by a tenth.
     """
-    why = _check(r, stamp_ns, now_ns, position, attitude)
+    why = _check(memory, stamp_ns, now_ns, position, attitude)
     if why == _TAKEN:
-        r.newest_pose_ns = stamp_ns
+        memory.newest_pose_ns = stamp_ns
         square = 0.0
         for i in range(4):
             square += attitude[i] * attitude[i]
         scale = 1.0 / math.sqrt(square)
-        pose = np.empty(7)
-        for i in range(3):
-            pose[i] = position[i]
+        rotation = np.empty(4)
         for i in range(4):
-            pose[3 + i] = scale * attitude[i]
-        if not r.running:
-            _initialize(r, a, stamp_ns, pose)
+            rotation[i] = scale * attitude[i]
+        if not memory.running:
+            _initialize(memory, autopilot, stamp_ns, position, rotation)
         else:
-            why = _check_jump(r, a, stamp_ns, pose)
+            why = _check_jump(memory, autopilot, stamp_ns, position)
             if why == _TAKEN:
-                _append_pending(r, nearest_tick(stamp_ns), pose)
+                _append_pending(memory, nearest_tick(stamp_ns), position, rotation)
     if why != _TAKEN:
-        r.rejected += 1
+        memory.rejected += 1
     return why
 
 
 @compiled_call
-def _check(r: Any, stamp_ns: int, now_ns: int, position: Array, attitude: Array) -> int:
+def _check(
+    memory: EstimatorMemory, stamp_ns: int, now_ns: int, position: Array, attitude: Array
+) -> int:
     total = position[0] + position[1] + position[2]
     square = 0.0
     for i in range(4):
@@ -163,148 +175,166 @@ def _check(r: Any, stamp_ns: int, now_ns: int, position: Array, attitude: Array)
         return _NOT_UNIT
     if stamp_ns > now_ns + MAX_FUTURE_NS:
         return _FUTURE
-    if stamp_ns <= r.newest_pose_ns:
+    if stamp_ns <= memory.newest_pose_ns:
         return _OUT_OF_ORDER
     return _LATE if now_ns - stamp_ns > (HISTORY_TICKS - 2) * TICK_NS else _TAKEN
 
 
 @compiled_call
-def _append_pending(r: Any, tick: int, pose: Array) -> None:
+def _append_pending(memory: EstimatorMemory, tick: int, position: Array, attitude: Array) -> None:
     """Keep a pose for its IMU sample; of too many the oldest is dropped."""
-    if r.pending == _PENDING:
-        _drop_first_pending(r)
-    r.pending_ticks[r.pending] = tick
-    for i in range(7):
-        r.pending_poses[r.pending, i] = pose[i]
-    r.pending += 1
+    if memory.pending == _PENDING:
+        _drop_first_pending(memory)
+    _set_pose(memory.pending_poses[memory.pending], tick, position, attitude)
+    memory.pending += 1
 
 
 @compiled_call
-def _drop_first_pending(r: Any) -> None:
-    r.pending -= 1
-    for k in range(r.pending):
-        r.pending_ticks[k] = r.pending_ticks[k + 1]
-        for i in range(7):
-            r.pending_poses[k, i] = r.pending_poses[k + 1, i]
+def _drop_first_pending(memory: EstimatorMemory) -> None:
+    memory.pending -= 1
+    for k in range(memory.pending):
+        later = memory.pending_poses[k + 1]
+        _set_pose(memory.pending_poses[k], later.tick, later.position, later.attitude)
 
 
 @compiled_call
-def _initialize(r: Any, a: Array, stamp_ns: int, pose: Array) -> None:
-    """Begin the estimate from three poses on end: place, attitude, velocity."""
-    if r.initial > 0 and stamp_ns - r.initial_ns[r.initial - 1] > _MAX_INITIAL_GAP_NS:
-        r.initial = 0
-    if r.initial == _INITIAL_POSES:  # the oldest goes
-        r.initial -= 1
-        for k in range(r.initial):
-            r.initial_ns[k] = r.initial_ns[k + 1]
-            for i in range(7):
-                r.initial_poses[k, i] = r.initial_poses[k + 1, i]
-    r.initial_ns[r.initial] = stamp_ns
-    for i in range(7):
-        r.initial_poses[r.initial, i] = pose[i]
-    r.initial += 1
-    if r.initial < _INITIAL_POSES or r.stamp_ns == _NO_STAMP:
-        return
-    lasted = (stamp_ns - r.initial_ns[0]) * 1e-9
-    late = (r.next_tick - nearest_tick(stamp_ns)) * 1e-3
-    velocity = np.empty(3)
-    position = np.empty(3)
+def _set_pose(pose: PoseAtTick, tick: int, position: Array, attitude: Array) -> None:
+    pose.tick = tick
     for i in range(3):
-        velocity[i] = (pose[i] - r.initial_poses[0, i]) / lasted
-        position[i] = pose[i] + late * velocity[i]
-    restart_estimate(a, position, velocity, pose[3:])
-    a[A.mode + 2] = stamp_ns * 1e-9
-    store_history(a, r.next_tick)
-    r.running = True
-    r.pose_stamp_ns = stamp_ns
-    r.poses += 1
-    r.initial = 0
+        pose.position[i] = position[i]
+    for i in range(4):
+        pose.attitude[i] = attitude[i]
 
 
 @compiled_call
-def _distance(pose: Array, x: float, y: float, z: float) -> float:
-    x, y, z = pose[0] - x, pose[1] - y, pose[2] - z
+def _initialize(
+    memory: EstimatorMemory, autopilot: Autopilot, stamp_ns: int, position: Array, attitude: Array
+) -> None:
+    """Begin the estimate from three poses on end: place, attitude, velocity."""
+    poses = memory.initial_poses
+    if memory.initial > 0 and stamp_ns - poses[memory.initial - 1].stamp_ns > _MAX_INITIAL_GAP_NS:
+        memory.initial = 0
+    if memory.initial == _INITIAL_POSES:  # the oldest goes
+        memory.initial -= 1
+        for k in range(memory.initial):
+            poses[k].stamp_ns = poses[k + 1].stamp_ns
+            for i in range(3):
+                poses[k].position[i] = poses[k + 1].position[i]
+    poses[memory.initial].stamp_ns = stamp_ns
+    for i in range(3):
+        poses[memory.initial].position[i] = position[i]
+    memory.initial += 1
+    if memory.initial < _INITIAL_POSES or memory.stamp_ns == _NO_STAMP:
+        return
+    first = poses[0]
+    lasted = (stamp_ns - first.stamp_ns) * 1e-9
+    late = (memory.next_tick - nearest_tick(stamp_ns)) * 1e-3
+    velocity = np.empty(3)
+    present = np.empty(3)
+    for i in range(3):
+        velocity[i] = (position[i] - first.position[i]) / lasted
+        present[i] = position[i] + late * velocity[i]
+    restart_estimate(autopilot, present, velocity, attitude)
+    autopilot.mocap_time = stamp_ns * 1e-9
+    store_history(autopilot.state, autopilot.history, memory.next_tick)
+    memory.running = True
+    memory.pose_stamp_ns = stamp_ns
+    memory.poses += 1
+    memory.initial = 0
+
+
+@compiled_call
+def _distance(position: Array, x: float, y: float, z: float) -> float:
+    x, y, z = position[0] - x, position[1] - y, position[2] - z
     return math.sqrt(x * x + y * y + z * z)
 
 
 @compiled_call
-def _check_jump(r: Any, a: Array, stamp_ns: int, pose: Array) -> int:
+def _check_jump(
+    memory: EstimatorMemory, autopilot: Autopilot, stamp_ns: int, position: Array
+) -> int:
     """Refuse a pose too far from the estimate, unless it comes again and again."""
     tick = nearest_tick(stamp_ns)
-    slot = A.history + 8 * (tick % HISTORY_TICKS)
-    x, y, z = a[slot], a[slot + 1], a[slot + 2]
-    if tick > r.next_tick:  # the pose came before the IMU sample of its time
-        ahead = (tick - r.next_tick) * 1e-3
-        x = a[A.position] + ahead * a[A.velocity]
-        y = a[A.position + 1] + ahead * a[A.velocity + 1]
-        z = a[A.position + 2] + ahead * a[A.velocity + 2]
-    elif a[slot + 7] != tick:
+    state, observer = autopilot.state, autopilot.observer
+    past = autopilot.history[tick % HISTORY_TICKS]
+    x, y, z = past.position[0], past.position[1], past.position[2]
+    if tick > memory.next_tick:  # the pose came before the IMU sample of its time
+        ahead = (tick - memory.next_tick) * 1e-3
+        x = state.position[0] + ahead * state.velocity[0]
+        y = state.position[1] + ahead * state.velocity[1]
+        z = state.position[2] + ahead * state.velocity[2]
+    elif past.tick != tick:
         return _TAKEN  # `correct` says so in its turn
-    since = max(stamp_ns - r.pose_stamp_ns, 0) * 1e-9
-    limit = a[E.jump_min] + a[E.jump_speed] * since
-    if _distance(pose, x, y, z) <= limit:
-        r.jumps = 0
+    since = max(stamp_ns - memory.pose_stamp_ns, 0) * 1e-9
+    limit = observer.jump_min + observer.jump_speed * since
+    if _distance(position, x, y, z) <= limit:
+        memory.jumps = 0
         return _TAKEN
-    if r.jumps > 0 and _distance(pose, r.jump[0], r.jump[1], r.jump[2]) > limit:
-        r.jumps = 0
-    r.jumps += 1
+    last = memory.jump
+    if memory.jumps > 0 and _distance(position, last[0], last[1], last[2]) > limit:
+        memory.jumps = 0
+    memory.jumps += 1
     for i in range(3):
-        r.jump[i] = pose[i]
-    if r.jumps >= _JUMPS_TO_REINITIALIZE:
-        reset_estimator(r)
-        r.newest_pose_ns = stamp_ns
+        last[i] = position[i]
+    if memory.jumps >= _JUMPS_TO_REINITIALIZE:
+        reset_estimator(memory)
+        memory.newest_pose_ns = stamp_ns
     return _JUMP
 
 
 @compiled
-def take_imu(r: Any, a: Array, stamp_ns: int, gyro: Array, accel: Array) -> bool:
+def take_imu(
+    memory: EstimatorMemory, autopilot: Autopilot, stamp_ns: int, gyro: Array, accel: Array
+) -> bool:
     """Take an IMU sample; return whether `estimate` holds a new estimate, at its capture.
 
     Args:
-        r: the estimator's bookkeeping.
-        a: the autopilot's memory.
+        memory: the estimator's bookkeeping.
+        autopilot: state and history are used and written.
         stamp_ns: time of capture; a sample that is not newer than the last is left out.
         gyro: (3) [rad/s], base_link.
         accel: (3) specific force [m/s^2], base_link.
     """
-    if stamp_ns <= r.stamp_ns:
-        if r.stamp_ns - stamp_ns > 1e9:  # the clock was set back: a new flight
-            reset_estimator(r)
+    if stamp_ns <= memory.stamp_ns:
+        if memory.stamp_ns - stamp_ns > 1e9:  # the clock was set back: a new flight
+            reset_estimator(memory)
         return False
     tick = nearest_tick(stamp_ns)
-    gap = tick - r.next_tick
-    r.stamp_ns = stamp_ns
-    if not r.running:
-        r.next_tick = tick + 1
+    gap = tick - memory.next_tick
+    memory.stamp_ns = stamp_ns
+    if not memory.running:
+        memory.next_tick = tick + 1
         return False
     if gap < 0:
         return False
     if gap > 0:
-        r.lost_samples += gap
+        memory.lost_samples += gap
         if gap > _BRIDGE_TICKS:
-            reset_estimator(r)
+            reset_estimator(memory)
             return False
-        process_imu(a, r.imu, r.next_tick, gap, r.airborne)
-        r.next_tick = tick
+        process_imu(autopilot, memory.gyro, memory.accel, memory.next_tick, gap, memory.airborne)
+        memory.next_tick = tick
     for i in range(3):
-        r.imu[i] = gyro[i]
-        r.imu[3 + i] = accel[i]
-    while r.pending > 0 and r.pending_ticks[0] <= tick:
-        captured = r.pending_ticks[0]
-        period = captured * 1e-3 - a[A.mode + 2]
-        if correct(a, r.pending_poses[0], 0, captured, tick, period, r.airborne):
-            a[A.mode + 2] = max(a[A.mode + 2], captured * 1e-3)
-            r.pose_stamp_ns = captured * TICK_NS
-            r.poses += 1
+        memory.gyro[i] = gyro[i]
+        memory.accel[i] = accel[i]
+    while memory.pending > 0 and memory.pending_poses[0].tick <= tick:
+        pose = memory.pending_poses[0]
+        captured = pose.tick
+        period = captured * 1e-3 - autopilot.mocap_time
+        if correct(
+            autopilot, pose.position, pose.attitude, captured, tick, period, memory.airborne
+        ):
+            autopilot.mocap_time = max(autopilot.mocap_time, captured * 1e-3)
+            memory.pose_stamp_ns = captured * TICK_NS
+            memory.poses += 1
         else:
-            r.rejected += 1
-        _drop_first_pending(r)
-    update_body_rates(a, r.imu, 0)
-    for i in range(A.leg):
-        r.estimate[i] = a[i]
-    r.known = True
-    process_imu(a, r.imu, tick, 1, r.airborne)
-    r.next_tick = tick + 1
+            memory.rejected += 1
+        _drop_first_pending(memory)
+    update_body_rates(autopilot.state, memory.gyro)
+    copy_state(memory.estimate, autopilot.state)
+    memory.known = True
+    process_imu(autopilot, memory.gyro, memory.accel, tick, 1, memory.airborne)
+    memory.next_tick = tick + 1
     return True
 
 
@@ -321,33 +351,32 @@ def status_due(stamp_ns: int) -> bool:
 
 
 @compiled_call
-def fill_odometry(r: Any, out: Any) -> None:
+def fill_odometry(memory: EstimatorMemory, out: Any) -> None:
     """Write the newest estimate as odometry: velocity in base_link."""
-    e = r.estimate
-    out.stamp_ns = r.stamp_ns
+    estimate, velocity = memory.estimate, memory.estimate.velocity
+    out.stamp_ns = memory.stamp_ns
     q = out.attitude
     for i in range(4):
-        q[i] = e[A.attitude + i]
+        q[i] = estimate.attitude[i]
     back = np.array([-q[0], -q[1], -q[2], q[3]])
-    v = A.velocity
-    x, y, z = rotated(back, e[v], e[v + 1], e[v + 2])
+    x, y, z = rotated(back, velocity[0], velocity[1], velocity[2])
     out.velocity[0], out.velocity[1], out.velocity[2] = x, y, z
     for i in range(3):
-        out.position[i] = e[A.position + i]
-        out.rates[i] = e[A.rates + i]
+        out.position[i] = estimate.position[i]
+        out.rates[i] = estimate.rates[i]
 
 
 @compiled_call
-def fill_status(r: Any, out: Any) -> None:
+def fill_status(memory: EstimatorMemory, out: Any) -> None:
     """Write the status that goes with the newest estimate."""
-    out.stamp_ns = r.stamp_ns
+    out.stamp_ns = memory.stamp_ns
     out.initialised = True
     for i in range(3):
-        out.gyro_bias[i] = r.estimate[A.gyro_bias + i]
-        out.accel_bias[i] = r.estimate[A.accel_bias + i]
-    out.pose_stamp_ns = r.pose_stamp_ns
-    out.poses = r.poses
-    out.rejected = r.rejected
+        out.gyro_bias[i] = memory.estimate.gyro_bias[i]
+        out.accel_bias[i] = memory.estimate.accel_bias[i]
+    out.pose_stamp_ns = memory.pose_stamp_ns
+    out.poses = memory.poses
+    out.rejected = memory.rejected
 
 
 class EstimatorCore(Core):
@@ -378,17 +407,13 @@ class EstimatorCore(Core):
         self._began_ns: int | None = None
         self._imu_ns: int | None = None
         """When the last IMU sample came."""
-        self._vehicle = vehicle
-        self.autopilot = self._fresh(params)
-        """Memory of the estimate, `tombo_control.autopilot`."""
-        self.memory: Any = np.zeros(1, ESTIMATOR)[0]
-        reset_estimator(self.memory)
-        self.memory["pose_stamp_ns"] = _NO_STAMP
-        self.memory["airborne"] = True
-
-    def _fresh(self, params: EstimatorParams) -> Array:
         level = np.array([0.0, 0.0, 0.0, 1.0])
-        return new_autopilot(ControlParams(), params, self._vehicle, np.zeros(3), level)
+        self.autopilot = new_autopilot(ControlParams(), params, vehicle, np.zeros(3), level)
+        """Memory of the estimate, `tombo_control.autopilot`."""
+        self.memory = EstimatorMemory.new()
+        reset_estimator(self.memory)
+        self.memory.pose_stamp_ns = _NO_STAMP
+        self.memory.airborne = True
 
     def on(self, topic: str, message: Pose | Imu | MissionStatus, now_ns: int) -> None:
         """Take a pose, an IMU sample or the mission's phase."""
@@ -413,26 +438,26 @@ class EstimatorCore(Core):
     def _take_imu(self, sample: Imu) -> None:
         if not np.isfinite(sample.gyro.sum() + sample.accel.sum()):
             self.health.report_event("imu_not_finite", "imu sample with NaN or infinity")
-        r, stamp_ns = self.memory, sample.stamp_ns
-        if not take_imu(r, self.autopilot, stamp_ns, sample.gyro, sample.accel):
+        memory, stamp_ns = self.memory, sample.stamp_ns
+        if not take_imu(memory, self.autopilot, stamp_ns, sample.gyro, sample.accel):
             return
         if odometry_due(stamp_ns):
-            fill_odometry(r, r["odometry"])
-            self._outputs.append(("/odometry", message_of(Odometry, r["odometry"])))
+            fill_odometry(memory, memory.odometry)
+            self._outputs.append(("/odometry", message_of(Odometry, memory.odometry)))
         if status_due(stamp_ns):
-            fill_status(r, r["status"])
-            self._outputs.append(("/estimator/status", message_of(EstimatorStatus, r["status"])))
+            fill_status(memory, memory.status)
+            self._outputs.append(("/estimator/status", message_of(EstimatorStatus, memory.status)))
 
     def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
         """Return what follows from the IMU samples since the last step."""
         if self._began_ns is None or now_ns < self._began_ns:
             self._began_ns = now_ns
-        r, health = self.memory, self.health
-        if not r["known"]:
+        memory, health = self.memory, self.health
+        if not memory.known:
             waited = now_ns - self._began_ns > _GRACE_NS
-            health.fault("mocap_silent", waited and not r["initial"], "no mocap poses")
+            health.fault("mocap_silent", waited and not memory.initial, "no mocap poses")
         else:
-            age = int(now_ns - r["pose_stamp_ns"])
+            age = int(now_ns - memory.pose_stamp_ns)
             text = f"the last mocap pose is {age * 1e-9:.2f} s old"
             health.fault("mocap_silent", age > _POSE_SILENT_NS, text)
             health.values["mocap_age_s"] = round(age * 1e-9, 3)
@@ -457,18 +482,18 @@ class EstimatorCore(Core):
 
     def phase(self, phase: int) -> None:
         """Take the mission's phase: on the ground the velocity is zero."""
-        self.memory["airborne"] = phase not in (IDLE, LANDED)
+        self.memory.airborne = phase not in (IDLE, LANDED)
 
     def params(self, params: EstimatorParams) -> None:
         """Take other parameters; the estimate goes on."""
-        self.autopilot[G[0] :] = self._fresh(params)[G[0] :]
+        fill_parameters(self.autopilot.observer, params)
 
     def pose(
         self, stamp_ns: int, now_ns: int, frame_id: str, position: Array, attitude: Array
     ) -> str:
         """Take a pose as `take_pose` does; return one of `POSE_REFUSALS`, empty if it is used."""
         if frame_id.lstrip("/") != FRAME:
-            self.memory["rejected"] += 1
+            self.memory.rejected += 1
             return POSE_REFUSALS[_WRONG_FRAME]
         why = take_pose(self.memory, self.autopilot, stamp_ns, now_ns, position, attitude)
         return POSE_REFUSALS[why]
@@ -481,36 +506,35 @@ class EstimatorCore(Core):
     @property
     def estimate(self) -> Estimate | None:
         """The newest estimate."""
-        r = self.memory
-        if not r["known"]:
+        memory = self.memory
+        if not memory.known:
             return None
-        e = r["estimate"].copy()
-        a = A
+        estimate = memory.estimate.copy()
         return Estimate(
-            int(r["stamp_ns"]),
-            e[a.position : a.position + 3],
-            e[a.velocity : a.velocity + 3],
-            e[a.attitude : a.attitude + 4],
-            e[a.rates : a.rates + 3],
-            e[a.gyro_bias : a.gyro_bias + 3],
-            e[a.accel_bias : a.accel_bias + 3],
-            int(r["pose_stamp_ns"]),
+            int(memory.stamp_ns),
+            estimate.position,
+            estimate.velocity,
+            estimate.attitude,
+            estimate.rates,
+            estimate.gyro_bias,
+            estimate.accel_bias,
+            int(memory.pose_stamp_ns),
         )
 
     @property
     def poses(self) -> int:
         """Poses used."""
-        return int(self.memory["poses"])
+        return int(self.memory.poses)
 
     @property
     def rejected(self) -> int:
         """Poses refused."""
-        return int(self.memory["rejected"])
+        return int(self.memory.rejected)
 
     @property
     def lost_samples(self) -> int:
         """IMU samples that never came."""
-        return int(self.memory["lost_samples"])
+        return int(self.memory.lost_samples)
 
     def reset(self) -> None:
         """Forget the state; the next poses begin it anew."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from tombo_control.autopilot import HISTORY_TICKS, A
+from tombo_control.autopilot import HISTORY_TICKS, Autopilot, State
 from tombo_control.cascade import run_control_loops
 from tombo_control.estimator import store_history, update_body_rates
 from tombo_dynamics.arrays import Array
@@ -21,57 +21,69 @@ _TICK = 1e-3
 
 
 @compiled
-def propagate(a: Array, tick: int, ticks: int) -> None:
-    """Carry attitude and position over `ticks` ticks to `tick`, with rates and velocity held."""
+def propagate(state: State, history: Array, tick: int, ticks: int) -> None:
+    """Carry attitude and position over `ticks` ticks to `tick`, with rates and velocity held.
+
+    Reads and writes `state`; each tick on the way is entered in `history`.
+    """
+    rates = state.rates
     for k in range(ticks):
         for i in range(3):
-            a[A.position + i] += _TICK * a[A.velocity + i]
-        rotate_by_vector(
-            a[A.attitude : A.attitude + 4],
-            a[A.rates] * _TICK,
-            a[A.rates + 1] * _TICK,
-            a[A.rates + 2] * _TICK,
-        )
-        store_history(a, tick - ticks + k + 1)
+            state.position[i] += _TICK * state.velocity[i]
+        rotate_by_vector(state.attitude, rates[0] * _TICK, rates[1] * _TICK, rates[2] * _TICK)
+        store_history(state, history, tick - ticks + k + 1)
 
 
 @compiled_call
-def correct_with_estimate(a: Array, estimate: Array, captured: int, now: int) -> None:
+def correct_with_estimate(
+    state: State,
+    history: Array,
+    position: Array,
+    velocity: Array,
+    attitude: Array,
+    captured: int,
+    now: int,
+) -> None:
     """Take an estimate that was true at tick `captured`; `now` is the present tick.
 
+    Writes position, velocity and attitude of `state`, and turns what `history` has since then.
+
     Args:
-        a: the autopilot's memory.
-        estimate: (10) position [m], velocity [m/s] in map, quaternion xyzw, map from base_link.
+        state: at tick `now`.
+        history: of the autopilot.
+        position: (3) [m], map.
+        velocity: (3) [m/s], map.
+        attitude: (4) quaternion xyzw, map from base_link.
         captured: tick of the estimate; older than the history: it is taken as it is.
         now: present tick.
     """
     late = (now - captured) * _TICK
     for i in range(3):
-        a[A.velocity + i] = estimate[3 + i]
-        a[A.position + i] = estimate[i] + late * estimate[3 + i]
-    slot = A.history + 8 * (captured % HISTORY_TICKS)
-    if captured > now or a[slot + 7] != captured:
+        state.velocity[i] = velocity[i]
+        state.position[i] = position[i] + late * velocity[i]
+    past = history[captured % HISTORY_TICKS]
+    if captured > now or past.tick != captured:
         for i in range(4):
-            a[A.attitude + i] = estimate[6 + i]
+            state.attitude[i] = attitude[i]
         if captured > now:  # it came before the gyro sample it was made from: turn it back
-            x, y, z = a[A.rates], a[A.rates + 1], a[A.rates + 2]
-            rotate_by_vector(a[A.attitude : A.attitude + 4], late * x, late * y, late * z)
-        store_history(a, now)
+            x, y, z = state.rates[0], state.rates[1], state.rates[2]
+            rotate_by_vector(state.attitude, late * x, late * y, late * z)
+        store_history(state, history, now)
         return
-    x, y, z, w = relative_rotation(estimate[6:10], a[slot + 3 : slot + 7])
+    x, y, z, w = relative_rotation(attitude, past.attitude)
     sine = math.sqrt(x * x + y * y + z * z)
     scale = 2.0 * math.atan2(sine, w) / sine if sine > 1e-12 else 2.0
     for tick in range(captured, now + 1):  # the next estimate is held against the history too
-        past = A.history + 8 * (tick % HISTORY_TICKS)
-        rotate_by_vector(a[past + 3 : past + 7], scale * x, scale * y, scale * z)
-    present = A.history + 8 * (now % HISTORY_TICKS)
+        q = history[tick % HISTORY_TICKS].attitude
+        rotate_by_vector(q, scale * x, scale * y, scale * z)
+    present = history[now % HISTORY_TICKS]
     for i in range(4):
-        a[A.attitude + i] = a[present + 3 + i]
+        state.attitude[i] = present.attitude[i]
 
 
 @compiled
 def control_tick(
-    a: Array,
+    autopilot: Autopilot,
     maps: RotorMaps,
     gyro: Array,
     tick: int,
@@ -83,7 +95,7 @@ def control_tick(
     """Carry the state on to the gyro sample of `tick`, take it, and run the loops that are due.
 
     Args:
-        a: the autopilot's memory.
+        autopilot: as in `run_control_loops`; state and history are written, too.
         maps: the rotor's table.
         gyro: (3) [rad/s], body frame.
         tick: tick of the sample.
@@ -92,6 +104,6 @@ def control_tick(
         attitude: the attitude loop is due.
         blind: the position is not known.
     """
-    propagate(a, tick, ticks)
-    update_body_rates(a, gyro, 0)
-    run_control_loops(a, maps, position, attitude, blind)
+    propagate(autopilot.state, autopilot.history, tick, ticks)
+    update_body_rates(autopilot.state, gyro)
+    run_control_loops(autopilot, maps, position, attitude, blind)

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from tombo_control.trapezoidal_profile import trapezoidal_profile
-from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled_call
+from tombo_dynamics.records import Record, field
 
 Point = tuple[float, float, float]
 
@@ -41,12 +39,6 @@ class Leg(NamedTuple):
     hold_s: float = 0.0
     """How long it is held before the next leg of a course."""
 
-    def as_array(self) -> Array:
-        """Return it as the autopilot's memory has it (14)."""
-        times = (self.begin_s, self.end_s, self.ramp_s)
-        turn = (self.yaw, self.yaw, self.yaw_rate, self.turn_s, self.turn_ramp_s)
-        return np.array([*self.start, *self.velocity, *times, *turn])
-
     def position(self, time_s: float) -> Point:
         """Return the reference position at `time_s`."""
         return leg_position(self, time_s)
@@ -64,6 +56,50 @@ class Leg(NamedTuple):
     def hold_end_s(self) -> float:
         """When the hold after them is over, too."""
         return self.motion_end_s + self.hold_s
+
+
+class LegRecord(Record):
+    """A `Leg` in memory."""
+
+    start = field("m", "in map", 3)
+    velocity = field("m/s", "while cruising, in map", 3)
+    begin_s = field("s", "begin of way and turn")
+    end_s = field("s", "end of the way")
+    ramp_s = field("s", "from rest to cruise, and back")
+    yaw = field("rad", "at the begin")
+    yaw_rate = field("rad/s", "while turning")
+    turn_s = field("s", "how long the turn lasts, from the begin")
+    turn_ramp_s = field("s", "from rest to the rate, and back")
+    hold_s = field("s", "how long it is held before the next leg of a course")
+
+
+@compiled_call
+def store_leg(record: LegRecord, leg: Leg) -> None:
+    """Write a leg into a record."""
+    for i in range(3):
+        record.start[i] = leg.start[i]
+        record.velocity[i] = leg.velocity[i]
+    record.begin_s, record.end_s, record.ramp_s = leg.begin_s, leg.end_s, leg.ramp_s
+    record.yaw, record.yaw_rate = leg.yaw, leg.yaw_rate
+    record.turn_s, record.turn_ramp_s = leg.turn_s, leg.turn_ramp_s
+    record.hold_s = leg.hold_s
+
+
+@compiled_call
+def stored_leg(record: LegRecord) -> Leg:
+    """Return the leg that a record holds."""
+    return Leg(
+        (record.start[0], record.start[1], record.start[2]),
+        (record.velocity[0], record.velocity[1], record.velocity[2]),
+        record.begin_s,
+        record.end_s,
+        record.ramp_s,
+        record.yaw,
+        record.yaw_rate,
+        record.turn_s,
+        record.turn_ramp_s,
+        record.hold_s,
+    )
 
 
 @compiled_call

@@ -11,9 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tombo_control.autopilot import (
     APPROACH,
     IDLE,
@@ -22,7 +19,7 @@ from tombo_control.autopilot import (
     PHASE_NAMES,
     TAKEOFF,
 )
-from tombo_control.leg import Leg, leg_position, leg_yaw, motion_end
+from tombo_control.leg import LegRecord, leg_position, leg_yaw, motion_end, store_leg, stored_leg
 from tombo_control.mission import (
     MissionParams,
     MissionState,
@@ -36,14 +33,14 @@ from tombo_control.mission import (
     wait,
 )
 from tombo_control.trapezoidal_profile import trapezoidal_profile
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import Core
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.message_records import POSITION_SETPOINT, message_of
 from tombo_dynamics.messages import MissionStatus, Odometry, PositionSetpoint, ReactionStatus
 from tombo_dynamics.params import as_tuple, param, tuple_type
+from tombo_dynamics.records import Record, field
 from tombo_dynamics.rotation import rotate_vectors
-
-Array = NDArray[np.float64]
 
 REACTION_IDLE, REACTING, REACTION_BLIND, REACTION_HOLDING = range(4)
 """States of the reaction, as in `tombo_msgs/ReactionStatus`."""
@@ -123,99 +120,87 @@ class MissionLimits:
 
 _Limits: Any = tuple_type(MissionLimits, "_Limits", __name__)
 
-MISSION = np.dtype(
-    [
-        ("begun", np.bool_),  # the first estimate has come
-        ("started", np.bool_),  # False: waits on the ground, the plan's clock at 0
-        ("mode", np.int64),  # from here to settled_s: the `MissionState`, its leg flat
-        ("start", np.float64, 3),
-        ("velocity", np.float64, 3),
-        ("leg", np.float64, 8),  # begin_s to hold_s of `Leg`
-        ("home", np.float64, 3),
-        ("steps", np.int64),
-        ("settled_since_s", np.float64),
-        ("settled_s", np.float64),
-        ("wait_reason", np.int64),  # index in WAIT_REASONS
-        ("estimate", np.float64, (2, 3)),  # position [m], velocity [m/s], map
-        ("estimate_ns", np.int64),  # when it came; -1: never, as in the next two
-        ("answer_ns", np.int64),  # when the reaction's last set point came
-        ("now_ns", np.int64),  # of the last step
-        ("time_ns", np.int64),  # flight time
-        ("two_estimators", np.bool_),
-        ("reaction", np.int64),  # the reaction's state
-        ("decision", np.float64, 4),  # last one taken: number of collisions, x_r [m]; NaN: none
-        ("escape", np.float64, 3),  # x_r to leave for [m]; NaN: none
-        ("rest_since_s", np.float64),
-        ("has_flown", np.bool_),
-        ("setpoint", POSITION_SETPOINT),  # the newest
-        ("published", np.int64, 2),  # phase and reason to wait of the last status
-        ("status_due", np.bool_),  # the present ones are others
-    ],
-    align=True,
-)
-"""Memory of the mission's core."""
+
+class MissionMemory(Record):
+    """Memory of the mission's core."""
+
+    begun = field("1", "the first estimate has come", kind=bool)
+    started = field("1", "false: waits on the ground, the plan's clock at 0", kind=bool)
+    mode = field("1", "from here to settled_s: the `MissionState`", kind=int)
+    leg = field("", "the reference", kind=LegRecord)
+    home = field("m", "in map", 3)
+    steps = field("1", "jumps made, or waypoints begun", kind=int)
+    settled_since_s = field("s", "at x_r since then")
+    settled_s = field("s", "when it was first settled there; NaN before")
+    wait_reason = field("1", "index in WAIT_REASONS", kind=int)
+    position = field("m", "last estimate, in map", 3)
+    velocity = field("m/s", "last estimate, in map", 3)
+    estimate_ns = field("ns", "when it came; -1: never, as in the next two", kind=int)
+    answer_ns = field("ns", "when the reaction's last set point came", kind=int)
+    now_ns = field("ns", "of the last step", kind=int)
+    time_ns = field("ns", "flight time", kind=int)
+    two_estimators = field("1", "two nodes publish odometry", kind=bool)
+    reaction = field("1", "the reaction's state", kind=int)
+    decided_collisions = field("1", "number of collisions in the last one; -1: none", kind=int)
+    decided_place = field("m", "x_r of the last decision taken, in map", 3)
+    escape = field("m", "x_r to leave for, in map; NaN: none", 3)
+    rest_since_s = field("s", "stands still since then")
+    has_flown = field("1", "it has been in the air", kind=bool)
+    setpoint = field("", "the newest", kind=POSITION_SETPOINT)
+    published_mode = field("1", "phase in the last status", kind=int)
+    published_reason = field("1", "reason to wait in the last status", kind=int)
+    status_due = field("1", "the present ones are others", kind=bool)
 
 
 @compiled_call
-def begin_mission(r: Any, started: bool) -> None:
+def begin_mission(memory: MissionMemory, started: bool) -> None:
     """Forget everything but what was published."""
-    r.begun = False
-    r.started = started
-    r.mode = IDLE
-    r.wait_reason = _GOES_ON
-    r.estimate_ns = _NEVER
-    r.answer_ns = _NEVER
-    r.now_ns = _NEVER
-    r.time_ns = 0
-    r.two_estimators = False
-    r.reaction = REACTION_IDLE
-    for i in range(4):
-        r.decision[i] = math.nan
+    memory.begun = False
+    memory.started = started
+    memory.mode = IDLE
+    memory.wait_reason = _GOES_ON
+    memory.estimate_ns = _NEVER
+    memory.answer_ns = _NEVER
+    memory.now_ns = _NEVER
+    memory.time_ns = 0
+    memory.two_estimators = False
+    memory.reaction = REACTION_IDLE
+    memory.decided_collisions = _NEVER
     for i in range(3):
-        r.escape[i] = math.nan
-    r.rest_since_s = math.inf
-    r.has_flown = False
+        memory.decided_place[i] = math.nan
+        memory.escape[i] = math.nan
+    memory.rest_since_s = math.inf
+    memory.has_flown = False
 
 
 @compiled_call
-def mission_state(r: Any) -> MissionState:
+def mission_state(memory: MissionMemory) -> MissionState:
     """Return where the plan stands."""
-    t = r.leg
-    leg = Leg(
-        (r.start[0], r.start[1], r.start[2]),
-        (r.velocity[0], r.velocity[1], r.velocity[2]),
-        t[0],
-        t[1],
-        t[2],
-        t[3],
-        t[4],
-        t[5],
-        t[6],
-        t[7],
+    home = (memory.home[0], memory.home[1], memory.home[2])
+    return MissionState(
+        memory.mode,
+        stored_leg(memory.leg),
+        home,
+        memory.steps,
+        memory.settled_since_s,
+        memory.settled_s,
     )
-    home = (r.home[0], r.home[1], r.home[2])
-    return MissionState(r.mode, leg, home, r.steps, r.settled_since_s, r.settled_s)
 
 
 @compiled_call
-def store_state(r: Any, state: MissionState) -> None:
+def store_state(memory: MissionMemory, state: MissionState) -> None:
     """Keep where the plan stands."""
-    leg = state.leg
+    store_leg(memory.leg, state.leg)
     for i in range(3):
-        r.start[i] = leg.start[i]
-        r.velocity[i] = leg.velocity[i]
-        r.home[i] = state.home[i]
-    r.leg[0], r.leg[1], r.leg[2] = leg.begin_s, leg.end_s, leg.ramp_s
-    r.leg[3], r.leg[4], r.leg[5] = leg.yaw, leg.yaw_rate, leg.turn_s
-    r.leg[6], r.leg[7] = leg.turn_ramp_s, leg.hold_s
-    r.mode = state.mode
-    r.steps = state.steps
-    r.settled_since_s = state.settled_since_s
-    r.settled_s = state.settled_s
+        memory.home[i] = state.home[i]
+    memory.mode = state.mode
+    memory.steps = state.steps
+    memory.settled_since_s = state.settled_since_s
+    memory.settled_s = state.settled_s
 
 
 @compiled_call
-def take_estimate(r: Any, position: Array, velocity: Array, now_ns: int) -> bool:
+def take_estimate(memory: MissionMemory, position: Array, velocity: Array, now_ns: int) -> bool:
     """Take an estimate (3), (3), map; False: not finite, not taken."""
     total = 0.0
     for i in range(3):
@@ -223,20 +208,26 @@ def take_estimate(r: Any, position: Array, velocity: Array, now_ns: int) -> bool
     if not math.isfinite(total):
         return False
     for i in range(3):
-        r.estimate[0, i] = position[i]
-        r.estimate[1, i] = velocity[i]
-    r.estimate_ns = now_ns
+        memory.position[i] = position[i]
+        memory.velocity[i] = velocity[i]
+    memory.estimate_ns = now_ns
     return True
 
 
 @compiled_call
 def take_reaction(
-    r: Any, limits: Any, state: int, x_r: Array, collisions: int, stamp_ns: int, now_ns: int
+    memory: MissionMemory,
+    limits: Any,
+    state: int,
+    x_r: Array,
+    collisions: int,
+    stamp_ns: int,
+    now_ns: int,
 ) -> None:
     """Take the reaction's status.
 
     Args:
-        r: the mission's memory.
+        memory: the mission's memory.
         limits: `MissionLimits`.
         state: a `ReactionPhase`.
         x_r: (3) in map [m]; counts with a collision only.
@@ -244,51 +235,52 @@ def take_reaction(
         stamp_ns: of the decision.
         now_ns: the present.
     """
-    r.reaction = state
+    memory.reaction = state
     if state == REACTION_IDLE:
-        r.escape[0] = math.nan
+        memory.escape[0] = math.nan
     if state == REACTION_IDLE or not math.isfinite(x_r[0] + x_r[1] + x_r[2]):
         return
-    known = r.decision[0] == collisions
+    known = memory.decided_collisions == collisions
     for i in range(3):
-        known = known and r.decision[1 + i] == x_r[i]
+        known = known and memory.decided_place[i] == x_r[i]
     if known:
         return
-    r.decision[0] = collisions
+    memory.decided_collisions = collisions
     fresh = now_ns - stamp_ns <= limits.escape_age * 1e9
     for i in range(3):
-        r.decision[1 + i] = x_r[i]
+        memory.decided_place[i] = x_r[i]
         if fresh:
-            r.escape[i] = x_r[i]
+            memory.escape[i] = x_r[i]
 
 
 @compiled_call
-def mission_step(r: Any, plan: Any, limits: Any, now_ns: int) -> bool:
+def mission_step(memory: MissionMemory, plan: Any, limits: Any, now_ns: int) -> bool:
     """Go on to `now_ns`; write `setpoint` and return True, False before the first estimate."""
-    if r.now_ns != _NEVER and now_ns < r.now_ns - _CLOCK_SET_NS:
-        begin_mission(r, r.started)
-    passed = 0 if r.now_ns == _NEVER else max(now_ns - r.now_ns, 0)
-    r.now_ns = now_ns
-    if not r.begun:
-        if r.estimate_ns == _NEVER or r.two_estimators:
+    if memory.now_ns != _NEVER and now_ns < memory.now_ns - _CLOCK_SET_NS:
+        begin_mission(memory, memory.started)
+    passed = 0 if memory.now_ns == _NEVER else max(now_ns - memory.now_ns, 0)
+    memory.now_ns = now_ns
+    if not memory.begun:
+        if memory.estimate_ns == _NEVER or memory.two_estimators:
             return False
-        r.begun = True
-        r.has_flown = r.estimate[0, 2] > limits.ground_height + _AIRBORNE
-        if r.has_flown:
-            store_state(r, initial_state_in_flight(r.estimate[0], limits.ground_height))
+        memory.begun = True
+        memory.has_flown = memory.position[2] > limits.ground_height + _AIRBORNE
+        if memory.has_flown:
+            store_state(memory, initial_state_in_flight(memory.position, limits.ground_height))
         else:
-            store_state(r, begin(r.estimate[0]))
+            store_state(memory, begin(memory.position))
         passed = 0
-    waited = r.wait_reason
-    r.wait_reason = _reason_to_wait(r, limits, now_ns)
-    still = r.wait_reason == _NO_ESTIMATE or r.wait_reason == _TWO_ESTIMATES
+    waited = memory.wait_reason
+    memory.wait_reason = _reason_to_wait(memory, limits, now_ns)
+    still = memory.wait_reason == _NO_ESTIMATE or memory.wait_reason == _TWO_ESTIMATES
     if not still:
-        if r.started or r.mode != IDLE:
-            r.time_ns += min(passed, _MAX_CLOCK_STEP_NS)
-        _advance(r, plan, limits, waited)
-    _set_point(r, now_ns, still)
-    r.status_due = r.published[0] != r.mode or r.published[1] != r.wait_reason
-    r.published[0], r.published[1] = r.mode, r.wait_reason
+        if memory.started or memory.mode != IDLE:
+            memory.time_ns += min(passed, _MAX_CLOCK_STEP_NS)
+        _advance(memory, plan, limits, waited)
+    _set_point(memory, now_ns, still)
+    mode, reason = memory.mode, memory.wait_reason
+    memory.status_due = memory.published_mode != mode or memory.published_reason != reason
+    memory.published_mode, memory.published_reason = mode, reason
     return True
 
 
@@ -298,36 +290,36 @@ def _is_planned(mode: int) -> bool:
 
 
 @compiled_call
-def _reason_to_wait(r: Any, limits: Any, now_ns: int) -> int:
-    if r.two_estimators:
+def _reason_to_wait(memory: MissionMemory, limits: Any, now_ns: int) -> int:
+    if memory.two_estimators:
         return _TWO_ESTIMATES
-    if r.estimate_ns == _NEVER or now_ns - r.estimate_ns > limits.estimate_timeout * 1e9:
+    if memory.estimate_ns == _NEVER or now_ns - memory.estimate_ns > limits.estimate_timeout * 1e9:
         return _NO_ESTIMATE
-    if not _is_planned(r.mode):
+    if not _is_planned(memory.mode):
         return _GOES_ON
-    if r.reaction == REACTION_HOLDING:
+    if memory.reaction == REACTION_HOLDING:
         return _REACTION_HOLDS
-    if r.reaction == REACTION_BLIND:
+    if memory.reaction == REACTION_BLIND:
         return _BLIND
-    if r.answer_ns != _NEVER and now_ns - r.answer_ns > limits.reaction_timeout * 1e9:
+    if memory.answer_ns != _NEVER and now_ns - memory.answer_ns > limits.reaction_timeout * 1e9:
         return _REACTION_SILENT
     return _GOES_ON
 
 
 @compiled_call
-def _advance(r: Any, plan: Any, limits: Any, waited: int) -> None:
+def _advance(memory: MissionMemory, plan: Any, limits: Any, waited: int) -> None:
     """Take the plan's next step, with a fresh estimate."""
-    state, now, here = mission_state(r), r.time_ns * 1e-9, r.estimate[0]
-    if not math.isnan(r.escape[0]):
+    state, now, here = mission_state(memory), memory.time_ns * 1e-9, memory.position
+    if not math.isnan(memory.escape[0]):
         if state.mode != IDLE and state.mode != LAND and state.mode != LANDED:
-            state = start_reaction(state, r.escape, now)
-        r.escape[0] = math.nan
+            state = start_reaction(state, memory.escape, now)
+        memory.escape[0] = math.nan
     if state.mode == IDLE:
         state = begin(here)
-    if _is_on_ground(r, state, now):
-        store_state(r, set_landed(state, now, here))
+    if _is_on_ground(memory, state, now):
+        store_state(memory, set_landed(state, now, here))
         return
-    waiting = _is_planned(state.mode) and r.wait_reason != _GOES_ON
+    waiting = _is_planned(state.mode) and memory.wait_reason != _GOES_ON
     off = _tracking_error(state, now, here)
     if state.mode != IDLE and _is_planned(state.mode):
         if waiting:
@@ -340,10 +332,10 @@ def _advance(r: Any, plan: Any, limits: Any, waited: int) -> None:
         ):
             state = resume(state, plan, now, here)
     late = state.mode != IDLE and now >= plan.land_time
-    ready = r.started or state.mode != IDLE
+    ready = memory.started or state.mode != IDLE
     if (ready and not waiting) or late:
-        state = advance_mission(state, plan, now, here, r.estimate[1])
-    store_state(r, state)
+        state = advance_mission(state, plan, now, here, memory.velocity)
+    store_state(memory, state)
 
 
 @compiled_call
@@ -361,44 +353,44 @@ def _reference_moves(state: MissionState, now: float) -> bool:
 
 
 @compiled_call
-def _is_on_ground(r: Any, state: MissionState, now: float) -> bool:
+def _is_on_ground(memory: MissionMemory, state: MissionState, now: float) -> bool:
     """Say whether the vehicle stands on the ground though it is to fly.
 
     It has crashed, or somebody has put it there; or it does not lift off.
     """
-    height = r.estimate[0, 2]
+    height = memory.position[2]
     if state.mode == IDLE:
-        r.has_flown = False
+        memory.has_flown = False
     elif height > state.home[2] + _AIRBORNE:
-        r.has_flown = True
+        memory.has_flown = True
     _, _, wanted = leg_position(state.leg, motion_end(state.leg))
     low = height < state.home[2] + _LOW and height < wanted - _BELOW
-    x, y, z = r.estimate[1, 0], r.estimate[1, 1], r.estimate[1, 2]
+    x, y, z = memory.velocity[0], memory.velocity[1], memory.velocity[2]
     slow = math.sqrt(x * x + y * y + z * z) < _REST
     flies = state.mode != IDLE and state.mode != LAND and state.mode != LANDED
-    if not (low and slow and flies) or r.wait_reason != _GOES_ON:
-        r.rest_since_s = math.inf
+    if not (low and slow and flies) or memory.wait_reason != _GOES_ON:
+        memory.rest_since_s = math.inf
         return False
-    r.rest_since_s = min(r.rest_since_s, now)
-    return bool(now - r.rest_since_s >= (_REST_S if r.has_flown else _NO_LIFT_S))
+    memory.rest_since_s = min(memory.rest_since_s, now)
+    return bool(now - memory.rest_since_s >= (_REST_S if memory.has_flown else _NO_LIFT_S))
 
 
 @compiled_call
-def _set_point(r: Any, now_ns: int, still: bool) -> None:
+def _set_point(memory: MissionMemory, now_ns: int, still: bool) -> None:
     """Write the reference at the present flight time; `still`: held where it is."""
-    leg, now = mission_state(r).leg, r.time_ns * 1e-9
+    leg, now = stored_leg(memory.leg), memory.time_ns * 1e-9
     _, speed, change = trapezoidal_profile(now - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s)
     if still:
         speed = 0.0
         change = 0.0
     place = leg_position(leg, now)
-    out = r.setpoint
+    out = memory.setpoint
     for i in range(3):
         out.position[i] = place[i]
         out.velocity[i] = speed * leg.velocity[i]
         out.acceleration[i] = change * leg.velocity[i]
     out.yaw = leg_yaw(leg, now)
-    out.phase = r.mode
+    out.phase = memory.mode
     out.stamp_ns = now_ns
 
 
@@ -428,8 +420,8 @@ class MissionCore(Core):
         super().__init__()
         self.plan = compiled_plan(params)
         self.limits = as_tuple(limits, _Limits)
-        self.memory: Any = np.zeros(1, MISSION)[0]
-        self.memory["published"] = -1
+        self.memory = MissionMemory.new()
+        self.memory.published_mode = -1
         begin_mission(self.memory, started)
 
     def on(
@@ -447,8 +439,8 @@ class MissionCore(Core):
 
     def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
         """Go on with the plan; return its set point, and its status when that has changed."""
-        r = self.memory
-        known = mission_step(r, self.plan, self.limits, now_ns)
+        memory = self.memory
+        known = mission_step(memory, self.plan, self.limits, now_ns)
         waits = self.wait_reason
         for why, text in _WAITS.items():
             self.health.fault(why, waits == why and self.mode != IDLE, text)
@@ -456,10 +448,10 @@ class MissionCore(Core):
         self.health.values["flight_time_s"] = round(self.time_s, 2)
         if not known:
             return []
-        setpoint = message_of(PositionSetpoint, r["setpoint"])
+        setpoint = message_of(PositionSetpoint, memory.setpoint)
         outputs: list[tuple[str, Any]] = [("/mission/setpoint", setpoint)]
-        if r["status_due"]:
-            text = status_text(self.mode, int(r["wait_reason"]))
+        if memory.status_due:
+            text = status_text(self.mode, int(memory.wait_reason))
             outputs.append(("/mission/status", MissionStatus(now_ns, self.mode, text)))
         return outputs
 
@@ -470,12 +462,12 @@ class MissionCore(Core):
         elif section == "inputs":
             self.limits = as_tuple(params, _Limits)
         else:
-            self.memory["started"] = bool(params)
+            self.memory.started = bool(params)
 
     def set_multiple_publishers(self, topic: str, several: bool) -> None:
         """Stand still while two estimators speak."""
         if topic == "/odometry":
-            self.memory["two_estimators"] = several
+            self.memory.two_estimators = several
 
     def estimate(self, position: Array, velocity: Array, now_ns: int) -> bool:
         """Take an estimate (3), (3), map; False: not finite, not taken."""
@@ -489,27 +481,27 @@ class MissionCore(Core):
 
     def reaction_alive(self, now_ns: int) -> None:
         """Take note of a set point of the reaction: it is alive."""
-        self.memory["answer_ns"] = now_ns
+        self.memory.answer_ns = now_ns
 
     @property
     def state(self) -> MissionState | None:
         """Where the plan stands; None before the first estimate."""
-        return mission_state(self.memory) if self.memory["begun"] else None
+        return mission_state(self.memory) if self.memory.begun else None
 
     @property
     def mode(self) -> int:
         """Phase of the plan."""
-        return int(self.memory["mode"])
+        return int(self.memory.mode)
 
     @property
     def wait_reason(self) -> str:
         """Why the plan waits, one of `WAIT_REASONS`."""
-        return WAIT_REASONS[self.memory["wait_reason"]]
+        return WAIT_REASONS[self.memory.wait_reason]
 
     @property
     def time_s(self) -> float:
         """Flight time: since the first estimate, without the times that there was none [s]."""
-        return float(self.memory["time_ns"]) * 1e-9
+        return float(self.memory.time_ns) * 1e-9
 
 
 def status_text(phase: int, wait_reason: int) -> str:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from tombo_control.autopilot import A, G
-from tombo_dynamics.arrays import Array
+from tombo_control.autopilot import LoopMemory, Setpoint, State
+from tombo_control.params import ControlParams
 from tombo_dynamics.jit import compiled
 
 _TICK = 1e-3
@@ -11,21 +11,25 @@ _RATE = 1e3
 
 
 @compiled
-def rate_control(a: Array) -> None:
-    """Run the 1000 Hz loop on the gyro: set the angular acceleration [rad/s^2].
+def rate_control(
+    state: State, setpoint: Setpoint, loops: LoopMemory, gains: ControlParams
+) -> None:
+    """Run the 1000 Hz loop: `setpoint.angular_acceleration` from the error of the body rates.
 
-    The derivative acts on the low-passed measurement, not on the error (no kick from a set point).
-    The integral stops in a direction in which the allocation has no more to give, and is bounded.
+    The error is from `state.rates` to `setpoint.rates`. The derivative acts on the low-passed
+    measurement, not on the error (no kick from a set point). The integral stops in a direction in
+    which the allocation has no more to give (`loops.saturated`), and is bounded. Writes
+    `rate_filtered` and `rate_integral` of `loops`, too.
     """
-    smooth = a[G.rate_cutoff] * _TICK / (1.0 + a[G.rate_cutoff] * _TICK)
+    smooth = gains.rate_cutoff * _TICK / (1.0 + gains.rate_cutoff * _TICK)
     for i in range(3):
-        step = smooth * (a[A.rates + i] - a[A.rate_filtered + i])
-        a[A.rate_filtered + i] += step
-        error = a[A.rates_setpoint + i] - a[A.rates + i]
-        p = a[G.yaw_rate_p] if i == 2 else a[G.rate_p]
-        k = a[G.yaw_rate_i] if i == 2 else a[G.rate_i]
-        d = 0.0 if i == 2 else a[G.rate_d]
-        if a[A.saturated + i] * error <= 0.0:
-            total = a[A.rate_integral + i] + k * error * _TICK
-            a[A.rate_integral + i] = min(max(total, -a[G.rate_i_max]), a[G.rate_i_max])
-        a[A.torque_setpoint + i] = p * error + a[A.rate_integral + i] - d * step * _RATE
+        step = smooth * (state.rates[i] - loops.rate_filtered[i])
+        loops.rate_filtered[i] += step
+        error = setpoint.rates[i] - state.rates[i]
+        p = gains.yaw_rate_p if i == 2 else gains.rate_p
+        k = gains.yaw_rate_i if i == 2 else gains.rate_i
+        d = 0.0 if i == 2 else gains.rate_d
+        if loops.saturated[i] * error <= 0.0:
+            total = loops.rate_integral[i] + k * error * _TICK
+            loops.rate_integral[i] = min(max(total, -gains.rate_i_max), gains.rate_i_max)
+        setpoint.angular_acceleration[i] = p * error + loops.rate_integral[i] - d * step * _RATE

@@ -44,11 +44,10 @@ class Field:
         if isinstance(self.kind, np.dtype):
             return self.kind
         if issubclass(self.kind, Record):
-            layout: np.dtype[Any] = self.kind.layout
-            return layout
+            return np.dtype(self.kind.layout)
         if self.kind in _TYPES:
             return np.dtype(_TYPES[self.kind])
-        return parameter_record(self.kind).layout
+        return np.dtype(parameter_record(self.kind).layout)
 
 
 def field(unit: str, doc: str, shape: int | tuple[int, ...] = (), kind: Any = float) -> Any:

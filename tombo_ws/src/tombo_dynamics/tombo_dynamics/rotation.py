@@ -180,6 +180,20 @@ def rotated(q: Array, vx: float, vy: float, vz: float) -> tuple[float, float, fl
 
 
 @compiled
+def rotated_back(q: Array, vx: float, vy: float, vz: float) -> tuple[float, float, float]:
+    """Return a vector turned by the inverse of the quaternion `q` (4) xyzw."""
+    x, y, z, w = q[0], q[1], q[2], q[3]
+    tx = 2.0 * (y * vz - z * vy)
+    ty = 2.0 * (z * vx - x * vz)
+    tz = 2.0 * (x * vy - y * vx)
+    return (
+        vx - w * tx + y * tz - z * ty,
+        vy - w * ty + z * tx - x * tz,
+        vz - w * tz + x * ty - y * tx,
+    )
+
+
+@compiled
 def rotate_vectors(q: Array, v: Array) -> Array:
     """Return the vector `v` (3) turned by the quaternion `q` (4) xyzw."""
     out = np.empty(3)

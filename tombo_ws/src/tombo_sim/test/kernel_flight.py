@@ -9,12 +9,12 @@ from tombo_collision.detector_core import DetectorCore
 from tombo_collision.params import DetectorParams, ReactionLimits
 from tombo_collision.reaction_core import ReactionCore
 from tombo_collision.reactions.bounce import Bounce
-from tombo_control.autopilot import HOVER, A, new_autopilot, restart_estimate
+from tombo_control.autopilot import HOVER, Autopilot, new_autopilot, restart_estimate
 from tombo_control.controller_core import ControllerCore
 from tombo_control.estimate import TICK_NS
 from tombo_control.estimator import store_history
 from tombo_control.estimator_core import EstimatorCore
-from tombo_control.leg import hold_leg
+from tombo_control.leg import hold_leg, store_leg, stored_leg
 from tombo_control.mission import MissionParams, MissionState
 from tombo_control.mission_core import MissionCore, MissionLimits, store_state
 from tombo_control.params import ControlParams, EstimatorParams, InputLimits
@@ -60,7 +60,7 @@ class Flight:
     mocap: np.ndarray
     delivered: list
     plant: np.void
-    a: np.ndarray
+    a: Autopilot
     columns: dict = field(init=False)
 
     def __post_init__(self):
@@ -84,9 +84,10 @@ def memories(effects, position=(0.0, 0.0, 1.5), yaw=0.2, obstacle=(0.0, 0.0, 0.0
     plant.rotor_speed = plant.rotor_command = hover
     plant.past_commands[:] = hover
     a = new_autopilot(ControlParams(), EstimatorParams(), VEHICLE, np.array(position), attitude)
-    a[A.mode] = HOVER
+    a.mode_asked = HOVER
     target = np.add(position, (0.5, 0.1, -0.1))
-    a[A.leg : A.leg + 10] = [*target, 0.0, 0.0, 0.0, 0.0, 1e6, 1.0, yaw]
+    store_leg(a.leg, hold_leg(tuple(target.tolist()), 0.0, yaw))
+    a.setpoint.yaw = yaw
     return plant, a, theta
 
 
@@ -95,24 +96,23 @@ def hovering_cores(plant, a):
     body = numbers(plant.state)
     estimator = EstimatorCore(EstimatorParams(), VEHICLE)
     restart_estimate(estimator.autopilot, body[:3], np.zeros(3), body[6:10])
-    store_history(estimator.autopilot, EPOCH_NS // TICK_NS)
-    estimator.autopilot[A.mode + 2] = EPOCH_NS * 1e-9
-    estimator.memory["running"] = True
-    estimator.memory["next_tick"] = EPOCH_NS // TICK_NS
+    store_history(estimator.autopilot.state, estimator.autopilot.history, EPOCH_NS // TICK_NS)
+    estimator.autopilot.mocap_time = EPOCH_NS * 1e-9
+    estimator.memory.running = True
+    estimator.memory.next_tick = EPOCH_NS // TICK_NS
     mission = MissionCore(MissionParams(approach_time=3600.0, land_time=3600.0), MissionLimits())
-    target = a[A.leg : A.leg + 14]
-    leg = hold_leg(tuple(target[:3].tolist()), 0.0, float(target[9]))
+    leg = stored_leg(a.leg)
     store_state(mission.memory, MissionState(HOVER, leg, (0.0, 0.0, 0.0)))
-    mission.memory["begun"] = True
+    mission.memory.begun = True
     mission.estimate(body[:3], np.zeros(3), EPOCH_NS)
     controller = ControllerCore(ControlParams(), VEHICLE, InputLimits(), maps())
-    controller.autopilot[:] = a
-    controller.memory["has_setpoint"] = True
-    controller.memory["setpoint"]["phase"] = HOVER
-    controller.memory["setpoint"]["position"] = target[:3]
-    controller.memory["setpoint"]["yaw"] = target[9]
-    controller.memory["setpoint_ns"] = controller.memory["pose_ns"] = EPOCH_NS
-    controller.memory["estimate_ns"] = EPOCH_NS - 1
+    controller.autopilot = a.copy()
+    controller.memory.has_setpoint = True
+    controller.memory.setpoint["phase"] = HOVER
+    controller.memory.setpoint["position"] = a.leg.start
+    controller.memory.setpoint["yaw"] = a.leg.yaw
+    controller.memory.setpoint_ns = controller.memory.pose_ns = EPOCH_NS
+    controller.memory.estimate_ns = EPOCH_NS - 1
     reaction = ReactionCore(Bounce(), ReactionLimits())
     return core_memories(
         estimator, DetectorCore(DetectorParams(trigger="none")), reaction, mission, controller

@@ -7,17 +7,16 @@ PX4 has, fed with the same IMU and poses.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tombo_control.autopilot import LAND, LANDED, A, new_autopilot, part
+from tombo_control.autopilot import LAND, LANDED, new_autopilot
 from tombo_control.cascade import cascade, stop_rotors
 from tombo_control.estimator import correct, predict, store_history, update_body_rates
-from tombo_control.leg import straight_leg
+from tombo_control.leg import store_leg, straight_leg
 from tombo_control.params import ControlParams, EstimatorParams
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_sim.simulator import Simulator
 
-Array = NDArray[np.float64]
 _TICK = 1e-3
 _DESCENT = 0.4
 """[m/s], estimated: as the mission lands."""
@@ -34,7 +33,7 @@ class Failsafe:
 
     def __init__(self, simulator: Simulator, vehicle: VehicleParams) -> None:
         state = simulator.plant.state
-        self._a = new_autopilot(
+        self._autopilot = new_autopilot(
             ControlParams(), EstimatorParams(), vehicle, state.position, state.attitude
         )
         self._maps = simulator.setup.maps
@@ -45,40 +44,45 @@ class Failsafe:
 
     def observe(self, simulator: Simulator) -> None:
         """Take the IMU sample and the poses of the present tick."""
-        a, tick = self._a, simulator.tick
+        autopilot, tick = self._autopilot, simulator.tick
+        state = autopilot.state
         height = simulator.height - self._ground
         airborne = height > 0.02
         self._low_ticks = self._low_ticks + 1 if height < _LOW else 0
-        store_history(a, tick)
+        store_history(state, autopilot.history, tick)
         for sample in simulator.arrived:
-            period = sample.captured * _TICK - a[A.mode + 2]
-            if correct(a, sample.pose, 0, sample.captured, tick, period, airborne):
-                a[A.mode + 2] = max(float(a[A.mode + 2]), sample.captured * _TICK)
-        update_body_rates(a, simulator.plant.gyro, 0)
+            captured = sample.captured * _TICK
+            period = captured - autopilot.mocap_time
+            position, attitude = sample.pose[:3], sample.pose[3:]
+            if correct(autopilot, position, attitude, sample.captured, tick, period, airborne):
+                autopilot.mocap_time = max(float(autopilot.mocap_time), captured)
+        update_body_rates(state, simulator.plant.gyro)
         if self.engaged:
-            cascade(a, self._maps, tick)
-            low = part(a, "position")[2] < self._ground + _LOW
-            still = float(np.abs(part(a, "velocity")).max()) < 0.2
+            cascade(autopilot, self._maps, tick)
+            low = state.position[2] < self._ground + _LOW
+            still = float(np.abs(state.velocity).max()) < 0.2
             if (low and still) or self._low_ticks > _LOW_TICKS:
-                a[A.mode] = LANDED
-        predict(a, simulator.plant.accel, 0, airborne)
+                autopilot.mode_asked = LANDED
+        predict(state, simulator.plant.accel, airborne)
 
     def engage(self, tick: int) -> None:
         """Begin to land from where the vehicle is."""
-        a = self._a
-        x, y, z = (float(v) for v in part(a, "position"))
-        leg = straight_leg((x, y, z), (x, y, self._ground - _BELOW), _DESCENT, tick * _TICK)
-        part(a, "leg")[:] = leg.as_array()
-        forward = part(a, "attitude")
+        autopilot = self._autopilot
+        state, setpoint = autopilot.state, autopilot.setpoint
+        x, y, z = (float(v) for v in state.position)
+        forward = state.attitude
         yaw = np.arctan2(
             2.0 * (forward[3] * forward[2] + forward[0] * forward[1]),
             1.0 - 2.0 * (forward[1] ** 2 + forward[2] ** 2),
         )
-        a[A.leg + 9] = float(yaw)
-        stop_rotors(a)
-        part(a, "attitude_setpoint")[:] = forward
-        a[A.thrust_setpoint] = self._hover
-        a[A.mode] = LAND
+        below = (x, y, self._ground - _BELOW)
+        leg = straight_leg((x, y, z), below, _DESCENT, tick * _TICK, float(yaw))
+        store_leg(autopilot.leg, leg)
+        stop_rotors(state, setpoint, autopilot.loops)
+        setpoint.yaw = leg.yaw
+        setpoint.attitude = forward
+        setpoint.thrust = self._hover
+        autopilot.mode_asked = LAND
         self.engaged = True
 
     def release(self) -> None:
@@ -88,4 +92,5 @@ class Failsafe:
     @property
     def command(self) -> Array:
         """Rotor speeds (4) [rad/s] asked for in the last tick; zeros on the ground."""
-        return part(self._a, "command").copy()
+        speed: Array = self._autopilot.setpoint.rotor_speed.copy()
+        return speed

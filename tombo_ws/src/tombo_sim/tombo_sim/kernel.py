@@ -22,10 +22,11 @@ from tombo_collision.reaction_core import (
     take_mission_setpoint,
     take_position,
 )
-from tombo_control.autopilot import BLIND, IDLE, LANDED, A
+from tombo_control.autopilot import BLIND, IDLE, LANDED, Autopilot
 from tombo_control.cascade import cascade
 from tombo_control.controller_core import (
     ControllerCore,
+    ControllerMemory,
     answer_gyro,
     take_biases,
     take_odometry,
@@ -34,6 +35,7 @@ from tombo_control.controller_core import (
 from tombo_control.estimate import TICK_NS
 from tombo_control.estimator_core import (
     EstimatorCore,
+    EstimatorMemory,
     fill_odometry,
     fill_status,
     odometry_due,
@@ -270,7 +272,7 @@ def fly(
                 n[ESTIMATOR_STATUS] += 1
         answer_gyro(c, ca, maps, params.controller, now, now, gyro)
         for i in range(4):
-            plant.rotor_command[i] = ca[A.command + i]
+            plant.rotor_command[i] = ca.setpoint.rotor_speed[i]
         write_row(plant, e, c, ca, log[k])
         finish_tick(plant, noise, theta)
         f.tick = k + 1
@@ -335,13 +337,21 @@ def _step_mission(mi: Any, params: Any, p: Any, f: Any, now: int) -> None:
 
 @compiled_call
 def _take_pose(
-    e: Any, ea: Array, d: Any, params: Any, p: Any, n: Any, sample: MocapEntry, row: int, k: int
+    e: EstimatorMemory,
+    autopilot: Autopilot,
+    d: Any,
+    params: Any,
+    p: Any,
+    n: Any,
+    sample: MocapEntry,
+    row: int,
+    k: int,
 ) -> None:
     """Hand a pose to estimator and detector, and publish what the detector makes of it."""
     now = EPOCH_NS + k * TICK_NS
     stamp = EPOCH_NS + int(np.rint(sample.stamp * TICK_NS))
     position, attitude = sample.position, sample.attitude
-    estimator_pose(e, ea, stamp, now, position, attitude)
+    estimator_pose(e, autopilot, stamp, now, position, attitude)
     result = detector_pose(d, params, stamp, now, position, attitude)
     entry = p.detector_status[n[DETECTOR_STATUS]]
     entry.tick = k
@@ -377,24 +387,31 @@ def next_arrival(entries: Any, captures: Captures, tick: int) -> int:
 
 @compiled
 def fly_with_true_state(
-    plant: Plant, a: Array, maps: RotorMaps, theta: Array, noise: Array, start: int, stop: int
+    plant: Plant,
+    autopilot: Autopilot,
+    maps: RotorMaps,
+    theta: Array,
+    noise: Array,
+    start: int,
+    stop: int,
 ) -> None:
     """Fly the plant and the cascade alone, the true state in place of the estimate; no log.
 
     The bare loop for benchmarks and for studies of many vehicles.
     """
+    state, setpoint = autopilot.state, autopilot.setpoint
     for k in range(start, stop):
         begin_tick(plant, maps, noise, theta)
         for i in range(3):
-            a[A.position + i] = plant.state.position[i]
-            a[A.velocity + i] = plant.state.velocity[i]
-            a[A.rates + i] = plant.state.rates[i]
+            state.position[i] = plant.state.position[i]
+            state.velocity[i] = plant.state.velocity[i]
+            state.rates[i] = plant.state.rates[i]
         for i in range(4):
-            a[A.attitude + i] = plant.state.attitude[i]
-        a[A.mode + 2] = k * _TICK
-        cascade(a, maps, k)
+            state.attitude[i] = plant.state.attitude[i]
+        autopilot.mocap_time = k * _TICK
+        cascade(autopilot, maps, k)
         for i in range(4):
-            plant.rotor_command[i] = a[A.command + i]
+            plant.rotor_command[i] = setpoint.rotor_speed[i]
         finish_tick(plant, noise, theta)
 
 
@@ -437,9 +454,12 @@ def capture_pose(
 
 
 @compiled
-def write_row(plant: Plant, e: Any, c: Any, a: Array, row: LogRow) -> None:
-    """Write the tick into a row of the log; `e`, `c` and `a` are as in `fly`."""
+def write_row(
+    plant: Plant, e: EstimatorMemory, c: ControllerMemory, autopilot: Autopilot, row: LogRow
+) -> None:
+    """Write the tick into a row of the log; `e` and `c` are as in `fly`."""
     contact, supply = plant.contact, plant.supply
+    estimate, setpoint = e.estimate, autopilot.setpoint
     for i in range(3):
         row.position[i] = plant.state.position[i]
         row.velocity[i] = plant.state.velocity[i]
@@ -447,12 +467,12 @@ def write_row(plant: Plant, e: Any, c: Any, a: Array, row: LogRow) -> None:
         row.contact[2 + i] = contact.point[i]
         row.gyro[i] = plant.gyro[i]
         row.accel[i] = plant.accel[i]
-        row.est_position[i] = e.estimate[A.position + i] if e.known else math.nan
-        row.est_velocity[i] = e.estimate[A.velocity + i] if e.known else math.nan
+        row.est_position[i] = estimate.position[i] if e.known else math.nan
+        row.est_velocity[i] = estimate.velocity[i] if e.known else math.nan
         row.position_setpoint[i] = c.setpoint.position[i]
         row.velocity_setpoint[i] = c.setpoint.velocity[i]
         row.acceleration_setpoint[i] = c.setpoint.acceleration[i]
-        row.rates_setpoint[i] = a[A.rates_setpoint + i]
+        row.rates_setpoint[i] = setpoint.rates[i]
         row.wind[i] = plant.wind[i]
         row.contact_force[i] = 0.0
     if contact.touching:
@@ -467,8 +487,8 @@ def write_row(plant: Plant, e: Any, c: Any, a: Array, row: LogRow) -> None:
         row.rotor_thrust[i] = plant.rotor_thrust[i]
         row.fold[i] = plant.fold[i]
         row.damage[i] = plant.damage[i]
-        row.est_attitude[i] = e.estimate[A.attitude + i] if e.known else math.nan
-        row.attitude_setpoint[i] = a[A.attitude_setpoint + i]
+        row.est_attitude[i] = estimate.attitude[i] if e.known else math.nan
+        row.attitude_setpoint[i] = setpoint.attitude[i]
         row.rotor_command[i] = plant.rotor_command[i]
-    row.thrust_setpoint[0] = a[A.thrust_setpoint]
-    row.mode[0] = BLIND if a[A.mode + 1] == BLIND else c.setpoint.phase
+    row.thrust_setpoint[0] = setpoint.thrust
+    row.mode[0] = BLIND if autopilot.mode_flown == BLIND else c.setpoint.phase

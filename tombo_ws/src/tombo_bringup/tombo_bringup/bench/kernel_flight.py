@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_collision.reactions.bounce import Bounce
-from tombo_control.autopilot import APPROACH, HOVER, REACT, TAKEOFF, A, new_autopilot
-from tombo_control.leg import Leg, hold_leg, straight_leg
+from tombo_control.autopilot import APPROACH, HOVER, REACT, TAKEOFF, Autopilot, new_autopilot
+from tombo_control.leg import Leg, hold_leg, store_leg, straight_leg
 from tombo_dynamics.effects.compose import SimulatedPlant, new_plant, pack_theta
 from tombo_dynamics.rigid_body import begin_flight
 from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
@@ -36,7 +36,7 @@ class KernelFlight:
 
     scenario: Scenario
     plant: SimulatedPlant
-    autopilot: Array
+    autopilot: Autopilot
     maps: RotorMaps
     theta: Array
     zero_noise: Array
@@ -44,8 +44,8 @@ class KernelFlight:
 
     def stretch(self, leg: Leg, mode: int, start: int, stop: int) -> None:
         """Fly a leg from tick `start` to tick `stop`."""
-        self.autopilot[A.leg : A.leg + 14] = leg.as_array()
-        self.autopilot[A.mode] = mode
+        store_leg(self.autopilot.leg, leg)
+        self.autopilot.mode_asked = mode
         fly_with_true_state(
             self.plant, self.autopilot, self.maps, self.theta, self.zero_noise, start, stop
         )
@@ -64,7 +64,7 @@ def new_flight(scenario: Scenario, seed: int) -> KernelFlight:
     plant.obstacle = (pole.x, pole.y, pole.radius, pole.top)
     zero_noise = np.zeros(9)
     begin_flight(plant, zero_noise, theta, TICK_S)
-    a = new_autopilot(
+    autopilot = new_autopilot(
         scenario.control,
         scenario.estimator,
         vehicle,
@@ -72,7 +72,7 @@ def new_flight(scenario: Scenario, seed: int) -> KernelFlight:
         plant.state.attitude,
     )
     maps = rotor_maps(thrust_map_of(scenario.propeller), vehicle)
-    return KernelFlight(scenario, plant, a, maps, theta, zero_noise)
+    return KernelFlight(scenario, plant, autopilot, maps, theta, zero_noise)
 
 
 def stretches(flight: KernelFlight, contact_s: float) -> list[Stretch]:

@@ -12,10 +12,10 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tombo_control.autopilot import HISTORY_TICKS, A, E, part
+from tombo_control.autopilot import HISTORY_TICKS, Autopilot, PoseAtTick
 from tombo_control.estimator import correct, predict, store_history, update_body_rates
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.records import numbers
 from tombo_dynamics.rotation import rotate_vectors
 from tombo_dynamics.vehicle import GRAVITY
@@ -23,8 +23,6 @@ from tombo_px4.autopilot.offboard_setpoint import heading_of
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.frames import flu_from_frd
 from tombo_sim.simulator import Simulator
-
-Array = NDArray[np.float64]
 
 _TICK = 1e-3
 _ALIGN_TICKS = 200
@@ -60,15 +58,15 @@ class _Fix(NamedTuple):
 
 
 class Ekf2Model:
-    """Estimate of attitude, position and velocity, in the autopilot's memory `a`."""
+    """Estimate of attitude, position and velocity, in the autopilot's memory."""
 
     def __init__(
-        self, a: Array, simulator: Simulator, parameters: ParameterTable, seed: int
+        self, autopilot: Autopilot, simulator: Simulator, parameters: ParameterTable, seed: int
     ) -> None:
-        self._a = a
+        self._autopilot = autopilot
         self._parameters = parameters
         self._rng = np.random.default_rng([seed, 0x6750])
-        self._vision_bandwidth = float(a[E.position_bandwidth])
+        self._vision_bandwidth = float(autopilot.observer.position_bandwidth)
         self._level = np.zeros(3)
         self._samples = 0
         self._gps: deque[_Fix] = deque()
@@ -90,7 +88,7 @@ class Ekf2Model:
         """Samples refused by the gate."""
         self.resets = 0
         """How often position and yaw have jumped to a source."""
-        part(a, "position")[:] = 0.0
+        autopilot.state.position = 0.0
 
     @property
     def source(self) -> str:
@@ -154,7 +152,7 @@ class Ekf2Model:
         self._newest_vision = captured
         lever = self._tracked_body_offset()
         if lever is not None:
-            position = position - rotate_vectors(part(self._a, "attitude"), lever)
+            position = position - rotate_vectors(self._autopilot.state.attitude, lever)
         self._vision.append(_Fix(captured, captured, position.copy(), heading_of(attitude)))
         return ""
 
@@ -165,8 +163,8 @@ class Ekf2Model:
 
     def sense(self, simulator: Simulator, airborne: bool) -> None:
         """Take the samples of the present tick, before the control loops run."""
-        a, tick = self._a, simulator.tick
-        store_history(a, tick)
+        autopilot, tick = self._autopilot, simulator.tick
+        store_history(autopilot.state, autopilot.history, tick)
         if not airborne or not self.attitude_ok:
             self._feel(simulator.imu)
         if tick % _GPS_TICKS == 0:
@@ -177,11 +175,12 @@ class Ekf2Model:
             fix = self._gps.popleft()
             if tick - self._last_vision > _STALE_TICKS:
                 self._take(fix, "gps", tick, airborne)
-        update_body_rates(a, simulator.plant.gyro, 0)
+        update_body_rates(autopilot.state, simulator.plant.gyro)
 
     def advance(self, simulator: Simulator, airborne: bool) -> None:
         """Carry the estimate on to the next tick, after the control loops."""
-        predict(self._a, simulator.plant.accel, 0, airborne and bool(self._source))
+        located = airborne and bool(self._source)
+        predict(self._autopilot.state, simulator.plant.accel, located)
 
     def _feel(self, imu: Array) -> None:
         """Low-pass the specific force of a vehicle at rest; level the first attitude with it."""
@@ -196,7 +195,7 @@ class Ekf2Model:
         length = math.sqrt(x * x + y * y + z * z)
         if length < 0.5 * GRAVITY:
             return
-        part(self._a, "attitude")[:] = _upright(x / length, y / length, z / length)
+        self._autopilot.state.attitude = _upright(x / length, y / length, z / length)
         self._forget()
         self.attitude_ok = True
 
@@ -234,12 +233,11 @@ class Ekf2Model:
         if source != self._source or not self.local_ok(tick):
             self._change_source(fix, source, tick, airborne)
             return
-        a = self._a
-        slot = A.history + 8 * (fix.captured % HISTORY_TICKS)
-        if a[slot + 7] != fix.captured:
+        past = self._past(fix.captured)
+        if past.tick != fix.captured:
             self.rejected += 1
             return
-        if self._is_far(fix, source, control, slot, tick):
+        if self._is_far(fix, source, control, past, tick):
             self._refuse(fix, source, tick, airborne)
             return
         self._refused_since = -1
@@ -250,10 +248,14 @@ class Ekf2Model:
     def _height_from_vision(self) -> bool:
         return math.isfinite(self._height) or self._parameters.get("EKF2_HGT_REF") == 3
 
-    def _is_far(self, fix: _Fix, source: str, control: int, slot: int, tick: int) -> bool:
+    def _past(self, tick: int) -> PoseAtTick:
+        """Return the estimate of a tick, or of another that has its place in the history."""
+        past: PoseAtTick = self._autopilot.history[tick % HISTORY_TICKS]
+        return past
+
+    def _is_far(self, fix: _Fix, source: str, control: int, past: PoseAtTick, tick: int) -> bool:
         """Return whether a sample is too far from the estimate of its time to be believed."""
-        a = self._a
-        gap = fix.position - a[slot : slot + 3]
+        gap = fix.position - past.position
         if not control & 2 and self._parameters.get("EKF2_HGT_REF") != 3:
             gap[2] = 0.0
         since = min((tick - self._last_fused) * _TICK, 5.0)
@@ -261,7 +263,7 @@ class Ekf2Model:
             return True
         if source != "vision" or not control & 8:
             return False
-        turn = math.remainder(fix.yaw - heading_of(a[slot + 3 : slot + 7]), 2.0 * math.pi)
+        turn = math.remainder(fix.yaw - heading_of(past.attitude), 2.0 * math.pi)
         get = self._parameters.get
         return abs(turn) > get("EKF2_EVP_GATE") * get("EKF2_EVA_NOISE") + 0.1 * since
 
@@ -282,12 +284,12 @@ class Ekf2Model:
         """Begin with a source: none is in use, or it was lost, or this one is better."""
         if source == "vision" and self._source == "gps" and airborne and self.local_ok(tick):
             # in flight only a vision that agrees takes over: the estimate must not jump
-            gap = fix.position - part(self._a, "position")
+            gap = fix.position - self._autopilot.state.position
             if float(np.abs(gap).max()) > self._innovation_gate(source):
                 self.rejected += 1
                 return
             self._source = source
-            self._a[E.position_bandwidth] = self._vision_bandwidth
+            self._autopilot.observer.position_bandwidth = self._vision_bandwidth
             return
         if source == "vision" and len(self._state_history) < 3:
             return
@@ -295,7 +297,8 @@ class Ekf2Model:
 
     def _reset(self, fix: _Fix, source: str, tick: int, airborne: bool) -> None:
         """Let position and yaw jump to a sample."""
-        a = self._a
+        autopilot = self._autopilot
+        state = autopilot.state
         control = int(self._parameters.get("EKF2_EV_CTRL")) if source == "vision" else 15
         velocity: Array = np.zeros(3)
         if airborne and source == "vision" and len(self._state_history) > 1:
@@ -303,53 +306,54 @@ class Ekf2Model:
             time = max(fix.captured - first.captured, 1) * _TICK
             velocity = np.clip((fix.position - first.position) / time, -10.0, 10.0)
         elif airborne and self._source:
-            velocity = part(a, "velocity").copy()
+            velocity = state.velocity.copy()
         late = (tick - fix.captured) * _TICK
-        part(a, "position")[:] = fix.position + late * velocity
-        part(a, "velocity")[:] = velocity
+        state.position = fix.position + late * velocity
+        state.velocity = velocity
         if not control & 2 and math.isfinite(self._height):
-            a[A.position + 2] = self._height
-        attitude = part(a, "attitude")
+            state.position[2] = self._height
+        attitude = state.attitude
         yaw = fix.yaw if control & 8 else self._compass
         if math.isfinite(yaw):
             _turn(attitude, yaw - heading_of(attitude))
         self._forget()
-        store_history(a, tick)
+        store_history(state, autopilot.history, tick)
         self._source = source
         self._refused_since = -1
         self._last_fused = tick
         self._last_captured = fix.captured
         if source == "vision":
             self._last_vision = tick
-        a[E.position_bandwidth] = self._vision_bandwidth if source == "vision" else _GPS_BANDWIDTH
+        bandwidth = self._vision_bandwidth if source == "vision" else _GPS_BANDWIDTH
+        autopilot.observer.position_bandwidth = bandwidth
         self.resets += 1
 
     def _forget(self) -> None:
-        part(self._a, "history").reshape(-1, 8)[:, 7] = -1.0
+        self._autopilot.history["tick"] = -1
 
     def _fuse(self, fix: _Fix, control: int, tick: int, airborne: bool) -> None:
-        a = self._a
-        slot = A.history + 8 * (fix.captured % HISTORY_TICKS)
-        pose = a[slot : slot + 7].copy()
-        pose[:2] = fix.position[:2]
+        autopilot = self._autopilot
+        state, past = autopilot.state, self._past(fix.captured)
+        position, attitude = past.position.copy(), past.attitude.copy()
+        position[:2] = fix.position[:2]
         if control & 2 or self._parameters.get("EKF2_HGT_REF") == 3:
-            pose[2] = fix.position[2]
+            position[2] = fix.position[2]
         elif math.isfinite(self._height):
-            pose[2] += self._height - a[A.position + 2]
-        _lean(pose[3:], self._tilt_error(pose[3:], airborne))
+            position[2] += self._height - state.position[2]
+        _lean(attitude, self._tilt_error(attitude, airborne))
         if control & 8:
-            _turn(pose[3:], fix.yaw - heading_of(pose[3:]))
+            _turn(attitude, fix.yaw - heading_of(attitude))
         elif math.isfinite(self._compass):
-            _turn(pose[3:], self._compass - heading_of(part(a, "attitude")))
-        bias = part(a, "gyro_bias")
+            _turn(attitude, self._compass - heading_of(state.attitude))
+        bias = state.gyro_bias
         before = bias[:2].copy()
         period = (fix.captured - self._last_captured) * _TICK
-        if correct(a, pose, 0, fix.captured, tick, period, airborne):
+        if correct(autopilot, position, attitude, fix.captured, tick, period, airborne):
             if airborne:
                 bias[:2] = before + _SLOW_BIAS * (bias[:2] - before)
             self._last_captured = fix.captured
             self._last_fused = tick
-            a[A.mode + 2] = fix.captured * _TICK
+            autopilot.mocap_time = fix.captured * _TICK
             self.fused += 1
 
     def _tilt_error(self, attitude: Array, airborne: bool) -> Array:
@@ -357,7 +361,8 @@ class Ekf2Model:
         x, y, z, w = (float(v) for v in attitude)
         up = np.array([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)])
         if airborne:  # in flight a tilt error shows as a bias of the accelerometer
-            return _FLIGHT_TILT / GRAVITY * np.cross(part(self._a, "accel_bias"), up)
+            bias: Array = self._autopilot.state.accel_bias
+            return _FLIGHT_TILT / GRAVITY * np.cross(bias, up)
         return _GROUND_TILT * np.cross(self._level / GRAVITY, up)
 
 

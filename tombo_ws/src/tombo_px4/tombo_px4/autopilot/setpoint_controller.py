@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_control.attitude_control import attitude_control
-from tombo_control.autopilot import A, G, N, part
+from tombo_control.autopilot import Autopilot
 from tombo_control.cascade import run_control_loops, stop_rotors
 from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS
 from tombo_dynamics.rotor_maps import RotorMaps, speed_for_thrust
@@ -16,15 +15,14 @@ from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.autopilot.offboard_setpoint import ControlLevel, ResolvedSetpoint, heading_of
 from tombo_px4.autopilot.parameters import ParameterTable
 
-Array = NDArray[np.float64]
 _PERIOD = POSITION_TICKS * 1e-3
 
 
 class SetpointController:
-    """Flies the demand that was last given, in the autopilot's memory `a`."""
+    """Flies the demand that was last given, in the autopilot's memory."""
 
-    def __init__(self, a: Array, maps: RotorMaps, parameters: ParameterTable) -> None:
-        self._a = a
+    def __init__(self, autopilot: Autopilot, maps: RotorMaps, parameters: ParameterTable) -> None:
+        self._autopilot = autopilot
         self._maps = maps
         self._parameters = parameters
         self._version = -1
@@ -32,7 +30,7 @@ class SetpointController:
         """Collective thrust [N] at full throttle."""
         self.speed_max = float(speed_for_thrust(maps, maps.thrust_highest))
         """Highest rotor speed [rad/s]."""
-        self.weight = float(a[N.mass]) * GRAVITY
+        self.weight = float(autopilot.nominal.mass) * GRAVITY
         """[N], as the autopilot knows it."""
         self._yaw_rate = 0.0
         self.loops = (False, False, False)
@@ -45,22 +43,28 @@ class SetpointController:
 
     def start(self) -> None:
         """Begin from rest: heading and motion as they are."""
-        stop_rotors(self._a)
-        self._a[A.leg + 9] = heading_of(part(self._a, "attitude"))
+        autopilot = self._autopilot
+        self._stop_rotors()
+        autopilot.setpoint.yaw = heading_of(autopilot.state.attitude)
         self._yaw_rate = 0.0
 
     def stop(self) -> None:
         """Rotors off."""
-        stop_rotors(self._a)
-        self._a[A.thrust_setpoint] = 0.0
+        self._stop_rotors()
+        self._autopilot.setpoint.thrust = 0.0
         self.loops = (False, False, False)
 
     def idle(self, speed: float) -> None:
         """Rotors at their idle speed, nothing controlled."""
-        stop_rotors(self._a)
-        self._a[A.thrust_setpoint] = 0.0
-        part(self._a, "command")[:] = speed
+        self._stop_rotors()
+        setpoint = self._autopilot.setpoint
+        setpoint.thrust = 0.0
+        setpoint.rotor_speed = speed
         self.loops = (False, False, False)
+
+    def _stop_rotors(self) -> None:
+        autopilot = self._autopilot
+        stop_rotors(autopilot.state, autopilot.setpoint, autopilot.loops)
 
     def take(self, resolved: ResolvedSetpoint, climb_max: float) -> None:
         """Take a demand for the next period of the position loop, at its tick.
@@ -70,16 +74,16 @@ class SetpointController:
             climb_max: highest climb rate [m/s], besides MPC_Z_VEL_MAX_UP.
         """
         self._limits()
-        a = self._a
+        setpoint = self._autopilot.setpoint
         if resolved.kind == ControlLevel.RATES:
-            part(a, "rates_setpoint")[:] = resolved.rates
-            a[A.thrust_setpoint] = resolved.thrust * self.thrust_max
+            setpoint.rates = resolved.rates
+            setpoint.thrust = resolved.thrust * self.thrust_max
             self._hold_position_loop()
             self.loops = (False, False, True)
             return
         if resolved.kind == ControlLevel.ATTITUDE:
-            part(a, "attitude_setpoint")[:] = resolved.attitude
-            a[A.thrust_setpoint] = resolved.thrust * self.thrust_max
+            setpoint.attitude = resolved.attitude
+            setpoint.thrust = resolved.thrust * self.thrust_max
             self._yaw_rate = float(resolved.rates[2])
             self._hold_position_loop()
             self.loops = (False, True, True)
@@ -94,75 +98,74 @@ class SetpointController:
 
     def reduce_thrust_on_ground(self) -> None:
         """Push less until the next run of the position loop: the ground holds it, or it sinks."""
-        a = self._a
-        a[A.thrust_setpoint] = min(float(a[A.thrust_setpoint]), 0.5 * self.weight)
+        setpoint = self._autopilot.setpoint
+        setpoint.thrust = min(float(setpoint.thrust), 0.5 * self.weight)
 
     def run(self, tick: int, blind: bool) -> None:
         """Run the loops that are due in `tick`."""
-        a, maps = self._a, self._maps
+        autopilot, maps = self._autopilot, self._maps
         position, attitude, rate = self.loops
         if not rate:
             return
         position = position and tick % POSITION_TICKS == 0
         attitude = attitude and tick % ATTITUDE_TICKS == 0
         if self._yaw_rate == 0.0:
-            run_control_loops(a, maps, position, attitude, blind)
+            run_control_loops(autopilot, maps, position, attitude, blind)
             return
         if position:  # the yaw rate is fed forward between the loops
-            run_control_loops(a, maps, True, False, blind)
+            run_control_loops(autopilot, maps, True, False, blind)
         if attitude:
-            attitude_control(a)
-            limit = a[G.yaw_rate_max]
-            total = a[A.rates_setpoint + 2] + self._yaw_rate
-            a[A.rates_setpoint + 2] = min(max(total, -limit), limit)
+            setpoint, gains = autopilot.setpoint, autopilot.gains
+            attitude_control(autopilot.state, setpoint, gains)
+            limit = gains.yaw_rate_max
+            total = setpoint.rates[2] + self._yaw_rate
+            setpoint.rates[2] = min(max(total, -limit), limit)
         if not position:
-            run_control_loops(a, maps, False, False, blind)
+            run_control_loops(autopilot, maps, False, False, blind)
 
     def _limits(self) -> None:
         """Take limits from the parameters when they have changed."""
         if self._parameters.version == self._version:
             return
         self._version = self._parameters.version
-        get, a = self._parameters.get, self._a
-        a[G.velocity_max_xy] = max(get("MPC_XY_VEL_MAX"), 0.01)
-        a[G.tilt_max] = math.radians(get("MPC_TILTMAX_AIR"))
-        a[G.yaw_rate_max] = math.radians(get("MPC_YAWRAUTO_MAX"))
-        a[G.position_p] = get("MPC_XY_P")
+        get, gains = self._parameters.get, self._autopilot.gains
+        gains.velocity_max_xy = max(get("MPC_XY_VEL_MAX"), 0.01)
+        gains.tilt_max = math.radians(get("MPC_TILTMAX_AIR"))
+        gains.yaw_rate_max = math.radians(get("MPC_YAWRAUTO_MAX"))
+        gains.position_p = get("MPC_XY_P")
 
     def _hold_position_loop(self) -> None:
         """Keep what the position loop remembers at the present motion."""
-        a = self._a
-        part(a, "velocity_integral")[:] = 0.0
-        part(a, "previous_velocity")[:] = part(a, "velocity")
-        part(a, "position_setpoint")[:] = part(a, "position")
-        a[A.leg + 9] = heading_of(part(self._a, "attitude"))
+        autopilot = self._autopilot
+        state, setpoint, loops = autopilot.state, autopilot.setpoint, autopilot.loops
+        loops.velocity_integral = 0.0
+        loops.previous_velocity = state.velocity
+        setpoint.position = state.position
+        setpoint.yaw = heading_of(state.attitude)
 
     def _apply_position_demand(self, resolved: ResolvedSetpoint, climb_max: float) -> None:
-        a = self._a
-        position, velocity = part(a, "position"), part(a, "velocity")
+        setpoint, gains = self._autopilot.setpoint, self._autopilot.gains
+        position, velocity = self._autopilot.state.position, self._autopilot.state.velocity
         known = np.isfinite(resolved.position)
         moving = np.isfinite(resolved.velocity)
         pushed = np.isfinite(resolved.acceleration)
-        part(a, "position_setpoint")[:] = np.where(known, resolved.position, position)
+        setpoint.position = np.where(known, resolved.position, position)
         free = ~known & ~moving
-        part(a, "velocity_setpoint")[:] = np.where(
-            moving, resolved.velocity, np.where(free, velocity, 0.0)
-        )
-        part(a, "acceleration_setpoint")[:] = np.where(pushed, resolved.acceleration, 0.0)
+        setpoint.velocity = np.where(moving, resolved.velocity, np.where(free, velocity, 0.0))
+        setpoint.acceleration = np.where(pushed, resolved.acceleration, 0.0)
         if math.isfinite(resolved.yaw_rate):
             self._yaw_rate = resolved.yaw_rate
             if not math.isfinite(resolved.yaw):
-                a[A.leg + 9] = math.remainder(
-                    float(a[A.leg + 9]) + resolved.yaw_rate * _PERIOD, 2.0 * math.pi
+                setpoint.yaw = math.remainder(
+                    float(setpoint.yaw) + resolved.yaw_rate * _PERIOD, 2.0 * math.pi
                 )
         else:
             self._yaw_rate = 0.0
         if math.isfinite(resolved.yaw):
-            a[A.leg + 9] = resolved.yaw
+            setpoint.yaw = resolved.yaw
         get = self._parameters.get
         climb = float(
-            a[A.velocity_setpoint + 2]
-            + a[G.position_p] * (a[A.position_setpoint + 2] - a[A.position + 2])
+            setpoint.velocity[2] + gains.position_p * (setpoint.position[2] - position[2])
         )
         up = min(get("MPC_Z_VEL_MAX_UP"), climb_max)
-        a[G.velocity_max_z] = max(up if climb > 0.0 else get("MPC_Z_VEL_MAX_DN"), 0.0)
+        gains.velocity_max_z = max(up if climb > 0.0 else get("MPC_Z_VEL_MAX_DN"), 0.0)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tombo_control.autopilot import A, new_autopilot, part
+from tombo_control.autopilot import State, new_autopilot
 from tombo_control.estimate import TICK_NS, Estimate
 from tombo_control.params import POSITION_TICKS, ControlParams, EstimatorParams
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.autopilot.battery import BatteryMeter
 from tombo_px4.autopilot.commander import DESCEND, TERMINATE, Commander, CommanderInput
@@ -48,7 +48,6 @@ from tombo_px4.protocol.results import (
 from tombo_sim.simulator import Simulator
 from tombo_sim.world import World
 
-Array = NDArray[np.float64]
 _TICK = 1e-3
 _NONE = np.full(3, math.nan)
 _LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
@@ -88,12 +87,11 @@ class Px4Vehicle:
         self.parameters = parameters
         self._vehicle = world.vehicle
         maps = self.simulator.setup.maps
-        self._a = new_autopilot(
+        self._autopilot = new_autopilot(
             ControlParams(), EstimatorParams(), world.vehicle, np.zeros(3), _LEVEL
         )
-        a = self._a
-        self._ekf2_model = Ekf2Model(a, self.simulator, parameters, seed)
-        self._setpoint_controller = SetpointController(a, maps, parameters)
+        self._ekf2_model = Ekf2Model(self._autopilot, self.simulator, parameters, seed)
+        self._setpoint_controller = SetpointController(self._autopilot, maps, parameters)
         parameters.set_vehicle_default("MPC_THR_HOVER", self._setpoint_controller.hover)
         self._commander = Commander(parameters, self._say)
         self._navigator = Navigator(parameters)
@@ -119,27 +117,11 @@ class Px4Vehicle:
         self._meter = BatteryMeter(world.vehicle.battery_voltage, parameters)
         self._battery = Battery(world.vehicle.battery_voltage, 0.0, 1.0, 0)
 
-    # Views of the memory are made anew each time: kept ones would be torn off in a copy.
-
     @property
-    def _position(self) -> Array:
-        return part(self._a, "position")
-
-    @property
-    def _velocity(self) -> Array:
-        return part(self._a, "velocity")
-
-    @property
-    def _attitude(self) -> Array:
-        return part(self._a, "attitude")
-
-    @property
-    def _rates(self) -> Array:
-        return part(self._a, "rates")
-
-    @property
-    def _command(self) -> Array:
-        return part(self._a, "command")
+    def _state(self) -> State:
+        # a view, made anew each time: a kept one would be torn off in a copy
+        state: State = self._autopilot.state
+        return state
 
     # --- what it is
 
@@ -193,15 +175,15 @@ class Px4Vehicle:
         """What the autopilot believes, at the present tick."""
         if self._estimate is not None and self._estimate.stamp_ns == self.tick * TICK_NS:
             return self._estimate
-        a = self._a
+        state = self._autopilot.state
         self._estimate = Estimate(
             self.tick * TICK_NS,
-            self._position.copy(),
-            self._velocity.copy(),
-            self._attitude.copy(),
-            self._rates.copy(),
-            part(a, "gyro_bias").copy(),
-            part(a, "accel_bias").copy(),
+            state.position.copy(),
+            state.velocity.copy(),
+            state.attitude.copy(),
+            state.rates.copy(),
+            state.gyro_bias.copy(),
+            state.accel_bias.copy(),
             self._ekf2_model.last_fused * TICK_NS,
         )
         return self._estimate
@@ -244,7 +226,7 @@ class Px4Vehicle:
     @property
     def home(self) -> Array:
         """(3) where it was armed, in map [m]; before, where it is."""
-        return self._position.copy() if self._home is None else self._home.copy()
+        return self._state.position.copy() if self._home is None else self._home.copy()
 
     @property
     def home_yaw(self) -> float:
@@ -260,25 +242,25 @@ class Px4Vehicle:
     @property
     def rotor_commands(self) -> Array:
         """(4) [rad/s], as asked for."""
-        return self._command.copy()
+        speed: Array = self._autopilot.setpoint.rotor_speed.copy()
+        return speed
 
     @property
     def thrust(self) -> float:
         """Collective thrust asked for, share of the highest."""
-        return float(self._a[A.thrust_setpoint]) / self._setpoint_controller.thrust_max
+        return float(self._autopilot.setpoint.thrust) / self._setpoint_controller.thrust_max
 
     @property
     def normalized_rotor_speeds(self) -> Array:
         """(4) rotor speeds asked for, shares of the highest."""
-        return self._command / self._setpoint_controller.speed_max
+        speed: Array = self._autopilot.setpoint.rotor_speed
+        return speed / self._setpoint_controller.speed_max
 
     @property
     def attitude_setpoint(self) -> AttitudeSetpoint:
         """What attitude and rate loop follow."""
-        a = self._a
-        return AttitudeSetpoint(
-            part(a, "attitude_setpoint").copy(), part(a, "rates_setpoint").copy(), self.thrust
-        )
+        setpoint = self._autopilot.setpoint
+        return AttitudeSetpoint(setpoint.attitude.copy(), setpoint.rates.copy(), self.thrust)
 
     @property
     def position_setpoint(self) -> PositionSetpoint | None:
@@ -290,7 +272,7 @@ class Px4Vehicle:
             resolved.position.copy(),
             resolved.velocity.copy(),
             resolved.acceleration.copy(),
-            float(self._a[A.leg + 9]),
+            float(self._autopilot.setpoint.yaw),
             resolved.yaw_rate,
         )
 
@@ -330,7 +312,7 @@ class Px4Vehicle:
         Returns:
             "" or why it is refused.
         """
-        resolved = resolve_setpoint(target, self._attitude)
+        resolved = resolve_setpoint(target, self._state.attitude)
         if isinstance(resolved, str):
             if resolved != self._refused:
                 self._say(Severity.CRITICAL, resolved)
@@ -353,8 +335,8 @@ class Px4Vehicle:
             self._taken_off = False
             self._navigator.leave()
             if self._ekf2_model.local_ok(self.tick):
-                self._home = self._position.copy()
-                self._home_yaw = heading_of(self._attitude)
+                self._home = self._state.position.copy()
+                self._home_yaw = heading_of(self._state.attitude)
         return result
 
     def disarm(self, force: bool = False) -> Result:
@@ -396,7 +378,7 @@ class Px4Vehicle:
         """Fly to a place (3) in map and hold it; axes that are NaN stay as they are."""
         if np.shape(position) != (3,):
             return Result.DENIED
-        goal = np.where(np.isfinite(position), position, self._position)
+        goal = np.where(np.isfinite(position), position, self._state.position)
         if np.abs(goal).max() > _FARTHEST:
             return Result.DENIED
         result = self.set_mode(AUTO_HOLD)
@@ -406,12 +388,12 @@ class Px4Vehicle:
 
     def set_home(self, position: Array | None = None) -> Result:
         """Make a place (3) in map home; None: where it is."""
-        place = self._position if position is None else np.array(position, dtype=float)
+        place = self._state.position if position is None else np.array(position, dtype=float)
         possible = place.shape == (3,) and bool((np.abs(place) < _FARTHEST).all())
         if not self._ekf2_model.local_ok(self.tick) or not possible:
             return Result.DENIED
         self._home = place.copy()
-        self._home_yaw = heading_of(self._attitude)
+        self._home_yaw = heading_of(self._state.attitude)
         return Result.ACCEPTED
 
     def terminate(self) -> Result:
@@ -436,7 +418,7 @@ class Px4Vehicle:
         ):
             self._setpoint_controller.reduce_thrust_on_ground()
         self._ekf2_model.advance(simulator, airborne)
-        simulator.advance(self._command)
+        simulator.advance(self._autopilot.setpoint.rotor_speed)
 
     def _airborne(self, tick: int) -> bool:
         if self._takeoff >= TakeoffState.RAMPUP:
@@ -451,7 +433,7 @@ class Px4Vehicle:
     def _commander_input(self) -> CommanderInput:
         tick = self.tick
         ekf2_model = self._ekf2_model
-        x, y, z, w = (float(v) for v in self._attitude)
+        x, y, z, w = (float(v) for v in self._state.attitude)
         return CommanderInput(
             tick,
             ekf2_model.attitude_ok,
@@ -505,12 +487,12 @@ class Px4Vehicle:
             return self._resolved
         if mode != OFFBOARD:
             self._resolved = None
-        home = self._position if self._home is None else self._home
+        position, velocity = self._state.position, self._state.velocity
+        home = position if self._home is None else self._home
         if self._takeoff < TakeoffState.RAMPUP and mode == self._was_mode == AUTO_TAKEOFF:
-            self._navigator.begin_again(tick * _TICK, self._position)
-        reference = self._navigator.follow(
-            mode, tick * _TICK, self._position, self._velocity, heading_of(self._attitude), home
-        )
+            self._navigator.begin_again(tick * _TICK, position)
+        heading = heading_of(self._state.attitude)
+        reference = self._navigator.follow(mode, tick * _TICK, position, velocity, heading, home)
         return ResolvedSetpoint(
             ControlLevel.POSITION,
             reference.position,
@@ -560,7 +542,7 @@ class Px4Vehicle:
         if self._commander.mode == AUTO_TAKEOFF:
             return True
         return bool(
-            height > self._position[2] + _ABOVE
+            height > self._state.position[2] + _ABOVE
             or (not math.isfinite(height) and climb > 0.05)
             or (not math.isfinite(height) and not math.isfinite(climb) and push > 0.0)
         )
@@ -579,13 +561,13 @@ class Px4Vehicle:
 
     def _update_land_detector(self) -> None:
         """Ask the land detector; a landing ends the flight, though not the armed state."""
-        a = self._a
+        state, setpoint = self._autopilot.state, self._autopilot.setpoint
         flown = self._flown
-        vx, vy, vz = (float(v) for v in self._velocity)
+        vx, vy, vz = (float(v) for v in self._state.velocity)
         descending = self._descend_mode
         if flown is not None and flown.kind <= ControlLevel.ACCELERATION:
-            descending = float(a[A.velocity_setpoint + 2]) < _SINKS
-        force = self.simulator.plant.accel - part(a, "accel_bias")
+            descending = float(setpoint.velocity[2]) < _SINKS
+        force = self.simulator.plant.accel - state.accel_bias
         length = math.sqrt(float(force @ force)) / GRAVITY
         self._force += _SMOOTH * (length - self._force)
         aloft = self._had_time_to_lift_off(self.tick)
@@ -596,9 +578,9 @@ class Px4Vehicle:
             descending,
             vz,
             math.hypot(vx, vy),
-            math.sqrt(float(self._rates @ self._rates)),
+            math.sqrt(float(self._state.rates @ self._state.rates)),
             self._force,
-            float(a[A.thrust_setpoint]) / self._setpoint_controller.weight,
+            float(setpoint.thrust) / self._setpoint_controller.weight,
         )
         get = self.parameters.get
         self._ground.update(
