@@ -9,18 +9,21 @@ a view of three numbers, and `plant.mass` one number:
 
     supply = Supply.new()
     supply.voltage = 11.1
+
+A compiled function that returns a record returns a copy: functions take the records they write.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
+from functools import cache
 from operator import itemgetter
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.params import numeric_fields
 
 _Kind = TypeVar("_Kind", bound="Record")
 _TYPES = {float: np.float64, int: np.int64, bool: np.bool_}
@@ -36,15 +39,15 @@ class Field:
     kind: Any
     """float, int, bool, a numpy type, a record, or a class of parameters: its numbers."""
 
-    def layout(self) -> np.dtype[Any]:
+    def layout(self) -> Any:
         """Return the numpy type of one element."""
         if isinstance(self.kind, np.dtype):
             return self.kind
         if issubclass(self.kind, Record):
-            return np.dtype(self.kind.layout)
+            return self.kind.layout
         if self.kind in _TYPES:
             return np.dtype(_TYPES[self.kind])
-        return parameter_layout(self.kind)
+        return parameter_kind(self.kind).layout
 
 
 def field(unit: str, doc: str, shape: int | tuple[int, ...] = (), kind: Any = float) -> Any:
@@ -59,15 +62,17 @@ def field(unit: str, doc: str, shape: int | tuple[int, ...] = (), kind: Any = fl
     return Field(unit, doc, (shape,) if isinstance(shape, int) else shape, kind)
 
 
-def parameter_layout(params: type[Any]) -> np.dtype[Any]:
-    """Return the numpy type that holds the numeric fields of a class of parameters, as floats."""
-    return np.dtype([(name, np.float64) for name in numeric_fields(params)])
-
-
 def fill_parameters(record: Any, params: Any) -> None:
     """Write the numbers of a parameter record into a field of that class."""
     for name in record.dtype.names:
         record[name] = float(getattr(params, name))
+
+
+def parameter_record(params: Any) -> Any:
+    """Return the numbers of a parameter record as compiled code takes them."""
+    record = parameter_kind(params.__class__).new()
+    fill_parameters(record, params)
+    return record
 
 
 def numbers(record: Any) -> Array:
@@ -90,11 +95,22 @@ class Record(np.void):
 
     fields: ClassVar[dict[str, Field]]
     layout: ClassVar[np.dtype[Any]]
+    plain_layout: ClassVar[Any]
+    """The same without the classes."""
 
     def __init_subclass__(cls) -> None:
         cls.fields = {n: f for n, f in vars(cls).items() if isinstance(f, Field)}
         columns = [(name, one.layout(), one.shape) for name, one in cls.fields.items()]
-        cls.layout = np.dtype((cls, np.dtype(columns, align=True)))
+        # a numpy type with a class of its own has lost its alignment: offsets are those without
+        plain = [(name, _plain(layout), shape) for name, layout, shape in columns]
+        cls.plain_layout = np.dtype(plain, align=True)
+        aligned: Any = {
+            "names": [name for name, _, _ in columns],
+            "formats": [(layout, shape) for _, layout, shape in columns],
+            "offsets": [cls.plain_layout.fields[name][1] for name, _, _ in columns],
+            "itemsize": cls.plain_layout.itemsize,
+        }
+        cls.layout = np.dtype((cls, np.dtype(aligned, align=True)))
         for name, one in cls.fields.items():
             setattr(cls, name, property(itemgetter(name), doc=f"{one.doc} [{one.unit}]"))
 
@@ -107,3 +123,17 @@ class Record(np.void):
         """Return a record of zeros."""
         record: _Kind = np.zeros(1, cls.layout)[0]
         return record
+
+
+def _plain(layout: Any) -> Any:
+    return layout.type.plain_layout if issubclass(layout.type, Record) else layout
+
+
+@cache
+def parameter_kind(params: Any) -> type[Record]:
+    """Return the record that holds the numeric fields of a class of parameters, as floats."""
+    named = {one.name: one.metadata for one in dataclasses.fields(params)}
+    numeric = {
+        n: field(meta["unit"], meta["doc"]) for n, meta in named.items() if "bounds" in meta
+    }
+    return type(params.__name__, (Record,), numeric)

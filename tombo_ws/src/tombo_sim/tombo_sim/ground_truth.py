@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.plant import Array, P
+from tombo_dynamics.plant import P
 
 
 @compiled

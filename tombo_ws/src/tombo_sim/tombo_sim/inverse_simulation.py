@@ -9,16 +9,14 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import apply_air, apply_imu, apply_mocap
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import ANGULAR_ACCELERATION, P
 from tombo_dynamics.rigid_body import begin_flight, begin_tick, derivative
 from tombo_dynamics.rotors import advance_rotor_speeds, rotor_wrench
 from tombo_dynamics.vehicle import GRAVITY
-
-Array = NDArray[np.float64]
 
 
 class _Imposed(NamedTuple):

@@ -33,7 +33,6 @@ from tombo_control.controller_core import (
     take_odometry,
     take_setpoint,
 )
-from tombo_control.estimate import TICK_NS
 from tombo_control.estimator_core import (
     EstimatorCore,
     EstimatorMemory,
@@ -46,19 +45,19 @@ from tombo_control.estimator_core import (
 from tombo_control.estimator_core import take_pose as estimator_pose
 from tombo_control.mission_core import MissionCore, mission_step, take_estimate, take_reaction
 from tombo_dynamics import message_records as records
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import apply_imu, apply_mocap
 from tombo_dynamics.jit import compiled, compiled_call
 from tombo_dynamics.message_records import copy_event, copy_status
-from tombo_dynamics.plant import Array, P
+from tombo_dynamics.plant import P
+from tombo_dynamics.records import Record, field
 from tombo_dynamics.rigid_body import begin_tick, finish_tick
 from tombo_dynamics.rotation import rotated
 from tombo_dynamics.rotor_maps import RotorMaps
-from tombo_sim.flight_end import FLIGHT_END, UNDECIDED, watch_end
+from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
+from tombo_sim.flight_end import UNDECIDED, FlightEnd, watch_end
 from tombo_sim.log_columns import AT
 
-EPOCH_NS = 1_000_000_000
-"""Time of tick 0, as in `tombo_bag.flight_time`."""
-_TICK = 1e-3
 _MISSION_PERIOD_NS, _REACTION_PERIOD_NS = MissionCore.period_ns, ReactionCore.period_ns
 
 NEXT_CAPTURE, OLDEST_UNDELIVERED, LAST_CAPTURED = range(3)
@@ -78,11 +77,11 @@ MOCAP_WIDTH = 10
     MISSION_SETPOINT,
     MISSION_STATUS,
 ) = range(8)
-"""Index of a topic in `FLIGHT.published`: the fields of `Published` in their order."""
+"""Index of a topic in `FlightProgress.published`: the fields of `Published` in their order."""
 
 
-def _entry(message: Any, *more: Any) -> np.dtype[Any]:
-    return np.dtype([("tick", np.int64), ("message", message), *more], align=True)
+def _entry(message: type[Record], *more: Any) -> np.dtype[Any]:
+    return np.dtype([("tick", np.int64), ("message", message.layout), *more], align=True)
 
 
 class Published(NamedTuple):
@@ -110,34 +109,31 @@ class CoreParams(NamedTuple):
     controller: Any
 
 
-FLIGHT = np.dtype(
-    [
-        ("tick", np.int64),  # the next one to fly
-        ("end", np.int64),  # first tick not to fly
-        ("phase", np.int64),  # the mission's, as published
-        ("over", FLIGHT_END),
-        ("published", np.int64, 8),  # messages in each table of `Published`
-        ("read_odometry", np.int64),  # what the mission has taken of them
-        ("read_reaction", np.int64),
-        ("read_setpoint", np.int64),
-    ],
-    align=True,
-)
-"""Where a fused flight stands."""
+class FlightProgress(Record):
+    """Where a fused flight stands."""
+
+    tick = field("1", "the next one to fly", kind=int)
+    end = field("1", "first tick not to fly", kind=int)
+    phase = field("1", "the mission's, as published", kind=int)
+    over = field("", "whether it is over", kind=FlightEnd)
+    published = field("1", "messages in each table of `Published`", 8, int)
+    read_odometry = field("1", "what the mission has taken of them", kind=int)
+    read_reaction = field("1", "what the mission has taken of them", kind=int)
+    read_setpoint = field("1", "what the mission has taken of them", kind=int)
 
 
 def new_published(ticks: int, captures: int) -> Published:
     """Return empty tables for a flight of so many ticks and poses."""
     fast, slow = ticks // 4 + 64, ticks // 20 + 64
     return Published(
-        np.zeros(fast, _entry(records.ODOMETRY)),
-        np.zeros(slow, _entry(records.ESTIMATOR_STATUS)),
-        np.zeros(captures + 1, _entry(records.DETECTOR_STATUS, ("row", np.int64))),
-        np.zeros(captures + 1, _entry(records.COLLISION_EVENT)),
-        np.zeros(ticks + 64, _entry(records.REACTION_STATUS)),
-        np.zeros(ticks + 64, _entry(records.POSITION_SETPOINT)),
-        np.zeros(slow, _entry(records.POSITION_SETPOINT)),
-        np.zeros(slow, _entry(records.MISSION_STATUS, ("wait_reason", np.int64))),
+        np.zeros(fast, _entry(records.OdometryRecord)),
+        np.zeros(slow, _entry(records.EstimatorStatusRecord)),
+        np.zeros(captures + 1, _entry(records.DetectorStatusRecord, ("row", np.int64))),
+        np.zeros(captures + 1, _entry(records.CollisionEventRecord)),
+        np.zeros(ticks + 64, _entry(records.ReactionStatusRecord)),
+        np.zeros(ticks + 64, _entry(records.PositionSetpointRecord)),
+        np.zeros(slow, _entry(records.PositionSetpointRecord)),
+        np.zeros(slow, _entry(records.MissionStatusRecord, ("wait_reason", np.int64))),
     )
 
 
@@ -170,7 +166,7 @@ def fly(
     cores: tuple[Any, ...],
     params: Any,
     published: Any,
-    f: Any,
+    f: FlightProgress,
     log: Array,
     base: int,
     stop: int,
@@ -190,7 +186,7 @@ def fly(
             controller (bookkeeping, autopilot).
         params: `CoreParams`.
         published: `Published`, what the cores have published; appended to here.
-        f: `FLIGHT`.
+        f: where the flight stands.
         log: (N, LOG_WIDTH), a row is written for every tick.
         base: tick of the first row of the plant's normals.
         stop: first tick not to fly.
@@ -218,7 +214,7 @@ def fly(
         upright = 1.0 - 2.0 * (m[P.body + 6] * m[P.body + 6] + m[P.body + 7] * m[P.body + 7])
         after = watch_end(f.over, m[P.body + 2], upright, f.phase)
         if after != UNDECIDED:
-            f.end = min(f.end, k + int(after / _TICK + 0.5))
+            f.end = min(f.end, k + int(after / TICK_S + 0.5))
         if n[DETECTOR_STATUS] > 0 and p.detector_status[n[DETECTOR_STATUS] - 1].tick == k - 1:
             r.detector_ns = now
             heard = True
@@ -270,7 +266,7 @@ def fly(
 
 
 @compiled_call
-def publish_reaction(r: Any, p: Any, f: Any, k: int) -> None:
+def publish_reaction(r: Any, p: Any, f: FlightProgress, k: int) -> None:
     """Publish what the reaction's step of tick `k` has left in its memory."""
     n = f.published
     if r.publishes:
@@ -287,7 +283,7 @@ def publish_reaction(r: Any, p: Any, f: Any, k: int) -> None:
 
 
 @compiled_call
-def _step_mission(mi: Any, params: Any, p: Any, f: Any, now: int) -> None:
+def _step_mission(mi: Any, params: Any, p: Any, f: FlightProgress, now: int) -> None:
     """Hand the mission what has come since its last step, and step it."""
     n, k = f.published, f.tick
     while f.read_odometry < n[ODOMETRY]:
@@ -394,7 +390,7 @@ def fly_with_true_state(
             state.rates[i] = m[P.body + 10 + i]
         for i in range(4):
             state.attitude[i] = m[P.body + 6 + i]
-        autopilot.mocap_time = k * _TICK
+        autopilot.mocap_time = k * TICK_S
         cascade(autopilot, maps, k)
         for i in range(4):
             m[P.command + i] = setpoint.rotor_speed[i]

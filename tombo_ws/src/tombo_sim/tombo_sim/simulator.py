@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.plant import P, part
 from tombo_dynamics.rigid_body import finish_tick
-from tombo_sim.flight_setup import NOISE, TICK_S, begin
+from tombo_dynamics.time_base import TICK_NS, TICK_S
+from tombo_sim.flight_setup import NOISE, begin
 from tombo_sim.kernel import (
     ARRIVES,
     MOCAP_WIDTH,
@@ -22,9 +23,7 @@ from tombo_sim.kernel import (
 )
 from tombo_sim.world import World
 
-Array = NDArray[np.float64]
 _BLOCK = 4096
-TICK_NS = 1_000_000
 
 
 @dataclass(frozen=True)
