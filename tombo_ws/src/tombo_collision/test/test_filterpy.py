@@ -20,7 +20,7 @@ def test_compiled_filter_agrees_with_filterpy(rate, seed):
     poses = flight(3.0, velocity=(0.7, 0.1, -0.1), seed=seed, rate=rate)
     poses = poses.pushed(2.0, (-0.5, 0.2, -0.3)).turned(2.0, (0.5, -0.3, 2.0))
     detector = CollisionDetector(params)
-    r = detector.memory
+    memory = detector.memory
     kf = None
     for i, (t, position, attitude) in enumerate(
         zip(poses.t, poses.position, poses.attitude, strict=True)
@@ -37,14 +37,15 @@ def test_compiled_filter_agrees_with_filterpy(rate, seed):
         turn = np.array(rotation_vector(before, attitude))
         kf.predict(u=np.array([[*free_acceleration(before, attitude), 0.0]]).T)
         kf.update(np.array([[*position, *(turn / step)]]).T)
-        state = np.concatenate([r["position"], r["velocity"], r["rates"]])
+        state = np.concatenate([memory.position, memory.velocity, memory.rates])
         assert state == pytest.approx(kf.x[:, 0], rel=1e-12, abs=1e-12)
         for axis in range(3):
             block = kf.P[np.ix_([axis, 3 + axis], [axis, 3 + axis])]
-            found = r["covariance"][axis]
+            found = memory.covariance[axis]
             assert found == pytest.approx([block[0, 0], block[0, 1], block[1, 1]], rel=1e-9)
-            assert r["rate_variance"][axis] == pytest.approx(kf.P[6 + axis, 6 + axis], rel=1e-9)
-        assert r["residual"] == pytest.approx(kf.y[:, 0], rel=1e-12, abs=1e-12)
-        if r["samples"] > 8:
+            assert memory.rate_variance[axis] == pytest.approx(kf.P[6 + axis, 6 + axis], rel=1e-9)
+        residual = np.concatenate([memory.position_residual, memory.rate_residual])
+        assert residual == pytest.approx(kf.y[:, 0], rel=1e-12, abs=1e-12)
+        if memory.samples > 8:
             expected = float(kf.y[:, 0] @ kf.SI @ kf.y[:, 0])
             assert detector.statistic == pytest.approx(expected, rel=1e-9)

@@ -58,7 +58,7 @@ class Logic:
         note_mocap(self.core.memory, self.core.limits, now)
 
     def detector(self, now):
-        self.core.memory["detector_ns"] = now
+        self.core.memory.detector_ns = now
 
     def odometry(self, place, now):
         return take_position(self.core.memory, place, now)

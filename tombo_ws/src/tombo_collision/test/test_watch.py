@@ -57,7 +57,7 @@ def show(look, stamp_ns, now_ns, frame, position, attitude):
 
 
 def counts(look):
-    status = look.memory["status"]
+    status = look.memory.status
     return int(status["poses"]), int(status["rejected"])
 
 

@@ -21,7 +21,7 @@ from filterpy.kalman import KalmanFilter
 from tombo_collision.params import DetectorParams
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled_call
-from tombo_dynamics.params import as_tuple, tuple_type
+from tombo_dynamics.records import Record, field, parameter_record
 from tombo_dynamics.vehicle import GRAVITY
 
 _TRACK_TIME = 0.5
@@ -45,91 +45,103 @@ NOT_FINITE, OUT_OF_ORDER, JUMP = "not_finite", "out_of_order", "jump"
 _REFUSALS = ("", "", NOT_FINITE, OUT_OF_ORDER, JUMP)
 TRIGGER_NAMES = ("", "region", "innovation")
 
-_POSE = np.dtype(
-    [("stamp_s", np.float64), ("position", np.float64, 3), ("attitude", np.float64, 4)]
-)
-DETECTOR = np.dtype(
-    [
-        ("innovation", np.bool_),  # triggers: the innovation
-        ("region", np.bool_),  # and the known region
-        ("follows", np.bool_),  # the filter has begun
-        ("samples", np.int64),  # since it began, or since the last event
-        ("position", np.float64, 3),  # filter's state: [m]
-        ("velocity", np.float64, 3),  # [m/s]
-        ("rates", np.float64, 3),  # [rad/s], body frame
-        ("covariance", np.float64, (3, 3)),  # an axis a row: position, both, velocity
-        ("rate_variance", np.float64, 3),
-        ("residual", np.float64, 6),  # of the last sample: position [m], rates [rad/s]
-        ("statistic", np.float64),  # normalised innovation squared; 0 where there was none
-        ("ground", np.float64),  # height of the first pose, or of the floor [m]; NaN before
-        ("last", _POSE),  # last sample used
-        ("jumps", np.int64),  # samples on end that have jumped
-        ("jumped", _POSE),  # the last of them
-        ("holdoff_until", np.float64),  # no event before [s]
-        ("inside", np.bool_),  # in the known region
-        ("track_begin", np.int64),  # ring: first sample
-        ("track_length", np.int64),
-        ("track", np.float64, (_TRACK_LENGTH, 4)),  # time [s], position [m]
-        ("count", np.int64),  # events so far
-        ("trigger", np.int64),  # of the last event, 1 region, 2 innovation
-        ("contact_s", np.float64),
-        ("x_c", np.float64, 3),
-        ("direction", np.float64, 3),  # of the flight before contact, unit vector
-        ("confidence", np.float64),
-    ],
-    align=True,
-)
-"""Memory of the detector. Positions and directions in map."""
-_Params: Any = tuple_type(DetectorParams, "_Params", __name__)
+
+class StampedPose(Record):
+    """A pose with its time."""
+
+    stamp_s = field("s", "capture")
+    position = field("m", "in map", 3)
+    attitude = field("1", "quaternion xyzw, map from base_link", 4)
 
 
-def detector_params(params: DetectorParams) -> Any:
-    """Return the parameters as compiled code takes them."""
-    return as_tuple(params, _Params)
+class TrackEntry(Record):
+    """A place on the way."""
+
+    stamp_s = field("s", "capture")
+    position = field("m", "in map", 3)
 
 
-def set_triggers(r: Any, params: DetectorParams) -> None:
+class DetectorMemory(Record):
+    """Memory of the detector. Positions and directions in map, rates in the body frame."""
+
+    innovation = field("1", "the innovation triggers", kind=bool)
+    region = field("1", "the known region triggers", kind=bool)
+    follows = field("1", "the filter has begun", kind=bool)
+    samples = field("1", "since it began, or since the last event", kind=int)
+    position = field("m", "state of the filter, as the next ones", 3)
+    velocity = field("m/s", "map", 3)
+    rates = field("rad/s", "body", 3)
+    covariance = field(
+        "", "an axis a row: position [m^2], both [m^2/s], velocity [m^2/s^2]", (3, 3)
+    )
+    rate_variance = field("rad^2/s^2", "body", 3)
+    position_residual = field("m", "of the last sample: position", 3)
+    rate_residual = field("rad/s", "of the last sample", 3)
+    statistic = field("1", "normalised innovation squared; 0 where there was none")
+    ground = field("m", "height of the first pose, or of the floor; NaN before")
+    last = field("", "last sample used", kind=StampedPose)
+    jumps = field("1", "samples on end that have jumped", kind=int)
+    jumped = field("", "the last of them", kind=StampedPose)
+    holdoff_until = field("s", "no event before")
+    inside = field("1", "in the known region", kind=bool)
+    track_begin = field("1", "ring: first sample", kind=int)
+    track_length = field("1", "samples in the ring", kind=int)
+    track = field("", "the way of the last half second, a ring", _TRACK_LENGTH, TrackEntry)
+    count = field("1", "events so far", kind=int)
+    trigger = field("1", "of the last event: index in TRIGGER_NAMES", kind=int)
+    contact_s = field("s", "of the last event")
+    x_c = field("m", "of the last event: base_link at contact", 3)
+    direction = field("1", "of the flight before contact, unit vector", 3)
+    confidence = field("1", "of the last event")
+
+
+def set_triggers(memory: DetectorMemory, params: DetectorParams) -> None:
     """Write into the memory what triggers."""
-    r["innovation"] = params.trigger in ("innovation", "both")
-    r["region"] = params.trigger in ("region", "both")
+    memory.innovation = params.trigger in ("innovation", "both")
+    memory.region = params.trigger in ("region", "both")
 
 
 @compiled_call
-def begin_detector(r: Any) -> None:
+def begin_detector(memory: DetectorMemory) -> None:
     """Begin before the first pose."""
-    r.ground = math.nan
-    r.last.stamp_s = -math.inf
-    r.holdoff_until = -math.inf
+    memory.ground = math.nan
+    memory.last.stamp_s = -math.inf
+    memory.holdoff_until = -math.inf
 
 
 @compiled_call
-def _track_entry(r: Any, i: int) -> Array:
-    """Return time [s] and position [m] of sample `i` of the track; -1: the last."""
+def _track_index(memory: DetectorMemory, i: int) -> int:
+    """Return where sample `i` of the track is in the ring; -1: the last."""
     if i < 0:
-        i += r.track_length
-    entry: Array = r.track[(r.track_begin + i) % _TRACK_LENGTH]
-    return entry
+        i += memory.track_length
+    return int((memory.track_begin + i) % _TRACK_LENGTH)
 
 
 @compiled_call
-def _append_to_track(r: Any, stamp_s: float, position: Array, step: float) -> None:
+def _append_to_track(memory: DetectorMemory, stamp_s: float, position: Array, step: float) -> None:
     """Append a sample and forget those of more than half a second ago."""
-    if r.track_length == _TRACK_LENGTH:
-        r.track_begin += 1
-        r.track_length -= 1
-    r.track_length += 1
-    entry = _track_entry(r, -1)
-    entry[0] = stamp_s
+    if memory.track_length == _TRACK_LENGTH:
+        memory.track_begin += 1
+        memory.track_length -= 1
+    memory.track_length += 1
+    entry = memory.track[_track_index(memory, -1)]
+    entry.stamp_s = stamp_s
     for i in range(3):
-        entry[1 + i] = position[i]
+        entry.position[i] = position[i]
     oldest = stamp_s - _TRACK_TIME - 0.5 * step
-    while r.track_length > 1 and _track_entry(r, 0)[0] < oldest:
-        r.track_begin += 1
-        r.track_length -= 1
+    while memory.track_length > 1 and memory.track[_track_index(memory, 0)].stamp_s < oldest:
+        memory.track_begin += 1
+        memory.track_length -= 1
 
 
 @compiled_call
-def detect(r: Any, p: Any, stamp_s: float, position: Array, attitude: Array) -> int:
+def detect(
+    memory: DetectorMemory,
+    params: DetectorParams,
+    stamp_s: float,
+    position: Array,
+    attitude: Array,
+) -> int:
     """Take a pose captured at `stamp_s` [s]; return what became of it, `USED` and so on.
 
     A sample that is not finite, not newer than the last one, or has jumped to where no strike
@@ -138,8 +150,8 @@ def detect(r: Any, p: Any, stamp_s: float, position: Array, attitude: Array) -> 
     the truth: the filter starts anew.
 
     Args:
-        r: the detector's memory.
-        p: `detector_params`.
+        memory: of the detector.
+        params: of the detector.
         stamp_s: capture time.
         position: (3) in map [m].
         attitude: quaternion xyzw (4), map from base_link.
@@ -150,51 +162,51 @@ def detect(r: Any, p: Any, stamp_s: float, position: Array, attitude: Array) -> 
     for i in range(4):
         total += attitude[i]
     if not math.isfinite(total):
-        return _refuse(r, NOT_FINITE_POSE)
-    step = stamp_s - r.last.stamp_s
-    if -p.gap_max <= step <= 0.0:
-        return _refuse(r, OUT_OF_ORDER_POSE)
-    follows = r.follows and 0.0 < step <= p.gap_max
+        return _refuse(memory, NOT_FINITE_POSE)
+    step = stamp_s - memory.last.stamp_s
+    if -params.gap_max <= step <= 0.0:
+        return _refuse(memory, OUT_OF_ORDER_POSE)
+    follows = memory.follows and 0.0 < step <= params.gap_max
     moved = False
     if not follows:
-        r.jumps = 0
-    elif r.samples >= _MIN_SAMPLES_FOR_GATE and _has_jumped(
-        r, p, stamp_s, position, attitude, step
+        memory.jumps = 0
+    elif memory.samples >= _MIN_SAMPLES_FOR_GATE and _has_jumped(
+        memory, params, stamp_s, position, attitude, step
     ):
-        if r.jumps < _POSES_TO_ACCEPT_JUMP:
-            return _refuse(r, JUMPED_POSE)
-        r.jumps = 0
+        if memory.jumps < _POSES_TO_ACCEPT_JUMP:
+            return _refuse(memory, JUMPED_POSE)
+        memory.jumps = 0
         moved = True
         follows = False
-    if math.isnan(r.ground):
-        floor = p.floor_height
-        r.ground = floor if position[2] > floor + p.arm_height else position[2]
+    if math.isnan(memory.ground):
+        floor = params.floor_height
+        memory.ground = floor if position[2] > floor + params.arm_height else position[2]
     event = False
     if step < 0.0:
-        r.holdoff_until = -math.inf
+        memory.holdoff_until = -math.inf
     if follows:
-        _predict_and_update(r, p, step, position, attitude)
-        armed = position[2] - r.ground > p.arm_height and stamp_s >= r.holdoff_until
+        _predict_and_update(memory, params, step, position, attitude)
+        armed = position[2] - memory.ground > params.arm_height and stamp_s >= memory.holdoff_until
         if armed:
-            event = _evaluate_triggers(r, p, stamp_s, position)
+            event = _evaluate_triggers(memory, params, stamp_s, position)
     else:
-        _restart(r, position)
+        _restart(memory, position)
         if moved:  # into the region, perhaps: no entry
-            r.inside = _in_region(r, p, position)
-    _keep_pose(r.last, stamp_s, position, attitude)
+            memory.inside = _in_region(memory, params, position)
+    _keep_pose(memory.last, stamp_s, position, attitude)
     if event:
-        r.holdoff_until = stamp_s + p.holdoff
-        r.track_length = 0
-        r.samples = 0
+        memory.holdoff_until = stamp_s + params.holdoff
+        memory.track_length = 0
+        memory.samples = 0
         return EVENT
-    if stamp_s >= r.holdoff_until and r.statistic < p.threshold:
-        _append_to_track(r, stamp_s, position, step)
+    if stamp_s >= memory.holdoff_until and memory.statistic < params.threshold:
+        _append_to_track(memory, stamp_s, position, step)
     return USED
 
 
 @compiled_call
-def _refuse(r: Any, reason: int) -> int:
-    r.statistic = 0.0
+def _refuse(memory: DetectorMemory, reason: int) -> int:
+    memory.statistic = 0.0
     return reason
 
 
@@ -209,49 +221,68 @@ def _keep_pose(pose: Any, stamp_s: float, position: Array, attitude: Array) -> N
 
 @compiled_call
 def _has_jumped(
-    r: Any, p: Any, stamp_s: float, position: Array, attitude: Array, step: float
+    memory: DetectorMemory,
+    params: DetectorParams,
+    stamp_s: float,
+    position: Array,
+    attitude: Array,
+    step: float,
 ) -> bool:
     """Say whether a pose is where no strike could have put it; counts those, keeps the last.
 
     Once one has jumped, the next belongs to whichever it is nearer to, the old place or the
     new one: the longer no pose comes from the old place, the further away that could be.
     """
-    near, off = _is_reachable(r, p, r.position, r.last.attitude, position, attitude, step)
-    if r.jumps > 0:
-        since = stamp_s - r.jumped.stamp_s
+    near, off = _is_reachable(
+        memory, params, memory.position, memory.last.attitude, position, attitude, step
+    )
+    if memory.jumps > 0:
+        since = stamp_s - memory.jumped.stamp_s
         if since <= 0.0:
             return True
         agrees, off_new = _is_reachable(
-            r, p, r.jumped.position, r.jumped.attitude, position, attitude, since
+            memory,
+            params,
+            memory.jumped.position,
+            memory.jumped.attitude,
+            position,
+            attitude,
+            since,
         )
         near = near and off <= off_new
         if near or not agrees:
-            r.jumps = 0
+            memory.jumps = 0
     if near:
         return False
-    r.jumps += 1
-    _keep_pose(r.jumped, stamp_s, position, attitude)
+    memory.jumps += 1
+    _keep_pose(memory.jumped, stamp_s, position, attitude)
     return True
 
 
 @compiled_call
 def _is_reachable(
-    r: Any, p: Any, place: Array, before: Array, position: Array, attitude: Array, step: float
+    memory: DetectorMemory,
+    params: DetectorParams,
+    place: Array,
+    before: Array,
+    position: Array,
+    attitude: Array,
+    step: float,
 ) -> tuple[bool, float]:
     """Return whether a strike could lead to a pose within `step` [s], and how far off it is.
 
     Off in units of `jump_distance` and `jump_angle`: 0 where nothing has happened.
 
     Args:
-        r: the detector's memory.
-        p: `detector_params`.
+        memory: of the detector.
+        params: of the detector.
         place: (3) where it was [m].
         before: (4) attitude that it had.
         position: (3) of the pose.
         attitude: (4) of the pose.
         step: time between the two.
     """
-    vx, vy, vz = r.velocity[0], r.velocity[1], r.velocity[2]
+    vx, vy, vz = memory.velocity[0], memory.velocity[1], memory.velocity[2]
     speed = math.sqrt(vx * vx + vy * vy + vz * vz)
     dx = position[0] - place[0] - vx * step
     dy = position[1] - place[1] - vy * step
@@ -268,69 +299,71 @@ def _is_reachable(
     cosine = min(abs(dot) / size, 1.0) if size > 0.0 else 1.0
     angle = 2.0 * math.acos(cosine)
     near = (
-        distance <= p.jump_distance + (p.jump_speed + speed) * step
-        and angle <= p.jump_angle + p.jump_rate * step
+        distance <= params.jump_distance + (params.jump_speed + speed) * step
+        and angle <= params.jump_angle + params.jump_rate * step
     )
-    return near, distance / p.jump_distance + angle / p.jump_angle
+    return near, distance / params.jump_distance + angle / params.jump_angle
 
 
 @compiled_call
-def _restart(r: Any, position: Array) -> None:
+def _restart(memory: DetectorMemory, position: Array) -> None:
     """Begin the filter at a position, as `free_flight_filter`."""
     for i in range(3):
-        r.position[i] = position[i]
-        r.velocity[i] = 0.0
-        r.rates[i] = 0.0
-        r.covariance[i, 0] = 1e-6
-        r.covariance[i, 1] = 0.0
-        r.covariance[i, 2] = 1.0
-        r.rate_variance[i] = 1.0
-    r.follows = True
-    r.samples = 0
-    r.statistic = 0.0
-    r.track_length = 0
+        memory.position[i] = position[i]
+        memory.velocity[i] = 0.0
+        memory.rates[i] = 0.0
+        memory.covariance[i, 0] = 1e-6
+        memory.covariance[i, 1] = 0.0
+        memory.covariance[i, 2] = 1.0
+        memory.rate_variance[i] = 1.0
+    memory.follows = True
+    memory.samples = 0
+    memory.statistic = 0.0
+    memory.track_length = 0
 
 
 @compiled_call
-def _predict_and_update(r: Any, p: Any, step: float, position: Array, attitude: Array) -> None:
+def _predict_and_update(
+    memory: DetectorMemory, params: DetectorParams, step: float, position: Array, attitude: Array
+) -> None:
     """Predict over `step` [s], compare with the sample and correct."""
-    ax, ay = free_acceleration(r.last.attitude, attitude)
+    ax, ay = free_acceleration(memory.last.attitude, attitude)
     push = (ax, ay, 0.0)
-    turn = rotation_vector(r.last.attitude, attitude)
-    rate_noise = p.rate_noise * max(1.0, _RATE_STEP / step)
+    turn = rotation_vector(memory.last.attitude, attitude)
+    rate_noise = params.rate_noise * max(1.0, _RATE_STEP / step)
     half = 0.5 * step * step
     statistic = 0.0
     for i in range(3):
-        size = p.acceleration_z if i == 2 else p.acceleration_xy
+        size = params.acceleration_z if i == 2 else params.acceleration_xy
         spread = size * size
-        x = r.position[i] + step * r.velocity[i] + half * push[i]
-        v = r.velocity[i] + step * push[i]
-        a, b, c = r.covariance[i, 0], r.covariance[i, 1], r.covariance[i, 2]
+        x = memory.position[i] + step * memory.velocity[i] + half * push[i]
+        v = memory.velocity[i] + step * push[i]
+        a, b, c = memory.covariance[i, 0], memory.covariance[i, 1], memory.covariance[i, 2]
         a += 2.0 * step * b + step * step * c + spread * half * half
         b += step * c + spread * half * step
         c += spread * step * step
         error = position[i] - x
-        total = a + p.position_noise * p.position_noise
+        total = a + params.position_noise * params.position_noise
         gain_x, gain_v = a / total, b / total
-        r.position[i] = x + gain_x * error
-        r.velocity[i] = v + gain_v * error
-        r.covariance[i, 0] = a - gain_x * a
-        r.covariance[i, 1] = b - gain_x * b
-        r.covariance[i, 2] = c - gain_v * b
-        r.residual[i] = error
+        memory.position[i] = x + gain_x * error
+        memory.velocity[i] = v + gain_v * error
+        memory.covariance[i, 0] = a - gain_x * a
+        memory.covariance[i, 1] = b - gain_x * b
+        memory.covariance[i, 2] = c - gain_v * b
+        memory.position_residual[i] = error
         statistic += error * error / total
 
-        jerk = (p.yaw_acceleration if i == 2 else p.tilt_acceleration) * step
-        variance = r.rate_variance[i] + jerk * jerk
-        error = turn[i] / step - r.rates[i]
+        jerk = (params.yaw_acceleration if i == 2 else params.tilt_acceleration) * step
+        variance = memory.rate_variance[i] + jerk * jerk
+        error = turn[i] / step - memory.rates[i]
         total = variance + rate_noise * rate_noise
         gain = variance / total
-        r.rates[i] += gain * error
-        r.rate_variance[i] = variance - gain * variance
-        r.residual[3 + i] = error
+        memory.rates[i] += gain * error
+        memory.rate_variance[i] = variance - gain * variance
+        memory.rate_residual[i] = error
         statistic += error * error / total
-    r.samples += 1
-    r.statistic = statistic if r.samples > _WARM_UP_SAMPLES else 0.0
+    memory.samples += 1
+    memory.statistic = statistic if memory.samples > _WARM_UP_SAMPLES else 0.0
 
 
 @compiled_call
@@ -369,37 +402,46 @@ def rotation_vector(before: Array, after: Array) -> tuple[float, float, float]:
 
 
 @compiled_call
-def _evaluate_triggers(r: Any, p: Any, stamp_s: float, position: Array) -> bool:
+def _evaluate_triggers(
+    memory: DetectorMemory, params: DetectorParams, stamp_s: float, position: Array
+) -> bool:
     """Apply the triggers to the present sample; fill in an event and return True if one fires."""
-    if r.innovation and r.statistic > p.threshold:
-        _fill_event(r, p, stamp_s, position, 2)
+    if memory.innovation and memory.statistic > params.threshold:
+        _fill_event(memory, params, stamp_s, position, 2)
         return True
-    if r.region:
-        inside = _in_region(r, p, position)
-        entered = inside and not r.inside
-        r.inside = inside
+    if memory.region:
+        inside = _in_region(memory, params, position)
+        entered = inside and not memory.inside
+        memory.inside = inside
         if entered:
-            _fill_event(r, p, stamp_s, position, 1)
+            _fill_event(memory, params, stamp_s, position, 1)
             return True
     return False
 
 
 @compiled_call
-def _in_region(r: Any, p: Any, position: Array) -> bool:
-    dx, dy, dz = _direction(r)
-    x, y, z = position[0] - p.region_x, position[1] - p.region_y, position[2] - p.region_z
+def _in_region(memory: DetectorMemory, params: DetectorParams, position: Array) -> bool:
+    dx, dy, dz = _direction(memory)
+    x, y, z = (
+        position[0] - params.region_x,
+        position[1] - params.region_y,
+        position[2] - params.region_z,
+    )
     along = x * dx + y * dy + z * dz
     x, y, z = x - along * dx, y - along * dy, z - along * dz
     across = x * x + y * y + z * z
-    return bool(abs(along) < p.region_depth and across < p.region_radius * p.region_radius)
+    return bool(
+        abs(along) < params.region_depth and across < params.region_radius * params.region_radius
+    )
 
 
 @compiled_call
-def _direction(r: Any) -> tuple[float, float, float]:
+def _direction(memory: DetectorMemory) -> tuple[float, float, float]:
     """Unit vector of the flight over the last half second before now, or zero."""
-    if r.track_length > 0:
-        first, last = _track_entry(r, 0), _track_entry(r, -1)
-        x, y, z = last[1] - first[1], last[2] - first[2], last[3] - first[3]
+    if memory.track_length > 0:
+        first, last = memory.track[_track_index(memory, 0)], memory.track[_track_index(memory, -1)]
+        here, there = last.position, first.position
+        x, y, z = here[0] - there[0], here[1] - there[1], here[2] - there[2]
         length = math.sqrt(x * x + y * y + z * z)
         if length >= _SLOW:
             return x / length, y / length, z / length
@@ -407,31 +449,35 @@ def _direction(r: Any) -> tuple[float, float, float]:
 
 
 @compiled_call
-def _fill_event(r: Any, p: Any, stamp_s: float, position: Array, trigger: int) -> None:
-    r.count += 1
-    r.trigger = trigger
-    r.contact_s = stamp_s
+def _fill_event(
+    memory: DetectorMemory, params: DetectorParams, stamp_s: float, position: Array, trigger: int
+) -> None:
+    memory.count += 1
+    memory.trigger = trigger
+    memory.contact_s = stamp_s
     for i in range(3):
-        r.x_c[i] = position[i]
-    if trigger == 2 and r.track_length > 0:
-        first, quiet = _track_entry(r, 0), _track_entry(r, -1)
-        r.contact_s = 0.5 * (quiet[0] + stamp_s)
-        lasted = max(quiet[0] - first[0], 1e-3)
+        memory.x_c[i] = position[i]
+    if trigger == 2 and memory.track_length > 0:
+        first = memory.track[_track_index(memory, 0)]
+        quiet = memory.track[_track_index(memory, -1)]
+        memory.contact_s = 0.5 * (quiet.stamp_s + stamp_s)
+        lasted = max(quiet.stamp_s - first.stamp_s, 1e-3)
         for i in range(3):
-            velocity = (quiet[1 + i] - first[1 + i]) / lasted
-            r.x_c[i] = quiet[1 + i] + velocity * (r.contact_s - quiet[0])
-    x, y, z = _direction(r)
+            velocity = (quiet.position[i] - first.position[i]) / lasted
+            memory.x_c[i] = quiet.position[i] + velocity * (memory.contact_s - quiet.stamp_s)
+    x, y, z = _direction(memory)
     if x == 0.0 and y == 0.0 and z == 0.0:
         # struck at rest: the flight is taken as opposite to the push
-        x, y, z = -r.residual[0], -r.residual[1], -r.residual[2]
+        push = memory.position_residual
+        x, y, z = -push[0], -push[1], -push[2]
         size = math.sqrt(x * x + y * y + z * z)
         if size > 0.0:
             x, y, z = x / size, y / size, z / size
         else:
             x, y, z = 1.0, 0.0, 0.0
-    r.direction[0], r.direction[1], r.direction[2] = x, y, z
-    excess = 0.5 * (r.statistic - p.threshold)
-    r.confidence = 1.0 / (1.0 + math.exp(-min(max(excess, -30.0), 30.0)))
+    memory.direction[0], memory.direction[1], memory.direction[2] = x, y, z
+    excess = 0.5 * (memory.statistic - params.threshold)
+    memory.confidence = 1.0 / (1.0 + math.exp(-min(max(excess, -30.0), 30.0)))
 
 
 def free_flight_filter(params: DetectorParams, step: float) -> KalmanFilter:
@@ -484,7 +530,7 @@ class CollisionDetector:
     """Watches capture-stamped poses; `update` returns an event when one is detected."""
 
     def __init__(self, params: DetectorParams) -> None:
-        self.memory: Any = np.zeros(1, DETECTOR)[0]
+        self.memory = DetectorMemory.new()
         begin_detector(self.memory)
         self.refused = ""
         """Why the last sample was not used; empty if it was."""
@@ -492,28 +538,28 @@ class CollisionDetector:
 
     def set_params(self, params: DetectorParams) -> None:
         """Go on with other parameters; what was seen so far stays."""
-        self._p = detector_params(params)
+        self._params = parameter_record(params)
         set_triggers(self.memory, params)
 
     @property
     def statistic(self) -> float:
         """Normalised innovation squared of the last sample; 0 where there was none."""
-        return float(self.memory["statistic"])
+        return float(self.memory.statistic)
 
     def update(self, stamp_s: float, position: Array, attitude: Array) -> CollisionEvent | None:
         """Take a pose as `detect` does; return an event if it shows a collision."""
-        r = self.memory
-        result = detect(r, self._p, stamp_s, position, attitude)
+        memory = self.memory
+        result = detect(memory, self._params, stamp_s, position, attitude)
         self.refused = _REFUSALS[result]
         if result != EVENT:
             return None
         return CollisionEvent(
             stamp_s,
-            TRIGGER_NAMES[r["trigger"]],
-            float(r["contact_s"]),
-            r["x_c"].copy(),
-            r["direction"].copy(),
-            float(r["confidence"]),
+            TRIGGER_NAMES[memory.trigger],
+            float(memory.contact_s),
+            memory.x_c.copy(),
+            memory.direction.copy(),
+            float(memory.confidence),
             self.statistic,
-            int(r["count"]),
+            int(memory.count),
         )

@@ -12,10 +12,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_collision.detector import (
-    DETECTOR,
     EVENT,
     JUMP,
     JUMPED_POSE,
@@ -23,18 +21,18 @@ from tombo_collision.detector import (
     NOT_FINITE_POSE,
     OUT_OF_ORDER,
     OUT_OF_ORDER_POSE,
+    DetectorMemory,
     begin_detector,
     detect,
-    detector_params,
     set_triggers,
 )
 from tombo_collision.params import DetectorParams
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import Core
 from tombo_dynamics.jit import compiled_call
-from tombo_dynamics.message_records import COLLISION_EVENT, DETECTOR_STATUS, message_of
+from tombo_dynamics.message_records import CollisionEventRecord, DetectorStatusRecord, message_of
 from tombo_dynamics.messages import CollisionEvent, DetectorStatus, Pose
-
-Array = NDArray[np.float64]
+from tombo_dynamics.records import Record, field, parameter_record
 
 FRAME = "map"
 WRONG_FRAME, NOT_UNIT, FUTURE, LATE = "wrong_frame", "not_unit", "future", "late"
@@ -74,49 +72,54 @@ _REFUSALS = {
 }
 _NONE = -1
 
-DETECTOR_CORE = np.dtype(
-    [
-        ("detector", DETECTOR),
-        ("origin_ns", np.int64),  # stamp that is time 0 of the detector; -1: none yet
-        ("last_ns", np.int64),  # stamp of the last pose used
-        ("used", np.int64),  # poses used
-        ("refused", np.int64, 10),  # poses refused, by reason
-        ("status", DETECTOR_STATUS),  # of the last pose
-        ("event", COLLISION_EVENT),  # the last one
-    ],
-    align=True,
-)
-"""Memory of the detector's core."""
+
+class DetectorCoreMemory(Record):
+    """Memory of the detector's core."""
+
+    detector = field("", "what it watches with", kind=DetectorMemory)
+    origin_ns = field("ns", "stamp that is time 0 of the detector; -1: none yet", kind=int)
+    last_ns = field("ns", "stamp of the last pose used", kind=int)
+    used = field("1", "poses used", kind=int)
+    refused = field("1", "poses refused, by reason", 10, int)
+    status = field("", "of the last pose", kind=DetectorStatusRecord)
+    event = field("", "the last one", kind=CollisionEventRecord)
 
 
 @compiled_call
-def begin_detector_core(r: Any) -> None:
+def begin_detector_core(memory: DetectorCoreMemory) -> None:
     """Begin before the first pose."""
-    begin_detector(r.detector)
-    r.origin_ns = _NONE
+    begin_detector(memory.detector)
+    memory.origin_ns = _NONE
 
 
 @compiled_call
-def take_pose(r: Any, p: Any, stamp_ns: int, now_ns: int, position: Array, attitude: Array) -> int:
+def take_pose(
+    memory: DetectorCoreMemory,
+    params: DetectorParams,
+    stamp_ns: int,
+    now_ns: int,
+    position: Array,
+    attitude: Array,
+) -> int:
     """Take a pose in map; return what became of it: used (0), `EVENT` or a key of `REASONS`.
 
     `status` is filled in, and `event` if there is one.
 
     Args:
-        r: the core's memory.
-        p: `detector_params`.
+        memory: of the core.
+        params: of the detector.
         stamp_ns: capture time.
         now_ns: the present, on the same clock.
         position: (3) [m].
         attitude: quaternion xyzw (4), map from base_link.
     """
-    result = _look_at(r, p, stamp_ns, now_ns, position, attitude)
-    fill_status(r, p, stamp_ns, result)
+    result = _look_at(memory, params, stamp_ns, now_ns, position, attitude)
+    fill_status(memory, params, stamp_ns, result)
     if result == EVENT:
-        d, event = r.detector, r.event
+        d, event = memory.detector, memory.event
         event.stamp_ns = stamp_ns
         event.trigger = d.trigger
-        event.contact_stamp_ns = r.origin_ns + int(np.rint(1e9 * d.contact_s))
+        event.contact_stamp_ns = memory.origin_ns + int(np.rint(1e9 * d.contact_s))
         for i in range(3):
             event.contact_position[i] = d.x_c[i]
             event.flight_direction[i] = d.direction[i]
@@ -127,26 +130,35 @@ def take_pose(r: Any, p: Any, stamp_ns: int, now_ns: int, position: Array, attit
 
 
 @compiled_call
-def fill_status(r: Any, p: Any, stamp_ns: int, result: int) -> None:
+def fill_status(
+    memory: DetectorCoreMemory, params: DetectorParams, stamp_ns: int, result: int
+) -> None:
     """Count a pose and fill in the status for it."""
     used = result <= EVENT
-    status = r.status
+    status = memory.status
     status.statistic = 0.0
     if used:
-        r.used += 1
-        status.statistic = r.detector.statistic
+        memory.used += 1
+        status.statistic = memory.detector.statistic
     else:
-        r.refused[result] += 1
+        memory.refused[result] += 1
     status.stamp_ns = stamp_ns
-    status.threshold = p.threshold
+    status.threshold = params.threshold
     status.rejected = 0
-    for i in range(r.refused.size):
-        status.rejected += r.refused[i]
-    status.poses = r.used + status.rejected
+    for i in range(memory.refused.size):
+        status.rejected += memory.refused[i]
+    status.poses = memory.used + status.rejected
 
 
 @compiled_call
-def _look_at(r: Any, p: Any, stamp_ns: int, now_ns: int, position: Array, attitude: Array) -> int:
+def _look_at(
+    memory: DetectorCoreMemory,
+    params: DetectorParams,
+    stamp_ns: int,
+    now_ns: int,
+    position: Array,
+    attitude: Array,
+) -> int:
     square = 0.0
     for i in range(4):
         square += attitude[i] * attitude[i]
@@ -158,16 +170,18 @@ def _look_at(r: Any, p: Any, stamp_ns: int, now_ns: int, position: Array, attitu
         return _FUTURE
     if stamp_ns < now_ns - _MAX_AGE_NS:
         return _LATE
-    clock_set = r.last_ns > now_ns + _MAX_FUTURE_NS
-    if r.origin_ns == _NONE or clock_set:
+    clock_set = memory.last_ns > now_ns + _MAX_FUTURE_NS
+    if memory.origin_ns == _NONE or clock_set:
         if clock_set:  # take it whatever its stamp is, and start anew there
-            r.detector.last.stamp_s = math.inf
-        r.origin_ns = stamp_ns
-    elif stamp_ns <= r.last_ns:
+            memory.detector.last.stamp_s = math.inf
+        memory.origin_ns = stamp_ns
+    elif stamp_ns <= memory.last_ns:
         return OUT_OF_ORDER_POSE
-    result = detect(r.detector, p, 1e-9 * (stamp_ns - r.origin_ns), position, attitude)
+    result = detect(
+        memory.detector, params, 1e-9 * (stamp_ns - memory.origin_ns), position, attitude
+    )
     if result <= EVENT:
-        r.last_ns = stamp_ns
+        memory.last_ns = stamp_ns
     return result
 
 
@@ -187,7 +201,7 @@ class DetectorCore(Core):
 
     def __init__(self, params: DetectorParams) -> None:
         super().__init__()
-        self.memory: Any = np.zeros(1, DETECTOR_CORE)[0]
+        self.memory = DetectorCoreMemory.new()
         begin_detector_core(self.memory)
         self.set_params("detector", params)
         self._outputs: list[tuple[str, Any]] = []
@@ -196,28 +210,28 @@ class DetectorCore(Core):
 
     def on(self, topic: str, message: Pose, now_ns: int) -> None:
         """Take a pose."""
-        r, stamp_ns = self.memory, message.stamp_ns
+        memory, stamp_ns = self.memory, message.stamp_ns
         result = _WRONG_FRAME
         if self._several:
             result = _TWO_PUBLISHERS
         if self._several or message.frame_id.lstrip("/") != FRAME:
-            fill_status(r, self.params, stamp_ns, result)
+            fill_status(memory, self.params, stamp_ns, result)
         else:
             clock_ns = now_ns + self.clock_slack_ns
             result = take_pose(
-                r, self.params, stamp_ns, clock_ns, message.position, message.attitude
+                memory, self.params, stamp_ns, clock_ns, message.position, message.attitude
             )
         self._pose_ns = now_ns
         health = self.health
         if result == EVENT:
-            health.values["collisions"] = int(r["event"]["count"])
-            event = message_of(CollisionEvent, r["event"], frame_id=FRAME)
+            health.values["collisions"] = int(memory.event.count)
+            event = message_of(CollisionEvent, memory.event, frame_id=FRAME)
             self._outputs.append(("/collision_event", event))
-        self._outputs.append(("/detector/status", message_of(DetectorStatus, r["status"])))
-        health.values["poses"] = int(r["status"]["poses"])
+        self._outputs.append(("/detector/status", message_of(DetectorStatus, memory.status)))
+        health.values["poses"] = int(memory.status.poses)
         if result in REASONS:
             reason = REASONS[result]
-            health.values[f"refused.{reason}"] = int(r["refused"][result])
+            health.values[f"refused.{reason}"] = int(memory.refused[result])
             health.report_event(f"pose_{reason}", _REFUSALS[reason])
         elif now_ns - stamp_ns > _LATE_NS:
             health.report_event("mocap_late", "poses come more than 0.1 s after their capture")
@@ -231,8 +245,8 @@ class DetectorCore(Core):
 
     def set_params(self, section: str, params: DetectorParams) -> None:
         """Go on with other parameters; what was seen so far stays."""
-        self.params = detector_params(params)
-        set_triggers(self.memory["detector"], params)
+        self.params = parameter_record(params)
+        set_triggers(self.memory.detector, params)
 
     def set_multiple_publishers(self, topic: str, several: bool) -> None:
         """Refuse poses of several publishers: nobody can tell which is true."""
@@ -241,5 +255,5 @@ class DetectorCore(Core):
     @property
     def refused(self) -> Counter[str]:
         """How many poses were refused, by reason."""
-        counts = self.memory["refused"]
+        counts = self.memory.refused
         return Counter({name: int(counts[i]) for i, name in REASONS.items() if counts[i]})

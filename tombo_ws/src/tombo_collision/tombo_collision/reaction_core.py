@@ -12,18 +12,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any, ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tombo_collision.params import ReactionLimits
 from tombo_collision.reactions import DEFAULT, REGISTRY, Decision, Reaction
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import ERROR, Core
 from tombo_dynamics.errors import unknown_name
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.message_records import (
-    COLLISION_EVENT,
-    POSITION_SETPOINT,
-    REACTION_STATUS,
+    CollisionEventRecord,
+    PositionSetpointRecord,
+    ReactionStatusRecord,
     fill_record,
     message_of,
 )
@@ -37,9 +35,7 @@ from tombo_dynamics.messages import (
     ReactionPhase,
     ReactionStatus,
 )
-from tombo_dynamics.params import as_tuple, tuple_type
-
-Array = NDArray[np.float64]
+from tombo_dynamics.records import Record, field, parameter_record
 
 _GROUNDED, _APPROACH, _REACT = int(Phase.IDLE), int(Phase.APPROACH), int(Phase.REACT)
 _HOLD, _LAND, _LANDED = int(Phase.HOLD), int(Phase.LAND), int(Phase.LANDED)
@@ -101,79 +97,76 @@ _SAME_POSITION = 0.05
 _CLOCK_SET_NS = 1_000_000_000
 _STAMPS, _MAX_PENDING = 16, 4
 
-_Limits: Any = tuple_type(ReactionLimits, "_Limits", __name__)
-REACTION = np.dtype(
-    [
-        ("active", np.bool_),  # a decision holds
-        ("x_c", np.float64, 3),  # of the last decision [m], map
-        ("n_r", np.float64, 3),
-        ("x_r", np.float64, 3),
-        ("collisions", np.int64),
-        ("has_mission", np.bool_),  # the mission has spoken
-        ("mission", POSITION_SETPOINT),  # its last set point
-        ("mission_ns", np.int64),  # when it came, as in the next three
-        ("odometry_ns", np.int64),
-        ("mocap_ns", np.int64),
-        ("detector_ns", np.int64),
-        ("has_position", np.bool_),
-        ("position", np.float64, 3),  # the estimate [m], map
-        ("mission_at_x_r", np.bool_),  # the mission has come to x_r itself
-        ("two_publishers", np.bool_),
-        ("holds", np.bool_),
-        ("hold", POSITION_SETPOINT),  # where it holds
-        ("setpoint", POSITION_SETPOINT),  # the last one published
-        ("publishes", np.bool_),  # it is of the last step
-        ("said", np.bool_),  # there was one
-        ("publish_due", np.bool_),
-        ("now_ns", np.int64),  # of the last step
-        ("stamps", np.int64, _STAMPS),  # of the last events: a ring
-        ("events", np.int64),  # entered into it
-        ("pending", np.int64),  # events that wait for the mission's first set point
-        ("why", np.int64),  # index in HOLD_REASONS
-        ("status", REACTION_STATUS),  # the last one published
-        ("changed", np.bool_),  # the decision is another one than in it
-        ("status_due", np.bool_),  # it is of the last step
-    ],
-    align=True,
-)
-"""Memory of the reaction's core."""
+
+class ReactionMemory(Record):
+    """Memory of the reaction's core. Positions and directions in map."""
+
+    active = field("1", "a decision holds", kind=bool)
+    x_c = field("m", "of the last decision: base_link at contact", 3)
+    n_r = field("1", "unit vector from x_c to x_r", 3)
+    x_r = field("m", "of the last decision: where to hold", 3)
+    collisions = field("1", "decided on", kind=int)
+    has_mission = field("1", "the mission has spoken", kind=bool)
+    mission = field("", "its last set point", kind=PositionSetpointRecord)
+    mission_ns = field("ns", "when it came, as in the next three", kind=int)
+    odometry_ns = field("ns", "the last estimate", kind=int)
+    mocap_ns = field("ns", "the last pose", kind=int)
+    detector_ns = field("ns", "the last word of the detector", kind=int)
+    has_position = field("1", "an estimate has come", kind=bool)
+    position = field("m", "the estimate", 3)
+    mission_at_x_r = field("1", "the mission has come to x_r itself", kind=bool)
+    two_publishers = field("1", "two publish what only one may", kind=bool)
+    holds = field("1", "it holds", kind=bool)
+    hold = field("", "where it holds", kind=PositionSetpointRecord)
+    setpoint = field("", "the last one published", kind=PositionSetpointRecord)
+    publishes = field("1", "it is of the last step", kind=bool)
+    said = field("1", "there was one", kind=bool)
+    publish_due = field("1", "one is to be published at the next step", kind=bool)
+    now_ns = field("ns", "of the last step", kind=int)
+    stamps = field("ns", "of the last events: a ring", _STAMPS, int)
+    events = field("1", "entered into it", kind=int)
+    pending = field("1", "events that wait for the mission's first set point", kind=int)
+    why = field("1", "index in HOLD_REASONS", kind=int)
+    status = field("", "the last one published", kind=ReactionStatusRecord)
+    changed = field("1", "the decision is another one than in it", kind=bool)
+    status_due = field("1", "it is of the last step", kind=bool)
 
 
 @compiled_call
-def begin_reaction(r: Any) -> None:
+def begin_reaction(memory: ReactionMemory) -> None:
     """Forget everything but what was published."""
-    r.active = False
-    r.collisions = 0
-    r.changed = True
-    r.has_mission = False
-    r.has_position = False
-    r.mission_ns = 0
-    r.odometry_ns = 0
-    r.mocap_ns = 0
-    r.detector_ns = 0
-    r.mission_at_x_r = True
-    r.two_publishers = False
-    r.holds = False
-    r.said = False
-    r.publish_due = False
-    r.setpoint.stamp_ns = 0
-    r.now_ns = 0
-    r.events = 0
-    r.pending = 0
+    memory.active = False
+    memory.collisions = 0
+    memory.changed = True
+    memory.has_mission = False
+    memory.has_position = False
+    memory.mission_ns = 0
+    memory.odometry_ns = 0
+    memory.mocap_ns = 0
+    memory.detector_ns = 0
+    memory.mission_at_x_r = True
+    memory.two_publishers = False
+    memory.holds = False
+    memory.said = False
+    memory.publish_due = False
+    memory.setpoint.stamp_ns = 0
+    memory.now_ns = 0
+    memory.events = 0
+    memory.pending = 0
 
 
 @compiled_call
-def take_mission_setpoint(r: Any, setpoint: Any, now_ns: int) -> bool:
+def take_mission_setpoint(memory: ReactionMemory, setpoint: Any, now_ns: int) -> bool:
     """Take the mission's set point; False: not finite or of no known phase, not taken."""
     total = setpoint.yaw
     for i in range(3):
         total += setpoint.position[i] + setpoint.velocity[i] + setpoint.acceleration[i]
     if not math.isfinite(total) or not 0 <= setpoint.phase <= _LANDED:
         return False
-    copy_setpoint(r.mission, setpoint)
-    r.has_mission = True
-    r.publish_due = True
-    r.mission_ns = now_ns
+    copy_setpoint(memory.mission, setpoint)
+    memory.has_mission = True
+    memory.publish_due = True
+    memory.mission_ns = now_ns
     return True
 
 
@@ -189,33 +182,33 @@ def copy_setpoint(to: Any, source: Any) -> None:
 
 
 @compiled_call
-def take_position(r: Any, position: Array, now_ns: int) -> bool:
+def take_position(memory: ReactionMemory, position: Array, now_ns: int) -> bool:
     """Take the estimated position (3) [m]; False: not finite, not taken."""
     if not math.isfinite(position[0] + position[1] + position[2]):
         return False
     for i in range(3):
-        r.position[i] = position[i]
-    r.has_position = True
-    r.odometry_ns = now_ns
+        memory.position[i] = position[i]
+    memory.has_position = True
+    memory.odometry_ns = now_ns
     return True
 
 
 @compiled_call
-def note_mocap(r: Any, limits: Any, now_ns: int) -> None:
+def note_mocap(memory: ReactionMemory, limits: ReactionLimits, now_ns: int) -> None:
     """Take note of a pose: the detector has something to look at."""
-    if now_ns - r.mocap_ns > limits.pose_timeout * 1e9:
-        r.detector_ns = max(r.detector_ns, now_ns)  # its time begins now
-    r.mocap_ns = now_ns
+    if now_ns - memory.mocap_ns > limits.pose_timeout * 1e9:
+        memory.detector_ns = max(memory.detector_ns, now_ns)  # its time begins now
+    memory.mocap_ns = now_ns
 
 
 @compiled_call
-def check_event(r: Any, limits: Any, event: Any, now_ns: int) -> int:
+def check_event(memory: ReactionMemory, limits: ReactionLimits, event: Any, now_ns: int) -> int:
     """Return whether a collision is to be reacted to: an index in EVENT_REFUSALS."""
-    for i in range(min(r.events, _STAMPS)):
-        if r.stamps[i] == event.stamp_ns:
+    for i in range(min(memory.events, _STAMPS)):
+        if memory.stamps[i] == event.stamp_ns:
             return _DUPLICATE
-    r.stamps[r.events % _STAMPS] = event.stamp_ns
-    r.events += 1
+    memory.stamps[memory.events % _STAMPS] = event.stamp_ns
+    memory.events += 1
     x, d = event.contact_position, event.flight_direction
     if not math.isfinite(x[0] + x[1] + x[2] + d[0] + d[1] + d[2]):
         return _NOT_FINITE
@@ -225,72 +218,72 @@ def check_event(r: Any, limits: Any, event: Any, now_ns: int) -> int:
         return _STALE
     if event.stamp_ns - now_ns > _MAX_FUTURE_NS:
         return _FUTURE
-    if not r.has_mission:  # started in flight: it is a matter of milliseconds
-        r.events -= 1
+    if not memory.has_mission:  # started in flight: it is a matter of milliseconds
+        memory.events -= 1
         return _WAITS
-    if r.mission.phase == _GROUNDED or r.mission.phase >= _LAND:
+    if memory.mission.phase == _GROUNDED or memory.mission.phase >= _LAND:
         return _NOT_FLYING
-    if r.has_position:
+    if memory.has_position:
         square = 0.0
         for i in range(3):
-            square += (x[i] - r.position[i]) * (x[i] - r.position[i])
+            square += (x[i] - memory.position[i]) * (x[i] - memory.position[i])
         if square > _MAX_CONTACT_DISTANCE * _MAX_CONTACT_DISTANCE:
             return _CONTACT_TOO_FAR
     return _ACCEPTED
 
 
 @compiled_call
-def reaction_step(r: Any, limits: Any, now_ns: int) -> None:
+def reaction_step(memory: ReactionMemory, limits: ReactionLimits, now_ns: int) -> None:
     """Decide; `publishes` and `status_due` say whether `setpoint` and `status` are new.
 
     A clock that was set back begins a new flight (`clock_set`), and events that wait are taken
     (`check_event`) before.
     """
-    r.now_ns = now_ns
-    r.publishes = False
-    r.status_due = False
-    if not r.has_mission:
-        if r.status.stamp_ns == 0:  # the first one
-            _fill_status(r, _IDLE, now_ns)
+    memory.now_ns = now_ns
+    memory.publishes = False
+    memory.status_due = False
+    if not memory.has_mission:
+        if memory.status.stamp_ns == 0:  # the first one
+            _fill_status(memory, _IDLE, now_ns)
         return
-    mission = r.mission
-    if mission.phase == _LANDED and r.active:
-        r.active = False
-        r.changed = True
-    elif mission.phase == _GROUNDED and r.collisions > 0:
-        r.active = False
-        r.collisions = 0
-        r.changed = True
-    mission_timed_out = now_ns - r.mission_ns > limits.mission_timeout * 1e9
+    mission = memory.mission
+    if mission.phase == _LANDED and memory.active:
+        memory.active = False
+        memory.changed = True
+    elif mission.phase == _GROUNDED and memory.collisions > 0:
+        memory.active = False
+        memory.collisions = 0
+        memory.changed = True
+    mission_timed_out = now_ns - memory.mission_ns > limits.mission_timeout * 1e9
     why = _NO_REASON
     own = True
-    if r.active and _holds_x_r(r, mission_timed_out):
-        r.holds = False
-        out = r.hold
-        _hold_at(out, r.x_r, mission.yaw, _REACT)
+    if memory.active and _holds_x_r(memory, mission_timed_out):
+        memory.holds = False
+        out = memory.hold
+        _hold_at(out, memory.x_r, mission.yaw, _REACT)
     else:
-        why = _reason_to_hold(r, limits, mission_timed_out, now_ns)
-        out = r.hold
+        why = _reason_to_hold(memory, limits, mission_timed_out, now_ns)
+        out = memory.hold
         if why == _NO_REASON or _on_ground(mission.phase):
-            r.holds = False
+            memory.holds = False
             own = False
             out = mission
-        elif not r.holds:
-            r.holds = True
-            old = now_ns - r.odometry_ns > limits.pose_timeout * 1e9
-            if r.has_position and not old:
-                _hold_at(out, r.position, mission.yaw, _HOLD)
-            elif r.said:
-                _hold_at(out, r.setpoint.position, mission.yaw, _HOLD)
+        elif not memory.holds:
+            memory.holds = True
+            old = now_ns - memory.odometry_ns > limits.pose_timeout * 1e9
+            if memory.has_position and not old:
+                _hold_at(out, memory.position, mission.yaw, _HOLD)
+            elif memory.said:
+                _hold_at(out, memory.setpoint.position, mission.yaw, _HOLD)
             else:
                 _hold_at(out, mission.position, mission.yaw, _HOLD)
-    _report(r, limits, why, now_ns)
-    if r.publish_due or (own and now_ns - r.setpoint.stamp_ns >= _PERIOD_NS):
-        copy_setpoint(r.setpoint, out)
-        r.setpoint.stamp_ns = now_ns
-        r.publish_due = False
-        r.publishes = True
-        r.said = True
+    _report(memory, limits, why, now_ns)
+    if memory.publish_due or (own and now_ns - memory.setpoint.stamp_ns >= _PERIOD_NS):
+        copy_setpoint(memory.setpoint, out)
+        memory.setpoint.stamp_ns = now_ns
+        memory.publish_due = False
+        memory.publishes = True
+        memory.said = True
 
 
 @compiled_call
@@ -310,62 +303,69 @@ def _on_ground(phase: int) -> bool:
 
 
 @compiled_call
-def _holds_x_r(r: Any, mission_timed_out: bool) -> bool:
+def _holds_x_r(memory: ReactionMemory, mission_timed_out: bool) -> bool:
     """Return whether x_r is the set point: the mission does not fly there yet, or is not heard."""
-    phase = r.mission.phase
+    phase = memory.mission.phase
     planned = phase <= _APPROACH
-    if not r.mission_at_x_r and not planned:
+    if not memory.mission_at_x_r and not planned:
         square = 0.0
         for i in range(3):
-            off = r.mission.position[i] - r.x_r[i]
+            off = memory.mission.position[i] - memory.x_r[i]
             square += off * off
-        r.mission_at_x_r = phase == _LAND or square < _SAME_POSITION * _SAME_POSITION
-    unsure = mission_timed_out or r.two_publishers
-    return planned or not r.mission_at_x_r or (unsure and phase != _LAND)
+        memory.mission_at_x_r = phase == _LAND or square < _SAME_POSITION * _SAME_POSITION
+    unsure = mission_timed_out or memory.two_publishers
+    return planned or not memory.mission_at_x_r or (unsure and phase != _LAND)
 
 
 @compiled_call
-def _reason_to_hold(r: Any, limits: Any, mission_timed_out: bool, now_ns: int) -> int:
-    phase = r.mission.phase
+def _reason_to_hold(
+    memory: ReactionMemory, limits: ReactionLimits, mission_timed_out: bool, now_ns: int
+) -> int:
+    phase = memory.mission.phase
     if mission_timed_out and not _on_ground(phase):
         return _MISSION_SILENT
-    if r.two_publishers and phase != _LAND:
+    if memory.two_publishers and phase != _LAND:
         return _TWO_PUBLISHERS
-    poses = now_ns - r.mocap_ns <= limits.pose_timeout * 1e9
-    detector_timed_out = now_ns - r.detector_ns > limits.detector_timeout * 1e9
+    poses = now_ns - memory.mocap_ns <= limits.pose_timeout * 1e9
+    detector_timed_out = now_ns - memory.detector_ns > limits.detector_timeout * 1e9
     silent = phase <= _APPROACH and poses and detector_timed_out
     return _DETECTOR_SILENT if silent else _NO_REASON
 
 
 @compiled_call
-def _report(r: Any, limits: Any, why: int, now_ns: int) -> None:
+def _report(memory: ReactionMemory, limits: ReactionLimits, why: int, now_ns: int) -> None:
     old = limits.pose_timeout * 1e9
-    stale = now_ns - r.odometry_ns > old or now_ns - r.mocap_ns > old
-    if stale and not _on_ground(r.mission.phase):
+    stale = now_ns - memory.odometry_ns > old or now_ns - memory.mocap_ns > old
+    if stale and not _on_ground(memory.mission.phase):
         state = _BLIND
     elif why != _NO_REASON:
         state = _HOLDING
-    elif r.active:
+    elif memory.active:
         state = _REACTING
     else:
         state = _IDLE
-    if state != r.status.state or why != r.why or r.changed or r.status.stamp_ns == 0:
-        r.why = why
-        _fill_status(r, state, now_ns)
+    if (
+        state != memory.status.state
+        or why != memory.why
+        or memory.changed
+        or memory.status.stamp_ns == 0
+    ):
+        memory.why = why
+        _fill_status(memory, state, now_ns)
 
 
 @compiled_call
-def _fill_status(r: Any, state: int, now_ns: int) -> None:
-    status = r.status
+def _fill_status(memory: ReactionMemory, state: int, now_ns: int) -> None:
+    status = memory.status
     status.stamp_ns = now_ns
     status.state = state
-    status.collisions = r.collisions
+    status.collisions = memory.collisions
     for i in range(3):
-        status.x_c[i] = r.x_c[i] if r.active else math.nan
-        status.x_r[i] = r.x_r[i] if r.active else math.nan
-        status.n_r[i] = r.n_r[i] if r.active else math.nan
-    r.changed = False
-    r.status_due = True
+        status.x_c[i] = memory.x_c[i] if memory.active else math.nan
+        status.x_r[i] = memory.x_r[i] if memory.active else math.nan
+        status.n_r[i] = memory.n_r[i] if memory.active else math.nan
+    memory.changed = False
+    memory.status_due = True
 
 
 class ReactionCore(Core):
@@ -404,13 +404,13 @@ class ReactionCore(Core):
         super().__init__()
         self._records: dict[str, Any] = {reaction.name: reaction}
         self.reaction = reaction
-        self.limits = as_tuple(limits, _Limits)
+        self.limits = parameter_record(limits)
         self._several: set[str] = set()
         self._refused = 0
         self._pending: list[CollisionEvent] = []
-        self._setpoint: Any = np.zeros(1, POSITION_SETPOINT)[0]
-        self._event: Any = np.zeros(1, COLLISION_EVENT)[0]
-        self.memory: Any = np.zeros(1, REACTION)[0]
+        self._setpoint = PositionSetpointRecord.new()
+        self._event = CollisionEventRecord.new()
+        self.memory = ReactionMemory.new()
         begin_reaction(self.memory)
 
     def on(
@@ -420,17 +420,17 @@ class ReactionCore(Core):
         now_ns: int,
     ) -> None:
         """Take a set point of the mission, a collision, an estimate, or a sign of life."""
-        r = self.memory
+        memory = self.memory
         if isinstance(message, Pose):
-            note_mocap(r, self.limits, now_ns)
+            note_mocap(memory, self.limits, now_ns)
         elif isinstance(message, DetectorStatus):
-            r["detector_ns"] = now_ns
+            memory.detector_ns = now_ns
         elif isinstance(message, Odometry):
-            if not take_position(r, message.position, now_ns):
+            if not take_position(memory, message.position, now_ns):
                 self._refuse("odometry_not_finite", "odometry with NaN or infinity")
         elif isinstance(message, PositionSetpoint):
             fill_record(self._setpoint, message)
-            if not take_mission_setpoint(r, self._setpoint, now_ns):
+            if not take_mission_setpoint(memory, self._setpoint, now_ns):
                 text = "a set point with NaN, infinity or an unknown phase: the last one stands"
                 self._refuse("mission_not_finite", text)
         else:
@@ -441,24 +441,24 @@ class ReactionCore(Core):
 
         Before the mission's first set point it is kept until there is one.
         """
-        r = self.memory
+        memory = self.memory
         if event.frame_id.lstrip("/") != "map":
             why = _WRONG_FRAME
         else:
             fill_record(self._event, event)
-            why = check_event(r, self.limits, self._event, now_ns)
+            why = check_event(memory, self.limits, self._event, now_ns)
         if why == _WAITS:
             self._pending = [*self._pending[1 - _MAX_PENDING :], event]
-            r["pending"] = len(self._pending)
+            memory.pending = len(self._pending)
         elif why == _ACCEPTED:
             length = math.sqrt(float(event.flight_direction @ event.flight_direction))
             unit = replace(event, flight_direction=event.flight_direction / length)
             decision = self.reaction.decide(unit, self.decision)
             if decision is not None:
-                r["x_c"], r["n_r"], r["x_r"] = decision.x_c, decision.n_r, decision.x_r
-                r["collisions"] += 1
-                r["active"], r["changed"], r["publish_due"] = True, True, True
-                r["mission_at_x_r"] = False
+                memory.x_c, memory.n_r, memory.x_r = decision.x_c, decision.n_r, decision.x_r
+                memory.collisions += 1
+                memory.active, memory.changed, memory.publish_due = True, True, True
+                memory.mission_at_x_r = False
         elif why != _DUPLICATE:
             self._refuse(f"event_{EVENT_REFUSALS[why]}", _EVENT_TEXTS[why])
         return EVENT_REFUSALS[why]
@@ -466,15 +466,15 @@ class ReactionCore(Core):
     @property
     def decision(self) -> Decision | None:
         """What was decided last; None before a collision."""
-        r = self.memory
-        if not r["collisions"]:
+        memory = self.memory
+        if not memory.collisions:
             return None
-        return Decision(r["x_c"].copy(), r["n_r"].copy(), r["x_r"].copy())
+        return Decision(memory.x_c.copy(), memory.n_r.copy(), memory.x_r.copy())
 
     @property
     def why(self) -> str:
         """Why it holds, one of `HOLD_REASONS`."""
-        return HOLD_REASONS[self.memory["why"]]
+        return HOLD_REASONS[self.memory.why]
 
     def _refuse(self, key: str, text: str) -> None:
         self._refused += 1
@@ -483,26 +483,26 @@ class ReactionCore(Core):
 
     def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
         """Decide; return the set point and the status, each when there is a new one."""
-        r = self.memory
-        if now_ns < r["now_ns"] - _CLOCK_SET_NS:
+        memory = self.memory
+        if now_ns < memory.now_ns - _CLOCK_SET_NS:
             self._pending.clear()
-            begin_reaction(r)
-        if r["pending"] and r["has_mission"]:
+            begin_reaction(memory)
+        if memory.pending and memory.has_mission:
             early, self._pending = self._pending, []
-            r["pending"] = 0
+            memory.pending = 0
             for event in early:
                 self.event(event, now_ns)
-        reaction_step(r, self.limits, now_ns)
+        reaction_step(memory, self.limits, now_ns)
         outputs: list[tuple[str, Any]] = []
-        if r["publishes"]:
-            outputs.append(("/setpoint", message_of(PositionSetpoint, r["setpoint"])))
-        if r["status_due"]:
-            status = message_of(ReactionStatus, r["status"])
+        if memory.publishes:
+            outputs.append(("/setpoint", message_of(PositionSetpoint, memory.setpoint)))
+        if memory.status_due:
+            status = message_of(ReactionStatus, memory.status)
             outputs.append(("/reaction/status", status))
             health = self.health
             health.values["collisions"] = status.collisions
             for i, why in enumerate(HOLD_REASONS[1:], start=1):
-                health.fault(why, status.state == _HOLDING and r["why"] == i, _HOLDS[i], ERROR)
+                health.fault(why, status.state == _HOLDING and memory.why == i, _HOLDS[i], ERROR)
             health.fault("blind", status.state == _BLIND, "pose or estimate is too old", ERROR)
         return outputs
 
@@ -513,7 +513,7 @@ class ReactionCore(Core):
             InputError: there is no reaction of this name.
         """
         if section == "inputs":
-            self.limits = as_tuple(params, _Limits)
+            self.limits = parameter_record(params)
             return
         if section == "reaction":
             if params not in REGISTRY:
@@ -527,4 +527,4 @@ class ReactionCore(Core):
     def set_multiple_publishers(self, topic: str, several: bool) -> None:
         """Hold while two publish what only one may."""
         (self._several.add if several else self._several.discard)(topic)
-        self.memory["two_publishers"] = any(each in self._several for each in _EXCLUSIVE)
+        self.memory.two_publishers = any(each in self._several for each in _EXCLUSIVE)

@@ -14,10 +14,11 @@ from control_bench import VEHICLE, rotor_table
 from lockstep_bench import EPOCH_NS, Lockstep, calm, hover_at, hovering, odometry_of
 from tombo_control.autopilot import HOVER, IDLE, LANDED
 from tombo_control.controller_core import Command, ControllerCore
-from tombo_control.estimate import TICK_NS, Estimate
+from tombo_control.estimate import Estimate
 from tombo_control.params import ControlParams, InputLimits
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotor_maps import speed_for_thrust
+from tombo_dynamics.time_base import TICK_NS
 
 _ZERO = np.zeros(3)
 _LEVEL = np.array([0.0, 0.0, 0.0, 1.0])

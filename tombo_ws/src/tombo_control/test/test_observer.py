@@ -11,10 +11,10 @@ import pytest
 
 from lockstep_bench import EPOCH_NS, Lockstep, calm, hover_at, hovering
 from tombo_control.autopilot import HOVER, IDLE
-from tombo_control.estimate import TICK_NS
 from tombo_control.estimator_core import EstimatorCore
 from tombo_control.params import EstimatorParams
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.time_base import TICK_NS
 from tombo_dynamics.vehicle import GRAVITY, VehicleParams
 
 _LEVEL = np.array([0.0, 0.0, 0.0, 1.0])

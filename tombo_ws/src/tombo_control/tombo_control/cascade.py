@@ -10,8 +10,7 @@ from tombo_control.position_control import follow_leg, level_descent, position_c
 from tombo_control.rate_control import rate_control
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.rotor_maps import RotorMaps, speed_for_thrust
-
-_TICK = 1e-3
+from tombo_dynamics.time_base import TICK_S
 
 
 @compiled
@@ -78,7 +77,7 @@ def cascade(autopilot: Autopilot, maps: RotorMaps, tick: int) -> None:
     position = tick % POSITION_TICKS == 0
     blind = False
     if position:
-        time = tick * _TICK
+        time = tick * TICK_S
         blind = time - autopilot.mocap_time > autopilot.gains.blind_timeout
         autopilot.mode_flown = BLIND if blind else mode
         if not blind:

@@ -27,7 +27,7 @@ from tombo_control.params import (
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import ERROR, Core
 from tombo_dynamics.jit import compiled, compiled_call
-from tombo_dynamics.message_records import ODOMETRY, POSITION_SETPOINT, fill_record
+from tombo_dynamics.message_records import OdometryRecord, PositionSetpointRecord, fill_record
 from tombo_dynamics.messages import (
     AttitudeSetpoint,
     EstimatorStatus,
@@ -37,10 +37,9 @@ from tombo_dynamics.messages import (
     RatesSetpoint,
     RotorCommand,
 )
-from tombo_dynamics.params import as_tuple, tuple_type
 from tombo_dynamics.propeller import thrust_map
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_configuration
-from tombo_dynamics.records import Record, field, fill_parameters
+from tombo_dynamics.records import Record, field, fill_parameters, parameter_record
 from tombo_dynamics.rotation import rotated
 from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
 from tombo_dynamics.vehicle import VehicleParams
@@ -55,7 +54,6 @@ _NEW_SIMULATION_NS = 1_000_000_000
 _BLIND_TEXT = "position unknown (estimate or mocap too old): level descent"
 
 
-_Limits: Any = tuple_type(InputLimits, "_Limits", __name__)
 _NEVER = -1
 
 
@@ -69,7 +67,7 @@ class ControllerMemory(Record):
     pose_ns = field("ns", "stamp of the last pose behind it", kind=int)
     setpoint_ns = field("ns", "when the set point came", kind=int)
     has_setpoint = field("1", "a set point has come", kind=bool)
-    setpoint = field("", "the last one, as it came", kind=POSITION_SETPOINT)
+    setpoint = field("", "the last one, as it came", kind=PositionSetpointRecord)
     blind = field("1", "the position is not known", kind=bool)
     position_ran = field("1", "in the last tick, as the next ones", kind=bool)
     attitude_ran = field("1", "the attitude loop ran", kind=bool)
@@ -157,7 +155,7 @@ def answer_gyro(
     memory: ControllerMemory,
     autopilot: Autopilot,
     maps: RotorMaps,
-    limits: Any,
+    limits: InputLimits,
     now_ns: int,
     stamp_ns: int,
     gyro: Array,
@@ -266,15 +264,15 @@ class ControllerCore(Core):
         """When the last gyro sample came."""
         self._gyro_stamp_ns = 0
         self._refused = 0
-        self.limits = as_tuple(limits, _Limits)
+        self.limits = parameter_record(limits)
         self.maps = maps
         level = np.array([0.0, 0.0, 0.0, 1.0])
         self.autopilot = new_autopilot(control, EstimatorParams(), vehicle, np.zeros(3), level)
         """Memory of the cascade, `tombo_control.autopilot`."""
         self.memory = ControllerMemory.new()
         begin_controller(self.memory)
-        self._odometry: Any = np.zeros(1, ODOMETRY)[0]
-        self._setpoint: Any = np.zeros(1, POSITION_SETPOINT)[0]
+        self._odometry = OdometryRecord.new()
+        self._setpoint = PositionSetpointRecord.new()
 
     def on(
         self,
@@ -351,7 +349,7 @@ class ControllerCore(Core):
         if section == "control":
             fill_parameters(self.autopilot.gains, params)
         elif section == "inputs":
-            self.limits = as_tuple(params, _Limits)
+            self.limits = parameter_record(params)
         else:
             self.health.fault("not_at_runtime", True, f"{section} is used at the next start")
 

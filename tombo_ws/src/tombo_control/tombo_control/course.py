@@ -9,14 +9,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_control.leg import ACCELERATION, Leg, Point, turning_leg
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.params import check_number, param
-
-Array = NDArray[np.float64]
 
 MOST_WAYPOINTS = 500
 _YAW_RATE = 1.0

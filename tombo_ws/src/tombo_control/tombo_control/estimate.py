@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
-
-Array = NDArray[np.float64]
-TICK_NS = 1_000_000
+from tombo_dynamics.time_base import TICK_NS
 
 
 @compiled

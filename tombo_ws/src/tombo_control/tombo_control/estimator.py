@@ -12,9 +12,8 @@ from tombo_control.autopilot import HISTORY_TICKS, Autopilot, State
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled, compiled_call
 from tombo_dynamics.rotation import relative_rotation, rotate_by_vector, rotated, rotated_back
+from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import GRAVITY
-
-_TICK = 1e-3
 
 
 @compiled
@@ -63,17 +62,17 @@ def predict(state: State, force: Array, airborne: bool) -> None:
         az -= GRAVITY
         if not math.isfinite(ax + ay + az):
             ax = ay = az = 0.0
-        half = 0.5 * _TICK * _TICK
-        position[0] += _TICK * velocity[0] + half * ax
-        position[1] += _TICK * velocity[1] + half * ay
-        position[2] += _TICK * velocity[2] + half * az
-        velocity[0] += _TICK * ax
-        velocity[1] += _TICK * ay
-        velocity[2] += _TICK * az
+        half = 0.5 * TICK_S * TICK_S
+        position[0] += TICK_S * velocity[0] + half * ax
+        position[1] += TICK_S * velocity[1] + half * ay
+        position[2] += TICK_S * velocity[2] + half * az
+        velocity[0] += TICK_S * ax
+        velocity[1] += TICK_S * ay
+        velocity[2] += TICK_S * az
     else:
         for i in range(3):
             velocity[i] = 0.0
-    rotate_by_vector(state.attitude, rates[0] * _TICK, rates[1] * _TICK, rates[2] * _TICK)
+    rotate_by_vector(state.attitude, rates[0] * TICK_S, rates[1] * TICK_S, rates[2] * TICK_S)
 
 
 @compiled
@@ -125,7 +124,7 @@ def correct(
     for i in range(4):
         if not math.isfinite(attitude[i]):
             return False
-    step = min(max(period, _TICK), 0.2)
+    step = min(max(period, TICK_S), 0.2)
     gain_p, gain_v, gain_b = observer_gains(observer.position_bandwidth, step)
     if not airborne:
         gain_v = 0.0
@@ -157,7 +156,7 @@ def correct(
     # later samples are held against the history, so it has to know of this correction
     for tick in range(captured, now + 1):
         past = history[tick % HISTORY_TICKS]
-        share = gain_p + gain_v * (tick - captured) * _TICK
+        share = gain_p + gain_v * (tick - captured) * TICK_S
         past.position[0] += share * ex
         past.position[1] += share * ey
         past.position[2] += share * ez

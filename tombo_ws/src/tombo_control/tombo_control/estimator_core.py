@@ -23,17 +23,18 @@ from tombo_control.autopilot import (
     new_autopilot,
     restart_estimate,
 )
-from tombo_control.estimate import TICK_NS, Estimate, nearest_tick
+from tombo_control.estimate import Estimate, nearest_tick
 from tombo_control.estimator import correct, process_imu, store_history, update_body_rates
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_control.pose_check import FRAME, MAX_FUTURE_NS, MAX_SQUARE_ERROR
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import ERROR, Core
 from tombo_dynamics.jit import compiled, compiled_call
-from tombo_dynamics.message_records import ESTIMATOR_STATUS, ODOMETRY, message_of
+from tombo_dynamics.message_records import EstimatorStatusRecord, OdometryRecord, message_of
 from tombo_dynamics.messages import EstimatorStatus, Imu, MissionStatus, Odometry, Pose
 from tombo_dynamics.records import Record, field, fill_parameters
 from tombo_dynamics.rotation import rotated
+from tombo_dynamics.time_base import TICK_NS, TICK_S
 from tombo_dynamics.vehicle import VehicleParams
 
 _INITIAL_POSES = 3
@@ -104,8 +105,8 @@ class EstimatorMemory(Record):
     jumps = field("1", "poses on end that were refused as jumps", kind=int)
     jump = field("m", "position of the last of them, in map", 3)
     estimate = field("", "the newest, at the last IMU sample", kind=State)
-    odometry = field("", "message, filled when it is due", kind=ODOMETRY)
-    status = field("", "message, filled when it is due", kind=ESTIMATOR_STATUS)
+    odometry = field("", "message, filled when it is due", kind=OdometryRecord)
+    status = field("", "message, filled when it is due", kind=EstimatorStatusRecord)
 
 
 @compiled_call
@@ -228,7 +229,7 @@ def _initialize(
         return
     first = poses[0]
     lasted = (stamp_ns - first.stamp_ns) * 1e-9
-    late = (memory.next_tick - nearest_tick(stamp_ns)) * 1e-3
+    late = (memory.next_tick - nearest_tick(stamp_ns)) * TICK_S
     velocity = np.empty(3)
     present = np.empty(3)
     for i in range(3):
@@ -259,7 +260,7 @@ def _check_jump(
     past = autopilot.history[tick % HISTORY_TICKS]
     x, y, z = past.position[0], past.position[1], past.position[2]
     if tick > memory.next_tick:  # the pose came before the IMU sample of its time
-        ahead = (tick - memory.next_tick) * 1e-3
+        ahead = (tick - memory.next_tick) * TICK_S
         x = state.position[0] + ahead * state.velocity[0]
         y = state.position[1] + ahead * state.velocity[1]
         z = state.position[2] + ahead * state.velocity[2]
@@ -320,11 +321,11 @@ def take_imu(
     while memory.pending > 0 and memory.pending_poses[0].tick <= tick:
         pose = memory.pending_poses[0]
         captured = pose.tick
-        period = captured * 1e-3 - autopilot.mocap_time
+        period = captured * TICK_S - autopilot.mocap_time
         if correct(
             autopilot, pose.position, pose.attitude, captured, tick, period, memory.airborne
         ):
-            autopilot.mocap_time = max(autopilot.mocap_time, captured * 1e-3)
+            autopilot.mocap_time = max(autopilot.mocap_time, captured * TICK_S)
             memory.pose_stamp_ns = captured * TICK_NS
             memory.poses += 1
         else:

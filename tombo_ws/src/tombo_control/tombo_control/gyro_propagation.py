@@ -16,8 +16,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled, compiled_call
 from tombo_dynamics.rotation import relative_rotation, rotate_by_vector
 from tombo_dynamics.rotor_maps import RotorMaps
-
-_TICK = 1e-3
+from tombo_dynamics.time_base import TICK_S
 
 
 @compiled
@@ -29,8 +28,8 @@ def propagate(state: State, history: Array, tick: int, ticks: int) -> None:
     rates = state.rates
     for k in range(ticks):
         for i in range(3):
-            state.position[i] += _TICK * state.velocity[i]
-        rotate_by_vector(state.attitude, rates[0] * _TICK, rates[1] * _TICK, rates[2] * _TICK)
+            state.position[i] += TICK_S * state.velocity[i]
+        rotate_by_vector(state.attitude, rates[0] * TICK_S, rates[1] * TICK_S, rates[2] * TICK_S)
         store_history(state, history, tick - ticks + k + 1)
 
 
@@ -57,7 +56,7 @@ def correct_with_estimate(
         captured: tick of the estimate; older than the history: it is taken as it is.
         now: present tick.
     """
-    late = (now - captured) * _TICK
+    late = (now - captured) * TICK_S
     for i in range(3):
         state.velocity[i] = velocity[i]
         state.position[i] = position[i] + late * velocity[i]

@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS, RATE_TICKS, ControlParams
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotor_maps import RotorMaps, rotor_thrust, rotor_torque, speed_for_thrust
+from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import VehicleParams
 
 Complex = NDArray[np.complex128]
 Loop = Callable[[Complex], Complex]
 
-_TICK = 1e-3
 _POINTS = 8192
 _SLOWEST = 1e-3
 
@@ -90,7 +90,7 @@ def held(z: Complex, ticks: int) -> Complex:
 
 def integrated(z: Complex) -> Complex:
     """From a quantity to its integral as the estimator forms it, one tick later."""
-    return np.asarray(_TICK / (z - 1.0))
+    return np.asarray(TICK_S / (z - 1.0))
 
 
 def driven_rate(z: Complex, time_constant: float, drive: YawDrive | None = None) -> Complex:
@@ -99,23 +99,23 @@ def driven_rate(z: Complex, time_constant: float, drive: YawDrive | None = None)
     gain (1 + lead s) / (s (time_constant s + 1)), behind one tick of transport and a hold.
     """
     gain, lead = (1.0, 0.0) if drive is None else (drive.gain, drive.lead)
-    left = math.exp(-_TICK / time_constant)
+    left = math.exp(-TICK_S / time_constant)
     lag = (lead - time_constant) * (1.0 - left) / (z - left)
-    return np.asarray(gain / z * (_TICK / (z - 1.0) + lag))
+    return np.asarray(gain / z * (TICK_S / (z - 1.0) + lag))
 
 
 def rate_pid(z: Complex, c: ControlParams, yaw: bool) -> tuple[Complex, Complex]:
     """Responses of the rate controller to the set point and to the measured rate (times -1)."""
     p, i, d = (c.yaw_rate_p, c.yaw_rate_i, 0.0) if yaw else (c.rate_p, c.rate_i, c.rate_d)
-    smooth = c.rate_cutoff * _TICK / (1.0 + c.rate_cutoff * _TICK)
-    difference = smooth * (1.0 - 1.0 / z) / (1.0 - (1.0 - smooth) / z) / _TICK
-    forward = p + i * _TICK * z / (z - 1.0)
+    smooth = c.rate_cutoff * TICK_S / (1.0 + c.rate_cutoff * TICK_S)
+    difference = smooth * (1.0 - 1.0 / z) / (1.0 - (1.0 - smooth) / z) / TICK_S
+    forward = p + i * TICK_S * z / (z - 1.0)
     return forward, forward + d * difference
 
 
 def velocity_pid_response(z: Complex, c: ControlParams) -> tuple[Complex, Complex]:
     """Responses of the velocity controller to the set point and to the velocity (times -1)."""
-    period = POSITION_TICKS * _TICK
+    period = POSITION_TICKS * TICK_S
     step = z**POSITION_TICKS
     forward = c.velocity_p + c.velocity_i * period / (step - 1.0)
     return forward, forward + c.velocity_d * (1.0 - 1.0 / step) / period
@@ -197,9 +197,9 @@ def margins(loop: Loop, ticks: int = 1) -> Margins:
     Raises:
         ValueError: the loop's gain does not cross one, so there is nothing to measure.
     """
-    fastest = math.pi / (ticks * _TICK)
+    fastest = math.pi / (ticks * TICK_S)
     w: Array = np.geomspace(_SLOWEST, fastest, _POINTS).astype(np.float64)[:-1]
-    response = loop(np.exp(1j * w * _TICK))
+    response = loop(np.exp(1j * w * TICK_S))
     gain: Array = np.log(np.abs(response))
     phase: Array = np.unwrap(np.angle(response)).astype(np.float64)
     phase -= 2.0 * math.pi * np.round((phase[0] + 0.75 * math.pi) / (2.0 * math.pi))

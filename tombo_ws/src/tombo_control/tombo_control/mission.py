@@ -6,7 +6,6 @@ Pure, compiled and event-driven: one call per pose or at a fixed rate, with time
 from __future__ import annotations
 
 import math
-from collections import namedtuple
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -39,7 +38,8 @@ from tombo_control.leg import (
 )
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled_call
-from tombo_dynamics.params import numeric_fields, param, structure
+from tombo_dynamics.params import param, structure
+from tombo_dynamics.records import parameter_record
 
 _ARRIVED = 0.08
 _STILL = 0.15
@@ -89,15 +89,18 @@ class MissionParams:
     land_speed: float = param(0.4, "m/s", (0.1, 2.0), "descent", "estimated: gentle")
 
 
-Plan: Any = namedtuple("Plan", [*numeric_fields(MissionParams), "waypoints"])  # type: ignore[misc]
-"""`MissionParams` as compiled code takes them; `waypoints` (N, 8) is the course."""
+class Plan(NamedTuple):
+    """`MissionParams` as compiled code takes them."""
+
+    params: Any
+    """The numbers."""
+    waypoints: Array
+    """(N, 8) the course, `waypoint_table`."""
 
 
-def compiled_plan(params: MissionParams) -> Any:
+def compiled_plan(params: MissionParams) -> Plan:
     """Return the parameters as compiled code takes them."""
-    numbers = (float(getattr(params, name)) for name in numeric_fields(MissionParams))
-    plan: Any = Plan
-    return plan(*numbers, waypoint_table(params.course))
+    return Plan(parameter_record(params), waypoint_table(params.course))
 
 
 class MissionState(NamedTuple):
@@ -158,20 +161,20 @@ def set_landed(state: MissionState, now_s: float, position: Array) -> MissionSta
 
 
 @compiled_call
-def resume(state: MissionState, plan: Any, now_s: float, position: Array) -> MissionState:
+def resume(state: MissionState, plan: Plan, now_s: float, position: Array) -> MissionState:
     """Go on with the plan's present phase from `position` (3), at rest there."""
     here = _point(position)
     if state.mode == TAKEOFF or state.mode == HOVER:
-        leg = straight_leg(here, _top(state, plan), plan.climb_speed, now_s)
+        leg = straight_leg(here, _top(state, plan), plan.params.climb_speed, now_s)
     elif state.mode != APPROACH:
         return state
     elif plan.waypoints.shape[0] > 0:
         leg = leg_to(_target(state, plan, state.steps - 1), here, leg_yaw(state.leg, now_s), now_s)
-    elif plan.step_size > 0.0:
+    elif plan.params.step_size > 0.0:
         goal = _corner(state, plan, state.steps - 1)
-        leg = straight_leg(here, goal, plan.approach_speed, now_s)
+        leg = straight_leg(here, goal, plan.params.approach_speed, now_s)
     else:
-        leg = straight_leg(here, _goal(plan), plan.approach_speed, now_s)
+        leg = straight_leg(here, _goal(plan), plan.params.approach_speed, now_s)
     return _with(state, state.mode, leg, state.steps)
 
 
@@ -186,7 +189,7 @@ def start_reaction(state: MissionState, x_r: Array, now_s: float) -> MissionStat
 
 @compiled_call
 def advance_mission(
-    state: MissionState, plan: Any, now_s: float, position: Array, velocity: Array
+    state: MissionState, plan: Plan, now_s: float, position: Array, velocity: Array
 ) -> MissionState:
     """Return the state after looking at the clock and the estimate (map, SI)."""
     mode = state.mode
@@ -194,26 +197,26 @@ def advance_mission(
         return state
     if mode == LAND:
         return _landing(state, now_s, position, velocity)
-    if mode != IDLE and now_s >= plan.land_time:
+    if mode != IDLE and now_s >= plan.params.land_time:
         return _land(state, plan, now_s, position)
-    if mode == IDLE and now_s >= plan.takeoff_time:
-        leg = straight_leg(state.home, _top(state, plan), plan.climb_speed, now_s)
+    if mode == IDLE and now_s >= plan.params.takeoff_time:
+        leg = straight_leg(state.home, _top(state, plan), plan.params.climb_speed, now_s)
         return _with(state, TAKEOFF, leg, state.steps)
     if mode == TAKEOFF and now_s >= state.leg.end_s:
         top = _top(state, plan)
         if _near(position, top, _ARRIVED) and _speed(velocity) < _STILL:
             return _with(state, HOVER, hold_leg(top, now_s), state.steps)
-    flying = mode == HOVER and now_s >= plan.approach_time
+    flying = mode == HOVER and now_s >= plan.params.approach_time
     if plan.waypoints.shape[0] > 0 and (flying or mode == APPROACH):
         return _along_course(state, plan, now_s, position)
     if flying:
-        if plan.step_size > 0.0:
+        if plan.params.step_size > 0.0:
             return _next_step(state, plan, now_s)
         start = leg_position(state.leg, now_s)
-        leg = straight_leg(start, _goal(plan), plan.approach_speed, now_s)
+        leg = straight_leg(start, _goal(plan), plan.params.approach_speed, now_s)
         return _with(state, APPROACH, leg, state.steps)
-    next_step_s = plan.approach_time + plan.step_period * state.steps
-    if mode == APPROACH and plan.step_size > 0.0 and now_s >= next_step_s:
+    next_step_s = plan.params.approach_time + plan.params.step_period * state.steps
+    if mode == APPROACH and plan.params.step_size > 0.0 and now_s >= next_step_s:
         return _next_step(state, plan, now_s)
     if REACT <= mode <= HOLD:
         return _settling(state, plan, now_s, position, velocity)
@@ -221,28 +224,28 @@ def advance_mission(
 
 
 @compiled_call
-def _top(state: MissionState, plan: Any) -> Point:
+def _top(state: MissionState, plan: Plan) -> Point:
     """Return where it hovers."""
-    return state.home[0], state.home[1], plan.height
+    return state.home[0], state.home[1], plan.params.height
 
 
 @compiled_call
-def _goal(plan: Any) -> Point:
-    return plan.goal_x, plan.goal_y, plan.height
+def _goal(plan: Plan) -> Point:
+    return plan.params.goal_x, plan.params.goal_y, plan.params.height
 
 
 @compiled_call
-def _target(state: MissionState, plan: Any, row: int) -> ResolvedWaypoint:
+def _target(state: MissionState, plan: Plan, row: int) -> ResolvedWaypoint:
     """Return a waypoint; the plan may have been changed in flight, and be shorter."""
     row = min(max(row, 0), plan.waypoints.shape[0] - 1)
-    return resolved_waypoint(plan.waypoints, row, _top(state, plan), plan.approach_speed)
+    return resolved_waypoint(plan.waypoints, row, _top(state, plan), plan.params.approach_speed)
 
 
 @compiled_call
-def _along_course(state: MissionState, plan: Any, now_s: float, position: Array) -> MissionState:
+def _along_course(state: MissionState, plan: Plan, now_s: float, position: Array) -> MissionState:
     """Begin the leg to the next waypoint when the last one is over; after the last, land."""
     while True:
-        hold_end_s = plan.approach_time
+        hold_end_s = plan.params.approach_time
         if state.mode == APPROACH and state.steps > 0:
             hold_end_s = motion_end(state.leg) + state.leg.hold_s
         if now_s < hold_end_s:
@@ -256,42 +259,42 @@ def _along_course(state: MissionState, plan: Any, now_s: float, position: Array)
 
 
 @compiled_call
-def _next_step(state: MissionState, plan: Any, now_s: float) -> MissionState:
+def _next_step(state: MissionState, plan: Plan, now_s: float) -> MissionState:
     """Jump to the next corner of a square with a change of height: a hard test for a detector."""
     corner = _corner(state, plan, state.steps)
     return _with(state, APPROACH, hold_leg(corner, now_s), state.steps + 1)
 
 
 @compiled_call
-def _corner(state: MissionState, plan: Any, step: int) -> Point:
+def _corner(state: MissionState, plan: Plan, step: int) -> Point:
     corner = step % 4
     dx = 1.0 if corner < 2 else 0.0
     dy = 1.0 if corner == 1 or corner == 2 else 0.0
     dz = (0.0, 0.4, -0.2, 0.3)[corner]
-    size = plan.step_size
-    return state.home[0] + size * dx, state.home[1] + size * dy, plan.height + size * dz
+    size = plan.params.step_size
+    return state.home[0] + size * dx, state.home[1] + size * dy, plan.params.height + size * dz
 
 
 @compiled_call
 def _settling(
-    state: MissionState, plan: Any, now_s: float, position: Array, velocity: Array
+    state: MissionState, plan: Plan, now_s: float, position: Array, velocity: Array
 ) -> MissionState:
     near = _near(position, state.leg.start, _SETTLED_RADIUS) and _speed(velocity) < _SETTLED_SPEED
     since = min(state.settled_since_s, now_s) if near else math.inf
     mode, settled = state.mode, state.settled_s
     if mode == REACT and now_s - since >= _SETTLED_TIME:
         mode, settled = HOLD, now_s
-    elif mode == HOLD and now_s - settled >= plan.hold_time:
+    elif mode == HOLD and now_s - settled >= plan.params.hold_time:
         return _land(state, plan, now_s, position)
     return MissionState(mode, state.leg, state.home, state.steps, since, settled)
 
 
 @compiled_call
-def _land(state: MissionState, plan: Any, now_s: float, position: Array) -> MissionState:
+def _land(state: MissionState, plan: Plan, now_s: float, position: Array) -> MissionState:
     x, y, _ = leg_position(state.leg, now_s)
     below = (x, y, state.home[2] - 0.6)
     yaw = leg_yaw(state.leg, now_s)
-    leg = straight_leg((x, y, position[2]), below, plan.land_speed, now_s, yaw)
+    leg = straight_leg((x, y, position[2]), below, plan.params.land_speed, now_s, yaw)
     return _with(state, LAND, leg, state.steps)
 
 

@@ -23,6 +23,7 @@ from tombo_control.leg import LegRecord, leg_position, leg_yaw, motion_end, stor
 from tombo_control.mission import (
     MissionParams,
     MissionState,
+    Plan,
     advance_mission,
     begin,
     compiled_plan,
@@ -36,10 +37,10 @@ from tombo_control.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import Core
 from tombo_dynamics.jit import compiled_call
-from tombo_dynamics.message_records import POSITION_SETPOINT, message_of
+from tombo_dynamics.message_records import PositionSetpointRecord, message_of
 from tombo_dynamics.messages import MissionStatus, Odometry, PositionSetpoint, ReactionStatus
-from tombo_dynamics.params import as_tuple, param, tuple_type
-from tombo_dynamics.records import Record, field
+from tombo_dynamics.params import param
+from tombo_dynamics.records import Record, field, parameter_record
 from tombo_dynamics.rotation import rotate_vectors
 
 REACTION_IDLE, REACTING, REACTION_BLIND, REACTION_HOLDING = range(4)
@@ -118,9 +119,6 @@ class MissionLimits:
     )
 
 
-_Limits: Any = tuple_type(MissionLimits, "_Limits", __name__)
-
-
 class MissionMemory(Record):
     """Memory of the mission's core."""
 
@@ -146,7 +144,7 @@ class MissionMemory(Record):
     escape = field("m", "x_r to leave for, in map; NaN: none", 3)
     rest_since_s = field("s", "stands still since then")
     has_flown = field("1", "it has been in the air", kind=bool)
-    setpoint = field("", "the newest", kind=POSITION_SETPOINT)
+    setpoint = field("", "the newest", kind=PositionSetpointRecord)
     published_mode = field("1", "phase in the last status", kind=int)
     published_reason = field("1", "reason to wait in the last status", kind=int)
     status_due = field("1", "the present ones are others", kind=bool)
@@ -217,7 +215,7 @@ def take_estimate(memory: MissionMemory, position: Array, velocity: Array, now_n
 @compiled_call
 def take_reaction(
     memory: MissionMemory,
-    limits: Any,
+    limits: MissionLimits,
     state: int,
     x_r: Array,
     collisions: int,
@@ -254,7 +252,7 @@ def take_reaction(
 
 
 @compiled_call
-def mission_step(memory: MissionMemory, plan: Any, limits: Any, now_ns: int) -> bool:
+def mission_step(memory: MissionMemory, plan: Plan, limits: MissionLimits, now_ns: int) -> bool:
     """Go on to `now_ns`; write `setpoint` and return True, False before the first estimate."""
     if memory.now_ns != _NEVER and now_ns < memory.now_ns - _CLOCK_SET_NS:
         begin_mission(memory, memory.started)
@@ -290,7 +288,7 @@ def _is_planned(mode: int) -> bool:
 
 
 @compiled_call
-def _reason_to_wait(memory: MissionMemory, limits: Any, now_ns: int) -> int:
+def _reason_to_wait(memory: MissionMemory, limits: MissionLimits, now_ns: int) -> int:
     if memory.two_estimators:
         return _TWO_ESTIMATES
     if memory.estimate_ns == _NEVER or now_ns - memory.estimate_ns > limits.estimate_timeout * 1e9:
@@ -307,7 +305,7 @@ def _reason_to_wait(memory: MissionMemory, limits: Any, now_ns: int) -> int:
 
 
 @compiled_call
-def _advance(memory: MissionMemory, plan: Any, limits: Any, waited: int) -> None:
+def _advance(memory: MissionMemory, plan: Plan, limits: MissionLimits, waited: int) -> None:
     """Take the plan's next step, with a fresh estimate."""
     state, now, here = mission_state(memory), memory.time_ns * 1e-9, memory.position
     if not math.isnan(memory.escape[0]):
@@ -331,7 +329,7 @@ def _advance(memory: MissionMemory, plan: Any, limits: Any, waited: int) -> None
             or (_reference_moves(state, now) and off > limits.lag_max)
         ):
             state = resume(state, plan, now, here)
-    late = state.mode != IDLE and now >= plan.land_time
+    late = state.mode != IDLE and now >= plan.params.land_time
     ready = memory.started or state.mode != IDLE
     if (ready and not waiting) or late:
         state = advance_mission(state, plan, now, here, memory.velocity)
@@ -419,7 +417,7 @@ class MissionCore(Core):
     def __init__(self, params: MissionParams, limits: MissionLimits, started: bool = True) -> None:
         super().__init__()
         self.plan = compiled_plan(params)
-        self.limits = as_tuple(limits, _Limits)
+        self.limits = parameter_record(limits)
         self.memory = MissionMemory.new()
         self.memory.published_mode = -1
         begin_mission(self.memory, started)
@@ -460,7 +458,7 @@ class MissionCore(Core):
         if section == "mission":
             self.plan = compiled_plan(params)
         elif section == "inputs":
-            self.limits = as_tuple(params, _Limits)
+            self.limits = parameter_record(params)
         else:
             self.memory.started = bool(params)
 

@@ -11,9 +11,10 @@ from tombo_control.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.rotation import normalize_quaternion, rotated
+from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import GRAVITY
 
-_PERIOD = POSITION_TICKS * 1e-3
+_PERIOD = POSITION_TICKS * TICK_S
 _LOWEST_LIFT = 0.3 * GRAVITY
 
 

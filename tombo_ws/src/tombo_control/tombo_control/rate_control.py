@@ -5,8 +5,8 @@ from __future__ import annotations
 from tombo_control.autopilot import LoopMemory, Setpoint, State
 from tombo_control.params import ControlParams
 from tombo_dynamics.jit import compiled
+from tombo_dynamics.time_base import TICK_S
 
-_TICK = 1e-3
 _RATE = 1e3
 
 
@@ -21,7 +21,7 @@ def rate_control(
     which the allocation has no more to give (`loops.saturated`), and is bounded. Writes
     `rate_filtered` and `rate_integral` of `loops`, too.
     """
-    smooth = gains.rate_cutoff * _TICK / (1.0 + gains.rate_cutoff * _TICK)
+    smooth = gains.rate_cutoff * TICK_S / (1.0 + gains.rate_cutoff * TICK_S)
     for i in range(3):
         step = smooth * (state.rates[i] - loops.rate_filtered[i])
         loops.rate_filtered[i] += step
@@ -30,6 +30,6 @@ def rate_control(
         k = gains.yaw_rate_i if i == 2 else gains.rate_i
         d = 0.0 if i == 2 else gains.rate_d
         if loops.saturated[i] * error <= 0.0:
-            total = loops.rate_integral[i] + k * error * _TICK
+            total = loops.rate_integral[i] + k * error * TICK_S
             loops.rate_integral[i] = min(max(total, -gains.rate_i_max), gains.rate_i_max)
         setpoint.angular_acceleration[i] = p * error + loops.rate_integral[i] - d * step * _RATE

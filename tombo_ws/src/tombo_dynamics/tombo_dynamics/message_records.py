@@ -8,33 +8,32 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any, TypeVar
 
-import numpy as np
-
 from tombo_dynamics import messages
 from tombo_dynamics.jit import compiled_call
+from tombo_dynamics.records import Record, field
 
 _Message = TypeVar("_Message")
 _LENGTHS = {"attitude": 4, "speed": 4}
-_TYPES = {"int": np.int64, "float": np.float64, "bool": np.bool_}
+_TYPES = {"int": int, "float": float, "bool": bool}
 
 
-def _record_type(kind: type[Any]) -> np.dtype[Any]:
-    columns: list[Any] = []
-    for one in fields(kind):
+def _record_of(message: type[Any]) -> type[Record]:
+    named: dict[str, Any] = {}
+    for one in fields(message):
         if one.type == "Array":
-            columns.append((one.name, np.float64, _LENGTHS.get(one.name, 3)))
+            named[one.name] = field("", "as in the message", _LENGTHS.get(one.name, 3))
         elif one.type in _TYPES:
-            columns.append((one.name, _TYPES[str(one.type)]))
-    return np.dtype(columns, align=True)
+            named[one.name] = field("", "as in the message", kind=_TYPES[str(one.type)])
+    return type(f"{message.__name__}Record", (Record,), named)
 
 
-POSITION_SETPOINT = _record_type(messages.PositionSetpoint)
-ODOMETRY = _record_type(messages.Odometry)
-ESTIMATOR_STATUS = _record_type(messages.EstimatorStatus)
-COLLISION_EVENT = _record_type(messages.CollisionEvent)
-DETECTOR_STATUS = _record_type(messages.DetectorStatus)
-REACTION_STATUS = _record_type(messages.ReactionStatus)
-MISSION_STATUS = _record_type(messages.MissionStatus)
+PositionSetpointRecord = _record_of(messages.PositionSetpoint)
+OdometryRecord = _record_of(messages.Odometry)
+EstimatorStatusRecord = _record_of(messages.EstimatorStatus)
+CollisionEventRecord = _record_of(messages.CollisionEvent)
+DetectorStatusRecord = _record_of(messages.DetectorStatus)
+ReactionStatusRecord = _record_of(messages.ReactionStatus)
+MissionStatusRecord = _record_of(messages.MissionStatus)
 
 
 @compiled_call

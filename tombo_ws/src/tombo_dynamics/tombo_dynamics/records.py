@@ -9,6 +9,8 @@ a view of three numbers, and `plant.mass` one number:
 
     supply = Supply.new()
     supply.voltage = 11.1
+
+A compiled function that returns a record returns a copy: functions take the records they write.
 """
 
 from __future__ import annotations
@@ -22,7 +24,6 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.params import numeric_fields
 
 _Kind = TypeVar("_Kind", bound="Record")
 _WORD = 8
@@ -39,15 +40,16 @@ class Field:
     kind: Any
     """float, int, bool, a numpy type, a record, or a class of parameters: its numbers."""
 
-    def layout(self) -> np.dtype[Any]:
+    def layout(self) -> Any:
         """Return the numpy type of one element."""
         if isinstance(self.kind, np.dtype):
             return self.kind
         if issubclass(self.kind, Record):
-            return np.dtype(self.kind.layout)
+            return self.kind.layout
         if self.kind in _TYPES:
             return np.dtype(_TYPES[self.kind])
-        return np.dtype(parameter_record(self.kind).layout)
+        kind: type[Record] = parameter_kind(self.kind)
+        return kind.layout
 
 
 def field(unit: str, doc: str, shape: int | tuple[int, ...] = (), kind: Any = float) -> Any:
@@ -68,6 +70,13 @@ def fill_parameters(record: Any, params: Any) -> None:
         record[name] = float(getattr(params, name))
 
 
+def parameter_record(params: Any) -> Any:
+    """Return the numbers of a parameter record as compiled code takes them."""
+    record = parameter_kind(params.__class__).new()
+    fill_parameters(record, params)
+    return record
+
+
 def numbers(record: Any) -> Array:
     """Return a copy of all numbers of a record that has floats only, as one array (N)."""
     return np.frombuffer(record, np.float64).copy()
@@ -78,6 +87,8 @@ class Record(np.void):
 
     fields: ClassVar[dict[str, Field]]
     layout: ClassVar[np.dtype[Any]]
+    plain_layout: ClassVar[Any]
+    """The same without the classes."""
 
     def __init_subclass__(cls) -> None:
         own = {n: f for n, f in vars(cls).items() if isinstance(f, Field)}
@@ -110,11 +121,10 @@ class Record(np.void):
 
 
 @cache
-def parameter_record(params: type[Any]) -> type[Record]:
+def parameter_kind(params: Any) -> type[Record]:
     """Return the record that holds the numeric fields of a class of parameters, as floats."""
-    declared = {one.name: one.metadata for one in dataclasses.fields(params)}
-    return type(
-        f"{params.__name__}Record",
-        (Record,),
-        {n: field(declared[n]["unit"], declared[n]["doc"]) for n in numeric_fields(params)},
-    )
+    named = {one.name: one.metadata for one in dataclasses.fields(params)}
+    numeric = {
+        n: field(meta["unit"], meta["doc"]) for n, meta in named.items() if "bounds" in meta
+    }
+    return type(params.__name__, (Record,), numeric)

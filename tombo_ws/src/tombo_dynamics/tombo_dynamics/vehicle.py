@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.params import param
 
 GRAVITY = 9.80665
@@ -138,7 +138,7 @@ class VehicleParams:
         """Thrust of one rotor in hover [N]."""
         return self.mass * GRAVITY / 4.0
 
-    def rotor_positions(self) -> NDArray[np.float64]:
+    def rotor_positions(self) -> Array:
         """Hub positions (4, 3) in base_link [m], from the geometric centre."""
         z = np.full(4, self.rotor_height)
         return np.column_stack([self.arm_length * ARM_X, self.arm_length * ARM_Y, z])

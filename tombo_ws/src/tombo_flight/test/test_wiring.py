@@ -14,11 +14,12 @@ from tombo_bag.schemas import own_definitions
 from tombo_bag.topics import TOPICS
 from tombo_dynamics.core import Core
 from tombo_dynamics.messages import Imu, Phase, ReactionPhase, RotorCommand, Trigger, neutral
+from tombo_dynamics.time_base import TICK_NS
 from tombo_flight.run_wiring import CoreRunner, run_cores
 from tombo_flight.scenario import load_scenario, world_of
 from tombo_flight.wiring import CORES, SENSORS, core_of, publisher_of, subscribers_of
 from tombo_sim.flight_end import FlightEndDetector
-from tombo_sim.simulator import TICK_NS, Simulator
+from tombo_sim.simulator import Simulator
 
 IMU, COMMAND, ODOMETRY = "/imu/data_raw", "/rotor_command", "/odometry"
 

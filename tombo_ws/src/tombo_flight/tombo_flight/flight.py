@@ -25,6 +25,7 @@ from tombo_dynamics.message_records import message_of
 from tombo_dynamics.messages import CollisionEvent as CollisionMessage
 from tombo_dynamics.messages import MissionStatus
 from tombo_dynamics.plant import Plant
+from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
 from tombo_flight.flight_metrics import (
     MetricsInput,
     detection_event,
@@ -34,12 +35,11 @@ from tombo_flight.flight_metrics import (
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.scenario import Scenario, as_mapping, world_of
 from tombo_flight.wiring import CORES, core_of
-from tombo_sim.flight_setup import NOISE, TICK_S, FlightSetup, begin
+from tombo_sim.flight_setup import NOISE, FlightSetup, begin
 from tombo_sim.kernel import (
-    EPOCH_NS,
     EVENT,
-    FLIGHT,
     Captures,
+    FlightProgress,
     MocapEntry,
     Published,
     core_memories,
@@ -64,7 +64,6 @@ _TOPICS = {
 _BLOCK = 8192
 _CHUNK = 2048
 """Ticks between two looks at `stop`."""
-_TICK_NS = 1_000_000
 
 
 @dataclass
@@ -119,7 +118,7 @@ def fly_scenario(
     cores: Any = [core_of(kind, scenario) for kind in CORES]
     reaction: ReactionCore = cores[CORES.index(ReactionCore)]
     memories, params = core_memories(*cores)
-    flight: Any = np.zeros(1, FLIGHT)[0]
+    flight = FlightProgress.new()
     flight["end"] = ticks
     flight["over"]["ground"] = scenario.vehicle.leg_height
 
@@ -159,7 +158,7 @@ def fly_scenario(
 def _react(reaction: ReactionCore, published: Published, flight: Any) -> None:
     """Step the reaction in the last tick, which a collision has reached."""
     tick = int(flight["tick"]) - 1
-    now_ns = EPOCH_NS + tick * _TICK_NS
+    now_ns = EPOCH_NS + tick * TICK_NS
     events = published.event[: flight["published"][EVENT]]
     for entry in events[events["tick"] == tick - 1]:
         reaction.event(message_of(CollisionMessage, entry["message"], frame_id="map"), now_ns)

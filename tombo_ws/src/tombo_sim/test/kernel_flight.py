@@ -11,7 +11,6 @@ from tombo_collision.reaction_core import ReactionCore
 from tombo_collision.reactions.bounce import Bounce
 from tombo_control.autopilot import HOVER, Autopilot, new_autopilot, restart_estimate
 from tombo_control.controller_core import ControllerCore
-from tombo_control.estimate import TICK_NS
 from tombo_control.estimator import store_history
 from tombo_control.estimator_core import EstimatorCore
 from tombo_control.leg import hold_leg, store_leg, stored_leg
@@ -23,12 +22,12 @@ from tombo_dynamics.propeller import configuration, thrust_map
 from tombo_dynamics.records import numbers
 from tombo_dynamics.rigid_body import begin_flight
 from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
+from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_sim.kernel import (
     DETECTOR_STATUS,
-    EPOCH_NS,
-    FLIGHT,
     Captures,
+    FlightProgress,
     MocapEntry,
     core_memories,
     fly,
@@ -136,7 +135,7 @@ def fly_kernel(effects=None, seconds=1.0, seed=0, chunk=10**9, block=10**9, tick
     poses = (captures, noise, mocap, Captures.new())
     cores, params = hovering_cores(plant, a)
     published = new_published(ticks, samples)
-    flight = np.zeros(1, FLIGHT)[0]
+    flight = FlightProgress.new()
     flight["end"] = ticks
     while (k := flight["tick"]) < ticks:
         base = k - k % block

@@ -14,10 +14,10 @@ from tombo_control.estimator import correct, predict, store_history, update_body
 from tombo_control.leg import store_leg, straight_leg
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_sim.simulator import Simulator
 
-_TICK = 1e-3
 _DESCENT = 0.4
 """[m/s], estimated: as the mission lands."""
 _BELOW = 0.6
@@ -51,7 +51,7 @@ class Failsafe:
         self._low_ticks = self._low_ticks + 1 if height < _LOW else 0
         store_history(state, autopilot.history, tick)
         for sample in simulator.arrived:
-            captured = sample.captured * _TICK
+            captured = sample.captured * TICK_S
             period = captured - autopilot.mocap_time
             position, attitude = sample.pose[:3], sample.pose[3:]
             if correct(autopilot, position, attitude, sample.captured, tick, period, airborne):
@@ -76,7 +76,7 @@ class Failsafe:
             1.0 - 2.0 * (forward[1] ** 2 + forward[2] ** 2),
         )
         below = (x, y, self._ground - _BELOW)
-        leg = straight_leg((x, y, z), below, _DESCENT, tick * _TICK, float(yaw))
+        leg = straight_leg((x, y, z), below, _DESCENT, tick * TICK_S, float(yaw))
         store_leg(autopilot.leg, leg)
         stop_rotors(state, setpoint, autopilot.loops)
         setpoint.yaw = leg.yaw

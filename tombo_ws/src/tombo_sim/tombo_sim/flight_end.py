@@ -2,47 +2,43 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import numpy as np
-
 from tombo_control.autopilot import IDLE, LAND, LANDED, TAKEOFF
 from tombo_dynamics.jit import compiled
+from tombo_dynamics.records import Record, field
 
 _AFTER_LANDING_S = 1.0
 _AFTER_CRASH_S = 1.5
 UNDECIDED = -1.0
 
-FLIGHT_END = np.dtype(
-    [
-        ("ground", np.float64),  # height of a vehicle that stands on the ground [m]
-        ("airborne", np.bool_),  # it has flown
-        ("over", np.bool_),  # the end is decided
-    ],
-    align=True,
-)
+
+class FlightEnd(Record):
+    """How near a flight is to its end."""
+
+    ground = field("m", "height of a vehicle that stands on the ground")
+    airborne = field("1", "it has flown", kind=bool)
+    over = field("1", "the end is decided", kind=bool)
 
 
 @compiled
-def watch_end(r: Any, height: float, upright: float, phase: int) -> float:
+def watch_end(memory: FlightEnd, height: float, upright: float, phase: int) -> float:
     """Return how long to go on [s] once the flight is decided, else `UNDECIDED`.
 
     Args:
-        r: memory, `FLIGHT_END`.
+        memory: of this flight.
         height: of the vehicle in map [m].
         upright: cosine of its tilt.
         phase: of the mission.
     """
-    if height > r.ground + 0.3:
-        r.airborne = True
-    if r.over or not r.airborne:
+    if height > memory.ground + 0.3:
+        memory.airborne = True
+    if memory.over or not memory.airborne:
         return UNDECIDED
     if phase == LANDED:
-        r.over = True
+        memory.over = True
         return _AFTER_LANDING_S
-    fallen = height < r.ground - 0.02 or (height < r.ground + 0.05 and upright < 0.8)
+    fallen = height < memory.ground - 0.02 or (height < memory.ground + 0.05 and upright < 0.8)
     if fallen and phase != IDLE and phase != TAKEOFF and phase != LAND:
-        r.over = True
+        memory.over = True
         return _AFTER_CRASH_S
     return UNDECIDED
 
@@ -51,8 +47,8 @@ class FlightEndDetector:
     """Watches one flight, as often as one likes."""
 
     def __init__(self, leg_height: float) -> None:
-        self._memory: Any = np.zeros(1, FLIGHT_END)[0]
-        self._memory["ground"] = leg_height
+        self._memory = FlightEnd.new()
+        self._memory.ground = leg_height
 
     def watch(self, height: float, upright: float, phase: int) -> float | None:
         """Return how long to go on [s] once the flight is decided, else None (`watch_end`)."""

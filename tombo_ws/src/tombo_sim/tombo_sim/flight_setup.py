@@ -13,11 +13,11 @@ from tombo_dynamics.effects.compose import SimulatedPlant, new_plant, pack_theta
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rigid_body import begin_flight
 from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
+from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_sim.propeller_effects import propulsion_effects, thrust_map_of
 from tombo_sim.world import World
 
-TICK_S = 1e-3
 NOISE = 9
 """Standard normals that a tick, and a mocap sample, takes."""
 

@@ -32,7 +32,6 @@ from tombo_control.controller_core import (
     take_odometry,
     take_setpoint,
 )
-from tombo_control.estimate import TICK_NS
 from tombo_control.estimator_core import (
     EstimatorCore,
     EstimatorMemory,
@@ -54,13 +53,11 @@ from tombo_dynamics.records import Record, field
 from tombo_dynamics.rigid_body import begin_tick, finish_tick
 from tombo_dynamics.rotation import rotated
 from tombo_dynamics.rotor_maps import RotorMaps
-from tombo_sim.flight_end import FLIGHT_END, UNDECIDED, watch_end
+from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
+from tombo_sim.flight_end import UNDECIDED, FlightEnd, watch_end
 from tombo_sim.ground_truth import contact_force
 from tombo_sim.log_columns import LogRow
 
-EPOCH_NS = 1_000_000_000
-"""Time of tick 0, as in `tombo_bag.flight_time`."""
-_TICK = 1e-3
 _MISSION_PERIOD_NS, _REACTION_PERIOD_NS = MissionCore.period_ns, ReactionCore.period_ns
 
 
@@ -92,11 +89,11 @@ class Captures(Record):
     MISSION_SETPOINT,
     MISSION_STATUS,
 ) = range(8)
-"""Index of a topic in `FLIGHT.published`: the fields of `Published` in their order."""
+"""Index of a topic in `FlightProgress.published`: the fields of `Published` in their order."""
 
 
-def _entry(message: Any, *more: Any) -> np.dtype[Any]:
-    return np.dtype([("tick", np.int64), ("message", message), *more], align=True)
+def _entry(message: type[Record], *more: Any) -> np.dtype[Any]:
+    return np.dtype([("tick", np.int64), ("message", message.layout), *more], align=True)
 
 
 class Published(NamedTuple):
@@ -124,34 +121,31 @@ class CoreParams(NamedTuple):
     controller: Any
 
 
-FLIGHT = np.dtype(
-    [
-        ("tick", np.int64),  # the next one to fly
-        ("end", np.int64),  # first tick not to fly
-        ("phase", np.int64),  # the mission's, as published
-        ("over", FLIGHT_END),
-        ("published", np.int64, 8),  # messages in each table of `Published`
-        ("read_odometry", np.int64),  # what the mission has taken of them
-        ("read_reaction", np.int64),
-        ("read_setpoint", np.int64),
-    ],
-    align=True,
-)
-"""Where a fused flight stands."""
+class FlightProgress(Record):
+    """Where a fused flight stands."""
+
+    tick = field("1", "the next one to fly", kind=int)
+    end = field("1", "first tick not to fly", kind=int)
+    phase = field("1", "the mission's, as published", kind=int)
+    over = field("", "whether it is over", kind=FlightEnd)
+    published = field("1", "messages in each table of `Published`", 8, int)
+    read_odometry = field("1", "what the mission has taken of them", kind=int)
+    read_reaction = field("1", "what the mission has taken of them", kind=int)
+    read_setpoint = field("1", "what the mission has taken of them", kind=int)
 
 
 def new_published(ticks: int, captures: int) -> Published:
     """Return empty tables for a flight of so many ticks and poses."""
     fast, slow = ticks // 4 + 64, ticks // 20 + 64
     return Published(
-        np.zeros(fast, _entry(records.ODOMETRY)),
-        np.zeros(slow, _entry(records.ESTIMATOR_STATUS)),
-        np.zeros(captures + 1, _entry(records.DETECTOR_STATUS, ("row", np.int64))),
-        np.zeros(captures + 1, _entry(records.COLLISION_EVENT)),
-        np.zeros(ticks + 64, _entry(records.REACTION_STATUS)),
-        np.zeros(ticks + 64, _entry(records.POSITION_SETPOINT)),
-        np.zeros(slow, _entry(records.POSITION_SETPOINT)),
-        np.zeros(slow, _entry(records.MISSION_STATUS, ("wait_reason", np.int64))),
+        np.zeros(fast, _entry(records.OdometryRecord)),
+        np.zeros(slow, _entry(records.EstimatorStatusRecord)),
+        np.zeros(captures + 1, _entry(records.DetectorStatusRecord, ("row", np.int64))),
+        np.zeros(captures + 1, _entry(records.CollisionEventRecord)),
+        np.zeros(ticks + 64, _entry(records.ReactionStatusRecord)),
+        np.zeros(ticks + 64, _entry(records.PositionSetpointRecord)),
+        np.zeros(slow, _entry(records.PositionSetpointRecord)),
+        np.zeros(slow, _entry(records.MissionStatusRecord, ("wait_reason", np.int64))),
     )
 
 
@@ -184,7 +178,7 @@ def fly(
     cores: tuple[Any, ...],
     params: Any,
     published: Any,
-    f: Any,
+    f: FlightProgress,
     log: Any,
     base: int,
     stop: int,
@@ -204,7 +198,7 @@ def fly(
             controller (bookkeeping, autopilot).
         params: `CoreParams`.
         published: `Published`, what the cores have published; appended to here.
-        f: `FLIGHT`.
+        f: where the flight stands.
         log: (N,) `LogRow`, one is written for every tick.
         base: tick of the first row of the plant's normals.
         stop: first tick not to fly.
@@ -233,7 +227,7 @@ def fly(
         upright = 1.0 - 2.0 * (q[0] * q[0] + q[1] * q[1])
         after = watch_end(f.over, plant.state.position[2], upright, f.phase)
         if after != UNDECIDED:
-            f.end = min(f.end, k + int(after / _TICK + 0.5))
+            f.end = min(f.end, k + int(after / TICK_S + 0.5))
         if n[DETECTOR_STATUS] > 0 and p.detector_status[n[DETECTOR_STATUS] - 1].tick == k - 1:
             r.detector_ns = now
             heard = True
@@ -285,7 +279,7 @@ def fly(
 
 
 @compiled_call
-def publish_reaction(r: Any, p: Any, f: Any, k: int) -> None:
+def publish_reaction(r: Any, p: Any, f: FlightProgress, k: int) -> None:
     """Publish what the reaction's step of tick `k` has left in its memory."""
     n = f.published
     if r.publishes:
@@ -302,7 +296,7 @@ def publish_reaction(r: Any, p: Any, f: Any, k: int) -> None:
 
 
 @compiled_call
-def _step_mission(mi: Any, params: Any, p: Any, f: Any, now: int) -> None:
+def _step_mission(mi: Any, params: Any, p: Any, f: FlightProgress, now: int) -> None:
     """Hand the mission what has come since its last step, and step it."""
     n, k = f.published, f.tick
     while f.read_odometry < n[ODOMETRY]:
@@ -408,7 +402,7 @@ def fly_with_true_state(
             state.rates[i] = plant.state.rates[i]
         for i in range(4):
             state.attitude[i] = plant.state.attitude[i]
-        autopilot.mocap_time = k * _TICK
+        autopilot.mocap_time = k * TICK_S
         cascade(autopilot, maps, k)
         for i in range(4):
             plant.rotor_command[i] = setpoint.rotor_speed[i]

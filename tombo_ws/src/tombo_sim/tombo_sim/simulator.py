@@ -9,12 +9,12 @@ import numpy as np
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rigid_body import finish_tick
-from tombo_sim.flight_setup import NOISE, TICK_S, begin
+from tombo_dynamics.time_base import TICK_NS, TICK_S
+from tombo_sim.flight_setup import NOISE, begin
 from tombo_sim.kernel import Captures, MocapEntry, capture_pose, read_imu
 from tombo_sim.world import World
 
 _BLOCK = 4096
-TICK_NS = 1_000_000
 
 
 @dataclass(frozen=True)

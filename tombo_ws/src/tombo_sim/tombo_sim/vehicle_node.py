@@ -22,13 +22,14 @@ from tombo_bag.topics import (
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice
+from tombo_dynamics.time_base import TICK_NS
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_ros.markers import obstacle_marker
 from tombo_ros.node_loop import LoopNode
 from tombo_ros.pacing import SIMULATOR
 from tombo_sim.ground_truth import contact_force, true_state
 from tombo_sim.propeller_effects import propulsion_effects
-from tombo_sim.simulator import TICK_NS, Simulator
+from tombo_sim.simulator import Simulator
 from tombo_sim.world import ObstacleParams, SpreadParams, World
 
 

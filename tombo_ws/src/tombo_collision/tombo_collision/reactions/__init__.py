@@ -14,14 +14,11 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import unknown_name
 from tombo_dynamics.messages import CollisionEvent
 from tombo_dynamics.params import from_mapping
 
-Array = NDArray[np.float64]
 DEFAULT = "bounce"
 REGISTRY: dict[str, type[Reaction]] = {}
 """Name -> reaction."""

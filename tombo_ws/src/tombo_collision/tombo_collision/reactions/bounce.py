@@ -8,7 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from tombo_collision.reactions import Array, Decision, Reaction
+from tombo_collision.reactions import Decision, Reaction
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import CollisionEvent
 from tombo_dynamics.params import param
 

@@ -18,13 +18,13 @@ from tombo_control.estimator import correct, predict, store_history, update_body
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.records import numbers
 from tombo_dynamics.rotation import rotate_vectors
+from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.autopilot.offboard_setpoint import heading_of
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.frames import flu_from_frd
 from tombo_sim.simulator import Simulator
 
-_TICK = 1e-3
 _ALIGN_TICKS = 200
 """Samples of the accelerometer that the first attitude is levelled with."""
 _GPS_TICKS = 50
@@ -115,14 +115,14 @@ class Ekf2Model:
 
     def pose_variance(self, tick: int) -> tuple[float, ...]:
         """Return (6) of x, y, z [m^2], roll, pitch, yaw [rad^2]."""
-        since = min(max(tick - self._last_fused, 0) * _TICK, 60.0)
+        since = min(max(tick - self._last_fused, 0) * TICK_S, 60.0)
         noise = 0.01 if self._source == "vision" else self._parameters.get("EKF2_GPS_P_NOISE")
         place = noise**2 + (0.1 * since) ** 2
         return (place, place, place, _LEVEL_VARIANCE, _LEVEL_VARIANCE, _YAW_VARIANCE)
 
     def velocity_variance(self, tick: int) -> tuple[float, ...]:
         """Return (6) of velocity [m^2/s^2] and rates [rad^2/s^2]."""
-        since = min(max(tick - self._last_fused, 0) * _TICK, 60.0)
+        since = min(max(tick - self._last_fused, 0) * TICK_S, 60.0)
         speed = 0.02**2 + (0.1 * since) ** 2
         return (speed, speed, speed, _RATE_VARIANCE, _RATE_VARIANCE, _RATE_VARIANCE)
 
@@ -258,7 +258,7 @@ class Ekf2Model:
         gap = fix.position - past.position
         if not control & 2 and self._parameters.get("EKF2_HGT_REF") != 3:
             gap[2] = 0.0
-        since = min((tick - self._last_fused) * _TICK, 5.0)
+        since = min((tick - self._last_fused) * TICK_S, 5.0)
         if float(np.abs(gap).max()) > self._innovation_gate(source) + 0.2 * since:
             return True
         if source != "vision" or not control & 8:
@@ -303,11 +303,11 @@ class Ekf2Model:
         velocity: Array = np.zeros(3)
         if airborne and source == "vision" and len(self._state_history) > 1:
             first = self._state_history[0]
-            time = max(fix.captured - first.captured, 1) * _TICK
+            time = max(fix.captured - first.captured, 1) * TICK_S
             velocity = np.clip((fix.position - first.position) / time, -10.0, 10.0)
         elif airborne and self._source:
             velocity = state.velocity.copy()
-        late = (tick - fix.captured) * _TICK
+        late = (tick - fix.captured) * TICK_S
         state.position = fix.position + late * velocity
         state.velocity = velocity
         if not control & 2 and math.isfinite(self._height):
@@ -347,13 +347,13 @@ class Ekf2Model:
             _turn(attitude, self._compass - heading_of(state.attitude))
         bias = state.gyro_bias
         before = bias[:2].copy()
-        period = (fix.captured - self._last_captured) * _TICK
+        period = (fix.captured - self._last_captured) * TICK_S
         if correct(autopilot, position, attitude, fix.captured, tick, period, airborne):
             if airborne:
                 bias[:2] = before + _SLOW_BIAS * (bias[:2] - before)
             self._last_captured = fix.captured
             self._last_fused = tick
-            autopilot.mocap_time = fix.captured * _TICK
+            autopilot.mocap_time = fix.captured * TICK_S
             self.fused += 1
 
     def _tilt_error(self, attitude: Array, airborne: bool) -> Array:

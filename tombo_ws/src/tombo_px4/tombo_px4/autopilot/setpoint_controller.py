@@ -11,11 +11,12 @@ from tombo_control.autopilot import Autopilot
 from tombo_control.cascade import run_control_loops, stop_rotors
 from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS
 from tombo_dynamics.rotor_maps import RotorMaps, speed_for_thrust
+from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.autopilot.offboard_setpoint import ControlLevel, ResolvedSetpoint, heading_of
 from tombo_px4.autopilot.parameters import ParameterTable
 
-_PERIOD = POSITION_TICKS * 1e-3
+_PERIOD = POSITION_TICKS * TICK_S
 
 
 class SetpointController:

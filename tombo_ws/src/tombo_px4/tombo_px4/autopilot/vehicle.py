@@ -7,9 +7,10 @@ import math
 import numpy as np
 
 from tombo_control.autopilot import State, new_autopilot
-from tombo_control.estimate import TICK_NS, Estimate
+from tombo_control.estimate import Estimate
 from tombo_control.params import POSITION_TICKS, ControlParams, EstimatorParams
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.time_base import TICK_NS, TICK_S
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.autopilot.battery import BatteryMeter
 from tombo_px4.autopilot.commander import DESCEND, TERMINATE, Commander, CommanderInput
@@ -48,7 +49,6 @@ from tombo_px4.protocol.results import (
 from tombo_sim.simulator import Simulator
 from tombo_sim.world import World
 
-_TICK = 1e-3
 _NONE = np.full(3, math.nan)
 _LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 _ABOVE = 0.1
@@ -452,7 +452,7 @@ class Px4Vehicle:
 
     def _decide(self, tick: int) -> None:
         """Fifty times a second: battery, ground, mode, set points."""
-        self._battery = self._meter.draw(self.simulator.plant, POSITION_TICKS * _TICK)
+        self._battery = self._meter.draw(self.simulator.plant, POSITION_TICKS * TICK_S)
         self._update_land_detector()
         commander = self._commander
         commander.update(self._commander_input())
@@ -490,9 +490,9 @@ class Px4Vehicle:
         position, velocity = self._state.position, self._state.velocity
         home = position if self._home is None else self._home
         if self._takeoff < TakeoffState.RAMPUP and mode == self._was_mode == AUTO_TAKEOFF:
-            self._navigator.begin_again(tick * _TICK, position)
+            self._navigator.begin_again(tick * TICK_S, position)
         heading = heading_of(self._state.attitude)
-        reference = self._navigator.follow(mode, tick * _TICK, position, velocity, heading, home)
+        reference = self._navigator.follow(mode, tick * TICK_S, position, velocity, heading, home)
         return ResolvedSetpoint(
             ControlLevel.POSITION,
             reference.position,
