@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tombo_dynamics.errors import InputError, unknown_name
-from tombo_dynamics.params import as_tuple, check_number, from_mapping, param, tuple_type, validate
+from tombo_dynamics.params import check_number, from_mapping, param, validate
 from tombo_dynamics.propeller import configuration
 from tombo_dynamics.propeller.rotor_inertia import rotor_inertia
+from tombo_dynamics.records import parameter_record
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY, ROTOR_NAMES, SPIN, VehicleParams
 
 FIELDS = {f.name: f for f in dataclasses.fields(VehicleParams)}
@@ -95,11 +96,10 @@ def test_whole_numbers_stay_whole():
 
 
 def test_numbers_travel_into_compiled_code_by_name():
-    kind = tuple_type(Example, "Kind", __name__)
-    values = as_tuple(Example(length=2.5, count=7), kind)
+    values = parameter_record(Example(length=2.5, count=7))
     assert values.length == 2.5
     assert values.count == 7.0
-    assert values._fields == ("length", "count")
+    assert values.dtype.names == ("length", "count")
 
 
 # --- the vehicle ----------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 """Parameter records: one frozen dataclass holds value, unit, bounds and meaning of each parameter.
 
-Everything else (reading YAML, checking bounds, documentation, ROS declarations, the tuples that
-compiled code takes) is derived from the record.
+Everything else (reading YAML, checking bounds, documentation, ROS declarations, what compiled code
+takes) is derived from the record.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections import namedtuple
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
@@ -116,13 +115,3 @@ def from_mapping(cls: type[_Record], values: Mapping[str, Any], name: str) -> _R
 def numeric_fields(cls: type[Any]) -> list[str]:
     """Return the names of the fields of a parameter record that are numbers."""
     return [f.name for f in dataclasses.fields(cls) if "bounds" in f.metadata]
-
-
-def tuple_type(cls: type[Any], name: str, module: str) -> Any:
-    """Make the named tuple type that carries the numeric fields of `cls` into compiled code."""
-    return namedtuple(name, numeric_fields(cls), module=module)
-
-
-def as_tuple(record: Any, kind: Any) -> Any:
-    """Carry the numeric fields of `record` into the named tuple type `kind`, as floats."""
-    return kind(*(float(getattr(record, field)) for field in kind._fields))

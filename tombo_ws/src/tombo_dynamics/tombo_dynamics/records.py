@@ -24,6 +24,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.params import numeric_fields
 
 _Kind = TypeVar("_Kind", bound="Record")
 _WORD = 8
@@ -87,8 +88,6 @@ class Record(np.void):
 
     fields: ClassVar[dict[str, Field]]
     layout: ClassVar[np.dtype[Any]]
-    plain_layout: ClassVar[Any]
-    """The same without the classes."""
 
     def __init_subclass__(cls) -> None:
         own = {n: f for n, f in vars(cls).items() if isinstance(f, Field)}
@@ -123,8 +122,9 @@ class Record(np.void):
 @cache
 def parameter_kind(params: Any) -> type[Record]:
     """Return the record that holds the numeric fields of a class of parameters, as floats."""
-    named = {one.name: one.metadata for one in dataclasses.fields(params)}
+    declared = {one.name: one.metadata for one in dataclasses.fields(params)}
     numeric = {
-        n: field(meta["unit"], meta["doc"]) for n, meta in named.items() if "bounds" in meta
+        name: field(declared[name]["unit"], declared[name]["doc"])
+        for name in numeric_fields(params)
     }
     return type(params.__name__, (Record,), numeric)
