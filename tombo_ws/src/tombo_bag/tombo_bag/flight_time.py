@@ -17,11 +17,6 @@ def nanoseconds(times_s: Any) -> NDArray[np.int64]:
     return np.asarray(np.maximum(scaled + EPOCH_NS, 0))
 
 
-def flight_seconds(times_ns: Any) -> NDArray[np.float64]:
-    """Turn stamps or log times [ns] back into flight time [s]."""
-    return np.asarray((np.asarray(times_ns, np.int64) - EPOCH_NS) / 1e9)
-
-
 def split_stamps(times_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Split times [ns] into the two fields of a stamp: whole seconds and the rest [ns]."""
     return np.divmod(times_ns, 1_000_000_000)

@@ -33,17 +33,6 @@ COMMAND = "/rotor_command"
 """What the simulator takes."""
 
 
-def publisher_of(topic: str) -> str:
-    """Return who publishes a topic of the wiring."""
-    return next((core.name for core in CORES if topic in core.outputs), "sim")
-
-
-def subscribers_of(topic: str) -> tuple[str, ...]:
-    """Return who takes a topic of the wiring."""
-    taken = tuple(core.name for core in CORES if topic in core.inputs)
-    return (*taken, "sim") if topic == COMMAND else taken
-
-
 def records_of(core: type[Core], scenario: Scenario) -> dict[str, Any]:
     """Return the parameters of a core, section → record; what no scenario says is the default."""
     records = {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from typing import Any
 
@@ -60,7 +59,6 @@ def test_messages_wait_and_are_taken_once_oldest_first(world: Any) -> None:
     assert heard.take() == []
     assert heard.newest() is None
     assert heard.last_ns is None
-    assert heard.age_s(time.time_ns()) == math.inf
     began = time.time_ns()
     for number in range(20):
         speaker.say(number)
@@ -71,7 +69,6 @@ def test_messages_wait_and_are_taken_once_oldest_first(world: Any) -> None:
     assert [t.sequence for t in taken] == list(range(1, 21))
     assert all(began <= t.sent_ns <= t.received_ns <= time.time_ns() for t in taken)
     assert heard.last_ns == taken[-1].received_ns
-    assert 0.0 <= heard.age_s(time.time_ns()) < 5.0
     assert not heard.waiting()
     assert heard.take() == []
     speaker.say(7)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Quaternion, Vector3
+from geometry_msgs.msg import Point, Quaternion
 from numpy.typing import NDArray
 
 _SECOND_NS = 1_000_000_000
@@ -33,11 +33,6 @@ def array(value: Any) -> NDArray[np.float64]:
 def point(values: Any) -> Point:
     """Return three numbers as a Point."""
     return Point(x=float(values[0]), y=float(values[1]), z=float(values[2]))
-
-
-def vector(values: Any) -> Vector3:
-    """Return three numbers as a Vector3."""
-    return Vector3(x=float(values[0]), y=float(values[1]), z=float(values[2]))
 
 
 def quaternion(values: Any) -> Quaternion:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from importlib import import_module
 from typing import Any, NamedTuple
@@ -160,10 +159,6 @@ class PolledSubscription:
         """Return the newest message that has arrived since the last call."""
         messages = self.take()
         return messages[-1] if messages else None
-
-    def age_s(self, now_ns: int) -> float:
-        """Return how long ago the newest message came [s]; infinite before the first."""
-        return math.inf if self.last_ns is None else (now_ns - self.last_ns) * 1e-9
 
     def silent(self, now_ns: int, limit_s: float) -> bool:
         """Return whether nothing has come for `limit_s`; before the first message, for 3 s.

@@ -80,7 +80,6 @@ class FlightMonitor:
     """Follows a flight as the monitor tells it, and knows when it is over."""
 
     def __init__(self, scenario: Scenario) -> None:
-        self._duration_s = scenario.duration
         self._flight_end = FlightEndDetector(scenario.vehicle.leg_height)
         self._lifted_m = scenario.vehicle.leg_height + _LIFTED_M
         self.airborne = False

@@ -185,14 +185,6 @@ class ParameterTable:
         """
         return self._table[name].kind
 
-    def parameter(self, name: str) -> Parameter:
-        """Return all about a parameter.
-
-        Raises:
-            KeyError: there is no such parameter.
-        """
-        return self._table[name]
-
     def set(self, name: str, value: float) -> str:
         """Change a value; return "" or why it is refused."""
         parameter = self._table.get(name)

@@ -150,10 +150,8 @@ class EstimatorStatusFlags:
     """How well PX4's estimator is fed."""
 
     arrival_ns: int
-    has_attitude: bool
     has_position: bool
     """Horizontal, relative or absolute."""
-    has_height: bool
     is_aided: bool
     """Something tells where it is. (CONST_POS_MODE won't do: it is set at rest, too.)"""
     position_ratio: float

@@ -230,12 +230,9 @@ class MessageDecoder:
     def _estimator(self, m: Any, arrival_ns: int) -> Record | str:
         flags = m.flags
         horizontal = mav.ESTIMATOR_POS_HORIZ_REL | mav.ESTIMATOR_POS_HORIZ_ABS
-        vertical = mav.ESTIMATOR_POS_VERT_ABS | mav.ESTIMATOR_POS_VERT_AGL
         return EstimatorStatusFlags(
             arrival_ns,
-            bool(flags & mav.ESTIMATOR_ATTITUDE),
             bool(flags & horizontal),
-            bool(flags & vertical),
             bool(flags & mav.ESTIMATOR_PRED_POS_HORIZ_REL),
             float(m.pos_horiz_ratio),
             float(m.pos_vert_ratio),

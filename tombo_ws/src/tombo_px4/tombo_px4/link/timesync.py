@@ -141,10 +141,6 @@ class TimeSync:
         ours_ns = theirs_ns + (self.offset_ns or 0)
         return ours_ns + round(self._drifted(ours_ns) / (1.0 - self._drift))
 
-    def to_remote_time(self, ours_ns: int) -> int:
-        """Convert our time to theirs; unchanged before the first answer."""
-        return ours_ns - (self.offset_ns or 0) - round(self._drifted(ours_ns))
-
     def _drifted(self, ours_ns: int) -> float:
         """Return by how much the offset has changed since the last answer that counted [ns]."""
         if self._drift == 0.0:

@@ -35,7 +35,6 @@ class Endpoint:
         self,
         vehicle: Px4Vehicle,
         links: Sequence[tuple[Link, str]],
-        origin: GeoOrigin | None = None,
         homes: Sequence[tuple[str, int] | None] = (),
     ) -> None:
         """Serve links, each with the set of streams it carries by default.
@@ -43,14 +42,13 @@ class Endpoint:
         Args:
             vehicle: at its present tick.
             links: with `onboard` or `ground`.
-            origin: where the origin of map is on the globe.
             homes: where each link sends to while nobody has spoken; none: as the link does.
 
         Raises:
             InputError: there is no such set of streams.
         """
         self.vehicle = vehicle
-        self.origin = origin = origin or GeoOrigin()
+        self.origin = origin = GeoOrigin()
         self.telemetry = Telemetry(vehicle, origin)
         offered, now = self.telemetry.offered, vehicle.boot_us
         self.channels = [

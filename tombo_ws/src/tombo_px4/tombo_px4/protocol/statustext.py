@@ -23,8 +23,6 @@ class StatusTextSender:
         self._refilled_us = 0
         self.said: list[tuple[int, str]] = []
         """Severity and text of what was said; whoever shows it empties the list."""
-        self.dropped_texts = 0
-        """Texts left out, as there were too many."""
 
     @property
     def counts(self) -> dict[str, int]:
@@ -37,7 +35,6 @@ class StatusTextSender:
         self._rate_tokens = min(self._rate_tokens, _BURST)
         self._refilled_us = boot_us
         if self._rate_tokens < 1.0:
-            self.dropped_texts += 1
             return
         self._rate_tokens -= 1.0
         if len(self.said) < _KEPT:
