@@ -15,19 +15,18 @@ from numpy.typing import NDArray
 from tombo_control import mission as plan
 from tombo_control.autopilot import HOVER
 from tombo_control.controller_core import Command, ControllerCore
-from tombo_control.estimate import TICK_NS, Estimate
+from tombo_control.estimate import Estimate
 from tombo_control.estimator_core import EstimatorCore
 from tombo_control.params import POSITION_TICKS, InputLimits
 from tombo_control.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.messages import Odometry, PositionSetpoint
 from tombo_dynamics.plant import part
 from tombo_dynamics.rotation import rotate_vectors, tilt
+from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 from tombo_flight.scenario import Scenario, load_scenario, world_of
 from tombo_sim.simulator import Simulator
 
 Array = NDArray[np.float64]
-EPOCH_NS = 1_000_000_000
-"""Stamp of tick 0."""
 
 
 def calm(*settings: str) -> Scenario:

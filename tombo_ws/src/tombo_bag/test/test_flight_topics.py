@@ -8,11 +8,12 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from synthetic_flight import synthetic_flight
 
-from tombo_bag.flight_time import EPOCH_NS, nanoseconds
+from tombo_bag.flight_time import nanoseconds
 from tombo_bag.flight_topics import heading, write_flight
 from tombo_bag.mcap_sink import McapSink
 from tombo_bag.reader import Bag
 from tombo_dynamics.rotation import map_to_body
+from tombo_dynamics.time_base import EPOCH_NS
 
 TICKS = 13_000
 RATES_HZ = {

@@ -12,10 +12,11 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 
 from tombo_bag.columnar_cdr import encode, layout
-from tombo_bag.mcap_sink import SECOND_NS, Columns, McapSink
+from tombo_bag.mcap_sink import Columns, McapSink
 from tombo_bag.reader import Bag
 from tombo_bag.schemas import schema_text, type_store
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.time_base import SECOND_NS
 
 POSE = "geometry_msgs/msg/PoseStamped"
 STRING = "std_msgs/msg/String"

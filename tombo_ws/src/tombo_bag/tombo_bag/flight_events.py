@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_bag.columnar_cdr import encode
-from tombo_bag.flight_time import EPOCH_NS, nanoseconds, stamp
+from tombo_bag.flight_time import nanoseconds, stamp
+from tombo_dynamics.time_base import EPOCH_NS
 
 NAN = float("nan")
 NO_POINT = (NAN, NAN, NAN)

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-EPOCH_NS = 1_000_000_000
-"""Flight time 0 in a file: one second, since 0 means "no time" to many readers."""
+from tombo_dynamics.time_base import EPOCH_NS
 
 
 def nanoseconds(times_s: Any) -> NDArray[np.int64]:

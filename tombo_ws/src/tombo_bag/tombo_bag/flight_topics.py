@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from tombo_bag.columnar_cdr import layout
 from tombo_bag.flight_events import EventMessages, event_messages
-from tombo_bag.flight_time import EPOCH_NS, nanoseconds, split_stamps
+from tombo_bag.flight_time import nanoseconds, split_stamps
 from tombo_bag.mcap_sink import Columns, McapSink
 from tombo_bag.message_codec import MessageCodec, records_of
 from tombo_bag.qos import EVENT, SENSOR, STATE, Qos
@@ -41,13 +41,12 @@ from tombo_bag.topics import TOPICS
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.rotation import map_to_body
+from tombo_dynamics.time_base import EPOCH_NS, TICK_HZ, TICK_NS
 
 FRAME_MAP = "map"
 FRAME_BODY = "base_link"
-TICK_HZ = 1000
 UNKNOWN = -1.0
 """First element of a covariance in sensor_msgs: the quantity is not measured at all."""
-
 
 Published = tuple[NDArray[np.int64], Any]
 """Ticks, and messages: structured (see `message_codec.records_of`), or a list of dataclasses."""
@@ -195,7 +194,7 @@ class _FlightWriter:
         else:
             codec = MessageCodec(spec.typename)
             written = [codec.encode(message) for message in messages]
-        times_ns = EPOCH_NS + ticks * (1_000_000_000 // TICK_HZ)
+        times_ns = EPOCH_NS + ticks * TICK_NS
         channel = self.sink.add_channel(topic, spec.typename, spec.qos)
         self.parts.append(Columns(channel, times_ns, written))
 

@@ -49,8 +49,8 @@ from tombo_bag.chunks import (
 from tombo_bag.qos import STATE, Qos
 from tombo_bag.schemas import schema_text, type_hash
 from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.time_base import SECOND_NS
 
-SECOND_NS = 1_000_000_000
 FinalRecords: TypeAlias = Callable[[], Mapping[str, dict[str, str]]]
 
 

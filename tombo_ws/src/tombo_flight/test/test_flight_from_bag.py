@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tombo_bag.flight_time import EPOCH_NS
 from tombo_bag.mcap_sink import Columns, McapSink
 from tombo_bag.reader import Bag
 from tombo_control.autopilot import LANDED
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.time_base import EPOCH_NS
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_from_bag import RECORD, flight_from_bag
 from tombo_flight.flight_output import write_mcap

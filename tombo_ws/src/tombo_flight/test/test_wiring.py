@@ -8,17 +8,17 @@ from enum import IntEnum
 import numpy as np
 import pytest
 
-from tombo_bag.flight_time import EPOCH_NS
 from tombo_bag.message_codec import form_of
 from tombo_bag.schemas import own_definitions
 from tombo_bag.topics import TOPICS
 from tombo_dynamics.core import Core
 from tombo_dynamics.messages import Imu, Phase, ReactionPhase, RotorCommand, Trigger, neutral
+from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 from tombo_flight.run_wiring import CoreRunner, run_cores
 from tombo_flight.scenario import load_scenario, world_of
 from tombo_flight.wiring import CORES, SENSORS, core_of
 from tombo_sim.flight_end import FlightEndDetector
-from tombo_sim.simulator import TICK_NS, Simulator
+from tombo_sim.simulator import Simulator
 
 IMU, COMMAND, ODOMETRY = "/imu/data_raw", "/rotor_command", "/odometry"
 

@@ -43,6 +43,7 @@ from tombo_collision.reactions import Decision
 from tombo_control.autopilot import IDLE, LANDED, PHASE_NAMES
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import conjugate, map_to_body, unwrap_quaternions
+from tombo_dynamics.time_base import TICK_NS
 from tombo_flight.flight_metrics import (
     MetricsInput,
     detection_event,
@@ -57,7 +58,6 @@ from tombo_sim.log_columns import COLUMNS
 Array = NDArray[np.float64]
 Ticks = NDArray[np.int64]
 
-TICK_NS = 1_000_000
 _FIRST_POSES = 3
 """The estimator begins from so many poses of the motion capture."""
 _FIRST_STEP_NS = 20_000_000

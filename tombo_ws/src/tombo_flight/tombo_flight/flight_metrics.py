@@ -17,10 +17,10 @@ from tombo_collision.reactions import Decision
 from tombo_control.autopilot import APPROACH, BLIND, HOVER, IDLE, LAND, LANDED, TAKEOFF
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import tilt
+from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES, VehicleParams
 from tombo_flight.scenario import Scenario
 
-_TICK_S = 1e-3
 _STABLE_TILT = 0.17
 _STABLE_RATE = 1.0
 _STABLE_TIME = 0.3
@@ -163,7 +163,7 @@ def summarize(flight: MetricsInput) -> tuple[dict[str, Any], list[dict[str, Any]
         "crash_time_s": None if crash is None else _number(t[crash]),
         "landed": bool(t.size and mode[-1] == LANDED and crash is None),
         "max_tilt_rad": _number(tilt(log["attitude"][c or 0 :]).max()) if t.size else None,
-        "duration_s": _number(t[-1] + _TICK_S) if t.size else 0.0,
+        "duration_s": _number(t[-1] + TICK_S) if t.size else 0.0,
     }
     summary |= _tracking(flight, c)
     wall = flight.wall_time_s
@@ -247,16 +247,16 @@ def _recovery(flight: MetricsInput, c: int | None, events: list[dict[str, Any]])
     calm = (tilt(log["attitude"][c:]) < _STABLE_TILT) & (
         np.linalg.norm(log["rates"][c:], axis=1) < _STABLE_RATE
     )
-    quiet = first_sustained(calm, round(_STABLE_TIME / _TICK_S))
-    result["unstable_phase_s"] = None if quiet is None else _number(quiet * _TICK_S)
+    quiet = first_sustained(calm, round(_STABLE_TIME / TICK_S))
+    result["unstable_phase_s"] = None if quiet is None else _number(quiet * TICK_S)
     settled = None
     if flight.reactions:
         x_r = flight.reactions[-1].x_r
         error = np.linalg.norm(position[:until] - x_r, axis=1)
         slow = np.linalg.norm(log["velocity"][c : c + until], axis=1) < _SETTLED_SPEED
-        settled = first_sustained((error < _SETTLED_RADIUS) & slow, round(_SETTLED_TIME / _TICK_S))
+        settled = first_sustained((error < _SETTLED_RADIUS) & slow, round(_SETTLED_TIME / TICK_S))
         if settled is not None:
-            result["recovery_time_s"] = _number(settled * _TICK_S)
+            result["recovery_time_s"] = _number(settled * TICK_S)
             result["settled_error_m"] = _number(error[settled:].mean())
             events.append(
                 {

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from tombo_bag.flight_time import EPOCH_NS
 from tombo_dynamics.core import Core
 from tombo_dynamics.messages import Array, Imu, Phase, Pose, RotorCommand
+from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.wiring import CORES, core_of
 from tombo_sim.flight_end import FlightEndDetector
-from tombo_sim.simulator import TICK_NS, Simulator
+from tombo_sim.simulator import Simulator
 
 Record = Callable[[str, Any], None]
 """Told every message: topic, message."""

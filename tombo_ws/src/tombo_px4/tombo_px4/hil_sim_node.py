@@ -11,12 +11,13 @@ import time
 from collections.abc import Sequence
 
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.time_base import TICK_NS
 from tombo_px4.hil.link import PX4_PORT, HilLink
 from tombo_px4.hil.lockstep import HilSimulator
 from tombo_px4.hil.params import HilParams
 from tombo_ros.node_loop import run
 from tombo_sim.simulator import Simulator
-from tombo_sim.vehicle_node import TICK_NS, VehicleNode
+from tombo_sim.vehicle_node import VehicleNode
 
 _MOST_STEPS = 20
 """In one run of the loop."""

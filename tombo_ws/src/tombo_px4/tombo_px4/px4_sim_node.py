@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.time_base import TICK_NS
 from tombo_px4.autopilot.parameters import PARAMETERS, ParameterTable
 from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.bridge.modes import mode_name
@@ -21,7 +22,7 @@ from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.signing import read_key
 from tombo_px4.protocol.endpoint import Endpoint
 from tombo_ros.node_loop import run
-from tombo_sim.vehicle_node import TICK_NS, VehicleNode
+from tombo_sim.vehicle_node import VehicleNode
 
 _BEHIND_NS = 500_000_000
 """Further behind than this, or ahead, the flight's clock is set anew: a stop that PX4's own clock

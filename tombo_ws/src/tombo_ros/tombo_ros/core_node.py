@@ -12,8 +12,9 @@ from tombo_bag.topics import TOPICS, TopicSpec
 from tombo_dynamics.core import Core
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import neutral
+from tombo_dynamics.time_base import SECOND_NS, TICK_NS
 from tombo_ros.lockstep import LockstepMember
-from tombo_ros.node_loop import SECOND_NS, LoopNode, run
+from tombo_ros.node_loop import LoopNode, run
 from tombo_ros.pacing import Priority, sleep_until
 from tombo_ros.topic import PolledSubscription, ReceivedMessage
 
@@ -220,7 +221,7 @@ def warm_up(core: Core) -> None:
     """Load all compiled code of a core now, not at its first message: fly it for a moment."""
     kinds = [(topic, form_of(TOPICS[topic].typename).kind) for topic in core.inputs]
     for tick in range(_WARM_UP_TICKS):
-        now_ns = SECOND_NS + tick * 1_000_000
+        now_ns = SECOND_NS + tick * TICK_NS
         for topic, kind in kinds:
             if topic != "/mocap/pose" or tick % _WARM_UP_POSE == 0:
                 core.on(topic, neutral(kind, now_ns), now_ns)

@@ -21,6 +21,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from tombo_bag.message_template import MessageTemplate
 from tombo_bag.qos import Qos
 from tombo_bag.topics import CLOCK, DIAGNOSTICS, MARKERS, TF, TopicSpec
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_msgs.msg import LockstepNode
 from tombo_ros.topic import PolledSubscription, ReceivedMessage, TopicPublisher
 
@@ -33,7 +34,6 @@ _READY = TopicSpec(
     "/lockstep/ready", "tombo_msgs/msg/LockstepNode", QOS, 0.0, "nodes of a lockstep"
 )
 _COUNTS = "tombo_msgs/msg/LockstepCounts"
-_SECOND_NS = 1_000_000_000
 _TIME = struct.Struct("<iI")
 _LOOK_NS = 100_000_000
 """How often a node that waits looks at its parameters and whether it is to end."""
@@ -85,7 +85,7 @@ class _Counts:
         self._field = self._template.field("counts", number) if number else None
 
     def encode(self, stamp_ns: int, counts: Sequence[int]) -> bytes:
-        self._template.write(_TIME, self._stamp, *divmod(stamp_ns, _SECOND_NS))
+        self._template.write(_TIME, self._stamp, *divmod(stamp_ns, SECOND_NS))
         if self._field is not None:
             self._field.put(counts)
         return self._template.data()
@@ -93,7 +93,7 @@ class _Counts:
     def decode(self, data: bytes) -> tuple[int, tuple[int, ...]]:
         seconds, rest = _TIME.unpack_from(data, self._stamp)
         counts = self._field.of(data) if self._field is not None else ()
-        return seconds * _SECOND_NS + rest, counts
+        return seconds * SECOND_NS + rest, counts
 
 
 class LockstepMember:

@@ -25,6 +25,7 @@ from rclpy.utilities import ok
 
 from tombo_bag.topics import CLOCK, TopicSpec
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_ros.conversion import to_ns
 from tombo_ros.health import ERROR, WARN, Health
 from tombo_ros.lockstep import LockstepError, lockstep_spec
@@ -39,7 +40,6 @@ from tombo_ros.pacing import (
 from tombo_ros.record_parameters import RecordParameters
 from tombo_ros.topic import PolledSubscription, TopicPublisher
 
-SECOND_NS = 1_000_000_000
 _LOOK_NS = SECOND_NS // 2
 _SETTLE_NS = 2 * SECOND_NS
 """Discovery and first calls; the statistics of a loop begin after it."""

@@ -11,8 +11,9 @@ import threading
 import time
 from dataclasses import dataclass
 
+from tombo_dynamics.time_base import SECOND_NS
+
 _TIMER_ABSTIME = 1
-_SECOND_NS = 1_000_000_000
 
 
 class _Timespec(ctypes.Structure):
@@ -31,7 +32,7 @@ def sleep_until(deadline_ns: int) -> None:
 
     To an absolute time, so lateness of one run does not shift the next (clock_nanosleep(2)).
     """
-    seconds, rest = divmod(deadline_ns, _SECOND_NS)
+    seconds, rest = divmod(deadline_ns, SECOND_NS)
     _nanosleep(time.CLOCK_MONOTONIC, _TIMER_ABSTIME, ctypes.byref(_Timespec(seconds, rest)), None)
 
 

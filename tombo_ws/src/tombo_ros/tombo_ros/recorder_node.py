@@ -22,6 +22,7 @@ from tombo_bag.schemas import type_hash
 from tombo_bag.sequence_counter import SequenceCounter
 from tombo_bag.topics import CLOCK, TOPICS
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_ros.health import ERROR
 from tombo_ros.lockstep import UNCOUNTED, LockstepMember, lockstep_spec
 from tombo_ros.node_loop import LoopNode, run
@@ -29,7 +30,6 @@ from tombo_ros.pacing import RECORDER
 from tombo_ros.qos import profile
 from tombo_ros.topic import PolledGroup, ReceivedMessage, message_class
 
-SECOND_NS = 1_000_000_000
 POLLS_HZ = 200.0
 DEPTH = 4000
 """Messages a topic may be behind: four seconds at 1 kHz."""

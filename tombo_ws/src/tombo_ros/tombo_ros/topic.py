@@ -11,10 +11,10 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
 from tombo_bag.topics import TopicSpec
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_ros.qos import profile
 
-_SECOND_NS = 1_000_000_000
-_GRACE_NS = 3 * _SECOND_NS
+_GRACE_NS = 3 * SECOND_NS
 
 
 def message_class(typename: str) -> Any:
@@ -139,7 +139,7 @@ class PolledSubscription:
         here: it keeps a killed publisher for 20 s.)
         """
         first, second = self._turned_ns
-        return first > 0 and second - first < _SECOND_NS and now_ns - second < _SECOND_NS
+        return first > 0 and second - first < SECOND_NS and now_ns - second < SECOND_NS
 
     def take(self) -> list[ReceivedMessage]:
         """Return all messages that have arrived, oldest first."""

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from tombo_bag.flight_time import EPOCH_NS
 from tombo_bag.message_codec import MessageCodec
 from tombo_bag.message_template import MessageTemplate
 from tombo_bag.topics import BATTERY, CLOCK, IMU, MISSION_STATUS, ROTOR_COMMAND, TopicSpec
 from tombo_control.autopilot import IDLE
 from tombo_dynamics.plant import P
+from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 from tombo_ros.conversion import to_time
 from tombo_ros.health import ERROR
 from tombo_ros.lockstep import LockstepError, LockstepMaster, take_until
@@ -29,7 +29,7 @@ from tombo_ros.topic import PolledSubscription
 from tombo_sim.failsafe import Failsafe
 from tombo_sim.flight_end import FlightEndDetector
 from tombo_sim.simulator import Simulator
-from tombo_sim.vehicle_node import TICK_NS, VehicleNode
+from tombo_sim.vehicle_node import VehicleNode
 
 _BATTERY_TICKS = 100
 _PATIENCE_NS = 200_000_000

@@ -35,10 +35,10 @@ from tombo_bag.mcap_sink import McapSink
 from tombo_bag.message_template import MessageTemplate
 from tombo_bag.reader import Bag
 from tombo_bag.topics import CLOCK, TOPICS, TopicSpec
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_ros.pacing import sleep_until
 from tombo_ros.topic import PolledSubscription, TopicPublisher
 
-SECOND_NS = 1_000_000_000
 _CLOCK_NS = 1_000_000
 """`/clock` moves on at least so often, in the nodes' time."""
 _LEAD_NS = SECOND_NS // 2

@@ -11,10 +11,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from tombo_bag.flight_time import EPOCH_NS
 from tombo_bag.recording import Recording
 from tombo_control.autopilot import IDLE
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.time_base import EPOCH_NS
 from tombo_flight.flight import as_flown
 from tombo_flight.flight_from_bag import RECORD, flight_from_bag
 from tombo_flight.flight_output import (

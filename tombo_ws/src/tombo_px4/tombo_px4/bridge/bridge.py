@@ -20,6 +20,7 @@ from tombo_control.pose_check import check_pose
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import PositionSetpoint
 from tombo_dynamics.rotation import yaw_pitch_roll
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
 from tombo_px4.bridge.decoded_messages import (
     Battery,
@@ -61,25 +62,24 @@ from tombo_px4.link.message_rates import MessageRates
 from tombo_px4.link.parameter_reader import ParameterReader
 from tombo_px4.link.timesync import TimeSync
 
-_SECOND_NS = 1_000_000_000
-_HEARTBEAT_NS = _SECOND_NS
-_TIMESYNC_NS = _SECOND_NS // 10
-_LOOK_NS = _SECOND_NS // 5
+_HEARTBEAT_NS = SECOND_NS
+_TIMESYNC_NS = SECOND_NS // 10
+_LOOK_NS = SECOND_NS // 5
 """The checks are made so often."""
-_ASK_NS = 3 * _SECOND_NS
+_ASK_NS = 3 * SECOND_NS
 """Messages that come too seldom are asked for again so often."""
 _TOO_SLOW, _MAX_INTERVAL_REQUESTS = 0.6, 5
 _SLOW_SHARE = 0.4
 """Less than this share of the rate asked for is a fault."""
-_SETTLE_NS = 4 * _SECOND_NS
+_SETTLE_NS = 4 * SECOND_NS
 _STATE_HZ, _BATTERY_HZ, _ESTIMATOR_HZ = 10.0, 2.0, 5.0
-_HEARTBEAT_REQUEST_NS = _SECOND_NS // 4
+_HEARTBEAT_REQUEST_NS = SECOND_NS // 4
 """A heartbeat older than this is asked for while something is to be confirmed, and in flight: PX4
 sends one a second and refuses another interval, so that an order would be confirmed late."""
-_FROZEN_NS = 2 * _SECOND_NS
+_FROZEN_NS = 2 * SECOND_NS
 """PX4 calls a vehicle airborne that still stands and spools up."""
-_REBOOT_NS = _SECOND_NS
-_SET_BACK_NS = _SECOND_NS // 2
+_REBOOT_NS = SECOND_NS
+_SET_BACK_NS = SECOND_NS // 2
 
 
 @dataclass(frozen=True)
@@ -237,7 +237,7 @@ class Bridge:
 
     def _take_system_status(self, found: SystemStatus) -> None:
         self._system = found
-        if found.battery.arrival_ns - self._battery_ns > 2 * _SECOND_NS:
+        if found.battery.arrival_ns - self._battery_ns > 2 * SECOND_NS:
             self._out.battery.append(found.battery)
 
     def _say(self, text: StatusText) -> None:
@@ -260,7 +260,7 @@ class Bridge:
         """Make odometry of position and attitude where PX4 sends no ODOMETRY."""
         attitude = self._attitude
         silent = self._odometry is None or (
-            found.arrival_ns - self._odometry.arrival_ns > _SECOND_NS
+            found.arrival_ns - self._odometry.arrival_ns > SECOND_NS
         )
         # once made so, it stays so until ODOMETRY comes
         if attitude is None or not (silent or self._odometry_from_parts):
@@ -332,7 +332,7 @@ class Bridge:
             return why
         if now_ns - stamp_ns > self.params.pose_age_max * 1e9:
             return "late"
-        if self.pose_stamp_ns - _SECOND_NS < stamp_ns <= self.pose_stamp_ns:
+        if self.pose_stamp_ns - SECOND_NS < stamp_ns <= self.pose_stamp_ns:
             return "out_of_order"
         return ""
 
@@ -541,7 +541,7 @@ class Bridge:
     def _present(self, now_ns: int) -> PositionSetpoint | None:
         """Return the vehicle's own position as a set point; None if it is not known."""
         odometry = self._odometry
-        if odometry is None or now_ns - odometry.arrival_ns > _SECOND_NS:
+        if odometry is None or now_ns - odometry.arrival_ns > SECOND_NS:
             return None
         zero = np.zeros(3)
         yaw = float(yaw_pitch_roll(odometry.attitude)[0])

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common
 
+from tombo_dynamics.time_base import TICK_NS
 from tombo_px4.bridge.bridge_params import ODOMETRY
 from tombo_px4.hil.motor_mapping import MotorMapping
 from tombo_px4.hil.params import HilParams
@@ -31,7 +32,7 @@ SLOW_SENSORS_EVERY = 5
 """Messages from one with all sensors to the next: 50 Hz of 250."""
 _FIX_3D, _SATELLITES = 3, 14
 _EPH_CM, _EPV_CM = 70, 110
-TICK_US = 1000
+TICK_US = TICK_NS // 1000
 Watch = Callable[[Simulator], None]
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.link.address import Address, Url
 
 Clock = Callable[[], int]
@@ -18,7 +19,6 @@ CHUNK = 4096
 """Most bytes of a stream that are read at once."""
 
 _ROOM = 1 << 18
-_SECOND_NS = 1_000_000_000
 
 
 class Packet(NamedTuple):
@@ -74,7 +74,7 @@ class Transport(Protocol):
 class RetryTimer:
     """When to try again, by a clock that may be set back."""
 
-    def __init__(self, clock: Clock, period_ns: int = _SECOND_NS // 2) -> None:
+    def __init__(self, clock: Clock, period_ns: int = SECOND_NS // 2) -> None:
         self._clock = clock
         self._period_ns = period_ns
         self._last_ns: int | None = None

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
+from tombo_dynamics.time_base import TICK_NS
 from tombo_px4.frames import GeoOrigin
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.protocol.mavlink_channel import MavlinkChannel
@@ -21,7 +22,6 @@ from tombo_px4.protocol.telemetry import Telemetry
 if TYPE_CHECKING:
     from tombo_px4.autopilot.vehicle import Px4Vehicle
 
-TICK_NS = 1_000_000
 _MOST_TICKS = 25
 """Ticks that one call flies; the caller comes back for the rest."""
 _MOST_MESSAGES = 100

@@ -5,7 +5,8 @@ from __future__ import annotations
 import select
 from collections.abc import Callable
 
-from tombo_px4.protocol.endpoint import TICK_NS, Endpoint
+from tombo_dynamics.time_base import TICK_NS
+from tombo_px4.protocol.endpoint import Endpoint
 
 Clock = Callable[[], int]
 _SLIP_NS = 200_000_000
