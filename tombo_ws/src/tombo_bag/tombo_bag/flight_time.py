@@ -1,4 +1,4 @@
-"""Flight time [s] as the integer times [ns] of messages."""
+"""Time base and metadata record of a recorded flight."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_dynamics.time_base import EPOCH_NS
+
+FLIGHT_METADATA = "tombo_flight"
+"""Metadata record with the scenario, the events and the epoch of a flight."""
 
 
 def nanoseconds(times_s: Any) -> NDArray[np.int64]:

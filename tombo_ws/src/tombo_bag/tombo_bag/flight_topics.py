@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from tombo_bag.columnar_cdr import layout
 from tombo_bag.flight_events import EventMessages, event_messages
-from tombo_bag.flight_time import nanoseconds, split_stamps
+from tombo_bag.flight_time import FLIGHT_METADATA, nanoseconds, split_stamps
 from tombo_bag.mcap_sink import Columns, McapSink
 from tombo_bag.message_codec import MessageCodec, records_of
 from tombo_bag.qos import EVENT, SENSOR, STATE, Qos
@@ -108,7 +108,7 @@ def write_flight(sink: McapSink, record: Flight) -> None:
         InputError: columns of different length.
     """
     sink.add_metadata(
-        "tombo_flight",
+        FLIGHT_METADATA,
         {
             "epoch_ns": str(EPOCH_NS),
             "scenario": json.dumps(record.scenario, sort_keys=True, default=_plain),
@@ -132,7 +132,7 @@ def write_flight(sink: McapSink, record: Flight) -> None:
     writer.odometry("/ground_truth/odometry", "position", "attitude", "velocity", "rates", SENSOR)
     writer.rotors()
     writer.contact()
-    for messages in event_messages(record.events, record.scenario, record.t, writer.mode()):
+    for messages in event_messages(record.events, record.scenario, record.t, writer.phases()):
         if messages.topic not in record.published:
             writer.events(messages)
     sink.write_columns(*writer.parts)
@@ -153,7 +153,7 @@ class _FlightWriter:
             return None
         return np.asarray(values, np.float64).reshape(-1, width)
 
-    def mode(self) -> NDArray[np.int64] | None:
+    def phases(self) -> NDArray[np.int64] | None:
         values = self.column("mode", 1)
         return None if values is None else values[:, 0].astype(np.int64)
 
@@ -180,7 +180,7 @@ class _FlightWriter:
 
     def runs(self, rate_hz: int) -> Any:
         """Return the ticks in which a loop of the controller ran: the first of each slot."""
-        phases = self.mode()
+        phases = self.phases()
         if phases is None or not self.record.published:
             return self.every(rate_hz)
         flying = np.flatnonzero((phases != Phase.IDLE) & (phases != Phase.LANDED))
@@ -300,11 +300,11 @@ class _FlightWriter:
             fed = self.column(f"{field}_setpoint", 3)
             if fed is not None:
                 _vector(records, field, fed[every])
-        attitude, mode = self.column("attitude_setpoint", 4), self.mode()
+        attitude, phases = self.column("attitude_setpoint", 4), self.phases()
         if attitude is not None:
             records["yaw"] = heading(attitude[every])
-        if mode is not None:
-            records["phase"] = mode[every]
+        if phases is not None:
+            records["phase"] = phases[every]
 
     def attitude_setpoint(self) -> None:
         attitude = self.column("attitude_setpoint", 4)

@@ -28,9 +28,9 @@ CORES: tuple[type[Core], ...] = (
 PX4_REPLACES = (EstimatorCore, ControllerCore)
 """Cores whose place PX4 and the bridge to it take."""
 SENSORS = ("/mocap/pose", "/imu/data_raw")
-"""What the simulator senses and cores take."""
+"""Topics that the simulator publishes and cores take."""
 COMMAND = "/rotor_command"
-"""What the simulator takes."""
+"""Topic that the simulator takes."""
 
 
 def records_of(core: type[Core], scenario: Scenario) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""A PX4 that is not there, as a node: autopilot and vehicle behind MAVLink, and their mocap.
+"""The simulated PX4 as a node: autopilot and vehicle behind MAVLink, and the motion capture.
 
 It takes no rotor commands: whoever flies it does so over its links, as over those of a real PX4.
 Poses of the motion capture leave by ROS alone; PX4 hears of them from the bridge. Real time only.
@@ -28,7 +28,7 @@ _BEHIND_NS = 500_000_000
 """Further behind than this, or ahead, the flight's clock is set anew: a stop that PX4's own clock
 would not know. Less is made up for within a tenth of a second, as when other nodes start."""
 _WARNING = 4
-"""Severity of a text; the more severe the lower."""
+"""Severity of a text; lower is more severe."""
 _MOST_TICKS = 20
 """In one run of the loop; links are read between."""
 
@@ -111,7 +111,7 @@ class Px4SimNode(VehicleNode):
         return table
 
     def _warm_up(self) -> None:
-        """Load all compiled code now: not when it is needed."""
+        """Load all compiled code before the flight."""
         spare = Px4Vehicle(self.world, 0, ParameterTable())
         for _ in range(10):
             spare.step()
@@ -124,7 +124,7 @@ class Px4SimNode(VehicleNode):
         super().spin()
 
     def step(self, now_ns: int) -> None:
-        """Go on to the present, and answer what has come over the links."""
+        """Fly up to now, and answer the messages of the links."""
         assert self._began_ns is not None
         behind_ns = now_ns - self._began_ns - self.vehicle.tick * TICK_NS
         if abs(behind_ns) > _BEHIND_NS:
@@ -138,7 +138,7 @@ class Px4SimNode(VehicleNode):
         self._log_status_texts()
 
     def _slip(self, behind_ns: int) -> None:
-        """Let the flight's clock go on from here: what was lost is not made up for."""
+        """Set the flight's clock to now: missed ticks are dropped."""
         assert self._began_ns is not None
         self._began_ns += behind_ns
         self._slipped += 1
@@ -156,7 +156,7 @@ class Px4SimNode(VehicleNode):
         self._endpoint.statustext.said.clear()
 
     def report(self, now_ns: int) -> None:
-        """Add what autopilot and links say."""
+        """Add the state of autopilot and links."""
         vehicle = self.vehicle
         self.health.value("armed", vehicle.armed)
         self.health.value("mode", mode_name(vehicle.mode))
@@ -169,7 +169,7 @@ class Px4SimNode(VehicleNode):
         super().report(now_ns)
 
     def close(self) -> None:
-        """Let go of the links."""
+        """Close the links."""
         for link in self._links.values():
             link.close()
 

@@ -1,4 +1,4 @@
-"""Plays a file of recorded inputs to the suite's nodes over DDS and writes down what they answer.
+"""Plays recorded inputs to the suite's nodes over DDS and records their answers.
 
     python -m tombo_flight.replay.replay_node JOB
 
@@ -40,7 +40,7 @@ from tombo_ros.pacing import sleep_until
 from tombo_ros.topic import PolledSubscription, TopicPublisher
 
 _CLOCK_NS = 1_000_000
-"""`/clock` moves on at least so often, in the nodes' time."""
+"""Longest step of `/clock`, in the nodes' time."""
 _LEAD_NS = SECOND_NS // 2
 """The clock begins so long before the first message, and goes on so long after the last."""
 _DEPTH = 5000
@@ -51,7 +51,7 @@ _MAX_MISSED = 4
 
 
 class ResponseTracker:
-    """How far a node is with what it was sent."""
+    """Tracks which messages a node has answered."""
 
     def __init__(self, asked: str, said: str, share: int, most: int, at_once: bool) -> None:
         """Begin.
@@ -73,14 +73,14 @@ class ResponseTracker:
         self._in_vain = 0
 
     def sent(self, now_ns: int) -> None:
-        """Take note of a message."""
+        """Record a sent message."""
         if self._share:
             self._behind += 1
         elif self._now_ns is not None:
             self._behind = now_ns - self._now_ns
 
     def came(self, message: bytes) -> None:
-        """Take note of an answer."""
+        """Record an answer."""
         seconds, rest = struct.unpack_from("<iI", message, 4)
         self._now_ns = seconds * SECOND_NS + rest
         self._in_vain = 0
@@ -106,7 +106,7 @@ class ResponseTracker:
 
 
 class Player:
-    """The rest of the world, as it was recorded."""
+    """Publishes the recorded inputs and records the answers."""
 
     def __init__(
         self,
@@ -209,7 +209,7 @@ class Player:
         return waited if waited > 200_000 else 0
 
     def subscribe(self) -> None:
-        """Write down what has come."""
+        """Record the messages received."""
         for name, source in self._inputs.items():
             for taken in source.take_raw():
                 self._sink.write(self._channels[name], taken.message, self.now_ns)

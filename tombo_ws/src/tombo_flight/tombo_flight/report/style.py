@@ -1,4 +1,4 @@
-"""How the figures look. Okabe and Ito's colours, told apart by every kind of colour vision."""
+"""Style of the figures. Okabe and Ito's colours, which colour-blind readers can tell apart."""
 
 from __future__ import annotations
 

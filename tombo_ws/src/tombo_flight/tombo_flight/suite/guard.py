@@ -1,4 +1,4 @@
-"""Outlives a supervisor that is killed, and ends what that leaves behind.
+"""Ends the nodes of a supervisor that was killed.
 
     python -I -S guard.py < PIPE
 

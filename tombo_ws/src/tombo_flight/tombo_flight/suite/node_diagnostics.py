@@ -1,4 +1,4 @@
-"""How the nodes are, as far as they say so on `/diagnostics`."""
+"""The last diagnostics of each node, from `/diagnostics`."""
 
 from __future__ import annotations
 

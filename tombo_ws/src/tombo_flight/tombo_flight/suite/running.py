@@ -1,4 +1,4 @@
-"""The suite in the air: its processes, what they say, and how far the flight is."""
+"""The running suite: its processes, their messages, and the state of the flight."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The simulated vehicle on its MAVLink links: takes what comes, flies, tells how it is.
+"""The simulated vehicle on its MAVLink links: receives, flies, sends telemetry.
 
 Time comes in: `boot_ns` since the vehicle's start, `wall_ns` of the clock that the links stamp
 arrivals with.
@@ -64,7 +64,7 @@ class Endpoint:
         self._boot_ns = 0
 
     def advance(self, boot_ns: int, wall_ns: int) -> None:
-        """Take what has come, fly up to now, send what is due.
+        """Handle received messages, fly up to now, send what is due.
 
         The work of one call is bounded: a flood, or a vehicle that lags behind, takes several.
 
@@ -96,7 +96,7 @@ class Endpoint:
         return min(port.next_ns() for port in self.channels)
 
     def say(self, severity: int, text: str) -> None:
-        """Tell everybody something that the vehicle does not know itself."""
+        """Send a text on all links that does not come from the vehicle."""
         self.statustext.say(severity, text, self.vehicle.boot_us)
 
     def _receive(self, boot_ns: int, wall_ns: int) -> list[RoutedMessage]:
@@ -133,7 +133,7 @@ class Endpoint:
         return min(port.streams.next_us for port in self.channels)
 
     def _report_changes(self) -> None:
-        """Say what the vehicle says. A new mode waits for the next HEARTBEAT, as PX4's does."""
+        """Send the vehicle's texts. A new mode waits for the next HEARTBEAT, as in PX4."""
         vehicle = self.vehicle
         for severity, text in vehicle.take_status_texts():
             self.statustext.say(severity, text, vehicle.boot_us)

@@ -1,4 +1,4 @@
-"""One link of the endpoint, and what is kept for it."""
+"""One link of the endpoint and its state."""
 
 from __future__ import annotations
 
@@ -57,14 +57,14 @@ class MavlinkChannel:
         self._next_request_ns = 0
 
     def heard(self, peer: Any, boot_us: int) -> None:
-        """Note who speaks."""
+        """Record the sender of a message."""
         if not self._has_partner:
             self._partner, self._has_partner = peer, True
         if peer == self._partner:
             self._heard_us = boot_us
 
     def maintain(self, boot_us: int) -> None:
-        """Let go of a partner that has gone."""
+        """Drop a partner that has gone."""
         if self._has_partner and boot_us - self._heard_us > _SILENCE_US:
             self._partner, self._has_partner = self._home, False
 
