@@ -4,7 +4,7 @@ In each tick of 1 ms the simulator publishes what it senses and tells each node 
 many messages it shall have on each input, counted since the start. The node waits until they are
 there, takes exactly these, steps, publishes, and answers with how many it has published. The
 simulator goes on when all have answered. Topics are reliable and keep what a late subscriber has
-not seen, so no message is lost; who waits in vain says for what, and ends.
+not seen, so no message is lost; a wait without result ends in an error that names the messages.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _READY = TopicSpec(
 _COUNTS = "tombo_msgs/msg/LockstepCounts"
 _TIME = struct.Struct("<iI")
 _LOOK_NS = 100_000_000
-"""How often a node that waits looks at its parameters and whether it is to end."""
+"""Period at which a waiting node checks its parameters and whether to end."""
 
 
 class LockstepError(Exception):
@@ -44,7 +44,7 @@ class LockstepError(Exception):
 
 
 UNCOUNTED = (DIAGNOSTICS.name, MARKERS.name, TF.name, CLOCK.name)
-"""Topics outside of the lockstep: nothing that flies takes them."""
+"""Topics outside of the lockstep: no core takes them."""
 
 
 def lockstep_spec(spec: TopicSpec) -> TopicSpec:
@@ -97,7 +97,7 @@ class _Counts:
 
 
 class LockstepMember:
-    """A node's end: waits for ticks, collects what belongs to them, answers."""
+    """A node's side: waits for ticks, collects their messages, answers."""
 
     def __init__(
         self,
@@ -199,7 +199,7 @@ def take_until(
 
 @dataclass
 class _Member:
-    """What the simulator knows of a node."""
+    """State of a node, kept by the simulator."""
 
     name: str
     inputs: tuple[str, ...]
@@ -214,7 +214,7 @@ class _Member:
 
 
 class LockstepMaster:
-    """The simulator's end: says who is due, and waits for the answers."""
+    """The simulator's side: tells which nodes are due, and waits for the answers."""
 
     def __init__(self, node: LoopNode, names: Sequence[str]) -> None:
         """Advertise the ticks of some nodes."""

@@ -1,4 +1,4 @@
-"""A node that is one loop: it takes what has come, thinks and publishes, at absolute deadlines.
+"""A node that is one loop: it takes messages, computes and publishes, at absolute deadlines.
 
 In real time the loop runs at absolute deadlines in the main thread. With `use_sim_time` it runs
 when `/clock` moves or a message has come. Parameter services live in a thread of their own that
@@ -53,11 +53,11 @@ class LoopNode(ABC):
     """One node: subclass it, take inputs and publish in `step`."""
 
     catches_up = False
-    """True: deadlines missed are made up for; False: they are left out."""
+    """True: missed deadlines are run later; False: they are skipped."""
     runs_on_message = True
     """In simulated time: True runs the loop for each message too, False at its rate alone."""
     publishes_clock = False
-    """True: this node is the one that says what time it is; it runs by the wall's clock."""
+    """True: this node publishes /clock; it runs by the wall clock."""
 
     def __init__(
         self,
@@ -73,7 +73,7 @@ class LoopNode(ABC):
             name: of the node.
             rate_hz: of the loop.
             records: section -> record whose fields become parameters.
-            priority: place in front of the queue to ask the system for; real time only.
+            priority: real-time priority to request; not in simulated time.
 
         Raises:
             InputError: a parameter given at the start is refused.
@@ -149,13 +149,13 @@ class LoopNode(ABC):
         """Run the loop once, at ROS time `now_ns`."""
 
     def on_parameters_changed(self, name: str) -> None:  # noqa: B027 - a hook
-        """Take note that a section, or a parameter of the node's own, was set."""
+        """Hook: a section, or a parameter of the node's own, was set."""
 
     def close(self) -> None:  # noqa: B027 - a hook
-        """Say last words."""
+        """Hook: called at the end."""
 
     def stop(self) -> None:
-        """Let the loop end after this run."""
+        """End the loop after this run."""
         self._stopping = True
 
     def now_ns(self) -> int:
@@ -254,7 +254,7 @@ class LoopNode(ABC):
         return self._now_ns != before
 
     def _input_waiting(self) -> bool:
-        """Return whether any input has something: looked at without taking it."""
+        """Return whether any input has a message, without taking it."""
         return self.runs_on_message and any(found.waiting() for found in self._inputs)
 
     def periodic_tasks(self, wall_ns: int, now_ns: int) -> None:
@@ -288,7 +288,7 @@ class LoopNode(ABC):
         self.health.send(now_ns, loops)
 
     def _serve(self) -> None:
-        """Answer parameter calls; asleep but for them."""
+        """Answer parameter calls; sleeps between them."""
         try:
             while not self.stopping:
                 self._executor.spin_once(timeout_sec=0.5)

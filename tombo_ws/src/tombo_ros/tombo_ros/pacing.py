@@ -1,4 +1,4 @@
-"""Waiting for an absolute time, and a place in front of the queue for loops that must not wait."""
+"""Sleeping until an absolute time, and real-time priority for loops."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def sleep_until(deadline_ns: int) -> None:
 
 @dataclass(frozen=True)
 class Priority:
-    """Places of a process's threads under SCHED_FIFO; 0: none is asked for."""
+    """Priorities of a process's threads under SCHED_FIFO; 0: none is requested."""
 
     loop: int = 0
     transport: int = 0
@@ -79,7 +79,7 @@ def request_realtime_priority(wanted: Priority, leave_out: set[int]) -> str:
 
 
 def freeze_garbage() -> None:
-    """Keep the garbage collector out of the loop: what is there stays, the young is looked at."""
+    """Keep the garbage collector out of the loop: only new objects are collected."""
     gc.collect()
     gc.freeze()
     gc.disable()

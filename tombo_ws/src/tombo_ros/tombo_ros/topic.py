@@ -132,7 +132,7 @@ class PolledSubscription:
             item = self._take(self.kind, True)
 
     def multiple_publishers(self, now_ns: int) -> bool:
-        """Return whether two publishers have spoken here within the last second.
+        """Return whether two publishers have published here within the last second.
 
         A publisher numbers its messages. One that was restarted makes the numbers fall once; of
         two that speak in turn they fall again and again. (The middleware's own count is of no use

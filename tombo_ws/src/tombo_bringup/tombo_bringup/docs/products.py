@@ -1,4 +1,4 @@
-"""What `make docs` writes: each product, how it is made, and what it depends on."""
+"""The products of `make docs`: how each is made, and what it depends on."""
 
 from __future__ import annotations
 

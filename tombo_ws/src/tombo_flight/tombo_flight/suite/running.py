@@ -39,7 +39,7 @@ class SuiteConfig:
 
     Attributes:
         scenario: what to fly.
-        seed: of the simulator's chance.
+        seed: of the simulator's random draws.
         folder: of parameters and logs; made when it isn't there, refused when there is something.
         recording: parameters of the recorder.
         without: nodes to leave out.

@@ -58,7 +58,7 @@ def run_and_tell(
     Args:
         run: (cases, seed, workers, progress, stop) to a BenchmarkResult.
         cases: how many.
-        seed: of all chance.
+        seed: of all random draws.
         workers: processes.
         output: of the JSON.
         as_json: print that, and nothing else.

@@ -40,7 +40,7 @@ def fly_px4(
 
     Args:
         scenario: what to fly.
-        seed: of the simulator's chance.
+        seed: of the simulator's random draws.
         path: folder of the results.
         may_replace: results that are there are replaced.
         as_json: print the summary as JSON, and nothing else.
@@ -90,7 +90,7 @@ def fly_px4(
 def confirm_arming(
     connection: Px4Connection, scenario: Scenario, stop: StopSignals, *, yes: bool
 ) -> bool:
-    """Say what is about to be armed, and ask.
+    """Print what is about to be armed, and ask.
 
     Raises:
         InputError: there is nothing to arm, or nobody to ask.

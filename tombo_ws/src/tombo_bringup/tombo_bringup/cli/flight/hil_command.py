@@ -1,4 +1,4 @@
-"""`tombo hil`: the simulator of a real PX4, until somebody stops it."""
+"""`tombo hil`: the simulator of a real PX4, until it is stopped."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def _feed(url: str) -> MocapFeed:
 def _introduction(
     one: HilSimulator, world: World, port: int, mocap: str | None, scenario: str, seed: int
 ) -> str:
-    """Return what waits here, and how PX4 is started for it."""
+    """Return the text at the start: the simulator, and the commands that start PX4."""
     from tombo_px4.hil.hil_start_help import airframe_parameters, mocap_parameters, start_commands
 
     parameters = airframe_parameters(world, one.flight)

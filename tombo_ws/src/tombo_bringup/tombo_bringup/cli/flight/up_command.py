@@ -1,4 +1,4 @@
-"""`tombo up`: the whole suite as processes, watched until somebody stops it."""
+"""`tombo up`: the whole suite as processes, until it is stopped."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def up(
 
 
 def _confirmed(connection: Px4Connection, scenario: Scenario, *, yes: bool) -> bool:
-    """Say what is at the other end of the link, and ask whether it may be armed."""
+    """Print which vehicle is at the other end of the link, and ask whether it may be armed."""
     from tombo_bringup.cli.flight.fly_px4 import confirm_arming
     from tombo_flight.process.stop_signals import Stopped, StopSignals
 
