@@ -138,7 +138,7 @@ def fly_nodes_and_save(
     Args:
         folder: where the files go; the caller publishes it.
         scenario: what to fly; `warm_up_nodes` first.
-        seed: of the simulator's random draws. The nodes run in real time, so no two flights are equal.
+        seed: of the simulator's random draws. In real time no two flights are equal.
         stop: a wish to stop ends the flight; what was flown is kept.
         speed: of simulated time against real time.
         lockstep: run the ticks of the headless flight, as fast as the machine can.
