@@ -198,7 +198,7 @@ class Px4BridgeNode(LoopNode):
     def _take_requests(self) -> None:
         while self._waiting:
             kind, future = self._waiting.popleft()
-            self._pending_requests[self._bridge.ask(kind)] = future
+            self._pending_requests[self._bridge.request(kind)] = future
 
     def _reply(self, bridge_output: BridgeOutput) -> None:
         for reply in bridge_output.replies:
@@ -417,7 +417,7 @@ class Px4BridgeNode(LoopNode):
             ):
                 asked_ns = now_ns
                 grounded = self._status.landed == MavLandedState.ON_GROUND
-                self._pending_requests[self._bridge.ask("disarm" if grounded else "land")] = (
+                self._pending_requests[self._bridge.request("disarm" if grounded else "land")] = (
                     Future()
                 )
             self._link.wait(_LANDING_STEP_S)

@@ -105,6 +105,7 @@ class Px4SimNode(VehicleNode):
             kind: Any = int if p.kind == "int32" else float
             default = kind(MOCAP_ONLY.get(p.name, p.default))
             text = f"{p.doc} [{p.unit}]" if p.unit else p.doc
+            text += "" if p.acts else "; without effect in this simulation"
             value = self.declare(f"px4.{p.name}", default, text, bounds=(p.low, p.high))
             if value != kind(p.default) and (refusal := table.set(p.name, value)):
                 raise InputError(f"px4.{refusal}")

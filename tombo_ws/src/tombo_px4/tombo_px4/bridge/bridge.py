@@ -242,7 +242,7 @@ class Bridge:
 
     def _say(self, text: StatusText) -> None:
         self._last_text = text.text
-        self.session.said(text)
+        self.session.handle_status_text(text)
         self._out.texts.append(text)
 
     def _take_odometry(self, found: VehicleOdometry) -> None:
@@ -351,13 +351,13 @@ class Bridge:
         """
         return self._stream.rotation(wanted, thrust, now_ns)
 
-    def ask(self, kind: str) -> int:
+    def request(self, kind: str) -> int:
         """Take an operator's request: arm, disarm, offboard, land, hold; return its number.
 
         The answer comes in `BridgeOutput.replies`, within some seconds.
         """
         self._requests += 1
-        self.session.ask(Request(self._requests, kind))
+        self.session.request(Request(self._requests, kind))
         return self._requests
 
     # --- What goes out ------------------------------------------------------------------------
@@ -370,7 +370,7 @@ class Bridge:
         self._now_ns = now_ns
         for text in self.message_decoder.take_expired(now_ns):
             self._last_text = text.text
-            self.session.said(text)
+            self.session.handle_status_text(text)
             out.texts.append(text)
         self._answer_timesync(now_ns, out)
         linked = self._follow_link(now_ns)

@@ -136,7 +136,7 @@ class Session:
         """A command was sent and is not yet confirmed by a heartbeat."""
         return self._transaction is not None or self._request_transaction is not None
 
-    def ask(self, request: Request) -> None:
+    def request(self, request: Request) -> None:
         """Take a request; the answer is in a later `Decision.replies`."""
         self._pending_requests.append(request)
 
@@ -146,7 +146,7 @@ class Session:
             if command_transaction is not None:
                 command_transaction.handle_ack(ack)
 
-    def said(self, text: StatusText) -> None:
+    def handle_status_text(self, text: StatusText) -> None:
         """Take a text of PX4."""
         self.recent_texts.take(text)
 
