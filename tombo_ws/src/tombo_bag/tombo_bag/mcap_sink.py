@@ -267,7 +267,7 @@ class McapSink:
 
         Args:
             final_records: returns metadata to write, name → values. Called when all messages are
-                written, and anew when messages had to give way.
+                written, and again when messages had to be removed.
         """
         if self.closed:
             return

@@ -1,7 +1,7 @@
 """The simulated PX4 as a node: autopilot and vehicle behind MAVLink, and the motion capture.
 
-It takes no rotor commands: whoever flies it does so over its links, as over those of a real PX4.
-Poses of the motion capture leave by ROS alone; PX4 hears of them from the bridge. Real time only.
+It takes no rotor commands: it is flown over its links, as a real PX4. Poses of the motion capture
+are published in ROS only; PX4 gets them from the bridge. Real time only.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from tombo_ros.node_loop import run
 from tombo_sim.vehicle_node import VehicleNode
 
 _BEHIND_NS = 500_000_000
-"""Further behind than this, or ahead, the flight's clock is set anew: a stop that PX4's own clock
-would not know. Less is made up for within a tenth of a second, as when other nodes start."""
+"""If it is behind or ahead by more, the flight's clock is set; a smaller delay, as when other
+nodes start, is caught up within a tenth of a second."""
 _WARNING = 4
 """Severity of a text; lower is more severe."""
 _MOST_TICKS = 20
-"""In one run of the loop; links are read between."""
+"""Most ticks in one run of the loop; links are read between the runs."""
 
 
 class Px4SimNode(VehicleNode):

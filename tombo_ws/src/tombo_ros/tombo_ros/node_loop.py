@@ -1,9 +1,8 @@
 """A node that is one loop: it takes messages, computes and publishes, at absolute deadlines.
 
 In real time the loop runs at absolute deadlines in the main thread. With `use_sim_time` it runs
-when `/clock` moves or a message has come. Parameter services live in a thread of their own that
-sleeps until somebody calls; they never touch the loop's topics. docs/nodes.md has the measurements
-that led here.
+when `/clock` moves or a message has come. Parameter services have a thread of their own that
+sleeps until a call comes; they never touch the loop's topics. docs/nodes.md has the measurements.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ class OutputFolder:
         """Move the written files into the folder, in place of those of an earlier run.
 
         Raises:
-            InputError: the folder has been filled by somebody else meanwhile.
+            InputError: another program has filled the folder meanwhile.
             OSError: it can't be written any more.
         """
         if not self._inside:

@@ -77,7 +77,7 @@ class StopSignals:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Leave signals to whoever watched them before.
+        """Restore the signal handlers.
 
         Except SIGHUP if that ended it: a second one must not kill the clean-up.
         """

@@ -42,12 +42,12 @@ from tombo_ros.topic import PolledSubscription, TopicPublisher
 _CLOCK_NS = 1_000_000
 """Longest step of `/clock`, in the nodes' time."""
 _LEAD_NS = SECOND_NS // 2
-"""The clock begins so long before the first message, and goes on so long after the last."""
+"""Time of the clock before the first message, and after the last."""
 _DEPTH = 5000
 _PATIENCE_NS, _FIRST_NS = SECOND_NS // 4, 5 * SECOND_NS
-"""Longest wait for an answer, and for the first, of the wall's clock."""
+"""Longest wait for an answer, and for the first one; wall time."""
 _MAX_MISSED = 4
-"""After so many answers waited for in vain in a row none is waited for any more."""
+"""After this many missing answers in a row, no answer is waited for."""
 
 
 class ResponseTracker:
@@ -57,8 +57,8 @@ class ResponseTracker:
         """Begin.
 
         Args:
-            asked: topic that the node listens to.
-            said: topic on which it answers.
+            asked: topic that the node takes.
+            said: topic of its answers.
             share: messages that one answer is for; 0: an answer's stamp tells how far the node is.
             most: messages, or ms, that it may be behind.
             at_once: it answers the first message, for which it may need longer.
@@ -70,7 +70,7 @@ class ResponseTracker:
         self._behind = 0
         self._first = at_once
         self._now_ns: int | None = None
-        self._in_vain = 0
+        self._missed = 0
 
     def sent(self, now_ns: int) -> None:
         """Record a sent message."""
@@ -83,7 +83,7 @@ class ResponseTracker:
         """Record an answer."""
         seconds, rest = struct.unpack_from("<iI", message, 4)
         self._now_ns = seconds * SECOND_NS + rest
-        self._in_vain = 0
+        self._missed = 0
         self._behind = max(self._behind - self._share, 0) if self._share else 0
 
     @property
@@ -91,16 +91,16 @@ class ResponseTracker:
         """Whether too much is unanswered."""
         if self._now_ns is None:
             return self._first
-        return self._in_vain < _MAX_MISSED and self._behind > self._most
+        return self._missed < _MAX_MISSED and self._behind > self._most
 
     @property
     def patience_ns(self) -> int:
-        """How long to wait for it, of the wall's clock."""
+        """Longest wait for the next answer, wall time."""
         return _FIRST_NS if self._now_ns is None else _PATIENCE_NS
 
     def skip_missing(self) -> None:
         """Go on without the answers that have not come: a message was lost."""
-        self._in_vain += 1
+        self._missed += 1
         self._behind = 0
         self._first = False
 
@@ -140,7 +140,7 @@ class Player:
         self.late_ns = 0
 
     def missing(self, listeners: dict[str, int]) -> list[str]:
-        """Return the topics that wait for somebody."""
+        """Return the topics without a subscriber or publisher."""
         deaf = [
             name
             for name, output in self._outputs.items()

@@ -10,7 +10,7 @@ from typing import Any, Final
 SILENT_S: Final = 3.0
 """A node that reports each second is called silent after this time."""
 MOCAP_AGE: Final = "mocap_age_s"
-"""Key of the age of the newest pose, in the report of whoever takes poses."""
+"""Key of the age of the newest pose, in the report of the nodes that take poses."""
 
 
 @dataclass(frozen=True)

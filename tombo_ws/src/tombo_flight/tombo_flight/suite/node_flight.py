@@ -63,7 +63,7 @@ class NodeFlight:
     Attributes:
         flight: as a headless one.
         died: nodes that ended by themselves.
-        warnings: (node, line) of their logs that somebody should see.
+        warnings: (node, line) of their logs: warnings and errors.
         left_armed: that the vehicle is armed still, and in what mode; empty: it is not.
     """
 
@@ -139,14 +139,14 @@ def fly_nodes_and_save(
         folder: where the files go; the caller publishes it.
         scenario: what to fly; `warm_up_nodes` first.
         seed: of the simulator's random draws. In real time no two flights are equal.
-        stop: a wish to stop ends the flight; what was flown is kept.
+        stop: a request to stop ends the flight; what was flown is kept.
         speed: of simulated time against real time.
         lockstep: run the ticks of the headless flight, as fast as the machine can.
         domain: ROS_DOMAIN_ID; None: one of its own, or with a vehicle that is there already that
             of this process.
         on_progress: told the progress.
         px4: fly over MAVLink.
-        notice: told what somebody at the terminal should know at once.
+        notice: called with texts that the user should see at once.
 
     Raises:
         InputError: `speed` or `domain` is out of bounds, or simulator or recorder did not run.
@@ -197,7 +197,7 @@ def _domain(px4: Px4Connection | None) -> int | None:
 def over_mavlink(px4: Px4Connection) -> dict[str, Any]:
     """Return the changes of a suite configuration that flies over MAVLink."""
     suite = dict(PX4_SUITE)
-    if px4.bridge.setpoint != POSITION:  # somebody has to make attitudes or rates
+    if px4.bridge.setpoint != POSITION:  # the controller computes attitudes or rates
         suite["controller"] = SUITE["controller"]
     return {
         "suite": suite,
@@ -251,7 +251,7 @@ def _fly(
     with RunningSuite(config) as suite:
         heard_s = began_s = time.monotonic()
         patience_s = _START_S
-        # in lockstep the simulator ends the flight: at its last tick, not when somebody looks
+        # in lockstep the simulator ends the flight at its last tick, whatever the monitor sees
         while config.lockstep or not watch.over or not (bridge is None or bridge.at_rest):
             news = suite.poll(_LOOK_S)
             flown.warnings += news.warnings

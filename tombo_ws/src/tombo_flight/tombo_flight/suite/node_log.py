@@ -90,7 +90,7 @@ class NodeLog:
                 file.seek(self._place)
                 data = file.read(_AT_ONCE)
                 self._place = file.tell()
-        except OSError:  # somebody has removed it
+        except OSError:  # the file was removed
             return []
         if size > _LARGEST:
             self._begin_anew()

@@ -59,7 +59,7 @@ def find_vehicle(
         The vehicle, None if it was stopped before.
 
     Raises:
-        InputError: the link can't be opened, nobody is there, or somebody else.
+        InputError: the link can't be opened, or there is no vehicle or another one.
     """
     link = Link(
         params.url,

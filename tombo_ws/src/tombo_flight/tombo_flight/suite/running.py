@@ -110,7 +110,7 @@ class SuiteUpdate:
 
     Attributes:
         ended: nodes that ended by themselves.
-        warnings: (node, line) that somebody should see.
+        warnings: (node, line) of the logs: warnings and errors.
         flight: the newest state of the flight, as the monitor tells it; None: no news.
         px4: the newest state of the bridge to PX4; None: no news.
     """

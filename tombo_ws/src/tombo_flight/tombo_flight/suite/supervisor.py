@@ -73,7 +73,7 @@ class ProcessUpdate:
 
     Attributes:
         ended: programs that have ended since the last look.
-        warnings: (name, line) of logs that somebody should see.
+        warnings: (name, line) of logs: warnings and errors.
         heard: (name, line) of programs that are listened to.
     """
 
@@ -210,7 +210,7 @@ class Supervisor:
         return _Child(program, process, log, pipe)
 
     def _read_pipes(self, wait_s: float) -> list[tuple[str, str]]:
-        """Wait until somebody speaks, at most so long, and return the whole lines."""
+        """Wait for output, at most so long, and return the whole lines."""
         pipes = {c.pipe: c for c in self._alive.values() if c.pipe is not None}
         ready, _, _ = select.select(list(pipes), [], [], wait_s)
         lines: list[tuple[str, str]] = []

@@ -74,7 +74,7 @@ class MotionCheck:
         self._gyro.append((stamp_ns, rates))
 
     def forget(self) -> None:
-        """Begin anew."""
+        """Forget all samples."""
         self._poses.clear()
         self._gyro.clear()
         self.verdict = None

@@ -1,8 +1,8 @@
 """State machine of the bridge: when it streams, arms, changes the mode and lands. Pure.
 
-Three rules stand above all. Only HEARTBEAT says what is so. A mode that somebody else chose is
-never fought. And nothing is armed twice for one take-off: after a flight, a lost link or a
-refusal the mission must have stood on the ground, or the operator must ask.
+Three rules. Only HEARTBEAT confirms a state. A mode that another station has chosen is never
+changed. The vehicle is armed once for one take-off: after a flight, a lost link or a refusal, the
+mission must have been on the ground, or the operator must ask.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ _DOWN = (LAND, BLIND)
 _GROUND = (IDLE, LANDED)
 _MODE_TRIES, _ARM_TRIES, _ASKED_TRIES = 3, 5, 2
 _STREAM_FIRST_NS = 1_000_000_000
-"""PX4 wants to see set points for so long before it takes OFFBOARD."""
+"""PX4 must have received set points for this time before it accepts OFFBOARD."""
 _OWN_ARMING_NS = 5_000_000_000
-"""A vehicle that arms so soon after our order was armed by it."""
+"""A vehicle that arms within this time after our command was armed by it."""
 _SELF_DISARM_NS = 4_000_000_000
-"""PX4 disarms 2 s after landing (COM_DISARM_LAND); after this we ask."""
+"""PX4 disarms 2 s after landing (COM_DISARM_LAND); after this the bridge disarms it."""
 
 _GRACE_NS = 3_000_000_000
 """Vehicle and bridge start in any order."""

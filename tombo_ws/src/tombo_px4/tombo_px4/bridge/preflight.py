@@ -1,7 +1,7 @@
 """Preflight checks: are the poses valid, does PX4 fuse them, and does its estimate follow?
 
-Wrong axes, wrong stamps and poses that are not fused are what labs lose their days on; each of
-them is silent in PX4. Here each is a `Finding`.
+PX4 reports nothing about wrong axes, wrong stamps and poses that it does not fuse. Here each of
+them is a `Finding`.
 """
 
 from __future__ import annotations
@@ -359,7 +359,7 @@ class Preflight:
     def _of_motion(
         self, now_ns: int, parameters: Mapping[str, float | int], flying: bool
     ) -> list[Finding]:
-        """Judge axes and delay from the last time somebody turned the vehicle by hand."""
+        """Return findings on axes and delay from the last rotation by hand."""
         if not flying and now_ns - self._judged_ns >= _WINDOW_NS:
             self._judged_ns = now_ns
             self.motion.judge(now_ns)

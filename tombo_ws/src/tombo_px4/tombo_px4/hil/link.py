@@ -150,8 +150,8 @@ class HilLink:
 
     def take_interval(self) -> float | None:
         """Return once the interval [us] that PX4 requested for HIL_STATE_QUATERNION."""
-        wish, self.interval_us = self.interval_us, None
-        return wish
+        interval_us, self.interval_us = self.interval_us, None
+        return interval_us
 
     def _read(self) -> bytes:
         """Return what has come; a connection that has ended is dropped."""

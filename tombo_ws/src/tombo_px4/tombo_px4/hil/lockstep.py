@@ -234,10 +234,10 @@ class HilSimulator:
     def _handle_missing_answer(self) -> None:
         """Count a step without an answer.
 
-        An armed PX4 that stands in a debugger must find little time gone, so time all but stands
-        still: a step a second. Waiting for ever would stop both if one answer was lost. Disarmed,
-        time goes on: in OFFBOARD without a stream of set points PX4 has no controls to send, and
-        without time it would never get out of there.
+        An armed PX4 that is stopped in a debugger must not miss much time, so the simulation runs
+        at one step a second. (If it waited for ever, one lost answer would stop both.) While PX4
+        is disarmed the simulation goes on: in OFFBOARD without a stream of set points PX4 sends no
+        controls, and it could not leave that state without time.
         """
         if not self._heard:
             self.boot_steps += 1

@@ -1,7 +1,7 @@
 """A link to a MAVLink partner: owns the socket or serial port, accepts only valid frames.
 
-Nothing here blocks, and nothing that comes in raises: what is refused is counted. A link belongs
-to one thread.
+Nothing here blocks, and no received bytes raise an exception: refused frames are counted. A link
+is for one thread.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class Link:
             key: 32 bytes: only signed messages go out and come in.
             link_id: number in our signatures, different on each link of one component.
             allow_remote: speak with other machines too.
-            default_peer: "HOST:PORT" to send to until somebody has spoken (udpin).
+            default_peer: "HOST:PORT" to send to before a peer is known (udpin).
 
         Raises:
             InputError: URL, busy port, unreachable host, another machine, ids, key.

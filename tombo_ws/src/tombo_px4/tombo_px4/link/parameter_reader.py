@@ -99,7 +99,7 @@ class ParameterReader:
         return all(n in self.values or self._spent(n) for n in self._names)
 
     def forget(self) -> None:
-        """Begin anew: another vehicle, or the same one started again."""
+        """Forget all values: another vehicle, or a restart of it."""
         self.values.clear()
         self._tries.clear()
         self._asked_ns.clear()

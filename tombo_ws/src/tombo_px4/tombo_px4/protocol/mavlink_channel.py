@@ -20,8 +20,8 @@ _SILENCE_US = 5_000_000
 class MavlinkChannel:
     """A link, its streams, the list of parameters under way, the partner and its clock.
 
-    The partner, who gets the streams, is whoever spoke first, until it has gone: nobody takes the
-    telemetry away from a client that flies. PX4 keeps its partner for ever.
+    The partner, which gets the streams, is the first sender, until it is silent for 5 s: another
+    client can't take the telemetry of the one that flies. PX4 keeps its partner for ever.
     """
 
     def __init__(

@@ -30,8 +30,8 @@ _NO_THRUST = mavlink.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE
 _NO_ATTITUDE = mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
 _FARTHEST_M = 1e5
 _FASTEST = 1e3
-"""Bound of velocities [m/s], accelerations [m/s^2], yaw [rad] and rates [rad/s]: a slip, not a
-wish."""
+"""Bound of velocities [m/s], accelerations [m/s^2], yaw [rad] and rates [rad/s];
+larger values are errors."""
 _GLOBAL_FRAMES = {
     mavlink.MAV_FRAME_GLOBAL: False,
     mavlink.MAV_FRAME_GLOBAL_INT: False,
