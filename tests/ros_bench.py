@@ -20,8 +20,9 @@ from typing import Any
 
 import pytest
 
+from tombo_dynamics.time_base import SECOND_NS
+
 _NUMBERS = itertools.count(os.getpid() % 60)
-SECOND_NS = 1_000_000_000
 FAILED = pytest.StashKey[bool]()
 
 

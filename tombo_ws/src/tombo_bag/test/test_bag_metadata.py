@@ -8,9 +8,9 @@ from tombo_bag.columnar_cdr import encode
 from tombo_bag.mcap_sink import McapSink
 from tombo_bag.qos import EVENT, SENSOR
 from tombo_bag.schemas import type_hash, type_store
+from tombo_dynamics.time_base import SECOND_NS
 
 STRING = "std_msgs/msg/String"
-SECOND_NS = 1_000_000_000
 START = 1_700_000_000 * SECOND_NS
 
 

@@ -10,9 +10,10 @@ import pytest
 
 from tombo_bag.columnar_cdr import encode
 from tombo_bag.comparison import Comparison, compare_recordings
-from tombo_bag.flight_time import EPOCH_NS, stamp
+from tombo_bag.flight_time import stamp
 from tombo_bag.mcap_sink import Columns, McapSink
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.time_base import EPOCH_NS
 
 POSE = "geometry_msgs/msg/PoseStamped"
 STEP_NS = 10_000_000

@@ -19,10 +19,11 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader as Rosbag2Reader
 
 from tombo_bag.columnar_cdr import encode, layout
-from tombo_bag.mcap_sink import SECOND_NS, Columns, McapSink
+from tombo_bag.mcap_sink import Columns, McapSink
 from tombo_bag.qos import EVENT
 from tombo_bag.reader import Bag
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.time_base import SECOND_NS
 
 POSE = "geometry_msgs/msg/PoseStamped"
 STRING = "std_msgs/msg/String"

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_bag.columns import ColumnTable
+from tombo_bag.flight_time import FLIGHT_METADATA
 from tombo_bag.recording import Recording
 from tombo_dynamics.errors import InputError, unknown_name
 
@@ -205,7 +206,7 @@ def _bag(path: str | Path) -> Path:
 
 def _epoch(one: Recording, two: Recording, topics: Iterable[str]) -> int:
     for recording in (one, two):
-        text = recording.metadata.get("tombo_flight", {}).get("epoch_ns", "")
+        text = recording.metadata.get(FLIGHT_METADATA, {}).get("epoch_ns", "")
         if text.isdecimal():
             return int(text)
     tables = [r.columns(n) for r in (one, two) for n in topics if n in r.topics]

@@ -10,27 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_bag.columnar_cdr import encode
-from tombo_bag.flight_time import EPOCH_NS, nanoseconds, stamp
+from tombo_bag.flight_time import nanoseconds, stamp
+from tombo_dynamics.messages import Phase, ReactionPhase, Trigger
+from tombo_dynamics.time_base import EPOCH_NS
 
 NAN = float("nan")
 NO_POINT = (NAN, NAN, NAN)
-TRIGGERS = {"region": 1, "innovation": 2}
-"""The constants of tombo_msgs/CollisionEvent."""
-REACTION_IDLE, REACTION_REACTING, REACTION_BLIND = 0, 1, 2
-"""The constants of tombo_msgs/ReactionStatus."""
-PHASES = (
-    "idle",
-    "takeoff",
-    "hover",
-    "approach",
-    "react",
-    "hold",
-    "land",
-    "landed",
-    "descend_blind",
-)
-"""The constants of tombo_msgs/MissionStatus in words."""
-PHASE_DESCEND_BLIND = 8
+TRIGGERS = {trigger.name.lower(): int(trigger) for trigger in Trigger}
+PHASES = {int(phase): phase.name.lower() for phase in Phase}
 MARKER_SPHERE, MARKER_CYLINDER = 2, 3
 POINT_DIAMETER_M = 0.12
 """How large x_c and x_r are drawn."""
@@ -55,7 +42,7 @@ def event_messages(
     events: Sequence[Mapping[str, Any]],
     scenario: Mapping[str, Any],
     ticks_s: NDArray[np.float64],
-    mode: NDArray[np.int64] | None,
+    phases: NDArray[np.int64] | None,
 ) -> Iterator[EventMessages]:
     """Build the messages of all topics that speak only when something happens.
 
@@ -64,10 +51,10 @@ def event_messages(
             `setpoint_switch` with x_c_m, x_r_m, n_r; a missing value becomes NaN or 0.
         scenario: as flown; its obstacle is drawn.
         ticks_s: (N,) s.
-        mode: (N,) phase of the flight per tick, or None.
+        phases: (N,) phase of the flight per tick, or None.
     """
     ordered = sorted(events, key=lambda event: float(event["time_s"]))
-    changes = _phase_changes(ticks_s, mode)
+    changes = _phase_changes(ticks_s, phases)
     yield _collisions(ordered)
     yield _reactions(ordered, changes)
     yield _phases(changes)
@@ -99,7 +86,7 @@ def _reactions(
 ) -> EventMessages:
     out = EventMessages("/reaction/status", "tombo_msgs/msg/ReactionStatus")
     switches = [(_time_ns(event), event) for event in _of_kind(events, "setpoint_switch")]
-    blind = [(time, None) for time, phase in changes if phase == PHASE_DESCEND_BLIND]
+    blind = [(time, None) for time, phase in changes if phase == Phase.DESCEND_BLIND]
     nothing: Mapping[str, Any] = {}
     latest, count = nothing, 0
 
@@ -116,30 +103,30 @@ def _reactions(
             },
         )
 
-    say(EPOCH_NS, REACTION_IDLE)
+    say(EPOCH_NS, ReactionPhase.IDLE)
     for time_ns, switch in sorted([*switches, *blind], key=lambda item: item[0]):
         if switch is not None:
             latest, count = switch, int(switch.get("count", count + 1))
-        say(time_ns, REACTION_BLIND if switch is None else REACTION_REACTING)
+        say(time_ns, ReactionPhase.BLIND if switch is None else ReactionPhase.REACTING)
     return out
 
 
 def _phases(changes: Sequence[tuple[int, int]]) -> EventMessages:
     out = EventMessages("/mission/status", "tombo_msgs/msg/MissionStatus")
     for time_ns, phase in changes:
-        word = PHASES[phase] if phase < len(PHASES) else str(phase)
+        word = PHASES.get(phase, str(phase))
         out.add(time_ns, {"header": _header(time_ns), "phase": phase, "text": word})
     return out
 
 
 def _phase_changes(
-    ticks_s: NDArray[np.float64], mode: NDArray[np.int64] | None
+    ticks_s: NDArray[np.float64], phases: NDArray[np.int64] | None
 ) -> list[tuple[int, int]]:
     """List (time [ns], new phase), beginning with the first tick's phase."""
-    if mode is None or not len(mode):
+    if phases is None or not len(phases):
         return []
-    ticks = np.concatenate([[0], np.flatnonzero(mode[1:] != mode[:-1]) + 1])
-    return list(zip(nanoseconds(ticks_s[ticks]).tolist(), mode[ticks].tolist(), strict=True))
+    ticks = np.concatenate([[0], np.flatnonzero(phases[1:] != phases[:-1]) + 1])
+    return list(zip(nanoseconds(ticks_s[ticks]).tolist(), phases[ticks].tolist(), strict=True))
 
 
 def _markers(events: Sequence[Mapping[str, Any]], scenario: Mapping[str, Any]) -> EventMessages:

@@ -1,4 +1,4 @@
-"""Flight time [s] as the integer times [ns] of messages."""
+"""Time base and metadata record of a recorded flight."""
 
 from __future__ import annotations
 
@@ -7,19 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-EPOCH_NS = 1_000_000_000
-"""Flight time 0 in a file: one second, since 0 means "no time" to many readers."""
+from tombo_dynamics.time_base import EPOCH_NS
+
+FLIGHT_METADATA = "tombo_flight"
+"""Metadata record with the scenario, the events and the epoch of a flight."""
 
 
 def nanoseconds(times_s: Any) -> NDArray[np.int64]:
     """Turn flight times [s] into stamps [ns], exact to the nanosecond, never below 0."""
     scaled = np.rint(np.asarray(times_s, np.float64) * 1e9).astype(np.int64)
     return np.asarray(np.maximum(scaled + EPOCH_NS, 0))
-
-
-def flight_seconds(times_ns: Any) -> NDArray[np.float64]:
-    """Turn stamps or log times [ns] back into flight time [s]."""
-    return np.asarray((np.asarray(times_ns, np.int64) - EPOCH_NS) / 1e9)
 
 
 def split_stamps(times_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from tombo_bag.columnar_cdr import layout
 from tombo_bag.flight_events import EventMessages, event_messages
-from tombo_bag.flight_time import EPOCH_NS, nanoseconds, split_stamps
+from tombo_bag.flight_time import FLIGHT_METADATA, nanoseconds, split_stamps
 from tombo_bag.mcap_sink import Columns, McapSink
 from tombo_bag.message_codec import MessageCodec, records_of
 from tombo_bag.qos import EVENT, SENSOR, STATE, Qos
@@ -41,13 +41,12 @@ from tombo_bag.topics import TOPICS
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.rotation import map_to_body
+from tombo_dynamics.time_base import EPOCH_NS, TICK_HZ, TICK_NS
 
 FRAME_MAP = "map"
 FRAME_BODY = "base_link"
-TICK_HZ = 1000
 UNKNOWN = -1.0
 """First element of a covariance in sensor_msgs: the quantity is not measured at all."""
-
 
 Published = tuple[NDArray[np.int64], Any]
 """Ticks, and messages: structured (see `message_codec.records_of`), or a list of dataclasses."""
@@ -109,7 +108,7 @@ def write_flight(sink: McapSink, record: Flight) -> None:
         InputError: columns of different length.
     """
     sink.add_metadata(
-        "tombo_flight",
+        FLIGHT_METADATA,
         {
             "epoch_ns": str(EPOCH_NS),
             "scenario": json.dumps(record.scenario, sort_keys=True, default=_plain),
@@ -133,7 +132,7 @@ def write_flight(sink: McapSink, record: Flight) -> None:
     writer.odometry("/ground_truth/odometry", "position", "attitude", "velocity", "rates", SENSOR)
     writer.rotors()
     writer.contact()
-    for messages in event_messages(record.events, record.scenario, record.t, writer.mode()):
+    for messages in event_messages(record.events, record.scenario, record.t, writer.phases()):
         if messages.topic not in record.published:
             writer.events(messages)
     sink.write_columns(*writer.parts)
@@ -154,7 +153,7 @@ class _FlightWriter:
             return None
         return np.asarray(values, np.float64).reshape(-1, width)
 
-    def mode(self) -> NDArray[np.int64] | None:
+    def phases(self) -> NDArray[np.int64] | None:
         values = self.column("mode", 1)
         return None if values is None else values[:, 0].astype(np.int64)
 
@@ -181,7 +180,7 @@ class _FlightWriter:
 
     def runs(self, rate_hz: int) -> Any:
         """Return the ticks in which a loop of the controller ran: the first of each slot."""
-        phases = self.mode()
+        phases = self.phases()
         if phases is None or not self.record.published:
             return self.every(rate_hz)
         flying = np.flatnonzero((phases != Phase.IDLE) & (phases != Phase.LANDED))
@@ -195,7 +194,7 @@ class _FlightWriter:
         else:
             codec = MessageCodec(spec.typename)
             written = [codec.encode(message) for message in messages]
-        times_ns = EPOCH_NS + ticks * (1_000_000_000 // TICK_HZ)
+        times_ns = EPOCH_NS + ticks * TICK_NS
         channel = self.sink.add_channel(topic, spec.typename, spec.qos)
         self.parts.append(Columns(channel, times_ns, written))
 
@@ -301,11 +300,11 @@ class _FlightWriter:
             fed = self.column(f"{field}_setpoint", 3)
             if fed is not None:
                 _vector(records, field, fed[every])
-        attitude, mode = self.column("attitude_setpoint", 4), self.mode()
+        attitude, phases = self.column("attitude_setpoint", 4), self.phases()
         if attitude is not None:
             records["yaw"] = heading(attitude[every])
-        if mode is not None:
-            records["phase"] = mode[every]
+        if phases is not None:
+            records["phase"] = phases[every]
 
     def attitude_setpoint(self) -> None:
         attitude = self.column("attitude_setpoint", 4)

@@ -49,8 +49,8 @@ from tombo_bag.chunks import (
 from tombo_bag.qos import STATE, Qos
 from tombo_bag.schemas import schema_text, type_hash
 from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.time_base import SECOND_NS
 
-SECOND_NS = 1_000_000_000
 FinalRecords: TypeAlias = Callable[[], Mapping[str, dict[str, str]]]
 
 
@@ -113,7 +113,7 @@ class McapSink:
         self._chunk_bytes = chunk_bytes
         self._offset = 0
         self._crc = 0
-        self._schemas: dict[tuple[str, str, bytes], Schema] = {}
+        self._schemas: dict[str, Schema] = {}
         self._channels: list[Channel] = []
         self._topics: dict[str, tuple[str, int]] = {}
         self._unwritten: list[McapRecord] = []
@@ -163,38 +163,24 @@ class McapSink:
         """
         known = self._topics.get(topic)
         if known is not None:
-            there, channel = known
+            there, number = known
             if there != typename:
                 raise InputError(f"topic '{topic}' has type {typename}; it is {there} already")
-            return channel
+            return number
         metadata = {
             "offered_qos_profiles": qos.as_yaml(),
             "topic_type_hash": type_hash(typename),
         }
-        text = schema_text(typename).encode()
-        channel = self.add_foreign_channel(topic, typename, "ros2msg", text, "cdr", metadata)
-        self._topics[topic] = (typename, channel)
-        return channel
-
-    def add_foreign_channel(
-        self,
-        topic: str,
-        typename: str,
-        schema_encoding: str,
-        schema: bytes,
-        message_encoding: str,
-        metadata: dict[str, str],
-    ) -> int:
-        """Announce a topic as some other program described it; return its channel number."""
         self._check_open()
-        key = (typename, schema_encoding, schema)
-        if key not in self._schemas:
-            self._schemas[key] = Schema(len(self._schemas) + 1, schema, schema_encoding, typename)
-            self._unwritten.append(self._schemas[key])
-        channel = Channel(
-            len(self._channels) + 1, topic, message_encoding, metadata, self._schemas[key].id
-        )
+        schema = self._schemas.get(typename)
+        if schema is None:
+            text = schema_text(typename).encode()
+            schema = Schema(len(self._schemas) + 1, text, "ros2msg", typename)
+            self._schemas[typename] = schema
+            self._unwritten.append(schema)
+        channel = Channel(len(self._channels) + 1, topic, "cdr", metadata, schema.id)
         self._channels.append(channel)
+        self._topics[topic] = (typename, channel.id)
         self._sequence[channel.id] = 0
         self._unwritten.append(channel)
         return channel.id
@@ -281,7 +267,7 @@ class McapSink:
 
         Args:
             final_records: returns metadata to write, name → values. Called when all messages are
-                written, and anew when messages had to give way.
+                written, and again when messages had to be removed.
         """
         if self.closed:
             return

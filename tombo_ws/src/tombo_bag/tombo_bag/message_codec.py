@@ -20,8 +20,8 @@ from tombo_bag.columns import ColumnTable
 from tombo_bag.message_template import Field, MessageTemplate
 from tombo_dynamics import messages as kinds
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.time_base import SECOND_NS
 
-_SECOND_NS = 1_000_000_000
 _SHAPES = 8
 """So many shapes of a type are kept."""
 _TIME = struct.Struct("<iI")
@@ -201,7 +201,7 @@ class _Shape:
                 values.append(found[0] if part.count == 1 else np.array(found))
             elif isinstance(place, int):
                 seconds, rest = _TIME.unpack_from(data, place)
-                values.append(seconds * _SECOND_NS + rest)
+                values.append(seconds * SECOND_NS + rest)
             else:
                 values.append(place)
         return self._form.kind(*values)
@@ -212,7 +212,7 @@ class _Shape:
             if isinstance(place, Field):
                 place.put((value,) if part.count == 1 else value)
             elif isinstance(place, int):
-                template.write(_TIME, place, *divmod(max(value, 0), _SECOND_NS))
+                template.write(_TIME, place, *divmod(max(value, 0), SECOND_NS))
         return template.data()
 
 
@@ -291,7 +291,7 @@ def records_of(typename: str, table: NDArray[np.void]) -> NDArray[np.void]:
         values = table[one.name]
         if part.is_time:
             records[f"{part.path}.sec"], records[f"{part.path}.nanosec"] = np.divmod(
-                values, _SECOND_NS
+                values, SECOND_NS
             )
         elif part.count == 1 or not part.path.endswith(".x"):
             records[part.path] = values
@@ -317,7 +317,7 @@ def _nested(texts: Mapping[str, str], values: Mapping[str, Any]) -> dict[str, An
 def _column(part: _Part, table: ColumnTable) -> list[Any]:
     if part.is_time:
         seconds = table[f"{part.path}.sec"].astype(np.int64)
-        return (seconds * _SECOND_NS + table[f"{part.path}.nanosec"]).tolist()  # type: ignore[no-any-return]
+        return (seconds * SECOND_NS + table[f"{part.path}.nanosec"]).tolist()  # type: ignore[no-any-return]
     if part.is_text or part.count == 1:
         return table[part.path].tolist()  # type: ignore[no-any-return]
     if not part.path.endswith(".x"):

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from tombo_bag.columnar_cdr import Layout, layout, layout_of
 from tombo_bag.schemas import known_types
+from tombo_dynamics.time_base import SECOND_NS
 
-_SECOND_NS = 1_000_000_000
 _FORMATS = {"f8": "d", "f4": "f", "u1": "B", "i1": "b", "?": "?", "b1": "?", "i4": "i", "u4": "I"}
 
 
@@ -91,7 +91,7 @@ class MessageTemplate:
     def stamp(self, time_ns: int) -> None:
         """Write the header's stamp."""
         assert self._stamp is not None
-        struct.pack_into("<iI", self._buffer, self._stamp, *divmod(time_ns, _SECOND_NS))
+        struct.pack_into("<iI", self._buffer, self._stamp, *divmod(time_ns, SECOND_NS))
 
     def write(self, place: struct.Struct, offset: int, *values: Any) -> None:
         """Write numbers at an offset."""
@@ -111,7 +111,7 @@ class MessageTemplate:
         """Return the header's stamp [ns] of bytes that fit."""
         assert self._stamp is not None
         seconds, rest = struct.unpack_from("<iI", data, self._stamp)
-        return int(seconds) * _SECOND_NS + int(rest)
+        return int(seconds) * SECOND_NS + int(rest)
 
 
 class Field:

@@ -216,16 +216,6 @@ def _in_order(heads: list[NDArray[np.void]], messages: list[bytes]) -> RawMessag
     return RawMessages(log, publish, messages)
 
 
-def topics(path: str | Path) -> dict[str, Topic]:
-    """List the topics of a file by name. Raises InputError as `Bag` does."""
-    return Bag(path).topics
-
-
-def read_columns(path: str | Path, topic: str) -> ColumnTable:
-    """Read one topic of a file as columns. See `Bag.columns`."""
-    return Bag(path).columns(topic)
-
-
 def _contents(path: Path) -> memoryview:
     """Map a file into memory and check that it is an MCAP file.
 
@@ -250,4 +240,4 @@ def _contents(path: Path) -> memoryview:
         raise InputError(f"can't read '{path}': {error.strerror}") from error
 
 
-__all__ = ["Bag", "Damage", "RawMessages", "Topic", "read_columns", "topics"]
+__all__ = ["Bag", "Damage", "RawMessages", "Topic"]

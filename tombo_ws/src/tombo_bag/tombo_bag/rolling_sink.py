@@ -17,11 +17,12 @@ from typing import TypeAlias
 import numpy as np
 
 from tombo_bag.bag_metadata import BagMetadata, FileEntry, TopicEntry
-from tombo_bag.mcap_sink import SECOND_NS, Columns, McapSink
+from tombo_bag.mcap_sink import Columns, McapSink
 from tombo_bag.padding import PaddingNormalizer
 from tombo_bag.qos import Qos
 from tombo_bag.schemas import known_types, type_hash
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.time_base import SECOND_NS
 
 NOTES = "tombo_recorder"
 """Name of the metadata record with what the recorder has to say."""

@@ -55,7 +55,7 @@ def warm_files() -> None:
 
 
 def main() -> None:
-    """Do it all and say how long each part takes."""
+    """Run all parts and print how long each takes."""
     parts: tuple[tuple[str, Callable[[], None]], ...] = (
         ("propeller model", warm_propeller),
         ("flight kernel", warm_flight),

@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tombo_bag.flight_time import EPOCH_NS
+from tombo_bag.flight_time import FLIGHT_METADATA
 from tombo_bag.mcap_sink import Columns, McapSink
 from tombo_bag.reader import Bag
 from tombo_control.autopilot import LANDED
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.time_base import EPOCH_NS
 from tombo_flight.flight import fly_scenario
-from tombo_flight.flight_from_bag import RECORD, flight_from_bag
+from tombo_flight.flight_from_bag import flight_from_bag
 from tombo_flight.flight_output import write_mcap
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.report.flight_plot import draw_flight, png_bytes
@@ -58,7 +59,7 @@ def rewrite(
     bag = Bag(source)
     with McapSink(target) as sink:
         if metadata is not None:
-            sink.add_metadata(RECORD, metadata)
+            sink.add_metadata(FLIGHT_METADATA, metadata)
         parts = []
         for number, channel in bag.channels.items():
             raw = bag.messages(number)
@@ -85,7 +86,7 @@ def shifted(data: bytes, typename: str, shift_s: int) -> bytes:
 
 
 def metadata_of(path: Path, *left_out: str) -> dict[str, str]:
-    (found,) = (m for m in Bag(path).metadata if m.name == RECORD)
+    (found,) = (m for m in Bag(path).metadata if m.name == FLIGHT_METADATA)
     return {key: value for key, value in found.metadata.items() if key not in left_out}
 
 

@@ -10,13 +10,13 @@ import pytest
 from px4_bench import speaking
 
 from tombo_bag.columnar_cdr import encode
-from tombo_bag.flight_time import EPOCH_NS
 from tombo_bag.mcap_sink import Columns, McapSink
 from tombo_bag.reader import Bag
 from tombo_bag.recording import Recording
 from tombo_bag.topics import DIAGNOSTICS, PX4_STATUS
 from tombo_bringup.cli.flight.node_tables import grouped
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.time_base import EPOCH_NS
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_from_bag import flight_from_bag
 from tombo_flight.flight_output import write_mcap

@@ -8,16 +8,15 @@ from enum import IntEnum
 import numpy as np
 import pytest
 
-from tombo_bag.flight_time import EPOCH_NS
 from tombo_bag.message_codec import form_of
 from tombo_bag.schemas import own_definitions
 from tombo_bag.topics import TOPICS
 from tombo_dynamics.core import Core
 from tombo_dynamics.messages import Imu, Phase, ReactionPhase, RotorCommand, Trigger, neutral
-from tombo_dynamics.time_base import TICK_NS
+from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 from tombo_flight.run_wiring import CoreRunner, run_cores
 from tombo_flight.scenario import load_scenario, world_of
-from tombo_flight.wiring import CORES, SENSORS, core_of, publisher_of, subscribers_of
+from tombo_flight.wiring import CORES, SENSORS, core_of
 from tombo_sim.flight_end import FlightEndDetector
 from tombo_sim.simulator import Simulator
 
@@ -29,8 +28,7 @@ def test_core_says_what_it_takes_and_publishes(core: type[Core]):
     for topic in (*core.inputs, *core.outputs):
         assert form_of(TOPICS[topic].typename)
     for topic in core.inputs:
-        assert topic in SENSORS or publisher_of(topic) != "sim", topic
-        assert core.name in subscribers_of(topic)
+        assert topic in SENSORS or any(topic in other.outputs for other in CORES), topic
     assert not set(core.inputs) & set(core.outputs)
     assert core.period_ns % TICK_NS == 0
 
@@ -38,7 +36,7 @@ def test_core_says_what_it_takes_and_publishes(core: type[Core]):
 def test_each_topic_has_one_publisher():
     published = [topic for core in CORES for topic in core.outputs]
     assert len(published) == len(set(published))
-    assert subscribers_of(COMMAND) == ("sim",)
+    assert COMMAND in published
 
 
 @pytest.mark.parametrize("kind", CORES, ids=lambda core: core.name)

@@ -1,4 +1,4 @@
-"""Whether the rest of a scenario allows its course: time, speed, nothing else in its place."""
+"""Checks that a scenario allows its course: time, speed, no jumps beside it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An extended model: the effects that flights called for, and where each number comes from."""
+"""An extended model: the effects found in flights, and the source of each number."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Origin:
-    """How the model came to be."""
+    """Origin of the model."""
 
     tool: str
     """Name and version of what fitted it."""
@@ -70,7 +70,7 @@ class Origin:
     confidence: float
     summary: str
     scenario: str
-    """What it was held against: name of the scenario with the effects before."""
+    """Name of the nominal scenario, with the effects before the fit."""
     extends: str = ""
     """The model that it was made from, if any."""
     flights: tuple[Source, ...] = ()
@@ -80,7 +80,7 @@ class Origin:
 
 @dataclass(frozen=True)
 class Model:
-    """What `model.yaml` holds."""
+    """Content of `model.yaml`."""
 
     additions: tuple[FittedEffect, ...]
     origin: Origin

@@ -1,4 +1,4 @@
-"""A recorded flight as the record it would have been: the same figures from the same functions.
+"""A recorded flight as a flight record, so that the same functions compute its figures.
 
 For recordings of the simulated vehicle, by the headless flight or by the nodes, the ground truth
 at whatever rate is what is known. Of a real vehicle there is none: the motion capture's poses are
@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_bag.columns import ColumnTable
+from tombo_bag.flight_time import FLIGHT_METADATA
 from tombo_bag.recording import Recording
 from tombo_bag.topics import (
     ATTITUDE_SETPOINT,
@@ -42,7 +43,9 @@ from tombo_collision.detector import CollisionEvent
 from tombo_collision.reactions import Decision
 from tombo_control.autopilot import IDLE, LANDED, PHASE_NAMES
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.messages import ReactionPhase, Trigger
 from tombo_dynamics.rotation import conjugate, map_to_body, unwrap_quaternions
+from tombo_dynamics.time_base import TICK_NS
 from tombo_flight.flight_metrics import (
     MetricsInput,
     detection_event,
@@ -57,19 +60,13 @@ from tombo_sim.log_columns import LogRow
 Array = NDArray[np.float64]
 Ticks = NDArray[np.int64]
 
-TICK_NS = 1_000_000
 _FIRST_POSES = 3
 """The estimator begins from so many poses of the motion capture."""
 _FIRST_STEP_NS = 20_000_000
-"""The mission speaks so long after the first estimate at most: its step."""
+"""Longest time from the first estimate to the mission's first message: its period."""
 _BEYOND_NS = 1_000_000_000
-"""A flight goes on for so long at most after the last that is known of it."""
-RECORD = "tombo_flight"
-"""Metadata record in which a flight keeps its scenario."""
-_TRIGGERS = {1: "region", 2: "innovation"}
-"""The constants of tombo_msgs/CollisionEvent."""
-_STATUS_REACTING = 1
-"""The constant of tombo_msgs/ReactionStatus."""
+"""A flight ends at most this time after its last known state."""
+_NAME_OF_TRIGGER = {int(trigger): trigger.name.lower() for trigger in Trigger}
 _TOPICS = (
     *(ATTITUDE_SETPOINT, BATTERY, COLLISION_EVENT, DETECTOR_STATUS, IMU, MARKERS, MISSION_STATUS),
     *(MOCAP_POSE, ODOMETRY, RATES_SETPOINT, REACTION_STATUS, ROTOR_COMMAND, SETPOINT),
@@ -98,7 +95,7 @@ def flight_from_bag(path: Path, wall_time_s: float = 0.0) -> FlightRecord:
             for spec in _TOPICS
             if spec.name in recording.topics and recording.topics[spec.name].count
         }
-        metadata = recording.metadata.get(RECORD, {})
+        metadata = recording.metadata.get(FLIGHT_METADATA, {})
     return _RecordedFlight(path, tables, metadata).record(wall_time_s)
 
 
@@ -136,14 +133,14 @@ class _Grid:
 
 
 class _RecordedFlight:
-    """One flight being put together from its topics."""
+    """Builds the record of one flight from its topics."""
 
     def __init__(
         self, path: Path, tables: Mapping[str, ColumnTable], metadata: Mapping[str, str]
     ) -> None:
         self._tables = tables
         self._track: PoseTrack | None = None
-        """The way flown where there is no truth."""
+        """The measured track, where there is no ground truth."""
         self._clock: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None
         if (truth := tables.get(TRUE_ODOMETRY.name)) is not None:
             known = truth["stamp_ns"]
@@ -172,7 +169,7 @@ class _RecordedFlight:
             switch_event(reaction, at, i + 1)
             for i, (reaction, at) in enumerate(zip(reactions, switches, strict=True))
         ]
-        events += _phases(t, log["mode"][:, 0])
+        events += _phase_events(t, log["mode"][:, 0])
         summary, seen = summarize(
             MetricsInput(
                 self._scenario,
@@ -260,11 +257,11 @@ class _RecordedFlight:
         if (table := self._tables.get(BATTERY.name)) is not None:
             both = np.column_stack([-table["current"], table["voltage"]])
             log["battery"][:, 1:] = self._grid.held(table["stamp_ns"], both)
-        log["mode"] = self._mode()
+        log["mode"] = self._phases()
         return log
 
     def _fill_from_mocap(self, log: dict[str, Array], track: PoseTrack) -> None:
-        """Fill in what the motion capture has seen, and the rates that the gyro has."""
+        """Fill in the track of the motion capture, and the rates of the gyro."""
         stamps = track.stamps_ns
         log["position"] = self._grid.smooth(stamps, track.position)
         log["velocity"] = self._grid.smooth(stamps, track.velocity)
@@ -275,7 +272,7 @@ class _RecordedFlight:
             log["rates"] = self._grid.held(table["stamp_ns"], rates)
 
     def _assume_contact(self, log: dict[str, Array], detections: list[CollisionEvent]) -> None:
-        """Enter the first contact as the detector has it."""
+        """Take the first contact from the detector."""
         for event in detections:
             at = round(event.contact_time_s / 1e-3)
             if event.trigger == "innovation" and 0 <= at < self._grid.ticks:
@@ -309,7 +306,7 @@ class _RecordedFlight:
                 log[name] = self._grid.smooth(table["stamp_ns"], table[field])
 
     def _contact(self, log: dict[str, Array]) -> None:
-        """Enter the ticks that touch; all others don't."""
+        """Mark the ticks with contact."""
         log["contact"][:], log["contact_force"][:] = 0.0, 0.0
         table = self._tables.get(TRUE_CONTACT.name)
         if table is None:
@@ -322,25 +319,25 @@ class _RecordedFlight:
         log["contact"][at, 2:5] = _vector(table, "point")[there]
         log["contact_force"][at] = _vector(table, "force")[there]
 
-    def _mode(self) -> Array:
+    def _phases(self) -> Array:
         """Return the phase of the set point followed, a tick after it was published.
 
         Where no set points were recorded, it is the mission's phase; that it has landed may come
         after the last of them.
         """
-        mode: Array = np.full((self._grid.ticks, 1), float(IDLE))
+        phases: Array = np.full((self._grid.ticks, 1), float(IDLE))
         for name, delay_ns in ((SETPOINT.name, TICK_NS), (MISSION_STATUS.name, 0)):
             if (table := self._tables.get(name)) is not None:
                 stamps = table["stamp_ns"] + delay_ns
-                mode = self._grid.held(stamps, _column(table, "phase"))
-                mode[: max(int(self._grid.at(stamps).min()), 0)] = IDLE
+                phases = self._grid.held(stamps, _column(table, "phase"))
+                phases[: max(int(self._grid.at(stamps).min()), 0)] = IDLE
                 break
         setpoints, status = (self._tables.get(s.name) for s in (SETPOINT, MISSION_STATUS))
         if setpoints is not None and status is not None and status["phase"][-1] == LANDED:
             landed_ns = status["stamp_ns"][-1:]
             if landed_ns[0] > setpoints["stamp_ns"].max():
-                mode[max(int(self._grid.at(landed_ns)[0]), 0) :] = LANDED
-        return mode
+                phases[max(int(self._grid.at(landed_ns)[0]), 0) :] = LANDED
+        return phases
 
     def _detections(self) -> tuple[list[CollisionEvent], list[float]]:
         table = self._tables.get(COLLISION_EVENT.name)
@@ -353,7 +350,7 @@ class _RecordedFlight:
         events = [
             CollisionEvent(
                 float(stamps[i]),
-                _TRIGGERS.get(int(table["trigger"][i]), "unknown"),
+                _NAME_OF_TRIGGER.get(int(table["trigger"][i]), "unknown"),
                 float(contacts[i]),
                 x_c[i],
                 direction[i],
@@ -377,14 +374,14 @@ class _RecordedFlight:
         known = 0
         for i in range(since.size):
             count = int(table["collisions"][i])
-            if int(table["state"][i]) == _STATUS_REACTING and count > known:
+            if int(table["state"][i]) == ReactionPhase.REACTING and count > known:
                 known = count
                 found.append(Decision(x_c[i], n_r[i], x_r[i]))
                 times.append(float(since[i]))
         return found, times
 
     def _statistic(self, captured_s: Array) -> Array:
-        """Return the detector's test value of each pose, 0 where it told none."""
+        """Return the detector's statistic of each pose, 0 where there is none."""
         result: Array = np.zeros(captured_s.size)
         table = self._tables.get(DETECTOR_STATUS.name)
         if table is not None:
@@ -395,7 +392,7 @@ class _RecordedFlight:
         return result
 
     def _find_obstacle(self) -> None:
-        """Take the obstacle from where it was shown: its place is the seed's."""
+        """Take the obstacle from the markers: its place depends on the seed."""
         table = self._tables.get(MARKERS.name)
         names = None if table is None else table.get("markers[0].ns")
         if table is None or names is None or not (names == "obstacle").any():
@@ -411,7 +408,7 @@ class _RecordedFlight:
 
 
 def _mocap_track(path: Path, tables: Mapping[str, ColumnTable]) -> PoseTrack:
-    """Return the way flown as the motion capture has seen it.
+    """Return the track that the motion capture has measured.
 
     Raises:
         InputError: it has not.
@@ -432,7 +429,7 @@ def _mocap_track(path: Path, tables: Mapping[str, ColumnTable]) -> PoseTrack:
 def _without_truth(
     summary: dict[str, Any], events: list[dict[str, Any]]
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Take out what only the truth tells, and say that it is not there."""
+    """Remove figures that need the ground truth, and mark them as missing."""
     unknown = ("contact_point_m", "contact_rotor", "detection_latency_s", "strikes")
     told = {**summary, **dict.fromkeys((*unknown, "rotors_broken")), "known_from": "mocap"}
     words = {"contact": "contact, as the detector has it"}
@@ -482,10 +479,10 @@ def _scenario(path: Path, metadata: Mapping[str, str]) -> tuple[dict[str, Any], 
         raise InputError(f"'{path}': its scenario can't be used: {error}") from error
 
 
-def _phases(t: Array, mode: Array) -> list[dict[str, Any]]:
-    """Return an event for each change of the mode."""
-    changes = np.flatnonzero(mode[1:] != mode[:-1]) + 1
-    names = [PHASE_NAMES[int(mode[k])] if mode[k] < len(PHASE_NAMES) else "?" for k in changes]
+def _phase_events(t: Array, phases: Array) -> list[dict[str, Any]]:
+    """Return an event for each change of the phase."""
+    changes = np.flatnonzero(phases[1:] != phases[:-1]) + 1
+    names = [PHASE_NAMES[int(phases[k])] if phases[k] < len(PHASE_NAMES) else "?" for k in changes]
     return [
         {"time_s": float(t[k]), "kind": name, "text": name.replace("_", " ")}
         for k, name in zip(changes, names, strict=True)

@@ -17,10 +17,10 @@ from tombo_collision.reactions import Decision
 from tombo_control.autopilot import APPROACH, BLIND, HOVER, IDLE, LAND, LANDED, TAKEOFF
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import tilt
+from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES, VehicleParams
 from tombo_flight.scenario import Scenario
 
-_TICK_S = 1e-3
 _STABLE_TILT = 0.17
 _STABLE_RATE = 1.0
 _STABLE_TIME = 0.3
@@ -32,7 +32,7 @@ _OVERTURNED = 2.1
 
 @dataclass(frozen=True)
 class MetricsInput:
-    """What the figures are drawn from."""
+    """Inputs of the figures."""
 
     scenario: Scenario
     seed: int
@@ -118,12 +118,12 @@ def summarize(flight: MetricsInput) -> tuple[dict[str, Any], list[dict[str, Any]
     log, t = flight.log, flight.t
     vehicle = flight.scenario.vehicle
     events: list[dict[str, Any]] = []
-    mode = log["mode"][:, 0]
+    phases = log["mode"][:, 0]
     touching = log["contact"][:, 0] > 0.0
     collided = bool(touching.any())
     c = int(np.argmax(touching)) if collided else None
 
-    crash = _crash(vehicle, log, mode)
+    crash = _crash(vehicle, log, phases)
     if crash is not None:
         events.append({"time_s": float(t[crash]), "kind": "crash", "text": "crashed"})
     summary: dict[str, Any] = {
@@ -161,9 +161,9 @@ def summarize(flight: MetricsInput) -> tuple[dict[str, Any], list[dict[str, Any]
         "rotors_broken": int((log["damage"][-1] >= 1.0).sum()) if t.size else 0,
         "crashed": crash is not None,
         "crash_time_s": None if crash is None else _number(t[crash]),
-        "landed": bool(t.size and mode[-1] == LANDED and crash is None),
+        "landed": bool(t.size and phases[-1] == LANDED and crash is None),
         "max_tilt_rad": _number(tilt(log["attitude"][c or 0 :]).max()) if t.size else None,
-        "duration_s": _number(t[-1] + _TICK_S) if t.size else 0.0,
+        "duration_s": _number(t[-1] + TICK_S) if t.size else 0.0,
     }
     summary |= _tracking(flight, c)
     wall = flight.wall_time_s
@@ -172,7 +172,7 @@ def summarize(flight: MetricsInput) -> tuple[dict[str, Any], list[dict[str, Any]
     return summary, events
 
 
-def _crash(vehicle: VehicleParams, log: dict[str, Array], mode: Array) -> int | None:
+def _crash(vehicle: VehicleParams, log: dict[str, Array], phases: Array) -> int | None:
     """Return the tick of the crash, or None.
 
     The frame touches the ground before landing is commanded (a level descent without mocap counts
@@ -182,8 +182,8 @@ def _crash(vehicle: VehicleParams, log: dict[str, Array], mode: Array) -> int | 
     flown = np.flatnonzero(position[:, 2] > vehicle.leg_height + 0.3)
     if not flown.size:
         return None
-    after = np.arange(mode.size) > flown[0]
-    calm = np.isin(mode, (IDLE, TAKEOFF, LAND, LANDED, BLIND))
+    after = np.arange(phases.size) > flown[0]
+    calm = np.isin(phases, (IDLE, TAKEOFF, LAND, LANDED, BLIND))
     near = after & ~calm & (position[:, 2] < 0.5)
     ground = None
     where = np.flatnonzero(near)
@@ -247,16 +247,16 @@ def _recovery(flight: MetricsInput, c: int | None, events: list[dict[str, Any]])
     calm = (tilt(log["attitude"][c:]) < _STABLE_TILT) & (
         np.linalg.norm(log["rates"][c:], axis=1) < _STABLE_RATE
     )
-    quiet = first_sustained(calm, round(_STABLE_TIME / _TICK_S))
-    result["unstable_phase_s"] = None if quiet is None else _number(quiet * _TICK_S)
+    quiet = first_sustained(calm, round(_STABLE_TIME / TICK_S))
+    result["unstable_phase_s"] = None if quiet is None else _number(quiet * TICK_S)
     settled = None
     if flight.reactions:
         x_r = flight.reactions[-1].x_r
         error = np.linalg.norm(position[:until] - x_r, axis=1)
         slow = np.linalg.norm(log["velocity"][c : c + until], axis=1) < _SETTLED_SPEED
-        settled = first_sustained((error < _SETTLED_RADIUS) & slow, round(_SETTLED_TIME / _TICK_S))
+        settled = first_sustained((error < _SETTLED_RADIUS) & slow, round(_SETTLED_TIME / TICK_S))
         if settled is not None:
-            result["recovery_time_s"] = _number(settled * _TICK_S)
+            result["recovery_time_s"] = _number(settled * TICK_S)
             result["settled_error_m"] = _number(error[settled:].mean())
             events.append(
                 {
@@ -281,9 +281,9 @@ def _tracking(flight: MetricsInput, c: int | None) -> dict[str, Any]:
     """RMS distance from the set point, in hover and in the approach, before contact."""
     log = flight.log
     end = flight.t.size if c is None else c
-    mode = log["mode"][:end, 0]
+    phases = log["mode"][:end, 0]
     square = ((log["position"][:end] - log["position_setpoint"][:end]) ** 2).sum(axis=1)
     return {
-        "hover_rms_m": _number(_rms(square[mode == HOVER])),
-        "approach_rms_m": _number(_rms(square[mode == APPROACH])),
+        "hover_rms_m": _number(_rms(square[phases == HOVER])),
+        "approach_rms_m": _number(_rms(square[phases == APPROACH])),
     }

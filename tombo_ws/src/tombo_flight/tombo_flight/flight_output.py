@@ -1,4 +1,4 @@
-"""One flight with everything that it leaves: `flight.mcap`, summary, figure and report."""
+"""One flight with all its files: `flight.mcap`, summary, figure and report."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ WALL_KEYS = ("wall_time_s", "real_time_factor")
 _REHEARSAL_S = 0.1
 
 ProgressCallback = Callable[[str, float], None]
-"""Told what is being done and how far it is: a stage and a share from 0 to 1."""
+"""Called with the stage of the work and a share from 0 to 1."""
 
 
 def _silent(stage: str, share: float) -> None:

@@ -1,4 +1,4 @@
-"""What a flight leaves behind: one record that files, plots, reports and tests read."""
+"""The record of a flight, which files, plots, reports and tests read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`model.yaml`: an extended model as a file that people read and `tombo fly --model` flies."""
+"""`model.yaml`: an extended model as a file, for readers and for `tombo fly --model`."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def model_text(model: Model) -> str:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes what stands twice twice, without anchors, and every character so that it stays."""
+    """Writes repeated values without anchors, and every character so that it is read back."""
 
     def ignore_aliases(self, data: object) -> bool:
         return True

@@ -1,4 +1,4 @@
-"""What a motion capture tells about a flight: the way flown and, by differences, the velocity."""
+"""Track of a flight from the motion capture, with velocity by differences."""
 
 from __future__ import annotations
 

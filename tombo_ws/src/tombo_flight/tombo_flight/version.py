@@ -1,4 +1,4 @@
-"""The version of the suite, as `tombo --version` and every summary say it."""
+"""The version of the suite, for `tombo --version` and summaries."""
 
 from __future__ import annotations
 

@@ -28,20 +28,9 @@ CORES: tuple[type[Core], ...] = (
 PX4_REPLACES = (EstimatorCore, ControllerCore)
 """Cores whose place PX4 and the bridge to it take."""
 SENSORS = ("/mocap/pose", "/imu/data_raw")
-"""What the simulator senses and cores take."""
+"""Topics that the simulator publishes and cores take."""
 COMMAND = "/rotor_command"
-"""What the simulator takes."""
-
-
-def publisher_of(topic: str) -> str:
-    """Return who publishes a topic of the wiring."""
-    return next((core.name for core in CORES if topic in core.outputs), "sim")
-
-
-def subscribers_of(topic: str) -> tuple[str, ...]:
-    """Return who takes a topic of the wiring."""
-    taken = tuple(core.name for core in CORES if topic in core.inputs)
-    return (*taken, "sim") if topic == COMMAND else taken
+"""Topic that the simulator takes."""
 
 
 def records_of(core: type[Core], scenario: Scenario) -> dict[str, Any]:

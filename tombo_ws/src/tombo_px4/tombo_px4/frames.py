@@ -1,4 +1,4 @@
-"""The only place where NED and FRD are: PX4's frames from and to ours.
+"""Conversion between PX4's frames (NED, FRD) and ours (ENU, FLU); done nowhere else.
 
 Ours: world `map`, ENU; body `base_link`, FLU; quaternions xyzw, map from base_link. PX4's: world
 NED with the same origin, body FRD, quaternions wxyz, NED from FRD (MAVLink common, PX4 user guide

@@ -22,9 +22,9 @@ from tombo_sim.vehicle_node import VehicleNode
 _MOST_STEPS = 20
 """In one run of the loop."""
 _FAR_NS = 100_000_000
-"""So far off, the flight's clock is set anew; below, it follows."""
+"""If the clocks differ by more, the flight's clock is set; below, it is adjusted."""
 _FOLLOWS = 64
-"""Ticks in which a difference of the clocks is made up for."""
+"""Ticks in which a difference of the clocks is corrected."""
 
 
 class HilSimNode(VehicleNode):
@@ -57,7 +57,7 @@ class HilSimNode(VehicleNode):
         super().spin()
 
     def step(self, now_ns: int) -> None:
-        """Fly what is due, and tell what has happened."""
+        """Fly the steps that are due, and log what has happened."""
         for _ in range(_MOST_STEPS):
             if not self._hil.advance(time.monotonic_ns()):
                 break
@@ -78,7 +78,7 @@ class HilSimNode(VehicleNode):
         self.publish_tick(self._began_ns)
 
     def report(self, now_ns: int) -> None:
-        """Add how it is with PX4."""
+        """Add the state of the connection to PX4."""
         hil = self._hil
         self.health.value("px4", hil.phase.value)
         for name in ("flights", "steps", "answered", "missed", "wrong_time", "slips"):
@@ -89,7 +89,7 @@ class HilSimNode(VehicleNode):
         super().report(now_ns)
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Close the port."""
         self._link.close()
 
 

@@ -1,4 +1,4 @@
-"""PX4 in the place of estimator and controller: a node that speaks MAVLink with it.
+"""The node that connects PX4 over MAVLink in place of estimator and controller.
 
 Poses of the motion capture and set points go out, odometry, IMU and battery come in; services arm
 and change modes, and answer when PX4's heartbeat says that it is so.
@@ -54,15 +54,15 @@ from tombo_ros.topic import message_class
 _RATE_HZ = 250.0
 _TF_NS = 20_000_000
 _STATUS_REPEAT_NS = 1_000_000_000
-"""Findings with figures in them are told anew at most so often."""
+"""Shortest time between two reports of a finding whose numbers change."""
 _SHUTDOWN_NS = 1_500_000_000
-"""A node that is told to end has two seconds."""
+"""Time for the last command; the supervisor gives a node 2 s to end."""
 _LANDING_NS = 20_000_000_000
-"""So long it stays with a vehicle that comes down, unless it is told again to end."""
+"""Longest wait for a vehicle that lands, unless it gets a second signal."""
 _LANDING_STEP_S = 0.004
 _ASK_AGAIN_NS = 1_000_000_000
 _FLUSH_S = 0.1
-"""What was published last needs a moment to leave."""
+"""Time for the last messages to be sent."""
 _ERROR_FAULTS = ("no_vehicle", "link_lost", "mode_taken", "given_up", "wrong_system")
 _ERROR_SEVERITY, _WARNING_SEVERITY = 3, 4
 _NUMBER = re.compile(r"[-+]?\d[\d.]*")
@@ -189,7 +189,7 @@ class Px4BridgeNode(LoopNode):
         return call
 
     async def _answered(self, kind: str, response: Any) -> Any:
-        """Hand a wish to the loop; it answers within some seconds, other calls go on meanwhile."""
+        """Pass a request to the loop; it answers within some seconds, other calls go on."""
         future: Any = Future()
         self._waiting.append((kind, future))
         response.success, response.message = await future
@@ -198,7 +198,7 @@ class Px4BridgeNode(LoopNode):
     def _take_requests(self) -> None:
         while self._waiting:
             kind, future = self._waiting.popleft()
-            self._pending_requests[self._bridge.ask(kind)] = future
+            self._pending_requests[self._bridge.request(kind)] = future
 
     def _reply(self, bridge_output: BridgeOutput) -> None:
         for reply in bridge_output.replies:
@@ -209,11 +209,11 @@ class Px4BridgeNode(LoopNode):
     # --- The loop -----------------------------------------------------------------------------
 
     def on_parameters_changed(self, name: str) -> None:
-        """Say that link and ways to send stand for a whole run."""
+        """Warn that parameters of the link take effect at the next start only."""
         self.health.fault("not_at_runtime", True, f"{name} is used at the next start")
 
     def step(self, now_ns: int) -> None:
-        """Take what has come from both sides, decide, send, publish."""
+        """Handle the messages of both sides, decide, send, publish."""
         bridge = self._bridge
         for received in self._link.receive():
             bridge.take(received)
@@ -325,7 +325,7 @@ class Px4BridgeNode(LoopNode):
             self._publish_transform(odometry)
 
     def _publish_estimator_status(self, stamp_ns: int) -> None:
-        """Say when the last pose was; PX4 keeps its biases to itself, its gyro is free of them."""
+        """Publish the last pose's stamp; PX4 sends no biases, its gyro is corrected for them."""
         message: Any = message_class(ESTIMATOR_STATUS.typename)()
         message.header.stamp, message.header.frame_id = to_time(stamp_ns), "base_link"
         message.initialised = True
@@ -375,7 +375,7 @@ class Px4BridgeNode(LoopNode):
         self._status_out.publish(message)
 
     def report(self, now_ns: int) -> None:
-        """Add what is known of link and vehicle."""
+        """Add the state of link and vehicle."""
         for key, value in self._bridge.metrics(time.time_ns()).items():
             self.health.value(key, value)
         for key, count in self._link.counters.items():
@@ -385,12 +385,12 @@ class Px4BridgeNode(LoopNode):
         super().report(now_ns)
 
     def stop(self) -> None:
-        """Let the loop end; told so again, also the landing that follows it."""
+        """End the loop; a second call also ends the wait for the landing."""
         self._stops += 1
         super().stop()
 
     def close(self) -> None:
-        """Bring down what flies by our set points, and let go of the link."""
+        """Land a vehicle that flies by our set points, and close the link."""
         if self._status.armed and self._status.connected:
             self._land_before_exit()
         self._send_shutdown_command()
@@ -417,7 +417,7 @@ class Px4BridgeNode(LoopNode):
             ):
                 asked_ns = now_ns
                 grounded = self._status.landed == MavLandedState.ON_GROUND
-                self._pending_requests[self._bridge.ask("disarm" if grounded else "land")] = (
+                self._pending_requests[self._bridge.request("disarm" if grounded else "land")] = (
                     Future()
                 )
             self._link.wait(_LANDING_STEP_S)
@@ -427,11 +427,11 @@ class Px4BridgeNode(LoopNode):
         time.sleep(_FLUSH_S)
 
     def _in_offboard(self) -> bool:
-        """Whether it flies by set points; any other mode is somebody else's, and not fought."""
+        """Whether PX4 is in OFFBOARD; any other mode was chosen by another station and is kept."""
         return self._status.mode == mode_name(OFFBOARD)
 
     def _send_shutdown_command(self) -> None:
-        """See to it that nothing is armed late, and nothing left in the air to the fail-safe."""
+        """Send a last command, so that nothing arms late or is left to the fail-safe."""
         end_ns = time.monotonic_ns() + _SHUTDOWN_NS
         said_ns = 0
         while time.monotonic_ns() < end_ns:

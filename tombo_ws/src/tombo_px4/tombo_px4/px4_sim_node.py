@@ -1,7 +1,7 @@
-"""A PX4 that is not there, as a node: autopilot and vehicle behind MAVLink, and their mocap.
+"""The simulated PX4 as a node: autopilot and vehicle behind MAVLink, and the motion capture.
 
-It takes no rotor commands: whoever flies it does so over its links, as over those of a real PX4.
-Poses of the motion capture leave by ROS alone; PX4 hears of them from the bridge. Real time only.
+It takes no rotor commands: it is flown over its links, as a real PX4. Poses of the motion capture
+are published in ROS only; PX4 gets them from the bridge. Real time only.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from tombo_ros.node_loop import run
 from tombo_sim.vehicle_node import VehicleNode
 
 _BEHIND_NS = 500_000_000
-"""Further behind than this, or ahead, the flight's clock is set anew: a stop that PX4's own clock
-would not know. Less is made up for within a tenth of a second, as when other nodes start."""
+"""If it is behind or ahead by more, the flight's clock is set; a smaller delay, as when other
+nodes start, is caught up within a tenth of a second."""
 _WARNING = 4
-"""Severity of a text; the more severe the lower."""
+"""Severity of a text; lower is more severe."""
 _MOST_TICKS = 20
-"""In one run of the loop; links are read between."""
+"""Most ticks in one run of the loop; links are read between the runs."""
 
 
 class Px4SimNode(VehicleNode):
@@ -105,13 +105,14 @@ class Px4SimNode(VehicleNode):
             kind: Any = int if p.kind == "int32" else float
             default = kind(MOCAP_ONLY.get(p.name, p.default))
             text = f"{p.doc} [{p.unit}]" if p.unit else p.doc
+            text += "" if p.acts else "; without effect in this simulation"
             value = self.declare(f"px4.{p.name}", default, text, bounds=(p.low, p.high))
             if value != kind(p.default) and (refusal := table.set(p.name, value)):
                 raise InputError(f"px4.{refusal}")
         return table
 
     def _warm_up(self) -> None:
-        """Load all compiled code now: not when it is needed."""
+        """Load all compiled code before the flight."""
         spare = Px4Vehicle(self.world, 0, ParameterTable())
         for _ in range(10):
             spare.step()
@@ -124,7 +125,7 @@ class Px4SimNode(VehicleNode):
         super().spin()
 
     def step(self, now_ns: int) -> None:
-        """Go on to the present, and answer what has come over the links."""
+        """Fly up to now, and answer the messages of the links."""
         assert self._began_ns is not None
         behind_ns = now_ns - self._began_ns - self.vehicle.tick * TICK_NS
         if abs(behind_ns) > _BEHIND_NS:
@@ -138,7 +139,7 @@ class Px4SimNode(VehicleNode):
         self._log_status_texts()
 
     def _slip(self, behind_ns: int) -> None:
-        """Let the flight's clock go on from here: what was lost is not made up for."""
+        """Set the flight's clock to now: missed ticks are dropped."""
         assert self._began_ns is not None
         self._began_ns += behind_ns
         self._slipped += 1
@@ -156,7 +157,7 @@ class Px4SimNode(VehicleNode):
         self._endpoint.statustext.said.clear()
 
     def report(self, now_ns: int) -> None:
-        """Add what autopilot and links say."""
+        """Add the state of autopilot and links."""
         vehicle = self.vehicle
         self.health.value("armed", vehicle.armed)
         self.health.value("mode", mode_name(vehicle.mode))
@@ -169,7 +170,7 @@ class Px4SimNode(VehicleNode):
         super().report(now_ns)
 
     def close(self) -> None:
-        """Let go of the links."""
+        """Close the links."""
         for link in self._links.values():
             link.close()
 

@@ -10,10 +10,9 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_ros import health as module
 from tombo_ros.health import ERROR, WARN, Health
-
-_SECOND_NS = 1_000_000_000
 
 
 @pytest.fixture
@@ -67,7 +66,7 @@ def test_a_fault_is_logged_and_urgent_when_it_comes_and_goes(health, sent, caplo
 def test_an_event_is_in_the_reports_of_each_second(health, sent, monkeypatch):
     monkeypatch.setattr(module.time, "time_ns", lambda: 0)
     health.report_event("refused", "NaN")
-    health.clear_expired(_SECOND_NS + 100_000_000)  # a report that comes late
+    health.clear_expired(SECOND_NS + 100_000_000)  # a report that comes late
     assert _status(health, sent).message == "refused: NaN"
-    health.clear_expired(2 * _SECOND_NS)
+    health.clear_expired(2 * SECOND_NS)
     assert _status(health, sent).message == "ok"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from typing import Any
 
@@ -14,10 +13,9 @@ from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from tiny_node import POKE
 
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_ros.conversion import to_ns, to_time
 from tombo_ros.topic import PolledSubscription, TopicPublisher
-
-_SECOND_NS = 1_000_000_000
 
 
 class _Speaker:
@@ -60,7 +58,6 @@ def test_messages_wait_and_are_taken_once_oldest_first(world: Any) -> None:
     assert heard.take() == []
     assert heard.newest() is None
     assert heard.last_ns is None
-    assert heard.age_s(time.time_ns()) == math.inf
     began = time.time_ns()
     for number in range(20):
         speaker.say(number)
@@ -71,7 +68,6 @@ def test_messages_wait_and_are_taken_once_oldest_first(world: Any) -> None:
     assert [t.sequence for t in taken] == list(range(1, 21))
     assert all(began <= t.sent_ns <= t.received_ns <= time.time_ns() for t in taken)
     assert heard.last_ns == taken[-1].received_ns
-    assert 0.0 <= heard.age_s(time.time_ns()) < 5.0
     assert not heard.waiting()
     assert heard.take() == []
     speaker.say(7)
@@ -125,11 +121,11 @@ def test_two_that_speak_in_turn_are_a_crowd_until_one_is_gone(world: Any) -> Non
         _wait(heard, 32 + 2 * number)
     now = time.time_ns()
     assert heard.multiple_publishers(now)
-    assert heard.multiple_publishers(now + _SECOND_NS // 2)
+    assert heard.multiple_publishers(now + SECOND_NS // 2)
     for number in range(20):
         first.say(number)
     _wait(heard, 60)
-    assert not heard.multiple_publishers(now + 2 * _SECOND_NS)
+    assert not heard.multiple_publishers(now + 2 * SECOND_NS)
 
 
 def test_two_of_the_same_age_are_a_crowd_too(world: Any) -> None:

@@ -1,1 +1,1 @@
-"""The one place where the pure packages meet ROS 2: loop, topics, parameters, health, clock."""
+"""The interface to ROS 2 of all nodes: loop, topics, parameters, health, clock."""

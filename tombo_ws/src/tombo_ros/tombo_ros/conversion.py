@@ -6,20 +6,20 @@ from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Quaternion, Vector3
+from geometry_msgs.msg import Point, Quaternion
 from numpy.typing import NDArray
 
-_SECOND_NS = 1_000_000_000
+from tombo_dynamics.time_base import SECOND_NS
 
 
 def to_ns(time: Any) -> int:
     """Return a builtin_interfaces/Time as nanoseconds."""
-    return int(time.sec) * _SECOND_NS + int(time.nanosec)
+    return int(time.sec) * SECOND_NS + int(time.nanosec)
 
 
 def to_time(time_ns: int) -> Time:
     """Return nanoseconds as builtin_interfaces/Time; below 0 becomes 0."""
-    seconds, rest = divmod(max(int(time_ns), 0), _SECOND_NS)
+    seconds, rest = divmod(max(int(time_ns), 0), SECOND_NS)
     return Time(sec=min(seconds, 2**31 - 1), nanosec=rest)
 
 
@@ -33,11 +33,6 @@ def array(value: Any) -> NDArray[np.float64]:
 def point(values: Any) -> Point:
     """Return three numbers as a Point."""
     return Point(x=float(values[0]), y=float(values[1]), z=float(values[2]))
-
-
-def vector(values: Any) -> Vector3:
-    """Return three numbers as a Vector3."""
-    return Vector3(x=float(values[0]), y=float(values[1]), z=float(values[2]))
 
 
 def quaternion(values: Any) -> Quaternion:

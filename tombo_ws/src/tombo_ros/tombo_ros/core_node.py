@@ -12,8 +12,9 @@ from tombo_bag.topics import TOPICS, TopicSpec
 from tombo_dynamics.core import Core
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import neutral
+from tombo_dynamics.time_base import SECOND_NS, TICK_NS
 from tombo_ros.lockstep import LockstepMember
-from tombo_ros.node_loop import SECOND_NS, LoopNode, run
+from tombo_ros.node_loop import LoopNode, run
 from tombo_ros.pacing import Priority, sleep_until
 from tombo_ros.topic import PolledSubscription, ReceivedMessage
 
@@ -22,16 +23,16 @@ _DEPTH = 200
 _MARGIN_NS = 250_000
 """A loop that follows a sensor aims to run this long after a sample has arrived."""
 _FOLLOW = 0.02
-"""Share of the distance to that aim that is made good in each run."""
+"""Share of the error from that time that each run corrects."""
 _FASTEST_NS = 1000
 """And at most so much in each: 0.1 % of the rate at 1 kHz."""
 _WAIT_NS, _LOOKS = 100_000, 4
-"""A sample that is late is looked for again so often, so far apart."""
+"""Number of further checks for a late sample, and the time between them."""
 _WARM_UP_TICKS, _WARM_UP_POSE = 120, 30
 
 
 class CoreInput:
-    """One input of the core: what has come, as dataclasses."""
+    """One input of the core; messages are decoded to dataclasses."""
 
     def __init__(self, spec: TopicSpec, subscription: PolledSubscription) -> None:
         self.topic = spec.name
@@ -46,7 +47,7 @@ class CoreInput:
 
 
 class CoreNode(LoopNode):
-    """Runs a core on what arrives."""
+    """Runs a core on the messages that arrive."""
 
     def __init__(
         self,
@@ -102,10 +103,10 @@ class CoreNode(LoopNode):
         self._take_over_faults()
 
     def on_published(self, topic: str, message: Any) -> None:
-        """Take note of what the core has published: a hook."""
+        """Hook: called with what the core has published."""
 
     def step(self, now_ns: int) -> None:
-        """Hand over what has come in the order of the inputs, step, publish.
+        """Hand over the received messages in the order of the inputs, step, publish.
 
         A sensor that is followed comes first in real time: what came besides counts for its next
         sample.
@@ -192,7 +193,7 @@ class CoreNode(LoopNode):
                 self.health.report_event(key, text)
 
     def _wait_for(self, source: PolledSubscription) -> list[ReceivedMessage]:
-        """Return the samples that are there; for one that is late, wait a moment."""
+        """Return the received samples; wait a short time for a late one."""
         samples = source.take_raw()
         for _ in range(0 if source.last_ns is None else _LOOKS):
             if samples:
@@ -208,7 +209,7 @@ class CoreNode(LoopNode):
         self.shift_ns = min(max(shift, -_FASTEST_NS), _FASTEST_NS)
 
     def report(self, now_ns: int) -> None:
-        """Add what the core says of itself."""
+        """Add the counts and states of the core."""
         for key, value in self.core.health.values.items():
             self.health.value(key, value)
         if self._followed is not None:
@@ -217,10 +218,10 @@ class CoreNode(LoopNode):
 
 
 def warm_up(core: Core) -> None:
-    """Load all compiled code of a core now, not at its first message: fly it for a moment."""
+    """Load all compiled code of a core before its first message, by a short run."""
     kinds = [(topic, form_of(TOPICS[topic].typename).kind) for topic in core.inputs]
     for tick in range(_WARM_UP_TICKS):
-        now_ns = SECOND_NS + tick * 1_000_000
+        now_ns = SECOND_NS + tick * TICK_NS
         for topic, kind in kinds:
             if topic != "/mocap/pose" or tick % _WARM_UP_POSE == 0:
                 core.on(topic, neutral(kind, now_ns), now_ns)

@@ -1,4 +1,4 @@
-"""What a node says about itself on `/diagnostics`: faults with their history, and figures."""
+"""The report of a node on `/diagnostics`: faults with their history, and figures."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ class Health:
         self._values: dict[str, Any] = {}
         self._seen_ns: dict[str, int] = {}
         self.urgent = False
-        """A fault has come or gone since the last `send`."""
+        """A fault has begun or ended since the last `send`."""
 
     def fault(self, key: str, active: bool, text: str = "", level: int = WARN) -> None:
-        """Say whether a fault is there. Logged when it comes and when it goes, and counted.
+        """Set or clear a fault; logged at its begin and end, and counted.
 
         While it lasts, reports have the newest text and level.
 
@@ -74,7 +74,7 @@ class Health:
             logger.info(f"{key}: over")
 
     def report_event(self, key: str, text: str, level: int = WARN) -> None:
-        """Say that something went wrong once; it is shown for 1.5 s after the last time."""
+        """Report an event without duration; it is shown for 1.5 s after the last time."""
         self._seen_ns[key] = time.time_ns()
         self.fault(key, True, text, level)
 
@@ -86,7 +86,7 @@ class Health:
                 self.fault(key, False)
 
     def active(self, key: str) -> bool:
-        """Return whether a fault is there."""
+        """Return whether a fault is active."""
         known = self._faults.get(key)
         return known is not None and known.active
 

@@ -4,7 +4,7 @@ In each tick of 1 ms the simulator publishes what it senses and tells each node 
 many messages it shall have on each input, counted since the start. The node waits until they are
 there, takes exactly these, steps, publishes, and answers with how many it has published. The
 simulator goes on when all have answered. Topics are reliable and keep what a late subscriber has
-not seen, so no message is lost; who waits in vain says for what, and ends.
+not seen, so no message is lost; a wait without result ends in an error that names the messages.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from tombo_bag.message_template import MessageTemplate
 from tombo_bag.qos import Qos
 from tombo_bag.topics import CLOCK, DIAGNOSTICS, MARKERS, TF, TopicSpec
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_msgs.msg import LockstepNode
 from tombo_ros.topic import PolledSubscription, ReceivedMessage, TopicPublisher
 
@@ -33,10 +34,9 @@ _READY = TopicSpec(
     "/lockstep/ready", "tombo_msgs/msg/LockstepNode", QOS, 0.0, "nodes of a lockstep"
 )
 _COUNTS = "tombo_msgs/msg/LockstepCounts"
-_SECOND_NS = 1_000_000_000
 _TIME = struct.Struct("<iI")
 _LOOK_NS = 100_000_000
-"""How often a node that waits looks at its parameters and whether it is to end."""
+"""Period at which a waiting node checks its parameters and whether to end."""
 
 
 class LockstepError(Exception):
@@ -44,7 +44,7 @@ class LockstepError(Exception):
 
 
 UNCOUNTED = (DIAGNOSTICS.name, MARKERS.name, TF.name, CLOCK.name)
-"""Topics outside of the lockstep: nothing that flies takes them."""
+"""Topics outside of the lockstep: no core takes them."""
 
 
 def lockstep_spec(spec: TopicSpec) -> TopicSpec:
@@ -85,7 +85,7 @@ class _Counts:
         self._field = self._template.field("counts", number) if number else None
 
     def encode(self, stamp_ns: int, counts: Sequence[int]) -> bytes:
-        self._template.write(_TIME, self._stamp, *divmod(stamp_ns, _SECOND_NS))
+        self._template.write(_TIME, self._stamp, *divmod(stamp_ns, SECOND_NS))
         if self._field is not None:
             self._field.put(counts)
         return self._template.data()
@@ -93,11 +93,11 @@ class _Counts:
     def decode(self, data: bytes) -> tuple[int, tuple[int, ...]]:
         seconds, rest = _TIME.unpack_from(data, self._stamp)
         counts = self._field.of(data) if self._field is not None else ()
-        return seconds * _SECOND_NS + rest, counts
+        return seconds * SECOND_NS + rest, counts
 
 
 class LockstepMember:
-    """A node's end: waits for ticks, collects what belongs to them, answers."""
+    """A node's side: waits for ticks, collects their messages, answers."""
 
     def __init__(
         self,
@@ -199,7 +199,7 @@ def take_until(
 
 @dataclass
 class _Member:
-    """What the simulator knows of a node."""
+    """State of a node, kept by the simulator."""
 
     name: str
     inputs: tuple[str, ...]
@@ -214,7 +214,7 @@ class _Member:
 
 
 class LockstepMaster:
-    """The simulator's end: says who is due, and waits for the answers."""
+    """The simulator's side: tells which nodes are due, and waits for the answers."""
 
     def __init__(self, node: LoopNode, names: Sequence[str]) -> None:
         """Advertise the ticks of some nodes."""

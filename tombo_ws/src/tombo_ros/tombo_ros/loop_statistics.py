@@ -1,4 +1,4 @@
-"""How well a loop keeps its time: rate, lateness, missed deadlines. Pure counting, no clock."""
+"""Timing statistics of a loop: rate, lateness, missed deadlines. Pure, without a clock."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _BINS = 20_000
 
 @dataclass(frozen=True)
 class LoopMetrics:
-    """What a loop has done since its start."""
+    """Timing of a loop since its start."""
 
     runs: int
     missed: int
@@ -75,7 +75,7 @@ class LoopStatistics:
         self.missed += missed
 
     def metrics(self) -> LoopMetrics:
-        """Return what there was so far."""
+        """Return the metrics so far."""
         runs = self._lateness.number
         span = self._last_ns - self._first_ns
         return LoopMetrics(

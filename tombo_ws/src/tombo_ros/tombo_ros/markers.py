@@ -1,4 +1,4 @@
-"""What RViz and Foxglove draw: obstacle, discs, points."""
+"""Markers for RViz and Foxglove: obstacle, discs, points."""
 
 from __future__ import annotations
 

@@ -1,9 +1,8 @@
-"""A node that is one loop: it takes what has come, thinks and publishes, at absolute deadlines.
+"""A node that is one loop: it takes messages, computes and publishes, at absolute deadlines.
 
 In real time the loop runs at absolute deadlines in the main thread. With `use_sim_time` it runs
-when `/clock` moves or a message has come. Parameter services live in a thread of their own that
-sleeps until somebody calls; they never touch the loop's topics. docs/nodes.md has the measurements
-that led here.
+when `/clock` moves or a message has come. Parameter services have a thread of their own that
+sleeps until a call comes; they never touch the loop's topics. docs/nodes.md has the measurements.
 """
 
 from __future__ import annotations
@@ -25,6 +24,7 @@ from rclpy.utilities import ok
 
 from tombo_bag.topics import CLOCK, TopicSpec
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_ros.conversion import to_ns
 from tombo_ros.health import ERROR, WARN, Health
 from tombo_ros.lockstep import LockstepError, lockstep_spec
@@ -39,7 +39,6 @@ from tombo_ros.pacing import (
 from tombo_ros.record_parameters import RecordParameters
 from tombo_ros.topic import PolledSubscription, TopicPublisher
 
-SECOND_NS = 1_000_000_000
 _LOOK_NS = SECOND_NS // 2
 _SETTLE_NS = 2 * SECOND_NS
 """Discovery and first calls; the statistics of a loop begin after it."""
@@ -53,11 +52,11 @@ class LoopNode(ABC):
     """One node: subclass it, take inputs and publish in `step`."""
 
     catches_up = False
-    """True: deadlines missed are made up for; False: they are left out."""
+    """True: missed deadlines are run later; False: they are skipped."""
     runs_on_message = True
     """In simulated time: True runs the loop for each message too, False at its rate alone."""
     publishes_clock = False
-    """True: this node is the one that says what time it is; it runs by the wall's clock."""
+    """True: this node publishes /clock; it runs by the wall clock."""
 
     def __init__(
         self,
@@ -73,7 +72,7 @@ class LoopNode(ABC):
             name: of the node.
             rate_hz: of the loop.
             records: section -> record whose fields become parameters.
-            priority: place in front of the queue to ask the system for; real time only.
+            priority: real-time priority to request; not in simulated time.
 
         Raises:
             InputError: a parameter given at the start is refused.
@@ -149,13 +148,13 @@ class LoopNode(ABC):
         """Run the loop once, at ROS time `now_ns`."""
 
     def on_parameters_changed(self, name: str) -> None:  # noqa: B027 - a hook
-        """Take note that a section, or a parameter of the node's own, was set."""
+        """Hook: a section, or a parameter of the node's own, was set."""
 
     def close(self) -> None:  # noqa: B027 - a hook
-        """Say last words."""
+        """Hook: called at the end."""
 
     def stop(self) -> None:
-        """Let the loop end after this run."""
+        """End the loop after this run."""
         self._stopping = True
 
     def now_ns(self) -> int:
@@ -254,7 +253,7 @@ class LoopNode(ABC):
         return self._now_ns != before
 
     def _input_waiting(self) -> bool:
-        """Return whether any input has something: looked at without taking it."""
+        """Return whether any input has a message, without taking it."""
         return self.runs_on_message and any(found.waiting() for found in self._inputs)
 
     def periodic_tasks(self, wall_ns: int, now_ns: int) -> None:
@@ -288,7 +287,7 @@ class LoopNode(ABC):
         self.health.send(now_ns, loops)
 
     def _serve(self) -> None:
-        """Answer parameter calls; asleep but for them."""
+        """Answer parameter calls; sleeps between them."""
         try:
             while not self.stopping:
                 self._executor.spin_once(timeout_sec=0.5)

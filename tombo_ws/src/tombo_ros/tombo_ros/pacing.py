@@ -1,4 +1,4 @@
-"""Waiting for an absolute time, and a place in front of the queue for loops that must not wait."""
+"""Sleeping until an absolute time, and real-time priority for loops."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ import threading
 import time
 from dataclasses import dataclass
 
+from tombo_dynamics.time_base import SECOND_NS
+
 _TIMER_ABSTIME = 1
-_SECOND_NS = 1_000_000_000
 
 
 class _Timespec(ctypes.Structure):
@@ -31,13 +32,13 @@ def sleep_until(deadline_ns: int) -> None:
 
     To an absolute time, so lateness of one run does not shift the next (clock_nanosleep(2)).
     """
-    seconds, rest = divmod(deadline_ns, _SECOND_NS)
+    seconds, rest = divmod(deadline_ns, SECOND_NS)
     _nanosleep(time.CLOCK_MONOTONIC, _TIMER_ABSTIME, ctypes.byref(_Timespec(seconds, rest)), None)
 
 
 @dataclass(frozen=True)
 class Priority:
-    """Places of a process's threads under SCHED_FIFO; 0: none is asked for."""
+    """Priorities of a process's threads under SCHED_FIFO; 0: none is requested."""
 
     loop: int = 0
     transport: int = 0
@@ -78,7 +79,7 @@ def request_realtime_priority(wanted: Priority, leave_out: set[int]) -> str:
 
 
 def freeze_garbage() -> None:
-    """Keep the garbage collector out of the loop: what is there stays, the young is looked at."""
+    """Keep the garbage collector out of the loop: only new objects are collected."""
     gc.collect()
     gc.freeze()
     gc.disable()

@@ -1,4 +1,4 @@
-"""Quality of service of a topic as rclpy wants it."""
+"""Quality of service of a topic as an rclpy profile."""
 
 from __future__ import annotations
 

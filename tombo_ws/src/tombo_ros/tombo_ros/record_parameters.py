@@ -129,7 +129,7 @@ class RecordParameters:
         return [self._changed.popleft() for _ in range(len(self._changed))]
 
     def unknown(self) -> list[str]:
-        """Return a line for each value given at the start whose name is nearly a parameter's.
+        """Return a line for each value given at the start with a name close to a parameter's.
 
         Names that are like none are meant for other nodes: a file may speak to all of them.
         """

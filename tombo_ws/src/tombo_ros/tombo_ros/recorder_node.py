@@ -22,6 +22,7 @@ from tombo_bag.schemas import type_hash
 from tombo_bag.sequence_counter import SequenceCounter
 from tombo_bag.topics import CLOCK, TOPICS
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_ros.health import ERROR
 from tombo_ros.lockstep import UNCOUNTED, LockstepMember, lockstep_spec
 from tombo_ros.node_loop import LoopNode, run
@@ -29,14 +30,13 @@ from tombo_ros.pacing import RECORDER
 from tombo_ros.qos import profile
 from tombo_ros.topic import PolledGroup, ReceivedMessage, message_class
 
-SECOND_NS = 1_000_000_000
 POLLS_HZ = 200.0
 DEPTH = 4000
 """Messages a topic may be behind: four seconds at 1 kHz."""
 FLUSH_NS = 400_000_000
-"""What a kill -9 may cost is this and what is under way."""
+"""Period of writing; a kill -9 loses at most about this much."""
 LOOK_NS = SECOND_NS // 2
-"""How often publishers are looked for."""
+"""Period of the search for new publishers."""
 _LOCKSTEP_NS = 50_000_000
 """In lockstep the recorder is never further behind than this."""
 _NAME_NOT_YET_KNOWN = "_NODE_NAME_UNKNOWN_"
@@ -44,7 +44,7 @@ _NAME_NOT_YET_KNOWN = "_NODE_NAME_UNKNOWN_"
 
 
 class RecordedTopic:
-    """One recorded topic: a polled subscription and what it counts."""
+    """One recorded topic: a polled subscription and its counts."""
 
     def __init__(self, node: RecorderNode, name: str, typename: str, qos: Qos) -> None:
         self.name = name
@@ -70,7 +70,7 @@ class RecordedTopic:
         self._take = self._subscription.handle.take_message
 
     def relax_qos(self, qos: Qos) -> None:
-        """Ask for less where a publisher doesn't offer what is asked for."""
+        """Request less where a publisher doesn't offer the requested quality of service."""
         weaker = weakest_qos((self.qos, qos))
         if weaker != self.qos:
             self.take()
@@ -78,7 +78,7 @@ class RecordedTopic:
             self._subscribe(weaker)
 
     def take(self) -> None:
-        """Record all that has come."""
+        """Record all received messages."""
         write = self._node.sink.write
         item = self._take(self._kind, True)
         if item is not None and not self._has_publisher:
@@ -113,7 +113,7 @@ class RecordedTopic:
 
 
 class RecorderNode(LoopNode):
-    """Polls the topics, writes what has come, looks for new publishers."""
+    """Polls the topics, writes the messages, finds new publishers."""
 
     # By the wall's clock also in simulated time: a recording goes on when that stands still.
     publishes_clock = True
@@ -192,7 +192,7 @@ class RecorderNode(LoopNode):
             raise InputError(f"metadata_file '{path}': {error}; accepted: {accepted}") from error
 
     def step(self, now_ns: int) -> None:
-        """Take what has come; now and then write it, look around, report."""
+        """Take the received messages; write, find publishers and report, each at its period."""
         for source in self._sources.values():
             source.take()
         clock = time.monotonic_ns()
@@ -221,7 +221,7 @@ class RecorderNode(LoopNode):
         self.periodic_tasks(now_ns, now_ns)
 
     def close(self) -> None:
-        """Take what is left, finish the file, say in one line what was recorded."""
+        """Take the remaining messages, finish the file, log a line about the recording."""
         for source in self._sources.values():
             source.take()
         self._discover_publishers()
@@ -233,7 +233,7 @@ class RecorderNode(LoopNode):
         self._say_what_was_recorded()
 
     def _guarded(self, action: Callable[[], None]) -> None:
-        """Write; if the disk won't, say so and let the recording end."""
+        """Write; if the disk refuses, report it and end the recording."""
         try:
             action()
         except OSError as error:
@@ -290,7 +290,7 @@ class RecorderNode(LoopNode):
         return source
 
     def _compare(self, source: RecordedTopic, offer: Any) -> None:
-        """Complain of a publisher whose type is not the one that stands in the file."""
+        """Warn about a publisher whose type differs from the one in the file."""
         if offer.topic_type != source.typename:
             text = f"{offer.topic_type} is not recorded, {source.typename} is"
             self.health.fault(f"second_type.{source.name}", True, f"{source.name}: {text}")
@@ -329,7 +329,7 @@ class RecorderNode(LoopNode):
         return sum(source.sequence_counter.lost for source in self._sources.values())
 
     def _notes(self) -> dict[str, str]:
-        """Return what the file says about its own making."""
+        """Return the recorder's notes in the file."""
         tallies = {name: self._sources[name].sequence_counter for name in sorted(self.sink.topics)}
         return {
             "started_ns": str(self._started_ns),
@@ -402,7 +402,7 @@ def _no_callback(message: Any) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Be the recorder."""
+    """Run the recorder."""
     made: list[RecorderNode] = []
 
     def make() -> RecorderNode:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from importlib import import_module
 from typing import Any, NamedTuple
@@ -12,10 +11,10 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
 from tombo_bag.topics import TopicSpec
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_ros.qos import profile
 
-_SECOND_NS = 1_000_000_000
-_GRACE_NS = 3 * _SECOND_NS
+_GRACE_NS = 3 * SECOND_NS
 
 
 def message_class(typename: str) -> Any:
@@ -133,14 +132,14 @@ class PolledSubscription:
             item = self._take(self.kind, True)
 
     def multiple_publishers(self, now_ns: int) -> bool:
-        """Return whether two publishers have spoken here within the last second.
+        """Return whether two publishers have published here within the last second.
 
         A publisher numbers its messages. One that was restarted makes the numbers fall once; of
         two that speak in turn they fall again and again. (The middleware's own count is of no use
         here: it keeps a killed publisher for 20 s.)
         """
         first, second = self._turned_ns
-        return first > 0 and second - first < _SECOND_NS and now_ns - second < _SECOND_NS
+        return first > 0 and second - first < SECOND_NS and now_ns - second < SECOND_NS
 
     def take(self) -> list[ReceivedMessage]:
         """Return all messages that have arrived, oldest first."""
@@ -160,10 +159,6 @@ class PolledSubscription:
         """Return the newest message that has arrived since the last call."""
         messages = self.take()
         return messages[-1] if messages else None
-
-    def age_s(self, now_ns: int) -> float:
-        """Return how long ago the newest message came [s]; infinite before the first."""
-        return math.inf if self.last_ns is None else (now_ns - self.last_ns) * 1e-9
 
     def silent(self, now_ns: int, limit_s: float) -> bool:
         """Return whether nothing has come for `limit_s`; before the first message, for 3 s.

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from tombo_bag.flight_time import FLIGHT_METADATA
 from tombo_bag.recording import Recording
 from tombo_dynamics.errors import InputError
 from tombo_flight.extended_model import FittedEffect, FittedParameter, Model, Origin
 from tombo_flight.model_file import write_model
-from tombo_flight.replay.bag_scenario import RECORD
 from tombo_flight.scenario import load_scenario
 
 SHORT = ("hover", "--set", "duration=3")
@@ -31,7 +31,7 @@ def model(tmp_path: Path) -> str:
 
 def flown(folder: str) -> dict[str, object]:
     with Recording(Path(folder) / "flight.mcap") as recording:
-        scenario: dict[str, object] = json.loads(recording.metadata[RECORD]["scenario"])
+        scenario: dict[str, object] = json.loads(recording.metadata[FLIGHT_METADATA]["scenario"])
     return scenario
 
 

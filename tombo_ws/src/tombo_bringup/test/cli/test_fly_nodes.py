@@ -11,12 +11,13 @@ import pytest
 from suite_bench import FAKES
 
 from tombo_bag.columnar_cdr import encode
+from tombo_bag.flight_time import FLIGHT_METADATA
 from tombo_bag.flight_topics import write_flight
 from tombo_bag.mcap_sink import Columns, McapSink
 from tombo_bag.recording import Recording
 from tombo_bag.rolling_sink import NOTES
 from tombo_flight.flight import fly_scenario
-from tombo_flight.flight_from_bag import RECORD, flight_from_bag
+from tombo_flight.flight_from_bag import flight_from_bag
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite import nodes, running
 from tombo_flight.suite.node_flight import FlightMonitor
@@ -115,7 +116,7 @@ def test_a_flight_that_lands_leaves_the_files_of_a_headless_one(fly, bag, tmp_pa
 def test_the_recorder_is_told_scenario_and_seed(fly, tmp_path):
     fly("--seed", "5", "--set", "vehicle.mass=1.25")
 
-    told = json.loads((tmp_path / "told.json").read_text())[RECORD]
+    told = json.loads((tmp_path / "told.json").read_text())[FLIGHT_METADATA]
     assert told["seed"] == "5"
     assert told["mode"] == "nodes"
     scenario = json.loads(told["scenario"])

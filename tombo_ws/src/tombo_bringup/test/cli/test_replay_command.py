@@ -117,7 +117,7 @@ def test_a_truncated_recording_is_replayed_and_the_damage_reported(tombo, tmp_pa
         ([STRIKE, "--shift-stamps", "inf"], ["--shift-stamps inf"]),
         ([STRIKE, "--speed", "2"], ["--speed 2", "--dds"]),
         ([STRIKE, "--dds", "--speed", "nan"], ["--speed nan", "0.05 to 20"]),
-        ([STRIKE, "-o", STRIKE], ["no folder"]),
+        ([STRIKE, "-o", STRIKE], ["it is a file"]),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(tombo, tmp_path, arguments, words):

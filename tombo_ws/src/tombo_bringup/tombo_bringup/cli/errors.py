@@ -69,12 +69,12 @@ def print_error(message: str) -> None:
     printable = "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
     try:
         print(f"Error: {printable}", file=sys.stderr)
-    except OSError:  # nobody is listening
+    except OSError:  # standard error is closed
         return
 
 
 def _discard_stdout() -> None:
-    """Let what is still to be written go nowhere: whoever read it has left."""
+    """Discard the rest of standard output, because its reader has closed the pipe."""
     try:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""What commands share that compute something and may leave a folder of results."""
+"""For commands that compute something and may write a folder of results."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Regenerates what the documentation takes from the code: pictures, tables, figures."""
+"""Regenerates the pictures, tables and figures of the documentation."""

@@ -87,7 +87,7 @@ def _code(product: Product) -> list[str]:
 
 
 def out_of_date(product: Product, flights: object = None) -> list[str]:
-    """Say why a product no longer comes from the code; a line each.
+    """Return why a product is out of date, one line each.
 
     Args:
         product: one that is in the lock file; those that a test compares are never out of date.

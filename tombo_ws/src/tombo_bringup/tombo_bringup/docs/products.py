@@ -1,4 +1,4 @@
-"""What `make docs` writes: each product, how it is made, and what it depends on."""
+"""The products of `make docs`: how each is made, and what it depends on."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
-from tombo_bringup.docs.wiring_picture import flight_wiring
+from tombo_bringup.docs.wiring_picture import wiring_mermaid
 from tombo_bringup.interface_tables import updated
 from tombo_dynamics.errors import InputError
 
@@ -58,15 +58,14 @@ def _tables(root: Path, data: Path) -> None:
     from tombo_bringup.interface_tables import PAGES, tables
     from tombo_bringup.parameter_file import parameter_file
     from tombo_flight.suite.parameter_yaml import default_file
+    from tombo_flight.wiring import COMMAND, CORES, SENSORS
 
     _write(root / "docs" / "effects.md", effects_markdown())
     _write(root / CONFIG / "all_parameters.yaml", parameter_file())
     _write(root / CONFIG / "suite.yaml", default_file())
     for page in PAGES:
         _fill(root / "docs" / page, tables(page))
-    wiring = flight_wiring()
-    if wiring is not None:
-        _fill(root / "docs" / "architecture.md", {"wiring": wiring})
+    _fill(root / "docs" / "architecture.md", {"wiring": wiring_mermaid(CORES, SENSORS, COMMAND)})
 
 
 def _reproduction(root: Path, data: Path) -> None:

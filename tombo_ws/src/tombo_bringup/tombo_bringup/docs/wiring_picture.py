@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 SIM = "sim"
 
@@ -38,14 +38,3 @@ def wiring_mermaid(cores: Sequence[CoreType], sensors: Sequence[str], command: s
     connect(command, publishers[command], SIM)
     lines = [f'    {a} -- "{"<br/>".join(topics)}" --> {b}' for (a, b), topics in arrows.items()]
     return "\n".join(["```mermaid", "flowchart LR", *lines, "```", ""])
-
-
-def flight_wiring() -> str | None:
-    """Return the chart of the flight's wiring; None if this version has no such table."""
-    from importlib import import_module
-    from importlib.util import find_spec
-
-    if find_spec("tombo_flight.wiring") is None:
-        return None
-    wiring: Any = import_module("tombo_flight.wiring")
-    return wiring_mermaid(wiring.CORES, wiring.SENSORS, wiring.COMMAND)

@@ -9,8 +9,8 @@ import numpy as np
 from tombo_bag.columnar_cdr import layout
 from tombo_bag.mcap_sink import Columns, McapSink
 from tombo_bag.qos import SENSOR
+from tombo_dynamics.time_base import EPOCH_NS
 
-EPOCH_NS = 1_700_000_000_000_000_000
 SIZES = {
     "position": ("position_x", "position_y", "position_z"),
     "attitude": ("attitude_x", "attitude_y", "attitude_z", "attitude_w"),

@@ -159,7 +159,7 @@ def test_text_from_outside_stays_text(make_flight):
     assert not any(key.startswith("on") for _, a in page.elements for key in a)
     assert evil in page.text("title")
     assert page.text("h1") is not None
-    assert page.block("story")["events"][-1]["text"] == evil
+    assert page.block("milestones")["events"][-1]["text"] == evil
 
 
 @pytest.mark.parametrize(
@@ -180,7 +180,7 @@ def test_every_flight_has_a_report(edge_flights, name, tmp_path):
     write_report(edge_flights[name], path, b"png")
     page = Page(path.read_text(encoding="utf-8"))
     assert columns(page.block("flight"))["t"].size > 0
-    assert page.block("story")["verdict"] == find_milestones(edge_flights[name]).verdict.value
+    assert page.block("milestones")["verdict"] == find_milestones(edge_flights[name]).verdict.value
 
 
 def test_the_same_flight_gives_the_same_bytes(flight):
@@ -282,9 +282,10 @@ console.log(JSON.stringify(out));
 @needs_node
 def test_page_and_poster_draw_the_same_vehicle(flight, page, tmp_path):
     t = 23.15
+    shape = json.dumps(page.block("milestones")["shape"])
     probe = f"""
 const flight = decodeFlight({json.dumps(page.block("flight"))});
-const parts = vehicleParts(flight, {json.dumps(page.block("story")["shape"])}, {t}, [1.6, 0, 9]);
+const parts = vehicleParts(flight, {shape}, {t}, [1.6, 0, 9]);
 console.log(JSON.stringify(parts));
 """
     path = tmp_path / "probe.js"

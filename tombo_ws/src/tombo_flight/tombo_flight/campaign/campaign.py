@@ -1,4 +1,4 @@
-"""The same scenario flown with many seeds, on all cores; each flight as if it were alone."""
+"""One scenario flown with many seeds, on all cores; each flight as if it were alone."""
 
 from __future__ import annotations
 

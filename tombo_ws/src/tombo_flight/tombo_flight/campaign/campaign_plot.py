@@ -1,4 +1,4 @@
-"""The picture of a campaign: how the figures of the collision are spread over the flights."""
+"""The picture of a campaign: histograms of the collision's figures over the flights."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the detector's threshold costs: latency against false alarms, over the threshold.
+"""Study of the detector's threshold: latency and false alarms.
 
     python -m tombo_flight.campaign.detector_threshold_study [--flights 120]
         [--figure docs/detector_threshold.png]
@@ -62,7 +62,7 @@ FREE_FLIGHTS: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class DetectorTrace:
-    """What the detector saw of one flight, and the truth about contact."""
+    """The detector's statistic in one flight, and the true contact."""
 
     stamp: Array
     """(M,) capture times of the samples [s]."""
@@ -76,7 +76,7 @@ class DetectorTrace:
 
 @dataclass(frozen=True)
 class ThresholdResult:
-    """What one threshold makes of many flights."""
+    """Latency and false alarms of many flights at one threshold."""
 
     threshold: float
     latency: Array

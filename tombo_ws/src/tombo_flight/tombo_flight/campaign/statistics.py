@@ -1,4 +1,4 @@
-"""Figures of many flights: how many ended how, and how each figure is spread."""
+"""Statistics of many flights: counts of outcomes, and the spread of each figure."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What any long command needs: worker processes, signals, folders of results."""
+"""For long commands: worker processes, signals, folders of results."""

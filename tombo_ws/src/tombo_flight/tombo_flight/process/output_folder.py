@@ -1,7 +1,7 @@
 """A folder of results that appears whole or not at all.
 
-Files are written into a hidden folder on the same file system and moved in place at the end. What
-else lies in the folder is nobody's business and stays.
+Files are written into a hidden folder on the same file system and moved in place at the end. Other
+files in the folder stay.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from tombo_dynamics.errors import InputError
 RESULT_FILES = (
     *("flight.mcap", "summary.json", "flight.png", "report.html", "campaign.png", "nodes.log"),
 )
-"""All names that a flight or a campaign writes: those of an earlier run give way to a new one."""
+"""All names that a flight or a campaign writes; a new run replaces those of an earlier one."""
 
 
 class OutputFolder:
-    """Results on their way into a folder; see `open_output`."""
+    """Results before they are moved into a folder; see `open_output`."""
 
     def __init__(
         self, target: Path, shown: Path, *, replace: bool, results: Sequence[str] = RESULT_FILES
@@ -47,10 +47,10 @@ class OutputFolder:
         return self.staging / name
 
     def publish(self) -> None:
-        """Move what was written in place, and what an earlier run left out of the way.
+        """Move the written files into the folder, in place of those of an earlier run.
 
         Raises:
-            InputError: the folder has been filled by somebody else meanwhile.
+            InputError: another program has filled the folder meanwhile.
             OSError: it can't be written any more.
         """
         if not self._inside:
@@ -72,7 +72,7 @@ class OutputFolder:
         self._published = True
 
     def discard(self) -> None:
-        """Take back everything that was made, unless it has been published."""
+        """Remove everything that was made, unless it has been published."""
         if not self._published:
             shutil.rmtree(self.staging, ignore_errors=True)
             self._remove_made()
@@ -147,7 +147,7 @@ def open_output(
     Args:
         path: the folder; its parents are made as needed.
         replace: whether results of an earlier run may be replaced, and other files be there.
-        results: names, at most one folder deep, that give way to a new run's.
+        results: names, at most one folder deep, that a new run replaces.
 
     Raises:
         InputError: a file, not empty and `replace` is False, or not writable.

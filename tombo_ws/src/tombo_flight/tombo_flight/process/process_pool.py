@@ -16,7 +16,7 @@ _Result = TypeVar("_Result")
 _WAITING = 4
 """Items handed out to each process in advance."""
 _LOOK_S = 0.1
-"""How often the wish to stop is looked at."""
+"""Period of the checks of `stop` [s]."""
 
 
 def run_in_processes(
@@ -74,7 +74,7 @@ def run_in_processes(
 def _submit(
     executor: ProcessPoolExecutor, work: Callable[[_Item], _Result], item: tuple[int, _Item]
 ) -> Future[tuple[int, _Result]]:
-    """Hand out an item. Processes started by that never see Ctrl-C: it is the parent's to answer.
+    """Hand out an item. Processes started by that never see Ctrl-C: the parent handles it.
 
     A terminal sends Ctrl-C to parent and children alike; a blocked signal is inherited.
     """

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM as a wish: what is in the air ends, what is flown is kept."""
+"""Ctrl-C and SIGTERM as requests to stop: the flight ends, what was flown is kept."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class StopSignals:
 
     def _receive(self, number: int, frame: FrameType | None) -> None:
         if self.number:
-            if number == signal.SIGHUP:  # a closed terminal says it more than once
+            if number == signal.SIGHUP:  # a closed terminal sends it more than once
                 return
             raise KeyboardInterrupt
         self.number = number
@@ -77,9 +77,9 @@ class StopSignals:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Leave signals to whoever watched them before.
+        """Restore the signal handlers.
 
-        But for the hang-up that ended it: its second word must not kill what is tidying up.
+        Except SIGHUP if that ended it: a second one must not kill the clean-up.
         """
         for watched, handler in self._before.items():
             again = watched == signal.SIGHUP == self.number

@@ -1,1 +1,1 @@
-"""Replay: a recorded run once more through the nodes' pure cores, and what differs."""
+"""Replay: a recorded run fed to the nodes' cores again, and the differences."""

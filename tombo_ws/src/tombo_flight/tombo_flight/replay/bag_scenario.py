@@ -1,4 +1,4 @@
-"""With which parameters to replay: those of the recorded flight, and what is set over them."""
+"""Parameters of a replay: those of the recorded flight, and changes to them."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from tombo_bag.flight_time import FLIGHT_METADATA
 from tombo_dynamics.errors import InputError
 from tombo_flight.scenario import Scenario, scenario_from_mapping, scenario_over
 
-RECORD = "tombo_flight"
-"""Metadata record in which a flight keeps its scenario."""
 _SECTIONS = ("vehicle", "control", "estimator", "mission", "detector", "reaction", "propeller")
 
 
@@ -36,7 +35,7 @@ def scenario_of_bag(
 def _recorded(
     metadata: Mapping[str, Mapping[str, str]],
 ) -> tuple[dict[str, Any], str, list[str]]:
-    text = metadata.get(RECORD, {}).get("scenario")
+    text = metadata.get(FLIGHT_METADATA, {}).get("scenario")
     if text is None:
         return {}, "recording", ["no parameters in the bag: the suite's defaults are used"]
     try:

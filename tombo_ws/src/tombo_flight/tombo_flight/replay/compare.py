@@ -1,4 +1,4 @@
-"""Compares what was recorded with what the replay said."""
+"""Compares the recorded outputs with the replayed ones."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MATCH_NS = 500_000_000
 
 @dataclass(frozen=True)
 class Tolerances:
-    """What `--strict` lets pass."""
+    """Largest differences that `--strict` accepts."""
 
     time_ms: float = 0.0
     """Capture time of the pose that triggered."""

@@ -1,4 +1,4 @@
-"""Feeds the cores from a recording: each what its node got, in the order in which it arrived."""
+"""Feeds the cores from a recording: the inputs of its node, in the order of arrival."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _NOTHING: Stream = (np.zeros(0, np.int64), [])
 
 @dataclass
 class Inputs:
-    """A recording made ready: which nodes can be fed, and with what."""
+    """A prepared recording: which nodes can be fed, and their inputs."""
 
     recording: Recording
     scenario: Scenario
@@ -42,7 +42,7 @@ class Inputs:
     poses: PoseTrack
     """Empty if there are none."""
     findings: list[str] = field(default_factory=list)
-    """What the replay finds on its way."""
+    """Findings of the replay."""
 
     def has(self, topic: str) -> bool:
         """Return whether there is at least one message of a topic."""
@@ -137,7 +137,7 @@ def _steps(core: Core, inputs: Inputs, streams: dict[str, Stream]) -> Times:
 
 
 def _stream(inputs: Inputs, topic: str) -> Stream:
-    """Return what a core gets of a topic: what was recorded, or what stands in for it."""
+    """Return the input of a core from a topic: as recorded, or its substitute."""
     recorded = topic in inputs.recording.topics
     if topic == DETECTOR_STATUS.name and not recorded and len(inputs.poses.stamp_ns):
         inputs.findings.append(

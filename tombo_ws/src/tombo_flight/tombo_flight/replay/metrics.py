@@ -1,4 +1,4 @@
-"""The figures of each node: what was recorded beside what was replayed."""
+"""Figures of each node, recorded and replayed."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Metrics = dict[str, Any]
 
 @dataclass(frozen=True)
 class Context:
-    """What the figures refer to."""
+    """Common data of the figures."""
 
     begin_ns: int
     minutes: float

@@ -1,4 +1,4 @@
-"""What nodes say, recorded or replayed, in one form that can be compared."""
+"""Outputs of nodes, recorded or replayed, in a form that can be compared."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Series:
 
 @dataclass
 class Outputs:
-    """What was said, as far as it was: events in order of time, series by name."""
+    """Outputs: events in order of time, series by name."""
 
     events: list[Event] | None = None
     """None: nobody recorded events (no topic); a list without elements: there were none."""

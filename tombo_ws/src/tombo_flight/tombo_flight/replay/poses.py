@@ -1,4 +1,4 @@
-"""The poses of a recording, whatever type and topic a lab has given them."""
+"""The poses of a recording, of any of several types and topics."""
 
 from __future__ import annotations
 

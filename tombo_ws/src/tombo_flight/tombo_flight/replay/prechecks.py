@@ -1,4 +1,4 @@
-"""What is wrong with a recording's poses before anything is replayed, a line for each finding.
+"""Checks of a recording's poses before the replay; each finding is one line.
 
 Frames, clocks and axes are where a lab loses days: a detector that is fed poses of tomorrow, or of
 a world that lies on its side, is silent or screams, and neither says why.

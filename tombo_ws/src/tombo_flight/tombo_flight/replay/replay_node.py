@@ -1,4 +1,4 @@
-"""Plays a file of recorded inputs to the suite's nodes over DDS and writes down what they answer.
+"""Plays recorded inputs to the suite's nodes over DDS and records their answers.
 
     python -m tombo_flight.replay.replay_node JOB
 
@@ -35,30 +35,30 @@ from tombo_bag.mcap_sink import McapSink
 from tombo_bag.message_template import MessageTemplate
 from tombo_bag.reader import Bag
 from tombo_bag.topics import CLOCK, TOPICS, TopicSpec
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_ros.pacing import sleep_until
 from tombo_ros.topic import PolledSubscription, TopicPublisher
 
-SECOND_NS = 1_000_000_000
 _CLOCK_NS = 1_000_000
-"""`/clock` moves on at least so often, in the nodes' time."""
+"""Longest step of `/clock`, in the nodes' time."""
 _LEAD_NS = SECOND_NS // 2
-"""The clock begins so long before the first message, and goes on so long after the last."""
+"""Time of the clock before the first message, and after the last."""
 _DEPTH = 5000
 _PATIENCE_NS, _FIRST_NS = SECOND_NS // 4, 5 * SECOND_NS
-"""Longest wait for an answer, and for the first, of the wall's clock."""
+"""Longest wait for an answer, and for the first one; wall time."""
 _MAX_MISSED = 4
-"""After so many answers waited for in vain in a row none is waited for any more."""
+"""After this many missing answers in a row, no answer is waited for."""
 
 
 class ResponseTracker:
-    """How far a node is with what it was sent."""
+    """Tracks which messages a node has answered."""
 
     def __init__(self, asked: str, said: str, share: int, most: int, at_once: bool) -> None:
         """Begin.
 
         Args:
-            asked: topic that the node listens to.
-            said: topic on which it answers.
+            asked: topic that the node takes.
+            said: topic of its answers.
             share: messages that one answer is for; 0: an answer's stamp tells how far the node is.
             most: messages, or ms, that it may be behind.
             at_once: it answers the first message, for which it may need longer.
@@ -70,20 +70,20 @@ class ResponseTracker:
         self._behind = 0
         self._first = at_once
         self._now_ns: int | None = None
-        self._in_vain = 0
+        self._missed = 0
 
     def sent(self, now_ns: int) -> None:
-        """Take note of a message."""
+        """Record a sent message."""
         if self._share:
             self._behind += 1
         elif self._now_ns is not None:
             self._behind = now_ns - self._now_ns
 
     def came(self, message: bytes) -> None:
-        """Take note of an answer."""
+        """Record an answer."""
         seconds, rest = struct.unpack_from("<iI", message, 4)
         self._now_ns = seconds * SECOND_NS + rest
-        self._in_vain = 0
+        self._missed = 0
         self._behind = max(self._behind - self._share, 0) if self._share else 0
 
     @property
@@ -91,22 +91,22 @@ class ResponseTracker:
         """Whether too much is unanswered."""
         if self._now_ns is None:
             return self._first
-        return self._in_vain < _MAX_MISSED and self._behind > self._most
+        return self._missed < _MAX_MISSED and self._behind > self._most
 
     @property
     def patience_ns(self) -> int:
-        """How long to wait for it, of the wall's clock."""
+        """Longest wait for the next answer, wall time."""
         return _FIRST_NS if self._now_ns is None else _PATIENCE_NS
 
     def skip_missing(self) -> None:
         """Go on without the answers that have not come: a message was lost."""
-        self._in_vain += 1
+        self._missed += 1
         self._behind = 0
         self._first = False
 
 
 class Player:
-    """The rest of the world, as it was recorded."""
+    """Publishes the recorded inputs and records the answers."""
 
     def __init__(
         self,
@@ -140,7 +140,7 @@ class Player:
         self.late_ns = 0
 
     def missing(self, listeners: dict[str, int]) -> list[str]:
-        """Return the topics that wait for somebody."""
+        """Return the topics without a subscriber or publisher."""
         deaf = [
             name
             for name, output in self._outputs.items()
@@ -209,7 +209,7 @@ class Player:
         return waited if waited > 200_000 else 0
 
     def subscribe(self) -> None:
-        """Write down what has come."""
+        """Record the messages received."""
         for name, source in self._inputs.items():
             for taken in source.take_raw():
                 self._sink.write(self._channels[name], taken.message, self.now_ns)

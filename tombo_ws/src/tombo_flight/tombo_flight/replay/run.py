@@ -174,7 +174,7 @@ def _prepare(recording: Recording, request: Request, result: Replay) -> Inputs:
 
 
 def _losses(metadata: Mapping[str, Mapping[str, str]]) -> list[str]:
-    """Say what the recorder itself says it has lost."""
+    """Return the losses that the recorder has reported."""
     lost = metadata.get(RECORDER_NOTES, {}).get("lost", "0")
     if not lost.isdecimal() or int(lost) == 0:
         return []

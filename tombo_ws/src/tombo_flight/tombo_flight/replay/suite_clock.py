@@ -1,4 +1,4 @@
-"""The clock that the recorded nodes lived by, when the recorder's was another.
+"""The clock of the recorded nodes, where it differs from the recorder's.
 
 A recorder stamps messages by its machine's clock, also when the suite flies in simulated time or
 on another machine. What the nodes took for now is then told by their own stamps.

@@ -54,7 +54,7 @@ _ANSWERS: dict[str, tuple[str, str, int, int, bool]] = {
 """Node → what it is asked, what it answers, and how far it may be behind (see `replay_node`)."""
 
 ProgressCallback = Callable[[str, float], None]
-"""Told what is being done and how far it is: a stage and a share from 0 to 1."""
+"""Called with the stage of the work and a share from 0 to 1."""
 
 
 def _silent(stage: str, share: float) -> None:
@@ -62,7 +62,7 @@ def _silent(stage: str, share: float) -> None:
 
 
 class Interrupted(Exception):
-    """The replay was to be stopped."""
+    """The replay was stopped."""
 
 
 class ThroughNodes:
@@ -85,7 +85,7 @@ class ThroughNodes:
     def __call__(
         self, inputs: Inputs, recorded: Outputs
     ) -> tuple[Outputs, dict[str, dict[str, Any]]]:
-        """Return what the nodes say, and figures by node.
+        """Return the outputs of the nodes, and figures by node.
 
         Raises:
             InputError: a node or the player ended before the end, or they did not meet.
@@ -105,7 +105,7 @@ class ThroughNodes:
             with Recording(folder / "outputs.mcap") as answers:
                 names = outputs_of(inputs.nodes)
                 found = read_outputs(answers, names)
-        for name in names:  # silence is an answer too
+        for name in names:  # no output is a valid answer
             if name == "events":
                 found.events = found.events or []
             else:
@@ -159,7 +159,7 @@ def _exit_text(ended: Sequence[ProcessExit]) -> str:
 
 
 class _Plan:
-    """What is played to the nodes, and where they answer."""
+    """Which topics are played to the nodes, and the topics of their answers."""
 
     def __init__(self, inputs: Inputs) -> None:
         self.inputs = inputs

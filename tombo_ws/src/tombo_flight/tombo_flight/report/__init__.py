@@ -1,1 +1,1 @@
-"""A flight for the eye: the still figure, the poster and the self-contained HTML report."""
+"""Pictures of a flight, and the self-contained HTML report."""

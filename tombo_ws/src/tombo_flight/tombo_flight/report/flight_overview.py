@@ -1,4 +1,4 @@
-"""One picture that tells a flight: the vehicle at instants around the collision, and z(t)."""
+"""Overview of a flight: the vehicle at instants around the collision, and z(t)."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ _VERDICT_COLOURS: Final = {
 
 
 def draw_flight(record: FlightRecord) -> Figure:
-    """Draw position, attitude, rotor thrust and mode against time; 1800 x 1200 px.
+    """Draw position, attitude, rotor thrust and phase against time; 1800 x 1200 px.
 
     The left column shows the whole flight, the right one the seconds around the contact
     (or the crash); with neither there is one wide column. The record has at least one sample.

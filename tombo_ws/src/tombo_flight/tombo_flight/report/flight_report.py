@@ -59,7 +59,7 @@ def report_html(record: FlightRecord, plot_png: bytes) -> str:
             "events": events_table(record.events),
             "scenario": values_table(record.scenario),
             "summary": values_table(record.summary),
-            "story_json": script_json(milestones_block(record, milestones)),
+            "milestones_json": script_json(milestones_block(record, milestones)),
             "flight_json": script_json(flight_block(record, milestones)),
             "script": "\n".join(asset(name) for name in SCRIPTS),
         },

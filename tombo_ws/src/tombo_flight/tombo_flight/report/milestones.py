@@ -1,4 +1,4 @@
-"""What happened in a flight, in the words of the paper: contact, unstable phase, recovery."""
+"""Milestones of a flight in the terms of the paper: contact, unstable phase, recovery."""
 
 from __future__ import annotations
 
@@ -50,17 +50,17 @@ class Obstacle:
 
 @dataclass(frozen=True)
 class Span:
-    """A stretch of one flight mode, [start_s, end_s]."""
+    """An interval of one phase, [start_s, end_s]."""
 
     start_s: float
     end_s: float
-    mode: int
+    phase: int
 
     @property
     def name(self) -> str:
-        """The mode's name; an unknown number shows as itself."""
-        known = 0 <= self.mode < len(PHASE_NAMES)
-        return PHASE_NAMES[self.mode] if known else f"mode {self.mode}"
+        """Name of the phase; an unknown number is shown as it is."""
+        known = 0 <= self.phase < len(PHASE_NAMES)
+        return PHASE_NAMES[self.phase] if known else f"phase {self.phase}"
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class FlightMilestones:
     contact_height_m: float | None
     lowest_s: float | None
     lowest_m: float | None
-    modes: tuple[Span, ...]
+    phases: tuple[Span, ...]
     obstacle: Obstacle | None
 
     @property
@@ -131,10 +131,10 @@ class FlightMilestones:
 
 
 def find_milestones(record: FlightRecord) -> FlightMilestones:
-    """Read a flight's story from its summary, its events and its ground truth.
+    """Find the milestones of a flight in its summary, its events and its ground truth.
 
-    The summary decides; events fill in what it leaves out. A flight that is cut short, that
-    never touches anything, or that crashes has its story too, with None in the gaps.
+    The summary has priority; events fill in what it leaves out. A flight that was interrupted, has
+    no contact, or crashes has milestones too, with None for those that did not happen.
     """
     summary = record.summary
     t = np.asarray(record.t, dtype=np.float64)
@@ -188,7 +188,7 @@ def find_milestones(record: FlightRecord) -> FlightMilestones:
         contact_height_m=contact_height_m,
         lowest_s=lowest_s,
         lowest_m=lowest_m,
-        modes=phase_spans(t, record.log["mode"].reshape(-1)),
+        phases=phase_spans(t, record.log["mode"].reshape(-1)),
         obstacle=_obstacle(record.scenario),
     )
 
@@ -224,14 +224,14 @@ def nearest(t: Array, time_s: float) -> int:
     return before if time_s - t[before] < t[after] - time_s else after
 
 
-def phase_spans(t: Array, mode: NDArray[Any]) -> tuple[Span, ...]:
-    """Stretches of constant mode; `t` and `mode` are (N,), a span ends where the next starts."""
+def phase_spans(t: Array, phase: NDArray[Any]) -> tuple[Span, ...]:
+    """Intervals of constant phase; `t` and `phase` are (N,), a span ends where the next starts."""
     if not len(t):
         return ()
-    starts = np.concatenate(([0], np.flatnonzero(np.diff(mode)) + 1))
+    starts = np.concatenate(([0], np.flatnonzero(np.diff(phase)) + 1))
     ends = np.append(starts[1:], len(t) - 1)
     return tuple(
-        Span(float(t[a]), float(t[b]), int(mode[a])) for a, b in zip(starts, ends, strict=True)
+        Span(float(t[a]), float(t[b]), int(phase[a])) for a, b in zip(starts, ends, strict=True)
     )
 
 

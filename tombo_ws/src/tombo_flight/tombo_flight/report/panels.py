@@ -1,4 +1,4 @@
-"""What the panels of the still figure show: place, height, attitude and thrust."""
+"""The panels of the flight's figure: position, height, attitude and thrust."""
 
 from __future__ import annotations
 

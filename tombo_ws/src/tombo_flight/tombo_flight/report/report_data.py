@@ -1,4 +1,4 @@
-"""The flight as the report carries it: thinned columns in base64 and the story in JSON."""
+"""Data of the report: thinned columns in base64, and the milestones in JSON."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def flight_block(record: FlightRecord, milestones: FlightMilestones) -> dict[str
 
     `columns` is a list of [name, width]; `base64` is little-endian float32: for each column in
     turn its (samples, width) rows. `contact_N` is the largest contact force since the kept
-    sample before, so that a blow of a few milliseconds is not lost.
+    sample before, so that a contact of a few milliseconds is not lost.
     """
     index = kept_samples(record.t, milestones.mark_s)
     blocks: list[tuple[str, NDArray[np.float64]]] = [("t", record.t[index].reshape(-1, 1))]
@@ -82,7 +82,7 @@ def flight_block(record: FlightRecord, milestones: FlightMilestones) -> dict[str
 
 
 def milestones_block(record: FlightRecord, milestones: FlightMilestones) -> dict[str, Any]:
-    """What the scripts must know beside the columns, ready for JSON."""
+    """Data of the scripts beside the columns, ready for JSON."""
     obstacle, airframe = milestones.obstacle, Airframe.of(record.scenario)
     return {
         "duration_s": milestones.duration_s,
@@ -101,9 +101,11 @@ def milestones_block(record: FlightRecord, milestones: FlightMilestones) -> dict
         "lowest_m": milestones.lowest_m,
         "lowest_s": milestones.lowest_s,
         "obstacle": None if obstacle is None else vars(obstacle),
-        "modes": [[s.start_s, s.end_s, s.mode] for s in milestones.modes],
-        "mode_names": PHASE_NAMES,
-        "mode_colours": [style.PHASE_COLOURS.get(i, style.FAINT) for i in range(len(PHASE_NAMES))],
+        "phases": [[s.start_s, s.end_s, s.phase] for s in milestones.phases],
+        "phase_names": PHASE_NAMES,
+        "phase_colours": [
+            style.PHASE_COLOURS.get(i, style.FAINT) for i in range(len(PHASE_NAMES))
+        ],
         "rotor_names": ROTOR_NAMES,
         "events": [
             {

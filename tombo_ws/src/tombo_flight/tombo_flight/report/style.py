@@ -1,4 +1,4 @@
-"""How the figures look. Okabe and Ito's colours, told apart by every kind of colour vision."""
+"""Style of the figures. Okabe and Ito's colours, which colour-blind readers can tell apart."""
 
 from __future__ import annotations
 
@@ -24,7 +24,6 @@ ROTOR_COLOURS: Final = ("#4C6E91", "#8FA3B5", FRONT_LEFT, "#2B9E8F")
 
 UNSTABLE: Final = "#F4B183"
 RECOVERY: Final = "#9CC9E3"
-SETTLED: Final = "#A9D8C4"
 
 PHASE_COLOURS: Final = {
     0: "#C9D1D8",  # idle

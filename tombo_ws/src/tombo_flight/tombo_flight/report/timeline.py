@@ -1,6 +1,6 @@
-"""The top row of the still figure: the mode strip, the phases and the instants by name.
+"""The top row of the flight's figure: the strip of phases, and the instants by name.
 
-Of a flight over MAVLink there is a second strip: the modes that PX4 was in.
+Of a flight over MAVLink there is a second strip: PX4's modes.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ def timeline(panel: Panel) -> None:
     for side in ("left", "bottom"):
         axes.spines[side].set_visible(False)
     axes.tick_params(bottom=False)
-    axes.set_ylabel("mode", rotation=0, ha="right", va="center")
+    axes.set_ylabel("phase", rotation=0, ha="right", va="center")
     axes.yaxis.set_label_coords(-0.012, (0.5 - low) / (_TOP - low))
-    for span in panel.milestones.modes:
-        colour = style.PHASE_COLOURS.get(span.mode, style.FAINT)
+    for span in panel.milestones.phases:
+        colour = style.PHASE_COLOURS.get(span.phase, style.FAINT)
         _bar(panel, 0.5, 1.0, (span.start_s, span.end_s), span.name, colour)
     if px4 is not None:
         _px4_modes(panel, px4["modes"])
@@ -81,7 +81,7 @@ def _share(panel: Panel, length_s: float) -> float:
 
 
 def _phases(panel: Panel) -> None:
-    """Brackets for the unstable and the recovery phase, just above the mode strip.
+    """Brackets for the unstable and the recovery phase, just above the strip of phases.
 
     A name too long for its bracket starts with the bracket and leaves the next one less room.
     """

@@ -1,1 +1,1 @@
-"""The suite as processes: which nodes, with what parameters, under whose eyes."""
+"""The suite as processes: nodes, their parameters, supervision."""

@@ -13,15 +13,15 @@ _FIRST_PORT = 7400
 _PORTS = 250
 
 
-def free_domain(wish: int, ports: Collection[int]) -> int:
+def free_domain(first: int, ports: Collection[int]) -> int:
     """Return a domain from 1 to 101 none of whose UDP ports is in use.
 
     Args:
-        wish: any number, as that of the process: where to begin to look.
+        first: any number, as that of the process; the search begins there.
         ports: UDP ports in use.
     """
     busy = {(port - _FIRST_PORT) // _PORTS for port in ports}
-    candidates = [1 + (wish + i) % HIGHEST_PRIVATE for i in range(HIGHEST_PRIVATE)]
+    candidates = [1 + (first + i) % HIGHEST_PRIVATE for i in range(HIGHEST_PRIVATE)]
     return next((domain for domain in candidates if domain not in busy), candidates[0])
 
 

@@ -1,10 +1,10 @@
-"""Outlives a supervisor that is killed, and ends what that leaves behind.
+"""Ends the nodes of a supervisor that was killed.
 
     python -I -S guard.py < PIPE
 
 Reads process groups from a pipe whose other end is the supervisor's, `PID` a line, `-PID` once a
-group is gone. When the pipe closes, the nodes have got their SIGINT (see `launcher`); whoever is
-there 2 s later is ended.
+group is gone. When the pipe closes, the nodes have got their SIGINT (see `launcher`); those
+that still run 2 s later are ended.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import sys
 import time
 
 _STEPS = ((2.0, signal.SIGTERM), (0.5, signal.SIGKILL))
-"""s to wait, and what whoever is still there gets then."""
+"""Time to wait [s], and the signal that running nodes get then."""
 _LOOK_S = 0.05
 
 

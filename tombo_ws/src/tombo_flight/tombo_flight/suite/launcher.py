@@ -1,4 +1,4 @@
-"""Becomes a node, with the arrangement that it ends when its supervisor does.
+"""Starts a node so that it ends when its supervisor does.
 
     python -I -S launcher.py SUPERVISOR_PID GUARD_FD COMMAND [ARGUMENT ...]
 

@@ -1,4 +1,4 @@
-"""Tells a supervisor in JSON lines what the nodes say: their health, and where the flight stands.
+"""Prints the nodes' diagnostics and the state of the flight as JSON lines for the supervisor.
 
     python -m tombo_flight.suite.monitor_node [--flight [--mocap]] [--px4] [--ros-args ...]
 

@@ -1,4 +1,4 @@
-"""How the nodes are, as far as they say so on `/diagnostics`."""
+"""The last diagnostics of each node, from `/diagnostics`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, Final
 SILENT_S: Final = 3.0
 """A node that reports each second is called silent after this time."""
 MOCAP_AGE: Final = "mocap_age_s"
-"""Key of the age of the newest pose, in the report of whoever takes poses."""
+"""Key of the age of the newest pose, in the report of the nodes that take poses."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""One flight by the nodes in real time, with the files of a headless one."""
+"""One flight by the nodes, with the files of a headless flight."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from tombo_bag.flight_time import EPOCH_NS
+from tombo_bag.flight_time import FLIGHT_METADATA
 from tombo_bag.recording import Recording
 from tombo_control.autopilot import IDLE
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.time_base import EPOCH_NS
 from tombo_flight.flight import as_flown
-from tombo_flight.flight_from_bag import RECORD, flight_from_bag
+from tombo_flight.flight_from_bag import flight_from_bag
 from tombo_flight.flight_output import (
     FlightResult,
     ProgressCallback,
@@ -41,18 +42,18 @@ if TYPE_CHECKING:
     from tombo_flight.process.output_folder import OutputFolder
 
 NODES_LOG = "nodes.log"
-"""What the nodes said, kept if one of them ended by itself."""
+"""Log of all nodes, kept if one of them ended by itself."""
 _NEEDED = ("sim", "px4_bridge", "recorder")
 """Without these, where they belong to the flight, it is over."""
 _LOOK_S = 0.05
 _START_S = 60.0
-"""Wall time after which a simulator that says nothing is given up."""
+"""Wall time after which a simulator without messages is given up."""
 _SILENT_S = 5.0
 _LIFTED_M = 0.1
 _COMES_DOWN_S = 21.0
 """A little longer than the bridge stays with a vehicle that lands."""
 _RELAYED_S = 1.0
-"""The bridge's last status comes by way of the monitor."""
+"""Wait for the bridge's last status, which the monitor forwards."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,7 +63,7 @@ class NodeFlight:
     Attributes:
         flight: as a headless one.
         died: nodes that ended by themselves.
-        warnings: (node, line) of their logs that somebody should see.
+        warnings: (node, line) of their logs: warnings and errors.
         left_armed: that the vehicle is armed still, and in what mode; empty: it is not.
     """
 
@@ -77,10 +78,9 @@ class NotFlown(Exception):
 
 
 class FlightMonitor:
-    """Follows a flight as the monitor tells it, and knows when it is over."""
+    """Follows a flight by the monitor's messages; tells when it is over."""
 
     def __init__(self, scenario: Scenario) -> None:
-        self._duration_s = scenario.duration
         self._flight_end = FlightEndDetector(scenario.vehicle.leg_height)
         self._lifted_m = scenario.vehicle.leg_height + _LIFTED_M
         self.airborne = False
@@ -102,11 +102,11 @@ class FlightMonitor:
 
     @property
     def over(self) -> bool:
-        """Landed, crashed, or out of time."""
+        """Landed, crashed, or the duration is over."""
         return self.flown_s >= self._end_s
 
     def see(self, state: dict[str, Any]) -> None:
-        """Take a look at the flight: stamp_ns, height_m, upright, phase (None: not told)."""
+        """Take a state of the flight: stamp_ns, height_m, upright, phase (None: not known)."""
         self._now_ns = int(state["stamp_ns"])
         phase = state["phase"]
         if self._began_ns is None or (self._phase is None and phase is not None):
@@ -138,15 +138,15 @@ def fly_nodes_and_save(
     Args:
         folder: where the files go; the caller publishes it.
         scenario: what to fly; `warm_up_nodes` first.
-        seed: of the simulator's chance. The nodes run in real time, so no two flights are equal.
-        stop: a wish to stop ends the flight; what was flown is kept.
+        seed: of the simulator's random draws. In real time no two flights are equal.
+        stop: a request to stop ends the flight; what was flown is kept.
         speed: of simulated time against real time.
         lockstep: run the ticks of the headless flight, as fast as the machine can.
         domain: ROS_DOMAIN_ID; None: one of its own, or with a vehicle that is there already that
             of this process.
         on_progress: told the progress.
         px4: fly over MAVLink.
-        notice: told what somebody at the terminal should know at once.
+        notice: called with texts that the user should see at once.
 
     Raises:
         InputError: `speed` or `domain` is out of bounds, or simulator or recorder did not run.
@@ -160,7 +160,7 @@ def fly_nodes_and_save(
         metadata = Path(scratch) / "metadata.json"
         record = _metadata(scenario, seed, mode)
         if lockstep:  # time 0 is the simulator's first tick, as in the headless flight
-            record[RECORD]["epoch_ns"] = str(EPOCH_NS)
+            record[FLIGHT_METADATA]["epoch_ns"] = str(EPOCH_NS)
         metadata.write_text(json.dumps(record), encoding="utf-8")
         config = SuiteConfig(
             scenario=scenario,
@@ -195,9 +195,9 @@ def _domain(px4: Px4Connection | None) -> int | None:
 
 
 def over_mavlink(px4: Px4Connection) -> dict[str, Any]:
-    """Return what differs in the wish for nodes that fly over MAVLink."""
+    """Return the changes of a suite configuration that flies over MAVLink."""
     suite = dict(PX4_SUITE)
-    if px4.bridge.setpoint != POSITION:  # somebody has to make attitudes or rates
+    if px4.bridge.setpoint != POSITION:  # the controller computes attitudes or rates
         suite["controller"] = SUITE["controller"]
     return {
         "suite": suite,
@@ -215,7 +215,7 @@ def _monitor_arguments(px4: Px4Connection | None) -> tuple[str, ...]:
 
 @dataclasses.dataclass
 class _Flown:
-    """How the processes of a flight fared."""
+    """What happened to the processes of a flight."""
 
     wall_s: float = 0.0
     interrupted: bool = False
@@ -229,7 +229,11 @@ def _metadata(scenario: Scenario, seed: int, mode: str) -> dict[str, dict[str, s
     """Return what the recorder writes beside the messages, as a headless flight does."""
     flown = as_flown(scenario, seed, begin(world_of(scenario), seed))
     return {
-        RECORD: {"scenario": json.dumps(flown, sort_keys=True), "seed": str(seed), "mode": mode}
+        FLIGHT_METADATA: {
+            "scenario": json.dumps(flown, sort_keys=True),
+            "seed": str(seed),
+            "mode": mode,
+        }
     }
 
 
@@ -247,7 +251,7 @@ def _fly(
     with RunningSuite(config) as suite:
         heard_s = began_s = time.monotonic()
         patience_s = _START_S
-        # in lockstep the simulator ends the flight: at its last tick, not when somebody looks
+        # in lockstep the simulator ends the flight at its last tick, whatever the monitor sees
         while config.lockstep or not watch.over or not (bridge is None or bridge.at_rest):
             news = suite.poll(_LOOK_S)
             flown.warnings += news.warnings
@@ -295,7 +299,7 @@ def _land_by_bridge(
     stop: StopSignals,
     notice: Callable[[str], None],
 ) -> None:
-    """End the bridge alone: it asks for the landing, and poses go on until it is over.
+    """End the bridge alone: it commands the landing, and poses go on until it is over.
 
     One more signal than there was ends the waiting.
     """

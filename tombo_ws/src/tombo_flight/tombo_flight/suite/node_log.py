@@ -1,4 +1,4 @@
-"""What a node says: a file that the node writes itself, followed by whoever watches it.
+"""The log of a node: a file that the node writes and the supervisor reads.
 
 The file is the node's own standard output and error, so a supervisor that is busy, stopped or gone
 never holds up a node.
@@ -50,7 +50,7 @@ class NodeLog:
         return tuple(self._last)
 
     def news(self, now_s: float) -> list[str]:
-        """Read on, and return the lines that somebody should see: warnings and errors.
+        """Read new lines, and return the warnings and errors.
 
         Of a node that complains without end only some are returned, and how many were not.
 
@@ -90,7 +90,7 @@ class NodeLog:
                 file.seek(self._place)
                 data = file.read(_AT_ONCE)
                 self._place = file.tell()
-        except OSError:  # somebody has removed it
+        except OSError:  # the file was removed
             return []
         if size > _LARGEST:
             self._begin_anew()

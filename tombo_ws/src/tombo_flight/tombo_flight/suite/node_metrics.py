@@ -1,4 +1,4 @@
-"""How well the nodes of a recorded flight kept their time: what they said on `/diagnostics`."""
+"""Loop rates and latencies of a recorded flight's nodes, from `/diagnostics`."""
 
 from __future__ import annotations
 

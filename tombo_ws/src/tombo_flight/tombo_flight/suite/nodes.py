@@ -33,7 +33,7 @@ PX4_SUITE: dict[str, str] = {
 vehicle of its own at the other end of the link it is left out."""
 MONITOR = "monitor"
 MONITOR_MODULE = "tombo_flight.suite.monitor_node"
-"""Not of the suite: tells the supervisor what the nodes say on `/diagnostics`."""
+"""Not of the suite: forwards `/diagnostics` to the supervisor."""
 
 
 def node_program(

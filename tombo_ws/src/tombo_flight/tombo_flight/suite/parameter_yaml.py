@@ -38,7 +38,7 @@ def suite_parameters(
 
     Args:
         scenario: what to fly; effects that follow from its propeller are filled in.
-        seed: of the simulator's chance.
+        seed: of the simulator's random draws.
         speed: of simulated time against real time; other than 1, `sim` drives `/clock`.
         lockstep: all nodes run the ticks of the headless flight, as fast as they can.
     """

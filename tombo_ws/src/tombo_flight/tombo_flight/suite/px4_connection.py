@@ -1,4 +1,4 @@
-"""The other end of the link in a flight over MAVLink: a simulated PX4, or one somebody gave."""
+"""The PX4 of a flight over MAVLink: simulated, or at a URL."""
 
 from __future__ import annotations
 

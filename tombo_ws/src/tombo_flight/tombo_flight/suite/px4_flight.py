@@ -1,4 +1,4 @@
-"""A flight over MAVLink as the bridge tells it: whether PX4 takes off, and what a summary says."""
+"""A flight over MAVLink by the bridge's status: does PX4 take off, and figures of a summary."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _REFUSED: Final = ("poses_refused.", "refused.", "link.")
 
 
 class BridgeMonitor:
-    """Follows `/px4/status`: does it arm, and is it at rest in the end?"""
+    """Follows `/px4/status`: whether it arms, and whether it is at rest at the end."""
 
     def __init__(self) -> None:
         self.refusal = ""

@@ -1,4 +1,4 @@
-"""A look at who is at the other end of a MAVLink link, before anything is started or armed."""
+"""Finds the vehicle at the other end of a MAVLink link, before anything is started or armed."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _SIGNED = 1
 
 @dataclass(frozen=True)
 class Vehicle:
-    """What an autopilot says of itself."""
+    """An autopilot, from its HEARTBEAT."""
 
     system: int
     component: int
@@ -37,7 +37,7 @@ class Vehicle:
 
     @property
     def description(self) -> str:
-        """As a person wants it."""
+        """Text for the user."""
         state = "armed" if self.armed else "disarmed"
         return f"a PX4 {self.kind}, system {self.system}, {state}, in mode {self.mode}"
 
@@ -59,7 +59,7 @@ def find_vehicle(
         The vehicle, None if it was stopped before.
 
     Raises:
-        InputError: the link can't be opened, nobody is there, or somebody else.
+        InputError: the link can't be opened, or there is no vehicle or another one.
     """
     link = Link(
         params.url,

@@ -1,4 +1,4 @@
-"""The suite in the air: its processes, what they say, and how far the flight is."""
+"""The running suite: its processes, their messages, and the state of the flight."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class SuiteConfig:
 
     Attributes:
         scenario: what to fly.
-        seed: of the simulator's chance.
+        seed: of the simulator's random draws.
         folder: of parameters and logs; made when it isn't there, refused when there is something.
         recording: parameters of the recorder.
         without: nodes to leave out.
@@ -110,7 +110,7 @@ class SuiteUpdate:
 
     Attributes:
         ended: nodes that ended by themselves.
-        warnings: (node, line) that somebody should see.
+        warnings: (node, line) of the logs: warnings and errors.
         flight: the newest state of the flight, as the monitor tells it; None: no news.
         px4: the newest state of the bridge to PX4; None: no news.
     """

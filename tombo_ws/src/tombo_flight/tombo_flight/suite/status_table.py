@@ -1,4 +1,4 @@
-"""The suite at a glance: a table for a terminal, a line for a file, an object for a program."""
+"""State of the suite: a table for a terminal, a line for a file, an object for a program."""
 
 from __future__ import annotations
 

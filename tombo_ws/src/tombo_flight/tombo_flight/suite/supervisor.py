@@ -1,4 +1,4 @@
-"""Starts programs, watches them, and sees to it that none outlives the supervisor.
+"""Starts programs, watches them, and ends all of them with the supervisor.
 
 Each runs in a session of its own, so Ctrl-C reaches it once and through the supervisor. Nothing is
 restarted: a flight with a node that came back is another experiment.
@@ -22,7 +22,7 @@ from tombo_flight.suite import guard, launcher
 from tombo_flight.suite.node_log import NodeLog
 
 _ESCALATION: Final = ((0.0, signal.SIGINT), (2.0, signal.SIGTERM), (2.5, signal.SIGKILL))
-"""s after the wish to stop, and what who is still there gets."""
+"""Time after the request to stop [s], and the signal that running programs get then."""
 _LOOK_S = 0.01
 _PIPE_BYTES = 1 << 16
 
@@ -58,7 +58,7 @@ class ProcessExit:
 
     @property
     def how(self) -> str:
-        """The end in words."""
+        """How it ended, as text."""
         if self.code >= 0:
             return f"exit code {self.code}"
         try:
@@ -69,11 +69,11 @@ class ProcessExit:
 
 @dataclass(frozen=True)
 class ProcessUpdate:
-    """What a look at the programs has shown.
+    """Changes since the last poll.
 
     Attributes:
         ended: programs that have ended since the last look.
-        warnings: (name, line) of logs that somebody should see.
+        warnings: (name, line) of logs: warnings and errors.
         heard: (name, line) of programs that are listened to.
     """
 
@@ -121,7 +121,7 @@ class Supervisor:
         return {name: child.process.pid for name, child in self._alive.items()}
 
     def __enter__(self) -> Supervisor:
-        """Start everything."""
+        """Start all programs."""
         self._folder.mkdir(parents=True, exist_ok=True)
         try:
             self._guard = subprocess.Popen(
@@ -145,7 +145,7 @@ class Supervisor:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """End what still runs."""
+        """End the programs that still run."""
         try:
             if not self._stop_requested:  # else it was interrupted: no more patience
                 self.stop()
@@ -210,7 +210,7 @@ class Supervisor:
         return _Child(program, process, log, pipe)
 
     def _read_pipes(self, wait_s: float) -> list[tuple[str, str]]:
-        """Wait until somebody speaks, at most so long, and return the whole lines."""
+        """Wait for output, at most so long, and return the whole lines."""
         pipes = {c.pipe: c for c in self._alive.values() if c.pipe is not None}
         ready, _, _ = select.select(list(pipes), [], [], wait_s)
         lines: list[tuple[str, str]] = []

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_control.autopilot import HOVER
+from tombo_dynamics.time_base import TICK_S
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.scenario import Scenario, load_scenario, world_of
@@ -23,7 +24,6 @@ from tombo_sim.flight_setup import begin
 Array = NDArray[np.float64]
 
 FIRST_SEED = 0
-_TICK_S = 1e-3
 _STRIKE_TICKS = 30
 _THRUST_BACK = 0.9
 """Share of thrust at which a blade counts as recovered, as effects/strike.py reads Table III."""
@@ -167,7 +167,7 @@ def blade_recovery(fold: Array) -> float:
             back = np.flatnonzero((1.0 - after) ** 3 >= _THRUST_BACK)
             rises = np.flatnonzero(np.diff(after) > 0.0)
             if back.size and not (rises.size and rises[0] < back[0]):
-                longest = float(np.fmax(longest, (back[0] + 1) * _TICK_S))
+                longest = float(np.fmax(longest, (back[0] + 1) * TICK_S))
     return longest
 
 
@@ -200,7 +200,7 @@ def _claims(
               abs(flown - hover) <= drift * hover),
         Claim("first strike's highest force", force, push, "N", push <= force * (1.0 + _CLOSE)),
         Claim("blade's recovery time", recovery, back, "s",
-              abs(back - recovery) <= _CLOSE * recovery + 2.0 * _TICK_S),
+              abs(back - recovery) <= _CLOSE * recovery + 2.0 * TICK_S),
     )  # fmt: skip
 
 

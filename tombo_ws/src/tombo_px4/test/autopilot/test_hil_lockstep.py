@@ -16,12 +16,11 @@ from hil_peer import Peer, Pilot
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.records import numbers
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_flight.scenario import load_scenario, world_of
 from tombo_px4.hil.link import HilLink
 from tombo_px4.hil.lockstep import PATIENCE_NS, HilSimulator, Phase
 from tombo_px4.hil.params import HilParams
-
-SECOND_NS = 1_000_000_000
 
 
 def test_px4_flies_a_minute_in_lockstep_without_a_missed_step():

@@ -99,7 +99,7 @@ class Flight:
         return self.run(0.5)
 
     def ask(self, kind):
-        number = self.bridge.ask(kind)
+        number = self.bridge.request(kind)
         self.until(lambda f: any(r.number == number for r in f.seen["replies"]))
         return next(r for r in self.seen["replies"] if r.number == number)
 

@@ -2,7 +2,6 @@
 
 import pytest
 
-from tombo_dynamics.errors import InputError
 from tombo_px4.bridge import modes
 
 ALL = [value for value in vars(modes).values() if isinstance(value, modes.Mode)]
@@ -15,15 +14,9 @@ def test_numbers_are_px4s():
 
 
 @pytest.mark.parametrize("mode", ALL, ids=modes.mode_name)
-def test_a_mode_comes_back_from_its_number_and_its_name(mode):
+def test_a_mode_comes_back_from_its_number(mode):
     assert modes.mode_of(modes.custom_mode(mode)) == mode
-    assert modes.mode_named(modes.mode_name(mode)) == mode
 
 
 def test_an_unknown_number_has_a_name_to_read():
     assert modes.mode_name(modes.mode_of(9 << 16)) == "mode 9.0"
-
-
-def test_an_unknown_name_is_refused_with_those_that_are_known():
-    with pytest.raises(InputError, match=r"mode 'fly': unknown; accepted: .*offboard"):
-        modes.mode_named("fly")

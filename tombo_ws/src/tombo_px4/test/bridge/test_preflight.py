@@ -66,7 +66,7 @@ class Lab:
         self.values = dict(GOOD)
         self.sync = synced()
         self.answered = 20
-        self.estimator = EstimatorStatusFlags(NOW, True, True, True, True, 0.2, 0.1)
+        self.estimator = EstimatorStatusFlags(NOW, True, True, 0.2, 0.1)
         self.telemetry = True
         self.flying = False
         self.last_pose_s = 0.0
@@ -329,19 +329,19 @@ def test_nothing_is_fused(lab):
 
 
 def test_the_estimator_says_that_nothing_is_fused(lab):
-    lab.estimator = EstimatorStatusFlags(NOW, True, False, True, False, 0.0, 0.0)
+    lab.estimator = EstimatorStatusFlags(NOW, False, False, 0.0, 0.0)
     assert "knows no position though poses are sent" in lab.text("not_fused")
 
 
 def test_poses_that_the_estimator_refuses(lab):
-    lab.estimator = EstimatorStatusFlags(NOW, True, True, True, True, 3.2, 0.1)
+    lab.estimator = EstimatorStatusFlags(NOW, True, True, 3.2, 0.1)
     assert "test ratio 3.2" in lab.text("poses_refused")
-    lab.estimator = EstimatorStatusFlags(NOW, True, True, True, True, math.nan, 4.1)
+    lab.estimator = EstimatorStatusFlags(NOW, True, True, math.nan, 4.1)
     assert "test ratio 4.1" in lab.text("poses_refused")
 
 
 def test_what_the_estimator_does_not_tell_is_no_fault(lab):
-    lab.estimator = EstimatorStatusFlags(NOW, True, True, True, True, math.nan, math.nan)
+    lab.estimator = EstimatorStatusFlags(NOW, True, True, math.nan, math.nan)
     assert lab.found() == set()
     lab.estimator = None
     assert lab.found() == set()

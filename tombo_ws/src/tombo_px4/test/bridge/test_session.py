@@ -49,7 +49,9 @@ class Vehicle:
             session.handle_ack(CommandAck(now, SET_MODE_COMMAND, 0))
         session.handle_ack(CommandAck(now, order.command, result))
         if result:
-            session.said(StatusText(now, 2, "Arming denied: Resolve system health failures first"))
+            session.handle_status_text(
+                StatusText(now, 2, "Arming denied: Resolve system health failures first")
+            )
         elif order.mode is not None:
             self.mode = order.mode
         elif order.armed and self.arms_late_ns:
@@ -117,7 +119,7 @@ class Flight:
         return self.run(1.0)
 
     def ask(self, kind):
-        self.session.ask(Request(len(self.replies) + 1, kind))
+        self.session.request(Request(len(self.replies) + 1, kind))
         for _ in range(50 * 15):
             self.step()
             if self.replies:
@@ -274,7 +276,7 @@ def test_a_mode_taken_by_somebody_else_is_reported_and_never_fought():
     flight = Flight().take_off()
     flight.vehicle.mode = POSCTL
     asked = len(flight.vehicle.received)
-    flight.session.said(StatusText(flight.now, 4, "Pilot took over using sticks"))
+    flight.session.handle_status_text(StatusText(flight.now, 4, "Pilot took over using sticks"))
     flight.until(Stage.EXTERNAL_MODE).run(20.0)
     assert len(flight.vehicle.received) == asked
     assert flight.stream == Stream.PRESENT
@@ -404,7 +406,9 @@ def test_a_mission_that_gives_up_on_the_ground_is_disarmed():
 def test_disarmed_in_flight_is_not_armed_again():
     flight = Flight().take_off()
     flight.vehicle.armed = False
-    flight.session.said(StatusText(flight.now, 1, "Critical failure detected: terminate"))
+    flight.session.handle_status_text(
+        StatusText(flight.now, 1, "Critical failure detected: terminate")
+    )
     flight.until(Stage.GIVEN_UP).run(10.0)
     assert "Critical failure" in flight.session.why
     assert flight.armings() == [True]
@@ -463,10 +467,10 @@ def test_hold_and_land_by_service():
 def test_a_second_wish_overtakes_the_first():
     flight = Flight().take_off()
     flight.vehicle.deaf = True
-    flight.session.ask(Request(7, "hold"))
+    flight.session.request(Request(7, "hold"))
     flight.run(0.5)
     flight.vehicle.deaf = False
-    flight.session.ask(Request(8, "land"))
+    flight.session.request(Request(8, "land"))
     flight.run(2.5)
     first, second = flight.replies
     assert (first.number, first.success, second.number, second.success) == (7, False, 8, True)
@@ -498,7 +502,7 @@ def test_armed_by_the_operator_it_stands_still_until_the_mission_flies():
 def test_a_clock_set_back_leaves_nobody_waiting():
     flight = Flight().run(2.5)
     flight.vehicle.deaf = True
-    flight.session.ask(Request(1, "arm"))
+    flight.session.request(Request(1, "arm"))
     flight.run(0.5)
     out = Decision()
     flight.session.clock_set_back(out)
@@ -554,7 +558,7 @@ def test_whatever_happens_the_rules_hold(story):
             flight.vehicle.refuses = dict.fromkeys((ARM_COMMAND, SET_MODE_COMMAND), value)
         elif what == "ask":
             asked += 1
-            flight.session.ask(Request(asked, value))
+            flight.session.request(Request(asked, value))
         else:
             setattr(flight, what, value)
         for _ in range(max(1, round(seconds * 50))):

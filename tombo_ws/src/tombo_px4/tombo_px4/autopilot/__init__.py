@@ -1,1 +1,1 @@
-"""The Tombo vehicle behind an autopilot that answers as PX4 does."""
+"""The simulated PX4: autopilot, estimator model and vehicle."""

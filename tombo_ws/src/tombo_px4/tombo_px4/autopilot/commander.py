@@ -54,7 +54,7 @@ Say = Callable[[Severity, str], None]
 
 
 class CommanderInput(NamedTuple):
-    """What the commander looks at."""
+    """Inputs of the commander."""
 
     tick: int
     attitude: bool
@@ -96,7 +96,7 @@ class Commander:
         self._battery_action: Mode | None = None
         self._after_disarming: Mode = AUTO_HOLD
 
-    # --- what can be
+    # --- what is possible
 
     def missing(self, mode: Mode, now: CommanderInput) -> str:
         """Return what a mode lacks to be flown now; "" if nothing."""
@@ -215,10 +215,10 @@ class Commander:
         self.disarm(now, True, "flight termination")
         return Result.ACCEPTED
 
-    # --- by itself
+    # --- fail-safes and automatic changes
 
     def update(self, now: CommanderInput) -> None:
-        """Look at the situation: fail-safes and disarming."""
+        """Apply fail-safes and automatic disarming."""
         self._watch_battery(now)
         if not self.armed:
             self.mode = self.user_intended_mode
@@ -229,7 +229,7 @@ class Commander:
             self._disarm_by_itself(now)
 
     def _select_mode(self, now: CommanderInput) -> None:
-        """Choose the mode to fly, from what is asked for and what can be."""
+        """Choose the mode to fly from the mode asked for and the modes that are possible."""
         if not self.armed:
             self.mode, self.failsafe = self.user_intended_mode, False
             return
@@ -263,7 +263,7 @@ class Commander:
         return AUTO_RTL
 
     def _available_mode(self, wanted: Mode, now: CommanderInput) -> Mode:
-        """Return the mode, or what is left if it cannot be flown: return, land, descend."""
+        """Return the mode, or else the first of return, land, descend that can be flown."""
         if wanted == TERMINATE:
             return wanted
         left = (AUTO_LAND,) if wanted == AUTO_LAND else (wanted, AUTO_RTL, AUTO_LAND)

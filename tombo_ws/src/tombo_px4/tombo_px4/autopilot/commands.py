@@ -33,7 +33,7 @@ _LARGEST_ID = 0xFFFFFF
 
 
 class Command(NamedTuple):
-    """A command as it was meant, whichever message brought it."""
+    """A command, whichever of the three messages carried it."""
 
     number: int
     params: tuple[float, ...]
@@ -45,7 +45,7 @@ class Command(NamedTuple):
 
 @dataclass
 class CommandReply:
-    """What is sent back."""
+    """Answer to a command."""
 
     results: list[int]
     """A COMMAND_ACK for each, in this order; empty: none."""
@@ -54,7 +54,7 @@ class CommandReply:
     interval_of: int | None = None
     """MESSAGE_INTERVAL of this message was asked for."""
     text: str = ""
-    """Said to the operators, as a warning."""
+    """STATUSTEXT sent as a warning."""
 
 
 def command_of(message: Any) -> Command:
@@ -72,7 +72,7 @@ def command_of(message: Any) -> Command:
 
 
 def whole(value: float) -> int | None:
-    """Return the whole number that a parameter stands for; None: none that can be meant."""
+    """Return a parameter as a whole number; None if it is not finite or out of range."""
     if not math.isfinite(value) or abs(value) > _LARGEST_ID:
         return None
     return round(value)

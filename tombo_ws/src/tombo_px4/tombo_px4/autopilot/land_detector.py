@@ -1,4 +1,4 @@
-"""Whether the vehicle stands on the ground, from what it knows: PX4's three steps."""
+"""Land detector: ground contact, maybe landed, landed, as in PX4."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _HELD = 0.97
 
 
 class Motion(NamedTuple):
-    """What the detector looks at."""
+    """Inputs of the land detector."""
 
     armed: bool
     airborne: bool

@@ -1,4 +1,4 @@
-"""The way of the AUTO modes: take-off, hold, return, land, as legs with a reference to follow."""
+"""References of the AUTO modes: take-off, hold, return and land, as legs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Point = tuple[float, float, float]
 
 
 class Reference(NamedTuple):
-    """What to follow now."""
+    """Reference at one time."""
 
     position: Array
     velocity: Array
@@ -29,7 +29,7 @@ class Reference(NamedTuple):
 
 
 class Navigator:
-    """Where the vehicle is to go in the mode that is flown."""
+    """Gives the reference of the mode that is flown."""
 
     def __init__(self, parameters: ParameterTable) -> None:
         self._parameters = parameters
@@ -44,10 +44,10 @@ class Navigator:
         """Height above home that the next take-off goes to [m]; NaN: MIS_TAKEOFF_ALT."""
         self.takeoff_yaw = math.nan
         self.finished = False
-        """The take-off has reached its height, or the way home is over."""
+        """The take-off has reached its height, or the return is complete."""
 
     def leave(self) -> None:
-        """Forget the way: something else flies."""
+        """Forget the legs: another mode controls the vehicle."""
         self._mode = None
         self.finished = False
 
@@ -58,7 +58,7 @@ class Navigator:
         self._mode = None
 
     def begin_again(self, now_s: float, position: Array) -> None:
-        """Put off the begin of a take-off: the rotors are not ready yet."""
+        """Delay the start of a take-off: the rotors are not ready yet."""
         top = self._leg.position(self._leg.end_s)
         here = (float(position[0]), float(position[1]), float(position[2]))
         self._leg = straight_leg(here, top, self._parameters.get("MPC_TKO_SPEED"), now_s)
@@ -66,7 +66,7 @@ class Navigator:
     def follow(
         self, mode: Mode, now_s: float, position: Array, velocity: Array, yaw: float, home: Array
     ) -> Reference:
-        """Return what to follow in `mode`; the first call in a mode begins its way."""
+        """Return the reference in `mode`; the first call in a mode begins its legs."""
         here: Point = (float(position[0]), float(position[1]), float(position[2]))
         if mode != self._mode:
             self._mode = mode
@@ -128,7 +128,7 @@ class Navigator:
             self._return(now_s, here, velocity, home)
 
     def _over(self, now_s: float) -> bool:
-        """Return whether the leg is flown; one without a way is from its begin."""
+        """Return whether the leg is complete; a leg of length 0 is complete at once."""
         return now_s >= self._leg.end_s or self._leg.velocity == (0.0, 0.0, 0.0)
 
     def _return(self, now_s: float, here: Point, velocity: Array, home: Array) -> None:
@@ -154,12 +154,12 @@ class Navigator:
 
     @property
     def landing(self) -> bool:
-        """Whether it goes down to the ground."""
+        """Whether the vehicle descends to the ground."""
         return self._mode == AUTO_LAND or (self._mode == AUTO_RTL and self._stage == 4)
 
 
 def _stopping(here: Point, velocity: Array) -> Point:
-    """Return where a vehicle that brakes now comes to rest, about."""
+    """Return about where a vehicle that brakes now comes to rest."""
     lag = 0.7
     return (
         here[0] + lag * float(velocity[0]),

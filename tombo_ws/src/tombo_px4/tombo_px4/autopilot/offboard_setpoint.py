@@ -1,4 +1,4 @@
-"""Set points from outside: which combinations PX4 takes, and what each axis is to follow."""
+"""Set points of OFFBOARD: which combinations PX4 accepts, and the reference of each axis."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from tombo_dynamics.arrays import Array
 
 _NONE = np.full(3, math.nan)
 _LARGEST = 1e5
-"""[m, m/s, m/s^2]: beyond, it is a slip."""
+"""[m, m/s, m/s^2]: a larger value is refused as an error of the sender."""
 _FASTEST = 100.0
 """[rad/s], the same."""
 
 
 class ControlLevel(IntEnum):
-    """The outermost loop that a target drives, innermost last."""
+    """The outermost loop that a set point drives, innermost last."""
 
     POSITION = 0
     VELOCITY = 1
@@ -58,7 +58,7 @@ class OffboardSetpoint:
 
 @dataclass(frozen=True)
 class ResolvedSetpoint:
-    """A target resolved: what the cascade is to follow, axis by axis in map."""
+    """A set point after all checks: the reference of the cascade, each axis in map."""
 
     kind: ControlLevel
     position: Array
@@ -78,7 +78,7 @@ _LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 def resolve_setpoint(target: OffboardSetpoint, attitude: Array) -> ResolvedSetpoint | str:
-    """Return what a target asks for, or why it is refused.
+    """Return a set point after all checks, or why it is refused.
 
     Args:
         target: as it came.
@@ -108,7 +108,7 @@ def _axes(values: Array | None) -> Array | None:
 
 
 def _most(axes: Array) -> float:
-    """Return the largest amount of the commanded axes; 0 if there are none."""
+    """Return the largest absolute value of the commanded axes; 0 if there are none."""
     return float(np.nan_to_num(np.abs(axes)).max())
 
 

@@ -24,7 +24,7 @@ class Parameter:
     unit: str
     doc: str
     acts: bool = True
-    """False: it is kept and given back, but changes nothing here."""
+    """False: the value is stored and reported, but has no effect in this simulation."""
 
 
 def _int(
@@ -185,14 +185,6 @@ class ParameterTable:
         """
         return self._table[name].kind
 
-    def parameter(self, name: str) -> Parameter:
-        """Return all about a parameter.
-
-        Raises:
-            KeyError: there is no such parameter.
-        """
-        return self._table[name]
-
     def set(self, name: str, value: float) -> str:
         """Change a value; return "" or why it is refused."""
         parameter = self._table.get(name)
@@ -210,7 +202,7 @@ class ParameterTable:
         return ""
 
     def set_vehicle_default(self, name: str, value: float) -> None:
-        """Set what fits the vehicle, unless somebody has set something else."""
+        """Set the default of this vehicle, unless a client has set another value."""
         if name not in self._set_by_user:
             parameter = self._table[name]
             self._change(name, _kept(parameter, min(max(value, parameter.low), parameter.high)))

@@ -1,4 +1,4 @@
-"""Messages about what sensors measure, and about what is really so."""
+"""Messages with sensor samples, and with the ground truth."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def gps_raw(mav: Any, p: TelemetrySnapshot) -> Any:
 
 
 def ground_truth(mav: Any, p: TelemetrySnapshot) -> Any:
-    """Return HIL_STATE_QUATERNION: what is really so, as PX4's simulators give it."""
+    """Return HIL_STATE_QUATERNION: the ground truth, as PX4's simulators send it."""
     truth = p.truth
     latitude, longitude, altitude = p.origin.global_of(truth[:3])
     milli_g = 1000.0 / GRAVITY

@@ -65,7 +65,7 @@ def system_status(mav: Any, vehicle: Px4Vehicle, health: Health, load: float) ->
 
 
 def _sensors(vehicle: Px4Vehicle, health: Health) -> tuple[int, int]:
-    """Return the bits of what is there, and of what is well."""
+    """Return the bits of the sensors that are present, and of those that are healthy."""
     get = vehicle.parameters.get
     sensors = {
         mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO: True,

@@ -1,1 +1,1 @@
-"""Speaking to PX4: the link, its clocks, and the only place of NED and FRD."""
+"""The bridge to PX4: session, set points, checks before take-off."""

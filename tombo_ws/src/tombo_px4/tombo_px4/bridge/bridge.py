@@ -1,4 +1,4 @@
-"""The bridge to PX4 without sockets and without ROS: what comes in, what goes out, and when.
+"""The bridge to PX4 without sockets and without ROS: messages in, messages out, time given.
 
 Poses of the motion capture go to PX4's estimator, set points to its cascade; its estimate and its
 sensors come back. Preflight checks and the session decide whether and when it is armed.
@@ -20,6 +20,7 @@ from tombo_control.pose_check import check_pose
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import PositionSetpoint
 from tombo_dynamics.rotation import yaw_pitch_roll
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
 from tombo_px4.bridge.decoded_messages import (
     Battery,
@@ -61,30 +62,29 @@ from tombo_px4.link.message_rates import MessageRates
 from tombo_px4.link.parameter_reader import ParameterReader
 from tombo_px4.link.timesync import TimeSync
 
-_SECOND_NS = 1_000_000_000
-_HEARTBEAT_NS = _SECOND_NS
-_TIMESYNC_NS = _SECOND_NS // 10
-_LOOK_NS = _SECOND_NS // 5
-"""The checks are made so often."""
-_ASK_NS = 3 * _SECOND_NS
-"""Messages that come too seldom are asked for again so often."""
+_HEARTBEAT_NS = SECOND_NS
+_TIMESYNC_NS = SECOND_NS // 10
+_LOOK_NS = SECOND_NS // 5
+"""Period of the checks."""
+_ASK_NS = 3 * SECOND_NS
+"""Period of new requests for messages that come too seldom."""
 _TOO_SLOW, _MAX_INTERVAL_REQUESTS = 0.6, 5
 _SLOW_SHARE = 0.4
 """Less than this share of the rate asked for is a fault."""
-_SETTLE_NS = 4 * _SECOND_NS
+_SETTLE_NS = 4 * SECOND_NS
 _STATE_HZ, _BATTERY_HZ, _ESTIMATOR_HZ = 10.0, 2.0, 5.0
-_HEARTBEAT_REQUEST_NS = _SECOND_NS // 4
+_HEARTBEAT_REQUEST_NS = SECOND_NS // 4
 """A heartbeat older than this is asked for while something is to be confirmed, and in flight: PX4
 sends one a second and refuses another interval, so that an order would be confirmed late."""
-_FROZEN_NS = 2 * _SECOND_NS
+_FROZEN_NS = 2 * SECOND_NS
 """PX4 calls a vehicle airborne that still stands and spools up."""
-_REBOOT_NS = _SECOND_NS
-_SET_BACK_NS = _SECOND_NS // 2
+_REBOOT_NS = SECOND_NS
+_SET_BACK_NS = SECOND_NS // 2
 
 
 @dataclass(frozen=True)
 class Status:
-    """What the bridge knows of vehicle and flight; a change of it is published."""
+    """State of vehicle and bridge; published at each change."""
 
     connected: bool = False
     armed: bool = False
@@ -101,7 +101,7 @@ class Status:
 
 @dataclass
 class BridgeOutput:
-    """What came of a tick."""
+    """Outputs of one tick."""
 
     messages: list[Any] = field(default_factory=list)
     """To be sent now."""
@@ -113,13 +113,13 @@ class BridgeOutput:
     faults: dict[str, str] = field(default_factory=dict)
     """Key -> what is wrong, for as long as it is."""
     events: list[tuple[str, str]] = field(default_factory=list)
-    """Key and text of what went wrong once."""
+    """Key and text of faults without a duration."""
     replies: list[Reply] = field(default_factory=list)
     status: Status = field(default_factory=Status)
 
 
 class Bridge:
-    """Ties the parts together. All times are of the clock that stamps poses and arrivals [ns]."""
+    """The bridge. All times [ns] are of the clock that stamps poses and arrivals."""
 
     def __init__(
         self,
@@ -186,7 +186,7 @@ class Bridge:
     # --- What comes in ------------------------------------------------------------------------
 
     def take(self, received: Received) -> None:
-        """Take a message of the vehicle."""
+        """Handle a message of the vehicle."""
         found = self.message_decoder.read(received)
         self.message_rates.count(received.message.get_type(), received.arrival_ns)
         if found is not None:
@@ -199,7 +199,7 @@ class Bridge:
 
     @cached_property
     def _handlers(self) -> dict[type, Callable[[Any], None]]:
-        """Record → what takes it."""
+        """Type of record → its handler."""
         return {
             VehicleOdometry: self._take_odometry,
             ImuSample: self._take_imu,
@@ -237,12 +237,12 @@ class Bridge:
 
     def _take_system_status(self, found: SystemStatus) -> None:
         self._system = found
-        if found.battery.arrival_ns - self._battery_ns > 2 * _SECOND_NS:
+        if found.battery.arrival_ns - self._battery_ns > 2 * SECOND_NS:
             self._out.battery.append(found.battery)
 
     def _say(self, text: StatusText) -> None:
         self._last_text = text.text
-        self.session.said(text)
+        self.session.handle_status_text(text)
         self._out.texts.append(text)
 
     def _take_odometry(self, found: VehicleOdometry) -> None:
@@ -260,7 +260,7 @@ class Bridge:
         """Make odometry of position and attitude where PX4 sends no ODOMETRY."""
         attitude = self._attitude
         silent = self._odometry is None or (
-            found.arrival_ns - self._odometry.arrival_ns > _SECOND_NS
+            found.arrival_ns - self._odometry.arrival_ns > SECOND_NS
         )
         # once made so, it stays so until ODOMETRY comes
         if attitude is None or not (silent or self._odometry_from_parts):
@@ -332,12 +332,12 @@ class Bridge:
             return why
         if now_ns - stamp_ns > self.params.pose_age_max * 1e9:
             return "late"
-        if self.pose_stamp_ns - _SECOND_NS < stamp_ns <= self.pose_stamp_ns:
+        if self.pose_stamp_ns - SECOND_NS < stamp_ns <= self.pose_stamp_ns:
             return "out_of_order"
         return ""
 
     def multiple_pose_publishers(self, now_ns: int) -> None:
-        """Take note that two publishers send poses: none of them is sent on."""
+        """Record that two publishers send poses: no pose is forwarded."""
         self.preflight.refused_pose("crowded", now_ns)
 
     def setpoint(self, setpoint: PositionSetpoint, now_ns: int) -> bool:
@@ -351,13 +351,13 @@ class Bridge:
         """
         return self._stream.rotation(wanted, thrust, now_ns)
 
-    def ask(self, kind: str) -> int:
-        """Take an operator's wish: arm, disarm, offboard, land, hold; return its number.
+    def request(self, kind: str) -> int:
+        """Take an operator's request: arm, disarm, offboard, land, hold; return its number.
 
         The answer comes in `BridgeOutput.replies`, within some seconds.
         """
         self._requests += 1
-        self.session.ask(Request(self._requests, kind))
+        self.session.request(Request(self._requests, kind))
         return self._requests
 
     # --- What goes out ------------------------------------------------------------------------
@@ -370,7 +370,7 @@ class Bridge:
         self._now_ns = now_ns
         for text in self.message_decoder.take_expired(now_ns):
             self._last_text = text.text
-            self.session.said(text)
+            self.session.handle_status_text(text)
             out.texts.append(text)
         self._answer_timesync(now_ns, out)
         linked = self._follow_link(now_ns)
@@ -405,7 +405,7 @@ class Bridge:
         return out
 
     def _must_land(self, now_ns: int) -> str:
-        """Return why to land: the poses stand still in flight, so nobody sees the vehicle."""
+        """Return why to land: the poses do not change in flight, so nothing measures it."""
         frozen = [
             f for f in self.findings if f.key == FROZEN and f.weight == FindingSeverity.BLOCKS
         ]
@@ -426,7 +426,7 @@ class Bridge:
         self.estimate_trusted = self.estimate_trusted or status.armed or settled
 
     def _clock_set_back(self, now_ns: int, out: BridgeOutput) -> None:
-        """Forget when things happened: everything periodic would wait for the old time."""
+        """Forget all times of the past, because the clock was set back."""
         back = (self._now_ns - now_ns) * 1e-9
         text = f"the system's clock was set back by {back:.1f} s: all stamps begin anew"
         out.events.append(("clock_set_back", text))
@@ -517,7 +517,7 @@ class Bridge:
         return message_encoder.arm(self._target, bool(order.armed))
 
     def shutdown_command(self) -> Any:
-        """Return what brings down a vehicle that flies by our set points; None: nothing is to do.
+        """Return the command that lands a vehicle that flies by our set points; None: not needed.
 
         For a bridge that is told to end: send it, and again until this is None.
         """
@@ -541,7 +541,7 @@ class Bridge:
     def _present(self, now_ns: int) -> PositionSetpoint | None:
         """Return the vehicle's own position as a set point; None if it is not known."""
         odometry = self._odometry
-        if odometry is None or now_ns - odometry.arrival_ns > _SECOND_NS:
+        if odometry is None or now_ns - odometry.arrival_ns > SECOND_NS:
             return None
         zero = np.zeros(3)
         yaw = float(yaw_pitch_roll(odometry.attitude)[0])
@@ -568,7 +568,7 @@ class Bridge:
         )
 
     def _faults(self, now_ns: int, linked: bool, out: BridgeOutput) -> None:
-        """Say what goes wrong with the link though it may look well."""
+        """Return the faults of a link that seems to work."""
         if not linked or self._linked_ns is None:
             return
         settled = now_ns - self._linked_ns > _SETTLE_NS

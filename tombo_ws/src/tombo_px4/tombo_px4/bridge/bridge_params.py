@@ -1,4 +1,4 @@
-"""Parameters of the PX4 bridge: the link, what it sends, and when it dares to arm."""
+"""Parameters of the PX4 bridge: the link, what it sends, and conditions for arming."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def _flag(default: bool, doc: str) -> Any:
 
 @dataclass(frozen=True)
 class LinkParams:
-    """How to reach PX4, and under which ids."""
+    """URL of the link, system and component ids."""
 
     url: str = _text(
         "udpin://127.0.0.1:14540",
@@ -55,7 +55,7 @@ class LinkParams:
 
 @dataclass(frozen=True)
 class BridgeParams:
-    """What the bridge sends, how long it waits, and what it asks of a pose before it arms."""
+    """What the bridge sends, its time-outs, and what a pose must fulfil before it arms."""
 
     mocap: str = _text(ODOMETRY, "message for the poses: odometry, vision or mocap (not fused)")
     setpoint: str = _text(POSITION, "what PX4 follows: position, attitude or rates")
@@ -139,7 +139,7 @@ class BridgeParams:
     )
 
     def check(self) -> None:
-        """Refuse words that mean nothing.
+        """Refuse unknown names of message kinds.
 
         Raises:
             InputError: names the parameter and what is accepted.

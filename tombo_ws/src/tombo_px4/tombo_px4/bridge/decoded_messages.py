@@ -1,4 +1,4 @@
-"""What PX4 says, read: frozen records in ENU/FLU and SI. `message_decoder.py` makes them."""
+"""Messages of PX4 as records in ENU/FLU and SI; `message_decoder.py` makes them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class MavLandedState(IntEnum):
 
 @dataclass(frozen=True)
 class Heartbeat:
-    """The autopilot lives."""
+    """HEARTBEAT of the autopilot."""
 
     arrival_ns: int
     armed: bool
@@ -52,7 +52,7 @@ class VehicleOdometry:
 
 @dataclass(frozen=True)
 class LocalPosition:
-    """PX4's position alone; what there is where ODOMETRY is not sent."""
+    """PX4's position alone, used where ODOMETRY is not sent."""
 
     arrival_ns: int
     stamp_ns: int | None
@@ -118,7 +118,7 @@ class ExtendedSysState:
 
 @dataclass(frozen=True)
 class StatusText:
-    """Words of PX4."""
+    """A text of PX4 (STATUSTEXT)."""
 
     arrival_ns: int
     severity: int
@@ -147,15 +147,13 @@ class ParameterValue:
 
 @dataclass(frozen=True)
 class EstimatorStatusFlags:
-    """How well PX4's estimator is fed."""
+    """State of PX4's estimator (ESTIMATOR_STATUS)."""
 
     arrival_ns: int
-    has_attitude: bool
     has_position: bool
     """Horizontal, relative or absolute."""
-    has_height: bool
     is_aided: bool
-    """Something tells where it is. (CONST_POS_MODE won't do: it is set at rest, too.)"""
+    """A position source is fused. (CONST_POS_MODE does not tell: it is set at rest, too.)"""
     position_ratio: float
     """Innovation test ratio; above 1 the poses are refused. NaN: not told."""
     height_ratio: float

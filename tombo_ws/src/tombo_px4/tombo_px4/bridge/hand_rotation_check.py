@@ -1,4 +1,4 @@
-"""What turning the vehicle by hand proves: axes of the mocap body, handedness, delay of stamps.
+"""Check by turning the vehicle by hand: axes of the mocap body, handedness, delay of stamps.
 
 At rest gravity tells which way is up and nothing else. While the vehicle is turned, the gyro says
 about which axis and when; the poses must say the same. Signed exchanges of axes are tried against
@@ -20,15 +20,15 @@ from tombo_dynamics.rotation import conjugate, quaternion_multiply
 
 _WINDOW_NS = 8_000_000_000
 _SPAN_NS = 90_000_000
-"""Turns are compared over this time: the noise of poses a frame apart would drown them."""
+"""Rotations are compared over this time; between two frames the noise of poses is larger."""
 _GAP_NS = 250_000_000
 _TURNING = 0.3
-"""[rad/s]: slower is rest."""
+"""[rad/s]: slower counts as rest."""
 _ENOUGH = 1.0
 """[rad] turned in all."""
 _EARLIEST, _LATEST, _COARSE, _FINE = -0.06, 0.3, 0.03, 0.005
 _AGREES = 0.25
-"""Share of the turning that may stay unexplained."""
+"""Share of the rotation that may stay unexplained."""
 _CLEARER = 0.5
 """Another reading of the axes must leave less than this share of what the plain one leaves."""
 _NAMES = "xyz"
@@ -44,7 +44,7 @@ _UNEXPLAINED = (
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the turning showed."""
+    """Result of the check."""
 
     delay_s: float
     """Poses show the vehicle as it was so long before their stamps."""
@@ -55,7 +55,7 @@ class Verdict:
 
 
 class MotionCheck:
-    """Collects turns of gyro and poses; `judge` compares them."""
+    """Collects rotations of gyro and poses; `judge` compares them."""
 
     def __init__(self) -> None:
         self._poses: deque[tuple[int, Array]] = deque(maxlen=2000)
@@ -74,13 +74,13 @@ class MotionCheck:
         self._gyro.append((stamp_ns, rates))
 
     def forget(self) -> None:
-        """Begin anew."""
+        """Forget all samples."""
         self._poses.clear()
         self._gyro.clear()
         self.verdict = None
 
     def judge(self, now_ns: int) -> Verdict | None:
-        """Look at the last seconds; return the newest verdict there is."""
+        """Compare the last seconds; return the newest verdict."""
         found = self._compare(now_ns)
         if found is not None:
             self.verdict = found

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from tombo_dynamics.errors import InputError
-
 
 class Mode(NamedTuple):
     """A flight mode."""
@@ -60,16 +58,3 @@ def mode_of(number: int) -> Mode:
 def mode_name(mode: Mode) -> str:
     """Return the name a person reads; `mode 9.2` for one that is not known here."""
     return _NAMES.get(mode, f"mode {mode.main}.{mode.sub}")
-
-
-def mode_named(text: str) -> Mode:
-    """Return the mode of a name.
-
-    Raises:
-        InputError: there is none of this name.
-    """
-    for mode, name in _NAMES.items():
-        if name == text.strip().lower():
-            return mode
-    names = ", ".join(_NAMES.values())
-    raise InputError(f"mode '{text}': unknown; accepted: {names}")

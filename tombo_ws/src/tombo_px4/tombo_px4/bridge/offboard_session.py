@@ -1,8 +1,8 @@
-"""When the bridge streams, arms, asks for modes and lands. Pure: times and what was heard come in.
+"""State machine of the bridge: when it streams, arms, changes the mode and lands. Pure.
 
-Three rules stand above all. Only HEARTBEAT says what is so. A mode that somebody else chose is
-never fought. And nothing is armed twice for one take-off: after a flight, a lost link or a
-refusal the mission must have stood on the ground, or the operator must ask.
+Three rules. Only HEARTBEAT confirms a state. A mode that another station has chosen is never
+changed. The vehicle is armed once for one take-off: after a flight, a lost link or a refusal, the
+mission must have been on the ground, or the operator must ask.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ _DOWN = (LAND, BLIND)
 _GROUND = (IDLE, LANDED)
 _MODE_TRIES, _ARM_TRIES, _ASKED_TRIES = 3, 5, 2
 _STREAM_FIRST_NS = 1_000_000_000
-"""PX4 wants to see set points for so long before it takes OFFBOARD."""
+"""PX4 must have received set points for this time before it accepts OFFBOARD."""
 _OWN_ARMING_NS = 5_000_000_000
-"""A vehicle that arms so soon after our order was armed by it."""
+"""A vehicle that arms within this time after our command was armed by it."""
 _SELF_DISARM_NS = 4_000_000_000
-"""PX4 disarms 2 s after landing (COM_DISARM_LAND); after this we ask."""
+"""PX4 disarms 2 s after landing (COM_DISARM_LAND); after this the bridge disarms it."""
 
 _GRACE_NS = 3_000_000_000
 """Vehicle and bridge start in any order."""
 
 
 class Stage(Enum):
-    """Where the bridge stands with the vehicle."""
+    """State of the session with the vehicle."""
 
     WAITING = "waiting for the vehicle"
     READY = "ready"
@@ -50,10 +50,10 @@ class Stage(Enum):
 
 
 class Stream(Enum):
-    """What goes out as set point."""
+    """Which set point is sent."""
 
     PRESENT = "present"
-    """Where the vehicle says it is."""
+    """The position that PX4 reports."""
     HOLD = "hold"
     """Where it was when this began."""
     SETPOINT = "setpoint"
@@ -61,7 +61,7 @@ class Stream(Enum):
 
 @dataclass(frozen=True)
 class Request:
-    """What an operator asks for."""
+    """Request of an operator."""
 
     number: int
     kind: str
@@ -79,7 +79,7 @@ class Reply:
 
 @dataclass(frozen=True)
 class SessionInput:
-    """What there is to decide on."""
+    """Inputs of one tick."""
 
     now_ns: int
     heartbeat: Heartbeat | None
@@ -91,14 +91,14 @@ class SessionInput:
     streaming: bool
     """There is a position to stream."""
     blockers: tuple[str, ...]
-    """Why not to arm, in words."""
+    """Why arming is not allowed, as texts."""
     must_land: str = ""
-    """Why the flight has to end here, in words."""
+    """Why the flight must end now, as a text."""
 
 
 @dataclass
 class Decision:
-    """What to do in this tick."""
+    """Outputs of one tick."""
 
     stream: Stream = Stream.PRESENT
     vehicle_commands: list[VehicleCommand] = field(default_factory=list)
@@ -115,7 +115,7 @@ class Session:
     def __init__(self, link_timeout_s: float) -> None:
         self.stage = Stage.WAITING
         self.why = ""
-        """Why it stands there."""
+        """Why it is in this state."""
         self.recent_texts = RecentStatusTexts()
         self._timeout_ns = round(link_timeout_s * 1e9)
         self._transaction: CommandTransaction | None = None
@@ -133,11 +133,11 @@ class Session:
 
     @property
     def awaits_confirmation(self) -> bool:
-        """An order is under way that a heartbeat is to confirm."""
+        """A command was sent and is not yet confirmed by a heartbeat."""
         return self._transaction is not None or self._request_transaction is not None
 
-    def ask(self, request: Request) -> None:
-        """Take what an operator asks for; the answer is in a later `Decision.replies`."""
+    def request(self, request: Request) -> None:
+        """Take a request; the answer is in a later `Decision.replies`."""
         self._pending_requests.append(request)
 
     def handle_ack(self, ack: CommandAck) -> None:
@@ -146,12 +146,12 @@ class Session:
             if command_transaction is not None:
                 command_transaction.handle_ack(ack)
 
-    def said(self, text: StatusText) -> None:
-        """Take words of PX4."""
+    def handle_status_text(self, text: StatusText) -> None:
+        """Take a text of PX4."""
         self.recent_texts.take(text)
 
     def clock_set_back(self, out: Decision) -> None:
-        """Begin all waiting anew: what was to end at some time would not end for long."""
+        """Restart all time-outs, because the clock was set back."""
         why = "the system's clock was set back meanwhile"
         self._drop_requests(out, why)
         self._stream_since_ns = self._landed_since_ns = self._arm_request_ns = None
@@ -183,7 +183,7 @@ class Session:
         return out
 
     def _update_mission(self, view: SessionInput, heartbeat: Heartbeat) -> None:
-        """Be willing once more when the mission is on the ground, or begins as it is first heard.
+        """Allow arming again when the mission is on the ground, or when it is received first.
 
         Its first words may be lost while the nodes find each other.
         """
@@ -240,7 +240,7 @@ class Session:
     # --- The operator -------------------------------------------------------------------------
 
     def _handle_requests(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
-        """Begin, go on with, or answer what the operator asks for."""
+        """Begin, continue or answer the requests of the operator."""
         while self._pending_requests:
             request = self._pending_requests.popleft()
             if self._request is not None:
@@ -459,7 +459,7 @@ class Session:
             self._set_stage(Stage.READY, "disarmed")
 
     def _given_up(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
-        """Stay away until asked again; a vehicle our own order has armed late is disarmed."""
+        """Do nothing until asked again; a vehicle that our command has armed late is disarmed."""
         ours = self._arm_request_pending(view)
         if heartbeat.armed:
             if not ours and self._transaction is None:
@@ -484,12 +484,12 @@ class Session:
     # --- Helpers ------------------------------------------------------------------------------
 
     def _arm_request_pending(self, view: SessionInput) -> bool:
-        """Return whether an order of ours to arm may still be carried out."""
+        """Return whether PX4 may still carry out our command to arm."""
         own = self._arm_request_ns
         return own is not None and view.now_ns - own <= _OWN_ARMING_NS
 
     def _step_transaction(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> str:
-        """Go on with the errand; return "failed" when it is given up."""
+        """Continue the command in progress; return "failed" when it is given up."""
         command_transaction = self._transaction
         if command_transaction is None:
             return ""
@@ -540,7 +540,7 @@ class Session:
     def _set_stream_and_faults(
         self, view: SessionInput, heartbeat: Heartbeat, out: Decision
     ) -> None:
-        """Say what goes out, and what is wrong for as long as it is."""
+        """Set which set point is sent, and the faults that are active."""
         mode: Mode = heartbeat.mode
         if self.stage == Stage.FLYING:
             out.stream = Stream.HOLD if view.phase in _GROUND else Stream.SETPOINT

@@ -1,4 +1,4 @@
-"""What PX4's own parameters have to say about flying on motion capture."""
+"""Checks of PX4's parameters for flying on motion capture."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def parameter_findings(values: Values, system: int) -> list[Finding]:
 
 
 def _required_inputs(values: Values) -> list[Finding]:
-    """Say whom PX4 wants to hear before it arms; whether they are there is not known here."""
+    """Return findings on links that PX4 requires before it arms."""
     found = []
     if values.get("NAV_DLL_ACT", 0) > 0:
         text = (
@@ -84,7 +84,7 @@ def _required_inputs(values: Values) -> list[Finding]:
 
 
 def _fusion(values: Values) -> list[Finding]:
-    """Say what EKF2 does with the poses."""
+    """Return findings on how EKF2 uses the poses."""
     if EV_CTRL not in values:
         return []
     control = int(values[EV_CTRL])
@@ -113,7 +113,7 @@ def _fusion(values: Values) -> list[Finding]:
 
 
 def _competing_sensors(values: Values) -> list[Finding]:
-    """Say which other sensors pull on position, height and yaw."""
+    """Return findings on other sensors that correct position, height and yaw."""
     others = []
     if values.get("EKF2_GPS_CTRL", 0) and values.get("SYS_HAS_GPS", 1):
         others.append("GPS (EKF2_GPS_CTRL)")

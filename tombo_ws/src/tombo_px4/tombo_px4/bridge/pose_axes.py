@@ -1,4 +1,4 @@
-"""Which mistake in axes makes a pose look as it does: gravity and PX4's own estimate are asked.
+"""Which mistake in axes explains a pose, found by gravity and by PX4's own estimate.
 
 At rest the accelerometer points up. Turned by the pose's attitude it must point along +z of
 `map`. If it does only after one of the usual mistakes is undone, that mistake is named.
@@ -31,7 +31,7 @@ def up_error(attitude: Array, accel: Array) -> float:
 
 
 def explain_up(attitude: Array, accel: Array, limit: float) -> str:
-    """Return in words why up is not along +z; "" if it is."""
+    """Return why the up axis is not +z; "" if it is."""
     error = up_error(attitude, accel)
     if error <= limit:
         return ""

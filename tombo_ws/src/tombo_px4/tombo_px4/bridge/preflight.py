@@ -1,7 +1,7 @@
-"""The checks before take-off: are the poses good, is PX4 fed with them, and does it follow?
+"""Preflight checks: are the poses valid, does PX4 fuse them, and does its estimate follow?
 
-Wrong axes, wrong stamps and poses that are not fused are what labs lose their days on; each of
-them is silent in PX4. Here each is a `Finding`.
+PX4 reports nothing about wrong axes, wrong stamps and poses that it does not fuse. Here each of
+them is a `Finding`.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ _Arrived = TypeVar("_Arrived", _Pose, ImuSample, VehicleOdometry)
 
 
 class Preflight:
-    """Collects what came lately; `findings` judges it."""
+    """Collects the data of the last second; `findings` checks them."""
 
     def __init__(self, params: BridgeParams, system: int) -> None:
         self._params = params
@@ -85,7 +85,7 @@ class Preflight:
         self.motion.pose(stamp_ns, attitude)
 
     def refused_pose(self, why: str, now_ns: int, age_s: float = 0.0) -> None:
-        """Take note of a pose that was not sent, and how old it was."""
+        """Record a pose that was not sent, and its age."""
         self._refused[why] = (now_ns, age_s)
 
     def imu(self, sample: ImuSample) -> None:
@@ -103,7 +103,7 @@ class Preflight:
         self._estimator = state
 
     def forget(self) -> None:
-        """Begin anew: another vehicle, the same one started again, or another time."""
+        """Forget everything: another vehicle, a restart of it, or a clock that was set."""
         self._poses.clear()
         self._refused.clear()
         self._judged_ns = 0
@@ -271,7 +271,7 @@ class Preflight:
         )
         return [Finding("pose_delay", text)]
 
-    # --- What PX4 makes of them ---------------------------------------------------------------
+    # --- PX4's use of the poses ---------------------------------------------------------------
 
     def _of_estimate(self, now_ns: int, flying: bool, fused: bool) -> list[Finding]:
         state = self._estimator
@@ -359,7 +359,7 @@ class Preflight:
     def _of_motion(
         self, now_ns: int, parameters: Mapping[str, float | int], flying: bool
     ) -> list[Finding]:
-        """Judge axes and delay from the last time somebody turned the vehicle by hand."""
+        """Return findings on axes and delay from the last rotation by hand."""
         if not flying and now_ns - self._judged_ns >= _WINDOW_NS:
             self._judged_ns = now_ns
             self.motion.judge(now_ns)

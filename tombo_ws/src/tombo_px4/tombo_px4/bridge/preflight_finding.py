@@ -1,4 +1,4 @@
-"""One thing found before take-off, in words that name cause and cure."""
+"""A finding of a preflight check, with cause and remedy."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from enum import IntEnum
 
 
 class FindingSeverity(IntEnum):
-    """How much a finding matters."""
+    """Severity of a finding."""
 
     ADVICE = 0
     WARNING = 1
     BLOCKS = 2
-    """The bridge does not arm with it."""
+    """The bridge does not arm while it exists."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What is wrong, why, and what to do about it."""
+    """What is wrong, why, and the remedy."""
 
     key: str
     text: str

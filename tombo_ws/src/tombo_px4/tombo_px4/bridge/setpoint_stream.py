@@ -1,4 +1,4 @@
-"""Which set point goes to PX4, and when: the suite's, one that is held, or its own position."""
+"""The stream of set points to PX4: the suite's, a held one, or PX4's own position."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _UNIT = 0.2
 
 
 class SetpointStream:
-    """Keeps what the suite wants, and makes messages of it at the rate of the stream."""
+    """Keeps the newest set point of the suite and sends it at the rate of the stream."""
 
     def __init__(self, params: BridgeParams, target: MessageTarget, mass: float) -> None:
         self._params = params
@@ -44,7 +44,7 @@ class SetpointStream:
         return True
 
     def rotation(self, wanted: Array, thrust: float, now_ns: int) -> bool:
-        """Take attitude (4) xyzw, or rates (3) [rad/s], and thrust [N]; False: of no use."""
+        """Take attitude (4) xyzw, or rates (3) [rad/s], and thrust [N]; False: refused."""
         if not math.isfinite(float(wanted.sum()) + thrust):
             return False
         if wanted.shape == (4,) and abs(float(wanted @ wanted) - 1.0) > _UNIT:
@@ -65,11 +65,11 @@ class SetpointStream:
 
     @property
     def follows_suite(self) -> bool:
-        """Whether the suite's set points are what goes out."""
+        """Whether the suite's set points are sent."""
         return self._stream == Stream.SETPOINT
 
     def clock_set_back(self, now_ns: int) -> None:
-        """Forget when things happened."""
+        """Forget all times of the past, because the clock was set back."""
         self._streamed_ns = 0
         self._setpoint_ns = min(self._setpoint_ns, now_ns)
 
@@ -106,7 +106,7 @@ class SetpointStream:
         return message_encoder.position_target(setpoint, self._target, now_ns)
 
     def _wanted(self, now_ns: int, due: bool, hover: float) -> Any | None:
-        """Return the set point of the suite, as PX4 is to follow it."""
+        """Return the set point of the suite as a message for PX4."""
         rotation = self._attitude_or_rates
         if self._params.setpoint != POSITION and rotation is not None and hover > 0.0:
             wanted, thrust, taken_ns = rotation

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common
 
+from tombo_dynamics.time_base import TICK_NS
 from tombo_px4.bridge.bridge_params import ODOMETRY
 from tombo_px4.hil.motor_mapping import MotorMapping
 from tombo_px4.hil.params import HilParams
@@ -31,25 +32,25 @@ SLOW_SENSORS_EVERY = 5
 """Messages from one with all sensors to the next: 50 Hz of 250."""
 _FIX_3D, _SATELLITES = 3, 14
 _EPH_CM, _EPV_CM = 70, 110
-TICK_US = 1000
+TICK_US = TICK_NS // 1000
 Watch = Callable[[Simulator], None]
 
 
 class MotorCommands(NamedTuple):
-    """What PX4 wants: the content of HIL_ACTUATOR_CONTROLS."""
+    """Commands of PX4: the content of HIL_ACTUATOR_CONTROLS."""
 
     controls: Sequence[float] = (0.0, 0.0, 0.0, 0.0)
     armed: bool = False
 
 
 class HilFlight:
-    """One vehicle from the ground up. The same seed gives the same chance.
+    """One vehicle, from the ground. The same seed gives the same random draws.
 
     Attributes:
         simulator: the plant; its memory `m` has the truth.
         poses: motion-capture poses that arrived during the last step; `captured` and `arrives` are
             ticks, `TICK_US` times a tick is PX4's clock.
-        rotors: rotor speeds asked for in the last step [rad/s].
+        rotors: commanded rotor speeds of the last step [rad/s].
     """
 
     def __init__(
@@ -79,7 +80,7 @@ class HilFlight:
         return self.simulator.tick * TICK_US
 
     def set_truth_interval(self, interval_us: float) -> None:
-        """Take PX4's wish for HIL_STATE_QUATERNION: -1 none, 0 the default; a set rate stays."""
+        """Set the interval of HIL_STATE_QUATERNION: -1 none, 0 the default; a set rate stays."""
         if self.params.truth_rate > 0.0:
             return
         rate = 0.0 if interval_us < 0.0 else 1e6 / interval_us if interval_us > 0.0 else 200.0
@@ -173,7 +174,7 @@ def odometry(pose: PoseSample) -> Any:
 
 
 class _RateTimer:
-    """Says when it is time again, at a rate that need not divide that of the steps."""
+    """Timer for a rate that need not divide the rate of the steps."""
 
     def __init__(self, rate: float, now_us: int = 0) -> None:
         self._period_us = 1e6 / rate if rate > 0.0 else 0.0

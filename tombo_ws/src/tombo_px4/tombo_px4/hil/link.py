@@ -1,6 +1,6 @@
 """The socket of the simulator link: PX4 is its client, one at a time.
 
-Polled, never blocking but in `wait`; nothing that comes in raises.
+Polled; only `wait` blocks. No received bytes raise an exception.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ class HilLink:
         port: the one listened on.
         heartbeats: how many have come.
         interval_us: what PX4 asked for by SET_MESSAGE_INTERVAL for HIL_STATE_QUATERNION; None: it
-            did not, or the wish was taken by `take_interval`.
+            did not, or `take_interval` has returned it.
         connections: how many there have been.
-        refused: connections refused while one stood.
+        refused: connections refused while one was open.
     """
 
     def __init__(self, port: int = PX4_PORT, host: str = "127.0.0.1") -> None:
@@ -90,7 +90,7 @@ class HilLink:
 
     @property
     def counters(self) -> dict[str, int]:
-        """What came that was no answer."""
+        """Counts of received data other than actuator controls."""
         return {
             "heartbeats": self.heartbeats,
             "garbage_bytes": self._findings.garbage_bytes,
@@ -112,7 +112,7 @@ class HilLink:
             select.select(watched, writing, [], max(timeout_s, 0.0))
 
     def receive(self) -> list[ActuatorControls]:
-        """Return the answers that have come; without a client, accept one that knocks."""
+        """Return the received actuator controls; without a client, accept one."""
         self._flush()
         data = self._read()
         self._accept()
@@ -149,9 +149,9 @@ class HilLink:
             self._other += 1
 
     def take_interval(self) -> float | None:
-        """Return PX4's wish for HIL_STATE_QUATERNION [us] once."""
-        wish, self.interval_us = self.interval_us, None
-        return wish
+        """Return once the interval [us] that PX4 requested for HIL_STATE_QUATERNION."""
+        interval_us, self.interval_us = self.interval_us, None
+        return interval_us
 
     def _read(self) -> bytes:
         """Return what has come; a connection that has ended is dropped."""
@@ -206,7 +206,7 @@ class HilLink:
         self.connections += 1
 
     def _peer_ended(self) -> bool:
-        """Whether the connection is over, behind all that has been read: PX4 started anew."""
+        """Whether the connection has ended, after all that has been read: PX4 was restarted."""
         try:
             return self._peer is None or not self._peer.recv(1, socket.MSG_PEEK)
         except (BlockingIOError, InterruptedError):
@@ -215,7 +215,7 @@ class HilLink:
             return True
 
     def drop(self) -> None:
-        """Close the connection; the next client is welcome."""
+        """Close the connection; the next client can connect."""
         if self._peer is not None:
             self._peer.close()
             self._peer = None

@@ -8,7 +8,7 @@ Each HIL_SENSOR waits for the HIL_ACTUATOR_CONTROLS with the same time; `time_us
             for pose in hil.flight.poses: ...       # arrived now; pose.stamp_ns [ns]
         else:
             hil.wait(time.monotonic_ns(), 0.1)      # or come back within a millisecond
-        for line in hil.take_news(): ...
+        for notice in hil.take_notices(): ...
 
 `hil.flight.simulator.plant` has the truth, `hil.flight.time_us` PX4's clock.
 """
@@ -26,18 +26,18 @@ from tombo_px4.hil.params import HilParams
 from tombo_sim.world import World
 
 BOOT_PATIENCE_NS = 5_000_000
-"""A step that PX4, booting, does not answer. It answered from the tenth on."""
+"""Wait for an answer while PX4 boots; it answered from the tenth step on."""
 PATIENCE_NS = 1_000_000_000
-"""Silence that is reported; PX4 too complains after a second."""
+"""A missing answer is reported after this time; PX4 reports it after a second too."""
 PX4_RATE = 250
 """[Hz] at which PX4 expects HIL_SENSOR; it answers once its estimator has run (IMU_INTEG_RATE)."""
 _SLIP_NS = 200_000_000
-"""Behind by more, time stretches instead of being made up for."""
+"""If it is behind by more, the simulation does not catch up."""
 _MAX_NOTICES = 200
 
 
 class Phase(Enum):
-    """How it is with PX4."""
+    """State of the connection to PX4."""
 
     WAITING = "waiting for PX4"
     BOOTING = "PX4 boots"
@@ -46,7 +46,7 @@ class Phase(Enum):
 
 
 class Notice(NamedTuple):
-    """Something to tell the user."""
+    """A message for the user."""
 
     severe: bool
     text: str
@@ -57,14 +57,14 @@ class HilSimulator:
 
     Attributes:
         flight: the present one, or the one that waits for PX4.
-        motors: what PX4 wants.
+        motors: commands of PX4.
         steps: HIL_SENSOR sent in this flight.
         answered: how many of them have been answered.
         boot_steps: steps unanswered before the first answer.
         missed: steps unanswered after it.
         wrong_time: answers with another time than the last HIL_SENSOR's.
         repeated: answers beyond the first to a step.
-        slips: how often the machine could not keep up with the speed.
+        slips: how often the machine was too slow for `speed`.
         flights: how many have begun.
     """
 
@@ -83,7 +83,7 @@ class HilSimulator:
 
         Args:
             world: what is simulated.
-            seed: all chance comes from it; each flight has the same.
+            seed: of all random draws; each flight has the same.
             params: checked (`HilParams.check`).
             link: where PX4 connects; closing it is up to the caller.
             speed: simulated time against that of `advance`; 0: as fast as possible.
@@ -116,7 +116,7 @@ class HilSimulator:
 
     @property
     def phase(self) -> Phase:
-        """How it is with PX4."""
+        """State of the connection to PX4."""
         if not self._connection:
             return Phase.WAITING
         if self._silent:
@@ -124,7 +124,7 @@ class HilSimulator:
         return Phase.FLYING if self._heard else Phase.BOOTING
 
     def take_notices(self) -> list[Notice]:
-        """Return what is to be told, once."""
+        """Return the new messages for the user."""
         news = list(self._news)
         self._news.clear()
         return news
@@ -220,7 +220,7 @@ class HilSimulator:
             self._notify("PX4 answers again")
 
     def _step(self, now_ns: int) -> None:
-        """Fly one step with what PX4 wants, and send it what the sensors say."""
+        """Fly one step with the commands of PX4, and send the sensor samples."""
         if not self._has_answer:
             self._handle_missing_answer()
         self._pace(now_ns)
@@ -234,10 +234,10 @@ class HilSimulator:
     def _handle_missing_answer(self) -> None:
         """Count a step without an answer.
 
-        An armed PX4 that stands in a debugger must find little time gone, so time all but stands
-        still: a step a second. Waiting for ever would stop both if one answer was lost. Disarmed,
-        time goes on: in OFFBOARD without a stream of set points PX4 has no controls to send, and
-        without time it would never get out of there.
+        An armed PX4 that is stopped in a debugger must not miss much time, so the simulation runs
+        at one step a second. (If it waited for ever, one lost answer would stop both.) While PX4
+        is disarmed the simulation goes on: in OFFBOARD without a stream of set points PX4 sends no
+        controls, and it could not leave that state without time.
         """
         if not self._heard:
             self.boot_steps += 1
@@ -262,7 +262,7 @@ class HilSimulator:
         if self._period_ns == 0:
             return
         self._due_ns += self._period_ns
-        if not self._has_answer:  # waited for PX4: nothing to be made up for
+        if not self._has_answer:  # the simulation has waited for PX4: it does not catch up
             self._due_ns = now_ns + self._period_ns
         elif now_ns - self._due_ns > _SLIP_NS:
             self._due_ns = now_ns + self._period_ns

@@ -1,6 +1,6 @@
 """The simulated motion capture as PX4's on-board link gets it: ODOMETRY over UDP.
 
-For a real PX4 without the ROS bridge, which does the same and more.
+For a real PX4 without the ROS bridge.
 """
 
 from __future__ import annotations

@@ -12,9 +12,9 @@ MAPPINGS = ("thrust", "speed")
 
 @dataclass(frozen=True)
 class HilParams:
-    """What PX4 is shown, and how often.
+    """Sensors and messages that PX4 receives, and their rates.
 
-    PX4 takes a sensor that repeats a value a hundred times for broken, so noise is never nothing.
+    PX4 calls a sensor that repeats a value a hundred times broken, so noise is never 0.
     """
 
     rate: float = param(

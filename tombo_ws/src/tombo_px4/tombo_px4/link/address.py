@@ -1,4 +1,4 @@
-"""Where a link goes: the URL, taken apart, and which hosts are this machine."""
+"""The URL of a link, parsed, and which hosts are this machine."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Url:
 
 
 def parse_url(text: str, allow_remote: bool) -> Url:
-    """Take a URL apart and look its host up.
+    """Parse a URL and resolve its host.
 
     Raises:
         InputError: it is no URL of a link, or leads away from this machine without `allow_remote`.

@@ -1,4 +1,4 @@
-"""One wish to PX4, a mode or armed or not: sent, confirmed from HEARTBEAT, repeated, given up."""
+"""A command to PX4 (mode, arm, disarm): sent, confirmed by HEARTBEAT, repeated, given up."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ RESULTS = (
     "in progress",
     "cancelled",
 )
-"""Words for MAV_RESULT."""
+"""Names of MAV_RESULT."""
 CONFIRM_NS = 2_000_000_000
-"""A heartbeat of 1 Hz that confirms a wish may be so long in coming."""
+"""Longest wait for the heartbeat (1 Hz) that confirms a command."""
 PAUSE_NS = 1_000_000_000
-"""Between a refusal and the next try; the texts that explain it come meanwhile."""
+"""Pause between a refusal and the next attempt; PX4 sends its explanation meanwhile."""
 _WARNING = 4
 _TEXT_NS = 3_000_000_000
 
 
 @dataclass(frozen=True)
 class VehicleCommand:
-    """What to ask PX4 for: one of the two is set."""
+    """A mode, or armed or not: one of the two is set."""
 
     mode: Mode | None = None
     armed: bool | None = None
 
     @property
     def command(self) -> int:
-        """Number of the MAVLink command that asks for it."""
+        """Number of the MAVLink command."""
         return SET_MODE_COMMAND if self.mode is not None else ARM_COMMAND
 
     def confirmed_by(self, heartbeat: Heartbeat) -> bool:
-        """Return whether the vehicle says that it is so."""
+        """Return whether the heartbeat shows the commanded state."""
         if self.mode is not None:
             return heartbeat.mode == self.mode
         return heartbeat.armed == self.armed
@@ -65,17 +65,17 @@ class RecentStatusTexts:
             self._texts.append(text)
 
     def since(self, time_ns: int) -> str:
-        """Return what was said since a time, each text once."""
+        """Return the texts since a time, each once."""
         texts = dict.fromkeys(t.text for t in self._texts if t.arrival_ns >= time_ns)
         return ", ".join(f"'{text}'" for text in texts)
 
     def recent(self, now_ns: int) -> str:
-        """Return what was said within the last three seconds."""
+        """Return the texts of the last three seconds."""
         return self.since(now_ns - _TEXT_NS)
 
 
 class CommandTransaction:
-    """An order under way. `tick` says when to send it; `done` or `failed` ends it."""
+    """A command in progress. `tick` tells when to send it; `done` or `failed` ends it."""
 
     def __init__(self, order: VehicleCommand, tries: int) -> None:
         self.order = order
@@ -90,14 +90,14 @@ class CommandTransaction:
         self._result = _ACCEPTED
 
     def handle_ack(self, ack: CommandAck) -> None:
-        """Take an answer; that it was accepted proves nothing, that it was refused does."""
+        """Take an answer. A refusal is final for this attempt; only HEARTBEAT confirms."""
         if ack.command != self.order.command or self._sent_ns is None or self.done:
             return
         if ack.result not in (_ACCEPTED, _IN_PROGRESS) and self._refused_ns is None:
             self._refused_ns, self._result = ack.arrival_ns, ack.result
 
     def tick(self, heartbeat: Heartbeat, recent_texts: RecentStatusTexts, now_ns: int) -> bool:
-        """Go on; return whether the order is to be sent now."""
+        """Advance; return whether the command is to be sent now."""
         if self._sent_ns is None:  # even if it looks met: the last heartbeat may be a second old
             return self._send(now_ns)
         if self.order.confirmed_by(heartbeat) and heartbeat.arrival_ns > self._begun_ns:

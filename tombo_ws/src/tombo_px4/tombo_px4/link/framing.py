@@ -1,7 +1,7 @@
 """Finds MAVLink frames in datagrams and streams, and tells them from garbage.
 
-pymavlink's parser walks garbage byte by byte, raises on it, and takes the length of a frame on
-trust: a wrong one swallows the frames behind it. Here a frame is one whose checksum is right, and
+pymavlink's parser reads garbage byte by byte, raises on it, and trusts the length of a frame: a
+wrong one removes the frames behind it. Here a frame is one whose checksum is right, and
 a candidate that fails costs one byte. Work and memory are bounded whatever comes.
 """
 
@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import common
 from pymavlink.dialects.v20.common import mavlink_map, x25crc
 
 DATAGRAM_TRIES = 64
-"""Candidates in one datagram that may come to nothing before the rest of it is garbage."""
+"""Failed candidates in one datagram after which the rest of it is garbage."""
 
 STREAM_TRIES = 512
 """The same for one piece of a stream."""
@@ -37,7 +37,7 @@ class Frame(NamedTuple):
         system: sender's system.
         component: sender's component.
         message_id: number of the message.
-        signed: it carries a signature, which nobody has looked at yet.
+        signed: it carries a signature, not yet verified.
     """
 
     data: bytes
@@ -49,13 +49,13 @@ class Frame(NamedTuple):
 
 @dataclass
 class Findings:
-    """What was found beside frames.
+    """Counts of bytes that gave no message.
 
     Attributes:
         garbage_bytes: in no frame.
         bad_checksum: candidates of a known message with a wrong checksum.
         unknown_message: frames of messages that the dialect does not know.
-        tries: candidates that came to nothing; a measure of the work.
+        tries: failed candidates; a measure of the work.
     """
 
     garbage_bytes: int = 0
@@ -65,7 +65,7 @@ class Findings:
 
 
 def frames_of(datagram: bytes, findings: Findings) -> list[Frame]:
-    """Return the frames of a datagram, which is whole in itself."""
+    """Return the frames of a datagram; no frame continues in the next datagram."""
     return _scan(datagram, findings, True, DATAGRAM_TRIES)[0]
 
 

@@ -1,4 +1,4 @@
-"""What the counters of a link tell when nothing, or the wrong thing, is heard on it."""
+"""Faults of a link, found from its counters."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def link_faults(
     linked: bool,
     pack_error: str,
 ) -> dict[str, str]:
-    """Return key -> what is wrong with the link, in words that name cause and cure.
+    """Return key -> fault of the link, with cause and remedy.
 
     Args:
         counters: of `Link`.

@@ -1,7 +1,7 @@
-"""A link to a MAVLink partner: owns the socket or the serial port, and lets only good frames in.
+"""A link to a MAVLink partner: owns the socket or serial port, accepts only valid frames.
 
-Nothing here blocks, and nothing that comes in raises: what is refused is counted. A link belongs
-to one thread.
+Nothing here blocks, and no received bytes raise an exception: refused frames are counted. A link
+is for one thread.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _BYTES_PER_STEP = 256
 
 
 class Received(NamedTuple):
-    """One message that was let in.
+    """One accepted message.
 
     Attributes:
         message: as pymavlink decodes it.
@@ -100,7 +100,7 @@ class Link:
             key: 32 bytes: only signed messages go out and come in.
             link_id: number in our signatures, different on each link of one component.
             allow_remote: speak with other machines too.
-            default_peer: "HOST:PORT" to send to until somebody has spoken (udpin).
+            default_peer: "HOST:PORT" to send to before a peer is known (udpin).
 
         Raises:
             InputError: URL, busy port, unreachable host, another machine, ids, key.
@@ -142,7 +142,7 @@ class Link:
 
     @property
     def connected(self) -> bool:
-        """The TCP peer is there, the UDP peer known, the serial device open."""
+        """The TCP peer is connected, the UDP peer known, or the serial device open."""
         return not self._closed and self._transport.connected
 
     @property
@@ -173,7 +173,7 @@ class Link:
                 frame, arrival_ns, peer = self._waiting.popleft()
                 message = self._admit(frame)
                 if message is not None:
-                    # Only who is let in is answered.
+                    # only accepted peers are answered
                     self._transport.peer = peer
                     received.append(
                         Received(message, arrival_ns, frame.system, frame.component, peer)
@@ -199,7 +199,7 @@ class Link:
             self.mav.signing.timestamp = self._signature_verifier.next_timestamp(self._clock())
         try:
             data = message.pack(self.mav)
-        except Exception as error:  # whatever pymavlink makes of a value that does not fit
+        except Exception as error:  # pymavlink raises several kinds of errors
             self.counters["send_failed"] += 1
             self.pack_error = f"{type(message).__name__} can't be packed: {error}"
             return False
@@ -222,7 +222,7 @@ class Link:
         return bool(select.select([self.fileno()], (), (), max(0.0, timeout_s))[0])
 
     def close(self) -> None:
-        """Let go of the socket or port; a second time does nothing."""
+        """Close the socket or port; a second call does nothing."""
         if not self._closed:
             self._closed = True
             self._waiting.clear()
@@ -240,7 +240,7 @@ class Link:
         return framer.feed(packet.data)
 
     def _admit(self, frame: Frame) -> Any:
-        """Return the message of a frame that may come in, else None."""
+        """Return the message of an accepted frame, else None."""
         refusal = ""
         if self._accept_system not in (0, frame.system):
             refusal = "wrong_system"
@@ -251,7 +251,7 @@ class Link:
         if not refusal:
             try:
                 return decode(frame)
-            except Exception:  # a foreign decoder on foreign bytes: nothing may get past here
+            except Exception:  # pymavlink on untrusted bytes: any exception is counted here
                 refusal = "undecodable"
         if refusal.startswith("wrong_"):
             self.rejected_sender = (frame.system, frame.component)

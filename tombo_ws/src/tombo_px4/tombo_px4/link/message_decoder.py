@@ -1,6 +1,6 @@
-"""Reads what PX4 sends: every field checked, in our frames and units, stamped by our clock.
+"""Decodes the messages of PX4: fields checked, in our frames and units, stamped by our clock.
 
-A message that can't be right is left out and counted under one word: `not_finite`, `wrong_frame`,
+An invalid message is dropped and counted under a reason: `not_finite`, `wrong_frame`,
 `not_unit`, `stamp`, `not_px4`, `range`, `not_for_us`, `unknown_kind`.
 """
 
@@ -71,13 +71,13 @@ class MessageDecoder:
 
     def __init__(self, sync: TimeSync, own_system: int, own_component: int) -> None:
         self.refused: Counter[str] = Counter()
-        """Messages left out: `MESSAGE.word` -> how many."""
+        """Dropped messages: `MESSAGE.reason` -> count."""
         self._sync = sync
         self._own = (own_system, own_component)
         self._chunks = StatusTextAssembler()
 
     def read(self, received: Received) -> Record | None:
-        """Return what a message says; None if nothing, or if it was refused."""
+        """Return the record of a message; None if it has none, or was refused."""
         kind = str(received.message.get_type())
         reader = _READERS.get(kind)
         if reader is None:
@@ -92,7 +92,7 @@ class MessageDecoder:
         return found
 
     def take_expired(self, now_ns: int) -> list[StatusText]:
-        """Return texts whose last piece will not come any more."""
+        """Return texts whose missing pieces are overdue."""
         return self._chunks.take_expired(now_ns)
 
     def _stamp(self, boot_ns: int, arrival_ns: int) -> int | str | None:
@@ -230,12 +230,9 @@ class MessageDecoder:
     def _estimator(self, m: Any, arrival_ns: int) -> Record | str:
         flags = m.flags
         horizontal = mav.ESTIMATOR_POS_HORIZ_REL | mav.ESTIMATOR_POS_HORIZ_ABS
-        vertical = mav.ESTIMATOR_POS_VERT_ABS | mav.ESTIMATOR_POS_VERT_AGL
         return EstimatorStatusFlags(
             arrival_ns,
-            bool(flags & mav.ESTIMATOR_ATTITUDE),
             bool(flags & horizontal),
-            bool(flags & vertical),
             bool(flags & mav.ESTIMATOR_PRED_POS_HORIZ_REL),
             float(m.pos_horiz_ratio),
             float(m.pos_vert_ratio),

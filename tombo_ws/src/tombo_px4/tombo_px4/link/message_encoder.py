@@ -1,4 +1,4 @@
-"""From our poses, set points and wishes to MAVLink messages; PX4's frames and masks."""
+"""Our poses, set points and commands as MAVLink messages, in PX4's frames."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ ATTITUDE_MASK = (
 )
 RATES_MASK = mav.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
 _TRACKED = 100
-"""ODOMETRY.quality of a pose that is there, in percent."""
+"""ODOMETRY.quality of a valid pose, in percent."""
 _CUSTOM_MODE = mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 _NAN = math.nan
 _MICRO, _MILLI = 1_000, 1_000_000
 
 
 class MessageTarget:
-    """Whom the messages are for."""
+    """System and component that the messages are for."""
 
     def __init__(self, system: int, component: int) -> None:
         self.system = system
@@ -141,7 +141,7 @@ def throttle_of(thrust: float, mass: float, hover_thrust: float) -> float:
 
 
 def heartbeat() -> Any:
-    """Return the sign of life of an on-board computer."""
+    """Return the HEARTBEAT of an on-board computer."""
     return mav.MAVLink_heartbeat_message(
         mav.MAV_TYPE_ONBOARD_CONTROLLER,
         mav.MAV_AUTOPILOT_INVALID,
@@ -200,5 +200,5 @@ def _euler(q: Array) -> tuple[float, float, float]:
 
 
 def _milliseconds(now_ns: int) -> int:
-    """Return our time as time_boot_ms has room for it; PX4 does not read it."""
+    """Return our time in the 32 bits of time_boot_ms; PX4 does not read it."""
     return now_ns // _MILLI % 2**32

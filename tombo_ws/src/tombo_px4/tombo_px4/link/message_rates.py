@@ -1,4 +1,4 @@
-"""How often each message comes."""
+"""Rates of received messages."""
 
 from __future__ import annotations
 

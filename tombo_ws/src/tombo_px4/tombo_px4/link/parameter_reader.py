@@ -16,7 +16,7 @@ from tombo_px4.link.message_encoder import MessageTarget, read_parameter
 _AGAIN_NS = 1_000_000_000
 _TRIES = 4
 _AFRESH_NS = 15_000_000_000
-"""On the ground somebody may change them: all are read again so often."""
+"""Period of reading all parameters again on the ground, where they may be changed."""
 _AT_ONCE = 3
 _WHOLE = mav.MAV_PARAM_TYPE_INT32
 _AT_START = (
@@ -61,7 +61,7 @@ class ParameterReader:
         self, names: Iterable[str], to: MessageTarget, writes: Mapping[str, float] | None = None
     ) -> None:
         self.values: dict[str, float | int] = {}
-        """As the vehicle said last."""
+        """Newest values from the vehicle."""
         self.written: dict[str, float | int] = {}
         """What was written, and confirmed by the vehicle."""
         self._changed: set[str] = set()
@@ -81,7 +81,7 @@ class ParameterReader:
 
     @property
     def unwritten(self) -> dict[str, float]:
-        """What was to be written and the vehicle did not take."""
+        """Names that the vehicle did not accept."""
         return {
             name: value
             for name, value in self._writes.items()
@@ -90,7 +90,7 @@ class ParameterReader:
 
     @property
     def await_restart(self) -> list[str]:
-        """What was changed and PX4 takes at its next start only."""
+        """Names of changed parameters that PX4 uses after its next start only."""
         return [name for name in _AT_START if name in self._changed]
 
     @property
@@ -99,7 +99,7 @@ class ParameterReader:
         return all(n in self.values or self._spent(n) for n in self._names)
 
     def forget(self) -> None:
-        """Begin anew: another vehicle, or the same one started again."""
+        """Forget all values: another vehicle, or a restart of it."""
         self.values.clear()
         self._tries.clear()
         self._asked_ns.clear()

@@ -1,4 +1,4 @@
-"""A serial port that never blocks, and comes back when the cable does."""
+"""A serial port that never blocks, and opens again when the cable is plugged in."""
 
 from __future__ import annotations
 

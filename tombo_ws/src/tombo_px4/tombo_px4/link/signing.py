@@ -1,8 +1,8 @@
-"""MAVLink 2 signatures: who has the key may speak, and nobody may repeat what was said.
+"""MAVLink 2 signatures: only who has the key is accepted, and no packet twice.
 
-pymavlink signs well. Its check does not do: it takes over the timestamp of a packet before it has
-looked at the signature, so that one forged packet shuts the partner out for ever; and it begins
-with its own time at zero, so that packets recorded yesterday open a new stream.
+pymavlink is used for signing only. Its check takes the timestamp of a packet before it verifies
+the signature, so one forged packet locks the partner out; and it begins with time zero, so packets
+recorded earlier open a new stream.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def timestamp_of(time_ns: int) -> int:
 
 
 class SignatureVerifier:
-    """Lets signed frames in, each once.
+    """Accepts signed frames, each once.
 
     Attributes:
         latest: the newest timestamp known; what we send must not be older.
@@ -94,7 +94,7 @@ class SignatureVerifier:
         self._last: dict[tuple[int, int, int], int] = {}
 
     def refusal(self, frame: Frame) -> str:
-        """Return "" for a frame that may come in, else the counter of what is wrong with it."""
+        """Return "" for an accepted frame, else the counter of the reason."""
         if not frame.signed:
             return "unsigned"
         data = frame.data

@@ -67,7 +67,7 @@ class StatusTextAssembler:
         return growing.text()
 
     def take_expired(self, now_ns: int) -> list[StatusText]:
-        """Return what there is of texts that have waited for a second."""
+        """Return incomplete texts that have waited for a second."""
         late = [
             number
             for number, growing in self._growing.items()

@@ -109,7 +109,7 @@ class _Streams:
 
     @property
     def connected(self) -> bool:
-        """Somebody is there."""
+        """There is a connection."""
         return bool(self._connections)
 
     def fileno(self) -> int:

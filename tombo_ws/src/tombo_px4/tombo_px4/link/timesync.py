@@ -1,4 +1,4 @@
-"""Two clocks that know each other: TIMESYNC, both ways.
+"""Offset between two clocks from TIMESYNC round trips, in both directions.
 
 A request carries its sender's time `ts1`; the answer brings it back with the other's time `tc1`.
 What we know then, without any model of the way: the answer was written between the request's
@@ -11,7 +11,7 @@ much may have been spent in one direction alone. That excess is the standard dev
 filter of one state; the bound catches what the model does not know.
 
 The clock of a simulated vehicle may run slower or faster than time by whole percents. That the
-bound is left again and again to the same side proves it; only then is a rate reckoned with.
+bound is left again and again to the same side proves it; only then is a rate used.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _PENDING = 32
 """Requests that may be under way; at 10 Hz, for 3 s."""
 _QUICKEST_OF = 32
 _SLOW_NS = 10_000_000
-"""More than the quickest round trip: such an answer says nothing worth having."""
+"""An answer this much slower than the quickest round trip is ignored."""
 _PATIENCE = 10
 _JUMP_NS = 5_000_000
 _SURE_OF_JUMP = 3
@@ -38,7 +38,7 @@ _LEANS_NS = 200_000.0
 _FASTEST = 0.9
 _FORGETS, _SMALL_DRIFT, _NO_DRIFT = 0.98, 5e-3, 1e-5
 _AHEAD_NS = 1_000_000_000
-"""A rate is reckoned with for no longer than this without an answer."""
+"""Without an answer a rate is used for no longer than this."""
 
 
 class TimeSync:
@@ -141,10 +141,6 @@ class TimeSync:
         ours_ns = theirs_ns + (self.offset_ns or 0)
         return ours_ns + round(self._drifted(ours_ns) / (1.0 - self._drift))
 
-    def to_remote_time(self, ours_ns: int) -> int:
-        """Convert our time to theirs; unchanged before the first answer."""
-        return ours_ns - (self.offset_ns or 0) - round(self._drifted(ours_ns))
-
     def _drifted(self, ours_ns: int) -> float:
         """Return by how much the offset has changed since the last answer that counted [ns]."""
         if self._drift == 0.0:
@@ -180,7 +176,7 @@ class TimeSync:
         self._offset += step
 
     def _learn_drift(self, error: float, beyond: float, passed_s: float) -> None:
-        """Reckon with a rate once it is proven; forget a small one that is not proven again."""
+        """Use a rate once it is proven; drop a small one that is not proven again."""
         if beyond <= _LEANS_NS or passed_s <= 0.0:
             self._leans = 0
             if abs(self._drift) < _SMALL_DRIFT:

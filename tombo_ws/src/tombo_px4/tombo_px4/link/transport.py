@@ -1,4 +1,4 @@
-"""What carries bytes: a common face of UDP, TCP and serial ports, none of which ever blocks."""
+"""Transport of bytes: the common interface of UDP, TCP and serial ports; none blocks."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.link.address import Address, Url
 
 Clock = Callable[[], int]
@@ -18,11 +19,10 @@ CHUNK = 4096
 """Most bytes of a stream that are read at once."""
 
 _ROOM = 1 << 18
-_SECOND_NS = 1_000_000_000
 
 
 class Packet(NamedTuple):
-    """Some bytes that came: a datagram, or a piece of a stream (empty: the stream ended)."""
+    """Received bytes: a datagram, or a piece of a stream (empty: the stream ended)."""
 
     data: bytes
     arrival_ns: int
@@ -30,20 +30,20 @@ class Packet(NamedTuple):
 
 
 class Transport(Protocol):
-    """An open way to the other side."""
+    """An open transport."""
 
     stream: bool
-    """Pieces of a stream, not datagrams that are whole in themselves."""
+    """It carries a stream, not datagrams."""
 
     address: Address | None
     """Where it listens or sends from."""
 
     peer: Any
-    """Whom to answer; None: nobody yet."""
+    """Peer to answer; None: not known yet."""
 
     @property
     def connected(self) -> bool:
-        """Somebody is there to send to."""
+        """There is a peer to send to."""
         ...
 
     def fileno(self) -> int:
@@ -67,14 +67,14 @@ class Transport(Protocol):
         ...
 
     def close(self) -> None:
-        """Let go of everything."""
+        """Close all sockets or files."""
         ...
 
 
 class RetryTimer:
-    """When to try again, by a clock that may be set back."""
+    """Timer for repeated attempts, by a clock that may be set back."""
 
-    def __init__(self, clock: Clock, period_ns: int = _SECOND_NS // 2) -> None:
+    def __init__(self, clock: Clock, period_ns: int = SECOND_NS // 2) -> None:
         self._clock = clock
         self._period_ns = period_ns
         self._last_ns: int | None = None
@@ -92,7 +92,7 @@ class RetryTimer:
 
 
 class SendBuffer:
-    """Bytes on their way into something that may be full: a frame goes whole or not at all."""
+    """Buffer for sending: a frame is sent whole or not at all."""
 
     def __init__(self) -> None:
         self._waiting = bytearray()
@@ -104,7 +104,7 @@ class SendBuffer:
         """Write a frame behind what waits; False: there is no room for it.
 
         Raises:
-            OSError: the way is broken.
+            OSError: the connection is broken.
         """
         if len(self._waiting) + len(data) > _ROOM:
             self.flush(write)
@@ -118,7 +118,7 @@ class SendBuffer:
         """Write what waits, as far as there is room.
 
         Raises:
-            OSError: the way is broken.
+            OSError: the connection is broken.
         """
         while self._waiting:
             try:
@@ -129,7 +129,7 @@ class SendBuffer:
 
 
 def refused(url: Url, doing: str, error: Exception, accepted: str) -> InputError:
-    """Build the error for a way that can't be opened."""
+    """Build the error for a transport that can't be opened."""
     number = getattr(error, "errno", None)
     why = os.strerror(number).lower() if isinstance(number, int) and number > 0 else str(error)
     return InputError(f"link '{url.text}': can't {doing} ({why}); accepted: {accepted}")

@@ -1,4 +1,4 @@
-"""UDP: datagrams with the kernel's arrival stamps, and a queue of its own for each partner."""
+"""UDP: datagrams with the kernel's arrival stamps, and a queue for each partner."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class _Queue:
 
 
 class UdpOut:
-    """A UDP socket that speaks with one address; the kernel keeps everybody else out."""
+    """A UDP socket connected to one address; the kernel drops datagrams of others."""
 
     stream = False
 
@@ -165,7 +165,7 @@ class UdpIn:
 
     @property
     def peer(self) -> Any:
-        """Whom to answer; None: nobody yet."""
+        """Peer to answer; None: not known yet."""
         return self._peer
 
     @peer.setter
@@ -235,7 +235,7 @@ class UdpIn:
         """Open a queue for a partner.
 
         Raises:
-            OSError: the kernel does not want to.
+            OSError: the kernel refuses.
         """
         queue = self._make()
         queues = (self._listener, *self._partners.values(), queue)

@@ -1,4 +1,4 @@
-"""The simulated vehicle on its MAVLink links: takes what comes, flies, tells how it is.
+"""The simulated vehicle on its MAVLink links: receives, flies, sends telemetry.
 
 Time comes in: `boot_ns` since the vehicle's start, `wall_ns` of the clock that the links stamp
 arrivals with.
@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
+from tombo_dynamics.time_base import TICK_NS
 from tombo_px4.frames import GeoOrigin
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.protocol.mavlink_channel import MavlinkChannel
@@ -21,7 +22,6 @@ from tombo_px4.protocol.telemetry import Telemetry
 if TYPE_CHECKING:
     from tombo_px4.autopilot.vehicle import Px4Vehicle
 
-TICK_NS = 1_000_000
 _MOST_TICKS = 25
 """Ticks that one call flies; the caller comes back for the rest."""
 _MOST_MESSAGES = 100
@@ -35,7 +35,6 @@ class Endpoint:
         self,
         vehicle: Px4Vehicle,
         links: Sequence[tuple[Link, str]],
-        origin: GeoOrigin | None = None,
         homes: Sequence[tuple[str, int] | None] = (),
     ) -> None:
         """Serve links, each with the set of streams it carries by default.
@@ -43,14 +42,13 @@ class Endpoint:
         Args:
             vehicle: at its present tick.
             links: with `onboard` or `ground`.
-            origin: where the origin of map is on the globe.
             homes: where each link sends to while nobody has spoken; none: as the link does.
 
         Raises:
             InputError: there is no such set of streams.
         """
         self.vehicle = vehicle
-        self.origin = origin = origin or GeoOrigin()
+        self.origin = origin = GeoOrigin()
         self.telemetry = Telemetry(vehicle, origin)
         offered, now = self.telemetry.offered, vehicle.boot_us
         self.channels = [
@@ -66,7 +64,7 @@ class Endpoint:
         self._boot_ns = 0
 
     def advance(self, boot_ns: int, wall_ns: int) -> None:
-        """Take what has come, fly up to now, send what is due.
+        """Handle received messages, fly up to now, send what is due.
 
         The work of one call is bounded: a flood, or a vehicle that lags behind, takes several.
 
@@ -98,7 +96,7 @@ class Endpoint:
         return min(port.next_ns() for port in self.channels)
 
     def say(self, severity: int, text: str) -> None:
-        """Tell everybody something that the vehicle does not know itself."""
+        """Send a text on all links that does not come from the vehicle."""
         self.statustext.say(severity, text, self.vehicle.boot_us)
 
     def _receive(self, boot_ns: int, wall_ns: int) -> list[RoutedMessage]:
@@ -135,7 +133,7 @@ class Endpoint:
         return min(port.streams.next_us for port in self.channels)
 
     def _report_changes(self) -> None:
-        """Say what the vehicle says. A new mode waits for the next HEARTBEAT, as PX4's does."""
+        """Send the vehicle's texts. A new mode waits for the next HEARTBEAT, as in PX4."""
         vehicle = self.vehicle
         for severity, text in vehicle.take_status_texts():
             self.statustext.say(severity, text, vehicle.boot_us)

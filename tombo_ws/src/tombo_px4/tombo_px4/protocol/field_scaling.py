@@ -1,4 +1,4 @@
-"""Numbers that fit MAVLink's whole-numbered fields, whatever they are."""
+"""Scaling of numbers into MAVLink's integer fields."""
 
 from __future__ import annotations
 

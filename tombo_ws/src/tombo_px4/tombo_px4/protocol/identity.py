@@ -1,4 +1,4 @@
-"""Who the simulated vehicle says it is: a PX4 1.17 quadrotor."""
+"""Identity of the simulated vehicle: a PX4 1.17 quadrotor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One link of the endpoint, and what is kept for it."""
+"""One link of the endpoint and its state."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ _SILENCE_US = 5_000_000
 class MavlinkChannel:
     """A link, its streams, the list of parameters under way, the partner and its clock.
 
-    The partner, who gets the streams, is whoever spoke first, until it has gone: nobody takes the
-    telemetry away from a client that flies. PX4 keeps its partner for ever.
+    The partner, which gets the streams, is the first sender, until it is silent for 5 s: another
+    client can't take the telemetry of the one that flies. PX4 keeps its partner for ever.
     """
 
     def __init__(
@@ -57,14 +57,14 @@ class MavlinkChannel:
         self._next_request_ns = 0
 
     def heard(self, peer: Any, boot_us: int) -> None:
-        """Note who speaks."""
+        """Record the sender of a message."""
         if not self._has_partner:
             self._partner, self._has_partner = peer, True
         if peer == self._partner:
             self._heard_us = boot_us
 
     def maintain(self, boot_us: int) -> None:
-        """Let go of a partner that has gone."""
+        """Drop a partner that has gone."""
         if self._has_partner and boot_us - self._heard_us > _SILENCE_US:
             self._partner, self._has_partner = self._home, False
 

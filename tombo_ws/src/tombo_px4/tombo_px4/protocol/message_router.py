@@ -1,4 +1,4 @@
-"""What comes in from the links: each message to who answers for it."""
+"""Routes received messages to their handlers."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class RoutedMessage(NamedTuple):
 
 
 class MessageRouter:
-    """Takes messages; whatever is in them, it only answers, refuses or counts."""
+    """Routes messages; each is answered, refused or counted, and none raises an exception."""
 
     def __init__(
         self,

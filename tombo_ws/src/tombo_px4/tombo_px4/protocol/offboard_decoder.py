@@ -1,4 +1,4 @@
-"""Set points of OFFBOARD that come in, with their type masks, as PX4 reads them."""
+"""Decodes set points of OFFBOARD with their type masks, as PX4 does."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ _NO_THRUST = mavlink.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE
 _NO_ATTITUDE = mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
 _FARTHEST_M = 1e5
 _FASTEST = 1e3
-"""Bound of velocities [m/s], accelerations [m/s^2], yaw [rad] and rates [rad/s]: a slip, not a
-wish."""
+"""Bound of velocities [m/s], accelerations [m/s^2], yaw [rad] and rates [rad/s];
+larger values are errors."""
 _GLOBAL_FRAMES = {
     mavlink.MAV_FRAME_GLOBAL: False,
     mavlink.MAV_FRAME_GLOBAL_INT: False,
@@ -44,7 +44,7 @@ _GLOBAL_FRAMES = {
 def decode_setpoint(
     message: Any, origin: GeoOrigin, home: Array, stamp_us: int
 ) -> OffboardSetpoint | str:
-    """Return what a message asks for, or why it is refused.
+    """Return the set point of a message, or why it is refused.
 
     Args:
         message: SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT or
@@ -124,7 +124,7 @@ def _out_of_range(
     acceleration: Array | None,
     yaw: Sequence[float],
 ) -> str:
-    """Return which number can't be meant; NaN is not commanded, so that is none."""
+    """Return the name of a value out of range; NaN means not commanded and is accepted."""
     for name, values, bound in (
         ("position", position, _FARTHEST_M),
         ("velocity", velocity, _FASTEST),

@@ -42,7 +42,7 @@ def name_of(field: Any) -> str:
 
 
 class SetAnswer(NamedTuple):
-    """What PARAM_SET comes to."""
+    """Answer to PARAM_SET."""
 
     value: Any | None
     """PARAM_VALUE, for everybody; None: there is no such parameter."""
@@ -134,7 +134,7 @@ class ParameterServer:
 
 
 class ParameterList:
-    """How far the list on a link has got."""
+    """Transmission of the list of parameters on a link."""
 
     def __init__(self) -> None:
         self._next: int | None = None

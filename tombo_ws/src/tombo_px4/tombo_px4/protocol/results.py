@@ -1,4 +1,4 @@
-"""What the vehicle answers with: results, states and messages, with the numbers of MAVLink."""
+"""Results, states and texts of the vehicle, with the numbers of MAVLink."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Result(IntEnum):
 
 
 class LandedState(IntEnum):
-    """Where the vehicle is (MAV_LANDED_STATE)."""
+    """On ground, in air or between (MAV_LANDED_STATE)."""
 
     UNDEFINED = 0
     ON_GROUND = 1
@@ -31,7 +31,7 @@ class LandedState(IntEnum):
 
 
 class Severity(IntEnum):
-    """How grave a message is (MAV_SEVERITY)."""
+    """Severity of a text (MAV_SEVERITY)."""
 
     EMERGENCY = 0
     ALERT = 1
@@ -50,7 +50,7 @@ class StatusText(NamedTuple):
 
 
 class Health(NamedTuple):
-    """What arming would be denied for, in the operator's words, and what is known."""
+    """Reasons that deny arming, as texts for the operator, and what is known."""
 
     problems: tuple[str, ...]
     """Empty: it may be armed in the present mode."""
@@ -61,7 +61,7 @@ class Health(NamedTuple):
 
     @property
     def armable(self) -> bool:
-        """Whether nothing is in the way of arming in the present mode."""
+        """Whether arming is allowed in the current mode."""
         return not self.problems
 
 
@@ -79,7 +79,7 @@ class Battery(NamedTuple):
 
 
 class TakeoffState(IntEnum):
-    """How far a take-off has come (PX4 `takeoff_status`)."""
+    """State of a take-off (PX4 `takeoff_status`)."""
 
     DISARMED = 1
     SPOOLUP = 2

@@ -1,33 +1,34 @@
-"""The endpoint in real time: sleeps until something comes or is due."""
+"""The endpoint in real time: sleeps until a message comes or is due."""
 
 from __future__ import annotations
 
 import select
 from collections.abc import Callable
 
-from tombo_px4.protocol.endpoint import TICK_NS, Endpoint
+from tombo_dynamics.time_base import TICK_NS
+from tombo_px4.protocol.endpoint import Endpoint
 
 Clock = Callable[[], int]
 _SLIP_NS = 200_000_000
 _LONGEST_NS = 4_000_000
-"""The vehicle flies at least so often, so that what comes meets a recent state."""
+"""Longest time between two calls, so that commands meet a recent state."""
 _LOAD_NS = 1_000_000_000
 
 
 class BootClock:
-    """Time since the vehicle's start; it slips when the machine cannot keep up."""
+    """Time since the vehicle's start; it is delayed when the machine is too slow."""
 
     def __init__(self, now_ns: int) -> None:
         self._began_ns = now_ns
         self.slipped_ns = 0
-        """How much later everything happens than it would on a machine fast enough."""
+        """Total delay compared with a machine that is fast enough [ns]."""
 
     def boot_ns(self, now_ns: int) -> int:
         """Return the time since boot of a time of the monotonic clock."""
         return now_ns - self._began_ns
 
     def slip(self, behind_ns: int) -> bool:
-        """Let the time slip if the vehicle is too far behind; return whether it did."""
+        """Delay the clock if the vehicle is too far behind; return whether it was delayed."""
         if behind_ns <= _SLIP_NS:
             return False
         self._began_ns += behind_ns

@@ -1,4 +1,4 @@
-"""What the vehicle says to people: STATUSTEXT on all links, never more than they can read."""
+"""STATUSTEXT on all links, limited in rate."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _KEPT = 256
 
 
 class StatusTextSender:
-    """Speaks on all links, and counts what was refused."""
+    """Sends texts on all links and counts refusals."""
 
     def __init__(self, channels: Sequence[MavlinkChannel]) -> None:
         self._channels = channels
@@ -22,9 +22,7 @@ class StatusTextSender:
         self._rate_tokens = _BURST
         self._refilled_us = 0
         self.said: list[tuple[int, str]] = []
-        """Severity and text of what was said; whoever shows it empties the list."""
-        self.dropped_texts = 0
-        """Texts left out, as there were too many."""
+        """Severity and text of what was sent; the reader empties the list."""
 
     @property
     def counts(self) -> dict[str, int]:
@@ -32,12 +30,11 @@ class StatusTextSender:
         return self._refusal_log.counts
 
     def say(self, severity: int, text: str, boot_us: int) -> None:
-        """Say something now."""
+        """Send a text now, unless there were too many."""
         self._rate_tokens += (boot_us - self._refilled_us) * 1e-6 * _PER_SECOND
         self._rate_tokens = min(self._rate_tokens, _BURST)
         self._refilled_us = boot_us
         if self._rate_tokens < 1.0:
-            self.dropped_texts += 1
             return
         self._rate_tokens -= 1.0
         if len(self.said) < _KEPT:
@@ -47,11 +44,11 @@ class StatusTextSender:
                 port.send(message)
 
     def report_refusal(self, reason: str, boot_us: int, detail: str = "") -> None:
-        """Count a refusal, and say it now and then."""
+        """Count a refusal, and send it as a text, at most every 30 s for each reason."""
         if self._refusal_log.note(reason, boot_us):
             text = f"{reason}: {detail}" if detail else reason
             self.say(Severity.WARNING, text, boot_us)
 
     def note(self, reason: str, boot_us: int) -> None:
-        """Count something that nobody need be told."""
+        """Count a refusal without sending a text."""
         self._refusal_log.note(reason, boot_us)

@@ -1,4 +1,4 @@
-"""STATUSTEXT: what the vehicle says to people, in pieces if it is long, and not too often."""
+"""Encodes STATUSTEXT; long texts are sent in pieces, repeated refusals at a limited rate."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ PIECE = 50
 """Bytes of text that a message carries."""
 _MOST_PIECES = 6
 _AGAIN_US = 30_000_000
-"""The same complaint is said again after so long."""
+"""A refusal for the same reason is sent again after this time."""
 _MOST_TOPICS = 256
 
 
@@ -34,14 +34,14 @@ class StatusTextEncoder:
 
 
 class RefusalLog:
-    """Counts what was refused, by reason, and says when to speak of it."""
+    """Counts refusals by reason, and tells when to send a text about one."""
 
     def __init__(self) -> None:
         self.counts: dict[str, int] = {}
         self._said_us: dict[str, int] = {}
 
     def note(self, reason: str, boot_us: int) -> bool:
-        """Count a refusal; return whether it is time to say so."""
+        """Count a refusal; return whether to send a text now."""
         if reason not in self.counts and len(self.counts) >= _MOST_TOPICS:
             reason = "other"
         self.counts[reason] = self.counts.get(reason, 0) + 1

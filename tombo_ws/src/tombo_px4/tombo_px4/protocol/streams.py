@@ -73,12 +73,6 @@ _NEVER = 2**63
 _STAGGER_US = 1_000
 
 
-def message_id(name: str) -> int:
-    """Return the number of a message of the common dialect."""
-    number: int = getattr(mavlink, f"MAVLINK_MSG_ID_{name}")
-    return number
-
-
 class StreamTable:
     """When each message of a link is due. Time is the vehicle's, in us since boot."""
 

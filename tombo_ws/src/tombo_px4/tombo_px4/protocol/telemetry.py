@@ -1,4 +1,4 @@
-"""The messages that tell how the vehicle is, each stamped with the tick it is about."""
+"""Telemetry messages of the vehicle, each stamped with its tick."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Telemetry:
     def message(self, number: int, mav: Any) -> Any | None:
         """Return a message about the present tick.
 
-        None: there is no such message, or nothing to tell: an unknown position is not told.
+        None: there is no such message, or no value: an unknown position is not sent.
         """
         found = _BUILDERS.get(number)
         if found is None:
@@ -62,7 +62,7 @@ class Telemetry:
         return found[1](self, mav, self._snapshot)
 
     def forget(self) -> None:
-        """Look at the vehicle anew: a command has changed it within the tick."""
+        """Drop the snapshot: a command has changed the vehicle within the tick."""
         self._tick = -1
 
 

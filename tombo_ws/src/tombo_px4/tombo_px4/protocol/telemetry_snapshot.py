@@ -1,4 +1,4 @@
-"""The vehicle at one tick as MAVLink tells it: NED and FRD, each quantity worked out once."""
+"""The vehicle at one tick in NED and FRD; each quantity is computed once."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ class TelemetrySnapshot:
 
     @cached_property
     def estimate(self) -> Estimate:
-        """What the autopilot believes."""
+        """Estimate of the autopilot."""
         return self.vehicle.estimate
 
     @cached_property
     def health(self) -> Health:
-        """What is known, and what arming would be denied for."""
+        """Reasons that deny arming, and what is known."""
         return self.vehicle.health
 
     @cached_property
@@ -105,14 +105,14 @@ class TelemetrySnapshot:
 
     @cached_property
     def truth(self) -> Array:
-        """(13) really: position and attitude in map, velocity and rates in base_link."""
+        """(13) ground truth: position and attitude in map, velocity and rates in base_link."""
         out = np.zeros(13)
         true_state(self.vehicle.simulator.plant, out)
         return out
 
     @cached_property
     def true_velocity(self) -> Vector:
-        """NED [m/s]: what is really so."""
+        """Ground truth, NED [m/s]."""
         return numbers(ned_from_enu(self.vehicle.simulator.plant.state.velocity))
 
 

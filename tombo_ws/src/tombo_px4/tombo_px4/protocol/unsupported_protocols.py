@@ -1,4 +1,4 @@
-"""What a ground station asks for that is not simulated: missions, logs, files. Each is told so."""
+"""Answers to protocols that are not simulated: missions, logs, files."""
 
 from __future__ import annotations
 

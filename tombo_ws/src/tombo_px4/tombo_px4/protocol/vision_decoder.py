@@ -1,4 +1,4 @@
-"""External poses that come in: VISION_POSITION_ESTIMATE, ODOMETRY, ATT_POS_MOCAP.
+"""Decodes external poses: VISION_POSITION_ESTIMATE, ODOMETRY, ATT_POS_MOCAP.
 
 PX4 1.17 sends poses of a motion capture (ATT_POS_MOCAP, ODOMETRY with the type MOCAP) to a topic
 that its estimator does not read. The same here: they are refused by that name.

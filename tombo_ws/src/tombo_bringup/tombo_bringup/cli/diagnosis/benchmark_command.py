@@ -60,7 +60,7 @@ def diagnosis(
     nominal, noise that is not modelled, 30 Hz motion capture, with and without IMU
     and rotor speeds. Some hide pairs, some what is no candidate, some nothing.
     """
-    count = checked(cases, seed, workers, output)
+    count = checked(cases, workers, output)
     from tombo_diagnosis.benchmark.flight_evaluation import benchmark as run
 
     run_and_tell(run, cases, seed, count, output, as_json, print_benchmark)

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from tombo_bringup.cli.options import Seed, integer_option, json_option
+from tombo_bringup.cli.options import integer_option, json_option
 
 EXIT_CODES: Final = (
     "Exit code: 0 whatever the score; 2 for bad input or output that can't be written; 130 after "
@@ -17,10 +17,8 @@ EXIT_CODES: Final = (
 )
 _MOST_CASES: Final = 100_000
 _MOST_WORKERS: Final = 1024
-_SEED_LIMIT: Final = 2**63
 
 Cases = Annotated[int, integer_option("--cases", "N", "How many cases.")]
-Seed = Seed
 Workers = Annotated[
     int | None,
     integer_option("--workers", "W", "Processes. Default: one a core."),
@@ -32,7 +30,7 @@ Output = Annotated[
 AsJson = Annotated[bool, json_option("Print cases and aggregate as JSON, and nothing else.")]
 
 
-def checked(cases: int, seed: int, workers: int | None, output: Path | None) -> int:
+def checked(cases: int, workers: int | None, output: Path | None) -> int:
     """Return how many processes to use.
 
     Raises:
@@ -40,7 +38,6 @@ def checked(cases: int, seed: int, workers: int | None, output: Path | None) -> 
     """
     count = (os.cpu_count() or 1) if workers is None else workers
     _bounds("--cases", cases, 1, _MOST_CASES)
-    _bounds("--seed", seed, 0, _SEED_LIMIT - 1)
     _bounds("--workers", count, 1, _MOST_WORKERS)
     if output is not None:
         _try_to_write(output)
@@ -61,7 +58,7 @@ def run_and_tell(
     Args:
         run: (cases, seed, workers, progress, stop) to a BenchmarkResult.
         cases: how many.
-        seed: of all chance.
+        seed: of all random draws.
         workers: processes.
         output: of the JSON.
         as_json: print that, and nothing else.

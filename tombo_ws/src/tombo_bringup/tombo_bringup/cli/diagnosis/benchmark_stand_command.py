@@ -54,7 +54,7 @@ def benchmark_stand(
     tails, unknown shapes such as stall, friction, Reynolds number, resonance, creep.
     Four kinds of stand, from thrust alone to check loads and a second tachometer.
     """
-    count = checked(cases, seed, workers, output)
+    count = checked(cases, workers, output)
     from tombo_diagnosis.benchmark.stand_evaluation import benchmark as run
 
     run_and_tell(run, cases, seed, count, output, as_json, print_score)

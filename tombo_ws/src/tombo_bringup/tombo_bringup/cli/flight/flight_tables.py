@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from rich.box import SIMPLE_HEAD
@@ -114,7 +114,7 @@ def print_campaign(campaign: Mapping[str, Any]) -> None:
         _line(f"Flown in {total['wall_time_s']:.1f} s, {factor:.0f} times real time.")
 
 
-def print_files(folder: object, names: list[str]) -> None:
+def print_files(folder: object, names: Sequence[str]) -> None:
     """Print where the results are, on one line however long it gets."""
     _line(f"{folder}: {', '.join(names)}")
 

@@ -11,9 +11,13 @@ import typer
 
 from tombo_bringup.cli.flight.optional_url import SIMULATED
 from tombo_bringup.cli.options import (
+    SEED_LIMIT,
+    BridgeSettings,
     Force,
     ModelFile,
+    Px4Url,
     ScenarioArgument,
+    SeedOrNone,
     Settings,
     Yes,
     integer_option,
@@ -31,16 +35,12 @@ EXIT_CODES = (
     "armed; 2 for bad input, a PX4 that can't be reached, or output that can't be written; 130 "
     "after Ctrl-C, 143 after SIGTERM, with what was flown so far in the folder."
 )
-_SEED_LIMIT = 2**63
 _MOST_FLIGHTS = 100_000
 
 
 def fly(
     scenario: ScenarioArgument = "paper_collision",
-    seed: Annotated[
-        int | None,
-        integer_option("--seed", "N", "All chance comes from it. Default: 0."),
-    ] = None,
+    seed: SeedOrNone = None,
     seeds: Annotated[
         str | None,
         typer.Option(
@@ -76,26 +76,9 @@ def fly(
             "fast as the machine can: the same flight to the last bit.",
         ),
     ] = False,
-    px4: Annotated[
-        str | None,
-        typer.Option(
-            "--px4",
-            metavar="[URL]",
-            help="Fly with the nodes over MAVLink: a simulated PX4, or the one at URL (udpin://, "
-            "udpout://, tcpout://, serial://), which may be a real vehicle.",
-        ),
-    ] = None,
+    px4: Px4Url = None,
     yes: Yes = False,
-    bridge: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--bridge",
-            metavar="KEY=VALUE",
-            help="With --px4: set a parameter of the bridge, as in link.allow_remote=true, "
-            "px4.position_std=0.002 or, of PX4 itself, px4_parameters=[EKF2_EV_CTRL=11]. May be "
-            "given many times.",
-        ),
-    ] = None,
+    bridge: BridgeSettings = None,
     speed: Annotated[
         float | None,
         typer.Option(
@@ -143,7 +126,7 @@ def fly(
     if px4 is None and (yes or bridge):
         raise InputError("--yes and --bridge: accepted: with --px4 only")
     check_model(model, px4)
-    one = 0 if seed is None else check_seed(seed)
+    one = seed or 0
     chosen = _load(scenario, settings or [], no_reaction, conf, law, model)
     if px4 is not None:
         from tombo_bringup.cli.flight.fly_px4 import fly_px4
@@ -184,18 +167,9 @@ def parse_seeds(text: str) -> range:
     first, end = int(found[1]), int(found[2])
     if first >= end:
         raise InputError(f"--seeds {text}: no seed at all; {accepted}")
-    if end - first > _MOST_FLIGHTS or end > _SEED_LIMIT:
+    if end - first > _MOST_FLIGHTS or end > SEED_LIMIT:
         raise InputError(f"--seeds {text}: too many; {accepted}")
     return range(first, end)
-
-
-def check_seed(seed: int) -> int:
-    """Return the seed, or raise InputError."""
-    if not 0 <= seed < _SEED_LIMIT:
-        raise InputError(
-            f"--seed {seed}: out of bounds; accepted: a whole number from 0 to {_SEED_LIMIT - 1}"
-        )
-    return seed
 
 
 def check_model(model: str | None, px4: str | None) -> None:
@@ -282,7 +256,6 @@ def _fly_nodes(
     lockstep: bool,
 ) -> int:
     from tombo_bringup.cli.progress import progress_bar
-    from tombo_flight.flight_output import as_json as to_json
     from tombo_flight.process.output_folder import open_output
     from tombo_flight.process.stop_signals import Stopped, StopSignals
     from tombo_flight.suite.node_flight import fly_nodes_and_save
@@ -312,15 +285,9 @@ def _fly_nodes(
                 return stop.exit_code
             names = sorted(p.name for p in folder.staging.iterdir())
             folder.publish()
-    if as_json:
-        typer.echo(to_json(flown.flight.summary), nl=False)
-    else:
-        from tombo_bringup.cli.flight.flight_tables import print_files, print_flight
-        from tombo_bringup.cli.flight.node_tables import print_nodes
+    from tombo_bringup.cli.flight.node_tables import print_node_flight
 
-        print_flight(flown.flight)
-        print_nodes(flown)
-        print_files(path, names)
+    print_node_flight(flown, path, names, as_json)
     return stop.exit_code or (1 if flown.died else 0)
 
 

@@ -13,7 +13,6 @@ import typer
 from tombo_bringup.cli.errors import print_error
 from tombo_bringup.cli.progress import progress_bar
 from tombo_dynamics.errors import InputError
-from tombo_flight.flight_output import as_json as to_json
 from tombo_flight.process.output_folder import open_output
 from tombo_flight.process.stop_signals import Stopped, StopSignals
 from tombo_flight.suite.node_flight import NotFlown, fly_nodes_and_save
@@ -41,7 +40,7 @@ def fly_px4(
 
     Args:
         scenario: what to fly.
-        seed: of the simulator's chance.
+        seed: of the simulator's random draws.
         path: folder of the results.
         may_replace: results that are there are replaced.
         as_json: print the summary as JSON, and nothing else.
@@ -80,15 +79,9 @@ def fly_px4(
                 return 1
             names = sorted(p.name for p in folder.staging.iterdir())
             folder.publish()
-    if as_json:
-        typer.echo(to_json(flown.flight.summary), nl=False)
-    else:
-        from tombo_bringup.cli.flight.flight_tables import print_files, print_flight
-        from tombo_bringup.cli.flight.node_tables import print_nodes
+    from tombo_bringup.cli.flight.node_tables import print_node_flight
 
-        print_flight(flown.flight)
-        print_nodes(flown)
-        print_files(path, names)
+    print_node_flight(flown, path, names, as_json)
     if flown.left_armed:
         print_error(flown.left_armed)
     return stop.exit_code or (1 if flown.died or flown.left_armed else 0)
@@ -97,7 +90,7 @@ def fly_px4(
 def confirm_arming(
     connection: Px4Connection, scenario: Scenario, stop: StopSignals, *, yes: bool
 ) -> bool:
-    """Say what is about to be armed, and ask.
+    """Print what is about to be armed, and ask.
 
     Raises:
         InputError: there is nothing to arm, or nobody to ask.

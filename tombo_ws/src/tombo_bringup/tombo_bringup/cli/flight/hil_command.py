@@ -1,4 +1,4 @@
-"""`tombo hil`: the simulator of a real PX4, until somebody stops it."""
+"""`tombo hil`: the simulator of a real PX4, until it is stopped."""
 
 from __future__ import annotations
 
@@ -72,7 +72,6 @@ def hil(
 
     The scenario's vehicle, propeller, effects and obstacle are simulated; PX4 does the rest.
     """
-    from tombo_bringup.cli.flight.fly_command import check_seed
     from tombo_dynamics.errors import InputError
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_flight.scenario import load_scenario, world_of
@@ -80,13 +79,10 @@ def hil(
     from tombo_px4.hil.lockstep import HilSimulator
     from tombo_px4.hil.params import HilParams
 
-    if duration is not None and not duration > 0.0:
-        raise InputError(f"--duration {duration:g}: out of bounds; accepted: a number above 0")
     if not 0.0 <= speed <= 100.0:
         raise InputError(f"--speed {speed:g}: out of bounds; accepted: a number from 0 to 100")
     params = HilParams(rate=rate, mapping=mapping, gps=not no_gps, mocap=mocap == ON_LINK).check()
     world = world_of(load_scenario(scenario, settings or []))
-    check_seed(seed)
     link = HilLink(port)
     feed = None if mocap is None or mocap == ON_LINK else _feed(mocap)
     try:
@@ -110,7 +106,7 @@ def _feed(url: str) -> MocapFeed:
 def _introduction(
     one: HilSimulator, world: World, port: int, mocap: str | None, scenario: str, seed: int
 ) -> str:
-    """Return what waits here, and how PX4 is started for it."""
+    """Return the text at the start: the simulator, and the commands that start PX4."""
     from tombo_px4.hil.hil_start_help import airframe_parameters, mocap_parameters, start_commands
 
     parameters = airframe_parameters(world, one.flight)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
@@ -22,6 +24,20 @@ _FIGURE: Final = re.compile(r"\d[\d.]*")
 _STAMP: Final = re.compile(r"\[\w+\] \[([\d.]+)\]")
 _WARNINGS: Final = 12
 """More are not shown."""
+
+
+def print_node_flight(flown: NodeFlight, path: Path, files: Sequence[str], as_json: bool) -> None:
+    """Print a flight by nodes: its summary as JSON, or tables and the files in `path`."""
+    if as_json:
+        from tombo_flight.flight_output import as_json as to_json
+
+        typer.echo(to_json(flown.flight.summary), nl=False)
+        return
+    from tombo_bringup.cli.flight.flight_tables import print_files, print_flight
+
+    print_flight(flown.flight)
+    print_nodes(flown)
+    print_files(path, files)
 
 
 def print_nodes(flown: NodeFlight) -> None:

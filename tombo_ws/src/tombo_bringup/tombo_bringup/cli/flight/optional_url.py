@@ -10,14 +10,14 @@ from typer.core import TyperCommand
 
 OPTION = "--px4"
 SIMULATED = "sim"
-"""What the option stands for without a URL."""
+"""Value of the option without a URL."""
 _URL = re.compile(r"[A-Za-z][\w+.-]*://|/dev/|$")
 _MAVPROXY = re.compile(r"(udp|udpin|udpout|tcp|tcpin|tcpout|serial):(?!//)(.*)")
 """Its spelling of the same ways: `udpin:127.0.0.1:14540`."""
 
 
 def expand_url_option(words: Sequence[str]) -> list[str]:
-    """Return a command line in which the option has a value.
+    """Return the arguments with a value for the option.
 
     The word behind it is its value if it looks like a URL (`SCHEME://...`), a device or nothing
     at all; any other is not. What MAVProxy would take is spelt as a URL.
@@ -43,7 +43,7 @@ def _spelt_out(url: str) -> str:
 
 
 class OptionalUrlCommand(TyperCommand):
-    """A command with this option: spells it out before typer reads the words."""
+    """A command with this option; gives it a value before typer parses the arguments."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read a command line."""

@@ -83,16 +83,12 @@ def px4(
 
     MAVSDK, MAVProxy, QGroundControl and the bridge of `tombo fly --px4` can fly it.
     """
-    from tombo_bringup.cli.flight.fly_command import check_seed
     from tombo_bringup.cli.flight.px4_screen import where_to_connect
-    from tombo_dynamics.errors import InputError
     from tombo_flight.scenario import load_scenario
     from tombo_px4.autopilot.parameters import ParameterTable
     from tombo_px4.link.address import parse_peer
     from tombo_px4.protocol.endpoint import Endpoint
 
-    if duration is not None and not duration > 0.0:
-        raise InputError(f"--duration {duration:g}: out of bounds; accepted: a number above 0")
     table = ParameterTable()
     for text in parameters or []:
         set_parameter(table, text)
@@ -102,7 +98,7 @@ def px4(
             (stack.enter_context(closing(link)), streams)
             for link, streams in _open_links(port, ground_port, table, key, host, allow_remote)
         ]
-        vehicle = _vehicle(chosen, check_seed(seed), table)
+        vehicle = _vehicle(chosen, seed, table)
         homes = [parse_peer(f"{host}:{number}", allow_remote) for number in (port, ground_port)]
         endpoint = Endpoint(vehicle, links, homes=homes)
         _serve(endpoint, duration, where_to_connect(host, port, ground_port))

@@ -1,4 +1,4 @@
-"""What `tombo px4` shows: where to connect, what is said, and a live line of the state."""
+"""Output of `tombo px4`: where to connect, texts of the vehicle, and a live line of the state."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _SEVERITY_COLOURED = 4
 
 
 class Screen(Protocol):
-    """Shows a vehicle that is served."""
+    """Shows the state of the simulated vehicle."""
 
     def begin(self, lines: Sequence[str]) -> None:
         """Say where it can be reached."""
         ...
 
     def redraw(self, endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> None:
-        """Show how it is; called hundreds of times a second."""
+        """Show the state; called hundreds of times a second."""
         ...
 
     def end(self, endpoint: Endpoint, slipped_ns: int) -> None:
@@ -84,7 +84,7 @@ def state_line(endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> str:
 
 
 class LineScreen:
-    """Lines of text: what the vehicle says."""
+    """Lines of text: the texts of the vehicle."""
 
     def begin(self, lines: Sequence[str]) -> None:
         """Say where it can be reached."""
@@ -92,7 +92,7 @@ class LineScreen:
             self._put(line)
 
     def redraw(self, endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> None:
-        """Print what was said."""
+        """Print the new texts."""
         for severity, text in endpoint.statustext.said:
             self._put(
                 f"{boot_ns * 1e-9:8.2f} s  {text}",
@@ -112,14 +112,14 @@ class LineScreen:
 
 
 class LiveScreen(LineScreen):
-    """The state at the bottom of the terminal; what is said scrolls above it."""
+    """The state at the bottom of the terminal; texts scroll above it."""
 
     def __init__(self, live: Live) -> None:
         self._live = live
         self._next_ns = 0
 
     def redraw(self, endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> None:
-        """Print what was said; draw the state anew a few times a second."""
+        """Print the new texts; draw the state a few times a second."""
         super().redraw(endpoint, boot_ns, slipped_ns)
         if boot_ns < self._next_ns:
             return

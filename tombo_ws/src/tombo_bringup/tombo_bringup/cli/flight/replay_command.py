@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-import os
-import secrets
 import signal
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from tombo_bringup.cli.options import json_option, output_option
+from tombo_bringup.cli.result_files import check_output
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def replay(
         ),
     ] = None,
     output: Annotated[
-        Path | None,
+        str | None,
         output_option("Write replay.json and replay.png there, over those of an earlier replay."),
     ] = None,
     as_json: Annotated[bool, json_option("Print one JSON object, and nothing else.")] = False,
@@ -109,6 +109,8 @@ def replay(
     Inputs are fed in the order and at the times of their arrival, with the stamps of their
     headers. Parameters are those of the recorded flight if the bag has them.
     """
+    from tombo_flight.flight_output import as_json as to_json
+    from tombo_flight.process.output_folder import open_output
     from tombo_flight.replay.run import Request, replay_bag
 
     request = Request(
@@ -121,16 +123,21 @@ def replay(
         settings=tuple(settings or ()),
         tolerances=_tolerances(tolerances or []),
     )
-    if output is not None:
-        _check_folder(output)
     _check_speed(dds, speed)
-    if dds:
-        result = _through_nodes(bag, request, speed)
-    else:
-        result = replay_bag(bag, request)
-    text = _json(result)
-    if output is not None:
-        _write(result, text, output)
+    check_output(output)
+    with ExitStack() as stack:
+        folder = None
+        if output is not None:
+            folder = stack.enter_context(open_output(Path(output), replace=True, results=FILES))
+        result = _through_nodes(bag, request, speed) if dds else replay_bag(bag, request)
+        text = to_json(result.as_mapping())
+        if folder is not None:
+            from tombo_flight.replay.plot import draw_replay
+            from tombo_flight.report.flight_plot import png_bytes
+
+            (folder / FILES[0]).write_text(text, encoding="utf-8", newline="\n")
+            (folder / FILES[1]).write_bytes(png_bytes(draw_replay(result)))
+            folder.publish()
     if as_json:
         typer.echo(text, nl=False)
     else:
@@ -211,35 +218,3 @@ def _finite(option: str, value: float) -> float:
     if not abs(value) < 1e10:
         raise InputError(f"{option} {value:g}: accepted: a number of seconds")
     return value
-
-
-def _json(result: Replay) -> str:
-    from tombo_flight.flight_output import as_json
-
-    return as_json(result.as_mapping())
-
-
-def _check_folder(folder: Path) -> None:
-    """See that the folder can be written, or made, before the work begins."""
-    target = folder.absolute()
-    there = next(path for path in (target, *target.parents) if os.path.lexists(path))
-    if not there.is_dir():
-        raise InputError(f"-o {folder}: '{there}' is no folder; accepted: a folder, new or there")
-    if not os.access(there, os.W_OK):
-        raise InputError(f"-o {folder}: '{there}' can't be written; accepted: a folder that can")
-
-
-def _write(result: Replay, text: str, folder: Path) -> None:
-    """Write the files, each whole or not at all."""
-    from tombo_flight.replay.plot import draw_replay
-    from tombo_flight.report.flight_plot import png_bytes
-
-    folder.mkdir(parents=True, exist_ok=True)
-    contents = (text.encode(), png_bytes(draw_replay(result)))
-    for name, content in zip(FILES, contents, strict=True):
-        staged = folder / f".{name}-{secrets.token_hex(4)}"
-        try:
-            staged.write_bytes(content)
-            staged.replace(folder / name)
-        finally:
-            staged.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""What `tombo up` shows: a live table on a terminal, lines elsewhere, or JSON lines."""
+"""Output of `tombo up`: a live table on a terminal, lines elsewhere, or JSON lines."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Screen(Protocol):
     """Shows a running suite."""
 
     def status(self, suite: Suite) -> None:
-        """Show how it is; called often, so it is up to the screen how often it does."""
+        """Show the state; called often, so the screen limits the rate."""
         ...
 
     def warning(self, node: str, line: str) -> None:
@@ -35,7 +35,7 @@ class Screen(Protocol):
         ...
 
     def closing(self, ends: Sequence[ProcessExit], folder: str) -> None:
-        """Show how it ended: nodes that did not end well when asked to, where the files are."""
+        """Show the end: nodes that did not end as asked, and the folder of the files."""
         ...
 
 
@@ -55,7 +55,7 @@ def new_screen(as_json: bool) -> Iterator[Screen]:
 
 
 class _Clock:
-    """Says whether it is time again."""
+    """Timer of a period."""
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
@@ -120,7 +120,7 @@ class LineScreen:
         self._put(f"{node}: {without_stamp(line)}", "yellow")
 
     def ended(self, end: ProcessExit, log: str) -> None:
-        """Print it, with its last words."""
+        """Print it, with the last lines of its log."""
         self._put(f"{end.name} has ended, {end.how}; its log: {log}", "bold red")
         for line in end.last_log_lines:
             self._put(f"  {line}")
@@ -144,7 +144,7 @@ class TableScreen(LineScreen):
         self._clock = _Clock(_TABLE_S)
 
     def status(self, suite: Suite) -> None:
-        """Draw the table anew a few times a second."""
+        """Draw the table a few times a second."""
         from tombo_flight.suite.status_table import status_table
 
         if self._clock.strikes():

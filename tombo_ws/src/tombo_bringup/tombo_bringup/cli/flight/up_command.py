@@ -1,4 +1,4 @@
-"""`tombo up`: the whole suite as processes, watched until somebody stops it."""
+"""`tombo up`: the whole suite as processes, until it is stopped."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ import typer
 
 from tombo_bringup.cli.flight.optional_url import SIMULATED
 from tombo_bringup.cli.options import (
+    BridgeSettings,
     Duration,
     ModelFile,
+    Px4Url,
     ScenarioArgument,
     Seed,
     Settings,
@@ -61,22 +63,9 @@ def up(
             help="Folder of recording, parameters and logs. Default: runs/up-DATE-TIME.",
         ),
     ] = None,
-    px4: Annotated[
-        str | None,
-        typer.Option(
-            "--px4",
-            metavar="[URL]",
-            help="Over MAVLink: with a simulated PX4, or the one at URL, which may be a real "
-            "vehicle.",
-        ),
-    ] = None,
+    px4: Px4Url = None,
     yes: Yes = False,
-    bridge: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--bridge", metavar="KEY=VALUE", help="With --px4: set a parameter of the bridge."
-        ),
-    ] = None,
+    bridge: BridgeSettings = None,
     speed: Annotated[
         float, typer.Option("--speed", metavar="X", help="Simulated time against real time.")
     ] = 1.0,
@@ -95,7 +84,7 @@ def up(
     node; Ctrl-C stops them. A node that ends by itself is reported and not started again; the
     others go on.
     """
-    from tombo_bringup.cli.flight.fly_command import check_model, check_seed
+    from tombo_bringup.cli.flight.fly_command import check_model
     from tombo_dynamics.errors import InputError
     from tombo_flight.scenario import load_scenario
     from tombo_flight.suite.node_flight import over_mavlink
@@ -103,8 +92,6 @@ def up(
     from tombo_flight.suite.running import SuiteConfig
     from tombo_flight.suite.warm_up import warm_up_nodes
 
-    if duration is not None and not duration > 0.0:
-        raise InputError(f"--duration {duration:g}: out of bounds; accepted: a number above 0")
     if px4 is None and (yes or bridge):
         raise InputError("--yes and --bridge: accepted: with --px4 only")
     if px4 is not None and speed != 1.0:
@@ -117,7 +104,7 @@ def up(
     folder = record or Path("runs") / time.strftime("up-%Y%m%d-%H%M%S")
     config = SuiteConfig(
         scenario=load_scenario(scenario, settings or [], model),
-        seed=check_seed(seed),
+        seed=seed,
         folder=folder,
         recording={"output": str((folder / "bag").absolute())},
         files=tuple(params or ()),
@@ -136,7 +123,7 @@ def up(
 
 
 def _confirmed(connection: Px4Connection, scenario: Scenario, *, yes: bool) -> bool:
-    """Say what is at the other end of the link, and ask whether it may be armed."""
+    """Print which vehicle is at the other end of the link, and ask whether it may be armed."""
     from tombo_bringup.cli.flight.fly_px4 import confirm_arming
     from tombo_flight.process.stop_signals import Stopped, StopSignals
 

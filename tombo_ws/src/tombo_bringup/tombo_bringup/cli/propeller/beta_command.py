@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.options import Force, json_option, number_parser, output_option
+from tombo_bringup.cli.options import Force, json_option, number_option, output_option
 from tombo_bringup.cli.result_files import compute_into, results_folder
 from tombo_dynamics.errors import InputError
 
@@ -54,30 +54,20 @@ def beta(
     ] = None,
     reference_beta: Annotated[
         float,
-        typer.Option(
-            "--reference-beta",
-            metavar="DEG",
-            parser=number_parser("-30 to 30 deg"),
-            help="The flap in the reference.",
-        ),
+        number_option("--reference-beta", "DEG", "The flap in the reference.", "-30 to 30 deg"),
     ] = 0.0,
     scale: Annotated[
         float | None,
-        typer.Option(
+        number_option(
             "--scale",
-            metavar="PX/MM",
-            parser=number_parser("pixels per mm, 0.1 to 1000"),
-            help="Pixels per mm in the plane of the straight blades.",
+            "PX/MM",
+            "Pixels per mm in the plane of the straight blades.",
+            "pixels per mm, 0.1 to 1000",
         ),
     ] = None,
     scale_error: Annotated[
         float,
-        typer.Option(
-            "--scale-error",
-            metavar="%",
-            parser=number_parser("0 to 20 %"),
-            help="Standard deviation of --scale.",
-        ),
+        number_option("--scale-error", "%", "Standard deviation of --scale.", "0 to 20 %"),
     ] = 0.2,
     marks: Annotated[
         str | None,
@@ -89,69 +79,58 @@ def beta(
     ] = None,
     camera_height: Annotated[
         float | None,
-        typer.Option(
+        number_option(
             "--camera-height",
-            metavar="MM",
-            parser=number_parser("a height in mm"),
-            help="Lens to the plane of the straight blades: flapped tips look larger for being "
+            "MM",
+            "Lens to the plane of the straight blades: flapped tips look larger for being "
             "nearer. Without it the camera is taken to be far away.",
+            "a height in mm",
         ),
     ] = None,
     camera_height_error: Annotated[
         float,
-        typer.Option(
-            "--camera-height-error",
-            metavar="%",
-            parser=number_parser("0 to 20 %"),
-            help="Its standard deviation.",
-        ),
+        number_option("--camera-height-error", "%", "Its standard deviation.", "0 to 20 %"),
     ] = 1.0,
     from_below: Annotated[
         bool, typer.Option("--from-below", help="The blades flap away from the camera.")
     ] = False,
     fps: Annotated[
         float | None,
-        typer.Option(
+        number_option(
             "--fps",
-            metavar="X",
-            parser=number_parser("frames per second, above 0, below 1e+07"),
-            help="Frames per second. Default: the video's; pictures 960, the paper's.",
+            "X",
+            "Frames per second. Default: the video's; pictures 960, the paper's.",
+            "frames per second, above 0, below 1e+07",
         ),
     ] = None,
     window: Annotated[
         int,
-        typer.Option(
+        number_option(
             "--window",
-            metavar="N",
-            parser=number_parser("a whole number, 8 to 500", int),
-            help="Frames combined; the paper takes ten.",
+            "N",
+            "Frames combined; the paper takes ten.",
+            "a whole number, 8 to 500",
+            int,
         ),
     ] = 10,
     windows: Annotated[
         int,
-        typer.Option(
+        number_option(
             "--windows",
-            metavar="N",
-            parser=number_parser("a whole number, 1 or more", int),
-            help="At most so many windows, even over the film.",
+            "N",
+            "At most so many windows, even over the film.",
+            "a whole number, 1 or more",
+            int,
         ),
     ] = 60,
     tip: Annotated[
         float | None,
-        typer.Option(
-            "--tip-radius",
-            metavar="MM",
-            parser=number_parser("a radius in mm"),
-            help="Default: 111.1.",
-        ),
+        number_option("--tip-radius", "MM", "Default: 111.1.", "a radius in mm"),
     ] = None,
     nodus: Annotated[
         float | None,
-        typer.Option(
-            "--nodus-radius",
-            metavar="MM",
-            parser=number_parser("a radius in mm"),
-            help="Outer end of the nodus. Default: 35.",
+        number_option(
+            "--nodus-radius", "MM", "Outer end of the nodus. Default: 35.", "a radius in mm"
         ),
     ] = None,
     demo: Annotated[

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tombo_bringup.cli.options import Force, json_option, number_parser, output_option
+from tombo_bringup.cli.options import Force, json_option, number_option, output_option
 from tombo_bringup.cli.result_files import check_output, compute_into
 
 if TYPE_CHECKING:
@@ -21,28 +20,22 @@ INFEASIBLE = 1
 _MOST_FLIGHTS = 200
 
 
-def _accepted(option: str) -> Callable[[], str]:
-    """Return who can say what an option accepts."""
+def _limit(option: str, metavar: str, text: str) -> Any:
+    """Return an option with the bounds that `design.request` gives it."""
 
-    def words() -> str:
+    def accepted() -> str:
         from tombo_propeller.design.request import BOUNDS
 
         unit, low, high = BOUNDS[option]
         return f"a number from {low:g} to {high:g} [{unit}]"
 
-    return words
+    return number_option(option, metavar, text, accepted)
 
 
 def design(
     mass: Annotated[
         float,
-        typer.Option(
-            "--mass",
-            metavar="KG",
-            parser=number_parser(_accepted("--mass")),
-            help="Mass at take-off.",
-            show_default=False,
-        ),
+        _limit("--mass", "KG", "Mass at take-off."),
     ],
     frame: Annotated[
         str,
@@ -52,48 +45,23 @@ def design(
     ] = "s500",
     min_thrust_margin: Annotated[
         float,
-        typer.Option(
-            "--min-thrust-margin",
-            metavar="X",
-            parser=number_parser(_accepted("--min-thrust-margin")),
-            help="Usable thrust over weight, at least.",
-        ),
+        _limit("--min-thrust-margin", "X", "Usable thrust over weight, at least."),
     ] = 2.0,
     max_collision_force: Annotated[
         float | None,
-        typer.Option(
-            "--max-collision-force",
-            metavar="N",
-            parser=number_parser(_accepted("--max-collision-force")),
-            help="At 2000 rpm, as in Table III.",
-        ),
+        _limit("--max-collision-force", "N", "At 2000 rpm, as in Table III."),
     ] = None,
     max_recovery: Annotated[
         float | None,
-        typer.Option(
-            "--max-recovery",
-            metavar="S",
-            parser=number_parser(_accepted("--max-recovery")),
-            help="Until a blade is straight again.",
-        ),
+        _limit("--max-recovery", "S", "Until a blade is straight again."),
     ] = None,
     max_noise: Annotated[
         float | None,
-        typer.Option(
-            "--max-noise",
-            metavar="DB",
-            parser=number_parser(_accepted("--max-noise")),
-            help="At 2000 rpm, 5 m away.",
-        ),
+        _limit("--max-noise", "DB", "At 2000 rpm, 5 m away."),
     ] = None,
     min_lift_over_drag: Annotated[
         float | None,
-        typer.Option(
-            "--min-lift-over-drag",
-            metavar="X",
-            parser=number_parser(_accepted("--min-lift-over-drag")),
-            help="In hover.",
-        ),
+        _limit("--min-lift-over-drag", "X", "In hover."),
     ] = None,
     law: Annotated[str, typer.Option("--law", help="repaired or consistent.")] = "repaired",
     library: Annotated[
@@ -107,12 +75,7 @@ def design(
     blade: Annotated[str, typer.Option("--blade", help="Of the library.")] = "nine_inch",
     confidence: Annotated[
         float,
-        typer.Option(
-            "--confidence",
-            metavar="P",
-            parser=number_parser(_accepted("--confidence")),
-            help="That a predicted figure keeps to its limit.",
-        ),
+        _limit("--confidence", "P", "That a predicted figure keeps to its limit."),
     ] = 0.9,
     extrapolate: Annotated[
         bool,
@@ -123,11 +86,12 @@ def design(
     ] = False,
     flights: Annotated[
         int,
-        typer.Option(
+        number_option(
             "--flights",
-            metavar="N",
-            parser=number_parser(f"a whole number from 0 to {_MOST_FLIGHTS}", int),
-            help="Collisions flown with a candidate; 0: none.",
+            "N",
+            "Collisions flown with a candidate; 0: none.",
+            f"a whole number from 0 to {_MOST_FLIGHTS}",
+            int,
         ),
     ] = 12,
     output: Annotated[

@@ -1,4 +1,4 @@
-"""A design on the terminal: the nodus first, then why, whether it flies, what nobody knows."""
+"""A design on the terminal: the nodus, the reasons, the simulated flights, what is unknown."""
 
 from __future__ import annotations
 

@@ -92,21 +92,17 @@ def diagnose(
         headline = stand_headline(both[0].diagnosis)
         write_stand(folder, *both, headline, datetime.date.today().isoformat())
 
-    try:
-        paths = tables or []
-        if bool(paths) == table3:
-            given = "both" if table3 else "neither"
-            raise InputError(f"STAND.csv or --table3: {given}; accepted: one of them")
-        _refuse_without_effect(table3, plain, conf, law, mapping)
-        first = "table3" if table3 else paths[0].name.split(".")[0]
-        path = results_folder(output, "stand", first, as_json, "run")
-        (found, study), written = compute_into(
-            path, force or output is None, STAND_FILES,
-            lambda on_progress: run(paths, mapping, conf, law, plain, model, on_progress), write,
-        )  # fmt: skip
-    except InputError as error:
-        typer.echo(f"Error: {error}", err=True)
-        raise typer.Exit(2) from None
+    paths = tables or []
+    if bool(paths) == table3:
+        given = "both" if table3 else "neither"
+        raise InputError(f"STAND.csv or --table3: {given}; accepted: one of them")
+    _refuse_without_effect(table3, plain, conf, law, mapping)
+    first = "table3" if table3 else paths[0].name.split(".")[0]
+    path = results_folder(output, "stand", first, as_json, "run")
+    (found, study), written = compute_into(
+        path, force or output is None, STAND_FILES,
+        lambda on_progress: run(paths, mapping, conf, law, plain, model, on_progress), write,
+    )  # fmt: skip
     if as_json:
         typer.echo(stand_json(found, study), nl=False)
     else:

@@ -6,8 +6,7 @@ import inspect
 import json
 import math
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -32,18 +31,6 @@ _CURVE_POINTS = 400
 _FIELDS = ("thrust_N", "drag_N", "torque_Nm", "alpha_rad", "beta_rad", "gamma_rad")
 _FORMATS = (".png", ".svg", ".pdf")
 _RPM = 30.0 / math.pi
-
-
-@contextmanager
-def _bad_input_exits() -> Iterator[None]:
-    """Turn an InputError into one line on standard error and exit code 2."""
-    from tombo_dynamics.errors import InputError
-
-    try:
-        yield
-    except InputError as error:
-        typer.echo(f"Error: {error}", err=True)
-        raise typer.Exit(2) from None
 
 
 _LIBRARY = typer.Option(
@@ -83,31 +70,29 @@ def propeller(
     is no valid one at all, that is an error.
     """
     if ctx.invoked_subcommand is not None:
-        with _bad_input_exits():
-            _refuse_options_before(ctx, ctx.invoked_subcommand)
+        _refuse_options_before(ctx, ctx.invoked_subcommand)
         return
-    with _bad_input_exits():
-        from tombo_dynamics.propeller import evaluate, read_library, valid_speed
+    from tombo_dynamics.propeller import evaluate, read_library, valid_speed
 
-        chosen = read_library(*(library or ())).configuration(conf)
-        limit = valid_speed(chosen, law) * _RPM
-        speeds = _default_speeds(limit) if rpm is None else parse_rpm(rpm)
-        radians = [speed / _RPM for speed in speeds]
-        path = output
-        if path is None and not as_json:
-            path = Path(f"propeller-conf{conf}-{law}.png")
-        if path is not None:
-            _check_writable(path)
-        points = evaluate(chosen, radians, law, outside="mask")
-        if not points.valid.any():
-            evaluate(chosen, radians, law)  # says which range is valid
-        if as_json:
-            typer.echo(json.dumps(rows(points, speeds, conf, law), indent=1))
-        else:
-            _print_table(points, speeds, chosen, law, limit)
-        if path is not None:
-            _plot(path, chosen, law, limit)
-            typer.echo(f"Plot: {path.resolve()}", err=as_json)
+    chosen = read_library(*(library or ())).configuration(conf)
+    limit = valid_speed(chosen, law) * _RPM
+    speeds = _default_speeds(limit) if rpm is None else parse_rpm(rpm)
+    radians = [speed / _RPM for speed in speeds]
+    path = output
+    if path is None and not as_json:
+        path = Path(f"propeller-conf{conf}-{law}.png")
+    if path is not None:
+        _check_writable(path)
+    points = evaluate(chosen, radians, law, outside="mask")
+    if not points.valid.any():
+        evaluate(chosen, radians, law)  # says which range is valid
+    if as_json:
+        typer.echo(json.dumps(rows(points, speeds, conf, law), indent=1))
+    else:
+        _print_table(points, speeds, chosen, law, limit)
+    if path is not None:
+        _plot(path, chosen, law, limit)
+        typer.echo(f"Plot: {path.resolve()}", err=as_json)
 
 
 def _refuse_options_before(ctx: typer.Context, command: str) -> None:
@@ -135,12 +120,11 @@ def moduli(
     library: Annotated[list[Path] | None, _LIBRARY] = None,
 ) -> None:
     """Print the moduli of every nodus beside those that the paper's Table I prints."""
-    with _bad_input_exits():
-        from tombo_dynamics.propeller import nodus_moduli, read_library
+    from tombo_dynamics.propeller import nodus_moduli, read_library
 
-        known = read_library(*(library or ())).configurations
-        soft = [c for c in known.values() if not c.rigid]
-        computed = [(c, nodus_moduli(c)) for c in soft]
+    known = read_library(*(library or ())).configurations
+    soft = [c for c in known.values() if not c.rigid]
+    computed = [(c, nodus_moduli(c)) for c in soft]
     if as_json:
         found = [
             {"conf": c.number, "E_N_MPa": m.E_N_MPa, "G_N_MPa": m.G_N_MPa} for c, m in computed

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from tombo_bringup.cli.options import Force, json_option, number_parser, output_option
+from tombo_bringup.cli.options import Force, json_option, number_option, output_option
 from tombo_bringup.cli.result_files import results_folder
 
 
@@ -36,21 +36,21 @@ def recovery(
     ] = None,
     tare: Annotated[
         float,
-        typer.Option(
+        number_option(
             "--tare",
-            metavar="X",
-            parser=number_parser("a number, in the column's unit"),
-            help="What the unloaded cell reads, in the column's unit.",
+            "X",
+            "What the unloaded cell reads, in the column's unit.",
+            "a number, in the column's unit",
         ),
     ] = 0.0,
     share: Annotated[
         float | None,
-        typer.Option(
+        number_option(
             "--share",
-            metavar="X",
-            parser=number_parser("0.5 to 0.99"),
-            help="Of the level before that counts as recovered. Default: 0.9 of thrust; of speed "
+            "X",
+            "Of the level before that counts as recovered. Default: 0.9 of thrust; of speed "
             "its root, 0.949, as thrust goes with speed squared.",
+            "0.5 to 0.99",
         ),
     ] = None,
     output: Annotated[

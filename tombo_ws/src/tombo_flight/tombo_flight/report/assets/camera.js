@@ -2,8 +2,8 @@
 // Where the scene is seen from: named views, a glide between them, and pointers that orbit.
 
 /** How much of space there is to see: {target, reach} of the collision and of the whole flight. */
-function placesToLook(path, story) {
-  const low = [1e9, 1e9, 1e9], high = [-1e9, -1e9, -1e9], pole = story.obstacle;
+function placesToLook(path, milestones) {
+  const low = [1e9, 1e9, 1e9], high = [-1e9, -1e9, -1e9], pole = milestones.obstacle;
   const include = (p) => p.forEach((x, k) => {
     low[k] = Math.min(low[k], x);
     high[k] = Math.max(high[k], x);
@@ -12,18 +12,18 @@ function placesToLook(path, story) {
   if (pole) include([pole.x_m, pole.y_m, Math.min(pole.top_m, high[2] + 0.8)]);
   const middle = scaled(add(low, high), 0.5);
   const whole = { target: middle, reach: 1.15 * Math.max(2, ...sub(high, low)) };
-  if (!story.x_c_m) return { action: whole, whole };
-  const end = story.x_r_m || story.x_c_m;
-  const drop = clamp(story.contact_height_m - story.lowest_m || 0, 0, 1.2);
-  const reach = Math.max(1.5, Math.hypot(...sub(story.x_c_m, end)) + 0.6, 1.4 * drop);
-  const target = add(scaled(add(story.x_c_m, end), 0.5), [0.1, 0, -drop / 2.2]);
+  if (!milestones.x_c_m) return { action: whole, whole };
+  const end = milestones.x_r_m || milestones.x_c_m;
+  const drop = clamp(milestones.contact_height_m - milestones.lowest_m || 0, 0, 1.2);
+  const reach = Math.max(1.5, Math.hypot(...sub(milestones.x_c_m, end)) + 0.6, 1.4 * drop);
+  const target = add(scaled(add(milestones.x_c_m, end), 0.5), [0.1, 0, -drop / 2.2]);
   return { action: { target, reach }, whole };
 }
 
 class Camera {
   /** @param canvas whose pointers orbit, zoom and pan @param path points [x, y, z] of the flight */
-  constructor(canvas, path, story) {
-    Object.assign(this, { canvas, places: placesToLook(path, story), following: false });
+  constructor(canvas, path, milestones) {
+    Object.assign(this, { canvas, places: placesToLook(path, milestones), following: false });
     this.look("action");
     this.now = { ...this.goal };
     this.listen();

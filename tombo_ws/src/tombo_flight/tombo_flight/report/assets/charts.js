@@ -11,7 +11,7 @@ function niceTicks(low, high, most) {
 }
 
 /** What the plots show. A series is {name, colour, values, width?, dashed?, hidden?}. */
-function chartPlan(flight, story) {
+function chartPlan(flight, milestones) {
   const take = (name, k) => {
     const { width, data } = flight[name];
     return Float32Array.from({ length: flight.count }, (_, i) => data[i * width + k]);
@@ -23,7 +23,7 @@ function chartPlan(flight, story) {
   const size = (name) => Float32Array.from({ length: flight.count }, (_, i) =>
     Math.hypot(...flight[name].data.subarray(3 * i, 3 * i + 3)));
   const rotors = [["front right", "steel"], ["rear left", "pale"], ["front left", "vermillion"], ["rear right", "teal"]];
-  const places = [[story.x_c_m, "x_c"], [story.x_r_m, "x_r"]].filter(([p]) => p).map(([p, name]) => ({ value: p[0], name }));
+  const places = [[milestones.x_c_m, "x_c"], [milestones.x_r_m, "x_r"]].filter(([p]) => p).map(([p, name]) => ({ value: p[0], name }));
   return [
     { title: "Position", unit: "m", digits: 2, lines: places, series: [
       { name: "x", colour: "blue", values: take("position", 0), width: 2 },
@@ -54,12 +54,12 @@ function chartPlan(flight, story) {
 
 class Charts {
   /** @param seek called with a time when the reader picks one @param hover with a time or null */
-  constructor(root, flight, story, { seek, hover }) {
-    Object.assign(this, { flight, story, seek, hover });
+  constructor(root, flight, milestones, { seek, hover }) {
+    Object.assign(this, { flight, milestones, seek, hover });
     this.left = 42;
     this.right = 10;
-    this.charts = chartPlan(flight, story).map((plan) => this.build(root, plan));
-    this.show(0, story.duration_s);
+    this.charts = chartPlan(flight, milestones).map((plan) => this.build(root, plan));
+    this.show(0, milestones.duration_s);
   }
 
   build(root, plan) {
@@ -117,7 +117,7 @@ class Charts {
     });
     plot.addEventListener("pointerleave", () => { if (!from) this.hover(null); });
     plot.addEventListener("pointercancel", () => { from = this.selection = null; this.hover(null); });
-    plot.addEventListener("dblclick", () => this.show(0, this.story.duration_s));
+    plot.addEventListener("dblclick", () => this.show(0, this.milestones.duration_s));
   }
 
   /** Show the stretch [start, end] of time. */
@@ -154,7 +154,7 @@ class Charts {
   }
 
   drawChart(chart, last) {
-    const { pen, width, height } = this.size(chart.base), { story, flight } = this, colour = this.paint;
+    const { pen, width, height } = this.size(chart.base), { milestones, flight } = this, colour = this.paint;
     const top = 6, bottom = height - (last ? 24 : 5), first = indexAt(flight.t, this.start);
     const stop = Math.min(indexAt(flight.t, this.end) + 1, flight.count - 1);
     let low = Infinity, high = -Infinity;
@@ -175,7 +175,7 @@ class Charts {
     pen.rect(this.left, top, right - this.left, bottom - top);
     pen.clip();
     for (const [from, to, name] of [
-      [story.contact_s, story.unstable_end_s, "unstable"], [story.unstable_end_s, story.recovery_end_s, "recovery"],
+      [milestones.contact_s, milestones.unstable_end_s, "unstable"], [milestones.unstable_end_s, milestones.recovery_end_s, "recovery"],
     ]) {
       if (from === null || to === null) continue;
       pen.fillStyle = colour(name);
@@ -195,8 +195,8 @@ class Charts {
       if (y(tick) > top + 4 || last) pen.fillText(tick.toFixed(rows.digits).replace("-", "−"), this.left - 6, y(tick));
     }
     // Around the contact the axis counts from it, as the paper's figure does.
-    const near = story.mark_s !== null && this.end - this.start < 20;
-    const zero = near && this.start < story.mark_s && story.mark_s < this.end ? story.mark_s : 0;
+    const near = milestones.mark_s !== null && this.end - this.start < 20;
+    const zero = near && this.start < milestones.mark_s && milestones.mark_s < this.end ? milestones.mark_s : 0;
     const columns = niceTicks(this.start - zero, this.end - zero, Math.max(3, (right - this.left) / 62));
     pen.textAlign = "center";
     pen.textBaseline = "top";
@@ -224,8 +224,8 @@ class Charts {
       pen.fillText(stem, this.left + 5, level);
       pen.fillText(index, this.left + 12, level + 3);
     }
-    const instants = [[story.contact_s, "ink"], [story.detection_s, "purple"], [story.switch_s, "green"],
-      [story.crash_s, "vermillion"]];
+    const instants = [[milestones.contact_s, "ink"], [milestones.detection_s, "purple"], [milestones.switch_s, "green"],
+      [milestones.crash_s, "vermillion"]];
     for (const [time, name] of instants) {
       if (time === null) continue;
       pen.strokeStyle = colour(name);

@@ -2,22 +2,22 @@
 // Time: playing, scrubbing, the keyboard, and everything on the page that follows it.
 
 class Player {
-  constructor(flight, story) {
-    Object.assign(this, { flight, story, playing: false, speed: 1, pointed: null });
+  constructor(flight, milestones) {
+    Object.assign(this, { flight, milestones, playing: false, speed: 1, pointed: null });
     this.find = (id) => document.getElementById(id);
-    this.scene = new Scene(this.find("scene"), flight, story);
-    this.charts = new Charts(this.find("charts"), flight, story, {
+    this.scene = new Scene(this.find("scene"), flight, milestones);
+    this.charts = new Charts(this.find("charts"), flight, milestones, {
       seek: (time) => this.seek(time),
       hover: (time) => { this.pointed = time; this.ask(); },
     });
-    this.time = story.mark_s === null ? 0 : Math.min(story.mark_s + 0.15, story.duration_s);
+    this.time = milestones.mark_s === null ? 0 : Math.min(milestones.mark_s + 0.15, milestones.duration_s);
     this.buildScrub();
     this.wireControls();
     this.wireKeys();
     this.readColours();
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.readColours());
     new ResizeObserver(() => { this.charts.draw(); this.ask(); }).observe(document.querySelector(".stage"));
-    if (story.mark_s !== null) this.aroundMark();
+    if (milestones.mark_s !== null) this.aroundMark();
     this.ask();
   }
 
@@ -30,13 +30,13 @@ class Player {
   // -- time ------------------------------------------------------------------------------
 
   seek(time) {
-    this.time = clamp(time, 0, this.story.duration_s);
+    this.time = clamp(time, 0, this.milestones.duration_s);
     this.ask();
   }
 
   play(on) {
     this.playing = on;
-    if (on && this.time >= this.story.duration_s - 1e-6) this.time = 0;
+    if (on && this.time >= this.milestones.duration_s - 1e-6) this.time = 0;
     this.last = null;
     this.find("play").textContent = on ? "❚❚" : "▶";
     this.find("play").setAttribute("aria-label", on ? "Pause" : "Play");
@@ -57,8 +57,8 @@ class Player {
     const passed = this.last === null || this.last === undefined ? 0.016 : Math.min(now - this.last, 0.1);
     this.last = now;
     if (this.playing) {
-      this.time = Math.min(this.time + passed * this.speed, this.story.duration_s);
-      if (this.time >= this.story.duration_s) this.play(false);
+      this.time = Math.min(this.time + passed * this.speed, this.milestones.duration_s);
+      if (this.time >= this.milestones.duration_s) this.play(false);
     }
     const gliding = this.scene.camera.moving && this.scene.camera.glide(passed);
     this.draw();
@@ -76,14 +76,14 @@ class Player {
   }
 
   writeClock(time) {
-    const { story } = this, mark = story.mark_s;
+    const { milestones } = this, mark = milestones.mark_s;
     this.find("clock-time").textContent = `${time.toFixed(2)} s`;
-    const name = story.contact_s !== null ? "contact" : "crash";
+    const name = milestones.contact_s !== null ? "contact" : "crash";
     const after = mark === null ? "" : `${name} ${time < mark ? "−" : "+"}${Math.abs(time - mark).toFixed(2)} s`;
     this.find("clock-contact").textContent = after;
-    const mode = Math.round(heldAt(this.flight, "mode", time)[0]), chip = this.find("clock-mode");
-    chip.textContent = story.mode_names[mode] ?? `mode ${mode}`;
-    chip.style.background = story.mode_colours[mode] ?? "#c9d1d8";
+    const phase = Math.round(heldAt(this.flight, "mode", time)[0]), chip = this.find("clock-phase");
+    chip.textContent = milestones.phase_names[phase] ?? `phase ${phase}`;
+    chip.style.background = milestones.phase_colours[phase] ?? "#c9d1d8";
   }
 
   writeGauges(time) {
@@ -111,17 +111,17 @@ class Player {
   // -- controls --------------------------------------------------------------------------
 
   buildScrub() {
-    const { story } = this, total = Math.max(story.duration_s, 1e-6);
+    const { milestones } = this, total = Math.max(milestones.duration_s, 1e-6);
     const place = (time) => `${(100 * clamp(time, 0, total)) / total}%`;
-    for (const [start, end, mode] of story.modes) {
+    for (const [start, end, phase] of milestones.phases) {
       const bar = document.createElement("i");
       bar.style.left = place(start);
       bar.style.width = place(end - start);
-      bar.style.background = story.mode_colours[mode] ?? "#c9d1d8";
-      bar.title = story.mode_names[mode] ?? `mode ${mode}`;
-      this.find("modes").append(bar);
+      bar.style.background = milestones.phase_colours[phase] ?? "#c9d1d8";
+      bar.title = milestones.phase_names[phase] ?? `phase ${phase}`;
+      this.find("phases").append(bar);
     }
-    for (const { time_s, kind, text } of story.events) {
+    for (const { time_s, kind, text } of milestones.events) {
       if (time_s === null) continue;
       const tick = document.createElement("button");
       tick.style.left = place(time_s);
@@ -131,36 +131,36 @@ class Player {
       tick.addEventListener("click", () => this.seek(time_s));
       this.find("events").append(tick);
     }
-    this.find("time").max = String(story.duration_s);
+    this.find("time").max = String(milestones.duration_s);
   }
 
   aroundMark() {
-    const { mark_s, duration_s } = this.story;
+    const { mark_s, duration_s } = this.milestones;
     this.charts.show(Math.max(0, mark_s - 2), Math.min(duration_s, mark_s + 6));
   }
 
   jump() {
-    if (this.story.mark_s === null) return;
-    this.seek(this.story.mark_s - 0.4);
+    if (this.milestones.mark_s === null) return;
+    this.seek(this.milestones.mark_s - 0.4);
     this.aroundMark();
   }
 
   wireControls() {
-    const { story } = this;
+    const { milestones } = this;
     this.find("play").addEventListener("click", () => this.play(!this.playing));
     this.find("jump").addEventListener("click", () => this.jump());
     this.find("speed").addEventListener("change", (event) => { this.speed = Number(event.target.value); });
     this.find("time").addEventListener("input", (event) => this.seek(Number(event.target.value)));
     this.find("range-mark").addEventListener("click", () => this.aroundMark());
-    this.find("range-all").addEventListener("click", () => this.charts.show(0, story.duration_s));
+    this.find("range-all").addEventListener("click", () => this.charts.show(0, milestones.duration_s));
     this.charts.changed = () => {
-      const whole = this.charts.start === 0 && this.charts.end >= story.duration_s;
+      const whole = this.charts.start === 0 && this.charts.end >= milestones.duration_s;
       this.find("range-all").setAttribute("aria-pressed", String(whole));
     };
     this.charts.changed();
-    if (story.mark_s === null) {
+    if (milestones.mark_s === null) {
       for (const id of ["jump", "range-mark", "jump-key"]) this.find(id).hidden = true;
-    } else if (story.contact_s === null) {
+    } else if (milestones.contact_s === null) {
       this.find("jump").textContent = "Jump to the crash";
       this.find("range-mark").textContent = "Around the crash";
     }
@@ -196,7 +196,7 @@ class Player {
         ",": () => this.seek(this.time - 0.005),
         ".": () => this.seek(this.time + 0.005),
         Home: () => this.seek(0),
-        End: () => this.seek(this.story.duration_s),
+        End: () => this.seek(this.milestones.duration_s),
         c: () => this.jump(),
       };
       const act = acts[event.key] || acts[event.key.toLowerCase()];
@@ -208,5 +208,5 @@ class Player {
 }
 
 const readBlock = (id) => JSON.parse(document.getElementById(id).textContent);
-const player = new Player(decodeFlight(readBlock("flight")), readBlock("story"));
+const player = new Player(decodeFlight(readBlock("flight")), readBlock("milestones"));
 document.documentElement.dataset.ready = "yes";

@@ -6,12 +6,12 @@ const LIGHT_FROM = -2.16;
 const FRONT_LEFT = 2;
 
 class Scene {
-  /** @param canvas where to draw @param flight decoded columns @param story what happened */
-  constructor(canvas, flight, story) {
-    Object.assign(this, { canvas, flight, story });
+  /** @param canvas where to draw @param flight decoded columns @param milestones of the flight */
+  constructor(canvas, flight, milestones) {
+    Object.assign(this, { canvas, flight, milestones });
     this.pen = canvas.getContext("2d");
     this.trail = this.thinTrail();
-    this.camera = new Camera(canvas, this.trail.map(({ p }) => p), story);
+    this.camera = new Camera(canvas, this.trail.map(({ p }) => p), milestones);
   }
 
   /** Re-read the colours of the page, which follow the system's light or dark scheme. */
@@ -29,7 +29,7 @@ class Scene {
 
   /** Draw the flight at `time` [s]. */
   draw(time) {
-    const { canvas, pen, flight, story } = this, sharp = window.devicePixelRatio || 1;
+    const { canvas, pen, flight, milestones } = this, sharp = window.devicePixelRatio || 1;
     const width = canvas.clientWidth, height = canvas.clientHeight;
     if (canvas.width !== Math.round(width * sharp) || canvas.height !== Math.round(height * sharp)) {
       canvas.width = Math.round(width * sharp);
@@ -47,7 +47,7 @@ class Scene {
     pen.fillStyle = sky;
     pen.fillRect(0, 0, width, height);
 
-    const parts = vehicleParts(flight, story.shape, time, this.eye);
+    const parts = vehicleParts(flight, milestones.shape, time, this.eye);
     this.drawGround();
     this.drawShadows(parts);
     this.drawTrail(time, true);
@@ -92,7 +92,7 @@ class Scene {
 
   /** Whether a point is farther than the obstacle's axis, so that the obstacle may hide it. */
   isBehind(p) {
-    const o = this.story.obstacle;
+    const o = this.milestones.obstacle;
     if (!o) return false;
     const far = (x, y) => Math.hypot(x - this.eye[0], y - this.eye[1]);
     return far(p[0], p[1]) > far(o.x_m, o.y_m);
@@ -136,7 +136,7 @@ class Scene {
   }
 
   drawPole() {
-    const o = this.story.obstacle;
+    const o = this.milestones.obstacle;
     if (!o) return;
     const at = (angle, z) => [o.x_m + o.radius_m * Math.cos(angle), o.y_m + o.radius_m * Math.sin(angle), z];
     const tint = (glow) => `rgb(${this.paint.pole.split(" ").map((c) => Math.min(255, c * glow)).join(" ")})`;
@@ -162,8 +162,8 @@ class Scene {
   // -- the path --------------------------------------------------------------------------
 
   thinTrail() {
-    const { flight, story } = this, { data } = flight.position, trail = [];
-    const marks = [story.contact_s, story.unstable_end_s, story.recovery_end_s].filter((t) => t !== null);
+    const { flight, milestones } = this, { data } = flight.position, trail = [];
+    const marks = [milestones.contact_s, milestones.unstable_end_s, milestones.recovery_end_s].filter((t) => t !== null);
     let last = null, stage = -1;
     for (let i = 0; i < flight.count; i++) {
       const p = [data[3 * i], data[3 * i + 1], data[3 * i + 2]], t = flight.t[i];
@@ -177,7 +177,7 @@ class Scene {
   }
 
   drawTrail(time, behind) {
-    const { paint, trail } = this, crashed = this.story.verdict === "crashed";
+    const { paint, trail } = this, crashed = this.milestones.verdict === "crashed";
     const colours = crashed
       ? [paint.blue, paint.vermillion, paint.vermillion, paint.vermillion]
       : [paint.blue, paint.vermillion, paint.purple, paint.green];
@@ -241,8 +241,8 @@ class Scene {
   }
 
   drawMarkers(behind) {
-    const { story, paint } = this;
-    const places = [[story.x_c_m, "x_c", paint.vermillion], [story.x_r_m, "x_r", paint.green]];
+    const { milestones, paint } = this;
+    const places = [[milestones.x_c_m, "x_c", paint.vermillion], [milestones.x_r_m, "x_r", paint.green]];
     for (const [point, name, colour] of places) {
       if (!point || this.isBehind(point) !== behind) continue;
       const foot = [point[0], point[1], 0];
@@ -253,8 +253,8 @@ class Scene {
       this.stroke([point, add(point, [0, 0, 0.25])], colour, 1);
       if (depth > 0.1) this.text(name, x, y - 4, colour, 16);
     }
-    if (!story.x_c_m || !story.x_r_m || this.isBehind(story.x_c_m) !== behind) return;
-    const lift = [0, 0, 0.2], tail = add(story.x_c_m, lift), tip = add(story.x_r_m, lift);
+    if (!milestones.x_c_m || !milestones.x_r_m || this.isBehind(milestones.x_c_m) !== behind) return;
+    const lift = [0, 0, 0.2], tail = add(milestones.x_c_m, lift), tip = add(milestones.x_r_m, lift);
     this.arrow(tail, tip, paint.ink, 1.8);
     const [x, y, depth] = this.see(scaled(add(tail, tip), 0.5));
     if (depth > 0.1) this.text("n_r", x, y - 13, paint.ink, 15);
@@ -262,7 +262,7 @@ class Scene {
 
   /** Rays where the front-left disc meets the obstacle, for a moment after each blow. */
   drawBlow(time, parts) {
-    const { flight, story, pen } = this, o = story.obstacle;
+    const { flight, milestones, pen } = this, o = milestones.obstacle;
     if (!o) return;
     const last = indexAt(flight.t, time), data = flight.contact_N.data;
     let age = null;

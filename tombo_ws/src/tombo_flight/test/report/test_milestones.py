@@ -70,15 +70,15 @@ def test_detection_may_come_before_contact(edge_flights):
     assert milestones.detection_s == pytest.approx(22.85)
 
 
-def test_modes_cover_the_flight_without_a_gap(flight):
-    modes = find_milestones(flight).modes
-    assert modes[0].start_s == 0.0
-    assert modes[-1].end_s == flight.t[-1]
-    assert all(a.end_s == b.start_s for a, b in itertools.pairwise(modes))
-    assert [m.name for m in modes[:4]] == ["idle", "takeoff", "hover", "approach"]
+def test_phases_cover_the_flight_without_a_gap(flight):
+    phases = find_milestones(flight).phases
+    assert phases[0].start_s == 0.0
+    assert phases[-1].end_s == flight.t[-1]
+    assert all(a.end_s == b.start_s for a, b in itertools.pairwise(phases))
+    assert [m.name for m in phases[:4]] == ["idle", "takeoff", "hover", "approach"]
 
 
-def test_an_unknown_mode_shows_its_number():
+def test_an_unknown_phase_shows_its_number():
     span = phase_spans(np.array([0.0, 1.0]), np.array([77, 77]))[0]
     assert "77" in span.name
     assert "descend blind" in PHASE_NAMES

@@ -11,12 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from typer.testing import CliRunner
 
 from tombo_bringup.cli.diagnosis.benchmark_stand_command import (
     benchmark_stand as benchmark_command,
 )
-from tombo_bringup.cli.propeller.propeller_command import app
 from tombo_diagnosis.benchmark.cases import SIZES
 from tombo_diagnosis.benchmark.stand_cases import make_case
 from tombo_diagnosis.benchmark.stand_evaluation import benchmark
@@ -28,8 +26,9 @@ from tombo_dynamics.propeller import configuration, evaluate
 from tombo_dynamics.propeller.effects import STAND_EFFECTS
 
 
-def run(*arguments):
-    return CliRunner().invoke(app, ["diagnose", *map(str, arguments)])
+@pytest.fixture
+def run(tombo):
+    return lambda *arguments: tombo("propeller", "diagnose", *map(str, arguments))
 
 
 def table(path, gain=1.0, confs=(5, 9, 13), seed=0, tare=0.0):
@@ -47,23 +46,23 @@ def table(path, gain=1.0, confs=(5, 9, 13), seed=0, tare=0.0):
     return path
 
 
-def test_json_has_the_form_of_a_diagnosis_of_flights(tmp_path):
+def test_json_has_the_form_of_a_diagnosis_of_flights(run, tmp_path):
     result = run(table(tmp_path / "a.csv"), "--json")
-    assert result.exit_code == 0, result.output
-    found = json.loads(result.output)
+    assert result.code == 0, result.out
+    found = json.loads(result.out)
     keys = {
         *("verdict", "causes", "set", "separating_experiment", "gain", "prechecks"),
         *("candidates", "runs", "confidence", "summary", "notes", "model", "seconds", "version"),
     }
     assert keys <= set(found)
     assert found["verdict"] == "none"
-    assert "NaN" not in result.output
+    assert "NaN" not in result.out
 
 
-def test_a_gain_is_found_written_and_then_no_finding_any_more(tmp_path):
+def test_a_gain_is_found_written_and_then_no_finding_any_more(run, tmp_path):
     path = table(tmp_path / "a.csv", gain=1.15)
     result = run(path, "-o", tmp_path / "out")
-    assert result.exit_code == 0, result.output
+    assert result.code == 0, result.out
     found = json.loads((tmp_path / "out/diagnosis.json").read_text())
     assert found["verdict"] in ("named", "set")
     assert found["causes"][0]["effect"] in ("thrust_gain", "thrust_coefficient")
@@ -80,57 +79,57 @@ def test_a_gain_is_found_written_and_then_no_finding_any_more(tmp_path):
     model = {"tombo_stand_model": 1, "effects": {e: {"parameters": t} for e, t in theta.items()}}
     (tmp_path / "m.yaml").write_text(yaml.safe_dump(model))
     again = run(path, "--model", tmp_path / "m.yaml", "--json")
-    assert json.loads(again.output)["verdict"] == "none"
+    assert json.loads(again.out)["verdict"] == "none"
 
 
-def test_a_new_finding_is_added_to_the_model_that_was_given(tmp_path):
+def test_a_new_finding_is_added_to_the_model_that_was_given(run, tmp_path):
     gain = {"error": {"value": 0.15, "low": 0.14, "high": 0.16}}
     given = {"thrust_gain": {"parameters": gain, "confidence": 0.9}}
     (tmp_path / "m.yaml").write_text(yaml.safe_dump({"tombo_stand_model": 1, "effects": given}))
     path = table(tmp_path / "a.csv", gain=1.15, tare=0.08)
     result = run(path, "--model", tmp_path / "m.yaml", "-o", tmp_path / "out")
-    assert result.exit_code == 0, result.output
+    assert result.code == 0, result.out
     written = yaml.safe_load((tmp_path / "out/stand_model.yaml").read_text())["effects"]
     assert list(written) == ["thrust_gain", "thrust_tare"]
     assert written["thrust_gain"] == given["thrust_gain"]
     tare = written["thrust_tare"]["parameters"]["offset"]["value"]
     assert tare == pytest.approx(0.08, abs=0.01)
     again = run(path, "--model", tmp_path / "out/stand_model.yaml", "--json")
-    assert json.loads(again.output)["verdict"] == "none"
+    assert json.loads(again.out)["verdict"] == "none"
 
 
-def test_table_3_says_what_is_certified():
+def test_table_3_says_what_is_certified(run):
     result = run("--table3", "--json")
-    found = json.loads(result.output)
+    found = json.loads(result.out)
     assert found["verdict"] == "set"
     assert {"centrifugal_stiffening", "torsion_constant"} <= set(found["set"])
     assert "no extension predicts" in found["table3"]["statement"]
 
 
-def test_a_thousandfold_thrust_is_refused_first_thing(tmp_path):
+def test_a_thousandfold_thrust_is_refused_first_thing(run, tmp_path):
     path = table(tmp_path / "a.csv", gain=1e3 / 9.80665)
     result = run(path, "--json")
-    assert result.exit_code == 2 and result.stdout == ""
-    assert "column 'thrust_N'" in result.stderr and "grams read as newtons" in result.stderr
+    assert result.code == 2 and result.out == ""
+    assert "column 'thrust_N'" in result.err and "grams read as newtons" in result.err
 
 
-def test_runs_that_differ_are_told_and_extend_no_model(tmp_path):
+def test_runs_that_differ_are_told_and_extend_no_model(run, tmp_path):
     paths = [table(tmp_path / f"{n}.csv", g, (13,), n) for n, g in enumerate((1.0, 1.1))]
     result = run(*paths, "-o", tmp_path / "out")
-    assert result.exit_code == 0, result.output
-    assert "It is run scatter" in result.output and "differ by" in result.output
+    assert result.code == 0, result.out
+    assert "It is run scatter" in result.out and "differ by" in result.out
     assert not (tmp_path / "out/stand_model.yaml").exists()
     page = (tmp_path / "out/report.html").read_text()
     assert "differ by" in page and "stand_model.yaml: the verdict" not in page
 
 
-def test_a_model_that_does_not_apply_is_the_headline(tmp_path):
+def test_a_model_that_does_not_apply_is_the_headline(run, tmp_path):
     theta = {"thrust_tare": {"parameters": {"offset": 0.147}}}
     (tmp_path / "m.yaml").write_text(yaml.safe_dump({"tombo_stand_model": 1, "effects": theta}))
     path = table(tmp_path / "a.csv")
     result = run(path, "--model", tmp_path / "m.yaml", "-o", tmp_path / "out")
-    assert result.output.startswith("The model’s thrust tare 0.147 N is not in these runs (")
-    assert "It is thrust tare" not in result.output
+    assert result.out.startswith("The model’s thrust tare 0.147 N is not in these runs (")
+    assert "It is thrust tare" not in result.out
     assert not (tmp_path / "out/stand_model.yaml").exists()
 
 
@@ -142,7 +141,7 @@ def test_a_benchmark_that_can_not_be_written_says_so_at_once(tmp_path, monkeypat
     assert not any(tmp_path.iterdir())
 
 
-def test_a_stop_signal_ends_it_with_nothing_written(tmp_path, monkeypatch):
+def test_a_stop_signal_ends_it_with_nothing_written(run, tmp_path, monkeypatch):
     from tombo_bringup.cli.propeller import diagnose_command
 
     def stopped(*arguments):
@@ -150,8 +149,8 @@ def test_a_stop_signal_ends_it_with_nothing_written(tmp_path, monkeypatch):
 
     monkeypatch.setattr(diagnose_command, "run", stopped)
     result = run(table(tmp_path / "a.csv"), "-o", tmp_path / "out")
-    assert result.exit_code == 143
-    assert result.stderr.endswith("Error: interrupted\n")
+    assert result.code == 143
+    assert result.err.endswith("Error: interrupted\n")
     assert [p.name for p in tmp_path.iterdir()] == ["a.csv"]
 
 
@@ -171,19 +170,19 @@ def test_a_stop_signal_ends_it_with_nothing_written(tmp_path, monkeypatch):
         (("--table3", "--model", "absent.yaml"), "can't be read"),
     ],
 )
-def test_bad_input_is_one_line_and_exit_code_2(tmp_path, arguments, said, monkeypatch):
+def test_bad_input_is_one_line_and_exit_code_2(run, tmp_path, arguments, said, monkeypatch):
     monkeypatch.chdir(tmp_path)
     result = run(*arguments)
-    assert result.exit_code == 2
-    assert said in result.stderr and result.stderr.count("\n") == 1
+    assert result.code == 2
+    assert said in result.err and result.err.count("\n") == 1
     assert not any(tmp_path.iterdir())
 
 
-def test_a_folder_with_other_things_is_left_alone(tmp_path):
+def test_a_folder_with_other_things_is_left_alone(run, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out/thesis.txt").write_text("mine")
     result = run(table(tmp_path / "a.csv"), "-o", tmp_path / "out")
-    assert result.exit_code == 2
+    assert result.code == 2
     assert [p.name for p in (tmp_path / "out").iterdir()] == ["thesis.txt"]
 
 

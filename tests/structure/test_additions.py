@@ -1,0 +1,336 @@
+"""Each addition of docs/architecture.md, made in a copy of the packages with the files of its row.
+
+All additions are made in one copy; one process without compiled code then uses each of them.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SRC = ROOT / "tombo_ws" / "src"
+PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+ROWS = dict(re.findall(r"^\| (an? [^|]+?) \| (.+) \|$", PAGE, re.M))
+BAG = ROOT / "tests" / "bags" / "paper_collision_0.mcap"
+
+
+class Edit(NamedTuple):
+    """A new file, or `new` put before the text `before` of a file."""
+
+    path: str
+    new: str
+    before: str = ""
+
+
+class Addition(NamedTuple):
+    """What is added, and how it is used: an expression with its value."""
+
+    edits: tuple[Edit, ...]
+    use: str
+    expected: object
+
+
+CORE = '''
+from tombo_dynamics.core import Core
+from tombo_dynamics.messages import Pose
+
+class AltimeterCore(Core):
+    """Publishes each pose again."""
+
+    name = "altimeter"
+    inputs = ("/mocap/pose",)
+    outputs = ("/altitude",)
+    period_ns = 10_000_000
+    sections = {}
+
+    @classmethod
+    def make(cls, records):
+        return cls()
+
+    def on(self, topic, message, now_ns):
+        self.pose = message
+
+    def step(self, now_ns):
+        return [("/altitude", self.pose)]
+'''
+NODE = """
+from tombo_control.altimeter_core import AltimeterCore
+from tombo_ros.core_node import CoreNode, main_of
+
+main = main_of(lambda: CoreNode(AltimeterCore))
+"""
+ALTITUDE = 'TopicSpec("/altitude", "geometry_msgs/msg/PoseStamped", STATE, 0.0, "height"),'
+EFFECT = """
+from tombo_dynamics.effects.registry import Param, Stage, effect
+from tombo_dynamics.plant import P
+
+@effect("lift_up", Stage.WRENCH, [Param("force", "N", 0.0, (0.0, 9.0), "upwards", 1.0)],
+        signature="less weight", separates_from={})
+def lift_up(m, noise, force):
+    m[P.wrench + 2] += force
+"""
+REACTION = '''
+from dataclasses import dataclass
+from tombo_collision.reactions import Reaction
+
+@dataclass(frozen=True)
+class GoOn(Reaction):
+    """Let the mission go on."""
+
+    name = "go_on"
+
+    def decide(self, event, last):
+        return None
+'''
+TOPIC = """
+GREETING = TopicSpec("/greeting", "tombo_msgs/msg/Greeting", STATE, 0.0, "for the test")
+TOPICS[GREETING.name] = GREETING
+"""
+PANEL = '''
+
+def tilt(panel):
+    """Draw nothing but a label."""
+    panel.axes.set_ylabel("tilt")
+
+'''
+READER = """
+def read_hello(path, name):
+    return f"read {name}"
+"""
+COMMAND = """
+def hello():
+    print("hello, vehicle")
+"""
+PRODUCT = """
+def _greeting(root, data):
+    (root / "greeting.txt").write_text("hello")
+
+
+"""
+
+ADDITIONS = {
+    "an effect": Addition(
+        (Edit("tombo_dynamics/tombo_dynamics/effects/lift_up.py", EFFECT),),
+        "from_('tombo_flight.scenario').load_scenario('hover', ['effects.lift_up.force=2'])"
+        ".effects['lift_up']",
+        {"force": 2.0},
+    ),
+    "a reaction": Addition(
+        (Edit("tombo_collision/tombo_collision/reactions/go_on.py", REACTION),),
+        "from_('tombo_flight.scenario').load_scenario('hover', ['reaction.name=go_on'])"
+        ".reaction.name",
+        "go_on",
+    ),
+    "a scenario": Addition(
+        (
+            Edit(
+                "tombo_flight/tombo_flight/scenarios/short.yaml",
+                "extends: hover\ndescription: Short.\nduration: 2.0\n",
+            ),
+        ),
+        "from_('tombo_flight.scenario').load_scenario('short').duration",
+        2.0,
+    ),
+    "a log format": Addition(
+        (
+            Edit("tombo_diagnosis/tombo_diagnosis/logs/hello_log.py", READER),
+            Edit(
+                "tombo_diagnosis/tombo_diagnosis/logs/log_reader.py",
+                '    if start.startswith(b"HELLO"):\n'
+                "        from tombo_diagnosis.logs.hello_log import read_hello\n"
+                "        return read_hello(path, name)\n",
+                before="    if start.startswith(ULOG_MAGIC)",
+            ),
+        ),
+        "from_('tombo_diagnosis.logs.log_reader').read_log(written('HELLO'), 'mine')",
+        "read mine",
+    ),
+    "a message or a topic": Addition(
+        (
+            Edit("tombo_msgs/msg/Greeting.msg", "string text\n"),
+            Edit("tombo_msgs/CMakeLists.txt", "  msg/Greeting.msg\n", before="  DEPENDENCIES"),
+            Edit("tombo_bag/tombo_bag/topics.py", TOPIC),
+        ),
+        "from_('tombo_bag.schemas').schema_text("
+        "from_('tombo_bag.topics').TOPICS['/greeting'].typename)",
+        "string text\n",
+    ),
+    "a core and its node": Addition(
+        (
+            Edit("tombo_control/tombo_control/altimeter_core.py", CORE),
+            Edit("tombo_control/tombo_control/altimeter_node.py", NODE),
+            Edit(
+                "tombo_control/setup.cfg",
+                "    altimeter_node = tombo_control.altimeter_node:main\n",
+                before="    controller_node = ",
+            ),
+            Edit("tombo_flight/tombo_flight/wiring.py", "    AltimeterCore,\n", before=")\n"),
+            Edit(
+                "tombo_flight/tombo_flight/wiring.py",
+                "from tombo_control.altimeter_core import AltimeterCore\n",
+                before="from tombo_control.controller_core",
+            ),
+            Edit(
+                "tombo_bag/tombo_bag/topics.py", f"        {ALTITUDE}\n", before="        CLOCK,"
+            ),
+        ),
+        "[from_('tombo_flight.suite.nodes').SUITE['altimeter'],"
+        " *sorted(fact.subscribes for fact in from_('tombo_bringup.interface_tables').every_node()"
+        " if fact.name == 'altimeter')[0]]",
+        ["tombo_control.altimeter_node", "/mocap/pose"],
+    ),
+    "a command": Addition(
+        (
+            Edit("tombo_bringup/tombo_bringup/cli/hello_command.py", COMMAND),
+            Edit(
+                "tombo_bringup/tombo_bringup/cli/main.py",
+                "from tombo_bringup.cli.hello_command import hello\napp.command()(hello)\n",
+                before="app.command()(effects)",
+            ),
+        ),
+        "printed('hello')",
+        "hello, vehicle\n",
+    ),
+    "a plot of a flight": Addition(
+        (
+            Edit("tombo_flight/tombo_flight/report/panels.py", PANEL, before="def height(panel"),
+            Edit(
+                "tombo_flight/tombo_flight/report/flight_plot.py",
+                '    panels.tilt(rows["tilt"])\n',
+                before='    panels.thrust(rows["thrust"])',
+            ),
+            Edit(
+                "tombo_flight/tombo_flight/report/flight_plot.py",
+                '    "tilt": 1.0,\n',
+                before='    "thrust": 2.0,',
+            ),
+        ),
+        "sum(axes.get_ylabel() == 'tilt' for axes in from_('tombo_flight.report.flight_plot')"
+        ".draw_flight(from_('tombo_flight.flight_from_bag').flight_from_bag(BAG, 1.0)).axes)",
+        2,  # the whole flight, and the seconds around the contact
+    ),
+    "a picture or table of the documentation": Addition(
+        (
+            Edit(
+                "tombo_bringup/tombo_bringup/docs/products.py",
+                PRODUCT,
+                before="PRODUCTS: Final = (",
+            ),
+            Edit(
+                "tombo_bringup/tombo_bringup/docs/products.py",
+                '    Product("greeting", ("greeting.txt",), _greeting),\n',
+                before='    Product("flight", ',
+            ),
+        ),
+        "made('greeting', 'greeting.txt')",
+        "hello",
+    ),
+}
+
+USE = """
+import contextlib, io, json, sys
+from importlib import import_module as from_
+from pathlib import Path
+
+BAG = Path(sys.argv[1])
+
+def written(text):
+    Path("a.log").write_text(text)
+    return Path("a.log")
+
+def printed(*arguments):
+    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.suppress(SystemExit):
+        from_("tombo_bringup.cli.main").run(arguments)
+    return out.getvalue()
+
+def made(name, file):
+    for product in from_("tombo_bringup.docs.products").PRODUCTS:
+        if product.name == name:
+            product.make(Path("."), Path("."))
+    return Path(file).read_text()
+
+found = {}
+for name, use in json.load(sys.stdin).items():
+    try:
+        found[name] = eval(use)
+    except Exception as error:
+        found[name] = repr(error)
+print(json.dumps(found))
+"""
+
+
+def covered(path: str, new: bool, row: str) -> bool:
+    """Return whether a row names a file, or for a new file its folder or a file beside it."""
+    for name in re.findall(r"`([^`]+)`", row):
+        if fnmatch(path, f"*{name}"):
+            return True
+        folder = name.rpartition("/")[0]
+        if new and folder and path.rpartition("/")[0].endswith(folder):
+            return True
+    return False
+
+
+@pytest.fixture(scope="module")
+def used(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("workspace")
+    for package in SRC.iterdir():
+        shutil.copytree(
+            package,
+            folder / package.name,
+            ignore=shutil.ignore_patterns("__pycache__", "test", "*.egg-info", "build"),
+        )
+    for addition in ADDITIONS.values():
+        for path, new, before in addition.edits:
+            file = folder / path
+            text = file.read_text(encoding="utf-8") if file.exists() else ""
+            assert before in text, path
+            begin, end = text.split(before, 1) if before else (text, "")
+            file.write_text(begin + new + before + end, encoding="utf-8")
+    share = folder / "prefix" / "share" / "tombo_msgs"
+    share.mkdir(parents=True)
+    (share / "msg").symlink_to(folder / "tombo_msgs" / "msg")
+    packages = [str(package) for package in folder.glob("tombo_*")]
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join([*packages, os.environ.get("PYTHONPATH", "")]),
+        "AMENT_PREFIX_PATH": str(folder / "prefix"),
+        "TOMBO_CACHE_DIR": str(folder / "cache"),
+        "NUMBA_DISABLE_JIT": "1",
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", USE, str(BAG)],
+        input=json.dumps({name: addition.use for name, addition in ADDITIONS.items()}),
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        cwd=folder,
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_every_row_of_the_page_is_tried():
+    assert set(ADDITIONS) == set(ROWS)
+
+
+@pytest.mark.parametrize("name", ADDITIONS)
+def test_the_row_names_every_file(name):
+    for path, _, before in ADDITIONS[name].edits:
+        exists = (SRC / path).exists()
+        assert exists or not before, path
+        assert covered(path, not exists, ROWS[name]), path
+
+
+@pytest.mark.parametrize("name", ADDITIONS)
+def test_the_addition_is_picked_up(name, used):
+    assert used[name] == ADDITIONS[name].expected
