@@ -68,7 +68,7 @@ def make_case(seed: int, number: int) -> StandCase:
             factor = SIZES[size] * float(rng.uniform(0.8, 1.25))
             for p in every:
                 if p.effect == name:
-                    value = _moved(p, theta[p.label], factor, name, rng, setup)
+                    value = _moved(p, theta[p.label], factor, name, rng)
                     theta[p.label], shift[p.label] = value, value - p.null
     values = {n: tuple(theta[p.label] for p in every if p.effect == n) for n in STAND_EFFECTS}
     values = {n: v for n, v in values.items() if v}
@@ -185,9 +185,7 @@ def _healthy(p: Parameter, rng: np.random.Generator) -> float:
     return abs(off) if p.null <= p.low else off
 
 
-def _moved(
-    p: Parameter, base: float, factor: float, name: str, rng: np.random.Generator, setup: Setup
-) -> float:
+def _moved(p: Parameter, base: float, factor: float, name: str, rng: np.random.Generator) -> float:
     """Return a parameter's hidden value: `factor` of what matters from its null, either way."""
     if p.stochastic or p.null <= p.low:
         return float(min(p.null + factor * p.scale + (base - p.null) * (not p.stochastic), p.high))

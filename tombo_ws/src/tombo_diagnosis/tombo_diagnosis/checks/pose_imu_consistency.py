@@ -44,7 +44,6 @@ class TimeOffset:
     lag: float
     """s"""
     sigma: float
-    correlation: float
 
 
 def time_offset(motion: Motion) -> TimeOffset | None:
@@ -73,7 +72,7 @@ def time_offset(motion: Motion) -> TimeOffset | None:
     slope = np.gradient(gyro, 1.0 / RATE, axis=0)[good]
     noise = _rms(fitted)
     sharp = np.sqrt(np.sum(slope**2) / _INDEPENDENT)
-    return TimeOffset(float(lag), float(noise / max(sharp, 1e-9)), float(np.sqrt(top)))
+    return TimeOffset(float(lag), float(noise / max(sharp, 1e-9)))
 
 
 def alignment(motion: Motion, lag: float) -> Alignment | None:

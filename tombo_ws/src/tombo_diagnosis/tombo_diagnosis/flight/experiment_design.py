@@ -62,7 +62,7 @@ def separate(findings: FlightFindings, progress: Progress) -> Experiment | None:
     imu = findings.problem.tracks[0].formulation == "imu"
     rpm = bool(findings.problem.tracks[0].speed.size)
     bench = _DesignInput(fitted, findings.problem.nominal, imu, rpm)
-    flown = [m for m in manoeuvre_catalogue().values() if m.scenario]
+    flown = list(manoeuvre_catalogue().values())
     screened = []
     for number, manoeuvre in enumerate(flown):
         progress("simulating experiments", number / len(flown))

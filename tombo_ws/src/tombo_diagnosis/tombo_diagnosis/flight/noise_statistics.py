@@ -167,7 +167,7 @@ def fit_noise_effects(
     fits = []
     imu = imu_noise_statistics(tracks)
     if imu:
-        fits += _fit_all(imu, lambda at: predicted_imu_statistics(nominal, at), theta, nominal)
+        fits += _fit_all(imu, lambda at: predicted_imu_statistics(nominal, at), theta)
     pose = pose_noise_statistics(tracks)
     samples = pose.pop("samples").value if "samples" in pose else 0.0
     if pose:
@@ -175,7 +175,6 @@ def fit_noise_effects(
             pose,
             lambda at: predicted_pose_statistics(nominal, at, spacing, samples),
             theta,
-            nominal,
         )
     return fits
 
@@ -184,7 +183,6 @@ def _fit_all(
     statistics: dict[str, NoiseStatistic],
     predict: Callable[[Array], dict[str, float]],
     theta: Array,
-    nominal: NominalModel,
 ) -> list[NoiseFit]:
     """Fit every effect that moves these figures, its parameters one by one and together."""
     base = predict(theta)

@@ -65,9 +65,9 @@ def residual_variances(problem: FlightProblem, fit: Fit) -> ScaleVariances:
     return _powers(problem, [problem.residual(fit, f) for f in range(len(problem.tracks))])
 
 
-def noise_variances(problem: FlightProblem, theta: Array, seed: int = 1) -> ScaleVariances:
+def noise_variances(problem: FlightProblem, theta: Array) -> ScaleVariances:
     """Return what chance would leave over, by one draw a flight."""
-    drawn = map_flights(lambda track: chance(track, problem.nominal, theta, seed), problem.tracks)
+    drawn = map_flights(lambda track: chance(track, problem.nominal, theta, 1), problem.tracks)
     return _powers(problem, drawn)
 
 

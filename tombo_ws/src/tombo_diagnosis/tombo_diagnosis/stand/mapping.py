@@ -105,8 +105,6 @@ class StandMapping:
     """Rotors that pull on the cell together."""
     diameter_mm: float = 0.0
     """Of a plain propeller; 0: not known."""
-    lag_s: float = -1.0
-    """Of the cell behind the tachometer; -1: found from the data."""
     tare: str = "start"
     """start: readings at standstill before the run are zero; none: already so."""
     channels: Mapping[str, StandChannel] = field(default_factory=dict)
@@ -190,7 +188,6 @@ def parse_mapping(text: str, name: str) -> StandMapping:
         model=model,
         rotors=int(_number(values.get("rotors", 1), 1, 64, f"{what}: rotors")),
         diameter_mm=_number(values.get("diameter_mm", 0.0), 0.0, 1e4, f"{what}: diameter_mm"),
-        lag_s=_number(values.get("lag_s", -1.0), -1.0, 60.0, f"{what}: lag_s"),
         tare=tare,
         channels={key: _channel(key, value, what) for key, value in channels.items()},
     )

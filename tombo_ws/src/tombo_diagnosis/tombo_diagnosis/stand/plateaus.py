@@ -41,8 +41,6 @@ class Plateaus:
     elapsed: Array
     first_row: Array
     """Where it begins in the recording."""
-    lag_rows: int
-    """By how many rows the cell is behind the tachometer."""
     standstill: tuple[float, float]
     """Thrust at standstill before and after [N], the first one before taring; NaN: none."""
     findings: tuple[Finding, ...]
@@ -71,7 +69,7 @@ def plateaus(table: StandTable) -> Plateaus:
         ends[1] = float(np.median(channels["thrust"][-after:]))
     steps = np.abs(np.diff(speed)) / max(float(speed.max()), 1e-9)
     raw = speed.size > _RAW_ROWS and float(np.median(steps)) < _RAW_STEP
-    lag = _lag(table, channels, speed) if raw else 0
+    lag = _lag(channels, speed) if raw else 0
     if lag:
         findings.append(
             Finding(
@@ -95,14 +93,14 @@ def plateaus(table: StandTable) -> Plateaus:
         each[keep] for each in (at, readings, sigma, elapsed, first)
     )
     sigma = _with_noise(at, readings, sigma, table, raw)
-    return Plateaus(at, readings, sigma, elapsed, first, lag, (ends[0], ends[1]), tuple(findings))
+    return Plateaus(at, readings, sigma, elapsed, first, (ends[0], ends[1]), tuple(findings))
 
 
 def _leading(still: NDArray[np.bool_]) -> int:
     return int(still.size if still.all() else np.argmin(still))
 
 
-def _lag(table: StandTable, channels: dict[str, Array], speed: Array) -> int:
+def _lag(channels: dict[str, Array], speed: Array) -> int:
     """Return by how many rows the load comes late: where it fits the square of speed best."""
     load = channels.get("thrust", channels.get("torque"))
     if load is None or float(np.ptp(speed)) < 0.2 * float(speed.max()):

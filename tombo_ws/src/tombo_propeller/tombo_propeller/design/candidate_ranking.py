@@ -13,6 +13,9 @@ from tombo_propeller.design.candidate_evaluation import CandidateEvaluation, cos
 from tombo_propeller.design.pareto import nondominated
 from tombo_propeller.design.request import NAMES, Limit
 
+_NEAREST = 3
+"""Candidates that break a limit and are named."""
+
 
 @dataclass(frozen=True, eq=False)
 class Choice:
@@ -34,9 +37,7 @@ class Choice:
     """Candidates that break the limits least."""
 
 
-def choose(
-    judged: CandidateEvaluation, limits: Sequence[Limit], gain: float, nearest: int = 3
-) -> Choice:
+def choose(judged: CandidateEvaluation, limits: Sequence[Limit], gain: float) -> Choice:
     """Order what keeps to the limits, and say how far the rest is from it.
 
     Evidence comes first: what was measured before what is predicted within the tested range, that
@@ -48,7 +49,6 @@ def choose(
         judged: the candidates.
         limits: what to keep to.
         gain: share that the model must gain to be believed over a measurement: its own error.
-        nearest: how many candidates that break a limit to name.
     """
     left = slack(judged.counted, limits)
     worst = left.min(axis=1)
@@ -64,7 +64,7 @@ def choose(
         front,
         _order(judged, worst, feasible, front, gain),
         tuple(_relief(judged, left, k, limits) for k in range(len(limits))),
-        tuple(int(i) for i in _by_slack(worst, ~feasible, judged.tier)[:nearest]),
+        tuple(int(i) for i in _by_slack(worst, ~feasible, judged.tier)[:_NEAREST]),
     )
 
 

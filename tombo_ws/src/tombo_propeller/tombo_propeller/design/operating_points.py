@@ -36,8 +36,6 @@ class FlightPerformance:
     hover_lift_over_drag: Array
     hover_twist: Array
     """gamma [rad]."""
-    hover_torque: Array
-    """[N m], not validated."""
 
 
 def operate(
@@ -64,11 +62,10 @@ def _operate(rows: Array, vehicle: VehicleParams, law: str) -> tuple[NDArray[Any
     hover = _speed_for(rows, usable, top, vehicle.hover_thrust(), law)
     lifts = np.isfinite(hover)
     at_hover = evaluate_rows(rows, np.where(lifts, hover, 0.0), law)
-    ratio, twist, torque = (
-        np.where(lifts, values, np.nan)
-        for values in (at_hover.lift_over_drag, at_hover.gamma_rad, at_hover.torque_Nm)
+    ratio, twist = (
+        np.where(lifts, values, np.nan) for values in (at_hover.lift_over_drag, at_hover.gamma_rad)
     )
-    return usable, top, usable >= motor, hover, ratio, twist, torque
+    return usable, top, usable >= motor, hover, ratio, twist
 
 
 def _peak(rows: Array, highest: float, law: str) -> Array:
