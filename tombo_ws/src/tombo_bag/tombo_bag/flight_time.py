@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
+
 EPOCH_NS = 1_000_000_000
 """Flight time 0 in a file: one second, since 0 means "no time" to many readers."""
 
@@ -17,7 +19,7 @@ def nanoseconds(times_s: Any) -> NDArray[np.int64]:
     return np.asarray(np.maximum(scaled + EPOCH_NS, 0))
 
 
-def flight_seconds(times_ns: Any) -> NDArray[np.float64]:
+def flight_seconds(times_ns: Any) -> Array:
     """Turn stamps or log times [ns] back into flight time [s]."""
     return np.asarray((np.asarray(times_ns, np.int64) - EPOCH_NS) / 1e9)
 

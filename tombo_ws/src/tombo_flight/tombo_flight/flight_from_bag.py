@@ -41,6 +41,7 @@ from tombo_bag.topics import (
 from tombo_collision.detector import CollisionEvent
 from tombo_collision.reactions import Decision
 from tombo_control.autopilot import IDLE, LANDED, PHASE_NAMES
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import conjugate, map_to_body, unwrap_quaternions
 from tombo_flight.flight_metrics import (
@@ -54,7 +55,6 @@ from tombo_flight.pose_track import PoseTrack, pose_track
 from tombo_flight.scenario import Scenario, as_mapping, scenario_from_mapping
 from tombo_sim.log_columns import COLUMNS
 
-Array = NDArray[np.float64]
 Ticks = NDArray[np.int64]
 
 TICK_NS = 1_000_000

@@ -5,20 +5,18 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from tombo_diagnosis.benchmark.flight_cases import NOMINAL, FlightCase
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.scenario_nominal import nominal_of
 from tombo_diagnosis.logs.flight_log import FlightLog, Series
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.disturbance import set_disturbance
 from tombo_dynamics.plant import part
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.scenario import Scenario, scenario_over
-
-Array = NDArray[np.float64]
 
 DURATION_S = 34.0
 _COURSE_DURATION_S = 20.0

@@ -6,9 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tombo_diagnosis.engine.analyse import analyse_problem
 from tombo_diagnosis.engine.model import Findings, Progress, Remainder, SearchResult, no_progress
 from tombo_diagnosis.engine.model_selection import LOG_BF_FIRST
@@ -27,6 +24,7 @@ from tombo_diagnosis.flight.residual_check import (
 from tombo_diagnosis.flight.residual_predictability import cross_validated_r2
 from tombo_diagnosis.flight.track import Track
 from tombo_diagnosis.flight.transients import Transient, exclude_transients, find_transients
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY, Stage
 
 MAX_LOG_VARIANCE_EXCESS = 0.6
@@ -182,7 +180,7 @@ def select_noise_fits(fits: Sequence[NoiseFit]) -> list[NoiseFit]:
     return sorted(chosen, key=lambda fit: -fit.evidence)
 
 
-def _within_tolerance(fit: NoiseFit, theta: NDArray[np.float64], nominal: NominalModel) -> bool:
+def _within_tolerance(fit: NoiseFit, theta: Array, nominal: NominalModel) -> bool:
     """Return whether noise is within a few tolerances of its nominal value."""
     return len(fit.free) == 1 and all(
         abs(value - float(theta[i])) < _HEALTHY * nominal.parameters[i].tolerance

@@ -6,16 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tombo_diagnosis.engine.regression import Parameter
 from tombo_diagnosis.flight.parameters import parameters
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import pack_theta
 from tombo_dynamics.plant import new_plant, part
 from tombo_dynamics.vehicle import VehicleParams
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ class Disc:
     x: float
     y: float
     radius: float
-    hull: NDArray[np.float64]
+    hull: Array
     """Corners of the convex hull, (n, 2)."""
 
 

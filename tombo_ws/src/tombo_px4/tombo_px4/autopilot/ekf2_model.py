@@ -12,10 +12,10 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_control.autopilot import HISTORY_TICKS, A, E, part
 from tombo_control.estimator import correct, predict, store_history, update_body_rates
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.plant import P
 from tombo_dynamics.plant import part as plant_part
 from tombo_dynamics.rotation import rotate_vectors
@@ -24,8 +24,6 @@ from tombo_px4.autopilot.offboard_setpoint import heading_of
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.frames import flu_from_frd
 from tombo_sim.simulator import Simulator
-
-Array = NDArray[np.float64]
 
 _TICK = 1e-3
 _ALIGN_TICKS = 200

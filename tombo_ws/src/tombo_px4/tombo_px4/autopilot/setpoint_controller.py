@@ -5,18 +5,17 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_control.attitude_control import attitude_control
 from tombo_control.autopilot import A, G, N, part
 from tombo_control.cascade import run_control_loops, stop_rotors
 from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotor_maps import R, speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.autopilot.offboard_setpoint import ControlLevel, ResolvedSetpoint, heading_of
 from tombo_px4.autopilot.parameters import ParameterTable
 
-Array = NDArray[np.float64]
 _PERIOD = POSITION_TICKS * 1e-3
 
 

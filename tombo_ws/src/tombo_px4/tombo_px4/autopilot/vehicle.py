@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_control.autopilot import A, new_autopilot, part
 from tombo_control.estimate import TICK_NS, Estimate
 from tombo_control.params import POSITION_TICKS, ControlParams, EstimatorParams
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.plant import part as plant_part
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.autopilot.battery import BatteryMeter
@@ -49,7 +49,6 @@ from tombo_px4.protocol.results import (
 from tombo_sim.simulator import Simulator
 from tombo_sim.world import World
 
-Array = NDArray[np.float64]
 _TICK = 1e-3
 _NONE = np.full(3, math.nan)
 _LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
