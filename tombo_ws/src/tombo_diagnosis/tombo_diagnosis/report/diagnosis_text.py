@@ -30,6 +30,11 @@ CLASSES: Final = {
 """How each verdict is coloured: good, warn or bad."""
 
 
+def badge(diagnosis: Diagnosis) -> str:
+    """Return the verdict in a few words, with its confidence."""
+    return f"{LABELS[diagnosis.verdict]} · {certainty(diagnosis.confidence)}"
+
+
 def words(name: str) -> str:
     """Return an effect's or channel's name as words."""
     return name.replace("_", " ")
