@@ -14,6 +14,11 @@ EXTENDING_VERDICTS = ("named", "partly_explained")
 """Verdicts that say what the model lacks; the others leave it as it is."""
 
 
+def extends(diagnosis: Diagnosis) -> bool:
+    """Return whether something is named, so that the model can be extended."""
+    return diagnosis.verdict in EXTENDING_VERDICTS and bool(diagnosis.causes)
+
+
 def model_of(
     diagnosis: Diagnosis,
     *,
@@ -34,7 +39,7 @@ def model_of(
     Raises:
         InputError: nothing was named, or a cause is not of the registry.
     """
-    if diagnosis.verdict not in EXTENDING_VERDICTS or not diagnosis.causes:
+    if not extends(diagnosis):
         raise InputError(
             f"model: the verdict '{diagnosis.verdict}' names no effect to extend the model by; "
             f"accepted: {' or '.join(EXTENDING_VERDICTS)}, with a cause"

@@ -9,9 +9,9 @@ from functools import partial
 from typing import Any
 
 from tombo_flight.process.process_pool import run_in_processes
+from tombo_flight.progress import ProgressCallback
 
 Row = dict[str, Any]
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ def run_benchmark(
     cases: int,
     seed: int,
     workers: int,
-    progress: Progress,
+    progress: ProgressCallback,
     stop: Callable[[], bool] | None = None,
 ) -> BenchmarkResult:
     """Hide, diagnose and score.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
@@ -78,9 +78,3 @@ def scores(
             )
         )  # fmt: skip
     return tuple(sorted(found, key=lambda s: (-s.excited, -s.evidence)))
-
-
-def join_names(effects: Sequence[str], last: str = "and") -> str:
-    """Return effects as people say them: a, b and c."""
-    texts = [effect.replace("_", " ") for effect in effects]
-    return texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} {last} {texts[-1]}"

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar
 
 from tombo_diagnosis.engine.regression import Columns, Fit
 from tombo_dynamics.arrays import Array
 
-Progress = Callable[[str, float], None]
-"""Called with a stage and the share done."""
 Calibration = Sequence[tuple[float, float]]
 """(stated, true) probabilities, in growing order; between them a straight line."""
 
@@ -181,7 +179,3 @@ class Findings(Generic[P, R]):
     search: SearchResult
     remainder: R
     judgement: Judgement
-
-
-def no_progress(stage: str, share: float) -> None:
-    """Report nothing."""

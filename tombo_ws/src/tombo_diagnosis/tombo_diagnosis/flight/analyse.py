@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from tombo_diagnosis.engine.analyse import analyse_problem
-from tombo_diagnosis.engine.model import Findings, Progress, Remainder, SearchResult, no_progress
+from tombo_diagnosis.engine.model import Findings, Remainder, SearchResult
 from tombo_diagnosis.engine.model_selection import LOG_BF_FIRST
 from tombo_diagnosis.engine.verdict import p_cause
 from tombo_diagnosis.flight.gust_fit import GustFit, fit_gusts
@@ -26,6 +26,7 @@ from tombo_diagnosis.flight.track import Track
 from tombo_diagnosis.flight.transients import Transient, exclude_transients, find_transients
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY, Stage
+from tombo_flight.progress import ProgressCallback, no_progress
 
 MAX_LOG_VARIANCE_EXCESS = 0.6
 """Excess (logarithm of a variance's ratio) up to which a remainder counts as chance."""
@@ -73,7 +74,7 @@ FlightFindings = Findings[FlightProblem, FlightRemainder]
 
 
 def analyse(
-    tracks: Sequence[Track], nominal: NominalModel, progress: Progress = no_progress
+    tracks: Sequence[Track], nominal: NominalModel, progress: ProgressCallback = no_progress
 ) -> FlightFindings:
     """Name what the flights call for; where moments do not fit, without these moments."""
     findings = _analysed(tracks, nominal, progress)
@@ -87,7 +88,7 @@ def analyse(
 
 
 def _analysed(
-    tracks: Sequence[Track], nominal: NominalModel, progress: Progress
+    tracks: Sequence[Track], nominal: NominalModel, progress: ProgressCallback
 ) -> FlightFindings:
     progress("predicting", 0.0)
     return analyse_problem(FlightProblem(tracks, nominal), held_against_noise, progress)

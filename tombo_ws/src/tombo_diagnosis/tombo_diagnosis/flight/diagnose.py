@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_diagnosis.diagnosis import Diagnosis, Experiment, FlightSummary, Residual
-from tombo_diagnosis.engine.model import Explanation, Progress, no_progress
+from tombo_diagnosis.engine.model import Explanation
 from tombo_diagnosis.engine.model_selection import restrict_to
 from tombo_diagnosis.flight.analyse import FlightFindings, analyse
 from tombo_diagnosis.flight.calibrate import calibrated, has_no_thrust_data, thrust_from_track
@@ -32,8 +32,9 @@ from tombo_diagnosis.logs.flight_log import Finding, FlightLog
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_flight.extended_model import Gain
+from tombo_flight.progress import ProgressCallback, no_progress
 
-Separate = Callable[[FlightFindings, Progress], Experiment | None]
+Separate = Callable[[FlightFindings, ProgressCallback], Experiment | None]
 
 _BLOCK_S = 8.0
 """A single flight is cut into blocks of about this length, which stand for flights."""
@@ -44,7 +45,7 @@ _SHOWN = 8
 def diagnose(
     logs: Sequence[FlightLog],
     nominal: NominalModel,
-    progress: Progress = no_progress,
+    progress: ProgressCallback = no_progress,
     separate: Separate | None = None,
     clock: Callable[[], float] = lambda: 0.0,
 ) -> Diagnosis:

@@ -8,13 +8,12 @@ itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tombo_diagnosis.diagnosis import Experiment
-from tombo_diagnosis.engine.cause_estimates import join_names
 from tombo_diagnosis.engine.evidence import NormalEquations, solve
 from tombo_diagnosis.flight.analyse import FlightFindings
 from tombo_diagnosis.flight.cause_estimates import estimate_cause
@@ -23,13 +22,13 @@ from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.problem import SCATTER, FlightProblem
 from tombo_diagnosis.flight.track import track_of
 from tombo_diagnosis.logs.flight_log import FlightLog, Series
+from tombo_diagnosis.wording import listed
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_record import FlightRecord
+from tombo_flight.progress import ProgressCallback
 from tombo_flight.scenario import Scenario, extended_scenario
-
-Progress = Callable[[str, float], None]
 
 _SUFFICIENT_LOG_BF = 8.0
 """Log Bayes factor that is plenty: the first manoeuvre that gives the worst pair it is taken."""
@@ -49,7 +48,7 @@ class _DesignInput:
     rpm: bool
 
 
-def separate(findings: FlightFindings, progress: Progress) -> Experiment | None:
+def separate(findings: FlightFindings, progress: ProgressCallback) -> Experiment | None:
     """Return the manoeuvre that separates the members of a set best, or None without a set."""
     members = findings.judgement.members[:_MEMBERS]
     if len(members) < 2:
@@ -78,7 +77,7 @@ def separate(findings: FlightFindings, progress: Progress) -> Experiment | None:
     if best is None or best[0] < 2.0:
         return Experiment(members, by_hand, best[0] if best else 0.0, present)
     said = best[1].text[0].upper() + best[1].text[1:]
-    text = f"{said} Simulated with each of them in turn, it tells {join_names(members)} apart."
+    text = f"{said} Simulated with each of them in turn, it tells {listed(members)} apart."
     return Experiment(members, text, best[0], present, best[1].scenario)
 
 
@@ -101,8 +100,8 @@ def _by_hand(members: Sequence[str]) -> str:
     for a in members:
         for b, advice in REGISTRY[a].separates_from.items():
             if b in members:
-                return f"To tell {join_names((a, b))} apart: {advice}."
-    names = join_names(members)
+                return f"To tell {listed((a, b))} apart: {advice}."
+    names = listed(members)
     return f"Nothing that is flown alone tells {names} apart; change one of them by hand."
 
 

@@ -9,7 +9,7 @@ from typing import Final
 
 from tombo_diagnosis.diagnosis import Diagnosis, Score
 from tombo_diagnosis.logs.flight_log import Finding
-from tombo_diagnosis.report.diagnosis_text import DASH, certainty, figure, percent, words
+from tombo_diagnosis.wording import DASH, certainty, figure, percent, words
 from tombo_flight.report.html_page import hint, meter, table
 
 _SHOWN: Final = 8

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
 
 import yaml
 
 from tombo_diagnosis.diagnosis import Cause, Diagnosis
-from tombo_diagnosis.extend_model import model_of
-from tombo_diagnosis.report.diagnosis_text import extends
+from tombo_diagnosis.extend_model import extends, model_of
 from tombo_flight.extended_model import FittedParameter, Model
 from tombo_flight.flight_output import as_json, plain
 from tombo_flight.model_file import write_model
+from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.version import tombo_version
 
 if TYPE_CHECKING:
@@ -26,9 +25,6 @@ MISSION: Final = "separating_experiment.yaml"
 PLOTS: Final = ("summary.png", "residuals.png", "drivers.png", "gains.png")
 DIAGNOSIS_FILES: Final = (JSON, REPORT, MODEL, MISSION, *(f"plots/{name}" for name in PLOTS))
 """All names that a diagnosis may write: those of an earlier one give way."""
-
-ProgressCallback = Callable[[str, float], None]
-"""Told what is being done and how far it is: a stage and a share from 0 to 1."""
 
 
 def diagnosis_mapping(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -116,7 +112,7 @@ def write_diagnosis(
     against: NominalReference,
     *,
     pictures: bool = True,
-    on_progress: ProgressCallback | None = None,
+    on_progress: ProgressCallback = no_progress,
 ) -> None:
     """Write the files of a diagnosis into an output folder, which the caller publishes.
 
@@ -130,8 +126,7 @@ def write_diagnosis(
     Raises:
         OSError: the files can't be written.
     """
-    say = on_progress or (lambda stage, share: None)
-    say(f"writing {JSON}", 0.0)
+    on_progress(f"writing {JSON}", 0.0)
     (folder / JSON).write_text(diagnosis_json(diagnosis), encoding="utf-8", newline="\n")
     _write_mission(folder, diagnosis)
     if extends(diagnosis):
@@ -144,11 +139,11 @@ def write_diagnosis(
         )
         write_model(folder / MODEL, model)
     if pictures:
-        say(f"writing {REPORT}", 0.2)
+        on_progress(f"writing {REPORT}", 0.2)
         from tombo_diagnosis.report.diagnosis_report import write_diagnosis_report
 
         write_diagnosis_report(diagnosis, folder / REPORT, str(folder.path))
-        _draw(folder, diagnosis, say)
+        _draw(folder, diagnosis, on_progress)
 
 
 def _write_mission(folder: OutputFolder, diagnosis: Diagnosis) -> None:
@@ -160,7 +155,7 @@ def _write_mission(folder: OutputFolder, diagnosis: Diagnosis) -> None:
     (folder / MISSION).write_text(head + text, encoding="utf-8", newline="\n")
 
 
-def _draw(folder: OutputFolder, diagnosis: Diagnosis, say: ProgressCallback) -> None:
+def _draw(folder: OutputFolder, diagnosis: Diagnosis, on_progress: ProgressCallback) -> None:
     from tombo_diagnosis.report import diagnosis_plots
     from tombo_diagnosis.report.diagnosis_poster import diagnosis_poster
     from tombo_flight.report.flight_plot import png_bytes
@@ -173,5 +168,5 @@ def _draw(folder: OutputFolder, diagnosis: Diagnosis, say: ProgressCallback) -> 
     )
     (folder / "plots").mkdir()
     for k, (name, figure) in enumerate(zip(PLOTS, draw, strict=True)):
-        say(f"drawing {name}", 0.3 + 0.7 * k / len(PLOTS))
+        on_progress(f"drawing {name}", 0.3 + 0.7 * k / len(PLOTS))
         (folder / f"plots/{name}").write_bytes(png_bytes(figure(diagnosis)))

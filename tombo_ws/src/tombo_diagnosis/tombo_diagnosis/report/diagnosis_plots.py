@@ -29,7 +29,8 @@ from tombo_diagnosis.report.diagnosis_plot_data import (
     thinned,
     zero_s,
 )
-from tombo_diagnosis.report.diagnosis_text import figure, headline, percent, unit, words
+from tombo_diagnosis.report.diagnosis_text import headline
+from tombo_diagnosis.wording import figure, percent, unit, words
 from tombo_dynamics.arrays import Array
 from tombo_flight.extended_model import Gain
 from tombo_flight.report import style

@@ -6,16 +6,11 @@ from pathlib import Path
 from typing import Final
 
 from tombo_diagnosis.diagnosis import Diagnosis
+from tombo_diagnosis.extend_model import extends
 from tombo_diagnosis.report import diagnosis_evidence, diagnosis_sections, diagnosis_svg_plots
 from tombo_diagnosis.report.diagnosis_plot_data import zero_s
-from tombo_diagnosis.report.diagnosis_text import (
-    CLASSES,
-    badge,
-    extends,
-    figure,
-    headline,
-    next_steps,
-)
+from tombo_diagnosis.report.diagnosis_text import CLASSES, badge, headline, next_steps
+from tombo_diagnosis.wording import figure
 from tombo_flight.report.html_page import Page, command, hint, page_html, sentences
 
 _WORTH: Final = "What it is worth: prediction error on flights held out from naming and fit"

@@ -8,15 +8,8 @@ from collections.abc import Sequence
 from html import escape
 
 from tombo_diagnosis.diagnosis import Cause, Diagnosis
-from tombo_diagnosis.report.diagnosis_text import (
-    best_gains,
-    certainty,
-    figure,
-    interval,
-    percent,
-    unit,
-    words,
-)
+from tombo_diagnosis.report.diagnosis_text import best_gains
+from tombo_diagnosis.wording import certainty, figure, interval, percent, unit, words
 from tombo_flight.extended_model import FittedParameter, Gain
 from tombo_flight.report.html_page import Card, command, hint, meter, table
 

@@ -26,8 +26,8 @@ from tombo_diagnosis.report.diagnosis_plot_data import (
     thinned,
     zero_s,
 )
-from tombo_diagnosis.report.diagnosis_text import capital, figure, percent, unit, words
 from tombo_diagnosis.report.svg_chart import Axis, Chart
+from tombo_diagnosis.wording import capital, figure, percent, unit, words
 from tombo_dynamics.arrays import Array
 from tombo_flight.report.html_page import hint
 

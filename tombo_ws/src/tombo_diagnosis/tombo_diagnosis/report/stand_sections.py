@@ -7,9 +7,9 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from tombo_diagnosis.diagnosis import FlightSummary
-from tombo_diagnosis.report.diagnosis_text import DASH, figure, percent, unit, words
 from tombo_diagnosis.stand.model_file import extends_model
 from tombo_diagnosis.stand.table3 import TWO_VALUES, Table3, statement
+from tombo_diagnosis.wording import DASH, figure, percent, unit, words
 from tombo_flight.report.html_page import Card, hint, meter, table
 
 if TYPE_CHECKING:

@@ -7,7 +7,6 @@ hysteresis only off the turning points: both are part of what is fitted without 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from tombo_diagnosis.logs.flight_log import Finding
 from tombo_diagnosis.stand.table_reader import StandTable
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.propeller import RPM
 
 _FEWEST = 20
 _SIDE = 5
@@ -132,7 +132,7 @@ def without_changed(
             findings.append(
                 Finding(
                     "change", "fault", table.name,
-                    f"from row {rows[k] + 1} on ({speed[k] * 30.0 / math.pi:.0f} rpm) {name} is "
+                    f"from row {rows[k] + 1} on ({speed[k] / RPM:.0f} rpm) {name} is "
                     f"{100.0 * abs(step.size):.0f} % {side} at equal speed: propeller or mount "
                     f"changed; the shorter part, {lost.sum()} points, is set apart", channel=name,
                 )

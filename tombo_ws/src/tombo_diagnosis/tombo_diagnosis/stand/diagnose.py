@@ -18,8 +18,7 @@ from tombo_diagnosis.stand.summary_text import notes, summary
 from tombo_diagnosis.stand.table_reader import StandTable
 from tombo_diagnosis.stand.thrust_constant import ThrustConstant, thrust_constant
 from tombo_dynamics.propeller.effects import CHANNELS
-
-ProgressCallback = Callable[[str, float], None]
+from tombo_flight.progress import ProgressCallback
 
 ABSORBED_EFFECTS = ("thrust_coefficient", "drag_coefficient")
 """What the fit of k_T and k_Q takes up."""

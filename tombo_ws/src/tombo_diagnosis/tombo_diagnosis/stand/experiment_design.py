@@ -14,6 +14,7 @@ from tombo_diagnosis.engine.model_selection import fit_hypotheses
 from tombo_diagnosis.stand.analyse import StandFindings
 from tombo_diagnosis.stand.operating_points import OperatingPoints
 from tombo_diagnosis.stand.problem import StandProblem
+from tombo_diagnosis.wording import words
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller.effects import CHANNELS, Setup, predict
 
@@ -51,8 +52,7 @@ def separate(findings: StandFindings) -> Experiment | None:
     if not found:
         return None
     best, option = max(found, key=lambda each: each[0])
-    names = tuple(e.replace("_", " ") for e in members)
-    text = f"{option.text}: it separates {', '.join(names)}"
+    text = f"{option.text}: it separates {', '.join(map(words, members))}"
     if best < 4.0:
         text = f"no single measurement separates them surely; most comes from this: {option.text}"
     return Experiment(members, text, best, present, {})

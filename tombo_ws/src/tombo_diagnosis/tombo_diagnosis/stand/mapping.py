@@ -9,15 +9,13 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from importlib import resources
 from pathlib import Path
-from typing import Any
 
-import yaml
-
+from tombo_diagnosis.logs.mapping_file import read_mapping, shipped_mappings, table_of
 from tombo_diagnosis.logs.units import factor as flight_factor
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.vehicle import GRAVITY
+from tombo_dynamics.yaml_text import parse_yaml
 
 CHANNELS: Mapping[str, str] = {
     "time": "s",
@@ -77,7 +75,6 @@ _SPELT = {
     **{u.replace(" ", ""): u for u in _MOMENTS},
     **{"N·m": "N m", "N-m": "N m", "N*m": "N m", "rad_s": "rad/s"},
 }
-_LARGEST = 200_000
 
 
 @dataclass(frozen=True)
@@ -127,10 +124,7 @@ def unit_factor(unit: str, channel: str, what: str) -> float:
 
 def shipped() -> dict[str, StandMapping]:
     """Return the mappings that come with the package, by name."""
-    folder = resources.files("tombo_diagnosis").joinpath("stand/mappings")
-    files = sorted(f.name for f in folder.iterdir() if f.name.endswith(".yaml"))
-    texts = {name: folder.joinpath(name).read_text(encoding="utf-8") for name in files}
-    return {name[:-5]: parse_mapping(text, name[:-5]) for name, text in texts.items()}
+    return shipped_mappings("stand/mappings", parse_mapping)
 
 
 def load_mapping(name: str) -> StandMapping:
@@ -139,25 +133,7 @@ def load_mapping(name: str) -> StandMapping:
     Raises:
         InputError: no such mapping, or one that can't be used.
     """
-    path = Path(name)
-    if path.is_dir():
-        raise InputError(f"mapping '{name}' is a folder; accepted: a YAML file, {_shipped()}")
-    if not path.is_file():
-        known = shipped()
-        if name not in known:
-            raise unknown_name("mapping", name, [*known, "a YAML file"])
-        return known[name]
-    try:
-        if path.stat().st_size > _LARGEST:
-            raise InputError(f"mapping '{name}' is too large; accepted: a short YAML file")
-        return parse_mapping(path.read_text(encoding="utf-8"), name)
-    except (OSError, UnicodeDecodeError) as error:
-        why = getattr(error, "strerror", None) or "it is no text"
-        raise InputError(f"mapping '{name}' can't be read: {why}; accepted: YAML") from error
-
-
-def _shipped() -> str:
-    return f"or a shipped one ({', '.join(shipped())})"
+    return read_mapping(name, shipped(), parse_mapping)
 
 
 def parse_mapping(text: str, name: str) -> StandMapping:
@@ -167,17 +143,13 @@ def parse_mapping(text: str, name: str) -> StandMapping:
         InputError: not a mapping; says which key is wrong and what is accepted.
     """
     what = f"mapping '{name}'"
-    try:
-        content = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise InputError(f"{what} is not valid YAML: {' '.join(str(error).split())}") from error
-    values = _table(content, what, [f.name for f in fields(StandMapping)])
+    values = table_of(parse_yaml(text, what), what, [f.name for f in fields(StandMapping)])
     model, tare = str(values.get("model", "tombo")), str(values.get("tare", "start"))
     if model not in ("tombo", "plain"):
         raise unknown_name(f"{what}: model", model, ("tombo", "plain"))
     if tare not in ("start", "none"):
         raise unknown_name(f"{what}: tare", tare, ("start", "none"))
-    channels = _table(values.get("channels"), f"{what}: channels", CHANNELS)
+    channels = table_of(values.get("channels"), f"{what}: channels", CHANNELS)
     header = values.get("header") or ()
     if isinstance(header, str) or not isinstance(header, Sequence):
         raise InputError(f"{what}: header {header!r:.60}; accepted: a list of columns")
@@ -195,7 +167,7 @@ def parse_mapping(text: str, name: str) -> StandMapping:
 
 def _channel(key: str, content: object, what: str) -> StandChannel:
     what = f"{what}: {key}"
-    values = _table(content, what, [f.name for f in fields(StandChannel)])
+    values = table_of(content, what, [f.name for f in fields(StandChannel)])
     columns = values.get("columns", ())
     columns = (columns,) if isinstance(columns, str) else columns
     many = key in MANY
@@ -280,14 +252,3 @@ def _number(content: object, low: float, high: float, what: str) -> float:
     if not low <= content <= high:
         raise InputError(f"{what}: {content:g}; accepted: {low:g} to {high:g}")
     return float(content)
-
-
-def _table(content: object, what: str, accepted: Any) -> dict[str, Any]:
-    if not isinstance(content, Mapping):
-        if content is None:
-            return {}
-        raise InputError(f"{what} is {content!r:.60}; accepted: {', '.join(accepted)}")
-    for key in content:
-        if key not in accepted:
-            raise unknown_name(f"key of {what}", key, accepted)
-    return {str(key): value for key, value in content.items()}

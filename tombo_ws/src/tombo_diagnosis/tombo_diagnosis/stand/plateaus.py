@@ -13,6 +13,7 @@ from tombo_diagnosis.logs.flight_log import Finding
 from tombo_diagnosis.stand.change_points import without_changed
 from tombo_diagnosis.stand.table_reader import StandTable
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.propeller import RPM
 
 LOADS = ("thrust", "torque", "beta", "reference_speed")
 _RAW_ROWS = 60
@@ -200,7 +201,7 @@ def _outliers(speed: Array, readings: Array, name: str) -> tuple[NDArray[np.bool
         peak = _peaks(off, np.abs(ratio - np.median(ratio)), far)
         if peak.any() and peak.sum() <= 0.05 * known.size + 1:
             keep[known[peak]] = False
-            at = ", ".join(f"{v * 30.0 / math.pi:.0f}" for v in speed[known[peak]][:5])
+            at = ", ".join(f"{v / RPM:.0f}" for v in speed[known[peak]][:5])
             findings.append(
                 Finding(
                     "outlier", "fault", name,

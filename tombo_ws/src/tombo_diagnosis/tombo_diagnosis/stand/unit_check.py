@@ -11,6 +11,7 @@ from tombo_diagnosis.stand.operating_points import OperatingPoints
 from tombo_diagnosis.stand.table_reader import StandTable
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.propeller import RPM
 from tombo_dynamics.propeller.effects import predict
 
 _ODD = 3.0
@@ -18,8 +19,8 @@ _ODD = 3.0
 _NEAR = 1.6
 _TIMES = {
     "grams read as newtons": 1e3 / 9.80665,
-    "rad/s read as rpm": (30.0 / math.pi) ** 2,
-    "rpm read as rad/s": (math.pi / 30.0) ** 2,
+    "rad/s read as rpm": RPM**-2,
+    "rpm read as rad/s": RPM**2,
     "Hz read as rpm": 3600.0,
     "millinewtons read as newtons": 1e3,
     "kilograms read as newtons": 1.0 / 9.80665,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.propeller import Configuration, evaluate
+from tombo_dynamics.propeller import RPM, Configuration, evaluate
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_propeller.design.candidates import TestedRange
 from tombo_propeller.design.operating_points import FlightPerformance
@@ -21,7 +21,7 @@ from tombo_propeller.design.response_regression import ResponseModel
 MEASURED_HERE: Final = "measured"
 MODELLED: Final = "modelled"
 EXTRAPOLATED: Final = "extrapolated"
-_BENCH_SPEED = 2000.0 * math.pi / 30.0
+_BENCH_SPEED = 2000.0 * RPM
 
 
 @dataclass(frozen=True, eq=False)

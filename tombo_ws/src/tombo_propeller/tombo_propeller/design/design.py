@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.propeller import Blade, Configuration, Library
 from tombo_dynamics.vehicle import VehicleParams
+from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_propeller.design.candidate_evaluation import CandidateEvaluation, judge, thrust_error
 from tombo_propeller.design.candidate_ranking import Choice, choose
 from tombo_propeller.design.candidates import TestedRange, candidates, measured_soft, tested
 from tombo_propeller.design.operating_points import operate
 from tombo_propeller.design.request import MEASURED, Request, vehicle_for
 from tombo_propeller.design.response_regression import ResponseModel, read
-
-ProgressCallback = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +54,7 @@ def design(
     request: Request,
     library: Library,
     blade: Blade,
-    on_progress: ProgressCallback = lambda stage, share: None,
+    on_progress: ProgressCallback = no_progress,
 ) -> Design:
     """Look at all candidates and choose.
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from scipy import stats
 
+from tombo_dynamics.propeller import RPM
 from tombo_propeller.design.candidate_evaluation import slack
 from tombo_propeller.design.candidates import describe
 from tombo_propeller.design.design import Design
@@ -16,7 +17,6 @@ from tombo_propeller.design.request import MEASURED, NAMES, QUANTITIES, Limit, Q
 from tombo_propeller.design.response_regression import MEAN, ResponseModel
 from tombo_propeller.design.table_cells import EVIDENCE, broken_by, figure, name_of
 
-_RPM = 30.0 / math.pi
 _BENCH_RPM = 2000.0
 
 
@@ -79,7 +79,7 @@ def reasons(found: Design, made: Recommendation) -> list[str]:
     if judged.operating.motor_limits[made.index]:
         lines.append("The motor limits its thrust, not the nodus: a stiffer one gains little.")
     else:
-        usable = judged.operating.usable_speed[made.index] * _RPM
+        usable = judged.operating.usable_speed[made.index] / RPM
         lines.append(
             f"The nodus limits its thrust: 0.9 of the speed of maximum thrust is {usable:.0f} rpm."
         )
@@ -195,8 +195,8 @@ def caveats(found: Design, made: Recommendation) -> list[str]:
 def _of_the_recommended(found: Design, index: int) -> list[str]:
     judged = found.judged
     configuration = judged.configurations[index]
-    hover = judged.operating.hover_speed[index] * _RPM
-    top = judged.operating.usable_speed[index] * _RPM
+    hover = judged.operating.hover_speed[index] / RPM
+    top = judged.operating.usable_speed[index] / RPM
     lines = []
     if judged.outside[index]:
         lines.append(f"Outside of what was tested: {'; '.join(judged.outside[index])}.")

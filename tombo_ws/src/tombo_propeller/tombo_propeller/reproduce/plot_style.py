@@ -13,9 +13,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.propeller import Operation, configuration, evaluate, valid_speed
+from tombo_dynamics.propeller import RPM, Operation, configuration, evaluate, valid_speed
 from tombo_flight.report import style
-from tombo_propeller.reproduce.computed_values import RPM
 
 LAW_COLOURS: Final = {
     "published": style.VERMILLION,
@@ -53,9 +52,9 @@ def styled() -> AbstractContextManager[None]:
 def curve(conf: int, law: str, low_rpm: float, high_rpm: float) -> tuple[Array, Operation]:
     """Return speeds [rpm] and operating points between them, as far as the law is valid."""
     chosen = configuration(conf)
-    top = min(high_rpm, valid_speed(chosen, law) * RPM)
+    top = min(high_rpm, valid_speed(chosen, law) / RPM)
     rpm: Array = np.linspace(low_rpm, top, 361, dtype=np.float64)
-    return rpm, evaluate(chosen, rpm / RPM, law, outside="mask")
+    return rpm, evaluate(chosen, rpm * RPM, law, outside="mask")
 
 
 def heading(axes: Axes, text: str) -> None:
