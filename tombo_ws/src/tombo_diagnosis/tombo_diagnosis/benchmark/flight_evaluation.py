@@ -1,4 +1,4 @@
-"""One blind case from hiding to score: fly, diagnose, compare with what was hidden."""
+"""One synthetic case from hiding to score: fly, diagnose, compare with what was hidden."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The flights of a blind case: random courses, flown with the true model, measured with faults."""
+"""Flights of a synthetic case: random courses, flown with the true model, with sensor faults."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def simulate_case(case: FlightCase) -> list[FlightLog]:
 def measured(
     flown: FlightRecord, name: str, formulation: str, rng: np.random.Generator
 ) -> FlightLog:
-    """Return what the sensors of a lab would say of a flight."""
+    """Return the log of a flight as the sensors of a lab would measure it."""
     t = flown.t
     stamps = flown.mocap_t + _STAMP_JITTER * rng.standard_normal(flown.mocap_t.size)
     series = {

@@ -1,4 +1,4 @@
-"""Many blind cases on several processes, scored: of flights or of stands."""
+"""Many synthetic cases on several processes, scored: of flights or of stands."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class BenchmarkResult:
-    """What the benchmark came to."""
+    """Result of a benchmark."""
 
     cases: list[Row]
     aggregate: dict[str, Any]

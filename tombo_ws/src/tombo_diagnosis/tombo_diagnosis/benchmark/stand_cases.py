@@ -1,4 +1,4 @@
-"""What a blind stand case hides: nothing, one effect, two, or a shape that no effect describes.
+"""Synthetic stand cases: nothing hidden, one effect, two, or a shape that no effect describes.
 
 The stands are richer than the candidates: every parameter is off by what a careful lab leaves,
 noise has heavy tails and is not quite what the stand says, propellers and tares scatter, the law
@@ -195,6 +195,6 @@ def _moved(p: Parameter, base: float, factor: float, name: str, rng: np.random.G
 
 
 def _spread(rng: np.random.Generator, shape: tuple[int, int]) -> Array:
-    """Draw with a spread near one: few draws could all be small, and hide nothing."""
+    """Draw with a spread near one: otherwise a few draws could all be small."""
     drawn = rng.standard_normal(shape)
     return np.asarray(drawn * np.maximum(1.0, 0.8 / np.sqrt(np.mean(drawn**2, axis=0))))

@@ -21,7 +21,7 @@ def analyse_problem(
 
     Args:
         problem: the data about their nominal model.
-        test_residual: what the best explanation leaves over, against what noise leaves.
+        test_residual: compares the residual of the best explanation with noise.
         progress: called with a stage and the share done, from 0.3 on.
     """
     progress("naming", 0.3)

@@ -1,4 +1,4 @@
-"""How much better an extended model predicts data that neither named nor fitted it."""
+"""Gain of an extended model: prediction error on held-out data before and after."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tombo_dynamics.arrays import Array
 from tombo_flight.extended_model import Gain
 
 _FEW = 3
-"""Fewer blocks held out than this give no interval."""
+"""Least number of held-out blocks for an interval."""
 
 
 def rms(values: Array) -> float:

@@ -49,7 +49,7 @@ def diagnose(
     separate: Separate | None = None,
     clock: Callable[[], float] = lambda: 0.0,
 ) -> Diagnosis:
-    """Say what the model gets wrong in measured flights.
+    """Report what the model gets wrong in measured flights.
 
     Args:
         logs: flights of one vehicle, checked (`tombo_diagnosis.checks`).
@@ -113,7 +113,7 @@ def diagnose(
 
 
 def final_explanation(findings: FlightFindings) -> Explanation:
-    """Return the explanation that goes into the model: of what is sure, or the likeliest."""
+    """Return the explanation that goes into the model: of what is sure, or the most probable."""
     judgement = findings.judgement
     best = findings.search.best
     if judgement.verdict in ("none", "unknown"):
@@ -124,12 +124,12 @@ def final_explanation(findings: FlightFindings) -> Explanation:
 
 
 def _explaining(effect: str, findings: FlightFindings, final: Explanation) -> Explanation:
-    """Return the likeliest explanation that an effect is part of."""
+    """Return the most probable explanation that an effect is part of."""
     return final if effect in final.effects else findings.search.explaining(effect) or final
 
 
 def _usable(logs: Sequence[FlightLog]) -> tuple[list[FlightLog], list[Finding]]:
-    """Return the flights that can be laid on ticks, and why others can't."""
+    """Return the flights that can be used, and why others can't."""
     usable, refused = [], []
     for log in logs:
         try:

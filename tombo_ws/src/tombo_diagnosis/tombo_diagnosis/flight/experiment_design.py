@@ -1,8 +1,8 @@
-"""The experiment that tells causes apart: every manoeuvre is simulated with each of them.
+"""The experiment that distinguishes causes: every manoeuvre is simulated with each of them.
 
 For each manoeuvre of the catalogue the nominal model is flown. The slopes along that flight say
 what each member of the set would change and how well the others could explain it. The best
-manoeuvres are then flown with each member in turn and held against all of them by the analysis
+manoeuvres are then flown with each member in turn and compared with all of them by the analysis
 itself.
 """
 
@@ -31,9 +31,9 @@ from tombo_flight.progress import ProgressCallback
 from tombo_flight.scenario import Scenario, extended_scenario
 
 _SUFFICIENT_LOG_BF = 8.0
-"""Log Bayes factor that is plenty: the first manoeuvre that gives the worst pair it is taken."""
+"""The first manoeuvre that gives every pair this log Bayes factor is taken."""
 _MAX_SIMULATED = 3
-"""So many of the most promising manoeuvres are flown with each member."""
+"""Number of the best manoeuvres that are simulated with each member."""
 _AIRBORNE = 0.4
 _MEMBERS = 3
 
@@ -96,7 +96,7 @@ def _present_log_bf(findings: FlightFindings, members: Sequence[str]) -> float:
 
 
 def _by_hand(members: Sequence[str]) -> str:
-    """Return what the registry advises for the first pair that it knows."""
+    """Return the advice of the registry for the first pair that has one."""
     for a in members:
         for b, advice in REGISTRY[a].separates_from.items():
             if b in members:

@@ -1,4 +1,4 @@
-"""Manoeuvres that tell causes apart, as missions that `tombo fly` flies.
+"""Manoeuvres that distinguish causes, as missions that `tombo fly` flies.
 
 Each mission takes at most 40 s and stays within 4 m x 4 m x 3 m about the place of take-off.
 """
@@ -12,7 +12,6 @@ from typing import Any
 Waypoints = list[dict[str, float]]
 
 _QUARTER = 1.5708
-_HALF = 3.1416
 
 
 @dataclass(frozen=True)

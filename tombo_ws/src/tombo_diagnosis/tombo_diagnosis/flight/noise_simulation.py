@@ -1,4 +1,4 @@
-"""What chance alone leaves in each channel: one draw of all noise that the model knows."""
+"""What noise alone leaves in each channel: one draw of all noise that the model knows."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def with_pose_noise(track: Track, nominal: NominalModel, theta: Array, seed: int
     return replace(track, pose=pose, arrival=arrival)
 
 
-def chance(
+def simulated_noise(
     track: Track,
     nominal: NominalModel,
     theta: Array,

@@ -1,4 +1,4 @@
-"""The simulation that flights are held against: a vehicle, its rotors, the effects it knows."""
+"""The simulation that flights are compared with: a vehicle, its rotors, the effects it knows."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class NominalModel:
     """True: thrust was fitted to the same flights; mass and thrust errors can't be seen then, and
     what healthy flights of this vehicle look like is not known."""
     fitted: frozenset[str] = frozenset()
-    """effect.parameter of what that fit has taken up: free at all times, and never a cause."""
+    """effect.parameter of what that fit has absorbed: free at all times, and never a cause."""
     moments: bool = True
     """False: arms and inertia are not known; moments are not compared."""
 

@@ -1,4 +1,4 @@
-"""What a mapping file says: which columns of a table hold which channel, in which units and axes.
+"""Mapping files of flights: which columns of a table hold which channel, in which units and axes.
 
 YAML. `docs/logs.md` explains it by example; those shipped are in `mappings/`.
 """

@@ -1,4 +1,4 @@
-"""What the verdict rests on, as HTML text: candidates, pre-checks, flights; all escaped here."""
+"""The evidence of a verdict as HTML text: candidates, pre-checks, flights; all escaped here."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _SEVERITIES: Final = {"fault": "bad", "warning": "warn", "info": "plain"}
 
 
 def candidates(scores: Sequence[Score]) -> str:
-    """Return all candidates; those that are out of the question folded away."""
+    """Return all candidates; the unlikely ones are folded."""
     rows = [_score(score) for score in scores]
     head = ("candidate, alone", "probability", "removes, held out", "log evidence", "remark")
     return _folded(head, rows, _SHOWN, "scores", "others")

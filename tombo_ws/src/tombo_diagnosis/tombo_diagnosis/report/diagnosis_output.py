@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import yaml
 
-from tombo_diagnosis.diagnosis import Cause, Diagnosis
+from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.extend_model import extends, model_of
-from tombo_flight.extended_model import FittedParameter, Model
+from tombo_flight.extended_model import Model
 from tombo_flight.flight_output import as_json, plain
 from tombo_flight.model_file import write_model
 from tombo_flight.progress import ProgressCallback, no_progress
@@ -29,66 +29,16 @@ DIAGNOSIS_FILES: Final = (JSON, REPORT, MODEL, MISSION, *(f"plots/{name}" for na
 
 def diagnosis_mapping(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return the content of `diagnosis.json`: plain values, None for what is not finite."""
-    found = diagnosis.separating_experiment
-    experiment = None
-    if found is not None:
-        experiment = {
-            "effects": found.effects,
-            "text": found.text,
-            "separation": found.separation,
-            "present": found.present,
-            "mission_file": MISSION if found.mission else None,
-        }
-    mapping: dict[str, Any] = plain(
-        {
-            "verdict": diagnosis.verdict,
-            "causes": [_cause(cause) for cause in diagnosis.causes],
-            "set": diagnosis.set,
-            "separating_experiment": experiment,
-            "gain": [dataclasses.asdict(gain) for gain in diagnosis.gain],
-            "prechecks": [
-                {
-                    "check": finding.check,
-                    "severity": finding.severity,
-                    "flight": finding.flight,
-                    "channel": finding.channel,
-                    "message": finding.message,
-                    "start_s": finding.start_s,
-                    "end_s": finding.end_s,
-                }
-                for finding in diagnosis.prechecks
-            ],
-            "candidates": [dataclasses.asdict(score) for score in diagnosis.candidates],
-            "flights": [dataclasses.asdict(note) for note in diagnosis.flights],
-            "confidence": diagnosis.confidence,
-            "summary": diagnosis.summary,
-            "notes": diagnosis.notes,
-            "model": diagnosis.model,
-            "vehicle": diagnosis.vehicle,
-            "seconds": diagnosis.seconds,
-            "version": tombo_version(),
-        }
-    )
+    values = dataclasses.asdict(dataclasses.replace(diagnosis, residuals=()))
+    del values["residuals"]
+    for cause in values["causes"]:
+        del cause["signature"]
+        cause["theta"] = {theta.pop("name"): theta for theta in cause["theta"]}
+    experiment = values["separating_experiment"]
+    if experiment is not None:
+        experiment["mission_file"] = MISSION if experiment.pop("mission") else None
+    mapping: dict[str, Any] = plain({**values, "version": tombo_version()})
     return mapping
-
-
-def _cause(cause: Cause) -> dict[str, Any]:
-    return {
-        "effect": cause.effect,
-        "theta": {theta.name: _theta(theta) for theta in cause.theta},
-        "confidence": cause.confidence,
-        "covariance": cause.covariance,
-    }
-
-
-def _theta(theta: FittedParameter) -> dict[str, Any]:
-    return {
-        "value": theta.value,
-        "unit": theta.unit,
-        "nominal": theta.nominal,
-        "low": theta.low,
-        "high": theta.high,
-    }
 
 
 def diagnosis_json(diagnosis: Diagnosis) -> str:
@@ -98,7 +48,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class NominalReference:
-    """What the flights were held against, and when: the provenance in `model.yaml`."""
+    """What the flights were compared with, and when: the provenance in `model.yaml`."""
 
     scenario: str
     date: str
@@ -119,7 +69,7 @@ def write_diagnosis(
     Args:
         folder: where the files go.
         diagnosis: what was found.
-        against: what the flights were held against.
+        against: what the flights were compared with.
         pictures: also the report and the plots.
         on_progress: told the progress.
 

@@ -1,4 +1,4 @@
-"""What of a diagnosis is shown: which channels, against which drivers, thinned how."""
+"""Data of the plots of a diagnosis: which channels, against which drivers, thinned."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from tombo_dynamics.arrays import Array
 from tombo_flight.report.panel import envelope
 
 BLOCK_S: Final = 1.0
-"""Samples closer than this are taken to say the same once: residuals are autocorrelated."""
+"""Samples of one such block count as one: residuals are autocorrelated."""
 _TELLING: Final = 0.15
-"""A driver that less of the residual follows is no picture worth."""
+"""A driver that explains less of the residual than this is not shown."""
 _SLICES: Final = 12
 FAR_S: Final = 1e5
-"""A clock beyond this counts from no beginning of a flight: times are shown from its start."""
+"""Times beyond this are not counted from the start of a flight; they are shown from its start."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def corrected(residuals: Sequence[Residual]) -> bool:
 def by_channel(residuals: Sequence[Residual]) -> dict[str, list[Residual]]:
     """Return the residuals of each channel, channels in the order of what was gained there.
 
-    Without an extension: in the order of what is left over the noise.
+    Without an extension: in the order of the residual over the noise.
     """
     found: dict[str, list[Residual]] = {}
     for residual in residuals:
@@ -137,7 +137,7 @@ def _pair(residuals: Sequence[Residual], driver: str, extended: bool) -> Pair | 
 
 
 def explained(x: Array, y: Array) -> float:
-    """Return the share of the mean square of `y` that its means in slices of `x` make up."""
+    """Return the share of the mean square of `y` that its means in slices of `x` explain."""
     total = float(np.mean(y**2))
     if total <= 0.0:
         return 0.0

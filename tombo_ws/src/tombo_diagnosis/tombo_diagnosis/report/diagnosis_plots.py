@@ -171,7 +171,7 @@ def _figure(
     *,
     keyed: bool = True,
 ) -> Figure:
-    """Make a figure of equal axes; without any it says so."""
+    """Make a figure of equal axes; without any, with the words "nothing to show"."""
     columns = max(columns, 1)
     rows = max(1, -(-len(marks) // columns))
     with mpl.rc_context(style.RC):

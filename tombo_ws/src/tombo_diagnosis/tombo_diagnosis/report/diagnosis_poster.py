@@ -1,4 +1,4 @@
-"""One picture that tells a diagnosis: the gap before and after, the verdict, what was gained."""
+"""One picture of a diagnosis: residual before and after, verdict, gain."""
 
 from __future__ import annotations
 

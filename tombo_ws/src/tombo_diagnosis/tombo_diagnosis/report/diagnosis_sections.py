@@ -79,7 +79,7 @@ def _whisker(theta: FittedParameter) -> str:
 
 
 def experiment(diagnosis: Diagnosis, folder: str) -> str:
-    """Return what to fly to tell apart what these flights can't, with the command line."""
+    """Return the separating experiment with its command line."""
     found = diagnosis.separating_experiment
     if found is None:
         return ""
@@ -105,7 +105,7 @@ def experiment(diagnosis: Diagnosis, folder: str) -> str:
 
 
 def shown(folder: str, name: str) -> str:
-    """Return the path of a file of the report as it is typed."""
+    """Return the path of a file of the report for the command line."""
     return shlex.quote(f"{folder}/{name}" if folder else name)
 
 

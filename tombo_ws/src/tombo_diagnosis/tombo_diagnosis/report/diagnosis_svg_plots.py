@@ -1,4 +1,4 @@
-"""The pictures of the diagnosis report: the gap and that it closed, drivers, all channels."""
+"""The plots of the diagnosis report: residual before and after, drivers, all channels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A diagnosis in words: headline, figures with their intervals, and what to do next."""
+"""Texts of a diagnosis: headline, badge, best gains, next steps."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def next_steps(diagnosis: Diagnosis) -> list[str]:
 
 
 def best_gains(diagnosis: Diagnosis, most: int = 3) -> list[Gain]:
-    """Return the channels that gained most, one entry each, likeliest to matter first."""
+    """Return the channels that gained most, one entry each, most likely to matter first."""
     found: dict[str, Gain] = {}
     for gain in sorted(diagnosis.gain, key=_certain, reverse=True):
         found.setdefault(gain.channel, gain)

@@ -64,7 +64,7 @@ def _counted(count: int, name: str) -> str:
 
 
 def settle(found: StandDiagnosis, study: Table3 | None) -> str:
-    """Return what to measure next, or nothing where nothing is open."""
+    """Return what to measure next; nothing if no question is open."""
     parts = []
     experiment = found.diagnosis.separating_experiment
     if experiment is not None and study is None:  # of Table III more is known

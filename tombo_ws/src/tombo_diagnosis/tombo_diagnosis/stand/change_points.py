@@ -40,7 +40,7 @@ class Step:
     """Share by which the load at equal speed changes."""
 
 
-def step_of(speed: Array, load: Array, elapsed: Array) -> Step | None:
+def find_step(speed: Array, load: Array, elapsed: Array) -> Step | None:
     """Return the step of a load within a run, or None.
 
     Args:
@@ -91,7 +91,7 @@ def _without_step(w: Array, t: Array) -> Array:
 
 
 def _comparable(w: Array, at: int) -> bool:
-    """Say whether both sides of a place have enough points at common speeds."""
+    """Return whether both sides of a place have enough points at common speeds."""
     first, second = w[:at], w[at:]
     low, high = max(first.min(), second.min()), min(first.max(), second.max())
     if high - low < 0.25 * float(np.ptp(w)):
@@ -121,7 +121,7 @@ def without_changed(
     for g in np.unique(group):
         own = np.flatnonzero(group == g)
         for c, name in enumerate(("thrust", "torque")):
-            step = step_of(speed[own], readings[own, c], first[own])
+            step = find_step(speed[own], readings[own, c], first[own])
             if step is None:
                 continue
             after = np.arange(own.size) >= step.at

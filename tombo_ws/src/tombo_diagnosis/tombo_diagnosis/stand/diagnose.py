@@ -21,19 +21,19 @@ from tombo_dynamics.propeller.effects import CHANNELS
 from tombo_flight.progress import ProgressCallback
 
 ABSORBED_EFFECTS = ("thrust_coefficient", "drag_coefficient")
-"""What the fit of k_T and k_Q takes up."""
+"""What the fit of k_T and k_Q absorbs."""
 
 
 @dataclass(frozen=True, eq=False)
 class StandDiagnosis:
-    """What was found, and what it rests on."""
+    """A diagnosis of stand runs with its analysis."""
 
     diagnosis: Diagnosis
     findings: StandFindings
     constant: ThrustConstant | None
     """Of a plain propeller."""
     given: StandModel | None = None
-    """Model of earlier runs, that these were held against."""
+    """Model of earlier runs, that these were compared with."""
 
 
 def diagnose_stand(

@@ -1,4 +1,4 @@
-"""What would settle Table III: where its candidates, fitted to it, differ most."""
+"""Measurements that would decide Table III: where the fitted candidates differ most."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which measurement would tell apart what these points can't: found by simulating it."""
+"""The measurement that would separate a set of causes, found by simulation."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Option:
 
 
 def separate(findings: StandFindings) -> Experiment | None:
-    """Return the measurement that tells the members of a set apart best, or None.
+    """Return the measurement that separates the members of a set best, or None.
 
     Each member in turn is taken for true; its readings are predicted without noise, the old points
     and the new ones, and the other members are fitted to them. What counts is the worst pair.
@@ -91,7 +91,7 @@ def options(points: OperatingPoints) -> list[Option]:
 
 
 def _explanations(findings: StandFindings, members: Sequence[str]) -> list[Explanation]:
-    """Return the best explanation with each member, likeliest first."""
+    """Return the best explanation with each member, most probable first."""
     every = (findings.search.best, *findings.search.alternatives)
     found: list[Explanation] = []
     for member in members:

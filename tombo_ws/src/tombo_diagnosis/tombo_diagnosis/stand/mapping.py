@@ -1,4 +1,4 @@
-"""What a stand's mapping file says: which columns hold which channel, in which units.
+"""Mapping files of stands: which columns hold which channel, in which units.
 
 YAML; `docs/stand.md` explains it by example. Without one, shipped mappings are recognised by
 their header and plain names of columns are understood.

@@ -1,4 +1,4 @@
-"""Causes that the model has already: what is new in them, and what a model can take over."""
+"""Causes compared with the model that was given: what differs, and what extends it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def differences_from_model(causes: Sequence[Cause]) -> list[str]:
 
 
 def model_extending_causes(causes: Sequence[Cause]) -> list[Cause]:
-    """Return the causes whose values other runs share: not of chance, and not just absent."""
+    """Return the causes that extend a model: not stochastic, and not just absent in these runs."""
     return [c for c in causes if not STAND_EFFECTS[c.effect].stochastic and not _absent(c)]
 
 

@@ -1,4 +1,4 @@
-"""Stand runs as operating points: what was imposed, what was read, and how well."""
+"""Stand runs as operating points: set-up, readings and their noise."""
 
 from __future__ import annotations
 

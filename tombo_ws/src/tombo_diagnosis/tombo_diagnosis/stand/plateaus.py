@@ -186,7 +186,7 @@ def _peaks(off: Array, odd: Array, far: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _outliers(speed: Array, readings: Array, name: str) -> tuple[NDArray[np.bool_], list[Finding]]:
-    """Set apart single points far off their neighbours, in whichever load."""
+    """Exclude single points far off their neighbours, in whichever load."""
     keep = np.asarray(np.isfinite(readings[:, :2]).any(axis=1))
     findings = []
     for c in (0, 1):

@@ -1,4 +1,4 @@
-"""The paper's Table III as a stand run: what the model gets wrong, and what would settle it."""
+"""The paper's Table III as a stand run: errors of the model, and what to measure to decide."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ TWO_VALUES = (
 
 @dataclass(frozen=True)
 class Table3:
-    """What Table III says about the model."""
+    """Results on Table III."""
 
     confs: tuple[int, ...]
     measured: tuple[float, ...]

@@ -1,4 +1,4 @@
-"""From a table of a thrust stand to a run in SI units, with what is wrong with it said."""
+"""From a table of a thrust stand to a checked run in SI units."""
 
 from __future__ import annotations
 
@@ -186,7 +186,7 @@ def _without_glitches(
 
 
 def _check_plausible(table: StandTable, path: Path) -> None:
-    """Refuse what can't be in the unit that is said.
+    """Refuse values that can't be in the declared unit.
 
     Raises:
         InputError: tip faster than sound, never turning, thrust or angle with the wrong sign.

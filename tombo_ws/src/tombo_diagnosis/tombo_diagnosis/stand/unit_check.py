@@ -1,4 +1,4 @@
-"""Whether thrust and speed can be in the units that are said, held against the model."""
+"""Check of the units of thrust and speed by comparison with the model."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _TIMES = {
     "kilograms read as newtons": 1.0 / 9.80665,
     "four rotors on one cell (`rotors: 4` in --mapping)": 4.0,
 }
-"""What is mistaken for what -> by how much thrust at equal speed is then too large."""
+"""Mistake of units -> factor by which thrust at equal speed is then too large."""
 
 
 def check_scale(

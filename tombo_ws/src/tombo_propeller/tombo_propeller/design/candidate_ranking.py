@@ -1,4 +1,4 @@
-"""The choice among the candidates, what binds it, and what is nearest where nothing fits."""
+"""Ranking of the candidates; the relief of each limit and the nearest candidates if none fits."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Choice:
 
     limits: tuple[Limit, ...]
     slack: Array
-    """(n, limits), see `judge.slack`."""
+    """(n, limits), see `candidate_evaluation.slack`."""
     feasible: NDArray[np.bool_]
     front: NDArray[np.bool_]
     """Feasible and not beaten by another one of as good evidence; less far outside of what was
@@ -38,7 +38,7 @@ class Choice:
 
 
 def choose(judged: CandidateEvaluation, limits: Sequence[Limit], gain: float) -> Choice:
-    """Order what keeps to the limits, and say how far the rest is from it.
+    """Order the candidates that keep the limits, and find how far the others are from them.
 
     Evidence comes first: what was measured before what is predicted within the tested range, that
     before what is extrapolated. Within each, the candidate whose smallest slack is largest, of
@@ -69,7 +69,7 @@ def choose(judged: CandidateEvaluation, limits: Sequence[Limit], gain: float) ->
 
 
 def _front(judged: CandidateEvaluation, here: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which of the candidates `here` are on their front; a figure nobody knows is out."""
+    """Return which candidates `here` are on their Pareto front; unknown figures are left out."""
     figures = np.column_stack([costs(judged.counted[here]), judged.distance[here]])
     known = np.isfinite(figures).any(axis=0)
     return nondominated(figures[:, known]) if here.any() else np.zeros(0, dtype=bool)

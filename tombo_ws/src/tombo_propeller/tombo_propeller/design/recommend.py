@@ -11,7 +11,7 @@ from tombo_propeller.design.flight_check import Check, check_design
 from tombo_propeller.design.request import LEAST_MARGIN
 
 MOST_FLOWN = 8
-"""Candidates that are flown before it is given up."""
+"""Largest number of candidates that are flown."""
 _MORE = 1.05
 """After a failure only a candidate with so much more thrust, or another strike, is flown."""
 

@@ -1,4 +1,4 @@
-"""What was found, in sentences: why this nodus, what binds, what nobody knows."""
+"""A design in sentences: reasons, binding limit, sources of predictions, what is not known."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import math
 import numpy as np
 from scipy import stats
 
-from tombo_dynamics.propeller import RPM
+from tombo_dynamics.propeller import RPM, Configuration
 from tombo_propeller.design.candidate_evaluation import slack
 from tombo_propeller.design.candidates import describe
 from tombo_propeller.design.design import Design
-from tombo_propeller.design.operating_points import operate
+from tombo_propeller.design.operating_points import flight_performance
 from tombo_propeller.design.recommend import Recommendation
 from tombo_propeller.design.request import MEASURED, NAMES, QUANTITIES, Limit, Quantity
 from tombo_propeller.design.response_regression import MEAN, ResponseModel
@@ -201,9 +201,8 @@ def _of_the_recommended(found: Design, index: int) -> list[str]:
     if judged.outside[index]:
         lines.append(f"Outside of what was tested: {'; '.join(judged.outside[index])}.")
     others = [
-        f"{law} {operate([configuration], found.vehicle, law).usable_thrust[0] / weight:.2f}"
+        f"{law} {_thrust_margin(found, configuration, law):.2f}"
         for law in ("repaired", "consistent", "published")
-        for weight in (found.vehicle.hover_thrust(),)
         if law != found.request.law and (law != "published" or configuration.blade.published)
     ]
     lines.append(
@@ -225,6 +224,11 @@ def _of_the_recommended(found: Design, index: int) -> list[str]:
                 f"configurations do, the next one keeps it with {chance:.0%}."
             )
     return lines
+
+
+def _thrust_margin(found: Design, configuration: Configuration, law: str) -> float:
+    usable = flight_performance([configuration], found.vehicle, law).usable_thrust[0]
+    return float(usable / found.vehicle.hover_thrust())
 
 
 def _reached(value: float, limit: Limit) -> str:

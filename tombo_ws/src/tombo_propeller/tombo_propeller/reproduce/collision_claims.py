@@ -40,7 +40,7 @@ def collision_force(paper: Paper, _: Numbers) -> Outcome:
 
 @judges
 def collision_force_over_radius(paper: Paper, _: Numbers) -> Outcome:
-    """Hold Table II against a stiff wing on a hinge."""
+    """Compare Table II with a stiff wing on a hinge."""
     rows = sorted(paper.table_2, key=lambda row: row.r_mm.value)
     largest = max(rows, key=lambda row: row.force_N.value)
     wrong = [
@@ -63,7 +63,7 @@ def collision_force_over_radius(paper: Paper, _: Numbers) -> Outcome:
 
 @judges
 def collision_force_tables(paper: Paper, _: Numbers) -> Outcome:
-    """Judge whether both tables can speak of the same propeller."""
+    """Judge whether both tables can be of the same propeller."""
     factor = paper.number("measured", "table_2_speed_rpm").value / (
         paper.number("model", "table_3_speed_rpm").value
     )
@@ -115,7 +115,7 @@ def endurance(paper: Paper, _: Numbers) -> Outcome:
 
 @judges
 def noise(paper: Paper, _: Numbers) -> Outcome:
-    """Hold the noise against the rigid propeller's."""
+    """Compare the noise with the rigid propeller's."""
     rigid = paper.table_3[0].noise_dB.value
     soft = np.array([r.noise_dB.value for c, r in paper.table_3.items() if c])
     apart = soft - rigid

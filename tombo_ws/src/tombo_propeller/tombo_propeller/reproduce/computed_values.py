@@ -129,7 +129,7 @@ def maximum(configuration: Configuration, law: str, name: str) -> Optimum:
 
 
 def collapse(law: str, top_rpm: float = 15000.0) -> tuple[Array, Array]:
-    """Hold the configurations against each other at equal s = omega^2 / G_N, without gravity.
+    """Compare the configurations at equal s = omega^2 / G_N, without gravity.
 
     Bending compliance follows the twist's, so that E_N / G_N is one number for all; in Table I it
     varies from 2.800 to 2.802.

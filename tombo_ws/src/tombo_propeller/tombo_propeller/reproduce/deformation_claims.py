@@ -1,4 +1,4 @@
-"""The paper's reading of the flap from pictures, held against what its model deforms."""
+"""The paper's reading of the flap from pictures, compared with what its model deforms."""
 
 from __future__ import annotations
 

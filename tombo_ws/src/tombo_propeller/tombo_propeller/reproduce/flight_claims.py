@@ -61,7 +61,7 @@ def recovery_phases(paper: Paper, _: Numbers) -> Outcome:
 
 @judges
 def falling_distance(paper: Paper, _: Numbers) -> Outcome:
-    """Hold rate and duration of the fall against its distance."""
+    """Compare rate and duration of the fall with its distance."""
     rate, time = paper.number("flight", "falling_rate_m_s"), paper.number("flight", "unstable_s")
     falls = paper.number("flight", "falls_m")
     found = rate.value * time.value

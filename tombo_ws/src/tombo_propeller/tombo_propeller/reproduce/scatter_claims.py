@@ -1,4 +1,4 @@
-"""What the printed scatter of Table III's thrusts allows to say about the model."""
+"""Claims about the model that depend on the printed scatter of Table III's thrusts."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers
 from tombo_propeller.reproduce.paper_values import Paper
 
 CHANCE = 0.05
-"""What chance gives more often than this is no evidence."""
+"""Significance level."""
 DRAWS = 20_000
 STANDARD_ERRORS = 3.0
 """A slope this many standard errors from none is one."""
