@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +56,9 @@ class OperatingPoints:
     def only(self, keep: Mask) -> OperatingPoints:
         """Return some of the points; propellers and runs keep their numbers."""
         arrays = {f.name: getattr(self.setup, f.name) for f in fields(self.setup)}
-        kept = {k: v[keep] for k, v in arrays.items() if isinstance(v, np.ndarray) and v.size}
+        kept: dict[str, Any] = {
+            k: v[keep] for k, v in arrays.items() if isinstance(v, np.ndarray) and v.size
+        }
         return replace(
             self,
             setup=replace(self.setup, **kept),
