@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from tombo_bag.columns import ColumnTable
 from tombo_bag.flight_time import FLIGHT_METADATA
 from tombo_bag.recording import Recording
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
 
 PROCESS_TOPICS = ("/clock", "/diagnostics", "/events/write_split", "/parameter_events", "/rosout")
@@ -63,9 +64,9 @@ class Trace:
     """
 
     name: str
-    a: NDArray[np.float64]
-    b: NDArray[np.float64]
-    difference: NDArray[np.float64]
+    a: Array
+    b: Array
+    difference: Array
 
 
 @dataclass(frozen=True)
@@ -389,6 +390,6 @@ def _trace(
     return Trace(name, one, two, _against_time(at, difference[:, i]))
 
 
-def _against_time(stamps: Times, values: NDArray[Any]) -> NDArray[np.float64]:
+def _against_time(stamps: Times, values: NDArray[Any]) -> Array:
     pairs = np.stack([stamps, values.astype(np.float64)], axis=1)
     return np.asarray(pairs[np.argsort(stamps, kind="stable")])

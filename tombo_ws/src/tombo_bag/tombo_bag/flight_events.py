@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tombo_bag.columnar_cdr import encode
 from tombo_bag.flight_time import nanoseconds, stamp
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import Phase, ReactionPhase, Trigger
 from tombo_dynamics.time_base import EPOCH_NS
 
@@ -41,7 +42,7 @@ class EventMessages:
 def event_messages(
     events: Sequence[Mapping[str, Any]],
     scenario: Mapping[str, Any],
-    ticks_s: NDArray[np.float64],
+    ticks_s: Array,
     phases: NDArray[np.int64] | None,
 ) -> Iterator[EventMessages]:
     """Build the messages of all topics that speak only when something happens.
@@ -119,9 +120,7 @@ def _phases(changes: Sequence[tuple[int, int]]) -> EventMessages:
     return out
 
 
-def _phase_changes(
-    ticks_s: NDArray[np.float64], phases: NDArray[np.int64] | None
-) -> list[tuple[int, int]]:
+def _phase_changes(ticks_s: Array, phases: NDArray[np.int64] | None) -> list[tuple[int, int]]:
     """List (time [ns], new phase), beginning with the first tick's phase."""
     if phases is None or not len(phases):
         return []

@@ -11,11 +11,9 @@ import struct
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tombo_bag.columnar_cdr import Layout, layout, layout_of
 from tombo_bag.schemas import known_types
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.time_base import SECOND_NS
 
 _FORMATS = {"f8": "d", "f4": "f", "u1": "B", "i1": "b", "?": "?", "b1": "?", "i4": "i", "u4": "I"}
@@ -127,7 +125,7 @@ class Field:
         """Write them."""
         self._place.pack_into(self._buffer, self._offset, *values)
 
-    def put_array(self, values: NDArray[np.float64]) -> None:
+    def put_array(self, values: Array) -> None:
         """Write an array of as many doubles as the field has, as they lie in memory."""
         self._buffer[self._offset : self._end] = values.tobytes()
 

@@ -1,4 +1,4 @@
-"""What a simulation gets wrong, why, and how much better it is once it has been extended.
+"""Diagnosis: where a simulation is wrong, why, and how much better the extended model predicts.
 
 Offline and without ROS: `flight_log` holds what was measured, `diagnosis` what was found.
 """

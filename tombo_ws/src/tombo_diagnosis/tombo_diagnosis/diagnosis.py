@@ -1,4 +1,4 @@
-"""What a diagnosis says: verdict, causes, what can't be told apart, gain, and what to fly next."""
+"""Result of a diagnosis: verdict, causes, sets of causes, gain, and what to fly next."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Score:
     excited: bool
     """False: these flights can't show it."""
     remark: str = ""
-    """Why it was not excited, or what it can't be told apart from."""
+    """Why it was not excited, or what it can't be distinguished from."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class Diagnosis:
     verdict: str
     """One of VERDICTS."""
     causes: tuple[Cause, ...]
-    """named: up to three; partly_explained: what is part of it; set: the members, likeliest
+    """named: up to three; partly_explained: what is part of it; set: the members, most probable
     first; else empty."""
     set: tuple[str, ...]
     """Names of the members where the data can't tell; else empty."""
@@ -106,7 +106,7 @@ class Diagnosis:
     gain: tuple[Gain, ...]
     prechecks: tuple[Finding, ...]
     candidates: tuple[Score, ...]
-    """All effects of the registry, likeliest first."""
+    """All effects of the registry, most probable first."""
     flights: tuple[FlightSummary, ...]
     residuals: tuple[Residual, ...]
     confidence: float
@@ -116,7 +116,7 @@ class Diagnosis:
     notes: tuple[str, ...] = ()
     """What can't be certified and why."""
     model: str = ""
-    """The model that the flights were held against."""
+    """The model that the flights were compared with."""
     vehicle: str = ""
     """Name of the airframe that flew; empty: the suite's own."""
     seconds: float = 0.0

@@ -1,4 +1,4 @@
-"""The model that a diagnosis asks for: what was named, laid over what was known."""
+"""The extended model: the causes of a diagnosis, added to the model that was known."""
 
 from __future__ import annotations
 
@@ -11,7 +11,12 @@ from tombo_dynamics.errors import InputError
 from tombo_flight.extended_model import FittedEffect, Model, Origin, Source
 
 EXTENDING_VERDICTS = ("named", "partly_explained")
-"""Verdicts that say what the model lacks; the others leave it as it is."""
+"""Verdicts with causes that extend the model."""
+
+
+def extends(diagnosis: Diagnosis) -> bool:
+    """Return whether something is named, so that the model can be extended."""
+    return diagnosis.verdict in EXTENDING_VERDICTS and bool(diagnosis.causes)
 
 
 def model_of(
@@ -22,19 +27,19 @@ def model_of(
     scenario: str,
     base: Model | None = None,
 ) -> Model:
-    """Return the model that a diagnosis asks for.
+    """Return the model, extended by the causes of a diagnosis.
 
     Args:
         diagnosis: its causes are put in.
         tool: name and version of what made the diagnosis.
         date: of today, as text.
-        scenario: name of what the flights were held against.
-        base: the model that was laid over it, if any; what it holds stays.
+        scenario: name of what the flights were compared with.
+        base: an extended model that the flights were compared with, if any; its effects stay.
 
     Raises:
         InputError: nothing was named, or a cause is not of the registry.
     """
-    if diagnosis.verdict not in EXTENDING_VERDICTS or not diagnosis.causes:
+    if not extends(diagnosis):
         raise InputError(
             f"model: the verdict '{diagnosis.verdict}' names no effect to extend the model by; "
             f"accepted: {' or '.join(EXTENDING_VERDICTS)}, with a cause"

@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.disturbance import set_disturbance
 from tombo_dynamics.plant import Plant
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario
 
 _QUICK = ["mission.takeoff_time=0.2", "duration=6"]
-Array = NDArray[np.float64]
 
 
 def _flown(prepare: Any = None, settings: tuple[str, ...] = (), seed: int = 1) -> dict[str, Array]:

@@ -13,13 +13,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_collision.detector import TRIGGER_NAMES, CollisionEvent
 from tombo_collision.reaction_core import ReactionCore
 from tombo_collision.reactions import Decision
 from tombo_control.autopilot import PHASE_NAMES
 from tombo_control.mission_core import status_text
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.message_records import message_of
 from tombo_dynamics.messages import CollisionEvent as CollisionMessage
@@ -48,8 +48,6 @@ from tombo_sim.kernel import (
     publish_reaction,
 )
 from tombo_sim.log_columns import LogRow
-
-Array = NDArray[np.float64]
 
 _TOPICS = {
     "odometry": "/odometry",

@@ -42,6 +42,7 @@ from tombo_bag.topics import (
 from tombo_collision.detector import CollisionEvent
 from tombo_collision.reactions import Decision
 from tombo_control.autopilot import IDLE, LANDED, PHASE_NAMES
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import ReactionPhase, Trigger
 from tombo_dynamics.rotation import conjugate, map_to_body, unwrap_quaternions
@@ -57,7 +58,6 @@ from tombo_flight.pose_track import PoseTrack, pose_track
 from tombo_flight.scenario import Scenario, as_mapping, scenario_from_mapping
 from tombo_sim.log_columns import LogRow
 
-Array = NDArray[np.float64]
 Ticks = NDArray[np.int64]
 
 _FIRST_POSES = 3

@@ -6,12 +6,13 @@ import dataclasses
 import json
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.process.stop_signals import Stopped, StopSignals
+from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.scenario import Scenario
 from tombo_flight.version import tombo_version
 
@@ -23,13 +24,6 @@ WALL_KEYS = ("wall_time_s", "real_time_factor")
 """What differs between two flights of the same scenario and seed; all other bytes agree."""
 
 _REHEARSAL_S = 0.1
-
-ProgressCallback = Callable[[str, float], None]
-"""Called with the stage of the work and a share from 0 to 1."""
-
-
-def _silent(stage: str, share: float) -> None:
-    return
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,7 +100,7 @@ def fly_into(
     stop: StopSignals,
     *,
     record: bool = True,
-    on_progress: ProgressCallback = _silent,
+    on_progress: ProgressCallback = no_progress,
 ) -> FlightResult:
     """Fly a scenario and write its files into an output folder, which the caller publishes.
 
@@ -174,7 +168,7 @@ def draw_pictures(
     record: FlightRecord,
     folder: OutputFolder,
     stop: StopSignals,
-    on_progress: ProgressCallback = _silent,
+    on_progress: ProgressCallback = no_progress,
 ) -> None:
     """Write `flight.png` and `report.html`, or neither if a stop comes meanwhile."""
     pictures = (folder / "flight.png", folder / "report.html")

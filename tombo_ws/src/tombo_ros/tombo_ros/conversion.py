@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Quaternion
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.time_base import SECOND_NS
 
 
@@ -23,7 +23,7 @@ def to_time(time_ns: int) -> Time:
     return Time(sec=min(seconds, 2**31 - 1), nanosec=rest)
 
 
-def array(value: Any) -> NDArray[np.float64]:
+def array(value: Any) -> Array:
     """Return a Point or Vector3 as (3), a Quaternion as (4) xyzw."""
     if hasattr(value, "w"):
         return np.array([value.x, value.y, value.z, value.w])

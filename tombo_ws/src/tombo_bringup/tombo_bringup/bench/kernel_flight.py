@@ -6,19 +6,17 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_collision.reactions.bounce import Bounce
 from tombo_control.autopilot import APPROACH, HOVER, REACT, TAKEOFF, Autopilot, new_autopilot
 from tombo_control.leg import Leg, hold_leg, store_leg, straight_leg
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import SimulatedPlant, new_plant, pack_theta
 from tombo_dynamics.rigid_body import begin_flight
 from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
 from tombo_flight.scenario import Scenario
 from tombo_sim.kernel import fly_with_true_state
 from tombo_sim.propeller_effects import propulsion_effects, thrust_map_of
-
-Array = NDArray[np.float64]
 
 Stretch = tuple[Leg, int, int, int]
 """A leg, its mode, the first tick and the tick after the last."""

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 
 from tombo_diagnosis.benchmark.flight_cases import NOMINAL
+from tombo_diagnosis.flight.experiment_design import as_log as simulated_log
 from tombo_diagnosis.flight.scenario_nominal import nominal_of
 from tombo_diagnosis.flight.track import track_of
 from tombo_diagnosis.logs.flight_log import FlightLog, Series
@@ -110,23 +111,11 @@ def fly(effects, course=LIVELY[0], seed=1, length=LENGTH, draws=None, disturbanc
 def as_log(flown, name="flight 1", sensors="imu_rpm", begin=BEGIN, true_poses=False):
     """Return what the sensors measured; `true_poses`: at every tick, and without any error."""
     t = flown.t
+    log = simulated_log(flown, imu=sensors.startswith("imu"), rpm=sensors.endswith("rpm"))
+    series = dict(log.series)
     if true_poses:
-        position = Series(t, flown.log["position"])
-        attitude = Series(t, flown.log["attitude"])
-    else:
-        position = Series(flown.mocap_t, flown.mocap_position, flown.mocap_arrival)
-        attitude = Series(flown.mocap_t, flown.mocap_attitude, flown.mocap_arrival)
-    series = {
-        "position": position,
-        "attitude": attitude,
-        "rotor_command": Series(t, flown.log["rotor_command"]),
-        "voltage": Series(t[::100], flown.log["battery"][::100, 2:3]),
-    }
-    if sensors.startswith("imu"):
-        series["gyro"] = Series(t, flown.log["gyro"])
-        series["accel"] = Series(t, flown.log["accel"])
-    if sensors.endswith("rpm"):
-        series["rotor_speed"] = Series(t, flown.log["rotor_speed"])
+        series["position"] = Series(t, flown.log["position"])
+        series["attitude"] = Series(t, flown.log["attitude"])
     low = np.flatnonzero((flown.log["position"][:, 2] < 0.3) & (t > begin))
     end = float(t[low[0]]) - 0.2 if low.size else float(t[-1])
     return FlightLog(name, "simulated", series, exclude=((-1.0, begin), (end, t[-1] + 1.0)))

@@ -10,8 +10,8 @@ import pytest
 from diagnosis_samples import DRAG, MASS, sample
 
 from tombo_diagnosis.report import diagnosis_plot_data as view
-from tombo_diagnosis.report.diagnosis_text import certainty, figure, interval, percent
 from tombo_diagnosis.report.svg_chart import Axis, Chart, nice_ticks
+from tombo_diagnosis.wording import certainty, figure, interval, percent
 from tombo_flight.extended_model import FittedParameter
 
 

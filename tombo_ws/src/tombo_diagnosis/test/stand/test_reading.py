@@ -86,7 +86,8 @@ def test_lag_and_tare_of_a_recording_are_found(tmp_path):
     rpm, thrust, command = recording()
     path = write(tmp_path / "a.csv", "rpm,thrust_N,pwm", np.maximum(rpm, 0.0), thrust, command)
     found = plateaus(read_stand(path))
-    assert abs(found.lag_rows - 20) <= 2
+    (lag,) = (f for f in found.findings if f.check == "lag")
+    assert abs(int(lag.message.split(" rows")[0].split()[-1]) - 20) <= 2
     assert found.standstill[0] == pytest.approx(0.3, abs=0.003)
     turning = found.speed > 10.0
     k = found.readings[turning, 0] / found.speed[turning] ** 2

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tombo_diagnosis.stand.change_points import step_of
+from tombo_diagnosis.stand.change_points import find_step
 from tombo_diagnosis.stand.plateaus import plateaus
 from tombo_diagnosis.stand.table_reader import read_stand
 
@@ -40,7 +40,7 @@ def test_clean_drifting_and_bent_runs_have_no_step(way, drift):
     w = WAYS[way]
     e = np.linspace(0.0, 1.0, w.size)
     for seed in range(12):
-        assert step_of(800.0 * w, thrust(w, seed) + DRIFTS[drift](w, e), e) is None
+        assert find_step(800.0 * w, thrust(w, seed) + DRIFTS[drift](w, e), e) is None
 
 
 @pytest.mark.parametrize("size", [-0.15, -0.08, 0.12])
@@ -50,7 +50,7 @@ def test_a_chipped_blade_is_found_where_it_chipped(size):
     found = 0
     for seed, at in enumerate(range(22, 60, 3)):
         load = thrust(w, seed) * np.where(np.arange(w.size) >= at, 1.0 + size, 1.0)
-        step = step_of(800.0 * w, load, e)
+        step = find_step(800.0 * w, load, e)
         if step is not None:
             found += 1
             assert abs(step.at - at) <= 1
@@ -61,7 +61,7 @@ def test_a_chipped_blade_is_found_where_it_chipped(size):
 def test_one_sweep_can_not_tell_a_step_from_a_stall():
     w = WAYS["one sweep"]
     load = thrust(w, 0) * np.where(np.arange(w.size) >= 24, 0.85, 1.0)
-    assert step_of(800.0 * w, load, np.arange(w.size)) is None
+    assert find_step(800.0 * w, load, np.arange(w.size)) is None
 
 
 def test_the_shorter_part_is_set_apart_and_said(tmp_path):

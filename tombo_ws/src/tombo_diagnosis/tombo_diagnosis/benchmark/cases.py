@@ -1,4 +1,4 @@
-"""What every blind case is: nothing is hidden, one effect, two, or what no effect describes."""
+"""Synthetic cases: nothing is hidden, one effect, two, or what no effect describes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ KINDS = (("none", 0.2), ("single", 0.5), ("pair", 0.1), ("unknown", 0.2))
 
 @dataclass(frozen=True)
 class Case:
-    """One blind case; all of it derives from (seed, number)."""
+    """One synthetic case; all of it derives from (seed, number)."""
 
     number: int
     kind: str
@@ -26,7 +26,7 @@ class Case:
     formulation: str
     """Which sensors there are."""
     hidden: tuple[str, ...]
-    """Effects at work beyond the nominal ones, or what no effect describes."""
+    """Effects present beyond the nominal ones, or what no effect describes."""
     shift: Mapping[str, float]
     """effect.parameter -> hidden value minus nominal value."""
 

@@ -1,4 +1,4 @@
-"""What was answered to a blind case, as plain values: the same for flights and stands."""
+"""Result of a synthetic case as plain values, the same for flights and stands."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tombo_diagnosis.engine.regression import Parameter
 from tombo_flight.extended_model import FittedParameter
 
 _RIVALS = 3
-"""So many of the other explanations are reported."""
+"""Number of other explanations that are reported."""
 
 
 def case_row(case: Case) -> dict[str, Any]:
@@ -67,7 +67,7 @@ def compare_parameters(
     Args:
         case: what was hidden.
         parameters: of the effect.
-        nominal: its value in the model that the data were held against.
+        nominal: its value in the model that the data were compared with.
         true: its value in the model that made the data.
         fitted: name -> what was found.
     """

@@ -1,4 +1,4 @@
-"""What a blind case hides: nothing, one effect, two, or a force that no effect describes.
+"""Synthetic flight cases: nothing hidden, one effect, two, or a force that no effect describes.
 
 The flights come from a richer model than the candidates: every parameter is off its nominal value
 by what a careful lab leaves (the tolerance), sensors have faults that no effect has, and courses

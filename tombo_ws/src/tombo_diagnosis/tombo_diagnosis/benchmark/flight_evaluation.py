@@ -1,4 +1,4 @@
-"""One blind case from hiding to score: fly, diagnose, compare with what was hidden."""
+"""One synthetic case from hiding to score: fly, diagnose, compare with what was hidden."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_diagnosis.benchmark.evaluation import (
     answer_row,
@@ -33,8 +32,6 @@ from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.prediction import residuals
 from tombo_diagnosis.flight.track import track_of
 from tombo_dynamics.errors import InputError
-
-Array = NDArray[np.float64]
 
 
 @lru_cache(maxsize=1)

@@ -1,24 +1,22 @@
-"""The flights of a blind case: random courses, flown with the true model, measured with faults."""
+"""Flights of a synthetic case: random courses, flown with the true model, with sensor faults."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from tombo_diagnosis.benchmark.flight_cases import NOMINAL, FlightCase
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.scenario_nominal import nominal_of
 from tombo_diagnosis.logs.flight_log import FlightLog, Series
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.disturbance import set_disturbance
 from tombo_dynamics.plant import Plant
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.scenario import Scenario, scenario_over
-
-Array = NDArray[np.float64]
 
 DURATION_S = 34.0
 _COURSE_DURATION_S = 20.0
@@ -120,7 +118,7 @@ def simulate_case(case: FlightCase) -> list[FlightLog]:
 def measured(
     flown: FlightRecord, name: str, formulation: str, rng: np.random.Generator
 ) -> FlightLog:
-    """Return what the sensors of a lab would say of a flight."""
+    """Return the log of a flight as the sensors of a lab would measure it."""
     t = flown.t
     stamps = flown.mocap_t + _STAMP_JITTER * rng.standard_normal(flown.mocap_t.size)
     series = {

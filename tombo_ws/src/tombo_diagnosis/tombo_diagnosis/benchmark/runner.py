@@ -1,4 +1,4 @@
-"""Many blind cases on several processes, scored: of flights or of stands."""
+"""Many synthetic cases on several processes, scored: of flights or of stands."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from functools import partial
 from typing import Any
 
 from tombo_flight.process.process_pool import run_in_processes
+from tombo_flight.progress import ProgressCallback
 
 Row = dict[str, Any]
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
 class BenchmarkResult:
-    """What the benchmark came to."""
+    """Result of a benchmark."""
 
     cases: list[Row]
     aggregate: dict[str, Any]
@@ -28,7 +28,7 @@ def run_benchmark(
     cases: int,
     seed: int,
     workers: int,
-    progress: Progress,
+    progress: ProgressCallback,
     stop: Callable[[], bool] | None = None,
 ) -> BenchmarkResult:
     """Hide, diagnose and score.

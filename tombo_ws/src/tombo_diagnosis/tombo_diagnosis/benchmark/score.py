@@ -1,4 +1,4 @@
-"""The score of many blind cases."""
+"""The score of many synthetic cases."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Row = Mapping[str, Any]
 STOCHASTIC_EFFECTS = frozenset(
     {"gusts", "imu_noise", "mocap_noise", "mocap_dropouts", "thrust_scatter"}
 )
-"""Effects without a mean: how well they can be fitted, the number of samples says."""
+"""Effects without a mean: the number of samples limits how well they can be fitted."""
 _NAMING_VERDICTS = ("named", "set")
 _SAYS = (*_NAMING_VERDICTS, "partly_explained")
 _MAX_MEMBERS = 6

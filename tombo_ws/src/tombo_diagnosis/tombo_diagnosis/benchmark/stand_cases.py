@@ -1,4 +1,4 @@
-"""What a blind stand case hides: nothing, one effect, two, or a shape that no effect describes.
+"""Synthetic stand cases: nothing hidden, one effect, two, or a shape that no effect describes.
 
 The stands are richer than the candidates: every parameter is off by what a careful lab leaves,
 noise has heavy tails and is not quite what the stand says, propellers and tares scatter, the law
@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_diagnosis.benchmark.cases import (
     KINDS,
@@ -24,10 +23,9 @@ from tombo_diagnosis.benchmark.unmodelled_effects import UNMODELLED_EFFECTS
 from tombo_diagnosis.engine.regression import Parameter
 from tombo_diagnosis.stand.operating_points import OperatingPoints
 from tombo_diagnosis.stand.parameters import HEALTHY_SHARE, parameters
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller import configuration, parameter_row, speed_of_maximum_thrust
 from tombo_dynamics.propeller.effects import STAND_EFFECTS, Draws, Setup, predict
-
-Array = NDArray[np.float64]
 
 STANDS = (("full", 0.4), ("beta", 0.2), ("torque", 0.2), ("thrust", 0.2))
 """full: thrust, torque, flap angle, a second tachometer, known loads, three nodi; beta: thrust,
@@ -68,7 +66,7 @@ def make_case(seed: int, number: int) -> StandCase:
             factor = SIZES[size] * float(rng.uniform(0.8, 1.25))
             for p in every:
                 if p.effect == name:
-                    value = _moved(p, theta[p.label], factor, name, rng, setup)
+                    value = _moved(p, theta[p.label], factor, name, rng)
                     theta[p.label], shift[p.label] = value, value - p.null
     values = {n: tuple(theta[p.label] for p in every if p.effect == n) for n in STAND_EFFECTS}
     values = {n: v for n, v in values.items() if v}
@@ -185,9 +183,7 @@ def _healthy(p: Parameter, rng: np.random.Generator) -> float:
     return abs(off) if p.null <= p.low else off
 
 
-def _moved(
-    p: Parameter, base: float, factor: float, name: str, rng: np.random.Generator, setup: Setup
-) -> float:
+def _moved(p: Parameter, base: float, factor: float, name: str, rng: np.random.Generator) -> float:
     """Return a parameter's hidden value: `factor` of what matters from its null, either way."""
     if p.stochastic or p.null <= p.low:
         return float(min(p.null + factor * p.scale + (base - p.null) * (not p.stochastic), p.high))
@@ -199,6 +195,6 @@ def _moved(
 
 
 def _spread(rng: np.random.Generator, shape: tuple[int, int]) -> Array:
-    """Draw with a spread near one: few draws could all be small, and hide nothing."""
+    """Draw with a spread near one: otherwise a few draws could all be small."""
     drawn = rng.standard_normal(shape)
     return np.asarray(drawn * np.maximum(1.0, 0.8 / np.sqrt(np.mean(drawn**2, axis=0))))

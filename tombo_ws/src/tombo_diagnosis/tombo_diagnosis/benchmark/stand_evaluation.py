@@ -1,4 +1,4 @@
-"""One blind stand case from hiding to score."""
+"""One synthetic stand case from hiding to score."""
 
 from __future__ import annotations
 

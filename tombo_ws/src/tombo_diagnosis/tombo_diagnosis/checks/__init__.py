@@ -1,4 +1,4 @@
-"""What is wrong with a log before any physics is asked: see `check_log`."""
+"""Checks of a log before the diagnosis: see `check_log`."""
 
 from tombo_diagnosis.checks.pipeline import check_log
 

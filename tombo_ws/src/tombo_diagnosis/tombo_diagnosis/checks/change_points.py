@@ -17,7 +17,7 @@ _BIN_S = 0.25
 _SIDE = 8
 """Bins on either side that are compared."""
 _FAR = 4 * _SIDE
-"""Bins on either side over which it lasts."""
+"""Bins on either side over which a step must last."""
 _STEP = 0.06
 """Share by which thrust per command steps."""
 _SIGMAS = 6.0
@@ -25,7 +25,7 @@ _PENALTY = 12.0
 """Of a change point, in variances of a bin's noise times the logarithm of their number."""
 
 
-def steps_of(t: Array, ratio: Array) -> list[tuple[float, float]]:
+def find_steps(t: Array, ratio: Array) -> list[tuple[float, float]]:
     """Return times [s] and relative sizes of the steps of a ratio.
 
     Args:
@@ -45,7 +45,7 @@ def steps_of(t: Array, ratio: Array) -> list[tuple[float, float]]:
     found = []
     for at in _change_points(middles / max(noise, 1e-6)):
         if used[min(at + _SIDE, used.size) - 1] - used[max(at - _SIDE, 0)] > 3 * _SIDE:
-            continue  # what lies between was set apart
+            continue  # the samples between were excluded
         before, after = middles[max(at - _SIDE, 0) : at], middles[at : at + _SIDE]
         if min(before.size, after.size) < _SIDE:
             continue  # too near to take-off or landing
@@ -57,7 +57,7 @@ def steps_of(t: Array, ratio: Array) -> list[tuple[float, float]]:
 
 
 def changes(flight: str, t: Array, force: Array, drive: Array) -> list[Finding]:
-    """Say where thrust per command steps.
+    """Report where thrust per command steps.
 
     Args:
         flight: name.
@@ -78,7 +78,7 @@ def changes(flight: str, t: Array, force: Array, drive: Array) -> list[Finding]:
             at,
             "accel",
         )
-        for at, step in steps_of(t[usable], force[usable] / drive[usable])
+        for at, step in find_steps(t[usable], force[usable] / drive[usable])
     ]
 
 
@@ -91,7 +91,7 @@ def _change_points(values: Array) -> list[int]:
 
 
 def _lasts(middles: Array, at: int, step: float) -> bool:
-    """Say whether both sides keep apart for longer: manoeuvres come and go."""
+    """Return whether the step lasts: the effect of a manoeuvre does not."""
     before, after = middles[max(at - _FAR, 0) : at], middles[at : at + _FAR]
     apart = float(np.median(after) - np.median(before)) / step
     spreads = [float(np.subtract(*np.percentile(side, [85.0, 15.0]))) for side in (before, after)]

@@ -1,4 +1,4 @@
-"""What is sudden in a flight: readings that leap, velocities and rates that jump, a fall."""
+"""Sudden events of a flight: jumps of readings, velocities and rates, and large tilt."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter1d, median_filter
 from scipy.spatial.transform import Rotation
 
 from tombo_diagnosis.checks.motion import WIDTH
-from tombo_diagnosis.checks.spans import runs, step_of
+from tombo_diagnosis.checks.spans import runs, sample_interval
 from tombo_diagnosis.checks.timestamps import jitter
 from tombo_diagnosis.logs.flight_log import Series
 from tombo_diagnosis.logs.frames import is_usable
@@ -17,9 +17,9 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 
 _SPIKE = 1.5 * GRAVITY
-"""m/s^2 by which the accelerometer leaves what it read around that time."""
+"""m/s^2 by which the accelerometer differs from its readings around that time."""
 _LIMIT = 2.5 * GRAVITY
-"""m/s^2 that the accelerometer reads where the poses say nothing of it."""
+"""m/s^2 that the accelerometer reads where the poses show no such acceleration."""
 _JUMP = 0.4
 """m/s that the track's velocity changes within two or three poses."""
 _THROWN = 3.0
@@ -32,7 +32,7 @@ _WINDOW_S = 0.06
 
 @dataclass(frozen=True)
 class Event:
-    """Something sudden."""
+    """A sudden event."""
 
     t: float
     text: str
@@ -45,14 +45,14 @@ class Event:
 
 
 def accel_events(accel: Series, p_t: Array, p_acceleration: Array) -> list[Event]:
-    """Return when the accelerometer reads what flying does not explain.
+    """Return when the accelerometer reads what the flight does not explain.
 
     Args:
         accel: tidy.
         p_t: (M,) times [s] of `p_acceleration`, or (0,).
         p_acceleration: (M,) magnitude of the specific force that the poses tell [m/s^2].
     """
-    step = step_of(accel.t)
+    step = sample_interval(accel.t)
     if accel.t.size < 20 or step == 0.0:
         return []
     every = max(round(0.01 / step), 1)
@@ -87,7 +87,7 @@ def pose_events(position: Series, attitude: Series) -> list[Event]:
     # nothing that flies is thrown back much faster than it came
     fastest = max(_THROWN, 3.0 * _fast(stamps, position.values))
     limit = max(_JUMP, 8.0 * noise)
-    if jitter(position.t) > 0.3 * step_of(position.t):
+    if jitter(position.t) > 0.3 * sample_interval(position.t):
         limit = fastest  # stamps so uneven make jumps of their own
     for begin, end in runs(change > limit):
         peak = begin + int(np.argmax(change[begin:end]))
@@ -110,7 +110,7 @@ def pose_events(position: Series, attitude: Series) -> list[Event]:
 
 def gyro_events(gyro: Series) -> list[Event]:
     """Return when the gyro jumps."""
-    every = max(round(0.01 / max(step_of(gyro.t), 1e-6)), 1)
+    every = max(round(0.01 / max(sample_interval(gyro.t), 1e-6)), 1)
     t, change, noise = _slope_changes(gyro.t[::every], _integrated(gyro)[::every])
     events = []
     for begin, end in runs(change > max(_TURN, 8.0 * noise)):
@@ -147,7 +147,7 @@ def tilt_of(q: Array) -> Array:
 
 def _evened(t: Array) -> Array:
     """Return stamps on an even grid where they jitter: differences over them would, too."""
-    step = step_of(t)
+    step = sample_interval(t)
     if step == 0.0 or jitter(t) < 0.05 * step:
         return t
     counts = np.maximum(np.round(np.diff(t) / step), 1.0)
@@ -156,7 +156,7 @@ def _evened(t: Array) -> Array:
 
 def _fast(t: Array, position: Array) -> float:
     """Return the speed that the track seldom exceeds [m/s]."""
-    lag = max(round(0.1 / max(step_of(t), 1e-6)), 1)
+    lag = max(round(0.1 / max(sample_interval(t), 1e-6)), 1)
     if t.size <= lag:
         return 0.0
     speed = np.linalg.norm(position[lag:] - position[:-lag], axis=1) / (t[lag:] - t[:-lag])
@@ -165,7 +165,7 @@ def _fast(t: Array, position: Array) -> float:
 
 def _slope_changes(t: Array, values: Array) -> tuple[Array, Array, float]:
     """Return times, how much the slope changes there against its usual change, and the noise."""
-    step = step_of(t)
+    step = sample_interval(t)
     count = max(int(np.ceil(_WINDOW_S / step)), 2) if step > 0.0 else 0
     if count == 0 or t.size < 4 * count + 2:
         return np.zeros(0), np.zeros(0), 0.0

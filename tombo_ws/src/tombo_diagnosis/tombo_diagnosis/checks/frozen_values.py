@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from tombo_diagnosis.checks.spans import Span, runs, step_of
+from tombo_diagnosis.checks.spans import Span, runs, sample_interval
 from tombo_diagnosis.logs.flight_log import Finding
 from tombo_dynamics.arrays import Array
 
 _LINE = 3e-4
 """How far off a straight line, against its rise, values are that still lie on it."""
 _NOISY = 0.05
-"""How far off the middle of its neighbours, against their difference, a measured value is."""
+"""Usual distance of a measured value from the mean of its neighbours, over their difference."""
 _SHORT_S, _LONG_S = 0.08, 0.4
-"""Lines from the first on are said; from the second on they are set apart."""
+"""Straight lines are reported from the first length on, and excluded from the second."""
 _FROZEN_S = 0.1
 
 
@@ -26,7 +26,7 @@ def frozen_spans(t: Array, values: Array) -> list[Span]:
     moving = steps[steps > 0.0]
     if not moving.size:
         return []
-    usual, least = float(np.median(moving)), max(_FROZEN_S, 4.0 * step_of(t))
+    usual, least = float(np.median(moving)), max(_FROZEN_S, 4.0 * sample_interval(t))
     found = []
     for begin, end in runs(same):
         jump = steps[end] if end < steps.size else 0.0
@@ -37,7 +37,7 @@ def frozen_spans(t: Array, values: Array) -> list[Span]:
 
 
 def frozen(flight: str, channel: str, t: Array, values: Array) -> list[Finding]:
-    """Say where a channel is frozen; those spans are no measurement."""
+    """Report where a channel is frozen; those spans are no measurement."""
     return [
         Finding(
             "frozen",
@@ -68,7 +68,7 @@ def interpolated_spans(t: Array, values: Array) -> list[Span]:
     curved = off[~straight]
     if not curved.size or np.median(curved) < _NOISY:
         return []  # made without noise, not measured
-    least = max(_SHORT_S, 4.0 * step_of(t))
+    least = max(_SHORT_S, 4.0 * sample_interval(t))
     found = []
     for begin, end in runs(straight):
         # sample i of `straight` is the middle one of i, i + 1, i + 2
@@ -78,13 +78,13 @@ def interpolated_spans(t: Array, values: Array) -> list[Span]:
 
 
 def drawn(flight: str, channel: str, t: Array, values: Array) -> list[Finding]:
-    """Say where a channel is a straight line: long ones one by one, all short ones together."""
+    """Report where a channel is a straight line: long ones one by one, all short ones together."""
     spans = interpolated_spans(t, values)
     findings = []
     for begin, end in spans:
         if end - begin < _LONG_S:
             continue
-        last = end >= t[-1] - 2.0 * step_of(t)
+        last = end >= t[-1] - 2.0 * sample_interval(t)
         findings.append(
             Finding(
                 "frozen",

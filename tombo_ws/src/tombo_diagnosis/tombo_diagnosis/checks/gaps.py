@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tombo_diagnosis.checks.spans import Span, step_of
+from tombo_diagnosis.checks.spans import Span, sample_interval
 from tombo_diagnosis.logs.flight_log import Finding
 from tombo_dynamics.arrays import Array
 
@@ -15,13 +15,13 @@ _SHARE = 0.05
 
 def gap_spans(t: Array) -> list[Span]:
     """Return where stamps are further apart than three usual steps, and 50 ms."""
-    limit = max(_LEAST_S, 3.5 * step_of(t))
+    limit = max(_LEAST_S, 3.5 * sample_interval(t))
     found = np.flatnonzero(np.diff(t) > limit)
     return [(float(t[i]), float(t[i + 1])) for i in found]
 
 
 def gaps(flight: str, channel: str, t: Array, begin: float, end: float) -> list[Finding]:
-    """Say what is missing of a channel between the begin and the end of the flight."""
+    """Report gaps of a channel between begin and end of the flight."""
     if t.size < 2:
         return []
     findings = []

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tombo_diagnosis.checks.spans import Mask, Span, merged, runs, step_of
+from tombo_diagnosis.checks.spans import Mask, Span, merged, runs, sample_interval
 from tombo_diagnosis.logs.flight_log import Finding, Series
 from tombo_dynamics.arrays import Array
 
@@ -20,7 +20,7 @@ _WINDOW_S = 0.4
 _NOISE_FREE = 2e-5
 """m of noise that every motion capture has; less is made up."""
 _MARGIN_S = 0.2
-"""s after lift-off and before touch-down that are set apart as well."""
+"""s after lift-off and before touch-down that are excluded as well."""
 _DRIVERS = ("rotor_speed", "rotor_command", "motor_command")
 
 
@@ -57,7 +57,7 @@ def ground_spans(position: Series, series: Mapping[str, Series]) -> list[Span]:
 
 
 def ground(flight: str, position: Series, series: Mapping[str, Series]) -> list[Finding]:
-    """Say where the vehicle stands on the ground, and whether it flies at all."""
+    """Report where the vehicle stands on the ground, and whether it flies at all."""
     found = [
         Finding("ground", "info", flight, "on the ground or landing: set apart", b, e, "position")
         for b, e in ground_spans(position, series)
@@ -82,8 +82,8 @@ def _noise(values: Array) -> Array:
 
 
 def _still(t: Array, position: Array) -> Mask:
-    """Say where the mean velocity over a window is next to nothing."""
-    half = max(round(0.5 * _WINDOW_S / max(step_of(t), 1e-6)), 1)
+    """Return where the mean velocity over a window is next to nothing."""
+    half = max(round(0.5 * _WINDOW_S / max(sample_interval(t), 1e-6)), 1)
     ahead = np.minimum(np.arange(t.size) + half, t.size - 1)
     behind = np.maximum(np.arange(t.size) - half, 0)
     held = np.maximum(t[ahead] - t[behind], 1e-9)
@@ -92,7 +92,7 @@ def _still(t: Array, position: Array) -> Mask:
 
 
 def _quiet(t: Array, position: Array) -> bool:
-    """Say whether it moves no more than white noise does: a hovering vehicle wanders."""
+    """Return whether it moves no more than white noise does: a hovering vehicle wanders."""
     if t.size < 6 or t[-1] - t[0] < _WINDOW_S:
         return False
     noise = _noise(position)
@@ -101,7 +101,7 @@ def _quiet(t: Array, position: Array) -> bool:
 
 
 def _motors_off(t: Array, series: Mapping[str, Series]) -> Mask:
-    """Say when the motors' commands are below a fifth of what they are in flight."""
+    """Return when the motors' commands are below a fifth of what they are in flight."""
     for name in _DRIVERS:
         drive = series.get(name)
         if drive is None or drive.t.size < 10:

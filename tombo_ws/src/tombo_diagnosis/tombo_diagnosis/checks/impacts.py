@@ -1,6 +1,6 @@
 """Crashes, contacts, and jumps that are errors of the motion capture.
 
-A contact is set apart with the recovery from it; what follows a crash, to the end.
+A contact is excluded with the recovery from it; what follows a crash, to the end.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from tombo_diagnosis.checks.spans import Span, inside, merged
 from tombo_diagnosis.logs.flight_log import Finding
 
 _BEFORE_S = 0.25
-"""s set apart before what happens."""
+"""s excluded before an event."""
 _RECOVERY_S = 2.0
 """s after a contact that are the vehicle's recovery."""
 _FALL_S = 3.0
-"""s from what happens to the ground that make it a crash."""
+"""An event is a crash if the vehicle is on the ground within this time [s]."""
 _CONFIRMED_S = 0.15
 """s within which the gyro confirms a turn."""
 _TURN_ALONE = 5.0
 """rad/s from which on a jump of the rate is an error where no gyro could deny it."""
 _JUMP_S = 0.3
-"""s around a jump of the poses alone that are set apart."""
+"""s around a jump of the poses alone that are excluded."""
 
 
 def impacts(
@@ -35,7 +35,7 @@ def impacts(
     end: float,
     channels: Collection[str],
 ) -> list[Finding]:
-    """Tell crashes, contacts and jumps of the motion capture apart; set apart what they spoil.
+    """Distinguish crashes, contacts and jumps of the motion capture; exclude the affected spans.
 
     Args:
         flight: name.
@@ -70,7 +70,7 @@ def impacts(
 
 
 def _pose_jumps(flight: str, members: list[Event], has_gyro: bool) -> list[Finding]:
-    """Say where poses jump, but for turns that the gyro confirms."""
+    """Report where poses jump, but for turns that the gyro confirms."""
     turns = [e.t for e in members if e.kind == "gyro"]
     least = 0.0 if has_gyro else _TURN_ALONE
     jumps = [
@@ -99,12 +99,12 @@ def _told(members: list[Event]) -> str:
 
 
 def unmeasured(flight: str, events: list[Event], lines: list[Finding]) -> list[Finding]:
-    """Say when readings look like a crash on a line that was drawn, not measured.
+    """Report when readings look like a crash on a line that was drawn, not measured.
 
     Args:
         flight: name.
         events: those on the lines.
-        lines: straight lines of gyro or accelerometer, already set apart.
+        lines: straight lines of gyro or accelerometer, already excluded.
     """
     findings = []
     for line in lines:

@@ -1,4 +1,4 @@
-"""Gyro and accelerometer whose units or axes the data contradict; and stamps that are late.
+"""Checks of gyro and accelerometer: wrong units, wrong axes, late stamps.
 
 Such an IMU is left out, and the flight diagnosed from the motion capture alone.
 """
@@ -18,11 +18,11 @@ from tombo_dynamics.vehicle import GRAVITY
 TURNED = np.radians(20.0)
 """Turn between motion capture and IMU that is a fault; the diagnosis fits smaller ones."""
 _LATE_S = 0.005
-"""s that stamps may differ without a word."""
+"""Smaller differences of stamps are not reported [s]."""
 
 
 def check_accel(flight: str, accel: Series, flying: Mask) -> list[Finding]:
-    """Say what contradicts specific force in m/s^2 along base_link (FLU); faults leave it out."""
+    """Report what contradicts specific force in m/s^2 along base_link (FLU); a fault drops it."""
     values = accel.values[flying] if np.count_nonzero(flying) > 20 else accel.values
     if len(values) < 5:
         return []
@@ -62,7 +62,7 @@ def check_accel(flight: str, accel: Series, flying: Mask) -> list[Finding]:
 
 
 def check_gyro(flight: str, motion: Motion) -> tuple[list[Finding], float | None]:
-    """Say what contradicts rates in rad/s about base_link (FLU), and when stamps are late.
+    """Report what contradicts rates in rad/s about base_link (FLU), and when stamps are late.
 
     Returns the findings and the size of the gyro's rates against those of the attitude.
     """
@@ -83,7 +83,7 @@ def check_gyro(flight: str, motion: Motion) -> tuple[list[Finding], float | None
 
 
 def _loud_gyro(flight: str, motion: Motion) -> tuple[list[Finding], float | None]:
-    """Say that rates are far above those of the attitude, where their course tells nothing."""
+    """Report that rates are far above those of the attitude, where their course tells nothing."""
     if not motion.gyro.size or np.count_nonzero(motion.good) < 50:
         return [], None
     rates, gyro = (

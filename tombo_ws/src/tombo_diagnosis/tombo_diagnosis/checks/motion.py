@@ -1,4 +1,4 @@
-"""The motion that poses and IMU tell, smoothed alike on one even clock, to hold them together."""
+"""The motion by poses and by IMU, smoothed alike on one even clock, for comparison."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tombo_diagnosis.checks.spans import Mask, Span, inside
 from tombo_diagnosis.logs.flight_log import Series
 from tombo_diagnosis.logs.frames import is_usable
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.rotation import unwrap_quaternions
+from tombo_dynamics.rotation import conjugate, quaternion_multiply, unwrap_quaternions
 
 RATE = 50.0
 """Hz of the even clock."""
@@ -24,7 +24,7 @@ _REACH = 4.0 * WIDTH
 
 @dataclass(frozen=True)
 class Motion:
-    """What poses say, and the IMU, at even times. Rows that `good` denies mean nothing."""
+    """Motion by poses and by IMU at even times; only rows with `good` are valid."""
 
     t: Array
     """(N,) s"""
@@ -47,7 +47,7 @@ def motion_of(
     position: Series, attitude: Series, gyro: Series | None, accel: Series | None,
     exclude: list[Span],
 ) -> Motion:  # fmt: skip
-    """Lay poses and IMU on one clock; tidy series are expected."""
+    """Resample cleaned poses and IMU to one clock."""
     begin = max(position.t[0], attitude.t[0])
     end = min(position.t[-1], attitude.t[-1])
     count = max(int((end - begin) * RATE), 0)
@@ -55,11 +55,11 @@ def motion_of(
     empty = np.zeros((0, 3))
     if count < 25:
         return Motion(t[:0], empty, empty, empty, np.zeros((0, 4)), t[:0] > 0, empty, empty)
-    spoiled = inside(t, exclude)
+    invalid = inside(t, exclude)
     for series in (position, attitude, gyro, accel):
         if series is not None:
-            spoiled |= inside(t, gap_spans(series.t))
-            spoiled |= (t < series.t[0]) | (t > series.t[-1])
+            invalid |= inside(t, gap_spans(series.t))
+            invalid |= (t < series.t[0]) | (t > series.t[-1])
     p = _sampled(position, t)
     usable = is_usable(attitude.values)
     q = _sampled(Series(attitude.t[usable], unwrap_quaternions(attitude.values[usable])), t)
@@ -69,11 +69,11 @@ def motion_of(
     smooth /= np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), 1e-9)
     slope = gaussian_filter1d(q, sigma, axis=0, order=1) * RATE
     turn = Rotation.from_quat(smooth)
-    near = gaussian_filter1d(spoiled.astype(np.float64), sigma, truncate=4.0) > 1e-9
+    near = gaussian_filter1d(invalid.astype(np.float64), sigma, truncate=4.0) > 1e-9
     near |= (t < t[0] + _REACH) | (t > t[-1] - _REACH)
     return Motion(
         t,
-        _rates(smooth, slope),
+        2.0 * quaternion_multiply(conjugate(smooth), slope)[:, :3],
         gaussian_filter1d(p, sigma, axis=0, order=2) * RATE**2,
         turn.apply([0.0, 0.0, 1.0]),
         smooth,
@@ -81,18 +81,6 @@ def motion_of(
         empty if gyro is None else gaussian_filter1d(_sampled(gyro, t), sigma, axis=0),
         empty if accel is None else gaussian_filter1d(_sampled(accel, t), sigma, axis=0),
     )
-
-
-def _rates(q: Array, slope: Array) -> Array:
-    """Return 2 conj(q) dq/dt, its vector part."""
-    x, y, z, w = q.T
-    a, b, c, d = slope.T
-    half = [
-        w * a - x * d - y * c + z * b,
-        w * b - y * d - z * a + x * c,
-        w * c - z * d - x * b + y * a,
-    ]
-    return np.asarray(2.0 * np.column_stack(half))
 
 
 def _sampled(series: Series, t: Array) -> Array:

@@ -17,7 +17,7 @@ _SATURATED = 0.01
 
 
 def saturation(flight: str, channel: str, command: Series, flying: Mask) -> list[Finding]:
-    """Say how long each motor was at its upper limit."""
+    """Report how long each motor was at its upper limit."""
     values = command.values[flying]
     if len(values) < 50:
         return []
@@ -44,7 +44,7 @@ def saturation(flight: str, channel: str, command: Series, flying: Mask) -> list
 
 
 def range_of(flight: str, command: Series, flying: Mask) -> list[Finding]:
-    """Say when a motor command is not between 0 and 1 in flight."""
+    """Report when a motor command is not between 0 and 1 in flight."""
     values = command.values[flying]
     if not len(values):
         return []
@@ -66,7 +66,7 @@ def range_of(flight: str, command: Series, flying: Mask) -> list[Finding]:
 def speed_against_command(
     flight: str, speed: Series, command: Series, flying: Mask
 ) -> list[Finding]:
-    """Say when measured rotor speeds contradict what was asked for.
+    """Report when measured rotor speeds contradict what was asked for.
 
     Args:
         flight: name.

@@ -13,7 +13,7 @@ from tombo_diagnosis.checks.gaps import gaps
 from tombo_diagnosis.checks.ground import ground
 from tombo_diagnosis.checks.motion import Motion, motion_of
 from tombo_diagnosis.checks.series_cleaning import clean_series, nothing_left
-from tombo_diagnosis.checks.spans import Mask, Span, inside, merged, step_of
+from tombo_diagnosis.checks.spans import Mask, Span, inside, merged, sample_interval
 from tombo_diagnosis.checks.timestamps import arrival_stamps
 from tombo_diagnosis.logs.flight_log import Finding, FlightLog, Series
 from tombo_dynamics.arrays import Array
@@ -30,7 +30,7 @@ _SET_APART = {"crash", "contact", "jump", "ground", "frozen"}
 
 
 def check_log(log: FlightLog) -> FlightLog:
-    """Return a flight with tidy channels, what is wrong with it, and what is set apart.
+    """Return a flight with cleaned channels, findings, and excluded spans.
 
     Channels that can't be used are taken out; a second call changes nothing.
 
@@ -155,7 +155,7 @@ def _impacts(
 def _held_together(
     flight: str, series: dict[str, Series], apart: list[Span]
 ) -> tuple[dict[str, Series], list[Finding]]:
-    """Hold poses, gyro and accelerometer against each other; leave out what does not fit."""
+    """Compare poses, gyro and accelerometer; leave out what contradicts."""
     findings: list[Finding] = []
     if "accel" in series:
         accel = series["accel"]
@@ -211,7 +211,7 @@ def _changes(flight: str, series: dict[str, Series], apart: list[Span]) -> list[
 
 def _thinned(t: Array, values: Array) -> tuple[Array, Array]:
     """Return means over 20 ms where samples are closer than that."""
-    every = max(round(0.02 / max(step_of(t), 1e-6)), 1)
+    every = max(round(0.02 / max(sample_interval(t), 1e-6)), 1)
     count = t.size // every * every
     return t[:count].reshape(-1, every).mean(axis=1), values[:count].reshape(-1, every).mean(
         axis=1

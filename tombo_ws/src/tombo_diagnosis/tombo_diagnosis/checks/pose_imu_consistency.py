@@ -1,4 +1,4 @@
-"""Poses held against the IMU: units, frames and stamps that contradict each other."""
+"""Comparison of poses with the IMU: units, frames and stamps."""
 
 from __future__ import annotations
 
@@ -39,12 +39,11 @@ class Alignment:
 
 @dataclass(frozen=True)
 class TimeOffset:
-    """By how much the motion capture's stamps are late against the IMU's."""
+    """Delay of the motion capture's stamps against the IMU's."""
 
     lag: float
     """s"""
     sigma: float
-    correlation: float
 
 
 def time_offset(motion: Motion) -> TimeOffset | None:
@@ -73,7 +72,7 @@ def time_offset(motion: Motion) -> TimeOffset | None:
     slope = np.gradient(gyro, 1.0 / RATE, axis=0)[good]
     noise = _rms(fitted)
     sharp = np.sqrt(np.sum(slope**2) / _INDEPENDENT)
-    return TimeOffset(float(lag), float(noise / max(sharp, 1e-9)), float(np.sqrt(top)))
+    return TimeOffset(float(lag), float(noise / max(sharp, 1e-9)))
 
 
 def alignment(motion: Motion, lag: float) -> Alignment | None:
@@ -137,7 +136,7 @@ def force_response(motion: Motion) -> tuple[Array, float] | None:
         return None
     turn = u @ vt
     if s[2] < 0.2 * s[1]:
-        # a plane can be turned over or mirrored: the smaller mistake is the likelier one
+        # a plane can be turned over or mirrored: the smaller mistake is the more probable one
         other = u @ np.diag([1.0, 1.0, -1.0]) @ vt
         proper, mirror = (turn, other) if np.linalg.det(turn) > 0.0 else (other, turn)
         turn = mirror if np.trace(mirror) > np.trace(proper) + 1.0 else proper

@@ -1,4 +1,4 @@
-"""Whether the columns of rotors are in our order: what they command must turn the vehicle so."""
+"""Check of the rotors' order: the commanded torque must agree with the measured rotation."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from itertools import permutations
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from tombo_diagnosis.checks.spans import Span, inside, step_of
+from tombo_diagnosis.checks.spans import Span, inside, sample_interval
 from tombo_diagnosis.logs.flight_log import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES, SPIN
@@ -27,7 +27,7 @@ _ORDERS = tuple(permutations(range(4)))
 def rotor_order(
     flight: str, channel: str, drive: Series, gyro: Series, exclude: list[Span]
 ) -> list[Finding]:
-    """Say when another order of the rotors explains the gyro, and ours does not."""
+    """Report when another order of the rotors explains the gyro, and ours does not."""
     begin, end = max(drive.t[0], gyro.t[0]), min(drive.t[-1], gyro.t[-1])
     t = np.arange(begin, end, 1.0 / _RATE)
     if t.size < 300:
@@ -69,7 +69,7 @@ def _scores(thrust: Array, turning: Array) -> Array:
 
 def _sampled(series: Series, t: Array) -> Array:
     """Return values at `t`, means over 10 ms where there are many."""
-    every = max(round(1.0 / _RATE / max(step_of(series.t), 1e-6)), 1)
+    every = max(round(1.0 / _RATE / max(sample_interval(series.t), 1e-6)), 1)
     count = series.t.size // every * every
     stamps = series.t[:count].reshape(-1, every).mean(axis=1)
     columns = (c[:count].reshape(-1, every).mean(axis=1) for c in series.values.T)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_diagnosis.checks.spans import Mask, runs, step_of
+from tombo_diagnosis.checks.spans import Mask, runs, sample_interval
 from tombo_diagnosis.logs.flight_log import Finding, Series
 
 _RESET_S = 0.5
@@ -16,7 +16,7 @@ _RESET_S = 0.5
 _LARGEST = 1e7
 """Beyond it, no value of any channel is one."""
 _HELD = 0.3
-"""Share of repeated values from which a channel was laid on a faster clock by holding."""
+"""Share of repeated values from which on a channel counts as held on a faster clock."""
 
 _SAMPLED = ("position", "attitude", "gyro", "accel", "rotor_speed")
 """Channels that measure something new each time; commands and supply may stay as they are."""
@@ -49,8 +49,8 @@ def clean_series(flight: str, channel: str, series: Series) -> tuple[Series, lis
             "duplicate",
             "warning",
             f"{100 * share:.0f} % of the samples repeat the one before: a slower channel held "
-            f"on a faster clock ({1.0 / max(step_of(series.t), 1e-9):.0f} Hz); the repeats are "
-            "left out, the stamps of the rest may be late by up to one step",
+            f"on a faster clock ({1.0 / max(sample_interval(series.t), 1e-9):.0f} Hz); the "
+            "repeats are left out, the stamps of the rest may be late by up to one step",
         )
         series = _part(series, ~repeats)
     return series, findings
@@ -116,5 +116,5 @@ def _held_share(series: Series) -> tuple[float, Mask]:
 
 
 def nothing_left(series: Series) -> bool:
-    """Say whether a channel is too short to be used."""
+    """Return whether a channel is too short to be used."""
     return series.t.size < 2 or not math.isfinite(float(series.t[-1] - series.t[0]))

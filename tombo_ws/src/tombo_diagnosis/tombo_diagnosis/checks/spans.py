@@ -31,14 +31,14 @@ def merged(spans: Iterable[Span], apart: float = 0.0) -> list[Span]:
 
 
 def inside(t: Array, spans: Iterable[Span]) -> Mask:
-    """Say which times are in one of the spans."""
+    """Return which times are in one of the spans."""
     found = np.zeros(t.shape, np.bool_)
     for begin, end in spans:
         found |= (t >= begin) & (t <= end)
     return found
 
 
-def step_of(t: Array) -> float:
+def sample_interval(t: Array) -> float:
     """Return the usual distance of stamps [s]; 0 with fewer than two."""
     steps = np.diff(t)
     steps = steps[steps > 0.0]

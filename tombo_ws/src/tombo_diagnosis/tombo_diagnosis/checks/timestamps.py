@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tombo_diagnosis.checks.spans import step_of
+from tombo_diagnosis.checks.spans import sample_interval
 from tombo_diagnosis.logs.flight_log import Finding
 from tombo_dynamics.arrays import Array
 
@@ -15,7 +15,7 @@ _BLOCK = 60
 
 def jitter(t: Array) -> float:
     """Return how far stamps lie off an even grid, as standard deviation [s]."""
-    step = step_of(t)
+    step = sample_interval(t)
     if t.size < 12 or step == 0.0:
         return 0.0
     off = []
@@ -34,8 +34,8 @@ def jitter(t: Array) -> float:
 
 
 def arrival_stamps(flight: str, t: Array, arrival: Array | None) -> list[Finding]:
-    """Say whether the motion capture's stamps look like times of arrival."""
-    spread, step = jitter(t), step_of(t)
+    """Return whether the motion capture's stamps look like times of arrival."""
+    spread, step = jitter(t), sample_interval(t)
     if arrival is not None and arrival.size == t.size >= 12:
         late = arrival - t
         late = late[np.isfinite(late)]

@@ -19,7 +19,7 @@ _FACTORS = {
 
 
 def guess(ratio: float, among: tuple[str, ...] = ()) -> str:
-    """Return which mistake of units makes values `ratio` times what they should be, or nothing."""
+    """Return the mistake of units that makes values `ratio` times too large, or nothing."""
     for factor, text in _FACTORS.items():
         if 0.7 < ratio / factor < 1.4 and (not among or any(a in text for a in among)):
             return f": {text}?"

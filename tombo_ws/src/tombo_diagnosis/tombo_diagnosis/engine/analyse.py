@@ -5,22 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeVar
 
-from tombo_diagnosis.engine.model import Findings, Model, Progress, Remainder, SearchResult
+from tombo_diagnosis.engine.model import Findings, Model, Remainder, SearchResult
 from tombo_diagnosis.engine.model_selection import search
 from tombo_diagnosis.engine.verdict import judge
+from tombo_flight.progress import ProgressCallback
 
 P = TypeVar("P", bound=Model)
 R = TypeVar("R", bound=Remainder)
 
 
 def analyse_problem(
-    problem: P, test_residual: Callable[[P, SearchResult], R], progress: Progress
+    problem: P, test_residual: Callable[[P, SearchResult], R], progress: ProgressCallback
 ) -> Findings[P, R]:
     """Name what the data call for.
 
     Args:
         problem: the data about their nominal model.
-        test_residual: what the best explanation leaves over, against what noise leaves.
+        test_residual: compares the residual of the best explanation with noise.
         progress: called with a stage and the share done, from 0.3 on.
     """
     progress("naming", 0.3)

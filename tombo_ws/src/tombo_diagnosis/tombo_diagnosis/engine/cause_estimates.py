@@ -1,9 +1,9 @@
-"""What was named, in figures: parameters with intervals, and the score of every candidate."""
+"""Parameters of causes with intervals, and the score of every candidate."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from tombo_flight.extended_model import FittedParameter
 TWO_SIDED = 1.96
 """Standard deviations from the middle of a 95 % interval to its ends."""
 _MODEL_ERROR = 0.015
-"""Share of a change that is in doubt however well it is fitted: ticks, kernels, noise's shape."""
+"""Error of the model, as a share of the fitted change: no change is known better than this."""
 _MAX_LOG_BF = 700.0
 
 Covariance = tuple[tuple[float, ...], ...]
@@ -24,10 +24,7 @@ Covariance = tuple[tuple[float, ...], ...]
 def fitted_parameter(
     p: Parameter, nominal: float, value: float, deviation: float
 ) -> FittedParameter:
-    """Return a parameter with its 95 % interval, in its bounds.
-
-    No model is exact: a change is not known better than its own small share.
-    """
+    """Return a parameter with its 95 % interval, in its bounds."""
     half = TWO_SIDED * math.hypot(deviation, _MODEL_ERROR * abs(value - nominal))
     low, high = max(value - half, p.low), min(value + half, p.high)
     return FittedParameter(p.name, p.unit, nominal, value, min(low, value), max(high, value))
@@ -57,7 +54,7 @@ def scores(
     effects: Iterable[str],
     why_not: Callable[[str], str],
 ) -> tuple[Score, ...]:
-    """Return the scores of all effects, likeliest first.
+    """Return the scores of all effects, most probable first.
 
     Args:
         log_bf: effect -> log Bayes factor of it alone, of those that the data can show.
@@ -78,9 +75,3 @@ def scores(
             )
         )  # fmt: skip
     return tuple(sorted(found, key=lambda s: (-s.excited, -s.evidence)))
-
-
-def join_names(effects: Sequence[str], last: str = "and") -> str:
-    """Return effects as people say them: a, b and c."""
-    texts = [effect.replace("_", " ") for effect in effects]
-    return texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} {last} {texts[-1]}"

@@ -1,9 +1,8 @@
-"""How much the data speak for a set of causes: Gaussian evidence in closed form.
+"""Evidence of a set of causes: Bayesian linear regression in closed form.
 
-About one theta the residuals are linear in what is freed, so with Gaussian noise and priors the
-probability of the data under "these effects are at work, all else within its tolerance" has a
-closed form (Bayesian linear regression). It weighs fit against freedom by itself: an effect with
-six parameters has to earn them.
+Near one theta the residuals are linear in the free parameters. With Gaussian noise and priors, the
+probability of the data under "these effects are present, all else within its tolerance" then has a
+closed form. It penalises free parameters: an effect with six must explain more than one with two.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ class NormalEquations:
 
 @dataclass(frozen=True)
 class Posterior:
-    """What the data say of the unknowns under a prior."""
+    """Gaussian posterior of the unknowns."""
 
     mean: Array
     """(K,)"""

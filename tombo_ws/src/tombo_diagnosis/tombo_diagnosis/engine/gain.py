@@ -1,4 +1,4 @@
-"""How much better an extended model predicts data that neither named nor fitted it."""
+"""Gain of an extended model: prediction error on held-out data before and after."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from tombo_dynamics.arrays import Array
 from tombo_flight.extended_model import Gain
 
 _FEW = 3
-"""Fewer blocks held out than this give no interval."""
+"""Least number of held-out blocks for an interval."""
 
 
-def rms(values: NDArray[np.float64]) -> float:
+def rms(values: Array) -> float:
     """Return the root mean square; NaN of nothing."""
     return float(np.sqrt(np.mean(values**2))) if values.size else math.nan
 

@@ -1,38 +1,38 @@
-"""What the diagnosis asks of a kind of data, and what it says of it: flights, thrust stands."""
+"""Interface between the engine and a kind of data (flights, thrust stands), and the results."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar
 
 from tombo_diagnosis.engine.regression import Columns, Fit
 from tombo_dynamics.arrays import Array
 
-Progress = Callable[[str, float], None]
-"""Called with a stage and the share done."""
 Calibration = Sequence[tuple[float, float]]
 """(stated, true) probabilities, in growing order; between them a straight line."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """In what a kind of data differs from others; all else is the same for all."""
+    """Settings that differ between kinds of data."""
 
     max_fitted: int
-    """So many effects are fitted with the model itself at each step of the search."""
+    """Number of effects that are fitted with the model itself at each step of the search."""
     model_error_share: float
-    """Share of the evidence in dispute that errors of the model itself may make."""
+    """Share of the disputed evidence that errors of the model itself may cause."""
     calibration: Mapping[str, Calibration]
     """Verdict -> its stated against its true probability, found on other seeds than reported."""
     always_fitted: Collection[str] = ()
-    """Effects whose tangent in the nominal model promises nothing."""
+    """Effects that the linearised model can't rank: they are always fitted."""
+    confounded_with: Mapping[str, Collection[str]] = field(default_factory=dict)
+    """Effect -> effects that are no causes beside it: one may give back what the other takes."""
 
 
 class Model(Protocol):
     """The regression of some data about a nominal model; all fits are made from it.
 
-    Flights and thrust stands implement it; search and verdict know nothing else of them.
+    Flights and thrust stands implement it; search and verdict use nothing else.
     """
 
     columns: Columns
@@ -42,19 +42,11 @@ class Model(Protocol):
     """The nominal model, everything within its tolerance."""
     setting: Setting
 
-    def effects(self) -> Sequence[str]:
-        """Return the effects with a mean."""
-        ...
-
     def noise_effects(self) -> Mapping[str, float]:
-        """Return the effects of chance whose draws these data can show, each with its price.
+        """Return the stochastic effects whose draws these data can show, each with its price.
 
-        The price is the log Bayes factor that it has to bring besides.
+        The price is subtracted from its log Bayes factor.
         """
-        ...
-
-    def confounded_with(self, effect: str) -> Collection[str]:
-        """Return the effects that are no causes beside this one."""
         ...
 
     def fit(self, free: Sequence[int], widths: Mapping[str, float], start: Fit) -> Fit:
@@ -62,7 +54,7 @@ class Model(Protocol):
 
         Args:
             free: places in theta.
-            widths: effect of chance -> factor on its width.
+            widths: stochastic effect -> factor on its width.
             start: fit to begin from.
         """
         ...
@@ -82,13 +74,13 @@ class Model(Protocol):
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One way in which one effect may be at work."""
+    """One way in which one effect may be present."""
 
     effect: str
     free: tuple[int, ...]
-    """Places in theta; empty for an effect of chance."""
+    """Places in theta; empty for a stochastic effect."""
     width: float | None = None
-    """Factor on its width in the nominal model, of an effect of chance."""
+    """Factor on its width in the nominal model, of a stochastic effect."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,13 +102,13 @@ class Explanation:
 
 @dataclass(frozen=True)
 class SearchResult:
-    """What the search came to."""
+    """Result of the search."""
 
     best: Explanation
     single_log_bf: dict[str, float]
     """Effect -> log Bayes factor of it alone, by its best way."""
     alternatives: tuple[Explanation, ...]
-    """Other explanations with as many causes, likeliest first."""
+    """Other explanations with as many causes, most probable first."""
     evaluated: Mapping[frozenset[str], float] = field(default_factory=dict)
     """Effects -> log Bayes factor of them together, of every explanation that was fitted."""
 
@@ -126,27 +118,27 @@ class SearchResult:
         return self.best.evidence - self.evaluated.get(shared, 0.0)
 
     def explaining(self, effect: str) -> Explanation | None:
-        """Return the likeliest explanation that an effect is part of."""
+        """Return the most probable explanation that an effect is part of."""
         every = (self.best, *self.alternatives)
         return next((e for e in every if effect in e.effects), None)
 
 
 @dataclass(frozen=True)
 class Remainder:
-    """What the best explanation leaves over, held against what noise leaves."""
+    """What the best explanation leaves unexplained, compared with what noise leaves."""
 
     clean: bool
-    """Nothing but known noise is left."""
+    """The remainder is known noise."""
     p_unexplained: float
-    """Probability that something is left."""
+    """Probability that the remainder is more than noise."""
     mostly_explained: bool
-    """The best explanation takes away most of what was there to be explained."""
+    """The best explanation removes most of the excess."""
     noise_log_bf: Mapping[str, float] = field(default_factory=dict)
-    """Effect of chance -> log Bayes factor, of those that earn their place by what is left."""
+    """Stochastic effect -> log Bayes factor, of those that the remainder shows."""
     imitated: Mapping[str, Collection[str]] = field(default_factory=dict)
-    """Effect of chance -> causes that a force only has to resemble to leave such a remainder."""
+    """Stochastic effect -> causes that may be confused with another force, if it is present."""
     explained: float = 0.0
-    """Share of the excess that the best explanation takes away."""
+    """Share of the excess that the best explanation removes."""
 
 
 @dataclass(frozen=True)
@@ -155,10 +147,10 @@ class Judgement:
 
     verdict: str
     effects: tuple[str, ...]
-    """Causes, likeliest first; of a set its members."""
+    """Causes, most probable first; of a set its members."""
     members: tuple[str, ...]
-    """Of the set, where the data can't tell. Named causes beside it are sure: one of the set is at
-    work besides."""
+    """Of the set, where the data can't distinguish. Causes named beside a set are certain, and one
+    of the set is present, too."""
     confidence: float
     each: dict[str, float]
     """Confidence in each effect that was named or is in the set."""
@@ -174,14 +166,10 @@ R = TypeVar("R", bound=Remainder)
 
 @dataclass(frozen=True, eq=False)
 class Findings(Generic[P, R]):
-    """All that an analysis came to, before it is put into words."""
+    """Result of an analysis, before it is written as text."""
 
     problem: P
     """The data as a `Model`."""
     search: SearchResult
     remainder: R
     judgement: Judgement
-
-
-def no_progress(stage: str, share: float) -> None:
-    """Report nothing."""

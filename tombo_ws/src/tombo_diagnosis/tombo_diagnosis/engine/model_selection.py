@@ -1,7 +1,7 @@
 """The search for causes: which effects, alone or up to three together, explain the data.
 
 Every candidate is first judged by the tangent about the best explanation so far, the promising
-ones then by the model itself. An explanation grows as long as another cause earns its place.
+ones then by the model itself. An explanation grows as long as another cause is accepted.
 """
 
 from __future__ import annotations
@@ -17,29 +17,29 @@ from tombo_diagnosis.engine.model import Explanation, Hypothesis, Model, SearchR
 from tombo_diagnosis.engine.regression import TIGHT, Fit
 
 LOG_BF_FIRST = 3.5
-"""Log Bayes factor with which a cause earns its place; see docs/diagnosis.md for what it gives."""
+"""Log Bayes factor with which a cause is accepted; see docs/diagnosis.md for what it gives."""
 LOG_BF_ADDITIONAL = 7.0
 """The same for one cause beside others: two at once are rarer."""
 _MIN_TANGENT_LOG_BF = 1.5
 _MIN_RELATIVE_GAIN = 0.2
-"""A candidate whose tangent promises less than this share of the best one's is not fitted."""
+"""A candidate with less than this share of the best linearised log Bayes factor is skipped."""
 _MAX_TIGHT_REFITS = 2
 _STRETCHED_SIGMAS = 3.0
 _BEAM_WIDTH = 2
-"""So many explanations are carried on."""
+"""Number of explanations that each step of the search extends."""
 _MAX_CAUSES = 3
 _RELINEARIZE_LOG_BF = 25.0
-"""From this evidence on the nominal model's slopes are no longer good enough."""
+"""Above this evidence the slopes of the nominal model are not accurate enough."""
 _RELINEARIZE_WITHIN_LOG_BF = 10.0
-"""Explanations so close to the best one are held against it with slopes of their own."""
+"""Explanations so close to the best one are compared with it with slopes of their own."""
 _WIDTHS = np.geomspace(1.5, 40.0, 10)
-"""Factors on the width of an effect of chance that are tried."""
+"""Factors on the width of a stochastic effect that are tried."""
 
 
 def search(
     model: Model, progress: Callable[[float], None] | None = None, most: int = _MAX_CAUSES
 ) -> SearchResult:
-    """Return the best explanation of the data and what else would do."""
+    """Return the best explanation of the data and its alternatives."""
     null = Explanation((), model.null_hypothesis, 0.0)
     single_log_bf = {h.effect: gain for gain, h in reversed(rank_hypotheses(model, null))}
     beam = [null]
@@ -81,7 +81,7 @@ def _likeliest_first(explanations: Iterable[Explanation]) -> list[Explanation]:
 def _worth_fitting(model: Model, explanation: Explanation) -> list[Hypothesis]:
     """Return the hypotheses to add to an explanation: the best two ways of each effect.
 
-    The best effects first, so many as the model says; and what looks best with tolerances held.
+    At most `Setting.max_fitted` effects, best first; then those that are best with tight priors.
     """
     ranked = rank_hypotheses(model, explanation)
     promising = [(gain, h) for gain, h in ranked if gain > _MIN_TANGENT_LOG_BF]
@@ -129,10 +129,11 @@ def rank_hypotheses(
     fit, columns = explanation.fit, model.columns
     held = columns.deviations(fit.free, fit.widths, tight, fit.pinned)
     base = solve(fit.normal, held, fit.prior_mean, covariance=False).evidence
-    out = {*explanation.effects}.union(*(model.confounded_with(e) for e in explanation.effects))
+    confounded = model.setting.confounded_with
+    excluded = {*explanation.effects}.union(*(confounded.get(e, ()) for e in explanation.effects))
     found = []
-    for effect in model.effects():
-        for free in columns.variants(effect) if effect not in out else ():
+    for effect in columns.effects:
+        for free in columns.variants(effect) if effect not in excluded else ():
             pinned = [place for place in fit.pinned if columns.indices[place] not in free]
             deviations = columns.deviations((*fit.free, *free), fit.widths, tight, pinned)
             solution = solve(fit.normal, deviations, fit.prior_mean, covariance=False)
@@ -144,7 +145,7 @@ def rank_hypotheses(
     found += [
         _widest(model, explanation, effect, price, tight)
         for effect, price in model.noise_effects().items()
-        if effect not in out
+        if effect not in excluded
     ]
     return sorted(found, key=lambda each: -each[0])
 
@@ -152,7 +153,7 @@ def rank_hypotheses(
 def _widest(
     model: Model, explanation: Explanation, effect: str, price: float, tight: float
 ) -> tuple[float, Hypothesis]:
-    """Return an effect of chance by its likeliest width, and what it adds.
+    """Return a stochastic effect by its most probable width, and what it adds.
 
     A broad prior over the width: what it adds is the mean over the grid, not the best of it.
     """
@@ -224,7 +225,7 @@ def _relinearized_if_strong(model: Model, explanation: Explanation) -> Explanati
 
 
 def _relinearize_near_best(model: Model, explanations: list[Explanation]) -> list[Explanation]:
-    """Return explanations likeliest first, the first and all that come close to it relinearized.
+    """Return explanations, most probable first; those close to the first are relinearized.
 
     With slopes of its own one may fall far behind others; then these get their own, too.
     """
@@ -241,7 +242,7 @@ def _relinearize_near_best(model: Model, explanations: list[Explanation]) -> lis
 def free_all_axes(model: Model, explanation: Explanation) -> Explanation:
     """Return an explanation with every parameter of a named unit free: all axes of a bias or wind.
 
-    What was too small on one axis to earn its place is measured there all the same.
+    What was too small on one axis to be accepted is measured there all the same.
     """
     columns = model.columns
     hypotheses = []
@@ -266,5 +267,5 @@ def free_all_axes(model: Model, explanation: Explanation) -> Explanation:
 
 
 def _multiplicity_penalty(model: Model, effect: str) -> float:
-    """Return the log of an effect's ways: that they are many makes it no likelier cause."""
+    """Return the log of an effect's ways: that they are many makes it no more probable cause."""
     return math.log(max(1, len(model.columns.variants(effect))))

@@ -1,8 +1,8 @@
-"""The unknowns of a diagnosis: parameters with their priors, and draws of chance.
+"""The unknowns of a diagnosis: parameters with their priors, and random draws.
 
-A lab knows its nominal parameters only so well. That is the *tolerance*: an error of this size is
-no finding. A twentieth of the size that clearly matters is what careful weighing, balancing and
-calibrating give; it is also what keeps a cause from being named for the small change of another.
+A lab knows its nominal parameters only to a *tolerance*: an error of this size is no finding. The
+tolerance is a twentieth of the size that clearly matters, as after careful weighing, balancing and
+calibration. It also keeps a cause from being named for the small change of another parameter.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from tombo_dynamics.arrays import Array
 TOLERANCE = 0.05
 """Share of the scale."""
 TIGHT = 0.2
-"""Factor on the tolerances where little is to be left to them."""
+"""Factor on the tolerances for tight priors."""
 NOMINAL_WIDTHS: Mapping[str, float] = MappingProxyType({})
-"""All effects of chance as wide as in the nominal model."""
+"""All stochastic effects as wide as in the nominal model."""
 _PINNED = 1e-3
 _MAX_BOUND_EXCESS_SIGMAS = 4.0
-"""A fit further out of a parameter's bounds than so many deviations is none."""
+"""A fit that is further beyond a parameter's bound than this is rejected."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Parameter:
     scale: float
     """A change of this size clearly matters; the prior's standard deviation of a cause."""
     stochastic: bool = False
-    """Of an effect of chance, which is fitted by its width and has no place in theta."""
+    """Of a stochastic effect, which is fitted by its width and has no place in theta."""
 
     @property
     def label(self) -> str:
@@ -65,27 +65,32 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Columns:
-    """What the unknowns are: parameters of theta, then draws of chance."""
+    """What the unknowns are: parameters of theta, then random draws."""
 
     parameters: tuple[Parameter, ...]
     """All of theta."""
     indices: tuple[int, ...]
     """Places in theta of the parameters that these data can show."""
     draws: tuple[str, ...] = ()
-    """Of each draw the effect of chance that it belongs to."""
+    """Of each draw the stochastic effect that it belongs to."""
     draw_width: float = 1.0
     """Standard deviation of a draw's unknown in the nominal model."""
     absorbed: frozenset[int] = frozenset()
-    """Places in theta of what the nominal model's own fit has taken up: always free."""
+    """Places in theta of what the nominal model's own fit has absorbed: always free."""
     unobservable: frozenset[int] = frozenset()
-    """Places in theta of what, at the size that matters, is far below the noise."""
+    """Places in theta of what is far below the noise even at the size that matters."""
 
     @cached_property
     def identifiable(self) -> tuple[int, ...]:
-        """Places in theta of what can be a cause."""
+        """Places in theta of the parameters of possible causes."""
         return tuple(
             i for i in self.indices if i not in self.absorbed and i not in self.unobservable
         )
+
+    @cached_property
+    def effects(self) -> tuple[str, ...]:
+        """Effects with a mean, in the order of the registry."""
+        return tuple(dict.fromkeys(p.effect for p in self.parameters))
 
     @property
     def count(self) -> int:
@@ -95,7 +100,7 @@ class Columns:
     @cached_property
     def _variants(self) -> dict[str, list[tuple[int, ...]]]:
         table: dict[str, list[tuple[int, ...]]] = {}
-        for effect in dict.fromkeys(p.effect for p in self.parameters):
+        for effect in self.effects:
             own = [self.parameters[i] for i in self.identifiable]
             own = sorted((p for p in own if p.effect == effect), key=lambda p: p.index)
             units = dict.fromkeys(p.unit for p in own)
@@ -106,7 +111,7 @@ class Columns:
         return table
 
     def variants(self, effect: str) -> list[tuple[int, ...]]:
-        """Return the ways in which an effect can be at work: one parameter, those of a unit, all.
+        """Return the ways in which an effect can be present: one parameter, those of a unit, all.
 
         Each way is a tuple of places in theta.
         """
@@ -123,9 +128,9 @@ class Columns:
 
         Args:
             free: places in theta of what is wide: as wide as the size that clearly matters.
-            widths: effect of chance -> factor on its draws' width; what is absent has 1.
+            widths: stochastic effect -> factor on its draws' width; what is absent has 1.
             tight: factor on the tolerances of everything else.
-            pinned: columns that stay where they are: at a bound of their parameter.
+            pinned: columns that stay at a bound of their parameter.
         """
         own = [
             self.parameters[i].scale
@@ -155,7 +160,7 @@ class Columns:
     ) -> float:
         """Return what it costs in log evidence that a fit lies beyond its parameters' bounds.
 
-        A tangent may end far beyond them where the model bends; `fitted`: this is no tangent.
+        The linearised model may end far beyond them; `fitted`: it is a fit of the model itself.
         """
         cost = 0.0
         for index, place in zip(free, self.places(free), strict=True):
@@ -177,7 +182,7 @@ class Fit:
     free: tuple[int, ...]
     """Places in theta."""
     widths: Mapping[str, float]
-    """Effect of chance -> factor on its width in the nominal model."""
+    """Stochastic effect -> factor on its width in the nominal model."""
     theta: Array
     """All parameters, about which the equations are."""
     prior_mean: Array
@@ -189,6 +194,6 @@ class Fit:
     evidence: float
     """Logarithm of the probability of the data."""
     tangent: Any
-    """What the model needs to go on from here, of a type of its own."""
+    """What the model needs to continue from here; its own type."""
     pinned: tuple[int, ...] = ()
-    """Columns that the data would carry beyond a bound; they stay at it."""
+    """Columns held at a bound, because the data would move them beyond it."""

@@ -1,8 +1,8 @@
 """The verdict: none, named, set, unknown or partly explained, and how sure it is.
 
-Two gates stand before a name: the cause must earn its place against the nominal model, and what it
-leaves over must be what noise leaves. Without the second one a strong unknown force is nearly
-always given somebody's name. `RULES` is the whole decision, read from top to bottom.
+A cause is named only if it passes two tests: its evidence against the nominal model is high
+enough, and the remaining residual is noise. Without the second test a strong unknown force would
+nearly always get the name of some effect. `RULES` is the whole decision, read from top to bottom.
 """
 
 from __future__ import annotations
@@ -35,22 +35,22 @@ _MAX_EXPONENT = 50.0
 
 @dataclass(frozen=True)
 class Facts:
-    """What the rules look at."""
+    """Input of the rules."""
 
     causes: tuple[str, ...]
-    """Effects that earn their place, likeliest first."""
+    """Effects that are accepted, most probable first."""
     members: tuple[str, ...]
-    """Effects that stand in for each other in explanations that do as well."""
+    """Effects that replace each other in explanations that are about as good."""
     clean: bool
-    """Nothing but known noise is left over."""
+    """Nothing but known noise is left unexplained."""
     strong: bool
-    """One strong cause takes away most of what was there to be explained."""
+    """One strong cause removes most of the excess."""
     imitated: frozenset[str]
-    """Causes that the force behind an effect of chance beside them may only resemble."""
+    """Causes that the force behind a stochastic effect beside them may only resemble."""
     p_none: float
-    """Probability that no cause is at work, if none earned its place."""
+    """Probability that no cause is present, if none was accepted."""
     p_unexplained: float
-    """Probability that something is left over."""
+    """Probability that something is left unexplained."""
     p_cause: float
     """Probability that the weakest of the causes is no coincidence."""
     p_best: float
@@ -58,18 +58,18 @@ class Facts:
 
     @property
     def certain(self) -> tuple[str, ...]:
-        """Causes that all explanations need which do as well."""
+        """Causes that all explanations have that are about as good."""
         return tuple(e for e in self.causes if e not in self.members)
 
 
 @dataclass(frozen=True)
 class Rule:
-    """One line of the decision: what must hold, and what is said then."""
+    """One line of the decision: a condition, and the verdict if it holds."""
 
     holds: Callable[[Facts], bool]
     verdict: str
     causes: Callable[[Facts], tuple[str, ...]]
-    """Effects that are put forward."""
+    """Effects of the verdict."""
     probability: Callable[[Facts], float]
     """Of the verdict, before it is calibrated."""
     reason: str
@@ -110,12 +110,12 @@ RULES: Sequence[Rule] = (
 
 
 def judge(setting: Setting, found: SearchResult, remainder: Remainder) -> Judgement:
-    """Weigh what was found.
+    """Return the verdict.
 
     Args:
         setting: of the kind of data.
         found: the search for causes that have a mean.
-        remainder: what the best explanation leaves over.
+        remainder: what the best explanation leaves unexplained.
     """
     weights = dict.fromkeys(found.best.effects, found.best.evidence)
     for effect, log_bf in remainder.noise_log_bf.items():
@@ -181,7 +181,7 @@ def _confidences(
 
 
 def _above_additional_threshold(weights: dict[str, float]) -> dict[str, float]:
-    """Return the causes that earn their place beside the strongest: two at once are rarer."""
+    """Return the causes that are accepted beside the strongest: two at once are rarer."""
     strongest = max(weights.values(), default=0.0)
     return {e: w for e, w in weights.items() if w == strongest or w > LOG_BF_ADDITIONAL}
 
@@ -208,7 +208,7 @@ def _deficit(rival: Explanation, found: SearchResult, share: float) -> float:
 
 
 def _relative_odds(rival: Explanation, found: SearchResult, share: float) -> float:
-    """Return how likely a rival is against the best; of tangents it may look the likelier."""
+    """Return how likely a rival is against the best; of tangents it may look the more probable."""
     return math.exp(min(-_deficit(rival, found, share), _MAX_EXPONENT))
 
 

@@ -1,4 +1,4 @@
-"""What the flights call for: the engine's analysis, and the gate against unknown causes."""
+"""Analysis of flights: the engine's search, and the test against unknown causes."""
 
 from __future__ import annotations
 
@@ -6,11 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tombo_diagnosis.engine.analyse import analyse_problem
-from tombo_diagnosis.engine.model import Findings, Progress, Remainder, SearchResult, no_progress
+from tombo_diagnosis.engine.model import Findings, Remainder, SearchResult
 from tombo_diagnosis.engine.model_selection import LOG_BF_FIRST
 from tombo_diagnosis.engine.verdict import p_cause
 from tombo_diagnosis.flight.gust_fit import GustFit, fit_gusts
@@ -27,10 +24,12 @@ from tombo_diagnosis.flight.residual_check import (
 from tombo_diagnosis.flight.residual_predictability import cross_validated_r2
 from tombo_diagnosis.flight.track import Track
 from tombo_diagnosis.flight.transients import Transient, exclude_transients, find_transients
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY, Stage
+from tombo_flight.progress import ProgressCallback, no_progress
 
 MAX_LOG_VARIANCE_EXCESS = 0.6
-"""Excess (logarithm of a variance's ratio) up to which a remainder counts as chance."""
+"""Excess (logarithm of a ratio of variances) up to which a remainder counts as noise."""
 _FORCES = ("force", "acceleration")
 _FORCE_EFFECTS = frozenset(
     name for name, e in REGISTRY.items() if e.stage in (Stage.WRENCH, Stage.AIR)
@@ -38,46 +37,46 @@ _FORCE_EFFECTS = frozenset(
 """Effects that push the vehicle."""
 _DOUBTS = ("unknown", "partly_explained")
 _CONCERNS = 0.5
-"""A cause concerns the channels whose excess it brings below this share."""
+"""A cause concerns a channel if it reduces the excess there below this share."""
 _HEALTHY = 4.0
-"""Noise off its nominal value by up to so many tolerances is taken as it is measured."""
+"""Noise within this number of tolerances of its nominal value is taken as measured."""
 _MAX_GUST_R2 = 0.1
-"""Share of a remainder that other flights may foretell if it is to be gusts."""
+"""Largest cross-validated R² of a remainder that can be gusts."""
 _MIN_EXPLAINED_CALIBRATED, _MAX_R2_CALIBRATED = 0.7, 0.5
 """Share of the excess that causes have to explain, and share of the remainder that other flights
-may foretell, where healthy flights are not known."""
+may predict, where healthy flights are not known."""
 _MIN_PARTIAL_SHARE, _MIN_PARTIAL_SHARE_CALIBRATED = 0.85, 0.5
-"""Share of all excess that a cause has to take away to be called part of it."""
+"""Least share of all excess that a cause removes if it is called part of it."""
 _UNEXPLAINED_SLOPE, _UNEXPLAINED_EVEN_EXCESS = 3.0, 0.2
-"""Probability that something is left: fitted to what blind cases of other seeds came to."""
+"""Probability that something is unexplained: fitted to synthetic cases of other seeds."""
 
 
 @dataclass(frozen=True)
 class FlightRemainder(Remainder):
-    """What the best explanation leaves of the flights' channels."""
+    """Remainder of the flights' channels under the best explanation."""
 
     scatter: tuple[NoiseFit, ...] = ()
-    """Effects of chance that earn their place."""
+    """Stochastic effects that are accepted."""
     all_noise_fits: tuple[NoiseFit, ...] = ()
-    """All of them that were looked at."""
+    """All that were fitted."""
     gusts: GustFit | None = None
     expected: ScaleVariances = field(kw_only=True)
-    """What chance leaves over, as far as it is explained."""
+    """Variances that noise leaves, with the causes of noise that were found."""
     residual_excesses: tuple[ResidualExcess, ...] = ()
-    """What is left over, gusts and noise taken into account; the largest excess first."""
+    """What is left unexplained, gusts and noise taken into account; the largest excess first."""
     residual_r2: float = 0.0
-    """Share of the forces' remainder that other flights foretell."""
+    """Share of the forces' remainder that other flights predict."""
     transients: tuple[Transient, ...] = ()
-    """Moments that were set apart."""
+    """Short disturbances that were excluded."""
 
 
 FlightFindings = Findings[FlightProblem, FlightRemainder]
 
 
 def analyse(
-    tracks: Sequence[Track], nominal: NominalModel, progress: Progress = no_progress
+    tracks: Sequence[Track], nominal: NominalModel, progress: ProgressCallback = no_progress
 ) -> FlightFindings:
-    """Name what the flights call for; where moments do not fit, without these moments."""
+    """Diagnose flights; if the result is in doubt, again without transients."""
     findings = _analysed(tracks, nominal, progress)
     if findings.judgement.verdict in _DOUBTS:
         events = find_transients(findings.problem, findings.search.best.fit)
@@ -89,14 +88,14 @@ def analyse(
 
 
 def _analysed(
-    tracks: Sequence[Track], nominal: NominalModel, progress: Progress
+    tracks: Sequence[Track], nominal: NominalModel, progress: ProgressCallback
 ) -> FlightFindings:
     progress("predicting", 0.0)
-    return analyse_problem(FlightProblem(tracks, nominal), held_against_noise, progress)
+    return analyse_problem(FlightProblem(tracks, nominal), check_residual, progress)
 
 
-def held_against_noise(problem: FlightProblem, found: SearchResult) -> FlightRemainder:
-    """Return what the best explanation leaves over, held against known noise and gusts."""
+def check_residual(problem: FlightProblem, found: SearchResult) -> FlightRemainder:
+    """Return the remainder of the best explanation, tested against known noise and gusts."""
     nominal, best = problem.nominal, found.best.fit
     # Of a vehicle that the suite does not know, healthy noise is not known either.
     fits = [] if nominal.calibrated else fit_noise_effects(problem.tracks, nominal, problem.theta)
@@ -137,10 +136,10 @@ def held_against_noise(problem: FlightProblem, found: SearchResult) -> FlightRem
 def weigh_remainder(
     found: FlightRemainder, removed: float, thrust_fitted: bool
 ) -> FlightRemainder:
-    """Return what is left with what it means.
+    """Return a remainder with its meaning filled in.
 
     Args:
-        found: what is left, in figures.
+        found: the remainder, as measured.
         removed: share of the excess of all channels that the best explanation takes away.
         thrust_fitted: thrust was fitted to the same flights: healthy noise is not known.
     """
@@ -166,14 +165,14 @@ def weigh_remainder(
 
 
 def _p_unexplained(excess: float) -> float:
-    """Return the probability that something is left over, from the largest excess."""
+    """Return the probability that something is left unexplained, from the largest excess."""
     if not math.isfinite(excess):
         return 0.5
     return 1.0 / (1.0 + math.exp(-_UNEXPLAINED_SLOPE * (excess - _UNEXPLAINED_EVEN_EXCESS)))
 
 
 def select_noise_fits(fits: Sequence[NoiseFit]) -> list[NoiseFit]:
-    """Return the effects of chance that earn their place, by their best way, likeliest first."""
+    """Return the stochastic effects that are accepted, by their best way, most probable first."""
     best: dict[str, NoiseFit] = {}
     for fit in fits:
         if fit.effect not in best or best[fit.effect].evidence < fit.evidence:
@@ -182,7 +181,7 @@ def select_noise_fits(fits: Sequence[NoiseFit]) -> list[NoiseFit]:
     return sorted(chosen, key=lambda fit: -fit.evidence)
 
 
-def _within_tolerance(fit: NoiseFit, theta: NDArray[np.float64], nominal: NominalModel) -> bool:
+def _within_tolerance(fit: NoiseFit, theta: Array, nominal: NominalModel) -> bool:
     """Return whether noise is within a few tolerances of its nominal value."""
     return len(fit.free) == 1 and all(
         abs(value - float(theta[i])) < _HEALTHY * nominal.parameters[i].tolerance
@@ -193,7 +192,7 @@ def _within_tolerance(fit: NoiseFit, theta: NDArray[np.float64], nominal: Nomina
 def _explained(
     before: ScaleVariances, after: ScaleVariances, expected: ScaleVariances
 ) -> tuple[float, float]:
-    """Return the shares of the excess that an explanation takes away.
+    """Return the shares of the excess that an explanation removes.
 
     The mean over the channels that it concerns, and of the sum over all channels.
     """

@@ -1,4 +1,4 @@
-"""What was named in flights, in figures: parameters with intervals, from fits of every kind."""
+"""Causes of flights: parameters with intervals, from fits of every kind."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def estimate_cause(effect: str, findings: FlightFindings, explanation: Explanati
 
 
 def _noise_estimate(effect: str, findings: FlightFindings) -> Estimate:
-    """Return the parameters of an effect of chance that what is left over shows."""
+    """Return the parameters of a stochastic effect that what is left unexplained shows."""
     parameters = findings.problem.nominal.parameters
     rows: dict[int, tuple[float, float]] = {}
     for fit in findings.remainder.scatter:
@@ -86,10 +86,10 @@ def _scatter_estimate(findings: FlightFindings, explanation: Explanation) -> Est
 
 
 def scores(findings: FlightFindings, gains: dict[str, float]) -> tuple[Score, ...]:
-    """Return all effects of the registry, likeliest first.
+    """Return all effects of the registry, most probable first.
 
     Args:
-        findings: what the analysis came to.
+        findings: the analysis.
         gains: effect -> share of the excess that it removes in held-out flights.
     """
     nominal, remainder = findings.problem.nominal, findings.remainder

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_diagnosis.diagnosis import Diagnosis, Experiment, FlightSummary, Residual
-from tombo_diagnosis.engine.model import Explanation, Progress, no_progress
+from tombo_diagnosis.engine.model import Explanation
 from tombo_diagnosis.engine.model_selection import restrict_to
 from tombo_diagnosis.flight.analyse import FlightFindings, analyse
 from tombo_diagnosis.flight.calibrate import calibrated, has_no_thrust_data, thrust_from_track
@@ -32,8 +32,9 @@ from tombo_diagnosis.logs.flight_log import Finding, FlightLog
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_flight.extended_model import Gain
+from tombo_flight.progress import ProgressCallback, no_progress
 
-Separate = Callable[[FlightFindings, Progress], Experiment | None]
+Separate = Callable[[FlightFindings, ProgressCallback], Experiment | None]
 
 _BLOCK_S = 8.0
 """A single flight is cut into blocks of about this length, which stand for flights."""
@@ -44,11 +45,11 @@ _SHOWN = 8
 def diagnose(
     logs: Sequence[FlightLog],
     nominal: NominalModel,
-    progress: Progress = no_progress,
+    progress: ProgressCallback = no_progress,
     separate: Separate | None = None,
     clock: Callable[[], float] = lambda: 0.0,
 ) -> Diagnosis:
-    """Say what the model gets wrong in measured flights.
+    """Report what the model gets wrong in measured flights.
 
     Args:
         logs: flights of one vehicle, checked (`tombo_diagnosis.checks`).
@@ -112,7 +113,7 @@ def diagnose(
 
 
 def final_explanation(findings: FlightFindings) -> Explanation:
-    """Return the explanation that goes into the model: of what is sure, or the likeliest."""
+    """Return the explanation that goes into the model: of what is sure, or the most probable."""
     judgement = findings.judgement
     best = findings.search.best
     if judgement.verdict in ("none", "unknown"):
@@ -123,12 +124,12 @@ def final_explanation(findings: FlightFindings) -> Explanation:
 
 
 def _explaining(effect: str, findings: FlightFindings, final: Explanation) -> Explanation:
-    """Return the likeliest explanation that an effect is part of."""
+    """Return the most probable explanation that an effect is part of."""
     return final if effect in final.effects else findings.search.explaining(effect) or final
 
 
 def _usable(logs: Sequence[FlightLog]) -> tuple[list[FlightLog], list[Finding]]:
-    """Return the flights that can be laid on ticks, and why others can't."""
+    """Return the flights that can be used, and why others can't."""
     usable, refused = [], []
     for log in logs:
         try:

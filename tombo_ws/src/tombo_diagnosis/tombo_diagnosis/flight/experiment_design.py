@@ -1,20 +1,19 @@
-"""The experiment that tells causes apart: every manoeuvre is simulated with each of them.
+"""The experiment that distinguishes causes: every manoeuvre is simulated with each of them.
 
 For each manoeuvre of the catalogue the nominal model is flown. The slopes along that flight say
 what each member of the set would change and how well the others could explain it. The best
-manoeuvres are then flown with each member in turn and held against all of them by the analysis
+manoeuvres are then flown with each member in turn and compared with all of them by the analysis
 itself.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tombo_diagnosis.diagnosis import Experiment
-from tombo_diagnosis.engine.cause_estimates import join_names
 from tombo_diagnosis.engine.evidence import NormalEquations, solve
 from tombo_diagnosis.flight.analyse import FlightFindings
 from tombo_diagnosis.flight.cause_estimates import estimate_cause
@@ -23,18 +22,18 @@ from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.problem import SCATTER, FlightProblem
 from tombo_diagnosis.flight.track import track_of
 from tombo_diagnosis.logs.flight_log import FlightLog, Series
+from tombo_diagnosis.wording import listed
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_record import FlightRecord
+from tombo_flight.progress import ProgressCallback
 from tombo_flight.scenario import Scenario, extended_scenario
 
-Progress = Callable[[str, float], None]
-
 _SUFFICIENT_LOG_BF = 8.0
-"""Log Bayes factor that is plenty: the first manoeuvre that gives the worst pair it is taken."""
+"""The first manoeuvre that gives every pair this log Bayes factor is taken."""
 _MAX_SIMULATED = 3
-"""So many of the most promising manoeuvres are flown with each member."""
+"""Number of the best manoeuvres that are simulated with each member."""
 _AIRBORNE = 0.4
 _MEMBERS = 3
 
@@ -49,7 +48,7 @@ class _DesignInput:
     rpm: bool
 
 
-def separate(findings: FlightFindings, progress: Progress) -> Experiment | None:
+def separate(findings: FlightFindings, progress: ProgressCallback) -> Experiment | None:
     """Return the manoeuvre that separates the members of a set best, or None without a set."""
     members = findings.judgement.members[:_MEMBERS]
     if len(members) < 2:
@@ -62,7 +61,7 @@ def separate(findings: FlightFindings, progress: Progress) -> Experiment | None:
     imu = findings.problem.tracks[0].formulation == "imu"
     rpm = bool(findings.problem.tracks[0].speed.size)
     bench = _DesignInput(fitted, findings.problem.nominal, imu, rpm)
-    flown = [m for m in manoeuvre_catalogue().values() if m.scenario]
+    flown = list(manoeuvre_catalogue().values())
     screened = []
     for number, manoeuvre in enumerate(flown):
         progress("simulating experiments", number / len(flown))
@@ -78,7 +77,7 @@ def separate(findings: FlightFindings, progress: Progress) -> Experiment | None:
     if best is None or best[0] < 2.0:
         return Experiment(members, by_hand, best[0] if best else 0.0, present)
     said = best[1].text[0].upper() + best[1].text[1:]
-    text = f"{said} Simulated with each of them in turn, it tells {join_names(members)} apart."
+    text = f"{said} Simulated with each of them in turn, it tells {listed(members)} apart."
     return Experiment(members, text, best[0], present, best[1].scenario)
 
 
@@ -97,12 +96,12 @@ def _present_log_bf(findings: FlightFindings, members: Sequence[str]) -> float:
 
 
 def _by_hand(members: Sequence[str]) -> str:
-    """Return what the registry advises for the first pair that it knows."""
+    """Return the advice of the registry for the first pair that has one."""
     for a in members:
         for b, advice in REGISTRY[a].separates_from.items():
             if b in members:
-                return f"To tell {join_names((a, b))} apart: {advice}."
-    names = join_names(members)
+                return f"To tell {listed((a, b))} apart: {advice}."
+    names = listed(members)
     return f"Nothing that is flown alone tells {names} apart; change one of them by hand."
 
 

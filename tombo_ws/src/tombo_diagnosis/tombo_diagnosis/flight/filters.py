@@ -17,7 +17,7 @@ from scipy import sparse
 from tombo_dynamics.arrays import Array
 
 _REACH = 4.0
-"""The kernel is cut off at so many widths."""
+"""Half length of the kernel, in widths."""
 
 
 @dataclass(frozen=True)
@@ -67,9 +67,9 @@ def gaussian(t: Array, width: float, spacing: float) -> Kernel:
     return Kernel(t[centres], half * tick, operator(smooth), operator(slope), operator(curvature))
 
 
-def clear_rows(kernel: Kernel, spoiled: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return (R,): rows whose kernel touches none of the spoiled ticks (N,)."""
-    return np.asarray(abs(kernel.smooth) @ spoiled.astype(np.float64) == 0.0)
+def clear_rows(kernel: Kernel, invalid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return (R,): rows whose kernel touches none of the invalid ticks (N,)."""
+    return np.asarray(abs(kernel.smooth) @ invalid.astype(np.float64) == 0.0)
 
 
 def rows_of(kernel: Kernel, chosen: NDArray[np.bool_]) -> Kernel:

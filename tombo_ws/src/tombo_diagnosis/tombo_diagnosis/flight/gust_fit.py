@@ -44,7 +44,7 @@ def fit_gusts(problem: FlightProblem, fit: Fit, measured: ScaleVariances) -> Gus
     Args:
         problem: the flights.
         fit: the explanation so far.
-        measured: what it leaves over.
+        measured: what it leaves unexplained.
     """
     places = layout()["gusts"]
     forces = [j for j, n in enumerate(measured.names) if n.startswith(_FORCES)]

@@ -1,43 +1,36 @@
-"""Manoeuvres that tell causes apart: as missions that `tombo fly` flies, or for a person to do.
+"""Manoeuvres that distinguish causes, as missions that `tombo fly` flies.
 
 Each mission takes at most 40 s and stays within 4 m x 4 m x 3 m about the place of take-off.
 """
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
-
-import yaml
-
-from tombo_dynamics.errors import InputError
 
 Waypoints = list[dict[str, float]]
 
 _QUARTER = 1.5708
-_HALF = 3.1416
 
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """One thing to do with the vehicle."""
+    """A flight that excites certain effects."""
 
     name: str
     text: str
     """How it is done with a real vehicle, a sentence or two."""
-    scenario: Mapping[str, Any] = field(default_factory=dict)
-    """A scenario of plain values, as in a file; empty: only a person can do it."""
+    scenario: Mapping[str, Any]
+    """A scenario of plain values, as in a file."""
 
 
 def manoeuvre_catalogue() -> dict[str, Manoeuvre]:
-    """Return all manoeuvres by name: first those that are flown, then those for a person."""
-    flown = [
-        Manoeuvre(name, text, mission(name, text, course)) for name, text, course in _courses()
-    ]
-    return {m.name: m for m in (*flown, *(Manoeuvre(name, text) for name, text in _BY_HAND))}
+    """Return all manoeuvres by name."""
+    return {
+        name: Manoeuvre(name, text, mission(name, text, course))
+        for name, text, course in _courses()
+    }
 
 
 def mission(name: str, text: str, course: Waypoints) -> dict[str, Any]:
@@ -57,24 +50,6 @@ def mission(name: str, text: str, course: Waypoints) -> dict[str, Any]:
             "course": course,
         },
     }
-
-
-def write_mission(path: Path, scenario: Mapping[str, Any]) -> None:
-    """Write a scenario as a file for `tombo fly`, whole or not at all.
-
-    Raises:
-        InputError: the file can't be written.
-    """
-    text = yaml.safe_dump(
-        dict(scenario), sort_keys=False, allow_unicode=True, default_flow_style=None, width=99
-    )
-    unfinished = path.with_name(f".{path.name}.unfinished")
-    try:
-        unfinished.write_text(f"# Fly it: tombo fly {path.name}\n{text}", encoding="utf-8")
-        os.replace(unfinished, path)
-    except OSError as error:
-        unfinished.unlink(missing_ok=True)
-        raise InputError(f"mission file '{path}' can't be written: {error.strerror}") from error
 
 
 def _courses() -> Iterable[tuple[str, str, Waypoints]]:
@@ -164,27 +139,3 @@ def _shuttle(axis: str, places: Iterable[float]) -> Waypoints:
 
 def _round() -> Waypoints:
     return [{"x": 1.0}, {"y": 1.0}, {"x": -1.0}, {"y": -1.0}]
-
-
-_BY_HAND = (
-    ("weigh_the_vehicle", "put the vehicle, ready to fly, on a scale and set vehicle.mass to it."),
-    (
-        "thrust_stand",
-        "run one motor with its propeller on a thrust stand at the rotor speeds of hover, and "
-        "compare thrust per speed squared with the model's.",
-    ),
-    (
-        "exchange_the_propellers",
-        "exchange front and rear propellers of the same turn and fly again: what goes with them "
-        "is theirs, what stays is the motor's, the arm's or the frame's.",
-    ),
-    (
-        "rest_on_the_floor",
-        "put the vehicle on a level floor with the motors off and record ten seconds, turn it by "
-        "half a turn and record ten more: sensors and mocap frame show without any flight.",
-    ),
-    (
-        "full_and_empty_battery",
-        "fly the same mission with a full battery and with one that is nearly empty.",
-    ),
-)

@@ -1,4 +1,4 @@
-"""What chance alone leaves in each channel: one draw of all noise that the model knows."""
+"""What noise alone leaves in each channel: one draw of all noise that the model knows."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from tombo_diagnosis.flight.nominal import NominalModel
-from tombo_diagnosis.flight.prediction import NO_NOISE, Motion, motion_of, residuals
+from tombo_diagnosis.flight.prediction import NO_NOISE, residuals
 from tombo_diagnosis.flight.track import TICK, Track
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import conjugate, quaternion_multiply
@@ -40,13 +40,11 @@ def with_pose_noise(track: Track, nominal: NominalModel, theta: Array, seed: int
     return replace(track, pose=pose, arrival=arrival)
 
 
-def chance(
+def simulated_noise(
     track: Track,
     nominal: NominalModel,
     theta: Array,
     seed: int,
-    motion: Motion | None = None,
-    residual: dict[str, Array] | None = None,
 ) -> dict[str, Array]:
     """Return a draw of the noise in each group's channels, (rows, channels).
 
@@ -55,12 +53,9 @@ def chance(
         nominal: the model.
         theta: parameters of all effects, those of noise among them.
         seed: of the draw.
-        motion: of theta, where it is known already.
-        residual: residuals without noise, where they are known already.
     """
     rng = np.random.default_rng(seed)
-    motion = motion or motion_of(track, nominal, theta)
-    residual = residual if residual is not None else residuals(track, nominal, theta, motion)
+    residual = residuals(track, nominal, theta)
     noise = rng.standard_normal((track.t.size, 9))
     noise[:, 3:] *= np.sqrt(_SAMPLE / TICK)
     moved = with_pose_noise(track, nominal, theta, seed)

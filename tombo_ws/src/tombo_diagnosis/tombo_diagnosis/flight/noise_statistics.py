@@ -1,8 +1,8 @@
-"""Effects of chance, which have no mean: noise, jitter, gaps, gusts. Found by how much, not where.
+"""Stochastic effects, which have no mean (noise, jitter, gaps), are found by their variance.
 
-The same functions that simulate them are run with drawn noise, and what they give is compared with
-what is measured through a few figures: standard deviations, shares, powers by time scale. Each is
-compared as a logarithm (or the root of a count), whose scatter is known.
+The functions that simulate them are run with random draws. A few statistics of the result are
+compared with the measured ones: standard deviations, shares, lengths of gaps. Each is compared as
+a logarithm (or the root of a count), because the scatter of that is known.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ _DRAWN = 20_000
 _IMU_RATE = (800.0, 1250.0)
 """Hz: noise of the IMU is given for samples of 1 kHz."""
 _UNMODELLED = 0.03
-"""Healthy scatter of a logarithm beyond sampling: no noise is exactly what its model says."""
+"""Scatter of a logarithm beyond sampling: no noise is exactly as its model."""
 _SAMPLING = 0.001
 """s: simulated arrivals are known to a tick."""
 
 
 @dataclass(frozen=True)
 class NoiseStatistic:
-    """One figure of chance, measured, with what it takes to predict it."""
+    """One measured statistic of noise."""
 
     name: str
     value: float
@@ -42,7 +42,7 @@ class NoiseStatistic:
 
 @dataclass(frozen=True)
 class NoiseFit:
-    """One effect of chance, fitted to the figures."""
+    """One stochastic effect, fitted to the statistics."""
 
     effect: str
     free: tuple[int, ...]
@@ -50,7 +50,7 @@ class NoiseFit:
     value: tuple[float, ...]
     deviation: tuple[float, ...]
     evidence: float
-    """Logarithm of the Bayes factor against healthy figures."""
+    """Logarithm of the Bayes factor against healthy noise."""
 
 
 def imu_noise_statistics(tracks: Sequence[Track]) -> dict[str, NoiseStatistic]:
@@ -80,7 +80,7 @@ def imu_noise_statistics(tracks: Sequence[Track]) -> dict[str, NoiseStatistic]:
 
 
 def predicted_imu_statistics(nominal: NominalModel, theta: Array) -> dict[str, float]:
-    """Return what the model makes of the same figures."""
+    """Return the same statistics, predicted by the model."""
     noise = _noise()[:4000]
     out = np.zeros((noise.shape[0], 6))
     simulate_imu_at_rest(nominal.plant(), theta, noise, out)
@@ -139,7 +139,7 @@ def pose_noise_statistics(tracks: Sequence[Track]) -> dict[str, NoiseStatistic]:
 def predicted_pose_statistics(
     nominal: NominalModel, theta: Array, spacing: float, samples: float
 ) -> dict[str, float]:
-    """Return what the model makes of the same figures."""
+    """Return the same statistics, predicted by the model."""
     noise = _noise()
     still = np.zeros((_DRAWN, 7))
     still[:, 6] = 1.0
@@ -162,12 +162,12 @@ def predicted_pose_statistics(
 def fit_noise_effects(
     tracks: Sequence[Track], nominal: NominalModel, theta: Array
 ) -> list[NoiseFit]:
-    """Return the effects of chance that IMU and poses show by themselves, with their evidence."""
+    """Return the stochastic effects that IMU and poses show by themselves, with their evidence."""
     spacing = float(np.median(np.diff(tracks[0].pose_t)))
     fits = []
     imu = imu_noise_statistics(tracks)
     if imu:
-        fits += _fit_all(imu, lambda at: predicted_imu_statistics(nominal, at), theta, nominal)
+        fits += _fit_all(imu, lambda at: predicted_imu_statistics(nominal, at), theta)
     pose = pose_noise_statistics(tracks)
     samples = pose.pop("samples").value if "samples" in pose else 0.0
     if pose:
@@ -175,7 +175,6 @@ def fit_noise_effects(
             pose,
             lambda at: predicted_pose_statistics(nominal, at, spacing, samples),
             theta,
-            nominal,
         )
     return fits
 
@@ -184,9 +183,8 @@ def _fit_all(
     statistics: dict[str, NoiseStatistic],
     predict: Callable[[Array], dict[str, float]],
     theta: Array,
-    nominal: NominalModel,
 ) -> list[NoiseFit]:
-    """Fit every effect that moves these figures, its parameters one by one and together."""
+    """Fit every effect that changes these statistics, its parameters singly and together."""
     base = predict(theta)
     fits = []
     for effect in dict.fromkeys(p.effect for p in PARAMETERS):

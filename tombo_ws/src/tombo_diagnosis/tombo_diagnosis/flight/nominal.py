@@ -1,4 +1,4 @@
-"""The simulation that flights are held against: a vehicle, its rotors, the effects it knows."""
+"""The simulation that flights are compared with: a vehicle, its rotors, the effects it knows."""
 
 from __future__ import annotations
 
@@ -6,16 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tombo_diagnosis.engine.regression import Parameter
 from tombo_diagnosis.flight.parameters import parameters
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import SimulatedPlant, new_plant, pack_theta
 from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.vehicle import VehicleParams
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -32,7 +28,7 @@ class NominalModel:
     """True: thrust was fitted to the same flights; mass and thrust errors can't be seen then, and
     what healthy flights of this vehicle look like is not known."""
     fitted: frozenset[str] = frozenset()
-    """effect.parameter of what that fit has taken up: free at all times, and never a cause."""
+    """effect.parameter of what that fit has absorbed: free at all times, and never a cause."""
     moments: bool = True
     """False: arms and inertia are not known; moments are not compared."""
 

@@ -1,8 +1,8 @@
-"""All flights of a diagnosis as one regression: residuals, slopes, noise, and what fits them."""
+"""All flights of a diagnosis as one regression: residuals, slopes, noise, fits."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,8 +37,6 @@ _CLOSE = 0.05
 
 
 SCATTER = DRAW_SCALE_LABEL.split(".")[0]
-_CONFOUNDED_WITH = {SCATTER: ("weak_propeller",), "weak_propeller": (SCATTER,)}
-"""Effects that are no causes beside each other: what one takes away the other may give back."""
 
 SETTING = Setting(
     max_fitted=4,  # a fit of flights takes some tenths of a second
@@ -46,6 +44,7 @@ SETTING = Setting(
     model_error_share=0.05,
     # Found on blind cases of other seeds: small causes hide in healthy flights' noise.
     calibration={"none": ((0.0, 0.0), (1.0, 0.85))},
+    confounded_with={SCATTER: ("weak_propeller",), "weak_propeller": (SCATTER,)},
 )
 
 Parts = dict[str, tuple[Array, Array, Array]]
@@ -111,20 +110,12 @@ class FlightProblem:
         nominal_fit = self._solved(
             (), NOMINAL_WIDTHS, self.theta, np.zeros(self.columns.count), tangent
         )
-        self.null_hypothesis = self._refine((), NOMINAL_WIDTHS, nominal_fit, slopes=False)
+        self.null_hypothesis = self.fit((), NOMINAL_WIDTHS, nominal_fit, slopes=False)
         """The nominal model, everything within its tolerance."""
-
-    def effects(self) -> Sequence[str]:
-        """Return all effects of the registry."""
-        return list(dict.fromkeys(p.effect for p in self.columns.parameters))
 
     def noise_effects(self) -> Mapping[str, float]:
         """Return the scatter of the rotors, where they differ; others show in what is left."""
         return {SCATTER: 0.0} if self.columns.draws else {}
-
-    def confounded_with(self, effect: str) -> Collection[str]:
-        """Return effects that this one may give back what it takes away."""
-        return _CONFOUNDED_WITH.get(effect, ())
 
     def evidence_with(self, fit: Fit, widths: Mapping[str, float], tight: float = 1.0) -> float:
         """Return the log evidence of a fit with other widths of chance, by its tangent."""
@@ -279,20 +270,17 @@ class FlightProblem:
             pinned,
         )  # fmt: skip
 
-    def fit(self, free: Sequence[int], widths: Mapping[str, float], start: Fit) -> Fit:
+    def fit(
+        self, free: Sequence[int], widths: Mapping[str, float], start: Fit, slopes: bool = True
+    ) -> Fit:
         """Fit parameters with the model itself, not only its tangent: Gauss-Newton.
 
         Args:
             free: places in theta.
-            widths: effect of chance -> factor on its width.
+            widths: stochastic effect -> factor on its width.
             start: fit to begin from.
+            slopes: take the slopes of the free parameters anew; False: those of `start` will do.
         """
-        return self._refine(free, widths, start)
-
-    def _refine(
-        self, free: Sequence[int], widths: Mapping[str, float], start: Fit, slopes: bool = True
-    ) -> Fit:
-        """Fit parameters; `slopes`: False: those of `start` will do."""
         columns = self.columns
         # The first step leaves little to tolerances: where an effect is large, the tangent's own
         # error would be paid by whatever tolerance happens to look like it.
@@ -333,7 +321,7 @@ class FlightProblem:
         every = self.columns.indices
         again = replace(fit, tangent=self._about(fit.theta, every, tangent_of(fit), every))
         again = replace(again, normal=sum_of(again.tangent.normals))
-        return self._refine(fit.free, fit.widths, again, slopes=False)
+        return self.fit(fit.free, fit.widths, again, slopes=False)
 
     def _weighed(self, parts: Sequence[Parts]) -> tuple[NormalEquations, ...]:
         return tuple(self._weigh(part, f) for f, part in enumerate(parts))
@@ -352,35 +340,39 @@ class FlightProblem:
         )
         places = self.columns.places(free)
         parts = tuple(
-            self._changed(linear, f, part, places if anew else [])
+            self._by_channel(linear, f, part, places if anew else [])
             for f, (linear, part) in enumerate(zip(linears, before.parts, strict=True))
         )
         return FlightTangent(linears, self._weighed(parts), parts)
 
-    def _changed(
-        self, linear: Linearization, flight: int, before: Parts, places: Sequence[int]
+    def _by_channel(
+        self,
+        linear: Linearization,
+        flight: int,
+        before: Parts | None = None,
+        places: Sequence[int] = (),
     ) -> Parts:
-        """Return the normal equations where the residuals and the slopes at `places` are new."""
-        parts = {}
-        for group, residual in linear.residual.items():
-            turned = self._design(linear, group, flight)
-            matrices = before[group][0]
-            if len(places):
-                matrices = matrices.copy()
-                cross = turned @ np.transpose(turned[:, places], (0, 2, 1))
-                matrices[:, :, places] = cross
-                matrices[:, places, :] = np.transpose(cross, (0, 2, 1))
-            vectors = (turned @ residual.T[:, :, None])[:, :, 0]
-            parts[group] = (matrices, vectors, np.sum(residual**2, axis=0))
-        return parts
+        """Return the normal equations of each group's channels, not weighed.
 
-    def _by_channel(self, linear: Linearization, flight: int) -> Parts:
-        """Return group -> normal matrices, vectors and squares of its channels, not weighed."""
+        Args:
+            linear: residuals and slopes.
+            flight: number of the flight.
+            before: equations whose slopes are the same, but for those at `places`.
+            places: columns whose slopes are new.
+        """
         parts = {}
         for group, residual in linear.residual.items():
-            turned = self._design(linear, group, flight)
-            vectors = (turned @ residual.T[:, :, None])[:, :, 0]
-            matrices = turned @ np.transpose(turned, (0, 2, 1))
+            design = self._design(linear, group, flight)
+            if before is None:
+                matrices = design @ np.transpose(design, (0, 2, 1))
+            else:
+                matrices = before[group][0]
+                if len(places):
+                    matrices = matrices.copy()
+                    cross = design @ np.transpose(design[:, places], (0, 2, 1))
+                    matrices[:, :, places] = cross
+                    matrices[:, places, :] = np.transpose(cross, (0, 2, 1))
+            vectors = (design @ residual.T[:, :, None])[:, :, 0]
             parts[group] = (matrices, vectors, np.sum(residual**2, axis=0))
         return parts
 
@@ -396,7 +388,7 @@ class FlightProblem:
         return NormalEquations(matrix, vector, square)
 
     def _variances(self, unknowns: Array) -> list[dict[str, Array]]:
-        """Return the noise of each flight's channels, from what the unknowns leave over."""
+        """Return the noise of each flight's channels, from what the unknowns leave unexplained."""
         residual: dict[tuple[str, str], list[Array]] = {}
         for f, linear in enumerate(self.linears):
             for group, rows in linear.residual.items():

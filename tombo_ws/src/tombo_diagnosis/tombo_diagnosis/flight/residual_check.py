@@ -1,6 +1,6 @@
-"""Whether what an explanation leaves over is what chance leaves: by channel and time scale.
+"""Whether what an explanation leaves unexplained is what noise leaves: by channel and time scale.
 
-This is the gate against unknown causes. The best candidate always explains something; it is the
+This is the test against unknown causes. The best candidate always explains something; it is the
 cause only if nothing but noise remains.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.flight.haar_variance import SCALES_S, block_variances, pooled
-from tombo_diagnosis.flight.noise_simulation import chance
+from tombo_diagnosis.flight.noise_simulation import simulated_noise
 from tombo_diagnosis.flight.prediction import ChannelId
 from tombo_diagnosis.flight.problem import FlightProblem
 from tombo_diagnosis.flight.sensitivity import map_flights
@@ -29,9 +29,9 @@ _MODEL_ERROR_FLOOR = (
     ("voltage", 0.01),
     ("latency", 2e-4),
 )
-"""By the beginning of a channel's name, in its unit: what no simulation gets better."""
+"""Least error of the model, by the beginning of a channel's name, in its unit."""
 _STANDARD_ERRORS = 2.0
-"""So many standard errors of a variance's logarithm are granted."""
+"""Standard errors of the logarithm of a variance that are subtracted from an excess."""
 
 
 @dataclass(frozen=True)
@@ -61,13 +61,15 @@ class ScaleVariances:
 
 
 def residual_variances(problem: FlightProblem, fit: Fit) -> ScaleVariances:
-    """Return what a fit, tolerances used, leaves over."""
+    """Return what a fit, tolerances used, leaves unexplained."""
     return _powers(problem, [problem.residual(fit, f) for f in range(len(problem.tracks))])
 
 
-def noise_variances(problem: FlightProblem, theta: Array, seed: int = 1) -> ScaleVariances:
-    """Return what chance would leave over, by one draw a flight."""
-    drawn = map_flights(lambda track: chance(track, problem.nominal, theta, seed), problem.tracks)
+def noise_variances(problem: FlightProblem, theta: Array) -> ScaleVariances:
+    """Return the variances that noise alone would leave, by one draw a flight."""
+    drawn = map_flights(
+        lambda track: simulated_noise(track, problem.nominal, theta, 1), problem.tracks
+    )
     return _powers(problem, drawn)
 
 

@@ -1,4 +1,4 @@
-"""How much of a remainder the vehicle's state foretells in flights that it was not learned from.
+"""Cross-validated R² of a remainder: how much of it the state of the vehicle predicts.
 
 Gusts do not repeat; an unknown force that depends on place, speed, heading or time does.
 """
@@ -62,7 +62,7 @@ def _grid_features(state: Array, low: Array, high: Array) -> Array:
 
 
 def cross_validated_r2(problem: FlightProblem, fit: Fit, start: tuple[str, ...]) -> float:
-    """Return the share (0 to 1) of the remainder's variance that other flights foretell.
+    """Return the share (0 to 1) of the remainder's variance that other flights predict.
 
     Args:
         problem: the flights.
@@ -99,7 +99,7 @@ def cross_validated_r2(problem: FlightProblem, fit: Fit, start: tuple[str, ...])
 
 
 def _held_out_r2(xs: Sequence[Array], ys: Sequence[Array]) -> float:
-    """Return the share of the variance in `ys` that a ridge over the other flights foretells."""
+    """Return the share of the variance in `ys` that a ridge over the other flights predicts."""
     before = after = 0.0
     for k in range(len(xs)):
         x = np.vstack([v for i, v in enumerate(xs) if i != k])

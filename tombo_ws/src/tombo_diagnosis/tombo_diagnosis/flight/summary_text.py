@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tombo_diagnosis.diagnosis import Cause
-from tombo_diagnosis.engine.cause_estimates import join_names
 from tombo_diagnosis.flight.analyse import MAX_LOG_VARIANCE_EXCESS, FlightFindings
+from tombo_diagnosis.wording import listed, words
 from tombo_flight.extended_model import Gain
 
 
@@ -29,7 +29,7 @@ def summary(findings: FlightFindings, causes: Sequence[Cause], gains: Sequence[G
         return f"Something is at work that no candidate explains{tail}."
     if judgement.verdict == "set":
         return (
-            f"The flights can't tell {join_names(judgement.members)} apart: each explains them. "
+            f"The flights can't tell {listed(judgement.members)} apart: each explains them. "
             "Fly the separating experiment."
         )
     cause_texts = "; ".join(_cause_text(cause) for cause in causes)
@@ -45,7 +45,7 @@ def summary(findings: FlightFindings, causes: Sequence[Cause], gains: Sequence[G
         rest = remains or "what remains looks like gusts, or like a force it only resembles"
         return f"A part is explained. {cause_texts}; {rest}.{gain}"
     besides = (
-        f" Besides, {join_names(judgement.members, 'or')} is at work: these flights can't tell."
+        f" Besides, {listed(judgement.members, 'or')} is at work: these flights can't tell."
         if judgement.members
         else ""
     )
@@ -63,7 +63,7 @@ def _cause_text(cause: Cause) -> str:
         f"{f.name} {f.value:.3g}{'' if f.unit == '1' else ' ' + f.unit} (was {f.nominal:.3g})"
         for f in told
     )
-    return f"{join_names((cause.effect,))}: {values}"
+    return f"{words(cause.effect)}: {values}"
 
 
 def notes(findings: FlightFindings) -> list[str]:

@@ -1,4 +1,4 @@
-"""A flight log laid on one clock: evenly spaced ticks, and what each channel says at them."""
+"""A flight log resampled to evenly spaced ticks."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ SLOW_WIDTH, SLOW_SPACING = 0.055, 0.06
 _GAP = 0.12
 """s without a pose that a spline bridges."""
 _TRANSPORT = 0.001
-"""s from a command's stamp until drives act on it, as in the simulation."""
+"""s from the stamp of a command until the motors follow it, as in the simulation."""
 _SHORTEST = 2.0
 """s of undisturbed flight that a diagnosis needs."""
 
 
 @dataclass(frozen=True)
 class Track:
-    """One flight, ready to be held against the model."""
+    """One flight, ready to be compared with the model."""
 
     name: str
     t: Array
@@ -97,7 +97,7 @@ class Track:
 
 
 def track_of(log: FlightLog) -> Track:
-    """Lay a log on ticks.
+    """Resample a log to ticks.
 
     Raises:
         InputError: no poses, or less than two seconds of undisturbed flight.
@@ -119,10 +119,10 @@ def track_of(log: FlightLog) -> Track:
             f"{_SHORTEST:g} s of flight"
         )
     t = begin + TICK * np.arange(count)
-    spoiled = np.zeros(t.size, np.bool_)
+    invalid = np.zeros(t.size, np.bool_)
     gaps = np.flatnonzero(np.diff(pose_t) > _GAP)
     for span in [(pose_t[i], pose_t[i + 1]) for i in gaps] + list(log.exclude):
-        spoiled |= (t >= span[0]) & (t <= span[1])
+        invalid |= (t >= span[0]) & (t <= span[1])
     fast = gaussian(t, FAST_WIDTH, FAST_SPACING)
     slow = gaussian(t, SLOW_WIDTH, SLOW_SPACING)
     accel, gaps_a = _sampled(log, "accel", t)
@@ -132,17 +132,17 @@ def track_of(log: FlightLog) -> Track:
         speed = np.column_stack([speed, np.gradient(speed, TICK, axis=0)])
     voltage, _ = _sampled(log, "voltage", t)
     command = _command(log, t)
-    spoiled |= gaps_a | gaps_g | gaps_s
-    slow_rows = clear_rows(slow, spoiled)
+    invalid |= gaps_a | gaps_g | gaps_s
+    slow_rows = clear_rows(slow, invalid)
     if np.count_nonzero(slow_rows) * SLOW_SPACING < _SHORTEST:
         raise InputError(
             f"flight '{log.name}': {np.count_nonzero(slow_rows) * SLOW_SPACING:.1f} s are left "
-            f"when what is spoiled is set apart; accepted: at least {_SHORTEST:g} s"
+            f"when what is invalid is set apart; accepted: at least {_SHORTEST:g} s"
         )
-    counted = np.interp(pose_t, t, spoiled.astype(np.float64)) < 0.5
+    counted = np.interp(pose_t, t, invalid.astype(np.float64)) < 0.5
     return Track(
         log.name, t, pose_t, pose, late, accel, gyro, command, speed, voltage, fast, slow,
-        clear_rows(fast, spoiled), slow_rows, counted, log,
+        clear_rows(fast, invalid), slow_rows, counted, log,
     )  # fmt: skip
 
 
@@ -173,22 +173,22 @@ def _interpolated(series: Series, t: Array) -> Array:
 
 def _sampled(log: FlightLog, name: str, t: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Return a channel at the ticks, (N, k) or (0, k), and the ticks in its gaps."""
-    spoiled = np.zeros(t.size, np.bool_)
+    invalid = np.zeros(t.size, np.bool_)
     series = log.series.get(name)
     width = {"voltage": 1, "rotor_speed": 4}.get(name, 3)
     if series is None or series.t.size < 10:
-        return np.zeros((0, width)), spoiled
+        return np.zeros((0, width)), invalid
     good = np.isfinite(series.values).all(axis=1) & np.isfinite(series.t)
     good[1:] &= np.diff(series.t) > 0.0
     stamps, values = series.t[good], series.values[good]
     if stamps.size < 10:
-        return np.zeros((0, width)), spoiled
+        return np.zeros((0, width)), invalid
     longest = max(0.05, 5.0 * float(np.median(np.diff(stamps))))
     for i in np.flatnonzero(np.diff(stamps) > longest):
-        spoiled |= (t >= stamps[i]) & (t <= stamps[i + 1])
+        invalid |= (t >= stamps[i]) & (t <= stamps[i + 1])
     if name != "voltage":
-        spoiled |= (t < stamps[0]) | (t > stamps[-1])
-    return tick_means(stamps, values, t), spoiled
+        invalid |= (t < stamps[0]) | (t > stamps[-1])
+    return tick_means(stamps, values, t), invalid
 
 
 def _command(log: FlightLog, t: Array) -> Array:

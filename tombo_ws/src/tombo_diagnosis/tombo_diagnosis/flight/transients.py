@@ -1,8 +1,8 @@
-"""What lasts a moment: a touch, a knock, a jump of the poses. No effect, and no reason to give up.
+"""Transients: short disturbances (a touch, a knock, a jump of the poses) that no effect describes.
 
-A flight that brushed the ground for a tenth of a second leaves more over than chance does, and
-the gate would call the whole of it unknown. Such moments are found in what the best explanation
-leaves, set apart, and said.
+A touch of the ground of a tenth of a second leaves a larger remainder than noise, and the verdict
+for the whole flight would be unknown. Transients are found in the remainder of the best
+explanation; they are excluded and reported.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from tombo_diagnosis.flight.track import Track
 from tombo_diagnosis.logs.flight_log import Finding
 
 _BURST = 12.0
-"""Times a channel's robust deviation: no noise comes to it, nor do effects in a fitted flight."""
+"""Robust deviations of a channel: neither noise nor a fitted effect reaches that."""
 _AROUND_S = 0.3
 _APART_S = 0.5
 _MOMENTS = 3
 _SHARE = 0.1
-"""Of a flight. What comes oftener or lasts longer is not momentary but an unknown cause."""
+"""Of a flight. What is more frequent or longer is no transient but an unknown cause."""
 _NORMAL = 1.4826
 """Standard deviation of normal noise over its median absolute deviation."""
 
@@ -89,21 +89,21 @@ def exclude_transients(tracks: Sequence[Track], events: Sequence[Transient]) -> 
         own = [e for e in events if e.flight == f]
         if not own:
             continue
-        spoiled = np.zeros(track.t.size, np.bool_)
+        invalid = np.zeros(track.t.size, np.bool_)
         for event in own:
-            spoiled |= (track.t >= event.start_s) & (track.t <= event.end_s)
-        counted = np.interp(track.pose_t, track.t, spoiled.astype(np.float64)) < 0.5
+            invalid |= (track.t >= event.start_s) & (track.t <= event.end_s)
+        counted = np.interp(track.pose_t, track.t, invalid.astype(np.float64)) < 0.5
         result[f] = replace(
             track,
-            fast_rows=track.fast_rows & clear_rows(track.fast, spoiled),
-            slow_rows=track.slow_rows & clear_rows(track.slow, spoiled),
+            fast_rows=track.fast_rows & clear_rows(track.fast, invalid),
+            slow_rows=track.slow_rows & clear_rows(track.slow, invalid),
             pose_rows=track.pose_rows & counted,
         )
     return result
 
 
 def transient_findings(tracks: Sequence[Track], events: Sequence[Transient]) -> list[Finding]:
-    """Say what was set apart."""
+    """Report what was excluded."""
     return [
         Finding(
             "moment",

@@ -1,1 +1,1 @@
-"""Logs of flights, from whatever a lab records. NED and FRD are nowhere else in this package."""
+"""Readers of flight logs. NED and FRD are used nowhere else in this package."""

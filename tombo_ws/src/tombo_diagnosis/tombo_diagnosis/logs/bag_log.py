@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_bag.columns import ColumnTable
 from tombo_bag.recording import Recording
@@ -20,8 +19,6 @@ from tombo_diagnosis.logs.flight_log import Finding, FlightLog, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import unwrap_quaternions
-
-Stamps = NDArray[np.int64]
 
 ROTOR_SPEED = "/rotor_speed"
 """Measured rotor speeds, as tombo_msgs/RotorSpeeds; the suite itself publishes none."""
@@ -43,7 +40,7 @@ _TYPES = {
     BATTERY.name: (BATTERY.typename,),
 }
 _ALONE = "no metadata.yaml: the recorder was not closed"
-"""Of a folder with one recording in it no damage: a headless flight's, say."""
+"""No damage if the folder has one recording, as of a headless flight."""
 _TRUTH = "ground_truth"
 _OTHER_CLOCK_S = 30.0
 """Stamps this far from the log's times come from another clock."""
@@ -206,7 +203,7 @@ _VALUES: Mapping[str, Callable[[ColumnTable, str], dict[str, Array]]] = {
 
 
 def _scenario_name(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
-    """Return the scenario's name, and nothing else of it: its effects are the truth."""
+    """Return the scenario's name, and nothing else: its effects would be the solution."""
     try:
         scenario: Any = json.loads(metadata["tombo_flight"]["scenario"])
         return {"scenario": str(scenario["name"])}

@@ -1,25 +1,25 @@
-"""What a mapping file says: which columns of a table hold which channel, in which units and axes.
+"""Mapping files of flights: which columns of a table hold which channel, in which units and axes.
 
 YAML. `docs/logs.md` explains it by example; those shipped are in `mappings/`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from scipy.spatial.transform import Rotation
 
 from tombo_diagnosis.logs.flight_log import CHANNELS, Airframe, Series
 from tombo_diagnosis.logs.frames import BODIES, WORLDS, axes_matrix, handedness, turn_attitude
+from tombo_diagnosis.logs.mapping_file import read_mapping, shipped_mappings, table_of
 from tombo_diagnosis.logs.units import factor
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.rotation import unwrap_quaternions
+from tombo_dynamics.yaml_text import parse_yaml
 
 ORDERS = {"xyzw": 4, "wxyz": 4, "rpy": 3, "ypr": 3}
 """How an attitude is written, and in how many columns: quaternion, or roll, pitch and yaw."""
@@ -88,10 +88,7 @@ class LogMapping:
 
 def shipped() -> dict[str, LogMapping]:
     """Return the mappings that come with the package, by name."""
-    folder = resources.files("tombo_diagnosis").joinpath("logs/mappings")
-    files = sorted(f.name for f in folder.iterdir() if f.name.endswith(".yaml"))
-    texts = {name: folder.joinpath(name).read_text(encoding="utf-8") for name in files}
-    return {name[:-5]: parse_mapping(text, name[:-5]) for name, text in texts.items()}
+    return shipped_mappings("logs/mappings", parse_mapping)
 
 
 def load_mapping(name: str | Path) -> LogMapping:
@@ -100,18 +97,7 @@ def load_mapping(name: str | Path) -> LogMapping:
     Raises:
         InputError: no such mapping, or one that can't be used.
     """
-    path = Path(name)
-    if not path.is_file():
-        known = shipped()
-        if str(name) in known:
-            return known[str(name)]
-        if path.suffix in (".yaml", ".yml") or path.parent != Path():
-            raise InputError(f"mapping '{name}' is no file; accepted: YAML, or {', '.join(known)}")
-        raise unknown_name("mapping", str(name), known)
-    try:
-        return parse_mapping(path.read_text(encoding="utf-8"), str(name))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"mapping '{name}' can't be read: {error}") from error
+    return read_mapping(str(name), shipped(), parse_mapping)
 
 
 def parse_mapping(text: str, name: str) -> LogMapping:
@@ -121,11 +107,7 @@ def parse_mapping(text: str, name: str) -> LogMapping:
         InputError: not a mapping; says which key is wrong and what is accepted.
     """
     what = f"mapping '{name}'"
-    try:
-        content = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise InputError(f"{what} is not valid YAML: {' '.join(str(error).split())}") from error
-    values = _table(content, what, [f.name for f in fields(LogMapping)])
+    values = table_of(parse_yaml(text, what), what, [f.name for f in fields(LogMapping)])
     world = _axes(values.get("world", "ENU"), WORLDS, f"{what}: world")
     body = _axes(values.get("body", "FLU"), BODIES, f"{what}: body")
     if handedness(axes_matrix(world, what)) != handedness(axes_matrix(body, what)):
@@ -133,7 +115,7 @@ def parse_mapping(text: str, name: str) -> LogMapping:
             f"{what}: of world {list(world)} and body {list(body)} one is mirrored, the other "
             "not; accepted: both or none, else an attitude is no rotation"
         )
-    channels = _table(values.get("channels"), f"{what}: channels", CHANNELS)
+    channels = table_of(values.get("channels"), f"{what}: channels", CHANNELS)
     return LogMapping(
         name=str(values.get("name", Path(name).stem)),
         about=str(values.get("about", "")),
@@ -150,7 +132,7 @@ def parse_mapping(text: str, name: str) -> LogMapping:
 
 def _channel(key: str, content: object, what: str) -> ChannelMap:
     what = f"{what}: {key}"
-    values = _table(content, what, [f.name for f in fields(ChannelMap)])
+    values = table_of(content, what, [f.name for f in fields(ChannelMap)])
     channel, order = CHANNELS[key], str(values.get("order", "xyzw"))
     if order not in ORDERS:
         raise unknown_name(f"order of {what}", order, ORDERS)
@@ -190,7 +172,7 @@ def _time(content: object, what: str) -> TimeColumn | None:
         return None
     if isinstance(content, str):
         content = {"column": content}
-    values = _table(content, what, ("column", "unit"))
+    values = table_of(content, what, ("column", "unit"))
     if "column" not in values:
         raise InputError(f"{what}: no column; accepted: column and unit")
     time = TimeColumn(str(values["column"]), str(values.get("unit", "s")))
@@ -214,7 +196,7 @@ def _airframe(content: object, what: str) -> Airframe | None:
     if content is None:
         return None
     names = [f.name for f in fields(Airframe)]
-    values = _table(content, what, names)
+    values = table_of(content, what, names)
     lacking = [n for n in names[1:4] if n not in values]
     if lacking:
         raise InputError(f"{what}: no {', '.join(lacking)}; accepted: {', '.join(names)}")
@@ -240,14 +222,3 @@ def _numbers(content: Any, count: int, what: str) -> tuple[Any, ...]:
     if len(numbers) != count or not np.all(np.isfinite(numbers)):
         raise InputError(f"{what}: {content!r}; accepted: {count} number{'s' * (count > 1)}")
     return numbers
-
-
-def _table(content: object, what: str, accepted: Collection[str]) -> dict[str, Any]:
-    if content is None:
-        return {}
-    if not isinstance(content, Mapping):
-        raise InputError(f"{what} is {content!r:.60}; accepted: {', '.join(accepted)}")
-    for key in content:
-        if key not in accepted:
-            raise unknown_name(f"key of {what}", key, accepted)
-    return {str(key): value for key, value in content.items()}

@@ -65,12 +65,12 @@ class Airframe:
 
 @dataclass(frozen=True)
 class Finding:
-    """What a pre-check or a reader says. A fault of the log is never diagnosed as physics."""
+    """Finding of a pre-check or a reader. A fault of the log is never diagnosed as physics."""
 
     check: str
     """Short name: crash, gap, frozen, duplicate, frame, unit, stamps, saturation, rpm, missing."""
     severity: str
-    """info, warning (diagnosed all the same) or fault (the part it concerns is set apart)."""
+    """info, warning (diagnosed all the same) or fault (the part it concerns is excluded)."""
     flight: str
     message: str
     """One line: channel, what was seen, what was expected."""

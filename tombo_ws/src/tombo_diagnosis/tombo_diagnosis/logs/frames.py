@@ -44,7 +44,7 @@ def handedness(matrix: Array) -> float:
 
 
 def is_usable(quaternions: Array) -> NDArray[np.bool_]:
-    """Say which quaternions are finite and not zero."""
+    """Return which quaternions are finite and not zero."""
     with np.errstate(invalid="ignore", over="ignore"):
         norm = np.linalg.norm(quaternions, axis=-1)
     return np.asarray(np.isfinite(norm) & (norm > 1e-6))

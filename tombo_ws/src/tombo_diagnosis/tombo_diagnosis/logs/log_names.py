@@ -33,7 +33,7 @@ def flight_names(paths: Sequence[Path]) -> list[str]:
 
 
 def _parts(path: Path) -> list[str]:
-    """Return folders and name; a file whose name says nothing bears that of its folder."""
+    """Return folders and name; a file with a generic name gets that of its folder."""
     whole = path.absolute()
     stem = whole.name
     while stem.endswith(_ENDINGS):

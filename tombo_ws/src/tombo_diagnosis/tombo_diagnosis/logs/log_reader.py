@@ -67,7 +67,7 @@ def read_log(
     mapping: LogMapping | None = None,
     names: Mapping[str, str] | None = None,
 ) -> FlightLog:
-    """Read one flight under a name; what kind a file is, its first bytes say.
+    """Read one flight; the kind of the file is found from its first bytes.
 
     Raises:
         InputError: it can't be read; says why and what is accepted.
@@ -114,7 +114,7 @@ def _logs_in(path: Path) -> list[Path]:
 
 
 def _pieces(bags: Sequence[Path]) -> bool:
-    """Say whether files are one recording, cut by its recorder: name_0, name_1 and so on."""
+    """Return whether files are one recording, cut by its recorder: name_0, name_1 and so on."""
     stems = {p.name.split(".")[0].rpartition("_") for p in bags}
     return {s[0] for s in stems} == {next(iter(stems))[0]} and {s[2] for s in stems} == {
         str(i) for i in range(len(bags))

@@ -114,7 +114,7 @@ def _damage(log: Any, raw: bytes) -> list[str]:
 
 
 def _is_cut(raw: bytes) -> bool:
-    """Say whether the last message is not whole; a size of two bytes begins each."""
+    """Return whether the last message is not whole; a size of two bytes begins each."""
     at = 16
     while at + 3 <= len(raw):
         at += 3 + raw[at] + (raw[at + 1] << 8)

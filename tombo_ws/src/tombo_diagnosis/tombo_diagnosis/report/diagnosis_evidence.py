@@ -1,4 +1,4 @@
-"""What the verdict rests on, as HTML text: candidates, pre-checks, flights; all escaped here."""
+"""The evidence of a verdict as HTML text: candidates, pre-checks, flights; all escaped here."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import Final
 
 from tombo_diagnosis.diagnosis import Diagnosis, Score
 from tombo_diagnosis.logs.flight_log import Finding
-from tombo_diagnosis.report.diagnosis_text import DASH, certainty, figure, percent, words
+from tombo_diagnosis.wording import DASH, certainty, figure, percent, words
+from tombo_flight.report.html_page import hint, meter, table
 
 _SHOWN: Final = 8
 """Candidates in sight; the others are folded away."""
@@ -18,7 +19,7 @@ _SEVERITIES: Final = {"fault": "bad", "warning": "warn", "info": "plain"}
 
 
 def candidates(scores: Sequence[Score]) -> str:
-    """Return all candidates; those that are out of the question folded away."""
+    """Return all candidates; the unlikely ones are folded."""
     rows = [_score(score) for score in scores]
     head = ("candidate, alone", "probability", "removes, held out", "log evidence", "remark")
     return _folded(head, rows, _SHOWN, "scores", "others")
@@ -49,7 +50,7 @@ def prechecks(
         zeros: name of a flight -> time that is its zero [s]; None: nothing has a time.
     """
     if not findings:
-        return '<p class="hint">Nothing was found.</p>'
+        return hint("Nothing was found.")
     order = list(_SEVERITIES)
     found = sorted(
         findings, key=lambda f: order.index(f.severity) if f.severity in order else len(order)
@@ -99,18 +100,3 @@ def flights(diagnosis: Diagnosis) -> str:
         for f in diagnosis.flights
     ]
     return table(("flight", "used", "measured by", "missing", "file"), lines, "flights")
-
-
-def meter(value: float, largest: float, style: str) -> str:
-    """Return a bar that is as long as the value is of the largest."""
-    share = 100.0 * value / largest if largest > 0.0 and math.isfinite(value) else 0.0
-    return f'<i class="meter {style}" style="--share:{min(max(share, 0.0), 100.0):.1f}%"></i>'
-
-
-def table(head: Sequence[str], lines: Sequence[str], style: str) -> str:
-    """Return a table that scrolls sideways where it has to; head is escaped, lines are HTML."""
-    cells = "".join(f'<th scope="col">{escape(text)}</th>' for text in head)
-    return (
-        f'<div class="scroll"><table class="{style}"><thead><tr>{cells}</tr></thead>'
-        f"<tbody>{''.join(lines)}</tbody></table></div>"
-    )

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
 
 import yaml
 
-from tombo_diagnosis.diagnosis import Cause, Diagnosis
-from tombo_diagnosis.extend_model import model_of
-from tombo_diagnosis.report.diagnosis_text import extends
-from tombo_flight.extended_model import FittedParameter, Model
+from tombo_diagnosis.diagnosis import Diagnosis
+from tombo_diagnosis.extend_model import extends, model_of
+from tombo_flight.extended_model import Model
 from tombo_flight.flight_output import as_json, plain
 from tombo_flight.model_file import write_model
+from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.version import tombo_version
 
 if TYPE_CHECKING:
@@ -27,72 +26,19 @@ PLOTS: Final = ("summary.png", "residuals.png", "drivers.png", "gains.png")
 DIAGNOSIS_FILES: Final = (JSON, REPORT, MODEL, MISSION, *(f"plots/{name}" for name in PLOTS))
 """All names that a diagnosis may write: those of an earlier one give way."""
 
-ProgressCallback = Callable[[str, float], None]
-"""Told what is being done and how far it is: a stage and a share from 0 to 1."""
-
 
 def diagnosis_mapping(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return the content of `diagnosis.json`: plain values, None for what is not finite."""
-    found = diagnosis.separating_experiment
-    experiment = None
-    if found is not None:
-        experiment = {
-            "effects": found.effects,
-            "text": found.text,
-            "separation": found.separation,
-            "present": found.present,
-            "mission_file": MISSION if found.mission else None,
-        }
-    mapping: dict[str, Any] = plain(
-        {
-            "verdict": diagnosis.verdict,
-            "causes": [_cause(cause) for cause in diagnosis.causes],
-            "set": diagnosis.set,
-            "separating_experiment": experiment,
-            "gain": [dataclasses.asdict(gain) for gain in diagnosis.gain],
-            "prechecks": [
-                {
-                    "check": finding.check,
-                    "severity": finding.severity,
-                    "flight": finding.flight,
-                    "channel": finding.channel,
-                    "message": finding.message,
-                    "start_s": finding.start_s,
-                    "end_s": finding.end_s,
-                }
-                for finding in diagnosis.prechecks
-            ],
-            "candidates": [dataclasses.asdict(score) for score in diagnosis.candidates],
-            "flights": [dataclasses.asdict(note) for note in diagnosis.flights],
-            "confidence": diagnosis.confidence,
-            "summary": diagnosis.summary,
-            "notes": diagnosis.notes,
-            "model": diagnosis.model,
-            "vehicle": diagnosis.vehicle,
-            "seconds": diagnosis.seconds,
-            "version": tombo_version(),
-        }
-    )
+    values = dataclasses.asdict(dataclasses.replace(diagnosis, residuals=()))
+    del values["residuals"]
+    for cause in values["causes"]:
+        del cause["signature"]
+        cause["theta"] = {theta.pop("name"): theta for theta in cause["theta"]}
+    experiment = values["separating_experiment"]
+    if experiment is not None:
+        experiment["mission_file"] = MISSION if experiment.pop("mission") else None
+    mapping: dict[str, Any] = plain({**values, "version": tombo_version()})
     return mapping
-
-
-def _cause(cause: Cause) -> dict[str, Any]:
-    return {
-        "effect": cause.effect,
-        "theta": {theta.name: _theta(theta) for theta in cause.theta},
-        "confidence": cause.confidence,
-        "covariance": cause.covariance,
-    }
-
-
-def _theta(theta: FittedParameter) -> dict[str, Any]:
-    return {
-        "value": theta.value,
-        "unit": theta.unit,
-        "nominal": theta.nominal,
-        "low": theta.low,
-        "high": theta.high,
-    }
 
 
 def diagnosis_json(diagnosis: Diagnosis) -> str:
@@ -102,7 +48,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class NominalReference:
-    """What the flights were held against, and when: the provenance in `model.yaml`."""
+    """What the flights were compared with, and when: the provenance in `model.yaml`."""
 
     scenario: str
     date: str
@@ -116,22 +62,21 @@ def write_diagnosis(
     against: NominalReference,
     *,
     pictures: bool = True,
-    on_progress: ProgressCallback | None = None,
+    on_progress: ProgressCallback = no_progress,
 ) -> None:
     """Write the files of a diagnosis into an output folder, which the caller publishes.
 
     Args:
         folder: where the files go.
         diagnosis: what was found.
-        against: what the flights were held against.
+        against: what the flights were compared with.
         pictures: also the report and the plots.
         on_progress: told the progress.
 
     Raises:
         OSError: the files can't be written.
     """
-    say = on_progress or (lambda stage, share: None)
-    say(f"writing {JSON}", 0.0)
+    on_progress(f"writing {JSON}", 0.0)
     (folder / JSON).write_text(diagnosis_json(diagnosis), encoding="utf-8", newline="\n")
     _write_mission(folder, diagnosis)
     if extends(diagnosis):
@@ -144,11 +89,11 @@ def write_diagnosis(
         )
         write_model(folder / MODEL, model)
     if pictures:
-        say(f"writing {REPORT}", 0.2)
+        on_progress(f"writing {REPORT}", 0.2)
         from tombo_diagnosis.report.diagnosis_report import write_diagnosis_report
 
         write_diagnosis_report(diagnosis, folder / REPORT, str(folder.path))
-        _draw(folder, diagnosis, say)
+        _draw(folder, diagnosis, on_progress)
 
 
 def _write_mission(folder: OutputFolder, diagnosis: Diagnosis) -> None:
@@ -160,7 +105,7 @@ def _write_mission(folder: OutputFolder, diagnosis: Diagnosis) -> None:
     (folder / MISSION).write_text(head + text, encoding="utf-8", newline="\n")
 
 
-def _draw(folder: OutputFolder, diagnosis: Diagnosis, say: ProgressCallback) -> None:
+def _draw(folder: OutputFolder, diagnosis: Diagnosis, on_progress: ProgressCallback) -> None:
     from tombo_diagnosis.report import diagnosis_plots
     from tombo_diagnosis.report.diagnosis_poster import diagnosis_poster
     from tombo_flight.report.flight_plot import png_bytes
@@ -173,5 +118,5 @@ def _draw(folder: OutputFolder, diagnosis: Diagnosis, say: ProgressCallback) -> 
     )
     (folder / "plots").mkdir()
     for k, (name, figure) in enumerate(zip(PLOTS, draw, strict=True)):
-        say(f"drawing {name}", 0.3 + 0.7 * k / len(PLOTS))
+        on_progress(f"drawing {name}", 0.3 + 0.7 * k / len(PLOTS))
         (folder / f"plots/{name}").write_bytes(png_bytes(figure(diagnosis)))

@@ -1,4 +1,4 @@
-"""What of a diagnosis is shown: which channels, against which drivers, thinned how."""
+"""Data of the plots of a diagnosis: which channels, against which drivers, thinned."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ from tombo_dynamics.arrays import Array
 from tombo_flight.report.panel import envelope
 
 BLOCK_S: Final = 1.0
-"""Samples closer than this are taken to say the same once: residuals are autocorrelated."""
+"""Samples of one such block count as one: residuals are autocorrelated."""
 _TELLING: Final = 0.15
-"""A driver that less of the residual follows is no picture worth."""
+"""A driver that explains less of the residual than this is not shown."""
+_SLICES: Final = 12
 FAR_S: Final = 1e5
-"""A clock beyond this counts from no beginning of a flight: times are shown from its start."""
+"""Times beyond this are not counted from the start of a flight; they are shown from its start."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ def corrected(residuals: Sequence[Residual]) -> bool:
 def by_channel(residuals: Sequence[Residual]) -> dict[str, list[Residual]]:
     """Return the residuals of each channel, channels in the order of what was gained there.
 
-    Without an extension: in the order of what is left over the noise.
+    Without an extension: in the order of the residual over the noise.
     """
     found: dict[str, list[Residual]] = {}
     for residual in residuals:
@@ -135,19 +136,19 @@ def _pair(residuals: Sequence[Residual], driver: str, extended: bool) -> Pair | 
     return Pair(one.channel, one.unit, driver, x, before, after, block, noise_of(residuals), share)
 
 
-def explained(x: Array, y: Array, slices: int = 12) -> float:
-    """Return the share of the mean square of `y` that its means in slices of `x` make up."""
+def explained(x: Array, y: Array) -> float:
+    """Return the share of the mean square of `y` that its means in slices of `x` explain."""
     total = float(np.mean(y**2))
     if total <= 0.0:
         return 0.0
-    which = _slices(x, slices)
-    count = np.bincount(which, minlength=slices)
-    sums = np.bincount(which, weights=y, minlength=slices)
+    which = _slices(x, _SLICES)
+    count = np.bincount(which)
+    sums = np.bincount(which, weights=y)
     kept = count > 0
     return float(np.sum(sums[kept] ** 2 / count[kept]) / y.size / total)
 
 
-def binned(x: Array, y: Array, block: NDArray[np.int64], slices: int = 12) -> Bins:
+def binned(x: Array, y: Array, block: NDArray[np.int64], slices: int = _SLICES) -> Bins:
     """Return the mean of `y` in slices of `x` that hold equally many samples.
 
     The interval comes from the spread of the means of blocks of time, not of samples.

@@ -29,7 +29,8 @@ from tombo_diagnosis.report.diagnosis_plot_data import (
     thinned,
     zero_s,
 )
-from tombo_diagnosis.report.diagnosis_text import figure, headline, percent, unit, words
+from tombo_diagnosis.report.diagnosis_text import headline
+from tombo_diagnosis.wording import figure, percent, unit, words
 from tombo_dynamics.arrays import Array
 from tombo_flight.extended_model import Gain
 from tombo_flight.report import style
@@ -170,7 +171,7 @@ def _figure(
     *,
     keyed: bool = True,
 ) -> Figure:
-    """Make a figure of equal axes; without any it says so."""
+    """Make a figure of equal axes; without any, with the words "nothing to show"."""
     columns = max(columns, 1)
     rows = max(1, -(-len(marks) // columns))
     with mpl.rc_context(style.RC):

@@ -1,4 +1,4 @@
-"""One picture that tells a diagnosis: the gap before and after, the verdict, what was gained."""
+"""One picture of a diagnosis: residual before and after, verdict, gain."""
 
 from __future__ import annotations
 
@@ -12,16 +12,8 @@ from matplotlib.figure import Figure
 from tombo_diagnosis.diagnosis import Cause, Diagnosis
 from tombo_diagnosis.report.diagnosis_plot_data import by_channel, corrected, pairs
 from tombo_diagnosis.report.diagnosis_plots import gain_axes, keys, pair_axes, time_axes
-from tombo_diagnosis.report.diagnosis_text import (
-    CLASSES,
-    LABELS,
-    best_gains,
-    certainty,
-    headline,
-    interval,
-    unit,
-    words,
-)
+from tombo_diagnosis.report.diagnosis_text import CLASSES, LABELS, best_gains, headline
+from tombo_diagnosis.wording import certainty, interval, unit, words
 from tombo_flight.extended_model import FittedParameter
 from tombo_flight.report import style
 

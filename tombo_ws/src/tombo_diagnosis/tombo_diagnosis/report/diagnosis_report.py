@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Final
 
 from tombo_diagnosis.diagnosis import Diagnosis
+from tombo_diagnosis.extend_model import extends
 from tombo_diagnosis.report import diagnosis_evidence, diagnosis_sections, diagnosis_svg_plots
 from tombo_diagnosis.report.diagnosis_plot_data import zero_s
-from tombo_diagnosis.report.diagnosis_text import extends, figure, headline, next_steps
-from tombo_diagnosis.report.page import Page, page_html
+from tombo_diagnosis.report.diagnosis_text import CLASSES, badge, headline, next_steps
+from tombo_diagnosis.wording import figure
+from tombo_flight.report.html_page import Page, command, hint, page_html, sentences
 
 _WORTH: Final = "What it is worth: prediction error on flights held out from naming and fit"
 
@@ -32,9 +34,11 @@ def diagnosis_html(diagnosis: Diagnosis, folder: str = "") -> str:
     zeros = {f.name: zero_s(diagnosis, f.name) for f in diagnosis.flights}
     model, seconds = diagnosis.model or "the suite’s own", figure(diagnosis.seconds, 2)
     return page_html(
-        diagnosis,
         Page(
-            eyebrow="Diagnosis",
+            title=f"Diagnosis: {headline(diagnosis)}",
+            eyebrow="Tombo diagnosis",
+            verdict=badge(diagnosis),
+            verdict_class=CLASSES[diagnosis.verdict],
             headline=headline(diagnosis),
             summary=diagnosis.summary,
             cards=diagnosis_sections.cards(diagnosis),
@@ -43,7 +47,7 @@ def diagnosis_html(diagnosis: Diagnosis, folder: str = "") -> str:
                 ("What to fly next", _next(diagnosis, folder)),
                 (several, diagnosis_sections.causes(diagnosis)),
                 (_WORTH, _gains(diagnosis)),
-                ("What can’t be certified", diagnosis_sections.notes(diagnosis.notes)),
+                ("What can’t be certified", sentences(diagnosis.notes)),
                 ("What drives it", diagnosis_svg_plots.drivers(diagnosis)),
                 ("All channels", diagnosis_svg_plots.overview(diagnosis)),
                 ("All candidates", diagnosis_evidence.candidates(diagnosis.candidates)),
@@ -52,7 +56,7 @@ def diagnosis_html(diagnosis: Diagnosis, folder: str = "") -> str:
             ),
             footer="Residual: measured minus model, all channels through the same zero-phase "
             f"filter. Intervals are 95 %. Held against: {model}. Diagnosed in {seconds} s after "
-            "loading.",
+            "loading. The same in diagnosis.json, beside this page.",
         ),
     )
 
@@ -61,7 +65,7 @@ def _gains(diagnosis: Diagnosis) -> str:
     if diagnosis.gain:
         return diagnosis_sections.gains(diagnosis.gain)
     none = "Too little was held out: no gain could be measured."
-    return f'<p class="hint">{none}</p>' if extends(diagnosis) else ""
+    return hint(none) if extends(diagnosis) else ""
 
 
 def _next(diagnosis: Diagnosis, folder: str) -> str:
@@ -69,6 +73,6 @@ def _next(diagnosis: Diagnosis, folder: str) -> str:
     if extends(diagnosis):
         line = f"tombo fly --model {diagnosis_sections.shown(folder, 'model.yaml')}"
         parts.append("<p>The extended model is written; fly it:</p>")
-        parts.append(diagnosis_sections.command(line))
-    parts.append(diagnosis_sections.notes(next_steps(diagnosis)))
+        parts.append(command(line))
+    parts.append(sentences(next_steps(diagnosis)))
     return "".join(parts)

@@ -4,39 +4,31 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from html import escape
 
 from tombo_diagnosis.diagnosis import Cause, Diagnosis
-from tombo_diagnosis.report.diagnosis_evidence import meter, table
-from tombo_diagnosis.report.diagnosis_text import (
-    best_gains,
-    certainty,
-    figure,
-    interval,
-    percent,
-    unit,
-    words,
-)
-from tombo_diagnosis.report.page import Card
+from tombo_diagnosis.report.diagnosis_text import best_gains
+from tombo_diagnosis.wording import certainty, figure, interval, percent, unit, words
 from tombo_flight.extended_model import FittedParameter, Gain
+from tombo_flight.report.html_page import Card, command, hint, meter, table
 
 
 def cards(diagnosis: Diagnosis) -> list[Card]:
     """Return the few figures of the header."""
-    facts: list[Card] = [("confidence", certainty(diagnosis.confidence), "", "of the verdict")]
+    facts = [Card("confidence", certainty(diagnosis.confidence), "", "of the verdict")]
     for cause in diagnosis.causes[:2]:
         for theta in cause.theta[:2]:
             value, low, high = interval(theta)
             name = f"{words(cause.effect)}: {theta.name}"
-            facts.append((name, value, unit(theta.unit), f"{low} to {high}"))
+            facts.append(Card(name, value, unit(theta.unit), f"{low} to {high}"))
     facts = facts[:4]
     for gain in best_gains(diagnosis, 2):
         beside = f"{figure(gain.before)} → {figure(gain.after)} {unit(gain.unit)}"
         name = f"error in {words(gain.channel)}, {gain.horizon}"
-        facts.append((name, f"−{percent(gain.reduction)}", "", beside))
+        facts.append(Card(name, f"−{percent(gain.reduction)}", "", beside))
     used = sum(flight.used_s for flight in diagnosis.flights)
-    facts.append(("flights", str(len(diagnosis.flights)), "", f"{used:.0f} s used"))
+    facts.append(Card("flights", str(len(diagnosis.flights)), "", f"{used:.0f} s used"))
     return facts
 
 
@@ -87,7 +79,7 @@ def _whisker(theta: FittedParameter) -> str:
 
 
 def experiment(diagnosis: Diagnosis, folder: str) -> str:
-    """Return what to fly to tell apart what these flights can't, with the command line."""
+    """Return the separating experiment with its command line."""
     found = diagnosis.separating_experiment
     if found is None:
         return ""
@@ -96,25 +88,24 @@ def experiment(diagnosis: Diagnosis, folder: str) -> str:
     if found.mission:
         parts.append(command(f"tombo fly {shown(folder, 'separating_experiment.yaml')}"))
         parts.append(
-            "<p class='hint'>Flies it in simulation first; with --px4 URL it flies on the "
-            "vehicle. Then diagnose the new flight together with these.</p>"
+            hint(
+                "Flies it in simulation first; with --px4 URL it flies on the vehicle. Then "
+                "diagnose the new flight together with these."
+            )
         )
     if math.isfinite(found.separation):
         parts.append(
-            f"<p class='hint'>Expected to tell them apart by a log Bayes factor of "
-            f"{figure(found.separation, 2)}; these flights: {figure(found.present, 2)} "
-            "(5 is strong).</p>"
+            hint(
+                f"Expected to tell them apart by a log Bayes factor of "
+                f"{figure(found.separation, 2)}; these flights: {figure(found.present, 2)} "
+                "(5 is strong)."
+            )
         )
     return "".join(parts)
 
 
-def command(line: str) -> str:
-    """Return a command line, to be copied."""
-    return f'<pre class="command">{escape(line)}</pre>'
-
-
 def shown(folder: str, name: str) -> str:
-    """Return the path of a file of the report as it is typed."""
+    """Return the path of a file of the report for the command line."""
     return shlex.quote(f"{folder}/{name}" if folder else name)
 
 
@@ -167,9 +158,3 @@ def _reach(gain: Gain) -> str:
         f'<circle cx="{value:.1f}" cy="8" r="4"/></svg>'
         f"<small>{percent(gain.low)} to {percent(gain.high)}</small>"
     )
-
-
-def notes(lines: Iterable[str]) -> str:
-    """Return sentences as a list; nothing for none."""
-    items = "".join(f"<li>{escape(line)}</li>" for line in lines)
-    return f"<ul>{items}</ul>" if items else ""

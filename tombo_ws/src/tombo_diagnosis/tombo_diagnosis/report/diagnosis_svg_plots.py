@@ -1,4 +1,4 @@
-"""The pictures of the diagnosis report: the gap and that it closed, drivers, all channels."""
+"""The plots of the diagnosis report: residual before and after, drivers, all channels."""
 
 from __future__ import annotations
 
@@ -26,9 +26,10 @@ from tombo_diagnosis.report.diagnosis_plot_data import (
     thinned,
     zero_s,
 )
-from tombo_diagnosis.report.diagnosis_text import capital, figure, percent, unit, words
 from tombo_diagnosis.report.svg_chart import Axis, Chart
+from tombo_diagnosis.wording import capital, figure, percent, unit, words
 from tombo_dynamics.arrays import Array
+from tombo_flight.report.html_page import hint
 
 MOST_PANELS: Final = 60
 """Small pictures of the overview; of more flights those that show most."""
@@ -41,7 +42,7 @@ def main_plot(diagnosis: Diagnosis) -> str:
     shown = pairs(diagnosis, 1)
     groups = by_channel(diagnosis.residuals)
     if not groups:
-        return '<p class="hint">No residual to show: nothing could be compared.</p>'
+        return hint("No residual to show: nothing could be compared.")
     channel = shown[0].channel if shown else next(iter(groups))
     residuals = groups[channel]
     drawn = [_driver_figure(pair) for pair in shown]

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping
-from html import escape
 from typing import TYPE_CHECKING, Final
 
 from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.report import diagnosis_evidence, diagnosis_sections, stand_sections
-from tombo_diagnosis.report.page import Page, page_html
-from tombo_flight.report.flight_report import asset
+from tombo_diagnosis.report.diagnosis_text import CLASSES, badge
+from tombo_flight.report.html_page import Page, page_html, pictures, sentences
 
 if TYPE_CHECKING:
     from tombo_diagnosis.stand.diagnose import StandDiagnosis
@@ -26,7 +24,7 @@ CAPTIONS: Final = {
 
 
 def stand_html(
-    found: StandDiagnosis, study: Table3 | None, headline: str, pictures: Mapping[str, bytes]
+    found: StandDiagnosis, study: Table3 | None, headline: str, png: Mapping[str, bytes]
 ) -> str:
     """Return the page as text; it loads nothing from anywhere.
 
@@ -34,23 +32,24 @@ def stand_html(
         found: the diagnosis.
         study: of Table III, if that was diagnosed.
         headline: the verdict as a sentence.
-        pictures: PNG files by the names in `CAPTIONS`; what is absent is not shown.
+        png: pictures by the names in `CAPTIONS`; what is absent is not shown.
     """
     d = found.diagnosis
-    shown = {name: pictures[name] for name in CAPTIONS if name in pictures}
-    figures = "".join(_figure(name, png) for name, png in shown.items())
+    shown = [(png[name], "", caption) for name, caption in CAPTIONS.items() if name in png]
     may_be = "What it may be" if d.verdict == "set" else "What it is"
     seen = diagnosis_evidence.prechecks(d.prechecks, "table") + stand_sections.runs(d.flights)
     return page_html(
-        d,
         Page(
-            eyebrow="Thrust stand",
+            title=f"Thrust stand: {headline}",
+            eyebrow="Tombo thrust stand",
+            verdict=badge(d),
+            verdict_class=CLASSES[d.verdict],
             headline=headline,
             summary=stand_sections.summary(found, study),
             cards=stand_sections.cards(found, study),
             sections=(
                 ("What would settle it", stand_sections.settle(found, study)),
-                ("The gap", f'<div class="pictures">{figures}</div>' if figures else ""),
+                ("The gap", pictures(shown)),
                 ("k_T and what limits it", stand_sections.constant(found)),
                 (may_be, _causes(found)),
                 ("On points that neither named nor fitted it", _gains(d)),
@@ -59,11 +58,11 @@ def stand_html(
                     stand_sections.predictions(study),
                 ),
                 ("All candidates", diagnosis_evidence.candidates(d.candidates)),
-                ("What can’t be certified", diagnosis_sections.notes(d.notes)),
+                ("What can’t be certified", sentences(d.notes)),
                 ("What was found in the tables", seen),
             ),
-            footer=f"Residual: measured less model. Intervals are 95 %. Held against: {d.model}.",
-            style=asset("stand.css", __package__),
+            footer=f"Residual: measured less model. Intervals are 95 %. Held against: {d.model}. "
+            "The same in diagnosis.json, beside this page.",
         ),
     )
 
@@ -79,12 +78,3 @@ def _causes(found: StandDiagnosis) -> str:
         return content
     names = len(found.diagnosis.causes)
     return f"<details><summary>{names} members, fitted one by one</summary>{content}</details>"
-
-
-def _figure(name: str, png: bytes) -> str:
-    data = base64.b64encode(png).decode("ascii")
-    caption = escape(CAPTIONS[name])
-    return (
-        f'<figure><img alt="{caption}" src="data:image/png;base64,{data}">'
-        f"<figcaption>{caption}.</figcaption></figure>"
-    )

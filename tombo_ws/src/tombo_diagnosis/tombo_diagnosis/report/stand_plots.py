@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.propeller import RPM
 from tombo_flight.report.style import BLUE, GREEN, INK, MUTED, ORANGE, PURPLE, RC, SKY, VERMILLION
 
 if TYPE_CHECKING:
     from tombo_diagnosis.stand.diagnose import StandDiagnosis
 
 
-_RPM = 30.0 / math.pi
 _UNITS = {
     "thrust": ("N", 1.0), "torque": ("mN m", 1e3), "beta": ("deg", 180.0 / math.pi),
-    "reference_speed": ("rpm", _RPM),
+    "reference_speed": ("rpm", 1.0 / RPM),
 }  # fmt: skip
 _COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, MUTED, INK)
 
@@ -97,6 +97,6 @@ def _scatter(axis: Any, found: StandDiagnosis, values: Array, c: int) -> None:
     for p, name in enumerate(points.propellers[:40]):
         own = (points.setup.propeller == p) & problem.seen[:, c]
         axis.plot(
-            points.setup.speed[own] * _RPM, values[own], "o", markersize=3.2,
+            points.setup.speed[own] / RPM, values[own], "o", markersize=3.2,
             color=_COLOURS[p % len(_COLOURS)], label=name,
         )  # fmt: skip

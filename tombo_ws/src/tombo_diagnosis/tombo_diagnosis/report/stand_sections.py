@@ -7,65 +7,73 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from tombo_diagnosis.diagnosis import FlightSummary
-from tombo_diagnosis.report.diagnosis_evidence import meter, table
-from tombo_diagnosis.report.diagnosis_text import DASH, figure, percent, unit, words
-from tombo_diagnosis.report.page import Card
 from tombo_diagnosis.stand.model_file import extends_model
+from tombo_diagnosis.stand.table3 import TWO_VALUES, Table3, statement
+from tombo_diagnosis.wording import DASH, figure, percent, unit, words
+from tombo_flight.report.html_page import Card, hint, meter, table
 
 if TYPE_CHECKING:
     from tombo_diagnosis.stand.diagnose import StandDiagnosis
-    from tombo_diagnosis.stand.table3 import Table3
 
 
 def summary(found: StandDiagnosis, study: Table3 | None) -> str:
     """Return what was found in a few sentences."""
     if study is None:
         return found.diagnosis.summary
-    from tombo_diagnosis.stand.table3 import statement
-
     return statement(study)
 
 
 def cards(found: StandDiagnosis, study: Table3 | None) -> list[Card]:
     """Return the figures that count: k_T or the gains, what the verdict rests on."""
-    facts: list[Card] = []
-    points, d = found.findings.problem.points, found.diagnosis
+    points, k = found.findings.problem.points, found.constant
+    evidence = found.findings.search.best.evidence
+    runs_used = _counted(len(points.runs), "run")
+    propellers = _counted(len(points.propellers), "propeller")
+    used = str(found.findings.problem.used)
     if study is not None:
         mean = study.rms["their mean"]
-        facts.append(("error of the law", f"{study.rms[study.law]:.3f}", "N", study.law))
-        facts.append(("error of the mean", f"{mean:.3f}", "N", "of the soft configurations"))
         best = next(p for p in study.predictions if "mean" not in p.what)
         other = next(p.rmse for p in study.predictions if "mean" in p.what)
-        facts.append(("best left one out", f"{best.rmse:.4f}", "N", f"mean: {other:.4f} N"))
-    elif found.constant is not None:
-        k = found.constant
-        facts.append(("k_T by rotor", f"{k.k_T:.3g}", "N s²", f"{k.low:.4g} to {k.high:.4g}"))
-        facts.append(("thrust grows with speed to the", f"{k.exponent:.2f}", "", "square law: 2"))
+        first = [
+            Card("error of the law", f"{study.rms[study.law]:.3f}", "N", study.law),
+            Card("error of the mean", f"{mean:.3f}", "N", "of the soft configurations"),
+            Card("best left one out", f"{best.rmse:.4f}", "N", f"mean: {other:.4f} N"),
+        ]
+    elif k is not None:
+        first = [
+            Card("k_T by rotor", f"{k.k_T:.3g}", "N s²", f"{k.low:.4g} to {k.high:.4g}"),
+            Card("thrust grows with speed to the", f"{k.exponent:.2f}", "", "square law: 2"),
+        ]
     else:
-        for g in d.gain:
-            beside = f"{figure(g.before)} → {figure(g.after)} {unit(g.unit)}"
-            facts.append((f"{words(g.channel)}, held out", percent(-g.reduction), "", beside))
-    evidence = found.findings.search.best.evidence
-    facts.append(("log Bayes factor", figure(evidence, 2), "", "against the model as it is"))
-    several = f"{len(points.runs)} runs" if len(points.runs) > 1 else "1 run"
-    facts.append(("points", str(found.findings.problem.used), "", f"{several}, {_wings(found)}"))
-    return facts
+        first = [
+            Card(
+                f"{words(g.channel)}, held out", percent(-g.reduction), "",
+                f"{figure(g.before)} → {figure(g.after)} {unit(g.unit)}",
+            )
+            for g in found.diagnosis.gain
+        ]  # fmt: skip
+    return [
+        *first,
+        Card("log Bayes factor", figure(evidence, 2), "", "against the model as it is"),
+        Card("points", used, "", f"{runs_used}, {propellers}"),
+    ]
 
 
-def _wings(found: StandDiagnosis) -> str:
-    count = len(found.findings.problem.points.propellers)
-    return f"{count} propellers" if count > 1 else "1 propeller"
+def _counted(count: int, name: str) -> str:
+    return f"{count} {name}s" if count > 1 else f"1 {name}"
 
 
 def settle(found: StandDiagnosis, study: Table3 | None) -> str:
-    """Return what to measure next, or nothing where nothing is open."""
+    """Return what to measure next; nothing if no question is open."""
     parts = []
     experiment = found.diagnosis.separating_experiment
     if experiment is not None and study is None:  # of Table III more is known
         parts.append(
-            f"<p><b>{escape(experiment.text)}.</b></p><p class='hint'>Expected log Bayes factor "
-            f"{figure(experiment.separation, 2)}; these points: {figure(experiment.present, 2)} "
-            "(5 is strong).</p>"
+            f"<p><b>{escape(experiment.text)}.</b></p>"
+            + hint(
+                f"Expected log Bayes factor {figure(experiment.separation, 2)}; these points: "
+                f"{figure(experiment.present, 2)} (5 is strong)."
+            )
         )
     if study is not None:
         lines = [
@@ -77,8 +85,10 @@ def settle(found: StandDiagnosis, study: Table3 | None) -> str:
         head = ("measure", "noise at most", "of the reading", "they differ by", "closest rival")
         parts.append(table(head, lines, "settle"))
         parts.append(
-            "<p class='hint'>So well that centrifugal stiffening stands out from every other "
-            "candidate fitted to the table by a log Bayes factor of 4; easiest first.</p>"
+            hint(
+                "So well that centrifugal stiffening stands out from every other candidate "
+                "fitted to the table by a log Bayes factor of 4; easiest first."
+            )
         )
     steps = {
         "unknown": "Look below: over which speeds does the residual grow, in which channel? "
@@ -134,9 +144,7 @@ def predictions(study: Table3 | None) -> str:
             f"<td>{span.replace('-', '−')}</td><td>{escape(p.parameter)}</td></tr>"
         )
     head = ("what", "RMS error", "against the mean, 95 %", "fitted to all")
-    from tombo_diagnosis.stand.table3 import TWO_VALUES
-
-    return table(head, lines, "scores") + f"<p class='hint'>{escape(TWO_VALUES)}</p>"
+    return table(head, lines, "scores") + hint(TWO_VALUES)
 
 
 def runs(notes: Sequence[FlightSummary]) -> str:

@@ -44,17 +44,17 @@ class Chart:
     """What it shows, for those who can't see it."""
     marks: list[str] = field(default_factory=list)
 
-    def band(self, low: float, high: float, style: str = "noise") -> None:
+    def band(self, low: float, high: float) -> None:
         """Fill the whole width between two heights."""
         if math.isfinite(low) and math.isfinite(high):
             bottom, top = _up(self.y.at(np.array([low, high])))
-            self.marks.append(_box(0, top, SIZE, bottom - top, style))
+            self.marks.append(_box(0, top, SIZE, bottom - top, "noise"))
 
-    def span(self, start: float, end: float, style: str = "apart") -> None:
+    def span(self, start: float, end: float) -> None:
         """Fill the whole height between two places."""
         left, right = self.x.at(np.array([start, end]))
         if right > 0 and left < SIZE:
-            self.marks.append(_box(int(left), 0, max(int(right - left), 4), SIZE, style))
+            self.marks.append(_box(int(left), 0, max(int(right - left), 4), SIZE, "apart"))
 
     def line(self, pieces: Sequence[tuple[Array, Array]], style: str) -> None:
         """Draw a line, in pieces where it has gaps."""

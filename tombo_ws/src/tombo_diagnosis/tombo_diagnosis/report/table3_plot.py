@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from tombo_diagnosis.wording import words
 from tombo_flight.report.style import (
     BLUE,
     FAINT,
@@ -92,7 +93,7 @@ def _left_one_out(axis: Any, study: Table3) -> None:
     axis.axvline(mean, color=INK, linestyle="--", linewidth=1.0)
     for k, e in zip(y, errors, strict=True):
         axis.text(e - 0.8, k, f"{e:.1f}", va="center", ha="right", size=8.0, color=PAPER)
-    axis.set_yticks(y, [p.what.replace("_", " ") for p in shown])
+    axis.set_yticks(y, [words(p.what) for p in shown])
     axis.set_xlim(0.0, 1.03 * float(errors.max()))
     axis.set_xlabel("error on the configuration left out, RMS [mN]")
     surely = any(p.high < 0.0 for p in study.predictions)
@@ -114,7 +115,7 @@ def _parting(axis: Any, study: Table3) -> None:
     axis.plot(rpm, curves[AS_IT_IS][:, 0], color=VERMILLION, label=f"law {study.law} as it is")
     for effect, (colour, line) in _TOLD.items():
         axis.plot(rpm, curves[effect][:, 0], linestyle=line, color=colour, linewidth=1.7,
-                  label=effect.replace("_", " "))  # fmt: skip
+                  label=words(effect))  # fmt: skip
     k = study.confs.index(_SOFT)
     axis.errorbar([2000.0], [study.measured[k]], yerr=[study.deviations[k]], fmt="o", color=INK,
                   capsize=3, markersize=5, zorder=5)  # fmt: skip

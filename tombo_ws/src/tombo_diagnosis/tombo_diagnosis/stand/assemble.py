@@ -16,7 +16,7 @@ from tombo_diagnosis.stand.table_reader import StandTable
 from tombo_diagnosis.stand.unit_check import check_scale
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.propeller import configuration, nodus_moduli, parameter_row, valid_speed
+from tombo_dynamics.propeller import RPM, configuration, nodus_moduli, parameter_row, valid_speed
 from tombo_dynamics.propeller.effects import Setup, predict
 
 _FEWEST = 3
@@ -138,7 +138,7 @@ def _check_enough(points: OperatingPoints, tables: Sequence[StandTable]) -> None
     valid = np.isfinite(points.readings) & np.isfinite(predict(points.setup, {}))
     left = int(valid.any(axis=1).sum())
     if left < _FEWEST:
-        speed = points.setup.speed * 30.0 / math.pi
+        speed = points.setup.speed / RPM
         span = f"{speed.min():.0f} to {speed.max():.0f} rpm"
         names = ", ".join(t.name for t in tables[:3])
         raise InputError(
@@ -208,7 +208,7 @@ def _above_valid_speed(
             found.append(
                 Finding(
                     "speed", "fault", name,
-                    f"{over} points of Conf. {c} above {limit * 30.0 / math.pi:.0f} rpm, where "
+                    f"{over} points of Conf. {c} above {limit / RPM:.0f} rpm, where "
                     f"law {law} ends: set apart", channel="speed",
                 )
             )  # fmt: skip

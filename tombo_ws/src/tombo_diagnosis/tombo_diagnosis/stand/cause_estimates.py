@@ -1,4 +1,4 @@
-"""The causes of a stand run in figures: parameters with intervals, score of every candidate."""
+"""Causes of a stand run: parameters with intervals, and the score of every candidate."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import numpy as np
 from tombo_diagnosis.diagnosis import Cause, Score
 from tombo_diagnosis.engine import cause_estimates
 from tombo_diagnosis.engine.cause_estimates import TWO_SIDED, Covariance, fitted_parameters
-from tombo_diagnosis.engine.model import Explanation, Hypothesis
-from tombo_diagnosis.engine.model_selection import fit_hypotheses
+from tombo_diagnosis.engine.model import Explanation
 from tombo_diagnosis.stand.analyse import StandFindings
 from tombo_diagnosis.stand.problem import SHARE, StandProblem
 from tombo_dynamics.propeller.effects import STAND_EFFECTS
@@ -30,7 +29,7 @@ def fitted(
 def _widths(
     problem: StandProblem, effect: str, width: float, explanation: Explanation
 ) -> tuple[FittedParameter, ...]:
-    """Return the widths of an effect of chance; the interval is what so few draws leave open."""
+    """Return the widths of a stochastic effect; the interval is what so few draws leave open."""
     counts = {
         "fabrication_scatter": problem.propellers,
         "tare_scatter": problem.runs,
@@ -55,7 +54,7 @@ def _widths(
 
 
 def estimate_cause(effect: str, findings: StandFindings) -> Cause:
-    """Return a cause with its parameters, from the likeliest explanation that has it."""
+    """Return a cause with its parameters, from the most probable explanation that has it."""
     explanation = findings.search.explaining(effect)
     assert explanation is not None
     theta, covariance = fitted(findings.problem, explanation, effect)
@@ -64,7 +63,7 @@ def estimate_cause(effect: str, findings: StandFindings) -> Cause:
 
 
 def scores(findings: StandFindings, shares: dict[str, float]) -> tuple[Score, ...]:
-    """Return all candidates, likeliest first.
+    """Return all candidates, most probable first.
 
     Args:
         findings: the analysis.
@@ -84,9 +83,3 @@ def scores(findings: StandFindings, shares: dict[str, float]) -> tuple[Score, ..
 
     effects = [name for name, effect in STAND_EFFECTS.items() if effect.suits(model)]
     return cause_estimates.scores(findings.search.single_log_bf, shares, effects, why_not)
-
-
-def alone(findings: StandFindings, effect: str) -> Explanation | None:
-    """Return an effect as the only cause, fitted; None for one that these points can't show."""
-    free = findings.problem.identifiable(effect)
-    return fit_hypotheses(findings.problem, (Hypothesis(effect, free),)) if free else None

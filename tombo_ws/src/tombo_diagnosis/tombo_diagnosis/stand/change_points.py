@@ -7,7 +7,6 @@ hysteresis only off the turning points: both are part of what is fitted without 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from tombo_diagnosis.logs.flight_log import Finding
 from tombo_diagnosis.stand.table_reader import StandTable
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.propeller import RPM
 
 _FEWEST = 20
 _SIDE = 5
@@ -40,7 +40,7 @@ class Step:
     """Share by which the load at equal speed changes."""
 
 
-def step_of(speed: Array, load: Array, elapsed: Array) -> Step | None:
+def find_step(speed: Array, load: Array, elapsed: Array) -> Step | None:
     """Return the step of a load within a run, or None.
 
     Args:
@@ -91,7 +91,7 @@ def _without_step(w: Array, t: Array) -> Array:
 
 
 def _comparable(w: Array, at: int) -> bool:
-    """Say whether both sides of a place have enough points at common speeds."""
+    """Return whether both sides of a place have enough points at common speeds."""
     first, second = w[:at], w[at:]
     low, high = max(first.min(), second.min()), min(first.max(), second.max())
     if high - low < 0.25 * float(np.ptp(w)):
@@ -121,7 +121,7 @@ def without_changed(
     for g in np.unique(group):
         own = np.flatnonzero(group == g)
         for c, name in enumerate(("thrust", "torque")):
-            step = step_of(speed[own], readings[own, c], first[own])
+            step = find_step(speed[own], readings[own, c], first[own])
             if step is None:
                 continue
             after = np.arange(own.size) >= step.at
@@ -132,7 +132,7 @@ def without_changed(
             findings.append(
                 Finding(
                     "change", "fault", table.name,
-                    f"from row {rows[k] + 1} on ({speed[k] * 30.0 / math.pi:.0f} rpm) {name} is "
+                    f"from row {rows[k] + 1} on ({speed[k] / RPM:.0f} rpm) {name} is "
                     f"{100.0 * abs(step.size):.0f} % {side} at equal speed: propeller or mount "
                     f"changed; the shorter part, {lost.sum()} points, is set apart", channel=name,
                 )

@@ -20,7 +20,7 @@ def held_out(findings: StandFindings) -> tuple[list[Gain], dict[str, float]]:
     """Return the gain of every channel, and each effect's share of the excess that it removes.
 
     One configuration (else run, else fifth of the speeds) after the other is left out; the causes
-    are fitted to the others and predict it. Parameters only: what chance did is not foretold.
+    are fitted to the others and predict it. Parameters only: random draws can't be predicted.
     """
     problem, points = findings.problem, findings.problem.points
     single_log_bf = findings.search.single_log_bf

@@ -18,23 +18,22 @@ from tombo_diagnosis.stand.summary_text import notes, summary
 from tombo_diagnosis.stand.table_reader import StandTable
 from tombo_diagnosis.stand.thrust_constant import ThrustConstant, thrust_constant
 from tombo_dynamics.propeller.effects import CHANNELS
-
-ProgressCallback = Callable[[str, float], None]
+from tombo_flight.progress import ProgressCallback
 
 ABSORBED_EFFECTS = ("thrust_coefficient", "drag_coefficient")
-"""What the fit of k_T and k_Q takes up."""
+"""What the fit of k_T and k_Q absorbs."""
 
 
 @dataclass(frozen=True, eq=False)
 class StandDiagnosis:
-    """What was found, and what it rests on."""
+    """A diagnosis of stand runs with its analysis."""
 
     diagnosis: Diagnosis
     findings: StandFindings
     constant: ThrustConstant | None
     """Of a plain propeller."""
     given: StandModel | None = None
-    """Model of earlier runs, that these were held against."""
+    """Model of earlier runs, that these were compared with."""
 
 
 def diagnose_stand(

@@ -1,4 +1,4 @@
-"""What would settle Table III: where its candidates, fitted to it, differ most."""
+"""Measurements that would decide Table III: where the fitted candidates differ most."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ from tombo_diagnosis.engine.verdict import LOG_BF_DISTINCT
 from tombo_diagnosis.stand.leave_one_out import values_of
 from tombo_diagnosis.stand.operating_points import OperatingPoints
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.propeller import SPEED_LIMIT, configuration, parameter_row, valid_speed
+from tombo_dynamics.propeller import RPM, SPEED_LIMIT, configuration, parameter_row, valid_speed
 from tombo_dynamics.propeller.effects import CHANNELS, STAND_EFFECTS, Setup, predict
 
 AS_IT_IS = "the law as it is"
-_RPM = 30.0 / math.pi
 _TOLD = ("centrifugal_stiffening", "torsion_constant", "load_sharing", "in_plane_term",
          "thrust_coefficient")  # fmt: skip
 """Those that change how thrust depends on the nodus, and the plainest that does not."""
@@ -57,7 +56,7 @@ def predicted_readings(
     n = rpm.size
     row = np.tile(parameter_row(configuration(conf), law), (n, 1))
     zero = np.zeros(n, np.int64)
-    setup = Setup(rpm / _RPM, row, zero, zero, np.zeros(n), law)
+    setup = Setup(rpm * RPM, row, zero, zero, np.zeros(n), law)
     result = {AS_IT_IS: predict(setup, {})}
     for effect, value in fits.items():
         result[effect] = predict(setup, {effect: (value,)})
@@ -91,7 +90,7 @@ def settling(fits: dict[str, float], law: str) -> tuple[DiscriminatingMeasuremen
 def _experiments(law: str) -> list[tuple[int, str, float, str]]:
     result = []
     for conf in (5, 13):
-        top = min(valid_speed(configuration(conf), law), SPEED_LIMIT) * _RPM
+        top = min(valid_speed(configuration(conf), law), SPEED_LIMIT) / RPM
         for rpm in (3200.0, 4500.0, 6000.0):
             if rpm < top:
                 result += [

@@ -1,4 +1,4 @@
-"""Which measurement would tell apart what these points can't: found by simulating it."""
+"""The measurement that would separate a set of causes, found by simulation."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from tombo_diagnosis.engine.model_selection import fit_hypotheses
 from tombo_diagnosis.stand.analyse import StandFindings
 from tombo_diagnosis.stand.operating_points import OperatingPoints
 from tombo_diagnosis.stand.problem import StandProblem
+from tombo_diagnosis.wording import words
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller.effects import CHANNELS, Setup, predict
 
@@ -31,7 +32,7 @@ class Option:
 
 
 def separate(findings: StandFindings) -> Experiment | None:
-    """Return the measurement that tells the members of a set apart best, or None.
+    """Return the measurement that separates the members of a set best, or None.
 
     Each member in turn is taken for true; its readings are predicted without noise, the old points
     and the new ones, and the other members are fitted to them. What counts is the worst pair.
@@ -51,8 +52,7 @@ def separate(findings: StandFindings) -> Experiment | None:
     if not found:
         return None
     best, option = max(found, key=lambda each: each[0])
-    names = tuple(e.replace("_", " ") for e in members)
-    text = f"{option.text}: it separates {', '.join(names)}"
+    text = f"{option.text}: it separates {', '.join(map(words, members))}"
     if best < 4.0:
         text = f"no single measurement separates them surely; most comes from this: {option.text}"
     return Experiment(members, text, best, present, {})
@@ -91,7 +91,7 @@ def options(points: OperatingPoints) -> list[Option]:
 
 
 def _explanations(findings: StandFindings, members: Sequence[str]) -> list[Explanation]:
-    """Return the best explanation with each member, likeliest first."""
+    """Return the best explanation with each member, most probable first."""
     every = (findings.search.best, *findings.search.alternatives)
     found: list[Explanation] = []
     for member in members:

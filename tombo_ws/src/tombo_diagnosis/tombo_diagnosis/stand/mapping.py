@@ -1,4 +1,4 @@
-"""What a stand's mapping file says: which columns hold which channel, in which units.
+"""Mapping files of stands: which columns hold which channel, in which units.
 
 YAML; `docs/stand.md` explains it by example. Without one, shipped mappings are recognised by
 their header and plain names of columns are understood.
@@ -9,15 +9,13 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from importlib import resources
 from pathlib import Path
-from typing import Any
 
-import yaml
-
+from tombo_diagnosis.logs.mapping_file import read_mapping, shipped_mappings, table_of
 from tombo_diagnosis.logs.units import factor as flight_factor
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.vehicle import GRAVITY
+from tombo_dynamics.yaml_text import parse_yaml
 
 CHANNELS: Mapping[str, str] = {
     "time": "s",
@@ -77,7 +75,6 @@ _SPELT = {
     **{u.replace(" ", ""): u for u in _MOMENTS},
     **{"N·m": "N m", "N-m": "N m", "N*m": "N m", "rad_s": "rad/s"},
 }
-_LARGEST = 200_000
 
 
 @dataclass(frozen=True)
@@ -105,8 +102,6 @@ class StandMapping:
     """Rotors that pull on the cell together."""
     diameter_mm: float = 0.0
     """Of a plain propeller; 0: not known."""
-    lag_s: float = -1.0
-    """Of the cell behind the tachometer; -1: found from the data."""
     tare: str = "start"
     """start: readings at standstill before the run are zero; none: already so."""
     channels: Mapping[str, StandChannel] = field(default_factory=dict)
@@ -129,10 +124,7 @@ def unit_factor(unit: str, channel: str, what: str) -> float:
 
 def shipped() -> dict[str, StandMapping]:
     """Return the mappings that come with the package, by name."""
-    folder = resources.files("tombo_diagnosis").joinpath("stand/mappings")
-    files = sorted(f.name for f in folder.iterdir() if f.name.endswith(".yaml"))
-    texts = {name: folder.joinpath(name).read_text(encoding="utf-8") for name in files}
-    return {name[:-5]: parse_mapping(text, name[:-5]) for name, text in texts.items()}
+    return shipped_mappings("stand/mappings", parse_mapping)
 
 
 def load_mapping(name: str) -> StandMapping:
@@ -141,25 +133,7 @@ def load_mapping(name: str) -> StandMapping:
     Raises:
         InputError: no such mapping, or one that can't be used.
     """
-    path = Path(name)
-    if path.is_dir():
-        raise InputError(f"mapping '{name}' is a folder; accepted: a YAML file, {_shipped()}")
-    if not path.is_file():
-        known = shipped()
-        if name not in known:
-            raise unknown_name("mapping", name, [*known, "a YAML file"])
-        return known[name]
-    try:
-        if path.stat().st_size > _LARGEST:
-            raise InputError(f"mapping '{name}' is too large; accepted: a short YAML file")
-        return parse_mapping(path.read_text(encoding="utf-8"), name)
-    except (OSError, UnicodeDecodeError) as error:
-        why = getattr(error, "strerror", None) or "it is no text"
-        raise InputError(f"mapping '{name}' can't be read: {why}; accepted: YAML") from error
-
-
-def _shipped() -> str:
-    return f"or a shipped one ({', '.join(shipped())})"
+    return read_mapping(name, shipped(), parse_mapping)
 
 
 def parse_mapping(text: str, name: str) -> StandMapping:
@@ -169,17 +143,13 @@ def parse_mapping(text: str, name: str) -> StandMapping:
         InputError: not a mapping; says which key is wrong and what is accepted.
     """
     what = f"mapping '{name}'"
-    try:
-        content = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise InputError(f"{what} is not valid YAML: {' '.join(str(error).split())}") from error
-    values = _table(content, what, [f.name for f in fields(StandMapping)])
+    values = table_of(parse_yaml(text, what), what, [f.name for f in fields(StandMapping)])
     model, tare = str(values.get("model", "tombo")), str(values.get("tare", "start"))
     if model not in ("tombo", "plain"):
         raise unknown_name(f"{what}: model", model, ("tombo", "plain"))
     if tare not in ("start", "none"):
         raise unknown_name(f"{what}: tare", tare, ("start", "none"))
-    channels = _table(values.get("channels"), f"{what}: channels", CHANNELS)
+    channels = table_of(values.get("channels"), f"{what}: channels", CHANNELS)
     header = values.get("header") or ()
     if isinstance(header, str) or not isinstance(header, Sequence):
         raise InputError(f"{what}: header {header!r:.60}; accepted: a list of columns")
@@ -190,7 +160,6 @@ def parse_mapping(text: str, name: str) -> StandMapping:
         model=model,
         rotors=int(_number(values.get("rotors", 1), 1, 64, f"{what}: rotors")),
         diameter_mm=_number(values.get("diameter_mm", 0.0), 0.0, 1e4, f"{what}: diameter_mm"),
-        lag_s=_number(values.get("lag_s", -1.0), -1.0, 60.0, f"{what}: lag_s"),
         tare=tare,
         channels={key: _channel(key, value, what) for key, value in channels.items()},
     )
@@ -198,7 +167,7 @@ def parse_mapping(text: str, name: str) -> StandMapping:
 
 def _channel(key: str, content: object, what: str) -> StandChannel:
     what = f"{what}: {key}"
-    values = _table(content, what, [f.name for f in fields(StandChannel)])
+    values = table_of(content, what, [f.name for f in fields(StandChannel)])
     columns = values.get("columns", ())
     columns = (columns,) if isinstance(columns, str) else columns
     many = key in MANY
@@ -283,14 +252,3 @@ def _number(content: object, low: float, high: float, what: str) -> float:
     if not low <= content <= high:
         raise InputError(f"{what}: {content:g}; accepted: {low:g} to {high:g}")
     return float(content)
-
-
-def _table(content: object, what: str, accepted: Any) -> dict[str, Any]:
-    if not isinstance(content, Mapping):
-        if content is None:
-            return {}
-        raise InputError(f"{what} is {content!r:.60}; accepted: {', '.join(accepted)}")
-    for key in content:
-        if key not in accepted:
-            raise unknown_name(f"key of {what}", key, accepted)
-    return {str(key): value for key, value in content.items()}

@@ -1,10 +1,11 @@
-"""Causes that the model has already: what is new in them, and what a model can take over."""
+"""Causes compared with the model that was given: what differs, and what extends it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from tombo_diagnosis.diagnosis import Cause
+from tombo_diagnosis.wording import words
 from tombo_dynamics.propeller.effects import STAND_EFFECTS
 from tombo_flight.extended_model import FittedParameter
 
@@ -15,7 +16,7 @@ def differences_from_model(causes: Sequence[Cause]) -> list[str]:
 
 
 def model_extending_causes(causes: Sequence[Cause]) -> list[Cause]:
-    """Return the causes whose values other runs share: not of chance, and not just absent."""
+    """Return the causes that extend a model: not stochastic, and not just absent in these runs."""
     return [c for c in causes if not STAND_EFFECTS[c.effect].stochastic and not _absent(c)]
 
 
@@ -36,7 +37,7 @@ def _absent(cause: Cause) -> bool:
 
 
 def _told(cause: Cause, f: FittedParameter) -> str:
-    name, unit = cause.effect.replace("_", " "), "" if f.unit == "1" else f" {f.unit}"
+    name, unit = words(cause.effect), "" if f.unit == "1" else f" {f.unit}"
     here = f"{f.value:.2g} ± {0.5 * (f.high - f.low):.1g}{unit}"
     if _absent(cause):
         return f"the model’s {name} {f.nominal:.3g}{unit} is not in these runs ({here})"

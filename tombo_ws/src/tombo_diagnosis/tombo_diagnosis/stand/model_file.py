@@ -50,8 +50,8 @@ def stand_model_text(
         diagnosis: what was found.
         tool: that found it, with its version.
         date: of today.
-        given: model that the runs were held against. What it adds stays, but for effects that were
-            found again: their parameters are the new ones, of both together.
+        given: model that the runs were compared with. What it adds stays; an effect that was found
+            again gets the new parameters.
     """
     found = {cause.effect for cause in diagnosis.causes}
     kept = {} if given is None else {e: c for e, c in given.written.items() if e not in found}

@@ -1,8 +1,9 @@
-"""Stand runs as operating points: what was imposed, what was read, and how well."""
+"""Stand runs as operating points: set-up, readings and their noise."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,19 +55,13 @@ class OperatingPoints:
 
     def only(self, keep: Mask) -> OperatingPoints:
         """Return some of the points; propellers and runs keep their numbers."""
-        s = self.setup
+        arrays = {f.name: getattr(self.setup, f.name) for f in fields(self.setup)}
+        kept: dict[str, Any] = {
+            k: v[keep] for k, v in arrays.items() if isinstance(v, np.ndarray) and v.size
+        }
         return replace(
             self,
-            setup=replace(
-                s,
-                speed=s.speed[keep],
-                rows=s.rows[keep],
-                propeller=s.propeller[keep],
-                run=s.run[keep],
-                elapsed=s.elapsed[keep],
-                applied_thrust=s.applied_thrust[keep] if s.applied_thrust.size else np.zeros(0),
-                applied_torque=s.applied_torque[keep] if s.applied_torque.size else np.zeros(0),
-            ),
+            setup=replace(self.setup, **kept),
             readings=self.readings[keep],
             sigma=self.sigma[keep],
         )

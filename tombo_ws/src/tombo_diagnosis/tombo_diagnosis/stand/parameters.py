@@ -1,4 +1,4 @@
-"""The parameters that a stand diagnosis frees, with what is taken for granted."""
+"""Parameters of a stand diagnosis, and the healthy widths of stochastic effects."""
 
 from __future__ import annotations
 
@@ -31,5 +31,5 @@ def parameters(setup: Setup) -> tuple[Parameter, ...]:
 HEALTHY_SHARE = {
     "fabrication_scatter": 0.125, "tare_scatter": 0.05, "speed_noise": 0.05, "run_scatter": 0.125,
 }  # fmt: skip
-"""Width of what chance does on a healthy stand, in sizes that matter: 1 % between propellers,
+"""Widths of stochastic effects on a healthy stand, in sizes that matter: 1 % between propellers,
 half a percent between runs."""

@@ -13,6 +13,7 @@ from tombo_diagnosis.logs.flight_log import Finding
 from tombo_diagnosis.stand.change_points import without_changed
 from tombo_diagnosis.stand.table_reader import StandTable
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.propeller import RPM
 
 LOADS = ("thrust", "torque", "beta", "reference_speed")
 _RAW_ROWS = 60
@@ -41,8 +42,6 @@ class Plateaus:
     elapsed: Array
     first_row: Array
     """Where it begins in the recording."""
-    lag_rows: int
-    """By how many rows the cell is behind the tachometer."""
     standstill: tuple[float, float]
     """Thrust at standstill before and after [N], the first one before taring; NaN: none."""
     findings: tuple[Finding, ...]
@@ -71,7 +70,7 @@ def plateaus(table: StandTable) -> Plateaus:
         ends[1] = float(np.median(channels["thrust"][-after:]))
     steps = np.abs(np.diff(speed)) / max(float(speed.max()), 1e-9)
     raw = speed.size > _RAW_ROWS and float(np.median(steps)) < _RAW_STEP
-    lag = _lag(table, channels, speed) if raw else 0
+    lag = _lag(channels, speed) if raw else 0
     if lag:
         findings.append(
             Finding(
@@ -95,14 +94,14 @@ def plateaus(table: StandTable) -> Plateaus:
         each[keep] for each in (at, readings, sigma, elapsed, first)
     )
     sigma = _with_noise(at, readings, sigma, table, raw)
-    return Plateaus(at, readings, sigma, elapsed, first, lag, (ends[0], ends[1]), tuple(findings))
+    return Plateaus(at, readings, sigma, elapsed, first, (ends[0], ends[1]), tuple(findings))
 
 
 def _leading(still: NDArray[np.bool_]) -> int:
     return int(still.size if still.all() else np.argmin(still))
 
 
-def _lag(table: StandTable, channels: dict[str, Array], speed: Array) -> int:
+def _lag(channels: dict[str, Array], speed: Array) -> int:
     """Return by how many rows the load comes late: where it fits the square of speed best."""
     load = channels.get("thrust", channels.get("torque"))
     if load is None or float(np.ptp(speed)) < 0.2 * float(speed.max()):
@@ -187,7 +186,7 @@ def _peaks(off: Array, odd: Array, far: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _outliers(speed: Array, readings: Array, name: str) -> tuple[NDArray[np.bool_], list[Finding]]:
-    """Set apart single points far off their neighbours, in whichever load."""
+    """Exclude single points far off their neighbours, in whichever load."""
     keep = np.asarray(np.isfinite(readings[:, :2]).any(axis=1))
     findings = []
     for c in (0, 1):
@@ -202,7 +201,7 @@ def _outliers(speed: Array, readings: Array, name: str) -> tuple[NDArray[np.bool
         peak = _peaks(off, np.abs(ratio - np.median(ratio)), far)
         if peak.any() and peak.sum() <= 0.05 * known.size + 1:
             keep[known[peak]] = False
-            at = ", ".join(f"{v * 30.0 / math.pi:.0f}" for v in speed[known[peak]][:5])
+            at = ", ".join(f"{v / RPM:.0f}" for v in speed[known[peak]][:5])
             findings.append(
                 Finding(
                     "outlier", "fault", name,

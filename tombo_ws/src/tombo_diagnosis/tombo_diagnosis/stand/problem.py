@@ -1,8 +1,8 @@
-"""All points of a diagnosis as one regression: residuals, slopes, noise, and what fits them."""
+"""All points of a diagnosis as one regression: residuals, slopes, noise, fits."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,12 +29,12 @@ _DRAWN = {PROPELLER: "propeller", RUN: "run", SHARE: "share"}
 
 
 _MIN_GROUPS = 3
-"""Propellers or runs that it takes to tell scatter from a common error."""
+"""Propellers or runs that are needed to distinguish scatter from a common error."""
 _NOISE_EFFECT_PENALTY = 3.0
-"""Log Bayes factor that an effect of chance has to bring besides: how noisy a reading is, a stand
+"""Log Bayes factor that a stochastic effect has to bring besides: how noisy a reading is, a stand
 knows to some 15 % only, and its tails are heavy."""
 _FEW_SPEEDS, _FEW_SHARE = 4, 0.3
-"""With fewer speeds than this only the priors' widths tell causes apart, and they must not: what
+"""With fewer speeds than this only the priors' widths distinguish causes, and they must not: what
 comes within this share of the best one's evidence is in the set."""
 _CALIBRATION_NAMED = ((0.0, 0.5), (0.8, 0.6), (0.9, 0.7), (0.97, 0.92), (0.99, 0.975))
 CALIBRATION = {
@@ -102,12 +102,8 @@ class StandProblem:
         )
         self.null_hypothesis = self._fit((), NOMINAL_WIDTHS, self.theta, self.slopes)
 
-    def effects(self) -> Sequence[str]:
-        """Return the effects with a mean, in the order of the registry."""
-        return list(dict.fromkeys(p.effect for p in self.columns.parameters))
-
     def noise_effects(self) -> Mapping[str, float]:
-        """Return the effects of chance that these points can tell from a common error.
+        """Return the stochastic effects that these points can tell from a common error.
 
         Of the shares of runs, runs of one propeller have to differ: each on its own propeller they
         look like fabrication.
@@ -119,10 +115,6 @@ class StandProblem:
             SPEED: True,
         }
         return {e: _NOISE_EFFECT_PENALTY for e in STAND_EFFECTS if shown.get(e, False)}
-
-    def confounded_with(self, effect: str) -> Collection[str]:
-        """Return no effects: any two may be at work together."""
-        return ()
 
     def _speeds(self) -> int:
         """Return how many different speeds there are, to one in fifty."""
@@ -190,7 +182,7 @@ class StandProblem:
 
         Args:
             free: places of the parameters.
-            widths: effect of chance -> factor on its healthy width.
+            widths: stochastic effect -> factor on its healthy width.
             start: fit to begin with, whose slopes serve for what stays within its tolerance.
         """
         return self._fit(free, widths, start.theta, start.tangent)
@@ -263,7 +255,7 @@ class StandProblem:
         return self._moved(fit.theta, (*fit.free, *self.columns.absorbed), fit.solution.mean)
 
     def unexplained(self, fit: Fit) -> Array:
-        """Return what a fit leaves (N, 4), with what its effects of chance did undone."""
+        """Return what a fit leaves (N, 4), its random draws removed."""
         wide = [fit.widths.get(effect, 1.0) > 1.0 for effect in self.columns.draws]
         drawn = self.drawn @ np.where(wide, fit.solution.mean[len(self.columns.indices) :], 0.0)
         return np.where(self.seen, self.residual(self.final(fit)) - drawn, 0.0)

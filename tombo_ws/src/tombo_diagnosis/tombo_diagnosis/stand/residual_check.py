@@ -1,9 +1,8 @@
-"""The gate against unknown causes: would smooth curves nobody has a name for still explain more?
+"""The test against unknown causes: do free curves over speed still explain something?
 
-To an explanation is added a free curve over speed: in one channel, for all propellers, one for
-each, or one for the way up against the way down, or a level and a slope for each run; or all of
-these at once. Which it would be is
-not known, so their evidence is averaged; if that earns a place, something is left.
+A free curve over speed is added to an explanation, in one channel: one for all propellers, one for
+each, one for the way up against the way down, or a level and a slope for each run; or all of these
+at once. Which one is right is not known, so their evidence is averaged.
 """
 
 from __future__ import annotations

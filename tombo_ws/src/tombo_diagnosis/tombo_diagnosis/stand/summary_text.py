@@ -14,6 +14,7 @@ from tombo_diagnosis.stand.operating_points import UNITS
 from tombo_diagnosis.stand.problem import RUN, SHARE
 from tombo_diagnosis.stand.repeatability import repeats
 from tombo_diagnosis.stand.thrust_constant import ThrustConstant
+from tombo_diagnosis.wording import words
 from tombo_flight.extended_model import Gain
 
 
@@ -30,7 +31,7 @@ def summary(
         f"{findings.problem.used} points of {len(points.runs)} run{'s' * (len(points.runs) > 1)}, "
         f"{len(points.propellers)} propeller{'s' * (len(points.propellers) > 1)}"
     )
-    names = ", ".join(e.replace("_", " ") for e in judgement.effects)
+    names = ", ".join(map(words, judgement.effects))
     worth = "; ".join(
         f"{g.channel} {g.before:.3g} to {g.after:.3g} {g.unit}"
         for g in gains
@@ -49,7 +50,7 @@ def summary(
         f"{curves.size:.2g} {unit} RMS more in {curves.channel}.{worth}",
     }[judgement.verdict]
     if judgement.verdict == "named" and judgement.members:
-        members = ", ".join(e.replace("_", " ") for e in judgement.members)
+        members = ", ".join(map(words, judgement.members))
         text += f" Besides it is one of {members}."
     told = differences_from_model(found)
     if told:

@@ -1,4 +1,4 @@
-"""The paper's Table III as a stand run: what the model gets wrong, and what would settle it."""
+"""The paper's Table III as a stand run: errors of the model, and what to measure to decide."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ from tombo_diagnosis.stand.discriminating_measurements import (
 )
 from tombo_diagnosis.stand.leave_one_out import MEAN, PHYSICAL, Prediction, predictions
 from tombo_diagnosis.stand.operating_points import OperatingPoints
-from tombo_dynamics.propeller import configurations, evaluate, nodus_moduli, parameter_row
+from tombo_diagnosis.wording import words
+from tombo_dynamics.propeller import RPM, configurations, evaluate, nodus_moduli, parameter_row
 from tombo_dynamics.propeller.effects import CHANNELS, Setup
 
-SPEED = 2000.0 * math.pi / 30.0
+SPEED = 2000.0 * RPM
 """rad/s of the table."""
 _THEIRS = "their mean"
 TWO_VALUES = (
@@ -31,7 +32,7 @@ TWO_VALUES = (
 
 @dataclass(frozen=True)
 class Table3:
-    """What Table III says about the model."""
+    """Results on Table III."""
 
     confs: tuple[int, ...]
     measured: tuple[float, ...]
@@ -126,7 +127,7 @@ def statement(study: Table3) -> str:
     }
     worst = sorted(k, key=lambda c: gaps[c])[:2]
     wrong = " and ".join(f"{100.0 * gaps[c]:+.0f} % for Conf. {c}" for c in worst)
-    name = best.what.replace("_", " ")
+    name = words(best.what)
     told = (
         f"{', '.join(surely)} predicts better than the mean"
         if surely

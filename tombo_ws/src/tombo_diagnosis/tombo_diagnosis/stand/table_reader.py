@@ -1,4 +1,4 @@
-"""From a table of a thrust stand to a run in SI units, with what is wrong with it said."""
+"""From a table of a thrust stand to a checked run in SI units."""
 
 from __future__ import annotations
 
@@ -21,13 +21,12 @@ from tombo_diagnosis.stand.mapping import (
 )
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.propeller import SPEED_LIMIT
+from tombo_dynamics.propeller import RPM, SPEED_LIMIT
 
 _SOUND = 340.0
 _MACH = 0.95
 _SLOWEST = 20.0
 """rad/s: a stand that never turns faster has its unit wrong."""
-_RPM = 30.0 / math.pi
 _DECIMAL_COMMA = re.compile(r"^\s*[+-]?\d+,\d+(e[+-]?\d+)?\s*$", re.IGNORECASE)
 _PER_ROTOR = ("thrust", "torque", "applied_thrust", "applied_torque", "thrust_sigma")
 
@@ -187,7 +186,7 @@ def _without_glitches(
 
 
 def _check_plausible(table: StandTable, path: Path) -> None:
-    """Refuse what can't be in the unit that is said.
+    """Refuse values that can't be in the declared unit.
 
     Raises:
         InputError: tip faster than sound, never turning, thrust or angle with the wrong sign.
@@ -207,13 +206,13 @@ def _check_plausible(table: StandTable, path: Path) -> None:
     if top > most:
         mach = f", tip at Mach {top * radius / _SOUND:.1f}" if radius else ""
         raise InputError(
-            f"'{path}': column '{column}' reaches {top * _RPM:.0f} rpm as {unit}{mach}; accepted: "
-            f"up to {most * _RPM:.0f} rpm: is the unit right (rpm, rad/s, Hz), or the pole count?"
+            f"'{path}': column '{column}' reaches {top / RPM:.0f} rpm as {unit}{mach}; accepted: "
+            f"up to {most / RPM:.0f} rpm: is the unit right (rpm, rad/s, Hz), or the pole count?"
         )
     if top < _SLOWEST:
         raise InputError(
-            f"'{path}': column '{column}' never passes {top * _RPM:.0f} rpm as {unit}; accepted: "
-            f"above {_SLOWEST * _RPM:.0f} rpm: is the unit right (rpm, rad/s, Hz)?"
+            f"'{path}': column '{column}' never passes {top / RPM:.0f} rpm as {unit}; accepted: "
+            f"above {_SLOWEST / RPM:.0f} rpm: is the unit right (rpm, rad/s, Hz)?"
         )
     for key in ("thrust", "torque"):
         if key in table.channels:

@@ -1,4 +1,4 @@
-"""Whether thrust and speed can be in the units that are said, held against the model."""
+"""Check of the units of thrust and speed by comparison with the model."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from tombo_diagnosis.stand.operating_points import OperatingPoints
 from tombo_diagnosis.stand.table_reader import StandTable
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.propeller import RPM
 from tombo_dynamics.propeller.effects import predict
 
 _ODD = 3.0
@@ -18,14 +19,14 @@ _ODD = 3.0
 _NEAR = 1.6
 _TIMES = {
     "grams read as newtons": 1e3 / 9.80665,
-    "rad/s read as rpm": (30.0 / math.pi) ** 2,
-    "rpm read as rad/s": (math.pi / 30.0) ** 2,
+    "rad/s read as rpm": RPM**-2,
+    "rpm read as rad/s": RPM**2,
     "Hz read as rpm": 3600.0,
     "millinewtons read as newtons": 1e3,
     "kilograms read as newtons": 1.0 / 9.80665,
     "four rotors on one cell (`rotors: 4` in --mapping)": 4.0,
 }
-"""What is mistaken for what -> by how much thrust at equal speed is then too large."""
+"""Mistake of units -> factor by which thrust at equal speed is then too large."""
 
 
 def check_scale(

@@ -11,7 +11,8 @@ import pytest
 
 from tombo_flight.report.airframe_shapes import Airframe
 from tombo_flight.report.flight_plot import draw_flight, png_bytes
-from tombo_flight.report.flight_report import SCRIPTS, asset, report_html, write_report
+from tombo_flight.report.flight_report import SCRIPTS, report_html, write_report
+from tombo_flight.report.html_page import asset
 from tombo_flight.report.milestones import find_milestones
 from tombo_flight.report.paper_comparison import comparison_rows
 from tombo_flight.report.report_data import COLUMNS, flight_block, kept_samples, script_json

@@ -22,13 +22,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.report import style
 from tombo_flight.scenario import Scenario, load_scenario
-
-Array = NDArray[np.float64]
 
 FIRST_SEED = 5000
 THRESHOLDS: Array = np.round(np.geomspace(2.0, 1000.0, 82), 2)

@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_flight.replay.outputs import Event, Outputs, Series
 from tombo_flight.replay.run import Replay
 from tombo_flight.report import style
@@ -55,8 +55,8 @@ def _key(axes: Axes) -> None:
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), borderaxespad=0.6)
 
 
-def _seconds(result: Replay, series: Series) -> NDArray[np.float64]:
-    seconds: NDArray[np.float64] = (series.stamp_ns - result.begin_ns) / 1e9
+def _seconds(result: Replay, series: Series) -> Array:
+    seconds: Array = (series.stamp_ns - result.begin_ns) / 1e9
     return seconds
 
 

@@ -28,6 +28,7 @@ from tombo_bag.topics import (
     TOPICS,
 )
 from tombo_dynamics.errors import InputError
+from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.replay.cores import Inputs
 from tombo_flight.replay.outputs import EVENTS, SERIES, Outputs, read_outputs
 from tombo_flight.replay.plan import NODES, outputs_of
@@ -53,13 +54,6 @@ _ANSWERS: dict[str, tuple[str, str, int, int, bool]] = {
 }
 """Node → what it is asked, what it answers, and how far it may be behind (see `replay_node`)."""
 
-ProgressCallback = Callable[[str, float], None]
-"""Called with the stage of the work and a share from 0 to 1."""
-
-
-def _silent(stage: str, share: float) -> None:
-    return
-
 
 class Interrupted(Exception):
     """The replay was stopped."""
@@ -75,7 +69,7 @@ class ThroughNodes:
     def __init__(
         self,
         speed: float,
-        on_progress: ProgressCallback = _silent,
+        on_progress: ProgressCallback = no_progress,
         stop: Callable[[], bool] = lambda: False,
     ) -> None:
         self._speed = speed

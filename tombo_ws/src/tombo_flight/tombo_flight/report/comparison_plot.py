@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tombo_bag.comparison import Comparison, TopicComparison, Trace
+from tombo_dynamics.arrays import Array
 from tombo_flight.report import style
 
 WIDTH_IN: Final = 12.0
@@ -52,7 +53,7 @@ def draw_comparison(comparison: Comparison, name_a: str, name_b: str) -> Figure:
 
 
 def _row(left: Axes, right: Axes, comparison: Comparison, topic: TopicComparison) -> None:
-    def seconds(stamps: NDArray[np.float64] | NDArray[np.int64]) -> NDArray[np.float64]:
+    def seconds(stamps: Array | NDArray[np.int64]) -> Array:
         return np.asarray((stamps - comparison.epoch_ns) / 1e9)
 
     nothing = np.zeros((0, 2))

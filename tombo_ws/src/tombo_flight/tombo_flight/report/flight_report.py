@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import base64
-import re
-from collections.abc import Mapping
 from html import escape
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from tombo_flight.report.html_page import asset, cards, data_url, document, fill
 from tombo_flight.report.milestones import FlightMilestones, Outcome, find_milestones, number
 from tombo_flight.report.paper_comparison import comparison_rows
 from tombo_flight.report.report_data import flight_block, milestones_block, script_json
-from tombo_flight.report.tables import cards, comparison_table, events_table, values_table
+from tombo_flight.report.tables import comparison_table, events_table, key_figures, values_table
 
 if TYPE_CHECKING:
     from tombo_flight.flight_record import FlightRecord
@@ -44,18 +41,16 @@ def report_html(record: FlightRecord, plot_png: bytes) -> str:
     """The report as text; it loads nothing from anywhere."""
     milestones = find_milestones(record)
     rows = comparison_rows(milestones, record.summary)
-    return fill(
+    body = fill(
         asset("report.html"),
         {
-            "title": escape(f"{milestones.name}: {milestones.verdict.value}"),
-            "css": asset("report.css"),
             "name": escape(milestones.name),
             "verdict": escape(milestones.verdict.value),
             "verdict_class": _CLASSES[milestones.verdict],
             "facts": escape(_facts(record, milestones)),
-            "cards": cards(rows),
+            "cards": cards(key_figures(rows)),
             "comparison": comparison_table(rows),
-            "plot": base64.b64encode(plot_png).decode("ascii"),
+            "plot": data_url(plot_png),
             "events": events_table(record.events),
             "scenario": values_table(record.scenario),
             "summary": values_table(record.summary),
@@ -64,16 +59,7 @@ def report_html(record: FlightRecord, plot_png: bytes) -> str:
             "script": "\n".join(asset(name) for name in SCRIPTS),
         },
     )
-
-
-def asset(name: str, package: str = __package__) -> str:
-    """Text of a file in the assets of a package of reports; default: of flights."""
-    return (resources.files(package) / "assets" / name).read_text(encoding="utf-8")
-
-
-def fill(template: str, values: Mapping[str, str]) -> str:
-    """Put each value in place of its {{name}}; what is put in is not looked at again."""
-    return re.sub(r"\{\{(\w+)\}\}", lambda match: values[match[1]], template)
+    return document(f"{milestones.name}: {milestones.verdict.value}", body, scripts=True)
 
 
 def _facts(record: FlightRecord, milestones: FlightMilestones) -> str:

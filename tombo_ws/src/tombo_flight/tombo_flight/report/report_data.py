@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_flight.report import style
 from tombo_flight.report.airframe_shapes import Airframe
 from tombo_flight.report.milestones import PHASE_NAMES, ROTOR_NAMES, FlightMilestones
@@ -40,7 +41,7 @@ COLUMNS: Final = (
 """Columns of the log that are carried as they are, at the kept samples."""
 
 
-def kept_samples(t: NDArray[np.float64], mark_s: float | None) -> NDArray[np.intp]:
+def kept_samples(t: Array, mark_s: float | None) -> NDArray[np.intp]:
     """Indices of the kept samples, ascending: 50 Hz, and 200 Hz around the contact.
 
     Args:
@@ -70,7 +71,7 @@ def flight_block(record: FlightRecord, milestones: FlightMilestones) -> dict[str
     sample before, so that a contact of a few milliseconds is not lost.
     """
     index = kept_samples(record.t, milestones.mark_s)
-    blocks: list[tuple[str, NDArray[np.float64]]] = [("t", record.t[index].reshape(-1, 1))]
+    blocks: list[tuple[str, Array]] = [("t", record.t[index].reshape(-1, 1))]
     blocks += [(name, record.log[name].reshape(len(record.t), -1)[index]) for name in COLUMNS]
     blocks.append(("contact_N", _largest_since(record.log["contact_force"], index)))
     raw = b"".join(np.ascontiguousarray(b, dtype="<f4").tobytes() for _, b in blocks)
@@ -132,12 +133,12 @@ def script_json(value: Any) -> str:
     return text
 
 
-def _largest_since(force: NDArray[np.float64], index: NDArray[np.intp]) -> NDArray[np.float64]:
+def _largest_since(force: Array, index: NDArray[np.intp]) -> Array:
     if not len(index):
         return np.zeros((0, 1))
     size = np.linalg.norm(force, axis=1)
     starts = np.concatenate(([0], index[:-1] + 1))
-    largest: NDArray[np.float64] = np.maximum.reduceat(size[: index[-1] + 1], starts)
+    largest: Array = np.maximum.reduceat(size[: index[-1] + 1], starts)
     return largest.reshape(-1, 1)
 
 

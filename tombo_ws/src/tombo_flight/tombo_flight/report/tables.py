@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from tombo_flight.report.html_page import Card
 from tombo_flight.report.milestones import number
 from tombo_flight.report.paper_comparison import Row, fixed
 
@@ -48,24 +49,19 @@ def comparison_table(rows: Sequence[Row]) -> str:
     )
 
 
-def cards(rows: Sequence[Row]) -> str:
-    """The key figures of the header; none if the flight has none of them."""
+def key_figures(rows: Sequence[Row]) -> list[Card]:
+    """Return the key figures of the header; none if the flight has none of them."""
     shown = [row for row in rows if row.name in _CARDS]
     if all(row.flight is None for row in shown):
-        return ""
-    parts = []
+        return []
+    found = []
     for row in shown:
         value, unit = "–", ""
         if row.flight is not None:
             value, unit = fixed(row.flight, row.digits), row.unit
         beside = "" if row.paper is None else f"paper {fixed(row.paper, 1)} {row.unit}"
-        parts.append(
-            f'<div class="card" title="{escape(row.definition)}">'
-            f'<span class="name">{escape(row.name)}</span>'
-            f'<span class="value">{value}<small> {escape(unit)}</small></span>'
-            f'<span class="beside">{escape(beside)}&nbsp;</span></div>'
-        )
-    return f'<div class="cards">{"".join(parts)}</div>'
+        found.append(Card(row.name, value, unit, beside, tooltip=row.definition))
+    return found
 
 
 def events_table(events: Sequence[Mapping[str, Any]]) -> str:

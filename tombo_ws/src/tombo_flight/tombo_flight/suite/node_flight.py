@@ -20,12 +20,12 @@ from tombo_flight.flight import as_flown
 from tombo_flight.flight_from_bag import flight_from_bag
 from tombo_flight.flight_output import (
     FlightResult,
-    ProgressCallback,
     as_json,
     draw_pictures,
     flight_summary,
 )
 from tombo_flight.process.stop_signals import Stopped, StopSignals
+from tombo_flight.progress import ProgressCallback
 from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.suite.domain import free_domain, udp_ports
 from tombo_flight.suite.node_metrics import node_metrics

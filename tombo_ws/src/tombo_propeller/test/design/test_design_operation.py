@@ -9,7 +9,7 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import configuration, configurations, thrust_map
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_propeller.design.nodus_placement import with_nodus_at
-from tombo_propeller.design.operating_points import operate
+from tombo_propeller.design.operating_points import flight_performance
 
 SOFT = [c for c in configurations() if c.nodus]
 BLADE = configuration(13).blade
@@ -19,7 +19,7 @@ VEHICLE = VehicleParams()
 @pytest.mark.parametrize("law", ["repaired", "consistent"])
 def test_limits_and_hover_are_those_of_the_thrust_map(law):
     vehicle = dataclasses.replace(VEHICLE, mass=0.6)
-    found = operate(SOFT, vehicle, law)
+    found = flight_performance(SOFT, vehicle, law)
     for i, soft in enumerate(SOFT):
         chart = thrust_map(soft, law)
         top = min(chart.omega_max, vehicle.rotor_speed_max)
@@ -31,7 +31,7 @@ def test_limits_and_hover_are_those_of_the_thrust_map(law):
 
 
 def test_what_cannot_lift_has_no_hover():
-    found = operate(SOFT, VEHICLE, "repaired")
+    found = flight_performance(SOFT, VEHICLE, "repaired")
     too_soft = found.usable_thrust < VEHICLE.hover_thrust()
     assert too_soft.any()
     assert np.array_equal(np.isnan(found.hover_speed), too_soft)
@@ -64,7 +64,7 @@ def test_a_nodus_like_iron_makes_the_rigid_propeller_wherever_it_is():
                 configuration(13).nodus, matrix=iron, length_mm=1e3 * length
             ),
         )
-        both = operate([stiff, configuration(0)], VEHICLE, "repaired")
+        both = flight_performance([stiff, configuration(0)], VEHICLE, "repaired")
         assert both.usable_thrust[0] == pytest.approx(both.usable_thrust[1], rel=1e-3)
 
 
@@ -78,7 +78,7 @@ def test_a_longer_nodus_twists_more_and_lifts_less():
         )
         for length in lengths
     ]
-    thrust = operate(row, VEHICLE, "repaired").usable_thrust
+    thrust = flight_performance(row, VEHICLE, "repaired").usable_thrust
     assert (np.diff(thrust) < 0.0).all()
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tombo_propeller.reproduce.claim import DATA, FAILS, HOLDS, OPEN, Claim
+from tombo_propeller.reproduce.claim import DATA, FAILS, HOLDS, JUDGES, OPEN, Claim
 from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers
 from tombo_propeller.reproduce.paper_values import Paper, PrintedNumber, Row3
 from tombo_propeller.reproduce.reproduction import GROUPS, Reproduction, judged, reproduce
@@ -61,6 +61,7 @@ EXPECTED = {
 
 
 def test_verdict_of_every_claim(whole: Reproduction) -> None:
+    assert set(JUDGES) == set(EXPECTED)
     assert {c.name: (c.verdict, c.law) for c in whole.claims} == EXPECTED
 
 

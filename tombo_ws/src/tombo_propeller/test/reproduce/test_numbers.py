@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from tombo_dynamics.propeller import (
     LAWS,
+    RPM,
     Surroundings,
     configuration,
     configurations,
@@ -22,7 +23,7 @@ from tombo_dynamics.propeller import (
 )
 from tombo_dynamics.propeller.laws.parameters import SCALARS, unpack
 from tombo_dynamics.propeller.laws.wing_loads import twisted
-from tombo_propeller.reproduce.computed_values import RPM, collapse, maximum
+from tombo_propeller.reproduce.computed_values import collapse, maximum
 from tombo_propeller.reproduce.deformation_claims import reading_deg
 from tombo_propeller.reproduce.paper_values import PrintedNumber, read_paper
 from tombo_propeller.reproduce.reproduction import reproduce
@@ -49,13 +50,13 @@ def test_maximum_of_thrust_is_where_the_library_has_it(conf: int, law: str) -> N
     found = maximum(configuration(conf), law, "thrust_N")
     assert found.inside
     expected, _ = speed_of_maximum_thrust(configuration(conf), law)
-    assert found.speed_rpm == pytest.approx(expected * RPM, rel=1e-6)
+    assert found.speed_rpm == pytest.approx(expected / RPM, rel=1e-6)
 
 
 @pytest.mark.parametrize("law", LAWS)
 def test_no_speed_has_more_lift_over_drag(law: str) -> None:
     best = maximum(configuration(3), law, "lift_over_drag")
-    speeds = np.linspace(0.02, 1.0, 2000) * best.speed_rpm / RPM
+    speeds = np.linspace(0.02, 1.0, 2000) * best.speed_rpm * RPM
     ratio = evaluate(configuration(3), speeds, law).lift_over_drag
     assert ratio.max() <= best.value * (1.0 + 1e-12)
     assert best.inside == (law != "consistent")

@@ -1,4 +1,4 @@
-"""What is known of each candidate: figures, how they are known, and what may be counted on."""
+"""Evaluation of the candidates: figures, intervals, and how each figure is known."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.propeller import Configuration, evaluate
+from tombo_dynamics.propeller import RPM, Configuration, evaluate
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_propeller.design.candidates import TestedRange
 from tombo_propeller.design.operating_points import FlightPerformance
@@ -21,7 +21,7 @@ from tombo_propeller.design.response_regression import ResponseModel
 MEASURED_HERE: Final = "measured"
 MODELLED: Final = "modelled"
 EXTRAPOLATED: Final = "extrapolated"
-_BENCH_SPEED = 2000.0 * math.pi / 30.0
+_BENCH_SPEED = 2000.0 * RPM
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,12 +37,12 @@ class CandidateEvaluation:
     high: Array
     """(n, 5) upper end."""
     counted: Array
-    """(n, 5) what is held against the limits: measured values, the worse end of predictions, NaN
-    where nothing may be counted on."""
+    """(n, 5) what is compared with the limits: measured values, the worse end of predictions, NaN
+    for predictions that may not be used."""
     labels: Sequence[tuple[str, ...]]
     """For each candidate, how each figure is known: measured, modelled or extrapolated."""
     outside: Sequence[tuple[str, ...]]
-    """For each candidate, in what it is outside of what was tested."""
+    """For each candidate, its properties outside of the tested range, in words."""
     tier: NDArray[np.int64]
     """0: measured in all three; 1: within what was tested; 2: outside."""
     distance: Array
@@ -57,7 +57,7 @@ def judge(
     request: Request,
     vehicle: VehicleParams,
 ) -> CandidateEvaluation:
-    """Put together what is known of each candidate.
+    """Return the figures of all candidates.
 
     Thrust margin and lift over drag are the model's: extrapolated in speed, as nobody measured
     beyond 3200 rpm, so their interval is not known and stands at the value. The other three are

@@ -1,4 +1,4 @@
-"""The choice among the candidates, what binds it, and what is nearest where nothing fits."""
+"""Ranking of the candidates; the relief of each limit and the nearest candidates if none fits."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from tombo_propeller.design.candidate_evaluation import CandidateEvaluation, cos
 from tombo_propeller.design.pareto import nondominated
 from tombo_propeller.design.request import NAMES, Limit
 
+_NEAREST = 3
+"""Candidates that break a limit and are named."""
+
 
 @dataclass(frozen=True, eq=False)
 class Choice:
@@ -20,7 +23,7 @@ class Choice:
 
     limits: tuple[Limit, ...]
     slack: Array
-    """(n, limits), see `judge.slack`."""
+    """(n, limits), see `candidate_evaluation.slack`."""
     feasible: NDArray[np.bool_]
     front: NDArray[np.bool_]
     """Feasible and not beaten by another one of as good evidence; less far outside of what was
@@ -34,10 +37,8 @@ class Choice:
     """Candidates that break the limits least."""
 
 
-def choose(
-    judged: CandidateEvaluation, limits: Sequence[Limit], gain: float, nearest: int = 3
-) -> Choice:
-    """Order what keeps to the limits, and say how far the rest is from it.
+def choose(judged: CandidateEvaluation, limits: Sequence[Limit], gain: float) -> Choice:
+    """Order the candidates that keep the limits, and find how far the others are from them.
 
     Evidence comes first: what was measured before what is predicted within the tested range, that
     before what is extrapolated. Within each, the candidate whose smallest slack is largest, of
@@ -48,7 +49,6 @@ def choose(
         judged: the candidates.
         limits: what to keep to.
         gain: share that the model must gain to be believed over a measurement: its own error.
-        nearest: how many candidates that break a limit to name.
     """
     left = slack(judged.counted, limits)
     worst = left.min(axis=1)
@@ -64,12 +64,12 @@ def choose(
         front,
         _order(judged, worst, feasible, front, gain),
         tuple(_relief(judged, left, k, limits) for k in range(len(limits))),
-        tuple(int(i) for i in _by_slack(worst, ~feasible, judged.tier)[:nearest]),
+        tuple(int(i) for i in _by_slack(worst, ~feasible, judged.tier)[:_NEAREST]),
     )
 
 
 def _front(judged: CandidateEvaluation, here: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which of the candidates `here` are on their front; a figure nobody knows is out."""
+    """Return which candidates `here` are on their Pareto front; unknown figures are left out."""
     figures = np.column_stack([costs(judged.counted[here]), judged.distance[here]])
     known = np.isfinite(figures).any(axis=0)
     return nondominated(figures[:, known]) if here.any() else np.zeros(0, dtype=bool)

@@ -1,4 +1,4 @@
-"""All designs that are looked at: the library's own, and a grid over what can be varied."""
+"""All candidates: the soft propellers of the library, and a grid over the nodus' properties."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ _WORDS = {
 
 
 def properties(configuration: Configuration) -> dict[str, float]:
-    """Return what makes a nodus, by the names of `TestedRange`."""
+    """Return the properties of a nodus, by the names of `TestedRange`."""
     nodus = configuration.nodus
     assert nodus is not None
     moduli = nodus_moduli(configuration)

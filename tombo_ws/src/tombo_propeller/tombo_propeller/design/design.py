@@ -1,26 +1,25 @@
-"""From a request and a library to a recommended nodus, and to what is known of all others."""
+"""From a request and a library to a design: all candidates, evaluated and ranked."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.propeller import Blade, Configuration, Library
 from tombo_dynamics.vehicle import VehicleParams
+from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_propeller.design.candidate_evaluation import CandidateEvaluation, judge, thrust_error
 from tombo_propeller.design.candidate_ranking import Choice, choose
 from tombo_propeller.design.candidates import TestedRange, candidates, measured_soft, tested
-from tombo_propeller.design.operating_points import operate
+from tombo_propeller.design.operating_points import flight_performance
 from tombo_propeller.design.request import MEASURED, Request, vehicle_for
 from tombo_propeller.design.response_regression import ResponseModel, read
-
-ProgressCallback = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """All that was looked at, and what came of it."""
+    """All candidates with their evaluation and ranking."""
 
     request: Request
     vehicle: VehicleParams
@@ -55,9 +54,9 @@ def design(
     request: Request,
     library: Library,
     blade: Blade,
-    on_progress: ProgressCallback = lambda stage, share: None,
+    on_progress: ProgressCallback = no_progress,
 ) -> Design:
-    """Look at all candidates and choose.
+    """Evaluate and rank all candidates.
 
     Args:
         request: what is asked for.
@@ -76,7 +75,7 @@ def design(
     on_progress("candidates", 0.0)
     every = candidates(library, blade)
     on_progress(f"{len(every)} candidates", 0.1)
-    operating = operate(every, vehicle, request.law)
+    operating = flight_performance(every, vehicle, request.law)
     on_progress("judging", 0.9)
     judged = judge(every, operating, readings, span, request, vehicle)
     error = thrust_error(measured, request.law)

@@ -6,6 +6,7 @@ import dataclasses
 import math
 from typing import Any
 
+from tombo_dynamics.propeller import RPM
 from tombo_flight.flight_output import plain
 from tombo_flight.version import tombo_version
 from tombo_propeller.design import summary_text, table_cells
@@ -14,8 +15,6 @@ from tombo_propeller.design.design import Design
 from tombo_propeller.design.flight_check import Check
 from tombo_propeller.design.recommend import Recommendation
 from tombo_propeller.design.request import MEASURED, QUANTITIES
-
-_RPM = 30.0 / math.pi
 
 
 def design_mapping(found: Design, made: Recommendation) -> dict[str, Any]:
@@ -90,8 +89,8 @@ def candidate(found: Design, index: int) -> dict[str, Any]:
         "fibre_diameter_mm": nodus.fibre_diameter_mm,
         "evidence": table_cells.EVIDENCE[int(judged.tier[index])],
         "outside_of_tests": list(judged.outside[index]),
-        "hover_rpm": float(operating.hover_speed[index]) * _RPM,
-        "usable_rpm": float(operating.usable_speed[index]) * _RPM,
+        "hover_rpm": float(operating.hover_speed[index]) / RPM,
+        "usable_rpm": float(operating.usable_speed[index]) / RPM,
         "usable_thrust_N": float(operating.usable_thrust[index]),
         "motor_limits_thrust": bool(operating.motor_limits[index]),
         "twist_in_hover_deg": math.degrees(float(operating.hover_twist[index])),

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
 from tombo_flight.flight_output import as_json
+from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.report.flight_plot import png_bytes
 from tombo_propeller.design.design import Design
 from tombo_propeller.design.design_json import design_mapping
@@ -39,7 +39,7 @@ def write_design(
     folder: Path,
     found: Design,
     made: Recommendation,
-    on_progress: Callable[[str, float], None] = lambda stage, share: None,
+    on_progress: ProgressCallback = no_progress,
 ) -> None:
     """Write the files of a design into a folder that exists.
 

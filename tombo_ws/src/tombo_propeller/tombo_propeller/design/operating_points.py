@@ -30,17 +30,15 @@ class FlightPerformance:
     usable_thrust: Array
     """Thrust there [N]."""
     motor_limits: NDArray[np.bool_]
-    """Whether it is the drive that sets the limit."""
+    """Whether the motor sets the limit."""
     hover_speed: Array
     """[rad/s]."""
     hover_lift_over_drag: Array
     hover_twist: Array
     """gamma [rad]."""
-    hover_torque: Array
-    """[N m], not validated."""
 
 
-def operate(
+def flight_performance(
     configurations: Sequence[Configuration], vehicle: VehicleParams, law: str
 ) -> FlightPerformance:
     """Return where each configuration works on a vehicle.
@@ -51,12 +49,14 @@ def operate(
         law: of the nodus.
     """
     rows = np.array([parameter_row(c, law) for c in configurations])
-    parts = [_operate(rows[i : i + _CHUNK], vehicle, law) for i in range(0, rows.shape[0], _CHUNK)]
+    parts = [
+        _performance(rows[i : i + _CHUNK], vehicle, law) for i in range(0, rows.shape[0], _CHUNK)
+    ]
     fields = [np.concatenate(field) for field in zip(*parts, strict=True)]
     return FlightPerformance(*fields)
 
 
-def _operate(rows: Array, vehicle: VehicleParams, law: str) -> tuple[NDArray[Any], ...]:
+def _performance(rows: Array, vehicle: VehicleParams, law: str) -> tuple[NDArray[Any], ...]:
     motor = vehicle.rotor_speed_max
     peak = _peak(rows, motor / USABLE_SHARE, law)
     usable = np.fmin(USABLE_SHARE * peak, motor)
@@ -64,11 +64,10 @@ def _operate(rows: Array, vehicle: VehicleParams, law: str) -> tuple[NDArray[Any
     hover = _speed_for(rows, usable, top, vehicle.hover_thrust(), law)
     lifts = np.isfinite(hover)
     at_hover = evaluate_rows(rows, np.where(lifts, hover, 0.0), law)
-    ratio, twist, torque = (
-        np.where(lifts, values, np.nan)
-        for values in (at_hover.lift_over_drag, at_hover.gamma_rad, at_hover.torque_Nm)
+    ratio, twist = (
+        np.where(lifts, values, np.nan) for values in (at_hover.lift_over_drag, at_hover.gamma_rad)
     )
-    return usable, top, usable >= motor, hover, ratio, twist, torque
+    return usable, top, usable >= motor, hover, ratio, twist
 
 
 def _peak(rows: Array, highest: float, law: str) -> Array:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 
-def nondominated(costs: NDArray[np.float64]) -> NDArray[np.bool_]:
+
+def nondominated(costs: Array) -> NDArray[np.bool_]:
     """Return which rows no other row dominates.
 
     A row dominates another one if it is nowhere worse and somewhere better. Rows that are equal
@@ -18,7 +20,7 @@ def nondominated(costs: NDArray[np.float64]) -> NDArray[np.bool_]:
     kept: NDArray[np.bool_] = np.asarray(np.isfinite(costs).all(axis=1))
     order = np.flatnonzero(kept)
     order = order[np.lexsort(costs[order].T[::-1])]
-    front: NDArray[np.float64] = np.empty((0, costs.shape[1]))
+    front: Array = np.empty((0, costs.shape[1]))
     for row in order:  # whatever dominates a row comes before it in the order
         cost = costs[row]
         if ((front <= cost).all(axis=1) & (front < cost).any(axis=1)).any():

@@ -1,4 +1,4 @@
-"""The pictures of a design: what can be had against what, and what predicts the readings."""
+"""The plots of a design: figures against thrust margin, and the regressors of the readings."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def draw_pareto(found: Design, made: Recommendation) -> Figure:
 
 
 def draw_readings(found: Design) -> Figure:
-    """Draw what each regressor predicts readings left out with, against their mean."""
+    """Draw the error of each regressor on readings left out, and that of their mean."""
     with mpl.rc_context(style.RC):
         sheet = Figure(figsize=(11.0, 3.4), dpi=_DPI, layout="constrained")
         FigureCanvasAgg(sheet)

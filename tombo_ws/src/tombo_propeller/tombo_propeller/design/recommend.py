@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_propeller.design.design import Design
 from tombo_propeller.design.flight_check import Check, check_design
 from tombo_propeller.design.request import LEAST_MARGIN
 
 MOST_FLOWN = 8
-"""Candidates that are flown before it is given up."""
+"""Largest number of candidates that are flown."""
 _MORE = 1.05
 """After a failure only a candidate with so much more thrust, or another strike, is flown."""
 
@@ -36,7 +37,7 @@ class Recommendation:
 def recommend(
     found: Design,
     seeds: Sequence[int],
-    on_progress: Callable[[str, float], None] = lambda stage, share: None,
+    on_progress: ProgressCallback = no_progress,
 ) -> Recommendation:
     """Fly the feasible candidates in their order until one keeps its claims.
 

@@ -1,4 +1,4 @@
-"""What is asked for: a vehicle and what its propeller has to keep to."""
+"""The request: a vehicle, and limits for its propeller."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ BOUNDS = {
     "--min-lift-over-drag": ("1", 0.01, 100.0),
     "--confidence": ("1", 0.5, 0.999),
 }
-"""Unit, least and most of each number that may be asked for."""
+"""Unit, lower and upper bound of each number of a request."""
 
 
 class Quantity(NamedTuple):
@@ -58,7 +58,7 @@ force, recovery time and noise are Table III's, at 2000 rpm; lift over drag is a
 """
 NAMES = tuple(q.name for q in QUANTITIES)
 MEASURED = ("collision_force_N", "recovery_s", "noise_dB")
-"""Those that no physics is known for: measured, or predicted from the measured ones."""
+"""Quantities without a physical model: measured, or predicted from the measured ones."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Collision force, recovery time and noise of a nodus that nobody measured.
+"""Prediction of collision force, recovery time and noise of a nodus that was not measured.
 
 Table III has one reading for each of nine soft propellers. A regression on anything that is known
 of a nodus may be used only if it predicts readings that it was not fitted to better than their
@@ -17,7 +17,7 @@ from scipy import stats
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller import Configuration, nodus_moduli
-from tombo_dynamics.propeller.moduli import volume_fraction
+from tombo_propeller.design.candidates import properties
 
 SIGNIFICANT = 0.05
 FEWEST = 4
@@ -42,19 +42,12 @@ def flap_period(configuration: Configuration) -> float:
     return 2.0 * math.pi * math.sqrt(inertia / flap_stiffness(configuration))
 
 
-def _fibre_share(configuration: Configuration) -> float:
-    nodus = configuration.nodus
-    assert nodus is not None
-    area = configuration.blade.joint.section_area_mm2
-    return float(volume_fraction(nodus.fibres, nodus.fibre_diameter_mm, area))
-
-
 REGRESSORS: dict[str, Callable[[Configuration], float]] = {
     "flap stiffness": flap_stiffness,
     "root of flap stiffness": lambda c: math.sqrt(flap_stiffness(c)),  # of a blow at given speed
     "logarithm of flap stiffness": lambda c: math.log(flap_stiffness(c)),
     "flap period": flap_period,
-    "share of fibres": _fibre_share,
+    "share of fibres": lambda c: properties(c)["fibre_share"],
     "diameter of fibres": lambda c: c.nodus.fibre_diameter_mm if c.nodus else 0.0,
 }
 """What a reading may depend on. The first is used for the rank correlation, too."""
@@ -87,7 +80,7 @@ class ResponseModel:
     """Spearman's, with flap stiffness."""
     rank_p_value: float
     regressor: str
-    """What is used; MEAN if no regressor earns its place."""
+    """What is used; MEAN if no regressor is accepted."""
     coefficients: tuple[float, ...]
     points: Array
     """(n,) the regressor at the readings; empty for the mean."""

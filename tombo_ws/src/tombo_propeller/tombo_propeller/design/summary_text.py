@@ -1,4 +1,4 @@
-"""What was found, in sentences: why this nodus, what binds, what nobody knows."""
+"""A design in sentences: reasons, binding limit, sources of predictions, what is not known."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ import math
 import numpy as np
 from scipy import stats
 
+from tombo_dynamics.propeller import RPM, Configuration
 from tombo_propeller.design.candidate_evaluation import slack
 from tombo_propeller.design.candidates import describe
 from tombo_propeller.design.design import Design
-from tombo_propeller.design.operating_points import operate
+from tombo_propeller.design.operating_points import flight_performance
 from tombo_propeller.design.recommend import Recommendation
 from tombo_propeller.design.request import MEASURED, NAMES, QUANTITIES, Limit, Quantity
 from tombo_propeller.design.response_regression import MEAN, ResponseModel
 from tombo_propeller.design.table_cells import EVIDENCE, broken_by, figure, name_of
 
-_RPM = 30.0 / math.pi
 _BENCH_RPM = 2000.0
 
 
@@ -79,7 +79,7 @@ def reasons(found: Design, made: Recommendation) -> list[str]:
     if judged.operating.motor_limits[made.index]:
         lines.append("The motor limits its thrust, not the nodus: a stiffer one gains little.")
     else:
-        usable = judged.operating.usable_speed[made.index] * _RPM
+        usable = judged.operating.usable_speed[made.index] / RPM
         lines.append(
             f"The nodus limits its thrust: 0.9 of the speed of maximum thrust is {usable:.0f} rpm."
         )
@@ -195,15 +195,14 @@ def caveats(found: Design, made: Recommendation) -> list[str]:
 def _of_the_recommended(found: Design, index: int) -> list[str]:
     judged = found.judged
     configuration = judged.configurations[index]
-    hover = judged.operating.hover_speed[index] * _RPM
-    top = judged.operating.usable_speed[index] * _RPM
+    hover = judged.operating.hover_speed[index] / RPM
+    top = judged.operating.usable_speed[index] / RPM
     lines = []
     if judged.outside[index]:
         lines.append(f"Outside of what was tested: {'; '.join(judged.outside[index])}.")
     others = [
-        f"{law} {operate([configuration], found.vehicle, law).usable_thrust[0] / weight:.2f}"
+        f"{law} {_thrust_margin(found, configuration, law):.2f}"
         for law in ("repaired", "consistent", "published")
-        for weight in (found.vehicle.hover_thrust(),)
         if law != found.request.law and (law != "published" or configuration.blade.published)
     ]
     lines.append(
@@ -225,6 +224,11 @@ def _of_the_recommended(found: Design, index: int) -> list[str]:
                 f"configurations do, the next one keeps it with {chance:.0%}."
             )
     return lines
+
+
+def _thrust_margin(found: Design, configuration: Configuration, law: str) -> float:
+    usable = flight_performance([configuration], found.vehicle, law).usable_thrust[0]
+    return float(usable / found.vehicle.hover_thrust())
 
 
 def _reached(value: float, limit: Limit) -> str:

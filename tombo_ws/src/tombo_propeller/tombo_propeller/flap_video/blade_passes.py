@@ -2,7 +2,7 @@
 
 How much of the time a blade covers a point at radius x is its chord's angle there over 2 pi:
 motion blur spreads the blade along the circle and leaves that share as it is. So what a pass
-changes, summed along its arc, has the same course over the radius at every speed and exposure.
+changes, summed along its arc, has the same profile over the radius at every speed and exposure.
 """
 
 from __future__ import annotations

@@ -47,10 +47,8 @@ class Disc:
     x: float
     y: float
     radius: float
-    hull: NDArray[np.float64]
+    hull: Array
     """Corners of the convex hull, (n, 2)."""
-    on_circle: float
-    """Share of the hull's directions on the circle."""
 
 
 def pixel_range(frames: Frames) -> NDArray[np.float32]:
@@ -151,7 +149,7 @@ def circle_of(hull: Array) -> Disc:
             f"what moves is not round: {100 * share:.0f} % of its hull is on a circle; accepted: "
             "one propeller seen along its axis, ten frames or more, camera at rest"
         )
-    return Disc(x, y, r, hull, share)
+    return Disc(x, y, r, hull)
 
 
 def _near(points: Array, x: float, y: float, r: float) -> NDArray[np.bool_]:

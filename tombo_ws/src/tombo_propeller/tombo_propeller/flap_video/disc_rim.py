@@ -1,8 +1,9 @@
-"""The disc's rim to a few hundredths of a pixel, whatever speed and exposure, from blade passes.
+"""The disc's rim to a few hundredths of a pixel, at any speed and exposure, from blade passes.
 
-Every pass has the same course over the radius: the chord's, ending at the tip, times the
-brightness of the blade less that of what it hides. `Rim.radius` is where this course has fallen to
-half, some way inside of the tip, the same for the same blade: it cancels in a ratio of two radii.
+Every pass has the same profile over the radius: that of the chord, which ends at the tip, times
+the brightness of the blade less that of the background. `Rim.radius` is where this profile has
+fallen to half. That is somewhat inside of the tip, always the same for the same blade, so it
+cancels in a ratio of two radii.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ _PRIOR = np.array([0.0] * 6 + [0.2, 0.2] + [80.0**-2, 30.0**-2, 30.0**-2])
 
 @dataclass(frozen=True)
 class RadialProfile:
-    """The course of a pass over the radius near the rim."""
+    """The profile of a pass over the radius near the rim."""
 
     radius: float
     """Of the rim that it was seen at [pixels]."""
@@ -42,7 +43,7 @@ class RadialProfile:
     """Slope and bend inside of the rim, per 5 % of the radius."""
 
     def seen_at(self, radius: float, stretch: float) -> RadialProfile:
-        """Return the blade's course at a rim of `radius`, its span `stretch` times as long."""
+        """Return the blade's profile at a rim of `radius`, its span `stretch` times as long."""
         by = radius / self.radius / stretch
         body = (self.body[0] * by, self.body[1] * by * by)
         return RadialProfile(radius, self.width * stretch, body)
@@ -101,14 +102,14 @@ def fit_rim(
     round_known: bool = False,
     like: RadialProfile | None = None,
 ) -> Rim:
-    """Fit circle, stretch and course to passes (Levenberg and Marquardt).
+    """Fit circle, stretch and profile to passes (Levenberg and Marquardt).
 
     Args:
         passes: in a ring about the centre; `x` and `y` of the result are the centre's shift.
         radius: first guess.
         oval: first guess of the stretch.
         round_known: keep the stretch, and the centre to some pixels: for blades at rest.
-        like: the course, if it is known from other passes of the same blade.
+        like: the profile, if it is known from other passes of the same blade.
 
     Raises:
         InputError: too few passes.

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from tombo_dynamics.errors import InputError
+from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_propeller.flap_video.camera_geometry import (
     BladeSpan,
     CameraPose,
@@ -27,8 +28,6 @@ from tombo_propeller.flap_video.scale import (
     refit_with_reference_profile,
     rim_radius_m,
 )
-
-ProgressCallback = Callable[[str, float], None]
 
 
 class Source(Protocol):
@@ -146,7 +145,7 @@ def measure(
     scale_of: Callable[[Rim], Scale],
     span: BladeSpan,
     view: CameraPose,
-    on_progress: ProgressCallback = lambda stage, share: None,
+    on_progress: ProgressCallback = no_progress,
 ) -> Measurement:
     """Measure windows of a film.
 

@@ -9,6 +9,8 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tombo_dynamics.propeller import RPM
+
 if TYPE_CHECKING:
     from tombo_propeller.flap_video.camera_geometry import FlapAngle
     from tombo_propeller.flap_video.measure import Measurement, Window
@@ -65,7 +67,7 @@ def _window(w: Window) -> dict[str, Any]:
         "first_frame": w.first,
         "frames": w.frames,
         "time_s": w.time,
-        "rpm": _finite(w.speed * 30.0 / math.pi),
+        "rpm": _finite(w.speed / RPM),
         "beta": _angle(w.angle),
         "radius_px": w.rim.radius,
         "radius_sd_px": w.rim.sd,
@@ -79,7 +81,7 @@ def _row(w: Window) -> list[Any]:
     a = w.angle
     best = math.degrees(a.best) if a.resolved and not a.inconsistent else None
     return [
-        round(w.time, 6), _rounded(w.speed * 30.0 / math.pi, 1), _rounded(best, 3),
+        round(w.time, 6), _rounded(w.speed / RPM, 1), _rounded(best, 3),
         round(math.degrees(a.low), 3), round(math.degrees(a.high), 3), round(w.rim.radius, 3),
         round(w.rim.sd, 4), round(w.radius * 1e3, 4), round(w.disc.radius, 2),
         _rounded(math.degrees(w.paper), 2), a.words(),

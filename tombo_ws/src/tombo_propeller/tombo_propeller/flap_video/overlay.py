@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_propeller.flap_video.measure import Measurement
 
@@ -88,7 +89,7 @@ def write_picture(picture: Picture, path: Path) -> None:
         raise InputError(f"can't write '{path}'; accepted: a folder that can be written")
 
 
-def _piece(swing: NDArray[np.float64], x: float, y: float, radius: float) -> tuple[float, float]:
+def _piece(swing: Array, x: float, y: float, radius: float) -> tuple[float, float]:
     """Return the corner of the piece of the rim at which a blade stands out most."""
     phi: Any = np.linspace(0.0, 2.0 * math.pi, 180, endpoint=False)
     at = _outline(x, y, np.full_like(phi, 0.96 * radius), phi).round().astype(int)
@@ -100,9 +101,7 @@ def _piece(swing: NDArray[np.float64], x: float, y: float, radius: float) -> tup
     return middle[0] - 0.5 * _ZOOM_SPAN, middle[1] - 0.5 * _ZOOM_SPAN
 
 
-def _outline(
-    x: float, y: float, out: NDArray[np.float64], phi: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _outline(x: float, y: float, out: Array, phi: Array) -> Array:
     return np.column_stack([x + out * np.cos(phi), y + out * np.sin(phi)])
 
 
@@ -121,7 +120,7 @@ def _shown(
 
 def _draw(
     picture: Picture,
-    line: NDArray[np.float64],
+    line: Array,
     corner: tuple[float, float],
     factor: float,
     colour: _Colour,

@@ -22,10 +22,10 @@ from tombo_propeller.flap_video.disc_rim import Rim, find_rim, fit_rim
 _FLOOR_PX = 0.015
 """Pixels that no fit is trusted beyond: interpolation, compression, the lens."""
 _TIP_INSET = 0.0003
-"""m from the tip to where its course has fallen to half; matters only where a scale is given."""
+"""m from the tip to where its profile has fallen to half; matters only where a scale is given."""
 _TIP_INSET_SD = 0.00025
 _BENT = 0.0002
-"""m by which a long tip's course is misread where it is foreshortened, times 1 - cos(beta)."""
+"""m by which a long tip's profile is misread where it is foreshortened, times 1 - cos(beta)."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def reference_scale(
     seen = float(apparent_radius(np.array(beta), span, view))
     try:
         rim, how = find_rim(frames, find_disc(frames)), "reference, spinning"
-        # Its course is the one that counts: what remains is the radius' own error.
+        # Its profile is the one that counts: what remains is the radius' own error.
         rim = replace(rim, sd=fit_rim(rim.passes, rim.radius, rim.oval, like=rim.profile).sd)
     except NothingMovesError:
         if spinning is None:
@@ -105,7 +105,7 @@ def reference_scale(
 
 
 def refit_with_reference_profile(rim: Rim, scale: Scale, span: BladeSpan, view: CameraPose) -> Rim:
-    """Fit again with the reference's course, so that what it gets wrong cancels."""
+    """Fit again with the reference's profile, so that what it gets wrong cancels."""
     if scale.rim is None:
         return rim
     for _ in range(2):

@@ -1,10 +1,19 @@
-"""A claim of the paper, what the laws make of it, and how its verdict follows."""
+"""A claim of the paper, what the laws make of it, and how its verdict follows.
+
+The texts of all claims are in `claims.yaml`. For each of them a function of the same name, marked
+with `judges`, draws the outcome from what is printed and what is computed, and from nothing else.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Final, Literal
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import yaml
 
 from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers
 from tombo_propeller.reproduce.paper_values import Paper
@@ -15,11 +24,34 @@ HOLDS: Final = "holds"
 FAILS: Final = "fails"
 OPEN: Final = "can't be checked"
 
-Kind = Literal["printed", "stated", "check"]
-"""A number that the paper prints; a sentence of it; or a test of ours that its figures allow."""
-
 DATA: Final = "data"
 """Stands in place of a law where a claim is about measurements alone."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a claim comes to."""
+
+    computed: Mapping[str, float | None]
+    """By law, or under "data"; None where a law has no such number."""
+    verdicts: Mapping[str, Verdict]
+    """By law, or under "data"."""
+    judge: str
+    """The law, or "data", whose verdict is the claim's."""
+    evidence: str
+    texts: Mapping[str, object]
+    """What the claim's texts have in braces."""
+
+
+Judge = Callable[[Paper, Numbers], Outcome]
+JUDGES: Final[dict[str, Judge]] = {}
+"""Name of a claim -> the function that judges it."""
+
+
+def judges(function: Judge) -> Judge:
+    """Mark a function as the judge of the claim of its name."""
+    JUDGES[function.__name__] = function
+    return function
 
 
 @dataclass(frozen=True)
@@ -28,7 +60,8 @@ class Claim:
 
     name: str
     group: str
-    kind: Kind
+    kind: str
+    """printed, stated or check, see `claims.yaml`."""
     claim: str
     source: str
     paper: str
@@ -37,12 +70,9 @@ class Claim:
     """What `computed` is."""
     unit: str
     computed: Mapping[str, float | None]
-    """By law, or under "data"; None where a law has no such number."""
     tolerance: str
     verdicts: Mapping[str, Verdict]
-    """By law, or under "data"."""
     judge: str
-    """The law, or "data", whose verdict is the claim's."""
     evidence: str
 
     @property
@@ -64,26 +94,87 @@ class Claim:
 
     def mapping(self) -> dict[str, object]:
         """Return the claim as plain values, for JSON."""
-        return {
-            "name": self.name,
-            "group": self.group,
-            "kind": self.kind,
-            "claim": self.claim,
-            "source": self.source,
-            "paper": self.paper,
-            "computed": dict(self.computed),
-            "quantity": self.quantity,
-            "unit": self.unit,
-            "tolerance": self.tolerance,
-            "law": self.law,
-            "verdict": self.verdict,
-            "verdicts": dict(self.verdicts),
-            "evidence": self.evidence,
-        }
+        values = dataclasses.asdict(self) | {"law": self.law, "verdict": self.verdict}
+        del values["judge"]
+        return values
 
 
-Maker = Callable[[Paper, Numbers], Claim]
-"""Draws a claim from what is printed and what is computed, and from nothing else."""
+@lru_cache(maxsize=1)
+def claim_texts() -> Mapping[str, Mapping[str, Mapping[str, Any]]]:
+    """Return what `claims.yaml` says: group -> name -> texts."""
+    path = Path(__file__).with_name("claims.yaml")
+    content: Mapping[str, Mapping[str, Mapping[str, Any]]] = yaml.safe_load(
+        path.read_text(encoding="utf-8")
+    )
+    return content
+
+
+def judged_claims(paper: Paper, numbers: Numbers) -> tuple[Claim, ...]:
+    """Return every claim with its verdict, in the order of `claims.yaml`."""
+    return tuple(
+        _judged(name, group, texts, paper, numbers)
+        for group, claims in claim_texts().items()
+        for name, texts in claims.items()
+    )
+
+
+def _judged(
+    name: str, group: str, texts: Mapping[str, Any], paper: Paper, numbers: Numbers
+) -> Claim:
+    outcome = JUDGES[name](paper, numbers)
+    values = dict(outcome.texts)
+    source = texts.get("source", "")
+    if "printed" in texts:
+        section, key = texts["printed"]
+        source = source or paper.source(section, key)
+        printed = paper.said[section][key]["printed"]
+        values["printed"] = printed
+    said = {
+        key: texts[key].format(**values) for key in ("claim", "paper", "quantity", "tolerance")
+    }
+    return Claim(
+        name=name,
+        group=group,
+        kind=texts["kind"],
+        source=source.format(**values),
+        unit=texts.get("unit", "1"),
+        computed=outcome.computed,
+        verdicts=outcome.verdicts,
+        judge=outcome.judge,
+        evidence=outcome.evidence,
+        **said,
+    )
+
+
+def of_data(value: float, verdict: Verdict, evidence: str, **texts: object) -> Outcome:
+    """Return the outcome of a claim about measurements alone."""
+    return Outcome({DATA: value}, {DATA: verdict}, DATA, evidence, texts)
+
+
+def of_laws(
+    numbers: Numbers,
+    computed: Mapping[str, float | None],
+    accept: Callable[[float], bool] | Mapping[str, Verdict],
+    evidence: str,
+    *,
+    law: str = "published",
+    **texts: object,
+) -> Outcome:
+    """Return the outcome of a claim about the laws.
+
+    Args:
+        numbers: all that is computed.
+        computed: by law; one that has no such number does not fulfil the claim.
+        accept: says of a number whether the claim holds; or the verdict of each law.
+        evidence: in words.
+        law: whose verdict is the claim's, where it is computed.
+        texts: what the claim's texts have in braces.
+    """
+    if isinstance(accept, Mapping):
+        verdicts = accept
+    else:
+        verdicts = {name: holds_if(v is not None and accept(v)) for name, v in computed.items()}
+    return Outcome(computed, verdicts, judge_of(numbers, law), evidence, texts)
 
 
 def holds_if(condition: bool) -> Verdict:
@@ -96,13 +187,6 @@ def by_law(
 ) -> dict[str, float | None]:
     """Return a number of each law."""
     return {name: value(law) for name, law in numbers.laws.items()}
-
-
-def verdicts(
-    computed: Mapping[str, float | None], accept: Callable[[float], bool]
-) -> dict[str, Verdict]:
-    """Return a verdict for each law: a law that has no such number does not fulfil the claim."""
-    return {law: holds_if(v is not None and accept(v)) for law, v in computed.items()}
 
 
 def judge_of(numbers: Numbers, preferred: str = "published") -> str:

@@ -11,6 +11,7 @@ import numpy as np
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller import (
+    RPM,
     SPEED_LIMIT,
     STANDARD,
     Configuration,
@@ -27,8 +28,6 @@ from tombo_dynamics.propeller.laws.parameters import SCALARS
 from tombo_dynamics.propeller.moduli import chamis, matrix_modulus, published_moduli
 from tombo_dynamics.propeller.moduli import volume_fraction as share_of_fibre
 
-RPM = 30.0 / math.pi
-"""rpm in a rad/s."""
 _GRID = 161
 
 
@@ -126,11 +125,11 @@ def maximum(configuration: Configuration, law: str, name: str) -> Optimum:
         speed = ends[int(values[-1] > values[0])]
     at = evaluate(configuration, speed, law)
     alpha, beta, gamma = _degrees(at)
-    return Optimum(speed * RPM, float(getattr(at, name)), alpha, beta, gamma, inside)
+    return Optimum(speed / RPM, float(getattr(at, name)), alpha, beta, gamma, inside)
 
 
 def collapse(law: str, top_rpm: float = 15000.0) -> tuple[Array, Array]:
-    """Hold the configurations against each other at equal s = omega^2 / G_N, without gravity.
+    """Compare the configurations at equal s = omega^2 / G_N, without gravity.
 
     Bending compliance follows the twist's, so that E_N / G_N is one number for all; in Table I it
     varies from 2.800 to 2.802.
@@ -147,7 +146,7 @@ def collapse(law: str, top_rpm: float = 15000.0) -> tuple[Array, Array]:
         rows[:, SCALARS[name]] = rows[0, SCALARS[name]] / twist[0] * twist
     shear = 1e6 * np.array([law_moduli(c, law)[1] for c in soft])
     scale = shear[0] * twist[0] / twist  # what the law's own compliance says of G_N
-    s = np.linspace(0.05, 1.0, 40) * (top_rpm / RPM) ** 2 / scale.max()
+    s = np.linspace(0.05, 1.0, 40) * (top_rpm * RPM) ** 2 / scale.max()
     points = evaluate_rows(rows[:, None], np.sqrt(s * scale[:, None]), law, "mask")
     return s, np.stack(
         [points.thrust_N / scale[:, None], points.gamma_rad, points.lift_over_drag], axis=1
@@ -163,7 +162,7 @@ def law_moduli(configuration: Configuration, law: str) -> tuple[float, float]:
 def _law(law: str, speeds_rpm: tuple[float, float]) -> LawNumbers:
     every = configurations()
     soft = [c for c in every if not c.rigid]
-    rigid = evaluate(every[0], np.linspace(100.0, 18000.0, 180) / RPM, law).lift_over_drag
+    rigid = evaluate(every[0], np.linspace(100.0, 18000.0, 180) * RPM, law).lift_over_drag
     _, curves = collapse(law)
     with np.errstate(invalid="ignore"):
         apart = np.abs(curves / curves[:1] - 1.0)
@@ -183,7 +182,7 @@ def _law(law: str, speeds_rpm: tuple[float, float]) -> LawNumbers:
 
 
 def _point(c: Configuration, law: str, rpm: float) -> Point:
-    at = evaluate(c, rpm / RPM, law)
+    at = evaluate(c, rpm * RPM, law)
     return Point(float(at.thrust_N), float(at.lift_over_drag), *_degrees(at))
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
 from tombo_flight.flight_output import as_json
+from tombo_flight.progress import ProgressCallback
 from tombo_propeller.reproduce.page import reproduction_html
 from tombo_propeller.reproduce.plots import FIGURES
 from tombo_propeller.reproduce.reproduction import Reproduction
@@ -18,8 +18,6 @@ JSON: Final = "reproduction.json"
 PAGE: Final = "reproduction.html"
 REPRODUCTION_FILES: Final = (JSON, PAGE, *FIGURES)
 """All names that a reproduction writes: those of an earlier one give way."""
-
-ProgressCallback = Callable[[str, float], None]
 
 
 def write_reproduction(

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 import re
 from collections.abc import Mapping
 from html import escape
 from typing import Final
 
-from tombo_diagnosis.report.diagnosis_evidence import table
-from tombo_flight.report.flight_report import asset, fill
+from tombo_flight.report.html_page import Card, Page, asset, page_html, pictures, table
 from tombo_propeller.reproduce.claim import DATA, FAILS, HOLDS, OPEN, Claim
 from tombo_propeller.reproduce.plots import FIGURES
 from tombo_propeller.reproduce.reproduction import GROUPS, Reproduction
@@ -23,55 +21,60 @@ from tombo_propeller.reproduce.summary_text import (
 )
 
 _CLASSES: Final = {HOLDS: "good", FAILS: "bad", OPEN: "open"}
+_KEY_CLAIMS: Final = {
+    "table_1": "Table I, moduli",
+    "table_3_lift_over_drag": "Table III, lift over drag",
+    "eps_mld": "largest lift over drag",
+    "thrust_error_table_3": "largest thrust error",
+    "collision_force": "collision force over rigid",
+    "mean_recovery_time": "mean recovery time",
+}
+"""Claims whose figures are in the header -> how they are called there."""
+_FOOTER: Final = (
+    "A claim about numbers of the paper’s model is judged by law published, the authors’ program "
+    "with its defects; beside it stand the laws with the defects mended. ✓ holds, ✗ fails, "
+    "? can’t be checked under that law. Nothing here was measured anew. The same in "
+    "reproduction.json, beside this page."
+)
 
 
-def reproduction_html(r: Reproduction, pictures: Mapping[str, bytes]) -> str:
+def reproduction_html(r: Reproduction, png: Mapping[str, bytes]) -> str:
     """Return the page as text; it loads nothing from anywhere.
 
     Args:
         r: the reproduction.
-        pictures: PNG files by the names in `FIGURES`.
+        png: pictures by the names in `FIGURES`.
     """
-    return fill(
-        asset("reproduction.html", __package__),
-        {
-            "css": asset("report.css")
-            + asset("diagnosis.css", "tombo_diagnosis.report")
-            + asset("reproduction.css", __package__),
-            "title": escape(headline(r)),
-            "headline": escape(headline(r)),
-            "summary": escape(summary(r)),
-            "cards": _cards(r),
-            "board": _board(r),
-            "claims": _claims(r),
-            "figures": "".join(_figure(name, pictures[name]) for name in FIGURES),
-            "laws": escape(", ".join(r.numbers.laws)),
-        },
+    figures = [(png[name], of_paper, caption) for name, (_, caption, of_paper) in FIGURES.items()]
+    return page_html(
+        Page(
+            title=headline(r),
+            eyebrow=f"Tombo propeller · the paper against {', '.join(r.numbers.laws)}",
+            headline=headline(r),
+            summary=summary(r),
+            cards=_cards(r),
+            sections=(
+                ("Verdicts", _board(r)),
+                ("Claim by claim, with the evidence", _claims(r)),
+                ("The paper’s figures, drawn again", pictures(figures)),
+            ),
+            footer=_FOOTER,
+            css=asset("reproduction.css", __package__),
+        )
     )
 
 
-def _cards(r: Reproduction) -> str:
-    parts = []
-    for name, label in (
-        ("table_1", "Table I, moduli"),
-        ("table_3_lift_over_drag", "Table III, lift over drag"),
-        ("eps_mld", "largest lift over drag"),
-        ("thrust_error_table_3", "largest thrust error"),
-        ("collision_force", "collision force over rigid"),
-        ("mean_recovery_time", "mean recovery time"),
-    ):
+def _cards(r: Reproduction) -> list[Card]:
+    found = []
+    for name, label in _KEY_CLAIMS.items():
         claim = r.claim(name)
         value = with_unit(claim.computed[claim.judge], claim.unit)
         whole = re.search(r", (of \d+)$", claim.quantity)
         value += f" {whole[1]}" if whole else ""
-        under = "" if claim.judge == DATA else f"law {claim.judge} · "
-        parts.append(
-            f'<div class="card {_CLASSES[claim.verdict]}">'
-            f'<span class="name">{escape(label)}</span>'
-            f'<span class="value">{escape(value)}</span>'
-            f'<span class="beside">{escape(under)}paper {escape(claim.paper)}</span></div>'
-        )
-    return f'<div class="cards">{"".join(parts)}</div>'
+        law = "" if claim.judge == DATA else f"law {claim.judge} · "
+        beside = f"{law}paper {claim.paper}"
+        found.append(Card(label, value, "", beside, _CLASSES[claim.verdict]))
+    return found
 
 
 def _board(r: Reproduction) -> str:
@@ -129,13 +132,4 @@ def _line(claim: Claim, laws: list[str]) -> str:
         f"<td>{escape(claim.paper)}</td>{cells}"
         f"<td>{escape(claim.evidence)}<small>Compared: {escape(claim.quantity)}. Tolerance: "
         f"{escape(claim.tolerance)}.</small></td></tr>"
-    )
-
-
-def _figure(name: str, png: bytes) -> str:
-    _, caption, of_paper = FIGURES[name]
-    data = base64.b64encode(png).decode("ascii")
-    return (
-        f'<figure><img alt="{escape(caption)}" src="data:image/png;base64,{data}">'
-        f"<figcaption><b>{escape(of_paper)}.</b> {escape(caption)}.</figcaption></figure>"
     )

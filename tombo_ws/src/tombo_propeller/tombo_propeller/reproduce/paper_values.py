@@ -35,7 +35,7 @@ class PrintedNumber:
         return 0.5 * 10.0**-self.digits
 
     def agrees(self, value: float) -> bool:
-        """Say whether `value`, rounded as this number is printed, is this number."""
+        """Return whether `value`, rounded as this number is printed, is this number."""
         return f"{value:.{self.digits}f}" == f"{self.value:.{self.digits}f}"
 
 

@@ -11,11 +11,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from tombo_dynamics.propeller import Operation, configuration, evaluate, valid_speed
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.propeller import RPM, Operation, configuration, evaluate, valid_speed
 from tombo_flight.report import style
-from tombo_propeller.reproduce.computed_values import RPM
 
 LAW_COLOURS: Final = {
     "published": style.VERMILLION,
@@ -50,14 +49,12 @@ def styled() -> AbstractContextManager[None]:
 
 
 @lru_cache(maxsize=64)
-def curve(
-    conf: int, law: str, low_rpm: float, high_rpm: float
-) -> tuple[NDArray[np.float64], Operation]:
+def curve(conf: int, law: str, low_rpm: float, high_rpm: float) -> tuple[Array, Operation]:
     """Return speeds [rpm] and operating points between them, as far as the law is valid."""
     chosen = configuration(conf)
-    top = min(high_rpm, valid_speed(chosen, law) * RPM)
-    rpm: NDArray[np.float64] = np.linspace(low_rpm, top, 361, dtype=np.float64)
-    return rpm, evaluate(chosen, rpm / RPM, law, outside="mask")
+    top = min(high_rpm, valid_speed(chosen, law) / RPM)
+    rpm: Array = np.linspace(low_rpm, top, 361, dtype=np.float64)
+    return rpm, evaluate(chosen, rpm * RPM, law, outside="mask")
 
 
 def heading(axes: Axes, text: str) -> None:

@@ -1,4 +1,4 @@
-"""All figures of the reproduction by file name, and the one picture that tells it."""
+"""All figures of the reproduction by file name, and one overview of six results."""
 
 from __future__ import annotations
 

@@ -8,26 +8,28 @@ from functools import lru_cache
 from typing import Any, Final
 
 from tombo_dynamics.propeller import LAWS
-from tombo_propeller.reproduce.claim import FAILS, HOLDS, OPEN, Claim, Maker
-from tombo_propeller.reproduce.collision_claims import COLLISION_CLAIMS
-from tombo_propeller.reproduce.computed_values import Numbers, compute
-from tombo_propeller.reproduce.deformation_claims import DEFORMATION_CLAIMS
-from tombo_propeller.reproduce.flight_claims import FLIGHT_CLAIMS
-from tombo_propeller.reproduce.model_claims import MODEL_CLAIMS
-from tombo_propeller.reproduce.optimum_claims import OPTIMUM_CLAIMS
-from tombo_propeller.reproduce.paper_values import Paper, read_paper
-from tombo_propeller.reproduce.scatter_claims import SCATTER_CLAIMS
-from tombo_propeller.reproduce.table_claims import TABLE_CLAIMS
-from tombo_propeller.reproduce.thrust_claims import THRUST_CLAIMS
-
-MAKERS: Final[tuple[Maker, ...]] = (
-    *TABLE_CLAIMS, *OPTIMUM_CLAIMS, *MODEL_CLAIMS, *THRUST_CLAIMS, *SCATTER_CLAIMS,
-    *DEFORMATION_CLAIMS, *COLLISION_CLAIMS, *FLIGHT_CLAIMS,
-)  # fmt: skip
-GROUPS: Final = (
-    *("Moduli", "Lift over drag", "Maximum thrust", "Thrust"),
-    *("Deformation", "Collision, recovery, noise", "Flight"),
+from tombo_propeller.reproduce import (  # noqa: F401  each registers the judges of its claims
+    collision_claims,
+    deformation_claims,
+    flight_claims,
+    model_claims,
+    optimum_claims,
+    scatter_claims,
+    table_claims,
+    thrust_claims,
 )
+from tombo_propeller.reproduce.claim import (
+    FAILS,
+    HOLDS,
+    OPEN,
+    Claim,
+    claim_texts,
+    judged_claims,
+)
+from tombo_propeller.reproduce.computed_values import Numbers, compute
+from tombo_propeller.reproduce.paper_values import Paper, read_paper
+
+GROUPS: Final = tuple(claim_texts())
 """Order in which claims are shown."""
 
 
@@ -43,9 +45,9 @@ class Reproduction:
         """Return a claim by its name."""
         return next(claim for claim in self.claims if claim.name == name)
 
-    def laws(self, name: str, verdict: str = HOLDS) -> list[str]:
-        """Return the laws under which a claim has a verdict."""
-        return [law for law, v in self.claim(name).verdicts.items() if v == verdict]
+    def laws(self, name: str) -> list[str]:
+        """Return the laws under which a claim holds."""
+        return [law for law, v in self.claim(name).verdicts.items() if v == HOLDS]
 
     def counts(self, *, checks: bool = False) -> dict[str, int]:
         """Return how many of the paper's claims, or of our checks, have which verdict."""
@@ -75,6 +77,4 @@ def reproduce(laws: tuple[str, ...] = tuple(LAWS)) -> Reproduction:
 
 def judged(paper: Paper, numbers: Numbers) -> Reproduction:
     """Judge every claim from what is printed and what is computed."""
-    claims = [make(paper, numbers) for make in MAKERS]
-    claims.sort(key=lambda claim: GROUPS.index(claim.group))
-    return Reproduction(paper, numbers, tuple(claims))
+    return Reproduction(paper, numbers, judged_claims(paper, numbers))

@@ -1,4 +1,4 @@
-"""What the printed scatter of Table III's thrusts allows to say about the model."""
+"""Claims about the model that depend on the printed scatter of Table III's thrusts."""
 
 from __future__ import annotations
 
@@ -12,26 +12,27 @@ from tombo_propeller.reproduce.claim import (
     FAILS,
     HOLDS,
     OPEN,
-    Claim,
+    Outcome,
     Verdict,
     by_law,
     each,
     judge_of,
-    verdicts,
+    judges,
+    of_laws,
 )
 from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers
 from tombo_propeller.reproduce.paper_values import Paper
 
 CHANCE = 0.05
-"""What chance gives more often than this is no evidence."""
+"""Significance level."""
 DRAWS = 20_000
 STANDARD_ERRORS = 3.0
 """A slope this many standard errors from none is one."""
 
 
-def within_deviation(paper: Paper, numbers: Numbers) -> Claim:
-    """Whether measured scatter can explain the differences."""
-    whole = len(paper.table_3)
+@judges
+def thrust_within_deviation(paper: Paper, numbers: Numbers) -> Outcome:
+    """Judge whether measured scatter can explain the differences."""
     devs = [row.thrust_dev_N.value for row in paper.table_3.values()]
 
     def away(law: LawNumbers, conf: int) -> float:
@@ -39,36 +40,29 @@ def within_deviation(paper: Paper, numbers: Numbers) -> Claim:
         return abs(law.low[conf].thrust_N - row.thrust_N.value) / row.thrust_dev_N.value
 
     def chance(law: LawNumbers) -> float:
-        return float(stats.chi2.sf(sum(away(law, c) ** 2 for c in paper.table_3), whole))
-
-    computed = by_law(numbers, chance)
+        squares = sum(away(law, c) ** 2 for c in paper.table_3)
+        return float(stats.chi2.sf(squares, len(paper.table_3)))
 
     def worst(law: LawNumbers) -> str:
         conf = max(paper.table_3, key=lambda c: away(law, c))
         return f"{away(law, conf):.1f} (Conf. {conf})"
 
     where = ", ".join(f"{name} {worst(law)}" for name, law in numbers.laws.items())
-    return Claim(
-        name="thrust_within_deviation",
-        group="Thrust",
-        kind="check",
-        claim="The printed thrust deviation explains how far computed thrust is off",
-        source="Table III",
-        paper=f"± {min(devs):g} to {max(devs):g} N",
-        quantity="chance of differences this large (χ², ten propellers)",
-        unit="1",
-        computed=computed,
-        tolerance=f"above {CHANCE:g}, deviations read as standard deviations",
-        verdicts=verdicts(computed, lambda p: p > CHANCE),
-        judge=judge_of(numbers),
-        evidence=f"Farthest off, in deviations: {where}.",
+    return of_laws(
+        numbers,
+        by_law(numbers, chance),
+        lambda p: p > CHANCE,
+        f"Farthest off, in deviations: {where}.",
+        least=f"{min(devs):g}",
+        most=f"{max(devs):g}",
+        chance=f"{CHANCE:g}",
     )
 
 
-def better_than_mean(paper: Paper, numbers: Numbers) -> Claim:
-    """Whether the model tells one propeller from another."""
+@judges
+def better_than_mean(paper: Paper, numbers: Numbers) -> Outcome:
+    """Judge whether the model tells one propeller from another."""
     measured, deviation = _measured(paper)
-    computed = by_law(numbers, lambda law: _rms(_computed(paper, law) - measured))
     rms_mean = float(_rms(_left_out(measured) - measured))
 
     def by_chance(law: LawNumbers) -> float:
@@ -77,27 +71,20 @@ def better_than_mean(paper: Paper, numbers: Numbers) -> Claim:
         return 100.0 * float(np.mean(_rms(drawn - thrust) > _rms(_left_out(drawn) - drawn)))
 
     chance = by_law(numbers, by_chance)
-    return Claim(
-        name="better_than_mean",
-        group="Thrust",
-        kind="check",
-        claim="The model predicts a configuration's thrust better than the others' mean does",
-        source="Table III",
-        paper="–",
-        quantity="RMS error, Conf. 5–13 at 2000 rpm",
-        unit="N",
-        computed=computed,
-        tolerance=f"below {rms_mean:.4f} N, the error of the mean of the other eight",
-        verdicts=verdicts(computed, lambda e: e < rms_mean),
-        judge=judge_of(numbers),
-        evidence=f"The mean of the other eight errs by {rms_mean:.3f} N (their own mean, "
+    return of_laws(
+        numbers,
+        by_law(numbers, lambda law: _rms(_computed(paper, law) - measured)),
+        lambda e: e < rms_mean,
+        f"The mean of the other eight errs by {rms_mean:.3f} N (their own mean, "
         f"{measured.mean():.3f} N, by {float(measured.std()):.3f} N); were the law true, the "
         f"printed scatter would still let the mean win in {each(chance, '{:.0f} %')}.",
+        rms_mean=f"{rms_mean:.4f}",
     )
 
 
-def follows_stiffness(paper: Paper, numbers: Numbers) -> Claim:
-    """Whether measured thrust grows with stiffness, as every law says."""
+@judges
+def thrust_follows_stiffness(paper: Paper, numbers: Numbers) -> Outcome:
+    """Judge whether measured thrust grows with stiffness, as every law says."""
     measured, deviation = _measured(paper)
     stiffness = np.array([paper.table_1[c][1].value for c in paper.table_3 if c])
     found = stats.spearmanr(stiffness, measured)
@@ -107,39 +94,27 @@ def follows_stiffness(paper: Paper, numbers: Numbers) -> Claim:
         drawn = draws(_computed(paper, law), deviation)
         return float(np.mean(_rank_correlations(stiffness, drawn) <= rho + 1e-9))
 
-    def slope(law: LawNumbers) -> float:
-        return weighted_slope(_computed(paper, law), measured, deviation)[0]
-
-    computed = by_law(numbers, as_low)
-    error = weighted_slope(_computed(paper, numbers.laws[judge_of(numbers)]), measured, deviation)[
-        1
-    ]
-
-    spans = [_computed(paper, law) for law in numbers.laws.values()]
-    enough = min(float(span.std()) * span.size**0.5 for span in spans) / STANDARD_ERRORS
+    def slope(law: LawNumbers) -> tuple[float, float]:
+        return weighted_slope(_computed(paper, law), measured, deviation)
 
     def verdict(chance: float | None) -> Verdict:
         if rho > 0.0 and p < CHANCE:
             return HOLDS
         return FAILS if chance is not None and chance < CHANCE else OPEN
 
-    return Claim(
-        name="thrust_follows_stiffness",
-        group="Thrust",
-        kind="check",
-        claim="Measured thrust grows with the nodus' stiffness, as in the model",
-        source="Tables I and III",
-        paper="–",
-        quantity="chance of a rank correlation as low as measured, were the law true",
-        unit="1",
-        computed=computed,
-        tolerance=f"holds: correlated with p < {CHANCE:g}; fails: chance below {CHANCE:g}",
-        verdicts={law: verdict(chance) for law, chance in computed.items()},
-        judge=judge_of(numbers),
-        evidence=f"No order is seen (Spearman's ρ = {rho:.2f}, p = {p:.2f}), but the printed "
-        "deviations could hide it: the slope of measured on computed thrust is "
-        f"{each(by_law(numbers, slope), '{:.1f}')} (± {error:.1f} under law {judge_of(numbers)}), "
-        f"where the law has 1; thrusts known to {enough:.3f} N would show it.",
+    computed, judge = by_law(numbers, as_low), judge_of(numbers)
+    spans = [_computed(paper, law) for law in numbers.laws.values()]
+    enough = min(float(span.std()) * span.size**0.5 for span in spans) / STANDARD_ERRORS
+    slopes = each(by_law(numbers, lambda law: slope(law)[0]), "{:.1f}")
+    return of_laws(
+        numbers,
+        computed,
+        {law: verdict(chance) for law, chance in computed.items()},
+        f"No order is seen (Spearman's ρ = {rho:.2f}, p = {p:.2f}), but the printed deviations "
+        f"could hide it: the slope of measured on computed thrust is {slopes} (± "
+        f"{slope(numbers.laws[judge])[1]:.1f} under law {judge}), where the law has 1; thrusts "
+        f"known to {enough:.3f} N would show it.",
+        chance=f"{CHANCE:g}",
     )
 
 
@@ -183,6 +158,3 @@ def _rank_correlations(x: Array, rows: Array) -> Array:
     ranks = stats.rankdata(rows, axis=-1) - stats.rankdata(x)
     n = x.size
     return np.asarray(1.0 - 6.0 * np.sum(ranks**2, axis=-1) / (n * (n * n - 1.0)))
-
-
-SCATTER_CLAIMS = (within_deviation, better_than_mean, follows_stiffness)

@@ -7,13 +7,13 @@ import numpy as np
 from tombo_propeller.reproduce.claim import (
     FAILS,
     OPEN,
-    Claim,
+    Outcome,
     Verdict,
     by_law,
     each,
     holds_if,
-    judge_of,
-    verdicts,
+    judges,
+    of_laws,
 )
 from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers
 from tombo_propeller.reproduce.paper_values import Paper
@@ -24,101 +24,69 @@ def error_percent(paper: Paper, law: LawNumbers, conf: int) -> float:
     return 100.0 * (law.low[conf].thrust_N / paper.table_3[conf].thrust_N.value - 1.0)
 
 
-def error_as_claimed(paper: Paper, numbers: Numbers) -> Claim:
-    """The bound of 8 %, where the paper claims it."""
-    bound = paper.number("model", "thrust_error_percent")
+@judges
+def thrust_error(paper: Paper, numbers: Numbers) -> Outcome:
+    """Judge the bound of 8 %, where the paper claims it."""
+    bound = paper.number("model", "thrust_error_percent").value
     claimed = [int(c) for c in paper.said["model"]["thrust_configurations"]]
     known = [c for c in claimed if c in paper.table_3]
 
     def worst(law: LawNumbers) -> float | None:
-        errors = [error_percent(paper, law, c) for c in known]
-        return max(errors, key=abs) if errors else None
-
-    computed = by_law(numbers, worst)
+        return max((error_percent(paper, law, c) for c in known), key=abs, default=None)
 
     def verdict(error: float | None) -> Verdict:
-        if error is not None and abs(error) >= bound.value:
+        if error is not None and abs(error) >= bound:
             return FAILS
         return OPEN if len(known) < len(claimed) else holds_if(error is not None)
 
-    speeds = " to ".join(paper.said["model"]["thrust_speeds_rpm"])
-    return Claim(
-        name="thrust_error",
-        group="Thrust",
-        kind="stated",
-        claim=f"Thrust of Conf. 0–3 is within {bound.text} % of measurement, {speeds} rpm",
-        source=paper.source("model", "thrust_error_percent"),
-        paper=f"< {bound.text} %",
-        quantity="largest error at the points printed as numbers",
-        unit="%",
-        computed=computed,
-        tolerance=f"{bound.text} %",
-        verdicts={law: verdict(error) for law, error in computed.items()},
-        judge=judge_of(numbers),
-        evidence=f"Of {len(claimed)} propellers only Conf. {', '.join(map(str, known))} has a "
-        f"measured thrust in print, at one speed.",
+    computed = by_law(numbers, worst)
+    return of_laws(
+        numbers,
+        computed,
+        {law: verdict(error) for law, error in computed.items()},
+        f"Of {len(claimed)} propellers only Conf. {', '.join(map(str, known))} has a measured "
+        "thrust in print, at one speed.",
+        speeds=" to ".join(paper.said["model"]["thrust_speeds_rpm"]),
     )
 
 
-def error_in_table_3(paper: Paper, numbers: Numbers) -> Claim:
-    """The same bound where thrusts are printed."""
-    bound = paper.number("model", "thrust_error_percent")
+@judges
+def thrust_error_table_3(paper: Paper, numbers: Numbers) -> Outcome:
+    """Judge the same bound where thrusts are printed."""
+    bound = paper.number("model", "thrust_error_percent").value
     soft = [c for c in paper.table_3 if c]
     errors = {
         name: {c: error_percent(paper, law, c) for c in soft} for name, law in numbers.laws.items()
     }
     worst = {name: max(found, key=lambda c: abs(found[c])) for name, found in errors.items()}
-    computed = {name: found[worst[name]] for name, found in errors.items()}
-    within = {
-        name: sum(abs(e) < bound.value for e in found.values()) for name, found in errors.items()
-    }
     where = "; ".join(
-        f"{name} {computed[name]:+.1f} % (Conf. {worst[name]}), {within[name]} of {len(soft)} "
-        "within"
-        for name in errors
+        f"{name} {found[worst[name]]:+.1f} % (Conf. {worst[name]}), "
+        f"{sum(abs(e) < bound for e in found.values())} of {len(soft)} within"
+        for name, found in errors.items()
     )
-    values: dict[str, float | None] = dict(computed)
-    return Claim(
-        name="thrust_error_table_3",
-        group="Thrust",
-        kind="check",
-        claim=f"The {bound.text} % also hold for the nine propellers of Table III",
-        source="Table III",
-        paper=f"< {bound.text} %",
-        quantity="largest error, Conf. 5–13 at 2000 rpm",
-        unit="%",
-        computed=values,
-        tolerance=f"{bound.text} %",
-        verdicts=verdicts(values, lambda e: abs(e) < bound.value),
-        judge=judge_of(numbers),
-        evidence=f"Largest error: {where}.",
+    return of_laws(
+        numbers,
+        {name: found[worst[name]] for name, found in errors.items()},
+        lambda e: abs(e) < bound,
+        f"Largest error: {where}.",
     )
 
 
-def centrifugal_stiffening(paper: Paper, numbers: Numbers) -> Claim:
-    """The paper's remark that the spinning propeller becomes stiff."""
+@judges
+def centrifugal_stiffening(paper: Paper, numbers: Numbers) -> Outcome:
+    """Judge the paper's remark that the spinning propeller becomes stiff."""
     soft = [c for c in paper.table_3 if c]
     rigid = paper.table_3[0].thrust_N.value
     loss = 100.0 * (1.0 - float(np.mean([paper.table_3[c].thrust_N.value for c in soft])) / rigid)
     computed = by_law(numbers, lambda law: law.high[13].gamma_deg / law.low[13].gamma_deg)
     low, high = paper.said["model"]["thrust_speeds_rpm"]
-    return Claim(
-        name="centrifugal_stiffening",
-        group="Thrust",
-        kind="stated",
-        claim="The propeller becomes quite stiff due to centrifugal force",
-        source="text",
-        paper="“quite stiff”",
-        quantity=f"twist of Conf. 13 at {high} over that at {low} rpm",
-        unit="1",
-        computed=computed,
-        tolerance="1 if twist is limited by centrifugal force alone",
-        verdicts=dict.fromkeys(numbers.laws, OPEN),
-        judge=judge_of(numbers),
-        evidence=f"In the laws the twist goes on growing ({each(computed, '× {:.2f}')}); measured "
-        f"thrust is {loss:.1f} % below the rigid one's whatever the stiffness, as the sentence "
-        "would have it, but neither twist nor torque was measured.",
+    return of_laws(
+        numbers,
+        computed,
+        dict.fromkeys(numbers.laws, OPEN),
+        f"In the laws the twist goes on growing ({each(computed, '× {:.2f}')}); measured thrust "
+        f"is {loss:.1f} % below the rigid one's whatever the stiffness, as the sentence would "
+        "have it, but neither twist nor torque was measured.",
+        low=low,
+        high=high,
     )
-
-
-THRUST_CLAIMS = (error_as_claimed, error_in_table_3, centrifugal_stiffening)

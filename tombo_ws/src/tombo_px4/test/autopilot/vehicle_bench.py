@@ -9,8 +9,8 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.records import numbers
 from tombo_flight.scenario import load_scenario, world_of
 from tombo_px4.autopilot.offboard_setpoint import OffboardSetpoint
@@ -19,7 +19,6 @@ from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.bridge.modes import OFFBOARD
 from tombo_px4.protocol.results import Result
 
-Array = NDArray[np.float64]
 NAN = math.nan
 GROUND = 0.185
 """Below this height [m] the vehicle stands."""

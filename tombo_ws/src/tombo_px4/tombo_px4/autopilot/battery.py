@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tombo_dynamics.plant import Plant
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.protocol.results import Battery
 
-Array = NDArray[np.float64]
 _EFFICIENCY = 0.7
 """Of drives and motors, as in the effect `battery_sag`."""
 _LEVELS = ("BAT_LOW_THR", "BAT_CRIT_THR", "BAT_EMERGEN_THR")

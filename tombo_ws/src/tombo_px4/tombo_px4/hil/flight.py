@@ -9,9 +9,9 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.time_base import TICK_NS
 from tombo_px4.bridge.bridge_params import ODOMETRY
 from tombo_px4.hil.motor_mapping import MotorMapping
@@ -21,7 +21,6 @@ from tombo_px4.link.message_encoder import pose_message
 from tombo_sim.simulator import PoseSample, Simulator
 from tombo_sim.world import World
 
-Array = NDArray[np.float64]
 SYSTEM, COMPONENT = 1, 200
 """Who PX4's simulators say they are."""
 INERTIAL = 0x3F

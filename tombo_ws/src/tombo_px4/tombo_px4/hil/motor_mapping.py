@@ -13,13 +13,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotor_maps import RotorMaps, speed_for_thrust
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_px4.frames import PX4_ROTORS
 
-Array = NDArray[np.float64]
 _ROUNDING = 1e-3
 """A control this much outside 0..1 is rounding."""
 

@@ -6,14 +6,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.frames import GeoOrigin, enu_from_ned, frd_from_flu, ned_from_enu, px4_quaternion
 from tombo_px4.hil.params import HilParams
 
-Array = NDArray[np.float64]
 _STREAM = 4560
 """Key of the stream of chance: whatever else a seed decides stays as it is without this link."""
 _SEA_LEVEL_PA, _SEA_LEVEL_K, _LAPSE_K_M, _EXPONENT = 101_325.0, 288.15, 0.0065, 5.25588

@@ -7,8 +7,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_px4.frames import PX4_ROTORS, GeoOrigin, frd_from_flu, ned_from_enu, px4_quaternion
 from tombo_sim.ground_truth import true_state
 
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from tombo_px4.autopilot.vehicle import Px4Vehicle
     from tombo_px4.protocol.results import Health
 
-Array = NDArray[np.float64]
 Vector = list[float]
 
 

@@ -13,20 +13,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from tombo_diagnosis.extend_model import extends
 from tombo_diagnosis.report.diagnosis_output import MISSION, MODEL
-from tombo_diagnosis.report.diagnosis_text import (
-    CLASSES,
-    LABELS,
-    certainty,
-    extends,
-    figure,
-    headline,
-    interval,
-    next_steps,
-    percent,
-    unit,
-    words,
-)
+from tombo_diagnosis.report.diagnosis_text import CLASSES, LABELS, headline, next_steps
+from tombo_diagnosis.wording import certainty, figure, interval, percent, unit, words
 
 if TYPE_CHECKING:
     from tombo_diagnosis.diagnosis import Diagnosis

@@ -14,17 +14,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from tombo_diagnosis.report.diagnosis_text import (
-    CLASSES,
-    LABELS,
-    capital,
-    certainty,
-    figure,
-    listed,
-    percent,
-    words,
-)
+from tombo_diagnosis.report.diagnosis_text import CLASSES, LABELS
 from tombo_diagnosis.stand.model_differences import differences_from_model
+from tombo_diagnosis.wording import capital, certainty, figure, listed, percent, words
 
 if TYPE_CHECKING:
     from tombo_diagnosis.diagnosis import Diagnosis

@@ -1,0 +1,88 @@
+"""How names, numbers and units are written in summaries, reports and tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from tombo_flight.extended_model import FittedParameter
+
+DASH: Final = "–"
+"""Stands for a number that is not known."""
+
+
+def words(name: str) -> str:
+    """Return an effect's or channel's name as words."""
+    return name.replace("_", " ")
+
+
+def listed(names: Sequence[str], last: str = "and") -> str:
+    """Return names as words, in an enumeration that ends with `last`."""
+    texts = [words(name) for name in names]
+    if len(texts) < 2:
+        return "".join(texts)
+    return f"{', '.join(texts[:-1])} {last} {texts[-1]}"
+
+
+def capital(text: str) -> str:
+    """Return the text with its first letter large, the others as they are."""
+    return text[:1].upper() + text[1:]
+
+
+def unit(text: str) -> str:
+    """Return a unit as it is set beside a number: nothing for the unit of pure numbers."""
+    return "" if text in ("", "1") else text.replace("^2", "²").replace("^3", "³")
+
+
+def percent(share: float, digits: int = 0) -> str:
+    """Return a share as a percentage with a typographic minus; a dash for NaN."""
+    if not math.isfinite(share):
+        return DASH
+    return f"{100.0 * share:.{digits}f} %".replace("-", "−").replace("−0 %", "0 %")
+
+
+def certainty(probability: float) -> str:
+    """Return a probability in per cent that never claims to be certain."""
+    if not math.isfinite(probability):
+        return DASH
+    return "> 99 %" if probability > 0.995 else "< 1 %" if probability < 0.005 else percent(
+        probability
+    )  # fmt: skip
+
+
+def figure(value: float, digits: int = 3) -> str:
+    """Return a number with so many significant digits, typographic minus; a dash for NaN."""
+    if not math.isfinite(value):
+        return DASH
+    if value == 0.0:
+        return "0"
+    power = math.floor(math.log10(abs(value)))
+    if not -4 <= power < 6:
+        return f"{value:.{digits - 1}e}".replace("-", "−")
+    return f"{value:.{max(digits - 1 - power, 0)}f}".replace("-", "−")
+
+
+def interval(fitted: FittedParameter) -> tuple[str, str, str]:
+    """Return value, low and high with the decimals that the width of the interval allows."""
+    width = fitted.high - fitted.low
+    if not (math.isfinite(width) and width > 0.0):
+        return figure(fitted.value), figure(fitted.low), figure(fitted.high)
+    decimals = -math.floor(math.log10(width / 4.0))
+    if decimals > 5:
+        significant = max(3, 2 + _magnitude(fitted.value) - _magnitude(width))
+        return (
+            figure(fitted.value, significant),
+            figure(fitted.low, significant),
+            figure(fitted.high, significant),
+        )
+    decimals = max(decimals, 0)
+    value, low, high = (
+        f"{x:.{decimals}f}".replace("-", "−") if math.isfinite(x) else DASH
+        for x in (fitted.value, fitted.low, fitted.high)
+    )
+    return value, low, high
+
+
+def _magnitude(value: float) -> int:
+    return math.floor(math.log10(abs(value))) if value and math.isfinite(value) else 0
