@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.alone
+
 ROOT = Path(__file__).parents[2]
 SCRIPTS = ROOT / "docker" / "scripts"
 STEPS = sorted(path.name for path in SCRIPTS.glob("*.sh") if path.name != "common.sh")

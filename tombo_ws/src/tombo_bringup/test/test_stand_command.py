@@ -47,6 +47,7 @@ def table(path, gain=1.0, confs=(5, 9, 13), seed=0, tare=0.0):
     return path
 
 
+@pytest.mark.slow
 def test_json_has_the_form_of_a_diagnosis_of_flights(tmp_path):
     result = run(table(tmp_path / "a.csv"), "--json")
     assert result.exit_code == 0, result.output
@@ -60,6 +61,7 @@ def test_json_has_the_form_of_a_diagnosis_of_flights(tmp_path):
     assert "NaN" not in result.output
 
 
+@pytest.mark.slow
 def test_a_gain_is_found_written_and_then_no_finding_any_more(tmp_path):
     path = table(tmp_path / "a.csv", gain=1.15)
     result = run(path, "-o", tmp_path / "out")
@@ -83,6 +85,7 @@ def test_a_gain_is_found_written_and_then_no_finding_any_more(tmp_path):
     assert json.loads(again.output)["verdict"] == "none"
 
 
+@pytest.mark.slow
 def test_a_new_finding_is_added_to_the_model_that_was_given(tmp_path):
     gain = {"error": {"value": 0.15, "low": 0.14, "high": 0.16}}
     given = {"thrust_gain": {"parameters": gain, "confidence": 0.9}}
@@ -99,6 +102,7 @@ def test_a_new_finding_is_added_to_the_model_that_was_given(tmp_path):
     assert json.loads(again.output)["verdict"] == "none"
 
 
+@pytest.mark.slow
 def test_table_3_says_what_is_certified():
     result = run("--table3", "--json")
     found = json.loads(result.output)
@@ -114,6 +118,7 @@ def test_a_thousandfold_thrust_is_refused_first_thing(tmp_path):
     assert "column 'thrust_N'" in result.stderr and "grams read as newtons" in result.stderr
 
 
+@pytest.mark.slow
 def test_runs_that_differ_are_told_and_extend_no_model(tmp_path):
     paths = [table(tmp_path / f"{n}.csv", g, (13,), n) for n, g in enumerate((1.0, 1.1))]
     result = run(*paths, "-o", tmp_path / "out")
@@ -124,6 +129,7 @@ def test_runs_that_differ_are_told_and_extend_no_model(tmp_path):
     assert "differ by" in page and "stand_model.yaml: the verdict" not in page
 
 
+@pytest.mark.slow
 def test_a_model_that_does_not_apply_is_the_headline(tmp_path):
     theta = {"thrust_tare": {"parameters": {"offset": 0.147}}}
     (tmp_path / "m.yaml").write_text(yaml.safe_dump({"tombo_stand_model": 1, "effects": theta}))
@@ -197,6 +203,7 @@ def test_blind_cases_come_from_seed_and_number_alone():
     )
 
 
+@pytest.mark.slow
 def test_blind_cases_hide_what_they_say():
     cases = [make_case(1, n) for n in range(120)]
     kinds = {c.kind for c in cases}
@@ -209,6 +216,7 @@ def test_blind_cases_hide_what_they_say():
         assert not set(UNMODELLED_EFFECTS) & set(STAND_EFFECTS)
 
 
+@pytest.mark.slow
 def test_a_small_benchmark_scores_and_stays_honest():
     result = benchmark(24, 3, 1, lambda stage, share: None)
     assert len(result.cases) == 24
@@ -224,6 +232,7 @@ def test_a_small_benchmark_scores_and_stays_honest():
     assert len(wrong) <= 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "number", "wrong"),
     [

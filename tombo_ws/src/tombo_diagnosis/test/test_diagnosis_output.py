@@ -21,6 +21,8 @@ from tombo_dynamics.errors import InputError
 from tombo_flight.model_file import read_model
 from tombo_flight.process.output_folder import open_output
 
+pytestmark = pytest.mark.slow
+
 AGAINST = NominalReference("hover", "2031-04-05")
 
 

@@ -13,6 +13,8 @@ from tombo_diagnosis.flight.track import track_of
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import extended_scenario, scenario_over
 
+pytestmark = pytest.mark.slow
+
 DOUBT = {"steady_wind": {"east": 1.0}, "mocap_misalignment": {"pitch": 0.02}}
 """Without an IMU, slowly and at one heading, the one is as the other."""
 SLOW = {

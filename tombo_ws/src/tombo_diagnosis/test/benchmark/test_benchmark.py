@@ -8,6 +8,8 @@ from tombo_diagnosis.benchmark.flight_cases import make_case
 from tombo_diagnosis.benchmark.flight_evaluation import examine
 from tombo_diagnosis.benchmark.score import score_of_flights
 
+pytestmark = pytest.mark.slow
+
 SEED = 3
 
 

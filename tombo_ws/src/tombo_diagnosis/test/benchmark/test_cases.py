@@ -21,6 +21,8 @@ from tombo_dynamics.disturbance import DISTURBANCES
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.effects.registry import check_theta
 
+pytestmark = pytest.mark.slow
+
 CASES = [make_case(5, number) for number in range(400)]
 
 

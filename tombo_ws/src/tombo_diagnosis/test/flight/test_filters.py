@@ -7,6 +7,8 @@ from hypothesis import strategies as st
 
 from tombo_diagnosis.flight.filters import clear_rows, gaussian, held_means, tick_means
 
+pytestmark = pytest.mark.slow
+
 TICK = 0.004
 T = 3.0 + TICK * np.arange(400)
 WIDTHS = st.floats(0.01, 0.1)

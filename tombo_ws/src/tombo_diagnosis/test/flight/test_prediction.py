@@ -12,6 +12,8 @@ from tombo_diagnosis.flight.track import track_of
 from tombo_dynamics.effects import REGISTRY, Stage
 from tombo_dynamics.effects.compose import layout
 
+pytestmark = pytest.mark.slow
+
 SENSORS = ("imu_rpm", "imu", "mocap_rpm", "mocap")
 HIDDEN = {"steady_wind": {"east": 1.0}, "flapping_moment": {"k": 0.02}}
 

@@ -95,6 +95,7 @@ def test_paths_that_lead_nowhere(tmp_path):
             read_logs(paths)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     start=st.sampled_from(

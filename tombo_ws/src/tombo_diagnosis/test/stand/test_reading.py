@@ -16,6 +16,8 @@ from tombo_diagnosis.stand.table_reader import read_stand
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import configuration, evaluate
 
+pytestmark = pytest.mark.slow
+
 RPM = np.linspace(1000.0, 6000.0, 12)
 POINT = evaluate(configuration(13), RPM * math.pi / 30.0)
 

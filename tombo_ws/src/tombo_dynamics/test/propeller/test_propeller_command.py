@@ -33,6 +33,7 @@ def test_json_alone_on_standard_output_and_no_plot(empty_folder: Path) -> None:
     assert not any(empty_folder.iterdir())
 
 
+@pytest.mark.slow
 def test_table_and_plot(empty_folder: Path) -> None:
     result = RUNNER.invoke(app, ["--conf", "13", "--law", "published"])
     assert result.exit_code == 0
@@ -43,6 +44,7 @@ def test_table_and_plot(empty_folder: Path) -> None:
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_plot_where_asked_for_even_with_json(empty_folder: Path) -> None:
     result = RUNNER.invoke(app, ["--conf", "0", "--json", "-o", "rigid.svg"])
     assert result.exit_code == 0
@@ -71,6 +73,7 @@ def test_moduli() -> None:
     assert "26 of 26" in table.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -77,6 +77,7 @@ def columns(block):
     return table
 
 
+@pytest.mark.slow
 def test_the_page_loads_nothing(html, page):
     assert not re.search(r"https?:|//[a-z0-9.-]+\.[a-z]{2,}/|@import|url\(", html)
     for tag, attributes in page.elements:

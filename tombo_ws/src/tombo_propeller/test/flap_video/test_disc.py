@@ -11,6 +11,8 @@ from films import SMALL, shots
 from tombo_dynamics.errors import InputError
 from tombo_propeller.flap_video.disc import NothingMovesError, circle_of, find_disc, remove_flicker
 
+pytestmark = pytest.mark.slow
+
 
 def ring(n=90, x=100.0, y=80.0, r=50.0, noise=0.3, seed=0):
     rng = np.random.default_rng(seed)

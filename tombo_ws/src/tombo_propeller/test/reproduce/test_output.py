@@ -37,6 +37,7 @@ def test_json_is_the_list_of_claims(capsys: pytest.CaptureFixture[str]) -> None:
         assert claim["verdict"] in ("holds", "fails", "can't be checked")
 
 
+@pytest.mark.slow
 def test_folder_holds_page_json_and_figures(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -393,6 +393,7 @@ def test_a_second_px4_is_turned_away():
         assert b.hil.missed == 0
 
 
+@pytest.mark.real_time
 def test_a_killed_px4_is_noticed_and_its_successor_flies():
     program = Path(__file__).with_name("hil_peer.py")
     b = Bench()

@@ -48,12 +48,14 @@ def tell(flying):
     return message
 
 
+@pytest.mark.slow
 def test_it_really_flies_and_turns(flying):
     estimate = flying.vehicle.estimate
     assert np.linalg.norm(estimate.velocity[:2]) > 0.2
     assert flying.vehicle.armed
 
 
+@pytest.mark.slow
 def test_every_message_is_of_the_present_tick(flying, tell):
     boot_us = flying.vehicle.boot_us
     for name in ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT",
@@ -65,6 +67,7 @@ def test_every_message_is_of_the_present_tick(flying, tell):
         assert tell(name).time_usec == boot_us, name
 
 
+@pytest.mark.slow
 def test_position_and_velocity_are_north_east_down(flying, tell):
     e, sent = flying.vehicle.estimate, tell("LOCAL_POSITION_NED")
     east, north, up = e.position
@@ -204,6 +207,7 @@ def test_a_flying_vehicle_says_so(flying, tell):
     assert tell("ESTIMATOR_STATUS").flags & mavlink.ESTIMATOR_POS_HORIZ_ABS
 
 
+@pytest.mark.slow
 def test_a_vehicle_at_rest_says_so():
     with bench() as b:
         b.settle()
