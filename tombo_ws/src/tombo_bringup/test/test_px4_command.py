@@ -77,6 +77,7 @@ def test_it_ends_by_itself_after_its_duration():
     assert "stopped after 0.5 s" in out
 
 
+@pytest.mark.slow
 def test_a_busy_port_is_one_line_and_exit_code_2():
     port, ground = free_ports()
     for own in (port + 40, port + 4030):

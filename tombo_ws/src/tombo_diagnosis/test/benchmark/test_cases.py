@@ -21,8 +21,6 @@ from tombo_dynamics.disturbance import DISTURBANCES
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.effects.registry import check_theta
 
-pytestmark = pytest.mark.slow
-
 CASES = [make_case(5, number) for number in range(400)]
 
 
@@ -103,6 +101,7 @@ def test_unknown_forces_are_in_no_registry_and_within_their_bounds():
     assert seen == set(DISTURBANCES)
 
 
+@pytest.mark.slow
 def test_every_effect_that_flies_is_hidden_some_time():
     hidden = {name for number in range(1500) for name in make_case(1, number).hidden}
     assert set(REGISTRY) - EXCLUDED_EFFECTS <= hidden

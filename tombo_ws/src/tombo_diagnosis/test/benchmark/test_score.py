@@ -4,8 +4,6 @@ import pytest
 
 from tombo_diagnosis.benchmark.score import score, score_of_flights
 
-pytestmark = pytest.mark.slow
-
 
 def row(kind="single", verdict="named", causes=("wind",), hidden=("wind",), size="large", **more):
     return {

@@ -9,8 +9,6 @@ from tombo_diagnosis.stand.change_points import step_of
 from tombo_diagnosis.stand.plateaus import plateaus
 from tombo_diagnosis.stand.table_reader import read_stand
 
-pytestmark = pytest.mark.slow
-
 UP = np.linspace(0.25, 1.0, 16)
 WAYS = {
     "up and down": np.concatenate([UP, UP[-2::-1]]),

@@ -36,6 +36,7 @@ def assert_is_a_picture(image, shades):
     assert (reach > 0.6).all(), "the ink does not reach over the picture"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", SIZES)
 def test_the_file_is_large_sharp_and_small_in_bytes(flight, draw):
     png = png_bytes(draw(flight))
@@ -65,7 +66,9 @@ def drawn_texts(figure):
     return [(t.get_text(), t.get_window_extent(renderer)) for t in texts if t not in hidden]
 
 
-@pytest.mark.parametrize("name", ["whole", *EDGES])
+@pytest.mark.parametrize(
+    "name", ["whole", *(pytest.param(name, marks=pytest.mark.slow) for name in EDGES)]
+)
 @pytest.mark.parametrize(("draw", "shades"), [(draw_flight, 0.002), (draw_overview, 1e-4)])
 def test_every_flight_is_drawn_and_no_text_covers_another(
     flight, edge_flights, name, draw, shades
@@ -119,6 +122,7 @@ def test_a_name_with_dollars_is_not_read_as_mathematics(make_flight):
         assert png_bytes(draw(make_flight(end_s=0.3, name=name)))
 
 
+@pytest.mark.slow
 def test_drawing_leaves_no_global_state():
     code = f"""
 import sys

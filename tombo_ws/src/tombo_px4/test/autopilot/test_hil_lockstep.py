@@ -24,6 +24,7 @@ from tombo_px4.hil.params import HilParams
 SECOND_NS = 1_000_000_000
 
 
+@pytest.mark.slow
 def test_px4_flies_a_minute_in_lockstep_without_a_missed_step():
     with bench() as b:
         b.record = True
@@ -61,6 +62,7 @@ def test_px4_flies_a_minute_in_lockstep_without_a_missed_step():
     assert height.max() < 3.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("params", [{"rate": 500.0}, {"rate": 1000.0}, {"mapping": "speed"}])
 def test_it_hovers_at_other_rates_and_with_the_other_mapping(params):
     pilot = Pilot()
@@ -74,6 +76,7 @@ def test_it_hovers_at_other_rates_and_with_the_other_mapping(params):
         assert b.position[2] == pytest.approx(2.18, abs=0.2)
 
 
+@pytest.mark.slow
 def test_the_same_seed_and_answers_are_the_same_flight():
     ends = []
     for _ in range(2):
@@ -83,6 +86,7 @@ def test_the_same_seed_and_answers_are_the_same_flight():
     assert np.array_equal(*ends)
 
 
+@pytest.mark.slow
 def test_the_propeller_folds_when_px4_hits_the_obstacle_and_flies_on():
     world = world_of(load_scenario("paper_collision", ["obstacle.x=1.2", "obstacle.y=0.27"]))
     with bench(world) as b:
@@ -308,6 +312,7 @@ def test_silence_in_flight_is_reported_after_1_s_and_time_slows_down():
         assert b.position[2] == pytest.approx(2.2, abs=0.3)
 
 
+@pytest.mark.slow
 def test_a_silent_px4_on_the_ground_gets_its_time_and_comes_back():
     """In OFFBOARD without set points it has no controls to send."""
     with bench(speed=1.0, silent=0, rate=500.0) as b:
@@ -352,6 +357,7 @@ def test_a_slow_px4_that_was_silent_on_the_ground_gets_back_into_step():
         assert b.hil.wrong_time <= 3
 
 
+@pytest.mark.slow
 def test_a_new_connection_begins_a_new_flight_on_the_ground():
     with bench() as b:
         b.fly(5.0)
@@ -518,6 +524,7 @@ def test_a_watcher_sees_every_tick_and_the_vehicle_of_each_flight():
 # ---- pace
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [1.0, 4.0])
 def test_the_pace_is_the_speed(speed):
     with bench(speed=speed, silent=0) as b:
@@ -541,6 +548,7 @@ def test_time_that_cannot_be_made_up_for_is_told():
         assert any("time stretches" in text for text in b.news)
 
 
+@pytest.mark.slow
 def test_silence_is_not_made_up_for():
     with bench(speed=1.0, silent=0) as b:
         b.fly(0.5)

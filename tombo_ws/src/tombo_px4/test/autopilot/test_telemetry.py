@@ -76,6 +76,7 @@ def test_position_and_velocity_are_north_east_down(flying, tell):
     assert (sent.vx, sent.vy, sent.vz) == pytest.approx((north, east, -up), abs=1e-5)
 
 
+@pytest.mark.slow
 def test_the_heading_is_clockwise_from_north(flying, tell):
     x, y, z, w = flying.vehicle.estimate.attitude
     yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
