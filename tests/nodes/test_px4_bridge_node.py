@@ -261,7 +261,7 @@ def test_the_estimate_is_handed_on_once_the_checks_pass(lab, world):
     """The mission begins with the first estimate: PX4's must be good by then."""
     lab = lab(parameters={"EKF2_EV_CTRL": 0})
     lab.until(lambda s: s.connected and any("nothing is fused" in f for f in s.findings))
-    lab.run(2.0)
+    lab.run(1.0)
     assert not world.heard[PX4_STATUS.name][-1].ready
     assert world.heard[IMU.name] and not world.heard[ODOMETRY.name]
     with lab.vehicle.lock:

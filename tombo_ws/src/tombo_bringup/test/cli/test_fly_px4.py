@@ -189,10 +189,8 @@ def test_a_second_ctrl_c_in_the_air_leaves_the_vehicle_to_px4(fly, monkeypatch, 
     class Pressed(BridgeMonitor):
         def see(self, *looks, **more) -> None:
             super().see(*looks, **more)
-            if self.armed and not presses:  # the first
+            if (self.armed and not presses) or (more["over"] and len(presses) == 1):  # the first
                 notice("")
-            elif presses and not presses[0].is_alive() and len(presses) == 1:
-                notice("")  # while it lands
 
     monkeypatch.setattr(node_flight, "BridgeMonitor", Pressed)
     with speaking(1) as url:
