@@ -25,18 +25,7 @@ pytest.importorskip("rclpy")
 _COMPILES_S = 120.0
 SHORT = ("mission.approach_time=5.0", "mission.hold_time=1.0", "mission.land_speed=0.7")
 """The way to the obstacle begins as soon as the vehicle hovers."""
-
-
-@pytest.fixture(scope="module")
-def flown(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("flight") / "px4"
-    settings = [word for setting in SHORT for word in ("--set", setting)]
-    command = [sys.executable, "-m", "tombo_bringup.cli.main", "fly", "--px4", *settings]
-    run = subprocess.run(
-        [*command, "-o", str(folder), "--json"], capture_output=True, text=True, timeout=240
-    )
-    assert run.returncode == 0, run.stderr
-    return folder, json.loads(run.stdout)
+FLIGHT = ("--px4", *(word for setting in SHORT for word in ("--set", setting)))
 
 
 def test_the_vehicle_recovers_as_in_the_headless_flight(flown):

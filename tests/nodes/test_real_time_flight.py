@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
-
 import pytest
 
 from in_time import in_time
@@ -20,18 +16,7 @@ pytest.importorskip("rclpy")
 
 SHORT = ("mission.approach_time=5.0", "mission.hold_time=1.5")
 """The way to the obstacle begins as soon as the vehicle hovers."""
-
-
-@pytest.fixture(scope="module")
-def flown(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("flight") / "nodes"
-    settings = [word for setting in SHORT for word in ("--set", setting)]
-    command = [sys.executable, "-m", "tombo_bringup.cli.main", "fly", "--nodes", *settings]
-    run = subprocess.run(
-        [*command, "-o", str(folder), "--json"], capture_output=True, text=True, timeout=240
-    )
-    assert run.returncode == 0, run.stderr
-    return folder, json.loads(run.stdout)
+FLIGHT = ("--nodes", *(word for setting in SHORT for word in ("--set", setting)))
 
 
 def test_the_vehicle_recovers_as_in_the_headless_flight(flown):

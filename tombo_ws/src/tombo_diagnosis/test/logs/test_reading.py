@@ -18,7 +18,7 @@ FLIGHT = made_flight(duration=6.0, mocap_hz=50.0, imu_hz=100.0)
 OTHER = made_flight(duration=6.0, mocap_hz=50.0, imu_hz=100.0, seed=1)
 
 
-@pytest.mark.parametrize("name", ["a.txt", "a", "a.mcap", "a.ulg", "a.csv"])
+@pytest.mark.parametrize("name", ["a", "a.mcap"])
 def test_the_kind_of_a_file_is_not_its_name(tmp_path, name):
     path = tmp_path / name
     write_ulog(path, FLIGHT)
