@@ -14,6 +14,7 @@ import gc
 from typing import Any
 
 import pytest
+from hypothesis import settings
 
 from empty_loop import LATE_MS, EmptyLoop
 from in_time import NotInTime
@@ -33,6 +34,8 @@ ORDER = (  # the mathematics first: it is fast, and the rest is built on it
     f"{SRC}tombo_flight",
     f"{SRC}tombo_bringup",
 )
+settings.register_profile("few", settings.get_profile("ci"), max_examples=25)  # for `make check`
+
 # Modules stay: looking through them for garbage, again and again, takes a third of the collection.
 gc.disable()
 

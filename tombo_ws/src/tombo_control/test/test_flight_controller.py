@@ -226,6 +226,7 @@ def test_set_points_that_come_again_are_followed(flight: Lockstep) -> None:
     assert abs(flight.position[0] - 0.5) < 0.1
 
 
+@pytest.mark.slow
 def test_a_set_point_far_away_is_flown_to_at_limited_speed(flight: Lockstep) -> None:
     flight.steer = lambda _: hover_at(1e6, -1e6, 1e6)
     rows = flight.fly(4.0)

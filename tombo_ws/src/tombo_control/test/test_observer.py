@@ -329,6 +329,7 @@ def test_after_200_ms_without_imu_the_estimate_begins_anew(ride: _Ride) -> None:
     assert ride.error < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("gap_s", "limit"), [(0.005, 0.01), (0.05, 0.03), (0.2, 0.15)])
 def test_a_hover_survives_a_gap_of_the_imu(flight: Lockstep, gap_s: float, limit: float) -> None:
     before = flight.position

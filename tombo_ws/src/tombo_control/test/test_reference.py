@@ -53,6 +53,7 @@ def test_stands_still_before_and_after(duration, share):
 points = st.tuples(*[st.floats(-50.0, 50.0)] * 3)
 
 
+@pytest.mark.slow
 @given(points, points, st.floats(0.05, 8.0), st.floats(0.0, 1e4))
 def test_a_straight_leg_ends_at_its_goal_and_keeps_its_speed(start, goal, speed, now):
     leg = straight_leg(start, goal, speed, now)

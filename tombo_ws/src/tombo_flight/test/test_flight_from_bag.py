@@ -126,6 +126,7 @@ def test_what_is_recorded_at_each_tick_comes_back_at_its_tick(flown, headless, n
     assert np.array_equal(flight_from_bag(headless).log[name], flown.log[name])
 
 
+@pytest.mark.slow
 def test_what_is_recorded_less_often_comes_back_close(flown, headless):
     log = flight_from_bag(headless).log
 

@@ -39,6 +39,7 @@ def test_without_a_run_there_are_zeros() -> None:
     assert metrics.rate_hz == metrics.jitter_p50_us == metrics.jitter_max_us == 0.0
 
 
+@pytest.mark.slow
 @given(st.integers(2, 400), st.integers(100_000, 50_000_000))
 def test_the_rate_is_that_of_the_runs(runs: int, period_ns: int) -> None:
     watch = LoopStatistics()

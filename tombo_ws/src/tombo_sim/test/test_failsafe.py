@@ -104,6 +104,7 @@ def test_from_hover_it_lands_where_it_is(flight: _Flight) -> None:
     assert abs(landing.rotors_off_s - landing.time_s) < 0.2
 
 
+@pytest.mark.slow
 def test_taking_over_neither_drops_nor_tilts_a_hovering_vehicle(flight: _Flight) -> None:
     body = flight.land(seconds=6.0).body[:100]
     assert -body[:, 5].min() < 0.1  # 0.8 m/s^2 is the descent's own

@@ -55,6 +55,7 @@ def test_markers_swap_twice_and_hard_stops_are_no_jumps(flights):
     assert not any(jumps.values())
 
 
+@pytest.mark.slow
 def test_what_is_left_is_flight(flights):
     """Between take-off and landing, high enough, motors on."""
     for log in flights.values():

@@ -9,13 +9,14 @@ import pytest
 
 from tombo_diagnosis.stand.table3 import statement, study_table3, table3_points
 
+pytestmark = pytest.mark.slow
+
 
 @functools.cache
 def study():
     return study_table3()
 
 
-@pytest.mark.slow
 def test_errors_of_law_and_mean_are_those_known():
     """RMS over the soft ones 0.055 N, their mean 0.038 N; rank correlation 0.09 (p = 0.81)."""
     assert study().rms["published"] == pytest.approx(0.055, abs=6e-4)

@@ -142,6 +142,7 @@ def test_an_option_before_a_sub_command_is_refused(before: list[str], command: s
     assert result.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_help_is_whole_lines_and_no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     assert "A:B:STEP" in RUNNER.invoke(app, ["--help"]).stdout

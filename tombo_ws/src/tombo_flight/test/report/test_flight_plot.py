@@ -45,6 +45,7 @@ def test_the_file_is_large_sharp_and_small_in_bytes(flight, draw):
     assert len(png) < 400_000
 
 
+@pytest.mark.slow
 def test_poster_of_the_recovery_names_its_instants(flight):
     figure = draw_overview(flight)
     words = " ".join(t.get_text() for t in figure.findobj(Text))
@@ -116,6 +117,7 @@ def test_a_flight_without_contact_has_one_column_and_no_marks(edge_flights):
     assert not upright_lines(axes[0])
 
 
+@pytest.mark.slow
 def test_a_name_with_dollars_is_not_read_as_mathematics(make_flight):
     name = "$\\frac{$ <b>"
     for draw in (draw_flight, draw_overview):

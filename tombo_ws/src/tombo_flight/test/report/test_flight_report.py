@@ -91,6 +91,7 @@ def test_the_page_loads_nothing(html, page):
     assert policy.startswith("default-src 'none'")
 
 
+@pytest.mark.slow
 def test_the_page_is_small(html):
     assert len(html.encode()) < 3_000_000
 

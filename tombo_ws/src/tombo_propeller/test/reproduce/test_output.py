@@ -27,6 +27,7 @@ def tombo(*arguments: str) -> int:
     return int(leave.value.code or 0)
 
 
+@pytest.mark.slow
 def test_json_is_the_list_of_claims(capsys: pytest.CaptureFixture[str]) -> None:
     assert tombo("--json") == 0
     claims = json.loads(capsys.readouterr().out)

@@ -140,6 +140,7 @@ def test_before_px4_is_armed_the_rotors_stand_still_whatever_it_says():
         assert b.news[-2:] == ["armed", "disarmed"]
 
 
+@pytest.mark.slow
 def test_px4_says_how_often_it_wants_the_truth():
     with bench() as b:
         b.peer.keep = True
@@ -168,6 +169,7 @@ def test_px4_says_how_often_it_wants_the_truth():
 # ---- answers that are none
 
 
+@pytest.mark.slow
 def test_an_answer_with_another_time_is_counted_and_not_flown():
     with bench() as b:
         b.fly(4.0)
@@ -183,6 +185,7 @@ def test_an_answer_with_another_time_is_counted_and_not_flown():
         assert b.position[2] == pytest.approx(2.2, abs=0.3)
 
 
+@pytest.mark.slow
 def test_answers_with_wrong_times_only_are_silence():
     with bench() as b:
         b.fly(4.0)
@@ -199,6 +202,7 @@ def test_answers_with_wrong_times_only_are_silence():
         assert b.hil.missed == 1
 
 
+@pytest.mark.slow
 def test_a_repeated_answer_is_counted_and_the_last_one_counts():
     with bench() as b:
         b.fly(4.0)
@@ -211,6 +215,7 @@ def test_a_repeated_answer_is_counted_and_the_last_one_counts():
         assert b.position[2] == pytest.approx(2.2, abs=0.3)
 
 
+@pytest.mark.slow
 def test_invalid_controls_are_zero_and_counted():
     with bench() as b:
         b.fly(4.0)
@@ -228,6 +233,7 @@ def test_invalid_controls_are_zero_and_counted():
         assert b.hil.flight.controls.refused == pytest.approx(3 * 25, abs=9)
 
 
+@pytest.mark.slow
 def test_garbage_between_answers_is_counted_and_the_flight_goes_on():
     with bench() as b:
         b.fly(2.0)
@@ -244,6 +250,7 @@ def test_garbage_between_answers_is_counted_and_the_flight_goes_on():
         assert b.position[2] == pytest.approx(2.2, abs=0.3)
 
 
+@pytest.mark.slow
 def test_a_false_message_start_costs_a_second_at_most():
     with bench() as b:
         b.fly(4.0)
@@ -282,6 +289,7 @@ def test_an_answer_in_pieces_is_an_answer():
 # ---- silence, and PX4 gone
 
 
+@pytest.mark.slow
 def test_silence_in_flight_is_reported_after_1_s_and_time_slows_down():
     with bench() as b:
         b.fly(5.0)
@@ -334,6 +342,7 @@ def test_a_silent_px4_on_the_ground_gets_its_time_and_comes_back():
         assert b.news[-1] == "PX4 answers again"
 
 
+@pytest.mark.slow
 def test_a_slow_px4_that_was_silent_on_the_ground_gets_back_into_step():
     with bench(silent=0) as b:
         b.peer.pilot.ALIGN = 10**6
@@ -378,6 +387,7 @@ def test_a_new_connection_begins_a_new_flight_on_the_ground():
         assert b.position[2] == pytest.approx(2.2, abs=0.3)
 
 
+@pytest.mark.slow
 def test_a_px4_that_reconnects_unnoticed_gets_a_new_flight():
     with bench() as b:
         b.fly(3.0)
@@ -439,6 +449,7 @@ def test_a_killed_px4_is_noticed_and_its_successor_flies():
         b.close()
 
 
+@pytest.mark.slow
 def test_px4_without_lockstep_is_told_and_its_answers_are_taken():
     with bench() as b:
         b.peer.answer = lambda sensor, values: b.peer.controls(
@@ -566,6 +577,7 @@ def test_silence_is_not_made_up_for():
         assert b.hil.slips <= 1
 
 
+@pytest.mark.slow
 def test_px4_that_leaves_while_nothing_is_due_is_noticed_at_once():
     with bench(speed=1.0, silent=0) as b:
         b.fly(0.5)

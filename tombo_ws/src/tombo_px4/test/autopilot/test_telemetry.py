@@ -86,6 +86,7 @@ def test_the_heading_is_clockwise_from_north(flying, tell):
     assert tell("GLOBAL_POSITION_INT").hdg == pytest.approx(100 * math.degrees(heading), abs=1)
 
 
+@pytest.mark.slow
 def test_quaternion_and_angles_agree_in_all_messages(tell):
     a, q, odometry = tell("ATTITUDE"), tell("ATTITUDE_QUATERNION"), tell("ODOMETRY")
     w, x, y, z = q.q1, q.q2, q.q3, q.q4
