@@ -263,7 +263,8 @@ def test_the_estimate_is_handed_on_once_the_checks_pass(lab, world):
     lab.until(lambda s: s.connected and any("nothing is fused" in f for f in s.findings))
     lab.run(1.0)
     assert not world.heard[PX4_STATUS.name][-1].ready
-    assert world.heard[IMU.name] and not world.heard[ODOMETRY.name]
+    heard(world, IMU, meanwhile=lab.publish)
+    assert not world.heard[ODOMETRY.name]
     with lab.vehicle.lock:
         lab.px4.parameters["EKF2_EV_CTRL"] = 11
         lab.px4._parameter("EKF2_EV_CTRL")
