@@ -38,7 +38,7 @@ PARALLEL := -n auto --dist loadfile --no-loadscope-reorder
 
 check: lint
 	$(SETUP)
-	$(PYTEST) $(PARALLEL) -m "not slow and not alone"
+	$(PYTEST) $(PARALLEL) -m "not slow and not alone" --hypothesis-profile=few
 
 # Both parts run, whatever the first says; 5: PYTEST_ARGS leave no test in that part.
 test: lint

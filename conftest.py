@@ -1,24 +1,25 @@
-"""Which tests run when: decided here, for all of them. See `make check` and `make test`.
+"""Which tests run when, by their markers. See `make check` and `make test`.
 
 - `alone`: it waits on the wall clock, or starts nodes or processes whose time counts. One at a
   time, last.
-- `real_time`: one of those that promises something in real time. Where it fails and a loop beside
-  it that does nothing was late, too, the machine was taken away: it is skipped.
-- `slow`: it takes seconds. `make check` leaves it out.
+- `real_time`: one of those that promises something in real time, as all with a node do. Where
+  what it asserts `in_time` fails, and a loop beside it that does nothing was late, too, the
+  machine was taken away: it is skipped.
+- `slow`: it takes more than a quarter of a second of a quiet core. `make check` leaves it out.
 """
 
 from __future__ import annotations
 
-import subprocess
-from pathlib import Path
+import gc
 from typing import Any
 
 import pytest
+from hypothesis import settings
 
 from empty_loop import LATE_MS, EmptyLoop
+from in_time import NotInTime
 from ros_bench import FAILED
 
-ROOT = Path(__file__).parent
 SRC = "tombo_ws/src/"
 ORDER = (  # the mathematics first: it is fast, and the rest is built on it
     "tests/structure",
@@ -33,43 +34,27 @@ ORDER = (  # the mathematics first: it is fast, and the rest is built on it
     f"{SRC}tombo_flight",
     f"{SRC}tombo_bringup",
 )
-REAL_TIME_FIXTURES = {"domain"}  # nodes
-REAL_TIME = (
-    "tests/nodes/",
-    "tests/replay/test_through_nodes.py",
-    f"{SRC}tombo_bringup/test/cli/test_fly_nodes.py",
-    f"{SRC}tombo_bringup/test/cli/test_fly_px4.py",
-    f"{SRC}tombo_bringup/test/cli/test_run_command.py",
-    f"{SRC}tombo_bringup/test/cli/test_stop.py",
-    f"{SRC}tombo_bringup/test/cli/test_up_command.py",
-    f"{SRC}tombo_bringup/test/test_hil_command.py",
-    f"{SRC}tombo_bringup/test/test_px4_command.py",
-    f"{SRC}tombo_flight/test/suite/test_supervisor.py",
-    f"{SRC}tombo_px4/test/autopilot/test_endpoint_serve.py",
-    f"{SRC}tombo_px4/test/autopilot/test_hil_lockstep.py",
-    f"{SRC}tombo_px4/test/autopilot/test_mavsdk.py",
-    f"{SRC}tombo_px4/test/bridge/test_transport.py",
-    f"{SRC}tombo_ros/test/test_record_parameters.py",
-)
-ALONE = ("tests/docker/test_scripts.py", "tests/setup/test_setup_script.py")
-SLOW = tuple((ROOT / "tests" / "slow_tests.txt").read_text().split())
-"""Folders, files and functions that take more than 0.2 s of a quiet core."""
+settings.register_profile("few", settings.get_profile("ci"), max_examples=25)  # for `make check`
+
+# Modules stay: looking through them for garbage, again and again, takes a third of the collection.
+gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    """Collect garbage again, of what the tests make."""
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark every test, and sort by `ORDER`; those that run alone come last."""
     rank = {}
     for item in items:
-        name = item.nodeid.partition("[")[0]
-        nodes = REAL_TIME_FIXTURES & {*getattr(item, "fixturenames", ())}
-        if nodes or name.startswith(REAL_TIME):
+        if "domain" in getattr(item, "fixturenames", ()):  # it starts nodes
             item.add_marker("real_time")
+        if item.get_closest_marker("real_time"):
             item.add_marker("alone")
-        elif name.startswith(ALONE):
-            item.add_marker("alone")
-        elif name in SLOW or any(name.startswith(s) for s in SLOW if "::" not in s):
-            item.add_marker("slow")
-        order = next((i for i, folder in enumerate(ORDER) if name.startswith(folder)), len(ORDER))
+        order = next((i for i, f in enumerate(ORDER) if item.nodeid.startswith(f)), len(ORDER))
         rank[item] = (item.get_closest_marker("alone") is not None, order)
     items.sort(key=rank.__getitem__)
 
@@ -92,22 +77,14 @@ def pytest_unconfigure(config: pytest.Config) -> None:
         loop.close()
 
 
-MISSED = (AssertionError, TimeoutError, subprocess.TimeoutExpired, pytest.fail.Exception)
-"""How a test says that a promise was not kept; another exception is a defect at any speed."""
-
-
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[Any]) -> Any:
-    """Remember which test has failed; skip it where the machine was taken away."""
+    """Remember which test has failed; skip one that was late where the machine was late, too."""
     report = yield
     if report.failed and call.excinfo is not None:
         item.stash[FAILED] = True
         loop = item.stash.get(LOOP, None)
-        if (
-            loop is not None
-            and loop.late_ms() > LATE_MS
-            and isinstance(call.excinfo.value, MISSED)
-        ):
+        if loop and loop.late_ms() > LATE_MS and isinstance(call.excinfo.value, NotInTime):
             why = call.excinfo.exconly().splitlines()[0]
             text = f"Skipped: the machine was late by {loop.late_ms():.0f} ms ({why})"
             report.outcome = "skipped"

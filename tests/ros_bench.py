@@ -65,7 +65,7 @@ class NodeProcess:
     def output(self) -> str:
         return self.log.read_text(errors="replace")
 
-    def end(self, number: int = signal.SIGINT, patience_s: float = 5.0) -> int:
+    def end(self, number: int = signal.SIGINT, patience_s: float = 30.0) -> int:
         """Send a signal and return the exit code; a node that stays is killed and -9 returned."""
         with contextlib.suppress(ProcessLookupError):
             self.process.send_signal(number)
@@ -128,7 +128,7 @@ class Counterpart:
             self._outputs[spec.name] = TopicPublisher(self.node, spec)
         return self._outputs[spec.name]
 
-    def meet(self, *specs: Any, others: int = 1, patience_s: float = 20.0) -> None:
+    def meet(self, *specs: Any, others: int = 1, patience_s: float = 120.0) -> None:
         """Wait until each topic has a subscriber, or for one that is listened to a publisher."""
         end = time.monotonic() + patience_s
         for spec in specs:
@@ -161,7 +161,7 @@ class Counterpart:
         self,
         spec: Any,
         condition: Callable[[Any], bool] = lambda message: True,
-        patience_s: float = 10.0,
+        patience_s: float = 60.0,
         meanwhile: Callable[[], None] | None = None,
     ) -> Any:
         """Return the first message not heard before that meets a condition."""

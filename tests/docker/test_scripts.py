@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 SCRIPTS = ROOT / "docker" / "scripts"
 STEPS = sorted(path.name for path in SCRIPTS.glob("*.sh") if path.name != "common.sh")
@@ -52,7 +54,7 @@ class Box:
             cwd=self.folder,
             capture_output=True,
             text=True,
-            timeout=600,
+            timeout=1200,
         )
 
     def calls(self) -> list[str]:
@@ -153,6 +155,7 @@ def test_pip_gets_the_pins_without_ros(box: Box):
 # --- The workspace ----------------------------------------------------------------------------
 
 
+@pytest.mark.timeout(1200)  # it compiles all messages
 def test_the_workspace_builds_starts_and_flies(box: Box):
     """The steps build, smoke and entrypoint, with the ROS of this environment for that of apt."""
     python, lib = Path(sys.executable), Path(sys.prefix)

@@ -7,7 +7,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
 
-def set_parameters(world, node, patience_s=10.0, **values):
+def set_parameters(world, node, patience_s=60.0, **values):
     """Set parameters of a node (`a__b` is a.b); return whether and why not, of each."""
     sent = [Parameter(name.replace("__", "."), value=v) for name, v in values.items()]
     request = SetParameters.Request(parameters=[p.to_parameter_msg() for p in sent])

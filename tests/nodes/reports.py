@@ -5,7 +5,7 @@ import time
 from tombo_bag.topics import DIAGNOSTICS
 
 
-def heard(world, spec, condition=lambda message: True, since=0, meanwhile=None, patience_s=10.0):
+def heard(world, spec, condition=lambda message: True, since=0, meanwhile=None, patience_s=60.0):
     """Return the first message on a topic, from the `since`th on, that meets a condition."""
     end = time.monotonic() + patience_s
     while time.monotonic() < end:

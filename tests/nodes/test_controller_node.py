@@ -7,6 +7,8 @@ import time
 import numpy as np
 import pytest
 
+from in_time import in_time
+
 pytest.importorskip("rclpy")
 
 from nav_msgs.msg import Odometry
@@ -65,7 +67,7 @@ class _Inputs:
         self.gyros[stamp] = np.array([imu.angular_velocity.x, 0.0, 0.0])
         world.publish(IMU, imu)
         answers = world.heard[ROTOR_COMMAND.name]
-        end = time.monotonic() + (2.0 if answers else 0.05)
+        end = time.monotonic() + (30.0 if answers else 0.05)
         while time.monotonic() < end:
             world.hear()
             if answers and to_ns(answers[-1].header.stamp) == stamp:
@@ -113,7 +115,7 @@ def test_each_gyro_sample_is_answered_as_the_pure_controller_does(world, start):
     )
     inputs = _Inputs(world)
 
-    end = time.monotonic() + 10.0
+    end = time.monotonic() + 60.0
     while not world.heard[ROTOR_COMMAND.name]:  # until all have found each other
         inputs.tick(setpoint=False)
         assert time.monotonic() < end
@@ -146,10 +148,11 @@ def test_each_gyro_sample_is_answered_as_the_pure_controller_does(world, start):
         (command,) = (m for topic, m in twin.step(stamp) if topic == ROTOR_COMMAND.name)
         wanted[stamp] = command.speed
     off = np.array([np.abs(m.speed - wanted[to_ns(m.header.stamp)]).max() for m in answers])
-    assert off.max() < 2.0  # rad/s; a message may come a tick late
-    assert np.mean(off == 0.0) > 0.5
-    assert len(world.heard[RATES_SETPOINT.name]) == pytest.approx(100, abs=6)
-    assert len(world.heard[ATTITUDE_SETPOINT.name]) == pytest.approx(20, abs=2)
+    with in_time():
+        assert off.max() < 2.0  # rad/s; a message may come a tick late
+        assert np.mean(off == 0.0) > 0.5
+        assert len(world.heard[RATES_SETPOINT.name]) == pytest.approx(100, abs=6)
+        assert len(world.heard[ATTITUDE_SETPOINT.name]) == pytest.approx(20, abs=2)
 
     # a set point that is no number: the last stands; gains beyond their bounds: refused
     begun = len(world.heard[DIAGNOSTICS.name])

@@ -14,6 +14,7 @@ from rclpy.executors import SingleThreadedExecutor
 from reports import heard, told
 from std_srvs.srv import SetBool, Trigger
 
+from in_time import in_time
 from scripted_px4 import GROUND, SECOND, ScriptedPx4
 from tombo_bag.topics import (
     BATTERY,
@@ -106,7 +107,7 @@ class Lab:
         wish.position = point(self.goal)
         self.world.publish(SETPOINT, wish)
 
-    def until(self, condition, patience_s=15.0):
+    def until(self, condition, patience_s=60.0):
         """Wait for a status that meets a condition."""
         since = max(len(self.world.heard[PX4_STATUS.name]) - 1, 0)
         return heard(self.world, PX4_STATUS, condition, since, self.publish, patience_s)
@@ -127,12 +128,12 @@ class Lab:
     def call(self, name, kind=Trigger, **request):
         """Call a service while the world goes on; return its answer."""
         client = self.world.node.create_client(kind, name)
-        assert client.wait_for_service(5.0)
+        assert client.wait_for_service(60.0)
         executor = SingleThreadedExecutor(context=self.world.node.context)
         executor.add_node(self.world.node)
         try:
             future = client.call_async(kind.Request(**request))
-            end = time.monotonic() + 12.0
+            end = time.monotonic() + 60.0
             while not future.done():
                 assert time.monotonic() < end, f"no answer from {name}"
                 executor.spin_once(timeout_sec=0.005)
@@ -173,16 +174,17 @@ def test_a_flight_with_stamps_that_are_right_on_both_sides(lab, world):
     # PX4's side: when each pose was captured, as it understands it
     late = lab.px4.stamps[-50:]
     off = [min(abs(captured - c) for c in lab.captures) for captured, _ in late]
-    assert np.median(off) < 1 * MS
-    assert max(off) < 2 * MS
-    # our side: the clock of PX4
-    assert abs(int(lab.figure("timesync_offset_ns")) + lab.px4.ahead_ns) < 1 * MS
     found = world.heard[ODOMETRY.name]
-    assert len(found) > 60
     ages = [time.time_ns() - to_ns(m.header.stamp) for m in found[-3:]]
-    assert all(0 < age < 2 * SECOND for age in ages)
     stamps = np.diff([to_ns(m.header.stamp) for m in found])
-    assert np.median(stamps) == pytest.approx(20 * MS, rel=0.2)
+    with in_time():
+        assert np.median(off) < 1 * MS
+        assert max(off) < 2 * MS
+        # our side: the clock of PX4
+        assert abs(int(lab.figure("timesync_offset_ns")) + lab.px4.ahead_ns) < 1 * MS
+        assert len(found) > 60
+        assert all(0 < age < 2 * SECOND for age in ages)
+        assert np.median(stamps) == pytest.approx(20 * MS, rel=0.2)
     assert array(found[-1].pose.pose.position) == pytest.approx([0, 0, 1.0], abs=0.1)
     assert found[-1].header.frame_id == "map" and found[-1].child_frame_id == "base_link"
     accel = array(heard(world, IMU).linear_acceleration)
@@ -250,7 +252,7 @@ def test_bad_input_is_one_line_and_exit_code_2(start, parameter, words):
         taken.bind(("127.0.0.1", 0))
         busy = taken.getsockname()[1]
         node = start(NODE, "-p", parameter.format(busy=busy))
-        assert node.process.wait(15.0) == 2
+        assert node.process.wait(120.0) == 2
     (line,) = node.output.strip().splitlines()
     assert line.startswith("Error: ") and words.format(busy=busy) in line
 
@@ -259,17 +261,18 @@ def test_the_estimate_is_handed_on_once_the_checks_pass(lab, world):
     """The mission begins with the first estimate: PX4's must be good by then."""
     lab = lab(parameters={"EKF2_EV_CTRL": 0})
     lab.until(lambda s: s.connected and any("nothing is fused" in f for f in s.findings))
-    lab.run(2.0)
+    lab.run(1.0)
     assert not world.heard[PX4_STATUS.name][-1].ready
-    assert world.heard[IMU.name] and not world.heard[ODOMETRY.name]
+    heard(world, IMU, meanwhile=lab.publish)
+    assert not world.heard[ODOMETRY.name]
     with lab.vehicle.lock:
         lab.px4.parameters["EKF2_EV_CTRL"] = 11
         lab.px4._parameter("EKF2_EV_CTRL")
     lab.until(lambda s: s.ready)
     lab.run(1.0)
-    assert not world.heard[ODOMETRY.name], "for some seconds on end"
-    lab.run(3.0)
-    assert world.heard[ODOMETRY.name]
+    with in_time():
+        assert not world.heard[ODOMETRY.name], "for some seconds on end"
+    heard(world, ODOMETRY, meanwhile=lab.publish)
 
 
 def test_ended_while_offboard_holds_it_lands_with_poses_to_the_end(lab, world):
@@ -280,10 +283,11 @@ def test_ended_while_offboard_holds_it_lands_with_poses_to_the_end(lab, world):
         lab.px4.mode = OFFBOARD  # a ground station's doing: the bridge streams the place it is at
     lab.until(lambda s: s.mode == "offboard" and s.stage == "mode is somebody else's")
     lab.node.process.send_signal(signal.SIGINT)
-    end = time.monotonic() + 25.0
+    end = time.monotonic() + 60.0
     while lab.node.process.poll() is None and time.monotonic() < end:
         lab.run(0.05)
 
     assert lab.node.process.returncode == 0, lab.node.output
     assert lab.px4.mode == AUTO_LAND and not lab.px4.armed
-    assert lab.captures[-1] - lab.px4.stamps[-1][0] < 500 * MS
+    with in_time():
+        assert lab.captures[-1] - lab.px4.stamps[-1][0] < 500 * MS

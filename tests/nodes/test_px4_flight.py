@@ -9,6 +9,7 @@ import sys
 
 import pytest
 
+from in_time import in_time
 from tombo_bag.reader import Bag
 from tombo_bag.topics import PX4_STATUS, TRUE_ODOMETRY
 from tombo_flight.flight import fly_scenario
@@ -17,37 +18,36 @@ from tombo_flight.suite.px4_connection import free_udp_port
 from tombo_flight.suite.px4_probe import find_vehicle
 from tombo_px4.bridge.bridge_params import LinkParams
 
+pytestmark = pytest.mark.real_time
+
 pytest.importorskip("rclpy")
 
 _COMPILES_S = 120.0
 SHORT = ("mission.approach_time=5.0", "mission.hold_time=1.0", "mission.land_speed=0.7")
 """The way to the obstacle begins as soon as the vehicle hovers."""
-
-
-@pytest.fixture(scope="module")
-def flown(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("flight") / "px4"
-    settings = [word for setting in SHORT for word in ("--set", setting)]
-    command = [sys.executable, "-m", "tombo_bringup.cli.main", "fly", "--px4", *settings]
-    run = subprocess.run(
-        [*command, "-o", str(folder), "--json"], capture_output=True, text=True, timeout=170
-    )
-    assert run.returncode == 0, run.stderr
-    return folder, json.loads(run.stdout)
+FLIGHT = ("--px4", *(word for setting in SHORT for word in ("--set", setting)))
 
 
 def test_the_vehicle_recovers_as_in_the_headless_flight(flown):
     _, figures = flown
     headless = fly_scenario(load_scenario(settings=SHORT), 0).summary
-    assert figures["collided"] and figures["landed"] and not figures["crashed"]
-    assert figures["detections"] == 1 and figures["false_alarms"] == 0
-    assert figures["contact_rotor"] == headless["contact_rotor"] == "front_left"
-    # arming takes a while, and no two flights in real time are equal
-    assert figures["collision_time_s"] == pytest.approx(headless["collision_time_s"], abs=3.0)
-    assert 0.02 < figures["max_falling_distance_m"] < 0.95
-    assert 2.0 < figures["recovery_time_s"] < 7.5
-    assert figures["settled_error_m"] < 0.15
-    assert figures["hover_rms_m"] < 0.15
+    px4 = figures["px4"]
+    with in_time():  # a vehicle whose poses and set points are late flies another flight
+        assert figures["collided"] and figures["landed"] and not figures["crashed"]
+        assert figures["detections"] == 1 and figures["false_alarms"] == 0
+        assert figures["contact_rotor"] == headless["contact_rotor"] == "front_left"
+        # arming takes a while, and no two flights in real time are equal
+        assert figures["collision_time_s"] == pytest.approx(headless["collision_time_s"], abs=3.0)
+        assert 0.02 < figures["max_falling_distance_m"] < 0.95
+        assert 2.0 < figures["recovery_time_s"] < 7.5
+        assert figures["settled_error_m"] < 0.15
+        assert figures["hover_rms_m"] < 0.15
+        assert px4["armed_s"] < 5.0
+        assert px4["offboard_duration_s"] > 8.0
+        assert 5.0 < px4["mocap_latency_ms"] < 60.0
+        assert px4["poses_sent"] == pytest.approx(30.0 * figures["duration_s"], rel=0.4)
+        assert px4["setpoints_sent"] > 15.0 * px4["offboard_duration_s"]
+        assert figures["loops"]["sim"]["rate_hz"] == pytest.approx(1000.0, rel=0.2)
 
 
 def test_the_summary_says_what_px4_did(flown):
@@ -57,17 +57,14 @@ def test_the_summary_says_what_px4_did(flown):
     assert "known_from" not in figures, "the truth of a simulated vehicle is known"
     modes = [mode for _, mode in px4["modes"]]
     assert [modes.index(mode) for mode in ("hold", "offboard", "land")] == [0, 1, 2]
-    assert 0.0 < px4["armed_s"] < 5.0
-    assert px4["armed_duration_s"] > px4["offboard_duration_s"] > 8.0
+    assert px4["armed_s"] > 0.0
+    assert px4["armed_duration_s"] > px4["offboard_duration_s"] > 0.0
     assert px4["armed_s"] + px4["armed_duration_s"] < figures["duration_s"], "not disarmed"
     texts = [text for _, text in px4["status_texts"]]
     assert "Takeoff detected" in texts and "Disarmed by landing" in texts
     # the clock of the simulated PX4 began with it; ours long before
     assert px4["time_offset_ns"] > 10**18
-    assert 5.0 < px4["mocap_latency_ms"] < 60.0
     assert px4["messages_in"] > 3_000 and px4["messages_out"] > 500
-    assert px4["poses_sent"] == pytest.approx(30.0 * figures["duration_s"], rel=0.4)
-    assert px4["setpoints_sent"] > 15.0 * px4["offboard_duration_s"]
     assert px4["firmware"] == "1.17.0"
     bag = Bag(folder / "flight.mcap", check=True)
     assert not bag.damage and bag.topics[PX4_STATUS.name].count >= 5
@@ -81,7 +78,6 @@ def test_px4_stands_for_estimator_and_controller(flown):
     assert set(figures["loops"]) == {
         "sim", "detector", "reaction", "mission", "recorder", "px4_bridge"
     }  # fmt: skip
-    assert figures["loops"]["sim"]["rate_hz"] == pytest.approx(1000.0, rel=0.2)
     topics = Bag(folder / "flight.mcap").topics
     assert not {"/rotor_command", "/attitude_setpoint", "/estimator/status"} & set(topics)
     assert topics["/odometry"].count > 50.0 * figures["duration_s"]
@@ -111,7 +107,7 @@ def test_ctrl_c_in_the_air_lands_the_vehicle(world, lab, domain, tmp_path):
     try:
         world.wait_for(TRUE_ODOMETRY, lambda m: m.pose.pose.position.z > 0.8, patience_s=60.0)
         command.send_signal(signal.SIGINT)
-        out, err = command.communicate(timeout=40.0)
+        out, err = command.communicate(timeout=120.0)
     finally:
         command.kill()
         command.wait()

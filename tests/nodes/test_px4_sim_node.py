@@ -7,6 +7,8 @@ import time
 import numpy as np
 import pytest
 
+from in_time import in_time
+
 pytest.importorskip("rclpy")
 
 from tombo_bag.topics import IMU, MARKERS, MOCAP_POSE, ROTOR_COMMAND, TRUE_ODOMETRY
@@ -38,7 +40,7 @@ def urls(link: Link) -> tuple[str, ...]:
 
 
 def wait_for(
-    link: Link, kind: str, condition=lambda message: True, patience_s=10.0, meanwhile=None
+    link: Link, kind: str, condition=lambda message: True, patience_s=60.0, meanwhile=None
 ):
     """The first message of a kind that meets a condition."""
     end = time.monotonic() + patience_s
@@ -62,7 +64,9 @@ def test_mavlink_on_one_side_and_mocap_on_the_other(world, start, link):
     world.meet(MOCAP_POSE, TRUE_ODOMETRY)
     pose = world.wait_for(MOCAP_POSE, meanwhile=link.receive)
     age_ns = time.time_ns() - to_ns(pose.header.stamp)
-    assert -5 * MS < age_ns < 500 * MS, "captured in another time than the system's"
+    assert abs(age_ns) < 60_000 * MS, "captured in another time than the system's"
+    with in_time():
+        assert -5 * MS < age_ns < 500 * MS
     assert pose.header.frame_id == "map"
     truth = world.wait_for(TRUE_ODOMETRY, meanwhile=link.receive)
     place = array(truth.pose.pose.position)
@@ -95,8 +99,9 @@ def test_poses_go_on_in_step_with_the_systems_clock(world, start, link):
     passed_s = time.monotonic() - began_s
     stamps = [to_ns(m.header.stamp) for m in world.heard[MOCAP_POSE.name]]
     assert np.median(np.diff(stamps)) == pytest.approx(10 * MS, abs=1000)
-    assert len(stamps) - seen == pytest.approx(100 * passed_s, abs=25)
-    assert time.time_ns() - stamps[-1] < 200 * MS
+    with in_time():
+        assert len(stamps) - seen == pytest.approx(100 * passed_s, abs=25)
+        assert time.time_ns() - stamps[-1] < 200 * MS
     assert node.end() == 0
 
 

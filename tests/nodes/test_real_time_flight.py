@@ -2,61 +2,49 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
-
 import pytest
 
+from in_time import in_time
 from tombo_bag.reader import Bag
 from tombo_bag.topics import CLOCK, PX4_STATUS, TF, TOPICS
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario
 
+pytestmark = pytest.mark.real_time
+
 pytest.importorskip("rclpy")
 
 SHORT = ("mission.approach_time=5.0", "mission.hold_time=1.5")
 """The way to the obstacle begins as soon as the vehicle hovers."""
-
-
-@pytest.fixture(scope="module")
-def flown(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("flight") / "nodes"
-    settings = [word for setting in SHORT for word in ("--set", setting)]
-    command = [sys.executable, "-m", "tombo_bringup.cli.main", "fly", "--nodes", *settings]
-    run = subprocess.run(
-        [*command, "-o", str(folder), "--json"], capture_output=True, text=True, timeout=170
-    )
-    assert run.returncode == 0, run.stderr
-    return folder, json.loads(run.stdout)
+FLIGHT = ("--nodes", *(word for setting in SHORT for word in ("--set", setting)))
 
 
 def test_the_vehicle_recovers_as_in_the_headless_flight(flown):
     _, figures = flown
     headless = fly_scenario(load_scenario(settings=SHORT), 0).summary
-    assert figures["collided"] and headless["collided"]
-    assert not figures["crashed"] and not headless["crashed"]
-    assert figures["landed"] and headless["landed"]
-    assert figures["detections"] == 1 and figures["false_alarms"] == 0
-    assert figures["contact_rotor"] == headless["contact_rotor"] == "front_left"
-    # no two node flights are equal: bands are those of 40 seeds of the headless one, and some more
-    assert figures["collision_time_s"] == pytest.approx(headless["collision_time_s"], abs=1.5)
-    assert 0.02 < figures["max_falling_distance_m"] < 0.95
-    assert 2.0 < figures["recovery_time_s"] < 7.0
-    assert figures["settled_error_m"] < 0.15
-    assert figures["hover_rms_m"] < 0.08
+    assert headless["collided"] and headless["landed"] and not headless["crashed"]
+    with in_time():  # a vehicle whose controller is late flies another flight
+        assert figures["collided"] and figures["landed"] and not figures["crashed"]
+        assert figures["detections"] == 1 and figures["false_alarms"] == 0
+        assert figures["contact_rotor"] == headless["contact_rotor"] == "front_left"
+        # no two node flights are equal: bands are those of 40 seeds of the headless one, and more
+        assert figures["collision_time_s"] == pytest.approx(headless["collision_time_s"], abs=1.5)
+        assert 0.02 < figures["max_falling_distance_m"] < 0.95
+        assert 2.0 < figures["recovery_time_s"] < 7.0
+        assert figures["settled_error_m"] < 0.15
+        assert figures["hover_rms_m"] < 0.08
+        for loop, rate_hz in (("position", 50.0), ("attitude", 250.0), ("rate", 1000.0)):
+            assert figures["loops"][loop]["rate_hz"] == pytest.approx(rate_hz, rel=0.2)
+        assert figures["latency_gyro_to_command_us"]["p50"] < 5_000.0
 
 
 def test_it_says_how_it_was_flown(flown):
     _, figures = flown
     assert figures["mode"] == "nodes"
-    for loop, rate_hz in (("position", 50.0), ("attitude", 250.0), ("rate", 1000.0)):
-        found = figures["loops"][loop]
-        assert found["rate_hz"] == pytest.approx(rate_hz, rel=0.2)
-        assert {"jitter_p50_us", "jitter_p99_us", "missed"} <= set(found)
+    for loop in ("position", "attitude", "rate"):
+        assert {"jitter_p50_us", "jitter_p99_us", "missed"} <= set(figures["loops"][loop])
     assert figures["latency_gyro_to_command_us"]["p50"] > 0.0
-    assert figures["latency_gyro_to_command_us"]["p50"] < 5_000.0
-    assert figures["recorder"]["messages"] > 50_000
+    assert figures["recorder"]["messages"] > 10_000
     assert figures["died"] == {}
 
 

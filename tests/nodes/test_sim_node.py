@@ -7,6 +7,8 @@ import time
 import numpy as np
 import pytest
 
+from in_time import in_time
+
 pytest.importorskip("rclpy")
 
 from parameter_calls import set_parameters
@@ -56,7 +58,7 @@ def _command(stamp_ns: int, speed: np.ndarray) -> RotorSpeeds:
     return message
 
 
-def _wait(world, condition, patience_s=10.0):
+def _wait(world, condition, patience_s=60.0):
     end = time.monotonic() + patience_s
     while not condition():
         assert time.monotonic() < end
@@ -95,7 +97,7 @@ def test_paused_it_goes_on_by_the_ticks_it_is_told(world, start):
         twin.advance(np.zeros(4))
     for _ in range(11):  # up, 40 ms at a time
         world.publish(ROTOR_COMMAND, _command(zero_ns + twin.tick * _MS, _CLIMB))
-        time.sleep(0.01)
+        time.sleep(0.1)  # nobody says when it has come
         step(40)
         for _ in range(40):
             twin.advance(_CLIMB)
@@ -118,7 +120,8 @@ def test_paused_it_goes_on_by_the_ticks_it_is_told(world, start):
     began, clock = time.monotonic(), to_ns(world.heard[CLOCK.name][-1].clock)
     assert set_parameters(world, "sim", speed=4.0) == [(True, "")]
     _wait(world, lambda: to_ns(world.heard[CLOCK.name][-1].clock) > clock + 1_500 * _MS)
-    assert 0.3 < time.monotonic() - began < 1.3  # 1.5 s at four times the speed of time
+    with in_time():  # 1.5 s at four times the speed of time
+        assert 0.3 < time.monotonic() - began < 1.3
     assert not set_parameters(world, "sim", speed=-1.0)[0][0]
     assert not set_parameters(world, "sim", seed=4)[0][0]
     assert node.end() == 0
@@ -143,7 +146,7 @@ def test_each_tick_waits_for_its_command_if_asked_to(world, start):
             assert stamps[-1] == first + _MS  # never two ahead of the commands
             first = stamps[-1]
             world.publish(ROTOR_COMMAND, _command(first, _CLIMB))
-        assert time.monotonic() - began < 10.0
+        assert time.monotonic() - began < 60.0
     _wait(world, lambda: _stamps(world, IMU)[-1] == first + _MS)
     time.sleep(0.12)  # longer than command_timeout: then the wall's clock does not count
     world.hear()
@@ -178,7 +181,8 @@ def test_time_keeps_its_own_speed_before_the_first_command(world, start):
     heard(world, IMU, lambda m: True)
     began, begin = time.monotonic(), _stamps(world, IMU)[-1]
     heard(world, IMU, lambda m: to_ns(m.header.stamp) > begin + 500 * _MS)
-    assert time.monotonic() - began > 0.4
+    with in_time():
+        assert time.monotonic() - began > 0.4
     assert node.end() == 0
 
 
@@ -199,7 +203,8 @@ def test_nobody_stops_time_by_commands_of_the_past(world, start):
     assert "no command came" in told(world, "sim", "wait_for_command", meanwhile=speak)
     began, begin = time.monotonic(), _stamps(world, IMU)[-1]
     heard(world, IMU, lambda m: to_ns(m.header.stamp) > begin + 500 * _MS, meanwhile=speak)
-    assert time.monotonic() - began > 0.4, "without commands time goes on at its own speed"
+    with in_time():
+        assert time.monotonic() - began > 0.4, "without commands time goes on at its own speed"
 
     world.publish(ROTOR_COMMAND, _command(begin + 3_600_000 * _MS, _CLIMB))
     assert "future" in told(world, "sim", "command_refused")

@@ -193,6 +193,7 @@ def test_a_mapped_topic_of_another_type_is_refused(tmp_path):
         replay_bag(path, Request(names={"/chatter": "/mocap/poses"}))
 
 
+@pytest.mark.slow
 def test_messages_written_out_of_order_are_fed_in_order_of_arrival(tmp_path, flight):
     path = tmp_path / "lab.mcap"
     write(path, flight)
@@ -206,6 +207,7 @@ def test_messages_written_out_of_order_are_fed_in_order_of_arrival(tmp_path, fli
     assert events(path) == [24.133]
 
 
+@pytest.mark.slow
 def test_a_recorder_on_another_clock_than_the_nodes(tmp_path, flight):
     path = tmp_path / "simulated.mcap"
     write(path, flight)

@@ -97,6 +97,7 @@ def test_false_alarms_are_counted_against_the_true_contact(replayed):
     assert 10.0 < true["latency_ms"][0] < 60.0
 
 
+@pytest.mark.slow
 def test_reaction_and_mission_do_again_what_they_did(replayed):
     result = replayed("paper_collision_0")
     reaction, mission = result.nodes["reaction"], result.nodes["mission"]

@@ -11,9 +11,12 @@ from pathlib import Path
 
 import pytest
 
+from in_time import in_time
 from tombo_dynamics.errors import InputError
 from tombo_flight.replay.run import Request, replay_bag
 from tombo_flight.replay.through_nodes import ThroughNodes
+
+pytestmark = pytest.mark.real_time
 
 BAG = Path(__file__).parents[2] / "tests" / "bags" / "paper_collision_7.mcap"
 
@@ -30,14 +33,15 @@ def processes(word: str) -> set[int]:
 
 
 def test_the_real_detector_says_what_was_recorded():
-    result = replay_bag(BAG, Request(nodes=("detector",)), ThroughNodes(15.0))
+    result = replay_bag(BAG, Request(nodes=("detector",)), ThroughNodes(60.0))
     metrics = result.nodes["detector"]
     assert (metrics["matched"], metrics["missed"], metrics["extra"]) == (1, 0, 0)
     assert metrics["detection_time_difference_ms"] == [0.0]
     assert metrics["x_c_error_m"][0] < 1e-9
-    assert -5.0 < metrics["known_time_difference_ms"][0] < 100.0
     assert metrics["dds"]["sent"] == 1198
     assert metrics["dds"]["received"] >= 1190
+    with in_time():
+        assert -5.0 < metrics["known_time_difference_ms"][0] < 100.0
     assert len(result.replayed.series["statistic"].stamp_ns) >= 1190
     assert not processes("/tombo-replay-")
 
@@ -47,7 +51,7 @@ def test_a_node_that_will_not_start_is_named_with_its_last_words(monkeypatch):
 
     monkeypatch.setitem(nodes.SUITE, "detector", "tombo_collision.no_such_node")
     with pytest.raises(InputError, match=r"detector ended before the replay did .*no_such_node"):
-        replay_bag(BAG, Request(nodes=("detector",)), ThroughNodes(15.0))
+        replay_bag(BAG, Request(nodes=("detector",)), ThroughNodes(60.0))
     assert not processes("/tombo-replay-")
 
 
@@ -62,12 +66,12 @@ def test_a_signal_ends_everything(tmp_path, number):
         text=True,
     )
     try:
-        end = time.monotonic() + 30.0
+        end = time.monotonic() + 60.0
         while not processes(str(tmp_path)) and time.monotonic() < end:
             time.sleep(0.05)
         time.sleep(0.3)
         process.send_signal(number)
-        out, err = process.communicate(timeout=15.0)
+        out, err = process.communicate(timeout=60.0)
     finally:
         process.kill()
         process.wait()

@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 TOOLS = """
     bash basename cat chmod cp cut dirname env find flock head ls ln mkdir mv rm sed sha256sum

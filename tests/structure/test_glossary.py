@@ -37,6 +37,7 @@ def test_glossary_lists_a_term_once():
     assert sorted(set(terms)) == sorted(terms)
 
 
+@pytest.mark.slow
 def test_names_of_the_glossary_are_in_the_code(files):
     def exists(name: str) -> bool:
         parts = set(re.findall(r"[A-Za-z_]\w*", name))

@@ -189,6 +189,7 @@ def python_packages() -> list[str]:
     return sorted(p.parent.name for p in SRC.glob("*/setup.py"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("package", python_packages())
 def test_package_keeps_the_import_rules(package: str):
     assert package in MAY_IMPORT, f"say in MAY_IMPORT what {package} may import"
@@ -263,6 +264,7 @@ def test_the_rules_catch_what_they_should(package: str, file: str, source: str, 
     assert complaint in found if complaint else not found
 
 
+@pytest.mark.slow
 def test_importing_every_pure_module_loads_no_ros():
     modules = [
         ".".join(path.relative_to(SRC / package).with_suffix("").parts).removesuffix(".__init__")

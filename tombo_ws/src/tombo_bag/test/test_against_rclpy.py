@@ -47,6 +47,7 @@ def ros_message(typename, values):
     return message
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.data())
 def test_same_bytes_as_rclpy_but_for_padding(data):
@@ -70,6 +71,7 @@ def test_same_bytes_as_rclpy_but_for_padding(data):
     assert equal[meant].all()
 
 
+@pytest.mark.slow
 @settings(max_examples=50, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.data())
 def test_rclpy_reads_what_was_written(data):

@@ -13,6 +13,7 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 FRAMES = {"header": {"frame_id": "map"}, "child_frame_id": "base_link"}
 
 
+@pytest.mark.slow
 @MANY
 @given(st.data())
 def test_any_message_has_the_bytes_that_rosbags_gives_it(data):
@@ -22,6 +23,7 @@ def test_any_message_has_the_bytes_that_rosbags_gives_it(data):
     assert encode(typename, values) == expected
 
 
+@pytest.mark.slow
 @MANY
 @given(st.data())
 def test_any_message_can_be_built_from_any_other_of_its_shape(data):
@@ -41,6 +43,7 @@ def test_any_message_can_be_built_from_any_other_of_its_shape(data):
     assert bytes(copy) == message
 
 
+@pytest.mark.slow
 @MANY
 @given(st.data())
 def test_a_layout_never_overlaps_itself_and_is_aligned(data):

@@ -51,6 +51,7 @@ def bag(flight, tmp_path_factory):
     return write(tmp_path_factory.mktemp("flight") / "flight.mcap", flight)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("topic", "rate_hz"), RATES_HZ.items())
 def test_streams_have_their_rate_and_their_stamps(bag, topic, rate_hz):
     table = bag.columns(topic)
@@ -61,6 +62,7 @@ def test_streams_have_their_rate_and_their_stamps(bag, topic, rate_hz):
     np.testing.assert_array_equal(stamps + table[f"{prefix}header.stamp.nanosec"], expected)
 
 
+@pytest.mark.slow
 def test_every_message_is_decoded_by_the_libraries(bag):
     number = sum(topic.count for topic in bag.topics.values())
     with bag.path.open("rb") as file:
@@ -251,6 +253,7 @@ def test_a_flight_that_was_broken_off_is_written_as_far_as_it_went(ticks, tmp_pa
         assert len(list(reader.messages())) == sum(t.count for t in bag.topics.values())
 
 
+@pytest.mark.slow
 def test_missing_columns_leave_out_their_topics_alone(flight, tmp_path):
     whole = set(write(tmp_path / "a.mcap", flight).topics)
     for name in flight.log:
@@ -261,12 +264,14 @@ def test_missing_columns_leave_out_their_topics_alone(flight, tmp_path):
     assert nothing.topics["/mocap/pose"].count == len(flight.mocap_t)
 
 
+@pytest.mark.slow
 def test_same_flight_gives_the_same_bytes(flight, tmp_path):
     for name in ("a", "b"):
         write(tmp_path / f"{name}.mcap", flight)
     assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
 
 
+@pytest.mark.slow
 def test_log_columns_may_be_views_of_one_large_table(flight, tmp_path):
     """The simulator logs a row per tick; its columns are not contiguous."""
     table = np.concatenate(list(flight.log.values()), axis=1)

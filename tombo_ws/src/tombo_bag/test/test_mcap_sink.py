@@ -344,6 +344,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
+@pytest.mark.slow
 def test_a_killed_process_leaves_all_but_the_last_second(tmp_path):
     path = tmp_path / "killed.mcap"
     done = subprocess.run([sys.executable, "-c", KILLED, str(path)], check=False)

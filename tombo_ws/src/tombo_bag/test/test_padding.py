@@ -38,6 +38,7 @@ def places_that_mean_nothing(typename, message):
             continue
 
 
+@pytest.mark.slow
 @FEW
 @given(st.data())
 def test_what_means_nothing_goes_and_all_else_stays(data):
@@ -52,6 +53,7 @@ def test_what_means_nothing_goes_and_all_else_stays(data):
     assert cleaned(typename, [bytes(dirty)]) == [clean]
 
 
+@pytest.mark.slow
 @FEW
 @given(st.data())
 def test_clean_messages_of_every_type_and_shape_stay_as_they_are(data):
@@ -89,6 +91,7 @@ def test_what_is_no_such_message_stays_as_it_is(message):
     assert cleaned(typename, many) == [message, whole, message]
 
 
+@pytest.mark.slow
 @FEW
 @given(st.data())
 def test_bytes_of_rclpy_become_those_of_this_package(data):

@@ -58,6 +58,7 @@ def sample(request, tmp_path_factory):
 FEW = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 
 
+@pytest.mark.slow
 @FEW
 @given(share=st.floats(0.0, 1.0, exclude_max=True), tail=st.booleans())
 def test_a_file_cut_anywhere_gives_all_that_is_whole(sample, share, tail):
@@ -117,6 +118,7 @@ def test_a_file_without_its_summary_has_all_messages(tmp_path):
     assert "all messages are there" in bag.damage[0].text
 
 
+@pytest.mark.slow
 @FEW
 @given(place=st.floats(0.0, 1.0, exclude_max=True), bit=st.integers(0, 7))
 def test_a_flipped_bit_never_gives_wrong_messages(sample, place, bit):

@@ -57,6 +57,7 @@ def read(folder):
     return found
 
 
+@pytest.mark.slow
 @FEW
 @given(
     messages=st.lists(st.tuples(st.sampled_from([*TOPICS]), st.integers(0, 4000)), max_size=40),
@@ -256,6 +257,7 @@ class SmallDisk(FileIO):
         return super().write(part)
 
 
+@pytest.mark.slow
 @FEW
 @given(room=st.integers(500, 60_000), file_size_max=st.sampled_from([0, 15_000]))
 def test_a_full_disk_ends_the_recording_but_the_file_is_whole(

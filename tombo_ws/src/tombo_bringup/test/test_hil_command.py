@@ -66,25 +66,27 @@ def started() -> Iterator[Started]:
         process.communicate(timeout=10)
 
 
+@pytest.mark.real_time
 def test_px4_flies_and_ctrl_c_ends_it_with_0(started):
     process = started.hil("--speed", "0")
     started.px4(60.0)
     started.read(process, "in lockstep from now")
     time.sleep(0.3)
     os.kill(process.pid, signal.SIGINT)
-    out, err = process.communicate(timeout=10)
+    out, err = process.communicate(timeout=60)
     assert (process.returncode, err) == (0, "")
     assert out.splitlines()[-1] == "stopped after 1 flights"
     assert any("PX4 has connected: flight 1 begins" in line for line in started.lines)
     assert "armed" in out.splitlines()
 
 
+@pytest.mark.real_time
 def test_a_duration_ends_it_with_0_and_a_px4_that_left_is_told(started):
     process = started.hil("--speed", "0", "--duration", "3", "--scenario", "hover")
     started.px4(1.0)
     started.read(process, "PX4 has left at 1.0")
     assert started.lines[-1].startswith("! ")
-    out, err = process.communicate(timeout=15)
+    out, err = process.communicate(timeout=60)
     assert (process.returncode, err) == (0, "")
     assert out.splitlines()[-1] == "stopped after 1 flights"
 

@@ -17,6 +17,7 @@ PAGE = (ROOT / "docs" / "nodes.md").read_text()
 NODES = {node.name: node for node in every_node()}
 
 
+@pytest.mark.slow
 def test_the_tables_are_up_to_date():
     due = "python -m tombo_bringup.interface_tables docs/nodes.md"
     assert updated(PAGE, tables()) == PAGE, f"run: {due}"

@@ -100,6 +100,7 @@ def test_a_kick_in_attitude_is_found(rates):
     assert AT < events[0].stamp_s < AT + 3.0 * STEP
 
 
+@pytest.mark.slow
 @given(st.floats(0.1, 3.0))
 def test_a_harder_push_gives_a_larger_statistic(size):
     def largest(push):

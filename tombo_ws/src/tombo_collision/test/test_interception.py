@@ -498,6 +498,7 @@ inputs = st.lists(
 )
 
 
+@pytest.mark.slow
 @given(inputs, st.integers(0, 12))
 def test_a_valid_setpoint_comes_at_50_hz_whichever_input_is_silent(changes, when):
     """In the air: no gap beyond the mission's timeout, no jump but to where it is or to x_r."""

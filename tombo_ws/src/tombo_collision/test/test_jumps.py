@@ -52,6 +52,7 @@ def test_a_swap_for_a_sample_or_two_never_happened(direction, size, length, seed
     assert set(reasons[swap]) == {JUMP}
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(directions, sizes, st.integers(0, 50))
 def test_a_swap_that_stays_starts_the_filter_anew_there(direction, size, seed):
@@ -121,6 +122,7 @@ def test_places_at_random_raise_no_alarm_and_it_recovers():
     assert [e.stamp_s for e in events] == [pytest.approx(8.0, abs=0.07)]
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(
     ways.filter(lambda v: 0.3 < np.linalg.norm(v) <= 1.0),

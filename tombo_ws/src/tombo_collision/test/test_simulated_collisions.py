@@ -23,6 +23,7 @@ def detections(record):
     return [e for e in record.events if e["kind"] == "detection"]
 
 
+@pytest.mark.slow
 def test_it_knows_where_when_and_whither_it_collided():
     where, whither, when = [], [], []
     for scenario, record in flown("paper_collision"):
@@ -42,6 +43,7 @@ def test_it_knows_where_when_and_whither_it_collided():
     assert max(when) < 1.0 / 30.0
 
 
+@pytest.mark.slow
 def test_a_known_region_alone_fires_once_and_inside_before_the_strike():
     for scenario, record in flown("known_obstacle"):
         p = scenario.detector
@@ -58,6 +60,7 @@ def test_a_known_region_alone_fires_once_and_inside_before_the_strike():
             assert -1.5 * early < latency < 0.05
 
 
+@pytest.mark.slow
 def test_both_triggers_are_no_later_than_either():
     pairs = zip(flown("paper_collision"), flown("known_obstacle"), strict=True)
     first = [min(detections(r)[0]["time_s"] for _, r in pair) for pair in pairs]
@@ -67,6 +70,7 @@ def test_both_triggers_are_no_later_than_either():
     assert both == first
 
 
+@pytest.mark.slow
 def test_without_a_trigger_there_is_no_reaction():
     for _, record in flown("paper_collision", "detector.trigger=none", seeds=range(100, 103)):
         assert record.summary["collided"]
@@ -81,6 +85,7 @@ def test_told_not_to_react_it_detects_and_flies_on():
         assert not (record.log["mode"] == REACT).any()
 
 
+@pytest.mark.slow
 def test_gaps_of_mocap_are_sat_out_level_and_are_no_collisions():
     gaps = ("effects.mocap_dropouts.probability=0.005", "effects.mocap_dropouts.duration=0.5")
     spells = 0

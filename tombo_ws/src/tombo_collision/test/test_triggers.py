@@ -47,6 +47,7 @@ def test_with_both_a_strike_ahead_of_the_region_counts():
     assert events[0].trigger == "innovation"
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(st.floats(-3.1, 3.1), st.floats(-0.4, 0.4), st.floats(0.2, 1.5), st.integers(0, 50))
 def test_region_fires_once_and_inside(heading, beside, speed, seed):

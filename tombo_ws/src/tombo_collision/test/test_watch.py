@@ -185,6 +185,7 @@ def test_new_noise_holds_from_the_next_pose_on():
 anything = st.floats(allow_nan=True, allow_infinity=True)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(
     st.lists(

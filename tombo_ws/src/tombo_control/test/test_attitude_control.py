@@ -46,6 +46,7 @@ def angle_between(p, q):
     return 2.0 * math.atan2(math.sqrt(x * x + y * y + z * z), w)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(attitudes, attitudes)
 def test_converges_while_the_sign_of_the_quaternion_flips(setpoint, start):
@@ -80,6 +81,7 @@ def test_rights_itself_from_upside_down(axis):
     assert angle_between(UPRIGHT, q) < 1e-3
 
 
+@pytest.mark.slow
 @given(st.floats(-math.pi + 0.01, math.pi - 0.01), st.floats(0.05, 3.0), st.floats(-3.1, 3.1))
 def test_a_yaw_error_never_bends_the_way_to_level(yaw, tilt, direction):
     """Body z stays on the great circle through where it is and where it shall be."""

@@ -62,6 +62,7 @@ def position_alone(a, tick):
     cascade_on(a, tick)
 
 
+@pytest.mark.slow
 def test_p_alone_on_a_double_integrator_cannot_damp_and_the_cascade_can():
     alone, whole = swing(position_alone), swing(cascade_on)
     assert alone[-4000:].max() > alone[:4000].max()

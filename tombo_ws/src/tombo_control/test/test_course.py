@@ -111,6 +111,7 @@ def test_what_a_waypoint_leaves_out_is_as_before():
     assert found[2] == (3.0, *HOVERING[1:], 1.0, 2.0, 0.8, 1.0, 0.0)
 
 
+@pytest.mark.slow
 def test_lasts_as_long_whether_looked_at_30_or_50_times_a_second():
     ends = []
     for step in (1.0 / 30.0, 0.02, 0.0311):
@@ -179,6 +180,7 @@ waypoints = st.fixed_dictionaries(
 )
 
 
+@pytest.mark.slow
 @given(st.lists(waypoints, min_size=1, max_size=8))
 def test_any_course_is_finite_smooth_and_ends_on_the_floor(course):
     plan = plan_of(course)

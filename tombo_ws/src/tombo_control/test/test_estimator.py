@@ -124,6 +124,7 @@ REAL = {"mocap": (0.0007, 0.002), "noise": (0.01, 0.3), "bias": (0.01, 0.1)}
 CURVES = motion(8.0)
 
 
+@pytest.mark.slow
 def test_late_samples_cost_no_phase():
     at_once = error(CURVES, estimate(CURVES, latency=0, **REAL)[1])
     assert at_once[0] < 0.002
@@ -176,6 +177,7 @@ def test_bridges_a_gap_of_mocap():
     assert distance[end + 1000 :].max() < 0.005
 
 
+@pytest.mark.slow
 def test_what_it_lets_through_of_mocap_noise_is_as_computed():
     """The covariance of the linear observer, from its gains, against the running estimator."""
     step = PERIOD * TICK

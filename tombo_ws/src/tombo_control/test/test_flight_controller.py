@@ -116,12 +116,14 @@ def _flown(**wire: Any) -> tuple[Array, Lockstep]:
     return np.abs(rows - truth), flight
 
 
+@pytest.mark.slow
 def test_with_odometry_at_250_hz_a_tick_late_it_is_within_a_centimetre() -> None:
     off, _ = _flown(odometry_ticks=4, late_ticks=1)
     assert off[:, :3].max() < 1e-2
     assert off[:, 6:10].max() < 5e-3
 
 
+@pytest.mark.slow
 def test_late_and_lossy_it_still_flies() -> None:
     off, flight = _flown(odometry_ticks=4, late_ticks=3, loss=0.1)
     assert off[:, :3].max() < 5e-2
@@ -198,6 +200,7 @@ def test_refused_set_points_do_not_count_as_a_sign_of_life(bench: _Bench) -> Non
     assert command.held
 
 
+@pytest.mark.slow
 def test_without_set_points_it_holds_the_last_one_at_rest(flight: Lockstep) -> None:
     begin = flight.simulator.tick * 1e-3
     flight.steer = lambda t: hover_at(t - begin, 0.0, 2.0, (1.0, 0.0, 0.0))
@@ -213,6 +216,7 @@ def test_without_set_points_it_holds_the_last_one_at_rest(flight: Lockstep) -> N
     assert np.linalg.norm(rows[-1, 3:6]) < 0.1
 
 
+@pytest.mark.slow
 def test_set_points_that_come_again_are_followed(flight: Lockstep) -> None:
     flight.steer = lambda _: None
     flight.fly(1.0)
@@ -223,6 +227,7 @@ def test_set_points_that_come_again_are_followed(flight: Lockstep) -> None:
     assert abs(flight.position[0] - 0.5) < 0.1
 
 
+@pytest.mark.slow
 def test_a_set_point_far_away_is_flown_to_at_limited_speed(flight: Lockstep) -> None:
     flight.steer = lambda _: hover_at(1e6, -1e6, 1e6)
     rows = flight.fly(4.0)
@@ -293,6 +298,7 @@ def test_refused_estimates_leave_it_blind(bench: _Bench) -> None:
     assert command.blind
 
 
+@pytest.mark.slow
 def test_without_odometry_it_levels_and_descends_and_comes_back(flight: Lockstep) -> None:
     begin = flight.simulator.tick * 1e-3
     flight.steer = lambda t: hover_at(t - begin, 0.0, 2.0, (1.0, 0.0, 0.0))
@@ -315,6 +321,7 @@ def test_without_odometry_it_levels_and_descends_and_comes_back(flight: Lockstep
     assert rows[:, 2].min() > 0.8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["mocap_on", "odometry_on"])
 def test_blind_it_comes_down_gently_enough(flight: Lockstep, part: str) -> None:
     setattr(flight, part, False)
@@ -433,6 +440,7 @@ def test_set_points_of_the_slower_loops_are_told(bench: _Bench) -> None:
     assert np.abs(rates).max() < 0.01
 
 
+@pytest.mark.slow
 def test_the_mission_may_begin_at_any_time_of_day() -> None:
     flight = Lockstep(calm(), 1)
     flight.shift_ns = 1_763_740_000 * 10**9 - EPOCH_NS

@@ -480,6 +480,7 @@ changes = st.lists(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(changes)
 def test_whatever_fails_set_points_are_finite_and_the_flight_ends(events):

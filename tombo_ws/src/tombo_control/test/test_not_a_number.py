@@ -4,6 +4,7 @@ import itertools
 import math
 
 import numpy as np
+import pytest
 from control_bench import FOREVER, fresh_autopilot, rotor_table
 
 from tombo_control.cascade import cascade
@@ -30,6 +31,7 @@ def fly(a, imu, pose, first, ticks):
         predict(a.state, imu[3:], True)
 
 
+@pytest.mark.slow
 def test_all_512_combinations():
     for chosen in itertools.product([False, True], repeat=len(SPOILT)):
         a = fresh_autopilot()

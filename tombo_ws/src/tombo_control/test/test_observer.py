@@ -150,6 +150,7 @@ def test_without_imu_there_is_no_estimate() -> None:
     assert ride.error < 1e-6
 
 
+@pytest.mark.slow
 def test_restarted_in_flight_it_converges_within_a_second() -> None:
     flight = hovering(calm("effects.mocap_noise.position=0.0007"))
     begin = flight.simulator.tick * 1e-3
@@ -244,6 +245,7 @@ def test_a_jump_ahead_of_the_imu_is_seen_too(ride: _Ride) -> None:
     assert ride.pose(position=np.add(ride.place(ride.tick), [0.0, 0.0, 1.0])) == "jump"
 
 
+@pytest.mark.slow
 def test_each_refusal_in_a_real_hover_leaves_the_vehicle_where_it_is(flight: Lockstep) -> None:
     nan = np.full(3, np.nan)
     for k in range(60):
@@ -327,6 +329,7 @@ def test_after_200_ms_without_imu_the_estimate_begins_anew(ride: _Ride) -> None:
     assert ride.error < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("gap_s", "limit"), [(0.005, 0.01), (0.05, 0.03), (0.2, 0.15)])
 def test_a_hover_survives_a_gap_of_the_imu(flight: Lockstep, gap_s: float, limit: float) -> None:
     before = flight.position

@@ -30,6 +30,7 @@ def run(a, times=1):
         position_control(a.state, a.setpoint, a.loops, a.gains, MASS, HIGHEST)
 
 
+@pytest.mark.slow
 @given(vector, vector, vector, vector, directions, st.floats(-3.1, 3.1), st.floats(0.0, 3.1))
 def test_set_points_stay_within_their_limits(goal, ahead, velocity, integral, axis, yaw, turn):
     a = fresh_autopilot(attitude=quaternion(axis, turn))

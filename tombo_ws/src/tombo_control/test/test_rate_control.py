@@ -57,6 +57,7 @@ def test_the_filter_takes_away_noise_of_the_propellers():
     assert gain(1000.0) < 0.5 * 1000.0  # the blades' 160 Hz
 
 
+@pytest.mark.slow
 @given(st.sampled_from([-1.0, 1.0]), st.integers(0, 2), st.floats(0.1, 5.0))
 def test_the_integral_stops_only_in_the_direction_that_is_used_up(direction, axis, error):
     a = fresh_autopilot()
@@ -70,6 +71,7 @@ def test_the_integral_stops_only_in_the_direction_that_is_used_up(direction, axi
     assert a.loops.rate_integral[axis] * direction < 0.0
 
 
+@pytest.mark.slow
 @given(st.floats(-100.0, 100.0))
 def test_the_integral_is_bounded(error):
     a = fresh_autopilot()

@@ -17,6 +17,7 @@ def sampled(duration, ramp, n=2001):
     return t, *np.array([trapezoidal_profile(x, duration, ramp) for x in t]).T
 
 
+@pytest.mark.slow
 @given(durations, shares)
 def test_way_never_goes_back_and_ends_at_the_full_length(duration, share):
     ramp = share * duration
@@ -28,6 +29,7 @@ def test_way_never_goes_back_and_ends_at_the_full_length(duration, share):
     assert (speed <= 1.0 + 1e-12).all()
 
 
+@pytest.mark.slow
 @given(durations, st.floats(0.05, 0.5))
 def test_speed_is_the_slope_of_the_way_and_acceleration_that_of_speed(duration, share):
     ramp = share * duration
@@ -51,6 +53,7 @@ def test_stands_still_before_and_after(duration, share):
 points = st.tuples(*[st.floats(-50.0, 50.0)] * 3)
 
 
+@pytest.mark.slow
 @given(points, points, st.floats(0.05, 8.0), st.floats(0.0, 1e4))
 def test_a_straight_leg_ends_at_its_goal_and_keeps_its_speed(start, goal, speed, now):
     leg = straight_leg(start, goal, speed, now)

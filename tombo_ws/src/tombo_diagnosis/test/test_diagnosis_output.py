@@ -81,6 +81,7 @@ def test_values_survive_the_round_trip_and_what_is_not_finite_is_null():
     assert read["flights"][1]["missing"] == ["gyro", "accel", "rotor_speed"]
 
 
+@pytest.mark.slow
 def test_a_named_cause_leaves_a_model_that_can_be_read(tmp_path):
     names = write(tmp_path / "o", sample(flights=2, seconds=10.0))
     assert names == set(DIAGNOSIS_FILES) - {"separating_experiment.yaml"}
@@ -105,6 +106,7 @@ def test_without_a_cause_there_is_neither(tmp_path, verdict):
     assert write(tmp_path / "o", found, pictures=False) == {"diagnosis.json"}
 
 
+@pytest.mark.slow
 def test_an_earlier_diagnosis_gives_way_and_other_files_stay(tmp_path):
     target = tmp_path / "o"
     write(target, sample("named", flights=1, seconds=10.0))
@@ -118,6 +120,7 @@ def test_an_earlier_diagnosis_gives_way_and_other_files_stay(tmp_path):
         write(target, sample(flights=1, seconds=10.0))
 
 
+@pytest.mark.slow
 def test_a_failure_half_way_leaves_the_folder_as_it_was(tmp_path, monkeypatch):
     from tombo_diagnosis.report import diagnosis_plots
 

@@ -21,6 +21,7 @@ def records():
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_a_mission_takes_at_most_40_s_in_a_small_room_and_lands(records, name):
     record = records[name]
@@ -44,6 +45,7 @@ def during(record, column):
     return record.log[column][record.log["mode"][:, 0] == APPROACH]
 
 
+@pytest.mark.slow
 def test_missions_show_what_they_are_for(records):
     speeds = np.abs(during(records["three_speeds"], "velocity")[:, 0])
     assert all(((speeds > v - 0.1) & (speeds < v + 0.1)).sum() > 400 for v in (0.7, 1.4, 2.4))

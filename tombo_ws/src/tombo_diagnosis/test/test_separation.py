@@ -14,6 +14,8 @@ from tombo_flight.flight import fly_scenario
 from tombo_flight.progress import no_progress
 from tombo_flight.scenario import extended_scenario, scenario_over
 
+pytestmark = pytest.mark.slow
+
 DOUBT = {"steady_wind": {"east": 1.0}, "mocap_misalignment": {"pitch": 0.02}}
 """Without an IMU, slowly and at one heading, the one is as the other."""
 SLOW = {

@@ -138,6 +138,7 @@ def test_same_parameters_same_flight(name):
 # --- fitting --------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @every_effect
 def test_fit_recovers_the_parameters_of_simulated_data(name):
     """Least squares over the very function that simulated, from a start well off."""

@@ -123,6 +123,7 @@ def test_friction_takes_the_share_of_coulomb_from_a_fast_slide(no_air):
     assert v.plant.contact.force[1] < 0.0
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 100_000))
 def test_a_collision_never_gives_energy(seed):

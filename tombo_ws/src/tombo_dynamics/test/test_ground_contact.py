@@ -107,6 +107,7 @@ def test_damping_eats_the_bounce():
     assert 0.0 < seen.max() < 0.5 * 0.5
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(st.integers(0, 10_000), st.sampled_from([VehicleParams(), WIDE]))
 def test_a_fall_ends_with_less_energy_than_it_began(seed, params):

@@ -127,6 +127,7 @@ def test_its_lean_turns_with_the_vehicle_that_of_a_tilted_world_does_not():
     assert lean(body, 0.5 * math.pi) == pytest.approx([0.0, math.sin(0.1)])
 
 
+@pytest.mark.slow
 @given(st.floats(-3.2, 3.2), SEEDS)
 def test_a_world_turned_in_yaw_equals_a_flight_with_another_heading(yaw, seed):
     """Its samples are those of the flight that began turned: nothing in them tells."""

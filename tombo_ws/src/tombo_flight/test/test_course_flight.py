@@ -182,6 +182,7 @@ class TestSurvey:
         assert survey.react is False
         assert course_begin(survey.mission) < 5.0
 
+    @pytest.mark.slow
     def test_is_flown_to_its_end_with_large_effects_too(self):
         for setting in (
             "effects.steady_wind.east=3",

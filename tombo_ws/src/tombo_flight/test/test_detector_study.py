@@ -78,6 +78,7 @@ def test_the_figure_is_drawn_from_any_outcomes():
     assert len(figure.axes) == 3
 
 
+@pytest.mark.slow
 def test_the_study_sees_what_the_detector_does():
     """Flown with the triggers off and judged afterwards, or flown with them on: the same."""
     seeds = range(200, 206)
@@ -101,6 +102,7 @@ def collisions():
     return [fly_scenario(PAPER, seed, MEMORY).summary for seed in range(100)]
 
 
+@pytest.mark.slow
 def test_an_unknown_obstacle_is_found_in_time_and_never_too_early(collisions):
     hit = [s for s in collisions if s["collided"]]
     late = [s["detection_latency_s"] for s in hit if s["detected"]]
@@ -110,11 +112,13 @@ def test_an_unknown_obstacle_is_found_in_time_and_never_too_early(collisions):
     assert sum(s["false_alarms"] for s in collisions) == 0
 
 
+@pytest.mark.slow
 def test_it_is_on_the_spot_before_contact(collisions):
     assert max(s["hover_rms_m"] for s in collisions) <= 0.05
     assert max(s["approach_rms_m"] for s in collisions) <= 0.15
 
 
+@pytest.mark.slow
 def test_no_false_alarm_in_a_hundred_aggressive_flights():
     aggressive = load_scenario("aggressive")
     watches = record_traces(aggressive, range(100), MEMORY)

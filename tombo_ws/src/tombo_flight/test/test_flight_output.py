@@ -6,6 +6,7 @@ import json
 import math
 
 import numpy as np
+import pytest
 
 from tombo_bringup import warmup
 from tombo_flight.flight import fly_scenario
@@ -54,6 +55,7 @@ def test_a_rehearsal_does_not_change_the_flight():
     assert np.array_equal(fly_scenario(scenario, 1).log["position"], before)
 
 
+@pytest.mark.slow
 def test_the_warm_up_goes_through_all_its_parts(capsys):
     warmup.main()
 

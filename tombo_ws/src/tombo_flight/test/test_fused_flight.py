@@ -46,6 +46,7 @@ def differences(settings: tuple[str, ...], seed: int) -> tuple[dict[str, int], A
     return found, record
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("settings", [(), JITTER, ("react=false",)])
 def test_fused_flight_is_the_runners_to_the_last_bit(settings):
     found, record = differences(settings, 3)

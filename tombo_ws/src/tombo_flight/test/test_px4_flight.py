@@ -132,6 +132,7 @@ def without(source: Path, target: Path, prefix: str) -> Path:
     return target
 
 
+@pytest.mark.slow
 def test_of_a_real_vehicle_the_mocap_is_what_is_known(flown, real):
     found, wanted = flight_from_bag(real).summary, flown.summary
 
@@ -150,6 +151,7 @@ def test_of_a_real_vehicle_the_mocap_is_what_is_known(flown, real):
     assert abs(shift_s) < 1.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "key",
     [
@@ -165,6 +167,7 @@ def test_what_only_the_truth_tells_is_not_made_up(flown, real, key):
     assert flight_from_bag(real).summary[key] is None
 
 
+@pytest.mark.slow
 def test_a_flight_without_truth_is_drawn_and_reported(real, tmp_path):
     record = flight_from_bag(real)
     png = png_bytes(draw_flight(record))
@@ -176,6 +179,7 @@ def test_a_flight_without_truth_is_drawn_and_reported(real, tmp_path):
     assert contact["text"] == "contact, as the detector has it"
 
 
+@pytest.mark.slow
 def test_with_neither_truth_nor_poses_there_is_no_flight(real, tmp_path):
     path = without(real, tmp_path / "blind.mcap", "/mocap")
     with pytest.raises(InputError, match="no poses on /mocap/pose"):
@@ -320,6 +324,7 @@ def test_what_happens_after_arming_is_no_refusal():
     assert found.refusal == ""
 
 
+@pytest.mark.slow
 def test_the_summary_tells_what_the_bridge_has_told(flown, tmp_path):
     path = tmp_path / "flight.mcap"
     write_mcap(flown, path)
@@ -374,6 +379,7 @@ def status(time_s: float, **more: object) -> bytes:
     )
 
 
+@pytest.mark.slow
 def test_without_a_bridge_nothing_is_made_up(flown, tmp_path):
     path = tmp_path / "flight.mcap"
     write_mcap(flown, path)

@@ -12,6 +12,7 @@ from tombo_ros.loop_statistics import LatenessHistogram, LoopStatistics
 _durations = st.lists(st.integers(0, 19_000_000), min_size=1, max_size=200)
 
 
+@pytest.mark.slow
 @given(_durations, st.sampled_from([0.01, 0.25, 0.5, 0.9, 0.99, 1.0]))
 def test_percentiles_are_numpys_to_the_microsecond(durations: list[int], share: float) -> None:
     histogram = LatenessHistogram()
@@ -38,6 +39,7 @@ def test_without_a_run_there_are_zeros() -> None:
     assert metrics.rate_hz == metrics.jitter_p50_us == metrics.jitter_max_us == 0.0
 
 
+@pytest.mark.slow
 @given(st.integers(2, 400), st.integers(100_000, 50_000_000))
 def test_the_rate_is_that_of_the_runs(runs: int, period_ns: int) -> None:
     watch = LoopStatistics()

@@ -56,6 +56,7 @@ def _values(message: Any) -> list[float]:
     return [number for name in names for number in _values(getattr(message, name))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("typename", list(_SHAPES))
 @given(data=st.data())
 def test_packed_bytes_are_what_rclpy_reads(typename: str, data: st.DataObject) -> None:

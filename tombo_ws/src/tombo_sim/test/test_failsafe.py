@@ -95,6 +95,7 @@ def flight() -> _Flight:
     return copy.deepcopy(_hovering(1))
 
 
+@pytest.mark.slow
 def test_from_hover_it_lands_where_it_is(flight: _Flight) -> None:
     landing = flight.land()
     assert 3.5 < landing.time_s < 6.0  # 1.8 m at 0.4 m/s
@@ -103,12 +104,14 @@ def test_from_hover_it_lands_where_it_is(flight: _Flight) -> None:
     assert abs(landing.rotors_off_s - landing.time_s) < 0.2
 
 
+@pytest.mark.slow
 def test_taking_over_neither_drops_nor_tilts_a_hovering_vehicle(flight: _Flight) -> None:
     body = flight.land(seconds=6.0).body[:100]
     assert -body[:, 5].min() < 0.1  # 0.8 m/s^2 is the descent's own
     assert np.rad2deg(tilt(body[:, 6:10]).max()) < 5.0
 
 
+@pytest.mark.slow
 def test_moving_at_1_m_s_it_brakes_and_lands(flight: _Flight) -> None:
     flight.move_ahead()
     landing = flight.land()
@@ -144,6 +147,7 @@ def test_tilted_by_20_degrees_it_levels_and_lands(flight: _Flight) -> None:
     assert landing.rotors_off_s < landing.time_s + 0.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 3])  # 3: strong rotors, it floats on the ground's cushion
 def test_without_mocap_it_comes_down_level_and_stops_the_rotors(seed: int) -> None:
     flight = copy.deepcopy(_hovering(seed))
@@ -187,6 +191,7 @@ def test_on_the_ground_it_commands_nothing() -> None:
     assert flight.body[2] < _GROUND + 0.005
 
 
+@pytest.mark.slow
 def test_it_can_land_twice(flight: _Flight) -> None:
     first = flight.land()
     flight.failsafe.release()

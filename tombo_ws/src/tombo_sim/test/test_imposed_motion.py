@@ -72,6 +72,7 @@ def along(flight, effects, speed=None, noise=CHANCE):
     return out
 
 
+@pytest.mark.slow
 def test_specific_force_and_imu_errors_are_the_simulators(flight):
     model = along(flight, EFFECTS)[SETTLED:]
     accel = model["force"] + model["accel_error"]
@@ -81,6 +82,7 @@ def test_specific_force_and_imu_errors_are_the_simulators(flight):
     assert np.ptp(flight["accel"][SETTLED:], axis=0).min() > 0.1
 
 
+@pytest.mark.slow
 def test_rotor_speeds_and_voltage_are_the_simulators(flight):
     model = along(flight, EFFECTS)[SETTLED:]
     speed = flight["rotor_speed"][SETTLED:]
@@ -165,6 +167,7 @@ CAPTURE = {
 }
 
 
+@pytest.mark.slow
 def test_what_is_captured_is_what_the_simulators_capture_gives():
     flown = fly_kernel(CAPTURE, seconds=1.5, seed=3)
     rows = [row for _, row in flown.delivered]
@@ -177,6 +180,7 @@ def test_what_is_captured_is_what_the_simulators_capture_gives():
     assert not seen[:, 8:].any()
 
 
+@pytest.mark.slow
 def test_samples_are_lost_in_gaps_of_the_length_that_was_asked_for():
     noise = np.random.default_rng(2).standard_normal((20_000, NOISE))
     still = np.zeros((20_000, 7))

@@ -27,6 +27,7 @@ def test_at_null_the_log_is_the_same_to_the_last_bit(name):
     assert (without.mocap == null.mocap).all()
 
 
+@pytest.mark.slow
 @every_effect
 def test_nearly_null_the_flight_is_nearly_the_same(name):
     """What runs at null parameters, once it runs, does nothing. Battery: charge is kept then."""

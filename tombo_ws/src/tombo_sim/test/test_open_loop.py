@@ -51,6 +51,7 @@ def let_go(flight, effects, hold=False, speed=None, ticks=HALF_A_SECOND):
     return out.view(np.float64).reshape(-1, 13) - motion[STARTS + ticks, :13]
 
 
+@pytest.mark.slow
 def test_the_true_model_flies_what_was_flown(flight):
     off = let_go(flight, EFFECTS)
     assert np.abs(off[:, :3]).max() < 1e-3
@@ -58,6 +59,7 @@ def test_the_true_model_flies_what_was_flown(flight):
     assert np.abs(off[:, 6:10]).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_a_vehicle_taken_for_too_heavy_sinks(flight):
     """Ten per cent of mass are a tenth of gravity, less what drag takes back."""
     off = let_go(flight, {**EFFECTS, "mass_error": {"fraction": 0.1}})

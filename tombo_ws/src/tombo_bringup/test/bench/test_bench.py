@@ -20,6 +20,7 @@ from tombo_flight.scenario import load_scenario
 from tombo_sim.kernel import fly_with_true_state
 
 
+@pytest.mark.slow
 def test_numpy_and_kernel_fly_the_same_approach():
     scenario = load_scenario(
         "no_obstacle",

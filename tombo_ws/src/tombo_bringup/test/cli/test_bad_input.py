@@ -128,6 +128,7 @@ def test_a_key_with_an_escape_code_cannot_reach_the_terminal(tombo, tmp_path):
     refused(tombo, tmp_path, ("fly", "--set", "\x1b[31mred=1"), r"\x1b[31mred")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -14,6 +14,8 @@ from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_output import WALL_KEYS, flight_summary
 from tombo_flight.scenario import load_scenario
 
+pytestmark = pytest.mark.slow
+
 SETTINGS = ["duration=26"]
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 BAGS = Path(__file__).parents[5] / "tests" / "bags"
 ONE = str(BAGS / "paper_collision_0.mcap")
 OTHER = str(BAGS / "paper_collision_7.mcap")
@@ -31,6 +33,7 @@ def test_json_is_a_list_with_an_object_per_topic(tombo):
     assert topic["first_difference_s"] == 0.0 and topic["largest"] > 0.0
 
 
+@pytest.mark.slow
 def test_picture_and_json_are_written_and_other_files_stay(tombo, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "mine.txt").write_text("mine")

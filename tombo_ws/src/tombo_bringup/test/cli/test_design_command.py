@@ -4,6 +4,8 @@ import pytest
 
 from tombo_bringup.cli.propeller.design_command import INFEASIBLE
 
+pytestmark = pytest.mark.slow
+
 EASY = ("--mass", "1.3", "--min-thrust-margin", "1.7", "--max-collision-force", "150")
 
 

@@ -53,6 +53,7 @@ def test_every_verdict_is_printed_first_and_leaves_with_0(tombo, found, verdict)
     }[verdict] in first
 
 
+@pytest.mark.slow
 def test_cause_gain_faults_and_files_are_told(tombo, found, tmp_path):
     result = tombo("diagnose", "lab flights.mcap", "other.mcap")
     out = re.sub(r"\s+", " ", result.out)
@@ -104,6 +105,7 @@ def test_what_is_given_is_handed_on(tombo, found):
     )
 
 
+@pytest.mark.slow
 def test_an_earlier_result_is_kept_unless_forced(tombo, found, tmp_path):
     assert tombo("diagnose", "a.mcap", "-o", "d", "--no-report").code == 0
     before = (tmp_path / "d" / "diagnosis.json").read_bytes()

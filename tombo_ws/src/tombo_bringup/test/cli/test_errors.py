@@ -52,6 +52,7 @@ def test_a_bug_is_not_hidden():
         exit_code_of(raising(ZeroDivisionError()))
 
 
+@pytest.mark.slow
 def test_a_reader_that_leaves_early_is_no_error():
     read, write = os.pipe()
     os.close(read)

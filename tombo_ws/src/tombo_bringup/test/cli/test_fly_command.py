@@ -11,6 +11,8 @@ from rosbags.highlevel import AnyReader
 
 from tombo_flight.flight_output import WALL_KEYS
 
+pytestmark = pytest.mark.slow
+
 FILES = {"flight.mcap", "summary.json", "flight.png", "report.html"}
 ASKED_FOR = {
     "scenario", "seed", "conf", "collided", "collision_time_s", "contact_point_m", "detected",

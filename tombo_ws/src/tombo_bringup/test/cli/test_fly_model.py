@@ -14,6 +14,8 @@ from tombo_flight.extended_model import FittedEffect, FittedParameter, Model, Or
 from tombo_flight.model_file import write_model
 from tombo_flight.scenario import load_scenario
 
+pytestmark = pytest.mark.slow
+
 SHORT = ("hover", "--set", "duration=3")
 ORIGIN = Origin("tombo", "2025-01-02", "named", 0.9, "", "no_obstacle")
 

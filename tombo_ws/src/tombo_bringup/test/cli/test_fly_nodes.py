@@ -95,6 +95,7 @@ def names(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
 
+@pytest.mark.real_time
 def test_a_flight_that_lands_leaves_the_files_of_a_headless_one(fly, bag, tmp_path):
     result = fly("--json", "--set", "duration=30")
 
@@ -113,6 +114,7 @@ def test_a_flight_that_lands_leaves_the_files_of_a_headless_one(fly, bag, tmp_pa
     assert summary["recorder"] == {"messages": 12345, "lost": 6}
 
 
+@pytest.mark.real_time
 def test_the_recorder_is_told_scenario_and_seed(fly, tmp_path):
     fly("--seed", "5", "--set", "vehicle.mass=1.25")
 
@@ -148,6 +150,7 @@ def test_without_reports_nothing_is_made_up(tmp_path):
         }
 
 
+@pytest.mark.real_time
 def test_a_node_that_dies_is_told_and_the_flight_goes_on(fly, tmp_path):
     result = fly("--set", "duration=30", mission="fake_short")
 
@@ -160,6 +163,7 @@ def test_a_node_that_dies_is_told_and_the_flight_goes_on(fly, tmp_path):
     assert summary["died"] == {"mission": "exit code 1"}
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize("needed", ["sim", "recorder"])
 def test_without_simulator_or_recorder_there_is_no_flight(fly, tmp_path, needed):
     McapSink(tmp_path / "empty.mcap").close()
@@ -174,6 +178,7 @@ def test_without_simulator_or_recorder_there_is_no_flight(fly, tmp_path, needed)
     assert "out" not in names(tmp_path)
 
 
+@pytest.mark.real_time
 def test_ctrl_c_keeps_what_was_flown(fly, tmp_path):
     result = fly("--set", "duration=300", "--json", flight="interrupt")
 
@@ -182,6 +187,7 @@ def test_ctrl_c_keeps_what_was_flown(fly, tmp_path):
     assert names(tmp_path / "out") == {"flight.mcap", "summary.json"}
 
 
+@pytest.mark.real_time
 def test_ctrl_c_before_anything_is_recorded_leaves_nothing(fly, tmp_path):
     result = fly("--set", "duration=300", flight="early", recorder="fake_good")
 

@@ -71,6 +71,7 @@ def test_version(tombo):
     assert result.out.startswith("tombo 0.")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", [["--help"], ["scenarios"], ["--version"], ["fly", "-h"]])
 def test_what_only_lists_loads_no_model(arguments):
     code = (

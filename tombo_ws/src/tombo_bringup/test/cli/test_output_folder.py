@@ -20,6 +20,7 @@ def names(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
 
+@pytest.mark.slow
 def test_the_default_folder_is_replaced_except_for_the_users_files(tombo, tmp_path):
     assert tombo("fly", "hover", "--set", "duration=0.3").code == 0
     folder = tmp_path / "runs" / "hover-0"
@@ -48,6 +49,7 @@ def test_a_folder_that_is_not_empty_is_refused(tombo, tmp_path, file):
     assert (tmp_path / "full" / file).read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_force_replaces_results_and_leaves_other_files(tombo, tmp_path):
     folder = tmp_path / "full"
     folder.mkdir()
@@ -61,6 +63,7 @@ def test_force_replaces_results_and_leaves_other_files(tombo, tmp_path):
     assert (folder / "summary.json").read_text() != "old"
 
 
+@pytest.mark.slow
 def test_an_empty_folder_is_filled_and_stays_the_same_folder(tombo, tmp_path):
     (tmp_path / "empty").mkdir()
     before = (tmp_path / "empty").stat().st_ino
@@ -71,6 +74,7 @@ def test_an_empty_folder_is_filled_and_stays_the_same_folder(tombo, tmp_path):
     assert len(names(tmp_path / "empty")) == 3
 
 
+@pytest.mark.slow
 def test_parents_are_made_and_links_followed(tombo, tmp_path):
     (tmp_path / "real").mkdir()
     (tmp_path / "link").symlink_to("real")
@@ -134,6 +138,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(tombo, tmp_path, monkeypatch
     assert names(tmp_path) == set()
 
 
+@pytest.mark.slow
 def test_a_failure_keeps_the_results_of_the_flight_before(tombo, tmp_path, monkeypatch):
     assert tombo("fly", *SHORT).code == 0
     folder = tmp_path / "runs" / "hover-0"

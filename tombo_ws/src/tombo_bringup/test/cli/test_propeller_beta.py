@@ -35,6 +35,7 @@ def beta(tombo, *arguments):
     return tombo("propeller", "beta", *map(str, arguments))
 
 
+@pytest.mark.slow
 def test_a_film_gives_the_angle_with_its_interval_and_four_files(tombo, films, tmp_path):
     result = beta(tombo, films / "fast", "--reference", films / "slow.avi", "--camera-height",
                   "6000", "-o", tmp_path / "out")  # fmt: skip
@@ -48,6 +49,7 @@ def test_a_film_gives_the_angle_with_its_interval_and_four_files(tombo, films, t
     assert cv2.imread(str(tmp_path / "out" / "overlay.png")).shape[1] > 900
 
 
+@pytest.mark.slow
 def test_json_alone_has_no_bare_number(tombo, films):
     found = beta(tombo, films / "fast", "--reference", films / "slow.avi", "--json").json
     assert found["beta"]["low_deg"] < found["beta"]["deg"] < found["beta"]["high_deg"]
@@ -58,6 +60,7 @@ def test_json_alone_has_no_bare_number(tombo, films):
     assert "at most" in straight["beta"]["words"]
 
 
+@pytest.mark.slow
 def test_the_speed_is_seen(tombo, films):
     found = beta(tombo, films / "fast", *SCALE, "--fps", "1920", "--json").json
     rpm = [w["rpm"] for w in found["windows"]]
@@ -98,6 +101,7 @@ def test_bad_input_is_one_line_and_exit_code_two(tombo, films, tmp_path, argumen
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_an_error_says_which_film_it_is_about(tombo, films, tmp_path):
     (tmp_path / "black").mkdir()
     for k in range(10):
@@ -121,6 +125,7 @@ def test_films_without_a_propeller_are_refused(tombo, tmp_path):
         assert "accepted" in result.err
 
 
+@pytest.mark.slow
 def test_a_disc_that_leaves_the_image_is_measured_or_refused(tombo, tmp_path):
     write_folder(SyntheticVideo(replace(SCENE, off_centre=(60.0, 0.0))), 10, tmp_path / "cut")
     result = beta(tombo, tmp_path / "cut", "--scale", "1.65", "--camera-height", "6000", "--json")
@@ -138,6 +143,7 @@ def write_trace(path, tau=0.15, level=6.0, unit="thrust_N"):
     return tau * math.log(10.0)
 
 
+@pytest.mark.slow
 def test_a_trace_gives_its_recovery_time(tombo, tmp_path):
     truth = write_trace(tmp_path / "t.csv")
     result = tombo("propeller", "recovery", "t.csv", "-o", "out")
@@ -180,6 +186,7 @@ def test_bad_traces_are_refused(tombo, tmp_path, arguments, why):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_thrust_is_named_in_its_unit(tombo, tmp_path):
     write_trace(tmp_path / "t.csv", level=600.0, unit="thrust [gf]")
     said = tombo("propeller", "recovery", "t.csv").out
@@ -190,6 +197,7 @@ def test_thrust_is_named_in_its_unit(tombo, tmp_path):
     assert found["collisions"][0]["level"] == pytest.approx(600.0, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_speed_trace_says_at_least(tombo, tmp_path):
     write_trace(tmp_path / "t.csv", level=4507.0, unit="rpm")
     said = tombo("propeller", "recovery", "t.csv", "-o", "out").out

@@ -24,6 +24,7 @@ def test_json_alone_on_standard_output_and_no_plot(tombo, tmp_path: Path) -> Non
     assert not any(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_table_and_plot(tombo, tmp_path: Path) -> None:
     result = tombo("propeller", "--conf", "13", "--law", "published")
     assert result.code == 0
@@ -34,6 +35,7 @@ def test_table_and_plot(tombo, tmp_path: Path) -> None:
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_plot_where_asked_for_even_with_json(tombo, tmp_path: Path) -> None:
     result = tombo("propeller", "--conf", "0", "--json", "-o", "rigid.svg")
     assert result.code == 0
@@ -62,6 +64,7 @@ def test_moduli(tombo) -> None:
     assert "26 of 26" in table.out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -130,6 +133,7 @@ def test_an_option_before_a_sub_command_is_refused(tombo, before: list[str], com
     assert result.err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_help_is_whole_lines_and_no_pictures(tombo, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     assert "A:B:STEP" in tombo("propeller", "--help").out

@@ -36,6 +36,7 @@ def test_reproduce(tombo, tmp_path, monkeypatch, where):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_design(tombo, tmp_path, monkeypatch):
     monkeypatch.setattr(design, "design", interrupted(design.design))
     result = tombo("propeller", "design", "--mass", "1.3", "--flights", "0", "-o", "out")
@@ -43,6 +44,7 @@ def test_design(tombo, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_beta(tombo, tmp_path, monkeypatch):
     monkeypatch.setattr(measure, "measure", interrupted(measure.measure))
     result = tombo("propeller", "beta", "--demo", "-o", "out")

@@ -29,6 +29,7 @@ def test_json_is_one_object_with_all_that_came_out(tombo):
     assert found["speed"]["real_time_factor"] > 1.0
 
 
+@pytest.mark.slow
 def test_the_table_names_matches_what_is_not_replayed_and_the_speed(tombo):
     out = tombo("replay", WHOLE).out
     words = " ".join(out.split())
@@ -39,6 +40,7 @@ def test_the_table_names_matches_what_is_not_replayed_and_the_speed(tombo):
     assert "times real time" in words
 
 
+@pytest.mark.slow
 def test_strict_makes_a_difference_an_error_unless_within_tolerance(tombo):
     other = ("replay", WHOLE, "--node", "detector", "--set", "detector.trigger=region")
     assert tombo(*other).code == 0
@@ -57,6 +59,7 @@ def test_parameters_come_from_a_file_over_the_bag_and_settings_over_both(tombo, 
     assert tombo("replay", STRIKE, *seeing, "--json").json["differences"] == []
 
 
+@pytest.mark.slow
 def test_results_are_written_and_other_files_left_alone(tombo, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "flight.mcap").write_text("mine")

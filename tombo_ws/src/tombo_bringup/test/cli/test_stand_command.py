@@ -46,6 +46,7 @@ def table(path, gain=1.0, confs=(5, 9, 13), seed=0, tare=0.0):
     return path
 
 
+@pytest.mark.slow
 def test_json_has_the_form_of_a_diagnosis_of_flights(run, tmp_path):
     result = run(table(tmp_path / "a.csv"), "--json")
     assert result.code == 0, result.out
@@ -59,6 +60,7 @@ def test_json_has_the_form_of_a_diagnosis_of_flights(run, tmp_path):
     assert "NaN" not in result.out
 
 
+@pytest.mark.slow
 def test_a_gain_is_found_written_and_then_no_finding_any_more(run, tmp_path):
     path = table(tmp_path / "a.csv", gain=1.15)
     result = run(path, "-o", tmp_path / "out")
@@ -82,6 +84,7 @@ def test_a_gain_is_found_written_and_then_no_finding_any_more(run, tmp_path):
     assert json.loads(again.out)["verdict"] == "none"
 
 
+@pytest.mark.slow
 def test_a_new_finding_is_added_to_the_model_that_was_given(run, tmp_path):
     gain = {"error": {"value": 0.15, "low": 0.14, "high": 0.16}}
     given = {"thrust_gain": {"parameters": gain, "confidence": 0.9}}
@@ -98,6 +101,7 @@ def test_a_new_finding_is_added_to_the_model_that_was_given(run, tmp_path):
     assert json.loads(again.out)["verdict"] == "none"
 
 
+@pytest.mark.slow
 def test_table_3_says_what_is_certified(run):
     result = run("--table3", "--json")
     found = json.loads(result.out)
@@ -113,6 +117,7 @@ def test_a_thousandfold_thrust_is_refused_first_thing(run, tmp_path):
     assert "column 'thrust_N'" in result.err and "grams read as newtons" in result.err
 
 
+@pytest.mark.slow
 def test_runs_that_differ_are_told_and_extend_no_model(run, tmp_path):
     paths = [table(tmp_path / f"{n}.csv", g, (13,), n) for n, g in enumerate((1.0, 1.1))]
     result = run(*paths, "-o", tmp_path / "out")
@@ -123,6 +128,7 @@ def test_runs_that_differ_are_told_and_extend_no_model(run, tmp_path):
     assert "differ by" in page and "stand_model.yaml: the verdict" not in page
 
 
+@pytest.mark.slow
 def test_a_model_that_does_not_apply_is_the_headline(run, tmp_path):
     theta = {"thrust_tare": {"parameters": {"offset": 0.147}}}
     (tmp_path / "m.yaml").write_text(yaml.safe_dump({"tombo_stand_model": 1, "effects": theta}))
@@ -196,6 +202,7 @@ def test_blind_cases_come_from_seed_and_number_alone():
     )
 
 
+@pytest.mark.slow
 def test_blind_cases_hide_what_they_say():
     cases = [make_case(1, n) for n in range(120)]
     kinds = {c.kind for c in cases}
@@ -208,6 +215,7 @@ def test_blind_cases_hide_what_they_say():
         assert not set(UNMODELLED_EFFECTS) & set(STAND_EFFECTS)
 
 
+@pytest.mark.slow
 def test_a_small_benchmark_scores_and_stays_honest():
     result = benchmark(24, 3, 1, lambda stage, share: None)
     assert len(result.cases) == 24
@@ -223,6 +231,7 @@ def test_a_small_benchmark_scores_and_stays_honest():
     assert len(wrong) <= 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "number", "wrong"),
     [

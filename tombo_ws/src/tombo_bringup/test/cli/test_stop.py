@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 from rosbags.highlevel import AnyReader
 
+from in_time import in_time
 from tombo_flight.process.stop_signals import Stopped, StopSignals
 from tombo_flight.report import flight_plot
 
@@ -85,13 +86,14 @@ def start(tmp_path: Path) -> Iterator[Start]:
             os.kill(process.pid, signal.SIGKILL)
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_stopped_flight_leaves_what_was_flown(start, tmp_path, number, code):
     process = start(*LONG, "-o", "out", "--json")
     wait_for(lambda: any(tmp_path.iterdir()))  # the folder is prepared, the flight begins
     time.sleep(0.1)
     os.killpg(process.pid, number)
-    out, err = process.communicate(timeout=20)
+    out, err = process.communicate(timeout=60)
 
     assert process.returncode == code, err
     assert err == ""
@@ -106,33 +108,39 @@ def test_a_stopped_flight_leaves_what_was_flown(start, tmp_path, number, code):
         assert sum(1 for _ in bag.messages(imu)) == round(1000 * summary["duration_s"])
 
 
+@pytest.mark.real_time
 def test_ctrl_c_ends_a_campaign_with_all_its_processes(start, tmp_path):
     process = start("--seeds", "0:5000", "-o", "out", "--json")
     wait_for(lambda: workers(process.pid))
     time.sleep(0.3)
     began = time.monotonic()
     os.killpg(process.pid, signal.SIGINT)
-    _, err = process.communicate(timeout=20)
+    _, err = process.communicate(timeout=60)
 
-    assert time.monotonic() - began < 5.0
+    with in_time():
+        assert time.monotonic() - began < 5.0
     assert process.returncode == 130
     assert err == ""
-    wait_for(lambda: not alive_in_session(process.pid), 2.0)
+    with in_time():
+        wait_for(lambda: not alive_in_session(process.pid), 2.0)
     assert names(tmp_path) <= {"out"}
 
 
+@pytest.mark.real_time
 def test_processes_that_do_not_answer_are_ended_too(start):
     process = start("--seeds", "0:5000", "-o", "out")
     wait_for(lambda: workers(process.pid))
     for worker in workers(process.pid):
         os.kill(worker.pid, signal.SIGSTOP)
     os.kill(process.pid, signal.SIGTERM)
-    process.communicate(timeout=20)
+    process.communicate(timeout=60)
 
     assert process.returncode == 143
-    wait_for(lambda: not alive_in_session(process.pid), 2.0)
+    with in_time():
+        wait_for(lambda: not alive_in_session(process.pid), 2.0)
 
 
+@pytest.mark.real_time
 def test_idle_processes_of_a_campaign_end_when_the_parent_is_killed(start):
     process = start("hover", "--seeds", "0:5000", "--set", "duration=0.1", "-o", "out")
     wait_for(lambda: sum(worker.cpu for worker in workers(process.pid)) > 150)
@@ -144,8 +152,8 @@ def test_idle_processes_of_a_campaign_end_when_the_parent_is_killed(start):
     assert workers(process.pid)
     process.kill()
 
-    process.communicate(timeout=20)
-    wait_for(lambda: not alive_in_session(process.pid), 20.0)
+    process.communicate(timeout=60)
+    wait_for(lambda: not alive_in_session(process.pid))
 
 
 def test_ctrl_c_while_drawing_keeps_flight_and_summary(tombo, tmp_path, monkeypatch):

@@ -101,6 +101,7 @@ def test_unknown_forces_are_in_no_registry_and_within_their_bounds():
     assert seen == set(DISTURBANCES)
 
 
+@pytest.mark.slow
 def test_every_effect_that_flies_is_hidden_some_time():
     hidden = {name for number in range(1500) for name in make_case(1, number).hidden}
     assert set(REGISTRY) - EXCLUDED_EFFECTS <= hidden

@@ -45,6 +45,7 @@ def test_simulated_ones_without_obstacle(name):
     assert checks <= {"gap"}
 
 
+@pytest.mark.slow
 def test_a_second_check_changes_nothing():
     for flight in (made_flight(), made_flight(late=0.03), made_flight(mocap_hz=30.0)):
         once = check_log(flight)

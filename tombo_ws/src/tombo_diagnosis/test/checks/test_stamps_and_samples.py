@@ -205,6 +205,7 @@ def any_series(draw, width):
     return Series(t, draw(hnp.arrays(np.float64, (count, width), elements=NUMBERS)))
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(st.fixed_dictionaries({}, optional={k: any_series(c.width) for k, c in CHANNELS.items()}))
 @pytest.mark.filterwarnings("error")

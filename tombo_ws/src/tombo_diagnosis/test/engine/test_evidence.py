@@ -27,6 +27,7 @@ def log_density(design, left, deviations, prior_mean, at):
     return -0.5 * misfit @ misfit - 0.5 * prior - np.log(deviations * np.sqrt(2 * np.pi)).sum()
 
 
+@pytest.mark.slow
 @given(SEEDS, SIZES, st.floats(-1.0, 1.0))
 def test_one_unknown_is_integrated(seed, deviation, middle):
     design, left = data(seed, 1)

@@ -8,6 +8,8 @@ from measured_flights import SLOW, nominal, tracks, with_hidden
 
 from tombo_diagnosis.flight.analyse import analyse
 
+pytestmark = pytest.mark.slow
+
 DOUBT = {"steady_wind": {"east": 1.0}, "mocap_misalignment": {"pitch": 0.02}}
 """What flights at one heading without an IMU can't tell apart."""
 

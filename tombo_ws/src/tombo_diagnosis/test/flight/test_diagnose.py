@@ -15,6 +15,8 @@ from tombo_diagnosis.logs.flight_log import Airframe, Finding, Series
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError
 
+pytestmark = pytest.mark.slow
+
 HIDDEN = {"steady_wind": {"east": 1.5}, "mass_error": {"fraction": 0.1}}
 FRAME = Airframe("Other", 0.03, 0.03, 0.02)
 

@@ -13,6 +13,8 @@ from tombo_diagnosis.flight.track import track_of
 from tombo_diagnosis.flight.transients import find_transients
 from tombo_diagnosis.logs.flight_log import Series
 
+pytestmark = pytest.mark.slow
+
 KNOCK_S = 9.0
 HEAVY = {"mass_error": {"fraction": 0.1}}
 

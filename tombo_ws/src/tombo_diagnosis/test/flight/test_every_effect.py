@@ -18,6 +18,8 @@ from tombo_diagnosis.flight.problem import FlightProblem
 from tombo_diagnosis.flight.track import track_of
 from tombo_dynamics.effects import REGISTRY
 
+pytestmark = pytest.mark.slow
+
 
 @cache
 def healthy_problem():

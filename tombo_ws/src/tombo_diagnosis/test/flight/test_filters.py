@@ -13,6 +13,7 @@ WIDTHS = st.floats(0.01, 0.1)
 SHORT = st.floats(-2.0, 2.0)
 
 
+@pytest.mark.slow
 @given(WIDTHS, SHORT, SHORT, SHORT)
 def test_value_slope_and_curvature_of_a_parabola_are_exact(width, a, b, c):
     """The mean of a parabola is its value and its curvature times half the kernel's variance."""
@@ -24,6 +25,7 @@ def test_value_slope_and_curvature_of_a_parabola_are_exact(width, a, b, c):
     assert kernel.smooth @ (a + b * (T - 3.8)) == pytest.approx(a + b * at, abs=1e-9)
 
 
+@pytest.mark.slow
 @given(WIDTHS, st.floats(0.2, 1.5), st.floats(0.0, 6.0))
 def test_curvature_of_the_position_is_the_filtered_acceleration(width, frequency, phase):
     """Both sides pass through one kernel: smoothing costs resolution but adds next to no error."""
@@ -67,6 +69,7 @@ def test_clear_rows_are_those_that_nothing_spoiled_reaches(first, count, width):
 STAMPS = st.lists(st.floats(0.0005, 0.0035), min_size=150, max_size=150)
 
 
+@pytest.mark.slow
 @given(STAMPS, st.integers(0, 2**32 - 1))
 def test_means_over_ticks_keep_the_integral(steps, seed):
     """Of a series sampled at uneven times, taken to be straight in between."""
@@ -83,6 +86,7 @@ def test_means_over_ticks_keep_the_integral(steps, seed):
         assert np.trapezoid(np.interp(fine, t, column), fine) == pytest.approx(exact, abs=0.02)
 
 
+@pytest.mark.slow
 @given(STAMPS, st.integers(0, 2**32 - 1))
 def test_means_of_what_is_held_keep_the_integral(steps, seed):
     t = np.concatenate([[0.0], np.cumsum(steps)])

@@ -16,6 +16,8 @@ from tombo_diagnosis.flight.cross_validation import (
 )
 from tombo_diagnosis.flight.problem import FlightProblem
 
+pytestmark = pytest.mark.slow
+
 DRAG = {"linear_rotor_drag": {"d_xy": 0.7}}
 BALANCED = np.zeros(8)
 """Rotors that are alike: what others differ by turns a vehicle that is let go more than drag."""

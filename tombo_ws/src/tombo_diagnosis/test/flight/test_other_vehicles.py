@@ -16,6 +16,8 @@ from tombo_diagnosis.logs.flight_log import Airframe, Series
 from tombo_diagnosis.logs.log_reader import read_logs
 from tombo_dynamics.errors import InputError
 
+pytestmark = pytest.mark.slow
+
 FOLDER = Path(__file__).resolve().parents[6] / "shared" / "data" / "flights"
 CRASH = "B2_circle_medium_rep3"
 real_data = pytest.mark.skipif(not FOLDER.is_dir(), reason=f"real data absent: no {FOLDER}")

@@ -135,6 +135,7 @@ def test_what_is_undone_leaves_nothing_in_any_channel(fault):
         assert np.sqrt(np.mean(rows**2)) < allowed(name), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turned", [0.5, np.pi / 2, -3.0])
 def test_a_frame_turned_by_any_angle_is_undone(turned):
     """As where x and y were mixed up: the motion is found to a fraction of a millimetre."""

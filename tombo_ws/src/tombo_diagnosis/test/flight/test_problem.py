@@ -12,6 +12,8 @@ from tombo_diagnosis.flight.problem import FlightProblem
 from tombo_diagnosis.flight.track import track_of
 from tombo_diagnosis.logs.flight_log import Series
 
+pytestmark = pytest.mark.slow
+
 PLACE = {p.label: p.index for p in PARAMETERS}
 HIGH = ([{"x": 0.8, "speed": 1.5}, {"x": -0.8}, {"y": 0.8}, {"x": 0.0, "z": 1.6}, {"y": 0.0}],)
 LANDING = ([*HIGH[0][:2], {"z": 0.35, "speed": 0.8}, {"z": 1.4}],)

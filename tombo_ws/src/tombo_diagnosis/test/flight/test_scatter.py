@@ -23,6 +23,8 @@ from tombo_diagnosis.flight.residual_check import (
 )
 from tombo_diagnosis.flight.track import track_of
 
+pytestmark = pytest.mark.slow
+
 NAMES = {p.index: p.label for p in PARAMETERS}
 DOUBLED = {
     "imu_noise": {"gyro": 0.02},

@@ -25,6 +25,7 @@ def spans(log, check):
     return [(f.start_s, f.end_s) for f in log.findings if f.check == check]
 
 
+@pytest.mark.slow
 def test_the_tables_are_recognised(flights):
     assert len(flights) == 5
     for log in flights.values():
@@ -33,6 +34,7 @@ def test_the_tables_are_recognised(flights):
                                    "voltage"}  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_crash_is_found_where_it_is_and_nowhere_else(flights):
     """On-board data end at 31.28 s and are a straight line from there, past 2.5 g at 32.18 s."""
     for name, log in flights.items():
@@ -44,6 +46,7 @@ def test_the_crash_is_found_where_it_is_and_nowhere_else(flights):
     assert 30.5 < last[0] < 31.28 and last[1] == flights[CRASH].series["position"].t[-1]
 
 
+@pytest.mark.slow
 def test_markers_swap_twice_and_hard_stops_are_no_jumps(flights):
     """At 35.8 s of B10 and 20.8 s of B3 the vehicle itself turns as fast, and the gyro says so."""
     jumps = {name: [b for b, _ in spans(log, "jump")] for name, log in flights.items()}
@@ -52,6 +55,7 @@ def test_markers_swap_twice_and_hard_stops_are_no_jumps(flights):
     assert not any(jumps.values())
 
 
+@pytest.mark.slow
 def test_what_is_left_is_flight(flights):
     """Between take-off and landing, high enough, motors on."""
     for log in flights.values():

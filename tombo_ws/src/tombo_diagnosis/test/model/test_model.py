@@ -170,6 +170,7 @@ def models(draw):
     return Model(tuple(additions), origin, gain, tuple(draw(st.lists(texts, max_size=3))))
 
 
+@pytest.mark.slow
 @given(models())
 def test_any_model_survives_its_file(made):
     assert model_from_text(model_text(made), "it") == made

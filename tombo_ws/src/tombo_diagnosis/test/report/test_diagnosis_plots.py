@@ -21,6 +21,8 @@ from tombo_diagnosis.report.diagnosis_plots import (
 from tombo_diagnosis.report.diagnosis_poster import diagnosis_poster
 from tombo_flight.report.flight_plot import png_bytes
 
+pytestmark = pytest.mark.slow
+
 EMPTY = Diagnosis("unknown", (), (), None, (), (), (), (), (), math.nan, "")
 
 

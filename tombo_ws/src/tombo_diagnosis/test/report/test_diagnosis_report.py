@@ -122,6 +122,7 @@ def test_every_verdict_has_its_words(verdict, words):
     assert ("held out from naming and fit" in page.text) == extended
 
 
+@pytest.mark.slow
 def test_several_causes_are_all_named():
     named = sample()
     other = dataclasses.replace(named.causes[0], effect="battery_sag")
@@ -244,6 +245,7 @@ def test_a_diagnosis_of_nearly_nothing_is_a_page(empty):
     assert empty.summary in Page(diagnosis_html(empty)).text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("flights", "clock"), [(1, 0.0), (20, 1.7727e9)])
 def test_the_page_stays_small_whatever_the_number_of_flights(flights, clock):
     html = diagnosis_html(sample(flights=flights, seconds=100.0, clock=clock))

@@ -20,6 +20,8 @@ from tombo_diagnosis.stand.repeatability import repeats
 from tombo_diagnosis.stand.residual_check import fit_residual_curves
 from tombo_dynamics.propeller.effects import STAND_EFFECTS, Draws
 
+pytestmark = pytest.mark.slow
+
 
 def causes(found):
     return [estimate_cause(e, found) for e in found.judgement.effects]

@@ -176,6 +176,7 @@ def test_bad_mappings_are_refused_with_a_reason(text, said):
         parse_mapping(text, "m")
 
 
+@pytest.mark.slow
 def test_speeds_beyond_the_law_are_set_apart_and_said(tmp_path):
     rpm = np.linspace(2000.0, 12000.0, 9)
     thrust = 1e-7 * rpm**2
@@ -214,6 +215,7 @@ def test_a_run_cut_off_before_it_lifts_is_refused(tmp_path):
         assemble([read_stand(path, str(mapping))], 13, "repaired")
 
 
+@pytest.mark.slow
 def test_one_speed_is_never_enough_for_a_name(tmp_path):
     path = write(tmp_path / "a.csv", "rpm,thrust_N", np.full(4, 5000.0), np.full(4, 4.6))
     found = analyse(assemble([read_stand(path)], 13, "repaired").points)

@@ -10,6 +10,8 @@ import pytest
 from tombo_diagnosis.stand.diagnose import diagnose_stand
 from tombo_diagnosis.stand.table_reader import read_stand
 
+pytestmark = pytest.mark.slow
+
 FOLDER = Path(__file__).parents[6] / "shared" / "data" / "thrust_stand"
 FILE = FOLDER / "bitcraze2021_cf21_stock_prop.csv"
 

@@ -9,6 +9,8 @@ import pytest
 
 from tombo_diagnosis.stand.table3 import statement, study_table3, table3_points
 
+pytestmark = pytest.mark.slow
+
 
 @functools.cache
 def study():

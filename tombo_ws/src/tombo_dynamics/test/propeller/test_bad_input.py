@@ -27,6 +27,7 @@ def test_speeds_that_no_law_takes(speed: object, law: str) -> None:
         evaluate(configuration(0), [10.0, speed], law)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["published", "repaired"])
 def test_speed_beyond_validity_names_the_valid_range(law: str) -> None:
     chosen = configuration(1)

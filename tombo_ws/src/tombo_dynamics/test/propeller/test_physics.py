@@ -38,6 +38,7 @@ def test_stiffer_nodus_gives_more_thrust(law: str) -> None:
         assert (np.diff(evaluate_rows(rows, rpm / RPM, law).thrust_N) >= 0.0).all()
 
 
+@pytest.mark.slow
 @EACH_LAW
 @settings(deadline=None)
 @given(factor=st.floats(0.05, 0.95), rpm=st.floats(1500.0, 4500.0))
@@ -49,6 +50,7 @@ def test_more_compliance_gives_less_thrust(law: str, factor: float, rpm: float) 
     assert thrust[0] < thrust[1] < evaluate(configuration(0), rpm / RPM).thrust_N
 
 
+@pytest.mark.slow
 @EACH_LAW
 @settings(deadline=None)
 @given(conf=st.integers(1, 13), factor=st.floats(0.2, 5.0), share=st.floats(0.05, 0.95))

@@ -49,6 +49,7 @@ def followed(law: str, row: np.ndarray, speed: float) -> tuple[np.ndarray, bool]
     return x, here >= square
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["repaired", "consistent"])
 def test_finds_the_root_that_continues_the_one_at_rest(law: str) -> None:
     rows = random_rows(law, 400, seed=1, spread=3.0)
@@ -75,6 +76,7 @@ SNAPPING |= {"drag_arm_mm": -0.79, "flap_offset_rad": 0.038, "lag_offset_rad": -
 SNAPPING |= {"air_density_kg_m3": 0.93}
 
 
+@pytest.mark.slow
 def test_a_root_beyond_a_turning_point_is_none() -> None:
     speeds = np.linspace(0.0, SPEED_LIMIT, 20_001)
     row = parameter_rows(13, "repaired", **SNAPPING)
@@ -118,6 +120,7 @@ def test_rows_and_speeds_broadcast() -> None:
     assert grid.thrust_N[1, 2] == evaluate(configuration(13), 300.0).thrust_N
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(m=st.just(0.0) | st.floats(1e-6, 1e4), r=st.floats(-1e3, 1e3))
 def test_spring_angle_solves_its_equation(m: float, r: float) -> None:

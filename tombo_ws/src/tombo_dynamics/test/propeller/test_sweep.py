@@ -42,6 +42,7 @@ def test_many_configurations_are_each_of_them() -> None:
             np.testing.assert_allclose(ours, getattr(alone, name), rtol=1e-12)
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(
     matrix=st.sampled_from(["DragonSkin10", "DragonSkin20", "DragonSkin30"]),
@@ -142,6 +143,7 @@ def test_peak_that_the_law_does_not_reach() -> None:
     assert narrow.gamma_rad[0] == pytest.approx(0.1, abs=1e-4)
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(conf=st.integers(0, 13), law=st.sampled_from(list(LAWS)), shares=st.lists(st.floats(0, 1)))
 def test_speed_for_thrust_and_back(conf: int, law: str, shares: list[float]) -> None:

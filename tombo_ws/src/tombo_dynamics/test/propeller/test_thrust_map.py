@@ -40,6 +40,7 @@ def test_thrust_and_torque_rise_all_the_way(conf: int, law: str) -> None:
     assert float(m.thrust(m.omega_max)) == pytest.approx(m.thrust_max, rel=1e-12)
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(conf=CONF, law=LAW, share=SHARE)
 def test_speed_for_thrust_and_back(conf: int, law: str, share: float) -> None:
@@ -52,6 +53,7 @@ def test_speed_for_thrust_and_back(conf: int, law: str, share: float) -> None:
     )
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(conf=CONF, law=LAW, a=SHARE, b=SHARE)
 def test_inverse_is_monotone(conf: int, law: str, a: float, b: float) -> None:
@@ -110,6 +112,7 @@ def test_methods_refuse_what_is_outside(bad: float) -> None:
             method([1.0, bad])
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(
     values=st.lists(st.floats(0.0, 10.0), min_size=3, max_size=12),

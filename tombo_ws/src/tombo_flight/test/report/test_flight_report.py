@@ -78,6 +78,7 @@ def columns(block):
     return table
 
 
+@pytest.mark.slow
 def test_the_page_loads_nothing(html, page):
     assert not re.search(r"https?:|//[a-z0-9.-]+\.[a-z]{2,}/|@import|url\(", html)
     for tag, attributes in page.elements:
@@ -91,6 +92,7 @@ def test_the_page_loads_nothing(html, page):
     assert policy.startswith("default-src 'none'")
 
 
+@pytest.mark.slow
 def test_the_page_is_small(html):
     assert len(html.encode()) < 3_000_000
 

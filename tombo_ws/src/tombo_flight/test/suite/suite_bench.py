@@ -83,7 +83,7 @@ class Marked:
             os.kill(pid, signal.SIGKILL)
 
 
-def wait_for(condition: Callable[[], object], limit_s: float = 20.0) -> float:
+def wait_for(condition: Callable[[], object], limit_s: float = 60.0) -> float:
     """Wait, and return how long it took [s]."""
     began = time.monotonic()
     while not condition():

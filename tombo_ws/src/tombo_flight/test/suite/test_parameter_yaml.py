@@ -97,6 +97,7 @@ def test_every_parameter_is_one_that_its_node_has():
             assert node.name == "sim"
 
 
+@pytest.mark.slow
 @given(
     st.dictionaries(
         st.text("abcdefgh_", min_size=1, max_size=8),

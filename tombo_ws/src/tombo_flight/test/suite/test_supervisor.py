@@ -11,7 +11,10 @@ from pathlib import Path
 import pytest
 from suite_bench import FAKES, Marked, wait_for
 
+from in_time import in_time
 from tombo_flight.suite.supervisor import ProcessExit, Program, Supervisor
+
+pytestmark = pytest.mark.real_time
 
 
 def fake(name: str, *, capture_stdout: bool = False) -> Program:
@@ -77,7 +80,8 @@ def test_who_obeys_is_asked_once_and_ends_at_once(marked, tmp_path):
         began = time.monotonic()
         (end,) = supervisor.stop()
 
-    assert time.monotonic() - began < 1.9  # before SIGTERM
+    with in_time():  # before SIGTERM
+        assert time.monotonic() - began < 1.9
     assert end.code == 0
     assert (tmp_path / "node.log").read_text() == "ready\nasked\n"
 
@@ -88,7 +92,8 @@ def test_a_process_that_ignores_signals_is_killed_within_three_seconds(marked, t
         time.sleep(0.3)
         began = time.monotonic()
         ends = {end.name: end.code for end in supervisor.stop()}
-        assert time.monotonic() - began < 3.0
+        with in_time():
+            assert time.monotonic() - began < 3.0
 
     assert ends == {"deaf": -9, "good": 0}
     assert marked.alive() == []
@@ -111,7 +116,7 @@ def test_what_a_node_leaves_behind_ends_with_it(marked, tmp_path):
     leaving = "import os, time\nif os.fork() == 0:\n    time.sleep(60)\n"
     with Supervisor([code("node", leaving)], tmp_path, marked.environment) as supervisor:
         look_until_ended(supervisor)
-        wait_for(lambda: not marked.alive(), 2.0)
+        wait_for(lambda: not marked.alive())
 
 
 def test_an_exception_inside_ends_all_nodes(marked, tmp_path):
@@ -140,7 +145,8 @@ def test_a_second_wish_to_stop_kills_at_once(marked, tmp_path, monkeypatch):
         finally:
             signal.signal(signal.SIGALRM, before)
 
-    assert time.monotonic() - began < 1.5
+    with in_time():
+        assert time.monotonic() - began < 1.5
     assert marked.alive() == []
 
 
@@ -168,7 +174,8 @@ def test_nothing_outlives_a_supervisor_that_is_killed(marked: Marked, tmp_path):
 
     took = wait_for(lambda: not marked.alive())
 
-    assert took < 3.0
+    with in_time():
+        assert took < 3.0
 
 
 def test_who_obeys_ends_well_when_the_supervisor_is_killed(marked: Marked, tmp_path):
@@ -179,7 +186,9 @@ def test_who_obeys_ends_well_when_the_supervisor_is_killed(marked: Marked, tmp_p
     process.kill()
     process.communicate()
 
-    assert wait_for(lambda: not marked.alive()) < 1.5
+    took = wait_for(lambda: not marked.alive())
+    with in_time():
+        assert took < 1.5
 
 
 def test_a_guard_that_is_killed_changes_nothing_for_who_obeys(marked: Marked, tmp_path):
@@ -193,7 +202,9 @@ def test_a_guard_that_is_killed_changes_nothing_for_who_obeys(marked: Marked, tm
     process.kill()
     process.communicate()
 
-    assert wait_for(lambda: not marked.alive()) < 1.5
+    took = wait_for(lambda: not marked.alive())
+    with in_time():
+        assert took < 1.5
 
 
 def test_a_flood_of_words_neither_holds_up_the_node_nor_fills_the_memory(marked, tmp_path):

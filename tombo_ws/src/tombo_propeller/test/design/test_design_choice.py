@@ -44,6 +44,7 @@ def test_dragonskin_10_cannot_lift_an_s500(made):
     assert (judged.value[soft, 0] < 1.0).all()
 
 
+@pytest.mark.slow
 def test_a_heavier_vehicle_gets_a_stiffer_nodus_or_none(made):
     stiffness = []
     for mass in (0.35, 0.8, 1.3, 1.55):
@@ -58,6 +59,7 @@ def test_a_heavier_vehicle_gets_a_stiffer_nodus_or_none(made):
     assert not made(mass_kg=2.5, min_thrust_margin=1.5, max_collision_force_N=130.0).feasible
 
 
+@pytest.mark.slow
 @given(
     st.floats(1.1, 3.0), st.floats(60.0, 200.0), st.floats(0.25, 0.7),
     st.floats(1.0, 1.3), st.floats(0.6, 1.0), st.floats(0.6, 1.0),
@@ -73,6 +75,7 @@ def test_tighter_limits_never_let_more_pass(made, margin, force, recovery, up, d
     assert not (narrow & ~wide).any()
 
 
+@pytest.mark.slow
 def test_the_recommended_one_is_not_beaten_by_another_of_as_good_evidence(made):
     for force in (100.0, 150.0, 185.0):
         found = made(mass_kg=1.0, min_thrust_margin=1.7, max_collision_force_N=force)
@@ -98,6 +101,7 @@ def test_what_was_not_measured_counts_at_the_worse_end(made):
     assert np.isnan(found.judged.counted[conf_3, column])
 
 
+@pytest.mark.slow
 def test_outside_of_the_tests_only_what_is_asked_for_counts(made):
     closed = made(mass_kg=1.3, min_thrust_margin=2.3, max_collision_force_N=185.0)
     opened = made(
@@ -141,6 +145,7 @@ def test_a_limit_that_gives_as_much_as_is_said_is_kept_and_no_less(made, asked):
             assert bool(choose(judged, given, 0.08).order) == feasible
 
 
+@pytest.mark.slow
 def test_a_users_material_is_considered(made, stiff_library):
     plain, own = (
         made(library=folder, mass_kg=2.2, min_thrust_margin=2.5)

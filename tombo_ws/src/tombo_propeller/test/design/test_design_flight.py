@@ -19,6 +19,8 @@ from tombo_propeller.design.recommend import recommend
 from tombo_propeller.design.request import Request, vehicle_for
 from tombo_sim.propeller_effects import propulsion_effects, thrust_map_of
 
+pytestmark = pytest.mark.slow
+
 SEEDS = range(6)
 
 

@@ -1,6 +1,7 @@
 """The Pareto set: nobody in it is beaten, everybody outside of it is."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -15,6 +16,7 @@ def dominates(a: np.ndarray, b: np.ndarray) -> bool:
     return bool((a <= b).all() and (a < b).any())
 
 
+@pytest.mark.slow
 @given(COSTS)
 def test_the_set_is_not_dominated_and_dominates_the_rest(rows):
     costs = np.array(rows, dtype=float).reshape(-1, 3)

@@ -60,6 +60,7 @@ def test_a_law_in_the_readings_is_found_and_used():
     assert reading.predict(farther)[1] > 1.5 * error  # extrapolation costs certainty
 
 
+@pytest.mark.slow
 def test_readings_without_a_law_seldom_get_one_and_bounds_hold():
     rng = np.random.default_rng(3)
     found, kept = 0, 0

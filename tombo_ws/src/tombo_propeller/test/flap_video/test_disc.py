@@ -37,6 +37,7 @@ def test_what_is_not_round_is_refused(points):
         circle_of(points)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed, exposure", [(210.0, 0.1), (400.0, 1.0), (520.0, 0.5)])
 def test_the_disc_is_found_to_some_pixels(speed, exposure):
     scene = replace(SMALL, speed=speed, exposure=exposure)
@@ -45,6 +46,7 @@ def test_the_disc_is_found_to_some_pixels(speed, exposure):
     assert (found.x, found.y) == pytest.approx((199.5 + 6.0, 199.5 - 4.0), abs=2.0)
 
 
+@pytest.mark.slow
 def test_flicker_is_taken_out():
     frames = shots(replace(SMALL, flicker=0.1, noise=0.0))
     corner = [f[:30, :30].mean() for f in remove_flicker(frames)]
@@ -68,6 +70,7 @@ def test_noise_as_strong_as_a_blade_is_no_propeller():
         find_disc(noise)
 
 
+@pytest.mark.slow
 def test_two_propellers_are_refused():
     one = shots(SMALL)
     with pytest.raises(InputError, match=r"outside of the disc|not round"):

@@ -10,6 +10,7 @@ from tombo_propeller.flap_video.synthetic_video import SyntheticVideo, write_fol
 from tombo_propeller.flap_video.video import open_video
 
 
+@pytest.mark.slow
 def test_a_folder_gives_the_frames_back(tmp_path):
     write_folder(SyntheticVideo(SMALL), 12, tmp_path / "film")
     film = open_video(tmp_path / "film")
@@ -26,6 +27,7 @@ def test_pictures_are_in_order_of_their_numbers(tmp_path):
     assert [int(f[0, 0]) for f in frames] == [1, 9, 10]
 
 
+@pytest.mark.slow
 def test_a_video_gives_nearly_the_frames_back(tmp_path):
     write_video(SyntheticVideo(SMALL), 12, tmp_path / "film.avi")
     film = open_video(tmp_path / "film.avi")
@@ -36,6 +38,7 @@ def test_a_video_gives_nearly_the_frames_back(tmp_path):
     assert not list(film.parts([(12, 20)]))
 
 
+@pytest.mark.slow
 def test_a_playback_rate_is_noticed(tmp_path):
     from dataclasses import replace
 

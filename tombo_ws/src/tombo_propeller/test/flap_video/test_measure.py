@@ -40,6 +40,7 @@ def degrees(angle):
     return math.degrees(angle)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("changes", HARD, ids=str)
 def test_the_flap_comes_out_within_half_a_degree(changes):
     truth = changes["beta"]
@@ -50,18 +51,21 @@ def test_the_flap_comes_out_within_half_a_degree(changes):
     assert all(w.speed == pytest.approx(changes["speed"], rel=0.02) for w in found.windows)
 
 
+@pytest.mark.slow
 def test_four_degrees_within_one_and_a_half():
     found = measured(replace(SMALL, beta=math.radians(4.0), camera_height=10.0), windows=2)
     assert degrees(found.overall.best) == pytest.approx(4.0, abs=1.5)
     assert found.overall.low <= math.radians(4.0) <= found.overall.high
 
 
+@pytest.mark.slow
 def test_a_straight_propeller_is_at_most_some_degrees():
     found = measured(replace(SMALL, beta=0.0))
     assert not found.overall.resolved
     assert found.overall.low == 0.0 and 1.0 < degrees(found.overall.high) < 6.0
 
 
+@pytest.mark.slow
 def test_the_rim_does_not_depend_on_exposure_or_speed():
     radii = []
     for speed, exposure in [(210.0, 0.1), (350.0, 1.0), (520.0, 0.6)]:
@@ -70,6 +74,7 @@ def test_the_rim_does_not_depend_on_exposure_or_speed():
     assert np.ptp(radii) < 0.2  # pixels; the hull's circle moves by more than one
 
 
+@pytest.mark.slow
 def test_from_below_small_angles_are_resolved_that_from_above_are_not():
     near = replace(SMALL, beta=math.radians(3.0), camera_height=1.0)
     assert not measured(near).overall.resolved
@@ -78,12 +83,14 @@ def test_from_below_small_angles_are_resolved_that_from_above_are_not():
     assert degrees(below.best) == pytest.approx(3.0, abs=0.4)
 
 
+@pytest.mark.slow
 def test_a_camera_that_is_near_misleads_who_takes_it_for_far():
     scene = replace(SMALL, beta=math.radians(20.0), camera_height=1.0)
     assert degrees(measured(scene).overall.best) == pytest.approx(20.0, abs=0.5)
     assert degrees(measured(scene, view=CameraPose()).overall.best) < 14.0
 
 
+@pytest.mark.slow
 def test_a_reference_at_rest_gives_the_same_scale():
     scene = replace(SMALL, beta=math.radians(20.0))
     frames = shots(scene)
@@ -95,12 +102,14 @@ def test_a_reference_at_rest_gives_the_same_scale():
     assert at_rest.pixels_per_m == pytest.approx(slowly.pixels_per_m, rel=1.5e-3)
 
 
+@pytest.mark.slow
 def test_a_tilted_camera_is_noticed():
     frames = shots(replace(SMALL, beta=0.3, tilt=0.15))
     rim = find_rim(frames, find_disc(frames))
     assert rim.tilt == pytest.approx(0.15, abs=0.03)
 
 
+@pytest.mark.slow
 def test_a_given_scale_knows_its_limits():
     scene = replace(SMALL, beta=math.radians(25.0))
     found = measured(scene, scale=known_scale(scene.scale, 0.002)).overall
@@ -123,11 +132,13 @@ def test_a_scale_that_is_nonsense_is_refused(scale):
         known_scale(scale, 0.01)
 
 
+@pytest.mark.slow
 def test_a_scale_that_makes_it_another_propeller_is_refused():
     with pytest.raises(InputError, match="radius by the scale"):
         measured(SMALL, scale=known_scale(600.0, 0.002))
 
 
+@pytest.mark.slow
 def test_a_flap_that_changes_is_not_averaged():
     class Video:
         path, fps = "changing", 960.0

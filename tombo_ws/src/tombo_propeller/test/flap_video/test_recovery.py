@@ -49,6 +49,7 @@ def struck():
     return {r: on_the_bench(r) for r in (0.30, 0.42, 0.66)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("recovery_time", [0.30, 0.42, 0.66])
 @pytest.mark.parametrize("noise", [0.0, 0.02, 0.08])
 def test_the_simulators_strikes_come_out_and_the_interval_holds(struck, recovery_time, noise):

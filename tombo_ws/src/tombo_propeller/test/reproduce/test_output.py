@@ -27,6 +27,7 @@ def tombo(*arguments: str) -> int:
     return int(leave.value.code or 0)
 
 
+@pytest.mark.slow
 def test_json_is_the_list_of_claims(capsys: pytest.CaptureFixture[str]) -> None:
     assert tombo("--json") == 0
     claims = json.loads(capsys.readouterr().out)
@@ -37,6 +38,7 @@ def test_json_is_the_list_of_claims(capsys: pytest.CaptureFixture[str]) -> None:
         assert claim["verdict"] in ("holds", "fails", "can't be checked")
 
 
+@pytest.mark.slow
 def test_folder_holds_page_json_and_figures(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -22,6 +22,7 @@ def armed(b):
     return bool(heartbeat(b).base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
 
 
+@pytest.mark.slow
 def test_arming_and_disarming_are_acknowledged_and_shown_by_the_heartbeat():
     with bench() as b:
         b.settle()
@@ -51,6 +52,7 @@ def test_neither_arm_nor_disarm_is_unsupported(wish):
         assert not b.vehicle.armed
 
 
+@pytest.mark.slow
 def test_in_the_air_only_force_disarms():
     with bench() as b:
         b.take_off(0.6)
@@ -71,6 +73,7 @@ def test_a_mode_is_acknowledged_twice_first_always_with_accepted():
         assert heartbeat(b).custom_mode == 6 << 16
 
 
+@pytest.mark.slow
 def test_offboard_without_setpoints_is_refused_in_the_air_only():
     with bench() as b:
         b.settle()
@@ -94,6 +97,7 @@ def test_the_old_set_mode_message_is_answered_once_with_the_real_result():
         assert b.vehicle.mode == AUTO_RTL
 
 
+@pytest.mark.slow
 def test_take_off_hold_and_land_go_their_way():
     with bench() as b:
         b.take_off(0.8)
@@ -104,6 +108,7 @@ def test_take_off_hold_and_land_go_their_way():
         b.run(4.0, lambda _: not b.vehicle.armed)
 
 
+@pytest.mark.slow
 def test_take_off_to_an_altitude_by_command_int():
     with bench() as b:
         b.settle()
@@ -250,6 +255,7 @@ def test_checks_name_what_is_wrong():
         assert any("position" in t for t in texts(b.client.seen))
 
 
+@pytest.mark.slow
 def test_flight_termination_stops_the_rotors():
     with bench() as b:
         b.take_off(0.6)
@@ -269,6 +275,7 @@ def test_an_infinite_parameter_is_denied(place):
         assert not b.vehicle.armed
 
 
+@pytest.mark.slow
 def test_no_combination_of_missing_parameters_breaks_a_command():
     numbers = (ARM, SET_MODE, TAKEOFF, LAND, 20, 17, REPOSITION, SPEED, 179, TERMINATE, 300, 401,
                SET_INTERVAL, GET_INTERVAL, REQUEST, 520, 519, 410, REBOOT)  # fmt: skip
@@ -289,6 +296,7 @@ def test_places_of_command_int_are_degrees_and_the_highest_number_is_none():
     assert (command.params[6], command.frame) == (500.0, 5)
 
 
+@pytest.mark.slow
 def test_the_vehicle_goes_where_it_is_sent_and_turns():
     with bench() as b:
         b.take_off(0.8)
@@ -343,6 +351,7 @@ def test_the_speed_of_auto_modes_is_changed():
         assert b.vehicle.parameters.get("MPC_XY_CRUISE") == pytest.approx(0.7)
 
 
+@pytest.mark.slow
 def test_a_square_flown_in_offboard_by_position_set_points():
     with bench() as b:
         b.settle()

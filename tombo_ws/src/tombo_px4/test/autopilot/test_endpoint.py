@@ -14,6 +14,7 @@ MAV = mavlink.MAVLink(None, 245, 191)
 REQUEST = 512
 
 
+@pytest.mark.slow
 def test_heartbeats_come_at_1_hz_also_after_changes_and_requests():
     with bench() as b:
         b.settle()
@@ -27,6 +28,7 @@ def test_heartbeats_come_at_1_hz_also_after_changes_and_requests():
         assert [h.base_mode & 128 for h in of(b.run(1.0), "HEARTBEAT")] == [128]
 
 
+@pytest.mark.slow
 def test_rates_on_the_wire_are_those_of_a_real_px4():
     with bench() as b:
         b.settle()
@@ -206,6 +208,7 @@ def test_two_clients_of_a_link_each_get_their_answers():
             other.socket.close()
 
 
+@pytest.mark.slow
 def test_telemetry_stays_with_who_spoke_first_until_it_has_gone():
     def counts(seconds):
         other.collect(), b.client.collect()
@@ -247,6 +250,7 @@ def test_a_client_that_vanishes_is_no_problem():
         assert of(b.clients[1].seen, "HEARTBEAT")
 
 
+@pytest.mark.slow
 def test_the_work_of_one_call_is_bounded_and_all_streams_go_on_in_a_flood():
     with bench("onboard", "ground") as b:
         b.settle()
@@ -285,6 +289,7 @@ def test_texts_are_no_more_than_people_can_read():
         assert texts(b.run(0.004)) == ["again"]
 
 
+@pytest.mark.slow
 @given(st.text(max_size=400))
 @example("x" * 50)
 @example("x" * 100)
@@ -359,6 +364,7 @@ def fuzzed():
         yield b
 
 
+@pytest.mark.slow
 @settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
 def test_no_content_of_any_message_does_harm(fuzzed, data):
@@ -371,6 +377,7 @@ def test_no_content_of_any_message_does_harm(fuzzed, data):
     assert b.vehicle.tick * 1_000_000 == b.boot_ns
 
 
+@pytest.mark.slow
 @settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.sampled_from([400, 176, 22, 21, 20, 17, 192, 178, 179, 185, 300, 401, 246, 511, 510, 512]),
@@ -380,6 +387,7 @@ def test_no_parameter_of_any_command_does_harm(fuzzed, number, params):
     assert all(0 <= result <= 8 for result in fuzzed.acks(number, *params))
 
 
+@pytest.mark.slow
 @settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.binary(max_size=600))
 def test_garbage_does_no_harm(fuzzed, data):

@@ -168,6 +168,7 @@ def test_a_place_that_is_none_is_refused(frame, latitude, reason):
 anything = st.floats(width=32)
 
 
+@pytest.mark.slow
 @given(
     st.integers(0, 255),
     st.integers(0, 65535),
@@ -210,6 +211,7 @@ def test_a_bad_set_point_is_no_sign_of_life_and_is_said_once():
         assert b.acks(ARM, 1.0) == [1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ways", ["attitude", "rates"])
 def test_thrust_and_attitude_or_rates_lift_the_vehicle(ways):
     with bench() as b:

@@ -93,6 +93,7 @@ def stream(b, make, rate_rounds=5):
     b.each_round = each_round
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [odometry, estimate])
 def test_vision_moves_the_estimate_to_where_it_says(kind):
     with bench(**LAB) as b:
@@ -125,6 +126,7 @@ def test_stamps_are_converted_with_timesync(monkeypatch):
     assert ages[-20:] == pytest.approx(20 * [40_000], abs=8_000)
 
 
+@pytest.mark.slow
 def test_without_a_clock_of_the_client_arrival_counts():
     with bench(**LAB) as b:
         b.each_round = lambda: b.client.send(odometry(b.client.mav, 123_456))
@@ -133,6 +135,7 @@ def test_without_a_clock_of_the_client_arrival_counts():
         assert b.vehicle.estimate.position == pytest.approx(PLACE, abs=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "make",
     [

@@ -23,6 +23,7 @@ from tombo_px4.hil.lockstep import PATIENCE_NS, HilSimulator, Phase
 from tombo_px4.hil.params import HilParams
 
 
+@pytest.mark.slow
 def test_px4_flies_a_minute_in_lockstep_without_a_missed_step():
     with bench() as b:
         b.record = True
@@ -60,6 +61,7 @@ def test_px4_flies_a_minute_in_lockstep_without_a_missed_step():
     assert height.max() < 3.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("params", [{"rate": 500.0}, {"rate": 1000.0}, {"mapping": "speed"}])
 def test_it_hovers_at_other_rates_and_with_the_other_mapping(params):
     pilot = Pilot()
@@ -73,6 +75,7 @@ def test_it_hovers_at_other_rates_and_with_the_other_mapping(params):
         assert b.position[2] == pytest.approx(2.18, abs=0.2)
 
 
+@pytest.mark.slow
 def test_the_same_seed_and_answers_are_the_same_flight():
     ends = []
     for _ in range(2):
@@ -82,6 +85,7 @@ def test_the_same_seed_and_answers_are_the_same_flight():
     assert np.array_equal(*ends)
 
 
+@pytest.mark.slow
 def test_the_propeller_folds_when_px4_hits_the_obstacle_and_flies_on():
     world = world_of(load_scenario("paper_collision", ["obstacle.x=1.2", "obstacle.y=0.27"]))
     with bench(world) as b:
@@ -135,6 +139,7 @@ def test_before_px4_is_armed_the_rotors_stand_still_whatever_it_says():
         assert b.news[-2:] == ["armed", "disarmed"]
 
 
+@pytest.mark.slow
 def test_px4_says_how_often_it_wants_the_truth():
     with bench() as b:
         b.peer.keep = True
@@ -163,6 +168,7 @@ def test_px4_says_how_often_it_wants_the_truth():
 # ---- answers that are none
 
 
+@pytest.mark.slow
 def test_an_answer_with_another_time_is_counted_and_not_flown():
     with bench() as b:
         b.fly(4.0)
@@ -178,6 +184,7 @@ def test_an_answer_with_another_time_is_counted_and_not_flown():
         assert b.position[2] == pytest.approx(2.2, abs=0.3)
 
 
+@pytest.mark.slow
 def test_answers_with_wrong_times_only_are_silence():
     with bench() as b:
         b.fly(4.0)
@@ -194,6 +201,7 @@ def test_answers_with_wrong_times_only_are_silence():
         assert b.hil.missed == 1
 
 
+@pytest.mark.slow
 def test_a_repeated_answer_is_counted_and_the_last_one_counts():
     with bench() as b:
         b.fly(4.0)
@@ -206,6 +214,7 @@ def test_a_repeated_answer_is_counted_and_the_last_one_counts():
         assert b.position[2] == pytest.approx(2.2, abs=0.3)
 
 
+@pytest.mark.slow
 def test_invalid_controls_are_zero_and_counted():
     with bench() as b:
         b.fly(4.0)
@@ -223,6 +232,7 @@ def test_invalid_controls_are_zero_and_counted():
         assert b.hil.flight.controls.refused == pytest.approx(3 * 25, abs=9)
 
 
+@pytest.mark.slow
 def test_garbage_between_answers_is_counted_and_the_flight_goes_on():
     with bench() as b:
         b.fly(2.0)
@@ -239,6 +249,7 @@ def test_garbage_between_answers_is_counted_and_the_flight_goes_on():
         assert b.position[2] == pytest.approx(2.2, abs=0.3)
 
 
+@pytest.mark.slow
 def test_a_false_message_start_costs_a_second_at_most():
     with bench() as b:
         b.fly(4.0)
@@ -277,6 +288,7 @@ def test_an_answer_in_pieces_is_an_answer():
 # ---- silence, and PX4 gone
 
 
+@pytest.mark.slow
 def test_silence_in_flight_is_reported_after_1_s_and_time_slows_down():
     with bench() as b:
         b.fly(5.0)
@@ -307,6 +319,7 @@ def test_silence_in_flight_is_reported_after_1_s_and_time_slows_down():
         assert b.position[2] == pytest.approx(2.2, abs=0.3)
 
 
+@pytest.mark.slow
 def test_a_silent_px4_on_the_ground_gets_its_time_and_comes_back():
     """In OFFBOARD without set points it has no controls to send."""
     with bench(speed=1.0, silent=0, rate=500.0) as b:
@@ -328,6 +341,7 @@ def test_a_silent_px4_on_the_ground_gets_its_time_and_comes_back():
         assert b.news[-1] == "PX4 answers again"
 
 
+@pytest.mark.slow
 def test_a_slow_px4_that_was_silent_on_the_ground_gets_back_into_step():
     with bench(silent=0) as b:
         b.peer.pilot.ALIGN = 10**6
@@ -351,6 +365,7 @@ def test_a_slow_px4_that_was_silent_on_the_ground_gets_back_into_step():
         assert b.hil.wrong_time <= 3
 
 
+@pytest.mark.slow
 def test_a_new_connection_begins_a_new_flight_on_the_ground():
     with bench() as b:
         b.fly(5.0)
@@ -371,6 +386,7 @@ def test_a_new_connection_begins_a_new_flight_on_the_ground():
         assert b.position[2] == pytest.approx(2.2, abs=0.3)
 
 
+@pytest.mark.slow
 def test_a_px4_that_reconnects_unnoticed_gets_a_new_flight():
     with bench() as b:
         b.fly(3.0)
@@ -392,6 +408,7 @@ def test_a_second_px4_is_turned_away():
         assert b.hil.missed == 0
 
 
+@pytest.mark.real_time
 def test_a_killed_px4_is_noticed_and_its_successor_flies():
     program = Path(__file__).with_name("hil_peer.py")
     b = Bench()
@@ -431,6 +448,7 @@ def test_a_killed_px4_is_noticed_and_its_successor_flies():
         b.close()
 
 
+@pytest.mark.slow
 def test_px4_without_lockstep_is_told_and_its_answers_are_taken():
     with bench() as b:
         b.peer.answer = lambda sensor, values: b.peer.controls(
@@ -516,6 +534,7 @@ def test_a_watcher_sees_every_tick_and_the_vehicle_of_each_flight():
 # ---- pace
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [1.0, 4.0])
 def test_the_pace_is_the_speed(speed):
     with bench(speed=speed, silent=0) as b:
@@ -539,6 +558,7 @@ def test_time_that_cannot_be_made_up_for_is_told():
         assert any("time stretches" in text for text in b.news)
 
 
+@pytest.mark.slow
 def test_silence_is_not_made_up_for():
     with bench(speed=1.0, silent=0) as b:
         b.fly(0.5)
@@ -556,6 +576,7 @@ def test_silence_is_not_made_up_for():
         assert b.hil.slips <= 1
 
 
+@pytest.mark.slow
 def test_px4_that_leaves_while_nothing_is_due_is_noticed_at_once():
     with bench(speed=1.0, silent=0) as b:
         b.fly(0.5)

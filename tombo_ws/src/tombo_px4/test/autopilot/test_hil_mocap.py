@@ -100,6 +100,7 @@ class Truths(dict[int, np.ndarray]):
         simulator.advance = watched
 
 
+@pytest.mark.slow
 def test_poses_go_out_in_px4s_frames_and_clock(fed, onboard):
     truth = Truths(fed)
     heard = []
@@ -131,6 +132,7 @@ def test_a_timesync_is_answered_with_px4s_own_clock(fed, onboard):
     assert beats == []
 
 
+@pytest.mark.slow
 def test_the_feed_lives_on_when_px4_starts_anew(fed, onboard):
     fed.fly(2.5)
     fed.peer.close()
@@ -145,6 +147,7 @@ def test_the_feed_lives_on_when_px4_starts_anew(fed, onboard):
     assert max(stamps) <= 1_000_000
 
 
+@pytest.mark.slow
 def test_poses_on_the_simulator_link_precede_the_sensors_of_their_step():
     with bench(mocap=True) as b:
         truth = Truths(b)

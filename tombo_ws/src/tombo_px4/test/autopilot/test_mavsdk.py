@@ -21,6 +21,8 @@ from mavsdk.plugins.param import Param, ParamError
 from mavsdk.plugins.telemetry import FlightMode, LandedState, Telemetry
 from px4_process import px4_process
 
+pytestmark = pytest.mark.real_time
+
 
 @pytest.fixture(scope="module")
 def vehicle():
@@ -29,7 +31,7 @@ def vehicle():
         plugins = []
         try:
             sdk.add_any_connection(f"udpin://127.0.0.1:{px4.port}")
-            system = sdk.first_autopilot(10.0)
+            system = sdk.first_autopilot(60.0)
             assert system is not None
             plugins = [kind(system) for kind in (Action, Offboard, Param, Telemetry)]
             yield SimpleNamespace(
@@ -41,7 +43,7 @@ def vehicle():
             sdk.destroy()
 
 
-def until(condition, seconds=10.0, what=""):
+def until(condition, seconds=60.0, what=""):
     """Wait, with an end, until something is so."""
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
@@ -167,7 +169,7 @@ def test_a_flight_by_action_and_offboard(vehicle):
     action.goto_location(t.position().latitude_deg, t.position().longitude_deg + 8e-6, 489.0, 90.0)
     until(lambda: place(vehicle)[1] > goal[1] + 0.4, what="goto_location")
     action.land()
-    until(lambda: t.landed_state() == LandedState.ON_GROUND, 15.0)
+    until(lambda: t.landed_state() == LandedState.ON_GROUND)
     if t.armed():
         action.disarm()
     until(lambda: not t.armed())

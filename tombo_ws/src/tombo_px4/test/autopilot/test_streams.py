@@ -136,6 +136,7 @@ def test_an_unknown_stream_set_is_refused():
         table("gcs")
 
 
+@pytest.mark.slow
 @given(
     st.lists(
         st.tuples(

@@ -133,6 +133,7 @@ numbers = st.floats(allow_nan=True, allow_infinity=True)
 axes = st.none() | arrays(float, 3, elements=numbers)
 
 
+@pytest.mark.slow
 @given(
     axes, axes, axes, numbers, numbers, st.none() | arrays(float, 4, elements=numbers), axes,
     st.none() | numbers, st.sampled_from(["map", "body"]),

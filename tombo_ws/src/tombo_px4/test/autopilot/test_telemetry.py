@@ -48,12 +48,14 @@ def tell(flying):
     return message
 
 
+@pytest.mark.slow
 def test_it_really_flies_and_turns(flying):
     estimate = flying.vehicle.estimate
     assert np.linalg.norm(estimate.velocity[:2]) > 0.2
     assert flying.vehicle.armed
 
 
+@pytest.mark.slow
 def test_every_message_is_of_the_present_tick(flying, tell):
     boot_us = flying.vehicle.boot_us
     for name in ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT",
@@ -65,6 +67,7 @@ def test_every_message_is_of_the_present_tick(flying, tell):
         assert tell(name).time_usec == boot_us, name
 
 
+@pytest.mark.slow
 def test_position_and_velocity_are_north_east_down(flying, tell):
     e, sent = flying.vehicle.estimate, tell("LOCAL_POSITION_NED")
     east, north, up = e.position
@@ -73,6 +76,7 @@ def test_position_and_velocity_are_north_east_down(flying, tell):
     assert (sent.vx, sent.vy, sent.vz) == pytest.approx((north, east, -up), abs=1e-5)
 
 
+@pytest.mark.slow
 def test_the_heading_is_clockwise_from_north(flying, tell):
     x, y, z, w = flying.vehicle.estimate.attitude
     yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
@@ -82,6 +86,7 @@ def test_the_heading_is_clockwise_from_north(flying, tell):
     assert tell("GLOBAL_POSITION_INT").hdg == pytest.approx(100 * math.degrees(heading), abs=1)
 
 
+@pytest.mark.slow
 def test_quaternion_and_angles_agree_in_all_messages(tell):
     a, q, odometry = tell("ATTITUDE"), tell("ATTITUDE_QUATERNION"), tell("ODOMETRY")
     w, x, y, z = q.q1, q.q2, q.q3, q.q4
@@ -204,6 +209,7 @@ def test_a_flying_vehicle_says_so(flying, tell):
     assert tell("ESTIMATOR_STATUS").flags & mavlink.ESTIMATOR_POS_HORIZ_ABS
 
 
+@pytest.mark.slow
 def test_a_vehicle_at_rest_says_so():
     with bench() as b:
         b.settle()

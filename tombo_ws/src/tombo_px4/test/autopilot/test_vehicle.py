@@ -14,6 +14,8 @@ from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, AUTO_RTL, AUTO_TAKEOFF, OFFBOARD, POSCTL
 from tombo_px4.protocol.results import LandedState, Result, TakeoffState
 
+pytestmark = pytest.mark.slow
+
 
 def taken_off() -> Flight:
     flight = ready()

@@ -96,6 +96,7 @@ def measured(rows: Any, touched: int, x_r: Any, flight: Flight) -> Collision:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_it_recovers_as_the_headless_flight_does(seed):
     headless = fly_scenario(load_scenario("paper_collision"), seed).summary

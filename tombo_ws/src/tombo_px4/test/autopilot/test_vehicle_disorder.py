@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from vehicle_bench import hovering, ready
@@ -83,6 +84,7 @@ def check(flight) -> None:
     assert vehicle.health.problems is not None and math.isfinite(vehicle.thrust)
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.booleans(), st.booleans(), st.lists(calls, min_size=3, max_size=25))
 def test_any_sequence_of_commands(vision, aloft, sequence):
@@ -92,6 +94,7 @@ def test_any_sequence_of_commands(vision, aloft, sequence):
         check(flight)
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.lists(targets, min_size=50, max_size=120))
 def test_a_flood_of_set_points_in_flight(flood):

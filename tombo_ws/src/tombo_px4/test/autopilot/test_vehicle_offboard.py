@@ -27,6 +27,7 @@ def tilted(pitch_deg: float = 0.0, roll_deg: float = 0.0) -> np.ndarray:
     )
 
 
+@pytest.mark.slow
 def test_position_with_yaw():
     flight = hovering(vision=True)
     flight.target = motion([1.0, -1.0, 1.5], yaw=1.0)
@@ -53,6 +54,7 @@ def test_height_is_held_while_only_the_velocity_across_is_commanded():
     assert np.abs(rows[:, 2] - 2.0).max() < 0.1
 
 
+@pytest.mark.slow
 def test_feed_forward_takes_the_lag_away():
     errors = []
     for velocity in ([NAN, NAN, NAN], [0.8, 0.0, 0.0]):
@@ -263,6 +265,7 @@ def test_a_slow_stream_suffices(period):
     assert flight.vehicle.mode == OFFBOARD and not flight.vehicle.failsafe
 
 
+@pytest.mark.slow
 def test_set_points_are_followed_only_while_the_mode_is_flown():
     flight = hovering()
     flight.vehicle.hold()
@@ -281,6 +284,7 @@ def test_set_points_are_followed_only_while_the_mode_is_flown():
     assert flight.body[0] > 0.8
 
 
+@pytest.mark.slow
 def test_stream_lost_with_gps_it_returns_and_lands():
     flight = hovering()
     flight.target = motion([2.0, 0.0, 2.0])

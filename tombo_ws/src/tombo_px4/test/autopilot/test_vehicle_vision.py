@@ -55,6 +55,7 @@ def test_gps_has_noise_of_its_own():
     assert flight.vehicle.pose_variance[0] > hovering(vision=True).vehicle.pose_variance[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("vision", [False, True])
 def test_a_gyro_that_drifts_is_learned(vision):
     """Roll and pitch from gravity, yaw from vision or compass."""
@@ -69,6 +70,7 @@ def test_a_gyro_that_drifts_is_learned(vision):
     assert np.rad2deg(np.abs(true - known)).max() < 1.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late", [10, 50, 150])
 def test_late_poses_with_right_stamps_cost_little(late):
     flight = Flight(vision=True)
@@ -80,6 +82,7 @@ def test_late_poses_with_right_stamps_cost_little(late):
     assert rows[:, :3].std(axis=0).max() < 0.03 and error(flight) < 0.01
 
 
+@pytest.mark.slow
 def test_stamped_at_arrival_a_delay_parameter_makes_up_for_it():
     moving = []
     for delay in (0.0, 60.0):
@@ -186,6 +189,7 @@ def test_what_is_refused(boot_us, position, attitude, word):
         assert vehicle.ekf2_model.fused == before
 
 
+@pytest.mark.slow
 def test_a_body_that_is_tracked_elsewhere_is_made_up_for():
     lever = np.array([0.1, -0.2, 0.3])  # FLU
     flight = Flight(vision=True, EKF2_EV_POS_X=0.1, EKF2_EV_POS_Y=0.2, EKF2_EV_POS_Z=-0.3)
@@ -212,6 +216,7 @@ def test_position_needs_horizontal_and_vertical_aiding(control, known):
     assert flight.vehicle.health.local_position == known
 
 
+@pytest.mark.slow
 def test_height_and_heading_may_come_from_barometer_and_compass():
     flight = Flight(
         vision=True,

@@ -104,6 +104,7 @@ class Flight:
         return next(r for r in self.seen["replies"] if r.number == number)
 
 
+@pytest.mark.slow
 def test_a_whole_flight():
     flight = Flight().run(3.0)
     assert flight.out.status.ready, flight.out.status.findings
@@ -122,6 +123,7 @@ def test_a_whole_flight():
     assert str(flight.out.status.firmware) == "1.17.0"
 
 
+@pytest.mark.slow
 def test_stamps_reach_px4_within_two_milliseconds_of_the_truth():
     flight = Flight(mocap_late_ms=25).run(6.0)
     late = flight.px4.stamps[-100:]
@@ -133,6 +135,7 @@ def test_stamps_reach_px4_within_two_milliseconds_of_the_truth():
     assert 24.0 < seen < 31.0
 
 
+@pytest.mark.slow
 def test_px4s_stamps_are_turned_into_ours():
     flight = Flight().run(6.0)
     assert abs(flight.bridge.sync.offset_ns + flight.px4.ahead_ns) < 1 * MS
@@ -156,6 +159,7 @@ def test_poses_leave_as_the_parameter_says(kind):
     assert names & set(expected.values()) == {expected[kind]}
 
 
+@pytest.mark.slow
 def test_the_stream_is_kept_up_on_the_ground_with_the_present_position():
     flight = Flight().run(5.0)
     flight.px4.targets.clear()
@@ -166,6 +170,7 @@ def test_the_stream_is_kept_up_on_the_ground_with_the_present_position():
     )
 
 
+@pytest.mark.slow
 def test_without_an_estimate_nothing_is_streamed_and_nothing_armed():
     flight = Flight()
     flight.px4.fuses = False
@@ -175,6 +180,7 @@ def test_without_an_estimate_nothing_is_streamed_and_nothing_armed():
     assert any("nothing is fused" in text for text in flight.out.status.findings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
@@ -199,6 +205,7 @@ def test_a_fault_of_the_laboratory_keeps_it_on_the_ground(fault, words):
     assert words in text + " ".join(flight.out.status.findings)
 
 
+@pytest.mark.slow
 def test_the_estimate_is_published_once_checks_have_passed_for_a_while():
     flight = Flight(ready_time=2.0)
     flight.until(lambda f: f.out.status.ready)
@@ -217,6 +224,7 @@ def test_the_estimate_is_published_once_checks_have_passed_for_a_while():
     assert flight.bridge.estimate_trusted, "once begun, the mission goes on"
 
 
+@pytest.mark.slow
 def test_poses_that_stand_still_in_flight_bring_it_down():
     flight = Flight().take_off()
     last = flight.px4.place.copy(), flight.px4.attitude.copy()
@@ -228,6 +236,7 @@ def test_poses_that_stand_still_in_flight_bring_it_down():
     flight.until(lambda f: not f.px4.armed, patience_s=30.0)
 
 
+@pytest.mark.slow
 def test_poses_without_noise_at_rest_may_take_off():
     flight = Flight()
     flight.as_mocap = lambda place, attitude: (flight.px4.place.copy(), attitude)
@@ -261,6 +270,7 @@ def test_set_points_that_are_none_are_left_out():
     assert bridge.rotation(np.array([0.0, 0, 0, 1]), 12.0, NOW)
 
 
+@pytest.mark.slow
 def test_a_silent_mission_is_held_without_feed_forward():
     flight = Flight().take_off()
     speed = np.array([0.3, 0.0, 0.2])
@@ -274,6 +284,7 @@ def test_a_silent_mission_is_held_without_feed_forward():
     assert flight.px4.mode == OFFBOARD
 
 
+@pytest.mark.slow
 def test_set_points_leave_at_once_and_carry_the_feed_forward():
     flight = Flight().take_off()
     flight.px4.targets.clear()
@@ -291,6 +302,7 @@ def test_set_points_leave_at_once_and_carry_the_feed_forward():
     assert (target.afx, target.afy, target.afz) == pytest.approx((0.5, 0.4, -0.6))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["attitude", "rates"])
 def test_attitude_and_rates_in_place_of_positions(kind):
     flight = Flight(setpoint=kind).take_off()
@@ -306,6 +318,7 @@ def test_attitude_and_rates_in_place_of_positions(kind):
     assert "rotation_silent" not in flight.out.faults
 
 
+@pytest.mark.slow
 def test_a_mode_taken_streams_the_vehicles_own_position():
     flight = Flight().take_off()
     flight.px4.mode = POSCTL
@@ -320,6 +333,7 @@ def test_a_mode_taken_streams_the_vehicles_own_position():
     assert reply.success and flight.px4.mode == OFFBOARD
 
 
+@pytest.mark.slow
 def test_offboard_chosen_by_somebody_else_holds_where_it_was():
     flight = Flight().take_off()
     flight.px4.mode = POSCTL
@@ -334,6 +348,7 @@ def test_offboard_chosen_by_somebody_else_holds_where_it_was():
     assert flight.px4.place == pytest.approx([0.0, 0.0, 1.5], abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_refusal_carries_px4s_long_words():
     flight = Flight().run(3.0)
     flight.px4.refuses[mav.MAV_CMD_COMPONENT_ARM_DISARM] = 1
@@ -342,6 +357,7 @@ def test_a_refusal_carries_px4s_long_words():
     assert "'Arming denied: Resolve system health failures first'" in reply.text
 
 
+@pytest.mark.slow
 def test_a_lost_link_and_its_return():
     flight = Flight().take_off()
     flight.px4.silent = True
@@ -354,6 +370,7 @@ def test_a_lost_link_and_its_return():
     assert "link_lost" not in flight.out.faults
 
 
+@pytest.mark.slow
 def test_one_missing_heartbeat_is_no_lost_link():
     """PX4 sends one a second and lets nobody change that."""
     flight = Flight().run(3.0)
@@ -364,6 +381,7 @@ def test_one_missing_heartbeat_is_no_lost_link():
     assert not flight.out.status.connected
 
 
+@pytest.mark.slow
 def test_news_do_not_wait_for_the_heartbeat_of_the_next_second():
     flight = Flight().run(3.0)
     flight.px4.mute.add("HEARTBEAT")  # only those that are asked for
@@ -381,6 +399,7 @@ def test_news_do_not_wait_for_the_heartbeat_of_the_next_second():
     assert flight.out.status.mode == "position"
 
 
+@pytest.mark.slow
 def test_a_px4_whose_time_is_slower_than_time_is_flown():
     """A simulator in lockstep on a slow machine."""
     flight = Flight()
@@ -391,6 +410,7 @@ def test_a_px4_whose_time_is_slower_than_time_is_flown():
         assert abs(odometry.arrival_ns - odometry.stamp_ns) < 8 * MS
 
 
+@pytest.mark.slow
 def test_a_vehicle_that_was_started_anew():
     flight = Flight().run(5.0)
     flight.px4.ahead_ns = 2_000 * MS - flight.now
@@ -401,6 +421,7 @@ def test_a_vehicle_that_was_started_anew():
     assert flight.out.status.ready, flight.out.status.findings
 
 
+@pytest.mark.slow
 def test_parameters_are_read_and_none_is_written():
     flight = Flight().run(5.0)
     assert flight.bridge.parameters.values == flight.px4.parameters | {
@@ -409,6 +430,7 @@ def test_parameters_are_read_and_none_is_written():
     assert not any(m.get_type() == "PARAM_SET" for m in flight.px4.received)
 
 
+@pytest.mark.slow
 def test_parameters_are_written_if_asked_and_confirmed():
     flight = Flight({"EKF2_EV_CTRL": 15.0, "EKF2_EV_DELAY": 12.5})
     flight.px4.parameters["EKF2_EV_CTRL"] = 0
@@ -421,6 +443,7 @@ def test_parameters_are_written_if_asked_and_confirmed():
     assert len(writes) == 2
 
 
+@pytest.mark.slow
 def test_a_restart_is_asked_for_where_px4_needs_one():
     flight = Flight({"EKF2_HGT_REF": 3.0, "EKF2_EV_CTRL": 15.0})
     flight.px4.parameters |= {"EKF2_HGT_REF": 1, "EKF2_EV_CTRL": 0}
@@ -430,6 +453,7 @@ def test_a_restart_is_asked_for_where_px4_needs_one():
     assert "parameters_at_start" not in flight.out.faults
 
 
+@pytest.mark.slow
 def test_parameters_px4_does_not_know_are_asked_for_a_few_times():
     flight = Flight()
     del flight.px4.parameters["EKF2_DELAY_MAX"]
@@ -440,6 +464,7 @@ def test_parameters_px4_does_not_know_are_asked_for_a_few_times():
     assert flight.out.status.ready
 
 
+@pytest.mark.slow
 def test_telemetry_too_slow_is_said():
     flight = Flight(odometry_rate=200.0).run(8.0)
     assert "ODOMETRY comes at 50 Hz, 200 Hz were asked for" in flight.out.faults["slow.ODOMETRY"]
@@ -447,6 +472,7 @@ def test_telemetry_too_slow_is_said():
     assert sum(m.command == 511 and m.param1 == 331 for m in asked) <= 5
 
 
+@pytest.mark.slow
 def test_our_own_signs_of_life():
     flight = Flight().run(5.0)
     beats = [m for m in flight.px4.received if m.get_type() == "HEARTBEAT"]
@@ -461,6 +487,7 @@ def test_words_that_mean_nothing_are_refused(name, word):
         Bridge(BridgeParams(**{name: word}), LinkParams(), 1.3)
 
 
+@pytest.mark.slow
 def test_ending_in_flight_it_asks_px4_to_land():
     flight = Flight().run(3.0)
     assert flight.bridge.shutdown_command() is None
@@ -472,6 +499,7 @@ def test_ending_in_flight_it_asks_px4_to_land():
     assert flight.bridge.shutdown_command() is None, "somebody else flies it"
 
 
+@pytest.mark.slow
 def test_position_and_attitude_do_where_px4_sends_no_odometry():
     flight = Flight()
     flight.px4.mute = {"ODOMETRY"}
@@ -486,6 +514,7 @@ def test_position_and_attitude_do_where_px4_sends_no_odometry():
     assert flight.out.status.ready, flight.out.status.findings
 
 
+@pytest.mark.slow
 def test_a_clock_set_back_in_flight_does_not_end_it():
     flight = Flight().take_off()
     flight.bridge.session.stage = (

@@ -79,6 +79,7 @@ def test_turning_axes_keeps_handedness(a, b):
         assert np.allclose(turn(np.cross(a, b)), np.cross(turn(a), turn(b)), atol=1e-6)
 
 
+@pytest.mark.slow
 @given(rotations, vectors)
 def test_a_body_vector_points_to_the_same_place_on_both_sides(attitude, body):
     ours = rotate_vectors(attitude, body)
@@ -86,6 +87,7 @@ def test_a_body_vector_points_to_the_same_place_on_both_sides(attitude, body):
     assert np.allclose(theirs, ned_from_enu(ours), atol=1e-9 * (1.0 + np.abs(body).max()))
 
 
+@pytest.mark.slow
 @given(rotations)
 def test_an_attitude_comes_back_as_the_same_rotation(attitude):
     back = ros_quaternion(px4_quaternion(attitude))
@@ -116,6 +118,7 @@ def test_a_yaw_rate_is_the_change_of_the_yaw(yaw, rate):
     assert change == pytest.approx(px4_yaw_rate(rate), abs=1e-6)
 
 
+@pytest.mark.slow
 @given(arrays(np.float64, (6, 6), elements=st.floats(-2.0, 2.0)), vectors, vectors)
 def test_a_covariance_says_the_same_of_every_direction(root, along, about):
     covariance = root @ root.T

@@ -145,6 +145,7 @@ def conversation(draw):
     return b"".join(pieces), sent
 
 
+@pytest.mark.slow
 @given(conversation(), st.lists(st.integers(1, 60), max_size=30))
 def test_a_stream_in_any_pieces_gives_the_frames_of_the_whole(talk, sizes):
     data, sent = talk

@@ -137,6 +137,7 @@ def test_without_a_common_clock_there_is_no_stamp():
     assert found.position == pytest.approx([1.0, 2.0, 3.0])
 
 
+@pytest.mark.slow
 @given(
     st.lists(ANY_FLOAT, min_size=13, max_size=13),
     st.integers(0, 255),
@@ -338,6 +339,7 @@ def test_a_text_with_a_lost_piece_comes_with_a_gap_and_in_time(message_decoder):
     assert message_decoder.take_expired(NOW + 3_000_000_000) == []
 
 
+@pytest.mark.slow
 @given(
     st.lists(
         st.tuples(

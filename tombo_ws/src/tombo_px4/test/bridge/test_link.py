@@ -466,6 +466,7 @@ def besiege(link, feed, legitimate, packets):
     return sent, got
 
 
+@pytest.mark.slow
 def test_a_hostile_crowd_over_udp_stops_nothing(links, sender):
     link = links("udpin://127.0.0.1:0")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as attacker:
@@ -480,6 +481,7 @@ def test_a_hostile_crowd_over_udp_stops_nothing(links, sender):
     assert link.counters["undecodable"] == 0
 
 
+@pytest.mark.slow
 def test_a_hostile_crowd_over_tcp_stops_nothing(links):
     link = links("tcpin://127.0.0.1:0")
     with (

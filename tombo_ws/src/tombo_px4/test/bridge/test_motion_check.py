@@ -53,6 +53,7 @@ def judged(motion, as_mocap=lambda q: q, delay_s=0.0, noise=0.002, rate=50):
     return check.judge(NOW)
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(st.floats(-0.04, 0.25), st.sampled_from([30, 50, 100]))
 def test_the_delay_of_the_stamps_is_measured(delay, rate):
@@ -104,6 +105,7 @@ def test_without_turning_there_is_no_verdict(motion):
     assert judged(motion) is None
 
 
+@pytest.mark.slow
 def test_poses_of_something_else_are_named_without_certainty():
     other, _ = hand((0.3, 1.0, -0.5))
     _, rates = hand()

@@ -545,6 +545,7 @@ HAPPENINGS = st.one_of(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(st.lists(st.tuples(HAPPENINGS, st.floats(0.02, 3.0)), max_size=14))
 def test_whatever_happens_the_rules_hold(story):

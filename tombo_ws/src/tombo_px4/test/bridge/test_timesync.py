@@ -98,6 +98,7 @@ def test_a_late_answer_with_wrong_times_costs_less_than_a_tenth():
     assert max(errors[50:]) < 400 * US
 
 
+@pytest.mark.slow
 @given(
     seed=st.integers(0, 10_000),
     drift=st.floats(-100e-6, 100e-6),

@@ -24,7 +24,7 @@ class Way:
         parsed = parse_url(url, allow_remote)
         self.transport = open_transport(parsed, clock, self.counters, allow_remote, peer)
 
-    def read(self, seconds=2.0, number=1):
+    def read(self, seconds=20.0, number=1):
         """Wait for packets that are not empty; return their bytes joined."""
         data = b""
         end = time.monotonic() + seconds
@@ -37,7 +37,7 @@ class Way:
                 data += packet.data
         return data
 
-    def tend_until(self, condition, seconds=3.0):
+    def tend_until(self, condition, seconds=30.0):
         end = time.monotonic() + seconds
         while not condition() and time.monotonic() < end:
             self.transport.maintain()
