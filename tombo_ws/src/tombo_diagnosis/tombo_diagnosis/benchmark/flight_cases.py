@@ -23,10 +23,11 @@ from tombo_diagnosis.benchmark.cases import (
 from tombo_diagnosis.engine.regression import Parameter
 from tombo_diagnosis.flight.parameters import PARAMETERS
 from tombo_dynamics.disturbance import DISTURBANCES
+from tombo_dynamics.effects import REGISTRY
 from tombo_flight.scenario import load_scenario
 
 FORMULATIONS = (("imu_rpm", 0.35), ("imu", 0.25), ("mocap_rpm", 0.2), ("mocap", 0.2))
-EXCLUDED_EFFECTS = frozenset({"contact_force", "blade_strike", "propeller_wear"})
+EXCLUDED_EFFECTS = frozenset(name for name, effect in REGISTRY.items() if effect.contact)
 """Effects of contact: the flights of the benchmark touch nothing."""
 UNOBSERVABLE_PARAMETERS = frozenset({"mocap_misalignment.yaw"})
 """No flight can show it: physics does not know where north is."""

@@ -10,11 +10,10 @@ import numpy as np
 from scipy import stats
 
 from tombo_diagnosis.benchmark.stand_cases import STANDS
+from tombo_dynamics.effects import REGISTRY
 
 Row = Mapping[str, Any]
-STOCHASTIC_EFFECTS = frozenset(
-    {"gusts", "imu_noise", "mocap_noise", "mocap_dropouts", "thrust_scatter"}
-)
+STOCHASTIC_EFFECTS = frozenset(name for name, effect in REGISTRY.items() if effect.stochastic)
 """Effects without a mean: the number of samples limits how well they can be fitted."""
 _NAMING_VERDICTS = ("named", "set")
 _SAYS = (*_NAMING_VERDICTS, "partly_explained")

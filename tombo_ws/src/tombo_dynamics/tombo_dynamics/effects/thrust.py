@@ -35,6 +35,7 @@ def thrust_coefficient_error(plant: Plant, noise: Array, fraction: float) -> Non
     ],
     signature="roll, pitch and yaw moments in the ratio of one corner, growing with its thrust",
     separates_from={"cog_offset": "yaw step: only a weak propeller changes the yaw moment"},
+    confounded_with=("thrust_scatter",),
 )
 def weak_propeller(
     plant: Plant,
@@ -58,6 +59,7 @@ def weak_propeller(
     signature="a constant moment about a fixed body axis, another one for every set of propellers",
     separates_from={"weak_propeller": "exchange the propellers: scatter goes with them"},
     stochastic=True,
+    confounded_with=("weak_propeller",),
 )
 def thrust_scatter(plant: Plant, noise: Array, deviation: float) -> None:
     """Scale each rotor by its own constant draw (paper, Table III: thrust deviation)."""
