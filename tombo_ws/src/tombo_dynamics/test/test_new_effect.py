@@ -14,6 +14,8 @@ import pytest
 
 import tombo_dynamics
 
+pytestmark = pytest.mark.slow
+
 ROPE = '''
 """A rope to the origin."""
 
@@ -126,26 +128,22 @@ def with_rope(run, without):
     return run(ROPE)
 
 
-@pytest.mark.slow
 def test_it_is_registered_with_two_more_places_in_theta(without, with_rope):
     assert set(with_rope["effects"]) == {*without["effects"], "rope"}
     assert with_rope["size"] == without["size"] + 2
     assert set(with_rope["place"]) == {"stiffness", "length"}
 
 
-@pytest.mark.slow
 def test_it_acts_and_is_absent_at_null(without, with_rope):
     assert with_rope["free"] == without["free"] == pytest.approx(-0.0980665)
     pull = 65.0 * 2.0 / 1.3  # N/m times m of stretch over mass
     assert with_rope["held"] - with_rope["free"] == pytest.approx(-pull * 0.01, rel=1e-3)
 
 
-@pytest.mark.slow
 def test_what_it_remembers_is_kept_from_tick_to_tick(with_rope):
     assert with_rope["tightenings"] == [1]
 
 
-@pytest.mark.slow
 def test_its_parameters_are_checked(with_rope):
     bounds, name = with_rope["errors"]
     assert bounds == (
@@ -154,7 +152,6 @@ def test_its_parameters_are_checked(with_rope):
     assert "unknown parameter of effect 'rope' in effects 'strength'" in name
 
 
-@pytest.mark.slow
 def test_machine_code_of_other_sources_is_not_reused(run, without, with_rope):
     """Neither of a file that was not there, nor of one that read otherwise."""
     edited = run(ROPE.replace("stiffness * max", "1.0 * stiffness * max"))

@@ -24,6 +24,8 @@ from tombo_flight.flight_record import FlightRecord
 from tombo_flight.report.flight_plot import draw_flight, png_bytes
 from tombo_flight.scenario import load_scenario
 
+pytestmark = pytest.mark.slow
+
 TODAY_S = 1_790_000_000
 TRUTH = ("/ground_truth/odometry", "/ground_truth/rotors", "/ground_truth/contact")
 LOOSE = {  # what a truth of 250 Hz in place of 1 kHz may change
@@ -105,7 +107,6 @@ def kinds(record: FlightRecord) -> list[tuple[str, float]]:
     return [(str(event["kind"]), float(event["time_s"])) for event in record.events]
 
 
-@pytest.mark.slow
 def test_a_headless_flight_read_back_has_the_same_figures_and_events(flown, headless):
     found = flight_from_bag(headless, wall_time_s=2.0)
 
@@ -121,13 +122,11 @@ def test_a_headless_flight_read_back_has_the_same_figures_and_events(flown, head
     assert found.mocap_arrival == pytest.approx(flown.mocap_arrival, abs=1e-8)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["gyro", "accel", "rotor_command"])
 def test_what_is_recorded_at_each_tick_comes_back_at_its_tick(flown, headless, name):
     assert np.array_equal(flight_from_bag(headless).log[name], flown.log[name])
 
 
-@pytest.mark.slow
 def test_what_is_recorded_less_often_comes_back_close(flown, headless):
     log = flight_from_bag(headless).log
 
@@ -142,7 +141,6 @@ def test_what_is_recorded_less_often_comes_back_close(flown, headless):
     assert not wrong.any()
 
 
-@pytest.mark.slow
 def test_a_flight_of_today_with_losses_begins_at_its_first_pose(flown, headless, tmp_path):
     """As the nodes record it: stamps since 1970, best effort, no epoch in the file."""
     rng = np.random.default_rng(0)
@@ -165,7 +163,6 @@ def test_a_flight_of_today_with_losses_begins_at_its_first_pose(flown, headless,
     assert found.t.size == flown.t.size
 
 
-@pytest.mark.slow
 def test_a_recorder_on_another_clock_knows_when_a_collision_was_known(flown, headless, tmp_path):
     """Simulated time at twice the speed: the recorder's clock goes half as fast."""
     wall_ns = TODAY_S * 10**9
@@ -190,7 +187,6 @@ def test_a_recorder_on_another_clock_knows_when_a_collision_was_known(flown, hea
     assert found.mocap_arrival == pytest.approx(flown.mocap_arrival, abs=2e-6)
 
 
-@pytest.mark.slow
 def test_time_begins_shortly_before_the_missions_first_word(flown, headless, tmp_path):
     """The simulator is there before all nodes are; three poses and a step go before the word."""
 
@@ -209,7 +205,6 @@ def test_time_begins_shortly_before_the_missions_first_word(flown, headless, tmp
     assert found.mocap_t[0] == pytest.approx(flown.mocap_t[0] - contact_s, abs=1e-6)
 
 
-@pytest.mark.slow
 def test_a_descent_that_the_reaction_orders_is_the_mode_flown(flown, headless, tmp_path):
     """The mission does not know of it: it stands in the set point only.
 
@@ -232,7 +227,6 @@ def test_a_descent_that_the_reaction_orders_is_the_mode_flown(flown, headless, t
     assert (mode[descent : descent + 1000] == 8).all()
 
 
-@pytest.mark.slow
 def test_a_recording_that_ends_with_the_missions_last_word_has_landed(headless, tmp_path, flown):
     """The set point that would have said so too is no longer there."""
     ticks, setpoints = flown.published["/setpoint"]
@@ -246,7 +240,6 @@ def test_a_recording_that_ends_with_the_missions_last_word_has_landed(headless, 
     assert flight_from_bag(path).log["mode"][ticks[before] - 2, 0] != LANDED
 
 
-@pytest.mark.slow
 def test_a_recording_without_scenario_is_read_with_the_defaults(headless, tmp_path, flown):
     found = flight_from_bag(rewrite(headless, tmp_path / "bare.mcap"))
 
@@ -255,7 +248,6 @@ def test_a_recording_without_scenario_is_read_with_the_defaults(headless, tmp_pa
     assert found.scenario["obstacle"]["x_m"] == pytest.approx(flown.scenario["obstacle"]["x_m"])
 
 
-@pytest.mark.slow
 def test_a_flight_of_which_only_the_truth_is_there_can_still_be_drawn(headless, tmp_path):
     path = rewrite(
         headless, tmp_path / "truth.mcap", metadata=metadata_of(headless),
@@ -270,7 +262,6 @@ def test_a_flight_of_which_only_the_truth_is_there_can_still_be_drawn(headless, 
     assert png_bytes(draw_flight(found)).startswith(b"\x89PNG")
 
 
-@pytest.mark.slow
 def test_a_scenario_that_is_none_is_refused(headless, tmp_path):
     for text in ('{"vehicle": {"mass": -1}}', "[1", '{"obstacle": {"x_m": 1}}'):
         path = rewrite(

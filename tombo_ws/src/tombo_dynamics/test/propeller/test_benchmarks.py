@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[5]
 
 
@@ -20,7 +22,6 @@ def robustness():
     return module
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("law", ["repaired", "consistent"])
 def test_a_slice_of_the_robustness_run(robustness, law: str) -> None:
     counts = robustness.check(law, 4000, 3, 1000)
@@ -35,7 +36,6 @@ def test_a_slice_of_the_robustness_run(robustness, law: str) -> None:
     assert 0.0 < jump < 0.1
 
 
-@pytest.mark.slow
 def test_the_residual_sees_an_angle_that_is_off(robustness) -> None:
     rng = np.random.default_rng(0)
     changes = robustness.random_changes(rng, 50, "repaired")
@@ -46,7 +46,6 @@ def test_the_residual_sees_an_angle_that_is_off(robustness) -> None:
     assert (left > 5e-7).all()
 
 
-@pytest.mark.slow
 def test_the_tour_runs_and_draws(tmp_path: Path) -> None:
     picture = tmp_path / "tour.png"
     command = [sys.executable, str(ROOT / "examples" / "propeller_tour.py"), str(picture)]

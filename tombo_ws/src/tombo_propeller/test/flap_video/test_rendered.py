@@ -9,6 +9,8 @@ from films import SMALL, shots
 
 from tombo_propeller.flap_video.synthetic_video import SyntheticVideo
 
+pytestmark = pytest.mark.slow
+
 BARE = replace(SMALL, clutter=0.0, gradient=0.0, arm=False, noise=0.0, defocus=0.0, tilt=0.0,
                off_centre=(0.0, 0.0), speed=0.0, exposure=0.0, phase=0.0)  # fmt: skip
 
@@ -22,7 +24,6 @@ def reach(scene):
     return dark.max() + 0.5 - 0.5 * (scene.width - 1)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("beta", [0.0, 15.0, 30.0])
 @pytest.mark.parametrize("height, towards", [(0.6, True), (8.0, True), (0.6, False)])
 def test_a_flapped_tip_is_where_a_pinhole_puts_it(beta, height, towards):
@@ -33,7 +34,6 @@ def test_a_flapped_tip_is_where_a_pinhole_puts_it(beta, height, towards):
     assert reach(scene) == pytest.approx(wanted, abs=1.0)
 
 
-@pytest.mark.slow
 def test_motion_blur_moves_darkness_along_the_circle_and_loses_none():
     sums = []
     for exposure in (0.05, 0.5, 1.0):
@@ -43,7 +43,6 @@ def test_motion_blur_moves_darkness_along_the_circle_and_loses_none():
     assert sums == pytest.approx([sums[0]] * 3, rel=0.005)
 
 
-@pytest.mark.slow
 def test_blades_turn_by_speed_over_frame_rate():
     scene = replace(BARE, speed=300.0, exposure=0.1)
     first = SyntheticVideo(scene).frame(0)
@@ -52,7 +51,6 @@ def test_blades_turn_by_speed_over_frame_rate():
     assert (first != turned).any()
 
 
-@pytest.mark.slow
 def test_a_seed_is_a_film():
     noisy = replace(SMALL, noise=0.02)
     assert (shots(noisy, 2, 5) == np.stack(list(SyntheticVideo(noisy, 5).frames(2)))).all()
