@@ -46,7 +46,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import ReactionPhase, Trigger
 from tombo_dynamics.rotation import conjugate, map_to_body, unwrap_quaternions
-from tombo_dynamics.time_base import TICK_NS
+from tombo_dynamics.time_base import TICK_NS, TICK_S
 from tombo_flight.flight_metrics import (
     MetricsInput,
     detection_event,
@@ -159,7 +159,7 @@ class _RecordedFlight:
 
     def record(self, wall_time_s: float) -> FlightRecord:
         log = self._log()
-        t: Array = np.arange(self._grid.ticks, dtype=np.float64) * 1e-3
+        t: Array = np.arange(self._grid.ticks, dtype=np.float64) * TICK_S
         detections, arrivals = self._detections()
         if self._track is not None:
             self._assume_contact(log, detections)
@@ -274,7 +274,7 @@ class _RecordedFlight:
     def _assume_contact(self, log: dict[str, Array], detections: list[CollisionEvent]) -> None:
         """Take the first contact from the detector."""
         for event in detections:
-            at = round(event.contact_time_s / 1e-3)
+            at = round(event.contact_time_s / TICK_S)
             if event.trigger == "innovation" and 0 <= at < self._grid.ticks:
                 log["contact"][at, 0] = 1.0
                 return

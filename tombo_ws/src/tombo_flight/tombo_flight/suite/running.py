@@ -10,7 +10,6 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final
 
 from tombo_dynamics.errors import InputError, unknown_name
@@ -147,14 +146,9 @@ class RunningSuite:
         self._began_s = time.monotonic()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """End the nodes."""
-        self._supervisor.__exit__(kind, error, trace)
+        self._supervisor.__exit__(*error)
 
     @property
     def uptime_s(self) -> float:
