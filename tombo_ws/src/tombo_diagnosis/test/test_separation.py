@@ -49,7 +49,7 @@ def analysed(values, name, seed=1):
 
 @pytest.fixture(scope="module")
 def doubtful():
-    return analysed(SLOW, "steady_wind", seed=21)  # just these two can not be told apart
+    return analysed(SLOW, "steady_wind", seed=21)  # just these two can not be distinguished
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""Blind cases: what is hidden, how much of it, and that chance decides nothing twice."""
+"""Synthetic cases: what is hidden, how much of it, and that a seed gives the same case."""
 
 from dataclasses import asdict
 

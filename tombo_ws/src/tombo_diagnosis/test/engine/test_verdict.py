@@ -66,12 +66,12 @@ def judged(found, excess=NO_NOISE, noisy=(), gusts=None, residual_r2=0.0, explai
     return judge(SETTING, found, remainder(left(excess), noisy, gusts, residual_r2, explained))
 
 
-def test_nothing_found_and_nothing_left_over_is_none():
+def test_no_cause_and_a_clean_remainder_is_none():
     said = judged(searched(), explained=0.0)
     assert said.verdict == "none" and not said.effects and said.confidence > 0.8
 
 
-def test_nothing_found_and_much_left_over_is_unknown():
+def test_no_cause_and_a_large_remainder_is_unknown():
     said = judged(searched(), LOUD, explained=0.0)
     assert said.verdict == "unknown" and not said.effects and said.confidence > 0.9
 
@@ -84,8 +84,8 @@ def test_a_cause_that_leaves_only_chance_is_named():
 
 @pytest.mark.parametrize("evidence", [2 * LOG_BF_FIRST, STRONG, 1000 * LOG_BF_FIRST])
 @pytest.mark.parametrize("explained", [0.0, 0.4])
-def test_nothing_is_named_when_much_is_left_over(evidence, explained):
-    """However much the data speak for it: without this gate an unknown force gets a name."""
+def test_nothing_is_named_beside_a_large_remainder(evidence, explained):
+    """However high its evidence is: without this test an unknown force gets a name."""
     said = judged(searched(explanation("wind", evidence=evidence)), LOUD, explained=explained)
     assert said.verdict == "unknown" and not said.effects and not said.members
 
@@ -110,14 +110,14 @@ def test_causes_as_likely_as_each_other_are_a_set():
 
 
 @pytest.mark.parametrize("ahead,verdict", [(0.03, "set"), (0.3, "named")])
-def test_strong_causes_are_told_apart_by_a_share_of_what_they_explain(ahead, verdict):
+def test_strong_causes_are_distinguished_by_a_share_of_their_evidence(ahead, verdict):
     """Small errors of the model weigh more than noise does where much is at stake."""
     rival = explanation("tilt", evidence=STRONG * (1.0 - ahead))
     assert judged(searched(explanation("wind"), rival)).verdict == verdict
 
 
 def test_what_rivals_share_does_not_make_them_alike():
-    """Two that both need the wind, which is strong, are told apart by what they add to it."""
+    """Two that both need the wind, which is strong, are distinguished by what they add to it."""
     best, rival = (
         explanation("wind", "bias", evidence=STRONG + PLAIN),
         explanation("wind", "tilt", evidence=STRONG + PLAIN / 2),
@@ -129,7 +129,7 @@ def test_what_rivals_share_does_not_make_them_alike():
     assert (said.effects, said.members) == (("wind", "bias"), ())
 
 
-def test_one_sure_cause_beside_two_that_can_not_be_told_apart():
+def test_one_certain_cause_beside_two_that_can_not_be_distinguished():
     best = explanation("wind", "bias")
     said = judged(searched(best, explanation("wind", "tilt", evidence=STRONG - 0.1)))
     assert said.verdict == "named" and said.effects == ("wind",)
@@ -145,7 +145,7 @@ def test_confidence_of_the_set_and_its_members_are_probabilities():
         assert all(0.0 <= v < 1.0 for v in (each.confidence, *each.each.values()))
 
 
-def test_a_cause_that_barely_earned_its_place_is_less_sure():
+def test_a_cause_that_was_just_accepted_has_less_confidence():
     faint = judged(searched(explanation("wind", evidence=LOG_BF_FIRST + 0.1)))
     assert faint.confidence < judged(searched(explanation("wind"))).confidence
 
@@ -197,12 +197,12 @@ def test_a_tangent_that_promised_what_the_model_does_not_keep_is_no_cause(tangen
     assert said.verdict == "none" and 0.0 <= said.confidence <= 1.0
 
 
-def test_nothing_left_over_at_all_is_no_excess():
+def test_an_empty_remainder_is_no_excess():
     said = judge(SETTING, searched(), remainder(()))
     assert said.verdict == "none"
 
 
-def test_an_effect_of_chance_is_taken_by_its_best_way():
+def test_of_a_stochastic_effect_the_best_fit_counts():
     fits = [
         noise(evidence=LOG_BF_FIRST + 1, free=(1,)),
         noise(evidence=LOG_BF_FIRST + 9, free=(1, 2)),
@@ -227,7 +227,7 @@ def test_beside_a_strong_cause_a_weak_one_needs_more():
     assert set(said.effects) == {"mass_error", "imu_noise"}
 
 
-def test_rivals_of_a_cause_that_did_not_earn_its_place_are_no_set():
+def test_alternatives_of_a_cause_that_was_not_accepted_are_no_set():
     weak = 0.5 * (LOG_BF_FIRST + LOG_BF_ADDITIONAL)
     found = searched(
         explanation("mass_error", evidence=weak), explanation("thrust", evidence=weak - 1.0)

@@ -50,7 +50,7 @@ def test_forces_of_no_effect_get_no_name(unknown, sensors):
 
 
 @pytest.mark.parametrize("true", DOUBT)
-def test_what_can_not_be_told_apart_is_a_set(true):
+def test_what_can_not_be_distinguished_is_a_set(true):
     said = judged({true: DOUBT[true]}, courses=SLOW, sensors="mocap")
     assert said.verdict == "set"
     assert set(said.members) == set(DOUBT) == set(said.effects)

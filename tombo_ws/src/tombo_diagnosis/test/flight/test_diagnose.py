@@ -111,7 +111,7 @@ def test_a_single_flight_is_cut_into_parts_that_are_held_out_in_turn():
     assert any(g.reduction > 0.5 for g in said.gain)
 
 
-def test_what_can_not_be_told_apart_asks_for_an_experiment():
+def test_a_set_asks_for_an_experiment():
     asked = []
 
     def separate(findings, progress):

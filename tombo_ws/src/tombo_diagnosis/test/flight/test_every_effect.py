@@ -27,7 +27,7 @@ def healthy_problem():
 
 
 def shown_best(effect):
-    """Return the parameter of an effect that shows best; of one of chance the first."""
+    """Return the parameter of an effect that shows best; of a stochastic one the first."""
     problem = healthy_problem()
     power = np.diag(problem.normal().matrix)
     column = {i: power[place] for place, i in enumerate(problem.columns.indices)}

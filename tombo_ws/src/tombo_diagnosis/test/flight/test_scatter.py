@@ -1,4 +1,4 @@
-"""Effects of chance: found by how much of it there is."""
+"""Stochastic effects are found by their variance."""
 
 import math
 

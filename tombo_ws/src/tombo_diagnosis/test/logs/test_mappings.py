@@ -14,7 +14,7 @@ channels:
 """
 
 
-def test_the_shipped_ones_can_be_read_and_are_told_apart():
+def test_the_shipped_ones_can_be_read_and_are_distinguished():
     known = shipped()
     assert {"nanobench", "generic"} <= set(known)
     first, second = (known[n].columns for n in ("nanobench", "generic"))

@@ -64,8 +64,8 @@ def _gap(figure: Figure, diagnosis: Diagnosis) -> None:
 
 
 def _words(figure: Figure, diagnosis: Diagnosis, lowest: float) -> None:
-    colour = _COLOURS[CLASSES.get(diagnosis.verdict, "warn")]
-    label = LABELS.get(diagnosis.verdict, diagnosis.verdict)
+    colour = _COLOURS[CLASSES[diagnosis.verdict]]
+    label = LABELS[diagnosis.verdict]
     badge = f"{label}, {certainty(diagnosis.confidence)}"
     figure.text(_LEFT, 0.948, badge.upper(), color=colour, weight="bold", va="center")
     large = headline(diagnosis)
