@@ -72,12 +72,11 @@ main = main_of(lambda: CoreNode(AltimeterCore))
 ALTITUDE = 'TopicSpec("/altitude", "geometry_msgs/msg/PoseStamped", STATE, 0.0, "height"),'
 EFFECT = """
 from tombo_dynamics.effects.registry import Param, Stage, effect
-from tombo_dynamics.plant import P
 
 @effect("lift_up", Stage.WRENCH, [Param("force", "N", 0.0, (0.0, 9.0), "upwards", 1.0)],
         signature="less weight", separates_from={})
-def lift_up(m, noise, force):
-    m[P.wrench + 2] += force
+def lift_up(plant, noise, force):
+    plant.force[2] += force
 """
 REACTION = '''
 from dataclasses import dataclass
