@@ -216,6 +216,20 @@ def answer_gyro(
     return True
 
 
+@compiled_call
+def answer_gyro_from_python(
+    memory: Any,
+    autopilot: Any,
+    maps: RotorMaps,
+    limits: InputLimits,
+    now_ns: int,
+    stamp_ns: int,
+    gyro: Array,
+) -> bool:
+    """Answer a gyro sample as `answer_gyro` does; both memories are arrays (1)."""
+    return answer_gyro(memory[0], autopilot[0], maps, limits, now_ns, stamp_ns, gyro)
+
+
 class Command(NamedTuple):
     """Answer to one gyro sample."""
 
@@ -267,12 +281,24 @@ class ControllerCore(Core):
         self.limits = parameter_record(limits)
         self.maps = maps
         level = np.array([0.0, 0.0, 0.0, 1.0])
-        self.autopilot = new_autopilot(control, EstimatorParams(), vehicle, np.zeros(3), level)
-        """Memory of the cascade, `tombo_control.autopilot`."""
-        self.memory = ControllerMemory.new()
+        self._autopilot = Autopilot.array()
+        self._autopilot[0] = new_autopilot(control, EstimatorParams(), vehicle, np.zeros(3), level)
+        self._memory = ControllerMemory.array()
         begin_controller(self.memory)
         self._odometry = OdometryRecord.new()
         self._setpoint = PositionSetpointRecord.new()
+
+    @property
+    def autopilot(self) -> Autopilot:
+        """Memory of the cascade."""
+        autopilot: Autopilot = self._autopilot[0]
+        return autopilot
+
+    @property
+    def memory(self) -> ControllerMemory:
+        """Bookkeeping."""
+        memory: ControllerMemory = self._memory[0]
+        return memory
 
     def on(
         self,
@@ -377,9 +403,11 @@ class ControllerCore(Core):
 
     def tick(self, now_ns: int, stamp_ns: int, gyro: Array) -> Command | None:
         """Answer a gyro sample as `answer_gyro` does; None for one that is not newer."""
-        memory, autopilot = self.memory, self.autopilot
-        if not answer_gyro(memory, autopilot, self.maps, self.limits, now_ns, stamp_ns, gyro):
+        if not answer_gyro_from_python(
+            self._memory, self._autopilot, self.maps, self.limits, now_ns, stamp_ns, gyro
+        ):
             return None
+        memory, autopilot = self.memory, self.autopilot
         ran, blind = bool(memory.position_ran), bool(memory.blind) and self.flying
         speed = autopilot.setpoint.rotor_speed.copy()
         return Command(stamp_ns, speed, ran, bool(memory.attitude_ran), blind, bool(memory.held))

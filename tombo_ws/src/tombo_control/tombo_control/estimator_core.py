@@ -340,6 +340,14 @@ def take_imu(
 
 
 @compiled_call
+def take_imu_from_python(
+    memory: Any, autopilot: Any, stamp_ns: int, gyro: Array, accel: Array
+) -> bool:
+    """Take an IMU sample as `take_imu` does; both memories are arrays (1)."""
+    return take_imu(memory[0], autopilot[0], stamp_ns, gyro, accel)
+
+
+@compiled_call
 def odometry_due(stamp_ns: int) -> bool:
     """Return whether an estimate goes out as odometry."""
     return nearest_tick(stamp_ns) % _ODOMETRY_TICKS == 0
@@ -409,12 +417,24 @@ class EstimatorCore(Core):
         self._imu_ns: int | None = None
         """When the last IMU sample came."""
         level = np.array([0.0, 0.0, 0.0, 1.0])
-        self.autopilot = new_autopilot(ControlParams(), params, vehicle, np.zeros(3), level)
-        """Memory of the estimate, `tombo_control.autopilot`."""
-        self.memory = EstimatorMemory.new()
+        self._autopilot = Autopilot.array()
+        self._autopilot[0] = new_autopilot(ControlParams(), params, vehicle, np.zeros(3), level)
+        self._memory = EstimatorMemory.array()
         reset_estimator(self.memory)
         self.memory.pose_stamp_ns = _NO_STAMP
         self.memory.airborne = True
+
+    @property
+    def autopilot(self) -> Autopilot:
+        """Memory of the estimate."""
+        autopilot: Autopilot = self._autopilot[0]
+        return autopilot
+
+    @property
+    def memory(self) -> EstimatorMemory:
+        """Bookkeeping."""
+        memory: EstimatorMemory = self._memory[0]
+        return memory
 
     def on(self, topic: str, message: Pose | Imu | MissionStatus, now_ns: int) -> None:
         """Take a pose, an IMU sample or the mission's phase."""
@@ -439,9 +459,12 @@ class EstimatorCore(Core):
     def _take_imu(self, sample: Imu) -> None:
         if not np.isfinite(sample.gyro.sum() + sample.accel.sum()):
             self.health.report_event("imu_not_finite", "imu sample with NaN or infinity")
-        memory, stamp_ns = self.memory, sample.stamp_ns
-        if not take_imu(memory, self.autopilot, stamp_ns, sample.gyro, sample.accel):
+        stamp_ns = sample.stamp_ns
+        if not take_imu_from_python(
+            self._memory, self._autopilot, stamp_ns, sample.gyro, sample.accel
+        ):
             return
+        memory = self.memory
         if odometry_due(stamp_ns):
             fill_odometry(memory, memory.odometry)
             self._outputs.append(("/odometry", message_of(Odometry, memory.odometry)))
@@ -501,7 +524,7 @@ class EstimatorCore(Core):
 
     def imu(self, stamp_ns: int, gyro: Array, accel: Array) -> Estimate | None:
         """Take an IMU sample as `take_imu` does; return the estimate, None without a new one."""
-        known = take_imu(self.memory, self.autopilot, stamp_ns, gyro, accel)
+        known = take_imu_from_python(self._memory, self._autopilot, stamp_ns, gyro, accel)
         return self.estimate if known else None
 
     @property

@@ -115,8 +115,17 @@ class Record(np.void):
     @classmethod
     def new(cls: type[_Kind]) -> _Kind:
         """Return a record of zeros."""
-        record: _Kind = np.zeros(1, cls.layout)[0]
+        record: _Kind = cls.array()[0]
         return record
+
+    @classmethod
+    def array(cls) -> Any:
+        """Return an array (1) of a record of zeros.
+
+        To call compiled code with it takes 0.3 us, with a record up to 10 us, more with each
+        field: calls from Python at every sample hand over arrays.
+        """
+        return np.zeros(1, cls.layout)
 
 
 @cache
