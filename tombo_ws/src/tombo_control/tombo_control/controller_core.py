@@ -281,24 +281,12 @@ class ControllerCore(Core):
         self.limits = parameter_record(limits)
         self.maps = maps
         level = np.array([0.0, 0.0, 0.0, 1.0])
-        self._autopilot = Autopilot.array()
-        self._autopilot[0] = new_autopilot(control, EstimatorParams(), vehicle, np.zeros(3), level)
-        self._memory = ControllerMemory.array()
+        self.autopilot = new_autopilot(control, EstimatorParams(), vehicle, np.zeros(3), level)
+        self.memory = ControllerMemory.new()
+        self._arrays = (self.memory.as_array(), self.autopilot.as_array())
         begin_controller(self.memory)
         self._odometry = OdometryRecord.new()
         self._setpoint = PositionSetpointRecord.new()
-
-    @property
-    def autopilot(self) -> Autopilot:
-        """Memory of the cascade."""
-        autopilot: Autopilot = self._autopilot[0]
-        return autopilot
-
-    @property
-    def memory(self) -> ControllerMemory:
-        """Bookkeeping."""
-        memory: ControllerMemory = self._memory[0]
-        return memory
 
     def on(
         self,
@@ -404,7 +392,7 @@ class ControllerCore(Core):
     def tick(self, now_ns: int, stamp_ns: int, gyro: Array) -> Command | None:
         """Answer a gyro sample as `answer_gyro` does; None for one that is not newer."""
         if not answer_gyro_from_python(
-            self._memory, self._autopilot, self.maps, self.limits, now_ns, stamp_ns, gyro
+            *self._arrays, self.maps, self.limits, now_ns, stamp_ns, gyro
         ):
             return None
         memory, autopilot = self.memory, self.autopilot

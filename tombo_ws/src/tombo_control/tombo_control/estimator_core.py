@@ -417,24 +417,12 @@ class EstimatorCore(Core):
         self._imu_ns: int | None = None
         """When the last IMU sample came."""
         level = np.array([0.0, 0.0, 0.0, 1.0])
-        self._autopilot = Autopilot.array()
-        self._autopilot[0] = new_autopilot(ControlParams(), params, vehicle, np.zeros(3), level)
-        self._memory = EstimatorMemory.array()
+        self.autopilot = new_autopilot(ControlParams(), params, vehicle, np.zeros(3), level)
+        self.memory = EstimatorMemory.new()
+        self._arrays = (self.memory.as_array(), self.autopilot.as_array())
         reset_estimator(self.memory)
         self.memory.pose_stamp_ns = _NO_STAMP
         self.memory.airborne = True
-
-    @property
-    def autopilot(self) -> Autopilot:
-        """Memory of the estimate."""
-        autopilot: Autopilot = self._autopilot[0]
-        return autopilot
-
-    @property
-    def memory(self) -> EstimatorMemory:
-        """Bookkeeping."""
-        memory: EstimatorMemory = self._memory[0]
-        return memory
 
     def on(self, topic: str, message: Pose | Imu | MissionStatus, now_ns: int) -> None:
         """Take a pose, an IMU sample or the mission's phase."""
@@ -460,9 +448,7 @@ class EstimatorCore(Core):
         if not np.isfinite(sample.gyro.sum() + sample.accel.sum()):
             self.health.report_event("imu_not_finite", "imu sample with NaN or infinity")
         stamp_ns = sample.stamp_ns
-        if not take_imu_from_python(
-            self._memory, self._autopilot, stamp_ns, sample.gyro, sample.accel
-        ):
+        if not take_imu_from_python(*self._arrays, stamp_ns, sample.gyro, sample.accel):
             return
         memory = self.memory
         if odometry_due(stamp_ns):
@@ -524,7 +510,7 @@ class EstimatorCore(Core):
 
     def imu(self, stamp_ns: int, gyro: Array, accel: Array) -> Estimate | None:
         """Take an IMU sample as `take_imu` does; return the estimate, None without a new one."""
-        known = take_imu_from_python(self._memory, self._autopilot, stamp_ns, gyro, accel)
+        known = take_imu_from_python(*self._arrays, stamp_ns, gyro, accel)
         return self.estimate if known else None
 
     @property

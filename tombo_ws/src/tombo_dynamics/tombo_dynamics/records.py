@@ -115,17 +115,16 @@ class Record(np.void):
     @classmethod
     def new(cls: type[_Kind]) -> _Kind:
         """Return a record of zeros."""
-        record: _Kind = cls.array()[0]
+        record: _Kind = np.zeros(1, cls.layout)[0]
         return record
 
-    @classmethod
-    def array(cls) -> Any:
-        """Return an array (1) of a record of zeros.
+    def as_array(self) -> Any:
+        """Return the array (1) that a record made by `new` is the element of.
 
-        To call compiled code with it takes 0.3 us, with a record up to 10 us, more with each
-        field: calls from Python at every sample hand over arrays.
+        Python hands an array to compiled code in 0.3 us, a record in up to 10 us, more with each
+        field: calls at every sample take arrays.
         """
-        return np.zeros(1, cls.layout)
+        return self.base
 
 
 @cache

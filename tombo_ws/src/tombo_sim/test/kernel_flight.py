@@ -105,7 +105,7 @@ def hovering_cores(plant, a):
     mission.memory.begun = True
     mission.estimate(body[:3], np.zeros(3), EPOCH_NS)
     controller = ControllerCore(ControlParams(), VEHICLE, InputLimits(), maps())
-    controller._autopilot[0] = a
+    controller.autopilot.as_array()[0] = a
     controller.memory.has_setpoint = True
     controller.memory.setpoint["phase"] = HOVER
     controller.memory.setpoint["position"] = a.leg.start

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.rigid_body import finish_tick
 from tombo_dynamics.time_base import TICK_NS, TICK_S
 from tombo_sim.flight_setup import NOISE, begin
@@ -31,6 +33,21 @@ class PoseSample:
     """(7) position in map [m], quaternion xyzw."""
 
 
+@compiled_call
+def sense(plants: Any, maps: Any, theta: Array, noise: Array) -> None:
+    """Begin the tick and read the IMU; plant and rotor table are arrays (1)."""
+    read_imu(plants[0], maps[0], noise, theta)
+
+
+@compiled_call
+def finish(plants: Any, maps: Any, theta: Array, noise: Array, command: Array) -> None:
+    """Finish the tick with rotor speeds (4) [rad/s] asked for."""
+    plant = plants[0]
+    for i in range(4):
+        plant.rotor_command[i] = command[i]
+    finish_tick(plant, noise, theta)
+
+
 class Simulator:
     """One vehicle in its world. The same seed gives the same chance as in the headless flight.
 
@@ -42,10 +59,11 @@ class Simulator:
         """Set the vehicle on the ground, at tick 0.
 
         Raises:
-            InputError: as `beginning.begin`.
+            InputError: as `flight_setup.begin`.
         """
-        self.setup = begin(world, seed)
-        self.plant = self.setup.plant
+        self.setup = setup = begin(world, seed)
+        self.plant = setup.plant
+        self._vehicle = (setup.plant.as_array(), setup.maps.as_array(), setup.theta)
         self.tick = 0
         self._rate = world.mocap_rate
         self._noise = self.setup.tick_noise.standard_normal((_BLOCK, NOISE))
@@ -55,16 +73,17 @@ class Simulator:
         self._under_way: list[PoseSample] = []
         self.arrived: list[PoseSample] = []
         """Poses that arrive in the present tick."""
-        self._sense()
+        sense(*self._vehicle, self._noise[0])
+        self._capture()
 
     def advance(self, command: Array) -> None:
         """Finish the tick with rotor speeds (4) [rad/s] asked for, and sense at the next one."""
-        self.plant.rotor_command = command
-        finish_tick(self.plant, self._noise[self.tick % _BLOCK], self.setup.theta)
+        finish(*self._vehicle, self._noise[self.tick % _BLOCK], command)
         self.tick += 1
         if self.tick % _BLOCK == 0:
             self._noise = self.setup.tick_noise.standard_normal((_BLOCK, NOISE))
-        self._sense()
+        sense(*self._vehicle, self._noise[self.tick % _BLOCK])
+        self._capture()
 
     @property
     def imu(self) -> Array:
@@ -79,12 +98,10 @@ class Simulator:
     @property
     def upright(self) -> float:
         """Cosine of the true tilt."""
-        return float(
-            1.0 - 2.0 * (self.plant.state.attitude[0] ** 2 + self.plant.state.attitude[1] ** 2)
-        )
+        x, y, _, _ = self.plant.state.attitude
+        return float(1.0 - 2.0 * (x**2 + y**2))
 
-    def _sense(self) -> None:
-        read_imu(self.plant, self.setup.maps, self._noise[self.tick % _BLOCK], self.setup.theta)
+    def _capture(self) -> None:
         due = round(self._captured * (1.0 / self._rate) / TICK_S)
         if self.tick >= due:
             self._captured += 1
