@@ -9,10 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from tombo_control.autopilot import LAND, LANDED, new_autopilot
-from tombo_control.cascade import cascade, stop_rotors
-from tombo_control.estimator import correct, predict, store_history, update_body_rates
+from tombo_control.cascade import stop_rotors
+from tombo_control.estimator import correct
 from tombo_control.leg import store_leg, straight_leg
 from tombo_control.params import ControlParams, EstimatorParams
+from tombo_control.tick_calls import predict, run_cascade, store_history, update_body_rates
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import VehicleParams
@@ -36,7 +37,8 @@ class Failsafe:
         self._autopilot = new_autopilot(
             ControlParams(), EstimatorParams(), vehicle, state.position, state.attitude
         )
-        self._maps = simulator.setup.maps
+        self._autopilots = self._autopilot.as_array()
+        self._maps = simulator.setup.maps.as_array()
         self._ground = float(state.position[2])
         self._hover = 4.0 * vehicle.hover_thrust()
         self._low_ticks = 0
@@ -49,21 +51,21 @@ class Failsafe:
         height = simulator.height - self._ground
         airborne = height > 0.02
         self._low_ticks = self._low_ticks + 1 if height < _LOW else 0
-        store_history(state, autopilot.history, tick)
+        store_history(self._autopilots, tick)
         for sample in simulator.arrived:
             captured = sample.captured * TICK_S
             period = captured - autopilot.mocap_time
             position, attitude = sample.pose[:3], sample.pose[3:]
             if correct(autopilot, position, attitude, sample.captured, tick, period, airborne):
                 autopilot.mocap_time = max(float(autopilot.mocap_time), captured)
-        update_body_rates(state, simulator.plant.gyro)
+        update_body_rates(self._autopilots, simulator.gyro)
         if self.engaged:
-            cascade(autopilot, self._maps, tick)
+            run_cascade(self._autopilots, self._maps, tick)
             low = state.position[2] < self._ground + _LOW
             still = float(np.abs(state.velocity).max()) < 0.2
             if (low and still) or self._low_ticks > _LOW_TICKS:
                 autopilot.mode_asked = LANDED
-        predict(state, simulator.plant.accel, airborne)
+        predict(self._autopilots, simulator.accel, airborne)
 
     def engage(self, tick: int) -> None:
         """Begin to land from where the vehicle is."""

@@ -63,6 +63,10 @@ class Simulator:
         """
         self.setup = setup = begin(world, seed)
         self.plant = setup.plant
+        state = self.plant.state
+        self._position, self._attitude = state.position, state.attitude
+        self.gyro, self.accel = self.plant.gyro, self.plant.accel
+        """(3) [rad/s] and (3) [m/s^2], base_link, as measured in the present tick: views."""
         self._vehicle = (setup.plant.as_array(), setup.maps.as_array(), setup.theta)
         self.tick = 0
         self._rate = world.mocap_rate
@@ -88,18 +92,17 @@ class Simulator:
     @property
     def imu(self) -> Array:
         """(6) gyro [rad/s] and specific force [m/s^2], base_link, as measured."""
-        return np.concatenate((self.plant.gyro, self.plant.accel))
+        return np.concatenate((self.gyro, self.accel))
 
     @property
     def height(self) -> float:
         """True height of base_link [m]."""
-        return float(self.plant.state.position[2])
+        return float(self._position[2])
 
     @property
     def upright(self) -> float:
         """Cosine of the true tilt."""
-        x, y, _, _ = self.plant.state.attitude
-        return float(1.0 - 2.0 * (x**2 + y**2))
+        return float(1.0 - 2.0 * (self._attitude[0] ** 2 + self._attitude[1] ** 2))
 
     def _capture(self) -> None:
         due = round(self._captured * (1.0 / self._rate) / TICK_S)

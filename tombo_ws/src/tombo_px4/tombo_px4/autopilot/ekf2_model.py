@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from tombo_control.autopilot import HISTORY_TICKS, Autopilot, PoseAtTick
-from tombo_control.estimator import correct, predict, store_history, update_body_rates
+from tombo_control.estimator import correct
+from tombo_control.tick_calls import predict, store_history, update_body_rates
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.records import numbers
 from tombo_dynamics.rotation import rotate_vectors
@@ -64,6 +65,7 @@ class Ekf2Model:
         self, autopilot: Autopilot, simulator: Simulator, parameters: ParameterTable, seed: int
     ) -> None:
         self._autopilot = autopilot
+        self._autopilots = autopilot.as_array()
         self._parameters = parameters
         self._rng = np.random.default_rng([seed, 0x6750])
         self._vision_bandwidth = float(autopilot.observer.position_bandwidth)
@@ -163,10 +165,10 @@ class Ekf2Model:
 
     def sense(self, simulator: Simulator, airborne: bool) -> None:
         """Take the samples of the present tick, before the control loops run."""
-        autopilot, tick = self._autopilot, simulator.tick
-        store_history(autopilot.state, autopilot.history, tick)
+        tick = simulator.tick
+        store_history(self._autopilots, tick)
         if not airborne or not self.attitude_ok:
-            self._feel(simulator.imu)
+            self._feel(simulator.accel)
         if tick % _GPS_TICKS == 0:
             self._receive(simulator)
         while self._vision and self._vision[0].captured <= tick:
@@ -175,16 +177,15 @@ class Ekf2Model:
             fix = self._gps.popleft()
             if tick - self._last_vision > _STALE_TICKS:
                 self._take(fix, "gps", tick, airborne)
-        update_body_rates(autopilot.state, simulator.plant.gyro)
+        update_body_rates(self._autopilots, simulator.gyro)
 
     def advance(self, simulator: Simulator, airborne: bool) -> None:
         """Carry the estimate on to the next tick, after the control loops."""
         located = airborne and bool(self._source)
-        predict(self._autopilot.state, simulator.plant.accel, located)
+        predict(self._autopilots, simulator.accel, located)
 
-    def _feel(self, imu: Array) -> None:
+    def _feel(self, force: Array) -> None:
         """Low-pass the specific force of a vehicle at rest; level the first attitude with it."""
-        force = imu[3:]
         if not math.isfinite(float(force.sum())):
             return
         self._samples += 1
@@ -317,7 +318,7 @@ class Ekf2Model:
         if math.isfinite(yaw):
             _turn(attitude, yaw - heading_of(attitude))
         self._forget()
-        store_history(state, autopilot.history, tick)
+        store_history(self._autopilots, tick)
         self._source = source
         self._refused_since = -1
         self._last_fused = tick

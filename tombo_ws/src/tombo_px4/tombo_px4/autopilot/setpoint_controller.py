@@ -8,8 +8,9 @@ import numpy as np
 
 from tombo_control.attitude_control import attitude_control
 from tombo_control.autopilot import Autopilot
-from tombo_control.cascade import run_control_loops, stop_rotors
+from tombo_control.cascade import stop_rotors
 from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS
+from tombo_control.tick_calls import run_control_loops
 from tombo_dynamics.rotor_maps import RotorMaps, speed_for_thrust
 from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import GRAVITY
@@ -24,7 +25,8 @@ class SetpointController:
 
     def __init__(self, autopilot: Autopilot, maps: RotorMaps, parameters: ParameterTable) -> None:
         self._autopilot = autopilot
-        self._maps = maps
+        self._autopilots = autopilot.as_array()
+        self._maps = maps.as_array()
         self._parameters = parameters
         self._version = -1
         self.thrust_max = 4.0 * float(maps.thrust_highest)
@@ -104,17 +106,17 @@ class SetpointController:
 
     def run(self, tick: int, blind: bool) -> None:
         """Run the loops that are due in `tick`."""
-        autopilot, maps = self._autopilot, self._maps
+        autopilot = self._autopilot
         position, attitude, rate = self.loops
         if not rate:
             return
         position = position and tick % POSITION_TICKS == 0
         attitude = attitude and tick % ATTITUDE_TICKS == 0
         if self._yaw_rate == 0.0:
-            run_control_loops(autopilot, maps, position, attitude, blind)
+            run_control_loops(self._autopilots, self._maps, position, attitude, blind)
             return
         if position:  # the yaw rate is fed forward between the loops
-            run_control_loops(autopilot, maps, True, False, blind)
+            run_control_loops(self._autopilots, self._maps, True, False, blind)
         if attitude:
             setpoint, gains = autopilot.setpoint, autopilot.gains
             attitude_control(autopilot.state, setpoint, gains)
@@ -122,7 +124,7 @@ class SetpointController:
             total = setpoint.rates[2] + self._yaw_rate
             setpoint.rates[2] = min(max(total, -limit), limit)
         if not position:
-            run_control_loops(autopilot, maps, False, False, blind)
+            run_control_loops(self._autopilots, self._maps, False, False, blind)
 
     def _limits(self) -> None:
         """Take limits from the parameters when they have changed."""

@@ -567,7 +567,7 @@ class Px4Vehicle:
         descending = self._descend_mode
         if flown is not None and flown.kind <= ControlLevel.ACCELERATION:
             descending = float(setpoint.velocity[2]) < _SINKS
-        force = self.simulator.plant.accel - state.accel_bias
+        force = self.simulator.accel - state.accel_bias
         length = math.sqrt(float(force @ force)) / GRAVITY
         self._force += _SMOOTH * (length - self._force)
         aloft = self._had_time_to_lift_off(self.tick)
