@@ -13,7 +13,7 @@ from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.rigid_body import finish_tick
 from tombo_dynamics.time_base import TICK_NS, TICK_S
 from tombo_sim.flight_setup import NOISE, begin
-from tombo_sim.kernel import Captures, MocapEntry, capture_pose, read_imu
+from tombo_sim.sensing import Captures, MocapEntry, capture_pose, read_imu
 from tombo_sim.world import World
 
 _BLOCK = 4096
