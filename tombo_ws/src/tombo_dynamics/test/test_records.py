@@ -1,5 +1,7 @@
 """Records: fields by name, shared with compiled code, described by unit and doc."""
 
+import copy
+
 import numpy as np
 import pytest
 
@@ -45,6 +47,14 @@ def test_an_array_field_is_a_view_and_a_copy_is_not():
     other = point.copy()
     point.place[2] = 3.0
     assert point.place[2] == 3.0 and not other.place.any()
+
+
+def test_a_deep_copy_keeps_record_and_array_one_piece_of_memory():
+    track = Track.new()
+    both = copy.deepcopy({"record": track, "array": track.as_array()})
+    both["record"].start.count = 5
+    assert both["array"][0].start.count == 5
+    assert track.start.count == 0
 
 
 def test_a_record_inherits_the_fields_of_its_base():

@@ -15,6 +15,7 @@ A compiled function that returns a record returns a copy: functions take the rec
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from dataclasses import dataclass
 from functools import cache
@@ -125,6 +126,11 @@ class Record(np.void):
         field: calls at every sample take arrays.
         """
         return self.base
+
+    def __deepcopy__(self, memo: dict[int, Any] | None) -> Any:
+        """Copy record and array together: they stay one piece of memory."""
+        array = copy.deepcopy(self.base, memo)
+        return self.copy() if array is None else array[0]
 
 
 @cache

@@ -38,9 +38,7 @@ from tombo_flight.wiring import CORES, core_of
 from tombo_sim.flight_setup import NOISE, FlightSetup, begin
 from tombo_sim.kernel import (
     EVENT,
-    Captures,
     FlightProgress,
-    MocapEntry,
     Published,
     core_memories,
     fly,
@@ -48,6 +46,7 @@ from tombo_sim.kernel import (
     publish_reaction,
 )
 from tombo_sim.log_columns import LogRow
+from tombo_sim.sensing import Captures, MocapEntry
 
 _TOPICS = {
     "odometry": "/odometry",

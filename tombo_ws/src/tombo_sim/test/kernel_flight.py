@@ -26,14 +26,13 @@ from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_sim.kernel import (
     DETECTOR_STATUS,
-    Captures,
     FlightProgress,
-    MocapEntry,
     core_memories,
     fly,
     new_published,
 )
 from tombo_sim.log_columns import LogRow
+from tombo_sim.sensing import Captures, MocapEntry
 
 VEHICLE = VehicleParams()
 NOISE = 9

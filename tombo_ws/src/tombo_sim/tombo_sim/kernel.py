@@ -45,7 +45,6 @@ from tombo_control.estimator_core import take_pose as estimator_pose
 from tombo_control.mission_core import MissionCore, mission_step, take_estimate, take_reaction
 from tombo_dynamics import message_records as records
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.effects.compose import apply_imu, apply_mocap
 from tombo_dynamics.jit import compiled, compiled_call
 from tombo_dynamics.message_records import copy_event, copy_status
 from tombo_dynamics.plant import Plant
@@ -57,26 +56,9 @@ from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
 from tombo_sim.flight_end import UNDECIDED, FlightEnd, watch_end
 from tombo_sim.ground_truth import contact_force
 from tombo_sim.log_columns import LogRow
+from tombo_sim.sensing import MocapEntry, capture_pose, next_arrival, read_imu
 
 _MISSION_PERIOD_NS, _REACTION_PERIOD_NS = MissionCore.period_ns, ReactionCore.period_ns
-
-
-class MocapEntry(Record):
-    """A captured pose in the table of a flight."""
-
-    stamp = field("tick", "capture as the stamp says it, with fraction")
-    arrives = field("tick", "-1: dropped", kind=int)
-    delivered = field("1", "", kind=bool)
-    position = field("m", "map", 3)
-    attitude = field("1", "quaternion xyzw, map from base_link", 4)
-
-
-class Captures(Record):
-    """How far the table is filled and read."""
-
-    next = field("1", "index of the next sample to capture", kind=int)
-    oldest_undelivered = field("1", "index; all before it have arrived or never will", kind=int)
-    latest_tick = field("tick", "of the latest capture", kind=int)
 
 
 (
@@ -149,15 +131,27 @@ def new_published(ticks: int, captures: int) -> Published:
     )
 
 
+class CoreMemories(NamedTuple):
+    """Memories of the five cores."""
+
+    estimator: Any
+    estimator_autopilot: Any
+    detector: Any
+    reaction: Any
+    mission: Any
+    controller: Any
+    controller_autopilot: Any
+
+
 def core_memories(
     estimator: EstimatorCore,
     detector: DetectorCore,
     reaction: ReactionCore,
     mission: MissionCore,
     controller: ControllerCore,
-) -> tuple[tuple[Any, ...], CoreParams]:
+) -> tuple[CoreMemories, CoreParams]:
     """Return memories and parameters of the five cores, as `fly` takes them."""
-    memories = (
+    memories = CoreMemories(
         estimator.memory,
         estimator.autopilot,
         detector.memory,
@@ -175,15 +169,15 @@ def core_memories(
 def fly(
     vehicle: tuple[Any, ...],
     poses: tuple[Any, ...],
-    cores: tuple[Any, ...],
-    params: Any,
-    published: Any,
-    f: FlightProgress,
+    cores: CoreMemories,
+    params: CoreParams,
+    published: Published,
+    flight: FlightProgress,
     log: Any,
     base: int,
     stop: int,
 ) -> bool:
-    """Fly from tick `f.tick` until tick `stop`, the flight's end, or a collision to react to.
+    """Fly from tick `flight.tick` until tick `stop`, its end, or a collision to react to.
 
     In each tick the simulator senses, every core takes what was published in the tick before, and
     is stepped if its period is due or a message has come; the rotor command acts in the tick. A
@@ -194,189 +188,213 @@ def fly(
             tick, the first for tick `base`.
         poses: (M,) ticks of capture, (M, 9) standard normals, (M,) `MocapEntry`, filled here, and
             `Captures`.
-        cores: memories of estimator (bookkeeping, autopilot), detector, reaction, mission and
-            controller (bookkeeping, autopilot).
-        params: `CoreParams`.
-        published: `Published`, what the cores have published; appended to here.
-        f: where the flight stands.
+        cores: memories of the cores, changed.
+        params: their parameters.
+        published: what the cores have published; appended to here.
+        flight: where the flight stands, changed.
         log: (N,) `LogRow`, one is written for every tick.
         base: tick of the first row of the plant's normals.
         stop: first tick not to fly.
 
     Returns:
-        True if the reaction of tick `f.tick` - 1 is to be stepped outside.
+        True if the reaction of tick `flight.tick` - 1 is to be stepped outside.
     """
     plant, maps, theta, tick_noise = vehicle
     capture_ticks, mocap_noise, entries, captures = poses
-    e, ea, d, r, mi, c, ca = cores
-    p, n = published, f.published
-    while f.tick < min(stop, f.end):
-        k = f.tick
-        now = EPOCH_NS + k * TICK_NS
-        noise = tick_noise[k - base]
+    controls = cores.controller_autopilot.setpoint
+    while flight.tick < min(stop, flight.end):
+        tick = flight.tick
+        now = EPOCH_NS + tick * TICK_NS
+        noise = tick_noise[tick - base]
         read_imu(plant, maps, noise, theta)
-        if k == capture_ticks[captures.next]:
-            capture_pose(plant, mocap_noise, theta, entries, captures, k)
-        # what others published in the tick before
-        heard = now % _REACTION_PERIOD_NS == 0
-        if n[MISSION_STATUS] > 0 and p.mission_status[n[MISSION_STATUS] - 1].tick == k - 1:
-            phase = p.mission_status[n[MISSION_STATUS] - 1].message.phase
-            f.phase = phase
-            e.airborne = phase != IDLE and phase != LANDED
-        q = plant.state.attitude
-        upright = 1.0 - 2.0 * (q[0] * q[0] + q[1] * q[1])
-        after = watch_end(f.over, plant.state.position[2], upright, f.phase)
-        if after != UNDECIDED:
-            f.end = min(f.end, k + int(after / TICK_S + 0.5))
-        if n[DETECTOR_STATUS] > 0 and p.detector_status[n[DETECTOR_STATUS] - 1].tick == k - 1:
-            r.detector_ns = now
-            heard = True
-        if n[ODOMETRY] > 0 and p.odometry[n[ODOMETRY] - 1].tick == k - 1:
-            odometry = p.odometry[n[ODOMETRY] - 1].message
-            take_position(r, odometry.position, now)
-            take_odometry(c, ca, odometry)
-            heard = True
-        if n[ESTIMATOR_STATUS] > 0 and p.estimator_status[n[ESTIMATOR_STATUS] - 1].tick == k - 1:
-            status = p.estimator_status[n[ESTIMATOR_STATUS] - 1].message
-            take_biases(c, ca, status.gyro_bias, status.pose_stamp_ns)
-        if n[MISSION_SETPOINT] > 0 and p.mission_setpoint[n[MISSION_SETPOINT] - 1].tick == k - 1:
-            take_mission_setpoint(r, p.mission_setpoint[n[MISSION_SETPOINT] - 1].message, now)
-            heard = True
-        if n[SETPOINT] > 0 and p.setpoint[n[SETPOINT] - 1].tick == k - 1:
-            take_setpoint(c, p.setpoint[n[SETPOINT] - 1].message, now)
-        collided = n[EVENT] > 0 and p.event[n[EVENT] - 1].tick == k - 1
+        if tick == capture_ticks[captures.next]:
+            capture_pose(plant, mocap_noise, theta, entries, captures, tick)
+        _watch_flight(plant, published, flight, cores.estimator)
+        heard = _hand_over(cores, published, flight, now) or now % _REACTION_PERIOD_NS == 0
+        collided = _newest(published.event, flight.published[EVENT], tick) >= 0
         if now % _MISSION_PERIOD_NS == 0:
-            _step_mission(mi, params, p, f, now)
-        # sensors
-        i = next_arrival(entries, captures, k)
+            _step_mission(cores.mission, params, published, flight, now)
+        i = next_arrival(entries, captures, tick)
         while i >= 0:
-            _take_pose(e, ea, d, params.detector, p, n, entries[i], i, k)
-            note_mocap(r, params.reaction, now)
+            _take_pose(cores, params.detector, published, flight, entries[i], i)
+            note_mocap(cores.reaction, params.reaction, now)
             heard = True
-            i = next_arrival(entries, captures, k)
-        gyro, accel = plant.gyro, plant.accel
-        if take_imu(e, ea, now, gyro, accel):
-            if odometry_due(now):
-                p.odometry[n[ODOMETRY]].tick = k
-                fill_odometry(e, p.odometry[n[ODOMETRY]].message)
-                n[ODOMETRY] += 1
-            if status_due(now):
-                p.estimator_status[n[ESTIMATOR_STATUS]].tick = k
-                fill_status(e, p.estimator_status[n[ESTIMATOR_STATUS]].message)
-                n[ESTIMATOR_STATUS] += 1
-        answer_gyro(c, ca, maps, params.controller, now, now, gyro)
+            i = next_arrival(entries, captures, tick)
+        if take_imu(cores.estimator, cores.estimator_autopilot, now, plant.gyro, plant.accel):
+            _publish_estimate(cores.estimator, published, flight, now)
+        answer_gyro(
+            cores.controller,
+            cores.controller_autopilot,
+            maps,
+            params.controller,
+            now,
+            now,
+            plant.gyro,
+        )
         for i in range(4):
-            plant.rotor_command[i] = ca.setpoint.rotor_speed[i]
-        write_row(plant, e, c, ca, log[k])
+            plant.rotor_command[i] = controls.rotor_speed[i]
+        write_row(plant, cores.estimator, cores.controller, cores.controller_autopilot, log[tick])
         finish_tick(plant, noise, theta)
-        f.tick = k + 1
-        if collided or r.pending > 0:
+        flight.tick = tick + 1
+        if collided or cores.reaction.pending > 0:
             return True
         if heard:
-            reaction_step(r, params.reaction, now)
-            publish_reaction(r, p, f, k)
+            reaction_step(cores.reaction, params.reaction, now)
+            publish_reaction(cores.reaction, published, flight, tick)
     return False
 
 
-@compiled_call
-def publish_reaction(r: Any, p: Any, f: FlightProgress, k: int) -> None:
-    """Publish what the reaction's step of tick `k` has left in its memory."""
-    n = f.published
-    if r.publishes:
-        entry = p.setpoint[n[SETPOINT]]
-        entry.tick = k
-        copy_setpoint(entry.message, r.setpoint)
-        entry.message.stamp_ns = r.setpoint.stamp_ns
-        n[SETPOINT] += 1
-    if r.status_due:
-        entry = p.reaction_status[n[REACTION_STATUS]]
-        entry.tick = k
-        copy_status(entry.message, r.status)
-        n[REACTION_STATUS] += 1
+@compiled
+def _newest(table: Any, count: int, tick: int) -> int:
+    """Return the index of the message that was published in the tick before `tick`, or -1."""
+    return count - 1 if count > 0 and table[count - 1].tick == tick - 1 else -1
+
+
+@compiled
+def _watch_flight(
+    plant: Plant, published: Any, flight: FlightProgress, estimator: EstimatorMemory
+) -> None:
+    """Take the mission's phase, and decide whether the flight is to end."""
+    i = _newest(published.mission_status, flight.published[MISSION_STATUS], flight.tick)
+    if i >= 0:
+        flight.phase = published.mission_status[i].message.phase
+        estimator.airborne = flight.phase != IDLE and flight.phase != LANDED
+    q = plant.state.attitude
+    upright = 1.0 - 2.0 * (q[0] * q[0] + q[1] * q[1])
+    after = watch_end(flight.over, plant.state.position[2], upright, flight.phase)
+    if after != UNDECIDED:
+        flight.end = min(flight.end, flight.tick + int(after / TICK_S + 0.5))
+
+
+@compiled
+def _hand_over(cores: Any, published: Any, flight: FlightProgress, now: int) -> bool:
+    """Hand reaction and controller what was published in the tick before.
+
+    Returns:
+        True if the reaction has heard something.
+    """
+    counts, tick, heard = flight.published, flight.tick, False
+    if _newest(published.detector_status, counts[DETECTOR_STATUS], tick) >= 0:
+        cores.reaction.detector_ns = now
+        heard = True
+    i = _newest(published.odometry, counts[ODOMETRY], tick)
+    if i >= 0:
+        odometry = published.odometry[i].message
+        take_position(cores.reaction, odometry.position, now)
+        take_odometry(cores.controller, cores.controller_autopilot, odometry)
+        heard = True
+    i = _newest(published.estimator_status, counts[ESTIMATOR_STATUS], tick)
+    if i >= 0:
+        status = published.estimator_status[i].message
+        take_biases(
+            cores.controller, cores.controller_autopilot, status.gyro_bias, status.pose_stamp_ns
+        )
+    i = _newest(published.mission_setpoint, counts[MISSION_SETPOINT], tick)
+    if i >= 0:
+        take_mission_setpoint(cores.reaction, published.mission_setpoint[i].message, now)
+        heard = True
+    i = _newest(published.setpoint, counts[SETPOINT], tick)
+    if i >= 0:
+        take_setpoint(cores.controller, published.setpoint[i].message, now)
+    return heard
 
 
 @compiled_call
-def _step_mission(mi: Any, params: Any, p: Any, f: FlightProgress, now: int) -> None:
+def publish_reaction(reaction: Any, published: Any, flight: FlightProgress, tick: int) -> None:
+    """Publish what the reaction's step of `tick` has left in its memory."""
+    counts = flight.published
+    if reaction.publishes:
+        entry = published.setpoint[counts[SETPOINT]]
+        entry.tick = tick
+        copy_setpoint(entry.message, reaction.setpoint)
+        entry.message.stamp_ns = reaction.setpoint.stamp_ns
+        counts[SETPOINT] += 1
+    if reaction.status_due:
+        entry = published.reaction_status[counts[REACTION_STATUS]]
+        entry.tick = tick
+        copy_status(entry.message, reaction.status)
+        counts[REACTION_STATUS] += 1
+
+
+@compiled_call
+def _step_mission(
+    mission: Any, params: Any, published: Any, flight: FlightProgress, now: int
+) -> None:
     """Hand the mission what has come since its last step, and step it."""
-    n, k = f.published, f.tick
-    while f.read_odometry < n[ODOMETRY]:
-        odometry = p.odometry[f.read_odometry].message
+    counts = flight.published
+    while flight.read_odometry < counts[ODOMETRY]:
+        odometry = published.odometry[flight.read_odometry].message
         x, y, z = odometry.velocity[0], odometry.velocity[1], odometry.velocity[2]
         velocity = np.empty(3)
         velocity[0], velocity[1], velocity[2] = rotated(odometry.attitude, x, y, z)
-        take_estimate(mi, odometry.position, velocity, now)
-        f.read_odometry += 1
-    while f.read_reaction < n[REACTION_STATUS]:
-        s = p.reaction_status[f.read_reaction].message
-        take_reaction(mi, params.mission, s.state, s.x_r, s.collisions, s.stamp_ns, now)
-        f.read_reaction += 1
-    if f.read_setpoint < n[SETPOINT]:
-        mi.answer_ns = now
-        f.read_setpoint = n[SETPOINT]
-    if not mission_step(mi, params.plan, params.mission, now):
+        take_estimate(mission, odometry.position, velocity, now)
+        flight.read_odometry += 1
+    while flight.read_reaction < counts[REACTION_STATUS]:
+        s = published.reaction_status[flight.read_reaction].message
+        take_reaction(mission, params.mission, s.state, s.x_r, s.collisions, s.stamp_ns, now)
+        flight.read_reaction += 1
+    if flight.read_setpoint < counts[SETPOINT]:
+        mission.answer_ns = now
+        flight.read_setpoint = counts[SETPOINT]
+    if not mission_step(mission, params.plan, params.mission, now):
         return
-    entry = p.mission_setpoint[n[MISSION_SETPOINT]]
-    entry.tick = k
-    copy_setpoint(entry.message, mi.setpoint)
+    entry = published.mission_setpoint[counts[MISSION_SETPOINT]]
+    entry.tick = flight.tick
+    copy_setpoint(entry.message, mission.setpoint)
     entry.message.stamp_ns = now
-    n[MISSION_SETPOINT] += 1
-    if mi.status_due:
-        status = p.mission_status[n[MISSION_STATUS]]
-        status.tick = k
-        status.wait_reason = mi.wait_reason
+    counts[MISSION_SETPOINT] += 1
+    if mission.status_due:
+        status = published.mission_status[counts[MISSION_STATUS]]
+        status.tick = flight.tick
+        status.wait_reason = mission.wait_reason
         status.message.stamp_ns = now
-        status.message.phase = mi.mode
-        n[MISSION_STATUS] += 1
+        status.message.phase = mission.mode
+        counts[MISSION_STATUS] += 1
+
+
+@compiled
+def _publish_estimate(
+    estimator: EstimatorMemory, published: Any, flight: FlightProgress, now: int
+) -> None:
+    """Publish what the estimator has to say of the tick's IMU sample."""
+    counts = flight.published
+    if odometry_due(now):
+        entry = published.odometry[counts[ODOMETRY]]
+        entry.tick = flight.tick
+        fill_odometry(estimator, entry.message)
+        counts[ODOMETRY] += 1
+    if status_due(now):
+        status = published.estimator_status[counts[ESTIMATOR_STATUS]]
+        status.tick = flight.tick
+        fill_status(estimator, status.message)
+        counts[ESTIMATOR_STATUS] += 1
 
 
 @compiled_call
 def _take_pose(
-    e: EstimatorMemory,
-    autopilot: Autopilot,
-    d: Any,
-    params: Any,
-    p: Any,
-    n: Any,
-    sample: MocapEntry,
-    row: int,
-    k: int,
+    cores: Any, params: Any, published: Any, flight: FlightProgress, sample: MocapEntry, row: int
 ) -> None:
     """Hand a pose to estimator and detector, and publish what the detector makes of it."""
-    now = EPOCH_NS + k * TICK_NS
+    counts, detector = flight.published, cores.detector
+    now = EPOCH_NS + flight.tick * TICK_NS
     stamp = EPOCH_NS + int(np.rint(sample.stamp * TICK_NS))
     position, attitude = sample.position, sample.attitude
-    estimator_pose(e, autopilot, stamp, now, position, attitude)
-    result = detector_pose(d, params, stamp, now, position, attitude)
-    entry = p.detector_status[n[DETECTOR_STATUS]]
-    entry.tick = k
+    estimator_pose(cores.estimator, cores.estimator_autopilot, stamp, now, position, attitude)
+    result = detector_pose(detector, params, stamp, now, position, attitude)
+    entry = published.detector_status[counts[DETECTOR_STATUS]]
+    entry.tick = flight.tick
     entry.row = row
     entry.message.stamp_ns = stamp
-    entry.message.statistic = d.status.statistic
-    entry.message.threshold = d.status.threshold
-    entry.message.poses = d.status.poses
-    entry.message.rejected = d.status.rejected
-    n[DETECTOR_STATUS] += 1
-    if result == COLLISION and n[EVENT] < p.event.shape[0]:
-        event = p.event[n[EVENT]]
-        event.tick = k
-        copy_event(event.message, d.event)
-        n[EVENT] += 1
-
-
-@compiled_call
-def next_arrival(entries: Any, captures: Captures, tick: int) -> int:
-    """Return the index of a sample that has arrived by `tick`, each once, or -1."""
-    head = captures.oldest_undelivered
-    while head < captures.next and (entries[head].arrives < 0 or entries[head].delivered):
-        head += 1
-    captures.oldest_undelivered = head
-    for i in range(head, captures.next):
-        entry = entries[i]
-        if not entry.delivered and 0 <= entry.arrives <= tick:
-            entry.delivered = True
-            entry.arrives = tick
-            return i
-    return -1
+    entry.message.statistic = detector.status.statistic
+    entry.message.threshold = detector.status.threshold
+    entry.message.poses = detector.status.poses
+    entry.message.rejected = detector.status.rejected
+    counts[DETECTOR_STATUS] += 1
+    if result == COLLISION and counts[EVENT] < published.event.shape[0]:
+        event = published.event[counts[EVENT]]
+        event.tick = flight.tick
+        copy_event(event.message, detector.event)
+        counts[EVENT] += 1
 
 
 @compiled
@@ -410,50 +428,16 @@ def fly_with_true_state(
 
 
 @compiled
-def read_imu(plant: Plant, maps: RotorMaps, noise: Array, theta: Array) -> None:
-    """Begin the tick and read the IMU: body rates, and force without gravity over mass."""
-    begin_tick(plant, maps, noise, theta)
-    for i in range(3):
-        plant.gyro[i] = plant.state.rates[i]
-        plant.accel[i] = plant.force[i] / plant.mass
-    apply_imu(plant, noise, theta)
-
-
-@compiled_call
-def capture_pose(
-    plant: Plant, mocap_noise: Array, theta: Array, entries: Any, captures: Captures, tick: int
-) -> None:
-    """Take a mocap sample of the true pose and enter it, with its time of arrival."""
-    sample, entry = plant.mocap, entries[captures.next]
-    for i in range(3):
-        sample.position[i] = plant.state.position[i]
-    for i in range(4):
-        sample.attitude[i] = plant.state.attitude[i]
-    sample.latency = 0.0
-    sample.stamp_error = 0.0
-    sample.dropped = False
-    sample.interval = (tick - captures.latest_tick) * plant.tick_length
-    apply_mocap(plant, mocap_noise[captures.next], theta)
-    entry.stamp = tick + sample.stamp_error / plant.tick_length
-    entry.delivered = False
-    entry.arrives = -1
-    if not sample.dropped:
-        entry.arrives = tick + int(sample.latency / plant.tick_length + 0.5)
-    for i in range(3):
-        entry.position[i] = sample.position[i]
-    for i in range(4):
-        entry.attitude[i] = sample.attitude[i]
-    captures.next += 1
-    captures.latest_tick = tick
-
-
-@compiled
 def write_row(
-    plant: Plant, e: EstimatorMemory, c: ControllerMemory, autopilot: Autopilot, row: LogRow
+    plant: Plant,
+    estimator: EstimatorMemory,
+    controller: ControllerMemory,
+    autopilot: Autopilot,
+    row: LogRow,
 ) -> None:
-    """Write the tick into a row of the log; `e` and `c` are as in `fly`."""
+    """Write the tick into a row of the log; `autopilot` is the controller's."""
     contact, supply = plant.contact, plant.supply
-    estimate, setpoint = e.estimate, autopilot.setpoint
+    estimate, setpoint = estimator.estimate, autopilot.setpoint
     for i in range(3):
         row.position[i] = plant.state.position[i]
         row.velocity[i] = plant.state.velocity[i]
@@ -461,11 +445,11 @@ def write_row(
         row.contact[2 + i] = contact.point[i]
         row.gyro[i] = plant.gyro[i]
         row.accel[i] = plant.accel[i]
-        row.est_position[i] = estimate.position[i] if e.known else math.nan
-        row.est_velocity[i] = estimate.velocity[i] if e.known else math.nan
-        row.position_setpoint[i] = c.setpoint.position[i]
-        row.velocity_setpoint[i] = c.setpoint.velocity[i]
-        row.acceleration_setpoint[i] = c.setpoint.acceleration[i]
+        row.est_position[i] = estimate.position[i] if estimator.known else math.nan
+        row.est_velocity[i] = estimate.velocity[i] if estimator.known else math.nan
+        row.position_setpoint[i] = controller.setpoint.position[i]
+        row.velocity_setpoint[i] = controller.setpoint.velocity[i]
+        row.acceleration_setpoint[i] = controller.setpoint.acceleration[i]
         row.rates_setpoint[i] = setpoint.rates[i]
         row.wind[i] = plant.wind[i]
         row.contact_force[i] = 0.0
@@ -481,8 +465,8 @@ def write_row(
         row.rotor_thrust[i] = plant.rotor_thrust[i]
         row.fold[i] = plant.fold[i]
         row.damage[i] = plant.damage[i]
-        row.est_attitude[i] = estimate.attitude[i] if e.known else math.nan
+        row.est_attitude[i] = estimate.attitude[i] if estimator.known else math.nan
         row.attitude_setpoint[i] = setpoint.attitude[i]
         row.rotor_command[i] = plant.rotor_command[i]
     row.thrust_setpoint[0] = setpoint.thrust
-    row.mode[0] = BLIND if autopilot.mode_flown == BLIND else c.setpoint.phase
+    row.mode[0] = BLIND if autopilot.mode_flown == BLIND else controller.setpoint.phase

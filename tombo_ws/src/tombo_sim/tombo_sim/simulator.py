@@ -13,7 +13,7 @@ from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.rigid_body import finish_tick
 from tombo_dynamics.time_base import TICK_NS, TICK_S
 from tombo_sim.flight_setup import NOISE, begin
-from tombo_sim.kernel import Captures, MocapEntry, capture_pose, read_imu
+from tombo_sim.sensing import Captures, MocapEntry, capture_pose, read_imu
 from tombo_sim.world import World
 
 _BLOCK = 4096
@@ -63,11 +63,8 @@ class Simulator:
         """
         self.setup = setup = begin(world, seed)
         self.plant = setup.plant
-        state = self.plant.state
-        self._position, self._attitude = state.position, state.attitude
-        self.gyro, self.accel = self.plant.gyro, self.plant.accel
-        """(3) [rad/s] and (3) [m/s^2], base_link, as measured in the present tick: views."""
-        self._vehicle = (setup.plant.as_array(), setup.maps.as_array(), setup.theta)
+        self._plants = setup.plant.as_array()
+        self._vehicle = (self._plants, setup.maps.as_array(), setup.theta)
         self.tick = 0
         self._rate = world.mocap_rate
         self._noise = self.setup.tick_noise.standard_normal((_BLOCK, NOISE))
@@ -90,6 +87,18 @@ class Simulator:
         self._capture()
 
     @property
+    def gyro(self) -> Array:
+        """(3) [rad/s], base_link, as measured."""
+        gyro: Array = self._plants["gyro"][0]
+        return gyro
+
+    @property
+    def accel(self) -> Array:
+        """(3) specific force [m/s^2], base_link, as measured."""
+        accel: Array = self._plants["accel"][0]
+        return accel
+
+    @property
     def imu(self) -> Array:
         """(6) gyro [rad/s] and specific force [m/s^2], base_link, as measured."""
         return np.concatenate((self.gyro, self.accel))
@@ -97,12 +106,13 @@ class Simulator:
     @property
     def height(self) -> float:
         """True height of base_link [m]."""
-        return float(self._position[2])
+        return float(self._plants["state"]["position"][0, 2])
 
     @property
     def upright(self) -> float:
         """Cosine of the true tilt."""
-        return float(1.0 - 2.0 * (self._attitude[0] ** 2 + self._attitude[1] ** 2))
+        q = self._plants["state"]["attitude"][0]
+        return float(1.0 - 2.0 * (q[0] ** 2 + q[1] ** 2))
 
     def _capture(self) -> None:
         due = round(self._captured * (1.0 / self._rate) / TICK_S)

@@ -1,0 +1,85 @@
+"""What IMU and motion capture measure of the plant, tick by tick."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.effects.compose import apply_imu, apply_mocap
+from tombo_dynamics.jit import compiled, compiled_call
+from tombo_dynamics.plant import Plant
+from tombo_dynamics.records import Record, field
+from tombo_dynamics.rigid_body import begin_tick
+from tombo_dynamics.rotor_maps import RotorMaps
+
+
+class MocapEntry(Record):
+    """A captured pose in the table of a flight."""
+
+    stamp = field("tick", "capture as the stamp says it, with fraction")
+    arrives = field("tick", "-1: dropped", kind=int)
+    delivered = field("1", "", kind=bool)
+    position = field("m", "map", 3)
+    attitude = field("1", "quaternion xyzw, map from base_link", 4)
+
+
+class Captures(Record):
+    """How far the table is filled and read."""
+
+    next = field("1", "index of the next sample to capture", kind=int)
+    oldest_undelivered = field("1", "index; all before it have arrived or never will", kind=int)
+    latest_tick = field("tick", "of the latest capture", kind=int)
+
+
+@compiled
+def read_imu(plant: Plant, maps: RotorMaps, noise: Array, theta: Array) -> None:
+    """Begin the tick and read the IMU: body rates, and force without gravity over mass."""
+    begin_tick(plant, maps, noise, theta)
+    for i in range(3):
+        plant.gyro[i] = plant.state.rates[i]
+        plant.accel[i] = plant.force[i] / plant.mass
+    apply_imu(plant, noise, theta)
+
+
+@compiled_call
+def capture_pose(
+    plant: Plant, mocap_noise: Array, theta: Array, entries: Any, captures: Captures, tick: int
+) -> None:
+    """Take a mocap sample of the true pose and enter it, with its time of arrival."""
+    sample, entry = plant.mocap, entries[captures.next]
+    for i in range(3):
+        sample.position[i] = plant.state.position[i]
+    for i in range(4):
+        sample.attitude[i] = plant.state.attitude[i]
+    sample.latency = 0.0
+    sample.stamp_error = 0.0
+    sample.dropped = False
+    sample.interval = (tick - captures.latest_tick) * plant.tick_length
+    apply_mocap(plant, mocap_noise[captures.next], theta)
+    entry.stamp = tick + sample.stamp_error / plant.tick_length
+    entry.delivered = False
+    entry.arrives = -1
+    if not sample.dropped:
+        entry.arrives = tick + int(sample.latency / plant.tick_length + 0.5)
+    for i in range(3):
+        entry.position[i] = sample.position[i]
+    for i in range(4):
+        entry.attitude[i] = sample.attitude[i]
+    captures.next += 1
+    captures.latest_tick = tick
+
+
+@compiled_call
+def next_arrival(entries: Any, captures: Captures, tick: int) -> int:
+    """Return the index of a sample that has arrived by `tick`, each once, or -1."""
+    head = captures.oldest_undelivered
+    while head < captures.next and (entries[head].arrives < 0 or entries[head].delivered):
+        head += 1
+    captures.oldest_undelivered = head
+    for i in range(head, captures.next):
+        entry = entries[i]
+        if not entry.delivered and 0 <= entry.arrives <= tick:
+            entry.delivered = True
+            entry.arrives = tick
+            return i
+    return -1
