@@ -218,3 +218,10 @@ def world(domain: int) -> Iterator[Counterpart]:
     counterpart = Counterpart()
     yield counterpart
     counterpart.close()
+
+
+def vector(values: Any) -> Any:
+    """Return three numbers as a geometry_msgs/Vector3."""
+    from geometry_msgs.msg import Vector3
+
+    return Vector3(x=float(values[0]), y=float(values[1]), z=float(values[2]))

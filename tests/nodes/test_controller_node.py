@@ -16,6 +16,7 @@ from parameter_calls import set_parameters
 from reports import told
 from sensor_msgs.msg import Imu
 
+from ros_bench import vector
 from tombo_bag.topics import (
     ATTITUDE_SETPOINT,
     CLOCK,
@@ -31,7 +32,7 @@ from tombo_control.autopilot import HOVER, LANDED
 from tombo_control.controller_core import ControllerCore
 from tombo_dynamics import messages
 from tombo_msgs.msg import EstimatorStatus, PositionSetpoint
-from tombo_ros.conversion import point, quaternion, to_ns, to_time, vector
+from tombo_ros.conversion import point, quaternion, to_ns, to_time
 
 _MS = 1_000_000
 _COMPILES_S = 120.0

@@ -17,6 +17,7 @@ from reports import heard, told
 from sensor_msgs.msg import Imu
 
 from lockstep_bench import EPOCH_NS, calm, hover_at, hovering
+from ros_bench import vector
 from tombo_bag.topics import (
     CLOCK,
     DIAGNOSTICS,
@@ -29,7 +30,7 @@ from tombo_bag.topics import (
 from tombo_dynamics.records import numbers
 from tombo_dynamics.rotation import rotate_vectors
 from tombo_msgs.msg import MissionStatus
-from tombo_ros.conversion import array, point, quaternion, to_ns, to_time, vector
+from tombo_ros.conversion import array, point, quaternion, to_ns, to_time
 
 _MS = 1_000_000
 _COMPILES_S = 120.0

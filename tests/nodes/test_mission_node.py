@@ -11,6 +11,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from reports import heard, told
 
+from ros_bench import vector
 from tombo_bag.topics import (
     CLOCK,
     DIAGNOSTICS,
@@ -21,7 +22,7 @@ from tombo_bag.topics import (
     SETPOINT,
 )
 from tombo_msgs.msg import MissionStatus, ReactionStatus
-from tombo_ros.conversion import array, point, to_ns, to_time, vector
+from tombo_ros.conversion import array, point, to_ns, to_time
 
 MS = 1_000_000
 X_R = np.array([0.3, 0.1, 0.8])

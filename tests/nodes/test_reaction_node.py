@@ -8,6 +8,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from reports import heard, told
 
+from ros_bench import vector
 from tombo_bag.topics import (
     CLOCK,
     COLLISION_EVENT,
@@ -27,7 +28,7 @@ from tombo_msgs.msg import (
     PositionSetpoint,
     ReactionStatus,
 )
-from tombo_ros.conversion import array, point, to_time, vector
+from tombo_ros.conversion import array, point, to_time
 
 MS = 1_000_000
 X_C, X_R = np.array([1.7, 0.0, 2.0]), np.array([0.9, 0.0, 2.0])
