@@ -27,13 +27,13 @@ def on_the_bench(recovery_time, hits=1, wear=0.0, apart=1.6):
         {"blade_strike": strike, "propeller_wear": {"collisions": wear}},
         obstacle=(*axis, POLE, 100.0), position=(0.0, 0.0, 2.0), speed=hover_speed(),
     )  # fmt: skip
-    body, thrust = v["body"].copy(), []
+    body, thrust = v.body, []
     for k in range(round(1e3 * (0.5 + apart * hits))):
         since = (k - 500) % round(1e3 * apart)
-        v["obstacle"][2] = POLE if k >= 500 and since < 10 else 0.0
-        v["body"] = body
+        v.plant.obstacle.radius = POLE if k >= 500 and since < 10 else 0.0
+        v.body = body
         v.begin()
-        thrust.append(v["thrust"][2])
+        thrust.append(v.plant.rotor_thrust[2])
         v.finish()
     return np.arange(len(thrust)) * STEP, np.array(thrust)
 
