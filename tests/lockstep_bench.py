@@ -13,13 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_control import mission as plan
-from tombo_control.autopilot import HOVER
 from tombo_control.controller_core import Command, ControllerCore
 from tombo_control.estimate import Estimate
 from tombo_control.estimator_core import EstimatorCore
 from tombo_control.params import POSITION_TICKS, InputLimits
 from tombo_control.trapezoidal_profile import trapezoidal_profile
-from tombo_dynamics.messages import Odometry, PositionSetpoint
+from tombo_dynamics.messages import Odometry, Phase, PositionSetpoint
 from tombo_dynamics.records import numbers
 from tombo_dynamics.rotation import rotate_vectors, tilt
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
@@ -35,7 +34,9 @@ def calm(*settings: str) -> Scenario:
 
 
 def hover_at(x: float, y: float, z: float, velocity: Any = (0.0, 0.0, 0.0)) -> PositionSetpoint:
-    return PositionSetpoint(0, np.array([x, y, z]), np.array(velocity), np.zeros(3), 0.0, HOVER)
+    return PositionSetpoint(
+        0, np.array([x, y, z]), np.array(velocity), np.zeros(3), 0.0, Phase.HOVER
+    )
 
 
 def odometry_of(estimate: Estimate) -> Odometry:

@@ -28,9 +28,9 @@ from tombo_bag.topics import (
     ROTOR_COMMAND,
     SETPOINT,
 )
-from tombo_control.autopilot import HOVER, LANDED
 from tombo_control.controller_core import ControllerCore
 from tombo_dynamics import messages
+from tombo_dynamics.messages import Phase
 from tombo_msgs.msg import EstimatorStatus, PositionSetpoint
 from tombo_ros.conversion import point, quaternion, to_ns, to_time
 
@@ -85,7 +85,7 @@ class _Inputs:
         message.pose.pose.orientation = quaternion(_LEVEL)
         return message
 
-    def setpoint(self, stamp: int, x: float = 0.0, phase: int = HOVER) -> PositionSetpoint:
+    def setpoint(self, stamp: int, x: float = 0.0, phase: int = Phase.HOVER) -> PositionSetpoint:
         message = PositionSetpoint()
         message.header.stamp, message.header.frame_id = to_time(stamp), "map"
         message.position, message.velocity = point((x, 0.0, 2.0)), vector(_ZERO)
@@ -143,7 +143,7 @@ def test_each_gyro_sample_is_answered_as_the_pure_controller_does(world, start):
             twin.on(ESTIMATOR_STATUS.name, status, stamp)
             if stamp >= stamps[0]:
                 goal = np.array([0.0, 0.0, 2.0])
-                setpoint = messages.PositionSetpoint(stamp, goal, _ZERO, _ZERO, 0.0, HOVER)
+                setpoint = messages.PositionSetpoint(stamp, goal, _ZERO, _ZERO, 0.0, Phase.HOVER)
                 twin.on(SETPOINT.name, setpoint, stamp)
         twin.on(IMU.name, messages.Imu(stamp, gyro, _ZERO), stamp)
         (command,) = (m for topic, m in twin.step(stamp) if topic == ROTOR_COMMAND.name)
@@ -200,6 +200,6 @@ def test_each_gyro_sample_is_answered_as_the_pure_controller_does(world, start):
     told(world, "controller", "setpoint_refused", begun, text="set point from later")
 
     for _ in range(21):
-        inputs.tick(phase=LANDED)
+        inputs.tick(phase=Phase.LANDED)
     assert not any(world.heard[ROTOR_COMMAND.name][-1].speed)
     assert node.end() == 0

@@ -8,9 +8,9 @@ from tombo_collision.detector import (
     CollisionDetector,
     free_acceleration,
     free_flight_filter,
-    rotation_vector,
 )
 from tombo_collision.params import DetectorParams
+from tombo_dynamics.rotation import rotation_vector
 
 
 @pytest.mark.parametrize("rate", [30.0, 100.0])
@@ -34,7 +34,7 @@ def test_compiled_filter_agrees_with_filterpy(rate, seed):
         step, before = float(t - poses.t[i - 1]), poses.attitude[i - 1]
         model = free_flight_filter(params, step)
         kf.F, kf.B, kf.Q, kf.R = model.F, model.B, model.Q, model.R
-        turn = np.array(rotation_vector(before, attitude))
+        turn = np.array(rotation_vector(attitude, before))
         kf.predict(u=np.array([[*free_acceleration(before, attitude), 0.0]]).T)
         kf.update(np.array([[*position, *(turn / step)]]).T)
         state = np.concatenate([memory.position, memory.velocity, memory.rates])

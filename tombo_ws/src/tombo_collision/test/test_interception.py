@@ -10,21 +10,19 @@ from hypothesis import strategies as st
 
 from tombo_collision.params import ReactionLimits
 from tombo_collision.reaction_core import (
+    EventRefusal,
+    HoldReason,
     ReactionCore,
-    fill_record,
     note_mocap,
     take_mission_setpoint,
     take_position,
 )
 from tombo_collision.reactions.bounce import Bounce
 from tombo_dynamics.messages import CollisionEvent, Phase, PositionSetpoint, ReactionPhase
+from tombo_dynamics.records import fill_record
 
 PHASE_IDLE, TAKEOFF, HOVER, APPROACH, REACT, HOLD, LAND, LANDED = (int(p) for p in list(Phase)[:8])
 IDLE, REACTING, BLIND, HOLDING = (int(state) for state in ReactionPhase)
-DETECTOR_SILENT, MISSION_SILENT = "detector_silent", "mission_silent"
-TWO_PUBLISHERS = "two_publishers"
-NOT_FINITE, NOT_UNIT, STALE, FUTURE = "not_finite", "not_unit", "stale", "future"
-DUPLICATE, CONTACT_TOO_FAR, NOT_FLYING = "duplicate", "elsewhere", "not_flying"
 MS = 1_000_000
 START = 1_763_700_000_000_000_000
 HERE = np.array([1.6, 0.1, 2.0])
@@ -170,7 +168,7 @@ def test_nothing_is_said_before_the_mission_has_spoken():
 @pytest.mark.parametrize("phase", [TAKEOFF, HOVER, APPROACH])
 def test_a_collision_is_answered_in_the_same_run(phase):
     bench = Bench(phase)
-    assert bench.hit() == ""
+    assert bench.hit() == EventRefusal.NONE
     said = bench.tick()
     assert said.position == pytest.approx(X_R)
     assert said.phase == REACT
@@ -231,14 +229,14 @@ def test_once_landed_the_next_flight_begins_afresh():
 @pytest.mark.parametrize(
     ("why", "event", "age_ms"),
     [
-        (NOT_FINITE, collision([math.nan, 0, 2]), 20),
-        (NOT_FINITE, collision(direction=(0, math.inf, 0)), 20),
-        (NOT_UNIT, collision(direction=(0, 0, 0)), 20),
-        (NOT_UNIT, collision(direction=(0.8, 0, 0)), 20),
-        (NOT_UNIT, collision(direction=(1.2, 0, 0)), 20),
-        (STALE, collision(), 1001),
-        (FUTURE, collision(), -51),
-        (CONTACT_TOO_FAR, collision([1000.0, 0.0, 2.0]), 20),
+        (EventRefusal.NOT_FINITE, collision([math.nan, 0, 2]), 20),
+        (EventRefusal.NOT_FINITE, collision(direction=(0, math.inf, 0)), 20),
+        (EventRefusal.NOT_UNIT, collision(direction=(0, 0, 0)), 20),
+        (EventRefusal.NOT_UNIT, collision(direction=(0.8, 0, 0)), 20),
+        (EventRefusal.NOT_UNIT, collision(direction=(1.2, 0, 0)), 20),
+        (EventRefusal.STALE, collision(), 1001),
+        (EventRefusal.FUTURE, collision(), -51),
+        (EventRefusal.ELSEWHERE, collision([1000.0, 0.0, 2.0]), 20),
     ],
 )
 def test_an_event_that_makes_no_sense_changes_nothing(why, event, age_ms):
@@ -247,27 +245,27 @@ def test_an_event_that_makes_no_sense_changes_nothing(why, event, age_ms):
     said = bench.run(0.2)
     assert all(s is bench.mission_setpoint for s in said)
     assert bench.state == IDLE
-    assert bench.hit() == ""  # and the next is answered
+    assert bench.hit() == EventRefusal.NONE  # and the next is answered
 
 
 @pytest.mark.parametrize("phase", [PHASE_IDLE, LAND, LANDED])
 def test_on_the_ground_and_landing_there_is_no_reaction(phase):
     bench = Bench(phase)
-    assert bench.hit() == NOT_FLYING
+    assert bench.hit() == EventRefusal.NOT_FLYING
     assert all(s is bench.mission_setpoint for s in bench.run(0.2))
 
 
 def test_the_same_event_again_is_not_a_second_collision():
     bench = Bench()
-    assert bench.hit() == ""
-    assert bench.hit() == DUPLICATE
+    assert bench.hit() == EventRefusal.NONE
+    assert bench.hit() == EventRefusal.DUPLICATE
     bench.run(0.1)
     assert bench.logic.status.collisions == 1
 
 
 def test_a_direction_that_is_nearly_a_unit_vector_is_made_one():
     bench = Bench()
-    assert bench.hit(collision(direction=(0.0, 0.0, 1.05))) == ""
+    assert bench.hit(collision(direction=(0.0, 0.0, 1.05))) == EventRefusal.NONE
     assert bench.tick().position == pytest.approx([1.7, 0.1, 1.2])
 
 
@@ -276,7 +274,7 @@ def test_started_in_flight_a_fresh_event_waits_for_the_mission():
     fresh = Bench()
     fresh.logic = Logic()
     fresh.now = bench.now
-    assert fresh.hit() == "waits"
+    assert fresh.hit() == EventRefusal.WAITS
     assert fresh.tick() is None
     fresh.logic.mission(fresh.mission_setpoint, fresh.now)
     assert fresh.tick().position == pytest.approx(X_R)
@@ -288,7 +286,7 @@ def test_a_silent_detector_makes_it_hold_where_it_is_and_go_on_after():
     bench.run(0.44)
     assert bench.state == IDLE
     bench.run(0.1)
-    assert (bench.state, bench.logic.core.why) == (HOLDING, DETECTOR_SILENT)
+    assert (bench.state, bench.logic.core.why) == (HOLDING, HoldReason.DETECTOR_SILENT)
     bench.place = HERE + np.array([0.4, 0.0, 0.0])  # it brakes; where it was is where it stays
     bench.mission_setpoint = at([3.0, 0.0, 2.0])
     place, phase = only(bench.run(1.0))
@@ -305,7 +303,7 @@ def test_without_a_detector_nobody_takes_off():
     bench.detector = False
     said = bench.run(1.0)
     assert all(s is bench.mission_setpoint for s in said)
-    assert (bench.state, bench.logic.core.why) == (HOLDING, DETECTOR_SILENT)
+    assert (bench.state, bench.logic.core.why) == (HOLDING, HoldReason.DETECTOR_SILENT)
 
 
 def test_a_detector_without_poses_is_not_to_blame():
@@ -348,7 +346,7 @@ def test_a_silent_mission_makes_it_hold_where_it_is(phase):
     bench.run(0.06)
     place, said_phase = only(bench.run(1.0))
     assert place == pytest.approx(HERE) and said_phase == HOLD
-    assert (bench.state, bench.logic.core.why) == (HOLDING, MISSION_SILENT)
+    assert (bench.state, bench.logic.core.why) == (HOLDING, HoldReason.MISSION_SILENT)
     times = [when for when, _ in bench.said][-20:]
     assert set(np.diff(times)) == {20 * MS}
     bench.mission = True
@@ -394,7 +392,7 @@ def test_a_collision_while_it_holds_is_answered():
     bench = Bench()
     bench.mission = bench.detector = False
     bench.run(1.0)
-    assert bench.hit() == ""
+    assert bench.hit() == EventRefusal.NONE
     assert bench.tick().position == pytest.approx(X_R)
     assert bench.state == REACTING
 
@@ -404,7 +402,7 @@ def test_two_missions_make_it_hold():
     bench.logic.multiple_publishers(True)
     place, phase = only(bench.run(0.5))
     assert place == pytest.approx(HERE) and phase == HOLD
-    assert (bench.state, bench.logic.core.why) == (HOLDING, TWO_PUBLISHERS)
+    assert (bench.state, bench.logic.core.why) == (HOLDING, HoldReason.TWO_PUBLISHERS)
     bench.logic.multiple_publishers(False)
     assert bench.run(0.1)[-1] is bench.mission_setpoint
 
@@ -432,7 +430,7 @@ def test_a_wish_that_is_no_number_is_refused_and_counts_as_silence(name, value):
     assert not bench.logic.mission(bench.mission_setpoint, bench.now)
     said = bench.run(0.6)
     assert all(finite(s) for s in said)
-    assert (bench.state, bench.logic.core.why) == (HOLDING, MISSION_SILENT)
+    assert (bench.state, bench.logic.core.why) == (HOLDING, HoldReason.MISSION_SILENT)
 
 
 @pytest.mark.parametrize("phase", [-1, 8, 200])
@@ -485,7 +483,7 @@ def test_a_clock_set_back_makes_nobody_seem_alive():
     bench.now -= 1000 * MS * 1000
     bench.detector = False
     bench.run(0.6)
-    assert (bench.state, bench.logic.core.why) == (HOLDING, DETECTOR_SILENT)
+    assert (bench.state, bench.logic.core.why) == (HOLDING, HoldReason.DETECTOR_SILENT)
 
 
 inputs = st.lists(

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from pose_bench import Poses, flight, watch
 from scipy.spatial.transform import Rotation
 
-from tombo_collision.detector import JUMP, CollisionDetector
+from tombo_collision.detector import CollisionDetector
 from tombo_collision.params import DetectorParams
+from tombo_dynamics.pose_check import PoseRefusal
 
 SWAPPED = 75
 """Index of the first sample that is displaced."""
@@ -49,7 +50,7 @@ def test_a_swap_for_a_sample_or_two_never_happened(direction, size, length, seed
     reasons, events = refusals(displaced(poses, swap.start, swap.stop, size * direction))
     assert not events
     assert [i for i, r in enumerate(reasons) if r] == list(range(swap.start, swap.stop))
-    assert set(reasons[swap]) == {JUMP}
+    assert set(reasons[swap]) == {PoseRefusal.JUMP}
 
 
 @pytest.mark.slow
@@ -76,7 +77,7 @@ def test_a_body_seen_turned_raises_no_alarm(turn, length):
         poses = displaced(straight, SWAPPED, SWAPPED + length, turn=turn)
         reasons, events = refusals(poses)
         assert not events
-        refused = [i for i, reason in enumerate(reasons) if reason == JUMP]
+        refused = [i for i, reason in enumerate(reasons) if reason == PoseRefusal.JUMP]
         assert refused[: min(length, 2)] == [SWAPPED, SWAPPED + 1][: min(length, 2)]
 
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tombo_control.autopilot import BLIND, REACT
+from tombo_dynamics.messages import Phase
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.scenario import load_scenario
 
@@ -75,14 +75,14 @@ def test_without_a_trigger_there_is_no_reaction():
     for _, record in flown("paper_collision", "detector.trigger=none", seeds=range(100, 103)):
         assert record.summary["collided"]
         assert not detections(record)
-        assert not (record.log["mode"] == REACT).any()
+        assert not (record.log["mode"] == Phase.REACT).any()
         assert record.summary["x_r_m"] is None
 
 
 def test_told_not_to_react_it_detects_and_flies_on():
     for _, record in flown("paper_collision", "react=false", seeds=range(100, 103)):
         assert record.summary["detected"]
-        assert not (record.log["mode"] == REACT).any()
+        assert not (record.log["mode"] == Phase.REACT).any()
 
 
 @pytest.mark.slow
@@ -90,7 +90,7 @@ def test_gaps_of_mocap_are_sat_out_level_and_are_no_collisions():
     gaps = ("effects.mocap_dropouts.probability=0.005", "effects.mocap_dropouts.duration=0.5")
     spells = 0
     for _, record in flown("no_obstacle", *gaps, seeds=range(6)):
-        blind = record.log["mode"][:, 0] == BLIND
+        blind = record.log["mode"][:, 0] == Phase.DESCEND_BLIND
         spells += int((np.diff(blind.astype(int)) == 1).sum())
         assert not record.summary["crashed"]
         assert record.summary["landed"]

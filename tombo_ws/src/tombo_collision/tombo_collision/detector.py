@@ -21,7 +21,9 @@ from filterpy.kalman import KalmanFilter
 from tombo_collision.params import DetectorParams
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled_call
+from tombo_dynamics.pose_check import PoseRefusal
 from tombo_dynamics.records import Record, field, parameter_record
+from tombo_dynamics.rotation import rotation_vector
 from tombo_dynamics.vehicle import GRAVITY
 
 _TRACK_TIME = 0.5
@@ -38,11 +40,6 @@ _MIN_SAMPLES_FOR_GATE = 2
 _POSES_TO_ACCEPT_JUMP = 3
 """Samples at the new place that make a jump the truth."""
 
-USED, EVENT, NOT_FINITE_POSE, OUT_OF_ORDER_POSE, JUMPED_POSE = range(5)
-"""What became of a pose: used, used and shows a collision, refused."""
-NOT_FINITE, OUT_OF_ORDER, JUMP = "not_finite", "out_of_order", "jump"
-"""Why a pose was refused."""
-_REFUSALS = ("", "", NOT_FINITE, OUT_OF_ORDER, JUMP)
 TRIGGER_NAMES = ("", "region", "innovation")
 
 
@@ -67,6 +64,7 @@ class DetectorMemory(Record):
     innovation = field("1", "the innovation triggers", kind=bool)
     region = field("1", "the known region triggers", kind=bool)
     follows = field("1", "the filter has begun", kind=bool)
+    collided = field("1", "the last pose shows a collision", kind=bool)
     samples = field("1", "since it began, or since the last event", kind=int)
     position = field("m", "state of the filter, as the next ones", 3)
     velocity = field("m/s", "map", 3)
@@ -141,8 +139,8 @@ def detect(
     stamp_s: float,
     position: Array,
     attitude: Array,
-) -> int:
-    """Take a pose captured at `stamp_s` [s]; return what became of it, `USED` and so on.
+) -> PoseRefusal:
+    """Take a pose captured at `stamp_s` [s]; return why it is not used, a `PoseRefusal`.
 
     A sample that is not finite, not newer than the last one, or has jumped to where no strike
     could have put the vehicle, is refused: it changes nothing. A stamp that lies further back than
@@ -156,16 +154,17 @@ def detect(
         position: (3) in map [m].
         attitude: quaternion xyzw (4), map from base_link.
     """
+    memory.collided = False
     total = stamp_s
     for i in range(3):
         total += position[i]
     for i in range(4):
         total += attitude[i]
     if not math.isfinite(total):
-        return _refuse(memory, NOT_FINITE_POSE)
+        return _refuse(memory, PoseRefusal.NOT_FINITE)
     step = stamp_s - memory.last.stamp_s
     if -params.gap_max <= step <= 0.0:
-        return _refuse(memory, OUT_OF_ORDER_POSE)
+        return _refuse(memory, PoseRefusal.OUT_OF_ORDER)
     follows = memory.follows and 0.0 < step <= params.gap_max
     moved = False
     if not follows:
@@ -174,7 +173,7 @@ def detect(
         memory, params, stamp_s, position, attitude, step
     ):
         if memory.jumps < _POSES_TO_ACCEPT_JUMP:
-            return _refuse(memory, JUMPED_POSE)
+            return _refuse(memory, PoseRefusal.JUMP)
         memory.jumps = 0
         moved = True
         follows = False
@@ -198,14 +197,14 @@ def detect(
         memory.holdoff_until = stamp_s + params.holdoff
         memory.track_length = 0
         memory.samples = 0
-        return EVENT
-    if stamp_s >= memory.holdoff_until and memory.statistic < params.threshold:
+        memory.collided = True
+    elif stamp_s >= memory.holdoff_until and memory.statistic < params.threshold:
         _append_to_track(memory, stamp_s, position, step)
-    return USED
+    return PoseRefusal.NONE
 
 
 @compiled_call
-def _refuse(memory: DetectorMemory, reason: int) -> int:
+def _refuse(memory: DetectorMemory, reason: PoseRefusal) -> PoseRefusal:
     memory.statistic = 0.0
     return reason
 
@@ -329,7 +328,7 @@ def _predict_and_update(
     """Predict over `step` [s], compare with the sample and correct."""
     ax, ay = free_acceleration(memory.last.attitude, attitude)
     push = (ax, ay, 0.0)
-    turn = rotation_vector(memory.last.attitude, attitude)
+    turn = rotation_vector(attitude, memory.last.attitude)
     rate_noise = params.rate_noise * max(1.0, _RATE_STEP / step)
     half = 0.5 * step * step
     statistic = 0.0
@@ -383,22 +382,6 @@ def free_acceleration(before: Array, after: Array) -> tuple[float, float]:
     upright = max(level - tilted, 0.3 * level, 0.1 * (level + tilted))
     ax = GRAVITY * 2.0 * (mx * mz + mw * my) / upright
     return ax, GRAVITY * 2.0 * (my * mz - mw * mx) / upright
-
-
-@compiled_call
-def rotation_vector(before: Array, after: Array) -> tuple[float, float, float]:
-    """Return the rotation vector [rad], body frame, from the first quaternion to the second."""
-    x0, y0, z0, w0 = before[0], before[1], before[2], before[3]
-    x, y, z, w = after[0], after[1], after[2], after[3]
-    ex = w0 * x - x0 * w - y0 * z + z0 * y
-    ey = w0 * y + x0 * z - y0 * w - z0 * x
-    ez = w0 * z - x0 * y + y0 * x - z0 * w
-    ew = w0 * w + x0 * x + y0 * y + z0 * z
-    sine = math.sqrt(ex * ex + ey * ey + ez * ez)
-    if ew < 0.0:
-        ex, ey, ez, ew = -ex, -ey, -ez, -ew
-    scale = 2.0 * math.atan2(sine, ew) / sine if sine > 1e-12 else 2.0
-    return scale * ex, scale * ey, scale * ez
 
 
 @compiled_call
@@ -532,8 +515,8 @@ class CollisionDetector:
     def __init__(self, params: DetectorParams) -> None:
         self.memory = DetectorMemory.new()
         begin_detector(self.memory)
-        self.refused = ""
-        """Why the last sample was not used; empty if it was."""
+        self.refused = PoseRefusal.NONE
+        """Why the last sample was not used."""
         self.set_params(params)
 
     def set_params(self, params: DetectorParams) -> None:
@@ -549,9 +532,8 @@ class CollisionDetector:
     def update(self, stamp_s: float, position: Array, attitude: Array) -> CollisionEvent | None:
         """Take a pose as `detect` does; return an event if it shows a collision."""
         memory = self.memory
-        result = detect(memory, self._params, stamp_s, position, attitude)
-        self.refused = _REFUSALS[result]
-        if result != EVENT:
+        self.refused = detect(memory, self._params, stamp_s, position, attitude)
+        if not memory.collided:
             return None
         return CollisionEvent(
             stamp_s,

@@ -14,13 +14,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from tombo_collision.detector import (
-    EVENT,
-    JUMP,
-    JUMPED_POSE,
-    NOT_FINITE,
-    NOT_FINITE_POSE,
-    OUT_OF_ORDER,
-    OUT_OF_ORDER_POSE,
     DetectorMemory,
     begin_detector,
     detect,
@@ -32,44 +25,21 @@ from tombo_dynamics.core import Core
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.message_records import CollisionEventRecord, DetectorStatusRecord, message_of
 from tombo_dynamics.messages import CollisionEvent, DetectorStatus, Pose
+from tombo_dynamics.pose_check import (
+    FRAME,
+    MAX_FUTURE_NS,
+    MAX_POSE_AGE_NS,
+    POSE_REFUSAL_TEXTS,
+    PoseRefusal,
+    check_pose,
+    is_map,
+)
 from tombo_dynamics.records import Record, field, parameter_record
 
-FRAME = "map"
-WRONG_FRAME, NOT_UNIT, FUTURE, LATE = "wrong_frame", "not_unit", "future", "late"
-TWO_PUBLISHERS = "two_publishers"
-_, _, _, _, _, _WRONG_FRAME, _NOT_UNIT, _FUTURE, _LATE, _TWO_PUBLISHERS = range(10)
-REASONS = {
-    NOT_FINITE_POSE: NOT_FINITE,
-    OUT_OF_ORDER_POSE: OUT_OF_ORDER,
-    JUMPED_POSE: JUMP,
-    _WRONG_FRAME: WRONG_FRAME,
-    _NOT_UNIT: NOT_UNIT,
-    _FUTURE: FUTURE,
-    _LATE: LATE,
-    _TWO_PUBLISHERS: TWO_PUBLISHERS,
-}
-"""Why a pose can be refused."""
-
-_MAX_FUTURE_NS = 5_000_000
-"""A stamp may be this far ahead of now: two clocks that are kept in step differ by less."""
-_MAX_AGE_NS = 500_000_000
-"""An older pose says nothing about the vehicle any more."""
-_NORM = 0.1
-"""A quaternion's norm may be off by this: what is further off was never an attitude."""
 _SILENT_NS = 120_000_000
 """Three samples at 30 Hz and a half."""
 _LATE_NS = 100_000_000
 """An older pose is used, but a collision is known late."""
-_REFUSALS = {
-    WRONG_FRAME: "a pose whose frame is not map",
-    NOT_FINITE: "a pose with NaN or infinity",
-    NOT_UNIT: "a pose whose quaternion is no rotation",
-    FUTURE: "a pose stamped in the future",
-    OUT_OF_ORDER: "a pose not newer than the one before",
-    LATE: "a pose more than half a second old",
-    JUMP: "a pose where no strike could have put the vehicle: markers mixed up?",
-    TWO_PUBLISHERS: "two nodes publish poses: nobody can tell which is true",
-}
 _NONE = -1
 
 
@@ -80,7 +50,7 @@ class DetectorCoreMemory(Record):
     origin_ns = field("ns", "stamp that is time 0 of the detector; -1: none yet", kind=int)
     last_ns = field("ns", "stamp of the last pose used", kind=int)
     used = field("1", "poses used", kind=int)
-    refused = field("1", "poses refused, by reason", 10, int)
+    refused = field("1", "poses refused, by `PoseRefusal`", len(PoseRefusal), int)
     status = field("", "of the last pose", kind=DetectorStatusRecord)
     event = field("", "the last one", kind=CollisionEventRecord)
 
@@ -100,8 +70,8 @@ def take_pose(
     now_ns: int,
     position: Array,
     attitude: Array,
-) -> int:
-    """Take a pose in map; return what became of it: used (0), `EVENT` or a key of `REASONS`.
+) -> PoseRefusal:
+    """Take a pose in map; return why it is not used, a `PoseRefusal`.
 
     `status` is filled in, and `event` if there is one.
 
@@ -115,14 +85,13 @@ def take_pose(
     """
     result = _look_at(memory, params, stamp_ns, now_ns, position, attitude)
     fill_status(memory, params, stamp_ns, result)
-    if result == EVENT:
+    if memory.detector.collided:
         d, event = memory.detector, memory.event
         event.stamp_ns = stamp_ns
         event.trigger = d.trigger
         event.contact_stamp_ns = memory.origin_ns + int(np.rint(1e9 * d.contact_s))
-        for i in range(3):
-            event.contact_position[i] = d.x_c[i]
-            event.flight_direction[i] = d.direction[i]
+        event.contact_position = d.x_c
+        event.flight_direction = d.direction
         event.confidence = d.confidence
         event.statistic = d.statistic
         event.count = d.count
@@ -131,17 +100,16 @@ def take_pose(
 
 @compiled_call
 def fill_status(
-    memory: DetectorCoreMemory, params: DetectorParams, stamp_ns: int, result: int
+    memory: DetectorCoreMemory, params: DetectorParams, stamp_ns: int, result: PoseRefusal
 ) -> None:
     """Count a pose and fill in the status for it."""
-    used = result <= EVENT
     status = memory.status
     status.statistic = 0.0
-    if used:
+    if result == PoseRefusal.NONE:
         memory.used += 1
         status.statistic = memory.detector.statistic
     else:
-        memory.refused[result] += 1
+        memory.refused[result.value] += 1
     status.stamp_ns = stamp_ns
     status.threshold = params.threshold
     status.rejected = 0
@@ -158,29 +126,22 @@ def _look_at(
     now_ns: int,
     position: Array,
     attitude: Array,
-) -> int:
-    square = 0.0
-    for i in range(4):
-        square += attitude[i] * attitude[i]
-    if not math.isfinite(square):
-        return NOT_FINITE_POSE
-    if abs(math.sqrt(square) - 1.0) > _NORM:
-        return _NOT_UNIT
-    if stamp_ns > now_ns + _MAX_FUTURE_NS:
-        return _FUTURE
-    if stamp_ns < now_ns - _MAX_AGE_NS:
-        return _LATE
-    clock_set = memory.last_ns > now_ns + _MAX_FUTURE_NS
+) -> PoseRefusal:
+    memory.detector.collided = False
+    why = check_pose(stamp_ns, now_ns, MAX_POSE_AGE_NS, position, attitude)
+    if why != PoseRefusal.NONE:
+        return why
+    clock_set = memory.last_ns > now_ns + MAX_FUTURE_NS
     if memory.origin_ns == _NONE or clock_set:
         if clock_set:  # take it whatever its stamp is, and start anew there
             memory.detector.last.stamp_s = math.inf
         memory.origin_ns = stamp_ns
     elif stamp_ns <= memory.last_ns:
-        return OUT_OF_ORDER_POSE
+        return PoseRefusal.OUT_OF_ORDER
     result = detect(
         memory.detector, params, 1e-9 * (stamp_ns - memory.origin_ns), position, attitude
     )
-    if result <= EVENT:
+    if result == PoseRefusal.NONE:
         memory.last_ns = stamp_ns
     return result
 
@@ -211,10 +172,12 @@ class DetectorCore(Core):
     def on(self, topic: str, message: Pose, now_ns: int) -> None:
         """Take a pose."""
         memory, stamp_ns = self.memory, message.stamp_ns
-        result = _WRONG_FRAME
+        result = PoseRefusal.NONE
         if self._several:
-            result = _TWO_PUBLISHERS
-        if self._several or message.frame_id.lstrip("/") != FRAME:
+            result = PoseRefusal.TWO_PUBLISHERS
+        elif not is_map(message.frame_id):
+            result = PoseRefusal.WRONG_FRAME
+        if result:
             fill_status(memory, self.params, stamp_ns, result)
         else:
             clock_ns = now_ns + self.clock_slack_ns
@@ -223,16 +186,15 @@ class DetectorCore(Core):
             )
         self._pose_ns = now_ns
         health = self.health
-        if result == EVENT:
+        if not result and memory.detector.collided:
             health.values["collisions"] = int(memory.event.count)
             event = message_of(CollisionEvent, memory.event, frame_id=FRAME)
             self._outputs.append(("/collision_event", event))
         self._outputs.append(("/detector/status", message_of(DetectorStatus, memory.status)))
         health.values["poses"] = int(memory.status.poses)
-        if result in REASONS:
-            reason = REASONS[result]
-            health.values[f"refused.{reason}"] = int(memory.refused[result])
-            health.report_event(f"pose_{reason}", _REFUSALS[reason])
+        if result:
+            health.values[f"refused.{result.key}"] = int(memory.refused[result])
+            health.report_event(f"pose_{result.key}", POSE_REFUSAL_TEXTS[result])
         elif now_ns - stamp_ns > _LATE_NS:
             health.report_event("mocap_late", "poses come more than 0.1 s after their capture")
 
@@ -256,4 +218,4 @@ class DetectorCore(Core):
     def refused(self) -> Counter[str]:
         """How many poses were refused, by reason."""
         counts = self.memory.refused
-        return Counter({name: int(counts[i]) for i, name in REASONS.items() if counts[i]})
+        return Counter({why.key: int(counts[why]) for why in PoseRefusal if counts[why]})

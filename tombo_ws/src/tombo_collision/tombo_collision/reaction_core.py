@@ -22,7 +22,6 @@ from tombo_dynamics.message_records import (
     CollisionEventRecord,
     PositionSetpointRecord,
     ReactionStatusRecord,
-    fill_record,
     message_of,
 )
 from tombo_dynamics.messages import (
@@ -34,56 +33,50 @@ from tombo_dynamics.messages import (
     PositionSetpoint,
     ReactionPhase,
     ReactionStatus,
+    Reason,
 )
-from tombo_dynamics.records import Record, field, parameter_record
+from tombo_dynamics.records import Record, field, fill_record, parameter_record
 
-_GROUNDED, _APPROACH, _REACT = int(Phase.IDLE), int(Phase.APPROACH), int(Phase.REACT)
-_HOLD, _LAND, _LANDED = int(Phase.HOLD), int(Phase.LAND), int(Phase.LANDED)
-_IDLE, _REACTING = int(ReactionPhase.IDLE), int(ReactionPhase.REACTING)
-_BLIND, _HOLDING = int(ReactionPhase.BLIND), int(ReactionPhase.HOLDING)
 
-HOLD_REASONS = ("", "detector_silent", "mission_silent", "two_publishers")
-"""Why it holds; empty while it does not."""
-_NO_REASON, _DETECTOR_SILENT, _MISSION_SILENT, _TWO_PUBLISHERS = range(4)
-_HOLDS = (
-    "",
-    "no word of the detector though poses come: holding",
-    "no set points of the mission: holding",
-    "two nodes publish what only one may: holding",
-)
-EVENT_REFUSALS = (
-    "",
-    "not_finite",
-    "not_unit",
-    "stale",
-    "future",
-    "duplicate",
-    "elsewhere",
-    "not_flying",
-    "waits",
-    "wrong_frame",
-)
-"""Why an event is not reacted to; empty if it is. `waits`: until the mission's first set point."""
-(
-    _ACCEPTED,
-    _NOT_FINITE,
-    _NOT_UNIT,
-    _STALE,
-    _FUTURE,
-    _DUPLICATE,
-    _CONTACT_TOO_FAR,
-    _NOT_FLYING,
-    _WAITS,
-    _WRONG_FRAME,
-) = range(10)
+class HoldReason(Reason):
+    """Why the reaction holds the vehicle where it is."""
+
+    NONE = 0
+    DETECTOR_SILENT = 1
+    MISSION_SILENT = 2
+    TWO_PUBLISHERS = 3
+
+
+_HOLD_TEXTS = {
+    HoldReason.DETECTOR_SILENT: "no word of the detector though poses come: holding",
+    HoldReason.MISSION_SILENT: "no set points of the mission: holding",
+    HoldReason.TWO_PUBLISHERS: "two nodes publish what only one may: holding",
+}
+
+
+class EventRefusal(Reason):
+    """Why a collision is not reacted to. WAITS: until the mission's first set point."""
+
+    NONE = 0
+    NOT_FINITE = 1
+    NOT_UNIT = 2
+    STALE = 3
+    FUTURE = 4
+    DUPLICATE = 5
+    ELSEWHERE = 6
+    NOT_FLYING = 7
+    WAITS = 8
+    WRONG_FRAME = 9
+
+
 _EVENT_TEXTS = {
-    _NOT_FINITE: "a collision with NaN or infinity",
-    _NOT_UNIT: "a collision whose flight direction is no unit vector",
-    _STALE: "a collision of long ago",
-    _FUTURE: "a collision stamped in the future",
-    _CONTACT_TOO_FAR: "a collision far from the vehicle",
-    _NOT_FLYING: "a collision while not flying",
-    _WRONG_FRAME: "a collision whose frame is not map",
+    EventRefusal.NOT_FINITE: "a collision with NaN or infinity",
+    EventRefusal.NOT_UNIT: "a collision whose flight direction is no unit vector",
+    EventRefusal.STALE: "a collision of long ago",
+    EventRefusal.FUTURE: "a collision stamped in the future",
+    EventRefusal.ELSEWHERE: "a collision far from the vehicle",
+    EventRefusal.NOT_FLYING: "a collision while not flying",
+    EventRefusal.WRONG_FRAME: "a collision whose frame is not map",
 }
 _EXCLUSIVE = ("/mission/setpoint", "/collision_event", "/detector/status")
 """Topics that only one may publish."""
@@ -126,7 +119,7 @@ class ReactionMemory(Record):
     stamps = field("ns", "of the last events: a ring", _STAMPS, int)
     events = field("1", "entered into it", kind=int)
     pending = field("1", "events that wait for the mission's first set point", kind=int)
-    why = field("1", "index in HOLD_REASONS", kind=int)
+    why = field("1", "a `HoldReason`", kind=int)
     status = field("", "the last one published", kind=ReactionStatusRecord)
     changed = field("1", "the decision is another one than in it", kind=bool)
     status_due = field("1", "it is of the last step", kind=bool)
@@ -161,24 +154,13 @@ def take_mission_setpoint(memory: ReactionMemory, setpoint: Any, now_ns: int) ->
     total = setpoint.yaw
     for i in range(3):
         total += setpoint.position[i] + setpoint.velocity[i] + setpoint.acceleration[i]
-    if not math.isfinite(total) or not 0 <= setpoint.phase <= _LANDED:
+    if not math.isfinite(total) or not 0 <= setpoint.phase <= Phase.LANDED:
         return False
-    copy_setpoint(memory.mission, setpoint)
+    memory.mission = setpoint
     memory.has_mission = True
     memory.publish_due = True
     memory.mission_ns = now_ns
     return True
-
-
-@compiled_call
-def copy_setpoint(to: Any, source: Any) -> None:
-    """Copy all of a set point but its stamp."""
-    for i in range(3):
-        to.position[i] = source.position[i]
-        to.velocity[i] = source.velocity[i]
-        to.acceleration[i] = source.acceleration[i]
-    to.yaw = source.yaw
-    to.phase = source.phase
 
 
 @compiled_call
@@ -202,34 +184,36 @@ def note_mocap(memory: ReactionMemory, limits: ReactionLimits, now_ns: int) -> N
 
 
 @compiled_call
-def check_event(memory: ReactionMemory, limits: ReactionLimits, event: Any, now_ns: int) -> int:
-    """Return whether a collision is to be reacted to: an index in EVENT_REFUSALS."""
+def check_event(
+    memory: ReactionMemory, limits: ReactionLimits, event: Any, now_ns: int
+) -> EventRefusal:
+    """Return whether a collision is to be reacted to: an `EventRefusal`."""
     for i in range(min(memory.events, _STAMPS)):
         if memory.stamps[i] == event.stamp_ns:
-            return _DUPLICATE
+            return EventRefusal.DUPLICATE
     memory.stamps[memory.events % _STAMPS] = event.stamp_ns
     memory.events += 1
     x, d = event.contact_position, event.flight_direction
     if not math.isfinite(x[0] + x[1] + x[2] + d[0] + d[1] + d[2]):
-        return _NOT_FINITE
+        return EventRefusal.NOT_FINITE
     if abs(math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) - 1.0) > 0.1:
-        return _NOT_UNIT
+        return EventRefusal.NOT_UNIT
     if now_ns - event.stamp_ns > limits.event_age * 1e9:
-        return _STALE
+        return EventRefusal.STALE
     if event.stamp_ns - now_ns > _MAX_FUTURE_NS:
-        return _FUTURE
+        return EventRefusal.FUTURE
     if not memory.has_mission:  # started in flight: it is a matter of milliseconds
         memory.events -= 1
-        return _WAITS
-    if memory.mission.phase == _GROUNDED or memory.mission.phase >= _LAND:
-        return _NOT_FLYING
+        return EventRefusal.WAITS
+    if memory.mission.phase == Phase.IDLE or memory.mission.phase >= Phase.LAND:
+        return EventRefusal.NOT_FLYING
     if memory.has_position:
         square = 0.0
         for i in range(3):
             square += (x[i] - memory.position[i]) * (x[i] - memory.position[i])
         if square > _MAX_CONTACT_DISTANCE * _MAX_CONTACT_DISTANCE:
-            return _CONTACT_TOO_FAR
-    return _ACCEPTED
+            return EventRefusal.ELSEWHERE
+    return EventRefusal.NONE
 
 
 @compiled_call
@@ -244,27 +228,27 @@ def reaction_step(memory: ReactionMemory, limits: ReactionLimits, now_ns: int) -
     memory.status_due = False
     if not memory.has_mission:
         if memory.status.stamp_ns == 0:  # the first one
-            _fill_status(memory, _IDLE, now_ns)
+            _fill_status(memory, ReactionPhase.IDLE, now_ns)
         return
     mission = memory.mission
-    if mission.phase == _LANDED and memory.active:
+    if mission.phase == Phase.LANDED and memory.active:
         memory.active = False
         memory.changed = True
-    elif mission.phase == _GROUNDED and memory.collisions > 0:
+    elif mission.phase == Phase.IDLE and memory.collisions > 0:
         memory.active = False
         memory.collisions = 0
         memory.changed = True
     mission_timed_out = now_ns - memory.mission_ns > limits.mission_timeout * 1e9
-    why = _NO_REASON
+    why: int = HoldReason.NONE
     own = True
     if memory.active and _holds_x_r(memory, mission_timed_out):
         memory.holds = False
         out = memory.hold
-        _hold_at(out, memory.x_r, mission.yaw, _REACT)
+        _hold_at(out, memory.x_r, mission.yaw, Phase.REACT)
     else:
         why = _reason_to_hold(memory, limits, mission_timed_out, now_ns)
         out = memory.hold
-        if why == _NO_REASON or _on_ground(mission.phase):
+        if why == HoldReason.NONE or _on_ground(mission.phase):
             memory.holds = False
             own = False
             out = mission
@@ -272,14 +256,14 @@ def reaction_step(memory: ReactionMemory, limits: ReactionLimits, now_ns: int) -
             memory.holds = True
             old = now_ns - memory.odometry_ns > limits.pose_timeout * 1e9
             if memory.has_position and not old:
-                _hold_at(out, memory.position, mission.yaw, _HOLD)
+                _hold_at(out, memory.position, mission.yaw, Phase.HOLD)
             elif memory.said:
-                _hold_at(out, memory.setpoint.position, mission.yaw, _HOLD)
+                _hold_at(out, memory.setpoint.position, mission.yaw, Phase.HOLD)
             else:
-                _hold_at(out, mission.position, mission.yaw, _HOLD)
+                _hold_at(out, mission.position, mission.yaw, Phase.HOLD)
     _report(memory, limits, why, now_ns)
     if memory.publish_due or (own and now_ns - memory.setpoint.stamp_ns >= _PERIOD_NS):
-        copy_setpoint(memory.setpoint, out)
+        memory.setpoint = out
         memory.setpoint.stamp_ns = now_ns
         memory.publish_due = False
         memory.publishes = True
@@ -299,22 +283,22 @@ def _hold_at(out: Any, place: Array, yaw: float, phase: int) -> None:
 
 @compiled_call
 def _on_ground(phase: int) -> bool:
-    return phase <= _GROUNDED or phase >= _LANDED
+    return phase <= Phase.IDLE or phase >= Phase.LANDED
 
 
 @compiled_call
 def _holds_x_r(memory: ReactionMemory, mission_timed_out: bool) -> bool:
     """Return whether x_r is the set point: the mission does not fly there yet, or is not heard."""
     phase = memory.mission.phase
-    planned = phase <= _APPROACH
+    planned = phase <= Phase.APPROACH
     if not memory.mission_at_x_r and not planned:
         square = 0.0
         for i in range(3):
             off = memory.mission.position[i] - memory.x_r[i]
             square += off * off
-        memory.mission_at_x_r = phase == _LAND or square < _SAME_POSITION * _SAME_POSITION
+        memory.mission_at_x_r = phase == Phase.LAND or square < _SAME_POSITION * _SAME_POSITION
     unsure = mission_timed_out or memory.two_publishers
-    return planned or not memory.mission_at_x_r or (unsure and phase != _LAND)
+    return planned or not memory.mission_at_x_r or (unsure and phase != Phase.LAND)
 
 
 @compiled_call
@@ -323,13 +307,13 @@ def _reason_to_hold(
 ) -> int:
     phase = memory.mission.phase
     if mission_timed_out and not _on_ground(phase):
-        return _MISSION_SILENT
-    if memory.two_publishers and phase != _LAND:
-        return _TWO_PUBLISHERS
+        return HoldReason.MISSION_SILENT
+    if memory.two_publishers and phase != Phase.LAND:
+        return HoldReason.TWO_PUBLISHERS
     poses = now_ns - memory.mocap_ns <= limits.pose_timeout * 1e9
     detector_timed_out = now_ns - memory.detector_ns > limits.detector_timeout * 1e9
-    silent = phase <= _APPROACH and poses and detector_timed_out
-    return _DETECTOR_SILENT if silent else _NO_REASON
+    silent = phase <= Phase.APPROACH and poses and detector_timed_out
+    return HoldReason.DETECTOR_SILENT if silent else HoldReason.NONE
 
 
 @compiled_call
@@ -337,13 +321,13 @@ def _report(memory: ReactionMemory, limits: ReactionLimits, why: int, now_ns: in
     old = limits.pose_timeout * 1e9
     stale = now_ns - memory.odometry_ns > old or now_ns - memory.mocap_ns > old
     if stale and not _on_ground(memory.mission.phase):
-        state = _BLIND
-    elif why != _NO_REASON:
-        state = _HOLDING
+        state = ReactionPhase.BLIND
+    elif why != HoldReason.NONE:
+        state = ReactionPhase.HOLDING
     elif memory.active:
-        state = _REACTING
+        state = ReactionPhase.REACTING
     else:
-        state = _IDLE
+        state = ReactionPhase.IDLE
     if (
         state != memory.status.state
         or why != memory.why
@@ -436,21 +420,21 @@ class ReactionCore(Core):
         else:
             self.event(message, now_ns)
 
-    def event(self, event: CollisionEvent, now_ns: int) -> str:
-        """Take a collision, and decide; return why it was refused, one of `EVENT_REFUSALS`.
+    def event(self, event: CollisionEvent, now_ns: int) -> EventRefusal:
+        """Take a collision, and decide; return why it was refused.
 
         Before the mission's first set point it is kept until there is one.
         """
         memory = self.memory
         if event.frame_id.lstrip("/") != "map":
-            why = _WRONG_FRAME
+            why = EventRefusal.WRONG_FRAME
         else:
             fill_record(self._event, event)
             why = check_event(memory, self.limits, self._event, now_ns)
-        if why == _WAITS:
+        if why == EventRefusal.WAITS:
             self._pending = [*self._pending[1 - _MAX_PENDING :], event]
             memory.pending = len(self._pending)
-        elif why == _ACCEPTED:
+        elif why == EventRefusal.NONE:
             length = math.sqrt(float(event.flight_direction @ event.flight_direction))
             unit = replace(event, flight_direction=event.flight_direction / length)
             decision = self.reaction.decide(unit, self.decision)
@@ -459,9 +443,9 @@ class ReactionCore(Core):
                 memory.collisions += 1
                 memory.active, memory.changed, memory.publish_due = True, True, True
                 memory.mission_at_x_r = False
-        elif why != _DUPLICATE:
-            self._refuse(f"event_{EVENT_REFUSALS[why]}", _EVENT_TEXTS[why])
-        return EVENT_REFUSALS[why]
+        elif why != EventRefusal.DUPLICATE:
+            self._refuse(f"event_{why.key}", _EVENT_TEXTS[why])
+        return why
 
     @property
     def decision(self) -> Decision | None:
@@ -472,9 +456,9 @@ class ReactionCore(Core):
         return Decision(memory.x_c.copy(), memory.n_r.copy(), memory.x_r.copy())
 
     @property
-    def why(self) -> str:
-        """Why it holds, one of `HOLD_REASONS`."""
-        return HOLD_REASONS[self.memory.why]
+    def why(self) -> HoldReason:
+        """Why it holds."""
+        return HoldReason(self.memory.why)
 
     def _refuse(self, key: str, text: str) -> None:
         self._refused += 1
@@ -501,9 +485,12 @@ class ReactionCore(Core):
             outputs.append(("/reaction/status", status))
             health = self.health
             health.values["collisions"] = status.collisions
-            for i, why in enumerate(HOLD_REASONS[1:], start=1):
-                health.fault(why, status.state == _HOLDING and memory.why == i, _HOLDS[i], ERROR)
-            health.fault("blind", status.state == _BLIND, "pose or estimate is too old", ERROR)
+            held = HoldReason(memory.why if status.state == ReactionPhase.HOLDING else 0)
+            for why, text in _HOLD_TEXTS.items():
+                health.fault(why.key, why == held, text, ERROR)
+            health.fault(
+                "blind", status.state == ReactionPhase.BLIND, "pose or estimate is too old", ERROR
+            )
         return outputs
 
     def set_params(self, section: str, params: Any) -> None:

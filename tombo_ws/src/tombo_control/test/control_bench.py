@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from tombo_control.autopilot import HOVER, Autopilot, new_autopilot
+from tombo_control.autopilot import Autopilot, new_autopilot
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import SimulatedPlant, new_plant, null_theta, pack_theta
+from tombo_dynamics.messages import Phase
 from tombo_dynamics.propeller import configuration, thrust_map
 from tombo_dynamics.records import numbers
 from tombo_dynamics.rigid_body import begin_flight, begin_tick, finish_tick
@@ -47,7 +48,7 @@ def fresh_autopilot(
         np.array(position, dtype=float),
         np.array(attitude, dtype=float),
     )
-    a.mode_asked = a.mode_flown = HOVER
+    a.mode_asked = a.mode_flown = Phase.HOVER
     a.mocap_time = FOREVER
     a.setpoint.thrust = 4.0 * VEHICLE.hover_thrust()
     a.leg.end_s = FOREVER

@@ -12,9 +12,9 @@ from control_bench import (
     rotor_table,
 )
 
-from tombo_control.autopilot import BLIND, HOVER, IDLE, LANDED
 from tombo_control.cascade import cascade
 from tombo_control.params import ControlParams
+from tombo_dynamics.messages import Phase
 from tombo_dynamics.rotation import tilt, yaw_pitch_roll
 from tombo_dynamics.vehicle import GRAVITY
 
@@ -69,7 +69,7 @@ def test_p_alone_on_a_double_integrator_cannot_damp_and_the_cascade_can():
     assert whole[-4000:].max() < 1e-3 * whole[:4000].max()
 
 
-@pytest.mark.parametrize("mode", [IDLE, LANDED])
+@pytest.mark.parametrize("mode", [Phase.IDLE, Phase.LANDED])
 def test_stands_by_with_rotors_off_and_integrals_forgotten(mode):
     a = fresh_autopilot()
     a.setpoint.position[:] = 3.0, 3.0, 13.0
@@ -100,7 +100,7 @@ def test_levels_and_sinks_without_mocap_and_comes_back():
         cascade(a, rotor_table(), tick)
 
     body = b.fly_ticks(3.0, stale)
-    assert b.a.mode_flown == BLIND
+    assert b.a.mode_flown == Phase.DESCEND_BLIND
     assert tilt(body[1500:, 6:10]).max() < 0.01
     sink = -np.gradient(body[:, 5], 1e-3)[1500:]
     assert sink.mean() == pytest.approx((1.0 - C.blind_thrust) * GRAVITY, rel=0.02)
@@ -111,7 +111,7 @@ def test_levels_and_sinks_without_mocap_and_comes_back():
         cascade(a, rotor_table(), tick)
 
     body = b.fly_ticks(20.0, fresh)
-    assert b.a.mode_flown == HOVER
+    assert b.a.mode_flown == Phase.HOVER
     assert tilt(body[:, 6:10]).max() < C.tilt_max + 0.1
     assert np.linalg.norm(body[-1, :3] - [0.0, 0.0, 10.0]) < 0.05
 

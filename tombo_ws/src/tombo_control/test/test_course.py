@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tombo_control.autopilot import APPROACH, HOVER, IDLE, LAND, LANDED, TAKEOFF, new_autopilot
+from tombo_control.autopilot import new_autopilot
 from tombo_control.course import Waypoint, leg_to, read_course, resolved_waypoints
 from tombo_control.leg import store_leg, turning_leg
 from tombo_control.mission import (
@@ -20,14 +20,13 @@ from tombo_control.mission import (
     start_reaction,
 )
 from tombo_control.mission_core import (
-    REACTION_HOLDING,
-    REACTION_IDLE,
     MissionCore,
     MissionLimits,
 )
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_control.position_control import follow_leg
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.messages import Phase, ReactionPhase
 from tombo_dynamics.vehicle import VehicleParams
 
 HOME = np.array([0.1, -0.2, 0.18])
@@ -61,7 +60,7 @@ class Follower:
 
     def run(self, until=math.inf, patience=700.0):
         end = self.now + patience
-        while self.now < min(until, end) and self.state.mode != LANDED:
+        while self.now < min(until, end) and self.state.mode != Phase.LANDED:
             self.n += 1
             leg, now = self.state.leg, self.now
             there = np.array(leg.position(now))
@@ -81,23 +80,25 @@ class Follower:
 def test_flies_to_every_waypoint_turns_and_holds_there_and_lands():
     plan = plan_of(LEGS)
     flight = Follower(plan).run()
-    assert flight.state.mode == LANDED
+    assert flight.state.mode == Phase.LANDED
     now, mode, steps = flight.column(0), flight.column(1), flight.column(4)
     place, yaw = flight.column(2), flight.column(3)
-    assert mode[steps > 0].max() == LANDED
+    assert mode[steps > 0].max() == Phase.LANDED
     wanted = resolved_waypoints(plan.course, HOVERING, plan.approach_speed)
     for i, target in enumerate(wanted):
-        last = np.flatnonzero((steps == i + 1) & (mode == APPROACH))[-1]
+        last = np.flatnonzero((steps == i + 1) & (mode == Phase.APPROACH))[-1]
         assert place[last] == pytest.approx(target[:3], abs=1e-6)
         assert yaw[last] == pytest.approx(target.yaw, abs=1e-6)
         there = np.linalg.norm(place - target[:3], axis=1) < 1e-6
-        held = there & (np.abs(yaw - target.yaw) < 1e-6) & (steps == i + 1) & (mode == APPROACH)
+        held = (
+            there & (np.abs(yaw - target.yaw) < 1e-6) & (steps == i + 1) & (mode == Phase.APPROACH)
+        )
         assert np.ptp(now[held]) == pytest.approx(target.hold, abs=2.1 * flight.step)
 
 
 def test_the_heading_of_the_last_waypoint_is_kept_until_the_floor():
     flight = Follower(plan_of(LEGS)).run()
-    down = flight.column(3)[np.isin(flight.column(1), (LAND, LANDED))]
+    down = flight.column(3)[np.isin(flight.column(1), (Phase.LAND, Phase.LANDED))]
     assert len(down) > 20
     assert down == pytest.approx(-1.5, abs=1e-9)
 
@@ -116,7 +117,7 @@ def test_lasts_as_long_whether_looked_at_30_or_50_times_a_second():
     ends = []
     for step in (1.0 / 30.0, 0.02, 0.0311):
         flight = Follower(plan_of([{"x": 1.0}, {"x": 0.0}] * 20), step).run()
-        ends.append(flight.column(0)[flight.column(1) == LAND][0])
+        ends.append(flight.column(0)[flight.column(1) == Phase.LAND][0])
     assert np.ptp(ends) < 0.04
 
 
@@ -133,7 +134,7 @@ def test_a_late_look_begins_the_next_leg_then_and_nothing_jumps():
 
 def test_lands_in_the_middle_of_a_course_when_it_is_time():
     flight = Follower(plan_of(LEGS, land_time=7.0)).run()
-    down = flight.column(1) == LAND
+    down = flight.column(1) == Phase.LAND
     assert flight.column(0)[down][0] == pytest.approx(7.0, abs=0.04)
     assert flight.column(4).max() < len(LEGS)
 
@@ -162,7 +163,7 @@ def test_a_course_cut_short_in_flight_is_no_harm(course):
     flight = Follower(plan_of(LEGS, land_time=40.0)).run(11.0)
     assert flight.state.steps > 1
     flight.plan = plan_of(course, land_time=40.0)
-    assert flight.run().state.mode == LANDED
+    assert flight.run().state.mode == Phase.LANDED
 
 
 waypoints = st.fixed_dictionaries(
@@ -185,9 +186,9 @@ waypoints = st.fixed_dictionaries(
 def test_any_course_is_finite_smooth_and_ends_on_the_floor(course):
     plan = plan_of(course)
     flight = Follower(plan, step=0.02).run()
-    assert flight.state.mode == LANDED
+    assert flight.state.mode == Phase.LANDED
     assert flight.state.steps == len(course)
-    on = flight.column(1) == APPROACH
+    on = flight.column(1) == Phase.APPROACH
     place, yaw = flight.column(2)[on], flight.column(3)[on]
     assert np.isfinite(place).all() and np.isfinite(yaw).all()
     wanted = resolved_waypoints(plan.course, HOVERING, plan.approach_speed)
@@ -253,7 +254,7 @@ class World:
             self.course.reaction_alive(self.now)
             said = setpoint_of(self.course.step(self.now))
             self.said.append(said)
-            there = said.position if said.phase not in (IDLE, LANDED) else self.place
+            there = said.position if said.phase not in (Phase.IDLE, Phase.LANDED) else self.place
             there = np.maximum(there, [-math.inf, -math.inf, HOME[2]])
             self.place, self.velocity = there, (there - self.place) / 0.02
             if said.phase == mode:
@@ -276,21 +277,23 @@ def test_the_node_flies_the_course_of_the_headless_flight():
         assert said.phase == state.mode
         assert said.position == pytest.approx(state.leg.position(now), abs=1e-9)
         assert said.yaw == pytest.approx(state.leg.yaw_at(now), abs=1e-9)
-    assert state.mode == LANDED
-    assert {TAKEOFF, HOVER, APPROACH, LAND} <= {said.phase for said in world.said}
+    assert state.mode == Phase.LANDED
+    assert {Phase.TAKEOFF, Phase.HOVER, Phase.APPROACH, Phase.LAND} <= {
+        said.phase for said in world.said
+    }
 
 
 def test_a_course_that_was_held_up_goes_on_where_it_stopped():
-    world = World(plan_of(LEGS)).run(30.0, APPROACH).run(2.5)
+    world = World(plan_of(LEGS)).run(30.0, Phase.APPROACH).run(2.5)
     steps, place, yaw = world.course.state.steps, world.place.copy(), world.said[-1].yaw
-    world.tell(REACTION_HOLDING)
+    world.tell(ReactionPhase.HOLDING)
     world.run(3.0)
     assert world.course.state.steps == steps
     assert world.place == pytest.approx(place, abs=0.06)
     assert world.said[-1].yaw == pytest.approx(yaw, abs=0.05)
-    world.tell(REACTION_IDLE)
-    world.run(60.0, LANDED)
-    assert world.course.mode == LANDED
+    world.tell(ReactionPhase.IDLE)
+    world.run(60.0, Phase.LANDED)
+    assert world.course.mode == Phase.LANDED
     places = np.array([said.position for said in world.said])
     for target in resolved_waypoints(read_course("c", LEGS), HOVERING, 0.7):
         assert np.linalg.norm(places - target[:3], axis=1).min() < 1e-3
@@ -303,17 +306,17 @@ def test_low_flight_along_a_course_is_no_landing():
     for _ in range(150):  # it hangs a little below its reference
         world.place, world.velocity = np.array([*HOME[:2], 0.27]), np.zeros(3)
         world.run(0.02)
-    world.run(60.0, LAND)
+    world.run(60.0, Phase.LAND)
     assert world.place[0] == pytest.approx(1.0, abs=0.01)
 
 
 def test_a_vehicle_put_on_the_ground_in_its_course_has_landed():
     world = World(plan_of([{"z": 2.0, "hold": 30.0}])).run(12.0)
-    assert world.course.mode == APPROACH
+    assert world.course.mode == Phase.APPROACH
     for _ in range(100):
         world.place, world.velocity = np.array([0.0, 0.0, 0.2]), np.zeros(3)
         world.run(0.02)
-    assert world.course.mode == LANDED
+    assert world.course.mode == Phase.LANDED
 
 
 BAD = [

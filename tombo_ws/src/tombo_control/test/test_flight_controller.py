@@ -12,11 +12,11 @@ import pytest
 from control_bench import VEHICLE, rotor_table
 
 from lockstep_bench import EPOCH_NS, Lockstep, calm, hover_at, hovering, odometry_of
-from tombo_control.autopilot import HOVER, IDLE, LANDED
 from tombo_control.controller_core import Command, ControllerCore
 from tombo_control.estimate import Estimate
 from tombo_control.params import ControlParams, InputLimits
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.messages import Phase
 from tombo_dynamics.rotor_maps import speed_for_thrust
 from tombo_dynamics.time_base import TICK_NS
 
@@ -112,7 +112,7 @@ def _flown(**wire: Any) -> tuple[Array, Lockstep]:
     for name, value in wire.items():
         setattr(flight, name, value)
     rows = flight.fly(len(truth) * 1e-3)
-    assert flight.mission.mode == LANDED
+    assert flight.mission.mode == Phase.LANDED
     return np.abs(rows - truth), flight
 
 
@@ -168,13 +168,13 @@ def test_without_a_set_point_the_rotors_stand_still() -> None:
     assert not command.blind
 
 
-@pytest.mark.parametrize("phase", [IDLE, LANDED])
+@pytest.mark.parametrize("phase", [Phase.IDLE, Phase.LANDED])
 def test_on_the_ground_the_rotors_stand_still(bench: _Bench, phase: int) -> None:
     bench.setpoint(phase=phase)
     command = bench.run(1, setpoint=False)
     assert not command.speed.any()
     assert not bench.controller.flying
-    bench.setpoint(phase=HOVER)
+    bench.setpoint(phase=Phase.HOVER)
     assert bench.run(40).speed.min() > 0.9 * bench.hover
 
 

@@ -9,16 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tombo_control.autopilot import (
-    APPROACH,
-    HOLD,
-    HOVER,
-    IDLE,
-    LAND,
-    LANDED,
-    REACT,
-    TAKEOFF,
-)
 from tombo_control.mission import (
     MissionParams,
     advance_mission,
@@ -26,6 +16,7 @@ from tombo_control.mission import (
     compiled_plan,
     start_reaction,
 )
+from tombo_dynamics.messages import Phase
 
 HOME = np.array([0.1, -0.2, 0.18])
 PLAN = MissionParams()
@@ -42,7 +33,7 @@ class Flight:
         self.position = HOME.copy()
         self.velocity = STILL.copy()
         self.now = 0.0
-        self.modes = [(0.0, IDLE)]
+        self.modes = [(0.0, Phase.IDLE)]
 
     def run(self, until, stop=None):
         while self.now < until and not (stop is not None and stop(self)):
@@ -79,17 +70,35 @@ def collided(plan=PLAN, at=23.0):
 
 def test_phases_without_a_collision():
     flight = Flight().run(60.0)
-    assert flight.order() == [IDLE, TAKEOFF, HOVER, APPROACH, LAND, LANDED]
-    assert flight.began(TAKEOFF) == pytest.approx(PLAN.takeoff_time, abs=STEP)
-    assert flight.began(APPROACH) == pytest.approx(PLAN.approach_time, abs=STEP)
-    assert flight.began(LAND) == pytest.approx(PLAN.land_time, abs=STEP)
+    assert flight.order() == [
+        Phase.IDLE,
+        Phase.TAKEOFF,
+        Phase.HOVER,
+        Phase.APPROACH,
+        Phase.LAND,
+        Phase.LANDED,
+    ]
+    assert flight.began(Phase.TAKEOFF) == pytest.approx(PLAN.takeoff_time, abs=STEP)
+    assert flight.began(Phase.APPROACH) == pytest.approx(PLAN.approach_time, abs=STEP)
+    assert flight.began(Phase.LAND) == pytest.approx(PLAN.land_time, abs=STEP)
 
 
 def test_phases_with_a_collision():
     flight = collided().run(60.0)
-    assert flight.order() == [IDLE, TAKEOFF, HOVER, APPROACH, REACT, HOLD, LAND, LANDED]
-    assert flight.began(HOLD) - flight.began(REACT) == pytest.approx(1.0, abs=3 * STEP)
-    assert flight.began(LAND) - flight.began(HOLD) == pytest.approx(PLAN.hold_time, abs=2 * STEP)
+    assert flight.order() == [
+        Phase.IDLE,
+        Phase.TAKEOFF,
+        Phase.HOVER,
+        Phase.APPROACH,
+        Phase.REACT,
+        Phase.HOLD,
+        Phase.LAND,
+        Phase.LANDED,
+    ]
+    assert flight.began(Phase.HOLD) - flight.began(Phase.REACT) == pytest.approx(1.0, abs=3 * STEP)
+    assert flight.began(Phase.LAND) - flight.began(Phase.HOLD) == pytest.approx(
+        PLAN.hold_time, abs=2 * STEP
+    )
 
 
 def test_without_reaction_it_flies_on_to_the_goal():
@@ -99,7 +108,7 @@ def test_without_reaction_it_flies_on_to_the_goal():
 
 def test_hovers_above_home_at_the_height_of_the_plan():
     flight = Flight().run(15.0)
-    assert flight.state.mode == HOVER
+    assert flight.state.mode == Phase.HOVER
     assert flight.position == pytest.approx([HOME[0], HOME[1], PLAN.height])
 
 
@@ -115,9 +124,13 @@ def test_goes_on_only_when_the_climb_has_come_to_rest():
     late = flight.state.leg.end_s + 1.0
     top = np.array(flight.state.leg.position(late))
     low, fast = top - [0.0, 0.0, 0.1], np.array([0.0, 0.0, 0.2])
-    assert advance_mission(flight.state, compiled_plan(PLAN), late, low, STILL).mode == TAKEOFF
-    assert advance_mission(flight.state, compiled_plan(PLAN), late, top, fast).mode == TAKEOFF
-    assert advance_mission(flight.state, compiled_plan(PLAN), late, top, STILL).mode == HOVER
+    assert (
+        advance_mission(flight.state, compiled_plan(PLAN), late, low, STILL).mode == Phase.TAKEOFF
+    )
+    assert (
+        advance_mission(flight.state, compiled_plan(PLAN), late, top, fast).mode == Phase.TAKEOFF
+    )
+    assert advance_mission(flight.state, compiled_plan(PLAN), late, top, STILL).mode == Phase.HOVER
 
 
 def test_lands_at_the_latest_even_if_it_never_settles():
@@ -126,7 +139,7 @@ def test_lands_at_the_latest_even_if_it_never_settles():
     state = flight.state
     for now in np.arange(flight.now, PLAN.land_time + 1.0, STEP):
         state = advance_mission(state, compiled_plan(PLAN), now, away, STILL)
-        assert state.mode == (REACT if now < PLAN.land_time else LAND)
+        assert state.mode == (Phase.REACT if now < PLAN.land_time else Phase.LAND)
 
 
 @pytest.mark.parametrize(
@@ -144,11 +157,11 @@ def test_settled_means_near_and_slow_for_a_whole_second(offset, velocity):
             state, compiled_plan(PLAN), now, position, np.array(velocity) if bad else STILL
         )
         settled = now > disturbed_at + 1.0 + 0.5 * STEP
-        assert state.mode == (HOLD if settled else REACT)
+        assert state.mode == (Phase.HOLD if settled else Phase.REACT)
 
 
 def test_a_second_collision_moves_x_r_and_settles_anew():
-    flight = collided().run(60.0, in_mode(HOLD))
+    flight = collided().run(60.0, in_mode(Phase.HOLD))
     flight.run(flight.now + 1.0)
     first = flight.state.leg.start
     second = np.array([0.3, 0.9, 1.9])
@@ -156,17 +169,17 @@ def test_a_second_collision_moves_x_r_and_settles_anew():
     flight.modes.append((flight.now, flight.state.mode))
     again = flight.now
     assert flight.state.leg.start == pytest.approx(second) != pytest.approx(first)
-    flight.run(60.0, in_mode(LAND))
-    assert flight.order()[-3:] == [REACT, HOLD, LAND]
+    flight.run(60.0, in_mode(Phase.LAND))
+    assert flight.order()[-3:] == [Phase.REACT, Phase.HOLD, Phase.LAND]
     assert flight.now - again == pytest.approx(1.0 + PLAN.hold_time, abs=4 * STEP)
 
 
 def test_having_settled_once_counts_for_nothing_after_a_second_collision():
     """Told to stay where it is, still and on the spot, it takes a second all the same."""
-    flight = collided().run(60.0, in_mode(HOLD))
+    flight = collided().run(60.0, in_mode(Phase.HOLD))
     flight.state = start_reaction(flight.state, flight.position, flight.now)
     again = flight.now
-    flight.run(60.0, in_mode(HOLD))
+    flight.run(60.0, in_mode(Phase.HOLD))
     assert flight.now - again > 1.0
 
 
@@ -180,11 +193,11 @@ def test_a_safe_point_that_is_no_number_is_not_flown_to(axis, value):
 
 
 def test_landing_goes_straight_down_from_where_it_is():
-    flight = collided().run(60.0, in_mode(LAND))
+    flight = collided().run(60.0, in_mode(Phase.LAND))
     before = flight.position.copy()
-    flight.run(60.0, in_mode(LANDED))
+    flight.run(60.0, in_mode(Phase.LANDED))
     assert flight.position[:2] == pytest.approx(before[:2])
-    took = flight.now - flight.began(LAND)
+    took = flight.now - flight.began(Phase.LAND)
     assert took == pytest.approx((before[2] - HOME[2]) / PLAN.land_speed, abs=1.5)
 
 
@@ -193,7 +206,7 @@ def test_landing_goes_straight_down_from_where_it_is():
 )
 def test_landed_means_held_up_by_the_floor(lag, speed, height):
     """Not while it follows the reference, still moves, or is held up far above the floor."""
-    flight = collided().run(60.0, in_mode(LAND))
+    flight = collided().run(60.0, in_mode(Phase.LAND))
     state = flight.state
     now = next(
         t for t in itertools.count(flight.now, 0.001) if state.leg.position(t)[2] <= height - lag
@@ -201,15 +214,15 @@ def test_landed_means_held_up_by_the_floor(lag, speed, height):
     at = np.array([*state.leg.position(now)[:2], height])
     assert (
         advance_mission(state, compiled_plan(PLAN), now, at, np.array([0.0, 0.0, -speed])).mode
-        == LAND
+        == Phase.LAND
     )
     on_the_floor = np.array([at[0], at[1], 0.18])
     low = next(t for t in itertools.count(flight.now, 0.001) if state.leg.position(t)[2] <= -0.12)
     landed = advance_mission(state, compiled_plan(PLAN), low, on_the_floor, STILL)
-    assert landed.mode == LANDED
+    assert landed.mode == Phase.LANDED
     assert (
         advance_mission(landed, compiled_plan(PLAN), low + 10.0, on_the_floor, STILL).mode
-        == LANDED
+        == Phase.LANDED
     )
 
 
@@ -220,7 +233,7 @@ def test_steps_go_round_a_square_with_changes_of_height():
     for t in np.arange(10.5, 34.0, plan.step_period):
         flight.run(t)
         corners.append(flight.position - [*HOME[:2], plan.height])
-    assert flight.state.mode == APPROACH
+    assert flight.state.mode == Phase.APPROACH
     assert len(corners) == 10
     assert np.allclose(corners[0], [1.5, 0.0, 0.0])
     assert np.allclose(corners[4], corners[0])

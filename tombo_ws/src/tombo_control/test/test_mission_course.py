@@ -9,30 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tombo_collision.reactions.bounce import Bounce
-from tombo_control.autopilot import (
-    APPROACH,
-    HOLD,
-    HOVER,
-    IDLE,
-    LAND,
-    LANDED,
-    REACT,
-    TAKEOFF,
-)
 from tombo_control.mission import MissionParams, advance_mission, begin, compiled_plan
 from tombo_control.mission_core import (
-    BLIND,
-    NO_ESTIMATE,
-    REACTING,
-    REACTION_BLIND,
-    REACTION_HOLDING,
-    REACTION_HOLDS,
-    REACTION_IDLE,
-    REACTION_SILENT,
-    TWO_ESTIMATES,
     MissionCore,
     MissionLimits,
+    WaitReason,
 )
+from tombo_dynamics.messages import Phase, ReactionPhase
 from tombo_dynamics.vehicle import VehicleParams
 
 MS = 1_000_000
@@ -84,7 +67,7 @@ class World:
 
     def follow(self, said):
         before = self.place
-        if self.follows and said.phase not in (IDLE, LANDED):
+        if self.follows and said.phase not in (Phase.IDLE, Phase.LANDED):
             self.place = before + 0.2 * (said.position - before) + 0.02 * said.velocity * 0.8
         self.place = np.maximum(self.place, [-math.inf, -math.inf, HOME[2]])
         self.velocity = (self.place - before) / 0.02
@@ -108,13 +91,20 @@ def test_flies_the_plan_in_the_plan_s_own_time():
     world = World()
     began = world.now + 20 * MS
     when = {}
-    for mode in (TAKEOFF, HOVER, APPROACH, LAND, LANDED):
+    for mode in (Phase.TAKEOFF, Phase.HOVER, Phase.APPROACH, Phase.LAND, Phase.LANDED):
         when[mode] = (world.until(mode).now - began) * 1e-9
-    assert world.modes == [IDLE, TAKEOFF, HOVER, APPROACH, LAND, LANDED]
-    assert when[TAKEOFF] == pytest.approx(PLAN.takeoff_time, abs=0.021)
-    assert when[APPROACH] == pytest.approx(PLAN.approach_time, abs=0.021)
-    assert when[LAND] == pytest.approx(PLAN.land_time, abs=0.021)
-    assert world.course.time_s == pytest.approx(when[LANDED], abs=0.021)
+    assert world.modes == [
+        Phase.IDLE,
+        Phase.TAKEOFF,
+        Phase.HOVER,
+        Phase.APPROACH,
+        Phase.LAND,
+        Phase.LANDED,
+    ]
+    assert when[Phase.TAKEOFF] == pytest.approx(PLAN.takeoff_time, abs=0.021)
+    assert when[Phase.APPROACH] == pytest.approx(PLAN.approach_time, abs=0.021)
+    assert when[Phase.LAND] == pytest.approx(PLAN.land_time, abs=0.021)
+    assert world.course.time_s == pytest.approx(when[Phase.LANDED], abs=0.021)
 
 
 def test_is_the_plan_of_the_headless_flight():
@@ -125,16 +115,16 @@ def test_is_the_plan_of_the_headless_flight():
         here, velocity = world.place.copy(), world.velocity.copy()
         world.run(0.02)
         now = world.course.time_s
-        if state.mode == IDLE:
+        if state.mode == Phase.IDLE:
             state = begin(here)
         state = advance_mission(state, compiled_plan(PLAN), now, here, velocity)
         assert world.said[-1].phase == state.mode
         assert world.said[-1].position == pytest.approx(state.leg.position(now), abs=1e-9)
-    assert state.mode == LANDED
+    assert state.mode == Phase.LANDED
 
 
 def test_set_points_carry_the_reference_s_own_velocity_and_acceleration():
-    world = World().until(LAND)
+    world = World().until(Phase.LAND)
     place = np.array([s.position for s in world.said])
     velocity = np.array([s.velocity for s in world.said])
     acceleration = np.array([s.acceleration for s in world.said])
@@ -156,85 +146,89 @@ def test_no_setpoint_before_the_first_estimate_which_starts_the_clock():
     assert not world.said
     world.odometry = True
     world.run(0.9)
-    assert world.course.mode == IDLE
+    assert world.course.mode == Phase.IDLE
     world.run(0.2)
-    assert world.course.mode == TAKEOFF
+    assert world.course.mode == Phase.TAKEOFF
 
 
 def test_home_is_where_it_stands_when_it_takes_off():
     world = World()
     world.run(0.5)
     world.place = HOME + np.array([0.3, 0.2, 0.0])
-    world.until(HOVER)
+    world.until(Phase.HOVER)
     assert world.said[-1].position == pytest.approx([0.4, 0.0, PLAN.height])
 
 
 def test_waits_for_the_word_to_start():
     world = World(started=False)
     world.run(30.0)
-    assert world.modes == [IDLE]
+    assert world.modes == [Phase.IDLE]
     world.course.set_params("auto_start", True)
     world.run(PLAN.takeoff_time + 0.05)
-    assert world.course.mode == TAKEOFF
+    assert world.course.mode == Phase.TAKEOFF
 
 
 @pytest.mark.parametrize("plan", [PLAN, replace(PLAN, takeoff_time=0.0)])
 def test_takes_off_only_when_told(plan):
-    assert World(plan=plan, started=False).run(3.0).modes == [IDLE]
+    assert World(plan=plan, started=False).run(3.0).modes == [Phase.IDLE]
 
 
 def test_follows_the_reaction_to_x_r_holds_and_lands():
-    world = World().until(APPROACH)
+    world = World().until(Phase.APPROACH)
     world.run(1.5)
-    world.reaction(REACTING, X_R, 1)
+    world.reaction(ReactionPhase.REACTING, X_R, 1)
     world.run(0.02)
-    assert world.said[-1].phase == REACT
+    assert world.said[-1].phase == Phase.REACT
     assert world.said[-1].position == pytest.approx(X_R)
-    world.until(HOLD)
+    world.until(Phase.HOLD)
     held = world.now
-    world.until(LAND)
+    world.until(Phase.LAND)
     assert (world.now - held) * 1e-9 == pytest.approx(PLAN.hold_time, abs=0.03)
-    world.until(LANDED)
+    world.until(Phase.LANDED)
     assert world.place[:2] == pytest.approx(X_R[:2], abs=0.02)
 
 
 def test_the_same_decision_again_changes_nothing_a_new_one_does():
-    world = World().until(APPROACH)
-    world.reaction(REACTING, X_R, 1)
-    world.until(HOLD)
-    world.reaction(REACTION_BLIND, X_R, 1)
-    world.reaction(REACTING, X_R, 1)
+    world = World().until(Phase.APPROACH)
+    world.reaction(ReactionPhase.REACTING, X_R, 1)
+    world.until(Phase.HOLD)
+    world.reaction(ReactionPhase.BLIND, X_R, 1)
+    world.reaction(ReactionPhase.REACTING, X_R, 1)
     world.run(0.1)
-    assert world.course.mode == HOLD
+    assert world.course.mode == Phase.HOLD
     second = X_R + np.array([0.0, -0.8, 0.0])
-    world.reaction(REACTION_BLIND, second, 2)  # decided while blind: as good
+    world.reaction(ReactionPhase.BLIND, second, 2)  # decided while blind: as good
     world.run(0.02)
-    assert world.course.mode == REACT
+    assert world.course.mode == Phase.REACT
     assert world.said[-1].position == pytest.approx(second)
 
 
-@pytest.mark.parametrize("mode", [IDLE, LAND, LANDED])
+@pytest.mark.parametrize("mode", [Phase.IDLE, Phase.LAND, Phase.LANDED])
 def test_on_the_ground_and_landing_it_does_not_follow(mode):
-    world = World() if mode == IDLE else World().until(mode)
+    world = World() if mode == Phase.IDLE else World().until(mode)
     world.run(0.1)
-    world.reaction(REACTING, X_R, 1)
+    world.reaction(ReactionPhase.REACTING, X_R, 1)
     world.run(0.1)
     assert world.course.mode == mode
 
 
 def test_a_decision_without_a_place_or_of_long_ago_is_none():
-    world = World().until(APPROACH)
-    world.reaction(REACTING, (0.5, math.nan, 2.0), 1)
-    world.reaction(REACTING, X_R, 1, age_s=LIMITS.escape_age + 0.1)
+    world = World().until(Phase.APPROACH)
+    world.reaction(ReactionPhase.REACTING, (0.5, math.nan, 2.0), 1)
+    world.reaction(ReactionPhase.REACTING, X_R, 1, age_s=LIMITS.escape_age + 0.1)
     world.run(0.1)
-    assert world.course.mode == APPROACH
+    assert world.course.mode == Phase.APPROACH
 
 
 @pytest.mark.parametrize(
     ("state", "why"),
-    [(REACTION_HOLDING, REACTION_HOLDS), (REACTION_BLIND, BLIND), (None, REACTION_SILENT)],
+    [
+        (ReactionPhase.HOLDING, WaitReason.REACTION_HOLDS),
+        (ReactionPhase.BLIND, WaitReason.BLIND),
+        (None, WaitReason.REACTION_SILENT),
+    ],
 )
-@pytest.mark.parametrize("mode", [TAKEOFF, HOVER, APPROACH])
+@pytest.mark.parametrize("mode", [Phase.TAKEOFF, Phase.HOVER, Phase.APPROACH])
 def test_it_waits_at_the_vehicle_while_the_reaction_holds(state, why, mode):
     world = World().until(mode).run(1.2)
     assert not world.course.wait_reason
@@ -254,51 +248,51 @@ def test_it_waits_at_the_vehicle_while_the_reaction_holds(state, why, mode):
     # and on from there
     again = len(world.said) - 1
     world.follows = world.answers = True
-    world.reaction(REACTION_IDLE)
+    world.reaction(ReactionPhase.IDLE)
     world.run(0.1)
     assert not world.course.wait_reason
     assert world.largest_step(again) < 0.02
     world.run(6.0)
     assert world.largest_step(again) < 0.02
-    assert world.course.mode == APPROACH
+    assert world.course.mode == Phase.APPROACH
 
 
 def test_waiting_does_not_put_off_the_landing():
-    world = World().until(APPROACH)
-    world.reaction(REACTION_HOLDING)
-    world.until(LAND)
+    world = World().until(Phase.APPROACH)
+    world.reaction(ReactionPhase.HOLDING)
+    world.until(Phase.LAND)
     assert world.course.time_s == pytest.approx(PLAN.land_time, abs=0.03)
 
 
 def test_does_not_take_off_while_the_reaction_holds():
     world = World()
     world.run(0.1)
-    world.reaction(REACTION_HOLDING)
+    world.reaction(ReactionPhase.HOLDING)
     world.run(5.0)
-    assert world.modes == [IDLE]
-    world.reaction(REACTION_IDLE)
+    assert world.modes == [Phase.IDLE]
+    world.reaction(ReactionPhase.IDLE)
     world.run(0.1)
-    assert world.modes == [IDLE, TAKEOFF]
+    assert world.modes == [Phase.IDLE, Phase.TAKEOFF]
     assert world.largest_step() < 0.02
 
 
 def test_a_reaction_that_has_never_spoken_is_not_waited_for():
     world = World()
     world.answers = False
-    world.until(HOVER)
+    world.until(Phase.HOVER)
 
 
-@pytest.mark.parametrize("mode", [TAKEOFF, APPROACH, REACT, LAND])
+@pytest.mark.parametrize("mode", [Phase.TAKEOFF, Phase.APPROACH, Phase.REACT, Phase.LAND])
 def test_without_estimates_the_reference_and_the_clock_stand_still(mode):
     world = World()
-    if mode == REACT:
-        world.until(APPROACH)
-        world.reaction(REACTING, X_R, 1)
+    if mode == Phase.REACT:
+        world.until(Phase.APPROACH)
+        world.reaction(ReactionPhase.REACTING, X_R, 1)
     world.until(mode).run(0.7)
     world.odometry = False
     world.run(0.28)
     begin, time_s = len(world.said), world.course.time_s
-    assert world.course.wait_reason == NO_ESTIMATE
+    assert world.course.wait_reason == WaitReason.ESTIMATE_SILENT
     world.run(30.0)
     assert world.course.time_s == time_s
     assert world.largest_step(begin) == 0.0
@@ -312,7 +306,7 @@ def test_without_estimates_the_reference_and_the_clock_stand_still(mode):
 
 @pytest.mark.parametrize("drift", [(0.0, 0.1, -0.2), (0.0, 1.0, -0.5)])
 def test_after_drift_without_estimates_it_resumes_from_the_vehicle(drift):
-    world = World().until(APPROACH).run(1.0)
+    world = World().until(Phase.APPROACH).run(1.0)
     world.odometry = False
     world.run(1.0)
     world.place = world.place + np.array(drift)
@@ -320,15 +314,15 @@ def test_after_drift_without_estimates_it_resumes_from_the_vehicle(drift):
     world.follows = False
     world.run(0.02)
     assert math.dist(world.said[-1].position, world.place) < 0.01
-    assert world.course.mode == APPROACH
+    assert world.course.mode == Phase.APPROACH
 
 
 def test_two_estimators_stop_it_as_none_does():
-    world = World().until(APPROACH)
+    world = World().until(Phase.APPROACH)
     world.course.set_multiple_publishers("/odometry", True)
     begin = len(world.said)
     world.run(3.0)
-    assert world.course.wait_reason == TWO_ESTIMATES
+    assert world.course.wait_reason == WaitReason.TWO_ESTIMATORS
     assert world.largest_step(begin) == 0.0
     world.course.set_multiple_publishers("/odometry", False)
     world.run(0.1)
@@ -336,7 +330,7 @@ def test_two_estimators_stop_it_as_none_does():
 
 
 def test_a_vehicle_left_behind_is_not_left_behind_for_ever():
-    world = World().until(APPROACH)
+    world = World().until(Phase.APPROACH)
     world.follows = False
     world.run(6.0)
     assert math.dist(world.said[-1].position, world.place) < LIMITS.lag_max + 0.02
@@ -344,7 +338,7 @@ def test_a_vehicle_left_behind_is_not_left_behind_for_ever():
 
 
 def test_hovering_off_the_spot_is_no_lag():
-    world = World().until(HOVER)
+    world = World().until(Phase.HOVER)
     world.follows = False
     world.place = world.place + np.array([0.8, 0.0, 0.0])
     world.run(1.0)
@@ -355,11 +349,11 @@ def test_begun_in_flight_it_holds_and_lands():
     place = np.array([1.3, 0.4, 1.7])
     world = World(place)
     world.run(0.02)
-    assert world.said[0].phase == HOLD
+    assert world.said[0].phase == Phase.HOLD
     assert world.said[0].position == pytest.approx(place)
-    world.until(LAND)
+    world.until(Phase.LAND)
     assert world.course.time_s == pytest.approx(PLAN.hold_time, abs=0.03)
-    world.until(LANDED)
+    world.until(Phase.LANDED)
     assert world.place == pytest.approx([1.3, 0.4, 0.18], abs=0.02)
 
 
@@ -368,78 +362,78 @@ def test_begun_in_flight_after_a_collision_it_goes_to_x_r(before):
     world = World(np.array([1.3, 0.4, 1.7]))
     if not before:
         world.run(0.5)
-    world.reaction(REACTING, X_R, 1, age_s=3.0)
+    world.reaction(ReactionPhase.REACTING, X_R, 1, age_s=3.0)
     world.run(0.04)
-    assert world.modes[-1] == REACT
+    assert world.modes[-1] == Phase.REACT
     assert world.said[-1].position == pytest.approx(X_R)
-    world.until(LANDED)
+    world.until(Phase.LANDED)
 
 
 def test_a_collision_of_the_flight_before_is_not_fled_from():
     """Latched, but followed by: idle again."""
     world = World(np.array([1.3, 0.4, 1.7]))
-    world.reaction(REACTING, X_R, 1, age_s=3.0)
-    world.reaction(REACTION_IDLE)
+    world.reaction(ReactionPhase.REACTING, X_R, 1, age_s=3.0)
+    world.reaction(ReactionPhase.IDLE)
     world.run(0.5)
-    assert world.modes == [HOLD]
+    assert world.modes == [Phase.HOLD]
 
 
 def test_found_on_the_ground_the_flight_is_over():
-    for mode in (HOVER, APPROACH, HOLD):
-        world = World().until(APPROACH if mode == HOLD else mode)
-        if mode == HOLD:
-            world.reaction(REACTING, X_R, 1)
-            world.until(HOLD)
+    for mode in (Phase.HOVER, Phase.APPROACH, Phase.HOLD):
+        world = World().until(Phase.APPROACH if mode == Phase.HOLD else mode)
+        if mode == Phase.HOLD:
+            world.reaction(ReactionPhase.REACTING, X_R, 1)
+            world.until(Phase.HOLD)
         world.place = np.array([0.0, 0.0, 0.18])
         world.follows = False
         world.run(0.9)
         assert world.course.mode == mode
-        world.until(LANDED, 0.3)
+        world.until(Phase.LANDED, 0.3)
         world.run(10.0)
-        assert world.course.mode == LANDED
+        assert world.course.mode == Phase.LANDED
 
 
 def test_a_vehicle_that_does_not_lift_off_is_given_up():
-    world = World().until(TAKEOFF)
+    world = World().until(Phase.TAKEOFF)
     world.follows = False
     world.run(8.9)  # PX4 takes its time
-    assert world.course.mode == TAKEOFF
-    world.until(LANDED, 0.3)
+    assert world.course.mode == Phase.TAKEOFF
+    world.until(Phase.LANDED, 0.3)
 
 
 def test_held_on_the_ground_it_is_not_given_up():
-    world = World().until(TAKEOFF)
-    world.reaction(REACTION_HOLDING)
+    world = World().until(Phase.TAKEOFF)
+    world.reaction(ReactionPhase.HOLDING)
     world.run(10.0)
-    assert world.course.mode == TAKEOFF
-    world.reaction(REACTION_IDLE)
-    world.until(HOVER, 8.0)
+    assert world.course.mode == Phase.TAKEOFF
+    world.reaction(ReactionPhase.IDLE)
+    world.until(Phase.HOVER, 8.0)
 
 
 def test_passing_low_is_not_standing():
-    world = World().until(APPROACH)
-    world.reaction(REACTING, X_R, 1)
+    world = World().until(Phase.APPROACH)
+    world.reaction(ReactionPhase.REACTING, X_R, 1)
     world.run(0.1)
     world.follows = False
     for _ in range(60):
         world.place = np.array([1.0, 0.0, 0.25])
         world.run(0.02)
         world.velocity = np.array([0.0, 0.0, 0.3])
-    assert world.course.mode == REACT
+    assert world.course.mode == Phase.REACT
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_an_estimate_that_is_no_number_is_refused(value):
-    world = World().until(HOVER)
+    world = World().until(Phase.HOVER)
     assert not world.course.estimate(np.array([0.0, value, 2.0]), np.zeros(3), world.now)
     assert not world.course.estimate(np.zeros(3), np.array([0.0, 0.0, value]), world.now)
     world.run(1.0)
-    assert world.course.mode == HOVER
+    assert world.course.mode == Phase.HOVER
 
 
 @pytest.mark.parametrize("stopped_ms", [600, 3000])
 def test_a_node_that_was_stopped_goes_on_without_a_jump(stopped_ms):
-    world = World().until(APPROACH).run(1.0)
+    world = World().until(Phase.APPROACH).run(1.0)
     begin = len(world.said) - 1
     world.now += stopped_ms * MS
     world.run(2.0)
@@ -447,28 +441,28 @@ def test_a_node_that_was_stopped_goes_on_without_a_jump(stopped_ms):
 
 
 def test_a_clock_set_back_begins_a_new_flight():
-    world = World().until(APPROACH)
+    world = World().until(Phase.APPROACH)
     world.now = START - 10**12
     world.place = HOME.copy()
     world.run(0.1)
-    assert world.course.mode == IDLE
+    assert world.course.mode == Phase.IDLE
     assert world.course.time_s < 0.2
-    world.until(LANDED)
+    world.until(Phase.LANDED)
 
 
 def test_a_plan_with_steps_goes_on_with_the_step_it_was_on():
     plan = replace(PLAN, step_size=1.0, step_period=4.0)
-    world = World(plan=plan).until(APPROACH).run(2.0)
+    world = World(plan=plan).until(Phase.APPROACH).run(2.0)
     corner = world.said[-1].position
-    world.reaction(REACTION_HOLDING)
+    world.reaction(ReactionPhase.HOLDING)
     world.follows = False
     world.place = world.place - np.array([0.5, 0.0, 0.0])
     world.run(0.5)
     world.follows = True
-    world.reaction(REACTION_IDLE)
+    world.reaction(ReactionPhase.IDLE)
     world.run(1.4)
     assert world.said[-1].position == pytest.approx(corner, abs=0.05)
-    assert world.course.mode == APPROACH
+    assert world.course.mode == Phase.APPROACH
 
 
 changes = st.lists(
@@ -484,7 +478,7 @@ changes = st.lists(
 @settings(max_examples=40)
 @given(changes)
 def test_whatever_fails_set_points_are_finite_and_the_flight_ends(events):
-    world = World().until(HOVER)
+    world = World().until(Phase.HOVER)
     held = crowd = False
     count = 0
     for kind, seconds in events:
@@ -496,10 +490,10 @@ def test_whatever_fails_set_points_are_finite_and_the_flight_ends(events):
             world.follows = not world.follows
         elif kind == "hold":
             held = not held
-            world.reaction(REACTION_HOLDING if held else REACTION_IDLE)
+            world.reaction(ReactionPhase.HOLDING if held else ReactionPhase.IDLE)
         elif kind == "hit":
             count += 1
-            world.reaction(REACTING, X_R + 0.1 * count, count)
+            world.reaction(ReactionPhase.REACTING, X_R + 0.1 * count, count)
         else:
             crowd = not crowd
             world.course.set_multiple_publishers("/odometry", crowd)
@@ -509,4 +503,4 @@ def test_whatever_fails_set_points_are_finite_and_the_flight_ends(events):
     assert max(speeds) <= PLAN.approach_speed + 1e-9
     world.odometry = world.answers = world.follows = True
     world.course.set_multiple_publishers("/odometry", False)
-    world.until(LANDED)
+    world.until(Phase.LANDED)

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from lockstep_bench import EPOCH_NS, Lockstep, calm, hover_at, hovering
-from tombo_control.autopilot import HOVER, IDLE
 from tombo_control.estimator_core import EstimatorCore
 from tombo_control.params import EstimatorParams
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.messages import Phase
+from tombo_dynamics.pose_check import PoseRefusal
 from tombo_dynamics.time_base import TICK_NS
 from tombo_dynamics.vehicle import GRAVITY, VehicleParams
 
@@ -26,10 +27,10 @@ class _Ride:
 
     def __init__(self, velocity: Any = (0.0, 0.0, 0.0), begin_s: float = 0.0) -> None:
         self.observer = EstimatorCore(EstimatorParams(), VehicleParams())
-        self.observer.phase(HOVER)
+        self.observer.phase(Phase.HOVER)
         self.velocity = np.array(velocity)
         self.tick = round(begin_s * 1000)
-        self.answers: list[str] = []
+        self.answers: list[PoseRefusal] = []
         self.late = 10
 
     def place(self, tick: int) -> Array:
@@ -158,7 +159,7 @@ def test_restarted_in_flight_it_converges_within_a_second() -> None:
     flight.fly(3.0)
     assert abs(flight.velocity[0] - 1.0) < 0.1
     flight.observer = EstimatorCore(flight.scenario.estimator, flight.scenario.vehicle)
-    flight.observer.phase(HOVER)
+    flight.observer.phase(Phase.HOVER)
     flight.fly(0.15)
     assert flight.observer.estimate is not None
     flight.fly(0.85)
@@ -174,16 +175,16 @@ def test_restarted_in_flight_it_converges_within_a_second() -> None:
 @pytest.mark.parametrize(
     ("wrong", "why"),
     [
-        ({"frame_id": "world"}, "wrong_frame"),
-        ({"frame_id": ""}, "wrong_frame"),
-        ({"position": np.array([np.nan, 0.0, 2.0])}, "not_finite"),
-        ({"attitude": np.array([0.0, np.inf, 0.0, 1.0])}, "not_finite"),
-        ({"attitude": np.zeros(4)}, "not_unit"),
-        ({"attitude": np.array([0.0, 0.0, 0.0, 1.2])}, "not_unit"),
-        ({"stamp_ns": EPOCH_NS + 606 * TICK_NS}, "future"),
-        ({"stamp_ns": EPOCH_NS + 500 * TICK_NS}, "out_of_order"),
-        ({"stamp_ns": 0}, "out_of_order"),
-        ({"position": np.array([1.5, 0.0, 2.0])}, "jump"),
+        ({"frame_id": "world"}, PoseRefusal.WRONG_FRAME),
+        ({"frame_id": ""}, PoseRefusal.WRONG_FRAME),
+        ({"position": np.array([np.nan, 0.0, 2.0])}, PoseRefusal.NOT_FINITE),
+        ({"attitude": np.array([0.0, np.inf, 0.0, 1.0])}, PoseRefusal.NOT_FINITE),
+        ({"attitude": np.zeros(4)}, PoseRefusal.NOT_UNIT),
+        ({"attitude": np.array([0.0, 0.0, 0.0, 1.2])}, PoseRefusal.NOT_UNIT),
+        ({"stamp_ns": EPOCH_NS + 606 * TICK_NS}, PoseRefusal.FUTURE),
+        ({"stamp_ns": EPOCH_NS + 500 * TICK_NS}, PoseRefusal.OUT_OF_ORDER),
+        ({"stamp_ns": 0}, PoseRefusal.LATE),
+        ({"position": np.array([1.5, 0.0, 2.0])}, PoseRefusal.JUMP),
     ],
 )
 def test_a_bad_pose_is_refused_by_name_and_the_estimate_goes_on(
@@ -194,7 +195,7 @@ def test_a_bad_pose_is_refused_by_name_and_the_estimate_goes_on(
     assert ride.observer.rejected == refused + 1
     ride.answers.clear()
     ride.run(200)
-    assert set(ride.answers) == {""}
+    assert set(ride.answers) == {PoseRefusal.NONE}
     assert ride.observer.poses == used + len(ride.answers)
     assert ride.error < 1e-6
     assert ride.age_ticks == 0
@@ -203,21 +204,21 @@ def test_a_bad_pose_is_refused_by_name_and_the_estimate_goes_on(
 def test_a_pose_older_than_the_history_is_late(ride: _Ride) -> None:
     ride.run(700, poses=False)
     ride.late = 520
-    assert ride.pose() == "late"
+    assert ride.pose() == PoseRefusal.LATE
     ride.late = 400
-    assert ride.pose() == ""
+    assert ride.pose() == PoseRefusal.NONE
 
 
 def test_a_pose_twice_is_used_once(ride: _Ride) -> None:
     used = ride.observer.poses
-    assert ride.pose() == ""
-    assert ride.pose() == "out_of_order"
+    assert ride.pose() == PoseRefusal.NONE
+    assert ride.pose() == PoseRefusal.OUT_OF_ORDER
     ride.imu()
     assert ride.observer.poses == used + 1
 
 
 def test_a_leading_slash_and_a_rough_quaternion_are_fine(ride: _Ride) -> None:
-    assert ride.pose(frame_id="/map", attitude=1.05 * _LEVEL) == ""
+    assert ride.pose(frame_id="/map", attitude=1.05 * _LEVEL) == PoseRefusal.NONE
     ride.imu()
     estimate = ride.observer.estimate
     assert estimate is not None
@@ -228,7 +229,7 @@ def test_a_pose_that_comes_before_the_imu_of_its_time_waits_for_it(ride: _Ride) 
     used = ride.observer.poses
     ride.late = -2  # stamped 2 ms ahead of the last IMU sample, within what two clocks may differ
     ahead = ride.ns(ride.tick + 2)
-    assert ride.pose() == ""
+    assert ride.pose() == PoseRefusal.NONE
     ride.run(2, poses=False)
     assert ride.observer.poses == used
     ride.run(1, poses=False)
@@ -242,7 +243,7 @@ def test_a_pose_that_comes_before_the_imu_of_its_time_waits_for_it(ride: _Ride) 
 
 def test_a_jump_ahead_of_the_imu_is_seen_too(ride: _Ride) -> None:
     ride.late = -2
-    assert ride.pose(position=np.add(ride.place(ride.tick), [0.0, 0.0, 1.0])) == "jump"
+    assert ride.pose(position=np.add(ride.place(ride.tick), [0.0, 0.0, 1.0])) == PoseRefusal.JUMP
 
 
 @pytest.mark.slow
@@ -258,10 +259,16 @@ def test_each_refusal_in_a_real_hover_leaves_the_vehicle_where_it_is(flight: Loc
             flight.observer.pose(now + 10**8, now, "map", here, _LEVEL),
             flight.observer.pose(now - 10**8, now, "map", here, _LEVEL),
         ]
-        expected = ["wrong_frame", "not_finite", "not_unit", "future", "out_of_order"]
+        expected = [
+            PoseRefusal.WRONG_FRAME,
+            PoseRefusal.NOT_FINITE,
+            PoseRefusal.NOT_UNIT,
+            PoseRefusal.FUTURE,
+            PoseRefusal.OUT_OF_ORDER,
+        ]
         if k % 20 == 10:
             answers.append(flight.observer.pose(now - 1, now, "map", there, _LEVEL))
-            expected.append("jump")
+            expected.append(PoseRefusal.JUMP)
         assert answers == expected
         flight.fly(0.033)
     assert np.linalg.norm(flight.position - [0.0, 0.0, 2.0]) < 0.12
@@ -274,8 +281,8 @@ def test_a_jump_that_persists_begins_the_estimate_anew(ride: _Ride) -> None:
     ride.place = lambda tick: np.array([tick * 1e-3, 4.0, 2.0])  # type: ignore[method-assign]
     ride.answers.clear()
     ride.run(12 * _MOCAP_TICKS)
-    assert ride.answers[:5] == 5 * ["jump"]
-    assert set(ride.answers[5:]) == {""}
+    assert ride.answers[:5] == 5 * [PoseRefusal.JUMP]
+    assert set(ride.answers[5:]) == {PoseRefusal.NONE}
     assert ride.error < 1e-6
 
 
@@ -283,16 +290,16 @@ def test_jumps_that_do_not_agree_change_nothing(ride: _Ride) -> None:
     for k in range(8):
         ride.run(20, poses=False)
         apart = np.array([0.0, 5.0 * (-1.0) ** k, 2.0])
-        assert ride.pose(position=apart) == "jump"
+        assert ride.pose(position=apart) == PoseRefusal.JUMP
     assert ride.error < 1e-3
-    assert ride.pose(stamp_ns=ride.ns(ride.tick)) == ""
+    assert ride.pose(stamp_ns=ride.ns(ride.tick)) == PoseRefusal.NONE
 
 
 def test_wrong_poses_with_good_ones_between_are_never_believed(ride: _Ride) -> None:
     for _ in range(7):
         ride.run(_MOCAP_TICKS)
         ride.late = 20
-        assert ride.pose(position=np.array([0.0, 4.0, 2.0])) == "jump"
+        assert ride.pose(position=np.array([0.0, 4.0, 2.0])) == PoseRefusal.JUMP
         ride.late = 10
     assert ride.error < 1e-6
 
@@ -300,13 +307,13 @@ def test_wrong_poses_with_good_ones_between_are_never_believed(ride: _Ride) -> N
 def test_after_a_gap_of_poses_a_larger_step_is_believed(ride: _Ride) -> None:
     ride.run(400, poses=False)
     off = np.add(ride.place(ride.tick - ride.late), [0.0, 0.9, 0.0])  # 0.25 m + 2 m/s * 0.43 s
-    assert ride.pose(position=off) == ""
+    assert ride.pose(position=off) == PoseRefusal.NONE
 
 
 def test_a_limit_set_in_flight_counts_from_the_next_pose(ride: _Ride) -> None:
     ride.observer.params(EstimatorParams(jump_min=3.0))
     off = np.add(ride.place(ride.tick - ride.late), [0.0, 1.0, 0.0])
-    assert ride.pose(position=off) == ""
+    assert ride.pose(position=off) == PoseRefusal.NONE
 
 
 # --- IMU
@@ -417,7 +424,7 @@ def test_a_hover_survives_a_clock_set_back_by_seconds(flight: Lockstep) -> None:
 
 def test_on_the_ground_the_velocity_is_zero() -> None:
     ride = _Ride()
-    ride.observer.phase(IDLE)
+    ride.observer.phase(Phase.IDLE)
     ride.run(200)
     for _ in range(300):
         ride.observer.imu(ride.ns(ride.tick), np.zeros(3), np.array([3.0, 0.0, GRAVITY]))

@@ -10,26 +10,12 @@ from tombo_control.leg import LegRecord
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.records import Record, field, fill_parameters
+from tombo_dynamics.records import Record, field, fill_record
 from tombo_dynamics.vehicle import VehicleParams
 
 HISTORY_TICKS = 512
 """Length of the ring of past estimates: mocap samples up to half a second late are used."""
 _NO_TICK = -1
-
-IDLE, TAKEOFF, HOVER, APPROACH, REACT, HOLD, LAND, LANDED, BLIND = range(9)
-"""Mode numbers, as in `tombo_msgs/MissionStatus`."""
-PHASE_NAMES = (
-    "idle",
-    "takeoff",
-    "hover",
-    "approach",
-    "react",
-    "hold",
-    "land",
-    "landed",
-    "descend_blind",
-)
 
 
 class State(Record):
@@ -106,9 +92,9 @@ def new_autopilot(
     autopilot.state.position = autopilot.setpoint.position = autopilot.leg.start = position
     autopilot.state.attitude = autopilot.setpoint.attitude = attitude
     autopilot.history["tick"] = _NO_TICK
-    fill_parameters(autopilot.gains, control)
-    fill_parameters(autopilot.observer, estimator)
-    fill_parameters(autopilot.nominal, vehicle)
+    fill_record(autopilot.gains, control)
+    fill_record(autopilot.observer, estimator)
+    fill_record(autopilot.nominal, vehicle)
     return autopilot
 
 
@@ -131,16 +117,3 @@ def restart_estimate(
         state.attitude[i] = attitude[i]
     for i in range(HISTORY_TICKS):
         autopilot.history[i].tick = _NO_TICK
-
-
-@compiled
-def copy_state(to: State, source: State) -> None:
-    """Copy a state."""
-    for i in range(3):
-        to.position[i] = source.position[i]
-        to.velocity[i] = source.velocity[i]
-        to.gyro_bias[i] = source.gyro_bias[i]
-        to.accel_bias[i] = source.accel_bias[i]
-        to.rates[i] = source.rates[i]
-    for i in range(4):
-        to.attitude[i] = source.attitude[i]

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from tombo_control.allocation import allocate, inertia_torque
 from tombo_control.attitude_control import attitude_control
-from tombo_control.autopilot import BLIND, IDLE, LANDED, Autopilot, LoopMemory, Setpoint, State
+from tombo_control.autopilot import Autopilot, LoopMemory, Setpoint, State
 from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS
 from tombo_control.position_control import follow_leg, level_descent, position_control
 from tombo_control.rate_control import rate_control
 from tombo_dynamics.jit import compiled
+from tombo_dynamics.messages import Phase
 from tombo_dynamics.rotor_maps import RotorMaps, speed_for_thrust
 from tombo_dynamics.time_base import TICK_S
 
@@ -21,11 +22,11 @@ def stop_rotors(state: State, setpoint: Setpoint, loops: LoopMemory) -> None:
     """
     for i in range(4):
         setpoint.rotor_speed[i] = 0.0
+    loops.rate_filtered = state.rates
+    loops.previous_velocity = state.velocity
     for i in range(3):
         loops.velocity_integral[i] = 0.0
         loops.rate_integral[i] = 0.0
-        loops.rate_filtered[i] = state.rates[i]
-        loops.previous_velocity[i] = state.velocity[i]
 
 
 @compiled
@@ -70,7 +71,7 @@ def cascade(autopilot: Autopilot, maps: RotorMaps, tick: int) -> None:
     `blind_timeout` the vehicle levels and descends; `mode_flown` says so.
     """
     mode = autopilot.mode_asked
-    if mode == IDLE or mode == LANDED:  # noqa: SIM109 - a tuple costs time when compiled
+    if mode == Phase.IDLE or mode == Phase.LANDED:
         autopilot.mode_flown = mode
         stop_rotors(autopilot.state, autopilot.setpoint, autopilot.loops)
         return
@@ -79,7 +80,7 @@ def cascade(autopilot: Autopilot, maps: RotorMaps, tick: int) -> None:
     if position:
         time = tick * TICK_S
         blind = time - autopilot.mocap_time > autopilot.gains.blind_timeout
-        autopilot.mode_flown = BLIND if blind else mode
+        autopilot.mode_flown = Phase.DESCEND_BLIND if blind else mode
         if not blind:
             follow_leg(autopilot.leg, autopilot.setpoint, time)
     run_control_loops(autopilot, maps, position, tick % ATTITUDE_TICKS == 0, blind)

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from tombo_control.autopilot import BLIND, IDLE, LANDED, Autopilot, new_autopilot
+from tombo_control.autopilot import Autopilot, new_autopilot
 from tombo_control.cascade import stop_rotors
 from tombo_control.estimate import nearest_tick
 from tombo_control.gyro_propagation import control_tick, correct_with_estimate
@@ -27,26 +27,26 @@ from tombo_control.params import (
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import ERROR, Core
 from tombo_dynamics.jit import compiled, compiled_call
-from tombo_dynamics.message_records import OdometryRecord, PositionSetpointRecord, fill_record
+from tombo_dynamics.message_records import OdometryRecord, PositionSetpointRecord
 from tombo_dynamics.messages import (
     AttitudeSetpoint,
     EstimatorStatus,
     Imu,
     Odometry,
+    Phase,
     PositionSetpoint,
     RatesSetpoint,
     RotorCommand,
 )
+from tombo_dynamics.pose_check import MAX_FUTURE_NS
 from tombo_dynamics.propeller import thrust_map
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_configuration
-from tombo_dynamics.records import Record, field, fill_parameters, parameter_record
+from tombo_dynamics.records import Record, field, fill_record, parameter_record
 from tombo_dynamics.rotation import rotated
 from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
 from tombo_dynamics.vehicle import VehicleParams
 
 _MAX_GAP_TICKS = 100
-_AHEAD_NS = 5_000_000
-"""An estimate may be stamped so far ahead of the clock."""
 _GRACE_NS = 3_000_000_000
 """Nodes start in any order: before its first sample the gyro may be silent for so long."""
 _NEW_SIMULATION_NS = 1_000_000_000
@@ -139,10 +139,9 @@ def take_setpoint(memory: ControllerMemory, setpoint: Any, now_ns: int) -> bool:
     if not math.isfinite(total):
         return False
     told = memory.setpoint
-    for i in range(3):
-        told.position[i] = setpoint.position[i]
-        told.velocity[i] = setpoint.velocity[i]
-        told.acceleration[i] = setpoint.acceleration[i]
+    told.position = setpoint.position
+    told.velocity = setpoint.velocity
+    told.acceleration = setpoint.acceleration
     told.yaw = setpoint.yaw
     told.phase = setpoint.phase
     memory.has_setpoint = True
@@ -186,8 +185,8 @@ def answer_gyro(
     memory.position_ran = False
     memory.attitude_ran = False
     memory.held = False
-    if not memory.has_setpoint or told.phase == IDLE or told.phase == LANDED:
-        mode = told.phase if memory.has_setpoint else IDLE
+    if not memory.has_setpoint or told.phase == Phase.IDLE or told.phase == Phase.LANDED:
+        mode = told.phase if memory.has_setpoint else Phase.IDLE
         control_tick(autopilot, maps, gyro, tick, ticks, False, False, False)
         stop_rotors(autopilot.state, autopilot.setpoint, autopilot.loops)
         autopilot.mode_asked = mode
@@ -201,13 +200,13 @@ def answer_gyro(
         odometry = stamp_ns - memory.estimate_ns > limits.odometry_timeout * 1e9
         memory.blind = odometry or stamp_ns - memory.pose_ns > autopilot.gains.blind_timeout * 1e9
         setpoint = autopilot.setpoint
+        setpoint.position = told.position
         for i in range(3):
-            setpoint.position[i] = told.position[i]
             setpoint.velocity[i] = 0.0 if memory.held else told.velocity[i]
             setpoint.acceleration[i] = 0.0 if memory.held else told.acceleration[i]
         setpoint.yaw = told.yaw
         autopilot.mode_asked = told.phase
-        autopilot.mode_flown = BLIND if memory.blind else told.phase
+        autopilot.mode_flown = Phase.DESCEND_BLIND if memory.blind else told.phase
     if memory.attitude_ran:
         memory.attitude_slot = tick // ATTITUDE_TICKS
     control_tick(
@@ -332,7 +331,7 @@ class ControllerCore(Core):
             health.fault("setpoint_silent", command.held, "no set point: holding the last")
 
     def _take_odometry(self, message: Odometry, now_ns: int) -> None:
-        early = message.stamp_ns > now_ns + _AHEAD_NS + self.clock_slack_ns
+        early = message.stamp_ns > now_ns + MAX_FUTURE_NS + self.clock_slack_ns
         if early or not self.estimate(message):
             self._refuse("odometry", "odometry not finite, not a rotation, old or from later")
 
@@ -361,7 +360,7 @@ class ControllerCore(Core):
     def set_params(self, section: str, params: Any) -> None:
         """Take other gains in flight; another vehicle or propeller at the next start only."""
         if section == "control":
-            fill_parameters(self.autopilot.gains, params)
+            fill_record(self.autopilot.gains, params)
         elif section == "inputs":
             self.limits = parameter_record(params)
         else:
@@ -403,7 +402,7 @@ class ControllerCore(Core):
     @property
     def flying(self) -> bool:
         """Whether the rotors are to turn."""
-        return self.autopilot.mode_asked not in (IDLE, LANDED)
+        return self.autopilot.mode_asked not in (Phase.IDLE, Phase.LANDED)
 
     @property
     def attitude_setpoint(self) -> tuple[Array, float]:

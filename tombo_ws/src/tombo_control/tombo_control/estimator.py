@@ -11,7 +11,7 @@ import math
 from tombo_control.autopilot import HISTORY_TICKS, Autopilot, State
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled, compiled_call
-from tombo_dynamics.rotation import relative_rotation, rotate_by_vector, rotated, rotated_back
+from tombo_dynamics.rotation import rotate_by_vector, rotated, rotated_back, rotation_vector
 from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import GRAVITY
 
@@ -20,10 +20,8 @@ from tombo_dynamics.vehicle import GRAVITY
 def store_history(state: State, history: Array, tick: int) -> None:
     """Enter the pose of `state` in `history`, as that of `tick`."""
     past = history[tick % HISTORY_TICKS]
-    for i in range(3):
-        past.position[i] = state.position[i]
-    for i in range(4):
-        past.attitude[i] = state.attitude[i]
+    past.position = state.position
+    past.attitude = state.attitude
     past.tick = tick
 
 
@@ -137,10 +135,7 @@ def correct(
     ey = position[1] - past.position[1]
     ez = position[2] - past.position[2]
     bx, by, bz = rotated_back(state.attitude, ex, ey, ez)
-    tx, ty, tz, tw = relative_rotation(attitude, past.attitude)
-    sine = math.sqrt(tx * tx + ty * ty + tz * tz)
-    scale = 2.0 * math.atan2(sine, tw) / sine if sine > 1e-12 else 2.0
-    rx, ry, rz = scale * tx, scale * ty, scale * tz
+    rx, ry, rz = rotation_vector(attitude, past.attitude)
 
     state.velocity[0] += gain_v * ex
     state.velocity[1] += gain_v * ey
@@ -162,10 +157,8 @@ def correct(
         past.position[2] += share * ez
         rotate_by_vector(past.attitude, gain_q * rx, gain_q * ry, gain_q * rz)
     present = history[now % HISTORY_TICKS]
-    for i in range(3):
-        state.position[i] = present.position[i]
-    for i in range(4):
-        state.attitude[i] = present.attitude[i]
+    state.position = present.position
+    state.attitude = present.attitude
     return True
 
 

@@ -14,26 +14,29 @@ import numpy as np
 
 from tombo_control.autopilot import (
     HISTORY_TICKS,
-    IDLE,
-    LANDED,
     Autopilot,
     PoseAtTick,
     State,
-    copy_state,
     new_autopilot,
     restart_estimate,
 )
 from tombo_control.estimate import Estimate, nearest_tick
 from tombo_control.estimator import correct, process_imu, store_history, update_body_rates
 from tombo_control.params import ControlParams, EstimatorParams
-from tombo_control.pose_check import FRAME, MAX_FUTURE_NS, MAX_SQUARE_ERROR
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import ERROR, Core
 from tombo_dynamics.jit import compiled, compiled_call
 from tombo_dynamics.message_records import EstimatorStatusRecord, OdometryRecord, message_of
-from tombo_dynamics.messages import EstimatorStatus, Imu, MissionStatus, Odometry, Pose
-from tombo_dynamics.records import Record, field, fill_parameters
-from tombo_dynamics.rotation import rotated
+from tombo_dynamics.messages import EstimatorStatus, Imu, MissionStatus, Odometry, Phase, Pose
+from tombo_dynamics.pose_check import (
+    MAX_POSE_AGE_NS,
+    POSE_REFUSAL_TEXTS,
+    PoseRefusal,
+    check_pose,
+    is_map,
+)
+from tombo_dynamics.records import Record, field, fill_record
+from tombo_dynamics.rotation import rotated_back
 from tombo_dynamics.time_base import TICK_NS, TICK_S
 from tombo_dynamics.vehicle import VehicleParams
 
@@ -50,28 +53,6 @@ _POSE_SILENT_NS, _IMU_SILENT_NS = 120_000_000, 50_000_000
 """Three and a half samples at 30 Hz; fifty of the IMU."""
 _GRACE_NS = 3_000_000_000
 """Nodes start in any order: before the first message a sensor may be silent for so long."""
-POSE_REFUSALS = (
-    "",
-    "wrong_frame",
-    "not_finite",
-    "not_unit",
-    "future",
-    "out_of_order",
-    "late",
-    "jump",
-)
-"""Why a pose is not used; empty if it is."""
-_TAKEN, _WRONG_FRAME, _NOT_FINITE, _NOT_UNIT, _FUTURE, _OUT_OF_ORDER, _LATE, _JUMP = range(8)
-_REFUSALS = (
-    "",
-    "a pose whose frame is not map",
-    "a pose with NaN or infinity",
-    "a pose whose quaternion is no rotation",
-    "a pose stamped in the future",
-    "a pose not newer than the one before",
-    "a pose more than half a second old",
-    "a pose too far from the estimate",
-)
 _PENDING = 16
 """Poses that can wait for the IMU sample of their time."""
 
@@ -129,8 +110,8 @@ def take_pose(
     now_ns: int,
     position: Array,
     attitude: Array,
-) -> int:
-    """Take a pose in map; return 0 or why it is not used, an index in `POSE_REFUSALS`.
+) -> PoseRefusal:
+    """Take a pose in map; return why it is not used, a `PoseRefusal`.
 
     Args:
         memory: the estimator's bookkeeping.
@@ -140,8 +121,10 @@ def take_pose(
         position: (3) of base_link [m].
         attitude: (4) xyzw, map from base_link; its length may be off by a tenth.
     """
-    why = _check(memory, stamp_ns, now_ns, position, attitude)
-    if why == _TAKEN:
+    why = check_pose(stamp_ns, now_ns, MAX_POSE_AGE_NS, position, attitude)
+    if why == PoseRefusal.NONE and stamp_ns <= memory.newest_pose_ns:
+        why = PoseRefusal.OUT_OF_ORDER
+    if why == PoseRefusal.NONE:
         memory.newest_pose_ns = stamp_ns
         square = 0.0
         for i in range(4):
@@ -154,31 +137,11 @@ def take_pose(
             _initialize(memory, autopilot, stamp_ns, position, rotation)
         else:
             why = _check_jump(memory, autopilot, stamp_ns, position)
-            if why == _TAKEN:
+            if why == PoseRefusal.NONE:
                 _append_pending(memory, nearest_tick(stamp_ns), position, rotation)
-    if why != _TAKEN:
+    if why != PoseRefusal.NONE:
         memory.rejected += 1
     return why
-
-
-@compiled_call
-def _check(
-    memory: EstimatorMemory, stamp_ns: int, now_ns: int, position: Array, attitude: Array
-) -> int:
-    total = position[0] + position[1] + position[2]
-    square = 0.0
-    for i in range(4):
-        total += attitude[i]
-        square += attitude[i] * attitude[i]
-    if not math.isfinite(total):
-        return _NOT_FINITE
-    if abs(square - 1.0) > MAX_SQUARE_ERROR:
-        return _NOT_UNIT
-    if stamp_ns > now_ns + MAX_FUTURE_NS:
-        return _FUTURE
-    if stamp_ns <= memory.newest_pose_ns:
-        return _OUT_OF_ORDER
-    return _LATE if now_ns - stamp_ns > (HISTORY_TICKS - 2) * TICK_NS else _TAKEN
 
 
 @compiled_call
@@ -186,7 +149,12 @@ def _append_pending(memory: EstimatorMemory, tick: int, position: Array, attitud
     """Keep a pose for its IMU sample; of too many the oldest is dropped."""
     if memory.pending == _PENDING:
         _drop_first_pending(memory)
-    _set_pose(memory.pending_poses[memory.pending], tick, position, attitude)
+    pose = memory.pending_poses[memory.pending]
+    pose.tick = tick
+    for i in range(3):
+        pose.position[i] = position[i]
+    for i in range(4):
+        pose.attitude[i] = attitude[i]
     memory.pending += 1
 
 
@@ -194,17 +162,7 @@ def _append_pending(memory: EstimatorMemory, tick: int, position: Array, attitud
 def _drop_first_pending(memory: EstimatorMemory) -> None:
     memory.pending -= 1
     for k in range(memory.pending):
-        later = memory.pending_poses[k + 1]
-        _set_pose(memory.pending_poses[k], later.tick, later.position, later.attitude)
-
-
-@compiled_call
-def _set_pose(pose: PoseAtTick, tick: int, position: Array, attitude: Array) -> None:
-    pose.tick = tick
-    for i in range(3):
-        pose.position[i] = position[i]
-    for i in range(4):
-        pose.attitude[i] = attitude[i]
+        memory.pending_poses[k] = memory.pending_poses[k + 1]
 
 
 @compiled_call
@@ -218,9 +176,7 @@ def _initialize(
     if memory.initial == _INITIAL_POSES:  # the oldest goes
         memory.initial -= 1
         for k in range(memory.initial):
-            poses[k].stamp_ns = poses[k + 1].stamp_ns
-            for i in range(3):
-                poses[k].position[i] = poses[k + 1].position[i]
+            poses[k] = poses[k + 1]
     poses[memory.initial].stamp_ns = stamp_ns
     for i in range(3):
         poses[memory.initial].position[i] = position[i]
@@ -253,7 +209,7 @@ def _distance(position: Array, x: float, y: float, z: float) -> float:
 @compiled_call
 def _check_jump(
     memory: EstimatorMemory, autopilot: Autopilot, stamp_ns: int, position: Array
-) -> int:
+) -> PoseRefusal:
     """Refuse a pose too far from the estimate, unless it comes again and again."""
     tick = nearest_tick(stamp_ns)
     state, observer = autopilot.state, autopilot.observer
@@ -265,12 +221,12 @@ def _check_jump(
         y = state.position[1] + ahead * state.velocity[1]
         z = state.position[2] + ahead * state.velocity[2]
     elif past.tick != tick:
-        return _TAKEN  # `correct` says so in its turn
+        return PoseRefusal.NONE  # `correct` says so in its turn
     since = max(stamp_ns - memory.pose_stamp_ns, 0) * 1e-9
     limit = observer.jump_min + observer.jump_speed * since
     if _distance(position, x, y, z) <= limit:
         memory.jumps = 0
-        return _TAKEN
+        return PoseRefusal.NONE
     last = memory.jump
     if memory.jumps > 0 and _distance(position, last[0], last[1], last[2]) > limit:
         memory.jumps = 0
@@ -280,7 +236,7 @@ def _check_jump(
     if memory.jumps >= _JUMPS_TO_REINITIALIZE:
         reset_estimator(memory)
         memory.newest_pose_ns = stamp_ns
-    return _JUMP
+    return PoseRefusal.JUMP
 
 
 @compiled
@@ -332,7 +288,7 @@ def take_imu(
             memory.rejected += 1
         _drop_first_pending(memory)
     update_body_rates(autopilot.state, memory.gyro)
-    copy_state(memory.estimate, autopilot.state)
+    memory.estimate = autopilot.state
     memory.known = True
     process_imu(autopilot, memory.gyro, memory.accel, tick, 1, memory.airborne)
     memory.next_tick = tick + 1
@@ -364,15 +320,11 @@ def fill_odometry(memory: EstimatorMemory, out: Any) -> None:
     """Write the newest estimate as odometry: velocity in base_link."""
     estimate, velocity = memory.estimate, memory.estimate.velocity
     out.stamp_ns = memory.stamp_ns
-    q = out.attitude
-    for i in range(4):
-        q[i] = estimate.attitude[i]
-    back = np.array([-q[0], -q[1], -q[2], q[3]])
-    x, y, z = rotated(back, velocity[0], velocity[1], velocity[2])
+    x, y, z = rotated_back(estimate.attitude, velocity[0], velocity[1], velocity[2])
     out.velocity[0], out.velocity[1], out.velocity[2] = x, y, z
-    for i in range(3):
-        out.position[i] = estimate.position[i]
-        out.rates[i] = estimate.rates[i]
+    out.position = estimate.position
+    out.attitude = estimate.attitude
+    out.rates = estimate.rates
 
 
 @compiled_call
@@ -380,9 +332,8 @@ def fill_status(memory: EstimatorMemory, out: Any) -> None:
     """Write the status that goes with the newest estimate."""
     out.stamp_ns = memory.stamp_ns
     out.initialised = True
-    for i in range(3):
-        out.gyro_bias[i] = memory.estimate.gyro_bias[i]
-        out.accel_bias[i] = memory.estimate.accel_bias[i]
+    out.gyro_bias = memory.estimate.gyro_bias
+    out.accel_bias = memory.estimate.accel_bias
     out.pose_stamp_ns = memory.pose_stamp_ns
     out.poses = memory.poses
     out.rejected = memory.rejected
@@ -440,7 +391,7 @@ class EstimatorCore(Core):
                     message.attitude,
                 )
                 if why:
-                    self.health.report_event(f"pose_{why}", _REFUSALS[POSE_REFUSALS.index(why)])
+                    self.health.report_event(f"pose_{why.key}", POSE_REFUSAL_TEXTS[why])
         else:
             self.phase(message.phase)
 
@@ -492,21 +443,20 @@ class EstimatorCore(Core):
 
     def phase(self, phase: int) -> None:
         """Take the mission's phase: on the ground the velocity is zero."""
-        self.memory.airborne = phase not in (IDLE, LANDED)
+        self.memory.airborne = phase not in (Phase.IDLE, Phase.LANDED)
 
     def params(self, params: EstimatorParams) -> None:
         """Take other parameters; the estimate goes on."""
-        fill_parameters(self.autopilot.observer, params)
+        fill_record(self.autopilot.observer, params)
 
     def pose(
         self, stamp_ns: int, now_ns: int, frame_id: str, position: Array, attitude: Array
-    ) -> str:
-        """Take a pose as `take_pose` does; return one of `POSE_REFUSALS`, empty if it is used."""
-        if frame_id.lstrip("/") != FRAME:
+    ) -> PoseRefusal:
+        """Take a pose as `take_pose` does; return why it is not used."""
+        if not is_map(frame_id):
             self.memory.rejected += 1
-            return POSE_REFUSALS[_WRONG_FRAME]
-        why = take_pose(self.memory, self.autopilot, stamp_ns, now_ns, position, attitude)
-        return POSE_REFUSALS[why]
+            return PoseRefusal.WRONG_FRAME
+        return take_pose(self.memory, self.autopilot, stamp_ns, now_ns, position, attitude)
 
     def imu(self, stamp_ns: int, gyro: Array, accel: Array) -> Estimate | None:
         """Take an IMU sample as `take_imu` does; return the estimate, None without a new one."""

@@ -7,14 +7,12 @@ and keeps the vehicle level for some seconds when no estimate comes at all.
 
 from __future__ import annotations
 
-import math
-
 from tombo_control.autopilot import HISTORY_TICKS, Autopilot, State
 from tombo_control.cascade import run_control_loops
 from tombo_control.estimator import store_history, update_body_rates
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled, compiled_call
-from tombo_dynamics.rotation import relative_rotation, rotate_by_vector
+from tombo_dynamics.rotation import rotate_by_vector, rotation_vector
 from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.time_base import TICK_S
 
@@ -69,15 +67,12 @@ def correct_with_estimate(
             rotate_by_vector(state.attitude, late * x, late * y, late * z)
         store_history(state, history, now)
         return
-    x, y, z, w = relative_rotation(attitude, past.attitude)
-    sine = math.sqrt(x * x + y * y + z * z)
-    scale = 2.0 * math.atan2(sine, w) / sine if sine > 1e-12 else 2.0
+    x, y, z = rotation_vector(attitude, past.attitude)
     for tick in range(captured, now + 1):  # the next estimate is held against the history too
         q = history[tick % HISTORY_TICKS].attitude
-        rotate_by_vector(q, scale * x, scale * y, scale * z)
+        rotate_by_vector(q, x, y, z)
     present = history[now % HISTORY_TICKS]
-    for i in range(4):
-        state.attitude[i] = present.attitude[i]
+    state.attitude = present.attitude
 
 
 @compiled

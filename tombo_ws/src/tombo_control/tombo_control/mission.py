@@ -9,16 +9,6 @@ import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from tombo_control.autopilot import (
-    APPROACH,
-    HOLD,
-    HOVER,
-    IDLE,
-    LAND,
-    LANDED,
-    REACT,
-    TAKEOFF,
-)
 from tombo_control.course import (
     ResolvedWaypoint,
     Waypoint,
@@ -38,6 +28,7 @@ from tombo_control.leg import (
 )
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled_call
+from tombo_dynamics.messages import Phase
 from tombo_dynamics.params import param, structure
 from tombo_dynamics.records import parameter_record
 
@@ -131,7 +122,7 @@ def _with(state: MissionState, mode: int, leg: Leg, steps: int) -> MissionState:
 def begin(home: Array) -> MissionState:
     """Return the state on the ground at `home` (3)."""
     here = _point(home)
-    return MissionState(IDLE, hold_leg(here, 0.0), here, 0, math.inf, math.nan)
+    return MissionState(Phase.IDLE.value, hold_leg(here, 0.0), here, 0, math.inf, math.nan)
 
 
 @compiled_call
@@ -143,7 +134,9 @@ def initial_state_in_flight(position: Array, ground: float) -> MissionState:
         ground: height of a vehicle that stands on the ground [m].
     """
     x, y, z = _point(position)
-    return MissionState(HOLD, hold_leg((x, y, z), 0.0), (x, y, ground), 0, math.inf, 0.0)
+    return MissionState(
+        Phase.HOLD.value, hold_leg((x, y, z), 0.0), (x, y, ground), 0, math.inf, 0.0
+    )
 
 
 @compiled_call
@@ -157,16 +150,16 @@ def wait(state: MissionState, now_s: float, position: Array) -> MissionState:
 def set_landed(state: MissionState, now_s: float, position: Array) -> MissionState:
     """End the flight at `position` (3): the vehicle stands on the ground."""
     waiting = wait(state, now_s, position)
-    return _with(waiting, LANDED, waiting.leg, waiting.steps)
+    return _with(waiting, Phase.LANDED.value, waiting.leg, waiting.steps)
 
 
 @compiled_call
 def resume(state: MissionState, plan: Plan, now_s: float, position: Array) -> MissionState:
     """Go on with the plan's present phase from `position` (3), at rest there."""
     here = _point(position)
-    if state.mode == TAKEOFF or state.mode == HOVER:
+    if state.mode == Phase.TAKEOFF or state.mode == Phase.HOVER:
         leg = straight_leg(here, _top(state, plan), plan.params.climb_speed, now_s)
-    elif state.mode != APPROACH:
+    elif state.mode != Phase.APPROACH:
         return state
     elif plan.waypoints.shape[0] > 0:
         leg = leg_to(_target(state, plan, state.steps - 1), here, leg_yaw(state.leg, now_s), now_s)
@@ -184,7 +177,7 @@ def start_reaction(state: MissionState, x_r: Array, now_s: float) -> MissionStat
     if not math.isfinite(x_r[0] + x_r[1] + x_r[2]):
         return state
     leg = hold_leg(_point(x_r), now_s, leg_yaw(state.leg, now_s))
-    return MissionState(REACT, leg, state.home, state.steps, math.inf, math.nan)
+    return MissionState(Phase.REACT.value, leg, state.home, state.steps, math.inf, math.nan)
 
 
 @compiled_call
@@ -193,32 +186,32 @@ def advance_mission(
 ) -> MissionState:
     """Return the state after looking at the clock and the estimate (map, SI)."""
     mode = state.mode
-    if mode == LANDED:
+    if mode == Phase.LANDED:
         return state
-    if mode == LAND:
+    if mode == Phase.LAND:
         return _landing(state, now_s, position, velocity)
-    if mode != IDLE and now_s >= plan.params.land_time:
+    if mode != Phase.IDLE and now_s >= plan.params.land_time:
         return _land(state, plan, now_s, position)
-    if mode == IDLE and now_s >= plan.params.takeoff_time:
+    if mode == Phase.IDLE and now_s >= plan.params.takeoff_time:
         leg = straight_leg(state.home, _top(state, plan), plan.params.climb_speed, now_s)
-        return _with(state, TAKEOFF, leg, state.steps)
-    if mode == TAKEOFF and now_s >= state.leg.end_s:
+        return _with(state, Phase.TAKEOFF.value, leg, state.steps)
+    if mode == Phase.TAKEOFF and now_s >= state.leg.end_s:
         top = _top(state, plan)
         if _near(position, top, _ARRIVED) and _speed(velocity) < _STILL:
-            return _with(state, HOVER, hold_leg(top, now_s), state.steps)
-    flying = mode == HOVER and now_s >= plan.params.approach_time
-    if plan.waypoints.shape[0] > 0 and (flying or mode == APPROACH):
+            return _with(state, Phase.HOVER.value, hold_leg(top, now_s), state.steps)
+    flying = mode == Phase.HOVER and now_s >= plan.params.approach_time
+    if plan.waypoints.shape[0] > 0 and (flying or mode == Phase.APPROACH):
         return _along_course(state, plan, now_s, position)
     if flying:
         if plan.params.step_size > 0.0:
             return _next_step(state, plan, now_s)
         start = leg_position(state.leg, now_s)
         leg = straight_leg(start, _goal(plan), plan.params.approach_speed, now_s)
-        return _with(state, APPROACH, leg, state.steps)
+        return _with(state, Phase.APPROACH.value, leg, state.steps)
     next_step_s = plan.params.approach_time + plan.params.step_period * state.steps
-    if mode == APPROACH and plan.params.step_size > 0.0 and now_s >= next_step_s:
+    if mode == Phase.APPROACH and plan.params.step_size > 0.0 and now_s >= next_step_s:
         return _next_step(state, plan, now_s)
-    if REACT <= mode <= HOLD:
+    if Phase.REACT <= mode <= Phase.HOLD:
         return _settling(state, plan, now_s, position, velocity)
     return state
 
@@ -246,7 +239,7 @@ def _along_course(state: MissionState, plan: Plan, now_s: float, position: Array
     """Begin the leg to the next waypoint when the last one is over; after the last, land."""
     while True:
         hold_end_s = plan.params.approach_time
-        if state.mode == APPROACH and state.steps > 0:
+        if state.mode == Phase.APPROACH and state.steps > 0:
             hold_end_s = motion_end(state.leg) + state.leg.hold_s
         if now_s < hold_end_s:
             return state
@@ -255,14 +248,14 @@ def _along_course(state: MissionState, plan: Plan, now_s: float, position: Array
         begin_s = hold_end_s if now_s - hold_end_s < _LATE else now_s
         here, yaw = leg_position(state.leg, now_s), leg_yaw(state.leg, now_s)
         leg = leg_to(_target(state, plan, state.steps), here, yaw, begin_s)
-        state = _with(state, APPROACH, leg, state.steps + 1)
+        state = _with(state, Phase.APPROACH.value, leg, state.steps + 1)
 
 
 @compiled_call
 def _next_step(state: MissionState, plan: Plan, now_s: float) -> MissionState:
     """Jump to the next corner of a square with a change of height: a hard test for a detector."""
     corner = _corner(state, plan, state.steps)
-    return _with(state, APPROACH, hold_leg(corner, now_s), state.steps + 1)
+    return _with(state, Phase.APPROACH.value, hold_leg(corner, now_s), state.steps + 1)
 
 
 @compiled_call
@@ -282,9 +275,9 @@ def _settling(
     near = _near(position, state.leg.start, _SETTLED_RADIUS) and _speed(velocity) < _SETTLED_SPEED
     since = min(state.settled_since_s, now_s) if near else math.inf
     mode, settled = state.mode, state.settled_s
-    if mode == REACT and now_s - since >= _SETTLED_TIME:
-        mode, settled = HOLD, now_s
-    elif mode == HOLD and now_s - settled >= plan.params.hold_time:
+    if mode == Phase.REACT and now_s - since >= _SETTLED_TIME:
+        mode, settled = Phase.HOLD.value, now_s
+    elif mode == Phase.HOLD and now_s - settled >= plan.params.hold_time:
         return _land(state, plan, now_s, position)
     return MissionState(mode, state.leg, state.home, state.steps, since, settled)
 
@@ -295,7 +288,7 @@ def _land(state: MissionState, plan: Plan, now_s: float, position: Array) -> Mis
     below = (x, y, state.home[2] - 0.6)
     yaw = leg_yaw(state.leg, now_s)
     leg = straight_leg((x, y, position[2]), below, plan.params.land_speed, now_s, yaw)
-    return _with(state, LAND, leg, state.steps)
+    return _with(state, Phase.LAND.value, leg, state.steps)
 
 
 @compiled_call
@@ -303,7 +296,9 @@ def _landing(state: MissionState, now_s: float, position: Array, velocity: Array
     wanted = leg_position(state.leg, now_s)
     height = position[2]
     if height - wanted[2] > 0.25 and abs(velocity[2]) < 0.15 and height < state.home[2] + 0.3:
-        return _with(state, LANDED, hold_leg(wanted, now_s, state.leg.yaw), state.steps)
+        return _with(
+            state, Phase.LANDED.value, hold_leg(wanted, now_s, state.leg.yaw), state.steps
+        )
     return state
 
 

@@ -11,14 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from tombo_control.autopilot import (
-    APPROACH,
-    IDLE,
-    LAND,
-    LANDED,
-    PHASE_NAMES,
-    TAKEOFF,
-)
 from tombo_control.leg import LegRecord, leg_position, leg_yaw, motion_end, store_leg, stored_leg
 from tombo_control.mission import (
     MissionParams,
@@ -38,30 +30,38 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import Core
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.message_records import PositionSetpointRecord, message_of
-from tombo_dynamics.messages import MissionStatus, Odometry, PositionSetpoint, ReactionStatus
+from tombo_dynamics.messages import (
+    PHASE_NAMES,
+    MissionStatus,
+    Odometry,
+    Phase,
+    PositionSetpoint,
+    ReactionPhase,
+    ReactionStatus,
+    Reason,
+)
 from tombo_dynamics.params import param
 from tombo_dynamics.records import Record, field, parameter_record
 from tombo_dynamics.rotation import rotate_vectors
 
-REACTION_IDLE, REACTING, REACTION_BLIND, REACTION_HOLDING = range(4)
-"""States of the reaction, as in `tombo_msgs/ReactionStatus`."""
-_GOES_ON, _NO_ESTIMATE, _TWO_ESTIMATES, _REACTION_HOLDS, _BLIND, _REACTION_SILENT = range(6)
-WAIT_REASONS = (
-    "",
-    "estimate_silent",
-    "two_estimators",
-    "reaction_holds",
-    "blind",
-    "reaction_silent",
-)
-"""Why the plan waits; empty while it goes on."""
-_, NO_ESTIMATE, TWO_ESTIMATES, REACTION_HOLDS, BLIND, REACTION_SILENT = WAIT_REASONS
+
+class WaitReason(Reason):
+    """Why the plan waits. From REACTION_HOLDS on it is the reaction that it waits for."""
+
+    NONE = 0
+    ESTIMATE_SILENT = 1
+    TWO_ESTIMATORS = 2
+    REACTION_HOLDS = 3
+    BLIND = 4
+    REACTION_SILENT = 5
+
+
 _WAITS = {
-    NO_ESTIMATE: "no estimates: the plan stands still",
-    TWO_ESTIMATES: "two nodes publish odometry: the plan stands still",
-    REACTION_HOLDS: "the reaction holds: the plan waits",
-    BLIND: "the reaction sees stale poses: the plan waits",
-    REACTION_SILENT: "no word of the reaction: the plan waits",
+    WaitReason.ESTIMATE_SILENT: "no estimates: the plan stands still",
+    WaitReason.TWO_ESTIMATORS: "two nodes publish odometry: the plan stands still",
+    WaitReason.REACTION_HOLDS: "the reaction holds: the plan waits",
+    WaitReason.BLIND: "the reaction sees stale poses: the plan waits",
+    WaitReason.REACTION_SILENT: "no word of the reaction: the plan waits",
 }
 _NEVER = -1
 _AIRBORNE = 0.3
@@ -130,7 +130,7 @@ class MissionMemory(Record):
     steps = field("1", "jumps made, or waypoints begun", kind=int)
     settled_since_s = field("s", "at x_r since then")
     settled_s = field("s", "when it was first settled there; NaN before")
-    wait_reason = field("1", "index in WAIT_REASONS", kind=int)
+    wait_reason = field("1", "a `WaitReason`", kind=int)
     position = field("m", "last estimate, in map", 3)
     velocity = field("m/s", "last estimate, in map", 3)
     estimate_ns = field("ns", "when it came; -1: never, as in the next two", kind=int)
@@ -155,14 +155,14 @@ def begin_mission(memory: MissionMemory, started: bool) -> None:
     """Forget everything but what was published."""
     memory.begun = False
     memory.started = started
-    memory.mode = IDLE
-    memory.wait_reason = _GOES_ON
+    memory.mode = Phase.IDLE
+    memory.wait_reason = WaitReason.NONE
     memory.estimate_ns = _NEVER
     memory.answer_ns = _NEVER
     memory.now_ns = _NEVER
     memory.time_ns = 0
     memory.two_estimators = False
-    memory.reaction = REACTION_IDLE
+    memory.reaction = ReactionPhase.IDLE
     memory.decided_collisions = _NEVER
     for i in range(3):
         memory.decided_place[i] = math.nan
@@ -234,9 +234,9 @@ def take_reaction(
         now_ns: the present.
     """
     memory.reaction = state
-    if state == REACTION_IDLE:
+    if state == ReactionPhase.IDLE:
         memory.escape[0] = math.nan
-    if state == REACTION_IDLE or not math.isfinite(x_r[0] + x_r[1] + x_r[2]):
+    if state == ReactionPhase.IDLE or not math.isfinite(x_r[0] + x_r[1] + x_r[2]):
         return
     known = memory.decided_collisions == collisions
     for i in range(3):
@@ -270,9 +270,12 @@ def mission_step(memory: MissionMemory, plan: Plan, limits: MissionLimits, now_n
         passed = 0
     waited = memory.wait_reason
     memory.wait_reason = _reason_to_wait(memory, limits, now_ns)
-    still = memory.wait_reason == _NO_ESTIMATE or memory.wait_reason == _TWO_ESTIMATES
+    still = (
+        memory.wait_reason == WaitReason.ESTIMATE_SILENT
+        or memory.wait_reason == WaitReason.TWO_ESTIMATORS
+    )
     if not still:
-        if memory.started or memory.mode != IDLE:
+        if memory.started or memory.mode != Phase.IDLE:
             memory.time_ns += min(passed, _MAX_CLOCK_STEP_NS)
         _advance(memory, plan, limits, waited)
     _set_point(memory, now_ns, still)
@@ -284,24 +287,24 @@ def mission_step(memory: MissionMemory, plan: Plan, limits: MissionLimits, now_n
 
 @compiled_call
 def _is_planned(mode: int) -> bool:
-    return mode == IDLE or TAKEOFF <= mode <= APPROACH
+    return mode == Phase.IDLE or Phase.TAKEOFF <= mode <= Phase.APPROACH
 
 
 @compiled_call
 def _reason_to_wait(memory: MissionMemory, limits: MissionLimits, now_ns: int) -> int:
     if memory.two_estimators:
-        return _TWO_ESTIMATES
+        return WaitReason.TWO_ESTIMATORS
     if memory.estimate_ns == _NEVER or now_ns - memory.estimate_ns > limits.estimate_timeout * 1e9:
-        return _NO_ESTIMATE
+        return WaitReason.ESTIMATE_SILENT
     if not _is_planned(memory.mode):
-        return _GOES_ON
-    if memory.reaction == REACTION_HOLDING:
-        return _REACTION_HOLDS
-    if memory.reaction == REACTION_BLIND:
-        return _BLIND
+        return WaitReason.NONE
+    if memory.reaction == ReactionPhase.HOLDING:
+        return WaitReason.REACTION_HOLDS
+    if memory.reaction == ReactionPhase.BLIND:
+        return WaitReason.BLIND
     if memory.answer_ns != _NEVER and now_ns - memory.answer_ns > limits.reaction_timeout * 1e9:
-        return _REACTION_SILENT
-    return _GOES_ON
+        return WaitReason.REACTION_SILENT
+    return WaitReason.NONE
 
 
 @compiled_call
@@ -309,28 +312,28 @@ def _advance(memory: MissionMemory, plan: Plan, limits: MissionLimits, waited: i
     """Take the plan's next step, with a fresh estimate."""
     state, now, here = mission_state(memory), memory.time_ns * 1e-9, memory.position
     if not math.isnan(memory.escape[0]):
-        if state.mode != IDLE and state.mode != LAND and state.mode != LANDED:
+        if state.mode != Phase.IDLE and state.mode != Phase.LAND and state.mode != Phase.LANDED:
             state = start_reaction(state, memory.escape, now)
         memory.escape[0] = math.nan
-    if state.mode == IDLE:
+    if state.mode == Phase.IDLE:
         state = begin(here)
     if _is_on_ground(memory, state, now):
         store_state(memory, set_landed(state, now, here))
         return
-    waiting = _is_planned(state.mode) and memory.wait_reason != _GOES_ON
+    waiting = _is_planned(state.mode) and memory.wait_reason != WaitReason.NONE
     off = _tracking_error(state, now, here)
-    if state.mode != IDLE and _is_planned(state.mode):
+    if state.mode != Phase.IDLE and _is_planned(state.mode):
         if waiting:
-            if waited == _GOES_ON or off > _DRIFT:
+            if waited == WaitReason.NONE or off > _DRIFT:
                 state = wait(state, now, here)
         elif (
-            waited >= _REACTION_HOLDS
-            or (waited != _GOES_ON and off > _DRIFT)
+            waited >= WaitReason.REACTION_HOLDS
+            or (waited != WaitReason.NONE and off > _DRIFT)
             or (_reference_moves(state, now) and off > limits.lag_max)
         ):
             state = resume(state, plan, now, here)
-    late = state.mode != IDLE and now >= plan.params.land_time
-    ready = memory.started or state.mode != IDLE
+    late = state.mode != Phase.IDLE and now >= plan.params.land_time
+    ready = memory.started or state.mode != Phase.IDLE
     if (ready and not waiting) or late:
         state = advance_mission(state, plan, now, here, memory.velocity)
     store_state(memory, state)
@@ -357,7 +360,7 @@ def _is_on_ground(memory: MissionMemory, state: MissionState, now: float) -> boo
     It has crashed, or somebody has put it there; or it does not lift off.
     """
     height = memory.position[2]
-    if state.mode == IDLE:
+    if state.mode == Phase.IDLE:
         memory.has_flown = False
     elif height > state.home[2] + _AIRBORNE:
         memory.has_flown = True
@@ -365,8 +368,8 @@ def _is_on_ground(memory: MissionMemory, state: MissionState, now: float) -> boo
     low = height < state.home[2] + _LOW and height < wanted - _BELOW
     x, y, z = memory.velocity[0], memory.velocity[1], memory.velocity[2]
     slow = math.sqrt(x * x + y * y + z * z) < _REST
-    flies = state.mode != IDLE and state.mode != LAND and state.mode != LANDED
-    if not (low and slow and flies) or memory.wait_reason != _GOES_ON:
+    flies = state.mode != Phase.IDLE and state.mode != Phase.LAND and state.mode != Phase.LANDED
+    if not (low and slow and flies) or memory.wait_reason != WaitReason.NONE:
         memory.rest_since_s = math.inf
         return False
     memory.rest_since_s = min(memory.rest_since_s, now)
@@ -441,7 +444,7 @@ class MissionCore(Core):
         known = mission_step(memory, self.plan, self.limits, now_ns)
         waits = self.wait_reason
         for why, text in _WAITS.items():
-            self.health.fault(why, waits == why and self.mode != IDLE, text)
+            self.health.fault(why.key, waits == why and self.mode != Phase.IDLE, text)
         self.health.values["phase"] = PHASE_NAMES[self.mode]
         self.health.values["flight_time_s"] = round(self.time_s, 2)
         if not known:
@@ -492,9 +495,9 @@ class MissionCore(Core):
         return int(self.memory.mode)
 
     @property
-    def wait_reason(self) -> str:
-        """Why the plan waits, one of `WAIT_REASONS`."""
-        return WAIT_REASONS[self.memory.wait_reason]
+    def wait_reason(self) -> WaitReason:
+        """Why the plan waits."""
+        return WaitReason(self.memory.wait_reason)
 
     @property
     def time_s(self) -> float:
@@ -506,5 +509,5 @@ def status_text(phase: int, wait_reason: int) -> str:
     """Return the text of `/mission/status`: the phase, and why the plan waits."""
     text = PHASE_NAMES[phase].replace("_", " ")
     if wait_reason:
-        text += f", waits: {_WAITS[WAIT_REASONS[wait_reason]]}"
+        text += f", waits: {_WAITS[WaitReason(wait_reason)]}"
     return text

@@ -143,6 +143,6 @@ def level_descent(
     x, y, _ = rotated(state.attitude, 1.0, 0.0, 0.0)
     attitude_from_thrust(0.0, 0.0, 1.0, math.atan2(y, x), setpoint.attitude)
     setpoint.thrust = gains.blind_thrust * mass * GRAVITY
+    loops.previous_velocity = state.velocity
     for i in range(3):
         loops.velocity_integral[i] *= 0.98
-        loops.previous_velocity[i] = state.velocity[i]

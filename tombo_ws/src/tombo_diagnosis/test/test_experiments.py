@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tombo_control.autopilot import APPROACH
 from tombo_diagnosis.flight.manoeuvres import manoeuvre_catalogue, mission
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.messages import Phase
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import extended_scenario
 
@@ -42,7 +42,7 @@ def test_every_manoeuvre_says_how_it_is_done():
 
 
 def during(record, column):
-    return record.log[column][record.log["mode"][:, 0] == APPROACH]
+    return record.log[column][record.log["mode"][:, 0] == Phase.APPROACH]
 
 
 @pytest.mark.slow

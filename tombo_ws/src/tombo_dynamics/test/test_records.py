@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.records import Record, field, fill_parameters, numbers
+from tombo_dynamics.records import Record, field, fill_record, numbers
 from tombo_dynamics.vehicle import VehicleParams
 
 
@@ -35,7 +35,7 @@ def walk(track, k):
 
 def test_compiled_code_writes_what_python_reads():
     track = Track.new()
-    fill_parameters(track.vehicle, VehicleParams(mass=1.7))
+    fill_record(track.vehicle, VehicleParams(mass=1.7))
     walk(track, 3)
     assert track.start.place == pytest.approx([0.0, 1.7, 0.0])
     assert [point.count for point in track.points] == [0, 0, 0, 2]

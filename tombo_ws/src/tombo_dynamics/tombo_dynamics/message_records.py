@@ -9,7 +9,6 @@ from dataclasses import fields
 from typing import Any, TypeVar
 
 from tombo_dynamics import messages
-from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.records import Record, field
 
 _Message = TypeVar("_Message")
@@ -36,32 +35,6 @@ ReactionStatusRecord = _record_of(messages.ReactionStatus)
 MissionStatusRecord = _record_of(messages.MissionStatus)
 
 
-@compiled_call
-def copy_status(to: Any, source: Any) -> None:
-    """Copy a reaction's status."""
-    to.stamp_ns = source.stamp_ns
-    to.state = source.state
-    to.collisions = source.collisions
-    for i in range(3):
-        to.x_c[i] = source.x_c[i]
-        to.x_r[i] = source.x_r[i]
-        to.n_r[i] = source.n_r[i]
-
-
-@compiled_call
-def copy_event(to: Any, source: Any) -> None:
-    """Copy a collision."""
-    to.stamp_ns = source.stamp_ns
-    to.trigger = source.trigger
-    to.contact_stamp_ns = source.contact_stamp_ns
-    for i in range(3):
-        to.contact_position[i] = source.contact_position[i]
-        to.flight_direction[i] = source.flight_direction[i]
-    to.confidence = source.confidence
-    to.statistic = source.statistic
-    to.count = source.count
-
-
 def message_of(kind: type[_Message], record: Any, **texts: str) -> _Message:
     """Return a record as the message that it stands for."""
     values: dict[str, Any] = dict(texts)
@@ -69,9 +42,3 @@ def message_of(kind: type[_Message], record: Any, **texts: str) -> _Message:
         value = record[name]
         values[name] = value.copy() if value.ndim else value.item()
     return kind(**values)
-
-
-def fill_record(record: Any, message: Any) -> None:
-    """Write the numbers of a message into a record."""
-    for name in record.dtype.names:
-        record[name] = getattr(message, name)

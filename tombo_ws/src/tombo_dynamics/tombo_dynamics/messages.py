@@ -30,6 +30,18 @@ class Phase(IntEnum):
     DESCEND_BLIND = 8
 
 
+PHASE_NAMES = tuple(phase.name.lower() for phase in Phase)
+
+
+class Reason(IntEnum):
+    """Base of the reasons why something is not done; 0: it is done."""
+
+    @property
+    def key(self) -> str:
+        """The name as users see it; empty for 0."""
+        return self.name.lower() if self else ""
+
+
 class ReactionPhase(IntEnum):
     """What the reaction does, as in `tombo_msgs/ReactionStatus`."""
 

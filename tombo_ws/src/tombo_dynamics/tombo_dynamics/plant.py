@@ -128,17 +128,6 @@ class Plant(Record):
 
 
 @compiled
-def copy_state(to: State, source: State) -> None:
-    """Copy a state; reads `source`, writes `to`."""
-    for i in range(3):
-        to.position[i] = source.position[i]
-        to.velocity[i] = source.velocity[i]
-        to.rates[i] = source.rates[i]
-    for i in range(4):
-        to.attitude[i] = source.attitude[i]
-
-
-@compiled
 def add_slope(to: State, source: State, slope: State, factor: float) -> None:
     """Write `source` + `factor` * `slope` into `to`, which may be `source` itself."""
     for i in range(3):

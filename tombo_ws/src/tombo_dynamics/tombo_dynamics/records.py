@@ -66,16 +66,16 @@ def field(unit: str, doc: str, shape: int | tuple[int, ...] = (), kind: Any = fl
     return Field(unit, doc, (shape,) if isinstance(shape, int) else shape, kind)
 
 
-def fill_parameters(record: Any, params: Any) -> None:
-    """Write the numbers of a parameter record into a field of that class."""
+def fill_record(record: Any, source: Any) -> None:
+    """Write the fields of a dataclass into the record that has their names."""
     for name in record.dtype.names:
-        record[name] = float(getattr(params, name))
+        record[name] = getattr(source, name)
 
 
 def parameter_record(params: Any) -> Any:
     """Return the numbers of a parameter record as compiled code takes them."""
     record = parameter_kind(params.__class__).new()
-    fill_parameters(record, params)
+    fill_record(record, params)
     return record
 
 

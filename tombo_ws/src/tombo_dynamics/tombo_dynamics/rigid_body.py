@@ -15,7 +15,7 @@ from tombo_dynamics.effects.compose import (
 )
 from tombo_dynamics.ground_contact import ground_clearance, ground_contact
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.plant import DELAY_TICKS, Plant, State, add_slope, copy_state
+from tombo_dynamics.plant import DELAY_TICKS, Plant, State, add_slope
 from tombo_dynamics.rotation import normalize_quaternion, rotation_matrix, to_body, to_map
 from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.rotors import advance_rotor_speeds, sum_rotors
@@ -58,8 +58,7 @@ def derivative(plant: Plant, noise: Array, theta: Array, row: int, slope: State)
     slope.velocity[0] = ax
     slope.velocity[1] = ay
     slope.velocity[2] = az - GRAVITY
-    for i in range(3):
-        slope.position[i] = state.velocity[i]
+    slope.position = state.velocity
     q = state.attitude
     qx, qy, qz, qw = q[0], q[1], q[2], q[3]
     slope.attitude[0] = 0.5 * (qw * wx + qy * wz - qz * wy)
@@ -91,9 +90,9 @@ def begin_tick(plant: Plant, maps: RotorMaps, noise: Array, theta: Array) -> Non
     apply_air(plant, noise, theta)
     apply_rotor(plant, noise, theta)
     newest = plant.past_commands[plant.ticks % DELAY_TICKS]
+    plant.rotor_target = plant.rotor_command
     for i in range(4):
         newest[i] = plant.rotor_command[i]
-        plant.rotor_target[i] = plant.rotor_command[i]
     apply_command(plant, noise, theta)
     for i in range(4):
         plant.rotor_target[i] *= 1.0 - plant.fold[i]
@@ -113,7 +112,7 @@ def finish_tick(plant: Plant, noise: Array, theta: Array) -> None:
     """
     tick = plant.tick_length
     state, start, sum_of_slopes, slope = plant.state, plant.start, plant.slope, plant.stage_slope
-    copy_state(start, state)
+    plant.start = state
     add_slope(state, start, sum_of_slopes, 0.5 * tick)
     derivative(plant, noise, theta, 1, slope)
     add_slope(state, start, slope, 0.5 * tick)

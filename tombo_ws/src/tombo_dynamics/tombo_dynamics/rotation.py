@@ -41,6 +41,15 @@ def relative_rotation(reference: Array, q: Array) -> tuple[float, float, float, 
 
 
 @compiled
+def rotation_vector(reference: Array, q: Array) -> tuple[float, float, float]:
+    """Return the rotation vector [rad] from `q` to `reference`, in the frame of `q`."""
+    x, y, z, w = relative_rotation(reference, q)
+    sine = math.sqrt(x * x + y * y + z * z)
+    scale = 2.0 * math.atan2(sine, w) / sine if sine > 1e-12 else 2.0
+    return scale * x, scale * y, scale * z
+
+
+@compiled
 def rotate_by_vector(q: Array, rx: float, ry: float, rz: float) -> None:
     """Turn the quaternion `q` by the rotation vector (rx, ry, rz) [rad], own frame, in place."""
     square = rx * rx + ry * ry + rz * rz
@@ -168,7 +177,19 @@ def tilt(q: Array) -> Array:
 @compiled
 def rotated(q: Array, vx: float, vy: float, vz: float) -> tuple[float, float, float]:
     """Return a vector turned by the quaternion `q` (4) xyzw."""
-    x, y, z, w = q[0], q[1], q[2], q[3]
+    return _turned(q, q[3], vx, vy, vz)
+
+
+@compiled
+def rotated_back(q: Array, vx: float, vy: float, vz: float) -> tuple[float, float, float]:
+    """Return a vector turned by the inverse of the quaternion `q` (4) xyzw."""
+    return _turned(q, -q[3], vx, vy, vz)
+
+
+@compiled
+def _turned(axis: Array, w: float, vx: float, vy: float, vz: float) -> tuple[float, float, float]:
+    """Return a vector turned by the quaternion of a vector part and the scalar part `w`."""
+    x, y, z = axis[0], axis[1], axis[2]
     tx = 2.0 * (y * vz - z * vy)
     ty = 2.0 * (z * vx - x * vz)
     tz = 2.0 * (x * vy - y * vx)
@@ -176,20 +197,6 @@ def rotated(q: Array, vx: float, vy: float, vz: float) -> tuple[float, float, fl
         vx + w * tx + y * tz - z * ty,
         vy + w * ty + z * tx - x * tz,
         vz + w * tz + x * ty - y * tx,
-    )
-
-
-@compiled
-def rotated_back(q: Array, vx: float, vy: float, vz: float) -> tuple[float, float, float]:
-    """Return a vector turned by the inverse of the quaternion `q` (4) xyzw."""
-    x, y, z, w = q[0], q[1], q[2], q[3]
-    tx = 2.0 * (y * vz - z * vy)
-    ty = 2.0 * (z * vx - x * vz)
-    tz = 2.0 * (x * vy - y * vx)
-    return (
-        vx - w * tx + y * tz - z * ty,
-        vy - w * ty + z * tx - x * tz,
-        vz - w * tz + x * ty - y * tx,
     )
 
 

@@ -8,9 +8,9 @@ import math
 import numpy as np
 import pytest
 
-from tombo_control.autopilot import APPROACH, LAND
 from tombo_control.course import leg_to, resolved_waypoints
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.messages import Phase
 from tombo_flight.course_check import course_begin
 from tombo_flight.flight import as_flown, fly_scenario
 from tombo_flight.replay.bag_scenario import scenario_of_bag
@@ -66,14 +66,14 @@ def test_each_waypoint_is_reached_with_its_heading_before_landing():
 
 def test_it_follows_a_course_as_closely_as_an_approach():
     record = fly_scenario(scenario_with(), 3)
-    flying = record.log["mode"][:, 0] == APPROACH
+    flying = record.log["mode"][:, 0] == Phase.APPROACH
     error = record.log["position"] - record.log["position_setpoint"]
     assert np.linalg.norm(error[flying], axis=1).max() < 0.15
 
 
 def test_a_turn_keeps_its_rate():
     record = fly_scenario(scenario_with([{"yaw": 3.1, "yaw_rate": 0.8}]), 0)
-    flying = (record.log["mode"][:, 0] == APPROACH) & (record.t > 4.2)
+    flying = (record.log["mode"][:, 0] == Phase.APPROACH) & (record.t > 4.2)
     rate = record.log["rates"][flying, 2]
     assert rate.max() == pytest.approx(0.8, abs=0.1)
     assert rate.min() > -0.1
@@ -153,11 +153,11 @@ class TestSurvey:
         assert place[:, 2].max() < 3.0
         assert record.summary["landed"] and not record.summary["false_alarms"]
         assert record.t[-1] < 45.0
-        flying = record.log["mode"][:, 0] == APPROACH
+        flying = record.log["mode"][:, 0] == Phase.APPROACH
         assert place[flying, 2].min() > 0.25
 
     def test_has_what_tells_causes_apart(self, record):
-        flying = record.log["mode"][:, 0] == APPROACH
+        flying = record.log["mode"][:, 0] == Phase.APPROACH
         velocity = record.log["velocity"][flying]
         place = record.log["position"][flying]
         speed = np.linalg.norm(velocity, axis=1)
@@ -193,5 +193,5 @@ class TestSurvey:
             record = fly_scenario(load_scenario("survey", [setting]), 2)
             modes = record.log["mode"][:, 0]
             assert record.summary["landed"], setting
-            assert LAND in modes
+            assert Phase.LAND in modes
             assert began(record, "land") < 50.0

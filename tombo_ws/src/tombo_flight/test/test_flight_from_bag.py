@@ -14,8 +14,8 @@ import pytest
 from tombo_bag.flight_time import FLIGHT_METADATA
 from tombo_bag.mcap_sink import Columns, McapSink
 from tombo_bag.reader import Bag
-from tombo_control.autopilot import LANDED
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.messages import Phase
 from tombo_dynamics.time_base import EPOCH_NS
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_from_bag import flight_from_bag
@@ -230,14 +230,14 @@ def test_a_descent_that_the_reaction_orders_is_the_mode_flown(flown, headless, t
 def test_a_recording_that_ends_with_the_missions_last_word_has_landed(headless, tmp_path, flown):
     """The set point that would have said so too is no longer there."""
     ticks, setpoints = flown.published["/setpoint"]
-    before = int(np.argmax(setpoints["phase"] == LANDED))
+    before = int(np.argmax(setpoints["phase"] == Phase.LANDED))
     path = rewrite(
         headless, tmp_path / "ended.mcap", metadata=metadata_of(headless),
         keep=lambda topic, count: np.arange(count) < (before if topic == "/setpoint" else count),
     )  # fmt: skip
 
     assert flight_from_bag(path).summary["landed"]
-    assert flight_from_bag(path).log["mode"][ticks[before] - 2, 0] != LANDED
+    assert flight_from_bag(path).log["mode"][ticks[before] - 2, 0] != Phase.LANDED
 
 
 def test_a_recording_without_scenario_is_read_with_the_defaults(headless, tmp_path, flown):

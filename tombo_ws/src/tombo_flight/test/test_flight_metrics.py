@@ -12,17 +12,7 @@ from hypothesis import strategies as st
 
 from tombo_collision.detector import CollisionEvent
 from tombo_collision.reactions import Decision
-from tombo_control.autopilot import (
-    APPROACH,
-    BLIND,
-    HOLD,
-    HOVER,
-    IDLE,
-    LAND,
-    LANDED,
-    REACT,
-    TAKEOFF,
-)
+from tombo_dynamics.messages import Phase
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_metrics import MetricsInput, first_sustained, lowest_point, summarize
@@ -55,13 +45,13 @@ class Made:
             "fold": np.zeros((n, 4)),
             "damage": np.zeros((n, 4)),
             "contact": np.zeros((n, 5)),
-            "mode": np.full((n, 1), float(HOVER)),
+            "mode": np.full((n, 1), float(Phase.HOVER)),
             "position_setpoint": np.tile(X_R, (n, 1)),
         }
         self.detections, self.arrivals, self.reactions = [], [], []
         self.set("position", 0.0, 1.0, [0.0, 0.0, 0.18])
-        self.set("mode", 0.0, 0.5, IDLE)
-        self.set("mode", 0.5, 1.5, TAKEOFF)
+        self.set("mode", 0.0, 0.5, Phase.IDLE)
+        self.set("mode", 0.5, 1.5, Phase.TAKEOFF)
 
     def set(self, name, begin, end, value, axis=slice(None)):
         where = (self.t >= begin - 1e-9) & (self.t < end - 1e-9)
@@ -75,7 +65,7 @@ class Made:
 
     def touched(self, at=CONTACT, rotor=2.0, point=(1.9, 0.1, 2.0)):
         self.set("contact", at, at + 0.01, [1.0, rotor, *point])
-        return self.set("mode", at + 0.05, 99.0, REACT)
+        return self.set("mode", at + 0.05, 99.0, Phase.REACT)
 
     def detected(self, stamp, arrival, trigger="innovation"):
         place = np.array([1.7, 0.0, 2.0])
@@ -190,7 +180,7 @@ def test_falling_distance_is_from_the_height_at_contact():
 def test_falling_distance_without_settling_ends_at_the_landing():
     made = Made().touched()
     made.set("position", 5.0, 5.5, 1.2, axis=2)
-    made.set("position", 9.0, 99.0, 0.18, axis=2).set("mode", 8.9, 99.0, LAND)
+    made.set("position", 9.0, 99.0, 0.18, axis=2).set("mode", 8.9, 99.0, Phase.LAND)
     assert made.figures()["max_falling_distance_m"] == pytest.approx(0.8)
 
 
@@ -231,7 +221,7 @@ def test_recovered_when_near_and_slow_for_a_second():
 
 def test_settled_error_is_the_mean_distance_until_landing():
     made = collision().set("position", CONTACT + 3.0, 99.0, beside(0.03, 0.04, 0.0))
-    made.set("mode", 12.0, 99.0, LAND).set("position", 12.0, 99.0, 0.18, axis=2)
+    made.set("mode", 12.0, 99.0, Phase.LAND).set("position", 12.0, 99.0, 0.18, axis=2)
     figures, events = made.summary()
     assert figures["settled_error_m"] == pytest.approx(0.05)
     assert [e["time_s"] for e in events if e["kind"] == "settled"] == [CONTACT + 3.0]
@@ -257,7 +247,7 @@ def test_after_a_second_collision_it_is_the_last_x_r_that_counts():
 
 
 def test_landing_ends_the_time_in_which_it_may_recover():
-    made = collision().set("mode", CONTACT + 3.9, 99.0, LAND)
+    made = collision().set("mode", CONTACT + 3.9, 99.0, Phase.LAND)
     assert made.figures()["recovery_time_s"] is None
 
 
@@ -292,18 +282,20 @@ def test_touching_the_ground_before_landing_is_commanded_is_a_crash():
     assert bounced.figures()["crashed"]
 
 
-@pytest.mark.parametrize("mode", [LAND, LANDED, BLIND, TAKEOFF, IDLE])
+@pytest.mark.parametrize(
+    "mode", [Phase.LAND, Phase.LANDED, Phase.DESCEND_BLIND, Phase.TAKEOFF, Phase.IDLE]
+)
 def test_touching_the_ground_is_no_crash_when_it_is_meant(mode):
     made = Made().set("position", 5.0, 99.0, ON_THE_FLOOR).set("mode", 4.9, 99.0, mode)
     assert not made.figures()["crashed"]
 
 
-@pytest.mark.parametrize("mode", [HOVER, APPROACH, REACT, HOLD])
+@pytest.mark.parametrize("mode", [Phase.HOVER, Phase.APPROACH, Phase.REACT, Phase.HOLD])
 def test_touching_the_ground_is_a_crash_in_every_mode_of_flight(mode):
     made = Made().set("position", 5.0, 99.0, ON_THE_FLOOR).set("mode", 4.9, 99.0, mode)
     assert made.figures()["crashed"]
     # landing that is commanded afterwards does not mend it
-    made.set("mode", 6.0, 99.0, LANDED)
+    made.set("mode", 6.0, 99.0, Phase.LANDED)
     assert made.figures()["crashed"]
     assert not made.figures()["landed"]
 
@@ -370,18 +362,18 @@ def test_strikes_and_broken_rotors_are_counted():
 def test_tracking_is_measured_before_contact_only():
     made = collision()
     made.set("position", 1.5, 2.5, beside(0.03, 0.04, 0.0))
-    made.set("mode", 2.5, CONTACT, APPROACH)
+    made.set("mode", 2.5, CONTACT, Phase.APPROACH)
     made.set("position", 2.5, CONTACT, beside(0.0, 0.0, 0.12))
     figures = made.figures()
     assert figures["hover_rms_m"] == pytest.approx(0.05)
     assert figures["approach_rms_m"] == pytest.approx(0.12)
-    idle = Made().set("mode", 0.0, 99.0, IDLE).figures()
+    idle = Made().set("mode", 0.0, 99.0, Phase.IDLE).figures()
     assert idle["hover_rms_m"] is None
 
 
 def test_landed_is_landed():
-    assert Made().set("mode", 10.0, 99.0, LANDED).figures()["landed"]
-    assert not Made().set("mode", 10.0, 99.0, LAND).figures()["landed"]
+    assert Made().set("mode", 10.0, 99.0, Phase.LANDED).figures()["landed"]
+    assert not Made().set("mode", 10.0, 99.0, Phase.LAND).figures()["landed"]
 
 
 def test_time_is_told_against_the_wall():

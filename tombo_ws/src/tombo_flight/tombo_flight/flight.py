@@ -17,13 +17,12 @@ import numpy as np
 from tombo_collision.detector import TRIGGER_NAMES, CollisionEvent
 from tombo_collision.reaction_core import ReactionCore
 from tombo_collision.reactions import Decision
-from tombo_control.autopilot import PHASE_NAMES
 from tombo_control.mission_core import status_text
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.message_records import message_of
+from tombo_dynamics.messages import PHASE_NAMES, MissionStatus
 from tombo_dynamics.messages import CollisionEvent as CollisionMessage
-from tombo_dynamics.messages import MissionStatus
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
 from tombo_flight.flight_metrics import (

@@ -41,10 +41,9 @@ from tombo_bag.topics import (
 )
 from tombo_collision.detector import CollisionEvent
 from tombo_collision.reactions import Decision
-from tombo_control.autopilot import IDLE, LANDED, PHASE_NAMES
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.messages import ReactionPhase, Trigger
+from tombo_dynamics.messages import PHASE_NAMES, Phase, ReactionPhase, Trigger
 from tombo_dynamics.rotation import conjugate, map_to_body, unwrap_quaternions
 from tombo_dynamics.time_base import TICK_NS, TICK_S
 from tombo_flight.flight_metrics import (
@@ -325,18 +324,18 @@ class _RecordedFlight:
         Where no set points were recorded, it is the mission's phase; that it has landed may come
         after the last of them.
         """
-        phases: Array = np.full((self._grid.ticks, 1), float(IDLE))
+        phases: Array = np.full((self._grid.ticks, 1), float(Phase.IDLE))
         for name, delay_ns in ((SETPOINT.name, TICK_NS), (MISSION_STATUS.name, 0)):
             if (table := self._tables.get(name)) is not None:
                 stamps = table["stamp_ns"] + delay_ns
                 phases = self._grid.held(stamps, _column(table, "phase"))
-                phases[: max(int(self._grid.at(stamps).min()), 0)] = IDLE
+                phases[: max(int(self._grid.at(stamps).min()), 0)] = Phase.IDLE
                 break
         setpoints, status = (self._tables.get(s.name) for s in (SETPOINT, MISSION_STATUS))
-        if setpoints is not None and status is not None and status["phase"][-1] == LANDED:
+        if setpoints is not None and status is not None and status["phase"][-1] == Phase.LANDED:
             landed_ns = status["stamp_ns"][-1:]
             if landed_ns[0] > setpoints["stamp_ns"].max():
-                phases[max(int(self._grid.at(landed_ns)[0]), 0) :] = LANDED
+                phases[max(int(self._grid.at(landed_ns)[0]), 0) :] = Phase.LANDED
         return phases
 
     def _detections(self) -> tuple[list[CollisionEvent], list[float]]:

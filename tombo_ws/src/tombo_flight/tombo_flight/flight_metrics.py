@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from tombo_collision.detector import CollisionEvent
 from tombo_collision.reactions import Decision
-from tombo_control.autopilot import APPROACH, BLIND, HOVER, IDLE, LAND, LANDED, TAKEOFF
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.messages import Phase
 from tombo_dynamics.rotation import tilt
 from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES, VehicleParams
@@ -161,7 +161,7 @@ def summarize(flight: MetricsInput) -> tuple[dict[str, Any], list[dict[str, Any]
         "rotors_broken": int((log["damage"][-1] >= 1.0).sum()) if t.size else 0,
         "crashed": crash is not None,
         "crash_time_s": None if crash is None else _number(t[crash]),
-        "landed": bool(t.size and phases[-1] == LANDED and crash is None),
+        "landed": bool(t.size and phases[-1] == Phase.LANDED and crash is None),
         "max_tilt_rad": _number(tilt(log["attitude"][c or 0 :]).max()) if t.size else None,
         "duration_s": _number(t[-1] + TICK_S) if t.size else 0.0,
     }
@@ -183,7 +183,9 @@ def _crash(vehicle: VehicleParams, log: dict[str, Array], phases: Array) -> int 
     if not flown.size:
         return None
     after = np.arange(phases.size) > flown[0]
-    calm = np.isin(phases, (IDLE, TAKEOFF, LAND, LANDED, BLIND))
+    calm = np.isin(
+        phases, (Phase.IDLE, Phase.TAKEOFF, Phase.LAND, Phase.LANDED, Phase.DESCEND_BLIND)
+    )
     near = after & ~calm & (position[:, 2] < 0.5)
     ground = None
     where = np.flatnonzero(near)
@@ -242,7 +244,7 @@ def _recovery(flight: MetricsInput, c: int | None, events: list[dict[str, Any]])
         return result
     log = flight.log
     position = log["position"][c:]
-    landing = np.flatnonzero(np.isin(log["mode"][c:, 0], (LAND, LANDED)))
+    landing = np.flatnonzero(np.isin(log["mode"][c:, 0], (Phase.LAND, Phase.LANDED)))
     until = int(landing[0]) if landing.size else position.shape[0]
     calm = (tilt(log["attitude"][c:]) < _STABLE_TILT) & (
         np.linalg.norm(log["rates"][c:], axis=1) < _STABLE_RATE
@@ -284,6 +286,6 @@ def _tracking(flight: MetricsInput, c: int | None) -> dict[str, Any]:
     phases = log["mode"][:end, 0]
     square = ((log["position"][:end] - log["position_setpoint"][:end]) ** 2).sum(axis=1)
     return {
-        "hover_rms_m": _number(_rms(square[phases == HOVER])),
-        "approach_rms_m": _number(_rms(square[phases == APPROACH])),
+        "hover_rms_m": _number(_rms(square[phases == Phase.HOVER])),
+        "approach_rms_m": _number(_rms(square[phases == Phase.APPROACH])),
     }

@@ -34,6 +34,7 @@ from tombo_bag.topics import (
 )
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import PositionSetpoint
+from tombo_dynamics.pose_check import POSE_REFUSAL_TEXTS
 from tombo_dynamics.rotation import rotate_vectors
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_msgs.msg import Px4Status
@@ -66,14 +67,6 @@ _FLUSH_S = 0.1
 _ERROR_FAULTS = ("no_vehicle", "link_lost", "mode_taken", "given_up", "wrong_system")
 _ERROR_SEVERITY, _WARNING_SEVERITY = 3, 4
 _NUMBER = re.compile(r"[-+]?\d[\d.]*")
-_POSE_TEXTS = {
-    "wrong_frame": "a pose whose frame is not map",
-    "not_finite": "a pose with NaN or infinity",
-    "not_unit": "a pose whose quaternion is no rotation",
-    "future": "a pose stamped in the future",
-    "late": "a pose that is too old when it arrives",
-    "out_of_order": "a pose not newer than the one before",
-}
 
 
 class Px4BridgeNode(LoopNode):
@@ -251,7 +244,7 @@ class Px4BridgeNode(LoopNode):
                 array(message.pose.orientation),
             )
             if why:
-                self.health.report_event(f"pose_{why}", _POSE_TEXTS[why])
+                self.health.report_event(f"pose_{why.key}", POSE_REFUSAL_TEXTS[why])
 
     def _take_setpoints(self, now_ns: int) -> None:
         multiple_publishers = self._setpoint_in.multiple_publishers(now_ns)

@@ -9,7 +9,7 @@ from tombo_collision.detector_core import DetectorCore
 from tombo_collision.params import DetectorParams, ReactionLimits
 from tombo_collision.reaction_core import ReactionCore
 from tombo_collision.reactions.bounce import Bounce
-from tombo_control.autopilot import HOVER, Autopilot, new_autopilot, restart_estimate
+from tombo_control.autopilot import Autopilot, new_autopilot, restart_estimate
 from tombo_control.controller_core import ControllerCore
 from tombo_control.estimator import store_history
 from tombo_control.estimator_core import EstimatorCore
@@ -18,6 +18,7 @@ from tombo_control.mission import MissionParams, MissionState
 from tombo_control.mission_core import MissionCore, MissionLimits, store_state
 from tombo_control.params import ControlParams, EstimatorParams, InputLimits
 from tombo_dynamics.effects.compose import new_plant, pack_theta
+from tombo_dynamics.messages import Phase
 from tombo_dynamics.propeller import configuration, thrust_map
 from tombo_dynamics.records import numbers
 from tombo_dynamics.rigid_body import begin_flight
@@ -82,7 +83,7 @@ def memories(effects, position=(0.0, 0.0, 1.5), yaw=0.2, obstacle=(0.0, 0.0, 0.0
     plant.rotor_speed = plant.rotor_command = hover
     plant.past_commands[:] = hover
     a = new_autopilot(ControlParams(), EstimatorParams(), VEHICLE, np.array(position), attitude)
-    a.mode_asked = HOVER
+    a.mode_asked = Phase.HOVER
     target = np.add(position, (0.5, 0.1, -0.1))
     store_leg(a.leg, hold_leg(tuple(target.tolist()), 0.0, yaw))
     a.setpoint.yaw = yaw
@@ -100,13 +101,13 @@ def hovering_cores(plant, a):
     estimator.memory.next_tick = EPOCH_NS // TICK_NS
     mission = MissionCore(MissionParams(approach_time=3600.0, land_time=3600.0), MissionLimits())
     leg = stored_leg(a.leg)
-    store_state(mission.memory, MissionState(HOVER, leg, (0.0, 0.0, 0.0)))
+    store_state(mission.memory, MissionState(Phase.HOVER, leg, (0.0, 0.0, 0.0)))
     mission.memory.begun = True
     mission.estimate(body[:3], np.zeros(3), EPOCH_NS)
     controller = ControllerCore(ControlParams(), VEHICLE, InputLimits(), maps())
     controller.autopilot.as_array()[0] = a
     controller.memory.has_setpoint = True
-    controller.memory.setpoint["phase"] = HOVER
+    controller.memory.setpoint["phase"] = Phase.HOVER
     controller.memory.setpoint["position"] = a.leg.start
     controller.memory.setpoint["yaw"] = a.leg.yaw
     controller.memory.setpoint_ns = controller.memory.pose_ns = EPOCH_NS

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from tombo_control.autopilot import LAND, LANDED, new_autopilot
+from tombo_control.autopilot import new_autopilot
 from tombo_control.cascade import stop_rotors
 from tombo_control.estimator import correct
 from tombo_control.leg import store_leg, straight_leg
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_control.tick_calls import predict, run_cascade, store_history, update_body_rates
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.messages import Phase
 from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_sim.simulator import Simulator
@@ -64,7 +65,7 @@ class Failsafe:
             low = state.position[2] < self._ground + _LOW
             still = float(np.abs(state.velocity).max()) < 0.2
             if (low and still) or self._low_ticks > _LOW_TICKS:
-                autopilot.mode_asked = LANDED
+                autopilot.mode_asked = Phase.LANDED
         predict(self._autopilots, simulator.accel, airborne)
 
     def engage(self, tick: int) -> None:
@@ -84,7 +85,7 @@ class Failsafe:
         setpoint.yaw = leg.yaw
         setpoint.attitude = forward
         setpoint.thrust = self._hover
-        autopilot.mode_asked = LAND
+        autopilot.mode_asked = Phase.LAND
         self.engaged = True
 
     def release(self) -> None:

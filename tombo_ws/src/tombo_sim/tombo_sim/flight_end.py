@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from tombo_control.autopilot import IDLE, LAND, LANDED, TAKEOFF
 from tombo_dynamics.jit import compiled
+from tombo_dynamics.messages import Phase
 from tombo_dynamics.records import Record, field
 
 _AFTER_LANDING_S = 1.0
@@ -33,11 +33,11 @@ def watch_end(memory: FlightEnd, height: float, upright: float, phase: int) -> f
         memory.airborne = True
     if memory.over or not memory.airborne:
         return UNDECIDED
-    if phase == LANDED:
+    if phase == Phase.LANDED:
         memory.over = True
         return _AFTER_LANDING_S
     fallen = height < memory.ground - 0.02 or (height < memory.ground + 0.05 and upright < 0.8)
-    if fallen and phase != IDLE and phase != TAKEOFF and phase != LAND:
+    if fallen and phase != Phase.IDLE and phase != Phase.TAKEOFF and phase != Phase.LAND:
         memory.over = True
         return _AFTER_CRASH_S
     return UNDECIDED

@@ -84,13 +84,13 @@ def run_along_motion(
                 plant.rotor_target[i] = speed[k, i] + plant.motor_time_constant * speed[k, 4 + i]
             sum_rotors(plant, maps, 1.0, 0)
             derivative(plant, row, theta, 0, plant.slope)
+        plant.gyro = plant.state.rates
+        tick_out.acceleration = plant.slope.velocity
+        tick_out.angular_acceleration = plant.slope.rates
         for i in range(3):
             force = plant.force[i] / plant.mass
-            plant.gyro[i] = plant.state.rates[i]
             plant.accel[i] = force
             tick_out.force[i] = force
-            tick_out.acceleration[i] = plant.slope.velocity[i]
-            tick_out.angular_acceleration[i] = plant.slope.rates[i]
             plant.slope.rates[i] = motion[k, 13 + i]
         apply_imu(plant, row, theta)
         for i in range(3):

@@ -11,18 +11,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tombo_collision.detector import EVENT as COLLISION
 from tombo_collision.detector_core import DetectorCore
 from tombo_collision.detector_core import take_pose as detector_pose
 from tombo_collision.reaction_core import (
     ReactionCore,
-    copy_setpoint,
     note_mocap,
     reaction_step,
     take_mission_setpoint,
     take_position,
 )
-from tombo_control.autopilot import BLIND, IDLE, LANDED, Autopilot
+from tombo_control.autopilot import Autopilot
 from tombo_control.cascade import cascade
 from tombo_control.controller_core import (
     ControllerCore,
@@ -46,7 +44,7 @@ from tombo_control.mission_core import MissionCore, mission_step, take_estimate,
 from tombo_dynamics import message_records as records
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled, compiled_call
-from tombo_dynamics.message_records import copy_event, copy_status
+from tombo_dynamics.messages import Phase
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.records import Record, field
 from tombo_dynamics.rigid_body import begin_tick, finish_tick
@@ -231,8 +229,7 @@ def fly(
             now,
             plant.gyro,
         )
-        for i in range(4):
-            plant.rotor_command[i] = controls.rotor_speed[i]
+        plant.rotor_command = controls.rotor_speed
         write_row(plant, cores.estimator, cores.controller, cores.controller_autopilot, log[tick])
         finish_tick(plant, noise, theta)
         flight.tick = tick + 1
@@ -258,7 +255,7 @@ def _watch_flight(
     i = _newest(published.mission_status, flight.published[MISSION_STATUS], flight.tick)
     if i >= 0:
         flight.phase = published.mission_status[i].message.phase
-        estimator.airborne = flight.phase != IDLE and flight.phase != LANDED
+        estimator.airborne = flight.phase != Phase.IDLE and flight.phase != Phase.LANDED
     q = plant.state.attitude
     upright = 1.0 - 2.0 * (q[0] * q[0] + q[1] * q[1])
     after = watch_end(flight.over, plant.state.position[2], upright, flight.phase)
@@ -306,13 +303,12 @@ def publish_reaction(reaction: Any, published: Any, flight: FlightProgress, tick
     if reaction.publishes:
         entry = published.setpoint[counts[SETPOINT]]
         entry.tick = tick
-        copy_setpoint(entry.message, reaction.setpoint)
-        entry.message.stamp_ns = reaction.setpoint.stamp_ns
+        entry.message = reaction.setpoint
         counts[SETPOINT] += 1
     if reaction.status_due:
         entry = published.reaction_status[counts[REACTION_STATUS]]
         entry.tick = tick
-        copy_status(entry.message, reaction.status)
+        entry.message = reaction.status
         counts[REACTION_STATUS] += 1
 
 
@@ -340,7 +336,7 @@ def _step_mission(
         return
     entry = published.mission_setpoint[counts[MISSION_SETPOINT]]
     entry.tick = flight.tick
-    copy_setpoint(entry.message, mission.setpoint)
+    entry.message = mission.setpoint
     entry.message.stamp_ns = now
     counts[MISSION_SETPOINT] += 1
     if mission.status_due:
@@ -380,20 +376,16 @@ def _take_pose(
     stamp = EPOCH_NS + int(np.rint(sample.stamp * TICK_NS))
     position, attitude = sample.position, sample.attitude
     estimator_pose(cores.estimator, cores.estimator_autopilot, stamp, now, position, attitude)
-    result = detector_pose(detector, params, stamp, now, position, attitude)
+    detector_pose(detector, params, stamp, now, position, attitude)
     entry = published.detector_status[counts[DETECTOR_STATUS]]
     entry.tick = flight.tick
     entry.row = row
-    entry.message.stamp_ns = stamp
-    entry.message.statistic = detector.status.statistic
-    entry.message.threshold = detector.status.threshold
-    entry.message.poses = detector.status.poses
-    entry.message.rejected = detector.status.rejected
+    entry.message = detector.status
     counts[DETECTOR_STATUS] += 1
-    if result == COLLISION and counts[EVENT] < published.event.shape[0]:
+    if detector.detector.collided and counts[EVENT] < published.event.shape[0]:
         event = published.event[counts[EVENT]]
         event.tick = flight.tick
-        copy_event(event.message, detector.event)
+        event.message = detector.event
         counts[EVENT] += 1
 
 
@@ -414,16 +406,13 @@ def fly_with_true_state(
     state, setpoint = autopilot.state, autopilot.setpoint
     for k in range(start, stop):
         begin_tick(plant, maps, noise, theta)
-        for i in range(3):
-            state.position[i] = plant.state.position[i]
-            state.velocity[i] = plant.state.velocity[i]
-            state.rates[i] = plant.state.rates[i]
-        for i in range(4):
-            state.attitude[i] = plant.state.attitude[i]
+        state.position = plant.state.position
+        state.velocity = plant.state.velocity
+        state.rates = plant.state.rates
+        state.attitude = plant.state.attitude
         autopilot.mocap_time = k * TICK_S
         cascade(autopilot, maps, k)
-        for i in range(4):
-            plant.rotor_command[i] = setpoint.rotor_speed[i]
+        plant.rotor_command = setpoint.rotor_speed
         finish_tick(plant, noise, theta)
 
 
@@ -438,20 +427,20 @@ def write_row(
     """Write the tick into a row of the log; `autopilot` is the controller's."""
     contact, supply = plant.contact, plant.supply
     estimate, setpoint = estimator.estimate, autopilot.setpoint
+    row.position = plant.state.position
+    row.velocity = plant.state.velocity
+    row.rates = plant.state.rates
+    row.gyro = plant.gyro
+    row.accel = plant.accel
+    row.position_setpoint = controller.setpoint.position
+    row.velocity_setpoint = controller.setpoint.velocity
+    row.acceleration_setpoint = controller.setpoint.acceleration
+    row.rates_setpoint = setpoint.rates
+    row.wind = plant.wind
     for i in range(3):
-        row.position[i] = plant.state.position[i]
-        row.velocity[i] = plant.state.velocity[i]
-        row.rates[i] = plant.state.rates[i]
         row.contact[2 + i] = contact.point[i]
-        row.gyro[i] = plant.gyro[i]
-        row.accel[i] = plant.accel[i]
         row.est_position[i] = estimate.position[i] if estimator.known else math.nan
         row.est_velocity[i] = estimate.velocity[i] if estimator.known else math.nan
-        row.position_setpoint[i] = controller.setpoint.position[i]
-        row.velocity_setpoint[i] = controller.setpoint.velocity[i]
-        row.acceleration_setpoint[i] = controller.setpoint.acceleration[i]
-        row.rates_setpoint[i] = setpoint.rates[i]
-        row.wind[i] = plant.wind[i]
         row.contact_force[i] = 0.0
     if contact.touching:
         x, y, z = contact_force(plant)
@@ -459,14 +448,18 @@ def write_row(
     row.contact[0] = contact.touching
     row.contact[1] = contact.rotor
     row.battery[0], row.battery[1], row.battery[2] = supply.charge, supply.current, supply.voltage
+    row.attitude = plant.state.attitude
+    row.rotor_speed = plant.rotor_speed
+    row.rotor_thrust = plant.rotor_thrust
+    row.fold = plant.fold
+    row.damage = plant.damage
+    row.attitude_setpoint = setpoint.attitude
+    row.rotor_command = plant.rotor_command
     for i in range(4):
-        row.attitude[i] = plant.state.attitude[i]
-        row.rotor_speed[i] = plant.rotor_speed[i]
-        row.rotor_thrust[i] = plant.rotor_thrust[i]
-        row.fold[i] = plant.fold[i]
-        row.damage[i] = plant.damage[i]
         row.est_attitude[i] = estimate.attitude[i] if estimator.known else math.nan
-        row.attitude_setpoint[i] = setpoint.attitude[i]
-        row.rotor_command[i] = plant.rotor_command[i]
     row.thrust_setpoint[0] = setpoint.thrust
-    row.mode[0] = BLIND if autopilot.mode_flown == BLIND else controller.setpoint.phase
+    row.mode[0] = (
+        Phase.DESCEND_BLIND
+        if autopilot.mode_flown == Phase.DESCEND_BLIND
+        else controller.setpoint.phase
+    )

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.plant import DELAY_TICKS, Plant, copy_state, set_state
+from tombo_dynamics.plant import DELAY_TICKS, Plant, set_state
 from tombo_dynamics.rigid_body import begin_flight, begin_tick, finish_tick
 from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.rotors import sum_rotors
@@ -80,4 +80,4 @@ def open_loop(
                 sum_rotors(plant, maps, plant.half_tick_decay, 1)
                 sum_rotors(plant, maps, plant.tick_decay, 2)
             finish_tick(plant, noise, theta)
-        copy_state(out[w], plant.state)
+        out[w] = plant.state

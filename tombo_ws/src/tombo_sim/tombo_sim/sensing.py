@@ -35,8 +35,8 @@ class Captures(Record):
 def read_imu(plant: Plant, maps: RotorMaps, noise: Array, theta: Array) -> None:
     """Begin the tick and read the IMU: body rates, and force without gravity over mass."""
     begin_tick(plant, maps, noise, theta)
+    plant.gyro = plant.state.rates
     for i in range(3):
-        plant.gyro[i] = plant.state.rates[i]
         plant.accel[i] = plant.force[i] / plant.mass
     apply_imu(plant, noise, theta)
 
@@ -47,10 +47,8 @@ def capture_pose(
 ) -> None:
     """Take a mocap sample of the true pose and enter it, with its time of arrival."""
     sample, entry = plant.mocap, entries[captures.next]
-    for i in range(3):
-        sample.position[i] = plant.state.position[i]
-    for i in range(4):
-        sample.attitude[i] = plant.state.attitude[i]
+    sample.position = plant.state.position
+    sample.attitude = plant.state.attitude
     sample.latency = 0.0
     sample.stamp_error = 0.0
     sample.dropped = False
@@ -61,10 +59,8 @@ def capture_pose(
     entry.arrives = -1
     if not sample.dropped:
         entry.arrives = tick + int(sample.latency / plant.tick_length + 0.5)
-    for i in range(3):
-        entry.position[i] = sample.position[i]
-    for i in range(4):
-        entry.attitude[i] = sample.attitude[i]
+    entry.position = sample.position
+    entry.attitude = sample.attitude
     captures.next += 1
     captures.latest_tick = tick
 

@@ -17,7 +17,7 @@ import numpy as np
 from tombo_bag.message_codec import MessageCodec
 from tombo_bag.message_template import MessageTemplate
 from tombo_bag.topics import BATTERY, CLOCK, IMU, MISSION_STATUS, ROTOR_COMMAND, TopicSpec
-from tombo_control.autopilot import IDLE
+from tombo_dynamics.messages import Phase
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 from tombo_ros.conversion import to_time
 from tombo_ros.health import ERROR
@@ -246,7 +246,7 @@ class SimNode(VehicleNode):
         self._wait_for_nodes(master)
         phases = self.subscribe(MISSION_STATUS)
         flight_end = FlightEndDetector(self.world.vehicle.leg_height)
-        phase, command = IDLE, np.zeros(4)
+        phase, command = Phase.IDLE, np.zeros(4)
         end = round(self._duration * 1e9 / TICK_NS) or 2**62
         simulator = self.simulator
         while simulator.tick < end and not self.stopping:

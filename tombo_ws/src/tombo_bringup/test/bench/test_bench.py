@@ -11,8 +11,8 @@ from tombo_bringup.bench import __main__ as command
 from tombo_bringup.bench.kernel_flight import contact_time, fly_whole, new_flight, stretches
 from tombo_bringup.bench.numpy_step import hovering
 from tombo_bringup.bench.speed_measurements import batch_steps, kernel_steps, numpy_steps
-from tombo_control.autopilot import APPROACH
 from tombo_control.leg import store_leg, straight_leg
+from tombo_dynamics.messages import Phase
 from tombo_dynamics.plant import set_state
 from tombo_dynamics.records import numbers
 from tombo_dynamics.rotation import tilt
@@ -37,7 +37,7 @@ def test_numpy_and_kernel_fly_the_same_approach():
     flight.plant.rotor_command = plain.speed
     leg = straight_leg((0.0, 0.0, 2.0), (1.0, 0.5, 2.3), scenario.mission.approach_speed, 0.0)
     store_leg(flight.autopilot.leg, leg)
-    flight.autopilot.mode_asked = APPROACH
+    flight.autopilot.mode_asked = Phase.APPROACH
 
     furthest = 0.0
     for tick in range(3000):

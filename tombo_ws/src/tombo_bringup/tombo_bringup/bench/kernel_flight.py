@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tombo_collision.reactions.bounce import Bounce
-from tombo_control.autopilot import APPROACH, HOVER, REACT, TAKEOFF, Autopilot, new_autopilot
+from tombo_control.autopilot import Autopilot, new_autopilot
 from tombo_control.leg import Leg, hold_leg, store_leg, straight_leg
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import SimulatedPlant, new_plant, pack_theta
+from tombo_dynamics.messages import Phase
 from tombo_dynamics.rigid_body import begin_flight
 from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
 from tombo_flight.scenario import Scenario
@@ -91,7 +92,12 @@ def stretches(flight: KernelFlight, contact_s: float) -> list[Stretch]:
     back = hold_leg((x_c - reaction.distance, y_c, z_c), switch)
     times = [0.0, up.end_s, mission.approach_time, switch, _LENGTH_S]
     ticks = [round(time / TICK_S) for time in times]
-    legs = [(up, TAKEOFF), (hold_leg(top, up.end_s), HOVER), (ahead, APPROACH), (back, REACT)]
+    legs = [
+        (up, Phase.TAKEOFF),
+        (hold_leg(top, up.end_s), Phase.HOVER),
+        (ahead, Phase.APPROACH),
+        (back, Phase.REACT),
+    ]
     return [
         (leg, mode, ticks[i], ticks[i + 1])
         for i, (leg, mode) in enumerate(legs)
@@ -103,7 +109,7 @@ def contact_time(scenario: Scenario, seed: int) -> float:
     """Return when the vehicle first touches the obstacle [s]; inf if it never does."""
     flight = new_flight(scenario, seed)
     for leg, mode, start, stop in stretches(flight, math.inf):
-        if mode != APPROACH:
+        if mode != Phase.APPROACH:
             flight.stretch(leg, mode, start, stop)
             continue
         flight.stretch(leg, mode, start, start)

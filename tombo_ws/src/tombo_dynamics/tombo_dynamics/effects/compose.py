@@ -22,7 +22,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY, Stage
 from tombo_dynamics.jit import CACHE_FOLDER
 from tombo_dynamics.plant import Plant
-from tombo_dynamics.records import Record, field, fill_parameters
+from tombo_dynamics.records import Record, field, fill_record
 from tombo_dynamics.vehicle import VehicleParams
 
 _MODULE = "tombo_composed_effects"
@@ -117,7 +117,7 @@ def new_plant(vehicle: VehicleParams) -> SimulatedPlant:
     """Return a vehicle at the origin, upright, everything else zero."""
     plant = SimulatedPlant.new()
     plant.state.attitude[3] = 1.0
-    fill_parameters(plant.vehicle, vehicle)
+    fill_record(plant.vehicle, vehicle)
     return plant
 
 

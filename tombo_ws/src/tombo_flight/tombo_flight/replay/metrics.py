@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from tombo_control.autopilot import PHASE_NAMES
+from tombo_dynamics.messages import PHASE_NAMES
 from tombo_flight.replay.compare import (
     Tolerances,
     compare_attitudes,

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_control import autopilot
-from tombo_dynamics import vehicle
+from tombo_dynamics import messages, vehicle
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.messages import Phase
 from tombo_dynamics.rotation import yaw_pitch_roll
 
 if TYPE_CHECKING:
     from tombo_flight.flight_record import FlightRecord
 
 
-PHASE_NAMES: Final = tuple(name.replace("_", " ") for name in autopilot.PHASE_NAMES)
+PHASE_NAMES: Final = tuple(name.replace("_", " ") for name in messages.PHASE_NAMES)
 ROTOR_NAMES: Final = tuple(name.replace("_", " ") for name in vehicle.ROTOR_NAMES)
 FRONT_LEFT: Final = vehicle.ROTOR_NAMES.index("front_left")
 """The rotor that meets the obstacle in the paper's experiment."""
@@ -257,7 +257,7 @@ def _fall(record: FlightRecord, contact_s: float, end_s: float) -> tuple[float, 
     """Height at contact, and when and how low the vehicle comes before `end_s` or the landing."""
     first, last = nearest(record.t, contact_s), nearest(record.t, end_s)
     heights = record.log["position"][first : last + 1, 2]
-    landing = np.flatnonzero(record.log["mode"].reshape(-1)[first : last + 1] == autopilot.LAND)
+    landing = np.flatnonzero(record.log["mode"].reshape(-1)[first : last + 1] == Phase.LAND)
     lowest = int(np.argmin(heights[: landing[0] + 1] if landing.size else heights))
     return float(heights[0]), float(record.t[first + lowest]), float(heights[lowest])
 

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from tombo_bag.flight_time import FLIGHT_METADATA
 from tombo_bag.recording import Recording
-from tombo_control.autopilot import IDLE
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.messages import Phase
 from tombo_dynamics.time_base import EPOCH_NS
 from tombo_flight.flight import as_flown
 from tombo_flight.flight_from_bag import flight_from_bag
@@ -114,7 +114,9 @@ class FlightMonitor:
         self._phase = phase
         self.airborne |= float(state["height_m"]) > self._lifted_m
         more_s = self._flight_end.watch(
-            float(state["height_m"]), float(state["upright"]), IDLE if phase is None else phase
+            float(state["height_m"]),
+            float(state["upright"]),
+            Phase.IDLE if phase is None else phase,
         )
         if more_s is not None:
             self._end_s = min(self._end_s, self.flown_s + more_s)

@@ -9,7 +9,7 @@ from typing import Any, Final
 from tombo_bag.recording import Recording
 from tombo_bag.schemas import type_store
 from tombo_bag.topics import PX4_STATUS
-from tombo_control.autopilot import BLIND, LAND, LANDED
+from tombo_dynamics.messages import Phase
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.suite.node_metrics import recorded_diagnostics
 
@@ -61,7 +61,7 @@ class BridgeMonitor:
     @property
     def at_rest(self) -> bool:
         """Disarmed after the flight, not coming down at all, or waited for long enough."""
-        if not self.armed or self._phase not in (LAND, LANDED, BLIND):
+        if not self.armed or self._phase not in (Phase.LAND, Phase.LANDED, Phase.DESCEND_BLIND):
             return True
         return self._over_s is not None and self._now_s - self._over_s > _DISARM_S
 
@@ -101,7 +101,7 @@ class BridgeMonitor:
 
     def _flight_impossible(self, phase: int | None) -> bool:
         """Whether neither mission nor bridge will fly any more."""
-        return phase == LANDED or self._status.get("stage") == _STAGE_GIVEN_UP
+        return phase == Phase.LANDED or self._status.get("stage") == _STAGE_GIVEN_UP
 
     def _failure_text(self, fault: str) -> str:
         status = self._status
@@ -113,7 +113,7 @@ class BridgeMonitor:
         status = self._status
         if status.get("stage") == _STAGE_GIVEN_UP:
             return f"PX4 did not take off: {status['why']}"
-        if phase != LANDED and waited_s < READY_S:
+        if phase != Phase.LANDED and waited_s < READY_S:
             return ""
         waited = f"PX4 was not armed within {waited_s:.0f} s"
         if not status:

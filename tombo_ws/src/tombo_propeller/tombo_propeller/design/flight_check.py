@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_control.autopilot import HOVER
+from tombo_dynamics.messages import Phase
 from tombo_dynamics.time_base import TICK_S
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_record import FlightRecord
@@ -133,7 +133,7 @@ class _Flown:
     @staticmethod
     def of(record: FlightRecord) -> _Flown:
         summary, log = record.summary, record.log
-        hovering = log["mode"][:, 0] == HOVER
+        hovering = log["mode"][:, 0] == Phase.HOVER
         speed = float(log["rotor_speed"][hovering].mean()) if hovering.any() else math.nan
         blade = (log["contact"][:, 0] > 0.0) & (log["contact"][:, 1] >= 0.0)
         first = int(blade.argmax())  # later two blades may be struck at once

@@ -10,9 +10,8 @@ from vehicle_bench import Flight
 
 from tombo_collision.detector import CollisionDetector
 from tombo_control import mission as plan
-from tombo_control.autopilot import LAND, LANDED
 from tombo_control.trapezoidal_profile import trapezoidal_profile
-from tombo_dynamics.messages import CollisionEvent
+from tombo_dynamics.messages import CollisionEvent, Phase
 from tombo_dynamics.rotation import tilt, yaw_pitch_roll
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario
@@ -53,7 +52,7 @@ def collide(seed: int) -> Collision:
         now_s = vehicle.tick * 1e-3
         for sample in simulator.arrived:
             event = detector.update(sample.captured * 1e-3, sample.pose[:3], sample.pose[3:])
-            if event is not None and mission.mode not in (LAND, LANDED):
+            if event is not None and mission.mode not in (Phase.LAND, Phase.LANDED):
                 collision = CollisionEvent(
                     sample.stamp_ns, "map", 2, 0, event.x_c, event.flight_direction, 1.0, 0.0, 1
                 )
@@ -68,7 +67,7 @@ def collide(seed: int) -> Collision:
             vehicle.target(reference(mission.leg, now_s))
         if vehicle.tick == 500:
             assert vehicle.set_mode(OFFBOARD) == vehicle.arm() == Result.ACCEPTED
-        if mission.mode == LAND and vehicle.mode == OFFBOARD:
+        if mission.mode == Phase.LAND and vehicle.mode == OFFBOARD:
             assert vehicle.land() == Result.ACCEPTED
         flight.step()
         rows.append(flight.body)

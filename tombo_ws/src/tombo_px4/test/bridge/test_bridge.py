@@ -7,9 +7,9 @@ import pytest
 from pymavlink.dialects.v20 import common as mav
 
 from scripted_px4 import GROUND, ScriptedPx4
-from tombo_control.autopilot import HOVER, IDLE, LAND, LANDED, TAKEOFF
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.messages import PositionSetpoint
+from tombo_dynamics.messages import Phase, PositionSetpoint
+from tombo_dynamics.pose_check import PoseRefusal
 from tombo_px4.bridge.bridge import Bridge
 from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
 from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD, POSCTL
@@ -29,7 +29,7 @@ class Flight:
         self.bridge = Bridge(BridgeParams(**params), LinkParams(), 1.3, writes)
         self.now = NOW
         self.px4 = ScriptedPx4(NOW)
-        self.phase, self.goal = IDLE, np.array([0.0, 0.0, GROUND])
+        self.phase, self.goal = Phase.IDLE, np.array([0.0, 0.0, GROUND])
         self.mocap_late = mocap_late_ms * MS
         self.mocap_shift = 0
         self.mocap_on = self.mission_on = True
@@ -93,9 +93,9 @@ class Flight:
 
     def take_off(self):
         self.run(3.0)
-        self.phase, self.goal = TAKEOFF, np.array([0.0, 0.0, 1.5])
+        self.phase, self.goal = Phase.TAKEOFF, np.array([0.0, 0.0, 1.5])
         self.until(lambda f: f.px4.place[2] > 1.4)
-        self.phase = HOVER
+        self.phase = Phase.HOVER
         return self.run(0.5)
 
     def ask(self, kind):
@@ -112,10 +112,10 @@ def test_a_whole_flight():
     assert (flight.px4.mode, flight.px4.armed) == (OFFBOARD, True)
     assert flight.out.status.offboard
     assert flight.px4.place == pytest.approx([0, 0, 1.5], abs=0.01)
-    flight.phase = LAND
+    flight.phase = Phase.LAND
     flight.until(lambda f: f.px4.mode == AUTO_LAND, 3.0)
     flight.until(lambda f: not f.px4.armed)
-    flight.phase = LANDED
+    flight.phase = Phase.LANDED
     flight.run(3.0)
     assert flight.bridge.session.stage == Stage.READY
     assert not flight.events and not flight.out.faults
@@ -174,7 +174,7 @@ def test_the_stream_is_kept_up_on_the_ground_with_the_present_position():
 def test_without_an_estimate_nothing_is_streamed_and_nothing_armed():
     flight = Flight()
     flight.px4.fuses = False
-    flight.phase, flight.goal = TAKEOFF, np.array([0.0, 0.0, 1.5])
+    flight.phase, flight.goal = Phase.TAKEOFF, np.array([0.0, 0.0, 1.5])
     flight.run(8.0)
     assert not flight.px4.targets and not flight.px4.armed
     assert any("nothing is fused" in text for text in flight.out.status.findings)
@@ -198,7 +198,7 @@ def test_a_fault_of_the_laboratory_keeps_it_on_the_ground(fault, words):
     flight = Flight()
     fault(flight)
     flight.run(3.0)
-    flight.phase, flight.goal = TAKEOFF, np.array([0.0, 0.0, 1.5])
+    flight.phase, flight.goal = Phase.TAKEOFF, np.array([0.0, 0.0, 1.5])
     flight.run(5.0)
     assert not flight.px4.armed
     text = flight.out.faults.get("preflight", "") + flight.out.faults.get("not_engaged", "")
@@ -251,20 +251,22 @@ def test_poses_that_are_no_poses_are_not_sent():
     bridge, now = flight.bridge, flight.now
     level = np.array([0.0, 0.0, 0.0, 1.0])
     sent = bridge.poses_sent
-    assert bridge.pose(now, now, "odom", ZERO, level) == "wrong_frame"
-    assert bridge.pose(now, now, "map", ZERO * math.nan, level) == "not_finite"
-    assert bridge.pose(now, now, "map", ZERO, 2 * level) == "not_unit"
-    assert bridge.pose(now + 50 * MS, now, "map", ZERO, level) == "future"
-    assert bridge.pose(now - 500 * MS, now, "map", ZERO, level) == "late"
-    assert bridge.pose(now, now, "map", ZERO, level) == ""
-    assert bridge.pose(now, now, "map", ZERO, level) == "out_of_order"
+    assert bridge.pose(now, now, "odom", ZERO, level) == PoseRefusal.WRONG_FRAME
+    assert bridge.pose(now, now, "map", ZERO * math.nan, level) == PoseRefusal.NOT_FINITE
+    assert bridge.pose(now, now, "map", ZERO, 2 * level) == PoseRefusal.NOT_UNIT
+    assert bridge.pose(now + 50 * MS, now, "map", ZERO, level) == PoseRefusal.FUTURE
+    assert bridge.pose(now - 500 * MS, now, "map", ZERO, level) == PoseRefusal.LATE
+    assert bridge.pose(now, now, "map", ZERO, level) == PoseRefusal.NONE
+    assert bridge.pose(now, now, "map", ZERO, level) == PoseRefusal.OUT_OF_ORDER
     assert bridge.poses_sent == sent + 1
 
 
 def test_set_points_that_are_none_are_left_out():
     bridge = Flight().bridge
-    assert not bridge.setpoint(PositionSetpoint(0, ZERO * math.nan, ZERO, ZERO, 0.0, HOVER), NOW)
-    assert not bridge.setpoint(PositionSetpoint(0, ZERO, ZERO, ZERO, math.inf, HOVER), NOW)
+    assert not bridge.setpoint(
+        PositionSetpoint(0, ZERO * math.nan, ZERO, ZERO, 0.0, Phase.HOVER), NOW
+    )
+    assert not bridge.setpoint(PositionSetpoint(0, ZERO, ZERO, ZERO, math.inf, Phase.HOVER), NOW)
     assert not bridge.rotation(np.zeros(4), 12.0, NOW)
     assert not bridge.rotation(ZERO, math.nan, NOW)
     assert bridge.rotation(np.array([0.0, 0, 0, 1]), 12.0, NOW)
@@ -275,7 +277,9 @@ def test_a_silent_mission_is_held_without_feed_forward():
     flight = Flight().take_off()
     speed = np.array([0.3, 0.0, 0.2])
     flight.mission_on = False
-    flight.bridge.setpoint(PositionSetpoint(0, flight.goal, speed, speed, 0.0, HOVER), flight.now)
+    flight.bridge.setpoint(
+        PositionSetpoint(0, flight.goal, speed, speed, 0.0, Phase.HOVER), flight.now
+    )
     flight.run(2.0)
     assert "no set point for" in flight.out.faults["setpoint_silent"]
     last = flight.px4.targets[-1]
@@ -292,7 +296,9 @@ def test_set_points_leave_at_once_and_carry_the_feed_forward():
     assert 48 <= len(flight.px4.targets) <= 52, "one for each of the mission's"
     bridge = flight.bridge
     speed, push = np.array([0.1, 0.2, 0.3]), np.array([0.4, 0.5, 0.6])
-    bridge.setpoint(PositionSetpoint(flight.now, flight.goal, speed, push, 0.2, HOVER), flight.now)
+    bridge.setpoint(
+        PositionSetpoint(flight.now, flight.goal, speed, push, 0.2, Phase.HOVER), flight.now
+    )
     (target,) = [
         m
         for m in bridge.tick(flight.now + MS).messages
@@ -385,7 +391,7 @@ def test_one_missing_heartbeat_is_no_lost_link():
 def test_news_do_not_wait_for_the_heartbeat_of_the_next_second():
     flight = Flight().run(3.0)
     flight.px4.mute.add("HEARTBEAT")  # only those that are asked for
-    flight.phase, flight.goal = TAKEOFF, np.array([0.0, 0.0, 1.5])
+    flight.phase, flight.goal = Phase.TAKEOFF, np.array([0.0, 0.0, 1.5])
     began = flight.now
     flight.stage(Stage.FLYING)
     assert flight.now - began < 1_000 * MS

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tombo_dynamics.pose_check import PoseRefusal
 from tombo_dynamics.rotation import quaternion_multiply, rotate_vectors
 from tombo_px4.bridge.bridge_params import BridgeParams
 from tombo_px4.bridge.decoded_messages import EstimatorStatusFlags, ImuSample, VehicleOdometry
@@ -178,13 +179,17 @@ def test_a_world_without_any_noise_is_not_frozen(lab):
 @pytest.mark.parametrize(
     ("why", "age", "words"),
     [
-        ("future", -1.2, "stamps are 1.2 s in the future: the clock of the mocap computer"),
-        ("late", 3.4, "stamps are 3.4 s old when they arrive"),
-        ("wrong_frame", 0.0, "not in frame map"),
-        ("not_finite", 0.0, "lost the body"),
-        ("not_unit", 0.0, "no rotations"),
-        ("out_of_order", 0.0, "do not grow"),
-        ("crowded", 0.0, "stop one of them"),
+        (
+            PoseRefusal.FUTURE,
+            -1.2,
+            "stamps are 1.2 s in the future: the clock",
+        ),
+        (PoseRefusal.LATE, 3.4, "stamps are 3.4 s old when they arrive"),
+        (PoseRefusal.WRONG_FRAME, 0.0, "not in frame map"),
+        (PoseRefusal.NOT_FINITE, 0.0, "lost the body"),
+        (PoseRefusal.NOT_UNIT, 0.0, "no rotations"),
+        (PoseRefusal.OUT_OF_ORDER, 0.0, "do not grow"),
+        (PoseRefusal.TWO_PUBLISHERS, 0.0, "stop one of them"),
     ],
 )
 def test_refused_poses_are_named_for_as_long_as_they_come(lab, why, age, words):

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tombo_control.autopilot import BLIND, HOVER, IDLE, LAND, LANDED, TAKEOFF
+from tombo_dynamics.messages import Phase
 from tombo_px4.bridge.decoded_messages import CommandAck, Heartbeat, MavLandedState, StatusText
 from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, AUTO_RTL, OFFBOARD, POSCTL
 from tombo_px4.bridge.offboard_session import (
@@ -69,7 +69,7 @@ class Vehicle:
 class Flight:
     """A session, a vehicle and a mission, 50 times a second."""
 
-    def __init__(self, phase=IDLE):
+    def __init__(self, phase=Phase.IDLE):
         self.session, self.vehicle = Session(1.5), Vehicle()
         self.now = SECOND
         self.phase, self.fresh, self.streaming, self.blockers = phase, True, True, ()
@@ -112,10 +112,10 @@ class Flight:
 
     def take_off(self):
         self.run(2.5)
-        self.phase = TAKEOFF
+        self.phase = Phase.TAKEOFF
         self.until(Stage.FLYING)
         self.vehicle.landed = MavLandedState.IN_AIR
-        self.phase = HOVER
+        self.phase = Phase.HOVER
         return self.run(1.0)
 
     def ask(self, kind):
@@ -137,19 +137,19 @@ def test_a_flight_arms_in_offboard_and_lands_by_px4():
     flight = Flight().run(5.0)
     assert (flight.session.stage, flight.stream) == (Stage.READY, Stream.PRESENT)
     assert not flight.vehicle.received, "on the ground nothing is asked for"
-    flight.phase = TAKEOFF
+    flight.phase = Phase.TAKEOFF
     flight.until(Stage.FLYING)
     assert [str(o) for o in flight.vehicle.received] == ["mode offboard", "arming"]
     flight.run(0.1)
     assert flight.stream == Stream.SETPOINT
-    flight.vehicle.landed, flight.phase = MavLandedState.IN_AIR, HOVER
+    flight.vehicle.landed, flight.phase = MavLandedState.IN_AIR, Phase.HOVER
     flight.run(10.0)
-    flight.phase = LAND
+    flight.phase = Phase.LAND
     flight.until(Stage.LANDING).run(2.0)
     assert flight.modes_asked() == [OFFBOARD, AUTO_LAND]
     flight.vehicle.landed, flight.vehicle.armed = MavLandedState.ON_GROUND, False
     flight.until(Stage.READY)
-    flight.phase = LANDED
+    flight.phase = Phase.LANDED
     flight.run(10.0)
     assert flight.session.stage == Stage.READY
     assert flight.armings() == [True]
@@ -160,7 +160,7 @@ def test_px4_has_seen_the_stream_for_a_second_before_offboard():
     flight = Flight()
     flight.streaming = False
     flight.run(3.0)
-    flight.phase, flight.streaming = TAKEOFF, True
+    flight.phase, flight.streaming = Phase.TAKEOFF, True
     flight.run(0.9)
     assert not flight.vehicle.received
     flight.run(0.2)
@@ -170,7 +170,7 @@ def test_px4_has_seen_the_stream_for_a_second_before_offboard():
 @pytest.mark.parametrize("blockers", [("stamps are 1.2 s in the future",), ("a", "b")])
 def test_what_the_checks_forbid_is_not_armed_and_said(blockers):
     flight = Flight().run(2.0)
-    flight.blockers, flight.phase = blockers, TAKEOFF
+    flight.blockers, flight.phase = blockers, Phase.TAKEOFF
     flight.run(5.0)
     assert not flight.vehicle.received
     assert all(text in flight.faults["preflight"] for text in blockers)
@@ -182,7 +182,7 @@ def test_what_the_checks_forbid_is_not_armed_and_said(blockers):
 def test_a_refused_arming_is_retried_reported_and_given_up():
     flight = Flight().run(2.0)
     flight.vehicle.refuses[ARM_COMMAND] = REJECTED
-    flight.phase = TAKEOFF
+    flight.phase = Phase.TAKEOFF
     flight.until(Stage.GIVEN_UP)
     assert flight.armings() == 5 * [True]
     text = flight.faults["given_up"]
@@ -196,21 +196,21 @@ def test_a_refused_arming_is_retried_reported_and_given_up():
 def test_after_a_refusal_the_mission_must_have_been_on_the_ground():
     flight = Flight().run(2.0)
     flight.vehicle.refuses[ARM_COMMAND] = DENIED
-    flight.phase = TAKEOFF
+    flight.phase = Phase.TAKEOFF
     flight.until(Stage.GIVEN_UP)
     flight.vehicle.refuses.clear()
     flight.run(10.0)
     assert flight.session.stage == Stage.GIVEN_UP
-    flight.phase = LANDED
+    flight.phase = Phase.LANDED
     flight.until(Stage.READY)
-    flight.phase = TAKEOFF
+    flight.phase = Phase.TAKEOFF
     flight.until(Stage.FLYING)
 
 
 def test_a_refused_mode_arms_nothing():
     flight = Flight().run(2.0)
     flight.vehicle.refuses[SET_MODE_COMMAND] = REJECTED
-    flight.phase = TAKEOFF
+    flight.phase = Phase.TAKEOFF
     flight.until(Stage.GIVEN_UP)
     assert flight.armings() == []
     assert len(flight.modes_asked()) == 3
@@ -220,7 +220,7 @@ def test_a_refused_mode_arms_nothing():
 def test_an_acknowledgement_is_no_confirmation():
     flight = Flight().run(2.0)
     flight.vehicle.deaf = True
-    flight.phase = TAKEOFF
+    flight.phase = Phase.TAKEOFF
     flight.run(1.0)
     for command in (SET_MODE_COMMAND, ARM_COMMAND):
         flight.session.handle_ack(CommandAck(flight.now, command, 0))
@@ -248,7 +248,7 @@ def test_a_heartbeat_from_before_the_order_confirms_nothing():
 def test_a_mode_lost_while_arming_disarms_what_arms_late():
     flight = Flight().run(2.0)
     flight.vehicle.arms_late_ns = 1_500_000_000
-    flight.phase = TAKEOFF
+    flight.phase = Phase.TAKEOFF
     flight.until(Stage.ARMING).run(0.3)
     flight.vehicle.mode = POSCTL
     flight.until(Stage.GIVEN_UP)
@@ -264,7 +264,7 @@ def test_a_mode_lost_while_arming_disarms_what_arms_late():
 def test_poses_lost_while_arming_end_in_a_disarmed_vehicle():
     flight = Flight().run(2.0)
     flight.vehicle.arms_late_ns = SECOND
-    flight.phase = TAKEOFF
+    flight.phase = Phase.TAKEOFF
     flight.until(Stage.ARMING).run(0.1)
     flight.blockers = ("no mocap pose has come",)
     flight.run(6.0)
@@ -296,7 +296,7 @@ def test_landing_is_not_asked_for_in_a_mode_of_somebody_elses():
     flight = Flight().take_off()
     flight.vehicle.mode = AUTO_RTL
     flight.until(Stage.EXTERNAL_MODE)
-    flight.phase = LAND
+    flight.phase = Phase.LAND
     flight.run(5.0)
     assert AUTO_LAND not in flight.modes_asked()
 
@@ -332,13 +332,13 @@ def test_a_link_that_returns_in_flight(mode, stage):
 
 
 def test_a_mission_whose_first_word_heard_is_take_off_is_flown():
-    flight = Flight(TAKEOFF)
+    flight = Flight(Phase.TAKEOFF)
     flight.until(Stage.FLYING)
     assert flight.vehicle.armed and flight.vehicle.mode == OFFBOARD
 
 
 def test_take_off_asked_for_again_after_a_refusal_is_no_first_word():
-    flight = Flight(TAKEOFF)
+    flight = Flight(Phase.TAKEOFF)
     flight.vehicle.refuses = {ARM_COMMAND: DENIED}
     flight.until(Stage.GIVEN_UP)
     flight.vehicle.refuses = {}
@@ -348,7 +348,7 @@ def test_take_off_asked_for_again_after_a_refusal_is_no_first_word():
 
 
 def test_a_bridge_started_in_flight_touches_nothing():
-    flight = Flight(HOVER)
+    flight = Flight(Phase.HOVER)
     flight.vehicle.armed, flight.vehicle.mode = True, AUTO_RTL
     flight.vehicle.landed = MavLandedState.IN_AIR
     flight.run(10.0)
@@ -361,9 +361,9 @@ def test_a_bridge_started_in_flight_touches_nothing():
 
 def test_a_blind_descent_lands_and_does_not_take_off_again():
     flight = Flight().take_off()
-    flight.phase = BLIND
+    flight.phase = Phase.DESCEND_BLIND
     flight.until(Stage.LANDING).run(2.0)
-    flight.phase = HOVER
+    flight.phase = Phase.HOVER
     flight.run(2.0)
     assert flight.session.stage == Stage.LANDING
     flight.vehicle.landed, flight.vehicle.armed = MavLandedState.ON_GROUND, False
@@ -374,18 +374,18 @@ def test_a_blind_descent_lands_and_does_not_take_off_again():
 def test_a_refused_landing_goes_on_in_offboard_and_disarms_on_the_ground():
     flight = Flight().take_off()
     flight.vehicle.refuses[SET_MODE_COMMAND] = REJECTED
-    flight.phase = LAND
+    flight.phase = Phase.LAND
     flight.until(Stage.LANDING).run(6.0)
     assert flight.session.stage == Stage.LANDING
     assert flight.stream == Stream.SETPOINT
-    flight.vehicle.landed, flight.phase = MavLandedState.ON_GROUND, LANDED
+    flight.vehicle.landed, flight.phase = MavLandedState.ON_GROUND, Phase.LANDED
     flight.until(Stage.READY)
     assert flight.armings() == [True, False]
 
 
 def test_a_vehicle_that_stays_armed_on_the_ground_is_disarmed():
     flight = Flight().take_off()
-    flight.phase = LAND
+    flight.phase = Phase.LAND
     flight.until(Stage.LANDING)
     flight.vehicle.landed = MavLandedState.ON_GROUND
     flight.run(3.0)
@@ -396,9 +396,9 @@ def test_a_vehicle_that_stays_armed_on_the_ground_is_disarmed():
 
 def test_a_mission_that_gives_up_on_the_ground_is_disarmed():
     flight = Flight().run(2.5)
-    flight.phase = TAKEOFF
+    flight.phase = Phase.TAKEOFF
     flight.until(Stage.FLYING)
-    flight.phase = LANDED
+    flight.phase = Phase.LANDED
     flight.until(Stage.READY)
     assert flight.armings() == [True, False]
 
@@ -480,7 +480,7 @@ def test_a_second_wish_overtakes_the_first():
 def test_offboard_by_service_opens_the_way_after_a_refusal():
     flight = Flight().run(2.5)
     flight.vehicle.refuses[ARM_COMMAND] = DENIED
-    flight.phase = TAKEOFF
+    flight.phase = Phase.TAKEOFF
     flight.until(Stage.GIVEN_UP).run(6.0)
     flight.vehicle.refuses.clear()
     assert flight.ask("offboard").success
@@ -495,7 +495,7 @@ def test_armed_by_the_operator_it_stands_still_until_the_mission_flies():
     flight.run(8.0)
     assert (flight.session.stage, flight.stream) == (Stage.FLYING, Stream.HOLD)
     assert flight.vehicle.armed, "PX4's own time-out disarms it, not the bridge"
-    flight.phase = TAKEOFF
+    flight.phase = Phase.TAKEOFF
     assert flight.run(0.1).stream == Stream.SETPOINT
 
 
@@ -520,7 +520,7 @@ def test_wishes_without_a_link_are_answered_at_once():
 def test_the_operator_stops_an_arming_under_way():
     flight = Flight().run(2.5)
     flight.vehicle.arms_late_ns = 3 * SECOND
-    flight.phase = TAKEOFF
+    flight.phase = Phase.TAKEOFF
     flight.until(Stage.ARMING)
     assert flight.ask("disarm").success
     flight.vehicle.arms_late_ns = 0
@@ -531,7 +531,12 @@ def test_the_operator_stops_an_arming_under_way():
 # --- whatever happens --------------------------------------------------------------------------
 
 HAPPENINGS = st.one_of(
-    st.tuples(st.just("phase"), st.sampled_from([IDLE, TAKEOFF, HOVER, LAND, LANDED, BLIND])),
+    st.tuples(
+        st.just("phase"),
+        st.sampled_from(
+            [Phase.IDLE, Phase.TAKEOFF, Phase.HOVER, Phase.LAND, Phase.LANDED, Phase.DESCEND_BLIND]
+        ),
+    ),
     st.tuples(st.just("mode"), st.sampled_from([OFFBOARD, AUTO_HOLD, POSCTL, AUTO_RTL])),
     st.tuples(st.just("armed"), st.booleans()),
     st.tuples(st.just("landed"), st.sampled_from(list(MavLandedState))),
@@ -573,6 +578,11 @@ def test_whatever_happens_the_rules_hold(story):
                 if order.armed and not asked:
                     assert flight.vehicle.heartbeat.mode == OFFBOARD
                     assert not flight.blockers
-                    assert flight.phase not in (IDLE, LANDED, LAND, BLIND)
+                    assert flight.phase not in (
+                        Phase.IDLE,
+                        Phase.LANDED,
+                        Phase.LAND,
+                        Phase.DESCEND_BLIND,
+                    )
     flight.run(8.0)
     assert sorted(r.number for r in flight.replies) == list(range(1, asked + 1))

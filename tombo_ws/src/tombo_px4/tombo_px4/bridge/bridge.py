@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
-from tombo_control.autopilot import IDLE
-from tombo_control.pose_check import check_pose
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.messages import PositionSetpoint
+from tombo_dynamics.messages import Phase, PositionSetpoint
+from tombo_dynamics.pose_check import PoseRefusal, check_pose, is_map
 from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
@@ -294,7 +293,7 @@ class Bridge:
 
     def pose(
         self, stamp_ns: int, now_ns: int, frame_id: str, position: Array, attitude: Array
-    ) -> str:
+    ) -> PoseRefusal:
         """Take a pose of the motion capture; it leaves at the next tick.
 
         Args:
@@ -305,13 +304,12 @@ class Bridge:
             attitude: (4) xyzw, map from base_link; its length may be off by a tenth.
 
         Returns:
-            "" if it is sent, else why not: wrong_frame, not_finite, not_unit, future, late,
-            out_of_order.
+            Why it is not sent.
         """
         age_s = (now_ns - stamp_ns) * 1e-9
         why = self._refuse_pose(stamp_ns, now_ns, frame_id, position, attitude)
         if why:
-            self.poses_refused[why] = self.poses_refused.get(why, 0) + 1
+            self.poses_refused[why.key] = self.poses_refused.get(why.key, 0) + 1
             self.preflight.refused_pose(why, now_ns, age_s)
             return why
         self.pose_stamp_ns = stamp_ns
@@ -322,23 +320,22 @@ class Bridge:
             message_encoder.pose_message(kind, stamp_ns, position, unit, self._covariance)
         )
         self.poses_sent += 1
-        return ""
+        return why
 
     def _refuse_pose(
         self, stamp_ns: int, now_ns: int, frame_id: str, position: Array, attitude: Array
-    ) -> str:
-        why = check_pose(stamp_ns, now_ns, frame_id, position, attitude)
-        if why:
-            return why
-        if now_ns - stamp_ns > self.params.pose_age_max * 1e9:
-            return "late"
-        if self.pose_stamp_ns - SECOND_NS < stamp_ns <= self.pose_stamp_ns:
-            return "out_of_order"
-        return ""
+    ) -> PoseRefusal:
+        if not is_map(frame_id):
+            return PoseRefusal.WRONG_FRAME
+        oldest_ns = self.params.pose_age_max * 1e9
+        why = check_pose(stamp_ns, now_ns, oldest_ns, position, attitude)
+        if not why and self.pose_stamp_ns - SECOND_NS < stamp_ns <= self.pose_stamp_ns:
+            return PoseRefusal.OUT_OF_ORDER
+        return why
 
     def multiple_pose_publishers(self, now_ns: int) -> None:
         """Record that two publishers send poses: no pose is forwarded."""
-        self.preflight.refused_pose("crowded", now_ns)
+        self.preflight.refused_pose(PoseRefusal.TWO_PUBLISHERS, now_ns)
 
     def setpoint(self, setpoint: PositionSetpoint, now_ns: int) -> bool:
         """Take a set point; False: not finite, not taken."""
@@ -545,7 +542,7 @@ class Bridge:
             return None
         zero = np.zeros(3)
         yaw = float(yaw_pitch_roll(odometry.attitude)[0])
-        return PositionSetpoint(now_ns, odometry.position, zero, zero, yaw, IDLE)
+        return PositionSetpoint(now_ns, odometry.position, zero, zero, yaw, Phase.IDLE)
 
     @property
     def hover_thrust(self) -> float:

@@ -11,7 +11,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from enum import Enum
 
-from tombo_control.autopilot import BLIND, HOLD, IDLE, LAND, LANDED, TAKEOFF
+from tombo_dynamics.messages import Phase
 from tombo_px4.bridge.decoded_messages import CommandAck, Heartbeat, MavLandedState, StatusText
 from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD, Mode, mode_name
 from tombo_px4.link.command_transaction import (
@@ -20,9 +20,9 @@ from tombo_px4.link.command_transaction import (
     VehicleCommand,
 )
 
-_FLIGHT = range(TAKEOFF, HOLD + 1)
-_DOWN = (LAND, BLIND)
-_GROUND = (IDLE, LANDED)
+_FLIGHT = range(Phase.TAKEOFF, Phase.HOLD + 1)
+_DOWN = (Phase.LAND, Phase.DESCEND_BLIND)
+_GROUND = (Phase.IDLE, Phase.LANDED)
 _MODE_TRIES, _ARM_TRIES, _ASKED_TRIES = 3, 5, 2
 _STREAM_FIRST_NS = 1_000_000_000
 """PX4 must have received set points for this time before it accepts OFFBOARD."""
@@ -187,7 +187,7 @@ class Session:
 
         Its first words may be lost while the nodes find each other.
         """
-        begins = view.phase == TAKEOFF and not self._mission_seen
+        begins = view.phase == Phase.TAKEOFF and not self._mission_seen
         self._mission_seen = True
         if not heartbeat.armed and (begins or view.phase in _GROUND):
             self._engage_allowed = True
@@ -415,7 +415,7 @@ class Session:
             self._set_stage(Stage.LANDING, view.must_land)
             self._transaction = CommandTransaction(VehicleCommand(mode=AUTO_LAND), _MODE_TRIES)
         elif view.phase in _DOWN or (
-            view.phase == LANDED and view.landed != MavLandedState.ON_GROUND
+            view.phase == Phase.LANDED and view.landed != MavLandedState.ON_GROUND
         ):
             self._set_stage(Stage.LANDING, "")
             self._transaction = CommandTransaction(VehicleCommand(mode=AUTO_LAND), _MODE_TRIES)

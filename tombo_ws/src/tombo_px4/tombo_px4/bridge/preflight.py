@@ -16,6 +16,7 @@ from typing import TypeVar
 import numpy as np
 
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.pose_check import PoseRefusal
 from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.bridge.bridge_params import MOCAP, BridgeParams
@@ -45,11 +46,11 @@ _DELAY_OFF_MS = 20.0
 _LONG_ROUND_TRIP_NS = 20_000_000
 _REQUESTS_NS = 3_000_000_000
 _REFUSED = {
-    "wrong_frame": "mocap poses are not in frame map: let the driver publish in map",
-    "not_finite": "mocap poses contain NaN or infinity: the tracker has lost the body",
-    "not_unit": "mocap quaternions are no rotations: the driver fills them wrongly",
-    "out_of_order": "mocap stamps do not grow: they repeat or go back; two drivers at work?",
-    "crowded": "two nodes publish mocap poses: stop one of them",
+    PoseRefusal.WRONG_FRAME: "mocap poses are not in frame map: let the driver publish in map",
+    PoseRefusal.NOT_FINITE: "mocap poses contain NaN or infinity: the tracker has lost the body",
+    PoseRefusal.NOT_UNIT: "mocap quaternions are no rotations: the driver fills them wrongly",
+    PoseRefusal.OUT_OF_ORDER: "mocap stamps do not grow: two drivers at work?",
+    PoseRefusal.TWO_PUBLISHERS: "two nodes publish mocap poses: stop one of them",
 }
 
 
@@ -71,7 +72,7 @@ class Preflight:
         self._params = params
         self._system = system
         self._poses: deque[_Pose] = deque(maxlen=_KEPT)
-        self._refused: dict[str, tuple[int, float]] = {}
+        self._refused: dict[PoseRefusal, tuple[int, float]] = {}
         self._imu: deque[ImuSample] = deque(maxlen=_KEPT)
         self._odometry: deque[VehicleOdometry] = deque(maxlen=_KEPT)
         self._estimator: EstimatorStatusFlags | None = None
@@ -84,7 +85,7 @@ class Preflight:
         self._poses.append(_Pose(stamp_ns, arrival_ns, position, attitude))
         self.motion.pose(stamp_ns, attitude)
 
-    def refused_pose(self, why: str, now_ns: int, age_s: float = 0.0) -> None:
+    def refused_pose(self, why: PoseRefusal, now_ns: int, age_s: float = 0.0) -> None:
         """Record a pose that was not sent, and its age."""
         self._refused[why] = (now_ns, age_s)
 
@@ -173,12 +174,12 @@ class Preflight:
         for why, (seen_ns, age_s) in self._refused.items():
             if now_ns - seen_ns > _WINDOW_NS:
                 continue
-            if why == "future":
+            if why == PoseRefusal.FUTURE:
                 text = (
                     f"mocap stamps are {-age_s:.3g} s in the future: the clock of the mocap"
                     " computer is ahead; let chrony or NTP set both clocks"
                 )
-            elif why == "late":
+            elif why == PoseRefusal.LATE:
                 text = (
                     f"mocap stamps are {age_s:.3g} s old when they arrive, accepted are"
                     f" {self._params.pose_age_max:g} s: the clock of the mocap computer is behind"
@@ -186,7 +187,7 @@ class Preflight:
                 )
             else:
                 text = _REFUSED[why]
-            found.append(Finding(f"pose_{why}", text))
+            found.append(Finding(f"pose_{why.key}", text))
         recent = self._recent(now_ns)
         last = self._poses[-1].arrival_ns if self._poses else None
         if last is None or now_ns - last > self._params.pose_timeout * 1e9:

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from tombo_control.autopilot import IDLE
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.messages import PositionSetpoint
+from tombo_dynamics.messages import Phase, PositionSetpoint
 from tombo_px4.bridge.bridge_params import ATTITUDE, POSITION, BridgeParams
 from tombo_px4.bridge.offboard_session import Stream
 from tombo_px4.link import message_encoder
@@ -57,7 +56,7 @@ class SetpointStream:
     @property
     def phase(self) -> int:
         """Phase of the mission, as its last set point says."""
-        return IDLE if self._setpoint is None else self._setpoint.phase
+        return Phase.IDLE if self._setpoint is None else self._setpoint.phase
 
     def fresh(self, now_ns: int) -> bool:
         """Return whether set points are coming."""
