@@ -167,13 +167,12 @@ class DetectorCore(Core):
         self.set_params("detector", params)
         self._outputs: list[tuple[str, Any]] = []
         self._pose_ns: int | None = None
-        self._several = False
 
     def on(self, topic: str, message: Pose, now_ns: int) -> None:
         """Take a pose."""
         memory, stamp_ns = self.memory, message.stamp_ns
         result = PoseRefusal.NONE
-        if self._several:
+        if topic in self.contested:
             result = PoseRefusal.TWO_PUBLISHERS
         elif not is_map(message.frame_id):
             result = PoseRefusal.WRONG_FRAME
@@ -209,10 +208,6 @@ class DetectorCore(Core):
         """Go on with other parameters; what was seen so far stays."""
         self.params = parameter_record(params)
         set_triggers(self.memory.detector, params)
-
-    def set_multiple_publishers(self, topic: str, several: bool) -> None:
-        """Refuse poses of several publishers: nobody can tell which is true."""
-        self._several = several
 
     @property
     def refused(self) -> Counter[str]:

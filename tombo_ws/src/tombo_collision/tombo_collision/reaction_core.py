@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 from tombo_collision.params import ReactionLimits
 from tombo_collision.reactions import DEFAULT, REGISTRY, Decision, Reaction
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.core import ERROR, Core
+from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, Core
 from tombo_dynamics.errors import unknown_name
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.message_records import (
@@ -87,7 +87,6 @@ _MAX_CONTACT_DISTANCE = 3.0
 """m: a contact further away than this is not the vehicle's."""
 _SAME_POSITION = 0.05
 """m: a set point this near to x_r is x_r."""
-_CLOCK_SET_NS = 1_000_000_000
 _STAMPS, _MAX_PENDING = 16, 4
 
 
@@ -389,8 +388,6 @@ class ReactionCore(Core):
         self._records: dict[str, Any] = {reaction.name: reaction}
         self.reaction = reaction
         self.limits = parameter_record(limits)
-        self._several: set[str] = set()
-        self._refused = 0
         self._pending: list[CollisionEvent] = []
         self._setpoint = PositionSetpointRecord.new()
         self._event = CollisionEventRecord.new()
@@ -411,12 +408,12 @@ class ReactionCore(Core):
             memory.detector_ns = now_ns
         elif isinstance(message, Odometry):
             if not take_position(memory, message.position, now_ns):
-                self._refuse("odometry_not_finite", "odometry with NaN or infinity")
+                self.health.refuse("odometry_not_finite", "odometry with NaN or infinity")
         elif isinstance(message, PositionSetpoint):
             fill_record(self._setpoint, message)
             if not take_mission_setpoint(memory, self._setpoint, now_ns):
                 text = "a set point with NaN, infinity or an unknown phase: the last one stands"
-                self._refuse("mission_not_finite", text)
+                self.health.refuse("mission_not_finite", text)
         else:
             self.event(message, now_ns)
 
@@ -444,7 +441,7 @@ class ReactionCore(Core):
                 memory.active, memory.changed, memory.publish_due = True, True, True
                 memory.mission_at_x_r = False
         elif why != EventRefusal.DUPLICATE:
-            self._refuse(f"event_{why.key}", _EVENT_TEXTS[why])
+            self.health.refuse(f"event_{why.key}", _EVENT_TEXTS[why])
         return why
 
     @property
@@ -460,15 +457,10 @@ class ReactionCore(Core):
         """Why it holds."""
         return HoldReason(self.memory.why)
 
-    def _refuse(self, key: str, text: str) -> None:
-        self._refused += 1
-        self.health.values["refused"] = self._refused
-        self.health.report_event(key, text)
-
     def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
         """Decide; return the set point and the status, each when there is a new one."""
         memory = self.memory
-        if now_ns < memory.now_ns - _CLOCK_SET_NS:
+        if now_ns < memory.now_ns - CLOCK_SET_BACK_NS:
             self._pending.clear()
             begin_reaction(memory)
         if memory.pending and memory.has_mission:
@@ -513,5 +505,5 @@ class ReactionCore(Core):
 
     def set_multiple_publishers(self, topic: str, several: bool) -> None:
         """Hold while two publish what only one may."""
-        (self._several.add if several else self._several.discard)(topic)
-        self.memory.two_publishers = any(each in self._several for each in _EXCLUSIVE)
+        super().set_multiple_publishers(topic, several)
+        self.memory.two_publishers = not self.contested.isdisjoint(_EXCLUSIVE)

@@ -25,7 +25,7 @@ from tombo_control.params import (
     InputLimits,
 )
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.core import ERROR, Core
+from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, Core
 from tombo_dynamics.jit import compiled, compiled_call
 from tombo_dynamics.message_records import OdometryRecord, PositionSetpointRecord
 from tombo_dynamics.messages import (
@@ -49,8 +49,6 @@ from tombo_dynamics.vehicle import VehicleParams
 _MAX_GAP_TICKS = 100
 _GRACE_NS = 3_000_000_000
 """Nodes start in any order: before its first sample the gyro may be silent for so long."""
-_NEW_SIMULATION_NS = 1_000_000_000
-"""On a simulated clock: stamps that differ by more are of another simulation."""
 _BLIND_TEXT = "position unknown (estimate or mocap too old): level descent"
 
 
@@ -271,12 +269,10 @@ class ControllerCore(Core):
     ) -> None:
         super().__init__()
         self._outputs: list[tuple[str, Any]] = []
-        self._multiple_publishers: set[str] = set()
         self._began_ns: int | None = None
         self._imu_ns: int | None = None
         """When the last gyro sample came."""
         self._gyro_stamp_ns = 0
-        self._refused = 0
         self.limits = parameter_record(limits)
         self.maps = maps
         level = np.array([0.0, 0.0, 0.0, 1.0])
@@ -294,14 +290,14 @@ class ControllerCore(Core):
         now_ns: int,
     ) -> None:
         """Take an estimate, biases, a set point, or a gyro sample, which is answered at once."""
-        several = topic in self._multiple_publishers
+        several = topic in self.contested
         if isinstance(message, Imu):
             self._imu_ns = now_ns
             if not several:
                 self._answer(message, now_ns)
         elif isinstance(message, EstimatorStatus):
             if not self.biases(message.gyro_bias, message.pose_stamp_ns):
-                self._refuse("estimator_status", "gyro bias with NaN")
+                self.health.refuse("estimator_status_refused", "gyro bias with NaN")
         elif several:
             return
         elif isinstance(message, Odometry):
@@ -313,7 +309,7 @@ class ControllerCore(Core):
         stamp = sample.stamp_ns
         if not math.isfinite(sample.gyro.sum()):
             self.health.report_event("imu_not_finite", "gyro sample with NaN or infinity")
-        if self.clock_slack_ns and stamp < self._gyro_stamp_ns - _NEW_SIMULATION_NS:
+        if self.clock_slack_ns and stamp < self._gyro_stamp_ns - CLOCK_SET_BACK_NS:
             self.reset_inputs()  # the last flight's set point would lift the vehicle off
         self._gyro_stamp_ns = stamp
         command = self.tick(now_ns, stamp, sample.gyro)
@@ -333,19 +329,20 @@ class ControllerCore(Core):
     def _take_odometry(self, message: Odometry, now_ns: int) -> None:
         early = message.stamp_ns > now_ns + MAX_FUTURE_NS + self.clock_slack_ns
         if early or not self.estimate(message):
-            self._refuse("odometry", "odometry not finite, not a rotation, old or from later")
+            self.health.refuse(
+                "odometry_refused", "odometry not finite, not a rotation, old or from later"
+            )
 
     def _take_setpoint(self, message: PositionSetpoint, now_ns: int) -> None:
-        latest_ns = max(self._gyro_stamp_ns, now_ns) + _NEW_SIMULATION_NS
+        latest_ns = max(self._gyro_stamp_ns, now_ns) + CLOCK_SET_BACK_NS
         if self.clock_slack_ns and message.stamp_ns > latest_ns:
-            self._refuse("setpoint", "set point from later: of a simulation before this one?")
+            self.health.refuse(
+                "setpoint_refused", "set point from later: of a simulation before this one?"
+            )
         elif not self.setpoint(message, now_ns):
-            self._refuse("setpoint", "set point with NaN or infinity: the last one stands")
-
-    def _refuse(self, what: str, text: str) -> None:
-        self._refused += 1
-        self.health.values["refused"] = self._refused
-        self.health.report_event(f"{what}_refused", text)
+            self.health.refuse(
+                "setpoint_refused", "set point with NaN or infinity: the last one stands"
+            )
 
     def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
         """Return the answers to the gyro samples since the last step."""
@@ -365,10 +362,6 @@ class ControllerCore(Core):
             self.limits = parameter_record(params)
         else:
             self.health.fault("not_at_runtime", True, f"{section} is used at the next start")
-
-    def set_multiple_publishers(self, topic: str, several: bool) -> None:
-        """Use nothing of a topic with several publishers: nobody can tell which is true."""
-        (self._multiple_publishers.add if several else self._multiple_publishers.discard)(topic)
 
     def reset_inputs(self) -> None:
         """Take all that was said so far for another flight's: no set point, so no rotor turns."""

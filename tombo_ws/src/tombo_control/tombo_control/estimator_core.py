@@ -24,7 +24,7 @@ from tombo_control.estimate import Estimate, nearest_tick
 from tombo_control.estimator import correct, process_imu, store_history, update_body_rates
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.core import ERROR, Core
+from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, Core
 from tombo_dynamics.jit import compiled, compiled_call
 from tombo_dynamics.message_records import EstimatorStatusRecord, OdometryRecord, message_of
 from tombo_dynamics.messages import EstimatorStatus, Imu, MissionStatus, Odometry, Phase, Pose
@@ -253,7 +253,7 @@ def take_imu(
         accel: (3) specific force [m/s^2], base_link.
     """
     if stamp_ns <= memory.stamp_ns:
-        if memory.stamp_ns - stamp_ns > 1e9:  # the clock was set back: a new flight
+        if memory.stamp_ns - stamp_ns > CLOCK_SET_BACK_NS:
             reset_estimator(memory)
         return False
     tick = nearest_tick(stamp_ns)
@@ -363,7 +363,6 @@ class EstimatorCore(Core):
     def __init__(self, params: EstimatorParams, vehicle: VehicleParams) -> None:
         super().__init__()
         self._outputs: list[tuple[str, Any]] = []
-        self._multiple_publishers: set[str] = set()
         self._began_ns: int | None = None
         self._imu_ns: int | None = None
         """When the last IMU sample came."""
@@ -379,10 +378,10 @@ class EstimatorCore(Core):
         """Take a pose, an IMU sample or the mission's phase."""
         if isinstance(message, Imu):
             self._imu_ns = now_ns
-            if topic not in self._multiple_publishers:
+            if topic not in self.contested:
                 self._take_imu(message)
         elif isinstance(message, Pose):
-            if topic not in self._multiple_publishers:
+            if topic not in self.contested:
                 why = self.pose(
                     message.stamp_ns,
                     now_ns + self.clock_slack_ns,
@@ -436,10 +435,6 @@ class EstimatorCore(Core):
             self.params(params)
         else:
             self.health.fault("not_at_runtime", True, f"{section} is used at the next start")
-
-    def set_multiple_publishers(self, topic: str, several: bool) -> None:
-        """Use nothing of a topic with several publishers: nobody can tell which is true."""
-        (self._multiple_publishers.add if several else self._multiple_publishers.discard)(topic)
 
     def phase(self, phase: int) -> None:
         """Take the mission's phase: on the ground the velocity is zero."""

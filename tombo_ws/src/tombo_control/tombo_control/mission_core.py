@@ -27,7 +27,7 @@ from tombo_control.mission import (
 )
 from tombo_control.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.core import Core
+from tombo_dynamics.core import CLOCK_SET_BACK_NS, Core
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.message_records import PositionSetpointRecord, message_of
 from tombo_dynamics.messages import (
@@ -75,7 +75,6 @@ _DRIFT = 0.05
 """m: a waiting reference follows the vehicle when it is further away."""
 _MAX_CLOCK_STEP_NS = 100_000_000
 """The plan's clock goes on by no more than this at a time: the node may have been stopped."""
-_CLOCK_SET_NS = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -254,7 +253,7 @@ def take_reaction(
 @compiled_call
 def mission_step(memory: MissionMemory, plan: Plan, limits: MissionLimits, now_ns: int) -> bool:
     """Go on to `now_ns`; write `setpoint` and return True, False before the first estimate."""
-    if memory.now_ns != _NEVER and now_ns < memory.now_ns - _CLOCK_SET_NS:
+    if memory.now_ns != _NEVER and now_ns < memory.now_ns - CLOCK_SET_BACK_NS:
         begin_mission(memory, memory.started)
     passed = 0 if memory.now_ns == _NEVER else max(now_ns - memory.now_ns, 0)
     memory.now_ns = now_ns
@@ -467,8 +466,8 @@ class MissionCore(Core):
 
     def set_multiple_publishers(self, topic: str, several: bool) -> None:
         """Stand still while two estimators speak."""
-        if topic == "/odometry":
-            self.memory.two_estimators = several
+        super().set_multiple_publishers(topic, several)
+        self.memory.two_estimators = "/odometry" in self.contested
 
     def estimate(self, position: Array, velocity: Array, now_ns: int) -> bool:
         """Take an estimate (3), (3), map; False: not finite, not taken."""

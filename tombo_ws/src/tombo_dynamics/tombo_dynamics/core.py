@@ -12,8 +12,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+from tombo_dynamics.time_base import SECOND_NS
+
 WARN, ERROR = 1, 2
 """Levels of a fault."""
+CLOCK_SET_BACK_NS = SECOND_NS
+"""A clock that has gone back by more than this was set: another flight begins."""
 
 
 @dataclass
@@ -37,6 +41,11 @@ class CoreHealth:
     def report_event(self, key: str, text: str) -> None:
         """Report something that went wrong once."""
         self.events.append((key, text))
+
+    def refuse(self, key: str, text: str) -> None:
+        """Report an input that was not taken, and count it."""
+        self.values["refused"] = self.values.get("refused", 0) + 1
+        self.report_event(key, text)
 
     def take_events(self) -> list[tuple[str, str]]:
         """Return the events since the last call."""
@@ -67,6 +76,8 @@ class Core(ABC):
 
     def __init__(self) -> None:
         self.health = CoreHealth()
+        self.contested: set[str] = set()
+        """Topics with more than one publisher: nobody can tell which is true."""
 
     @classmethod
     @abstractmethod
@@ -84,5 +95,6 @@ class Core(ABC):
     def set_params(self, section: str, params: Any) -> None:  # noqa: B027 - a hook
         """Take another record of a section, or another value of an option; the state stays."""
 
-    def set_multiple_publishers(self, topic: str, several: bool) -> None:  # noqa: B027 - a hook
+    def set_multiple_publishers(self, topic: str, several: bool) -> None:
         """Take note that more than one publisher is on a topic, or no longer."""
+        (self.contested.add if several else self.contested.discard)(topic)
