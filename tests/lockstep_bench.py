@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from core_calls import Command, Controller, Estimator
 from tombo_control import mission as plan
-from tombo_control.controller_core import Command, ControllerCore
 from tombo_control.estimate import Estimate
-from tombo_control.estimator_core import EstimatorCore
 from tombo_control.params import POSITION_TICKS, InputLimits
 from tombo_control.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.messages import Odometry, Phase, PositionSetpoint
@@ -54,8 +53,8 @@ class Lockstep:
     def __init__(self, scenario: Scenario, seed: int = 1) -> None:
         self.scenario = scenario
         self.simulator = Simulator(world_of(scenario), seed)
-        self.observer = EstimatorCore(scenario.estimator, scenario.vehicle)
-        self.controller = ControllerCore(
+        self.observer = Estimator(scenario.estimator, scenario.vehicle)
+        self.controller = Controller(
             scenario.control, scenario.vehicle, InputLimits(), self.simulator.setup.maps
         )
         self.mission = plan.begin(self.simulator.setup.start)

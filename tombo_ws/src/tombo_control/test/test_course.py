@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from core_calls import Mission
 from tombo_control.autopilot import new_autopilot
 from tombo_control.course import Waypoint, leg_to, read_course, resolved_waypoints
 from tombo_control.leg import store_leg, turning_leg
@@ -20,7 +21,6 @@ from tombo_control.mission import (
     start_reaction,
 )
 from tombo_control.mission_core import (
-    MissionCore,
     MissionLimits,
 )
 from tombo_control.params import ControlParams, EstimatorParams
@@ -242,7 +242,7 @@ class World:
     """The course as its node runs it, the vehicle being where it is told."""
 
     def __init__(self, plan):
-        self.course = MissionCore(plan, MissionLimits())
+        self.course = Mission(plan, MissionLimits())
         self.now = 10**18
         self.place, self.velocity = HOME.copy(), np.zeros(3)
         self.said = []

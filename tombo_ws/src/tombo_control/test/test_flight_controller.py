@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from control_bench import VEHICLE, rotor_table
 
+from core_calls import Command, Controller
 from lockstep_bench import EPOCH_NS, Lockstep, calm, hover_at, hovering, odometry_of
-from tombo_control.controller_core import Command, ControllerCore
+from tombo_control.controller_core import reset_inputs
 from tombo_control.estimate import Estimate
 from tombo_control.params import ControlParams, InputLimits
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.messages import Phase
+from tombo_dynamics.messages import Imu, Phase
 from tombo_dynamics.rotor_maps import speed_for_thrust
 from tombo_dynamics.time_base import TICK_NS
 
@@ -29,7 +30,7 @@ class _Bench:
 
     def __init__(self) -> None:
         maps = rotor_table()
-        self.controller = ControllerCore(ControlParams(), VEHICLE, InputLimits(), maps)
+        self.controller = Controller(ControlParams(), VEHICLE, InputLimits(), maps)
         self.tick = 1000
         self.hover = speed_for_thrust(maps, VEHICLE.hover_thrust())
 
@@ -127,7 +128,7 @@ def test_with_odometry_at_250_hz_a_tick_late_it_is_within_a_centimetre() -> None
 def test_late_and_lossy_it_still_flies() -> None:
     off, flight = _flown(odometry_ticks=4, late_ticks=3, loss=0.1)
     assert off[:, :3].max() < 5e-2
-    assert flight.observer.lost_samples > 500
+    assert flight.observer.memory.lost_samples > 500
 
 
 def test_the_slower_loops_run_at_50_and_250_hz(bench: _Bench) -> None:
@@ -173,7 +174,6 @@ def test_on_the_ground_the_rotors_stand_still(bench: _Bench, phase: int) -> None
     bench.setpoint(phase=phase)
     command = bench.run(1, setpoint=False)
     assert not command.speed.any()
-    assert not bench.controller.flying
     bench.setpoint(phase=Phase.HOVER)
     assert bench.run(40).speed.min() > 0.9 * bench.hover
 
@@ -283,7 +283,7 @@ def test_a_late_estimate_of_a_turning_vehicle_is_brought_up_to_date(bench: _Benc
         bench.controller.tick(bench.now_ns, bench.now_ns, turning)
     assert bench.estimate(stamp_ns=captured)
     bench.run(30, estimate=False, setpoint=False)
-    rates, _ = bench.controller.rates_setpoint
+    rates = bench.controller.autopilot.setpoint.rates
     assert abs(rates[2]) < 0.02  # 2.5 1/s times the 0.05 rad it has turned since, if forgotten
 
 
@@ -396,7 +396,7 @@ def test_a_clock_set_back_is_followed_and_silence_is_still_noticed(bench: _Bench
 
 def test_what_is_forgotten_lifts_no_vehicle_off(bench: _Bench) -> None:
     bench.run(200)
-    bench.controller.reset_inputs()
+    reset_inputs(bench.controller.memory)
     assert not np.any(bench.run(200, setpoint=False).speed)
     assert np.all(bench.run(200).speed > 100.0)
 
@@ -433,11 +433,16 @@ def test_other_gains_in_flight_do_count(flight: Lockstep) -> None:
 
 def test_set_points_of_the_slower_loops_are_told(bench: _Bench) -> None:
     bench.run(40)
-    attitude, thrust = bench.controller.attitude_setpoint
-    rates, same = bench.controller.rates_setpoint
-    assert np.allclose(attitude, _LEVEL, atol=1e-3)
-    assert thrust == same == pytest.approx(4.0 * VEHICLE.hover_thrust(), rel=0.02)
-    assert np.abs(rates).max() < 0.01
+    bench.tick += 19 - bench.tick % 20
+    bench.controller.step(bench.now_ns)
+    bench.tick += 1
+    imu = Imu(bench.now_ns, _ZERO, _ZERO)
+    bench.controller.on("/imu/data_raw", imu, bench.now_ns)
+    said = dict(bench.controller.step(bench.now_ns))
+    attitude, rates = said["/attitude_setpoint"], said["/rates_setpoint"]
+    assert np.allclose(attitude.attitude, _LEVEL, atol=1e-3)
+    assert attitude.thrust == rates.thrust == pytest.approx(4.0 * VEHICLE.hover_thrust(), rel=0.02)
+    assert np.abs(rates.rates).max() < 0.01
 
 
 @pytest.mark.slow

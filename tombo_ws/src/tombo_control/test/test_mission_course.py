@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from core_calls import Mission
 from tombo_collision.reactions.bounce import Bounce
 from tombo_control.mission import MissionParams, advance_mission, begin, compiled_plan
 from tombo_control.mission_core import (
-    MissionCore,
     MissionLimits,
     WaitReason,
 )
@@ -35,7 +35,7 @@ class World:
     """A vehicle that follows the set point with a lag of 0.1 s, and the course, at 50 Hz."""
 
     def __init__(self, place=HOME, plan=PLAN, started=True, epoch=START):
-        self.course = MissionCore(plan, LIMITS, started)
+        self.course = Mission(plan, LIMITS, started)
         self.place = np.array(place, float)
         self.velocity = np.zeros(3)
         self.now = epoch

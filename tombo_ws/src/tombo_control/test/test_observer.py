@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from core_calls import Estimator
 from lockstep_bench import EPOCH_NS, Lockstep, calm, hover_at, hovering
-from tombo_control.estimator_core import EstimatorCore
 from tombo_control.params import EstimatorParams
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import Phase
@@ -26,7 +26,7 @@ class _Ride:
     """An observer on a vehicle that moves evenly, level, without noise; poses come 10 ms late."""
 
     def __init__(self, velocity: Any = (0.0, 0.0, 0.0), begin_s: float = 0.0) -> None:
-        self.observer = EstimatorCore(EstimatorParams(), VehicleParams())
+        self.observer = Estimator(EstimatorParams(), VehicleParams())
         self.observer.phase(Phase.HOVER)
         self.velocity = np.array(velocity)
         self.tick = round(begin_s * 1000)
@@ -39,7 +39,7 @@ class _Ride:
     def ns(self, tick: int) -> int:
         return EPOCH_NS + tick * TICK_NS
 
-    def pose(self, **wrong: Any) -> str:
+    def pose(self, **wrong: Any) -> PoseRefusal:
         """Hand over the pose captured `late` ticks ago, with something wrong about it."""
         captured = self.tick - self.late
         values: dict[str, Any] = {
@@ -158,7 +158,7 @@ def test_restarted_in_flight_it_converges_within_a_second() -> None:
     flight.steer = lambda t: hover_at(t - begin, 0.0, 2.0, (1.0, 0.0, 0.0))
     flight.fly(3.0)
     assert abs(flight.velocity[0] - 1.0) < 0.1
-    flight.observer = EstimatorCore(flight.scenario.estimator, flight.scenario.vehicle)
+    flight.observer = Estimator(flight.scenario.estimator, flight.scenario.vehicle)
     flight.observer.phase(Phase.HOVER)
     flight.fly(0.15)
     assert flight.observer.estimate is not None
@@ -190,13 +190,13 @@ def test_restarted_in_flight_it_converges_within_a_second() -> None:
 def test_a_bad_pose_is_refused_by_name_and_the_estimate_goes_on(
     ride: _Ride, wrong: dict[str, Any], why: str
 ) -> None:
-    used, refused = ride.observer.poses, ride.observer.rejected
+    used, refused = ride.observer.memory.poses, ride.observer.memory.rejected
     assert ride.pose(**wrong) == why
-    assert ride.observer.rejected == refused + 1
+    assert ride.observer.memory.rejected == refused + 1
     ride.answers.clear()
     ride.run(200)
     assert set(ride.answers) == {PoseRefusal.NONE}
-    assert ride.observer.poses == used + len(ride.answers)
+    assert ride.observer.memory.poses == used + len(ride.answers)
     assert ride.error < 1e-6
     assert ride.age_ticks == 0
 
@@ -210,11 +210,11 @@ def test_a_pose_older_than_the_history_is_late(ride: _Ride) -> None:
 
 
 def test_a_pose_twice_is_used_once(ride: _Ride) -> None:
-    used = ride.observer.poses
+    used = ride.observer.memory.poses
     assert ride.pose() == PoseRefusal.NONE
     assert ride.pose() == PoseRefusal.OUT_OF_ORDER
     ride.imu()
-    assert ride.observer.poses == used + 1
+    assert ride.observer.memory.poses == used + 1
 
 
 def test_a_leading_slash_and_a_rough_quaternion_are_fine(ride: _Ride) -> None:
@@ -226,15 +226,15 @@ def test_a_leading_slash_and_a_rough_quaternion_are_fine(ride: _Ride) -> None:
 
 
 def test_a_pose_that_comes_before_the_imu_of_its_time_waits_for_it(ride: _Ride) -> None:
-    used = ride.observer.poses
+    used = ride.observer.memory.poses
     ride.late = -2  # stamped 2 ms ahead of the last IMU sample, within what two clocks may differ
     ahead = ride.ns(ride.tick + 2)
     assert ride.pose() == PoseRefusal.NONE
     ride.run(2, poses=False)
-    assert ride.observer.poses == used
+    assert ride.observer.memory.poses == used
     ride.run(1, poses=False)
-    assert ride.observer.poses == used + 1
-    assert ride.observer.rejected == 0
+    assert ride.observer.memory.poses == used + 1
+    assert ride.observer.memory.rejected == 0
     estimate = ride.observer.estimate
     assert estimate is not None
     assert estimate.pose_stamp_ns == ahead
@@ -311,7 +311,7 @@ def test_after_a_gap_of_poses_a_larger_step_is_believed(ride: _Ride) -> None:
 
 
 def test_a_limit_set_in_flight_counts_from_the_next_pose(ride: _Ride) -> None:
-    ride.observer.params(EstimatorParams(jump_min=3.0))
+    ride.observer.set_params("estimator", EstimatorParams(jump_min=3.0))
     off = np.add(ride.place(ride.tick - ride.late), [0.0, 1.0, 0.0])
     assert ride.pose(position=off) == PoseRefusal.NONE
 
@@ -323,7 +323,7 @@ def test_a_limit_set_in_flight_counts_from_the_next_pose(ride: _Ride) -> None:
 def test_a_gap_of_the_imu_is_bridged(ride: _Ride, gap: int) -> None:
     ride.run(gap, imu=False)
     ride.run(1)
-    assert ride.observer.lost_samples == gap
+    assert ride.observer.memory.lost_samples == gap
     assert ride.error < 1e-3
     assert ride.age_ticks == 0
 
@@ -365,7 +365,7 @@ def test_of_two_samples_within_a_millisecond_the_first_counts(ride: _Ride) -> No
     ride.tick += 1
     ride.run(200)
     assert ride.error < 1e-6
-    assert ride.observer.lost_samples == 0
+    assert ride.observer.memory.lost_samples == 0
 
 
 def test_an_imu_sample_that_is_not_finite_is_bridged(ride: _Ride) -> None:
@@ -390,7 +390,7 @@ def test_stamps_with_jitter_lose_no_state() -> None:
         )
     )
     ride.run(2000)
-    assert ride.observer.lost_samples == 0
+    assert ride.observer.memory.lost_samples == 0
     assert ride.error < 2e-3
 
 
@@ -438,7 +438,9 @@ def test_on_the_ground_the_velocity_is_zero() -> None:
 def test_other_parameters_in_flight_keep_the_state(flight: Lockstep) -> None:
     before = flight.observer.estimate
     assert before is not None
-    flight.observer.params(EstimatorParams(position_bandwidth=4.0, attitude_bandwidth=1.0))
+    flight.observer.set_params(
+        "estimator", EstimatorParams(position_bandwidth=4.0, attitude_bandwidth=1.0)
+    )
     flight.step()
     after = flight.observer.estimate
     assert after is not None
@@ -457,7 +459,7 @@ def test_other_parameters_in_flight_keep_velocity_and_biases(ride: _Ride) -> Non
         ride.observer.imu(ride.ns(ride.tick), np.array([0.0, 0.0, 0.02]), force)
         ride.tick += 1
     before = ride.observer.estimate
-    ride.observer.params(EstimatorParams(attitude_bandwidth=2.0))
+    ride.observer.set_params("estimator", EstimatorParams(attitude_bandwidth=2.0))
     ride.run(1, poses=False)
     after = ride.observer.estimate
     assert before is not None
@@ -472,7 +474,9 @@ def test_other_parameters_in_flight_do_count() -> None:
     for bandwidth in (2.0, 20.0):
         ride = _Ride()
         ride.run(300)
-        ride.observer.params(EstimatorParams(position_bandwidth=bandwidth, jump_min=9.0))
+        ride.observer.set_params(
+            "estimator", EstimatorParams(position_bandwidth=bandwidth, jump_min=9.0)
+        )
         ride.place = lambda tick: np.array([0.0, 0.3, 2.0])  # type: ignore[method-assign]
         ride.run(150)
         errors.append(ride.error)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -227,22 +227,6 @@ def answer_gyro_from_python(
     return answer_gyro(memory[0], autopilot[0], maps, limits, now_ns, stamp_ns, gyro)
 
 
-class Command(NamedTuple):
-    """Answer to one gyro sample."""
-
-    stamp_ns: int
-    """Capture time of the gyro sample."""
-    speed: Array
-    """(4) rotor speeds [rad/s]."""
-    position_ran: bool
-    attitude_ran: bool
-    """Which of the slower loops ran for it; their set points are in the properties below."""
-    blind: bool
-    """Levels and descends: the position is not known."""
-    held: bool
-    """Holds the last set point: none is coming."""
-
-
 class ControllerCore(Core):
     """The cascade of 50, 250 and 1000 Hz behind its inputs."""
 
@@ -296,7 +280,8 @@ class ControllerCore(Core):
             if not several:
                 self._answer(message, now_ns)
         elif isinstance(message, EstimatorStatus):
-            if not self.biases(message.gyro_bias, message.pose_stamp_ns):
+            bias, pose_ns = message.gyro_bias, message.pose_stamp_ns
+            if not take_biases(self.memory, self.autopilot, bias, pose_ns):
                 self.health.refuse("estimator_status_refused", "gyro bias with NaN")
         elif several:
             return
@@ -310,25 +295,32 @@ class ControllerCore(Core):
         if not math.isfinite(sample.gyro.sum()):
             self.health.report_event("imu_not_finite", "gyro sample with NaN or infinity")
         if self.clock_slack_ns and stamp < self._gyro_stamp_ns - CLOCK_SET_BACK_NS:
-            self.reset_inputs()  # the last flight's set point would lift the vehicle off
+            reset_inputs(self.memory)  # the last flight's set point would lift the vehicle off
         self._gyro_stamp_ns = stamp
-        command = self.tick(now_ns, stamp, sample.gyro)
-        if command is None:
+        if not answer_gyro_from_python(
+            *self._arrays, self.maps, self.limits, now_ns, stamp, sample.gyro
+        ):
             return
-        self._outputs.append(("/rotor_command", RotorCommand(stamp, command.speed)))
-        if command.attitude_ran:
-            rates = RatesSetpoint(stamp, *self.rates_setpoint)
+        memory, setpoint = self.memory, self.autopilot.setpoint
+        thrust = float(setpoint.thrust)
+        self._outputs.append(("/rotor_command", RotorCommand(stamp, setpoint.rotor_speed.copy())))
+        if memory.attitude_ran:
+            rates = RatesSetpoint(stamp, setpoint.rates.copy(), thrust)
             self._outputs.append(("/rates_setpoint", rates))
-        if command.position_ran:
-            attitude = AttitudeSetpoint(stamp, *self.attitude_setpoint)
+        if memory.position_ran:
+            attitude = AttitudeSetpoint(stamp, setpoint.attitude.copy(), thrust)
             self._outputs.append(("/attitude_setpoint", attitude))
-            health = self.health
-            health.fault("blind", command.blind, _BLIND_TEXT, ERROR)
-            health.fault("setpoint_silent", command.held, "no set point: holding the last")
+        on_ground = self.autopilot.mode_asked in (Phase.IDLE, Phase.LANDED)
+        if memory.position_ran or on_ground:
+            blind = bool(memory.blind) and not on_ground
+            self.health.fault("blind", blind, _BLIND_TEXT, ERROR)
+            held, text = bool(memory.held), "no set point: holding the last"
+            self.health.fault("setpoint_silent", held, text)
 
     def _take_odometry(self, message: Odometry, now_ns: int) -> None:
         early = message.stamp_ns > now_ns + MAX_FUTURE_NS + self.clock_slack_ns
-        if early or not self.estimate(message):
+        fill_record(self._odometry, message)
+        if early or not take_odometry(self.memory, self.autopilot, self._odometry):
             self.health.refuse(
                 "odometry_refused", "odometry not finite, not a rotation, old or from later"
             )
@@ -339,7 +331,9 @@ class ControllerCore(Core):
             self.health.refuse(
                 "setpoint_refused", "set point from later: of a simulation before this one?"
             )
-        elif not self.setpoint(message, now_ns):
+            return
+        fill_record(self._setpoint, message)
+        if not take_setpoint(self.memory, self._setpoint, now_ns):
             self.health.refuse(
                 "setpoint_refused", "set point with NaN or infinity: the last one stands"
             )
@@ -362,49 +356,3 @@ class ControllerCore(Core):
             self.limits = parameter_record(params)
         else:
             self.health.fault("not_at_runtime", True, f"{section} is used at the next start")
-
-    def reset_inputs(self) -> None:
-        """Take all that was said so far for another flight's: no set point, so no rotor turns."""
-        reset_inputs(self.memory)
-
-    def estimate(self, odometry: Odometry) -> bool:
-        """Take an estimate as `take_odometry` does; False: not taken."""
-        fill_record(self._odometry, odometry)
-        return take_odometry(self.memory, self.autopilot, self._odometry)
-
-    def biases(self, gyro_bias: Array, pose_stamp_ns: int) -> bool:
-        """Take the gyro's bias (3) [rad/s] and the capture time of the last pose used."""
-        return take_biases(self.memory, self.autopilot, gyro_bias, pose_stamp_ns)
-
-    def setpoint(self, setpoint: PositionSetpoint, now_ns: int) -> bool:
-        """Take a set point that arrived at `now_ns`; False: not finite."""
-        fill_record(self._setpoint, setpoint)
-        return take_setpoint(self.memory, self._setpoint, now_ns)
-
-    def tick(self, now_ns: int, stamp_ns: int, gyro: Array) -> Command | None:
-        """Answer a gyro sample as `answer_gyro` does; None for one that is not newer."""
-        if not answer_gyro_from_python(
-            *self._arrays, self.maps, self.limits, now_ns, stamp_ns, gyro
-        ):
-            return None
-        memory, autopilot = self.memory, self.autopilot
-        ran, blind = bool(memory.position_ran), bool(memory.blind) and self.flying
-        speed = autopilot.setpoint.rotor_speed.copy()
-        return Command(stamp_ns, speed, ran, bool(memory.attitude_ran), blind, bool(memory.held))
-
-    @property
-    def flying(self) -> bool:
-        """Whether the rotors are to turn."""
-        return self.autopilot.mode_asked not in (Phase.IDLE, Phase.LANDED)
-
-    @property
-    def attitude_setpoint(self) -> tuple[Array, float]:
-        """Attitude (4) xyzw and collective thrust [N] asked for."""
-        setpoint = self.autopilot.setpoint
-        return setpoint.attitude.copy(), float(setpoint.thrust)
-
-    @property
-    def rates_setpoint(self) -> tuple[Array, float]:
-        """Body rates (3) [rad/s] and collective thrust [N] asked for."""
-        setpoint = self.autopilot.setpoint
-        return setpoint.rates.copy(), float(setpoint.thrust)

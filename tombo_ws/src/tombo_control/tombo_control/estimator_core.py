@@ -20,7 +20,7 @@ from tombo_control.autopilot import (
     new_autopilot,
     restart_estimate,
 )
-from tombo_control.estimate import Estimate, nearest_tick
+from tombo_control.estimate import nearest_tick
 from tombo_control.estimator import correct, process_imu, store_history, update_body_rates
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_dynamics.arrays import Array
@@ -382,17 +382,21 @@ class EstimatorCore(Core):
                 self._take_imu(message)
         elif isinstance(message, Pose):
             if topic not in self.contested:
-                why = self.pose(
-                    message.stamp_ns,
-                    now_ns + self.clock_slack_ns,
-                    message.frame_id,
-                    message.position,
-                    message.attitude,
-                )
-                if why:
-                    self.health.report_event(f"pose_{why.key}", POSE_REFUSAL_TEXTS[why])
+                self._take_pose(message, now_ns + self.clock_slack_ns)
+        else:  # on the ground the velocity is zero
+            self.memory.airborne = message.phase not in (Phase.IDLE, Phase.LANDED)
+
+    def _take_pose(self, pose: Pose, now_ns: int) -> None:
+        memory = self.memory
+        if is_map(pose.frame_id):
+            why = take_pose(
+                memory, self.autopilot, pose.stamp_ns, now_ns, pose.position, pose.attitude
+            )
         else:
-            self.phase(message.phase)
+            memory.rejected += 1
+            why = PoseRefusal.WRONG_FRAME
+        if why:
+            self.health.report_event(f"pose_{why.key}", POSE_REFUSAL_TEXTS[why])
 
     def _take_imu(self, sample: Imu) -> None:
         if not np.isfinite(sample.gyro.sum() + sample.accel.sum()):
@@ -423,74 +427,15 @@ class EstimatorCore(Core):
             health.values["mocap_age_s"] = round(age * 1e-9, 3)
         silent_ns = now_ns - (self._imu_ns or self._began_ns + _GRACE_NS)
         health.fault("imu_silent", silent_ns > _IMU_SILENT_NS, "no imu samples", ERROR)
-        health.values["poses"] = self.poses
-        health.values["poses_rejected"] = self.rejected
-        health.values["imu_lost"] = self.lost_samples
+        health.values["poses"] = int(memory.poses)
+        health.values["poses_rejected"] = int(memory.rejected)
+        health.values["imu_lost"] = int(memory.lost_samples)
         outputs, self._outputs = self._outputs, []
         return outputs
 
     def set_params(self, section: str, params: Any) -> None:
         """Take other bandwidths in flight; another vehicle at the next start only."""
         if section == "estimator":
-            self.params(params)
+            fill_record(self.autopilot.observer, params)
         else:
             self.health.fault("not_at_runtime", True, f"{section} is used at the next start")
-
-    def phase(self, phase: int) -> None:
-        """Take the mission's phase: on the ground the velocity is zero."""
-        self.memory.airborne = phase not in (Phase.IDLE, Phase.LANDED)
-
-    def params(self, params: EstimatorParams) -> None:
-        """Take other parameters; the estimate goes on."""
-        fill_record(self.autopilot.observer, params)
-
-    def pose(
-        self, stamp_ns: int, now_ns: int, frame_id: str, position: Array, attitude: Array
-    ) -> PoseRefusal:
-        """Take a pose as `take_pose` does; return why it is not used."""
-        if not is_map(frame_id):
-            self.memory.rejected += 1
-            return PoseRefusal.WRONG_FRAME
-        return take_pose(self.memory, self.autopilot, stamp_ns, now_ns, position, attitude)
-
-    def imu(self, stamp_ns: int, gyro: Array, accel: Array) -> Estimate | None:
-        """Take an IMU sample as `take_imu` does; return the estimate, None without a new one."""
-        known = take_imu_from_python(*self._arrays, stamp_ns, gyro, accel)
-        return self.estimate if known else None
-
-    @property
-    def estimate(self) -> Estimate | None:
-        """The newest estimate."""
-        memory = self.memory
-        if not memory.known:
-            return None
-        estimate = memory.estimate.copy()
-        return Estimate(
-            int(memory.stamp_ns),
-            estimate.position,
-            estimate.velocity,
-            estimate.attitude,
-            estimate.rates,
-            estimate.gyro_bias,
-            estimate.accel_bias,
-            int(memory.pose_stamp_ns),
-        )
-
-    @property
-    def poses(self) -> int:
-        """Poses used."""
-        return int(self.memory.poses)
-
-    @property
-    def rejected(self) -> int:
-        """Poses refused."""
-        return int(self.memory.rejected)
-
-    @property
-    def lost_samples(self) -> int:
-        """IMU samples that never came."""
-        return int(self.memory.lost_samples)
-
-    def reset(self) -> None:
-        """Forget the state; the next poses begin it anew."""
-        reset_estimator(self.memory)

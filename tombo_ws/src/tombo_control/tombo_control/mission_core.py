@@ -430,12 +430,20 @@ class MissionCore(Core):
         """Take an estimate, the reaction's status, or its set point as a sign of life."""
         if isinstance(message, Odometry):
             velocity = rotate_vectors(message.attitude, message.velocity)
-            if not self.estimate(message.position, velocity, now_ns):
+            if not take_estimate(self.memory, message.position, velocity, now_ns):
                 self.health.report_event("odometry_not_finite", "odometry with NaN or infinity")
         elif isinstance(message, ReactionStatus):
-            self.reaction(message.state, message.x_r, message.collisions, message.stamp_ns, now_ns)
+            take_reaction(
+                self.memory,
+                self.limits,
+                message.state,
+                message.x_r,
+                message.collisions,
+                message.stamp_ns,
+                now_ns,
+            )
         else:
-            self.reaction_alive(now_ns)
+            self.memory.answer_ns = now_ns
 
     def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
         """Go on with the plan; return its set point, and its status when that has changed."""
@@ -468,20 +476,6 @@ class MissionCore(Core):
         """Stand still while two estimators speak."""
         super().set_multiple_publishers(topic, several)
         self.memory.two_estimators = "/odometry" in self.contested
-
-    def estimate(self, position: Array, velocity: Array, now_ns: int) -> bool:
-        """Take an estimate (3), (3), map; False: not finite, not taken."""
-        return take_estimate(self.memory, position, velocity, now_ns)
-
-    def reaction(
-        self, state: int, x_r: Array, collisions: int, stamp_ns: int, now_ns: int
-    ) -> None:
-        """Take the reaction's status, see `take_reaction`."""
-        take_reaction(self.memory, self.limits, state, x_r, collisions, stamp_ns, now_ns)
-
-    def reaction_alive(self, now_ns: int) -> None:
-        """Take note of a set point of the reaction: it is alive."""
-        self.memory.answer_ns = now_ns
 
     @property
     def state(self) -> MissionState | None:

@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lockstep_bench import Lockstep, calm, hover_at
+from tombo_control.estimator_core import reset_estimator
 from tombo_dynamics.records import numbers
 from tombo_dynamics.rotation import tilt, yaw_pitch_roll
 from tombo_sim.failsafe import Failsafe
@@ -176,7 +177,7 @@ def test_handed_back_in_the_air_the_flight_goes_on(flight: _Flight) -> None:
         flight.command(flight.failsafe.command)
     assert flight.body[2] < 1.9
     flight.failsafe.release()
-    flight.lockstep.observer.reset()  # it saw nothing meanwhile
+    reset_estimator(flight.lockstep.observer.memory)  # it saw nothing meanwhile
     flight.fly(4.0)
     assert np.linalg.norm(flight.body[:3] - [0.0, 0.0, 2.0]) < 0.15
     assert not flight.failsafe.engaged
@@ -195,7 +196,7 @@ def test_on_the_ground_it_commands_nothing() -> None:
 def test_it_can_land_twice(flight: _Flight) -> None:
     first = flight.land()
     flight.failsafe.release()
-    flight.lockstep.observer.reset()
+    reset_estimator(flight.lockstep.observer.memory)
     flight.fly(6.0)
     assert flight.body[2] > 1.8
     second = flight.land()

@@ -1,0 +1,125 @@
+"""Cores for tests: a call for each message, which says what became of it."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_control.controller_core import ControllerCore
+from tombo_control.estimate import Estimate
+from tombo_control.estimator_core import EstimatorCore
+from tombo_control.mission_core import MissionCore
+from tombo_dynamics.core import Core
+from tombo_dynamics.messages import (
+    EstimatorStatus,
+    Imu,
+    MissionStatus,
+    Odometry,
+    Pose,
+    PositionSetpoint,
+    ReactionStatus,
+)
+from tombo_dynamics.pose_check import PoseRefusal
+
+Array = NDArray[np.float64]
+_ZERO = np.zeros(3)
+_LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
+
+
+def reported(core: Core, topic: str, message: Any, now_ns: int) -> list[str]:
+    """Hand a message to a core; return the keys of what it reports about it."""
+    core.health.take_events()
+    core.on(topic, message, now_ns)
+    return [key for key, _ in core.health.take_events()]
+
+
+class Estimator(EstimatorCore):
+    """The estimator's core."""
+
+    def pose(
+        self, stamp_ns: int, now_ns: int, frame_id: str, position: Array, attitude: Array
+    ) -> PoseRefusal:
+        """Hand over a pose; return why it is not used."""
+        pose = Pose(stamp_ns, frame_id, position, attitude)
+        keys = reported(self, "/mocap/pose", pose, now_ns)
+        return next((why for why in PoseRefusal if f"pose_{why.key}" in keys), PoseRefusal.NONE)
+
+    def imu(self, stamp_ns: int, gyro: Array, accel: Array) -> Estimate | None:
+        """Hand over an IMU sample; return the estimate, None without a new one."""
+        before = int(self.memory.next_tick)
+        self.on("/imu/data_raw", Imu(stamp_ns, gyro, accel), stamp_ns)
+        return None if self.memory.next_tick == before else self.estimate
+
+    def phase(self, phase: int) -> None:
+        self.on("/mission/status", MissionStatus(0, phase, ""), 0)
+
+    @property
+    def estimate(self) -> Estimate | None:
+        """The newest one."""
+        memory = self.memory
+        if not memory.known:
+            return None
+        e = memory.estimate.copy()
+        stamps = int(memory.stamp_ns), int(memory.pose_stamp_ns)
+        return Estimate(
+            stamps[0], e.position, e.velocity, e.attitude, e.rates, e.gyro_bias, e.accel_bias,
+            stamps[1],
+        )  # fmt: skip
+
+
+class Command(NamedTuple):
+    """Answer to one gyro sample."""
+
+    stamp_ns: int
+    speed: Array
+    """(4) rotor speeds [rad/s]."""
+    position_ran: bool
+    attitude_ran: bool
+    blind: bool
+    """Levels and descends: the position is not known."""
+    held: bool
+    """Holds the last set point: none is coming."""
+
+
+class Controller(ControllerCore):
+    """The controller's core. Calls return whether it has taken what they hand over."""
+
+    def estimate(self, odometry: Odometry) -> bool:
+        return not reported(self, "/odometry", odometry, odometry.stamp_ns)
+
+    def biases(self, gyro_bias: Array, pose_stamp_ns: int) -> bool:
+        status = EstimatorStatus(0, True, gyro_bias, _ZERO, pose_stamp_ns, 0, 0)
+        return not reported(self, "/estimator/status", status, pose_stamp_ns)
+
+    def setpoint(self, setpoint: PositionSetpoint, now_ns: int) -> bool:
+        return not reported(self, "/setpoint", setpoint, now_ns)
+
+    def tick(self, now_ns: int, stamp_ns: int, gyro: Array) -> Command | None:
+        """Hand over a gyro sample; return the answer, None where there is none."""
+        self.on("/imu/data_raw", Imu(stamp_ns, gyro, _ZERO), now_ns)
+        said = dict(self.step(now_ns))
+        if "/rotor_command" not in said:
+            return None
+        memory, speed = self.memory, said["/rotor_command"].speed
+        ran = "/attitude_setpoint" in said, "/rates_setpoint" in said
+        return Command(stamp_ns, speed, *ran, "blind" in self.health.faults, bool(memory.held))
+
+
+class Mission(MissionCore):
+    """The mission's core."""
+
+    def estimate(self, position: Array, velocity: Array, now_ns: int) -> bool:
+        """Hand over an estimate, level; return whether it is taken."""
+        odometry = Odometry(now_ns, position, _LEVEL, velocity, _ZERO)
+        return not reported(self, "/odometry", odometry, now_ns)
+
+    def reaction(
+        self, state: int, x_r: Array, collisions: int, stamp_ns: int, now_ns: int
+    ) -> None:
+        status = ReactionStatus(stamp_ns, state, _ZERO, x_r, _ZERO, collisions)
+        self.on("/reaction/status", status, now_ns)
+
+    def reaction_alive(self, now_ns: int) -> None:
+        self.on("/setpoint", None, now_ns)
