@@ -8,6 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from tombo_bag.comparison import Comparison
+from tombo_bringup.cli.tables import print_line
 
 
 def print_comparison(found: Comparison, a: str, b: str) -> None:
@@ -27,7 +28,7 @@ def print_comparison(found: Comparison, a: str, b: str) -> None:
         console.print(_fields(found))
     if found.left_out:
         left_out = ", ".join(found.left_out)
-        console.print(Text(f"Not compared without --topic: {left_out}."), soft_wrap=True)
+        print_line(f"Not compared without --topic: {left_out}.")
     count = sum(not topic.equal for topic in found.topics)
     total = len(found.topics)
     if count:

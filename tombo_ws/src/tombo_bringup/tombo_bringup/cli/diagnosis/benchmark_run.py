@@ -18,11 +18,8 @@ EXIT_CODES: Final = (
 _MOST_CASES: Final = 100_000
 _MOST_WORKERS: Final = 1024
 
-Cases = Annotated[int, integer_option("--cases", "N", "How many cases.")]
-Workers = Annotated[
-    int | None,
-    integer_option("--workers", "W", "Processes. Default: one a core."),
-]
+Cases = Annotated[int, integer_option("--cases N", "How many cases.")]
+Workers = Annotated[int | None, integer_option("--workers W", "Processes. Default: one a core.")]
 Output = Annotated[
     Path | None,
     typer.Option("-o", "--output", metavar="FILE", help="Write the JSON there as well."),

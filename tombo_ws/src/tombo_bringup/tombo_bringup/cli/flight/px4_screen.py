@@ -5,8 +5,9 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
+from tombo_bringup.cli.errors import printable
 from tombo_px4.bridge.modes import mode_name
 
 if TYPE_CHECKING:
@@ -20,24 +21,8 @@ _SEVERITY_COLOURED = 4
 """MAV_SEVERITY_WARNING: this and graver is coloured."""
 
 
-class Screen(Protocol):
-    """Shows the state of the simulated vehicle."""
-
-    def begin(self, lines: Sequence[str]) -> None:
-        """Say where it can be reached."""
-        ...
-
-    def redraw(self, endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> None:
-        """Show the state; called hundreds of times a second."""
-        ...
-
-    def end(self, endpoint: Endpoint, slipped_ns: int) -> None:
-        """Say how it was."""
-        ...
-
-
 @contextmanager
-def new_screen() -> Iterator[Screen]:
+def new_screen() -> Iterator[LineScreen]:
     """Make the screen that fits where standard output leads to."""
     if not sys.stdout.isatty():
         yield LineScreen()
@@ -92,7 +77,7 @@ class LineScreen:
             self._put(line)
 
     def redraw(self, endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> None:
-        """Print the new texts."""
+        """Print the new texts; called hundreds of times a second."""
         for severity, text in endpoint.statustext.said:
             self._put(
                 f"{boot_ns * 1e-9:8.2f} s  {text}",
@@ -108,7 +93,7 @@ class LineScreen:
         self._put(f"stopped after {endpoint.vehicle.boot_us * 1e-6:.1f} s{late}")
 
     def _put(self, text: str, style: str = "") -> None:
-        print("".join(c if c.isprintable() else repr(c)[1:-1] for c in text), flush=True)
+        print(printable(text), flush=True)
 
 
 class LiveScreen(LineScreen):

@@ -7,7 +7,9 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
+
+from tombo_bringup.cli.errors import printable
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -19,28 +21,8 @@ _LINE_S = 5.0
 _TABLE_S = 0.25
 
 
-class Screen(Protocol):
-    """Shows a running suite."""
-
-    def status(self, suite: Suite) -> None:
-        """Show the state; called often, so the screen limits the rate."""
-        ...
-
-    def warning(self, node: str, line: str) -> None:
-        """Show a line of a node's log."""
-        ...
-
-    def ended(self, end: ProcessExit, log: str) -> None:
-        """Show that a node has ended by itself."""
-        ...
-
-    def closing(self, ends: Sequence[ProcessExit], folder: str) -> None:
-        """Show the end: nodes that did not end as asked, and the folder of the files."""
-        ...
-
-
 @contextmanager
-def new_screen(as_json: bool) -> Iterator[Screen]:
+def new_screen(as_json: bool) -> Iterator[JsonScreen | LineScreen]:
     """Make the screen that fits where standard output leads to."""
     if as_json:
         yield JsonScreen()
@@ -70,7 +52,7 @@ class _Clock:
 
 
 class JsonScreen:
-    """An object a line: status, warning, ended, closed."""
+    """An object a line: status, warning, ended, closed; with the methods of `LineScreen`."""
 
     def __init__(self) -> None:
         self._clock = _Clock(_LINE_S)
@@ -101,38 +83,38 @@ class JsonScreen:
 
 
 class LineScreen:
-    """Lines of text, the status now and then."""
+    """Lines of text."""
 
     def __init__(self) -> None:
         self._clock = _Clock(_LINE_S)
 
     def status(self, suite: Suite) -> None:
-        """Print a line now and then."""
+        """Print a line now and then; called often."""
         from tombo_flight.suite.status_table import status_line
 
         if self._clock.strikes():
             self._put(status_line(suite))
 
     def warning(self, node: str, line: str) -> None:
-        """Print it."""
+        """Print a line of a node's log."""
         from tombo_flight.suite.node_log import without_stamp
 
         self._put(f"{node}: {without_stamp(line)}", "yellow")
 
     def ended(self, end: ProcessExit, log: str) -> None:
-        """Print it, with the last lines of its log."""
+        """Print that a node has ended by itself, with the last lines of its log."""
         self._put(f"{end.name} has ended, {end.how}; its log: {log}", "bold red")
         for line in end.last_log_lines:
             self._put(f"  {line}")
 
     def closing(self, ends: Sequence[ProcessExit], folder: str) -> None:
-        """Print it."""
+        """Print nodes that did not end as asked, and the folder of the files."""
         for end in ends:
             self._put(f"{end.name} did not stop when asked to: {end.how}", "yellow")
         self._put(f"stopped; files in {folder}")
 
     def _put(self, text: str, style: str = "") -> None:
-        print("".join(c if c.isprintable() else repr(c)[1:-1] for c in text), flush=True)
+        print(printable(text), flush=True)
 
 
 class TableScreen(LineScreen):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.options import Force, json_option, number_option, output_option
+from tombo_bringup.cli.options import Force, json_option, number_option, option, output_option
 from tombo_bringup.cli.result_files import compute_into, results_folder
 from tombo_dynamics.errors import InputError
 
@@ -40,65 +40,54 @@ def beta(
     ] = None,
     reference: Annotated[
         Path | None,
-        typer.Option(
-            "--reference",
-            metavar="VIDEO|FOLDER",
-            help="The same propeller before the same camera, slow or at rest: gives the scale.",
+        option(
+            "--reference VIDEO|FOLDER",
+            "The same propeller before the same camera, slow or at rest: gives the scale.",
         ),
     ] = None,
     reference_frames: Annotated[
-        str | None,
-        typer.Option(
-            "--reference-frames", metavar="A:B", help="Such frames of the film itself, A to B - 1."
-        ),
+        str | None, option("--reference-frames A:B", "Such frames of the film itself, A to B - 1.")
     ] = None,
     reference_beta: Annotated[
-        float,
-        number_option("--reference-beta", "DEG", "The flap in the reference.", "-30 to 30 deg"),
+        float, number_option("--reference-beta DEG", "The flap in the reference.", "-30 to 30 deg")
     ] = 0.0,
     scale: Annotated[
         float | None,
         number_option(
-            "--scale",
-            "PX/MM",
+            "--scale PX/MM",
             "Pixels per mm in the plane of the straight blades.",
             "pixels per mm, 0.1 to 1000",
         ),
     ] = None,
     scale_error: Annotated[
-        float,
-        number_option("--scale-error", "%", "Standard deviation of --scale.", "0 to 20 %"),
+        float, number_option("--scale-error %", "Standard deviation of --scale.", "0 to 20 %")
     ] = 0.2,
     marks: Annotated[
         str | None,
-        typer.Option(
-            "--marks",
-            metavar="X1,Y1,X2,Y2,MM",
-            help="Two marks in that plane [pixels] and the distance between them.",
+        option(
+            "--marks X1,Y1,X2,Y2,MM",
+            "Two marks in that plane [pixels] and the distance between them.",
         ),
     ] = None,
     camera_height: Annotated[
         float | None,
         number_option(
-            "--camera-height",
-            "MM",
+            "--camera-height MM",
             "Lens to the plane of the straight blades: flapped tips look larger for being "
             "nearer. Without it the camera is taken to be far away.",
             "a height in mm",
         ),
     ] = None,
     camera_height_error: Annotated[
-        float,
-        number_option("--camera-height-error", "%", "Its standard deviation.", "0 to 20 %"),
+        float, number_option("--camera-height-error %", "Its standard deviation.", "0 to 20 %")
     ] = 1.0,
     from_below: Annotated[
-        bool, typer.Option("--from-below", help="The blades flap away from the camera.")
+        bool, option("--from-below", "The blades flap away from the camera.")
     ] = False,
     fps: Annotated[
         float | None,
         number_option(
-            "--fps",
-            "X",
+            "--fps X",
             "Frames per second. Default: the video's; pictures 960, the paper's.",
             "frames per second, above 0, below 1e+07",
         ),
@@ -106,36 +95,28 @@ def beta(
     window: Annotated[
         int,
         number_option(
-            "--window",
-            "N",
-            "Frames combined; the paper takes ten.",
-            "a whole number, 8 to 500",
-            int,
+            "--window N", "Frames combined; the paper takes ten.", "a whole number, 8 to 500", int
         ),
     ] = 10,
     windows: Annotated[
         int,
         number_option(
-            "--windows",
-            "N",
+            "--windows N",
             "At most so many windows, even over the film.",
             "a whole number, 1 or more",
             int,
         ),
     ] = 60,
     tip: Annotated[
-        float | None,
-        number_option("--tip-radius", "MM", "Default: 111.1.", "a radius in mm"),
+        float | None, number_option("--tip-radius MM", "Default: 111.1.", "a radius in mm")
     ] = None,
     nodus: Annotated[
         float | None,
         number_option(
-            "--nodus-radius", "MM", "Outer end of the nodus. Default: 35.", "a radius in mm"
+            "--nodus-radius MM", "Outer end of the nodus. Default: 35.", "a radius in mm"
         ),
     ] = None,
-    demo: Annotated[
-        bool, typer.Option("--demo", help="Measure a rendered film of 12 deg instead.")
-    ] = False,
+    demo: Annotated[bool, option("--demo", "Measure a rendered film of 12 deg instead.")] = False,
     output: Annotated[
         str | None,
         output_option(

@@ -14,7 +14,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from tombo_bringup.cli.options import JsonOnly, integer_option, json_option
+from tombo_bringup.cli.options import JsonOnly, integer_option, json_option, option
 from tombo_bringup.cli.propeller.beta_command import beta
 from tombo_bringup.cli.propeller.design_command import design
 from tombo_bringup.cli.propeller.diagnose_command import diagnose
@@ -33,10 +33,9 @@ _FORMATS = (".png", ".svg", ".pdf")
 _RPM = 30.0 / math.pi
 
 
-_LIBRARY = typer.Option(
-    "--library",
-    metavar="DIR",
-    help="Folder with own materials, blades, configurations, measurements; may be repeated.",
+_LIBRARY = option(
+    "--library DIR",
+    "Folder with own materials, blades, configurations, measurements; may be repeated.",
 )
 
 
@@ -46,17 +45,12 @@ def propeller(
     conf: Annotated[
         int,
         integer_option(
-            "--conf", "N", "Configuration of the paper's Table I, 0 is rigid, or of the --library."
+            "--conf N", "Configuration of the paper's Table I, 0 is rigid, or of the --library."
         ),
     ] = 13,
-    law: Annotated[
-        str, typer.Option("--law", help="published, repaired or consistent.")
-    ] = "repaired",
+    law: Annotated[str, option("--law", "published, repaired or consistent.")] = "repaired",
     rpm: Annotated[
-        str | None,
-        typer.Option(
-            "--rpm", metavar="A:B:STEP", help="Both ends included; or one speed. Default: all."
-        ),
+        str | None, option("--rpm A:B:STEP", "Both ends included; or one speed. Default: all.")
     ] = None,
     as_json: Annotated[bool, json_option("Print JSON only; plot only if -o is given.")] = False,
     output: Annotated[
@@ -116,8 +110,7 @@ def _refuse_options_before(ctx: typer.Context, command: str) -> None:
 
 @app.command()
 def moduli(
-    as_json: JsonOnly = False,
-    library: Annotated[list[Path] | None, _LIBRARY] = None,
+    as_json: JsonOnly = False, library: Annotated[list[Path] | None, _LIBRARY] = None
 ) -> None:
     """Print the moduli of every nodus beside those that the paper's Table I prints."""
     from tombo_dynamics.propeller import nodus_moduli, read_library
