@@ -19,6 +19,7 @@ from tombo_control.params import ControlParams, EstimatorParams
 from tombo_dynamics.effects import check_theta
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.params import check_number, from_mapping, param
+from tombo_dynamics.propeller import LAWS
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_configuration
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_dynamics.yaml_text import parse_yaml
@@ -28,7 +29,6 @@ from tombo_flight.model_file import read_model
 from tombo_flight.scenario_catalogue import builtin_scenarios
 from tombo_sim.world import ObstacleParams, SpreadParams, World
 
-LAWS = ("published", "repaired", "consistent")
 DEFAULT_SCENARIO = "paper_collision"
 
 

@@ -102,13 +102,7 @@ def _estimator(
 
 
 def _mission(recorded: Outputs, replayed: Outputs, context: Context) -> tuple[Metrics, list[str]]:
-    metrics: Metrics = {"setpoint": None}
-    found: list[str] = []
-    if "mission_setpoint" in recorded.series:
-        metrics["setpoint"] = compare_steps(
-            recorded.series["mission_setpoint"], replayed.series["mission_setpoint"], "m"
-        )
-        found = _over(metrics["setpoint"], "m", context.tolerances.setpoint_m, "set point")
+    metrics, found = _setpoint(recorded, replayed, "mission_setpoint", context)
     before, after = (_phases(outputs) for outputs in (recorded, replayed))
     names = [[PHASE_NAMES[phase] for _, phase in phases] for phases in (before, after)]
     metrics["phases_recorded"], metrics["phases_replayed"] = names
@@ -119,6 +113,16 @@ def _mission(recorded: Outputs, replayed: Outputs, context: Context) -> tuple[Me
     if before and not same:
         found.append(f"phases {', '.join(names[1])} instead of {', '.join(names[0])}")
     return metrics, found
+
+
+def _setpoint(
+    recorded: Outputs, replayed: Outputs, name: str, context: Context
+) -> tuple[Metrics, list[str]]:
+    if name not in recorded.series:
+        return {"setpoint": None}, []
+    steps = compare_steps(recorded.series[name], replayed.series[name], "m")
+    found = _over(steps, "m", context.tolerances.setpoint_m, "set point")
+    return {"setpoint": steps}, found
 
 
 def _phases(outputs: Outputs) -> list[tuple[int, int]]:
@@ -135,13 +139,8 @@ def _phases(outputs: Outputs) -> list[tuple[int, int]]:
 
 
 def _reaction(recorded: Outputs, replayed: Outputs, context: Context) -> tuple[Metrics, list[str]]:
-    metrics: Metrics = {"setpoint": None, "x_r_error_m": [], "switch_time_difference_ms": []}
-    found: list[str] = []
-    if "setpoint" in recorded.series:
-        metrics["setpoint"] = compare_steps(
-            recorded.series["setpoint"], replayed.series["setpoint"], "m"
-        )
-        found = _over(metrics["setpoint"], "m", context.tolerances.setpoint_m, "set point")
+    metrics, found = _setpoint(recorded, replayed, "setpoint", context)
+    metrics |= {"x_r_error_m": [], "switch_time_difference_ms": []}
     before, after = (_switches(outputs) for outputs in (recorded, replayed))
     metrics["switches_recorded"], metrics["switches_replayed"] = len(before), len(after)
     for (time_a, x_a), (time_b, x_b) in zip(before, after, strict=False):
@@ -167,18 +166,12 @@ def _switches(outputs: Outputs) -> list[tuple[int, list[float]]]:
 def _controller(
     recorded: Outputs, replayed: Outputs, context: Context
 ) -> tuple[Metrics, list[str]]:
-    return _one_series(
-        recorded, replayed, "rotor_command", "rad_s", context.tolerances.command_rad_s
-    )
-
-
-def _one_series(
-    recorded: Outputs, replayed: Outputs, name: str, unit: str, tolerance: float
-) -> tuple[Metrics, list[str]]:
+    name = "rotor_command"
     if name not in recorded.series:
         return {name: None}, []
-    metrics = compare_series(recorded.series[name], replayed.series[name], unit)
-    return {name: metrics}, _over(metrics, unit, tolerance, name.replace("_", " "))
+    metrics = compare_series(recorded.series[name], replayed.series[name], "rad_s")
+    tolerance = context.tolerances.command_rad_s
+    return {name: metrics}, _over(metrics, "rad_s", tolerance, "rotor command")
 
 
 def _over(metrics: Metrics, unit: str, tolerance: float, what: str) -> list[str]:

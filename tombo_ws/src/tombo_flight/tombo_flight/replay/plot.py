@@ -62,10 +62,7 @@ def _seconds(result: Replay, series: Series) -> Array:
 
 def _statistic(axes: Axes, result: Replay) -> None:
     """Draw the statistic on a logarithmic axis, the threshold, and events as marks."""
-    for outputs, colour, width, label in (
-        (result.recorded, style.ORANGE, 3.0, "recorded"),
-        (result.replayed, style.BLUE, 1.0, "replayed"),
-    ):
+    for outputs, colour, width, label in _sides(result):
         series = outputs.series.get("statistic")
         if series is not None and len(series.stamp_ns):
             axes.plot(
@@ -131,10 +128,8 @@ def _vectors(name: str, unit: str) -> Callable[[Axes, Replay], None]:
 
 def _commands(axes: Axes, result: Replay) -> None:
     """Draw the mean command of the four rotors, and the largest difference of one of them."""
-    both = [outputs.series.get("rotor_command") for outputs in _sides(result)]
-    for series, colour, width, label in zip(
-        both, (style.ORANGE, style.BLUE), (3.0, 1.0), ("recorded", "replayed"), strict=True
-    ):
+    for outputs, colour, width, label in _sides(result):
+        series = outputs.series.get("rotor_command")
         if series is not None and len(series.stamp_ns):
             axes.plot(
                 _seconds(result, series),
@@ -146,8 +141,12 @@ def _commands(axes: Axes, result: Replay) -> None:
     axes.set_ylabel("rotor speed [rad/s]")
 
 
-def _sides(result: Replay) -> tuple[Outputs, Outputs]:
-    return result.recorded, result.replayed
+def _sides(result: Replay) -> tuple[tuple[Outputs, str, float, str], ...]:
+    """Return what is drawn, with colour, width of the line and name."""
+    return (
+        (result.recorded, style.ORANGE, 3.0, "recorded"),
+        (result.replayed, style.BLUE, 1.0, "replayed"),
+    )
 
 
 _ROWS: Final[tuple[tuple[str, str, Callable[[Axes, Replay], None]], ...]] = (

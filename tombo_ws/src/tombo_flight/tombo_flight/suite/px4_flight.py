@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from tombo_bag.recording import Recording
-from tombo_bag.schemas import type_store
 from tombo_bag.topics import PX4_STATUS
 from tombo_dynamics.messages import Phase
 from tombo_flight.flight_record import FlightRecord
-from tombo_flight.suite.node_metrics import recorded_diagnostics
+from tombo_flight.suite.node_metrics import recorded_diagnostics, recorded_messages
 
 READY_S: Final = 25.0
 """From the first word of the bridge: EKF2 converges, checks pass, the vehicle arms."""
@@ -165,11 +164,7 @@ def px4_metrics(recording: Recording, record: FlightRecord) -> dict[str, Any]:
 
 
 def _changes(recording: Recording, epoch_ns: int) -> Iterator[_Change]:
-    if PX4_STATUS.name not in recording.topics:
-        return
-    store = type_store()
-    for data in recording.messages(PX4_STATUS.name).messages:
-        status: Any = store.deserialize_cdr(data, PX4_STATUS.typename)
+    for status in recorded_messages(recording, PX4_STATUS):
         stamp = status.header.stamp
         yield _Change(
             round((stamp.sec * 10**9 + stamp.nanosec - epoch_ns) * 1e-9, 3),
