@@ -188,22 +188,6 @@ class Counterpart:
         report = self.wait_for(DIAGNOSTICS, named, patience_s, **more)
         return next(s.message for s in report.status if s.name == node)
 
-    def set_parameter(self, node: str, name: str, value: Any, patience_s: float = 10.0) -> Any:
-        """Set a parameter through the node's service; return its result."""
-        from rclpy.executors import SingleThreadedExecutor
-        from rclpy.parameter import Parameter
-        from rclpy.parameter_client import AsyncParameterClient
-
-        client = AsyncParameterClient(self.node, node)
-        assert client.wait_for_services(patience_s), f"{node} has no parameter services"
-        executor = SingleThreadedExecutor(context=self._context)
-        executor.add_node(self.node)
-        future = client.set_parameters([Parameter(name, value=value)])
-        executor.spin_until_future_complete(future, patience_s)
-        executor.remove_node(self.node)
-        executor.shutdown()
-        return future.result().results[0]
-
     def close(self) -> None:
         import rclpy
 

@@ -33,16 +33,8 @@ _COMPILES_S = 120.0
 """How long a node may take to start where nothing is compiled yet."""
 _CLIMB = np.full(4, 610.0)
 _WORLD = (
-    "-p",
-    "truth_rate:=1000.0",
-    "-p",
-    "use_sim_time:=true",
-    "-p",
-    "seed:=3",
-    "-p",
-    "effects.imu_noise.accel:=0.3",
-    "-p",
-    "effects.mocap_latency.delay:=0.01",
+    *("-p", "truth_rate:=1000.0", "-p", "use_sim_time:=true", "-p", "seed:=3"),
+    *("-p", "effects.imu_noise.accel:=0.3", "-p", "effects.mocap_latency.delay:=0.01"),
 )
 
 

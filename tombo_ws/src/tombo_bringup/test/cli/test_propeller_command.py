@@ -82,19 +82,11 @@ def test_moduli(tombo) -> None:
         (["-o", "picture.docx"], "accepted: .png"),
     ],
 )
-def test_bad_input_is_one_line_and_exit_code_2(
-    tombo, arguments: list[str], message: str, tmp_path: Path
-) -> None:
-    result = tombo("propeller", *arguments, "--json")
-    assert result.code == 2
-    assert result.out == ""
-    assert message in result.err
-    assert "accepted" in result.err
-    assert len(result.err.splitlines()) == 1
-    assert not any(tmp_path.iterdir())
+def test_bad_input_is_one_line_and_exit_code_2(refused, arguments: list[str], message: str):
+    refused(("propeller", *arguments, "--json"), message, "accepted")
 
 
-def test_own_library(tombo, tmp_path: Path) -> None:
+def test_own_library(tombo, refused, tmp_path: Path) -> None:
     row = "conf: 20, name: mine, blade: nine_inch, matrix: DragonSkin30, fibre: tendon, fibres: 5"
     own = tmp_path / "own"
     own.mkdir()
@@ -108,10 +100,7 @@ def test_own_library(tombo, tmp_path: Path) -> None:
     moduli = tombo("propeller", "moduli", "--library", "own").out
     assert "26 of 26" in moduli
     for bad, message in (("nowhere", "no such folder"), (".", "holds no data files")):
-        result = tombo("propeller", "--library", bad, "--json")
-        assert result.code == 2
-        assert message in result.err
-        assert len(result.err.splitlines()) == 1
+        refused(("propeller", "--library", bad, "--json"), message)
 
 
 @pytest.mark.parametrize(
@@ -125,12 +114,8 @@ def test_own_library(tombo, tmp_path: Path) -> None:
         (["-o", "x"], "recovery"),
     ],
 )
-def test_an_option_before_a_sub_command_is_refused(tombo, before: list[str], command: str) -> None:
-    result = tombo("propeller", *before, command)
-    assert result.code == 2
-    assert before[0].replace("-o", "--output") in result.err
-    assert "after" in result.err and command in result.err
-    assert result.err.count("\n") == 1
+def test_an_option_before_a_sub_command_is_refused(refused, before: list[str], command: str):
+    refused(("propeller", *before, command), before[0].replace("-o", "--output"), "after", command)
 
 
 @pytest.mark.slow

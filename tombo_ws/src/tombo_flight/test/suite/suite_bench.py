@@ -7,8 +7,10 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+
+import pytest
 
 FAKES = Path(__file__).parent / "fakes"
 MARK = "TOMBO_TEST_MARK"
@@ -81,6 +83,14 @@ class Marked:
     def end_all(self) -> None:
         for pid in self.alive():
             os.kill(pid, signal.SIGKILL)
+
+
+@pytest.fixture
+def marked(tmp_path: Path) -> Iterator[Marked]:
+    """Processes that a test starts, and none of them after it."""
+    processes = Marked(tmp_path)
+    yield processes
+    processes.end_all()
 
 
 def wait_for(condition: Callable[[], object], limit_s: float = 60.0) -> float:
