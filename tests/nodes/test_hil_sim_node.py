@@ -45,7 +45,7 @@ def heights(world, seconds: float) -> list[float]:
 def test_a_px4_flies_it_and_the_mocap_sees_it(world, start, port):
     world.subscribe(MOCAP_POSE, TRUE_ODOMETRY)
     node = start(NODE, "-p", f"port:={port}", "-p", "hil.gps:=true")
-    world.meet(MOCAP_POSE, TRUE_ODOMETRY, patience_s=_COMPILES_S)
+    world.meet(MOCAP_POSE, TRUE_ODOMETRY)
     assert heights(world, 0.5) == [], "time goes on without PX4"
 
     peer = subprocess.Popen([sys.executable, str(PEER), str(port), "60"])

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from suite_bench import FAKES
+from suite_bench import FAKES, names
 
 from tombo_bag.columnar_cdr import encode
 from tombo_bag.flight_time import FLIGHT_METADATA
@@ -89,10 +89,6 @@ def fly(tombo: Any, bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
         return tombo("fly", *SHORT, "--nodes", "-o", "out", *arguments)
 
     return command
-
-
-def names(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()}
 
 
 @pytest.mark.real_time

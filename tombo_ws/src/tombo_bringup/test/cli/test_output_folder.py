@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 
 import pytest
+from suite_bench import names
 
 from tombo_dynamics.errors import InputError
 from tombo_flight import flight_output
@@ -14,10 +15,6 @@ from tombo_flight.process.output_folder import open_output
 from tombo_flight.report import flight_plot
 
 SHORT = ("hover", "--set", "duration=0.3", "--no-record")
-
-
-def names(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()}
 
 
 @pytest.mark.slow

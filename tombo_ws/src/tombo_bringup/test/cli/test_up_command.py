@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from suite_bench import UP, Marked, wait_for
+from suite_bench import UP, Marked, read_terminal, wait_for
 
 from in_time import in_time
 
@@ -197,19 +197,9 @@ def test_on_a_terminal_it_draws_a_table(marked):
         stdin=theirs,
     )
     os.close(theirs)
-    shown = b""
-    while True:
-        try:
-            data = os.read(ours, 65536)
-        except OSError:  # the terminal is closed: the end
-            break
-        if not data:
-            break
-        shown += data
-    os.close(ours)
+    text = read_terminal(ours).decode()
 
     assert process.wait(timeout=60) == 0
-    text = shown.decode()
     for part in ("mocap: 1250 ms old", "999.5 Hz", "41 us", "mocap_silent: no pose for 1 s"):
         assert part in text
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -91,6 +92,21 @@ def marked(tmp_path: Path) -> Iterator[Marked]:
     processes = Marked(tmp_path)
     yield processes
     processes.end_all()
+
+
+def names(folder: Path) -> set[str]:
+    """The names of what is in a folder."""
+    return {path.name for path in folder.iterdir()}
+
+
+def read_terminal(ours: int) -> bytes:
+    """What a pseudo terminal shows until its other side is closed; closes this side."""
+    shown = b""
+    with contextlib.suppress(OSError):  # the other side is closed
+        while data := os.read(ours, 65536):
+            shown += data
+    os.close(ours)
+    return shown
 
 
 def wait_for(condition: Callable[[], object], limit_s: float = 60.0) -> float:
