@@ -117,13 +117,9 @@ def test_a_key_with_an_escape_code_cannot_reach_the_terminal(refused):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("propeller", "--conf", "14"), ("14", "accepted", "13")),
         (("propeller", "--conf", "soft"), ("--conf", "soft")),
-        (("propeller", "--law", "hooke"), ("hooke", "published")),
-        (("propeller", "--rpm", "1:2:3:4"), ("--rpm", "1:2:3:4", "accepted")),
         (("propeller", "--rpm", "-5"), ("--rpm", "-5", "accepted")),
         (("propeller", "--rpm", "17000", "--conf", "1"), ("1",)),
-        (("propeller", "-o", "nowhere/plot.png"), ("nowhere/plot.png", "accepted")),
         (("propeller", "moduly"), ("moduly", "moduli")),
         (("flie",), ("flie", "fly", "scenarios")),
         (("--loud",), ("--loud",)),

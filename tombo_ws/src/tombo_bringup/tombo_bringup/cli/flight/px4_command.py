@@ -184,12 +184,14 @@ def _vehicle(scenario: Scenario, seed: int, table: ParameterTable) -> Px4Vehicle
 
 
 def _serve(endpoint: Endpoint, duration_s: float | None, lines: list[str]) -> None:
-    from tombo_bringup.cli.flight.px4_screen import new_screen
+    from tombo_bringup.cli.flight.px4_screen import Screen
+    from tombo_bringup.cli.tables import scroll
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_px4.protocol.serve import BootClock, serve
 
     limit_ns = None if duration_s is None else round(1e9 * duration_s)
-    with StopSignals(signal.SIGHUP) as stop, new_screen() as screen:
+    with StopSignals(signal.SIGHUP) as stop, scroll() as lines_above:
+        screen = Screen(lines_above)
         screen.begin(lines)
         over = False
 

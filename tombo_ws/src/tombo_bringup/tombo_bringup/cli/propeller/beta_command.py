@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
@@ -178,8 +178,12 @@ def beta(
         measured: tuple[Measurement, list[str]],
         on_progress: ProgressCallback,
     ) -> None:
+        from tombo_propeller.flap_video.overlay import overlay, write_picture
+        from tombo_propeller.flap_video.plots import plot_beta
+
         on_progress("drawing", 0.99)
-        _write(folder / "overlay.png", folder / "beta.png", measured[0])
+        write_picture(overlay(measured[0]), folder / "overlay.png")
+        plot_beta(measured[0], folder / "beta.png")
         write_text(folder / "beta.json", beta_json(*measured))
         write_text(folder / "beta.csv", beta_csv(measured[0]))
 
@@ -193,20 +197,15 @@ def beta(
         print_beta(found, notes, path)
 
 
-class _Source:
+class _Source(NamedTuple):
     """Where the scale comes from, as given."""
 
-    def __init__(
-        self,
-        reference: Path | None,
-        frames: str | None,
-        beta: float,
-        scale: float | None,
-        error: float,
-        marks: str | None,
-    ) -> None:
-        self.reference, self.frames, self.beta = reference, frames, beta
-        self.scale, self.error, self.marks = scale, error, marks
+    reference: Path | None
+    frames: str | None
+    beta: float
+    scale: float | None
+    error: float
+    marks: str | None
 
 
 def _measured(
@@ -284,14 +283,6 @@ def _frames(film: Video, first: int, behind: int) -> Frames:
     for _, frames in film.parts([(first, behind)]):
         return frames
     raise InputError(f"no frames {first}:{behind} in '{film.path}', which has {film.count}")
-
-
-def _write(overlay_path: Path, plot_path: Path, found: Measurement) -> None:
-    from tombo_propeller.flap_video.overlay import overlay, write_picture
-    from tombo_propeller.flap_video.plots import plot_beta
-
-    write_picture(overlay(found), overlay_path)
-    plot_beta(found, plot_path)
 
 
 def _range(text: str) -> tuple[int, int]:
