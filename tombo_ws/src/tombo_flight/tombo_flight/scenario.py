@@ -59,15 +59,10 @@ class Scenario:
         return self.reaction if self.react else NoReaction()
 
 
-_SECTIONS: dict[str, type] = {
-    "propeller": PropellerChoice,
-    "vehicle": VehicleParams,
-    "control": ControlParams,
-    "estimator": EstimatorParams,
-    "mission": MissionParams,
-    "detector": DetectorParams,
-    "obstacle": ObstacleParams,
-    "spread": SpreadParams,
+_SECTIONS: dict[str, Any] = {
+    each.name: each.default_factory
+    for each in dataclasses.fields(Scenario)
+    if each.default_factory is not dataclasses.MISSING and each.name not in ("reaction", "effects")
 }
 
 

@@ -17,15 +17,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tombo_dynamics.arrays import Array
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.report import style
+from tombo_flight.report.figure import new_figure
 from tombo_flight.scenario import Scenario, load_scenario
 
 FIRST_SEED = 5000
@@ -180,9 +179,7 @@ def draw_study(collisions: Outcomes, free: Outcomes, chosen: float) -> Figure:
         free: of flights without an obstacle.
         chosen: the threshold in use.
     """
-    with mpl.rc_context(style.RC):
-        figure = Figure(figsize=(11.0, 4.6), dpi=110, layout="constrained")
-        FigureCanvasAgg(figure)
+    with new_figure(11.0, 4.6, 110, layout="constrained") as figure:
         over, against = figure.subplots(1, 2)
         _draw_over_threshold(over, collisions, free, chosen)
         _draw_against(against, collisions, free, chosen)

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from tombo_dynamics.arrays import Array
 from tombo_flight.replay.run import Replay
 from tombo_flight.report import style
+from tombo_flight.report.figure import new_figure
 
 WIDTH_IN: Final = 12.0
 ROW_IN: Final = 2.4
@@ -28,11 +27,8 @@ _COLOURS = (style.BLUE, style.GREEN, style.ORANGE)
 def draw_replay(result: Replay) -> Figure:
     """Draw a row for each node that was replayed; time counts from the recording's begin."""
     rows = [(title, draw) for node, title, draw in _ROWS if node in result.nodes]
-    with mpl.rc_context(style.RC):
-        figure = Figure(
-            figsize=(WIDTH_IN, 0.9 + ROW_IN * len(rows)), dpi=DPI, layout="constrained"
-        )
-        FigureCanvasAgg(figure)
+    height_in = 0.9 + ROW_IN * len(rows)
+    with new_figure(WIDTH_IN, height_in, DPI, layout="constrained") as figure:
         figure.suptitle(
             f"Replay of {result.bag.name}   ·   {_verdict(result)}",
             x=0.01, ha="left", weight="bold", size=11, parse_math=False,

@@ -9,6 +9,7 @@ from typing import Any, Final
 from tombo_bag.recording import Recording
 from tombo_bag.topics import PX4_STATUS
 from tombo_dynamics.messages import Phase
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.suite.node_metrics import recorded_diagnostics, recorded_messages
 
@@ -167,7 +168,7 @@ def _changes(recording: Recording, epoch_ns: int) -> Iterator[_Change]:
     for status in recorded_messages(recording, PX4_STATUS):
         stamp = status.header.stamp
         yield _Change(
-            round((stamp.sec * 10**9 + stamp.nanosec - epoch_ns) * 1e-9, 3),
+            round((stamp.sec * SECOND_NS + stamp.nanosec - epoch_ns) * 1e-9, 3),
             bool(status.armed),
             bool(status.offboard),
             str(status.mode),
