@@ -208,20 +208,11 @@ class Suite(SimpleNamespace):
 
     def report(self, node: str, key: str, meanwhile: Callable[[], None] = lambda: None) -> None:
         """Wait until a node has reported a fault since the last `settle`."""
-        end = time.monotonic() + 60.0
-        looked = self.mark
-        while time.monotonic() < end:
-            self.world.hear()
-            reports = self.world.heard[DIAGNOSTICS.name]
-            for report in reports[looked:]:
-                for status in report.status:
-                    if status.name == node and f"{key}:" in status.message:
-                        return
-            looked = len(reports)
-            meanwhile()
-            time.sleep(0.005)
-        words = self.nodes[node].output.splitlines()[-5:]
-        raise AssertionError(f"{node} says nothing of {key}; its last words: {words}")
+        try:
+            self.world.wait_for_fault(node, key, since=self.mark, meanwhile=meanwhile)
+        except AssertionError as error:
+            words = self.nodes[node].output.splitlines()[-5:]
+            raise AssertionError(f"{node}: no {key}; its last words: {words}") from error
 
 
 @contextlib.contextmanager

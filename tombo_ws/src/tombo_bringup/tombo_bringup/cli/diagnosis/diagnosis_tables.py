@@ -84,11 +84,11 @@ def _rivals(diagnosis: Diagnosis) -> None:
 
 def _gains(gains: Sequence[Gain]) -> Table:
     title = Text("Prediction error on flights held out from naming and fit")
-    table = Table(box=SIMPLE_HEAD, title=title, title_justify="left", padding=(0, 1, 0, 0))
-    for heading in ("channel", "ahead"):
-        table.add_column(heading, no_wrap=True)
-    for heading in ("error", "less by", "interval"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    columns = [Column(heading, no_wrap=True) for heading in ("channel", "ahead")]
+    columns += right("error", "less by", "interval", no_wrap=True)
+    table = Table(
+        *columns, box=SIMPLE_HEAD, title=title, title_justify="left", padding=(0, 1, 0, 0)
+    )
     for gain in gains:
         known = math.isfinite(gain.low) and math.isfinite(gain.high)
         error = f"{figure(gain.before)} → {figure(gain.after)} {unit(gain.unit)}"

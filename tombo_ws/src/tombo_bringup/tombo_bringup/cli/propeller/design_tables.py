@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from tombo_bringup.cli.tables import print_line
+from tombo_bringup.cli.tables import print_line, right
 from tombo_propeller.design import summary_text as words
 from tombo_propeller.design import table_cells
 from tombo_propeller.design.design import Design
@@ -73,9 +73,8 @@ def _brief(why: str) -> str:
 
 
 def _claims(check: Check) -> Table:
-    table = Table(box=SIMPLE_HEAD, title=f"Claimed and simulated, {len(check.seeds)} collisions")
-    for heading in ("", "claimed", "simulated", ""):
-        table.add_column(heading, justify="right" if heading else "left")
+    title = f"Claimed and simulated, {len(check.seeds)} collisions"
+    table = Table("", *right("claimed", "simulated"), "", box=SIMPLE_HEAD, title=title)
     for claim in (*check.claims, *check.limits):
         table.add_row(
             claim.text,
