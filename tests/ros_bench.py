@@ -160,13 +160,14 @@ class Counterpart:
     def wait_for(
         self,
         spec: Any,
-        condition: Callable[[Any], bool] = lambda message: True,
+        condition: Callable[[Any], object] = lambda message: True,
         patience_s: float = 60.0,
-        meanwhile: Callable[[], None] | None = None,
+        meanwhile: Callable[[], object] | None = None,
+        since: int | None = None,
     ) -> Any:
-        """Return the first message not heard before that meets a condition."""
+        """Return the first message, from the `since`th or now on, that meets a condition."""
         end = time.monotonic() + patience_s
-        seen = len(self.heard[spec.name])
+        seen = len(self.heard[spec.name]) if since is None else since
         while time.monotonic() < end:
             self.hear()
             for message in self.heard[spec.name][seen:]:
@@ -175,34 +176,18 @@ class Counterpart:
             seen = len(self.heard[spec.name])
             if meanwhile is not None:
                 meanwhile()
-            time.sleep(0.005)
+            time.sleep(0.002)
         raise AssertionError(f"no such message on {spec.name} within {patience_s} s")
 
-    def wait_for_fault(self, node: str, key: str, patience_s: float = 10.0, **more: Any) -> str:
-        """Return the text of a report of a node on `/diagnostics` that names a fault."""
+    def wait_for_fault(self, node: str, key: str, text: str = "", **more: Any) -> str:
+        """Return the first report of a node on `/diagnostics` with a fault and a text."""
         from tombo_bag.topics import DIAGNOSTICS
 
-        def named(report: Any) -> bool:
-            return any(s.name == node and f"{key}:" in s.message for s in report.status)
+        def named(report: Any) -> list[str]:
+            said = [s.message for s in report.status if s.name == node]
+            return [message for message in said if f"{key}:" in message and text in message]
 
-        report = self.wait_for(DIAGNOSTICS, named, patience_s, **more)
-        return next(s.message for s in report.status if s.name == node)
-
-    def set_parameter(self, node: str, name: str, value: Any, patience_s: float = 10.0) -> Any:
-        """Set a parameter through the node's service; return its result."""
-        from rclpy.executors import SingleThreadedExecutor
-        from rclpy.parameter import Parameter
-        from rclpy.parameter_client import AsyncParameterClient
-
-        client = AsyncParameterClient(self.node, node)
-        assert client.wait_for_services(patience_s), f"{node} has no parameter services"
-        executor = SingleThreadedExecutor(context=self._context)
-        executor.add_node(self.node)
-        future = client.set_parameters([Parameter(name, value=value)])
-        executor.spin_until_future_complete(future, patience_s)
-        executor.remove_node(self.node)
-        executor.shutdown()
-        return future.result().results[0]
+        return named(self.wait_for(DIAGNOSTICS, named, **more))[0]
 
     def close(self) -> None:
         import rclpy

@@ -13,6 +13,7 @@ from tombo_bag.flight_topics import write_flight
 from tombo_bag.mcap_sink import Columns, McapSink
 from tombo_bag.recording import Recording
 from tombo_bag.topics import TOPICS
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario
 
@@ -53,9 +54,8 @@ def make(name: str, target: Path) -> None:
 
 def strip(source: Path, target: Path, topics: tuple[str, ...]) -> None:
     """Copy some topics of a recording, and its metadata."""
-    second = 1_000_000_000
     # one chunk: an index for each second would be larger than what it indexes
-    with Recording(source) as recording, McapSink(target, chunk_span_ns=1000 * second) as sink:
+    with Recording(source) as recording, McapSink(target, chunk_span_ns=1000 * SECOND_NS) as sink:
         for name, values in recording.metadata.items():
             sink.add_metadata(name, values)
         parts = []

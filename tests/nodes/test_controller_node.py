@@ -35,8 +35,6 @@ from tombo_msgs.msg import EstimatorStatus, PositionSetpoint
 from tombo_ros.conversion import point, quaternion, to_ns, to_time
 
 _MS = 1_000_000
-_COMPILES_S = 120.0
-"""How long a node may take to start where nothing is compiled yet."""
 _ZERO, _LEVEL = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])
 
 
@@ -104,16 +102,7 @@ def _tilt(setpoint) -> float:
 def test_each_gyro_sample_is_answered_as_the_pure_controller_does(world, start):
     world.subscribe(ROTOR_COMMAND, RATES_SETPOINT, ATTITUDE_SETPOINT, DIAGNOSTICS)
     node = start("tombo_control.controller_node", "-p", "use_sim_time:=true")
-    world.meet(
-        IMU,
-        ODOMETRY,
-        ESTIMATOR_STATUS,
-        SETPOINT,
-        CLOCK,
-        ROTOR_COMMAND,
-        RATES_SETPOINT,
-        patience_s=_COMPILES_S,
-    )
+    world.meet(IMU, ODOMETRY, ESTIMATOR_STATUS, SETPOINT, CLOCK, ROTOR_COMMAND, RATES_SETPOINT)
     inputs = _Inputs(world)
 
     end = time.monotonic() + 60.0

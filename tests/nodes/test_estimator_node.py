@@ -33,8 +33,6 @@ from tombo_msgs.msg import MissionStatus
 from tombo_ros.conversion import array, point, quaternion, to_ns, to_time
 
 _MS = 1_000_000
-_COMPILES_S = 120.0
-"""How long a node may take to start where nothing is compiled yet."""
 
 
 class _Recorded:
@@ -91,9 +89,7 @@ def test_odometry_is_the_flight_and_bad_poses_are_told(world, start):
     world.subscribe(ODOMETRY, ESTIMATOR_STATUS, DIAGNOSTICS)
     node = start("tombo_control.estimator_node", "-p", "use_sim_time:=true")
     recorded = _Recorded(world)
-    world.meet(
-        IMU, MOCAP_POSE, MISSION_STATUS, CLOCK, ODOMETRY, ESTIMATOR_STATUS, patience_s=_COMPILES_S
-    )
+    world.meet(IMU, MOCAP_POSE, MISSION_STATUS, CLOCK, ODOMETRY, ESTIMATOR_STATUS)
     world.publish(MISSION_STATUS, MissionStatus(phase=MissionStatus.HOVER))
     recorded.play(1.5)
     last = recorded.flight.now_ns

@@ -7,6 +7,7 @@ spoils what passes, publishes what it should not, or kills a node. One flight se
 from __future__ import annotations
 
 import contextlib
+import functools
 import itertools
 import math
 import os
@@ -17,6 +18,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest import mock
 
 import pytest
 
@@ -27,6 +29,7 @@ pytest.importorskip("rclpy")
 
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
+from parameter_calls import set_parameters
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu
 
@@ -154,21 +157,21 @@ class Suite(SimpleNamespace):
     def flown_s(self) -> float:
         return to_ns(self.truth().header.stamp) * 1e-9
 
-    def wait(self, seconds: float, patience_s: float = 60.0) -> list[Any]:
+    def wait(self, seconds: float) -> list[Any]:
         """Let simulated time pass; return the true states in it."""
         self.world.hear()
         begin = len(self.world.heard[TRUE_ODOMETRY.name])
         until = self.flown_s() + seconds
-        end = time.monotonic() + patience_s
+        end = time.monotonic() + 60.0
         while self.flown_s() < until:
             assert time.monotonic() < end, "the simulation stands still"
             time.sleep(0.01)
         return self.world.heard[TRUE_ODOMETRY.name][begin:]
 
-    def settle(self, patience_s: float = 40.0) -> None:
+    def settle(self) -> None:
         """Wait until the vehicle hovers as before."""
         calm_since = None
-        end = time.monotonic() + patience_s
+        end = time.monotonic() + 40.0
         while True:
             state = self.truth()
             where, speed = state.pose.pose.position, state.twist.twist.linear
@@ -186,28 +189,30 @@ class Suite(SimpleNamespace):
                 assert time.monotonic() < end, f"no hover: {off:.2f} m off, {fast:.2f} m/s"
             time.sleep(0.01)
 
-    def report(
-        self,
-        node: str,
-        key: str,
-        meanwhile: Callable[[], None] = lambda: None,
-        patience_s: float = 60.0,
-    ) -> str:
-        """Wait until a node has reported a fault since the last `settle`; return what it said."""
-        end = time.monotonic() + patience_s
-        looked = self.mark
-        while time.monotonic() < end:
-            self.world.hear()
-            reports = self.world.heard[DIAGNOSTICS.name]
-            for report in reports[looked:]:
-                for status in report.status:
-                    if status.name == node and f"{key}:" in status.message:
-                        return status.message
-            looked = len(reports)
-            meanwhile()
-            time.sleep(0.005)
-        words = self.nodes[node].output.splitlines()[-5:]
-        raise AssertionError(f"{node} says nothing of {key}; its last words: {words}")
+    def spoiled(
+        self, spoil: Callable[[Any], Any], seconds: float, *reports: tuple[str, str]
+    ) -> list[Any]:
+        """Spoil poses until nodes have reported faults, and then for a while: its true states."""
+        self.settle()
+        self.spoiler.pose = spoil
+        for node, key in reports:
+            self.report(node, key)
+        states = self.wait(seconds)
+        self.spoiler.pose = None
+        return states
+
+    def is_level_and_settles(self, states: list[Any]) -> None:
+        with in_time():
+            assert steepest(states) < 0.2
+        self.settle()
+
+    def report(self, node: str, key: str, meanwhile: Callable[[], None] = lambda: None) -> None:
+        """Wait until a node has reported a fault since the last `settle`."""
+        try:
+            self.world.wait_for_fault(node, key, since=self.mark, meanwhile=meanwhile)
+        except AssertionError as error:
+            words = self.nodes[node].output.splitlines()[-5:]
+            raise AssertionError(f"{node}: no {key}; its last words: {words}") from error
 
 
 @contextlib.contextmanager
@@ -215,10 +220,10 @@ def hovering(folder: Path) -> Iterator[Suite]:
     """Start the suite and fly it to its hover; end all of it in the end."""
     environment = {"ROS_DOMAIN_ID": str(60 + next(DOMAINS) % 40)}
     environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    before = {key: os.environ.get(key) for key in environment}
-    os.environ.update(environment)
     file = folder / "hover.yaml"
     file.write_text(HOVER)
+    changed = mock.patch.dict(os.environ, environment)
+    changed.start()
     world = Counterpart()
     made = Suite(world=world, spoiler=Spoiler(world), nodes={}, folder=folder, file=file, mark=0)
     try:
@@ -237,11 +242,7 @@ def hovering(folder: Path) -> Iterator[Suite]:
         for node in made.nodes.values():
             node.close()
         world.close()
-        for key, value in before.items():
-            if value is None:
-                os.environ.pop(key, None)
-            else:
-                os.environ[key] = value
+        changed.stop()
     assert set(codes.values()) == {0}, codes
 
 
@@ -295,6 +296,17 @@ def steepest(states: list[Any]) -> float:
     return max(tilts)
 
 
+def across(states: list[Any]) -> float:
+    """Largest horizontal distance from the hover's place [m]."""
+    places = [state.pose.pose.position for state in states]
+    return max(math.hypot(p.x, p.y) for p in places)
+
+
+def stays(states: list[Any]) -> None:
+    with in_time():
+        assert furthest(states) < 0.2
+
+
 def furthest(states: list[Any]) -> float:
     """Largest distance from the hover's place [m]."""
     places = [state.pose.pose.position for state in states]
@@ -309,19 +321,15 @@ def test_mocap_silent_for_a_fifth_of_a_second(suite: Suite) -> None:
     suite.spoiler.pose = lambda message: None
     states = suite.wait(0.2)
     suite.spoiler.pose = None
-    assert "mocap_silent" in suite.report("estimator", "mocap_silent")
+    suite.report("estimator", "mocap_silent")
     states += suite.wait(0.5)
-    with in_time():
-        assert furthest(states) < 0.2  # the IMU bridges it: the vehicle stays
+    stays(states)  # the IMU bridges it
     suite.settle()
 
 
 def test_mocap_silent_for_longer(suite: Suite) -> None:
-    suite.settle()
-    suite.spoiler.pose = lambda message: None
-    assert "blind" in suite.report("controller", "blind")
-    states = suite.wait(1.2)  # it may have been rising a little
-    suite.spoiler.pose = None
+    # it may have been rising a little
+    states = suite.spoiled(lambda message: None, 1.2, ("controller", "blind"))
     begin = states[0].pose.pose.position.z
     with in_time():
         assert lowest(states) < begin - 0.02, "it descends"
@@ -330,105 +338,64 @@ def test_mocap_silent_for_longer(suite: Suite) -> None:
 
 
 def test_mocap_jumps(suite: Suite) -> None:
-    suite.settle()
-    count = [0]
+    count = itertools.count(1)
 
     def jump(message: Any) -> Any:
-        count[0] += 1
-        if count[0] == 3:
-            message.pose.position.x += 2.0
+        message.pose.position.x += 2.0 if next(count) == 3 else 0.0
         return message
 
     events = len(suite.world.heard[COLLISION_EVENT.name])
-    suite.spoiler.pose = jump
-    assert "pose_jump" in suite.report("estimator", "pose_jump")
-    states = suite.wait(0.5)
-    suite.spoiler.pose = None
-    with in_time():
-        assert furthest(states) < 0.2
+    stays(suite.spoiled(jump, 0.5, ("estimator", "pose_jump")))
     assert len(suite.world.heard[COLLISION_EVENT.name]) == events, "a jump is no collision"
 
 
 def test_mocap_out_of_order(suite: Suite) -> None:
-    suite.settle()
     kept: list[Any] = []
 
     def swap(message: Any) -> Any:
         kept.append(message)
-        if len(kept) % 2 == 0:
-            return kept[-2]
-        return kept[-1] if len(kept) == 1 else message
+        return kept[-2] if len(kept) % 2 == 0 else message
 
-    suite.spoiler.pose = swap
-    assert "pose_out_of_order" in suite.report("estimator", "pose_out_of_order")
-    states = suite.wait(0.5)
-    suite.spoiler.pose = None
-    with in_time():
-        assert furthest(states) < 0.2
+    stays(suite.spoiled(swap, 0.5, ("estimator", "pose_out_of_order")))
 
 
 def test_mocap_stamped_in_the_future(suite: Suite) -> None:
-    suite.settle()
-
     def ahead(message: Any) -> Any:
         message.header.stamp = to_time(to_ns(message.header.stamp) + 200_000_000)
         return message
 
-    suite.spoiler.pose = ahead
-    assert "pose_future" in suite.report("estimator", "pose_future")
-    assert "blind" in suite.report("controller", "blind")
-    states = suite.wait(0.4)
-    suite.spoiler.pose = None
-    with in_time():
-        assert steepest(states) < 0.2
-    suite.settle()
+    reports = (("estimator", "pose_future"), ("controller", "blind"))
+    suite.is_level_and_settles(suite.spoiled(ahead, 0.4, *reports))
 
 
 def test_mocap_in_a_wrong_frame(suite: Suite) -> None:
-    suite.settle()
-
     def elsewhere(message: Any) -> Any:
         message.header.frame_id = "optitrack"
         return message
 
-    suite.spoiler.pose = elsewhere
-    assert "pose_wrong_frame" in suite.report("estimator", "pose_wrong_frame")
-    assert "blind" in suite.report("controller", "blind")
-    states = suite.wait(0.4)
-    suite.spoiler.pose = None
-    with in_time():
-        assert steepest(states) < 0.2
-    suite.settle()
+    reports = (("estimator", "pose_wrong_frame"), ("controller", "blind"))
+    suite.is_level_and_settles(suite.spoiled(elsewhere, 0.4, *reports))
 
 
 def test_mocap_with_nan(suite: Suite) -> None:
-    suite.settle()
-    count = [0]
+    count = itertools.count(1)
 
     def spoil(message: Any) -> Any:
-        count[0] += 1
-        if count[0] % 3 == 0:
+        if next(count) % 3 == 0:
             message.pose.position.z = NAN
         return message
 
-    suite.spoiler.pose = spoil
-    assert "pose_not_finite" in suite.report("detector", "pose_not_finite")
-    states = suite.wait(0.6)
-    suite.spoiler.pose = None
-    with in_time():
-        assert furthest(states) < 0.2
+    stays(suite.spoiled(spoil, 0.6, ("detector", "pose_not_finite")))
 
 
 def test_two_mocap_publishers(suite: Suite) -> None:
     suite.settle()
     suite.spoiler.doubled = True
-    assert "second_publisher" in suite.report("estimator", "second_publisher.mocap/pose")
-    assert "blind" in suite.report("controller", "blind")
+    suite.report("estimator", "second_publisher.mocap/pose")
+    suite.report("controller", "blind")
     states = suite.wait(0.3)
     suite.spoiler.doubled = False
-    with in_time():
-        assert steepest(states) < 0.2
-    suite.settle()
+    suite.is_level_and_settles(states)
 
 
 # --- gyro -----------------------------------------------------------------------------------
@@ -436,11 +403,11 @@ def test_two_mocap_publishers(suite: Suite) -> None:
 
 def test_imu_silent(suite: Suite) -> None:
     suite.settle()
-    suite.world.set_parameter("sim", "imu", False)
-    assert "imu_silent" in suite.report("controller", "imu_silent")
-    assert "failsafe" in suite.report("sim", "failsafe")
+    set_parameters(suite.world, "sim", imu=False)
+    suite.report("controller", "imu_silent")
+    suite.report("sim", "failsafe")
     states = suite.wait(0.5)
-    suite.world.set_parameter("sim", "imu", True)
+    set_parameters(suite.world, "sim", imu=True)
     begin = states[0].pose.pose.position.z
     with in_time():
         assert lowest(states) < begin - 0.02, "the flight controller lands it"
@@ -451,39 +418,34 @@ def test_imu_silent(suite: Suite) -> None:
 # --- not a number, in any message -----------------------------------------------------------
 
 
-def bad_imu() -> Any:
-    message = Imu()
-    message.header.frame_id = "base_link"
-    message.orientation_covariance[0] = -1.0
-    message.angular_velocity.x = NAN
+def bad(kind: Callable[..., Any], path: str, frame: str = "map", **fields: Any) -> Any:
+    """Return a message with NaN in one of its fields."""
+    message = kind(**fields)
+    message.header.frame_id = frame
+    *parents, field = path.split(".")
+    setattr(functools.reduce(getattr, parents, message), field, NAN)
     return message
+
+
+def bad_imu() -> Any:
+    unknown = [-1.0, *8 * [0.0]]
+    return bad(Imu, "angular_velocity.x", "base_link", orientation_covariance=unknown)
 
 
 def bad_odometry() -> Any:
-    message = Odometry(child_frame_id="base_link")
-    message.header.frame_id = "map"
-    message.pose.pose.position.z = NAN
-    return message
+    return bad(Odometry, "pose.pose.position.z", child_frame_id="base_link")
 
 
 def bad_setpoint() -> Any:
-    message = PositionSetpoint(phase=2)
-    message.header.frame_id = "map"
-    message.position.x = NAN
-    return message
+    return bad(PositionSetpoint, "position.x", phase=2)
 
 
 def bad_event() -> Any:
-    message = CollisionEvent(trigger=2)
-    message.header.frame_id = "map"
-    message.contact_position.x = NAN
-    return message
+    return bad(CollisionEvent, "contact_position.x", trigger=2)
 
 
 def bad_status() -> Any:
-    message = EstimatorStatus(initialised=True)
-    message.gyro_bias.y = NAN
-    return message
+    return bad(EstimatorStatus, "gyro_bias.y", "", initialised=True)
 
 
 @pytest.mark.parametrize(
@@ -504,10 +466,9 @@ def test_not_a_number(
 ) -> None:
     suite.settle()
     message = make()
-    if hasattr(message, "header"):
-        message.header.stamp = to_time(round(suite.flown_s() * 1e9))
-        if spec is ROTOR_COMMAND:
-            message.header.frame_id = "base_link"
+    message.header.stamp = to_time(round(suite.flown_s() * 1e9))
+    if spec is ROTOR_COMMAND:
+        message.header.frame_id = "base_link"
     suite.world.meet(spec)
     begin = time.monotonic()
 
@@ -518,9 +479,8 @@ def test_not_a_number(
             suite.world.publish(spec, message)
 
     publish.sent = 0
-    assert key in suite.report(node, key, publish)
-    with in_time():
-        assert furthest(suite.wait(0.4)) < 0.2, "such a message moves nothing"
+    suite.report(node, key, publish)
+    stays(suite.wait(0.4))  # such a message moves nothing
 
 
 # --- two publishers -------------------------------------------------------------------------
@@ -557,17 +517,14 @@ def test_second_publisher(
         suite.world.publish(spec, message)
         time.sleep(0.01)
 
-    key = f"second_publisher.{spec.name.lstrip('/')}"
-    assert key in suite.report(node, key, disturb)
+    suite.report(node, f"second_publisher.{spec.name.lstrip('/')}", disturb)
     for _ in range(30):
         disturb()
     states = suite.world.heard[TRUE_ODOMETRY.name][begin:]
-    across = max(math.hypot(s.pose.pose.position.x, s.pose.pose.position.y) for s in states)
-    assert across < 0.3, "it went where the second one said"
+    assert across(states) < 0.3, "it went where the second one said"
     with in_time():
         assert steepest(states) < 0.3
-    if holds:
-        with in_time():
+        if holds:
             assert lowest(states) > HEIGHT - 0.2
     suite.settle_or_begin_anew()  # where nobody may be obeyed it goes down, perhaps to the ground
 
@@ -589,20 +546,18 @@ def test_node_killed_and_restarted(suite: Suite, name: str, observer: str, key: 
     suite.settle()
     begin = len(suite.world.heard[TRUE_ODOMETRY.name])
     suite.kill(name)
-    assert key in suite.report(observer, key)
+    suite.report(observer, key)
     suite.start(name)
     until = time.monotonic() + 60.0
     while suite.world.node.count_publishers("/diagnostics") < len(NODES):
         assert time.monotonic() < until
         time.sleep(0.02)
-    suite.wait(1.0, patience_s=60.0)
+    suite.wait(1.0)
     states = suite.world.heard[TRUE_ODOMETRY.name][begin:]
-    across = max(math.hypot(s.pose.pose.position.x, s.pose.pose.position.y) for s in states)
     with in_time():
         assert steepest(states) < 0.4
-        assert across < 0.6
-    if name in ("reaction", "detector", "mission"):
-        with in_time():
+        assert across(states) < 0.6
+        if name in ("reaction", "detector", "mission"):
             assert lowest(states) > HEIGHT - 0.2, "it holds"
     suite.settle_or_begin_anew()
 
@@ -610,7 +565,7 @@ def test_node_killed_and_restarted(suite: Suite, name: str, observer: str, key: 
 def test_simulator_killed_and_restarted(suite: Suite) -> None:
     suite.settle_or_begin_anew()
     suite.kill("sim")
-    assert "clock_silent" in suite.report("controller", "clock_silent")
+    suite.report("controller", "clock_silent")
     suite.new_flight()
 
 

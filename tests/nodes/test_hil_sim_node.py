@@ -7,6 +7,8 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -32,6 +34,15 @@ def port() -> int:
         return probe.getsockname()[1]
 
 
+@contextmanager
+def px4(port: int) -> Iterator[None]:
+    with subprocess.Popen([sys.executable, str(PEER), str(port), "60"]) as peer:
+        try:
+            yield
+        finally:
+            peer.kill()
+
+
 def heights(world, seconds: float) -> list[float]:
     """True heights of so much time."""
     begun = len(world.heard[TRUE_ODOMETRY.name])
@@ -45,11 +56,10 @@ def heights(world, seconds: float) -> list[float]:
 def test_a_px4_flies_it_and_the_mocap_sees_it(world, start, port):
     world.subscribe(MOCAP_POSE, TRUE_ODOMETRY)
     node = start(NODE, "-p", f"port:={port}", "-p", "hil.gps:=true")
-    world.meet(MOCAP_POSE, TRUE_ODOMETRY, patience_s=_COMPILES_S)
+    world.meet(MOCAP_POSE, TRUE_ODOMETRY)
     assert heights(world, 0.5) == [], "time goes on without PX4"
 
-    peer = subprocess.Popen([sys.executable, str(PEER), str(port), "60"])
-    try:
+    with px4(port):
         first = world.wait_for(TRUE_ODOMETRY)
         assert first.pose.pose.position.z == pytest.approx(0.18, abs=0.05)
         world.wait_for(TRUE_ODOMETRY, lambda m: m.pose.pose.position.z > 1.5)
@@ -59,17 +69,10 @@ def test_a_px4_flies_it_and_the_mocap_sees_it(world, start, port):
             assert sorted(gaps)[len(gaps) // 2] == pytest.approx(33.3, abs=3.0)
             assert abs(time.time_ns() - stamps[-1]) < 2_000 * MS
         assert world.node.count_publishers(IMU.name) == 0, "PX4 has the sensors"
-    finally:
-        peer.kill()
-        peer.wait()
 
     # that flight is over; the next one begins on the ground
-    peer = subprocess.Popen([sys.executable, str(PEER), str(port), "60"])
-    try:
+    with px4(port):
         world.wait_for(TRUE_ODOMETRY, lambda m: abs(m.pose.pose.position.z - 0.18) < 0.05)
-    finally:
-        peer.kill()
-        peer.wait()
     assert node.end() == 0
     assert "flight 2 begins" in node.output
 

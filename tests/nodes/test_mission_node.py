@@ -6,9 +6,7 @@ import time
 import numpy as np
 import pytest
 from nav_msgs.msg import Odometry
-from rcl_interfaces.srv import SetParameters
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.parameter import Parameter
+from parameter_calls import set_parameters
 from reports import heard, told
 
 from ros_bench import vector
@@ -153,13 +151,5 @@ def test_waits_for_auto_start(world, start):
     flight = Flight(world, start, more=["auto_start:=false"])
     for _ in range(30):
         assert flight.step().phase == MissionStatus.IDLE
-    client = world.node.create_client(SetParameters, "/mission/set_parameters")
-    assert client.wait_for_service(60.0)
-    value = Parameter("auto_start", value=True).to_parameter_msg()
-    answer = client.call_async(SetParameters.Request(parameters=[value]))
-    executor = SingleThreadedExecutor(context=world.node.context)
-    executor.add_node(world.node)
-    executor.spin_until_future_complete(answer, 60.0)
-    assert answer.result().results[0].successful
+    assert set_parameters(world, "mission", auto_start=True) == [(True, "")]
     flight.until(MissionStatus.TAKEOFF)
-    executor.shutdown()

@@ -29,20 +29,10 @@ from tombo_sim.simulator import Simulator
 from tombo_sim.world import World
 
 _MS = 1_000_000
-_COMPILES_S = 120.0
-"""How long a node may take to start where nothing is compiled yet."""
 _CLIMB = np.full(4, 610.0)
 _WORLD = (
-    "-p",
-    "truth_rate:=1000.0",
-    "-p",
-    "use_sim_time:=true",
-    "-p",
-    "seed:=3",
-    "-p",
-    "effects.imu_noise.accel:=0.3",
-    "-p",
-    "effects.mocap_latency.delay:=0.01",
+    *("-p", "truth_rate:=1000.0", "-p", "use_sim_time:=true", "-p", "seed:=3"),
+    *("-p", "effects.imu_noise.accel:=0.3", "-p", "effects.mocap_latency.delay:=0.01"),
 )
 
 
@@ -77,7 +67,7 @@ def _true_place(world) -> np.ndarray:
 def test_paused_it_goes_on_by_the_ticks_it_is_told(world, start):
     world.subscribe(IMU, TRUE_ODOMETRY, CLOCK, DIAGNOSTICS)
     node = start("tombo_sim.sim_node", *_WORLD, "-p", "speed:=0.0")
-    world.meet(ROTOR_COMMAND, IMU, TRUE_ODOMETRY, CLOCK, patience_s=_COMPILES_S)
+    world.meet(ROTOR_COMMAND, IMU, TRUE_ODOMETRY, CLOCK)
     _wait(world, lambda: world.heard[CLOCK.name])
     zero_ns = to_ns(world.heard[CLOCK.name][-1].clock)
 
@@ -130,7 +120,7 @@ def test_paused_it_goes_on_by_the_ticks_it_is_told(world, start):
 def test_each_tick_waits_for_its_command_if_asked_to(world, start):
     world.subscribe(IMU, TRUE_ODOMETRY, TRUE_ROTORS, MOCAP_POSE, DIAGNOSTICS)
     node = start("tombo_sim.sim_node", *_WORLD, "-p", "wait_for_command:=true", "-p", "speed:=0.0")
-    world.meet(ROTOR_COMMAND, IMU, TRUE_ODOMETRY, MOCAP_POSE, patience_s=_COMPILES_S)
+    world.meet(ROTOR_COMMAND, IMU, TRUE_ODOMETRY, MOCAP_POSE)
     set_parameters(world, "sim", step=1)
     _wait(world, lambda: 1_000_000_000 + _MS in _stamps(world, IMU))
     first = _stamps(world, IMU)[-1]
@@ -179,7 +169,7 @@ def test_time_keeps_its_own_speed_before_the_first_command(world, start):
     """A plan would else be through with waiting for its take-off before all nodes have met."""
     world.subscribe(IMU)
     node = start("tombo_sim.sim_node", *_WORLD, "-p", "wait_for_command:=true")
-    world.meet(IMU, patience_s=_COMPILES_S)
+    world.meet(IMU)
     heard(world, IMU, lambda m: True)
     began, begin = time.monotonic(), _stamps(world, IMU)[-1]
     heard(world, IMU, lambda m: to_ns(m.header.stamp) > begin + 500 * _MS)
@@ -191,7 +181,7 @@ def test_time_keeps_its_own_speed_before_the_first_command(world, start):
 def test_nobody_stops_time_by_commands_of_the_past(world, start):
     world.subscribe(IMU, DIAGNOSTICS)
     node = start("tombo_sim.sim_node", *_WORLD, "-p", "wait_for_command:=true")
-    world.meet(ROTOR_COMMAND, IMU, patience_s=_COMPILES_S)
+    world.meet(ROTOR_COMMAND, IMU)
     _wait(world, lambda: bool(world.heard[IMU.name]))
     first = _stamps(world, IMU)[-1]
     world.publish(ROTOR_COMMAND, _command(first, _CLIMB))

@@ -7,9 +7,27 @@ from pathlib import Path
 
 import pytest
 
+from tombo_bag.recording import Recording
+from tombo_flight.replay.poses import PoseTrack, read_poses
 from tombo_flight.replay.run import Replay, Request, replay_bag
 
 BAGS = Path(__file__).parents[2] / "tests" / "bags"
+
+
+@pytest.fixture(scope="session")
+def poses() -> Callable[[str], PoseTrack]:
+    """The poses of a flight of tests/bags."""
+
+    def read(name: str) -> PoseTrack:
+        with Recording(BAGS / f"{name}.mcap") as recording:
+            return read_poses(recording, "/mocap/pose")
+
+    return read
+
+
+@pytest.fixture(scope="session")
+def flight(poses: Callable[[str], PoseTrack]) -> PoseTrack:
+    return poses("paper_collision_7")
 
 
 @pytest.fixture

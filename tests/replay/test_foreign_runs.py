@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from pathlib import Path
 
 import numpy as np
@@ -13,18 +14,12 @@ from tombo_bag.columnar_cdr import encode
 from tombo_bag.mcap_sink import Columns, McapSink
 from tombo_bag.recording import Recording
 from tombo_dynamics.errors import InputError
-from tombo_flight.replay.poses import PoseTrack, read_poses
+from tombo_dynamics.time_base import SECOND_NS
+from tombo_flight.replay.poses import PoseTrack
 from tombo_flight.replay.run import Request, replay_bag
 
-BAG = Path(__file__).parents[2] / "tests" / "bags" / "paper_collision_7.mcap"
 POSE = "geometry_msgs/msg/PoseStamped"
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
-
-
-@pytest.fixture(scope="module")
-def flight() -> PoseTrack:
-    with Recording(BAG) as recording:
-        return read_poses(recording, "/mocap/pose")
 
 
 def as_message(typename: str, position: list[float], attitude: list[float]) -> dict:
@@ -36,6 +31,11 @@ def as_message(typename: str, position: list[float], attitude: list[float]) -> d
     return {"pose": pose if typename == POSE else {"pose": pose}}
 
 
+def as_time(stamp_ns: int) -> dict[str, int]:
+    sec, nanosec = divmod(stamp_ns, SECOND_NS)
+    return {"sec": sec, "nanosec": nanosec}
+
+
 def write(path: Path, track: PoseTrack, typename: str = POSE, topic: str = "/mocap/pose") -> Path:
     messages = []
     for stamp, frame, position, attitude in zip(
@@ -45,8 +45,7 @@ def write(path: Path, track: PoseTrack, typename: str = POSE, topic: str = "/moc
         track.attitude.tolist(),
         strict=True,
     ):
-        stamp_fields = {"sec": stamp // 10**9, "nanosec": stamp % 10**9}
-        header = {"header": {"stamp": stamp_fields, "frame_id": frame}}
+        header = {"header": {"stamp": as_time(stamp), "frame_id": frame}}
         messages.append(encode(typename, {**header, **as_message(typename, position, attitude)}))
     with McapSink(path) as sink:
         channel = sink.add_channel(topic, typename)
@@ -89,7 +88,7 @@ def write_ros1(path: Path, track: PoseTrack) -> Path:
         for i, (now, stamp) in enumerate(
             zip(track.arrival_ns.tolist(), track.stamp_ns.tolist(), strict=True)
         ):
-            time = t["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
+            time = t["builtin_interfaces/msg/Time"](**as_time(stamp))
             position = dict(zip("xyz", track.position[i].tolist(), strict=True))
             attitude = dict(zip("xyzw", track.attitude[i].tolist(), strict=True))
             message = t["geometry_msgs/msg/TransformStamped"](
@@ -147,9 +146,7 @@ def test_poses_without_stamps_are_stamped_when_they_arrived(tmp_path, flight):
 
 
 def test_poses_that_are_not_numbers_are_refused_and_the_rest_is_used(tmp_path, flight):
-    track = PoseTrack(
-        *(np.array(getattr(flight, name)) for name in PoseTrack.__dataclass_fields__)
-    )
+    track = copy.deepcopy(flight)
     track.position[600, 0] = np.nan
     track.attitude[601] = np.nan
     result = replay_bag(write(tmp_path / "lab.mcap", track), Request())
@@ -159,44 +156,40 @@ def test_poses_that_are_not_numbers_are_refused_and_the_rest_is_used(tmp_path, f
 
 
 def test_a_flight_of_no_length_and_one_of_a_single_pose(tmp_path, flight):
-    fields = PoseTrack.__dataclass_fields__
-    one = PoseTrack(*(getattr(flight, name)[:1] for name in fields))
+    one = PoseTrack(*(column[:1] for column in vars(flight).values()))
     result = replay_bag(write(tmp_path / "one.mcap", one), Request())
     assert (result.duration_s, result.replayed.events) == (0.0, [])
-    none = PoseTrack(*(getattr(flight, name)[:0] for name in fields))
+    none = write(tmp_path / "none.mcap", PoseTrack.none())
     with pytest.raises(InputError, match=r"nothing to replay.*no /mocap/pose in the bag"):
-        replay_bag(write(tmp_path / "none.mcap", none), Request())
+        replay_bag(none, Request())
 
 
-def test_a_recording_without_poses(tmp_path):
+@pytest.fixture
+def chatter(tmp_path):
     path = tmp_path / "chatter.mcap"
     with McapSink(path) as sink:
         channel = sink.add_channel("/chatter", "std_msgs/msg/String")
-        message = encode("std_msgs/msg/String", {"data": "hello"})
-        sink.write_columns(Columns(channel, np.array([1]), [message]))
+        sink.write(channel, encode("std_msgs/msg/String", {"data": "hello"}), 1)
+    return path
+
+
+def test_a_recording_without_poses(chatter):
     with pytest.raises(InputError) as caught:
-        replay_bag(path, Request())
+        replay_bag(chatter, Request())
     assert "/chatter (std_msgs/msg/String)" in str(caught.value)
     assert "--map" in str(caught.value)
 
 
-def test_a_mapped_topic_of_another_type_is_refused(tmp_path):
-    path = tmp_path / "chatter.mcap"
-    with McapSink(path) as sink:
-        channel = sink.add_channel("/chatter", "std_msgs/msg/String")
-        sink.write_columns(
-            Columns(channel, np.array([1]), [encode("std_msgs/msg/String", {"data": ""})])
-        )
+def test_a_mapped_topic_of_another_type_is_refused(chatter):
     with pytest.raises(InputError, match=r"/mocap/pose has type std_msgs/msg/String; accepted"):
-        replay_bag(path, Request(names={"/chatter": "/mocap/pose"}))
+        replay_bag(chatter, Request(names={"/chatter": "/mocap/pose"}))
     with pytest.raises(InputError, match="did you mean '/mocap/pose'"):
-        replay_bag(path, Request(names={"/chatter": "/mocap/poses"}))
+        replay_bag(chatter, Request(names={"/chatter": "/mocap/poses"}))
 
 
 @pytest.mark.slow
 def test_messages_written_out_of_order_are_fed_in_order_of_arrival(tmp_path, flight):
-    path = tmp_path / "lab.mcap"
-    write(path, flight)
+    path = write(tmp_path / "lab.mcap", flight)
     with Recording(path) as recording:
         raw = recording.messages("/mocap/pose")
     shuffled = np.random.default_rng(3).permutation(len(raw.messages))
@@ -209,21 +202,18 @@ def test_messages_written_out_of_order_are_fed_in_order_of_arrival(tmp_path, fli
 
 @pytest.mark.slow
 def test_a_recorder_on_another_clock_than_the_nodes(tmp_path, flight):
-    path = tmp_path / "simulated.mcap"
-    write(path, flight)
+    path = write(tmp_path / "simulated.mcap", flight)
     with Recording(path) as recording:
         raw = recording.messages("/mocap/pose")
-    wall = 1_700_000_000 * 10**9 + 3 * (raw.log_times_ns - raw.log_times_ns[0])  # a third of speed
-    ticks = np.arange(raw.log_times_ns[0], raw.log_times_ns[-1], 5_000_000)
+    began = raw.log_times_ns[0]
+    wall = 1_700_000_000 * SECOND_NS + 3 * (raw.log_times_ns - began)  # a third of speed
+    ticks = np.arange(began, raw.log_times_ns[-1], 5_000_000)
     setpoint = "tombo_msgs/msg/PositionSetpoint"
-    said = [
-        encode(setpoint, {"header": {"stamp": {"sec": t // 10**9, "nanosec": t % 10**9}}})
-        for t in ticks.tolist()
-    ]
+    said = [encode(setpoint, {"header": {"stamp": as_time(t)}}) for t in ticks.tolist()]
     with McapSink(path) as sink:
         channel = sink.add_channel("/mocap/pose", POSE)
         clocked = sink.add_channel("/mission/setpoint", setpoint)
-        spoken = 1_700_000_000 * 10**9 + 3 * (ticks - raw.log_times_ns[0])
+        spoken = 1_700_000_000 * SECOND_NS + 3 * (ticks - began)
         sink.write_columns(Columns(channel, wall, raw.messages), Columns(clocked, spoken, said))
     result = replay_bag(path, Request(nodes=("detector",)))
     (event,) = result.replayed.events

@@ -1,22 +1,16 @@
 """Frames, clocks, axes: what is wrong with a recording's poses is said in one line each."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tombo_bag.recording import Recording
-from tombo_flight.replay.poses import PoseTrack, read_poses
+from tombo_flight.replay.poses import PoseTrack
 from tombo_flight.replay.prechecks import check_poses
 
-BAGS = Path(__file__).parents[2] / "tests" / "bags"
 
-
-@pytest.fixture(scope="module")
-def flight() -> PoseTrack:
-    with Recording(BAGS / "paper_collision_7.mcap") as recording:
-        return read_poses(recording, "/mocap/pose")
+def part(track: PoseTrack, rows: slice | np.ndarray) -> PoseTrack:
+    return PoseTrack(*(column[rows] for column in vars(track).values()))
 
 
 def only(track: PoseTrack) -> str:
@@ -31,16 +25,14 @@ def test_a_sound_flight_gives_no_finding(flight):
 
 
 @pytest.mark.parametrize("bag", ["aggressive_2", "no_obstacle_1", "soft_strike_3"])
-def test_no_axis_or_clock_is_suspected_in_sound_flights(bag):
-    with Recording(BAGS / f"{bag}.mcap") as recording:
-        findings = check_poses(read_poses(recording, "/mocap/pose"), 0.25)
+def test_no_axis_or_clock_is_suspected_in_sound_flights(poses, bag):
+    findings = check_poses(poses(bag), 0.25)
     assert all("gap" in finding for finding in findings), findings
 
 
 def test_no_poses_or_few_give_no_finding(flight):
     assert check_poses(PoseTrack.none(), 0.25) == []
-    few = PoseTrack(*(getattr(flight, name)[:2] for name in PoseTrack.__dataclass_fields__))
-    assert check_poses(few, 0.25) == []
+    assert check_poses(part(flight, slice(2)), 0.25) == []
 
 
 def test_a_frame_other_than_map(flight):
@@ -116,8 +108,7 @@ def test_stamps_of_zero(flight):
 
 
 def test_a_gap(flight):
-    kept = np.r_[0:500, 530:1198]
-    track = PoseTrack(*(getattr(flight, name)[kept] for name in PoseTrack.__dataclass_fields__))
+    track = part(flight, np.r_[0:500, 530:1198])
     assert "1 gap of more than 0.25 s" in only(track)
     assert "1.03 s after 16.6 s" in only(track)
 
@@ -134,23 +125,19 @@ def turned_up(track: PoseTrack, order: list[int], signs: list[float]) -> PoseTra
     """The same flight in axes that a lab may stream."""
     position = track.position[:, order] * signs
     vector = track.attitude[:, :3][:, order] * signs
-    return replace(
-        track, position=position, attitude=np.concatenate([vector, track.attitude[:, 3:]], axis=1)
-    )
+    attitude = np.column_stack([vector, track.attitude[:, 3]])
+    return replace(track, position=position, attitude=attitude)
 
 
 @pytest.mark.parametrize("bag", ["paper_collision_7", "aggressive_2", "no_obstacle_1"])
-def test_y_up_as_motive_streams_it(bag):
-    with Recording(BAGS / f"{bag}.mcap") as recording:
-        track = read_poses(recording, "/mocap/pose")
-    findings = check_poses(turned_up(track, [0, 2, 1], [1.0, 1.0, -1.0]), 0.25)
+def test_y_up_as_motive_streams_it(poses, bag):
+    findings = check_poses(turned_up(poses(bag), [0, 2, 1], [1.0, 1.0, -1.0]), 0.25)
     assert "axis y looks like up" in findings[-1]
     assert "and tilt agrees" in findings[-1]
 
 
 def test_y_up_in_a_recording_that_begins_and_ends_in_flight(flight):
-    fields = PoseTrack.__dataclass_fields__
-    airborne = PoseTrack(*(getattr(flight, name)[250:980] for name in fields))
+    airborne = part(flight, slice(250, 980))
     assert check_poses(airborne, 0.25) == []
     assert "axis y looks like up" in only(turned_up(airborne, [0, 2, 1], [1.0, 1.0, -1.0]))
 

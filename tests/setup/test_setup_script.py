@@ -54,6 +54,12 @@ class Clone:
             timeout=60,
         )
 
+    def write_python(self, old: str = "", new: str = "", name: str = "python3") -> None:
+        """Write the stand-in for an interpreter, `old` replaced by `new`."""
+        text = PYTHON.format(root=self.root)
+        assert old in text
+        self.write_tool(name, text.replace(old, new) if old else text + new)
+
     def write_tool(self, name: str, text: str) -> None:
         path = self.bin / name
         path.unlink(missing_ok=True)
@@ -87,7 +93,7 @@ def clone(tmp_path: Path) -> Clone:
         (folder / tool).symlink_to(shutil.which(tool) or f"/usr/bin/{tool}")
     made = Clone(root, folder)
     (root / "version").write_text("3.12\n")
-    made.write_tool("python3", PYTHON.format(root=root))
+    made.write_python()
     made.write_tool("cmake", "#!/bin/bash\necho cmake version 3.25.1\n")
     for tool in ("g++", "make"):
         made.write_tool(tool, "#!/bin/bash\n")
@@ -142,9 +148,7 @@ def test_every_supported_python_is_accepted(clone: Clone, version: str):
 
 def test_another_python_is_found_when_python3_is_too_new(clone: Clone):
     clone.write_tool("python3", "#!/bin/bash\necho 3.14\n")
-    clone.write_tool(
-        "python3.11", PYTHON.format(root=clone.root).replace("cat $root/version", "echo 3.11")
-    )
+    clone.write_python("cat $root/version", "echo 3.11", "python3.11")
     run = clone.setup()
     assert run.returncode == 0 and "Python 3.11" in run.stdout
 
@@ -159,10 +163,7 @@ def test_a_foreign_venv_is_left_alone(clone: Clone):
 
 
 def test_a_set_up_waits_for_one_that_is_running(clone: Clone):
-    clone.write_tool(
-        "python3",
-        PYTHON.format(root=clone.root).replace("bin/python ;;", "bin/python; sleep 1 ;;"),
-    )
+    clone.write_python("bin/python ;;", "bin/python; sleep 1 ;;")
     with ThreadPoolExecutor() as pool:
         runs = list(pool.map(lambda _: clone.setup(), range(2)))
     assert [run.returncode for run in runs] == [0, 0]
@@ -205,9 +206,7 @@ def test_another_interpreter_makes_a_new_environment(clone: Clone):
     clone.steps()
     assert clone.setup(PYTHON="python3").returncode == 0
     assert clone.steps() == [], "the same version keeps what is there"
-    clone.write_tool(
-        "python3.11", PYTHON.format(root=clone.root).replace("cat $root/version", "echo 3.11")
-    )
+    clone.write_python("cat $root/version", "echo 3.11", "python3.11")
     assert clone.setup(PYTHON="python3.11").returncode == 0
     assert clone.steps() == ["venv", "pip", "colcon"]
 
@@ -215,7 +214,7 @@ def test_another_interpreter_makes_a_new_environment(clone: Clone):
 def test_a_moved_clone_makes_a_new_environment(clone: Clone, tmp_path: Path):
     clone.setup()
     moved = Clone(clone.root.rename(tmp_path / "moved"), clone.bin)
-    moved.write_tool("python3", PYTHON.format(root=moved.root))
+    moved.write_python()
     moved.steps()
     assert moved.setup().returncode == 0
     assert moved.steps() == ["venv", "pip", "colcon"]
@@ -257,8 +256,6 @@ def test_a_failed_build_keeps_the_requirements(clone: Clone):
 
 def test_a_sourced_ros_does_not_leak_in(clone: Clone):
     seen = clone.root / "seen"
-    note = f'echo "$PYTHONPATH$AMENT_PREFIX_PATH" >> {seen}\n'
-    spy = PYTHON.format(root=clone.root) + note
-    clone.write_tool("python3", spy)
+    clone.write_python(new=f'echo "$PYTHONPATH$AMENT_PREFIX_PATH" >> {seen}\n')
     clone.setup(PYTHONPATH="/opt/ros/python", AMENT_PREFIX_PATH="/opt/ros/jazzy")
     assert "/opt/ros" not in seen.read_text()

@@ -22,23 +22,18 @@ import pytest
 
 SRC = Path(__file__).parents[2] / "tombo_ws" / "src"
 
+MATHS = {"tombo_dynamics", "tombo_control", "tombo_collision"}
+FLOWN = {*MATHS, "tombo_bag", "tombo_sim", "tombo_px4"}
 MAY_IMPORT = {
     "tombo_dynamics": set(),
     "tombo_control": {"tombo_dynamics"},
     "tombo_collision": {"tombo_dynamics"},
     "tombo_bag": {"tombo_dynamics"},
     # The fused kernel runs the physics and all cores in one compiled loop.
-    "tombo_sim": {"tombo_dynamics", "tombo_control", "tombo_collision"},
+    "tombo_sim": MATHS,
     "tombo_ros": {"tombo_dynamics", "tombo_bag"},
     "tombo_px4": {"tombo_dynamics", "tombo_control", "tombo_sim"},
-    "tombo_flight": {
-        "tombo_dynamics",
-        "tombo_control",
-        "tombo_collision",
-        "tombo_bag",
-        "tombo_sim",
-        "tombo_px4",
-    },
+    "tombo_flight": FLOWN,
     # The functions that simulate an effect are the ones that the diagnosis fits.
     "tombo_diagnosis": {"tombo_dynamics", "tombo_bag", "tombo_sim", "tombo_flight"},
     "tombo_propeller": {
@@ -48,17 +43,7 @@ MAY_IMPORT = {
         "tombo_flight",
         "tombo_diagnosis",
     },
-    "tombo_bringup": {
-        "tombo_dynamics",
-        "tombo_control",
-        "tombo_collision",
-        "tombo_bag",
-        "tombo_sim",
-        "tombo_px4",
-        "tombo_flight",
-        "tombo_diagnosis",
-        "tombo_propeller",
-    },
+    "tombo_bringup": {*FLOWN, "tombo_flight", "tombo_diagnosis", "tombo_propeller"},
 }
 LIBRARIES = {
     "tombo_dynamics": {"numpy", "scipy", "numba", "yaml"},  # yaml: the paper's printed tables
@@ -69,7 +54,7 @@ LIBRARIES = {
 }
 LARGEST_SHARE = 0.22
 """No package holds more of the lines than this."""
-COMPILED = {"tombo_dynamics", "tombo_control", "tombo_collision", "tombo_sim"}
+COMPILED = {*MATHS, "tombo_sim"}
 """Packages whose sources are in the key of the compile cache."""
 NED_FRD = {("tombo_px4",), ("tombo_diagnosis", "logs", "ulog.py")}
 """Where names of PX4's frames may be: everywhere else the world is ENU and the body FLU."""

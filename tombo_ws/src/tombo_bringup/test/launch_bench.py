@@ -50,19 +50,23 @@ class Value:
     value_type: type
 
 
+@dataclass
 class Argument:
-    def __init__(self, name: str, *, default_value: Any = None, description: str) -> None:
-        self.name, self.default, self.description = name, default_value, description
+    name: str
+    description: str = field(kw_only=True)
+    default_value: Any = field(default=None, kw_only=True)
 
 
+@dataclass
 class Source:
-    def __init__(self, location: Any) -> None:
-        self.location = location
+    location: Any
 
 
+@dataclass
 class Include:
-    def __init__(self, source: Source, *, launch_arguments: Any, condition: If | None) -> None:
-        self.source, self.arguments, self.condition = source, launch_arguments, condition
+    source: Source
+    launch_arguments: Any = field(kw_only=True)
+    condition: If | None = field(kw_only=True)
 
 
 @dataclass
@@ -149,23 +153,22 @@ def launch(file: str, **given: str) -> list[Started]:
     for entity in describe(file):
         if isinstance(entity, Argument):
             if entity.name not in context:
-                assert entity.default is not None, f"{file}: {entity.name} must be given"
-                context[entity.name] = text(entity.default, context)
+                assert entity.default_value is not None, f"{file}: {entity.name} must be given"
+                context[entity.name] = text(entity.default_value, context)
         elif entity.condition is not None and not holds(entity.condition, context):
             continue
         elif isinstance(entity, Include):
             path = Path(text(entity.source.location, context))
             assert path.parent == LAUNCH and path.is_file(), path
-            handed = {name: text(value, context) for name, value in entity.arguments}
+            handed = {name: text(value, context) for name, value in entity.launch_arguments}
             unknown = handed.keys() - arguments_of(path.name).keys()
             assert not unknown, f"{path.name} has no argument {unknown}"
             started += launch(path.name, **handed)
         elif isinstance(entity, Node):
             started.append(as_started(entity, context))
         else:
-            started.append(
-                Started("", "", "", [], {}, [text(word, context) for word in entity.cmd])
-            )
+            words = [text(word, context) for word in entity.cmd]
+            started.append(Started("", "", "", [], {}, words))
     return started
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import shlex
@@ -9,13 +10,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 import yaml
 
-from tombo_bringup.cli.main import run
 from tombo_px4.hil.link import HilLink
 
 COMPOSE = Path(__file__).parents[4] / "docker" / "compose.yaml"
@@ -91,22 +91,10 @@ def test_a_duration_ends_it_with_0_and_a_px4_that_left_is_told(started):
     assert out.splitlines()[-1] == "stopped after 1 flights"
 
 
-def exit_code(*arguments: str) -> int:
-    with pytest.raises(SystemExit) as left:
-        run(["hil", *arguments])
-    return int(left.value.code or 0)
-
-
-def test_a_busy_port_is_one_line_and_2(capsys):
-    link = HilLink(0)
-    try:
-        assert exit_code("--port", str(link.port)) == 2
-    finally:
-        link.close()
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith(f"Error: port {link.port} of 127.0.0.1 is taken by another program")
-    assert err.count("\n") == 1
+def test_a_busy_port_is_one_line_and_2(refused):
+    with contextlib.closing(HilLink(0)) as link:
+        taken = f"Error: port {link.port} of 127.0.0.1 is taken by another program"
+        refused(("hil", "--port", str(link.port)), taken)
 
 
 @pytest.mark.parametrize(
@@ -128,18 +116,21 @@ def test_a_busy_port_is_one_line_and_2(capsys):
         (["--mocap", "udpout://192.0.2.1:14580"], "192.0.2.1"),
     ],
 )
-def test_bad_input_is_one_line_and_2(options, says, capsys):
+def test_bad_input_is_one_line_and_2(refused, options, says):
     port = [] if "--port" in options else ["--port", "0"]
-    assert exit_code(*port, *options) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert says in err
-    assert err.count("\n") == 1
+    refused(("hil", *port, *options), says)
 
 
-def introduction(capsys: pytest.CaptureFixture[str], *options: str) -> str:
-    assert exit_code("--port", "0", "--duration", "0.05", *options) == 0
-    return capsys.readouterr().out
+@pytest.fixture
+def introduction(tombo) -> Callable[..., str]:
+    """What the command prints before PX4 connects."""
+
+    def told(*options: str) -> str:
+        result = tombo("hil", "--port", "0", "--duration", "0.05", *options)
+        assert result.code == 0
+        return result.out
+
+    return told
 
 
 def settings(text: str) -> dict[str, str]:
@@ -148,8 +139,8 @@ def settings(text: str) -> dict[str, str]:
     return dict(word.split("=") for word in shlex.split(block))
 
 
-def test_it_prints_how_px4_is_started_for_this_vehicle(capsys):
-    text = introduction(capsys)
+def test_it_prints_how_px4_is_started_for_this_vehicle(introduction):
+    text = introduction()
     given = settings(text)
     assert given["PX4_SIM_MODEL"] == "none_iris"
     assert given["PX4_SYS_AUTOSTART"] == "10016"
@@ -166,24 +157,24 @@ def test_it_prints_how_px4_is_started_for_this_vehicle(capsys):
 
 
 @pytest.mark.parametrize("rate", ["333", "500", "1000"])
-def test_another_hil_rate_comes_with_the_px4_parameter_it_needs(rate, capsys):
-    given = settings(introduction(capsys, "--rate", rate))
+def test_another_hil_rate_comes_with_the_px4_parameter_it_needs(rate, introduction):
+    given = settings(introduction("--rate", rate))
     assert given["PX4_PARAM_IMU_INTEG_RATE"] == rate
     assert given["PX4_PARAM_IMU_GYRO_RATEMAX"] == rate
 
 
-def test_the_compose_services_have_the_printed_parameters(capsys):
+def test_the_compose_services_have_the_printed_parameters(introduction):
     services = yaml.safe_load(COMPOSE.read_text(encoding="utf-8"))["services"]
     px4 = services["px4"]
-    text = introduction(capsys, "--mocap", "udpout://127.0.0.1:14280")
+    text = introduction("--mocap", "udpout://127.0.0.1:14280")
     assert px4["environment"] == settings(text)
     assert px4["image"] in text
     assert px4["command"] == ["-d"]  # its shell takes a core when there is no terminal
 
 
 @pytest.mark.parametrize("mocap", ["link", "udpout://127.0.0.1:14280"])
-def test_with_mocap_it_prints_what_px4_needs_to_fly_by_it_alone(mocap, capsys):
-    given = settings(introduction(capsys, "--mocap", mocap))
+def test_with_mocap_it_prints_what_px4_needs_to_fly_by_it_alone(mocap, introduction):
+    given = settings(introduction("--mocap", mocap))
     assert given["PX4_PARAM_EKF2_EV_CTRL"] == "11"
     assert given["PX4_PARAM_EKF2_GPS_CTRL"] == "0"
     assert given["PX4_PARAM_SYS_HAS_GPS"] == "0"
@@ -191,6 +182,6 @@ def test_with_mocap_it_prints_what_px4_needs_to_fly_by_it_alone(mocap, capsys):
     assert given.get("PX4_PARAM_EKF2_EV_DELAY") == ("10" if mocap == "link" else None)
 
 
-def test_the_hover_control_is_that_of_scenario_and_mapping(capsys):
-    text = introduction(capsys, "--scenario", "rigid_propeller", "--mapping", "speed")
+def test_the_hover_control_is_that_of_scenario_and_mapping(introduction):
+    text = introduction("--scenario", "rigid_propeller", "--mapping", "speed")
     assert float(settings(text)["PX4_PARAM_MPC_THR_HOVER"]) == pytest.approx(0.51, abs=0.001)

@@ -34,6 +34,11 @@ def entry_points(package: str) -> dict[str, str]:
     return dict(line.replace(" ", "").split("=") for line in lines if line)
 
 
+def one(started: list, name: str) -> bench.Started:
+    (found,) = (node for node in started if node.name == name)
+    return found
+
+
 def names(started: list) -> list[str]:
     return sorted(node.name.split("/")[-1] for node in started)
 
@@ -59,9 +64,7 @@ def test_the_suite_is_every_node_once():
 
 def test_without_a_folder_nothing_is_recorded():
     assert names(bench.launch("suite.launch.py")) == sorted(NODES - {"recorder"})
-    (recorder,) = (
-        n for n in bench.launch("suite.launch.py", record="runs/bag") if n.name == "/recorder"
-    )
+    recorder = one(bench.launch("suite.launch.py", record="runs/bag"), "/recorder")
     assert "runs/bag" in recorder.parameters.values()
 
 
@@ -85,7 +88,7 @@ def test_over_mavlink_px4_stands_for_estimator_and_controller():
 
 def test_a_real_px4_gets_its_vehicle_from_the_simulator_link():
     started = bench.launch("px4.launch.py", sim="false", hil="true")
-    (sim,) = (node for node in started if node.name == "/sim")
+    sim = one(started, "/sim")
     assert (sim.package, sim.executable) == ("tombo_px4", "hil_sim_node")
 
 
@@ -119,7 +122,7 @@ def test_common_arguments_reach_every_node(file: str, tmp_path: Path):
 
 
 def test_the_speed_reaches_the_simulator_as_a_number():
-    (sim,) = (n for n in bench.launch("suite.launch.py", speed="4") if n.name == "/sim")
+    sim = one(bench.launch("suite.launch.py", speed="4"), "/sim")
     assert sim.parameters["speed"] == 4.0 and isinstance(sim.parameters["speed"], float)
 
 
@@ -142,19 +145,19 @@ def test_every_parameter_that_is_given_is_one_of_the_node():
 def test_every_argument_says_what_it_is(file: str):
     for argument in bench.arguments_of(file).values():
         assert len(argument.description) > 15
-        assert argument.default is not None
+        assert argument.default_value is not None
 
 
-def test_the_page_names_every_argument_of_the_suite():
-    page = (bench.SRC.parents[1] / "docs" / "nodes.md").read_text()
-    for name in bench.arguments_of("suite.launch.py"):
-        assert f"`{name}`" in page or f"`{name}:=" in page, name
-
-
-def test_the_page_names_every_argument_of_the_flight_over_mavlink():
-    page = (bench.SRC.parents[1] / "docs" / "px4.md").read_text()
-    for name in bench.arguments_of("px4.launch.py").keys() - bench.arguments_of("sim.launch.py"):
-        assert f"`{name}`" in page or f"{name}:=" in page, name
+@pytest.mark.parametrize(
+    ("page", "file", "of_another_page"),
+    [("nodes.md", "suite.launch.py", ()), ("px4.md", "px4.launch.py", ("sim.launch.py",))],
+)
+def test_the_page_names_every_argument(page: str, file: str, of_another_page: tuple[str, ...]):
+    text = (bench.SRC.parents[1] / "docs" / page).read_text()
+    for name in bench.arguments_of(file).keys() - set().union(
+        *map(bench.arguments_of, of_another_page)
+    ):
+        assert f"`{name}`" in text or f"{name}:=" in text, name
 
 
 def test_fly_runs_the_command():

@@ -1,4 +1,4 @@
-"""docs/nodes.md says what the nodes are: its tables are up to date, its figure is true."""
+"""docs/nodes.md says what the nodes are; its tables and figures and those of docs/px4.md hold."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from tombo_dynamics.errors import InputError
 from tombo_flight.suite.nodes import PX4_SUITE, SUITE
 
 ROOT = Path(__file__).parents[4]
-PAGE = (ROOT / "docs" / "nodes.md").read_text()
+PAGE, PX4_PAGE = ((ROOT / "docs" / name).read_text() for name in ("nodes.md", "px4.md"))
 NODES = {node.name: node for node in every_node()}
 
 
 @pytest.mark.slow
-def test_the_tables_are_up_to_date():
-    due = "python -m tombo_bringup.interface_tables docs/nodes.md"
-    assert updated(PAGE, tables()) == PAGE, f"run: {due}"
+@pytest.mark.parametrize(("name", "page"), [("nodes.md", PAGE), ("px4.md", PX4_PAGE)])
+def test_the_tables_are_up_to_date(name: str, page: str):
+    due = f"python -m tombo_bringup.interface_tables docs/{name}"
+    assert updated(page, tables(name)) == page, f"run: {due}"
 
 
 def test_every_topic_has_a_line_and_a_speaker():
@@ -35,21 +36,21 @@ def test_what_flies_does_not_listen_to_the_truth():
         assert not any(topic.startswith("/ground_truth") for topic in node.subscribes)
 
 
-def edges() -> list[tuple[str, str, str]]:
-    return re.findall(r'^    (\w+) -- "([\w/]+)" --> (\w+)$', PAGE, re.M)
+def edges(page: str) -> list[tuple[str, str, str]]:
+    return re.findall(r'^    (\w+) -- "([\w/]+)" --> (\w+)$', page, re.M)
 
 
-@pytest.mark.parametrize(("speaker", "topic", "listener"), edges())
+@pytest.mark.parametrize(("speaker", "topic", "listener"), [*edges(PAGE), *edges(PX4_PAGE)])
 def test_an_arrow_of_the_figure_is_there(speaker: str, topic: str, listener: str):
     assert f"/{topic}" in NODES[speaker].publishes
     assert f"/{topic}" in NODES[listener].subscribes
 
 
 def test_the_figure_has_every_node_that_flies():
-    drawn = {name for a, _, b in edges() for name in (a, b)}
+    drawn = {name for a, _, b in edges(PAGE) for name in (a, b)}
     assert drawn == set(SUITE) - {"recorder"}
     block = PAGE[PAGE.index("```mermaid") :].split("```")[1]
-    assert len(edges()) == len(block.strip().splitlines()) - 2, "a line is not an arrow"
+    assert len(edges(PAGE)) == len(block.strip().splitlines()) - 2, "a line is not an arrow"
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,9 @@ import pytest
 from endpoint_bench import bench
 from px4_process import TOMBO, free_ports, px4_process, read_until
 from pymavlink.dialects.v20 import common as mavlink
+from suite_bench import read_terminal
 
 from in_time import in_time
-from tombo_bringup.cli import main
 from tombo_bringup.cli.flight.px4_command import set_parameter
 from tombo_bringup.cli.flight.px4_screen import state_line, where_to_connect
 from tombo_dynamics.errors import InputError
@@ -82,10 +82,10 @@ def test_it_ends_by_itself_after_its_duration():
 
 @pytest.mark.slow
 def test_a_busy_port_is_one_line_and_exit_code_2():
-    port, ground = free_ports()
-    for own in (port + 40, port + 4030):
+    given = ports()
+    for own in (int(given[1]) + 40, int(given[1]) + 4030):
         with listen(own):
-            code, out, err = run("--port", str(port), "--ground-port", str(ground))
+            code, out, err = run(*given)
         assert (code, out) == (2, "")
         assert err.count("\n") == 1
         assert str(own) in err and "in use" in err
@@ -111,18 +111,10 @@ def test_a_busy_port_is_one_line_and_exit_code_2():
         (["--seed", "-1"], "--seed -1"),
     ],
 )
-def test_bad_input_is_one_line_and_exit_code_2(options, words, capsys):
-    given = dict(zip(options[::2], options[1::2], strict=True))
-    port, ground = free_ports()
-    more = []
-    for name, number in (("--port", port), ("--ground-port", ground)):
-        more += [] if name in given else [name, str(number)]
-    with pytest.raises(SystemExit) as ended:
-        main.run(["px4", *options, *more])
-    out, err = capsys.readouterr()
-    assert (ended.value.code, out) == (2, "")
-    assert err.startswith("Error: ") and err.count("\n") == 1
-    assert words in err
+def test_bad_input_is_one_line_and_exit_code_2(refused, options, words):
+    free = zip(("--port", "--ground-port"), map(str, free_ports()), strict=True)
+    more = [word for pair in free if pair[0] not in options for word in pair]
+    refused(("px4", *options, *more), words)
 
 
 def test_parameters_of_the_command_line_are_set():
@@ -163,22 +155,12 @@ def test_on_a_terminal_the_state_is_live(tmp_path):
         env={**os.environ, "TERM": "xterm", "COLUMNS": "200"},
     )  # fmt: skip
     os.close(slave)
-    shown = b""
     try:
-        while True:
-            try:
-                data = os.read(master, 4096)
-            except OSError:  # the other side is closed
-                break
-            if not data:
-                break
-            shown += data
+        shown = read_terminal(master)
         assert process.wait(timeout=60.0) == 0
     finally:
-        os.close(master)
-        if process.poll() is None:
-            process.kill()
-            process.wait()
+        process.kill()
+        process.wait()
     assert b"disarmed, hold" in shown
     assert b"nobody heard" in shown
     assert b"stopped after" in shown

@@ -7,19 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from tombo_bringup.interface_tables import every_node, tables, updated
 from tombo_px4.autopilot.parameters import PARAMETERS
 from tombo_px4.hil.hil_start_help import MOCAP_ONLY
 
 ROOT = Path(__file__).parents[4]
 PAGE = (ROOT / "docs" / "px4.md").read_text()
 TESTS = "\n".join(path.read_text() for path in ROOT.glob("t*/**/test_*.py"))
-NODES = {node.name: node for node in every_node()}
-
-
-def test_the_table_is_up_to_date():
-    due = "python -m tombo_bringup.interface_tables docs/px4.md"
-    assert updated(PAGE, tables("px4.md")) == PAGE, f"run: {due}"
 
 
 @pytest.mark.parametrize("name", sorted(set(re.findall(r"`(test_\w+)`", PAGE))))
@@ -53,15 +46,6 @@ def test_the_parameters_for_mocap_are_those_that_are_set():
     assert told.items() >= MOCAP_ONLY.items()
     known = {p.name for p in PARAMETERS}
     assert set(told) <= known
-
-
-@pytest.mark.parametrize(
-    ("speaker", "topic", "listener"),
-    re.findall(r'^    (\w+) -- "([\w/]+)" --> (\w+)$', PAGE, re.M),
-)
-def test_an_arrow_of_the_figure_is_there(speaker: str, topic: str, listener: str):
-    assert f"/{topic}" in NODES[speaker].publishes
-    assert f"/{topic}" in NODES[listener].subscribes
 
 
 def test_its_picture_is_there_and_small():

@@ -13,8 +13,7 @@ from tempfile import TemporaryDirectory
 
 def warm_propeller() -> None:
     """Evaluate every law, of a soft and of the rigid propeller, and make the simulator's maps."""
-    from tombo_dynamics.propeller import configuration, evaluate, thrust_map, valid_speed
-    from tombo_flight.scenario import LAWS
+    from tombo_dynamics.propeller import LAWS, configuration, evaluate, thrust_map, valid_speed
 
     for law in LAWS:
         for conf in (configuration(0), configuration(13)):

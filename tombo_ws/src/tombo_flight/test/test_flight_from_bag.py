@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from bag_rewrite import every, metadata_of, rewrite
 
-from tombo_bag.flight_time import FLIGHT_METADATA
-from tombo_bag.mcap_sink import Columns, McapSink
-from tombo_bag.reader import Bag
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import Phase
-from tombo_dynamics.time_base import EPOCH_NS
+from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_from_bag import flight_from_bag
 from tombo_flight.flight_output import write_mcap
@@ -47,49 +44,15 @@ def headless(flown: FlightRecord, tmp_path_factory: pytest.TempPathFactory) -> P
     return path
 
 
-def rewrite(
-    source: Path,
-    target: Path,
-    *,
-    shift_s: int = 0,
-    log_time: Callable[[np.ndarray], np.ndarray] = lambda stamps: stamps,
-    keep: Callable[[str, int], np.ndarray] | None = None,
-    metadata: dict[str, str] | None = None,
-    edit: Callable[[str, list[bytes]], list[bytes]] = lambda topic, messages: messages,
-) -> Path:
-    """The same messages with other stamps, log times, losses, metadata and content."""
-    bag = Bag(source)
-    with McapSink(target) as sink:
-        if metadata is not None:
-            sink.add_metadata(FLIGHT_METADATA, metadata)
-        parts = []
-        for number, channel in bag.channels.items():
-            raw = bag.messages(number)
-            typename = bag.topics[channel.topic].typename
-            there = np.ones(len(raw.messages), bool)
-            if keep is not None:
-                there = keep(channel.topic, len(raw.messages))
-            if not there.any():
-                continue
-            times = log_time(raw.log_times_ns + shift_s * 10**9)[there]
-            kept = [data for data, wanted in zip(raw.messages, there, strict=True) if wanted]
-            chosen = [shifted(data, typename, shift_s) for data in kept] if shift_s else kept
-            chosen = edit(channel.topic, chosen)
-            parts.append(Columns(sink.add_channel(channel.topic, typename), times, chosen))
-        sink.write_columns(*parts)
-    return target
+@pytest.fixture
+def reread(headless: Path, tmp_path: Path) -> Callable[..., FlightRecord]:
+    """The flight as it is read back after changes to its recording, those of `rewrite`."""
 
+    def read(**changes: Any) -> FlightRecord:
+        changes = {"metadata": metadata_of(headless), **changes}
+        return flight_from_bag(rewrite(headless, tmp_path / "rewritten.mcap", **changes))
 
-def shifted(data: bytes, typename: str, shift_s: int) -> bytes:
-    if typename.endswith(("TFMessage", "MarkerArray")):
-        return data
-    (seconds,) = struct.unpack_from("<i", data, 4)
-    return data[:4] + struct.pack("<i", seconds + shift_s) + data[8:]
-
-
-def metadata_of(path: Path, *left_out: str) -> dict[str, str]:
-    (found,) = (m for m in Bag(path).metadata if m.name == FLIGHT_METADATA)
-    return {key: value for key, value in found.metadata.items() if key not in left_out}
+    return read
 
 
 def assert_same_figures(found: dict[str, Any], wanted: dict[str, Any]) -> None:
@@ -141,45 +104,38 @@ def test_what_is_recorded_less_often_comes_back_close(flown, headless):
     assert not wrong.any()
 
 
-def test_a_flight_of_today_with_losses_begins_at_its_first_pose(flown, headless, tmp_path):
+def test_a_flight_of_today_with_losses_begins_at_its_first_pose(flown, headless, reread):
     """As the nodes record it: stamps since 1970, best effort, no epoch in the file."""
     rng = np.random.default_rng(0)
 
     def keep(topic: str, count: int) -> np.ndarray:
         if topic not in TRUTH[:2]:
-            return np.ones(count, bool)
+            return every(topic, count)
         kept = rng.random(count) > 0.02
         kept[[0, -1]] = True
         return kept
 
-    path = rewrite(
-        headless, tmp_path / "nodes.mcap", shift_s=TODAY_S, keep=keep,
-        log_time=lambda stamps: stamps + 200_000, metadata=metadata_of(headless, "epoch_ns"),
+    found = reread(
+        shift_s=TODAY_S, keep=keep, log_time=lambda stamps: stamps + 200_000,
+        metadata=metadata_of(headless, "epoch_ns"),
     )  # fmt: skip
-    found = flight_from_bag(path)
 
     assert_same_figures(found.summary, flown.summary)
     assert found.t[0] == 0.0
     assert found.t.size == flown.t.size
 
 
-def test_a_recorder_on_another_clock_knows_when_a_collision_was_known(flown, headless, tmp_path):
+def test_a_recorder_on_another_clock_knows_when_a_collision_was_known(flown, reread):
     """Simulated time at twice the speed: the recorder's clock goes half as fast."""
-    wall_ns = TODAY_S * 10**9
 
     def log_time(stamps: np.ndarray) -> np.ndarray:
-        return wall_ns + (stamps - EPOCH_NS) // 2
+        return TODAY_S * SECOND_NS + (stamps - EPOCH_NS) // 2
 
     def keep(topic: str, count: int) -> np.ndarray:
         """Without the last second of truth: what came later is known all the same."""
         return np.arange(count) < count - (250 if topic == TRUTH[0] else 0)
 
-    found = flight_from_bag(
-        rewrite(
-            headless, tmp_path / "fast.mcap", log_time=log_time, keep=keep,
-            metadata=metadata_of(headless),
-        )
-    )  # fmt: skip
+    found = reread(log_time=log_time, keep=keep)
 
     assert found.summary["detection_latency_s"] == pytest.approx(
         flown.summary["detection_latency_s"], abs=2e-6
@@ -187,16 +143,13 @@ def test_a_recorder_on_another_clock_knows_when_a_collision_was_known(flown, hea
     assert found.mocap_arrival == pytest.approx(flown.mocap_arrival, abs=2e-6)
 
 
-def test_time_begins_shortly_before_the_missions_first_word(flown, headless, tmp_path):
+def test_time_begins_shortly_before_the_missions_first_word(flown, headless, reread):
     """The simulator is there before all nodes are; three poses and a step go before the word."""
 
     def keep(topic: str, count: int) -> np.ndarray:
         return np.arange(count) >= (1 if topic == "/mission/status" else 0)
 
-    path = rewrite(
-        headless, tmp_path / "late.mcap", keep=keep, metadata=metadata_of(headless, "epoch_ns")
-    )
-    found = flight_from_bag(path)
+    found = reread(keep=keep, metadata=metadata_of(headless, "epoch_ns"))
 
     begun_s = flown.t[flown.log["mode"][:, 0] > 0.0][0]
     contact_s = flown.summary["collision_time_s"] - found.summary["collision_time_s"]
@@ -205,7 +158,12 @@ def test_time_begins_shortly_before_the_missions_first_word(flown, headless, tmp
     assert found.mocap_t[0] == pytest.approx(flown.mocap_t[0] - contact_s, abs=1e-6)
 
 
-def test_a_descent_that_the_reaction_orders_is_the_mode_flown(flown, headless, tmp_path):
+def set_points(most: int) -> Callable[[str, int], np.ndarray]:
+    """Keep so many set points, and all else."""
+    return lambda topic, count: np.arange(count) < (most if topic == "/setpoint" else count)
+
+
+def test_a_descent_that_the_reaction_orders_is_the_mode_flown(flown, reread):
     """The mission does not know of it: it stands in the set point only.
 
     Set points begin with the estimates, and the 200th is followed a tick after it is published.
@@ -216,44 +174,33 @@ def test_a_descent_that_the_reaction_orders_is_the_mode_flown(flown, headless, t
             return messages
         return [*messages[:200], *(data[:-1] + b"\x08" for data in messages[200:250])]
 
-    path = rewrite(
-        headless, tmp_path / "blind.mcap", edit=edit, metadata=metadata_of(headless),
-        keep=lambda topic, count: np.arange(count) < (250 if topic == "/setpoint" else count),
-    )  # fmt: skip
-    mode = flight_from_bag(path).log["mode"][:, 0]
+    mode = reread(edit=edit, keep=set_points(250)).log["mode"][:, 0]
     descent = int(flown.published["/setpoint"][0][200]) + 1
 
     assert np.array_equal(mode[:descent], flown.log["mode"][:descent, 0])
     assert (mode[descent : descent + 1000] == 8).all()
 
 
-def test_a_recording_that_ends_with_the_missions_last_word_has_landed(headless, tmp_path, flown):
+def test_a_recording_that_ends_with_the_missions_last_word_has_landed(reread, flown):
     """The set point that would have said so too is no longer there."""
     ticks, setpoints = flown.published["/setpoint"]
     before = int(np.argmax(setpoints["phase"] == Phase.LANDED))
-    path = rewrite(
-        headless, tmp_path / "ended.mcap", metadata=metadata_of(headless),
-        keep=lambda topic, count: np.arange(count) < (before if topic == "/setpoint" else count),
-    )  # fmt: skip
+    found = reread(keep=set_points(before))
 
-    assert flight_from_bag(path).summary["landed"]
-    assert flight_from_bag(path).log["mode"][ticks[before] - 2, 0] != Phase.LANDED
+    assert found.summary["landed"]
+    assert found.log["mode"][ticks[before] - 2, 0] != Phase.LANDED
 
 
-def test_a_recording_without_scenario_is_read_with_the_defaults(headless, tmp_path, flown):
-    found = flight_from_bag(rewrite(headless, tmp_path / "bare.mcap"))
+def test_a_recording_without_scenario_is_read_with_the_defaults(reread, flown):
+    found = reread(metadata={})
 
     assert found.summary["scenario"] == "recording"
     assert found.summary["collision_time_s"] == flown.summary["collision_time_s"]
     assert found.scenario["obstacle"]["x_m"] == pytest.approx(flown.scenario["obstacle"]["x_m"])
 
 
-def test_a_flight_of_which_only_the_truth_is_there_can_still_be_drawn(headless, tmp_path):
-    path = rewrite(
-        headless, tmp_path / "truth.mcap", metadata=metadata_of(headless),
-        keep=lambda topic, count: np.full(count, topic in TRUTH),
-    )  # fmt: skip
-    found = flight_from_bag(path)
+def test_a_flight_of_which_only_the_truth_is_there_can_still_be_drawn(reread):
+    found = reread(keep=lambda topic, count: np.full(count, topic in TRUTH))
 
     assert found.summary["collided"]
     assert not found.summary["detected"]
@@ -262,11 +209,10 @@ def test_a_flight_of_which_only_the_truth_is_there_can_still_be_drawn(headless, 
     assert png_bytes(draw_flight(found)).startswith(b"\x89PNG")
 
 
-def test_a_scenario_that_is_none_is_refused(headless, tmp_path):
+def test_a_scenario_that_is_none_is_refused(reread):
     for text in ('{"vehicle": {"mass": -1}}', "[1", '{"obstacle": {"x_m": 1}}'):
-        path = rewrite(
-            headless, tmp_path / "bad.mcap", metadata={"scenario": text},
-            keep=lambda topic, count: np.full(count, topic == TRUTH[0]),
-        )  # fmt: skip
         with pytest.raises(InputError, match="its scenario can't be used"):
-            flight_from_bag(path)
+            reread(
+                metadata={"scenario": text},
+                keep=lambda topic, count: np.full(count, topic == TRUTH[0]),
+            )

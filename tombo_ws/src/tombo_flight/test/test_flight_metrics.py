@@ -105,6 +105,10 @@ def collision():
     return made.set("position", CONTACT, CONTACT + 3.0, beside(0.5, 0.0, 0.0))
 
 
+def times(events, kind):
+    return [event["time_s"] for event in events if event["kind"] == kind]
+
+
 # --- Contact and detection ------------------------------------------------------------------
 
 
@@ -208,7 +212,9 @@ def test_one_that_never_calms_down_has_no_end_of_the_unstable_phase():
     assert collision().tilted(CONTACT, 99.0, 0.3).figures()["unstable_phase_s"] is None
 
 
-def test_recovered_when_near_and_slow_for_a_second():
+def test_recovered_when_near_and_slow_for_a_second_before_landing():
+    landing = collision().set("mode", CONTACT + 3.9, 99.0, Phase.LAND)
+    assert landing.figures()["recovery_time_s"] is None
     made = collision()
     assert made.figures()["recovery_time_s"] == pytest.approx(3.0)
     made.set("velocity", CONTACT + 3.0, CONTACT + 3.2, [0.0, 0.11, 0.0])
@@ -224,7 +230,7 @@ def test_settled_error_is_the_mean_distance_until_landing():
     made.set("mode", 12.0, 99.0, Phase.LAND).set("position", 12.0, 99.0, 0.18, axis=2)
     figures, events = made.summary()
     assert figures["settled_error_m"] == pytest.approx(0.05)
-    assert [e["time_s"] for e in events if e["kind"] == "settled"] == [CONTACT + 3.0]
+    assert times(events, "settled") == [CONTACT + 3.0]
 
 
 def test_not_recovered_without_reaction_or_at_another_place():
@@ -244,11 +250,6 @@ def test_after_a_second_collision_it_is_the_last_x_r_that_counts():
     made.reacted(X_R)
     assert made.figures()["recovery_time_s"] == pytest.approx(3.0)
     assert made.figures()["x_r_m"] == pytest.approx(X_R.tolist())
-
-
-def test_landing_ends_the_time_in_which_it_may_recover():
-    made = collision().set("mode", CONTACT + 3.9, 99.0, Phase.LAND)
-    assert made.figures()["recovery_time_s"] is None
 
 
 def test_no_contact_is_no_success():
@@ -277,7 +278,7 @@ def test_touching_the_ground_before_landing_is_commanded_is_a_crash():
     figures, events = made.summary()
     assert figures["crashed"]
     assert figures["crash_time_s"] == 5.0
-    assert [e["time_s"] for e in events if e["kind"] == "crash"] == [5.0]
+    assert times(events, "crash") == [5.0]
     bounced = collision().set("position", 5.0, 5.002, ON_THE_FLOOR)
     assert bounced.figures()["crashed"]
 
@@ -356,7 +357,7 @@ def test_strikes_and_broken_rotors_are_counted():
     figures, events = made.summary()
     assert figures["strikes"] == 3
     assert figures["rotors_broken"] == 1
-    assert [e["time_s"] for e in events if e["kind"] == "rotor_broken"] == [4.3]
+    assert times(events, "rotor_broken") == [4.3]
 
 
 def test_tracking_is_measured_before_contact_only():

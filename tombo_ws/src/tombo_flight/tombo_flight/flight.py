@@ -21,16 +21,11 @@ from tombo_control.mission_core import status_text
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.message_records import message_of
-from tombo_dynamics.messages import PHASE_NAMES, MissionStatus
 from tombo_dynamics.messages import CollisionEvent as CollisionMessage
+from tombo_dynamics.messages import MissionStatus
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
-from tombo_flight.flight_metrics import (
-    MetricsInput,
-    detection_event,
-    summarize,
-    switch_event,
-)
+from tombo_flight.flight_metrics import MetricsInput, collision_events, phase_event, summarize
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.scenario import Scenario, as_mapping, world_of
 from tombo_flight.wiring import CORES, core_of
@@ -184,15 +179,11 @@ def _record(
     t: Array = np.arange(log.shape[0], dtype=np.float64) * TICK_S
     detections = [_detection(event) for event in published["event"]["message"]]
     arrivals = (published["event"]["tick"] * TICK_S).tolist()
-    events = [detection_event(*known) for known in zip(detections, arrivals, strict=True)]
     status = published["reaction_status"]
     decided = status[np.diff(status["message"]["collisions"], prepend=0) > 0]
     decisions = [Decision(s["x_c"], s["n_r"], s["x_r"]) for s in decided["message"]]
-    events += [
-        switch_event(decision, float(entry["tick"]) * TICK_S, i + 1)
-        for i, (decision, entry) in enumerate(zip(decisions, decided, strict=True))
-    ]
-    events += _phases(published)
+    switches = (decided["tick"] * TICK_S).tolist()
+    events = collision_events(detections, arrivals, decisions, switches) + _phases(published)
     summary, seen = summarize(
         MetricsInput(scenario, seed, t, columns, detections, arrivals, decisions, wall)
     )
@@ -250,11 +241,4 @@ def _phases(published: dict[str, Any]) -> list[dict[str, Any]]:
     status = published["mission_status"]
     phase = status["message"]["phase"]
     begun = np.flatnonzero(np.diff(phase, prepend=0) != 0)
-    return [
-        {
-            "time_s": float(status["tick"][i]) * TICK_S,
-            "kind": PHASE_NAMES[phase[i]],
-            "text": PHASE_NAMES[phase[i]].replace("_", " "),
-        }
-        for i in begun
-    ]
+    return [phase_event(float(status["tick"][i]) * TICK_S, phase[i]) for i in begun]

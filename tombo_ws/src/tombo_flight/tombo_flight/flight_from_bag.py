@@ -43,17 +43,13 @@ from tombo_collision.detector import CollisionEvent
 from tombo_collision.reactions import Decision
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.messages import PHASE_NAMES, Phase, ReactionPhase, Trigger
+from tombo_dynamics.messages import Phase, ReactionPhase, Trigger
 from tombo_dynamics.rotation import conjugate, map_to_body, unwrap_quaternions
-from tombo_dynamics.time_base import TICK_NS, TICK_S
-from tombo_flight.flight_metrics import (
-    MetricsInput,
-    detection_event,
-    summarize,
-    switch_event,
-)
+from tombo_dynamics.time_base import SECOND_NS, TICK_NS, TICK_S
+from tombo_flight.flight_metrics import MetricsInput, collision_events, phase_event, summarize
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.pose_track import PoseTrack, pose_track
+from tombo_flight.replay.poses import vectors
 from tombo_flight.scenario import Scenario, as_mapping, scenario_from_mapping
 from tombo_sim.log_columns import LogRow
 
@@ -61,9 +57,9 @@ Ticks = NDArray[np.int64]
 
 _FIRST_POSES = 3
 """The estimator begins from so many poses of the motion capture."""
-_FIRST_STEP_NS = 20_000_000
+_FIRST_STEP_NS = 20 * TICK_NS
 """Longest time from the first estimate to the mission's first message: its period."""
-_BEYOND_NS = 1_000_000_000
+_BEYOND_NS = SECOND_NS
 """A flight ends at most this time after its last known state."""
 _NAME_OF_TRIGGER = {int(trigger): trigger.name.lower() for trigger in Trigger}
 _TOPICS = (
@@ -148,7 +144,9 @@ class _RecordedFlight:
             self._track = _mocap_track(path, tables)
             known = self._track.stamps_ns
         self._flown, self._scenario = _scenario(path, metadata)
-        lead_ns = _FIRST_STEP_NS + round(1e9 * _FIRST_POSES / self._scenario.estimator.mocap_rate)
+        lead_ns = _FIRST_STEP_NS + round(
+            SECOND_NS * _FIRST_POSES / self._scenario.estimator.mocap_rate
+        )
         epoch = _epoch(metadata, tables, known, lead_ns)
         last = int(known.max())
         if IMU.name in tables:
@@ -163,36 +161,24 @@ class _RecordedFlight:
         if self._track is not None:
             self._assume_contact(log, detections)
         reactions, switches = self._reactions()
-        events = [detection_event(e, at) for e, at in zip(detections, arrivals, strict=True)]
-        events += [
-            switch_event(reaction, at, i + 1)
-            for i, (reaction, at) in enumerate(zip(reactions, switches, strict=True))
-        ]
-        events += _phase_events(t, log["mode"][:, 0])
-        summary, seen = summarize(
-            MetricsInput(
-                self._scenario,
-                int(self._flown.get("seed", 0)),
-                t,
-                log,
-                detections,
-                arrivals,
-                reactions,
-                wall_time_s,
-            )
-        )
+        events = collision_events(detections, arrivals, reactions, switches)
+        phases = log["mode"][:, 0]
+        changes = np.flatnonzero(phases[1:] != phases[:-1]) + 1
+        events += [phase_event(t[k], phases[k]) for k in changes]
+        seed = int(self._flown.get("seed", 0))
+        known = (detections, arrivals, reactions, wall_time_s)
+        summary, seen = summarize(MetricsInput(self._scenario, seed, t, log, *known))
         if self._track is not None:
             summary, seen = _without_truth(summary, seen)
         self._find_obstacle()
-        poses = self._tables.get(MOCAP_POSE.name)
         captured: Array = np.zeros(0)
         arrival: Array = np.zeros(0)
         position: Array = np.zeros((0, 3))
         attitude: Array = np.zeros((0, 4))
-        if poses is not None:
+        if (poses := self._tables.get(MOCAP_POSE.name)) is not None:
             captured = self._grid.seconds(poses["stamp_ns"])
             arrival = self._to_flight_time(poses["log_time_ns"])
-            position, attitude = _vector(poses, "pose.position"), _turn(poses, "pose.orientation")
+            position, attitude = vectors(poses, "pose.position"), _turn(poses, "pose.orientation")
         return FlightRecord(
             t=t,
             log=log,
@@ -246,7 +232,7 @@ class _RecordedFlight:
         )
         for topic, column, path in held:
             if (table := self._tables.get(topic)) is not None:
-                log[column] = self._grid.held(table["stamp_ns"], _vector(table, path))
+                log[column] = self._grid.held(table["stamp_ns"], vectors(table, path))
         if (table := self._tables.get(ATTITUDE_SETPOINT.name)) is not None:
             stamps = table["stamp_ns"]
             log["attitude_setpoint"] = self._grid.held(stamps, _turn(table, "orientation"))
@@ -267,7 +253,7 @@ class _RecordedFlight:
         log["attitude"] = self._grid.smooth(stamps, unwrap_quaternions(track.attitude))
         log["attitude"] /= np.linalg.norm(log["attitude"], axis=1, keepdims=True)
         if (table := self._tables.get(IMU.name)) is not None:
-            rates = _vector(table, "angular_velocity")
+            rates = vectors(table, "angular_velocity")
             log["rates"] = self._grid.held(table["stamp_ns"], rates)
 
     def _assume_contact(self, log: dict[str, Array], detections: list[CollisionEvent]) -> None:
@@ -287,10 +273,10 @@ class _RecordedFlight:
         turn = _turn(table, "pose.pose.orientation")
         back = conjugate(turn)
         values = (
-            _vector(table, "pose.pose.position"),
+            vectors(table, "pose.pose.position"),
             unwrap_quaternions(turn),
-            map_to_body(back, _vector(table, "twist.twist.linear")),
-            _vector(table, "twist.twist.angular"),
+            map_to_body(back, vectors(table, "twist.twist.linear")),
+            vectors(table, "twist.twist.angular"),
         )
         for name, value in zip(names, values, strict=True):
             if name:
@@ -299,10 +285,10 @@ class _RecordedFlight:
 
     def _rotors(self, log: dict[str, Array]) -> None:
         table = self._tables.get(TRUE_ROTORS.name)
-        names = {"speed": "rotor_speed", "thrust": "rotor_thrust", "fold": "fold"}
-        for field, name in {**names, "damage": "damage"}.items():
-            if table is not None:
-                log[name] = self._grid.smooth(table["stamp_ns"], table[field])
+        if table is not None:
+            names = {"rotor_speed": "speed", "rotor_thrust": "thrust"}
+            for name in (*names, "fold", "damage"):
+                log[name] = self._grid.smooth(table["stamp_ns"], table[names.get(name, name)])
 
     def _contact(self, log: dict[str, Array]) -> None:
         """Mark the ticks with contact."""
@@ -315,8 +301,8 @@ class _RecordedFlight:
         at = at[there]
         log["contact"][at, 0] = 1.0
         log["contact"][at, 1] = table["rotor"][there]
-        log["contact"][at, 2:5] = _vector(table, "point")[there]
-        log["contact_force"][at] = _vector(table, "force")[there]
+        log["contact"][at, 2:5] = vectors(table, "point")[there]
+        log["contact_force"][at] = vectors(table, "force")[there]
 
     def _phases(self) -> Array:
         """Return the phase of the set point followed, a tick after it was published.
@@ -343,9 +329,9 @@ class _RecordedFlight:
         if table is None:
             return [], []
         stamps = self._grid.seconds(table["stamp_ns"])
-        contact_ns = table["contact_stamp.sec"].astype(np.int64) * 10**9
+        contact_ns = table["contact_stamp.sec"].astype(np.int64) * SECOND_NS
         contacts = self._grid.seconds(contact_ns + table["contact_stamp.nanosec"])
-        x_c, direction = _vector(table, "contact_position"), _vector(table, "flight_direction")
+        x_c, direction = vectors(table, "contact_position"), vectors(table, "flight_direction")
         events = [
             CollisionEvent(
                 float(stamps[i]),
@@ -367,7 +353,7 @@ class _RecordedFlight:
         if table is None:
             return [], []
         since = self._grid.seconds(table["stamp_ns"])
-        x_c, x_r, n_r = (_vector(table, name) for name in ("x_c", "x_r", "n_r"))
+        x_c, x_r, n_r = (vectors(table, name) for name in ("x_c", "x_r", "n_r"))
         found: list[Decision] = []
         times: list[float] = []
         known = 0
@@ -397,13 +383,9 @@ class _RecordedFlight:
         if table is None or names is None or not (names == "obstacle").any():
             return
         i = int(np.argmax(names == "obstacle"))
-        height = float(table["markers[0].scale.z"][i])
-        self._flown["obstacle"] = {
-            "x_m": float(table["markers[0].pose.position.x"][i]),
-            "y_m": float(table["markers[0].pose.position.y"][i]),
-            "radius_m": 0.5 * float(table["markers[0].scale.x"][i]),
-            "top_m": height,
-        }
+        fields = ("pose.position.x", "pose.position.y", "scale.x", "scale.z")
+        x, y, width, top = (float(table[f"markers[0].{field}"][i]) for field in fields)
+        self._flown["obstacle"] = {"x_m": x, "y_m": y, "radius_m": 0.5 * width, "top_m": top}
 
 
 def _mocap_track(path: Path, tables: Mapping[str, ColumnTable]) -> PoseTrack:
@@ -415,7 +397,7 @@ def _mocap_track(path: Path, tables: Mapping[str, ColumnTable]) -> PoseTrack:
     table = tables.get(MOCAP_POSE.name)
     track = None
     if table is not None:
-        place, turn = _vector(table, "pose.position"), _turn(table, "pose.orientation")
+        place, turn = vectors(table, "pose.position"), _turn(table, "pose.orientation")
         track = pose_track(table["stamp_ns"], place, turn)
     if track is None:
         raise InputError(
@@ -471,29 +453,14 @@ def _scenario(path: Path, metadata: Mapping[str, str]) -> tuple[dict[str, Any], 
         values = {key: value for key, value in flown.items() if key != "seed"}
         pole = values.get("obstacle", {})
         if "x_m" in pole:
-            keys = {"x": "x_m", "y": "y_m", "radius": "radius_m", "top": "top_m"}
-            values["obstacle"] = {key: pole[name] for key, name in keys.items()}
+            values["obstacle"] = {key: pole[f"{key}_m"] for key in ("x", "y", "radius", "top")}
         return flown, scenario_from_mapping(values, str(flown.get("name", "recording")))
     except (ValueError, TypeError, KeyError) as error:  # ValueError: also InputError
         raise InputError(f"'{path}': its scenario can't be used: {error}") from error
 
 
-def _phase_events(t: Array, phases: Array) -> list[dict[str, Any]]:
-    """Return an event for each change of the phase."""
-    changes = np.flatnonzero(phases[1:] != phases[:-1]) + 1
-    names = [PHASE_NAMES[int(phases[k])] if phases[k] < len(PHASE_NAMES) else "?" for k in changes]
-    return [
-        {"time_s": float(t[k]), "kind": name, "text": name.replace("_", " ")}
-        for k, name in zip(changes, names, strict=True)
-    ]
-
-
-def _vector(table: ColumnTable, path: str) -> Array:
-    return np.column_stack([table[f"{path}.{axis}"] for axis in "xyz"]).astype(np.float64)
-
-
 def _turn(table: ColumnTable, path: str) -> Array:
-    return np.column_stack([table[f"{path}.{axis}"] for axis in "xyzw"]).astype(np.float64)
+    return vectors(table, path, "xyzw")
 
 
 def _column(table: ColumnTable, path: str) -> Array:

@@ -6,6 +6,7 @@ Definitions are those of `docs/figures.md`; each function says its own.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from tombo_collision.detector import CollisionEvent
 from tombo_collision.reactions import Decision
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.messages import Phase
+from tombo_dynamics.messages import PHASE_NAMES, Phase
 from tombo_dynamics.rotation import tilt
 from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES, VehicleParams
@@ -45,34 +46,45 @@ class MetricsInput:
     wall_time_s: float
 
 
-def detection_event(event: CollisionEvent, at_s: float) -> dict[str, Any]:
-    """Return a detection, known at `at_s` [s], as an event of the record."""
-    return {
-        "time_s": at_s,
-        "kind": "detection",
-        "text": f"collision detected ({event.trigger})",
-        "trigger": event.trigger,
-        "stamp_s": event.stamp_s,
-        "contact_time_s": event.contact_time_s,
-        "x_c_m": event.x_c.tolist(),
-        "flight_direction": event.flight_direction.tolist(),
-        "confidence": event.confidence,
-        "statistic": event.statistic,
-        "count": event.count,
-    }
+def event(time_s: float, kind: str, text: str, **more: Any) -> dict[str, Any]:
+    """Return an event of the record: what happened at a time [s]."""
+    return {"time_s": float(time_s), "kind": kind, "text": text, **more}
 
 
-def switch_event(reaction: Decision, at_s: float, count: int) -> dict[str, Any]:
-    """Return the `count`-th decision, made at `at_s` [s], as an event of the record."""
-    return {
-        "time_s": at_s,
-        "kind": "setpoint_switch",
-        "text": "set point moved to x_r",
-        "x_c_m": reaction.x_c.tolist(),
-        "x_r_m": reaction.x_r.tolist(),
-        "n_r": reaction.n_r.tolist(),
-        "count": count,
-    }
+def phase_event(time_s: float, phase: float) -> dict[str, Any]:
+    """Return the beginning of a phase as an event of the record."""
+    name = PHASE_NAMES[int(phase)] if phase < len(PHASE_NAMES) else "?"
+    return event(time_s, name, name.replace("_", " "))
+
+
+def collision_events(
+    detections: Sequence[CollisionEvent],
+    known_s: Sequence[float],
+    decisions: Sequence[Decision],
+    decided_s: Sequence[float],
+) -> list[dict[str, Any]]:
+    """Return detections, known at times [s], and the decisions after them as events."""
+    found = [
+        event(
+            at_s,
+            "detection",
+            f"collision detected ({seen.trigger})",
+            trigger=seen.trigger,
+            stamp_s=seen.stamp_s,
+            contact_time_s=seen.contact_time_s,
+            x_c_m=seen.x_c.tolist(),
+            flight_direction=seen.flight_direction.tolist(),
+            confidence=seen.confidence,
+            statistic=seen.statistic,
+            count=seen.count,
+        )
+        for seen, at_s in zip(detections, known_s, strict=True)
+    ]
+    for count, (decision, at_s) in enumerate(zip(decisions, decided_s, strict=True), 1):
+        places = {f"{name}_m": getattr(decision, name).tolist() for name in ("x_c", "x_r")}
+        more = {**places, "n_r": decision.n_r.tolist(), "count": count}
+        found.append(event(at_s, "setpoint_switch", "set point moved to x_r", **more))
+    return found
 
 
 def first_sustained(condition: NDArray[np.bool_], length: int) -> int | None:
@@ -125,7 +137,7 @@ def summarize(flight: MetricsInput) -> tuple[dict[str, Any], list[dict[str, Any]
 
     crash = _crash(vehicle, log, phases)
     if crash is not None:
-        events.append({"time_s": float(t[crash]), "kind": "crash", "text": "crashed"})
+        events.append(event(t[crash], "crash", "crashed"))
     summary: dict[str, Any] = {
         "scenario": flight.scenario.name,
         "model": flight.scenario.model or None,
@@ -146,16 +158,12 @@ def summarize(flight: MetricsInput) -> tuple[dict[str, Any], list[dict[str, Any]
         summary["contact_point_m"] = [_number(v) for v in log["contact"][c, 2:5]]
         summary["contact_rotor"] = name
         summary["contact_position_m"] = [_number(v) for v in log["position"][c]]
-        events.append(
-            {"time_s": float(t[c]), "kind": "contact", "text": f"{name.replace('_', ' ')} touches"}
-        )
+        events.append(event(t[c], "contact", f"{name.replace('_', ' ')} touches"))
     summary |= _detection(flight, c)
     summary |= _recovery(flight, c, events)
     broken = np.flatnonzero((log["damage"] >= 1.0).any(axis=1))
     if broken.size:
-        events.append(
-            {"time_s": float(t[broken[0]]), "kind": "rotor_broken", "text": "a blade tears off"}
-        )
+        events.append(event(t[broken[0]], "rotor_broken", "a blade tears off"))
     summary |= {
         "strikes": _strikes(log["fold"]),
         "rotors_broken": int((log["damage"][-1] >= 1.0).sum()) if t.size else 0,
@@ -234,12 +242,8 @@ def _detection(flight: MetricsInput, c: int | None) -> dict[str, Any]:
 
 def _recovery(flight: MetricsInput, c: int | None, events: list[dict[str, Any]]) -> dict[str, Any]:
     """Falling distance, unstable phase, recovery time and settled error (docs/figures.md)."""
-    result: dict[str, Any] = {
-        "max_falling_distance_m": None,
-        "unstable_phase_s": None,
-        "recovery_time_s": None,
-        "settled_error_m": None,
-    }
+    names = ("max_falling_distance_m", "unstable_phase_s", "recovery_time_s", "settled_error_m")
+    result: dict[str, Any] = dict.fromkeys(names)
     if c is None:
         return result
     log = flight.log
@@ -260,13 +264,7 @@ def _recovery(flight: MetricsInput, c: int | None, events: list[dict[str, Any]])
         if settled is not None:
             result["recovery_time_s"] = _number(settled * TICK_S)
             result["settled_error_m"] = _number(error[settled:].mean())
-            events.append(
-                {
-                    "time_s": float(flight.t[c + settled]),
-                    "kind": "settled",
-                    "text": "settled at x_r",
-                }
-            )
+            events.append(event(flight.t[c + settled], "settled", "settled at x_r"))
     falling = position[: until if settled is None else settled, 2]
     if falling.size:
         result["max_falling_distance_m"] = _number(position[0, 2] - falling.min())

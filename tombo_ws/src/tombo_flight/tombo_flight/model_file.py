@@ -174,10 +174,10 @@ def _read_addition(name: str, given: Any, where: str) -> FittedEffect:
             FittedParameter(
                 p.name,
                 p.unit,
-                _number(value, "nominal", at, p.unit, _ANY, p.null),
+                _number(value, "nominal", at, p.unit, absent=p.null),
                 check_number(f"{at}.value", value.get("value"), p.unit, p.bounds),
-                _number(value, "low", at, p.unit, _ANY),
-                _number(value, "high", at, p.unit, _ANY),
+                _number(value, "low", at, p.unit),
+                _number(value, "high", at, p.unit),
             )
         )
         if value.get("unit", p.unit) != p.unit:
@@ -211,7 +211,7 @@ def _read_origin(given: Any, where: str) -> Origin:
             Source(
                 str(flight.get("name", "")),
                 str(flight.get("source", "")),
-                _number(flight, "used_s", where, "s", _ANY),
+                _number(flight, "used_s", where, "s"),
                 str(flight.get("formulation", "")),
             )
             for flight in flights
@@ -223,17 +223,10 @@ def _read_gain(given: Any, where: str) -> Gain:
     values = _mapping(given, where)
     _known(values, [f.name for f in dataclasses.fields(Gain)], where)
     flights = check_number(f"{where}.flights", values.get("flights", 0), "1", (0.0, 1e6), True)
-    return Gain(
-        channel=str(values.get("channel", "")),
-        unit=str(values.get("unit", "")),
-        horizon=str(values.get("horizon", "")),
-        before=_number(values, "before", where, "1", _ANY),
-        after=_number(values, "after", where, "1", _ANY),
-        reduction=_number(values, "reduction", where, "1", _ANY),
-        low=_number(values, "low", where, "1", _ANY),
-        high=_number(values, "high", where, "1", _ANY),
-        flights=int(flights),
-    )
+    told: dict[str, Any] = {k: str(values.get(k, "")) for k in ("channel", "unit", "horizon")}
+    for key in ("before", "after", "reduction", "low", "high"):
+        told[key] = _number(values, key, where)
+    return Gain(**told, flights=int(flights))
 
 
 def _mapping(value: Any, where: str) -> Mapping[str, Any]:
@@ -260,8 +253,8 @@ def _number(
     values: Mapping[str, Any],
     key: str,
     where: str,
-    unit: str,
-    bounds: tuple[float, float],
+    unit: str = "1",
+    bounds: tuple[float, float] = _ANY,
     absent: float = math.nan,
 ) -> float:
     """Return a number, `absent` where there is none."""

@@ -19,6 +19,7 @@ from tombo_control.params import ControlParams, EstimatorParams
 from tombo_dynamics.effects import check_theta
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.params import check_number, from_mapping, param
+from tombo_dynamics.propeller import LAWS
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_configuration
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_dynamics.yaml_text import parse_yaml
@@ -28,7 +29,6 @@ from tombo_flight.model_file import read_model
 from tombo_flight.scenario_catalogue import builtin_scenarios
 from tombo_sim.world import ObstacleParams, SpreadParams, World
 
-LAWS = ("published", "repaired", "consistent")
 DEFAULT_SCENARIO = "paper_collision"
 
 
@@ -59,15 +59,10 @@ class Scenario:
         return self.reaction if self.react else NoReaction()
 
 
-_SECTIONS: dict[str, type] = {
-    "propeller": PropellerChoice,
-    "vehicle": VehicleParams,
-    "control": ControlParams,
-    "estimator": EstimatorParams,
-    "mission": MissionParams,
-    "detector": DetectorParams,
-    "obstacle": ObstacleParams,
-    "spread": SpreadParams,
+_SECTIONS: dict[str, Any] = {
+    each.name: each.default_factory
+    for each in dataclasses.fields(Scenario)
+    if each.default_factory is not dataclasses.MISSING and each.name not in ("reaction", "effects")
 }
 
 

@@ -6,6 +6,7 @@ import json
 import math
 
 import pytest
+from suite_bench import names
 
 from tombo_flight.campaign.campaign import fly_campaign
 from tombo_flight.campaign.campaign_plot import draw_campaign
@@ -30,7 +31,7 @@ def test_a_campaign_is_its_single_flights(tombo, tmp_path):
     assert result.err == ""
     campaign = result.json
     assert json.loads((tmp_path / "c" / "summary.json").read_text()) == campaign
-    assert {p.name for p in (tmp_path / "c").iterdir()} == {"summary.json", "campaign.png"}
+    assert names(tmp_path / "c") == {"summary.json", "campaign.png"}
     assert (tmp_path / "c" / "campaign.png").read_bytes().startswith(b"\x89PNG")
     scenario = load_scenario("paper_collision", SETTINGS)
     for seed, flight in zip(range(4, 9), campaign["flights"], strict=True):
@@ -52,7 +53,7 @@ def test_one_table_for_all_flights(tombo, tmp_path):
 
     assert result.code == 0
     assert "2 flights: 0 collided" in result.out
-    assert {p.name for p in (tmp_path / "runs").iterdir()} == {"hover-0-2"}
+    assert names(tmp_path / "runs") == {"hover-0-2"}
 
 
 def test_a_stopped_campaign_keeps_the_flights_up_to_the_first_one_missing():

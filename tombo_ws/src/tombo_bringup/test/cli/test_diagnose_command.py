@@ -150,18 +150,11 @@ def test_ctrl_c_leaves_nothing_and_130(tombo, monkeypatch, tmp_path):
         ((), ("LOG",)),
     ],
 )
-def test_bad_input_is_one_line_and_nothing_is_written(tombo, tmp_path, arguments, words):
+def test_bad_input_is_one_line_and_nothing_is_written(refused, tmp_path, arguments, words):
     (tmp_path / "empty.mcap").write_bytes(b"")
     for name in ("noise.csv", "noise.ulg"):
         (tmp_path / name).write_bytes(bytes(range(256)) * 4)
-    before = sorted(tmp_path.rglob("*"))
-    result = tombo("diagnose", *arguments)
-    assert result.code == 2
-    assert result.out == ""
-    assert result.err.startswith("Error: ") and result.err.count("\n") == 1
-    for word in words:
-        assert word in result.err, result.err
-    assert sorted(tmp_path.rglob("*")) == before
+    refused(("diagnose", *arguments), *words)
 
 
 GOOD = {
@@ -237,9 +230,5 @@ def test_figures_are_held_against_their_thresholds():
         (("-o", "nowhere/b.json"), ("nowhere/b.json", "accepted")),
     ],
 )
-def test_a_benchmark_that_can_not_be_run_is_refused(tombo, tmp_path, arguments, words):
-    result = tombo("benchmark", "diagnosis", *arguments)
-    assert (result.code, result.out, result.err.count("\n")) == (2, "", 1)
-    for word in words:
-        assert word in result.err
-    assert list(tmp_path.iterdir()) == []
+def test_a_benchmark_that_can_not_be_run_is_refused(refused, arguments, words):
+    refused(("benchmark", "diagnosis", *arguments), *words)

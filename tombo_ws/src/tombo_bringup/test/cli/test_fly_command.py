@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from rosbags.highlevel import AnyReader
+from suite_bench import names
 
 from tombo_flight.flight_output import WALL_KEYS
 
@@ -21,10 +22,6 @@ ASKED_FOR = {
     "wall_time_s", "real_time_factor",
 }  # fmt: skip
 SHORT = ("hover", "--set", "duration=0.5")
-
-
-def names(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()}
 
 
 def without_wall_times(path: Path) -> str:

@@ -80,25 +80,19 @@ def test_a_campaign_flies_the_model(tombo, model):
     assert without_names(campaign["flights"][1]) == without_names(one)
 
 
-def test_a_model_is_not_laid_over_reality(tombo, model):
-    result = tombo("fly", "hover", "--model", model, "--px4", "udpin://127.0.0.1:1", "--yes")
-    assert result.code == 2
-    assert result.err.count("\n") == 1
-    assert "--model windy.yaml: accepted: without --px4 URL" in result.err
+def test_a_model_is_not_laid_over_reality(refused, model):
+    arguments = ("fly", "hover", "--model", model, "--px4", "udpin://127.0.0.1:1", "--yes")
+    refused(arguments, "--model windy.yaml: accepted: without --px4 URL")
 
 
 @pytest.mark.parametrize(
     ("content", "words"),
     [(None, "can't be read"), ("extends: hover", "is no model"), ("{", "is not valid YAML")],
 )
-def test_a_bad_model_is_one_line_and_nothing_is_written(tombo, content, words):
+def test_a_bad_model_is_one_line_and_nothing_is_written(refused, content, words):
     if content is not None:
         Path("bad.yaml").write_text(content)
-    result = tombo("fly", "hover", "--model", "bad.yaml")
-    assert result.code == 2
-    assert "bad.yaml" in result.err and words in result.err
-    assert result.err.count("\n") == 1
-    assert not Path("runs").exists()
+    refused(("fly", "hover", "--model", "bad.yaml"), "bad.yaml", words)
 
 
 def test_a_scenario_file_can_t_claim_a_model(tmp_path):

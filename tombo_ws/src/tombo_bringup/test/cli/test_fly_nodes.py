@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from suite_bench import FAKES
+from suite_bench import FAKES, names
 
 from tombo_bag.columnar_cdr import encode
 from tombo_bag.flight_time import FLIGHT_METADATA
@@ -16,6 +16,7 @@ from tombo_bag.flight_topics import write_flight
 from tombo_bag.mcap_sink import Columns, McapSink
 from tombo_bag.recording import Recording
 from tombo_bag.rolling_sink import NOTES
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_from_bag import flight_from_bag
 from tombo_flight.scenario import load_scenario
@@ -23,7 +24,6 @@ from tombo_flight.suite import nodes, running
 from tombo_flight.suite.node_flight import FlightMonitor
 from tombo_flight.suite.node_metrics import node_metrics
 
-SECOND = 10**9
 SHORT = ("hover", "--set", "duration=3")
 
 
@@ -68,7 +68,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
         write_flight(sink, fly_scenario(load_scenario("hover", ["duration=3"]), 0))
         sink.add_metadata(NOTES, {"messages": "12345", "lost": "6"})
         channel = sink.add_channel("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
-        times = np.array([SECOND, 2 * SECOND, 2 * SECOND + 1])
+        times = SECOND_NS * np.array([1, 2, 2]) + [0, 0, 1]
         sink.write_columns(Columns(channel, times, told))
     return path
 
@@ -89,10 +89,6 @@ def fly(tombo: Any, bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
         return tombo("fly", *SHORT, "--nodes", "-o", "out", *arguments)
 
     return command
-
-
-def names(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()}
 
 
 @pytest.mark.real_time
@@ -207,63 +203,38 @@ def test_ctrl_c_before_anything_is_recorded_leaves_nothing(fly, tmp_path):
         (("--nodes", "--domain", "-1"), "domain -1: out of bounds"),
     ],
 )
-def test_what_does_not_go_together_is_refused(tombo, tmp_path, arguments, complaint):
-    result = tombo("fly", *SHORT, *arguments)
-
-    assert result.code == 2
-    assert complaint in result.err
-    assert len(result.err.splitlines()) == 1
-    assert names(tmp_path) == set()
+def test_what_does_not_go_together_is_refused(refused, arguments, complaint):
+    refused(("fly", *SHORT, *arguments), complaint)
 
 
-def state(t_s: float, height_m: float, phase: int | None, upright: float = 1.0) -> dict[str, Any]:
-    stamp_ns = 1_790_000_000 * SECOND + round(t_s * SECOND)
-    return {"stamp_ns": stamp_ns, "height_m": height_m, "upright": upright, "phase": phase}
-
-
-def watch(*states: dict[str, Any], duration: float = 40.0) -> FlightMonitor:
-    found = FlightMonitor(load_scenario("hover", [f"duration={duration}"]))
-    for one in states:
-        found.see(one)
-    return found
+def state(t_s: float, height_m: float, phase: int | None) -> dict[str, Any]:
+    stamp_ns = 1_790_000_000 * SECOND_NS + round(t_s * SECOND_NS)
+    return {"stamp_ns": stamp_ns, "height_m": height_m, "upright": 1.0, "phase": phase}
 
 
 def test_time_begins_with_the_missions_first_word():
-    found = watch(state(0.0, 0.18, None), state(4.0, 0.18, None))
-    assert found.flown_s == pytest.approx(4.0)
-    found.see(state(5.0, 0.18, 0))
-    assert found.flown_s == 0.0
-    found.see(state(7.0, 0.18, 1))
-    assert found.flown_s == pytest.approx(2.0)
+    found = FlightMonitor(load_scenario("hover"))
+    for t_s, phase, flown_s in ((0.0, None, 0.0), (4.0, None, 4.0), (5.0, 0, 0.0), (7.0, 1, 2.0)):
+        found.see(state(t_s, 0.18, phase))
+        assert found.flown_s == pytest.approx(flown_s)
 
 
-def test_a_second_after_landing_it_is_over():
-    found = watch(state(0.0, 0.18, 0), state(5.0, 2.0, 2), state(20.0, 0.18, 7))
-    assert not found.over
-    found.see(state(20.9, 0.18, 7))
-    assert not found.over
-    found.see(state(21.01, 0.18, 7))
-    assert found.over
+IDLE = (0.0, 0.18, 0)
 
 
-def test_after_a_crash_it_is_over_soon_and_on_the_ground_before_it_is_not():
-    found = watch(state(0.0, 0.18, 0), state(9.0, 0.1, 0))
-    assert not found.over
-    for one in (state(10.0, 2.0, 3), state(11.0, 0.1, 3)):
-        found.see(one)
-    assert not found.over
-    found.see(state(12.6, 0.1, 3))
-    assert found.over
-
-
-def test_to_lie_on_the_ground_while_landing_is_no_crash():
-    found = watch(state(0.0, 0.18, 0), state(10.0, 2.0, 3), state(11.0, 0.1, 6))
-    found.see(state(20.0, 0.1, 6))
-    assert not found.over
-
-
-def test_when_the_scenarios_time_is_up_it_is_over():
-    found = watch(state(0.0, 0.18, 0), state(9.9, 2.0, 2), duration=10.0)
-    assert not found.over
-    found.see(state(10.1, 2.0, 2))
-    assert found.over
+@pytest.mark.parametrize(
+    ("states", "over"),
+    [
+        ([IDLE, (5.0, 2.0, 2), (20.0, 0.18, 7), (20.9, 0.18, 7), (21.01, 0.18, 7)], True),
+        ([IDLE, (9.0, 0.1, 0), (10.0, 2.0, 3), (11.0, 0.1, 3), (12.6, 0.1, 3)], True),
+        ([IDLE, (10.0, 2.0, 3), (11.0, 0.1, 6), (20.0, 0.1, 6)], False),
+        ([IDLE, (39.9, 2.0, 2), (40.1, 2.0, 2)], True),
+    ],
+    ids=["a second after landing", "soon after a crash", "on the ground to land", "time is up"],
+)
+def test_a_flight_is_over_with_its_last_state(states, over):
+    found = FlightMonitor(load_scenario("hover", ["duration=40"]))
+    for one in states:
+        assert not found.over
+        found.see(state(*one))
+    assert found.over == over

@@ -37,16 +37,13 @@ def test_reproduce(tombo, tmp_path, monkeypatch, where):
 
 
 @pytest.mark.slow
-def test_design(tombo, tmp_path, monkeypatch):
-    monkeypatch.setattr(design, "design", interrupted(design.design))
-    result = tombo("propeller", "design", "--mass", "1.3", "--flights", "0", "-o", "out")
-    assert result.code == 130 and result.out == ""
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.slow
-def test_beta(tombo, tmp_path, monkeypatch):
-    monkeypatch.setattr(measure, "measure", interrupted(measure.measure))
-    result = tombo("propeller", "beta", "--demo", "-o", "out")
+@pytest.mark.parametrize(
+    ("module", "command"),
+    [(design, ("design", "--mass", "1.3", "--flights", "0")), (measure, ("beta", "--demo"))],
+)
+def test_design_and_beta(tombo, tmp_path, monkeypatch, module, command):
+    name = module.__name__.rpartition(".")[2]
+    monkeypatch.setattr(module, name, interrupted(getattr(module, name)))
+    result = tombo("propeller", *command, "-o", "out")
     assert result.code == 130 and result.out == ""
     assert not list(tmp_path.iterdir())

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from rosbags.highlevel import AnyReader
+from suite_bench import names, wait_for
 
 from in_time import in_time
 from tombo_flight.process.stop_signals import Stopped, StopSignals
@@ -21,10 +22,6 @@ from tombo_flight.report import flight_plot
 
 Start = Callable[..., "subprocess.Popen[str]"]
 LONG = ("hover", "--set", "duration=300", "--set", "mission.land_time=290")
-
-
-def names(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()}
 
 
 @dataclass(frozen=True)
@@ -54,13 +51,6 @@ def alive_in_session(session: int) -> list[Process]:
 
 def workers(session: int) -> list[Process]:
     return [process for process in alive_in_session(session) if process.worker]
-
-
-def wait_for(condition: Callable[[], object], limit_s: float = 60.0) -> None:
-    end = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < end, "waited too long"
-        time.sleep(0.002)
 
 
 @pytest.fixture

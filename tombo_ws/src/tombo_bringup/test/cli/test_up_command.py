@@ -9,23 +9,16 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import yaml
-from suite_bench import Marked, wait_for
+from suite_bench import UP, Marked, read_terminal, wait_for
 
 from in_time import in_time
 
 GOOD = {"sim": "fake_good", "detector": "fake_good"}
-
-
-@pytest.fixture
-def marked(tmp_path: Path) -> Iterator[Marked]:
-    processes = Marked(tmp_path)
-    yield processes
-    processes.end_all()
 
 
 def log(marked: Marked, node: str) -> Path:
@@ -192,8 +185,6 @@ def test_nodes_get_parameters_domain_and_discovery(marked):
 @pytest.mark.real_time
 def test_on_a_terminal_it_draws_a_table(marked):
     ours, theirs = pty.openpty()
-    from suite_bench import UP
-
     process = subprocess.Popen(
         [
             *(sys.executable, "-c", UP.format(suite=GOOD, monitor="fake_monitor")),
@@ -206,19 +197,9 @@ def test_on_a_terminal_it_draws_a_table(marked):
         stdin=theirs,
     )
     os.close(theirs)
-    shown = b""
-    while True:
-        try:
-            data = os.read(ours, 65536)
-        except OSError:  # the terminal is closed: the end
-            break
-        if not data:
-            break
-        shown += data
-    os.close(ours)
+    text = read_terminal(ours).decode()
 
     assert process.wait(timeout=60) == 0
-    text = shown.decode()
     for part in ("mocap: 1250 ms old", "999.5 Hz", "41 us", "mocap_silent: no pose for 1 s"):
         assert part in text
 
@@ -238,13 +219,7 @@ def test_on_a_terminal_it_draws_a_table(marked):
         (("--seed", "-1"), "--seed -1: out of bounds"),
     ],
 )
-def test_bad_input_is_one_line_and_starts_nothing(tombo, tmp_path, arguments, complaint):
+def test_bad_input_is_one_line_and_starts_nothing(refused, tmp_path, arguments, complaint):
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "a").touch()
-
-    result = tombo("up", *arguments)
-
-    assert result.code == 2
-    assert complaint in result.err
-    assert len(result.err.splitlines()) == 1
-    assert {path.name for path in tmp_path.iterdir()} == {"full"}
+    refused(("up", *arguments), complaint)

@@ -15,6 +15,7 @@ from tombo_dynamics.effects.compose import SimulatedPlant, new_plant, pack_theta
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.rigid_body import begin_flight
 from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
+from tombo_dynamics.time_base import TICK_S
 from tombo_flight.scenario import Scenario
 from tombo_sim.kernel import fly_with_true_state
 from tombo_sim.propeller_effects import propulsion_effects, thrust_map_of
@@ -22,7 +23,6 @@ from tombo_sim.propeller_effects import propulsion_effects, thrust_map_of
 Stretch = tuple[Leg, int, int, int]
 """A leg, its mode, the first tick and the tick after the last."""
 
-TICK_S = 1e-3
 _REACTION_S = 0.04
 """How long after the contact the set point moves: the detector's usual latency."""
 _LENGTH_S = 36.0
@@ -109,21 +109,10 @@ def contact_time(scenario: Scenario, seed: int) -> float:
     """Return when the vehicle first touches the obstacle [s]; inf if it never does."""
     flight = new_flight(scenario, seed)
     for leg, mode, start, stop in stretches(flight, math.inf):
-        if mode != Phase.APPROACH:
-            flight.stretch(leg, mode, start, stop)
-            continue
-        flight.stretch(leg, mode, start, start)
-        for k in range(start, stop):
-            fly_with_true_state(
-                flight.plant,
-                flight.autopilot,
-                flight.maps,
-                flight.theta,
-                flight.zero_noise,
-                k,
-                k + 1,
-            )
-            if flight.plant.contact.touching:
+        step = 1 if mode == Phase.APPROACH else stop - start
+        for k in range(start, stop, step):
+            flight.stretch(leg, mode, k, k + step)
+            if mode == Phase.APPROACH and flight.plant.contact.touching:
                 return k * TICK_S
     return math.inf
 

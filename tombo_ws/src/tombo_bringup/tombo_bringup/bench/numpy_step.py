@@ -12,12 +12,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tombo_control.leg import Leg
+from tombo_control.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY, SPIN
 from tombo_flight.scenario import Scenario
 from tombo_sim.propeller_effects import thrust_map_of
 
-TICK_S = 1e-3
 _UP = np.array([0.0, 0.0, 1.0])
 _WEIGHT = np.array([0.0, 0.0, -GRAVITY])
 
@@ -162,7 +163,9 @@ class NumpyVehicle:
         """Position P and velocity PID: attitude and collective thrust."""
         gains, vehicle = self.scenario.control, self.scenario.vehicle
         period = 20 * TICK_S
-        way, speed, change = _progress(leg, time_s)
+        way, speed, change = trapezoidal_profile(
+            time_s - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s
+        )
         cruise = np.array(leg.velocity)
         velocity = self.body[3:6]
         wanted = cruise * speed + gains.position_p * (
@@ -222,17 +225,3 @@ def hovering(scenario: Scenario, position: Array) -> NumpyVehicle:
     new.speed = np.full(4, np.interp(vehicle.hover_thrust(), new.thrusts, new.knots))
     new.command = new.speed.copy()
     return new
-
-
-def _progress(leg: Leg, time_s: float) -> tuple[float, float, float]:
-    """Way, speed and acceleration along a leg, each divided by the cruise speed."""
-    since, duration, ramp = time_s - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s
-    t = float(np.clip(since, 0.0, duration))
-    if t < ramp:
-        return 0.5 * t * t / ramp, t / ramp, 1.0 / ramp
-    if t <= duration - ramp:
-        return t - 0.5 * ramp, 1.0, 0.0
-    left = duration - t
-    if left <= 0.0:
-        return duration - ramp, 0.0, 0.0
-    return duration - ramp - 0.5 * left * left / ramp, left / ramp, -1.0 / ramp

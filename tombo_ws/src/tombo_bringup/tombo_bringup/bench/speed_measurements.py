@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import os
 import subprocess
@@ -51,28 +50,6 @@ print(json.dumps([ready - start, called - ready, time.perf_counter() - called]))
 """
 
 
-@dataclasses.dataclass(frozen=True)
-class FirstCall:
-    """Wall times of a fresh process [s]."""
-
-    imports_s: float
-    """Until everything is imported."""
-    kernel_s: float
-    """A vehicle set up and the first call of the bare kernel: one tick, and loading the code."""
-    flight_s: float
-    """The first whole flight after that, with the loading that it still takes."""
-
-
-@dataclasses.dataclass(frozen=True)
-class FlightSpeed:
-    """Flight time over wall time of whole headless flights."""
-
-    alone: float
-    """Plant, mocap, estimator, detector, reaction, mission and figures."""
-    recorded: float
-    """The same, and `flight.mcap` written."""
-
-
 def kernel_steps(runs: int = 9) -> float:
     """Return steps per second of the bare kernel in the paper's scenario, one core, warm."""
     scenario = load_scenario()
@@ -98,7 +75,6 @@ def batch_steps(threads: int, vehicles: int = 32, runs: int = 5) -> float:
     for _ in range(runs + 1):
         flights = [new_flight(scenario, seed) for seed in range(vehicles)]
         legs = [stretches(f, contacts[i]) for i, f in enumerate(flights)]
-
         pairs = list(zip(flights, legs, strict=True))
         shares = [pairs[thread::threads] for thread in range(threads)]
         workers = [threading.Thread(target=_fly_share, args=(share,)) for share in shares]
@@ -131,8 +107,8 @@ def numpy_steps(runs: int = 3, ticks: int = 1000) -> float:
     return median(rates)
 
 
-def flight_speed(scenario: Scenario, runs: int = 9) -> FlightSpeed:
-    """Return how many times faster than real time whole flights of the scenario are."""
+def flight_speed(scenario: Scenario, runs: int = 9) -> tuple[float, float]:
+    """Return how many times faster than real time whole flights are: alone, and recorded."""
     workspace = Workspace()
     alone, recorded = [], []
     with tempfile.TemporaryDirectory() as folder:
@@ -143,24 +119,21 @@ def flight_speed(scenario: Scenario, runs: int = 9) -> FlightSpeed:
             if seed >= 0:
                 alone.append(flown / wall)
                 recorded.append(flown / (wall + writing))
-    return FlightSpeed(median(alone), median(recorded))
+    return median(alone), median(recorded)
 
 
-def first_call(runs: int = 3) -> FirstCall:
-    """Return how long the first calls take in a fresh process, compiled code being cached."""
-    found = [json.loads(_run_python(_FIRST_CALL)) for _ in range(runs)]
-    return FirstCall(*(median(column) for column in zip(*found, strict=True)))
+def first_call(runs: int = 3) -> list[float]:
+    """Return wall times of a fresh process [s], compiled code being cached.
 
-
-def _run_python(code: str) -> str:
-    return subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    ).stdout
-
-
-def cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0))
+    Until everything is imported; from there to the first tick of the bare kernel, its vehicle set
+    up and its code loaded; of the first whole flight after that.
+    """
+    command = [sys.executable, "-c", _FIRST_CALL]
+    found = [
+        json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+        for _ in range(runs)
+    ]
+    return [median(column) for column in zip(*found, strict=True)]
 
 
 def measure(said: ProgressText = lambda text: None) -> dict[str, float | int | None]:
@@ -172,15 +145,15 @@ def measure(said: ProgressText = lambda text: None) -> dict[str, float | int | N
     """
     said("bare kernel")
     kernel = kernel_steps()
-    threads = min(2, cores())
+    threads = min(2, len(os.sched_getaffinity(0)))
     said(f"batch on {threads} threads")
     batch = batch_steps(threads)
     said("plain NumPy")
     plain = numpy_steps()
     said("whole flights")
-    flights = flight_speed(load_scenario())
+    alone, recorded = flight_speed(load_scenario())
     said("first calls")
-    first = first_call()
+    imports_s, kernel_s, flight_s = first_call()
     return {
         "kernel_steps_per_s": kernel,
         "batch_steps_per_s": batch,
@@ -188,9 +161,9 @@ def measure(said: ProgressText = lambda text: None) -> dict[str, float | int | N
         "numpy_steps_per_s": plain,
         "kernel_over_numpy": kernel / plain,
         "batch_over_numpy": batch / plain,
-        "flight_real_time_factor": flights.alone,
-        "recorded_flight_real_time_factor": flights.recorded,
-        "imports_s": first.imports_s,
-        "first_kernel_call_s": first.kernel_s,
-        "first_flight_s": first.flight_s,
+        "flight_real_time_factor": alone,
+        "recorded_flight_real_time_factor": recorded,
+        "imports_s": imports_s,
+        "first_kernel_call_s": kernel_s,
+        "first_flight_s": flight_s,
     }

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.options import json_option, output_option
+from tombo_bringup.cli.options import json_option, option, output_option
 
 if TYPE_CHECKING:
     from tombo_bag.comparison import Comparison
@@ -24,19 +24,17 @@ def compare(
     b: Annotated[str, typer.Argument(metavar="B", help="The other one.")],
     topics: Annotated[
         list[str] | None,
-        typer.Option(
-            "--topic",
-            metavar="T",
-            help="Compare this topic only. May be given many times. Default: all but those about "
-            "the processes (/clock, /diagnostics, /events/write_split, /parameter_events, "
-            "/rosout).",
+        option(
+            "--topic T",
+            "Compare this topic only. May be given many times. Default: all but those about the "
+            "processes (/clock, /diagnostics, /events/write_split, /parameter_events, /rosout).",
         ),
     ] = None,
     output: Annotated[
         str | None,
         output_option(
-            "Write compare.json and, if something differs, compare.png there, over those of "
-            "an earlier comparison."
+            "Write compare.json and, if something differs, compare.png there, over those of an "
+            "earlier comparison."
         ),
     ] = None,
     as_json: Annotated[

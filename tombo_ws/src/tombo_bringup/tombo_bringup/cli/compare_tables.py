@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from tombo_bag.comparison import Comparison
+from tombo_bringup.cli.tables import print_line, right
 
 
 def print_comparison(found: Comparison, a: str, b: str) -> None:
@@ -15,8 +16,8 @@ def print_comparison(found: Comparison, a: str, b: str) -> None:
     console = Console()
     table = Table(box=SIMPLE_HEAD, title=Text(f"A: {a}, B: {b}"), padding=(0, 1, 0, 0))
     for heading in ("topic", "in A", "in B", "", "first [s]", "first difference"):
-        right = heading.startswith(("in", "first ["))
-        table.add_column(heading, justify="right" if right else "left", overflow="fold")
+        number = heading.startswith(("in", "first ["))
+        table.add_column(heading, justify="right" if number else "left", overflow="fold")
     for topic in found.topics:
         first = ("", "") if topic.first is None else (_time(found, topic.first[0]), topic.first[1])
         verdict = Text("equal", "green") if topic.equal else Text("differs", "bold red")
@@ -26,8 +27,7 @@ def print_comparison(found: Comparison, a: str, b: str) -> None:
     if any(topic.fields for topic in found.topics):
         console.print(_fields(found))
     if found.left_out:
-        left_out = ", ".join(found.left_out)
-        console.print(Text(f"Not compared without --topic: {left_out}."), soft_wrap=True)
+        print_line(f"Not compared without --topic: {', '.join(found.left_out)}.")
     count = sum(not topic.equal for topic in found.topics)
     total = len(found.topics)
     if count:
@@ -37,10 +37,10 @@ def print_comparison(found: Comparison, a: str, b: str) -> None:
 
 
 def _fields(found: Comparison) -> Table:
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for heading in ("field", "messages", "first [s]", "largest difference"):
-        right = heading != "field"
-        table.add_column(heading, justify="right" if right else "left", overflow="fold")
+    numbers = right("messages", "first [s]", "largest difference", overflow="fold")
+    table = Table(
+        Column("field", overflow="fold"), *numbers, box=SIMPLE_HEAD, padding=(0, 1, 0, 0)
+    )
     for topic in found.topics:
         if topic.fields:
             table.add_row(Text(topic.topic, "bold"))

@@ -53,13 +53,7 @@ def _as_object(effect: Effect) -> dict[str, Any]:
         "doc": effect.doc,
         "signature": effect.signature,
         "parameters": [
-            {
-                "name": p.name,
-                "unit": p.unit,
-                "null": p.null,
-                "bounds": list(p.bounds),
-                "doc": p.doc,
-            }
+            {key: getattr(p, key) for key in ("name", "unit", "null", "bounds", "doc")}
             for p in effect.theta
         ],
     }

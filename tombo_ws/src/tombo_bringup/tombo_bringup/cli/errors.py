@@ -63,12 +63,15 @@ def _usage(error: Any) -> str:
     return message
 
 
+def printable(text: str) -> str:
+    """Return a text in which escapes stand for what a terminal would obey."""
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
 def print_error(message: str) -> None:
     """Write an error as one line, whatever is in the message."""
-    line = " ".join(message.split())
-    printable = "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
     try:
-        print(f"Error: {printable}", file=sys.stderr)
+        print(f"Error: {printable(' '.join(message.split()))}", file=sys.stderr)
     except OSError:  # standard error is closed
         return
 

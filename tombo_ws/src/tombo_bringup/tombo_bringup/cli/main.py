@@ -19,15 +19,17 @@ from tombo_bringup.cli.flight.optional_url import OptionalUrlCommand
 from tombo_bringup.cli.flight.px4_command import PX4_EXIT_CODES, px4
 from tombo_bringup.cli.flight.replay_command import REPLAY_EXIT_CODES, replay
 from tombo_bringup.cli.flight.up_command import UP_EXIT_CODES, up
+from tombo_bringup.cli.options import option
 from tombo_bringup.cli.propeller import propeller_command
 from tombo_bringup.cli.run_command import PASS_ON, run_executable
 from tombo_bringup.cli.scenarios_command import scenarios
 
+_HELP = {"help_option_names": ["-h", "--help"]}
 app = typer.Typer(
     name="tombo",
     help="Fly a quadrotor with Tombo propellers, which fold on impact: the collision experiment "
     "of the paper, headless.",
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings=_HELP,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
@@ -40,17 +42,9 @@ app.command(epilog=COMPARE_EXIT_CODES)(compare)
 app.command(epilog=DIAGNOSE_EXIT_CODES)(diagnose)
 app.command("run", context_settings=PASS_ON)(run_executable)
 app.command()(scenarios)
-app.add_typer(
-    propeller_command.app,
-    name="propeller",
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
+app.add_typer(propeller_command.app, name="propeller", context_settings=_HELP)
 app.command()(effects)
-app.add_typer(
-    benchmark_command.app,
-    name="benchmark",
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
+app.add_typer(benchmark_command.app, name="benchmark", context_settings=_HELP)
 
 
 def _print_version(wanted: bool) -> None:
@@ -66,11 +60,8 @@ def tombo(
     ctx: typer.Context,
     version: Annotated[
         bool,
-        typer.Option(
-            "--version",
-            help="Print the version and leave.",
-            callback=_print_version,
-            is_eager=True,
+        option(
+            "--version", "Print the version and leave.", callback=_print_version, is_eager=True
         ),
     ] = False,
 ) -> None:
@@ -84,15 +75,8 @@ def run(arguments: Sequence[str] | None = None) -> None:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
-    sys.exit(
-        exit_code_of(
-            lambda: app(
-                args=None if arguments is None else list(arguments),
-                prog_name="tombo",
-                standalone_mode=False,
-            )
-        )
-    )
+    args = None if arguments is None else list(arguments)
+    sys.exit(exit_code_of(lambda: app(args, prog_name="tombo", standalone_mode=False)))
 
 
 if __name__ == "__main__":

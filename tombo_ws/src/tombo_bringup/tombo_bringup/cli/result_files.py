@@ -24,9 +24,9 @@ def results_folder(
     Args:
         output: as given.
         kind: of results.
-        name: of what they are about; what is no letter, digit, dot, plus or minus becomes _.
+        name: of what they are about.
         as_json: only JSON is printed, unless `output` is given.
-        nameless: in place of a name of which nothing is left.
+        nameless: as in `plain_name`.
 
     Raises:
         InputError: `output` is no name.
@@ -34,10 +34,17 @@ def results_folder(
     if output is None:
         if as_json:
             return None
-        plain = re.sub(r"[^\w.+-]+", "_", name).lstrip(".") or nameless
-        return Path("runs") / f"{kind}-{plain[:100]}"
+        return Path("runs") / f"{kind}-{plain_name(name, nameless)}"
     check_output(output)
     return Path(output)
+
+
+def plain_name(name: str, nameless: str) -> str:
+    """Return a name for a file, which can't lead out of its folder.
+
+    What is no letter, digit, dot, plus or minus becomes _; nothing at all becomes `nameless`.
+    """
+    return (re.sub(r"[^\w.+-]+", "_", name).lstrip(".") or nameless)[:100]
 
 
 def check_output(output: str | None) -> None:

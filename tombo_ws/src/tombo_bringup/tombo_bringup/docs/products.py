@@ -19,6 +19,8 @@ from tombo_dynamics.errors import InputError
 
 CONFIG: Final = "tombo_ws/src/tombo_bringup/config"
 CAMPAIGN: Final = "tombo_ws/src/tombo_propeller/tombo_propeller/reproduce/campaign.yaml"
+_DIAGNOSIS: Final = "tombo_diagnosis/tombo_diagnosis"
+_PROPELLER: Final = "tombo_dynamics/tombo_dynamics/propeller"
 FLIGHTS: Final = "flights"
 """In `depends`: the reference flights, in place of code."""
 LEFT: Final = (
@@ -159,11 +161,7 @@ def campaign_table(v: Mapping[str, str]) -> str:
             "–",
             f"{v['latency_ms']} ms ({v['latency_ms_range']})",
         ),
-        (
-            "false alarms in 100 flights of jumps, gusts and dropouts",
-            "–",
-            v["false_alarms"],
-        ),
+        ("false alarms in 100 flights of jumps, gusts and dropouts", "–", v["false_alarms"]),
     )
     head = "| | paper | simulation, seeds 0–99: median (5 to 95 %) |\n|---|---|---|\n"
     return head + "".join(f"| {' | '.join(row)} |\n" for row in rows)
@@ -273,26 +271,15 @@ def crazyflie_text(found: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _stand(root: Path, data: Path) -> None:
-    with TemporaryDirectory() as folder:
-        _tombo("propeller", "diagnose", "--table3", "-o", folder, "--force")
-        shutil.copy(Path(folder) / "plots" / "table3.png", root / "docs" / "stand.png")
+def _picture(name: str, target: str, *command: str) -> Callable[[Path, Path], None]:
+    """Return what runs a command of tombo, and copies one of its pictures into the docs."""
 
+    def make(root: Path, data: Path) -> None:
+        with TemporaryDirectory() as folder:
+            _tombo(*command, "-o", folder, "--force")
+            shutil.copy(Path(folder) / name, root / "docs" / target)
 
-def _beta(root: Path, data: Path) -> None:
-    with TemporaryDirectory() as folder:
-        _tombo("propeller", "beta", "--demo", "-o", folder, "--force")
-        shutil.copy(Path(folder) / "overlay.png", root / "docs" / "beta.png")
-
-
-def _design(root: Path, data: Path) -> None:
-    limits = ("--min-thrust-margin", "1.7", "--max-collision-force", "150")
-    with TemporaryDirectory() as folder:
-        _tombo(
-            *("propeller", "design", "--mass", "1.3", "--frame", "s500", *limits),
-            *("-o", folder, "--force"),
-        )
-        shutil.copy(Path(folder) / "pareto.png", root / "docs" / "design.png")
+    return make
 
 
 PRODUCTS: Final = (
@@ -312,7 +299,7 @@ PRODUCTS: Final = (
         "reproduction",
         ("docs/reproduction.png",),
         _reproduction,
-        ("tombo_propeller/tombo_propeller/reproduce", "tombo_dynamics/tombo_dynamics/propeller"),
+        ("tombo_propeller/tombo_propeller/reproduce", _PROPELLER),
     ),
     Product("calibration", ("docs/calibration.md#variations",), _calibration, (FLIGHTS,)),
     Product(
@@ -332,10 +319,7 @@ PRODUCTS: Final = (
         ("docs/diagnosis.png", "docs/diagnosis.md#crazyflie"),
         _diagnosis,
         (
-            *(
-                f"tombo_diagnosis/tombo_diagnosis/{part}"
-                for part in ("engine", "flight", "checks", "logs")
-            ),
+            *(f"{_DIAGNOSIS}/{part}" for part in ("engine", "flight", "checks", "logs")),
             "tombo_dynamics/tombo_dynamics/effects",
         ),
         data="flights",
@@ -343,18 +327,23 @@ PRODUCTS: Final = (
     Product(
         "stand",
         ("docs/stand.png",),
-        _stand,
-        (
-            *("tombo_diagnosis/tombo_diagnosis/engine", "tombo_diagnosis/tombo_diagnosis/stand"),
-            "tombo_dynamics/tombo_dynamics/propeller",
-        ),
+        _picture("plots/table3.png", "stand.png", "propeller", "diagnose", "--table3"),
+        (f"{_DIAGNOSIS}/engine", f"{_DIAGNOSIS}/stand", _PROPELLER),
     ),
-    Product("beta", ("docs/beta.png",), _beta, ("tombo_propeller/tombo_propeller/flap_video",)),
+    Product(
+        "beta",
+        ("docs/beta.png",),
+        _picture("overlay.png", "beta.png", "propeller", "beta", "--demo"),
+        ("tombo_propeller/tombo_propeller/flap_video",),
+    ),
     Product(
         "design",
         ("docs/design.png",),
-        _design,
-        ("tombo_propeller/tombo_propeller/design", "tombo_dynamics/tombo_dynamics/propeller"),
+        _picture(
+            *("pareto.png", "design.png", "propeller", "design", "--mass", "1.3"),
+            *("--frame", "s500", "--min-thrust-margin", "1.7", "--max-collision-force", "150"),
+        ),
+        ("tombo_propeller/tombo_propeller/design", _PROPELLER),
     ),
 )
 """In the order in which they are made: the reproduction quotes the campaign."""

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
+
+from tombo_flight.flight_record import FlightRecord
 
 CONTACT_S = 23.0
 FALL_M = 0.5
@@ -17,24 +20,9 @@ LATENCY_S = 0.07
 HOVER_N = 3.31
 
 
-@dataclass(frozen=True)
-class Record:
-    """The fields of `tombo_flight.flight_record.FlightRecord` that the report reads."""
-
-    t: Any
-    log: dict[str, Any]
-    mocap_t: Any
-    mocap_arrival: Any
-    mocap_position: Any
-    mocap_attitude: Any
-    events: list[dict[str, Any]]
-    summary: dict[str, Any]
-    scenario: dict[str, Any]
-
-
 def build_flight(
     *, contact: bool = True, crash: bool = False, end_s: float = 40.0, name: str = "synthetic"
-) -> Record:
+) -> FlightRecord:
     """Take off, hover, approach at 0.6 m/s, collide at 23 s, fall 0.5 m, hold at x_r, land."""
     t = np.arange(0.0, end_s, 0.001)
     n = len(t)
@@ -42,16 +30,15 @@ def build_flight(
     hit = (t >= CONTACT_S) if contact else np.zeros(n, dtype=bool)
     position, setpoint, mode = _path(t, tau, hit, crash)
     attitude_deg = _attitude_deg(tau, hit, crash)
-    quaternion = _quaternion(np.radians(attitude_deg))
+    quaternion = Rotation.from_euler("xyz", attitude_deg, degrees=True).as_quat()
     thrust, fold = _rotors(t, tau, hit, crash, mode)
-    velocity = np.gradient(position, t, axis=0) if n > 1 else np.zeros_like(position)
     rng = np.random.default_rng(0)
     force = np.zeros((n, 3))
     if contact:
         force[:, 0] = -40.0 * np.exp(-(((t - CONTACT_S - 0.004) / 0.003) ** 2))
     log = {
         "position": position,
-        "velocity": velocity,
+        "velocity": np.gradient(position, t, axis=0),
         "attitude": quaternion,
         "rates": np.radians(np.gradient(attitude_deg, t, axis=0)),
         "rotor_speed": np.sqrt(thrust / 1.4e-5),
@@ -59,17 +46,8 @@ def build_flight(
         "fold": fold,
         "damage": np.zeros((n, 4)),
         "contact_force": force,
-        "gyro": rng.normal(0.0, 0.01, (n, 3)),
-        "accel": rng.normal([0.0, 0.0, 9.81], 0.1, (n, 3)),
         "est_position": position + rng.normal(0.0, 0.004, (n, 3)),
-        "est_velocity": velocity + rng.normal(0.0, 0.02, (n, 3)),
-        "est_attitude": quaternion,
         "position_setpoint": setpoint,
-        "velocity_setpoint": np.zeros((n, 3)),
-        "attitude_setpoint": quaternion,
-        "rates_setpoint": np.zeros((n, 3)),
-        "thrust_setpoint": np.full((n, 1), 4 * HOVER_N),
-        "rotor_command": np.sqrt(thrust / 1.4e-5),
         "mode": mode.reshape(-1, 1),
     }
     events = [
@@ -120,13 +98,14 @@ def build_flight(
             ]
     events = [event for event in events if event["time_s"] < end_s]
     mocap = slice(None, None, 33)
-    return Record(
+    return FlightRecord(
         t=t,
         log=log,
         mocap_t=t[mocap],
         mocap_arrival=t[mocap] + 0.01,
         mocap_position=position[mocap],
         mocap_attitude=quaternion[mocap],
+        detector_statistic=np.ones(len(t[mocap])),
         events=events,
         summary=summary,
         scenario={
@@ -148,7 +127,6 @@ def _smooth(u: Any) -> Any:
 
 
 def _path(t: Any, tau: Any, hit: Any, crash: bool) -> tuple[Any, Any, Any]:
-    n = len(t)
     start = CONTACT_S - 1.7 / 0.6 - 0.25
     ramp = np.clip(t - start, 0.0, 0.5)
     x = 0.6 * np.clip(t - start - 0.5, 0.0, None) + 0.6 * ramp**2 / (2 * 0.5)
@@ -160,9 +138,8 @@ def _path(t: Any, tau: Any, hit: Any, crash: bool) -> tuple[Any, Any, Any]:
         rise = 1.1 * np.exp(-1.05 * tau) * np.sin(0.9 * tau + 1.14)
         x = np.where(hit, 0.9 + 0.8 * rise, np.minimum(x, 1.7))
         y = y + np.where(hit, 0.16 * tau * np.exp(-1.3 * tau), 0.0)
-        peak = 1.15
-        drop = (tau / peak) ** 2 * np.exp(2.0 * (1.0 - tau / peak))
-        z = z - FALL_M * drop
+        since_lowest = tau / 1.15
+        z = z - FALL_M * since_lowest**2 * np.exp(2.0 * (1.0 - since_lowest))
         setpoint[hit] = (0.9, 0.0, 2.0)
         mode = np.where(hit, 4.0, mode)
         mode = np.where(tau > RECOVERY_S, 5.0, mode)
@@ -175,7 +152,7 @@ def _path(t: Any, tau: Any, hit: Any, crash: bool) -> tuple[Any, Any, Any]:
     else:
         x = np.minimum(x, 4.0)
         setpoint[:, 0] = np.minimum(setpoint[:, 0], 4.0)
-    return np.stack((x, y, z), axis=1).reshape(n, 3), setpoint, mode
+    return np.stack((x, y, z), axis=1), setpoint, mode
 
 
 def _attitude_deg(tau: Any, hit: Any, crash: bool) -> Any:
@@ -189,66 +166,44 @@ def _attitude_deg(tau: Any, hit: Any, crash: bool) -> Any:
     return angles + 0.4 * np.sin(np.arange(len(tau))[:, None] * 0.004 + np.arange(3))
 
 
-def _quaternion(rpy: Any) -> Any:
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy.T / 2), np.sin(rpy.T / 2)
-    return np.stack(
-        (
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-            cr * cp * cy + sr * sp * sy,
-        ),
-        axis=1,
-    )
-
-
 def _rotors(t: Any, tau: Any, hit: Any, crash: bool, mode: Any) -> tuple[Any, Any]:
-    n = len(t)
     airborne = (mode > 0) & (mode < 7)
     thrust = HOVER_N * airborne[:, None] * np.ones(4)
     swing = 1.6 * np.exp(-tau / 0.5) * np.sin(11.0 * tau)[:, None].T * hit
     thrust += np.outer(swing.ravel(), [1.0, 0.7, -0.4, -0.8]) * airborne[:, None]
-    fold = np.zeros((n, 4))
-    left = np.where(hit, 1.0 - _smooth((tau - 0.05) / 0.42), 0.0)
-    fold[:, 2] = left
-    thrust[:, 2] *= 1.0 - 0.9 * left
+    fold = np.zeros((len(t), 4))
+    fold[:, 2] = np.where(hit, 1.0 - _smooth((tau - 0.05) / 0.42), 0.0)
+    thrust[:, 2] *= 1.0 - 0.9 * fold[:, 2]
     if crash:
-        fallen = tau > 0.9
-        thrust[fallen] = 0.0
+        thrust[tau > 0.9] = 0.0
     return np.clip(thrust, 0.0, None), fold
 
 
 @pytest.fixture(scope="session")
-def make_flight() -> Callable[..., Record]:
+def make_flight() -> Callable[..., FlightRecord]:
     """The builder itself, for a flight with the options a test needs."""
     return build_flight
 
 
 @pytest.fixture(scope="session")
-def flight() -> Record:
+def flight() -> FlightRecord:
     """The flight that recovers."""
     return build_flight()
 
 
 @pytest.fixture(scope="session")
-def edge_flights() -> dict[str, Record]:
+def edge_flights(flight: FlightRecord) -> dict[str, FlightRecord]:
     """Flights that have gaps in their story."""
-    whole = build_flight()
-    unreadable = replace(whole, events=[], summary={}, scenario={})
-    nan_summary = replace(whole, summary={key: float("nan") for key in whole.summary})
-    early = dict(whole.summary, detection_latency_s=-0.15)
+    one = {key: column[:1] for key, column in flight.log.items()}
     return {
         "no contact": build_flight(contact=False),
         "crashed": build_flight(crash=True, end_s=27.0),
         "cut short at 0.3 s": build_flight(end_s=0.3),
-        "one sample": _first_samples(whole, 1),
+        "one sample": replace(flight, t=flight.t[:1], log=one, events=[], summary={}),
         "cut short after contact": build_flight(end_s=23.2),
-        "nothing but the log": unreadable,
-        "summary of NaN": nan_summary,
-        "detected before contact": replace(whole, summary=early),
+        "nothing but the log": replace(flight, events=[], summary={}, scenario={}),
+        "summary of NaN": replace(flight, summary=dict.fromkeys(flight.summary, float("nan"))),
+        "detected before contact": replace(
+            flight, summary=dict(flight.summary, detection_latency_s=-0.15)
+        ),
     }
-
-
-def _first_samples(record: Record, count: int) -> Record:
-    log = {key: column[:count] for key, column in record.log.items()}
-    return replace(record, t=record.t[:count], log=log, events=[], summary={})

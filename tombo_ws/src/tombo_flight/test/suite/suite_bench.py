@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+
+import pytest
 
 FAKES = Path(__file__).parent / "fakes"
 MARK = "TOMBO_TEST_MARK"
@@ -81,6 +84,29 @@ class Marked:
     def end_all(self) -> None:
         for pid in self.alive():
             os.kill(pid, signal.SIGKILL)
+
+
+@pytest.fixture
+def marked(tmp_path: Path) -> Iterator[Marked]:
+    """Processes that a test starts, and none of them after it."""
+    processes = Marked(tmp_path)
+    yield processes
+    processes.end_all()
+
+
+def names(folder: Path) -> set[str]:
+    """The names of what is in a folder."""
+    return {path.name for path in folder.iterdir()}
+
+
+def read_terminal(ours: int) -> bytes:
+    """What a pseudo terminal shows until its other side is closed; closes this side."""
+    shown = b""
+    with contextlib.suppress(OSError):  # the other side is closed
+        while data := os.read(ours, 65536):
+            shown += data
+    os.close(ours)
+    return shown
 
 
 def wait_for(condition: Callable[[], object], limit_s: float = 60.0) -> float:

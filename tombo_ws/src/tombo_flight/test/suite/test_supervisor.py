@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -40,8 +41,14 @@ def ready(path: Path) -> bool:
     return path.exists() and path.stat().st_size > 0
 
 
-def test_a_node_that_fails_at_its_start_is_reported_with_its_words(marked, tmp_path):
-    with Supervisor([fake("broken"), fake("good")], tmp_path, marked.environment) as supervisor:
+@pytest.fixture
+def supervise(marked: Marked, tmp_path):
+    """Supervise programs; their logs are in the test's folder."""
+    return lambda *programs: Supervisor(programs, tmp_path, marked.environment)
+
+
+def test_a_node_that_fails_at_its_start_is_reported_with_its_words(supervise):
+    with supervise(fake("broken"), fake("good")) as supervisor:
         (end,) = look_until_ended(supervisor)
         assert set(supervisor.running) == {"good"}
 
@@ -49,8 +56,8 @@ def test_a_node_that_fails_at_its_start_is_reported_with_its_words(marked, tmp_p
     assert end.last_log_lines[-1].startswith("Error: parameter detector.threshold")
 
 
-def test_a_node_that_dies_later_is_reported_with_its_traceback(marked, tmp_path):
-    with Supervisor([fake("short"), fake("good")], tmp_path, marked.environment) as supervisor:
+def test_a_node_that_dies_later_is_reported_with_its_traceback(supervise, tmp_path):
+    with supervise(fake("short"), fake("good")) as supervisor:
         (end,) = look_until_ended(supervisor)
         time.sleep(0.2)
         assert supervisor.poll(0.0).ended == []
@@ -60,22 +67,22 @@ def test_a_node_that_dies_later_is_reported_with_its_traceback(marked, tmp_path)
     assert "RuntimeError: a bug" in (tmp_path / "short.log").read_text()
 
 
-def test_a_node_that_is_killed_is_reported_by_the_signal(marked, tmp_path):
-    with Supervisor([fake("good")], tmp_path, marked.environment) as supervisor:
+def test_a_node_that_is_killed_is_reported_by_the_signal(supervise):
+    with supervise(fake("good")) as supervisor:
         os.kill(supervisor.running["good"], signal.SIGKILL)
         (end,) = look_until_ended(supervisor)
 
     assert (end.code, end.how) == (-9, "killed by SIGKILL")
 
 
-def test_who_obeys_is_asked_once_and_ends_at_once(marked, tmp_path):
+def test_who_obeys_is_asked_once_and_ends_at_once(supervise, tmp_path):
     counting = (
         "import signal, time\n"
-        "signal.signal(signal.SIGINT, lambda n, f: print('asked', flush=True))\n"
+        "signal.signal(signal.SIGINT, lambda n, f: (print('asked', flush=True), exit(0)))\n"
         "print('ready', flush=True)\n"
         "time.sleep(60)\n"
-    ).replace("print('asked', flush=True)", "(print('asked', flush=True), exit(0))")
-    with Supervisor([code("node", counting)], tmp_path, marked.environment) as supervisor:
+    )
+    with supervise(code("node", counting)) as supervisor:
         wait_for(lambda: ready(tmp_path / "node.log"))
         began = time.monotonic()
         (end,) = supervisor.stop()
@@ -86,8 +93,8 @@ def test_who_obeys_is_asked_once_and_ends_at_once(marked, tmp_path):
     assert (tmp_path / "node.log").read_text() == "ready\nasked\n"
 
 
-def test_a_process_that_ignores_signals_is_killed_within_three_seconds(marked, tmp_path):
-    with Supervisor([fake("deaf"), fake("good")], tmp_path, marked.environment) as supervisor:
+def test_a_process_that_ignores_signals_is_killed_within_three_seconds(supervise, marked):
+    with supervise(fake("deaf"), fake("good")) as supervisor:
         wait_for(lambda: len(marked.alive()) >= 3)  # good, deaf and its child
         time.sleep(0.3)
         began = time.monotonic()
@@ -99,7 +106,7 @@ def test_a_process_that_ignores_signals_is_killed_within_three_seconds(marked, t
     assert marked.alive() == []
 
 
-def test_who_answers_only_sigterm_gets_it_before_the_worst(marked, tmp_path):
+def test_who_answers_only_sigterm_gets_it_before_the_worst(supervise, tmp_path):
     stubborn = (
         "import signal, sys, time\n"
         "signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
@@ -107,29 +114,29 @@ def test_who_answers_only_sigterm_gets_it_before_the_worst(marked, tmp_path):
         "print('ready', flush=True)\n"
         "while True: time.sleep(0.05)\n"
     )
-    with Supervisor([code("node", stubborn)], tmp_path, marked.environment) as supervisor:
+    with supervise(code("node", stubborn)) as supervisor:
         wait_for(lambda: ready(tmp_path / "node.log"))
         assert [end.code for end in supervisor.stop()] == [7]
 
 
-def test_what_a_node_leaves_behind_ends_with_it(marked, tmp_path):
+def test_what_a_node_leaves_behind_ends_with_it(supervise, marked):
     leaving = "import os, time\nif os.fork() == 0:\n    time.sleep(60)\n"
-    with Supervisor([code("node", leaving)], tmp_path, marked.environment) as supervisor:
+    with supervise(code("node", leaving)) as supervisor:
         look_until_ended(supervisor)
         wait_for(lambda: not marked.alive())
 
 
-def test_an_exception_inside_ends_all_nodes(marked, tmp_path):
+def test_an_exception_inside_ends_all_nodes(supervise, marked):
     with (
         pytest.raises(ZeroDivisionError),
-        Supervisor([fake("good")], tmp_path, marked.environment),
+        supervise(fake("good")),
     ):
         raise ZeroDivisionError
     assert marked.alive() == []
 
 
-def test_a_second_wish_to_stop_kills_at_once(marked, tmp_path, monkeypatch):
-    supervisor = Supervisor([fake("deaf")], tmp_path, marked.environment)
+def test_a_second_wish_to_stop_kills_at_once(supervise, marked):
+    supervisor = supervise(fake("deaf"))
     with pytest.raises(KeyboardInterrupt), supervisor:
         wait_for(lambda: len(marked.alive()) >= 2)
         time.sleep(0.3)
@@ -163,57 +170,56 @@ with Supervisor(programs, Path({logs!r}), os.environ) as supervisor:
 """
 
 
-def test_nothing_outlives_a_supervisor_that_is_killed(marked: Marked, tmp_path):
-    text = SUPERVISED.format(names=("good", "deaf"), fakes=str(FAKES), logs=str(tmp_path / "log"))
-    process = marked.python(text)
+@pytest.fixture
+def supervised(marked: Marked, tmp_path):
+    """Start a supervisor in a process of its own, to be killed."""
+
+    def start(*names: str) -> subprocess.Popen[str]:
+        logs = tmp_path / "log"
+        process = marked.python(SUPERVISED.format(names=names, fakes=str(FAKES), logs=str(logs)))
+        wait_for(lambda: ready(logs / "good.log"))
+        return process
+
+    return start
+
+
+def killed(process: subprocess.Popen[str], marked: Marked, limit_s: float) -> None:
+    """Kill a supervisor: all that it has started ends in time."""
+    process.kill()
+    process.communicate()
+    took = wait_for(lambda: not marked.alive())
+    with in_time():
+        assert took < limit_s
+
+
+def test_nothing_outlives_a_supervisor_that_is_killed(marked: Marked, supervised):
+    process = supervised("good", "deaf")
     wait_for(lambda: len(marked.alive()) >= 5)  # supervisor, guard, good, deaf and its child
-    wait_for(lambda: ready(tmp_path / "log" / "good.log"))
     time.sleep(0.3)
-    process.kill()
-    process.communicate()
-
-    took = wait_for(lambda: not marked.alive())
-
-    with in_time():
-        assert took < 3.0
+    killed(process, marked, 3.0)
 
 
-def test_who_obeys_ends_well_when_the_supervisor_is_killed(marked: Marked, tmp_path):
+def test_who_obeys_ends_well_when_the_supervisor_is_killed(marked: Marked, supervised):
     """A recorder can close its file: it is asked, not killed."""
-    text = SUPERVISED.format(names=("good",), fakes=str(FAKES), logs=str(tmp_path / "log"))
-    process = marked.python(text)
-    wait_for(lambda: ready(tmp_path / "log" / "good.log"))
-    process.kill()
-    process.communicate()
-
-    took = wait_for(lambda: not marked.alive())
-    with in_time():
-        assert took < 1.5
+    killed(supervised("good"), marked, 1.5)
 
 
-def test_a_guard_that_is_killed_changes_nothing_for_who_obeys(marked: Marked, tmp_path):
-    text = SUPERVISED.format(names=("good",), fakes=str(FAKES), logs=str(tmp_path / "log"))
-    process = marked.python(text)
-    wait_for(lambda: ready(tmp_path / "log" / "good.log"))
+def test_a_guard_that_is_killed_changes_nothing_for_who_obeys(marked: Marked, supervised):
+    process = supervised("good")
     (guard,) = (
         p for p in marked.alive() if b"guard.py" in Path(f"/proc/{p}/cmdline").read_bytes()
     )
     os.kill(guard, signal.SIGKILL)
-    process.kill()
-    process.communicate()
-
-    took = wait_for(lambda: not marked.alive())
-    with in_time():
-        assert took < 1.5
+    killed(process, marked, 1.5)
 
 
-def test_a_flood_of_words_neither_holds_up_the_node_nor_fills_the_memory(marked, tmp_path):
+def test_a_flood_of_words_neither_holds_up_the_node_nor_fills_the_memory(supervise, tmp_path):
     flood = (
         "for i in range(200_000): print(f'[ERROR] [1.0] [node]: {i} is wrong')\n"
         "print('the end', flush=True)\n"
     )
     shown: list[str] = []
-    with Supervisor([code("node", flood)], tmp_path, marked.environment) as supervisor:
+    with supervise(code("node", flood)) as supervisor:
 
         def over() -> bool:
             poll = supervisor.poll(0.05)
@@ -226,7 +232,7 @@ def test_a_flood_of_words_neither_holds_up_the_node_nor_fills_the_memory(marked,
     assert (tmp_path / "node.log").read_text().endswith("the end\n")
 
 
-def test_words_on_a_pipe_come_whole_line_by_line(marked, tmp_path):
+def test_words_on_a_pipe_come_whole_line_by_line(supervise):
     halves = (
         "import sys, time\n"
         "for half in ('{\"a\":', ' 1}\\n', 'x\\ny\\n'):\n"
@@ -235,7 +241,7 @@ def test_words_on_a_pipe_come_whole_line_by_line(marked, tmp_path):
     )
     program = Program("node", (sys.executable, "-c", halves), capture_stdout=True)
     heard: list[tuple[str, str]] = []
-    with Supervisor([program], tmp_path, marked.environment) as supervisor:
+    with supervise(program) as supervisor:
         wait_for(lambda: heard.extend(supervisor.poll(0.05).heard) or len(heard) >= 3)
 
     assert heard == [("node", '{"a": 1}'), ("node", "x"), ("node", "y")]

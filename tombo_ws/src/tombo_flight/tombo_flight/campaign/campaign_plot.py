@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from tombo_flight.report import paper_values as paper
 from tombo_flight.report import style
+from tombo_flight.report.figure import new_figure
 
 _PANELS: Final = (
     ("max_falling_distance_m", "largest falling distance [m]", paper.MEAN_MAX_FALLING_DISTANCE_M),
@@ -32,9 +31,7 @@ def draw_campaign(campaign: Mapping[str, Any]) -> Figure:
     has tilted. A mean would lie between them.
     """
     flights, total = campaign["flights"], campaign["aggregate"]
-    with mpl.rc_context(style.RC):
-        figure = Figure(figsize=(12.0, 7.0), dpi=150, layout="constrained")
-        FigureCanvasAgg(figure)
+    with new_figure(12.0, 7.0, 150, layout="constrained") as figure:
         for axes, (key, label, printed) in zip(figure.subplots(2, 3).flat, _PANELS, strict=True):
             values = [flight[key] for flight in flights if flight[key] is not None]
             _histogram(axes, np.array(values, dtype=np.float64), label, printed)

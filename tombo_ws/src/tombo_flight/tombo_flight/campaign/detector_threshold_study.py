@@ -17,15 +17,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tombo_dynamics.arrays import Array
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.report import style
+from tombo_flight.report.figure import new_figure
 from tombo_flight.scenario import Scenario, load_scenario
 
 FIRST_SEED = 5000
@@ -72,6 +71,10 @@ class DetectorTrace:
     """Time of the first contact [s]; inf without one."""
 
 
+Traces = dict[str, list[DetectorTrace]]
+"""By variation."""
+
+
 @dataclass(frozen=True)
 class ThresholdResult:
     """Latency and false alarms of many flights at one threshold."""
@@ -99,6 +102,10 @@ class ThresholdResult:
     def false_alarms_per_minute(self) -> float:
         """False alarms per minute watched."""
         return self.false_alarms / self.minutes if self.minutes else math.nan
+
+
+Outcomes = dict[str, list[ThresholdResult]]
+"""By variation, at each of `THRESHOLDS`."""
 
 
 def record_traces(
@@ -164,33 +171,22 @@ def _events(stamps: Array, holdoff: float) -> int:
     return count
 
 
-def draw_study(
-    collisions: dict[str, list[ThresholdResult]],
-    free: dict[str, list[ThresholdResult]],
-    chosen: float,
-) -> Figure:
+def draw_study(collisions: Outcomes, free: Outcomes, chosen: float) -> Figure:
     """Draw latency and false alarms over the threshold, and one against the other.
 
     Args:
-        collisions: name -> outcomes at `THRESHOLDS`, the first is the reference.
-        free: the same for flights without an obstacle.
+        collisions: the first variation is the reference.
+        free: of flights without an obstacle.
         chosen: the threshold in use.
     """
-    with mpl.rc_context(style.RC):
-        figure = Figure(figsize=(11.0, 4.6), dpi=110, layout="constrained")
-        FigureCanvasAgg(figure)
+    with new_figure(11.0, 4.6, 110, layout="constrained") as figure:
         over, against = figure.subplots(1, 2)
         _draw_over_threshold(over, collisions, free, chosen)
         _draw_against(against, collisions, free, chosen)
     return figure
 
 
-def _draw_over_threshold(
-    axes: Axes,
-    collisions: dict[str, list[ThresholdResult]],
-    free: dict[str, list[ThresholdResult]],
-    chosen: float,
-) -> None:
+def _draw_over_threshold(axes: Axes, collisions: Outcomes, free: Outcomes, chosen: float) -> None:
     for i, (name, outcomes) in reversed(list(enumerate(collisions.items()))):
         late = [o.latency_ms(95.0) for o in outcomes]
         color, width = (style.BLUE, 2.2) if i == 0 else (style.SKY, 0.9)
@@ -225,12 +221,7 @@ def _draw_over_threshold(
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
 
 
-def _draw_against(
-    axes: Axes,
-    collisions: dict[str, list[ThresholdResult]],
-    free: dict[str, list[ThresholdResult]],
-    chosen: float,
-) -> None:
+def _draw_against(axes: Axes, collisions: Outcomes, free: Outcomes, chosen: float) -> None:
     reference = next(iter(collisions.values()))
     late = [o.latency_ms(95.0) for o in reference]
     colors = (style.INK, style.VERMILLION)
@@ -259,9 +250,7 @@ def _draw_against(
     )
 
 
-def _table(
-    collisions: dict[str, list[DetectorTrace]], free: dict[str, list[DetectorTrace]], s: Scenario
-) -> str:
+def _table(collisions: Traces, free: Traces, s: Scenario) -> str:
     lines = ["p50 / p95 / worst latency [ms], missed + early", ""]
     holdoff = s.detector.holdoff
     for name, watches in collisions.items():
@@ -275,7 +264,7 @@ def _table(
             )
     lines += ["", "false alarms (largest statistic in parentheses)", ""]
     for name, watches in free.items():
-        largest = max(float(w.statistic.max()) for w in watches)
+        largest = _largest(watches)
         minutes = evaluate_threshold(watches, 1.0, holdoff).minutes
         counts = ", ".join(
             f"{t:g}: {evaluate_threshold(watches, t, holdoff).false_alarms}" for t in _SHOWN
@@ -290,8 +279,8 @@ def _table(
 class Study:
     """What was flown: traces by variation, with and without an obstacle."""
 
-    collisions: dict[str, list[DetectorTrace]]
-    free: dict[str, list[DetectorTrace]]
+    collisions: Traces
+    free: Traces
     scenario: Scenario
 
 
@@ -300,7 +289,7 @@ def run_study(flights: int) -> Study:
     seeds = range(FIRST_SEED, FIRST_SEED + flights)
     memory = Workspace()
 
-    def flown(base: str, kinds: dict[str, tuple[str, ...]]) -> dict[str, list[DetectorTrace]]:
+    def flown(base: str, kinds: dict[str, tuple[str, ...]]) -> Traces:
         found = {}
         for name, settings in kinds.items():
             sys.stderr.write(f"{base}: {name}\n")
@@ -316,7 +305,7 @@ def draw(study: Study, path: Path) -> None:
     """Draw the figure into a file."""
     holdoff = study.scenario.detector.holdoff
 
-    def swept(kinds: dict[str, list[DetectorTrace]]) -> dict[str, list[ThresholdResult]]:
+    def swept(kinds: Traces) -> Outcomes:
         return {
             name: [evaluate_threshold(traces, float(t), holdoff) for t in THRESHOLDS]
             for name, traces in kinds.items()
@@ -333,35 +322,31 @@ def markdown(study: Study) -> str:
     holdoff, chosen = study.scenario.detector.holdoff, study.scenario.detector.threshold
     columns = ("paper", "0.4 m/s", "1.0 m/s", "pole of 3 cm", "Conf. 8, the softest push")
     *alarms, noisy = study.free
-    head = (
-        "threshold",
-        *columns,
-        f"false alarms: {', '.join(alarms)}",
-        f"false alarms: {noisy}",
-    )
+    groups = (f"false alarms: {names}" for names in (", ".join(alarms), noisy))
+    head = ("threshold", *columns, *groups)
     lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
     for threshold in (8.0, 13.0, 30.0, 60.0, 100.0, 150.0, 200.0):
         counts = [
-            str(evaluate_threshold(study.free[name], threshold, holdoff).false_alarms)
-            for name in study.free
+            str(evaluate_threshold(traces, threshold, holdoff).false_alarms)
+            for traces in study.free.values()
         ]
         shown = f"**{threshold:g}**" if threshold == chosen else f"{threshold:g}"
         cells = [_latencies(study.collisions[name], threshold, holdoff) for name in columns]
         row = (shown, *cells, ", ".join(counts[:-1]), counts[-1])
         lines.append(f"| {' | '.join(row)} |")
-    largest = {
-        name: max(float(trace.statistic.max()) for trace in traces)
-        for name, traces in study.free.items()
-    }
+    largest = [f"{name} {_largest(traces):.1f}" for name, traces in study.free.items()]
     minutes = evaluate_threshold(study.free["aggressive"], 1.0, holdoff).minutes
     lines += [
         "",
         f"Each column of false alarms is {minutes:.0f} minutes of flight. Largest statistic "
-        "without a contact: "
-        + ", ".join(f"{name} {value:.1f}" for name, value in largest.items())
-        + ".",
+        f"without a contact: {', '.join(largest)}.",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _largest(traces: Sequence[DetectorTrace]) -> float:
+    """Return the largest statistic of some flights."""
+    return max(float(trace.statistic.max()) for trace in traces)
 
 
 def _latencies(traces: Sequence[DetectorTrace], threshold: float, holdoff: float) -> str:

@@ -121,23 +121,19 @@ def compare_steps(recorded: Series, replayed: Series, unit: str) -> dict[str, An
 
     Or late, by up to `STEP_NS`: that much lies between two clocks' readings of one moment.
     """
-    metrics = {"recorded": len(recorded.stamp_ns), "replayed": len(replayed.stamp_ns)}
-    if not metrics["recorded"] or not metrics["replayed"]:
-        return {**metrics, "compared": 0, **_size(np.zeros(0), unit)}
     order = np.argsort(replayed.stamp_ns, kind="stable")
     stamps, values = replayed.stamp_ns[order], replayed.values[order]
-    sizes = []
-    for shift in (-STEP_NS, 0, STEP_NS):
+    sizes: Array = np.full((3, len(recorded.stamp_ns)), np.nan)
+    for size, shift in zip(sizes, (0, -STEP_NS, STEP_NS), strict=True):
         row = last_before(stamps, recorded.stamp_ns + shift)
-        size = np.linalg.norm(values[np.maximum(row, 0)] - recorded.values, axis=1)
-        sizes.append(np.where(row >= 0, size, np.nan))
-    known = ~np.isnan(sizes[1])
-    if not known.any():
-        return {**metrics, "compared": 0, **_size(np.zeros(0), unit)}
+        there = row >= 0
+        size[there] = np.linalg.norm(values[row[there]] - recorded.values[there], axis=1)
+    known = ~np.isnan(sizes[0])
     return {
-        **metrics,
+        "recorded": len(recorded.stamp_ns),
+        "replayed": len(replayed.stamp_ns),
         "compared": int(known.sum()),
-        **_size(np.nanmin(np.array(sizes)[:, known], axis=0), unit),
+        **_size(np.fmin.reduce(sizes[:, known], axis=0), unit),
     }
 
 

@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from tombo_dynamics.messages import PHASE_NAMES
 from tombo_flight.replay.compare import (
     Tolerances,
@@ -102,15 +104,10 @@ def _estimator(
 
 
 def _mission(recorded: Outputs, replayed: Outputs, context: Context) -> tuple[Metrics, list[str]]:
-    metrics: Metrics = {"setpoint": None}
-    found: list[str] = []
-    if "mission_setpoint" in recorded.series:
-        metrics["setpoint"] = compare_steps(
-            recorded.series["mission_setpoint"], replayed.series["mission_setpoint"], "m"
-        )
-        found = _over(metrics["setpoint"], "m", context.tolerances.setpoint_m, "set point")
-    before, after = (_phases(outputs) for outputs in (recorded, replayed))
-    names = [[PHASE_NAMES[phase] for _, phase in phases] for phases in (before, after)]
+    metrics, found = _setpoint(recorded, replayed, "mission_setpoint", context)
+    bounds = (0, len(PHASE_NAMES) - 1)
+    before, after = (_changes(outputs, "phase", bounds) for outputs in (recorded, replayed))
+    names = [[PHASE_NAMES[int(phase)] for _, (phase,) in phases] for phases in (before, after)]
     metrics["phases_recorded"], metrics["phases_replayed"] = names
     same = names[0] == names[1]
     metrics["phase_time_difference_ms"] = (
@@ -121,28 +118,35 @@ def _mission(recorded: Outputs, replayed: Outputs, context: Context) -> tuple[Me
     return metrics, found
 
 
-def _phases(outputs: Outputs) -> list[tuple[int, int]]:
-    """Return stamp and number of each phase that was new."""
-    found: list[tuple[int, int]] = []
-    series = outputs.series.get("phase")
+def _setpoint(
+    recorded: Outputs, replayed: Outputs, name: str, context: Context
+) -> tuple[Metrics, list[str]]:
+    if name not in recorded.series:
+        return {"setpoint": None}, []
+    steps = compare_steps(recorded.series[name], replayed.series[name], "m")
+    found = _over(steps, "m", context.tolerances.setpoint_m, "set point")
+    return {"setpoint": steps}, found
+
+
+def _changes(
+    outputs: Outputs, name: str, bounds: tuple[float, float] = (-math.inf, math.inf)
+) -> list[tuple[int, list[float]]]:
+    """Return stamp and value, held within bounds, of each finite value that was new."""
+    series = outputs.series.get(name)
+    found: list[tuple[int, list[float]]] = []
     if series is None:
         return found
-    for stamp, (phase,) in zip(series.stamp_ns.tolist(), series.values.tolist(), strict=True):
-        number = min(max(int(phase), 0), len(PHASE_NAMES) - 1)
-        if not found or found[-1][1] != number:
-            found.append((stamp, number))
+    values = np.clip(series.values, *bounds).tolist()
+    for stamp, value in zip(series.stamp_ns.tolist(), values, strict=True):
+        if all(map(math.isfinite, value)) and (not found or found[-1][1] != value):
+            found.append((stamp, value))
     return found
 
 
 def _reaction(recorded: Outputs, replayed: Outputs, context: Context) -> tuple[Metrics, list[str]]:
-    metrics: Metrics = {"setpoint": None, "x_r_error_m": [], "switch_time_difference_ms": []}
-    found: list[str] = []
-    if "setpoint" in recorded.series:
-        metrics["setpoint"] = compare_steps(
-            recorded.series["setpoint"], replayed.series["setpoint"], "m"
-        )
-        found = _over(metrics["setpoint"], "m", context.tolerances.setpoint_m, "set point")
-    before, after = (_switches(outputs) for outputs in (recorded, replayed))
+    metrics, found = _setpoint(recorded, replayed, "setpoint", context)
+    metrics |= {"x_r_error_m": [], "switch_time_difference_ms": []}
+    before, after = (_changes(outputs, "x_r") for outputs in (recorded, replayed))
     metrics["switches_recorded"], metrics["switches_replayed"] = len(before), len(after)
     for (time_a, x_a), (time_b, x_b) in zip(before, after, strict=False):
         metrics["switch_time_difference_ms"].append((time_b - time_a) / 1e6)
@@ -152,33 +156,15 @@ def _reaction(recorded: Outputs, replayed: Outputs, context: Context) -> tuple[M
     return metrics, found
 
 
-def _switches(outputs: Outputs) -> list[tuple[int, list[float]]]:
-    """Return stamp and x_r of each x_r that was new."""
-    series = outputs.series.get("x_r")
-    found: list[tuple[int, list[float]]] = []
-    if series is None:
-        return found
-    for stamp, x_r in zip(series.stamp_ns.tolist(), series.values.tolist(), strict=True):
-        if all(map(math.isfinite, x_r)) and (not found or found[-1][1] != x_r):
-            found.append((stamp, x_r))
-    return found
-
-
 def _controller(
     recorded: Outputs, replayed: Outputs, context: Context
 ) -> tuple[Metrics, list[str]]:
-    return _one_series(
-        recorded, replayed, "rotor_command", "rad_s", context.tolerances.command_rad_s
-    )
-
-
-def _one_series(
-    recorded: Outputs, replayed: Outputs, name: str, unit: str, tolerance: float
-) -> tuple[Metrics, list[str]]:
+    name = "rotor_command"
     if name not in recorded.series:
         return {name: None}, []
-    metrics = compare_series(recorded.series[name], replayed.series[name], unit)
-    return {name: metrics}, _over(metrics, unit, tolerance, name.replace("_", " "))
+    metrics = compare_series(recorded.series[name], replayed.series[name], "rad_s")
+    tolerance = context.tolerances.command_rad_s
+    return {name: metrics}, _over(metrics, "rad_s", tolerance, "rotor command")
 
 
 def _over(metrics: Metrics, unit: str, tolerance: float, what: str) -> list[str]:

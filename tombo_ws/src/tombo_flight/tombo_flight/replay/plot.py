@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Final
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
 
 from tombo_dynamics.arrays import Array
-from tombo_flight.replay.outputs import Event, Outputs, Series
 from tombo_flight.replay.run import Replay
 from tombo_flight.report import style
+from tombo_flight.report.figure import new_figure
 
 WIDTH_IN: Final = 12.0
 ROW_IN: Final = 2.4
 DPI: Final = 120
+_LEAST: Final = 0.05
+"""Smaller statistics are drawn here."""
 _AXES = ("x", "y", "z")
 _COLOURS = (style.BLUE, style.GREEN, style.ORANGE)
 
@@ -26,11 +27,8 @@ _COLOURS = (style.BLUE, style.GREEN, style.ORANGE)
 def draw_replay(result: Replay) -> Figure:
     """Draw a row for each node that was replayed; time counts from the recording's begin."""
     rows = [(title, draw) for node, title, draw in _ROWS if node in result.nodes]
-    with mpl.rc_context(style.RC):
-        figure = Figure(
-            figsize=(WIDTH_IN, 0.9 + ROW_IN * len(rows)), dpi=DPI, layout="constrained"
-        )
-        FigureCanvasAgg(figure)
+    height_in = 0.9 + ROW_IN * len(rows)
+    with new_figure(WIDTH_IN, height_in, DPI, layout="constrained") as figure:
         figure.suptitle(
             f"Replay of {result.bag.name}   ·   {_verdict(result)}",
             x=0.01, ha="left", weight="bold", size=11, parse_math=False,
@@ -55,55 +53,46 @@ def _key(axes: Axes) -> None:
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), borderaxespad=0.6)
 
 
-def _seconds(result: Replay, series: Series) -> Array:
-    seconds: Array = (series.stamp_ns - result.begin_ns) / 1e9
+def _seconds(result: Replay, stamps_ns: ArrayLike) -> Array:
+    """Return the time since the recording began [s]."""
+    seconds: Array = (np.asarray(stamps_ns) - result.begin_ns) / 1e9
     return seconds
 
 
-def _statistic(axes: Axes, result: Replay) -> None:
-    """Draw the statistic on a logarithmic axis, the threshold, and events as marks."""
+def _lines(
+    axes: Axes, result: Replay, name: str, what: str, value: Callable[[Array], Array]
+) -> None:
+    """Draw a value of a series, recorded and replayed."""
     for outputs, colour, width, label in (
         (result.recorded, style.ORANGE, 3.0, "recorded"),
         (result.replayed, style.BLUE, 1.0, "replayed"),
     ):
-        series = outputs.series.get("statistic")
+        series = outputs.series.get(name)
         if series is not None and len(series.stamp_ns):
             axes.plot(
-                _seconds(result, series),
-                np.maximum(series.values[:, 0], 0.05),
-                color=colour,
-                linewidth=width,
-                label=f"statistic, {label}",
-            )
+                _seconds(result, series.stamp_ns), value(series.values),
+                color=colour, linewidth=width, label=f"{what}, {label}",
+            )  # fmt: skip
+
+
+def _statistic(axes: Axes, result: Replay) -> None:
+    """Draw the statistic on a logarithmic axis, the threshold, and events as marks."""
+    _lines(axes, result, "statistic", "statistic", lambda v: np.maximum(v[:, 0], _LEAST))
     axes.axhline(result.threshold, color=style.MUTED, linestyle="--", linewidth=0.9)
     axes.set_yscale("log")
     axes.set_ylabel("statistic")
-    for stamp in result.contacts_ns or []:
-        axes.axvline((stamp - result.begin_ns) / 1e9, color=style.FAINT, linewidth=3.0, zorder=0)
-    _marks(axes, result, result.recorded.events, "o", style.ORANGE, "event, recorded", 9.0)
-    _marks(axes, result, result.replayed.events, "x", style.VERMILLION, "event, replayed", 6.0)
-
-
-def _marks(
-    axes: Axes,
-    result: Replay,
-    events: Sequence[Event] | None,
-    marker: str,
-    colour: str,
-    label: str,
-    size: float,
-) -> None:
-    if events:
-        axes.plot(
-            [(event.stamp_ns - result.begin_ns) / 1e9 for event in events],
-            [max(event.statistic, 0.05) for event in events],
-            marker,
-            color=colour,
-            markersize=size,
-            markerfacecolor="none",
-            markeredgewidth=1.6,
-            label=label,
-        )
+    for contact_s in _seconds(result, result.contacts_ns or []):
+        axes.axvline(contact_s, color=style.FAINT, linewidth=3.0, zorder=0)
+    for events, marker, colour, label, size in (
+        (result.recorded.events, "o", style.ORANGE, "event, recorded", 9.0),
+        (result.replayed.events, "x", style.VERMILLION, "event, replayed", 6.0),
+    ):
+        if events:
+            axes.plot(
+                _seconds(result, [event.stamp_ns for event in events]),
+                [max(event.statistic, _LEAST) for event in events], marker, color=colour,
+                markersize=size, markerfacecolor="none", markeredgewidth=1.6, label=label,
+            )  # fmt: skip
 
 
 def _vectors(name: str, unit: str) -> Callable[[Axes, Replay], None]:
@@ -117,37 +106,18 @@ def _vectors(name: str, unit: str) -> Callable[[Axes, Replay], None]:
                 continue
             for i, axis in enumerate(_AXES):
                 axes.plot(
-                    _seconds(result, series),
-                    series.values[:, i],
-                    color=_COLOURS[i],
-                    linewidth=width,
-                    alpha=alpha,
-                    label=f"{axis}, {label}",
-                )
+                    _seconds(result, series.stamp_ns), series.values[:, i], color=_COLOURS[i],
+                    linewidth=width, alpha=alpha, label=f"{axis}, {label}",
+                )  # fmt: skip
         axes.set_ylabel(unit)
 
     return draw
 
 
 def _commands(axes: Axes, result: Replay) -> None:
-    """Draw the mean command of the four rotors, and the largest difference of one of them."""
-    both = [outputs.series.get("rotor_command") for outputs in _sides(result)]
-    for series, colour, width, label in zip(
-        both, (style.ORANGE, style.BLUE), (3.0, 1.0), ("recorded", "replayed"), strict=True
-    ):
-        if series is not None and len(series.stamp_ns):
-            axes.plot(
-                _seconds(result, series),
-                series.values.mean(axis=1),
-                color=colour,
-                linewidth=width,
-                label=f"mean of rotors, {label}",
-            )
+    """Draw the mean command of the four rotors."""
+    _lines(axes, result, "rotor_command", "mean of rotors", lambda v: v.mean(axis=1))
     axes.set_ylabel("rotor speed [rad/s]")
-
-
-def _sides(result: Replay) -> tuple[Outputs, Outputs]:
-    return result.recorded, result.replayed
 
 
 _ROWS: Final[tuple[tuple[str, str, Callable[[Axes, Replay], None]], ...]] = (

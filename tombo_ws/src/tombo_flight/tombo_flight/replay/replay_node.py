@@ -35,11 +35,11 @@ from tombo_bag.mcap_sink import McapSink
 from tombo_bag.message_template import MessageTemplate
 from tombo_bag.reader import Bag
 from tombo_bag.topics import CLOCK, TOPICS, TopicSpec
-from tombo_dynamics.time_base import SECOND_NS
+from tombo_dynamics.time_base import SECOND_NS, TICK_NS
 from tombo_ros.pacing import sleep_until
 from tombo_ros.topic import PolledSubscription, TopicPublisher
 
-_CLOCK_NS = 1_000_000
+_CLOCK_NS = TICK_NS
 """Longest step of `/clock`, in the nodes' time."""
 _LEAD_NS = SECOND_NS // 2
 """Time of the clock before the first message, and after the last."""

@@ -12,12 +12,7 @@ import numpy as np
 
 from tombo_bag.recording import Recording
 from tombo_bag.rolling_sink import NOTES as RECORDER_NOTES
-from tombo_bag.topics import (
-    COLLISION_EVENT,
-    MOCAP_POSE,
-    TOPICS,
-    TRUE_CONTACT,
-)
+from tombo_bag.topics import COLLISION_EVENT, MOCAP_POSE, TOPICS, TRUE_CONTACT
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_flight.replay.bag_scenario import scenario_of_bag
 from tombo_flight.replay.compare import Tolerances
@@ -148,9 +143,7 @@ def _prepare(recording: Recording, request: Request, result: Replay) -> Inputs:
             f"'{recording.path}': nothing to replay ({'; '.join(why)}); its "
             f"topics: {listed or 'none'}; accepted: --map TOPIC:=NAME for topics of another name"
         )
-    wanted = {
-        topic for name in nodes for topic in (*NODES[name].inputs, *NODES[name].optional_inputs)
-    }
+    wanted = {topic for name in nodes for topic in NODES[name].core.inputs}
     wanted |= {SERIES[name].topic for name in outputs_of(nodes) if name in SERIES}
     wanted |= {TRUE_CONTACT.name, COLLISION_EVENT.name}
     wanted |= set([name for name in CLOCK_TOPICS if name in there][:1])

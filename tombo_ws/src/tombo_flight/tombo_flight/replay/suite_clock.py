@@ -16,6 +16,7 @@ from tombo_bag.bag_files import Stream
 from tombo_bag.reader import RawMessages
 from tombo_bag.recording import Recording
 from tombo_bag.topics import IMU, MISSION_SETPOINT, ODOMETRY, SETPOINT
+from tombo_dynamics.time_base import SECOND_NS
 
 Times = NDArray[np.int64]
 
@@ -65,7 +66,7 @@ def _clock_offset_ns(raw: RawMessages) -> float:
     """Return how far some stamps are ahead of log times; a header's stamp stands in front."""
     some = slice(0, None, len(raw.messages) // _SOME + 1)
     ahead = [
-        seconds * 1_000_000_000 + rest - log
+        seconds * SECOND_NS + rest - log
         for (seconds, rest), log in zip(
             (_STAMP.unpack_from(m, 4) for m in raw.messages[some] if len(m) >= _SHORTEST),
             raw.log_times_ns[some].tolist(),

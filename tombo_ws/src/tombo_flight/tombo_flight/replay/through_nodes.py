@@ -36,7 +36,7 @@ from tombo_flight.replay.poses import PoseTrack
 from tombo_flight.suite.domain import free_domain, udp_ports
 from tombo_flight.suite.nodes import node_environment, node_program
 from tombo_flight.suite.parameter_yaml import parameter_yaml, suite_parameters
-from tombo_flight.suite.supervisor import ProcessExit, Program, Supervisor
+from tombo_flight.suite.supervisor import ProcessExit, Program, Supervisor, json_object
 
 PLAYER = "replay"
 PLAYER_MODULE = "tombo_flight.replay.replay_node"
@@ -119,7 +119,7 @@ class ThroughNodes:
         while True:
             poll = supervisor.poll(_LOOK_S)
             for _, line in poll.heard:
-                said = _object(line)
+                said = json_object(line)
                 if "done" in said:
                     return dict(said["done"])
                 missing = said.get("missing", missing)
@@ -136,14 +136,6 @@ class ThroughNodes:
                     f"{', '.join(missing)}; "
                     "accepted: nodes that find each other (another ROS_DOMAIN_ID, or a firewall?)"
                 )
-
-
-def _object(line: str) -> dict[str, Any]:
-    try:
-        found = json.loads(line)
-    except ValueError:
-        return {}
-    return found if isinstance(found, dict) else {}
 
 
 def _exit_text(ended: Sequence[ProcessExit]) -> str:

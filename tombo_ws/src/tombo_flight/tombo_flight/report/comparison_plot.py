@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from typing import Final
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tombo_bag.comparison import Comparison, TopicComparison, Trace
 from tombo_dynamics.arrays import Array
 from tombo_flight.report import style
+from tombo_flight.report.figure import new_figure
 
 WIDTH_IN: Final = 12.0
 ROW_IN: Final = 1.7
@@ -31,11 +30,8 @@ def draw_comparison(comparison: Comparison, name_a: str, name_b: str) -> Figure:
     """
     topics = [topic for topic in comparison.topics if not topic.equal]
     rows = topics[:_MOST_ROWS]
-    with mpl.rc_context(style.RC):
-        figure = Figure(
-            figsize=(WIDTH_IN, 0.9 + ROW_IN * max(len(rows), 1)), dpi=DPI, layout="constrained"
-        )
-        FigureCanvasAgg(figure)
+    height_in = 0.9 + ROW_IN * max(len(rows), 1)
+    with new_figure(WIDTH_IN, height_in, DPI, layout="constrained") as figure:
         figure.suptitle(
             f"A: {name_a}   ·   B: {name_b}   ·   "
             f"{len(topics)} of {len(comparison.topics)} topics differ",

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from tombo_flight.report import style
+from tombo_flight.report.figure import new_figure
 from tombo_flight.report.milestones import FlightMilestones, Outcome, find_milestones, nearest
 from tombo_flight.report.overview_scene import SIZE_IN, draw_scene, phase_colour
 from tombo_flight.report.panel import envelope
@@ -35,9 +34,7 @@ def draw_overview(record: FlightRecord) -> Figure:
     milestones = find_milestones(record)
     start_s, end_s = _stretch(milestones)
     instants = _apart(record, _instants(milestones))
-    with mpl.rc_context({**style.RC, "font.size": 12.0}):
-        figure = Figure(figsize=SIZE_IN, dpi=DPI, facecolor="#F4F7F9")
-        FigureCanvasAgg(figure)
+    with new_figure(*SIZE_IN, DPI, font_size=12.0, facecolor="#F4F7F9") as figure:
         scene = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         veil = figure.add_axes((0.0, 0.0, 1.0, 0.238), facecolor=(1.0, 1.0, 1.0, 0.9))
         strip = figure.add_axes((0.055, 0.082, 0.915, 0.125), facecolor="none")

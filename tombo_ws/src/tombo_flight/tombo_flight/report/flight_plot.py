@@ -5,14 +5,13 @@ from __future__ import annotations
 import io
 from typing import TYPE_CHECKING, Final
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tombo_dynamics.arrays import Array
 from tombo_flight.report import panels, style
+from tombo_flight.report.figure import new_figure
 from tombo_flight.report.milestones import (
     FlightMilestones,
     Outcome,
@@ -54,9 +53,7 @@ def draw_flight(record: FlightRecord) -> Figure:
     milestones = find_milestones(record)
     angles_deg = roll_pitch_yaw_deg(record.log["attitude"])
     end_s = max(milestones.duration_s, 1e-3)
-    with mpl.rc_context(style.RC):
-        figure = Figure(figsize=SIZE_IN, dpi=DPI)
-        FigureCanvasAgg(figure)
+    with new_figure(*SIZE_IN, DPI) as figure:
         _title(figure, milestones)
         if milestones.mark_s is None:
             columns = [(Window(0.0, end_s, 0.0, 1500, zoomed=False), _LEFT, _RIGHT)]

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import base64
 import json
-import math
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tombo_dynamics.arrays import Array
+from tombo_flight.flight_output import plain
 from tombo_flight.report import style
 from tombo_flight.report.airframe_shapes import Airframe
 from tombo_flight.report.milestones import PHASE_NAMES, ROTOR_NAMES, FlightMilestones
@@ -39,6 +39,11 @@ COLUMNS: Final = (
     "mode",
 )
 """Columns of the log that are carried as they are, at the kept samples."""
+_MILESTONES: Final = (
+    *("duration_s", "mark_s", "contact_s", "detection_s", "switch_s", "unstable_end_s"),
+    *("recovery_end_s", "crash_s", "verdict", "x_c_m", "x_r_m", "n_r", "contact_height_m"),
+    *("lowest_m", "lowest_s"),
+)
 
 
 def kept_samples(t: Array, mark_s: float | None) -> NDArray[np.intp]:
@@ -86,21 +91,8 @@ def milestones_block(record: FlightRecord, milestones: FlightMilestones) -> dict
     """Data of the scripts beside the columns, ready for JSON."""
     obstacle, airframe = milestones.obstacle, Airframe.of(record.scenario)
     return {
-        "duration_s": milestones.duration_s,
-        "mark_s": milestones.mark_s,
-        "contact_s": milestones.contact_s,
-        "detection_s": milestones.detection_s,
-        "switch_s": milestones.switch_s,
-        "unstable_end_s": milestones.unstable_end_s,
-        "recovery_end_s": milestones.recovery_end_s,
-        "crash_s": milestones.crash_s,
+        **{name: getattr(milestones, name) for name in _MILESTONES},
         "verdict": milestones.verdict.value,
-        "x_c_m": milestones.x_c_m,
-        "x_r_m": milestones.x_r_m,
-        "n_r": milestones.n_r,
-        "contact_height_m": milestones.contact_height_m,
-        "lowest_m": milestones.lowest_m,
-        "lowest_s": milestones.lowest_s,
         "obstacle": None if obstacle is None else vars(obstacle),
         "phases": [[s.start_s, s.end_s, s.phase] for s in milestones.phases],
         "phase_names": PHASE_NAMES,
@@ -127,7 +119,7 @@ def milestones_block(record: FlightRecord, milestones: FlightMilestones) -> dict
 
 def script_json(value: Any) -> str:
     """JSON that is safe inside a script element: no '<', '>' or '&', non-finite as null."""
-    text = json.dumps(_finite(value), separators=(",", ":"), allow_nan=False, ensure_ascii=True)
+    text = json.dumps(plain(value), separators=(",", ":"), allow_nan=False, ensure_ascii=True)
     for character in "<>&":
         text = text.replace(character, f"\\u{ord(character):04x}")
     return text
@@ -140,19 +132,3 @@ def _largest_since(force: Array, index: NDArray[np.intp]) -> Array:
     starts = np.concatenate(([0], index[:-1] + 1))
     largest: Array = np.maximum.reduceat(size[: index[-1] + 1], starts)
     return largest.reshape(-1, 1)
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(key): _finite(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return [_finite(item) for item in value]
-    if isinstance(value, (bool, str)) or value is None:
-        return value
-    if isinstance(value, np.bool_):
-        return bool(value)
-    if isinstance(value, (int, np.integer)):
-        return int(value)
-    if isinstance(value, (float, np.floating)):
-        return float(value) if math.isfinite(value) else None
-    return str(value)

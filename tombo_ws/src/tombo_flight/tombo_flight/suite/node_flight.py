@@ -18,12 +18,7 @@ from tombo_dynamics.messages import Phase
 from tombo_dynamics.time_base import EPOCH_NS
 from tombo_flight.flight import as_flown
 from tombo_flight.flight_from_bag import flight_from_bag
-from tombo_flight.flight_output import (
-    FlightResult,
-    as_json,
-    draw_pictures,
-    flight_summary,
-)
+from tombo_flight.flight_output import FlightResult, as_json, draw_pictures, flight_summary
 from tombo_flight.process.stop_signals import Stopped, StopSignals
 from tombo_flight.progress import ProgressCallback
 from tombo_flight.scenario import Scenario, world_of
@@ -88,17 +83,13 @@ class FlightMonitor:
         self._began_ns: int | None = None
         self._now_ns = 0
         self._end_s = scenario.duration
-        self._phase: int | None = None
+        self.phase: int | None = None
+        """Of the mission; None: not told yet."""
 
     @property
     def flown_s(self) -> float:
         """Flight time: from the mission's first word; before it, from the first true pose."""
         return 0.0 if self._began_ns is None else (self._now_ns - self._began_ns) * 1e-9
-
-    @property
-    def phase(self) -> int | None:
-        """Of the mission; None: not told yet."""
-        return self._phase
 
     @property
     def over(self) -> bool:
@@ -109,9 +100,9 @@ class FlightMonitor:
         """Take a state of the flight: stamp_ns, height_m, upright, phase (None: not known)."""
         self._now_ns = int(state["stamp_ns"])
         phase = state["phase"]
-        if self._began_ns is None or (self._phase is None and phase is not None):
+        if self._began_ns is None or (self.phase is None and phase is not None):
             self._began_ns = self._now_ns
-        self._phase = phase
+        self.phase = phase
         self.airborne |= float(state["height_m"]) > self._lifted_m
         more_s = self._flight_end.watch(
             float(state["height_m"]),

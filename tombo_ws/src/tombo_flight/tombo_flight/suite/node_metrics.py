@@ -8,7 +8,7 @@ from typing import Any
 from tombo_bag.recording import Recording
 from tombo_bag.rolling_sink import NOTES
 from tombo_bag.schemas import type_store
-from tombo_bag.topics import DIAGNOSTICS
+from tombo_bag.topics import DIAGNOSTICS, TopicSpec
 from tombo_flight.suite.node_diagnostics import Loop, NodeDiagnostics
 from tombo_flight.suite.nodes import SUITE
 
@@ -20,8 +20,17 @@ _OWN_LOOP = "loop"
 def recorded_diagnostics(recording: Recording) -> NodeDiagnostics:
     """Return the last report of each node."""
     node_diagnostics = NodeDiagnostics()
-    for report in _reports(recording):
-        node_diagnostics.take(report, 0.0)
+    for report in recorded_messages(recording, DIAGNOSTICS):
+        statuses = [
+            {
+                "name": status.name,
+                "level": status.level,
+                "message": status.message,
+                "values": {pair.key: pair.value for pair in status.values},
+            }
+            for status in report.status
+        ]
+        node_diagnostics.take(statuses, 0.0)
     return node_diagnostics
 
 
@@ -58,18 +67,9 @@ def _loops(node_diagnostics: NodeDiagnostics) -> Iterator[tuple[str, Loop]]:
             yield (loop.name.removesuffix(" loop") if own else node), loop
 
 
-def _reports(recording: Recording) -> Iterator[list[dict[str, Any]]]:
-    if DIAGNOSTICS.name not in recording.topics:
-        return
-    store = type_store()
-    for data in recording.messages(DIAGNOSTICS.name).messages:
-        array: Any = store.deserialize_cdr(data, DIAGNOSTICS.typename)
-        yield [
-            {
-                "name": status.name,
-                "level": status.level,
-                "message": status.message,
-                "values": {pair.key: pair.value for pair in status.values},
-            }
-            for status in array.status
-        ]
+def recorded_messages(recording: Recording, spec: TopicSpec) -> Iterator[Any]:
+    """Yield the messages of a topic as they were recorded; none without the topic."""
+    if spec.name in recording.topics:
+        store = type_store()
+        for data in recording.messages(spec.name).messages:
+            yield store.deserialize_cdr(data, spec.typename)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from tombo_bag.recording import Recording
-from tombo_bag.schemas import type_store
 from tombo_bag.topics import PX4_STATUS
 from tombo_dynamics.messages import Phase
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_flight.flight_record import FlightRecord
-from tombo_flight.suite.node_metrics import recorded_diagnostics
+from tombo_flight.suite.node_metrics import recorded_diagnostics, recorded_messages
 
 READY_S: Final = 25.0
 """From the first word of the bridge: EKF2 converges, checks pass, the vehicle arms."""
@@ -124,27 +123,18 @@ class BridgeMonitor:
         return f"{waited}: {found or 'it stands ' + str(status['stage'])}"
 
 
-@dataclass(frozen=True)
-class _Change:
-    """One message of `/px4/status`."""
-
-    time_s: float
-    armed: bool
-    offboard: bool
-    mode: str
-    stage: str
-    text: str
-    firmware: str
+_Changes = Sequence[tuple[float, Any]]
+"""Flight time [s] and content of each message of `/px4/status`."""
 
 
 def px4_metrics(recording: Recording, record: FlightRecord) -> dict[str, Any]:
     """Return what the summary says about PX4; what nobody told is None."""
-    changes = list(_changes(recording, record.epoch_ns))
+    changes = _changes(recording, record.epoch_ns)
     bridge = recorded_diagnostics(recording).nodes.get("px4_bridge")
     values = {} if bridge is None else bridge.values
     end_s = float(record.t[-1]) if record.t.size else 0.0
     return {
-        "firmware": changes[-1].firmware if changes else None,
+        "firmware": str(changes[-1][1].firmware) if changes else None,
         "armed_s": _first(changes, "armed"),
         "offboard_s": _first(changes, "offboard"),
         "armed_duration_s": _lasted(changes, "armed", end_s),
@@ -160,26 +150,17 @@ def px4_metrics(recording: Recording, record: FlightRecord) -> dict[str, Any]:
             and isinstance(count, int)
             and count > 0
         },
-        "status_texts": _steps(changes, "text"),
+        "status_texts": _steps(changes, "status_text"),
     }
 
 
-def _changes(recording: Recording, epoch_ns: int) -> Iterator[_Change]:
-    if PX4_STATUS.name not in recording.topics:
-        return
-    store = type_store()
-    for data in recording.messages(PX4_STATUS.name).messages:
-        status: Any = store.deserialize_cdr(data, PX4_STATUS.typename)
+def _changes(recording: Recording, epoch_ns: int) -> _Changes:
+    found = []
+    for status in recorded_messages(recording, PX4_STATUS):
         stamp = status.header.stamp
-        yield _Change(
-            round((stamp.sec * 10**9 + stamp.nanosec - epoch_ns) * 1e-9, 3),
-            bool(status.armed),
-            bool(status.offboard),
-            str(status.mode),
-            str(status.stage),
-            str(status.status_text),
-            str(status.firmware),
-        )
+        time_s = (stamp.sec * SECOND_NS + stamp.nanosec - epoch_ns) * 1e-9
+        found.append((round(time_s, 3), status))
+    return found
 
 
 def _reported_value(values: Mapping[str, Any], name: str) -> Any:
@@ -187,26 +168,26 @@ def _reported_value(values: Mapping[str, Any], name: str) -> Any:
     return None if value in ("None", "nan", "") else value
 
 
-def _first(changes: Sequence[_Change], name: str) -> float | None:
-    return next((c.time_s for c in changes if getattr(c, name)), None)
+def _first(changes: _Changes, name: str) -> float | None:
+    return next((time_s for time_s, status in changes if getattr(status, name)), None)
 
 
-def _lasted(changes: Sequence[_Change], name: str, end_s: float) -> float:
+def _lasted(changes: _Changes, name: str, end_s: float) -> float:
     """Return how long something was so [s]."""
-    times = [*(change.time_s for change in changes[1:]), end_s]
+    times = [*(time_s for time_s, _ in changes[1:]), end_s]
     spans = (
-        max(until - change.time_s, 0.0)
-        for change, until in zip(changes, times, strict=False)
-        if getattr(change, name)
+        max(until - time_s, 0.0)
+        for (time_s, status), until in zip(changes, times, strict=False)
+        if getattr(status, name)
     )
     return round(sum(spans), 3)
 
 
-def _steps(changes: Sequence[_Change], name: str) -> list[list[Any]]:
+def _steps(changes: _Changes, name: str) -> list[list[Any]]:
     """Return [time, text] of each new text."""
     found: list[list[Any]] = []
-    for change in changes:
-        text = getattr(change, name)
+    for time_s, status in changes:
+        text = str(getattr(status, name))
         if text and (not found or found[-1][1] != text):
-            found.append([change.time_s, text])
+            found.append([time_s, text])
     return found

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import signal
 import time
@@ -25,7 +24,13 @@ from tombo_flight.suite.nodes import (
 )
 from tombo_flight.suite.parameter_yaml import parameter_yaml, suite_parameters
 from tombo_flight.suite.status_table import Suite
-from tombo_flight.suite.supervisor import ProcessExit, ProcessUpdate, Program, Supervisor
+from tombo_flight.suite.supervisor import (
+    ProcessExit,
+    ProcessUpdate,
+    Program,
+    Supervisor,
+    json_object,
+)
 
 PARAMETERS: Final = "parameters.yaml"
 LOGS: Final = "log"
@@ -202,12 +207,7 @@ class RunningSuite:
         """Take in what the monitor says; return the newest state of flight and bridge."""
         flight = px4 = None
         for _, line in poll.heard:
-            try:
-                said = json.loads(line)
-            except ValueError:
-                continue
-            if not isinstance(said, dict):
-                continue
+            said = json_object(line)
             if "diagnostics" in said:
                 self.node_diagnostics.take(said["diagnostics"], time.monotonic())
             flight = said.get("flight", flight)

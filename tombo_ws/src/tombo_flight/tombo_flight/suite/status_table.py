@@ -66,7 +66,7 @@ def status_table(suite: Suite) -> Table:
         style = _STYLES.get(state, "bold red")
         pid = str(suite.pids.get(name, ""))
         fault = status.message if pid else ""
-        first, *others = loops or (None,)
+        first, *others = loops or (Loop("", {}),)
         table.add_row(
             Text(name, "bold"),
             Text(state, style),
@@ -116,9 +116,7 @@ def status_object(suite: Suite) -> dict[str, Any]:
     return {"event": "status", "uptime_s": round(suite.uptime_s, 1), "nodes": nodes}
 
 
-def _cells(loop: Loop | None, pid: str, *, alone: bool) -> tuple[Text, ...]:
-    if loop is None:
-        return (Text(""), Text(pid), Text(""), Text(""), Text(""))
+def _cells(loop: Loop, pid: str, *, alone: bool) -> tuple[Text, ...]:
     rate, late, missed = (loop.number(key) for key in ("rate_hz", "jitter_p99_us", "missed"))
     return (
         Text("" if alone else loop.name),

@@ -6,6 +6,7 @@ restarted: a flight with a node that came back is another experiment.
 
 from __future__ import annotations
 
+import json
 import os
 import select
 import signal
@@ -15,7 +16,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from tombo_flight.suite import guard, launcher
 from tombo_flight.suite.node_log import NodeLog
@@ -268,6 +269,15 @@ class Supervisor:
 
 def _process_exit(child: _Child, code: int) -> ProcessExit:
     return ProcessExit(child.program.name, code, child.log.last_log_lines)
+
+
+def json_object(line: str) -> dict[str, Any]:
+    """Return the JSON object that a program said in a line; empty: it is none."""
+    try:
+        found = json.loads(line)
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def _has_ended(pid: int) -> bool:

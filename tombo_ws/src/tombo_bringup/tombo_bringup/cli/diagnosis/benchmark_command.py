@@ -82,9 +82,10 @@ def _table(aggregate: Mapping[str, Any], title: str) -> Any:
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(box=SIMPLE_HEAD, title=Text(title), title_justify="left")
-    for heading in ("", "found", "asked for", ""):
-        table.add_column(heading, justify="right" if heading else "left")
+    from tombo_bringup.cli.tables import right
+
+    columns = right("found", "asked for")
+    table = Table("", *columns, "", box=SIMPLE_HEAD, title=Text(title), title_justify="left")
     for key, words, sign, limit, factor in THRESHOLDS:
         value = aggregate.get(key)
         asked = sign if sign not in (">=", "<=") else f"{sign} {_shown(limit, factor)}"

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Final
 import typer
 
 from tombo_bringup.cli.options import integer_option, json_option
+from tombo_dynamics.errors import InputError
 
 EXIT_CODES: Final = (
     "Exit code: 0 whatever the score; 2 for bad input or output that can't be written; 130 after "
@@ -18,11 +19,8 @@ EXIT_CODES: Final = (
 _MOST_CASES: Final = 100_000
 _MOST_WORKERS: Final = 1024
 
-Cases = Annotated[int, integer_option("--cases", "N", "How many cases.")]
-Workers = Annotated[
-    int | None,
-    integer_option("--workers", "W", "Processes. Default: one a core."),
-]
+Cases = Annotated[int, integer_option("--cases N", "How many cases.")]
+Workers = Annotated[int | None, integer_option("--workers W", "Processes. Default: one a core.")]
 Output = Annotated[
     Path | None,
     typer.Option("-o", "--output", metavar="FILE", help="Write the JSON there as well."),
@@ -37,8 +35,12 @@ def checked(cases: int, workers: int | None, output: Path | None) -> int:
         InputError: an option is out of bounds, or the output can't be written.
     """
     count = (os.cpu_count() or 1) if workers is None else workers
-    _bounds("--cases", cases, 1, _MOST_CASES)
-    _bounds("--workers", count, 1, _MOST_WORKERS)
+    for name, value, most in (
+        ("--cases", cases, _MOST_CASES),
+        ("--workers", count, _MOST_WORKERS),
+    ):
+        if not 1 <= value <= most:
+            raise InputError(f"{name} {value}: out of bounds; accepted: 1 to {most}")
     if output is not None:
         _try_to_write(output)
     return count
@@ -100,13 +102,6 @@ def _write(path: Path, text: str) -> None:
         staged.unlink(missing_ok=True)
 
 
-def _bounds(option: str, value: int, low: int, high: int) -> None:
-    from tombo_dynamics.errors import InputError
-
-    if not low <= value <= high:
-        raise InputError(f"{option} {value}: out of bounds; accepted: {low} to {high}")
-
-
 def _try_to_write(path: Path) -> None:
     """Try it, before hours of work: permissions alone do not tell (/proc, a full disk)."""
     there = path.exists()
@@ -120,8 +115,6 @@ def _try_to_write(path: Path) -> None:
 
 
 def _unwritable(path: Path, error: OSError) -> Exception:
-    from tombo_dynamics.errors import InputError
-
     return InputError(
         f"-o {path}: can't be written ({error.strerror}); accepted: a file in a folder that can "
         "be written"

@@ -67,9 +67,11 @@ def print_score(aggregate: Mapping[str, Any], cases: int) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(box=SIMPLE_HEAD, title=Text(f"{cases} blind stand cases"), title_justify="left")
-    for heading in ("", "asked for", "all", *_STANDS):
-        table.add_column(heading, justify="left" if not heading else "right")
+    from tombo_bringup.cli.tables import right
+
+    columns = right("asked for", "all", *_STANDS)
+    title = Text(f"{cases} blind stand cases")
+    table = Table("", *columns, box=SIMPLE_HEAD, title=title, title_justify="left")
     parts = (aggregate, *(aggregate[s] for s in _STANDS))
     table.add_row("cases", "", *(str(p["cases"]) for p in parts))
     for key, words, asked, limit in _ROWS:

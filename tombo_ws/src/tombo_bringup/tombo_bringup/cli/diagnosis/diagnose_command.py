@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.options import Force, json_option, output_option
+from tombo_bringup.cli.options import Force, json_option, option, output_option
 from tombo_bringup.cli.result_files import compute_into, results_folder
 from tombo_dynamics.errors import InputError
 
@@ -36,40 +36,37 @@ def diagnose(
     ],
     model: Annotated[
         Path | None,
-        typer.Option(
-            "--model",
-            metavar="FILE",
-            help="Hold the flights against this model, as written by an earlier diagnosis. "
-            "Default: the suite's own.",
+        option(
+            "--model FILE",
+            "Hold the flights against this model, as written by an earlier diagnosis. Default: "
+            "the suite's own.",
         ),
     ] = None,
     mapping: Annotated[
         str | None,
-        typer.Option(
-            "--mapping",
-            metavar="FILE|NAME",
-            help="What the columns of a CSV are, in which units and frames (docs/logs.md).",
+        option(
+            "--mapping FILE|NAME",
+            "What the columns of a CSV are, in which units and frames (docs/logs.md).",
         ),
     ] = None,
     topics: Annotated[
         list[str] | None,
-        typer.Option(
-            "--topic",
-            metavar="RECORDED=NAME",
-            help="Take a recorded topic for one of the suite's, as in "
-            "/vrpn/quad/pose=/mocap/pose. May be given many times.",
+        option(
+            "--topic RECORDED=NAME",
+            "Take a recorded topic for one of the suite's, as in /vrpn/quad/pose=/mocap/pose. "
+            "May be given many times.",
         ),
     ] = None,
     output: Annotated[
         str | None,
         output_option(
-            "Folder of the results, new or empty. Default: runs/diagnosis-LOG, replaced; "
-            "with --json nothing is written."
+            "Folder of the results, new or empty. Default: runs/diagnosis-LOG, replaced; with "
+            "--json nothing is written."
         ),
     ] = None,
     force: Force = False,
     no_report: Annotated[
-        bool, typer.Option("--no-report", help="Write no report.html and no plots.")
+        bool, option("--no-report", "Write no report.html and no plots.")
     ] = False,
     as_json: Annotated[bool, json_option("Print diagnosis.json, and nothing else.")] = False,
 ) -> None:

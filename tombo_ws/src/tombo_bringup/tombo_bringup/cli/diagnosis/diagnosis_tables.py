@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
+from tombo_bringup.cli.tables import print_line, right
 from tombo_diagnosis.extend_model import extends
 from tombo_diagnosis.report.diagnosis_output import MISSION, MODEL
 from tombo_diagnosis.report.diagnosis_text import CLASSES, LABELS, headline, next_steps
@@ -25,41 +26,32 @@ if TYPE_CHECKING:
 _COLOURS: Final = {"good": "bold green", "warn": "bold yellow", "bad": "bold red"}
 _MOST_FINDINGS: Final = 10
 _RIVALS: Final = 3
-_Line = Callable[..., None]
-"""Prints a line of text, in a style if one is given."""
 
 
 def print_diagnosis(diagnosis: Diagnosis, folder: Path | None, written: Sequence[str]) -> None:
     """Print what was found, and where the files are."""
     console = Console(highlight=False)
-
-    def line(text: str, style: str = "") -> None:
-        console.print(Text(text, style), soft_wrap=True)
-
     label = LABELS.get(diagnosis.verdict, diagnosis.verdict)
     colour = _COLOURS[CLASSES.get(diagnosis.verdict, "warn")]
-    line(f"{headline(diagnosis)}.", colour)
-    line(f"({label}, {certainty(diagnosis.confidence)}) {diagnosis.summary}")
+    print_line(f"{headline(diagnosis)}.", colour)
+    print_line(f"({label}, {certainty(diagnosis.confidence)}) {diagnosis.summary}")
     if diagnosis.causes:
         console.print(_causes(diagnosis))
-    _rivals(diagnosis, line)
+    _rivals(diagnosis)
     if diagnosis.gain:
         console.print(_gains(diagnosis.gain))
-    _findings(diagnosis, line)
+    _findings(diagnosis)
     for note in diagnosis.notes:
-        line(f"Note: {note}")
-    _next(diagnosis, folder, line)
+        print_line(f"Note: {note}")
+    _next(diagnosis, folder)
     if folder is not None:
-        line(f"Wrote {', '.join(written)} to {folder}")
+        print_line(f"Wrote {', '.join(written)} to {folder}")
 
 
 def _causes(diagnosis: Diagnosis) -> Table:
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    table.add_column("it may be" if diagnosis.verdict == "set" else "cause")
-    table.add_column("sure", justify="right")
-    table.add_column("parameter")
-    table.add_column("value", justify="right")
-    table.add_column("95 % interval")
+    first = "it may be" if diagnosis.verdict == "set" else "cause"
+    columns = (Column(first), *right("sure"), Column("parameter"), *right("value"))
+    table = Table(*columns, "95 % interval", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for cause in diagnosis.causes:
         for k, theta in enumerate(cause.theta):
             value, low, high = interval(theta)
@@ -73,7 +65,7 @@ def _causes(diagnosis: Diagnosis) -> Table:
     return table
 
 
-def _rivals(diagnosis: Diagnosis, line: _Line) -> None:
+def _rivals(diagnosis: Diagnosis) -> None:
     """Print who else was likely, and how many could not be seen."""
     members = {cause.effect for cause in diagnosis.causes}
     rivals = [
@@ -82,19 +74,21 @@ def _rivals(diagnosis: Diagnosis, line: _Line) -> None:
         if score.effect not in members and score.excited and score.probability >= 0.005
     ][:_RIVALS]
     if rivals:
-        line(f"Next likely: {', '.join(rivals)}")
+        print_line(f"Next likely: {', '.join(rivals)}")
     blind = sum(not score.excited for score in diagnosis.candidates)
     if blind:
-        line(f"{blind} of {len(diagnosis.candidates)} candidates can't be seen in these flights.")
+        print_line(
+            f"{blind} of {len(diagnosis.candidates)} candidates can't be seen in these flights."
+        )
 
 
 def _gains(gains: Sequence[Gain]) -> Table:
     title = Text("Prediction error on flights held out from naming and fit")
-    table = Table(box=SIMPLE_HEAD, title=title, title_justify="left", padding=(0, 1, 0, 0))
-    table.add_column("channel", no_wrap=True)
-    table.add_column("ahead", no_wrap=True)
-    for heading in ("error", "less by", "interval"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    columns = [Column(heading, no_wrap=True) for heading in ("channel", "ahead")]
+    columns += right("error", "less by", "interval", no_wrap=True)
+    table = Table(
+        *columns, box=SIMPLE_HEAD, title=title, title_justify="left", padding=(0, 1, 0, 0)
+    )
     for gain in gains:
         known = math.isfinite(gain.low) and math.isfinite(gain.high)
         error = f"{figure(gain.before)} → {figure(gain.after)} {unit(gain.unit)}"
@@ -108,26 +102,26 @@ def _gains(gains: Sequence[Gain]) -> Table:
     return table
 
 
-def _findings(diagnosis: Diagnosis, line: _Line) -> None:
+def _findings(diagnosis: Diagnosis) -> None:
     rank = {"fault": 0, "warning": 1}
     found = [f for f in diagnosis.prechecks if f.severity in rank]
     found.sort(key=lambda f: rank[f.severity])
     for f in found[:_MOST_FINDINGS]:
         at = f" at {f.start_s:.2f} s" if math.isfinite(f.start_s) else ""
         style = "bold yellow" if f.severity == "fault" else "yellow"
-        line(f"{f.severity.capitalize()}: {f.flight}{at}: {f.check}: {f.message}", style)
+        print_line(f"{f.severity.capitalize()}: {f.flight}{at}: {f.check}: {f.message}", style)
     if len(found) > _MOST_FINDINGS:
-        line(f"... and {len(found) - _MOST_FINDINGS} more, in diagnosis.json", "yellow")
+        print_line(f"... and {len(found) - _MOST_FINDINGS} more, in diagnosis.json", "yellow")
 
 
-def _next(diagnosis: Diagnosis, folder: Path | None, line: _Line) -> None:
+def _next(diagnosis: Diagnosis, folder: Path | None) -> None:
     experiment = diagnosis.separating_experiment
     if experiment is not None:
-        line(f"Fly next: {experiment.text}", "bold")
+        print_line(f"Fly next: {experiment.text}", "bold")
         if experiment.mission and folder is not None:
-            line(f"  tombo fly {shlex.quote(str(folder / MISSION))}", "bold")
+            print_line(f"  tombo fly {shlex.quote(str(folder / MISSION))}", "bold")
     if extends(diagnosis) and folder is not None:
-        line("The extended model flies:", "bold")
-        line(f"  tombo fly --model {shlex.quote(str(folder / MODEL))}", "bold")
+        print_line("The extended model flies:", "bold")
+        print_line(f"  tombo fly --model {shlex.quote(str(folder / MODEL))}", "bold")
     for step in next_steps(diagnosis):
-        line(f"Then: {step}" if diagnosis.verdict == "set" else f"Next: {step}")
+        print_line(f"Then: {step}" if diagnosis.verdict == "set" else f"Next: {step}")

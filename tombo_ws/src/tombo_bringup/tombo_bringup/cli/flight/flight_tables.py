@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from tombo_bringup.cli.tables import print_line, right
 from tombo_flight.report import paper_values as paper
 from tombo_flight.report.milestones import Outcome, find_milestones
 from tombo_flight.report.paper_comparison import Row, comparison_rows, fixed
@@ -46,49 +47,32 @@ def print_flight(flight: FlightResult) -> None:
     else:
         rows = [row for row in rows if row.name != "Outcome"]
     rows += [
-        _length("RMS error in hover", summary["hover_rms_m"]),
-        _length("RMS error in the approach", summary["approach_rms_m"]),
+        Row("RMS error in hover", "m", None, summary["hover_rms_m"], 3),
+        Row("RMS error in the approach", "m", None, summary["approach_rms_m"], 3),
         Row("False alarms", "", None, summary["false_alarms"], 0),
     ]
-    what = f"Conf. {summary['conf']}, law {summary['law']}"
-    if summary["model"]:
-        what += f", model {summary['model']}"
-    if not summary["reaction"]:
-        what += ", without the reaction"
-    title = f"{summary['scenario']}, seed {summary['seed']} ({what})"
-    table = Table(box=SIMPLE_HEAD, title=Text(title))
-    for heading in ("", "paper", "this flight"):
-        table.add_column(heading, justify="right" if heading else "left")
+    title = _title(summary, f"seed {summary['seed']}")
+    table = Table("", *right("paper", "this flight"), box=SIMPLE_HEAD, title=title)
     for row in rows:
         printed = _cell(row, row.paper, row.paper_text)
         table.add_row(row.name, printed, _cell(row, row.flight, row.flight_text))
-    _print(table)
+    Console().print(table)
     if summary["interrupted"]:
-        _line(f"Interrupted after {summary['duration_s']:.3f} s of flight.", "bold yellow")
+        print_line(f"Interrupted after {summary['duration_s']:.3f} s of flight.", "bold yellow")
     else:
-        outcome = _sentence(milestones.verdict.value)
+        outcome = milestones.verdict.value.capitalize()
         text = f"{outcome} after {summary['duration_s']:.1f} s of flight."
-        _line(text, _COLOURS[milestones.verdict])
-    _line(_speed(flight))
+        print_line(text, _COLOURS[milestones.verdict])
+    print_line(_speed(flight))
 
 
 def print_campaign(campaign: Mapping[str, Any]) -> None:
     """Print how the flights of a campaign ended; of each figure median and 5 to 95 % range."""
     total = campaign["aggregate"]
-    what = f"Conf. {campaign['conf']}, law {campaign['law']}"
-    if campaign["model"]:
-        what += f", model {campaign['model']}"
-    if not campaign["reaction"]:
-        what += ", without the reaction"
     seeds = f"seeds {campaign['first_seed']} to {campaign['last_seed']}"
-    table = Table(
-        box=SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
-        title=Text(f"{campaign['scenario']}, {seeds} ({what})"),
-    )
-    table.add_column("")
-    for heading in ("paper", "median", "5 %", "95 %", "max", "of"):
-        table.add_column(heading, justify="right")
+    columns = right("paper", "median", "5 %", "95 %", "max", "of")
+    title = _title(campaign, seeds)
+    table = Table("", *columns, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title)
     for key, name, scale, digits, printed in _CAMPAIGN_ROWS:
         values = total[key]
         table.add_row(
@@ -100,37 +84,38 @@ def print_campaign(campaign: Mapping[str, Any]) -> None:
             ),
             str(values["count"]),
         )
-    _print(table)
+    Console().print(table)
     counts = ("collided", "detected", "recovered", "crashed", "landed")
     line = ", ".join(f"{total[name]} {name}" for name in counts)
     alarms = total["false_alarms"]
     colour = "bold red" if 2 * total["crashed"] > total["flights"] else "bold green"
-    _line(f"{total['flights']} flights: {line}; {alarms} false alarms.", colour)
+    print_line(f"{total['flights']} flights: {line}; {alarms} false alarms.", colour)
     if campaign["interrupted"]:
         asked = campaign["last_seed"] - campaign["first_seed"] + 1
-        _line(f"Interrupted: {total['flights']} of {asked} flights are done.", "bold yellow")
+        print_line(f"Interrupted: {total['flights']} of {asked} flights are done.", "bold yellow")
     factor = total["real_time_factor"]
     if factor is not None:
-        _line(f"Flown in {total['wall_time_s']:.1f} s, {factor:.0f} times real time.")
+        print_line(f"Flown in {total['wall_time_s']:.1f} s, {factor:.0f} times real time.")
 
 
 def print_files(folder: object, names: Sequence[str]) -> None:
-    """Print where the results are, on one line however long it gets."""
-    _line(f"{folder}: {', '.join(names)}")
+    """Print where the results are."""
+    print_line(f"{folder}: {', '.join(names)}")
 
 
-def _length(name: str, value: float | None) -> Row:
-    return Row(name, "m", None, value, 3)
+def _title(flown: Mapping[str, Any], seeds: str) -> Text:
+    what = f"Conf. {flown['conf']}, law {flown['law']}"
+    if flown["model"]:
+        what += f", model {flown['model']}"
+    if not flown["reaction"]:
+        what += ", without the reaction"
+    return Text(f"{flown['scenario']}, {seeds} ({what})")
 
 
 def _cell(row: Row, value: float | None, text: str | None) -> Text:
     if text is not None:
         return Text(text)
     return Text("–" if value is None else f"{fixed(value, row.digits)} {row.unit}".rstrip())
-
-
-def _sentence(words: str) -> str:
-    return words[:1].upper() + words[1:]
 
 
 def _speed(flight: FlightResult) -> str:
@@ -146,11 +131,3 @@ def _speed(flight: FlightResult) -> str:
             f"together {factor:.0f} times"
         )
     return line + "."
-
-
-def _print(table: Table) -> None:
-    Console().print(table)
-
-
-def _line(text: str, style: str = "") -> None:
-    Console().print(Text(text, style), soft_wrap=True)

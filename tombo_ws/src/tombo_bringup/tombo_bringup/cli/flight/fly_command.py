@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.flight.optional_url import SIMULATED
+from tombo_bringup.cli.flight.optional_url import SIMULATED, url_of
 from tombo_bringup.cli.options import (
     SEED_LIMIT,
     BridgeSettings,
@@ -22,11 +23,16 @@ from tombo_bringup.cli.options import (
     Yes,
     integer_option,
     json_option,
+    option,
     output_option,
 )
+from tombo_bringup.cli.result_files import check_output, plain_name
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
+    from tombo_bringup.cli.progress import ProgressCallback
+    from tombo_flight.process.output_folder import OutputFolder
+    from tombo_flight.process.stop_signals import StopSignals
     from tombo_flight.scenario import Scenario
 
 EXIT_CODES = (
@@ -43,58 +49,49 @@ def fly(
     seed: SeedOrNone = None,
     seeds: Annotated[
         str | None,
-        typer.Option(
-            "--seeds",
-            metavar="A:B",
-            help="Fly seeds A to B-1 on all cores; one table, no files of single flights.",
+        option(
+            "--seeds A:B",
+            "Fly seeds A to B-1 on all cores; one table, no files of single flights.",
         ),
     ] = None,
     no_reaction: Annotated[
-        bool, typer.Option("--no-reaction", help="Detect collisions, but do nothing.")
+        bool, option("--no-reaction", "Detect collisions, but do nothing.")
     ] = False,
     conf: Annotated[
         int | None,
-        integer_option("--conf", "N", "Propeller configuration of the paper's Table I, 0 to 13."),
+        integer_option("--conf N", "Propeller configuration of the paper's Table I, 0 to 13."),
     ] = None,
     law: Annotated[
-        str | None,
-        typer.Option(
-            "--law", metavar="L", help="Law of the nodus: published, repaired, consistent."
-        ),
+        str | None, option("--law L", "Law of the nodus: published, repaired, consistent.")
     ] = None,
     settings: Settings = None,
     model: ModelFile = None,
     nodes: Annotated[
-        bool,
-        typer.Option("--nodes", help="Fly with the ROS 2 nodes, each a process, in real time."),
+        bool, option("--nodes", "Fly with the ROS 2 nodes, each a process, in real time.")
     ] = False,
     lockstep: Annotated[
         bool,
-        typer.Option(
+        option(
             "--lockstep",
-            help="With --nodes: the ticks of the headless flight, each answered by all nodes, as "
-            "fast as the machine can: the same flight to the last bit.",
+            "With --nodes: the ticks of the headless flight, each answered by all nodes, as fast "
+            "as the machine can: the same flight to the last bit.",
         ),
     ] = False,
     px4: Px4Url = None,
     yes: Yes = False,
     bridge: BridgeSettings = None,
     speed: Annotated[
-        float | None,
-        typer.Option(
-            "--speed", metavar="X", help="With --nodes: simulated time against real time."
-        ),
+        float | None, option("--speed X", "With --nodes: simulated time against real time.")
     ] = None,
     domain: Annotated[
         int | None,
         integer_option(
-            "--domain",
-            "N",
-            "With --nodes and --px4: ROS_DOMAIN_ID. Default: one that is free; with --px4 "
-            "URL that of the environment, where the motion capture is.",
+            "--domain N",
+            "With --nodes and --px4: ROS_DOMAIN_ID. Default: one that is free; with --px4 URL "
+            "that of the environment, where the motion capture is.",
         ),
     ] = None,
-    no_record: Annotated[bool, typer.Option("--no-record", help="Write no flight.mcap.")] = False,
+    no_record: Annotated[bool, option("--no-record", "Write no flight.mcap.")] = False,
     output: Annotated[
         str | None,
         output_option(
@@ -123,34 +120,34 @@ def fly(
         raise InputError("--nodes: accepted: without --seeds and --no-record")
     if px4 is not None and (nodes or many is not None or no_record):
         raise InputError("--px4: accepted: without --nodes, --seeds and --no-record")
-    if px4 is None and (yes or bridge):
-        raise InputError("--yes and --bridge: accepted: with --px4 only")
-    check_model(model, px4)
+    check_px4_options(px4, model, yes=yes, bridge=bridge)
     one = seed or 0
     chosen = _load(scenario, settings or [], no_reaction, conf, law, model)
-    if px4 is not None:
-        from tombo_bringup.cli.flight.fly_px4 import fly_px4
+    check_output(output)
+    rest = f"{many.start}-{many.stop}" if many else str(one)
+    rest += "-px4" if px4 is not None else "-nodes" if nodes else ""
+    path = Path("runs") / f"{plain_name(chosen.name, 'scenario')}-{rest}"
+    path, may_replace = (path, True) if output is None else (Path(output), force)
+    if nodes or px4 is not None:
+        from tombo_bringup.cli.flight.fly_nodes import fly_nodes
+        from tombo_flight.suite.px4_connection import px4_connection
 
-        path = _folder(output, default_folder(chosen.name, f"{one}-px4"))
-        code = fly_px4(
+        code = fly_nodes(
             chosen,
             one,
             path,
-            may_replace=force or output is None,
+            may_replace=may_replace,
             as_json=as_json,
-            url=None if px4 == SIMULATED else px4,
-            yes=yes,
-            settings=bridge or [],
+            speed=1.0 if speed is None else speed,
             domain=domain,
-        )
-    elif nodes:
-        code = _fly_nodes(
-            chosen, one, output, force, as_json, 1.0 if speed is None else speed, domain, lockstep
+            lockstep=lockstep,
+            px4=None if px4 is None else px4_connection(url_of(px4), bridge or []),
+            yes=yes,
         )
     elif many is None:
-        code = _fly_one(chosen, one, output, force, not no_record, as_json)
+        code = _fly_one(chosen, one, path, may_replace, not no_record, as_json)
     else:
-        code = _fly_many(chosen, many, output, force, as_json)
+        code = _fly_many(chosen, many, path, may_replace, as_json)
     raise typer.Exit(code)
 
 
@@ -172,28 +169,20 @@ def parse_seeds(text: str) -> range:
     return range(first, end)
 
 
-def check_model(model: str | None, px4: str | None) -> None:
-    """Refuse a model where nothing is simulated.
+def check_px4_options(
+    px4: str | None, model: str | None, *, yes: bool, bridge: list[str] | None
+) -> None:
+    """Refuse options that go with --px4 without it, and a model where nothing is simulated.
 
     Raises:
-        InputError: it is given together with a real vehicle.
+        InputError: there is one.
     """
+    if px4 is None and (yes or bridge):
+        raise InputError("--yes and --bridge: accepted: with --px4 only")
     if model is not None and px4 not in (None, SIMULATED):
         raise InputError(
             f"--model {model}: accepted: without --px4 URL, where no simulation flies"
         )
-
-
-def default_folder(scenario: str, rest: str) -> Path:
-    """Return `runs/<scenario>-<rest>`; a name can't lead out of `runs`."""
-    name = re.sub(r"[^\w.+-]+", "_", scenario).lstrip(".") or "scenario"
-    return Path("runs") / f"{name[:100]}-{rest}"
-
-
-def _folder(output: str | None, default: Path) -> Path:
-    if output is not None and not output.strip():
-        raise InputError(f"-o '{output}': no name; accepted: a folder, new or empty")
-    return default if output is None else Path(output)
 
 
 def _load(
@@ -215,24 +204,33 @@ def _load(
     return load_scenario(name, [*settings, *options], model)
 
 
-def _fly_one(
-    scenario: Scenario, seed: int, output: str | None, force: bool, record: bool, as_json: bool
-) -> int:
+@contextmanager
+def _prepared(
+    scenario: Scenario, path: Path, may_replace: bool
+) -> Iterator[tuple[OutputFolder, StopSignals, ProgressCallback]]:
+    """Rehearse the scenario, then give folder, signals and progress bar."""
     from tombo_bringup.cli.progress import progress_bar
-    from tombo_flight.flight_output import as_json as to_json
-    from tombo_flight.flight_output import fly_into, warm_up_flight
+    from tombo_flight.flight_output import warm_up_flight
     from tombo_flight.process.output_folder import open_output
     from tombo_flight.process.stop_signals import StopSignals
 
-    path = _folder(output, default_folder(scenario.name, str(seed)))
-    may_replace = force or output is None
     with progress_bar() as on_progress:
         on_progress("loading", 0.0)
         warm_up_flight(scenario)
         with StopSignals() as stop, open_output(path, replace=may_replace) as folder:
-            flight = fly_into(folder, scenario, seed, stop, record=record, on_progress=on_progress)
-            names = sorted(p.name for p in folder.staging.iterdir())
-            folder.publish()
+            yield folder, stop, on_progress
+
+
+def _fly_one(
+    scenario: Scenario, seed: int, path: Path, may_replace: bool, record: bool, as_json: bool
+) -> int:
+    from tombo_flight.flight_output import as_json as to_json
+    from tombo_flight.flight_output import fly_into
+
+    with _prepared(scenario, path, may_replace) as (folder, stop, on_progress):
+        flight = fly_into(folder, scenario, seed, stop, record=record, on_progress=on_progress)
+        names = sorted(p.name for p in folder.staging.iterdir())
+        folder.publish()
     if as_json:
         typer.echo(to_json(flight.summary), nl=False)
     else:
@@ -245,89 +243,33 @@ def _fly_one(
     return stop.exit_code
 
 
-def _fly_nodes(
-    scenario: Scenario,
-    seed: int,
-    output: str | None,
-    force: bool,
-    as_json: bool,
-    speed: float,
-    domain: int | None,
-    lockstep: bool,
-) -> int:
-    from tombo_bringup.cli.progress import progress_bar
-    from tombo_flight.process.output_folder import open_output
-    from tombo_flight.process.stop_signals import Stopped, StopSignals
-    from tombo_flight.suite.node_flight import fly_nodes_and_save
-    from tombo_flight.suite.warm_up import warm_up_nodes
-
-    path = _folder(output, default_folder(scenario.name, f"{seed}-nodes"))
-    may_replace = force or output is None
-    with progress_bar() as on_progress:
-        on_progress("loading", 0.0)
-        warm_up_nodes(scenario)
-        with (
-            StopSignals(signal.SIGHUP) as stop,
-            open_output(path, replace=may_replace) as folder,
-        ):
-            try:
-                flown = fly_nodes_and_save(
-                    folder,
-                    scenario,
-                    seed,
-                    stop,
-                    speed=speed,
-                    domain=domain,
-                    on_progress=on_progress,
-                    lockstep=lockstep,
-                )
-            except Stopped:  # before anything was flown: nothing to keep
-                return stop.exit_code
-            names = sorted(p.name for p in folder.staging.iterdir())
-            folder.publish()
-    from tombo_bringup.cli.flight.node_tables import print_node_flight
-
-    print_node_flight(flown, path, names, as_json)
-    return stop.exit_code or (1 if flown.died else 0)
-
-
 def _fly_many(
-    scenario: Scenario, seeds: range, output: str | None, force: bool, as_json: bool
+    scenario: Scenario, seeds: range, path: Path, may_replace: bool, as_json: bool
 ) -> int:
-    from tombo_bringup.cli.progress import progress_bar
     from tombo_flight.campaign.campaign import fly_campaign
     from tombo_flight.flight_output import as_json as to_json
-    from tombo_flight.flight_output import warm_up_flight
-    from tombo_flight.process.output_folder import open_output
-    from tombo_flight.process.stop_signals import StopSignals
 
-    default = default_folder(scenario.name, f"{seeds.start}-{seeds.stop}")
-    path = _folder(output, default)
-    may_replace = force or output is None
-    with progress_bar() as on_progress:
-        on_progress("loading", 0.0)
-        warm_up_flight(scenario)
-        with StopSignals() as stop, open_output(path, replace=may_replace) as folder:
-            on_progress(f"0 of {len(seeds)} flights", 0.0)
-            campaign = fly_campaign(
-                scenario,
-                seeds,
-                progress=lambda n: on_progress(f"{n} of {len(seeds)} flights", n / len(seeds)),
-                stop=stop.asked,
-            )
-            if not campaign["flights"]:  # stopped before the first landing: nothing to keep
-                return stop.exit_code
-            text = to_json(campaign)
-            (folder / "summary.json").write_text(text, encoding="utf-8", newline="\n")
-            names = ["summary.json"]
-            if not stop.asked():
-                on_progress("drawing campaign.png", 1.0)
-                from tombo_flight.campaign.campaign_plot import draw_campaign
-                from tombo_flight.report.flight_plot import png_bytes
+    with _prepared(scenario, path, may_replace) as (folder, stop, on_progress):
+        on_progress(f"0 of {len(seeds)} flights", 0.0)
+        campaign = fly_campaign(
+            scenario,
+            seeds,
+            progress=lambda n: on_progress(f"{n} of {len(seeds)} flights", n / len(seeds)),
+            stop=stop.asked,
+        )
+        if not campaign["flights"]:  # stopped before the first landing: nothing to keep
+            return stop.exit_code
+        text = to_json(campaign)
+        (folder / "summary.json").write_text(text, encoding="utf-8", newline="\n")
+        names = ["summary.json"]
+        if not stop.asked():
+            on_progress("drawing campaign.png", 1.0)
+            from tombo_flight.campaign.campaign_plot import draw_campaign
+            from tombo_flight.report.flight_plot import png_bytes
 
-                (folder / "campaign.png").write_bytes(png_bytes(draw_campaign(campaign)))
-                names.insert(0, "campaign.png")
-            folder.publish()
+            (folder / "campaign.png").write_bytes(png_bytes(draw_campaign(campaign)))
+            names.insert(0, "campaign.png")
+        folder.publish()
     if as_json:
         typer.echo(text, nl=False)
     else:

@@ -8,9 +8,14 @@ import sys
 import time
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from tombo_bringup.cli.options import Duration, ScenarioOption, Seed, Settings, integer_option
+from tombo_bringup.cli.options import (
+    Duration,
+    ScenarioOption,
+    Seed,
+    Settings,
+    integer_option,
+    option,
+)
 
 if TYPE_CHECKING:
     from tombo_flight.process.stop_signals import StopSignals
@@ -30,38 +35,28 @@ _SYSTEM, _COMPONENT = 1, 197
 
 def hil(
     port: Annotated[
-        int,
-        integer_option("--port", "N", "TCP port for PX4: 4560 plus its instance."),
+        int, integer_option("--port N", "TCP port for PX4: 4560 plus its instance.")
     ] = 4560,
     scenario: ScenarioOption = "paper_collision",
     settings: Settings = None,
     seed: Seed = 0,
-    rate: Annotated[
-        float, typer.Option("--rate", metavar="HZ", help="HIL_SENSOR: 250, 333, 500 or 1000.")
-    ] = 250.0,
+    rate: Annotated[float, option("--rate HZ", "HIL_SENSOR: 250, 333, 500 or 1000.")] = 250.0,
     speed: Annotated[
-        float,
-        typer.Option(
-            "--speed",
-            metavar="X",
-            help="Simulated time against real time; 0: as fast as PX4 answers.",
-        ),
+        float, option("--speed X", "Simulated time against real time; 0: as fast as PX4 answers.")
     ] = 1.0,
     mapping: Annotated[
         str,
-        typer.Option(
-            "--mapping",
-            metavar="M",
-            help="What a motor's control is linear in: thrust (hovers near 0.5) or speed.",
+        option(
+            "--mapping M",
+            "What a motor's control is linear in: thrust (hovers near 0.5) or speed.",
         ),
     ] = "thrust",
-    no_gps: Annotated[bool, typer.Option("--no-gps", help="Send no HIL_GPS.")] = False,
+    no_gps: Annotated[bool, option("--no-gps", "Send no HIL_GPS.")] = False,
     mocap: Annotated[
         str | None,
-        typer.Option(
-            "--mocap",
-            metavar="URL",
-            help="Send the motion capture's poses too: 'link' for this connection, or "
+        option(
+            "--mocap URL",
+            "Send the motion capture's poses too: 'link' for this connection, or "
             "udpout://127.0.0.1:14280, PX4's payload port (14580 would take PX4's on-board link "
             "away from MAVSDK and others).",
         ),

@@ -14,6 +14,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from tombo_bringup.cli.flight.flight_tables import print_files, print_flight
+from tombo_bringup.cli.tables import print_line, right
 from tombo_flight.suite.node_log import without_stamp
 
 if TYPE_CHECKING:
@@ -33,8 +35,6 @@ def print_node_flight(flown: NodeFlight, path: Path, files: Sequence[str], as_js
 
         typer.echo(to_json(flown.flight.summary), nl=False)
         return
-    from tombo_bringup.cli.flight.flight_tables import print_files, print_flight
-
     print_flight(flown.flight)
     print_nodes(flown)
     print_files(path, files)
@@ -43,10 +43,8 @@ def print_node_flight(flown: NodeFlight, path: Path, files: Sequence[str], as_js
 def print_nodes(flown: NodeFlight) -> None:
     """Print the loops, latency or PX4, the recorder's losses, and the nodes' troubles."""
     summary = flown.flight.summary
-    table = Table(box=SIMPLE_HEAD, title=Text("Loops"))
-    table.add_column("")
-    for heading in ("rate", "median late", "p99 late", "missed"):
-        table.add_column(heading, justify="right")
+    columns = right("rate", "median late", "p99 late", "missed")
+    table = Table("", *columns, box=SIMPLE_HEAD, title=Text("Loops"))
     for name, loop in summary["loops"].items():
         table.add_row(
             Text(name),
@@ -55,10 +53,9 @@ def print_nodes(flown: NodeFlight) -> None:
             _number(loop["jitter_p99_us"], "us", 0),
             _number(loop["missed"], "", 0),
         )
-    console = Console()
-    console.print(table)
+    Console().print(table)
     recorder = summary["recorder"]
-    _line(
+    print_line(
         f"{_px4(summary['px4']) if 'px4' in summary else _latency(summary)}; "
         f"{_number(recorder['messages'], 'messages recorded', 0)}, "
         f"{_number(recorder['lost'], 'lost', 0)}."
@@ -66,11 +63,11 @@ def print_nodes(flown: NodeFlight) -> None:
     in_real_time = summary.get("mode") == "px4"
     troubles = grouped(flown.warnings, flown.flight.record.epoch_ns if in_real_time else None)
     for trouble in troubles[:_WARNINGS]:
-        _line(trouble, "yellow")
+        print_line(trouble, "yellow")
     if len(troubles) > _WARNINGS:
-        _line(f"... and {len(troubles) - _WARNINGS} more warnings", "yellow")
+        print_line(f"... and {len(troubles) - _WARNINGS} more warnings", "yellow")
     for end in flown.died:
-        _line(f"{end.name} has ended, {end.how}; what it said is in nodes.log", "bold red")
+        print_line(f"{end.name} has ended, {end.how}; what it said is in nodes.log", "bold red")
 
 
 def grouped(warnings: Sequence[tuple[str, str]], epoch_ns: int | None) -> list[str]:
@@ -126,7 +123,3 @@ def _px4(figures: Mapping[str, Any]) -> str:
 
 def _number(value: Any, unit: str, digits: int) -> str:
     return f"– {unit}".rstrip() if value is None else f"{value:.{digits}f} {unit}".rstrip()
-
-
-def _line(text: str, style: str = "") -> None:
-    Console().print(Text(text, style), soft_wrap=True)

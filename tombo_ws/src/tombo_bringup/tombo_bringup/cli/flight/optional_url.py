@@ -37,6 +37,11 @@ def expand_url_option(words: Sequence[str]) -> list[str]:
     return found
 
 
+def url_of(px4: str) -> str | None:
+    """Return the URL that a value of the option names; None: PX4 is simulated."""
+    return None if px4 == SIMULATED else px4
+
+
 def _spelt_out(url: str) -> str:
     found = _MAVPROXY.fullmatch(url)
     return url if found is None else f"{found[1]}://{found[2]}"

@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.options import Duration, ScenarioOption, Seed, Settings, integer_option
+from tombo_bringup.cli.options import (
+    Duration,
+    ScenarioOption,
+    Seed,
+    Settings,
+    integer_option,
+    option,
+)
 
 if TYPE_CHECKING:
     from tombo_flight.scenario import Scenario
@@ -35,46 +42,35 @@ def px4(
     port: Annotated[
         int,
         integer_option(
-            "--port",
-            "N",
-            "UDP port of the on-board client; the vehicle's own are N+40 and N+4030, as "
-            "with PX4's instances.",
+            "--port N",
+            "UDP port of the on-board client; the vehicle's own are N+40 and N+4030, as with "
+            "PX4's instances.",
         ),
     ] = _PORT,
     ground_port: Annotated[
-        int,
-        integer_option("--ground-port", "N", "UDP port of the ground station."),
+        int, integer_option("--ground-port N", "UDP port of the ground station.")
     ] = _GROUND_PORT,
     seed: Seed = 0,
     settings: Settings = None,
     parameters: Annotated[
         list[str] | None,
-        typer.Option(
-            "--param",
-            metavar="NAME=VALUE",
-            help="Change a parameter of the autopilot, as in COM_OF_LOSS_T=0.5. May be given many "
+        option(
+            "--param NAME=VALUE",
+            "Change a parameter of the autopilot, as in COM_OF_LOSS_T=0.5. May be given many "
             "times.",
         ),
     ] = None,
     key: Annotated[
-        Path | None,
-        typer.Option(
-            "--key",
-            metavar="FILE",
-            help="Key of MAVLink's signatures: only who has it is heard.",
-        ),
+        Path | None, option("--key FILE", "Key of MAVLink's signatures: only who has it is heard.")
     ] = None,
     host: Annotated[
-        str,
-        typer.Option(
-            "--host", metavar="HOST", help="Where the clients are; others with --allow-remote."
-        ),
+        str, option("--host HOST", "Where the clients are; others with --allow-remote.")
     ] = "127.0.0.1",
     allow_remote: Annotated[
         bool,
-        typer.Option(
+        option(
             "--allow-remote",
-            help="Listen to other machines too: whoever reaches the ports can fly the vehicle.",
+            "Listen to other machines too: whoever reaches the ports can fly the vehicle.",
         ),
     ] = False,
     duration: Duration = None,
@@ -151,10 +147,7 @@ def _open_links(
     links: list[tuple[Link, str]] = []
     try:
         for number, (own, client, streams) in enumerate(
-            (
-                (port + _OWN, port, "onboard"),
-                (port + _OWN_GROUND, ground_port, "ground"),
-            )
+            ((port + _OWN, port, "onboard"), (port + _OWN_GROUND, ground_port, "ground"))
         ):
             link = Link(
                 f"udpin://{'0.0.0.0' if allow_remote else '127.0.0.1'}:{own}",
@@ -191,12 +184,14 @@ def _vehicle(scenario: Scenario, seed: int, table: ParameterTable) -> Px4Vehicle
 
 
 def _serve(endpoint: Endpoint, duration_s: float | None, lines: list[str]) -> None:
-    from tombo_bringup.cli.flight.px4_screen import new_screen
+    from tombo_bringup.cli.flight.px4_screen import Screen
+    from tombo_bringup.cli.tables import scroll
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_px4.protocol.serve import BootClock, serve
 
     limit_ns = None if duration_s is None else round(1e9 * duration_s)
-    with StopSignals(signal.SIGHUP) as stop, new_screen() as screen:
+    with StopSignals(signal.SIGHUP) as stop, scroll() as lines_above:
+        screen = Screen(lines_above)
         screen.begin(lines)
         over = False
 

@@ -2,51 +2,21 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
+from rich.text import Text
+
+from tombo_bringup.cli.tables import Scroll
 from tombo_px4.bridge.modes import mode_name
 
 if TYPE_CHECKING:
-    from rich.live import Live
-
     from tombo_px4.protocol.endpoint import Endpoint
 
 _LIVE_NS = 250_000_000
 _RECENTLY_HEARD_US = 3_000_000
 _SEVERITY_COLOURED = 4
 """MAV_SEVERITY_WARNING: this and graver is coloured."""
-
-
-class Screen(Protocol):
-    """Shows the state of the simulated vehicle."""
-
-    def begin(self, lines: Sequence[str]) -> None:
-        """Say where it can be reached."""
-        ...
-
-    def redraw(self, endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> None:
-        """Show the state; called hundreds of times a second."""
-        ...
-
-    def end(self, endpoint: Endpoint, slipped_ns: int) -> None:
-        """Say how it was."""
-        ...
-
-
-@contextmanager
-def new_screen() -> Iterator[Screen]:
-    """Make the screen that fits where standard output leads to."""
-    if not sys.stdout.isatty():
-        yield LineScreen()
-        return
-    from rich.console import Console
-    from rich.live import Live
-
-    with Live(console=Console(), auto_refresh=False, redirect_stderr=False) as live:
-        yield LiveScreen(live)
 
 
 def where_to_connect(host: str, port: int, ground_port: int) -> list[str]:
@@ -83,53 +53,32 @@ def state_line(endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> str:
     return " · ".join(words)
 
 
-class LineScreen:
-    """Lines of text: the texts of the vehicle."""
+class Screen:
+    """The texts of the vehicle; on a terminal the state below them."""
+
+    def __init__(self, scroll: Scroll) -> None:
+        self._scroll = scroll
+        self._next_ns = 0
 
     def begin(self, lines: Sequence[str]) -> None:
         """Say where it can be reached."""
         for line in lines:
-            self._put(line)
+            self._scroll.put(line)
 
     def redraw(self, endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> None:
-        """Print the new texts."""
+        """Print new texts, draw the state now and then; called hundreds of times a second."""
         for severity, text in endpoint.statustext.said:
-            self._put(
-                f"{boot_ns * 1e-9:8.2f} s  {text}",
-                "yellow" if severity <= _SEVERITY_COLOURED else "",
-            )
+            style = "yellow" if severity <= _SEVERITY_COLOURED else ""
+            self._scroll.put(f"{boot_ns * 1e-9:8.2f} s  {text}", style)
         endpoint.statustext.said.clear()
+        if self._scroll.live is not None and boot_ns >= self._next_ns:
+            self._next_ns = boot_ns + _LIVE_NS
+            line = state_line(endpoint, boot_ns, slipped_ns)
+            self._scroll.draw(Text(line, no_wrap=True, overflow="ellipsis"))
 
     def end(self, endpoint: Endpoint, slipped_ns: int) -> None:
         """Say how long it ran, and what was refused."""
         for reason, count in sorted(endpoint.statustext.counts.items()):
-            self._put(f"  {count} x {reason}")
+            self._scroll.put(f"  {count} x {reason}")
         late = f", {slipped_ns * 1e-9:.1f} s behind real time" if slipped_ns else ""
-        self._put(f"stopped after {endpoint.vehicle.boot_us * 1e-6:.1f} s{late}")
-
-    def _put(self, text: str, style: str = "") -> None:
-        print("".join(c if c.isprintable() else repr(c)[1:-1] for c in text), flush=True)
-
-
-class LiveScreen(LineScreen):
-    """The state at the bottom of the terminal; texts scroll above it."""
-
-    def __init__(self, live: Live) -> None:
-        self._live = live
-        self._next_ns = 0
-
-    def redraw(self, endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> None:
-        """Print the new texts; draw the state a few times a second."""
-        super().redraw(endpoint, boot_ns, slipped_ns)
-        if boot_ns < self._next_ns:
-            return
-        self._next_ns = boot_ns + _LIVE_NS
-        from rich.text import Text
-
-        text = Text(state_line(endpoint, boot_ns, slipped_ns), no_wrap=True, overflow="ellipsis")
-        self._live.update(text, refresh=True)
-
-    def _put(self, text: str, style: str = "") -> None:
-        from rich.text import Text
-
-        self._live.console.print(Text(text, style))
+        self._scroll.put(f"stopped after {endpoint.vehicle.boot_us * 1e-6:.1f} s{late}")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.options import json_option, output_option
+from tombo_bringup.cli.options import json_option, option, output_option
 from tombo_bringup.cli.result_files import check_output
 from tombo_dynamics.errors import InputError
 
@@ -29,73 +29,57 @@ def replay(
     bag: Annotated[
         Path,
         typer.Argument(
-            metavar="BAG",
-            help="MCAP file, rosbag2 folder (MCAP or SQLite), .db3, or ROS 1 .bag.",
+            metavar="BAG", help="MCAP file, rosbag2 folder (MCAP or SQLite), .db3, or ROS 1 .bag."
         ),
     ],
     nodes: Annotated[
         list[str] | None,
-        typer.Option(
-            "--node",
-            metavar="NODE",
-            help="detector, reaction, mission, estimator or controller; may be given many times. "
+        option(
+            "--node NODE",
+            "detector, reaction, mission, estimator or controller; may be given many times. "
             "Default: each whose inputs are in the bag.",
         ),
     ] = None,
     maps: Annotated[
         list[str] | None,
-        typer.Option(
-            "--map",
-            metavar="TOPIC:=NAME",
-            help="Take a recorded topic for one of the suite's, as in /lab/pose:=/mocap/pose. "
-            "May be given many times.",
+        option(
+            "--map TOPIC:=NAME",
+            "Take a recorded topic for one of the suite's, as in /lab/pose:=/mocap/pose. May be "
+            "given many times.",
         ),
     ] = None,
     params: Annotated[
-        str | None,
-        typer.Option(
-            "--params", metavar="SCENARIO", help="Parameters over the bag's: YAML file or name."
-        ),
+        str | None, option("--params SCENARIO", "Parameters over the bag's: YAML file or name.")
     ] = None,
     settings: Annotated[
         list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="One parameter over the bag's, as in detector.threshold=30. May be given many "
-            "times.",
+        option(
+            "--set KEY=VALUE",
+            "One parameter over the bag's, as in detector.threshold=30. May be given many times.",
         ),
     ] = None,
     frame_ok: Annotated[
-        str | None,
-        typer.Option("--frame-ok", metavar="NAME", help="Take this frame_id of poses for map."),
+        str | None, option("--frame-ok NAME", "Take this frame_id of poses for map.")
     ] = None,
     shift_stamps: Annotated[
-        float,
-        typer.Option("--shift-stamps", metavar="S", help="Add S seconds to the poses' stamps."),
+        float, option("--shift-stamps S", "Add S seconds to the poses' stamps.")
     ] = 0.0,
     stamp_on_arrival: Annotated[
-        bool,
-        typer.Option("--stamp-on-arrival", help="Stamp poses when they arrived, not by header."),
+        bool, option("--stamp-on-arrival", "Stamp poses when they arrived, not by header.")
     ] = False,
     dds: Annotated[
-        bool,
-        typer.Option("--dds", help="Through the real nodes over DDS, as stamped, not the cores."),
+        bool, option("--dds", "Through the real nodes over DDS, as stamped, not the cores.")
     ] = False,
     speed: Annotated[
-        float,
-        typer.Option("--speed", metavar="X", help="With --dds: recorded time against real time."),
+        float, option("--speed X", "With --dds: recorded time against real time.")
     ] = 1.0,
-    strict: Annotated[
-        bool, typer.Option("--strict", help="Exit with 1 if there is a difference.")
-    ] = False,
+    strict: Annotated[bool, option("--strict", "Exit with 1 if there is a difference.")] = False,
     tolerances: Annotated[
         list[str] | None,
-        typer.Option(
-            "--tolerance",
-            metavar="KEY=VALUE",
-            help="What counts as a difference: time_ms, x_c_m, statistic, setpoint_m, odometry_m "
-            "or command_rad_s. May be given many times.",
+        option(
+            "--tolerance KEY=VALUE",
+            "What counts as a difference: time_ms, x_c_m, statistic, setpoint_m, odometry_m or "
+            "command_rad_s. May be given many times.",
         ),
     ] = None,
     output: Annotated[

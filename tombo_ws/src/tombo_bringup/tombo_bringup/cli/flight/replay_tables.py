@@ -7,9 +7,10 @@ from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
+from tombo_bringup.cli.tables import print_line
 from tombo_flight.replay.run import Replay
 
 Row = tuple[str, str]
@@ -17,25 +18,22 @@ Row = tuple[str, str]
 
 def print_replay(result: Replay) -> None:
     """Print what came out."""
-    console = Console()
-    table = Table(box=SIMPLE_HEAD, title=Text(f"Replay of {result.bag}"))
-    table.add_column("node")
-    table.add_column("")
-    table.add_column("", overflow="fold")
+    columns = ("node", "", Column("", overflow="fold"))
+    table = Table(*columns, box=SIMPLE_HEAD, title=Text(f"Replay of {result.bag}"))
     for node, figures in result.nodes.items():
         for i, (name, value) in enumerate(_ROWS[node](figures)):
             table.add_row(node if i == 0 else "", name, value)
-    console.print(table)
+    Console().print(table)
     for heading, style, lines in (
         ("Damage", "yellow", result.damage),
         ("Finding", "yellow", result.findings),
         ("Difference", "bold red", result.differences),
     ):
         for line in lines:
-            console.print(Text(f"{heading}: {line}", style), soft_wrap=True)
+            print_line(f"{heading}: {line}", style)
     if not result.differences:
-        console.print(Text("Nothing differs by more than the tolerances.", "bold green"))
-    console.print(Text(_speed(result)), soft_wrap=True)
+        print_line("Nothing differs by more than the tolerances.", "bold green")
+    print_line(_speed(result))
 
 
 def _speed(result: Replay) -> str:
@@ -80,10 +78,8 @@ def _event(event: dict[str, Any]) -> str:
 
 def _reaction(figures: dict[str, Any]) -> Iterator[Row]:
     yield "set point", _rms(figures["setpoint"], "m", "m")
-    yield (
-        "switches",
-        (f"{figures['switches_recorded']} recorded, {figures['switches_replayed']} replayed"),
-    )
+    counts = (figures[f"switches_{side}"] for side in ("recorded", "replayed"))
+    yield "switches", "{} recorded, {} replayed".format(*counts)
     if figures["x_r_error_m"]:
         yield "x_r", f"{_list(figures['x_r_error_m'], 6)} m"
         yield "switch time", f"{_list(figures['switch_time_difference_ms'], 1)} ms"

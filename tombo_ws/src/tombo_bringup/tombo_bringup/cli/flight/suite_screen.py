@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
+
+from tombo_bringup.cli.tables import Scroll, scroll
 
 if TYPE_CHECKING:
-    from rich.live import Live
-
     from tombo_flight.suite.status_table import Suite
     from tombo_flight.suite.supervisor import ProcessExit
 
@@ -19,39 +18,14 @@ _LINE_S = 5.0
 _TABLE_S = 0.25
 
 
-class Screen(Protocol):
-    """Shows a running suite."""
-
-    def status(self, suite: Suite) -> None:
-        """Show the state; called often, so the screen limits the rate."""
-        ...
-
-    def warning(self, node: str, line: str) -> None:
-        """Show a line of a node's log."""
-        ...
-
-    def ended(self, end: ProcessExit, log: str) -> None:
-        """Show that a node has ended by itself."""
-        ...
-
-    def closing(self, ends: Sequence[ProcessExit], folder: str) -> None:
-        """Show the end: nodes that did not end as asked, and the folder of the files."""
-        ...
-
-
 @contextmanager
-def new_screen(as_json: bool) -> Iterator[Screen]:
+def new_screen(as_json: bool) -> Iterator[JsonScreen | TextScreen]:
     """Make the screen that fits where standard output leads to."""
     if as_json:
         yield JsonScreen()
-    elif not sys.stdout.isatty():
-        yield LineScreen()
-    else:
-        from rich.console import Console
-        from rich.live import Live
-
-        with Live(console=Console(), auto_refresh=False, redirect_stderr=False) as live:
-            yield TableScreen(live)
+        return
+    with scroll() as lines:
+        yield TextScreen(lines)
 
 
 class _Clock:
@@ -70,7 +44,7 @@ class _Clock:
 
 
 class JsonScreen:
-    """An object a line: status, warning, ended, closed."""
+    """An object a line: status, warning, ended, closed; with the methods of `TextScreen`."""
 
     def __init__(self) -> None:
         self._clock = _Clock(_LINE_S)
@@ -100,60 +74,42 @@ class JsonScreen:
         print(json.dumps(plain(value), ensure_ascii=False), flush=True)
 
 
-class LineScreen:
-    """Lines of text, the status now and then."""
+class TextScreen:
+    """Lines of text; on a terminal a table below them."""
 
-    def __init__(self) -> None:
-        self._clock = _Clock(_LINE_S)
+    def __init__(self, scroll: Scroll) -> None:
+        self._scroll = scroll
+        self._put = scroll.put
+        self._clock = _Clock(_LINE_S if scroll.live is None else _TABLE_S)
 
     def status(self, suite: Suite) -> None:
-        """Print a line now and then."""
-        from tombo_flight.suite.status_table import status_line
+        """Print a line now and then, or draw the table a few times a second; called often."""
+        from tombo_flight.suite.status_table import status_line, status_table
 
-        if self._clock.strikes():
+        if not self._clock.strikes():
+            return
+        if self._scroll.live is None:
             self._put(status_line(suite))
+        else:
+            self._scroll.draw(status_table(suite))
 
     def warning(self, node: str, line: str) -> None:
-        """Print it."""
+        """Print a line of a node's log."""
         from tombo_flight.suite.node_log import without_stamp
 
         self._put(f"{node}: {without_stamp(line)}", "yellow")
 
     def ended(self, end: ProcessExit, log: str) -> None:
-        """Print it, with the last lines of its log."""
+        """Print that a node has ended by itself, with the last lines of its log."""
         self._put(f"{end.name} has ended, {end.how}; its log: {log}", "bold red")
         for line in end.last_log_lines:
             self._put(f"  {line}")
 
     def closing(self, ends: Sequence[ProcessExit], folder: str) -> None:
-        """Print it."""
+        """Print nodes that did not end as asked, and the folder of the files."""
         for end in ends:
             self._put(f"{end.name} did not stop when asked to: {end.how}", "yellow")
         self._put(f"stopped; files in {folder}")
-
-    def _put(self, text: str, style: str = "") -> None:
-        print("".join(c if c.isprintable() else repr(c)[1:-1] for c in text), flush=True)
-
-
-class TableScreen(LineScreen):
-    """A table at the bottom of the terminal; what happens scrolls above it."""
-
-    def __init__(self, live: Live) -> None:
-        super().__init__()
-        self._live = live
-        self._clock = _Clock(_TABLE_S)
-
-    def status(self, suite: Suite) -> None:
-        """Draw the table a few times a second."""
-        from tombo_flight.suite.status_table import status_table
-
-        if self._clock.strikes():
-            self._live.update(status_table(suite), refresh=True)
-
-    def _put(self, text: str, style: str = "") -> None:
-        from rich.text import Text
-
-        self._live.console.print(Text(text, style))
 
 
 def _plain(end: ProcessExit) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.flight.optional_url import SIMULATED
+from tombo_bringup.cli.flight.optional_url import url_of
 from tombo_bringup.cli.options import (
     BridgeSettings,
     Duration,
@@ -21,11 +21,10 @@ from tombo_bringup.cli.options import (
     Yes,
     integer_option,
     json_option,
+    option,
 )
 
 if TYPE_CHECKING:
-    from tombo_flight.scenario import Scenario
-    from tombo_flight.suite.px4_connection import Px4Connection
     from tombo_flight.suite.running import SuiteConfig
 
 UP_EXIT_CODES = (
@@ -42,36 +41,28 @@ def up(
     model: ModelFile = None,
     seed: Seed = 0,
     without: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--without", metavar="NODE", help="Leave a node out. May be given many times."
-        ),
+        list[str] | None, option("--without NODE", "Leave a node out. May be given many times.")
     ] = None,
     params: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--params",
-            metavar="FILE",
-            help="A ROS parameter file over those of the scenario. May be given many times.",
+        option(
+            "--params FILE",
+            "A ROS parameter file over those of the scenario. May be given many times.",
         ),
     ] = None,
     record: Annotated[
         Path | None,
-        typer.Option(
-            "--record",
-            metavar="DIR",
-            help="Folder of recording, parameters and logs. Default: runs/up-DATE-TIME.",
+        option(
+            "--record DIR", "Folder of recording, parameters and logs. Default: runs/up-DATE-TIME."
         ),
     ] = None,
     px4: Px4Url = None,
     yes: Yes = False,
     bridge: BridgeSettings = None,
-    speed: Annotated[
-        float, typer.Option("--speed", metavar="X", help="Simulated time against real time.")
-    ] = 1.0,
+    speed: Annotated[float, option("--speed X", "Simulated time against real time.")] = 1.0,
     domain: Annotated[
         int | None,
-        integer_option("--domain", "N", "ROS_DOMAIN_ID. Default: that of the environment."),
+        integer_option("--domain N", "ROS_DOMAIN_ID. Default: that of the environment."),
     ] = None,
     duration: Duration = None,
     as_json: Annotated[
@@ -84,22 +75,20 @@ def up(
     node; Ctrl-C stops them. A node that ends by itself is reported and not started again; the
     others go on.
     """
-    from tombo_bringup.cli.flight.fly_command import check_model
+    from tombo_bringup.cli.flight.fly_command import check_px4_options
+    from tombo_bringup.cli.flight.fly_nodes import may_arm
     from tombo_dynamics.errors import InputError
+    from tombo_flight.process.stop_signals import Stopped, StopSignals
     from tombo_flight.scenario import load_scenario
     from tombo_flight.suite.node_flight import over_mavlink
     from tombo_flight.suite.px4_connection import px4_connection
     from tombo_flight.suite.running import SuiteConfig
     from tombo_flight.suite.warm_up import warm_up_nodes
 
-    if px4 is None and (yes or bridge):
-        raise InputError("--yes and --bridge: accepted: with --px4 only")
+    check_px4_options(px4, model, yes=yes, bridge=bridge)
     if px4 is not None and speed != 1.0:
         raise InputError(f"--speed {speed:g}: accepted: without --px4, which is in real time")
-    check_model(model, px4)
-    connection = (
-        None if px4 is None else px4_connection(None if px4 == SIMULATED else px4, bridge or [])
-    )
+    connection = None if px4 is None else px4_connection(url_of(px4), bridge or [])
     over = {} if connection is None else over_mavlink(connection)
     folder = record or Path("runs") / time.strftime("up-%Y%m%d-%H%M%S")
     config = SuiteConfig(
@@ -113,25 +102,12 @@ def up(
         **{**over, "without": (*over.get("without", ()), *(without or ()))},
     )
     warm_up_nodes(config.scenario)  # compiles what is not compiled yet, and finds bad input
-    if (
-        connection is not None
-        and not connection.simulated
-        and not _confirmed(connection, config.scenario, yes=yes)
-    ):
-        raise typer.Exit(1)
-    raise typer.Exit(_watch(config, duration, as_json))
-
-
-def _confirmed(connection: Px4Connection, scenario: Scenario, *, yes: bool) -> bool:
-    """Print which vehicle is at the other end of the link, and ask whether it may be armed."""
-    from tombo_bringup.cli.flight.fly_px4 import confirm_arming
-    from tombo_flight.process.stop_signals import Stopped, StopSignals
-
-    with StopSignals() as stop:
-        try:
-            return confirm_arming(connection, scenario, stop, yes=yes)
-        except Stopped:
-            return False
+    try:
+        with StopSignals() as stop:
+            allowed = may_arm(connection, config.scenario, stop, yes=yes)
+    except Stopped:
+        allowed = False
+    raise typer.Exit(_watch(config, duration, as_json) if allowed else 1)
 
 
 def _watch(config: SuiteConfig, duration_s: float | None, as_json: bool) -> int:

@@ -8,11 +8,11 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from tombo_bringup.cli.options import Force, json_option, number_option, output_option
+from tombo_bringup.cli.options import Force, json_option, number_option, option, output_option
 from tombo_bringup.cli.result_files import compute_into, results_folder
 from tombo_dynamics.errors import InputError
 
@@ -40,65 +40,54 @@ def beta(
     ] = None,
     reference: Annotated[
         Path | None,
-        typer.Option(
-            "--reference",
-            metavar="VIDEO|FOLDER",
-            help="The same propeller before the same camera, slow or at rest: gives the scale.",
+        option(
+            "--reference VIDEO|FOLDER",
+            "The same propeller before the same camera, slow or at rest: gives the scale.",
         ),
     ] = None,
     reference_frames: Annotated[
-        str | None,
-        typer.Option(
-            "--reference-frames", metavar="A:B", help="Such frames of the film itself, A to B - 1."
-        ),
+        str | None, option("--reference-frames A:B", "Such frames of the film itself, A to B - 1.")
     ] = None,
     reference_beta: Annotated[
-        float,
-        number_option("--reference-beta", "DEG", "The flap in the reference.", "-30 to 30 deg"),
+        float, number_option("--reference-beta DEG", "The flap in the reference.", "-30 to 30 deg")
     ] = 0.0,
     scale: Annotated[
         float | None,
         number_option(
-            "--scale",
-            "PX/MM",
+            "--scale PX/MM",
             "Pixels per mm in the plane of the straight blades.",
             "pixels per mm, 0.1 to 1000",
         ),
     ] = None,
     scale_error: Annotated[
-        float,
-        number_option("--scale-error", "%", "Standard deviation of --scale.", "0 to 20 %"),
+        float, number_option("--scale-error %", "Standard deviation of --scale.", "0 to 20 %")
     ] = 0.2,
     marks: Annotated[
         str | None,
-        typer.Option(
-            "--marks",
-            metavar="X1,Y1,X2,Y2,MM",
-            help="Two marks in that plane [pixels] and the distance between them.",
+        option(
+            "--marks X1,Y1,X2,Y2,MM",
+            "Two marks in that plane [pixels] and the distance between them.",
         ),
     ] = None,
     camera_height: Annotated[
         float | None,
         number_option(
-            "--camera-height",
-            "MM",
+            "--camera-height MM",
             "Lens to the plane of the straight blades: flapped tips look larger for being "
             "nearer. Without it the camera is taken to be far away.",
             "a height in mm",
         ),
     ] = None,
     camera_height_error: Annotated[
-        float,
-        number_option("--camera-height-error", "%", "Its standard deviation.", "0 to 20 %"),
+        float, number_option("--camera-height-error %", "Its standard deviation.", "0 to 20 %")
     ] = 1.0,
     from_below: Annotated[
-        bool, typer.Option("--from-below", help="The blades flap away from the camera.")
+        bool, option("--from-below", "The blades flap away from the camera.")
     ] = False,
     fps: Annotated[
         float | None,
         number_option(
-            "--fps",
-            "X",
+            "--fps X",
             "Frames per second. Default: the video's; pictures 960, the paper's.",
             "frames per second, above 0, below 1e+07",
         ),
@@ -106,36 +95,28 @@ def beta(
     window: Annotated[
         int,
         number_option(
-            "--window",
-            "N",
-            "Frames combined; the paper takes ten.",
-            "a whole number, 8 to 500",
-            int,
+            "--window N", "Frames combined; the paper takes ten.", "a whole number, 8 to 500", int
         ),
     ] = 10,
     windows: Annotated[
         int,
         number_option(
-            "--windows",
-            "N",
+            "--windows N",
             "At most so many windows, even over the film.",
             "a whole number, 1 or more",
             int,
         ),
     ] = 60,
     tip: Annotated[
-        float | None,
-        number_option("--tip-radius", "MM", "Default: 111.1.", "a radius in mm"),
+        float | None, number_option("--tip-radius MM", "Default: 111.1.", "a radius in mm")
     ] = None,
     nodus: Annotated[
         float | None,
         number_option(
-            "--nodus-radius", "MM", "Outer end of the nodus. Default: 35.", "a radius in mm"
+            "--nodus-radius MM", "Outer end of the nodus. Default: 35.", "a radius in mm"
         ),
     ] = None,
-    demo: Annotated[
-        bool, typer.Option("--demo", help="Measure a rendered film of 12 deg instead.")
-    ] = False,
+    demo: Annotated[bool, option("--demo", "Measure a rendered film of 12 deg instead.")] = False,
     output: Annotated[
         str | None,
         output_option(
@@ -197,8 +178,12 @@ def beta(
         measured: tuple[Measurement, list[str]],
         on_progress: ProgressCallback,
     ) -> None:
+        from tombo_propeller.flap_video.overlay import overlay, write_picture
+        from tombo_propeller.flap_video.plots import plot_beta
+
         on_progress("drawing", 0.99)
-        _write(folder / "overlay.png", folder / "beta.png", measured[0])
+        write_picture(overlay(measured[0]), folder / "overlay.png")
+        plot_beta(measured[0], folder / "beta.png")
         write_text(folder / "beta.json", beta_json(*measured))
         write_text(folder / "beta.csv", beta_csv(measured[0]))
 
@@ -212,20 +197,15 @@ def beta(
         print_beta(found, notes, path)
 
 
-class _Source:
+class _Source(NamedTuple):
     """Where the scale comes from, as given."""
 
-    def __init__(
-        self,
-        reference: Path | None,
-        frames: str | None,
-        beta: float,
-        scale: float | None,
-        error: float,
-        marks: str | None,
-    ) -> None:
-        self.reference, self.frames, self.beta = reference, frames, beta
-        self.scale, self.error, self.marks = scale, error, marks
+    reference: Path | None
+    frames: str | None
+    beta: float
+    scale: float | None
+    error: float
+    marks: str | None
 
 
 def _measured(
@@ -303,14 +283,6 @@ def _frames(film: Video, first: int, behind: int) -> Frames:
     for _, frames in film.parts([(first, behind)]):
         return frames
     raise InputError(f"no frames {first}:{behind} in '{film.path}', which has {film.count}")
-
-
-def _write(overlay_path: Path, plot_path: Path, found: Measurement) -> None:
-    from tombo_propeller.flap_video.overlay import overlay, write_picture
-    from tombo_propeller.flap_video.plots import plot_beta
-
-    write_picture(overlay(found), overlay_path)
-    plot_beta(found, plot_path)
 
 
 def _range(text: str) -> tuple[int, int]:

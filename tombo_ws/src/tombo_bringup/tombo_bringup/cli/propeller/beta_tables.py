@@ -20,10 +20,11 @@ def print_beta(found: Measurement, notes: list[str], path: Path | None) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(title="Flap angle, by windows")
-    for heading in ("time\n[dim]s[/dim]", "speed\n[dim]rpm[/dim]", "rim\n[dim]px[/dim]",
-                    "disc\n[dim]mm[/dim]", "paper's formula\n[dim]deg[/dim]", "beta"):  # fmt: skip
-        table.add_column(heading, justify="left" if heading == "beta" else "right")
+    from tombo_bringup.cli.tables import right
+
+    units = {"time": "s", "speed": "rpm", "rim": "px", "disc": "mm", "paper's formula": "deg"}
+    columns = right(*(f"{name}\n[dim]{unit}[/dim]" for name, unit in units.items()))
+    table = Table(*columns, "beta", title="Flap angle, by windows")
     step = max(1, math.ceil(len(found.windows) / 20))
     for w in found.windows[::step]:
         paper = "-" if math.isnan(w.paper) else f"{math.degrees(w.paper):.1f}"

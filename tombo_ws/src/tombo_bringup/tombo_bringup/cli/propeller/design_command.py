@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tombo_bringup.cli.options import Force, json_option, number_option, output_option
+from tombo_bringup.cli.options import Force, json_option, number_option, option, output_option
 from tombo_bringup.cli.result_files import check_output, compute_into
 
 if TYPE_CHECKING:
@@ -20,84 +20,65 @@ INFEASIBLE = 1
 _MOST_FLIGHTS = 200
 
 
-def _limit(option: str, metavar: str, text: str) -> Any:
+def _limit(declaration: str, text: str) -> Any:
     """Return an option with the bounds that `design.request` gives it."""
 
     def accepted() -> str:
         from tombo_propeller.design.request import BOUNDS
 
-        unit, low, high = BOUNDS[option]
+        unit, low, high = BOUNDS[declaration.split()[0]]
         return f"a number from {low:g} to {high:g} [{unit}]"
 
-    return number_option(option, metavar, text, accepted)
+    return number_option(declaration, text, accepted)
 
 
 def design(
-    mass: Annotated[
-        float,
-        _limit("--mass", "KG", "Mass at take-off."),
-    ],
+    mass: Annotated[float, _limit("--mass KG", "Mass at take-off.")],
     frame: Annotated[
-        str,
-        typer.Option(
-            "--frame", metavar="s500|MM", help="Frame, or centre to rotor axis in millimetres."
-        ),
+        str, option("--frame s500|MM", "Frame, or centre to rotor axis in millimetres.")
     ] = "s500",
     min_thrust_margin: Annotated[
-        float,
-        _limit("--min-thrust-margin", "X", "Usable thrust over weight, at least."),
+        float, _limit("--min-thrust-margin X", "Usable thrust over weight, at least.")
     ] = 2.0,
     max_collision_force: Annotated[
-        float | None,
-        _limit("--max-collision-force", "N", "At 2000 rpm, as in Table III."),
+        float | None, _limit("--max-collision-force N", "At 2000 rpm, as in Table III.")
     ] = None,
     max_recovery: Annotated[
-        float | None,
-        _limit("--max-recovery", "S", "Until a blade is straight again."),
+        float | None, _limit("--max-recovery S", "Until a blade is straight again.")
     ] = None,
-    max_noise: Annotated[
-        float | None,
-        _limit("--max-noise", "DB", "At 2000 rpm, 5 m away."),
-    ] = None,
+    max_noise: Annotated[float | None, _limit("--max-noise DB", "At 2000 rpm, 5 m away.")] = None,
     min_lift_over_drag: Annotated[
-        float | None,
-        _limit("--min-lift-over-drag", "X", "In hover."),
+        float | None, _limit("--min-lift-over-drag X", "In hover.")
     ] = None,
-    law: Annotated[str, typer.Option("--law", help="repaired or consistent.")] = "repaired",
+    law: Annotated[str, option("--law", "repaired or consistent.")] = "repaired",
     library: Annotated[
         Path | None,
-        typer.Option(
-            "--library",
-            metavar="DIR",
-            help="Own materials.yaml, blades.yaml, configurations.yaml, measurements.yaml.",
+        option(
+            "--library DIR",
+            "Own materials.yaml, blades.yaml, configurations.yaml, measurements.yaml.",
         ),
     ] = None,
-    blade: Annotated[str, typer.Option("--blade", help="Of the library.")] = "nine_inch",
+    blade: Annotated[str, option("--blade", "Of the library.")] = "nine_inch",
     confidence: Annotated[
-        float,
-        _limit("--confidence", "P", "That a predicted figure keeps to its limit."),
+        float, _limit("--confidence P", "That a predicted figure keeps to its limit.")
     ] = 0.9,
     extrapolate: Annotated[
         bool,
-        typer.Option(
+        option(
             "--extrapolate",
-            help="Let predictions of force, recovery and noise count outside of what was tested.",
+            "Let predictions of force, recovery and noise count outside of what was tested.",
         ),
     ] = False,
     flights: Annotated[
         int,
         number_option(
-            "--flights",
-            "N",
+            "--flights N",
             "Collisions flown with a candidate; 0: none.",
             f"a whole number from 0 to {_MOST_FLIGHTS}",
             int,
         ),
     ] = 12,
-    output: Annotated[
-        str | None,
-        output_option("Folder of the results; else none."),
-    ] = None,
+    output: Annotated[str | None, output_option("Folder of the results; else none.")] = None,
     force: Force = False,
     as_json: Annotated[bool, json_option("Print design.json only.")] = False,
 ) -> None:

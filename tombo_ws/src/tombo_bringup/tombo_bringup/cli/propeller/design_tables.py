@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from tombo_bringup.cli.tables import print_line, right
 from tombo_propeller.design import summary_text as words
 from tombo_propeller.design import table_cells
 from tombo_propeller.design.design import Design
@@ -25,29 +26,27 @@ def print_design(
 ) -> None:
     """Print what was found, and where the files are."""
     console = Console(highlight=False)
-
-    def line(text: str, style: str = "") -> None:
-        console.print(Text(text, style), soft_wrap=True)
-
-    line(f"{words.headline(found, made)}.", "bold green" if made.index is not None else "bold red")
+    style = "bold green" if made.index is not None else "bold red"
+    print_line(f"{words.headline(found, made)}.", style)
     asked = ", ".join(limit.text for limit in found.choice.limits)
-    line(f"For {found.request.mass_kg:g} kg on arms of {1e3 * found.request.arm_m:g} mm: {asked}.")
+    mass_kg, arm_mm = found.request.mass_kg, 1e3 * found.request.arm_m
+    print_line(f"For {mass_kg:g} kg on arms of {arm_mm:g} mm: {asked}.")
     for text in (*words.reasons(found, made), *words.relief_lines(found)):
-        line(f"  {text}")
+        print_line(f"  {text}")
     console.print("", _candidates(found, made), "", sep="\n")
-    line(
+    print_line(
         "* measured; ≤ upper end of a prediction; ? outside of what was tested; others modelled",
         "dim",
     )
     if made.check is not None:
         console.print(_claims(made.check))
-    line("What nobody knows:", "bold")
+    print_line("What nobody knows:", "bold")
     for text in (*words.caveats(found, made), *words.sources(found)):
-        line(f"  {text}")
+        print_line(f"  {text}")
     if folder is not None:
-        line(f"Written into {folder}: {', '.join(written)}")
+        print_line(f"Written into {folder}: {', '.join(written)}")
         if SCENARIO in written:
-            line(f"Fly it: tombo fly {folder}/{SCENARIO}")
+            print_line(f"Fly it: tombo fly {folder}/{SCENARIO}")
 
 
 def _candidates(found: Design, made: Recommendation) -> Table:
@@ -74,9 +73,8 @@ def _brief(why: str) -> str:
 
 
 def _claims(check: Check) -> Table:
-    table = Table(box=SIMPLE_HEAD, title=f"Claimed and simulated, {len(check.seeds)} collisions")
-    for heading in ("", "claimed", "simulated", ""):
-        table.add_column(heading, justify="right" if heading else "left")
+    title = f"Claimed and simulated, {len(check.seeds)} collisions"
+    table = Table("", *right("claimed", "simulated"), "", box=SIMPLE_HEAD, title=title)
     for claim in (*check.claims, *check.limits):
         table.add_row(
             claim.text,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.options import Force, integer_option, json_option, output_option
+from tombo_bringup.cli.options import Force, integer_option, json_option, option, output_option
 from tombo_bringup.cli.result_files import compute_into, results_folder
 
 if TYPE_CHECKING:
@@ -33,17 +33,15 @@ def diagnose(
     ] = None,
     mapping: Annotated[
         str | None,
-        typer.Option(
-            "--mapping",
-            metavar="FILE|NAME",
-            help="What the columns are, and in which units (docs/stand.md). Default: recognised.",
+        option(
+            "--mapping FILE|NAME",
+            "What the columns are, and in which units (docs/stand.md). Default: recognised.",
         ),
     ] = None,
     conf: Annotated[
         int | None,
         integer_option(
-            "--conf",
-            "N",
+            "--conf N",
             "Configuration of runs that have no column conf; 0 is rigid. Default: 13.",
             show_default=False,
         ),
@@ -57,15 +55,11 @@ def diagnose(
         ),
     ] = None,
     plain: Annotated[
-        bool,
-        typer.Option("--plain", help="Any other propeller: hold it against T = k omega^2."),
+        bool, option("--plain", "Any other propeller: hold it against T = k omega^2.")
     ] = False,
-    table3: Annotated[
-        bool, typer.Option("--table3", help="Diagnose the paper's own Table III.")
-    ] = False,
+    table3: Annotated[bool, option("--table3", "Diagnose the paper's own Table III.")] = False,
     model: Annotated[
-        Path | None,
-        typer.Option("--model", metavar="FILE", help="A stand_model.yaml found earlier."),
+        Path | None, option("--model FILE", "A stand_model.yaml found earlier.")
     ] = None,
     output: Annotated[
         str | None,

@@ -14,7 +14,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from tombo_bringup.cli.options import JsonOnly, integer_option, json_option
+from tombo_bringup.cli.options import JsonOnly, integer_option, json_option, option
 from tombo_bringup.cli.propeller.beta_command import beta
 from tombo_bringup.cli.propeller.design_command import design
 from tombo_bringup.cli.propeller.diagnose_command import diagnose
@@ -33,10 +33,9 @@ _FORMATS = (".png", ".svg", ".pdf")
 _RPM = 30.0 / math.pi
 
 
-_LIBRARY = typer.Option(
-    "--library",
-    metavar="DIR",
-    help="Folder with own materials, blades, configurations, measurements; may be repeated.",
+_LIBRARY = option(
+    "--library DIR",
+    "Folder with own materials, blades, configurations, measurements; may be repeated.",
 )
 
 
@@ -46,17 +45,12 @@ def propeller(
     conf: Annotated[
         int,
         integer_option(
-            "--conf", "N", "Configuration of the paper's Table I, 0 is rigid, or of the --library."
+            "--conf N", "Configuration of the paper's Table I, 0 is rigid, or of the --library."
         ),
     ] = 13,
-    law: Annotated[
-        str, typer.Option("--law", help="published, repaired or consistent.")
-    ] = "repaired",
+    law: Annotated[str, option("--law", "published, repaired or consistent.")] = "repaired",
     rpm: Annotated[
-        str | None,
-        typer.Option(
-            "--rpm", metavar="A:B:STEP", help="Both ends included; or one speed. Default: all."
-        ),
+        str | None, option("--rpm A:B:STEP", "Both ends included; or one speed. Default: all.")
     ] = None,
     as_json: Annotated[bool, json_option("Print JSON only; plot only if -o is given.")] = False,
     output: Annotated[
@@ -116,8 +110,7 @@ def _refuse_options_before(ctx: typer.Context, command: str) -> None:
 
 @app.command()
 def moduli(
-    as_json: JsonOnly = False,
-    library: Annotated[list[Path] | None, _LIBRARY] = None,
+    as_json: JsonOnly = False, library: Annotated[list[Path] | None, _LIBRARY] = None
 ) -> None:
     """Print the moduli of every nodus beside those that the paper's Table I prints."""
     from tombo_dynamics.propeller import nodus_moduli, read_library
@@ -134,22 +127,19 @@ def moduli(
     table = Table(title="Moduli of the nodus [MPa], paper's Table I")
     for heading in ("conf", "E_N", "printed", "", "G_N", "printed", ""):
         table.add_column(heading, justify="right")
-    matching, printed = 0, 0
+    same: list[bool] = []
     for c, m in computed:
-        e_tick, g_tick = _same(m.E_N_MPa, c.printed_E_N_MPa), _same(m.G_N_MPa, c.printed_G_N_MPa)
-        matching += e_tick + g_tick
-        printed += (c.printed_E_N_MPa is not None) + (c.printed_G_N_MPa is not None)
-        table.add_row(
-            str(c.number),
-            f"{m.E_N_MPa:.6f}",
-            _printed(c.printed_E_N_MPa),
-            _tick(e_tick, c.printed_E_N_MPa),
-            f"{m.G_N_MPa:.6f}",
-            _printed(c.printed_G_N_MPa),
-            _tick(g_tick, c.printed_G_N_MPa),
-        )
+        cells = [str(c.number)]
+        for value, printed in ((m.E_N_MPa, c.printed_E_N_MPa), (m.G_N_MPa, c.printed_G_N_MPa)):
+            shown, tick = "-", ""
+            if printed is not None:
+                shown = f"{printed:.4f}"
+                same.append(f"{value:.4f}" == shown)
+                tick = "[green]✓[/green]" if same[-1] else "[red]✗[/red]"
+            cells += [f"{value:.6f}", shown, tick]
+        table.add_row(*cells)
     Console().print(table)
-    typer.echo(f"{matching} of {printed} values agree with the paper to the last digit.")
+    typer.echo(f"{sum(same)} of {len(same)} values agree with the paper to the last digit.")
 
 
 def parse_rpm(text: str) -> list[float]:
@@ -183,18 +173,16 @@ def parse_rpm(text: str) -> list[float]:
     return [min(first + i * step, last) for i in range(count)]
 
 
-def rows(
-    points: Operation, speeds: list[float], conf: int, law: str
-) -> list[dict[str, float | int | str | bool | None]]:
+def rows(points: Operation, speeds: list[float], conf: int, law: str) -> list[dict[str, Any]]:
     """Return one JSON object a speed; SI units and radians, null where the law is not valid."""
     found = []
     for i, speed in enumerate(speeds):
         valid = bool(points.valid[i])
-        row: dict[str, float | int | str | bool | None] = {"law": law, "conf": conf, "rpm": speed}
-        for name in (*_FIELDS, "lift_over_drag"):
-            row[name] = float(getattr(points, name)[i]) if valid else None
-        row["valid"] = valid
-        found.append(row)
+        values = {
+            name: float(getattr(points, name)[i]) if valid else None
+            for name in (*_FIELDS, "lift_over_drag")
+        }
+        found.append({"law": law, "conf": conf, "rpm": speed, **values, "valid": valid})
     return found
 
 
@@ -297,31 +285,11 @@ def _plot(path: Path, chosen: Configuration, law: str, limit: float) -> None:
     figure.savefig(path, dpi=120)
 
 
-def _same(value: float, printed: float | None) -> bool:
-    return printed is not None and f"{value:.4f}" == f"{printed:.4f}"
-
-
-def _printed(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4f}"
-
-
-def _tick(same: bool, printed: float | None) -> str:
-    if printed is None:
-        return ""
-    return "[green]✓[/green]" if same else "[red]✗[/red]"
-
-
 def _whole_lines(command: Callable[..., None]) -> str:
     """Return a function's description with a line a paragraph, for any width of the terminal."""
     paragraphs = inspect.cleandoc(command.__doc__ or "").split("\n\n")
     return "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
 
 
-for _name, _command in (
-    ("design", design),
-    ("reproduce", reproduce),
-    ("diagnose", diagnose),
-    ("beta", beta),
-    ("recovery", recovery),
-):
-    app.command(name=_name, help=_whole_lines(_command))(_command)
+for _command in (design, reproduce, diagnose, beta, recovery):
+    app.command(help=_whole_lines(_command))(_command)

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from tombo_bringup.cli.options import Force, json_option, number_option, output_option
+from tombo_bringup.cli.options import Force, json_option, number_option, option, output_option
 from tombo_bringup.cli.result_files import results_folder
 
 
@@ -18,27 +18,22 @@ def recovery(
         typer.Argument(metavar="TRACE.csv", help="Thrust or speed over time.", show_default=False),
     ],
     column: Annotated[
-        str | None,
-        typer.Option("--column", metavar="NAME", help="Thrust or speed. Default: by its name."),
+        str | None, option("--column NAME", "Thrust or speed. Default: by its name.")
     ] = None,
     unit: Annotated[
         str | None,
-        typer.Option(
-            "--unit", help="N, mN, gf, kgf, lbf, rpm, rad/s or Hz. Default: by the column's name."
-        ),
+        option("--unit", "N, mN, gf, kgf, lbf, rpm, rad/s or Hz. Default: by the column's name."),
     ] = None,
     time_column: Annotated[
-        str | None, typer.Option("--time-column", metavar="NAME", help="Default: by its name.")
+        str | None, option("--time-column NAME", "Default: by its name.")
     ] = None,
     time_unit: Annotated[
-        str | None,
-        typer.Option("--time-unit", help="s, ms or us. Default: by the column's name, or s."),
+        str | None, option("--time-unit", "s, ms or us. Default: by the column's name, or s.")
     ] = None,
     tare: Annotated[
         float,
         number_option(
-            "--tare",
-            "X",
+            "--tare X",
             "What the unloaded cell reads, in the column's unit.",
             "a number, in the column's unit",
         ),
@@ -46,10 +41,9 @@ def recovery(
     share: Annotated[
         float | None,
         number_option(
-            "--share",
-            "X",
-            "Of the level before that counts as recovered. Default: 0.9 of thrust; of speed "
-            "its root, 0.949, as thrust goes with speed squared.",
+            "--share X",
+            "Of the level before that counts as recovered. Default: 0.9 of thrust; of speed its "
+            "root, 0.949, as thrust goes with speed squared.",
             "0.5 to 0.99",
         ),
     ] = None,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.options import Force, json_option, output_option
+from tombo_bringup.cli.options import Force, json_option, option, output_option
 from tombo_bringup.cli.result_files import check_output, compute_into
 
 if TYPE_CHECKING:
@@ -22,17 +22,17 @@ _COLOURS = {"holds": "green", "fails": "red", "can't be checked": "yellow"}
 def reproduce(
     law: Annotated[
         list[str] | None,
-        typer.Option(
+        option(
             "--law",
-            help="Compute under this law only: published, repaired or consistent. May be given "
+            "Compute under this law only: published, repaired or consistent. May be given "
             "several times. Default: all three.",
         ),
     ] = None,
     output: Annotated[
         str | None,
         output_option(
-            "Write reproduction.html, reproduction.json and the figures into this folder, "
-            "new or empty."
+            "Write reproduction.html, reproduction.json and the figures into this folder, new or "
+            "empty."
         ),
     ] = None,
     force: Force = False,

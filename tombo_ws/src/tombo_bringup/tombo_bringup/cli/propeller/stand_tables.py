@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
+from tombo_bringup.cli.tables import print_line, right
 from tombo_diagnosis.report.diagnosis_text import CLASSES, LABELS
 from tombo_diagnosis.stand.model_differences import differences_from_model
 from tombo_diagnosis.wording import capital, certainty, figure, listed, percent, words
@@ -59,15 +60,12 @@ def print_stand(
     console = Console(highlight=False)
     d = found.diagnosis
 
-    def line(text: str, style: str = "") -> None:
-        console.print(Text(text, style), soft_wrap=True)
-
-    line(f"{stand_headline(d)}.", _COLOURS[CLASSES[d.verdict]])
+    print_line(f"{stand_headline(d)}.", _COLOURS[CLASSES[d.verdict]])
     if study is not None:
         from tombo_diagnosis.stand.table3 import statement
 
-        line(statement(study), "bold")
-    line(f"({LABELS[d.verdict]}, {certainty(d.confidence)}) {d.summary}")
+        print_line(statement(study), "bold")
+    print_line(f"({LABELS[d.verdict]}, {certainty(d.confidence)}) {d.summary}")
     if d.causes:
         console.print(_causes(d))
     if found.constant is not None:
@@ -79,32 +77,36 @@ def print_stand(
     for g in d.gain:
         known = math.isfinite(g.low)
         span = f" ({percent(g.low)} to {percent(g.high)})" if known else ""
-        line(
+        print_line(
             f"Held out, {words(g.channel)}: {figure(g.before)} → {figure(g.after)} {g.unit}, less "
             f"by {percent(g.reduction)}{span}"
         )
     for f in d.prechecks:
-        line(f"{f.severity.capitalize()}: {f.flight}: {f.check}: {f.message}",
+        print_line(f"{f.severity.capitalize()}: {f.flight}: {f.check}: {f.message}",
              "yellow" if f.severity != "info" else "")  # fmt: skip
     for note in d.notes:
-        line(f"Note: {note}")
+        print_line(f"Note: {note}")
     if d.separating_experiment is not None:
         e = d.separating_experiment
-        line(
+        print_line(
             f"Measure next: {e.text} (expected log Bayes factor {e.separation:.1f}, now "
             f"{e.present:.1f}).",
             "bold",
         )
     if folder is not None:
-        line(f"Wrote {', '.join(written)} to {folder}")
+        print_line(f"Wrote {', '.join(written)} to {folder}")
+
+
+def _table(title: str, *columns: Column | str) -> Table:
+    return Table(
+        *columns, box=SIMPLE_HEAD, title=Text(title), title_justify="left", padding=(0, 1, 0, 0)
+    )
 
 
 def _causes(diagnosis: Diagnosis) -> Table:
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for heading in ("it may be" if diagnosis.verdict == "set" else "cause", "sure", "parameter"):
-        table.add_column(heading)
-    for heading in ("value", "95 % interval"):
-        table.add_column(heading, justify="right")
+    first = "it may be" if diagnosis.verdict == "set" else "cause"
+    columns = right("value", "95 % interval")
+    table = Table(first, "sure", "parameter", *columns, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for cause in diagnosis.causes:
         for k, f in enumerate(cause.theta):
             unit = "" if f.unit == "1" else f" {f.unit}"
@@ -117,13 +119,11 @@ def _causes(diagnosis: Diagnosis) -> Table:
 
 
 def _limits(constant: ThrustConstant) -> Table:
-    title = Text(
+    title = (
         f"k_T = {constant.k_T:.4g} N s² by rotor, 95 % {constant.low:.4g} to "
         f"{constant.high:.4g}; what limits it"
     )
-    table = Table(box=SIMPLE_HEAD, title=title, title_justify="left", padding=(0, 1, 0, 0))
-    table.add_column("what")
-    table.add_column("of k_T", justify="right")
+    table = _table(title, "what", *right("of k_T"))
     for limit in constant.limits:
         table.add_row(Text(limit.what), f"{100.0 * limit.share:.2g} %")
     return table
@@ -139,10 +139,8 @@ def _residuals(found: StandDiagnosis) -> Table:
     after = problem.unexplained(found.findings.search.best.fit)[:, c]
     unit = ("N", "N m", "rad", "rad/s")[c]
     name = ("thrust", "torque", "flap angle", "second tachometer")[c]
-    title = Text(f"{name}, measured less model [{unit}]")
-    table = Table(box=SIMPLE_HEAD, title=title, title_justify="left", padding=(0, 1, 0, 0))
-    for heading in ("rpm", "points", "model", "extended", "noise"):
-        table.add_column(heading, justify="right")
+    columns = right("rpm", "points", "model", "extended", "noise")
+    table = _table(f"{name}, measured less model [{unit}]", *columns)
     edges = np.linspace(0.0, float(speed.max()) * (1.0 + 1e-9), _BINS + 1)
     for low, high in pairwise(edges):
         rows = own & (speed >= low) & (speed < high)
@@ -159,12 +157,8 @@ def _print_table3(study: Table3, console: Console) -> None:
     from tombo_diagnosis.stand.table3 import TWO_VALUES
 
     soft = len(study.confs) - 1
-    table = Table(
-        box=SIMPLE_HEAD, title_justify="left", padding=(0, 1, 0, 0),
-        title=Text("Table III at 2000 rpm: thrust [N]"),
-    )  # fmt: skip
-    for heading in ("conf", "measured", *study.laws):
-        table.add_column(heading, justify="right")
+    columns = right("conf", "measured", *study.laws)
+    table = _table("Table III at 2000 rpm: thrust [N]", *columns)
     for k, conf in enumerate(study.confs):
         own = (f"{values[k]:.3f}" for values in study.laws.values())
         table.add_row(str(conf), f"{study.measured[k]:.3f} ± {study.deviations[k]:.2f}", *own)
@@ -182,23 +176,19 @@ def _print_table3(study: Table3, console: Console) -> None:
             f"(p = {study.spearman_p:.2f})"
         )
     )
-    table = Table(
-        box=SIMPLE_HEAD, title_justify="left", padding=(0, 1, 0, 0),
-        title=Text("Each configuration predicted by the others"),
-    )  # fmt: skip
-    for heading in ("what", "RMS error [N]", "against the mean, 95 % [N]", "fitted to all"):
-        table.add_column(heading)
+    table = _table(
+        "Each configuration predicted by the others",
+        *("what", "RMS error [N]", "against the mean, 95 % [N]", "fitted to all"),
+    )
     for p in study.predictions:
         span = f"{p.low:+.3f} to {p.high:+.3f}" if p.low != p.high else "–"
         table.add_row(words(p.what), f"{p.rmse:.4f}", span, p.parameter)
     console.print(table)
     console.print(Text(TWO_VALUES), soft_wrap=True)
-    table = Table(
-        box=SIMPLE_HEAD, title_justify="left", padding=(0, 1, 0, 0),
-        title=Text("What would tell stiffening from all others (log Bayes factor 4)"),
-    )  # fmt: skip
-    for heading in ("measure", "closest rival", "difference", "noise at most", "of the reading"):
-        table.add_column(heading)
+    table = _table(
+        "What would tell stiffening from all others (log Bayes factor 4)",
+        *("measure", "closest rival", "difference", "noise at most", "of the reading"),
+    )
     for s in study.settling[:_EASIEST]:
         table.add_row(
             s.what, words(s.rival), f"{s.difference:.3g} {s.unit}", f"{s.sigma:.2g} {s.unit}",

@@ -9,8 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from suite_bench import marked
 
 from tombo_bringup.cli.main import run
+
+__all__ = ["marked", "refused", "tombo"]
 
 
 @dataclass(frozen=True)
@@ -52,5 +55,17 @@ def tombo(
     return command
 
 
-SHORT = ("hover", "--set", "duration=0.5")
-"""A flight that takes no time."""
+@pytest.fixture
+def refused(tombo: Command, tmp_path: Path) -> Callable[..., None]:
+    """Run a command that is refused: exit code 2, one line with these words, nothing written."""
+
+    def check(arguments: tuple[str, ...], *words: str) -> None:
+        before = sorted(tmp_path.rglob("*"))
+        result = tombo(*arguments)
+        assert (result.code, result.out) == (2, ""), result.err
+        assert result.err.startswith("Error: ") and result.err.count("\n") == 1, result.err
+        for word in words:
+            assert word in result.err, result.err
+        assert sorted(tmp_path.rglob("*")) == before
+
+    return check

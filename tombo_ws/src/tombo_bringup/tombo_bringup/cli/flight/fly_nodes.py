@@ -1,22 +1,22 @@
-"""`tombo fly --px4`: one flight over MAVLink, by a simulated PX4 or by the one at a URL."""
+"""`tombo fly --nodes` and `--px4`: one flight by the ROS 2 nodes, or by them and a PX4."""
 
 from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
 from tombo_bringup.cli.errors import print_error
+from tombo_bringup.cli.flight.node_tables import print_node_flight
 from tombo_bringup.cli.progress import progress_bar
 from tombo_dynamics.errors import InputError
 from tombo_flight.process.output_folder import open_output
 from tombo_flight.process.stop_signals import Stopped, StopSignals
 from tombo_flight.suite.node_flight import NotFlown, fly_nodes_and_save
-from tombo_flight.suite.px4_connection import Px4Connection, px4_connection
+from tombo_flight.suite.px4_connection import Px4Connection
 from tombo_flight.suite.px4_probe import find_vehicle
 from tombo_flight.suite.warm_up import warm_up_nodes
 
@@ -24,17 +24,18 @@ if TYPE_CHECKING:
     from tombo_flight.scenario import Scenario
 
 
-def fly_px4(
+def fly_nodes(
     scenario: Scenario,
     seed: int,
     path: Path,
     *,
     may_replace: bool,
     as_json: bool,
-    url: str | None,
-    yes: bool,
-    settings: Sequence[str],
+    speed: float,
     domain: int | None,
+    lockstep: bool,
+    px4: Px4Connection | None,
+    yes: bool,
 ) -> int:
     """Fly, print, and return the exit code.
 
@@ -44,57 +45,54 @@ def fly_px4(
         path: folder of the results.
         may_replace: results that are there are replaced.
         as_json: print the summary as JSON, and nothing else.
-        url: of a PX4 that is there; None: simulate one.
-        yes: arm it without asking.
-        settings: of the bridge.
+        speed: of simulated time against real time.
         domain: ROS_DOMAIN_ID.
+        lockstep: run the ticks of the headless flight.
+        px4: fly over MAVLink.
+        yes: arm a PX4 that is there without asking.
 
     Raises:
         InputError: PX4 can't be reached or must not be armed, or as `fly_nodes_and_save`.
     """
-    connection = px4_connection(url, settings)
     with progress_bar() as on_progress:
         on_progress("loading", 0.0)
         warm_up_nodes(scenario)
     with StopSignals(signal.SIGHUP) as stop:
         try:
-            if not connection.simulated and not confirm_arming(
-                connection, scenario, stop, yes=yes
-            ):
+            if not may_arm(px4, scenario, stop, yes=yes):
                 return stop.exit_code or 1
-        except Stopped:
-            return stop.exit_code
-        with progress_bar() as on_progress, open_output(path, replace=may_replace) as folder:
-            try:
-                flown = fly_nodes_and_save(
-                    folder, scenario, seed, stop, speed=1.0, domain=domain,
-                    on_progress=on_progress, px4=connection,
-                    notice=lambda text: typer.echo(text, err=True),
-                )  # fmt: skip
-            except Stopped:  # before anything was flown: nothing to keep
-                return stop.exit_code
-            except NotFlown as error:
+            with progress_bar() as on_progress, open_output(path, replace=may_replace) as folder:
+                try:
+                    flown = fly_nodes_and_save(
+                        folder, scenario, seed, stop, speed=speed, domain=domain,
+                        on_progress=on_progress, lockstep=lockstep, px4=px4,
+                        notice=lambda text: typer.echo(text, err=True),
+                    )  # fmt: skip
+                except NotFlown as error:
+                    folder.publish()
+                    print_error(f"{error}; recording and logs are in '{path}'")
+                    return 1
+                names = sorted(p.name for p in folder.staging.iterdir())
                 folder.publish()
-                print_error(f"{error}; recording and logs are in '{path}'")
-                return 1
-            names = sorted(p.name for p in folder.staging.iterdir())
-            folder.publish()
-    from tombo_bringup.cli.flight.node_tables import print_node_flight
-
+        except Stopped:  # before anything was flown: nothing to keep
+            return stop.exit_code
     print_node_flight(flown, path, names, as_json)
     if flown.left_armed:
         print_error(flown.left_armed)
     return stop.exit_code or (1 if flown.died or flown.left_armed else 0)
 
 
-def confirm_arming(
-    connection: Px4Connection, scenario: Scenario, stop: StopSignals, *, yes: bool
+def may_arm(
+    connection: Px4Connection | None, scenario: Scenario, stop: StopSignals, *, yes: bool
 ) -> bool:
-    """Print what is about to be armed, and ask.
+    """Return True without a real vehicle; else print what is about to be armed, and ask.
 
     Raises:
         InputError: there is nothing to arm, or nobody to ask.
+        Stopped: a signal came before the answer.
     """
+    if connection is None or connection.simulated:
+        return True
     url = connection.link.url
     if not yes and not sys.stdin.isatty():
         raise InputError(

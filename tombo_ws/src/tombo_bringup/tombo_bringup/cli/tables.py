@@ -1,0 +1,54 @@
+"""What the tables and texts of several commands share on the terminal."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console, RenderableType
+from rich.live import Live
+from rich.table import Column
+from rich.text import Text
+
+from tombo_bringup.cli.errors import printable
+
+
+def right(*headings: str, **more: Any) -> list[Column]:
+    """Return columns of numbers."""
+    return [Column(heading, justify="right", **more) for heading in headings]
+
+
+def print_line(text: str, style: str = "") -> None:
+    """Print a line, however long it gets."""
+    Console().print(Text(text, style), soft_wrap=True)
+
+
+class Scroll:
+    """Lines on standard output; on a terminal (`live`) they scroll above something drawn."""
+
+    def __init__(self, live: Live | None) -> None:
+        self.live = live
+
+    def put(self, text: str, style: str = "") -> None:
+        """Print a line."""
+        if self.live is None:
+            print(printable(text), flush=True)
+        else:
+            self.live.console.print(Text(text, style))
+
+    def draw(self, what: RenderableType) -> None:
+        """Draw below the lines, in place of what was drawn before; on a terminal only."""
+        if self.live is not None:
+            self.live.update(what, refresh=True)
+
+
+@contextmanager
+def scroll() -> Iterator[Scroll]:
+    """Make the lines that fit where standard output leads to."""
+    if not sys.stdout.isatty():
+        yield Scroll(None)
+        return
+    with Live(console=Console(), auto_refresh=False, redirect_stderr=False) as live:
+        yield Scroll(live)
