@@ -38,14 +38,14 @@ PARALLEL := -n auto --dist loadfile --no-loadscope-reorder
 
 check: lint
 	$(SETUP)
-	$(PYTEST) $(PARALLEL) -m "not slow and not alone" --hypothesis-profile=few
+	$(PYTEST) $(PARALLEL) -m "not slow and not nodes and not real_time" --hypothesis-profile=few
 
 # Both parts run, whatever the first says; 5: PYTEST_ARGS leave no test in that part.
 test: lint
 	$(SETUP)
 	@parallel=0; alone=0; \
-	$(PYTEST) $(PARALLEL) -m "not alone" || parallel=$$?; \
-	$(PYTEST) -m alone || alone=$$?; \
+	$(PYTEST) $(PARALLEL) -m "not real_time" || parallel=$$?; \
+	$(PYTEST) -m real_time || alone=$$?; \
 	case "$$parallel $$alone" in "0 0" | "0 5" | "5 0") ;; *) exit 1 ;; esac
 
 lint:

@@ -1,10 +1,9 @@
 """Which tests run when, by their markers. See `make check` and `make test`.
 
-- `alone`: it waits on the wall clock, or starts nodes or processes whose time counts. One at a
-  time, last.
-- `real_time`: one of those that promises something in real time, as all with a node do. Where
-  what it asserts `in_time` fails, and a loop beside it that does nothing was late, too, the
-  machine was taken away: it is skipped.
+- `real_time`: it promises something in real time. It runs alone, last. Where what it asserts
+  `in_time` fails, and a loop beside it that does nothing was late, too, the machine was taken
+  away: it is skipped.
+- `nodes`: it starts nodes, each test in a ROS domain of its own. `make check` leaves it out.
 - `slow`: it takes more than a quarter of a second of a quiet core. `make check` leaves it out.
 """
 
@@ -47,15 +46,13 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark every test, and sort by `ORDER`; those that run alone come last."""
+    """Mark every test, and sort by `ORDER`; those in real time come last."""
     rank = {}
     for item in items:
-        if "domain" in getattr(item, "fixturenames", ()):  # it starts nodes
-            item.add_marker("real_time")
-        if item.get_closest_marker("real_time"):
-            item.add_marker("alone")
+        if "domain" in getattr(item, "fixturenames", ()):
+            item.add_marker("nodes")
         order = next((i for i, f in enumerate(ORDER) if item.nodeid.startswith(f)), len(ORDER))
-        rank[item] = (item.get_closest_marker("alone") is not None, order)
+        rank[item] = (item.get_closest_marker("real_time") is not None, order)
     items.sort(key=rank.__getitem__)
 
 

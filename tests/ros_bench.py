@@ -22,7 +22,11 @@ import pytest
 
 from tombo_dynamics.time_base import SECOND_NS
 
-_NUMBERS = itertools.count(os.getpid() % 60)
+_FIRST_DOMAIN, _DOMAINS = 102, 130
+"""102..231: above the usual, below the ports' end. Each worker of the tests has its share."""
+_WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+_WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
+_NUMBERS = itertools.count(os.getpid())
 FAILED = pytest.StashKey[bool]()
 
 
@@ -33,8 +37,9 @@ def failed(item: pytest.Item) -> bool:
 
 @pytest.fixture
 def domain(monkeypatch: pytest.MonkeyPatch) -> int:
-    """Set a ROS_DOMAIN_ID of the test's own (102..231: above the usual, below the ports' end)."""
-    number = 102 + next(_NUMBERS) % 100
+    """Set a ROS_DOMAIN_ID of the test's own."""
+    share = _DOMAINS // _WORKERS
+    number = _FIRST_DOMAIN + _WORKER * share + next(_NUMBERS) % share
     monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     return number

@@ -99,6 +99,7 @@ def _tilt(setpoint) -> float:
     return 2.0 * float(np.arcsin(np.hypot(setpoint.orientation.x, setpoint.orientation.y)))
 
 
+@pytest.mark.real_time
 def test_each_gyro_sample_is_answered_as_the_pure_controller_does(world, start):
     world.subscribe(ROTOR_COMMAND, RATES_SETPOINT, ATTITUDE_SETPOINT, DIAGNOSTICS)
     node = start("tombo_control.controller_node", "-p", "use_sim_time:=true")

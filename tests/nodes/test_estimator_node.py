@@ -85,6 +85,7 @@ def pose(stamp_ns: int, values: np.ndarray, frame: str = "map") -> PoseStamped:
     return message
 
 
+@pytest.mark.real_time
 def test_odometry_is_the_flight_and_bad_poses_are_told(world, start):
     world.subscribe(ODOMETRY, ESTIMATOR_STATUS, DIAGNOSTICS)
     node = start("tombo_control.estimator_node", "-p", "use_sim_time:=true")

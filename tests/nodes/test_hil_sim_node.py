@@ -53,6 +53,7 @@ def heights(world, seconds: float) -> list[float]:
     return [m.pose.pose.position.z for m in world.heard[TRUE_ODOMETRY.name][begun:]]
 
 
+@pytest.mark.real_time
 def test_a_px4_flies_it_and_the_mocap_sees_it(world, start, port):
     world.subscribe(MOCAP_POSE, TRUE_ODOMETRY)
     node = start(NODE, "-p", f"port:={port}", "-p", "hil.gps:=true")

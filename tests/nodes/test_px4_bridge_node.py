@@ -165,6 +165,7 @@ def lab(world, start):
         yield make
 
 
+@pytest.mark.real_time
 def test_a_flight_with_stamps_that_are_right_on_both_sides(lab, world):
     lab = lab()
     lab.take_off()
@@ -257,6 +258,7 @@ def test_bad_input_is_one_line_and_exit_code_2(start, parameter, words):
     assert line.startswith("Error: ") and words.format(busy=busy) in line
 
 
+@pytest.mark.real_time
 def test_the_estimate_is_handed_on_once_the_checks_pass(lab, world):
     """The mission begins with the first estimate: PX4's must be good by then."""
     lab = lab(parameters={"EKF2_EV_CTRL": 0})
@@ -275,6 +277,7 @@ def test_the_estimate_is_handed_on_once_the_checks_pass(lab, world):
     heard(world, ODOMETRY, meanwhile=lab.publish)
 
 
+@pytest.mark.real_time
 def test_ended_while_offboard_holds_it_lands_with_poses_to_the_end(lab, world):
     lab = lab()
     lab.take_off()

@@ -54,6 +54,7 @@ def wait_for(
     raise AssertionError(f"no such {kind}")
 
 
+@pytest.mark.real_time
 def test_mavlink_on_one_side_and_mocap_on_the_other(world, start, link):
     world.subscribe(MOCAP_POSE, TRUE_ODOMETRY, MARKERS, IMU)
     obstacle = ("-p", "obstacle.radius:=0.25", "-p", "obstacle.x:=2.0", "-p", "obstacle.top:=2.6")
@@ -87,6 +88,7 @@ def test_mavlink_on_one_side_and_mocap_on_the_other(world, start, link):
     assert "PX4 says: Arming denied" in node.output
 
 
+@pytest.mark.real_time
 def test_poses_go_on_in_step_with_the_systems_clock(world, start, link):
     world.subscribe(MOCAP_POSE)
     node = start(NODE, *urls(link), "-p", "mocap_rate:=100.0")

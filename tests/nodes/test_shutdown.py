@@ -24,6 +24,7 @@ NODES = (
 )
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize(
     "signals",
     [(signal.SIGINT,), (signal.SIGTERM,), (signal.SIGINT, signal.SIGINT)],

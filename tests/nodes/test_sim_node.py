@@ -64,6 +64,7 @@ def _true_place(world) -> np.ndarray:
     return array(world.heard[TRUE_ODOMETRY.name][-1].pose.pose.position)
 
 
+@pytest.mark.real_time
 def test_paused_it_goes_on_by_the_ticks_it_is_told(world, start):
     world.subscribe(IMU, TRUE_ODOMETRY, CLOCK, DIAGNOSTICS)
     node = start("tombo_sim.sim_node", *_WORLD, "-p", "speed:=0.0")
@@ -117,6 +118,7 @@ def test_paused_it_goes_on_by_the_ticks_it_is_told(world, start):
     assert node.end() == 0
 
 
+@pytest.mark.real_time
 def test_each_tick_waits_for_its_command_if_asked_to(world, start):
     world.subscribe(IMU, TRUE_ODOMETRY, TRUE_ROTORS, MOCAP_POSE, DIAGNOSTICS)
     node = start("tombo_sim.sim_node", *_WORLD, "-p", "wait_for_command:=true", "-p", "speed:=0.0")
@@ -165,6 +167,7 @@ def test_each_tick_waits_for_its_command_if_asked_to(world, start):
     assert node.end() == 0
 
 
+@pytest.mark.real_time
 def test_time_keeps_its_own_speed_before_the_first_command(world, start):
     """A plan would else be through with waiting for its take-off before all nodes have met."""
     world.subscribe(IMU)
@@ -178,6 +181,7 @@ def test_time_keeps_its_own_speed_before_the_first_command(world, start):
     assert node.end() == 0
 
 
+@pytest.mark.real_time
 def test_nobody_stops_time_by_commands_of_the_past(world, start):
     world.subscribe(IMU, DIAGNOSTICS)
     node = start("tombo_sim.sim_node", *_WORLD, "-p", "wait_for_command:=true")

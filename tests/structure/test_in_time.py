@@ -37,7 +37,7 @@ def test_only_a_promise_in_time_is_skipped(
 ) -> None:
     monkeypatch.setattr(EmptyLoop, "late_ms", lambda loop: late_ms)
     pytester.makeconftest((ROOT / "conftest.py").read_text())
-    pytester.makeini("[pytest]\nmarkers = alone\n real_time")
+    pytester.makeini("[pytest]\nmarkers = real_time\n nodes")
     pytester.makepyfile(TESTS)
     found = pytester.runpytest_inprocess("-rs", "-p", "no:cacheprovider")
     found.assert_outcomes(skipped=skipped, failed=3 - skipped)
