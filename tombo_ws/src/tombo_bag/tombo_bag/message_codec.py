@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bag.columnar_cdr import layout
+from tombo_bag.columnar_cdr import lay_in, lay_in_times, layout
 from tombo_bag.columns import ColumnTable
 from tombo_bag.message_template import Field, MessageTemplate
 from tombo_dynamics import messages as kinds
@@ -290,15 +290,9 @@ def records_of(typename: str, table: NDArray[np.void]) -> NDArray[np.void]:
             continue
         values = table[one.name]
         if part.is_time:
-            records[f"{part.path}.sec"], records[f"{part.path}.nanosec"] = np.divmod(
-                values, SECOND_NS
-            )
-        elif part.count == 1 or not part.path.endswith(".x"):
-            records[part.path] = values
+            lay_in_times(records, part.path, values)
         else:
-            base = part.path.removesuffix("x")
-            for i, axis in enumerate("xyzw"[: part.count]):
-                records[f"{base}{axis}"] = values[:, i]
+            lay_in(records, part.path.removesuffix(".x"), values)
     return records
 
 

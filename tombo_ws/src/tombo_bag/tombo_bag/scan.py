@@ -48,6 +48,10 @@ class Damage:
     to_ns: int | None
     text: str
 
+    def __str__(self) -> str:
+        """Return the line for a person."""
+        return self.text
+
 
 @dataclass
 class ChunkPlace:

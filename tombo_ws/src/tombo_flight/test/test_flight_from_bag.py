@@ -63,19 +63,18 @@ def rewrite(
         if metadata is not None:
             sink.add_metadata(FLIGHT_METADATA, metadata)
         parts = []
-        for number, channel in bag.channels.items():
-            raw = bag.messages(number)
-            typename = bag.topics[channel.topic].typename
+        for topic, raw in bag.messages(bag.topics).items():
+            typename = bag.topics[topic].typename
             there = np.ones(len(raw.messages), bool)
             if keep is not None:
-                there = keep(channel.topic, len(raw.messages))
+                there = keep(topic, len(raw.messages))
             if not there.any():
                 continue
             times = log_time(raw.log_times_ns + shift_s * 10**9)[there]
             kept = [data for data, wanted in zip(raw.messages, there, strict=True) if wanted]
             chosen = [shifted(data, typename, shift_s) for data in kept] if shift_s else kept
-            chosen = edit(channel.topic, chosen)
-            parts.append(Columns(sink.add_channel(channel.topic, typename), times, chosen))
+            chosen = edit(topic, chosen)
+            parts.append(Columns(sink.add_channel(topic, typename), times, chosen))
         sink.write_columns(*parts)
     return target
 
@@ -88,8 +87,8 @@ def shifted(data: bytes, typename: str, shift_s: int) -> bytes:
 
 
 def metadata_of(path: Path, *left_out: str) -> dict[str, str]:
-    (found,) = (m for m in Bag(path).metadata if m.name == FLIGHT_METADATA)
-    return {key: value for key, value in found.metadata.items() if key not in left_out}
+    found = Bag(path).metadata[FLIGHT_METADATA]
+    return {key: value for key, value in found.items() if key not in left_out}
 
 
 def assert_same_figures(found: dict[str, Any], wanted: dict[str, Any]) -> None:

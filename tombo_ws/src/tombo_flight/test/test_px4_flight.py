@@ -116,18 +116,14 @@ def real(flown: FlightRecord, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def without(source: Path, target: Path, prefix: str) -> Path:
     bag = Bag(source)
     with McapSink(target) as sink:
-        for record in bag.metadata:
-            told = {k: v for k, v in record.metadata.items() if k != "epoch_ns"}
-            sink.add_metadata(record.name, told)
+        for name, values in bag.metadata.items():
+            sink.add_metadata(name, {k: v for k, v in values.items() if k != "epoch_ns"})
         parts = []
-        for number, channel in bag.channels.items():
-            if channel.topic.startswith(prefix):
+        for topic, raw in bag.messages(bag.topics).items():
+            if topic.startswith(prefix):
                 continue
-            raw = bag.messages(number)
-            typename = bag.topics[channel.topic].typename
-            parts.append(
-                Columns(sink.add_channel(channel.topic, typename), raw.log_times_ns, raw.messages)
-            )
+            channel = sink.add_channel(topic, bag.topics[topic].typename)
+            parts.append(Columns(channel, raw.log_times_ns, raw.messages))
         sink.write_columns(*parts)
     return target
 

@@ -23,6 +23,7 @@ from rosbags.highlevel import AnyReader  # noqa: E402
 from ros_bench import domain, start, world  # noqa: E402, F401
 from tombo_bag.qos import SENSOR, Qos  # noqa: E402
 from tombo_bag.reader import Bag  # noqa: E402
+from tombo_bag.recording import Recording  # noqa: E402
 from tombo_bag.rolling_sink import NOTES  # noqa: E402
 from tombo_bag.schemas import message_directory  # noqa: E402
 from tombo_bag.topics import (  # noqa: E402
@@ -83,7 +84,7 @@ def pour(world, *specs, number: int, period_s: float = 0.002, first: int = 0) ->
 
 
 def notes(path: Path) -> dict[str, str]:
-    (found,) = [record.metadata for record in Bag(path).metadata if record.name == NOTES]
+    found = Bag(path).metadata[NOTES]
     return found
 
 
@@ -154,7 +155,7 @@ def test_after_kill_9_all_but_the_last_second_is_there(start, world, tmp_path): 
     assert not (tmp_path / "bag" / "metadata.yaml").exists()
     bag = Bag(path)
     assert [damage.kind for damage in bag.damage] in (["not finished"], ["cut off"])
-    table = bag.columns("/steady")
+    table = Recording(bag.path).columns("/steady")
     old = int(np.searchsorted(sent_ns, killed_ns - 1_000_000_000))
     assert len(table["log_time_ns"]) >= old > 10
     x = table["angular_velocity.x"]
@@ -269,7 +270,7 @@ def test_a_disk_that_fills_up_ends_the_recording_with_a_whole_file(start, world,
     assert "can't write" in said[0] and "File too large" in said[0]
     assert "could not be written" in recorder.output and "Traceback" not in recorder.output
     bag = Bag(path, check=True)
-    assert bag.damage == ()
+    assert bag.damage == []
     with AnyReader([tmp_path / "bag"]) as reader:
         assert reader.message_count == sum(topic.count for topic in bag.topics.values()) > 500
     assert int(notes(path)["unwritten"]) > 0
