@@ -6,7 +6,6 @@ and written in some microseconds.
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cache
@@ -17,14 +16,13 @@ from numpy.typing import NDArray
 
 from tombo_bag.columnar_cdr import lay_in, lay_in_times, layout
 from tombo_bag.columns import ColumnTable
-from tombo_bag.message_template import Field, MessageTemplate
+from tombo_bag.message_template import Field, MessageTemplate, TimeField
 from tombo_dynamics import messages as kinds
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
 
 _SHAPES = 8
 """So many shapes of a type are kept."""
-_TIME = struct.Struct("<iI")
 
 
 @dataclass(frozen=True)
@@ -184,10 +182,10 @@ class _Shape:
     def __init__(self, form: _Form, template: MessageTemplate) -> None:
         self.template = template
         self._form = form
-        self._places: list[Field | int | str] = []
+        self._places: list[Field | TimeField | str] = []
         for part in form.parts:
             if part.is_time:
-                self._places.append(template.offset(f"{part.path}.sec"))
+                self._places.append(template.time(part.path))
             elif part.is_text:
                 self._places.append(template.texts[part.path])
             else:
@@ -199,21 +197,17 @@ class _Shape:
             if isinstance(place, Field):
                 found = place.of(data)
                 values.append(found[0] if part.count == 1 else np.array(found))
-            elif isinstance(place, int):
-                seconds, rest = _TIME.unpack_from(data, place)
-                values.append(seconds * SECOND_NS + rest)
             else:
-                values.append(place)
+                values.append(place if isinstance(place, str) else place.of(data))
         return self._form.kind(*values)
 
     def write(self, values: list[Any]) -> bytes:
-        template = self.template
         for part, place, value in zip(self._form.parts, self._places, values, strict=True):
             if isinstance(place, Field):
                 place.put((value,) if part.count == 1 else value)
-            elif isinstance(place, int):
-                template.write(_TIME, place, *divmod(max(value, 0), SECOND_NS))
-        return template.data()
+            elif isinstance(place, TimeField):
+                place.put(max(value, 0))
+        return self.template.data()
 
 
 class MessageCodec:
