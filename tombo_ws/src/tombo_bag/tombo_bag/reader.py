@@ -45,7 +45,7 @@ class Bag(BagFile):
         unannounced = not self._found.finished or not self._found.channels
         for place in self._found.chunks:
             if place.offset and (check or unannounced or place.index is None):
-                place.index, _ = index_chunk(self._open(place), self._found)
+                place.index = index_chunk(self._open(place), self._found)
                 if not place.whole:
                     refine_truncation(self._found, place)
         self.damage = self._found.damage
@@ -113,7 +113,7 @@ class Bag(BagFile):
                     continue
                 piece = extract_messages(data, number, rows[:, 1])
                 if piece is None:
-                    place.index, _ = index_chunk(data, self._found)
+                    place.index = index_chunk(data, self._found)
                     piece = extract_messages(data, number, place.index.get(number, rows[:0])[:, 1])
                 if piece is not None:
                     yield number, *piece

@@ -226,10 +226,8 @@ def refine_truncation(found: FileMap, place: ChunkPlace) -> None:
             found.damage[i] = replace(damage, from_ns=max(times), text=text)
 
 
-def index_chunk(
-    data: bytes | memoryview, found: FileMap
-) -> tuple[dict[int, NDArray[np.uint64]], int]:
-    """List a chunk's messages and note its schemas and channels; also: bytes of whole records."""
+def index_chunk(data: bytes | memoryview, found: FileMap) -> dict[int, NDArray[np.uint64]]:
+    """List a chunk's messages and note its schemas and channels."""
     view = memoryview(data)
     places: dict[int, list[tuple[int, int]]] = {}
     at = 0
@@ -247,7 +245,7 @@ def index_chunk(
             except (struct.error, ValueError, EndOfFile):
                 break
         at = body + length
-    return {channel: np.array(rows, np.uint64) for channel, rows in places.items()}, at
+    return {channel: np.array(rows, np.uint64) for channel, rows in places.items()}
 
 
 def extract_messages(
