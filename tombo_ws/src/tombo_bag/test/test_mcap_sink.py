@@ -41,6 +41,11 @@ def text(word):
     return encode(STRING, {"data": word})
 
 
+def summary_of(path):
+    with path.open("rb") as file:
+        return make_reader(file, validate_crcs=True).get_summary()
+
+
 def write_mixed(path, compression="zstd", **options):
     """3.5 s of two channels in bulk, one of them out of order, then single messages."""
     times = np.arange(3500) * MS + 7
@@ -118,8 +123,7 @@ def test_quality_of_service_and_type_hash_stand_in_the_channels(mixed):
     assert profiles["/pose"].durability.name == "VOLATILE"
     assert profiles["/pose"].reliability.name == "RELIABLE"
     assert profiles["/pose"].history.name == "KEEP_LAST"
-    with path.open("rb") as file:
-        channels = make_reader(file).get_summary().channels.values()
+    channels = summary_of(path).channels.values()
     assert all(c.metadata["topic_type_hash"].startswith("RIHS01_") for c in channels)
 
 
@@ -166,8 +170,7 @@ def test_no_chunk_holds_more_than_a_second(mixed):
 def test_message_indexes_lead_to_the_messages(mixed):
     path, number = mixed
     content, found = path.read_bytes(), 0
-    with path.open("rb") as file:
-        chunks = make_reader(file).get_summary().chunk_indexes
+    chunks = summary_of(path).chunk_indexes
     for chunk in chunks:
         place = chunk.chunk_start_offset
         record = Chunk.read(ReadDataStream(BytesIO(content[place + 9 :])))
@@ -269,8 +272,7 @@ def test_a_clock_that_jumps_back_still_closes_chunks(tmp_path):
             sink.write(channel, text("x"), time * MS)
         waiting = 6000 - Bag(path).topics["/word"].count
         assert waiting <= 100, "what is older than a second is on the disk at any time"
-    with path.open("rb") as file:
-        summary = make_reader(file).get_summary()
+    summary = summary_of(path)
     spans = [c.message_end_time - c.message_start_time for c in summary.chunk_indexes]
     assert max(spans) <= SECOND_NS
     assert summary.statistics.message_count == 6000
@@ -282,8 +284,7 @@ def test_large_messages_close_a_chunk_early(tmp_path):
         channel = sink.add_channel("/word", STRING)
         for i in range(20):
             sink.write(channel, text("x" * 5000), i)
-    with path.open("rb") as file:
-        chunks = make_reader(file).get_summary().chunk_indexes
+    chunks = summary_of(path).chunk_indexes
     assert len(chunks) >= 9
     assert max(c.uncompressed_size for c in chunks) < 20_000
 
@@ -306,8 +307,7 @@ def test_an_exception_leaves_a_finished_file(tmp_path, error):
         channel = sink.add_channel("/word", STRING)
         sink.write(channel, text("before"), 0)
         raise error
-    with path.open("rb") as file:
-        assert make_reader(file, validate_crcs=True).get_summary().statistics.message_count == 1
+    assert summary_of(path).statistics.message_count == 1
 
 
 def test_a_full_disk_loses_no_whole_chunk(tmp_path):

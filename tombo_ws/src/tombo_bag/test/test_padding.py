@@ -95,6 +95,7 @@ def test_what_is_no_such_message_stays_as_it_is(message):
 @FEW
 @given(st.data())
 def test_bytes_of_rclpy_become_those_of_this_package(data):
+    """What rclpy leaves in the gaps between fields, and behind the last one, is not defined."""
     serialization = pytest.importorskip("rclpy.serialization", reason="rclpy is not installed")
     pytest.importorskip("tombo_msgs.msg", reason="tombo_msgs is not built")
     theirs = importlib.import_module("test_against_rclpy")

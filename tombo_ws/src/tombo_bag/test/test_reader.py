@@ -39,6 +39,11 @@ def write_sample(path, compression):
     return path.read_bytes(), records["pose.position.x"].copy()
 
 
+def summary_of(path):
+    with path.open("rb") as file:
+        return make_reader(file).get_summary()
+
+
 @dataclass(frozen=True, repr=False)
 class Sample:
     folder: Path
@@ -51,9 +56,7 @@ class Sample:
 def sample(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("sample")
     content, x = write_sample(folder / "whole.mcap", request.param)
-    with (folder / "whole.mcap").open("rb") as file:
-        summary = make_reader(file).get_summary()
-    return Sample(folder, content, x, summary)
+    return Sample(folder, content, x, summary_of(folder / "whole.mcap"))
 
 
 FEW = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
@@ -94,8 +97,7 @@ def test_a_file_cut_anywhere_gives_all_that_is_whole(sample, share, tail):
 
 def test_the_part_of_a_chunk_that_is_there_is_read(tmp_path):
     content, x = write_sample(tmp_path / "whole.mcap", "none")
-    with (tmp_path / "whole.mcap").open("rb") as file:
-        chunk = make_reader(file).get_summary().chunk_indexes[2]
+    chunk = summary_of(tmp_path / "whole.mcap").chunk_indexes[2]
     path = tmp_path / "cut.mcap"
     path.write_bytes(content[: chunk.chunk_start_offset + chunk.chunk_length // 2])
     bag = Bag(path)
@@ -153,8 +155,7 @@ def test_a_flipped_bit_never_gives_wrong_messages(sample, place, bit):
 def test_zeros_at_the_end_are_noticed(tmp_path):
     """What a power failure leaves."""
     content, _ = write_sample(tmp_path / "whole.mcap", "zstd")
-    with (tmp_path / "whole.mcap").open("rb") as file:
-        chunk = make_reader(file).get_summary().chunk_indexes[3]
+    chunk = summary_of(tmp_path / "whole.mcap").chunk_indexes[3]
     path = tmp_path / "zeros.mcap"
     path.write_bytes(content[: chunk.chunk_start_offset] + bytes(5000))
     bag = Bag(path)

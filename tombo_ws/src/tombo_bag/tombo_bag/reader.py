@@ -104,9 +104,7 @@ class Bag(BagFile):
     ) -> Iterator[tuple[int, NDArray[np.void], list[bytes]]]:
         for place in self._found.chunks:
             wanted = [number for number in channels if number in (place.index or {})]
-            if not wanted:
-                continue
-            data = self._open(place)
+            data = self._open(place) if wanted else b""
             for number in wanted:
                 rows = (place.index or {}).get(number)
                 if rows is None:
