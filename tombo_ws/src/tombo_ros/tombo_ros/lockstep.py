@@ -195,16 +195,13 @@ def take_until(
 class _Member:
     """State of a node, kept by the simulator."""
 
-    name: str
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    period_ns: int
-    steps_on_messages: bool
+    said: LockstepNode
+    """What the node has said of itself."""
     tick: TopicPublisher
     done: PolledSubscription
     ticks: _Counts
     answers: _Counts
-    given: tuple[int, ...] = ()
+    given: tuple[int, ...]
 
 
 class LockstepMaster:
@@ -231,18 +228,14 @@ class LockstepMaster:
         return list(self._missing)
 
     def _member(self, said: Any) -> _Member:
-        name, ros = str(said.name), self._node.ros
+        ros, inputs = self._node.ros, len(said.inputs)
         return _Member(
-            name,
-            tuple(said.inputs),
-            tuple(said.outputs),
-            int(said.period_ns),
-            bool(said.steps_on_messages),
-            TopicPublisher(ros, _channel(name, "tick")),
-            PolledSubscription(ros, _channel(name, "done")),
-            _Counts(len(said.inputs)),
+            said,
+            TopicPublisher(ros, _channel(said.name, "tick")),
+            PolledSubscription(ros, _channel(said.name, "done")),
+            _Counts(inputs),
             _Counts(len(said.outputs)),
-            (0,) * len(said.inputs),
+            (0,) * inputs,
         )
 
     def run_tick(
@@ -267,21 +260,22 @@ class LockstepMaster:
         counts = {**self.published, **sensed}
         due: dict[str, _Member] = {}
         for member in self._members:
-            wanted = tuple(counts.get(topic, 0) for topic in member.inputs)
-            due_now = now_ns % member.period_ns == 0
-            due_now |= member.steps_on_messages and wanted != member.given
-            if not member.outputs if last else due_now:
+            said = member.said
+            wanted = tuple(counts.get(topic, 0) for topic in said.inputs)
+            due_now = now_ns % said.period_ns == 0
+            due_now |= said.steps_on_messages and wanted != member.given
+            if not said.outputs if last else due_now:
                 member.given = wanted
                 member.tick.publish(member.ticks.encode(now_ns, wanted))
-                due[member.name] = member
+                due[said.name] = member
         end = time.monotonic() + self._node.lockstep_patience_s
         while due and not self._node.stopping:
-            for member in list(due.values()):
+            for name, member in list(due.items()):
                 for received in member.done.take_raw():
                     stamp_ns, sent = member.answers.decode(received.message)
                     if stamp_ns == now_ns:
-                        del due[member.name]
-                        self.published.update(zip(member.outputs, sent, strict=True))
+                        del due[name]
+                        self.published.update(zip(member.said.outputs, sent, strict=True))
             if not due:
                 break
             if time.monotonic() > end:
