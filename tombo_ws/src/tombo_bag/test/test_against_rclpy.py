@@ -3,9 +3,9 @@
 import importlib
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from random_messages import messages
+from random_messages import examples, messages
 from rosbags.interfaces import Nodetype
 
 from tombo_bag.columnar_cdr import encode
@@ -47,7 +47,7 @@ def ros_message(typename, values):
 
 
 @pytest.mark.slow
-@settings(max_examples=50, deadline=None, suppress_health_check=list(HealthCheck))
+@examples(50)
 @given(st.data())
 def test_rclpy_reads_what_was_written(data):
     typename = data.draw(st.sampled_from(TYPES))

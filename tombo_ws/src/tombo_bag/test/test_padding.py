@@ -2,15 +2,15 @@ import importlib
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from random_messages import ALL_TYPES, messages
+from random_messages import ALL_TYPES, examples, messages
 
 from tombo_bag.columnar_cdr import encode
 from tombo_bag.padding import PaddingNormalizer
 from tombo_bag.schemas import known_types, type_store
 
-FEW = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+FEW = examples(60)
 SMALL_TYPES = [
     "diagnostic_msgs/msg/KeyValue",
     "geometry_msgs/msg/PoseStamped",

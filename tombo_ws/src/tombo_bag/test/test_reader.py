@@ -3,11 +3,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.summary import Summary
 from mcap.writer import CompressionType, IndexType, Writer
+from random_messages import examples
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 
@@ -59,7 +60,7 @@ def sample(request, tmp_path_factory):
     return Sample(folder, content, x, summary_of(folder / "whole.mcap"))
 
 
-FEW = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+FEW = examples(60)
 
 
 @pytest.mark.slow

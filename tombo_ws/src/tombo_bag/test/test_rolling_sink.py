@@ -6,11 +6,12 @@ from io import FileIO
 
 import pytest
 import yaml
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from random_messages import examples
 from rosbags.rosbag2 import Reader
 
 from tombo_bag import mcap_sink
@@ -25,7 +26,7 @@ STRING = "std_msgs/msg/String"
 MS = 1_000_000
 START = 1_700_000_000_000_000_000
 TOPICS = {"/a": SENSOR, "/b": STATE, "/c": EVENT}
-FEW = settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+FEW = examples(25)
 
 
 def bag_files(folder):

@@ -213,7 +213,7 @@ class _Writer:
 
     def field(self, kind: int, content: Any, value: Any, path: str) -> None:
         if kind == Nodetype.BASE:
-            self.base(content[0], value, path)
+            self.base(content[0], value)
         elif kind == Nodetype.NAME:
             self.message(content, {} if value is None else value, path + ".")
         else:
@@ -223,7 +223,7 @@ class _Writer:
             if fixed and len(items) != size:
                 raise InputError(f"{path} has {len(items)} elements; accepted: {size}")
             if not fixed:
-                self.number("<I", 4, len(items), path)
+                self.length(len(items))
             self.elements(element, items, path)
 
     def elements(self, element: tuple[int, Any], items: Any, path: str) -> None:
@@ -238,19 +238,19 @@ class _Writer:
             for i, item in enumerate(items):
                 self.field(kind, content, item, f"{path}[{i}]")
 
-    def base(self, name: str, value: Any, path: str) -> None:
+    def base(self, name: str, value: Any) -> None:
         if name == "string":
             text = ("" if value is None else str(value)).encode() + b"\0"
-            self.number("<I", 4, len(text), path)
+            self.length(len(text))
             self.buffer += text
         else:
             dtype = number_type(name)
             self.align(dtype.itemsize)
             self.buffer += np.asarray(0 if value is None else value, dtype).tobytes()
 
-    def number(self, code: str, size: int, value: int, path: str) -> None:
-        self.align(size)
-        self.buffer += struct.pack(code, value)
+    def length(self, value: int) -> None:
+        self.align(4)
+        self.buffer += struct.pack("<I", value)
 
     def align(self, size: int) -> None:
         self.buffer += bytes(-(len(self.buffer) - 4) % size)

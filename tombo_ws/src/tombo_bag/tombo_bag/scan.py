@@ -102,7 +102,8 @@ def walk(file: memoryview) -> FileMap:
         if opcode == 0 or Opcode.DATA_END < opcode < FIRST_PRIVATE_OPCODE:
             break
         if opcode != Opcode.MESSAGE_INDEX:
-            _close_index(found, indexed)
+            if indexed and found.chunks and found.chunks[-1].index is None:
+                found.chunks[-1].index = indexed
             indexed = {}
         if body + length > len(file):
             if opcode == Opcode.CHUNK:
@@ -147,11 +148,6 @@ def note(found: FileMap, opcode: int, body: memoryview) -> None:
         found.channels[channel.id] = channel
     elif opcode == Opcode.METADATA:
         found.metadata.append(Metadata.read(stream))
-
-
-def _close_index(found: FileMap, indexed: dict[int, NDArray[np.uint64]]) -> None:
-    if indexed and found.chunks and found.chunks[-1].index is None:
-        found.chunks[-1].index = indexed
 
 
 def _chunk(found: FileMap, file: memoryview, at: int, there: int, length: int) -> None:
