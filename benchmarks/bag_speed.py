@@ -57,6 +57,7 @@ def main() -> None:
 
     from tombo_bag.mcap_sink import McapSink
     from tombo_bag.reader import Bag
+    from tombo_bag.recording import Recording
 
     bag = Bag(path)
     number = sum(topic.count for topic in bag.topics.values())
@@ -77,9 +78,8 @@ def main() -> None:
     write(path, flight)
     bag = Bag(path)
     ready = [
-        (channel, time_ns, message)
-        for channel in bag.channels
-        for raw in [bag.messages(channel)]
+        (topic, time_ns, message)
+        for topic, raw in bag.messages(bag.topics).items()
         for time_ns, message in zip(raw.log_times_ns.tolist(), raw.messages, strict=True)
     ]
     ready.sort(key=lambda item: item[1])
@@ -88,20 +88,19 @@ def main() -> None:
         writer = Writer(io.BytesIO(), compression=CompressionType.ZSTD)
         writer.start("ros2")
         schema = writer.register_schema("a/msg/B", "ros2msg", b"")
-        for channel in bag.channels.values():
-            writer.register_channel(channel.topic, "cdr", schema)
-        for channel_id, time_ns, message in ready:
-            writer.add_message(channel_id, time_ns, message, time_ns)
+        channels = {topic: writer.register_channel(topic, "cdr", schema) for topic in bag.topics}
+        for topic, time_ns, message in ready:
+            writer.add_message(channels[topic], time_ns, message, time_ns)
         writer.finish()
 
     def one_by_one() -> None:
         with McapSink(path.with_name("single.mcap")) as sink:
-            names = {
-                number: sink.add_channel(channel.topic, bag.schemas[channel.schema_id].name)
-                for number, channel in bag.channels.items()
+            channels = {
+                topic: sink.add_channel(topic, stream.typename)
+                for topic, stream in bag.topics.items()
             }
-            for channel_id, time_ns, message in ready:
-                sink.write(names[channel_id], message, time_ns)
+            for topic, time_ns, message in ready:
+                sink.write(channels[topic], message, time_ns)
 
     say()
     say("The same messages, serialized beforehand, one by one:")
@@ -117,7 +116,7 @@ def main() -> None:
 
     say()
     say("Reading /imu/data_raw (1 kHz):")
-    took = min(seconds(lambda: Bag(path).columns("/imu/data_raw")) for _ in range(RUNS))
+    took = min(seconds(lambda: Recording(path).columns("/imu/data_raw")) for _ in range(RUNS))
     say(f"  as columns: {1e3 * took:.0f} ms, {FLIGHT_S / took:.0f} times real time")
     took = seconds(decode)
     say(f"  mcap_ros2: {1e3 * took:.0f} ms, {FLIGHT_S / took:.0f} times real time")

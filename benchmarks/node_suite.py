@@ -97,8 +97,8 @@ def bare_loop(seconds: float) -> None:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     found = watch.metrics()
     print(
-        f"bare loop ({command}): p50 {found.jitter_p50_us:.0f}, p99 {found.jitter_p99_us:.0f}, "
-        f"max {found.jitter_max_us:.0f} us late"
+        f"bare loop ({command}): p50 {found['jitter_p50_us']:.0f}, "
+        f"p99 {found['jitter_p99_us']:.0f}, max {found['jitter_max_us']:.0f} us late"
     )
 
 

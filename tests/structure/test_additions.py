@@ -69,7 +69,9 @@ from tombo_ros.core_node import CoreNode, main_of
 
 main = main_of(lambda: CoreNode(AltimeterCore))
 """
-ALTITUDE = 'TopicSpec("/altitude", "geometry_msgs/msg/PoseStamped", STATE, 0.0, "height"),'
+ALTITUDE = """
+ALTITUDE = TopicSpec("/altitude", "geometry_msgs/msg/PoseStamped", STATE, 0.0, "height")
+"""
 EFFECT = """
 from tombo_dynamics.effects.registry import Param, Stage, effect
 
@@ -179,9 +181,7 @@ ADDITIONS = {
                 "from tombo_control.altimeter_core import AltimeterCore\n",
                 before="from tombo_control.controller_core",
             ),
-            Edit(
-                "tombo_bag/tombo_bag/topics.py", f"        {ALTITUDE}\n", before="        CLOCK,"
-            ),
+            Edit("tombo_bag/tombo_bag/topics.py", ALTITUDE, before="CLOCK = "),
         ),
         "[from_('tombo_flight.suite.nodes').SUITE['altimeter'],"
         " *sorted(fact.subscribes for fact in from_('tombo_bringup.interface_tables').every_node()"

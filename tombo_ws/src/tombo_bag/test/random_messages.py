@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from rosbags.interfaces import Nodetype
 
@@ -12,6 +13,11 @@ from tombo_bag.columnar_cdr import NUMBERS
 from tombo_bag.schemas import known_types, type_store
 
 TEXTS = st.text(st.characters(blacklist_characters="\0", blacklist_categories=["Cs"]), max_size=9)
+
+
+def examples(number: int) -> settings:
+    """Return the settings of a property test that takes its time."""
+    return settings(max_examples=number, deadline=None, suppress_health_check=list(HealthCheck))
 
 
 def supported(typename: str) -> bool:

@@ -2,36 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from tombo_dynamics.messages import MissionStatus
+from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
+
+ODOMETRY = {"position": 3, "attitude": 4, "velocity": 3, "rates": 3}
 EVENTS = [
-    {"time_s": 0.5, "kind": "takeoff", "text": "takes off"},
-    {"time_s": 12.0, "kind": "contact", "text": "front left propeller meets the obstacle"},
-    {
-        "time_s": 12.05,
-        "kind": "detection",
-        "text": "detected",
-        "trigger": "innovation",
-        "stamp_s": 12.04,
-        "contact_time_s": 12.01,
-        "x_c_m": np.array([1.7, 0.0, 2.0]),
-        "flight_direction": np.array([1.0, 0.0, 0.0]),
-        "confidence": 0.9,
-        "statistic": 31.0,
-        "count": 1,
-    },
-    {
-        "time_s": 12.07,
-        "kind": "setpoint_switch",
-        "text": "switches",
-        "x_c_m": np.array([1.7, 0.0, 2.0]),
-        "x_r_m": np.array([0.9, 0.0, 2.0]),
-        "n_r": np.array([-1.0, 0.0, 0.0]),
-        "count": 1,
-    },
+    {"time_s": 0.5, "kind": "takeoff"},
+    {"time_s": 12.05, "kind": "detection", "x_c_m": np.array([1.7, 0.0, 2.0])},
+    {"time_s": 12.07, "kind": "setpoint_switch", "x_r_m": np.array([0.9, 0.0, 2.0])},
 ]
 
 
@@ -45,7 +28,7 @@ class SyntheticFlight:
     mocap_attitude: np.ndarray
     events: list[dict[str, Any]]
     scenario: dict[str, Any]
-    published: dict[str, Any] = field(default_factory=dict)
+    published: dict[str, Any]
 
 
 def synthetic_flight(ticks: int = 40_000, seed: int = 0) -> SyntheticFlight:
@@ -68,7 +51,7 @@ def synthetic_flight(ticks: int = 40_000, seed: int = 0) -> SyntheticFlight:
     contact = np.concatenate(
         [touching[:, None] * 1.0, np.where(touching, 2.0, -1.0)[:, None], walk(3)], axis=1
     )
-    mode = np.searchsorted([0.5, 4.0, 9.0, 12.07, 16.0, 30.0, 38.0], t, side="right")
+    mode = 1 + np.searchsorted([4.0, 9.0, 12.07, 16.0, 30.0, 38.0], t, side="right")
     log = {
         "position": walk(3),
         "velocity": walk(3),
@@ -83,11 +66,7 @@ def synthetic_flight(ticks: int = 40_000, seed: int = 0) -> SyntheticFlight:
         "gyro": walk(3),
         "accel": walk(3) + np.array([0.0, 0.0, 9.81]),
         "est_position": walk(3),
-        "est_velocity": walk(3),
         "est_attitude": attitude(),
-        "position_setpoint": held(walk(3), 20),
-        "velocity_setpoint": held(walk(3), 20),
-        "acceleration_setpoint": held(walk(3), 20),
         "attitude_setpoint": held(attitude(), 20),
         "rates_setpoint": held(walk(3), 4),
         "thrust_setpoint": held(14.0 + walk(1), 20),
@@ -95,6 +74,13 @@ def synthetic_flight(ticks: int = 40_000, seed: int = 0) -> SyntheticFlight:
         "mode": mode[:, None].astype(float),
         "battery": np.abs(walk(3)),
     }
+    said = np.arange(0, ticks, 4)
+    odometry = np.zeros(
+        len(said), [("stamp_ns", "i8")] + [(name, "f8", k) for name, k in ODOMETRY.items()]
+    )
+    odometry["stamp_ns"] = EPOCH_NS + said * TICK_NS
+    for name, k in ODOMETRY.items():
+        odometry[name] = walk(k)[said]
     frames = np.arange(0, ticks, 33)
     captured = t[frames]
     return SyntheticFlight(
@@ -109,5 +95,12 @@ def synthetic_flight(ticks: int = 40_000, seed: int = 0) -> SyntheticFlight:
             "name": "synthetic",
             "seed": seed,
             "obstacle": {"x_m": 2.1, "y_m": 0.3, "radius_m": 0.2, "top_m": 2.5},
+        },
+        published={
+            "/odometry": (said, odometry),
+            "/mission/status": (
+                said[:1],
+                [MissionStatus(EPOCH_NS, 3, "approach")] * len(said[:1]),
+            ),
         },
     )

@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from random_messages import ALL_TYPES, as_object, messages
+from random_messages import ALL_TYPES, as_object, examples, messages
 
 from tombo_bag.columnar_cdr import encode, layout, layout_of
 from tombo_bag.schemas import known_types, parse_schema, type_store
 from tombo_dynamics.errors import InputError
 
-MANY = settings(max_examples=300, deadline=None, suppress_health_check=list(HealthCheck))
+MANY = examples(300)
 ODOMETRY = "nav_msgs/msg/Odometry"
 FRAMES = {"header": {"frame_id": "map"}, "child_frame_id": "base_link"}
 

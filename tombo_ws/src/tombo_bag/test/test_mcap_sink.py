@@ -22,6 +22,7 @@ from tombo_bag.columnar_cdr import encode, layout
 from tombo_bag.mcap_sink import Columns, McapSink
 from tombo_bag.qos import EVENT
 from tombo_bag.reader import Bag
+from tombo_bag.recording import Recording
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
 
@@ -38,6 +39,11 @@ def poses(number, first=0.0):
 
 def text(word):
     return encode(STRING, {"data": word})
+
+
+def summary_of(path):
+    with path.open("rb") as file:
+        return make_reader(file, validate_crcs=True).get_summary()
 
 
 def write_mixed(path, compression="zstd", **options):
@@ -117,21 +123,22 @@ def test_quality_of_service_and_type_hash_stand_in_the_channels(mixed):
     assert profiles["/pose"].durability.name == "VOLATILE"
     assert profiles["/pose"].reliability.name == "RELIABLE"
     assert profiles["/pose"].history.name == "KEEP_LAST"
-    with path.open("rb") as file:
-        channels = make_reader(file).get_summary().channels.values()
+    channels = summary_of(path).channels.values()
     assert all(c.metadata["topic_type_hash"].startswith("RIHS01_") for c in channels)
 
 
 def test_own_reader_gives_the_columns_back(mixed):
     path, _ = mixed
     bag = Bag(path, check=True)
-    assert bag.damage == ()
-    np.testing.assert_array_equal(bag.columns("/pose")["pose.position.x"], np.arange(3500))
-    slow = bag.columns("/slow")
+    assert bag.damage == []
+    recording = Recording(path)
+    x = recording.columns("/pose")["pose.position.x"]
+    np.testing.assert_array_equal(x, np.arange(3500))
+    slow = recording.columns("/slow")
     assert (np.diff(slow["log_time_ns"]) >= 0).all()
     np.testing.assert_array_equal(slow["publish_time_ns"], slow["log_time_ns"] + 5)
     assert sorted(slow["pose.position.x"]) == [1e6 + i for i in range(35)]
-    assert [(m.name, m.metadata) for m in bag.metadata] == [("about", {"what": "a test"})]
+    assert bag.metadata == {"about": {"what": "a test"}}
 
 
 def test_statistics_and_summary_say_what_is_there(mixed):
@@ -163,8 +170,7 @@ def test_no_chunk_holds_more_than_a_second(mixed):
 def test_message_indexes_lead_to_the_messages(mixed):
     path, number = mixed
     content, found = path.read_bytes(), 0
-    with path.open("rb") as file:
-        chunks = make_reader(file).get_summary().chunk_indexes
+    chunks = summary_of(path).chunk_indexes
     for chunk in chunks:
         place = chunk.chunk_start_offset
         record = Chunk.read(ReadDataStream(BytesIO(content[place + 9 :])))
@@ -225,7 +231,7 @@ def test_a_slice_of_messages_keeps_its_texts(tmp_path):
     with McapSink(tmp_path / "a.mcap") as sink:
         channel = sink.add_channel("/pose", POSE)
         sink.write_columns(Columns(channel, np.arange(5) * MS, poses(15)[::3]))
-    table = Bag(tmp_path / "a.mcap").columns("/pose")
+    table = Recording(tmp_path / "a.mcap").columns("/pose")
     assert table["header.frame_id"].tolist() == ["map"] * 5
     assert table["pose.position.x"].tolist() == [0.0, 3.0, 6.0, 9.0, 12.0]
 
@@ -243,11 +249,11 @@ def test_an_empty_file_is_a_proper_file(tmp_path):
             assert list(make_reader(file).iter_messages()) == []
         with AnyReader([path]) as reader:
             assert list(reader.messages()) == []
-        assert Bag(path).damage == ()
+        assert Bag(path).damage == []
     records = [type(r) for r in StreamReader(str(tmp_path / "announced.mcap")).records]
     assert records.index(Schema) < records.index(Channel) < records.index(DataEnd)
     assert Bag(tmp_path / "announced.mcap").topics["/pose"].typename == POSE
-    assert len(Bag(tmp_path / "announced.mcap").columns("/pose")["log_time_ns"]) == 0
+    assert len(Recording(tmp_path / "announced.mcap").columns("/pose")["log_time_ns"]) == 0
 
 
 def test_times_far_apart_cost_nothing(tmp_path):
@@ -266,8 +272,7 @@ def test_a_clock_that_jumps_back_still_closes_chunks(tmp_path):
             sink.write(channel, text("x"), time * MS)
         waiting = 6000 - Bag(path).topics["/word"].count
         assert waiting <= 100, "what is older than a second is on the disk at any time"
-    with path.open("rb") as file:
-        summary = make_reader(file).get_summary()
+    summary = summary_of(path)
     spans = [c.message_end_time - c.message_start_time for c in summary.chunk_indexes]
     assert max(spans) <= SECOND_NS
     assert summary.statistics.message_count == 6000
@@ -279,8 +284,7 @@ def test_large_messages_close_a_chunk_early(tmp_path):
         channel = sink.add_channel("/word", STRING)
         for i in range(20):
             sink.write(channel, text("x" * 5000), i)
-    with path.open("rb") as file:
-        chunks = make_reader(file).get_summary().chunk_indexes
+    chunks = summary_of(path).chunk_indexes
     assert len(chunks) >= 9
     assert max(c.uncompressed_size for c in chunks) < 20_000
 
@@ -303,8 +307,7 @@ def test_an_exception_leaves_a_finished_file(tmp_path, error):
         channel = sink.add_channel("/word", STRING)
         sink.write(channel, text("before"), 0)
         raise error
-    with path.open("rb") as file:
-        assert make_reader(file, validate_crcs=True).get_summary().statistics.message_count == 1
+    assert summary_of(path).statistics.message_count == 1
 
 
 def test_a_full_disk_loses_no_whole_chunk(tmp_path):
@@ -328,7 +331,7 @@ def test_a_full_disk_loses_no_whole_chunk(tmp_path):
         sink.write_columns(Columns(channel, np.arange(100) * MS + SECOND_NS, poses(100)))
     sink._file = file
     sink.close()
-    assert Bag(path, check=True).damage == ()
+    assert Bag(path, check=True).damage == []
     assert Bag(path).topics["/pose"].count == 100
 
 
@@ -350,7 +353,7 @@ def test_a_killed_process_leaves_all_but_the_last_second(tmp_path):
     done = subprocess.run([sys.executable, "-c", KILLED, str(path)], check=False)
     assert done.returncode == -signal.SIGKILL
     bag = Bag(path)
-    words = bag.columns("/word")["data"]
+    words = Recording(bag.path).columns("/word")["data"]
     assert len(words) >= 12_345 - 1000
     assert list(words) == [str(i) for i in range(len(words))]
     (damage,) = bag.damage
@@ -382,5 +385,5 @@ def test_bad_input_is_named(tmp_path):
             sink.write_columns(Columns(channel, np.array([0.5]), poses(1)))
         with pytest.raises(InputError, match="log time -1"):
             sink.write(channel, b"", -1)
-    assert Bag(sink.path, check=True).damage == ()
+    assert Bag(sink.path, check=True).damage == []
     assert not Path(tmp_path / "nowhere").exists()

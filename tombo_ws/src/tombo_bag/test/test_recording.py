@@ -21,6 +21,7 @@ TYPE = "geometry_msgs/msg/PoseStamped"
 SECOND = 1_000_000_000
 TIMES = [5 * SECOND + i * 33_000_000 for i in range(40)]
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
+UNPACKED = CompressionMode.NONE
 ROS2 = get_typestore(Stores.ROS2_JAZZY)
 
 
@@ -45,7 +46,7 @@ def write_mcap(path: Path, rows: slice = slice(None), topic: str = "/mocap/pose"
 
 def write_rosbag2(folder: Path, plugin: StoragePlugin, mode: CompressionMode) -> Path:
     writer = Ros2Writer(folder, version=9, storage_plugin=plugin)
-    if mode != CompressionMode.NONE:
+    if mode != UNPACKED:
         writer.set_compression(mode, CompressionFormat.ZSTD)
     with writer:
         connection = writer.add_connection("/mocap/pose", TYPE, typestore=ROS2)
@@ -93,14 +94,16 @@ def test_one_mcap_file_with_its_metadata(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "mode", [CompressionMode.NONE, CompressionMode.FILE, CompressionMode.MESSAGE]
+    ("plugin", "mode"),
+    [
+        (StoragePlugin.SQLITE3, UNPACKED),
+        (StoragePlugin.SQLITE3, CompressionMode.FILE),
+        (StoragePlugin.SQLITE3, CompressionMode.MESSAGE),
+        (StoragePlugin.MCAP, UNPACKED),
+    ],
 )
-def test_a_rosbag2_folder_of_sqlite_compressed_or_not(tmp_path, mode):
-    check_whole(write_rosbag2(tmp_path / "bag", StoragePlugin.SQLITE3, mode))
-
-
-def test_a_rosbag2_folder_of_mcap(tmp_path):
-    check_whole(write_rosbag2(tmp_path / "bag", StoragePlugin.MCAP, CompressionMode.NONE))
+def test_a_rosbag2_folder(tmp_path, plugin, mode):
+    check_whole(write_rosbag2(tmp_path / "bag", plugin, mode))
 
 
 def test_an_mcap_file_compressed_as_a_whole(tmp_path):
@@ -127,13 +130,13 @@ def pack_messages(file: Path) -> None:
 
 
 def test_a_lone_sqlite_file(tmp_path):
-    folder = write_rosbag2(tmp_path / "bag", StoragePlugin.SQLITE3, CompressionMode.NONE)
+    folder = write_rosbag2(tmp_path / "bag", StoragePlugin.SQLITE3, UNPACKED)
     (file,) = folder.glob("*.db3")
     check_whole(file)
 
 
 def test_an_sqlite_file_of_a_killed_recorder_with_its_write_ahead_log(tmp_path):
-    folder = write_rosbag2(tmp_path / "bag", StoragePlugin.SQLITE3, CompressionMode.NONE)
+    folder = write_rosbag2(tmp_path / "bag", StoragePlugin.SQLITE3, UNPACKED)
     (file,) = folder.glob("*.db3")
     live = sqlite3.connect(file)
     live.execute("PRAGMA journal_mode=WAL")
@@ -221,7 +224,7 @@ def test_a_cut_mcap_file_gives_what_is_whole(tmp_path):
 
 
 def test_a_damaged_sqlite_file_gives_the_rows_before_the_damage(tmp_path):
-    folder = write_rosbag2(tmp_path / "bag", StoragePlugin.SQLITE3, CompressionMode.NONE)
+    folder = write_rosbag2(tmp_path / "bag", StoragePlugin.SQLITE3, UNPACKED)
     (file,) = folder.glob("*.db3")
     grown = sqlite3.connect(file)
     (number, data) = grown.execute("SELECT topic_id, data FROM messages LIMIT 1").fetchone()

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tombo_bag.reader import Bag, RawMessages
-from tombo_bag.schemas import Types, known_types, parse_schema
+from tombo_bag.schemas import Types, known_types
 from tombo_dynamics.errors import InputError
 
 READABLE = "an MCAP file, a rosbag2 folder, an SQLite .db3 or a ROS 1 .bag"
@@ -33,110 +33,59 @@ class Stream:
     last_ns: int
 
 
-class BagFile(Protocol):
-    """A file of recorded messages, opened."""
+@dataclass(frozen=True)
+class RawMessages:
+    """Messages of one topic in order of log time, not taken apart."""
 
-    @property
-    def path(self) -> Path:
-        """The file."""
-        ...
+    log_times_ns: NDArray[np.int64]
+    publish_times_ns: NDArray[np.int64]
+    messages: list[bytes]
 
-    @property
-    def streams(self) -> Mapping[str, Stream]:
-        """Its topics by name."""
-        ...
 
-    @property
-    def metadata(self) -> Mapping[str, Mapping[str, str]]:
-        """Named text values that stand beside the messages."""
-        ...
+class BagFile:
+    """A file of recorded messages, opened.
 
-    @property
-    def damage(self) -> Sequence[str]:
-        """What could not be read so far, a line each."""
-        ...
+    Attributes:
+        path: the file.
+        topics: its topics by name.
+        metadata: named text values that stand beside the messages.
+        damage: what could not be read so far, a line each.
+    """
+
+    path: Path
+    topics: Mapping[str, Stream]
+    metadata: Mapping[str, Mapping[str, str]]
+    damage: Sequence[object]
 
     def messages(self, topics: Collection[str]) -> dict[str, RawMessages]:
-        """Read the messages of some of its topics: CDR, in order of log time."""
-        ...
+        """Read the messages of those of the topics that are here: CDR, in order of log time."""
+        raise NotImplementedError
 
     def types(self, topic: str) -> Types:
         """Return the definition of a topic's type and of all it depends on.
 
+        Where the file itself has none, that of ROS 2 Jazzy and of `tombo_msgs`.
+
         Raises:
             InputError: the type is not known, or its messages are in no format that can be read.
         """
-        ...
-
-    def close(self) -> None:
-        """Close the file."""
-        ...
-
-
-class McapFile:
-    """An MCAP file; see `reader.Bag`."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._bag = Bag(path)
-        self.streams: dict[str, Stream] = {
-            name: Stream(topic.typename, topic.count, topic.first_ns, topic.last_ns)
-            for name, topic in self._bag.topics.items()
-        }
-        self.metadata: dict[str, dict[str, str]] = {
-            record.name: record.metadata for record in self._bag.metadata
-        }
-
-    @property
-    def damage(self) -> list[str]:
-        """What could not be read so far, a line each."""
-        return [damage.text for damage in self._bag.damage]
-
-    def messages(self, topics: Collection[str]) -> dict[str, RawMessages]:
-        """Read the messages of some topics, each chunk once."""
-        here = [topic for topic in topics if topic in self.streams]
-        groups = self._bag.message_groups(*(self._channels(topic) for topic in here))
-        return dict(zip(here, groups, strict=True))
-
-    def types(self, topic: str) -> Types:
-        """Return a topic's type as the file itself describes it, else as ROS 2 Jazzy does."""
-        channel = self._bag.channels[self._channels(topic)[0]]
-        schema = self._bag.schemas.get(channel.schema_id)
-        if channel.message_encoding != "cdr" or schema is None:
+        typename, types = self.topics[topic].typename, known_types()
+        if typename not in types:
             raise InputError(
-                f"'{self.path}': topic {topic} has messages in '{channel.message_encoding}'; "
-                "accepted: 'cdr' with a schema"
+                f"'{self.path}': topic {topic} has type '{typename}', of which the file has no "
+                "definition; accepted: a type of ROS 2 Jazzy or tombo_msgs"
             )
-        if schema.encoding == "ros2msg":
-            return parse_schema(schema.name, schema.data.decode("utf-8", "replace"))
-        return jazzy_type(schema.name, f"'{self.path}': topic {topic}")
+        return types
 
     def close(self) -> None:
-        """Do nothing: the file is closed."""
-
-    def _channels(self, topic: str) -> list[int]:
-        return [n for n, channel in self._bag.channels.items() if channel.topic == topic]
+        """Close what is still open of the file."""
 
 
-def jazzy_type(typename: str, where: str) -> Types:
-    """Return the types of ROS 2 Jazzy and of `tombo_msgs`, which must contain `typename`.
-
-    Raises:
-        InputError: it is none of them.
-    """
-    types = known_types()
-    if typename not in types:
-        raise InputError(
-            f"{where} has type '{typename}', of which the file has no definition; accepted: a "
-            "type of ROS 2 Jazzy or tombo_msgs"
-        )
-    return types
-
-
-def in_log_order(times_ns: Sequence[int], messages: list[bytes]) -> RawMessages:
-    """Put messages that stand in any order into the order of log time."""
-    times = np.array(times_ns, np.int64)
-    if np.any(times[1:] < times[:-1]):
-        order = np.argsort(times, kind="stable")
-        times, messages = times[order], [messages[i] for i in order.tolist()]
-    return RawMessages(times, times, messages)
+def in_log_order(log_ns: Any, publish_ns: Any, messages: list[bytes]) -> RawMessages:
+    """Put messages, of which log and publish times [ns] are given, into the order of log time."""
+    log, publish = np.asarray(log_ns, np.int64), np.asarray(publish_ns, np.int64)
+    if np.any(log[1:] < log[:-1]):
+        order = np.argsort(log, kind="stable")
+        log, publish = log[order], publish[order]
+        messages = [messages[i] for i in order.tolist()]
+    return RawMessages(log, publish, messages)

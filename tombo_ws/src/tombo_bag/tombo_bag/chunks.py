@@ -7,10 +7,9 @@ columns are turned into message records by numpy, cut apart, sorted and joined: 
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from operator import itemgetter
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from mcap.data_stream import RecordBuilder
@@ -37,69 +36,53 @@ PREFIX_SIZE = 9
 """Opcode and length: the part of HEAD that `length` does not count."""
 
 
-class Source(Protocol):
-    """Messages of one or more channels, sorted by log time."""
-
-    @property
-    def log_times_ns(self) -> NDArray[np.uint64]:
-        """Log time of each message."""
-        ...
-
-    def channels(self, first: int, last: int) -> NDArray[np.uint16]:
-        """Channel of each message from first up to, not including, last."""
-        ...
-
-    def records(self, first: int, last: int) -> list[bytes]:
-        """Complete MCAP message records from first up to, not including, last."""
-        ...
-
-
 @dataclass(frozen=True)
-class ColumnSource:
-    """One channel's messages, (N,) items of plain bytes of one length, as a source."""
+class Source:
+    """Messages of one or more channels, sorted by log time.
 
-    channel: int
+    Attributes:
+        log_times_ns: (N,).
+        channels: (N,).
+        records: returns the MCAP message records from one up to, not including, another.
+    """
+
     log_times_ns: NDArray[np.uint64]
-    publish_times_ns: NDArray[np.uint64]
-    messages: NDArray[np.void]
-    first_sequence: int
+    channels: NDArray[np.uint16]
+    records: Callable[[int, int], list[bytes]]
 
-    def channels(self, first: int, last: int) -> NDArray[np.uint16]:
-        """Return the one channel, repeated."""
-        return np.full(last - first, self.channel, np.uint16)
 
-    def records(self, first: int, last: int) -> list[bytes]:
+def records_source(times_ns: Any, channels: Any, records: Sequence[bytes]) -> Source:
+    """Return finished records, written one at a time, as a source."""
+    times, numbers = np.array(times_ns, np.uint64), np.array(channels, np.uint16)
+    return Source(times, numbers, lambda first, last: list(records[first:last]))
+
+
+def _column_source(
+    channel: int,
+    log_ns: NDArray[np.uint64],
+    publish_ns: NDArray[np.uint64],
+    messages: NDArray[np.void],
+    first_sequence: int,
+) -> Source:
+    """Return one channel's messages, (N,) items of plain bytes of one length, as a source."""
+    size = messages.dtype.itemsize
+
+    def records(first: int, last: int) -> list[bytes]:
         """Put a head before each message and cut the block into records."""
-        number, size = last - first, self.messages.dtype.itemsize
-        head = np.empty(number, HEAD)
+        head = np.empty(last - first, HEAD)
         head["opcode"] = Opcode.MESSAGE
         head["length"] = HEAD.itemsize - PREFIX_SIZE + size
-        head["channel"] = self.channel
-        head["sequence"] = np.arange(first, last) + self.first_sequence
-        head["log_time"] = self.log_times_ns[first:last]
-        head["publish_time"] = self.publish_times_ns[first:last]
-        block = np.empty((number, HEAD.itemsize + size), np.uint8)
-        block[:, : HEAD.itemsize] = head.view(np.uint8).reshape(number, -1)
-        block[:, HEAD.itemsize :] = self.messages[first:last].view(np.uint8).reshape(number, -1)
-        records: list[bytes] = block.view(f"V{block.shape[1]}").ravel().tolist()
-        return records
+        head["channel"] = channel
+        head["sequence"] = np.arange(first, last) + first_sequence
+        head["log_time"] = log_ns[first:last]
+        head["publish_time"] = publish_ns[first:last]
+        block = np.empty((last - first, HEAD.itemsize + size), np.uint8)
+        block[:, : HEAD.itemsize] = head.view(np.uint8).reshape(len(block), -1)
+        block[:, HEAD.itemsize :] = messages[first:last].view(np.uint8).reshape(len(block), -1)
+        cut: list[bytes] = block.view(f"V{block.shape[1]}").ravel().tolist()
+        return cut
 
-
-@dataclass(frozen=True)
-class RecordSource:
-    """Single records, written one at a time, as a source."""
-
-    log_times_ns: NDArray[np.uint64]
-    channel_of: NDArray[np.uint16]
-    record_of: list[bytes]
-
-    def channels(self, first: int, last: int) -> NDArray[np.uint16]:
-        """Return the channels of some records."""
-        return self.channel_of[first:last]
-
-    def records(self, first: int, last: int) -> list[bytes]:
-        """Return some records as they are."""
-        return self.record_of[first:last]
+    return Source(log_ns, np.full(len(log_ns), channel, np.uint16), records)
 
 
 @dataclass(frozen=True)
@@ -146,12 +129,9 @@ def assemble(prefix: bytes, part: list[tuple[Source, int, int]]) -> ChunkBody:
     for source, first, last in part:
         records += source.records(first, last)
     times = np.concatenate([source.log_times_ns[a:b] for source, a, b in part])
-    channels = np.concatenate([source.channels(a, b) for source, a, b in part])
+    channels = np.concatenate([source.channels[a:b] for source, a, b in part])
     order = np.argsort(times, kind="stable")
-    if len(records) > 1:
-        ordered: tuple[bytes, ...] = itemgetter(*order.tolist())(records)
-    else:
-        ordered = (records[0],)
+    ordered = [records[i] for i in order.tolist()]
     sizes = np.fromiter(map(len, ordered), np.uint64, len(ordered))
     offsets = np.cumsum(sizes) - sizes + np.uint64(len(prefix))
     rows = np.stack([times[order], offsets], axis=1)
@@ -199,7 +179,7 @@ def source_of(
         # numpy copies only the named fields of a structured array; as plain bytes, it copies all
         plain = messages.view(f"V{messages.dtype.itemsize}")
         block = np.ascontiguousarray(plain if order is None else plain[order])
-        return ColumnSource(channel, log, published, block, first_sequence)
+        return _column_source(channel, log, published, block, first_sequence)
     places = range(len(messages)) if order is None else order.tolist()
     records = [
         message_record(channel, first_sequence + i, time, sent, messages[place])
@@ -207,7 +187,7 @@ def source_of(
             zip(places, log.tolist(), published.tolist(), strict=True)
         )
     ]
-    return RecordSource(log, np.full(len(records), channel, np.uint16), records)
+    return records_source(log, np.full(len(records), channel), records)
 
 
 def message_record(

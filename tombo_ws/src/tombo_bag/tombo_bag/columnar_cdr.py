@@ -24,6 +24,7 @@ from rosbags.interfaces import Nodetype
 
 from tombo_bag.schemas import Types, known_types
 from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.time_base import SECOND_NS
 
 ENCAPSULATION = b"\x00\x01\x00\x00"
 """What every message starts with: CDR, little endian, no options."""
@@ -93,6 +94,17 @@ class Layout:
     counts: tuple[int, ...]
 
     @cached_property
+    def fixed(self) -> NDArray[np.intp]:
+        """Places of the encapsulation, lengths and counts, which make the shape."""
+        places = np.arange(4)[None, :] + np.array([0, *self.counts])[:, None]
+        return np.asarray(places.ravel())
+
+    def same_shape(self, block: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """Tell which of (N, size) messages of the template's size have its shape."""
+        template = np.frombuffer(self.template, np.uint8)
+        return np.asarray((block[:, self.fixed] == template[self.fixed]).all(axis=1))
+
+    @cached_property
     def dtype(self) -> np.dtype[Any]:
         """Numpy structured type of a whole message: one named field per leaf, none overlapping."""
         filled = [leaf for leaf in self.leaves if leaf.count != 0]
@@ -134,6 +146,26 @@ def encode(typename: str, values: Mapping[str, Any], types: Types | None = None)
     writer = _Writer(known)
     writer.message(typename, values, "")
     return bytes(writer.buffer)
+
+
+def lay_in(records: NDArray[np.void], path: str, values: NDArray[Any]) -> None:
+    """Lay a column into the field at a path, or a vector's into the fields x, y, z, w below it.
+
+    Args:
+        records: (N,) of `Layout.records`.
+        path: of a number or an array of numbers, or of a message with x, y, z (and w).
+        values: (N,) or (N, k).
+    """
+    if path in (records.dtype.names or ()):
+        records[path] = values
+        return
+    for i, axis in enumerate("xyzw"[: values.shape[1]]):
+        records[f"{path}.{axis}"] = values[:, i]
+
+
+def lay_in_times(records: NDArray[np.void], path: str, times_ns: NDArray[np.int64]) -> None:
+    """Lay (N,) times [ns] into the builtin_interfaces/Time at a path."""
+    records[f"{path}.sec"], records[f"{path}.nanosec"] = np.divmod(times_ns, SECOND_NS)
 
 
 def layout(typename: str, template: Mapping[str, Any], types: Types | None = None) -> Layout:
@@ -181,7 +213,7 @@ class _Writer:
 
     def field(self, kind: int, content: Any, value: Any, path: str) -> None:
         if kind == Nodetype.BASE:
-            self.base(content[0], value, path)
+            self.base(content[0], value)
         elif kind == Nodetype.NAME:
             self.message(content, {} if value is None else value, path + ".")
         else:
@@ -191,7 +223,7 @@ class _Writer:
             if fixed and len(items) != size:
                 raise InputError(f"{path} has {len(items)} elements; accepted: {size}")
             if not fixed:
-                self.number("<I", 4, len(items), path)
+                self.length(len(items))
             self.elements(element, items, path)
 
     def elements(self, element: tuple[int, Any], items: Any, path: str) -> None:
@@ -206,19 +238,19 @@ class _Writer:
             for i, item in enumerate(items):
                 self.field(kind, content, item, f"{path}[{i}]")
 
-    def base(self, name: str, value: Any, path: str) -> None:
+    def base(self, name: str, value: Any) -> None:
         if name == "string":
             text = ("" if value is None else str(value)).encode() + b"\0"
-            self.number("<I", 4, len(text), path)
+            self.length(len(text))
             self.buffer += text
         else:
             dtype = number_type(name)
             self.align(dtype.itemsize)
             self.buffer += np.asarray(0 if value is None else value, dtype).tobytes()
 
-    def number(self, code: str, size: int, value: int, path: str) -> None:
-        self.align(size)
-        self.buffer += struct.pack(code, value)
+    def length(self, value: int) -> None:
+        self.align(4)
+        self.buffer += struct.pack("<I", value)
 
     def align(self, size: int) -> None:
         self.buffer += bytes(-(len(self.buffer) - 4) % size)

@@ -60,20 +60,12 @@ def _groups(typename: str, messages: list[bytes], types: Types) -> list[_Group]:
         joined = b"".join(messages if len(rows) == len(messages) else [messages[i] for i in rows])
         block: NDArray[np.uint8]
         block = np.frombuffer(joined, np.uint8).reshape(len(rows), len(first))
-        fits = _same_shape(shape, block)
+        fits = shape.same_shape(block)
         if not fits.all():
             rows, block = rows[fits], np.ascontiguousarray(block[fits])
         left[rows] = False
         groups.append(_Group(shape, rows, block))
     return groups
-
-
-def _same_shape(shape: Layout, block: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Tell which messages of equal size have the template's encapsulation, lengths and counts."""
-    fixed = np.arange(4)[None, :] + np.array([0, *shape.counts])[:, None]
-    template = np.frombuffer(shape.template, np.uint8)
-    same: NDArray[np.bool_] = (block[:, fixed.ravel()] == template[fixed.ravel()]).all(axis=1)
-    return same
 
 
 def _numbers(path: str, groups: list[_Group], number: int) -> NDArray[Any]:

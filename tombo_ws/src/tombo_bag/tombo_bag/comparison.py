@@ -9,7 +9,7 @@ files, are not compared. NaN equals NaN, 0.0 does not equal -0.0.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -144,32 +144,31 @@ class Comparison:
 
     def as_list(self) -> list[dict[str, Any]]:
         """Return a mapping for each topic, as `compare.json` has it."""
-        return [
-            {
-                "topic": topic.topic,
-                "messages_a": topic.messages_a,
-                "messages_b": topic.messages_b,
-                "equal": topic.equal,
-                "first_difference_s": None
-                if topic.first is None
-                else self.seconds(topic.first[0]),
-                "first_difference": None if topic.first is None else topic.first[1],
-                "largest": None if topic.largest is None else topic.largest.largest,
-                "largest_field": None if topic.largest is None else topic.largest.field,
-                "only_in_a": len(topic.only_a_ns),
-                "only_in_b": len(topic.only_b_ns),
-                "fields": [
-                    {
-                        "field": field.field,
-                        "messages": field.messages,
-                        "first_difference_s": self.seconds(field.first_ns),
-                        "largest": field.largest,
-                    }
-                    for field in topic.fields
-                ],
-            }
-            for topic in self.topics
-        ]
+        return [self._as_mapping(topic) for topic in self.topics]
+
+    def _as_mapping(self, topic: TopicComparison) -> dict[str, Any]:
+        first, largest = topic.first, topic.largest
+        return {
+            "topic": topic.topic,
+            "messages_a": topic.messages_a,
+            "messages_b": topic.messages_b,
+            "equal": topic.equal,
+            "first_difference_s": first and self.seconds(first[0]),
+            "first_difference": first and first[1],
+            "largest": largest and largest.largest,
+            "largest_field": largest and largest.field,
+            "only_in_a": len(topic.only_a_ns),
+            "only_in_b": len(topic.only_b_ns),
+            "fields": [
+                {
+                    "field": field.field,
+                    "messages": field.messages,
+                    "first_difference_s": self.seconds(field.first_ns),
+                    "largest": field.largest,
+                }
+                for field in topic.fields
+            ],
+        }
 
 
 def compare_recordings(a: str | Path, b: str | Path, topics: Sequence[str] = ()) -> Comparison:
@@ -260,28 +259,24 @@ def _type(recording: Recording, topic: str) -> str | None:
 
 def _tables(one: Recording, two: Recording, topic: str) -> list[ColumnTable]:
     """Return a topic of both as columns; of a type that can't be read, as bytes."""
-    try:
-        return [_columns(recording, topic) for recording in (one, two)]
-    except InputError:
-        return [_bytes(recording, topic) for recording in (one, two)]
-
-
-def _columns(recording: Recording, topic: str) -> ColumnTable:
-    if topic in recording.topics:
-        return recording.columns(topic)
     none = np.zeros(0, np.int64)
-    return {"log_time_ns": none, "publish_time_ns": none}
+    nothing: ColumnTable = {"log_time_ns": none, "publish_time_ns": none}
+
+    def both(read: Callable[[Recording, str], ColumnTable]) -> list[ColumnTable]:
+        return [read(r, topic) if topic in r.topics else nothing for r in (one, two)]
+
+    try:
+        return both(Recording.columns)
+    except InputError:
+        return both(_bytes)
 
 
 def _bytes(recording: Recording, topic: str) -> ColumnTable:
-    if topic not in recording.topics:
-        return _columns(recording, topic)
     raw = recording.messages(topic)
-    content = _ragged(np.frombuffer(message, np.uint8) for message in raw.messages)
     return {
         "log_time_ns": raw.log_times_ns,
         "publish_time_ns": raw.publish_times_ns,
-        _RAW: content,
+        _RAW: _ragged(np.frombuffer(message, np.uint8) for message in raw.messages),
     }
 
 

@@ -19,11 +19,6 @@ def nanoseconds(times_s: Any) -> NDArray[np.int64]:
     return np.asarray(np.maximum(scaled + EPOCH_NS, 0))
 
 
-def split_stamps(times_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Split times [ns] into the two fields of a stamp: whole seconds and the rest [ns]."""
-    return np.divmod(times_ns, 1_000_000_000)
-
-
 def stamp(time_ns: int) -> dict[str, int]:
     """Return one time [ns] as the fields of builtin_interfaces/Time."""
     seconds, rest = divmod(int(time_ns), 1_000_000_000)

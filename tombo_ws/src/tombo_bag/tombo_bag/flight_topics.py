@@ -1,25 +1,9 @@
-"""A flight record as ROS 2 topics: what the nodes publish in a live flight, written at once.
+"""A headless flight as ROS 2 topics: what the nodes publish in a live flight, written at once.
 
-Every stamp and log time is the flight's own time plus `EPOCH_NS`, never the time of day: the same
-flight gives the same bytes. The header's stamp is the time at which a value was true (for a pose
-of the motion capture: its capture); the log time is the time at which it was known (its arrival).
-
-| topic | type | rate |
-|---|---|---|
-| /mocap/pose | geometry_msgs/PoseStamped | as it arrived |
-| /imu/data_raw | sensor_msgs/Imu | 1 kHz |
-| /rotor_command | tombo_msgs/RotorSpeeds | 1 kHz |
-| /odometry | nav_msgs/Odometry (estimate) | 250 Hz |
-| /rates_setpoint | tombo_msgs/RatesSetpoint | 250 Hz |
-| /mission/setpoint, /setpoint | tombo_msgs/PositionSetpoint | 50 Hz |
-| /attitude_setpoint | tombo_msgs/AttitudeSetpoint | 50 Hz |
-| /tf | tf2_msgs/TFMessage, map to base_link (estimate) | 50 Hz |
-| /battery | sensor_msgs/BatteryState | 10 Hz |
-| /collision_event, /reaction/status, /mission/status | tombo_msgs | when something happens |
-| /markers | visualization_msgs/MarkerArray: obstacle, x_c, x_r | when something happens |
-| /ground_truth/odometry | nav_msgs/Odometry | 250 Hz |
-| /ground_truth/rotors | tombo_msgs/RotorState | 250 Hz |
-| /ground_truth/contact | tombo_msgs/Contact | 1 kHz while touching, and at the release |
+What the cores published is written as it was; the rest follows from the log. Every stamp and log
+time is the flight's own time plus `EPOCH_NS`, never the time of day: the same flight gives the
+same bytes. The header's stamp is the time at which a value was true (for a pose of the motion
+capture: its capture); the log time is the time at which it was known (its arrival).
 """
 
 from __future__ import annotations
@@ -31,74 +15,80 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bag.columnar_cdr import layout
-from tombo_bag.flight_events import EventMessages, event_messages
-from tombo_bag.flight_time import FLIGHT_METADATA, nanoseconds, split_stamps
+from tombo_bag.columnar_cdr import encode, lay_in, lay_in_times, layout
+from tombo_bag.flight_time import FLIGHT_METADATA, nanoseconds, stamp
 from tombo_bag.mcap_sink import Columns, McapSink
 from tombo_bag.message_codec import MessageCodec, records_of
-from tombo_bag.qos import EVENT, SENSOR, STATE, Qos
-from tombo_bag.topics import TOPICS
+from tombo_bag.topics import (
+    ATTITUDE_SETPOINT,
+    BATTERY,
+    IMU,
+    MARKERS,
+    MOCAP_POSE,
+    RATES_SETPOINT,
+    ROTOR_COMMAND,
+    TF,
+    TOPICS,
+    TRUE_CONTACT,
+    TRUE_ODOMETRY,
+    TRUE_ROTORS,
+    TopicSpec,
+)
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.rotation import map_to_body
 from tombo_dynamics.time_base import EPOCH_NS, TICK_HZ, TICK_NS
 
-FRAME_MAP = "map"
-FRAME_BODY = "base_link"
-UNKNOWN = -1.0
-"""First element of a covariance in sensor_msgs: the quantity is not measured at all."""
+_MAP = {"header": {"frame_id": "map"}}
+_BODY = {"header": {"frame_id": "base_link"}}
+_BODY_IN_MAP = {**_MAP, "child_frame_id": "base_link"}
+_NAN = float("nan")
+_SPHERE, _CYLINDER = 2, 3
+_POINT_DIAMETER_M = 0.12
+"""How large x_c and x_r are drawn."""
 
 Published = tuple[NDArray[np.int64], Any]
 """Ticks, and messages: structured (see `message_codec.records_of`), or a list of dataclasses."""
 
 
 class Flight(Protocol):
-    """What is needed of a flight record. Missing columns of the log leave out their topics."""
+    """What is needed of the record of a headless flight."""
 
     @property
     def t(self) -> Array:
         """(N,) s, ticks of 1 kHz from 0."""
-        ...
 
     @property
     def log(self) -> Mapping[str, Array]:
-        """Columns (N, k) by name."""
-        ...
+        """Columns (N, k) of `tombo_sim.log_columns` by name."""
 
     @property
     def mocap_t(self) -> Array:
         """(M,) s, capture times of the motion capture's poses."""
-        ...
 
     @property
     def mocap_arrival(self) -> Array:
         """(M,) s, when they arrived."""
-        ...
 
     @property
     def mocap_position(self) -> Array:
         """(M, 3) m, map."""
-        ...
 
     @property
     def mocap_attitude(self) -> Array:
         """(M, 4) quaternion xyzw, map from base_link."""
-        ...
 
     @property
     def events(self) -> Sequence[Mapping[str, Any]]:
-        """What happened: each with time_s, kind and more."""
-        ...
+        """What happened, in order of time: each with time_s, kind and more."""
 
     @property
     def published(self) -> Mapping[str, Published]:
-        """What the cores published, by topic; what is missing follows from the log."""
-        ...
+        """What the cores published, by topic."""
 
     @property
     def scenario(self) -> Mapping[str, Any]:
         """The scenario as flown, with obstacle {x_m, y_m, radius_m, top_m}."""
-        ...
 
 
 def write_flight(sink: McapSink, record: Flight) -> None:
@@ -116,25 +106,15 @@ def write_flight(sink: McapSink, record: Flight) -> None:
         },
     )
     writer = _FlightWriter(sink, record)
-    writer.mocap()
-    writer.imu()
-    writer.rotor_command()
+    writer.sensors()
     for topic, (ticks, said) in record.published.items():
-        writer.published(topic, ticks, said)
-    if not record.published:
-        writer.odometry("/odometry", "est_position", "est_attitude", "est_velocity", "gyro", STATE)
-        writer.setpoint("/mission/setpoint", ("mission_setpoint", "position_setpoint"))
-        writer.setpoint("/setpoint", ("position_setpoint",))
-    writer.rates_setpoint()
-    writer.attitude_setpoint()
+        writer.published(TOPICS[topic], ticks, said)
+    writer.setpoints()
     writer.transform()
     writer.battery()
-    writer.odometry("/ground_truth/odometry", "position", "attitude", "velocity", "rates", SENSOR)
-    writer.rotors()
+    writer.truth()
     writer.contact()
-    for messages in event_messages(record.events, record.scenario, record.t, writer.phases()):
-        if messages.topic not in record.published:
-            writer.events(messages)
+    writer.markers()
     sink.write_columns(*writer.parts)
 
 
@@ -144,286 +124,177 @@ class _FlightWriter:
     def __init__(self, sink: McapSink, record: Flight) -> None:
         self.sink = sink
         self.record = record
+        self.log = record.log
         self.times_ns = nanoseconds(record.t)
         self.parts: list[Columns] = []
 
-    def column(self, name: str, width: int) -> Array | None:
-        values = self.record.log.get(name)
-        if values is None:
-            return None
-        return np.asarray(values, np.float64).reshape(-1, width)
-
-    def phases(self) -> NDArray[np.int64] | None:
-        values = self.column("mode", 1)
-        return None if values is None else values[:, 0].astype(np.int64)
+    def add(self, spec: TopicSpec, times_ns: NDArray[np.int64], messages: Any) -> None:
+        channel = self.sink.add_channel(spec.name, spec.typename, spec.qos)
+        self.parts.append(Columns(channel, times_ns, messages))
 
     def topic(
         self,
-        name: str,
-        typename: str,
+        spec: TopicSpec,
         template: Mapping[str, Any],
         times_ns: NDArray[np.int64],
-        qos: Qos = STATE,
+        values: Mapping[str, Array],
         stamp: str = "header.stamp",
         stamps_ns: NDArray[np.int64] | None = None,
-    ) -> NDArray[np.void]:
-        """Announce a topic and return its messages, stamped; the caller lays in the rest."""
-        records = layout(typename, template).records(len(times_ns))
-        seconds, rest = split_stamps(times_ns if stamps_ns is None else stamps_ns)
-        records[f"{stamp}.sec"] = seconds
-        records[f"{stamp}.nanosec"] = rest
-        self.parts.append(Columns(self.sink.add_channel(name, typename, qos), times_ns, records))
-        return records
+    ) -> None:
+        """Write messages that look like the template, with numbers laid in by path."""
+        records = layout(spec.typename, template).records(len(times_ns))
+        lay_in_times(records, stamp, times_ns if stamps_ns is None else stamps_ns)
+        for path, column in values.items():
+            lay_in(records, path, column)
+        self.add(spec, times_ns, records)
 
     def every(self, rate_hz: int) -> slice:
         return slice(0, None, TICK_HZ // rate_hz)
 
-    def runs(self, rate_hz: int) -> Any:
+    def runs(self, rate_hz: int) -> NDArray[np.intp]:
         """Return the ticks in which a loop of the controller ran: the first of each slot."""
-        phases = self.phases()
-        if phases is None or not self.record.published:
-            return self.every(rate_hz)
+        phases = self.log["mode"].ravel()
         flying = np.flatnonzero((phases != Phase.IDLE) & (phases != Phase.LANDED))
-        return flying[np.diff(flying // (TICK_HZ // rate_hz), prepend=-1) != 0]
+        slot = flying // (TICK_HZ // rate_hz)
+        return np.asarray(flying[np.diff(slot, prepend=-1) != 0])
 
-    def published(self, topic: str, ticks: NDArray[np.int64], messages: Any) -> None:
+    def published(self, spec: TopicSpec, ticks: NDArray[np.int64], messages: Any) -> None:
         """Write what was published as it was."""
-        spec = TOPICS[topic]
         if isinstance(messages, np.ndarray):
             written: Any = records_of(spec.typename, messages)
         else:
             codec = MessageCodec(spec.typename)
             written = [codec.encode(message) for message in messages]
-        times_ns = EPOCH_NS + ticks * TICK_NS
-        channel = self.sink.add_channel(topic, spec.typename, spec.qos)
-        self.parts.append(Columns(channel, times_ns, written))
+        self.add(spec, EPOCH_NS + ticks * TICK_NS, written)
 
-    def mocap(self) -> None:
-        arrival = np.asarray(self.record.mocap_arrival, np.float64)
-        seen = np.isfinite(arrival)
-        captured = nanoseconds(np.asarray(self.record.mocap_t, np.float64)[seen])
-        records = self.topic(
-            "/mocap/pose",
-            "geometry_msgs/msg/PoseStamped",
-            {"header": {"frame_id": FRAME_MAP}},
-            nanoseconds(arrival[seen]),
-            SENSOR,
-            stamps_ns=captured,
-        )
-        position = np.asarray(self.record.mocap_position, np.float64).reshape(-1, 3)
-        attitude = np.asarray(self.record.mocap_attitude, np.float64).reshape(-1, 4)
-        _vector(records, "pose.position", position[seen])
-        _vector(records, "pose.orientation", attitude[seen])
+    def sensors(self) -> None:
+        record, log = self.record, self.log
+        poses = {
+            "pose.position": record.mocap_position,
+            "pose.orientation": record.mocap_attitude,
+        }
+        arrived, captured = nanoseconds(record.mocap_arrival), nanoseconds(record.mocap_t)
+        self.topic(MOCAP_POSE, _MAP, arrived, poses, stamps_ns=captured)
+        not_measured = {"orientation": {"w": 1.0}, "orientation_covariance": [-1.0] + 8 * [0.0]}
+        rates = {"angular_velocity": log["gyro"], "linear_acceleration": log["accel"]}
+        self.topic(IMU, {**_BODY, **not_measured}, self.times_ns, rates)
+        self.topic(ROTOR_COMMAND, _BODY, self.times_ns, {"speed": log["rotor_command"]})
 
-    def imu(self) -> None:
-        gyro, accel = self.column("gyro", 3), self.column("accel", 3)
-        if gyro is None or accel is None:
-            return
-        no_orientation = [UNKNOWN] + 8 * [0.0]
-        records = self.topic(
-            "/imu/data_raw",
-            "sensor_msgs/msg/Imu",
-            {"header": {"frame_id": FRAME_BODY}, "orientation_covariance": no_orientation},
-            self.times_ns,
-            SENSOR,
-        )
-        records["orientation.w"] = 1.0
-        _vector(records, "angular_velocity", gyro)
-        _vector(records, "linear_acceleration", accel)
-
-    def rotor_command(self) -> None:
-        command = self.column("rotor_command", 4)
-        if command is None:
-            return
-        records = self.topic(
-            "/rotor_command",
-            "tombo_msgs/msg/RotorSpeeds",
-            {"header": {"frame_id": FRAME_BODY}},
-            self.times_ns,
-            SENSOR,
-        )
-        records["speed"] = command
-
-    def odometry(
-        self, topic: str, position: str, attitude: str, velocity: str, rates: str, qos: Qos
-    ) -> None:
-        """Write poses in map with twists in base_link, as nav_msgs/Odometry wants them."""
-        where, how = self.column(position, 3), self.column(attitude, 4)
-        moving, turning = self.column(velocity, 3), self.column(rates, 3)
-        if where is None or how is None:
-            return
-        every = self.every(250)
-        records = self.topic(
-            topic,
-            "nav_msgs/msg/Odometry",
-            {"header": {"frame_id": FRAME_MAP}, "child_frame_id": FRAME_BODY},
-            self.times_ns[every],
-            qos,
-        )
-        _vector(records, "pose.pose.position", where[every])
-        _vector(records, "pose.pose.orientation", how[every])
-        if moving is not None:
-            _vector(records, "twist.twist.linear", map_to_body(how[every], moving[every]))
-        if turning is not None:
-            _vector(records, "twist.twist.angular", turning[every])
-
-    def rates_setpoint(self) -> None:
-        rates = self.column("rates_setpoint", 3)
-        thrust = self.column("thrust_setpoint", 1)
-        if rates is None:
-            return
-        every = self.runs(250)
-        records = self.topic(
-            "/rates_setpoint",
-            "tombo_msgs/msg/RatesSetpoint",
-            {"header": {"frame_id": FRAME_BODY}},
-            self.times_ns[every],
-        )
-        _vector(records, "rates", rates[every])
-        if thrust is not None:
-            records["thrust"] = thrust[every, 0]
-
-    def setpoint(self, topic: str, names: tuple[str, ...]) -> None:
-        """Write wanted positions, with velocity and acceleration to be fed forward."""
-        found = [c for c in (self.column(name, 3) for name in names) if c is not None]
-        if not found:
-            return
-        every = self.every(50)
-        records = self.topic(
-            topic,
-            "tombo_msgs/msg/PositionSetpoint",
-            {"header": {"frame_id": FRAME_MAP}},
-            self.times_ns[every],
-        )
-        _vector(records, "position", found[0][every])
-        for field in ("velocity", "acceleration"):
-            fed = self.column(f"{field}_setpoint", 3)
-            if fed is not None:
-                _vector(records, field, fed[every])
-        attitude, phases = self.column("attitude_setpoint", 4), self.phases()
-        if attitude is not None:
-            records["yaw"] = heading(attitude[every])
-        if phases is not None:
-            records["phase"] = phases[every]
-
-    def attitude_setpoint(self) -> None:
-        attitude = self.column("attitude_setpoint", 4)
-        thrust = self.column("thrust_setpoint", 1)
-        if attitude is None:
-            return
-        every = self.runs(50)
-        records = self.topic(
-            "/attitude_setpoint",
-            "tombo_msgs/msg/AttitudeSetpoint",
-            {"header": {"frame_id": FRAME_MAP}},
-            self.times_ns[every],
-        )
-        _vector(records, "orientation", attitude[every])
-        if thrust is not None:
-            records["thrust"] = thrust[every, 0]
+    def setpoints(self) -> None:
+        thrust = self.log["thrust_setpoint"].ravel()
+        for spec, template, path, name, rate_hz in (
+            (RATES_SETPOINT, _BODY, "rates", "rates_setpoint", 250),
+            (ATTITUDE_SETPOINT, _MAP, "orientation", "attitude_setpoint", 50),
+        ):
+            ticks = self.runs(rate_hz)
+            values = {path: self.log[name][ticks], "thrust": thrust[ticks]}
+            self.topic(spec, template, self.times_ns[ticks], values)
 
     def transform(self) -> None:
-        position, attitude = self.column("est_position", 3), self.column("est_attitude", 4)
-        if position is None or attitude is None:
-            return
-        known = np.isfinite(position[:, 0])  # there is no estimate yet in the first ticks
-        every = np.flatnonzero(known & (np.arange(len(known)) % (TICK_HZ // 50) == 0))
-        one = {"header": {"frame_id": FRAME_MAP}, "child_frame_id": FRAME_BODY}
-        records = self.topic(
-            "/tf",
-            "tf2_msgs/msg/TFMessage",
-            {"transforms": [one]},
-            self.times_ns[every],
-            stamp="transforms[0].header.stamp",
-        )
-        _vector(records, "transforms[0].transform.translation", position[every])
-        _vector(records, "transforms[0].transform.rotation", attitude[every])
+        """Write the estimated pose, which is not there yet in the first ticks."""
+        position = self.log["est_position"]
+        known = np.flatnonzero(np.isfinite(position[:, 0]))
+        ticks = known[known % (TICK_HZ // 50) == 0]
+        values = {
+            "transforms[0].transform.translation": position[ticks],
+            "transforms[0].transform.rotation": self.log["est_attitude"][ticks],
+        }
+        stamp = "transforms[0].header.stamp"
+        self.topic(TF, {"transforms": [_BODY_IN_MAP]}, self.times_ns[ticks], values, stamp)
 
     def battery(self) -> None:
-        battery = self.column("battery", 3)
-        if battery is None:
-            return
         every = self.every(10)
-        nan = float("nan")
         unknown = ("temperature", "charge", "capacity", "design_capacity", "percentage")
-        records = self.topic(
-            "/battery",
-            "sensor_msgs/msg/BatteryState",
-            {
-                "header": {"frame_id": FRAME_BODY},
-                "present": True,
-                "power_supply_status": 2,  # discharging
-                "power_supply_technology": 3,  # lithium polymer
-                **dict.fromkeys(unknown, nan),
-            },
-            self.times_ns[every],
-            SENSOR,
-        )
-        _, current, voltage = battery[every].T
-        records["current"] = -current  # sensor_msgs: negative while discharging
-        records["voltage"] = voltage
-
-    def rotors(self) -> None:
-        names = {"speed": "rotor_speed", "thrust": "rotor_thrust", "fold": "fold"}
-        columns = {
-            field: self.column(name, 4) for field, name in {**names, "damage": "damage"}.items()
+        template = {
+            **_BODY,
+            "present": True,
+            "power_supply_status": 2,  # discharging
+            "power_supply_technology": 3,  # lithium polymer
+            **dict.fromkeys(unknown, _NAN),
         }
-        if columns["speed"] is None:
-            return
+        _, current, voltage = self.log["battery"][every].T
+        values = {"current": -current, "voltage": voltage}  # negative while discharging
+        self.topic(BATTERY, template, self.times_ns[every], values)
+
+    def truth(self) -> None:
         every = self.every(250)
-        records = self.topic(
-            "/ground_truth/rotors",
-            "tombo_msgs/msg/RotorState",
-            {"header": {"frame_id": FRAME_BODY}},
-            self.times_ns[every],
-            SENSOR,
-        )
-        for field, column in columns.items():
-            if column is not None:
-                records[field] = column[every]
+        log = {name: column[every] for name, column in self.log.items()}
+        pose_and_twist = {
+            "pose.pose.position": log["position"],
+            "pose.pose.orientation": log["attitude"],
+            "twist.twist.linear": map_to_body(log["attitude"], log["velocity"]),
+            "twist.twist.angular": log["rates"],
+        }
+        self.topic(TRUE_ODOMETRY, _BODY_IN_MAP, self.times_ns[every], pose_and_twist)
+        rotors = {
+            "speed": log["rotor_speed"],
+            "thrust": log["rotor_thrust"],
+            "fold": log["fold"],
+            "damage": log["damage"],
+        }
+        self.topic(TRUE_ROTORS, _BODY, self.times_ns[every], rotors)
 
     def contact(self) -> None:
         """Write the ticks with contact, and the first one after."""
-        force, contact = self.column("contact_force", 3), self.column("contact", 5)
-        if force is None:
-            return
-        touching = (force != 0.0).any(axis=1) if contact is None else contact[:, 0] > 0.5
+        contact = self.log["contact"]
+        touching = contact[:, 0] > 0.5
         released = np.zeros_like(touching)
         released[1:] = touching[:-1] & ~touching[1:]
         ticks = np.flatnonzero(touching | released)
-        nan = float("nan")
-        records = self.topic(
-            "/ground_truth/contact",
-            "tombo_msgs/msg/Contact",
-            {
-                "header": {"frame_id": FRAME_MAP},
-                "rotor": -1,
-                "point": {"x": nan, "y": nan, "z": nan},
-            },
-            self.times_ns[ticks],
-            SENSOR,
-        )
-        records["in_contact"] = touching[ticks]
-        _vector(records, "force", force[ticks])
-        if contact is not None:
-            records["rotor"] = contact[ticks, 1]
-            _vector(records, "point", contact[ticks, 2:5])
+        values = {
+            "in_contact": touching[ticks],
+            "force": self.log["contact_force"][ticks],
+            "rotor": contact[ticks, 1],
+            "point": contact[ticks, 2:5],
+        }
+        self.topic(TRUE_CONTACT, _MAP, self.times_ns[ticks], values)
 
-    def events(self, messages: EventMessages) -> None:
-        channel = self.sink.add_channel(messages.topic, messages.typename, EVENT)
-        self.parts.append(Columns(channel, messages.times_ns, messages.messages))
+    def markers(self) -> None:
+        """Write the obstacle, x_c of each detection and x_r of each set point after it."""
+        obstacle = self.record.scenario["obstacle"]
+        height, diameter = obstacle["top_m"], 2.0 * obstacle["radius_m"]
+        place = (obstacle["x_m"], obstacle["y_m"], 0.5 * height)
+        size, grey = (diameter, diameter, height), (0.6, 0.6, 0.65, 0.8)
+        times = [EPOCH_NS]
+        markers = [_marker(EPOCH_NS, "obstacle", _CYLINDER, place, size, grey)]
+        kinds = {
+            "detection": ("x_c", (0.9, 0.2, 0.15, 1.0)),
+            "setpoint_switch": ("x_r", (0.1, 0.6, 0.3, 1.0)),
+        }
+        for event in self.record.events:
+            if event["kind"] not in kinds:
+                continue
+            name, colour = kinds[event["kind"]]
+            point = event[f"{name}_m"]
+            if np.isfinite(point).all():
+                times.append(int(nanoseconds(event["time_s"])))
+                size = (_POINT_DIAMETER_M,) * 3
+                markers.append(_marker(times[-1], name, _SPHERE, point, size, colour))
+        messages = [encode(MARKERS.typename, {"markers": [marker]}) for marker in markers]
+        self.add(MARKERS, np.array(times), messages)
 
 
-def heading(attitude: Array) -> Array:
-    """Return the yaw [rad], counter-clockwise from map x, of (N, 4) quaternions xyzw."""
-    x, y, z, w = attitude.T
-    return np.asarray(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
-
-
-def _vector(records: NDArray[np.void], path: str, values: Array) -> None:
-    """Lay (N, 3) or (N, 4) values into the fields x, y, z, w below a path."""
-    for i, axis in enumerate("xyzw"[: values.shape[1]]):
-        records[f"{path}.{axis}"] = values[:, i]
+def _marker(
+    time_ns: int,
+    name: str,
+    shape: int,
+    position: Sequence[float],
+    scale: Sequence[float],
+    colour: Sequence[float],
+) -> dict[str, Any]:
+    return {
+        "header": {"stamp": stamp(time_ns), "frame_id": "map"},
+        "ns": name,
+        "type": shape,
+        "pose": {
+            "position": dict(zip("xyz", position, strict=True)),
+            "orientation": {"w": 1.0},
+        },
+        "scale": dict(zip("xyz", scale, strict=True)),
+        "color": dict(zip("rgba", colour, strict=True)),
+        "frame_locked": True,
+        "text": name,
+    }
 
 
 def _plain(value: Any) -> Any:

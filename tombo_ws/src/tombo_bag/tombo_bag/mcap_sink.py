@@ -37,10 +37,10 @@ from numpy.typing import NDArray
 
 from tombo_bag.chunks import (
     MAGIC,
-    RecordSource,
     Source,
     assemble,
     message_record,
+    records_source,
     slices,
     source_of,
     write_message_index,
@@ -203,15 +203,13 @@ class McapSink:
             log_time_ns: when it was recorded.
             publish_time_ns: when it was published; the log time if None.
         """
-        self._check_open()
-        if channel not in self._sequence:
-            raise unknown_name("channel", channel, map(str, self._sequence))
+        sequence = self._next_sequence(channel)
         if self._waiting:
             span = abs(log_time_ns - self._waiting[0][0])
             if span >= self._span_ns or self._waiting_bytes >= self._chunk_bytes:
                 self.flush()
         sent = log_time_ns if publish_time_ns is None else publish_time_ns
-        record = message_record(channel, self._sequence[channel], log_time_ns, sent, message)
+        record = message_record(channel, sequence, log_time_ns, sent, message)
         self._waiting.append((log_time_ns, channel, record))
         self._waiting_bytes += len(record)
         self._sequence[channel] += 1
@@ -229,19 +227,10 @@ class McapSink:
         self.flush()
         sources: list[Source] = []
         for column in columns:
-            channel = column.channel
-            if channel not in self._sequence:
-                raise unknown_name("channel", channel, map(str, self._sequence))
-            sources.append(
-                source_of(
-                    channel,
-                    column.log_times_ns,
-                    column.messages,
-                    column.publish_times_ns,
-                    self._sequence[channel],
-                )
-            )
-            self._sequence[channel] += len(column.messages)
+            sequence = self._next_sequence(column.channel)
+            times, sent = column.log_times_ns, column.publish_times_ns
+            sources.append(source_of(column.channel, times, column.messages, sent, sequence))
+            self._sequence[column.channel] += len(column.messages)
         self._write_chunks(sources)
 
     def flush(self) -> None:
@@ -253,10 +242,7 @@ class McapSink:
         if self._waiting:
             waiting = sorted(self._waiting, key=lambda item: item[0])
             times, channels, records = zip(*waiting, strict=True)
-            source = RecordSource(
-                np.array(times, np.uint64), np.array(channels, np.uint16), list(records)
-            )
-            self._write_chunks([source])
+            self._write_chunks([records_source(times, channels, records)])
             self._waiting, self._waiting_bytes = [], 0
 
     def close(self, final_records: FinalRecords | None = None) -> None:
@@ -286,6 +272,13 @@ class McapSink:
     def __exit__(self, *error: object) -> None:
         """Finish the file, whatever happened."""
         self.close()
+
+    def _next_sequence(self, channel: int) -> int:
+        """Return the number of a channel's next message; refuse an unknown channel."""
+        self._check_open()
+        if channel not in self._sequence:
+            raise unknown_name("channel", channel, map(str, self._sequence))
+        return self._sequence[channel]
 
     def _check_open(self) -> None:
         if self.closed:

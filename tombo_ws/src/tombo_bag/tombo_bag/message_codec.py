@@ -6,7 +6,6 @@ and written in some microseconds.
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cache
@@ -14,17 +13,18 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rosbags.interfaces import Nodetype
 
-from tombo_bag.columnar_cdr import layout
+from tombo_bag.columnar_cdr import lay_in, lay_in_times, layout
 from tombo_bag.columns import ColumnTable
-from tombo_bag.message_template import Field, MessageTemplate
+from tombo_bag.message_template import Field, MessageTemplate, TimeField
+from tombo_bag.schemas import known_types
 from tombo_dynamics import messages as kinds
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
 
 _SHAPES = 8
 """So many shapes of a type are kept."""
-_TIME = struct.Struct("<iI")
 
 
 @dataclass(frozen=True)
@@ -50,118 +50,55 @@ class _Part:
         return self.count == 0 and not self.is_time
 
 
-_STAMP = _Part("header.stamp", 0)
-_FRAME = _Part("header.frame_id", 0)
-
-
 @dataclass(frozen=True)
 class _Form:
-    """How a dataclass stands in a message: a part for each of its fields, in their order."""
+    """How a dataclass stands in a message."""
 
     kind: type
-    parts: tuple[_Part, ...]
     frames: Mapping[str, str]
     """Path → frame; what the dataclass itself holds is not in here."""
+    paths: Mapping[str, str] = field(default_factory=dict)
+    """Field of the dataclass → path, where the message calls it otherwise."""
     values: Mapping[str, Any] = field(default_factory=dict)
     """What always stands in the message besides."""
     any_frame: bool = False
     """Messages of another frame are taken too: a status says nothing in a frame."""
 
 
-_MAP, _BODY = {"header.frame_id": "map"}, {"header.frame_id": "base_link"}
+_FRAME_ID = "header.frame_id"
+_HEADER = {"stamp_ns": "header.stamp", "frame_id": _FRAME_ID}
+_MAP, _BODY = {_FRAME_ID: "map"}, {_FRAME_ID: "base_link"}
 _FORMS: dict[str, _Form] = {
     "geometry_msgs/msg/PoseStamped": _Form(
-        kinds.Pose,
-        (_STAMP, _FRAME, _Part("pose.position.x", 3), _Part("pose.orientation.x", 4)),
-        {},
+        kinds.Pose, {}, {"position": "pose.position", "attitude": "pose.orientation"}
     ),
     "sensor_msgs/msg/Imu": _Form(
         kinds.Imu,
-        (_STAMP, _Part("angular_velocity.x", 3), _Part("linear_acceleration.x", 3)),
         _BODY,
+        {"gyro": "angular_velocity", "accel": "linear_acceleration"},
         {"orientation": {"w": 1.0}, "orientation_covariance": [-1.0] + 8 * [0.0]},
     ),
     "nav_msgs/msg/Odometry": _Form(
         kinds.Odometry,
-        (
-            _STAMP,
-            _Part("pose.pose.position.x", 3),
-            _Part("pose.pose.orientation.x", 4),
-            _Part("twist.twist.linear.x", 3),
-            _Part("twist.twist.angular.x", 3),
-        ),
         {**_MAP, "child_frame_id": "base_link"},
+        {
+            "position": "pose.pose.position",
+            "attitude": "pose.pose.orientation",
+            "velocity": "twist.twist.linear",
+            "rates": "twist.twist.angular",
+        },
     ),
-    "tombo_msgs/msg/EstimatorStatus": _Form(
-        kinds.EstimatorStatus,
-        (
-            _STAMP,
-            _Part("initialised"),
-            _Part("gyro_bias.x", 3),
-            _Part("accel_bias.x", 3),
-            _Part("pose_stamp", 0),
-            _Part("poses"),
-            _Part("rejected"),
-        ),
-        _BODY,
-        any_frame=True,
-    ),
-    "tombo_msgs/msg/PositionSetpoint": _Form(
-        kinds.PositionSetpoint,
-        (
-            _STAMP,
-            _Part("position.x", 3),
-            _Part("velocity.x", 3),
-            _Part("acceleration.x", 3),
-            _Part("yaw"),
-            _Part("phase"),
-        ),
-        _MAP,
-    ),
-    "tombo_msgs/msg/MissionStatus": _Form(
-        kinds.MissionStatus, (_STAMP, _Part("phase"), _Part("text", 0)), _MAP, any_frame=True
-    ),
-    "tombo_msgs/msg/CollisionEvent": _Form(
-        kinds.CollisionEvent,
-        (
-            _STAMP,
-            _FRAME,
-            _Part("trigger"),
-            _Part("contact_stamp", 0),
-            _Part("contact_position.x", 3),
-            _Part("flight_direction.x", 3),
-            _Part("confidence"),
-            _Part("statistic"),
-            _Part("count"),
-        ),
-        {},
-    ),
-    "tombo_msgs/msg/DetectorStatus": _Form(
-        kinds.DetectorStatus,
-        (_STAMP, _Part("statistic"), _Part("threshold"), _Part("poses"), _Part("rejected")),
-        _MAP,
-        any_frame=True,
-    ),
-    "tombo_msgs/msg/ReactionStatus": _Form(
-        kinds.ReactionStatus,
-        (
-            _STAMP,
-            _Part("state"),
-            _Part("x_c.x", 3),
-            _Part("x_r.x", 3),
-            _Part("n_r.x", 3),
-            _Part("collisions"),
-        ),
-        _MAP,
-        any_frame=True,
-    ),
-    "tombo_msgs/msg/RotorSpeeds": _Form(kinds.RotorCommand, (_STAMP, _Part("speed", 4)), _BODY),
+    "tombo_msgs/msg/EstimatorStatus": _Form(kinds.EstimatorStatus, _BODY, any_frame=True),
+    "tombo_msgs/msg/PositionSetpoint": _Form(kinds.PositionSetpoint, _MAP),
+    "tombo_msgs/msg/MissionStatus": _Form(kinds.MissionStatus, _MAP, any_frame=True),
+    "tombo_msgs/msg/CollisionEvent": _Form(kinds.CollisionEvent, {}),
+    "tombo_msgs/msg/DetectorStatus": _Form(kinds.DetectorStatus, _MAP, any_frame=True),
+    "tombo_msgs/msg/ReactionStatus": _Form(kinds.ReactionStatus, _MAP, any_frame=True),
+    "tombo_msgs/msg/RotorSpeeds": _Form(kinds.RotorCommand, _BODY),
     "tombo_msgs/msg/AttitudeSetpoint": _Form(
-        kinds.AttitudeSetpoint, (_STAMP, _Part("orientation.x", 4), _Part("thrust")), _MAP
+        kinds.AttitudeSetpoint, _MAP, {"attitude": "orientation"}
     ),
-    "tombo_msgs/msg/RatesSetpoint": _Form(
-        kinds.RatesSetpoint, (_STAMP, _Part("rates.x", 3), _Part("thrust")), _BODY
-    ),
+    "tombo_msgs/msg/RatesSetpoint": _Form(kinds.RatesSetpoint, _BODY),
 }
 """Type name → how its dataclass stands in it."""
 
@@ -178,16 +115,40 @@ def form_of(typename: str) -> _Form:
     return _FORMS[typename]
 
 
+@cache
+def _parts(typename: str) -> tuple[_Part, ...]:
+    """Return a part for each field of a type's dataclass, in their order."""
+    form = form_of(typename)
+    paths = {**_HEADER, **form.paths}
+    names = [one.name for one in fields(form.kind)]
+    return tuple(_part(typename, paths.get(n, n.removesuffix("_ns"))) for n in names)
+
+
+def _part(typename: str, path: str) -> _Part:
+    """Look up in the definition of a message what stands at a path."""
+    types, inside = known_types(), typename
+    for name in path.split("."):
+        kind, inside = dict(types[inside][1])[name]
+    if kind == Nodetype.ARRAY:
+        return _Part(path, int(inside[1]))
+    if kind == Nodetype.BASE:
+        return _Part(path, 0 if inside[0] == "string" else 1)
+    if inside == "builtin_interfaces/msg/Time":
+        return _Part(path, 0)
+    return _Part(f"{path}.x", len(types[inside][1]))
+
+
 class _Shape:
     """One shape of a message, and where the fields of the dataclass stand in it."""
 
-    def __init__(self, form: _Form, template: MessageTemplate) -> None:
+    def __init__(self, typename: str, template: MessageTemplate) -> None:
         self.template = template
-        self._form = form
-        self._places: list[Field | int | str] = []
-        for part in form.parts:
+        self._kind = form_of(typename).kind
+        self._parts = _parts(typename)
+        self._places: list[Field | TimeField | str] = []
+        for part in self._parts:
             if part.is_time:
-                self._places.append(template.offset(f"{part.path}.sec"))
+                self._places.append(template.time(part.path))
             elif part.is_text:
                 self._places.append(template.texts[part.path])
             else:
@@ -195,25 +156,21 @@ class _Shape:
 
     def read(self, data: bytes) -> Any:
         values: list[Any] = []
-        for part, place in zip(self._form.parts, self._places, strict=True):
+        for part, place in zip(self._parts, self._places, strict=True):
             if isinstance(place, Field):
                 found = place.of(data)
                 values.append(found[0] if part.count == 1 else np.array(found))
-            elif isinstance(place, int):
-                seconds, rest = _TIME.unpack_from(data, place)
-                values.append(seconds * SECOND_NS + rest)
             else:
-                values.append(place)
-        return self._form.kind(*values)
+                values.append(place if isinstance(place, str) else place.of(data))
+        return self._kind(*values)
 
     def write(self, values: list[Any]) -> bytes:
-        template = self.template
-        for part, place, value in zip(self._form.parts, self._places, values, strict=True):
+        for part, place, value in zip(self._parts, self._places, values, strict=True):
             if isinstance(place, Field):
                 place.put((value,) if part.count == 1 else value)
-            elif isinstance(place, int):
-                template.write(_TIME, place, *divmod(max(value, 0), SECOND_NS))
-        return template.data()
+            elif isinstance(place, TimeField):
+                place.put(max(value, 0))
+        return self.template.data()
 
 
 class MessageCodec:
@@ -228,7 +185,7 @@ class MessageCodec:
         self.typename = typename
         self._form = form_of(typename)
         self._names = [one.name for one in fields(self._form.kind)]
-        self._texts = [(i, part.path) for i, part in enumerate(self._form.parts) if part.is_text]
+        self._texts = [(i, part.path) for i, part in enumerate(_parts(typename)) if part.is_text]
         self._read: list[_Shape] = []
         self._written: dict[tuple[str, ...], _Shape] = {}
 
@@ -247,7 +204,7 @@ class MessageCodec:
             found = template.texts[path]
             if found.lstrip("/") != frame:
                 raise InputError(f"{path} is '{found}'; accepted: '{frame}'")
-        shape = _Shape(self._form, template)
+        shape = _Shape(self.typename, template)
         self._read = [shape, *self._read[: _SHAPES - 1]]
         return shape.read(data)
 
@@ -262,14 +219,14 @@ class MessageCodec:
             every = {**self._form.frames}
             every |= {path: text for (_, path), text in zip(self._texts, texts, strict=True)}
             nested = _nested(every, self._form.values)
-            shape = _Shape(self._form, MessageTemplate(self.typename, nested))
+            shape = _Shape(self.typename, MessageTemplate(self.typename, nested))
             self._written[texts] = shape
         return shape.write(values)
 
 
 def messages_of(typename: str, table: ColumnTable) -> list[Any]:
     """Return the messages of a recorded topic, read as columns, as dataclasses."""
-    columns = [_column(part, table) for part in form_of(typename).parts]
+    columns = [_column(part, table) for part in _parts(typename)]
     kind = form_of(typename).kind
     return [kind(*values) for values in zip(*columns, strict=True)]
 
@@ -283,22 +240,16 @@ def records_of(typename: str, table: NDArray[np.void]) -> NDArray[np.void]:
             are map or what the type has.
     """
     form = form_of(typename)
-    template = _nested({_FRAME.path: "map", **form.frames}, form.values)
+    template = _nested({_FRAME_ID: "map", **form.frames}, form.values)
     records = layout(typename, template).records(len(table))
-    for part, one in zip(form.parts, fields(form.kind), strict=True):
+    for part, one in zip(_parts(typename), fields(form.kind), strict=True):
         if part.is_text:
             continue
         values = table[one.name]
         if part.is_time:
-            records[f"{part.path}.sec"], records[f"{part.path}.nanosec"] = np.divmod(
-                values, SECOND_NS
-            )
-        elif part.count == 1 or not part.path.endswith(".x"):
-            records[part.path] = values
+            lay_in_times(records, part.path, values)
         else:
-            base = part.path.removesuffix("x")
-            for i, axis in enumerate("xyzw"[: part.count]):
-                records[f"{base}{axis}"] = values[:, i]
+            lay_in(records, part.path.removesuffix(".x"), values)
     return records
 
 

@@ -17,6 +17,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.time_base import SECOND_NS
 
 _FORMATS = {"f8": "d", "f4": "f", "u1": "B", "i1": "b", "?": "?", "b1": "?", "i4": "i", "u4": "I"}
+_TIME = struct.Struct("<iI")
 
 
 class MessageTemplate:
@@ -59,41 +60,27 @@ class MessageTemplate:
             for text in shape.texts
         }
         """Path of each string → the string."""
-        self._stamp = self._leaves["header.stamp.sec"].offset if self._has_stamp else None
-
-    @property
-    def _has_stamp(self) -> bool:
-        return "header.stamp.sec" in self._leaves
-
-    def place(self, path: str, count: int = 1) -> struct.Struct:
-        """Return the reader and writer of `count` numbers that begin at a path.
-
-        Use it with `offset(path)`: `place.pack_into(wire.buffer, offset, *values)`.
-        """
-        leaf = self._leaves[path]
-        code = _FORMATS[leaf.dtype.str.lstrip("<|")]
-        return struct.Struct(f"<{count}{code}")
-
-    def offset(self, path: str) -> int:
-        """Return where a number begins."""
-        return self._leaves[path].offset
-
-    def set(self, path: str, *values: Any) -> None:
-        """Write numbers, one after the other, from a path on."""
-        self.place(path, len(values)).pack_into(self._buffer, self.offset(path), *values)
+        has_stamp = "header.stamp.sec" in self._leaves
+        self._stamp = self.time("header.stamp") if has_stamp else None
 
     def field(self, path: str, count: int = 1) -> Field:
         """Return a field of `count` numbers that begins at a path, for use in a loop."""
-        return Field(self.place(path, count), self.offset(path), self._buffer)
+        leaf = self._leaves[path]
+        code = _FORMATS[leaf.dtype.str.lstrip("<|")]
+        return Field(struct.Struct(f"<{count}{code}"), leaf.offset, self._buffer)
+
+    def time(self, path: str) -> TimeField:
+        """Return the field of the builtin_interfaces/Time at a path."""
+        return TimeField(self._leaves[f"{path}.sec"].offset, self._buffer)
+
+    def set(self, path: str, *values: Any) -> None:
+        """Write numbers, one after the other, from a path on."""
+        self.field(path, len(values)).put(values)
 
     def stamp(self, time_ns: int) -> None:
         """Write the header's stamp."""
         assert self._stamp is not None
-        struct.pack_into("<iI", self._buffer, self._stamp, *divmod(time_ns, SECOND_NS))
-
-    def write(self, place: struct.Struct, offset: int, *values: Any) -> None:
-        """Write numbers at an offset."""
-        place.pack_into(self._buffer, offset, *values)
+        self._stamp.put(time_ns)
 
     def data(self) -> bytes:
         """Return the message as it stands."""
@@ -108,8 +95,7 @@ class MessageTemplate:
     def stamp_of(self, data: bytes) -> int:
         """Return the header's stamp [ns] of bytes that fit."""
         assert self._stamp is not None
-        seconds, rest = struct.unpack_from("<iI", data, self._stamp)
-        return int(seconds) * SECOND_NS + int(rest)
+        return self._stamp.of(data)
 
 
 class Field:
@@ -132,3 +118,20 @@ class Field:
     def of(self, data: bytes) -> tuple[Any, ...]:
         """Read them from bytes that fit."""
         return self._place.unpack_from(data, self._offset)
+
+
+class TimeField:
+    """A time of a shape [ns]."""
+
+    def __init__(self, offset: int, buffer: bytearray) -> None:
+        self._offset = offset
+        self._buffer = buffer
+
+    def put(self, time_ns: int) -> None:
+        """Write it."""
+        _TIME.pack_into(self._buffer, self._offset, *divmod(time_ns, SECOND_NS))
+
+    def of(self, data: bytes) -> int:
+        """Read it from bytes that fit."""
+        seconds, rest = _TIME.unpack_from(data, self._offset)
+        return int(seconds) * SECOND_NS + int(rest)

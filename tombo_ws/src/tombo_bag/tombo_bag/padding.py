@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,36 +18,21 @@ from tombo_bag.schemas import Types
 from tombo_dynamics.errors import InputError
 
 
-@dataclass(frozen=True)
 class _Shape:
-    """Where messages of one size and shape mean something.
+    """A layout, its end (behind the last field), and the places before that mean nothing."""
 
-    Attributes:
-        fixed: places of encapsulation, lengths and counts, which make the shape.
-        values: what stands there.
-        gaps: places before the end that mean nothing.
-        end: first byte behind the last field.
-    """
-
-    fixed: NDArray[np.intp]
-    values: NDArray[np.uint8]
-    gaps: NDArray[np.intp]
-    end: int
-
-    @classmethod
-    def of(cls, layout: Layout) -> _Shape:
-        message = np.frombuffer(layout.template, np.uint8)
-        fixed = (np.arange(4)[None, :] + np.array([0, *layout.counts])[:, None]).ravel()
-        meant = np.zeros(len(message), bool)
-        meant[fixed] = True
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
+        meant = np.zeros(len(layout.template), bool)
+        meant[layout.fixed] = True
         for leaf in layout.leaves:
             number = 1 if leaf.count is None else leaf.count
             meant[leaf.offset : leaf.offset + leaf.dtype.itemsize * number] = True
         for text in layout.texts:
             (size,) = struct.unpack_from("<I", layout.template, text.offset - 4)
             meant[text.offset : text.offset + size] = True
-        end = int(np.flatnonzero(meant)[-1]) + 1
-        return cls(fixed, message[fixed], np.flatnonzero(~meant[:end]), end)
+        self.end = int(np.flatnonzero(meant)[-1]) + 1
+        self.gaps = np.flatnonzero(~meant[: self.end])
 
 
 class PaddingNormalizer:
@@ -78,17 +62,15 @@ class PaddingNormalizer:
         block: NDArray[np.uint8] = np.frombuffer(joined, np.uint8).reshape(len(rows), size)
         shape = self._shapes.get(size)
         while len(rows):
-            fits = np.zeros(len(rows), bool)
-            if shape is not None:
-                fits = (block[:, shape.fixed] == shape.values).all(axis=1)
-            if shape is None or not fits.any():
+            fits = None if shape is None else shape.layout.same_shape(block)
+            if shape is None or fits is None or not fits.any():
                 try:
                     layout = layout_of(self._typename, messages[rows[0]], self._types)
                 except InputError:
                     rows, block = rows[1:], block[1:]
                     continue
-                shape = self._shapes[size] = _Shape.of(layout)
-                fits = (block[:, shape.fixed] == shape.values).all(axis=1)
+                shape = self._shapes[size] = _Shape(layout)
+                fits = layout.same_shape(block)
             done = block[fits]
             done[:, shape.gaps] = 0
             whole = np.ascontiguousarray(done[:, : shape.end]).view(f"V{shape.end}").ravel()

@@ -16,10 +16,10 @@ import yaml
 from numpy.typing import NDArray
 
 from tombo_bag import ros1_bag, sqlite_bag
-from tombo_bag.bag_files import READABLE, BagFile, McapFile, Stream
+from tombo_bag.bag_files import READABLE, BagFile, RawMessages, Stream, in_log_order
 from tombo_bag.chunks import MAGIC
 from tombo_bag.columns import ColumnTable, columns_of
-from tombo_bag.reader import RawMessages
+from tombo_bag.reader import Bag
 from tombo_bag.schemas import Types
 from tombo_dynamics.errors import InputError, unknown_name
 
@@ -82,7 +82,8 @@ class Recording:
         several = len(self.files) > 1
         found = list(self._notes)
         for file in self.files:
-            found += [f"{file.path.name}: {text}" if several else text for text in file.damage]
+            where = f"{file.path.name}: " if several else ""
+            found += [f"{where}{line}" for line in file.damage]
         return list(dict.fromkeys(found))
 
     @property
@@ -98,7 +99,7 @@ class Recording:
         """The topics by the names under which they are read here, sorted."""
         table: dict[str, Stream] = {}
         for name, recorded in sorted(self._recorded_name.items()):
-            streams = [f.streams[recorded] for f in self.files if recorded in f.streams]
+            streams = [f.topics[recorded] for f in self.files if recorded in f.topics]
             filled = [s for s in streams if s.count]
             table[name] = Stream(
                 streams[0].typename,
@@ -145,16 +146,14 @@ class Recording:
         parts = [raw for _, _, raw in self._parts(topic)]
         if len(parts) == 1:
             return parts[0]
-        order = _log_order(parts)
-        messages = [message for raw in parts for message in raw.messages]
-        return RawMessages(
-            _joined([raw.log_times_ns for raw in parts])[order],
-            _joined([raw.publish_times_ns for raw in parts])[order],
-            [messages[i] for i in order.tolist()],
+        return in_log_order(
+            _joined([raw.log_times_ns for raw in parts]),
+            _joined([raw.publish_times_ns for raw in parts]),
+            [message for raw in parts for message in raw.messages],
         )
 
     def columns(self, topic: str) -> ColumnTable:
-        """Read a topic as columns, in order of log time; see `reader.Bag.columns`.
+        """Read a topic as columns, in order of log time; see `columns.columns_of`.
 
         Messages that don't fit their type are left out and listed in `damage`.
 
@@ -169,7 +168,7 @@ class Recording:
     def _joined_table(self, topic: str) -> ColumnTable:
         parts = self._parts(topic)
         tables = [
-            self._table(topic, raw, file.streams[recorded].typename, file.types(recorded))
+            self._table(topic, raw, file.topics[recorded].typename, file.types(recorded))
             for file, recorded, raw in parts
         ]
         if not tables:
@@ -201,7 +200,7 @@ class Recording:
         return self._cache[topic]
 
     def _rename(self, names: Mapping[str, str]) -> dict[str, str]:
-        recorded = {topic for file in self.files for topic in file.streams}
+        recorded = {topic for file in self.files for topic in file.topics}
         for source in names:
             if source not in recorded:
                 raise unknown_name(f"topic in '{self.path}'", source, recorded)
@@ -270,7 +269,7 @@ class Recording:
             if start.startswith(magic):
                 return kind(path)
         if MAGIC.startswith(start):
-            return McapFile(path)
+            return Bag(path)
         if start.startswith(b"#ROSBAG"):
             version = start[9:12].decode("ascii", "replace")
             raise InputError(f"'{path}' is a ROS 1 bag of version {version}; accepted: 2.0")
@@ -300,7 +299,7 @@ class Recording:
 
 
 _KINDS: dict[bytes, Callable[[Path], BagFile]] = {
-    MAGIC: McapFile,
+    MAGIC: Bag,
     sqlite_bag.MAGIC: sqlite_bag.SqliteBag,
     ros1_bag.MAGIC: ros1_bag.Ros1Bag,
 }
@@ -336,8 +335,4 @@ def _fits(typename: str, message: bytes, types: Types) -> bool:
 
 
 def _joined(columns: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    return np.concatenate(columns) if columns else np.zeros(0, np.int64)
-
-
-def _log_order(parts: Sequence[RawMessages]) -> NDArray[Any]:
-    return np.argsort(_joined([raw.log_times_ns for raw in parts]), kind="stable")
+    return np.concatenate([np.zeros(0, np.int64), *columns])

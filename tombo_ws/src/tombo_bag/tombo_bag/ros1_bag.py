@@ -13,17 +13,17 @@ import struct
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
-from tombo_bag.bag_files import Stream, in_log_order, jazzy_type
-from tombo_bag.reader import RawMessages
-from tombo_bag.schemas import Types, type_store
+from tombo_bag.bag_files import BagFile, RawMessages, Stream, in_log_order
+from tombo_bag.schemas import type_store
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.time_base import SECOND_NS
 
 MAGIC = b"#ROSBAG V2.0\n"
 _LENGTH = struct.Struct("<I")
 _MESSAGE, _CHUNK, _CONNECTION = 0x02, 0x05, 0x07
 
 
-class Ros1Bag:
+class Ros1Bag(BagFile):
     """A ROS 1 `.bag` (or `.bag.active`) file; messages of types that ROS 2 knows can be read."""
 
     def __init__(self, path: Path) -> None:
@@ -37,48 +37,37 @@ class Ros1Bag:
         self.metadata: dict[str, dict[str, str]] = {}
         self._topic_of: dict[int, str] = {}
         self._types: dict[str, str] = {}
-        self._times: dict[str, list[int]] = {}
-        self._messages: dict[str, list[memoryview]] = {}
+        self._messages: dict[str, list[tuple[int, memoryview]]] = {}
         try:
             data = memoryview(path.read_bytes())
         except OSError as error:
             raise InputError(f"can't read '{path}': {error.strerror}") from error
         self._walk(data[len(MAGIC) :], len(MAGIC), inside_chunk=False)
-        self.streams = {
-            topic: _stream(_long_name(typename), self._times.get(topic, []))
+        self.topics = {
+            topic: _stream(typename, [time for time, _ in self._messages.get(topic, [])])
             for topic, typename in sorted(self._types.items())
         }
 
     def messages(self, topics: Collection[str]) -> dict[str, RawMessages]:
         """Read the messages of some topics, turned into CDR."""
         found: dict[str, RawMessages] = {}
-        for topic in topics:
-            if topic not in self.streams:
-                continue
+        for topic in (name for name in topics if name in self.topics):
             self.types(topic)
-            typename, store = self.streams[topic].typename, type_store()
+            typename, store = self.topics[topic].typename, type_store()
+            recorded = self._messages.get(topic, [])
             times: list[int] = []
             messages: list[bytes] = []
-            for time, raw in zip(
-                self._times.get(topic, []), self._messages.get(topic, []), strict=True
-            ):
+            for time, raw in recorded:
                 try:
                     messages.append(bytes(store.ros1_to_cdr(raw, typename)))
                     times.append(time)
                 except Exception:  # generated code fails in many ways on bytes that don't fit
                     continue
-            lost = len(self._times.get(topic, [])) - len(messages)
+            lost = len(recorded) - len(messages)
             if lost:
                 self.damage.append(f"{lost} messages of topic {topic} don't fit their type")
-            found[topic] = in_log_order(times, messages)
+            found[topic] = in_log_order(times, times, messages)
         return found
-
-    def types(self, topic: str) -> Types:
-        """Return the ROS 2 definition of a topic's type."""
-        return jazzy_type(self.streams[topic].typename, f"'{self.path}': topic {topic}")
-
-    def close(self) -> None:
-        """Do nothing: the file is closed."""
 
     def _walk(self, data: memoryview, offset: int, *, inside_chunk: bool) -> None:
         where = f"chunk at byte {offset}: byte" if inside_chunk else "byte"
@@ -94,8 +83,7 @@ class Ros1Bag:
                 elif kind == _MESSAGE:
                     seconds, rest = struct.unpack("<II", header["time"])
                     topic = self._topic_of[_LENGTH.unpack(header["conn"])[0]]
-                    self._times.setdefault(topic, []).append(seconds * 1_000_000_000 + rest)
-                    self._messages.setdefault(topic, []).append(body)
+                    self._messages.setdefault(topic, []).append((seconds * SECOND_NS + rest, body))
                 elif header.get("encryptor"):
                     name = header["encryptor"].decode("ascii", "replace")
                     raise InputError(f"'{self.path}' is encrypted ({name}); accepted: a plain bag")
@@ -184,12 +172,7 @@ def _fields(data: memoryview) -> dict[str, bytes]:
 
 
 def _stream(typename: str, times_ns: list[int]) -> Stream:
-    if not times_ns:
-        return Stream(typename, 0, 0, 0)
-    return Stream(typename, len(times_ns), min(times_ns), max(times_ns))
-
-
-def _long_name(typename: str) -> str:
-    """Return the ROS 2 form of `geometry_msgs/PoseStamped`."""
-    package, _, name = typename.partition("/")
-    return f"{package}/msg/{name}"
+    """Describe the messages of a type in its ROS 1 form, as `geometry_msgs/PoseStamped`."""
+    long_name = typename.replace("/", "/msg/", 1)
+    first, last = min(times_ns, default=0), max(times_ns, default=0)
+    return Stream(long_name, len(times_ns), first, last)

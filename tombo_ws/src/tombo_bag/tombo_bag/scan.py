@@ -48,6 +48,10 @@ class Damage:
     to_ns: int | None
     text: str
 
+    def __str__(self) -> str:
+        """Return the line for a person."""
+        return self.text
+
 
 @dataclass
 class ChunkPlace:
@@ -98,7 +102,8 @@ def walk(file: memoryview) -> FileMap:
         if opcode == 0 or Opcode.DATA_END < opcode < FIRST_PRIVATE_OPCODE:
             break
         if opcode != Opcode.MESSAGE_INDEX:
-            _close_index(found, indexed)
+            if indexed and found.chunks and found.chunks[-1].index is None:
+                found.chunks[-1].index = indexed
             indexed = {}
         if body + length > len(file):
             if opcode == Opcode.CHUNK:
@@ -143,11 +148,6 @@ def note(found: FileMap, opcode: int, body: memoryview) -> None:
         found.channels[channel.id] = channel
     elif opcode == Opcode.METADATA:
         found.metadata.append(Metadata.read(stream))
-
-
-def _close_index(found: FileMap, indexed: dict[int, NDArray[np.uint64]]) -> None:
-    if indexed and found.chunks and found.chunks[-1].index is None:
-        found.chunks[-1].index = indexed
 
 
 def _chunk(found: FileMap, file: memoryview, at: int, there: int, length: int) -> None:
@@ -222,10 +222,8 @@ def refine_truncation(found: FileMap, place: ChunkPlace) -> None:
             found.damage[i] = replace(damage, from_ns=max(times), text=text)
 
 
-def index_chunk(
-    data: bytes | memoryview, found: FileMap
-) -> tuple[dict[int, NDArray[np.uint64]], int]:
-    """List a chunk's messages and note its schemas and channels; also: bytes of whole records."""
+def index_chunk(data: bytes | memoryview, found: FileMap) -> dict[int, NDArray[np.uint64]]:
+    """List a chunk's messages and note its schemas and channels."""
     view = memoryview(data)
     places: dict[int, list[tuple[int, int]]] = {}
     at = 0
@@ -243,7 +241,7 @@ def index_chunk(
             except (struct.error, ValueError, EndOfFile):
                 break
         at = body + length
-    return {channel: np.array(rows, np.uint64) for channel, rows in places.items()}, at
+    return {channel: np.array(rows, np.uint64) for channel, rows in places.items()}
 
 
 def extract_messages(

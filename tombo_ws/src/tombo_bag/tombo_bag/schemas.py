@@ -35,19 +35,13 @@ def message_directory() -> Path:
     Raises:
         InputError: no such folder; the message lists where it was looked for.
     """
-    looked: list[Path] = []
-    for folder in _candidates():
+    source = Path(__file__).resolve().parents[2] / OWN_PACKAGE / "msg"
+    folders = [*_installed(OWN_PACKAGE), source]
+    for folder in folders:
         if folder.is_dir() and any(folder.glob("*.msg")):
             return folder
-        looked.append(folder)
-    places = ", ".join(str(folder) for folder in looked)
+    places = ", ".join(map(str, folders))
     raise InputError(f"message definitions of {OWN_PACKAGE} not found; looked in: {places}")
-
-
-def _candidates() -> Iterator[Path]:
-    yield from _installed(OWN_PACKAGE)
-    workspace = Path(__file__).resolve().parents[2]
-    yield workspace / OWN_PACKAGE / "msg"
 
 
 def _installed(package: str) -> Iterator[Path]:

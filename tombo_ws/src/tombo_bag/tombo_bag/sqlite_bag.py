@@ -7,13 +7,12 @@ import shutil
 import sqlite3
 import tempfile
 from collections.abc import Collection
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from tombo_bag.bag_files import Stream, in_log_order, jazzy_type
-from tombo_bag.reader import RawMessages
+from tombo_bag.bag_files import BagFile, RawMessages, Stream, in_log_order
 from tombo_bag.schemas import Types, parse_schema
 from tombo_dynamics.errors import InputError
 
@@ -21,7 +20,7 @@ _LARGEST = 1 << 36
 MAGIC = b"SQLite format 3\0"
 
 
-class SqliteBag:
+class SqliteBag(BagFile):
     """A `.db3` file, with the write-ahead log that a killed recorder leaves beside it."""
 
     def __init__(self, path: Path) -> None:
@@ -33,7 +32,7 @@ class SqliteBag:
         self.path = path
         self.damage: list[str] = []
         self.metadata: dict[str, dict[str, str]] = {}
-        self.streams: dict[str, Stream] = {}
+        self.topics: dict[str, Stream] = {}
         self._numbers: dict[str, list[int]] = {}
         self._definitions: dict[str, str] = {}
         self._padded: tempfile.TemporaryDirectory[str] | None = None
@@ -44,7 +43,7 @@ class SqliteBag:
                 self.damage.append(f"topic {name} has messages in '{encoding}', not 'cdr'")
                 continue
             self._numbers.setdefault(str(name), []).append(int(number))
-            self.streams[str(name)] = Stream(str(typename), *self._extent(int(number)))
+            self.topics[str(name)] = Stream(str(typename), *self._extent(int(number)))
 
     def close(self) -> None:
         """Close the database."""
@@ -57,12 +56,12 @@ class SqliteBag:
         try:
             return _opened(self.path)
         except sqlite3.Error as error:
+            refused = InputError(
+                f"'{self.path}': {error}; accepted: an SQLite file with rosbag2's tables"
+            )
             missing = _missing_bytes(self.path)
             if not missing:
-                raise InputError(
-                    f"'{self.path}': {error}; accepted: an SQLite file with rosbag2's tables"
-                ) from error
-            reason = error
+                raise refused from error
         self._padded = tempfile.TemporaryDirectory(prefix="tombo-")
         copy = Path(self._padded.name) / self.path.name
         shutil.copyfile(self.path, copy)
@@ -70,17 +69,13 @@ class SqliteBag:
         self.damage.append(f"the file is cut off: its last {missing} bytes are missing")
         try:
             return _opened(copy)
-        except sqlite3.Error:
-            raise InputError(
-                f"'{self.path}': {reason}; accepted: an SQLite file with rosbag2's tables"
-            ) from reason
+        except sqlite3.Error as error:
+            raise refused from error
 
     def messages(self, topics: Collection[str]) -> dict[str, RawMessages]:
         """Read the messages of some topics."""
         found: dict[str, RawMessages] = {}
-        for topic in topics:
-            if topic not in self.streams:
-                continue
+        for topic in (name for name in topics if name in self.topics):
             times: list[int] = []
             messages: list[bytes] = []
             marks = ", ".join("?" * len(self._numbers[topic]))
@@ -94,15 +89,15 @@ class SqliteBag:
                 self._note(
                     f"{error}; of topic {topic} the first {len(messages)} messages are read"
                 )
-            found[topic] = in_log_order(times, messages)
+            found[topic] = in_log_order(times, times, messages)
         return found
 
     def types(self, topic: str) -> Types:
         """Return a topic's type as the file describes it, else as ROS 2 Jazzy does."""
-        typename = self.streams[topic].typename
+        typename = self.topics[topic].typename
         if typename in self._definitions:
             return parse_schema(typename, self._definitions[typename])
-        return jazzy_type(typename, f"'{self.path}': topic {topic}")
+        return super().types(topic)
 
     def _extent(self, number: int) -> tuple[int, int, int]:
         """Return number of messages, first and last log time [ns] of a topic."""
@@ -135,17 +130,16 @@ def _opened(path: Path) -> tuple[sqlite3.Connection, list[tuple[Any, ...]]]:
     Raises:
         sqlite3.Error: it is none of rosbag2, or damaged where the topics stand.
     """
-    name = f"file:{quote(str(path.resolve()))}"
-    left_open = path.with_name(path.name + "-wal").exists()
-    query = "SELECT id, name, type, serialization_format FROM topics"
-    if left_open:
-        connection = sqlite3.connect(f"{name}?mode=ro", uri=True)
-        try:
-            return connection, connection.execute(query).fetchall()
-        except sqlite3.Error:
-            connection.close()
-    connection = sqlite3.connect(f"{name}?immutable=1", uri=True)
+    if path.with_name(path.name + "-wal").exists():
+        with suppress(sqlite3.Error):
+            return _connected(path, "mode=ro")
+    return _connected(path, "immutable=1")
+
+
+def _connected(path: Path, mode: str) -> tuple[sqlite3.Connection, list[tuple[Any, ...]]]:
+    connection = sqlite3.connect(f"file:{quote(str(path.resolve()))}?{mode}", uri=True)
     try:
+        query = "SELECT id, name, type, serialization_format FROM topics"
         return connection, connection.execute(query).fetchall()
     except sqlite3.Error:
         connection.close()

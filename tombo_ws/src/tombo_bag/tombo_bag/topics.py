@@ -133,30 +133,6 @@ CLOCK = TopicSpec(
 )
 
 TOPICS: dict[str, TopicSpec] = {
-    spec.name: spec
-    for spec in (
-        MOCAP_POSE,
-        IMU,
-        BATTERY,
-        ROTOR_COMMAND,
-        ODOMETRY,
-        ESTIMATOR_STATUS,
-        MISSION_SETPOINT,
-        SETPOINT,
-        ATTITUDE_SETPOINT,
-        RATES_SETPOINT,
-        MISSION_STATUS,
-        COLLISION_EVENT,
-        DETECTOR_STATUS,
-        REACTION_STATUS,
-        PX4_STATUS,
-        MARKERS,
-        TF,
-        TRUE_ODOMETRY,
-        TRUE_ROTORS,
-        TRUE_CONTACT,
-        DIAGNOSTICS,
-        CLOCK,
-    )
+    spec.name: spec for spec in tuple(globals().values()) if isinstance(spec, TopicSpec)
 }
 """All topics by name. `/clock` is published with `use_sim_time` only, `/tf` where tf2_msgs is."""

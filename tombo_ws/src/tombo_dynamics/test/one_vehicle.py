@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tombo_dynamics.effects.compose import new_plant, pack_theta
+from tombo_dynamics.effects.compose import apply_mocap, new_plant, pack_theta
 from tombo_dynamics.plant import set_state
 from tombo_dynamics.propeller import configuration, thrust_map
 from tombo_dynamics.records import numbers
@@ -167,3 +167,17 @@ def hover_speed(params=None):
 def random_attitude(rng):
     q = rng.standard_normal(4)
     return q / np.linalg.norm(q)
+
+
+def as_rotation(yaw, roll, pitch):
+    """Return the turn about z, then the new y, then the new x."""
+    return Rotation.from_euler("ZYX", [yaw, pitch, roll])
+
+
+def measured_pose(effects, position=(0.0, 0.0, 0.0), attitude=(0.0, 0.0, 0.0, 1.0), noise=QUIET):
+    """Return the motion capture's sample of a pose."""
+    v = Vehicle(effects)
+    v.plant.mocap.position = position
+    v.plant.mocap.attitude = attitude
+    apply_mocap(v.plant, noise, v.theta)
+    return v.plant.mocap.copy()

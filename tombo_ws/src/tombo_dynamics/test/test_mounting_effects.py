@@ -6,31 +6,21 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from one_vehicle import QUIET, Vehicle, hover_speed, random_attitude
+from one_vehicle import (
+    QUIET,
+    Vehicle,
+    as_rotation,
+    hover_speed,
+    measured_pose,
+    random_attitude,
+)
 from scipy.spatial.transform import Rotation
 
-from tombo_dynamics.effects.compose import apply_imu, apply_mocap
+from tombo_dynamics.effects.compose import apply_imu
 from tombo_dynamics.vehicle import GRAVITY
 
 TURN = {"yaw": 0.4, "roll": -0.1, "pitch": 0.2}
 SEEDS = st.integers(0, 1000)
-
-
-def as_rotation(yaw, roll, pitch):
-    return (
-        Rotation.from_euler("z", yaw)
-        * Rotation.from_euler("y", pitch)
-        * Rotation.from_euler("x", roll)
-    )
-
-
-def measured(effects, position=(0.0, 0.0, 0.0), attitude=(0.0, 0.0, 0.0, 1.0)):
-    """Return the mocap's sample of a pose."""
-    v = Vehicle(effects)
-    v.plant.mocap.position = position
-    v.plant.mocap.attitude = attitude
-    apply_mocap(v.plant, QUIET, v.theta)
-    return v.plant.mocap.copy()
 
 
 def read_imu(v):
@@ -105,7 +95,7 @@ def test_a_turned_rigid_body_turns_the_attitude_from_the_right(yaw, roll, pitch,
     rng = np.random.default_rng(seed)
     position, attitude = rng.normal(0.0, 3.0, 3), random_attitude(rng)
     angles = {"yaw": yaw, "roll": roll, "pitch": pitch}
-    seen = measured({"mocap_body_misalignment": angles}, position, attitude)
+    seen = measured_pose({"mocap_body_misalignment": angles}, position, attitude)
     assert (seen.position == position).all()
     expected = Rotation.from_quat(attitude) * as_rotation(**angles)
     assert (Rotation.from_quat(seen.attitude).inv() * expected).magnitude() < 1e-7
@@ -117,7 +107,7 @@ def test_its_lean_turns_with_the_vehicle_that_of_a_tilted_world_does_not():
 
     def lean(effect, heading):
         attitude = Rotation.from_euler("z", heading).as_quat()
-        seen = measured({effect: {"pitch": 0.1}}, attitude=attitude)
+        seen = measured_pose({effect: {"pitch": 0.1}}, attitude=attitude)
         return Rotation.from_quat(seen.attitude).apply([0.0, 0.0, 1.0])[:2]
 
     world, body = "mocap_misalignment", "mocap_body_misalignment"
@@ -145,7 +135,7 @@ def test_a_world_turned_in_yaw_equals_a_flight_with_another_heading(yaw, seed):
     )  # fmt: skip
     straight.fly(0.1)
     turned.fly(0.1)
-    seen = measured(
+    seen = measured_pose(
         {"mocap_misalignment": {"yaw": yaw}}, straight.position, straight.plant.state.attitude
     )
     assert seen.position == pytest.approx(turned.position, abs=1e-9)
@@ -161,7 +151,7 @@ def test_an_offset_point_is_tracked_where_it_is(seed):
         rng.uniform(-0.2, 0.2, 3),
     )
     given_as = {"mocap_marker_offset": dict(zip("xyz", offset, strict=True))}
-    seen = measured(given_as, position, attitude)
+    seen = measured_pose(given_as, position, attitude)
     expected = position + Rotation.from_quat(attitude).apply(offset)
     assert seen.position == pytest.approx(expected, abs=1e-12)
     assert (seen.attitude == attitude).all()
@@ -171,7 +161,7 @@ def test_an_offset_point_is_tracked_where_it_is(seed):
 def test_the_marker_offset_turns_with_the_true_attitude_and_the_world(seed):
     rng = np.random.default_rng(seed)
     position, attitude = rng.normal(0.0, 3.0, 3), random_attitude(rng)
-    seen = measured(
+    seen = measured_pose(
         {
             "mocap_marker_offset": ARM,
             "mocap_body_misalignment": TURN,
@@ -193,8 +183,8 @@ def test_the_marker_offset_turns_with_the_true_attitude_and_the_world(seed):
 @pytest.mark.parametrize("offset", [-0.1, 0.02])
 def test_a_wrong_stamp_changes_neither_pose_nor_arrival(offset):
     late = {"mocap_latency": {"delay": 0.03}}
-    right = measured(late, (1.0, 2.0, 3.0))
-    wrong = measured(late | {"mocap_stamp_error": {"offset": offset}}, (1.0, 2.0, 3.0))
+    right = measured_pose(late, (1.0, 2.0, 3.0))
+    wrong = measured_pose(late | {"mocap_stamp_error": {"offset": offset}}, (1.0, 2.0, 3.0))
     assert wrong.stamp_error - right.stamp_error == pytest.approx(offset)
     wrong.stamp_error = right.stamp_error
     assert wrong == right

@@ -6,20 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from one_vehicle import NOISE, QUIET, Vehicle, random_attitude
+from one_vehicle import NOISE, Vehicle, as_rotation, measured_pose, random_attitude
 from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.effects.compose import apply_imu, apply_mocap, pack_theta
 
 ANGLE = st.floats(-0.5, 0.5)
-
-
-def measured_pose(effects, position, attitude, noise=QUIET):
-    v = Vehicle(effects)
-    v.plant.mocap.position = position
-    v.plant.mocap.attitude = attitude
-    apply_mocap(v.plant, noise, v.theta)
-    return v.plant.mocap.copy()
 
 
 def imu_readings(effects, noise):
@@ -63,11 +55,7 @@ def test_misalignment_turns_the_world_about_z_then_y_then_x(yaw, roll, pitch, se
     position, attitude = rng.normal(0.0, 3.0, 3), random_attitude(rng)
     angles = {"yaw": yaw, "roll": roll, "pitch": pitch}
     seen = measured_pose({"mocap_misalignment": angles}, position, attitude)
-    turn = (
-        Rotation.from_euler("z", yaw)
-        * Rotation.from_euler("y", pitch)
-        * Rotation.from_euler("x", roll)
-    )
+    turn = as_rotation(**angles)
     assert seen.position == pytest.approx(turn.apply(position), abs=1e-12)
     error = Rotation.from_quat(seen.attitude).inv() * turn * Rotation.from_quat(attitude)
     assert error.magnitude() < 1e-7

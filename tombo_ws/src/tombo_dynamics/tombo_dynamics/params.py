@@ -77,13 +77,15 @@ def validate(record: Any, name: str = "") -> None:
     """
     for field in dataclasses.fields(record):
         if "bounds" in field.metadata:
-            check_number(
-                f"{name}.{field.name}" if name else field.name,
-                getattr(record, field.name),
-                field.metadata["unit"],
-                field.metadata["bounds"],
-                integer=field.type in (int, "int"),
-            )
+            where = f"{name}.{field.name}" if name else field.name
+            _number(field, getattr(record, field.name), where)
+
+
+def _number(field: dataclasses.Field[Any], value: object, where: str) -> float | int:
+    """Return the checked value of a numeric field, as an int where the field is one."""
+    meta, integer = field.metadata, field.type in (int, "int")
+    number = check_number(where, value, meta["unit"], meta["bounds"], integer)
+    return int(number) if integer else number
 
 
 def from_mapping(cls: type[_Record], values: Mapping[str, Any], name: str) -> _Record:
@@ -101,10 +103,7 @@ def from_mapping(cls: type[_Record], values: Mapping[str, Any], name: str) -> _R
     converted: dict[str, Any] = {}
     for key, value in values.items():
         if "bounds" in fields[key].metadata:
-            integer = fields[key].type in (int, "int")
-            meta = fields[key].metadata
-            number = check_number(f"{name}.{key}", value, meta["unit"], meta["bounds"], integer)
-            converted[key] = int(number) if integer else number
+            converted[key] = _number(fields[key], value, f"{name}.{key}")
         elif "read" in fields[key].metadata:
             converted[key] = fields[key].metadata["read"](f"{name}.{key}", value)
         else:

@@ -34,17 +34,16 @@ def rewrite(
         if metadata:
             sink.add_metadata(FLIGHT_METADATA, metadata)
         parts = []
-        for number, channel in bag.channels.items():
-            raw = bag.messages(number)
-            typename = bag.topics[channel.topic].typename
-            there = keep(channel.topic, len(raw.messages))
+        for topic, raw in bag.messages(bag.topics).items():
+            typename = bag.topics[topic].typename
+            there = keep(topic, len(raw.messages))
             if not there.any():
                 continue
             times = log_time(raw.log_times_ns + shift_s * SECOND_NS)[there]
             kept = [data for data, wanted in zip(raw.messages, there, strict=True) if wanted]
             chosen = [shifted(data, typename, shift_s) for data in kept] if shift_s else kept
-            chosen = edit(channel.topic, chosen)
-            parts.append(Columns(sink.add_channel(channel.topic, typename), times, chosen))
+            chosen = edit(topic, chosen)
+            parts.append(Columns(sink.add_channel(topic, typename), times, chosen))
         sink.write_columns(*parts)
     return target
 
@@ -57,5 +56,5 @@ def shifted(data: bytes, typename: str, shift_s: int) -> bytes:
 
 
 def metadata_of(path: Path, *left_out: str) -> dict[str, str]:
-    (found,) = (m for m in Bag(path).metadata if m.name == FLIGHT_METADATA)
-    return {key: value for key, value in found.metadata.items() if key not in left_out}
+    found = Bag(path).metadata[FLIGHT_METADATA]
+    return {key: value for key, value in found.items() if key not in left_out}

@@ -35,8 +35,7 @@ def test_early_counts_as_zero_and_very_late_as_the_last_bin() -> None:
 
 def test_without_a_run_there_are_zeros() -> None:
     metrics = LoopStatistics().metrics()
-    assert metrics.runs == metrics.missed == 0
-    assert metrics.rate_hz == metrics.jitter_p50_us == metrics.jitter_max_us == 0.0
+    assert set(metrics.values()) == {0.0}
 
 
 @pytest.mark.slow
@@ -46,8 +45,8 @@ def test_the_rate_is_that_of_the_runs(runs: int, period_ns: int) -> None:
     for k in range(runs):
         watch.ran(10**15 + k * period_ns, 100)
     metrics = watch.metrics()
-    assert metrics.runs == runs
-    assert metrics.rate_hz == pytest.approx(1e9 / period_ns)
+    assert metrics["runs"] == runs
+    assert metrics["rate_hz"] == pytest.approx(1e9 / period_ns, abs=6e-4)
 
 
 def test_missed_deadlines_add_up() -> None:
@@ -55,6 +54,5 @@ def test_missed_deadlines_add_up() -> None:
     watch.ran(0, 10)
     watch.ran(4_000_000, 3_000_000, missed=3)
     watch.ran(5_000_000, 10, missed=0)
-    assert watch.metrics().missed == 3
-    assert watch.metrics().as_values()["missed"] == 3
-    assert watch.metrics().jitter_max_us == 3000.0
+    assert watch.metrics()["missed"] == 3
+    assert watch.metrics()["jitter_max_us"] == 3000.0

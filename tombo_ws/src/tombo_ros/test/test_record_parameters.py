@@ -40,6 +40,13 @@ def _no_cats(name: str) -> None:
         raise InputError("animal: 'cat' is not wanted; accepted: any other")
 
 
+def _messages(values: dict[str, Any]) -> list[Any]:
+    return [
+        Parameter(name.replace("__", "."), value=value).to_parameter_msg()
+        for name, value in values.items()
+    ]
+
+
 class _Served:
     """Parameters of a node in one context, a client in another; DDS between them."""
 
@@ -86,13 +93,11 @@ class _Served:
         return future.result()
 
     def set(self, **values: Any) -> list[SetParametersResult]:
-        sent = [Parameter(k.replace("__", "."), value=v) for k, v in values.items()]
-        request = SetParameters.Request(parameters=[p.to_parameter_msg() for p in sent])
+        request = SetParameters.Request(parameters=_messages(values))
         return list(self.call(SetParameters, "set_parameters", request).results)
 
     def set_together(self, **values: Any) -> SetParametersResult:
-        sent = [Parameter(k.replace("__", "."), value=v) for k, v in values.items()]
-        request = SetParametersAtomically.Request(parameters=[p.to_parameter_msg() for p in sent])
+        request = SetParametersAtomically.Request(parameters=_messages(values))
         return self.call(SetParametersAtomically, "set_parameters_atomically", request).result
 
     def stored(self, name: str) -> Any:

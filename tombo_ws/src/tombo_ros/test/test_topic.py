@@ -24,22 +24,24 @@ class _Speaker:
     def __init__(self, world: Any) -> None:
         self.node = world.node
         self.output = TopicPublisher(world.node, POKE)
-        self.sent = 0
 
     def say(self, number: int) -> None:
-        self.sent += 1
         self.output.publish(Clock(clock=to_time(number)))
 
     def close(self) -> None:
         self.node.destroy_publisher(self.output._publisher)
 
 
-def _listening(world: Any, *speakers: _Speaker) -> PolledSubscription:
-    heard = PolledSubscription(world.node, POKE)
+def _meet(*speakers: _Speaker) -> None:
     end = time.monotonic() + 10.0
-    while any(s.output._publisher.get_subscription_count() == 0 for s in speakers):
+    while any(s.output.subscriber_count == 0 for s in speakers):
         assert time.monotonic() < end
         time.sleep(0.01)
+
+
+def _listening(world: Any, *speakers: _Speaker) -> PolledSubscription:
+    heard = PolledSubscription(world.node, POKE)
+    _meet(*speakers)
     return heard
 
 
@@ -65,8 +67,7 @@ def test_messages_wait_and_are_taken_once_oldest_first(world: Any) -> None:
     assert heard.waiting()
     taken = heard.take()
     assert [to_ns(t.message.clock) for t in taken] == list(range(20))
-    assert [t.sequence for t in taken] == list(range(1, 21))
-    assert all(began <= t.sent_ns <= t.received_ns <= time.time_ns() for t in taken)
+    assert all(began <= t.received_ns <= time.time_ns() for t in taken)
     assert heard.last_ns == taken[-1].received_ns
     assert not heard.waiting()
     assert heard.take() == []
@@ -146,10 +147,7 @@ def test_one_that_was_restarted_is_no_crowd(world: Any) -> None:
     _wait(heard, 20)
     speaker.close()
     again = _Speaker(world)
-    end = time.monotonic() + 10.0
-    while again.output._publisher.get_subscription_count() == 0:
-        assert time.monotonic() < end
-        time.sleep(0.01)
+    _meet(again)
     for number in range(20):
         again.say(number)
     _wait(heard, 40)

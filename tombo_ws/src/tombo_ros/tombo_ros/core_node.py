@@ -32,18 +32,14 @@ _WARM_UP_TICKS, _WARM_UP_POSE = 120, 30
 
 
 class CoreInput:
-    """One input of the core; messages are decoded to dataclasses."""
+    """One input of the core."""
 
     def __init__(self, spec: TopicSpec, subscription: PolledSubscription) -> None:
         self.topic = spec.name
         self.subscription = subscription
-        self._codec = MessageCodec(spec.typename)
+        self.codec = MessageCodec(spec.typename)
         self.several = False
         """More than one node publishes here."""
-
-    def decode(self, data: bytes) -> Any:
-        """Return a message; raises InputError for another frame, or bytes that are none."""
-        return self._codec.decode(data)
 
 
 class CoreNode(LoopNode):
@@ -163,7 +159,7 @@ class CoreNode(LoopNode):
     def hand_over(self, source: CoreInput, data: bytes, now_ns: int) -> None:
         """Hand one message to the core."""
         try:
-            message = source.decode(data)
+            message = source.codec.decode(data)
         except InputError as error:
             name = source.topic.strip("/")
             self.health.report_event(f"refused.{name}", f"{name}: {error}")

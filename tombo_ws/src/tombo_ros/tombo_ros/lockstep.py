@@ -10,7 +10,6 @@ not seen, so no message is lost; a wait without result ends in an error that nam
 from __future__ import annotations
 
 import contextlib
-import struct
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +20,6 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from tombo_bag.message_template import MessageTemplate
 from tombo_bag.qos import Qos
 from tombo_bag.topics import CLOCK, DIAGNOSTICS, MARKERS, TF, TopicSpec
-from tombo_dynamics.time_base import SECOND_NS
 from tombo_msgs.msg import LockstepNode
 from tombo_ros.topic import PolledSubscription, ReceivedMessage, TopicPublisher
 
@@ -34,7 +32,6 @@ _READY = TopicSpec(
     "/lockstep/ready", "tombo_msgs/msg/LockstepNode", QOS, 0.0, "nodes of a lockstep"
 )
 _COUNTS = "tombo_msgs/msg/LockstepCounts"
-_TIME = struct.Struct("<iI")
 _LOOK_NS = 100_000_000
 """Period at which a waiting node checks its parameters and whether to end."""
 
@@ -80,20 +77,17 @@ class _Counts:
 
     def __init__(self, number: int) -> None:
         self._template = MessageTemplate(_COUNTS, {"counts": [0] * number})
-        self._number = number
-        self._stamp = self._template.offset("stamp.sec")
+        self._stamp = self._template.time("stamp")
         self._field = self._template.field("counts", number) if number else None
 
     def encode(self, stamp_ns: int, counts: Sequence[int]) -> bytes:
-        self._template.write(_TIME, self._stamp, *divmod(stamp_ns, SECOND_NS))
+        self._stamp.put(stamp_ns)
         if self._field is not None:
             self._field.put(counts)
         return self._template.data()
 
     def decode(self, data: bytes) -> tuple[int, tuple[int, ...]]:
-        seconds, rest = _TIME.unpack_from(data, self._stamp)
-        counts = self._field.of(data) if self._field is not None else ()
-        return seconds * SECOND_NS + rest, counts
+        return self._stamp.of(data), () if self._field is None else self._field.of(data)
 
 
 class LockstepMember:
@@ -163,10 +157,10 @@ class LockstepMember:
 
     def _collect(self, now_ns: int, counts: Sequence[int]) -> list[list[ReceivedMessage]]:
         """Return the messages of each input up to these counts, as soon as they are there."""
-        found = []
-        for (topic, source), count in zip(self._inputs.items(), counts, strict=True):
-            found.append(take_until(self._node, self._name, topic, source, count, now_ns))
-        return found
+        return [
+            take_until(self._node, self._name, topic, source, count, now_ns)
+            for (topic, source), count in zip(self._inputs.items(), counts, strict=True)
+        ]
 
 
 def take_until(
@@ -201,16 +195,13 @@ def take_until(
 class _Member:
     """State of a node, kept by the simulator."""
 
-    name: str
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    period_ns: int
-    steps_on_messages: bool
+    said: LockstepNode
+    """What the node has said of itself."""
     tick: TopicPublisher
     done: PolledSubscription
     ticks: _Counts
     answers: _Counts
-    given: tuple[int, ...] = ()
+    given: tuple[int, ...]
 
 
 class LockstepMaster:
@@ -237,18 +228,14 @@ class LockstepMaster:
         return list(self._missing)
 
     def _member(self, said: Any) -> _Member:
-        name, ros = str(said.name), self._node.ros
+        ros, inputs = self._node.ros, len(said.inputs)
         return _Member(
-            name,
-            tuple(said.inputs),
-            tuple(said.outputs),
-            int(said.period_ns),
-            bool(said.steps_on_messages),
-            TopicPublisher(ros, _channel(name, "tick")),
-            PolledSubscription(ros, _channel(name, "done")),
-            _Counts(len(said.inputs)),
+            said,
+            TopicPublisher(ros, _channel(said.name, "tick")),
+            PolledSubscription(ros, _channel(said.name, "done")),
+            _Counts(inputs),
             _Counts(len(said.outputs)),
-            (0,) * len(said.inputs),
+            (0,) * inputs,
         )
 
     def run_tick(
@@ -273,21 +260,22 @@ class LockstepMaster:
         counts = {**self.published, **sensed}
         due: dict[str, _Member] = {}
         for member in self._members:
-            wanted = tuple(counts.get(topic, 0) for topic in member.inputs)
-            due_now = now_ns % member.period_ns == 0
-            due_now |= member.steps_on_messages and wanted != member.given
-            if not member.outputs if last else due_now:
+            said = member.said
+            wanted = tuple(counts.get(topic, 0) for topic in said.inputs)
+            due_now = now_ns % said.period_ns == 0
+            due_now |= said.steps_on_messages and wanted != member.given
+            if not said.outputs if last else due_now:
                 member.given = wanted
                 member.tick.publish(member.ticks.encode(now_ns, wanted))
-                due[member.name] = member
+                due[said.name] = member
         end = time.monotonic() + self._node.lockstep_patience_s
         while due and not self._node.stopping:
-            for member in list(due.values()):
+            for name, member in list(due.items()):
                 for received in member.done.take_raw():
                     stamp_ns, sent = member.answers.decode(received.message)
                     if stamp_ns == now_ns:
-                        del due[member.name]
-                        self.published.update(zip(member.outputs, sent, strict=True))
+                        del due[name]
+                        self.published.update(zip(member.said.outputs, sent, strict=True))
             if not due:
                 break
             if time.monotonic() > end:

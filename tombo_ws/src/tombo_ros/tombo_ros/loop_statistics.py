@@ -2,36 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 _BINS = 20_000
 """One for each microsecond; what is later than 20 ms falls into the last."""
-
-
-@dataclass(frozen=True)
-class LoopMetrics:
-    """Timing of a loop since its start."""
-
-    runs: int
-    missed: int
-    """Deadlines that passed without a run."""
-    rate_hz: float
-    jitter_p50_us: float
-    jitter_p99_us: float
-    jitter_max_us: float
-
-    def as_values(self) -> dict[str, float | int]:
-        """Return the figures under the keys of `/diagnostics`."""
-        return {
-            "rate_hz": round(self.rate_hz, 3),
-            "jitter_p50_us": self.jitter_p50_us,
-            "jitter_p99_us": self.jitter_p99_us,
-            "jitter_max_us": round(self.jitter_max_us, 1),
-            "runs": self.runs,
-            "missed": self.missed,
-        }
 
 
 class LatenessHistogram:
@@ -74,15 +48,18 @@ class LoopStatistics:
         self._lateness.add(late_ns)
         self.missed += missed
 
-    def metrics(self) -> LoopMetrics:
-        """Return the metrics so far."""
-        runs = self._lateness.number
-        span = self._last_ns - self._first_ns
-        return LoopMetrics(
-            runs,
-            self.missed,
-            (runs - 1) * 1e9 / span if span > 0 else 0.0,
-            self._lateness.percentile_us(0.5),
-            self._lateness.percentile_us(0.99),
-            self._lateness.largest_us,
-        )
+    def metrics(self) -> dict[str, float | int]:
+        """Return the figures since the start, under the keys of `/diagnostics`.
+
+        `missed` are deadlines that passed without a run; `jitter_` is how late a run began.
+        """
+        lateness, span = self._lateness, self._last_ns - self._first_ns
+        rate_hz = (lateness.number - 1) * 1e9 / span if span > 0 else 0.0
+        return {
+            "rate_hz": round(rate_hz, 3),
+            "jitter_p50_us": lateness.percentile_us(0.5),
+            "jitter_p99_us": lateness.percentile_us(0.99),
+            "jitter_max_us": round(lateness.largest_us, 1),
+            "runs": lateness.number,
+            "missed": self.missed,
+        }

@@ -26,7 +26,7 @@ from tombo_bag.topics import CLOCK, TopicSpec
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_ros.conversion import to_ns
-from tombo_ros.health import ERROR, WARN, Health
+from tombo_ros.health import ERROR, Health
 from tombo_ros.lockstep import LockstepError, lockstep_spec
 from tombo_ros.loop_statistics import LoopStatistics
 from tombo_ros.pacing import (
@@ -283,7 +283,7 @@ class LoopNode(ABC):
 
     def report(self, now_ns: int) -> None:
         """Publish `/diagnostics`."""
-        loops = {name: watch.metrics().as_values() for name, watch in self.loops.items()}
+        loops = {name: watch.metrics() for name, watch in self.loops.items()}
         self.health.send(now_ns, loops)
 
     def _serve(self) -> None:
@@ -350,6 +350,3 @@ def run(make: Callable[[], LoopNode], argv: Sequence[str] | None = None) -> int:
 def _refuse(message: str) -> int:
     print(f"Error: {message}", file=sys.stderr)  # noqa: T201
     return 2
-
-
-__all__ = ["WARN", "LoopNode", "run"]

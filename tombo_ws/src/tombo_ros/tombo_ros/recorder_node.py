@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +27,7 @@ from tombo_ros.health import ERROR
 from tombo_ros.lockstep import UNCOUNTED, LockstepMember, lockstep_spec
 from tombo_ros.node_loop import LoopNode, run
 from tombo_ros.pacing import RECORDER
-from tombo_ros.qos import profile
-from tombo_ros.topic import PolledGroup, ReceivedMessage, message_class
+from tombo_ros.topic import ReceivedMessage, message_class, subscribe_polled
 
 POLLS_HZ = 200.0
 DEPTH = 4000
@@ -59,14 +58,7 @@ class RecordedTopic:
 
     def _subscribe(self, qos: Qos) -> None:
         self.qos = qos
-        self._subscription = self._node.ros.create_subscription(
-            self._kind,
-            self.name,
-            _no_callback,
-            profile(qos, DEPTH),
-            callback_group=PolledGroup(),
-            raw=True,
-        )
+        self._subscription = subscribe_polled(self._node.ros, self._kind, self.name, qos, DEPTH)
         self._take = self._subscription.handle.take_message
 
     def relax_qos(self, qos: Qos) -> None:
@@ -307,12 +299,8 @@ class RecorderNode(LoopNode):
         clock = time.monotonic_ns()
         span_s = max(clock - self._counted_at, 1) / SECOND_NS
         self._counted_at = clock
-        messages = sum(source.sequence_counter.messages for source in self._sources.values())
-        multiple_publishers = [
-            name
-            for name, source in self._sources.items()
-            if source.sequence_counter.multiple_publishers
-        ]
+        counters = {name: source.sequence_counter for name, source in self._sources.items()}
+        messages = sum(counter.messages for counter in counters.values())
         for key, value in (
             ("messages", messages),
             ("lost", self._lost()),
@@ -320,7 +308,7 @@ class RecorderNode(LoopNode):
             ("rate_hz", round((messages - self._seen_before) / span_s, 1)),
             ("bytes", self.sink.size),
             ("file", str(self.sink.path)),
-            ("crowded", " ".join(multiple_publishers)),
+            ("crowded", " ".join(_crowded(counters))),
         ):
             self.health.value(key, value)
         self._seen_before = messages
@@ -330,48 +318,40 @@ class RecorderNode(LoopNode):
 
     def _notes(self) -> dict[str, str]:
         """Return the recorder's notes in the file."""
-        tallies = {name: self._sources[name].sequence_counter for name in sorted(self.sink.topics)}
+        counters = {n: self._sources[n].sequence_counter for n in sorted(self.sink.topics)}
+        unnumbered = [name for name, counter in counters.items() if counter.without_sequence]
         return {
             "started_ns": str(self._started_ns),
             "stopped_ns": str(self._stopped_ns or ""),
             "messages": str(self.sink.messages),
             "lost": str(self._lost()),
             "unwritten": str(self.sink.unwritten),
-            "crowded": " ".join(
-                name
-                for name, sequence_counter in tallies.items()
-                if sequence_counter.multiple_publishers
-            ),
-            "unnumbered": " ".join(
-                name
-                for name, sequence_counter in tallies.items()
-                if sequence_counter.without_sequence
-            ),
-            **{
-                f"lost:{name}": str(sequence_counter.lost)
-                for name, sequence_counter in tallies.items()
-            },
+            "crowded": " ".join(_crowded(counters)),
+            "unnumbered": " ".join(unnumbered),
+            **{f"lost:{name}": str(counter.lost) for name, counter in counters.items()},
             **{f"undescribed:{name}": kind for name, kind in self._undescribed.items()},
         }
 
     def _say_what_was_recorded(self) -> None:
         seconds = (self._stopped_ns - self._started_ns) / SECOND_NS
-        tallies = [
-            source.sequence_counter
-            for source in self._sources.values()
-            if source.sequence_counter.messages
-        ]
-        uncounted = sum(not sequence_counter.is_exact for sequence_counter in tallies)
+        all_counters = (source.sequence_counter for source in self._sources.values())
+        counters = [counter for counter in all_counters if counter.messages]
+        uncounted = sum(not counter.is_exact for counter in counters)
         lost = f"lost {self._lost()}"
         if uncounted:
             lost += f" (not countable on {uncounted} topics with several publishers)"
         if self.sink.unwritten:
             lost += f", {self.sink.unwritten} could not be written"
         sys.stdout.write(
-            f"recorded {self.sink.messages} messages on {len(tallies)} topics in {seconds:.1f} s,"
+            f"recorded {self.sink.messages} messages on {len(counters)} topics in {seconds:.1f} s,"
             f" {lost}, {self.sink.size / 1e6:.1f} MB: {self.sink.options.target}\n"
         )
         sys.stdout.flush()
+
+
+def _crowded(counters: Mapping[str, SequenceCounter]) -> list[str]:
+    """List the topics that had more than one publisher."""
+    return [name for name, counter in counters.items() if counter.multiple_publishers]
 
 
 def weakest_qos(offers: Iterable[Qos]) -> Qos:
@@ -379,26 +359,23 @@ def weakest_qos(offers: Iterable[Qos]) -> Qos:
     every = list(offers)
     reliable = all(qos.reliability == "reliable" for qos in every)
     latched = all(qos.durability == "transient_local" for qos in every)
-    return Qos(
-        every[0].depth,
-        "reliable" if reliable else "best_effort",
-        "transient_local" if latched else "volatile",
-    )
+    return _qos(every[0].depth, reliable, latched)
 
 
 def _offered(offer: Any) -> Qos:
     """Return what a publisher offers; discovery doesn't tell the depth."""
     there = offer.qos_profile
     latched = there.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    reliable = there.reliability == ReliabilityPolicy.RELIABLE
+    return _qos(there.depth or Qos().depth, reliable, latched)
+
+
+def _qos(depth: int, reliable: bool, latched: bool) -> Qos:
     return Qos(
-        there.depth or Qos().depth,
-        "reliable" if there.reliability == ReliabilityPolicy.RELIABLE else "best_effort",
+        depth,
+        "reliable" if reliable else "best_effort",
         "transient_local" if latched else "volatile",
     )
-
-
-def _no_callback(message: Any) -> None:
-    """Take the place of the callback that rclpy asks for."""
 
 
 def main(argv: Sequence[str] | None = None) -> None:

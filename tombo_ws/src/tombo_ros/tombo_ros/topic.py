@@ -9,7 +9,9 @@ from typing import Any, NamedTuple
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
 
+from tombo_bag.qos import Qos
 from tombo_bag.topics import TopicSpec
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_ros.qos import profile
@@ -27,7 +29,7 @@ def message_class(typename: str) -> Any:
     return getattr(import_module(f"{package}.{kind}"), name)
 
 
-class PolledGroup(CallbackGroup):
+class _PolledGroup(CallbackGroup):
     """Keeps subscriptions out of every executor: the loop takes their messages itself."""
 
     def can_execute(self, entity: Any) -> bool:
@@ -42,6 +44,15 @@ class PolledGroup(CallbackGroup):
         """Do nothing."""
 
 
+def subscribe_polled(
+    node: Node, kind: Any, topic: str, qos: Qos, depth: int | None = None
+) -> Subscription:
+    """Subscribe to the bytes of a topic; no executor takes them."""
+    return node.create_subscription(
+        kind, topic, _no_callback, profile(qos, depth), callback_group=_PolledGroup(), raw=True
+    )
+
+
 class ReceivedMessage(NamedTuple):
     """One message as it arrived."""
 
@@ -49,10 +60,6 @@ class ReceivedMessage(NamedTuple):
     """Of the topic's class, or its bytes (CDR)."""
     received_ns: int
     """When the middleware had it, system clock."""
-    sent_ns: int
-    """When it was published, system clock."""
-    sequence: int
-    """Number that its publisher gave it."""
 
 
 class PolledSubscription:
@@ -66,14 +73,7 @@ class PolledSubscription:
         self.kind = message_class(spec.typename)
         self.topic = spec.name.lstrip("/")
         self._node = node
-        self._subscription = node.create_subscription(
-            self.kind,
-            self.topic,
-            _no_callback,
-            profile(spec.qos, depth),
-            callback_group=PolledGroup(),
-            raw=True,
-        )
+        self._subscription = subscribe_polled(node, self.kind, self.topic, spec.qos, depth)
         self.last_ns: int | None = None
         """When the newest message was received; None before the first."""
         self.received = 0
@@ -121,9 +121,7 @@ class PolledSubscription:
             data, info = item
             received = info["received_timestamp"]
             sequence = info["publication_sequence_number"]
-            self._waiting.append(
-                ReceivedMessage(data, received, info["source_timestamp"], sequence)
-            )
+            self._waiting.append(ReceivedMessage(data, received))
             self.last_ns = received
             self.received += 1
             if sequence <= self._sequence:
@@ -150,9 +148,7 @@ class PolledSubscription:
             except Exception:  # rclpy's own class; the message is counted, not lost in silence
                 self.unreadable += 1
                 continue
-            messages.append(
-                ReceivedMessage(message, taken.received_ns, taken.sent_ns, taken.sequence)
-            )
+            messages.append(ReceivedMessage(message, taken.received_ns))
         return messages
 
     def newest(self) -> ReceivedMessage | None:

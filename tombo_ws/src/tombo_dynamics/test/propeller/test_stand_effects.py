@@ -16,6 +16,7 @@ from tombo_dynamics.propeller.effects import (
     predict,
     stand_effect,
 )
+from tombo_dynamics.propeller.effects.predict import _begin
 
 SPEED = np.linspace(0.0, 400.0, 9)
 
@@ -61,10 +62,6 @@ def test_an_effect_at_null_adds_exactly_nothing_and_else_something(name):
 @pytest.mark.parametrize("name", STAND_EFFECTS)
 def test_the_function_itself_does_nothing_at_null(name):
     """`predict` skips effects at null: here the functions are called all the same."""
-    from tombo_dynamics.propeller.effects import predict as module_predict
-    from tombo_dynamics.propeller.effects.predict import _begin
-
-    assert module_predict is predict
     effect = STAND_EFFECTS[name]
     s = setup(5, 13) if effect.suits("tombo") else setup(0, plain=True)
     run, same = _begin(s, draws(s)), _begin(s, draws(s))

@@ -96,10 +96,7 @@ def with_joint(
     Raises:
         InputError: an unknown name, or a number out of its bounds.
     """
-    configuration = known_configuration(configuration)
-    joint = _replaced(configuration.blade.joint, changes, "joint")
-    blade = dataclasses.replace(configuration.blade, joint=joint)
-    return _derived(configuration, blade, configuration.nodus, changes, name)
+    return _with_part(known_configuration(configuration), "joint", changes, name)
 
 
 def with_section(
@@ -110,10 +107,15 @@ def with_section(
     Raises:
         InputError: an unknown name, or a number out of its bounds.
     """
-    configuration = known_configuration(configuration)
-    section = _replaced(configuration.blade.section, changes, "section")
-    blade = dataclasses.replace(configuration.blade, section=section)
-    return _derived(configuration, blade, configuration.nodus, changes, name)
+    return _with_part(known_configuration(configuration), "section", changes, name)
+
+
+def _with_part(
+    origin: Configuration, part: str, changes: dict[str, Any], name: str | None
+) -> Configuration:
+    """Return a configuration with other values of one of its blade's records."""
+    new: dict[str, Any] = {part: _replaced(getattr(origin.blade, part), changes, part)}
+    return _derived(origin, dataclasses.replace(origin.blade, **new), origin.nodus, changes, name)
 
 
 def _moved(blade: Blade, outer_radius_m: float) -> Blade:

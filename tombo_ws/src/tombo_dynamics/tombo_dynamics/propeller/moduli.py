@@ -72,53 +72,39 @@ def nodus_moduli(configuration: Configuration | int) -> Moduli:
     Raises:
         InputError: the configuration is rigid, or a number that is not in Table I.
     """
-    return _nodus_moduli(known_configuration(configuration))
+    return _moduli(known_configuration(configuration), published=False)
 
 
-@lru_cache(maxsize=256)
-def _nodus_moduli(configuration: Configuration) -> Moduli:
-    nodus = configuration.nodus
-    if nodus is None:
-        raise InputError(
-            f"{configuration.label} is rigid, it has no nodus; "
-            "accepted: a configuration with a nodus"
-        )
-    share = volume_fraction(
-        nodus.fibres, nodus.fibre_diameter_mm, configuration.blade.joint.section_area_mm2
-    )
-    young = matrix_modulus(nodus.matrix)
-    shear = shear_modulus(young, nodus.matrix.poisson_ratio)
-    return Moduli(
-        float(chamis(young, nodus.fibre.youngs_modulus_MPa, share)),
-        float(chamis(shear, nodus.fibre.shear_modulus_MPa, share)),
-    )
-
-
-@lru_cache(maxsize=256)
 def published_moduli(configuration: Configuration) -> Moduli:
     """Return the moduli that the authors' program computes with [MPa].
 
     It overwrites the number of fibres (by 6) and takes G_f = E_f / 2.7; Table III was computed so.
 
     Raises:
-        InputError: the configuration is rigid, or its blade has no `published` data.
+        InputError: the configuration is rigid.
     """
-    nodus, published = configuration.nodus, configuration.blade.published
-    if nodus is None or published is None:
+    return _moduli(configuration, published=True)
+
+
+@lru_cache(maxsize=256)
+def _moduli(configuration: Configuration, *, published: bool) -> Moduli:
+    nodus = configuration.nodus
+    if nodus is None:
         raise InputError(
-            f"law published: blade {configuration.blade.name} of "
-            f"{configuration.label} has no nodus or no data of the authors' program; "
-            "accepted: law repaired or consistent"
+            f"{configuration.label} is rigid, it has no nodus; "
+            "accepted: a configuration with a nodus"
         )
-    share = volume_fraction(
-        published.fibre_count,
-        nodus.fibre_diameter_mm,
-        configuration.blade.joint.section_area_mm2,
-    )
+    fibre, fibres, fibre_shear = nodus.fibre, nodus.fibres, nodus.fibre.shear_modulus_MPa
+    if published:
+        terms = configuration.blade.published
+        assert terms is not None
+        fibres = terms.fibre_count
+        fibre_shear = fibre.youngs_modulus_MPa / terms.fibre_modulus_ratio
+    area = configuration.blade.joint.section_area_mm2
+    share = volume_fraction(fibres, nodus.fibre_diameter_mm, area)
     young = matrix_modulus(nodus.matrix)
     shear = shear_modulus(young, nodus.matrix.poisson_ratio)
-    fibre = nodus.fibre.youngs_modulus_MPa
     return Moduli(
-        float(chamis(young, fibre, share)),
-        float(chamis(shear, fibre / published.fibre_modulus_ratio, share)),
+        float(chamis(young, fibre.youngs_modulus_MPa, share)),
+        float(chamis(shear, fibre_shear, share)),
     )

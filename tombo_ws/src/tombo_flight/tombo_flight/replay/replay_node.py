@@ -232,9 +232,7 @@ def _with_deep_queue(spec: TopicSpec) -> TopicSpec:
 
 def _in_order(bag: Bag) -> Iterator[tuple[int, str, bytes]]:
     rows = []
-    for topic in bag.topics:
-        numbers = [number for number, c in bag.channels.items() if c.topic == topic]
-        raw = bag.messages(*numbers)
+    for topic, raw in bag.messages(bag.topics).items():
         for time_ns, message in zip(raw.log_times_ns.tolist(), raw.messages, strict=True):
             rows.append((time_ns, topic, message))
     return iter(sorted(rows, key=lambda row: row[0]))

@@ -12,9 +12,7 @@ from hypothesis import strategies as st
 from tombo_dynamics.propeller import (
     LAWS,
     RPM,
-    Surroundings,
     configuration,
-    configurations,
     evaluate,
     evaluate_rows,
     nodus_moduli,
@@ -69,27 +67,6 @@ def test_without_gravity_all_configurations_are_one_curve(law: str) -> None:
     assert np.isfinite(curves).all()
     np.testing.assert_allclose(curves, np.broadcast_to(curves[:1], curves.shape), rtol=1e-12)
     assert np.ptp(curves[0, 1]) > 0.01  # a curve, no constant
-
-
-def test_universal_curve_of_law_repaired_with_the_papers_own_moduli() -> None:
-    """T / G_N and twist over omega^2 / G_N, as the library gives them, to E_N / G_N's spread."""
-    calm = Surroundings(gravity_m_s2=0.0)
-    curves, maxima = [], []
-    for c in configurations()[1:]:
-        shear = 1e6 * nodus_moduli(c).G_N_MPa
-        speeds = np.sqrt(np.linspace(0.1, 6.0, 60) * shear)
-        points = evaluate(c, speeds, "repaired", calm)
-        curves.append(np.stack([points.thrust_N / shear, points.gamma_rad]))
-        top, _ = speed_of_maximum_thrust(c, "repaired", calm)
-        best = evaluate(c, top, "repaired", calm)
-        maxima.append((top / math.sqrt(shear), float(best.thrust_N) / shear,
-                       math.degrees(float(best.gamma_rad))))  # fmt: skip
-    one = np.array(curves)
-    np.testing.assert_allclose(one, np.broadcast_to(one[:1], one.shape), rtol=5e-4)
-    for speed, thrust, twist in maxima:
-        assert speed == pytest.approx(2.2643, abs=1e-4)
-        assert thrust == pytest.approx(3.431e-5, rel=1e-3)
-        assert twist == pytest.approx(15.484, abs=0.002)
 
 
 def test_gravity_breaks_the_collapse() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING
 
 from tombo_dynamics.errors import InputError
@@ -113,9 +114,10 @@ def candidates(library: Library, blade: Blade) -> list[Configuration]:
     known = [c for c in library.configurations.values() if c.nodus and c.blade.name == blade.name]
     seen = {_key(c) for c in known}
     number = free_number(library)
-    lengths = _with(LENGTHS_MM, [c.nodus.length_mm for c in known if c.nodus])
-    diameters = _with(DIAMETERS_MM, [c.nodus.fibre_diameter_mm for c in known if c.nodus])
-    radii = _with(OUTER_RADII_MM, [1e3 * blade.joint.outer_radius_m])
+    nodi = [c.nodus for c in known if c.nodus]
+    lengths = sorted({*LENGTHS_MM, *(nodus.length_mm for nodus in nodi)})
+    diameters = sorted({*DIAMETERS_MM, *(nodus.fibre_diameter_mm for nodus in nodi)})
+    radii = sorted({*OUTER_RADII_MM, 1e3 * blade.joint.outer_radius_m})
     own_radius = blade.joint.outer_radius_m
     for radius in radii:
         outer = own_radius if abs(1e-3 * radius - own_radius) < 1e-9 else 1e-3 * radius
@@ -165,16 +167,10 @@ def short(configuration: Configuration) -> str:
 def _nodi(
     library: Library, length_mm: float, room_mm: float, diameters: Sequence[float]
 ) -> Iterable[Nodus]:
-    for matrix in library.matrices.values():
-        for fibre in library.fibres.values():
-            for count in FIBRE_COUNTS:
-                for diameter in diameters:
-                    if _CLEARANCE * count * diameter <= room_mm:
-                        yield Nodus(matrix, fibre, count, diameter, length_mm)
-
-
-def _with(values: Sequence[float], more: Iterable[float]) -> list[float]:
-    return sorted({*values, *more})
+    matrices, fibres = library.matrices.values(), library.fibres.values()
+    for matrix, fibre, count, diameter in product(matrices, fibres, FIBRE_COUNTS, diameters):
+        if _CLEARANCE * count * diameter <= room_mm:
+            yield Nodus(matrix, fibre, count, diameter, length_mm)
 
 
 def _key(configuration: Configuration) -> tuple[object, ...]:

@@ -77,8 +77,7 @@ def _panel(axes: Axes, found: Design, made: Recommendation, quantity: Quantity) 
     judged, column = found.judged, NAMES.index(quantity.name)
     x, y = judged.value[:, 0], judged.value[:, column]
     measured = judged.tier == 0
-    matrices = list(dict.fromkeys(c.nodus.matrix.name for c in judged.configurations if c.nodus))
-    for k, matrix in enumerate(matrices):
+    for k, matrix in enumerate(_matrices(found)):
         colour = _COLOURS[k % len(_COLOURS)]
         here = np.array([c.nodus is not None and c.nodus.matrix.name == matrix
                          for c in judged.configurations])  # fmt: skip
@@ -104,6 +103,11 @@ def _panel(axes: Axes, found: Design, made: Recommendation, quantity: Quantity) 
     where = ", at 2000 rpm" if quantity.name in MEASURED else ", in hover, modelled"
     axes.set_ylabel(f"{quantity.words}{where}{unit}")
     axes.set_title(_finding(found, quantity), loc="left", fontsize=9)
+
+
+def _matrices(found: Design) -> list[str]:
+    names = (c.nodus.matrix.name for c in found.judged.configurations if c.nodus)
+    return list(dict.fromkeys(names))
 
 
 def _front(axes: Axes, found: Design, quantity: Quantity) -> None:
@@ -151,14 +155,11 @@ def _finding(found: Design, quantity: Quantity) -> str:
 
 
 def _keys(found: Design, made: Recommendation) -> list[Line2D]:
-    matrices = list(
-        dict.fromkeys(c.nodus.matrix.name for c in found.judged.configurations if c.nodus)
-    )
     keys = [
         Line2D(
             [], [], ls="", marker="o", color=_COLOURS[k % len(_COLOURS)], label=f"{m}, measured"
         )
-        for k, m in enumerate(matrices)
+        for k, m in enumerate(_matrices(found))
     ]
     keys.append(Line2D([], [], ls="", marker=".", color=style.MUTED, label="predicted"))
     share = found.request.confidence

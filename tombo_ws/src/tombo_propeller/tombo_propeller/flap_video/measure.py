@@ -36,16 +36,13 @@ class Source(Protocol):
     @property
     def path(self) -> Path:
         """Its name."""
-        ...
 
     @property
     def fps(self) -> float:
         """Frames per second."""
-        ...
 
     def parts(self, spans: list[tuple[int, int]]) -> Iterator[tuple[int, Frames]]:
         """Yield (first frame, frames) of spans [first, behind)."""
-        ...
 
 
 _LEAST_FRAMES = 8
@@ -199,7 +196,7 @@ def _together(windows: list[Window], scale: Scale) -> tuple[float, float, bool]:
     scatter = float(weights @ (radii - mean) ** 2)
     steady = bool(chdtrc(max(count - 1, 1), scatter) > _CHANCE)
     spread = max(scatter / max(count - 1, 1), 1.0)
-    chance = math.hypot(math.sqrt(spread / float(weights.sum())))
+    chance = math.sqrt(spread / float(weights.sum()))
     k = int(np.argmin(own))
     common = math.sqrt(max(windows[k].radius_sd ** 2 - own[k] ** 2, 0.0))
     return mean, math.hypot(chance, common), steady

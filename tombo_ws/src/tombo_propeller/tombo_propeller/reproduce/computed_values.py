@@ -25,8 +25,7 @@ from tombo_dynamics.propeller import (
     valid_speed,
 )
 from tombo_dynamics.propeller.laws.parameters import SCALARS
-from tombo_dynamics.propeller.moduli import chamis, matrix_modulus, published_moduli
-from tombo_dynamics.propeller.moduli import volume_fraction as share_of_fibre
+from tombo_dynamics.propeller.moduli import published_moduli
 
 _GRID = 161
 
@@ -95,15 +94,7 @@ def compute(laws: Sequence[str], speeds_rpm: tuple[float, float]) -> Numbers:
         speeds_rpm: ends of the measured range: that of Table III, and the highest.
     """
     soft = [c for c in configurations() if c.nodus is not None]
-    shear: dict[int, float] = {}
-    for c in soft:
-        assert c.nodus is not None
-        joint, published = c.blade.joint, c.blade.published
-        assert published is not None
-        share = share_of_fibre(c.nodus.fibres, c.nodus.fibre_diameter_mm, joint.section_area_mm2)
-        matrix = matrix_modulus(c.nodus.matrix) / (2.0 * (1.0 + c.nodus.matrix.poisson_ratio))
-        fibre = c.nodus.fibre.youngs_modulus_MPa / published.fibre_modulus_ratio
-        shear[c.number] = chamis(matrix, fibre, share)
+    shear = {c.number: published_moduli(_with_own_fibres(c)).G_N_MPa for c in soft}
     fibre_shear = {c.nodus.fibre.shear_modulus_MPa for c in soft if c.nodus is not None}
     return Numbers({law: _law(law, speeds_rpm) for law in laws}, shear, min(fibre_shear))
 

@@ -105,11 +105,7 @@ def read_paper() -> Paper:
             if "printed_E_N_MPa" in row
         },
         table_2=tuple(
-            Row2(
-                PrintedNumber(row["r_mm"]),
-                PrintedNumber(row["force_N"]),
-                PrintedNumber(row["thickness_mm"]),
-            )
+            Row2(**{key: PrintedNumber(text) for key, text in row.items()})
             for row in measured["collision_positions"]
         ),
         table_3={int(row["conf"]): _row_3(row) for row in measured["at_2000_rpm"]},
@@ -121,15 +117,13 @@ def read_paper() -> Paper:
 
 
 def _row_3(row: Mapping[str, str]) -> Row3:
-    recovery = row["recovery_s"]
-    return Row3(
-        thrust_N=PrintedNumber(row["thrust_N"]),
-        thrust_dev_N=PrintedNumber(row["thrust_dev_N"]),
-        force_N=PrintedNumber(row["collision_force_N"]),
-        recovery_s=None if recovery == "null" else PrintedNumber(recovery),
-        ratio=PrintedNumber(row["printed_lift_over_drag"]),
-        noise_dB=PrintedNumber(row["noise_dB"]),
-    )
+    names = {"collision_force_N": "force_N", "printed_lift_over_drag": "ratio"}
+    numbers: dict[str, Any] = {
+        names.get(key, key): None if text == "null" else PrintedNumber(text)
+        for key, text in row.items()
+        if key != "conf"
+    }
+    return Row3(**numbers)
 
 
 def _texts(path: Path) -> Any:

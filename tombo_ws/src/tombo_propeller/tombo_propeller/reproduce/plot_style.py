@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
 from functools import lru_cache
 from typing import Final
 
@@ -27,25 +26,19 @@ MEASURED: Final = style.INK
 DPI: Final = 140
 RC: Final = {**style.RC, "font.size": 10.0, "legend.fontsize": 9.0, "lines.linewidth": 1.7}
 TOP_RPM: Final = 18000.0
+styled: Final = mpl.rc_context(RC)
+"""Decorates what draws a whole figure."""
 
 
 def sheet(
     title: str, rows: int, columns: int, size_in: tuple[float, float], *, share_y: bool = False
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure with a title that tells its finding, and its axes row by row.
-
-    Call within `matplotlib.rc_context(RC)`.
-    """
+    """Return a figure with a title that tells its finding, and its axes row by row."""
     figure = Figure(figsize=size_in, dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title, x=0.01, ha="left", weight="bold", size=12.5, parse_math=False)
     found = figure.subplots(rows, columns, squeeze=False, sharey="row" if share_y else "none")
     return figure, [axes for row in found for axes in row]
-
-
-def styled() -> AbstractContextManager[None]:
-    """Return the context in which figures are drawn."""
-    return mpl.rc_context(RC)
 
 
 @lru_cache(maxsize=64)
@@ -60,6 +53,12 @@ def curve(conf: int, law: str, low_rpm: float, high_rpm: float) -> tuple[Array, 
 def heading(axes: Axes, text: str) -> None:
     """Put the finding of a panel above it."""
     axes.set_title(text, loc="left", size=10.5, weight="bold", parse_math=False)
+
+
+def legend_below(figure: Figure, axes: Axes) -> None:
+    """Explain one panel's lines in a row below the whole figure."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
 
 
 def name_of(conf: int) -> str:

@@ -22,48 +22,44 @@ from tombo_propeller.reproduce.plot_style import (
 from tombo_propeller.reproduce.reproduction import Reproduction
 
 
+@styled
 def overview(r: Reproduction) -> Figure:
     """Draw six findings on one sheet: what docs/reproduction.md shows."""
     counts = r.counts()
-    with styled():
-        title = (
-            f"The paper, recomputed: of its {sum(counts.values())} claims {counts[HOLDS]} hold, "
-            f"{counts[FAILS]} fail, {counts[OPEN]} can't be checked"
-        )
-        figure, panels = sheet(title, 2, 3, (15.0, 8.2))
-        table_plots.ratio_axes(panels[0], r)
-        panels[0].legend(ncols=2, loc="upper right")
-        laws = r.laws("table_3_lift_over_drag")
-        heading(panels[0], f"Simulated lift over drag: {_under(laws)}")
-        table_plots.thrust_axes(panels[1], r)
-        panels[1].set_ylim(0.3, 1.08)
-        panels[1].legend(ncols=2, loc="upper right")
-        order = {HOLDS: "grows with stiffness", FAILS: "does not grow with stiffness"}
-        verdict = r.claim("thrust_follows_stiffness").verdict
-        heading(panels[1], f"Measured thrust: {order.get(verdict, 'no order, but much scatter')}")
-        table_plots.share_axes(panels[2], r)
-        below = "all" if _holds(r, "collision_force") else "not all"
-        heading(panels[2], f"Collision force: {below} below two-thirds")
-        _maxima(panels[3], r)
-        heading(panels[3], f"A maximum of thrust: {_under(r.laws('omega_mtf_order'))}")
-        law = "published" if "published" in r.numbers.laws else next(iter(r.numbers.laws))
-        curve_plots.ratio_axes(panels[4], r, law)
-        panels[4].set_ylabel("lift over drag")
-        panels[4].legend(loc="lower right", frameon=True, edgecolor="none", framealpha=0.9)
-        heading(panels[4], f"The printed ε_mld: {_under(r.laws('eps_mld'))} (shown: {law})")
-        for name in r.numbers.laws:
-            curve_plots.universal_axes(panels[5], name)
-        panels[5].legend()
-        heading(panels[5], "13 propellers, one curve: a theorem")
+    title = (
+        f"The paper, recomputed: of its {sum(counts.values())} claims {counts[HOLDS]} hold, "
+        f"{counts[FAILS]} fail, {counts[OPEN]} can't be checked"
+    )
+    figure, panels = sheet(title, 2, 3, (15.0, 8.2))
+    table_plots.ratio_axes(panels[0], r)
+    panels[0].legend(ncols=2, loc="upper right")
+    laws = r.laws("table_3_lift_over_drag")
+    heading(panels[0], f"Simulated lift over drag: {_under(laws)}")
+    table_plots.thrust_axes(panels[1], r)
+    panels[1].set_ylim(0.3, 1.08)
+    panels[1].legend(ncols=2, loc="upper right")
+    order = {HOLDS: "grows with stiffness", FAILS: "does not grow with stiffness"}
+    verdict = r.claim("thrust_follows_stiffness").verdict
+    heading(panels[1], f"Measured thrust: {order.get(verdict, 'no order, but much scatter')}")
+    table_plots.share_axes(panels[2], r)
+    below = "all" if r.claim("collision_force").verdict == HOLDS else "not all"
+    heading(panels[2], f"Collision force: {below} below two-thirds")
+    _maxima(panels[3], r)
+    heading(panels[3], f"A maximum of thrust: {_under(r.laws('omega_mtf_order'))}")
+    law = "published" if "published" in r.numbers.laws else next(iter(r.numbers.laws))
+    curve_plots.ratio_axes(panels[4], r, law)
+    panels[4].set_ylabel("lift over drag")
+    panels[4].legend(loc="lower right", frameon=True, edgecolor="none", framealpha=0.9)
+    heading(panels[4], f"The printed ε_mld: {_under(r.laws('eps_mld'))} (shown: {law})")
+    for name in r.numbers.laws:
+        curve_plots.universal_axes(panels[5], name)
+    panels[5].legend()
+    heading(panels[5], "13 propellers, one curve: a theorem")
     return figure
 
 
 def _under(laws: list[str]) -> str:
     return f"law {', '.join(laws)}" if laws else "under no law"
-
-
-def _holds(r: Reproduction, name: str) -> bool:
-    return r.claim(name).verdict == HOLDS
 
 
 def _maxima(axes: Axes, r: Reproduction) -> None:

@@ -18,6 +18,7 @@ from tombo_propeller.reproduce.plot_style import (
     LAW_MARKS,
     MEASURED,
     heading,
+    legend_below,
     sheet,
     styled,
 )
@@ -31,45 +32,43 @@ ORDER = {
 BLIND = "#8A97A3"
 
 
+@styled
 def table_1(r: Reproduction) -> Figure:
     """How far computed moduli are from the printed ones, in last digits."""
-    with styled():
-        confs = list(r.paper.table_1)
-        ours = {c: law_moduli(configuration(c), "repaired") for c in confs}
-        met = sum(
-            p.agrees(v) for c in confs for p, v in zip(r.paper.table_1[c], ours[c], strict=True)
-        )
-        title = f"Table I: {met} of {2 * len(confs)} printed moduli met to the last digit"
-        figure, (young, shear) = sheet(title, 1, 2, (11.0, 3.9), share_y=True)
-        for k, axes in enumerate((young, shear)):
-            axes.axhspan(-0.5, 0.5, color=style.GREEN, alpha=0.16, lw=0)
-            axes.axhline(0.0, color=style.MUTED, lw=0.8)
-            off = [_digits(r.paper.table_1[c][k], ours[c][k]) for c in confs]
-            label = f"G_f = {r.numbers.fibre_shear_MPa:g} MPa" if k else "Eq. 2"
-            axes.plot(confs, off, "o", ms=7, color=style.BLUE, zorder=4, label=label)
-            axes.set_xticks(confs)
-            axes.set(xlabel="configuration", xlim=(0.4, 13.6), ylim=(-2.4, 2.4))
-        other = [_digits(r.paper.table_1[c][1], r.numbers.shear_from_ratio[c]) for c in confs]
-        shear.plot(confs, other, "o", ms=7, mfc="none", color=style.VERMILLION,
-                   label="G_f = E_f / 2.7, as in the authors' program")  # fmt: skip
-        young.set_ylabel("computed less printed\n[units of the last digit]")
-        young.text(13.5, -0.58, "in the band: rounds to the printed value", ha="right", va="top",
-                   color=style.GREEN, size=9)  # fmt: skip
-        heading(young, "E_N")
-        heading(shear, "G_N")
-        shear.legend(loc="lower left")
+    confs = list(r.paper.table_1)
+    ours = {c: law_moduli(configuration(c), "repaired") for c in confs}
+    met = sum(p.agrees(v) for c in confs for p, v in zip(r.paper.table_1[c], ours[c], strict=True))
+    title = f"Table I: {met} of {2 * len(confs)} printed moduli met to the last digit"
+    figure, (young, shear) = sheet(title, 1, 2, (11.0, 3.9), share_y=True)
+    for k, axes in enumerate((young, shear)):
+        axes.axhspan(-0.5, 0.5, color=style.GREEN, alpha=0.16, lw=0)
+        axes.axhline(0.0, color=style.MUTED, lw=0.8)
+        off = [_digits(r.paper.table_1[c][k], ours[c][k]) for c in confs]
+        label = f"G_f = {r.numbers.fibre_shear_MPa:g} MPa" if k else "Eq. 2"
+        axes.plot(confs, off, "o", ms=7, color=style.BLUE, zorder=4, label=label)
+        axes.set_xticks(confs)
+        axes.set(xlabel="configuration", xlim=(0.4, 13.6), ylim=(-2.4, 2.4))
+    other = [_digits(r.paper.table_1[c][1], r.numbers.shear_from_ratio[c]) for c in confs]
+    shear.plot(confs, other, "o", ms=7, mfc="none", color=style.VERMILLION,
+               label="G_f = E_f / 2.7, as in the authors' program")  # fmt: skip
+    young.set_ylabel("computed less printed\n[units of the last digit]")
+    young.text(13.5, -0.58, "in the band: rounds to the printed value", ha="right", va="top",
+               color=style.GREEN, size=9)  # fmt: skip
+    heading(young, "E_N")
+    heading(shear, "G_N")
+    shear.legend(loc="lower left")
     return figure
 
 
+@styled
 def table_3_ratio(r: Reproduction) -> Figure:
     """Lift over drag, printed and computed."""
-    with styled():
-        claim = r.claim("table_3_lift_over_drag")
-        met = ", ".join(f"{law} {n:.0f}" for law, n in claim.computed.items() if n is not None)
-        title = f"Table III, lift over drag: printed values met of {len(r.paper.table_3)}: {met}"
-        figure, panels = sheet(title, 1, 1, (11.0, 3.9))
-        ratio_axes(panels[0], r)
-        panels[0].legend(ncols=4, loc="upper right")
+    claim = r.claim("table_3_lift_over_drag")
+    met = ", ".join(f"{law} {n:.0f}" for law, n in claim.computed.items() if n is not None)
+    title = f"Table III, lift over drag: printed values met of {len(r.paper.table_3)}: {met}"
+    figure, panels = sheet(title, 1, 1, (11.0, 3.9))
+    ratio_axes(panels[0], r)
+    panels[0].legend(ncols=4, loc="upper right")
     return figure
 
 
@@ -85,15 +84,14 @@ def ratio_axes(axes: Axes, r: Reproduction) -> None:
     _configurations(axes, confs)
 
 
+@styled
 def table_3_thrust(r: Reproduction) -> Figure:
     """Thrust, measured and computed."""
-    with styled():
-        seen = r.claim("thrust_follows_stiffness").verdict
-        title = f"Table III, thrust at 2000 rpm: {ORDER[seen]}"
-        figure, panels = sheet(title, 1, 1, (11.0, 4.3))
-        thrust_axes(panels[0], r)
-        handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=6)
+    seen = r.claim("thrust_follows_stiffness").verdict
+    title = f"Table III, thrust at 2000 rpm: {ORDER[seen]}"
+    figure, panels = sheet(title, 1, 1, (11.0, 4.3))
+    thrust_axes(panels[0], r)
+    legend_below(figure, panels[0])
     return figure
 
 
@@ -124,58 +122,56 @@ def thrust_axes(axes: Axes, r: Reproduction) -> None:
     _configurations(axes, confs)
 
 
+@styled
 def comparison(r: Reproduction) -> Figure:
     """The nine configurations by five criteria, each as a share of its best."""
-    with styled():
-        title = "Nine configurations by what was printed: none is best in everything"
-        figure, panels = sheet(title, 1, 5, (11.0, 4.3), share_y=True)
-        confs = [c for c in r.paper.table_3 if c]
-        rows = [r.paper.table_3[c] for c in confs]
-        for axes, (label, pick, high) in zip(panels, _CRITERIA, strict=True):
-            printed = [pick(row) for row in rows]
-            values = np.array([p.value for p in printed])
-            best = values.max() if high else values.min()
-            share = values / best if high else best / values
-            y = np.arange(len(confs))[::-1]
-            colours = [style.GREEN if v == best else "#9DB4C8" for v in values]
-            axes.barh(y, share, height=0.72, color=colours, lw=0)
-            for place, text, s in zip(y, printed, share, strict=True):
-                weight = "bold" if s == 1.0 else "normal"
-                axes.text(0.03, place, text.text, va="center", size=9, weight=weight)
-            axes.set_yticks(y, [f"Conf. {c}" for c in confs])
-            axes.set(xlim=(0.0, 1.04), xticks=[0.0, 0.5, 1.0])
-            axes.set_xlabel("share of the best")
-            axes.grid(visible=False, axis="y")
-            axes.tick_params(left=False)
-            heading(axes, label)
+    title = "Nine configurations by what was printed: none is best in everything"
+    figure, panels = sheet(title, 1, 5, (11.0, 4.3), share_y=True)
+    confs = [c for c in r.paper.table_3 if c]
+    rows = [r.paper.table_3[c] for c in confs]
+    for axes, (label, pick, high) in zip(panels, _CRITERIA, strict=True):
+        printed = [pick(row) for row in rows]
+        values = np.array([p.value for p in printed])
+        best = values.max() if high else values.min()
+        share = values / best if high else best / values
+        y = np.arange(len(confs))[::-1]
+        colours = [style.GREEN if v == best else "#9DB4C8" for v in values]
+        axes.barh(y, share, height=0.72, color=colours, lw=0)
+        for place, text, s in zip(y, printed, share, strict=True):
+            weight = "bold" if s == 1.0 else "normal"
+            axes.text(0.03, place, text.text, va="center", size=9, weight=weight)
+        axes.set_yticks(y, [f"Conf. {c}" for c in confs])
+        axes.set(xlim=(0.0, 1.04), xticks=[0.0, 0.5, 1.0])
+        axes.set_xlabel("share of the best")
+        axes.grid(visible=False, axis="y")
+        axes.tick_params(left=False)
+        heading(axes, label)
     return figure
 
 
+@styled
 def collision_force(r: Reproduction) -> Figure:
     """Force by configuration and by radius."""
-    with styled():
-        claim = r.claim("collision_force")
-        title = f"Collision force: “less than two-thirds” {claim.verdict}; largest at 60 mm"
-        if claim.verdict == "fails":
-            above = [c for c in r.paper.table_3 if c and _share(r, c) >= 2.0 / 3.0]
-            title = (
-                "Collision force: “less than two-thirds of the rigid one” fails for Conf. "
-                f"{', '.join(map(str, above))}"
-            )
-        figure, (left, right) = sheet(title, 1, 2, (11.0, 4.1))
-        share_axes(left, r)
-        heading(left, "Table III, 2000 rpm")
-        for row in r.paper.table_2:
-            at, force = row.r_mm.value, row.force_N.value
-            right.bar(at, force, width=7.2, color="#9DB4C8", lw=0)
-            right.text(at, force + 5.0, f"{row.force_N.text} N", ha="center", size=8.5)
-            right.text(at, 8.0, f"{row.thickness_mm.text} mm\nthick", ha="center", size=8.5)
-        right.set(
-            xlabel="where the blade is struck, from the hub [mm]", ylabel="largest force [N]"
+    claim = r.claim("collision_force")
+    title = f"Collision force: “less than two-thirds” {claim.verdict}; largest at 60 mm"
+    if claim.verdict == "fails":
+        above = [c for c in r.paper.table_3 if c and _share(r, c) >= 2.0 / 3.0]
+        title = (
+            "Collision force: “less than two-thirds of the rigid one” fails for Conf. "
+            f"{', '.join(map(str, above))}"
         )
-        right.set_ylim(0.0, 385.0)
-        right.grid(visible=False, axis="x")
-        heading(right, "Table II, Conf. 13, 2500 rpm")
+    figure, (left, right) = sheet(title, 1, 2, (11.0, 4.1))
+    share_axes(left, r)
+    heading(left, "Table III, 2000 rpm")
+    for row in r.paper.table_2:
+        at, force = row.r_mm.value, row.force_N.value
+        right.bar(at, force, width=7.2, color="#9DB4C8", lw=0)
+        right.text(at, force + 5.0, f"{row.force_N.text} N", ha="center", size=8.5)
+        right.text(at, 8.0, f"{row.thickness_mm.text} mm\nthick", ha="center", size=8.5)
+    right.set(xlabel="where the blade is struck, from the hub [mm]", ylabel="largest force [N]")
+    right.set_ylim(0.0, 385.0)
+    right.grid(visible=False, axis="x")
+    heading(right, "Table II, Conf. 13, 2500 rpm")
     return figure
 
 

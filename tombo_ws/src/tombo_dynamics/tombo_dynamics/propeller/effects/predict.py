@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller.effects.air import turn_inflow
 from tombo_dynamics.propeller.effects.registry import STAND_EFFECTS, Stage
-from tombo_dynamics.propeller.effects.run_state import CHANNELS, DRAG, LIFT, Run
+from tombo_dynamics.propeller.effects.run_state import CHANNELS, Run
 from tombo_dynamics.propeller.evaluate import SPEED_LIMIT, evaluate_rows
 from tombo_dynamics.propeller.laws.names import DEFAULT_LAW
 from tombo_dynamics.propeller.laws.parameters import SCALARS
@@ -179,6 +179,3 @@ def _loads(law: str, m: Run) -> tuple[Array, Array, Array]:
         thrust = inner + (thrust - inner) / m.share
     thrust = np.where(np.isnan(speed), np.nan, thrust)
     return thrust, points.torque_Nm, points.beta_rad
-
-
-__all__ = ["DRAG", "LIFT", "Draws", "Setup", "nulls", "predict"]

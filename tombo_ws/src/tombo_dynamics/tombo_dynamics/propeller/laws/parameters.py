@@ -21,62 +21,29 @@ from tombo_dynamics.propeller.records import STANDARD, Blade, Configuration, Sur
 from tombo_dynamics.propeller.wing import Wing, rigid_integrals, wing
 
 ROW_SIZE = 65
-SCALARS = {
-    name: i
-    for i, name in enumerate(
-        (
-            "air_density",  # rho [kg/m^3]
-            "wing_weight",  # W = m_w g [N]
-            "centrifugal",  # F_c / omega^2 = m_w x_c / 4 [kg m]
-            "flap_compliance",  # L^2 / (2 E_N I_f) [rad/N]
-            "lag_compliance",  # L^2 / (2 E_N I_l) [rad/N]
-            "twist_compliance",  # L / (G_N J) [rad/(N m)]; k_g in the law published
-            "joint_radius",  # r_N [m]
-            "wing_centroid",  # x_c [m]
-            "flap_offset",  # 0.1221 rad
-            "lag_offset",  # 0.1418 rad
-            "lift_arm",  # dy [m]
-            "drag_arm",  # dz [m]
-            "twist_limit",  # highest twist within the coefficients' range [rad]
-            "inner_thrust",  # A_T [m^4]
-            "inner_drag",  # A_D [m^4]
-            "inner_torque",  # A_Q [m^5]
-            "lift_rate",  # 2.13
-            "drag_rate",  # 2.04
-        )
-    )
-}
-"""Where a number stands in a row, for code that varies it."""
-WING_SCALARS = ("twist_limit", "inner_thrust", "inner_drag", "inner_torque")
-"""Those of them that are integrals over the blade, or follow from its shape."""
-_LIFT, _DRAG, _TORQUE, _SHAPE, _FITS = 18, 24, 30, 36, 56
-OF_THE_WING = np.isin(
-    np.arange(ROW_SIZE), [*(SCALARS[name] for name in WING_SCALARS), *range(_LIFT, _SHAPE)]
-)
-"""(ROW_SIZE,) which numbers `put_wing` writes."""
 
 
 class Parameters(NamedTuple):
-    """A row with names; units as in `SCALARS`."""
+    """A row with names, in its order."""
 
-    air_density: float
-    wing_weight: float
-    centrifugal: float
-    flap_compliance: float
-    lag_compliance: float
-    twist_compliance: float
-    joint_radius: float
-    wing_centroid: float
-    flap_offset: float
-    lag_offset: float
-    lift_arm: float
-    drag_arm: float
-    twist_limit: float
-    inner_thrust: float
-    inner_drag: float
-    inner_torque: float
-    lift_rate: float
-    drag_rate: float
+    air_density: float  # rho [kg/m^3]
+    wing_weight: float  # W = m_w g [N]
+    centrifugal: float  # F_c / omega^2 = m_w x_c / 4 [kg m]
+    flap_compliance: float  # L^2 / (2 E_N I_f) [rad/N]
+    lag_compliance: float  # L^2 / (2 E_N I_l) [rad/N]
+    twist_compliance: float  # L / (G_N J) [rad/(N m)]; k_g in the law published
+    joint_radius: float  # r_N [m]
+    wing_centroid: float  # x_c [m]
+    flap_offset: float  # 0.1221 rad
+    lag_offset: float  # 0.1418 rad
+    lift_arm: float  # dy [m]
+    drag_arm: float  # dz [m]
+    twist_limit: float  # highest twist within the coefficients' range [rad]
+    inner_thrust: float  # A_T [m^4]
+    inner_drag: float  # A_D [m^4]
+    inner_torque: float  # A_Q [m^5]
+    lift_rate: float  # 2.13
+    drag_rate: float  # 2.04
     lift: Any
     """(6,) weights of the wing's thrust [m^4]."""
     drag: Any
@@ -89,6 +56,17 @@ class Parameters(NamedTuple):
     fits: Any
     """(9,), law published only: thrust, drag and torque integrals of the wing from the join of
     the pieces, C_L (mean, swing, phase) and C_D (the same), phases in rad."""
+
+
+SCALARS = {name: i for i, name in enumerate(Parameters._fields[:18])}
+"""Where a number stands in a row, for code that varies it."""
+WING_SCALARS = ("twist_limit", "inner_thrust", "inner_drag", "inner_torque")
+"""Those of them that are integrals over the blade, or follow from its shape."""
+_LIFT, _DRAG, _TORQUE, _SHAPE, _FITS = 18, 24, 30, 36, 56
+OF_THE_WING = np.isin(
+    np.arange(ROW_SIZE), [*(SCALARS[name] for name in WING_SCALARS), *range(_LIFT, _SHAPE)]
+)
+"""(ROW_SIZE,) which numbers `put_wing` writes."""
 
 
 @compiled
