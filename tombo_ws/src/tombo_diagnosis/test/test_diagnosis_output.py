@@ -1,7 +1,5 @@
 """The files of a diagnosis: strict JSON with the fields that were agreed on, all or nothing."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

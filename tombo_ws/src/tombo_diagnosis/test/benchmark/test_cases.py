@@ -76,11 +76,8 @@ def test_what_is_hidden_has_the_size_that_is_said():
 
 
 def near_a_bound(case):
-    bounds = {p.label: (p.low, p.high) for p in PARAMETERS}
-    values = {
-        label: case.effects[label.split(".")[0]][label.split(".")[1]] for label in case.shift
-    }
-    return any(values[label] in bounds[label] for label in values)
+    shifted = [p for p in PARAMETERS if p.label in case.shift]
+    return any(case.effects[p.effect][p.name] in (p.low, p.high) for p in shifted)
 
 
 def test_pairs_hide_two_and_are_never_small():

@@ -34,10 +34,8 @@ NOTHING = Explanation((), None, 0.0)
 
 
 def searched(best=NOTHING, *alternatives):
-    single_log_bf = {
-        e.effects[0]: e.evidence for e in (best, *alternatives) if len(e.effects) == 1
-    }
-    return SearchResult(best, single_log_bf or {"wind": -2.0}, alternatives)
+    alone = {e.effects[0]: e.evidence for e in (best, *alternatives) if len(e.effects) == 1}
+    return SearchResult(best, alone or {"wind": -2.0}, alternatives)
 
 
 def left(excess):
@@ -101,11 +99,7 @@ def test_causes_as_likely_as_each_other_are_a_set():
     close = explanation("tilt", evidence=PLAIN - 0.5 * LOG_BF_DISTINCT)
     far = explanation("drag", evidence=PLAIN - 3 * LOG_BF_DISTINCT)
     said = judged(searched(explanation("wind", evidence=PLAIN), close, far))
-    assert (said.verdict, said.effects, said.members) == (
-        "set",
-        ("wind", "tilt"),
-        ("wind", "tilt"),
-    )
+    assert said.verdict == "set" and said.effects == said.members == ("wind", "tilt")
     assert said.each["wind"] > said.each["tilt"] > 0.0
 
 
@@ -118,14 +112,10 @@ def test_strong_causes_are_distinguished_by_a_share_of_their_evidence(ahead, ver
 
 def test_what_rivals_share_does_not_make_them_alike():
     """Two that both need the wind, which is strong, are distinguished by what they add to it."""
-    best, rival = (
-        explanation("wind", "bias", evidence=STRONG + PLAIN),
-        explanation("wind", "tilt", evidence=STRONG + PLAIN / 2),
-    )
-    found = searched(best, rival)
+    best = explanation("wind", "bias", evidence=STRONG + PLAIN)
+    found = searched(best, explanation("wind", "tilt", evidence=STRONG + PLAIN / 2))
     assert judged(found).members
-    shared = replace(found, evaluated={frozenset({"wind"}): STRONG})
-    said = judged(shared)
+    said = judged(replace(found, evaluated={frozenset({"wind"}): STRONG}))
     assert (said.effects, said.members) == (("wind", "bias"), ())
 
 
@@ -151,19 +141,14 @@ def test_a_cause_that_was_just_accepted_has_less_confidence():
 
 
 def test_noise_is_a_cause_beside_others():
-    said = judged(
-        searched(explanation("wind", evidence=STRONG)), noisy=[noise(evidence=STRONG / 2)]
-    )
+    said = judged(searched(explanation("wind")), noisy=[noise(evidence=STRONG / 2)])
     assert (said.verdict, said.effects) == ("named", ("wind", "imu_noise"))
     assert judged(searched(), noisy=[noise()], explained=0.0).effects == ("imu_noise",)
 
 
-def test_gusts_are_named_when_they_do_not_repeat():
-    assert judged(searched(), gusts=blown()).effects == ("gusts",)
-
-
 @pytest.mark.parametrize("gusts,residual_r2", [(blown(), 0.6), (blown(at_edge=True), 0.0)])
-def test_what_repeats_or_has_no_time_of_gusts_is_unknown(gusts, residual_r2):
+def test_gusts_are_named_and_what_repeats_or_has_no_time_of_gusts_is_unknown(gusts, residual_r2):
+    assert judged(searched(), gusts=blown()).effects == ("gusts",)
     said = judged(searched(), gusts=gusts, residual_r2=residual_r2, explained=0.0)
     assert said.verdict == "unknown" and not said.effects
 
@@ -221,9 +206,8 @@ def test_beside_a_strong_cause_a_weak_one_needs_more():
     assert said.verdict == "named" and said.effects == ("imu_noise",)
     said = judged(searched(explanation("mass_error")), noisy=[noise(evidence=weak)])
     assert said.effects == ("mass_error",)
-    said = judged(
-        searched(explanation("mass_error", evidence=LOG_BF_ADDITIONAL + 1.0)), noisy=[noise()]
-    )
+    enough = explanation("mass_error", evidence=LOG_BF_ADDITIONAL + 1.0)
+    said = judged(searched(enough), noisy=[noise()])
     assert set(said.effects) == {"mass_error", "imu_noise"}
 
 

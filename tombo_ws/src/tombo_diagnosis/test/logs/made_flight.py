@@ -4,9 +4,7 @@ A multirotor is pushed along its body z axis only, so the second derivative of t
 attitude, its slope the rates, and gravity the specific force.
 """
 
-from __future__ import annotations
-
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -107,7 +105,7 @@ def unwound(q):
 def with_series(log, **changed):
     """The log with some channels replaced; None takes one out."""
     series = {**log.series, **changed}
-    return dataclasses.replace(log, series={k: s for k, s in series.items() if s is not None})
+    return replace(log, series={k: s for k, s in series.items() if s is not None})
 
 
 def with_values(log, channel, change):
@@ -119,7 +117,7 @@ def with_values(log, channel, change):
 
 
 def poses_only(log):
-    return dataclasses.replace(log, series={k: log.series[k] for k in ("position", "attitude")})
+    return replace(log, series={k: log.series[k] for k in ("position", "attitude")})
 
 
 def wrote(log, *texts):

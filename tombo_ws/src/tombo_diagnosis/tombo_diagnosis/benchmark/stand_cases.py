@@ -13,9 +13,10 @@ import numpy as np
 
 from tombo_diagnosis.benchmark.cases import (
     KINDS,
-    SIZES,
     UNKNOWN_SIZES,
     Case,
+    draw_factor,
+    draw_hidden,
     draw_name,
     draw_size,
 )
@@ -55,19 +56,15 @@ def make_case(seed: int, number: int) -> StandCase:
     every = parameters(setup)
     theta = {p.label: p.null + _healthy(p, rng) for p in every}
     size = draw_size(rng, kind)
-    hidden: tuple[str, ...] = ()
     shift: dict[str, float] = {}
-    if kind in ("single", "pair"):
-        can = [n for n in shown(stand, setup) if n in {p.effect for p in every}]
-        hidden = tuple(
-            str(n) for n in rng.choice(can, 1 if kind == "single" else 2, replace=False)
-        )
-        for name in hidden:
-            factor = SIZES[size] * float(rng.uniform(0.8, 1.25))
-            for p in every:
-                if p.effect == name:
-                    value = _moved(p, theta[p.label], factor, name, rng)
-                    theta[p.label], shift[p.label] = value, value - p.null
+    can = [n for n in shown(stand, setup) if n in {p.effect for p in every}]
+    hidden = tuple(draw_hidden(rng, kind, can))
+    for name in hidden:
+        factor = draw_factor(rng, size)
+        for p in every:
+            if p.effect == name:
+                value = _moved(p, theta[p.label], factor, name, rng)
+                theta[p.label], shift[p.label] = value, value - p.null
     values = {n: tuple(theta[p.label] for p in every if p.effect == n) for n in STAND_EFFECTS}
     values = {n: v for n, v in values.items() if v}
     draws = Draws(

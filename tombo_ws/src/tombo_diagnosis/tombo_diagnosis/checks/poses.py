@@ -58,11 +58,8 @@ def check_tilt(flight: str, motion: Motion) -> None:
 def check_poses(flight: str, motion: Motion, scale: float | None, imu: bool) -> None:
     """Refuse poses whose position and attitude contradict each other.
 
-    Args:
-        flight: name.
-        motion: of the flight.
-        scale: size of the gyro's rates against those of the attitude; None: not known.
-        imu: whether the accelerometer can be relied upon.
+    `scale` is the size of the gyro's rates against those of the attitude, None: not known; `imu`
+    says whether the accelerometer can be relied upon.
 
     Raises:
         InputError: says what is seen and what is expected.

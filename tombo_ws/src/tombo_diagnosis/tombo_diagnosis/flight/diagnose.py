@@ -15,8 +15,7 @@ from tombo_diagnosis.flight.analyse import FlightFindings, analyse
 from tombo_diagnosis.flight.calibrate import calibrated, has_no_thrust_data, thrust_from_track
 from tombo_diagnosis.flight.cause_estimates import estimate_cause, scores
 from tombo_diagnosis.flight.cross_validation import (
-    HeldOut,
-    extended_model_residuals,
+    extended,
     fit_without_flight,
     gain_by_effect,
     nominal_residuals,
@@ -70,29 +69,27 @@ def diagnose(
     tracks = _blocks([track_of(log) for log in usable])
     findings = analyse(tracks, nominal, progress)
     progress("measuring the gain", 0.7)
-    problem = findings.problem
+    problem, search, judgement = findings.problem, findings.search, findings.judgement
     final = final_explanation(findings)
     gains: list[Gain] = []
-    held: list[HeldOut] = []
     if final.hypotheses:
         tried = [final, *(restrict_to(problem, final, (e,)) for e in final.effects)]
-        tried += [r for r in findings.search.alternatives if findings.judgement.members]
+        tried += search.alternatives if judgement.members else ()
         held = [fit_without_flight(problem, f, tried) for f in range(len(problem.tracks))]
         gains = one_step_gains(problem, held) + open_loop_gains(problem, held)
     causes = tuple(
-        estimate_cause(effect, findings, _explaining(effect, findings, final))
-        for effect in findings.judgement.effects
+        estimate_cause(e, findings, final if e in final.effects else search.explaining(e))
+        for e in judgement.effects
     )
     experiment = None
-    if findings.judgement.members and separate is not None:
+    if judgement.members and separate is not None:
         progress("looking for a separating experiment", 0.85)
         experiment = separate(findings, progress)
     progress("done", 1.0)
-    candidates = scores(findings, gain_by_effect(problem, findings.search))
     return Diagnosis(
-        verdict=findings.judgement.verdict,
+        verdict=judgement.verdict,
         causes=causes,
-        set=findings.judgement.members,
+        set=judgement.members,
         separating_experiment=experiment,
         gain=tuple(gains),
         prechecks=(
@@ -100,10 +97,15 @@ def diagnose(
             *refused,
             *transient_findings(problem.tracks, findings.remainder.transients),
         ),
-        candidates=candidates,
-        flights=tuple(_note(track) for track in problem.tracks),
+        candidates=scores(findings, gain_by_effect(problem, search)),
+        flights=tuple(
+            FlightSummary(
+                t.name, t.log.source, t.log.duration_s, t.used_s, t.formulation, t.missing
+            )
+            for t in problem.tracks
+        ),
         residuals=tuple(_residuals(findings, final)),
-        confidence=findings.judgement.confidence,
+        confidence=judgement.confidence,
         summary=summary(findings, causes, gains),
         notes=tuple(notes(findings)),
         model=nominal.label,
@@ -121,11 +123,6 @@ def final_explanation(findings: FlightFindings) -> Explanation:
     if judgement.verdict == "set":
         return best
     return restrict_to(findings.problem, best, judgement.effects)
-
-
-def _explaining(effect: str, findings: FlightFindings, final: Explanation) -> Explanation:
-    """Return the most probable explanation that an effect is part of."""
-    return final if effect in final.effects else findings.search.explaining(effect) or final
 
 
 def _usable(logs: Sequence[FlightLog]) -> tuple[list[FlightLog], list[Finding]]:
@@ -180,17 +177,6 @@ def _within(t: Array, begin: float, end: float) -> NDArray[np.bool_]:
     return np.asarray((t >= begin) & (t < end))
 
 
-def _note(track: Track) -> FlightSummary:
-    return FlightSummary(
-        track.name,
-        track.log.source,
-        track.log.duration_s,
-        track.used_s,
-        track.formulation,
-        track.missing,
-    )
-
-
 def _residuals(findings: FlightFindings, final: Explanation) -> list[Residual]:
     """Return what is left before and after, with what could drive it."""
     problem = findings.problem
@@ -202,7 +188,7 @@ def _residuals(findings: FlightFindings, final: Explanation) -> list[Residual]:
     for f in range(min(len(problem.tracks), _SHOWN)):
         track = problem.tracks[f]
         motion = motion_of(track, problem.nominal, problem.theta)
-        after = extended_model_residuals(problem, final.fit, f).residual
+        after = extended(problem, final.fit, f).residual
         body = np.einsum("nji,nj->ni", motion.rotation, motion.state[:, 3:6])
         drivers = {f"body_velocity_{a} [m/s]": body[:, i] for i, a in enumerate("xyz")}
         drivers["speed [m/s]"] = np.linalg.norm(body, axis=1)
@@ -220,19 +206,10 @@ def _residuals(findings: FlightFindings, final: Explanation) -> list[Residual]:
             }[group]
             at = times[counted]
             beside = {n: np.interp(at, track.t, v) for n, v in drivers.items()}
-            own = [c for c in problem.channels[f] if c.group == group]
-            for j, c in enumerate(own):
-                residual = rows[:, j]
-                shown.append(
-                    Residual(
-                        track.name,
-                        c.name,
-                        c.unit,
-                        at,
-                        residual,
-                        after[group][:, j],
-                        sigma.get(c.name, 0.0),
-                        beside,
-                    )
+            shown += [
+                Residual(track.name, c.name, c.unit, at, old, new, sigma.get(c.name, 0.0), beside)
+                for c, old, new in zip(
+                    problem.channels[f][group], rows.T, after[group].T, strict=True
                 )
+            ]
     return shown

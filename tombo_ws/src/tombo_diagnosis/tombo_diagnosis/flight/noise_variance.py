@@ -33,10 +33,7 @@ def floor_of(channel: str) -> float:
 def long_run_variance(residual: Sequence[Array], per_second: float, floor: float) -> float:
     """Return what correlated noise amounts to: rows times the variance of their mean.
 
-    Args:
-        residual: (rows,) of each flight, what no candidate explains.
-        per_second: rows a second.
-        floor: see `floor_of`.
+    `residual` (rows,) is what no candidate explains of each flight; `floor`: see `floor_of`.
     """
     per_block = max(1, round(BLOCK_S * per_second))
     sums = []

@@ -44,8 +44,6 @@ class ChannelId:
 
     name: str
     unit: str
-    group: str
-    """fast, slow or pose: the rows that it has."""
 
 
 @dataclass(frozen=True)
@@ -62,30 +60,28 @@ class Motion:
     """(M,) latency that the model gives each pose, against its stamp [s]."""
 
 
-def channels_of(track: Track, nominal: NominalModel) -> list[ChannelId]:
-    """Return the channels that a flight has, in the order of `residuals`."""
-    has_rotor_data = bool(track.command.size or track.speed.size)
-    names: list[ChannelId] = []
-    if track.formulation == "imu":
-        force = _AXES if has_rotor_data else _AXES[:2]
-        names += [ChannelId(f"force {a}", "m/s^2", "fast") for a in force]
-        if has_rotor_data and nominal.moments:
-            names += [ChannelId(f"turning {a}", "rad/s^2", "fast") for a in _AXES]
-        if track.speed.size and track.command.size:
-            names += [ChannelId(f"rotor speed {i}", "rad/s", "fast") for i in range(1, 5)]
-        names += [ChannelId(f"mocap against accel {a}", "m/s^2", "slow") for a in _AXES]
-        names += [ChannelId(f"gyro against mocap {a}", "rad/s", "slow") for a in _AXES]
+def channels_of(track: Track, nominal: NominalModel) -> dict[str, list[ChannelId]]:
+    """Return group of rows (fast, slow, pose) -> its channels, in the order of `residuals`."""
+    driven = bool(track.command.size or track.speed.size)
+    imu = track.formulation == "imu"
+    rotors: list[ChannelId] = []
+    if nominal.moments and (driven or not imu):
+        rotors += [ChannelId(f"turning {a}", "rad/s^2") for a in _AXES]
+    if track.speed.size and track.command.size:
+        rotors += [ChannelId(f"rotor speed {i}", "rad/s") for i in range(1, 5)]
+    found: dict[str, list[ChannelId]] = {}
+    if imu:
+        force = _AXES if driven else _AXES[:2]
+        found["fast"] = [*(ChannelId(f"force {a}", "m/s^2") for a in force), *rotors]
+        found["slow"] = [ChannelId(f"mocap against accel {a}", "m/s^2") for a in _AXES]
+        found["slow"] += [ChannelId(f"gyro against mocap {a}", "rad/s") for a in _AXES]
     else:
-        names += [ChannelId(f"acceleration {a}", "m/s^2", "slow") for a in _AXES]
-        if nominal.moments:
-            names += [ChannelId(f"turning {a}", "rad/s^2", "slow") for a in _AXES]
-        if track.speed.size and track.command.size:
-            names += [ChannelId(f"rotor speed {i}", "rad/s", "slow") for i in range(1, 5)]
+        found["slow"] = [*(ChannelId(f"acceleration {a}", "m/s^2") for a in _AXES), *rotors]
     if track.voltage.size and not nominal.calibrated:
-        names.append(ChannelId("voltage", "V", "slow"))
+        found["slow"].append(ChannelId("voltage", "V"))
     if track.arrival.size:
-        names.append(ChannelId("latency", "s", "pose"))
-    return names
+        found["pose"] = [ChannelId("latency", "s")]
+    return found
 
 
 def motion_of(track: Track, nominal: NominalModel, theta: Array) -> Motion:
@@ -132,20 +128,16 @@ def simulate_along_motion(
 ) -> Any:
     """Run the model along the motion; (N,) `tombo_sim.inverse_simulation.ImposedTick`."""
     out = np.zeros(track.t.size, ImposedTick.layout)
-    command = track.command
+    command = track.command if track.command.size else track.speed[:, :4]
     if not command.size:
-        command = track.speed[:, :4] if track.speed.size else _hover(track, nominal)
+        hover = speed_for_thrust(nominal.maps, nominal.vehicle.hover_thrust())
+        command = np.full((track.t.size, 4), hover)
     tick = float(track.t[1] - track.t[0])
     run_along_motion(
         nominal.plant(draws), nominal.maps, theta, noise, tick, motion.state,
         command, track.speed, out,
     )  # fmt: skip
     return out
-
-
-def _hover(track: Track, nominal: NominalModel) -> Array:
-    speed = speed_for_thrust(nominal.maps, nominal.vehicle.hover_thrust())
-    return np.full((track.t.size, 4), speed)
 
 
 def residuals(
@@ -158,29 +150,22 @@ def residuals(
 ) -> dict[str, Array]:
     """Return what is left of each group's channels, (rows, channels), for the rows that count.
 
-    Args:
-        track: the flight.
-        nominal: the model.
-        theta: parameters of all effects, packed.
-        motion: of these parameters, where it is known already.
-        draws: (8) standard normals of the vehicle; None: zeros.
-        noise: (K, 9) standard normals for the effects that take some.
+    `motion`: of these parameters, where it is known already; `draws`: (8) standard normals of the
+    vehicle, None: zeros; `noise`: (K, 9) standard normals for the effects that take some.
     """
     motion = motion or motion_of(track, nominal, theta)
     model = simulate_along_motion(track, nominal, theta, motion, draws, noise)
-    has_rotor_data = bool(track.command.size or track.speed.size)
+    driven = bool(track.command.size or track.speed.size)
     fast: list[Array] = []
     slow: list[Array] = []
     gravity = np.array([0.0, 0.0, GRAVITY])
     if track.formulation == "imu":
         smooth = track.fast_kernel.smooth
-        predicted = model["force"] + model["accel_error"]
-        residual = track.accel - predicted
-        fast.append(smooth @ (residual if has_rotor_data else residual[:, :2]))
+        residual = track.accel - (model["force"] + model["accel_error"])
+        fast.append(smooth @ (residual if driven else residual[:, :2]))
         body = track.gyro - model["gyro_error"]
-        if has_rotor_data and nominal.moments:
-            measured = track.fast_kernel.slope @ body
-            fast.append(measured - smooth @ model["angular_acceleration"])
+        if driven and nominal.moments:
+            fast.append(track.fast_kernel.slope @ body - smooth @ model["angular_acceleration"])
         if track.speed.size and track.command.size:
             fast.append(smooth @ (track.speed[:, :4] - model["rotor_speed"]))
         accel = track.accel - model["accel_error"]
@@ -199,8 +184,7 @@ def residuals(
         if track.speed.size and track.command.size:
             slow.append(smooth @ (track.speed[:, :4] - model["rotor_speed"]))
     if track.voltage.size and not nominal.calibrated:
-        residual = track.voltage - model["voltage"]
-        slow.append(track.slow_kernel.smooth @ residual)
+        slow.append(track.slow_kernel.smooth @ (track.voltage - model["voltage"]))
     result = {"slow": np.column_stack(slow)}
     if fast:
         result["fast"] = np.column_stack(fast)

@@ -14,7 +14,6 @@ import numpy as np
 from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.flight.haar_variance import SCALES_S, block_variances, pooled
 from tombo_diagnosis.flight.noise_simulation import simulated_noise
-from tombo_diagnosis.flight.prediction import ChannelId
 from tombo_diagnosis.flight.problem import FlightProblem
 from tombo_diagnosis.flight.sensitivity import map_flights
 from tombo_dynamics.arrays import Array
@@ -78,9 +77,8 @@ def _powers(problem: FlightProblem, rows: Sequence[dict[str, Array]]) -> ScaleVa
     units: dict[str, str] = {}
     for f, groups in enumerate(rows):
         for group, residual in groups.items():
-            own: list[ChannelId] = [c for c in problem.channels[f] if c.group == group]
             variances, counts = block_variances(residual, 1.0 / problem.per_second(group))
-            for j, c in enumerate(own):
+            for j, c in enumerate(problem.channels[f][group]):
                 found.setdefault(c.name, []).append((variances[:, j : j + 1], counts))
                 units[c.name] = c.unit
     means, numbers = [], []
@@ -105,13 +103,11 @@ def residual_excesses(measured: ScaleVariances, expected: ScaleVariances) -> lis
         excess = ratio - _STANDARD_ERRORS * error
         excess[~np.isfinite(excess)] = -np.inf
         worst = int(np.argmax(excess))
-        residual = ResidualExcess(
-            name,
-            measured.units[j],
-            SCALES_S[worst],
-            float(np.sqrt(max(measured.variances[worst, j], 0.0))),
-            float(np.sqrt(expected.variances[worst, j] + floor)),
-            float(excess[worst]),
+        found = float(np.sqrt(max(measured.variances[worst, j], 0.0)))
+        usual = float(np.sqrt(expected.variances[worst, j] + floor))
+        result.append(
+            ResidualExcess(
+                name, measured.units[j], SCALES_S[worst], found, usual, float(excess[worst])
+            )
         )
-        result.append(residual)
     return sorted(result, key=lambda each: -each.excess)

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from tombo_diagnosis.logs.flight_log import CHANNELS, Airframe, Series
 from tombo_diagnosis.logs.frames import BODIES, WORLDS, axes_matrix, handedness, turn_attitude
-from tombo_diagnosis.logs.mapping_file import read_mapping, shipped_mappings, table_of
+from tombo_diagnosis.logs.mapping_file import columns_of, read_mapping, shipped_mappings, table_of
 from tombo_diagnosis.logs.units import factor
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.rotation import unwrap_quaternions
@@ -136,11 +136,11 @@ def _channel(key: str, content: object, what: str) -> ChannelMap:
     channel, order = CHANNELS[key], str(values.get("order", "xyzw"))
     if order not in ORDERS:
         raise unknown_name(f"order of {what}", order, ORDERS)
-    columns = values.get("columns", ())
-    columns = (columns,) if isinstance(columns, str) else columns
     width = ORDERS[order] if key == "attitude" else channel.width
-    if not isinstance(columns, Sequence) or len(columns) != width:
-        raise InputError(f"{what}: columns {columns!r}; accepted: {width} names of columns")
+    columns = columns_of(values)
+    if len(columns) != width:
+        given = values.get("columns", ())
+        raise InputError(f"{what}: columns {given!r}; accepted: {width} names of columns")
     angles = key == "attitude" and width == 3
     wanted = "rad" if angles else channel.unit
     if "unit" not in values and (angles or channel.unit != "1"):
@@ -157,7 +157,7 @@ def _channel(key: str, content: object, what: str) -> ChannelMap:
     if axes is not None and key not in ("gyro", "accel"):
         raise InputError(f"{what}: axes; accepted: for gyro and accel, else world and body")
     return ChannelMap(
-        columns=tuple(str(c) for c in columns),
+        columns=columns,
         unit=unit,
         order=order,
         range=span,
@@ -205,13 +205,13 @@ def _airframe(content: object, what: str) -> Airframe | None:
         for n in names
         if n in values and n not in ("name", "inertia")
     }
-    inertia = values.get("inertia")
-    if inertia is not None:
-        inertia = _numbers(inertia, 3, f"{what}: inertia")
     wrong = [n for n, x in numbers.items() if not x > 0.0]
-    if wrong or (inertia is not None and min(inertia) <= 0.0):
-        raise InputError(f"{what}: {(wrong or ['inertia'])[0]} must be above 0")
-    return Airframe(name=str(values.get("name", "airframe")), inertia=inertia, **numbers)
+    if values.get("inertia") is not None:
+        numbers["inertia"] = _numbers(values["inertia"], 3, f"{what}: inertia")
+        wrong += ["inertia"] * (min(numbers["inertia"]) <= 0.0)
+    if wrong:
+        raise InputError(f"{what}: {wrong[0]} must be above 0")
+    return Airframe(name=str(values.get("name", "airframe")), **numbers)
 
 
 def _numbers(content: Any, count: int, what: str) -> tuple[Any, ...]:

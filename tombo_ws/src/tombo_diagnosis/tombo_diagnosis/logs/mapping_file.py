@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
@@ -18,14 +18,9 @@ _LARGEST = 200_000
 
 def shipped_mappings(folder: str, parse: Parse[M]) -> dict[str, M]:
     """Return the mappings in a folder of this package, by name."""
-    files = sorted(
-        resources.files("tombo_diagnosis").joinpath(folder).iterdir(), key=lambda f: f.name
-    )
-    return {
-        f.name[:-5]: parse(f.read_text(encoding="utf-8"), f.name[:-5])
-        for f in files
-        if f.name.endswith(".yaml")
-    }
+    files = resources.files("tombo_diagnosis").joinpath(folder).iterdir()
+    names = {f.name.removesuffix(".yaml"): f for f in files if f.name.endswith(".yaml")}
+    return {n: parse(f.read_text(encoding="utf-8"), n) for n, f in sorted(names.items())}
 
 
 def read_mapping(name: str, known: Mapping[str, M], parse: Parse[M]) -> M:
@@ -51,6 +46,13 @@ def read_mapping(name: str, known: Mapping[str, M], parse: Parse[M]) -> M:
     except (OSError, UnicodeDecodeError) as error:
         why = getattr(error, "strerror", None) or "it is no text"
         raise InputError(f"mapping '{name}' can't be read: {why}; accepted: YAML") from error
+
+
+def columns_of(values: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the names under `columns`, one or a list of them; of anything else, none."""
+    columns = values.get("columns", ())
+    columns = (columns,) if isinstance(columns, str) else columns
+    return tuple(map(str, columns)) if isinstance(columns, Sequence) else ()
 
 
 def table_of(content: object, what: str, accepted: Collection[str]) -> dict[str, Any]:

@@ -178,13 +178,7 @@ class StandProblem:
         return NormalEquations(flat.T @ flat, flat.T @ rows, float(rows @ rows)), half
 
     def fit(self, free: Sequence[int], widths: Mapping[str, float], start: Fit) -> Fit:
-        """Fit parameters by the model itself, within their bounds.
-
-        Args:
-            free: places of the parameters.
-            widths: stochastic effect -> factor on its healthy width.
-            start: fit to begin with, whose slopes serve for what stays within its tolerance.
-        """
+        """Fit as `Model.fit` says, within bounds; for what is not free the slopes of `start`."""
         return self._fit(free, widths, start.theta, start.tangent)
 
     def _fit(
