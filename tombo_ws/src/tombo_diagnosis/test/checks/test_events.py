@@ -1,18 +1,24 @@
 """Crashes, contacts, jumps of the motion capture, the ground, and changes of the vehicle."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from made_flight import STAND, Series, made_flight, poses_only, with_series, with_values, wrote
+from made_flight import (
+    STAND,
+    Series,
+    made_flight,
+    poses_only,
+    recorded,
+    with_series,
+    with_values,
+    wrote,
+)
 
 from tombo_diagnosis.checks import check_log
 from tombo_diagnosis.checks.events import Event
 from tombo_diagnosis.checks.impacts import impacts
-from tombo_diagnosis.logs.log_reader import read_logs
 
-BAGS = Path(__file__).parents[5] / "tests" / "bags"
 FLIGHT = made_flight(duration=24.0)
 
 
@@ -45,15 +51,13 @@ def found(log, check):
 )  # fmt: skip
 def test_a_strike_is_found_in_the_poses_and_set_apart_with_the_recovery(name, first, last):
     """Times of contact from the simulation's truth, which the checks don't see."""
-    (log,) = read_logs([BAGS / f"{name}.mcap"])
-    (contact,) = found(check_log(log), "contact")
+    (contact,) = found(check_log(recorded(name)), "contact")
     assert first - 0.5 < contact.start_s < first
     assert last + 1.9 < contact.end_s < last + 2.4
 
 
 def test_a_strike_that_ends_on_the_ground_is_a_crash():
-    (log,) = read_logs([BAGS / "soft_strike_3.mcap"])
-    checked = check_log(log)
+    checked = check_log(recorded("soft_strike_3"))
     (crash,) = found(checked, "crash")
     assert 22.6 < crash.start_s < 23.11
     assert checked.exclude[-1][1] == checked.series["position"].t[-1]

@@ -26,15 +26,11 @@ def with_poses(change):
     return with_series(FLIGHT, **series)
 
 
-def lag_of(flight):
-    checked = check_log(flight)
-    return time_offset(_motion(dict(checked.series), list(checked.exclude)))
-
-
 @pytest.mark.parametrize("late", [-0.05, -0.012, 0.0, 0.008, 0.03, 0.11])
 @pytest.mark.parametrize("rate", [30.0, 100.0])
 def test_how_late_stamps_are_is_found_within_its_uncertainty(late, rate):
-    found = lag_of(made_flight(late=late, mocap_hz=rate))
+    checked = check_log(made_flight(late=late, mocap_hz=rate))
+    found = time_offset(_motion(dict(checked.series), list(checked.exclude)))
     assert abs(found.lag - late) < max(3.0 * found.sigma, 0.002)
     assert found.sigma < 0.004
 

@@ -199,25 +199,25 @@ def test_a_channel_with_part_of_its_columns_is_left_out_and_said(tmp_path):
     assert [(f.check, f.channel) for f in log.findings] == [("missing", "gyro")]
 
 
+def read_archive(path, text, damage):
+    """The flight of a compressed table after some damage, and what is said of that."""
+    (path / "a.csv.gz").write_bytes(damage(gzip.compress(text.encode())))
+    log = read_csv(path / "a.csv.gz", "a")
+    return log.series["position"].values, " ".join(f.message for f in log.findings)
+
+
 def test_a_cut_archive_is_read_up_to_where_it_is_whole(tmp_path):
-    whole = gzip.compress(table_text(FLIGHT, POSE).encode())
-    path = tmp_path / "a.csv.gz"
-    path.write_bytes(whole[: len(whole) * 2 // 3])
-    log = read_csv(path, "a")
-    count = log.series["position"].t.size
-    assert 0.4 * FLIGHT.series["position"].t.size < count < FLIGHT.series["position"].t.size
-    close(log.series["position"].values, FLIGHT.series["position"].values[:count])
-    assert any("cut off" in f.message for f in log.findings)
+    text = table_text(FLIGHT, POSE)
+    position, said = read_archive(tmp_path, text, lambda whole: whole[: len(whole) * 2 // 3])
+    assert 0.4 * len(P) < len(position) < len(P) and "cut off" in said
+    close(position, P[: len(position)])
 
 
 def test_a_number_that_is_cut_is_not_taken_for_a_whole_one(tmp_path):
     """...,0.9998 may have been 0.99987: where the file ends early, its last row is left out."""
     text = table_text(FLIGHT, POSE).rstrip()[:-3]
-    path = tmp_path / "a.csv.gz"
-    path.write_bytes(gzip.compress(text.encode())[:-8])
-    log = read_csv(path, "a")
-    assert log.series["position"].t.size == FLIGHT.series["position"].t.size - 1
-    assert any("is not whole" in f.message for f in log.findings)
+    position, said = read_archive(tmp_path, text, lambda whole: whole[:-8])
+    assert len(position) == len(P) - 1 and "is not whole" in said
 
 
 def test_quaternions_of_another_length_are_still_seen_as_such(tmp_path):
@@ -227,13 +227,12 @@ def test_quaternions_of_another_length_are_still_seen_as_such(tmp_path):
 
 
 def test_a_damaged_archive_is_read_up_to_the_damage(tmp_path):
-    whole = bytearray(gzip.compress(table_text(FLIGHT, POSE).encode()))
-    whole[len(whole) // 2 : len(whole) // 2 + 64] = b"\xff" * 64
-    path = tmp_path / "a.csv.gz"
-    path.write_bytes(bytes(whole))
-    log = read_csv(path, "a")
-    assert log.series["position"].t.size > 20
-    assert any("damaged" in f.message for f in log.findings)
+    def damaged(whole):
+        middle = len(whole) // 2
+        return whole[:middle] + b"\xff" * 64 + whole[middle + 64 :]
+
+    position, said = read_archive(tmp_path, table_text(FLIGHT, POSE), damaged)
+    assert len(position) > 20 and "damaged" in said
 
 
 def test_rows_that_are_not_whole_are_left_out_and_counted(tmp_path):

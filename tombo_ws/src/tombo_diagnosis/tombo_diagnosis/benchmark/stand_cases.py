@@ -7,6 +7,7 @@ that makes the data is any of two. All of it derives from (seed, number of the c
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,13 +32,10 @@ from tombo_dynamics.propeller.effects import STAND_EFFECTS, Draws, Setup, predic
 STANDS = (("full", 0.4), ("beta", 0.2), ("torque", 0.2), ("thrust", 0.2))
 """full: thrust, torque, flap angle, a second tachometer, known loads, three nodi; beta: thrust,
 torque, angle; torque: thrust and torque; thrust: thrust alone, one nodus."""
-_SHOWN_BY = {
-    "thrust": ("torque_", "drag_", "angle_"),
-    "torque": ("angle_",),
-    "beta": (),
-    "full": (),
-}
-"""Effects that a stand without the instrument can't show."""
+_BLIND_TO: Mapping[str, tuple[str, ...]] = {
+    "thrust": ("torque_", "drag_", "angle_"), "torque": ("angle_",), "beta": (), "full": (),
+}  # fmt: skip
+"""Effects that a stand without the instrument can't show, by the beginning of their names."""
 _TORQUE_SHAPES = ("hub_friction", "creep")
 
 
@@ -87,10 +85,9 @@ def shown(stand: str, setup: Setup) -> list[str]:
     """Return the effects that a stand can show at all."""
     one = int(setup.propeller.max()) < 2
     few = int(setup.run.max()) < 2
-    blind = _SHOWN_BY[stand]
     return [
         n for n, e in STAND_EFFECTS.items()
-        if e.suits("tombo") and not n.startswith(blind or ("?",))
+        if e.suits("tombo") and not n.startswith(_BLIND_TO[stand])
         and not (n == "fabrication_scatter" and one) and not (n == "tare_scatter" and few)
         and n != "run_scatter"  # every stand has it, by as much as a healthy one
     ]  # fmt: skip

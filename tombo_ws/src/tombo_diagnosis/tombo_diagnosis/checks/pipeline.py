@@ -54,7 +54,10 @@ def check_log(log: FlightLog) -> FlightLog:
     begin, end = series["position"].t[0], series["position"].t[-1]
     stood_still = _stuck(log.name, series)
     lost = _spans(f for f in stood_still if f.channel in POSE)
-    findings += ground(log.name, _without(series["position"], lost), series)
+    position = series["position"]
+    keep = ~inside(position.t, lost)
+    seen = Series(position.t[keep], position.values[keep]) if keep.any() else position
+    findings += ground(log.name, seen, series)
     down = _spans(f for f in findings if f.check == "ground")
     # motors stand still on the ground
     findings += [
@@ -102,11 +105,6 @@ def _stuck(flight: str, series: dict[str, Series]) -> list[Finding]:
             found += frozen_values.frozen(flight, name, *values)
             found += frozen_values.drawn(flight, name, *values)
     return found
-
-
-def _without(series: Series, spans: list[Span]) -> Series:
-    keep = ~inside(series.t, spans)
-    return Series(series.t[keep], series.values[keep]) if keep.any() else series
 
 
 def _spans(findings: Iterable[Finding]) -> list[Span]:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_diagnosis.engine.evidence import solve
 from tombo_diagnosis.engine.gain import gain_of, rms
@@ -17,12 +16,11 @@ from tombo_diagnosis.flight.prediction import motion_of, residuals, simulate_alo
 from tombo_diagnosis.flight.problem import FlightProblem, sum_of, tangent_of
 from tombo_diagnosis.flight.sensitivity import SCATTER, with_scatter
 from tombo_diagnosis.flight.track import TICK
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.plant import State
 from tombo_dynamics.rotation import conjugate, quaternion_multiply
 from tombo_flight.extended_model import Gain
 from tombo_sim.open_loop import open_loop
-
-Array = NDArray[np.float64]
 
 HORIZONS_S = (0.5, 1.0)
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_diagnosis.diagnosis import Diagnosis, Experiment, FlightSummary, Residual
 from tombo_diagnosis.engine.model import Explanation
@@ -28,7 +28,6 @@ from tombo_diagnosis.flight.summary_text import notes, summary
 from tombo_diagnosis.flight.track import Track, track_of
 from tombo_diagnosis.flight.transients import transient_findings
 from tombo_diagnosis.logs.flight_log import Finding, FlightLog
-from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_flight.extended_model import Gain
 from tombo_flight.progress import ProgressCallback, no_progress
@@ -155,26 +154,17 @@ def _blocks(tracks: list[Track]) -> list[Track]:
     if len(tracks) > 1:
         return tracks
     track = tracks[0]
-    times = track.slow.t[track.slow_rows]
     count = int(np.clip(track.used_s // _BLOCK_S, 1, 6))
     if count < 2:
         return tracks
-    edges = np.quantile(times, np.linspace(0.0, 1.0, count + 1))
+    edges = np.quantile(track.times("slow"), np.linspace(0.0, 1.0, count + 1))
     edges[-1] += 1.0
-    return [
-        replace(
-            track,
-            name=f"{track.name} part {k + 1}",
-            fast_rows=track.fast_rows & _within(track.fast.t, edges[k], edges[k + 1]),
-            slow_rows=track.slow_rows & _within(track.slow.t, edges[k], edges[k + 1]),
-            pose_rows=track.pose_rows & _within(track.pose_t, edges[k], edges[k + 1]),
-        )
-        for k in range(count)
-    ]
-
-
-def _within(t: Array, begin: float, end: float) -> NDArray[np.bool_]:
-    return np.asarray((t >= begin) & (t < end))
+    parts = []
+    for k, (begin, end) in enumerate(pairwise(edges)):
+        stamps = (track.fast.t, track.slow.t, track.pose_t)
+        part = track.only(*((t >= begin) & (t < end) for t in stamps))
+        parts.append(replace(part, name=f"{track.name} part {k + 1}"))
+    return parts
 
 
 def _residuals(findings: FlightFindings, final: Explanation) -> list[Residual]:
@@ -199,12 +189,7 @@ def _residuals(findings: FlightFindings, final: Explanation) -> list[Residual]:
         if track.voltage.size:
             drivers["voltage [V]"] = track.voltage[:, 0]
         for group, rows in nominal_residuals(problem, f).items():
-            times, counted = {
-                "fast": (track.fast.t, track.fast_rows),
-                "slow": (track.slow.t, track.slow_rows),
-                "pose": (track.pose_t, track.pose_rows),
-            }[group]
-            at = times[counted]
+            at = track.times(group)
             beside = {n: np.interp(at, track.t, v) for n, v in drivers.items()}
             shown += [
                 Residual(track.name, c.name, c.unit, at, old, new, sigma.get(c.name, 0.0), beside)

@@ -57,7 +57,8 @@ def separate(findings: FlightFindings, progress: ProgressCallback) -> Experiment
     members = findings.judgement.members[:_MEMBERS]
     if len(members) < 2:
         return None
-    fitted = {m: _theta(m, findings) for m in members}
+    causes = [estimate_cause(m, findings, findings.search.explaining(m)) for m in members]
+    fitted = {c.effect: {f.name: f.value for f in c.theta} for c in causes}
     by_hand = _by_hand(members)
     present = _present_log_bf(findings, members)
     if findings.problem.nominal.calibrated:
@@ -85,12 +86,6 @@ def separate(findings: FlightFindings, progress: ProgressCallback) -> Experiment
         f"{listed(members)} apart."
     )
     return Experiment(members, text, worst, present, chosen.scenario)
-
-
-def _theta(member: str, findings: FlightFindings) -> Mapping[str, float]:
-    """Return the fitted parameters of a member."""
-    own = findings.search.explaining(member)
-    return {f.name: f.value for f in estimate_cause(member, findings, own).theta}
 
 
 def _present_log_bf(findings: FlightFindings, members: Sequence[str]) -> float:
@@ -176,20 +171,25 @@ def _evidence(problem: FlightProblem, normal: NormalEquations, effect: str) -> f
     return max(solve(normal, deviations, covariance=False).evidence for deviations in ways)
 
 
-def as_log(flown: FlightRecord, imu: bool, rpm: bool) -> FlightLog:
-    """Return a simulated flight as a log with these sensors."""
+def sensor_series(flown: FlightRecord, imu: bool, rpm: bool) -> dict[str, Series]:
+    """Return what these sensors measured in a simulated flight."""
     t = flown.t
     series = {
         "position": Series(flown.mocap_t, flown.mocap_position, flown.mocap_arrival),
         "attitude": Series(flown.mocap_t, flown.mocap_attitude, flown.mocap_arrival),
-        "rotor_command": Series(t, flown.log["rotor_command"]),
+        "rotor_command": Series(t, flown.log["rotor_command"].copy()),
         "voltage": Series(t[::100], flown.log["battery"][::100, 2:3]),
     }
     if imu:
-        series["gyro"] = Series(t, flown.log["gyro"])
-        series["accel"] = Series(t, flown.log["accel"])
+        series |= {name: Series(t, flown.log[name].copy()) for name in ("gyro", "accel")}
     if rpm:
-        series["rotor_speed"] = Series(t, flown.log["rotor_speed"])
+        series["rotor_speed"] = Series(t, flown.log["rotor_speed"].copy())
+    return series
+
+
+def as_log(flown: FlightRecord, imu: bool, rpm: bool) -> FlightLog:
+    """Return a simulated flight as a log with these sensors."""
+    series, t = sensor_series(flown, imu, rpm), flown.t
     air = np.flatnonzero(flown.mocap_position[:, 2] > _AIRBORNE)
     if not air.size:
         raise InputError("the manoeuvre was not flown; accepted: a flight")

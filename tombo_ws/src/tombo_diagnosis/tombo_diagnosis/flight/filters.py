@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from tombo_diagnosis.checks.spans import Mask
 from tombo_dynamics.arrays import Array
 
 _REACH = 4.0
@@ -65,12 +65,12 @@ def gaussian(t: Array, width: float, spacing: float) -> Kernel:
     return Kernel(t[centres], half * tick, operator(smooth), operator(slope), operator(curvature))
 
 
-def clear_rows(kernel: Kernel, invalid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def clear_rows(kernel: Kernel, invalid: Mask) -> Mask:
     """Return (R,): rows whose kernel touches none of the invalid ticks (N,)."""
     return np.asarray(abs(kernel.smooth) @ invalid.astype(np.float64) == 0.0)
 
 
-def rows_of(kernel: Kernel, chosen: NDArray[np.bool_]) -> Kernel:
+def rows_of(kernel: Kernel, chosen: Mask) -> Kernel:
     """Return the kernel with some of its rows (R,) only."""
     parts = (kernel.smooth[chosen], kernel.slope[chosen], kernel.curvature[chosen])
     return Kernel(kernel.t[chosen], kernel.reach, *parts)

@@ -10,21 +10,19 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.track import FAST_WIDTH, Track
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY, Stage
 from tombo_dynamics.effects.compose import layout, null_theta
 from tombo_dynamics.rotation import conjugate, quaternion_multiply, unwrap_quaternions
 from tombo_dynamics.rotor_maps import speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_sim.inverse_simulation import ImposedTick, run_along_motion, simulate_mocap
-
-Array = NDArray[np.float64]
 
 NO_NOISE = np.zeros((1, 9))
 """No noise."""
@@ -156,38 +154,29 @@ def residuals(
     motion = motion or motion_of(track, nominal, theta)
     model = simulate_along_motion(track, nominal, theta, motion, draws, noise)
     driven = bool(track.command.size or track.speed.size)
-    fast: list[Array] = []
-    slow: list[Array] = []
-    gravity = np.array([0.0, 0.0, GRAVITY])
-    if track.formulation == "imu":
-        smooth = track.fast_kernel.smooth
-        residual = track.accel - (model["force"] + model["accel_error"])
-        fast.append(smooth @ (residual if driven else residual[:, :2]))
-        body = track.gyro - model["gyro_error"]
-        if driven and nominal.moments:
-            fast.append(track.fast_kernel.slope @ body - smooth @ model["angular_acceleration"])
-        if track.speed.size and track.command.size:
-            fast.append(smooth @ (track.speed[:, :4] - model["rotor_speed"]))
+    imu = track.formulation == "imu"
+    kernel = track.fast_kernel if imu else track.slow_kernel
+    body = track.gyro - model["gyro_error"] if imu else motion.rates
+    rotors = []
+    if nominal.moments and (driven or not imu):
+        rotors.append(kernel.slope @ body - kernel.smooth @ model["angular_acceleration"])
+    if track.speed.size and track.command.size:
+        rotors.append(kernel.smooth @ (track.speed[:, :4] - model["rotor_speed"]))
+    smooth = track.slow_kernel.smooth
+    seen = track.slow_kernel.curvature @ motion.state[:, :3]
+    if imu:
         accel = track.accel - model["accel_error"]
-        in_map = np.einsum("nij,nj->ni", motion.rotation, accel) - gravity
-        smooth = track.slow_kernel.smooth
-        seen = track.slow_kernel.curvature @ motion.state[:, :3]
-        slow.append(seen - smooth @ in_map)
-        slow.append(smooth @ (body - motion.rates))
+        in_map = np.einsum("nij,nj->ni", motion.rotation, accel) - np.array([0.0, 0.0, GRAVITY])
+        slow = [seen - smooth @ in_map, smooth @ (body - motion.rates)]
     else:
-        smooth = track.slow_kernel.smooth
-        seen = track.slow_kernel.curvature @ motion.state[:, :3]
-        slow.append(seen - smooth @ model["acceleration"])
-        if nominal.moments:
-            turned = track.slow_kernel.slope @ motion.rates
-            slow.append(turned - smooth @ model["angular_acceleration"])
-        if track.speed.size and track.command.size:
-            slow.append(smooth @ (track.speed[:, :4] - model["rotor_speed"]))
+        slow = [seen - smooth @ model["acceleration"], *rotors]
     if track.voltage.size and not nominal.calibrated:
-        slow.append(track.slow_kernel.smooth @ (track.voltage - model["voltage"]))
+        slow.append(smooth @ (track.voltage - model["voltage"]))
     result = {"slow": np.column_stack(slow)}
-    if fast:
-        result["fast"] = np.column_stack(fast)
+    if imu:
+        residual = track.accel - (model["force"] + model["accel_error"])
+        force = kernel.smooth @ (residual if driven else residual[:, :2])
+        result["fast"] = np.column_stack([force, *rotors])
     if track.arrival.size:
         result["pose"] = (track.arrival - motion.pose_latency)[track.pose_rows, None]
     return result

@@ -13,7 +13,7 @@ from tombo_diagnosis.checks.spans import block_means
 from tombo_diagnosis.engine.evidence import NormalEquations, solve
 from tombo_diagnosis.engine.model import Setting
 from tombo_diagnosis.engine.regression import NOMINAL_WIDTHS, TIGHT, Columns, Fit
-from tombo_diagnosis.flight.noise_variance import floor_of, long_run_variance
+from tombo_diagnosis.flight.noise_variance import floors_of, long_run_variance
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.prediction import channels_of
 from tombo_diagnosis.flight.sensitivity import SCATTER, Linearization, linearize, map_flights
@@ -373,7 +373,7 @@ class FlightProblem:
                 for c, left in zip(self.channels[f][group], rest.T, strict=True):
                     residual.setdefault((group, c.name), []).append(left)
         found = {
-            (group, name): long_run_variance(rows, self.per_second(group), floor_of(name))
+            (group, name): long_run_variance(rows, self.per_second(group), floors_of(name)[0])
             for (group, name), rows in residual.items()
         }
         return [

@@ -9,7 +9,6 @@ from functools import lru_cache
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_diagnosis.engine.regression import Parameter
 from tombo_diagnosis.flight.noise_simulation import with_pose_noise
@@ -22,8 +21,8 @@ from tombo_diagnosis.flight.prediction import (
     simulate_along_motion,
 )
 from tombo_diagnosis.flight.track import TICK, Track
+from tombo_dynamics.arrays import Array
 
-Array = NDArray[np.float64]
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 Groups = dict[str, Array]

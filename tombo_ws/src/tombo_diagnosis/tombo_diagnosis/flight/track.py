@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tombo_diagnosis.checks.spans import Span, inside
+from tombo_diagnosis.checks.spans import Mask, Span, inside
 from tombo_diagnosis.flight.filters import (
     Kernel,
     clear_rows,
@@ -63,10 +62,10 @@ class Track:
     """(N, 1) or (0, 1)."""
     fast: Kernel
     slow: Kernel
-    fast_rows: NDArray[np.bool_]
+    fast_rows: Mask
     """Rows of the fast kernel that count."""
-    slow_rows: NDArray[np.bool_]
-    pose_rows: NDArray[np.bool_]
+    slow_rows: Mask
+    pose_rows: Mask
     log: FlightLog
 
     @cached_property
@@ -78,6 +77,20 @@ class Track:
     def slow_kernel(self) -> Kernel:
         """The slow kernel's rows that count."""
         return rows_of(self.slow, self.slow_rows)
+
+    def times(self, group: str) -> Array:
+        """Return the times of the rows of a group (fast, slow, pose) that count [s]."""
+        every = {"fast": self.fast.t, "slow": self.slow.t, "pose": self.pose_t}
+        return np.asarray(every[group][getattr(self, f"{group}_rows")])
+
+    def only(self, fast: Mask, slow: Mask, pose: Mask) -> Track:
+        """Return the flight with some of the rows that count only."""
+        return replace(
+            self,
+            fast_rows=self.fast_rows & fast,
+            slow_rows=self.slow_rows & slow,
+            pose_rows=self.pose_rows & pose,
+        )
 
     @property
     def formulation(self) -> str:
@@ -167,7 +180,7 @@ def _poses(position: Series, attitude: Series) -> tuple[Array, Array, Array]:
     return pose_t, pose, late
 
 
-def _sampled(log: FlightLog, name: str, t: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _sampled(log: FlightLog, name: str, t: Array) -> tuple[Array, Mask]:
     """Return a channel at the ticks, (N, k) or (0, k), and the ticks in its gaps."""
     width = {"voltage": 1, "rotor_speed": 4}.get(name, 3)
     stamps, values = _good(log, name, width)

@@ -56,17 +56,16 @@ def find_transients(problem: FlightProblem, fit: Fit) -> list[Transient]:
 
 
 def _of_flight(problem: FlightProblem, fit: Fit, flight: int) -> list[Transient]:
-    track = problem.tracks[flight]
-    times = {"fast": track.fast.t[track.fast_rows], "slow": track.slow.t[track.slow_rows]}
     moments: list[tuple[float, float, str]] = []
     for group, rows in problem.residual(fit, flight).items():
-        if group not in times:
+        if group == "pose":
             continue
+        times = problem.tracks[flight].times(group)
         off = np.abs(rows - np.median(rows, axis=0))
         ratio = off / np.maximum(_NORMAL * np.median(off, axis=0), 1e-12)
         own = problem.channels[flight][group]
         for k, j in zip(*np.nonzero(ratio > _BURST), strict=True):
-            moments.append((float(times[group][k]), float(ratio[k, j]), own[j].name))
+            moments.append((float(times[k]), float(ratio[k, j]), own[j].name))
     moments.sort()
     events: list[Transient] = []
     for t, ratio_, name in moments:
@@ -90,12 +89,8 @@ def exclude_transients(tracks: Sequence[Track], events: Sequence[Transient]) -> 
             continue
         invalid = inside(track.t, own)
         counted = np.interp(track.pose_t, track.t, invalid.astype(np.float64)) < 0.5
-        result[f] = replace(
-            track,
-            fast_rows=track.fast_rows & clear_rows(track.fast, invalid),
-            slow_rows=track.slow_rows & clear_rows(track.slow, invalid),
-            pose_rows=track.pose_rows & counted,
-        )
+        fast, slow = clear_rows(track.fast, invalid), clear_rows(track.slow, invalid)
+        result[f] = track.only(fast, slow, counted)
     return result
 
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from tombo_diagnosis.logs.flight_log import CHANNELS, Airframe, Series
 from tombo_diagnosis.logs.frames import BODIES, WORLDS, axes_matrix, handedness, turn_attitude
-from tombo_diagnosis.logs.mapping_file import columns_of, read_mapping, shipped_mappings, table_of
+from tombo_diagnosis.logs.mapping_file import read_mapping, shipped_mappings, table_of
 from tombo_diagnosis.logs.units import factor
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.rotation import unwrap_quaternions
@@ -137,10 +137,10 @@ def _channel(key: str, content: object, what: str) -> ChannelMap:
     if order not in ORDERS:
         raise unknown_name(f"order of {what}", order, ORDERS)
     width = ORDERS[order] if key == "attitude" else channel.width
-    columns = columns_of(values)
-    if len(columns) != width:
-        given = values.get("columns", ())
-        raise InputError(f"{what}: columns {given!r}; accepted: {width} names of columns")
+    columns = values.get("columns", ())
+    columns = (columns,) if isinstance(columns, str) else columns
+    if not isinstance(columns, Sequence) or len(columns) != width:
+        raise InputError(f"{what}: columns {columns!r}; accepted: {width} names of columns")
     angles = key == "attitude" and width == 3
     wanted = "rad" if angles else channel.unit
     if "unit" not in values and (angles or channel.unit != "1"):
@@ -157,7 +157,7 @@ def _channel(key: str, content: object, what: str) -> ChannelMap:
     if axes is not None and key not in ("gyro", "accel"):
         raise InputError(f"{what}: axes; accepted: for gyro and accel, else world and body")
     return ChannelMap(
-        columns=columns,
+        columns=tuple(str(c) for c in columns),
         unit=unit,
         order=order,
         range=span,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
@@ -46,13 +46,6 @@ def read_mapping(name: str, known: Mapping[str, M], parse: Parse[M]) -> M:
     except (OSError, UnicodeDecodeError) as error:
         why = getattr(error, "strerror", None) or "it is no text"
         raise InputError(f"mapping '{name}' can't be read: {why}; accepted: YAML") from error
-
-
-def columns_of(values: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the names under `columns`, one or a list of them; of anything else, none."""
-    columns = values.get("columns", ())
-    columns = (columns,) if isinstance(columns, str) else columns
-    return tuple(map(str, columns)) if isinstance(columns, Sequence) else ()
 
 
 def table_of(content: object, what: str, accepted: Collection[str]) -> dict[str, Any]:

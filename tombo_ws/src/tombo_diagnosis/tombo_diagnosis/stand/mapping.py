@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 
-from tombo_diagnosis.logs.mapping_file import columns_of, read_mapping, shipped_mappings, table_of
+from tombo_diagnosis.logs.mapping_file import read_mapping, shipped_mappings, table_of
 from tombo_diagnosis.logs.units import factor as flight_factor
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.vehicle import GRAVITY
@@ -168,12 +168,12 @@ def parse_mapping(text: str, name: str) -> StandMapping:
 def _channel(key: str, content: object, what: str) -> StandChannel:
     what = f"{what}: {key}"
     values = table_of(content, what, [f.name for f in fields(StandChannel)])
-    columns = columns_of(values)
+    columns = values.get("columns", ())
+    columns = (columns,) if isinstance(columns, str) else columns
     many = key in MANY
-    if not columns or (len(columns) > 1 and not many):
+    if not isinstance(columns, Sequence) or not columns or (len(columns) > 1 and not many):
         accepted = "names of columns, one a rotor" if many else "one name of a column"
-        given = values.get("columns", ())
-        raise InputError(f"{what}: columns {given!r:.60}; accepted: {accepted}")
+        raise InputError(f"{what}: columns {columns!r:.60}; accepted: {accepted}")
     if "unit" not in values and CHANNELS[key] != "1":
         raise InputError(f"{what}: no unit; accepted: a unit as {CHANNELS[key]}")
     unit = str(values.get("unit", "1"))
@@ -184,7 +184,7 @@ def _channel(key: str, content: object, what: str) -> StandChannel:
     poles = int(_number(values.get("poles", 2), 2, 200, f"{what}: poles"))
     if poles % 2:
         raise InputError(f"{what}: poles {poles}; accepted: an even number of magnets")
-    return StandChannel(columns, unit, sign, poles)
+    return StandChannel(tuple(str(c) for c in columns), unit, sign, poles)
 
 
 def mapping_for_header(columns: Sequence[str]) -> StandMapping | None:
