@@ -120,8 +120,8 @@ def measured(
     t = flown.t
     series = sensor_series(flown, formulation.startswith("imu"), formulation.endswith("rpm"))
     stamps = flown.mocap_t + _STAMP_JITTER * rng.standard_normal(flown.mocap_t.size)
-    for name in ("position", "attitude"):
-        series[name] = replace(series[name], t=stamps)
+    for channel in ("position", "attitude"):
+        series[channel] = replace(series[channel], t=stamps)
     volts = series["voltage"].values
     noisy = volts + _VOLTAGE_NOISE * rng.standard_normal(volts.shape)
     series["voltage"] = Series(t[::100], noisy)
