@@ -4,10 +4,8 @@ Circles at several speeds; the model lacks drag. What is left is the noise of an
 through the filter: correlated over a tenth of a second.
 """
 
-from __future__ import annotations
-
-import dataclasses
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -30,43 +28,28 @@ CHANNELS = (
 SPEEDS = (0.8, 1.4, 2.0, 2.6)
 
 
-def residuals(
-    flights: int, seconds: float, rate: float, extended: bool, clock: float
-) -> tuple[Residual, ...]:
-    rng = np.random.default_rng(5)
+def residuals(flights: int, seconds: float, extended: bool, clock: float) -> tuple[Residual, ...]:
+    rng, rate = np.random.default_rng(5), 100.0
     low_pass = butter(2, 8.0, fs=rate, output="sos")
     t = np.arange(0.0, seconds, 1.0 / rate)
     found = []
     for i in range(flights):
-        speed = (
-            SPEEDS[i % len(SPEEDS)] * np.clip(t / 4.0, 0.0, 1.0) * np.clip((t[-1] - t) / 3, 0, 1)
-        )
+        ease = np.clip(t / 4.0, 0.0, 1.0) * np.clip((t[-1] - t) / 3, 0, 1)
+        speed = SPEEDS[i % len(SPEEDS)] * ease
         turn = np.cumsum(speed) / rate / 1.2
         wobble = 0.15 * sosfiltfilt(low_pass, rng.standard_normal((4, t.size)))
         velocity = np.stack((speed * np.cos(turn), speed * np.sin(turn), wobble[2])) + wobble[:3]
-        drivers = {
-            "body_velocity_x [m/s]": velocity[0],
-            "body_velocity_y [m/s]": velocity[1],
-            "body_velocity_z [m/s]": velocity[2],
-            "height [m]": 1.5 + 0.3 * np.sin(0.4 * t) + wobble[3],
-            "voltage [V]": 16.4 - 0.02 * t - 0.1 * speed,
-        }
+        drivers = {f"body_velocity_{a} [m/s]": v for a, v in zip("xyz", velocity, strict=True)}
+        drivers["height [m]"] = 1.5 + 0.3 * np.sin(0.4 * t) + wobble[3]
+        drivers["voltage [V]"] = 16.4 - 0.02 * t - 0.1 * speed
         for k, (channel, unit, sigma) in enumerate(CHANNELS):
             noise = sosfiltfilt(low_pass, rng.standard_normal(t.size))
             after = sigma * noise / noise.std()
             gap = -DRAG / MASS * velocity[k] if k < 2 else 0.02 * velocity[2] * (k == 2)
             before = after + gap
+            left = after if extended else before
             found.append(
-                Residual(
-                    f"circle_{i + 1}",
-                    channel,
-                    unit,
-                    t + clock,
-                    before,
-                    after if extended else before,
-                    sigma,
-                    drivers,
-                )
+                Residual(f"circle_{i + 1}", channel, unit, t + clock, before, left, sigma, drivers)
             )
     return tuple(found)
 
@@ -146,31 +129,18 @@ NOTES = (
 
 
 def sample(
-    verdict: str = "named",
-    *,
-    flights: int = 4,
-    seconds: float = 30.0,
-    rate: float = 100.0,
-    clock: float = 0.0,
+    verdict: str = "named", *, flights: int = 4, seconds: float = 30.0, clock: float = 0.0
 ) -> Diagnosis:
     """Return a diagnosis with the verdict asked for."""
     extended = verdict in ("named", "partly_explained")
     causes = {"set": (MASS_ERROR, THRUST_ERROR), "named": (CAUSE,), "partly_explained": (CAUSE,)}
     members = ("mass_error", "thrust_coefficient_error") if verdict == "set" else ()
-    notes = tuple(
-        FlightSummary(
-            f"circle_{i + 1}",
-            f"lab/circle_{i + 1}.mcap (MCAP)",
-            seconds,
-            seconds - 3.5 * (i == 2),
-            "imu" if i % 2 == 0 else "mocap",
-            () if i % 2 == 0 else ("gyro", "accel", "rotor_speed"),
-        )
-        for i in range(flights)
-    )
-    checks = tuple(
-        dataclasses.replace(f, start_s=f.start_s + clock, end_s=f.end_s + clock) for f in PRECHECKS
-    )
+    notes = []
+    for i in range(flights):
+        name, used = f"circle_{i + 1}", seconds - 3.5 * (i == 2)
+        sensors = ("mocap", ("gyro", "accel", "rotor_speed")) if i % 2 else ("imu", ())
+        notes.append(FlightSummary(name, f"lab/{name}.mcap (MCAP)", seconds, used, *sensors))
+    checks = tuple(replace(f, start_s=f.start_s + clock, end_s=f.end_s + clock) for f in PRECHECKS)
     return Diagnosis(
         verdict=verdict,
         causes=causes.get(verdict, ()),
@@ -179,8 +149,8 @@ def sample(
         gain=GAIN if extended else (),
         prechecks=checks,
         candidates=SCORES,
-        flights=notes,
-        residuals=residuals(flights, seconds, rate, extended, clock),
+        flights=tuple(notes),
+        residuals=residuals(flights, seconds, extended, clock),
         confidence=0.987 if extended else 0.93,
         summary=SUMMARY if extended else f"Made-up summary of a verdict '{verdict}'.",
         notes=NOTES,

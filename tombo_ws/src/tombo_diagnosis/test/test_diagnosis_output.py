@@ -1,7 +1,5 @@
 """The files of a diagnosis: strict JSON with the fields that were agreed on, all or nothing."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math
@@ -31,6 +29,10 @@ def strict(text: str):
     return json.loads(text, parse_constant=refuse)
 
 
+def short(verdict="named"):
+    return sample(verdict, flights=1, seconds=10.0)
+
+
 def write(path: Path, found, *, replace: bool = False, **options) -> set[str]:
     with open_output(path, replace=replace, results=DIAGNOSIS_FILES) as folder:
         write_diagnosis(folder, found, AGAINST, **options)
@@ -44,19 +46,15 @@ def test_the_fields_are_exactly_those_agreed_on():
         "verdict", "causes", "set", "separating_experiment", "gain", "prechecks", "candidates",
         "flights", "confidence", "summary", "notes", "model", "vehicle", "seconds", "version",
     ]  # fmt: skip
-    assert set(found["separating_experiment"]) == {
-        "effects", "text", "separation", "present", "mission_file",
-    }  # fmt: skip
-    assert set(found["causes"][0]) == {"effect", "theta", "confidence", "covariance"}
-    assert set(found["causes"][0]["theta"]["fraction"]) == {
-        "value", "unit", "nominal", "low", "high",
-    }  # fmt: skip
-    assert set(strict(diagnosis_json(sample()))["gain"][0]) == {
-        "channel", "unit", "horizon", "before", "after", "reduction", "low", "high", "flights",
-    }  # fmt: skip
-    assert set(found["prechecks"][0]) == {
-        "check", "severity", "flight", "channel", "message", "start_s", "end_s",
-    }  # fmt: skip
+    cause, gain = found["causes"][0], strict(diagnosis_json(sample()))["gain"][0]
+    for fields, names in (
+        (found["separating_experiment"], "effects text separation present mission_file"),
+        (cause, "effect theta confidence covariance"),
+        (cause["theta"]["fraction"], "value unit nominal low high"),
+        (gain, "channel unit horizon before after reduction low high flights"),
+        (found["prechecks"][0], "check severity flight channel message start_s end_s"),
+    ):
+        assert set(fields) == set(names.split())
     assert found["set"] == ["mass_error", "thrust_coefficient_error"]
     assert found["separating_experiment"]["mission_file"] == "separating_experiment.yaml"
 
@@ -93,7 +91,7 @@ def test_a_named_cause_leaves_a_model_that_can_be_read(tmp_path):
 
 
 def test_a_set_leaves_the_mission_and_no_model(tmp_path):
-    names = write(tmp_path / "o", sample("set", flights=1, seconds=10.0), pictures=False)
+    names = write(tmp_path / "o", short("set"), pictures=False)
     assert names == {"diagnosis.json", "separating_experiment.yaml"}
     text = (tmp_path / "o" / "separating_experiment.yaml").read_text()
     assert yaml.safe_load(text) == MISSION
@@ -102,22 +100,22 @@ def test_a_set_leaves_the_mission_and_no_model(tmp_path):
 
 @pytest.mark.parametrize("verdict", ["none", "unknown"])
 def test_without_a_cause_there_is_neither(tmp_path, verdict):
-    found = sample(verdict, flights=1, seconds=10.0)
+    found = short(verdict)
     assert write(tmp_path / "o", found, pictures=False) == {"diagnosis.json"}
 
 
 @pytest.mark.slow
 def test_an_earlier_diagnosis_gives_way_and_other_files_stay(tmp_path):
     target = tmp_path / "o"
-    write(target, sample("named", flights=1, seconds=10.0))
+    write(target, short())
     (target / "mine.txt").write_text("mine")
     (target / "plots" / "mine.png").write_text("mine")
-    names = write(target, sample("set", flights=1, seconds=10.0), replace=True, pictures=False)
+    names = write(target, short("set"), replace=True, pictures=False)
     assert names == {
         "diagnosis.json", "separating_experiment.yaml", "mine.txt", "plots/mine.png",
     }  # fmt: skip
     with pytest.raises(InputError, match="not empty"):
-        write(target, sample(flights=1, seconds=10.0))
+        write(target, short())
 
 
 @pytest.mark.slow
@@ -125,7 +123,7 @@ def test_a_failure_half_way_leaves_the_folder_as_it_was(tmp_path, monkeypatch):
     from tombo_diagnosis.report import diagnosis_plots
 
     target = tmp_path / "o"
-    write(target, sample("set", flights=1, seconds=10.0), pictures=False)
+    write(target, short("set"), pictures=False)
     before = {p: p.read_bytes() for p in target.rglob("*")}
 
     def bug(diagnosis):
@@ -133,10 +131,10 @@ def test_a_failure_half_way_leaves_the_folder_as_it_was(tmp_path, monkeypatch):
 
     monkeypatch.setattr(diagnosis_plots, "draw_gains", bug)
     with pytest.raises(RuntimeError, match="a bug"):
-        write(target, sample(flights=1, seconds=10.0), replace=True)
+        write(target, short(), replace=True)
     assert {p: p.read_bytes() for p in target.rglob("*")} == before
     with pytest.raises(RuntimeError, match="a bug"):
-        write(tmp_path / "new" / "deep", sample(flights=1, seconds=10.0))
+        write(tmp_path / "new" / "deep", short())
     assert {p.name for p in tmp_path.iterdir()} == {"o"}
 
 
@@ -146,5 +144,5 @@ def test_a_file_where_the_plots_go_is_refused_before_anything_is_replaced(tmp_pa
     (target / "plots").write_text("a file")
     (target / "diagnosis.json").write_text("old")
     with pytest.raises(InputError, match="plots in it is a file"):
-        write(target, sample(flights=1, seconds=10.0), replace=True)
+        write(target, short(), replace=True)
     assert (target / "diagnosis.json").read_text() == "old"

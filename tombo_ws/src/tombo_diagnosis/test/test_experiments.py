@@ -1,7 +1,5 @@
 """The separating manoeuvres: each can be flown, from a file, and does what it says."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

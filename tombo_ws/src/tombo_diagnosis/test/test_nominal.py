@@ -1,7 +1,5 @@
 """The nominal model of a diagnosis, and models that are laid over it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

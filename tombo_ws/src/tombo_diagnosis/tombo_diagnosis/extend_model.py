@@ -20,20 +20,15 @@ def extends(diagnosis: Diagnosis) -> bool:
 
 
 def model_of(
-    diagnosis: Diagnosis,
-    *,
-    tool: str,
-    date: str,
-    scenario: str,
-    base: Model | None = None,
+    diagnosis: Diagnosis, *, tool: str, date: str, scenario: str, base: Model | None = None
 ) -> Model:
     """Return the model, extended by the causes of a diagnosis.
 
     Args:
         diagnosis: its causes are put in.
-        tool: name and version of what made the diagnosis.
+        tool: that made the diagnosis, with its version.
         date: of today, as text.
-        scenario: name of what the flights were compared with.
+        scenario: what the flights were compared with.
         base: an extended model that the flights were compared with, if any; its effects stay.
 
     Raises:

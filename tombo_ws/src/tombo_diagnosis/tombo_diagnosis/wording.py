@@ -25,6 +25,11 @@ def listed(names: Sequence[str], last: str = "and") -> str:
     return f"{', '.join(texts[:-1])} {last} {texts[-1]}"
 
 
+def counted(count: int, name: str) -> str:
+    """Return a number of things, in the plural if there are several."""
+    return f"{count} {name}{'s' * (count > 1)}"
+
+
 def capital(text: str) -> str:
     """Return the text with its first letter large, the others as they are."""
     return text[:1].upper() + text[1:]
@@ -44,11 +49,9 @@ def percent(share: float, digits: int = 0) -> str:
 
 def certainty(probability: float) -> str:
     """Return a probability in per cent that never claims to be certain."""
-    if not math.isfinite(probability):
-        return DASH
-    return "> 99 %" if probability > 0.995 else "< 1 %" if probability < 0.005 else percent(
-        probability
-    )  # fmt: skip
+    if probability > 0.995:
+        return "> 99 %"
+    return "< 1 %" if probability < 0.005 else percent(probability)
 
 
 def figure(value: float, digits: int = 3) -> str:
@@ -69,19 +72,13 @@ def interval(fitted: FittedParameter) -> tuple[str, str, str]:
     if not (math.isfinite(width) and width > 0.0):
         return figure(fitted.value), figure(fitted.low), figure(fitted.high)
     decimals = -math.floor(math.log10(width / 4.0))
-    if decimals > 5:
-        significant = max(3, 2 + _magnitude(fitted.value) - _magnitude(width))
-        return (
-            figure(fitted.value, significant),
-            figure(fitted.low, significant),
-            figure(fitted.high, significant),
-        )
-    decimals = max(decimals, 0)
-    value, low, high = (
-        f"{x:.{decimals}f}".replace("-", "−") if math.isfinite(x) else DASH
-        for x in (fitted.value, fitted.low, fitted.high)
-    )
-    return value, low, high
+
+    def shown(x: float) -> str:
+        if decimals > 5:
+            return figure(x, max(3, 2 + _magnitude(fitted.value) - _magnitude(width)))
+        return f"{x:.{max(decimals, 0)}f}".replace("-", "−") if math.isfinite(x) else DASH
+
+    return shown(fitted.value), shown(fitted.low), shown(fitted.high)
 
 
 def _magnitude(value: float) -> int:

@@ -12,35 +12,55 @@ def row(kind="single", verdict="named", causes=("wind",), hidden=("wind",), size
     } | more  # fmt: skip
 
 
-def test_right_causes_are_counted_by_size():
-    rows = [
-        row(), row(causes=("drag", "wind")), row(size="medium"),
-        row(size="medium", verdict="none", causes=()), row(size="small", verdict="set"),
-    ]  # fmt: skip
+TWO = ("wind", "mass")
+SCORED = {
+    "right causes are counted by size": (
+        [row(), row(causes=("drag", "wind")), row(size="medium"),
+         row(size="medium", verdict="none", causes=()), row(size="small", verdict="set")],
+        {"cases": 5, "top1_large": 0.5, "top1_medium": 0.5, "top1_small": 1.0,
+         "top1_large_cases": 2},
+    ),
+    "a name that was not hidden is wrong": (
+        [row(), row(causes=("drag",)), row(causes=("wind", "drag")),
+         row(kind="none", hidden=(), causes=("wind",)), row(verdict="set", causes=("drag",))],
+        {"right_if_named": 0.25, "named_cases": 4},
+    ),
+    "the truth is looked for in what was answered": (
+        [row(verdict="set", causes=("drag", "wind"), set=["drag", "wind"]),
+         row(verdict="set", causes=("drag",), set=["drag", "bias", "mass"]),
+         row(verdict="unknown", causes=())],
+        {"truth_in_set": 0.5, "mean_set_size": 2.5},
+    ),
+    "unknown causes must get no name": (
+        [row("unknown", verdict, causes, ("tether",)) for verdict, causes in (
+            ("named", ("wind",)), ("set", ("wind", "drag")), ("unknown", ()), ("none", ()),
+            ("partly_explained", ("wind",)))],
+        {"unknown_wrongly_named": 0.4, "unknown_missed": 0.2, "unknown_partly_explained": 0.2},
+    ),
+    "pairs are found whole or in part": (
+        [row("pair", causes=TWO, hidden=TWO), row("pair", causes=("wind",), hidden=TWO),
+         row("pair", causes=("drag",), hidden=TWO), row("pair", "unknown", (), TWO)],
+        {"pair_both": 0.25, "pair_one": 0.5, "pair_cases": 4},
+    ),
+    "errors of parameters and their coverage": (
+        [row(parameters={"gusts": {"error": 0.5, "covered": [True]}}),
+         *(row(parameters={"wind": {"error": e, "covered": [e < 0.05]}})
+           for e in (0.01, 0.02, 0.03, 0.04, 0.10))],
+        {"parameter_error_median": 0.03, "parameter_error_p90": 0.076,
+         "parameter_error_chance_median": 0.5, "coverage_95": 5 / 6},
+    ),
+    "an error of nothing counts": (
+        [row(parameters={"wind": {"error": e, "covered": []}}) for e in (0.0, 0.0, 0.3)],
+        {"parameter_error_median": 0.0},
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", SCORED)
+def test_rows_are_scored(what):
+    rows, expected = SCORED[what]
     said = score(rows)
-    assert said["cases"] == 5
-    assert (said["top1_large"], said["top1_medium"], said["top1_small"]) == (0.5, 0.5, 1.0)
-    assert said["top1_large_cases"] == 2
-
-
-def test_a_name_that_was_not_hidden_is_wrong():
-    rows = [
-        row(), row(causes=("drag",)), row(causes=("wind", "drag")),
-        row(kind="none", hidden=(), causes=("wind",)), row(verdict="set", causes=("drag",)),
-    ]  # fmt: skip
-    assert score(rows)["right_if_named"] == pytest.approx(1 / 4)
-    assert score(rows)["named_cases"] == 4
-
-
-def test_the_truth_is_looked_for_in_what_was_answered():
-    rows = [
-        row(verdict="set", causes=("drag", "wind"), set=["drag", "wind"]),
-        row(verdict="set", causes=("drag",), set=["drag", "bias", "mass"]),
-        row(verdict="unknown", causes=()),
-    ]
-    said = score(rows)
-    assert said["truth_in_set"] == 0.5
-    assert said["mean_set_size"] == pytest.approx(2.5)
+    assert {key: said[key] for key in expected} == pytest.approx(expected)
 
 
 def test_false_alarms_have_an_upper_bound():
@@ -50,48 +70,6 @@ def test_false_alarms_have_an_upper_bound():
     assert said["false_alarm_upper"] == pytest.approx(0.0545, abs=1e-3)
     assert score(rows[:1])["false_alarm_upper"] == pytest.approx(0.975, abs=1e-3)
     assert score(rows[-1:])["false_alarm_upper"] == 1.0
-
-
-def test_unknown_causes_must_get_no_name():
-    rows = [
-        row("unknown", verdict, causes, ("tether",))
-        for verdict, causes in (
-            ("named", ("wind",)), ("set", ("wind", "drag")), ("unknown", ()), ("none", ()),
-            ("partly_explained", ("wind",)),
-        )
-    ]  # fmt: skip
-    said = score(rows)
-    assert said["unknown_wrongly_named"] == pytest.approx(0.4)
-    assert said["unknown_missed"] == said["unknown_partly_explained"] == pytest.approx(0.2)
-
-
-def test_pairs_are_found_whole_or_in_part():
-    rows = [
-        row("pair", causes=("wind", "mass"), hidden=("wind", "mass")),
-        row("pair", causes=("wind",), hidden=("wind", "mass")),
-        row("pair", causes=("drag",), hidden=("wind", "mass")),
-        row("pair", "unknown", (), ("wind", "mass")),
-    ]
-    said = score(rows)
-    assert said["pair_both"] == 0.25 and said["pair_one"] == 0.5 and said["pair_cases"] == 4
-
-
-def test_errors_of_parameters_and_their_coverage():
-    rows = [
-        row(parameters={"wind": {"error": e, "covered": [e < 0.05]}})
-        for e in (0.01, 0.02, 0.03, 0.04, 0.10)
-    ]
-    rows.append(row(parameters={"gusts": {"error": 0.5, "covered": [True]}}))
-    said = score(rows)
-    assert said["parameter_error_median"] == pytest.approx(0.03)
-    assert said["parameter_error_p90"] == pytest.approx(0.076)
-    assert said["parameter_error_chance_median"] == pytest.approx(0.5)
-    assert said["coverage_95"] == pytest.approx(5 / 6)
-
-
-def test_an_error_of_nothing_counts():
-    said = score([row(parameters={"wind": {"error": e, "covered": []}}) for e in (0.0, 0.0, 0.3)])
-    assert said["parameter_error_median"] == 0.0
 
 
 def test_without_rows_nothing_is_claimed():

@@ -33,11 +33,8 @@ def ned(log):
     world = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1.0]])
 
     def attitude(q):
-        return unwound(
-            Rotation.from_matrix(
-                world @ Rotation.from_quat(q).as_matrix() @ np.diag(FRD)
-            ).as_quat()
-        )
+        matrices = world @ Rotation.from_quat(q).as_matrix() @ np.diag(FRD)
+        return unwound(Rotation.from_matrix(matrices).as_quat())
 
     return with_values(with_values(log, "position", lambda p: p @ world.T), "attitude", attitude)
 

@@ -1,19 +1,43 @@
 """Crashes, contacts, jumps of the motion capture, the ground, and changes of the vehicle."""
 
-import dataclasses
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_flight import STAND, Series, made_flight, poses_only, with_series, with_values, wrote
+from made_flight import (
+    STAND,
+    Series,
+    made_flight,
+    poses_only,
+    recorded,
+    with_series,
+    with_values,
+    wrote,
+)
 
 from tombo_diagnosis.checks import check_log
 from tombo_diagnosis.checks.events import Event
 from tombo_diagnosis.checks.impacts import impacts
-from tombo_diagnosis.logs.log_reader import read_logs
 
-BAGS = Path(__file__).parents[5] / "tests" / "bags"
 FLIGHT = made_flight(duration=24.0)
+
+
+def cut(log, begin=-1.0, end=99.0):
+    series = {}
+    for name, s in log.series.items():
+        keep = (s.t > begin) & (s.t < end)
+        series[name] = Series(s.t[keep], s.values[keep])
+    return replace(log, series=series)
+
+
+def pushed(channel, rows, push):
+    """The flight with a push of a channel's rows."""
+
+    def change(values):
+        values[rows] += push
+        return values
+
+    return with_values(FLIGHT, channel, change)
 
 
 def found(log, check):
@@ -27,46 +51,33 @@ def found(log, check):
 )  # fmt: skip
 def test_a_strike_is_found_in_the_poses_and_set_apart_with_the_recovery(name, first, last):
     """Times of contact from the simulation's truth, which the checks don't see."""
-    (log,) = read_logs([BAGS / f"{name}.mcap"])
-    (contact,) = found(check_log(log), "contact")
+    (contact,) = found(check_log(recorded(name)), "contact")
     assert first - 0.5 < contact.start_s < first
     assert last + 1.9 < contact.end_s < last + 2.4
 
 
 def test_a_strike_that_ends_on_the_ground_is_a_crash():
-    (log,) = read_logs([BAGS / "soft_strike_3.mcap"])
-    checked = check_log(log)
+    checked = check_log(recorded("soft_strike_3"))
     (crash,) = found(checked, "crash")
     assert 22.6 < crash.start_s < 23.11
     assert checked.exclude[-1][1] == checked.series["position"].t[-1]
 
 
 def test_a_blow_to_the_accelerometer_is_a_contact():
-    def blow(values):
-        values[2400:2404] += [50.0, 0.0, 20.0]
-        return values
-
-    (contact,) = found(check_log(with_values(FLIGHT, "accel", blow)), "contact")
+    blow = pushed("accel", slice(2400, 2404), [50.0, 0.0, 20.0])
+    (contact,) = found(check_log(blow), "contact")
     assert contact.start_s == pytest.approx(11.75, abs=0.02)
     assert contact.end_s == pytest.approx(14.0, abs=0.05)
 
 
 def test_a_blow_at_landing_is_none():
-    def blow(values):
-        values[int((24.0 - STAND) * 200)] += [0.0, 0.0, 400.0]
-        return values
-
-    checked = check_log(with_values(FLIGHT, "accel", blow))
+    checked = check_log(pushed("accel", int((24.0 - STAND) * 200), [0.0, 0.0, 400.0]))
     assert not found(checked, "contact") and not found(checked, "crash")
 
 
 @pytest.mark.parametrize("only_poses", [False, True])
 def test_markers_that_swap_are_no_contact(only_poses):
-    def leap(values):
-        values[1200:1204] += [0.4, 0.0, 0.0]
-        return values
-
-    flight = with_values(FLIGHT, "position", leap)
+    flight = pushed("position", slice(1200, 1204), [0.4, 0.0, 0.0])
     checked = check_log(poses_only(flight) if only_poses else flight)
     (jump,) = found(checked, "jump")
     assert jump.start_s < 12.0 < 12.04 < jump.end_s < 13.0
@@ -79,18 +90,13 @@ def test_a_turn_that_the_gyro_confirms_is_a_manoeuvre(gyro_at, said):
         Event(12.0, "the body's rate jumps", "attitude", "turn", 4.0),
         Event(gyro_at, "the gyro jumps", "gyro", "gyro"),
     ]
-    findings = impacts("a", events, [], 0.0, 30.0, {"gyro", "accel"})
+    findings = impacts("a", events, [], (0.0, 30.0), {"gyro", "accel"})
     assert [f.check for f in findings] == said
 
 
 def test_a_fall_out_of_the_air_is_a_crash():
     """The log ends soon after the vehicle has turned over."""
-    stop = 14.0
-    series = {}
-    for name, s in FLIGHT.series.items():
-        keep = s.t < stop
-        series[name] = Series(s.t[keep], s.values[keep])
-    flight = dataclasses.replace(FLIGHT, series=series)
+    flight = cut(FLIGHT, end=14.0)
 
     def over(values):
         t = flight.series["attitude"].t
@@ -112,11 +118,7 @@ def test_the_ground_is_set_apart_and_the_flight_is_not():
 
 
 def test_a_flight_that_begins_and_ends_in_the_air_has_no_ground():
-    series = {}
-    for name, s in FLIGHT.series.items():
-        keep = (s.t > 6.0) & (s.t < 18.0)
-        series[name] = Series(s.t[keep], s.values[keep])
-    air = dataclasses.replace(FLIGHT, series=series)
+    air = cut(FLIGHT, 6.0, 18.0)
     assert not check_log(air).exclude and not check_log(poses_only(air)).exclude
 
 

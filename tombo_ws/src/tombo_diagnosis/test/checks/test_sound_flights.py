@@ -1,14 +1,9 @@
 """Sound flights raise no alarm, at any rate and with any channels."""
 
-from pathlib import Path
-
 import pytest
-from made_flight import made_flight, poses_only
+from made_flight import made_flight, poses_only, recorded
 
 from tombo_diagnosis.checks import check_log
-from tombo_diagnosis.logs.log_reader import read_logs
-
-BAGS = Path(__file__).parents[5] / "tests" / "bags"
 
 
 def complaints(log):
@@ -40,8 +35,7 @@ def test_one_without_noise():
 
 @pytest.mark.parametrize("name", ["no_obstacle_1", "aggressive_2"])
 def test_simulated_ones_without_obstacle(name):
-    (log,) = read_logs([BAGS / f"{name}.mcap"])
-    checks = {f.check for f in check_log(log).findings if f.severity != "info"}
+    checks = {f.check for f in check_log(recorded(name)).findings if f.severity != "info"}
     assert checks <= {"gap"}
 
 

@@ -1,6 +1,6 @@
 """Stamps: late, jittering, backwards, twice; samples: missing, frozen, held, drawn."""
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,15 +20,17 @@ FLIGHT = made_flight()
 POSE = ("position", "attitude")
 
 
-def lag_of(flight):
-    checked = check_log(flight)
-    return time_offset(_motion(dict(checked.series), list(checked.exclude)))
+def with_poses(change):
+    """The flight with times and values of position and attitude changed alike."""
+    series = {c: Series(*change(FLIGHT.series[c].t, FLIGHT.series[c].values)) for c in POSE}
+    return with_series(FLIGHT, **series)
 
 
 @pytest.mark.parametrize("late", [-0.05, -0.012, 0.0, 0.008, 0.03, 0.11])
 @pytest.mark.parametrize("rate", [30.0, 100.0])
 def test_how_late_stamps_are_is_found_within_its_uncertainty(late, rate):
-    found = lag_of(made_flight(late=late, mocap_hz=rate))
+    checked = check_log(made_flight(late=late, mocap_hz=rate))
+    found = time_offset(_motion(dict(checked.series), list(checked.exclude)))
     assert abs(found.lag - late) < max(3.0 * found.sigma, 0.002)
     assert found.sigma < 0.004
 
@@ -42,11 +44,9 @@ def test_late_stamps_are_said_and_small_lags_are_not():
 
 
 def test_stamps_of_arrival_are_recognised_by_their_jitter():
-    rng = np.random.default_rng(2)
-    t = FLIGHT.series["position"].t
-    shaken = t + rng.gamma(2.0, 0.0015, t.size)
-    series = {c: Series(shaken, FLIGHT.series[c].values) for c in POSE}
-    assert wrote(check_log(with_series(FLIGHT, **series)), "position: stamps jitter")
+    late = np.random.default_rng(2).gamma(2.0, 0.0015, FLIGHT.series["position"].t.size)
+    shaken = with_poses(lambda t, values: (t + late, values))
+    assert wrote(check_log(shaken), "position: stamps jitter")
 
 
 @pytest.mark.parametrize("rate", [30.0, 120.0])
@@ -75,10 +75,7 @@ def test_backwards_and_double_stamps_are_put_right():
 
 
 def test_a_clock_that_was_set_leaves_the_longest_part():
-    position = FLIGHT.series["position"]
-    t = position.t + np.where(position.t > 13.0, -9.0, 0.0)
-    series = {c: Series(t, FLIGHT.series[c].values) for c in POSE}
-    checked = check_log(with_series(FLIGHT, **series))
+    checked = check_log(with_poses(lambda t, v: (t + np.where(t > 13.0, -9.0, 0.0), v)))
     assert checked.series["position"].t[-1] < 13.01
     faults = wrote(checked, "jump back by 8.99 s")
     assert {f.channel for f in faults} == set(POSE) and faults[0].severity == "fault"
@@ -87,8 +84,8 @@ def test_a_clock_that_was_set_leaves_the_longest_part():
 def test_gaps_are_counted_and_the_longest_is_dated():
     t = FLIGHT.series["position"].t
     keep = (np.abs(t - 9.0) > 0.4) & (np.abs(t - 12.0) > 0.1)
-    series = {c: Series(t[keep], FLIGHT.series[c].values[keep]) for c in POSE}
-    (gap,) = wrote(check_log(with_series(FLIGHT, **series)), "position: 2 gaps")
+    holed = with_poses(lambda t, values: (t[keep], values[keep]))
+    (gap,) = wrote(check_log(holed), "position: 2 gaps")
     assert gap.severity == "warning"
     assert (gap.start_s, gap.end_s) == pytest.approx((8.6, 9.4), abs=0.021)
 
@@ -100,16 +97,10 @@ def test_a_channel_that_ends_early_is_said():
     assert wrote(checked, "gyro: ends 8.0 s early")
 
 
-def stuck_at(values, begin=900, end=980):
-    values[begin:end] = values[begin]
-    return values
-
-
 def test_frozen_poses_are_set_apart():
-    flight = FLIGHT
-    for channel in POSE:
-        flight = with_values(flight, channel, stuck_at)
-    checked = check_log(flight)
+    rows = np.arange(FLIGHT.series["position"].t.size)
+    rows[900:980] = 900
+    checked = check_log(with_poses(lambda t, values: (t, values[rows])))
     frozen = [f for f in checked.findings if f.check == "frozen"]
     assert {f.channel for f in frozen} == set(POSE)
     for f in frozen:
@@ -142,13 +133,7 @@ def test_extrapolated_data_are_not_taken_for_a_crash():
 
 
 def test_poses_held_on_a_faster_clock_are_thinned():
-    def held(values):
-        return values[np.arange(len(values)) // 3 * 3]
-
-    flight = FLIGHT
-    for channel in POSE:
-        flight = with_values(flight, channel, held)
-    checked = check_log(flight)
+    checked = check_log(with_poses(lambda t, v: (t, v[np.arange(len(v)) // 3 * 3])))
     assert wrote(checked, "position: 67 % of the samples repeat")
     assert np.median(np.diff(checked.series["position"].t)) == pytest.approx(0.03, abs=1e-6)
     assert not [f for f in checked.findings if f.severity == "fault"]
@@ -181,7 +166,7 @@ def test_poses_are_needed(missing):
 
 @pytest.mark.parametrize("count", [0, 1, 2, 5, 12, 40])
 def test_logs_of_a_few_samples(count):
-    short = dataclasses.replace(
+    short = replace(
         FLIGHT, series={k: Series(s.t[:count], s.values[:count]) for k, s in FLIGHT.series.items()}
     )
     if count < 10:
@@ -229,21 +214,13 @@ def test_whole_flights_with_holes_of_every_kind(seed):
         begin = rng.integers(0, t.size)
         part = slice(begin, begin + rng.integers(1, 200))
         kind = rng.integers(6)
-        if kind == 0:
-            values[part] = np.nan
-        elif kind == 1:
-            values[part] = values[begin]
-        elif kind == 2:
-            t[part] = t[begin]
-        elif kind == 3:
-            t[part] = np.nan
-        elif kind == 4:
-            values[part] *= 1e6
+        if kind in (0, 1, 4):
+            values[part] = {0: np.nan, 1: values[begin], 4: 1e6 * values[part]}[int(kind)]
         else:
-            t[part] -= rng.random()
+            t[part] = {2: t[begin], 3: np.nan, 5: t[part] - rng.random()}[int(kind)]
         series[name] = Series(t, values)
     try:
-        check_log(dataclasses.replace(flight, series=series))
+        check_log(replace(flight, series=series))
     except InputError as error:
         assert "\n" not in str(error)
 

@@ -21,22 +21,16 @@ def data(seed, unknowns, rows=12):
     return rng.standard_normal((rows, unknowns)), rng.standard_normal(rows)
 
 
-def log_density(design, left, deviations, prior_mean, at):
-    misfit = left - design @ at
-    prior = np.sum(((at - prior_mean) / deviations) ** 2)
-    return -0.5 * misfit @ misfit - 0.5 * prior - np.log(deviations * np.sqrt(2 * np.pi)).sum()
-
-
 @pytest.mark.slow
 @given(SEEDS, SIZES, st.floats(-1.0, 1.0))
 def test_one_unknown_is_integrated(seed, deviation, middle):
     design, left = data(seed, 1)
-    wide, prior_mean = np.array([deviation]), np.array([middle])
-    solution = solve(equations(design, left), wide, prior_mean)
+    solution = solve(equations(design, left), np.array([deviation]), np.array([middle]))
 
     def density(x):
-        at = np.array([x])
-        return np.exp(log_density(design, left, wide, prior_mean, at) - solution.evidence)
+        misfit, prior = left - design[:, 0] * x, ((x - middle) / deviation) ** 2
+        log = -0.5 * (misfit @ misfit + prior) - np.log(deviation * np.sqrt(2 * np.pi))
+        return np.exp(log - solution.evidence)
 
     m, s = solution.mean[0], np.sqrt(solution.covariance[0, 0])
     total, _ = integrate.quad(density, m - 12 * s, m + 12 * s)

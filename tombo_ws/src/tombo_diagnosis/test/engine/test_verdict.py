@@ -34,10 +34,8 @@ NOTHING = Explanation((), None, 0.0)
 
 
 def searched(best=NOTHING, *alternatives):
-    single_log_bf = {
-        e.effects[0]: e.evidence for e in (best, *alternatives) if len(e.effects) == 1
-    }
-    return SearchResult(best, single_log_bf or {"wind": -2.0}, alternatives)
+    alone = {e.effects[0]: e.evidence for e in (best, *alternatives) if len(e.effects) == 1}
+    return SearchResult(best, alone or {"wind": -2.0}, alternatives)
 
 
 def left(excess):
@@ -66,14 +64,11 @@ def judged(found, excess=NO_NOISE, noisy=(), gusts=None, residual_r2=0.0, explai
     return judge(SETTING, found, remainder(left(excess), noisy, gusts, residual_r2, explained))
 
 
-def test_no_cause_and_a_clean_remainder_is_none():
-    said = judged(searched(), explained=0.0)
-    assert said.verdict == "none" and not said.effects and said.confidence > 0.8
-
-
-def test_no_cause_and_a_large_remainder_is_unknown():
-    said = judged(searched(), LOUD, explained=0.0)
-    assert said.verdict == "unknown" and not said.effects and said.confidence > 0.9
+@pytest.mark.parametrize(("excess", "verdict", "least"), [(NO_NOISE, "none", 0.8),
+                                                          (LOUD, "unknown", 0.9)])  # fmt: skip
+def test_without_a_cause_the_remainder_decides(excess, verdict, least):
+    said = judged(searched(), excess, explained=0.0)
+    assert said.verdict == verdict and not said.effects and said.confidence > least
 
 
 def test_a_cause_that_leaves_only_chance_is_named():
@@ -101,11 +96,7 @@ def test_causes_as_likely_as_each_other_are_a_set():
     close = explanation("tilt", evidence=PLAIN - 0.5 * LOG_BF_DISTINCT)
     far = explanation("drag", evidence=PLAIN - 3 * LOG_BF_DISTINCT)
     said = judged(searched(explanation("wind", evidence=PLAIN), close, far))
-    assert (said.verdict, said.effects, said.members) == (
-        "set",
-        ("wind", "tilt"),
-        ("wind", "tilt"),
-    )
+    assert said.verdict == "set" and said.effects == said.members == ("wind", "tilt")
     assert said.each["wind"] > said.each["tilt"] > 0.0
 
 
@@ -118,14 +109,10 @@ def test_strong_causes_are_distinguished_by_a_share_of_their_evidence(ahead, ver
 
 def test_what_rivals_share_does_not_make_them_alike():
     """Two that both need the wind, which is strong, are distinguished by what they add to it."""
-    best, rival = (
-        explanation("wind", "bias", evidence=STRONG + PLAIN),
-        explanation("wind", "tilt", evidence=STRONG + PLAIN / 2),
-    )
-    found = searched(best, rival)
+    best = explanation("wind", "bias", evidence=STRONG + PLAIN)
+    found = searched(best, explanation("wind", "tilt", evidence=STRONG + PLAIN / 2))
     assert judged(found).members
-    shared = replace(found, evaluated={frozenset({"wind"}): STRONG})
-    said = judged(shared)
+    said = judged(replace(found, evaluated={frozenset({"wind"}): STRONG}))
     assert (said.effects, said.members) == (("wind", "bias"), ())
 
 
@@ -151,27 +138,22 @@ def test_a_cause_that_was_just_accepted_has_less_confidence():
 
 
 def test_noise_is_a_cause_beside_others():
-    said = judged(
-        searched(explanation("wind", evidence=STRONG)), noisy=[noise(evidence=STRONG / 2)]
-    )
+    said = judged(searched(explanation("wind")), noisy=[noise(evidence=STRONG / 2)])
     assert (said.verdict, said.effects) == ("named", ("wind", "imu_noise"))
     assert judged(searched(), noisy=[noise()], explained=0.0).effects == ("imu_noise",)
 
 
-def test_gusts_are_named_when_they_do_not_repeat():
-    assert judged(searched(), gusts=blown()).effects == ("gusts",)
-
-
 @pytest.mark.parametrize("gusts,residual_r2", [(blown(), 0.6), (blown(at_edge=True), 0.0)])
-def test_what_repeats_or_has_no_time_of_gusts_is_unknown(gusts, residual_r2):
+def test_gusts_are_named_and_what_repeats_or_has_no_time_of_gusts_is_unknown(gusts, residual_r2):
+    assert judged(searched(), gusts=blown()).effects == ("gusts",)
     said = judged(searched(), gusts=gusts, residual_r2=residual_r2, explained=0.0)
     assert said.verdict == "unknown" and not said.effects
 
 
 def test_at_most_three_causes_are_named():
     many = [noise(f"noise_{k}", STRONG - k) for k in range(5)]
-    said = judged(searched(explanation("wind")), noisy=many)
-    assert len(said.effects) == 3 and said.effects[0] == "wind"
+    named = judged(searched(explanation("wind")), noisy=many).effects
+    assert len(named) == 3 and named[0] == "wind"
 
 
 @pytest.mark.parametrize("excess", [math.nan, math.inf, -math.inf])
@@ -198,8 +180,7 @@ def test_a_tangent_that_promised_what_the_model_does_not_keep_is_no_cause(tangen
 
 
 def test_an_empty_remainder_is_no_excess():
-    said = judge(SETTING, searched(), remainder(()))
-    assert said.verdict == "none"
+    assert judge(SETTING, searched(), remainder(())).verdict == "none"
 
 
 def test_of_a_stochastic_effect_the_best_fit_counts():
@@ -221,18 +202,15 @@ def test_beside_a_strong_cause_a_weak_one_needs_more():
     assert said.verdict == "named" and said.effects == ("imu_noise",)
     said = judged(searched(explanation("mass_error")), noisy=[noise(evidence=weak)])
     assert said.effects == ("mass_error",)
-    said = judged(
-        searched(explanation("mass_error", evidence=LOG_BF_ADDITIONAL + 1.0)), noisy=[noise()]
-    )
+    enough = explanation("mass_error", evidence=LOG_BF_ADDITIONAL + 1.0)
+    said = judged(searched(enough), noisy=[noise()])
     assert set(said.effects) == {"mass_error", "imu_noise"}
 
 
 def test_alternatives_of_a_cause_that_was_not_accepted_are_no_set():
     weak = 0.5 * (LOG_BF_FIRST + LOG_BF_ADDITIONAL)
-    found = searched(
-        explanation("mass_error", evidence=weak), explanation("thrust", evidence=weak - 1.0)
-    )
-    said = judged(found, noisy=[noise()])
+    rival = explanation("thrust", evidence=weak - 1.0)
+    said = judged(searched(explanation("mass_error", evidence=weak), rival), noisy=[noise()])
     assert said.effects == ("imu_noise",) and not said.members
 
 

@@ -72,17 +72,11 @@ def scenario(effects, course=LIVELY[0], length=LENGTH):
             "propeller": {"conf": 13, "law": "repaired"},
             "control": {"velocity_max_xy": 3.5, "velocity_max_z": 1.5},
             "effects": {name: dict(values) for name, values in effects.items()},
-            "mission": {
-                "takeoff_time": 0.3,
-                "height": 1.2,
-                "climb_speed": 1.2,
-                "approach_time": 2.2,
-                "land_time": 3000.0,
-                "course": course,
-            },
+            "mission": {"takeoff_time": 0.3, "height": 1.2, "climb_speed": 1.2,
+                        "approach_time": 2.2, "land_time": 3000.0, "course": course},
         },
         "short",
-    )
+    )  # fmt: skip
 
 
 @cache
@@ -130,14 +124,11 @@ def logs(
 ):
     """Return flights of one vehicle with something hidden in them."""
     effects = with_hidden(hidden or {})
-    return [
-        as_log(
-            fly(effects, courses[i % len(courses)], 100 * seed + i, draws=draws, **more),
-            f"flight {i + 1}",
-            sensors,
-        )
+    flown = [
+        fly(effects, courses[i % len(courses)], 100 * seed + i, draws=draws, **more)
         for i in range(count)
     ]
+    return [as_log(each, f"flight {i + 1}", sensors) for i, each in enumerate(flown)]
 
 
 def tracks(*args, **more):

@@ -69,13 +69,17 @@ def test_clear_rows_are_those_that_nothing_spoiled_reaches(first, count, width):
 STAMPS = st.lists(st.floats(0.0005, 0.0035), min_size=150, max_size=150)
 
 
+def uneven(steps, seed):
+    t = np.concatenate([[0.0], np.cumsum(steps)])
+    values = np.random.default_rng(seed).standard_normal((t.size, 2))
+    return t, values, np.arange(0.02, t[-1] - 0.02, TICK)
+
+
 @pytest.mark.slow
 @given(STAMPS, st.integers(0, 2**32 - 1))
 def test_means_over_ticks_keep_the_integral(steps, seed):
     """Of a series sampled at uneven times, taken to be straight in between."""
-    t = np.concatenate([[0.0], np.cumsum(steps)])
-    values = np.random.default_rng(seed).standard_normal((t.size, 2))
-    ticks = np.arange(0.02, t[-1] - 0.02, TICK)
+    t, values, ticks = uneven(steps, seed)
     edge = ticks[0] - 0.5 * TICK, ticks[-1] + 0.5 * TICK
     fine = np.unique(np.concatenate([t[(t > edge[0]) & (t < edge[1])], edge]))
     for column, means in zip(values.T, tick_means(t, values, ticks).T, strict=True):
@@ -89,9 +93,7 @@ def test_means_over_ticks_keep_the_integral(steps, seed):
 @pytest.mark.slow
 @given(STAMPS, st.integers(0, 2**32 - 1))
 def test_means_of_what_is_held_keep_the_integral(steps, seed):
-    t = np.concatenate([[0.0], np.cumsum(steps)])
-    values = np.random.default_rng(seed).standard_normal((t.size, 2))
-    ticks = np.arange(0.02, t[-1] - 0.02, TICK)
+    t, values, ticks = uneven(steps, seed)
     begin, end = ticks[0], ticks[-1] + TICK
     bounds = np.clip(np.concatenate([t, [end]]), begin, end)
     means = held_means(t, values, ticks)

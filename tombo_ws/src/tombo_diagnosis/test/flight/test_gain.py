@@ -31,11 +31,13 @@ def found(hidden, count=3):
 
 def gains(hidden, count=3):
     problem, said = found(hidden, count)
-    tried = [said.best, *said.alternatives]
-    held = [
-        fit_without_flight(problem, f, [e for e in tried if e.hypotheses]) for f in range(count)
-    ]
+    tried = [e for e in (said.best, *said.alternatives) if e.hypotheses]
+    held = [fit_without_flight(problem, f, tried) for f in range(count)]
     return problem, held, one_step_gains(problem, held), open_loop_gains(problem, held)
+
+
+def d_xy():
+    return next(p.index for p in nominal().parameters if p.label == "linear_rotor_drag.d_xy")
 
 
 def by_name(table):
@@ -45,8 +47,7 @@ def by_name(table):
 def test_hidden_drag_is_learned_from_the_other_flights():
     _, held, steps, windows = gains(True)
     for each in held:
-        p = next(p for p in nominal().parameters if p.label == "linear_rotor_drag.d_xy")
-        assert each.theta[p.index] == pytest.approx(0.7, rel=0.1)
+        assert each.theta[d_xy()] == pytest.approx(0.7, rel=0.1)
     table = by_name(steps)
     for axis in "xy":
         assert table[f"force {axis}", "one step"].reduction > 0.6
@@ -56,8 +57,8 @@ def test_hidden_drag_is_learned_from_the_other_flights():
     for axis in "xy":
         for horizon in ("0.5 s", "1 s"):
             assert ends[f"velocity {axis}", horizon].reduction > 0.3
-            assert ends[f"position {axis}", horizon].after < ends[
-                f"position {axis}", horizon].before  # fmt: skip
+            place = ends[f"position {axis}", horizon]
+            assert place.after < place.before
     assert {h for _, h in ends} == {"0.5 s", "1 s"}
 
 
@@ -89,8 +90,7 @@ def test_a_flight_that_is_held_out_teaches_nothing():
     problem = FlightProblem(odd, nominal())
     best = search(problem).best
     assert "linear_rotor_drag" in best.effects
-    index = next(p.index for p in nominal().parameters if p.label == "linear_rotor_drag.d_xy")
-    alone, others = (fit_without_flight(problem, f, [best]).theta[index] for f in (2, 0))
+    alone, others = (fit_without_flight(problem, f, [best]).theta[d_xy()] for f in (2, 0))
     assert alone == pytest.approx(0.7, rel=0.1)
     assert others < alone - 0.1
 

@@ -38,11 +38,18 @@ def rows_of(track, theta):
     """Return channel → (rows,) what is left, all formulations alike."""
     left = residuals(track, nominal(silent=True), theta, draws=ROTOR_DRAWS)
     found = {}
+    channels = channels_of(track, nominal(silent=True))
+    assert set(channels) == set(left)
     for group, rows in left.items():
-        own = [c for c in channels_of(track, nominal(silent=True)) if c.group == group]
+        own = channels[group]
         assert rows.shape[1] == len(own)
         found |= {c.name: rows[:, j] for j, c in enumerate(own)}
     return found
+
+
+def names_of(log, **changes):
+    channels = channels_of(track_of(log), replace(nominal(silent=True), **changes))
+    return [c.name for own in channels.values() for c in own]
 
 
 LEFT = {
@@ -71,16 +78,15 @@ def test_the_true_model_leaves_nearly_nothing(sensors):
 @pytest.mark.parametrize("sensors", SENSORS)
 def test_sensors_say_which_channels_there_are(sensors):
     log = as_log(flown(*frozen(HIDDEN)), sensors=sensors)
-    names = [c.name for c in channels_of(track_of(log), nominal(silent=True))]
+    names = names_of(log)
     assert len(set(names)) == len(names)
     assert ("rotor speed 1" in names) == sensors.endswith("rpm")
     assert ("force x" in names) == ("gyro against mocap x" in names) == sensors.startswith("imu")
     assert ("acceleration x" in names) == sensors.startswith("mocap")
     assert {"turning z", "voltage", "latency"} <= set(names)
     blind = replace(log, series={k: v for k, v in log.series.items() if k != "voltage"})
-    assert "voltage" not in [c.name for c in channels_of(track_of(blind), nominal(silent=True))]
-    unarmed = replace(nominal(silent=True), moments=False)
-    assert not [c for c in channels_of(track_of(log), unarmed) if c.name.startswith("turning")]
+    assert "voltage" not in names_of(blind)
+    assert not [n for n in names_of(log, moments=False) if n.startswith("turning")]
 
 
 FAULTS = {

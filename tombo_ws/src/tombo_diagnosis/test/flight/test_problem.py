@@ -37,11 +37,11 @@ def freed(problem, label):
 
 def test_noise_of_measured_rotor_speeds_is_no_inertia():
     # At one heading next to nothing is yaw moment but the noise, times the rotors' inertia.
-    no_progress = logs(courses=SLOW)
+    flown = logs(courses=SLOW)
     clean, _ = freed(
-        FlightProblem([track_of(log) for log in no_progress], nominal()), "inertia_error.zz"
+        FlightProblem([track_of(log) for log in flown], nominal()), "inertia_error.zz"
     )
-    measured = [track_of(noisy_rotor_speeds(log)) for log in no_progress]
+    measured = [track_of(noisy_rotor_speeds(log)) for log in flown]
     mean, deviation = freed(FlightProblem(measured, nominal()), "inertia_error.zz")
     assert abs(mean - clean) < 2.0 * deviation
 
@@ -59,9 +59,8 @@ def test_thrust_gain_is_not_penalised_by_noise_of_measured_rotor_speeds():
     problem = FlightProblem(flown, nominal())
     fit = problem.fit((PLACE["thrust_coefficient_error.fraction"],), {}, problem.null_hypothesis)
     assert fit.theta[PLACE["thrust_coefficient_error.fraction"]] == pytest.approx(0.12, abs=0.01)
-    turning = [
-        k for k, c in enumerate(problem.channels[0]) if c.name in ("turning x", "turning y")
-    ]
+    own = problem.channels[0]["fast"]
+    turning = [k for k, c in enumerate(own) if c.name in ("turning x", "turning y")]
     for flight in range(len(flown)):
         before = problem.linears[flight].residual["fast"][:, turning].var(axis=0)
         after = problem.residual(fit, flight)["fast"][:, turning].var(axis=0)

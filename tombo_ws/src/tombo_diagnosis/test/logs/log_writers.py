@@ -1,7 +1,5 @@
 """Writes made flights as tables, recordings and PX4 logs."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np
@@ -21,6 +19,10 @@ SIZES = {
     "voltage": ("voltage",),
 }
 """Columns of the shipped mapping `generic`."""
+
+
+def close(a, b, tolerance=1e-9):
+    np.testing.assert_allclose(a, b, atol=tolerance)
 
 
 def table_text(log, channels=SIZES, delimiter=",", epoch=100.0):
@@ -55,10 +57,12 @@ def write_bag(path, log, namespace="", pose="geometry_msgs/msg/PoseStamped", top
     with McapSink(path) as sink:
         parts = []
 
-        def add(name, typename, t, fill, late=0.0, shift_ns=0):
+        def add(name, typename, series, fields, late=0.0, shift_ns=0):
+            t = series.t
             records = layout(typename, {}).records(t.size)
             stamped(records, "header.stamp", t, shift_ns)
-            fill(records)
+            for field, column in fields.items():
+                records[field] = column
             logged = EPOCH_NS + np.round((t + late) * 1e9).astype(np.int64)
             channel = sink.add_channel(namespace + name, typename, SENSOR)
             data = records.tobytes()
@@ -66,46 +70,29 @@ def write_bag(path, log, namespace="", pose="geometry_msgs/msg/PoseStamped", top
             messages = [data[i : i + size] for i in range(0, len(data), size)]
             parts.append(Columns(channel, logged, messages))
 
-        def lay(records, prefix, values, letters):
-            for letter, column in zip(letters, values.T, strict=True):
-                records[prefix + letter] = column
+        def lay(prefix, values):
+            return {prefix + letter: c for letter, c in zip("xyzw", values.T, strict=False)}
 
-        def poses(shift):
-            def fill(records):
-                inner = "pose." if "PoseStamped" in pose else "pose.pose."
-                names = (f"{inner}position.", f"{inner}orientation.")
-                if "Transform" in pose:
-                    names = ("transform.translation.", "transform.rotation.")
-                lay(records, names[0], p.values + shift, "xyz")
-                lay(records, names[1], q, "xyzw")
-
-            return fill
-
-        add(topic, pose, p.t, poses(0.0), latency, pose_clock_ns)
+        inner = "pose." if "PoseStamped" in pose else "pose.pose."
+        names = (f"{inner}position.", f"{inner}orientation.")
+        if "Transform" in pose:
+            names = ("transform.translation.", "transform.rotation.")
+        add(topic, pose, p, lay(names[0], p.values) | lay(names[1], q), latency, pose_clock_ns)
         if truth:
-            add("/ground_truth/pose", "geometry_msgs/msg/PoseStamped", p.t, poses(99.0))
+            wrong = lay("pose.position.", p.values + 99.0) | lay("pose.orientation.", q)
+            add("/ground_truth/pose", "geometry_msgs/msg/PoseStamped", p, wrong)
         if "gyro" in log.series:
             gyro, accel = log.series["gyro"], log.series["accel"]
-
-            def imu(records):
-                lay(records, "angular_velocity.", gyro.values, "xyz")
-                lay(records, "linear_acceleration.", accel.values, "xyz")
-
-            add("/imu/data_raw", "sensor_msgs/msg/Imu", gyro.t, imu)
+            imu = lay("angular_velocity.", gyro.values) | lay("linear_acceleration.", accel.values)
+            add("/imu/data_raw", "sensor_msgs/msg/Imu", gyro, imu)
         if "rotor_command" in log.series:
             command = log.series["rotor_command"]
-
-            def rotors(records):
-                records["speed"] = command.values
-
-            add("/rotor_command", "tombo_msgs/msg/RotorSpeeds", command.t, rotors)
+            speeds = {"speed": command.values}
+            add("/rotor_command", "tombo_msgs/msg/RotorSpeeds", command, speeds)
         if "voltage" in log.series:
-            voltage = log.series["voltage"]
-
-            def battery(records):
-                records["voltage"], records["current"] = voltage.values[:, 0], -8.0
-
-            add("/battery", "sensor_msgs/msg/BatteryState", voltage.t, battery)
+            volts = log.series["voltage"]
+            battery = {"voltage": volts.values[:, 0], "current": -8.0}
+            add("/battery", "sensor_msgs/msg/BatteryState", volts, battery)
         sink.write_columns(*parts)
 
 
@@ -176,19 +163,14 @@ def write_ulog(path, log, mocap=True, estimate=False, age_us=20_000):
         gyro, accel = log.series["gyro"], log.series["accel"]
         flip = np.array([1.0, -1.0, -1.0])
         count = gyro.t.size
-        out.topic(
-            "sensor_combined",
-            [
-                "float[3] gyro_rad",
-                "uint32_t gyro_integral_dt",
-                "int32_t accelerometer_timestamp_relative",
-                "float[3] accelerometer_m_s2",
-                "uint32_t accelerometer_integral_dt",
-            ],
-            [gyro.values * flip, [5000] * count, [-1000] * count, accel.values * flip,
-             [5000] * count],
-            microseconds(gyro.t),
-        )  # fmt: skip
+        columns = {
+            "float[3] gyro_rad": gyro.values * flip,
+            "uint32_t gyro_integral_dt": [5000] * count,
+            "int32_t accelerometer_timestamp_relative": [-1000] * count,
+            "float[3] accelerometer_m_s2": accel.values * flip,
+            "uint32_t accelerometer_integral_dt": [5000] * count,
+        }
+        out.topic("sensor_combined", columns, columns.values(), microseconds(gyro.t))
         rpm = log.series["rotor_speed"].values * 30.0 / np.pi
         shuffled = rpm[:, [2, 0, 3, 1]]
         command = np.clip(log.series["rotor_command"].values / 800.0, 0.0, 1.0)

@@ -4,15 +4,15 @@ A multirotor is pushed along its body z axis only, so the second derivative of t
 attitude, its slope the rates, and gravity the specific force.
 """
 
-from __future__ import annotations
-
-import dataclasses
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from tombo_diagnosis.logs.flight_log import FlightLog, Series
+from tombo_diagnosis.logs.log_reader import read_logs
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY, SPIN
 
 STAND = 1.5
@@ -20,6 +20,15 @@ STAND = 1.5
 CLIMB = 2.0
 """s of take-off, and of landing."""
 HEIGHT = 1.0
+
+
+BAGS = Path(__file__).parents[5] / "tests" / "bags"
+
+
+def recorded(name):
+    """The log of a flight that was simulated and recorded."""
+    (log,) = read_logs([BAGS / f"{name}.mcap"])
+    return log
 
 
 def smooth_step(x):
@@ -39,14 +48,7 @@ def track(t, end, width=1.0):
 
 
 def made_flight(
-    duration=20.0,
-    mocap_hz=100.0,
-    imu_hz=200.0,
-    late=0.0,
-    seed=0,
-    noise=1.0,
-    width=1.0,
-    name="made",
+    duration=20.0, mocap_hz=100.0, imu_hz=200.0, late=0.0, seed=0, noise=1.0, width=1.0
 ):
     """A log with every channel; `late` [s] is added to the stamps of the motion capture."""
     rng = np.random.default_rng(seed)
@@ -90,7 +92,7 @@ def made_flight(
         "rotor_command": Series(imu_t, commands),
         "voltage": Series(pose_t[::10], volts),
     }
-    return FlightLog(name, "made", series)
+    return FlightLog("made", "made", series)
 
 
 def drives(turning, force):
@@ -107,7 +109,7 @@ def unwound(q):
 def with_series(log, **changed):
     """The log with some channels replaced; None takes one out."""
     series = {**log.series, **changed}
-    return dataclasses.replace(log, series={k: s for k, s in series.items() if s is not None})
+    return replace(log, series={k: s for k, s in series.items() if s is not None})
 
 
 def with_values(log, channel, change):
@@ -119,7 +121,7 @@ def with_values(log, channel, change):
 
 
 def poses_only(log):
-    return dataclasses.replace(log, series={k: log.series[k] for k in ("position", "attitude")})
+    return replace(log, series={k: log.series[k] for k in ("position", "attitude")})
 
 
 def wrote(log, *texts):

@@ -1,24 +1,18 @@
 """Recordings of ROS messages: topics, clocks, and what must not be read."""
 
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
-from log_writers import EPOCH_NS, write_bag
-from made_flight import made_flight, poses_only
+from log_writers import EPOCH_NS, close, write_bag
+from made_flight import BAGS, made_flight, poses_only
 
 from tombo_bag.recording import Recording
 from tombo_diagnosis.logs.bag_log import read_bag
 from tombo_diagnosis.logs.log_reader import read_logs
 from tombo_dynamics.errors import InputError
 
-BAGS = Path(__file__).parents[5] / "tests" / "bags"
 FLIGHT = made_flight(duration=6.0, mocap_hz=50.0, imu_hz=200.0)
-
-
-def close(a, b, tolerance=1e-9):
-    np.testing.assert_allclose(a, b, atol=tolerance)
 
 
 def test_all_channels_come_back_with_stamps_and_arrivals(tmp_path):

@@ -4,7 +4,7 @@ import gzip
 
 import numpy as np
 import pytest
-from log_writers import table_text
+from log_writers import close, table_text
 from made_flight import made_flight
 from scipy.spatial.transform import Rotation
 
@@ -16,6 +16,8 @@ from tombo_dynamics.vehicle import GRAVITY
 
 FLIGHT = made_flight(duration=8.0, mocap_hz=50.0, imu_hz=100.0)
 POSE = ("position", "attitude")
+P, Q = (FLIGHT.series[name].values for name in POSE)
+GYRO = FLIGHT.series["gyro"].values[: len(P)]
 COLUMNS = """
   position: {columns: [x, y, z], unit: m}
   attitude: {columns: [qx, qy, qz, qw]}
@@ -45,8 +47,13 @@ def posed(path, position, quaternion, **more):
     )
 
 
-def close(a, b, tolerance=1e-9):
-    np.testing.assert_allclose(a, b, atol=tolerance)
+def read(path, mapping):
+    """The flight of a table under the text of a mapping."""
+    return read_csv(path, "a", parse_mapping(mapping, "lab"))
+
+
+def numbered(name, values):
+    return {f"{name}{i}": column for i, column in enumerate(values.T)}
 
 
 def same_turns(a, b):
@@ -78,16 +85,12 @@ def test_units_and_axes_of_a_mapping_give_the_flight_back(tmp_path):
     gyro, accel = (FLIGHT.series[c].values[:n] @ body.T for c in ("gyro", "accel"))
     x, y, z, w = attitude.as_quat().T
     path = table(
-        tmp_path / "a.csv",
-        ms=1000.0 * p.t,
-        **{k: 1000.0 * (p.values @ world.T)[:, i] for i, k in enumerate("ned")},
-        w=w, x=x, y=y, z=z,
-        **{f"g{i}": np.degrees(gyro[:, i]) for i in range(3)},
-        **{f"a{i}": accel[:, i] / GRAVITY for i in range(3)},
+        tmp_path / "a.csv", ms=1000.0 * p.t, w=w, x=x, y=y, z=z,
+        **dict(zip("ned", 1000.0 * (p.values @ world.T).T, strict=True)),
+        **numbered("g", np.degrees(gyro)), **numbered("a", accel / GRAVITY),
         **{f"pwm{i}": 1000.0 + 250.0 * i + 0.0 * p.t for i in range(4)},
     )  # fmt: skip
-    mapping = parse_mapping(
-        """
+    mapping = """
 time: {column: ms, unit: ms}
 world: NED
 body: FRD
@@ -97,10 +100,8 @@ channels:
   gyro: {columns: [g0, g1, g2], unit: deg/s}
   accel: {columns: [a0, a1, a2], unit: g}
   motor_command: {columns: [pwm3, pwm0, pwm1, pwm2], range: [1000, 2000]}
-""",
-        "lab",
-    )
-    log = read_csv(path, "a", mapping)
+"""
+    log = read(path, mapping)
     close(log.series["position"].t, p.t - p.t[0])
     close(log.series["position"].values, p.values)
     same_turns(log.series["attitude"].values, q.values)
@@ -109,95 +110,73 @@ channels:
     close(log.series["motor_command"].values[0], [0.75, 0.0, 0.25, 0.5])
 
 
-@pytest.mark.parametrize(("order", "sequence"), [("rpy", "ZYX"), ("ypr", "ZYX")])
-def test_angles_are_turned_into_quaternions(tmp_path, order, sequence):
-    p, q = FLIGHT.series["position"], FLIGHT.series["attitude"]
-    ypr = Rotation.from_quat(q.values).as_euler(sequence, degrees=True)
+@pytest.mark.parametrize("order", ["rpy", "ypr"])
+def test_angles_are_turned_into_quaternions(tmp_path, order):
+    ypr = Rotation.from_quat(Q).as_euler("ZYX", degrees=True)
     angles = ypr if order == "ypr" else ypr[:, ::-1]
-    path = table(
-        tmp_path / "a.csv",
-        t=p.t,
-        **{k: p.values[:, i] for i, k in enumerate("xyz")},
-        **{k: angles[:, i] for i, k in enumerate("abc")},
-    )
-    mapping = parse_mapping(
-        f"""
+    path = posed(tmp_path / "a.csv", P, Q, **numbered("a", angles))
+    mapping = f"""
 time: t
 channels:
   position: {{columns: [x, y, z], unit: m}}
-  attitude: {{columns: [a, b, c], order: {order}, unit: deg}}
-""",
-        "lab",
-    )
-    same_turns(read_csv(path, "a", mapping).series["attitude"].values, q.values)
+  attitude: {{columns: [a0, a1, a2], order: {order}, unit: deg}}
+"""
+    same_turns(read(path, mapping).series["attitude"].values, Q)
 
 
 def test_y_up_is_an_order_of_axes(tmp_path):
     """Motive's axes: x, y up, z towards the viewer."""
     up = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0.0]])  # ours from the file's
-    p, q = FLIGHT.series["position"].values, FLIGHT.series["attitude"].values
-    theirs = Rotation.from_matrix(up.T @ Rotation.from_quat(q).as_matrix() @ up).as_quat()
-    path = posed(tmp_path / "a.csv", p @ up, theirs)
-    text = f"time: t\nworld: [x, -z, y]\nbody: [x, -z, y]\nchannels:{COLUMNS}"
-    log = read_csv(path, "a", parse_mapping(text, "lab"))
-    close(log.series["position"].values, p)
-    same_turns(log.series["attitude"].values, q)
+    theirs = Rotation.from_matrix(up.T @ Rotation.from_quat(Q).as_matrix() @ up).as_quat()
+    path = posed(tmp_path / "a.csv", P @ up, theirs)
+    log = read(path, f"time: t\nworld: [x, -z, y]\nbody: [x, -z, y]\nchannels:{COLUMNS}")
+    close(log.series["position"].values, P)
+    same_turns(log.series["attitude"].values, Q)
 
 
 def test_mirrored_axes_turn_the_gyro_the_other_way(tmp_path):
     """A left-handed engine: y to the right in world and body alike."""
     mirror = np.diag([1.0, -1.0, 1.0])
-    p, q = FLIGHT.series["position"].values, FLIGHT.series["attitude"].values
-    gyro = FLIGHT.series["gyro"].values[: len(p)]
-    theirs = Rotation.from_matrix(mirror @ Rotation.from_quat(q).as_matrix() @ mirror).as_quat()
-    rates = -gyro @ mirror  # an axial vector
-    path = posed(
-        tmp_path / "a.csv", p @ mirror, theirs, **{f"g{i}": rates[:, i] for i in range(3)}
-    )
+    theirs = Rotation.from_matrix(mirror @ Rotation.from_quat(Q).as_matrix() @ mirror).as_quat()
+    rates = -GYRO @ mirror  # an axial vector
+    path = posed(tmp_path / "a.csv", P @ mirror, theirs, **numbered("g", rates))
     text = (
         f"time: t\nworld: [x, -y, z]\nbody: [x, -y, z]\nchannels:{COLUMNS}"
         "  gyro: {columns: [g0, g1, g2], unit: rad/s}\n"
     )
-    log = read_csv(path, "a", parse_mapping(text, "lab"))
-    same_turns(log.series["attitude"].values, q)
-    close(log.series["gyro"].values, gyro)
+    log = read(path, text)
+    same_turns(log.series["attitude"].values, Q)
+    close(log.series["gyro"].values, GYRO)
 
 
 def test_turn_deg_takes_a_rigid_body_back_to_base_link(tmp_path):
-    p, q = FLIGHT.series["position"].values, FLIGHT.series["attitude"].values
     off = Rotation.from_euler("xyz", [3.0, -5.0, 40.0], degrees=True)
-    path = posed(tmp_path / "a.csv", p, (Rotation.from_quat(q) * off).as_quat())
-    roll, pitch, yaw = off.inv().as_euler("xyz", degrees=True)
-    text = f"time: t\nturn_deg: [{roll}, {pitch}, {yaw}]\nchannels:{COLUMNS}"
-    log = read_csv(path, "a", parse_mapping(text, "lab"))
-    same_turns(log.series["attitude"].values, q)
+    path = posed(tmp_path / "a.csv", P, (Rotation.from_quat(Q) * off).as_quat())
+    turn = off.inv().as_euler("xyz", degrees=True).tolist()
+    log = read(path, f"time: t\nturn_deg: {turn}\nchannels:{COLUMNS}")
+    same_turns(log.series["attitude"].values, Q)
 
 
 def test_axes_of_the_imu_alone(tmp_path):
-    p, q = FLIGHT.series["position"].values, FLIGHT.series["attitude"].values
-    gyro = FLIGHT.series["gyro"].values[: len(p)]
-    path = posed(
-        tmp_path / "a.csv", p, q,
-        **{f"g{i}": c for i, c in enumerate((gyro[:, 1], -gyro[:, 0], gyro[:, 2]))},
-    )  # fmt: skip
+    path = posed(tmp_path / "a.csv", P, Q, **numbered("g", GYRO[:, [1, 0, 2]] * [1, -1, 1]))
     text = (
         f"time: t\nchannels:{COLUMNS}"
         "  gyro: {columns: [g0, g1, g2], unit: rad/s, axes: [-y, x, z]}\n"
     )
-    close(read_csv(path, "a", parse_mapping(text, "lab")).series["gyro"].values, gyro)
+    close(read(path, text).series["gyro"].values, GYRO)
 
 
 def test_a_channel_may_have_stamps_and_arrivals_of_its_own(tmp_path):
-    p, q = FLIGHT.series["position"], FLIGHT.series["attitude"].values
-    path = posed(tmp_path / "a.csv", p.values, q, sent=p.t - 0.02, came=p.t + 0.01)
+    t = FLIGHT.series["position"].t
+    path = posed(tmp_path / "a.csv", P, Q, sent=t - 0.02, came=t + 0.01)
     text = (
         "time: t\nchannels:\n"
         "  position: {columns: [x, y, z], unit: m, time: sent, arrival: came}\n"
         "  attitude: {columns: [qx, qy, qz, qw]}\n"
     )
-    log = read_csv(path, "a", parse_mapping(text, "lab"))
-    close(log.series["position"].t, p.t - p.t[0])
-    close(log.series["attitude"].t, p.t - p.t[0] + 0.02)
+    log = read(path, text)
+    close(log.series["position"].t, t - t[0])
+    close(log.series["attitude"].t, t - t[0] + 0.02)
     close(log.series["position"].arrival - log.series["position"].t, 0.03)
 
 
@@ -220,43 +199,40 @@ def test_a_channel_with_part_of_its_columns_is_left_out_and_said(tmp_path):
     assert [(f.check, f.channel) for f in log.findings] == [("missing", "gyro")]
 
 
+def read_archive(path, text, damage):
+    """The flight of a compressed table after some damage, and what is said of that."""
+    (path / "a.csv.gz").write_bytes(damage(gzip.compress(text.encode())))
+    log = read_csv(path / "a.csv.gz", "a")
+    return log.series["position"].values, " ".join(f.message for f in log.findings)
+
+
 def test_a_cut_archive_is_read_up_to_where_it_is_whole(tmp_path):
-    whole = gzip.compress(table_text(FLIGHT, POSE).encode())
-    path = tmp_path / "a.csv.gz"
-    path.write_bytes(whole[: len(whole) * 2 // 3])
-    log = read_csv(path, "a")
-    count = log.series["position"].t.size
-    assert 0.4 * FLIGHT.series["position"].t.size < count < FLIGHT.series["position"].t.size
-    close(log.series["position"].values, FLIGHT.series["position"].values[:count])
-    assert any("cut off" in f.message for f in log.findings)
+    text = table_text(FLIGHT, POSE)
+    position, said = read_archive(tmp_path, text, lambda whole: whole[: len(whole) * 2 // 3])
+    assert 0.4 * len(P) < len(position) < len(P) and "cut off" in said
+    close(position, P[: len(position)])
 
 
 def test_a_number_that_is_cut_is_not_taken_for_a_whole_one(tmp_path):
     """...,0.9998 may have been 0.99987: where the file ends early, its last row is left out."""
     text = table_text(FLIGHT, POSE).rstrip()[:-3]
-    path = tmp_path / "a.csv.gz"
-    path.write_bytes(gzip.compress(text.encode())[:-8])
-    log = read_csv(path, "a")
-    assert log.series["position"].t.size == FLIGHT.series["position"].t.size - 1
-    assert any("is not whole" in f.message for f in log.findings)
+    position, said = read_archive(tmp_path, text, lambda whole: whole[:-8])
+    assert len(position) == len(P) - 1 and "is not whole" in said
 
 
 def test_quaternions_of_another_length_are_still_seen_as_such(tmp_path):
-    p, q = FLIGHT.series["position"].values, FLIGHT.series["attitude"].values
-    path = posed(tmp_path / "a.csv", p, 2.0 * q)
-    log = read_csv(path, "a", parse_mapping(f"time: t\nchannels:{COLUMNS}", "lab"))
+    log = read(posed(tmp_path / "a.csv", P, 2.0 * Q), f"time: t\nchannels:{COLUMNS}")
     with pytest.raises(InputError, match="norm 2"):
         check_log(log)
 
 
 def test_a_damaged_archive_is_read_up_to_the_damage(tmp_path):
-    whole = bytearray(gzip.compress(table_text(FLIGHT, POSE).encode()))
-    whole[len(whole) // 2 : len(whole) // 2 + 64] = b"\xff" * 64
-    path = tmp_path / "a.csv.gz"
-    path.write_bytes(bytes(whole))
-    log = read_csv(path, "a")
-    assert log.series["position"].t.size > 20
-    assert any("damaged" in f.message for f in log.findings)
+    def damaged(whole):
+        middle = len(whole) // 2
+        return whole[:middle] + b"\xff" * 64 + whole[middle + 64 :]
+
+    position, said = read_archive(tmp_path, table_text(FLIGHT, POSE), damaged)
+    assert len(position) > 20 and "damaged" in said
 
 
 def test_rows_that_are_not_whole_are_left_out_and_counted(tmp_path):

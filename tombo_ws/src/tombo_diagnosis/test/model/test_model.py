@@ -1,9 +1,7 @@
 """An extended model: what goes in, what is refused, and the file it is kept in."""
 
-from __future__ import annotations
-
-import dataclasses
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -43,25 +41,14 @@ GAIN = Gain("force x", "m/s^2", "one step", 0.2, 0.05, 0.75, 0.7, 0.8, 6)
 FLIGHT = FlightSummary("a", "a.mcap: MCAP", 31.0, 28.0, "imu", ("current",))
 
 
-def diagnosis(*causes, verdict="named", **more):
+SUMMARY = "More drag than thought: 'half' as much again.\nÜber alles."
+
+
+def diagnosis(*causes, verdict="named"):
     return Diagnosis(
-        **{
-            "verdict": verdict,
-            "causes": causes,
-            "set": (),
-            "separating_experiment": None,
-            "gain": (GAIN,),
-            "prechecks": (),
-            "candidates": (),
-            "flights": (FLIGHT,),
-            "residuals": (),
-            "confidence": 0.97,
-            "summary": "More drag than thought: 'half' as much again.\nÜber alles.",
-            "notes": ("one battery only",),
-            "model": "model.yaml",
-            **more,
-        }
-    )
+        verdict, causes, (), None, (GAIN,), (), (), (FLIGHT,), (), 0.97, SUMMARY,
+        ("one battery only",), "model.yaml",
+    )  # fmt: skip
 
 
 def model(*causes, base=None, **more):
@@ -107,7 +94,7 @@ def test_part_of_the_truth_is_put_in_and_nothing_is_not():
 
 @pytest.mark.parametrize("value", [99.0, -99.0])
 def test_a_value_out_of_bounds_is_clipped_and_noted(value):
-    wild = dataclasses.replace(WIND, theta=(FittedParameter("east", "m/s", 0.0, value, 1.0, 2.0),))
+    wild = replace(WIND, theta=(FittedParameter("east", "m/s", 0.0, value, 1.0, 2.0),))
     extended = model(wild)
     assert extended.effects["steady_wind"]["east"] == math.copysign(15.0, value)
     assert f"steady_wind.east: {value:g} was fitted" in extended.notes[0]
@@ -116,11 +103,9 @@ def test_a_value_out_of_bounds_is_clipped_and_noted(value):
 
 def test_a_cause_that_can_t_be_flown_is_refused():
     for cause in (
-        dataclasses.replace(WIND, effect="ghosts"),
-        dataclasses.replace(WIND, theta=(FittedParameter("up", "m/s", 0.0, 1.0, 0.0, 2.0),)),
-        dataclasses.replace(
-            WIND, theta=(FittedParameter("east", "m/s", 0.0, math.nan, 0.0, 2.0),)
-        ),
+        replace(WIND, effect="ghosts"),
+        replace(WIND, theta=(FittedParameter("up", "m/s", 0.0, 1.0, 0.0, 2.0),)),
+        replace(WIND, theta=(FittedParameter("east", "m/s", 0.0, math.nan, 0.0, 2.0),)),
     ):
         with pytest.raises(InputError):
             model(cause)
@@ -128,9 +113,7 @@ def test_a_cause_that_can_t_be_flown_is_refused():
 
 def test_a_model_made_from_a_model_keeps_what_it_held():
     base = model(DRAG)
-    finer = dataclasses.replace(
-        DRAG, theta=(FittedParameter("d_xy", "N s/m", 0.45, 0.5, 0.4, 0.6),)
-    )
+    finer = replace(DRAG, theta=(FittedParameter("d_xy", "N s/m", 0.45, 0.5, 0.4, 0.6),))
     extended = model(finer, WIND, base=base)
     assert extended.effects == {
         "linear_rotor_drag": {"d_z": 0.12, "d_xy": 0.5},
@@ -177,15 +160,8 @@ def test_any_model_survives_its_file(made):
 
 
 def test_numbers_of_numpy_are_written_as_numbers():
-    odd = dataclasses.replace(
-        WIND,
-        theta=(
-            FittedParameter(
-                "east", "m/s", 0.0, np.float64(1.5), np.float64(1.2), np.float64(np.inf)
-            ),
-        ),
-        covariance=np.eye(1),  # type: ignore[arg-type]
-    )
+    east = FittedParameter("east", "m/s", 0.0, *np.array([1.5, 1.2, np.inf]))
+    odd = replace(WIND, theta=(east,), covariance=np.eye(1))
     read = model_from_text(model_text(model(odd)), "it")
     assert read.effects == {"steady_wind": {"east": 1.5}}
     assert math.isnan(read.additions[0].theta[0].high)

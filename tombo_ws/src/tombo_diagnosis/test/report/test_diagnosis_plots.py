@@ -1,7 +1,5 @@
 """The plots of a diagnosis: they are drawn for every verdict, and the poster fits a README."""
 
-from __future__ import annotations
-
 import math
 import struct
 

@@ -1,7 +1,5 @@
 """Stands of the tests: what they impose and read."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tombo_diagnosis.stand.operating_points import OperatingPoints

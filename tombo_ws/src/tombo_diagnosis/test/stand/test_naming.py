@@ -1,7 +1,5 @@
 """Hidden effects are found, told as a set where nothing tells them, and not made up."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -39,13 +37,9 @@ def test_a_healthy_stand_has_no_cause(seed):
 
 @pytest.mark.parametrize("name", HAS_MEAN)
 def test_every_effect_is_named_on_a_calibrated_stand(name):
-    own = {
-        p.label: p
-        for p in StandProblem(stands.read(SETUP, {})).columns.parameters
-        if p.effect == name
-    }
-    theta = tuple(p.null + p.scale * (1.0 if p.null + p.scale <= p.high else -1.0)
-                  for p in own.values())  # fmt: skip
+    columns = StandProblem(stands.read(SETUP, {})).columns
+    own = [p for p in columns.parameters if p.effect == name]
+    theta = tuple(p.null + (p.scale if p.null + p.scale <= p.high else -p.scale) for p in own)
     if name in ("torsion_constant", "load_sharing"):
         theta = (0.6,)
     found = analyse(stands.read(SETUP, {name: theta}, seed=3))
@@ -55,7 +49,7 @@ def test_every_effect_is_named_on_a_calibrated_stand(name):
     else:
         assert found.judgement.effects[:1] == (name,)
     [fitted] = next(c for c in causes(found) if c.effect == name).theta
-    assert fitted.value == pytest.approx(theta[0], abs=0.25 * next(iter(own.values())).scale)
+    assert fitted.value == pytest.approx(theta[0], abs=0.25 * own[0].scale)
     assert fitted.low <= fitted.value <= fitted.high
 
 
@@ -67,11 +61,8 @@ def test_speed_noise_and_scatter_are_found_by_their_spread():
         np.zeros((10, 2)),
         rng.standard_normal(s.speed.size),
     )
-    for theta, name in (
-        ({"speed_noise": (0.02,)}, "speed_noise"),
-        ({"fabrication_scatter": (0.08, 0.08)}, "fabrication_scatter"),
-    ):
-        found = analyse(stands.read(s, theta, draws=wide, seed=1))
+    for name, theta in (("speed_noise", (0.02,)), ("fabrication_scatter", (0.08, 0.08))):
+        found = analyse(stands.read(s, {name: theta}, draws=wide, seed=1))
         assert found.judgement.effects == (name,)
 
 
@@ -103,13 +94,19 @@ def test_torque_parts_a_coefficient_from_the_density():
     assert "air_density" in named
 
 
-def test_a_shape_that_nobody_named_gets_no_name():
-    def wavy(y, s):
+def more_thrust(share):
+    """Readings with thrust by a share more: a function of the speed over the highest."""
+
+    def change(y, s):
         out = y.copy()
-        x = s.speed / s.speed.max()
-        out[:, 0] *= 1.0 + 0.06 * np.sin(14.0 * x) * (s.speed > 0.0)
+        out[:, 0] *= 1.0 + share(s.speed / s.speed.max()) * (s.speed > 0.0)
         return out
 
+    return change
+
+
+def test_a_shape_that_nobody_named_gets_no_name():
+    wavy = more_thrust(lambda x: 0.06 * np.sin(14.0 * x))
     found = analyse(stands.read(SETUP, {}, change=wavy))
     assert found.judgement.verdict == "unknown"
     assert found.remainder.curves.channel == "thrust"
@@ -117,16 +114,11 @@ def test_a_shape_that_nobody_named_gets_no_name():
 
 
 def test_residual_curves_find_an_unmodelled_rest_but_none_when_healthy():
-    def wavy(y, s):
-        out = y.copy()
-        out[:, 0] *= 1.0 + 0.02 * np.sin(14.0 * s.speed / s.speed.max()) * (s.speed > 0.0)
-        return out
-
+    wavy = more_thrust(lambda x: 0.02 * np.sin(14.0 * x))
     for change, something in ((wavy, True), (None, False)):
         problem = StandProblem(stands.read(SETUP, {"thrust_gain": (0.1,)}, change=change))
-        known = fit_hypotheses(
-            problem, (Hypothesis("thrust_gain", problem.identifiable("thrust_gain")),)
-        )
+        gain = Hypothesis("thrust_gain", problem.identifiable("thrust_gain"))
+        known = fit_hypotheses(problem, (gain,))
         assert (fit_residual_curves(problem, known.fit).evidence > LOG_BF_CURVES) is something
 
 
@@ -171,11 +163,8 @@ def test_levels_of_runs_keep_speed_noise_from_taking_their_place():
     """The gate: beside noise that was made to fit, a level for each run still explains more."""
     problem = StandProblem(again(0.1)(1, 0))
     noise = fit_hypotheses(problem, (Hypothesis("speed_noise", (), 4.0),))
-    assert (
-        fit_residual_curves(problem, noise.fit).evidence
-        > LOG_BF_CURVES
-        > fit_residual_curves(problem, noise.fit, False).evidence
-    )
+    left, alone = (fit_residual_curves(problem, noise.fit, by_run) for by_run in (True, False))
+    assert left.evidence > LOG_BF_CURVES > alone.evidence
 
 
 def test_speed_noise_stays_speed_noise_with_two_runs():
@@ -196,9 +185,8 @@ def test_what_the_model_has_and_these_runs_have_not_is_a_departure():
     [told] = differences_from_model(more)
     assert told.endswith("N in these runs, 0.147 N in the model")
     assert [c.effect for c in model_extending_causes(more)] == ["thrust_tare"]
-    assert (
-        differences_from_model(causes(analyse(stands.read(SETUP, {"thrust_tare": (0.6,)})))) == []
-    )
+    without = causes(analyse(stands.read(SETUP, {"thrust_tare": (0.6,)})))
+    assert differences_from_model(without) == []
 
 
 def test_two_causes_are_both_found():
@@ -241,13 +229,7 @@ def test_the_order_of_runs_does_not_matter():
 
 def test_a_name_is_withheld_where_free_curves_find_more_beside_it():
     """A gain explains most, but a resonance is left: the gate has to see it."""
-
-    def resonant(y, s):
-        out = y.copy()
-        x = s.speed / s.speed.max()
-        out[:, 0] *= 1.0 - 0.04 * np.exp(-(((x - 0.6) / 0.08) ** 2)) * (s.speed > 0.0)
-        return out
-
+    resonant = more_thrust(lambda x: -0.04 * np.exp(-(((x - 0.6) / 0.08) ** 2)))
     clean = analyse(stands.read(SETUP, {"thrust_gain": (0.1,)}, seed=9))
     assert clean.judgement.verdict == "named"
     assert clean.remainder.curves.evidence < LOG_BF_CURVES

@@ -1,7 +1,5 @@
 """Tables of a stand: units, mappings, plateaus; and what is said where they can't be used."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -26,13 +24,16 @@ def write(path, header, *columns):
     return path
 
 
+def read_mapped(path, mapping, header, *columns):
+    """Read a table that is written beside the text of its mapping."""
+    (path / "m.yaml").write_text(mapping)
+    return read_stand(write(path / "a.csv", header, *columns), str(path / "m.yaml"))
+
+
 def test_units_in_the_headings_are_understood(tmp_path):
-    path = write(
-        tmp_path / "a.csv",
-        "Thrust (kgf),Torque (N·m),rpm,beta_deg",
-        POINT.thrust_N / 9.80665, POINT.torque_Nm, RPM, np.degrees(POINT.beta_rad),
-    )  # fmt: skip
-    table = read_stand(path)
+    columns = (POINT.thrust_N / 9.80665, POINT.torque_Nm, RPM, np.degrees(POINT.beta_rad))
+    header = "Thrust (kgf),Torque (N·m),rpm,beta_deg"
+    table = read_stand(write(tmp_path / "a.csv", header, *columns))
     assert np.allclose(table.channels["thrust"], POINT.thrust_N, rtol=1e-6)
     assert np.allclose(table.channels["speed"], RPM * math.pi / 30.0, rtol=1e-6)
     assert np.allclose(table.channels["beta"], POINT.beta_rad, rtol=1e-6)
@@ -45,26 +46,22 @@ def test_units_in_the_headings_are_understood(tmp_path):
 def test_every_unit_of_speed_is_the_same_run(tmp_path, unit, factor):
     poles = 14 if factor is None else 2
     shown = RPM * (7.0 if factor is None else factor)
-    path = write(tmp_path / "a.csv", "w,t", shown, POINT.thrust_N)
-    mapping = tmp_path / "m.yaml"
     name = "rpm" if factor is None else unit
-    mapping.write_text(
-        "channels:\n"
-        f"  speed: {{columns: w, unit: '{name}', poles: {poles}}}\n"
-        "  thrust: {columns: t, unit: N}\n"
+    mapping = (
+        f"channels: {{speed: {{columns: w, unit: '{name}', poles: {poles}}}, "
+        "thrust: {columns: t, unit: N}}"
     )
-    table = read_stand(path, str(mapping))
+    table = read_mapped(tmp_path, mapping, "w,t", shown, POINT.thrust_N)
     assert np.allclose(table.channels["speed"], RPM * math.pi / 30.0)
 
 
 def test_several_rotors_are_one_by_mean_square(tmp_path):
-    path = write(tmp_path / "a.csv", "r1,r2,g", RPM, 1.1 * RPM, 2000.0 * POINT.thrust_N / 9.80665)
-    mapping = tmp_path / "m.yaml"
-    mapping.write_text(
+    mapping = (
         "rotors: 2\nchannels: {speed: {columns: [r1, r2], unit: rpm},"
         " thrust: {columns: g, unit: g}}\n"
     )
-    table = read_stand(path, str(mapping))
+    grams = 2000.0 * POINT.thrust_N / 9.80665
+    table = read_mapped(tmp_path, mapping, "r1,r2,g", RPM, 1.1 * RPM, grams)
     assert np.allclose(table.channels["thrust"], POINT.thrust_N)
     assert np.allclose(table.channels["speed"], RPM * math.pi / 30.0 * math.sqrt(1.105))
 
@@ -72,9 +69,7 @@ def test_several_rotors_are_one_by_mean_square(tmp_path):
 def recording(lag=20, seed=0):
     """A staircase of 12 commands, 50 rows each, the cell late, tared at 0.3 N."""
     rng = np.random.default_rng(seed)
-    levels = np.concatenate(
-        [[0.0], np.linspace(2000.0, 6000.0, 6), np.linspace(5500.0, 1500.0, 6)]
-    )
+    levels = [0.0, *np.linspace(2000.0, 6000.0, 6), *np.linspace(5500.0, 1500.0, 6)]
     rpm = np.repeat(levels, 50)
     thrust = 2e-5 * (rpm * math.pi / 30.0) ** 2
     late = np.concatenate([np.zeros(lag), thrust[: thrust.size - lag]])
@@ -107,19 +102,16 @@ def test_an_outlier_is_set_apart_and_said(tmp_path):
 
 
 def test_a_glitch_of_one_of_four_tachometers_does_not_move_the_speed(tmp_path):
-    rpm = np.full((100, 4), 9000.0)
-    rpm[:, :] += np.linspace(0.0, 900.0, 100)[:, None]
-    bad = rpm.copy()
-    bad[50, 2] = 900.0
-    header = "a,b,c,d,t"
-    thrust = 2e-8 * (rpm[:, 0] * math.pi / 30.0) ** 2
-    mapping = tmp_path / "m.yaml"
-    mapping.write_text(
+    rpm = np.linspace(9000.0, 9900.0, 100)
+    bad = np.tile(rpm, (4, 1))
+    bad[2, 50] = 900.0
+    thrust = 2e-8 * (rpm * math.pi / 30.0) ** 2
+    mapping = (
         "model: plain\nrotors: 1\nchannels: {speed: {columns: [a, b, c, d], unit: rpm},"
         " thrust: {columns: t, unit: N}}\n"
     )
-    table = read_stand(write(tmp_path / "a.csv", header, *bad.T, thrust), str(mapping))
-    assert table.channels["speed"][50] == pytest.approx(rpm[50, 0] * math.pi / 30.0, rel=0.01)
+    table = read_mapped(tmp_path, mapping, "a,b,c,d,t", *bad, thrust)
+    assert table.channels["speed"][50] == pytest.approx(rpm[50] * math.pi / 30.0, rel=0.01)
     assert "c 1" in next(f for f in table.findings if f.check == "speed_glitch").message
 
 
@@ -195,24 +187,21 @@ def test_too_few_points_within_the_law_are_refused(tmp_path):
 
 
 def test_a_cell_mounted_the_other_way_round_can_be_told(tmp_path):
-    path = write(tmp_path / "a.csv", "rpm,t", RPM, -POINT.thrust_N)
-    mapping = tmp_path / "m.yaml"
-    mapping.write_text(
+    mapping = (
         "channels: {speed: {columns: rpm, unit: rpm}, thrust: {columns: t, unit: N, sign: -1}}"
     )
-    assert np.allclose(read_stand(path, str(mapping)).channels["thrust"], POINT.thrust_N)
+    table = read_mapped(tmp_path, mapping, "rpm,t", RPM, -POINT.thrust_N)
+    assert np.allclose(table.channels["thrust"], POINT.thrust_N)
 
 
 def test_a_run_cut_off_before_it_lifts_is_refused(tmp_path):
     rpm = np.linspace(300.0, 500.0, 40)
-    path = write(tmp_path / "a.csv", "rpm,thrust_N", rpm, 0.001 - 1e-6 * rpm**1.5)
-    mapping = tmp_path / "m.yaml"
-    mapping.write_text(
-        "model: plain\nchannels: {speed: {columns: rpm, unit: rpm}, "
-        "thrust: {columns: thrust_N, unit: N}}"
+    mapping = (
+        "model: plain\nchannels: {speed: {columns: w, unit: rpm}, thrust: {columns: t, unit: N}}"
     )
     with pytest.raises(InputError, match=r"falls with speed|does not rise"):
-        assemble([read_stand(path, str(mapping))], 13, "repaired")
+        table = read_mapped(tmp_path, mapping, "w,t", rpm, 0.001 - 1e-6 * rpm**1.5)
+        assemble([table], 13, "repaired")
 
 
 @pytest.mark.slow
@@ -249,9 +238,8 @@ def test_an_unknown_configuration_says_where_it_stands(tmp_path, conf, said):
 
 
 def test_a_large_tare_is_no_wrong_unit(tmp_path):
-    path = write(
-        tmp_path / "a.csv", "rpm,thrust_N", RPM, POINT.thrust_N + 3.0 * POINT.thrust_N[-1]
-    )
+    thrust = POINT.thrust_N + 3.0 * POINT.thrust_N[-1]
+    path = write(tmp_path / "a.csv", "rpm,thrust_N", RPM, thrust)
     assert assemble([read_stand(path)], 13, "repaired").points.count == 12
 
 

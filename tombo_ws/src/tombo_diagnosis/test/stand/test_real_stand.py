@@ -1,7 +1,5 @@
 """Real runs of a quadcopter on a scale: read as they are."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A propeller that changes within a run is found; clean, drifting and bent runs show nothing."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

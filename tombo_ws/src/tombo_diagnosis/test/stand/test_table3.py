@@ -1,7 +1,5 @@
 """The paper's Table III: no extension is surely better than the mean, and what would settle it."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

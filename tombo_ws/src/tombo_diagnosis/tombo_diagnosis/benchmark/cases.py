@@ -37,6 +37,17 @@ def draw_name(rng: np.random.Generator, table: Sequence[tuple[str, float]]) -> s
     return str(rng.choice(names, p=np.array(weights) / sum(weights)))
 
 
+def draw_hidden(rng: np.random.Generator, kind: str, effects: Sequence[str]) -> list[str]:
+    """Return the effects that are hidden, drawn from those that can be: one, two or none."""
+    count = {"single": 1, "pair": 2}.get(kind, 0)
+    return [str(n) for n in rng.choice(effects, count, replace=False)] if count else []
+
+
+def draw_factor(rng: np.random.Generator, size: str) -> float:
+    """Return the share of the size that clearly matters, about that of small, medium or large."""
+    return SIZES[size] * float(rng.uniform(0.8, 1.25))
+
+
 def draw_size(rng: np.random.Generator, kind: str) -> str:
     """Return the size of what is hidden; two causes are never small."""
     size = "" if kind == "none" else str(rng.choice(list(SIZES)))

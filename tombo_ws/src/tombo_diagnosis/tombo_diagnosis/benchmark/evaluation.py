@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from tombo_diagnosis.benchmark.cases import Case
-from tombo_diagnosis.engine.model import Findings
+from tombo_diagnosis.diagnosis import Cause
+from tombo_diagnosis.engine.model import Findings, Model
 from tombo_diagnosis.engine.regression import Parameter
-from tombo_flight.extended_model import FittedParameter
 
 _RIVALS = 3
 """Number of other explanations that are reported."""
@@ -57,27 +57,25 @@ def exactly_right(case: Case, findings: Findings[Any, Any]) -> bool:
 
 def compare_parameters(
     case: Case,
-    parameters: Iterable[Parameter],
-    nominal: Callable[[Parameter], float],
-    true: Callable[[Parameter], float],
-    fitted: Mapping[str, FittedParameter],
+    problem: Model,
+    cause: Cause,
+    true_value: Callable[[Parameter, float], float],
 ) -> dict[str, Any]:
-    """Return the relative error of an effect's change, and which intervals cover the truth.
+    """Return the relative error of a cause's change, and which intervals cover the truth.
 
-    Args:
-        case: what was hidden.
-        parameters: of the effect.
-        nominal: its value in the model that the data were compared with.
-        true: its value in the model that made the data.
-        fitted: name -> what was found.
+    `true_value` gives a parameter's value in the model that made the data, from its value in the
+    model that they were compared with.
     """
     off = size = 0.0
     covered = []
-    for p in parameters:
-        found = fitted.get(p.name)
-        value = nominal(p) if found is None else found.value
-        off += ((value - true(p)) / p.scale) ** 2
-        size += ((true(p) - nominal(p)) / p.scale) ** 2
+    fitted = {f.name: f for f in cause.theta}
+    for p in problem.columns.parameters:
+        if p.effect != cause.effect:
+            continue
+        found, nominal = fitted.get(p.name), float(problem.theta[p.index])
+        value, true = nominal if found is None else found.value, true_value(p, nominal)
+        off += ((value - true) / p.scale) ** 2
+        size += ((true - nominal) / p.scale) ** 2
         if found is not None and p.label in case.shift:
-            covered.append(bool(found.low <= true(p) <= found.high))
+            covered.append(bool(found.low <= true <= found.high))
     return {"error": math.sqrt(off / size) if size else None, "covered": covered}

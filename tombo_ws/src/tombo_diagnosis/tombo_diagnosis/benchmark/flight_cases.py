@@ -14,9 +14,10 @@ import numpy as np
 
 from tombo_diagnosis.benchmark.cases import (
     KINDS,
-    SIZES,
     UNKNOWN_SIZES,
     Case,
+    draw_factor,
+    draw_hidden,
     draw_name,
     draw_size,
 )
@@ -69,30 +70,22 @@ def make_case(seed: int, number: int, flights: int = 3) -> FlightCase:
     formulation = draw_name(rng, FORMULATIONS)
     effects: Effects = {name: dict(values) for name, values in NOMINAL.items()}
     _perturb_within_tolerances(effects, rng)
-    hidden: list[str] = []
     shift: dict[str, float] = {}
     size = draw_size(rng, kind)
     disturbance: tuple[float, ...] = ()
-    if kind in ("single", "pair"):
-        candidates = observable_effects(formulation)
-        for name in rng.choice(candidates, 1 if kind == "single" else 2, replace=False):
-            hidden.append(str(name))
-            factor = SIZES[size] * float(rng.uniform(0.8, 1.25))
-            for parameter, change in _shift(str(name), factor, rng).items():
-                label = f"{name}.{parameter.name}"
-                base = effects.setdefault(str(name), {}).get(parameter.name, parameter.null)
-                value = float(np.clip(base + change, parameter.low, parameter.high))
-                if label == "mocap_stamp_error.offset" and value > 0.009:
-                    value = -value  # later than it arrives no stamp can be
-                effects[str(name)][parameter.name] = value
-                shift[label] = value - nominal_value(parameter)
-    elif kind == "unknown":
-        shapes = [
-            s for s in DISTURBANCES if not (s in _ALIASES and formulation.startswith("mocap"))
-        ]
-        name = str(rng.choice(shapes))
-        hidden.append(name)
-        disturbance = _disturbance(name, UNKNOWN_SIZES[size], rng)
+    hidden = draw_hidden(rng, kind, observable_effects(formulation))
+    for name in hidden:
+        for p, change in _shift(name, draw_factor(rng, size), rng).items():
+            base = effects.setdefault(name, {}).get(p.name, p.null)
+            value = float(np.clip(base + change, p.low, p.high))
+            if p.label == "mocap_stamp_error.offset" and value > 0.009:
+                value = -value  # later than it arrives no stamp can be
+            effects[name][p.name] = value
+            shift[p.label] = value - nominal_value(p)
+    if kind == "unknown":
+        aliased = _ALIASES if formulation.startswith("mocap") else ()
+        hidden = [str(rng.choice([s for s in DISTURBANCES if s not in aliased]))]
+        disturbance = _disturbance(hidden[0], UNKNOWN_SIZES[size], rng)
     return FlightCase(
         number, kind, size, formulation, tuple(hidden), shift, effects, disturbance, flights,
         (seed, number),

@@ -69,14 +69,10 @@ def _compared(case: FlightCase, findings: FlightFindings, effect: str) -> dict[s
 
     What tolerances put on an axis that was not shifted is there to be measured, too.
     """
-    theta = findings.problem.theta
     cause = estimate_cause(effect, findings, findings.search.best)
+    made = case.effects.get(effect, {})
     return compare_parameters(
-        case,
-        [p for p in findings.problem.columns.parameters if p.effect == effect],
-        lambda p: float(theta[p.index]),
-        lambda p: float(case.effects.get(effect, {}).get(p.name, theta[p.index])),
-        {f.name: f for f in cause.theta},
+        case, findings.problem, cause, lambda p, nominal: float(made.get(p.name, nominal))
     )
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
 
 from tombo_diagnosis.benchmark.flight_cases import NOMINAL, FlightCase
+from tombo_diagnosis.flight.experiment_design import sensor_series
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.scenario_nominal import nominal_of
 from tombo_diagnosis.logs.flight_log import FlightLog, Series
@@ -78,16 +80,12 @@ def _scenario(effects: Any, points: list[dict[str, float]]) -> Scenario:
             "control": {"velocity_max_xy": 3.5, "velocity_max_z": _CLIMB},
             "effects": {name: dict(values) for name, values in effects.items()},
             "mission": {
-                "takeoff_time": 0.5,
-                "height": 1.2,
-                "climb_speed": 1.0,
-                "approach_time": 2.5,
-                "land_time": 3000.0,
-                "course": points,
+                "takeoff_time": 0.5, "height": 1.2, "climb_speed": 1.0, "approach_time": 2.5,
+                "land_time": 3000.0, "course": points,
             },
         },
         "blind",
-    )
+    )  # fmt: skip
 
 
 def true_draws(case: FlightCase) -> Array:
@@ -120,20 +118,18 @@ def measured(
 ) -> FlightLog:
     """Return the log of a flight as the sensors of a lab would measure it."""
     t = flown.t
+    series = sensor_series(flown, formulation.startswith("imu"), formulation.endswith("rpm"))
     stamps = flown.mocap_t + _STAMP_JITTER * rng.standard_normal(flown.mocap_t.size)
-    series = {
-        "position": Series(stamps, flown.mocap_position, flown.mocap_arrival),
-        "attitude": Series(stamps, flown.mocap_attitude, flown.mocap_arrival),
-        "rotor_command": Series(t, flown.log["rotor_command"].copy()),
-    }
-    volts = flown.log["battery"][::100, 2:3]
-    series["voltage"] = Series(t[::100], volts + _VOLTAGE_NOISE * rng.standard_normal(volts.shape))
-    if formulation.startswith("imu"):
+    for channel in ("position", "attitude"):
+        series[channel] = replace(series[channel], t=stamps)
+    volts = series["voltage"].values
+    noisy = volts + _VOLTAGE_NOISE * rng.standard_normal(volts.shape)
+    series["voltage"] = Series(t[::100], noisy)
+    if "accel" in series:
         shake = _coloured(rng, t.size, 3, 0.05) * _VIBRATION
-        series["gyro"] = Series(t, flown.log["gyro"].copy())
-        series["accel"] = Series(t, flown.log["accel"] + shake)
-    if formulation.endswith("rpm"):
-        speed = flown.log["rotor_speed"]
+        series["accel"] = Series(t, series["accel"].values + shake)
+    if "rotor_speed" in series:
+        speed = series["rotor_speed"].values
         noisy = speed + _RPM_NOISE * rng.standard_normal(speed.shape)
         series["rotor_speed"] = Series(t, np.round(noisy / _RPM_STEP) * _RPM_STEP)
     height = flown.mocap_position[:, 2]

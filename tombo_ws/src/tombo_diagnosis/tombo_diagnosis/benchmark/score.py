@@ -57,8 +57,7 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
     result["named_cases"] = len(named)
     told = [r for r in single if r["verdict"] in _NAMING_VERDICTS]
     result["truth_in_set"] = _share(told, lambda r: r["hidden"][0] in _answered(r))
-    sizes = [len(_answered(r)) for r in told]
-    result["mean_set_size"] = float(np.mean(sizes)) if sizes else None
+    result["mean_set_size"] = _of(np.mean, [len(_answered(r)) for r in told])
     healthy = [r for r in rows if r["kind"] == "none"]
     alarms = sum(r["verdict"] != "none" for r in healthy)
     result["false_alarm"] = alarms / len(healthy) if healthy else None
@@ -82,20 +81,13 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
             for e, v in errors
             if (e not in STOCHASTIC_EFFECTS) is mean and v["error"] is not None
         ]
-        median, p90 = (
-            (float(np.median(own_errors)), float(np.quantile(own_errors, 0.9)))
-            if own_errors
-            else (None, None)
-        )
-        result[f"parameter_error{suffix}_median"] = median
-        result[f"parameter_error{suffix}_p90"] = p90
-    covered = [c for _, v in errors for c in v["covered"]]
-    result["coverage_95"] = float(np.mean(covered)) if covered else None
+        result[f"parameter_error{suffix}_median"] = _of(np.median, own_errors)
+        result[f"parameter_error{suffix}_p90"] = _of(np.quantile, own_errors, 0.9)
+    result["coverage_95"] = _of(np.mean, [c for _, v in errors for c in v["covered"]])
     shares = [r["gain_share"] for r in rows if r.get("gain_share") is not None]
-    result["gain_share_median"] = float(np.median(shares)) if shares else None
-    result["gain_share_p10"] = float(np.quantile(shares, 0.1)) if shares else None
-    seconds = [r["seconds"] for r in rows if "seconds" in r]
-    result["seconds_per_case"] = float(np.mean(seconds)) if seconds else None
+    result["gain_share_median"] = _of(np.median, shares)
+    result["gain_share_p10"] = _of(np.quantile, shares, 0.1)
+    result["seconds_per_case"] = _of(np.mean, [r["seconds"] for r in rows if "seconds" in r])
     result["calibration"] = _calibration(rows)
     return result
 
@@ -134,6 +126,11 @@ def _calibration(rows: Sequence[Row]) -> list[dict[str, Any]]:
             right = float(np.mean([_right(r) for r in own]))
             table.append({"stated": stated, "right": right, "cases": len(own)})
     return table
+
+
+def _of(statistic: Callable[..., Any], values: Sequence[float], *options: float) -> float | None:
+    """Return a statistic of values; None of none."""
+    return float(statistic(values, *options)) if values else None
 
 
 def _share(rows: Sequence[Row], holds: Callable[[Row], bool]) -> float | None:

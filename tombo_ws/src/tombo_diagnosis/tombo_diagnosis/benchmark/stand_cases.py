@@ -7,15 +7,17 @@ that makes the data is any of two. All of it derives from (seed, number of the c
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from tombo_diagnosis.benchmark.cases import (
     KINDS,
-    SIZES,
     UNKNOWN_SIZES,
     Case,
+    draw_factor,
+    draw_hidden,
     draw_name,
     draw_size,
 )
@@ -30,13 +32,10 @@ from tombo_dynamics.propeller.effects import STAND_EFFECTS, Draws, Setup, predic
 STANDS = (("full", 0.4), ("beta", 0.2), ("torque", 0.2), ("thrust", 0.2))
 """full: thrust, torque, flap angle, a second tachometer, known loads, three nodi; beta: thrust,
 torque, angle; torque: thrust and torque; thrust: thrust alone, one nodus."""
-_SHOWN_BY = {
-    "thrust": ("torque_", "drag_", "angle_"),
-    "torque": ("angle_",),
-    "beta": (),
-    "full": (),
-}
-"""Effects that a stand without the instrument can't show."""
+_BLIND_TO: Mapping[str, tuple[str, ...]] = {
+    "thrust": ("torque_", "drag_", "angle_"), "torque": ("angle_",), "beta": (), "full": (),
+}  # fmt: skip
+"""Effects that a stand without the instrument can't show, by the beginning of their names."""
 _TORQUE_SHAPES = ("hub_friction", "creep")
 
 
@@ -55,19 +54,15 @@ def make_case(seed: int, number: int) -> StandCase:
     every = parameters(setup)
     theta = {p.label: p.null + _healthy(p, rng) for p in every}
     size = draw_size(rng, kind)
-    hidden: tuple[str, ...] = ()
     shift: dict[str, float] = {}
-    if kind in ("single", "pair"):
-        can = [n for n in shown(stand, setup) if n in {p.effect for p in every}]
-        hidden = tuple(
-            str(n) for n in rng.choice(can, 1 if kind == "single" else 2, replace=False)
-        )
-        for name in hidden:
-            factor = SIZES[size] * float(rng.uniform(0.8, 1.25))
-            for p in every:
-                if p.effect == name:
-                    value = _moved(p, theta[p.label], factor, name, rng)
-                    theta[p.label], shift[p.label] = value, value - p.null
+    can = [n for n in shown(stand, setup) if n in {p.effect for p in every}]
+    hidden = tuple(draw_hidden(rng, kind, can))
+    for name in hidden:
+        factor = draw_factor(rng, size)
+        for p in every:
+            if p.effect == name:
+                value = _moved(p, theta[p.label], factor, name, rng)
+                theta[p.label], shift[p.label] = value, value - p.null
     values = {n: tuple(theta[p.label] for p in every if p.effect == n) for n in STAND_EFFECTS}
     values = {n: v for n, v in values.items() if v}
     draws = Draws(
@@ -90,10 +85,9 @@ def shown(stand: str, setup: Setup) -> list[str]:
     """Return the effects that a stand can show at all."""
     one = int(setup.propeller.max()) < 2
     few = int(setup.run.max()) < 2
-    blind = _SHOWN_BY[stand]
     return [
         n for n, e in STAND_EFFECTS.items()
-        if e.suits("tombo") and not n.startswith(blind or ("?",))
+        if e.suits("tombo") and not n.startswith(_BLIND_TO[stand])
         and not (n == "fabrication_scatter" and one) and not (n == "tare_scatter" and few)
         and n != "run_scatter"  # every stand has it, by as much as a healthy one
     ]  # fmt: skip

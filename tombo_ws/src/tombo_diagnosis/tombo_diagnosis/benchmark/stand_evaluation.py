@@ -14,8 +14,9 @@ from tombo_diagnosis.benchmark.evaluation import (
 )
 from tombo_diagnosis.benchmark.runner import run_benchmark
 from tombo_diagnosis.benchmark.score import score_of_stands
-from tombo_diagnosis.benchmark.stand_cases import StandCase, make_case
-from tombo_diagnosis.stand.analyse import StandFindings, analyse
+from tombo_diagnosis.benchmark.stand_cases import make_case
+from tombo_diagnosis.engine.regression import Parameter
+from tombo_diagnosis.stand.analyse import analyse
 from tombo_diagnosis.stand.cause_estimates import estimate_cause
 from tombo_dynamics.propeller.effects import STAND_EFFECTS
 
@@ -29,21 +30,17 @@ def examine(seed: int, number: int) -> dict[str, Any]:
     row["left"] = findings.remainder.curves.evidence
     row["free"] = findings.remainder.curves_without_causes.evidence
     if exactly_right(case, findings):
-        own = [e for e in case.hidden if not STAND_EFFECTS[e].stochastic]
-        row["parameters"] = {e: _compared(case, findings, e) for e in own}
+
+        def true_value(p: Parameter, nominal: float) -> float:
+            return nominal + case.shift.get(p.label, 0.0)
+
+        causes = [
+            estimate_cause(e, findings) for e in case.hidden if not STAND_EFFECTS[e].stochastic
+        ]
+        row["parameters"] = {
+            c.effect: compare_parameters(case, findings.problem, c, true_value) for c in causes
+        }
     return row
-
-
-def _compared(case: StandCase, findings: StandFindings, effect: str) -> dict[str, Any]:
-    """Return how well an effect's parameters were found."""
-    theta = findings.problem.theta
-    return compare_parameters(
-        case,
-        [p for p in findings.problem.columns.parameters if p.effect == effect],
-        lambda p: float(theta[p.index]),
-        lambda p: float(theta[p.index]) + case.shift.get(p.label, 0.0),
-        {f.name: f for f in estimate_cause(effect, findings).theta},
-    )
 
 
 benchmark = partial(run_benchmark, examine, score_of_stands)

@@ -16,13 +16,18 @@ def _share(setup: Setup) -> Array:
     return setup.speed / max(float(setup.speed.max()), 1e-9)
 
 
+def _times(y: Array, thrust: Array, torque: Array | float = 1.0) -> Array:
+    """Return readings (N, 4), thrust and torque by these factors (N,)."""
+    out = y.copy()
+    out[:, 0] *= thrust
+    out[:, 1] *= torque
+    return out
+
+
 def _blade_stall(y: Array, setup: Setup, size: float, rng: np.random.Generator) -> Array:
     """Thrust stops growing as it did beyond a speed, torque grows more."""
     over = np.maximum(_share(setup) - rng.uniform(0.55, 0.75), 0.0)
-    out = y.copy()
-    out[:, 0] *= 1.0 - size * 0.6 * over
-    out[:, 1] *= 1.0 + size * 0.9 * over
-    return out
+    return _times(y, 1.0 - size * 0.6 * over, 1.0 + size * 0.9 * over)
 
 
 def _hub_friction(y: Array, setup: Setup, size: float, rng: np.random.Generator) -> Array:
@@ -37,37 +42,27 @@ def _hub_friction(y: Array, setup: Setup, size: float, rng: np.random.Generator)
 def _stand_ground_effect(y: Array, setup: Setup, size: float, rng: np.random.Generator) -> Array:
     """The bench below pushes back, the more the slower the wake."""
     gain = size * 0.12 * np.exp(-((_share(setup) / rng.uniform(0.3, 0.5)) ** 2))
-    out = y.copy()
-    out[:, 0] *= 1.0 + gain
-    return out
+    return _times(y, 1.0 + gain)
 
 
 def _reynolds(y: Array, setup: Setup, size: float, rng: np.random.Generator) -> Array:
     """Lift and drag coefficients change with a power of the speed."""
     x = np.maximum(_share(setup), 0.05)
-    out = y.copy()
-    out[:, 0] *= x ** (size * 0.08)
-    out[:, 1] *= x ** (-size * 0.12)
-    return out
+    return _times(y, x ** (size * 0.08), x ** (-size * 0.12))
 
 
 def _resonance(y: Array, setup: Setup, size: float, rng: np.random.Generator) -> Array:
     """The stand's arm resonates at one speed and the cell reads wrong there."""
     at, width = rng.uniform(0.35, 0.75), 0.08
     bump = np.exp(-(((_share(setup) - at) / width) ** 2))
-    out = y.copy()
-    out[:, 0] *= 1.0 - size * 0.08 * bump
-    out[:, 1] *= 1.0 + size * 0.06 * bump
-    return out
+    return _times(y, 1.0 - size * 0.08 * bump, 1.0 + size * 0.06 * bump)
 
 
 def _creep(y: Array, setup: Setup, size: float, rng: np.random.Generator) -> Array:
     """The silicone creeps: way down differs from way up by a share that peaks in the middle."""
-    out = y.copy()
     e = setup.elapsed
-    out[:, 0] *= 1.0 - size * 0.06 * np.sin(np.pi * e) * (e > 0.5)
-    out[:, 1] *= 1.0 + size * 0.03 * np.sin(2.0 * np.pi * e)
-    return out
+    thrust = 1.0 - size * 0.06 * np.sin(np.pi * e) * (e > 0.5)
+    return _times(y, thrust, 1.0 + size * 0.03 * np.sin(2.0 * np.pi * e))
 
 
 def _cell_saturation(y: Array, setup: Setup, size: float, rng: np.random.Generator) -> Array:

@@ -26,12 +26,7 @@ _PENALTY = 12.0
 
 
 def find_steps(t: Array, ratio: Array) -> list[tuple[float, float]]:
-    """Return times [s] and relative sizes of the steps of a ratio.
-
-    Args:
-        t: (N,) s, rising.
-        ratio: (N,) positive.
-    """
+    """Return times [s] and relative sizes of the steps of a positive ratio (N,) at times (N,)."""
     if t.size < 4 * _SIDE:
         return []
     bins = np.floor((t - t[0]) / _BIN_S).astype(np.int64)
@@ -57,29 +52,21 @@ def find_steps(t: Array, ratio: Array) -> list[tuple[float, float]]:
 
 
 def changes(flight: str, t: Array, force: Array, drive: Array) -> list[Finding]:
-    """Report where thrust per command steps.
+    """Report where thrust per command steps, at times t (N,) in flight [s].
 
-    Args:
-        flight: name.
-        t: (N,) s, in flight.
-        force: (N,) specific force along the rotors' axis [m/s^2].
-        drive: (N,) mean square of speeds or commands.
+    `force` (N,) is specific force along the rotors' axis [m/s^2], `drive` (N,) the mean square of
+    speeds or commands.
     """
     usable = (drive > 0.05 * np.median(drive)) & (force > 2.0) if drive.size else drive > 0.0
-    return [
-        Finding(
-            "change",
-            "warning",
-            flight,
+    findings = []
+    for at, step in find_steps(t[usable], force[usable] / drive[usable]):
+        text = (
             f"from {at:.1f} s on a command gives {100 * abs(step):.0f} % "
             f"{'more' if step > 0.0 else 'less'} specific force than before: the vehicle changed "
-            "(load, propeller, battery?); diagnose the two parts as two flights",
-            at,
-            at,
-            "accel",
+            "(load, propeller, battery?); diagnose the two parts as two flights"
         )
-        for at, step in find_steps(t[usable], force[usable] / drive[usable])
-    ]
+        findings.append(Finding("change", "warning", flight, text, at, at, "accel"))
+    return findings
 
 
 def _change_points(values: Array) -> list[int]:

@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter1d, median_filter
 from scipy.spatial.transform import Rotation
 
 from tombo_diagnosis.checks.motion import WIDTH
-from tombo_diagnosis.checks.spans import runs, sample_interval
+from tombo_diagnosis.checks.spans import block_means, runs, sample_interval
 from tombo_diagnosis.checks.timestamps import jitter
 from tombo_diagnosis.logs.flight_log import Series
 from tombo_diagnosis.logs.frames import is_usable
@@ -47,18 +47,13 @@ class Event:
 def accel_events(accel: Series, p_t: Array, p_acceleration: Array) -> list[Event]:
     """Return when the accelerometer reads what the flight does not explain.
 
-    Args:
-        accel: tidy.
-        p_t: (M,) times [s] of `p_acceleration`, or (0,).
-        p_acceleration: (M,) magnitude of the specific force that the poses tell [m/s^2].
+    `p_acceleration` (M,) is the size of the specific force that the poses tell [m/s^2], at `p_t`.
     """
     step = sample_interval(accel.t)
     if accel.t.size < 20 or step == 0.0:
         return []
     every = max(round(0.01 / step), 1)
-    count = accel.t.size // every
-    t = accel.t[: count * every].reshape(count, every).mean(axis=1)
-    a = accel.values[: count * every].reshape(count, every, 3).mean(axis=1)
+    t, a = block_means(accel.t, every), block_means(accel.values, every)
     width = 2 * round(0.2 / (step * every)) + 1
     usual = np.column_stack([median_filter(column, width, mode="nearest") for column in a.T])
     spike = np.linalg.norm(a - usual, axis=1)
@@ -89,11 +84,9 @@ def pose_events(position: Series, attitude: Series) -> list[Event]:
     limit = max(_JUMP, 8.0 * noise)
     if jitter(position.t) > 0.3 * sample_interval(position.t):
         limit = fastest  # stamps so uneven make jumps of their own
-    for begin, end in runs(change > limit):
-        peak = begin + int(np.argmax(change[begin:end]))
-        text = f"the track's velocity jumps by {change[peak]:.2f} m/s"
-        kind = "track" if change[peak] < fastest else "leap"
-        events.append(Event(float(t[peak]), text, "position", kind))
+    for at, size in _peaks(t, change, limit):
+        kind = "track" if size < fastest else "leap"
+        events.append(Event(at, f"the track's velocity jumps by {size:.2f} m/s", "position", kind))
     usable = is_usable(attitude.values)
     if np.count_nonzero(usable) > 10:
         turns = Rotation.from_quat(attitude.values[usable])
@@ -101,10 +94,9 @@ def pose_events(position: Series, attitude: Series) -> list[Event]:
         steps[1:] = (turns[:-1].inv() * turns[1:]).as_rotvec()
         stamps = _evened(attitude.t[usable])
         t, change, noise = _slope_changes(stamps, np.cumsum(steps, axis=0))
-        for begin, end in runs(change > max(_TURN, 8.0 * noise)):
-            peak = begin + int(np.argmax(change[begin:end]))
-            text = f"the body's rate jumps by {change[peak]:.1f} rad/s"
-            events.append(Event(float(t[peak]), text, "attitude", "turn", float(change[peak])))
+        for at, size in _peaks(t, change, max(_TURN, 8.0 * noise)):
+            text = f"the body's rate jumps by {size:.1f} rad/s"
+            events.append(Event(at, text, "attitude", "turn", size))
     return events
 
 
@@ -112,12 +104,16 @@ def gyro_events(gyro: Series) -> list[Event]:
     """Return when the gyro jumps."""
     every = max(round(0.01 / max(sample_interval(gyro.t), 1e-6)), 1)
     t, change, noise = _slope_changes(gyro.t[::every], _integrated(gyro)[::every])
-    events = []
-    for begin, end in runs(change > max(_TURN, 8.0 * noise)):
-        peak = begin + int(np.argmax(change[begin:end]))
-        text = f"the gyro jumps by {change[peak]:.1f} rad/s"
-        events.append(Event(float(t[peak]), text, "gyro", "gyro"))
-    return events
+    return [
+        Event(at, f"the gyro jumps by {size:.1f} rad/s", "gyro", "gyro")
+        for at, size in _peaks(t, change, max(_TURN, 8.0 * noise))
+    ]
+
+
+def _peaks(t: Array, change: Array, limit: float) -> list[tuple[float, float]]:
+    """Return time and size of the largest change in each run above a limit."""
+    peaks = [b + int(np.argmax(change[b:e])) for b, e in runs(change > limit)]
+    return [(float(t[k]), float(change[k])) for k in peaks]
 
 
 def _integrated(series: Series) -> Array:

@@ -38,19 +38,14 @@ def frozen_spans(t: Array, values: Array) -> list[Span]:
 
 def frozen(flight: str, channel: str, t: Array, values: Array) -> list[Finding]:
     """Report where a channel is frozen; those spans are no measurement."""
-    return [
-        Finding(
-            "frozen",
-            "fault",
-            flight,
+    findings = []
+    for begin, end in frozen_spans(t, values):
+        text = (
             f"{channel}: the same value for {end - begin:.2f} s, then a jump; expected: a channel "
-            "that moves; set apart",
-            begin,
-            end,
-            channel,
+            "that moves; set apart"
         )
-        for begin, end in frozen_spans(t, values)
-    ]
+        findings.append(Finding("frozen", "fault", flight, text, begin, end, channel))
+    return findings
 
 
 def interpolated_spans(t: Array, values: Array) -> list[Span]:
@@ -85,29 +80,14 @@ def drawn(flight: str, channel: str, t: Array, values: Array) -> list[Finding]:
         if end - begin < _LONG_S:
             continue
         last = end >= t[-1] - 2.0 * sample_interval(t)
-        findings.append(
-            Finding(
-                "frozen",
-                "fault",
-                flight,
-                f"{channel}: a straight line over {end - begin:.2f} s"
-                + (" to the end: extrapolated" if last else ": interpolated")
-                + ", not measured; set apart",
-                begin,
-                end,
-                channel,
-            )
-        )
+        why = " to the end: extrapolated" if last else ": interpolated"
+        text = f"{channel}: a straight line over {end - begin:.2f} s{why}, not measured; set apart"
+        findings.append(Finding("frozen", "fault", flight, text, begin, end, channel))
     short = [end - begin for begin, end in spans if end - begin < _LONG_S]
     if short:
-        findings.append(
-            Finding(
-                "gap",
-                "info",
-                flight,
-                f"{channel}: {len(short)} gaps of {min(short):.2f} to {max(short):.2f} s are "
-                "filled with straight lines",
-                channel=channel,
-            )
+        text = (
+            f"{channel}: {len(short)} gaps of {min(short):.2f} to {max(short):.2f} s are filled "
+            "with straight lines"
         )
+        findings.append(Finding("gap", "info", flight, text, channel=channel))
     return findings

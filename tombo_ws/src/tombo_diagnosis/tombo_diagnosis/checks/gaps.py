@@ -30,18 +30,12 @@ def gaps(flight: str, channel: str, t: Array, begin: float, end: float) -> list[
         lengths = np.array([e - b for b, e in spans])
         share = float(lengths.sum() / max(t[-1] - t[0], 1e-9))
         longest = spans[int(np.argmax(lengths))]
-        grave = lengths.max() > _LONG_S or share > _SHARE
-        findings.append(
-            Finding(
-                "gap",
-                "warning" if grave else "info",
-                flight,
-                f"{channel}: {len(spans)} gaps, {100 * share:.1f} % of the time, the longest "
-                f"{lengths.max():.2f} s at {longest[0]:.2f} s",
-                *longest,
-                channel=channel,
-            )
+        severity = "warning" if lengths.max() > _LONG_S or share > _SHARE else "info"
+        message = (
+            f"{channel}: {len(spans)} gaps, {100 * share:.1f} % of the time, the longest "
+            f"{lengths.max():.2f} s at {longest[0]:.2f} s"
         )
+        findings.append(Finding("gap", severity, flight, message, *longest, channel))
     for text, span in (
         ("begins {:.1f} s late", (begin, float(t[0]))),
         ("ends {:.1f} s early", (float(t[-1]), end)),

@@ -31,8 +31,7 @@ def impacts(
     flight: str,
     events: list[Event],
     ground: list[Span],
-    begin: float,
-    end: float,
+    flown: Span,
     channels: Collection[str],
 ) -> list[Finding]:
     """Distinguish crashes, contacts and jumps of the motion capture; exclude the affected spans.
@@ -41,11 +40,11 @@ def impacts(
         flight: name.
         events: what is sudden, in any order.
         ground: spans on the ground; what happens there is take-off and landing.
-        begin: of the flight [s].
-        end: of the flight [s].
+        flown: begin and end of the flight [s].
         channels: those of the flight: what only poses show though accelerometer or gyro are
             there is an error of the poses, and what only turns is a manoeuvre.
     """
+    begin, end = flown
     times = np.array([e.t for e in events])
     inflight = [e for e, down in zip(events, inside(times, ground), strict=True) if not down]
     findings = []
@@ -101,10 +100,7 @@ def _told(members: list[Event]) -> str:
 def unmeasured(flight: str, events: list[Event], lines: list[Finding]) -> list[Finding]:
     """Report when readings look like a crash on a line that was drawn, not measured.
 
-    Args:
-        flight: name.
-        events: those on the lines.
-        lines: straight lines of gyro or accelerometer, already excluded.
+    `lines` are straight lines of gyro or accelerometer, already excluded; `events` lie on them.
     """
     findings = []
     for line in lines:

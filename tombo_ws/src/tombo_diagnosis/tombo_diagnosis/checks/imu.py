@@ -32,33 +32,23 @@ def check_accel(flight: str, accel: Series, flying: Mask) -> list[Finding]:
         why = guess(ratio, ("g declared", "as g"))
         if ratio < 0.3 and not why:
             why = ": gravity taken out, or nothing measured?"
-        return [
-            Finding(
-                "unit",
-                "fault",
-                flight,
-                f"accel: |accel| is {size:.3g} m/s^2 in flight; expected: about {GRAVITY:.2f}"
-                f"{why}; gyro and accel are left out",
-                channel="accel",
-            )
-        ]
+        text = (
+            f"accel: |accel| is {size:.3g} m/s^2 in flight; expected: about {GRAVITY:.2f}"
+            f"{why}; gyro and accel are left out"
+        )
+        return [Finding("unit", "fault", flight, text, channel="accel")]
     mean = np.median(values, axis=0)
     mean /= max(float(np.linalg.norm(mean)), 1e-9)
     if mean[2] > 0.5:
         return []
     axis = int(np.argmax(np.abs(mean)))
     name = ("-" if mean[axis] < 0.0 else "") + "xyz"[axis]
-    return [
-        Finding(
-            "frame",
-            "fault",
-            flight,
-            f"accel: points along ({mean[0]:.2f}, {mean[1]:.2f}, {mean[2]:.2f}) in flight, its "
-            f"{name} is up; expected: (0, 0, 1), base_link (FLU); is it FRD? In a mapping: axes "
-            "of gyro and accel; they are left out",
-            channel="accel",
-        )
-    ]
+    text = (
+        f"accel: points along ({mean[0]:.2f}, {mean[1]:.2f}, {mean[2]:.2f}) in flight, its "
+        f"{name} is up; expected: (0, 0, 1), base_link (FLU); is it FRD? In a mapping: axes "
+        "of gyro and accel; they are left out"
+    )
+    return [Finding("frame", "fault", flight, text, channel="accel")]
 
 
 def check_gyro(flight: str, motion: Motion) -> tuple[list[Finding], float | None]:
@@ -77,8 +67,13 @@ def check_gyro(flight: str, motion: Motion) -> tuple[list[Finding], float | None
         )
         return [Finding("unit", "fault", flight, text, channel="gyro")], together.scale
     findings = _turned(flight, together)
-    if late is not None:
-        findings += _late(flight, late.lag, late.sigma)
+    if late is not None and abs(late.lag) >= max(_LATE_S, 3.0 * late.sigma):
+        text = (
+            f"position: stamps are {1e3 * abs(late.lag):.0f} ± {1e3 * late.sigma:.0f} ms "
+            f"{'later' if late.lag > 0.0 else 'earlier'} than the gyro's"
+        )
+        severity = "warning" if abs(late.lag) > 0.02 else "info"
+        findings.append(Finding("stamps", severity, flight, text, channel="position"))
     return findings, together.scale
 
 
@@ -126,22 +121,9 @@ def _turned(flight: str, together: Alignment) -> list[Finding]:
             f"deg (± {np.degrees(together.sigma):.1f}) against the gyro's; the diagnosis fits that"
         )
         return [Finding("frame", "info", flight, text, channel="attitude")]
-    if remedy:
-        text += f"; in a mapping: {remedy}"
-    return [
-        Finding("frame", "fault", flight, f"{text}; gyro and accel are left out", channel="gyro")
-    ]
-
-
-def _late(flight: str, lag: float, sigma: float) -> list[Finding]:
-    if abs(lag) < max(_LATE_S, 3.0 * sigma):
-        return []
-    way = "later" if lag > 0.0 else "earlier"
-    text = (
-        f"position: stamps are {1e3 * abs(lag):.0f} ± {1e3 * sigma:.0f} ms {way} than the gyro's"
-    )
-    return [Finding("stamps", "warning" if abs(lag) > 0.02 else "info", flight, text,
-                    channel="position")]  # fmt: skip
+    text += f"; in a mapping: {remedy}" if remedy else ""
+    text += "; gyro and accel are left out"
+    return [Finding("frame", "fault", flight, text, channel="gyro")]
 
 
 def _axes_of(matrix: Array) -> list[str]:

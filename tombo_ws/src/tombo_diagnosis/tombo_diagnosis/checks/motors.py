@@ -28,19 +28,14 @@ def saturation(flight: str, channel: str, command: Series, flying: Mask) -> list
     shares = at.mean(axis=0)
     if shares.max() < _SATURATED:
         return []
-    text = ", ".join(
+    motors = ", ".join(
         f"{name} {100 * s:.0f} %" for name, s in zip(ROTOR_NAMES, shares, strict=True) if s > 0.002
     )
-    return [
-        Finding(
-            "saturation",
-            "warning",
-            flight,
-            f"{channel}: at its upper limit for a part of the flight ({text}); thrust does not "
-            "follow the controller there",
-            channel=channel,
-        )
-    ]
+    text = (
+        f"{channel}: at its upper limit for a part of the flight ({motors}); thrust does not "
+        "follow the controller there"
+    )
+    return [Finding("saturation", "warning", flight, text, channel=channel)]
 
 
 def range_of(flight: str, command: Series, flying: Mask) -> list[Finding]:
@@ -51,29 +46,17 @@ def range_of(flight: str, command: Series, flying: Mask) -> list[Finding]:
     low, high = float(np.min(values)), float(np.max(values))
     if low > -0.02 and high < 1.02:
         return []
-    return [
-        Finding(
-            "unit",
-            "fault",
-            flight,
-            f"motor_command: values from {low:.3g} to {high:.3g}; expected: 0 to 1 (in a mapping: "
-            "range); left out",
-            channel="motor_command",
-        )
-    ]
+    text = (
+        f"motor_command: values from {low:.3g} to {high:.3g}; expected: 0 to 1 (in a mapping: "
+        "range); left out"
+    )
+    return [Finding("unit", "fault", flight, text, channel="motor_command")]
 
 
 def speed_against_command(
     flight: str, speed: Series, command: Series, flying: Mask
 ) -> list[Finding]:
-    """Report when measured rotor speeds contradict what was asked for.
-
-    Args:
-        flight: name.
-        speed: measured.
-        command: asked for.
-        flying: (N,) rows of `speed` in flight.
-    """
+    """Report when measured rotor speeds contradict the command; `flying`: rows (N,) of `speed`."""
     rows = flying & (speed.t >= command.t[0]) & (speed.t <= command.t[-1])
     if np.count_nonzero(rows) < 50:
         return []

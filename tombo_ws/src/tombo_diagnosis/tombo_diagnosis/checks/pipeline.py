@@ -13,10 +13,9 @@ from tombo_diagnosis.checks.gaps import gaps
 from tombo_diagnosis.checks.ground import ground
 from tombo_diagnosis.checks.motion import Motion, motion_of
 from tombo_diagnosis.checks.series_cleaning import clean_series, nothing_left
-from tombo_diagnosis.checks.spans import Mask, Span, inside, merged, sample_interval
+from tombo_diagnosis.checks.spans import Mask, Span, block_means, inside, merged, sample_interval
 from tombo_diagnosis.checks.timestamps import arrival_stamps
 from tombo_diagnosis.logs.flight_log import Finding, FlightLog, Series
-from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
 
@@ -55,14 +54,19 @@ def check_log(log: FlightLog) -> FlightLog:
     begin, end = series["position"].t[0], series["position"].t[-1]
     stood_still = _stuck(log.name, series)
     lost = _spans(f for f in stood_still if f.channel in POSE)
-    findings += ground(log.name, _without(series["position"], lost), series)
+    position = series["position"]
+    keep = ~inside(position.t, lost)
+    seen = Series(position.t[keep], position.values[keep]) if keep.any() else position
+    findings += ground(log.name, seen, series)
     down = _spans(f for f in findings if f.check == "ground")
     # motors stand still on the ground
-    findings += [f for f in stood_still if not _within((f.start_s, f.end_s), down)]
+    findings += [
+        f for f in stood_still if not any(b <= f.start_s and f.end_s <= e for b, e in down)
+    ]
     apart = [*log.exclude, *_spans(findings)]
     motion = _motion(series, apart)
     poses.check_tilt(log.name, motion)
-    findings += _impacts(log.name, series, motion, findings, begin, end)
+    findings += _impacts(log.name, series, motion, findings)
     apart = merged([*log.exclude, *_spans(findings)])
     series, found = _held_together(log.name, series, apart)
     findings += found
@@ -97,19 +101,10 @@ def _stuck(flight: str, series: dict[str, Series]) -> list[Finding]:
     found: list[Finding] = []
     for name in _MOVING:
         if name in series:
-            s = series[name]
-            found += frozen_values.frozen(flight, name, s.t, s.values)
-            found += frozen_values.drawn(flight, name, s.t, s.values)
+            values = series[name].t, series[name].values
+            found += frozen_values.frozen(flight, name, *values)
+            found += frozen_values.drawn(flight, name, *values)
     return found
-
-
-def _without(series: Series, spans: list[Span]) -> Series:
-    keep = ~inside(series.t, spans)
-    return Series(series.t[keep], series.values[keep]) if keep.any() else series
-
-
-def _within(span: Span, spans: list[Span]) -> bool:
-    return any(begin <= span[0] and span[1] <= end for begin, end in spans)
 
 
 def _spans(findings: Iterable[Finding]) -> list[Span]:
@@ -127,14 +122,10 @@ def _motion(series: dict[str, Series], apart: list[Span]) -> Motion:
 
 
 def _impacts(
-    flight: str,
-    series: dict[str, Series],
-    motion: Motion,
-    findings: list[Finding],
-    begin: float,
-    end: float,
+    flight: str, series: dict[str, Series], motion: Motion, findings: list[Finding]
 ) -> list[Finding]:
     down = [(f.start_s, f.end_s) for f in findings if f.check == "ground"]
+    times = series["position"].t
     found = events.pose_events(series["position"], series["attitude"])
     found += events.tilt_events(series["attitude"])
     if "accel" in series:
@@ -148,7 +139,7 @@ def _impacts(
     real = [e for e, d in zip(found, drawn, strict=True) if not d]
     return [
         *impacts.unmeasured(flight, on_lines, lines),
-        *impacts.impacts(flight, real, down, begin, end, series),
+        *impacts.impacts(flight, real, down, (times[0], times[-1]), series),
     ]
 
 
@@ -177,8 +168,8 @@ def _motors(flight: str, series: dict[str, Series], apart: list[Span]) -> list[F
             flying = _flying(series[name], apart)
             findings += motors.saturation(flight, name, series[name], flying)
     if "motor_command" in series:
-        flying = _flying(series["motor_command"], apart)
-        found = motors.range_of(flight, series["motor_command"], flying)
+        command = series["motor_command"]
+        found = motors.range_of(flight, command, _flying(command, apart))
         if found:
             del series["motor_command"]
         findings += found
@@ -203,19 +194,11 @@ def _changes(flight: str, series: dict[str, Series], apart: list[Span]) -> list[
     if "accel" not in series or not drivers:
         return []
     accel, drive = series["accel"], series[drivers[0]]
-    t, force = _thinned(accel.t, accel.values[:, 2])
+    every = max(round(0.02 / max(sample_interval(accel.t), 1e-6)), 1)  # 20 ms
+    t, force = block_means(accel.t, every), block_means(accel.values[:, 2], every)
     asked = np.interp(t, drive.t, np.mean(drive.values**2, axis=1))
     rows = ~inside(t, apart) & (t >= drive.t[0]) & (t <= drive.t[-1])
     return changes(flight, t[rows], force[rows], asked[rows])
-
-
-def _thinned(t: Array, values: Array) -> tuple[Array, Array]:
-    """Return means over 20 ms where samples are closer than that."""
-    every = max(round(0.02 / max(sample_interval(t), 1e-6)), 1)
-    count = t.size // every * every
-    return t[:count].reshape(-1, every).mean(axis=1), values[:count].reshape(-1, every).mean(
-        axis=1
-    )
 
 
 def _flying(series: Series, apart: list[Span]) -> Mask:

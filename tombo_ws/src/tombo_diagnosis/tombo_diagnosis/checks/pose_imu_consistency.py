@@ -33,8 +33,6 @@ class Alignment:
     """Standard deviation of the angle [rad]."""
     explained: float
     """Share of the gyro's variance that is explained."""
-    axes: int
-    """How many directions are excited: 3 for a mirror to be told."""
 
 
 @dataclass(frozen=True)
@@ -82,28 +80,25 @@ def alignment(motion: Motion, lag: float) -> Alignment | None:
     good = motion.good
     t = motion.t
     shifted = np.column_stack([np.interp(t + lag, t, c) for c in motion.rates.T])
-    w = shifted[good] - shifted[good].mean(axis=0)
-    g = motion.gyro[good] - motion.gyro[good].mean(axis=0)
+    w, g = _centred(shifted[good]), _centred(motion.gyro[good])
     if _rms(w) < _EXCITED:
         return None
     covariance = g.T @ w / len(w)
     u, s, vt = np.linalg.svd(covariance)
     # what both see; noise of one alone is not in it
-    seen = np.sqrt(s)
-    axes = int(np.count_nonzero(seen > _EXCITED / 2.0))
+    excited = bool((np.sqrt(s) > _EXCITED / 2.0).all())
     # a mirror shows in the directions that are excited, all three of them
     sign = np.sign(np.linalg.det(u @ vt))
-    mirrored = bool(axes == 3 and sign < 0.0 and s[2] > 0.2 * s[1])
+    mirrored = bool(excited and sign < 0.0 and s[2] > 0.2 * s[1])
     matrix = u @ np.diag([1.0, 1.0, sign]) @ vt
     scale = float(s.sum() / max(np.trace(w.T @ w / len(w)), 1e-12))
     left = g - scale * w @ (u @ vt if mirrored else matrix).T
-    explained = 1.0 - float(np.sum(left**2) / max(np.sum(g**2), 1e-12))
     turn = Rotation.from_matrix(-u @ vt if mirrored else matrix)
     angle = float(turn.magnitude())
     # the turn about an axis is told by what turns about the two others
     weak = max(float(np.sqrt(s[1:].mean() / max(scale, 1e-9))), 1e-6)
     sigma = _rms(left) / max(scale, 1e-9) / weak * np.sqrt(_INDEPENDENT / len(w))
-    return Alignment(scale, turn, mirrored, angle, float(sigma), explained, axes)
+    return Alignment(scale, turn, mirrored, angle, float(sigma), _explained(left, g))
 
 
 def tilt_response(motion: Motion) -> tuple[Array, float] | None:
@@ -111,9 +106,15 @@ def tilt_response(motion: Motion) -> tuple[Array, float] | None:
 
     A multirotor is pushed along its body z: the identity is expected. None without excitation.
     """
-    up = motion.up[motion.good]
-    lean = up[:, :2] / np.maximum(np.abs(up[:, 2:]), 0.2) * GRAVITY
-    return _response(lean, motion.acceleration[motion.good, :2])
+    up, found = motion.up[motion.good], motion.acceleration[motion.good, :2]
+    if len(found) < 100:
+        return None
+    expected = _centred(up[:, :2] / np.maximum(np.abs(up[:, 2:]), 0.2) * GRAVITY)
+    found = _centred(found)
+    if max(_rms(expected), _rms(found)) < 0.2 or _rms(expected) < 2e-3:
+        return None
+    response, _, _, _ = np.linalg.lstsq(expected, found, rcond=None)
+    return np.asarray(response.T), _explained(found - expected @ response, found)
 
 
 def force_response(motion: Motion) -> tuple[Array, float] | None:
@@ -125,10 +126,8 @@ def force_response(motion: Motion) -> tuple[Array, float] | None:
     if not motion.accel.size or np.count_nonzero(motion.good) < 100:
         return None
     good = motion.good
-    expected = Rotation.from_quat(motion.attitude[good]).apply(motion.accel[good])
-    found = motion.acceleration[good]
-    expected = expected - expected.mean(axis=0)
-    found = found - found.mean(axis=0)
+    expected = _centred(Rotation.from_quat(motion.attitude[good]).apply(motion.accel[good]))
+    found = _centred(motion.acceleration[good])
     if max(_rms(expected), _rms(found)) < 0.2:
         return None
     u, s, vt = np.linalg.svd(found.T @ expected / len(found))
@@ -140,21 +139,7 @@ def force_response(motion: Motion) -> tuple[Array, float] | None:
         other = u @ np.diag([1.0, 1.0, -1.0]) @ vt
         proper, mirror = (turn, other) if np.linalg.det(turn) > 0.0 else (other, turn)
         turn = mirror if np.trace(mirror) > np.trace(proper) + 1.0 else proper
-    left = found - expected @ turn.T
-    return turn, 1.0 - float(np.sum(left**2) / max(np.sum(found**2), 1e-12))
-
-
-def _response(expected: Array, found: Array) -> tuple[Array, float] | None:
-    if len(expected) < 100:
-        return None
-    expected = expected - expected.mean(axis=0)
-    found = found - found.mean(axis=0)
-    if max(_rms(expected), _rms(found)) < 0.2 or _rms(expected) < 2e-3:
-        return None
-    response, _, _, _ = np.linalg.lstsq(expected, found, rcond=None)
-    left = found - expected @ response
-    share = 1.0 - float(np.sum(left**2) / max(np.sum(found**2), 1e-12))
-    return np.asarray(response.T), share
+    return turn, _explained(found - expected @ turn.T, found)
 
 
 def _matched(rates: Array, gyro: Array, good: Mask, shift: int) -> float:
@@ -165,8 +150,7 @@ def _matched(rates: Array, gyro: Array, good: Mask, shift: int) -> float:
     elif shift < 0:
         both[:-shift] = False
     g = gyro[both]
-    left = _fit(np.roll(rates, -shift, axis=0)[both], g)
-    return 1.0 - float(np.sum(left**2) / max(np.sum(g**2), 1e-12))
+    return _explained(_fit(np.roll(rates, -shift, axis=0)[both], g), g)
 
 
 def _fit(w: Array, g: Array) -> Array:
@@ -175,6 +159,14 @@ def _fit(w: Array, g: Array) -> Array:
         return g
     coefficients, _, _, _ = np.linalg.lstsq(w, g, rcond=None)
     return np.asarray(g - w @ coefficients)
+
+
+def _centred(values: Array) -> Array:
+    return np.asarray(values - values.mean(axis=0))
+
+
+def _explained(left: Array, whole: Array) -> float:
+    return 1.0 - float(np.sum(left**2) / max(np.sum(whole**2), 1e-12))
 
 
 def _rms(values: Array) -> float:

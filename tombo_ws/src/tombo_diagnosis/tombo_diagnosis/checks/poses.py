@@ -14,27 +14,18 @@ from tombo_dynamics.vehicle import GRAVITY
 
 
 def check_attitude(flight: str, attitude: Series) -> None:
-    """Refuse quaternions that are none.
-
-    Raises:
-        InputError: the usual norm is not 1, or nothing turns.
-    """
+    """Refuse quaternions whose usual norm is not 1, or that never change."""
     if len(attitude.values) > 20 and not np.ptp(attitude.values, axis=0).any():
         raise InputError(f"flight '{flight}': attitude: one value throughout; expected: a flight")
     norm = np.linalg.norm(attitude.values, axis=1)
     usual = float(np.median(norm))
     if abs(usual - 1.0) > 0.02:
-        raise InputError(
-            f"flight '{flight}': attitude: quaternions have norm {usual:.3g}; expected: 1"
-        )
+        text = f"quaternions have norm {usual:.3g}; expected: 1"
+        raise InputError(f"flight '{flight}': attitude: {text}")
 
 
 def check_tilt(flight: str, motion: Motion) -> None:
-    """Refuse attitudes that lean far for long while the track is calm.
-
-    Raises:
-        InputError: says so.
-    """
+    """Refuse attitudes that lean far for long while the track is calm."""
     good = motion.good
     if np.count_nonzero(good) < 50:
         return
@@ -58,11 +49,8 @@ def check_tilt(flight: str, motion: Motion) -> None:
 def check_poses(flight: str, motion: Motion, scale: float | None, imu: bool) -> None:
     """Refuse poses whose position and attitude contradict each other.
 
-    Args:
-        flight: name.
-        motion: of the flight.
-        scale: size of the gyro's rates against those of the attitude; None: not known.
-        imu: whether the accelerometer can be relied upon.
+    `scale` is the size of the gyro's rates against those of the attitude, None: not known; `imu`
+    says whether the accelerometer can be relied upon.
 
     Raises:
         InputError: says what is seen and what is expected.
@@ -97,15 +85,13 @@ def _check_size(flight: str, motion: Motion, size: float) -> None:
         return
     usual = float(np.median(np.linalg.norm(motion.acceleration[good], axis=1)))
     if size > 5.0 and usual < 2.0 * GRAVITY:
-        name, times, among = "attitude", 1.0 / size, ("radians declared",)
-        seen = "leans"
+        seen, times, given, among = "attitude: leans", 1.0 / size, "acceleration", "radians"
     else:
-        name, times, among = "position", size, ("m declared",)
-        seen = f"accelerates by {usual:.3g} m/s^2,"
+        seen, times, given = f"position: accelerates by {usual:.3g} m/s^2,", size, "lean"
+        among = "m"
     raise InputError(
-        f"flight '{flight}': {name}: {seen} {times:.3g} times what its "
-        f"{'acceleration' if name == 'attitude' else 'lean'} gives{guess(times, among)}; "
-        "expected: about 1, both in the axes of map, z up"
+        f"flight '{flight}': {seen} {times:.3g} times what its {given} gives"
+        f"{guess(times, (f'{among} declared',))}; expected: about 1, both in the axes of map, z up"
     )
 
 
@@ -133,11 +119,7 @@ def _check_axes(
 
 
 def check_height(flight: str, position: Series) -> None:
-    """Refuse a track that goes down from where the vehicle stands: z is not up.
-
-    Raises:
-        InputError: says so.
-    """
+    """Refuse a track that goes down from where the vehicle stands: z is not up."""
     z, t = position.values[:, 2], position.t
     if z.size > 20 and not np.ptp(position.values, axis=0).any():
         raise InputError(f"flight '{flight}': position: one value throughout; expected: a flight")

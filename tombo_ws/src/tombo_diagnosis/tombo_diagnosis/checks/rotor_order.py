@@ -7,7 +7,7 @@ from itertools import permutations
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from tombo_diagnosis.checks.spans import Span, inside, sample_interval
+from tombo_diagnosis.checks.spans import Span, block_means, inside, sample_interval
 from tombo_diagnosis.logs.flight_log import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES, SPIN
@@ -70,7 +70,6 @@ def _scores(thrust: Array, turning: Array) -> Array:
 def _sampled(series: Series, t: Array) -> Array:
     """Return values at `t`, means over 10 ms where there are many."""
     every = max(round(1.0 / _RATE / max(sample_interval(series.t), 1e-6)), 1)
-    count = series.t.size // every * every
-    stamps = series.t[:count].reshape(-1, every).mean(axis=1)
-    columns = (c[:count].reshape(-1, every).mean(axis=1) for c in series.values.T)
+    stamps = block_means(series.t, every)
+    columns = (block_means(c, every) for c in series.values.T)
     return np.column_stack([np.interp(t, stamps, c) for c in columns])

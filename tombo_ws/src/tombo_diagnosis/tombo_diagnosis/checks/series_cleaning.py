@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -29,29 +30,22 @@ def clean_series(flight: str, channel: str, series: Series) -> tuple[Series, lis
     def note(check: str, severity: str, text: str) -> None:
         findings.append(Finding(check, severity, flight, f"{channel}: {text}", channel=channel))
 
-    series, found = _ordered(series)
-    for check, severity, text in found:
-        note(check, severity, text)
+    series = _ordered(series, note)
     with np.errstate(invalid="ignore"):
         finite = np.asarray((np.abs(series.values) < _LARGEST).all(axis=1))
     lost = int(finite.size - np.count_nonzero(finite))
     if lost:
-        share = lost / finite.size
-        note(
-            "missing",
-            "warning" if share > 0.01 else "info",
-            f"{lost} of {finite.size} samples are no numbers, or no possible ones",
-        )
+        text = f"{lost} of {finite.size} samples are no numbers, or no possible ones"
+        note("missing", "warning" if lost / finite.size > 0.01 else "info", text)
         series = _part(series, finite)
     share, repeats = _held_share(series)
     if share > _HELD and channel in _SAMPLED:
-        note(
-            "duplicate",
-            "warning",
+        text = (
             f"{100 * share:.0f} % of the samples repeat the one before: a slower channel held "
             f"on a faster clock ({1.0 / max(sample_interval(series.t), 1e-9):.0f} Hz); the "
-            "repeats are left out, the stamps of the rest may be late by up to one step",
+            "repeats are left out, the stamps of the rest may be late by up to one step"
         )
+        note("duplicate", "warning", text)
         series = _part(series, ~repeats)
     return series, findings
 
@@ -61,12 +55,12 @@ def _part(series: Series, rows: NDArray[Any] | slice) -> Series:
     return Series(series.t[rows], series.values[rows], arrival)
 
 
-def _ordered(series: Series) -> tuple[Series, list[tuple[str, str, str]]]:
-    found: list[tuple[str, str, str]] = []
+def _ordered(series: Series, note: Callable[[str, str, str], None]) -> Series:
+    """Return a channel with finite, rising stamps; `note` is told check, severity and text."""
     size = min(series.t.size, len(series.values))
     good = np.isfinite(series.t[:size])
     if not good.all() or size < series.t.size:
-        found.append(("stamps", "warning", f"{int(size - good.sum())} stamps are no numbers"))
+        note("stamps", "warning", f"{int(size - good.sum())} stamps are no numbers")
     series = _part(series, np.flatnonzero(good))
     back = np.diff(series.t)
     resets = np.flatnonzero(back < -_RESET_S)
@@ -74,31 +68,24 @@ def _ordered(series: Series) -> tuple[Series, list[tuple[str, str, str]]]:
         edges = np.concatenate([[0], resets + 1, [series.t.size]])
         longest = int(np.argmax(np.diff(edges)))
         begin, end = int(edges[longest]), int(edges[longest + 1])
-        found.append(
-            (
-                "stamps",
-                "fault",
-                f"stamps jump back by {-back.min():.3g} s ({resets.size} times): the clock was "
-                f"set, or logs were joined; only the longest part is used, {end - begin} of "
-                f"{series.t.size} samples",
-            )
+        text = (
+            f"stamps jump back by {-back.min():.3g} s ({resets.size} times): the clock was set, "
+            f"or logs were joined; only the longest part is used, {end - begin} of "
+            f"{series.t.size} samples"
         )
+        note("stamps", "fault", text)
         series = _part(series, slice(begin, end))
     late = int(np.count_nonzero(np.diff(series.t) < 0.0))
     if late:
-        found.append(
-            ("stamps", "warning", f"{late} stamps go backwards; expected: rising; sorted")
-        )
+        note("stamps", "warning", f"{late} stamps go backwards; expected: rising; sorted")
         series = _part(series, np.argsort(series.t, kind="stable"))
     twice = np.concatenate([[False], np.diff(series.t) <= 0.0])
     if twice.any():
         count = int(twice.sum())
         severity = "warning" if count > 0.01 * twice.size else "info"
-        found.append(
-            ("duplicate", severity, f"{count} stamps are there twice; the first one counts")
-        )
+        note("duplicate", severity, f"{count} stamps are there twice; the first one counts")
         series = _part(series, ~twice)
-    return series, found
+    return series
 
 
 def _held_share(series: Series) -> tuple[float, Mask]:

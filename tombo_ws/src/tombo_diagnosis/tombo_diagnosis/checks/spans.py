@@ -38,6 +38,13 @@ def inside(t: Array, spans: Iterable[Span]) -> Mask:
     return found
 
 
+def block_means(values: Array, length: int) -> Array:
+    """Return the means of blocks of `length` rows of (N,) or (N, k); a rest is left out."""
+    count = len(values) // length
+    blocks = values[: count * length].reshape(count, length, *values.shape[1:])
+    return np.asarray(blocks.mean(axis=1))
+
+
 def sample_interval(t: Array) -> float:
     """Return the usual distance of stamps [s]; 0 with fewer than two."""
     steps = np.diff(t)

@@ -40,26 +40,16 @@ def arrival_stamps(flight: str, t: Array, arrival: Array | None) -> list[Finding
         late = arrival - t
         late = late[np.isfinite(late)]
         if late.size and np.abs(late).max() < 2e-4:
-            return [
-                _finding(
-                    flight,
-                    "info",
-                    "position: stamps are the times of recording to within "
-                    f"{1e3 * np.abs(late).max():.2g} ms; expected: times of capture, which are "
-                    "earlier by the latency of the motion capture",
-                )
-            ]
+            text = (
+                f"position: stamps are the times of recording to within "
+                f"{1e3 * np.abs(late).max():.2g} ms; expected: times of capture, which are "
+                "earlier by the latency of the motion capture"
+            )
+            return [Finding("stamps", "info", flight, text, channel="position")]
     if spread <= max(_JITTER_S, 0.03 * step):
         return []
-    return [
-        _finding(
-            flight,
-            "warning",
-            f"position: stamps jitter by {1e3 * spread:.1f} ms about {1.0 / step:.0f} Hz, as "
-            "times of arrival do; expected: times of capture, evenly spaced",
-        )
-    ]
-
-
-def _finding(flight: str, severity: str, text: str) -> Finding:
-    return Finding("stamps", severity, flight, text, channel="position")
+    text = (
+        f"position: stamps jitter by {1e3 * spread:.1f} ms about {1.0 / step:.0f} Hz, as times of "
+        "arrival do; expected: times of capture, evenly spaced"
+    )
+    return [Finding("stamps", "warning", flight, text, channel="position")]

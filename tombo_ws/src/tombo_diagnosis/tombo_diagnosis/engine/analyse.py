@@ -19,10 +19,8 @@ def analyse_problem(
 ) -> Findings[P, R]:
     """Name what the data call for.
 
-    Args:
-        problem: the data about their nominal model.
-        test_residual: compares the residual of the best explanation with noise.
-        progress: called with a stage and the share done, from 0.3 on.
+    `test_residual` compares the residual of the best explanation with noise; `progress` is called
+    with a stage and the share done, from 0.3 on.
     """
     progress("naming", 0.3)
     found = search(problem, lambda share: progress("naming", 0.3 + 0.3 * share))

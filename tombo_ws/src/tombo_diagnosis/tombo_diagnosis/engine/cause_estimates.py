@@ -10,6 +10,7 @@ import numpy as np
 from tombo_diagnosis.diagnosis import Score
 from tombo_diagnosis.engine.model import Explanation, Model
 from tombo_diagnosis.engine.regression import Parameter
+from tombo_dynamics.arrays import Array
 from tombo_flight.extended_model import FittedParameter
 
 TWO_SIDED = 1.96
@@ -19,6 +20,8 @@ _MODEL_ERROR = 0.015
 _MAX_LOG_BF = 700.0
 
 Covariance = tuple[tuple[float, ...], ...]
+Estimate = tuple[tuple[FittedParameter, ...], Covariance]
+"""Parameters of a cause, and their covariance."""
 
 
 def fitted_parameter(
@@ -30,9 +33,12 @@ def fitted_parameter(
     return FittedParameter(p.name, p.unit, nominal, value, min(low, value), max(high, value))
 
 
-def fitted_parameters(
-    model: Model, explanation: Explanation, effect: str
-) -> tuple[tuple[FittedParameter, ...], Covariance]:
+def as_tuples(covariance: Array) -> Covariance:
+    """Return a matrix (K, K) as plain numbers."""
+    return tuple(tuple(float(v) for v in row) for row in covariance)
+
+
+def fitted_parameters(model: Model, explanation: Explanation, effect: str) -> Estimate:
     """Return the parameters of a cause with a mean, and their covariance."""
     free = sorted(i for h in explanation.hypotheses if h.effect == effect for i in h.free)
     places = model.columns.places(free)
@@ -45,7 +51,7 @@ def fitted_parameters(
         )
         for i, d in zip(free, deviations, strict=True)
     )
-    return found, tuple(tuple(float(v) for v in row) for row in spread)
+    return found, as_tuples(spread)
 
 
 def scores(
@@ -66,12 +72,10 @@ def scores(
     total = float(np.logaddexp.reduce([0.0, *finite.values()]))
     found = []
     for effect in effects:
-        shown = effect in finite
-        found.append(
-            Score(
-                effect, shares.get(effect, 0.0), finite.get(effect, 0.0),
-                math.exp(finite[effect] - total) if shown else 0.0,
-                shown, "" if shown else why_not(effect),
-            )
-        )  # fmt: skip
+        share = shares.get(effect, 0.0)
+        if effect in finite:
+            evidence = finite[effect]
+            found.append(Score(effect, share, evidence, math.exp(evidence - total), True))
+        else:
+            found.append(Score(effect, share, 0.0, 0.0, False, why_not(effect)))
     return tuple(sorted(found, key=lambda s: (-s.excited, -s.evidence)))

@@ -25,12 +25,7 @@ def gain_of(
 ) -> Gain:
     """Return a channel's gain; its interval from the logarithms of after over before.
 
-    Args:
-        channel: its name.
-        unit: of the errors.
-        horizon: how far ahead is predicted.
-        before: RMS error of the model as it was in each block held out.
-        after: the same of the extended model.
+    `before` and `after`: RMS error in each block held out, of the model as it was and extended.
     """
     b, a = np.array(before), np.array(after)
     total_before, total_after = rms(b), rms(a)

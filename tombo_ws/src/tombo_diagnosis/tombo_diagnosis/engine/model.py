@@ -117,10 +117,9 @@ class SearchResult:
         shared = frozenset(self.best.effects) & frozenset(alternative.effects)
         return self.best.evidence - self.evaluated.get(shared, 0.0)
 
-    def explaining(self, effect: str) -> Explanation | None:
-        """Return the most probable explanation that an effect is part of."""
-        every = (self.best, *self.alternatives)
-        return next((e for e in every if effect in e.effects), None)
+    def explaining(self, effect: str) -> Explanation:
+        """Return the most probable explanation that an effect is part of; of none the best."""
+        return next((e for e in self.alternatives if effect in e.effects), self.best)
 
 
 @dataclass(frozen=True)

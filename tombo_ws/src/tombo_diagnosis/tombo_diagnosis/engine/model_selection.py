@@ -48,7 +48,7 @@ def search(
         grown: dict[frozenset[str], Explanation] = {}
         for explanation in beam:
             for hypothesis in _worth_fitting(model, explanation):
-                found = add_hypothesis(model, explanation, hypothesis)
+                found = _with_hypothesis(model, explanation, hypothesis)
                 key = frozenset(found.effects)
                 if key not in grown or grown[key].evidence < found.evidence:
                     grown[key] = found
@@ -59,7 +59,10 @@ def search(
         kept = [e for e in _likeliest_first(grown.values()) if e.evidence > least]
         if not kept:
             break
-        beam = [_relinearized_if_strong(model, each) for each in kept[:_BEAM_WIDTH]]
+        beam = [
+            _relinearized(model, e) if e.evidence >= _RELINEARIZE_LOG_BF else e
+            for e in kept[:_BEAM_WIDTH]
+        ]
     best = beam[0]
     for explanation in evaluated.values():
         if len(explanation.effects) == 1 and math.isfinite(explanation.evidence):
@@ -121,10 +124,7 @@ def rank_hypotheses(
 ) -> list[tuple[float, Hypothesis]]:
     """Return every way of every effect with what it adds to an explanation, by the tangent.
 
-    Args:
-        model: the data.
-        explanation: what is known already.
-        tight: factor on the tolerances.
+    `tight` is a factor on the tolerances.
     """
     fit, columns = explanation.fit, model.columns
     held = columns.deviations(fit.free, fit.widths, tight, fit.pinned)
@@ -133,7 +133,7 @@ def rank_hypotheses(
     excluded = {*explanation.effects}.union(*(confounded.get(e, ()) for e in explanation.effects))
     found = []
     for effect in columns.effects:
-        for free in columns.variants(effect) if effect not in excluded else ():
+        for free in columns.variants[effect] if effect not in excluded else ():
             pinned = [place for place in fit.pinned if columns.indices[place] not in free]
             deviations = columns.deviations((*fit.free, *free), fit.widths, tight, pinned)
             solution = solve(fit.normal, deviations, fit.prior_mean, covariance=False)
@@ -167,7 +167,9 @@ def _widest(
     return mean, Hypothesis(effect, (), float(_WIDTHS[int(np.argmax(gains))]))
 
 
-def add_hypothesis(model: Model, explanation: Explanation, hypothesis: Hypothesis) -> Explanation:
+def _with_hypothesis(
+    model: Model, explanation: Explanation, hypothesis: Hypothesis
+) -> Explanation:
     """Return an explanation with one more cause, everything in it fitted anew."""
     return fit_hypotheses(model, (*explanation.hypotheses, hypothesis), explanation.fit)
 
@@ -205,7 +207,7 @@ def restrict_to(
         return explanation
     result = Explanation((), model.null_hypothesis, 0.0)
     for hypothesis in kept:
-        result = add_hypothesis(model, result, hypothesis)
+        result = _with_hypothesis(model, result, hypothesis)
     return result
 
 
@@ -217,11 +219,6 @@ def _relinearized(model: Model, explanation: Explanation) -> Explanation:
     evidence = explanation.evidence + _within_bounds(model, fit)
     evidence -= _within_bounds(model, explanation.fit)
     return replace(explanation, fit=fit, evidence=evidence, relinearized=True)
-
-
-def _relinearized_if_strong(model: Model, explanation: Explanation) -> Explanation:
-    strong = explanation.evidence >= _RELINEARIZE_LOG_BF
-    return _relinearized(model, explanation) if strong else explanation
 
 
 def _relinearize_near_best(model: Model, explanations: list[Explanation]) -> list[Explanation]:
@@ -268,4 +265,4 @@ def free_all_axes(model: Model, explanation: Explanation) -> Explanation:
 
 def _multiplicity_penalty(model: Model, effect: str) -> float:
     """Return the log of an effect's ways: that they are many makes it no more probable cause."""
-    return math.log(max(1, len(model.columns.variants(effect))))
+    return math.log(max(1, len(model.columns.variants.get(effect, ()))))

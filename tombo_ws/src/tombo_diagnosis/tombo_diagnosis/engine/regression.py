@@ -98,7 +98,11 @@ class Columns:
         return len(self.indices) + len(self.draws)
 
     @cached_property
-    def _variants(self) -> dict[str, list[tuple[int, ...]]]:
+    def variants(self) -> dict[str, list[tuple[int, ...]]]:
+        """Effect -> the ways in which it can be present: one parameter, those of a unit, all.
+
+        Each way is a tuple of places in theta.
+        """
         table: dict[str, list[tuple[int, ...]]] = {}
         for effect in self.effects:
             own = [self.parameters[i] for i in self.identifiable]
@@ -109,13 +113,6 @@ class Columns:
             ways.append(tuple(p.index for p in own))
             table[effect] = list(dict.fromkeys(way for way in ways if way))
         return table
-
-    def variants(self, effect: str) -> list[tuple[int, ...]]:
-        """Return the ways in which an effect can be present: one parameter, those of a unit, all.
-
-        Each way is a tuple of places in theta.
-        """
-        return self._variants.get(effect, [])
 
     def deviations(
         self,
@@ -149,11 +146,10 @@ class Columns:
 
     def outside(self, theta: Array, free: Sequence[int], mean: Array) -> bool:
         """Return whether a step from theta ends beyond a bound of its free parameters."""
-        for index, place in zip(free, self.places(free), strict=True):
-            p = self.parameters[index]
-            if not p.low <= theta[index] + mean[place] <= p.high:
-                return True
-        return False
+        return any(
+            not self.parameters[i].low <= theta[i] + mean[place] <= self.parameters[i].high
+            for i, place in zip(free, self.places(free), strict=True)
+        )
 
     def bounds_penalty(
         self, theta: Array, free: Sequence[int], solution: Posterior, fitted: bool = False

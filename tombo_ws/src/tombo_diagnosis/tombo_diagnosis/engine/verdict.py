@@ -110,13 +110,7 @@ RULES: Sequence[Rule] = (
 
 
 def judge(setting: Setting, found: SearchResult, remainder: Remainder) -> Judgement:
-    """Return the verdict.
-
-    Args:
-        setting: of the kind of data.
-        found: the search for causes that have a mean.
-        remainder: what the best explanation leaves unexplained.
-    """
+    """Return the verdict on a search for causes and what its best explanation leaves."""
     weights = dict.fromkeys(found.best.effects, found.best.evidence)
     for effect, log_bf in remainder.noise_log_bf.items():
         weights[effect] = max(weights.get(effect, 0.0), log_bf)
@@ -157,7 +151,7 @@ def _facts(
         and found.best.evidence > _STRONG_LOG_BF
         and len(causes) == 1,
         imitated=frozenset(e for e in causes if forces and e not in random),
-        p_none=_logistic(_NONE_SLOPE * (_NONE_EVEN_LOG_BF - lead)),
+        p_none=logistic(_NONE_SLOPE * (_NONE_EVEN_LOG_BF - lead)),
         p_unexplained=remainder.p_unexplained,
         p_cause=p_cause(min(weights.values(), default=0.0)),
         p_best=1.0 / (1.0 + sum(_relative_odds(r, found, share) for r in found.alternatives)),
@@ -217,7 +211,8 @@ def p_cause(log_bf: float) -> float:
     return 1.0 - math.exp(-max(log_bf - 0.5 * LOG_BF_FIRST, 0.0))
 
 
-def _logistic(x: float) -> float:
+def logistic(x: float) -> float:
+    """Return the probability whose logarithm of the odds is x."""
     return 1.0 / (1.0 + math.exp(-min(max(x, -700.0), 700.0)))
 
 

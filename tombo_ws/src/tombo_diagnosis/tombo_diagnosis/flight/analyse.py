@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from tombo_diagnosis.engine.analyse import analyse_problem
 from tombo_diagnosis.engine.model import Findings, Remainder, SearchResult
 from tombo_diagnosis.engine.model_selection import LOG_BF_FIRST
-from tombo_diagnosis.engine.verdict import p_cause
+from tombo_diagnosis.engine.verdict import logistic, p_cause
 from tombo_diagnosis.flight.gust_fit import GustFit, fit_gusts
 from tombo_diagnosis.flight.noise_statistics import NoiseFit, fit_noise_effects
 from tombo_diagnosis.flight.nominal import NominalModel
@@ -138,10 +138,8 @@ def weigh_remainder(
 ) -> FlightRemainder:
     """Return a remainder with its meaning filled in.
 
-    Args:
-        found: the remainder, as measured.
-        removed: share of the excess of all channels that the best explanation takes away.
-        thrust_fitted: thrust was fitted to the same flights: healthy noise is not known.
+    `removed` is the share of the excess of all channels that the best explanation takes away.
+    `thrust_fitted`: thrust was fitted to the same flights, so healthy noise is not known.
     """
     gusts, explained = found.gusts, found.explained
     accepted = gusts is not None and found.residual_r2 < _MAX_GUST_R2 and not gusts.at_edge
@@ -152,7 +150,8 @@ def weigh_remainder(
     else:
         clean = excess <= MAX_LOG_VARIANCE_EXCESS
         mostly = removed > _MIN_PARTIAL_SHARE
-    p_left = _p_unexplained(excess)
+    odds = _UNEXPLAINED_SLOPE * (excess - _UNEXPLAINED_EVEN_EXCESS)
+    p_left = logistic(odds) if math.isfinite(excess) else 0.5
     noise = {fit.effect: fit.evidence for fit in found.scatter}
     if gusts is not None and accepted:
         noise["gusts"] = gusts.evidence
@@ -162,13 +161,6 @@ def weigh_remainder(
         found, clean=clean, p_unexplained=p_left, mostly_explained=mostly, noise_log_bf=noise,
         imitated={"gusts": _FORCE_EFFECTS - {"gusts"}} if accepted else {},
     )  # fmt: skip
-
-
-def _p_unexplained(excess: float) -> float:
-    """Return the probability that something is left unexplained, from the largest excess."""
-    if not math.isfinite(excess):
-        return 0.5
-    return 1.0 / (1.0 + math.exp(-_UNEXPLAINED_SLOPE * (excess - _UNEXPLAINED_EVEN_EXCESS)))
 
 
 def select_noise_fits(fits: Sequence[NoiseFit]) -> list[NoiseFit]:

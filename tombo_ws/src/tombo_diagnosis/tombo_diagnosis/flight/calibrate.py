@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from tombo_diagnosis.flight.filters import interpolated
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.track import Track, track_of
 from tombo_diagnosis.logs.flight_log import Airframe, FlightLog, Series
@@ -23,25 +24,19 @@ from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES, VehicleParams
 
 _HOVER_SPEED = 1000.0
 """rad/s that stands for hover: only thrust counts, speeds are a way to write it."""
+_FACTORS = {"mass_error.fraction", "thrust_coefficient_error.fraction"}
 _ABSORBED_PARAMETERS = frozenset(
     {
-        "mass_error.fraction",
-        "thrust_coefficient_error.fraction",
+        *_FACTORS,
         *(f"imu_bias.{c}_{a}" for c in ("accel", "gyro") for a in "xyz"),
         *(f"accel_scale.{a}" for a in "xyz"),
         *(f"mocap_body_misalignment.{a}" for a in ("yaw", "roll", "pitch")),
         *(f"mocap_misalignment.{a}" for a in ("yaw", "roll", "pitch")),
     }
 )
-
-
 _THRUST_PARAMETERS = frozenset(
     {
-        "mass_error.fraction",
-        "thrust_coefficient_error.fraction",
-        "ground_effect.strength",
-        "translational_lift.k",
-        "linear_rotor_drag.d_z",
+        *(*_FACTORS, "ground_effect.strength", "translational_lift.k", "linear_rotor_drag.d_z"),
         *(f"weak_propeller.{rotor}" for rotor in ROTOR_NAMES),
     }
 )
@@ -78,20 +73,11 @@ def calibrated(logs: Sequence[FlightLog]) -> tuple[NominalModel, list[FlightLog]
             "vehicle"
         )
     vehicle = _vehicle(frame)
-    weight = frame.mass * GRAVITY / 4.0
-    maps = rotor_maps(_Parabola(weight / _HOVER_SPEED**2), vehicle)
+    maps = rotor_maps(_Parabola(frame.mass * GRAVITY / 4.0 / _HOVER_SPEED**2), vehicle)
     offset, gain = _thrust_fit(logs)
     changed = [_with_speeds(log, offset, gain) for log in logs]
-    nominal = NominalModel(
-        f"{frame.name}, thrust fitted to its own flights",
-        vehicle,
-        maps,
-        {},
-        calibrated=True,
-        fitted=_ABSORBED_PARAMETERS,
-        moments=False,
-    )
-    return nominal, changed
+    label = f"{frame.name}, thrust fitted to its own flights"
+    return NominalModel(label, vehicle, maps, {}, True, _ABSORBED_PARAMETERS, False), changed
 
 
 def has_no_thrust_data(log: FlightLog) -> bool:
@@ -170,11 +156,10 @@ def _thrust_fit(logs: Sequence[FlightLog]) -> tuple[float, float]:
 
 def _force_z(track: Track) -> Array:
     """Return specific force along body z from the motion capture alone [m/s^2], (N,)."""
-    up = np.column_stack([np.interp(track.t, track.pose_t, c) for c in track.pose[:, 3:].T])
-    up /= np.linalg.norm(up, axis=1, keepdims=True)
-    place = np.column_stack([np.interp(track.t, track.pose_t, c) for c in track.pose[:, :3].T])
-    rows = track.slow.curvature @ place + np.array([0.0, 0.0, GRAVITY])
-    force = np.column_stack([np.interp(track.t, track.slow.t, c) for c in rows.T])
+    pose = interpolated(track.t, track.pose_t, track.pose)
+    up = pose[:, 3:] / np.linalg.norm(pose[:, 3:], axis=1, keepdims=True)
+    rows = track.slow.curvature @ pose[:, :3] + np.array([0.0, 0.0, GRAVITY])
+    force = interpolated(track.t, track.slow.t, rows)
     return np.asarray(np.einsum("nji,nj->ni", Rotation.from_quat(up).as_matrix(), force)[:, 2])
 
 

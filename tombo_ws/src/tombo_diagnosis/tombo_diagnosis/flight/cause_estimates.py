@@ -11,18 +11,16 @@ from tombo_diagnosis.diagnosis import Cause, Score
 from tombo_diagnosis.engine import cause_estimates
 from tombo_diagnosis.engine.cause_estimates import (
     TWO_SIDED,
-    Covariance,
+    Estimate,
+    as_tuples,
     fitted_parameter,
     fitted_parameters,
 )
 from tombo_diagnosis.engine.model import Explanation
 from tombo_diagnosis.flight.analyse import FlightFindings
-from tombo_diagnosis.flight.problem import SCATTER
-from tombo_diagnosis.flight.sensitivity import DRAW_SCALE_LABEL
+from tombo_diagnosis.flight.sensitivity import DRAW_SCALE_LABEL, SCATTER
 from tombo_dynamics.effects import REGISTRY
 from tombo_flight.extended_model import FittedParameter
-
-Estimate = tuple[tuple[FittedParameter, ...], Covariance]
 
 
 def estimate_cause(effect: str, findings: FlightFindings, explanation: Explanation) -> Cause:
@@ -50,11 +48,9 @@ def _noise_estimate(effect: str, findings: FlightFindings) -> Estimate:
         rows[own["deviation"]] = gusts.deviation, gusts.deviation_error
         rows[own["time"]] = gusts.time, gusts.time_error
     theta = findings.problem.theta
-    found = tuple(
-        fitted_parameter(parameters[i], float(theta[i]), *row) for i, row in sorted(rows.items())
-    )
-    spread = np.diag([rows[i][1] ** 2 for i in sorted(rows)])
-    return found, tuple(tuple(float(v) for v in row) for row in spread)
+    rows = dict(sorted(rows.items()))
+    found = tuple(fitted_parameter(parameters[i], float(theta[i]), *r) for i, r in rows.items())
+    return found, as_tuples(np.diag([error**2 for _, error in rows.values()]))
 
 
 def _together(a: Estimate, b: Estimate) -> Estimate:
@@ -66,8 +62,7 @@ def _together(a: Estimate, b: Estimate) -> Estimate:
     if kept:
         spread[:size, :size] = np.array(a[1])[np.ix_(kept, kept)]
     spread[size:, size:] = np.array(b[1])
-    rows = tuple(tuple(float(v) for v in row) for row in spread)
-    return (*(a[0][k] for k in kept), *b[0]), rows
+    return (*(a[0][k] for k in kept), *b[0]), as_tuples(spread)
 
 
 def _scatter_estimate(findings: FlightFindings, explanation: Explanation) -> Estimate:
@@ -88,9 +83,7 @@ def _scatter_estimate(findings: FlightFindings, explanation: Explanation) -> Est
 def scores(findings: FlightFindings, gains: dict[str, float]) -> tuple[Score, ...]:
     """Return all effects of the registry, most probable first.
 
-    Args:
-        findings: the analysis.
-        gains: effect -> share of the excess that it removes in held-out flights.
+    `gains`: effect -> share of the excess that it removes in held-out flights.
     """
     nominal, remainder = findings.problem.nominal, findings.remainder
     log_bf = dict(findings.search.single_log_bf)

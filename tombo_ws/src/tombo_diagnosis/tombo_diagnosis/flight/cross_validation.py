@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_diagnosis.engine.evidence import solve
 from tombo_diagnosis.engine.gain import gain_of, rms
@@ -14,15 +13,14 @@ from tombo_diagnosis.engine.model import Explanation, SearchResult
 from tombo_diagnosis.engine.model_selection import LOG_BF_ADDITIONAL, LOG_BF_FIRST
 from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.flight.prediction import motion_of, residuals, simulate_along_motion
-from tombo_diagnosis.flight.problem import SCATTER, FlightProblem, sum_of, tangent_of
-from tombo_diagnosis.flight.sensitivity import theta_with_scatter
+from tombo_diagnosis.flight.problem import FlightProblem, sum_of, tangent_of
+from tombo_diagnosis.flight.sensitivity import SCATTER, with_scatter
 from tombo_diagnosis.flight.track import TICK
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.plant import State
 from tombo_dynamics.rotation import conjugate, quaternion_multiply
 from tombo_flight.extended_model import Gain
 from tombo_sim.open_loop import open_loop
-
-Array = NDArray[np.float64]
 
 HORIZONS_S = (0.5, 1.0)
 
@@ -45,23 +43,17 @@ def fit_without_flight(
     """Name and fit without a flight: the best of the explanations that were tried, fitted anew."""
     others = [f for f in range(len(problem.tracks)) if f != flight] or [flight]
     best: tuple[float, Fit, Array] | None = None
-    base = _solved(problem, problem.null_hypothesis, others)
+    base, _ = _solved(problem, problem.null_hypothesis, others)
     for explanation in tried:
-        solution = _solved(problem, explanation.fit, others)
-        gain = (
-            solution[0]
-            - base[0]
-            - LOG_BF_FIRST
-            - LOG_BF_ADDITIONAL * (len(explanation.hypotheses) - 1)
-        )
+        evidence, mean = _solved(problem, explanation.fit, others)
+        gain = evidence - base - LOG_BF_FIRST
+        gain -= LOG_BF_ADDITIONAL * (len(explanation.hypotheses) - 1)
         if gain > 0.0 and (best is None or gain > best[0]):
-            best = gain, explanation.fit, solution[1]
+            best = gain, explanation.fit, mean
     if best is None:
-        return HeldOut(
-            flight, nominal_theta(problem), np.zeros(8), nominal_residuals(problem, flight)
-        )
-    _, fit, mean = best
-    return _extended(problem, fit, mean, flight)
+        left = nominal_residuals(problem, flight)
+        return HeldOut(flight, nominal_theta(problem), np.zeros(8), left)
+    return extended(problem, best[1], flight, best[2])
 
 
 def nominal_theta(problem: FlightProblem) -> Array:
@@ -79,11 +71,6 @@ def nominal_residuals(problem: FlightProblem, flight: int) -> dict[str, Array]:
     return residuals(problem.tracks[flight], problem.nominal, nominal_theta(problem))
 
 
-def extended_model_residuals(problem: FlightProblem, fit: Fit, flight: int) -> HeldOut:
-    """Return what a fit to all flights leaves of one."""
-    return _extended(problem, fit, fit.solution.mean, flight)
-
-
 def _solved(problem: FlightProblem, fit: Fit, flights: Sequence[int]) -> tuple[float, Array]:
     deviations = problem.columns.deviations(fit.free, fit.widths, pinned=fit.pinned)
     normal = sum_of([tangent_of(fit).normals[f] for f in flights])
@@ -91,20 +78,23 @@ def _solved(problem: FlightProblem, fit: Fit, flights: Sequence[int]) -> tuple[f
     return solution.evidence, solution.mean
 
 
-def _extended(problem: FlightProblem, fit: Fit, mean: Array, flight: int) -> HeldOut:
-    """Keep of the unknowns only what is named; tolerances stay as the nominal model has them."""
+def extended(problem: FlightProblem, fit: Fit, flight: int, mean: Array | None = None) -> HeldOut:
+    """Return what a fit leaves of a flight; `mean`: its unknowns, if not those of all flights.
+
+    Only what is named counts of the unknowns; tolerances stay as the nominal model has them.
+    """
     columns = problem.columns
+    mean = fit.solution.mean if mean is None else mean
     draws = np.zeros(8)
     theta = nominal_theta(problem)
     for place in columns.places((*fit.free, *columns.absorbed)):
         p = columns.parameters[columns.indices[place]]
         theta[p.index] = np.clip(fit.theta[p.index] + mean[place], p.low, p.high)
-    drawn = theta
     if fit.widths.get(SCATTER, 1.0) > 1.01 and problem.vehicles == 1:
         draws[: problem.rotor_draws] = mean[len(columns.indices) :]
-        drawn = theta_with_scatter(theta, problem.nominal)
-    residual = residuals(problem.tracks[flight], problem.nominal, drawn, draws=draws)
-    return HeldOut(flight, drawn, draws, residual)
+        theta, _ = with_scatter(theta, problem.nominal)
+    residual = residuals(problem.tracks[flight], problem.nominal, theta, draws=draws)
+    return HeldOut(flight, theta, draws, residual)
 
 
 def one_step_gains(problem: FlightProblem, held: Sequence[HeldOut]) -> list[Gain]:
@@ -114,8 +104,7 @@ def one_step_gains(problem: FlightProblem, held: Sequence[HeldOut]) -> list[Gain
     units: dict[str, str] = {}
     for each in held:
         for group, rows in nominal_residuals(problem, each.flight).items():
-            own = [c for c in problem.channels[each.flight] if c.group == group]
-            for j, c in enumerate(own):
+            for j, c in enumerate(problem.channels[each.flight][group]):
                 units[c.name] = c.unit
                 before.setdefault(c.name, []).append(rms(rows[:, j]))
                 after.setdefault(c.name, []).append(rms(each.residual[group][:, j]))
@@ -132,10 +121,11 @@ def open_loop_gains(problem: FlightProblem, held: Sequence[HeldOut]) -> list[Gai
             healthy = _healthy_draws(problem, each.flight)
             own = each.draws if each.draws.any() else healthy
             for theta, drawn, table in (
-                (theta_with_scatter(nominal_theta(problem), problem.nominal), healthy, before),
-                (theta_with_scatter(each.theta, problem.nominal), own, after),
+                (nominal_theta(problem), healthy, before),
+                (each.theta, own, after),
             ):
-                errors = _window_errors(problem, each.flight, theta, drawn, horizon)
+                spread, _ = with_scatter(theta, problem.nominal)
+                errors = _window_errors(problem, each.flight, spread, drawn, horizon)
                 for name, values in errors.items():
                     table.setdefault(name, []).append(rms(values))
         for name in before:
@@ -211,7 +201,7 @@ def gain_by_effect(problem: FlightProblem, found: SearchResult) -> dict[str, flo
 
 def _removed(problem: FlightProblem, fit: Fit, mean: Array, flight: int) -> float:
     """Return the cost that what is named takes off a flight's; tolerances take nothing."""
-    after = _extended(problem, fit, mean, flight).residual
+    after = extended(problem, fit, flight, mean).residual
     before = nominal_residuals(problem, flight)
     return sum(
         float(np.sum((rows**2 - after[group] ** 2) / problem.variances[flight][group]))

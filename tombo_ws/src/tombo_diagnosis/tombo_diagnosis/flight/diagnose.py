@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_diagnosis.diagnosis import Diagnosis, Experiment, FlightSummary, Residual
 from tombo_diagnosis.engine.model import Explanation
@@ -15,8 +15,7 @@ from tombo_diagnosis.flight.analyse import FlightFindings, analyse
 from tombo_diagnosis.flight.calibrate import calibrated, has_no_thrust_data, thrust_from_track
 from tombo_diagnosis.flight.cause_estimates import estimate_cause, scores
 from tombo_diagnosis.flight.cross_validation import (
-    HeldOut,
-    extended_model_residuals,
+    extended,
     fit_without_flight,
     gain_by_effect,
     nominal_residuals,
@@ -29,7 +28,6 @@ from tombo_diagnosis.flight.summary_text import notes, summary
 from tombo_diagnosis.flight.track import Track, track_of
 from tombo_diagnosis.flight.transients import transient_findings
 from tombo_diagnosis.logs.flight_log import Finding, FlightLog
-from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_flight.extended_model import Gain
 from tombo_flight.progress import ProgressCallback, no_progress
@@ -70,29 +68,27 @@ def diagnose(
     tracks = _blocks([track_of(log) for log in usable])
     findings = analyse(tracks, nominal, progress)
     progress("measuring the gain", 0.7)
-    problem = findings.problem
+    problem, search, judgement = findings.problem, findings.search, findings.judgement
     final = final_explanation(findings)
     gains: list[Gain] = []
-    held: list[HeldOut] = []
     if final.hypotheses:
         tried = [final, *(restrict_to(problem, final, (e,)) for e in final.effects)]
-        tried += [r for r in findings.search.alternatives if findings.judgement.members]
+        tried += search.alternatives if judgement.members else ()
         held = [fit_without_flight(problem, f, tried) for f in range(len(problem.tracks))]
         gains = one_step_gains(problem, held) + open_loop_gains(problem, held)
     causes = tuple(
-        estimate_cause(effect, findings, _explaining(effect, findings, final))
-        for effect in findings.judgement.effects
+        estimate_cause(e, findings, final if e in final.effects else search.explaining(e))
+        for e in judgement.effects
     )
     experiment = None
-    if findings.judgement.members and separate is not None:
+    if judgement.members and separate is not None:
         progress("looking for a separating experiment", 0.85)
         experiment = separate(findings, progress)
     progress("done", 1.0)
-    candidates = scores(findings, gain_by_effect(problem, findings.search))
     return Diagnosis(
-        verdict=findings.judgement.verdict,
+        verdict=judgement.verdict,
         causes=causes,
-        set=findings.judgement.members,
+        set=judgement.members,
         separating_experiment=experiment,
         gain=tuple(gains),
         prechecks=(
@@ -100,10 +96,15 @@ def diagnose(
             *refused,
             *transient_findings(problem.tracks, findings.remainder.transients),
         ),
-        candidates=candidates,
-        flights=tuple(_note(track) for track in problem.tracks),
+        candidates=scores(findings, gain_by_effect(problem, search)),
+        flights=tuple(
+            FlightSummary(
+                t.name, t.log.source, t.log.duration_s, t.used_s, t.formulation, t.missing
+            )
+            for t in problem.tracks
+        ),
         residuals=tuple(_residuals(findings, final)),
-        confidence=findings.judgement.confidence,
+        confidence=judgement.confidence,
         summary=summary(findings, causes, gains),
         notes=tuple(notes(findings)),
         model=nominal.label,
@@ -121,11 +122,6 @@ def final_explanation(findings: FlightFindings) -> Explanation:
     if judgement.verdict == "set":
         return best
     return restrict_to(findings.problem, best, judgement.effects)
-
-
-def _explaining(effect: str, findings: FlightFindings, final: Explanation) -> Explanation:
-    """Return the most probable explanation that an effect is part of."""
-    return final if effect in final.effects else findings.search.explaining(effect) or final
 
 
 def _usable(logs: Sequence[FlightLog]) -> tuple[list[FlightLog], list[Finding]]:
@@ -158,37 +154,17 @@ def _blocks(tracks: list[Track]) -> list[Track]:
     if len(tracks) > 1:
         return tracks
     track = tracks[0]
-    times = track.slow.t[track.slow_rows]
     count = int(np.clip(track.used_s // _BLOCK_S, 1, 6))
     if count < 2:
         return tracks
-    edges = np.quantile(times, np.linspace(0.0, 1.0, count + 1))
+    edges = np.quantile(track.times("slow"), np.linspace(0.0, 1.0, count + 1))
     edges[-1] += 1.0
-    return [
-        replace(
-            track,
-            name=f"{track.name} part {k + 1}",
-            fast_rows=track.fast_rows & _within(track.fast.t, edges[k], edges[k + 1]),
-            slow_rows=track.slow_rows & _within(track.slow.t, edges[k], edges[k + 1]),
-            pose_rows=track.pose_rows & _within(track.pose_t, edges[k], edges[k + 1]),
-        )
-        for k in range(count)
-    ]
-
-
-def _within(t: Array, begin: float, end: float) -> NDArray[np.bool_]:
-    return np.asarray((t >= begin) & (t < end))
-
-
-def _note(track: Track) -> FlightSummary:
-    return FlightSummary(
-        track.name,
-        track.log.source,
-        track.log.duration_s,
-        track.used_s,
-        track.formulation,
-        track.missing,
-    )
+    parts = []
+    for k, (begin, end) in enumerate(pairwise(edges)):
+        stamps = (track.fast.t, track.slow.t, track.pose_t)
+        part = track.only(*((t >= begin) & (t < end) for t in stamps))
+        parts.append(replace(part, name=f"{track.name} part {k + 1}"))
+    return parts
 
 
 def _residuals(findings: FlightFindings, final: Explanation) -> list[Residual]:
@@ -202,7 +178,7 @@ def _residuals(findings: FlightFindings, final: Explanation) -> list[Residual]:
     for f in range(min(len(problem.tracks), _SHOWN)):
         track = problem.tracks[f]
         motion = motion_of(track, problem.nominal, problem.theta)
-        after = extended_model_residuals(problem, final.fit, f).residual
+        after = extended(problem, final.fit, f).residual
         body = np.einsum("nji,nj->ni", motion.rotation, motion.state[:, 3:6])
         drivers = {f"body_velocity_{a} [m/s]": body[:, i] for i, a in enumerate("xyz")}
         drivers["speed [m/s]"] = np.linalg.norm(body, axis=1)
@@ -213,26 +189,12 @@ def _residuals(findings: FlightFindings, final: Explanation) -> list[Residual]:
         if track.voltage.size:
             drivers["voltage [V]"] = track.voltage[:, 0]
         for group, rows in nominal_residuals(problem, f).items():
-            times, counted = {
-                "fast": (track.fast.t, track.fast_rows),
-                "slow": (track.slow.t, track.slow_rows),
-                "pose": (track.pose_t, track.pose_rows),
-            }[group]
-            at = times[counted]
+            at = track.times(group)
             beside = {n: np.interp(at, track.t, v) for n, v in drivers.items()}
-            own = [c for c in problem.channels[f] if c.group == group]
-            for j, c in enumerate(own):
-                residual = rows[:, j]
-                shown.append(
-                    Residual(
-                        track.name,
-                        c.name,
-                        c.unit,
-                        at,
-                        residual,
-                        after[group][:, j],
-                        sigma.get(c.name, 0.0),
-                        beside,
-                    )
+            shown += [
+                Residual(track.name, c.name, c.unit, at, old, new, sigma.get(c.name, 0.0), beside)
+                for c, old, new in zip(
+                    problem.channels[f][group], rows.T, after[group].T, strict=True
                 )
+            ]
     return shown

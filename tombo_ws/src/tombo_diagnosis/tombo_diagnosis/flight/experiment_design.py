@@ -19,16 +19,17 @@ from tombo_diagnosis.flight.analyse import FlightFindings
 from tombo_diagnosis.flight.cause_estimates import estimate_cause
 from tombo_diagnosis.flight.manoeuvres import Manoeuvre, manoeuvre_catalogue
 from tombo_diagnosis.flight.nominal import NominalModel
-from tombo_diagnosis.flight.problem import SCATTER, FlightProblem
+from tombo_diagnosis.flight.problem import FlightProblem
+from tombo_diagnosis.flight.sensitivity import SCATTER
 from tombo_diagnosis.flight.track import track_of
 from tombo_diagnosis.logs.flight_log import FlightLog, Series
-from tombo_diagnosis.wording import listed
+from tombo_diagnosis.wording import capital, listed
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.progress import ProgressCallback
-from tombo_flight.scenario import Scenario, extended_scenario
+from tombo_flight.scenario import extended_scenario
 
 _SUFFICIENT_LOG_BF = 8.0
 """The first manoeuvre that gives every pair this log Bayes factor is taken."""
@@ -38,11 +39,14 @@ _AIRBORNE = 0.4
 _MEMBERS = 3
 
 
+EffectsTheta = Mapping[str, Mapping[str, float]]
+
+
 @dataclass(frozen=True)
 class _DesignInput:
     """What is the same for every manoeuvre: the members as fitted, the model, the sensors."""
 
-    fitted: Mapping[str, Mapping[str, float]]
+    fitted: EffectsTheta
     nominal: NominalModel
     imu: bool
     rpm: bool
@@ -53,7 +57,8 @@ def separate(findings: FlightFindings, progress: ProgressCallback) -> Experiment
     members = findings.judgement.members[:_MEMBERS]
     if len(members) < 2:
         return None
-    fitted = {m: _theta(m, findings) for m in members}
+    causes = [estimate_cause(m, findings, findings.search.explaining(m)) for m in members]
+    fitted = {c.effect: {f.name: f.value for f in c.theta} for c in causes}
     by_hand = _by_hand(members)
     present = _present_log_bf(findings, members)
     if findings.problem.nominal.calibrated:
@@ -65,8 +70,7 @@ def separate(findings: FlightFindings, progress: ProgressCallback) -> Experiment
     screened = []
     for number, manoeuvre in enumerate(flown):
         progress("simulating experiments", number / len(flown))
-        expected = _expected_log_bf(manoeuvre, bench)
-        screened.append((expected, number, manoeuvre))
+        screened.append((_expected_log_bf(manoeuvre, bench), number, manoeuvre))
     best: tuple[float, Manoeuvre] | None = None
     for _, _, manoeuvre in sorted(screened, reverse=True)[:_MAX_SIMULATED]:
         worst = _simulated_log_bf(manoeuvre, bench)
@@ -76,15 +80,12 @@ def separate(findings: FlightFindings, progress: ProgressCallback) -> Experiment
             break
     if best is None or best[0] < 2.0:
         return Experiment(members, by_hand, best[0] if best else 0.0, present)
-    said = best[1].text[0].upper() + best[1].text[1:]
-    text = f"{said} Simulated with each of them in turn, it tells {listed(members)} apart."
-    return Experiment(members, text, best[0], present, best[1].scenario)
-
-
-def _theta(member: str, findings: FlightFindings) -> Mapping[str, float]:
-    """Return the fitted parameters of a member."""
-    own = findings.search.explaining(member) or findings.search.best
-    return {f.name: f.value for f in estimate_cause(member, findings, own).theta}
+    worst, chosen = best
+    text = (
+        f"{capital(chosen.text)} Simulated with each of them in turn, it tells "
+        f"{listed(members)} apart."
+    )
+    return Experiment(members, text, worst, present, chosen.scenario)
 
 
 def _present_log_bf(findings: FlightFindings, members: Sequence[str]) -> float:
@@ -105,10 +106,7 @@ def _by_hand(members: Sequence[str]) -> str:
     return f"Nothing that is flown alone tells {names} apart; change one of them by hand."
 
 
-def _expected_log_bf(
-    manoeuvre: Manoeuvre,
-    bench: _DesignInput,
-) -> float:
+def _expected_log_bf(manoeuvre: Manoeuvre, bench: _DesignInput) -> float:
     """Return the smallest log Bayes factor to expect, by the slopes along a nominal flight."""
     try:
         problem = _flown(manoeuvre, bench.nominal.effects, 99, bench)
@@ -126,8 +124,7 @@ def _expected_log_bf(
         if not change.any() and columns.draws:
             change[len(columns.indices) :] = 4.0 * columns.draw_width
         shown = NormalEquations(matrix, matrix @ change, float(change @ matrix @ change))
-        evidence = {name: _evidence(problem, shown, name) for name in bench.fitted}
-        worst = min(worst, evidence[member] - max(v for n, v in evidence.items() if n != member))
+        worst = min(worst, _lead(problem, shown, member, bench))
     return worst
 
 
@@ -139,15 +136,12 @@ def _flown(
 ) -> FlightProblem:
     """Fly a manoeuvre with these effects and hold it against the nominal model."""
     values = {**manoeuvre.scenario, "effects": {n: dict(v) for n, v in effects.items()}}
-    scenario: Scenario = extended_scenario(values, manoeuvre.name)
+    scenario = extended_scenario(values, manoeuvre.name)
     log = as_log(fly_scenario(scenario, seed, workspace=Workspace()), bench.imu, bench.rpm)
     return FlightProblem([track_of(log)], bench.nominal)
 
 
-def _simulated_log_bf(
-    manoeuvre: Manoeuvre,
-    bench: _DesignInput,
-) -> float:
+def _simulated_log_bf(manoeuvre: Manoeuvre, bench: _DesignInput) -> float:
     """Return the smallest log Bayes factor of a true member against another one."""
     worst = float("inf")
     for number, (member, theta) in enumerate(bench.fitted.items()):
@@ -157,40 +151,45 @@ def _simulated_log_bf(
             problem = _flown(manoeuvre, effects, 100 + number, bench)
         except InputError:
             return 0.0  # a member that does not fly the manoeuvre
-        shown = problem.normal()
-        evidence = {name: _evidence(problem, shown, name) for name in bench.fitted}
-        others = [value for name, value in evidence.items() if name != member]
-        worst = min(worst, evidence[member] - max(others))
+        worst = min(worst, _lead(problem, problem.normal(), member, bench))
     return worst
+
+
+def _lead(
+    problem: FlightProblem, normal: NormalEquations, member: str, bench: _DesignInput
+) -> float:
+    """Return the log Bayes factor of a member against the next best one."""
+    evidence = {name: _evidence(problem, normal, name) for name in bench.fitted}
+    return evidence.pop(member) - max(evidence.values())
 
 
 def _evidence(problem: FlightProblem, normal: NormalEquations, effect: str) -> float:
     own = tuple(p.index for p in problem.columns.parameters if p.effect == effect)
     free = [i for i in own if i in problem.columns.identifiable]
-    if not free:
-        wide = problem.columns.deviations(widths={SCATTER: 8.0})
-        return solve(normal, wide, covariance=False).evidence
-    alone = [(i,) for i in free] + [tuple(free)]
-    return max(
-        solve(normal, problem.columns.deviations(ways), covariance=False).evidence
-        for ways in alone
-    )
+    ways = [problem.columns.deviations(way) for way in [*((i,) for i in free), free] if way]
+    ways = ways or [problem.columns.deviations(widths={SCATTER: 8.0})]
+    return max(solve(normal, deviations, covariance=False).evidence for deviations in ways)
 
 
-def as_log(flown: FlightRecord, imu: bool, rpm: bool) -> FlightLog:
-    """Return a simulated flight as a log with these sensors."""
+def sensor_series(flown: FlightRecord, imu: bool, rpm: bool) -> dict[str, Series]:
+    """Return what these sensors measured in a simulated flight."""
     t = flown.t
     series = {
         "position": Series(flown.mocap_t, flown.mocap_position, flown.mocap_arrival),
         "attitude": Series(flown.mocap_t, flown.mocap_attitude, flown.mocap_arrival),
-        "rotor_command": Series(t, flown.log["rotor_command"]),
+        "rotor_command": Series(t, flown.log["rotor_command"].copy()),
         "voltage": Series(t[::100], flown.log["battery"][::100, 2:3]),
     }
     if imu:
-        series["gyro"] = Series(t, flown.log["gyro"])
-        series["accel"] = Series(t, flown.log["accel"])
+        series |= {name: Series(t, flown.log[name].copy()) for name in ("gyro", "accel")}
     if rpm:
-        series["rotor_speed"] = Series(t, flown.log["rotor_speed"])
+        series["rotor_speed"] = Series(t, flown.log["rotor_speed"].copy())
+    return series
+
+
+def as_log(flown: FlightRecord, imu: bool, rpm: bool) -> FlightLog:
+    """Return a simulated flight as a log with these sensors."""
+    series, t = sensor_series(flown, imu, rpm), flown.t
     air = np.flatnonzero(flown.mocap_position[:, 2] > _AIRBORNE)
     if not air.size:
         raise InputError("the manoeuvre was not flown; accepted: a flight")

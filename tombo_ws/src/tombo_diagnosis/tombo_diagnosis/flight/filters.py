@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from tombo_diagnosis.checks.spans import Mask
 from tombo_dynamics.arrays import Array
 
 _REACH = 4.0
@@ -37,12 +37,10 @@ class Kernel:
 
 
 def gaussian(t: Array, width: float, spacing: float) -> Kernel:
-    """Build the kernel over evenly spaced ticks.
+    """Build the kernel over evenly spaced ticks t (N,) [s].
 
-    Args:
-        t: (N,) ticks [s].
-        width: standard deviation of the Gaussian [s].
-        spacing: distance of the rows [s], rounded to ticks.
+    `width` is the standard deviation of the Gaussian [s], `spacing` the distance of the rows [s],
+    rounded to ticks.
     """
     tick = float(t[1] - t[0])
     half = max(2, int(np.ceil(_REACH * width / tick)))
@@ -67,35 +65,31 @@ def gaussian(t: Array, width: float, spacing: float) -> Kernel:
     return Kernel(t[centres], half * tick, operator(smooth), operator(slope), operator(curvature))
 
 
-def clear_rows(kernel: Kernel, invalid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def clear_rows(kernel: Kernel, invalid: Mask) -> Mask:
     """Return (R,): rows whose kernel touches none of the invalid ticks (N,)."""
     return np.asarray(abs(kernel.smooth) @ invalid.astype(np.float64) == 0.0)
 
 
-def rows_of(kernel: Kernel, chosen: NDArray[np.bool_]) -> Kernel:
+def rows_of(kernel: Kernel, chosen: Mask) -> Kernel:
     """Return the kernel with some of its rows (R,) only."""
-    return Kernel(
-        kernel.t[chosen],
-        kernel.reach,
-        kernel.smooth[chosen],
-        kernel.slope[chosen],
-        kernel.curvature[chosen],
-    )
+    parts = (kernel.smooth[chosen], kernel.slope[chosen], kernel.curvature[chosen])
+    return Kernel(kernel.t[chosen], kernel.reach, *parts)
+
+
+def interpolated(at: Array, t: Array, values: Array) -> Array:
+    """Return (N, k): values (M, k) at rising times t (M,), on straight lines at times (N,)."""
+    return np.column_stack([np.interp(at, t, column) for column in values.T])
 
 
 def tick_means(t: Array, values: Array, ticks: Array) -> Array:
     """Return (N, k): means of a densely sampled series over a tick around each tick.
 
-    A series sampled more slowly than the ticks is interpolated linearly.
-
-    Args:
-        t: (M,) stamps [s], rising.
-        values: (M, k).
-        ticks: (N,) evenly spaced [s].
+    A series sampled more slowly than the ticks is interpolated linearly. `t` (M,) rises, `values`
+    are (M, k), `ticks` (N,) are even [s].
     """
     tick = float(ticks[1] - ticks[0])
     if np.median(np.diff(t)) >= tick:
-        return np.column_stack([np.interp(ticks, t, column) for column in values.T])
+        return interpolated(ticks, t, values)
     edges = np.concatenate([ticks - 0.5 * tick, [ticks[-1] + 0.5 * tick]])
     result = []
     for column in values.T:

@@ -39,13 +39,7 @@ class GustFit:
 
 
 def fit_gusts(problem: FlightProblem, fit: Fit, measured: ScaleVariances) -> GustFit:
-    """Fit deviation and time of the gusts to what a fit leaves of the forces.
-
-    Args:
-        problem: the flights.
-        fit: the explanation so far.
-        measured: what it leaves unexplained.
-    """
+    """Fit deviation and time of the gusts to what a fit leaves of the forces, `measured`."""
     places = layout()["gusts"]
     forces = [j for j, n in enumerate(measured.names) if n.startswith(_FORCES)]
     values = measured.variances[:, forces]
@@ -60,8 +54,7 @@ def fit_gusts(problem: FlightProblem, fit: Fit, measured: ScaleVariances) -> Gus
     theta_without_gusts = fit.theta.copy()
     theta_without_gusts[places["deviation"]] = 0.0
     noise_only = noise_variances(problem, theta_without_gusts).variances[:, forces]
-    costs, grid = [], []
-    deviations = np.geomspace(0.05, 4.0, 120)
+    costs, tried = [], []
     for time in _TIMES:
         theta_with_gusts = theta_without_gusts.copy()
         theta_with_gusts[places["deviation"]] = 1.0
@@ -70,27 +63,25 @@ def fit_gusts(problem: FlightProblem, fit: Fit, measured: ScaleVariances) -> Gus
         unit = np.maximum(
             noise_variances(problem, theta_with_gusts).variances[:, forces] - noise_only, 0.0
         )
-        for deviation in deviations:
+        for deviation in np.geomspace(0.05, 4.0, 120):
             costs.append(cost(noise_only + deviation**2 * unit))
-            grid.append((deviation, time))
-    weights = np.exp(np.min(costs) - np.array(costs))
-    weights /= weights.sum()
-    points = np.log(np.array(grid))
+            tried.append((deviation, time))
+    grid = np.array(tried)
+    likelihood = np.exp(np.min(costs) - np.array(costs))
+    weights = likelihood / likelihood.sum()
+    points = np.log(grid)
     mean = weights @ points
     spread = np.sqrt(np.maximum(weights @ (points - mean) ** 2, 1e-6))
     deviation, time = (float(v) for v in np.exp(mean))
     theta = fit.theta.copy()
     theta[places["deviation"]], theta[places["time"]] = deviation, time
     own = next(p for p in PARAMETERS if p.index == places["deviation"])
-    off = (np.array(grid)[:, 0] - problem.theta[own.index]) / own.tolerance
-    slow = np.log(np.array(grid)[:, 1] / problem.theta[places["time"]]) / _TIME_TOLERANCE
-    healthy = np.exp(-0.5 * (off**2 + slow**2)) * np.array(grid)[:, 0]
+    off = (grid[:, 0] - problem.theta[own.index]) / own.tolerance
+    slow = np.log(grid[:, 1] / problem.theta[places["time"]]) / _TIME_TOLERANCE
+    healthy = np.exp(-0.5 * (off**2 + slow**2)) * grid[:, 0]
     healthy /= healthy.sum()
-    least = float(np.min(costs))
-    likelihood = np.exp(least - np.array(costs))
-    evidence = math.log(max(float(likelihood.mean()), 1e-300)) - math.log(
-        max(float(likelihood @ healthy), 1e-300)
-    )
+    evidence = math.log(max(float(likelihood.mean()), 1e-300))
+    evidence -= math.log(max(float(likelihood @ healthy), 1e-300))
     return GustFit(
         deviation, time, deviation * float(spread[0]), time * float(spread[1]), evidence, theta,
         not _TIMES[0] * 1.2 < time < _TIMES[-1] / 1.2,

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tombo_diagnosis.checks.spans import block_means
 from tombo_dynamics.arrays import Array
 
 SCALES_S = (0.12, 0.24, 0.48, 0.96, 1.92, 3.84)
@@ -16,11 +17,7 @@ def block_variances(residual: Array, spacing: float) -> tuple[Array, Array]:
     """Return variances (scales, channels) of half differences of adjacent block means, and counts.
 
     Constants give nothing, a slow drift little: each scale sees what changes within it (Haar
-    wavelet variance, as Allan's).
-
-    Args:
-        residual: (rows, channels), evenly spaced.
-        spacing: of the rows [s].
+    wavelet variance, as Allan's). `residual` is (rows, channels), a row each `spacing` seconds.
     """
     variances = np.full((len(SCALES_S), residual.shape[1]), np.nan)
     counts = np.zeros(len(SCALES_S))
@@ -29,17 +26,10 @@ def block_variances(residual: Array, spacing: float) -> tuple[Array, Array]:
         blocks = residual.shape[0] // length
         if blocks < 4 or length * spacing > 1.5 * scale:
             continue
-        means = residual[: blocks * length].reshape(blocks, length, -1).mean(axis=1)
-        half = 0.5 * np.diff(means, axis=0)
+        half = 0.5 * np.diff(block_means(residual, length), axis=0)
         variances[k] = np.mean(half**2, axis=0)
         counts[k] = blocks / 1.5
     return variances, counts
-
-
-def block_means(rows: Array, length: int) -> Array:
-    """Return the means of blocks of `length` rows, (blocks, channels)."""
-    count = rows.shape[0] // length
-    return np.asarray(rows[: count * length].reshape(count, length, -1).mean(axis=1))
 
 
 def pooled(found: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:

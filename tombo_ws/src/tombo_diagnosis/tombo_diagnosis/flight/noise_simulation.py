@@ -18,14 +18,7 @@ _SAMPLE = 0.001
 
 
 def with_pose_noise(track: Track, nominal: NominalModel, theta: Array, seed: int) -> Track:
-    """Return a track whose poses have the noise of the model once more.
-
-    Args:
-        track: the flight.
-        nominal: the model.
-        theta: parameters of all effects, those of noise among them.
-        seed: of the draw.
-    """
+    """Return a track whose poses have the noise of the model once more, drawn by a seed."""
     spacing = float(np.median(np.diff(track.pose_t)))
     drawn = np.random.default_rng([seed, 1]).standard_normal((track.pose.shape[0], 9))
     quiet = simulate_mocap(nominal.plant(), theta, NO_NOISE, track.pose, spacing)
@@ -41,19 +34,9 @@ def with_pose_noise(track: Track, nominal: NominalModel, theta: Array, seed: int
 
 
 def simulated_noise(
-    track: Track,
-    nominal: NominalModel,
-    theta: Array,
-    seed: int,
+    track: Track, nominal: NominalModel, theta: Array, seed: int
 ) -> dict[str, Array]:
-    """Return a draw of the noise in each group's channels, (rows, channels).
-
-    Args:
-        track: the flight, whose motion is kept.
-        nominal: the model.
-        theta: parameters of all effects, those of noise among them.
-        seed: of the draw.
-    """
+    """Return a draw of the noise in each group's channels, (rows, channels), the motion kept."""
     rng = np.random.default_rng(seed)
     residual = residuals(track, nominal, theta)
     noise = rng.standard_normal((track.t.size, 9))

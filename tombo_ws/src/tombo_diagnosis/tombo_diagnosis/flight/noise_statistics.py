@@ -31,13 +31,10 @@ _SAMPLING = 0.001
 """s: simulated arrivals are known to a tick."""
 
 
-@dataclass(frozen=True)
-class NoiseStatistic:
-    """One measured statistic of noise."""
-
-    name: str
-    value: float
-    sigma: float
+Statistics = dict[str, tuple[float, float]]
+"""Name -> measured value and its standard deviation."""
+Predict = Callable[[Array], dict[str, float]]
+"""Theta -> the values that the model predicts."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +50,7 @@ class NoiseFit:
     """Logarithm of the Bayes factor against healthy noise."""
 
 
-def imu_noise_statistics(tracks: Sequence[Track]) -> dict[str, NoiseStatistic]:
+def imu_noise_statistics(tracks: Sequence[Track]) -> Statistics:
     """Return the white noise of gyro and accelerometer, as logarithms of standard deviations."""
     found = {}
     for channel in ("gyro", "accel"):
@@ -73,9 +70,7 @@ def imu_noise_statistics(tracks: Sequence[Track]) -> dict[str, NoiseStatistic]:
             sums += float(_robust_variance(third)) * third.size
             count += third.size
         if count:
-            found[channel] = NoiseStatistic(
-                channel, 0.5 * math.log(sums / count / 20.0), _sigma(count)
-            )
+            found[channel] = 0.5 * math.log(sums / count / 20.0), _sigma(count)
     return found
 
 
@@ -86,12 +81,12 @@ def predicted_imu_statistics(nominal: NominalModel, theta: Array) -> dict[str, f
     simulate_imu_at_rest(nominal.plant(), theta, noise, out)
     third = np.diff(out, 3, axis=0)
     return {
-        "gyro": 0.5 * math.log(max(float(np.mean(third[:, :3] ** 2)) / 20.0, 1e-16)),
-        "accel": 0.5 * math.log(max(float(np.mean(third[:, 3:] ** 2)) / 20.0, 1e-16)),
+        "gyro": _log_deviation(float(np.mean(third[:, :3] ** 2)) / 20.0),
+        "accel": _log_deviation(float(np.mean(third[:, 3:] ** 2)) / 20.0),
     }
 
 
-def pose_noise_statistics(tracks: Sequence[Track]) -> dict[str, NoiseStatistic]:
+def pose_noise_statistics(tracks: Sequence[Track]) -> Statistics:
     """Return noise of the poses, jitter of their arrival, and their gaps."""
     position, attitude, jitter = [], [], []
     gaps, lengths, samples = 0, [], 0
@@ -112,27 +107,21 @@ def pose_noise_statistics(tracks: Sequence[Track]) -> dict[str, NoiseStatistic]:
     found = {}
     every = np.vstack(position)
     if every.shape[0] > 50:
-        found["position"] = NoiseStatistic(
-            "position", 0.5 * math.log(_robust_variance(every) / 252.0), _sigma(every.size)
-        )
+        found["position"] = 0.5 * math.log(_robust_variance(every) / 252.0), _sigma(every.size)
         turned = np.vstack(attitude)
         # Of four components of a unit quaternion three are free.
-        variance = float(np.mean(_clipped(turned) ** 2)) * 4.0 / 3.0 / 252.0
-        found["attitude"] = NoiseStatistic(
-            "attitude", 0.5 * math.log(variance), _sigma(turned.size)
-        )
+        variance = _robust_variance(turned) * 4.0 / 3.0 / 252.0
+        found["attitude"] = 0.5 * math.log(variance), _sigma(turned.size)
     late = np.concatenate(jitter) if jitter else np.zeros(0)
     if late.size > 50 and late.std() > 0.0:
-        found["jitter"] = NoiseStatistic(
-            "jitter", 0.5 * math.log(float(np.mean(late**2)) / 2.0), _sigma(late.size)
-        )
+        found["jitter"] = 0.5 * math.log(float(np.mean(late**2)) / 2.0), _sigma(late.size)
     if samples > 100:
-        found["gaps"] = NoiseStatistic("gaps", 2.0 * math.sqrt(gaps), 1.0)
-        found["samples"] = NoiseStatistic("samples", float(samples), math.inf)
+        found["gaps"] = 2.0 * math.sqrt(gaps), 1.0
+        found["samples"] = float(samples), math.inf
         if gaps >= 5:
             mean = float(np.mean(lengths))
             spread = max(float(np.std(lengths)), 0.3) / mean / math.sqrt(gaps)
-            found["gap length"] = NoiseStatistic("gap length", math.log(mean), spread)
+            found["gap length"] = math.log(mean), spread
     return found
 
 
@@ -151,9 +140,9 @@ def predicted_pose_statistics(
     late = np.round(seen[:, 7] / _SAMPLING) * _SAMPLING
     steps = np.diff(late)
     return {
-        "position": 0.5 * math.log(max(float(np.mean(fifth[:, :3] ** 2)) / 252.0, 1e-16)),
-        "attitude": 0.5 * math.log(max(4.0 * float(np.mean(fifth[:, 3:6] ** 2)) / 252.0, 1e-16)),
-        "jitter": 0.5 * math.log(max(float(np.mean(steps**2)) / 2.0, 1e-16)),
+        "position": _log_deviation(float(np.mean(fifth[:, :3] ** 2)) / 252.0),
+        "attitude": _log_deviation(4.0 * float(np.mean(fifth[:, 3:6] ** 2)) / 252.0),
+        "jitter": _log_deviation(float(np.mean(steps**2)) / 2.0),
         "gaps": 2.0 * math.sqrt(gaps / _DRAWN * samples),
         "gap length": math.log(max(float(dropped.sum()) / gaps, 1e-3)) if gaps else 0.0,
     }
@@ -169,21 +158,15 @@ def fit_noise_effects(
     if imu:
         fits += _fit_all(imu, lambda at: predicted_imu_statistics(nominal, at), theta)
     pose = pose_noise_statistics(tracks)
-    samples = pose.pop("samples").value if "samples" in pose else 0.0
+    samples, _ = pose.pop("samples", (0.0, 0.0))
     if pose:
         fits += _fit_all(
-            pose,
-            lambda at: predicted_pose_statistics(nominal, at, spacing, samples),
-            theta,
+            pose, lambda at: predicted_pose_statistics(nominal, at, spacing, samples), theta
         )
     return fits
 
 
-def _fit_all(
-    statistics: dict[str, NoiseStatistic],
-    predict: Callable[[Array], dict[str, float]],
-    theta: Array,
-) -> list[NoiseFit]:
+def _fit_all(statistics: Statistics, predict: Predict, theta: Array) -> list[NoiseFit]:
     """Fit every effect that changes these statistics, its parameters singly and together."""
     base = predict(theta)
     fits = []
@@ -200,58 +183,51 @@ def _fit_all(
             far = predict(there)
             if any(abs(far[k] - near[k]) > 1e-3 for k in statistics):
                 moving.append(p)
-        if not moving:
-            continue
-        touched = list(statistics.values())
-        for free in [[p] for p in moving] + ([moving] if len(moving) > 1 else []):
-            fits.append(_fit(effect, free, touched, predict, theta, base))
+        ways = [[p] for p in moving] + ([moving] if len(moving) > 1 else [])
+        fits += [_fit(effect, free, statistics, predict, theta, base) for free in ways]
     return fits
 
 
 def _fit(
     effect: str,
     free: Sequence[Parameter],
-    statistics: Sequence[NoiseStatistic],
-    predict: Callable[[Array], dict[str, float]],
+    statistics: Statistics,
+    predict: Predict,
     theta: Array,
     base: dict[str, float],
 ) -> NoiseFit:
     """Gauss-Newton from the size that clearly matters; evidence by Laplace's approximation."""
-    sigma = np.array([math.hypot(f.sigma, _UNMODELLED) for f in statistics])
+    sigma = np.array([math.hypot(s, _UNMODELLED) for _, s in statistics.values()])
     start = np.array([theta[p.index] for p in free])
     scales = np.array([p.scale for p in free])
     low = np.array([p.low + 1e-3 * p.scale for p in free])
     high = np.array([p.high for p in free])
 
+    def off(model: dict[str, float]) -> Array:
+        return np.asarray(np.array([v - model[k] for k, (v, _) in statistics.items()]) / sigma)
+
     def misfit(values: Array) -> Array:
         there = theta.copy()
-        for p, v in zip(free, values, strict=True):
-            there[p.index] = v
-        model = predict(there)
-        return np.asarray(np.array([f.value - model[f.name] for f in statistics]) / sigma)
+        there[[p.index for p in free]] = values
+        return off(predict(there))
 
     at = np.clip(start + 0.5 * scales, low, high)
-    wide = scales
     for _ in range(12):
         residual = misfit(at)
         slopes = np.column_stack(
             [(residual - misfit(at + step)) / step.sum() for step in np.diag(0.02 * scales)]
         )
-        precision = slopes.T @ slopes + np.diag(wide**-2.0)
-        step = np.linalg.solve(precision, slopes.T @ residual - (at - start) / wide**2)
+        precision = slopes.T @ slopes + np.diag(scales**-2.0)
+        step = np.linalg.solve(precision, slopes.T @ residual - (at - start) / scales**2)
         least = -0.7 * np.abs(at - low) - 0.02 * scales
-        fresh = np.clip(at + np.clip(step, least, scales), low, high)
-        if np.max(np.abs(fresh - at) / scales) < 1e-3:
-            at = fresh
+        before, at = at, np.clip(at + np.clip(step, least, scales), low, high)
+        if np.max(np.abs(at - before) / scales) < 1e-3:
             break
-        at = fresh
     residual = misfit(at)
     covariance = np.linalg.inv(precision)
-    cost = float(residual @ residual) + float(np.sum(((at - start) / wide) ** 2))
-    occam = 0.5 * float(np.linalg.slogdet(covariance)[1]) - float(np.log(wide).sum())
-    none = np.array([f.value - base[f.name] for f in statistics]) / sigma
-    healthy = _healthy_cost(none, slopes, scales)
-    evidence = -0.5 * cost + occam - healthy
+    cost = float(residual @ residual) + float(np.sum(((at - start) / scales) ** 2))
+    occam = 0.5 * float(np.linalg.slogdet(covariance)[1]) - float(np.log(scales).sum())
+    evidence = -0.5 * cost + occam - _healthy_cost(off(base), slopes, scales)
     return NoiseFit(
         effect,
         tuple(p.index for p in free),
@@ -290,10 +266,10 @@ def _sigma(count: int) -> float:
     return 1.0 / math.sqrt(max(count, 1))
 
 
-def _clipped(values: Array) -> Array:
-    limit = 4.0 * np.median(np.abs(values), axis=0) / 0.6745
-    return np.clip(values, -limit, limit)
+def _log_deviation(variance: float) -> float:
+    return 0.5 * math.log(max(variance, 1e-16))
 
 
 def _robust_variance(values: Array) -> float:
-    return float(np.mean(_clipped(values) ** 2))
+    limit = 4.0 * np.median(np.abs(values), axis=0) / 0.6745
+    return float(np.mean(np.clip(values, -limit, limit) ** 2))

@@ -11,32 +11,29 @@ from tombo_dynamics.arrays import Array
 BLOCK_S = 1.0
 """Residuals are taken to be independent from one such block to the next."""
 _SETTLES_S = 10.0
-_FLOORS = (
-    ("force", 0.004),
-    ("mocap against accel", 0.004),
-    ("acceleration", 0.004),
-    ("turning", 0.02),
-    ("gyro against mocap", 0.0005),
-    ("rotor speed", 0.3),
-    ("voltage", 0.005),
-    ("latency", 1e-4),
-)
+_FLOORS = {
+    "force": (0.004, 0.012),
+    "mocap against accel": (0.004, 0.006),
+    "acceleration": (0.004, 0.012),
+    "turning": (0.02, 0.04),
+    "gyro against mocap": (0.0005, 0.0012),
+    "rotor speed": (0.3, 0.4),
+    "voltage": (0.005, 0.01),
+    "latency": (1e-4, 2e-4),
+}
 """By the beginning of a channel's name, in its unit: no average over ten seconds is trusted to be
-closer than this, however still the data look."""
+closer than the first, however still the data look; the second is the least error of the model."""
 
 
-def floor_of(channel: str) -> float:
-    """Return how close an average of a channel can be trusted to be, in its unit."""
-    return next(floor for start, floor in _FLOORS if channel.startswith(start))
+def floors_of(channel: str) -> tuple[float, float]:
+    """Return how close an average of a channel can be trusted to be, and the model's error."""
+    return next(floors for start, floors in _FLOORS.items() if channel.startswith(start))
 
 
 def long_run_variance(residual: Sequence[Array], per_second: float, floor: float) -> float:
     """Return what correlated noise amounts to: rows times the variance of their mean.
 
-    Args:
-        residual: (rows,) of each flight, what no candidate explains.
-        per_second: rows a second.
-        floor: see `floor_of`.
+    `residual` (rows,) is what no candidate explains of each flight; `floor`: see `floors_of`.
     """
     per_block = max(1, round(BLOCK_S * per_second))
     sums = []

@@ -10,23 +10,14 @@ _OWN_MASS, _OWN_ARM = 1.3, 0.24
 """kg and m: the vehicle that the registry's typical sizes are for."""
 
 
-def parameters(mass: float = 1.3, arm: float = 0.24) -> tuple[Parameter, ...]:
+def parameters(mass: float = _OWN_MASS, arm: float = _OWN_ARM) -> tuple[Parameter, ...]:
     """Return all parameters of the registry, in the order of theta.
 
-    What clearly matters is given for the suite's own vehicle: forces grow with the mass, lengths
-    with the arm.
-
-    Args:
-        mass: of the vehicle [kg].
-        arm: centre to rotor axis [m].
+    What clearly matters is given for the suite's own vehicle: forces grow with the mass [kg],
+    lengths with the arm, centre to rotor axis [m].
     """
     heavy, long = mass / _OWN_MASS, arm / _OWN_ARM
-    sizes = {
-        "N s/m": heavy,
-        "m^2": heavy,
-        "N m s/m": heavy * long,
-        "m": long if long < 1.0 else 1.0,
-    }
+    sizes = {"N s/m": heavy, "m^2": heavy, "N m s/m": heavy * long, "m": min(long, 1.0)}
     found = []
     places = layout()
     for name, effect in REGISTRY.items():

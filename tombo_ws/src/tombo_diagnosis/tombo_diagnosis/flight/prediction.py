@@ -10,21 +10,19 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.track import FAST_WIDTH, Track
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY, Stage
 from tombo_dynamics.effects.compose import layout, null_theta
 from tombo_dynamics.rotation import conjugate, quaternion_multiply, unwrap_quaternions
 from tombo_dynamics.rotor_maps import speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_sim.inverse_simulation import ImposedTick, run_along_motion, simulate_mocap
-
-Array = NDArray[np.float64]
 
 NO_NOISE = np.zeros((1, 9))
 """No noise."""
@@ -44,8 +42,6 @@ class ChannelId:
 
     name: str
     unit: str
-    group: str
-    """fast, slow or pose: the rows that it has."""
 
 
 @dataclass(frozen=True)
@@ -62,30 +58,28 @@ class Motion:
     """(M,) latency that the model gives each pose, against its stamp [s]."""
 
 
-def channels_of(track: Track, nominal: NominalModel) -> list[ChannelId]:
-    """Return the channels that a flight has, in the order of `residuals`."""
-    has_rotor_data = bool(track.command.size or track.speed.size)
-    names: list[ChannelId] = []
-    if track.formulation == "imu":
-        force = _AXES if has_rotor_data else _AXES[:2]
-        names += [ChannelId(f"force {a}", "m/s^2", "fast") for a in force]
-        if has_rotor_data and nominal.moments:
-            names += [ChannelId(f"turning {a}", "rad/s^2", "fast") for a in _AXES]
-        if track.speed.size and track.command.size:
-            names += [ChannelId(f"rotor speed {i}", "rad/s", "fast") for i in range(1, 5)]
-        names += [ChannelId(f"mocap against accel {a}", "m/s^2", "slow") for a in _AXES]
-        names += [ChannelId(f"gyro against mocap {a}", "rad/s", "slow") for a in _AXES]
+def channels_of(track: Track, nominal: NominalModel) -> dict[str, list[ChannelId]]:
+    """Return group of rows (fast, slow, pose) -> its channels, in the order of `residuals`."""
+    driven = bool(track.command.size or track.speed.size)
+    imu = track.formulation == "imu"
+    rotors: list[ChannelId] = []
+    if nominal.moments and (driven or not imu):
+        rotors += [ChannelId(f"turning {a}", "rad/s^2") for a in _AXES]
+    if track.speed.size and track.command.size:
+        rotors += [ChannelId(f"rotor speed {i}", "rad/s") for i in range(1, 5)]
+    found: dict[str, list[ChannelId]] = {}
+    if imu:
+        force = _AXES if driven else _AXES[:2]
+        found["fast"] = [*(ChannelId(f"force {a}", "m/s^2") for a in force), *rotors]
+        found["slow"] = [ChannelId(f"mocap against accel {a}", "m/s^2") for a in _AXES]
+        found["slow"] += [ChannelId(f"gyro against mocap {a}", "rad/s") for a in _AXES]
     else:
-        names += [ChannelId(f"acceleration {a}", "m/s^2", "slow") for a in _AXES]
-        if nominal.moments:
-            names += [ChannelId(f"turning {a}", "rad/s^2", "slow") for a in _AXES]
-        if track.speed.size and track.command.size:
-            names += [ChannelId(f"rotor speed {i}", "rad/s", "slow") for i in range(1, 5)]
+        found["slow"] = [*(ChannelId(f"acceleration {a}", "m/s^2") for a in _AXES), *rotors]
     if track.voltage.size and not nominal.calibrated:
-        names.append(ChannelId("voltage", "V", "slow"))
+        found["slow"].append(ChannelId("voltage", "V"))
     if track.arrival.size:
-        names.append(ChannelId("latency", "s", "pose"))
-    return names
+        found["pose"] = [ChannelId("latency", "s")]
+    return found
 
 
 def motion_of(track: Track, nominal: NominalModel, theta: Array) -> Motion:
@@ -132,20 +126,16 @@ def simulate_along_motion(
 ) -> Any:
     """Run the model along the motion; (N,) `tombo_sim.inverse_simulation.ImposedTick`."""
     out = np.zeros(track.t.size, ImposedTick.layout)
-    command = track.command
+    command = track.command if track.command.size else track.speed[:, :4]
     if not command.size:
-        command = track.speed[:, :4] if track.speed.size else _hover(track, nominal)
+        hover = speed_for_thrust(nominal.maps, nominal.vehicle.hover_thrust())
+        command = np.full((track.t.size, 4), hover)
     tick = float(track.t[1] - track.t[0])
     run_along_motion(
         nominal.plant(draws), nominal.maps, theta, noise, tick, motion.state,
         command, track.speed, out,
     )  # fmt: skip
     return out
-
-
-def _hover(track: Track, nominal: NominalModel) -> Array:
-    speed = speed_for_thrust(nominal.maps, nominal.vehicle.hover_thrust())
-    return np.full((track.t.size, 4), speed)
 
 
 def residuals(
@@ -158,52 +148,35 @@ def residuals(
 ) -> dict[str, Array]:
     """Return what is left of each group's channels, (rows, channels), for the rows that count.
 
-    Args:
-        track: the flight.
-        nominal: the model.
-        theta: parameters of all effects, packed.
-        motion: of these parameters, where it is known already.
-        draws: (8) standard normals of the vehicle; None: zeros.
-        noise: (K, 9) standard normals for the effects that take some.
+    `motion`: of these parameters, where it is known already; `draws`: (8) standard normals of the
+    vehicle, None: zeros; `noise`: (K, 9) standard normals for the effects that take some.
     """
     motion = motion or motion_of(track, nominal, theta)
     model = simulate_along_motion(track, nominal, theta, motion, draws, noise)
-    has_rotor_data = bool(track.command.size or track.speed.size)
-    fast: list[Array] = []
-    slow: list[Array] = []
-    gravity = np.array([0.0, 0.0, GRAVITY])
-    if track.formulation == "imu":
-        smooth = track.fast_kernel.smooth
-        predicted = model["force"] + model["accel_error"]
-        residual = track.accel - predicted
-        fast.append(smooth @ (residual if has_rotor_data else residual[:, :2]))
-        body = track.gyro - model["gyro_error"]
-        if has_rotor_data and nominal.moments:
-            measured = track.fast_kernel.slope @ body
-            fast.append(measured - smooth @ model["angular_acceleration"])
-        if track.speed.size and track.command.size:
-            fast.append(smooth @ (track.speed[:, :4] - model["rotor_speed"]))
+    driven = bool(track.command.size or track.speed.size)
+    imu = track.formulation == "imu"
+    kernel = track.fast_kernel if imu else track.slow_kernel
+    body = track.gyro - model["gyro_error"] if imu else motion.rates
+    rotors = []
+    if nominal.moments and (driven or not imu):
+        rotors.append(kernel.slope @ body - kernel.smooth @ model["angular_acceleration"])
+    if track.speed.size and track.command.size:
+        rotors.append(kernel.smooth @ (track.speed[:, :4] - model["rotor_speed"]))
+    smooth = track.slow_kernel.smooth
+    seen = track.slow_kernel.curvature @ motion.state[:, :3]
+    if imu:
         accel = track.accel - model["accel_error"]
-        in_map = np.einsum("nij,nj->ni", motion.rotation, accel) - gravity
-        smooth = track.slow_kernel.smooth
-        seen = track.slow_kernel.curvature @ motion.state[:, :3]
-        slow.append(seen - smooth @ in_map)
-        slow.append(smooth @ (body - motion.rates))
+        in_map = np.einsum("nij,nj->ni", motion.rotation, accel) - np.array([0.0, 0.0, GRAVITY])
+        slow = [seen - smooth @ in_map, smooth @ (body - motion.rates)]
     else:
-        smooth = track.slow_kernel.smooth
-        seen = track.slow_kernel.curvature @ motion.state[:, :3]
-        slow.append(seen - smooth @ model["acceleration"])
-        if nominal.moments:
-            turned = track.slow_kernel.slope @ motion.rates
-            slow.append(turned - smooth @ model["angular_acceleration"])
-        if track.speed.size and track.command.size:
-            slow.append(smooth @ (track.speed[:, :4] - model["rotor_speed"]))
+        slow = [seen - smooth @ model["acceleration"], *rotors]
     if track.voltage.size and not nominal.calibrated:
-        residual = track.voltage - model["voltage"]
-        slow.append(track.slow_kernel.smooth @ residual)
+        slow.append(smooth @ (track.voltage - model["voltage"]))
     result = {"slow": np.column_stack(slow)}
-    if fast:
-        result["fast"] = np.column_stack(fast)
+    if imu:
+        residual = track.accel - (model["force"] + model["accel_error"])
+        force = kernel.smooth @ (residual if driven else residual[:, :2])
+        result["fast"] = np.column_stack([force, *rotors])
     if track.arrival.size:
         result["pose"] = (track.arrival - motion.pose_latency)[track.pose_rows, None]
     return result

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 
-from tombo_diagnosis.engine.evidence import NormalEquations, Posterior, solve
+from tombo_diagnosis.checks.spans import block_means
+from tombo_diagnosis.engine.evidence import NormalEquations, solve
 from tombo_diagnosis.engine.model import Setting
 from tombo_diagnosis.engine.regression import NOMINAL_WIDTHS, TIGHT, Columns, Fit
-from tombo_diagnosis.flight.noise_variance import floor_of, long_run_variance
+from tombo_diagnosis.flight.noise_variance import floors_of, long_run_variance
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.prediction import channels_of
-from tombo_diagnosis.flight.sensitivity import (
-    DRAW_SCALE_LABEL,
-    Linearization,
-    linearize,
-    map_flights,
-)
+from tombo_diagnosis.flight.sensitivity import SCATTER, Linearization, linearize, map_flights
 from tombo_diagnosis.flight.track import FAST_SPACING, SLOW_SPACING, Track
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY
@@ -35,9 +33,6 @@ _MAX_TOLERANCE_SIGMAS = 3.0
 """Tolerances are exceeded by healthy vehicles up to this many deviations."""
 _CLOSE = 0.05
 """A refinement ends when no free parameter moves by more than this share of its tolerance."""
-
-
-SCATTER = DRAW_SCALE_LABEL.split(".")[0]
 
 SETTING = Setting(
     max_fitted=4,  # a fit of flights takes some tenths of a second
@@ -77,6 +72,7 @@ class FlightProblem:
         self.nominal = nominal
         self.theta = nominal.theta
         self.channels = [channels_of(track, nominal) for track in self.tracks]
+        """Of each flight: group -> its channels, in the order of `residuals`."""
         self.linears = map_flights(lambda t: linearize(t, nominal, self.theta), self.tracks)
         seen = sorted({i for linear in self.linears for i in linear.slopes})
         self.rotor_draws = max(len(linear.draws) for linear in self.linears)
@@ -97,7 +93,7 @@ class FlightProblem:
             kept = self._parts
             self.columns, self.vehicles = replace(own, draws=each), 1
             # With the same noise as before: what does not fit would else pass for noise.
-            self._parts = [self._by_channel(linear, f) for f, linear in enumerate(self.linears)]
+            self._parts = self._all_parts()
             if solve(self.normal(), self.columns.deviations(seen)).evidence < every:
                 self.columns, self.vehicles = own, len(self.tracks)
                 self._parts = kept
@@ -132,8 +128,11 @@ class FlightProblem:
         vehicle = flight if self.vehicles > 1 else 0
         return len(self.columns.indices) + self.rotor_draws * vehicle
 
+    def _all_parts(self) -> list[Parts]:
+        return [self._by_channel(linear, f) for f, linear in enumerate(self.linears)]
+
     def _prepare(self) -> None:
-        self._parts = [self._by_channel(linear, f) for f, linear in enumerate(self.linears)]
+        self._parts = self._all_parts()
         self.variances = [
             {g: np.maximum(v.var(axis=0), 1e-12) * 20.0 for g, v in linear.residual.items()}
             for linear in self.linears
@@ -155,16 +154,16 @@ class FlightProblem:
         for f, linear in enumerate(self.linears):
             for group, rows in linear.residual.items():
                 rest = rows - self._explained(linear, group, f, every)
-                own = [c.name for c in self.channels[f] if c.group == group]
-                for name, value in zip(own, np.mean(rest**2, axis=0), strict=True):
-                    noise.setdefault((group, name), []).append(float(value))
+                own = [(group, c.name) for c in self.channels[f][group]]
+                for place, value in zip(own, np.mean(rest**2, axis=0), strict=True):
+                    noise.setdefault(place, []).append(float(value))
                 for index, change in linear.slopes.items():
-                    sizes = _max_block_mean(
-                        change[group] ** 2, round(_VISIBILITY_WINDOW_S * self.per_second(group))
-                    )
+                    window = round(_VISIBILITY_WINDOW_S * self.per_second(group))
+                    squares = change[group] ** 2
+                    sizes = block_means(squares, min(window, len(squares))).max(axis=0)
                     table = shown.setdefault(index, {})
-                    for name, value in zip(own, sizes, strict=True):
-                        table.setdefault((group, name), []).append(float(value))
+                    for place, value in zip(own, sizes, strict=True):
+                        table.setdefault(place, []).append(float(value))
         unobservable = set()
         for index, table in shown.items():
             scale = self.columns.parameters[index].scale
@@ -206,32 +205,34 @@ class FlightProblem:
     def residual(self, fit: Fit, flight: int, unknowns: Array | None = None) -> dict[str, Array]:
         """Return what a fit leaves of a flight's channels, group -> (rows, channels).
 
-        Args:
-            fit: the fit.
-            flight: number of the flight.
-            unknowns: (K,) about the fit's theta; None: its solution, tolerances included.
+        `unknowns`: (K,) about the fit's theta; None: its solution, tolerances included.
         """
-        mean = self._clip_to_tolerances(fit) if unknowns is None else unknowns
+        if unknowns is None:
+            # What is not free is held to a few tolerances: more is a cause.
+            limits = _MAX_TOLERANCE_SIGMAS * self.columns.deviations(fit.free, fit.widths)
+            low, high = fit.prior_mean - limits, fit.prior_mean + limits
+            unknowns = np.clip(fit.solution.mean, low, high)
         linear = tangent_of(fit).linears[flight]
         return {
-            group: rows - self._explained(linear, group, flight, mean)
+            group: rows - self._explained(linear, group, flight, unknowns)
             for group, rows in linear.residual.items()
         }
 
-    def _bounded(
+    def _solved(
         self,
-        normal: NormalEquations,
         free: Sequence[int],
         widths: Mapping[str, float],
         theta: Array,
         prior_mean: Array,
-    ) -> tuple[Posterior, tuple[int, ...]]:
-        """Solve, and pin what the data would carry beyond its bounds: no delay is negative.
+        tangent: FlightTangent,
+    ) -> Fit:
+        """Return the fit that equations about theta come to.
 
-        Of what is free, only what would pass the bound at which it does nothing: a propeller that
-        is stronger than new, made up for by scatter that is none, turns the vehicle at will.
+        What the data would carry beyond its bounds is pinned there: no delay is negative. Of what
+        is free, only what would pass the bound at which it does nothing: a propeller that is
+        stronger than new, made up for by scatter that is none, turns the vehicle at will.
         """
-        columns = self.columns
+        columns, normal = self.columns, sum_of(tangent.normals)
         pinned: list[int] = []
         while True:
             deviations = columns.deviations(free, widths, pinned=pinned)
@@ -247,40 +248,19 @@ class FlightProblem:
                 if outside and held and place not in pinned:
                     over.append(place)
             if not over:
-                return solution, tuple(pinned)
+                break
             pinned += over
-
-    def _clip_to_tolerances(self, fit: Fit) -> Array:
-        """Return a fit's unknowns, what is not free held to a few tolerances: more is a cause."""
-        limits = _MAX_TOLERANCE_SIGMAS * self.columns.deviations(fit.free, fit.widths)
-        return np.clip(fit.solution.mean, fit.prior_mean - limits, fit.prior_mean + limits)
-
-    def _solved(
-        self,
-        free: Sequence[int],
-        widths: Mapping[str, float],
-        theta: Array,
-        prior_mean: Array,
-        tangent: FlightTangent,
-    ) -> Fit:
-        """Return the fit that equations about theta come to."""
-        normal = sum_of(tangent.normals)
-        solution, pinned = self._bounded(normal, free, widths, theta, prior_mean)
         return Fit(
             tuple(free), widths, theta, prior_mean, solution, normal, solution.evidence, tangent,
-            pinned,
+            tuple(pinned),
         )  # fmt: skip
 
     def fit(
         self, free: Sequence[int], widths: Mapping[str, float], start: Fit, slopes: bool = True
     ) -> Fit:
-        """Fit parameters with the model itself, not only its tangent: Gauss-Newton.
+        """Fit as `Model.fit` says, by Gauss-Newton.
 
-        Args:
-            free: places in theta.
-            widths: stochastic effect -> factor on its width.
-            start: fit to begin from.
-            slopes: take the slopes of the free parameters anew; False: those of `start` will do.
+        `slopes`: take those of the free parameters anew; False: those of `start` will do.
         """
         columns = self.columns
         # The first step leaves little to tolerances: where an effect is large, the tangent's own
@@ -355,11 +335,7 @@ class FlightProblem:
     ) -> Parts:
         """Return the normal equations of each group's channels, not weighed.
 
-        Args:
-            linear: residuals and slopes.
-            flight: number of the flight.
-            before: equations whose slopes are the same, but for those at `places`.
-            places: columns whose slopes are new.
+        `before`: equations whose slopes are the same, but for those of the columns at `places`.
         """
         parts = {}
         for group, residual in linear.residual.items():
@@ -394,19 +370,15 @@ class FlightProblem:
         for f, linear in enumerate(self.linears):
             for group, rows in linear.residual.items():
                 rest = rows - self._explained(linear, group, f, unknowns)
-                own = [c for c in self.channels[f] if c.group == group]
-                for j, c in enumerate(own):
-                    residual.setdefault((group, c.name), []).append(rest[:, j])
+                for c, left in zip(self.channels[f][group], rest.T, strict=True):
+                    residual.setdefault((group, c.name), []).append(left)
         found = {
-            (group, name): long_run_variance(rows, self.per_second(group), floor_of(name))
+            (group, name): long_run_variance(rows, self.per_second(group), floors_of(name)[0])
             for (group, name), rows in residual.items()
         }
         return [
-            {
-                group: np.array([found[group, c.name] for c in channels if c.group == group])
-                for group in linear.residual
-            }
-            for linear, channels in zip(self.linears, self.channels, strict=True)
+            {group: np.array([found[group, c.name] for c in own]) for group, own in each.items()}
+            for each in self.channels
         ]
 
     def per_second(self, group: str) -> float:
@@ -420,16 +392,4 @@ class FlightProblem:
 
 def sum_of(normals: Sequence[NormalEquations]) -> NormalEquations:
     """Return the equations of all flights together."""
-    total = normals[0]
-    for other in normals[1:]:
-        total = total + other
-    return total
-
-
-def _max_block_mean(squares: Array, rows: int) -> Array:
-    """Return (channels): the largest mean of (rows, channels) over so many rows in a row."""
-    whole = squares.shape[0] // rows * rows
-    if not whole:
-        rows = whole = squares.shape[0]
-    blocks = squares[:whole].reshape(-1, rows, squares.shape[1])
-    return np.asarray(blocks.mean(axis=1).max(axis=0))
+    return reduce(operator.add, normals)

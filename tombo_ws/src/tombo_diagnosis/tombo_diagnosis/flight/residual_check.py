@@ -14,22 +14,11 @@ import numpy as np
 from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.flight.haar_variance import SCALES_S, block_variances, pooled
 from tombo_diagnosis.flight.noise_simulation import simulated_noise
-from tombo_diagnosis.flight.prediction import ChannelId
+from tombo_diagnosis.flight.noise_variance import floors_of
 from tombo_diagnosis.flight.problem import FlightProblem
 from tombo_diagnosis.flight.sensitivity import map_flights
 from tombo_dynamics.arrays import Array
 
-_MODEL_ERROR_FLOOR = (
-    ("force", 0.012),
-    ("acceleration", 0.012),
-    ("turning", 0.04),
-    ("mocap against accel", 0.006),
-    ("gyro against mocap", 0.0012),
-    ("rotor speed", 0.4),
-    ("voltage", 0.01),
-    ("latency", 2e-4),
-)
-"""Least error of the model, by the beginning of a channel's name, in its unit."""
 _STANDARD_ERRORS = 2.0
 """Standard errors of the logarithm of a variance that are subtracted from an excess."""
 
@@ -78,9 +67,8 @@ def _powers(problem: FlightProblem, rows: Sequence[dict[str, Array]]) -> ScaleVa
     units: dict[str, str] = {}
     for f, groups in enumerate(rows):
         for group, residual in groups.items():
-            own: list[ChannelId] = [c for c in problem.channels[f] if c.group == group]
             variances, counts = block_variances(residual, 1.0 / problem.per_second(group))
-            for j, c in enumerate(own):
+            for j, c in enumerate(problem.channels[f][group]):
                 found.setdefault(c.name, []).append((variances[:, j : j + 1], counts))
                 units[c.name] = c.unit
     means, numbers = [], []
@@ -97,7 +85,7 @@ def residual_excesses(measured: ScaleVariances, expected: ScaleVariances) -> lis
     """Return every channel's remainder, the largest excess first."""
     result = []
     for j, name in enumerate(measured.names):
-        floor = next(f for start, f in _MODEL_ERROR_FLOOR if name.startswith(start)) ** 2
+        floor = floors_of(name)[1] ** 2
         ratio = np.log(
             np.maximum(measured.variances[:, j], 1e-30) / (expected.variances[:, j] + floor)
         )
@@ -105,13 +93,11 @@ def residual_excesses(measured: ScaleVariances, expected: ScaleVariances) -> lis
         excess = ratio - _STANDARD_ERRORS * error
         excess[~np.isfinite(excess)] = -np.inf
         worst = int(np.argmax(excess))
-        residual = ResidualExcess(
-            name,
-            measured.units[j],
-            SCALES_S[worst],
-            float(np.sqrt(max(measured.variances[worst, j], 0.0))),
-            float(np.sqrt(expected.variances[worst, j] + floor)),
-            float(excess[worst]),
+        found = float(np.sqrt(max(measured.variances[worst, j], 0.0)))
+        usual = float(np.sqrt(expected.variances[worst, j] + floor))
+        result.append(
+            ResidualExcess(
+                name, measured.units[j], SCALES_S[worst], found, usual, float(excess[worst])
+            )
         )
-        result.append(residual)
     return sorted(result, key=lambda each: -each.excess)

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tombo_diagnosis.checks.spans import block_means
 from tombo_diagnosis.engine.regression import Fit
-from tombo_diagnosis.flight.haar_variance import block_means
 from tombo_diagnosis.flight.prediction import Motion
 from tombo_diagnosis.flight.problem import FlightProblem, tangent_of
 from tombo_dynamics.arrays import Array
@@ -27,13 +27,9 @@ _FOLDS = 3
 
 
 def features(motion: Motion, t: Array, low: Array, high: Array) -> Array:
-    """Return (N, k): smooth functions of place, speed, heading, turning and time.
+    """Return (N, k): smooth functions of place, speed, heading, turning and time (N) of a flight.
 
-    Args:
-        motion: of one flight.
-        t: (N) its times.
-        low: (3) least coordinates of all flights: places are the same for all of them.
-        high: (3) largest ones.
+    `low` and `high` (3) bound the places of all flights: spots are the same for all of them.
     """
     state = motion.state
     body = np.einsum("nji,nj->ni", motion.rotation, state[:, 3:6])
@@ -62,12 +58,9 @@ def _grid_features(state: Array, low: Array, high: Array) -> Array:
 
 
 def cross_validated_r2(problem: FlightProblem, fit: Fit, start: tuple[str, ...]) -> float:
-    """Return the share (0 to 1) of the remainder's variance that other flights predict.
+    """Return the share (0 to 1) of the remainder of a fit that other flights predict.
 
-    Args:
-        problem: the flights.
-        fit: the explanation whose remainder is looked at.
-        start: beginnings of the names of the channels to look at.
+    Of the channels whose names begin with one of `start`.
     """
     xs, ys = [], []
     motions = [linear.motion for linear in tangent_of(fit).linears]
@@ -76,7 +69,7 @@ def cross_validated_r2(problem: FlightProblem, fit: Fit, start: tuple[str, ...])
     for f, (track, motion) in enumerate(zip(problem.tracks, motions, strict=True)):
         every = features(motion, track.t, low, high)
         for group, rows in problem.residual(fit, f).items():
-            own = [c for c in problem.channels[f] if c.group == group]
+            own = problem.channels[f][group]
             chosen = [j for j, c in enumerate(own) if c.name.startswith(start)]
             if not chosen:
                 continue

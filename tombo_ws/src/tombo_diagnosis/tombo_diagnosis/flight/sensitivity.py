@@ -9,7 +9,6 @@ from functools import lru_cache
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_diagnosis.engine.regression import Parameter
 from tombo_diagnosis.flight.noise_simulation import with_pose_noise
@@ -22,14 +21,16 @@ from tombo_diagnosis.flight.prediction import (
     simulate_along_motion,
 )
 from tombo_diagnosis.flight.track import TICK, Track
+from tombo_dynamics.arrays import Array
 
-Array = NDArray[np.float64]
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 Groups = dict[str, Array]
 
-DRAW_SCALE_LABEL = "thrust_scatter.deviation"
-"""The parameter that says how large the vehicle's draws are."""
+SCATTER = "thrust_scatter"
+"""The effect of the vehicle's draws."""
+DRAW_SCALE_LABEL = f"{SCATTER}.deviation"
+"""The parameter that says how large they are."""
 _MAX_NOISE_SHARE = 0.1
 """Share of a slope's energy that noise may have."""
 ROTOR_DRAWS = 4
@@ -55,25 +56,32 @@ class Linearization:
     """Indices whose slopes are mostly noise of the poses: no evidence for them."""
 
 
-def step_of(p: Parameter, at: float) -> float:
-    """Return the signed step from `at` that stays within the parameter's bounds."""
-    return p.step if at + p.step <= p.high else -p.step
+@dataclass(frozen=True)
+class _Predicted:
+    """A flight compared with a model at one theta."""
+
+    track: Track
+    nominal: NominalModel
+    theta: Array
+    motion: Motion
+    residual: Groups
+
+    def slope(self, p: Parameter) -> Groups | None:
+        """Return the change of what is predicted per unit of a parameter; None: none."""
+        moved = self.theta.copy()
+        # Within the parameter's bounds.
+        step = p.step if float(moved[p.index]) + p.step <= p.high else -p.step
+        moved[p.index] += step
+        motion = None if affects_poses(p.index) else self.motion
+        return _change(self.residual, residuals(self.track, self.nominal, moved, motion), step)
 
 
-def slope(
-    track: Track,
-    nominal: NominalModel,
-    theta: Array,
-    p: Parameter,
-    motion: Motion,
-    residual: Groups,
-) -> Groups | None:
-    """Return the change of what is predicted per unit of a parameter; None: it changes nothing."""
-    moved = theta.copy()
-    step = step_of(p, float(theta[p.index]))
-    moved[p.index] += step
-    there = residuals(track, nominal, moved, None if affects_poses(p.index) else motion)
-    change = {group: (residual[group] - there[group]) / step for group in residual}
+def _predicted(track: Track, nominal: NominalModel, theta: Array, motion: Motion) -> _Predicted:
+    return _Predicted(track, nominal, theta, motion, residuals(track, nominal, theta, motion))
+
+
+def _change(before: Groups, after: Groups, step: float) -> Groups | None:
+    change = {group: (before[group] - after[group]) / step for group in before}
     return change if any(np.any(c) for c in change.values()) else None
 
 
@@ -86,17 +94,14 @@ def linearize(
 ) -> Linearization:
     """Return residuals and slopes of a flight about `theta`.
 
-    Args:
-        track: the flight.
-        nominal: the model.
-        theta: parameters of all effects.
-        indices: indices to differentiate; None: all of the registry, and the draws.
-        start: the same about other parameters. The residuals are then those with what the step
-            from there changes, along the rotor speeds that the commands ask for, as for slopes.
+    `indices` are those to differentiate; None: all of the registry, and the draws. `start` is the
+    same about other parameters: the residuals are then those with what the step from there
+    changes, along the rotor speeds that the commands ask for, as for slopes.
     """
     motion = motion_of(track, nominal, theta)
     driver = _with_commanded_speeds(track, nominal, theta, motion)
-    base = residuals(driver, nominal, theta, motion)
+    here = _predicted(driver, nominal, theta, motion)
+    base = here.residual
     if driver is track:
         residual = base
     elif start is None:
@@ -105,31 +110,25 @@ def linearize(
         before = residuals(driver, nominal, start.theta, start.motion)
         residual = {group: start.residual[group] + (base[group] - before[group]) for group in base}
     slopes = {}
-    noisy_replica = None
-    noisy: set[int] = set()
-    if indices is None and not nominal.calibrated:
-        again = with_pose_noise(track, nominal, theta, 0)
-        where = motion_of(again, nominal, theta)
-        noisy_replica = _NoisyReplica(
-            again, nominal, where, residuals(again, nominal, theta, where)
-        )
     for p in nominal.parameters:
         if indices is None or p.index in indices:
-            change = slope(driver, nominal, theta, p, motion, base)
+            change = here.slope(p)
             if change is not None:
                 slopes[p.index] = change
-                if noisy_replica is not None and _noise(noisy_replica, p, theta, change):
-                    noisy.add(p.index)
+    noisy: list[int] = []
+    if indices is None and not nominal.calibrated:
+        again = with_pose_noise(track, nominal, theta, 0)
+        replica = _predicted(again, nominal, theta, motion_of(again, nominal, theta))
+        noisy = [i for i, c in slopes.items() if _is_noise(replica, nominal.parameters[i], c)]
     draws: list[Groups] = []
     width = 1.0
     if indices is None:
-        spread, width = _theta_with_scatter(theta, nominal)
+        spread, width = with_scatter(theta, nominal)
         for i in range(ROTOR_DRAWS):
             drawn = np.zeros(8)
             drawn[i] = 0.5
-            there = residuals(driver, nominal, spread, motion, drawn)
-            change = {group: (base[group] - there[group]) / 0.5 for group in base}
-            if any(np.any(c) for c in change.values()):
+            change = _change(base, residuals(driver, nominal, spread, motion, drawn), 0.5)
+            if change is not None:
                 draws.append(change)
     return Linearization(theta, motion, residual, slopes, draws, width, frozenset(noisy))
 
@@ -150,36 +149,17 @@ def _with_commanded_speeds(
     return replace(track, speed=np.column_stack([speed, np.gradient(speed, TICK, axis=0)]))
 
 
-@dataclass(frozen=True)
-class _NoisyReplica:
-    """A flight with the noise of its poses once more."""
-
-    track: Track
-    nominal: NominalModel
-    motion: Motion
-    residual: Groups
-
-
-def _noise(noisy_replica: _NoisyReplica, p: Parameter, theta: Array, change: Groups) -> bool:
+def _is_noise(replica: _Predicted, p: Parameter, change: Groups) -> bool:
     """Return whether a slope is mostly noise of the poses, which is in the residuals too.
 
     Where a flight hardly turns, what an offset of the markers would do is the attitude's noise,
-    differentiated twice; a fit would find an offset in every flight.
+    differentiated twice; a fit would find an offset in every flight. `replica` has it once more.
     """
-    if not affects_poses(p.index):
-        return False
-    again = slope(
-        noisy_replica.track,
-        noisy_replica.nominal,
-        theta,
-        p,
-        noisy_replica.motion,
-        noisy_replica.residual,
-    )
+    again = replica.slope(p) if affects_poses(p.index) else None
     if again is None:
         return False
     # The channel that would tell most decides.
-    spread = np.maximum(noisy_replica.residual["slow"].var(axis=0), 1e-18)
+    spread = np.maximum(replica.residual["slow"].var(axis=0), 1e-18)
     energy = np.sum(change["slow"] ** 2, axis=0)
     shaken_energy = np.sum(again["slow"] ** 2, axis=0)
     best = int(np.argmax(energy / spread))
@@ -188,7 +168,7 @@ def _noise(noisy_replica: _NoisyReplica, p: Parameter, theta: Array, change: Gro
     )
 
 
-def _theta_with_scatter(theta: Array, nominal: NominalModel) -> tuple[Array, float]:
+def with_scatter(theta: Array, nominal: NominalModel) -> tuple[Array, float]:
     """Return theta with the effects of the draws on, and what a draw then is in healthy flights.
 
     A nominal model without scatter has no slope with the draws: it is taken at a tenth of the size
@@ -201,11 +181,6 @@ def _theta_with_scatter(theta: Array, nominal: NominalModel) -> tuple[Array, flo
             spread[p.index] = p.step
             width = max(float(theta[p.index]), p.tolerance) / p.step
     return spread, width
-
-
-def theta_with_scatter(theta: Array, nominal: NominalModel) -> Array:
-    """Return theta with the effects of the draws on, as large as the draws' unknowns mean it."""
-    return _theta_with_scatter(theta, nominal)[0]
 
 
 def map_flights(function: Callable[[_Item], _Result], flights: Sequence[_Item]) -> list[_Result]:

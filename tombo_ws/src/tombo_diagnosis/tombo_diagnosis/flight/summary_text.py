@@ -6,22 +6,20 @@ from collections.abc import Sequence
 
 from tombo_diagnosis.diagnosis import Cause
 from tombo_diagnosis.flight.analyse import MAX_LOG_VARIANCE_EXCESS, FlightFindings
-from tombo_diagnosis.wording import listed, words
+from tombo_diagnosis.wording import capital, counted, listed, words
 from tombo_flight.extended_model import Gain
 
 
 def summary(findings: FlightFindings, causes: Sequence[Cause], gains: Sequence[Gain]) -> str:
     """Return the verdict in a sentence or two."""
     judgement = findings.judgement
-    worst = (
-        findings.remainder.residual_excesses[0] if findings.remainder.residual_excesses else None
-    )
-    remains = (
-        f"{worst.channel} keeps {worst.measured:.2g} {worst.unit} at {worst.scale_s:g} s where "
-        f"chance gives {worst.expected:.2g}"
-        if worst is not None and worst.excess > MAX_LOG_VARIANCE_EXCESS
-        else ""
-    )
+    remains = ""
+    for worst in findings.remainder.residual_excesses[:1]:
+        if worst.excess > MAX_LOG_VARIANCE_EXCESS:
+            remains = (
+                f"{worst.channel} keeps {worst.measured:.2g} {worst.unit} at {worst.scale_s:g} s "
+                f"where chance gives {worst.expected:.2g}"
+            )
     if judgement.verdict == "none":
         return "The model predicts these flights as well as chance and its tolerances allow."
     if judgement.verdict == "unknown":
@@ -32,28 +30,23 @@ def summary(findings: FlightFindings, causes: Sequence[Cause], gains: Sequence[G
             f"The flights can't tell {listed(judgement.members)} apart: each explains them. "
             "Fly the separating experiment."
         )
-    cause_texts = "; ".join(_cause_text(cause) for cause in causes)
-    cause_texts = f"{cause_texts[0].upper()}{cause_texts[1:]}"
-    best = max((g for g in gains if g.horizon == "one step"), key=_drop, default=None)
-    gain = (
-        f" With it the error of {best.channel} falls from {best.before:.3g} to {best.after:.3g} "
-        f"{best.unit} in flights held out."
-        if best is not None and best.reduction > 0.05
-        else ""
-    )
+    cause_texts = capital("; ".join(_cause_text(cause) for cause in causes))
+    gain = ""
+    steps = [g for g in gains if g.horizon == "one step" and g.reduction > 0.05]
+    if steps:
+        best = max(steps, key=lambda g: g.reduction)
+        gain = (
+            f" With it the error of {best.channel} falls from {best.before:.3g} to "
+            f"{best.after:.3g} {best.unit} in flights held out."
+        )
     if judgement.verdict == "partly_explained":
         rest = remains or "what remains looks like gusts, or like a force it only resembles"
         return f"A part is explained. {cause_texts}; {rest}.{gain}"
-    besides = (
-        f" Besides, {listed(judgement.members, 'or')} is at work: these flights can't tell."
-        if judgement.members
-        else ""
-    )
+    besides = ""
+    if judgement.members:
+        names = listed(judgement.members, "or")
+        besides = f" Besides, {names} is at work: these flights can't tell."
     return f"{cause_texts}.{gain}{besides}"
-
-
-def _drop(gain: Gain) -> float:
-    return gain.reduction
 
 
 def _cause_text(cause: Cause) -> str:
@@ -72,9 +65,8 @@ def notes(findings: FlightFindings) -> list[str]:
     said = []
     if len(problem.tracks) < 3:
         said.append(
-            f"{len(problem.tracks)} flight{'s' if len(problem.tracks) > 1 else ''}: held-out "
-            "figures come from blocks or single flights, and have no interval; three flights or "
-            "more certify."
+            f"{counted(len(problem.tracks), 'flight')}: held-out figures come from blocks or "
+            "single flights, and have no interval; three flights or more certify."
         )
     if problem.nominal.calibrated:
         said.append(

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_diagnosis.checks.spans import Mask, Span, inside
 from tombo_diagnosis.flight.filters import (
     Kernel,
     clear_rows,
     gaussian,
     held_means,
+    interpolated,
     rows_of,
     tick_means,
 )
@@ -61,10 +62,10 @@ class Track:
     """(N, 1) or (0, 1)."""
     fast: Kernel
     slow: Kernel
-    fast_rows: NDArray[np.bool_]
+    fast_rows: Mask
     """Rows of the fast kernel that count."""
-    slow_rows: NDArray[np.bool_]
-    pose_rows: NDArray[np.bool_]
+    slow_rows: Mask
+    pose_rows: Mask
     log: FlightLog
 
     @cached_property
@@ -76,6 +77,20 @@ class Track:
     def slow_kernel(self) -> Kernel:
         """The slow kernel's rows that count."""
         return rows_of(self.slow, self.slow_rows)
+
+    def times(self, group: str) -> Array:
+        """Return the times of the rows of a group (fast, slow, pose) that count [s]."""
+        every = {"fast": self.fast.t, "slow": self.slow.t, "pose": self.pose_t}
+        return np.asarray(every[group][getattr(self, f"{group}_rows")])
+
+    def only(self, fast: Mask, slow: Mask, pose: Mask) -> Track:
+        """Return the flight with some of the rows that count only."""
+        return replace(
+            self,
+            fast_rows=self.fast_rows & fast,
+            slow_rows=self.slow_rows & slow,
+            pose_rows=self.pose_rows & pose,
+        )
 
     @property
     def formulation(self) -> str:
@@ -119,10 +134,7 @@ def track_of(log: FlightLog) -> Track:
             f"{_SHORTEST:g} s of flight"
         )
     t = begin + TICK * np.arange(count)
-    invalid = np.zeros(t.size, np.bool_)
-    gaps = np.flatnonzero(np.diff(pose_t) > _GAP)
-    for span in [(pose_t[i], pose_t[i + 1]) for i in gaps] + list(log.exclude):
-        invalid |= (t >= span[0]) & (t <= span[1])
+    invalid = inside(t, [*_gaps(pose_t, _GAP), *log.exclude])
     fast = gaussian(t, FAST_WIDTH, FAST_SPACING)
     slow = gaussian(t, SLOW_WIDTH, SLOW_SPACING)
     accel, gaps_a = _sampled(log, "accel", t)
@@ -134,10 +146,11 @@ def track_of(log: FlightLog) -> Track:
     command = _command(log, t)
     invalid |= gaps_a | gaps_g | gaps_s
     slow_rows = clear_rows(slow, invalid)
-    if np.count_nonzero(slow_rows) * SLOW_SPACING < _SHORTEST:
+    used_s = np.count_nonzero(slow_rows) * SLOW_SPACING
+    if used_s < _SHORTEST:
         raise InputError(
-            f"flight '{log.name}': {np.count_nonzero(slow_rows) * SLOW_SPACING:.1f} s are left "
-            f"when what is invalid is set apart; accepted: at least {_SHORTEST:g} s"
+            f"flight '{log.name}': {used_s:.1f} s are left when what is invalid is set apart; "
+            f"accepted: at least {_SHORTEST:g} s"
         )
     counted = np.interp(pose_t, t, invalid.astype(np.float64)) < 0.5
     return Track(
@@ -149,7 +162,7 @@ def track_of(log: FlightLog) -> Track:
 def _poses(position: Series, attitude: Series) -> tuple[Array, Array, Array]:
     """Return stamps, poses and latencies of finite poses, stamps rising, signs of q continuous."""
     same = position.t.size == attitude.t.size and np.array_equal(position.t, attitude.t)
-    turn = attitude.values if same else _interpolated(attitude, position.t)
+    turn = attitude.values if same else interpolated(position.t, attitude.t, attitude.values)
     pose = np.column_stack([position.values, turn])
     good = np.isfinite(pose).all(axis=1) & np.isfinite(position.t)
     highest = np.maximum.accumulate(np.where(good, position.t, -math.inf))
@@ -167,34 +180,34 @@ def _poses(position: Series, attitude: Series) -> tuple[Array, Array, Array]:
     return pose_t, pose, late
 
 
-def _interpolated(series: Series, t: Array) -> Array:
-    return np.column_stack([np.interp(t, series.t, column) for column in series.values.T])
-
-
-def _sampled(log: FlightLog, name: str, t: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _sampled(log: FlightLog, name: str, t: Array) -> tuple[Array, Mask]:
     """Return a channel at the ticks, (N, k) or (0, k), and the ticks in its gaps."""
-    invalid = np.zeros(t.size, np.bool_)
-    series = log.series.get(name)
     width = {"voltage": 1, "rotor_speed": 4}.get(name, 3)
-    if series is None or series.t.size < 10:
-        return np.zeros((0, width)), invalid
-    good = np.isfinite(series.values).all(axis=1) & np.isfinite(series.t)
-    good[1:] &= np.diff(series.t) > 0.0
-    stamps, values = series.t[good], series.values[good]
+    stamps, values = _good(log, name, width)
     if stamps.size < 10:
-        return np.zeros((0, width)), invalid
+        return np.zeros((0, width)), np.zeros(t.size, np.bool_)
     longest = max(0.05, 5.0 * float(np.median(np.diff(stamps))))
-    for i in np.flatnonzero(np.diff(stamps) > longest):
-        invalid |= (t >= stamps[i]) & (t <= stamps[i + 1])
+    invalid = inside(t, _gaps(stamps, longest))
     if name != "voltage":
         invalid |= (t < stamps[0]) | (t > stamps[-1])
     return tick_means(stamps, values, t), invalid
 
 
 def _command(log: FlightLog, t: Array) -> Array:
-    series = log.series.get("rotor_command")
+    stamps, values = _good(log, "rotor_command", 4)
+    return held_means(stamps + _TRANSPORT, values, t) if stamps.size else values
+
+
+def _good(log: FlightLog, name: str, width: int) -> tuple[Array, Array]:
+    """Return the finite samples of a channel whose stamps rise; none of one with too few."""
+    series = log.series.get(name)
     if series is None or series.t.size < 10:
-        return np.zeros((0, 4))
+        return np.zeros(0), np.zeros((0, width))
     good = np.isfinite(series.values).all(axis=1) & np.isfinite(series.t)
     good[1:] &= np.diff(series.t) > 0.0
-    return held_means(series.t[good] + _TRANSPORT, series.values[good], t)
+    return series.t[good], series.values[good]
+
+
+def _gaps(stamps: Array, longest: float) -> list[Span]:
+    found = np.flatnonzero(np.diff(stamps) > longest)
+    return [(float(stamps[i]), float(stamps[i + 1])) for i in found]

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from operator import itemgetter
 
 import numpy as np
 
+from tombo_diagnosis.checks.spans import inside
 from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.flight.filters import clear_rows
 from tombo_diagnosis.flight.problem import FlightProblem
@@ -54,29 +56,25 @@ def find_transients(problem: FlightProblem, fit: Fit) -> list[Transient]:
 
 
 def _of_flight(problem: FlightProblem, fit: Fit, flight: int) -> list[Transient]:
-    track = problem.tracks[flight]
-    times = {"fast": track.fast.t[track.fast_rows], "slow": track.slow.t[track.slow_rows]}
     moments: list[tuple[float, float, str]] = []
     for group, rows in problem.residual(fit, flight).items():
-        if group not in times:
+        if group == "pose":
             continue
+        times = problem.tracks[flight].times(group)
         off = np.abs(rows - np.median(rows, axis=0))
         ratio = off / np.maximum(_NORMAL * np.median(off, axis=0), 1e-12)
-        names = [c.name for c in problem.channels[flight] if c.group == group]
+        own = problem.channels[flight][group]
         for k, j in zip(*np.nonzero(ratio > _BURST), strict=True):
-            moments.append((float(times[group][k]), float(ratio[k, j]), names[j]))
+            moments.append((float(times[k]), float(ratio[k, j]), own[j].name))
     moments.sort()
     events: list[Transient] = []
     for t, ratio_, name in moments:
         last = events[-1] if events else None
         if last is not None and t - last.end_s < _APART_S:
-            more = ratio_ > last.times_noise
-            events[-1] = replace(
-                last,
-                end_s=t + _AROUND_S,
-                channel=name if more else last.channel,
-                times_noise=max(ratio_, last.times_noise),
+            most, channel = max(
+                (last.times_noise, last.channel), (ratio_, name), key=itemgetter(0)
             )
+            events[-1] = replace(last, end_s=t + _AROUND_S, channel=channel, times_noise=most)
         else:
             events.append(Transient(flight, t - _AROUND_S, t + _AROUND_S, name, ratio_))
     return events
@@ -86,34 +84,24 @@ def exclude_transients(tracks: Sequence[Track], events: Sequence[Transient]) -> 
     """Return the flights without these moments."""
     result = list(tracks)
     for f, track in enumerate(result):
-        own = [e for e in events if e.flight == f]
+        own = [(e.start_s, e.end_s) for e in events if e.flight == f]
         if not own:
             continue
-        invalid = np.zeros(track.t.size, np.bool_)
-        for event in own:
-            invalid |= (track.t >= event.start_s) & (track.t <= event.end_s)
+        invalid = inside(track.t, own)
         counted = np.interp(track.pose_t, track.t, invalid.astype(np.float64)) < 0.5
-        result[f] = replace(
-            track,
-            fast_rows=track.fast_rows & clear_rows(track.fast, invalid),
-            slow_rows=track.slow_rows & clear_rows(track.slow, invalid),
-            pose_rows=track.pose_rows & counted,
-        )
+        fast, slow = clear_rows(track.fast, invalid), clear_rows(track.slow, invalid)
+        result[f] = track.only(fast, slow, counted)
     return result
 
 
 def transient_findings(tracks: Sequence[Track], events: Sequence[Transient]) -> list[Finding]:
     """Report what was excluded."""
-    return [
-        Finding(
-            "moment",
-            "fault",
-            tracks[event.flight].name,
+    findings = []
+    for event in events:
+        name, span = tracks[event.flight].name, (event.start_s, event.end_s)
+        text = (
             f"something acts for a moment that no cause explains ({event.channel}: "
-            f"{event.times_noise:.0f} times the noise), as in a touch or a knock: set apart",
-            event.start_s,
-            event.end_s,
-            event.channel,
+            f"{event.times_noise:.0f} times the noise), as in a touch or a knock: set apart"
         )
-        for event in events
-    ]
+        findings.append(Finding("moment", "fault", name, text, *span, event.channel))
+    return findings

@@ -6,7 +6,7 @@ Ground truth is never read, even where it is recorded.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ import numpy as np
 from tombo_bag.columns import ColumnTable
 from tombo_bag.recording import Recording
 from tombo_bag.topics import BATTERY, IMU, MOCAP_POSE, ROTOR_COMMAND
-from tombo_diagnosis.logs.flight_log import Finding, FlightLog, Series
+from tombo_diagnosis.logs.flight_log import Finding, FlightLog, Series, damage_findings
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import unwrap_quaternions
@@ -47,12 +47,9 @@ _OTHER_CLOCK_S = 30.0
 
 
 def read_bag(path: Path, name: str, names: Mapping[str, str] | None = None) -> FlightLog:
-    """Read a recording.
+    """Read a recording, a file or a folder, under a name for the flight.
 
-    Args:
-        path: file or folder.
-        name: of the flight.
-        names: topic as recorded → name in this suite (`/mocap/pose`, `/imu/data_raw` …).
+    `names`: topic as recorded → name in this suite (`/mocap/pose`, `/imu/data_raw` …).
 
     Raises:
         InputError: no recording, or none with a pose in it.
@@ -71,19 +68,14 @@ def read_bag(path: Path, name: str, names: Mapping[str, str] | None = None) -> F
         starts = [s.first_ns for s in recording.topics.values() if s.count]
         metadata = _scenario_name(recording.metadata)
         damage = [text for text in recording.damage if text != _ALONE or len(recording.files) > 1]
-    findings = [Finding("damage", "warning", name, f"{path.name}: {text}") for text in damage]
+    findings = damage_findings(name, path, damage)
     clock = _Clock(name, min(starts, default=0), tables)
     series: dict[str, Series] = {}
     for key, table in tables.items():
-        for channel, values in _VALUES[key](table, typename).items():
+        for channel, values in _values(key, table, typename).items():
             series[channel] = clock.series(key, table, values)
-    return FlightLog(
-        name=name,
-        source=f"{path} (recording)",
-        series=series,
-        findings=(*findings, *clock.findings),
-        metadata=metadata,
-    )
+    every = (*findings, *clock.findings)
+    return FlightLog(name, f"{path} (recording)", series, findings=every, metadata=metadata)
 
 
 class _Clock:
@@ -94,7 +86,10 @@ class _Clock:
         self._flight = flight
         self._zero: dict[str, int] = {}
         self._arrival_zero = start_ns
-        apart = {key: _apart_ns(table) for key, table in tables.items()}
+        apart = {
+            key: float(np.median(table["log_time_ns"] - table["stamp_ns"]))
+            for key, table in tables.items()
+        }
         limit = _OTHER_CLOCK_S * 1e9
         # simulated or boot time against the recorder's: one shift for all keeps delays as they are
         own = [gap for gap in apart.values() if abs(gap) > limit]
@@ -115,22 +110,11 @@ class _Clock:
         return Series((stamps - zero) * 1e-9, values, np.asarray(arrival))
 
 
-def _apart_ns(table: ColumnTable) -> float:
-    return float(np.median(table["log_time_ns"] - table["stamp_ns"]))
-
-
 def _topics(recording: Recording) -> dict[str, str]:
     """Return our topic → the recorded one: by name, or under a namespace if there is just one."""
     found: dict[str, str] = {}
     for key, types in _TYPES.items():
-        fitting = [
-            topic
-            for topic, stream in recording.topics.items()
-            if topic.endswith(key)
-            and stream.typename in types
-            and stream.count
-            and _TRUTH not in topic.split("/")
-        ]
+        fitting = [topic for topic in _usable(recording, types) if topic.endswith(key)]
         if key in fitting:
             found[key] = key
         elif len(fitting) == 1:
@@ -143,12 +127,17 @@ def _topics(recording: Recording) -> dict[str, str]:
     return found
 
 
-def _no_pose(recording: Recording) -> InputError:
-    poses = [
+def _usable(recording: Recording, types: Collection[str]) -> list[str]:
+    """Return the topics of these types that have messages and are no ground truth."""
+    return [
         topic
         for topic, stream in recording.topics.items()
-        if stream.typename in _POSES and stream.count and _TRUTH not in topic.split("/")
+        if stream.typename in types and stream.count and _TRUTH not in topic.split("/")
     ]
+
+
+def _no_pose(recording: Recording) -> InputError:
+    poses = _usable(recording, _POSES)
     if poses:
         hint = f"poses are in {', '.join(poses)}: name one as {poses[0]}:={MOCAP_POSE.name}"
     else:
@@ -172,34 +161,27 @@ def _pose(table: ColumnTable, typename: str) -> dict[str, Array]:
     }
 
 
-def _imu(table: ColumnTable, _typename: str) -> dict[str, Array]:
+def _imu(table: ColumnTable) -> dict[str, Array]:
     return {
         "gyro": _columns(table, "angular_velocity.", "xyz"),
         "accel": _columns(table, "linear_acceleration.", "xyz"),
     }
 
 
-def _battery(table: ColumnTable, _typename: str) -> dict[str, Array]:
+def _battery(table: ColumnTable) -> dict[str, Array]:
     voltage = np.asarray(table["voltage"], np.float64)[:, None]
     current = -np.asarray(table["current"], np.float64)[:, None]  # sensor_msgs: drawn is negative
     series = {"voltage": voltage, "current": current}
     return {key: values for key, values in series.items() if np.isfinite(values).any()}
 
 
-def _rotors(channel: str) -> Callable[[ColumnTable, str], dict[str, Array]]:
-    def values(table: ColumnTable, _typename: str) -> dict[str, Array]:
-        return {channel: np.asarray(table["speed"], np.float64).reshape(-1, 4)}
-
-    return values
-
-
-_VALUES: Mapping[str, Callable[[ColumnTable, str], dict[str, Array]]] = {
-    MOCAP_POSE.name: _pose,
-    IMU.name: _imu,
-    BATTERY.name: _battery,
-    ROTOR_COMMAND.name: _rotors("rotor_command"),
-    ROTOR_SPEED: _rotors("rotor_speed"),
-}
+def _values(key: str, table: ColumnTable, typename: str) -> dict[str, Array]:
+    """Return channel -> values of one of our topics; `typename` is that of the poses."""
+    if key == MOCAP_POSE.name:
+        return _pose(table, typename)
+    if key in (ROTOR_COMMAND.name, ROTOR_SPEED):
+        return {key.removeprefix("/"): np.asarray(table["speed"], np.float64).reshape(-1, 4)}
+    return _imu(table) if key == IMU.name else _battery(table)
 
 
 def _scenario_name(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, str]:

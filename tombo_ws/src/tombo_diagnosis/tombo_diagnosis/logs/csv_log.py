@@ -11,7 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from tombo_diagnosis.logs.csv_mapping import ChannelMap, LogMapping, TimeColumn, shipped
 from tombo_diagnosis.logs.csv_table import CsvTable, open_table
-from tombo_diagnosis.logs.flight_log import CHANNELS, Finding, FlightLog, Series
+from tombo_diagnosis.logs.flight_log import (
+    CHANNELS,
+    Finding,
+    FlightLog,
+    Series,
+    damage_findings,
+)
 from tombo_diagnosis.logs.frames import axes_matrix, handedness, turn_attitude
 from tombo_diagnosis.logs.units import factor
 from tombo_dynamics.arrays import Array
@@ -22,12 +28,7 @@ _NEEDED = ("position", "attitude")
 
 
 def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> FlightLog:
-    """Read a table.
-
-    Args:
-        path: CSV or CSV.gz with a header.
-        name: of the flight.
-        mapping: what its columns are; None: the shipped one that fits.
+    """Read a table, CSV or CSV.gz with a header; without a mapping, by the shipped one that fits.
 
     Raises:
         InputError: no table, no mapping fits, or columns of position or attitude are missing.
@@ -41,9 +42,7 @@ def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> Flight
                 "the motion capture"
             )
     there = set(table.columns)
-    findings: list[Finding] = []
-    for text in table.damage:
-        findings.append(Finding("damage", "warning", name, f"{path.name}: {text}"))
+    findings = damage_findings(name, path, table.damage)
     channels = {}
     for key, channel in mapping.channels.items():
         lacking = [c for c in _columns(channel, mapping) if c not in there]
@@ -57,10 +56,11 @@ def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> Flight
             text = f"{key}: columns {', '.join(lacking)} are not in the table: left out"
             findings.append(Finding("missing", "warning", name, text, channel=key))
     wanted = {c for channel in channels.values() for c in _columns(channel, mapping)}
-    _twice(table, wanted)
+    for column in sorted(wanted):
+        if table.columns.count(column) > 1:
+            raise InputError(f"'{table.path}' has column '{column}' twice; accepted: once")
     columns, damage = table.numbers(wanted)
-    for text in damage:
-        findings.append(Finding("damage", "warning", name, f"{path.name}: {text}"))
+    findings += damage_findings(name, path, damage)
     zero = _zero(columns, channels, mapping)
     series = {key: _series(key, c, columns, mapping, zero) for key, c in channels.items()}
     return FlightLog(
@@ -92,12 +92,6 @@ def _recognised(table: CsvTable) -> LogMapping:
 def _columns(channel: ChannelMap, mapping: LogMapping) -> tuple[str, ...]:
     times = (channel.time or mapping.time, channel.arrival)
     return (*channel.columns, *(t.column for t in times if t is not None))
-
-
-def _twice(table: CsvTable, wanted: set[str]) -> None:
-    for column in sorted(wanted):
-        if table.columns.count(column) > 1:
-            raise InputError(f"'{table.path}' has column '{column}' twice; accepted: once")
 
 
 def _zero(

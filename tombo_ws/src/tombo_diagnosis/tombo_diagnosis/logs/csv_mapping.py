@@ -136,9 +136,9 @@ def _channel(key: str, content: object, what: str) -> ChannelMap:
     channel, order = CHANNELS[key], str(values.get("order", "xyzw"))
     if order not in ORDERS:
         raise unknown_name(f"order of {what}", order, ORDERS)
+    width = ORDERS[order] if key == "attitude" else channel.width
     columns = values.get("columns", ())
     columns = (columns,) if isinstance(columns, str) else columns
-    width = ORDERS[order] if key == "attitude" else channel.width
     if not isinstance(columns, Sequence) or len(columns) != width:
         raise InputError(f"{what}: columns {columns!r}; accepted: {width} names of columns")
     angles = key == "attitude" and width == 3
@@ -205,13 +205,13 @@ def _airframe(content: object, what: str) -> Airframe | None:
         for n in names
         if n in values and n not in ("name", "inertia")
     }
-    inertia = values.get("inertia")
-    if inertia is not None:
-        inertia = _numbers(inertia, 3, f"{what}: inertia")
     wrong = [n for n, x in numbers.items() if not x > 0.0]
-    if wrong or (inertia is not None and min(inertia) <= 0.0):
-        raise InputError(f"{what}: {(wrong or ['inertia'])[0]} must be above 0")
-    return Airframe(name=str(values.get("name", "airframe")), inertia=inertia, **numbers)
+    if values.get("inertia") is not None:
+        numbers["inertia"] = _numbers(values["inertia"], 3, f"{what}: inertia")
+        wrong += ["inertia"] * (min(numbers["inertia"]) <= 0.0)
+    if wrong:
+        raise InputError(f"{what}: {wrong[0]} must be above 0")
+    return Airframe(name=str(values.get("name", "airframe")), **numbers)
 
 
 def _numbers(content: Any, count: int, what: str) -> tuple[Any, ...]:

@@ -42,13 +42,9 @@ class CsvTable:
             raise InputError(f"'{self.path}' holds a header and no row of numbers")
         try:
             values = np.loadtxt(
-                io.BytesIO(self.body),
-                delimiter=self.delimiter,
-                usecols=order,
-                ndmin=2,
-                comments="#",
+                io.BytesIO(self.body), delimiter=self.delimiter, usecols=order, ndmin=2,
                 encoding="utf-8",
-            )
+            )  # fmt: skip
             damage: tuple[str, ...] = ()
         except (ValueError, UnicodeDecodeError):
             values, damage = self._row_by_row(order)
@@ -58,8 +54,7 @@ class CsvTable:
 
     def _row_by_row(self, order: list[int]) -> tuple[Array, tuple[str, ...]]:
         rows, short, text = [], 0, 0
-        lines = self.body.decode("utf-8", "replace").splitlines()
-        for line in lines:
+        for line in self.body.decode("utf-8", "replace").splitlines():
             if not line.strip() or line.lstrip().startswith("#"):
                 continue
             cells = line.split(self.delimiter)
@@ -110,14 +105,11 @@ def open_table(path: Path) -> CsvTable:
         whole, _, rest = raw.rpartition(b"\n")
         if damage:
             raw, damage = whole, (*damage, f"its last row, '{_shown(rest)}', is not whole")
-    start = 0
-    while start < len(raw):
-        end = raw.find(b"\n", start)
-        end = len(raw) if end < 0 else end
-        line = raw[start:end].decode("utf-8", "replace").strip()
-        start = end + 1
+    while raw:
+        first, _, raw = raw.partition(b"\n")
+        line = first.decode("utf-8", "replace").strip()
         if line and not line.startswith(("#", "%")):
-            return _header(path, line, raw[start:], damage)
+            return _header(path, line, raw, damage)
     raise InputError(f"'{path}' has no header; accepted: a first line with names of columns")
 
 

@@ -5,8 +5,9 @@ Readers (bags, ULog, CSV) make it, pre-checks look at it, the diagnosis fits it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from tombo_dynamics.arrays import Array
 
@@ -78,6 +79,11 @@ class Finding:
     """On the flight's clock; NaN: it concerns the whole flight."""
     end_s: float = float("nan")
     channel: str = ""
+
+
+def damage_findings(flight: str, path: Path, damage: Iterable[str]) -> list[Finding]:
+    """Report what of a file could not be read."""
+    return [Finding("damage", "warning", flight, f"{path.name}: {text}") for text in damage]
 
 
 @dataclass(frozen=True)

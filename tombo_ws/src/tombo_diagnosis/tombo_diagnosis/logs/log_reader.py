@@ -35,11 +35,8 @@ def read_logs(
 ) -> list[FlightLog]:
     """Read flights, in the order given; of a folder that is no recording, each log in it.
 
-    Args:
-        paths: files or folders.
-        mapping: mapping file, or the name of a shipped one: for tables, and of recordings and PX4
-            logs its `turn_deg` and airframe.
-        names: for recordings: topic as recorded → name in this suite.
+    `mapping` is a mapping file, or the name of a shipped one: for tables, and of recordings and
+    PX4 logs its `turn_deg` and airframe. `names`: topic as recorded → name in this suite.
 
     Raises:
         InputError: a path that can't be read, or a flight given twice.
@@ -48,10 +45,8 @@ def read_logs(
     found = [log for path in paths for log in _logs_in(Path(path))]
     if not found:
         raise InputError(f"no logs given; accepted: {READABLE}")
-    logs = [
-        read_log(path, name, use, names)
-        for path, name in zip(found, flight_names(found), strict=True)
-    ]
+    named = zip(found, flight_names(found), strict=True)
+    logs = [read_log(path, name, use, names) for path, name in named]
     for one, other in combinations(logs, 2):
         if _same(one, other):
             raise InputError(
@@ -72,30 +67,27 @@ def read_log(
     Raises:
         InputError: it can't be read; says why and what is accepted.
     """
-    if path.is_dir():
-        return _adapted(read_bag(path, name, names), mapping)
-    try:
-        with path.open("rb") as file:
-            start = file.read(64)
-    except OSError as error:
-        raise InputError(f"can't read '{path}': {error.strerror}; accepted: {READABLE}") from error
-    if not start:
-        raise InputError(f"'{path}' is empty; accepted: {READABLE}")
+    start = b""
+    if not path.is_dir():
+        try:
+            with path.open("rb") as file:
+                start = file.read(64)
+        except OSError as error:
+            why = f"{error.strerror}; accepted: {READABLE}"
+            raise InputError(f"can't read '{path}': {why}") from error
+        if not start:
+            raise InputError(f"'{path}' is empty; accepted: {READABLE}")
     if start.startswith(_BAG_MAGIC) or (len(start) < 8 and MCAP_MAGIC.startswith(start)):
         return _adapted(read_bag(path, name, names), mapping)
     if start.startswith(ULOG_MAGIC):
         return _adapted(read_ulog(path, name), mapping)
-    if start.startswith(_GZIP) or not _is_binary(start):
+    text = start.removeprefix(b"\xef\xbb\xbf")
+    if start.startswith(_GZIP) or not any(byte < 9 or 13 < byte < 32 for byte in text):
         return read_csv(path, name, mapping)
     raise InputError(
         f"'{path}' starts with bytes {start[:8].hex(' ')}: no log that is known; accepted: "
         f"{READABLE}"
     )
-
-
-def _is_binary(start: bytes) -> bool:
-    text = start.removeprefix(b"\xef\xbb\xbf")
-    return any(byte < 9 or 13 < byte < 32 for byte in text)
 
 
 def _logs_in(path: Path) -> list[Path]:
@@ -115,10 +107,9 @@ def _logs_in(path: Path) -> list[Path]:
 
 def _pieces(bags: Sequence[Path]) -> bool:
     """Return whether files are one recording, cut by its recorder: name_0, name_1 and so on."""
-    stems = {p.name.split(".")[0].rpartition("_") for p in bags}
-    return {s[0] for s in stems} == {next(iter(stems))[0]} and {s[2] for s in stems} == {
-        str(i) for i in range(len(bags))
-    }
+    stems = {p.name.split(".")[0].rpartition("_")[::2] for p in bags}
+    name, _ = next(iter(stems))
+    return stems == {(name, str(i)) for i in range(len(bags))}
 
 
 def _adapted(log: FlightLog, mapping: LogMapping | None) -> FlightLog:

@@ -18,14 +18,9 @@ _LARGEST = 200_000
 
 def shipped_mappings(folder: str, parse: Parse[M]) -> dict[str, M]:
     """Return the mappings in a folder of this package, by name."""
-    files = sorted(
-        resources.files("tombo_diagnosis").joinpath(folder).iterdir(), key=lambda f: f.name
-    )
-    return {
-        f.name[:-5]: parse(f.read_text(encoding="utf-8"), f.name[:-5])
-        for f in files
-        if f.name.endswith(".yaml")
-    }
+    files = resources.files("tombo_diagnosis").joinpath(folder).iterdir()
+    names = {f.name.removesuffix(".yaml"): f for f in files if f.name.endswith(".yaml")}
+    return {n: parse(f.read_text(encoding="utf-8"), n) for n, f in sorted(names.items())}
 
 
 def read_mapping(name: str, known: Mapping[str, M], parse: Parse[M]) -> M:

@@ -6,7 +6,7 @@ import contextlib
 import io
 import math
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pyulog import ULog
 from pyulog.exceptions import ULogException
 
-from tombo_diagnosis.logs.flight_log import Finding, FlightLog, Series
+from tombo_diagnosis.logs.flight_log import Finding, FlightLog, Series, damage_findings
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import unwrap_quaternions
@@ -48,21 +48,14 @@ _BROKEN = (ULogException, struct.error, IndexError, KeyError, ValueError, TypeEr
 
 
 def read_ulog(path: Path, name: str) -> FlightLog:
-    """Read a PX4 log.
-
-    Args:
-        path: `.ulg` file.
-        name: of the flight.
+    """Read a PX4 log (`.ulg`) under a name for the flight.
 
     Raises:
         InputError: no ULog, or one without position and attitude.
     """
     log = _opened(path)
     topics = _first_instances(log)
-    findings = [
-        Finding("damage", "warning", name, f"{path.name}: {text}")
-        for text in _damage(log, path.read_bytes())
-    ]
+    findings = damage_findings(name, path, _damage(log, path.read_bytes()))
     start = float(log.start_timestamp)
     series: dict[str, Series] = {}
     source = _poses(topics, series, start)
@@ -232,18 +225,14 @@ def _escs(topics: Topics, series: dict[str, Series], start: float) -> None:
 
 def _battery(topics: Topics, series: dict[str, Series], start: float) -> None:
     table = topics.get("battery_status", {})
-    usable: dict[str, Callable[[Array], Any]] = {
-        "voltage": lambda volts: volts > 0.5,
-        "current": lambda amperes: amperes >= 0.0,  # -1: not measured
-    }
-    for channel, names in (
-        ("voltage", ("voltage_v", "voltage_filtered_v")),
-        ("current", ("current_a", "current_filtered_a")),
-    ):
-        for name in names:
+    for channel, letter in (("voltage", "v"), ("current", "a")):
+        for name in (f"{channel}_{letter}", f"{channel}_filtered_{letter}"):
             values = _columns(table, name)
-            if values is not None and usable[channel](values).mean() > 0.5:
-                values = np.where(usable[channel](values), values, np.nan)
+            if values is None:
+                continue
+            usable = values > 0.5 if channel == "voltage" else values >= 0.0  # -1: not measured
+            if usable.mean() > 0.5:
+                values = np.where(usable, values, np.nan)
                 series[channel] = Series(_seconds(table, start), values)
                 break
 

@@ -52,12 +52,9 @@ _SPELLINGS = {
 
 
 def factor(unit: str, wanted: str, what: str) -> float:
-    """Return by what to multiply values in `unit` to have them in `wanted`.
+    """Return by what to multiply values in `unit` to have them in `wanted`, a key of `UNITS`.
 
-    Args:
-        unit: as declared, in any usual spelling.
-        wanted: unit of the channel, a key of `UNITS`.
-        what: what is being converted, for the error.
+    `unit` is as declared, in any usual spelling; `what` is converted, for the error.
 
     Raises:
         InputError: no such unit for such a channel.

@@ -42,21 +42,15 @@ def _score(score: Score) -> str:
 def prechecks(
     findings: Sequence[Finding], what: str, zeros: Mapping[str, float] | None = None
 ) -> str:
-    """Return what the pre-checks found, the worst first.
+    """Return what the pre-checks of a flight or table found, the worst first.
 
-    Args:
-        findings: what was found.
-        what: they are about: flight or table.
-        zeros: name of a flight -> time that is its zero [s]; None: nothing has a time.
+    `zeros`: name of a flight -> time that is its zero [s]; None: nothing has a time.
     """
     if not findings:
         return hint("Nothing was found.")
-    order = list(_SEVERITIES)
-    found = sorted(
-        findings, key=lambda f: order.index(f.severity) if f.severity in order else len(order)
-    )
+    order = [*_SEVERITIES, *(f.severity for f in findings)]
     lines = []
-    for finding in found:
+    for finding in sorted(findings, key=lambda f: order.index(f.severity)):
         time = ""
         if zeros is not None:
             zero = zeros.get(finding.flight, 0.0)
@@ -66,11 +60,8 @@ def prechecks(
             f"{escape(finding.severity)}</span></td><td>{escape(finding.flight)}</td>{time}"
             f"<td>{escape(words(finding.check))}</td><td>{escape(finding.message)}</td></tr>"
         )
-    times = () if zeros is None else ("time",)
-    return _folded(
-        ("severity", what, *times, "check", "what was seen"), lines, _CHECKS_SHOWN, "checks",
-        "more",
-    )  # fmt: skip
+    head = ("severity", what, *(() if zeros is None else ("time",)), "check", "what was seen")
+    return _folded(head, lines, _CHECKS_SHOWN, "checks", "more")
 
 
 def _folded(head: Sequence[str], lines: Sequence[str], shown: int, style: str, others: str) -> str:

@@ -66,12 +66,7 @@ def write_diagnosis(
 ) -> None:
     """Write the files of a diagnosis into an output folder, which the caller publishes.
 
-    Args:
-        folder: where the files go.
-        diagnosis: what was found.
-        against: what the flights were compared with.
-        pictures: also the report and the plots.
-        on_progress: told the progress.
+    `pictures`: also the report and the plots.
 
     Raises:
         OSError: the files can't be written.
@@ -80,14 +75,9 @@ def write_diagnosis(
     (folder / JSON).write_text(diagnosis_json(diagnosis), encoding="utf-8", newline="\n")
     _write_mission(folder, diagnosis)
     if extends(diagnosis):
-        model = model_of(
-            diagnosis,
-            tool=f"tombo diagnose {tombo_version()}",
-            date=against.date,
-            scenario=against.scenario,
-            base=against.base,
-        )
-        write_model(folder / MODEL, model)
+        provenance = dataclasses.asdict(against) | {"base": against.base}
+        tool = f"tombo diagnose {tombo_version()}"
+        write_model(folder / MODEL, model_of(diagnosis, tool=tool, **provenance))
     if pictures:
         on_progress(f"writing {REPORT}", 0.2)
         from tombo_diagnosis.report.diagnosis_report import write_diagnosis_report
@@ -110,12 +100,8 @@ def _draw(folder: OutputFolder, diagnosis: Diagnosis, on_progress: ProgressCallb
     from tombo_diagnosis.report.diagnosis_poster import diagnosis_poster
     from tombo_flight.report.flight_plot import png_bytes
 
-    draw = (
-        diagnosis_poster,
-        diagnosis_plots.draw_residuals,
-        diagnosis_plots.draw_drivers,
-        diagnosis_plots.draw_gains,
-    )
+    plots = diagnosis_plots
+    draw = (diagnosis_poster, plots.draw_residuals, plots.draw_drivers, plots.draw_gains)
     (folder / "plots").mkdir()
     for k, (name, figure) in enumerate(zip(PLOTS, draw, strict=True)):
         on_progress(f"drawing {name}", 0.3 + 0.7 * k / len(PLOTS))

@@ -49,6 +49,24 @@ class Pair:
     share: float
     """Share (0 to 1) of what drives the residual that follows this driver."""
 
+    @property
+    def series(self) -> list[tuple[str, Array]]:
+        """The residual before and, where it differs, after, by these names."""
+        same = np.array_equal(self.before, self.after)
+        return [("before", self.before)] + ([] if same else [("after", self.after)])
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Ends of an axis that holds all but the rarest values of the driver."""
+        low, high = (float(v) for v in np.quantile(self.x, (0.002, 0.998)))
+        margin = 0.03 * (high - low) or 1.0
+        return low - margin, high + margin
+
+    @property
+    def limit(self) -> float:
+        """Symmetric limit of an axis for the residuals."""
+        return reach([self.before, self.after], 2.5 * self.sigma)
+
 
 def rms(values: Array) -> float:
     """Return the root of the mean square of what is finite; NaN if nothing is."""

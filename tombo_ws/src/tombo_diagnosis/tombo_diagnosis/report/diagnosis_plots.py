@@ -16,19 +16,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from tombo_diagnosis.diagnosis import Diagnosis, Residual
-from tombo_diagnosis.report.diagnosis_plot_data import (
-    Pair,
-    binned,
-    by_channel,
-    clearest,
-    corrected,
-    pairs,
-    reach,
-    runs,
-    stretch,
-    thinned,
-    zero_s,
-)
+from tombo_diagnosis.report import diagnosis_plot_data as data
+from tombo_diagnosis.report.diagnosis_plot_data import Pair, corrected
 from tombo_diagnosis.report.diagnosis_text import headline
 from tombo_diagnosis.wording import figure, percent, unit, words
 from tombo_dynamics.arrays import Array
@@ -48,14 +37,14 @@ _WIDEST: Final = 115.0
 
 def draw_residuals(diagnosis: Diagnosis) -> Figure:
     """Draw every channel against time, in the flight that shows it best."""
-    groups = list(by_channel(diagnosis.residuals).values())[:_MOST_ROWS]
+    groups = list(data.by_channel(diagnosis.residuals).values())[:_MOST_ROWS]
     marks = [partial(time_axes, diagnosis=diagnosis, group=group) for group in groups]
     return _figure(diagnosis, "residuals against time", marks, (10.0, 1.75), 1)
 
 
 def draw_drivers(diagnosis: Diagnosis) -> Figure:
     """Draw residuals against what drives them, with means in slices."""
-    marks = [partial(pair_axes, pair=pair) for pair in pairs(diagnosis, 6)]
+    marks = [partial(pair_axes, pair=pair) for pair in data.pairs(diagnosis, 6)]
     title = "residuals against what drives them, all flights"
     return _figure(diagnosis, title, marks, (5.0, 3.4), min(2, len(marks)))
 
@@ -74,9 +63,9 @@ def draw_gains(diagnosis: Diagnosis) -> Figure:
 
 def time_axes(axes: Axes, diagnosis: Diagnosis, group: Sequence[Residual]) -> None:
     """Draw one channel against time into axes."""
-    one = clearest(group)
-    start, end = stretch(one)
-    zero = zero_s(diagnosis, one.flight)
+    one = data.clearest(group)
+    start, end = data.stretch(one)
+    zero = data.zero_s(diagnosis, one.flight)
     inside = (one.t >= start) & (one.t <= end)
     t, before, after = one.t[inside] - zero, one.before[inside], one.after[inside]
     _noise(axes, one.sigma)
@@ -84,7 +73,7 @@ def time_axes(axes: Axes, diagnosis: Diagnosis, group: Sequence[Residual]) -> No
     _lines(axes, t, before, SAME if same else BEFORE)
     if corrected([one]):
         _lines(axes, t, after, AFTER)
-    limit = reach([before, after], 2.5 * one.sigma)
+    limit = data.reach([before, after], 2.5 * one.sigma)
     axes.set(xlim=(start - zero, max(end, start + 1e-3) - zero), ylim=(-limit, limit))
     axes.set_xlabel(f"time [s], {one.flight}", parse_math=False, labelpad=2)
     axes.set_ylabel(f"{words(one.channel)}\n[{unit(one.unit) or '1'}]", parse_math=False)
@@ -93,21 +82,17 @@ def time_axes(axes: Axes, diagnosis: Diagnosis, group: Sequence[Residual]) -> No
 def pair_axes(axes: Axes, pair: Pair, dot: float = 2.6) -> None:
     """Draw one channel against one driver into axes, samples as dots of that size [points]."""
     _noise(axes, pair.sigma)
-    series = [(pair.before, BEFORE)]
-    if not np.array_equal(pair.before, pair.after):
-        series.append((pair.after, AFTER))
-    for y, colour in series:
-        axes.plot(*thinned(pair.x, y, _POINTS), ".", ms=dot, mew=0, color=colour, alpha=0.25)
-    for y, colour in series:
-        bins = binned(pair.x, y, pair.block)
-        half = np.nan_to_num(bins.half)
+    colours = {"before": BEFORE, "after": AFTER}
+    for name, y in pair.series:
+        points = data.thinned(pair.x, y, _POINTS)
+        axes.plot(*points, ".", ms=dot, mew=0, color=colours[name], alpha=0.25)
+    for name, y in pair.series:
+        bins = data.binned(pair.x, y, pair.block)
         axes.errorbar(
-            bins.x, bins.mean, yerr=half, color=colour, lw=1.8, marker="o", ms=5, elinewidth=1.6
-        )
-    low, high = np.quantile(pair.x, (0.002, 0.998))
-    margin = 0.03 * (high - low) or 1.0
-    limit = reach([pair.before, pair.after], 2.5 * pair.sigma)
-    axes.set(xlim=(low - margin, high + margin), ylim=(-limit, limit))
+            bins.x, bins.mean, yerr=np.nan_to_num(bins.half), color=colours[name], lw=1.8,
+            marker="o", ms=5, elinewidth=1.6,
+        )  # fmt: skip
+    axes.set(xlim=pair.span, ylim=(-pair.limit, pair.limit))
     axes.set_xlabel(words(pair.driver), parse_math=False)
     axes.set_ylabel(f"{words(pair.channel)} [{unit(pair.unit) or '1'}]", parse_math=False)
 
@@ -116,39 +101,37 @@ def gain_axes(axes: Axes, group: Sequence[Gain], *, values: bool = True) -> None
     """Draw errors as bars: what is left in per cent of what was, and the `values` beside it."""
     rows = np.arange(len(group))[::-1]
     axes.axvline(100.0, color=BEFORE, lw=2.0)
-    edge = _WIDEST
     for row, gain in zip(rows, group, strict=True):
         left = 100.0 * (1.0 - gain.reduction)
         if not math.isfinite(left):
             continue
         axes.barh(row, 100.0, height=0.62, color=BEFORE, alpha=0.18, lw=0)
-        axes.barh(row, min(left, edge), height=0.62, color=AFTER, lw=0)
+        axes.barh(row, min(left, _WIDEST), height=0.62, color=AFTER, lw=0)
         if math.isfinite(gain.low) and math.isfinite(gain.high):
-            ends = [min(100.0 * (1.0 - end), edge) for end in (gain.high, gain.low)]
+            ends = [min(100.0 * (1.0 - end), _WIDEST) for end in (gain.high, gain.low)]
             axes.plot(ends, (row, row), color=style.INK, lw=1.6, solid_capstyle="butt")
-        sign = "−" if gain.reduction >= 0.0 else "+"
-        text = f"{sign}{percent(abs(gain.reduction))}"
-        at = edge + 2.0
-        axes.text(at, row, text, va="center", weight="bold")
+        text = f"{'−' if gain.reduction >= 0.0 else '+'}{percent(abs(gain.reduction))}"
+        axes.text(_WIDEST + 2.0, row, text, va="center", weight="bold")
         if values:
             beside = f"{figure(gain.before)} → {figure(gain.after)} {unit(gain.unit)}"
-            axes.text(at + 20.0, row, beside, va="center", color=style.MUTED, parse_math=False)
+            at = _WIDEST + 22.0
+            axes.text(at, row, beside, va="center", color=style.MUTED, parse_math=False)
     axes.set_yticks(rows, [words(g.channel) for g in group], parse_math=False)
-    axes.set(xlim=(0.0, edge + (75.0 if values else 40.0)), ylim=(-0.6, len(group) - 0.4))
+    axes.set(xlim=(0.0, _WIDEST + (75.0 if values else 40.0)), ylim=(-0.6, len(group) - 0.4))
     axes.set_xticks([0, 25, 50, 75, 100])
     axes.set_xlabel(f"error left, % of that before ({group[0].horizon})", loc="left")
     axes.grid(visible=False)
-    axes.spines["bottom"].set_bounds(0.0, edge)
+    axes.spines["bottom"].set_bounds(0.0, _WIDEST)
     axes.tick_params(left=False)
 
 
 def keys(extended: bool, *, same: bool = False) -> list[Line2D | Patch]:
     """Return what the colours mean, for a legend."""
-    before = Line2D([], [], color=BEFORE, lw=2.5, label="before" if extended else "residual")
-    after = [Line2D([], [], color=AFTER, lw=2.5, label="after")] if extended else []
-    unchanged = [Line2D([], [], color=SAME, lw=2.5, label="the same before and after")]
-    unchanged = unchanged if same else []
-    return [before, *after, *unchanged, Patch(color=style.FAINT, label="±2σ of measurement noise")]
+    named = [("before" if extended else "residual", BEFORE)]
+    named += [("after", AFTER)] if extended else []
+    named += [("the same before and after", SAME)] if same else []
+    lines = [Line2D([], [], color=colour, lw=2.5, label=name) for name, colour in named]
+    return [*lines, Patch(color=style.FAINT, label="±2σ of measurement noise")]
 
 
 def _noise(axes: Axes, sigma: float) -> None:
@@ -158,7 +141,7 @@ def _noise(axes: Axes, sigma: float) -> None:
 
 
 def _lines(axes: Axes, t: Array, y: Array, colour: str) -> None:
-    for a, b in runs(t, y, 900):
+    for a, b in data.runs(t, y, 900):
         axes.plot(a, b, color=colour, lw=1.0)
 
 
@@ -179,14 +162,9 @@ def _figure(
         sheet = Figure(figsize=size, dpi=_DPI, layout="constrained")
         FigureCanvasAgg(sheet)
         sheet.suptitle(
-            f"{headline(diagnosis)}: {title}",
-            x=0.01,
-            ha="left",
-            weight="bold",
-            size=11,
-            parse_math=False,
-            wrap=True,
-        )
+            f"{headline(diagnosis)}: {title}", x=0.01, ha="left", weight="bold", size=11,
+            parse_math=False, wrap=True,
+        )  # fmt: skip
         for k, mark in enumerate(marks):
             mark(sheet.add_subplot(rows, columns, k + 1))
         if not marks:

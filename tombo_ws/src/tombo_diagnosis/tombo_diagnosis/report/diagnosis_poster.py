@@ -55,29 +55,20 @@ def _gap(figure: Figure, diagnosis: Diagnosis) -> None:
     time_axes(below, diagnosis, groups[channel])
     if shown:  # its name stands beside the picture above
         below.set_ylabel(f"[{unit(shown[0].unit) or '1'}]", parse_math=False)
+    handles = keys(corrected(groups[channel]))
     figure.legend(
-        handles=keys(corrected(groups[channel])),
-        loc="lower left",
-        bbox_to_anchor=(_LEFT - 0.008, 0.775),
-        ncols=3,
+        handles=handles, loc="lower left", bbox_to_anchor=(_LEFT - 0.008, 0.775), ncols=3
     )
 
 
 def _words(figure: Figure, diagnosis: Diagnosis, lowest: float) -> None:
     colour = _COLOURS[CLASSES[diagnosis.verdict]]
-    label = LABELS[diagnosis.verdict]
-    badge = f"{label}, {certainty(diagnosis.confidence)}"
+    badge = f"{LABELS[diagnosis.verdict]}, {certainty(diagnosis.confidence)}"
     figure.text(_LEFT, 0.948, badge.upper(), color=colour, weight="bold", va="center")
     large = headline(diagnosis)
-    figure.text(
-        _LEFT,
-        0.885,
-        textwrap.shorten(large, 110, placeholder=" …"),
-        size=30 if len(large) < 56 else 19,
-        weight="bold",
-        va="center",
-        parse_math=False,
-    )
+    shown = textwrap.shorten(large, 110, placeholder=" …")
+    height = 30 if len(large) < 56 else 19
+    figure.text(_LEFT, 0.885, shown, size=height, weight="bold", va="center", parse_math=False)
     y = 0.8
     lines = textwrap.wrap(diagnosis.summary, 48, max_lines=7, placeholder=" …")
     figure.text(_TEXT, y, "\n".join(lines), va="top", linespacing=1.45, parse_math=False)
@@ -99,10 +90,9 @@ def _figures(cause: Cause) -> list[tuple[str, float, str]]:
         return []
     first = max(cause.theta, key=_sureness)
     value, low, high = interval(first)
-    where = unit(first.unit)
     return [
         (f"{words(cause.effect)}, {first.name}", 13.0, style.INK),
-        (f"{value} {where}".strip(), 26.0, style.INK),
+        (f"{value} {unit(first.unit)}".strip(), 26.0, style.INK),
         (f"95 % interval {low} to {high}", 13.0, style.MUTED),
     ]
 

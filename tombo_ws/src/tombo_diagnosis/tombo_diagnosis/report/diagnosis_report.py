@@ -9,7 +9,13 @@ from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.extend_model import extends
 from tombo_diagnosis.report import diagnosis_evidence, diagnosis_sections, diagnosis_svg_plots
 from tombo_diagnosis.report.diagnosis_plot_data import zero_s
-from tombo_diagnosis.report.diagnosis_text import CLASSES, badge, headline, next_steps
+from tombo_diagnosis.report.diagnosis_text import (
+    CLASSES,
+    badge,
+    causes_title,
+    headline,
+    next_steps,
+)
 from tombo_diagnosis.wording import figure
 from tombo_flight.report.html_page import Page, command, hint, page_html, sentences
 
@@ -17,20 +23,15 @@ _WORTH: Final = "What it is worth: prediction error on flights held out from nam
 
 
 def write_diagnosis_report(diagnosis: Diagnosis, path: Path, folder: str = "") -> None:
-    """Write the self-contained report of a diagnosis.
-
-    Args:
-        diagnosis: what was found.
-        path: the file to write; its folder exists.
-        folder: where mission and model will lie, as the reader would type it.
-    """
-    text = diagnosis_html(diagnosis, folder)
-    path.write_text(text, encoding="utf-8", newline="\n")
+    """Write the self-contained report of a diagnosis, as `diagnosis_html` returns it."""
+    path.write_text(diagnosis_html(diagnosis, folder), encoding="utf-8", newline="\n")
 
 
 def diagnosis_html(diagnosis: Diagnosis, folder: str = "") -> str:
-    """Return the report as text; it loads nothing from anywhere."""
-    several = "What it may be" if diagnosis.verdict == "set" else "What it is"
+    """Return the report as text; it loads nothing from anywhere.
+
+    `folder` is where mission and model will lie, as the reader would type it.
+    """
     zeros = {f.name: zero_s(diagnosis, f.name) for f in diagnosis.flights}
     model, seconds = diagnosis.model or "the suite’s own", figure(diagnosis.seconds, 2)
     return page_html(
@@ -45,7 +46,7 @@ def diagnosis_html(diagnosis: Diagnosis, folder: str = "") -> str:
             sections=(
                 ("The gap", diagnosis_svg_plots.main_plot(diagnosis)),
                 ("What to fly next", _next(diagnosis, folder)),
-                (several, diagnosis_sections.causes(diagnosis)),
+                (causes_title(diagnosis.verdict), diagnosis_sections.causes(diagnosis)),
                 (_WORTH, _gains(diagnosis)),
                 ("What can’t be certified", sentences(diagnosis.notes)),
                 ("What drives it", diagnosis_svg_plots.drivers(diagnosis)),
@@ -72,7 +73,6 @@ def _next(diagnosis: Diagnosis, folder: str) -> str:
     parts = [diagnosis_sections.experiment(diagnosis, folder)]
     if extends(diagnosis):
         line = f"tombo fly --model {diagnosis_sections.shown(folder, 'model.yaml')}"
-        parts.append("<p>The extended model is written; fly it:</p>")
-        parts.append(command(line))
+        parts += ["<p>The extended model is written; fly it:</p>", command(line)]
     parts.append(sentences(next_steps(diagnosis)))
     return "".join(parts)

@@ -47,11 +47,8 @@ def _cause(cause: Cause) -> str:
             f"<td>{low} to {high}</td><td>{figure(theta.nominal)}</td>"
             f'<td class="wide">{_whisker(theta)}</td></tr>'
         )
-    parameters = table(
-        ("parameter", "value", "95 % interval", "in the model", "from the model’s value"),
-        lines,
-        "theta",
-    )
+    head = ("parameter", "value", "95 % interval", "in the model", "from the model’s value")
+    parameters = table(head, lines, "theta")
     return (
         f'<div class="cause"><h3>{escape(words(cause.effect))} '
         f"<small>{certainty(cause.confidence)}</small></h3>"
@@ -68,13 +65,17 @@ def _whisker(theta: FittedParameter) -> str:
     if high <= low:
         return ""
     at = [10.0 + 100.0 * (end - low) / (high - low) for end in ends]
-    text = f"{theta.value:.3g}, model {theta.nominal:.3g}"
+    return _bullet("bullet", f"{theta.value:.3g}, model {theta.nominal:.3g}", *at)
+
+
+def _bullet(kind: str, label: str, tick: float, value: float, low: float, high: float) -> str:
+    """Return a small scale with a tick, a value and its interval, at places from 10 to 110."""
     return (
-        f'<svg class="bullet" viewBox="0 0 120 16" role="img" aria-label="{text}">'
+        f'<svg class="{kind}" viewBox="0 0 120 16" role="img" aria-label="{label}">'
         f'<line x1="10" y1="8" x2="110" y2="8"/>'
-        f'<line class="tick" x1="{at[0]:.1f}" y1="2" x2="{at[0]:.1f}" y2="14"/>'
-        f'<line class="reach" x1="{at[2]:.1f}" y1="8" x2="{at[3]:.1f}" y2="8"/>'
-        f'<circle cx="{at[1]:.1f}" cy="8" r="4"/></svg>'
+        f'<line class="tick" x1="{tick:.1f}" y1="2" x2="{tick:.1f}" y2="14"/>'
+        f'<line class="reach" x1="{low:.1f}" y1="8" x2="{high:.1f}" y2="8"/>'
+        f'<circle cx="{value:.1f}" cy="8" r="4"/></svg>'
     )
 
 
@@ -87,20 +88,17 @@ def experiment(diagnosis: Diagnosis, folder: str) -> str:
     parts = [f"<p><b>{names}.</b> {escape(found.text)}</p>"]
     if found.mission:
         parts.append(command(f"tombo fly {shown(folder, 'separating_experiment.yaml')}"))
-        parts.append(
-            hint(
-                "Flies it in simulation first; with --px4 URL it flies on the vehicle. Then "
-                "diagnose the new flight together with these."
-            )
+        text = (
+            "Flies it in simulation first; with --px4 URL it flies on the vehicle. Then "
+            "diagnose the new flight together with these."
         )
+        parts.append(hint(text))
     if math.isfinite(found.separation):
-        parts.append(
-            hint(
-                f"Expected to tell them apart by a log Bayes factor of "
-                f"{figure(found.separation, 2)}; these flights: {figure(found.present, 2)} "
-                "(5 is strong)."
-            )
+        text = (
+            f"Expected to tell them apart by a log Bayes factor of {figure(found.separation, 2)}; "
+            f"these flights: {figure(found.present, 2)} (5 is strong)."
         )
+        parts.append(hint(text))
     return "".join(parts)
 
 
@@ -112,18 +110,13 @@ def shown(folder: str, name: str) -> str:
 def gains(gain: Sequence[Gain]) -> str:
     """Return the prediction errors before and after, one block for each horizon."""
     lines: list[str] = []
+    names = {"one step": "one step: force and torque", "held out": "points held out"}
     for horizon in dict.fromkeys(g.horizon for g in gain):
         group = [g for g in gain if g.horizon == horizon]
-        lines.append(f'<tr class="group"><th colspan="5">{escape(_horizon(horizon))}</th></tr>')
+        name = names.get(horizon, f"simulated {horizon} ahead from a measured state")
+        lines.append(f'<tr class="group"><th colspan="5">{escape(name)}</th></tr>')
         lines += [_gain(g, group) for g in group]
     return table(("channel", "reduction", "before", "after", "95 % interval"), lines, "gains")
-
-
-def _horizon(horizon: str) -> str:
-    names = {"one step": "one step: force and torque", "held out": "points held out"}
-    if horizon in names:
-        return names[horizon]
-    return f"simulated {horizon} ahead from a measured state"
 
 
 def _gain(gain: Gain, group: Sequence[Gain]) -> str:
@@ -144,17 +137,10 @@ def _reach(gain: Gain) -> str:
     """Return the interval of the reduction on a scale from −20 to 100 %."""
     if not all(map(math.isfinite, (gain.low, gain.high, gain.reduction))):
         return f'<span class="hint">{gain.flights} held out</span>'
-    low, high, value, zero = (
+    at = (
         10.0 + 100.0 * (min(max(v, -0.2), 1.0) + 0.2) / 1.2
-        for v in (gain.low, gain.high, gain.reduction, 0.0)
+        for v in (0.0, gain.reduction, gain.low, gain.high)
     )
     kind = "sure" if gain.low > 0.0 else "worse" if gain.high < 0.0 else "unsure"
-    return (
-        f'<svg class="bullet {kind}" viewBox="0 0 120 16" role="img" '
-        f'aria-label="{percent(gain.low)} to {percent(gain.high)}">'
-        f'<line x1="10" y1="8" x2="110" y2="8"/>'
-        f'<line class="tick" x1="{zero:.1f}" y1="2" x2="{zero:.1f}" y2="14"/>'
-        f'<line class="reach" x1="{low:.1f}" y1="8" x2="{high:.1f}" y2="8"/>'
-        f'<circle cx="{value:.1f}" cy="8" r="4"/></svg>'
-        f"<small>{percent(gain.low)} to {percent(gain.high)}</small>"
-    )
+    text = f"{percent(gain.low)} to {percent(gain.high)}"
+    return f"{_bullet(f'bullet {kind}', text, *at)}<small>{text}</small>"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from html import escape
 from typing import Final
 
@@ -11,21 +12,8 @@ import numpy as np
 
 from tombo_diagnosis.diagnosis import Diagnosis, Residual
 from tombo_diagnosis.logs.flight_log import Finding
-from tombo_diagnosis.report.diagnosis_plot_data import (
-    Pair,
-    binned,
-    by_channel,
-    clearest,
-    corrected,
-    noise_of,
-    pairs,
-    reach,
-    rms,
-    runs,
-    stretch,
-    thinned,
-    zero_s,
-)
+from tombo_diagnosis.report import diagnosis_plot_data as data
+from tombo_diagnosis.report.diagnosis_plot_data import Pair, corrected, rms
 from tombo_diagnosis.report.svg_chart import Axis, Chart
 from tombo_diagnosis.wording import capital, figure, percent, unit, words
 from tombo_dynamics.arrays import Array
@@ -34,19 +22,18 @@ from tombo_flight.report.html_page import hint
 MOST_PANELS: Final = 60
 """Small pictures of the overview; of more flights those that show most."""
 _POINTS: Final = 700
-_MARGIN: Final = 0.03
 
 
 def main_plot(diagnosis: Diagnosis) -> str:
     """Return the first picture: one residual against its driver and against time."""
-    shown = pairs(diagnosis, 1)
-    groups = by_channel(diagnosis.residuals)
+    shown = data.pairs(diagnosis, 1)
+    groups = data.by_channel(diagnosis.residuals)
     if not groups:
         return hint("No residual to show: nothing could be compared.")
     channel = shown[0].channel if shown else next(iter(groups))
     residuals = groups[channel]
     drawn = [_driver_figure(pair) for pair in shown]
-    drawn.append(_time_figure(diagnosis, clearest(residuals)))
+    drawn.append(_time_figure(diagnosis, data.clearest(residuals)))
     extended = corrected(residuals)
     return f'{legend(extended)}<div class="figures">{"".join(drawn)}</div>{_told(residuals)}'
 
@@ -65,7 +52,7 @@ def legend(extended: bool, *, same: bool = False, apart: bool = False) -> str:
 
 def drivers(diagnosis: Diagnosis) -> str:
     """Return the residuals against what drives them, beside the one in the first picture."""
-    drawn = [_driver_figure(pair) for pair in pairs(diagnosis, 7)[1:]]
+    drawn = [_driver_figure(pair) for pair in data.pairs(diagnosis, 7)[1:]]
     if not drawn:
         return ""
     return f'{legend(corrected(diagnosis.residuals))}<div class="figures">{"".join(drawn)}</div>'
@@ -73,7 +60,7 @@ def drivers(diagnosis: Diagnosis) -> str:
 
 def overview(diagnosis: Diagnosis) -> str:
     """Return every channel in every flight, small, on one scale for each channel."""
-    groups = by_channel(diagnosis.residuals)
+    groups = data.by_channel(diagnosis.residuals)
     if not groups:
         return ""
     each = max(1, MOST_PANELS // len(groups))
@@ -92,7 +79,7 @@ def _row(diagnosis: Diagnosis, group: Sequence[Residual], each: int, buckets: in
         kept = sorted(shown, key=lambda r: -rms(r.before))[:each]
         shown = [r for r in group if any(r is k for k in kept)]
     sigma = max([0.0, *(r.sigma for r in group if math.isfinite(r.sigma))])
-    limit = reach([r.before for r in group] + [r.after for r in group], 2.5 * sigma)
+    limit = data.reach([r.before for r in group] + [r.after for r in group], 2.5 * sigma)
     cells = "".join(_small(diagnosis, r, limit, buckets) for r in shown)
     hidden = len(group) - len(shown)
     more = f" · {hidden} more flights not shown, smaller" if hidden else ""
@@ -118,20 +105,12 @@ def _small(diagnosis: Diagnosis, residual: Residual, limit: float, buckets: int)
 
 
 def _time_figure(diagnosis: Diagnosis, residual: Residual) -> str:
-    start, end = stretch(residual)
-    zero = zero_s(diagnosis, residual.flight)
+    start, end = data.stretch(residual)
+    zero = data.zero_s(diagnosis, residual.flight)
     inside = (residual.t >= start) & (residual.t <= end)
-    cut = Residual(
-        residual.flight,
-        residual.channel,
-        residual.unit,
-        residual.t[inside] - zero,
-        residual.before[inside],
-        residual.after[inside],
-        residual.sigma,
-        {},
-    )
-    limit = reach([cut.before, cut.after], 2.5 * residual.sigma)
+    t, before, after = residual.t[inside], residual.before[inside], residual.after[inside]
+    cut = replace(residual, t=t - zero, before=before, after=after)
+    limit = data.reach([before, after], 2.5 * residual.sigma)
     name = words(residual.channel)
     from_zero = f" after {zero:.0f} s" if zero else ""
     chart = Chart(
@@ -153,9 +132,9 @@ def _time_marks(
     chart.band(-2.0 * residual.sigma, 2.0 * residual.sigma)
     here = corrected([residual])
     same = not here and corrected(diagnosis.residuals)
-    chart.line(runs(residual.t, residual.before, buckets), "same" if same else "before")
+    chart.line(data.runs(residual.t, residual.before, buckets), "same" if same else "before")
     if here:
-        chart.line(runs(residual.t, residual.after, buckets), "after")
+        chart.line(data.runs(residual.t, residual.after, buckets), "after")
 
 
 def _spans(finding: Finding) -> bool:
@@ -165,23 +144,17 @@ def _spans(finding: Finding) -> bool:
 
 
 def _driver_figure(pair: Pair) -> str:
-    low, high = (float(v) for v in np.quantile(pair.x, (0.002, 0.998)))
-    margin = _MARGIN * (high - low) or 1.0
-    limit = reach([pair.before, pair.after], 2.5 * pair.sigma)
     name = words(pair.channel)
     chart = Chart(
-        Axis(low - margin, high + margin, words(pair.driver)),
-        Axis(-limit, limit, f"{name} [{unit(pair.unit) or '1'}]"),
+        Axis(*pair.span, words(pair.driver)),
+        Axis(-pair.limit, pair.limit, f"{name} [{unit(pair.unit) or '1'}]"),
         f"{name} against {words(pair.driver)}",
     )
     chart.band(-2.0 * pair.sigma, 2.0 * pair.sigma)
-    series = [("before", pair.before)]
-    if not np.array_equal(pair.before, pair.after):
-        series.append(("after", pair.after))
-    for style, y in series:
-        chart.dots(*thinned(pair.x, y, _POINTS), style)
-    for style, y in series:
-        bins = binned(pair.x, y, pair.block)
+    for style, y in pair.series:
+        chart.dots(*data.thinned(pair.x, y, _POINTS), style)
+    for style, y in pair.series:
+        bins = data.binned(pair.x, y, pair.block)
         chart.bars(bins.x, bins.mean, bins.half, style)
     caption = (
         f"<b>{escape(name)} against {escape(words(pair.driver))}</b>, all flights; mean in "
@@ -191,24 +164,23 @@ def _driver_figure(pair: Pair) -> str:
 
 
 def _told(residuals: Sequence[Residual]) -> str:
-    return f'<p class="told">{escape(_before_after(residuals, whole=True))}</p>'
+    """Return the RMS of a channel over all its flights beside that of noise, as a sentence."""
+    text, noise = _before_after(residuals), data.noise_of(residuals)
+    if math.isfinite(noise):
+        text = f"{text}; noise alone makes {figure(noise)}"
+        text = f"{capital(words(residuals[0].channel))}: {text}, all flights together."
+    return f'<p class="told">{escape(text)}</p>'
 
 
-def _before_after(residuals: Sequence[Residual], *, whole: bool = False) -> str:
+def _before_after(residuals: Sequence[Residual]) -> str:
     """Return the RMS of a channel over all its flights in words."""
     before = rms(np.concatenate([r.before for r in residuals]))
     after = rms(np.concatenate([r.after for r in residuals]))
-    noise = noise_of(residuals)
     where = unit(residuals[0].unit)
-    if corrected(residuals):
-        share = percent(1.0 - after / before) if before else "–"
-        text = f"RMS {figure(before)} → {figure(after)} {where} ({share} less)"
-    else:
-        text = f"RMS {figure(before)} {where}"
-    if whole and math.isfinite(noise):
-        text += f"; noise alone makes {figure(noise)}"
-        return f"{capital(words(residuals[0].channel))}: {text}, all flights together."
-    return text
+    if not corrected(residuals):
+        return f"RMS {figure(before)} {where}"
+    share = percent(1.0 - after / before) if before else "–"
+    return f"RMS {figure(before)} → {figure(after)} {where} ({share} less)"
 
 
 def _ends(t: Array) -> tuple[float, float]:

@@ -9,23 +9,22 @@ from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.wording import capital, certainty, listed
 from tombo_flight.extended_model import Gain
 
-LABELS: Final = {
-    "none": "no cause found",
-    "named": "cause named",
-    "set": "not told apart",
-    "unknown": "cause unknown",
-    "partly_explained": "partly explained",
+_BADGES: Final = {
+    "none": ("no cause found", "good"),
+    "named": ("cause named", "good"),
+    "set": ("not told apart", "warn"),
+    "unknown": ("cause unknown", "bad"),
+    "partly_explained": ("partly explained", "warn"),
 }
+LABELS: Final = {verdict: label for verdict, (label, _) in _BADGES.items()}
 """What is written on the badge of each verdict."""
-
-CLASSES: Final = {
-    "none": "good",
-    "named": "good",
-    "set": "warn",
-    "unknown": "bad",
-    "partly_explained": "warn",
-}
+CLASSES: Final = {verdict: colour for verdict, (_, colour) in _BADGES.items()}
 """How each verdict is coloured: good, warn or bad."""
+
+
+def causes_title(verdict: str) -> str:
+    """Return the heading above the causes."""
+    return "What it may be" if verdict == "set" else "What it is"
 
 
 def badge(diagnosis: Diagnosis) -> str:
@@ -85,12 +84,12 @@ def next_steps(diagnosis: Diagnosis) -> list[str]:
 def best_gains(diagnosis: Diagnosis, most: int = 3) -> list[Gain]:
     """Return the channels that gained most, one entry each, most likely to matter first."""
     found: dict[str, Gain] = {}
-    for gain in sorted(diagnosis.gain, key=_certain, reverse=True):
+
+    def certain(gain: Gain) -> tuple[bool, float]:
+        """Return the lower end of the reduction; those that have one come first."""
+        best = gain.low if math.isfinite(gain.low) else gain.reduction
+        return math.isfinite(gain.low), best if math.isfinite(best) else -math.inf
+
+    for gain in sorted(diagnosis.gain, key=certain, reverse=True):
         found.setdefault(gain.channel, gain)
     return [gain for gain in found.values() if gain.reduction > 0.0][:most]
-
-
-def _certain(gain: Gain) -> tuple[bool, float]:
-    """Return a key that sorts by the lower end of the reduction; those that have one come last."""
-    best = gain.low if math.isfinite(gain.low) else gain.reduction
-    return math.isfinite(gain.low), best if math.isfinite(best) else -math.inf

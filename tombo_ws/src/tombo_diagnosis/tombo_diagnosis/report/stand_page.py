@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Final
 
 from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.report import diagnosis_evidence, diagnosis_sections, stand_sections
-from tombo_diagnosis.report.diagnosis_text import CLASSES, badge
+from tombo_diagnosis.report.diagnosis_text import CLASSES, badge, causes_title
+from tombo_diagnosis.stand.table3 import Table3, statement
 from tombo_flight.report.html_page import Page, page_html, pictures, sentences
 
 if TYPE_CHECKING:
     from tombo_diagnosis.stand.diagnose import StandDiagnosis
-    from tombo_diagnosis.stand.table3 import Table3
 
 CAPTIONS: Final = {
     "table3": "Table III: laws against measurement, each extension on a configuration it has not "
@@ -28,15 +28,11 @@ def stand_html(
 ) -> str:
     """Return the page as text; it loads nothing from anywhere.
 
-    Args:
-        found: the diagnosis.
-        study: of Table III, if that was diagnosed.
-        headline: the verdict as a sentence.
-        png: pictures by the names in `CAPTIONS`; what is absent is not shown.
+    `study` is of Table III, if that was diagnosed; `png`: pictures by the names in `CAPTIONS`.
     """
     d = found.diagnosis
     shown = [(png[name], "", caption) for name, caption in CAPTIONS.items() if name in png]
-    may_be = "What it may be" if d.verdict == "set" else "What it is"
+    gains = diagnosis_sections.gains(d.gain) if d.gain and d.causes else ""
     seen = diagnosis_evidence.prechecks(d.prechecks, "table") + stand_sections.runs(d.flights)
     return page_html(
         Page(
@@ -45,18 +41,15 @@ def stand_html(
             verdict=badge(d),
             verdict_class=CLASSES[d.verdict],
             headline=headline,
-            summary=stand_sections.summary(found, study),
+            summary=d.summary if study is None else statement(study),
             cards=stand_sections.cards(found, study),
             sections=(
                 ("What would settle it", stand_sections.settle(found, study)),
                 ("The gap", pictures(shown)),
                 ("k_T and what limits it", stand_sections.constant(found)),
-                (may_be, _causes(found)),
-                ("On points that neither named nor fitted it", _gains(d)),
-                (
-                    "Each configuration predicted by the others",
-                    stand_sections.predictions(study),
-                ),
+                (causes_title(d.verdict), _causes(d)),
+                ("On points that neither named nor fitted it", gains),
+                ("Each configuration predicted by the others", stand_sections.predictions(study)),
                 ("All candidates", diagnosis_evidence.candidates(d.candidates)),
                 ("What can’t be certified", sentences(d.notes)),
                 ("What was found in the tables", seen),
@@ -67,14 +60,8 @@ def stand_html(
     )
 
 
-def _gains(diagnosis: Diagnosis) -> str:
-    worth_showing = diagnosis.gain and diagnosis.causes
-    return diagnosis_sections.gains(diagnosis.gain) if worth_showing else ""
-
-
-def _causes(found: StandDiagnosis) -> str:
-    content = diagnosis_sections.causes(found.diagnosis)
-    if found.diagnosis.verdict != "set" or len(found.diagnosis.causes) < 3:
+def _causes(diagnosis: Diagnosis) -> str:
+    content, names = diagnosis_sections.causes(diagnosis), len(diagnosis.causes)
+    if diagnosis.verdict != "set" or names < 3:
         return content
-    names = len(found.diagnosis.causes)
     return f"<details><summary>{names} members, fitted one by one</summary>{content}</details>"

@@ -8,28 +8,20 @@ from typing import TYPE_CHECKING
 
 from tombo_diagnosis.diagnosis import FlightSummary
 from tombo_diagnosis.stand.model_file import extends_model
-from tombo_diagnosis.stand.table3 import TWO_VALUES, Table3, statement
-from tombo_diagnosis.wording import DASH, figure, percent, unit, words
+from tombo_diagnosis.stand.table3 import TWO_VALUES, Table3
+from tombo_diagnosis.wording import DASH, counted, figure, percent, unit, words
 from tombo_flight.report.html_page import Card, hint, meter, table
 
 if TYPE_CHECKING:
     from tombo_diagnosis.stand.diagnose import StandDiagnosis
 
 
-def summary(found: StandDiagnosis, study: Table3 | None) -> str:
-    """Return what was found in a few sentences."""
-    if study is None:
-        return found.diagnosis.summary
-    return statement(study)
-
-
 def cards(found: StandDiagnosis, study: Table3 | None) -> list[Card]:
     """Return the figures that count: k_T or the gains, what the verdict rests on."""
     points, k = found.findings.problem.points, found.constant
     evidence = found.findings.search.best.evidence
-    runs_used = _counted(len(points.runs), "run")
-    propellers = _counted(len(points.propellers), "propeller")
     used = str(found.findings.problem.used)
+    of = f"{counted(len(points.runs), 'run')}, {counted(len(points.propellers), 'propeller')}"
     if study is not None:
         mean = study.rms["their mean"]
         best = next(p for p in study.predictions if "mean" not in p.what)
@@ -55,12 +47,8 @@ def cards(found: StandDiagnosis, study: Table3 | None) -> list[Card]:
     return [
         *first,
         Card("log Bayes factor", figure(evidence, 2), "", "against the model as it is"),
-        Card("points", used, "", f"{runs_used}, {propellers}"),
+        Card("points", used, "", of),
     ]
-
-
-def _counted(count: int, name: str) -> str:
-    return f"{count} {name}s" if count > 1 else f"1 {name}"
 
 
 def settle(found: StandDiagnosis, study: Table3 | None) -> str:
@@ -68,13 +56,11 @@ def settle(found: StandDiagnosis, study: Table3 | None) -> str:
     parts = []
     experiment = found.diagnosis.separating_experiment
     if experiment is not None and study is None:  # of Table III more is known
-        parts.append(
-            f"<p><b>{escape(experiment.text)}.</b></p>"
-            + hint(
-                f"Expected log Bayes factor {figure(experiment.separation, 2)}; these points: "
-                f"{figure(experiment.present, 2)} (5 is strong)."
-            )
+        text = (
+            f"Expected log Bayes factor {figure(experiment.separation, 2)}; these points: "
+            f"{figure(experiment.present, 2)} (5 is strong)."
         )
+        parts += [f"<p><b>{escape(experiment.text)}.</b></p>", hint(text)]
     if study is not None:
         lines = [
             f'<tr><th scope="row">{escape(s.what)}</th><td>{_sized(s.sigma, s.unit)}</td>'
@@ -83,13 +69,11 @@ def settle(found: StandDiagnosis, study: Table3 | None) -> str:
             for s in study.settling[:6]
         ]
         head = ("measure", "noise at most", "of the reading", "they differ by", "closest rival")
-        parts.append(table(head, lines, "settle"))
-        parts.append(
-            hint(
-                "So well that centrifugal stiffening stands out from every other candidate "
-                "fitted to the table by a log Bayes factor of 4; easiest first."
-            )
+        text = (
+            "So well that centrifugal stiffening stands out from every other candidate fitted to "
+            "the table by a log Bayes factor of 4; easiest first."
         )
+        parts += [table(head, lines, "settle"), hint(text)]
     steps = {
         "unknown": "Look below: over which speeds does the residual grow, in which channel? "
         "Check mount, cable and cell, then measure again with another propeller.",

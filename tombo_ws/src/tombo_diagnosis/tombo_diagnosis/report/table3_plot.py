@@ -7,27 +7,17 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from tombo_diagnosis.wording import words
-from tombo_flight.report.style import (
-    BLUE,
-    FAINT,
-    GREEN,
-    INK,
-    MUTED,
-    ORANGE,
-    PAPER,
-    PURPLE,
-    RC,
-    SKY,
-    VERMILLION,
-)
+from tombo_flight.report import style
+from tombo_flight.report.style import BLUE, INK, VERMILLION
 
 if TYPE_CHECKING:
     from tombo_diagnosis.stand.table3 import Table3
 
-_LAWS: Final = {"published": ORANGE, "repaired": VERMILLION, "consistent": BLUE}
+_LAWS: Final = {"published": style.ORANGE, "repaired": VERMILLION, "consistent": BLUE}
 _TOLD: Final = {
-    "centrifugal_stiffening": (BLUE, "-"), "torsion_constant": (GREEN, "--"),
-    "load_sharing": (PURPLE, "-."), "in_plane_term": (SKY, (0, (4, 1, 1, 1, 1, 1))),
+    "centrifugal_stiffening": (BLUE, "-"), "torsion_constant": (style.GREEN, "--"),
+    "load_sharing": (style.PURPLE, "-."),
+    "in_plane_term": (style.SKY, (0, (4, 1, 1, 1, 1, 1))),
 }  # fmt: skip
 _SOFT: Final = 5
 """The configuration with the softest nodus."""
@@ -38,7 +28,7 @@ def draw_table3(study: Table3) -> Any:
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    with mpl.rc_context({**RC, "font.size": 9.0, "legend.fontsize": 8.0}):
+    with mpl.rc_context({**style.RC, "font.size": 9.0, "legend.fontsize": 8.0}):
         figure = Figure(figsize=(12.6, 4.7), layout="constrained")
         first, second, third = figure.subplots(1, 3, width_ratios=(1.05, 1.0, 1.05))
         _measured(first, study)
@@ -92,12 +82,11 @@ def _left_one_out(axis: Any, study: Table3) -> None:
     axis.barh(y, errors, color=colours, height=0.68)
     axis.axvline(mean, color=INK, linestyle="--", linewidth=1.0)
     for k, e in zip(y, errors, strict=True):
-        axis.text(e - 0.8, k, f"{e:.1f}", va="center", ha="right", size=8.0, color=PAPER)
+        axis.text(e - 0.8, k, f"{e:.1f}", va="center", ha="right", size=8.0, color=style.PAPER)
     axis.set_yticks(y, [words(p.what) for p in shown])
     axis.set_xlim(0.0, 1.03 * float(errors.max()))
     axis.set_xlabel("error on the configuration left out, RMS [mN]")
-    surely = any(p.high < 0.0 for p in study.predictions)
-    some = "Some" if surely else "No"
+    some = "Some" if any(p.high < 0.0 for p in study.predictions) else "No"
     axis.set_title(
         f"{some} extension predicts a propeller\nit has not seen surely better than the mean",
         loc="left",
@@ -111,7 +100,7 @@ def _parting(axis: Any, study: Table3) -> None:
 
     rpm = np.arange(800.0, 5001.0, 50.0, dtype=np.float64)
     curves = predicted_readings(study.fits, _SOFT, rpm, study.law)
-    axis.axvspan(3200.0, 4500.0, color=FAINT, alpha=0.6, zorder=0, linewidth=0.0)
+    axis.axvspan(3200.0, 4500.0, color=style.FAINT, alpha=0.6, zorder=0, linewidth=0.0)
     axis.plot(rpm, curves[AS_IT_IS][:, 0], color=VERMILLION, label=f"law {study.law} as it is")
     for effect, (colour, line) in _TOLD.items():
         axis.plot(rpm, curves[effect][:, 0], linestyle=line, color=colour, linewidth=1.7,
@@ -121,7 +110,7 @@ def _parting(axis: Any, study: Table3) -> None:
                   capsize=3, markersize=5, zorder=5)  # fmt: skip
     axis.annotate(
         "all that was\nmeasured", (2000.0, study.measured[k]), (1000.0, 1.35), size=8.5,
-        arrowprops={"arrowstyle": "-", "color": MUTED, "linewidth": 0.8},
+        arrowprops={"arrowstyle": "-", "color": style.MUTED, "linewidth": 0.8},
     )  # fmt: skip
     sigma = {s.what: s.sigma for s in study.settling}
     text = [

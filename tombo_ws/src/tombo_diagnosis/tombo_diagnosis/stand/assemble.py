@@ -16,7 +16,14 @@ from tombo_diagnosis.stand.table_reader import StandTable
 from tombo_diagnosis.stand.unit_check import check_scale
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.propeller import RPM, configuration, nodus_moduli, parameter_row, valid_speed
+from tombo_dynamics.propeller import (
+    RPM,
+    Configuration,
+    configuration,
+    nodus_moduli,
+    parameter_row,
+    valid_speed,
+)
 from tombo_dynamics.propeller.effects import Setup, predict
 
 _FEWEST = 3
@@ -55,8 +62,10 @@ def assemble(tables: Sequence[StandTable], conf: int, law: str, plain: bool = Fa
     runs: list[str] = []
     propellers: list[str] = []
     rows: list[Array] = []
-    stiffness: dict[str, float] = {}
-    columns: dict[str, list[Array]] = {k: [] for k in ("prop", "run", "force", "moment")}
+    moduli: dict[str, float] = {}
+    prop: list[Array] = []
+    run: list[Array] = []
+    loads: dict[str, list[Array]] = {"applied_thrust": [], "applied_torque": []}
     for table, part in zip(tables, found, strict=True):
         n = part.speed.size
         first = part.first_row.astype(int)
@@ -76,16 +85,14 @@ def assemble(tables: Sequence[StandTable], conf: int, law: str, plain: bool = Fa
         ]
         runs += [x for x in dict.fromkeys(names) if x not in runs]
         propellers += [x for x in dict.fromkeys(wings) if x not in propellers]
-        columns["run"].append(np.array([runs.index(x) for x in names]))
-        columns["prop"].append(np.array([propellers.index(x) for x in wings]))
-        for key, name in (("force", "applied_thrust"), ("moment", "applied_torque")):
-            columns[key].append(
-                np.nan_to_num(table.channels.get(name, np.zeros(table.rows))[first])
-            )
+        run.append(np.array([runs.index(x) for x in names]))
+        prop.append(np.array([propellers.index(x) for x in wings]))
+        for name, parts in loads.items():
+            parts.append(np.nan_to_num(table.channels.get(name, np.zeros(table.rows))[first]))
         if own_conf is not None and not plain:
             _check_configurations(numbers, table)
         for c, wing in zip(numbers, wings, strict=True):
-            stiffness.setdefault(wing, math.nan if plain else _stiffness(int(c)))
+            moduli.setdefault(wing, math.nan if plain else stiffness(configuration(int(c))))
         if not plain:
             rows.append(np.stack([parameter_row(configuration(int(c)), law) for c in numbers]))
             findings += _above_valid_speed(table.name, part.speed, numbers, law)
@@ -93,22 +100,23 @@ def assemble(tables: Sequence[StandTable], conf: int, law: str, plain: bool = Fa
     readings = np.concatenate([p.readings for p in found])
     if plain:
         readings[:, 2] = np.nan
+    number = np.concatenate(prop).astype(np.int64)
     setup = Setup(
         speed=speed,
-        rows=np.concatenate(rows) if rows else _constants(speed, readings, columns["prop"]),
-        propeller=np.concatenate(columns["prop"]).astype(np.int64),
-        run=np.concatenate(columns["run"]).astype(np.int64),
+        rows=np.concatenate(rows) if rows else _constants(speed, readings, number),
+        propeller=number,
+        run=np.concatenate(run).astype(np.int64),
         elapsed=np.concatenate([p.elapsed for p in found]),
         law=law,
         plain=plain,
-        applied_thrust=np.concatenate(columns["force"]),
-        applied_torque=np.concatenate(columns["moment"]),
+        applied_thrust=np.concatenate(loads["applied_thrust"]),
+        applied_torque=np.concatenate(loads["applied_torque"]),
         largest_thrust=_largest(readings[:, 0], 1.0),
         largest_torque=_largest(readings[:, 1], 0.03),
     )
     points = OperatingPoints(
         setup, readings, np.concatenate([p.sigma for p in found]), tuple(runs), tuple(propellers),
-        np.array([stiffness[p] for p in propellers]),
+        np.array([moduli[p] for p in propellers]),
     )  # fmt: skip
     if not plain:
         check_scale(points, tables, [p.speed.size for p in found])
@@ -168,9 +176,9 @@ def _check_configurations(numbers: NDArray[np.int64], table: StandTable) -> None
             raise InputError(f"{table.source}: column '{column}': {error}") from error
 
 
-def _stiffness(conf: int) -> float:
-    chosen = configuration(conf)
-    return math.nan if chosen.rigid else nodus_moduli(chosen).G_N_MPa
+def stiffness(conf: Configuration) -> float:
+    """Return the shear modulus of a configuration's nodus [MPa]; NaN: rigid."""
+    return math.nan if conf.rigid else nodus_moduli(conf).G_N_MPa
 
 
 def _largest(values: Array, default: float) -> float:
@@ -178,10 +186,9 @@ def _largest(values: Array, default: float) -> float:
     return float(known.max()) if known.size and known.max() > 0.0 else default
 
 
-def _constants(speed: Array, readings: Array, propellers: Sequence[Array]) -> Array:
+def _constants(speed: Array, readings: Array, number: NDArray[np.int64]) -> Array:
     """Return rows (N, 2) of each propeller's k_T and k_Q, least squares through the origin."""
     rows = np.zeros((speed.size, 2))
-    number = np.concatenate(propellers)
     for p in np.unique(number):
         for c in (0, 1):
             known = np.isfinite(readings[:, c]) & (number == p)
@@ -205,11 +212,9 @@ def _above_valid_speed(
         limit = valid_speed(configuration(int(c)), law)
         over = int(np.count_nonzero(speed[numbers == c] > limit))
         if over:
-            found.append(
-                Finding(
-                    "speed", "fault", name,
-                    f"{over} points of Conf. {c} above {limit / RPM:.0f} rpm, where "
-                    f"law {law} ends: set apart", channel="speed",
-                )
-            )  # fmt: skip
+            text = (
+                f"{over} points of Conf. {c} above {limit / RPM:.0f} rpm, where law {law} ends: "
+                "set apart"
+            )
+            found.append(Finding("speed", "fault", name, text, channel="speed"))
     return found

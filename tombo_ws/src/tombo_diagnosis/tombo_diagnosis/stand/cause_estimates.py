@@ -8,17 +8,15 @@ import numpy as np
 
 from tombo_diagnosis.diagnosis import Cause, Score
 from tombo_diagnosis.engine import cause_estimates
-from tombo_diagnosis.engine.cause_estimates import TWO_SIDED, Covariance, fitted_parameters
+from tombo_diagnosis.engine.cause_estimates import TWO_SIDED, Estimate, fitted_parameters
 from tombo_diagnosis.engine.model import Explanation
 from tombo_diagnosis.stand.analyse import StandFindings
-from tombo_diagnosis.stand.problem import SHARE, StandProblem
+from tombo_diagnosis.stand.problem import PROPELLER, SHARE, SPEED, StandProblem
 from tombo_dynamics.propeller.effects import STAND_EFFECTS
 from tombo_flight.extended_model import FittedParameter
 
 
-def fitted(
-    problem: StandProblem, explanation: Explanation, effect: str
-) -> tuple[tuple[FittedParameter, ...], Covariance]:
+def fitted(problem: StandProblem, explanation: Explanation, effect: str) -> Estimate:
     """Return an effect's parameters with 95 % intervals, and their covariance."""
     hypothesis = next(h for h in explanation.hypotheses if h.effect == effect)
     if hypothesis.width is not None:
@@ -30,13 +28,8 @@ def _widths(
     problem: StandProblem, effect: str, width: float, explanation: Explanation
 ) -> tuple[FittedParameter, ...]:
     """Return the widths of a stochastic effect; the interval is what so few draws leave open."""
-    counts = {
-        "fabrication_scatter": problem.propellers,
-        "tare_scatter": problem.runs,
-        "run_scatter": problem.runs,
-        "speed_noise": problem.used,
-    }
-    spread = math.exp(TWO_SIDED / math.sqrt(2.0 * max(counts[effect] - 1, 1)))
+    count = {PROPELLER: problem.propellers, SPEED: problem.used}.get(effect, problem.runs)
+    spread = math.exp(TWO_SIDED / math.sqrt(2.0 * max(count - 1, 1)))
     found = []
     # Thrust may differ from run to run and torque not: the draws say it, the common width not.
     drawn = explanation.fit.solution.mean[-2 * problem.runs :].reshape(2, -1)
@@ -56,7 +49,6 @@ def _widths(
 def estimate_cause(effect: str, findings: StandFindings) -> Cause:
     """Return a cause with its parameters, from the most probable explanation that has it."""
     explanation = findings.search.explaining(effect)
-    assert explanation is not None
     theta, covariance = fitted(findings.problem, explanation, effect)
     confidence = findings.judgement.each.get(effect, 0.0)
     return Cause(effect, theta, confidence, STAND_EFFECTS[effect].signature, covariance)
@@ -65,9 +57,7 @@ def estimate_cause(effect: str, findings: StandFindings) -> Cause:
 def scores(findings: StandFindings, shares: dict[str, float]) -> tuple[Score, ...]:
     """Return all candidates, most probable first.
 
-    Args:
-        findings: the analysis.
-        shares: effect -> share of the excess that it removes in held-out data.
+    `shares`: effect -> share of the excess that it removes in held-out data.
     """
     problem = findings.problem
     columns = problem.columns

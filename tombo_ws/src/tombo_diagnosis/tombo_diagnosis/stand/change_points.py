@@ -43,10 +43,8 @@ class Step:
 def find_step(speed: Array, load: Array, elapsed: Array) -> Step | None:
     """Return the step of a load within a run, or None.
 
-    Args:
-        speed: (N,) rad/s, in the order of time.
-        load: (N,) thrust or torque; NaN: not measured.
-        elapsed: (N,) time or rows, rising.
+    All are (N,): `speed` [rad/s], `load` thrust or torque (NaN: not measured), and rising
+    `elapsed`, time or rows.
     """
     known = np.flatnonzero(np.isfinite(load) & (speed > 0.15 * float(speed.max(initial=0.0))))
     if known.size < _FEWEST:
@@ -105,11 +103,7 @@ def without_changed(
 ) -> tuple[NDArray[np.bool_], list[Finding]]:
     """Return which points to keep where runs change midway, and say so: the longer side.
 
-    Args:
-        table: that they come from.
-        speed: (N,) rad/s.
-        readings: (N, 4).
-        first: (N,) row of the table at which each begins.
+    `speed` (N,) [rad/s], `readings` (N, 4); `first` (N,) is the row at which each begins.
     """
     keep = np.ones(speed.size, bool)
     findings: list[Finding] = []
@@ -129,13 +123,11 @@ def without_changed(
             keep[own[lost]] = False
             k = own[step.at]
             side = "higher" if step.size > 0.0 else "lower"
-            findings.append(
-                Finding(
-                    "change", "fault", table.name,
-                    f"from row {rows[k] + 1} on ({speed[k] / RPM:.0f} rpm) {name} is "
-                    f"{100.0 * abs(step.size):.0f} % {side} at equal speed: propeller or mount "
-                    f"changed; the shorter part, {lost.sum()} points, is set apart", channel=name,
-                )
-            )  # fmt: skip
+            text = (
+                f"from row {rows[k] + 1} on ({speed[k] / RPM:.0f} rpm) {name} is "
+                f"{100.0 * abs(step.size):.0f} % {side} at equal speed: propeller or mount "
+                f"changed; the shorter part, {lost.sum()} points, is set apart"
+            )
+            findings.append(Finding("change", "fault", table.name, text, channel=name))
             break
     return keep, findings

@@ -45,10 +45,10 @@ def diagnose_stand(
     clock: Callable[[], float],
     given: StandModel | None = None,
 ) -> StandDiagnosis:
-    """Diagnose tables of a thrust stand.
+    """Diagnose tables of a thrust stand, runs of one propeller or of several.
 
     Args:
-        tables: runs of one propeller or of several.
+        tables: as recorded.
         conf: configuration of tables that do not say theirs.
         law: of the Tombo propellers.
         plain: hold them against T = k omega^2.
@@ -65,17 +65,10 @@ def diagnose_stand(
     constant = None
     if found.points.setup.plain and 0 in found.points.measured:
         constant = thrust_constant(found, {t.name: t.rotor_speed for t in tables})
-    note = [
-        FlightSummary(
-            t.name, t.source, _duration(t), _duration(t), "stand",
-            tuple(c for c in CHANNELS if c not in t.channels),
-        )
-        for t in tables
-    ]  # fmt: skip
     base = None if given is None else given.theta
-    diagnosis, findings = diagnose_points(found, note, on_progress, constant, base)
-    diagnosis = _timed(diagnosis, clock() - began)
-    return StandDiagnosis(diagnosis, findings, constant, given)
+    runs = [_note(table) for table in tables]
+    diagnosis, findings = diagnose_points(found, runs, on_progress, constant, base)
+    return StandDiagnosis(replace(diagnosis, seconds=clock() - began), findings, constant, given)
 
 
 def diagnose_points(
@@ -121,10 +114,8 @@ def _model(points: OperatingPoints) -> str:
     return f"Tombo propeller, law {points.setup.law}: {', '.join(points.propellers[:14])}"
 
 
-def _duration(table: StandTable) -> float:
+def _note(table: StandTable) -> FlightSummary:
     t = table.channels.get("time")
-    return float(t[-1] - t[0]) if t is not None and t.size else math.nan
-
-
-def _timed(diagnosis: Diagnosis, seconds: float) -> Diagnosis:
-    return replace(diagnosis, seconds=seconds)
+    lasted = float(t[-1] - t[0]) if t is not None and t.size else math.nan
+    missing = tuple(c for c in CHANNELS if c not in table.channels)
+    return FlightSummary(table.name, table.source, lasted, lasted, "stand", missing)

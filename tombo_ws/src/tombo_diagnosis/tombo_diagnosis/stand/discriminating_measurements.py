@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tombo_diagnosis.engine.verdict import LOG_BF_DISTINCT
-from tombo_diagnosis.stand.leave_one_out import values_of
+from tombo_diagnosis.stand.leave_one_out import least_squares_fit
 from tombo_diagnosis.stand.operating_points import OperatingPoints
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller import RPM, SPEED_LIMIT, configuration, parameter_row, valid_speed
-from tombo_dynamics.propeller.effects import CHANNELS, STAND_EFFECTS, Setup, predict
+from tombo_dynamics.propeller.effects import CHANNELS, Setup, predict
 
 AS_IT_IS = "the law as it is"
 _TOLD = ("centrifugal_stiffening", "torsion_constant", "load_sharing", "in_plane_term",
@@ -39,14 +39,7 @@ class DiscriminatingMeasurement:
 def least_squares_fits(points: OperatingPoints) -> dict[str, float]:
     """Return candidate -> parameter that fits the soft configurations' thrust best."""
     soft = np.isfinite(points.stiffness)
-    y = points.readings[soft, 0]
-    fits = {}
-    for effect in _TOLD:
-        values = values_of(STAND_EFFECTS[effect].theta[0])
-        table = np.stack([predict(points.setup, {effect: (v,)})[soft, 0] for v in values])
-        errors = np.where(np.isfinite(table), table - y, np.inf)
-        fits[effect] = float(values[int(np.argmin((errors**2).sum(axis=1)))])
-    return fits
+    return {effect: least_squares_fit(points, soft, effect) for effect in _TOLD}
 
 
 def predicted_readings(
@@ -57,10 +50,8 @@ def predicted_readings(
     row = np.tile(parameter_row(configuration(conf), law), (n, 1))
     zero = np.zeros(n, np.int64)
     setup = Setup(rpm * RPM, row, zero, zero, np.zeros(n), law)
-    result = {AS_IT_IS: predict(setup, {})}
-    for effect, value in fits.items():
-        result[effect] = predict(setup, {effect: (value,)})
-    return result
+    found = {effect: predict(setup, {effect: (value,)}) for effect, value in fits.items()}
+    return {AS_IT_IS: predict(setup, {})} | found
 
 
 def settling(fits: dict[str, float], law: str) -> tuple[DiscriminatingMeasurement, ...]:
@@ -88,14 +79,10 @@ def settling(fits: dict[str, float], law: str) -> tuple[DiscriminatingMeasuremen
 
 
 def _experiments(law: str) -> list[tuple[int, str, float, str]]:
-    result = []
-    for conf in (5, 13):
-        top = min(valid_speed(configuration(conf), law), SPEED_LIMIT) / RPM
-        for rpm in (3200.0, 4500.0, 6000.0):
-            if rpm < top:
-                result += [
-                    (conf, "thrust", rpm, "N"),
-                    (conf, "torque", rpm, "N m"),
-                    (conf, "beta", rpm, "deg"),
-                ]
-    return result
+    return [
+        (conf, channel, rpm, unit)
+        for conf in (5, 13)
+        for rpm in (3200.0, 4500.0, 6000.0)
+        if rpm < min(valid_speed(configuration(conf), law), SPEED_LIMIT) / RPM
+        for channel, unit in (("thrust", "N"), ("torque", "N m"), ("beta", "deg"))
+    ]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +24,8 @@ SIGMAS = {"torque": 0.005, "beta": 0.007, "reference_speed": 0.001, "thrust": 0.
 _MOST_RIVALS = 4
 
 
-@dataclass(frozen=True)
-class Option:
-    """Something to measure."""
-
-    text: str
-    extend: Callable[[OperatingPoints], OperatingPoints]
+Option = tuple[str, Callable[[OperatingPoints], OperatingPoints]]
+"""Something to measure, and the points with it."""
 
 
 def separate(findings: StandFindings) -> Experiment | None:
@@ -46,59 +43,50 @@ def separate(findings: StandFindings) -> Experiment | None:
     points = findings.problem.points
     present = _separation(findings, points, alternatives)
     found = [
-        (_separation(findings, option.extend(points), alternatives), option)
-        for option in options(points)
+        (_separation(findings, extend(points), alternatives), text)
+        for text, extend in options(points)
     ]
-    if not found:
-        return None
     best, option = max(found, key=lambda each: each[0])
-    text = f"{option.text}: it separates {', '.join(map(words, members))}"
+    text = f"{option}: it separates {', '.join(map(words, members))}"
     if best < 4.0:
-        text = f"no single measurement separates them surely; most comes from this: {option.text}"
+        text = f"no single measurement separates them surely; most comes from this: {option}"
     return Experiment(members, text, best, present, {})
 
 
 def options(points: OperatingPoints) -> list[Option]:
     """Return what could be measured besides."""
-    found = []
+    found: list[Option] = []
     have = {CHANNELS[c] for c in points.measured}
-    words = {
+    besides = {
         "torque": "measure torque at the same speeds, to 0.5 % of its range",
         "beta": "measure the flap angle at the same speeds, to 0.4 degrees",
         "reference_speed": "measure speed with a second tachometer, to 0.1 %",
     }
-    for name, text in words.items():
+    for name, text in besides.items():
         if name not in have and not (name == "beta" and points.setup.plain):
-            found.append(Option(text, lambda p, n=name: with_channel(p, n)))  # type: ignore[misc]
-    found.append(
-        Option("hang known weights on the thrust cell at standstill", lambda p: with_loads(p, 0))
-    )
+            found.append((text, partial(with_channel, name=name)))
+    weights = partial(with_loads, which=0)
+    found.append(("hang known weights on the thrust cell at standstill", weights))
     if "torque" in have:
-        found.append(
-            Option("apply known torques at standstill, arm and weight", lambda p: with_loads(p, 1))
-        )
+        torques = partial(with_loads, which=1)
+        found.append(("apply known torques at standstill, arm and weight", torques))
+    text = "the same, and with a second tachometer and torque to 0.5 %"
     found.append(
-        Option(
-            "the same, and with a second tachometer and torque to 0.5 %",
-            lambda p: with_channel(with_channel(with_loads(p, 0), "reference_speed"), "torque"),
-        )
+        (text, lambda p: with_channel(with_channel(weights(p), "reference_speed"), "torque"))
     )
     if not points.setup.plain:
-        found.append(
-            Option("the same propellers at speeds half as high again", with_higher_speeds)
-        )
+        found.append(("the same propellers at speeds half as high again", with_higher_speeds))
     return found
 
 
 def _explanations(findings: StandFindings, members: Sequence[str]) -> list[Explanation]:
-    """Return the best explanation with each member, most probable first."""
+    """Return the best explanation with each member, in the order of members."""
     every = (findings.search.best, *findings.search.alternatives)
-    found: list[Explanation] = []
+    found: dict[int, Explanation] = {}
     for member in members:
-        own = next((e for e in every if member in e.effects and np.isfinite(e.evidence)), None)
-        if own is not None and all(own is not f for f in found):
-            found.append(own)
-    return found[:_MOST_RIVALS]
+        for own in [e for e in every if member in e.effects and np.isfinite(e.evidence)][:1]:
+            found[id(own)] = own
+    return list(found.values())[:_MOST_RIVALS]
 
 
 def _separation(
@@ -139,26 +127,19 @@ def with_channel(points: OperatingPoints, name: str) -> OperatingPoints:
 
 def with_loads(points: OperatingPoints, which: int) -> OperatingPoints:
     """Return points with known loads at standstill before them: half and all of the range."""
-    s = points.setup
-    largest = (s.largest_thrust, s.largest_torque)[which]
-    return _with_points(
-        points,
-        np.zeros(3),
-        np.zeros(3, np.int64),
-        [which],
-        (which, np.array([0.0, 0.5, 1.0]) * largest),
-    )
+    largest = (points.setup.largest_thrust, points.setup.largest_torque)[which]
+    applied: list[Array] = [np.zeros(3), np.zeros(3)]
+    applied[which] = np.array([0.0, 0.5, 1.0]) * largest
+    return _with_points(points, np.zeros(3), np.zeros(3, np.int64), [which], applied)
 
 
 def with_higher_speeds(points: OperatingPoints) -> OperatingPoints:
     """Return points with three more at speeds up to half as high again, each propeller."""
     s = points.setup
-    measured = points.measured
+    measured, none = points.measured, [np.zeros(3), np.zeros(3)]
     for p in range(len(points.propellers)):
-        top = float(s.speed[s.propeller == p].max())
-        points = _with_points(
-            points, top * np.array([1.17, 1.33, 1.5]), np.full(3, p), measured, None
-        )
+        speed = float(s.speed[s.propeller == p].max()) * np.array([1.17, 1.33, 1.5])
+        points = _with_points(points, speed, np.full(3, p), measured, none)
     return points
 
 
@@ -167,8 +148,9 @@ def _with_points(
     speed: Array,
     propeller: NDArray[np.int64],
     channels: Sequence[int],
-    load: tuple[int, Array] | None,
+    applied: Sequence[Array],
 ) -> OperatingPoints:
+    """Return points with more at these speeds (M,), under known thrust and torque (M,)."""
     s = points.setup
     n, m = s.speed.size, speed.size
     first = [int(np.flatnonzero(s.propeller == p)[0]) for p in propeller]
@@ -176,9 +158,6 @@ def _with_points(
     def longer(values: Array, new: Array) -> Array:
         return np.concatenate([values if values.size else np.zeros(n), new])
 
-    applied: list[Array] = [np.zeros(m), np.zeros(m)]
-    if load is not None:
-        applied[load[0]] = load[1]
     setup = Setup(
         np.concatenate([s.speed, speed]), np.concatenate([s.rows, s.rows[first]]),
         np.concatenate([s.propeller, propeller]), np.concatenate([s.run, s.run[first]]),
@@ -189,6 +168,5 @@ def _with_points(
     new = np.full((m, len(CHANNELS)), np.nan)
     new[:, list(channels)] = 0.0
     sigma = np.concatenate([points.sigma, np.tile(np.median(points.sigma, axis=0), (m, 1))])
-    return replace(
-        points, setup=setup, readings=np.concatenate([points.readings, new]), sigma=sigma
-    )
+    readings = np.concatenate([points.readings, new])
+    return replace(points, setup=setup, readings=readings, sigma=sigma)

@@ -47,18 +47,33 @@ def predictions(
     found.append(_compared(f"law {law} as it is", bare, means, ""))
     for effect in PHYSICAL:
         parameter = STAND_EFFECTS[effect].theta[0]
-        values = values_of(parameter)
-        table = np.stack([predict(points.setup, {effect: (v,)})[places, 0] for v in values])
-        errors = np.where(np.isfinite(table), table - y[places], np.inf)
+        values, errors = errors_by_value(points, soft, effect)
         left = []
         for k in range(places.size):
-            others = np.delete(errors, k, axis=1)
-            left.append(float(errors[int(np.argmin((others**2).sum(axis=1))), k]))
-        best = values[int(np.argmin((errors**2).sum(axis=1)))]
+            left.append(float(errors[_least_squares(np.delete(errors, k, axis=1)), k]))
         unit = "" if parameter.unit == "1" else f" {parameter.unit}"
-        shown = f"{parameter.name} = {best:.3g}{unit}"
+        shown = f"{parameter.name} = {values[_least_squares(errors)]:.3g}{unit}"
         found.append(_compared(effect, np.array(left), means, shown))
     return tuple(sorted(found, key=lambda e: e.rmse))
+
+
+def errors_by_value(
+    points: OperatingPoints, soft: NDArray[np.bool_], effect: str
+) -> tuple[Array, Array]:
+    """Return values (V,) of an effect's first parameter, and errors of thrust (V, soft) [N]."""
+    values = values_of(STAND_EFFECTS[effect].theta[0])
+    table = np.stack([predict(points.setup, {effect: (v,)})[soft, 0] for v in values])
+    return values, np.where(np.isfinite(table), table - points.readings[soft, 0], np.inf)
+
+
+def least_squares_fit(points: OperatingPoints, soft: NDArray[np.bool_], effect: str) -> float:
+    """Return an effect's parameter that fits the soft configurations' thrust best."""
+    values, errors = errors_by_value(points, soft, effect)
+    return float(values[_least_squares(errors)])
+
+
+def _least_squares(errors: Array) -> int:
+    return int(np.argmin((errors**2).sum(axis=1)))
 
 
 def _compared(what: str, errors: Array, means: Array, parameter: str) -> Prediction:
@@ -67,12 +82,9 @@ def _compared(what: str, errors: Array, means: Array, parameter: str) -> Predict
     low = high = 0.0
     if np.ptp(gap) > 0.0:
         half = 2.306 * float(gap.std(ddof=1)) / math.sqrt(gap.size)  # t, 8 degrees of freedom
-        low, high = (_root(float(gap.mean()) + s * half) for s in (-1.0, 1.0))
+        ends = (float(gap.mean()) + s * half for s in (-1.0, 1.0))
+        low, high = (math.copysign(math.sqrt(abs(end)), end) for end in ends)
     return Prediction(what, float(np.sqrt(np.mean(errors**2))), low, high, parameter)
-
-
-def _root(square: float) -> float:
-    return math.copysign(math.sqrt(abs(square)), square)
 
 
 def values_of(p: Param) -> Array:

@@ -145,10 +145,10 @@ def parse_mapping(text: str, name: str) -> StandMapping:
     what = f"mapping '{name}'"
     values = table_of(parse_yaml(text, what), what, [f.name for f in fields(StandMapping)])
     model, tare = str(values.get("model", "tombo")), str(values.get("tare", "start"))
-    if model not in ("tombo", "plain"):
-        raise unknown_name(f"{what}: model", model, ("tombo", "plain"))
-    if tare not in ("start", "none"):
-        raise unknown_name(f"{what}: tare", tare, ("start", "none"))
+    choices = {"model": (model, ("tombo", "plain")), "tare": (tare, ("start", "none"))}
+    for key, (given, accepted) in choices.items():
+        if given not in accepted:
+            raise unknown_name(f"{what}: {key}", given, accepted)
     channels = table_of(values.get("channels"), f"{what}: channels", CHANNELS)
     header = values.get("header") or ()
     if isinstance(header, str) or not isinstance(header, Sequence):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,8 @@ from tombo_diagnosis.stand.model_differences import model_extending_causes
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller.effects import STAND_EFFECTS, check_stand_theta
 from tombo_dynamics.yaml_text import parse_yaml
+from tombo_flight.extended_model import FittedParameter, Gain
+from tombo_flight.flight_output import plain
 
 FORMAT = 1
 _HEAD = (
@@ -46,12 +47,8 @@ def stand_model_text(
 ) -> str:
     """Return the text of `stand_model.yaml`.
 
-    Args:
-        diagnosis: what was found.
-        tool: that found it, with its version.
-        date: of today.
-        given: model that the runs were compared with. What it adds stays; an effect that was found
-            again gets the new parameters.
+    `given` is the model that the runs were compared with. What it adds stays; an effect that was
+    found again gets the new parameters.
     """
     found = {cause.effect for cause in diagnosis.causes}
     kept = {} if given is None else {e: c for e, c in given.written.items() if e not in found}
@@ -59,15 +56,12 @@ def stand_model_text(
         "tombo_stand_model": FORMAT,
         "effects": kept | {
             cause.effect: {
-                "confidence": _plain(cause.confidence),
+                "confidence": cause.confidence,
                 "parameters": {
-                    f.name: {
-                        "value": _plain(f.value), "unit": f.unit, "nominal": _plain(f.nominal),
-                        "low": _plain(f.low), "high": _plain(f.high),
-                    }
+                    f.name: _fields(f, "value", "unit", "nominal", "low", "high")
                     for f in cause.theta
                 },
-                "covariance": [[_plain(v) for v in row] for row in cause.covariance],
+                "covariance": cause.covariance,
             }
             for cause in model_extending_causes(diagnosis.causes)
         },
@@ -79,16 +73,16 @@ def stand_model_text(
             "runs": [note.source for note in diagnosis.flights],
         },
         "gain": [
-            {
-                "channel": g.channel, "unit": g.unit, "before": _plain(g.before),
-                "after": _plain(g.after), "low": _plain(g.low), "high": _plain(g.high),
-            }
-            for g in diagnosis.gain
+            _fields(g, "channel", "unit", "before", "after", "low", "high") for g in diagnosis.gain
         ],
-        "notes": list(diagnosis.notes),
+        "notes": diagnosis.notes,
     }  # fmt: skip
-    text: str = yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=99)
+    text: str = yaml.safe_dump(plain(values), sort_keys=False, allow_unicode=True, width=99)
     return f"{_HEAD}{text}"
+
+
+def _fields(record: FittedParameter | Gain, *names: str) -> dict[str, Any]:
+    return {name: getattr(record, name) for name in names}
 
 
 def read_stand_model(path: Path) -> StandModel:
@@ -124,7 +118,3 @@ def read_stand_model(path: Path) -> StandModel:
         for name, own in checked.items()
     }
     return StandModel(theta, {str(name): content for name, content in effects.items()})
-
-
-def _plain(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

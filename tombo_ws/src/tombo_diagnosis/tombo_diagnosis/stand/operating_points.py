@@ -42,16 +42,16 @@ class OperatingPoints:
         """Places in CHANNELS of what was measured at all."""
         return tuple(c for c in range(len(CHANNELS)) if np.isfinite(self.readings[:, c]).any())
 
-    def blocks(self) -> list[tuple[str, Mask]]:
-        """Return what is held out in turn: configurations, else runs, else blocks of speed."""
+    def blocks(self) -> list[Mask]:
+        """Return what is held out in turn: configurations, else runs, else fifths of speed."""
         setup = self.setup
         if len(self.propellers) > 2:
-            return [(n, setup.propeller == k) for k, n in enumerate(self.propellers)]
+            return [setup.propeller == k for k in range(len(self.propellers))]
         if len(self.runs) > 2:
-            return [(n, setup.run == k) for k, n in enumerate(self.runs)]
+            return [setup.run == k for k in range(len(self.runs))]
         order = np.argsort(np.argsort(setup.speed, kind="stable"), kind="stable")
         number = np.minimum(order * 5 // max(setup.speed.size, 1), 4)
-        return [(f"speeds {k + 1} of 5", number == k) for k in range(5) if (number == k).any()]
+        return [number == k for k in np.unique(number)]
 
     def only(self, keep: Mask) -> OperatingPoints:
         """Return some of the points; propellers and runs keep their numbers."""

@@ -62,9 +62,8 @@ def plateaus(table: StandTable) -> Plateaus:
         for name in ("thrust", "torque"):
             if name in channels:
                 channels[name] -= float(np.median(channels[name][:before]))
-        findings.append(
-            Finding("tare", "info", table.name, f"zero is that of {before} rows at standstill")
-        )
+        text = f"zero is that of {before} rows at standstill"
+        findings.append(Finding("tare", "info", table.name, text))
     after = _leading(still[::-1])
     if "thrust" in channels and after and before < still.size:
         ends[1] = float(np.median(channels["thrust"][-after:]))
@@ -72,29 +71,21 @@ def plateaus(table: StandTable) -> Plateaus:
     raw = speed.size > _RAW_ROWS and float(np.median(steps)) < _RAW_STEP
     lag = _lag(channels, speed) if raw else 0
     if lag:
-        findings.append(
-            Finding(
-                "lag", "info", table.name,
-                f"thrust is {lag} rows behind the tachometer; moved back", channel="thrust",
-            )
-        )  # fmt: skip
+        text = f"thrust is {lag} rows behind the tachometer; moved back"
+        findings.append(Finding("lag", "info", table.name, text, channel="thrust"))
         for name in ("thrust", "torque"):
             if name in channels:
                 channels[name] = np.append(channels[name][lag:], np.full(lag, np.nan))
     parts = _stretches(table, speed) if raw else [slice(k, k + 1) for k in range(speed.size)]
     at, readings, sigma, first = _averages(channels, speed, parts)
-    end = max(speed.size - 1, 1)
-    result = (at, readings, sigma, first / end, first)
     keep, outliers = _outliers(at, readings, table.name)
-    findings += outliers
-    at, readings, sigma, elapsed, first = (each[keep] for each in result)
+    at, readings, sigma, first = (each[keep] for each in (at, readings, sigma, first))
     keep, changed = without_changed(table, at, readings, first)
-    findings += changed
-    at, readings, sigma, elapsed, first = (
-        each[keep] for each in (at, readings, sigma, elapsed, first)
-    )
+    at, readings, sigma, first = (each[keep] for each in (at, readings, sigma, first))
     sigma = _with_noise(at, readings, sigma, table, raw)
-    return Plateaus(at, readings, sigma, elapsed, first, (ends[0], ends[1]), tuple(findings))
+    elapsed = first / max(speed.size - 1, 1)
+    found = (*findings, *outliers, *changed)
+    return Plateaus(at, readings, sigma, elapsed, first, (ends[0], ends[1]), found)
 
 
 def _leading(still: NDArray[np.bool_]) -> int:
@@ -202,12 +193,8 @@ def _outliers(speed: Array, readings: Array, name: str) -> tuple[NDArray[np.bool
         if peak.any() and peak.sum() <= 0.05 * known.size + 1:
             keep[known[peak]] = False
             at = ", ".join(f"{v / RPM:.0f}" for v in speed[known[peak]][:5])
-            findings.append(
-                Finding(
-                    "outlier", "fault", name,
-                    f"{LOADS[c]} far off its neighbours at {at} rpm; set apart", channel=LOADS[c],
-                )
-            )  # fmt: skip
+            text = f"{LOADS[c]} far off its neighbours at {at} rpm; set apart"
+            findings.append(Finding("outlier", "fault", name, text, channel=LOADS[c]))
     return keep, findings
 
 
@@ -228,10 +215,8 @@ def _with_noise(
         usual = _PAR * largest
         if known.sum() >= 8:
             off = _between(speed[known] ** 2, y[known])
-            off = off[off != 0.0]
+            off = np.abs(off[off != 0.0])
             if off.size >= 5:
-                usual = max(
-                    1.4826 * float(np.median(np.abs(off))) / math.sqrt(1.5), 1e-4 * largest
-                )
+                usual = max(1.4826 * float(np.median(off)) / math.sqrt(1.5), 1e-4 * largest)
         out[:, c] = np.maximum(out[:, c], usual)
     return np.maximum(out, 1e-12)

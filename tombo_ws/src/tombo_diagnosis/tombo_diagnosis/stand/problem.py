@@ -72,8 +72,11 @@ class StandProblem:
         self.scatters = not setup.plain
         self.repeated = len(set(zip(setup.propeller, setup.run, strict=True))) > self.propellers
         """Whether a propeller has several runs."""
-        self.columns = Columns(own, tuple(range(len(own))), self._draw_effects())
-        self._draws = Draws.none(setup)
+        # In the order of `_draw_slopes`.
+        drawn = (PROPELLER,) * (2 * self.propellers * self.scatters)
+        drawn += (RUN,) * (2 * self.runs) + (SHARE,) * (2 * self.runs)
+        self.columns = Columns(own, tuple(range(len(own))), drawn)
+
         self.left = self.residual(self.theta)
         """(N, 4) measured minus nominal model; 0 where not measured."""
         self.seen = np.isfinite(points.readings) & np.isfinite(self.prediction(self.theta))
@@ -178,13 +181,7 @@ class StandProblem:
         return NormalEquations(flat.T @ flat, flat.T @ rows, float(rows @ rows)), half
 
     def fit(self, free: Sequence[int], widths: Mapping[str, float], start: Fit) -> Fit:
-        """Fit parameters by the model itself, within their bounds.
-
-        Args:
-            free: places of the parameters.
-            widths: stochastic effect -> factor on its healthy width.
-            start: fit to begin with, whose slopes serve for what stays within its tolerance.
-        """
+        """Fit as `Model.fit` says, within bounds; for what is not free the slopes of `start`."""
         return self._fit(free, widths, start.theta, start.tangent)
 
     def _fit(
@@ -277,15 +274,9 @@ class StandProblem:
         slope = rise / (up[k] - down[k])
         return np.where(np.isfinite(slope), slope, 0.0)
 
-    def _draw_effects(self) -> tuple[str, ...]:
-        """Return of each column of `_draw_slopes` the effect that it belongs to."""
-        each = (PROPELLER,) * (2 * self.propellers * self.scatters)
-        return each + (RUN,) * (2 * self.runs) + (SHARE,) * (2 * self.runs)
-
     def _draw_slopes(self) -> Array:
         """Return readings per unit draw of each propeller and run, (N, 4, 2 P + 4 R)."""
         setup = self.points.setup
-        n = setup.speed.size
         columns: list[Array] = []
         groups = [(PROPELLER, setup.propeller, self.propellers)] if self.scatters else []
         by_run = [(name, setup.run, self.runs) for name in (RUN, SHARE)]
@@ -294,17 +285,17 @@ class StandProblem:
             for j in range(2):
                 table = np.zeros((count, 2))
                 table[:, j] = 1.0
-                drawn = replace(self._draws, **{_DRAWN[name]: table})
-                values = self.values(self.theta) | {name: tuple(widths)}
-                change = predict(setup, values, drawn) - self.prediction(self.theta)
-                change = np.where(np.isfinite(change), change, 0.0)
-                for k in range(count):
-                    columns.append(change * (number == k)[:, None])
-        return np.stack(columns, axis=2) if columns else np.zeros((n, 4, 0))
+                change = self._drawn_change({name: tuple(widths)}, **{_DRAWN[name]: table})
+                columns += [change * (number == k)[:, None] for k in range(count)]
+        return np.stack(columns, axis=2)
 
     def _by_speed(self) -> Array:
-        drawn = replace(self._draws, point=np.ones(self.points.count))
         share = 1e-3
-        values = self.values(self.theta) | {SPEED: (share,)}
-        change = predict(self.points.setup, values, drawn) - self.prediction(self.theta)
-        return np.where(np.isfinite(change), change, 0.0) / share
+        return self._drawn_change({SPEED: (share,)}, point=np.ones(self.points.count)) / share
+
+    def _drawn_change(self, widths: dict[str, tuple[float, ...]], **draws: Array) -> Array:
+        """Return what draws change of the readings (N, 4), under an effect of these widths."""
+        drawn = replace(Draws.none(self.points.setup), **draws)
+        changed = predict(self.points.setup, self.values(self.theta) | widths, drawn)
+        change = changed - self.prediction(self.theta)
+        return np.where(np.isfinite(change), change, 0.0)

@@ -42,15 +42,6 @@ class ResidualCurves:
     """RMS of the curves in that channel, in its unit."""
 
 
-@dataclass(frozen=True, eq=False)
-class _CurveBasis:
-    channel: int
-    columns: Array
-    """(N, 4, B)"""
-    orders: NDArray[np.int64]
-    """(B,) of each column's polynomial."""
-
-
 def fit_residual_curves(problem: StandProblem, fit: Fit, by_run: bool = True) -> ResidualCurves:
     """Return what free curves would still explain beside a fit; `by_run`: also levels of runs."""
     blocks = _blocks(problem, by_run and problem.repeated)
@@ -59,7 +50,7 @@ def fit_residual_curves(problem: StandProblem, fit: Fit, by_run: bool = True) ->
     moved = fit.free or problem.columns.absorbed
     slopes = problem.slopes_at(fit.theta) if moved else problem.slopes
     left = problem.residual(fit.theta)
-    basis = np.concatenate([b.columns for b in blocks], axis=2)
+    basis = np.concatenate([columns for columns, _ in blocks], axis=2)
     every = np.concatenate([slopes, problem.drawn, basis], axis=2)
     normal, _ = problem.whitened(left, every, fit.widths)
     known = problem.columns.deviations(fit.free, fit.widths)
@@ -67,9 +58,9 @@ def fit_residual_curves(problem: StandProblem, fit: Fit, by_run: bool = True) ->
     without = solve(
         _part(normal, np.arange(known.size)), known, prior_mean, covariance=False
     ).evidence
-    found: list[tuple[float, int, Array, Array]] = []
-    ends = known.size + np.cumsum([0, *(b.columns.shape[2] for b in blocks)])
-    orders = np.concatenate([b.orders for b in blocks])
+    found: list[tuple[float, Array, Array]] = []
+    ends = known.size + np.cumsum([0, *(own.size for _, own in blocks)])
+    orders = np.concatenate([own for _, own in blocks])
     choices = [[k] for k in range(len(blocks))] + [list(range(len(blocks)))]
     for choice in choices:
         places = np.concatenate([np.arange(ends[k], ends[k + 1]) for k in choice])
@@ -83,16 +74,16 @@ def fit_residual_curves(problem: StandProblem, fit: Fit, by_run: bool = True) ->
                 covariance=False,
             )
             gain = solution.evidence - without
-            found.append((gain, choice[0], places - known.size, solution.mean[known.size :]))
-    gains = np.array([each[0] for each in found])
-    best = found[int(np.argmax(gains))]
-    curve = basis[:, :, best[2]] @ best[3]
+            found.append((gain, places - known.size, solution.mean[known.size :]))
+    gains = np.array([gain for gain, _, _ in found])
+    _, chosen, mean = found[int(np.argmax(gains))]
+    curve = basis[:, :, chosen] @ mean
     weights = np.sum((curve / problem.sigma) ** 2, axis=0)
     worst = int(np.argmax(weights))
     own = problem.seen[:, worst]
     size = float(np.sqrt(np.mean(curve[own, worst] ** 2))) if own.any() else 0.0
-    mean = float(np.logaddexp.reduce(gains)) - math.log(len(gains))
-    return ResidualCurves(mean, CHANNELS[worst], size)
+    evidence = float(np.logaddexp.reduce(gains)) - math.log(len(gains))
+    return ResidualCurves(evidence, CHANNELS[worst], size)
 
 
 def _part(normal: NormalEquations, places: NDArray[np.int64]) -> NormalEquations:
@@ -101,8 +92,8 @@ def _part(normal: NormalEquations, places: NDArray[np.int64]) -> NormalEquations
     )
 
 
-def _blocks(problem: StandProblem, by_run: bool) -> list[_CurveBasis]:
-    """Return free curves, each in units of its channel's range."""
+def _blocks(problem: StandProblem, by_run: bool) -> list[tuple[Array, NDArray[np.int64]]]:
+    """Return free curves in units of their channel's range (N, 4, B), and their orders (B,)."""
     setup = problem.points.setup
     n = setup.speed.size
     x = 2.0 * setup.speed / max(float(setup.speed.max()), 1e-9) - 1.0
@@ -120,7 +111,7 @@ def _blocks(problem: StandProblem, by_run: bool) -> list[_CurveBasis]:
         groups.append((_members(setup.propeller, problem.propellers), _ORDER))
     if by_run:
         groups.append((_members(setup.run, problem.runs), _RUN_ORDER))
-    blocks = []
+    blocks: list[tuple[Array, NDArray[np.int64]]] = []
     for c in problem.points.measured:
         own = problem.seen[:, c]
         if own.sum() < 3:
@@ -132,7 +123,7 @@ def _blocks(problem: StandProblem, by_run: bool) -> list[_CurveBasis]:
             block[:, c, :] = np.concatenate(
                 [largest * legendre[:, : highest + 1] * g[:, None] for g in group], axis=1
             )
-            blocks.append(_CurveBasis(c, block, own_orders))
+            blocks.append((block, own_orders))
     return blocks
 
 

@@ -14,7 +14,7 @@ from tombo_diagnosis.stand.operating_points import UNITS
 from tombo_diagnosis.stand.problem import RUN, SHARE
 from tombo_diagnosis.stand.repeatability import repeats
 from tombo_diagnosis.stand.thrust_constant import ThrustConstant
-from tombo_diagnosis.wording import words
+from tombo_diagnosis.wording import capital, counted, words
 from tombo_flight.extended_model import Gain
 
 
@@ -27,10 +27,11 @@ def summary(
     """Return the verdict in a sentence or two."""
     judgement, best = findings.judgement, findings.search.best
     points = findings.problem.points
-    data = (
-        f"{findings.problem.used} points of {len(points.runs)} run{'s' * (len(points.runs) > 1)}, "
-        f"{len(points.propellers)} propeller{'s' * (len(points.propellers) > 1)}"
+    runs, propellers = (
+        counted(len(points.runs), "run"),
+        counted(len(points.propellers), "propeller"),
     )
+    data = f"{findings.problem.used} points of {runs}, {propellers}"
     names = ", ".join(map(words, judgement.effects))
     worth = "; ".join(
         f"{g.channel} {g.before:.3g} to {g.after:.3g} {g.unit}"
@@ -56,7 +57,7 @@ def summary(
     if told:
         text += f" {'; '.join(told)}."
     if {RUN, SHARE} & set(judgement.effects):
-        text += "".join(f" {r[0].upper()}{r[1:]}." for r in repeats(findings.problem))
+        text += "".join(f" {capital(r)}." for r in repeats(findings.problem))
     if constant is not None:
         k = constant
         text = (
@@ -93,10 +94,8 @@ def notes(
         found.append(
             "fewer than three propellers: scatter of fabrication looks like a coefficient"
         )
-    if (
-        findings.remainder.curves.evidence > LOG_BF_CURVES
-        and findings.judgement.verdict == "named"
-    ):
+    left = findings.remainder.curves.evidence
+    if left > LOG_BF_CURVES and findings.judgement.verdict == "named":
         found.append("something small is left over")
     if any(g.low < 0.0 < g.after for g in gains) and findings.judgement.effects:
         found.append("the gain on held-out points is not sure: its interval reaches below zero")

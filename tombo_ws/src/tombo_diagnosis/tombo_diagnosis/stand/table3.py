@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from tombo_diagnosis.stand.assemble import StandData
+from tombo_diagnosis.stand.assemble import StandData, stiffness
 from tombo_diagnosis.stand.discriminating_measurements import (
     DiscriminatingMeasurement,
     least_squares_fits,
@@ -16,7 +15,7 @@ from tombo_diagnosis.stand.discriminating_measurements import (
 from tombo_diagnosis.stand.leave_one_out import MEAN, PHYSICAL, Prediction, predictions
 from tombo_diagnosis.stand.operating_points import OperatingPoints
 from tombo_diagnosis.wording import words
-from tombo_dynamics.propeller import RPM, configurations, evaluate, nodus_moduli, parameter_row
+from tombo_dynamics.propeller import RPM, configurations, evaluate, parameter_row
 from tombo_dynamics.propeller.effects import CHANNELS, Setup
 
 SPEED = 2000.0 * RPM
@@ -77,7 +76,7 @@ def table3_points(law: str = "repaired") -> OperatingPoints:
         largest_thrust=float(readings[:, 0].max()),
     )
     names = tuple(f"Conf. {c.number}" for c in own)
-    stiff = np.array([math.nan if c.rigid else nodus_moduli(c).G_N_MPa for c in own])
+    stiff = np.array([stiffness(c) for c in own])
     return OperatingPoints(setup, readings, sigma, ("Table III",) * n, names, stiff)
 
 
@@ -106,10 +105,8 @@ def study_table3(law: str = "repaired") -> Table3:
     rank = stats.spearmanr(points.stiffness[soft], y[soft])
     return Table3(
         tuple(c.number for c in own), tuple(map(float, y)), tuple(map(float, dev)), laws, rms,
-        chi2,
-        float(rank.statistic), float(rank.pvalue), predictions(points, soft, law),
-        settling(fits, law), fits,
-        tuple(map(float, points.stiffness)), law,
+        chi2, float(rank.statistic), float(rank.pvalue), predictions(points, soft, law),
+        settling(fits, law), fits, tuple(map(float, points.stiffness)), law,
     )  # fmt: skip
 
 
@@ -118,16 +115,11 @@ def statement(study: Table3) -> str:
     mean = next(p for p in study.predictions if p.what == MEAN)
     best = next(p for p in study.predictions if p.what in PHYSICAL)
     surely = [p.what for p in study.predictions if p.high < 0.0]
-    k = [c for c in study.confs if c != 0]
-    law = study.law
-    gaps = {
-        c: study.laws[law][i] / study.measured[i] - 1.0
-        for i, c in enumerate(study.confs)
-        if c in k
-    }
-    worst = sorted(k, key=lambda c: gaps[c])[:2]
+    law, name = study.law, words(best.what)
+    columns = zip(study.confs, study.laws[law], study.measured, strict=True)
+    gaps = {c: thrust / measured - 1.0 for c, thrust, measured in columns if c != 0}
+    worst = sorted(gaps, key=lambda c: gaps[c])[:2]
     wrong = " and ".join(f"{100.0 * gaps[c]:+.0f} % for Conf. {c}" for c in worst)
-    name = words(best.what)
     told = (
         f"{', '.join(surely)} predicts better than the mean"
         if surely
@@ -135,8 +127,8 @@ def statement(study: Table3) -> str:
         f"the mean of the others ({mean.rmse:.4f} N): the best, {name}, has {best.rmse:.4f} N, "
         f"{best.low:+.3f} to {best.high:+.3f} N against it"
     )
-    first = next(s for s in study.settling if "3200" in s.what and s.what.startswith("thrust"))
-    second = next(s for s in study.settling if "4500" in s.what and s.what.startswith("thrust"))
+    thrust = [s for s in study.settling if s.what.startswith("thrust")]
+    first, second = (next(s for s in thrust if rpm in s.what) for rpm in ("3200", "4500"))
     return (
         f"The model lets thrust fall with softness ({wrong}); measured thrust does not (rank "
         f"correlation with stiffness {study.spearman:.2f}, p = {study.spearman_p:.2f}). Of the "

@@ -51,11 +51,9 @@ class StandTable:
 
 
 def read_stand(path: Path, mapping: str | None = None) -> StandTable:
-    """Read a table of a thrust stand.
+    """Read a table of a thrust stand, CSV or CSV.gz.
 
-    Args:
-        path: CSV, plain or gzip.
-        mapping: name or file of a mapping; None: recognised by the header, or by plain names.
+    Without the name or file of a mapping it is recognised by the header, or by plain names.
 
     Raises:
         InputError: empty, no header, columns missing, or values that can't be what they are said
@@ -102,31 +100,26 @@ def read_stand(path: Path, mapping: str | None = None) -> StandTable:
         raise InputError(f"'{path}': neither thrust nor torque; accepted: one of them at least")
     rows &= np.isfinite(np.column_stack(loads)).any(axis=1)
     if not rows.all():
-        lost = int((~rows).sum())
-        findings.append(
-            Finding("missing", "warning", name, f"{lost} of {rows.size} rows have no number in "
-                    f"speed or loads ({', '.join(wanted[:6])}) and are left out")
-        )  # fmt: skip
+        text = (
+            f"{(~rows).sum()} of {rows.size} rows have no number in speed or loads "
+            f"({', '.join(wanted[:6])}) and are left out"
+        )
+        findings.append(Finding("missing", "warning", name, text))
     if rows.sum() < 3:
         raise InputError(
             f"'{path}': {int(rows.sum())} rows with numbers in speed and a load; accepted: 3 or "
             f"more with {', '.join(wanted)}"
         )
     channels = {key: values[rows] for key, values in channels.items()}
-    result = StandTable(
-        name, f"{path} ({chosen.name})", chosen, channels, rotor_speed[rows], tuple(findings)
-    )
+    source = f"{path} ({chosen.name})"
+    result = StandTable(name, source, chosen, channels, rotor_speed[rows], tuple(findings))
     _check_plausible(result, path)
     _check_deviations(result, path)
     return result
 
 
 def _refuse_decimal_commas(table: CsvTable) -> None:
-    """Refuse numbers as 0,6.
-
-    Raises:
-        InputError: cells are parted by something else than commas and one holds such a number.
-    """
+    """Refuse numbers as 0,6, where cells are parted by something else than commas."""
     if table.delimiter == ",":
         return
     for line in table.body.decode("utf-8", "replace").splitlines():
@@ -139,11 +132,7 @@ def _refuse_decimal_commas(table: CsvTable) -> None:
 
 
 def _check_deviations(table: StandTable, path: Path) -> None:
-    """Refuse standard deviations that are none.
-
-    Raises:
-        InputError: one is no number, zero or negative.
-    """
+    """Refuse standard deviations that are no number, zero or negative."""
     for key in ("thrust_sigma", "torque_sigma"):
         values = table.channels.get(key, np.ones(1))
         bad = np.flatnonzero(~(np.isfinite(values) & (values > 0.0)))
@@ -173,24 +162,15 @@ def _without_glitches(
         far &= np.abs(speed - around) > 0.3 * around
     bad = far & fast
     if bad.any():
-        per = ", ".join(
-            f"{c} {int(n)}" for c, n in zip(columns, bad.sum(axis=0), strict=True) if n
-        )
-        findings.append(
-            Finding(
-                "speed_glitch", "warning", name,
-                f"samples far from their neighbours set apart: {per}", channel="speed",
-            )
-        )  # fmt: skip
+        counts = zip(columns, bad.sum(axis=0), strict=True)
+        per = ", ".join(f"{c} {n}" for c, n in counts if n)
+        text = f"samples far from their neighbours set apart: {per}"
+        findings.append(Finding("speed_glitch", "warning", name, text, channel="speed"))
     return np.where(bad, around, speed), findings
 
 
 def _check_plausible(table: StandTable, path: Path) -> None:
-    """Refuse values that can't be in the declared unit.
-
-    Raises:
-        InputError: tip faster than sound, never turning, thrust or angle with the wrong sign.
-    """
+    """Refuse a tip faster than sound, a rotor that never turns, a wrong sign, a large angle."""
     where, speed = table.mapping.channels, table.channels["speed"]
     column, unit = where["speed"].columns[0], where["speed"].unit
     if (speed < 0.0).any() or (table.rotor_speed < 0.0).any():

@@ -49,9 +49,7 @@ class ThrustConstant:
 def thrust_constant(found: StandData, rotor_speeds: dict[str, Array]) -> ThrustConstant:
     """Return k_T of a plain propeller's points.
 
-    Args:
-        found: the points.
-        rotor_speeds: run -> (N, rotors) rad/s as recorded.
+    `rotor_speeds`: run -> (N, rotors) [rad/s] as recorded.
     """
     setup = found.points.setup
     y = found.points.readings[:, 0]
@@ -75,22 +73,16 @@ def thrust_constant(found: StandData, rotor_speeds: dict[str, Array]) -> ThrustC
     up = _by_direction(x, y, run, elapsed)
     if up is not None:
         limits.append(Limit("way up against way down (half), after the lag is undone", up / k))
-    drift = [
-        abs(p.standstill[1] - (0.0 if math.isfinite(p.standstill[0]) else math.nan))
-        for p in found.runs
-    ]
-    drift = [d for d in drift if math.isfinite(d)]
+    drift = [abs(p.standstill[1]) for p in found.runs if np.isfinite(p.standstill).all()]
     if drift:
-        limits.append(
-            Limit("drift of the zero over the run (half)", 0.5 * max(drift) / float(y.max()))
-        )
+        share = 0.5 * max(drift) / float(y.max())
+        limits.append(Limit("drift of the zero over the run (half)", share))
     spread = _rotor_spread(rotor_speeds)
     if spread > 0.0:
         limits.append(Limit("rotors pull together: mean speed taken for mean square", spread))
     if len(runs) > 1:
-        limits.append(
-            Limit("between runs (half the range)", 0.5 * float(np.ptp(list(runs.values()))) / k)
-        )
+        share = 0.5 * float(np.ptp(list(runs.values()))) / k
+        limits.append(Limit("between runs (half the range)", share))
     return ThrustConstant(
         k, low, high, float(sloped), float(offset), exponent, runs,
         tuple(sorted(limits, key=lambda each: -each.share)),
@@ -99,9 +91,8 @@ def thrust_constant(found: StandData, rotor_speeds: dict[str, Array]) -> ThrustC
 
 def _bootstrap(x: Array, y: Array, run: Numbers, elapsed: Array) -> tuple[float, float]:
     """Return the 95 % interval of k by resampling stretches of the runs (fixed seed)."""
-    number = np.minimum(
-        (elapsed * _BOOTSTRAP_BLOCKS).astype(int), _BOOTSTRAP_BLOCKS - 1
-    ) + _BOOTSTRAP_BLOCKS * run.astype(int)
+    block = np.minimum((elapsed * _BOOTSTRAP_BLOCKS).astype(int), _BOOTSTRAP_BLOCKS - 1)
+    number = block + _BOOTSTRAP_BLOCKS * run.astype(int)
     names = np.unique(number)
     top = np.array([x[number == b] @ y[number == b] for b in names])
     bottom = np.array([x[number == b] @ x[number == b] for b in names])

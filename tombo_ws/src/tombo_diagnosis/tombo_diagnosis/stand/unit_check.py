@@ -34,10 +34,7 @@ def check_scale(
 ) -> None:
     """Refuse a thrust that is nowhere near the model's.
 
-    Args:
-        points: of all tables, one after the other.
-        tables: as recorded.
-        sizes: how many points each has.
+    `points` are those of all tables, one after the other; `sizes` are how many points each has.
 
     Raises:
         InputError: a table's thrust is three times the model's or a third of it; names column,
@@ -68,12 +65,9 @@ def check_scale(
 
 
 def _rise(y: Array, model: Array, times: float) -> float:
-    """Return how many times the model's rise with speed a thrust has: a zero that is off is none.
+    """Return how many times the model's rise with speed a thrust y has; the zero may be off.
 
-    Args:
-        y: thrust [N].
-        model: the model's [N].
-        times: returned where thrust hardly changes.
+    Both are (N,) [N]; `times` is returned where thrust hardly changes.
     """
     known = np.isfinite(y) & np.isfinite(model)
     x = model[known]
