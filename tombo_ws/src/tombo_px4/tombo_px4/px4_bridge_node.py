@@ -34,7 +34,7 @@ from tombo_bag.topics import (
 )
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import PositionSetpoint
-from tombo_dynamics.pose_check import POSE_REFUSAL_TEXTS
+from tombo_dynamics.pose_check import POSE_REFUSAL_TEXTS, PoseRefusal
 from tombo_dynamics.rotation import rotate_vectors
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_msgs.msg import Px4Status
@@ -231,7 +231,7 @@ class Px4BridgeNode(LoopNode):
     def _take_poses(self, now_ns: int) -> None:
         multiple_publishers = self._pose_in.multiple_publishers(now_ns)
         if multiple_publishers:
-            self._bridge.multiple_pose_publishers(now_ns)
+            self._bridge.preflight.refused_pose(PoseRefusal.TWO_PUBLISHERS, now_ns)
         for taken in self._pose_in.take():
             if multiple_publishers:
                 continue
@@ -252,7 +252,7 @@ class Px4BridgeNode(LoopNode):
             text = ""
             try:
                 setpoint: PositionSetpoint = self._setpoint_codec.decode(taken.message)
-                if not multiple_publishers and not self._bridge.setpoint(setpoint, now_ns):
+                if not multiple_publishers and not self._bridge.stream.setpoint(setpoint, now_ns):
                     text = "set point with NaN or infinity: the last one stands"
             except InputError as error:
                 text = f"set point: {error}: the last one stands"
@@ -264,7 +264,7 @@ class Px4BridgeNode(LoopNode):
             message = taken.message
             attitude = hasattr(message, "orientation")
             wanted = array(message.orientation if attitude else message.rates)
-            if not self._bridge.rotation(wanted, float(message.thrust), now_ns):
+            if not self._bridge.stream.rotation(wanted, float(message.thrust), now_ns):
                 text = "attitude or rates with NaN, or no rotation: the last one stands"
                 self.health.report_event("rotation_refused", text)
 
@@ -281,15 +281,8 @@ class Px4BridgeNode(LoopNode):
         for key, said in bridge_output.events:
             self.health.report_event(key, said)
         faults = dict(bridge_output.faults)
-        faults.update(
-            link_faults(
-                self._link.counters,
-                self._link.rejected_sender,
-                self.records["link"],
-                bridge_output.status.connected,
-                self._link.pack_error,
-            )
-        )
+        connected = bridge_output.status.connected
+        faults |= link_faults(self._link, self.records["link"], connected)
         for key in self._active - faults.keys():
             self.health.fault(key, False)
         for key, said in faults.items():

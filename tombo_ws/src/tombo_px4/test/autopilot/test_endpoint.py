@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from tombo_px4.link.status_text import StatusTextAssembler
-from tombo_px4.protocol.statustext_encoder import StatusTextEncoder
+from tombo_px4.protocol.statustext import StatusTextSender
 
 MAV = mavlink.MAVLink(None, 245, 191)
 REQUEST = 512
@@ -297,7 +297,7 @@ def test_texts_are_no_more_than_people_can_read():
 def test_a_long_text_comes_in_pieces_that_fit_together(text):
     joiner = StatusTextAssembler()
     got = None
-    for message in StatusTextEncoder().messages(MAV, 4, text):
+    for message in StatusTextSender([]).messages(MAV, 4, text):
         (sent,) = mavlink.MAVLink(None).parse_buffer(message.pack(MAV))
         assert got is None
         got = joiner.take(sent.severity, sent.text, sent.id, sent.chunk_seq, 0)
@@ -308,7 +308,7 @@ def test_a_long_text_comes_in_pieces_that_fit_together(text):
 
 
 def test_two_long_texts_do_not_mix():
-    texts = StatusTextEncoder()
+    texts = StatusTextSender([])
     first, second = (texts.messages(MAV, 4, letter * 120) for letter in "ab")
     assert {m.id for m in first} != {m.id for m in second}
     assert 0 not in {m.id for m in (*first, *second)}

@@ -112,7 +112,7 @@ def test_the_odometry_has_velocity_in_the_world_and_rates_in_the_body(flying, te
 def test_the_odometry_tells_its_variances(flying, tell):
     o = tell("ODOMETRY")
     diagonal = [o.pose_covariance[i] for i in (0, 6, 11, 15, 18, 20)]
-    x, y, *rest = flying.vehicle.pose_variance
+    x, y, *rest = flying.vehicle.ekf2_model.pose_variance(flying.vehicle.tick)
     assert diagonal == pytest.approx([y, x, *rest], rel=1e-5)
     assert all(v > 0 for v in diagonal)
     assert sum(1 for v in o.pose_covariance if not math.isnan(v)) == 6
@@ -120,7 +120,8 @@ def test_the_odometry_tells_its_variances(flying, tell):
 
 
 def test_variances_change_places_with_the_axes():
-    stub = SimpleNamespace(pose_variance=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0), boot_us=0)
+    model = SimpleNamespace(pose_variance=lambda tick: (1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
+    stub = SimpleNamespace(ekf2_model=model, tick=0, boot_us=0)
     assert TelemetrySnapshot(stub, ORIGIN).pose_variance == [2.0, 1.0, 3.0, 4.0, 5.0, 6.0]
 
 
@@ -179,7 +180,7 @@ def test_set_points_are_told_as_they_are_followed(flying, tell):
     a = tell("ATTITUDE_TARGET")
     assert 0.2 < a.thrust < 0.8
     assert a.q == pytest.approx(tell("ODOMETRY").q, abs=0.1)
-    forward, left, up = flying.vehicle.attitude_setpoint.rates
+    forward, left, up = flying.vehicle.attitude_setpoint[1]
     rates = (a.body_roll_rate, a.body_pitch_rate, a.body_yaw_rate)
     assert rates == pytest.approx((forward, -left, -up), abs=1e-6)
 

@@ -11,8 +11,9 @@ from vehicle_bench import GROUND, NAN, VISION, Flight, hovering, motion, ready
 from tombo_flight.scenario import load_scenario, world_of
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.vehicle import Px4Vehicle
+from tombo_px4.bridge.decoded_messages import MavLandedState
 from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, AUTO_RTL, AUTO_TAKEOFF, OFFBOARD, POSCTL
-from tombo_px4.protocol.results import LandedState, Result, TakeoffState
+from tombo_px4.protocol.results import Result, TakeoffState
 
 pytestmark = pytest.mark.slow
 
@@ -33,7 +34,7 @@ def test_at_boot_it_knows_nothing_and_says_so():
     flight.fly(2.0)
     health = flight.vehicle.health
     assert health.armable and health.local_position and health.global_position and health.home
-    assert flight.vehicle.ekf2_model.source == "gps"
+    assert flight.ekf2.source == "gps"
     assert flight.vehicle.mode == AUTO_HOLD
 
 
@@ -43,14 +44,14 @@ def test_takes_off_and_holds(height):
     flight.vehicle.parameters.set("MIS_TAKEOFF_ALT", 3.0)
     assert flight.vehicle.takeoff(height) == Result.ACCEPTED
     assert flight.vehicle.arm() == Result.ACCEPTED
-    assert flight.vehicle.landed == LandedState.ON_GROUND
+    assert flight.vehicle.landed == MavLandedState.ON_GROUND
     assert flight.fly(2.7)[:, 2].max() < GROUND  # spins up, then pushes ever harder
     flight.fly(1.0)
     assert flight.vehicle.mode == AUTO_TAKEOFF
-    assert flight.vehicle.landed == LandedState.TAKEOFF
+    assert flight.vehicle.landed == MavLandedState.TAKEOFF
     flight.fly(6.0)
     rows = flight.fly(4.0)
-    assert flight.vehicle.mode == AUTO_HOLD and flight.vehicle.landed == LandedState.IN_AIR
+    assert flight.vehicle.mode == AUTO_HOLD and flight.vehicle.landed == MavLandedState.IN_AIR
     assert flight.vehicle.takeoff_state == TakeoffState.FLIGHT
     wanted = 3.0 if height is None else height
     assert np.abs(rows[:, 2] - flight.vehicle.home[2] - wanted).max() < 0.1
@@ -61,12 +62,12 @@ def test_takes_off_and_holds(height):
 def test_rotors_idle_while_they_spin_up_and_stand_still_disarmed():
     flight = ready()
     flight.fly(0.2)
-    assert flight.vehicle.rotor_speeds.max() == 0.0
+    assert flight.rotors.max() == 0.0
     flight.vehicle.takeoff()
     flight.vehicle.arm()
     flight.fly(0.5)
     assert flight.vehicle.takeoff_state == TakeoffState.SPOOLUP
-    assert 50.0 < flight.vehicle.rotor_speeds.min() <= flight.vehicle.rotor_speeds.max() < 110.0
+    assert 50.0 < flight.rotors.min() <= flight.rotors.max() < 110.0
     assert flight.body[2] < GROUND
 
 
@@ -95,15 +96,15 @@ def test_lands_and_disarms():
     place = flight.body[:2]
     assert flight.vehicle.land() == Result.ACCEPTED
     flight.fly(1.0)
-    assert flight.vehicle.mode == AUTO_LAND and flight.vehicle.landed == LandedState.LANDING
+    assert flight.vehicle.mode == AUTO_LAND and flight.vehicle.landed == MavLandedState.LANDING
     touch = []
     flight.fly_until(lambda: bool(touch.append(flight.body[5]) or not flight.vehicle.armed), 12.0)
     assert min(touch) > -1.0 and np.linalg.norm(flight.body[:2] - place) < 0.3
-    assert flight.vehicle.landed == LandedState.ON_GROUND and flight.body[2] < GROUND
+    assert flight.vehicle.landed == MavLandedState.ON_GROUND and flight.body[2] < GROUND
     assert flight.vehicle.mode == AUTO_HOLD  # the one before
     assert flight.heard("Landing detected") and flight.heard("Disarmed by landing")
     flight.fly(0.5)
-    assert flight.vehicle.rotor_speeds.max() < 20.0
+    assert flight.rotors.max() < 20.0
 
 
 def test_flies_again_after_a_landing():
@@ -120,11 +121,11 @@ def test_takes_off_again_without_disarming():
     flight = hovering(vision=True)
     flight.vehicle.parameters.set("COM_DISARM_LAND", -1.0)
     flight.target = motion([0, 0, -1.0], yaw=0.0)
-    flight.fly_until(lambda: flight.vehicle.landed == LandedState.ON_GROUND, 8.0)
-    assert flight.vehicle.armed and flight.vehicle.rotor_commands.max() < 110.0
+    flight.fly_until(lambda: flight.vehicle.landed == MavLandedState.ON_GROUND, 8.0)
+    assert flight.vehicle.armed and flight.rotors.max() < 110.0
     flight.target = motion([0, 0, 1.0], yaw=0.0)
     flight.fly(6.0)
-    assert flight.vehicle.landed == LandedState.IN_AIR
+    assert flight.vehicle.landed == MavLandedState.IN_AIR
     assert flight.body[2] == pytest.approx(1.0, abs=0.1)
 
 
@@ -138,7 +139,7 @@ def test_goes_to_a_place_and_returns_home():
     flight.fly_until(lambda: bool(heights.append(flight.height) or not flight.vehicle.armed), 40.0)
     assert max(heights) == pytest.approx(flight.vehicle.parameters.get("RTL_RETURN_ALT"), abs=0.2)
     assert np.linalg.norm(flight.body[:2] - flight.vehicle.home[:2]) < 0.3
-    assert flight.vehicle.landed == LandedState.ON_GROUND
+    assert flight.vehicle.landed == MavLandedState.ON_GROUND
 
 
 def test_home_is_where_it_was_armed_and_may_be_moved():
@@ -160,7 +161,7 @@ def test_disarmed_by_force_in_the_air_it_falls():
     assert flight.vehicle.armed
     assert flight.vehicle.disarm(force=True) == Result.ACCEPTED
     rows = flight.fly(1.5)
-    assert rows[-1, 2] < 0.4 and flight.vehicle.rotor_commands.max() == 0.0
+    assert rows[-1, 2] < 0.4 and flight.vehicle.normalized_rotor_speeds.max() == 0.0
     assert rows[:, 5].min() < -3.0
 
 

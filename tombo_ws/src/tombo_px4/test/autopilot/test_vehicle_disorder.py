@@ -77,9 +77,9 @@ def check(flight) -> None:
     for values in (estimate.position, estimate.velocity, estimate.attitude, estimate.rates):
         assert np.isfinite(values).all()
     assert abs(np.linalg.norm(estimate.attitude) - 1.0) < 1e-6
-    assert np.isfinite(vehicle.rotor_commands).all()
+    assert np.isfinite(vehicle.normalized_rotor_speeds).all()
     if not vehicle.armed:
-        assert vehicle.rotor_commands.max() == 0.0
+        assert vehicle.normalized_rotor_speeds.max() == 0.0
     assert isinstance(vehicle.mode, modes.Mode) and vehicle.mode.main > 0
     assert vehicle.health.problems is not None and math.isfinite(vehicle.thrust)
 

@@ -9,8 +9,9 @@ import pytest
 from vehicle_bench import Flight, hovering, motion, ready
 
 from tombo_dynamics.rotation import quaternion_multiply, rotate_vectors, yaw_pitch_roll
+from tombo_px4.bridge.decoded_messages import MavLandedState
 from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD
-from tombo_px4.protocol.results import LandedState, Result
+from tombo_px4.protocol.results import Result
 
 HALF = math.sqrt(0.5)
 QUARTER_LEFT = np.array([0.0, 0.0, HALF, HALF])
@@ -24,16 +25,16 @@ def error(flight: Flight) -> float:
 
 def test_it_is_used_in_place_of_gps():
     flight = ready()
-    assert flight.vehicle.ekf2_model.source == "gps" and not flight.vehicle.vision_source
+    assert flight.ekf2.source == "gps"
     flight.see = True
     flight.fly(0.3)
-    assert flight.vehicle.vision_source and error(flight) < 0.005
-    resets = flight.vehicle.resets
+    assert flight.ekf2.source == "vision" and error(flight) < 0.005
+    resets = flight.ekf2.resets
     flight.fly(1.0)
-    assert flight.vehicle.vision_source and flight.vehicle.resets == resets
+    assert flight.ekf2.source == "vision" and flight.ekf2.resets == resets
     flight.see = False
     flight.fly(2.0)
-    assert flight.vehicle.ekf2_model.source == "gps"
+    assert flight.ekf2.source == "gps"
 
 
 def test_the_estimate_is_as_good_as_the_motion_capture():
@@ -52,7 +53,12 @@ def test_gps_has_noise_of_its_own():
         flight.step()
         errors.append(error(flight))
     assert 0.008 < np.mean(errors) < 0.06
-    assert flight.vehicle.pose_variance[0] > hovering(vision=True).vehicle.pose_variance[0]
+    well = hovering(vision=True).vehicle
+    unsure = flight.vehicle
+    assert (
+        unsure.ekf2_model.pose_variance(unsure.tick)[0]
+        > well.ekf2_model.pose_variance(well.tick)[0]
+    )
 
 
 @pytest.mark.slow
@@ -206,7 +212,7 @@ def test_told_not_to_fuse_it_does_not():
     flight.vehicle.parameters.set("EKF2_EV_CTRL", 0)
     flight.see = True
     flight.fly(0.5)
-    assert set(flight.words) == {"not_fused"} and flight.vehicle.ekf2_model.source == "gps"
+    assert set(flight.words) == {"not_fused"} and flight.ekf2.source == "gps"
 
 
 @pytest.mark.parametrize(("control", "known"), [(1, False), (3, True), (8, False), (11, True)])
@@ -239,7 +245,7 @@ def test_one_wrong_pose_is_refused_and_changes_nothing():
     flight.fly(0.04)
     flight.mangle = None
     flight.fly(0.2)
-    assert flight.vehicle.ekf2_model.rejected > 0 and flight.vehicle.resets == 1
+    assert flight.ekf2.rejected > 0 and flight.ekf2.resets == 1
     assert error(flight) < 0.01
 
 
@@ -247,9 +253,9 @@ def test_a_motion_capture_that_stays_elsewhere_is_believed():
     flight = hovering(vision=True)
     flight.mangle = lambda p, q: (p + AWAY, q)
     flight.fly(0.9)
-    assert flight.vehicle.resets == 1
+    assert flight.ekf2.resets == 1
     flight.fly(0.4)
-    assert flight.vehicle.resets == 2
+    assert flight.ekf2.resets == 2
     assert flight.vehicle.estimate.position[0] == pytest.approx(flight.body[0] + 3.0, abs=0.1)
 
 
@@ -279,7 +285,7 @@ def test_after_the_time_that_is_set_it_descends_level_and_stops():
     flight.fly_until(lambda: bool(rows.append(flight.body) or not flight.vehicle.armed), 15.0)
     down = np.array(rows)
     assert down[:, 5].min() > -2.0 and np.linalg.norm(down[-1, :2]) < 1.0
-    assert flight.vehicle.landed == LandedState.ON_GROUND
+    assert flight.vehicle.landed == MavLandedState.ON_GROUND
 
 
 def test_found_again_it_goes_on():
@@ -301,7 +307,7 @@ def test_take_off_without_a_global_position_stays_at_the_top():
     flight.fly(9.0)
     assert flight.vehicle.mode == AUTO_TAKEOFF and flight.height == pytest.approx(1.5, abs=0.05)
     assert not flight.heard("not available")
-    flight.vehicle.set_origin()
+    flight.ekf2.origin_known = True
     flight.fly(0.1)
     assert flight.vehicle.mode == AUTO_HOLD
 

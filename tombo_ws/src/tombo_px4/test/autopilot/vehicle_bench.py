@@ -13,6 +13,7 @@ import numpy as np
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.records import numbers
 from tombo_flight.scenario import load_scenario, world_of
+from tombo_px4.autopilot.ekf2_model import Ekf2Model
 from tombo_px4.autopilot.offboard_setpoint import OffboardSetpoint
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.vehicle import Px4Vehicle
@@ -75,6 +76,16 @@ class Flight:
     def body(self) -> Array:
         """Position, velocity, attitude, rates (13), true."""
         return numbers(self.vehicle.simulator.plant.state)
+
+    @property
+    def rotors(self) -> Array:
+        """True rotor speeds (4) [rad/s]."""
+        return self.vehicle.simulator.plant.rotor_speed
+
+    @property
+    def ekf2(self) -> Ekf2Model:
+        """The estimator."""
+        return self.vehicle.ekf2_model
 
     @property
     def height(self) -> float:

@@ -93,9 +93,10 @@ class Lab:
             made.imu(ImuSample(arrival, stamp, 1, gyro, accel))
             place, attitude = self.as_px4(self.place, self.attitude)
             zero = np.zeros(3)
-            made.odometry(VehicleOdometry(arrival, stamp, 1, place, attitude, zero, zero, None, 0))
-        if self.estimator is not None:
-            made.estimator(self.estimator)
+            made.odometry.append(
+                VehicleOdometry(arrival, stamp, 1, place, attitude, zero, zero, None, 0)
+            )
+        made.estimator = self.estimator
         return made
 
     def findings(self, made=None):

@@ -49,7 +49,7 @@ class Vehicle:
             session.handle_ack(CommandAck(now, SET_MODE_COMMAND, 0))
         session.handle_ack(CommandAck(now, order.command, result))
         if result:
-            session.handle_status_text(
+            session.recent_texts.take(
                 StatusText(now, 2, "Arming denied: Resolve system health failures first")
             )
         elif order.mode is not None:
@@ -276,7 +276,7 @@ def test_a_mode_taken_by_somebody_else_is_reported_and_never_fought():
     flight = Flight().take_off()
     flight.vehicle.mode = POSCTL
     asked = len(flight.vehicle.received)
-    flight.session.handle_status_text(StatusText(flight.now, 4, "Pilot took over using sticks"))
+    flight.session.recent_texts.take(StatusText(flight.now, 4, "Pilot took over using sticks"))
     flight.until(Stage.EXTERNAL_MODE).run(20.0)
     assert len(flight.vehicle.received) == asked
     assert flight.stream == Stream.PRESENT
@@ -406,7 +406,7 @@ def test_a_mission_that_gives_up_on_the_ground_is_disarmed():
 def test_disarmed_in_flight_is_not_armed_again():
     flight = Flight().take_off()
     flight.vehicle.armed = False
-    flight.session.handle_status_text(
+    flight.session.recent_texts.take(
         StatusText(flight.now, 1, "Critical failure detected: terminate")
     )
     flight.until(Stage.GIVEN_UP).run(10.0)

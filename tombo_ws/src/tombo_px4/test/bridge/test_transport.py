@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import select
 import socket
 import termios
 import time
@@ -11,8 +12,7 @@ import pytest
 from tombo_dynamics.errors import InputError
 from tombo_px4.link import tcp, udp
 from tombo_px4.link.address import is_loopback, parse_peer, parse_url
-from tombo_px4.link.mavlink_link import COUNTED
-from tombo_px4.link.open_transport import open_transport
+from tombo_px4.link.mavlink_link import COUNTED, open_transport
 from tombo_px4.link.transport import RetryTimer, SendBuffer
 
 
@@ -474,7 +474,6 @@ def test_a_serial_port_that_is_none_is_refused(way, tmp_path):
 
 
 def test_an_outbox_takes_frames_whole_or_not_at_all():
-    out = SendBuffer()
     room, went = [0], bytearray()
 
     def write(data):
@@ -486,11 +485,14 @@ def test_an_outbox_takes_frames_whole_or_not_at_all():
         return len(part)
 
     frame = bytes(range(200))
-    taken = sum(out.push(frame, write) for _ in range(3000))
-    assert 1000 < taken < 3000 and out
-    room[0] = 10**9
-    out.flush(write)
-    assert went == frame * taken and not out
+    reader, writer = socket.socketpair()
+    with select.epoll() as watch, reader, writer:
+        out = SendBuffer(watch, writer.fileno(), write)
+        taken = sum(out.push(frame) for _ in range(3000))
+        assert 1000 < taken < 3000 and watch.poll(0)  # it waits for room
+        room[0] = 10**9
+        out.flush()
+        assert went == frame * taken and not watch.poll(0)
 
 
 def test_a_retry_is_not_put_off_by_a_clock_that_is_set_back():

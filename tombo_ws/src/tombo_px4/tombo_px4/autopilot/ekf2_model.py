@@ -78,11 +78,14 @@ class Ekf2Model:
         self._state_history: deque[_Fix] = deque(maxlen=8)
         self._newest_vision = -1
         self._last_vision = -(10**9)
-        self._last_fused = -(10**9)
+        self.fused_tick = -(10**9)
+        """When a sample was last used."""
         self._last_captured = -1
         self._refused_since = -1
-        self._source = ""
-        self._origin = False
+        self.source = ""
+        """What the position comes from: `vision`, `gps` or "" for nothing."""
+        self.origin_known = False
+        """The place of the map's origin on earth is known, as by SET_GPS_GLOBAL_ORIGIN."""
         self.attitude_ok = False
         self.fused = 0
         """Samples used."""
@@ -92,39 +95,25 @@ class Ekf2Model:
         """How often position and yaw have jumped to a source."""
         autopilot.state.position = 0.0
 
-    @property
-    def source(self) -> str:
-        """What the position comes from: `vision`, `gps` or "" for nothing."""
-        return self._source
-
-    @property
-    def last_fused(self) -> int:
-        """Tick at which a sample was last used."""
-        return self._last_fused
-
-    def set_origin(self) -> None:
-        """Take the place of the map's origin on earth as known, as SET_GPS_GLOBAL_ORIGIN does."""
-        self._origin = True
-
     def local_ok(self, tick: int) -> bool:
         """Return whether the position in map is known."""
         limit = self._parameters.get("EKF2_NOAID_TOUT") * 1e-3
-        return bool(self._source) and tick - self._last_fused <= limit
+        return bool(self.source) and tick - self.fused_tick <= limit
 
     def global_ok(self, tick: int) -> bool:
         """Return whether the position on earth is known."""
-        return self.local_ok(tick) and (self._origin or self._source == "gps")
+        return self.local_ok(tick) and (self.origin_known or self.source == "gps")
 
     def pose_variance(self, tick: int) -> tuple[float, ...]:
         """Return (6) of x, y, z [m^2], roll, pitch, yaw [rad^2]."""
-        since = min(max(tick - self._last_fused, 0) * TICK_S, 60.0)
-        noise = 0.01 if self._source == "vision" else self._parameters.get("EKF2_GPS_P_NOISE")
+        since = min(max(tick - self.fused_tick, 0) * TICK_S, 60.0)
+        noise = 0.01 if self.source == "vision" else self._parameters.get("EKF2_GPS_P_NOISE")
         place = noise**2 + (0.1 * since) ** 2
         return (place, place, place, _LEVEL_VARIANCE, _LEVEL_VARIANCE, _YAW_VARIANCE)
 
     def velocity_variance(self, tick: int) -> tuple[float, ...]:
         """Return (6) of velocity [m^2/s^2] and rates [rad^2/s^2]."""
-        since = min(max(tick - self._last_fused, 0) * TICK_S, 60.0)
+        since = min(max(tick - self.fused_tick, 0) * TICK_S, 60.0)
         speed = 0.02**2 + (0.1 * since) ** 2
         return (speed, speed, speed, _RATE_VARIANCE, _RATE_VARIANCE, _RATE_VARIANCE)
 
@@ -181,7 +170,7 @@ class Ekf2Model:
 
     def advance(self, simulator: Simulator, airborne: bool) -> None:
         """Carry the estimate on to the next tick, after the control loops."""
-        located = airborne and bool(self._source)
+        located = airborne and bool(self.source)
         predict(self._autopilots, simulator.accel, located)
 
     def _feel(self, force: Array) -> None:
@@ -231,7 +220,7 @@ class Ekf2Model:
             if not control & 1 or not (control & 2 or self._height_from_vision()):
                 return
             self._state_history.append(fix)
-        if source != self._source or not self.local_ok(tick):
+        if source != self.source or not self.local_ok(tick):
             self._change_source(fix, source, tick, airborne)
             return
         past = self._past(fix.captured)
@@ -259,7 +248,7 @@ class Ekf2Model:
         gap = fix.position - past.position
         if not control & 2 and self._parameters.get("EKF2_HGT_REF") != 3:
             gap[2] = 0.0
-        since = min((tick - self._last_fused) * TICK_S, 5.0)
+        since = min((tick - self.fused_tick) * TICK_S, 5.0)
         if float(np.abs(gap).max()) > self._innovation_gate(source) + 0.2 * since:
             return True
         if source != "vision" or not control & 8:
@@ -283,13 +272,13 @@ class Ekf2Model:
 
     def _change_source(self, fix: _Fix, source: str, tick: int, airborne: bool) -> None:
         """Begin with a source: none is in use, or it was lost, or this one is better."""
-        if source == "vision" and self._source == "gps" and airborne and self.local_ok(tick):
+        if source == "vision" and self.source == "gps" and airborne and self.local_ok(tick):
             # in flight only a vision that agrees takes over: the estimate must not jump
             gap = fix.position - self._autopilot.state.position
             if float(np.abs(gap).max()) > self._innovation_gate(source):
                 self.rejected += 1
                 return
-            self._source = source
+            self.source = source
             self._autopilot.observer.position_bandwidth = self._vision_bandwidth
             return
         if source == "vision" and len(self._state_history) < 3:
@@ -306,7 +295,7 @@ class Ekf2Model:
             first = self._state_history[0]
             time = max(fix.captured - first.captured, 1) * TICK_S
             velocity = np.clip((fix.position - first.position) / time, -10.0, 10.0)
-        elif airborne and self._source:
+        elif airborne and self.source:
             velocity = state.velocity.copy()
         late = (tick - fix.captured) * TICK_S
         state.position = fix.position + late * velocity
@@ -319,9 +308,9 @@ class Ekf2Model:
             _turn(attitude, yaw - heading_of(attitude))
         self._forget()
         store_history(self._autopilots, tick)
-        self._source = source
+        self.source = source
         self._refused_since = -1
-        self._last_fused = tick
+        self.fused_tick = tick
         self._last_captured = fix.captured
         if source == "vision":
             self._last_vision = tick
@@ -353,7 +342,7 @@ class Ekf2Model:
             if airborne:
                 bias[:2] = before + _SLOW_BIAS * (bias[:2] - before)
             self._last_captured = fix.captured
-            self._last_fused = tick
+            self.fused_tick = tick
             autopilot.mocap_time = fix.captured * TICK_S
             self.fused += 1
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from tombo_control.leg import hold_leg, straight_leg
 from tombo_control.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.arrays import Array
+from tombo_px4.autopilot.offboard_setpoint import ControlLevel, ResolvedSetpoint
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.bridge.modes import AUTO_LAND, AUTO_RTL, AUTO_TAKEOFF, Mode
 
@@ -17,15 +17,6 @@ _BELOW = 3.0
 """[m] the goal of a landing is below the vehicle's own ground, so that it is reached for sure."""
 _STILL = 0.3
 Point = tuple[float, float, float]
-
-
-class Reference(NamedTuple):
-    """Reference at one time."""
-
-    position: Array
-    velocity: Array
-    acceleration: Array
-    yaw: float
 
 
 class Navigator:
@@ -65,7 +56,7 @@ class Navigator:
 
     def follow(
         self, mode: Mode, now_s: float, position: Array, velocity: Array, yaw: float, home: Array
-    ) -> Reference:
+    ) -> ResolvedSetpoint:
         """Return the reference in `mode`; the first call in a mode begins its legs."""
         here: Point = (float(position[0]), float(position[1]), float(position[2]))
         if mode != self._mode:
@@ -81,7 +72,13 @@ class Navigator:
             now_s - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s
         )
         start, cruise = np.array(leg.start), np.array(leg.velocity)
-        return Reference(start + way * cruise, speed * cruise, change * cruise, self._yaw)
+        return ResolvedSetpoint(
+            ControlLevel.POSITION,
+            start + way * cruise,
+            speed * cruise,
+            change * cruise,
+            self._yaw,
+        )
 
     def _begin(self, mode: Mode, now_s: float, here: Point, velocity: Array, home: Array) -> None:
         get = self._parameters.get

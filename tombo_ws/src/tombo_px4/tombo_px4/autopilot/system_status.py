@@ -12,6 +12,7 @@ from tombo_px4.protocol.field_scaling import fitted
 if TYPE_CHECKING:
     from tombo_px4.autopilot.vehicle import Px4Vehicle
     from tombo_px4.protocol.results import Health
+    from tombo_px4.protocol.telemetry_snapshot import TelemetrySnapshot
 
 _STABILIZE = mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
 _AUTO = mavlink.MAV_MODE_FLAG_AUTO_ENABLED
@@ -43,24 +44,19 @@ def system_state(vehicle: Px4Vehicle) -> int:
     return int(mavlink.MAV_STATE_STANDBY)
 
 
-def system_status(mav: Any, vehicle: Px4Vehicle, health: Health, load: float) -> Any:
-    """Return SYS_STATUS; `load` is the share of the time that is used."""
-    present, healthy = _sensors(vehicle, health)
-    battery = vehicle.battery
+def system_status(mav: Any, p: TelemetrySnapshot) -> Any:
+    """Return SYS_STATUS."""
+    present, healthy = _sensors(p.vehicle, p.health)
+    battery = p.vehicle.battery
     return mav.sys_status_encode(
         present,
         present,
         healthy,
-        fitted(1000.0 * load, (0, 1000)),
+        fitted(1000.0 * p.load, (0, 1000)),
         fitted(1e3 * battery.voltage, (0, 65534), 65535),
         fitted(100.0 * battery.current, (0, 32767), -1),
         fitted(100.0 * battery.remaining, (0, 100), -1),
-        0,
-        0,
-        0,
-        0,
-        0,
-        0,
+        *(6 * [0]),
     )
 
 
@@ -86,7 +82,7 @@ def _sensors(vehicle: Px4Vehicle, health: Health) -> tuple[int, int]:
         sensors[mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE] = True
     if get("SYS_HAS_GPS"):
         sensors[mavlink.MAV_SYS_STATUS_SENSOR_GPS] = health.global_position
-    if vehicle.vision_source:
+    if vehicle.ekf2_model.source == "vision":
         sensors[mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION] = health.local_position
     present = sum(sensors)
     return present, sum(bit for bit, well in sensors.items() if well)

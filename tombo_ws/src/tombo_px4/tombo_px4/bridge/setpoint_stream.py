@@ -43,7 +43,10 @@ class SetpointStream:
         return True
 
     def rotation(self, wanted: Array, thrust: float, now_ns: int) -> bool:
-        """Take attitude (4) xyzw, or rates (3) [rad/s], and thrust [N]; False: refused."""
+        """Take attitude (4) xyzw, or rates (3) [rad/s], and thrust [N]; False: refused.
+
+        Which of the two it is says the parameter `setpoint`.
+        """
         if not math.isfinite(float(wanted.sum()) + thrust):
             return False
         if wanted.shape == (4,) and abs(float(wanted @ wanted) - 1.0) > _UNIT:

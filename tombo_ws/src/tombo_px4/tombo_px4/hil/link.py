@@ -10,7 +10,7 @@ import errno
 import math
 import select
 import socket
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from tombo_dynamics.errors import InputError
 from tombo_px4.link.framing import Findings, StreamFramer, decode
@@ -93,9 +93,7 @@ class HilLink:
         """Counts of received data other than actuator controls."""
         return {
             "heartbeats": self.heartbeats,
-            "garbage_bytes": self._findings.garbage_bytes,
-            "bad_checksum": self._findings.bad_checksum,
-            "unknown_message": self._findings.unknown_message,
+            **self._findings.counts(),
             "other_message": self._other,
             "refused_connections": self.refused,
         }
@@ -136,15 +134,10 @@ class HilLink:
                 self._other += 1
         return answers
 
-    def _take_command(self, message: object) -> None:
-        wanted = getattr(message, "param1", math.nan)
-        interval = float(getattr(message, "param2", math.nan))
-        if (
-            getattr(message, "command", 0) == _SET_MESSAGE_INTERVAL
-            and wanted == _HIL_STATE_QUATERNION
-            and math.isfinite(interval)
-        ):
-            self.interval_us = interval
+    def _take_command(self, message: Any) -> None:
+        asked = (message.command, message.param1) == (_SET_MESSAGE_INTERVAL, _HIL_STATE_QUATERNION)
+        if asked and math.isfinite(message.param2):
+            self.interval_us = message.param2
         else:
             self._other += 1
 

@@ -63,6 +63,14 @@ class Findings:
     unknown_message: int = 0
     tries: int = 0
 
+    def counts(self) -> dict[str, int]:
+        """Return the counts by name, without the measure of the work."""
+        return {
+            "garbage_bytes": self.garbage_bytes,
+            "bad_checksum": self.bad_checksum,
+            "unknown_message": self.unknown_message,
+        }
+
 
 def frames_of(datagram: bytes, findings: Findings) -> list[Frame]:
     """Return the frames of a datagram; no frame continues in the next datagram."""

@@ -13,11 +13,13 @@ from typing import Any, NamedTuple
 from pymavlink.dialects.v20 import common
 
 from tombo_dynamics.errors import InputError
-from tombo_px4.link.address import parse_peer, parse_url
+from tombo_px4.link.address import Address, Url, parse_peer, parse_url
 from tombo_px4.link.framing import Findings, Frame, StreamFramer, decode, frames_of
-from tombo_px4.link.open_transport import open_transport
+from tombo_px4.link.serial_port import SerialPort
 from tombo_px4.link.signing import SignatureVerifier, check_key
-from tombo_px4.link.transport import Clock, Packet
+from tombo_px4.link.tcp import TcpIn, TcpOut
+from tombo_px4.link.transport import Clock, Counters, Packet, Transport
+from tombo_px4.link.udp import UdpIn, UdpOut
 
 COUNTED = {
     "received": "messages let in",
@@ -43,6 +45,25 @@ _WORK_PER_MESSAGE = 4
 """Steps of work that one call may spend for each message it may return."""
 
 _BYTES_PER_STEP = 256
+
+
+def open_transport(
+    url: Url, clock: Clock, counters: Counters, allow_remote: bool, peer: Address | None
+) -> Transport:
+    """Open what the URL names.
+
+    Raises:
+        InputError: busy port, no such device, no such host.
+    """
+    if url.kind == "udpin":
+        return UdpIn(url, clock, counters, allow_remote, peer)
+    if url.kind == "udpout":
+        return UdpOut(url, clock, counters, allow_remote)
+    if url.kind == "tcpin":
+        return TcpIn(url, clock, counters, allow_remote)
+    if url.kind == "tcpout":
+        return TcpOut(url, clock)
+    return SerialPort(url, clock)
 
 
 class Received(NamedTuple):
@@ -188,9 +209,7 @@ class Link:
             )
             work -= 1 + len(packet.data) // _BYTES_PER_STEP + self._findings.tries - tries
         self.counters["received"] += len(received)
-        self.counters["garbage_bytes"] = self._findings.garbage_bytes
-        self.counters["bad_checksum"] = self._findings.bad_checksum
-        self.counters["unknown_message"] = self._findings.unknown_message
+        self.counters |= self._findings.counts()
         return received
 
     def send(self, message: Any, to: Any = None) -> bool:
@@ -234,9 +253,7 @@ class Link:
         if not packet.data:
             self._streams.pop(packet.peer, None)
             return []
-        framer = self._streams.get(packet.peer)
-        if framer is None:
-            framer = self._streams[packet.peer] = StreamFramer(self._findings)
+        framer = self._streams.setdefault(packet.peer, StreamFramer(self._findings))
         return framer.feed(packet.data)
 
     def _admit(self, frame: Frame) -> Any:

@@ -14,6 +14,7 @@ from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.bridge.bridge_params import MOCAP, ODOMETRY, VISION
 from tombo_px4.bridge.modes import Mode
 from tombo_px4.frames import (
+    euler,
     frd_from_flu,
     ned_from_enu,
     px4_pose_covariance,
@@ -61,7 +62,7 @@ def pose_message(
     upper = unknown(21) if covariance is None else px4_pose_covariance(covariance).tolist()
     stamp = stamp_ns // _MICRO
     if kind == VISION:
-        roll, pitch, yaw = _euler(q)
+        roll, pitch, yaw = euler(q.tolist())
         return mav.MAVLink_vision_position_estimate_message(
             stamp, north, east, down, roll, pitch, yaw, upper, 0
         )
@@ -188,15 +189,6 @@ def request_message(to: MessageTarget, number: int) -> Any:
 def read_parameter(to: MessageTarget, name: str) -> Any:
     """Ask for a parameter by name."""
     return mav.MAVLink_param_request_read_message(to.system, to.component, name.encode(), -1)
-
-
-def _euler(q: Array) -> tuple[float, float, float]:
-    """Return roll, pitch, yaw [rad] (Z-Y-X) of a quaternion wxyz, in its own frames."""
-    w, x, y, z = (float(v) for v in q)
-    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    pitch = math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0))
-    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return roll, pitch, yaw
 
 
 def _milliseconds(now_ns: int) -> int:

@@ -62,8 +62,6 @@ class ParameterReader:
     ) -> None:
         self.values: dict[str, float | int] = {}
         """Newest values from the vehicle."""
-        self.written: dict[str, float | int] = {}
-        """What was written, and confirmed by the vehicle."""
         self._changed: set[str] = set()
         self._names = list(dict.fromkeys([*names, *(writes or {})]))
         self._writes = dict(writes or {})
@@ -115,7 +113,6 @@ class ParameterReader:
         self._kinds[found.name] = found.kind
         wanted = self._writes.get(found.name)
         if wanted is not None and _same(found.value, wanted):
-            self.written[found.name] = found.value
             if self._write_tries.get(found.name):
                 self._changed.add(found.name)
             del self._writes[found.name]

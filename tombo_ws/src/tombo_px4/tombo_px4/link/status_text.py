@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from tombo_px4.bridge.decoded_messages import StatusText
+from dataclasses import dataclass, field
+
+from tombo_px4.bridge.decoded_messages import Refused, StatusText
 
 _FULL = 50
 """A piece of this length is followed by another."""
@@ -11,12 +13,12 @@ _MOST_TEXTS, _MOST_CHUNKS = 8, 8
 _GAP = "…"
 
 
+@dataclass
 class _PartialText:
-    def __init__(self, severity: int, arrival_ns: int) -> None:
-        self.severity = severity
-        self.arrival_ns = arrival_ns
-        self.chunks: dict[int, str] = {}
-        self.last: int | None = None
+    severity: int
+    arrival_ns: int
+    chunks: dict[int, str] = field(default_factory=dict)
+    last: int | None = None
 
     def whole(self) -> bool:
         return self.last is not None and len(self.chunks) == self.last + 1
@@ -37,8 +39,8 @@ class StatusTextAssembler:
 
     def take(
         self, severity: int, text: str, number: int, chunk: int, arrival_ns: int
-    ) -> StatusText | str | None:
-        """Take a piece; return the text once it is whole, or a word that refuses it.
+    ) -> StatusText | None:
+        """Take a piece; return the text once it is whole.
 
         Args:
             severity: MAV_SEVERITY.
@@ -46,15 +48,18 @@ class StatusTextAssembler:
             number: of the text; 0: it is whole in itself.
             chunk: place of the piece in it.
             arrival_ns: when it came.
+
+        Raises:
+            Refused: out of bounds, or too many texts are incomplete.
         """
         if not 0 <= severity <= 7:
-            return "range"
+            raise Refused("range")
         if number == 0:
             return StatusText(arrival_ns, severity, _printable(text))
         if chunk >= _MOST_CHUNKS:
-            return "range"
+            raise Refused("range")
         if number not in self._growing and len(self._growing) >= _MOST_TEXTS:
-            return "too_many"
+            raise Refused("too_many")
         growing = self._growing.setdefault(number, _PartialText(severity, arrival_ns))
         growing.chunks[chunk] = text
         if len(text) < _FULL:

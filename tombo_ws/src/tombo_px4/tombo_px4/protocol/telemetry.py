@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from tombo_px4.autopilot import sensor_messages as sensors
 from tombo_px4.autopilot.system_status import base_mode, system_state, system_status
+from tombo_px4.bridge.decoded_messages import MavLandedState
 from tombo_px4.bridge.modes import custom_mode
 from tombo_px4.frames import (
     GeoOrigin,
@@ -21,13 +22,12 @@ from tombo_px4.frames import (
 )
 from tombo_px4.protocol.field_scaling import centi, degrees_e7, fitted, heading, millimetres
 from tombo_px4.protocol.identity import ProtocolVersion, autopilot_version
-from tombo_px4.protocol.results import LandedState
 from tombo_px4.protocol.telemetry_snapshot import TelemetrySnapshot, numbers
 
 if TYPE_CHECKING:
     from tombo_px4.autopilot.vehicle import Px4Vehicle
 
-Builder = Callable[["Telemetry", Any, TelemetrySnapshot], Any]
+Builder = Callable[[Any, TelemetrySnapshot], Any]
 _NAN = math.nan
 _CELLS_UNUSED = 65535
 _UPPER_DIAGONAL = (0, 6, 11, 15, 18, 20)
@@ -59,14 +59,15 @@ class Telemetry:
         if self._tick != self._vehicle.tick:
             self._tick = self._vehicle.tick
             self._snapshot = TelemetrySnapshot(self._vehicle, self._origin)
-        return found[1](self, mav, self._snapshot)
+        self._snapshot.load, self._snapshot.unix_us = self.load, self.unix_us
+        return found[1](mav, self._snapshot)
 
     def forget(self) -> None:
         """Drop the snapshot: a command has changed the vehicle within the tick."""
         self._tick = -1
 
 
-def _heartbeat(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _heartbeat(mav: Any, p: TelemetrySnapshot) -> Any:
     v = p.vehicle
     return mav.heartbeat_encode(
         mavlink.MAV_TYPE_QUADROTOR,
@@ -77,29 +78,21 @@ def _heartbeat(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     )
 
 
-def _system_status(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
-    return system_status(mav, p.vehicle, p.health, self.load)
-
-
-def _system_time(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
-    return mav.system_time_encode(self.unix_us, p.boot_ms)
-
-
-def _attitude(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _attitude(mav: Any, p: TelemetrySnapshot) -> Any:
     return mav.attitude_encode(p.boot_ms, *p.angles, *p.rates)
 
 
-def _attitude_quaternion(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _attitude_quaternion(mav: Any, p: TelemetrySnapshot) -> Any:
     return mav.attitude_quaternion_encode(p.boot_ms, *p.attitude, *p.rates)
 
 
-def _local_position(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _local_position(mav: Any, p: TelemetrySnapshot) -> Any:
     if not p.health.local_position:
         return None
     return mav.local_position_ned_encode(p.boot_ms, *p.position, *p.velocity)
 
 
-def _global_position(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _global_position(mav: Any, p: TelemetrySnapshot) -> Any:
     if not p.health.global_position:
         return None
     latitude, longitude, altitude = p.globe
@@ -108,13 +101,13 @@ def _global_position(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
         degrees_e7(latitude),
         degrees_e7(longitude),
         millimetres(altitude),
-        millimetres(p.height - p.home_height),
+        millimetres(p.height_above_home),
         *(centi(v) for v in p.velocity),
         heading(p.heading_deg),
     )
 
 
-def _odometry(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _odometry(mav: Any, p: TelemetrySnapshot) -> Any:
     if not p.health.local_position:
         return None
     return mav.odometry_encode(
@@ -126,8 +119,8 @@ def _odometry(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
         *p.velocity,
         *p.rates,
         _diagonal(p.pose_variance),
-        _diagonal(p.vehicle.velocity_variance),
-        p.vehicle.resets % 256,
+        _diagonal(p.vehicle.ekf2_model.velocity_variance(p.vehicle.tick)),
+        p.vehicle.ekf2_model.resets % 256,
         mavlink.MAV_ESTIMATOR_TYPE_AUTOPILOT,
         100,
     )
@@ -141,23 +134,14 @@ def _diagonal(variances: Sequence[float]) -> list[float]:
     return upper
 
 
-def _highres_imu(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
-    return sensors.highres_imu(mav, p)
-
-
-def _gps_raw(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
-    return sensors.gps_raw(mav, p)
-
-
-def _altitude(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _altitude(mav: Any, p: TelemetrySnapshot) -> Any:
     if not p.health.local_position:
         return None
-    up = p.height
-    amsl = p.origin.altitude_m + up
-    return mav.altitude_encode(p.boot_us, amsl, amsl, up, up - p.home_height, _NAN, _NAN)
+    amsl = p.origin.altitude_m + p.height
+    return mav.altitude_encode(p.boot_us, amsl, amsl, p.height, p.height_above_home, _NAN, _NAN)
 
 
-def _vfr_hud(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _vfr_hud(mav: Any, p: TelemetrySnapshot) -> Any:
     north, east, down = p.velocity
     throttle = (
         sum(p.normalized_rotor_speeds) / len(p.normalized_rotor_speeds) if p.vehicle.armed else 0.0
@@ -172,7 +156,7 @@ def _vfr_hud(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     )
 
 
-def _servo_output(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _servo_output(mav: Any, p: TelemetrySnapshot) -> Any:
     if p.vehicle.armed:
         pulses = [
             fitted(1000.0 + 1000.0 * share, (1000, 2000)) for share in p.normalized_rotor_speeds
@@ -182,11 +166,11 @@ def _servo_output(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     return mav.servo_output_raw_encode(p.boot_us % 2**32, 0, *pulses, 0, 0, 0, 0)
 
 
-def _extended_state(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _extended_state(mav: Any, p: TelemetrySnapshot) -> Any:
     return mav.extended_sys_state_encode(mavlink.MAV_VTOL_STATE_UNDEFINED, int(p.vehicle.landed))
 
 
-def _battery_status(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _battery_status(mav: Any, p: TelemetrySnapshot) -> Any:
     battery = p.vehicle.battery
     cells = 3
     cell = fitted(1e3 * battery.voltage / cells, (0, 65534), _CELLS_UNUSED)
@@ -211,7 +195,7 @@ def _battery_status(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     )
 
 
-def _home_position(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _home_position(mav: Any, p: TelemetrySnapshot) -> Any:
     if not p.health.home:
         return None
     home = p.vehicle.home
@@ -223,7 +207,7 @@ def _home_position(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     )
 
 
-def _origin_message(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _origin_message(mav: Any, p: TelemetrySnapshot) -> Any:
     if not p.health.global_position:
         return None
     o = p.origin
@@ -231,16 +215,16 @@ def _origin_message(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     return mav.gps_global_origin_encode(*place, p.boot_us)
 
 
-def _attitude_target(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _attitude_target(mav: Any, p: TelemetrySnapshot) -> Any:
     if not p.vehicle.armed:
         return None
-    wanted = p.vehicle.attitude_setpoint
-    attitude = numbers(px4_quaternion(wanted.attitude))
-    rates = numbers(frd_from_flu(wanted.rates))
-    return mav.attitude_target_encode(p.boot_ms, 0, attitude, *rates, wanted.thrust)
+    attitude, rates, thrust = p.vehicle.attitude_setpoint
+    return mav.attitude_target_encode(
+        p.boot_ms, 0, px4_quaternion(attitude).tolist(), *frd_from_flu(rates).tolist(), thrust
+    )
 
 
-def _position_target(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _position_target(mav: Any, p: TelemetrySnapshot) -> Any:
     wanted = p.vehicle.position_setpoint
     if wanted is None:
         return None
@@ -257,7 +241,7 @@ def _position_target(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     )
 
 
-def _estimator_status(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _estimator_status(mav: Any, p: TelemetrySnapshot) -> Any:
     health = p.health
     flags = mavlink.ESTIMATOR_ATTITUDE if health.attitude else 0
     if health.local_position:
@@ -268,7 +252,7 @@ def _estimator_status(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
             | mavlink.ESTIMATOR_PRED_POS_HORIZ_REL
             | mavlink.ESTIMATOR_POS_VERT_ABS
         )
-    if not health.local_position or p.vehicle.landed == LandedState.ON_GROUND:
+    if not health.local_position or p.vehicle.landed == MavLandedState.ON_GROUND:
         flags |= mavlink.ESTIMATOR_CONST_POS_MODE  # PX4 sets it at rest as well
     if health.global_position:
         flags |= mavlink.ESTIMATOR_POS_HORIZ_ABS | mavlink.ESTIMATOR_PRED_POS_HORIZ_ABS
@@ -279,27 +263,11 @@ def _estimator_status(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     return mav.estimator_status_encode(p.boot_us, flags, *ratios, *accuracy)
 
 
-def _vibration(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
-    return mav.vibration_encode(p.boot_us, 0.0, 0.0, 0.0, 0, 0, 0)
-
-
-def _ground_truth(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
-    return sensors.ground_truth(mav, p)
-
-
-def _version(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
-    return autopilot_version(mav)
-
-
-def _protocol(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
-    return ProtocolVersion()
-
-
 _BUILDERS: dict[int, tuple[str, Builder]] = {
     0: ("HEARTBEAT", _heartbeat),
-    1: ("SYS_STATUS", _system_status),
-    2: ("SYSTEM_TIME", _system_time),
-    24: ("GPS_RAW_INT", _gps_raw),
+    1: ("SYS_STATUS", system_status),
+    2: ("SYSTEM_TIME", lambda mav, p: mav.system_time_encode(p.unix_us, p.boot_ms)),
+    24: ("GPS_RAW_INT", sensors.gps_raw),
     30: ("ATTITUDE", _attitude),
     31: ("ATTITUDE_QUATERNION", _attitude_quaternion),
     32: ("LOCAL_POSITION_NED", _local_position),
@@ -309,15 +277,15 @@ _BUILDERS: dict[int, tuple[str, Builder]] = {
     74: ("VFR_HUD", _vfr_hud),
     83: ("ATTITUDE_TARGET", _attitude_target),
     85: ("POSITION_TARGET_LOCAL_NED", _position_target),
-    105: ("HIGHRES_IMU", _highres_imu),
-    115: ("HIL_STATE_QUATERNION", _ground_truth),
+    105: ("HIGHRES_IMU", sensors.highres_imu),
+    115: ("HIL_STATE_QUATERNION", sensors.ground_truth),
     141: ("ALTITUDE", _altitude),
     147: ("BATTERY_STATUS", _battery_status),
-    148: ("AUTOPILOT_VERSION", _version),
+    148: ("AUTOPILOT_VERSION", lambda mav, p: autopilot_version(mav)),
     230: ("ESTIMATOR_STATUS", _estimator_status),
-    241: ("VIBRATION", _vibration),
+    241: ("VIBRATION", lambda mav, p: mav.vibration_encode(p.boot_us, 0.0, 0.0, 0.0, 0, 0, 0)),
     242: ("HOME_POSITION", _home_position),
     245: ("EXTENDED_SYS_STATE", _extended_state),
-    300: ("PROTOCOL_VERSION", _protocol),
+    300: ("PROTOCOL_VERSION", lambda mav, p: ProtocolVersion()),
     331: ("ODOMETRY", _odometry),
 }
