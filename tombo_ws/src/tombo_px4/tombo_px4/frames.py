@@ -33,6 +33,19 @@ def ned_from_enu(vector: ArrayLike) -> Array:
     return np.stack([v[..., 1], v[..., 0], -v[..., 2]], axis=-1)
 
 
+def quaternion_of_angles(roll: float, pitch: float, yaw: float) -> tuple[float, ...]:
+    """Return wxyz of roll, pitch and yaw [rad], turned in the order yaw, pitch, roll."""
+    cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
+    cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
+    cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
 enu_from_ned = ned_from_enu
 """Turns (..., 3) from NED into ENU axes."""
 

@@ -11,7 +11,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -45,7 +45,7 @@ from tombo_px4.bridge.modes import OFFBOARD, mode_name
 from tombo_px4.link.link_findings import link_faults
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.parameter_reader import parse_assignments
-from tombo_px4.link.signing import read_key
+from tombo_px4.link.signing import key_of
 from tombo_ros.conversion import array, to_ns, to_time
 from tombo_ros.health import ERROR, WARN
 from tombo_ros.node_loop import LoopNode, run
@@ -93,12 +93,7 @@ class Px4BridgeNode(LoopNode):
         if self.sim_time:
             raise InputError("use_sim_time: true; accepted: false, PX4 flies in real time")
         link = self.records["link"]
-        key = None
-        if link.key_file:
-            found = read_key(Path(link.key_file))
-            key = found.key
-            if found.warning:
-                self.health.fault("key_file", True, found.warning)
+        key = key_of(link.key_file, partial(self.health.fault, "key_file", True))
         mass = self.records["vehicle"].mass
         self._bridge = Bridge(self.records["px4"], link, mass, parse_assignments(writes))
         self._link = Link(
@@ -147,9 +142,8 @@ class Px4BridgeNode(LoopNode):
         self._accel = self._imu.field("linear_acceleration.x", 3)
         self._battery_out = self.advertise(BATTERY)
         self._estimator_out: Any = None
-        if (
-            self._attitude_or_rates_in is not None
-        ):  # the controller behind those set points asks for it
+        # the controller behind those set points asks for it
+        if self._attitude_or_rates_in is not None:
             self._estimator_out = self.advertise(ESTIMATOR_STATUS)
             self._estimator_ns = 0
         self._status_out = self.advertise(PX4_STATUS)
@@ -160,33 +154,27 @@ class Px4BridgeNode(LoopNode):
         except ImportError:
             return
         one = {"header": {"frame_id": "map"}, "child_frame_id": "base_link"}
-        self._tf_out, self._tf = (
-            self.advertise(TF),
-            MessageTemplate(TF.typename, {"transforms": [one]}),
-        )
+        self._tf_out = self.advertise(TF)
+        self._tf = MessageTemplate(TF.typename, {"transforms": [one]})
 
     # --- Services: called in their own thread, answered by the loop --------------------------
 
     def _serve_requests(self) -> None:
-        self.ros.create_service(SetBool, "px4/arm", self._arm)
-        for kind in ("land", "hold", "offboard"):
-            self.ros.create_service(Trigger, f"px4/{kind}", self._trigger(kind))
+        self._serve(SetBool, "arm", lambda request: "arm" if request.data else "disarm")
+        self._serve(Trigger, "land", lambda request: "land")
+        self._serve(Trigger, "hold", lambda request: "hold")
+        self._serve(Trigger, "offboard", lambda request: "offboard")
 
-    async def _arm(self, request: Any, response: Any) -> Any:
-        return await self._answered("arm" if request.data else "disarm", response)
+    def _serve(self, service: Any, name: str, kind_of: Callable[[Any], str]) -> None:
+        """Pass requests to the loop; it answers within some seconds, other calls go on."""
 
-    def _trigger(self, kind: str) -> Callable[[Any, Any], Any]:
         async def call(request: Any, response: Any) -> Any:
-            return await self._answered(kind, response)
+            future: Any = Future()
+            self._waiting.append((kind_of(request), future))
+            response.success, response.message = await future
+            return response
 
-        return call
-
-    async def _answered(self, kind: str, response: Any) -> Any:
-        """Pass a request to the loop; it answers within some seconds, other calls go on."""
-        future: Any = Future()
-        self._waiting.append((kind, future))
-        response.success, response.message = await future
-        return response
+        self.ros.create_service(service, f"px4/{name}", call)
 
     def _take_requests(self) -> None:
         while self._waiting:
@@ -348,11 +336,8 @@ class Px4BridgeNode(LoopNode):
         self._published_status, self._published_status_ns = told, now_ns
         message: Any = Px4Status()
         message.header.stamp, message.header.frame_id = to_time(now_ns), "map"
-        message.connected, message.armed, message.mode = (
-            status.connected,
-            status.armed,
-            status.mode,
-        )
+        message.connected, message.armed = status.connected, status.armed
+        message.mode = status.mode
         message.landed_state = int(status.landed)
         message.stage, message.why = status.stage.value, status.why
         message.offboard, message.ready = status.offboard, status.ready
@@ -396,25 +381,18 @@ class Px4BridgeNode(LoopNode):
             now_ns = time.monotonic_ns()
             if self._stops > told or now_ns > end_ns:
                 return
-            if (
-                now_ns - asked_ns > _ASK_AGAIN_NS
-                and not self._pending_requests
-                and self._in_offboard()
-            ):
+            # any mode but OFFBOARD was chosen by another station and is kept
+            ours = self._status.mode == mode_name(OFFBOARD)
+            if ours and now_ns - asked_ns > _ASK_AGAIN_NS and not self._pending_requests:
                 asked_ns = now_ns
                 grounded = self._status.landed == MavLandedState.ON_GROUND
-                self._pending_requests[self._bridge.request("disarm" if grounded else "land")] = (
-                    Future()
-                )
+                number = self._bridge.request("disarm" if grounded else "land")
+                self._pending_requests[number] = Future()
             self._link.wait(_LANDING_STEP_S)
             wall_ns = time.time_ns()
             self.step(wall_ns)
             self.periodic_tasks(wall_ns, wall_ns)
         time.sleep(_FLUSH_S)
-
-    def _in_offboard(self) -> bool:
-        """Whether PX4 is in OFFBOARD; any other mode was chosen by another station and is kept."""
-        return self._status.mode == mode_name(OFFBOARD)
 
     def _send_shutdown_command(self) -> None:
         """Send a last command, so that nothing arms late or is left to the fail-safe."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 from tombo_dynamics.errors import InputError
@@ -19,7 +19,7 @@ from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.bridge.modes import mode_name
 from tombo_px4.hil.hil_start_help import MOCAP_ONLY
 from tombo_px4.link.mavlink_link import Link
-from tombo_px4.link.signing import read_key
+from tombo_px4.link.signing import key_of
 from tombo_px4.protocol.endpoint import Endpoint
 from tombo_ros.node_loop import run
 from tombo_sim.vehicle_node import VehicleNode
@@ -65,7 +65,7 @@ class Px4SimNode(VehicleNode):
         self._warm_up()
         self.vehicle = Px4Vehicle(self.world, self.seed, table)
         self.attach_simulator(self.vehicle.simulator)
-        key = self._key(key_file)
+        key = key_of(key_file, partial(self.health.fault, "key_file", True))
         self._links = {
             kind: Link(
                 url,
@@ -84,19 +84,6 @@ class Px4SimNode(VehicleNode):
         self._began_ns: int | None = None
         """Time of tick 0."""
         self._slipped = 0
-
-    def _key(self, path: str) -> bytes | None:
-        """Return the signing key of a file; None without one.
-
-        Raises:
-            InputError: it can't be read, or is none.
-        """
-        if not path:
-            return None
-        key, warning = read_key(Path(path))
-        if warning:
-            self.health.fault("key_file", True, warning)
-        return key
 
     def _table(self) -> ParameterTable:
         """Declare PX4's parameters as `px4.NAME`; those of mocap alone are the default."""

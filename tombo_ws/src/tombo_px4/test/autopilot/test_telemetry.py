@@ -10,10 +10,9 @@ from pymavlink.generator.mavcrc import x25crc
 
 from tombo_dynamics.plant import set_state
 from tombo_px4.autopilot.parameters import ParameterTable
-from tombo_px4.autopilot.system_status import base_mode, system_state
 from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.frames import GeoOrigin
-from tombo_px4.protocol.telemetry import Telemetry
+from tombo_px4.protocol.telemetry import Telemetry, base_mode, system_state
 from tombo_px4.protocol.telemetry_snapshot import TelemetrySnapshot
 from tombo_sim.world import World
 

@@ -11,9 +11,9 @@ from tombo_dynamics.pose_check import PoseRefusal
 from tombo_dynamics.rotation import quaternion_multiply, rotate_vectors
 from tombo_px4.bridge.bridge_params import BridgeParams
 from tombo_px4.bridge.decoded_messages import EstimatorStatusFlags, ImuSample, VehicleOdometry
+from tombo_px4.bridge.parameter_findings import FindingSeverity
 from tombo_px4.bridge.pose_axes import explain_up, up_error
 from tombo_px4.bridge.preflight import Preflight
-from tombo_px4.bridge.preflight_finding import FindingSeverity
 from tombo_px4.link.timesync import TimeSync
 
 NOW = 1_763_700_000_000_000_000

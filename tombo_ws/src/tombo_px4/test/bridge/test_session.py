@@ -91,7 +91,8 @@ class Flight:
             self.streaming,
             self.blockers,
         )
-        out = self.session.tick(view)
+        out = Decision()
+        self.session.tick(view, out)
         for order in out.vehicle_commands:
             self.vehicle.command(order, self.now, self.session)
         self.events += out.events

@@ -23,7 +23,7 @@ from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.autopilot.offboard_setpoint import heading_of
 from tombo_px4.autopilot.parameters import ParameterTable
-from tombo_px4.frames import flu_from_frd
+from tombo_px4.frames import flu_from_frd, quaternion_of_angles
 from tombo_sim.simulator import Simulator
 
 _ALIGN_TICKS = 200
@@ -359,9 +359,8 @@ class Ekf2Model:
 def _upright(x: float, y: float, z: float) -> Array:
     """Return the attitude of yaw 0 in which body (x, y, z), of unit length, points up."""
     roll, pitch = math.atan2(y, z), math.asin(min(max(-x, -1.0), 1.0))
-    cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
-    cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
-    return np.array([sr * cp, cr * sp, -sr * sp, cr * cp])
+    w, *xyz = quaternion_of_angles(roll, pitch, 0.0)
+    return np.array([*xyz, w])
 
 
 def _turn(q: Array, yaw: float) -> None:

@@ -51,14 +51,8 @@ class SetpointController:
         autopilot.setpoint.yaw = heading_of(autopilot.state.attitude)
         self._yaw_rate = 0.0
 
-    def stop(self) -> None:
-        """Rotors off."""
-        self._stop_rotors()
-        self._autopilot.setpoint.thrust = 0.0
-        self.loops = (False, False, False)
-
     def idle(self, speed: float) -> None:
-        """Rotors at their idle speed, nothing controlled."""
+        """Rotors at a fixed speed [rad/s], 0: off; nothing controlled."""
         self._stop_rotors()
         setpoint = self._autopilot.setpoint
         setpoint.thrust = 0.0

@@ -102,7 +102,6 @@ class Px4Vehicle:
         self._resolved: ResolvedSetpoint | None = None
         self._refused = ""
         self._flown: ResolvedSetpoint | None = None
-        self._estimate: Estimate | None = None
         self._home: Array | None = None
         self.takeoff_state = TakeoffState.DISARMED
         """How far a take-off has come."""
@@ -168,10 +167,8 @@ class Px4Vehicle:
     @property
     def estimate(self) -> Estimate:
         """What the autopilot believes, at the present tick."""
-        if self._estimate is not None and self._estimate.stamp_ns == self.tick * TICK_NS:
-            return self._estimate
-        state = self._autopilot.state
-        self._estimate = Estimate(
+        state = self._state
+        return Estimate(
             self.tick * TICK_NS,
             state.position.copy(),
             state.velocity.copy(),
@@ -181,7 +178,6 @@ class Px4Vehicle:
             state.accel_bias.copy(),
             self.ekf2_model.fused_tick * TICK_NS,
         )
-        return self._estimate
 
     @property
     def health(self) -> Health:
@@ -400,7 +396,7 @@ class Px4Vehicle:
             self._was_mode = None
             if commander.mode != OFFBOARD:
                 self._resolved = None
-            self._setpoint_controller.stop()
+            self._setpoint_controller.idle(0.0)
             return
         mode = commander.mode
         self._descend_mode = mode == DESCEND

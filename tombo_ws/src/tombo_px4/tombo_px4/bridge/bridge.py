@@ -26,15 +26,13 @@ from tombo_px4.bridge.decoded_messages import MavLandedState
 from tombo_px4.bridge.modes import AUTO_LAND, OFFBOARD, mode_name
 from tombo_px4.bridge.offboard_session import (
     Decision,
-    Reply,
     Request,
     Session,
     SessionInput,
     Stage,
 )
-from tombo_px4.bridge.parameter_findings import HOVER, READ
+from tombo_px4.bridge.parameter_findings import HOVER, READ, Finding, FindingSeverity
 from tombo_px4.bridge.preflight import FROZEN, Preflight
-from tombo_px4.bridge.preflight_finding import Finding, FindingSeverity
 from tombo_px4.bridge.setpoint_stream import SetpointStream
 from tombo_px4.link import message_encoder
 from tombo_px4.link.command_transaction import VehicleCommand
@@ -83,8 +81,8 @@ class Status:
 
 
 @dataclass
-class BridgeOutput:
-    """Outputs of one tick."""
+class BridgeOutput(Decision):
+    """Outputs of one tick, besides those of the session."""
 
     messages: list[Any] = field(default_factory=list)
     """To be sent now."""
@@ -93,11 +91,6 @@ class BridgeOutput:
     imu: list[decoded.ImuSample] = field(default_factory=list)
     battery: list[decoded.Battery] = field(default_factory=list)
     texts: list[decoded.StatusText] = field(default_factory=list)
-    faults: dict[str, str] = field(default_factory=dict)
-    """Key -> what is wrong, for as long as it is."""
-    events: list[tuple[str, str]] = field(default_factory=list)
-    """Key and text of faults without a duration."""
-    replies: list[Reply] = field(default_factory=list)
     status: Status = field(default_factory=Status)
 
 
@@ -336,7 +329,7 @@ class Bridge:
         if now_ns - self._checked_ns >= _LOOK_NS:
             self._checked_ns = now_ns
             self.findings = self._check(now_ns, linked)
-        decision = self.session.tick(
+        self.session.tick(
             SessionInput(
                 now_ns,
                 self._heartbeat,
@@ -346,16 +339,14 @@ class Bridge:
                 self._present(now_ns) is not None,
                 tuple(f.text for f in self._blocking),
                 self._must_land(now_ns),
-            )
+            ),
+            out,
         )
-        for order in decision.vehicle_commands:
+        for order in out.vehicle_commands:
             out.messages.append(self._encode_command(order))
         self._housekeeping(now_ns, linked, out)
-        out.faults.update(decision.faults)
-        out.events += decision.events
-        out.replies += decision.replies
         present = self._present(now_ns)
-        message = self.stream.message(decision.stream, present, self.hover_thrust, now_ns)
+        message = self.stream.message(out.stream, present, self.hover_thrust, now_ns)
         if message is not None:
             out.messages.append(message)
         self._faults(now_ns, linked, out)
@@ -399,9 +390,7 @@ class Bridge:
         self.preflight.forget()
         self.parameters.forget()
         self.message_rates.clear()
-        decision = Decision()
-        self.session.clock_set_back(decision)
-        out.replies += decision.replies
+        self.session.clock_set_back(out)
 
     def _follow_link(self, now_ns: int) -> bool:
         """Return whether the vehicle is there."""

@@ -113,9 +113,9 @@ class Decision:
     stream: Stream = Stream.PRESENT
     vehicle_commands: list[VehicleCommand] = field(default_factory=list)
     faults: dict[str, str] = field(default_factory=dict)
-    """What is wrong now."""
+    """Key -> what is wrong, for as long as it is."""
     events: list[tuple[str, str]] = field(default_factory=list)
-    """What went wrong just now."""
+    """Key and text of what went wrong just now."""
     replies: list[Reply] = field(default_factory=list)
 
 
@@ -166,9 +166,8 @@ class Session:
         elif self._transaction is not None:
             self._transaction = CommandTransaction(self._transaction.order, _MODE_TRIES)
 
-    def tick(self, view: SessionInput) -> Decision:
-        """Decide."""
-        out = Decision()
+    def tick(self, view: SessionInput, out: Decision) -> None:
+        """Decide; the result is added to `out`."""
         heartbeat = view.heartbeat
         if view.streaming:
             self._stream_since_ns = self._stream_since_ns or view.now_ns
@@ -176,7 +175,7 @@ class Session:
             self._stream_since_ns = None
         if heartbeat is None or view.now_ns - heartbeat.arrival_ns > self._timeout_ns:
             self._on_link_down(view, out)
-            return out
+            return
         if self.stage in (Stage.WAITING, Stage.LINK_LOST):
             self._on_link_up(view, heartbeat)
         if view.fresh:
@@ -186,7 +185,6 @@ class Session:
         if self._request is None:
             self._advance(view, heartbeat, out)
         self._set_stream_and_faults(view, heartbeat, out)
-        return out
 
     def _update_mission(self, view: SessionInput, heartbeat: Heartbeat) -> None:
         """Allow arming again when the mission is on the ground, or when it is received first.

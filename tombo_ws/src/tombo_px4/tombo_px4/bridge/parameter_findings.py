@@ -1,10 +1,10 @@
-"""Checks of PX4's parameters for flying on motion capture."""
+"""Findings of the preflight checks, and those on PX4's parameters for flying on motion capture."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-
-from tombo_px4.bridge.preflight_finding import Finding, FindingSeverity
+from dataclasses import dataclass
+from enum import IntEnum
 
 EV_CTRL, EV_DELAY, HGT_REF = "EKF2_EV_CTRL", "EKF2_EV_DELAY", "EKF2_HGT_REF"
 DELAY_MAX, HOVER = "EKF2_DELAY_MAX", "MPC_THR_HOVER"
@@ -32,9 +32,28 @@ _HIGHEST_DELAY_MS = 30.0
 _SHORTEST_LOSS_S = 0.25
 _OFFBOARD_EXCEPTED = 4
 
-_WARNING = FindingSeverity.WARNING
-
 Values = Mapping[str, float | int]
+
+
+class FindingSeverity(IntEnum):
+    """Severity of a finding."""
+
+    ADVICE = 0
+    WARNING = 1
+    BLOCKS = 2
+    """The bridge does not arm while it exists."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What is wrong, why, and the remedy."""
+
+    key: str
+    text: str
+    weight: FindingSeverity = FindingSeverity.BLOCKS
+
+
+_WARNING = FindingSeverity.WARNING
 
 
 def parameter_findings(values: Values, system: int) -> Iterator[Finding]:

@@ -22,9 +22,14 @@ from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.bridge.bridge_params import MOCAP, BridgeParams
 from tombo_px4.bridge.decoded_messages import EstimatorStatusFlags, ImuSample, VehicleOdometry
 from tombo_px4.bridge.hand_rotation_check import MotionCheck
-from tombo_px4.bridge.parameter_findings import DELAY_MAX, EV_DELAY, parameter_findings
+from tombo_px4.bridge.parameter_findings import (
+    DELAY_MAX,
+    EV_DELAY,
+    Finding,
+    FindingSeverity,
+    parameter_findings,
+)
 from tombo_px4.bridge.pose_axes import explain_place, explain_up
-from tombo_px4.bridge.preflight_finding import Finding, FindingSeverity
 from tombo_px4.link.timesync import TimeSync
 
 FROZEN = "pose_frozen"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
@@ -37,12 +37,11 @@ _NAN = math.nan
 _MICRO, _MILLI = 1_000, 1_000_000
 
 
-class MessageTarget:
+class MessageTarget(NamedTuple):
     """System and component that the messages are for."""
 
-    def __init__(self, system: int, component: int) -> None:
-        self.system = system
-        self.component = component
+    system: int
+    component: int
 
 
 def pose_message(
@@ -102,8 +101,7 @@ def position_target(setpoint: PositionSetpoint, to: MessageTarget, now_ns: int) 
     """Return a set point of position, velocity and acceleration fed forward, and yaw."""
     return mav.MAVLink_set_position_target_local_ned_message(
         _milliseconds(now_ns),
-        to.system,
-        to.component,
+        *to,
         mav.MAV_FRAME_LOCAL_NED,
         POSITION_MASK,
         *ned_from_enu(setpoint.position).tolist(),
@@ -118,7 +116,7 @@ def attitude_target(attitude: Array, throttle: float, to: MessageTarget, now_ns:
     """Return a set point of attitude (4) xyzw, map from base_link, and throttle 0..1."""
     q = px4_quaternion(attitude).tolist()
     return mav.MAVLink_set_attitude_target_message(
-        _milliseconds(now_ns), to.system, to.component, ATTITUDE_MASK, q, 0.0, 0.0, 0.0, throttle
+        _milliseconds(now_ns), *to, ATTITUDE_MASK, q, 0.0, 0.0, 0.0, throttle
     )
 
 
@@ -127,8 +125,7 @@ def rates_target(rates: Array, throttle: float, to: MessageTarget, now_ns: int) 
     level = [1.0, 0.0, 0.0, 0.0]
     return mav.MAVLink_set_attitude_target_message(
         _milliseconds(now_ns),
-        to.system,
-        to.component,
+        *to,
         RATES_MASK,
         level,
         *frd_from_flu(rates).tolist(),
@@ -161,7 +158,7 @@ def timesync(times: tuple[int, int]) -> Any:
 def command(to: MessageTarget, number: int, *values: float) -> Any:
     """Return COMMAND_LONG with up to seven values, the rest 0."""
     padded = [*values, *((7 - len(values)) * [0.0])]
-    return mav.MAVLink_command_long_message(to.system, to.component, number, 0, *padded)
+    return mav.MAVLink_command_long_message(*to, number, 0, *padded)
 
 
 def set_mode(to: MessageTarget, mode: Mode) -> Any:
@@ -188,7 +185,7 @@ def request_message(to: MessageTarget, number: int) -> Any:
 
 def read_parameter(to: MessageTarget, name: str) -> Any:
     """Ask for a parameter by name."""
-    return mav.MAVLink_param_request_read_message(to.system, to.component, name.encode(), -1)
+    return mav.MAVLink_param_request_read_message(*to, name.encode(), -1)
 
 
 def _milliseconds(now_ns: int) -> int:

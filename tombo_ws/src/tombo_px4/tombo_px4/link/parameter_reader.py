@@ -150,9 +150,7 @@ class ParameterReader:
         value, kind = self._writes[name], self._kinds[name]
         if kind == _WHOLE:  # PX4 takes whole numbers by their bytes
             value = struct.unpack("<f", struct.pack("<i", round(value)))[0]
-        return mav.MAVLink_param_set_message(
-            self._to.system, self._to.component, name.encode(), value, kind
-        )
+        return mav.MAVLink_param_set_message(*self._to, name.encode(), value, kind)
 
 
 def _same(found: float | int, wanted: float) -> bool:

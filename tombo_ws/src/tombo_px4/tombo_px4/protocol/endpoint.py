@@ -43,9 +43,6 @@ class Endpoint:
             vehicle: at its present tick.
             links: with `onboard` or `ground`.
             homes: where each link sends to while nobody has spoken; none: as the link does.
-
-        Raises:
-            InputError: there is no such set of streams.
         """
         self.vehicle = vehicle
         self.origin = origin = GeoOrigin()

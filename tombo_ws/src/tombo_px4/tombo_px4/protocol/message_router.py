@@ -18,7 +18,6 @@ from tombo_px4.protocol.statustext import StatusTextSender
 from tombo_px4.protocol.telemetry import Telemetry
 from tombo_px4.protocol.unsupported_protocols import (
     MISSION_MESSAGES,
-    addressed,
     file_answer,
     mission_answer,
     no_logs,
@@ -120,8 +119,11 @@ class MessageRouter:
     def _note(self, reason: str) -> None:
         self._voice.note(reason, self._vehicle.boot_us)
 
-    def _for_us(self, message: Any) -> bool:
-        if addressed(message, self.system, self.component):
+    def _for_us(self, message: Any, or_all: bool = False) -> bool:
+        """Return whether it is for this vehicle: its system, and its component or all of them."""
+        systems = (self.system, _EVERYBODY) if or_all else (self.system,)
+        component = getattr(message, "target_component", _EVERYBODY)
+        if message.target_system in systems and component in (_EVERYBODY, self.component):
             return True
         self._note("addressed to another")
         return False
@@ -210,11 +212,7 @@ class MessageRouter:
     def _target(self, routed: RoutedMessage) -> None:
         message = routed.received.message
         kind = message.get_type()
-        if message.target_system not in (
-            _EVERYBODY,
-            self.system,
-        ) or message.target_component not in (_EVERYBODY, self.component):
-            self._note("addressed to another")
+        if not self._for_us(message, or_all=True):
             return
         vehicle = self._vehicle
         target = decode_setpoint(message, self._origin, vehicle.home, vehicle.boot_us)

@@ -26,12 +26,6 @@ MISSION_MESSAGES = (
 """Those that `mission_answer` knows; items of an upload that was refused are not answered."""
 
 
-def addressed(message: Any, system: int, component: int) -> bool:
-    """Return whether a message is for a vehicle: its system, its component or all of them."""
-    wanted = getattr(message, "target_component", 0)
-    return message.target_system == system and wanted in (0, component)
-
-
 def mission_answer(mav: Any, message: Any, system: int, component: int) -> Any:
     """Return the answer to a mission, fence or rally message: there are none, none are taken."""
     name = message.get_type()
