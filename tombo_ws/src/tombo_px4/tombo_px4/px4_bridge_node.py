@@ -7,10 +7,9 @@ and change modes, and answer when PX4's heartbeat says that it is so.
 from __future__ import annotations
 
 import re
-import sys
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -47,8 +46,9 @@ from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.parameter_reader import parse_assignments
 from tombo_px4.link.signing import key_of
 from tombo_ros.conversion import array, to_ns, to_time
+from tombo_ros.core_node import main_of
 from tombo_ros.health import ERROR, WARN
-from tombo_ros.node_loop import LoopNode, run
+from tombo_ros.node_loop import LoopNode
 from tombo_ros.pacing import ESTIMATOR
 from tombo_ros.topic import message_class
 
@@ -426,9 +426,7 @@ def _battery(battery: Battery) -> Any:
     return message
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Run the node."""
-    sys.exit(run(Px4BridgeNode, argv))
+main = main_of(Px4BridgeNode)
 
 
 if __name__ == "__main__":

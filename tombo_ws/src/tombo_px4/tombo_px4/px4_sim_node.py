@@ -6,9 +6,7 @@ are published in ROS only; PX4 gets them from the bridge. Real time only.
 
 from __future__ import annotations
 
-import sys
 import time
-from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -21,7 +19,7 @@ from tombo_px4.hil.hil_start_help import MOCAP_ONLY
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.signing import key_of
 from tombo_px4.protocol.endpoint import Endpoint
-from tombo_ros.node_loop import run
+from tombo_ros.core_node import main_of
 from tombo_sim.vehicle_node import VehicleNode
 
 _BEHIND_NS = 500_000_000
@@ -162,9 +160,7 @@ class Px4SimNode(VehicleNode):
             link.close()
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Run the node."""
-    sys.exit(run(Px4SimNode, argv))
+main = main_of(Px4SimNode)
 
 
 if __name__ == "__main__":

@@ -29,6 +29,7 @@ WELL = CommanderInput(
     roll=0.0,
     pitch=0.0,
 )
+MANUAL_MODES = (modes.MANUAL, modes.ALTCTL, modes.POSCTL, modes.ACRO, modes.STABILIZED)
 NO_GLOBAL = {"global_position": False}
 LOST = {"local_position": False, "global_position": False}
 
@@ -81,11 +82,7 @@ class Desk:
         (modes.AUTO_LAND, {}, "Mode not suitable for arming"),
         (modes.AUTO_RTL, {}, "Mode not suitable for arming"),
         (modes.AUTO_MISSION, {}, "No valid mission available"),
-        (modes.POSCTL, {}, "No manual control input"),
-        (modes.ALTCTL, {}, "No manual control input"),
-        (modes.STABILIZED, {}, "No manual control input"),
-        (modes.ACRO, {}, "No manual control input"),
-        (modes.MANUAL, {}, "No manual control input"),
+        *((mode, {}, "No manual control input") for mode in MANUAL_MODES),
         (modes.OFFBOARD, {}, ""),
         (modes.OFFBOARD, NO_GLOBAL, ""),
         (modes.OFFBOARD, {"signal_tick": -1}, "No offboard signal"),
@@ -128,19 +125,7 @@ def test_disarming_in_the_air_needs_force():
 
 # --- Modes -----------------------------------------------------------------------------------
 
-ALL_MODES = (
-    modes.MANUAL,
-    modes.ALTCTL,
-    modes.POSCTL,
-    modes.ACRO,
-    modes.STABILIZED,
-    modes.OFFBOARD,
-    modes.AUTO_TAKEOFF,
-    modes.AUTO_HOLD,
-    modes.AUTO_MISSION,
-    modes.AUTO_RTL,
-    modes.AUTO_LAND,
-)
+ALL_MODES = tuple(mode for mode in modes.MODE_NAMES if mode != modes.AUTO_READY)
 
 
 @pytest.mark.parametrize("mode", ALL_MODES)
@@ -155,12 +140,7 @@ def test_on_the_ground_any_mode_is_accepted(mode):
 @pytest.mark.parametrize(
     ("mode", "changes"),
     [
-        (modes.MANUAL, {}),
-        (modes.ALTCTL, {}),
-        (modes.POSCTL, {}),
-        (modes.ACRO, {}),
-        (modes.STABILIZED, {}),
-        (modes.AUTO_MISSION, {}),
+        *((mode, {}) for mode in (*MANUAL_MODES, modes.AUTO_MISSION)),
         (modes.OFFBOARD, {"signal_tick": -1}),
         (modes.AUTO_RTL, NO_GLOBAL),
         (modes.AUTO_HOLD, NO_GLOBAL),
@@ -214,10 +194,7 @@ def test_the_stream_is_lost_after_the_time_that_is_set():
 @pytest.mark.parametrize(
     ("action", "changes", "mode"),
     [
-        (0, {}, modes.AUTO_RTL),
-        (1, {}, modes.AUTO_RTL),
-        (2, {}, modes.AUTO_RTL),
-        (3, {}, modes.AUTO_RTL),
+        *((action, {}, modes.AUTO_RTL) for action in range(4)),
         (4, {}, modes.AUTO_LAND),
         (5, {}, modes.AUTO_HOLD),
         (0, NO_GLOBAL, modes.AUTO_LAND),

@@ -5,30 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tombo_px4.protocol.streams import StreamTable
+from tombo_px4.protocol.telemetry import _BUILDERS
 
-OFFERED = {
-    0: "HEARTBEAT",
-    1: "SYS_STATUS",
-    2: "SYSTEM_TIME",
-    24: "GPS_RAW_INT",
-    30: "ATTITUDE",
-    31: "ATTITUDE_QUATERNION",
-    32: "LOCAL_POSITION_NED",
-    33: "GLOBAL_POSITION_INT",
-    36: "SERVO_OUTPUT_RAW",
-    74: "VFR_HUD",
-    83: "ATTITUDE_TARGET",
-    85: "POSITION_TARGET_LOCAL_NED",
-    105: "HIGHRES_IMU",
-    115: "HIL_STATE_QUATERNION",
-    141: "ALTITUDE",
-    147: "BATTERY_STATUS",
-    230: "ESTIMATOR_STATUS",
-    241: "VIBRATION",
-    242: "HOME_POSITION",
-    245: "EXTENDED_SYS_STATE",
-    331: "ODOMETRY",
-}
+OFFERED = {number: name for number, (name, _) in _BUILDERS.items()}
 HEARTBEAT, ATTITUDE, TRUTH, BATTERY = 0, 30, 115, 147
 MEASURED_HZ = {
     "HEARTBEAT": 1,

@@ -6,13 +6,10 @@ import copy
 
 import numpy as np
 import pytest
-from vehicle_bench import GROUND, NAN, VISION, Flight, hovering, motion, ready
+from vehicle_bench import GROUND, NAN, Flight, hovering, motion, ready
 
-from tombo_flight.scenario import load_scenario, world_of
-from tombo_px4.autopilot.parameters import ParameterTable
-from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.bridge.decoded_messages import MavLandedState
-from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, AUTO_RTL, AUTO_TAKEOFF, OFFBOARD, POSCTL
+from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, AUTO_RTL, AUTO_TAKEOFF, OFFBOARD
 from tombo_px4.protocol.results import Result, TakeoffState
 
 pytestmark = pytest.mark.slow
@@ -20,8 +17,7 @@ pytestmark = pytest.mark.slow
 
 def taken_off() -> Flight:
     flight = ready()
-    flight.vehicle.takeoff()
-    flight.vehicle.arm()
+    flight.take_off()
     flight.fly(7.0)
     return flight
 
@@ -42,8 +38,7 @@ def test_at_boot_it_knows_nothing_and_says_so():
 def test_takes_off_and_holds(height):
     flight = ready()
     flight.vehicle.parameters.set("MIS_TAKEOFF_ALT", 3.0)
-    assert flight.vehicle.takeoff(height) == Result.ACCEPTED
-    assert flight.vehicle.arm() == Result.ACCEPTED
+    flight.take_off(height)
     assert flight.vehicle.landed == MavLandedState.ON_GROUND
     assert flight.fly(2.7)[:, 2].max() < GROUND  # spins up, then pushes ever harder
     flight.fly(1.0)
@@ -63,8 +58,7 @@ def test_rotors_idle_while_they_spin_up_and_stand_still_disarmed():
     flight = ready()
     flight.fly(0.2)
     assert flight.rotors.max() == 0.0
-    flight.vehicle.takeoff()
-    flight.vehicle.arm()
+    flight.take_off()
     flight.fly(0.5)
     assert flight.vehicle.takeoff_state == TakeoffState.SPOOLUP
     assert 50.0 < flight.rotors.min() <= flight.rotors.max() < 110.0
@@ -79,16 +73,6 @@ def test_hover_is_at_the_thrust_that_the_parameter_says():
         shares.append(flight.vehicle.thrust)
     hover = flight.vehicle.parameters.get("MPC_THR_HOVER")
     assert np.mean(shares) == pytest.approx(hover, rel=0.03)
-
-
-def test_armed_and_not_taken_off_it_disarms():
-    flight = ready()
-    flight.vehicle.arm()
-    flight.fly(9.8)
-    assert flight.vehicle.armed
-    flight.fly(0.5)
-    assert not flight.vehicle.armed and flight.heard("preflight")
-    assert flight.body[2] < GROUND
 
 
 def test_lands_and_disarms():
@@ -111,8 +95,7 @@ def test_flies_again_after_a_landing():
     flight = taken_off()
     flight.vehicle.land()
     flight.fly_until(lambda: not flight.vehicle.armed, 12.0)
-    flight.vehicle.takeoff(1.0)
-    assert flight.vehicle.arm() == Result.ACCEPTED
+    flight.take_off(1.0)
     flight.fly(7.0)
     assert flight.height == pytest.approx(1.0, abs=0.1)
 
@@ -122,9 +105,8 @@ def test_takes_off_again_without_disarming():
     flight.vehicle.parameters.set("COM_DISARM_LAND", -1.0)
     flight.target = motion([0, 0, -1.0], yaw=0.0)
     flight.fly_until(lambda: flight.vehicle.landed == MavLandedState.ON_GROUND, 8.0)
-    assert flight.vehicle.armed and flight.rotors.max() < 110.0
-    flight.target = motion([0, 0, 1.0], yaw=0.0)
-    flight.fly(6.0)
+    assert flight.vehicle.armed and flight.vehicle.normalized_rotor_speeds.max() < 0.134
+    flight.fly(6.0, motion([0, 0, 1.0], yaw=0.0))
     assert flight.vehicle.landed == MavLandedState.IN_AIR
     assert flight.body[2] == pytest.approx(1.0, abs=0.1)
 
@@ -144,8 +126,7 @@ def test_goes_to_a_place_and_returns_home():
 
 def test_home_is_where_it_was_armed_and_may_be_moved():
     flight = ready()
-    flight.vehicle.takeoff()
-    flight.vehicle.arm()
+    flight.take_off()
     np.testing.assert_allclose(flight.vehicle.home, flight.body[:3], atol=0.08)
     home = flight.vehicle.home
     flight.fly(5.0)
@@ -165,21 +146,12 @@ def test_disarmed_by_force_in_the_air_it_falls():
     assert rows[:, 5].min() < -3.0
 
 
-def test_modes_that_need_a_remote_control_are_refused_in_flight():
-    flight = taken_off()
-    assert flight.vehicle.set_mode(POSCTL) == Result.TEMPORARILY_REJECTED
-    assert flight.vehicle.mode == AUTO_HOLD
-    flight.step()
-    assert flight.heard("Switching to Position is currently not available")
-
-
 def test_battery_runs_down_in_flight_and_sends_it_home():
     flight = ready()
     table = flight.vehicle.parameters
     table.set("BAT1_CAPACITY", 30.0)
     table.set("COM_LOW_BAT_ACT", 3)
-    flight.vehicle.takeoff()
-    flight.vehicle.arm()
+    flight.take_off()
     flight.fly_until(lambda: flight.vehicle.mode == AUTO_RTL, 20.0)
     assert flight.vehicle.battery.remaining < table.get("BAT_CRIT_THR")
     assert flight.vehicle.failsafe and flight.heard("Critical battery")
@@ -189,11 +161,9 @@ def test_battery_runs_down_in_flight_and_sends_it_home():
 def run(seed: int) -> bytes:
     flight = Flight(seed=seed)
     flight.fly(1.5)
-    flight.vehicle.takeoff()
-    flight.vehicle.arm()
+    flight.take_off()
     rows = flight.fly(3.0)
-    flight.target = motion(velocity=[0.5, 0, 0])
-    flight.fly(0.2)
+    flight.fly(0.2, motion(velocity=[0.5, 0, 0]))
     flight.vehicle.set_mode(OFFBOARD)
     return rows.tobytes() + flight.fly(1.0).tobytes() + "".join(flight.said).encode()
 
@@ -213,11 +183,9 @@ def test_a_copy_flies_on_alone():
 
 def test_motion_capture_does_not_leak_into_the_estimate():
     """Without GPS and without a pose being sent it knows no position, whatever the mocap sees."""
-    table = ParameterTable()
-    for name, value in VISION.items():
-        table.set(name, value)
-    vehicle = Px4Vehicle(world_of(load_scenario("no_obstacle")), 1, table)
-    for _ in range(3000):
-        vehicle.step()
-    assert not vehicle.health.local_position and vehicle.ekf2_model.fused == 0
+    flight = Flight(vision=True)
+    flight.see = False
+    flight.fly(3.0)
+    vehicle = flight.vehicle
+    assert not vehicle.health.local_position and vehicle.ekf2_model.fused_tick < 0
     assert np.abs(vehicle.simulator.plant.state.position - vehicle.estimate.position).max() > 0.1

@@ -56,6 +56,8 @@ def obey(flight, call) -> None:
     name, *given_values = call
     if name == "wait":
         flight.fly(1e-3 * given_values[0])
+    elif name == "set_origin":
+        flight.ekf2.origin_known = True
     elif name == "vision":
         stamp, position, attitude = given_values
         if position is not None and attitude is not None:

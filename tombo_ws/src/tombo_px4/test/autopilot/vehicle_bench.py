@@ -18,20 +18,13 @@ from tombo_px4.autopilot.offboard_setpoint import OffboardSetpoint
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.bridge.modes import OFFBOARD
+from tombo_px4.hil.hil_start_help import MOCAP_ONLY
 from tombo_px4.protocol.results import Result
 
 NAN = math.nan
 GROUND = 0.185
 """Below this height [m] the vehicle stands."""
-VISION = {
-    "SYS_HAS_GPS": 0,
-    "SYS_HAS_MAG": 0,
-    "EKF2_GPS_CTRL": 0,
-    "EKF2_BARO_CTRL": 0,
-    "EKF2_MAG_TYPE": 5,
-    "EKF2_EV_CTRL": 11,
-    "EKF2_HGT_REF": 3,
-}
+VISION = MOCAP_ONLY
 """What a lab sets to fly on motion capture alone."""
 Mangle = Callable[[Array, Array], tuple[Array, Array]]
 
@@ -114,8 +107,9 @@ class Flight:
             word = vehicle.vision(stamp * 1000, position, attitude)
             self.words[word] = self.words.get(word, 0) + 1
 
-    def fly(self, seconds: float) -> Array:
-        """Go on; return the true state of each tick (N, 13)."""
+    def fly(self, seconds: float, target: OffboardSetpoint | None = None) -> Array:
+        """Go on, by another target if there is one; return the true state of each tick (N, 13)."""
+        self.target = target or self.target
         rows = np.empty((round(seconds * 1000), 13))
         for row in rows:
             self.step()
@@ -130,13 +124,20 @@ class Flight:
             self.step()
         raise AssertionError(f"not within {seconds} s; said: {self.said}")
 
-    def offboard(self, x: float = 0.0, y: float = 0.0, z: float = 2.0) -> None:
-        """Take off by set points and hold there."""
-        self.target = motion([x, y, z], yaw=0.0)
-        self.fly(0.1)
+    def arm_offboard(self, target: OffboardSetpoint) -> None:
+        """Begin to stream, change the mode and arm."""
+        self.fly(0.1, target)
         assert self.vehicle.set_mode(OFFBOARD) == Result.ACCEPTED
         self.fly(0.1)
         assert self.vehicle.arm() == Result.ACCEPTED, self.vehicle.take_status_texts()
+
+    def take_off(self, height: float | None = None) -> None:
+        """Ask for a take-off in AUTO, and arm."""
+        assert self.vehicle.takeoff(height) == self.vehicle.arm() == Result.ACCEPTED
+
+    def offboard(self, x: float = 0.0, y: float = 0.0, z: float = 2.0) -> None:
+        """Take off by set points and hold there."""
+        self.arm_offboard(motion([x, y, z], yaw=0.0))
         self.fly(8.0)
         assert np.linalg.norm(self.body[:3] - [x, y, z]) < 0.15, self.body[:3]
 

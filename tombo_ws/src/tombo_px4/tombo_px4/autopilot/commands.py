@@ -93,7 +93,7 @@ class CommandServer:
             mavlink.MAV_CMD_DO_CHANGE_SPEED: self._change_speed,
             mavlink.MAV_CMD_DO_SET_HOME: self._set_home,
             mavlink.MAV_CMD_DO_FLIGHTTERMINATION: self._terminate,
-            mavlink.MAV_CMD_MISSION_START: self._start_mission,
+            mavlink.MAV_CMD_MISSION_START: lambda c, s: _NO_MISSION,
             mavlink.MAV_CMD_RUN_PREARM_CHECKS: self._check,
             mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: self._reboot,
             mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_interval,
@@ -180,9 +180,6 @@ class CommandServer:
             return Result.ACCEPTED
         return self._vehicle.terminate()
 
-    def _start_mission(self, command: Command, streams: StreamTable) -> Result | CommandReply:
-        return CommandReply(Result.DENIED, text="mission refused: there is none")
-
     def _check(self, command: Command, streams: StreamTable) -> Result | CommandReply:
         if self._vehicle.armed:
             return Result.TEMPORARILY_REJECTED
@@ -218,3 +215,6 @@ class CommandServer:
 
 def _send(number: int) -> CommandReply:
     return CommandReply(Result.ACCEPTED, message=number)
+
+
+_NO_MISSION = CommandReply(Result.DENIED, text="mission refused: there is none")

@@ -87,8 +87,6 @@ class Ekf2Model:
         self.origin_known = False
         """The place of the map's origin on earth is known, as by SET_GPS_GLOBAL_ORIGIN."""
         self.attitude_ok = False
-        self.fused = 0
-        """Samples used."""
         self.rejected = 0
         """Samples refused by the gate."""
         self.resets = 0
@@ -228,7 +226,11 @@ class Ekf2Model:
             self.rejected += 1
             return
         if self._is_far(fix, source, control, past, tick):
-            self._refuse(fix, source, tick, airborne)
+            self.rejected += 1
+            if self._refused_since < 0:
+                self._refused_since = tick
+            elif tick - self._refused_since >= _RESET_TICKS:
+                self._reset(fix, source, tick, airborne)
             return
         self._refused_since = -1
         self._fuse(fix, control, tick, airborne)
@@ -263,13 +265,6 @@ class Ekf2Model:
             return max(5.0 * get("EKF2_GPS_P_NOISE"), 0.1) + 0.3
         return get("EKF2_EVP_GATE") * get("EKF2_EVP_NOISE")
 
-    def _refuse(self, fix: _Fix, source: str, tick: int, airborne: bool) -> None:
-        self.rejected += 1
-        if self._refused_since < 0:
-            self._refused_since = tick
-        elif tick - self._refused_since >= _RESET_TICKS:
-            self._reset(fix, source, tick, airborne)
-
     def _change_source(self, fix: _Fix, source: str, tick: int, airborne: bool) -> None:
         """Begin with a source: none is in use, or it was lost, or this one is better."""
         if source == "vision" and self.source == "gps" and airborne and self.local_ok(tick):
@@ -302,10 +297,9 @@ class Ekf2Model:
         state.velocity = velocity
         if not control & 2 and math.isfinite(self._height):
             state.position[2] = self._height
-        attitude = state.attitude
         yaw = fix.yaw if control & 8 else self._compass
         if math.isfinite(yaw):
-            _turn(attitude, yaw - heading_of(attitude))
+            _turn(state.attitude, yaw - heading_of(state.attitude))
         self._forget()
         store_history(self._autopilots, tick)
         self.source = source
@@ -344,7 +338,6 @@ class Ekf2Model:
             self._last_captured = fix.captured
             self.fused_tick = tick
             autopilot.mocap_time = fix.captured * TICK_S
-            self.fused += 1
 
     def _tilt_error(self, attitude: Array, airborne: bool) -> Array:
         """Return the turn (3), body frame, by which gravity says that the attitude is off."""

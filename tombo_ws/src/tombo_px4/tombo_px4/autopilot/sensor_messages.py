@@ -7,13 +7,14 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from tombo_dynamics.rotation import conjugate, rotate_vectors
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_px4.frames import frd_from_flu, px4_quaternion
-from tombo_px4.protocol.field_scaling import INT16, centi, degrees_e7, fitted, heading, millimetres
-from tombo_px4.protocol.telemetry_snapshot import TelemetrySnapshot, Vector, numbers
+from tombo_px4.frames import enu_from_ned, frd_from_flu, px4_quaternion
+from tombo_px4.protocol.field_scaling import INT16, centi, fitted, globe_fields, heading
+from tombo_px4.protocol.telemetry_snapshot import TelemetrySnapshot, numbers
 
-_EARTH_FIELD = (0.21, 0.01, 0.43)
-"""NED [gauss], Zurich."""
+_EARTH_FIELD = enu_from_ned((0.21, 0.01, 0.43))
+"""ENU [gauss], Zurich."""
 _SEA_LEVEL_HPA = 1013.25
 _GROUND_TEMPERATURE_C = 25.0
 _FIELDS = 0x3F | 0x1C0 | 0x200 | 0x800 | 0x1000
@@ -32,7 +33,7 @@ def highres_imu(mav: Any, p: TelemetrySnapshot) -> Any:
         p.boot_us,
         *force,
         *gyro,
-        *_field(numbers(px4_quaternion(p.truth[3:7]))),
+        *numbers(frd_from_flu(rotate_vectors(conjugate(p.truth[3:7]), _EARTH_FIELD))),
         pressure,
         0.0,
         height,
@@ -41,34 +42,17 @@ def highres_imu(mav: Any, p: TelemetrySnapshot) -> Any:
     )
 
 
-def _field(attitude: Vector) -> Vector:
-    """Return the earth's magnetic field in FRD, at an attitude wxyz."""
-    w, x, y, z = attitude
-    n, e, d = _EARTH_FIELD
-    # v + 2 u x (u x v + w v), with u = -(x, y, z): from the world into the body
-    ux, uy, uz = -x, -y, -z
-    tx, ty, tz = uy * d - uz * e + w * n, uz * n - ux * d + w * e, ux * e - uy * n + w * d
-    return [
-        n + 2.0 * (uy * tz - uz * ty),
-        e + 2.0 * (uz * tx - ux * tz),
-        d + 2.0 * (ux * ty - uy * tx),
-    ]
-
-
 def gps_raw(mav: Any, p: TelemetrySnapshot) -> Any:
     """Return GPS_RAW_INT, if there is a receiver."""
     if not p.vehicle.parameters.get("SYS_HAS_GPS"):
         return None
-    latitude, longitude, altitude = p.origin.global_of(p.truth[:3])
     north, east, _ = p.true_velocity
     speed = math.hypot(north, east)
     course = math.degrees(math.atan2(east, north)) % 360.0
     return mav.gps_raw_int_encode(
         p.boot_us,
         mavlink.GPS_FIX_TYPE_RTK_FIXED,
-        degrees_e7(latitude),
-        degrees_e7(longitude),
-        millimetres(altitude),
+        *globe_fields(p.origin.global_of(p.truth[:3])),
         _EPH,
         _EPH,
         fitted(100.0 * speed, (0, 65534), 65535),
@@ -80,15 +64,12 @@ def gps_raw(mav: Any, p: TelemetrySnapshot) -> Any:
 def ground_truth(mav: Any, p: TelemetrySnapshot) -> Any:
     """Return HIL_STATE_QUATERNION: the ground truth, as PX4's simulators send it."""
     truth = p.truth
-    latitude, longitude, altitude = p.origin.global_of(truth[:3])
     milli_g = 1000.0 / GRAVITY
     return mav.hil_state_quaternion_encode(
         p.boot_us,
         numbers(px4_quaternion(truth[3:7])),
         *numbers(frd_from_flu(truth[10:13])),
-        degrees_e7(latitude),
-        degrees_e7(longitude),
-        millimetres(altitude),
+        *globe_fields(p.origin.global_of(truth[:3])),
         *(centi(v) for v in p.true_velocity),
         0,
         0,

@@ -114,7 +114,7 @@ class Px4Vehicle:
         self._was_mode: Mode | None = None
         self._force = 1.0
         self._meter = BatteryMeter(world.vehicle.battery_voltage, parameters)
-        self._battery = Battery(world.vehicle.battery_voltage, 0.0, 1.0, 0)
+        self.battery = Battery(world.vehicle.battery_voltage, 0.0, 1.0, 0)
 
     @property
     def _state(self) -> State:
@@ -183,11 +183,6 @@ class Px4Vehicle:
     def health(self) -> Health:
         """What arming would be denied for."""
         return self._commander.health(self._commander_input())
-
-    @property
-    def battery(self) -> Battery:
-        """State of the battery."""
-        return self._battery
 
     @property
     def home(self) -> Array:
@@ -378,14 +373,14 @@ class Px4Vehicle:
             self._taken_off,
             self._signal_tick,
             self._kind,
-            self._battery,
+            self.battery,
             roll,
             pitch,
         )
 
     def _decide(self, tick: int) -> None:
         """Fifty times a second: battery, ground, mode, set points."""
-        self._battery = self._meter.draw(self.simulator.plant, POSITION_TICKS * TICK_S)
+        self.battery = self._meter.draw(self.simulator.plant, POSITION_TICKS * TICK_S)
         self._update_land_detector()
         commander = self._commander
         commander.update(self._commander_input())

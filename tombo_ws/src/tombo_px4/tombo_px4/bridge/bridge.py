@@ -131,7 +131,6 @@ class Bridge:
         """PX4's estimate may be relied on: the checks have passed, or it flies."""
         self._ready_ns: int | None = None
         self._frozen_ns: int | None = None
-        self._link = link
         self._target = MessageTarget(link.system, link.component)
         self.stream = SetpointStream(params, self._target, mass)
         self.parameters = ParameterReader(READ, self._target, writes)
@@ -178,7 +177,7 @@ class Bridge:
             decoded.TimesyncMessage: self._take_timesync,
             decoded.CommandAck: self.session.handle_ack,
             decoded.StatusText: self._say,
-            decoded.ExtendedSysState: self._take_landed_state,
+            decoded.ExtendedSysState: lambda found: setattr(self, "_landed", found.state),
             decoded.EstimatorStatusFlags: partial(setattr, self.preflight, "estimator"),
             decoded.ParameterValue: self.parameters.take,
             decoded.Battery: self._take_battery,
@@ -198,9 +197,6 @@ class Bridge:
             self._answers.append(found)
         else:
             self.sync.reply(found.tc1, found.ts1, found.arrival_ns)
-
-    def _take_landed_state(self, found: decoded.ExtendedSysState) -> None:
-        self._landed = found.state
 
     def _take_battery(self, found: decoded.Battery) -> None:
         self._battery_ns = found.arrival_ns
@@ -560,8 +556,7 @@ class Bridge:
 
     def metrics(self, now_ns: int) -> dict[str, Any]:
         """Return what `/diagnostics` shows beside the faults."""
-        sync = self.sync
-        heard = self._heartbeat
+        sync, heard, last = self.sync, self._heartbeat, self._odometry
         metrics: dict[str, Any] = {
             "mode": "" if heard is None else mode_name(heard.mode),
             "armed": heard is not None and heard.armed,
@@ -576,7 +571,9 @@ class Bridge:
             "mocap_latency_ms": round(1e3 * self.preflight.latency_s(now_ns), 2),
             "poses_sent": self.poses_sent,
             "setpoints_sent": self.stream.sent,
-            "odometry_latency_ms": self._odometry_latency_ms(),
+            "odometry_latency_ms": None
+            if last is None or last.stamp_ns is None
+            else round((last.arrival_ns - last.stamp_ns) * 1e-6, 2),
         }
         for why, count in self.poses_refused.items():
             metrics[f"poses_refused.{why}"] = count
@@ -599,9 +596,3 @@ class Bridge:
         if self._system is not None and self._system.checked:
             metrics["px4_ready"] = self._system.ready
         return metrics
-
-    def _odometry_latency_ms(self) -> float | None:
-        last = self._odometry
-        if last is None or last.stamp_ns is None:
-            return None
-        return round((last.arrival_ns - last.stamp_ns) * 1e-6, 2)

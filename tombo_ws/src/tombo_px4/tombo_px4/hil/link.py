@@ -84,11 +84,6 @@ class HilLink:
         return self._peer is not None
 
     @property
-    def waiting(self) -> int:
-        """Bytes that the socket has not taken yet."""
-        return len(self._unsent)
-
-    @property
     def counters(self) -> dict[str, int]:
         """Counts of received data other than actuator controls."""
         return {
@@ -97,10 +92,6 @@ class HilLink:
             "other_message": self._other,
             "refused_connections": self.refused,
         }
-
-    def fileno(self) -> int:
-        """Return what to select on: the connection, or the listener while there is none."""
-        return (self._peer or self._listener).fileno()
 
     def wait(self, timeout_s: float) -> None:
         """Sleep until something comes or the time is over."""

@@ -12,7 +12,7 @@ from tombo_dynamics.plant import Plant
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.frames import GeoOrigin, enu_from_ned, frd_from_flu, ned_from_enu, px4_quaternion
 from tombo_px4.hil.params import HilParams
-from tombo_px4.protocol.field_scaling import degrees_e7, fitted, millimetres
+from tombo_px4.protocol.field_scaling import fitted, globe_fields
 
 _STREAM = 4560
 """Key of the stream of chance: whatever else a seed decides stays as it is without this link."""
@@ -104,7 +104,7 @@ class HilSensors:
         return mav.hil_gps_encode(
             time_us,
             _FIX_3D,
-            *self._place(position),
+            *globe_fields(self.origin.global_of(position)),
             _EPH_CM,
             _EPV_CM,
             min(round(100.0 * speed), 65_534),
@@ -123,14 +123,9 @@ class HilSensors:
             time_us,
             px4_quaternion(plant.state.attitude).tolist(),
             *rates.tolist(),
-            *self._place(plant.state.position),
+            *globe_fields(self.origin.global_of(plant.state.position)),
             *(fitted(100.0 * v, _INT16) for v in ned_from_enu(plant.state.velocity).tolist()),
             air_speed,
             air_speed,
             *(fitted(to_milli_g * f, _INT16) for f in force.tolist()),
         )
-
-    def _place(self, position: Array) -> tuple[int, int, int]:
-        """Return latitude, longitude [1e-7 deg] and altitude [mm]."""
-        latitude, longitude, altitude = self.origin.global_of(position)
-        return degrees_e7(latitude), degrees_e7(longitude), millimetres(altitude)

@@ -84,11 +84,6 @@ class StreamFramer:
         self._findings = findings
         self._rest = b""
 
-    @property
-    def kept(self) -> int:
-        """Bytes that wait for the rest of their frame."""
-        return len(self._rest)
-
     def feed(self, piece: bytes) -> list[Frame]:
         """Take some more bytes; return the frames that are complete."""
         data = self._rest + piece

@@ -19,7 +19,7 @@ from tombo_px4.frames import (
     px4_yaw,
     px4_yaw_rate,
 )
-from tombo_px4.protocol.field_scaling import centi, degrees_e7, fitted, heading, millimetres
+from tombo_px4.protocol.field_scaling import centi, fitted, globe_fields, heading, millimetres
 from tombo_px4.protocol.identity import ProtocolVersion, autopilot_version
 from tombo_px4.protocol.telemetry_snapshot import TelemetrySnapshot, numbers
 
@@ -167,12 +167,9 @@ def _local_position(mav: Any, p: TelemetrySnapshot) -> Any:
 def _global_position(mav: Any, p: TelemetrySnapshot) -> Any:
     if not p.health.global_position:
         return None
-    latitude, longitude, altitude = p.globe
     return mav.global_position_int_encode(
         p.boot_ms,
-        degrees_e7(latitude),
-        degrees_e7(longitude),
-        millimetres(altitude),
+        *globe_fields(p.globe),
         millimetres(p.height_above_home),
         *(centi(v) for v in p.velocity),
         heading(p.heading_deg),
@@ -271,8 +268,7 @@ def _home_position(mav: Any, p: TelemetrySnapshot) -> Any:
     if not p.health.home:
         return None
     home = p.vehicle.home
-    latitude, longitude, altitude = p.origin.global_of(home)
-    place = (degrees_e7(latitude), degrees_e7(longitude), millimetres(altitude))
+    place = globe_fields(p.origin.global_of(home))
     local = numbers(ned_from_enu(home))
     return mav.home_position_encode(
         *place, *local, [1.0, 0.0, 0.0, 0.0], _NAN, _NAN, _NAN, p.boot_us
@@ -282,8 +278,7 @@ def _home_position(mav: Any, p: TelemetrySnapshot) -> Any:
 def _origin_message(mav: Any, p: TelemetrySnapshot) -> Any:
     if not p.health.global_position:
         return None
-    o = p.origin
-    place = (degrees_e7(o.latitude_deg), degrees_e7(o.longitude_deg), millimetres(o.altitude_m))
+    place = globe_fields(p.origin.global_of((0.0, 0.0, 0.0)))
     return mav.gps_global_origin_encode(*place, p.boot_us)
 
 

@@ -70,6 +70,8 @@ def _odometry(message: Any) -> VisionPose | str:
 
 
 def _pose(stamp_us: int, position: Sequence[float], attitude: Sequence[float]) -> VisionPose | str:
+    if not _finite(attitude):
+        return "attitude is not finite"
     if not _finite(position):
         return "position is not finite"
     if max(abs(p) for p in position) > _FARTHEST_M:
