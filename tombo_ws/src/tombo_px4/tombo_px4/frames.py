@@ -25,6 +25,8 @@ The first two turn counter-clockwise, seen from above (PX4 airframe reference, Q
 _EARTH_RADIUS_M = 6_371_000.0
 _HALF = math.sqrt(0.5)
 _UPPER = np.triu_indices(6)
+UPPER_DIAGONAL = [0, 6, 11, 15, 18, 20]
+"""Places of the diagonal in the upper triangle (21) of a covariance (6, 6)."""
 
 
 def ned_from_enu(vector: ArrayLike) -> Array:

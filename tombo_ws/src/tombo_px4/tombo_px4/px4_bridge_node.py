@@ -34,17 +34,18 @@ from tombo_bag.topics import (
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import PositionSetpoint
 from tombo_dynamics.pose_check import POSE_REFUSAL_TEXTS, PoseRefusal
-from tombo_dynamics.rotation import rotate_vectors
+from tombo_dynamics.rotation import conjugate, rotate_vectors
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_msgs.msg import Px4Status
 from tombo_px4.bridge.bridge import Bridge, BridgeOutput, Status
-from tombo_px4.bridge.bridge_params import ATTITUDE, POSITION, BridgeParams, LinkParams
+from tombo_px4.bridge.bridge_params import ATTITUDE, RATES, BridgeParams, LinkParams
 from tombo_px4.bridge.decoded_messages import Battery, ImuSample, MavLandedState, VehicleOdometry
 from tombo_px4.bridge.modes import OFFBOARD, mode_name
 from tombo_px4.link.link_findings import link_faults
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.parameter_reader import parse_assignments
 from tombo_px4.link.signing import key_of
+from tombo_px4.protocol.results import Severity
 from tombo_ros.conversion import array, to_ns, to_time
 from tombo_ros.core_node import main_of
 from tombo_ros.health import ERROR, WARN
@@ -65,7 +66,6 @@ _ASK_AGAIN_NS = 1_000_000_000
 _FLUSH_S = 0.1
 """Time for the last messages to be sent."""
 _ERROR_FAULTS = ("no_vehicle", "link_lost", "mode_taken", "given_up", "wrong_system")
-_ERROR_SEVERITY, _WARNING_SEVERITY = 3, 4
 _NUMBER = re.compile(r"[-+]?\d[\d.]*")
 
 
@@ -110,7 +110,9 @@ class Px4BridgeNode(LoopNode):
         self._pose_in = self.subscribe(MOCAP_POSE, depth=20)
         self._setpoint_in = self.subscribe(SETPOINT)
         self._setpoint_codec = MessageCodec(SETPOINT.typename)
-        self._attitude_or_rates_in = self._subscribe_attitude_or_rates()
+        rotations = {ATTITUDE: ATTITUDE_SETPOINT, RATES: RATES_SETPOINT}
+        topic = rotations.get(self.records["px4"].setpoint)
+        self._attitude_or_rates_in = None if topic is None else self.subscribe(topic, depth=20)
         self._make_outputs()
         self._waiting: deque[tuple[str, Any]] = deque()  # filled by the services' thread
         self._pending_requests: dict[int, Any] = {}
@@ -119,25 +121,16 @@ class Px4BridgeNode(LoopNode):
         self._published_status: tuple[Any, ...] = ()
         self._published_status_ns = 0
 
-    def _subscribe_attitude_or_rates(self) -> Any:
-        kind = self.records["px4"].setpoint
-        if kind == POSITION:
-            return None
-        return self.subscribe(ATTITUDE_SETPOINT if kind == ATTITUDE else RATES_SETPOINT, depth=20)
-
     def _make_outputs(self) -> None:
         self._odometry_out = self.advertise(ODOMETRY)
-        self._odometry = MessageTemplate(
-            ODOMETRY.typename, {"header": {"frame_id": "map"}, "child_frame_id": "base_link"}
-        )
+        frames = {"header": {"frame_id": "map"}, "child_frame_id": "base_link"}
+        self._odometry = MessageTemplate(ODOMETRY.typename, frames)
         self._pose_field = self._odometry.field("pose.pose.position.x", 7)
         self._covariance_field = self._odometry.field("pose.covariance", 36)
         self._twist_field = self._odometry.field("twist.twist.linear.x", 6)
         self._imu_out = self.advertise(IMU)
-        self._imu = MessageTemplate(
-            IMU.typename,
-            {"header": {"frame_id": "base_link"}, "orientation_covariance": [-1.0] + 8 * [0.0]},
-        )
+        unknown = {"orientation_covariance": [-1.0] + 8 * [0.0]}
+        self._imu = MessageTemplate(IMU.typename, {"header": {"frame_id": "base_link"}, **unknown})
         self._gyro = self._imu.field("angular_velocity.x", 3)
         self._accel = self._imu.field("linear_acceleration.x", 3)
         self._battery_out = self.advertise(BATTERY)
@@ -153,9 +146,8 @@ class Px4BridgeNode(LoopNode):
             message_class(TF.typename)
         except ImportError:
             return
-        one = {"header": {"frame_id": "map"}, "child_frame_id": "base_link"}
         self._tf_out = self.advertise(TF)
-        self._tf = MessageTemplate(TF.typename, {"transforms": [one]})
+        self._tf = MessageTemplate(TF.typename, {"transforms": [frames]})
 
     # --- Services: called in their own thread, answered by the loop --------------------------
 
@@ -260,9 +252,9 @@ class Px4BridgeNode(LoopNode):
         """Log texts, keep the faults, publish the status."""
         logger = self.ros.get_logger()
         for text in bridge_output.texts:
-            if text.severity <= _ERROR_SEVERITY:
+            if text.severity <= Severity.ERROR:
                 logger.error(f"PX4: {text.text}")
-            elif text.severity == _WARNING_SEVERITY:
+            elif text.severity == Severity.WARNING:
                 logger.warning(f"PX4: {text.text}")
             else:
                 logger.info(f"PX4: {text.text}")
@@ -287,8 +279,7 @@ class Px4BridgeNode(LoopNode):
         self._pose_field.put((*odometry.position, *odometry.attitude))
         covariance = odometry.pose_covariance
         self._covariance_field.put_array(np.zeros(36) if covariance is None else covariance)
-        x, y, z, w = odometry.attitude
-        moving = rotate_vectors(np.array([-x, -y, -z, w]), odometry.velocity)
+        moving = rotate_vectors(conjugate(odometry.attitude), odometry.velocity)
         self._twist_field.put((*moving, *odometry.rates))
         self._odometry_out.publish(message_template.data())
         if self._estimator_out is not None and odometry.stamp_ns - self._estimator_ns >= _TF_NS:

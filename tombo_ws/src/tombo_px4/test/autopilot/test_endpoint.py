@@ -173,48 +173,45 @@ def test_messages_with_its_own_ids_are_ignored(fresh):
     assert any("own ids" in t for t in texts(fresh.client.seen))
 
 
-def test_two_clients_of_a_link_each_get_their_answers(fresh):
-    other = Client(200, 1)
-    other.there = fresh.client.there
-    try:
-        fresh.run(0.1)
-        other.command(31000)
-        fresh.client.command(31001)
-        fresh.run(0.02)
-        for client, number in ((other, 31000), (fresh.client, 31001)):
-            client.collect()
-            acks = of(client.seen, "COMMAND_ACK")
-            assert [a.command for a in acks] == [number]
-    finally:
-        other.socket.close()
+@pytest.fixture
+def other(fresh):
+    """A second client of the link."""
+    made = Client(200, 1)
+    made.there = fresh.client.there
+    yield made
+    made.socket.close()
+
+
+def test_two_clients_of_a_link_each_get_their_answers(fresh, other):
+    fresh.run(0.1)
+    other.command(31000)
+    fresh.client.command(31001)
+    fresh.run(0.02)
+    for client, number in ((other, 31000), (fresh.client, 31001)):
+        client.collect()
+        assert [a.command for a in of(client.seen, "COMMAND_ACK")] == [number]
 
 
 @pytest.mark.slow
-def test_telemetry_stays_with_who_spoke_first_until_it_has_gone():
+def test_telemetry_stays_with_who_spoke_first_until_it_has_gone(fresh, other):
     def counts(seconds):
-        other.collect(), b.client.collect()
-        other.seen.clear(), b.client.seen.clear()
-        b.run(seconds)
+        other.collect(), fresh.client.collect()
+        other.seen.clear(), fresh.client.seen.clear()
+        fresh.run(seconds)
         other.collect()
-        return len(of(b.client.seen, "ATTITUDE")), len(of(other.seen, "ATTITUDE"))
+        return len(of(fresh.client.seen, "ATTITUDE")), len(of(other.seen, "ATTITUDE"))
 
-    with bench() as b:
-        other = Client(200, 1)
-        other.there = b.client.there
-        try:
-            assert counts(0.5) == (50, 0)  # nobody has spoken: to where it was told to send
-            b.client.command(31000)
-            b.run(0.1)
-            other.command(31000)
-            assert counts(0.5) == (50, 0)
-            b.run(5.0)
-            other.command(31000)
-            b.run(0.1)
-            assert counts(0.5) == (0, 50)
-            b.run(5.0)
-            assert counts(0.5) == (50, 0)
-        finally:
-            other.socket.close()
+    assert counts(0.5) == (50, 0)  # nobody has spoken: to where it was told to send
+    fresh.client.command(31000)
+    fresh.run(0.1)
+    other.command(31000)
+    assert counts(0.5) == (50, 0)
+    fresh.run(5.0)
+    other.command(31000)
+    fresh.run(0.1)
+    assert counts(0.5) == (0, 50)
+    fresh.run(5.0)
+    assert counts(0.5) == (50, 0)
 
 
 def test_a_client_that_vanishes_is_no_problem():

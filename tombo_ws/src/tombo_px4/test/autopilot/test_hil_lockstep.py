@@ -1,7 +1,5 @@
 """A scripted PX4 flies the simulator in lockstep: hovers, climbs, turns; then all goes wrong."""
 
-from __future__ import annotations
-
 import signal
 import socket
 import subprocess

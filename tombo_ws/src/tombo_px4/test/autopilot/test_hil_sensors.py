@@ -1,7 +1,5 @@
 """What PX4 is shown: every sign, frame and unit of the simulated sensors."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The table of parameters: PX4's names and types, what is refused, what is kept."""
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path

@@ -7,9 +7,9 @@ import pytest
 from endpoint_bench import bench, of
 from pymavlink.dialects.v20 import common as mavlink
 from pymavlink.generator.mavcrc import x25crc
+from vehicle_bench import table_with
 
 from tombo_dynamics.plant import set_state
-from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.frames import GeoOrigin
 from tombo_px4.protocol.telemetry import Telemetry
@@ -45,6 +45,18 @@ def tell(flying):
         return arrived
 
     return message
+
+
+def telemetry_of(**parameters):
+    """Telemetry of a vehicle at its start."""
+    vehicle = Px4Vehicle(World(), 0, table_with(**parameters))
+    return vehicle, Telemetry(vehicle, ORIGIN)
+
+
+def assert_packed(telemetry):
+    for number in telemetry.offered:
+        message = telemetry.message(number, MAV)
+        assert message is None or message.pack(MAV)
 
 
 @pytest.mark.slow
@@ -108,7 +120,7 @@ def test_the_odometry_has_velocity_in_the_world_and_rates_in_the_body(flying, te
 def test_the_odometry_tells_its_variances(flying, tell):
     o = tell("ODOMETRY")
     diagonal = [o.pose_covariance[i] for i in (0, 6, 11, 15, 18, 20)]
-    x, y, *rest = flying.vehicle.ekf2_model.pose_variance(flying.vehicle.tick)
+    x, y, *rest = flying.vehicle.ekf2_model.variances(flying.vehicle.tick)[0]
     assert diagonal == pytest.approx([y, x, *rest], rel=1e-5)
     assert all(v > 0 for v in diagonal)
     assert sum(1 for v in o.pose_covariance if not math.isnan(v)) == 6
@@ -116,9 +128,9 @@ def test_the_odometry_tells_its_variances(flying, tell):
 
 
 def test_variances_change_places_with_the_axes():
-    model = SimpleNamespace(pose_variance=lambda tick: (1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
+    model = SimpleNamespace(variances=lambda tick: ((1.0, 2.0, 3.0, 4.0, 5.0, 6.0), ()))
     stub = SimpleNamespace(ekf2_model=model, tick=0, boot_us=0)
-    assert TelemetrySnapshot(stub, ORIGIN).pose_variance == [2.0, 1.0, 3.0, 4.0, 5.0, 6.0]
+    assert TelemetrySnapshot(stub, ORIGIN).variances[0] == [2.0, 1.0, 3.0, 4.0, 5.0, 6.0]
 
 
 def test_the_globe_is_told_in_its_units(flying, tell):
@@ -233,32 +245,22 @@ def test_health_bits_follow_what_is_known():
         assert not of(b.run(1.0), "GPS_RAW_INT")
 
 
-def test_every_message_can_be_packed_from_the_first_tick_on():
-    for values in ({}, {"SYS_HAS_GPS": 0, "EKF2_GPS_CTRL": 0}):
-        table = ParameterTable()
-        for name, value in values.items():
-            table.set(name, value)
-        vehicle = Px4Vehicle(World(), 0, table)
-        telemetry = Telemetry(vehicle, ORIGIN)
-        for _ in range(3):
-            for number in telemetry.offered:
-                message = telemetry.message(number, MAV)
-                assert message is None or message.pack(MAV)
-            vehicle.step()
+@pytest.mark.parametrize("parameters", [{}, {"SYS_HAS_GPS": 0, "EKF2_GPS_CTRL": 0}])
+def test_every_message_can_be_packed_from_the_first_tick_on(parameters):
+    vehicle, telemetry = telemetry_of(**parameters)
+    for _ in range(3):
+        assert_packed(telemetry)
+        vehicle.step()
 
 
 def test_a_vehicle_that_is_nowhere_still_speaks():
-    vehicle = Px4Vehicle(World(), 0, ParameterTable())
-    telemetry = Telemetry(vehicle, ORIGIN)
+    vehicle, telemetry = telemetry_of()
     set_state(vehicle.simulator.plant.state, np.full(13, math.nan))
-    for number in telemetry.offered:
-        message = telemetry.message(number, MAV)
-        assert message is None or message.pack(MAV)
+    assert_packed(telemetry)
 
 
 def test_a_charge_beyond_the_field_is_held_at_its_bound():
-    vehicle = Px4Vehicle(World(), 0, ParameterTable())
-    telemetry = Telemetry(vehicle, ORIGIN)
+    vehicle, telemetry = telemetry_of()
     for voltage, current in ((1e6, 1e6), (math.nan, math.nan), (-5.0, -5.0)):
         vehicle.battery = vehicle.battery._replace(voltage=voltage, current=current)
         telemetry.forget()
@@ -267,11 +269,11 @@ def test_a_charge_beyond_the_field_is_held_at_its_bound():
 
 
 def test_an_unknown_message_is_none():
-    assert Telemetry(Px4Vehicle(World(), 0, ParameterTable()), ORIGIN).message(4242, MAV) is None
+    assert telemetry_of()[1].message(4242, MAV) is None
 
 
 def test_the_protocol_version_is_a_good_frame():
-    telemetry = Telemetry(Px4Vehicle(World(), 0, ParameterTable()), ORIGIN)
+    _, telemetry = telemetry_of()
     frame = telemetry.message(300, MAV).pack(MAV)
     length = frame[1]
     assert frame[0] == 0xFD and int.from_bytes(frame[7:10], "little") == 300

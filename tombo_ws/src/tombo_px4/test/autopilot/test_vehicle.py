@@ -1,7 +1,5 @@
 """The vehicle on its own: arms, takes off, holds, goes, returns, lands, disarms."""
 
-from __future__ import annotations
-
 import copy
 
 import numpy as np

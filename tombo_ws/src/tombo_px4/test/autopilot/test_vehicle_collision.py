@@ -1,7 +1,5 @@
 """The paper's collision flown in OFFBOARD: it recovers as the headless flight does."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

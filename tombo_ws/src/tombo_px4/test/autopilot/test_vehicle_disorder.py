@@ -1,7 +1,5 @@
 """Whatever is commanded, in whatever order: no exception, no NaN, still rotors when disarmed."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

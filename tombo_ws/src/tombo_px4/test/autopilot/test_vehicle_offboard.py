@@ -1,7 +1,5 @@
 """Set points from outside: what the vehicle makes of each kind, and what without them."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

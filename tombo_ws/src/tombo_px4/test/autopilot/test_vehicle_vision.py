@@ -1,7 +1,5 @@
 """Flying on motion capture: late poses, wrong frames, lost and found, and what is refused."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -54,7 +52,7 @@ def test_the_estimate_is_as_good_as_the_motion_capture():
 def test_gps_has_noise_of_its_own():
     flight, well = hovering(), hovering(vision=True)
     assert 0.008 < np.mean(errors_of(flight)) < 0.06
-    own, better = (f.ekf2.pose_variance(f.vehicle.tick)[0] for f in (flight, well))
+    own, better = (f.ekf2.variances(f.vehicle.tick)[0][0] for f in (flight, well))
     assert own > better
 
 

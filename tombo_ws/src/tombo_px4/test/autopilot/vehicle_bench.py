@@ -29,6 +29,13 @@ VISION = MOCAP_ONLY
 Mangle = Callable[[Array, Array], tuple[Array, Array]]
 
 
+def table_with(**values: float) -> ParameterTable:
+    """The autopilot's parameters, some of them changed."""
+    table = ParameterTable()
+    assert {table.set(*value) for value in values.items()} <= {""}
+    return table
+
+
 def motion(
     position: Any = None, velocity: Any = None, push: Any = None, **rest: Any
 ) -> OffboardSetpoint:
@@ -48,9 +55,7 @@ class Flight:
         settings: Sequence[str] = (),
         **values: float,
     ) -> None:
-        table = ParameterTable()
-        for name, value in {**(VISION if vision else {}), **values}.items():
-            assert table.set(name, value) == ""
+        table = table_with(**{**(VISION if vision else {}), **values})
         self.vehicle = Px4Vehicle(world_of(load_scenario(scenario, settings)), seed, table)
         self.target: OffboardSetpoint | None = None
         self.period = 50
@@ -92,7 +97,7 @@ class Flight:
         if self.target is not None and vehicle.tick % self.period == 0:
             vehicle.target(self.target)
         vehicle.step()
-        self.said += [status.text for status in vehicle.take_status_texts()]
+        self.said += [text for _, text in vehicle.take_status_texts()]
 
     def _send_vision(self) -> None:
         vehicle = self.vehicle

@@ -224,19 +224,19 @@ def test_system_status_tells_px4s_own_checks(decoder):
 
 
 def test_landed_states(decoder):
-    assert (
-        read(decoder, mav.MAVLink_extended_sys_state_message(0, 2)).state == MavLandedState.IN_AIR
-    )
+    assert read(decoder, mav.MAVLink_extended_sys_state_message(0, 2)) == MavLandedState.IN_AIR
     assert read(decoder, mav.MAVLink_extended_sys_state_message(0, 99)) is None
     assert sum(decoder.refused.values()) == 1
 
 
 def test_acks_for_others_are_not_ours(decoder):
-    found = read(decoder, mav.MAVLink_command_ack_message(176, 1))
+    def ack(*target):
+        return read(decoder, mav.MAVLink_command_ack_message(176, 1, 0, 0, *target))
+
+    found = ack()
     assert (found.command, found.result) == (176, 1)
-    assert read(decoder, mav.MAVLink_command_ack_message(176, 1, 0, 0, 245, 191)) is not None
-    assert read(decoder, mav.MAVLink_command_ack_message(176, 1, 0, 0, 255, 191)) is None
-    assert read(decoder, mav.MAVLink_command_ack_message(176, 1, 0, 0, 245, 190)) is None
+    assert ack(245, 191) is not None
+    assert ack(255, 191) is ack(245, 190) is None
     assert decoder.refused["COMMAND_ACK.not_for_us"] == 2
 
 

@@ -187,11 +187,6 @@ class Commander:
         self._select_mode(now)
         return Result.ACCEPTED
 
-    def switch_if_allowed(self, mode: Mode, now: CommanderInput) -> None:
-        """Change to the mode that follows by itself; stay silently if it cannot be flown."""
-        if not self.missing(mode, now):
-            self.set_mode(mode, now)
-
     def terminate(self, now: CommanderInput) -> Result:
         """Stop the rotors for good."""
         if not self.armed:
@@ -231,31 +226,25 @@ class Commander:
         mode = self._available_mode(wanted, now)
         failsafe = mode != self.user_intended_mode
         if failsafe and (not self.failsafe or mode != self.mode):
-            self._say(
-                Severity.CRITICAL,
-                f"Failsafe activated: {cause or self.missing(wanted, now)}, {_TITLES[mode]}",
-            )
+            cause = cause or self.missing(wanted, now)
+            self._say(Severity.CRITICAL, f"Failsafe activated: {cause}, {_TITLES[mode]}")
         elif self.failsafe and not failsafe:
             self._say(Severity.NOTICE, f"Failsafe cleared, {_TITLES[mode]}")
         self.mode, self.failsafe = mode, failsafe
 
     def _fallback(self, user_intended_mode: Mode, now: CommanderInput) -> Mode:
-        if user_intended_mode == OFFBOARD and self.signal_lost(now):
-            action = int(self._parameters.get("COM_OBL_RC_ACT"))
-            chosen = {4: AUTO_LAND, 5: AUTO_HOLD, 6: TERMINATE, 7: TERMINATE}.get(action)
-            # modes that need a remote control fall back to return: there is none
-            return AUTO_RTL if chosen is None else chosen
-        return AUTO_RTL
+        if user_intended_mode != OFFBOARD or not self.signal_lost(now):
+            return AUTO_RTL
+        action = int(self._parameters.get("COM_OBL_RC_ACT"))
+        # modes that need a remote control fall back to return: there is none
+        return {4: AUTO_LAND, 5: AUTO_HOLD, 6: TERMINATE, 7: TERMINATE}.get(action, AUTO_RTL)
 
     def _available_mode(self, wanted: Mode, now: CommanderInput) -> Mode:
         """Return the mode, or else the first of return, land, descend that can be flown."""
         if wanted == TERMINATE:
             return wanted
         left = (AUTO_LAND,) if wanted == AUTO_LAND else (wanted, AUTO_RTL, AUTO_LAND)
-        for mode in left:
-            if not self.missing(mode, now):
-                return mode
-        return DESCEND
+        return next((mode for mode in left if not self.missing(mode, now)), DESCEND)
 
     def _disarm_by_itself(self, now: CommanderInput) -> None:
         get = self._parameters.get

@@ -102,18 +102,19 @@ class Ekf2Model:
         """Return whether the position on earth is known."""
         return self.local_ok(tick) and (self.origin_known or self.source == "gps")
 
-    def pose_variance(self, tick: int) -> tuple[float, ...]:
-        """Return (6) of x, y, z [m^2], roll, pitch, yaw [rad^2]."""
-        since = min(max(tick - self.fused_tick, 0) * TICK_S, 60.0)
-        noise = 0.01 if self.source == "vision" else self._parameters.get("EKF2_GPS_P_NOISE")
-        place = noise**2 + (0.1 * since) ** 2
-        return (place, place, place, _LEVEL_VARIANCE, _LEVEL_VARIANCE, _YAW_VARIANCE)
+    def variances(self, tick: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Return those of the pose and of the motion.
 
-    def velocity_variance(self, tick: int) -> tuple[float, ...]:
-        """Return (6) of velocity [m^2/s^2] and rates [rad^2/s^2]."""
-        since = min(max(tick - self.fused_tick, 0) * TICK_S, 60.0)
-        speed = 0.02**2 + (0.1 * since) ** 2
-        return (speed, speed, speed, _RATE_VARIANCE, _RATE_VARIANCE, _RATE_VARIANCE)
+        (6) of x, y, z [m^2], roll, pitch, yaw [rad^2]; (6) of velocity [m^2/s^2] and rates
+        [rad^2/s^2].
+        """
+        drift = (0.1 * min(max(tick - self.fused_tick, 0) * TICK_S, 60.0)) ** 2
+        noise = 0.01 if self.source == "vision" else self._parameters.get("EKF2_GPS_P_NOISE")
+        place, speed = noise**2 + drift, 0.02**2 + drift
+        return (
+            (place, place, place, _LEVEL_VARIANCE, _LEVEL_VARIANCE, _YAW_VARIANCE),
+            (speed, speed, speed, _RATE_VARIANCE, _RATE_VARIANCE, _RATE_VARIANCE),
+        )
 
     def vision(self, tick: int, boot_us: int, position: Array, attitude: Array) -> str:
         """Take a pose from outside; "" or why it is refused: see `Px4Vehicle.vision`."""
@@ -215,7 +216,8 @@ class Ekf2Model:
                 return
         control = int(get("EKF2_EV_CTRL")) if source == "vision" else 15
         if source == "vision":
-            if not control & 1 or not (control & 2 or self._height_from_vision()):
+            height = control & 2 or math.isfinite(self._height) or get("EKF2_HGT_REF") == 3
+            if not control & 1 or not height:
                 return
             self._state_history.append(fix)
         if source != self.source or not self.local_ok(tick):
@@ -236,9 +238,6 @@ class Ekf2Model:
         self._fuse(fix, control, tick, airborne)
         if source == "vision":
             self._last_vision = tick
-
-    def _height_from_vision(self) -> bool:
-        return math.isfinite(self._height) or self._parameters.get("EKF2_HGT_REF") == 3
 
     def _past(self, tick: int) -> PoseAtTick:
         """Return the estimate of a tick, or of another that has its place in the history."""

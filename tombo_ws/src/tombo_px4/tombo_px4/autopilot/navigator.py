@@ -68,9 +68,8 @@ class Navigator:
             self._goal = None
         self._go_on(mode, now_s, here, velocity, home)
         leg = self._leg
-        way, speed, change = trapezoidal_profile(
-            now_s - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s
-        )
+        whole_s = leg.end_s - leg.begin_s
+        way, speed, change = trapezoidal_profile(now_s - leg.begin_s, whole_s, leg.ramp_s)
         start, cruise = np.array(leg.start), np.array(leg.velocity)
         return ResolvedSetpoint(
             ControlLevel.POSITION,

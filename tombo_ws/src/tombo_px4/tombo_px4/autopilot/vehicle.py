@@ -44,7 +44,6 @@ from tombo_px4.protocol.results import (
     Health,
     Result,
     Severity,
-    StatusText,
     TakeoffState,
 )
 from tombo_sim.simulator import Simulator
@@ -96,7 +95,7 @@ class Px4Vehicle:
         self._commander = Commander(parameters, self._say)
         self._navigator = Navigator(parameters)
         self._ground = LandDetector()
-        self._status_texts: list[StatusText] = []
+        self._status_texts: list[tuple[Severity, str]] = []
         self._signal_tick = -1
         self._kind = ControlLevel.POSITION
         self._resolved: ResolvedSetpoint | None = None
@@ -218,8 +217,8 @@ class Px4Vehicle:
             return None
         return replace(flown, yaw=float(self._autopilot.setpoint.yaw))
 
-    def take_status_texts(self) -> list[StatusText]:
-        """Return the messages since the last call."""
+    def take_status_texts(self) -> list[tuple[Severity, str]]:
+        """Return severity and words of the messages to the operator since the last call."""
         taken, self._status_texts = self._status_texts, []
         return taken
 
@@ -406,7 +405,9 @@ class Px4Vehicle:
         else:
             self._setpoint_controller.take(resolved, self._climb_max(tick))
         if self._navigator.finished and commander.user_intended_mode == AUTO_TAKEOFF:
-            commander.switch_if_allowed(AUTO_HOLD, self._commander_input())
+            now = self._commander_input()
+            if not commander.missing(AUTO_HOLD, now):
+                commander.set_mode(AUTO_HOLD, now)
 
     def _wanted(self, mode: Mode, tick: int) -> ResolvedSetpoint | None:
         """Return what the mode wants to be followed."""
@@ -500,9 +501,8 @@ class Px4Vehicle:
             float(setpoint.thrust) / self._setpoint_controller.weight,
         )
         get = self.parameters.get
-        self._ground.update(
-            motion, get("LNDMC_Z_VEL_MAX"), get("LNDMC_XY_VEL_MAX"), POSITION_TICKS
-        )
+        limits = (get("LNDMC_Z_VEL_MAX"), get("LNDMC_XY_VEL_MAX"))
+        self._ground.update(motion, *limits, POSITION_TICKS)
         if aloft and self._ground.landed:
             self.takeoff_state = TakeoffState.READY
             self._wanted_tick = None
@@ -510,4 +510,4 @@ class Px4Vehicle:
 
     def _say(self, severity: Severity, text: str) -> None:
         if len(self._status_texts) < _MAX_STATUS_TEXTS:
-            self._status_texts.append(StatusText(severity, text))
+            self._status_texts.append((severity, text))

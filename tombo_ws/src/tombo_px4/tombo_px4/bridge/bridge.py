@@ -140,7 +140,7 @@ class Bridge:
         self._odometry: decoded.VehicleOdometry | None = None
         self._attitude: decoded.VehicleAttitude | None = None
         self._landed = MavLandedState.UNDEFINED
-        self._version: decoded.FirmwareVersion | None = None
+        self._version = ""
         self._system: decoded.SystemStatus | None = None
         self._battery_ns = 0
         self._last_text = ""
@@ -148,14 +148,12 @@ class Bridge:
         self._linked_ns: int | None = None
         self.pose_stamp_ns = 0
         """Capture of the last pose that was sent."""
-        self._now_ns = 0
-        self._heartbeat_sent_ns = self._timesync_request_ns = self._checked_ns = self._asked_ns = 0
-        self._heartbeat_request_ns = 0
+        self._now_ns = self._checked_ns = self._asked_ns = 0
+        self._heartbeat_sent_ns = self._timesync_request_ns = self._heartbeat_request_ns = 0
         self._interval_requests: Counter[str] = Counter()
         self._requests = 0
-        self._covariance = message_encoder.diagonal_covariance(
-            params.position_std, params.attitude_std
-        )
+        spread = (params.position_std, params.attitude_std)
+        self._covariance = message_encoder.diagonal_covariance(*spread)
 
     # --- What comes in ------------------------------------------------------------------------
 
@@ -177,7 +175,7 @@ class Bridge:
             decoded.TimesyncMessage: self._take_timesync,
             decoded.CommandAck: self.session.handle_ack,
             decoded.StatusText: self._say,
-            decoded.ExtendedSysState: lambda found: setattr(self, "_landed", found.state),
+            decoded.MavLandedState: partial(setattr, self, "_landed"),
             decoded.EstimatorStatusFlags: partial(setattr, self.preflight, "estimator"),
             decoded.ParameterValue: self.parameters.take,
             decoded.Battery: self._take_battery,
@@ -225,32 +223,17 @@ class Bridge:
 
     def _take_local_position(self, found: decoded.LocalPosition) -> None:
         """Make odometry of position and attitude where PX4 sends no ODOMETRY."""
-        attitude = self._attitude
-        silent = self._odometry is None or (
-            found.arrival_ns - self._odometry.arrival_ns > SECOND_NS
-        )
+        last, attitude = self._odometry, self._attitude
         # once made so, it stays so until ODOMETRY comes
-        if attitude is None or not (silent or self._odometry_from_parts):
+        needed = last is None or last.resets < 0 or found.arrival_ns - last.arrival_ns > SECOND_NS
+        if not needed or attitude is None or abs(found.boot_ns - attitude.boot_ns) > _LOOK_NS:
             return
-        if abs(found.boot_ns - attitude.boot_ns) > _LOOK_NS:
-            return
+        q, rates = attitude.attitude, attitude.rates
         self._take_odometry(
             decoded.VehicleOdometry(
-                found.arrival_ns,
-                found.stamp_ns,
-                found.boot_ns,
-                found.position,
-                attitude.attitude,
-                found.velocity,
-                attitude.rates,
-                None,
-                -1,
+                **vars(found), attitude=q, rates=rates, pose_covariance=None, resets=-1
             )
         )
-
-    @property
-    def _odometry_from_parts(self) -> bool:
-        return self._odometry is not None and self._odometry.resets < 0
 
     def _rebooted(self, now_ns: int) -> None:
         self._out.events.append(("vehicle_rebooted", "PX4 was started anew: its clock went back"))
@@ -283,10 +266,8 @@ class Bridge:
         self.pose_stamp_ns = stamp_ns
         unit = attitude / np.linalg.norm(attitude)
         self.preflight.pose(stamp_ns, now_ns, position, unit)
-        kind = self.params.mocap
-        self._out.messages.append(
-            message_encoder.pose_message(kind, stamp_ns, position, unit, self._covariance)
-        )
+        pose = (self.params.mocap, stamp_ns, position, unit, self._covariance)
+        self._out.messages.append(message_encoder.pose_message(*pose))
         self.poses_sent += 1
         return why
 
@@ -361,13 +342,9 @@ class Bridge:
         return frozen if self._frozen_ns and now_ns - self._frozen_ns > _FROZEN_NS else ""
 
     def _update_estimate_trusted(self, status: Status, now_ns: int) -> None:
-        if not status.ready:
-            self._ready_ns = None
-        elif self._ready_ns is None:
-            self._ready_ns = now_ns
-        settled = (
-            self._ready_ns is not None and now_ns - self._ready_ns >= self.params.ready_time * 1e9
-        )
+        self._ready_ns = (self._ready_ns or now_ns) if status.ready else None
+        wait_ns = self.params.ready_time * 1e9
+        settled = self._ready_ns is not None and now_ns - self._ready_ns >= wait_ns
         self.estimate_trusted = self.estimate_trusted or status.armed or settled
 
     def _clock_set_back(self, now_ns: int, out: BridgeOutput) -> None:
@@ -447,7 +424,7 @@ class Bridge:
             if begun or (slow and self._interval_requests[name] < _MAX_INTERVAL_REQUESTS):
                 self._interval_requests[name] += 1
                 messages.append(message_encoder.message_interval(self._target, number, rate))
-        if self._version is None:
+        if not self._version:
             number = mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION
             messages.append(message_encoder.request_message(self._target, number))
         return messages
@@ -518,10 +495,8 @@ class Bridge:
         if self.session.stage == Stage.FLYING:
             out.faults.update(self.stream.faults(self.hover_thrust, now_ns))
         if settled:
-            for name, wanted in (
-                ("ODOMETRY", self.params.odometry_rate),
-                ("HIGHRES_IMU", self.params.imu_rate),
-            ):
+            wishes = {"ODOMETRY": self.params.odometry_rate, "HIGHRES_IMU": self.params.imu_rate}
+            for name, wanted in wishes.items():
                 rate = self.message_rates.rate_hz(name, now_ns)
                 if 0.0 < rate < _SLOW_SHARE * wanted:
                     out.faults[f"slow.{name}"] = (
@@ -551,7 +526,7 @@ class Bridge:
             linked and not self._blocking,
             tuple(f.text for f in self.findings),
             self._last_text,
-            "" if self._version is None else str(self._version),
+            self._version,
         )
 
     def metrics(self, now_ns: int) -> dict[str, Any]:

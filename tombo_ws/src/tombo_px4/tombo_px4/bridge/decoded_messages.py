@@ -10,7 +10,7 @@ from tombo_px4.bridge.modes import Mode
 
 
 class MavLandedState(IntEnum):
-    """MAV_LANDED_STATE."""
+    """MAV_LANDED_STATE, the content of EXTENDED_SYS_STATE."""
 
     UNDEFINED = 0
     ON_GROUND = 1
@@ -25,7 +25,7 @@ class Refused(ValueError):
 
 @dataclass(frozen=True)
 class Record:
-    """A message of PX4."""
+    """A message of PX4 with more than one field."""
 
 
 @dataclass(frozen=True)
@@ -116,14 +116,6 @@ class SystemStatus(Record):
 
 
 @dataclass(frozen=True)
-class ExtendedSysState(Record):
-    """On the ground or not."""
-
-    arrival_ns: int
-    state: MavLandedState
-
-
-@dataclass(frozen=True)
 class StatusText(Record):
     """A text of PX4 (STATUSTEXT)."""
 
@@ -175,13 +167,8 @@ class TimesyncMessage(Record):
     ts1: int
 
 
-@dataclass(frozen=True)
-class FirmwareVersion(Record):
-    """Firmware."""
+class FirmwareVersion(str):
+    """Firmware, as `major.minor.patch`."""
 
-    major: int
-    minor: int
-    patch: int
 
-    def __str__(self) -> str:
-        return f"{self.major}.{self.minor}.{self.patch}"
+Content = Record | MavLandedState | FirmwareVersion

@@ -81,9 +81,7 @@ class MotionCheck:
 
     def judge(self, now_ns: int) -> Verdict | None:
         """Compare the last seconds; return the newest verdict."""
-        found = self._compare(now_ns)
-        if found is not None:
-            self.verdict = found
+        self.verdict = self._compare(now_ns) or self.verdict
         return self.verdict
 
     def _compare(self, now_ns: int) -> Verdict | None:

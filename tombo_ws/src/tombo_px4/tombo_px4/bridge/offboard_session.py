@@ -40,7 +40,8 @@ _OWN_ARMING_NS = 5_000_000_000
 """A vehicle that arms within this time after our command was armed by it."""
 _SELF_DISARM_NS = 4_000_000_000
 """PX4 disarms 2 s after landing (COM_DISARM_LAND); after this the bridge disarms it."""
-
+_TEXT_NS = 3_000_000_000
+"""Texts of this age still explain what has happened."""
 _GRACE_NS = 3_000_000_000
 """Vehicle and bridge start in any order."""
 
@@ -169,10 +170,7 @@ class Session:
     def tick(self, view: SessionInput, out: Decision) -> None:
         """Decide; the result is added to `out`."""
         heartbeat = view.heartbeat
-        if view.streaming:
-            self._stream_since_ns = self._stream_since_ns or view.now_ns
-        else:
-            self._stream_since_ns = None
+        self._stream_since_ns = (self._stream_since_ns or view.now_ns) if view.streaming else None
         if heartbeat is None or view.now_ns - heartbeat.arrival_ns > self._timeout_ns:
             self._on_link_down(view, out)
             return
@@ -180,7 +178,7 @@ class Session:
             self._on_link_up(view, heartbeat)
         if view.fresh:
             self._update_mission(view, heartbeat)
-        self._update_landed_time(view, heartbeat, out)
+        self._update_landed_time(view, heartbeat)
         self._handle_requests(view, heartbeat, out)
         if self._request is None:
             self._advance(view, heartbeat, out)
@@ -220,26 +218,16 @@ class Session:
     def _on_link_up(self, view: SessionInput, heartbeat: Heartbeat) -> None:
         """A vehicle is there, for the first time or again."""
         lost, self._stage_before_loss = self._stage_before_loss, Stage.WAITING
-        flew = lost in (
-            Stage.ENTERING_OFFBOARD,
-            Stage.ARMING,
-            Stage.FLYING,
-            Stage.LANDING,
-            Stage.EXTERNAL_MODE,
-        )
         if heartbeat.armed:
-            if heartbeat.mode == AUTO_LAND and lost == Stage.LANDING:
-                self._set_stage(Stage.LANDING, "link is back")
-            elif heartbeat.mode == OFFBOARD and lost == Stage.FLYING:
-                self._set_stage(Stage.FLYING, "link is back")
+            if (heartbeat.mode, lost) in ((AUTO_LAND, Stage.LANDING), (OFFBOARD, Stage.FLYING)):
+                self._set_stage(lost, "link is back")
             else:
-                self._set_stage(
-                    Stage.EXTERNAL_MODE, f"found armed in mode {mode_name(heartbeat.mode)}"
-                )
-        elif flew:
-            self._give_up("disarmed while the link was lost")
-        else:
+                mode = mode_name(heartbeat.mode)
+                self._set_stage(Stage.EXTERNAL_MODE, f"found armed in mode {mode}")
+        elif lost in (Stage.WAITING, Stage.READY, Stage.GIVEN_UP):
             self._set_stage(Stage.READY, "")
+        else:
+            self._give_up("disarmed while the link was lost")
 
     # --- The operator -------------------------------------------------------------------------
 
@@ -274,10 +262,8 @@ class Session:
         if why_not:
             self._reply(out, False, why_not)
             return
-        if kind in ("disarm", "land", "hold") and self.stage in (
-            Stage.ENTERING_OFFBOARD,
-            Stage.ARMING,
-        ):
+        under_way = self.stage in (Stage.ENTERING_OFFBOARD, Stage.ARMING)
+        if kind in ("disarm", "land", "hold") and under_way:
             self._give_up(f"stopped by the operator: {kind}")
         self._request_transaction = CommandTransaction(_COMMANDS[kind], _ASKED_TRIES)
 
@@ -287,20 +273,17 @@ class Session:
         self._reply(out, True, f"{kind}: confirmed")
         if kind == "offboard":
             self._engage_allowed = True
-            self._set_stage(
-                Stage.FLYING if heartbeat.armed else Stage.READY, "asked by the operator"
-            )
+            stage = Stage.FLYING if heartbeat.armed else Stage.READY
+            self._set_stage(stage, "asked by the operator")
         elif kind == "land":
             self._set_stage(Stage.LANDING, "asked by the operator")
         elif kind == "hold":
             self._set_stage(Stage.EXTERNAL_MODE, "hold, asked by the operator")
         elif kind == "arm" and self.stage not in (Stage.FLYING, Stage.LANDING):
-            flies = heartbeat.mode == OFFBOARD
             self._arm_request_ns = None
             self._armed_for_flight = False
-            self._set_stage(
-                Stage.FLYING if flies else Stage.EXTERNAL_MODE, "armed by the operator"
-            )
+            stage = Stage.FLYING if heartbeat.mode == OFFBOARD else Stage.EXTERNAL_MODE
+            self._set_stage(stage, "armed by the operator")
         elif kind == "disarm":
             self._engage_allowed = False
             self._set_stage(Stage.READY, "disarmed by the operator")
@@ -350,10 +333,7 @@ class Session:
             )
         elif view.blockers:
             out.faults["preflight"] = "not armed: " + "; ".join(view.blockers)
-        elif (
-            self._stream_since_ns is not None
-            and view.now_ns - self._stream_since_ns >= _STREAM_FIRST_NS
-        ):
+        elif self._stream_since_ns and view.now_ns - self._stream_since_ns >= _STREAM_FIRST_NS:
             self._set_stage(Stage.ENTERING_OFFBOARD, "")
             self._transaction = CommandTransaction(_OFFBOARD, _MODE_TRIES)
             self._entering(view, heartbeat, out)
@@ -433,7 +413,7 @@ class Session:
         under_way = self._transaction is not None or self._landing_by_setpoints
         if not lands and not (under_way and heartbeat.mode == OFFBOARD):
             self._mode_taken(view, heartbeat, "land")
-        elif self._on_ground_for(view, _SELF_DISARM_NS) and self._transaction is None:
+        elif self._stays_on_ground(view) and self._transaction is None:
             self._transaction = CommandTransaction(_DISARM, _MODE_TRIES)
 
     def _external_mode(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
@@ -462,7 +442,7 @@ class Session:
 
     def _said(self, view: SessionInput, before: str) -> str:
         """Return PX4's last texts behind `before`; "" without any."""
-        said = self.recent_texts.recent(view.now_ns)
+        said = self.recent_texts.since(view.now_ns - _TEXT_NS)
         return before + said if said else ""
 
     def _mode_taken(self, view: SessionInput, heartbeat: Heartbeat, wanted: str) -> None:
@@ -516,15 +496,13 @@ class Session:
         if stage == Stage.EXTERNAL_MODE:
             self._engage_allowed = False
 
-    def _update_landed_time(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
-        if view.landed == MavLandedState.ON_GROUND and heartbeat.armed:
-            self._landed_since_ns = self._landed_since_ns or view.now_ns
-        else:
-            self._landed_since_ns = None
+    def _update_landed_time(self, view: SessionInput, heartbeat: Heartbeat) -> None:
+        stands = view.landed == MavLandedState.ON_GROUND and heartbeat.armed
+        self._landed_since_ns = (self._landed_since_ns or view.now_ns) if stands else None
 
-    def _on_ground_for(self, view: SessionInput, duration_ns: int) -> bool:
+    def _stays_on_ground(self, view: SessionInput) -> bool:
         since = self._landed_since_ns
-        return since is not None and view.now_ns - since > duration_ns
+        return since is not None and view.now_ns - since > _SELF_DISARM_NS
 
     def _set_stream_and_faults(
         self, view: SessionInput, heartbeat: Heartbeat, out: Decision

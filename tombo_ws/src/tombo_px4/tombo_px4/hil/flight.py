@@ -118,9 +118,8 @@ class HilFlight:
         if (self.steps - 1) % SLOW_SENSORS_EVERY == 0:
             self._slow = self.sensors.slow(self.simulator.plant)
             fields = ALL_SENSORS
-        return self._mav.hil_sensor_encode(
-            self.time_us, *self.sensors.inertial(), *self._slow, fields, 0
-        )
+        inertial = self.sensors.inertial()
+        return self._mav.hil_sensor_encode(self.time_us, *inertial, *self._slow, fields, 0)
 
 
 def odometry(pose: PoseSample) -> Any:

@@ -37,9 +37,8 @@ def pressure_at(altitude: float) -> float:
 
 def altitude_at(pressure: float) -> float:
     """Return the altitude [m] of a pressure [Pa] in the standard atmosphere."""
-    return float(
-        (1.0 - (pressure / _SEA_LEVEL_PA) ** (1.0 / _EXPONENT)) * _SEA_LEVEL_K / _LAPSE_K_M
-    )
+    cooler = 1.0 - (pressure / _SEA_LEVEL_PA) ** (1.0 / _EXPONENT)
+    return float(cooler * _SEA_LEVEL_K / _LAPSE_K_M)
 
 
 class HilSensors:

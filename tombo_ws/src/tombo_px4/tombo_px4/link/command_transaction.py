@@ -15,7 +15,6 @@ CONFIRM_NS = 2_000_000_000
 """Longest wait for the heartbeat (1 Hz) that confirms a command."""
 PAUSE_NS = 1_000_000_000
 """Pause between a refusal and the next attempt; PX4 sends its explanation meanwhile."""
-_TEXT_NS = 3_000_000_000
 
 
 @dataclass(frozen=True)
@@ -57,10 +56,6 @@ class RecentStatusTexts:
         """Return the texts since a time, each once."""
         texts = dict.fromkeys(t.text for t in self._texts if t.arrival_ns >= time_ns)
         return ", ".join(f"'{text}'" for text in texts)
-
-    def recent(self, now_ns: int) -> str:
-        """Return the texts of the last three seconds."""
-        return self.since(now_ns - _TEXT_NS)
 
 
 class CommandTransaction:

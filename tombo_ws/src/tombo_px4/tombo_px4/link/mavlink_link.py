@@ -67,21 +67,15 @@ def open_transport(
 
 
 class Received(NamedTuple):
-    """One accepted message.
-
-    Attributes:
-        message: as pymavlink decodes it.
-        arrival_ns: CLOCK_REALTIME, by the kernel where it can.
-        system: sender's system.
-        component: sender's component.
-        peer: where it came from; `Link.send` takes it.
-    """
+    """One accepted message, as pymavlink decodes it, with the ids of its sender."""
 
     message: Any
     arrival_ns: int
+    """CLOCK_REALTIME, by the kernel where it can."""
     system: int
     component: int
     peer: Any
+    """Where it came from; `Link.send` takes it."""
 
 
 class Link:
@@ -126,13 +120,10 @@ class Link:
         Raises:
             InputError: URL, busy port, unreachable host, another machine, ids, key.
         """
-        for name, number, lowest in (
-            ("system", system, 1),
-            ("component", component, 1),
-            ("accept_system", accept_system, 0),
-            ("accept_component", accept_component, 0),
-            ("link_id", link_id, 0),
-        ):
+        own = {"system": system, "component": component}
+        others = {"accept_system": accept_system, "accept_component": accept_component}
+        for name, number in {**own, **others, "link_id": link_id}.items():
+            lowest = 1 if name in own else 0
             if not lowest <= number <= 255:
                 raise InputError(f"{name} {number} is out of bounds; accepted: {lowest} to 255")
         parsed = parse_url(url, allow_remote)
@@ -196,17 +187,15 @@ class Link:
                 if message is not None:
                     # only accepted peers are answered
                     self._transport.peer = peer
-                    received.append(
-                        Received(message, arrival_ns, frame.system, frame.component, peer)
-                    )
+                    sender = (frame.system, frame.component)
+                    received.append(Received(message, arrival_ns, *sender, peer))
                 continue
             packet = self._transport.read()
             if packet is None:
                 break
             tries = self._findings.tries
-            self._waiting.extend(
-                (frame, packet.arrival_ns, packet.peer) for frame in self._frames(packet)
-            )
+            frames = self._frames(packet)
+            self._waiting.extend((frame, packet.arrival_ns, packet.peer) for frame in frames)
             work -= 1 + len(packet.data) // _BYTES_PER_STEP + self._findings.tries - tries
         self.counters["received"] += len(received)
         self.counters |= self._findings.counts()
@@ -265,12 +254,12 @@ class Link:
             refusal = "wrong_component"
         elif self._signature_verifier:
             refusal = self._signature_verifier.refusal(frame)
+        if refusal.startswith("wrong_"):
+            self.rejected_sender = (frame.system, frame.component)
         if not refusal:
             try:
                 return decode(frame)
             except Exception:  # pymavlink on untrusted bytes: any exception is counted here
                 refusal = "undecodable"
-        if refusal.startswith("wrong_"):
-            self.rejected_sender = (frame.system, frame.component)
         self.counters[refusal] += 1
         return None

@@ -18,9 +18,15 @@ from pymavlink.dialects.v20 import common as mav
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import rotate_vectors
 from tombo_px4.bridge import decoded_messages as decoded
-from tombo_px4.bridge.decoded_messages import Record, Refused
+from tombo_px4.bridge.decoded_messages import Content, Refused
 from tombo_px4.bridge.modes import mode_of
-from tombo_px4.frames import enu_from_ned, flu_from_frd, ros_pose_covariance, ros_quaternion
+from tombo_px4.frames import (
+    UPPER_DIAGONAL,
+    enu_from_ned,
+    flu_from_frd,
+    ros_pose_covariance,
+    ros_quaternion,
+)
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.link.status_text import StatusTextAssembler
 from tombo_px4.link.timesync import TimeSync
@@ -43,8 +49,6 @@ _INTEGERS = {
     mav.MAV_PARAM_TYPE_UINT32: "<I",
     mav.MAV_PARAM_TYPE_INT32: "<i",
 }
-_OWN_VARIANCES = [0, 6, 11, 15, 18, 20]
-"""Places of the diagonal in the upper triangle of a covariance."""
 _HEADER = 10
 """Bytes before the payload of a MAVLink 2 frame."""
 _NO_CELL, _NO_VOLTAGE = 0xFFFF, 0xFFFF
@@ -60,7 +64,7 @@ class MessageDecoder:
         self._own = (own_system, own_component)
         self._chunks = StatusTextAssembler()
 
-    def read(self, received: Received) -> Record | None:
+    def read(self, received: Received) -> Content | None:
         """Return the record of a message; None if it has none, or was refused."""
         kind = str(received.message.get_type())
         reader = _READERS.get(kind)
@@ -88,7 +92,7 @@ class MessageDecoder:
             raise Refused("stamp")
         return arrival_ns, stamp_ns, boot_ns
 
-    def _heartbeat(self, m: Any, arrival_ns: int) -> Record | None:
+    def _heartbeat(self, m: Any, arrival_ns: int) -> Content | None:
         if m.autopilot == mav.MAV_AUTOPILOT_INVALID:  # a camera, a ground station
             return None
         if m.autopilot != mav.MAV_AUTOPILOT_PX4:
@@ -96,7 +100,7 @@ class MessageDecoder:
         armed = bool(m.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
         return decoded.Heartbeat(arrival_ns, armed, mode_of(m.custom_mode))
 
-    def _odometry(self, m: Any, arrival_ns: int) -> Record:
+    def _odometry(self, m: Any, arrival_ns: int) -> Content:
         in_body = m.child_frame_id == mav.MAV_FRAME_BODY_FRD
         if m.frame_id != mav.MAV_FRAME_LOCAL_NED or not (
             in_body or m.child_frame_id == mav.MAV_FRAME_LOCAL_NED
@@ -107,7 +111,7 @@ class MessageDecoder:
         attitude = _attitude(m.q)
         velocity = place[3:]
         upper = np.array(m.pose_covariance)
-        own = upper[_OWN_VARIANCES]
+        own = upper[UPPER_DIAGONAL]
         known = np.isfinite(own).all() and (own > 0.0).all()
         upper[~np.isfinite(upper)] = 0.0  # PX4 leaves out how they hang together
         return decoded.VehicleOdometry(
@@ -122,18 +126,18 @@ class MessageDecoder:
             int(m.reset_counter),
         )
 
-    def _local_position(self, m: Any, arrival_ns: int) -> Record:
+    def _local_position(self, m: Any, arrival_ns: int) -> Content:
         place = _bounded(_FAR, m.x, m.y, m.z, m.vx, m.vy, m.vz)
         times = self._times(m.time_boot_ms * _MILLI_NS, arrival_ns)
         return decoded.LocalPosition(*times, enu_from_ned(place[:3]), enu_from_ned(place[3:]))
 
-    def _attitude(self, m: Any, arrival_ns: int) -> Record:
+    def _attitude(self, m: Any, arrival_ns: int) -> Content:
         rates = _bounded(_FASTEST_TURN, m.rollspeed, m.pitchspeed, m.yawspeed)
         attitude = _attitude([m.q1, m.q2, m.q3, m.q4])
         times = self._times(m.time_boot_ms * _MILLI_NS, arrival_ns)
         return decoded.VehicleAttitude(*times, attitude, flu_from_frd(rates))
 
-    def _imu(self, m: Any, arrival_ns: int) -> Record:
+    def _imu(self, m: Any, arrival_ns: int) -> Content:
         if m.fields_updated & _BOTH_SENSORS != _BOTH_SENSORS:
             raise Refused("incomplete")
         accel = _bounded(_HARDEST, m.xacc, m.yacc, m.zacc)
@@ -141,16 +145,15 @@ class MessageDecoder:
         times = self._times(m.time_usec * _MICRO_NS, arrival_ns)
         return decoded.ImuSample(*times, flu_from_frd(gyro), flu_from_frd(accel))
 
-    def _battery(self, m: Any, arrival_ns: int) -> Record | None:
+    def _battery(self, m: Any, arrival_ns: int) -> Content | None:
         if m.id != 0:  # a second one: PX4 counts on the first
             return None
         cells = tuple(1e-3 * v for v in [*m.voltages, *m.voltages_ext] if 0 < v != _NO_CELL)
         voltage = sum(cells) if cells else math.nan
-        return decoded.Battery(
-            arrival_ns, voltage, _current(m.current_battery), _share(m.battery_remaining), cells
-        )
+        current, left = _current(m.current_battery), _share(m.battery_remaining)
+        return decoded.Battery(arrival_ns, voltage, current, left, cells)
 
-    def _system(self, m: Any, arrival_ns: int) -> Record:
+    def _system(self, m: Any, arrival_ns: int) -> Content:
         voltage = math.nan if m.voltage_battery == _NO_VOLTAGE else 1e-3 * m.voltage_battery
         current, left = _current(m.current_battery), _share(m.battery_remaining)
         bit = mav.MAV_SYS_STATUS_PREARM_CHECK
@@ -160,18 +163,18 @@ class MessageDecoder:
             bool(m.onboard_control_sensors_health & bit),
         )
 
-    def _landed(self, m: Any, arrival_ns: int) -> Record:
-        return decoded.ExtendedSysState(arrival_ns, decoded.MavLandedState(m.landed_state))
+    def _landed(self, m: Any, arrival_ns: int) -> Content:
+        return decoded.MavLandedState(m.landed_state)
 
-    def _text(self, m: Any, arrival_ns: int) -> Record | None:
+    def _text(self, m: Any, arrival_ns: int) -> Content | None:
         return self._chunks.take(m.severity, m.text, m.id, m.chunk_seq, arrival_ns)
 
-    def _ack(self, m: Any, arrival_ns: int) -> Record:
+    def _ack(self, m: Any, arrival_ns: int) -> Content:
         if m.target_system not in (0, self._own[0]) or m.target_component not in (0, self._own[1]):
             raise Refused("not_for_us")
         return decoded.CommandAck(arrival_ns, int(m.command), int(m.result))
 
-    def _parameter(self, m: Any, arrival_ns: int) -> Record:
+    def _parameter(self, m: Any, arrival_ns: int) -> Content:
         name = str(m.param_id)
         value: float | int = float(m.param_value)
         if m.param_type in _INTEGERS:
@@ -182,7 +185,7 @@ class MessageDecoder:
             raise Refused("range")
         return decoded.ParameterValue(name, value, m.param_type)
 
-    def _estimator(self, m: Any, arrival_ns: int) -> Record:
+    def _estimator(self, m: Any, arrival_ns: int) -> Content:
         flags = m.flags
         horizontal = mav.ESTIMATOR_POS_HORIZ_REL | mav.ESTIMATOR_POS_HORIZ_ABS
         return decoded.EstimatorStatusFlags(
@@ -193,15 +196,15 @@ class MessageDecoder:
             float(m.pos_vert_ratio),
         )
 
-    def _time(self, m: Any, arrival_ns: int) -> Record:
+    def _time(self, m: Any, arrival_ns: int) -> Content:
         return decoded.TimesyncMessage(arrival_ns, int(m.tc1), int(m.ts1))
 
-    def _version(self, m: Any, arrival_ns: int) -> Record:
+    def _version(self, m: Any, arrival_ns: int) -> Content:
         major, minor, patch, _ = m.flight_sw_version.to_bytes(4, "big")
-        return decoded.FirmwareVersion(major, minor, patch)
+        return decoded.FirmwareVersion(f"{major}.{minor}.{patch}")
 
 
-_Reader = Callable[[MessageDecoder, Any, int], "Record | None"]
+_Reader = Callable[[MessageDecoder, Any, int], "Content | None"]
 _READERS: dict[str, _Reader] = {
     "HEARTBEAT": MessageDecoder._heartbeat,
     "ODOMETRY": MessageDecoder._odometry,

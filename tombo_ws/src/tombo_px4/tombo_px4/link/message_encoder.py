@@ -112,24 +112,22 @@ def position_target(setpoint: PositionSetpoint, to: MessageTarget, now_ns: int) 
     )
 
 
-def attitude_target(attitude: Array, throttle: float, to: MessageTarget, now_ns: int) -> Any:
-    """Return a set point of attitude (4) xyzw, map from base_link, and throttle 0..1."""
-    q = px4_quaternion(attitude).tolist()
-    return mav.MAVLink_set_attitude_target_message(
-        _milliseconds(now_ns), *to, ATTITUDE_MASK, q, 0.0, 0.0, 0.0, throttle
-    )
+def rotation_target(wanted: Array, throttle: float, to: MessageTarget, now_ns: int) -> Any:
+    """Return a set point of throttle 0..1 and attitude, or body rates.
 
-
-def rates_target(rates: Array, throttle: float, to: MessageTarget, now_ns: int) -> Any:
-    """Return a set point of body rates (3) [rad/s], base_link, and throttle 0..1."""
-    level = [1.0, 0.0, 0.0, 0.0]
+    Args:
+        wanted: (4) xyzw, map from base_link, or (3) [rad/s], base_link.
+        throttle: share of the highest thrust.
+        to: who follows it.
+        now_ns: the present.
+    """
+    mask, q, rates = RATES_MASK, [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
+    if wanted.shape == (4,):
+        mask, q = ATTITUDE_MASK, px4_quaternion(wanted).tolist()
+    else:
+        rates = frd_from_flu(wanted).tolist()
     return mav.MAVLink_set_attitude_target_message(
-        _milliseconds(now_ns),
-        *to,
-        RATES_MASK,
-        level,
-        *frd_from_flu(rates).tolist(),
-        throttle,
+        _milliseconds(now_ns), *to, mask, q, *rates, throttle
     )
 
 
@@ -140,14 +138,8 @@ def throttle_of(thrust: float, mass: float, hover_thrust: float) -> float:
 
 def heartbeat() -> Any:
     """Return the HEARTBEAT of an on-board computer."""
-    return mav.MAVLink_heartbeat_message(
-        mav.MAV_TYPE_ONBOARD_CONTROLLER,
-        mav.MAV_AUTOPILOT_INVALID,
-        0,
-        0,
-        mav.MAV_STATE_ACTIVE,
-        3,
-    )
+    kind, state = mav.MAV_TYPE_ONBOARD_CONTROLLER, mav.MAV_STATE_ACTIVE
+    return mav.MAVLink_heartbeat_message(kind, mav.MAV_AUTOPILOT_INVALID, 0, 0, state, 3)
 
 
 def timesync(times: tuple[int, int]) -> Any:

@@ -20,9 +20,6 @@ class _PartialText:
     chunks: dict[int, str] = field(default_factory=dict)
     last: int | None = None
 
-    def whole(self) -> bool:
-        return self.last is not None and len(self.chunks) == self.last + 1
-
     def text(self) -> StatusText:
         end = self.last if self.last is not None else max(self.chunks, default=0)
         words = "".join(self.chunks.get(k, _GAP) for k in range(end + 1))
@@ -66,18 +63,15 @@ class StatusTextAssembler:
             growing.last = chunk
             for k in [k for k in growing.chunks if k > chunk]:
                 del growing.chunks[k]
-        if not growing.whole():
+        if growing.last is None or len(growing.chunks) <= growing.last:
             return None
         del self._growing[number]
         return growing.text()
 
     def take_expired(self, now_ns: int) -> list[StatusText]:
         """Return incomplete texts that have waited for a second."""
-        late = [
-            number
-            for number, growing in self._growing.items()
-            if now_ns - growing.arrival_ns > _PATIENCE_NS
-        ]
+        texts = self._growing.items()
+        late = [number for number, text in texts if now_ns - text.arrival_ns > _PATIENCE_NS]
         return [self._growing.pop(number).text() for number in late]
 
 

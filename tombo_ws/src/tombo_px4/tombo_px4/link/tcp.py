@@ -245,14 +245,13 @@ class TcpOut(_Streams):
         sock = socket.socket(self._url.family, socket.SOCK_STREAM)
         sock.setblocking(False)
         result = sock.connect_ex(self._url.address)
-        if result not in (0, errno.EINPROGRESS, errno.ECONNREFUSED):
-            sock.close()
-            raise OSError(result, "connect")
-        if result == errno.ECONNREFUSED:
-            sock.close()
+        if result in (0, errno.EINPROGRESS):
+            self._trying = sock
+            self._watch.register(sock.fileno(), select.EPOLLOUT)
             return
-        self._trying = sock
-        self._watch.register(sock.fileno(), select.EPOLLOUT)
+        sock.close()
+        if result != errno.ECONNREFUSED:
+            raise OSError(result, "connect")
 
     def _event(self, number: int, events: int) -> None:
         sock = self._trying

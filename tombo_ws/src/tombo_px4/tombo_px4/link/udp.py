@@ -7,7 +7,7 @@ import select
 import socket
 import struct
 from collections import deque
-from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from tombo_px4.link.address import Address, Url, is_loopback
@@ -131,9 +131,7 @@ class UdpIn(Transport):
         allow_remote: bool,
         peer: Address | None,
     ) -> None:
-        self._make: Callable[[], _Queue] = lambda: _Queue(
-            url.family, clock, counters, allow_remote
-        )
+        self._make = partial(_Queue, url.family, clock, counters, allow_remote)
         self._listener = self._make()
         self._partners: dict[Any, _Queue] = {}
         self._turns: deque[_Queue] = deque()

@@ -8,14 +8,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from pymavlink.dialects.v20 import common as mavlink
 
 from tombo_px4.autopilot.commands import CommandReply, CommandServer, command_of
-from tombo_px4.frames import GeoOrigin
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.protocol.mavlink_channel import MavlinkChannel
 from tombo_px4.protocol.offboard_decoder import decode_setpoint
 from tombo_px4.protocol.parameter_protocol import HASH, ParameterServer, name_of
 from tombo_px4.protocol.results import Result, Severity
-from tombo_px4.protocol.statustext import StatusTextSender
-from tombo_px4.protocol.telemetry import Telemetry
 from tombo_px4.protocol.unsupported_protocols import (
     MISSION_MESSAGES,
     file_answer,
@@ -26,7 +23,7 @@ from tombo_px4.protocol.unsupported_protocols import (
 from tombo_px4.protocol.vision_decoder import decode_vision
 
 if TYPE_CHECKING:
-    from tombo_px4.autopilot.vehicle import Px4Vehicle
+    from tombo_px4.protocol.endpoint import Endpoint
 
 _EVERYBODY = 0
 _MOST_NEIGHBOURS = 64
@@ -53,22 +50,14 @@ class RoutedMessage(NamedTuple):
 class MessageRouter:
     """Routes messages; each is answered, refused or counted, and none raises an exception."""
 
-    def __init__(
-        self,
-        vehicle: Px4Vehicle,
-        origin: GeoOrigin,
-        telemetry: Telemetry,
-        parameters: ParameterServer,
-        statustext: StatusTextSender,
-        channels: list[MavlinkChannel],
-    ) -> None:
-        self._vehicle = vehicle
-        self._origin = origin
-        self._telemetry = telemetry
+    def __init__(self, endpoint: Endpoint, parameters: ParameterServer) -> None:
+        self._vehicle = vehicle = endpoint.vehicle
+        self._origin = endpoint.origin
+        self._telemetry = endpoint.telemetry
         self._parameters = parameters
-        self._commands = CommandServer(vehicle, origin)
-        self._voice = statustext
-        self._channels = channels
+        self._commands = CommandServer(vehicle, endpoint.origin)
+        self._voice = endpoint.statustext
+        self._channels = endpoint.channels
         self.system = int(vehicle.parameters.get("MAV_SYS_ID"))
         self.component = int(vehicle.parameters.get("MAV_COMP_ID"))
         self.heard_systems: dict[tuple[int, int], int] = {}
@@ -143,14 +132,9 @@ class MessageRouter:
         for severity, text in self._vehicle.take_status_texts():
             self._voice.say(severity, text, self._vehicle.boot_us)
         for acknowledged in [Result.ACCEPTED, result] if answer.passed_on else [result]:
-            ack = port.mav.command_ack_encode(
-                command.number,
-                int(acknowledged),
-                _NO_PROGRESS,
-                0,
-                received.system,
-                received.component,
-            )
+            sender = (received.system, received.component)
+            content = (command.number, int(acknowledged), _NO_PROGRESS, 0)
+            ack = port.mav.command_ack_encode(*content, *sender)
             port.link.send(ack, received.peer)
         if answer.text:
             self._voice.say(Severity.WARNING, answer.text, self._vehicle.boot_us)
@@ -177,18 +161,18 @@ class MessageRouter:
         if name_of(received.message.param_id) == HASH:
             port.list.stop()
             return
-        answer = self._parameters.answer_set(
+        value, error, refusal = self._parameters.answer_set(
             port.mav, received.message, received.system, received.component
         )
-        if answer.refusal:
-            self._report_refusal("parameter refused", answer.refusal)
-        if answer.error is not None:
-            port.link.send(answer.error, received.peer)
-        if answer.value is not None:
-            port.link.send(answer.value, received.peer)
+        if refusal:
+            self._report_refusal("parameter refused", refusal)
+        if error is not None:
+            port.link.send(error, received.peer)
+        if value is not None:
+            port.link.send(value, received.peer)
             for other in self._channels:  # everybody's copy has to stay right
                 if other is not port:
-                    other.send(answer.value)
+                    other.send(value)
 
     # --- poses and set points
 
@@ -227,9 +211,8 @@ class MessageRouter:
         """The map stays where it is on the globe; from now on it is known to be there."""
         self._vehicle.ekf2_model.origin_known = True
         self._telemetry.forget()
-        message = self._telemetry.message(
-            mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, routed.port.mav
-        )
+        number = mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN
+        message = self._telemetry.message(number, routed.port.mav)
         if message is not None:
             routed.port.link.send(message, routed.received.peer)
 

@@ -32,13 +32,6 @@ class Severity(IntEnum):
     INFO = 6
 
 
-class StatusText(NamedTuple):
-    """A message to the operator."""
-
-    severity: Severity
-    text: str
-
-
 class Health(NamedTuple):
     """Reasons that deny arming, as texts for the operator, and what is known."""
 

@@ -8,18 +8,28 @@ from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from tombo_px4.autopilot import sensor_messages as sensors
+from tombo_dynamics.rotation import conjugate, rotate_vectors
+from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.bridge import modes
 from tombo_px4.bridge.decoded_messages import MavLandedState
 from tombo_px4.frames import (
+    UPPER_DIAGONAL,
     GeoOrigin,
+    enu_from_ned,
     frd_from_flu,
     ned_from_enu,
     px4_quaternion,
     px4_yaw,
     px4_yaw_rate,
 )
-from tombo_px4.protocol.field_scaling import centi, fitted, globe_fields, heading, millimetres
+from tombo_px4.protocol.field_scaling import (
+    INT16,
+    centi,
+    fitted,
+    globe_fields,
+    heading,
+    millimetres,
+)
 from tombo_px4.protocol.identity import ProtocolVersion, autopilot_version
 from tombo_px4.protocol.telemetry_snapshot import TelemetrySnapshot, numbers
 
@@ -42,8 +52,16 @@ _FLAGS = {
     modes.OFFBOARD.main: _AUTO | _STABILIZE | _GUIDED,
     modes.STABILIZED.main: _MANUAL | _STABILIZE,
 }
+_EARTH_FIELD = enu_from_ned((0.21, 0.01, 0.43))
+"""ENU [gauss], Zurich."""
+_SEA_LEVEL_HPA = 1013.25
+_GROUND_TEMPERATURE_C = 25.0
+_FIELDS = 0x3F | 0x1C0 | 0x200 | 0x800 | 0x1000
+"""HIGHRES_IMU carries accelerometer, gyro, magnetometer, pressure, its altitude, temperature."""
+_SATELLITES = 16
+_EPH = 25
+"""Dilution of precision, 1e-2."""
 _CELLS_UNUSED = 65535
-_UPPER_DIAGONAL = (0, 6, 11, 15, 18, 20)
 
 
 class Telemetry:
@@ -88,11 +106,9 @@ def base_mode(vehicle: Px4Vehicle) -> int:
 
 def system_state(vehicle: Px4Vehicle) -> int:
     """Return HEARTBEAT.system_status."""
-    if vehicle.failsafe and vehicle.armed:
-        return int(mavlink.MAV_STATE_CRITICAL)
-    if vehicle.armed:
-        return int(mavlink.MAV_STATE_ACTIVE)
-    return int(mavlink.MAV_STATE_STANDBY)
+    if not vehicle.armed:
+        return int(mavlink.MAV_STATE_STANDBY)
+    return int(mavlink.MAV_STATE_CRITICAL if vehicle.failsafe else mavlink.MAV_STATE_ACTIVE)
 
 
 def _system_status(mav: Any, p: TelemetrySnapshot) -> Any:
@@ -187,8 +203,7 @@ def _odometry(mav: Any, p: TelemetrySnapshot) -> Any:
         p.attitude,
         *p.velocity,
         *p.rates,
-        _diagonal(p.pose_variance),
-        _diagonal(p.vehicle.ekf2_model.velocity_variance(p.vehicle.tick)),
+        *(_diagonal(variances) for variances in p.variances),
         p.vehicle.ekf2_model.resets % 256,
         mavlink.MAV_ESTIMATOR_TYPE_AUTOPILOT,
         100,
@@ -198,7 +213,7 @@ def _odometry(mav: Any, p: TelemetrySnapshot) -> Any:
 def _diagonal(variances: Sequence[float]) -> list[float]:
     """Return the upper triangle of a covariance; PX4 does not tell the correlations."""
     upper = 21 * [_NAN]
-    for place, variance in zip(_UPPER_DIAGONAL, variances, strict=True):
+    for place, variance in zip(UPPER_DIAGONAL, variances, strict=True):
         upper[place] = variance
     return upper
 
@@ -212,9 +227,8 @@ def _altitude(mav: Any, p: TelemetrySnapshot) -> Any:
 
 def _vfr_hud(mav: Any, p: TelemetrySnapshot) -> Any:
     north, east, down = p.velocity
-    throttle = (
-        sum(p.normalized_rotor_speeds) / len(p.normalized_rotor_speeds) if p.vehicle.armed else 0.0
-    )
+    shares = p.normalized_rotor_speeds
+    throttle = sum(shares) / len(shares) if p.vehicle.armed else 0.0
     return mav.vfr_hud_encode(
         0.0,
         math.hypot(north, east),
@@ -226,12 +240,10 @@ def _vfr_hud(mav: Any, p: TelemetrySnapshot) -> Any:
 
 
 def _servo_output(mav: Any, p: TelemetrySnapshot) -> Any:
-    if p.vehicle.armed:
-        pulses = [
-            fitted(1000.0 + 1000.0 * share, (1000, 2000)) for share in p.normalized_rotor_speeds
-        ]
-    else:
-        pulses = [900, 900, 900, 900]
+    shares = p.normalized_rotor_speeds
+    pulses = [fitted(1000.0 + 1000.0 * share, (1000, 2000)) for share in shares]
+    if not p.vehicle.armed:
+        pulses = 4 * [900]
     return mav.servo_output_raw_encode(p.boot_us % 2**32, 0, *pulses, 0, 0, 0, 0)
 
 
@@ -243,12 +255,7 @@ def _battery_status(mav: Any, p: TelemetrySnapshot) -> Any:
     battery = p.vehicle.battery
     cells = 3
     cell = fitted(1e3 * battery.voltage / cells, (0, 65534), _CELLS_UNUSED)
-    state = (
-        mavlink.MAV_BATTERY_CHARGE_STATE_OK,
-        mavlink.MAV_BATTERY_CHARGE_STATE_LOW,
-        mavlink.MAV_BATTERY_CHARGE_STATE_CRITICAL,
-        mavlink.MAV_BATTERY_CHARGE_STATE_EMERGENCY,
-    )[battery.warning]
+    state = mavlink.MAV_BATTERY_CHARGE_STATE_OK + battery.warning  # low, critical, emergency
     return mav.battery_status_encode(
         0,
         mavlink.MAV_BATTERY_FUNCTION_ALL,
@@ -270,9 +277,8 @@ def _home_position(mav: Any, p: TelemetrySnapshot) -> Any:
     home = p.vehicle.home
     place = globe_fields(p.origin.global_of(home))
     local = numbers(ned_from_enu(home))
-    return mav.home_position_encode(
-        *place, *local, [1.0, 0.0, 0.0, 0.0], _NAN, _NAN, _NAN, p.boot_us
-    )
+    unknown = [1.0, 0.0, 0.0, 0.0], _NAN, _NAN, _NAN
+    return mav.home_position_encode(*place, *local, *unknown, p.boot_us)
 
 
 def _origin_message(mav: Any, p: TelemetrySnapshot) -> Any:
@@ -303,9 +309,8 @@ def _position_target(mav: Any, p: TelemetrySnapshot) -> Any:
     ]
     bits = (*range(9), 10, 11)
     mask = sum(1 << bit for bit, v in zip(bits, axes, strict=True) if math.isnan(v))
-    return mav.position_target_local_ned_encode(
-        p.boot_ms, mavlink.MAV_FRAME_LOCAL_NED, mask, *axes
-    )
+    frame = mavlink.MAV_FRAME_LOCAL_NED
+    return mav.position_target_local_ned_encode(p.boot_ms, frame, mask, *axes)
 
 
 def _estimator_status(mav: Any, p: TelemetrySnapshot) -> Any:
@@ -323,18 +328,71 @@ def _estimator_status(mav: Any, p: TelemetrySnapshot) -> Any:
         flags |= mavlink.ESTIMATOR_CONST_POS_MODE  # PX4 sets it at rest as well
     if health.global_position:
         flags |= mavlink.ESTIMATOR_POS_HORIZ_ABS | mavlink.ESTIMATOR_PRED_POS_HORIZ_ABS
-    variance = p.pose_variance
+    variance, _ = p.variances
     accuracy = (math.sqrt(variance[0] + variance[1]), math.sqrt(variance[2]))
     fused = 0.0 if health.local_position else _NAN  # no source, no ratio
     ratios = (_NAN, fused, fused, _NAN, _NAN, _NAN)
     return mav.estimator_status_encode(p.boot_us, flags, *ratios, *accuracy)
 
 
+def _highres_imu(mav: Any, p: TelemetrySnapshot) -> Any:
+    """Return HIGHRES_IMU: the IMU sample of the tick; field and air without noise."""
+    gyro, force = p.imu[:3], p.imu[3:]
+    height = p.origin.altitude_m + float(p.truth[2])
+    pressure = _SEA_LEVEL_HPA * (1.0 - 2.25577e-5 * height) ** 5.25588
+    return mav.highres_imu_encode(
+        p.boot_us,
+        *force,
+        *gyro,
+        *numbers(frd_from_flu(rotate_vectors(conjugate(p.truth[3:7]), _EARTH_FIELD))),
+        pressure,
+        0.0,
+        height,
+        _GROUND_TEMPERATURE_C,
+        _FIELDS,
+    )
+
+
+def _gps_raw(mav: Any, p: TelemetrySnapshot) -> Any:
+    """Return GPS_RAW_INT, if there is a receiver."""
+    if not p.vehicle.parameters.get("SYS_HAS_GPS"):
+        return None
+    north, east, _ = p.true_velocity
+    speed = math.hypot(north, east)
+    course = math.degrees(math.atan2(east, north)) % 360.0
+    return mav.gps_raw_int_encode(
+        p.boot_us,
+        mavlink.GPS_FIX_TYPE_RTK_FIXED,
+        *globe_fields(p.origin.global_of(p.truth[:3])),
+        _EPH,
+        _EPH,
+        fitted(100.0 * speed, (0, 65534), 65535),
+        heading(course),
+        _SATELLITES,
+    )
+
+
+def _ground_truth(mav: Any, p: TelemetrySnapshot) -> Any:
+    """Return HIL_STATE_QUATERNION: the ground truth, as PX4's simulators send it."""
+    truth = p.truth
+    milli_g = 1000.0 / GRAVITY
+    return mav.hil_state_quaternion_encode(
+        p.boot_us,
+        numbers(px4_quaternion(truth[3:7])),
+        *numbers(frd_from_flu(truth[10:13])),
+        *globe_fields(p.origin.global_of(truth[:3])),
+        *(centi(v) for v in p.true_velocity),
+        0,
+        0,
+        *(fitted(milli_g * a, INT16) for a in p.imu[3:]),
+    )
+
+
 _BUILDERS: dict[int, tuple[str, Builder]] = {
     0: ("HEARTBEAT", _heartbeat),
     1: ("SYS_STATUS", _system_status),
     2: ("SYSTEM_TIME", lambda mav, p: mav.system_time_encode(p.unix_us, p.boot_ms)),
-    24: ("GPS_RAW_INT", sensors.gps_raw),
+    24: ("GPS_RAW_INT", _gps_raw),
     30: ("ATTITUDE", _attitude),
     31: ("ATTITUDE_QUATERNION", _attitude_quaternion),
     32: ("LOCAL_POSITION_NED", _local_position),
@@ -344,8 +402,8 @@ _BUILDERS: dict[int, tuple[str, Builder]] = {
     74: ("VFR_HUD", _vfr_hud),
     83: ("ATTITUDE_TARGET", _attitude_target),
     85: ("POSITION_TARGET_LOCAL_NED", _position_target),
-    105: ("HIGHRES_IMU", sensors.highres_imu),
-    115: ("HIL_STATE_QUATERNION", sensors.ground_truth),
+    105: ("HIGHRES_IMU", _highres_imu),
+    115: ("HIL_STATE_QUATERNION", _ground_truth),
     141: ("ALTITUDE", _altitude),
     147: ("BATTERY_STATUS", _battery_status),
     148: ("AUTOPILOT_VERSION", lambda mav, p: autopilot_version(mav)),

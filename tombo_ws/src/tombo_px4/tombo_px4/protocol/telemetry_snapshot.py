@@ -75,10 +75,10 @@ class TelemetrySnapshot:
         return numbers(frd_from_flu(self.estimate.rates))
 
     @cached_property
-    def pose_variance(self) -> Vector:
-        """Of x, y, z [m^2], then roll, pitch, yaw [rad^2], axes of NED."""
-        east, north, up, *angles = self.vehicle.ekf2_model.pose_variance(self.vehicle.tick)
-        return [north, east, up, *angles]
+    def variances(self) -> tuple[Vector, Vector]:
+        """Of pose and motion, as `Ekf2Model.variances`, with the position in axes of NED."""
+        (east, north, up, *angles), motion = self.vehicle.ekf2_model.variances(self.vehicle.tick)
+        return [north, east, up, *angles], [*motion]
 
     @cached_property
     def heading_deg(self) -> float:

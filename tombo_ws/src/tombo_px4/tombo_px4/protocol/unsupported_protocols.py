@@ -64,8 +64,7 @@ def file_answer(mav: Any, message: Any, system: int, component: int) -> Any | No
     else:
         error = _FTP_NOT_FOUND if operation in _FTP_KNOWN else _FTP_UNKNOWN_COMMAND
         answer, data = _FTP_NAK, bytes([error])
-    head = _FTP_HEADER.pack(
-        (sequence + 1) % 65536, session, answer, len(data), operation, 0, 0, offset
-    )
+    sequence = (sequence + 1) % 65536
+    head = _FTP_HEADER.pack(sequence, session, answer, len(data), operation, 0, 0, offset)
     payload = (head + data).ljust(251, b"\x00")
     return mav.file_transfer_protocol_encode(0, system, component, list(payload))
