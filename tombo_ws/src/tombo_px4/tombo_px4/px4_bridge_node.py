@@ -152,12 +152,12 @@ class Px4BridgeNode(LoopNode):
     # --- Services: called in their own thread, answered by the loop --------------------------
 
     def _serve_requests(self) -> None:
-        self._serve(SetBool, "arm", lambda request: "arm" if request.data else "disarm")
-        self._serve(Trigger, "land", lambda request: "land")
-        self._serve(Trigger, "hold", lambda request: "hold")
-        self._serve(Trigger, "offboard", lambda request: "offboard")
+        self._offer(SetBool, "arm", lambda request: "arm" if request.data else "disarm")
+        self._offer(Trigger, "land", lambda request: "land")
+        self._offer(Trigger, "hold", lambda request: "hold")
+        self._offer(Trigger, "offboard", lambda request: "offboard")
 
-    def _serve(self, service: Any, name: str, kind_of: Callable[[Any], str]) -> None:
+    def _offer(self, service: Any, name: str, kind_of: Callable[[Any], str]) -> None:
         """Pass requests to the loop; it answers within some seconds, other calls go on."""
 
         async def call(request: Any, response: Any) -> Any:
