@@ -4,7 +4,6 @@ No sockets and no clock: `take` what came, `tick` gives what it says.
 """
 
 import math
-import struct
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
@@ -12,6 +11,7 @@ from pymavlink.dialects.v20 import common as mav
 from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD, custom_mode, mode_of
 from tombo_px4.frames import enu_from_ned, ned_from_enu, px4_quaternion
 from tombo_px4.link.timesync import TimeSync
+from tombo_px4.protocol.parameter_protocol import float_of_int, int_of_float
 
 SECOND = 1_000_000_000
 GROUND = 0.18
@@ -98,7 +98,7 @@ class ScriptedPx4:
             old = self.parameters[m.param_id]
             value = m.param_value
             if isinstance(old, int):
-                value = struct.unpack("<i", struct.pack("<f", value))[0]
+                value = int_of_float(value)
             self.parameters[m.param_id] = value
             self._parameter(m.param_id)
 
@@ -124,7 +124,7 @@ class ScriptedPx4:
         elif number == mav.MAV_CMD_COMPONENT_ARM_DISARM:
             self.armed = bool(m.param1)
         elif number == mav.MAV_CMD_REQUEST_MESSAGE and m.param1 == 0:
-            self._say_heartbeat(0)
+            self._out += self._heartbeat(0)
         elif number == mav.MAV_CMD_REQUEST_MESSAGE and m.param1 == 148:
             version = 1 << 24 | 17 << 16 | 255
             self._out.append(
@@ -153,7 +153,7 @@ class ScriptedPx4:
         kind = mav.MAV_PARAM_TYPE_REAL32
         if isinstance(value, int):
             kind = mav.MAV_PARAM_TYPE_INT32
-            value = struct.unpack("<f", struct.pack("<i", value))[0]
+            value = float_of_int(value)
         self._out.append(mav.MAVLink_param_value_message(name.encode(), value, kind, 900, 7))
 
     # --- what it says -----------------------------------------------------------------------
@@ -177,7 +177,7 @@ class ScriptedPx4:
             late = abs(now_ns - self._due.get(name, 0)) >= SECOND / rate
             if late and name not in self.mute:
                 self._due[name] = now_ns
-                getattr(self, f"_say_{name.lower()}")(self.boot_ns(now_ns))
+                self._out += getattr(self, f"_{name.lower()}")(self.boot_ns(now_ns))
         for asked, arrival in self._asked:
             times = self.sync.answer(0, asked, arrival, self.boot_ns(now_ns))
             self._out.append(mav.MAVLink_timesync_message(*times))
@@ -206,59 +206,50 @@ class ScriptedPx4:
         else:
             self._grounded_ns = None
 
-    def _say_heartbeat(self, boot):
+    def _heartbeat(self, boot):
         base = 0x81 if self.armed else 0x01
-        self._out.append(
-            mav.MAVLink_heartbeat_message(
-                2, mav.MAV_AUTOPILOT_PX4, base, custom_mode(self.mode), 4, 3
-            )
-        )
+        number = custom_mode(self.mode)
+        return [mav.MAVLink_heartbeat_message(2, mav.MAV_AUTOPILOT_PX4, base, number, 4, 3)]
 
-    def _say_odometry(self, boot):
+    def _odometry(self, boot):
         if self.estimate is None:
-            return
-        x, y, z = ned_from_enu(self.estimate)
-        q = px4_quaternion(self.attitude)
-        covariance = 21 * [NAN]
-        for place in (0, 6, 11, 15, 18, 20):
-            covariance[place] = 1e-4
-        self._out.append(
+            return []
+        place, q = ned_from_enu(self.estimate), px4_quaternion(self.attitude)
+        covariance = [1e-4 if k in (0, 6, 11, 15, 18, 20) else NAN for k in range(21)]
+        moving = 6 * [0]
+        return [
             mav.MAVLink_odometry_message(
-                boot // 1000, 1, 12, x, y, z, q, 0, 0, 0, 0, 0, 0, covariance, covariance
+                boot // 1000, 1, 12, *place, q, *moving, covariance, covariance
             )
-        )
+        ]
 
-    def _say_local_position_ned(self, boot):
-        if self.estimate is not None:
-            place = ned_from_enu(self.estimate)
-            self._out.append(
-                mav.MAVLink_local_position_ned_message(boot // 1_000_000, *place, 0, 0, 0)
-            )
+    def _local_position_ned(self, boot):
+        if self.estimate is None:
+            return []
+        place = ned_from_enu(self.estimate)
+        return [mav.MAVLink_local_position_ned_message(boot // 1_000_000, *place, 0, 0, 0)]
 
-    def _say_attitude_quaternion(self, boot):
+    def _attitude_quaternion(self, boot):
         q = px4_quaternion(self.attitude)
-        self._out.append(mav.MAVLink_attitude_quaternion_message(boot // 1_000_000, *q, 0, 0, 0))
+        return [mav.MAVLink_attitude_quaternion_message(boot // 1_000_000, *q, 0, 0, 0)]
 
-    def _say_highres_imu(self, boot):
+    def _highres_imu(self, boot):
         noise = self._rng.normal(0, 0.01, 6)
         accel, gyro = np.array([0, 0, -9.81]) + noise[:3], 0.1 * noise[3:]
-        self._out.append(
-            mav.MAVLink_highres_imu_message(boot // 1000, *accel, *gyro, 0, 0, 0, 0, 0, 0, 0, 0x3F)
-        )
+        return [mav.MAVLink_highres_imu_message(boot // 1000, *accel, *gyro, *7 * [0], 0x3F)]
 
-    def _say_extended_sys_state(self, boot):
-        self._out.append(mav.MAVLink_extended_sys_state_message(0, 2 if self.in_air else 1))
+    def _extended_sys_state(self, boot):
+        return [mav.MAVLink_extended_sys_state_message(0, 2 if self.in_air else 1)]
 
-    def _say_estimator_status(self, boot):
+    def _estimator_status(self, boot):
         known = self.estimate is not None
         flags = 1 | (8 | 32 | 256 if known else 0) | (0 if known and self.in_air else 128)
-        self._out.append(
-            mav.MAVLink_estimator_status_message(boot // 1000, flags, 0, 0.1, 0.1, 0, 0, 0, 0, 0)
-        )
+        ratios = (0, 0.1, 0.1, 0, 0, 0)
+        return [mav.MAVLink_estimator_status_message(boot // 1000, flags, *ratios, 0, 0)]
 
-    def _say_battery_status(self, boot):
+    def _battery_status(self, boot):
         cells = [4100, 4090, 4080] + 7 * [0xFFFF]
-        self._out.append(mav.MAVLink_battery_status_message(0, 0, 0, 2000, cells, 900, 0, 0, 80))
+        return [mav.MAVLink_battery_status_message(0, 0, 0, 2000, cells, 900, 0, 0, 80)]
 
-    def _say_timesync(self, boot):
-        self._out.append(mav.MAVLink_timesync_message(*self.sync.request(boot)))
+    def _timesync(self, boot):
+        return [mav.MAVLink_timesync_message(*self.sync.request(boot))]

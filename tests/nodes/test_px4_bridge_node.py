@@ -25,6 +25,7 @@ from tombo_bag.topics import (
     PX4_STATUS,
     SETPOINT,
 )
+from tombo_flight.suite.px4_connection import free_udp_port
 from tombo_msgs.msg import MissionStatus, PositionSetpoint
 from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD
 from tombo_px4.link.mavlink_link import Link
@@ -32,12 +33,6 @@ from tombo_ros.conversion import array, point, quaternion, to_ns, to_time
 
 MS = 1_000_000
 NODE = "tombo_px4.px4_bridge_node"
-
-
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
-        found.bind(("127.0.0.1", 0))
-        return found.getsockname()[1]
 
 
 class Px4Thread:
@@ -73,7 +68,7 @@ class Lab:
 
     def __init__(self, world, start, *more, system=1, parameters=()):
         self.world = world
-        port = free_port()
+        port = free_udp_port()
         self.vehicle = Px4Thread(port, system)
         self.px4.parameters.update(parameters)
         self.phase, self.goal = MissionStatus.IDLE, np.array([0.0, 0.0, GROUND])

@@ -9,6 +9,7 @@ each direction has its own name: a call says what it has and what it wants.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,8 @@ The first two turn counter-clockwise, seen from above (PX4 airframe reference, Q
 _EARTH_RADIUS_M = 6_371_000.0
 _HALF = math.sqrt(0.5)
 _UPPER = np.triu_indices(6)
+UPPER_DIAGONAL = [0, 6, 11, 15, 18, 20]
+"""Places of the diagonal in the upper triangle (21) of a covariance (6, 6)."""
 
 
 def ned_from_enu(vector: ArrayLike) -> Array:
@@ -32,9 +35,21 @@ def ned_from_enu(vector: ArrayLike) -> Array:
     return np.stack([v[..., 1], v[..., 0], -v[..., 2]], axis=-1)
 
 
-def enu_from_ned(vector: ArrayLike) -> Array:
-    """Turn (..., 3) from NED into ENU axes."""
-    return ned_from_enu(vector)
+def quaternion_of_angles(roll: float, pitch: float, yaw: float) -> tuple[float, ...]:
+    """Return wxyz of roll, pitch and yaw [rad], turned in the order yaw, pitch, roll."""
+    cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
+    cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
+    cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
+enu_from_ned = ned_from_enu
+"""Turns (..., 3) from NED into ENU axes."""
 
 
 def frd_from_flu(vector: ArrayLike) -> Array:
@@ -43,9 +58,8 @@ def frd_from_flu(vector: ArrayLike) -> Array:
     return np.stack([v[..., 0], -v[..., 1], -v[..., 2]], axis=-1)
 
 
-def flu_from_frd(vector: ArrayLike) -> Array:
-    """Turn (..., 3) from FRD into FLU axes."""
-    return frd_from_flu(vector)
+flu_from_frd = frd_from_flu
+"""Turns (..., 3) from FRD into FLU axes."""
 
 
 def px4_quaternion(attitude: ArrayLike) -> Array:
@@ -70,14 +84,23 @@ def ros_quaternion(attitude: ArrayLike) -> Array:
     return _w_positive(out, 3)
 
 
+def euler(q: Sequence[float]) -> tuple[float, float, float]:
+    """Return roll, pitch, yaw [rad] (Z-Y-X) of a quaternion wxyz, in its own frames."""
+    w, x, y, z = q
+    return (
+        math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+        math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0)),
+        math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
+    )
+
+
 def px4_yaw(yaw: float) -> float:
     """Return the heading clockwise from north of a yaw counter-clockwise from east [rad]."""
     return math.remainder(0.5 * math.pi - yaw, 2.0 * math.pi)
 
 
-def ros_yaw(yaw: float) -> float:
-    """Return the yaw counter-clockwise from east of a heading clockwise from north [rad]."""
-    return px4_yaw(yaw)
+ros_yaw = px4_yaw
+"""Returns the yaw counter-clockwise from east of a heading clockwise from north [rad]."""
 
 
 def px4_yaw_rate(rate: float) -> float:
@@ -105,13 +128,7 @@ def ros_pose_covariance(upper: ArrayLike) -> Array:
     return turned
 
 
-def _world_turn() -> Array:
-    turn = np.zeros((6, 6))
-    turn[:3, :3] = turn[3:, 3:] = ned_from_enu(np.eye(3)).T
-    return turn
-
-
-_WORLD_TURN = _world_turn()
+_WORLD_TURN = np.kron(np.eye(2), ned_from_enu(np.eye(3)).T)
 
 
 def _w_positive(q: Array, w: int) -> Array:

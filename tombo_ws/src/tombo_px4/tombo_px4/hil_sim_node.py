@@ -6,16 +6,14 @@ capture leave by ROS, so the bridge brings them to PX4 as it would in the lab. R
 
 from __future__ import annotations
 
-import sys
 import time
-from collections.abc import Sequence
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import TICK_NS
 from tombo_px4.hil.link import PX4_PORT, HilLink
 from tombo_px4.hil.lockstep import HilSimulator
 from tombo_px4.hil.params import HilParams
-from tombo_ros.node_loop import run
+from tombo_ros.core_node import main_of
 from tombo_sim.simulator import Simulator
 from tombo_sim.vehicle_node import VehicleNode
 
@@ -93,9 +91,7 @@ class HilSimNode(VehicleNode):
         self._link.close()
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Run the node."""
-    sys.exit(run(HilSimNode, argv))
+main = main_of(HilSimNode)
 
 
 if __name__ == "__main__":

@@ -7,11 +7,10 @@ and change modes, and answer when PX4's heartbeat says that it is so.
 from __future__ import annotations
 
 import re
-import sys
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -34,21 +33,23 @@ from tombo_bag.topics import (
 )
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import PositionSetpoint
-from tombo_dynamics.pose_check import POSE_REFUSAL_TEXTS
-from tombo_dynamics.rotation import rotate_vectors
+from tombo_dynamics.pose_check import POSE_REFUSAL_TEXTS, PoseRefusal
+from tombo_dynamics.rotation import conjugate, rotate_vectors
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_msgs.msg import Px4Status
 from tombo_px4.bridge.bridge import Bridge, BridgeOutput, Status
-from tombo_px4.bridge.bridge_params import ATTITUDE, POSITION, BridgeParams, LinkParams
+from tombo_px4.bridge.bridge_params import ATTITUDE, RATES, BridgeParams, LinkParams
 from tombo_px4.bridge.decoded_messages import Battery, ImuSample, MavLandedState, VehicleOdometry
 from tombo_px4.bridge.modes import OFFBOARD, mode_name
 from tombo_px4.link.link_findings import link_faults
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.parameter_reader import parse_assignments
-from tombo_px4.link.signing import read_key
+from tombo_px4.link.signing import key_of
+from tombo_px4.protocol.results import Severity
 from tombo_ros.conversion import array, to_ns, to_time
+from tombo_ros.core_node import main_of
 from tombo_ros.health import ERROR, WARN
-from tombo_ros.node_loop import LoopNode, run
+from tombo_ros.node_loop import LoopNode
 from tombo_ros.pacing import ESTIMATOR
 from tombo_ros.topic import message_class
 
@@ -65,7 +66,6 @@ _ASK_AGAIN_NS = 1_000_000_000
 _FLUSH_S = 0.1
 """Time for the last messages to be sent."""
 _ERROR_FAULTS = ("no_vehicle", "link_lost", "mode_taken", "given_up", "wrong_system")
-_ERROR_SEVERITY, _WARNING_SEVERITY = 3, 4
 _NUMBER = re.compile(r"[-+]?\d[\d.]*")
 
 
@@ -93,12 +93,7 @@ class Px4BridgeNode(LoopNode):
         if self.sim_time:
             raise InputError("use_sim_time: true; accepted: false, PX4 flies in real time")
         link = self.records["link"]
-        key = None
-        if link.key_file:
-            found = read_key(Path(link.key_file))
-            key = found.key
-            if found.warning:
-                self.health.fault("key_file", True, found.warning)
+        key = key_of(link.key_file, partial(self.health.fault, "key_file", True))
         mass = self.records["vehicle"].mass
         self._bridge = Bridge(self.records["px4"], link, mass, parse_assignments(writes))
         self._link = Link(
@@ -115,7 +110,9 @@ class Px4BridgeNode(LoopNode):
         self._pose_in = self.subscribe(MOCAP_POSE, depth=20)
         self._setpoint_in = self.subscribe(SETPOINT)
         self._setpoint_codec = MessageCodec(SETPOINT.typename)
-        self._attitude_or_rates_in = self._subscribe_attitude_or_rates()
+        rotations = {ATTITUDE: ATTITUDE_SETPOINT, RATES: RATES_SETPOINT}
+        topic = rotations.get(self.records["px4"].setpoint)
+        self._attitude_or_rates_in = None if topic is None else self.subscribe(topic, depth=20)
         self._make_outputs()
         self._waiting: deque[tuple[str, Any]] = deque()  # filled by the services' thread
         self._pending_requests: dict[int, Any] = {}
@@ -124,32 +121,22 @@ class Px4BridgeNode(LoopNode):
         self._published_status: tuple[Any, ...] = ()
         self._published_status_ns = 0
 
-    def _subscribe_attitude_or_rates(self) -> Any:
-        kind = self.records["px4"].setpoint
-        if kind == POSITION:
-            return None
-        return self.subscribe(ATTITUDE_SETPOINT if kind == ATTITUDE else RATES_SETPOINT, depth=20)
-
     def _make_outputs(self) -> None:
         self._odometry_out = self.advertise(ODOMETRY)
-        self._odometry = MessageTemplate(
-            ODOMETRY.typename, {"header": {"frame_id": "map"}, "child_frame_id": "base_link"}
-        )
+        frames = {"header": {"frame_id": "map"}, "child_frame_id": "base_link"}
+        self._odometry = MessageTemplate(ODOMETRY.typename, frames)
         self._pose_field = self._odometry.field("pose.pose.position.x", 7)
         self._covariance_field = self._odometry.field("pose.covariance", 36)
         self._twist_field = self._odometry.field("twist.twist.linear.x", 6)
         self._imu_out = self.advertise(IMU)
-        self._imu = MessageTemplate(
-            IMU.typename,
-            {"header": {"frame_id": "base_link"}, "orientation_covariance": [-1.0] + 8 * [0.0]},
-        )
+        unknown = {"orientation_covariance": [-1.0] + 8 * [0.0]}
+        self._imu = MessageTemplate(IMU.typename, {"header": {"frame_id": "base_link"}, **unknown})
         self._gyro = self._imu.field("angular_velocity.x", 3)
         self._accel = self._imu.field("linear_acceleration.x", 3)
         self._battery_out = self.advertise(BATTERY)
         self._estimator_out: Any = None
-        if (
-            self._attitude_or_rates_in is not None
-        ):  # the controller behind those set points asks for it
+        # the controller behind those set points asks for it
+        if self._attitude_or_rates_in is not None:
             self._estimator_out = self.advertise(ESTIMATOR_STATUS)
             self._estimator_ns = 0
         self._status_out = self.advertise(PX4_STATUS)
@@ -159,34 +146,27 @@ class Px4BridgeNode(LoopNode):
             message_class(TF.typename)
         except ImportError:
             return
-        one = {"header": {"frame_id": "map"}, "child_frame_id": "base_link"}
-        self._tf_out, self._tf = (
-            self.advertise(TF),
-            MessageTemplate(TF.typename, {"transforms": [one]}),
-        )
+        self._tf_out = self.advertise(TF)
+        self._tf = MessageTemplate(TF.typename, {"transforms": [frames]})
 
     # --- Services: called in their own thread, answered by the loop --------------------------
 
     def _serve_requests(self) -> None:
-        self.ros.create_service(SetBool, "px4/arm", self._arm)
-        for kind in ("land", "hold", "offboard"):
-            self.ros.create_service(Trigger, f"px4/{kind}", self._trigger(kind))
+        self._offer(SetBool, "arm", lambda request: "arm" if request.data else "disarm")
+        self._offer(Trigger, "land", lambda request: "land")
+        self._offer(Trigger, "hold", lambda request: "hold")
+        self._offer(Trigger, "offboard", lambda request: "offboard")
 
-    async def _arm(self, request: Any, response: Any) -> Any:
-        return await self._answered("arm" if request.data else "disarm", response)
+    def _offer(self, service: Any, name: str, kind_of: Callable[[Any], str]) -> None:
+        """Pass requests to the loop; it answers within some seconds, other calls go on."""
 
-    def _trigger(self, kind: str) -> Callable[[Any, Any], Any]:
         async def call(request: Any, response: Any) -> Any:
-            return await self._answered(kind, response)
+            future: Any = Future()
+            self._waiting.append((kind_of(request), future))
+            response.success, response.message = await future
+            return response
 
-        return call
-
-    async def _answered(self, kind: str, response: Any) -> Any:
-        """Pass a request to the loop; it answers within some seconds, other calls go on."""
-        future: Any = Future()
-        self._waiting.append((kind, future))
-        response.success, response.message = await future
-        return response
+        self.ros.create_service(service, f"px4/{name}", call)
 
     def _take_requests(self) -> None:
         while self._waiting:
@@ -231,7 +211,7 @@ class Px4BridgeNode(LoopNode):
     def _take_poses(self, now_ns: int) -> None:
         multiple_publishers = self._pose_in.multiple_publishers(now_ns)
         if multiple_publishers:
-            self._bridge.multiple_pose_publishers(now_ns)
+            self._bridge.preflight.refused_pose(PoseRefusal.TWO_PUBLISHERS, now_ns)
         for taken in self._pose_in.take():
             if multiple_publishers:
                 continue
@@ -252,7 +232,7 @@ class Px4BridgeNode(LoopNode):
             text = ""
             try:
                 setpoint: PositionSetpoint = self._setpoint_codec.decode(taken.message)
-                if not multiple_publishers and not self._bridge.setpoint(setpoint, now_ns):
+                if not multiple_publishers and not self._bridge.stream.setpoint(setpoint, now_ns):
                     text = "set point with NaN or infinity: the last one stands"
             except InputError as error:
                 text = f"set point: {error}: the last one stands"
@@ -264,7 +244,7 @@ class Px4BridgeNode(LoopNode):
             message = taken.message
             attitude = hasattr(message, "orientation")
             wanted = array(message.orientation if attitude else message.rates)
-            if not self._bridge.rotation(wanted, float(message.thrust), now_ns):
+            if not self._bridge.stream.rotation(wanted, float(message.thrust), now_ns):
                 text = "attitude or rates with NaN, or no rotation: the last one stands"
                 self.health.report_event("rotation_refused", text)
 
@@ -272,24 +252,17 @@ class Px4BridgeNode(LoopNode):
         """Log texts, keep the faults, publish the status."""
         logger = self.ros.get_logger()
         for text in bridge_output.texts:
-            if text.severity <= _ERROR_SEVERITY:
+            if text.severity <= Severity.ERROR:
                 logger.error(f"PX4: {text.text}")
-            elif text.severity == _WARNING_SEVERITY:
+            elif text.severity == Severity.WARNING:
                 logger.warning(f"PX4: {text.text}")
             else:
                 logger.info(f"PX4: {text.text}")
         for key, said in bridge_output.events:
             self.health.report_event(key, said)
         faults = dict(bridge_output.faults)
-        faults.update(
-            link_faults(
-                self._link.counters,
-                self._link.rejected_sender,
-                self.records["link"],
-                bridge_output.status.connected,
-                self._link.pack_error,
-            )
-        )
+        connected = bridge_output.status.connected
+        faults |= link_faults(self._link, self.records["link"], connected)
         for key in self._active - faults.keys():
             self.health.fault(key, False)
         for key, said in faults.items():
@@ -306,8 +279,7 @@ class Px4BridgeNode(LoopNode):
         self._pose_field.put((*odometry.position, *odometry.attitude))
         covariance = odometry.pose_covariance
         self._covariance_field.put_array(np.zeros(36) if covariance is None else covariance)
-        x, y, z, w = odometry.attitude
-        moving = rotate_vectors(np.array([-x, -y, -z, w]), odometry.velocity)
+        moving = rotate_vectors(conjugate(odometry.attitude), odometry.velocity)
         self._twist_field.put((*moving, *odometry.rates))
         self._odometry_out.publish(message_template.data())
         if self._estimator_out is not None and odometry.stamp_ns - self._estimator_ns >= _TF_NS:
@@ -355,11 +327,8 @@ class Px4BridgeNode(LoopNode):
         self._published_status, self._published_status_ns = told, now_ns
         message: Any = Px4Status()
         message.header.stamp, message.header.frame_id = to_time(now_ns), "map"
-        message.connected, message.armed, message.mode = (
-            status.connected,
-            status.armed,
-            status.mode,
-        )
+        message.connected, message.armed = status.connected, status.armed
+        message.mode = status.mode
         message.landed_state = int(status.landed)
         message.stage, message.why = status.stage.value, status.why
         message.offboard, message.ready = status.offboard, status.ready
@@ -403,25 +372,18 @@ class Px4BridgeNode(LoopNode):
             now_ns = time.monotonic_ns()
             if self._stops > told or now_ns > end_ns:
                 return
-            if (
-                now_ns - asked_ns > _ASK_AGAIN_NS
-                and not self._pending_requests
-                and self._in_offboard()
-            ):
+            # any mode but OFFBOARD was chosen by another station and is kept
+            ours = self._status.mode == mode_name(OFFBOARD)
+            if ours and now_ns - asked_ns > _ASK_AGAIN_NS and not self._pending_requests:
                 asked_ns = now_ns
                 grounded = self._status.landed == MavLandedState.ON_GROUND
-                self._pending_requests[self._bridge.request("disarm" if grounded else "land")] = (
-                    Future()
-                )
+                number = self._bridge.request("disarm" if grounded else "land")
+                self._pending_requests[number] = Future()
             self._link.wait(_LANDING_STEP_S)
             wall_ns = time.time_ns()
             self.step(wall_ns)
             self.periodic_tasks(wall_ns, wall_ns)
         time.sleep(_FLUSH_S)
-
-    def _in_offboard(self) -> bool:
-        """Whether PX4 is in OFFBOARD; any other mode was chosen by another station and is kept."""
-        return self._status.mode == mode_name(OFFBOARD)
 
     def _send_shutdown_command(self) -> None:
         """Send a last command, so that nothing arms late or is left to the fail-safe."""
@@ -455,9 +417,7 @@ def _battery(battery: Battery) -> Any:
     return message
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Run the node."""
-    sys.exit(run(Px4BridgeNode, argv))
+main = main_of(Px4BridgeNode)
 
 
 if __name__ == "__main__":

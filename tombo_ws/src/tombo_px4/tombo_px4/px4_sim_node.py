@@ -6,10 +6,8 @@ are published in ROS only; PX4 gets them from the bridge. Real time only.
 
 from __future__ import annotations
 
-import sys
 import time
-from collections.abc import Sequence
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 from tombo_dynamics.errors import InputError
@@ -19,16 +17,15 @@ from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.bridge.modes import mode_name
 from tombo_px4.hil.hil_start_help import MOCAP_ONLY
 from tombo_px4.link.mavlink_link import Link
-from tombo_px4.link.signing import read_key
+from tombo_px4.link.signing import key_of
 from tombo_px4.protocol.endpoint import Endpoint
-from tombo_ros.node_loop import run
+from tombo_px4.protocol.results import Severity
+from tombo_ros.core_node import main_of
 from tombo_sim.vehicle_node import VehicleNode
 
 _BEHIND_NS = 500_000_000
 """If it is behind or ahead by more, the flight's clock is set; a smaller delay, as when other
 nodes start, is caught up within a tenth of a second."""
-_WARNING = 4
-"""Severity of a text; lower is more severe."""
 _MOST_TICKS = 20
 """Most ticks in one run of the loop; links are read between the runs."""
 
@@ -62,10 +59,12 @@ class Px4SimNode(VehicleNode):
         if not onboard and not ground:
             raise InputError("onboard_url and ground_url: both empty; accepted: at least one link")
         table = self._table()
-        self._warm_up()
+        spare = Px4Vehicle(self.world, 0, ParameterTable())
+        for _ in range(10):  # all compiled code is loaded before the flight
+            spare.step()
         self.vehicle = Px4Vehicle(self.world, self.seed, table)
         self.attach_simulator(self.vehicle.simulator)
-        key = self._key(key_file)
+        key = key_of(key_file, partial(self.health.fault, "key_file", True))
         self._links = {
             kind: Link(
                 url,
@@ -78,25 +77,11 @@ class Px4SimNode(VehicleNode):
             for kind, url in (("onboard", onboard), ("ground", ground))
             if url
         }
-        self._endpoint = Endpoint(
-            self.vehicle, [(link, kind) for kind, link in self._links.items()]
-        )
+        links = [(link, kind) for kind, link in self._links.items()]
+        self._endpoint = Endpoint(self.vehicle, links)
         self._began_ns: int | None = None
         """Time of tick 0."""
         self._slipped = 0
-
-    def _key(self, path: str) -> bytes | None:
-        """Return the signing key of a file; None without one.
-
-        Raises:
-            InputError: it can't be read, or is none.
-        """
-        if not path:
-            return None
-        key, warning = read_key(Path(path))
-        if warning:
-            self.health.fault("key_file", True, warning)
-        return key
 
     def _table(self) -> ParameterTable:
         """Declare PX4's parameters as `px4.NAME`; those of mocap alone are the default."""
@@ -111,12 +96,6 @@ class Px4SimNode(VehicleNode):
                 raise InputError(f"px4.{refusal}")
         return table
 
-    def _warm_up(self) -> None:
-        """Load all compiled code before the flight."""
-        spare = Px4Vehicle(self.world, 0, ParameterTable())
-        for _ in range(10):
-            spare.step()
-
     def spin(self) -> None:
         """Show the obstacle, then fly."""
         self._began_ns = time.time_ns()
@@ -129,7 +108,10 @@ class Px4SimNode(VehicleNode):
         assert self._began_ns is not None
         behind_ns = now_ns - self._began_ns - self.vehicle.tick * TICK_NS
         if abs(behind_ns) > _BEHIND_NS:
-            self._slip(behind_ns)
+            self._began_ns += behind_ns  # missed ticks are dropped
+            self._slipped += 1
+            late = f"the loop was {behind_ns * 1e-9:.2f} s behind the clock"
+            self.health.report_event("slipped", f"{late}: flight time stood still")
             behind_ns = 0
         if behind_ns < TICK_NS:
             self._endpoint.advance(self.vehicle.tick * TICK_NS, now_ns)
@@ -138,19 +120,11 @@ class Px4SimNode(VehicleNode):
             self.publish_tick(self._began_ns)
         self._log_status_texts()
 
-    def _slip(self, behind_ns: int) -> None:
-        """Set the flight's clock to now: missed ticks are dropped."""
-        assert self._began_ns is not None
-        self._began_ns += behind_ns
-        self._slipped += 1
-        text = f"the loop was {behind_ns * 1e-9:.2f} s behind the clock: flight time stood still"
-        self.health.report_event("slipped", text)
-
     def _log_status_texts(self) -> None:
         """Put the autopilot's texts into the log."""
         logger = self.ros.get_logger()
         for severity, text in self._endpoint.statustext.said:
-            if severity <= _WARNING:  # rclpy: one severity for each line of code
+            if severity <= Severity.WARNING:  # rclpy: one severity for each line of code
                 logger.warning(f"PX4 says: {text}")
             else:
                 logger.info(f"PX4 says: {text}")
@@ -175,9 +149,7 @@ class Px4SimNode(VehicleNode):
             link.close()
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Run the node."""
-    sys.exit(run(Px4SimNode, argv))
+main = main_of(Px4SimNode)
 
 
 if __name__ == "__main__":

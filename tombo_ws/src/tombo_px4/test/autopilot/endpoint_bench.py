@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
+from vehicle_bench import table_with
 
-from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.status_text import StatusTextAssembler
@@ -70,10 +70,7 @@ class Bench:
     """One vehicle, a link and a client for each stream set."""
 
     def __init__(self, streams: Iterable[str], parameters: dict[str, float], seed: int) -> None:
-        table = ParameterTable()
-        for name, value in parameters.items():
-            assert table.set(name, value) == ""
-        self.vehicle = Px4Vehicle(World(), seed, table)
+        self.vehicle = Px4Vehicle(World(), seed, table_with(**parameters))
         self.clients = []
         self.links = []
         links = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from typing import Any
 
 import numpy as np
@@ -83,6 +83,14 @@ class Bench:
             lambda: self.seconds >= seconds - 1e-9, turns=round(1e9 / TURN_NS * seconds) + 20_000
         )
 
+    def hush(self) -> Callable[[Any, list[float]], bytes | None]:
+        """Let PX4 answer no more; return how it has answered."""
+        kept, self.peer.answer = self.peer.answer, lambda sensor, values: None
+        return kept
+
+    def hovers(self) -> None:
+        assert abs(self.position[2] - 2.2) < 0.3, self.position
+
     def close(self) -> None:
         self.peer.close()
         self.link.close()
@@ -90,8 +98,5 @@ class Bench:
 
 @contextmanager
 def bench(*args: Any, **kwargs: Any) -> Iterator[Bench]:
-    made = Bench(*args, **kwargs)
-    try:
+    with closing(Bench(*args, **kwargs)) as made:
         yield made
-    finally:
-        made.close()

@@ -23,14 +23,12 @@ def armed(b):
 
 
 @pytest.mark.slow
-def test_arming_and_disarming_are_acknowledged_and_shown_by_the_heartbeat():
-    with bench() as b:
-        b.settle()
-        assert not armed(b)
-        assert b.acks(ARM, 1.0) == [ACCEPTED]
-        assert armed(b)
-        assert b.acks(ARM, 0.0) == [ACCEPTED]
-        assert not armed(b)
+def test_arming_and_disarming_are_acknowledged_and_shown_by_the_heartbeat(b):
+    assert not armed(b)
+    assert b.acks(ARM, 1.0) == [ACCEPTED]
+    assert armed(b)
+    assert b.acks(ARM, 0.0) == [ACCEPTED]
+    assert not armed(b)
 
 
 def test_arming_is_refused_with_the_reason_while_there_is_no_position():
@@ -45,117 +43,93 @@ def test_arming_is_refused_with_the_reason_while_there_is_no_position():
 
 
 @pytest.mark.parametrize("wish", [2.0, -1.0, 0.5, NAN])
-def test_neither_arm_nor_disarm_is_unsupported(wish):
-    with bench() as b:
-        b.settle()
-        assert b.acks(ARM, wish) == [UNSUPPORTED]
-        assert not b.vehicle.armed
+def test_neither_arm_nor_disarm_is_unsupported(wish, b):
+    assert b.acks(ARM, wish) == [UNSUPPORTED]
+    assert not b.vehicle.armed
 
 
 @pytest.mark.slow
-def test_in_the_air_only_force_disarms():
-    with bench() as b:
-        b.take_off(0.6)
-        assert b.acks(ARM, 0.0) == [REJECTED]
-        assert b.vehicle.armed
-        assert b.acks(ARM, 0.0, 21196.0) == [ACCEPTED]
-        assert not b.vehicle.armed
+def test_in_the_air_only_force_disarms(fresh):
+    fresh.take_off(0.6)
+    assert fresh.acks(ARM, 0.0) == [REJECTED]
+    assert fresh.vehicle.armed
+    assert fresh.acks(ARM, 0.0, 21196.0) == [ACCEPTED]
+    assert not fresh.vehicle.armed
 
 
-def test_a_mode_is_acknowledged_twice_first_always_with_accepted():
-    with bench() as b:
-        b.settle()
-        assert b.acks(SET_MODE, *OFFBOARD) == [ACCEPTED, ACCEPTED]
-        assert heartbeat(b).custom_mode == 6 << 16
-        assert b.acks(SET_MODE, 1.0, 9.0, 0.0) == [ACCEPTED, REJECTED]
-        assert b.acks(SET_MODE, 1.0, NAN, 0.0) == [ACCEPTED, DENIED]
-        assert b.acks(SET_MODE, 0.0, 6.0, 0.0) == [ACCEPTED, DENIED]
-        assert heartbeat(b).custom_mode == 6 << 16
+def test_a_mode_is_acknowledged_twice_first_always_with_accepted(b):
+    assert b.acks(SET_MODE, *OFFBOARD) == [ACCEPTED, ACCEPTED]
+    assert heartbeat(b).custom_mode == 6 << 16
+    assert b.acks(SET_MODE, 1.0, 9.0, 0.0) == [ACCEPTED, REJECTED]
+    assert b.acks(SET_MODE, 1.0, NAN, 0.0) == [ACCEPTED, DENIED]
+    assert b.acks(SET_MODE, 0.0, 6.0, 0.0) == [ACCEPTED, DENIED]
+    assert heartbeat(b).custom_mode == 6 << 16
 
 
 @pytest.mark.slow
-def test_offboard_without_setpoints_is_refused_in_the_air_only():
-    with bench() as b:
-        b.settle()
-        assert b.acks(SET_MODE, *OFFBOARD)[-1] == ACCEPTED
-        assert b.acks(ARM, 1.0) == [REJECTED]
-        assert b.acks(SET_MODE, 1.0, 4.0, 3.0)[-1] == ACCEPTED
-        b.take_off(0.6)
-        assert b.acks(SET_MODE, *OFFBOARD) == [ACCEPTED, REJECTED]
+def test_offboard_without_setpoints_is_refused_in_the_air_only(b):
+    assert b.acks(SET_MODE, *OFFBOARD)[-1] == ACCEPTED
+    assert b.acks(ARM, 1.0) == [REJECTED]
+    assert b.acks(SET_MODE, 1.0, 4.0, 3.0)[-1] == ACCEPTED
+    b.take_off(0.6)
+    assert b.acks(SET_MODE, *OFFBOARD) == [ACCEPTED, REJECTED]
 
 
-def test_the_old_set_mode_message_is_answered_once_with_the_real_result():
-    with bench() as b:
-        b.settle()
-        mav = b.client.mav
-        b.client.send(mav.set_mode_encode(1, 1, custom_mode(AUTO_RTL)))
-        acks = of(b.run(0.1), "COMMAND_ACK")
-        assert [(a.command, a.result) for a in acks] == [(SET_MODE, ACCEPTED)]
-        assert b.vehicle.mode == AUTO_RTL
-        b.client.send(mav.set_mode_encode(2, 1, custom_mode(AUTO_LAND)))
-        assert not of(b.run(0.1), "COMMAND_ACK")
-        assert b.vehicle.mode == AUTO_RTL
+def test_the_old_set_mode_message_is_answered_once_with_the_real_result(b):
+    mav = b.client.mav
+    b.client.send(mav.set_mode_encode(1, 1, custom_mode(AUTO_RTL)))
+    acks = of(b.run(0.1), "COMMAND_ACK")
+    assert [(a.command, a.result) for a in acks] == [(SET_MODE, ACCEPTED)]
+    assert b.vehicle.mode == AUTO_RTL
+    b.client.send(mav.set_mode_encode(2, 1, custom_mode(AUTO_LAND)))
+    assert not of(b.run(0.1), "COMMAND_ACK")
+    assert b.vehicle.mode == AUTO_RTL
 
 
 @pytest.mark.slow
-def test_take_off_hold_and_land_go_their_way():
-    with bench() as b:
-        b.take_off(0.8)
-        assert b.vehicle.simulator.height == pytest.approx(0.8 + 0.18, abs=0.1)
-        assert b.acks(LAND) == [ACCEPTED]
-        assert mode_of(heartbeat(b).custom_mode) == AUTO_LAND
-        b.wait("EXTENDED_SYS_STATE", 12.0, landed_state=1)
-        b.run(4.0, lambda _: not b.vehicle.armed)
+def test_take_off_hold_and_land_go_their_way(fresh):
+    fresh.take_off(0.8)
+    assert fresh.vehicle.simulator.height == pytest.approx(0.8 + 0.18, abs=0.1)
+    assert fresh.acks(LAND) == [ACCEPTED]
+    assert mode_of(heartbeat(fresh).custom_mode) == AUTO_LAND
+    fresh.wait("EXTENDED_SYS_STATE", 12.0, landed_state=1)
+    fresh.run(4.0, lambda _: not fresh.vehicle.armed)
 
 
 @pytest.mark.slow
-def test_take_off_to_an_altitude_by_command_int():
-    with bench() as b:
-        b.settle()
-        assert b.acks(ARM, 1.0) == [ACCEPTED]
-        origin = b.endpoint.origin
-        up = float(b.vehicle.home[2]) + 0.7
-        for frame, result in ((3, 8), (0, ACCEPTED)):
-            b.client.send(
-                b.client.mav.command_int_encode(
-                    1, 1, frame, TAKEOFF, 0, 0, NAN, 0, 0, NAN, *2 * [2**31 - 1],
-                    origin.altitude_m + up,
-                )
-            )  # fmt: skip
-            assert b.wait("COMMAND_ACK", command=TAKEOFF).result == result
-        b.run(12.0, lambda _: b.vehicle.mode.sub == 3)
-        b.run(2.0)
-        assert b.vehicle.simulator.height == pytest.approx(up, abs=0.15)
+def test_take_off_to_an_altitude_by_command_int(b):
+    assert b.acks(ARM, 1.0) == [ACCEPTED]
+    origin = b.endpoint.origin
+    up = float(b.vehicle.home[2]) + 0.7
+    for frame, result in ((3, 8), (0, ACCEPTED)):
+        b.client.send(
+            b.client.mav.command_int_encode(
+                1, 1, frame, TAKEOFF, 0, 0, NAN, 0, 0, NAN, *2 * [2**31 - 1],
+                origin.altitude_m + up,
+            )
+        )  # fmt: skip
+        assert b.wait("COMMAND_ACK", command=TAKEOFF).result == result
+    b.run(12.0, lambda _: b.vehicle.mode.sub == 3)
+    b.run(2.0)
+    assert b.vehicle.simulator.height == pytest.approx(up, abs=0.15)
 
 
-def test_unknown_commands_are_unsupported_and_counted():
-    with bench() as b:
-        assert b.acks(31000) == [UNSUPPORTED]
-        assert b.acks(2000, 1.0) == [UNSUPPORTED]
-        assert b.endpoint.statustext.counts["command 31000 is not supported"] == 1
+def test_unknown_commands_are_unsupported_and_counted(fresh):
+    assert fresh.acks(31000) == [UNSUPPORTED]
+    assert fresh.acks(2000, 1.0) == [UNSUPPORTED]
+    assert fresh.endpoint.statustext.counts["command 31000 is not supported"] == 1
 
 
 @pytest.mark.parametrize("target", [(2, 1), (0, 1), (1, 42), (0, 0)])
-def test_commands_for_another_vehicle_are_ignored(target):
-    with bench() as b:
-        b.settle()
-        assert b.acks(ARM, 1.0, target=target) == []
-        assert b.acks(31000, target=target) == []
-        assert not b.vehicle.armed
-        assert b.endpoint.statustext.counts["addressed to another"] == 2
+def test_commands_for_another_vehicle_are_ignored(target, b):
+    assert b.acks(ARM, 1.0, target=target) == []
+    assert b.acks(31000, target=target) == []
+    assert not b.vehicle.armed
+    assert b.endpoint.statustext.counts["addressed to another"] == 2
 
 
-def test_every_component_is_meant_by_component_zero():
-    with bench() as b:
-        b.settle()
-        assert b.acks(ARM, 1.0, target=(1, 0)) == [ACCEPTED]
-
-
-def test_who_asks_is_named_in_the_answer():
-    with bench() as b:
-        b.client.command(31000)
-        ack = b.wait("COMMAND_ACK")
-    assert (ack.target_system, ack.target_component) == (245, 191)
+def test_every_component_is_meant_by_component_zero(b):
+    assert b.acks(ARM, 1.0, target=(1, 0)) == [ACCEPTED]
 
 
 @pytest.mark.parametrize(
@@ -171,12 +145,11 @@ def test_a_message_is_sent_when_it_is_requested(number, kind):
         assert [a.result for a in of(heard, "COMMAND_ACK")] == [ACCEPTED]
 
 
-def test_requests_for_all_systems_are_answered_too():
-    with bench() as b:
-        for command in ((REQUEST, 148.0), (520, 1.0)):
-            b.client.command(*command, target=(0, 0))
-            version = b.wait("AUTOPILOT_VERSION")
-            assert version.flight_sw_version >> 8 == 0x011100
+def test_requests_for_all_systems_are_answered_too(fresh):
+    for command in ((REQUEST, 148.0), (520, 1.0)):
+        fresh.client.command(*command, target=(0, 0))
+        version = fresh.wait("AUTOPILOT_VERSION")
+        assert version.flight_sw_version >> 8 == 0x011100
     assert version.capabilities & mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
     assert version.uid != 0
 
@@ -185,9 +158,8 @@ def test_requests_for_all_systems_are_answered_too():
     ("number", "result"),
     [(435.0, DENIED), (397.0, UNSUPPORTED), (395.0, UNSUPPORTED), (NAN, DENIED), (-3.0, DENIED)],
 )
-def test_messages_that_there_are_not_are_refused(number, result):
-    with bench() as b:
-        assert b.acks(REQUEST, number) == [result]
+def test_messages_that_there_are_not_are_refused(number, result, fresh):
+    assert fresh.acks(REQUEST, number) == [result]
 
 
 def test_a_position_that_is_not_known_is_not_told():
@@ -198,24 +170,21 @@ def test_a_position_that_is_not_known_is_not_told():
         assert not kinds & {"LOCAL_POSITION_NED", "ODOMETRY", "GLOBAL_POSITION_INT"}
 
 
-def test_intervals_are_set_and_told():
-    with bench() as b:
-        b.settle()
-        assert b.acks(SET_INTERVAL, 331.0, 10_000.0) == [ACCEPTED]
-        stamps = [m.time_usec for m in of(b.run(1.0), "ODOMETRY")]
-        assert len(stamps) == pytest.approx(100, abs=1)
-        assert {b - a for a, b in pairwise(stamps)} == {10_000}
-        assert b.acks(GET_INTERVAL, 331.0) == [ACCEPTED]
-        told = of(b.client.seen, "MESSAGE_INTERVAL")[-1]
-        assert (told.message_id, told.interval_us) == (331, 10_000)
-        assert b.acks(SET_INTERVAL, 331.0, -1.0) == [ACCEPTED]
-        assert not of(b.run(0.5), "ODOMETRY")
+def test_intervals_are_set_and_told(b):
+    assert b.acks(SET_INTERVAL, 331.0, 10_000.0) == [ACCEPTED]
+    stamps = [m.time_usec for m in of(b.run(1.0), "ODOMETRY")]
+    assert len(stamps) == pytest.approx(100, abs=1)
+    assert {b - a for a, b in pairwise(stamps)} == {10_000}
+    assert b.acks(GET_INTERVAL, 331.0) == [ACCEPTED]
+    told = of(b.client.seen, "MESSAGE_INTERVAL")[-1]
+    assert (told.message_id, told.interval_us) == (331, 10_000)
+    assert b.acks(SET_INTERVAL, 331.0, -1.0) == [ACCEPTED]
+    assert not of(b.run(0.5), "ODOMETRY")
 
 
 @pytest.mark.parametrize("params", [(4242.0, 1e4), (0.0, 1e4), (NAN, 1e4), (30.0, NAN), (1e30, 1)])
-def test_intervals_of_what_cannot_be_are_failed(params):
-    with bench() as b:
-        assert b.acks(SET_INTERVAL, *params) == [FAILED]
+def test_intervals_of_what_cannot_be_are_failed(params, fresh):
+    assert fresh.acks(SET_INTERVAL, *params) == [FAILED]
 
 
 def test_each_link_has_its_own_intervals():
@@ -234,18 +203,15 @@ def test_home_is_sent_when_it_is_asked_for():
         assert of(heard, "HOME_POSITION") and of(heard, "COMMAND_ACK")[0].result == ACCEPTED
 
 
-def test_a_reboot_is_denied_with_words():
-    with bench() as b:
-        assert b.acks(REBOOT, 0.0) == [ACCEPTED]
-        assert b.acks(REBOOT, 1.0) == [DENIED]
-        assert any("reboot denied" in t for t in texts(b.client.seen))
+def test_a_reboot_is_denied_with_words(fresh):
+    assert fresh.acks(REBOOT, 0.0) == [ACCEPTED]
+    assert fresh.acks(REBOOT, 1.0) == [DENIED]
+    assert any("reboot denied" in t for t in texts(fresh.client.seen))
 
 
-def test_there_is_no_mission_to_start():
-    with bench() as b:
-        b.settle()
-        assert b.acks(300) == [DENIED]
-        assert b.acks(SET_MODE, 1.0, *map(float, AUTO_MISSION))[0] == ACCEPTED
+def test_there_is_no_mission_to_start(b):
+    assert b.acks(300) == [DENIED]
+    assert b.acks(SET_MODE, 1.0, *map(float, AUTO_MISSION))[0] == ACCEPTED
 
 
 def test_checks_name_what_is_wrong():
@@ -256,23 +222,20 @@ def test_checks_name_what_is_wrong():
 
 
 @pytest.mark.slow
-def test_flight_termination_stops_the_rotors():
-    with bench() as b:
-        b.take_off(0.6)
-        assert b.acks(TERMINATE, 0.0) == [ACCEPTED]
-        assert b.vehicle.armed
-        assert b.acks(TERMINATE, 1.0) == [ACCEPTED]
-        assert not b.vehicle.armed
+def test_flight_termination_stops_the_rotors(fresh):
+    fresh.take_off(0.6)
+    assert fresh.acks(TERMINATE, 0.0) == [ACCEPTED]
+    assert fresh.vehicle.armed
+    assert fresh.acks(TERMINATE, 1.0) == [ACCEPTED]
+    assert not fresh.vehicle.armed
 
 
 @pytest.mark.parametrize("place", range(7))
-def test_an_infinite_parameter_is_denied(place):
-    with bench() as b:
-        b.settle()
-        params = [1.0, *6 * [0.0]]
-        params[place] = math.inf
-        assert b.acks(ARM, *params) == [DENIED]
-        assert not b.vehicle.armed
+def test_an_infinite_parameter_is_denied(place, b):
+    params = [1.0, *6 * [0.0]]
+    params[place] = math.inf
+    assert b.acks(ARM, *params) == [DENIED]
+    assert not b.vehicle.armed
 
 
 @pytest.mark.slow
@@ -297,86 +260,78 @@ def test_places_of_command_int_are_degrees_and_the_highest_number_is_none():
 
 
 @pytest.mark.slow
-def test_the_vehicle_goes_where_it_is_sent_and_turns():
-    with bench() as b:
-        b.take_off(0.8)
-        origin, height = b.endpoint.origin, float(b.vehicle.home[2]) + 1.2
-        latitude, longitude, altitude = origin.global_of((0.6, -0.4, height))
-        go = (round(1e7 * latitude), round(1e7 * longitude), altitude)
-        b.client.send(
-            b.client.mav.command_int_encode(1, 1, 0, REPOSITION, 0, 0, -1, 1, 0, 1.0, *go)
+def test_the_vehicle_goes_where_it_is_sent_and_turns(fresh):
+    fresh.take_off(0.8)
+    origin, height = fresh.endpoint.origin, float(fresh.vehicle.home[2]) + 1.2
+    latitude, longitude, altitude = origin.global_of((0.6, -0.4, height))
+    go = (round(1e7 * latitude), round(1e7 * longitude), altitude)
+    fresh.client.send(
+        fresh.client.mav.command_int_encode(1, 1, 0, REPOSITION, 0, 0, -1, 1, 0, 1.0, *go)
+    )
+    assert fresh.wait("COMMAND_ACK", command=REPOSITION).result == ACCEPTED
+    fresh.run(6.0)
+    there = of(fresh.client.seen, "LOCAL_POSITION_NED")[-1]
+    assert (there.x, there.y, there.z) == pytest.approx((-0.4, 0.6, -height), abs=0.12)
+    assert of(fresh.client.seen, "ATTITUDE")[-1].yaw == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_place_that_is_none_and_a_mode_that_may_not_change_are_refused(b):
+    assert b.acks(REPOSITION, -1, 1, 0, NAN, 91.0, 8.0, 490.0) == [DENIED]
+    b.acks(SET_MODE, *OFFBOARD)
+    assert b.acks(REPOSITION, -1, 0, 0, NAN, 47.4, 8.5, 490.0) == [REJECTED]
+    assert b.vehicle.mode.main == 6
+
+
+def test_home_is_moved(b):
+    latitude, longitude, altitude = b.endpoint.origin.global_of((3.0, 4.0, 0.1))
+    b.client.send(
+        b.client.mav.command_int_encode(
+            1, 1, 0, 179, 0, 0, 0, 0, 0, 0, round(1e7 * latitude), round(1e7 * longitude),
+            altitude,
         )
-        assert b.wait("COMMAND_ACK", command=REPOSITION).result == ACCEPTED
-        b.run(6.0)
-        there = of(b.client.seen, "LOCAL_POSITION_NED")[-1]
-        assert (there.x, there.y, there.z) == pytest.approx((-0.4, 0.6, -height), abs=0.12)
-        assert of(b.client.seen, "ATTITUDE")[-1].yaw == pytest.approx(1.0, abs=0.1)
+    )  # fmt: skip
+    assert b.wait("COMMAND_ACK", command=179).result == ACCEPTED
+    home = b.wait("HOME_POSITION", 3.0)
+    assert (home.x, home.y, home.z) == pytest.approx((4.0, 3.0, -0.1), abs=0.02)
+    for place in ((91.0, 8.0), (47.0, 181.0)):
+        assert b.acks(179, 0.0, 0.0, 0.0, 0.0, *place, 500.0) == [DENIED]
+    assert b.vehicle.home[0] == pytest.approx(3.0, abs=0.02)
+    assert b.acks(179, 1.0) == [ACCEPTED]
+    assert b.vehicle.home[0] == pytest.approx(0.0, abs=0.1)
 
 
-def test_a_place_that_is_none_and_a_mode_that_may_not_change_are_refused():
-    with bench() as b:
-        b.settle()
-        assert b.acks(REPOSITION, -1, 1, 0, NAN, 91.0, 8.0, 490.0) == [DENIED]
-        b.acks(SET_MODE, *OFFBOARD)
-        assert b.acks(REPOSITION, -1, 0, 0, NAN, 47.4, 8.5, 490.0) == [REJECTED]
-        assert b.vehicle.mode.main == 6
-
-
-def test_home_is_moved():
-    with bench() as b:
-        b.settle()
-        latitude, longitude, altitude = b.endpoint.origin.global_of((3.0, 4.0, 0.1))
-        b.client.send(
-            b.client.mav.command_int_encode(
-                1, 1, 0, 179, 0, 0, 0, 0, 0, 0, round(1e7 * latitude), round(1e7 * longitude),
-                altitude,
-            )
-        )  # fmt: skip
-        assert b.wait("COMMAND_ACK", command=179).result == ACCEPTED
-        home = b.wait("HOME_POSITION", 3.0)
-        assert (home.x, home.y, home.z) == pytest.approx((4.0, 3.0, -0.1), abs=0.02)
-        for place in ((91.0, 8.0), (47.0, 181.0)):
-            assert b.acks(179, 0.0, 0.0, 0.0, 0.0, *place, 500.0) == [DENIED]
-        assert b.vehicle.home[0] == pytest.approx(3.0, abs=0.02)
-        assert b.acks(179, 1.0) == [ACCEPTED]
-        assert b.vehicle.home[0] == pytest.approx(0.0, abs=0.1)
-
-
-def test_the_speed_of_auto_modes_is_changed():
-    with bench() as b:
-        assert b.acks(SPEED, 1.0, 0.7) == [ACCEPTED]
-        assert b.vehicle.parameters.get("MPC_XY_CRUISE") == pytest.approx(0.7)
-        assert b.acks(SPEED, 1.0, 500.0) == [DENIED]
-        assert b.acks(SPEED, 3.0, 0.7) == [UNSUPPORTED]
-        assert b.vehicle.parameters.get("MPC_XY_CRUISE") == pytest.approx(0.7)
+def test_the_speed_of_auto_modes_is_changed(fresh):
+    assert fresh.acks(SPEED, 1.0, 0.7) == [ACCEPTED]
+    assert fresh.vehicle.parameters.get("MPC_XY_CRUISE") == pytest.approx(0.7)
+    assert fresh.acks(SPEED, 1.0, 500.0) == [DENIED]
+    assert fresh.acks(SPEED, 3.0, 0.7) == [UNSUPPORTED]
+    assert fresh.vehicle.parameters.get("MPC_XY_CRUISE") == pytest.approx(0.7)
 
 
 @pytest.mark.slow
-def test_a_square_flown_in_offboard_by_position_set_points():
-    with bench() as b:
-        b.settle()
-        goal = [0.0, 0.0, -0.8]
+def test_a_square_flown_in_offboard_by_position_set_points(b):
+    goal = [0.0, 0.0, -0.8]
 
-        def stream():
-            if b.boot_ns % 48_000_000 == 0:
-                b.client.send(
-                    b.client.mav.set_position_target_local_ned_encode(
-                        0, 1, 1, 1, POSITION_MASK, *goal, *6 * [0.0], 0.5, 0.0
-                    )
+    def stream():
+        if b.boot_ns % 48_000_000 == 0:
+            b.client.send(
+                b.client.mav.set_position_target_local_ned_encode(
+                    0, 1, 1, 1, POSITION_MASK, *goal, *6 * [0.0], 0.5, 0.0
                 )
+            )
 
-        b.each_round = stream
-        b.run(0.3)
-        assert b.acks(SET_MODE, *OFFBOARD)[-1] == ACCEPTED
-        assert b.acks(ARM, 1.0) == [ACCEPTED]
-        b.run(6.0)
-        for north, east in ((0.5, 0.0), (0.5, 0.5)):
-            goal[:2] = north, east
-            b.run(4.0)
-            there = of(b.client.seen, "LOCAL_POSITION_NED")[-1]
-            assert (there.x, there.y, there.z) == pytest.approx((north, east, -0.8), abs=0.12)
-        assert of(b.client.seen, "ATTITUDE")[-1].yaw == pytest.approx(0.5, abs=0.05)
-        b.each_round = None
-        b.run(2.5)
-        assert mode_of(heartbeat(b).custom_mode) == AUTO_RTL
-        assert heartbeat(b).system_status == mavlink.MAV_STATE_CRITICAL
+    b.each_round = stream
+    b.run(0.3)
+    assert b.acks(SET_MODE, *OFFBOARD)[-1] == ACCEPTED
+    assert b.acks(ARM, 1.0) == [ACCEPTED]
+    b.run(6.0)
+    for north, east in ((0.5, 0.0), (0.5, 0.5)):
+        goal[:2] = north, east
+        b.run(4.0)
+        there = of(b.client.seen, "LOCAL_POSITION_NED")[-1]
+        assert (there.x, there.y, there.z) == pytest.approx((north, east, -0.8), abs=0.12)
+    assert of(b.client.seen, "ATTITUDE")[-1].yaw == pytest.approx(0.5, abs=0.05)
+    b.each_round = None
+    b.run(2.5)
+    assert mode_of(heartbeat(b).custom_mode) == AUTO_RTL
+    assert heartbeat(b).system_status == mavlink.MAV_STATE_CRITICAL

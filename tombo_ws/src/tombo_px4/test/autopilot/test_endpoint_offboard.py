@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from endpoint_bench import ARM, OFFBOARD, SET_MODE, bench, of, texts
+from endpoint_bench import ARM, OFFBOARD, SET_MODE, of, texts
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
@@ -190,50 +190,42 @@ def test_whatever_comes_is_a_target_within_bounds_or_a_reason(frame, mask, motio
 
 
 @pytest.mark.parametrize("target", [(2, 1), (1, 9)])
-def test_set_points_for_another_vehicle_are_ignored(target):
-    with bench() as b:
-        b.settle()
-        b.acks(SET_MODE, *OFFBOARD)
-        message = local(POSITION)
-        message.target_system, message.target_component = target
-        b.client.send(message)
-        b.run(0.1)
-        assert b.acks(ARM, 1.0) == [1]
+def test_set_points_for_another_vehicle_are_ignored(target, b):
+    b.acks(SET_MODE, *OFFBOARD)
+    message = local(POSITION)
+    message.target_system, message.target_component = target
+    b.client.send(message)
+    b.run(0.1)
+    assert b.acks(ARM, 1.0) == [1]
 
 
-def test_a_bad_set_point_is_no_sign_of_life_and_is_said_once():
-    with bench() as b:
-        b.settle()
-        b.acks(SET_MODE, *OFFBOARD)
-        b.each_round = lambda: b.client.send(local(POSITION, place=(math.inf, 0, 0)))
-        heard = b.run(1.0)
-        assert texts(heard) == ["SET_POSITION_TARGET_LOCAL_NED position is out of range"]
-        assert b.acks(ARM, 1.0) == [1]
+def test_a_bad_set_point_is_no_sign_of_life_and_is_said_once(b):
+    b.acks(SET_MODE, *OFFBOARD)
+    b.each_round = lambda: b.client.send(local(POSITION, place=(math.inf, 0, 0)))
+    heard = b.run(1.0)
+    assert texts(heard) == ["SET_POSITION_TARGET_LOCAL_NED position is out of range"]
+    assert b.acks(ARM, 1.0) == [1]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ways", ["attitude", "rates"])
-def test_thrust_and_attitude_or_rates_lift_the_vehicle(ways):
-    with bench() as b:
-        b.settle()
-        hover = b.vehicle.parameters.get("MPC_THR_HOVER")
-        heading = b.vehicle.estimate.attitude
+def test_thrust_and_attitude_or_rates_lift_the_vehicle(ways, b):
+    hover = b.vehicle.parameters.get("MPC_THR_HOVER")
+    heading = b.vehicle.estimate.attitude
 
-        def stream():
-            q = px4_quaternion(heading).tolist()
-            b.client.send(
-                attitude(0b111, q, thrust=1.1 * hover)
-                if ways == "attitude"
-                else attitude(0b10000000, rates=(0, 0, 0), thrust=1.1 * hover)
-            )
-
-        b.each_round = stream
-        b.run(0.2)
-        assert b.acks(SET_MODE, *OFFBOARD)[-1] == 0
-        assert b.acks(ARM, 1.0) == [0]
-        ground = b.vehicle.simulator.height
-        b.run(4.0)
-        assert b.vehicle.simulator.height > ground + 0.3
-        assert of(b.client.seen, "ATTITUDE_TARGET")[-1].thrust == pytest.approx(
-            1.1 * hover, rel=0.1
+    def stream():
+        q = px4_quaternion(heading).tolist()
+        b.client.send(
+            attitude(0b111, q, thrust=1.1 * hover)
+            if ways == "attitude"
+            else attitude(0b10000000, rates=(0, 0, 0), thrust=1.1 * hover)
         )
+
+    b.each_round = stream
+    b.run(0.2)
+    assert b.acks(SET_MODE, *OFFBOARD)[-1] == 0
+    assert b.acks(ARM, 1.0) == [0]
+    ground = b.vehicle.simulator.height
+    b.run(4.0)
+    assert b.vehicle.simulator.height > ground + 0.3
+    assert of(b.client.seen, "ATTITUDE_TARGET")[-1].thrust == pytest.approx(1.1 * hover, rel=0.1)

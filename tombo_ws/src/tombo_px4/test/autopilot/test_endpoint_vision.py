@@ -5,8 +5,8 @@ import pytest
 from endpoint_bench import bench, of, texts
 from pymavlink.dialects.v20 import common as mavlink
 
-from tombo_px4.frames import ned_from_enu, px4_quaternion
-from tombo_px4.protocol.vision_decoder import decode_vision, quaternion_of_angles
+from tombo_px4.frames import ned_from_enu, px4_quaternion, quaternion_of_angles
+from tombo_px4.protocol.vision_decoder import decode_vision
 
 NAN = math.nan
 MAV = mavlink.MAVLink(None, 1, 1)
@@ -100,7 +100,7 @@ def test_vision_moves_the_estimate_to_where_it_says(kind):
         stream(b, lambda b: kind(b.client.mav, b.client_us - 20_000))
         b.run(3.0)
         assert b.endpoint.channels[0].timesync.converged
-        assert b.vehicle.vision_source
+        assert b.vehicle.ekf2_model.source == "vision"
         assert b.vehicle.estimate.position == pytest.approx(PLACE, abs=0.02)
         sent = b.wait("ODOMETRY")
         assert (sent.x, sent.y, sent.z) == pytest.approx((-2.0, 1.0, -0.3), abs=0.02)
@@ -131,7 +131,7 @@ def test_without_a_clock_of_the_client_arrival_counts():
     with bench(**LAB) as b:
         b.each_round = lambda: b.client.send(odometry(b.client.mav, 123_456))
         b.run(1.5)
-        assert b.vehicle.vision_source
+        assert b.vehicle.ekf2_model.source == "vision"
         assert b.vehicle.estimate.position == pytest.approx(PLACE, abs=0.02)
 
 

@@ -1,7 +1,5 @@
 """From PX4's controls to rotors: order, spin, range, and where the vehicle hovers."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

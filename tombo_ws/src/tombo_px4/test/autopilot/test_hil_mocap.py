@@ -1,7 +1,5 @@
 """Motion capture for PX4: poses over UDP in PX4's own clock, or on the simulator link itself."""
 
-from __future__ import annotations
-
 import itertools
 import socket
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """What PX4 is shown: every sign, frame and unit of the simulated sensors."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -302,8 +300,8 @@ def test_a_force_beyond_the_messages_range_is_cut_off():
     shown = Shown(truth_rate=250.0)
     shown.settle(3)
     shown.plant.force[0] = 1e6
-    truth = shown.flight.sensors.truth(shown.plant)
-    assert truth.force[0] == 32_767
+    truth = shown.flight.sensors.truth(shown.parser, 0, shown.plant)
+    assert truth.xacc == 32_767
 
 
 # ---- the messages

@@ -62,29 +62,27 @@ def test_names_end_at_the_first_zero_and_after_sixteen_letters():
     assert len(name_of("A" * 40)) == 16
 
 
-def test_the_list_is_complete_in_the_order_of_the_names_after_the_hash():
-    with bench() as b:
-        b.client.send(b.client.mav.param_request_list_encode(1, 1))
-        values = of(b.run(1.0), "PARAM_VALUE")
-    names = sorted(b.vehicle.parameters.names)
+def test_the_list_is_complete_in_the_order_of_the_names_after_the_hash(fresh):
+    fresh.client.send(fresh.client.mav.param_request_list_encode(1, 1))
+    values = of(fresh.run(1.0), "PARAM_VALUE")
+    names = sorted(fresh.vehicle.parameters.names)
     first, *rest = values
     assert (first.param_id, first.param_index, first.param_type) == ("_HASH_CHECK", 65535, UINT32)
     assert [v.param_id for v in rest] == names
     assert [v.param_index for v in rest] == list(range(len(names)))
     assert {v.param_count for v in values} == {len(names)}
     for value in rest:
-        known = b.vehicle.parameters
+        known = fresh.vehicle.parameters
         whole = known.type_of(value.param_id) == "int32"
         assert value.param_type == (INT32 if whole else REAL32)
         got = int_of_float(value.param_value) if whole else value.param_value
         assert got == known.get(value.param_id)
 
 
-def test_the_list_does_not_leave_in_one_burst():
-    with bench() as b:
-        b.client.send(b.client.mav.param_request_list_encode(1, 0))
-        for _ in range(50):
-            assert len(of(b.run(0.004), "PARAM_VALUE")) <= 5
+def test_the_list_does_not_leave_in_one_burst(fresh):
+    fresh.client.send(fresh.client.mav.param_request_list_encode(1, 0))
+    for _ in range(50):
+        assert len(of(fresh.run(0.004), "PARAM_VALUE")) <= 5
 
 
 def test_the_hash_is_the_one_a_ground_station_works_out():
@@ -101,13 +99,12 @@ def test_the_hash_is_the_one_a_ground_station_works_out():
     assert server.hash() != crc
 
 
-def test_a_ground_station_that_knows_the_hash_stops_the_list():
-    with bench() as b:
-        b.client.send(b.client.mav.param_request_list_encode(1, 1))
-        b.wait("PARAM_VALUE", param_id="_HASH_CHECK")
-        b.client.send(set_message(b.client, "_HASH_CHECK", 0, UINT32))
-        b.run(0.02)
-        assert not of(b.run(0.5), "PARAM_VALUE")
+def test_a_ground_station_that_knows_the_hash_stops_the_list(fresh):
+    fresh.client.send(fresh.client.mav.param_request_list_encode(1, 1))
+    fresh.wait("PARAM_VALUE", param_id="_HASH_CHECK")
+    fresh.client.send(set_message(fresh.client, "_HASH_CHECK", 0, UINT32))
+    fresh.run(0.02)
+    assert not of(fresh.run(0.5), "PARAM_VALUE")
 
 
 def test_a_list_asked_for_again_begins_again_without_the_hash():
@@ -120,22 +117,20 @@ def test_a_list_asked_for_again_begins_again_without_the_hash():
     assert batches.take_due(MAV, server, 90_000)[0].param_index == 0
 
 
-def test_parameters_are_read_by_name_and_by_index():
-    with bench() as b:
-        b.client.send(read_message(b.client, "COM_OF_LOSS_T"))
-        value = b.wait("PARAM_VALUE")
-        assert (value.param_id, value.param_value) == ("COM_OF_LOSS_T", 1.0)
-        b.client.send(read_message(b.client, "", value.param_index))
-        assert b.wait("PARAM_VALUE").param_id == "COM_OF_LOSS_T"
-        b.client.send(read_message(b.client, "_HASH_CHECK"))
-        assert b.wait("PARAM_VALUE").param_id == "_HASH_CHECK"
+def test_parameters_are_read_by_name_and_by_index(fresh):
+    fresh.client.send(read_message(fresh.client, "COM_OF_LOSS_T"))
+    value = fresh.wait("PARAM_VALUE")
+    assert (value.param_id, value.param_value) == ("COM_OF_LOSS_T", 1.0)
+    fresh.client.send(read_message(fresh.client, "", value.param_index))
+    assert fresh.wait("PARAM_VALUE").param_id == "COM_OF_LOSS_T"
+    fresh.client.send(read_message(fresh.client, "_HASH_CHECK"))
+    assert fresh.wait("PARAM_VALUE").param_id == "_HASH_CHECK"
 
 
 @pytest.mark.parametrize(("name", "index"), [("NO_SUCH", -1), ("", 5000)])
-def test_what_does_not_exist_is_an_error_and_no_value(name, index):
-    with bench() as b:
-        b.client.send(read_message(b.client, name, index))
-        heard = b.run(0.1)
+def test_what_does_not_exist_is_an_error_and_no_value(name, index, fresh):
+    fresh.client.send(read_message(fresh.client, name, index))
+    heard = fresh.run(0.1)
     (error,) = of(heard, "PARAM_ERROR")
     assert (error.param_id, error.param_index, error.error) == (name, index, 1)
     assert (error.target_system, error.target_component) == (245, 191)
@@ -165,11 +160,12 @@ def test_a_new_value_acts_and_is_told_on_every_link():
         ("COM_OF_LOSS_T", 1, INT32, 7, 1.0),
     ],
 )
-def test_a_refused_value_is_answered_with_the_one_that_stands(name, value, kind, error, stands):
-    with bench() as b:
-        b.client.send(set_message(b.client, name, value, kind))
-        heard = b.run(0.1)
-        assert b.vehicle.parameters.get(name) == stands
+def test_a_refused_value_is_answered_with_the_one_that_stands(
+    name, value, kind, error, stands, fresh
+):
+    fresh.client.send(set_message(fresh.client, name, value, kind))
+    heard = fresh.run(0.1)
+    assert fresh.vehicle.parameters.get(name) == stands
     assert [e.error for e in of(heard, "PARAM_ERROR")] == [error]
     (answer,) = of(heard, "PARAM_VALUE")
     got = answer.param_value
@@ -177,31 +173,28 @@ def test_a_refused_value_is_answered_with_the_one_that_stands(name, value, kind,
     assert any(name in text for text in texts(heard))
 
 
-def test_setting_what_does_not_exist_is_an_error():
-    with bench() as b:
-        b.client.send(set_message(b.client, "NO_SUCH", 1.0, REAL32))
-        heard = b.run(0.1)
+def test_setting_what_does_not_exist_is_an_error(fresh):
+    fresh.client.send(set_message(fresh.client, "NO_SUCH", 1.0, REAL32))
+    heard = fresh.run(0.1)
     assert [e.error for e in of(heard, "PARAM_ERROR")] == [1]
     assert not of(heard, "PARAM_VALUE")
 
 
 @pytest.mark.parametrize("target", [(2, 1), (1, 7), (0, 1)])
-def test_messages_for_another_vehicle_are_left_alone(target):
-    with bench() as b:
-        b.client.send(
-            b.client.mav.param_request_list_encode(*target),
-            read_message(b.client, "COM_OF_LOSS_T", target=target),
-            set_message(b.client, "COM_OF_LOSS_T", 0.5, REAL32, target=target),
-        )
-        assert not of(b.run(0.2), "PARAM_VALUE")
-        assert b.vehicle.parameters.get("COM_OF_LOSS_T") == 1.0
+def test_messages_for_another_vehicle_are_left_alone(target, fresh):
+    fresh.client.send(
+        fresh.client.mav.param_request_list_encode(*target),
+        read_message(fresh.client, "COM_OF_LOSS_T", target=target),
+        set_message(fresh.client, "COM_OF_LOSS_T", 0.5, REAL32, target=target),
+    )
+    assert not of(fresh.run(0.2), "PARAM_VALUE")
+    assert fresh.vehicle.parameters.get("COM_OF_LOSS_T") == 1.0
 
 
-def test_a_stream_of_different_bad_values_is_said_once():
-    with bench() as b:
-        for k in range(50):
-            b.client.send(set_message(b.client, "COM_OF_LOSS_T", -1.0 - k, REAL32))
-        heard = b.run(0.2)
+def test_a_stream_of_different_bad_values_is_said_once(fresh):
+    for k in range(50):
+        fresh.client.send(set_message(fresh.client, "COM_OF_LOSS_T", -1.0 - k, REAL32))
+    heard = fresh.run(0.2)
     assert len(of(heard, "PARAM_ERROR")) == 50
     assert len(texts(heard)) == 1
-    assert b.endpoint.statustext.counts["parameter refused"] == 50
+    assert fresh.endpoint.statustext.counts["parameter refused"] == 50

@@ -1,7 +1,5 @@
 """The table of parameters: PX4's names and types, what is refused, what is kept."""
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path
@@ -63,9 +61,9 @@ def test_a_whole_number_stays_one_and_a_float_has_single_precision():
 )
 def test_what_is_refused_changes_nothing(name, value, why):
     table = ParameterTable()
-    before = {n: table.get(n) for n in table}
+    before = {n: table.get(n) for n in table.names}
     assert why in table.set(name, value)
-    assert {n: table.get(n) for n in table} == before
+    assert {n: table.get(n) for n in table.names} == before
 
 
 def test_bounds_themselves_are_accepted_in_single_precision():

@@ -1,7 +1,5 @@
 """Set points of OFFBOARD: what each combination means axis by axis, and what is refused."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

@@ -4,13 +4,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from endpoint_bench import ARM, bench, of
+from endpoint_bench import bench, of
 from pymavlink.dialects.v20 import common as mavlink
 from pymavlink.generator.mavcrc import x25crc
+from vehicle_bench import table_with
 
 from tombo_dynamics.plant import set_state
-from tombo_px4.autopilot.parameters import ParameterTable
-from tombo_px4.autopilot.system_status import base_mode, system_state
 from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.frames import GeoOrigin
 from tombo_px4.protocol.telemetry import Telemetry
@@ -46,6 +45,18 @@ def tell(flying):
         return arrived
 
     return message
+
+
+def telemetry_of(**parameters):
+    """Telemetry of a vehicle at its start."""
+    vehicle = Px4Vehicle(World(), 0, table_with(**parameters))
+    return vehicle, Telemetry(vehicle, ORIGIN)
+
+
+def assert_packed(telemetry):
+    for number in telemetry.offered:
+        message = telemetry.message(number, MAV)
+        assert message is None or message.pack(MAV)
 
 
 @pytest.mark.slow
@@ -98,10 +109,7 @@ def test_quaternion_and_angles_agree_in_all_messages(tell):
 
 def test_the_odometry_has_velocity_in_the_world_and_rates_in_the_body(flying, tell):
     o, v = tell("ODOMETRY"), tell("LOCAL_POSITION_NED")
-    assert (o.frame_id, o.child_frame_id) == (
-        mavlink.MAV_FRAME_LOCAL_NED,
-        mavlink.MAV_FRAME_LOCAL_NED,
-    )
+    assert o.frame_id == o.child_frame_id == mavlink.MAV_FRAME_LOCAL_NED
     assert o.estimator_type == mavlink.MAV_ESTIMATOR_TYPE_AUTOPILOT
     assert (o.vx, o.vy, o.vz) == (v.vx, v.vy, v.vz) != (0.0, 0.0, 0.0)
     forward, left, up = flying.vehicle.estimate.rates
@@ -112,7 +120,7 @@ def test_the_odometry_has_velocity_in_the_world_and_rates_in_the_body(flying, te
 def test_the_odometry_tells_its_variances(flying, tell):
     o = tell("ODOMETRY")
     diagonal = [o.pose_covariance[i] for i in (0, 6, 11, 15, 18, 20)]
-    x, y, *rest = flying.vehicle.pose_variance
+    x, y, *rest = flying.vehicle.ekf2_model.variances(flying.vehicle.tick)[0]
     assert diagonal == pytest.approx([y, x, *rest], rel=1e-5)
     assert all(v > 0 for v in diagonal)
     assert sum(1 for v in o.pose_covariance if not math.isnan(v)) == 6
@@ -120,8 +128,9 @@ def test_the_odometry_tells_its_variances(flying, tell):
 
 
 def test_variances_change_places_with_the_axes():
-    stub = SimpleNamespace(pose_variance=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0), boot_us=0)
-    assert TelemetrySnapshot(stub, ORIGIN).pose_variance == [2.0, 1.0, 3.0, 4.0, 5.0, 6.0]
+    model = SimpleNamespace(variances=lambda tick: ((1.0, 2.0, 3.0, 4.0, 5.0, 6.0), ()))
+    stub = SimpleNamespace(ekf2_model=model, tick=0, boot_us=0)
+    assert TelemetrySnapshot(stub, ORIGIN).variances[0] == [2.0, 1.0, 3.0, 4.0, 5.0, 6.0]
 
 
 def test_the_globe_is_told_in_its_units(flying, tell):
@@ -179,7 +188,7 @@ def test_set_points_are_told_as_they_are_followed(flying, tell):
     a = tell("ATTITUDE_TARGET")
     assert 0.2 < a.thrust < 0.8
     assert a.q == pytest.approx(tell("ODOMETRY").q, abs=0.1)
-    forward, left, up = flying.vehicle.attitude_setpoint.rates
+    forward, left, up = flying.vehicle.attitude_setpoint[1]
     rates = (a.body_roll_rate, a.body_pitch_rate, a.body_yaw_rate)
     assert rates == pytest.approx((forward, -left, -up), abs=1e-6)
 
@@ -210,11 +219,9 @@ def test_a_flying_vehicle_says_so(flying, tell):
 
 
 @pytest.mark.slow
-def test_a_vehicle_at_rest_says_so():
-    with bench() as b:
-        b.settle()
-        b.run(3.0)
-        last = {m.get_type(): m for m in b.client.seen}
+def test_a_vehicle_at_rest_says_so(b):
+    b.run(3.0)
+    last = {m.get_type(): m for m in b.client.seen}
     assert last["HEARTBEAT"].system_status == mavlink.MAV_STATE_STANDBY
     assert last["HEARTBEAT"].base_mode & 128 == 0
     assert last["EXTENDED_SYS_STATE"].landed_state == 1
@@ -227,71 +234,46 @@ def test_a_vehicle_at_rest_says_so():
 
 
 def test_health_bits_follow_what_is_known():
-    gps, vision, ready = (
-        mavlink.MAV_SYS_STATUS_SENSOR_GPS,
-        mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION,
-        mavlink.MAV_SYS_STATUS_PREARM_CHECK,
-    )
+    gps, vision = mavlink.MAV_SYS_STATUS_SENSOR_GPS, mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION
+    ready = mavlink.MAV_SYS_STATUS_PREARM_CHECK
     with bench(EKF2_GPS_CTRL=0, SYS_HAS_GPS=0, SYS_HAS_MAG=0) as b:
         status = b.wait("SYS_STATUS")
-        present, health = (
-            status.onboard_control_sensors_present,
-            status.onboard_control_sensors_health,
-        )
+        present = status.onboard_control_sensors_present
+        health = status.onboard_control_sensors_health
         assert not present & (gps | vision | mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG)
         assert present & ready and not health & ready
         assert not of(b.run(1.0), "GPS_RAW_INT")
 
 
-def test_flags_and_states_follow_mode_arming_and_failsafe():
-    with bench() as b:
-        b.settle()
-        vehicle = b.vehicle
-        assert base_mode(vehicle) == 1 | 4 | 8 | 16
-        assert b.acks(ARM, 1.0) == [0]
-        assert base_mode(vehicle) == 1 | 4 | 8 | 16 | 128
-        assert system_state(vehicle) == mavlink.MAV_STATE_ACTIVE
-
-
-def test_every_message_can_be_packed_from_the_first_tick_on():
-    for values in ({}, {"SYS_HAS_GPS": 0, "EKF2_GPS_CTRL": 0}):
-        table = ParameterTable()
-        for name, value in values.items():
-            table.set(name, value)
-        vehicle = Px4Vehicle(World(), 0, table)
-        telemetry = Telemetry(vehicle, ORIGIN)
-        for _ in range(3):
-            for number in telemetry.offered:
-                message = telemetry.message(number, MAV)
-                assert message is None or message.pack(MAV)
-            vehicle.step()
+@pytest.mark.parametrize("parameters", [{}, {"SYS_HAS_GPS": 0, "EKF2_GPS_CTRL": 0}])
+def test_every_message_can_be_packed_from_the_first_tick_on(parameters):
+    vehicle, telemetry = telemetry_of(**parameters)
+    for _ in range(3):
+        assert_packed(telemetry)
+        vehicle.step()
 
 
 def test_a_vehicle_that_is_nowhere_still_speaks():
-    vehicle = Px4Vehicle(World(), 0, ParameterTable())
-    telemetry = Telemetry(vehicle, ORIGIN)
+    vehicle, telemetry = telemetry_of()
     set_state(vehicle.simulator.plant.state, np.full(13, math.nan))
-    for number in telemetry.offered:
-        message = telemetry.message(number, MAV)
-        assert message is None or message.pack(MAV)
+    assert_packed(telemetry)
 
 
 def test_a_charge_beyond_the_field_is_held_at_its_bound():
-    vehicle = Px4Vehicle(World(), 0, ParameterTable())
-    telemetry = Telemetry(vehicle, ORIGIN)
+    vehicle, telemetry = telemetry_of()
     for voltage, current in ((1e6, 1e6), (math.nan, math.nan), (-5.0, -5.0)):
-        vehicle._battery = vehicle.battery._replace(voltage=voltage, current=current)
+        vehicle.battery = vehicle.battery._replace(voltage=voltage, current=current)
         telemetry.forget()
         for number in (1, 147):
             assert telemetry.message(number, MAV).pack(MAV)
 
 
 def test_an_unknown_message_is_none():
-    assert Telemetry(Px4Vehicle(World(), 0, ParameterTable()), ORIGIN).message(4242, MAV) is None
+    assert telemetry_of()[1].message(4242, MAV) is None
 
 
 def test_the_protocol_version_is_a_good_frame():
-    telemetry = Telemetry(Px4Vehicle(World(), 0, ParameterTable()), ORIGIN)
+    _, telemetry = telemetry_of()
     frame = telemetry.message(300, MAV).pack(MAV)
     length = frame[1]
     assert frame[0] == 0xFD and int.from_bytes(frame[7:10], "little") == 300

@@ -1,7 +1,5 @@
 """The paper's collision flown in OFFBOARD: it recovers as the headless flight does."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -102,7 +100,7 @@ def test_it_recovers_as_the_headless_flight_does(seed):
     flown = collide(seed)
     assert flown.recovery_s == pytest.approx(headless["recovery_time_s"], abs=0.5)
     assert flown.fall_m < 0.85
-    assert flown.flight.vehicle.ekf2_model.rejected == 0 and flown.flight.vehicle.resets == 1
+    assert flown.flight.ekf2.rejected == 0 and flown.flight.ekf2.resets == 1
     assert flown.flight.heard("Disarmed by landing")
     # far from what PX4 takes for a failure, though it may turn by a quarter about z
     assert np.rad2deg(flown.angle_rad) < 45.0

@@ -1,7 +1,5 @@
 """Whatever is commanded, in whatever order: no exception, no NaN, still rotors when disarmed."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -56,6 +54,8 @@ def obey(flight, call) -> None:
     name, *given_values = call
     if name == "wait":
         flight.fly(1e-3 * given_values[0])
+    elif name == "set_origin":
+        flight.ekf2.origin_known = True
     elif name == "vision":
         stamp, position, attitude = given_values
         if position is not None and attitude is not None:
@@ -77,9 +77,9 @@ def check(flight) -> None:
     for values in (estimate.position, estimate.velocity, estimate.attitude, estimate.rates):
         assert np.isfinite(values).all()
     assert abs(np.linalg.norm(estimate.attitude) - 1.0) < 1e-6
-    assert np.isfinite(vehicle.rotor_commands).all()
+    assert np.isfinite(vehicle.normalized_rotor_speeds).all()
     if not vehicle.armed:
-        assert vehicle.rotor_commands.max() == 0.0
+        assert vehicle.normalized_rotor_speeds.max() == 0.0
     assert isinstance(vehicle.mode, modes.Mode) and vehicle.mode.main > 0
     assert vehicle.health.problems is not None and math.isfinite(vehicle.thrust)
 

@@ -1,7 +1,5 @@
 """Flying on motion capture: late poses, wrong frames, lost and found, and what is refused."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -9,8 +7,9 @@ import pytest
 from vehicle_bench import Flight, hovering, motion, ready
 
 from tombo_dynamics.rotation import quaternion_multiply, rotate_vectors, yaw_pitch_roll
+from tombo_px4.bridge.decoded_messages import MavLandedState
 from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD
-from tombo_px4.protocol.results import LandedState, Result
+from tombo_px4.protocol.results import Result
 
 HALF = math.sqrt(0.5)
 QUARTER_LEFT = np.array([0.0, 0.0, HALF, HALF])
@@ -24,35 +23,37 @@ def error(flight: Flight) -> float:
 
 def test_it_is_used_in_place_of_gps():
     flight = ready()
-    assert flight.vehicle.ekf2_model.source == "gps" and not flight.vehicle.vision_source
+    assert flight.ekf2.source == "gps"
     flight.see = True
     flight.fly(0.3)
-    assert flight.vehicle.vision_source and error(flight) < 0.005
-    resets = flight.vehicle.resets
+    assert flight.ekf2.source == "vision" and error(flight) < 0.005
+    resets = flight.ekf2.resets
     flight.fly(1.0)
-    assert flight.vehicle.vision_source and flight.vehicle.resets == resets
+    assert flight.ekf2.source == "vision" and flight.ekf2.resets == resets
     flight.see = False
     flight.fly(2.0)
-    assert flight.vehicle.ekf2_model.source == "gps"
+    assert flight.ekf2.source == "gps"
 
 
-def test_the_estimate_is_as_good_as_the_motion_capture():
-    flight = hovering(vision=True)
+def errors_of(flight: Flight) -> list[float]:
+    """In each tick of three seconds."""
     errors = []
     for _ in range(3000):
         flight.step()
         errors.append(error(flight))
+    return errors
+
+
+def test_the_estimate_is_as_good_as_the_motion_capture():
+    errors = errors_of(hovering(vision=True))
     assert np.mean(errors) < 0.003 and max(errors) < 0.01
 
 
 def test_gps_has_noise_of_its_own():
-    flight = hovering()
-    errors = []
-    for _ in range(3000):
-        flight.step()
-        errors.append(error(flight))
-    assert 0.008 < np.mean(errors) < 0.06
-    assert flight.vehicle.pose_variance[0] > hovering(vision=True).vehicle.pose_variance[0]
+    flight, well = hovering(), hovering(vision=True)
+    assert 0.008 < np.mean(errors_of(flight)) < 0.06
+    own, better = (f.ekf2.variances(f.vehicle.tick)[0][0] for f in (flight, well))
+    assert own > better
 
 
 @pytest.mark.slow
@@ -103,10 +104,7 @@ def test_a_world_that_is_turned_as_a_whole_is_as_good_as_any():
         quaternion_multiply(QUARTER_LEFT, q),
     )
     flight.fly(1.5)
-    flight.target = motion([1.0, 0.0, 2.0], yaw=math.pi / 2)
-    flight.fly(0.1)
-    flight.vehicle.set_mode(OFFBOARD)
-    assert flight.vehicle.arm() == Result.ACCEPTED
+    flight.arm_offboard(motion([1.0, 0.0, 2.0], yaw=math.pi / 2))
     flight.fly(9.0)
     np.testing.assert_allclose(flight.body[:3], [0.0, -1.0, 2.0], atol=0.1)
 
@@ -134,10 +132,7 @@ def test_in_a_wrong_frame_it_does_not_hold(mangle):
     flight = Flight(vision=True)
     flight.mangle = mangle
     flight.fly(1.5)
-    flight.target = motion([0.5, 0.0, 2.0], yaw=0.0)
-    flight.fly(0.1)
-    flight.vehicle.set_mode(OFFBOARD)
-    flight.vehicle.arm()
+    flight.arm_offboard(motion([0.5, 0.0, 2.0], yaw=0.0))
     rows = flight.fly(8.0)
     assert np.isfinite(rows).all()
     assert np.linalg.norm(rows[-1, :3] - [0.5, 0.0, 2.0]) > 0.5
@@ -179,14 +174,14 @@ def test_what_is_refused(boot_us, position, attitude, word):
     if word == "late":
         flight.fly(0.6)
         boot_us += 450_000  # newer than the last one, older than what is remembered
-    before = vehicle.ekf2_model.fused
+    before = vehicle.ekf2_model.fused_tick
     answer = vehicle.vision(
         vehicle.boot_us + boot_us, np.array(position, float), np.array(attitude, float)
     )
     assert answer == word
     if word:
         flight.fly(0.01)
-        assert vehicle.ekf2_model.fused == before
+        assert vehicle.ekf2_model.fused_tick == before
 
 
 @pytest.mark.slow
@@ -196,8 +191,7 @@ def test_a_body_that_is_tracked_elsewhere_is_made_up_for():
     flight.mangle = lambda p, q: (p + rotate_vectors(q, lever), q)
     flight.fly(1.5)
     flight.offboard()
-    flight.target = motion([0, 0, 2.0], yaw=1.5)
-    flight.fly(4.0)
+    flight.fly(4.0, motion([0, 0, 2.0], yaw=1.5))
     assert error(flight) < 0.02
 
 
@@ -206,7 +200,7 @@ def test_told_not_to_fuse_it_does_not():
     flight.vehicle.parameters.set("EKF2_EV_CTRL", 0)
     flight.see = True
     flight.fly(0.5)
-    assert set(flight.words) == {"not_fused"} and flight.vehicle.ekf2_model.source == "gps"
+    assert set(flight.words) == {"not_fused"} and flight.ekf2.source == "gps"
 
 
 @pytest.mark.parametrize(("control", "known"), [(1, False), (3, True), (8, False), (11, True)])
@@ -239,7 +233,7 @@ def test_one_wrong_pose_is_refused_and_changes_nothing():
     flight.fly(0.04)
     flight.mangle = None
     flight.fly(0.2)
-    assert flight.vehicle.ekf2_model.rejected > 0 and flight.vehicle.resets == 1
+    assert flight.ekf2.rejected > 0 and flight.ekf2.resets == 1
     assert error(flight) < 0.01
 
 
@@ -247,9 +241,9 @@ def test_a_motion_capture_that_stays_elsewhere_is_believed():
     flight = hovering(vision=True)
     flight.mangle = lambda p, q: (p + AWAY, q)
     flight.fly(0.9)
-    assert flight.vehicle.resets == 1
+    assert flight.ekf2.resets == 1
     flight.fly(0.4)
-    assert flight.vehicle.resets == 2
+    assert flight.ekf2.resets == 2
     assert flight.vehicle.estimate.position[0] == pytest.approx(flight.body[0] + 3.0, abs=0.1)
 
 
@@ -279,7 +273,7 @@ def test_after_the_time_that_is_set_it_descends_level_and_stops():
     flight.fly_until(lambda: bool(rows.append(flight.body) or not flight.vehicle.armed), 15.0)
     down = np.array(rows)
     assert down[:, 5].min() > -2.0 and np.linalg.norm(down[-1, :2]) < 1.0
-    assert flight.vehicle.landed == LandedState.ON_GROUND
+    assert flight.vehicle.landed == MavLandedState.ON_GROUND
 
 
 def test_found_again_it_goes_on():
@@ -301,17 +295,6 @@ def test_take_off_without_a_global_position_stays_at_the_top():
     flight.fly(9.0)
     assert flight.vehicle.mode == AUTO_TAKEOFF and flight.height == pytest.approx(1.5, abs=0.05)
     assert not flight.heard("not available")
-    flight.vehicle.set_origin()
+    flight.ekf2.origin_known = True
     flight.fly(0.1)
     assert flight.vehicle.mode == AUTO_HOLD
-
-
-def test_without_a_position_only_attitude_may_be_flown():
-    flight = Flight(vision=True)
-    flight.see = False
-    flight.target = motion([0, 0, 2.0])
-    flight.fly(1.0)
-    flight.vehicle.set_mode(OFFBOARD)
-    assert flight.vehicle.arm() == Result.TEMPORARILY_REJECTED
-    flight.step()
-    assert flight.heard("Preflight Fail: Navigation error: No valid position estimate")

@@ -13,26 +13,27 @@ import numpy as np
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.records import numbers
 from tombo_flight.scenario import load_scenario, world_of
+from tombo_px4.autopilot.ekf2_model import Ekf2Model
 from tombo_px4.autopilot.offboard_setpoint import OffboardSetpoint
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.bridge.modes import OFFBOARD
+from tombo_px4.hil.hil_start_help import MOCAP_ONLY
 from tombo_px4.protocol.results import Result
 
 NAN = math.nan
 GROUND = 0.185
 """Below this height [m] the vehicle stands."""
-VISION = {
-    "SYS_HAS_GPS": 0,
-    "SYS_HAS_MAG": 0,
-    "EKF2_GPS_CTRL": 0,
-    "EKF2_BARO_CTRL": 0,
-    "EKF2_MAG_TYPE": 5,
-    "EKF2_EV_CTRL": 11,
-    "EKF2_HGT_REF": 3,
-}
+VISION = MOCAP_ONLY
 """What a lab sets to fly on motion capture alone."""
 Mangle = Callable[[Array, Array], tuple[Array, Array]]
+
+
+def table_with(**values: float) -> ParameterTable:
+    """The autopilot's parameters, some of them changed."""
+    table = ParameterTable()
+    assert {table.set(*value) for value in values.items()} <= {""}
+    return table
 
 
 def motion(
@@ -54,9 +55,7 @@ class Flight:
         settings: Sequence[str] = (),
         **values: float,
     ) -> None:
-        table = ParameterTable()
-        for name, value in {**(VISION if vision else {}), **values}.items():
-            assert table.set(name, value) == ""
+        table = table_with(**{**(VISION if vision else {}), **values})
         self.vehicle = Px4Vehicle(world_of(load_scenario(scenario, settings)), seed, table)
         self.target: OffboardSetpoint | None = None
         self.period = 50
@@ -77,6 +76,16 @@ class Flight:
         return numbers(self.vehicle.simulator.plant.state)
 
     @property
+    def rotors(self) -> Array:
+        """True rotor speeds (4) [rad/s]."""
+        return self.vehicle.simulator.plant.rotor_speed
+
+    @property
+    def ekf2(self) -> Ekf2Model:
+        """The estimator."""
+        return self.vehicle.ekf2_model
+
+    @property
     def height(self) -> float:
         """True height above home [m]."""
         return float(self.body[2] - self.vehicle.home[2])
@@ -88,7 +97,7 @@ class Flight:
         if self.target is not None and vehicle.tick % self.period == 0:
             vehicle.target(self.target)
         vehicle.step()
-        self.said += [status.text for status in vehicle.take_status_texts()]
+        self.said += [text for _, text in vehicle.take_status_texts()]
 
     def _send_vision(self) -> None:
         vehicle = self.vehicle
@@ -103,8 +112,9 @@ class Flight:
             word = vehicle.vision(stamp * 1000, position, attitude)
             self.words[word] = self.words.get(word, 0) + 1
 
-    def fly(self, seconds: float) -> Array:
-        """Go on; return the true state of each tick (N, 13)."""
+    def fly(self, seconds: float, target: OffboardSetpoint | None = None) -> Array:
+        """Go on, by another target if there is one; return the true state of each tick (N, 13)."""
+        self.target = target or self.target
         rows = np.empty((round(seconds * 1000), 13))
         for row in rows:
             self.step()
@@ -119,13 +129,20 @@ class Flight:
             self.step()
         raise AssertionError(f"not within {seconds} s; said: {self.said}")
 
-    def offboard(self, x: float = 0.0, y: float = 0.0, z: float = 2.0) -> None:
-        """Take off by set points and hold there."""
-        self.target = motion([x, y, z], yaw=0.0)
-        self.fly(0.1)
+    def arm_offboard(self, target: OffboardSetpoint) -> None:
+        """Begin to stream, change the mode and arm."""
+        self.fly(0.1, target)
         assert self.vehicle.set_mode(OFFBOARD) == Result.ACCEPTED
         self.fly(0.1)
         assert self.vehicle.arm() == Result.ACCEPTED, self.vehicle.take_status_texts()
+
+    def take_off(self, height: float | None = None) -> None:
+        """Ask for a take-off in AUTO, and arm."""
+        assert self.vehicle.takeoff(height) == self.vehicle.arm() == Result.ACCEPTED
+
+    def offboard(self, x: float = 0.0, y: float = 0.0, z: float = 2.0) -> None:
+        """Take off by set points and hold there."""
+        self.arm_offboard(motion([x, y, z], yaw=0.0))
         self.fly(8.0)
         assert np.linalg.norm(self.body[:3] - [x, y, z]) < 0.15, self.body[:3]
 

@@ -1,7 +1,5 @@
 """PX4's frames: physics that must be the same whichever way it is written."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

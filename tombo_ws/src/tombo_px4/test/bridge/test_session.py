@@ -1,5 +1,7 @@
 """When the bridge streams, arms, asks for modes and lands, against a scripted vehicle."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -49,7 +51,7 @@ class Vehicle:
             session.handle_ack(CommandAck(now, SET_MODE_COMMAND, 0))
         session.handle_ack(CommandAck(now, order.command, result))
         if result:
-            session.handle_status_text(
+            session.recent_texts.take(
                 StatusText(now, 2, "Arming denied: Resolve system health failures first")
             )
         elif order.mode is not None:
@@ -91,7 +93,8 @@ class Flight:
             self.streaming,
             self.blockers,
         )
-        out = self.session.tick(view)
+        out = Decision()
+        self.session.tick(view, out)
         for order in out.vehicle_commands:
             self.vehicle.command(order, self.now, self.session)
         self.events += out.events
@@ -103,8 +106,10 @@ class Flight:
             self.step()
         return self
 
-    def until(self, stage, patience_s=12.0):
-        for _ in range(round(patience_s * 50)):
+    def until(self, stage, phase=None):
+        """Go on, by another phase if there is one, at most for 12 s."""
+        self.phase = self.phase if phase is None else phase
+        for _ in range(12 * 50):
             self.step()
             if self.session.stage == stage:
                 return self
@@ -112,8 +117,7 @@ class Flight:
 
     def take_off(self):
         self.run(2.5)
-        self.phase = Phase.TAKEOFF
-        self.until(Stage.FLYING)
+        self.until(Stage.FLYING, Phase.TAKEOFF)
         self.vehicle.landed = MavLandedState.IN_AIR
         self.phase = Phase.HOVER
         return self.run(1.0)
@@ -137,15 +141,13 @@ def test_a_flight_arms_in_offboard_and_lands_by_px4():
     flight = Flight().run(5.0)
     assert (flight.session.stage, flight.stream) == (Stage.READY, Stream.PRESENT)
     assert not flight.vehicle.received, "on the ground nothing is asked for"
-    flight.phase = Phase.TAKEOFF
-    flight.until(Stage.FLYING)
+    flight.until(Stage.FLYING, Phase.TAKEOFF)
     assert [str(o) for o in flight.vehicle.received] == ["mode offboard", "arming"]
     flight.run(0.1)
     assert flight.stream == Stream.SETPOINT
     flight.vehicle.landed, flight.phase = MavLandedState.IN_AIR, Phase.HOVER
     flight.run(10.0)
-    flight.phase = Phase.LAND
-    flight.until(Stage.LANDING).run(2.0)
+    flight.until(Stage.LANDING, Phase.LAND).run(2.0)
     assert flight.modes_asked() == [OFFBOARD, AUTO_LAND]
     flight.vehicle.landed, flight.vehicle.armed = MavLandedState.ON_GROUND, False
     flight.until(Stage.READY)
@@ -182,8 +184,7 @@ def test_what_the_checks_forbid_is_not_armed_and_said(blockers):
 def test_a_refused_arming_is_retried_reported_and_given_up():
     flight = Flight().run(2.0)
     flight.vehicle.refuses[ARM_COMMAND] = REJECTED
-    flight.phase = Phase.TAKEOFF
-    flight.until(Stage.GIVEN_UP)
+    flight.until(Stage.GIVEN_UP, Phase.TAKEOFF)
     assert flight.armings() == 5 * [True]
     text = flight.faults["given_up"]
     assert "arming temporarily rejected" in text
@@ -196,22 +197,18 @@ def test_a_refused_arming_is_retried_reported_and_given_up():
 def test_after_a_refusal_the_mission_must_have_been_on_the_ground():
     flight = Flight().run(2.0)
     flight.vehicle.refuses[ARM_COMMAND] = DENIED
-    flight.phase = Phase.TAKEOFF
-    flight.until(Stage.GIVEN_UP)
+    flight.until(Stage.GIVEN_UP, Phase.TAKEOFF)
     flight.vehicle.refuses.clear()
     flight.run(10.0)
     assert flight.session.stage == Stage.GIVEN_UP
-    flight.phase = Phase.LANDED
-    flight.until(Stage.READY)
-    flight.phase = Phase.TAKEOFF
-    flight.until(Stage.FLYING)
+    flight.until(Stage.READY, Phase.LANDED)
+    flight.until(Stage.FLYING, Phase.TAKEOFF)
 
 
 def test_a_refused_mode_arms_nothing():
     flight = Flight().run(2.0)
     flight.vehicle.refuses[SET_MODE_COMMAND] = REJECTED
-    flight.phase = Phase.TAKEOFF
-    flight.until(Stage.GIVEN_UP)
+    flight.until(Stage.GIVEN_UP, Phase.TAKEOFF)
     assert flight.armings() == []
     assert len(flight.modes_asked()) == 3
     assert "mode offboard temporarily rejected" in flight.session.why
@@ -230,26 +227,19 @@ def test_an_acknowledgement_is_no_confirmation():
 
 
 def test_a_heartbeat_from_before_the_order_confirms_nothing():
-    command_transaction, old = (
-        CommandTransaction(VehicleCommand(mode=OFFBOARD), 2),
-        Heartbeat(SECOND, False, OFFBOARD),
-    )
-    assert command_transaction.tick(old, RecentStatusTexts(), SECOND + STEP), (
-        "it is sent even if it looks met"
-    )
-    command_transaction.tick(old, RecentStatusTexts(), SECOND + 2 * STEP)
-    assert not command_transaction.done
-    command_transaction.tick(
-        Heartbeat(SECOND + 2 * STEP, False, OFFBOARD), RecentStatusTexts(), SECOND + 3 * STEP
-    )
-    assert command_transaction.done
+    transaction, said = CommandTransaction(VehicleCommand(mode=OFFBOARD), 2), RecentStatusTexts()
+    old = Heartbeat(SECOND, False, OFFBOARD)
+    assert transaction.tick(old, said, SECOND + STEP), "it is sent even if it looks met"
+    transaction.tick(old, said, SECOND + 2 * STEP)
+    assert not transaction.done
+    transaction.tick(replace(old, arrival_ns=SECOND + 2 * STEP), said, SECOND + 3 * STEP)
+    assert transaction.done
 
 
 def test_a_mode_lost_while_arming_disarms_what_arms_late():
     flight = Flight().run(2.0)
     flight.vehicle.arms_late_ns = 1_500_000_000
-    flight.phase = Phase.TAKEOFF
-    flight.until(Stage.ARMING).run(0.3)
+    flight.until(Stage.ARMING, Phase.TAKEOFF).run(0.3)
     flight.vehicle.mode = POSCTL
     flight.until(Stage.GIVEN_UP)
     assert "mode changed to position while arming" in flight.session.why
@@ -264,8 +254,7 @@ def test_a_mode_lost_while_arming_disarms_what_arms_late():
 def test_poses_lost_while_arming_end_in_a_disarmed_vehicle():
     flight = Flight().run(2.0)
     flight.vehicle.arms_late_ns = SECOND
-    flight.phase = Phase.TAKEOFF
-    flight.until(Stage.ARMING).run(0.1)
+    flight.until(Stage.ARMING, Phase.TAKEOFF).run(0.1)
     flight.blockers = ("no mocap pose has come",)
     flight.run(6.0)
     assert not flight.vehicle.armed
@@ -276,7 +265,7 @@ def test_a_mode_taken_by_somebody_else_is_reported_and_never_fought():
     flight = Flight().take_off()
     flight.vehicle.mode = POSCTL
     asked = len(flight.vehicle.received)
-    flight.session.handle_status_text(StatusText(flight.now, 4, "Pilot took over using sticks"))
+    flight.session.recent_texts.take(StatusText(flight.now, 4, "Pilot took over using sticks"))
     flight.until(Stage.EXTERNAL_MODE).run(20.0)
     assert len(flight.vehicle.received) == asked
     assert flight.stream == Stream.PRESENT
@@ -361,8 +350,7 @@ def test_a_bridge_started_in_flight_touches_nothing():
 
 def test_a_blind_descent_lands_and_does_not_take_off_again():
     flight = Flight().take_off()
-    flight.phase = Phase.DESCEND_BLIND
-    flight.until(Stage.LANDING).run(2.0)
+    flight.until(Stage.LANDING, Phase.DESCEND_BLIND).run(2.0)
     flight.phase = Phase.HOVER
     flight.run(2.0)
     assert flight.session.stage == Stage.LANDING
@@ -374,8 +362,7 @@ def test_a_blind_descent_lands_and_does_not_take_off_again():
 def test_a_refused_landing_goes_on_in_offboard_and_disarms_on_the_ground():
     flight = Flight().take_off()
     flight.vehicle.refuses[SET_MODE_COMMAND] = REJECTED
-    flight.phase = Phase.LAND
-    flight.until(Stage.LANDING).run(6.0)
+    flight.until(Stage.LANDING, Phase.LAND).run(6.0)
     assert flight.session.stage == Stage.LANDING
     assert flight.stream == Stream.SETPOINT
     flight.vehicle.landed, flight.phase = MavLandedState.ON_GROUND, Phase.LANDED
@@ -385,8 +372,7 @@ def test_a_refused_landing_goes_on_in_offboard_and_disarms_on_the_ground():
 
 def test_a_vehicle_that_stays_armed_on_the_ground_is_disarmed():
     flight = Flight().take_off()
-    flight.phase = Phase.LAND
-    flight.until(Stage.LANDING)
+    flight.until(Stage.LANDING, Phase.LAND)
     flight.vehicle.landed = MavLandedState.ON_GROUND
     flight.run(3.0)
     assert flight.armings() == [True]
@@ -396,17 +382,15 @@ def test_a_vehicle_that_stays_armed_on_the_ground_is_disarmed():
 
 def test_a_mission_that_gives_up_on_the_ground_is_disarmed():
     flight = Flight().run(2.5)
-    flight.phase = Phase.TAKEOFF
-    flight.until(Stage.FLYING)
-    flight.phase = Phase.LANDED
-    flight.until(Stage.READY)
+    flight.until(Stage.FLYING, Phase.TAKEOFF)
+    flight.until(Stage.READY, Phase.LANDED)
     assert flight.armings() == [True, False]
 
 
 def test_disarmed_in_flight_is_not_armed_again():
     flight = Flight().take_off()
     flight.vehicle.armed = False
-    flight.session.handle_status_text(
+    flight.session.recent_texts.take(
         StatusText(flight.now, 1, "Critical failure detected: terminate")
     )
     flight.until(Stage.GIVEN_UP).run(10.0)
@@ -480,8 +464,7 @@ def test_a_second_wish_overtakes_the_first():
 def test_offboard_by_service_opens_the_way_after_a_refusal():
     flight = Flight().run(2.5)
     flight.vehicle.refuses[ARM_COMMAND] = DENIED
-    flight.phase = Phase.TAKEOFF
-    flight.until(Stage.GIVEN_UP).run(6.0)
+    flight.until(Stage.GIVEN_UP, Phase.TAKEOFF).run(6.0)
     flight.vehicle.refuses.clear()
     assert flight.ask("offboard").success
     flight.until(Stage.FLYING)
@@ -520,8 +503,7 @@ def test_wishes_without_a_link_are_answered_at_once():
 def test_the_operator_stops_an_arming_under_way():
     flight = Flight().run(2.5)
     flight.vehicle.arms_late_ns = 3 * SECOND
-    flight.phase = Phase.TAKEOFF
-    flight.until(Stage.ARMING)
+    flight.until(Stage.ARMING, Phase.TAKEOFF)
     assert flight.ask("disarm").success
     flight.vehicle.arms_late_ns = 0
     flight.run(8.0)
@@ -530,23 +512,19 @@ def test_the_operator_stops_an_arming_under_way():
 
 # --- whatever happens --------------------------------------------------------------------------
 
+ON_THE_GROUND = (Phase.IDLE, Phase.LANDED, Phase.LAND, Phase.DESCEND_BLIND)
+"""Phases in which nothing is armed."""
 HAPPENINGS = st.one_of(
-    st.tuples(
-        st.just("phase"),
-        st.sampled_from(
-            [Phase.IDLE, Phase.TAKEOFF, Phase.HOVER, Phase.LAND, Phase.LANDED, Phase.DESCEND_BLIND]
-        ),
-    ),
-    st.tuples(st.just("mode"), st.sampled_from([OFFBOARD, AUTO_HOLD, POSCTL, AUTO_RTL])),
-    st.tuples(st.just("armed"), st.booleans()),
-    st.tuples(st.just("landed"), st.sampled_from(list(MavLandedState))),
-    st.tuples(st.just("silent"), st.booleans()),
-    st.tuples(st.just("deaf"), st.booleans()),
-    st.tuples(st.just("refuse"), st.sampled_from([0, 1, 2, 4])),
-    st.tuples(st.just("blockers"), st.sampled_from([(), ("x",)])),
-    st.tuples(st.just("fresh"), st.booleans()),
-    st.tuples(st.just("streaming"), st.booleans()),
-    st.tuples(st.just("ask"), st.sampled_from(["arm", "disarm", "land", "hold", "offboard"])),
+    st.tuples(st.just(what), st.sampled_from(values))
+    for what, values in {
+        "phase": [*ON_THE_GROUND, Phase.TAKEOFF, Phase.HOVER],
+        "mode": [OFFBOARD, AUTO_HOLD, POSCTL, AUTO_RTL],
+        **dict.fromkeys(("armed", "silent", "deaf", "fresh", "streaming"), (False, True)),
+        "landed": list(MavLandedState),
+        "refuse": [0, 1, 2, 4],
+        "blockers": [(), ("x",)],
+        "ask": ["arm", "disarm", "land", "hold", "offboard"],
+    }.items()
 )
 
 
@@ -578,11 +556,6 @@ def test_whatever_happens_the_rules_hold(story):
                 if order.armed and not asked:
                     assert flight.vehicle.heartbeat.mode == OFFBOARD
                     assert not flight.blockers
-                    assert flight.phase not in (
-                        Phase.IDLE,
-                        Phase.LANDED,
-                        Phase.LAND,
-                        Phase.DESCEND_BLIND,
-                    )
+                    assert flight.phase not in ON_THE_GROUND
     flight.run(8.0)
     assert sorted(r.number for r in flight.replies) == list(range(1, asked + 1))

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import select
 import socket
 import termios
 import time
@@ -11,8 +12,7 @@ import pytest
 from tombo_dynamics.errors import InputError
 from tombo_px4.link import tcp, udp
 from tombo_px4.link.address import is_loopback, parse_peer, parse_url
-from tombo_px4.link.mavlink_link import COUNTED
-from tombo_px4.link.open_transport import open_transport
+from tombo_px4.link.mavlink_link import COUNTED, open_transport
 from tombo_px4.link.transport import RetryTimer, SendBuffer
 
 
@@ -62,8 +62,15 @@ def way():
 def sockets():
     with contextlib.ExitStack() as stack:
 
-        def make(kind=socket.SOCK_STREAM):
-            return stack.enter_context(socket.socket(socket.AF_INET, kind))
+        def make(kind=socket.SOCK_STREAM, server=None, bound=False):
+            """A socket, perhaps at a port of its own or connected to a TCP server."""
+            made = stack.enter_context(socket.socket(socket.AF_INET, kind))
+            if bound:
+                made.bind(("127.0.0.1", 0))
+            if server is not None:
+                made.settimeout(2.0)
+                made.connect(server.transport.address)
+            return made
 
         yield make
 
@@ -233,13 +240,11 @@ def partner_of(listener, sock):
 
 def test_a_new_partner_is_heard_at_once_and_in_a_flood_that_never_ends(way, sockets):
     listener = way("udpin://127.0.0.1:0")
-    partner, attacker = sockets(socket.SOCK_DGRAM), sockets(socket.SOCK_DGRAM)
-    partner.bind(("127.0.0.1", 0))
+    partner, attacker = sockets(socket.SOCK_DGRAM, bound=True), sockets(socket.SOCK_DGRAM)
     partner_of(listener, partner)
     partner.sendto(b"second", listener.transport.address)
     assert listener.transport.read().data == b"second"
-    other = sockets(socket.SOCK_DGRAM)
-    other.bind(("127.0.0.1", 0))
+    other = sockets(socket.SOCK_DGRAM, bound=True)
     partner_of(listener, other)
     other.sendto(b"third", listener.transport.address)
     for _ in range(10_000):
@@ -252,9 +257,7 @@ def test_a_new_partner_is_heard_at_once_and_in_a_flood_that_never_ends(way, sock
 
 def test_the_most_silent_partner_makes_room(way, sockets):
     listener = way("udpin://127.0.0.1:0")
-    crowd = [sockets(socket.SOCK_DGRAM) for _ in range(udp.MAX_PARTNERS + 1)]
-    for sock in crowd:
-        sock.bind(("127.0.0.1", 0))
+    crowd = [sockets(socket.SOCK_DGRAM, bound=True) for _ in range(udp.MAX_PARTNERS + 1)]
     for sock in (*crowd[:-1], crowd[0], crowd[-1]):
         partner_of(listener, sock)
         assert listener.transport.read() is None
@@ -263,8 +266,7 @@ def test_the_most_silent_partner_makes_room(way, sockets):
 
 
 def test_a_udp_sender_hears_only_whom_it_speaks_with(way, sockets):
-    partner, stranger = sockets(socket.SOCK_DGRAM), sockets(socket.SOCK_DGRAM)
-    partner.bind(("127.0.0.1", 0))
+    partner, stranger = sockets(socket.SOCK_DGRAM, bound=True), sockets(socket.SOCK_DGRAM)
     sender = way(f"udpout://127.0.0.1:{partner.getsockname()[1]}")
     stranger.sendto(b"stranger", sender.transport.address)
     partner.sendto(b"partner", sender.transport.address)
@@ -305,12 +307,10 @@ def test_a_tcp_client_keeps_trying_and_comes_back(way):
 
 
 def test_what_it_is_to_be_connected_to_oneself(sockets):
-    sock = sockets()
-    sock.bind(("127.0.0.1", 0))
+    sock = sockets(bound=True)
     sock.connect(sock.getsockname())  # what a port without a server can come to
     assert tcp._is_itself(sock)
-    server, client = sockets(), sockets()
-    server.bind(("127.0.0.1", 0))
+    server, client = sockets(bound=True), sockets()
     server.listen()
     client.connect(server.getsockname())
     assert not tcp._is_itself(client)
@@ -329,10 +329,8 @@ def test_a_tcp_client_never_talks_to_itself(way, monkeypatch):
 def test_a_tcp_server_answers_who_was_let_in_last(way, sockets):
     server = way("tcpin://127.0.0.1:0")
     assert server.transport.write(b"x", None) == "no_peer"
-    first, second = sockets(), sockets()
+    first, second = sockets(server=server), sockets(server=server)
     for client in (first, second):
-        client.settimeout(2.0)
-        client.connect(server.transport.address)
         client.sendall(b"?")
         assert server.read() == b"?"
     assert server.transport.write(b"1", None) == ""
@@ -353,9 +351,7 @@ def test_silent_tcp_clients_make_room_for_others_and_partners_do_not(way, socket
     server = way("tcpin://127.0.0.1:0")
 
     def connect(word):
-        client = sockets()
-        client.settimeout(2.0)
-        client.connect(server.transport.address)
+        client = sockets(server=server)
         client.sendall(word)
         assert server.read(0.2) in (word, b"")
         return client
@@ -378,9 +374,7 @@ def test_silent_tcp_clients_make_room_for_others_and_partners_do_not(way, socket
 def test_tcp_clients_of_another_machine_are_hung_up_on(way, sockets, monkeypatch):
     monkeypatch.setattr(tcp, "is_loopback", lambda host: False)
     server = way("tcpin://127.0.0.1:0")
-    client = sockets()
-    client.settimeout(2.0)
-    client.connect(server.transport.address)
+    client = sockets(server=server)
     server.tend_until(lambda: server.counters["foreign_address"] == 1)
     assert client.recv(9) == b""
 
@@ -408,8 +402,7 @@ def test_a_tcp_client_that_does_not_read_costs_whole_frames_only(way, sockets):
 
 def test_a_lost_client_is_no_error(way, sockets):
     server = way("tcpin://127.0.0.1:0")
-    client = sockets()
-    client.connect(server.transport.address)
+    client = sockets(server=server)
     client.sendall(b"?")
     server.read()
     client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
@@ -474,7 +467,6 @@ def test_a_serial_port_that_is_none_is_refused(way, tmp_path):
 
 
 def test_an_outbox_takes_frames_whole_or_not_at_all():
-    out = SendBuffer()
     room, went = [0], bytearray()
 
     def write(data):
@@ -486,11 +478,14 @@ def test_an_outbox_takes_frames_whole_or_not_at_all():
         return len(part)
 
     frame = bytes(range(200))
-    taken = sum(out.push(frame, write) for _ in range(3000))
-    assert 1000 < taken < 3000 and out
-    room[0] = 10**9
-    out.flush(write)
-    assert went == frame * taken and not out
+    reader, writer = socket.socketpair()
+    with select.epoll() as watch, reader, writer:
+        out = SendBuffer(watch, writer.fileno(), write)
+        taken = sum(out.push(frame) for _ in range(3000))
+        assert 1000 < taken < 3000 and watch.poll(0)  # it waits for room
+        room[0] = 10**9
+        out.flush()
+        assert went == frame * taken and not watch.poll(0)
 
 
 def test_a_retry_is_not_put_off_by_a_clock_that_is_set_back():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -13,9 +14,10 @@ from tombo_px4.bridge.modes import (
     AUTO_HOLD,
     AUTO_LAND,
     AUTO_MISSION,
+    AUTO_READY,
     AUTO_RTL,
-    AUTO_TAKEOFF,
     MANUAL,
+    MODE_NAMES,
     OFFBOARD,
     POSCTL,
     STABILIZED,
@@ -28,21 +30,8 @@ DESCEND = Mode(-1)
 TERMINATE = Mode(-2)
 """Rotors off for good; a heartbeat shows it as manual."""
 _MANUAL_MODES = (MANUAL, ALTCTL, POSCTL, ACRO, STABILIZED)
-_TITLES = {
-    MANUAL: "Manual",
-    ALTCTL: "Altitude",
-    POSCTL: "Position",
-    ACRO: "Acro",
-    STABILIZED: "Stabilized",
-    OFFBOARD: "Offboard",
-    AUTO_TAKEOFF: "Takeoff",
-    AUTO_HOLD: "Hold",
-    AUTO_MISSION: "Mission",
-    AUTO_RTL: "Return",
-    AUTO_LAND: "Land",
-    DESCEND: "Descend",
-    TERMINATE: "Termination",
-}
+_TITLES = {mode: name.capitalize() for mode, name in MODE_NAMES.items() if mode != AUTO_READY}
+_TITLES |= {DESCEND: "Descend", TERMINATE: "Termination"}
 _NOT_FOR_ARMING = (AUTO_LAND, AUTO_RTL)
 """Modes that end a flight; after it the mode before is back."""
 _NO_SIGNAL = "No offboard signal"
@@ -131,10 +120,7 @@ class Commander:
 
     def health(self, now: CommanderInput) -> Health:
         """Return what arming in the present mode would be denied for."""
-        problems = []
-        lacking = self.missing(self.user_intended_mode, now)
-        if lacking:
-            problems.append(lacking)
+        problems = [self.missing(self.user_intended_mode, now)]
         if self.user_intended_mode in _NOT_FOR_ARMING:
             problems.append("Mode not suitable for arming")
         if now.battery.warning >= 2:
@@ -142,7 +128,7 @@ class Commander:
         if self.terminated:
             problems.append("Flight termination active")
         return Health(
-            tuple(dict.fromkeys(problems)),
+            tuple(dict.fromkeys(filter(None, problems))),
             now.attitude,
             now.local_position,
             now.global_position,
@@ -201,11 +187,6 @@ class Commander:
         self._select_mode(now)
         return Result.ACCEPTED
 
-    def switch_if_allowed(self, mode: Mode, now: CommanderInput) -> None:
-        """Change to the mode that follows by itself; stay silently if it cannot be flown."""
-        if not self.missing(mode, now):
-            self.set_mode(mode, now)
-
     def terminate(self, now: CommanderInput) -> Result:
         """Stop the rotors for good."""
         if not self.armed:
@@ -236,54 +217,41 @@ class Commander:
         if self.terminated:
             self.mode, self.failsafe = TERMINATE, True
             return
-        lacking = self.missing(self.user_intended_mode, now)
-        wanted = (
-            self._fallback(self.user_intended_mode, now) if lacking else self.user_intended_mode
-        )
-        cause = lacking
+        wanted = self.user_intended_mode
+        cause = self.missing(wanted, now)
+        if cause:
+            wanted = self._fallback(wanted, now)
         if self._battery_action is not None and wanted not in (AUTO_LAND, DESCEND):
             wanted, cause = self._battery_action, _BATTERY[now.battery.warning]
         mode = self._available_mode(wanted, now)
         failsafe = mode != self.user_intended_mode
         if failsafe and (not self.failsafe or mode != self.mode):
-            self._say(
-                Severity.CRITICAL,
-                f"Failsafe activated: {cause or self.missing(wanted, now)}, {_TITLES[mode]}",
-            )
+            cause = cause or self.missing(wanted, now)
+            self._say(Severity.CRITICAL, f"Failsafe activated: {cause}, {_TITLES[mode]}")
         elif self.failsafe and not failsafe:
             self._say(Severity.NOTICE, f"Failsafe cleared, {_TITLES[mode]}")
         self.mode, self.failsafe = mode, failsafe
 
     def _fallback(self, user_intended_mode: Mode, now: CommanderInput) -> Mode:
-        if user_intended_mode == OFFBOARD and self.signal_lost(now):
-            action = int(self._parameters.get("COM_OBL_RC_ACT"))
-            chosen = {4: AUTO_LAND, 5: AUTO_HOLD, 6: TERMINATE, 7: TERMINATE}.get(action)
-            # modes that need a remote control fall back to return: there is none
-            return AUTO_RTL if chosen is None else chosen
-        return AUTO_RTL
+        if user_intended_mode != OFFBOARD or not self.signal_lost(now):
+            return AUTO_RTL
+        action = int(self._parameters.get("COM_OBL_RC_ACT"))
+        # modes that need a remote control fall back to return: there is none
+        return {4: AUTO_LAND, 5: AUTO_HOLD, 6: TERMINATE, 7: TERMINATE}.get(action, AUTO_RTL)
 
     def _available_mode(self, wanted: Mode, now: CommanderInput) -> Mode:
         """Return the mode, or else the first of return, land, descend that can be flown."""
         if wanted == TERMINATE:
             return wanted
         left = (AUTO_LAND,) if wanted == AUTO_LAND else (wanted, AUTO_RTL, AUTO_LAND)
-        for mode in left:
-            if not self.missing(mode, now):
-                return mode
-        return DESCEND
+        return next((mode for mode in left if not self.missing(mode, now)), DESCEND)
 
     def _disarm_by_itself(self, now: CommanderInput) -> None:
         get = self._parameters.get
         if self.mode == TERMINATE:
-            if (
-                self.user_intended_mode == OFFBOARD
-                and int(get("COM_OBL_RC_ACT")) == 7
-                and not self.terminated
-            ):
-                self.disarm(now, True, "failsafe")
-            else:
-                self.terminated = True
-                self.disarm(now, True, "flight termination")
+            disarms = self.user_intended_mode == OFFBOARD and int(get("COM_OBL_RC_ACT")) == 7
+            self.terminated = self.terminated or not disarms
+            self.disarm(now, True, "flight termination" if self.terminated else "failsafe")
             return
         if not now.landed:
             self._landed_tick = -1
@@ -297,10 +265,8 @@ class Commander:
 
     def _watch_tilt(self, now: CommanderInput) -> None:
         get = self._parameters.get
-        degree = 57.29577951308232
-        roll, pitch = get("FD_FAIL_R"), get("FD_FAIL_P")
-        rolled = roll > 0 and abs(now.roll) * degree > roll
-        pitched = pitch > 0 and abs(now.pitch) * degree > pitch
+        rolled = 0 < get("FD_FAIL_R") < math.degrees(abs(now.roll))
+        pitched = 0 < get("FD_FAIL_P") < math.degrees(abs(now.pitch))
         if not (rolled or pitched):
             self._tilted_tick, self._tilt_told = -1, False
             return

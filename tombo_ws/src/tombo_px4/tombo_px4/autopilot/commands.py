@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -23,8 +22,6 @@ if TYPE_CHECKING:
 
 FORCE = 21196
 """Second parameter of ARM_DISARM that leaves out all checks."""
-UNSUPPORTED_FRAME = 8
-"""MAV_RESULT_COMMAND_UNSUPPORTED_MAV_FRAME."""
 _GLOBAL_FRAMES = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
 _NO_PLACE = 0x7FFFFFFF
 _CHANGE_MODE = mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
@@ -43,14 +40,15 @@ class Command(NamedTuple):
     """False: of SET_MODE, which the MAVLink module does not acknowledge itself."""
 
 
-@dataclass
-class CommandReply:
+class CommandReply(NamedTuple):
     """Answer to a command."""
 
-    results: list[int]
-    """A COMMAND_ACK for each, in this order; empty: none."""
-    messages: list[int] = field(default_factory=list)
-    """Numbers of messages that were asked for."""
+    result: Result
+    """Of the last COMMAND_ACK."""
+    passed_on: bool = False
+    """An ACCEPTED comes before: the MAVLink module says that it has passed the command on."""
+    message: int | None = None
+    """Number of a message that was asked for."""
     interval_of: int | None = None
     """MESSAGE_INTERVAL of this message was asked for."""
     text: str = ""
@@ -84,77 +82,69 @@ class CommandServer:
     def __init__(self, vehicle: Px4Vehicle, origin: GeoOrigin) -> None:
         self._vehicle = vehicle
         self._origin = origin
-        self._table: dict[int, Callable[[Command, StreamTable], CommandReply]] = {
+        self._table: dict[int, Callable[[Command, StreamTable], Result | CommandReply]] = {
             mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
             mavlink.MAV_CMD_DO_SET_MODE: self._set_mode,
             mavlink.MAV_CMD_NAV_TAKEOFF: self._take_off,
-            mavlink.MAV_CMD_NAV_LAND: lambda c, s: _answer(vehicle.land()),
-            mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda c, s: _answer(vehicle.return_home()),
-            mavlink.MAV_CMD_NAV_LOITER_UNLIM: lambda c, s: _answer(vehicle.hold()),
+            mavlink.MAV_CMD_NAV_LAND: lambda c, s: vehicle.land(),
+            mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda c, s: vehicle.return_home(),
+            mavlink.MAV_CMD_NAV_LOITER_UNLIM: lambda c, s: vehicle.hold(),
             mavlink.MAV_CMD_DO_REPOSITION: self._reposition,
             mavlink.MAV_CMD_DO_CHANGE_SPEED: self._change_speed,
             mavlink.MAV_CMD_DO_SET_HOME: self._set_home,
             mavlink.MAV_CMD_DO_FLIGHTTERMINATION: self._terminate,
-            mavlink.MAV_CMD_MISSION_START: self._start_mission,
+            mavlink.MAV_CMD_MISSION_START: lambda c, s: _NO_MISSION,
             mavlink.MAV_CMD_RUN_PREARM_CHECKS: self._check,
             mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: self._reboot,
             mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_interval,
             mavlink.MAV_CMD_GET_MESSAGE_INTERVAL: self._get_interval,
             mavlink.MAV_CMD_REQUEST_MESSAGE: self._request_message,
-            mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: _send(148),
-            mavlink.MAV_CMD_REQUEST_PROTOCOL_VERSION: _send(300),
-            mavlink.MAV_CMD_GET_HOME_POSITION: _send(242),
+            mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: lambda c, s: _send(148),
+            mavlink.MAV_CMD_REQUEST_PROTOCOL_VERSION: lambda c, s: _send(300),
+            mavlink.MAV_CMD_GET_HOME_POSITION: lambda c, s: _send(242),
         }
 
     def execute(self, command: Command, streams: StreamTable) -> CommandReply:
         """Carry out a command that came over a link with these streams."""
         if any(math.isinf(p) for p in command.params):
-            return CommandReply([Result.DENIED], text="command refused: a parameter is infinite")
+            return CommandReply(Result.DENIED, text="command refused: a parameter is infinite")
         handler = self._table.get(command.number)
-        if handler is None:
-            return CommandReply([Result.UNSUPPORTED])
-        return handler(command, streams)
+        answer = Result.UNSUPPORTED if handler is None else handler(command, streams)
+        return CommandReply(answer) if isinstance(answer, Result) else answer
 
-    def _arm(self, command: Command, streams: StreamTable) -> CommandReply:
+    def _arm(self, command: Command, streams: StreamTable) -> Result | CommandReply:
         wanted, force = whole(command.params[0]), whole(command.params[1]) == FORCE
         if wanted not in (0, 1) or wanted != command.params[0]:
-            return CommandReply([Result.UNSUPPORTED])
+            return Result.UNSUPPORTED
         act = self._vehicle.arm if wanted else self._vehicle.disarm
-        return _answer(act(force))
+        return act(force)
 
-    def _set_mode(self, command: Command, streams: StreamTable) -> CommandReply:
+    def _set_mode(self, command: Command, streams: StreamTable) -> Result | CommandReply:
         base, main, sub = (whole(p) for p in command.params[:3])
         result = Result.DENIED
         custom = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         if base is not None and base & custom and main is not None and 0 <= main < 256:
             sub = sub if sub is not None and 0 <= sub < 256 else 0
             result = self._vehicle.set_mode(Mode(main, sub if main == modes.AUTO_HOLD.main else 0))
-        # The MAVLink module acknowledges that it has passed the command on, then comes the answer.
-        return CommandReply([Result.ACCEPTED, result] if command.from_module else [result])
+        return CommandReply(result, passed_on=command.from_module)
 
-    def _take_off(self, command: Command, streams: StreamTable) -> CommandReply:
+    def _take_off(self, command: Command, streams: StreamTable) -> Result | CommandReply:
         if command.frame not in _GLOBAL_FRAMES:
-            return CommandReply([UNSUPPORTED_FRAME])
+            return Result.UNSUPPORTED_FRAME
         height = command.params[6] - self._origin.altitude_m - float(self._vehicle.home[2])
         yaw = command.params[3]
-        return _answer(
-            self._vehicle.takeoff(
-                height if math.isfinite(height) else None,
-                ros_yaw(math.radians(yaw)) if math.isfinite(yaw) else None,
-            )
-        )
+        return self._vehicle.takeoff(height, ros_yaw(math.radians(yaw)))
 
-    def _reposition(self, command: Command, streams: StreamTable) -> CommandReply:
+    def _reposition(self, command: Command, streams: StreamTable) -> Result | CommandReply:
         if command.frame not in _GLOBAL_FRAMES:
-            return CommandReply([UNSUPPORTED_FRAME])
+            return Result.UNSUPPORTED_FRAME
         place = self._place(command)
         flags, yaw = whole(command.params[1]) or 0, command.params[3]
         if place is None:
-            return CommandReply([Result.DENIED])
+            return Result.DENIED
         if not flags & _CHANGE_MODE and self._vehicle.mode != modes.AUTO_HOLD:
-            return CommandReply([Result.TEMPORARILY_REJECTED])
-        wanted = ros_yaw(yaw) if math.isfinite(yaw) else None  # rad, as PX4 reads it
-        return _answer(self._vehicle.reposition(place, wanted))
+            return Result.TEMPORARILY_REJECTED
+        return self._vehicle.reposition(place, ros_yaw(yaw))  # rad, as PX4 reads it
 
     def _place(self, command: Command) -> Array | None:
         """Return (3) in map of parameters 5 to 7, NaN where there is none; None: nowhere."""
@@ -167,76 +157,64 @@ class CommandServer:
         place = self._origin.local_of(latitude, longitude, self._origin.altitude_m)
         return np.array([place[0], place[1], height])
 
-    def _change_speed(self, command: Command, streams: StreamTable) -> CommandReply:
+    def _change_speed(self, command: Command, streams: StreamTable) -> Result | CommandReply:
         """Change the speed of AUTO modes, by its parameter: PX4 keeps it apart."""
         kind, speed = whole(command.params[0]), command.params[1]
         if kind not in (_AIR_SPEED, _GROUND_SPEED):
-            return CommandReply([Result.UNSUPPORTED])
+            return Result.UNSUPPORTED
         if speed < 0.0:  # no change, or back to the default, which the parameter is
-            return CommandReply([Result.ACCEPTED])
+            return Result.ACCEPTED
         refusal = self._vehicle.parameters.set("MPC_XY_CRUISE", speed)
-        return CommandReply([Result.DENIED if refusal else Result.ACCEPTED])
+        return Result.DENIED if refusal else Result.ACCEPTED
 
-    def _set_home(self, command: Command, streams: StreamTable) -> CommandReply:
+    def _set_home(self, command: Command, streams: StreamTable) -> Result | CommandReply:
         if whole(command.params[0]) == 1:
-            return _answer(self._vehicle.set_home())
+            return self._vehicle.set_home()
         place = self._place(command)
         if command.frame not in _GLOBAL_FRAMES:
-            return CommandReply([UNSUPPORTED_FRAME])
-        return (
-            CommandReply([Result.DENIED])
-            if place is None
-            else _answer(self._vehicle.set_home(place))
-        )
+            return Result.UNSUPPORTED_FRAME
+        return Result.DENIED if place is None else self._vehicle.set_home(place)
 
-    def _terminate(self, command: Command, streams: StreamTable) -> CommandReply:
+    def _terminate(self, command: Command, streams: StreamTable) -> Result | CommandReply:
         if not command.params[0] > 0.5:
-            return CommandReply([Result.ACCEPTED])
-        return _answer(self._vehicle.terminate())
+            return Result.ACCEPTED
+        return self._vehicle.terminate()
 
-    def _start_mission(self, command: Command, streams: StreamTable) -> CommandReply:
-        return CommandReply([Result.DENIED], text="mission refused: there is none")
-
-    def _check(self, command: Command, streams: StreamTable) -> CommandReply:
+    def _check(self, command: Command, streams: StreamTable) -> Result | CommandReply:
         if self._vehicle.armed:
-            return CommandReply([Result.TEMPORARILY_REJECTED])
-        problems = self._vehicle.health.problems
-        return CommandReply([Result.ACCEPTED], text="; ".join(problems))
+            return Result.TEMPORARILY_REJECTED
+        return CommandReply(Result.ACCEPTED, text="; ".join(self._vehicle.health.problems))
 
-    def _reboot(self, command: Command, streams: StreamTable) -> CommandReply:
+    def _reboot(self, command: Command, streams: StreamTable) -> Result | CommandReply:
         if whole(command.params[0]) == 0:
-            return CommandReply([Result.ACCEPTED])
+            return Result.ACCEPTED
         if self._vehicle.armed:
-            return CommandReply([Result.DENIED], text="reboot denied: armed")
-        return CommandReply(
-            [Result.DENIED], text="reboot denied: start the simulation again instead"
-        )
+            return CommandReply(Result.DENIED, text="reboot denied: armed")
+        text = "reboot denied: start the simulation again instead"
+        return CommandReply(Result.DENIED, text=text)
 
-    def _set_interval(self, command: Command, streams: StreamTable) -> CommandReply:
+    def _set_interval(self, command: Command, streams: StreamTable) -> Result | CommandReply:
         number, interval = whole(command.params[0]), command.params[1]
         done = (
             number is not None
             and math.isfinite(interval)
             and streams.set_interval(number, interval, self._vehicle.boot_us)
         )
-        return CommandReply([Result.ACCEPTED if done else Result.FAILED])
+        return Result.ACCEPTED if done else Result.FAILED
 
-    def _get_interval(self, command: Command, streams: StreamTable) -> CommandReply:
+    def _get_interval(self, command: Command, streams: StreamTable) -> Result | CommandReply:
         number = whole(command.params[0])
         if number is None or not 0 <= number <= 65535:
-            return CommandReply([Result.DENIED])
-        return CommandReply([Result.ACCEPTED], interval_of=number)
+            return Result.DENIED
+        return CommandReply(Result.ACCEPTED, interval_of=number)
 
-    def _request_message(self, command: Command, streams: StreamTable) -> CommandReply:
+    def _request_message(self, command: Command, streams: StreamTable) -> Result | CommandReply:
         number = whole(command.params[0])
-        if number is None:
-            return CommandReply([Result.DENIED])
-        return CommandReply([Result.ACCEPTED], messages=[number])
+        return Result.DENIED if number is None else _send(number)
 
 
-def _answer(result: Result) -> CommandReply:
-    return CommandReply([result])
+def _send(number: int) -> CommandReply:
+    return CommandReply(Result.ACCEPTED, message=number)
 
 
-def _send(number: int) -> Callable[[Command, StreamTable], CommandReply]:
-    return lambda command, streams: CommandReply([Result.ACCEPTED], messages=[number])
+_NO_MISSION = CommandReply(Result.DENIED, text="mission refused: there is none")

@@ -23,7 +23,7 @@ from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.autopilot.offboard_setpoint import heading_of
 from tombo_px4.autopilot.parameters import ParameterTable
-from tombo_px4.frames import flu_from_frd
+from tombo_px4.frames import flu_from_frd, quaternion_of_angles
 from tombo_sim.simulator import Simulator
 
 _ALIGN_TICKS = 200
@@ -78,55 +78,43 @@ class Ekf2Model:
         self._state_history: deque[_Fix] = deque(maxlen=8)
         self._newest_vision = -1
         self._last_vision = -(10**9)
-        self._last_fused = -(10**9)
+        self.fused_tick = -(10**9)
+        """When a sample was last used."""
         self._last_captured = -1
         self._refused_since = -1
-        self._source = ""
-        self._origin = False
+        self.source = ""
+        """What the position comes from: `vision`, `gps` or "" for nothing."""
+        self.origin_known = False
+        """The place of the map's origin on earth is known, as by SET_GPS_GLOBAL_ORIGIN."""
         self.attitude_ok = False
-        self.fused = 0
-        """Samples used."""
         self.rejected = 0
         """Samples refused by the gate."""
         self.resets = 0
         """How often position and yaw have jumped to a source."""
         autopilot.state.position = 0.0
 
-    @property
-    def source(self) -> str:
-        """What the position comes from: `vision`, `gps` or "" for nothing."""
-        return self._source
-
-    @property
-    def last_fused(self) -> int:
-        """Tick at which a sample was last used."""
-        return self._last_fused
-
-    def set_origin(self) -> None:
-        """Take the place of the map's origin on earth as known, as SET_GPS_GLOBAL_ORIGIN does."""
-        self._origin = True
-
     def local_ok(self, tick: int) -> bool:
         """Return whether the position in map is known."""
         limit = self._parameters.get("EKF2_NOAID_TOUT") * 1e-3
-        return bool(self._source) and tick - self._last_fused <= limit
+        return bool(self.source) and tick - self.fused_tick <= limit
 
     def global_ok(self, tick: int) -> bool:
         """Return whether the position on earth is known."""
-        return self.local_ok(tick) and (self._origin or self._source == "gps")
+        return self.local_ok(tick) and (self.origin_known or self.source == "gps")
 
-    def pose_variance(self, tick: int) -> tuple[float, ...]:
-        """Return (6) of x, y, z [m^2], roll, pitch, yaw [rad^2]."""
-        since = min(max(tick - self._last_fused, 0) * TICK_S, 60.0)
-        noise = 0.01 if self._source == "vision" else self._parameters.get("EKF2_GPS_P_NOISE")
-        place = noise**2 + (0.1 * since) ** 2
-        return (place, place, place, _LEVEL_VARIANCE, _LEVEL_VARIANCE, _YAW_VARIANCE)
+    def variances(self, tick: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Return those of the pose and of the motion.
 
-    def velocity_variance(self, tick: int) -> tuple[float, ...]:
-        """Return (6) of velocity [m^2/s^2] and rates [rad^2/s^2]."""
-        since = min(max(tick - self._last_fused, 0) * TICK_S, 60.0)
-        speed = 0.02**2 + (0.1 * since) ** 2
-        return (speed, speed, speed, _RATE_VARIANCE, _RATE_VARIANCE, _RATE_VARIANCE)
+        (6) of x, y, z [m^2], roll, pitch, yaw [rad^2]; (6) of velocity [m^2/s^2] and rates
+        [rad^2/s^2].
+        """
+        drift = (0.1 * min(max(tick - self.fused_tick, 0) * TICK_S, 60.0)) ** 2
+        noise = 0.01 if self.source == "vision" else self._parameters.get("EKF2_GPS_P_NOISE")
+        place, speed = noise**2 + drift, 0.02**2 + drift
+        return (
+            (place, place, place, _LEVEL_VARIANCE, _LEVEL_VARIANCE, _YAW_VARIANCE),
+            (speed, speed, speed, _RATE_VARIANCE, _RATE_VARIANCE, _RATE_VARIANCE),
+        )
 
     def vision(self, tick: int, boot_us: int, position: Array, attitude: Array) -> str:
         """Take a pose from outside; "" or why it is refused: see `Px4Vehicle.vision`."""
@@ -181,7 +169,7 @@ class Ekf2Model:
 
     def advance(self, simulator: Simulator, airborne: bool) -> None:
         """Carry the estimate on to the next tick, after the control loops."""
-        located = airborne and bool(self._source)
+        located = airborne and bool(self.source)
         predict(self._autopilots, simulator.accel, located)
 
     def _feel(self, force: Array) -> None:
@@ -228,10 +216,11 @@ class Ekf2Model:
                 return
         control = int(get("EKF2_EV_CTRL")) if source == "vision" else 15
         if source == "vision":
-            if not control & 1 or not (control & 2 or self._height_from_vision()):
+            height = control & 2 or math.isfinite(self._height) or get("EKF2_HGT_REF") == 3
+            if not control & 1 or not height:
                 return
             self._state_history.append(fix)
-        if source != self._source or not self.local_ok(tick):
+        if source != self.source or not self.local_ok(tick):
             self._change_source(fix, source, tick, airborne)
             return
         past = self._past(fix.captured)
@@ -239,15 +228,16 @@ class Ekf2Model:
             self.rejected += 1
             return
         if self._is_far(fix, source, control, past, tick):
-            self._refuse(fix, source, tick, airborne)
+            self.rejected += 1
+            if self._refused_since < 0:
+                self._refused_since = tick
+            elif tick - self._refused_since >= _RESET_TICKS:
+                self._reset(fix, source, tick, airborne)
             return
         self._refused_since = -1
         self._fuse(fix, control, tick, airborne)
         if source == "vision":
             self._last_vision = tick
-
-    def _height_from_vision(self) -> bool:
-        return math.isfinite(self._height) or self._parameters.get("EKF2_HGT_REF") == 3
 
     def _past(self, tick: int) -> PoseAtTick:
         """Return the estimate of a tick, or of another that has its place in the history."""
@@ -259,7 +249,7 @@ class Ekf2Model:
         gap = fix.position - past.position
         if not control & 2 and self._parameters.get("EKF2_HGT_REF") != 3:
             gap[2] = 0.0
-        since = min((tick - self._last_fused) * TICK_S, 5.0)
+        since = min((tick - self.fused_tick) * TICK_S, 5.0)
         if float(np.abs(gap).max()) > self._innovation_gate(source) + 0.2 * since:
             return True
         if source != "vision" or not control & 8:
@@ -274,22 +264,15 @@ class Ekf2Model:
             return max(5.0 * get("EKF2_GPS_P_NOISE"), 0.1) + 0.3
         return get("EKF2_EVP_GATE") * get("EKF2_EVP_NOISE")
 
-    def _refuse(self, fix: _Fix, source: str, tick: int, airborne: bool) -> None:
-        self.rejected += 1
-        if self._refused_since < 0:
-            self._refused_since = tick
-        elif tick - self._refused_since >= _RESET_TICKS:
-            self._reset(fix, source, tick, airborne)
-
     def _change_source(self, fix: _Fix, source: str, tick: int, airborne: bool) -> None:
         """Begin with a source: none is in use, or it was lost, or this one is better."""
-        if source == "vision" and self._source == "gps" and airborne and self.local_ok(tick):
+        if source == "vision" and self.source == "gps" and airborne and self.local_ok(tick):
             # in flight only a vision that agrees takes over: the estimate must not jump
             gap = fix.position - self._autopilot.state.position
             if float(np.abs(gap).max()) > self._innovation_gate(source):
                 self.rejected += 1
                 return
-            self._source = source
+            self.source = source
             self._autopilot.observer.position_bandwidth = self._vision_bandwidth
             return
         if source == "vision" and len(self._state_history) < 3:
@@ -306,22 +289,21 @@ class Ekf2Model:
             first = self._state_history[0]
             time = max(fix.captured - first.captured, 1) * TICK_S
             velocity = np.clip((fix.position - first.position) / time, -10.0, 10.0)
-        elif airborne and self._source:
+        elif airborne and self.source:
             velocity = state.velocity.copy()
         late = (tick - fix.captured) * TICK_S
         state.position = fix.position + late * velocity
         state.velocity = velocity
         if not control & 2 and math.isfinite(self._height):
             state.position[2] = self._height
-        attitude = state.attitude
         yaw = fix.yaw if control & 8 else self._compass
         if math.isfinite(yaw):
-            _turn(attitude, yaw - heading_of(attitude))
+            _turn(state.attitude, yaw - heading_of(state.attitude))
         self._forget()
         store_history(self._autopilots, tick)
-        self._source = source
+        self.source = source
         self._refused_since = -1
-        self._last_fused = tick
+        self.fused_tick = tick
         self._last_captured = fix.captured
         if source == "vision":
             self._last_vision = tick
@@ -353,9 +335,8 @@ class Ekf2Model:
             if airborne:
                 bias[:2] = before + _SLOW_BIAS * (bias[:2] - before)
             self._last_captured = fix.captured
-            self._last_fused = tick
+            self.fused_tick = tick
             autopilot.mocap_time = fix.captured * TICK_S
-            self.fused += 1
 
     def _tilt_error(self, attitude: Array, airborne: bool) -> Array:
         """Return the turn (3), body frame, by which gravity says that the attitude is off."""
@@ -370,9 +351,8 @@ class Ekf2Model:
 def _upright(x: float, y: float, z: float) -> Array:
     """Return the attitude of yaw 0 in which body (x, y, z), of unit length, points up."""
     roll, pitch = math.atan2(y, z), math.asin(min(max(-x, -1.0), 1.0))
-    cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
-    cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
-    return np.array([sr * cp, cr * sp, -sr * sp, cr * cp])
+    w, *xyz = quaternion_of_angles(roll, pitch, 0.0)
+    return np.array([*xyz, w])
 
 
 def _turn(q: Array, yaw: float) -> None:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from tombo_control.leg import hold_leg, straight_leg
 from tombo_control.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.arrays import Array
+from tombo_px4.autopilot.offboard_setpoint import ControlLevel, ResolvedSetpoint
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.bridge.modes import AUTO_LAND, AUTO_RTL, AUTO_TAKEOFF, Mode
 
@@ -17,15 +17,6 @@ _BELOW = 3.0
 """[m] the goal of a landing is below the vehicle's own ground, so that it is reached for sure."""
 _STILL = 0.3
 Point = tuple[float, float, float]
-
-
-class Reference(NamedTuple):
-    """Reference at one time."""
-
-    position: Array
-    velocity: Array
-    acceleration: Array
-    yaw: float
 
 
 class Navigator:
@@ -53,21 +44,21 @@ class Navigator:
 
     def go_to(self, goal: Array, yaw: float) -> None:
         """Fly to a place in the next call of `follow`, which holds."""
-        self._goal = (float(goal[0]), float(goal[1]), float(goal[2]))
+        self._goal = _point(goal)
         self._goal_yaw = yaw
         self._mode = None
 
     def begin_again(self, now_s: float, position: Array) -> None:
         """Delay the start of a take-off: the rotors are not ready yet."""
         top = self._leg.position(self._leg.end_s)
-        here = (float(position[0]), float(position[1]), float(position[2]))
+        here = _point(position)
         self._leg = straight_leg(here, top, self._parameters.get("MPC_TKO_SPEED"), now_s)
 
     def follow(
         self, mode: Mode, now_s: float, position: Array, velocity: Array, yaw: float, home: Array
-    ) -> Reference:
+    ) -> ResolvedSetpoint:
         """Return the reference in `mode`; the first call in a mode begins its legs."""
-        here: Point = (float(position[0]), float(position[1]), float(position[2]))
+        here: Point = _point(position)
         if mode != self._mode:
             self._mode = mode
             self._stage = 0
@@ -77,11 +68,16 @@ class Navigator:
             self._goal = None
         self._go_on(mode, now_s, here, velocity, home)
         leg = self._leg
-        way, speed, change = trapezoidal_profile(
-            now_s - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s
-        )
+        whole_s = leg.end_s - leg.begin_s
+        way, speed, change = trapezoidal_profile(now_s - leg.begin_s, whole_s, leg.ramp_s)
         start, cruise = np.array(leg.start), np.array(leg.velocity)
-        return Reference(start + way * cruise, speed * cruise, change * cruise, self._yaw)
+        return ResolvedSetpoint(
+            ControlLevel.POSITION,
+            start + way * cruise,
+            speed * cruise,
+            change * cruise,
+            self._yaw,
+        )
 
     def _begin(self, mode: Mode, now_s: float, here: Point, velocity: Array, home: Array) -> None:
         get = self._parameters.get
@@ -122,7 +118,7 @@ class Navigator:
     def _go_on(self, mode: Mode, now_s: float, here: Point, velocity: Array, home: Array) -> None:
         if mode == AUTO_TAKEOFF:
             close = math.dist(here, self._leg.position(self._leg.end_s)) < 0.15
-            if self._over(now_s) and close and _speed(velocity) < _STILL:
+            if self._over(now_s) and close and math.hypot(*velocity) < _STILL:
                 self.finished = True
         elif mode == AUTO_RTL:
             self._return(now_s, here, velocity, home)
@@ -140,7 +136,7 @@ class Navigator:
             self._stage = 1
             above = (float(home[0]), float(home[1]), goal[2])
             self._leg = straight_leg(goal, above, get("MPC_XY_CRUISE"), now_s)
-        elif self._stage == 1 and reached and _speed(velocity) < _STILL:
+        elif self._stage == 1 and reached and math.hypot(*velocity) < _STILL:
             self._stage = 2
             low = min(goal[2], float(home[2]) + get("RTL_DESCEND_ALT"))
             self._leg = straight_leg(goal, (goal[0], goal[1], low), get("MPC_Z_V_AUTO_DN"), now_s)
@@ -158,6 +154,10 @@ class Navigator:
         return self._mode == AUTO_LAND or (self._mode == AUTO_RTL and self._stage == 4)
 
 
+def _point(place: Array) -> Point:
+    return float(place[0]), float(place[1]), float(place[2])
+
+
 def _stopping(here: Point, velocity: Array) -> Point:
     """Return about where a vehicle that brakes now comes to rest."""
     lag = 0.7
@@ -166,7 +166,3 @@ def _stopping(here: Point, velocity: Array) -> Point:
         here[1] + lag * float(velocity[1]),
         here[2] + 0.3 * float(velocity[2]),
     )
-
-
-def _speed(velocity: Array) -> float:
-    return math.sqrt(float(velocity @ velocity))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from tombo_dynamics.arrays import Array
 
 _NONE = np.full(3, math.nan)
+_LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 _LARGEST = 1e5
 """[m, m/s, m/s^2]: a larger value is refused as an error of the sender."""
 _FASTEST = 100.0
@@ -61,20 +62,22 @@ class ResolvedSetpoint:
     """A set point after all checks: the reference of the cascade, each axis in map."""
 
     kind: ControlLevel
-    position: Array
-    """(3), NaN: not commanded."""
-    velocity: Array
-    acceleration: Array
-    yaw: float
-    yaw_rate: float
-    attitude: Array
-    """(4), for ATTITUDE."""
-    rates: Array
-    """(3), for RATES; for ATTITUDE only the yaw rate's feed-forward."""
-    thrust: float
-
-
-_LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
+    position: Array = field(default_factory=lambda: _NONE)
+    """(3) [m], NaN: not commanded."""
+    velocity: Array = field(default_factory=lambda: _NONE)
+    """(3) [m/s]."""
+    acceleration: Array = field(default_factory=lambda: _NONE)
+    """(3) [m/s^2]."""
+    yaw: float = math.nan
+    """Counter-clockwise from east [rad]."""
+    yaw_rate: float = math.nan
+    """Counter-clockwise [rad/s]."""
+    attitude: Array = field(default_factory=lambda: _LEVEL)
+    """(4) xyzw, map from base_link, for ATTITUDE."""
+    rates: Array = field(default_factory=lambda: np.zeros(3))
+    """(3) base_link [rad/s], for RATES; for ATTITUDE only the yaw rate's feed-forward."""
+    thrust: float = math.nan
+    """Share of the highest collective thrust."""
 
 
 def resolve_setpoint(target: OffboardSetpoint, attitude: Array) -> ResolvedSetpoint | str:
@@ -112,7 +115,8 @@ def _most(axes: Array) -> float:
     return float(np.nan_to_num(np.abs(axes)).max())
 
 
-def _number(value: float | None) -> float:
+def finite_or_nan(value: float | None) -> float:
+    """Return a number; NaN for None and infinity."""
     return float(value) if value is not None and math.isfinite(value) else math.nan
 
 
@@ -140,56 +144,35 @@ def _resolve_motion(
         kind = ControlLevel.POSITION
     elif commanded[1].any():
         kind = ControlLevel.VELOCITY
-    yaw, yaw_rate = _number(target.yaw), _number(target.yaw_rate)
+    yaw, yaw_rate = finite_or_nan(target.yaw), finite_or_nan(target.yaw_rate)
     if abs(yaw) > _LARGEST or abs(yaw_rate) > _FASTEST:
         return "set point is out of range"
-    return ResolvedSetpoint(
-        kind, position, velocity, acceleration, yaw, yaw_rate, _LEVEL, np.zeros(3), math.nan
-    )
+    return ResolvedSetpoint(kind, position, velocity, acceleration, yaw, yaw_rate)
 
 
 def _resolve_attitude(target: OffboardSetpoint) -> ResolvedSetpoint | str:
-    thrust = _number(target.thrust)
+    thrust = finite_or_nan(target.thrust)
     rates = _axes(target.rates)
     if rates is None:
         return "set point has a wrong shape"
     if _most(rates) > _FASTEST:
         return "set point is out of range"
+    kind, attitude = ControlLevel.RATES, _LEVEL
     if target.attitude is None:
         if not np.isfinite(rates).any():
             return "set point commands nothing"
-        if not math.isfinite(thrust):
-            return "invalid set point: no thrust"
-        return ResolvedSetpoint(
-            ControlLevel.RATES,
-            _NONE,
-            _NONE,
-            _NONE,
-            math.nan,
-            math.nan,
-            _LEVEL,
-            np.nan_to_num(rates),
-            min(max(thrust, 0.0), 1.0),
-        )
-    attitude = np.array(target.attitude, dtype=float)
-    if attitude.shape != (4,) or not np.isfinite(attitude).all():
-        return "invalid set point: attitude is not finite"
-    length = float(np.linalg.norm(attitude))
-    if not 0.5 < length < 2.0:
-        return "invalid set point: attitude is no unit quaternion"
+    else:
+        kind, attitude = ControlLevel.ATTITUDE, np.array(target.attitude, dtype=float)
+        if attitude.shape != (4,) or not np.isfinite(attitude).all():
+            return "invalid set point: attitude is not finite"
+        length = float(np.linalg.norm(attitude))
+        if not 0.5 < length < 2.0:
+            return "invalid set point: attitude is no unit quaternion"
+        attitude = attitude / length
     if not math.isfinite(thrust):
         return "invalid set point: no thrust"
-    return ResolvedSetpoint(
-        ControlLevel.ATTITUDE,
-        _NONE,
-        _NONE,
-        _NONE,
-        math.nan,
-        math.nan,
-        attitude / length,
-        np.nan_to_num(rates),
-        min(max(thrust, 0.0), 1.0),
-    )
+    rates, thrust = np.nan_to_num(rates), min(max(thrust, 0.0), 1.0)
+    return ResolvedSetpoint(kind, attitude=attitude, rates=rates, thrust=thrust)
 
 
 def heading_of(attitude: Array) -> float:

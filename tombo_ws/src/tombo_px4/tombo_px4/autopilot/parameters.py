@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -154,15 +153,6 @@ class ParameterTable:
         self._set_by_user: set[str] = set()
         self.version = 0
         """Grows with every change."""
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._table)
-
-    def __len__(self) -> int:
-        return len(self._table)
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._table
 
     @property
     def names(self) -> tuple[str, ...]:

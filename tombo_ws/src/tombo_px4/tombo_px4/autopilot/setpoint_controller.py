@@ -51,14 +51,8 @@ class SetpointController:
         autopilot.setpoint.yaw = heading_of(autopilot.state.attitude)
         self._yaw_rate = 0.0
 
-    def stop(self) -> None:
-        """Rotors off."""
-        self._stop_rotors()
-        self._autopilot.setpoint.thrust = 0.0
-        self.loops = (False, False, False)
-
     def idle(self, speed: float) -> None:
-        """Rotors at their idle speed, nothing controlled."""
+        """Rotors at a fixed speed [rad/s], 0: off; nothing controlled."""
         self._stop_rotors()
         setpoint = self._autopilot.setpoint
         setpoint.thrust = 0.0
@@ -78,21 +72,19 @@ class SetpointController:
         """
         self._limits()
         setpoint = self._autopilot.setpoint
-        if resolved.kind == ControlLevel.RATES:
-            setpoint.rates = resolved.rates
-            setpoint.thrust = resolved.thrust * self.thrust_max
-            self._hold_position_loop()
-            self.loops = (False, False, True)
+        if resolved.kind < ControlLevel.ATTITUDE:
+            self._apply_position_demand(resolved, climb_max)
+            self.loops = (True, True, True)
             return
-        if resolved.kind == ControlLevel.ATTITUDE:
+        by_attitude = resolved.kind == ControlLevel.ATTITUDE
+        if by_attitude:
             setpoint.attitude = resolved.attitude
-            setpoint.thrust = resolved.thrust * self.thrust_max
             self._yaw_rate = float(resolved.rates[2])
-            self._hold_position_loop()
-            self.loops = (False, True, True)
-            return
-        self._apply_position_demand(resolved, climb_max)
-        self.loops = (True, True, True)
+        else:
+            setpoint.rates = resolved.rates
+        setpoint.thrust = resolved.thrust * self.thrust_max
+        self._hold_position_loop()
+        self.loops = (False, by_attitude, True)
 
     def blind(self) -> None:
         """Level and descend, at the next runs of the loops."""
@@ -159,16 +151,14 @@ class SetpointController:
         if math.isfinite(resolved.yaw_rate):
             self._yaw_rate = resolved.yaw_rate
             if not math.isfinite(resolved.yaw):
-                setpoint.yaw = math.remainder(
-                    float(setpoint.yaw) + resolved.yaw_rate * _PERIOD, 2.0 * math.pi
-                )
+                yaw = float(setpoint.yaw) + resolved.yaw_rate * _PERIOD
+                setpoint.yaw = math.remainder(yaw, 2.0 * math.pi)
         else:
             self._yaw_rate = 0.0
         if math.isfinite(resolved.yaw):
             setpoint.yaw = resolved.yaw
         get = self._parameters.get
-        climb = float(
-            setpoint.velocity[2] + gains.position_p * (setpoint.position[2] - position[2])
-        )
+        above = setpoint.position[2] - position[2]
+        climb = float(setpoint.velocity[2] + gains.position_p * above)
         up = min(get("MPC_Z_VEL_MAX_UP"), climb_max)
         gains.velocity_max_z = max(up if climb > 0.0 else get("MPC_Z_VEL_MAX_DN"), 0.0)

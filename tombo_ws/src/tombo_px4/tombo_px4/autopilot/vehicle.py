@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from tombo_control.autopilot import State, new_autopilot
 from tombo_control.estimate import Estimate
 from tombo_control.params import POSITION_TICKS, ControlParams, EstimatorParams
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_dynamics.time_base import TICK_NS, TICK_S
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.autopilot.battery import BatteryMeter
@@ -21,11 +23,13 @@ from tombo_px4.autopilot.offboard_setpoint import (
     ControlLevel,
     OffboardSetpoint,
     ResolvedSetpoint,
+    finite_or_nan,
     heading_of,
     resolve_setpoint,
 )
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.setpoint_controller import SetpointController
+from tombo_px4.bridge.decoded_messages import MavLandedState
 from tombo_px4.bridge.modes import (
     AUTO_HOLD,
     AUTO_LAND,
@@ -36,20 +40,15 @@ from tombo_px4.bridge.modes import (
     Mode,
 )
 from tombo_px4.protocol.results import (
-    AttitudeSetpoint,
     Battery,
     Health,
-    LandedState,
-    PositionSetpoint,
     Result,
     Severity,
-    StatusText,
     TakeoffState,
 )
 from tombo_sim.simulator import Simulator
 from tombo_sim.world import World
 
-_NONE = np.full(3, math.nan)
 _LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 _ABOVE = 0.1
 """[m]: a set point this far above a standing vehicle means that it shall take off."""
@@ -90,22 +89,21 @@ class Px4Vehicle:
         self._autopilot = new_autopilot(
             ControlParams(), EstimatorParams(), world.vehicle, np.zeros(3), _LEVEL
         )
-        self._ekf2_model = Ekf2Model(self._autopilot, self.simulator, parameters, seed)
+        self.ekf2_model = Ekf2Model(self._autopilot, self.simulator, parameters, seed)
         self._setpoint_controller = SetpointController(self._autopilot, maps, parameters)
         parameters.set_vehicle_default("MPC_THR_HOVER", self._setpoint_controller.hover)
         self._commander = Commander(parameters, self._say)
         self._navigator = Navigator(parameters)
         self._ground = LandDetector()
-        self._status_texts: list[StatusText] = []
+        self._status_texts: list[tuple[Severity, str]] = []
         self._signal_tick = -1
         self._kind = ControlLevel.POSITION
         self._resolved: ResolvedSetpoint | None = None
         self._refused = ""
         self._flown: ResolvedSetpoint | None = None
-        self._estimate: Estimate | None = None
         self._home: Array | None = None
-        self._home_yaw = 0.0
-        self._takeoff = TakeoffState.DISARMED
+        self.takeoff_state = TakeoffState.DISARMED
+        """How far a take-off has come."""
         self._armed_tick = 0
         self._ramp_tick = 0
         self._wanted_tick: int | None = None
@@ -115,7 +113,7 @@ class Px4Vehicle:
         self._was_mode: Mode | None = None
         self._force = 1.0
         self._meter = BatteryMeter(world.vehicle.battery_voltage, parameters)
-        self._battery = Battery(world.vehicle.battery_voltage, 0.0, 1.0, 0)
+        self.battery = Battery(world.vehicle.battery_voltage, 0.0, 1.0, 0)
 
     @property
     def _state(self) -> State:
@@ -154,29 +152,22 @@ class Px4Vehicle:
         return self._commander.failsafe
 
     @property
-    def takeoff_state(self) -> TakeoffState:
-        """How far a take-off has come."""
-        return self._takeoff
-
-    @property
-    def landed(self) -> LandedState:
+    def landed(self) -> MavLandedState:
         """Where the vehicle is."""
         if self._ground.landed:
-            return LandedState.ON_GROUND
+            return MavLandedState.ON_GROUND
         mode = self._commander.mode
         if mode == DESCEND or (mode in (AUTO_LAND, AUTO_RTL) and self._navigator.landing):
-            return LandedState.LANDING
-        if self._takeoff == TakeoffState.RAMPUP or mode == AUTO_TAKEOFF:
-            return LandedState.TAKEOFF
-        return LandedState.IN_AIR
+            return MavLandedState.LANDING
+        if self.takeoff_state == TakeoffState.RAMPUP or mode == AUTO_TAKEOFF:
+            return MavLandedState.TAKEOFF
+        return MavLandedState.IN_AIR
 
     @property
     def estimate(self) -> Estimate:
         """What the autopilot believes, at the present tick."""
-        if self._estimate is not None and self._estimate.stamp_ns == self.tick * TICK_NS:
-            return self._estimate
-        state = self._autopilot.state
-        self._estimate = Estimate(
+        state = self._state
+        return Estimate(
             self.tick * TICK_NS,
             state.position.copy(),
             state.velocity.copy(),
@@ -184,34 +175,8 @@ class Px4Vehicle:
             state.rates.copy(),
             state.gyro_bias.copy(),
             state.accel_bias.copy(),
-            self._ekf2_model.last_fused * TICK_NS,
+            self.ekf2_model.fused_tick * TICK_NS,
         )
-        return self._estimate
-
-    @property
-    def pose_variance(self) -> tuple[float, ...]:
-        """(6) of x, y, z [m^2], roll, pitch, yaw [rad^2]; grows without aiding."""
-        return self._ekf2_model.pose_variance(self.tick)
-
-    @property
-    def velocity_variance(self) -> tuple[float, ...]:
-        """(6) of velocity [m^2/s^2] and rates [rad^2/s^2]."""
-        return self._ekf2_model.velocity_variance(self.tick)
-
-    @property
-    def resets(self) -> int:
-        """How often the estimate has jumped."""
-        return self._ekf2_model.resets
-
-    @property
-    def vision_source(self) -> bool:
-        """Whether the position comes from vision."""
-        return self._ekf2_model.source == "vision"
-
-    @property
-    def ekf2_model(self) -> Ekf2Model:
-        """The estimator: what it uses and has refused."""
-        return self._ekf2_model
 
     @property
     def health(self) -> Health:
@@ -219,31 +184,9 @@ class Px4Vehicle:
         return self._commander.health(self._commander_input())
 
     @property
-    def battery(self) -> Battery:
-        """State of the battery."""
-        return self._battery
-
-    @property
     def home(self) -> Array:
         """(3) where it was armed, in map [m]; before, where it is."""
         return self._state.position.copy() if self._home is None else self._home.copy()
-
-    @property
-    def home_yaw(self) -> float:
-        """Yaw when it was armed [rad]."""
-        return self._home_yaw
-
-    @property
-    def rotor_speeds(self) -> Array:
-        """(4) [rad/s], as they really are."""
-        speeds: Array = self.simulator.plant.rotor_speed.copy()
-        return speeds
-
-    @property
-    def rotor_commands(self) -> Array:
-        """(4) [rad/s], as asked for."""
-        speed: Array = self._autopilot.setpoint.rotor_speed.copy()
-        return speed
 
     @property
     def thrust(self) -> float:
@@ -257,32 +200,25 @@ class Px4Vehicle:
         return speed / self._setpoint_controller.speed_max
 
     @property
-    def attitude_setpoint(self) -> AttitudeSetpoint:
-        """What attitude and rate loop follow."""
+    def attitude_setpoint(self) -> tuple[Array, Array, float]:
+        """What attitude and rate loop follow.
+
+        Attitude (4) xyzw, map from base_link; rates (3) base_link [rad/s]; share of the highest
+        collective thrust.
+        """
         setpoint = self._autopilot.setpoint
-        return AttitudeSetpoint(setpoint.attitude.copy(), setpoint.rates.copy(), self.thrust)
+        return setpoint.attitude.copy(), setpoint.rates.copy(), self.thrust
 
     @property
-    def position_setpoint(self) -> PositionSetpoint | None:
+    def position_setpoint(self) -> ResolvedSetpoint | None:
         """What the position loop follows; None while it is not in use."""
-        resolved = self._flown
-        if resolved is None or resolved.kind >= ControlLevel.ATTITUDE:
+        flown = self._flown
+        if flown is None or flown.kind >= ControlLevel.ATTITUDE:
             return None
-        return PositionSetpoint(
-            resolved.position.copy(),
-            resolved.velocity.copy(),
-            resolved.acceleration.copy(),
-            float(self._autopilot.setpoint.yaw),
-            resolved.yaw_rate,
-        )
+        return replace(flown, yaw=float(self._autopilot.setpoint.yaw))
 
-    @property
-    def flown(self) -> ResolvedSetpoint | None:
-        """What is followed now; None while nothing is."""
-        return self._flown
-
-    def take_status_texts(self) -> list[StatusText]:
-        """Return the messages since the last call."""
+    def take_status_texts(self) -> list[tuple[Severity, str]]:
+        """Return severity and words of the messages to the operator since the last call."""
         taken, self._status_texts = self._status_texts, []
         return taken
 
@@ -300,11 +236,7 @@ class Px4Vehicle:
             "" if it will be looked at, else why not: wrong_shape, not_finite, not_unit,
             out_of_range, future, out_of_order, late, not_fused.
         """
-        return self._ekf2_model.vision(self.tick, boot_us, position, attitude)
-
-    def set_origin(self) -> None:
-        """Take the map's origin on earth as known, so that vision gives a global position."""
-        self._ekf2_model.set_origin()
+        return self.ekf2_model.vision(self.tick, boot_us, position, attitude)
 
     def target(self, target: OffboardSetpoint) -> str:
         """Take a set point of OFFBOARD; a valid one counts as a sign of life of the stream.
@@ -331,12 +263,11 @@ class Px4Vehicle:
         result = self._commander.arm(self._commander_input())
         if self.armed and not was:
             self._armed_tick = self.tick
-            self._takeoff = TakeoffState.SPOOLUP
+            self.takeoff_state = TakeoffState.SPOOLUP
             self._taken_off = False
             self._navigator.leave()
-            if self._ekf2_model.local_ok(self.tick):
+            if self.ekf2_model.local_ok(self.tick):
                 self._home = self._state.position.copy()
-                self._home_yaw = heading_of(self._state.attitude)
         return result
 
     def disarm(self, force: bool = False) -> Result:
@@ -352,8 +283,8 @@ class Px4Vehicle:
         result = self.set_mode(AUTO_TAKEOFF)
         if result == Result.ACCEPTED:
             self._navigator.leave()
-            self._navigator.takeoff_height = _or_nan(height_m)
-            self._navigator.takeoff_yaw = _or_nan(yaw)
+            self._navigator.takeoff_height = finite_or_nan(height_m)
+            self._navigator.takeoff_yaw = finite_or_nan(yaw)
         return result
 
     def land(self) -> Result:
@@ -383,17 +314,16 @@ class Px4Vehicle:
             return Result.DENIED
         result = self.set_mode(AUTO_HOLD)
         if result == Result.ACCEPTED and self.armed:
-            self._navigator.go_to(goal, _or_nan(yaw))
+            self._navigator.go_to(goal, finite_or_nan(yaw))
         return result
 
     def set_home(self, position: Array | None = None) -> Result:
         """Make a place (3) in map home; None: where it is."""
         place = self._state.position if position is None else np.array(position, dtype=float)
         possible = place.shape == (3,) and bool((np.abs(place) < _FARTHEST).all())
-        if not self._ekf2_model.local_ok(self.tick) or not possible:
+        if not self.ekf2_model.local_ok(self.tick) or not possible:
             return Result.DENIED
         self._home = place.copy()
-        self._home_yaw = heading_of(self._state.attitude)
         return Result.ACCEPTED
 
     def terminate(self) -> Result:
@@ -407,33 +337,30 @@ class Px4Vehicle:
         simulator = self.simulator
         tick = simulator.tick
         airborne = self._airborne(tick)
-        self._ekf2_model.sense(simulator, airborne)
-        if tick % POSITION_TICKS == 0:
+        decides = tick % POSITION_TICKS == 0
+        self.ekf2_model.sense(simulator, airborne)
+        if decides:
             self._decide(tick)
         self._setpoint_controller.run(tick, self._descend_mode)
-        if (
-            tick % POSITION_TICKS == 0
-            and self._ground.contact
-            and self._had_time_to_lift_off(tick)
-        ):
+        if decides and self._ground.contact and self._had_time_to_lift_off(tick):
             self._setpoint_controller.reduce_thrust_on_ground()
-        self._ekf2_model.advance(simulator, airborne)
+        self.ekf2_model.advance(simulator, airborne)
         simulator.advance(self._autopilot.setpoint.rotor_speed)
 
     def _airborne(self, tick: int) -> bool:
-        if self._takeoff >= TakeoffState.RAMPUP:
+        if self.takeoff_state >= TakeoffState.RAMPUP:
             self._airborne_tick = tick
             return True
         return tick - self._airborne_tick < _SETTLES_TICKS and not self.armed
 
     def _had_time_to_lift_off(self, tick: int) -> bool:
         """Return whether it has had the time to lift off."""
-        return self._takeoff >= TakeoffState.RAMPUP and tick - self._ramp_tick > _LIFTS_TICKS
+        return self.takeoff_state >= TakeoffState.RAMPUP and tick - self._ramp_tick > _LIFTS_TICKS
 
     def _commander_input(self) -> CommanderInput:
         tick = self.tick
-        ekf2_model = self._ekf2_model
-        x, y, z, w = (float(v) for v in self._state.attitude)
+        ekf2_model = self.ekf2_model
+        _, pitch, roll = yaw_pitch_roll(self._state.attitude).tolist()
         return CommanderInput(
             tick,
             ekf2_model.attitude_ok,
@@ -445,25 +372,25 @@ class Px4Vehicle:
             self._taken_off,
             self._signal_tick,
             self._kind,
-            self._battery,
-            math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
-            math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0)),
+            self.battery,
+            roll,
+            pitch,
         )
 
     def _decide(self, tick: int) -> None:
         """Fifty times a second: battery, ground, mode, set points."""
-        self._battery = self._meter.draw(self.simulator.plant, POSITION_TICKS * TICK_S)
+        self.battery = self._meter.draw(self.simulator.plant, POSITION_TICKS * TICK_S)
         self._update_land_detector()
         commander = self._commander
         commander.update(self._commander_input())
         if not commander.armed:
-            self._takeoff = TakeoffState.DISARMED
+            self.takeoff_state = TakeoffState.DISARMED
             self._descend_mode = False
             self._flown = None
             self._was_mode = None
             if commander.mode != OFFBOARD:
                 self._resolved = None
-            self._setpoint_controller.stop()
+            self._setpoint_controller.idle(0.0)
             return
         mode = commander.mode
         self._descend_mode = mode == DESCEND
@@ -478,7 +405,9 @@ class Px4Vehicle:
         else:
             self._setpoint_controller.take(resolved, self._climb_max(tick))
         if self._navigator.finished and commander.user_intended_mode == AUTO_TAKEOFF:
-            commander.switch_if_allowed(AUTO_HOLD, self._commander_input())
+            now = self._commander_input()
+            if not commander.missing(AUTO_HOLD, now):
+                commander.set_mode(AUTO_HOLD, now)
 
     def _wanted(self, mode: Mode, tick: int) -> ResolvedSetpoint | None:
         """Return what the mode wants to be followed."""
@@ -489,30 +418,19 @@ class Px4Vehicle:
             self._resolved = None
         position, velocity = self._state.position, self._state.velocity
         home = position if self._home is None else self._home
-        if self._takeoff < TakeoffState.RAMPUP and mode == self._was_mode == AUTO_TAKEOFF:
+        if self.takeoff_state < TakeoffState.RAMPUP and mode == self._was_mode == AUTO_TAKEOFF:
             self._navigator.begin_again(tick * TICK_S, position)
         heading = heading_of(self._state.attitude)
-        reference = self._navigator.follow(mode, tick * TICK_S, position, velocity, heading, home)
-        return ResolvedSetpoint(
-            ControlLevel.POSITION,
-            reference.position,
-            reference.velocity,
-            reference.acceleration,
-            reference.yaw,
-            math.nan,
-            _LEVEL,
-            np.zeros(3),
-            math.nan,
-        )
+        return self._navigator.follow(mode, tick * TICK_S, position, velocity, heading, home)
 
     def _ready(self, resolved: ResolvedSetpoint | None, tick: int) -> bool:
         """Go on with the take-off; return whether anything is controlled."""
-        if self._takeoff == TakeoffState.SPOOLUP:
+        if self.takeoff_state == TakeoffState.SPOOLUP:
             if tick - self._armed_tick < 1000.0 * self.parameters.get("COM_SPOOLUP_TIME"):
                 return False
-            self._takeoff = TakeoffState.READY
+            self.takeoff_state = TakeoffState.READY
             self._wanted_tick = None
-        if self._takeoff == TakeoffState.READY:
+        if self.takeoff_state == TakeoffState.READY:
             if self._wanted_tick is None:  # once it has begun the ramp goes on by itself
                 if not self._requests_takeoff(resolved):
                     return False
@@ -520,13 +438,13 @@ class Px4Vehicle:
             by_position = resolved is None or resolved.kind < ControlLevel.ATTITUDE
             if by_position and tick - self._wanted_tick < self._ramp()[1]:
                 return False
-            self._takeoff = TakeoffState.RAMPUP
+            self.takeoff_state = TakeoffState.RAMPUP
             self._ramp_tick = tick
             self._setpoint_controller.start()
-        if self._takeoff == TakeoffState.RAMPUP:
+        if self.takeoff_state == TakeoffState.RAMPUP:
             _, held, whole = self._ramp()
             if tick - self._ramp_tick >= whole - held:
-                self._takeoff = TakeoffState.FLIGHT
+                self.takeoff_state = TakeoffState.FLIGHT
         if not self._ground.landed and not self._taken_off:
             self._taken_off = True
             self._say(Severity.INFO, "Takeoff detected")
@@ -548,7 +466,7 @@ class Px4Vehicle:
         )
 
     def _climb_max(self, tick: int) -> float:
-        if self._takeoff != TakeoffState.RAMPUP:
+        if self.takeoff_state != TakeoffState.RAMPUP:
             return math.inf
         fastest, held, whole = self._ramp()
         return fastest * min((tick - self._ramp_tick) / max(whole - held, 1.0), 1.0)
@@ -583,18 +501,13 @@ class Px4Vehicle:
             float(setpoint.thrust) / self._setpoint_controller.weight,
         )
         get = self.parameters.get
-        self._ground.update(
-            motion, get("LNDMC_Z_VEL_MAX"), get("LNDMC_XY_VEL_MAX"), POSITION_TICKS
-        )
+        limits = (get("LNDMC_Z_VEL_MAX"), get("LNDMC_XY_VEL_MAX"))
+        self._ground.update(motion, *limits, POSITION_TICKS)
         if aloft and self._ground.landed:
-            self._takeoff = TakeoffState.READY
+            self.takeoff_state = TakeoffState.READY
             self._wanted_tick = None
             self._say(Severity.INFO, "Landing detected")
 
     def _say(self, severity: Severity, text: str) -> None:
         if len(self._status_texts) < _MAX_STATUS_TEXTS:
-            self._status_texts.append(StatusText(severity, text))
-
-
-def _or_nan(value: float | None) -> float:
-    return float(value) if value is not None and math.isfinite(value) else math.nan
+            self._status_texts.append((severity, text))

@@ -20,37 +20,19 @@ from tombo_dynamics.messages import Phase, PositionSetpoint
 from tombo_dynamics.pose_check import PoseRefusal, check_pose, is_map
 from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_dynamics.time_base import SECOND_NS
+from tombo_px4.bridge import decoded_messages as decoded
 from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
-from tombo_px4.bridge.decoded_messages import (
-    Battery,
-    CommandAck,
-    EstimatorStatusFlags,
-    ExtendedSysState,
-    FirmwareVersion,
-    Heartbeat,
-    ImuSample,
-    LocalPosition,
-    MavLandedState,
-    ParameterValue,
-    Record,
-    StatusText,
-    SystemStatus,
-    TimesyncMessage,
-    VehicleAttitude,
-    VehicleOdometry,
-)
+from tombo_px4.bridge.decoded_messages import MavLandedState
 from tombo_px4.bridge.modes import AUTO_LAND, OFFBOARD, mode_name
 from tombo_px4.bridge.offboard_session import (
     Decision,
-    Reply,
     Request,
     Session,
     SessionInput,
     Stage,
 )
-from tombo_px4.bridge.parameter_findings import HOVER, READ
+from tombo_px4.bridge.parameter_findings import HOVER, READ, Finding, FindingSeverity
 from tombo_px4.bridge.preflight import FROZEN, Preflight
-from tombo_px4.bridge.preflight_finding import Finding, FindingSeverity
 from tombo_px4.bridge.setpoint_stream import SetpointStream
 from tombo_px4.link import message_encoder
 from tombo_px4.link.command_transaction import VehicleCommand
@@ -99,21 +81,16 @@ class Status:
 
 
 @dataclass
-class BridgeOutput:
-    """Outputs of one tick."""
+class BridgeOutput(Decision):
+    """Outputs of one tick, besides those of the session."""
 
     messages: list[Any] = field(default_factory=list)
     """To be sent now."""
-    odometry: list[VehicleOdometry] = field(default_factory=list)
+    odometry: list[decoded.VehicleOdometry] = field(default_factory=list)
     """All with a stamp."""
-    imu: list[ImuSample] = field(default_factory=list)
-    battery: list[Battery] = field(default_factory=list)
-    texts: list[StatusText] = field(default_factory=list)
-    faults: dict[str, str] = field(default_factory=dict)
-    """Key -> what is wrong, for as long as it is."""
-    events: list[tuple[str, str]] = field(default_factory=list)
-    """Key and text of faults without a duration."""
-    replies: list[Reply] = field(default_factory=list)
+    imu: list[decoded.ImuSample] = field(default_factory=list)
+    battery: list[decoded.Battery] = field(default_factory=list)
+    texts: list[decoded.StatusText] = field(default_factory=list)
     status: Status = field(default_factory=Status)
 
 
@@ -146,7 +123,6 @@ class Bridge:
         self.message_decoder = MessageDecoder(self.sync, link.own_system, link.own_component)
         self.preflight = Preflight(params, link.system)
         self.session = Session(params.link_timeout)
-        self.parameters: ParameterReader
         self.message_rates = MessageRates()
         self.poses_sent = 0
         self.poses_refused: dict[str, int] = {}
@@ -155,32 +131,29 @@ class Bridge:
         """PX4's estimate may be relied on: the checks have passed, or it flies."""
         self._ready_ns: int | None = None
         self._frozen_ns: int | None = None
-        self._link = link
         self._target = MessageTarget(link.system, link.component)
-        self._stream = SetpointStream(params, self._target, mass)
+        self.stream = SetpointStream(params, self._target, mass)
         self.parameters = ParameterReader(READ, self._target, writes)
         self._out = BridgeOutput()
-        self._answers: list[TimesyncMessage] = []
-        self._heartbeat: Heartbeat | None = None
-        self._odometry: VehicleOdometry | None = None
-        self._attitude: VehicleAttitude | None = None
+        self._answers: list[decoded.TimesyncMessage] = []
+        self._heartbeat: decoded.Heartbeat | None = None
+        self._odometry: decoded.VehicleOdometry | None = None
+        self._attitude: decoded.VehicleAttitude | None = None
         self._landed = MavLandedState.UNDEFINED
-        self._version: FirmwareVersion | None = None
-        self._system: SystemStatus | None = None
+        self._version = ""
+        self._system: decoded.SystemStatus | None = None
         self._battery_ns = 0
         self._last_text = ""
         self._boot_ns = 0
         self._linked_ns: int | None = None
         self.pose_stamp_ns = 0
         """Capture of the last pose that was sent."""
-        self._now_ns = 0
-        self._heartbeat_sent_ns = self._timesync_request_ns = self._checked_ns = self._asked_ns = 0
-        self._heartbeat_request_ns = 0
+        self._now_ns = self._checked_ns = self._asked_ns = 0
+        self._heartbeat_sent_ns = self._timesync_request_ns = self._heartbeat_request_ns = 0
         self._interval_requests: Counter[str] = Counter()
         self._requests = 0
-        self._covariance = message_encoder.diagonal_covariance(
-            params.position_std, params.attitude_std
-        )
+        spread = (params.position_std, params.attitude_std)
+        self._covariance = message_encoder.diagonal_covariance(*spread)
 
     # --- What comes in ------------------------------------------------------------------------
 
@@ -188,10 +161,6 @@ class Bridge:
         """Handle a message of the vehicle."""
         found = self.message_decoder.read(received)
         self.message_rates.count(received.message.get_type(), received.arrival_ns)
-        if found is not None:
-            self._note(found)
-
-    def _note(self, found: Record) -> None:
         handle = self._handlers.get(type(found))
         if handle is not None:
             handle(found)
@@ -200,89 +169,71 @@ class Bridge:
     def _handlers(self) -> dict[type, Callable[[Any], None]]:
         """Type of record → its handler."""
         return {
-            VehicleOdometry: self._take_odometry,
-            ImuSample: self._take_imu,
-            Heartbeat: partial(setattr, self, "_heartbeat"),
-            TimesyncMessage: self._take_timesync,
-            CommandAck: self.session.handle_ack,
-            StatusText: self._say,
-            ExtendedSysState: self._take_landed_state,
-            EstimatorStatusFlags: self.preflight.estimator,
-            ParameterValue: self.parameters.take,
-            Battery: self._take_battery,
-            SystemStatus: self._take_system_status,
-            VehicleAttitude: partial(setattr, self, "_attitude"),
-            LocalPosition: self._take_local_position,
-            FirmwareVersion: partial(setattr, self, "_version"),
+            decoded.VehicleOdometry: self._take_odometry,
+            decoded.ImuSample: self._take_imu,
+            decoded.Heartbeat: partial(setattr, self, "_heartbeat"),
+            decoded.TimesyncMessage: self._take_timesync,
+            decoded.CommandAck: self.session.handle_ack,
+            decoded.StatusText: self._say,
+            decoded.MavLandedState: partial(setattr, self, "_landed"),
+            decoded.EstimatorStatusFlags: partial(setattr, self.preflight, "estimator"),
+            decoded.ParameterValue: self.parameters.take,
+            decoded.Battery: self._take_battery,
+            decoded.SystemStatus: self._take_system_status,
+            decoded.VehicleAttitude: partial(setattr, self, "_attitude"),
+            decoded.LocalPosition: self._take_local_position,
+            decoded.FirmwareVersion: partial(setattr, self, "_version"),
         }
 
-    def _take_imu(self, found: ImuSample) -> None:
+    def _take_imu(self, found: decoded.ImuSample) -> None:
         self.preflight.imu(found)
         if found.stamp_ns is not None:
             self._out.imu.append(found)
 
-    def _take_timesync(self, found: TimesyncMessage) -> None:
+    def _take_timesync(self, found: decoded.TimesyncMessage) -> None:
         if found.tc1 == 0:
             self._answers.append(found)
         else:
             self.sync.reply(found.tc1, found.ts1, found.arrival_ns)
 
-    def _take_landed_state(self, found: ExtendedSysState) -> None:
-        self._landed = found.state
-
-    def _take_battery(self, found: Battery) -> None:
+    def _take_battery(self, found: decoded.Battery) -> None:
         self._battery_ns = found.arrival_ns
         self._out.battery.append(found)
 
-    def _take_system_status(self, found: SystemStatus) -> None:
+    def _take_system_status(self, found: decoded.SystemStatus) -> None:
         self._system = found
         if found.battery.arrival_ns - self._battery_ns > 2 * SECOND_NS:
             self._out.battery.append(found.battery)
 
-    def _say(self, text: StatusText) -> None:
+    def _say(self, text: decoded.StatusText) -> None:
         self._last_text = text.text
-        self.session.handle_status_text(text)
+        self.session.recent_texts.take(text)
         self._out.texts.append(text)
 
-    def _take_odometry(self, found: VehicleOdometry) -> None:
+    def _take_odometry(self, found: decoded.VehicleOdometry) -> None:
         if found.boot_ns < self._boot_ns - _REBOOT_NS:
             self._rebooted(found.arrival_ns)
         elif found.boot_ns <= self._boot_ns:
             return
         self._boot_ns = found.boot_ns
         self._odometry = found
-        self.preflight.odometry(found)
+        self.preflight.odometry.append(found)
         if found.stamp_ns is not None:
             self._out.odometry.append(found)
 
-    def _take_local_position(self, found: LocalPosition) -> None:
+    def _take_local_position(self, found: decoded.LocalPosition) -> None:
         """Make odometry of position and attitude where PX4 sends no ODOMETRY."""
-        attitude = self._attitude
-        silent = self._odometry is None or (
-            found.arrival_ns - self._odometry.arrival_ns > SECOND_NS
-        )
+        last, attitude = self._odometry, self._attitude
         # once made so, it stays so until ODOMETRY comes
-        if attitude is None or not (silent or self._odometry_from_parts):
+        needed = last is None or last.resets < 0 or found.arrival_ns - last.arrival_ns > SECOND_NS
+        if not needed or attitude is None or abs(found.boot_ns - attitude.boot_ns) > _LOOK_NS:
             return
-        if abs(found.boot_ns - attitude.boot_ns) > _LOOK_NS:
-            return
+        q, rates = attitude.attitude, attitude.rates
         self._take_odometry(
-            VehicleOdometry(
-                found.arrival_ns,
-                found.stamp_ns,
-                found.boot_ns,
-                found.position,
-                attitude.attitude,
-                found.velocity,
-                attitude.rates,
-                None,
-                -1,
+            decoded.VehicleOdometry(
+                **vars(found), attitude=q, rates=rates, pose_covariance=None, resets=-1
             )
         )
-
-    @property
-    def _odometry_from_parts(self) -> bool:
-        return self._odometry is not None and self._odometry.resets < 0
 
     def _rebooted(self, now_ns: int) -> None:
         self._out.events.append(("vehicle_rebooted", "PX4 was started anew: its clock went back"))
@@ -315,10 +266,8 @@ class Bridge:
         self.pose_stamp_ns = stamp_ns
         unit = attitude / np.linalg.norm(attitude)
         self.preflight.pose(stamp_ns, now_ns, position, unit)
-        kind = self.params.mocap
-        self._out.messages.append(
-            message_encoder.pose_message(kind, stamp_ns, position, unit, self._covariance)
-        )
+        pose = (self.params.mocap, stamp_ns, position, unit, self._covariance)
+        self._out.messages.append(message_encoder.pose_message(*pose))
         self.poses_sent += 1
         return why
 
@@ -333,21 +282,6 @@ class Bridge:
             return PoseRefusal.OUT_OF_ORDER
         return why
 
-    def multiple_pose_publishers(self, now_ns: int) -> None:
-        """Record that two publishers send poses: no pose is forwarded."""
-        self.preflight.refused_pose(PoseRefusal.TWO_PUBLISHERS, now_ns)
-
-    def setpoint(self, setpoint: PositionSetpoint, now_ns: int) -> bool:
-        """Take a set point; False: not finite, not taken."""
-        return self._stream.setpoint(setpoint, now_ns)
-
-    def rotation(self, wanted: Array, thrust: float, now_ns: int) -> bool:
-        """Take a set point of attitude (4) xyzw, or rates (3) [rad/s], and thrust [N].
-
-        Which of the two it is says the parameter `setpoint`. False: it can't be used.
-        """
-        return self._stream.rotation(wanted, thrust, now_ns)
-
     def request(self, kind: str) -> int:
         """Take an operator's request: arm, disarm, offboard, land, hold; return its number.
 
@@ -361,39 +295,35 @@ class Bridge:
 
     def tick(self, now_ns: int) -> BridgeOutput:
         """Decide; return what is to be sent and published."""
+        for text in self.message_decoder.take_expired(now_ns):
+            self._say(text)
         out, self._out = self._out, BridgeOutput()
         if now_ns < self._now_ns - _SET_BACK_NS:
             self._clock_set_back(now_ns, out)
         self._now_ns = now_ns
-        for text in self.message_decoder.take_expired(now_ns):
-            self._last_text = text.text
-            self.session.handle_status_text(text)
-            out.texts.append(text)
         self._answer_timesync(now_ns, out)
         linked = self._follow_link(now_ns)
         if now_ns - self._checked_ns >= _LOOK_NS:
             self._checked_ns = now_ns
             self.findings = self._check(now_ns, linked)
-        decision = self.session.tick(
+        self.session.tick(
             SessionInput(
                 now_ns,
                 self._heartbeat,
                 self._landed,
-                self._stream.phase,
-                self._stream.fresh(now_ns),
+                self.stream.phase,
+                self.stream.fresh(now_ns),
                 self._present(now_ns) is not None,
-                tuple(f.text for f in self.findings if f.weight == FindingSeverity.BLOCKS),
+                tuple(f.text for f in self._blocking),
                 self._must_land(now_ns),
-            )
+            ),
+            out,
         )
-        for order in decision.vehicle_commands:
+        for order in out.vehicle_commands:
             out.messages.append(self._encode_command(order))
         self._housekeeping(now_ns, linked, out)
-        out.faults.update(decision.faults)
-        out.events += decision.events
-        out.replies += decision.replies
         present = self._present(now_ns)
-        message = self._stream.message(decision.stream, present, self.hover_thrust, now_ns)
+        message = self.stream.message(out.stream, present, self.hover_thrust, now_ns)
         if message is not None:
             out.messages.append(message)
         self._faults(now_ns, linked, out)
@@ -401,25 +331,20 @@ class Bridge:
         self._update_estimate_trusted(out.status, now_ns)
         return out
 
+    @property
+    def _blocking(self) -> list[Finding]:
+        return [f for f in self.findings if f.weight == FindingSeverity.BLOCKS]
+
     def _must_land(self, now_ns: int) -> str:
         """Return why to land: the poses do not change in flight, so nothing measures it."""
-        frozen = [
-            f for f in self.findings if f.key == FROZEN and f.weight == FindingSeverity.BLOCKS
-        ]
-        if not frozen:
-            self._frozen_ns = None
-            return ""
-        self._frozen_ns = self._frozen_ns or now_ns
-        return frozen[0].text if now_ns - self._frozen_ns > _FROZEN_NS else ""
+        frozen = next((f.text for f in self._blocking if f.key == FROZEN), "")
+        self._frozen_ns = (self._frozen_ns or now_ns) if frozen else None
+        return frozen if self._frozen_ns and now_ns - self._frozen_ns > _FROZEN_NS else ""
 
     def _update_estimate_trusted(self, status: Status, now_ns: int) -> None:
-        if not status.ready:
-            self._ready_ns = None
-        elif self._ready_ns is None:
-            self._ready_ns = now_ns
-        settled = (
-            self._ready_ns is not None and now_ns - self._ready_ns >= self.params.ready_time * 1e9
-        )
+        self._ready_ns = (self._ready_ns or now_ns) if status.ready else None
+        wait_ns = self.params.ready_time * 1e9
+        settled = self._ready_ns is not None and now_ns - self._ready_ns >= wait_ns
         self.estimate_trusted = self.estimate_trusted or status.armed or settled
 
     def _clock_set_back(self, now_ns: int, out: BridgeOutput) -> None:
@@ -427,11 +352,9 @@ class Bridge:
         back = (self._now_ns - now_ns) * 1e-9
         text = f"the system's clock was set back by {back:.1f} s: all stamps begin anew"
         out.events.append(("clock_set_back", text))
-        self._heartbeat_sent_ns = self._timesync_request_ns = self._checked_ns = self._asked_ns = (
-            self._heartbeat_request_ns
-        ) = 0
-        self.pose_stamp_ns = self._battery_ns = 0
-        self._stream.clock_set_back(now_ns)
+        self._heartbeat_sent_ns = self._timesync_request_ns = self._heartbeat_request_ns = 0
+        self._checked_ns = self._asked_ns = self.pose_stamp_ns = self._battery_ns = 0
+        self.stream.clock_set_back(now_ns)
         self._ready_ns = self._frozen_ns = None
         self._linked_ns = now_ns if self._linked_ns is not None else None
         if self._heartbeat is not None:
@@ -440,9 +363,7 @@ class Bridge:
         self.preflight.forget()
         self.parameters.forget()
         self.message_rates.clear()
-        decision = Decision()
-        self.session.clock_set_back(decision)
-        out.replies += decision.replies
+        self.session.clock_set_back(out)
 
     def _follow_link(self, now_ns: int) -> bool:
         """Return whether the vehicle is there."""
@@ -503,7 +424,7 @@ class Bridge:
             if begun or (slow and self._interval_requests[name] < _MAX_INTERVAL_REQUESTS):
                 self._interval_requests[name] += 1
                 messages.append(message_encoder.message_interval(self._target, number, rate))
-        if self._version is None:
+        if not self._version:
             number = mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION
             messages.append(message_encoder.request_message(self._target, number))
         return messages
@@ -527,11 +448,9 @@ class Bridge:
             return None
         if self._landed == MavLandedState.ON_GROUND:
             return self._encode_command(VehicleCommand(armed=False))
-        return (
-            self._encode_command(VehicleCommand(mode=AUTO_LAND))
-            if heard.mode == OFFBOARD
-            else None
-        )
+        if heard.mode != OFFBOARD:
+            return None
+        return self._encode_command(VehicleCommand(mode=AUTO_LAND))
 
     # --- Set points ---------------------------------------------------------------------------
 
@@ -570,18 +489,14 @@ class Bridge:
             return
         settled = now_ns - self._linked_ns > _SETTLE_NS
         flies = self.session.stage in (Stage.FLYING, Stage.LANDING)
-        for finding in self.findings:
-            if finding.weight == FindingSeverity.ADVICE:
-                continue
-            if settled or flies:
+        for finding in self.findings if settled or flies else ():
+            if finding.weight != FindingSeverity.ADVICE:
                 out.faults[f"check.{finding.key}"] = finding.text
         if self.session.stage == Stage.FLYING:
-            out.faults.update(self._stream.faults(self.hover_thrust, now_ns))
+            out.faults.update(self.stream.faults(self.hover_thrust, now_ns))
         if settled:
-            for name, wanted in (
-                ("ODOMETRY", self.params.odometry_rate),
-                ("HIGHRES_IMU", self.params.imu_rate),
-            ):
+            wishes = {"ODOMETRY": self.params.odometry_rate, "HIGHRES_IMU": self.params.imu_rate}
+            for name, wanted in wishes.items():
                 rate = self.message_rates.rate_hz(name, now_ns)
                 if 0.0 < rate < _SLOW_SHARE * wanted:
                     out.faults[f"slow.{name}"] = (
@@ -607,17 +522,16 @@ class Bridge:
             self._landed,
             self.session.stage,
             self.session.why,
-            self.session.stage == Stage.FLYING and self._stream.follows_suite,
-            linked and not any(f.weight == FindingSeverity.BLOCKS for f in self.findings),
+            self.session.stage == Stage.FLYING and self.stream.follows_suite,
+            linked and not self._blocking,
             tuple(f.text for f in self.findings),
             self._last_text,
-            "" if self._version is None else str(self._version),
+            self._version,
         )
 
     def metrics(self, now_ns: int) -> dict[str, Any]:
         """Return what `/diagnostics` shows beside the faults."""
-        sync = self.sync
-        heard = self._heartbeat
+        sync, heard, last = self.sync, self._heartbeat, self._odometry
         metrics: dict[str, Any] = {
             "mode": "" if heard is None else mode_name(heard.mode),
             "armed": heard is not None and heard.armed,
@@ -631,8 +545,10 @@ class Bridge:
             "mocap_rate_hz": self.preflight.pose_rate_hz(now_ns),
             "mocap_latency_ms": round(1e3 * self.preflight.latency_s(now_ns), 2),
             "poses_sent": self.poses_sent,
-            "setpoints_sent": self._stream.sent,
-            "odometry_latency_ms": self._odometry_latency_ms(),
+            "setpoints_sent": self.stream.sent,
+            "odometry_latency_ms": None
+            if last is None or last.stamp_ns is None
+            else round((last.arrival_ns - last.stamp_ns) * 1e-6, 2),
         }
         for why, count in self.poses_refused.items():
             metrics[f"poses_refused.{why}"] = count
@@ -655,9 +571,3 @@ class Bridge:
         if self._system is not None and self._system.checked:
             metrics["px4_ready"] = self._system.ready
         return metrics
-
-    def _odometry_latency_ms(self) -> float | None:
-        last = self._odometry
-        if last is None or last.stamp_ns is None:
-            return None
-        return round((last.arrival_ns - last.stamp_ns) * 1e-6, 2)

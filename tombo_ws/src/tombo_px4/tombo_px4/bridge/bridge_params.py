@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from tombo_dynamics.errors import unknown_name
@@ -25,19 +24,16 @@ SETPOINT_KINDS = {
 """What PX4 is told to follow in OFFBOARD."""
 
 
-def _text(default: str, doc: str) -> Any:
-    return dataclasses.field(default=default, metadata={"doc": doc})
-
-
-def _flag(default: bool, doc: str) -> Any:
-    return dataclasses.field(default=default, metadata={"doc": doc})
+def plain(default: str | bool, doc: str) -> Any:
+    """Declare a field of a parameter record that is no number."""
+    return field(default=default, metadata={"doc": doc})
 
 
 @dataclass(frozen=True)
 class LinkParams:
     """URL of the link, system and component ids."""
 
-    url: str = _text(
+    url: str = plain(
         "udpin://127.0.0.1:14540",
         "udpin://HOST:PORT, udpout://HOST:PORT, tcpout://HOST:PORT or serial:///dev/tty…:BAUD",
     )
@@ -49,16 +45,16 @@ class LinkParams:
     own_component: int = param(
         191, "1", (1, 255), "MAVLink component of this bridge", "on-board computer"
     )
-    key_file: str = _text("", "file with the signing key, 32 bytes; empty: nothing is signed")
-    allow_remote: bool = _flag(False, "true: speak to other machines than this one")
+    key_file: str = plain("", "file with the signing key, 32 bytes; empty: nothing is signed")
+    allow_remote: bool = plain(False, "true: speak to other machines than this one")
 
 
 @dataclass(frozen=True)
 class BridgeParams:
     """What the bridge sends, its time-outs, and what a pose must fulfil before it arms."""
 
-    mocap: str = _text(ODOMETRY, "message for the poses: odometry, vision or mocap (not fused)")
-    setpoint: str = _text(POSITION, "what PX4 follows: position, attitude or rates")
+    mocap: str = plain(ODOMETRY, "message for the poses: odometry, vision or mocap (not fused)")
+    setpoint: str = plain(POSITION, "what PX4 follows: position, attitude or rates")
     position_std: float = param(
         0.0,
         "m",

@@ -10,7 +10,7 @@ from tombo_px4.bridge.modes import Mode
 
 
 class MavLandedState(IntEnum):
-    """MAV_LANDED_STATE."""
+    """MAV_LANDED_STATE, the content of EXTENDED_SYS_STATE."""
 
     UNDEFINED = 0
     ON_GROUND = 1
@@ -19,8 +19,28 @@ class MavLandedState(IntEnum):
     LANDING = 4
 
 
+class Refused(ValueError):
+    """A message that can't be used; the text is the reason that is counted."""
+
+
 @dataclass(frozen=True)
-class Heartbeat:
+class Record:
+    """A message of PX4 with more than one field."""
+
+
+@dataclass(frozen=True)
+class StampedRecord(Record):
+    """A message with the time of what it tells."""
+
+    arrival_ns: int
+    stamp_ns: int | None
+    """Of the content, our clock; None while the clocks are not known to each other."""
+    boot_ns: int
+    """The same in PX4's clock."""
+
+
+@dataclass(frozen=True)
+class Heartbeat(Record):
     """HEARTBEAT of the autopilot."""
 
     arrival_ns: int
@@ -29,13 +49,9 @@ class Heartbeat:
 
 
 @dataclass(frozen=True)
-class VehicleOdometry:
+class VehicleOdometry(StampedRecord):
     """PX4's estimate."""
 
-    arrival_ns: int
-    stamp_ns: int | None
-    """Of the estimate, our clock; None while the clocks are not known to each other."""
-    boot_ns: int
     position: Array
     """(3) in map [m]."""
     attitude: Array
@@ -51,34 +67,25 @@ class VehicleOdometry:
 
 
 @dataclass(frozen=True)
-class LocalPosition:
+class LocalPosition(StampedRecord):
     """PX4's position alone, used where ODOMETRY is not sent."""
 
-    arrival_ns: int
-    stamp_ns: int | None
-    boot_ns: int
     position: Array
     velocity: Array
 
 
 @dataclass(frozen=True)
-class VehicleAttitude:
+class VehicleAttitude(StampedRecord):
     """PX4's attitude alone."""
 
-    arrival_ns: int
-    stamp_ns: int | None
-    boot_ns: int
     attitude: Array
     rates: Array
 
 
 @dataclass(frozen=True)
-class ImuSample:
+class ImuSample(StampedRecord):
     """PX4's gyro and accelerometer."""
 
-    arrival_ns: int
-    stamp_ns: int | None
-    boot_ns: int
     gyro: Array
     """(3) base_link [rad/s]."""
     accel: Array
@@ -86,7 +93,7 @@ class ImuSample:
 
 
 @dataclass(frozen=True)
-class Battery:
+class Battery(Record):
     """Voltage [V], current [A], what is left 0..1; NaN: not known."""
 
     arrival_ns: int
@@ -98,7 +105,7 @@ class Battery:
 
 
 @dataclass(frozen=True)
-class SystemStatus:
+class SystemStatus(Record):
     """PX4's own checks, and the battery in short."""
 
     battery: Battery
@@ -109,15 +116,7 @@ class SystemStatus:
 
 
 @dataclass(frozen=True)
-class ExtendedSysState:
-    """On the ground or not."""
-
-    arrival_ns: int
-    state: MavLandedState
-
-
-@dataclass(frozen=True)
-class StatusText:
+class StatusText(Record):
     """A text of PX4 (STATUSTEXT)."""
 
     arrival_ns: int
@@ -127,7 +126,7 @@ class StatusText:
 
 
 @dataclass(frozen=True)
-class CommandAck:
+class CommandAck(Record):
     """PX4's answer to a command; to DO_SET_MODE there are two, and the first says nothing."""
 
     arrival_ns: int
@@ -136,7 +135,7 @@ class CommandAck:
 
 
 @dataclass(frozen=True)
-class ParameterValue:
+class ParameterValue(Record):
     """A parameter of the vehicle."""
 
     name: str
@@ -146,7 +145,7 @@ class ParameterValue:
 
 
 @dataclass(frozen=True)
-class EstimatorStatusFlags:
+class EstimatorStatusFlags(Record):
     """State of PX4's estimator (ESTIMATOR_STATUS)."""
 
     arrival_ns: int
@@ -160,7 +159,7 @@ class EstimatorStatusFlags:
 
 
 @dataclass(frozen=True)
-class TimesyncMessage:
+class TimesyncMessage(Record):
     """TIMESYNC: a request (tc1 = 0) or an answer."""
 
     arrival_ns: int
@@ -168,31 +167,8 @@ class TimesyncMessage:
     ts1: int
 
 
-@dataclass(frozen=True)
-class FirmwareVersion:
-    """Firmware."""
-
-    major: int
-    minor: int
-    patch: int
-
-    def __str__(self) -> str:
-        return f"{self.major}.{self.minor}.{self.patch}"
+class FirmwareVersion(str):
+    """Firmware, as `major.minor.patch`."""
 
 
-Record = (
-    Heartbeat
-    | VehicleOdometry
-    | LocalPosition
-    | VehicleAttitude
-    | ImuSample
-    | Battery
-    | SystemStatus
-    | ExtendedSysState
-    | StatusText
-    | CommandAck
-    | ParameterValue
-    | EstimatorStatusFlags
-    | TimesyncMessage
-    | FirmwareVersion
-)
+Content = Record | MavLandedState | FirmwareVersion

@@ -81,9 +81,7 @@ class MotionCheck:
 
     def judge(self, now_ns: int) -> Verdict | None:
         """Compare the last seconds; return the newest verdict."""
-        found = self._compare(now_ns)
-        if found is not None:
-            self.verdict = found
+        self.verdict = self._compare(now_ns) or self.verdict
         return self.verdict
 
     def _compare(self, now_ns: int) -> Verdict | None:
@@ -182,13 +180,11 @@ def _misfit(
 
 def _readings() -> list[Array]:
     """Return all 48 signed exchanges of axes, the plain one first, then the likeliest."""
-    found = []
-    for order in itertools.permutations(range(3)):
-        for signs in itertools.product((1.0, -1.0), repeat=3):
-            axes = np.zeros((3, 3))
-            for row, (column, sign) in enumerate(zip(order, signs, strict=True)):
-                axes[row, column] = sign
-            found.append(axes)
+    found = [
+        np.eye(3)[list(order)] * np.array(signs)[:, None]
+        for order in itertools.permutations(range(3))
+        for signs in itertools.product((1.0, -1.0), repeat=3)
+    ]
     # few changes before many, turns before mirrors
     return sorted(found, key=lambda a: (-float(np.trace(a)), -round(float(np.linalg.det(a)))))
 

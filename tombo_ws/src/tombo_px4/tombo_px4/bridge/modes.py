@@ -27,7 +27,7 @@ AUTO_LAND = Mode(4, 6)
 ACRO = Mode(5)
 OFFBOARD = Mode(6)
 STABILIZED = Mode(7)
-_NAMES = {
+MODE_NAMES = {
     MANUAL: "manual",
     ALTCTL: "altitude",
     POSCTL: "position",
@@ -57,4 +57,4 @@ def mode_of(number: int) -> Mode:
 
 def mode_name(mode: Mode) -> str:
     """Return the name a person reads; `mode 9.2` for one that is not known here."""
-    return _NAMES.get(mode, f"mode {mode.main}.{mode.sub}")
+    return MODE_NAMES.get(mode, f"mode {mode.main}.{mode.sub}")

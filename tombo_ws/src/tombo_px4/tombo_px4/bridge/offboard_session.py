@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from tombo_dynamics.messages import Phase
-from tombo_px4.bridge.decoded_messages import CommandAck, Heartbeat, MavLandedState, StatusText
+from tombo_px4.bridge.decoded_messages import CommandAck, Heartbeat, MavLandedState
 from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD, Mode, mode_name
 from tombo_px4.link.command_transaction import (
     CommandTransaction,
@@ -23,6 +23,16 @@ from tombo_px4.link.command_transaction import (
 _FLIGHT = range(Phase.TAKEOFF, Phase.HOLD + 1)
 _DOWN = (Phase.LAND, Phase.DESCEND_BLIND)
 _GROUND = (Phase.IDLE, Phase.LANDED)
+_ARM, _DISARM = VehicleCommand(armed=True), VehicleCommand(armed=False)
+_OFFBOARD, _LAND = VehicleCommand(mode=OFFBOARD), VehicleCommand(mode=AUTO_LAND)
+_COMMANDS = {
+    "arm": _ARM,
+    "disarm": _DISARM,
+    "offboard": _OFFBOARD,
+    "land": _LAND,
+    "hold": VehicleCommand(mode=AUTO_HOLD),
+}
+"""What the operator may ask for."""
 _MODE_TRIES, _ARM_TRIES, _ASKED_TRIES = 3, 5, 2
 _STREAM_FIRST_NS = 1_000_000_000
 """PX4 must have received set points for this time before it accepts OFFBOARD."""
@@ -30,7 +40,8 @@ _OWN_ARMING_NS = 5_000_000_000
 """A vehicle that arms within this time after our command was armed by it."""
 _SELF_DISARM_NS = 4_000_000_000
 """PX4 disarms 2 s after landing (COM_DISARM_LAND); after this the bridge disarms it."""
-
+_TEXT_NS = 3_000_000_000
+"""Texts of this age still explain what has happened."""
 _GRACE_NS = 3_000_000_000
 """Vehicle and bridge start in any order."""
 
@@ -65,7 +76,7 @@ class Request:
 
     number: int
     kind: str
-    """`arm`, `disarm`, `offboard`, `land`, `hold`."""
+    """`arm`, `disarm`, `offboard`, `land` or `hold`."""
 
 
 @dataclass(frozen=True)
@@ -103,9 +114,9 @@ class Decision:
     stream: Stream = Stream.PRESENT
     vehicle_commands: list[VehicleCommand] = field(default_factory=list)
     faults: dict[str, str] = field(default_factory=dict)
-    """What is wrong now."""
+    """Key -> what is wrong, for as long as it is."""
     events: list[tuple[str, str]] = field(default_factory=list)
-    """What went wrong just now."""
+    """Key and text of what went wrong just now."""
     replies: list[Reply] = field(default_factory=list)
 
 
@@ -142,13 +153,9 @@ class Session:
 
     def handle_ack(self, ack: CommandAck) -> None:
         """Take PX4's answer to a command."""
-        for command_transaction in (self._transaction, self._request_transaction):
-            if command_transaction is not None:
-                command_transaction.handle_ack(ack)
-
-    def handle_status_text(self, text: StatusText) -> None:
-        """Take a text of PX4."""
-        self.recent_texts.take(text)
+        for transaction in (self._transaction, self._request_transaction):
+            if transaction is not None:
+                transaction.handle_ack(ack)
 
     def clock_set_back(self, out: Decision) -> None:
         """Restart all time-outs, because the clock was set back."""
@@ -160,27 +167,22 @@ class Session:
         elif self._transaction is not None:
             self._transaction = CommandTransaction(self._transaction.order, _MODE_TRIES)
 
-    def tick(self, view: SessionInput) -> Decision:
-        """Decide."""
-        out = Decision()
+    def tick(self, view: SessionInput, out: Decision) -> None:
+        """Decide; the result is added to `out`."""
         heartbeat = view.heartbeat
-        if view.streaming:
-            self._stream_since_ns = self._stream_since_ns or view.now_ns
-        else:
-            self._stream_since_ns = None
+        self._stream_since_ns = (self._stream_since_ns or view.now_ns) if view.streaming else None
         if heartbeat is None or view.now_ns - heartbeat.arrival_ns > self._timeout_ns:
             self._on_link_down(view, out)
-            return out
+            return
         if self.stage in (Stage.WAITING, Stage.LINK_LOST):
             self._on_link_up(view, heartbeat)
         if view.fresh:
             self._update_mission(view, heartbeat)
-        self._update_landed_time(view, heartbeat, out)
+        self._update_landed_time(view, heartbeat)
         self._handle_requests(view, heartbeat, out)
         if self._request is None:
             self._advance(view, heartbeat, out)
         self._set_stream_and_faults(view, heartbeat, out)
-        return out
 
     def _update_mission(self, view: SessionInput, heartbeat: Heartbeat) -> None:
         """Allow arming again when the mission is on the ground, or when it is received first.
@@ -216,26 +218,16 @@ class Session:
     def _on_link_up(self, view: SessionInput, heartbeat: Heartbeat) -> None:
         """A vehicle is there, for the first time or again."""
         lost, self._stage_before_loss = self._stage_before_loss, Stage.WAITING
-        flew = lost in (
-            Stage.ENTERING_OFFBOARD,
-            Stage.ARMING,
-            Stage.FLYING,
-            Stage.LANDING,
-            Stage.EXTERNAL_MODE,
-        )
         if heartbeat.armed:
-            if heartbeat.mode == AUTO_LAND and lost == Stage.LANDING:
-                self._set_stage(Stage.LANDING, "link is back")
-            elif heartbeat.mode == OFFBOARD and lost == Stage.FLYING:
-                self._set_stage(Stage.FLYING, "link is back")
+            if (heartbeat.mode, lost) in ((AUTO_LAND, Stage.LANDING), (OFFBOARD, Stage.FLYING)):
+                self._set_stage(lost, "link is back")
             else:
-                self._set_stage(
-                    Stage.EXTERNAL_MODE, f"found armed in mode {mode_name(heartbeat.mode)}"
-                )
-        elif flew:
-            self._give_up("disarmed while the link was lost")
-        else:
+                mode = mode_name(heartbeat.mode)
+                self._set_stage(Stage.EXTERNAL_MODE, f"found armed in mode {mode}")
+        elif lost in (Stage.WAITING, Stage.READY, Stage.GIVEN_UP):
             self._set_stage(Stage.READY, "")
+        else:
+            self._give_up("disarmed while the link was lost")
 
     # --- The operator -------------------------------------------------------------------------
 
@@ -246,16 +238,13 @@ class Session:
             if self._request is not None:
                 self._reply(out, False, f"overtaken by '{request.kind}'")
             self._begin_request(request, view, heartbeat, out)
-        command_transaction = self._request_transaction
-        if self._request is None or command_transaction is None:
+        transaction = self._request_transaction
+        if self._request is None or transaction is None:
             return
-        if command_transaction.tick(heartbeat, self.recent_texts, view.now_ns):
-            out.vehicle_commands.append(command_transaction.order)
-            if command_transaction.order.armed:
-                self._arm_request_ns = view.now_ns
-        if command_transaction.failed:
-            self._reply(out, False, command_transaction.refusal)
-        elif command_transaction.done:
+        self._tick_transaction(transaction, view, heartbeat, out)
+        if transaction.failed:
+            self._reply(out, False, transaction.refusal)
+        elif transaction.done:
             self._request_confirmed(view, heartbeat, out)
 
     def _begin_request(
@@ -273,19 +262,10 @@ class Session:
         if why_not:
             self._reply(out, False, why_not)
             return
-        if kind in ("disarm", "land", "hold") and self.stage in (
-            Stage.ENTERING_OFFBOARD,
-            Stage.ARMING,
-        ):
+        under_way = self.stage in (Stage.ENTERING_OFFBOARD, Stage.ARMING)
+        if kind in ("disarm", "land", "hold") and under_way:
             self._give_up(f"stopped by the operator: {kind}")
-        vehicle_commands = {
-            "arm": VehicleCommand(armed=True),
-            "disarm": VehicleCommand(armed=False),
-            "offboard": VehicleCommand(mode=OFFBOARD),
-            "land": VehicleCommand(mode=AUTO_LAND),
-            "hold": VehicleCommand(mode=AUTO_HOLD),
-        }
-        self._request_transaction = CommandTransaction(vehicle_commands[kind], _ASKED_TRIES)
+        self._request_transaction = CommandTransaction(_COMMANDS[kind], _ASKED_TRIES)
 
     def _request_confirmed(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
         assert self._request is not None
@@ -293,20 +273,17 @@ class Session:
         self._reply(out, True, f"{kind}: confirmed")
         if kind == "offboard":
             self._engage_allowed = True
-            self._set_stage(
-                Stage.FLYING if heartbeat.armed else Stage.READY, "asked by the operator"
-            )
+            stage = Stage.FLYING if heartbeat.armed else Stage.READY
+            self._set_stage(stage, "asked by the operator")
         elif kind == "land":
             self._set_stage(Stage.LANDING, "asked by the operator")
         elif kind == "hold":
             self._set_stage(Stage.EXTERNAL_MODE, "hold, asked by the operator")
         elif kind == "arm" and self.stage not in (Stage.FLYING, Stage.LANDING):
-            flies = heartbeat.mode == OFFBOARD
             self._arm_request_ns = None
             self._armed_for_flight = False
-            self._set_stage(
-                Stage.FLYING if flies else Stage.EXTERNAL_MODE, "armed by the operator"
-            )
+            stage = Stage.FLYING if heartbeat.mode == OFFBOARD else Stage.EXTERNAL_MODE
+            self._set_stage(stage, "armed by the operator")
         elif kind == "disarm":
             self._engage_allowed = False
             self._set_stage(Stage.READY, "disarmed by the operator")
@@ -356,12 +333,9 @@ class Session:
             )
         elif view.blockers:
             out.faults["preflight"] = "not armed: " + "; ".join(view.blockers)
-        elif (
-            self._stream_since_ns is not None
-            and view.now_ns - self._stream_since_ns >= _STREAM_FIRST_NS
-        ):
+        elif self._stream_since_ns and view.now_ns - self._stream_since_ns >= _STREAM_FIRST_NS:
             self._set_stage(Stage.ENTERING_OFFBOARD, "")
-            self._transaction = CommandTransaction(VehicleCommand(mode=OFFBOARD), _MODE_TRIES)
+            self._transaction = CommandTransaction(_OFFBOARD, _MODE_TRIES)
             self._entering(view, heartbeat, out)
 
     def _entering(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
@@ -371,27 +345,25 @@ class Session:
             self._set_stage(Stage.READY, "the mission takes it back")
         elif view.blockers:
             self._set_stage(Stage.READY, "")
-        elif self._step_transaction(view, heartbeat, out) == "failed":
-            self._abort_transaction(out)
+        elif refusal := self._step_transaction(view, heartbeat, out):
+            self._give_up(refusal)
         elif self._transaction is not None and self._transaction.done:
             self._set_stage(Stage.ARMING, "")
-            self._transaction = CommandTransaction(VehicleCommand(armed=True), _ARM_TRIES)
+            self._transaction = CommandTransaction(_ARM, _ARM_TRIES)
             self._arming(view, heartbeat, out)
 
     def _arming(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
         if heartbeat.mode != OFFBOARD:
-            said = self.recent_texts.recent(view.now_ns)
             mode = mode_name(heartbeat.mode)
-            why = f"mode changed to {mode} while arming" + (f": {said}" if said else "")
-            self._give_up(why)
-            out.events.append(("refused", why))
+            self._give_up(f"mode changed to {mode} while arming{self._said(view, ': ')}")
+            out.events.append(("refused", self.why))
         elif not heartbeat.armed and not self._wants_flight(view):
             self._give_up("the mission took it back while arming")
         elif not heartbeat.armed and view.blockers:
             self._give_up("while arming: " + "; ".join(view.blockers))
             out.events.append(("refused", self.why))
-        elif self._step_transaction(view, heartbeat, out) == "failed":
-            self._abort_transaction(out)
+        elif refusal := self._step_transaction(view, heartbeat, out):
+            self._give_up(refusal)
         elif self._transaction is not None and self._transaction.done:
             self._engage_allowed = False
             self._armed_for_flight = True
@@ -400,25 +372,22 @@ class Session:
 
     def _flying(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
         if not heartbeat.armed:
-            said = self.recent_texts.recent(view.now_ns)
             if view.phase in _FLIGHT:
-                self._give_up("disarmed in flight" + (f": {said}" if said else ""))
+                self._give_up(f"disarmed in flight{self._said(view, ': ')}")
                 out.events.append(("disarmed", self.why))
             else:
                 self._set_stage(Stage.READY, "landed")
         elif heartbeat.mode != OFFBOARD:
-            said = self.recent_texts.recent(view.now_ns)
-            why = f"mode is {mode_name(heartbeat.mode)}, not offboard"
-            self._set_stage(Stage.EXTERNAL_MODE, why + (f": PX4 says {said}" if said else ""))
+            self._mode_taken(view, heartbeat, "offboard")
         elif view.must_land:
             out.events.append(("landing", view.must_land))
             self._set_stage(Stage.LANDING, view.must_land)
-            self._transaction = CommandTransaction(VehicleCommand(mode=AUTO_LAND), _MODE_TRIES)
+            self._transaction = CommandTransaction(_LAND, _MODE_TRIES)
         elif view.phase in _DOWN or (
             view.phase == Phase.LANDED and view.landed != MavLandedState.ON_GROUND
         ):
             self._set_stage(Stage.LANDING, "")
-            self._transaction = CommandTransaction(VehicleCommand(mode=AUTO_LAND), _MODE_TRIES)
+            self._transaction = CommandTransaction(_LAND, _MODE_TRIES)
             self._landing(view, heartbeat, out)
         elif (
             view.phase in _GROUND
@@ -426,33 +395,26 @@ class Session:
             and self._armed_for_flight
             and self._transaction is None
         ):
-            self._transaction = CommandTransaction(VehicleCommand(armed=False), _MODE_TRIES)
+            self._transaction = CommandTransaction(_DISARM, _MODE_TRIES)
         elif view.phase in _FLIGHT:
             self._transaction = None
-        if self.stage == Stage.FLYING and self._step_transaction(view, heartbeat, out) == "failed":
-            assert self._transaction is not None
-            out.events.append(("refused", self._transaction.refusal))
-            self._transaction = None
+        if self.stage == Stage.FLYING:
+            self._step_transaction(view, heartbeat, out)
 
     def _landing(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
         if not heartbeat.armed:
             self._set_stage(Stage.READY, "landed")
             return
-        if self._step_transaction(view, heartbeat, out) == "failed":
-            assert self._transaction is not None
-            out.events.append(("refused", self._transaction.refusal))
-            self._transaction = None
+        if self._step_transaction(view, heartbeat, out):
             self._landing_by_setpoints = True
         lands = heartbeat.mode == AUTO_LAND
         if lands:
             self._landing_by_setpoints = False
         under_way = self._transaction is not None or self._landing_by_setpoints
         if not lands and not (under_way and heartbeat.mode == OFFBOARD):
-            said = self.recent_texts.recent(view.now_ns)
-            why = f"mode is {mode_name(heartbeat.mode)}, not land"
-            self._set_stage(Stage.EXTERNAL_MODE, why + (f": PX4 says {said}" if said else ""))
-        elif self._on_ground_for(view, _SELF_DISARM_NS) and self._transaction is None:
-            self._transaction = CommandTransaction(VehicleCommand(armed=False), _MODE_TRIES)
+            self._mode_taken(view, heartbeat, "land")
+        elif self._stays_on_ground(view) and self._transaction is None:
+            self._transaction = CommandTransaction(_DISARM, _MODE_TRIES)
 
     def _external_mode(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
         if not heartbeat.armed:
@@ -469,19 +431,23 @@ class Session:
                 self._set_stage(Stage.EXTERNAL_MODE, f"in the air after: {self.why}")
                 return
             if self._transaction is None:
-                self._transaction = CommandTransaction(VehicleCommand(armed=False), _ARM_TRIES)
+                self._transaction = CommandTransaction(_DISARM, _ARM_TRIES)
                 out.events.append(("disarmed", f"armed halfway, disarmed again: {self.why}"))
-        if self._step_transaction(view, heartbeat, out) == "failed":
-            assert self._transaction is not None
-            out.events.append(("refused", self._transaction.refusal))
-            self._set_stage(
-                Stage.EXTERNAL_MODE,
-                f"armed, and disarming was refused: {self._transaction.refusal}",
-            )
+        if refusal := self._step_transaction(view, heartbeat, out):
+            self._set_stage(Stage.EXTERNAL_MODE, f"armed, and disarming was refused: {refusal}")
         elif not heartbeat.armed and self._engage_allowed and not ours:
             self._set_stage(Stage.READY, "")
 
     # --- Helpers ------------------------------------------------------------------------------
+
+    def _said(self, view: SessionInput, before: str) -> str:
+        """Return PX4's last texts behind `before`; "" without any."""
+        said = self.recent_texts.since(view.now_ns - _TEXT_NS)
+        return before + said if said else ""
+
+    def _mode_taken(self, view: SessionInput, heartbeat: Heartbeat, wanted: str) -> None:
+        why = f"mode is {mode_name(heartbeat.mode)}, not {wanted}"
+        self._set_stage(Stage.EXTERNAL_MODE, why + self._said(view, ": PX4 says "))
 
     def _arm_request_pending(self, view: SessionInput) -> bool:
         """Return whether PX4 may still carry out our command to arm."""
@@ -489,30 +455,33 @@ class Session:
         return own is not None and view.now_ns - own <= _OWN_ARMING_NS
 
     def _step_transaction(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> str:
-        """Continue the command in progress; return "failed" when it is given up."""
-        command_transaction = self._transaction
-        if command_transaction is None:
+        """Continue the command in progress; return why it is given up, "" if it is not."""
+        transaction = self._transaction
+        if transaction is None:
             return ""
-        before = command_transaction.refusal
-        if command_transaction.tick(heartbeat, self.recent_texts, view.now_ns):
-            out.vehicle_commands.append(command_transaction.order)
-            if command_transaction.order.armed:
-                self._arm_request_ns = view.now_ns
-            if command_transaction.refusal and command_transaction.refusal != before:
-                out.events.append(("refused", f"{command_transaction.refusal}; trying again"))
-        if (
-            command_transaction.done
-            and command_transaction.order.armed is not True
-            and command_transaction.order.mode != OFFBOARD
-        ):
+        before = transaction.refusal
+        self._tick_transaction(transaction, view, heartbeat, out)
+        if transaction.failed:
             self._transaction = None
-        return "failed" if command_transaction.failed else ""
+            out.events.append(("refused", transaction.refusal))
+            return transaction.refusal
+        if transaction.refusal not in ("", before):
+            out.events.append(("refused", f"{transaction.refusal}; trying again"))
+        if transaction.done and transaction.order not in (_ARM, _OFFBOARD):
+            self._transaction = None
+        return ""
 
-    def _abort_transaction(self, out: Decision) -> None:
-        assert self._transaction is not None
-        why = self._transaction.refusal
-        self._give_up(why)
-        out.events.append(("refused", why))
+    def _tick_transaction(
+        self,
+        transaction: CommandTransaction,
+        view: SessionInput,
+        heartbeat: Heartbeat,
+        out: Decision,
+    ) -> None:
+        if transaction.tick(heartbeat, self.recent_texts, view.now_ns):
+            out.vehicle_commands.append(transaction.order)
+            if transaction.order.armed:
+                self._arm_request_ns = view.now_ns
 
     def _give_up(self, why: str) -> None:
         self._engage_allowed = False
@@ -527,15 +496,13 @@ class Session:
         if stage == Stage.EXTERNAL_MODE:
             self._engage_allowed = False
 
-    def _update_landed_time(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
-        if view.landed == MavLandedState.ON_GROUND and heartbeat.armed:
-            self._landed_since_ns = self._landed_since_ns or view.now_ns
-        else:
-            self._landed_since_ns = None
+    def _update_landed_time(self, view: SessionInput, heartbeat: Heartbeat) -> None:
+        stands = view.landed == MavLandedState.ON_GROUND and heartbeat.armed
+        self._landed_since_ns = (self._landed_since_ns or view.now_ns) if stands else None
 
-    def _on_ground_for(self, view: SessionInput, duration_ns: int) -> bool:
+    def _stays_on_ground(self, view: SessionInput) -> bool:
         since = self._landed_since_ns
-        return since is not None and view.now_ns - since > duration_ns
+        return since is not None and view.now_ns - since > _SELF_DISARM_NS
 
     def _set_stream_and_faults(
         self, view: SessionInput, heartbeat: Heartbeat, out: Decision

@@ -1,10 +1,10 @@
-"""Checks of PX4's parameters for flying on motion capture."""
+"""Findings of the preflight checks, and those on PX4's parameters for flying on motion capture."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from tombo_px4.bridge.preflight_finding import Finding, FindingSeverity
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from enum import IntEnum
 
 EV_CTRL, EV_DELAY, HGT_REF = "EKF2_EV_CTRL", "EKF2_EV_DELAY", "EKF2_HGT_REF"
 DELAY_MAX, HOVER = "EKF2_DELAY_MAX", "MPC_THR_HOVER"
@@ -35,95 +35,103 @@ _OFFBOARD_EXCEPTED = 4
 Values = Mapping[str, float | int]
 
 
-def parameter_findings(values: Values, system: int) -> list[Finding]:
-    """Return what in the vehicle's parameters is not right for flight on poses.
+class FindingSeverity(IntEnum):
+    """Severity of a finding."""
+
+    ADVICE = 0
+    WARNING = 1
+    BLOCKS = 2
+    """The bridge does not arm while it exists."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What is wrong, why, and the remedy."""
+
+    key: str
+    text: str
+    weight: FindingSeverity = FindingSeverity.BLOCKS
+
+
+_WARNING = FindingSeverity.WARNING
+
+
+def parameter_findings(values: Values, system: int) -> Iterator[Finding]:
+    """Yield what in the vehicle's parameters is not right for flight on poses.
 
     Args:
         values: as far as they are known.
         system: the one we speak to.
     """
-    found = [
-        *_fusion(values),
-        *_competing_sensors(values),
-    ]
+    if EV_CTRL in values:
+        yield from _fusion(int(values[EV_CTRL]), int(values.get(HGT_REF, _VISION_HEIGHT)))
+    others = _competing_sensors(values)
+    if others:
+        text = f"EKF2 also uses {others}: indoors they pull the estimate off; set them to 0"
+        yield Finding("other_sensors", text, _WARNING)
     delay = values.get(EV_DELAY, 0.0)
     if delay > _HIGHEST_DELAY_MS:
         text = (
             f"EKF2_EV_DELAY is {delay:.0f} ms, on top of stamps that already say when a pose was"
             " captured: set it to 0, or to what the stamps leave out"
         )
-        found.append(Finding("ev_delay", text, FindingSeverity.WARNING))
+        yield Finding("ev_delay", text, _WARNING)
     if values.get("MAV_SYS_ID", system) != system:
         text = f"MAV_SYS_ID is {values['MAV_SYS_ID']}, not {system}: set link.system"
-        found.append(Finding("system_id", text, FindingSeverity.WARNING))
+        yield Finding("system_id", text, _WARNING)
     if values.get("COM_OF_LOSS_T", 1.0) < _SHORTEST_LOSS_S:
         text = (
             f"COM_OF_LOSS_T is {values['COM_OF_LOSS_T']:g} s: one late set point ends OFFBOARD;"
             " 1 s is usual"
         )
-        found.append(Finding("loss_time", text, FindingSeverity.WARNING))
-    return found + _required_inputs(values)
-
-
-def _required_inputs(values: Values) -> list[Finding]:
-    """Return findings on links that PX4 requires before it arms."""
-    found = []
+        yield Finding("loss_time", text, _WARNING)
+    # links that PX4 requires before it arms
     if values.get("NAV_DLL_ACT", 0) > 0:
         text = (
             f"NAV_DLL_ACT is {values['NAV_DLL_ACT']} (as in Gazebo's airframes): PX4 arms only"
             " with a ground station connected; connect one, or set it to 0"
         )
-        found.append(Finding("ground_station", text, FindingSeverity.ADVICE))
+        yield Finding("ground_station", text, FindingSeverity.ADVICE)
     if not int(values.get("COM_RCL_EXCEPT", _OFFBOARD_EXCEPTED)) & _OFFBOARD_EXCEPTED:
         text = (
             f"COM_RCL_EXCEPT is {values['COM_RCL_EXCEPT']}, without bit 2: PX4 leaves OFFBOARD"
             " when no remote control is heard; have one on, or set it to 4"
         )
-        found.append(Finding("remote_control", text, FindingSeverity.ADVICE))
-    return found
+        yield Finding("remote_control", text, FindingSeverity.ADVICE)
 
 
-def _fusion(values: Values) -> list[Finding]:
-    """Return findings on how EKF2 uses the poses."""
-    if EV_CTRL not in values:
-        return []
-    control = int(values[EV_CTRL])
+def _fusion(control: int, reference: int) -> Iterator[Finding]:
+    """Yield findings on how EKF2 uses the poses: EKF2_EV_CTRL and EKF2_HGT_REF."""
     if control == 0:
         text = "nothing is fused: EKF2_EV_CTRL is 0; set it to 11 (position, height, yaw)"
-        return [Finding("not_fused", text)]
-    found = []
+        yield Finding("not_fused", text)
+        return
     if not control & _POSITION:
         text = f"position is not fused: EKF2_EV_CTRL is {control}, without bit 0; set it to 11"
-        found.append(Finding("not_fused", text))
+        yield Finding("not_fused", text)
     if not control & _HEIGHT:
         text = f"height is not fused: EKF2_EV_CTRL is {control}, without bit 1; set it to 11"
-        found.append(Finding("height_not_fused", text, FindingSeverity.WARNING))
+        yield Finding("height_not_fused", text, _WARNING)
     if not control & _YAW:
         text = (
             f"yaw is not fused: EKF2_EV_CTRL is {control}, without bit 3: PX4 takes its heading"
             " from the magnetometer, which is wrong indoors; set it to 11"
         )
-        found.append(Finding("yaw_not_fused", text, FindingSeverity.WARNING))
-    reference = values.get(HGT_REF, _VISION_HEIGHT)
+        yield Finding("yaw_not_fused", text, _WARNING)
     if reference != _VISION_HEIGHT:
-        sensor = {0: "the barometer", 1: "GPS", 2: "the range finder"}.get(int(reference), "?")
-        text = f"height refers to {sensor}: EKF2_HGT_REF is {int(reference)}; set it to 3 (vision)"
-        found.append(Finding("height_reference", text, FindingSeverity.WARNING))
-    return found
+        sensor = {0: "the barometer", 1: "GPS", 2: "the range finder"}.get(reference, "?")
+        text = f"height refers to {sensor}: EKF2_HGT_REF is {reference}; set it to 3 (vision)"
+        yield Finding("height_reference", text, _WARNING)
 
 
-def _competing_sensors(values: Values) -> list[Finding]:
-    """Return findings on other sensors that correct position, height and yaw."""
-    others = []
-    if values.get("EKF2_GPS_CTRL", 0) and values.get("SYS_HAS_GPS", 1):
-        others.append("GPS (EKF2_GPS_CTRL)")
-    if values.get("EKF2_BARO_CTRL", 0):
-        others.append("barometer (EKF2_BARO_CTRL)")
-    if values.get("EKF2_RNG_CTRL", 0):
-        others.append("range finder (EKF2_RNG_CTRL)")
-    if values.get("EKF2_MAG_TYPE", _NO_MAG) != _NO_MAG and int(values.get(EV_CTRL, 0)) & _YAW:
-        others.append("magnetometer (EKF2_MAG_TYPE, off: 5)")
-    if not others:
-        return []
-    text = f"EKF2 also uses {', '.join(others)}: indoors they pull the estimate off; set them to 0"
-    return [Finding("other_sensors", text, FindingSeverity.WARNING)]
+def _competing_sensors(values: Values) -> str:
+    """Return the other sensors that correct position, height and yaw, as words."""
+    yaw_fused = int(values.get(EV_CTRL, 0)) & _YAW
+    used = {
+        "GPS (EKF2_GPS_CTRL)": values.get("EKF2_GPS_CTRL", 0) and values.get("SYS_HAS_GPS", 1),
+        "barometer (EKF2_BARO_CTRL)": values.get("EKF2_BARO_CTRL", 0),
+        "range finder (EKF2_RNG_CTRL)": values.get("EKF2_RNG_CTRL", 0),
+        "magnetometer (EKF2_MAG_TYPE, off: 5)": yaw_fused
+        and values.get("EKF2_MAG_TYPE", _NO_MAG) != _NO_MAG,
+    }
+    return ", ".join(sensor for sensor, on in used.items() if on)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import takewhile
 from typing import TypeVar
@@ -22,9 +22,14 @@ from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.bridge.bridge_params import MOCAP, BridgeParams
 from tombo_px4.bridge.decoded_messages import EstimatorStatusFlags, ImuSample, VehicleOdometry
 from tombo_px4.bridge.hand_rotation_check import MotionCheck
-from tombo_px4.bridge.parameter_findings import DELAY_MAX, EV_DELAY, parameter_findings
+from tombo_px4.bridge.parameter_findings import (
+    DELAY_MAX,
+    EV_DELAY,
+    Finding,
+    FindingSeverity,
+    parameter_findings,
+)
 from tombo_px4.bridge.pose_axes import explain_place, explain_up
-from tombo_px4.bridge.preflight_finding import Finding, FindingSeverity
 from tombo_px4.link.timesync import TimeSync
 
 FROZEN = "pose_frozen"
@@ -46,12 +51,21 @@ _DELAY_OFF_MS = 20.0
 _LONG_ROUND_TRIP_NS = 20_000_000
 _REQUESTS_NS = 3_000_000_000
 _REFUSED = {
+    PoseRefusal.FUTURE: (
+        "mocap stamps are {ahead:.3g} s in the future: the clock of the mocap computer is ahead;"
+        " let chrony or NTP set both clocks"
+    ),
+    PoseRefusal.LATE: (
+        "mocap stamps are {age:.3g} s old when they arrive, accepted are {limit:g} s: the clock"
+        " of the mocap computer is behind (chrony, NTP), or the network is late"
+    ),
     PoseRefusal.WRONG_FRAME: "mocap poses are not in frame map: let the driver publish in map",
     PoseRefusal.NOT_FINITE: "mocap poses contain NaN or infinity: the tracker has lost the body",
     PoseRefusal.NOT_UNIT: "mocap quaternions are no rotations: the driver fills them wrongly",
     PoseRefusal.OUT_OF_ORDER: "mocap stamps do not grow: two drivers at work?",
     PoseRefusal.TWO_PUBLISHERS: "two nodes publish mocap poses: stop one of them",
 }
+_WARNING = FindingSeverity.WARNING
 
 
 @dataclass(frozen=True)
@@ -74,8 +88,10 @@ class Preflight:
         self._poses: deque[_Pose] = deque(maxlen=_KEPT)
         self._refused: dict[PoseRefusal, tuple[int, float]] = {}
         self._imu: deque[ImuSample] = deque(maxlen=_KEPT)
-        self._odometry: deque[VehicleOdometry] = deque(maxlen=_KEPT)
-        self._estimator: EstimatorStatusFlags | None = None
+        self.odometry: deque[VehicleOdometry] = deque(maxlen=_KEPT)
+        """PX4's estimates; the caller adds them."""
+        self.estimator: EstimatorStatusFlags | None = None
+        """What PX4 said last about its estimator; the caller sets it."""
         self._judged_ns = 0
         self.motion = MotionCheck()
         """What turning the vehicle by hand has shown."""
@@ -95,22 +111,14 @@ class Preflight:
         if sample.stamp_ns is not None:
             self.motion.gyro(sample.stamp_ns, sample.gyro)
 
-    def odometry(self, odometry: VehicleOdometry) -> None:
-        """Take PX4's estimate."""
-        self._odometry.append(odometry)
-
-    def estimator(self, state: EstimatorStatusFlags) -> None:
-        """Take what PX4 says about its estimator."""
-        self._estimator = state
-
     def forget(self) -> None:
         """Forget everything: another vehicle, a restart of it, or a clock that was set."""
         self._poses.clear()
         self._refused.clear()
         self._judged_ns = 0
         self._imu.clear()
-        self._odometry.clear()
-        self._estimator = None
+        self.odometry.clear()
+        self.estimator = None
         self.motion.forget()
 
     def latency_s(self, now_ns: int) -> float:
@@ -142,16 +150,18 @@ class Preflight:
             answered: how many of its TIMESYNC requests were answered.
             flying: it is in the air; what can be judged at rest only is left out.
         """
-        found = self._of_poses(now_ns, flying)
-        found += self._of_time(now_ns, sync, linked_ns, answered)
-        found += self._of_delay(now_ns, parameters)
+        found = [
+            *self._of_poses(now_ns, flying),
+            *self._of_time(now_ns, sync, linked_ns, answered),
+            *self._of_delay(now_ns, parameters),
+            *parameter_findings(parameters, self._system),
+        ]
         if self._params.mocap == MOCAP:
             text = (
                 "poses go out as ATT_POS_MOCAP, which EKF2 does not fuse:"
                 " set px4.mocap to odometry or vision"
             )
             found.append(Finding("mocap_message", text))
-        found += parameter_findings(parameters, self._system)
         fused = not any(f.key in ("not_fused", "mocap_message") for f in found)
         found += self._of_estimate(now_ns, flying, fused)
         if not flying:
@@ -162,56 +172,38 @@ class Preflight:
     # --- The poses themselves -----------------------------------------------------------------
 
     def _recent(self, now_ns: int) -> list[_Pose]:
-        return self._newest(self._poses, now_ns)
+        return _newest(self._poses, now_ns)
 
-    def _newest(self, kept: deque[_Arrived], now_ns: int) -> list[_Arrived]:
-        """Return those of the last second, oldest first, without looking at the older ones."""
-        found = list(takewhile(lambda r: now_ns - r.arrival_ns < _WINDOW_NS, reversed(kept)))
-        return found[::-1]
-
-    def _of_poses(self, now_ns: int, flying: bool) -> list[Finding]:
-        found = []
-        for why, (seen_ns, age_s) in self._refused.items():
-            if now_ns - seen_ns > _WINDOW_NS:
-                continue
-            if why == PoseRefusal.FUTURE:
-                text = (
-                    f"mocap stamps are {-age_s:.3g} s in the future: the clock of the mocap"
-                    " computer is ahead; let chrony or NTP set both clocks"
-                )
-            elif why == PoseRefusal.LATE:
-                text = (
-                    f"mocap stamps are {age_s:.3g} s old when they arrive, accepted are"
-                    f" {self._params.pose_age_max:g} s: the clock of the mocap computer is behind"
-                    " (chrony, NTP), or the network is late"
-                )
-            else:
-                text = _REFUSED[why]
-            found.append(Finding(f"pose_{why.key}", text))
-        recent = self._recent(now_ns)
+    def _of_poses(self, now_ns: int, flying: bool) -> Iterator[Finding]:
+        refused = [
+            (why, age_s)
+            for why, (seen_ns, age_s) in self._refused.items()
+            if now_ns - seen_ns <= _WINDOW_NS
+        ]
+        for why, age_s in refused:
+            limit = self._params.pose_age_max
+            text = _REFUSED[why].format(age=age_s, ahead=-age_s, limit=limit)
+            yield Finding(f"pose_{why.key}", text)
         last = self._poses[-1].arrival_ns if self._poses else None
         if last is None or now_ns - last > self._params.pose_timeout * 1e9:
-            if not found:
+            if not refused:
                 age = "" if last is None else f" for {(now_ns - last) * 1e-9:.1f} s"
                 text = (
                     f"no mocap pose has come{age}: is the driver running, is the body tracked,"
                     " is the topic /mocap/pose?"
                 )
-                found.append(Finding("pose_stale", text))
-            return found
-        if self._frozen(recent) and self._trembles(now_ns):
+                yield Finding("pose_stale", text)
+            return
+        if self._frozen(self._recent(now_ns)) and self._trembles(now_ns):
             text = (
                 "mocap pose is frozen: not one bit has changed for a second; the tracker repeats"
                 " its last pose, the body is not seen (or it is simulated, without noise)"
             )
-            weight = FindingSeverity.BLOCKS if flying else FindingSeverity.WARNING
-            found.append(Finding(FROZEN, text, weight))
+            yield Finding(FROZEN, text, FindingSeverity.BLOCKS if flying else _WARNING)
         rate = self.pose_rate_hz(now_ns)
-        seen_for = now_ns - self._poses[0].arrival_ns
-        if seen_for > _WINDOW_NS and rate < _SLOWEST_HZ:
+        if now_ns - self._poses[0].arrival_ns > _WINDOW_NS and rate < _SLOWEST_HZ:
             text = f"mocap poses come at {rate:.0f} Hz: EKF2 wants {_SLOWEST_HZ:.0f} Hz and more"
-            found.append(Finding("pose_rate", text, FindingSeverity.WARNING))
-        return found
+            yield Finding("pose_rate", text, _WARNING)
 
     def _frozen(self, recent: list[_Pose]) -> bool:
         if len(recent) < _ENOUGH or recent[-1].arrival_ns - recent[0].arrival_ns < 0.8e9:
@@ -225,7 +217,7 @@ class Preflight:
 
     def _trembles(self, now_ns: int) -> bool:
         """Return whether PX4's sensors show any noise: if not, nothing real is there to move."""
-        samples = self._newest(self._imu, now_ns)
+        samples = _newest(self._imu, now_ns)
         if len(samples) < _ENOUGH:
             return True
         gyro = np.std([s.gyro for s in samples], axis=0).max()
@@ -236,80 +228,72 @@ class Preflight:
 
     def _of_time(
         self, now_ns: int, sync: TimeSync, linked_ns: int, answered: int
-    ) -> list[Finding]:
+    ) -> Iterator[Finding]:
         if not sync.converged:
             text = (
                 "TIMESYNC has not converged: PX4's answers are missing or too few; stamps can't"
                 " be compared. Does the link work both ways?"
             )
-            return [Finding("timesync", text)]
-        found = []
+            yield Finding("timesync", text)
+            return
         if sync.rtt_ns is not None and sync.rtt_ns > _LONG_ROUND_TRIP_NS:
             text = (
                 f"TIMESYNC takes {sync.rtt_ns * 1e-6:.0f} ms there and back: stamps are uncertain"
                 " by half of it; a radio link, or a busy computer?"
             )
-            found.append(Finding("timesync_slow", text, FindingSeverity.WARNING))
+            yield Finding("timesync_slow", text, _WARNING)
         if answered == 0 and now_ns - linked_ns > _REQUESTS_NS:
             text = (
                 "PX4 has not asked for our time (TIMESYNC): it takes the arrival of poses for"
                 " their capture; enable TIMESYNC on its link (MAV_0_MODE onboard)"
             )
-            found.append(Finding("timesync_unasked", text, FindingSeverity.WARNING))
-        return found
+            yield Finding("timesync_unasked", text, _WARNING)
 
-    def _of_delay(self, now_ns: int, parameters: Mapping[str, float | int]) -> list[Finding]:
-        latency = self.latency_s(now_ns)
-        longest, extra = parameters.get(DELAY_MAX), parameters.get(EV_DELAY, 0.0)
-        if longest is None or not math.isfinite(latency):
-            return []
-        total = 1e3 * latency + extra
-        if total <= longest:
-            return []
-        text = (
-            f"poses are {total:.0f} ms old for EKF2 ({1e3 * latency:.0f} ms to here, EKF2_EV_DELAY"
-            f" {extra:.0f} ms), it keeps {longest:.0f} ms (EKF2_DELAY_MAX) and drops older ones"
-        )
-        return [Finding("pose_delay", text)]
+    def _of_delay(self, now_ns: int, parameters: Mapping[str, float | int]) -> Iterator[Finding]:
+        latency_ms = 1e3 * self.latency_s(now_ns)
+        longest, extra = parameters.get(DELAY_MAX, math.inf), parameters.get(EV_DELAY, 0.0)
+        if latency_ms + extra > longest:  # not so without poses: NaN
+            text = (
+                f"poses are {latency_ms + extra:.0f} ms old for EKF2 ({latency_ms:.0f} ms to here,"
+                f" EKF2_EV_DELAY {extra:.0f} ms), it keeps {longest:.0f} ms (EKF2_DELAY_MAX) and"
+                " drops older ones"
+            )
+            yield Finding("pose_delay", text)
 
     # --- PX4's use of the poses ---------------------------------------------------------------
 
-    def _of_estimate(self, now_ns: int, flying: bool, fused: bool) -> list[Finding]:
-        state = self._estimator
-        if state is not None and now_ns - state.arrival_ns > _ESTIMATOR_SILENT_NS:
-            state = None
-        found: list[Finding] = []
-        if fused and state is not None and not (state.is_aided and state.has_position):
-            text = (
-                "PX4 knows no position though poses are sent: nothing is fused; EKF2_EV_CTRL,"
-                " stamps, or poses that jump"
-            )
-            found.append(Finding("not_fused", text))
-        # NaN where no source is fused; max() of it depends on the order
-        ratios = () if state is None else (state.position_ratio, state.height_ratio)
-        ratio = max((r for r in ratios if r > 1.0), default=0.0)
-        if ratio > 1.0:
-            text = (
-                f"PX4 refuses the poses: innovation test ratio {ratio:.1f}, accepted below 1; its"
-                " estimate is elsewhere: axes, stamps, or restart it"
-            )
-            found.append(Finding("poses_refused", text))
-        last = self._odometry[-1] if self._odometry else None
+    def _of_estimate(self, now_ns: int, flying: bool, fused: bool) -> Iterator[Finding]:
+        state = self.estimator
+        if state is not None and now_ns - state.arrival_ns <= _ESTIMATOR_SILENT_NS:
+            if fused and not (state.is_aided and state.has_position):
+                text = (
+                    "PX4 knows no position though poses are sent: nothing is fused; EKF2_EV_CTRL,"
+                    " stamps, or poses that jump"
+                )
+                yield Finding("not_fused", text)
+            # NaN where no source is fused; max() of it depends on the order
+            ratios = (state.position_ratio, state.height_ratio)
+            ratio = max((r for r in ratios if r > 1.0), default=0.0)
+            if ratio > 1.0:
+                text = (
+                    f"PX4 refuses the poses: innovation test ratio {ratio:.1f}, accepted below 1;"
+                    " its estimate is elsewhere: axes, stamps, or restart it"
+                )
+                yield Finding("poses_refused", text)
+        last = self.odometry[-1] if self.odometry else None
         if last is None or now_ns - last.arrival_ns > _ODOMETRY_SILENT_NS:
             text = "PX4 sends no position (ODOMETRY): it has no estimate, or the link is too slow"
-            found.append(Finding("no_position", text))
-            return found
+            yield Finding("no_position", text)
+            return
         pairs = self._pairs(now_ns)
         if pairs is None:
-            return found
+            return
         ours, theirs, turn = pairs
-        off = math.dist(ours, theirs)
         limit = self._params.position_error_max
-        if off > limit * (_IN_FLIGHT if flying else 1.0):
-            found.append(Finding("position_differs", _explain_offset(ours, theirs, limit)))
+        if math.dist(ours, theirs) > limit * (_IN_FLIGHT if flying else 1.0):
+            yield Finding("position_differs", _explain_offset(ours, theirs, limit))
         if abs(turn) > self._params.yaw_error_max:
-            found.append(Finding("yaw_differs", _explain_turn(math.degrees(turn))))
-        return found
+            yield Finding("yaw_differs", _explain_turn(math.degrees(turn)))
 
     def _pairs(self, now_ns: int) -> tuple[Array, Array, float] | None:
         """Return position of the pose, that of PX4, and yaw of the pose against PX4's.
@@ -320,7 +304,7 @@ class Preflight:
         if len(recent) < _ENOUGH:
             return None
         stamps = np.array([p.stamp_ns for p in recent])
-        lately = [o for o in self._newest(self._odometry, now_ns) if o.stamp_ns is not None]
+        lately = [o for o in _newest(self.odometry, now_ns) if o.stamp_ns is not None]
         if len(lately) < _ENOUGH:
             return None
         seen = np.array([o.stamp_ns for o in lately])
@@ -339,50 +323,48 @@ class Preflight:
         turn = float(np.angle(np.exp(1j * (own - yaw)).sum()))
         return np.median(ours, axis=0), np.median(theirs, axis=0), turn
 
-    def _of_up(self, now_ns: int) -> list[Finding]:
+    def _of_up(self, now_ns: int) -> Iterator[Finding]:
         recent = self._recent(now_ns)
-        samples = self._newest(self._imu, now_ns)
-        if len(samples) < _ENOUGH or not recent:
-            text = (
-                "PX4 sends no HIGHRES_IMU: which way is up can't be checked"
-                if len(samples) < _ENOUGH
-                else ""
-            )
-            return [Finding("no_imu", text)] if text else []
+        samples = _newest(self._imu, now_ns)
+        if len(samples) < _ENOUGH:
+            text = "PX4 sends no HIGHRES_IMU: which way is up can't be checked"
+            yield Finding("no_imu", text)
+            return
+        if not recent:
+            return
         gyro = np.mean([s.gyro for s in samples], axis=0)
         accel = np.mean([s.accel for s in samples], axis=0)
         push = abs(float(np.linalg.norm(accel)) - GRAVITY)
         if float(np.linalg.norm(gyro)) > _NO_TURN or push > _NO_PUSH:
-            return [Finding("moved", "the vehicle is moved: put it down", FindingSeverity.WARNING)]
-        why = explain_up(recent[-1].attitude, accel, self._params.tilt_error_max)
-        return [Finding("mocap_up", why)] if why else []
+            yield Finding("moved", "the vehicle is moved: put it down", _WARNING)
+        elif why := explain_up(recent[-1].attitude, accel, self._params.tilt_error_max):
+            yield Finding("mocap_up", why)
 
     def _of_motion(
         self, now_ns: int, parameters: Mapping[str, float | int], flying: bool
-    ) -> list[Finding]:
-        """Return findings on axes and delay from the last rotation by hand."""
+    ) -> Iterator[Finding]:
+        """Yield findings on axes and delay from the last rotation by hand."""
         if not flying and now_ns - self._judged_ns >= _WINDOW_NS:
             self._judged_ns = now_ns
             self.motion.judge(now_ns)
         verdict = self.motion.verdict
         if verdict is None:
-            return []
+            return
         if verdict.mistake:
-            weight = FindingSeverity.BLOCKS if verdict.sure else FindingSeverity.WARNING
-            return [Finding("mocap_axes", verdict.mistake, weight)]
+            weight = FindingSeverity.BLOCKS if verdict.sure else _WARNING
+            yield Finding("mocap_axes", verdict.mistake, weight)
+            return
         delay_ms, told_ms = 1e3 * verdict.delay_s, parameters.get(EV_DELAY, 0.0)
-        if abs(delay_ms - told_ms) <= _DELAY_OFF_MS:
-            return []
-        text = (
-            f"poses show the vehicle as it was {delay_ms:.0f} ms before their stamps (gyro"
-            f" compared), EKF2_EV_DELAY is {told_ms:.0f} ms: let the driver stamp the capture, or"
-            f" set it to {max(delay_ms, 0.0):.0f}"
-        )
-        return [Finding("stamp_delay", text, FindingSeverity.WARNING)]
+        if abs(delay_ms - told_ms) > _DELAY_OFF_MS:
+            text = (
+                f"poses show the vehicle as it was {delay_ms:.0f} ms before their stamps (gyro"
+                f" compared), EKF2_EV_DELAY is {told_ms:.0f} ms: let the driver stamp the capture,"
+                f" or set it to {max(delay_ms, 0.0):.0f}"
+            )
+            yield Finding("stamp_delay", text, _WARNING)
 
 
 def _explain_offset(ours: Array, theirs: Array, limit: float) -> str:
-    off = math.dist(ours, theirs)
     places = f"pose ({_place(ours)}), PX4 ({_place(theirs)})"
     mistake = explain_place(theirs, ours, limit)
     if mistake:
@@ -390,6 +372,7 @@ def _explain_offset(ours: Array, theirs: Array, limit: float) -> str:
             f"PX4's position is the pose with {mistake}: {places}; does somebody else feed PX4"
             " too, with other axes?"
         )
+    off = math.dist(ours, theirs)
     if abs(off - abs(float(ours[2] - theirs[2]))) < 0.3 * limit:
         return (
             f"PX4's height is {theirs[2] - ours[2]:+.2f} m off the pose's: {places}; height must"
@@ -417,3 +400,9 @@ def _explain_turn(degrees: float) -> str:
         "PX4 takes its heading from elsewhere (magnetometer; EKF2_EV_CTRL bit 3), or the body was"
         " defined at an angle"
     )
+
+
+def _newest(kept: deque[_Arrived], now_ns: int) -> list[_Arrived]:
+    """Return those of the last second, oldest first, without looking at the older ones."""
+    found = list(takewhile(lambda r: now_ns - r.arrival_ns < _WINDOW_NS, reversed(kept)))
+    return found[::-1]

@@ -10,7 +10,7 @@ import numpy as np
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import Phase, PositionSetpoint
-from tombo_px4.bridge.bridge_params import ATTITUDE, POSITION, BridgeParams
+from tombo_px4.bridge.bridge_params import POSITION, BridgeParams
 from tombo_px4.bridge.offboard_session import Stream
 from tombo_px4.link import message_encoder
 from tombo_px4.link.message_encoder import MessageTarget
@@ -43,12 +43,15 @@ class SetpointStream:
         return True
 
     def rotation(self, wanted: Array, thrust: float, now_ns: int) -> bool:
-        """Take attitude (4) xyzw, or rates (3) [rad/s], and thrust [N]; False: refused."""
+        """Take attitude (4) xyzw, or rates (3) [rad/s], and thrust [N]; False: refused.
+
+        Which of the two it is says the parameter `setpoint`.
+        """
         if not math.isfinite(float(wanted.sum()) + thrust):
             return False
-        if wanted.shape == (4,) and abs(float(wanted @ wanted) - 1.0) > _UNIT:
-            return False
         if wanted.shape == (4,):
+            if abs(float(wanted @ wanted) - 1.0) > _UNIT:
+                return False
             wanted = wanted / np.linalg.norm(wanted)
         self._attitude_or_rates, self._attitude_or_rates_new = (wanted, thrust, now_ns), True
         return True
@@ -113,9 +116,7 @@ class SetpointStream:
                 if not self._attitude_or_rates_new and not due:
                     return None
                 throttle = message_encoder.throttle_of(thrust, self._mass, hover)
-                if self._params.setpoint == ATTITUDE:
-                    return message_encoder.attitude_target(wanted, throttle, self._target, now_ns)
-                return message_encoder.rates_target(wanted, throttle, self._target, now_ns)
+                return message_encoder.rotation_target(wanted, throttle, self._target, now_ns)
         setpoint = self._setpoint
         if setpoint is None:
             return None
@@ -138,10 +139,8 @@ class SetpointStream:
             found["hover_thrust"] = (
                 "MPC_THR_HOVER is not known: position set points are flown; set px4.hover_thrust"
             )
-        if (
-            self._attitude_or_rates is None
-            or now_ns - self._attitude_or_rates[2] > self._timeout_ns
-        ):
+        last = self._attitude_or_rates
+        if last is None or now_ns - last[2] > self._timeout_ns:
             found["rotation_silent"] = (
                 f"no {self._params.setpoint} set points come: position set points are flown"
             )

@@ -16,7 +16,7 @@ from tombo_dynamics.time_base import TICK_NS
 from tombo_px4.bridge.bridge_params import ODOMETRY
 from tombo_px4.hil.motor_mapping import MotorMapping
 from tombo_px4.hil.params import HilParams
-from tombo_px4.hil.sensors import HilSensors, SlowSensors
+from tombo_px4.hil.sensors import HilSensors
 from tombo_px4.link.message_encoder import pose_message
 from tombo_sim.simulator import PoseSample, Simulator
 from tombo_sim.world import World
@@ -29,8 +29,6 @@ ALL_SENSORS = 0x1FFF
 """Also magnetometer, barometer, differential pressure, temperature: each group complete."""
 SLOW_SENSORS_EVERY = 5
 """Messages from one with all sensors to the next: 50 Hz of 250."""
-_FIX_3D, _SATELLITES = 3, 14
-_EPH_CM, _EPV_CM = 70, 110
 TICK_US = TICK_NS // 1000
 Watch = Callable[[Simulator], None]
 
@@ -69,7 +67,7 @@ class HilFlight:
         self.rotors: Array = np.zeros(4)
         self.steps = 0
         self._mav = common.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
-        self._slow = SlowSensors()
+        self._slow: tuple[float, ...] = ()
         self._gps_due = _RateTimer(params.gps_rate if params.gps else 0.0)
         self._truth_due = _RateTimer(params.truth_rate)
 
@@ -103,68 +101,25 @@ class HilFlight:
             if self._watch is not None:
                 self._watch(simulator)
         self.steps += 1
-        out = b""
+        messages = []
+        now = (self._mav, self.time_us, simulator.plant)
         if self.steps > 1:
             if self._gps_due.is_due(self.time_us):
-                out += self._gps()
+                messages.append(sensors.gps(*now))
             if self._truth_due.is_due(self.time_us):
-                out += self._truth()
+                messages.append(sensors.truth(*now))
             if self.params.mocap:
-                for pose in self.poses:
-                    out += bytes(odometry(pose).pack(self._mav))
-        return out + self._sensor()
+                messages += [odometry(pose) for pose in self.poses]
+        messages.append(self._sensor())
+        return b"".join(bytes(message.pack(self._mav)) for message in messages)
 
-    def _sensor(self) -> bytes:
+    def _sensor(self) -> Any:
         fields = INERTIAL
         if (self.steps - 1) % SLOW_SENSORS_EVERY == 0:
             self._slow = self.sensors.slow(self.simulator.plant)
             fields = ALL_SENSORS
-        slow = self._slow
-        message = self._mav.hil_sensor_encode(
-            self.time_us,
-            *self.sensors.inertial(),
-            *slow.field,
-            slow.pressure,
-            slow.differential,
-            slow.altitude,
-            slow.temperature,
-            fields,
-            0,
-        )
-        return bytes(message.pack(self._mav))
-
-    def _gps(self) -> bytes:
-        fix = self.sensors.gps(self.simulator.plant)
-        message = self._mav.hil_gps_encode(
-            self.time_us,
-            _FIX_3D,
-            fix.latitude,
-            fix.longitude,
-            fix.altitude,
-            _EPH_CM,
-            _EPV_CM,
-            fix.ground_speed,
-            *fix.velocity,
-            fix.course,
-            _SATELLITES,
-        )
-        return bytes(message.pack(self._mav))
-
-    def _truth(self) -> bytes:
-        true = self.sensors.truth(self.simulator.plant)
-        message = self._mav.hil_state_quaternion_encode(
-            self.time_us,
-            list(true.attitude),
-            *true.rates,
-            true.latitude,
-            true.longitude,
-            true.altitude,
-            *true.velocity,
-            true.air_speed,
-            true.air_speed,
-            *true.force,
-        )
-        return bytes(message.pack(self._mav))
+        inertial = self.sensors.inertial()
+        return self._mav.hil_sensor_encode(self.time_us, *inertial, *self._slow, fields, 0)
 
 
 def odometry(pose: PoseSample) -> Any:

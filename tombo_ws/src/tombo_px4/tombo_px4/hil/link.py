@@ -10,7 +10,7 @@ import errno
 import math
 import select
 import socket
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from tombo_dynamics.errors import InputError
 from tombo_px4.link.framing import Findings, StreamFramer, decode
@@ -84,25 +84,14 @@ class HilLink:
         return self._peer is not None
 
     @property
-    def waiting(self) -> int:
-        """Bytes that the socket has not taken yet."""
-        return len(self._unsent)
-
-    @property
     def counters(self) -> dict[str, int]:
         """Counts of received data other than actuator controls."""
         return {
             "heartbeats": self.heartbeats,
-            "garbage_bytes": self._findings.garbage_bytes,
-            "bad_checksum": self._findings.bad_checksum,
-            "unknown_message": self._findings.unknown_message,
+            **self._findings.counts(),
             "other_message": self._other,
             "refused_connections": self.refused,
         }
-
-    def fileno(self) -> int:
-        """Return what to select on: the connection, or the listener while there is none."""
-        return (self._peer or self._listener).fileno()
 
     def wait(self, timeout_s: float) -> None:
         """Sleep until something comes or the time is over."""
@@ -136,15 +125,10 @@ class HilLink:
                 self._other += 1
         return answers
 
-    def _take_command(self, message: object) -> None:
-        wanted = getattr(message, "param1", math.nan)
-        interval = float(getattr(message, "param2", math.nan))
-        if (
-            getattr(message, "command", 0) == _SET_MESSAGE_INTERVAL
-            and wanted == _HIL_STATE_QUATERNION
-            and math.isfinite(interval)
-        ):
-            self.interval_us = interval
+    def _take_command(self, message: Any) -> None:
+        asked = (message.command, message.param1) == (_SET_MESSAGE_INTERVAL, _HIL_STATE_QUATERNION)
+        if asked and math.isfinite(message.param2):
+            self.interval_us = message.param2
         else:
             self._other += 1
 

@@ -2,7 +2,7 @@
 
 Each HIL_SENSOR waits for the HIL_ACTUATOR_CONTROLS with the same time; `time_usec` is PX4's clock.
 
-    hil = Hil(world, seed=0, params=HilParams(), link=HilLink(4560))
+    hil = HilSimulator(world, seed=0, params=HilParams(), link=HilLink(4560))
     while True:
         if hil.advance(time.monotonic_ns()):        # one step was flown
             for pose in hil.flight.poses: ...       # arrived now; pose.stamp_ns [ns]
@@ -139,14 +139,17 @@ class HilSimulator:
             whether a step was flown: there may be another one to fly at once.
         """
         answers = self._link.receive()
-        if self._connection and (
-            not self._link.connected or self._link.connections != self._connection
-        ):
+        same = self._link.connected and self._link.connections == self._connection
+        if self._connection and not same:
             self._on_disconnect()
         if not self._link.connected:
             return False
         if not self._connection:
-            self._begin(now_ns)
+            self.flights += 1
+            self._connection = self._link.connections
+            self._due_ns = now_ns
+            begins = f"flight {self.flights} begins, at time 0, on the ground"
+            self._notify(f"PX4 has connected: {begins}")
         interval_us = self._link.take_interval()
         if interval_us is not None:
             self.flight.set_truth_interval(interval_us)
@@ -170,12 +173,6 @@ class HilSimulator:
             return self._due_ns
         patience = PATIENCE_NS if self._heard and not self._runs_unanswered else BOOT_PATIENCE_NS
         return max(self._sent_ns + patience, self._due_ns)
-
-    def _begin(self, now_ns: int) -> None:
-        self.flights += 1
-        self._connection = self._link.connections
-        self._due_ns = now_ns
-        self._notify(f"PX4 has connected: flight {self.flights} begins, at time 0, on the ground")
 
     def _on_disconnect(self) -> None:
         how = "armed" if self.motors.armed else "not armed"

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.params import param, validate
+from tombo_px4.bridge.bridge_params import plain
 
 MAPPINGS = ("thrust", "speed")
 
@@ -24,21 +25,16 @@ class HilParams:
         "HIL_SENSOR messages: 250, 333, 500 or 1000; PX4's IMU_INTEG_RATE must be the same",
         "PX4's: 250",
     )
-    mapping: str = field(
-        default="thrust",
-        metadata={
-            "doc": "control 0..1, from idle up: linear in rotor thrust (as jMAVSim) or speed (as "
-            "Gazebo)"
-        },
+    mapping: str = plain(
+        "thrust",
+        "control 0..1, from idle up: linear in rotor thrust (as jMAVSim) or speed (as Gazebo)",
     )
-    gps: bool = field(default=True, metadata={"doc": "send HIL_GPS"})
+    gps: bool = plain(True, "send HIL_GPS")
     gps_rate: float = param(10.0, "Hz", (1.0, 50.0), "HIL_GPS messages", "PX4's simulators")
-    mocap: bool = field(
-        default=False,
-        metadata={
-            "doc": "send the motion capture's poses as ODOMETRY on this link; PX4 takes the time "
-            "of arrival for that of capture (EKF2_EV_DELAY)"
-        },
+    mocap: bool = plain(
+        False,
+        "send the motion capture's poses as ODOMETRY on this link; PX4 takes the time of arrival "
+        "for that of capture (EKF2_EV_DELAY)",
     )
     truth_rate: float = param(
         0.0, "Hz", (0.0, 1000.0), "HIL_STATE_QUATERNION messages; 0: as PX4 asks for", "PX4: 200"

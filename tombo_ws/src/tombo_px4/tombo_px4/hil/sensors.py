@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from tombo_dynamics.plant import Plant
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.frames import GeoOrigin, enu_from_ned, frd_from_flu, ned_from_enu, px4_quaternion
 from tombo_px4.hil.params import HilParams
+from tombo_px4.protocol.field_scaling import fitted, globe_fields
 
 _STREAM = 4560
 """Key of the stream of chance: whatever else a seed decides stays as it is without this link."""
@@ -21,6 +22,10 @@ _AIR_DENSITY = 1.225
 _FULL_SCALE = np.array([[16.0 * GRAVITY], [math.radians(2000.0)]]) * (1.0 - 2.0**-16)
 """PX4 keeps accelerometer and gyro in 16 bits, and beyond them the sign turns round. Here both
 reach into the last step, which PX4 takes for clipped."""
+_INT16 = (-32_768, 32_767)
+"""A strike's force is more than that."""
+_FIX_3D, _SATELLITES = 3, 14
+_EPH_CM, _EPV_CM = 70, 110
 _SLOW = 0.1
 """[m/s] below this a course over ground means nothing."""
 
@@ -32,60 +37,8 @@ def pressure_at(altitude: float) -> float:
 
 def altitude_at(pressure: float) -> float:
     """Return the altitude [m] of a pressure [Pa] in the standard atmosphere."""
-    return float(
-        (1.0 - (pressure / _SEA_LEVEL_PA) ** (1.0 / _EXPONENT)) * _SEA_LEVEL_K / _LAPSE_K_M
-    )
-
-
-class SlowSensors(NamedTuple):
-    """What is measured at every fifth message only."""
-
-    field: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Magnetic field, FRD [gauss]."""
-    pressure: float = 0.0
-    """[hPa]."""
-    differential: float = 0.0
-    """Of a pitot tube forward [hPa]."""
-    altitude: float = 0.0
-    """That the pressure means [m]."""
-    temperature: float = 15.0
-    """[deg C]."""
-
-
-class Gps(NamedTuple):
-    """A fix, in the units of HIL_GPS."""
-
-    latitude: int
-    """[1e-7 deg]."""
-    longitude: int
-    """[1e-7 deg]."""
-    altitude: int
-    """[mm]."""
-    velocity: tuple[int, int, int]
-    """NED [cm/s]."""
-    ground_speed: int
-    """[cm/s]."""
-    course: int
-    """Clockwise from north [cdeg]; 65535: too slow to tell."""
-
-
-class GroundTruth(NamedTuple):
-    """What is really so, in the units of HIL_STATE_QUATERNION."""
-
-    attitude: tuple[float, ...]
-    """wxyz, NED from FRD."""
-    rates: tuple[float, ...]
-    """FRD [rad/s]."""
-    latitude: int
-    longitude: int
-    altitude: int
-    """[mm]."""
-    velocity: tuple[int, ...]
-    """NED [cm/s]."""
-    air_speed: int
-    """[cm/s]."""
-    force: tuple[int, ...]
-    """Specific force, FRD [mG]."""
+    cooler = 1.0 - (pressure / _SEA_LEVEL_PA) ** (1.0 / _EXPONENT)
+    return float(cooler * _SEA_LEVEL_K / _LAPSE_K_M)
 
 
 class HilSensors:
@@ -120,63 +73,58 @@ class HilSensors:
         values: list[float] = np.clip(noisy, -_FULL_SCALE, _FULL_SCALE).ravel().tolist()
         return values
 
-    def slow(self, plant: Plant) -> SlowSensors:
-        """Return magnetometer, barometer, pitot tube and thermometer."""
+    def slow(self, plant: Plant) -> tuple[float, ...]:
+        """Return magnetometer, barometer, pitot tube and thermometer, as in HIL_SENSOR.
+
+        Field (3) FRD [gauss], pressure [hPa], that of a pitot tube forward [hPa], altitude that
+        the pressure means [m], temperature [deg C].
+        """
         n = self._rng.standard_normal(4)
         body = frd_from_flu(plant.rotation.T @ self._field)
-        x, y, z = (body + self._p.mag_noise * n[:3]).tolist()
         height = self.origin.altitude_m + float(plant.state.position[2])
         pressure = pressure_at(height) + self._p.pressure_noise * float(n[3])
         forward = float(plant.airspeed[0])
-        return SlowSensors(
-            (x, y, z),
+        return (
+            *(body + self._p.mag_noise * n[:3]).tolist(),
             0.01 * pressure,
             0.01 * 0.5 * _AIR_DENSITY * forward * abs(forward),
             altitude_at(pressure),
             15.0 - _LAPSE_K_M * height,
         )
 
-    def gps(self, plant: Plant) -> Gps:
-        """Return a fix."""
+    def gps(self, mav: Any, time_us: int, plant: Plant) -> Any:
+        """Return HIL_GPS, a fix with noise."""
         n = self._rng.standard_normal(6)
         position = plant.state.position + self._p.gps_position_noise * n[:3]
-        latitude, longitude, altitude = self._place(position)
         velocity = ned_from_enu(plant.state.velocity + self._p.gps_velocity_noise * n[3:])
         north, east, down = velocity.tolist()
         speed = math.hypot(north, east)
         course = round(math.degrees(math.atan2(east, north)) * 100.0) % 36_000
-        return Gps(
-            latitude,
-            longitude,
-            altitude,
-            (_short(100.0 * north), _short(100.0 * east), _short(100.0 * down)),
+        return mav.hil_gps_encode(
+            time_us,
+            _FIX_3D,
+            *globe_fields(self.origin.global_of(position)),
+            _EPH_CM,
+            _EPV_CM,
             min(round(100.0 * speed), 65_534),
+            *(fitted(100.0 * v, _INT16) for v in (north, east, down)),
             course if speed > _SLOW else 65_535,
+            _SATELLITES,
         )
 
-    def truth(self, plant: Plant) -> GroundTruth:
-        """Return what is really so."""
-        latitude, longitude, altitude = self._place(plant.state.position)
-        body = np.stack([plant.state.rates, plant.force])
-        rates, force = frd_from_flu(body)
+    def truth(self, mav: Any, time_us: int, plant: Plant) -> Any:
+        """Return HIL_STATE_QUATERNION: what is really so."""
+        rates, force = frd_from_flu(np.stack([plant.state.rates, plant.force]))
         to_milli_g = 1000.0 / GRAVITY / float(plant.mass)
         flow = plant.airspeed
-        return GroundTruth(
-            tuple(px4_quaternion(plant.state.attitude).tolist()),
-            tuple(rates.tolist()),
-            latitude,
-            longitude,
-            altitude,
-            tuple(_short(100.0 * v) for v in ned_from_enu(plant.state.velocity).tolist()),
-            min(round(100.0 * math.sqrt(float(flow @ flow))), 65_535),
-            tuple(_short(to_milli_g * f) for f in force.tolist()),
+        air_speed = min(round(100.0 * math.sqrt(float(flow @ flow))), 65_535)
+        return mav.hil_state_quaternion_encode(
+            time_us,
+            px4_quaternion(plant.state.attitude).tolist(),
+            *rates.tolist(),
+            *globe_fields(self.origin.global_of(plant.state.position)),
+            *(fitted(100.0 * v, _INT16) for v in ned_from_enu(plant.state.velocity).tolist()),
+            air_speed,
+            air_speed,
+            *(fitted(to_milli_g * f, _INT16) for f in force.tolist()),
         )
-
-    def _place(self, position: Array) -> tuple[int, int, int]:
-        latitude, longitude, altitude = self.origin.global_of(position)
-        return round(1e7 * latitude), round(1e7 * longitude), round(1e3 * altitude)
-
-
-def _short(value: float) -> int:
-    """Return the nearest number of 16 bits: a strike's force is more than that."""
-    return round(min(max(value, -32_768.0), 32_767.0))

@@ -27,21 +27,17 @@ Address = tuple[str, int]
 
 @dataclass(frozen=True)
 class Url:
-    """A link's URL.
-
-    Attributes:
-        text: as it was given.
-        kind: "udpin", "udpout", "tcpin", "tcpout" or "serial".
-        host: numeric address, or the device of a serial port.
-        port: of the network, or baud rate of a serial port.
-        local: port to send from, 0 for any.
-    """
+    """A link's URL, and its text as it was given."""
 
     text: str
     kind: str
+    """`udpin`, `udpout`, `tcpin`, `tcpout` or `serial`."""
     host: str
+    """Numeric address, or the device of a serial port."""
     port: int
+    """Of the network, or baud rate of a serial port."""
     local: int = 0
+    """Port to send from, 0 for any."""
 
     @property
     def address(self) -> Address:

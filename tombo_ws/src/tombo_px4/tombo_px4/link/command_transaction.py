@@ -7,26 +7,14 @@ from dataclasses import dataclass
 
 from tombo_px4.bridge.decoded_messages import CommandAck, Heartbeat, StatusText
 from tombo_px4.bridge.modes import Mode, mode_name
+from tombo_px4.protocol.results import Result, Severity
 
 SET_MODE_COMMAND, ARM_COMMAND = 176, 400
 """MAV_CMD_DO_SET_MODE, MAV_CMD_COMPONENT_ARM_DISARM."""
-_ACCEPTED, _IN_PROGRESS = 0, 5
-RESULTS = (
-    "accepted",
-    "temporarily rejected",
-    "denied",
-    "unsupported",
-    "failed",
-    "in progress",
-    "cancelled",
-)
-"""Names of MAV_RESULT."""
 CONFIRM_NS = 2_000_000_000
 """Longest wait for the heartbeat (1 Hz) that confirms a command."""
 PAUSE_NS = 1_000_000_000
 """Pause between a refusal and the next attempt; PX4 sends its explanation meanwhile."""
-_WARNING = 4
-_TEXT_NS = 3_000_000_000
 
 
 @dataclass(frozen=True)
@@ -61,17 +49,13 @@ class RecentStatusTexts:
 
     def take(self, text: StatusText) -> None:
         """Keep a text if it is a warning or worse."""
-        if text.severity <= _WARNING:
+        if text.severity <= Severity.WARNING:
             self._texts.append(text)
 
     def since(self, time_ns: int) -> str:
         """Return the texts since a time, each once."""
         texts = dict.fromkeys(t.text for t in self._texts if t.arrival_ns >= time_ns)
         return ", ".join(f"'{text}'" for text in texts)
-
-    def recent(self, now_ns: int) -> str:
-        """Return the texts of the last three seconds."""
-        return self.since(now_ns - _TEXT_NS)
 
 
 class CommandTransaction:
@@ -87,13 +71,13 @@ class CommandTransaction:
         self._begun_ns = 0
         self._sent_ns: int | None = None
         self._refused_ns: int | None = None
-        self._result = _ACCEPTED
+        self._result = int(Result.ACCEPTED)
 
     def handle_ack(self, ack: CommandAck) -> None:
         """Take an answer. A refusal is final for this attempt; only HEARTBEAT confirms."""
         if ack.command != self.order.command or self._sent_ns is None or self.done:
             return
-        if ack.result not in (_ACCEPTED, _IN_PROGRESS) and self._refused_ns is None:
+        if ack.result not in (Result.ACCEPTED, Result.IN_PROGRESS) and self._refused_ns is None:
             self._refused_ns, self._result = ack.arrival_ns, ack.result
 
     def tick(self, heartbeat: Heartbeat, recent_texts: RecentStatusTexts, now_ns: int) -> bool:
@@ -106,18 +90,13 @@ class CommandTransaction:
         if self._refused_ns is not None:
             if now_ns - self._refused_ns < PAUSE_NS:
                 return False
-            known = self._result < len(RESULTS)
-            result = RESULTS[self._result] if known else f"result {self._result}"
-            said = recent_texts.since(self._sent_ns)
-            self.refusal = f"{self.order} {result}" + (f": {said}" if said else "")
+            why = _result_name(self._result)
         elif now_ns - self._sent_ns < CONFIRM_NS:
             return False
         else:
-            said = recent_texts.since(self._sent_ns)
-            waited = CONFIRM_NS * 1e-9
-            self.refusal = f"{self.order} not confirmed by HEARTBEAT within {waited:.0f} s" + (
-                f": {said}" if said else ""
-            )
+            why = f"not confirmed by HEARTBEAT within {CONFIRM_NS * 1e-9:.0f} s"
+        said = recent_texts.since(self._sent_ns)
+        self.refusal = f"{self.order} {why}" + (f": {said}" if said else "")
         if self._tries <= 0:
             self.failed = True
             return False
@@ -128,3 +107,9 @@ class CommandTransaction:
         self._begun_ns = self._begun_ns or now_ns
         self._sent_ns, self._refused_ns = now_ns, None
         return True
+
+
+def _result_name(result: int) -> str:
+    if result in range(Result.CANCELLED + 1):
+        return Result(result).name.lower().replace("_", " ")
+    return f"result {result}"

@@ -30,38 +30,34 @@ _DECODER = common.MAVLink(None)
 
 
 class Frame(NamedTuple):
-    """One frame whose checksum is right and whose message is known.
-
-    Attributes:
-        data: all of it, signature included.
-        system: sender's system.
-        component: sender's component.
-        message_id: number of the message.
-        signed: it carries a signature, not yet verified.
-    """
+    """One frame whose checksum is right and whose message is known; ids of its sender."""
 
     data: bytes
+    """All of it, signature included."""
     system: int
     component: int
     message_id: int
     signed: bool
+    """It carries a signature, not yet verified."""
 
 
 @dataclass
 class Findings:
-    """Counts of bytes that gave no message.
-
-    Attributes:
-        garbage_bytes: in no frame.
-        bad_checksum: candidates of a known message with a wrong checksum.
-        unknown_message: frames of messages that the dialect does not know.
-        tries: failed candidates; a measure of the work.
-    """
+    """Counts of bytes that gave no message; `mavlink_link.COUNTED` says of which."""
 
     garbage_bytes: int = 0
     bad_checksum: int = 0
     unknown_message: int = 0
     tries: int = 0
+    """Failed candidates; a measure of the work."""
+
+    def counts(self) -> dict[str, int]:
+        """Return the counts by name, without the measure of the work."""
+        return {
+            "garbage_bytes": self.garbage_bytes,
+            "bad_checksum": self.bad_checksum,
+            "unknown_message": self.unknown_message,
+        }
 
 
 def frames_of(datagram: bytes, findings: Findings) -> list[Frame]:
@@ -75,11 +71,6 @@ class StreamFramer:
     def __init__(self, findings: Findings) -> None:
         self._findings = findings
         self._rest = b""
-
-    @property
-    def kept(self) -> int:
-        """Bytes that wait for the rest of their frame."""
-        return len(self._rest)
 
     def feed(self, piece: bytes) -> list[Frame]:
         """Take some more bytes; return the frames that are complete."""

@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from tombo_px4.bridge.bridge_params import LinkParams
+from tombo_px4.link.mavlink_link import Link
 
 
-def link_faults(
-    counters: Mapping[str, int],
-    rejected_sender: tuple[int, int] | None,
-    params: LinkParams,
-    linked: bool,
-    pack_error: str,
-) -> dict[str, str]:
+def link_faults(link: Link, params: LinkParams, linked: bool) -> dict[str, str]:
     """Return key -> fault of the link, with cause and remedy.
 
     Args:
-        counters: of `Link`.
-        rejected_sender: system and component that were refused last.
+        link: what came, went and was refused.
         params: whom we wait for.
         linked: the vehicle is heard.
-        pack_error: why a message could not be packed, "" if all could.
     """
     faults: dict[str, str] = {}
-    if pack_error:
-        faults["unsendable"] = pack_error
+    counters, rejected_sender = link.counters, link.rejected_sender
+    if link.pack_error:
+        faults["unsendable"] = link.pack_error
     if linked:
         return faults
     if rejected_sender is not None and rejected_sender[0] != params.system:

@@ -13,11 +13,13 @@ from typing import Any, NamedTuple
 from pymavlink.dialects.v20 import common
 
 from tombo_dynamics.errors import InputError
-from tombo_px4.link.address import parse_peer, parse_url
+from tombo_px4.link.address import Address, Url, parse_peer, parse_url
 from tombo_px4.link.framing import Findings, Frame, StreamFramer, decode, frames_of
-from tombo_px4.link.open_transport import open_transport
+from tombo_px4.link.serial_port import SerialPort
 from tombo_px4.link.signing import SignatureVerifier, check_key
-from tombo_px4.link.transport import Clock, Packet
+from tombo_px4.link.tcp import TcpIn, TcpOut
+from tombo_px4.link.transport import Clock, Counters, Packet, Transport
+from tombo_px4.link.udp import UdpIn, UdpOut
 
 COUNTED = {
     "received": "messages let in",
@@ -45,22 +47,35 @@ _WORK_PER_MESSAGE = 4
 _BYTES_PER_STEP = 256
 
 
-class Received(NamedTuple):
-    """One accepted message.
+def open_transport(
+    url: Url, clock: Clock, counters: Counters, allow_remote: bool, peer: Address | None
+) -> Transport:
+    """Open what the URL names.
 
-    Attributes:
-        message: as pymavlink decodes it.
-        arrival_ns: CLOCK_REALTIME, by the kernel where it can.
-        system: sender's system.
-        component: sender's component.
-        peer: where it came from; `Link.send` takes it.
+    Raises:
+        InputError: busy port, no such device, no such host.
     """
+    if url.kind == "udpin":
+        return UdpIn(url, clock, counters, allow_remote, peer)
+    if url.kind == "udpout":
+        return UdpOut(url, clock, counters, allow_remote)
+    if url.kind == "tcpin":
+        return TcpIn(url, clock, counters, allow_remote)
+    if url.kind == "tcpout":
+        return TcpOut(url, clock)
+    return SerialPort(url, clock)
+
+
+class Received(NamedTuple):
+    """One accepted message, as pymavlink decodes it, with the ids of its sender."""
 
     message: Any
     arrival_ns: int
+    """CLOCK_REALTIME, by the kernel where it can."""
     system: int
     component: int
     peer: Any
+    """Where it came from; `Link.send` takes it."""
 
 
 class Link:
@@ -105,13 +120,10 @@ class Link:
         Raises:
             InputError: URL, busy port, unreachable host, another machine, ids, key.
         """
-        for name, number, lowest in (
-            ("system", system, 1),
-            ("component", component, 1),
-            ("accept_system", accept_system, 0),
-            ("accept_component", accept_component, 0),
-            ("link_id", link_id, 0),
-        ):
+        own = {"system": system, "component": component}
+        others = {"accept_system": accept_system, "accept_component": accept_component}
+        for name, number in {**own, **others, "link_id": link_id}.items():
+            lowest = 1 if name in own else 0
             if not lowest <= number <= 255:
                 raise InputError(f"{name} {number} is out of bounds; accepted: {lowest} to 255")
         parsed = parse_url(url, allow_remote)
@@ -175,22 +187,18 @@ class Link:
                 if message is not None:
                     # only accepted peers are answered
                     self._transport.peer = peer
-                    received.append(
-                        Received(message, arrival_ns, frame.system, frame.component, peer)
-                    )
+                    sender = (frame.system, frame.component)
+                    received.append(Received(message, arrival_ns, *sender, peer))
                 continue
             packet = self._transport.read()
             if packet is None:
                 break
             tries = self._findings.tries
-            self._waiting.extend(
-                (frame, packet.arrival_ns, packet.peer) for frame in self._frames(packet)
-            )
+            frames = self._frames(packet)
+            self._waiting.extend((frame, packet.arrival_ns, packet.peer) for frame in frames)
             work -= 1 + len(packet.data) // _BYTES_PER_STEP + self._findings.tries - tries
         self.counters["received"] += len(received)
-        self.counters["garbage_bytes"] = self._findings.garbage_bytes
-        self.counters["bad_checksum"] = self._findings.bad_checksum
-        self.counters["unknown_message"] = self._findings.unknown_message
+        self.counters |= self._findings.counts()
         return received
 
     def send(self, message: Any, to: Any = None) -> bool:
@@ -234,9 +242,7 @@ class Link:
         if not packet.data:
             self._streams.pop(packet.peer, None)
             return []
-        framer = self._streams.get(packet.peer)
-        if framer is None:
-            framer = self._streams[packet.peer] = StreamFramer(self._findings)
+        framer = self._streams.setdefault(packet.peer, StreamFramer(self._findings))
         return framer.feed(packet.data)
 
     def _admit(self, frame: Frame) -> Any:
@@ -248,12 +254,12 @@ class Link:
             refusal = "wrong_component"
         elif self._signature_verifier:
             refusal = self._signature_verifier.refusal(frame)
+        if refusal.startswith("wrong_"):
+            self.rejected_sender = (frame.system, frame.component)
         if not refusal:
             try:
                 return decode(frame)
             except Exception:  # pymavlink on untrusted bytes: any exception is counted here
                 refusal = "undecodable"
-        if refusal.startswith("wrong_"):
-            self.rejected_sender = (frame.system, frame.component)
         self.counters[refusal] += 1
         return None

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import struct
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,26 +17,16 @@ from pymavlink.dialects.v20 import common as mav
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import rotate_vectors
-from tombo_px4.bridge.decoded_messages import (
-    Battery,
-    CommandAck,
-    EstimatorStatusFlags,
-    ExtendedSysState,
-    FirmwareVersion,
-    Heartbeat,
-    ImuSample,
-    LocalPosition,
-    MavLandedState,
-    ParameterValue,
-    Record,
-    StatusText,
-    SystemStatus,
-    TimesyncMessage,
-    VehicleAttitude,
-    VehicleOdometry,
-)
+from tombo_px4.bridge import decoded_messages as decoded
+from tombo_px4.bridge.decoded_messages import Content, Refused
 from tombo_px4.bridge.modes import mode_of
-from tombo_px4.frames import enu_from_ned, flu_from_frd, ros_pose_covariance, ros_quaternion
+from tombo_px4.frames import (
+    UPPER_DIAGONAL,
+    enu_from_ned,
+    flu_from_frd,
+    ros_pose_covariance,
+    ros_quaternion,
+)
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.link.status_text import StatusTextAssembler
 from tombo_px4.link.timesync import TimeSync
@@ -59,8 +49,6 @@ _INTEGERS = {
     mav.MAV_PARAM_TYPE_UINT32: "<I",
     mav.MAV_PARAM_TYPE_INT32: "<i",
 }
-_OWN_VARIANCES = [0, 6, 11, 15, 18, 20]
-"""Places of the diagonal in the upper triangle of a covariance."""
 _HEADER = 10
 """Bytes before the payload of a MAVLink 2 frame."""
 _NO_CELL, _NO_VOLTAGE = 0xFFFF, 0xFFFF
@@ -76,161 +64,131 @@ class MessageDecoder:
         self._own = (own_system, own_component)
         self._chunks = StatusTextAssembler()
 
-    def read(self, received: Received) -> Record | None:
+    def read(self, received: Received) -> Content | None:
         """Return the record of a message; None if it has none, or was refused."""
         kind = str(received.message.get_type())
         reader = _READERS.get(kind)
         if reader is None:
             return None
         try:
-            found = reader(self, received.message, received.arrival_ns)
+            return reader(self, received.message, received.arrival_ns)
+        except Refused as refused:
+            reason = str(refused)
         except (ValueError, TypeError, OverflowError, struct.error, AttributeError):
-            found = "unreadable"
-        if isinstance(found, str):
-            self.refused[f"{kind}.{found}"] += 1
-            return None
-        return found
+            reason = "unreadable"
+        self.refused[f"{kind}.{reason}"] += 1
+        return None
 
-    def take_expired(self, now_ns: int) -> list[StatusText]:
+    def take_expired(self, now_ns: int) -> list[decoded.StatusText]:
         """Return texts whose missing pieces are overdue."""
         return self._chunks.take_expired(now_ns)
 
-    def _stamp(self, boot_ns: int, arrival_ns: int) -> int | str | None:
-        """Return a stamp by our clock; None while it is not known; "stamp" if it can't be."""
-        if boot_ns <= 0:
-            return "stamp"
-        if not self._sync.converged:
-            return None
-        stamp = self._sync.to_local_time(boot_ns)
-        if not -_AHEAD_NS <= arrival_ns - stamp <= _OLDEST_NS:
-            return "stamp"
-        return stamp
+    def _times(self, boot_ns: int, arrival_ns: int) -> tuple[int, int | None, int]:
+        """Return arrival, stamp by our clock (None while it is not known) and time since boot."""
+        stamp_ns = self._sync.to_local_time(boot_ns) if self._sync.converged else None
+        if boot_ns <= 0 or (
+            stamp_ns is not None and not -_AHEAD_NS <= arrival_ns - stamp_ns <= _OLDEST_NS
+        ):
+            raise Refused("stamp")
+        return arrival_ns, stamp_ns, boot_ns
 
-    def _heartbeat(self, m: Any, arrival_ns: int) -> Record | str | None:
+    def _heartbeat(self, m: Any, arrival_ns: int) -> Content | None:
         if m.autopilot == mav.MAV_AUTOPILOT_INVALID:  # a camera, a ground station
             return None
         if m.autopilot != mav.MAV_AUTOPILOT_PX4:
-            return "not_px4"
+            raise Refused("not_px4")
         armed = bool(m.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
-        return Heartbeat(arrival_ns, armed, mode_of(m.custom_mode))
+        return decoded.Heartbeat(arrival_ns, armed, mode_of(m.custom_mode))
 
-    def _odometry(self, m: Any, arrival_ns: int) -> Record | str:
-        if m.frame_id != mav.MAV_FRAME_LOCAL_NED:
-            return "wrong_frame"
-        if m.child_frame_id not in (mav.MAV_FRAME_LOCAL_NED, mav.MAV_FRAME_BODY_FRD):
-            return "wrong_frame"
-        position, velocity = np.array([m.x, m.y, m.z]), np.array([m.vx, m.vy, m.vz])
-        rates = np.array([m.rollspeed, m.pitchspeed, m.yawspeed])
-        q = np.array(m.q)
-        wrong = _not_place(position, velocity) or _not_rates(rates) or _not_rotation(q)
-        if wrong:
-            return wrong
-        boot_ns = m.time_usec * _MICRO_NS
-        stamp = self._stamp(boot_ns, arrival_ns)
-        if isinstance(stamp, str):
-            return stamp
-        attitude = ros_quaternion(q / np.linalg.norm(q))
-        if m.child_frame_id == mav.MAV_FRAME_BODY_FRD:
-            moving = rotate_vectors(attitude, flu_from_frd(velocity))
-        else:
-            moving = enu_from_ned(velocity)
+    def _odometry(self, m: Any, arrival_ns: int) -> Content:
+        in_body = m.child_frame_id == mav.MAV_FRAME_BODY_FRD
+        if m.frame_id != mav.MAV_FRAME_LOCAL_NED or not (
+            in_body or m.child_frame_id == mav.MAV_FRAME_LOCAL_NED
+        ):
+            raise Refused("wrong_frame")
+        place = _bounded(_FAR, m.x, m.y, m.z, m.vx, m.vy, m.vz)
+        rates = _bounded(_FASTEST_TURN, m.rollspeed, m.pitchspeed, m.yawspeed)
+        attitude = _attitude(m.q)
+        velocity = place[3:]
         upper = np.array(m.pose_covariance)
-        own = upper[_OWN_VARIANCES]
+        own = upper[UPPER_DIAGONAL]
         known = np.isfinite(own).all() and (own > 0.0).all()
         upper[~np.isfinite(upper)] = 0.0  # PX4 leaves out how they hang together
-        return VehicleOdometry(
-            arrival_ns,
-            stamp,
-            boot_ns,
-            enu_from_ned(position),
+        return decoded.VehicleOdometry(
+            *self._times(m.time_usec * _MICRO_NS, arrival_ns),
+            enu_from_ned(place[:3]),
             attitude,
-            moving,
+            rotate_vectors(attitude, flu_from_frd(velocity))
+            if in_body
+            else enu_from_ned(velocity),
             flu_from_frd(rates),
             ros_pose_covariance(upper) if known else None,
             int(m.reset_counter),
         )
 
-    def _local_position(self, m: Any, arrival_ns: int) -> Record | str:
-        position, velocity = np.array([m.x, m.y, m.z]), np.array([m.vx, m.vy, m.vz])
-        wrong = _not_place(position, velocity)
-        boot_ns = m.time_boot_ms * _MILLI_NS
-        stamp = wrong or self._stamp(boot_ns, arrival_ns)
-        if isinstance(stamp, str):
-            return stamp
-        here, moving = enu_from_ned(position), enu_from_ned(velocity)
-        return LocalPosition(arrival_ns, stamp, boot_ns, here, moving)
+    def _local_position(self, m: Any, arrival_ns: int) -> Content:
+        place = _bounded(_FAR, m.x, m.y, m.z, m.vx, m.vy, m.vz)
+        times = self._times(m.time_boot_ms * _MILLI_NS, arrival_ns)
+        return decoded.LocalPosition(*times, enu_from_ned(place[:3]), enu_from_ned(place[3:]))
 
-    def _attitude(self, m: Any, arrival_ns: int) -> Record | str:
-        q = np.array([m.q1, m.q2, m.q3, m.q4])
-        rates = np.array([m.rollspeed, m.pitchspeed, m.yawspeed])
-        wrong = _not_rates(rates) or _not_rotation(q)
-        boot_ns = m.time_boot_ms * _MILLI_NS
-        stamp = wrong or self._stamp(boot_ns, arrival_ns)
-        if isinstance(stamp, str):
-            return stamp
-        attitude = ros_quaternion(q / np.linalg.norm(q))
-        return VehicleAttitude(arrival_ns, stamp, boot_ns, attitude, flu_from_frd(rates))
+    def _attitude(self, m: Any, arrival_ns: int) -> Content:
+        rates = _bounded(_FASTEST_TURN, m.rollspeed, m.pitchspeed, m.yawspeed)
+        attitude = _attitude([m.q1, m.q2, m.q3, m.q4])
+        times = self._times(m.time_boot_ms * _MILLI_NS, arrival_ns)
+        return decoded.VehicleAttitude(*times, attitude, flu_from_frd(rates))
 
-    def _imu(self, m: Any, arrival_ns: int) -> Record | str:
+    def _imu(self, m: Any, arrival_ns: int) -> Content:
         if m.fields_updated & _BOTH_SENSORS != _BOTH_SENSORS:
-            return "incomplete"
-        gyro = np.array([m.xgyro, m.ygyro, m.zgyro])
-        accel = np.array([m.xacc, m.yacc, m.zacc])
-        wrong = _not_rates(gyro)
-        if not np.isfinite(accel).all():
-            return "not_finite"
-        if np.abs(accel).max() > _HARDEST:
-            return "range"
-        boot_ns = m.time_usec * _MICRO_NS
-        stamp = wrong or self._stamp(boot_ns, arrival_ns)
-        if isinstance(stamp, str):
-            return stamp
-        return ImuSample(arrival_ns, stamp, boot_ns, flu_from_frd(gyro), flu_from_frd(accel))
+            raise Refused("incomplete")
+        accel = _bounded(_HARDEST, m.xacc, m.yacc, m.zacc)
+        gyro = _bounded(_FASTEST_TURN, m.xgyro, m.ygyro, m.zgyro)
+        times = self._times(m.time_usec * _MICRO_NS, arrival_ns)
+        return decoded.ImuSample(*times, flu_from_frd(gyro), flu_from_frd(accel))
 
-    def _battery(self, m: Any, arrival_ns: int) -> Record | str | None:
+    def _battery(self, m: Any, arrival_ns: int) -> Content | None:
         if m.id != 0:  # a second one: PX4 counts on the first
             return None
         cells = tuple(1e-3 * v for v in [*m.voltages, *m.voltages_ext] if 0 < v != _NO_CELL)
         voltage = sum(cells) if cells else math.nan
-        return Battery(
-            arrival_ns, voltage, _current(m.current_battery), _share(m.battery_remaining), cells
-        )
+        current, left = _current(m.current_battery), _share(m.battery_remaining)
+        return decoded.Battery(arrival_ns, voltage, current, left, cells)
 
-    def _system(self, m: Any, arrival_ns: int) -> Record | str:
+    def _system(self, m: Any, arrival_ns: int) -> Content:
         voltage = math.nan if m.voltage_battery == _NO_VOLTAGE else 1e-3 * m.voltage_battery
         current, left = _current(m.current_battery), _share(m.battery_remaining)
         bit = mav.MAV_SYS_STATUS_PREARM_CHECK
-        return SystemStatus(
-            Battery(arrival_ns, voltage, current, left),
+        return decoded.SystemStatus(
+            decoded.Battery(arrival_ns, voltage, current, left),
             bool(m.onboard_control_sensors_present & bit),
             bool(m.onboard_control_sensors_health & bit),
         )
 
-    def _landed(self, m: Any, arrival_ns: int) -> Record | str:
-        return ExtendedSysState(arrival_ns, MavLandedState(m.landed_state))
+    def _landed(self, m: Any, arrival_ns: int) -> Content:
+        return decoded.MavLandedState(m.landed_state)
 
-    def _text(self, m: Any, arrival_ns: int) -> Record | str | None:
+    def _text(self, m: Any, arrival_ns: int) -> Content | None:
         return self._chunks.take(m.severity, m.text, m.id, m.chunk_seq, arrival_ns)
 
-    def _ack(self, m: Any, arrival_ns: int) -> Record | str:
+    def _ack(self, m: Any, arrival_ns: int) -> Content:
         if m.target_system not in (0, self._own[0]) or m.target_component not in (0, self._own[1]):
-            return "not_for_us"
-        return CommandAck(arrival_ns, int(m.command), int(m.result))
+            raise Refused("not_for_us")
+        return decoded.CommandAck(arrival_ns, int(m.command), int(m.result))
 
-    def _parameter(self, m: Any, arrival_ns: int) -> Record | str:
+    def _parameter(self, m: Any, arrival_ns: int) -> Content:
         name = str(m.param_id)
-        if m.param_type == mav.MAV_PARAM_TYPE_REAL32:
-            value = float(m.param_value)
-            return ParameterValue(name, value, m.param_type) if math.isfinite(value) else "range"
-        layout = _INTEGERS.get(m.param_type)
-        if layout is None:
-            return "unknown_kind"
-        return ParameterValue(name, int(struct.unpack(layout, _value_bytes(m))[0]), m.param_type)
+        value: float | int = float(m.param_value)
+        if m.param_type in _INTEGERS:
+            value = int(struct.unpack(_INTEGERS[m.param_type], _value_bytes(m))[0])
+        elif m.param_type != mav.MAV_PARAM_TYPE_REAL32:
+            raise Refused("unknown_kind")
+        elif not math.isfinite(value):
+            raise Refused("range")
+        return decoded.ParameterValue(name, value, m.param_type)
 
-    def _estimator(self, m: Any, arrival_ns: int) -> Record | str:
+    def _estimator(self, m: Any, arrival_ns: int) -> Content:
         flags = m.flags
         horizontal = mav.ESTIMATOR_POS_HORIZ_REL | mav.ESTIMATOR_POS_HORIZ_ABS
-        return EstimatorStatusFlags(
+        return decoded.EstimatorStatusFlags(
             arrival_ns,
             bool(flags & horizontal),
             bool(flags & mav.ESTIMATOR_PRED_POS_HORIZ_REL),
@@ -238,15 +196,15 @@ class MessageDecoder:
             float(m.pos_vert_ratio),
         )
 
-    def _time(self, m: Any, arrival_ns: int) -> Record | str:
-        return TimesyncMessage(arrival_ns, int(m.tc1), int(m.ts1))
+    def _time(self, m: Any, arrival_ns: int) -> Content:
+        return decoded.TimesyncMessage(arrival_ns, int(m.tc1), int(m.ts1))
 
-    def _version(self, m: Any, arrival_ns: int) -> Record | str:
-        number = m.flight_sw_version
-        return FirmwareVersion(number >> 24 & 0xFF, number >> 16 & 0xFF, number >> 8 & 0xFF)
+    def _version(self, m: Any, arrival_ns: int) -> Content:
+        major, minor, patch, _ = m.flight_sw_version.to_bytes(4, "big")
+        return decoded.FirmwareVersion(f"{major}.{minor}.{patch}")
 
 
-_Reader = Callable[[MessageDecoder, Any, int], "Record | str | None"]
+_Reader = Callable[[MessageDecoder, Any, int], "Content | None"]
 _READERS: dict[str, _Reader] = {
     "HEARTBEAT": MessageDecoder._heartbeat,
     "ODOMETRY": MessageDecoder._odometry,
@@ -265,24 +223,22 @@ _READERS: dict[str, _Reader] = {
 }
 
 
-def _not_place(position: Array, velocity: Array) -> str:
-    total = position.sum() + velocity.sum()
-    if not math.isfinite(total):
-        return "not_finite"
-    return "range" if max(np.abs(position).max(), np.abs(velocity).max()) > _FAR else ""
+def _bounded(limit: float, *values: float) -> Array:
+    """Return values as an array; refused if one is not finite or beyond the limit."""
+    found = np.array(values)
+    if not np.isfinite(found).all():
+        raise Refused("not_finite")
+    if np.abs(found).max() > limit:
+        raise Refused("range")
+    return found
 
 
-def _not_rates(rates: Array) -> str:
-    if not np.isfinite(rates).all():
-        return "not_finite"
-    return "range" if np.abs(rates).max() > _FASTEST_TURN else ""
-
-
-def _not_rotation(q: Array) -> str:
-    square = float(q @ q)
-    if not math.isfinite(square):
-        return "not_finite"
-    return "not_unit" if abs(square - 1.0) > _UNIT else ""
+def _attitude(wxyz: Sequence[float]) -> Array:
+    """Return an attitude (4) xyzw, map from base_link; refused if it is no rotation."""
+    q = _bounded(math.inf, *wxyz)
+    if abs(float(q @ q) - 1.0) > _UNIT:
+        raise Refused("not_unit")
+    return ros_quaternion(q / np.linalg.norm(q))
 
 
 def _current(centi: int) -> float:

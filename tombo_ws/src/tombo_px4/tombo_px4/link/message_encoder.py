@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
@@ -14,6 +14,7 @@ from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.bridge.bridge_params import MOCAP, ODOMETRY, VISION
 from tombo_px4.bridge.modes import Mode
 from tombo_px4.frames import (
+    euler,
     frd_from_flu,
     ned_from_enu,
     px4_pose_covariance,
@@ -36,12 +37,11 @@ _NAN = math.nan
 _MICRO, _MILLI = 1_000, 1_000_000
 
 
-class MessageTarget:
+class MessageTarget(NamedTuple):
     """System and component that the messages are for."""
 
-    def __init__(self, system: int, component: int) -> None:
-        self.system = system
-        self.component = component
+    system: int
+    component: int
 
 
 def pose_message(
@@ -61,7 +61,7 @@ def pose_message(
     upper = unknown(21) if covariance is None else px4_pose_covariance(covariance).tolist()
     stamp = stamp_ns // _MICRO
     if kind == VISION:
-        roll, pitch, yaw = _euler(q)
+        roll, pitch, yaw = euler(q.tolist())
         return mav.MAVLink_vision_position_estimate_message(
             stamp, north, east, down, roll, pitch, yaw, upper, 0
         )
@@ -101,8 +101,7 @@ def position_target(setpoint: PositionSetpoint, to: MessageTarget, now_ns: int) 
     """Return a set point of position, velocity and acceleration fed forward, and yaw."""
     return mav.MAVLink_set_position_target_local_ned_message(
         _milliseconds(now_ns),
-        to.system,
-        to.component,
+        *to,
         mav.MAV_FRAME_LOCAL_NED,
         POSITION_MASK,
         *ned_from_enu(setpoint.position).tolist(),
@@ -113,25 +112,22 @@ def position_target(setpoint: PositionSetpoint, to: MessageTarget, now_ns: int) 
     )
 
 
-def attitude_target(attitude: Array, throttle: float, to: MessageTarget, now_ns: int) -> Any:
-    """Return a set point of attitude (4) xyzw, map from base_link, and throttle 0..1."""
-    q = px4_quaternion(attitude).tolist()
-    return mav.MAVLink_set_attitude_target_message(
-        _milliseconds(now_ns), to.system, to.component, ATTITUDE_MASK, q, 0.0, 0.0, 0.0, throttle
-    )
+def rotation_target(wanted: Array, throttle: float, to: MessageTarget, now_ns: int) -> Any:
+    """Return a set point of throttle 0..1 and attitude, or body rates.
 
-
-def rates_target(rates: Array, throttle: float, to: MessageTarget, now_ns: int) -> Any:
-    """Return a set point of body rates (3) [rad/s], base_link, and throttle 0..1."""
-    level = [1.0, 0.0, 0.0, 0.0]
+    Args:
+        wanted: (4) xyzw, map from base_link, or (3) [rad/s], base_link.
+        throttle: share of the highest thrust.
+        to: who follows it.
+        now_ns: the present.
+    """
+    mask, q, rates = RATES_MASK, [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
+    if wanted.shape == (4,):
+        mask, q = ATTITUDE_MASK, px4_quaternion(wanted).tolist()
+    else:
+        rates = frd_from_flu(wanted).tolist()
     return mav.MAVLink_set_attitude_target_message(
-        _milliseconds(now_ns),
-        to.system,
-        to.component,
-        RATES_MASK,
-        level,
-        *frd_from_flu(rates).tolist(),
-        throttle,
+        _milliseconds(now_ns), *to, mask, q, *rates, throttle
     )
 
 
@@ -142,14 +138,8 @@ def throttle_of(thrust: float, mass: float, hover_thrust: float) -> float:
 
 def heartbeat() -> Any:
     """Return the HEARTBEAT of an on-board computer."""
-    return mav.MAVLink_heartbeat_message(
-        mav.MAV_TYPE_ONBOARD_CONTROLLER,
-        mav.MAV_AUTOPILOT_INVALID,
-        0,
-        0,
-        mav.MAV_STATE_ACTIVE,
-        3,
-    )
+    kind, state = mav.MAV_TYPE_ONBOARD_CONTROLLER, mav.MAV_STATE_ACTIVE
+    return mav.MAVLink_heartbeat_message(kind, mav.MAV_AUTOPILOT_INVALID, 0, 0, state, 3)
 
 
 def timesync(times: tuple[int, int]) -> Any:
@@ -160,7 +150,7 @@ def timesync(times: tuple[int, int]) -> Any:
 def command(to: MessageTarget, number: int, *values: float) -> Any:
     """Return COMMAND_LONG with up to seven values, the rest 0."""
     padded = [*values, *((7 - len(values)) * [0.0])]
-    return mav.MAVLink_command_long_message(to.system, to.component, number, 0, *padded)
+    return mav.MAVLink_command_long_message(*to, number, 0, *padded)
 
 
 def set_mode(to: MessageTarget, mode: Mode) -> Any:
@@ -187,16 +177,7 @@ def request_message(to: MessageTarget, number: int) -> Any:
 
 def read_parameter(to: MessageTarget, name: str) -> Any:
     """Ask for a parameter by name."""
-    return mav.MAVLink_param_request_read_message(to.system, to.component, name.encode(), -1)
-
-
-def _euler(q: Array) -> tuple[float, float, float]:
-    """Return roll, pitch, yaw [rad] (Z-Y-X) of a quaternion wxyz, in its own frames."""
-    w, x, y, z = (float(v) for v in q)
-    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    pitch = math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0))
-    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return roll, pitch, yaw
+    return mav.MAVLink_param_request_read_message(*to, name.encode(), -1)
 
 
 def _milliseconds(now_ns: int) -> int:

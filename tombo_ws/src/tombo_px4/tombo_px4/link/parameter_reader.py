@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -62,22 +63,20 @@ class ParameterReader:
     ) -> None:
         self.values: dict[str, float | int] = {}
         """Newest values from the vehicle."""
-        self.written: dict[str, float | int] = {}
-        """What was written, and confirmed by the vehicle."""
         self._changed: set[str] = set()
         self._names = list(dict.fromkeys([*names, *(writes or {})]))
         self._writes = dict(writes or {})
         self._kinds: dict[str, int] = {}
         self._to = to
-        self._tries: dict[str, int] = {}
+        self._tries: Counter[str] = Counter()
         self._asked_ns: dict[str, int] = {}
-        self._write_tries: dict[str, int] = {}
+        self._write_tries: Counter[str] = Counter()
         self._begun_ns: int | None = None
 
     @property
     def missing(self) -> list[str]:
         """Names the vehicle did not answer to."""
-        return [n for n in self._names if n not in self.values and self._spent(n)]
+        return [n for n in self._names if n not in self.values and self._tries[n] >= _TRIES]
 
     @property
     def unwritten(self) -> dict[str, float]:
@@ -85,7 +84,7 @@ class ParameterReader:
         return {
             name: value
             for name, value in self._writes.items()
-            if name in self.missing or self._write_tries.get(name, 0) >= _TRIES
+            if name in self.missing or self._write_tries[name] >= _TRIES
         }
 
     @property
@@ -96,7 +95,7 @@ class ParameterReader:
     @property
     def complete(self) -> bool:
         """Nothing is asked for any more."""
-        return all(n in self.values or self._spent(n) for n in self._names)
+        return all(n in self.values or self._tries[n] >= _TRIES for n in self._names)
 
     def forget(self) -> None:
         """Forget all values: another vehicle, or a restart of it."""
@@ -114,9 +113,8 @@ class ParameterReader:
         self.values[found.name] = found.value
         self._kinds[found.name] = found.kind
         wanted = self._writes.get(found.name)
-        if wanted is not None and _same(found.value, wanted):
-            self.written[found.name] = found.value
-            if self._write_tries.get(found.name):
+        if wanted is not None and math.isclose(found.value, wanted, rel_tol=1e-5, abs_tol=1e-5):
+            if self._write_tries[found.name]:
                 self._changed.add(found.name)
             del self._writes[found.name]
 
@@ -127,36 +125,25 @@ class ParameterReader:
         ):
             again = self._begun_ns is not None
             self._begun_ns = now_ns
-            self._tries = dict.fromkeys(self._names, _TRIES - 1) if again else {}
+            self._tries = Counter(dict.fromkeys(self._names, _TRIES - 1) if again else {})
             self._asked_ns.clear()
         messages: list[Any] = []
         for name in self._names:
-            due = now_ns - self._asked_ns.get(name, 0) > _AGAIN_NS
-            fresh = name in self.values and self._asked_ns.get(name, 0) >= self._begun_ns
-            if not due or len(messages) >= _AT_ONCE:
+            asked_ns = self._asked_ns.get(name, 0)
+            if now_ns - asked_ns <= _AGAIN_NS or len(messages) >= _AT_ONCE:
                 continue
-            if name in self._writes and name in self._kinds and on_ground:
-                if self._write_tries.get(name, 0) < _TRIES:
-                    self._write_tries[name] = self._write_tries.get(name, 0) + 1
-                    self._asked_ns[name] = now_ns
-                    messages.append(self._write(name))
-            elif not fresh and not self._spent(name):
-                self._tries[name] = self._tries.get(name, 0) + 1
-                self._asked_ns[name] = now_ns
-                messages.append(read_parameter(self._to, name))
+            writes = name in self._writes and name in self._kinds and on_ground
+            fresh = name in self.values and asked_ns >= self._begun_ns
+            tries = self._write_tries if writes else self._tries
+            if tries[name] >= _TRIES or (fresh and not writes):
+                continue
+            tries[name] += 1
+            self._asked_ns[name] = now_ns
+            messages.append(self._write(name) if writes else read_parameter(self._to, name))
         return messages
-
-    def _spent(self, name: str) -> bool:
-        return self._tries.get(name, 0) >= _TRIES
 
     def _write(self, name: str) -> Any:
         value, kind = self._writes[name], self._kinds[name]
         if kind == _WHOLE:  # PX4 takes whole numbers by their bytes
             value = struct.unpack("<f", struct.pack("<i", round(value)))[0]
-        return mav.MAVLink_param_set_message(
-            self._to.system, self._to.component, name.encode(), value, kind
-        )
-
-
-def _same(found: float | int, wanted: float) -> bool:
-    return abs(found - wanted) <= 1e-5 * max(1.0, abs(wanted))
+        return mav.MAVLink_param_set_message(*self._to, name.encode(), value, kind)

@@ -7,11 +7,20 @@ import os
 import select
 import termios
 import tty
+from functools import partial
 from typing import Any
 
 from tombo_dynamics.errors import InputError
-from tombo_px4.link.address import Address, Url
-from tombo_px4.link.transport import CHUNK, Clock, Packet, RetryTimer, SendBuffer, refused
+from tombo_px4.link.address import Url
+from tombo_px4.link.transport import (
+    CHUNK,
+    Clock,
+    Packet,
+    RetryTimer,
+    SendBuffer,
+    Transport,
+    refused,
+)
 
 _SPEEDS = {
     int(name[1:]): getattr(termios, name)
@@ -21,19 +30,17 @@ _SPEEDS = {
 _OUTPUT_SPEED, _INPUT_SPEED, _FLAGS = 5, 4, 2
 
 
-class SerialPort:
+class SerialPort(Transport):
     """A serial port, raw, 8 bits, no parity, no flow control."""
 
     stream = True
 
     def __init__(self, url: Url, clock: Clock) -> None:
-        self.address: Address | None = None
         self.peer: Any = url.host
         self._url = url
         self._clock = clock
         self._retry = RetryTimer(clock, 1_000_000_000)
-        self._out = SendBuffer()
-        self._full = False
+        self._out: SendBuffer
         self._port: int | None = None
         if url.port not in _SPEEDS:
             speeds = ", ".join(str(speed) for speed in sorted(_SPEEDS))
@@ -63,9 +70,7 @@ class SerialPort:
         if self._port is None:
             return None
         try:
-            if self._out:
-                self._out.flush(self._write)
-                self._watch_room()
+            self._out.flush()
             data = os.read(self._port, CHUNK)
         except BlockingIOError:
             return None
@@ -80,12 +85,11 @@ class SerialPort:
         if self._port is None:
             return "no_peer"
         try:
-            taken = self._out.push(data, self._write)
-            self._watch_room()
+            if self._out.push(data):
+                return ""
         except OSError:
             self._close_and_retry()
-            return "send_failed"
-        return "" if taken else "send_failed"
+        return "send_failed"
 
     def maintain(self) -> None:
         """Open the device again if it went away."""
@@ -113,13 +117,11 @@ class SerialPort:
             mode[_INPUT_SPEED] = mode[_OUTPUT_SPEED] = _SPEEDS[self._url.port]
             termios.tcsetattr(port, termios.TCSANOW, mode)
             termios.tcflush(port, termios.TCIOFLUSH)
-            self._watch.register(port, select.EPOLLIN)
+            self._out = SendBuffer(self._watch, port, partial(os.write, port))
         except BaseException:
             os.close(port)
             raise
         self._port = port
-        self._out = SendBuffer()
-        self._full = False
 
     def _close_and_retry(self) -> None:
         if self._port is not None:
@@ -127,14 +129,3 @@ class SerialPort:
                 self._watch.unregister(self._port)
             os.close(self._port)
             self._port = None
-
-    def _write(self, data: bytes) -> int:
-        assert self._port is not None
-        return os.write(self._port, data)
-
-    def _watch_room(self) -> None:
-        full = bool(self._out)
-        if full != self._full and self._port is not None:
-            self._full = full
-            events = select.EPOLLIN | (select.EPOLLOUT if full else 0)
-            self._watch.modify(self._port, events)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import hmac
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -54,6 +55,20 @@ def read_key(path: Path) -> KeyFile:
         except ValueError:
             key = b""
     return KeyFile(check_key(key, f"key '{path}'"), warning)
+
+
+def key_of(path: str, warn: Callable[[str], None]) -> bytes | None:
+    """Return the key of a file, None for an empty path; `warn` is told what is wrong with it.
+
+    Raises:
+        InputError: no such file, or no key in it.
+    """
+    if not path:
+        return None
+    key, warning = read_key(Path(path))
+    if warning:
+        warn(warning)
+    return key
 
 
 def check_key(key: bytes, what: str = "key") -> bytes:

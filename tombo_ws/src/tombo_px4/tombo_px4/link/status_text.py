@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from tombo_px4.bridge.decoded_messages import StatusText
+from dataclasses import dataclass, field
+
+from tombo_px4.bridge.decoded_messages import Refused, StatusText
 
 _FULL = 50
 """A piece of this length is followed by another."""
@@ -11,15 +13,12 @@ _MOST_TEXTS, _MOST_CHUNKS = 8, 8
 _GAP = "…"
 
 
+@dataclass
 class _PartialText:
-    def __init__(self, severity: int, arrival_ns: int) -> None:
-        self.severity = severity
-        self.arrival_ns = arrival_ns
-        self.chunks: dict[int, str] = {}
-        self.last: int | None = None
-
-    def whole(self) -> bool:
-        return self.last is not None and len(self.chunks) == self.last + 1
+    severity: int
+    arrival_ns: int
+    chunks: dict[int, str] = field(default_factory=dict)
+    last: int | None = None
 
     def text(self) -> StatusText:
         end = self.last if self.last is not None else max(self.chunks, default=0)
@@ -37,8 +36,8 @@ class StatusTextAssembler:
 
     def take(
         self, severity: int, text: str, number: int, chunk: int, arrival_ns: int
-    ) -> StatusText | str | None:
-        """Take a piece; return the text once it is whole, or a word that refuses it.
+    ) -> StatusText | None:
+        """Take a piece; return the text once it is whole.
 
         Args:
             severity: MAV_SEVERITY.
@@ -46,33 +45,33 @@ class StatusTextAssembler:
             number: of the text; 0: it is whole in itself.
             chunk: place of the piece in it.
             arrival_ns: when it came.
+
+        Raises:
+            Refused: out of bounds, or too many texts are incomplete.
         """
         if not 0 <= severity <= 7:
-            return "range"
+            raise Refused("range")
         if number == 0:
             return StatusText(arrival_ns, severity, _printable(text))
         if chunk >= _MOST_CHUNKS:
-            return "range"
+            raise Refused("range")
         if number not in self._growing and len(self._growing) >= _MOST_TEXTS:
-            return "too_many"
+            raise Refused("too_many")
         growing = self._growing.setdefault(number, _PartialText(severity, arrival_ns))
         growing.chunks[chunk] = text
         if len(text) < _FULL:
             growing.last = chunk
             for k in [k for k in growing.chunks if k > chunk]:
                 del growing.chunks[k]
-        if not growing.whole():
+        if growing.last is None or len(growing.chunks) <= growing.last:
             return None
         del self._growing[number]
         return growing.text()
 
     def take_expired(self, now_ns: int) -> list[StatusText]:
         """Return incomplete texts that have waited for a second."""
-        late = [
-            number
-            for number, growing in self._growing.items()
-            if now_ns - growing.arrival_ns > _PATIENCE_NS
-        ]
+        texts = self._growing.items()
+        late = [number for number, text in texts if now_ns - text.arrival_ns > _PATIENCE_NS]
         return [self._growing.pop(number).text() for number in late]
 
 

@@ -8,7 +8,7 @@ import select
 import socket
 from typing import Any
 
-from tombo_px4.link.address import Address, Url, is_loopback
+from tombo_px4.link.address import Url, is_loopback
 from tombo_px4.link.transport import (
     CHUNK,
     Clock,
@@ -16,6 +16,7 @@ from tombo_px4.link.transport import (
     Packet,
     RetryTimer,
     SendBuffer,
+    Transport,
     refused,
 )
 
@@ -32,11 +33,9 @@ class Connection:
         self.spoke = False
         self.broken = False
         self._watch = watch
-        self._out = SendBuffer()
-        self._full = False
         with contextlib.suppress(OSError):
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        watch.register(sock.fileno(), select.EPOLLIN)
+        self._out = SendBuffer(watch, sock.fileno(), sock.send)
 
     def read(self) -> bytes | None:
         """Return some bytes; b"": it has ended; None: nothing more for now."""
@@ -50,21 +49,17 @@ class Connection:
     def write(self, data: bytes) -> bool:
         """Send a frame, or keep it until there is room; False: too much waits, or it is broken."""
         try:
-            taken = self._out.push(data, self.socket.send)
+            return self._out.push(data)
         except OSError:
             self.broken = True
             return False
-        self._watch_room()
-        return taken
 
     def flush(self) -> None:
         """Send what waits."""
         try:
-            self._out.flush(self.socket.send)
+            self._out.flush()
         except OSError:
             self.broken = True
-            return
-        self._watch_room()
 
     def close(self) -> None:
         """Close the socket."""
@@ -72,15 +67,8 @@ class Connection:
             self._watch.unregister(self.socket.fileno())
         self.socket.close()
 
-    def _watch_room(self) -> None:
-        full = bool(self._out)
-        if full != self._full:
-            self._full = full
-            events = select.EPOLLIN | (select.EPOLLOUT if full else 0)
-            self._watch.modify(self.socket.fileno(), events)
 
-
-class _Streams:
+class _Streams(Transport):
     """Some connections behind one descriptor that select() can wait on."""
 
     stream = True
@@ -91,7 +79,6 @@ class _Streams:
         self._connections: dict[int, Connection] = {}
         self._ready: list[tuple[int, int]] = []
         self._ended: list[Any] = []
-        self.address: Address | None = None
         self._peer: Any = None
 
     @property
@@ -147,13 +134,6 @@ class _Streams:
             return "no_peer"
         return "" if connection.write(data) else "send_failed"
 
-    def maintain(self) -> None:
-        """Do nothing."""
-
-    def due_ns(self) -> int | None:
-        """Return that nothing is ever due."""
-        return None
-
     def close(self) -> None:
         """Close every socket."""
         for number in list(self._connections):
@@ -164,10 +144,7 @@ class _Streams:
         """Something happened to a socket that is no connection."""
 
     def _connection(self, peer: Any) -> Connection | None:
-        for connection in self._connections.values():
-            if connection.peer == peer:
-                return connection
-        return None
+        return next((c for c in self._connections.values() if c.peer == peer), None)
 
     def _add(self, sock: socket.socket, peer: Any) -> None:
         sock.setblocking(False)
@@ -268,14 +245,13 @@ class TcpOut(_Streams):
         sock = socket.socket(self._url.family, socket.SOCK_STREAM)
         sock.setblocking(False)
         result = sock.connect_ex(self._url.address)
-        if result not in (0, errno.EINPROGRESS, errno.ECONNREFUSED):
-            sock.close()
-            raise OSError(result, "connect")
-        if result == errno.ECONNREFUSED:
-            sock.close()
+        if result in (0, errno.EINPROGRESS):
+            self._trying = sock
+            self._watch.register(sock.fileno(), select.EPOLLOUT)
             return
-        self._trying = sock
-        self._watch.register(sock.fileno(), select.EPOLLOUT)
+        sock.close()
+        if result != errno.ECONNREFUSED:
+            raise OSError(result, "connect")
 
     def _event(self, number: int, events: int) -> None:
         sock = self._trying

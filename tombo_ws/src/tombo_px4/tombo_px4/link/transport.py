@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import select
+from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
@@ -29,13 +32,13 @@ class Packet(NamedTuple):
     peer: Any
 
 
-class Transport(Protocol):
+class Transport(ABC):
     """An open transport."""
 
-    stream: bool
+    stream = False
     """It carries a stream, not datagrams."""
 
-    address: Address | None
+    address: Address | None = None
     """Where it listens or sends from."""
 
     peer: Any
@@ -44,31 +47,31 @@ class Transport(Protocol):
     @property
     def connected(self) -> bool:
         """There is a peer to send to."""
-        ...
+        return True
 
+    @abstractmethod
     def fileno(self) -> int:
         """Return what select() can wait on, the same one until it is closed."""
-        ...
 
+    @abstractmethod
     def read(self) -> Packet | None:
         """Return what came next; None: nothing more for now."""
-        ...
 
+    @abstractmethod
     def write(self, data: bytes, peer: Any) -> str:
         """Send one frame; return "" or the counter of what went wrong."""
-        ...
 
     def maintain(self) -> None:
-        """Do what is due: connect again."""
-        ...
+        """Do what is due: connect again; by default nothing."""
+        return
 
     def due_ns(self) -> int | None:
-        """Return the time until `maintain` has something to do; None: it never has."""
-        ...
+        """Return the time until `maintain` has something to do; None: it has nothing."""
+        return None
 
+    @abstractmethod
     def close(self) -> None:
         """Close all sockets or files."""
-        ...
 
 
 class RetryTimer:
@@ -92,40 +95,50 @@ class RetryTimer:
 
 
 class SendBuffer:
-    """Buffer for sending: a frame is sent whole or not at all."""
+    """Buffer for sending on a watched file: a frame is sent whole or not at all."""
 
-    def __init__(self) -> None:
+    def __init__(self, watch: select.epoll, number: int, write: Callable[[bytes], int]) -> None:
+        """Watch the file for what comes, and for room while something waits.
+
+        Args:
+            watch: where it is registered; unregistering it is up to the caller.
+            number: of the file.
+            write: writes to it as far as there is room.
+        """
+        self._watch = watch
+        self._number = number
+        self._write = write
         self._waiting = bytearray()
+        self._full = False
+        watch.register(number, select.EPOLLIN)
 
-    def __bool__(self) -> bool:
-        return bool(self._waiting)
-
-    def push(self, data: bytes, write: Callable[[bytes], int]) -> bool:
+    def push(self, data: bytes) -> bool:
         """Write a frame behind what waits; False: there is no room for it.
 
         Raises:
             OSError: the connection is broken.
         """
         if len(self._waiting) + len(data) > _ROOM:
-            self.flush(write)
+            self.flush()
             if len(self._waiting) + len(data) > _ROOM:
                 return False
         self._waiting += data
-        self.flush(write)
+        self.flush()
         return True
 
-    def flush(self, write: Callable[[bytes], int]) -> None:
+    def flush(self) -> None:
         """Write what waits, as far as there is room.
 
         Raises:
             OSError: the connection is broken.
         """
-        while self._waiting:
-            try:
-                written = write(bytes(self._waiting[:65536]))
-            except (BlockingIOError, InterruptedError):
-                return
-            del self._waiting[:written]
+        with contextlib.suppress(BlockingIOError, InterruptedError):
+            while self._waiting:
+                del self._waiting[: self._write(bytes(self._waiting[:65536]))]
+        if bool(self._waiting) != self._full:
+            self._full = not self._full
+            room = select.EPOLLOUT if self._full else 0
+            self._watch.modify(self._number, select.EPOLLIN | room)
 
 
 def refused(url: Url, doing: str, error: Exception, accepted: str) -> InputError:

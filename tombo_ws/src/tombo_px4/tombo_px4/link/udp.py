@@ -7,11 +7,11 @@ import select
 import socket
 import struct
 from collections import deque
-from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from tombo_px4.link.address import Address, Url, is_loopback
-from tombo_px4.link.transport import Clock, Counters, Packet, refused
+from tombo_px4.link.transport import Clock, Counters, Packet, Transport, refused
 
 MAX_DATAGRAM = 2048
 """Longest datagram that is taken whole; MAVLink's fit into a packet of the network."""
@@ -76,10 +76,8 @@ class _Queue:
         return Packet(data, arrival or self._clock(), sender)
 
 
-class UdpOut:
+class UdpOut(Transport):
     """A UDP socket connected to one address; the kernel drops datagrams of others."""
-
-    stream = False
 
     def __init__(self, url: Url, clock: Clock, counters: Counters, allow_remote: bool) -> None:
         self._queue = _Queue(url.family, clock, counters, allow_remote)
@@ -95,7 +93,6 @@ class UdpOut:
             raise refused(url, "send there", error, accepted) from error
         self.peer: Any = url.address
         self.address: Address | None = self._socket.getsockname()[:2]
-        self.connected = True
 
     def fileno(self) -> int:
         """Return what select() can wait on."""
@@ -113,27 +110,18 @@ class UdpOut:
             return "send_failed"
         return ""
 
-    def maintain(self) -> None:
-        """Do nothing: there is no connection."""
-
-    def due_ns(self) -> int | None:
-        """Return that nothing is ever due."""
-        return None
-
     def close(self) -> None:
         """Close the socket."""
         self._socket.close()
 
 
-class UdpIn:
+class UdpIn(Transport):
     """A UDP listener. It answers the peer that spoke last and was let in.
 
     Each such partner gets a socket of its own on the same port, connected to it: the kernel sorts
     the partner's datagrams into that one's queue, and a flood from elsewhere, which fills the
     listener's, costs the partner neither a message nor time.
     """
-
-    stream = False
 
     def __init__(
         self,
@@ -143,9 +131,7 @@ class UdpIn:
         allow_remote: bool,
         peer: Address | None,
     ) -> None:
-        self._make: Callable[[], _Queue] = lambda: _Queue(
-            url.family, clock, counters, allow_remote
-        )
+        self._make = partial(_Queue, url.family, clock, counters, allow_remote)
         self._listener = self._make()
         self._partners: dict[Any, _Queue] = {}
         self._turns: deque[_Queue] = deque()
@@ -220,10 +206,6 @@ class UdpIn:
     def maintain(self) -> None:
         """Begin with the partners again."""
         self._quiet = False
-
-    def due_ns(self) -> int | None:
-        """Return that nothing is ever due."""
-        return None
 
     def close(self) -> None:
         """Close every socket."""

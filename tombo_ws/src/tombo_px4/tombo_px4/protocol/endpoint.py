@@ -43,9 +43,6 @@ class Endpoint:
             vehicle: at its present tick.
             links: with `onboard` or `ground`.
             homes: where each link sends to while nobody has spoken; none: as the link does.
-
-        Raises:
-            InputError: there is no such set of streams.
         """
         self.vehicle = vehicle
         self.origin = origin = GeoOrigin()
@@ -57,9 +54,7 @@ class Endpoint:
         ]
         self.statustext = StatusTextSender(self.channels)
         self._parameters = ParameterServer(vehicle.parameters)
-        self.message_router = MessageRouter(
-            vehicle, origin, self.telemetry, self._parameters, self.statustext, self.channels
-        )
+        self.message_router = MessageRouter(self, self._parameters)
         self._last_state: tuple[Any, ...] = ()
         self._boot_ns = 0
 
@@ -115,22 +110,19 @@ class Endpoint:
     def _fly(self, boot_ns: int) -> None:
         """Fly up to now, sending at each tick what is due there."""
         vehicle = self.vehicle
-        due_us = min(port.streams.next_us for port in self.channels)
         for _ in range(_MOST_TICKS):
-            if vehicle.boot_us >= due_us:
-                due_us = self._send_due()
+            self._send_due()
             if (vehicle.tick + 1) * TICK_NS > boot_ns:
                 break
             vehicle.step()
 
-    def _send_due(self) -> int:
-        """Send what is due at this tick; return when something is due next."""
+    def _send_due(self) -> None:
+        """Send what is due at this tick."""
         for port in self.channels:
             for number in port.streams.take_due(self.vehicle.boot_us):
                 message = self.telemetry.message(number, port.mav)
                 if message is not None:
                     port.send(message)
-        return min(port.streams.next_us for port in self.channels)
 
     def _report_changes(self) -> None:
         """Send the vehicle's texts. A new mode waits for the next HEARTBEAT, as in PX4."""
@@ -138,7 +130,6 @@ class Endpoint:
         for severity, text in vehicle.take_status_texts():
             self.statustext.say(severity, text, vehicle.boot_us)
         state = (vehicle.armed, vehicle.mode, vehicle.failsafe, vehicle.landed)
-        if state == self._last_state:
-            return
-        self._last_state = state
-        self.telemetry.forget()
+        if state != self._last_state:
+            self._last_state = state
+            self.telemetry.forget()

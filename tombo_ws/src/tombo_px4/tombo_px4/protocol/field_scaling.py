@@ -16,9 +16,10 @@ def fitted(value: float, bounds: tuple[int, int], unknown: int = 0) -> int:
     return round(min(max(value, low), high))
 
 
-def degrees_e7(value: float) -> int:
-    """Return degrees in units of 1e-7."""
-    return fitted(1e7 * value, INT32)
+def globe_fields(place: tuple[float, float, float]) -> tuple[int, int, int]:
+    """Return latitude, longitude [1e-7 deg] and altitude [mm] of degrees and metres."""
+    latitude, longitude, altitude = place
+    return fitted(1e7 * latitude, INT32), fitted(1e7 * longitude, INT32), millimetres(altitude)
 
 
 def millimetres(value: float) -> int:

@@ -36,13 +36,10 @@ class MavlinkChannel:
 
         Args:
             link: over which all goes.
-            stream_set: one of `streams.STREAM_SETS`.
+            stream_set: `onboard` or `ground`.
             offered: number and name of every message that can be sent.
             boot_us: time now.
             home: where to send while there is no partner; None: as the link does.
-
-        Raises:
-            InputError: there is no such set.
         """
         self.link = link
         self._home = home

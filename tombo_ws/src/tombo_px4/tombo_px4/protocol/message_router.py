@@ -8,24 +8,22 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from pymavlink.dialects.v20 import common as mavlink
 
 from tombo_px4.autopilot.commands import CommandReply, CommandServer, command_of
-from tombo_px4.frames import GeoOrigin
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.protocol.mavlink_channel import MavlinkChannel
 from tombo_px4.protocol.offboard_decoder import decode_setpoint
 from tombo_px4.protocol.parameter_protocol import HASH, ParameterServer, name_of
 from tombo_px4.protocol.results import Result, Severity
-from tombo_px4.protocol.statustext import StatusTextSender
-from tombo_px4.protocol.telemetry import Telemetry
 from tombo_px4.protocol.unsupported_protocols import (
-    addressed,
+    MISSION_MESSAGES,
     file_answer,
     mission_answer,
     no_logs,
+    ping_answer,
 )
 from tombo_px4.protocol.vision_decoder import decode_vision
 
 if TYPE_CHECKING:
-    from tombo_px4.autopilot.vehicle import Px4Vehicle
+    from tombo_px4.protocol.endpoint import Endpoint
 
 _EVERYBODY = 0
 _MOST_NEIGHBOURS = 64
@@ -52,22 +50,14 @@ class RoutedMessage(NamedTuple):
 class MessageRouter:
     """Routes messages; each is answered, refused or counted, and none raises an exception."""
 
-    def __init__(
-        self,
-        vehicle: Px4Vehicle,
-        origin: GeoOrigin,
-        telemetry: Telemetry,
-        parameters: ParameterServer,
-        statustext: StatusTextSender,
-        channels: list[MavlinkChannel],
-    ) -> None:
-        self._vehicle = vehicle
-        self._origin = origin
-        self._telemetry = telemetry
+    def __init__(self, endpoint: Endpoint, parameters: ParameterServer) -> None:
+        self._vehicle = vehicle = endpoint.vehicle
+        self._origin = endpoint.origin
+        self._telemetry = endpoint.telemetry
         self._parameters = parameters
-        self._commands = CommandServer(vehicle, origin)
-        self._voice = statustext
-        self._channels = channels
+        self._commands = CommandServer(vehicle, endpoint.origin)
+        self._voice = endpoint.statustext
+        self._channels = endpoint.channels
         self.system = int(vehicle.parameters.get("MAV_SYS_ID"))
         self.component = int(vehicle.parameters.get("MAV_COMP_ID"))
         self.heard_systems: dict[tuple[int, int], int] = {}
@@ -78,8 +68,8 @@ class MessageRouter:
             "COMMAND_LONG": (self._command, False),
             "COMMAND_INT": (self._command, False),
             "SET_MODE": (self._command, False),
-            "PARAM_REQUEST_LIST": (self._parameter_list, True),
-            "PARAM_REQUEST_READ": (self._parameter_read, True),
+            "PARAM_REQUEST_LIST": (lambda routed: routed.port.list.begin(), True),
+            "PARAM_REQUEST_READ": (self._reply_with(parameters.answer_read), True),
             "PARAM_SET": (self._parameter_set, True),
             "VISION_POSITION_ESTIMATE": (self._vision, False),
             "ODOMETRY": (self._vision, False),
@@ -90,15 +80,10 @@ class MessageRouter:
             "SET_GPS_GLOBAL_ORIGIN": (self._set_origin, True),
             "MANUAL_CONTROL": (self._manual_control, False),
             "RC_CHANNELS_OVERRIDE": (self._manual_control, True),
-            "LOG_REQUEST_LIST": (self._logs, True),
-            "FILE_TRANSFER_PROTOCOL": (self._files, True),
-            "PING": (self._ping, False),
-            "MISSION_REQUEST_LIST": (self._mission, True),
-            "MISSION_COUNT": (self._mission, True),
-            "MISSION_CLEAR_ALL": (self._mission, True),
-            "MISSION_REQUEST": (self._mission, True),
-            "MISSION_REQUEST_INT": (self._mission, True),
-            "MISSION_WRITE_PARTIAL_LIST": (self._mission, True),
+            "LOG_REQUEST_LIST": (self._reply_with(no_logs), True),
+            "FILE_TRANSFER_PROTOCOL": (self._reply_with(file_answer), True),
+            "PING": (self._reply_with(ping_answer), False),
+            **dict.fromkeys(MISSION_MESSAGES, (self._reply_with(mission_answer), True)),
         }
 
     def take(self, routed: RoutedMessage) -> None:
@@ -123,8 +108,11 @@ class MessageRouter:
     def _note(self, reason: str) -> None:
         self._voice.note(reason, self._vehicle.boot_us)
 
-    def _for_us(self, message: Any) -> bool:
-        if addressed(message, self.system, self.component):
+    def _for_us(self, message: Any, or_all: bool = False) -> bool:
+        """Return whether it is for this vehicle: its system, and its component or all of them."""
+        systems = (self.system, _EVERYBODY) if or_all else (self.system,)
+        component = getattr(message, "target_component", _EVERYBODY)
+        if message.target_system in systems and component in (_EVERYBODY, self.component):
             return True
         self._note("addressed to another")
         return False
@@ -140,70 +128,51 @@ class MessageRouter:
             return
         answer = self._commands.execute(command, port.streams)
         self._telemetry.forget()
-        results = self._send_requested(routed, answer)
+        result = self._send_requested(routed, answer)
         for severity, text in self._vehicle.take_status_texts():
             self._voice.say(severity, text, self._vehicle.boot_us)
-        for result in results:
-            port.link.send(
-                port.mav.command_ack_encode(
-                    command.number,
-                    int(result),
-                    _NO_PROGRESS,
-                    0,
-                    received.system,
-                    received.component,
-                ),
-                received.peer,
-            )
+        for acknowledged in [Result.ACCEPTED, result] if answer.passed_on else [result]:
+            sender = (received.system, received.component)
+            content = (command.number, int(acknowledged), _NO_PROGRESS, 0)
+            ack = port.mav.command_ack_encode(*content, *sender)
+            port.link.send(ack, received.peer)
         if answer.text:
             self._voice.say(Severity.WARNING, answer.text, self._vehicle.boot_us)
-        if results[-1] == Result.UNSUPPORTED:
+        if result == Result.UNSUPPORTED:
             self._note(f"command {command.number} is not supported")
 
-    def _send_requested(self, routed: RoutedMessage, answer: CommandReply) -> list[int]:
-        """Send messages that were asked for; return the results, denied where there is none."""
+    def _send_requested(self, routed: RoutedMessage, answer: CommandReply) -> Result:
+        """Send what was asked for; return the result, denied where there is no such message."""
         port, peer = routed.port, routed.received.peer
-        results = list(answer.results)
-        for number in answer.messages:
-            message = self._telemetry.message(number, port.mav)
+        if answer.message is not None:
+            message = self._telemetry.message(answer.message, port.mav)
             if message is None:
-                results = [Result.UNSUPPORTED if number in _METADATA else Result.DENIED]
-            else:
-                port.link.send(message, peer)
+                return Result.UNSUPPORTED if answer.message in _METADATA else Result.DENIED
+            port.link.send(message, peer)
         if answer.interval_of is not None:
             interval = port.streams.interval(answer.interval_of)
             port.link.send(port.mav.message_interval_encode(answer.interval_of, interval), peer)
-        return results
+        return answer.result
 
     # --- parameters
-
-    def _parameter_list(self, routed: RoutedMessage) -> None:
-        routed.port.list.begin()
-
-    def _parameter_read(self, routed: RoutedMessage) -> None:
-        port, received = routed.port, routed.received
-        answer = self._parameters.answer_read(
-            port.mav, received.message, received.system, received.component
-        )
-        port.link.send(answer, received.peer)
 
     def _parameter_set(self, routed: RoutedMessage) -> None:
         port, received = routed.port, routed.received
         if name_of(received.message.param_id) == HASH:
             port.list.stop()
             return
-        answer = self._parameters.answer_set(
+        value, error, refusal = self._parameters.answer_set(
             port.mav, received.message, received.system, received.component
         )
-        if answer.refusal:
-            self._report_refusal("parameter refused", answer.refusal)
-        if answer.error is not None:
-            port.link.send(answer.error, received.peer)
-        if answer.value is not None:
-            port.link.send(answer.value, received.peer)
+        if refusal:
+            self._report_refusal("parameter refused", refusal)
+        if error is not None:
+            port.link.send(error, received.peer)
+        if value is not None:
+            port.link.send(value, received.peer)
             for other in self._channels:  # everybody's copy has to stay right
                 if other is not port:
-                    other.send(answer.value)
+                    other.send(value)
 
     # --- poses and set points
 
@@ -227,11 +196,7 @@ class MessageRouter:
     def _target(self, routed: RoutedMessage) -> None:
         message = routed.received.message
         kind = message.get_type()
-        if message.target_system not in (
-            _EVERYBODY,
-            self.system,
-        ) or message.target_component not in (_EVERYBODY, self.component):
-            self._note("addressed to another")
+        if not self._for_us(message, or_all=True):
             return
         vehicle = self._vehicle
         target = decode_setpoint(message, self._origin, vehicle.home, vehicle.boot_us)
@@ -244,38 +209,25 @@ class MessageRouter:
 
     def _set_origin(self, routed: RoutedMessage) -> None:
         """The map stays where it is on the globe; from now on it is known to be there."""
-        self._vehicle.set_origin()
+        self._vehicle.ekf2_model.origin_known = True
         self._telemetry.forget()
-        message = self._telemetry.message(
-            mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, routed.port.mav
-        )
+        number = mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN
+        message = self._telemetry.message(number, routed.port.mav)
         if message is not None:
             routed.port.link.send(message, routed.received.peer)
 
     def _manual_control(self, routed: RoutedMessage) -> None:
         self._report_refusal(f"{routed.received.message.get_type()} ignored: no manual modes here")
 
-    # --- what there is none of
+    def _reply_with(
+        self, make: Callable[[Any, Any, int, int], Any]
+    ) -> Callable[[RoutedMessage], None]:
+        """Return the handler that sends what `make` returns, if anything, back to the sender."""
 
-    def _mission(self, routed: RoutedMessage) -> None:
-        self._reply(routed, mission_answer)
+        def reply(routed: RoutedMessage) -> None:
+            received = routed.received
+            message = make(routed.port.mav, received.message, received.system, received.component)
+            if message is not None:
+                routed.port.link.send(message, received.peer)
 
-    def _files(self, routed: RoutedMessage) -> None:
-        self._reply(routed, file_answer)
-
-    def _reply(self, routed: RoutedMessage, make: Callable[[Any, Any, int, int], Any]) -> None:
-        received = routed.received
-        message = make(routed.port.mav, received.message, received.system, received.component)
-        if message is not None:
-            routed.port.link.send(message, received.peer)
-
-    def _logs(self, routed: RoutedMessage) -> None:
-        routed.port.link.send(no_logs(routed.port.mav), routed.received.peer)
-
-    def _ping(self, routed: RoutedMessage) -> None:
-        received, message = routed.received, routed.received.message
-        if (message.target_system, message.target_component) == (_EVERYBODY, _EVERYBODY):
-            answer = routed.port.mav.ping_encode(
-                message.time_usec, message.seq, received.system, received.component
-            )
-            routed.port.link.send(answer, received.peer)
+        return reply

@@ -25,7 +25,6 @@ _POSITION, _VELOCITY, _ACCELERATION = 0, 3, 6
 _FORCE = mavlink.POSITION_TARGET_TYPEMASK_FORCE_SET
 _NO_YAW = mavlink.POSITION_TARGET_TYPEMASK_YAW_IGNORE
 _NO_YAW_RATE = mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
-_NO_RATES = 0b111
 _NO_THRUST = mavlink.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE
 _NO_ATTITUDE = mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
 _FARTHEST_M = 1e5
@@ -95,9 +94,8 @@ def decode_setpoint(
 
 def _masked(values: Sequence[float], mask: int, bit: int) -> Array | None:
     """Return three axes, NaN where the mask says ignore; None: there is nothing left."""
-    axes = np.array(
-        [math.nan if mask & 1 << (bit + i) else float(v) for i, v in enumerate(values)]
-    )
+    ignored = mask >> bit
+    axes = np.array([math.nan if ignored & 1 << i else float(v) for i, v in enumerate(values)])
     return None if np.isnan(axes).all() else axes
 
 
@@ -138,15 +136,9 @@ def _out_of_range(
 
 def _attitude(message: Any, stamp_us: int) -> OffboardSetpoint | str:
     mask = message.type_mask
-    rates = np.array(
-        [
-            math.nan if mask & 1 << i else rate
-            for i, rate in enumerate(
-                (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
-            )
-        ]
-    )
-    if any(abs(r) > _FASTEST for r in rates):
+    turning = (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
+    rates = _masked(turning, mask, 0)
+    if rates is not None and any(abs(r) > _FASTEST for r in rates):
         return "rates are out of range"
     attitude = None
     if not mask & _NO_ATTITUDE:
@@ -156,7 +148,7 @@ def _attitude(message: Any, stamp_us: int) -> OffboardSetpoint | str:
         if not 0.9 < length < 1.1:
             return "attitude is no unit quaternion"
         attitude = ros_quaternion(np.array(message.q) / length)
-    elif not np.isfinite(rates).any():
+    elif rates is None:
         return "invalid: nothing is commanded"
     if mask & _NO_THRUST:
         return "invalid: no thrust"
@@ -164,7 +156,7 @@ def _attitude(message: Any, stamp_us: int) -> OffboardSetpoint | str:
         return "thrust is out of range"
     return OffboardSetpoint(
         attitude=attitude,
-        rates=None if mask & _NO_RATES == _NO_RATES else flu_from_frd(rates),
+        rates=None if rates is None else flu_from_frd(rates),
         thrust=float(message.thrust),
         stamp_us=stamp_us,
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -41,21 +41,9 @@ def name_of(field: Any) -> str:
     return text.split("\x00")[0][:_NAME_LENGTH]
 
 
-class SetAnswer(NamedTuple):
-    """Answer to PARAM_SET."""
-
-    value: Any | None
-    """PARAM_VALUE, for everybody; None: there is no such parameter."""
-    error: Any | None
-    """PARAM_ERROR, for who asked."""
-    refusal: str
-    """Why it was refused; "": it was not."""
-
-
 def _error(mav: Any, system: int, component: int, name: str, index: int, number: int) -> Any:
-    return mav.param_error_encode(
-        system, component, name.encode("ascii", "replace"), index, number
-    )
+    plain = name.encode("ascii", "replace")
+    return mav.param_error_encode(system, component, plain, index, number)
 
 
 class ParameterServer:
@@ -101,20 +89,25 @@ class ParameterServer:
             return value
         return _error(mav, system, component, name, index, mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST)
 
-    def answer_set(self, mav: Any, message: Any, system: int, component: int) -> SetAnswer:
-        """Carry out PARAM_SET; a refusal is followed by the value that stands."""
+    def answer_set(self, mav: Any, message: Any, system: int, component: int) -> tuple[Any, ...]:
+        """Carry out PARAM_SET.
+
+        Returns:
+            PARAM_VALUE that stands now, for everybody (None: there is no such parameter),
+            PARAM_ERROR for who asked, or None, and why it was refused, or "".
+        """
         name = name_of(message.param_id)
         if name not in self._index:
             missing = mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST
             error = _error(mav, system, component, name, -1, missing)
-            return SetAnswer(None, error, f"{name} is unknown")
+            return None, error, f"{name} is unknown"
         if message.param_type != _TYPES[self.table.type_of(name)]:
             refusal, number = f"{name} is {self.table.type_of(name)}", _TYPE_MISMATCH
         else:
             refusal = self._set(name, message.param_value)
             number = mavlink.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE
         error = _error(mav, system, component, name, -1, number) if refusal else None
-        return SetAnswer(self.value(mav, name), error, refusal)
+        return self.value(mav, name), error, refusal
 
     def _set(self, name: str, sent: float) -> str:
         """Change a parameter; return why not, "" if it was changed."""

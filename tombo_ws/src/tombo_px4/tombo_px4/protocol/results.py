@@ -5,8 +5,6 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import NamedTuple
 
-from tombo_dynamics.arrays import Array
-
 
 class Result(IntEnum):
     """Answer to a command (MAV_RESULT)."""
@@ -18,16 +16,8 @@ class Result(IntEnum):
     FAILED = 4
     IN_PROGRESS = 5
     CANCELLED = 6
-
-
-class LandedState(IntEnum):
-    """On ground, in air or between (MAV_LANDED_STATE)."""
-
-    UNDEFINED = 0
-    ON_GROUND = 1
-    IN_AIR = 2
-    TAKEOFF = 3
-    LANDING = 4
+    UNSUPPORTED_FRAME = 8
+    """MAV_RESULT_COMMAND_UNSUPPORTED_MAV_FRAME."""
 
 
 class Severity(IntEnum):
@@ -40,13 +30,6 @@ class Severity(IntEnum):
     WARNING = 4
     NOTICE = 5
     INFO = 6
-
-
-class StatusText(NamedTuple):
-    """A message to the operator."""
-
-    severity: Severity
-    text: str
 
 
 class Health(NamedTuple):
@@ -86,29 +69,3 @@ class TakeoffState(IntEnum):
     READY = 3
     RAMPUP = 4
     FLIGHT = 5
-
-
-class AttitudeSetpoint(NamedTuple):
-    """What the attitude loop and the rate loop follow."""
-
-    attitude: Array
-    """(4) xyzw, map from base_link."""
-    rates: Array
-    """(3) base_link [rad/s]."""
-    thrust: float
-    """Share of the highest collective thrust."""
-
-
-class PositionSetpoint(NamedTuple):
-    """What the position loop follows; NaN: not commanded."""
-
-    position: Array
-    """(3) map [m]."""
-    velocity: Array
-    """(3) map [m/s]."""
-    acceleration: Array
-    """(3) map [m/s^2]."""
-    yaw: float
-    """[rad], counter-clockwise from east."""
-    yaw_rate: float
-    """[rad/s]."""

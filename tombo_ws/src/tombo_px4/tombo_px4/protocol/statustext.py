@@ -1,15 +1,21 @@
-"""STATUSTEXT on all links, limited in rate."""
+"""STATUSTEXT on all links: in pieces if long, limited in rate; refusals are counted."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from tombo_px4.protocol.mavlink_channel import MavlinkChannel
 from tombo_px4.protocol.results import Severity
-from tombo_px4.protocol.statustext_encoder import RefusalLog, StatusTextEncoder
 
+PIECE = 50
+"""Bytes of text that a message carries."""
+_MOST_PIECES = 6
 _BURST, _PER_SECOND = 40.0, 10.0
 _KEPT = 256
+_AGAIN_US = 30_000_000
+"""A refusal for the same reason is sent again after this time."""
+_MOST_REASONS = 256
 
 
 class StatusTextSender:
@@ -17,17 +23,15 @@ class StatusTextSender:
 
     def __init__(self, channels: Sequence[MavlinkChannel]) -> None:
         self._channels = channels
-        self._texts = StatusTextEncoder()
-        self._refusal_log = RefusalLog()
+        self._number = 0
+        """Of the last text that went in pieces; they carry it."""
+        self.counts: dict[str, int] = {}
+        """How often something was refused, by reason."""
+        self._said_us: dict[str, int] = {}
         self._rate_tokens = _BURST
         self._refilled_us = 0
         self.said: list[tuple[int, str]] = []
         """Severity and text of what was sent; the reader empties the list."""
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """How often something was refused, by reason."""
-        return self._refusal_log.counts
 
     def say(self, severity: int, text: str, boot_us: int) -> None:
         """Send a text now, unless there were too many."""
@@ -40,15 +44,35 @@ class StatusTextSender:
         if len(self.said) < _KEPT:
             self.said.append((severity, text))
         for port in self._channels:
-            for message in self._texts.messages(port.mav, severity, text):
+            for message in self.messages(port.mav, severity, text):
                 port.send(message)
+
+    def messages(self, mav: Any, severity: int, text: str) -> list[Any]:
+        """Return the STATUSTEXT messages of a text; what is not ASCII becomes `?`."""
+        data = text.encode("ascii", "replace")[: _MOST_PIECES * PIECE]
+        if len(data) <= PIECE:
+            return [mav.statustext_encode(severity, data, 0, 0)]
+        self._number = self._number % 65535 + 1
+        # one more, though it may be empty: only a piece that is not full ends a text
+        pieces = [data[i : i + PIECE] for i in range(0, len(data) + 1, PIECE)]
+        return [
+            mav.statustext_encode(severity, piece, self._number, i)
+            for i, piece in enumerate(pieces)
+        ]
 
     def report_refusal(self, reason: str, boot_us: int, detail: str = "") -> None:
         """Count a refusal, and send it as a text, at most every 30 s for each reason."""
-        if self._refusal_log.note(reason, boot_us):
+        if self.note(reason, boot_us):
             text = f"{reason}: {detail}" if detail else reason
             self.say(Severity.WARNING, text, boot_us)
 
-    def note(self, reason: str, boot_us: int) -> None:
-        """Count a refusal without sending a text."""
-        self._refusal_log.note(reason, boot_us)
+    def note(self, reason: str, boot_us: int) -> bool:
+        """Count a refusal; return whether a text may be sent about it now."""
+        if reason not in self.counts and len(self.counts) >= _MOST_REASONS:
+            reason = "other"
+        self.counts[reason] = self.counts.get(reason, 0) + 1
+        said_us = self._said_us.get(reason)
+        if said_us is not None and boot_us - said_us < _AGAIN_US:
+            return False
+        self._said_us[reason] = boot_us
+        return True

@@ -6,8 +6,6 @@ from collections.abc import Mapping
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from tombo_dynamics.errors import InputError
-
 _DEFAULT_HZ: dict[str, dict[str, float]] = {
     # As measured on the on-board link of PX4 1.17 (SITL).
     "onboard": {
@@ -53,7 +51,6 @@ _DEFAULT_HZ: dict[str, dict[str, float]] = {
         "VIBRATION": 0.1,
     },
 }
-STREAM_SETS = tuple(_DEFAULT_HZ)
 _FAST = {
     "ATTITUDE",
     "ATTITUDE_QUATERNION",
@@ -80,16 +77,10 @@ class StreamTable:
         """Begin with the default rates.
 
         Args:
-            stream_set: one of `STREAM_SETS`.
+            stream_set: `onboard` or `ground`.
             offered: number and name of every message that can be sent.
             boot_us: time now.
-
-        Raises:
-            InputError: there is no such set.
         """
-        if stream_set not in _DEFAULT_HZ:
-            names = ", ".join(STREAM_SETS)
-            raise InputError(f"stream set '{stream_set}': unknown; accepted: {names}")
         numbers = {name: number for number, name in offered.items()}
         self._offered = offered
         self._default = {
@@ -109,9 +100,7 @@ class StreamTable:
             if due <= boot_us:
                 interval = self._interval[number]
                 # what was missed is not made up for
-                self._due[number] = (
-                    due + interval if due + interval > boot_us else (boot_us + interval)
-                )
+                self._due[number] = (due if due + interval > boot_us else boot_us) + interval
                 taken.append(number)
         self._find_next()
         return taken

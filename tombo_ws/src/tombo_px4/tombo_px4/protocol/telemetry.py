@@ -8,29 +8,60 @@ from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from tombo_px4.autopilot import sensor_messages as sensors
-from tombo_px4.autopilot.system_status import base_mode, system_state, system_status
-from tombo_px4.bridge.modes import custom_mode
+from tombo_dynamics.rotation import conjugate, rotate_vectors
+from tombo_dynamics.vehicle import GRAVITY
+from tombo_px4.bridge import modes
+from tombo_px4.bridge.decoded_messages import MavLandedState
 from tombo_px4.frames import (
+    UPPER_DIAGONAL,
     GeoOrigin,
+    enu_from_ned,
     frd_from_flu,
     ned_from_enu,
     px4_quaternion,
     px4_yaw,
     px4_yaw_rate,
 )
-from tombo_px4.protocol.field_scaling import centi, degrees_e7, fitted, heading, millimetres
+from tombo_px4.protocol.field_scaling import (
+    INT16,
+    centi,
+    fitted,
+    globe_fields,
+    heading,
+    millimetres,
+)
 from tombo_px4.protocol.identity import ProtocolVersion, autopilot_version
-from tombo_px4.protocol.results import LandedState
 from tombo_px4.protocol.telemetry_snapshot import TelemetrySnapshot, numbers
 
 if TYPE_CHECKING:
     from tombo_px4.autopilot.vehicle import Px4Vehicle
+    from tombo_px4.protocol.results import Health
 
-Builder = Callable[["Telemetry", Any, TelemetrySnapshot], Any]
+Builder = Callable[[Any, TelemetrySnapshot], Any]
 _NAN = math.nan
+_STABILIZE = mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
+_AUTO = mavlink.MAV_MODE_FLAG_AUTO_ENABLED
+_GUIDED = mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
+_MANUAL = mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
+_FLAGS = {
+    modes.MANUAL.main: _MANUAL,
+    modes.ALTCTL.main: _MANUAL | _STABILIZE,
+    modes.POSCTL.main: _MANUAL | _STABILIZE | _GUIDED,
+    modes.AUTO_HOLD.main: _AUTO | _STABILIZE | _GUIDED,
+    modes.ACRO.main: _MANUAL,
+    modes.OFFBOARD.main: _AUTO | _STABILIZE | _GUIDED,
+    modes.STABILIZED.main: _MANUAL | _STABILIZE,
+}
+_EARTH_FIELD = enu_from_ned((0.21, 0.01, 0.43))
+"""ENU [gauss], Zurich."""
+_SEA_LEVEL_HPA = 1013.25
+_GROUND_TEMPERATURE_C = 25.0
+_FIELDS = 0x3F | 0x1C0 | 0x200 | 0x800 | 0x1000
+"""HIGHRES_IMU carries accelerometer, gyro, magnetometer, pressure, its altitude, temperature."""
+_SATELLITES = 16
+_EPH = 25
+"""Dilution of precision, 1e-2."""
 _CELLS_UNUSED = 65535
-_UPPER_DIAGONAL = (0, 6, 11, 15, 18, 20)
 
 
 class Telemetry:
@@ -59,62 +90,109 @@ class Telemetry:
         if self._tick != self._vehicle.tick:
             self._tick = self._vehicle.tick
             self._snapshot = TelemetrySnapshot(self._vehicle, self._origin)
-        return found[1](self, mav, self._snapshot)
+        self._snapshot.load, self._snapshot.unix_us = self.load, self.unix_us
+        return found[1](mav, self._snapshot)
 
     def forget(self) -> None:
         """Drop the snapshot: a command has changed the vehicle within the tick."""
         self._tick = -1
 
 
-def _heartbeat(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def base_mode(vehicle: Px4Vehicle) -> int:
+    """Return HEARTBEAT.base_mode as PX4 makes it."""
+    flags = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | _FLAGS.get(vehicle.mode.main, 0)
+    return int(flags | (mavlink.MAV_MODE_FLAG_SAFETY_ARMED if vehicle.armed else 0))
+
+
+def system_state(vehicle: Px4Vehicle) -> int:
+    """Return HEARTBEAT.system_status."""
+    if not vehicle.armed:
+        return int(mavlink.MAV_STATE_STANDBY)
+    return int(mavlink.MAV_STATE_CRITICAL if vehicle.failsafe else mavlink.MAV_STATE_ACTIVE)
+
+
+def _system_status(mav: Any, p: TelemetrySnapshot) -> Any:
+    """Return SYS_STATUS."""
+    present, healthy = _sensors(p.vehicle, p.health)
+    battery = p.vehicle.battery
+    return mav.sys_status_encode(
+        present,
+        present,
+        healthy,
+        fitted(1000.0 * p.load, (0, 1000)),
+        fitted(1e3 * battery.voltage, (0, 65534), 65535),
+        fitted(100.0 * battery.current, (0, 32767), -1),
+        fitted(100.0 * battery.remaining, (0, 100), -1),
+        *(6 * [0]),
+    )
+
+
+def _sensors(vehicle: Px4Vehicle, health: Health) -> tuple[int, int]:
+    """Return the bits of the sensors that are present, and of those that are healthy."""
+    get = vehicle.parameters.get
+    sensors = {
+        mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO: True,
+        mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL: True,
+        mavlink.MAV_SYS_STATUS_SENSOR_ANGULAR_RATE_CONTROL: True,
+        mavlink.MAV_SYS_STATUS_SENSOR_ATTITUDE_STABILIZATION: health.attitude,
+        mavlink.MAV_SYS_STATUS_SENSOR_YAW_POSITION: health.attitude,
+        mavlink.MAV_SYS_STATUS_SENSOR_Z_ALTITUDE_CONTROL: health.local_position,
+        mavlink.MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL: health.local_position,
+        mavlink.MAV_SYS_STATUS_AHRS: health.attitude,
+        mavlink.MAV_SYS_STATUS_SENSOR_BATTERY: vehicle.battery.warning < 2,
+        mavlink.MAV_SYS_STATUS_PREARM_CHECK: health.armable,
+        mavlink.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS: True,
+    }
+    if get("SYS_HAS_MAG"):
+        sensors[mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG] = True
+    if get("SYS_HAS_BARO"):
+        sensors[mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE] = True
+    if get("SYS_HAS_GPS"):
+        sensors[mavlink.MAV_SYS_STATUS_SENSOR_GPS] = health.global_position
+    if vehicle.ekf2_model.source == "vision":
+        sensors[mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION] = health.local_position
+    present = sum(sensors)
+    return present, sum(bit for bit, well in sensors.items() if well)
+
+
+def _heartbeat(mav: Any, p: TelemetrySnapshot) -> Any:
     v = p.vehicle
     return mav.heartbeat_encode(
         mavlink.MAV_TYPE_QUADROTOR,
         mavlink.MAV_AUTOPILOT_PX4,
         base_mode(v),
-        custom_mode(v.mode),
+        modes.custom_mode(v.mode),
         system_state(v),
     )
 
 
-def _system_status(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
-    return system_status(mav, p.vehicle, p.health, self.load)
-
-
-def _system_time(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
-    return mav.system_time_encode(self.unix_us, p.boot_ms)
-
-
-def _attitude(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _attitude(mav: Any, p: TelemetrySnapshot) -> Any:
     return mav.attitude_encode(p.boot_ms, *p.angles, *p.rates)
 
 
-def _attitude_quaternion(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _attitude_quaternion(mav: Any, p: TelemetrySnapshot) -> Any:
     return mav.attitude_quaternion_encode(p.boot_ms, *p.attitude, *p.rates)
 
 
-def _local_position(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _local_position(mav: Any, p: TelemetrySnapshot) -> Any:
     if not p.health.local_position:
         return None
     return mav.local_position_ned_encode(p.boot_ms, *p.position, *p.velocity)
 
 
-def _global_position(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _global_position(mav: Any, p: TelemetrySnapshot) -> Any:
     if not p.health.global_position:
         return None
-    latitude, longitude, altitude = p.globe
     return mav.global_position_int_encode(
         p.boot_ms,
-        degrees_e7(latitude),
-        degrees_e7(longitude),
-        millimetres(altitude),
-        millimetres(p.height - p.home_height),
+        *globe_fields(p.globe),
+        millimetres(p.height_above_home),
         *(centi(v) for v in p.velocity),
         heading(p.heading_deg),
     )
 
 
-def _odometry(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _odometry(mav: Any, p: TelemetrySnapshot) -> Any:
     if not p.health.local_position:
         return None
     return mav.odometry_encode(
@@ -125,9 +203,8 @@ def _odometry(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
         p.attitude,
         *p.velocity,
         *p.rates,
-        _diagonal(p.pose_variance),
-        _diagonal(p.vehicle.velocity_variance),
-        p.vehicle.resets % 256,
+        *(_diagonal(variances) for variances in p.variances),
+        p.vehicle.ekf2_model.resets % 256,
         mavlink.MAV_ESTIMATOR_TYPE_AUTOPILOT,
         100,
     )
@@ -136,32 +213,22 @@ def _odometry(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
 def _diagonal(variances: Sequence[float]) -> list[float]:
     """Return the upper triangle of a covariance; PX4 does not tell the correlations."""
     upper = 21 * [_NAN]
-    for place, variance in zip(_UPPER_DIAGONAL, variances, strict=True):
+    for place, variance in zip(UPPER_DIAGONAL, variances, strict=True):
         upper[place] = variance
     return upper
 
 
-def _highres_imu(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
-    return sensors.highres_imu(mav, p)
-
-
-def _gps_raw(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
-    return sensors.gps_raw(mav, p)
-
-
-def _altitude(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _altitude(mav: Any, p: TelemetrySnapshot) -> Any:
     if not p.health.local_position:
         return None
-    up = p.height
-    amsl = p.origin.altitude_m + up
-    return mav.altitude_encode(p.boot_us, amsl, amsl, up, up - p.home_height, _NAN, _NAN)
+    amsl = p.origin.altitude_m + p.height
+    return mav.altitude_encode(p.boot_us, amsl, amsl, p.height, p.height_above_home, _NAN, _NAN)
 
 
-def _vfr_hud(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _vfr_hud(mav: Any, p: TelemetrySnapshot) -> Any:
     north, east, down = p.velocity
-    throttle = (
-        sum(p.normalized_rotor_speeds) / len(p.normalized_rotor_speeds) if p.vehicle.armed else 0.0
-    )
+    shares = p.normalized_rotor_speeds
+    throttle = sum(shares) / len(shares) if p.vehicle.armed else 0.0
     return mav.vfr_hud_encode(
         0.0,
         math.hypot(north, east),
@@ -172,30 +239,23 @@ def _vfr_hud(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     )
 
 
-def _servo_output(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
-    if p.vehicle.armed:
-        pulses = [
-            fitted(1000.0 + 1000.0 * share, (1000, 2000)) for share in p.normalized_rotor_speeds
-        ]
-    else:
-        pulses = [900, 900, 900, 900]
+def _servo_output(mav: Any, p: TelemetrySnapshot) -> Any:
+    shares = p.normalized_rotor_speeds
+    pulses = [fitted(1000.0 + 1000.0 * share, (1000, 2000)) for share in shares]
+    if not p.vehicle.armed:
+        pulses = 4 * [900]
     return mav.servo_output_raw_encode(p.boot_us % 2**32, 0, *pulses, 0, 0, 0, 0)
 
 
-def _extended_state(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _extended_state(mav: Any, p: TelemetrySnapshot) -> Any:
     return mav.extended_sys_state_encode(mavlink.MAV_VTOL_STATE_UNDEFINED, int(p.vehicle.landed))
 
 
-def _battery_status(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _battery_status(mav: Any, p: TelemetrySnapshot) -> Any:
     battery = p.vehicle.battery
     cells = 3
     cell = fitted(1e3 * battery.voltage / cells, (0, 65534), _CELLS_UNUSED)
-    state = (
-        mavlink.MAV_BATTERY_CHARGE_STATE_OK,
-        mavlink.MAV_BATTERY_CHARGE_STATE_LOW,
-        mavlink.MAV_BATTERY_CHARGE_STATE_CRITICAL,
-        mavlink.MAV_BATTERY_CHARGE_STATE_EMERGENCY,
-    )[battery.warning]
+    state = mavlink.MAV_BATTERY_CHARGE_STATE_OK + battery.warning  # low, critical, emergency
     return mav.battery_status_encode(
         0,
         mavlink.MAV_BATTERY_FUNCTION_ALL,
@@ -211,36 +271,33 @@ def _battery_status(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     )
 
 
-def _home_position(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _home_position(mav: Any, p: TelemetrySnapshot) -> Any:
     if not p.health.home:
         return None
     home = p.vehicle.home
-    latitude, longitude, altitude = p.origin.global_of(home)
-    place = (degrees_e7(latitude), degrees_e7(longitude), millimetres(altitude))
+    place = globe_fields(p.origin.global_of(home))
     local = numbers(ned_from_enu(home))
-    return mav.home_position_encode(
-        *place, *local, [1.0, 0.0, 0.0, 0.0], _NAN, _NAN, _NAN, p.boot_us
-    )
+    unknown = [1.0, 0.0, 0.0, 0.0], _NAN, _NAN, _NAN
+    return mav.home_position_encode(*place, *local, *unknown, p.boot_us)
 
 
-def _origin_message(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _origin_message(mav: Any, p: TelemetrySnapshot) -> Any:
     if not p.health.global_position:
         return None
-    o = p.origin
-    place = (degrees_e7(o.latitude_deg), degrees_e7(o.longitude_deg), millimetres(o.altitude_m))
+    place = globe_fields(p.origin.global_of((0.0, 0.0, 0.0)))
     return mav.gps_global_origin_encode(*place, p.boot_us)
 
 
-def _attitude_target(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _attitude_target(mav: Any, p: TelemetrySnapshot) -> Any:
     if not p.vehicle.armed:
         return None
-    wanted = p.vehicle.attitude_setpoint
-    attitude = numbers(px4_quaternion(wanted.attitude))
-    rates = numbers(frd_from_flu(wanted.rates))
-    return mav.attitude_target_encode(p.boot_ms, 0, attitude, *rates, wanted.thrust)
+    attitude, rates, thrust = p.vehicle.attitude_setpoint
+    return mav.attitude_target_encode(
+        p.boot_ms, 0, px4_quaternion(attitude).tolist(), *frd_from_flu(rates).tolist(), thrust
+    )
 
 
-def _position_target(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _position_target(mav: Any, p: TelemetrySnapshot) -> Any:
     wanted = p.vehicle.position_setpoint
     if wanted is None:
         return None
@@ -252,12 +309,11 @@ def _position_target(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
     ]
     bits = (*range(9), 10, 11)
     mask = sum(1 << bit for bit, v in zip(bits, axes, strict=True) if math.isnan(v))
-    return mav.position_target_local_ned_encode(
-        p.boot_ms, mavlink.MAV_FRAME_LOCAL_NED, mask, *axes
-    )
+    frame = mavlink.MAV_FRAME_LOCAL_NED
+    return mav.position_target_local_ned_encode(p.boot_ms, frame, mask, *axes)
 
 
-def _estimator_status(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
+def _estimator_status(mav: Any, p: TelemetrySnapshot) -> Any:
     health = p.health
     flags = mavlink.ESTIMATOR_ATTITUDE if health.attitude else 0
     if health.local_position:
@@ -268,37 +324,74 @@ def _estimator_status(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
             | mavlink.ESTIMATOR_PRED_POS_HORIZ_REL
             | mavlink.ESTIMATOR_POS_VERT_ABS
         )
-    if not health.local_position or p.vehicle.landed == LandedState.ON_GROUND:
+    if not health.local_position or p.vehicle.landed == MavLandedState.ON_GROUND:
         flags |= mavlink.ESTIMATOR_CONST_POS_MODE  # PX4 sets it at rest as well
     if health.global_position:
         flags |= mavlink.ESTIMATOR_POS_HORIZ_ABS | mavlink.ESTIMATOR_PRED_POS_HORIZ_ABS
-    variance = p.pose_variance
+    variance, _ = p.variances
     accuracy = (math.sqrt(variance[0] + variance[1]), math.sqrt(variance[2]))
     fused = 0.0 if health.local_position else _NAN  # no source, no ratio
     ratios = (_NAN, fused, fused, _NAN, _NAN, _NAN)
     return mav.estimator_status_encode(p.boot_us, flags, *ratios, *accuracy)
 
 
-def _vibration(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
-    return mav.vibration_encode(p.boot_us, 0.0, 0.0, 0.0, 0, 0, 0)
+def _highres_imu(mav: Any, p: TelemetrySnapshot) -> Any:
+    """Return HIGHRES_IMU: the IMU sample of the tick; field and air without noise."""
+    gyro, force = p.imu[:3], p.imu[3:]
+    height = p.origin.altitude_m + float(p.truth[2])
+    pressure = _SEA_LEVEL_HPA * (1.0 - 2.25577e-5 * height) ** 5.25588
+    return mav.highres_imu_encode(
+        p.boot_us,
+        *force,
+        *gyro,
+        *numbers(frd_from_flu(rotate_vectors(conjugate(p.truth[3:7]), _EARTH_FIELD))),
+        pressure,
+        0.0,
+        height,
+        _GROUND_TEMPERATURE_C,
+        _FIELDS,
+    )
 
 
-def _ground_truth(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
-    return sensors.ground_truth(mav, p)
+def _gps_raw(mav: Any, p: TelemetrySnapshot) -> Any:
+    """Return GPS_RAW_INT, if there is a receiver."""
+    if not p.vehicle.parameters.get("SYS_HAS_GPS"):
+        return None
+    north, east, _ = p.true_velocity
+    speed = math.hypot(north, east)
+    course = math.degrees(math.atan2(east, north)) % 360.0
+    return mav.gps_raw_int_encode(
+        p.boot_us,
+        mavlink.GPS_FIX_TYPE_RTK_FIXED,
+        *globe_fields(p.origin.global_of(p.truth[:3])),
+        _EPH,
+        _EPH,
+        fitted(100.0 * speed, (0, 65534), 65535),
+        heading(course),
+        _SATELLITES,
+    )
 
 
-def _version(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
-    return autopilot_version(mav)
-
-
-def _protocol(self: Telemetry, mav: Any, p: TelemetrySnapshot) -> Any:
-    return ProtocolVersion()
+def _ground_truth(mav: Any, p: TelemetrySnapshot) -> Any:
+    """Return HIL_STATE_QUATERNION: the ground truth, as PX4's simulators send it."""
+    truth = p.truth
+    milli_g = 1000.0 / GRAVITY
+    return mav.hil_state_quaternion_encode(
+        p.boot_us,
+        numbers(px4_quaternion(truth[3:7])),
+        *numbers(frd_from_flu(truth[10:13])),
+        *globe_fields(p.origin.global_of(truth[:3])),
+        *(centi(v) for v in p.true_velocity),
+        0,
+        0,
+        *(fitted(milli_g * a, INT16) for a in p.imu[3:]),
+    )
 
 
 _BUILDERS: dict[int, tuple[str, Builder]] = {
     0: ("HEARTBEAT", _heartbeat),
     1: ("SYS_STATUS", _system_status),
-    2: ("SYSTEM_TIME", _system_time),
+    2: ("SYSTEM_TIME", lambda mav, p: mav.system_time_encode(p.unix_us, p.boot_ms)),
     24: ("GPS_RAW_INT", _gps_raw),
     30: ("ATTITUDE", _attitude),
     31: ("ATTITUDE_QUATERNION", _attitude_quaternion),
@@ -313,11 +406,11 @@ _BUILDERS: dict[int, tuple[str, Builder]] = {
     115: ("HIL_STATE_QUATERNION", _ground_truth),
     141: ("ALTITUDE", _altitude),
     147: ("BATTERY_STATUS", _battery_status),
-    148: ("AUTOPILOT_VERSION", _version),
+    148: ("AUTOPILOT_VERSION", lambda mav, p: autopilot_version(mav)),
     230: ("ESTIMATOR_STATUS", _estimator_status),
-    241: ("VIBRATION", _vibration),
+    241: ("VIBRATION", lambda mav, p: mav.vibration_encode(p.boot_us, 0.0, 0.0, 0.0, 0, 0, 0)),
     242: ("HOME_POSITION", _home_position),
     245: ("EXTENDED_SYS_STATE", _extended_state),
-    300: ("PROTOCOL_VERSION", _protocol),
+    300: ("PROTOCOL_VERSION", lambda mav, p: ProtocolVersion()),
     331: ("ODOMETRY", _odometry),
 }

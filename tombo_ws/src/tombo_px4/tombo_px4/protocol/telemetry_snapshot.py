@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tombo_dynamics.arrays import Array
-from tombo_px4.frames import PX4_ROTORS, GeoOrigin, frd_from_flu, ned_from_enu, px4_quaternion
+from tombo_px4.frames import (
+    PX4_ROTORS,
+    GeoOrigin,
+    euler,
+    frd_from_flu,
+    ned_from_enu,
+    px4_quaternion,
+)
 from tombo_sim.ground_truth import true_state
 
 if TYPE_CHECKING:
@@ -28,6 +35,9 @@ class TelemetrySnapshot:
         self.origin = origin
         self.boot_us = vehicle.boot_us
         self.boot_ms = self.boot_us // 1000 % 2**32
+        self.load = 0.0
+        self.unix_us = 0
+        """Both as in `Telemetry`."""
 
     @cached_property
     def estimate(self) -> Estimate:
@@ -57,7 +67,7 @@ class TelemetrySnapshot:
     @cached_property
     def angles(self) -> tuple[float, float, float]:
         """Roll, pitch, yaw [rad]."""
-        return angles_of(self.attitude)
+        return euler(self.attitude)
 
     @cached_property
     def rates(self) -> Vector:
@@ -65,10 +75,10 @@ class TelemetrySnapshot:
         return numbers(frd_from_flu(self.estimate.rates))
 
     @cached_property
-    def pose_variance(self) -> Vector:
-        """Of x, y, z [m^2], then roll, pitch, yaw [rad^2], axes of NED."""
-        east, north, up, *angles = self.vehicle.pose_variance
-        return [north, east, up, *angles]
+    def variances(self) -> tuple[Vector, Vector]:
+        """Of pose and motion, as `Ekf2Model.variances`, with the position in axes of NED."""
+        (east, north, up, *angles), motion = self.vehicle.ekf2_model.variances(self.vehicle.tick)
+        return [north, east, up, *angles], [*motion]
 
     @cached_property
     def heading_deg(self) -> float:
@@ -81,9 +91,9 @@ class TelemetrySnapshot:
         return float(self.estimate.position[2])
 
     @cached_property
-    def home_height(self) -> float:
-        """Height of home in map [m]."""
-        return float(self.vehicle.home[2])
+    def height_above_home(self) -> float:
+        """Estimated height above home [m]."""
+        return self.height - float(self.vehicle.home[2])
 
     @cached_property
     def globe(self) -> tuple[float, float, float]:
@@ -119,13 +129,3 @@ def numbers(values: Array) -> Vector:
     """Return plain numbers, which MAVLink's encoder takes faster."""
     plain: Vector = values.tolist()
     return plain
-
-
-def angles_of(quaternion: Vector) -> tuple[float, float, float]:
-    """Return roll, pitch, yaw [rad] of a quaternion wxyz."""
-    w, x, y, z = quaternion
-    return (
-        math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
-        math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0)),
-        math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
-    )

@@ -1,4 +1,4 @@
-"""Answers to protocols that are not simulated: missions, logs, files."""
+"""Answers that need no state: to PING, missions, logs, files; of the last three there are none."""
 
 from __future__ import annotations
 
@@ -15,13 +15,18 @@ _FTP_UNKNOWN_COMMAND, _FTP_NOT_FOUND = 7, 10
 _FTP_KNOWN = range(16)
 
 
-def addressed(message: Any, system: int, component: int) -> bool:
-    """Return whether a message is for a vehicle: its system, its component or all of them."""
-    wanted = getattr(message, "target_component", 0)
-    return message.target_system == system and wanted in (0, component)
+MISSION_MESSAGES = (
+    "MISSION_REQUEST_LIST",
+    "MISSION_COUNT",
+    "MISSION_CLEAR_ALL",
+    "MISSION_REQUEST",
+    "MISSION_REQUEST_INT",
+    "MISSION_WRITE_PARTIAL_LIST",
+)
+"""Those that `mission_answer` knows; items of an upload that was refused are not answered."""
 
 
-def mission_answer(mav: Any, message: Any, system: int, component: int) -> Any | None:
+def mission_answer(mav: Any, message: Any, system: int, component: int) -> Any:
     """Return the answer to a mission, fence or rally message: there are none, none are taken."""
     name = message.get_type()
     kind = getattr(message, "mission_type", 0)
@@ -31,14 +36,19 @@ def mission_answer(mav: Any, message: Any, system: int, component: int) -> Any |
         result = mavlink.MAV_MISSION_ACCEPTED
     elif name in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
         result = mavlink.MAV_MISSION_INVALID_SEQUENCE
-    elif name in ("MISSION_COUNT", "MISSION_WRITE_PARTIAL_LIST"):
+    else:
         result = mavlink.MAV_MISSION_UNSUPPORTED
-    else:  # items of an upload that was refused, acknowledgements, a current item
-        return None
     return mav.mission_ack_encode(system, component, result, kind)
 
 
-def no_logs(mav: Any) -> Any:
+def ping_answer(mav: Any, message: Any, system: int, component: int) -> Any | None:
+    """Return the answer to PING; None: it is an answer itself, or for another."""
+    if (message.target_system, message.target_component) != (0, 0):
+        return None
+    return mav.ping_encode(message.time_usec, message.seq, system, component)
+
+
+def no_logs(mav: Any, message: Any, system: int, component: int) -> Any:
     """Return the answer to LOG_REQUEST_LIST: there are none."""
     return mav.log_entry_encode(0, 0, 0, 0, 0)
 
@@ -54,8 +64,7 @@ def file_answer(mav: Any, message: Any, system: int, component: int) -> Any | No
     else:
         error = _FTP_NOT_FOUND if operation in _FTP_KNOWN else _FTP_UNKNOWN_COMMAND
         answer, data = _FTP_NAK, bytes([error])
-    head = _FTP_HEADER.pack(
-        (sequence + 1) % 65536, session, answer, len(data), operation, 0, 0, offset
-    )
+    sequence = (sequence + 1) % 65536
+    head = _FTP_HEADER.pack(sequence, session, answer, len(data), operation, 0, 0, offset)
     payload = (head + data).ljust(251, b"\x00")
     return mav.file_transfer_protocol_encode(0, system, component, list(payload))

@@ -14,7 +14,7 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from tombo_dynamics.arrays import Array
-from tombo_px4.frames import enu_from_ned, ros_quaternion
+from tombo_px4.frames import enu_from_ned, quaternion_of_angles, ros_quaternion
 
 NOT_FUSED = "is not fused: PX4 takes the estimator type VISION"
 _FARTHEST_M = 1e5
@@ -50,11 +50,10 @@ def decode_vision(message: Any) -> VisionPose | str:
     if kind == "ODOMETRY":
         return _odometry(message)
     if kind == "VISION_POSITION_ESTIMATE":
-        angles = (message.roll, message.pitch, message.yaw)
-        if not _finite(angles):
-            return "attitude is not finite"
         position = (message.x, message.y, message.z)
-        return _pose(message.usec, position, quaternion_of_angles(*angles))
+        angles = (message.roll, message.pitch, message.yaw)
+        q = quaternion_of_angles(*angles) if _finite(angles) else angles
+        return _pose(message.usec, position, q)
     return NOT_FUSED
 
 
@@ -67,12 +66,12 @@ def _odometry(message: Any) -> VisionPose | str:
         return f"frame {message.frame_id} unsupported, LOCAL_NED and LOCAL_FRD are"
     if message.child_frame_id not in _BODY_FRAMES:
         return f"child frame {message.child_frame_id} unsupported, BODY_FRD is"
-    if not _finite(message.q):
-        return "attitude is not finite"
     return _pose(message.time_usec, (message.x, message.y, message.z), message.q)
 
 
 def _pose(stamp_us: int, position: Sequence[float], attitude: Sequence[float]) -> VisionPose | str:
+    if not _finite(attitude):
+        return "attitude is not finite"
     if not _finite(position):
         return "position is not finite"
     if max(abs(p) for p in position) > _FARTHEST_M:
@@ -82,19 +81,6 @@ def _pose(stamp_us: int, position: Sequence[float], attitude: Sequence[float]) -
         return "attitude is no unit quaternion"
     unit = np.array(attitude, dtype=float) / length
     return VisionPose(stamp_us, enu_from_ned(position), ros_quaternion(unit))
-
-
-def quaternion_of_angles(roll: float, pitch: float, yaw: float) -> tuple[float, ...]:
-    """Return wxyz of roll, pitch and yaw [rad], turned in the order yaw, pitch, roll."""
-    cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
-    cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
-    cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
-    return (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
 
 
 def _finite(values: Sequence[float]) -> bool:
