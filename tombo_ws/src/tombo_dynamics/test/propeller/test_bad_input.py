@@ -195,9 +195,3 @@ def test_a_number_stands_for_a_configuration_everywhere() -> None:
 def test_what_python_would_trip_over_is_bad_input(call: Callable[[], object], words: str) -> None:
     with pytest.raises(InputError, match=words):
         call()
-
-
-def test_everything_documented_is_exported() -> None:
-    for name in ("InputError", "map_thrust", "map_torque", "map_speed"):
-        assert name in propeller.__all__
-        assert hasattr(propeller, name)

@@ -46,9 +46,6 @@ from tombo_dynamics.propeller.rotor_inertia import RotorInertia, rotor_inertia
 from tombo_dynamics.propeller.sweep import Sweep, sweep
 from tombo_dynamics.propeller.thrust_map import (
     ThrustMap,
-    map_speed,
-    map_thrust,
-    map_torque,
     speed_of_maximum_thrust,
     thrust_map,
 )
@@ -81,9 +78,6 @@ __all__ = [
     "configurations",
     "evaluate",
     "evaluate_rows",
-    "map_speed",
-    "map_thrust",
-    "map_torque",
     "nodus_moduli",
     "parameter_row",
     "parameter_rows",

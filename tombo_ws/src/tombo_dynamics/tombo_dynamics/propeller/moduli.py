@@ -97,7 +97,11 @@ def _moduli(configuration: Configuration, *, published: bool) -> Moduli:
     fibre, fibres, fibre_shear = nodus.fibre, nodus.fibres, nodus.fibre.shear_modulus_MPa
     if published:
         terms = configuration.blade.published
-        assert terms is not None
+        if terms is None:
+            raise InputError(
+                f"law published: blade {configuration.blade.name} of {configuration.label} has no "
+                "data of the authors' program; accepted: law repaired or consistent"
+            )
         fibres = terms.fibre_count
         fibre_shear = fibre.youngs_modulus_MPa / terms.fibre_modulus_ratio
     area = configuration.blade.joint.section_area_mm2

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.propeller import configuration, configurations, thrust_map
+from tombo_dynamics.propeller import configuration, configurations, speed_for_thrust, thrust_map
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_propeller.design.nodus_placement import with_nodus_at
 from tombo_propeller.design.operating_points import flight_performance
@@ -26,7 +26,7 @@ def test_limits_and_hover_are_those_of_the_thrust_map(law):
         assert found.usable_speed[i] == pytest.approx(top, rel=2e-5)
         assert found.usable_thrust[i] == pytest.approx(float(chart.thrust(top)), rel=1e-4)
         assert found.motor_limits[i] == (chart.omega_max > vehicle.rotor_speed_max)
-        hover = float(chart.speed_for_thrust(vehicle.hover_thrust()))
+        hover = float(speed_for_thrust(soft, vehicle.hover_thrust(), law))
         assert found.hover_speed[i] == pytest.approx(hover, rel=1e-5)
 
 

@@ -26,6 +26,15 @@ def test_heartbeats_come_at_1_hz_also_after_changes_and_requests(b):
     assert [h.base_mode & 128 for h in of(b.run(1.0), "HEARTBEAT")] == [128]
 
 
+@pytest.mark.slow
+def test_rates_on_the_wire_are_those_of_a_real_px4():
+    with bench() as b:
+        b.settle()
+        heard = b.run(5.0)
+    for kind, rate in (("ATTITUDE", 100), ("HIGHRES_IMU", 50), ("ODOMETRY", 30), ("TIMESYNC", 10)):
+        assert len(of(heard, kind)) == pytest.approx(5 * rate, rel=0.03), kind
+
+
 def test_timesync_is_answered_at_once_with_the_time_since_boot(fresh):
     fresh.run(1.0)
     fresh.client.send(MAV.timesync_encode(0, 123_456_789))

@@ -6,7 +6,7 @@ import socket
 import time
 
 import pytest
-from mavlink_packets import encoder, frame_with, heartbeat, hostile_packets
+from mavlink_packets import encoder, frame_with, heartbeat, hostile_packets, wild_frame
 from pymavlink.dialects.v20 import common
 
 from tombo_dynamics.errors import InputError
@@ -505,6 +505,33 @@ def test_one_call_does_a_bounded_piece_of_work(links, kind, pattern):
             assert link.receive(limit=50) == []
     assert len(steps) > 1
     assert max(steps) < 4 * 50 + 16 + 512
+
+
+def test_a_noisy_stream_delivers_what_is_good_in_it(links):
+    """One and the same TCP client sends noise between its messages."""
+    link = links("tcpin://127.0.0.1:0")
+    chance = random.Random(3)
+    with socket.create_connection(link.address, 2.0) as client:
+        for mode in range(300):
+            client.sendall(chance.randbytes(chance.randrange(120)).replace(b"\xfe", b""))
+            client.sendall(heartbeat(mode, encoder(9)))
+            if mode % 20 == 0:
+                collect(link, 1000, 0.0)
+        client.sendall(bytes(300))
+        collect(link, 1000, 0.3)
+    assert link.counters["received"] >= 298
+
+
+def test_messages_of_any_content_are_handed_on_as_they_are(links, sender):
+    """The link judges frames, not fields; whatever is in them it decodes."""
+    link = links("udpin://127.0.0.1:0", COMPUTER)
+    chance = random.Random(4)
+    for _ in range(20):
+        frames = [wild_frame(chance) for _ in range(100)]
+        for frame in frames:
+            sender.sendto(frame, link.address)
+        assert len(collect(link, 100)) == 100
+    assert link.counters["undecodable"] == 0
 
 
 def test_the_environment_cannot_switch_the_checksum_off(links, sender, monkeypatch):

@@ -172,11 +172,25 @@ def test_one_answer_beyond_belief_changes_nothing():
     assert sync.offset_ns == offset and sync.jumps == 0
 
 
+def test_a_restart_of_the_other_side_is_a_jump():
+    exchange = Exchange(Clock(TODAY), Clock(500 * S))
+    sync = TimeSync()
+    exchange.run(sync, 40)
+    exchange.theirs = Clock(-exchange.true_ns + S)
+    assert exchange.run(sync, 5)[-1] < 10 * US
+    assert sync.jumps == 1
+
+
 def test_a_small_step_is_followed_at_once():
     exchange, sync = begun(Clock(S), 100)
     exchange.theirs.set_by(3 * MS)
     assert exchange.run(1)[-1] <= 31 * US
     assert sync.jumps == 0
+
+
+def test_a_clock_of_a_slow_crystal_is_followed():
+    exchange = Exchange(Clock(TODAY), Clock(S, 200e-6))
+    assert max(exchange.run(TimeSync(), 600)) < 500 * US
 
 
 def test_a_drift_is_followed_where_the_way_is_long_too():
