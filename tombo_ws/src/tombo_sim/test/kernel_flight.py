@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 
+from core_calls import Estimator, Mission
 from tombo_collision.detector_core import DetectorCore
 from tombo_collision.params import DetectorParams, ReactionLimits
 from tombo_collision.reaction_core import ReactionCore
@@ -12,10 +13,9 @@ from tombo_collision.reactions.bounce import Bounce
 from tombo_control.autopilot import Autopilot, new_autopilot, restart_estimate
 from tombo_control.controller_core import ControllerCore
 from tombo_control.estimator import store_history
-from tombo_control.estimator_core import EstimatorCore
 from tombo_control.leg import hold_leg, store_leg, stored_leg
 from tombo_control.mission import MissionParams, MissionState
-from tombo_control.mission_core import MissionCore, MissionLimits, store_state
+from tombo_control.mission_core import MissionLimits, store_state
 from tombo_control.params import ControlParams, EstimatorParams, InputLimits
 from tombo_dynamics.effects.compose import new_plant, pack_theta
 from tombo_dynamics.messages import Phase
@@ -93,13 +93,13 @@ def memories(effects, position=(0.0, 0.0, 1.5), yaw=0.2, obstacle=(0.0, 0.0, 0.0
 def hovering_cores(plant, a):
     """Return memories and parameters of cores that hover where the plant is, told as `a` is."""
     body = numbers(plant.state)
-    estimator = EstimatorCore(EstimatorParams(), VEHICLE)
+    estimator = Estimator(EstimatorParams(), VEHICLE)
     restart_estimate(estimator.autopilot, body[:3], np.zeros(3), body[6:10])
     store_history(estimator.autopilot.state, estimator.autopilot.history, EPOCH_NS // TICK_NS)
     estimator.autopilot.mocap_time = EPOCH_NS * 1e-9
     estimator.memory.running = True
     estimator.memory.next_tick = EPOCH_NS // TICK_NS
-    mission = MissionCore(MissionParams(approach_time=3600.0, land_time=3600.0), MissionLimits())
+    mission = Mission(MissionParams(approach_time=3600.0, land_time=3600.0), MissionLimits())
     leg = stored_leg(a.leg)
     store_state(mission.memory, MissionState(Phase.HOVER, leg, (0.0, 0.0, 0.0)))
     mission.memory.begun = True

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from kernel_flight import NOISE, RATE, TICK, capture_ticks, fly_kernel
 
-from tombo_control.estimator_core import EstimatorCore
+from core_calls import Estimator
 from tombo_dynamics.messages import Phase
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario, world_of
@@ -93,7 +93,7 @@ def test_the_nodes_estimate_is_that_of_the_headless_flight(offset):
     scenario = load_scenario("hover", settings)
     log = fly_scenario(scenario, 4).log
     simulator = Simulator(world_of(scenario), 4)
-    observer = EstimatorCore(scenario.estimator, scenario.vehicle)
+    observer = Estimator(scenario.estimator, scenario.vehicle)
     observer.phase(Phase.HOVER)
     began = 1_000_000_000
     gaps = []

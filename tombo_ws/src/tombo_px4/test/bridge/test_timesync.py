@@ -173,11 +173,9 @@ def test_one_answer_beyond_belief_changes_nothing():
 
 
 def test_a_restart_of_the_other_side_is_a_jump():
-    exchange = Exchange(Clock(TODAY), Clock(500 * S))
-    sync = TimeSync()
-    exchange.run(sync, 40)
+    exchange, sync = begun(Clock(500 * S), 40)
     exchange.theirs = Clock(-exchange.true_ns + S)
-    assert exchange.run(sync, 5)[-1] < 10 * US
+    assert exchange.run(5)[-1] < 10 * US
     assert sync.jumps == 1
 
 
@@ -190,7 +188,7 @@ def test_a_small_step_is_followed_at_once():
 
 def test_a_clock_of_a_slow_crystal_is_followed():
     exchange = Exchange(Clock(TODAY), Clock(S, 200e-6))
-    assert max(exchange.run(TimeSync(), 600)) < 500 * US
+    assert max(exchange.run(600)) < 500 * US
 
 
 def test_a_drift_is_followed_where_the_way_is_long_too():
