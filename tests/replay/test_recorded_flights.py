@@ -114,6 +114,7 @@ def test_reaction_and_mission_do_again_what_they_did(replayed):
     assert result.differences == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("setting", "words"),
     [

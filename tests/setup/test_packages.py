@@ -114,6 +114,7 @@ def test_every_folder_of_code_is_a_package(package: Path):
     assert not missing, f"find_packages skips folders without __init__.py: {missing}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("package", PYTHON_PACKAGES, ids=by_name)
 def test_every_import_is_declared_in_package_xml(package: Path):
     declared = {

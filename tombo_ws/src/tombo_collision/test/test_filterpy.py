@@ -13,6 +13,7 @@ from tombo_collision.params import DetectorParams
 from tombo_dynamics.rotation import rotation_vector
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [30.0, 100.0])
 @pytest.mark.parametrize("seed", range(5))
 def test_compiled_filter_agrees_with_filterpy(rate, seed):

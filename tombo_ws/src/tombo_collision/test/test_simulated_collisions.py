@@ -79,6 +79,7 @@ def test_without_a_trigger_there_is_no_reaction():
         assert record.summary["x_r_m"] is None
 
 
+@pytest.mark.slow
 def test_told_not_to_react_it_detects_and_flies_on():
     for _, record in flown("paper_collision", "react=false", seeds=range(100, 103)):
         assert record.summary["detected"]

@@ -89,6 +89,7 @@ def test_stands_by_with_rotors_off_and_integrals_forgotten(mode):
     assert (a.loops.rate_filtered == a.state.rates).all()
 
 
+@pytest.mark.slow
 def test_levels_and_sinks_without_mocap_and_comes_back():
     b = bench()
     b.plant.state.velocity = [1.0, 0.5, 0.0]

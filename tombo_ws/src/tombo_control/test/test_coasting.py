@@ -57,6 +57,7 @@ def _coasting(truth: _Truth, error: Array, ticks: int = _BEFORE) -> Autopilot:
     return a
 
 
+@pytest.mark.slow
 @given(_rates, _velocity, st.integers(1, 60))
 def test_coasting_turns_with_the_gyro_and_moves_with_the_velocity(
     rates: Array, velocity: Array, ticks: int
@@ -69,6 +70,7 @@ def test_coasting_turns_with_the_gyro_and_moves_with_the_velocity(
     assert np.allclose(a.state.position, truth.position(ticks), atol=1e-12)
 
 
+@pytest.mark.slow
 @given(_rates, _velocity, _late)
 def test_a_late_estimate_equals_integrating_from_it(
     rates: Array, velocity: Array, late: int

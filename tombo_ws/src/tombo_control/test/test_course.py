@@ -77,6 +77,7 @@ class Follower:
         return np.array([row[i] for row in self.seen])
 
 
+@pytest.mark.slow
 def test_flies_to_every_waypoint_turns_and_holds_there_and_lands():
     plan = plan_of(LEGS)
     flight = Follower(plan).run()

@@ -138,6 +138,7 @@ def test_late_samples_cost_no_phase():
     assert unstamped[0] > 10.0 * at_once[0]
 
 
+@pytest.mark.slow
 def test_a_perfect_imu_is_followed_exactly_at_any_latency():
     for latency in (0, 100):
         _, out = estimate(CURVES, latency=latency)

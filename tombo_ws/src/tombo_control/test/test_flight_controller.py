@@ -332,6 +332,7 @@ def test_blind_it_comes_down_gently_enough(flight: Lockstep, part: str) -> None:
     assert np.linalg.norm(rows[down, :2]) < 1.5
 
 
+@pytest.mark.slow
 def test_old_poses_behind_fresh_odometry_are_not_flown_on(flight: Lockstep) -> None:
     flight.mocap_on = False
     flight.fly(0.2)
@@ -365,6 +366,7 @@ def test_a_sample_that_is_not_newer_gets_no_answer(bench: _Bench) -> None:
         assert bench.controller.tick(bench.now_ns, stamp, _ZERO) is None
 
 
+@pytest.mark.slow
 def test_a_gyro_sample_that_is_not_finite_is_flown_over(flight: Lockstep) -> None:
     for _ in range(20):
         flight.fly(0.01)
@@ -376,6 +378,7 @@ def test_a_gyro_sample_that_is_not_finite_is_flown_over(flight: Lockstep) -> Non
     assert _away(flight.fly(2.0)) < 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gap_s", [0.02, 0.15])
 def test_it_survives_a_gap_of_the_gyro(flight: Lockstep, gap_s: float) -> None:
     flight.imu_on = False
@@ -411,6 +414,7 @@ def test_estimates_of_the_clock_before_are_not_mistaken_for_fresh_ones(bench: _B
 # --- parameters in flight
 
 
+@pytest.mark.slow
 def test_other_gains_in_flight_keep_integrals_and_attitude(flight: Lockstep) -> None:
     before = flight.fly(0.1)[-1]
     softer = replace(flight.scenario.control, position_p=0.6, rate_p=18.0)
@@ -420,6 +424,7 @@ def test_other_gains_in_flight_keep_integrals_and_attitude(flight: Lockstep) -> 
     assert np.abs(rows[:100, 10:12]).max() < 0.3
 
 
+@pytest.mark.slow
 def test_other_gains_in_flight_do_count(flight: Lockstep) -> None:
     speeds = []
     for p in (0.3, 1.5):

@@ -95,6 +95,7 @@ def growth(control: ControlParams, seconds: float, **effects: dict[str, float]) 
     return math.log(rates[half + half // 2 :].max() / rates[half : half + half // 2].max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("loop", "seconds"), [("rate", 2.0), ("attitude", 4.0), ("velocity", 6.0), ("position", 16.0)]
 )

@@ -410,6 +410,7 @@ def test_a_clock_that_is_set_begins_a_new_estimate(by_s: float) -> None:
     assert ride.age_ticks == 0
 
 
+@pytest.mark.slow
 def test_a_hover_survives_a_clock_set_back_by_seconds(flight: Lockstep) -> None:
     before = flight.position
     flight.shift_ns = -5 * 10**9
@@ -435,6 +436,7 @@ def test_on_the_ground_the_velocity_is_zero() -> None:
     assert ride.error < 1e-6
 
 
+@pytest.mark.slow
 def test_other_parameters_in_flight_keep_the_state(flight: Lockstep) -> None:
     before = flight.observer.estimate
     assert before is not None

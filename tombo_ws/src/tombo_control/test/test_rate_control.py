@@ -99,6 +99,7 @@ def overshoot(control, held_s):
     return tilt(flown[:, 6:10]).max() - 0.4
 
 
+@pytest.mark.slow
 def test_long_saturation_does_not_blow_the_overshoot_up():
     fresh = overshoot(C, 0.0)
     held = overshoot(C, 5.0)

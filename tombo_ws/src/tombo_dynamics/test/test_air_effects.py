@@ -25,6 +25,7 @@ def test_wind_without_drag_does_nothing():
     assert (ends[0] == ends[1]).all()
 
 
+@pytest.mark.slow
 def test_wind_carries_a_falling_body_along(no_air):
     v = Vehicle(DRAG | {"steady_wind": {"east": 4.0, "north": -3.0}}, maps=no_air, position=HIGH)
     v.fly(20.0)
@@ -58,6 +59,7 @@ def test_drag_takes_energy_from_every_motion(seed):
     assert not v.plant.moment.any()  # at the centre of mass
 
 
+@pytest.mark.slow
 def test_terminal_speed_under_linear_drag(no_air):
     v = Vehicle({"linear_rotor_drag": {"d_xy": 2.0, "d_z": 1.5}}, maps=no_air, position=HIGH)
     v.fly(15.0)
@@ -70,6 +72,7 @@ def test_terminal_speed_under_linear_drag(no_air):
     assert on_edge.velocity[2] == pytest.approx(-v.mass * GRAVITY / 2.0, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_terminal_speed_under_quadratic_drag(no_air):
     v = Vehicle({"quadratic_body_drag": {"c_area": 0.2}}, maps=no_air, position=HIGH)
     v.fly(20.0)
@@ -158,6 +161,7 @@ def gusts(deviation, time, seconds=60.0, seed=0):
     return np.array(seen)
 
 
+@pytest.mark.slow
 def test_gusts_have_the_deviation_asked_for_on_each_axis():
     wind = gusts(0.7, 0.05)  # 60 s are 600 independent samples
     assert wind.std(axis=0) == pytest.approx(np.full(3, 0.7), rel=0.1)
@@ -166,6 +170,7 @@ def test_gusts_have_the_deviation_asked_for_on_each_axis():
     assert np.abs(between).max() < 0.15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("time", [0.05, 0.2])
 def test_gusts_forget_within_their_time(time):
     wind = gusts(1.0, time, seed=1)

@@ -278,6 +278,7 @@ def test_a_lighter_strike_wears_by_its_energy():
     assert ratio == pytest.approx(0.25, abs=0.05)
 
 
+@pytest.mark.slow
 def test_without_wear_a_blade_never_tears():
     v = struck(wear=0.0)
     for _ in range(6):

@@ -152,6 +152,7 @@ def test_a_load_swings_with_the_period_of_a_pendulum(no_air):
     assert np.abs(x[-2100:]).max() > 0.08  # the cord takes little of the swing
 
 
+@pytest.mark.slow
 @given(SEEDS)
 def test_vehicle_and_load_keep_their_momentum(seed):
     rng = np.random.default_rng(seed)

@@ -30,6 +30,7 @@ def test_legs_carry_the_weight(vehicle):
     assert sag == pytest.approx(weight / (4.0 * vehicle.ground_stiffness), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_standing_vehicle_stays_where_it_is():
     v = standing(attitude=Rotation.from_euler("z", 0.7).as_quat())
     v.fly(1.0)

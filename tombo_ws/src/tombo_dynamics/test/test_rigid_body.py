@@ -85,6 +85,7 @@ def test_free_rotation_keeps_angular_momentum_and_energy(no_air, seed):
     assert np.abs(v.rates - rates).max() > 0.5  # it did nutate
 
 
+@pytest.mark.slow
 def test_rotation_about_the_middle_axis_tips_over(no_air):
     """Dzhanibekov's effect: only the axis between the two others is unstable."""
     for axis, tips in ((0, False), (1, True), (2, False)):

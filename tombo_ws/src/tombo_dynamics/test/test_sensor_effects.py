@@ -73,6 +73,7 @@ def test_a_quarter_turn_of_the_frame_makes_east_north():
 # --- noise ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_pose_noise_has_its_deviation_and_leaves_a_unit_quaternion():
     rng = np.random.default_rng(3)
     position, attitude = np.array([1.0, 2.0, 3.0]), random_attitude(rng)
@@ -125,6 +126,7 @@ def dropped(probability, duration, samples=20_000, seed=5):
     return missing
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("probability, duration", [(0.05, 0.0), (0.02, 0.1), (0.01, 0.4)])
 def test_dropouts_are_as_frequent_and_as_long_as_asked_for(probability, duration):
     """A gap of exponential length d swallows 1 / (1 - exp(-T / d)) samples on average."""

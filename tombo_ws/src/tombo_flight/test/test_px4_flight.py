@@ -72,12 +72,14 @@ def test_a_vehicle_is_known_by_its_heartbeat():
     assert found.description == "a PX4 quadrotor, system 1, armed, in mode hold"
 
 
+@pytest.mark.slow
 def test_nobody_at_the_other_end_is_said():
     connection = px4_connection(None, [])
     with pytest.raises(InputError, match=r"no heartbeat within 0\.3 s; accepted: a link on which"):
         find_vehicle(connection.link, patience_s=0.3)
 
 
+@pytest.mark.slow
 def test_another_system_is_named_and_how_to_reach_it():
     with speaking(7, 2) as url, pytest.raises(
         InputError, match=r"but of 7/2; accepted: .* --bridge link.system=7 --bridge link.compon"
@@ -90,6 +92,7 @@ def test_an_autopilot_that_is_no_px4_is_refused():
         find_vehicle(LinkParams(url=url), patience_s=5.0)
 
 
+@pytest.mark.slow
 def test_a_signed_link_says_what_it_has_refused(tmp_path):
     key = tmp_path / "key"
     key.write_bytes(bytes(range(32)))

@@ -122,6 +122,7 @@ def test_moving_at_1_m_s_it_brakes_and_lands(flight: _Flight) -> None:
     assert landing.rotors_off_s < landing.time_s + 0.2
 
 
+@pytest.mark.slow
 def test_taking_over_a_moving_vehicle_begins_to_brake_without_a_kick(flight: _Flight) -> None:
     flight.move_ahead()
     body = flight.land(seconds=6.0).body
@@ -130,6 +131,7 @@ def test_taking_over_a_moving_vehicle_begins_to_brake_without_a_kick(flight: _Fl
     assert np.rad2deg(tilt(body[:, 6:10]).max()) < 15.0
 
 
+@pytest.mark.slow
 def test_it_keeps_the_heading(flight: _Flight) -> None:
     turned = replace(hover_at(0.0, 0.0, 2.0), yaw=1.2)
     flight.lockstep.steer = lambda _: turned
@@ -171,6 +173,7 @@ def test_mocap_that_comes_back_is_landed_on(flight: _Flight) -> None:
     assert landing.rotors_off_s < landing.time_s + 0.2
 
 
+@pytest.mark.slow
 def test_handed_back_in_the_air_the_flight_goes_on(flight: _Flight) -> None:
     flight.failsafe.engage(flight.simulator.tick)
     for _ in range(1000):

@@ -192,6 +192,7 @@ def test_samples_are_lost_in_gaps_of_the_length_that_was_asked_for():
     assert lost.sum() / starts == pytest.approx(0.1 * 30.0 + 0.5, rel=0.15)
 
 
+@pytest.mark.slow
 def test_a_stamp_error_and_the_vehicle_at_rest():
     still = np.zeros((5, 7))
     still[:, 6] = 1.0

@@ -82,6 +82,7 @@ def test_the_kernels_flight_is_the_papers_experiment():
     assert np.array_equal(numbers(again.plant.state), body)
 
 
+@pytest.mark.slow
 def test_rates_are_positive_and_numpy_is_the_slow_one():
     assert kernel_steps(runs=1) > numpy_steps(runs=1, ticks=50) > 0.0
     assert batch_steps(2, vehicles=2, runs=1) > 0.0

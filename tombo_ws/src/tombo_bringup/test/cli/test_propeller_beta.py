@@ -67,6 +67,7 @@ def test_the_speed_is_seen(tombo, films):
     assert rpm == pytest.approx([2 * SCENE.speed * 30.0 / math.pi] * 2, rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments, why",
     [

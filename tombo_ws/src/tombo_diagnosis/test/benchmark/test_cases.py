@@ -126,6 +126,7 @@ def test_courses_stay_in_the_room_and_differ():
             assert point.get("speed", 1.0) > 0.0
 
 
+@pytest.mark.slow
 def test_flights_of_a_case_are_reproducible_and_have_the_sensor_data():
     case = next(c for c in (make_case(2, n, flights=1) for n in range(50))
                 if c.kind == "none" and c.formulation == "mocap_rpm")  # fmt: skip

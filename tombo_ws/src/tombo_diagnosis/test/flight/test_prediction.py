@@ -63,6 +63,7 @@ def allowed(channel):
     return next(size for start, size in LEFT.items() if channel.startswith(start))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sensors", SENSORS)
 def test_the_true_model_leaves_nearly_nothing(sensors):
     track = track_of(as_log(flown(*frozen(HIDDEN)), sensors=sensors))

@@ -169,6 +169,7 @@ def test_thrust_out_of_reach() -> None:
         speed_for_thrust([1, 13], [1.0, 1.0, 1.0])
 
 
+@pytest.mark.slow
 def test_invalid_point_among_many_is_named() -> None:
     with pytest.raises(InputError) as error:
         evaluate([[13], [1]], [300.0, 800.0])

@@ -110,6 +110,7 @@ def test_vision_moves_the_estimate_to_where_it_says(kind):
         assert status & mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION
 
 
+@pytest.mark.slow
 def test_stamps_are_converted_with_timesync(monkeypatch):
     with bench(**LAB) as b:
         stamps = []

@@ -532,6 +532,7 @@ def test_the_pace_is_the_speed(speed):
         assert b.hil.slips == 0
 
 
+@pytest.mark.slow
 def test_time_that_cannot_be_made_up_for_is_told():
     with bench(speed=1.0, silent=0) as b:
         b.fly(0.5)

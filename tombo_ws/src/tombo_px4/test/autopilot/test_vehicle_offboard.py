@@ -30,6 +30,7 @@ def test_position_with_yaw():
     assert yaw_pitch_roll(rows[-1, 6:10])[0] == pytest.approx(1.0, abs=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("velocity", [[1.0, 0.0, 0.0], [0.0, -0.7, 0.0], [0.0, 0.0, 0.5]])
 def test_velocity_is_reached(velocity):
     flight = hovering(vision=True)

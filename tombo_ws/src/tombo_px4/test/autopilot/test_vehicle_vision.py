@@ -44,11 +44,13 @@ def errors_of(flight: Flight) -> list[float]:
     return errors
 
 
+@pytest.mark.slow
 def test_the_estimate_is_as_good_as_the_motion_capture():
     errors = errors_of(hovering(vision=True))
     assert np.mean(errors) < 0.003 and max(errors) < 0.01
 
 
+@pytest.mark.slow
 def test_gps_has_noise_of_its_own():
     flight, well = hovering(), hovering(vision=True)
     assert 0.008 < np.mean(errors_of(flight)) < 0.06

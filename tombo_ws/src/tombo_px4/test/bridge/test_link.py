@@ -303,6 +303,7 @@ def test_wait_sleeps_no_longer_than_it_must(pair):
     assert time.monotonic() - begin < 2.0
 
 
+@pytest.mark.slow
 def test_waiting_for_a_server_that_is_not_there_lets_the_next_try_be_made(links, sender):
     sender.bind(("127.0.0.1", 0))
     client = links(f"tcpout://127.0.0.1:{sender.getsockname()[1]}", COMPUTER)
@@ -426,6 +427,7 @@ def test_many_partners_are_all_heard_and_the_port_stays_busy_to_others(links):
             thief.bind(vehicle.address)
 
 
+@pytest.mark.slow
 def test_clients_that_come_and_go_leave_nothing_behind(links):
     link = links("tcpin://127.0.0.1:0", COMPUTER)
     with contextlib.ExitStack() as crowd:
@@ -507,6 +509,7 @@ def test_one_call_does_a_bounded_piece_of_work(links, kind, pattern):
     assert max(steps) < 4 * 50 + 16 + 512
 
 
+@pytest.mark.slow
 def test_a_noisy_stream_delivers_what_is_good_in_it(links):
     """One and the same TCP client sends noise between its messages."""
     link = links("tcpin://127.0.0.1:0")

@@ -62,6 +62,7 @@ def test_the_delay_of_the_stamps_is_measured(delay, rate):
     assert found.delay_s == pytest.approx(delay, abs=0.008)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axes", [(1.0, 0, 0), (0, 1.0, 0), (0, 0, 1.0)])
 def test_turning_about_one_axis_is_enough_to_pass(axes):
     assert judged(hand(axes)).mistake == ""
@@ -82,6 +83,7 @@ def turned_body(q):
     return quaternion_multiply(q, np.array([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mistake", "words"),
     [

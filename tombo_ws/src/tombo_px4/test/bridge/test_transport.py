@@ -286,6 +286,7 @@ def test_a_udp_sender_lives_on_when_nobody_listens(way):
     assert listener.read() == b"y"
 
 
+@pytest.mark.slow
 def test_a_tcp_client_keeps_trying_and_comes_back(way):
     port = free_port()
     client = way(f"tcpout://127.0.0.1:{port}")
@@ -379,6 +380,7 @@ def test_tcp_clients_of_another_machine_are_hung_up_on(way, sockets, monkeypatch
     assert client.recv(9) == b""
 
 
+@pytest.mark.slow
 def test_a_tcp_client_that_does_not_read_costs_whole_frames_only(way, sockets):
     server = way("tcpin://127.0.0.1:0")
     client = sockets()
@@ -434,6 +436,7 @@ def test_a_serial_port_is_raw_and_fast(way, pty):
     assert serial.transport.read() is None
 
 
+@pytest.mark.slow
 def test_a_serial_port_that_is_unplugged_is_tried_again(way, pty, monkeypatch):
     radio, port = pty
     serial = way(f"serial://{os.ttyname(port)}:57600")
