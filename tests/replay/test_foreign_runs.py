@@ -70,7 +70,7 @@ def events(path: Path, **request: object) -> list[float]:
 def test_every_type_of_pose_under_any_name(tmp_path, flight, typename):
     path = write(tmp_path / "lab.mcap", flight, typename, "/vicon/quad/quad")
     result = replay_bag(path, Request())
-    assert [round(event.stamp_ns / 1e9, 3) for event in result.replayed.events] == [24.133]
+    assert [round(event.stamp_ns / 1e9, 3) for event in result.replayed.events] == [24.233]
     assert "poses are taken from /vicon/quad/quad, the only candidate" in result.findings
     assert any("defaults" in finding for finding in result.findings)
     metrics = result.nodes["detector"]
@@ -110,7 +110,7 @@ def test_a_ros_1_bag_with_another_frame(tmp_path, flight):
     assert refused.replayed.events == []
     assert refused.nodes["detector"]["poses_refused"] == {"wrong_frame": 1198}
     assert any("--frame-ok 'world'" in finding for finding in refused.findings)
-    assert events(path, frame_ok="world") == [24.133]
+    assert events(path, frame_ok="world") == [24.233]
 
 
 def test_several_candidates_are_listed_and_one_can_be_chosen(tmp_path, flight):
@@ -133,7 +133,7 @@ def test_two_clocks_made_one(tmp_path, flight):
     late = replay_bag(path, Request(nodes=("detector",)))
     assert late.nodes["detector"]["poses_refused"] == {"future": 1198}
     assert any("3.2 s ahead of arrival" in finding for finding in late.findings)
-    assert events(path, shift_stamps_s=-3.2) == [24.133]
+    assert events(path, shift_stamps_s=-3.2) == [24.233]
 
 
 def test_poses_without_stamps_are_stamped_when_they_arrived(tmp_path, flight):
@@ -142,7 +142,7 @@ def test_poses_without_stamps_are_stamped_when_they_arrived(tmp_path, flight):
     path = write(tmp_path / "lab.mcap", unstamped)
     assert events(path) == []
     (found,) = events(path, stamp_on_arrival=True)
-    assert found == pytest.approx(24.144, abs=0.002)
+    assert found == pytest.approx(24.244, abs=0.002)
 
 
 def test_poses_that_are_not_numbers_are_refused_and_the_rest_is_used(tmp_path, flight):
@@ -197,7 +197,7 @@ def test_messages_written_out_of_order_are_fed_in_order_of_arrival(tmp_path, fli
         channel = sink.add_channel("/mocap/pose", POSE)
         for i in shuffled.tolist():
             sink.write(channel, raw.messages[i], int(raw.log_times_ns[i]))
-    assert events(path) == [24.133]
+    assert events(path) == [24.233]
 
 
 @pytest.mark.slow
@@ -217,7 +217,7 @@ def test_a_recorder_on_another_clock_than_the_nodes(tmp_path, flight):
         sink.write_columns(Columns(channel, wall, raw.messages), Columns(clocked, spoken, said))
     result = replay_bag(path, Request(nodes=("detector",)))
     (event,) = result.replayed.events
-    assert round(event.stamp_ns / 1e9, 3) == 24.133
-    assert event.known_ns / 1e9 == pytest.approx(24.144, abs=0.006)
+    assert round(event.stamp_ns / 1e9, 3) == 24.233
+    assert event.known_ns / 1e9 == pytest.approx(24.244, abs=0.006)
     assert result.duration_s == pytest.approx(39.9, abs=0.1)
     assert any("clock was not the recorder's" in finding for finding in result.findings)

@@ -5,11 +5,16 @@ If this fails after a change of behaviour that is meant: `python tests/bags/make
 
 import pytest
 
+from tombo_flight.flight import fly_scenario
+from tombo_flight.flight_output import write_mcap
+from tombo_flight.replay.run import Request, replay_bag
+from tombo_flight.scenario import load_scenario
+
 EVENTS = {
-    "paper_collision_0": [(23.133, "innovation", 1253.95)],
-    "paper_collision_7": [(23.133, "innovation", 1414.48)],
-    "soft_strike_3": [(23.133, "innovation", 148.11)],
-    "known_obstacle_1": [(22.933, "region", 0.29)],
+    "paper_collision_0": [(23.233, "innovation", 636.12)],
+    "paper_collision_7": [(23.233, "innovation", 835.4)],
+    "soft_strike_3": [(23.267, "innovation", 318.32)],
+    "known_obstacle_1": [(23.033, "region", 1.9)],
     "no_obstacle_1": [],
     "aggressive_2": [],
 }
@@ -62,11 +67,11 @@ def test_another_detector_is_seen_to_be_one(replayed, setting, missed, extra):
 
 
 def test_a_threshold_above_the_strike_fires_at_a_later_pose_or_never(replayed):
-    same = replayed("soft_strike_3", "detector.threshold=145", nodes=("detector",))
-    later = replayed("soft_strike_3", "detector.threshold=150", nodes=("detector",))
+    same = replayed("soft_strike_3", "detector.threshold=315", nodes=("detector",))
+    later = replayed("soft_strike_3", "detector.threshold=320", nodes=("detector",))
     assert same.differences == []
-    assert later.nodes["detector"]["detection_time_difference_ms"] == [pytest.approx(33.0, abs=2)]
-    assert later.differences[0] == "detector: detection differs by 34.000 ms"
+    assert later.nodes["detector"]["detection_time_difference_ms"] == [pytest.approx(200.0, abs=2)]
+    assert later.differences[0] == "detector: detection differs by 200.000 ms"
 
 
 def test_another_trigger_is_seen_by_its_time_and_its_place(replayed):
@@ -95,6 +100,22 @@ def test_false_alarms_are_counted_against_the_true_contact(replayed):
     )
     true = replayed("paper_collision_0", nodes=("detector",)).nodes["detector"]
     assert 10.0 < true["latency_ms"][0] < 60.0
+
+
+@pytest.mark.slow
+def test_a_headless_flight_is_replayed_to_the_last_bit(tmp_path):
+    short = ["mission.takeoff_time=0.1", "mission.approach_time=5.0", "duration=14.0"]
+    write_mcap(fly_scenario(load_scenario(settings=short), 3), tmp_path / "flight.mcap")
+    result = replay_bag(tmp_path / "flight.mcap", Request())
+    assert set(result.nodes) == {"detector", "mission", "reaction", "estimator", "controller"}
+    series = (one for node in result.nodes.values() for one in node.values())
+    compared = [one for one in series if isinstance(one, dict) and "compared" in one]
+    assert len(compared) == 7
+    for one in compared:
+        assert one["compared"] > 300
+        largest = next(value for key, value in one.items() if key.startswith("max"))
+        assert largest < (1e-7 if "max_rad" in one else 1e-300)  # an angle of a cosine next to 1
+    assert result.nodes["mission"]["phase_time_difference_ms"] == 6 * [0.0]
 
 
 @pytest.mark.slow

@@ -22,7 +22,7 @@ def test_different_recordings_exit_with_1_and_a_table(tombo):
     result = tombo("compare", ONE, OTHER, "--topic", "/mocap/pose")
     assert result.code == 1 and result.err == ""
     words = " ".join(result.out.split())
-    assert "/mocap/pose 1202 1198 differs 0 pose.position.x" in words
+    assert "/mocap/pose 1204 1198 differs 0 pose.position.x" in words
     assert "1 of 1 topics differ." in words
 
 

@@ -6,6 +6,8 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import groupby
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -13,22 +15,24 @@ from numpy.typing import NDArray
 
 from tombo_bag.message_codec import messages_of
 from tombo_bag.recording import Recording
-from tombo_bag.topics import COLLISION_EVENT, DETECTOR_STATUS, MOCAP_POSE, TOPICS
+from tombo_bag.topics import COLLISION_EVENT, DETECTOR_STATUS, MOCAP_POSE, ODOMETRY, TOPICS
 from tombo_dynamics.core import Core
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import DetectorStatus, Pose, neutral
+from tombo_dynamics.time_base import TICK_NS
 from tombo_flight.replay.merge_streams import merge_by_arrival
 from tombo_flight.replay.outputs import EVENTS, SERIES, Event, Outputs, series_of
 from tombo_flight.replay.plan import NODES
 from tombo_flight.replay.poses import PoseTrack
 from tombo_flight.scenario import Scenario
-from tombo_flight.wiring import core_of
+from tombo_flight.wiring import CORES, core_of
 
 Times = NDArray[np.int64]
 Stream = tuple[Times, Sequence[Any]]
 """Arrivals and messages of a topic."""
 Published = list[tuple[int, str, Any]]
 """Time, topic and message of all that a core has published."""
+_PUBLISHED_BY_CORES = {topic for core in CORES for topic in core.outputs}
 _NOTHING: Stream = (np.zeros(0, np.int64), [])
 
 
@@ -48,6 +52,17 @@ class Inputs:
         """Return whether there is at least one message of a topic."""
         streams = self.recording.topics
         return topic in streams and streams[topic].count > 0
+
+    def is_paced_by_ticks(self) -> bool:
+        """Return whether log times are those of publication in a simulated tick.
+
+        A message of one tick is there for other cores in the next (`tombo_dynamics.core`).
+        """
+        if not self.has(ODOMETRY.name):
+            return False
+        table = self.recording.columns(ODOMETRY.name)
+        times: Times = table["log_time_ns"]
+        return not (times % TICK_NS).any() and np.array_equal(times, table["stamp_ns"])
 
     def stream(self, topic: str) -> Stream:
         """Return what was recorded of a topic.
@@ -83,6 +98,10 @@ def through_cores(inputs: Inputs, recorded: Outputs) -> tuple[Outputs, dict[str,
         plan = NODES[node]
         core = core_of(plan.core, inputs.scenario)
         streams = {topic: _stream(inputs, topic) for topic in core.inputs}
+        if inputs.is_paced_by_ticks():
+            for topic in _PUBLISHED_BY_CORES & set(streams):
+                times, messages = streams[topic]
+                streams[topic] = times + TICK_NS, messages
         published, refused = replay_core(core, streams, _steps(core, inputs, streams))
         for name in plan.compared_outputs:
             if name == "events":
@@ -101,6 +120,8 @@ def replay_core(
 ) -> tuple[Published, Counter[str]]:
     """Feed a core all messages in order of arrival, as the node that hosts it would.
 
+    What arrives at one time is handed over before one step, as in `run_wiring`.
+
     Args:
         core: new.
         streams: of its inputs, in their order.
@@ -113,11 +134,16 @@ def replay_core(
     published: Published = []
     reported: Counter[str] = Counter()
     waiting: list[tuple[str, Any]] = []
-    for now, stream, row in merge_by_arrival(*(times for times, _ in streams.values()), steps):
-        if stream < len(topics):
-            waiting.append((topics[stream], streams[topics[stream]][1][row]))
-            if not core.steps_on_messages:
-                continue
+    arrivals = merge_by_arrival(*(times for times, _ in streams.values()), steps)
+    for now, entries in groupby(arrivals, key=itemgetter(0)):
+        due = core.steps_on_messages
+        for _, stream, row in entries:
+            if stream < len(topics):
+                waiting.append((topics[stream], streams[topics[stream]][1][row]))
+            else:
+                due = True
+        if not due:
+            continue
         for topic, message in waiting:
             core.on(topic, message, now)
         waiting.clear()

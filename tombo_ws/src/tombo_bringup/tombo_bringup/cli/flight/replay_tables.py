@@ -130,7 +130,7 @@ def _list(values: list[float | None], digits: int) -> str:
 
 
 def _number(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f}".rstrip("0").rstrip(".")
+    return "-" if value is None else f"{round(value, digits):.10g}"
 
 
 _ROWS = {
