@@ -7,6 +7,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_collision.detector import (
+    CollisionEvent,
+    DetectorMemory,
+    begin_detector,
+    detect,
+    set_triggers,
+)
+from tombo_collision.params import DetectorParams
 from tombo_control.controller_core import ControllerCore
 from tombo_control.estimate import Estimate
 from tombo_control.estimator_core import EstimatorCore
@@ -20,8 +28,10 @@ from tombo_dynamics.messages import (
     Pose,
     PositionSetpoint,
     ReactionStatus,
+    Trigger,
 )
 from tombo_dynamics.pose_check import PoseRefusal
+from tombo_dynamics.records import parameter_record
 
 Array = NDArray[np.float64]
 _ZERO = np.zeros(3)
@@ -123,3 +133,41 @@ class Mission(MissionCore):
 
     def reaction_alive(self, now_ns: int) -> None:
         self.on("/setpoint", None, now_ns)
+
+
+class CollisionDetector:
+    """Watches capture-stamped poses; `update` returns an event when one is detected."""
+
+    def __init__(self, params: DetectorParams) -> None:
+        self.memory = DetectorMemory.new()
+        begin_detector(self.memory)
+        self.refused = PoseRefusal.NONE
+        """Why the last sample was not used."""
+        self.set_params(params)
+
+    def set_params(self, params: DetectorParams) -> None:
+        """Go on with other parameters; what was seen so far stays."""
+        self._params = parameter_record(params)
+        set_triggers(self.memory, params)
+
+    @property
+    def statistic(self) -> float:
+        """Normalised innovation squared of the last sample; 0 where there was none."""
+        return float(self.memory.statistic)
+
+    def update(self, stamp_s: float, position: Array, attitude: Array) -> CollisionEvent | None:
+        """Take a pose as `detect` does; return an event if it shows a collision."""
+        memory = self.memory
+        self.refused = detect(memory, self._params, stamp_s, position, attitude)
+        if not memory.collided:
+            return None
+        return CollisionEvent(
+            stamp_s,
+            Trigger(memory.trigger).name.lower(),
+            float(memory.contact_s),
+            memory.x_c.copy(),
+            memory.direction.copy(),
+            float(memory.confidence),
+            self.statistic,
+            int(memory.count),
+        )

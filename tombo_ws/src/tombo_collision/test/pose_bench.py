@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tombo_collision.detector import CollisionDetector, CollisionEvent
+from core_calls import CollisionDetector
+from tombo_collision.detector import CollisionEvent
 from tombo_collision.params import DetectorParams
 from tombo_dynamics.arrays import Array
 

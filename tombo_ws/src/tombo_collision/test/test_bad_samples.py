@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pose_bench import Poses, flight, watch
 
-from tombo_collision.detector import CollisionDetector
+from core_calls import CollisionDetector
 from tombo_collision.params import DetectorParams
 
 STRUCK = flight(velocity=(0.7, 0.0, 0.0)).pushed(4.0, (-1.0, -0.4, 0.0))

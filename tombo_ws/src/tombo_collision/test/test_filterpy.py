@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from pose_bench import flight
 
+from core_calls import CollisionDetector
 from tombo_collision.detector import (
-    CollisionDetector,
     free_acceleration,
     free_flight_filter,
 )

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pose_bench import Poses, flight, watch
 from scipy.spatial.transform import Rotation
 
-from tombo_collision.detector import CollisionDetector
+from core_calls import CollisionDetector
 from tombo_collision.params import DetectorParams
 from tombo_dynamics.pose_check import PoseRefusal
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pose_bench import flight, watch
 
-from tombo_collision.detector import CollisionDetector
+from core_calls import CollisionDetector
 from tombo_collision.params import TRIGGERS, DetectorParams
 from tombo_dynamics.errors import InputError
 

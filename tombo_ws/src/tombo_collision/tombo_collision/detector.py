@@ -22,7 +22,7 @@ from tombo_collision.params import DetectorParams
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.pose_check import PoseRefusal
-from tombo_dynamics.records import Record, field, parameter_record
+from tombo_dynamics.records import Record, field
 from tombo_dynamics.rotation import rotation_vector
 from tombo_dynamics.vehicle import GRAVITY
 
@@ -39,8 +39,6 @@ _MIN_SAMPLES_FOR_GATE = 2
 """Samples after which the filter's velocity is good enough to tell a jump."""
 _POSES_TO_ACCEPT_JUMP = 3
 """Samples at the new place that make a jump the truth."""
-
-TRIGGER_NAMES = ("", "region", "innovation")
 
 
 class StampedPose(Record):
@@ -86,7 +84,7 @@ class DetectorMemory(Record):
     track_length = field("1", "samples in the ring", kind=int)
     track = field("", "the way of the last half second, a ring", _TRACK_LENGTH, TrackEntry)
     count = field("1", "events so far", kind=int)
-    trigger = field("1", "of the last event: index in TRIGGER_NAMES", kind=int)
+    trigger = field("1", "of the last event: a `Trigger`; 0: none yet", kind=int)
     contact_s = field("s", "of the last event")
     x_c = field("m", "of the last event: base_link at contact", 3)
     direction = field("1", "of the flight before contact, unit vector", 3)
@@ -507,41 +505,3 @@ class CollisionEvent:
     """Normalised innovation squared of the triggering sample (6 degrees of freedom)."""
     count: int
     """1 for the first event of a flight."""
-
-
-class CollisionDetector:
-    """Watches capture-stamped poses; `update` returns an event when one is detected."""
-
-    def __init__(self, params: DetectorParams) -> None:
-        self.memory = DetectorMemory.new()
-        begin_detector(self.memory)
-        self.refused = PoseRefusal.NONE
-        """Why the last sample was not used."""
-        self.set_params(params)
-
-    def set_params(self, params: DetectorParams) -> None:
-        """Go on with other parameters; what was seen so far stays."""
-        self._params = parameter_record(params)
-        set_triggers(self.memory, params)
-
-    @property
-    def statistic(self) -> float:
-        """Normalised innovation squared of the last sample; 0 where there was none."""
-        return float(self.memory.statistic)
-
-    def update(self, stamp_s: float, position: Array, attitude: Array) -> CollisionEvent | None:
-        """Take a pose as `detect` does; return an event if it shows a collision."""
-        memory = self.memory
-        self.refused = detect(memory, self._params, stamp_s, position, attitude)
-        if not memory.collided:
-            return None
-        return CollisionEvent(
-            stamp_s,
-            TRIGGER_NAMES[memory.trigger],
-            float(memory.contact_s),
-            memory.x_c.copy(),
-            memory.direction.copy(),
-            float(memory.confidence),
-            self.statistic,
-            int(memory.count),
-        )

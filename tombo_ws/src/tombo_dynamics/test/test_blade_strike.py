@@ -7,8 +7,9 @@ import pytest
 from one_vehicle import Vehicle, hover_speed
 from scipy.spatial.transform import Rotation
 
+from tombo_dynamics.propeller import configuration, configurations
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, SPIN, VehicleParams
-from tombo_sim.propeller_effects import measured_performance
+from tombo_sim.propeller_effects import propeller_performance
 
 TOMBO = {"peak_force": 145.5, "recovery_time": 0.42, "slant": 0.4, "duration": 0.014}
 RADIUS = VehicleParams().rotor_radius
@@ -175,7 +176,7 @@ def test_the_push_fades_while_the_blade_folds():
 @pytest.mark.parametrize("speed", [2000 * math.pi / 30, HOVER])
 def test_thrust_collapses_and_returns_in_the_measured_time(conf, speed):
     """A bench test at constant command, as behind Table III; drive and folding add their own."""
-    figures = measured_performance(conf)
+    figures = propeller_performance(configuration(conf), configurations())
     v = struck(
         speed=speed, peak_force=figures["collision_force_N"],
         recovery_time=figures["recovery_s"],
@@ -224,7 +225,7 @@ def test_a_blade_that_straightens_into_the_obstacle_is_struck_again():
 @pytest.mark.parametrize("bearing", [-0.5, 0.0, 0.8])
 def test_the_airframe_gets_less_energy_than_the_rotor_loses(conf, speed, bearing):
     """At flight speeds; the push does not ask the rotor what it has, so idling ones give more."""
-    figures = measured_performance(conf)
+    figures = propeller_performance(configuration(conf), configurations())
     v = struck(bearing=bearing, speed=speed, peak_force=figures["collision_force_N"])
     free = struck(speed=speed)
     free.plant.obstacle.radius = 0.0

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from tombo_collision.detector import TRIGGER_NAMES, CollisionEvent
+from tombo_collision.detector import CollisionEvent
 from tombo_collision.reaction_core import ReactionCore
 from tombo_collision.reactions import Decision
 from tombo_control.mission_core import status_text
@@ -22,7 +22,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.message_records import message_of
 from tombo_dynamics.messages import CollisionEvent as CollisionMessage
-from tombo_dynamics.messages import MissionStatus
+from tombo_dynamics.messages import MissionStatus, Trigger
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
 from tombo_flight.flight_metrics import MetricsInput, collision_events, phase_event, summarize
@@ -226,7 +226,7 @@ def _detection(event: Any) -> CollisionEvent:
     """Return a published collision in flight time."""
     return CollisionEvent(
         _seconds(event["stamp_ns"]),
-        TRIGGER_NAMES[event["trigger"]],
+        Trigger(event["trigger"]).name.lower(),
         _seconds(event["contact_stamp_ns"]),
         event["contact_position"],
         event["flight_direction"],

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from tombo_dynamics.effects import check_theta
-from tombo_dynamics.propeller import ThrustMap, configuration, configurations, thrust_map
+from tombo_dynamics.propeller import ThrustMap, thrust_map
 from tombo_dynamics.propeller.mounted_propeller import (
     PropellerChoice,
     library_of,
@@ -32,11 +32,6 @@ falling distance (1.5 s, 0.5 m): 145.5 N fading over it, about one turn, are 1.0
 def thrust_map_of(choice: PropellerChoice) -> ThrustMap:
     """Return the thrust map of a configuration under a law of the nodus."""
     return thrust_map(mounted_configuration(choice), law=choice.law)
-
-
-def measured_performance(conf: int) -> dict[str, float]:
-    """Return what `propeller_performance` does for a configuration of Table I."""
-    return propeller_performance(configuration(conf), configurations())
 
 
 def propeller_performance(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from vehicle_bench import Flight
 
-from tombo_collision.detector import CollisionDetector
+from core_calls import CollisionDetector
 from tombo_control.planning import mission as plan
 from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.messages import CollisionEvent, Phase
