@@ -19,7 +19,7 @@ from tombo_control.planning import mission as plan
 from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.messages import Odometry, Phase, PositionSetpoint
 from tombo_dynamics.records import numbers
-from tombo_dynamics.rotation import rotate_vectors, tilt
+from tombo_dynamics.rotation import rotate_vector, tilt
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 from tombo_flight.scenario import Scenario, load_scenario, world_of
 from tombo_sim.simulator import Simulator
@@ -41,7 +41,7 @@ def hover_at(x: float, y: float, z: float, velocity: Any = (0.0, 0.0, 0.0)) -> P
 def odometry_of(estimate: Estimate) -> Odometry:
     """Return an estimate as the estimator publishes it: velocity in base_link."""
     x, y, z, w = estimate.attitude
-    velocity = rotate_vectors(np.array([-x, -y, -z, w]), estimate.velocity)
+    velocity = rotate_vector(np.array([-x, -y, -z, w]), estimate.velocity)
     return Odometry(
         estimate.stamp_ns, estimate.position, estimate.attitude, velocity, estimate.rates
     )

@@ -28,7 +28,7 @@ from tombo_bag.topics import (
     ODOMETRY,
 )
 from tombo_dynamics.records import numbers
-from tombo_dynamics.rotation import rotate_vectors
+from tombo_dynamics.rotation import rotate_vector
 from tombo_msgs.msg import MissionStatus
 from tombo_ros.conversion import array, point, quaternion, to_ns, to_time
 
@@ -107,7 +107,7 @@ def test_odometry_is_the_flight_and_bad_poses_are_told(world, start):
         q = array(message.pose.pose.orientation)
         assert np.linalg.norm(array(message.pose.pose.position) - truth[:3]) < 0.02
         assert abs(q @ truth[6:10]) > 0.9998
-        velocity = rotate_vectors(q, array(message.twist.twist.linear))
+        velocity = rotate_vector(q, array(message.twist.twist.linear))
         assert np.linalg.norm(velocity - truth[3:6]) < 0.1
     status = world.heard[ESTIMATOR_STATUS.name][-1]
     assert status.initialised

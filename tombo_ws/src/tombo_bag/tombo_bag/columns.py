@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tombo_bag.columnar_cdr import Layout, Text, layout_of
 from tombo_bag.schemas import Types
+from tombo_dynamics.time_base import SECOND_NS
 
 ColumnTable: TypeAlias = dict[str, NDArray[Any]]
 
@@ -45,7 +46,7 @@ def columns_of(typename: str, messages: list[bytes], types: Types) -> ColumnTabl
         table[path] = _strings(path, groups, len(messages))
     if "header.stamp.sec" in table and "header.stamp.nanosec" in table:
         seconds = table["header.stamp.sec"].astype(np.int64)
-        table["stamp_ns"] = seconds * 1_000_000_000 + table["header.stamp.nanosec"]
+        table["stamp_ns"] = seconds * SECOND_NS + table["header.stamp.nanosec"]
     return table
 
 

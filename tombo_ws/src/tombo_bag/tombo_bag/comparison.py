@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 from tombo_bag.columns import ColumnTable
 from tombo_bag.flight_time import FLIGHT_METADATA
 from tombo_bag.recording import Recording
-from tombo_dynamics.arrays import Array
+from tombo_dynamics.arrays import Array, Times
 from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.time_base import SECOND_NS
 
 PROCESS_TOPICS = ("/clock", "/diagnostics", "/events/write_split", "/parameter_events", "/rosout")
 """Topics about the processes that ran, not about the flight: compared only where asked for."""
@@ -30,7 +31,6 @@ PROCESS_TOPICS = ("/clock", "/diagnostics", "/events/write_split", "/parameter_e
 _RAW = "(bytes)"
 _NO_FIELDS = ("log_time_ns", "publish_time_ns", "stamp_ns")
 
-Times = NDArray[np.int64]
 Rows = NDArray[np.intp]
 
 
@@ -287,7 +287,7 @@ def _stamps(table: ColumnTable) -> Times:
         if path.endswith("stamp.sec") and not np.isnan(table[path]).any():
             seconds = table[path].astype(np.int64)
             rest = table[path.removesuffix("sec") + "nanosec"].astype(np.int64)
-            return np.asarray(seconds * 1_000_000_000 + rest)
+            return np.asarray(seconds * SECOND_NS + rest)
     return np.asarray(table["publish_time_ns"], np.int64)
 
 

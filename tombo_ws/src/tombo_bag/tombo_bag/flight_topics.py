@@ -35,13 +35,14 @@ from tombo_bag.topics import (
     TopicSpec,
 )
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.rotation import map_to_body
 from tombo_dynamics.time_base import EPOCH_NS, TICK_HZ, TICK_NS
 
-_MAP = {"header": {"frame_id": "map"}}
-_BODY = {"header": {"frame_id": "base_link"}}
-_BODY_IN_MAP = {**_MAP, "child_frame_id": "base_link"}
+_MAP = {"header": {"frame_id": FRAME_MAP}}
+_BODY = {"header": {"frame_id": FRAME_BODY}}
+_BODY_IN_MAP = {**_MAP, "child_frame_id": FRAME_BODY}
 _NAN = float("nan")
 _SPHERE, _CYLINDER = 2, 3
 _POINT_DIAMETER_M = 0.12
@@ -283,7 +284,7 @@ def _marker(
     colour: Sequence[float],
 ) -> dict[str, Any]:
     return {
-        "header": {"stamp": stamp(time_ns), "frame_id": "map"},
+        "header": {"stamp": stamp(time_ns), "frame_id": FRAME_MAP},
         "ns": name,
         "type": shape,
         "pose": {

@@ -21,6 +21,7 @@ from tombo_bag.message_template import Field, MessageTemplate, TimeField
 from tombo_bag.schemas import known_types
 from tombo_dynamics import messages as kinds
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP
 from tombo_dynamics.time_base import SECOND_NS
 
 _SHAPES = 8
@@ -67,7 +68,7 @@ class _Form:
 
 _FRAME_ID = "header.frame_id"
 _HEADER = {"stamp_ns": "header.stamp", "frame_id": _FRAME_ID}
-_MAP, _BODY = {_FRAME_ID: "map"}, {_FRAME_ID: "base_link"}
+_MAP, _BODY = {_FRAME_ID: FRAME_MAP}, {_FRAME_ID: FRAME_BODY}
 _FORMS: dict[str, _Form] = {
     "geometry_msgs/msg/PoseStamped": _Form(
         kinds.Pose, {}, {"position": "pose.position", "attitude": "pose.orientation"}
@@ -80,7 +81,7 @@ _FORMS: dict[str, _Form] = {
     ),
     "nav_msgs/msg/Odometry": _Form(
         kinds.Odometry,
-        {**_MAP, "child_frame_id": "base_link"},
+        {**_MAP, "child_frame_id": FRAME_BODY},
         {
             "position": "pose.pose.position",
             "attitude": "pose.pose.orientation",
@@ -240,7 +241,7 @@ def records_of(typename: str, table: NDArray[np.void]) -> NDArray[np.void]:
             are map or what the type has.
     """
     form = form_of(typename)
-    template = _nested({_FRAME_ID: "map", **form.frames}, form.values)
+    template = _nested({**_MAP, **form.frames}, form.values)
     records = layout(typename, template).records(len(table))
     for part, one in zip(_parts(typename), fields(form.kind), strict=True):
         if part.is_text:

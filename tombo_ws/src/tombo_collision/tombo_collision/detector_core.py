@@ -22,17 +22,16 @@ from tombo_collision.detector import (
 from tombo_collision.params import DetectorParams
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import Core
+from tombo_dynamics.frames import FRAME_MAP, is_map
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.message_records import CollisionEventRecord, DetectorStatusRecord, message_of
 from tombo_dynamics.messages import CollisionEvent, DetectorStatus, Pose
 from tombo_dynamics.pose_check import (
-    FRAME,
     MAX_FUTURE_NS,
     MAX_POSE_AGE_NS,
     POSE_REFUSAL_TEXTS,
     PoseRefusal,
     check_pose,
-    is_map,
 )
 from tombo_dynamics.records import Record, field, parameter_record
 
@@ -187,7 +186,7 @@ class DetectorCore(Core):
         health = self.health
         if not result and memory.detector.collided:
             health.values["collisions"] = int(memory.event.count)
-            event = message_of(CollisionEvent, memory.event, frame_id=FRAME)
+            event = message_of(CollisionEvent, memory.event, frame_id=FRAME_MAP)
             self._outputs.append(("/collision_event", event))
         self._outputs.append(("/detector/status", message_of(DetectorStatus, memory.status)))
         health.values["poses"] = int(memory.status.poses)

@@ -17,6 +17,7 @@ from tombo_collision.reactions import DEFAULT, REGISTRY, Decision, Reaction
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, Core
 from tombo_dynamics.errors import unknown_name
+from tombo_dynamics.frames import is_map
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.message_records import (
     CollisionEventRecord,
@@ -423,7 +424,7 @@ class ReactionCore(Core):
         Before the mission's first set point it is kept until there is one.
         """
         memory = self.memory
-        if event.frame_id.lstrip("/") != "map":
+        if not is_map(event.frame_id):
             why = EventRefusal.WRONG_FRAME
         else:
             fill_record(self._event, event)

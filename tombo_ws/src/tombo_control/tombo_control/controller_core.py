@@ -44,10 +44,11 @@ from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_
 from tombo_dynamics.records import Record, field, fill_record, parameter_record
 from tombo_dynamics.rotation import rotated
 from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import VehicleParams
 
 _MAX_GAP_TICKS = 100
-_GRACE_NS = 3_000_000_000
+_GRACE_NS = 3 * SECOND_NS
 """Nodes start in any order: before its first sample the gyro may be silent for so long."""
 _BLIND_TEXT = "position unknown (estimate or mocap too old): level descent"
 
@@ -343,7 +344,7 @@ class ControllerCore(Core):
         if self._began_ns is None or now_ns < self._began_ns:
             self._began_ns = now_ns
         silent_ns = now_ns - (self._imu_ns or self._began_ns + _GRACE_NS)
-        silent = silent_ns > self.limits.imu_timeout * 1e9
+        silent = silent_ns > self.limits.imu_timeout * SECOND_NS
         self.health.fault("imu_silent", silent, "no gyro: no commands", ERROR)
         outputs, self._outputs = self._outputs, []
         return outputs

@@ -25,6 +25,7 @@ from tombo_control.estimator import correct, process_imu, store_history, update_
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, Core
+from tombo_dynamics.frames import is_map
 from tombo_dynamics.jit import compiled, compiled_call
 from tombo_dynamics.message_records import EstimatorStatusRecord, OdometryRecord, message_of
 from tombo_dynamics.messages import EstimatorStatus, Imu, MissionStatus, Odometry, Phase, Pose
@@ -33,11 +34,10 @@ from tombo_dynamics.pose_check import (
     POSE_REFUSAL_TEXTS,
     PoseRefusal,
     check_pose,
-    is_map,
 )
 from tombo_dynamics.records import Record, field, fill_record
 from tombo_dynamics.rotation import rotated_back
-from tombo_dynamics.time_base import TICK_NS, TICK_S
+from tombo_dynamics.time_base import SECOND_NS, TICK_NS, TICK_S
 from tombo_dynamics.vehicle import VehicleParams
 
 _INITIAL_POSES = 3
@@ -51,7 +51,7 @@ _ODOMETRY_TICKS, _STATUS_TICKS = 4, 20
 """Ticks between two messages."""
 _POSE_SILENT_NS, _IMU_SILENT_NS = 120_000_000, 50_000_000
 """Three and a half samples at 30 Hz; fifty of the IMU."""
-_GRACE_NS = 3_000_000_000
+_GRACE_NS = 3 * SECOND_NS
 """Nodes start in any order: before the first message a sensor may be silent for so long."""
 _PENDING = 16
 """Poses that can wait for the IMU sample of their time."""

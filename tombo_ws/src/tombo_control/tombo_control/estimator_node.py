@@ -8,8 +8,9 @@ from tombo_bag.message_template import MessageTemplate
 from tombo_bag.topics import MARKERS, ODOMETRY, TF
 from tombo_control.estimate import nearest_tick
 from tombo_control.estimator_core import EstimatorCore
+from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP
 from tombo_dynamics.messages import Odometry
-from tombo_dynamics.rotation import rotate_vectors
+from tombo_dynamics.rotation import rotate_vector
 from tombo_ros.core_node import CoreNode, main_of
 from tombo_ros.markers import disc_markers
 from tombo_ros.pacing import ESTIMATOR
@@ -39,7 +40,7 @@ class EstimatorNode(CoreNode):
         except ImportError:
             self.ros.get_logger().info("tf2_msgs is not installed: no /tf; poses are on /odometry")
             return None, None
-        one = {"header": {"frame_id": "map"}, "child_frame_id": "base_link"}
+        one = {"header": {"frame_id": FRAME_MAP}, "child_frame_id": FRAME_BODY}
         return self.advertise(TF), MessageTemplate(TF.typename, {"transforms": [one]})
 
     def on_published(self, topic: str, message: Any) -> None:
@@ -50,15 +51,13 @@ class EstimatorNode(CoreNode):
         if tick % _TF_TICKS == 0 and self._tf_out is not None:
             self._publish_transform(message)
         if tick % _DISC_TICKS == 0:
-            hubs = [message.position + rotate_vectors(message.attitude, hub) for hub in self._hubs]
+            hubs = [message.position + rotate_vector(message.attitude, hub) for hub in self._hubs]
             radius = self.records["vehicle"].rotor_radius
             self._markers.publish(disc_markers(message.stamp_ns, hubs, message.attitude, radius))
 
     def _publish_transform(self, message: Odometry) -> None:
         path = "transforms[0]"
-        seconds, rest = divmod(message.stamp_ns, 1_000_000_000)
-        self._tf.set(f"{path}.header.stamp.sec", seconds)
-        self._tf.set(f"{path}.header.stamp.nanosec", rest)
+        self._tf.time(f"{path}.header.stamp").put(message.stamp_ns)
         self._tf.set(f"{path}.transform.translation.x", *message.position)
         self._tf.set(f"{path}.transform.rotation.x", *message.attitude)
         self._tf_out.publish(self._tf.data())

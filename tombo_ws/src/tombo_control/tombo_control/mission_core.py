@@ -49,7 +49,7 @@ from tombo_dynamics.messages import (
 )
 from tombo_dynamics.params import param
 from tombo_dynamics.records import Record, field, parameter_record
-from tombo_dynamics.rotation import rotate_vectors
+from tombo_dynamics.rotation import rotate_vector
 
 
 class WaitReason(Reason):
@@ -436,7 +436,7 @@ class MissionCore(Core):
     ) -> None:
         """Take an estimate, the reaction's status, or its set point as a sign of life."""
         if isinstance(message, Odometry):
-            velocity = rotate_vectors(message.attitude, message.velocity)
+            velocity = rotate_vector(message.attitude, message.velocity)
             if not take_estimate(self.memory, message.position, velocity, now_ns):
                 self.health.report_event("odometry_not_finite", "odometry with NaN or infinity")
         elif isinstance(message, ReactionStatus):

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.frames import FRAME_MAP
+from tombo_dynamics.vehicle import GRAVITY
 
 
 class Phase(IntEnum):
@@ -227,9 +229,9 @@ class RatesSetpoint:
 
 
 _NEUTRAL: dict[str, Any] = {
-    "frame_id": "map",
+    "frame_id": FRAME_MAP,
     "attitude": (0.0, 0.0, 0.0, 1.0),
-    "accel": (0.0, 0.0, 9.81),
+    "accel": (0.0, 0.0, GRAVITY),
     "flight_direction": (1.0, 0.0, 0.0),
     "speed": (0.0, 0.0, 0.0, 0.0),
     "phase": int(Phase.HOVER),

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.frames import FRAME_MAP
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.messages import Reason
 
-FRAME = "map"
 MAX_FUTURE_NS = 5_000_000
 """A stamp may be this far ahead of the clock: two clocks of one machine agree better."""
 MAX_POSE_AGE_NS = 500_000_000
@@ -32,7 +32,7 @@ class PoseRefusal(Reason):
 
 
 POSE_REFUSAL_TEXTS = {
-    PoseRefusal.WRONG_FRAME: f"a pose whose frame is not {FRAME}",
+    PoseRefusal.WRONG_FRAME: f"a pose whose frame is not {FRAME_MAP}",
     PoseRefusal.NOT_FINITE: "a pose with NaN or infinity",
     PoseRefusal.NOT_UNIT: "a pose whose quaternion is no rotation",
     PoseRefusal.FUTURE: "a pose stamped in the future",
@@ -41,11 +41,6 @@ POSE_REFUSAL_TEXTS = {
     PoseRefusal.JUMP: "a pose where the vehicle can't be: markers mixed up?",
     PoseRefusal.TWO_PUBLISHERS: "two nodes publish poses: nobody can tell which is true",
 }
-
-
-def is_map(frame_id: str) -> bool:
-    """Return whether a message is in the frame that poses must be in."""
-    return frame_id.lstrip("/") == FRAME
 
 
 @compiled_call

@@ -167,11 +167,29 @@ def yaw_pitch_roll(q: Array) -> Array:
     return np.stack([yaw, pitch, roll], axis=-1)
 
 
+def yaw_of(q: Array) -> float:
+    """Return the yaw [rad] of one quaternion (4)."""
+    x, y, z, w = (float(v) for v in q)
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def up_in_body(q: Array) -> Array:
+    """Return `map` z in the body frame (..., 3) of quaternions (..., 4)."""
+    x, y, z, w = (q[..., i] for i in range(4))
+    up = [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)]
+    return np.stack(up, axis=-1)
+
+
 def tilt(q: Array) -> Array:
     """Return the angle [rad] between body z and `map` z of quaternions (..., 4)."""
-    upright: Array = 1.0 - 2.0 * (q[..., 0] ** 2 + q[..., 1] ** 2)
-    angle: Array = np.arccos(np.clip(upright, -1.0, 1.0))
+    angle: Array = np.arccos(np.clip(up_in_body(q)[..., 2], -1.0, 1.0))
     return angle
+
+
+@compiled
+def upright(q: Array) -> float:
+    """Return the cosine of the tilt of one quaternion (4)."""
+    return float(1.0 - 2.0 * (q[0] * q[0] + q[1] * q[1]))
 
 
 @compiled
@@ -201,7 +219,7 @@ def _turned(axis: Array, w: float, vx: float, vy: float, vz: float) -> tuple[flo
 
 
 @compiled
-def rotate_vectors(q: Array, v: Array) -> Array:
+def rotate_vector(q: Array, v: Array) -> Array:
     """Return the vector `v` (3) turned by the quaternion `q` (4) xyzw."""
     out = np.empty(3)
     out[0], out[1], out[2] = rotated(q, v[0], v[1], v[2])

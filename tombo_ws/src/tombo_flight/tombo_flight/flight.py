@@ -20,6 +20,7 @@ from tombo_collision.reactions import Decision
 from tombo_control.mission_core import status_text
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.frames import FRAME_MAP
 from tombo_dynamics.message_records import message_of
 from tombo_dynamics.messages import CollisionEvent as CollisionMessage
 from tombo_dynamics.messages import MissionStatus, Trigger
@@ -152,7 +153,7 @@ def _react(reaction: ReactionCore, published: Published, flight: Any) -> None:
     now_ns = EPOCH_NS + tick * TICK_NS
     events = published.event[: flight["published"][EVENT]]
     for entry in events[events["tick"] == tick - 1]:
-        reaction.event(message_of(CollisionMessage, entry["message"], frame_id="map"), now_ns)
+        reaction.event(message_of(CollisionMessage, entry["message"], frame_id=FRAME_MAP), now_ns)
     reaction.step(now_ns)
     publish_reaction(reaction.memory, published, flight, tick)
 

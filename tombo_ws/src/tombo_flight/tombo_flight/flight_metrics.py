@@ -17,7 +17,7 @@ from tombo_collision.detector import CollisionEvent
 from tombo_collision.reactions import Decision
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import PHASE_NAMES, Phase
-from tombo_dynamics.rotation import tilt
+from tombo_dynamics.rotation import tilt, up_in_body
 from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES, VehicleParams
 from tombo_flight.scenario import Scenario
@@ -98,10 +98,7 @@ def first_sustained(condition: NDArray[np.bool_], length: int) -> int | None:
 
 def lowest_point(vehicle: VehicleParams, position: Array, attitude: Array) -> Array:
     """Return the height of the lowest point of legs and motors (N,) [m]."""
-    x, y, z, w = attitude.T
-    up = np.column_stack(
-        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)]
-    )
+    up = up_in_body(attitude)
     spread = vehicle.leg_spread * math.sqrt(2.0)
     lowest = np.full(position.shape[0], np.inf)
     for i in range(4):

@@ -5,11 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tombo_dynamics.arrays import Array
-
-Stamps = NDArray[np.int64]
+from tombo_dynamics.arrays import Array, Times
 
 _UNIT = 1e-2
 """How far from 1 the length of a rotation's quaternion may be."""
@@ -19,7 +16,7 @@ _UNIT = 1e-2
 class PoseTrack:
     """Poses of base_link in map, in order of capture."""
 
-    stamps_ns: Stamps
+    stamps_ns: Times
     """(N,) rising."""
     position: Array
     """(N, 3) [m]."""
@@ -29,7 +26,7 @@ class PoseTrack:
     """(N, 3) in map [m/s], by central differences."""
 
 
-def pose_track(stamps_ns: Stamps, position: Array, attitude: Array) -> PoseTrack | None:
+def pose_track(stamps_ns: Times, position: Array, attitude: Array) -> PoseTrack | None:
     """Return the track of poses as recorded: in any order, some twice, some no numbers at all.
 
     Args:

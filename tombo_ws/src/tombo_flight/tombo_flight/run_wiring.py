@@ -15,8 +15,9 @@ import numpy as np
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import Core
+from tombo_dynamics.frames import FRAME_MAP
 from tombo_dynamics.messages import Imu, Phase, Pose, RotorCommand
-from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
+from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_NS
 from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.wiring import CORES, core_of
 from tombo_sim.flight_end import FlightEndDetector
@@ -79,7 +80,7 @@ def run_cores(
                 runner.take(topic, message)
         over_s = flight_end.watch(simulator.height, simulator.upright, phase)
         if over_s is not None:
-            end = min(end, tick + round(over_s * 1e9 / TICK_NS))
+            end = min(end, tick + round(over_s * SECOND_NS / TICK_NS))
         published = [entry for runner in runners for entry in runner.run(now_ns)]
         for topic, message in published:
             record(topic, message)
@@ -99,7 +100,7 @@ def sensed(simulator: Simulator, now_ns: int) -> list[tuple[str, Any]]:
     messages: list[tuple[str, Any]] = []
     for sample in simulator.arrived:
         position, attitude = sample.pose[:3].copy(), sample.pose[3:].copy()
-        pose = Pose(EPOCH_NS + sample.stamp_ns, "map", position, attitude)
+        pose = Pose(EPOCH_NS + sample.stamp_ns, FRAME_MAP, position, attitude)
         messages.append(("/mocap/pose", pose))
     imu = simulator.imu.copy()
     return [*messages, ("/imu/data_raw", Imu(now_ns, imu[:3], imu[3:]))]
@@ -114,7 +115,7 @@ def run_wiring(scenario: Scenario, seed: int, record: Record) -> int:
     return run_cores(
         [core_of(kind, scenario) for kind in CORES],
         Simulator(world_of(scenario), seed),
-        round(scenario.duration * 1e9 / TICK_NS),
+        round(scenario.duration * SECOND_NS / TICK_NS),
         FlightEndDetector(scenario.vehicle.leg_height),
         record,
     )

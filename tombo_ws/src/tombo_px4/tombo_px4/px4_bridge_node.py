@@ -32,9 +32,11 @@ from tombo_bag.topics import (
     TF,
 )
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP
 from tombo_dynamics.messages import PositionSetpoint
 from tombo_dynamics.pose_check import POSE_REFUSAL_TEXTS, PoseRefusal
-from tombo_dynamics.rotation import conjugate, rotate_vectors
+from tombo_dynamics.rotation import conjugate, rotate_vector
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_msgs.msg import Px4Status
 from tombo_px4.bridge.bridge import Bridge, BridgeOutput, Status
@@ -55,14 +57,14 @@ from tombo_ros.topic import message_class
 
 _RATE_HZ = 250.0
 _TF_NS = 20_000_000
-_STATUS_REPEAT_NS = 1_000_000_000
+_STATUS_REPEAT_NS = SECOND_NS
 """Shortest time between two reports of a finding whose numbers change."""
 _SHUTDOWN_NS = 1_500_000_000
 """Time for the last command; the supervisor gives a node 2 s to end."""
-_LANDING_NS = 20_000_000_000
+_LANDING_NS = 20 * SECOND_NS
 """Longest wait for a vehicle that lands, unless it gets a second signal."""
 _LANDING_STEP_S = 0.004
-_ASK_AGAIN_NS = 1_000_000_000
+_ASK_AGAIN_NS = SECOND_NS
 _FLUSH_S = 0.1
 """Time for the last messages to be sent."""
 _ERROR_FAULTS = ("no_vehicle", "link_lost", "mode_taken", "given_up", "wrong_system")
@@ -106,7 +108,7 @@ class Px4BridgeNode(LoopNode):
             key=key,
             allow_remote=link.allow_remote,
         )
-        rotate_vectors(np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3))  # loads its compiled code now
+        rotate_vector(np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3))  # loads its compiled code now
         self._pose_in = self.subscribe(MOCAP_POSE, depth=20)
         self._setpoint_in = self.subscribe(SETPOINT)
         self._setpoint_codec = MessageCodec(SETPOINT.typename)
@@ -123,14 +125,14 @@ class Px4BridgeNode(LoopNode):
 
     def _make_outputs(self) -> None:
         self._odometry_out = self.advertise(ODOMETRY)
-        frames = {"header": {"frame_id": "map"}, "child_frame_id": "base_link"}
+        frames = {"header": {"frame_id": FRAME_MAP}, "child_frame_id": FRAME_BODY}
         self._odometry = MessageTemplate(ODOMETRY.typename, frames)
         self._pose_field = self._odometry.field("pose.pose.position.x", 7)
         self._covariance_field = self._odometry.field("pose.covariance", 36)
         self._twist_field = self._odometry.field("twist.twist.linear.x", 6)
         self._imu_out = self.advertise(IMU)
         unknown = {"orientation_covariance": [-1.0] + 8 * [0.0]}
-        self._imu = MessageTemplate(IMU.typename, {"header": {"frame_id": "base_link"}, **unknown})
+        self._imu = MessageTemplate(IMU.typename, {"header": {"frame_id": FRAME_BODY}, **unknown})
         self._gyro = self._imu.field("angular_velocity.x", 3)
         self._accel = self._imu.field("linear_acceleration.x", 3)
         self._battery_out = self.advertise(BATTERY)
@@ -279,7 +281,7 @@ class Px4BridgeNode(LoopNode):
         self._pose_field.put((*odometry.position, *odometry.attitude))
         covariance = odometry.pose_covariance
         self._covariance_field.put_array(np.zeros(36) if covariance is None else covariance)
-        moving = rotate_vectors(conjugate(odometry.attitude), odometry.velocity)
+        moving = rotate_vector(conjugate(odometry.attitude), odometry.velocity)
         self._twist_field.put((*moving, *odometry.rates))
         self._odometry_out.publish(message_template.data())
         if self._estimator_out is not None and odometry.stamp_ns - self._estimator_ns >= _TF_NS:
@@ -292,7 +294,7 @@ class Px4BridgeNode(LoopNode):
     def _publish_estimator_status(self, stamp_ns: int) -> None:
         """Publish the last pose's stamp; PX4 sends no biases, its gyro is corrected for them."""
         message: Any = message_class(ESTIMATOR_STATUS.typename)()
-        message.header.stamp, message.header.frame_id = to_time(stamp_ns), "base_link"
+        message.header.stamp, message.header.frame_id = to_time(stamp_ns), FRAME_BODY
         message.initialised = True
         message.pose_stamp = to_time(self._bridge.pose_stamp_ns)
         message.poses = self._bridge.poses_sent
@@ -301,9 +303,7 @@ class Px4BridgeNode(LoopNode):
 
     def _publish_transform(self, odometry: VehicleOdometry) -> None:
         path = "transforms[0]"
-        seconds, rest = divmod(int(odometry.stamp_ns or 0), 1_000_000_000)
-        self._tf.set(f"{path}.header.stamp.sec", seconds)
-        self._tf.set(f"{path}.header.stamp.nanosec", rest)
+        self._tf.time(f"{path}.header.stamp").put(int(odometry.stamp_ns or 0))
         self._tf.set(f"{path}.transform.translation.x", *odometry.position)
         self._tf.set(f"{path}.transform.rotation.x", *odometry.attitude)
         self._tf_out.publish(self._tf.data())
@@ -326,7 +326,7 @@ class Px4BridgeNode(LoopNode):
             return
         self._published_status, self._published_status_ns = told, now_ns
         message: Any = Px4Status()
-        message.header.stamp, message.header.frame_id = to_time(now_ns), "map"
+        message.header.stamp, message.header.frame_id = to_time(now_ns), FRAME_MAP
         message.connected, message.armed = status.connected, status.armed
         message.mode = status.mode
         message.landed_state = int(status.landed)
@@ -406,7 +406,7 @@ class Px4BridgeNode(LoopNode):
 
 def _battery(battery: Battery) -> Any:
     message: Any = message_class(BATTERY.typename)()
-    message.header.stamp, message.header.frame_id = to_time(battery.arrival_ns), "base_link"
+    message.header.stamp, message.header.frame_id = to_time(battery.arrival_ns), FRAME_BODY
     message.voltage, message.percentage = battery.voltage, battery.remaining
     message.current = -battery.current  # discharging is negative in ROS
     nan = float("nan")

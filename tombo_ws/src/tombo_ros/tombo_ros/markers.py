@@ -10,6 +10,7 @@ from geometry_msgs.msg import Vector3
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
+from tombo_dynamics.frames import FRAME_MAP
 from tombo_ros.conversion import point, quaternion, to_time
 
 _UPRIGHT = (0.0, 0.0, 0.0, 1.0)
@@ -32,7 +33,7 @@ def marker(
 ) -> Any:
     """Return a marker in map; `lifetime_s` 0 stays."""
     made = Marker()
-    made.header.frame_id = "map"
+    made.header.frame_id = FRAME_MAP
     made.header.stamp = to_time(stamp_ns)
     made.ns, made.id, made.type, made.text = name, number, shape, name
     made.pose.position, made.pose.orientation = point(position), quaternion(attitude)

@@ -163,7 +163,7 @@ class PolledSubscription:
         """
         if self.last_ns is None:
             return now_ns - self._made_ns > _GRACE_NS
-        return now_ns - self.last_ns > limit_s * 1e9
+        return now_ns - self.last_ns > limit_s * SECOND_NS
 
 
 class TopicPublisher:

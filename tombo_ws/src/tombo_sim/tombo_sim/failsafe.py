@@ -16,7 +16,7 @@ from tombo_control.planning.leg import store_leg, straight_leg
 from tombo_control.tick_calls import predict, run_cascade, store_history, update_body_rates
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import Phase
-from tombo_dynamics.time_base import TICK_S
+from tombo_dynamics.time_base import TICK_HZ, TICK_S
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_sim.simulator import Simulator
 
@@ -26,7 +26,7 @@ _BELOW = 0.6
 """[m] the descent's goal is below the ground, so that it is reached for sure."""
 _LOW = 0.05
 """[m] above the ground: landed, if at rest."""
-_LOW_TICKS = 1000
+_LOW_TICKS = TICK_HZ
 """After so long this low it has landed: without mocap it can float on the ground's cushion."""
 
 

@@ -48,7 +48,7 @@ from tombo_dynamics.messages import Phase
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.records import Record, field
 from tombo_dynamics.rigid_body import begin_tick, finish_tick
-from tombo_dynamics.rotation import rotated
+from tombo_dynamics.rotation import rotated, upright
 from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
 from tombo_sim.flight_end import UNDECIDED, FlightEnd, watch_end
@@ -256,9 +256,8 @@ def _watch_flight(
     if i >= 0:
         flight.phase = published.mission_status[i].message.phase
         estimator.airborne = flight.phase != Phase.IDLE and flight.phase != Phase.LANDED
-    q = plant.state.attitude
-    upright = 1.0 - 2.0 * (q[0] * q[0] + q[1] * q[1])
-    after = watch_end(flight.over, plant.state.position[2], upright, flight.phase)
+    state = plant.state
+    after = watch_end(flight.over, state.position[2], upright(state.attitude), flight.phase)
     if after != UNDECIDED:
         flight.end = min(flight.end, flight.tick + int(after / TICK_S + 0.5))
 

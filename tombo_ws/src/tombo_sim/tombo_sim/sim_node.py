@@ -17,8 +17,9 @@ import numpy as np
 from tombo_bag.message_codec import MessageCodec
 from tombo_bag.message_template import MessageTemplate
 from tombo_bag.topics import BATTERY, CLOCK, IMU, MISSION_STATUS, ROTOR_COMMAND, TopicSpec
+from tombo_dynamics.frames import FRAME_BODY
 from tombo_dynamics.messages import Phase
-from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
+from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_HZ, TICK_NS
 from tombo_ros.conversion import to_time
 from tombo_ros.health import ERROR
 from tombo_ros.lockstep import LockstepError, LockstepMaster, take_until
@@ -49,7 +50,7 @@ class SimNode(VehicleNode):
             InputError: a parameter is refused, or the world can't be.
         """
         super().__init__()
-        self._timeout_ns = 1e9 * self.declare(
+        self._timeout_ns = SECOND_NS * self.declare(
             "command_timeout",
             0.05,
             "silence of rotor_command [s] after which the fail-safe lands the vehicle",
@@ -95,7 +96,7 @@ class SimNode(VehicleNode):
             bounds=(0.0, 86400.0),
         )
         clock_rate = self.declare("clock_rate", 250.0, "of /clock [Hz]", bounds=(1.0, 1000.0))
-        self._clock_ticks = max(round(1000.0 / clock_rate), 1)
+        self._clock_ticks = max(round(TICK_HZ / clock_rate), 1)
         self._warm_up()
         self._speed_max = 1.5 * self.world.vehicle.rotor_speed_max
         self.attach_simulator(Simulator(self.world, self.seed))
@@ -125,7 +126,7 @@ class SimNode(VehicleNode):
             failsafe.observe(spare)
 
     def _make_outputs(self) -> None:
-        body = {"frame_id": "base_link"}
+        body = {"frame_id": FRAME_BODY}
         nan = float("nan")
         self._imu_out, self._imu = (
             self.advertise(IMU),
@@ -247,13 +248,13 @@ class SimNode(VehicleNode):
         phases = self.subscribe(MISSION_STATUS)
         flight_end = FlightEndDetector(self.world.vehicle.leg_height)
         phase, command = Phase.IDLE, np.zeros(4)
-        end = round(self._duration * 1e9 / TICK_NS) or 2**62
+        end = round(self._duration * SECOND_NS / TICK_NS) or 2**62
         simulator = self.simulator
         while simulator.tick < end and not self.stopping:
             self._publish()
             over_s = flight_end.watch(simulator.height, simulator.upright, phase)
             if over_s is not None:
-                end = min(end, simulator.tick + round(over_s * 1e9 / TICK_NS))
+                end = min(end, simulator.tick + round(over_s * SECOND_NS / TICK_NS))
             master.run_tick(self.stamp_ns, self._sent(), self._idle)
             for received in self._take_answers(master, MISSION_STATUS, phases):
                 phase = int(received.phase)

@@ -11,6 +11,7 @@ import numpy as np
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.rigid_body import finish_tick
+from tombo_dynamics.rotation import upright
 from tombo_dynamics.time_base import TICK_NS, TICK_S
 from tombo_sim.flight_setup import NOISE, begin
 from tombo_sim.sensing import Captures, MocapEntry, capture_pose, read_imu
@@ -111,8 +112,7 @@ class Simulator:
     @property
     def upright(self) -> float:
         """Cosine of the true tilt."""
-        q = self._plants["state"]["attitude"][0]
-        return float(1.0 - 2.0 * (q[0] ** 2 + q[1] ** 2))
+        return upright(self._plants["state"]["attitude"][0])
 
     def _capture(self) -> None:
         due = round(self._captured * (1.0 / self._rate) / TICK_S)

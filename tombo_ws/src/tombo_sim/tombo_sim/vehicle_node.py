@@ -20,9 +20,10 @@ from tombo_bag.topics import (
     TRUE_ROTORS,
 )
 from tombo_dynamics.effects import REGISTRY
+from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice
-from tombo_dynamics.time_base import TICK_NS
+from tombo_dynamics.time_base import TICK_HZ, TICK_NS
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_ros.markers import obstacle_marker
 from tombo_ros.node_loop import LoopNode
@@ -64,7 +65,7 @@ class VehicleNode(LoopNode):
         truth_rate = self.declare(
             "truth_rate", 250.0, "of ground_truth/odometry and rotors [Hz]", bounds=(1.0, 1000.0)
         )
-        self._truth_ticks = max(round(1000.0 / truth_rate), 1)
+        self._truth_ticks = max(round(TICK_HZ / truth_rate), 1)
         self.world = self._world(mocap_rate)
         self._state = np.zeros(13)
 
@@ -90,7 +91,7 @@ class VehicleNode(LoopNode):
         """Take the vehicle that is to be shown, and advertise the topics."""
         contact_force(simulator.plant)  # compiled code is loaded now, not at the first touch
         true_state(simulator.plant, self._state)
-        body, world = {"frame_id": "base_link"}, {"frame_id": "map"}
+        body, world = {"frame_id": FRAME_BODY}, {"frame_id": FRAME_MAP}
         self._pose_out, self._pose = (
             self.advertise(MOCAP_POSE),
             MessageTemplate(MOCAP_POSE.typename, {"header": world}),
@@ -99,7 +100,7 @@ class VehicleNode(LoopNode):
         self._odometry_out, self._odometry = (
             self.advertise(TRUE_ODOMETRY),
             MessageTemplate(
-                TRUE_ODOMETRY.typename, {"header": world, "child_frame_id": "base_link"}
+                TRUE_ODOMETRY.typename, {"header": world, "child_frame_id": FRAME_BODY}
             ),
         )
         self._true_pose = self._odometry.field("pose.pose.position.x", 7)

@@ -11,11 +11,11 @@ from operator import itemgetter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_bag.message_codec import messages_of
 from tombo_bag.recording import Recording
 from tombo_bag.topics import COLLISION_EVENT, DETECTOR_STATUS, MOCAP_POSE, ODOMETRY, TOPICS
+from tombo_dynamics.arrays import Times
 from tombo_dynamics.core import Core
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import DetectorStatus, Pose, neutral
@@ -27,7 +27,6 @@ from tombo_flight.replay.poses import PoseTrack
 from tombo_flight.scenario import Scenario
 from tombo_flight.wiring import CORES, core_of
 
-Times = NDArray[np.int64]
 Stream = tuple[Times, Sequence[Any]]
 """Arrivals and messages of a topic."""
 Published = list[tuple[int, str, Any]]

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-Times = NDArray[np.int64]
+from tombo_dynamics.arrays import Times
 
 
 def merge_by_arrival(*streams: Times) -> Iterator[tuple[int, int, int]]:

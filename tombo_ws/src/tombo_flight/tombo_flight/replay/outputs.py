@@ -8,16 +8,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_bag.columns import ColumnTable
 from tombo_bag.message_codec import messages_of
 from tombo_bag.recording import Recording
 from tombo_bag.topics import TOPICS
-from tombo_dynamics.arrays import Array
+from tombo_dynamics.arrays import Array, Times
 from tombo_dynamics.messages import CollisionEvent, Trigger
-
-Times = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,9 @@ from tombo_bag.columns import ColumnTable
 from tombo_bag.formats.bag_files import Stream
 from tombo_bag.recording import Recording
 from tombo_bag.topics import MOCAP_POSE, TOPICS
-from tombo_dynamics.arrays import Array
+from tombo_dynamics.arrays import Array, Times
 from tombo_dynamics.errors import InputError
-
-Times = NDArray[np.int64]
+from tombo_dynamics.frames import FRAME_MAP
 
 POSE_TYPES: dict[str, tuple[str, str]] = {
     "geometry_msgs/msg/PoseStamped": ("pose.position", "pose.orientation"),
@@ -51,7 +50,7 @@ class PoseTrack:
 
     def renamed(self, accepted: str) -> PoseTrack:
         """Return the track with frame `accepted` taken for map."""
-        return replace(self, frame=np.where(self.frame == accepted, "map", self.frame))
+        return replace(self, frame=np.where(self.frame == accepted, FRAME_MAP, self.frame))
 
     def shifted(self, shift_ns: int) -> PoseTrack:
         """Return the track with all stamps moved."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.frames import FRAME_MAP
 from tombo_flight.replay.poses import PoseTrack
 from tombo_flight.replay.up_axis import find_up_axis
 
@@ -59,7 +60,7 @@ def _frames(poses: PoseTrack) -> list[str]:
         f"frame_id is '{name}' in {_of(count, len(poses.frame))} poses, not 'map': the nodes "
         f"refuse them (--frame-ok '{name}' takes it for map)"
         for name, count in zip(names.tolist(), counts.tolist(), strict=True)
-        if name != "map"
+        if name != FRAME_MAP
     ]
 
 

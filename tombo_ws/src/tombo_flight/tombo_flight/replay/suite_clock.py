@@ -10,14 +10,12 @@ import struct
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_bag.formats.bag_files import RawMessages, Stream
 from tombo_bag.recording import Recording
 from tombo_bag.topics import IMU, MISSION_SETPOINT, ODOMETRY, SETPOINT
+from tombo_dynamics.arrays import Times
 from tombo_dynamics.time_base import SECOND_NS
-
-Times = NDArray[np.int64]
 
 CLOCK_TOPICS = (MISSION_SETPOINT.name, SETPOINT.name)
 """Topics whose stamps are the nodes' now."""

@@ -28,6 +28,7 @@ from tombo_bag.topics import (
     TOPICS,
 )
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.frames import FRAME_MAP
 from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.replay.cores import Inputs
 from tombo_flight.replay.outputs import EVENTS, SERIES, Outputs, read_outputs
@@ -220,7 +221,7 @@ class _Plan:
                 if topic == MOCAP_POSE.name:
                     parts.append(Columns(channel, poses.arrival_ns, _encoded(poses)))
                 elif topic == DETECTOR_STATUS.name and self.detector_status_missing:
-                    sign = encode(DETECTOR_STATUS.typename, {"header": {"frame_id": "map"}})
+                    sign = encode(DETECTOR_STATUS.typename, {"header": {"frame_id": FRAME_MAP}})
                     times = poses.arrival_ns
                     parts.append(Columns(channel, times, [sign] * len(times)))
                 elif recording.topics[topic].typename != spec.typename:

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.time_base import TICK_S
 from tombo_flight.flight import Workspace, fly_scenario
@@ -20,8 +20,6 @@ from tombo_propeller.design.design import Design
 from tombo_propeller.design.flight_files import scenario_of, write_flyable
 from tombo_propeller.design.request import NAMES
 from tombo_sim.flight_setup import begin
-
-Array = NDArray[np.float64]
 
 FIRST_SEED = 0
 _STRIKE_TICKS = 30

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from vehicle_bench import Flight, hovering, motion, ready
 
-from tombo_dynamics.rotation import quaternion_multiply, rotate_vectors, yaw_pitch_roll
+from tombo_dynamics.rotation import quaternion_multiply, rotate_vector, yaw_pitch_roll
 from tombo_px4.bridge.decoded_messages import MavLandedState
 from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD
 from tombo_px4.protocol.results import Result
@@ -190,7 +190,7 @@ def test_what_is_refused(boot_us, position, attitude, word):
 def test_a_body_that_is_tracked_elsewhere_is_made_up_for():
     lever = np.array([0.1, -0.2, 0.3])  # FLU
     flight = Flight(vision=True, EKF2_EV_POS_X=0.1, EKF2_EV_POS_Y=0.2, EKF2_EV_POS_Z=-0.3)
-    flight.mangle = lambda p, q: (p + rotate_vectors(q, lever), q)
+    flight.mangle = lambda p, q: (p + rotate_vector(q, lever), q)
     flight.fly(1.5)
     flight.offboard()
     flight.fly(4.0, motion([0, 0, 2.0], yaw=1.5))

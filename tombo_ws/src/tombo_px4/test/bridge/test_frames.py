@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from tombo_dynamics.rotation import rotate_vectors
+from tombo_dynamics.rotation import rotate_vector
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, SPIN
 from tombo_px4.frames import (
     PX4_ROTORS,
@@ -80,7 +80,7 @@ def test_turning_axes_keeps_handedness(a, b):
 @pytest.mark.slow
 @given(rotations, vectors)
 def test_a_body_vector_points_to_the_same_place_on_both_sides(attitude, body):
-    ours = rotate_vectors(attitude, body)
+    ours = rotate_vector(attitude, body)
     theirs = matrix(px4_quaternion(attitude)) @ frd_from_flu(body)
     assert np.allclose(theirs, ned_from_enu(ours), atol=1e-9 * (1.0 + np.abs(body).max()))
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from scripted_px4 import PARAMETERS
 from tombo_dynamics.pose_check import PoseRefusal
-from tombo_dynamics.rotation import quaternion_multiply, rotate_vectors
+from tombo_dynamics.rotation import quaternion_multiply, rotate_vector
 from tombo_px4.bridge.bridge_params import BridgeParams
 from tombo_px4.bridge.decoded_messages import EstimatorStatusFlags, ImuSample, VehicleOdometry
 from tombo_px4.bridge.parameter_findings import FindingSeverity
@@ -71,7 +71,7 @@ class Lab:
             place = place + rng.normal(0, self.noise, 3) if self.noise else place
             made.pose(arrival - round(self.latency * 1e9), arrival, place, attitude)
         back = self.attitude * [-1, -1, -1, 1]
-        up = rotate_vectors(back, np.array([0.0, 0.0, 9.81]))
+        up = rotate_vector(back, np.array([0.0, 0.0, 9.81]))
         for k in range(200 if self.telemetry else 0):
             arrival = NOW - 2 * SECOND + (k + 1) * 10 * MS
             stamp = arrival - 2 * MS
@@ -223,11 +223,11 @@ Y_UP = spin("x", -math.pi / 2)
 
 def y_up_world_and_body(place, attitude):
     q = quaternion_multiply(quaternion_multiply(Y_UP, attitude), Y_UP * [-1, -1, -1, 1])
-    return rotate_vectors(Y_UP, place), q
+    return rotate_vector(Y_UP, place), q
 
 
 def y_up_world(place, attitude):
-    return rotate_vectors(Y_UP, place), quaternion_multiply(Y_UP, attitude)
+    return rotate_vector(Y_UP, place), quaternion_multiply(Y_UP, attitude)
 
 
 @pytest.mark.parametrize("mistake", [y_up_world_and_body, y_up_world])
@@ -266,7 +266,7 @@ def test_up_is_right_whichever_way_the_nose_points(yaw, tilt, about):
     axis = np.array([math.cos(about), math.sin(about), 0.0])
     lean = np.append(math.sin(tilt / 2) * axis, math.cos(tilt / 2))
     q = quaternion_multiply(spin("z", yaw), lean)
-    accel = rotate_vectors(q * [-1, -1, -1, 1], np.array([0.0, 0.0, 9.81]))
+    accel = rotate_vector(q * [-1, -1, -1, 1], np.array([0.0, 0.0, 9.81]))
     assert explain_up(q, accel, 0.17) == ""
     level = np.array([0.0, 0.0, 9.81])
     assert up_error(q, level) == pytest.approx(tilt, abs=1e-6)

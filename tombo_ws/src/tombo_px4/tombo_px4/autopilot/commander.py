@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
+from tombo_dynamics.time_base import TICK_HZ
 from tombo_px4.autopilot.offboard_setpoint import ControlLevel
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.bridge.modes import (
@@ -115,7 +116,7 @@ class Commander:
 
     def signal_lost(self, now: CommanderInput) -> bool:
         """Return whether set points are missing for longer than COM_OF_LOSS_T."""
-        limit = 1000.0 * self._parameters.get("COM_OF_LOSS_T")
+        limit = TICK_HZ * self._parameters.get("COM_OF_LOSS_T")
         return now.signal_tick < 0 or now.tick - now.signal_tick > limit
 
     def health(self, now: CommanderInput) -> Health:
@@ -260,7 +261,7 @@ class Commander:
             self._landed_tick = now.tick
         wait = get("COM_DISARM_LAND") if now.taken_off else get("COM_DISARM_PRFLT")
         reason = "landing" if now.taken_off else "auto preflight disarming"
-        if wait > 0.0 and now.tick - self._landed_tick >= 1000.0 * wait:
+        if wait > 0.0 and now.tick - self._landed_tick >= TICK_HZ * wait:
             self.disarm(now, False, reason)
 
     def _watch_tilt(self, now: CommanderInput) -> None:
@@ -273,11 +274,11 @@ class Commander:
         if self._tilted_tick < 0:
             self._tilted_tick = now.tick
         wait = get("FD_FAIL_R_TTRI") if rolled else get("FD_FAIL_P_TTRI")
-        if now.tick - self._tilted_tick < 1000.0 * wait or self._tilt_told:
+        if now.tick - self._tilted_tick < TICK_HZ * wait or self._tilt_told:
             return
         self._tilt_told = True
         self._say(Severity.EMERGENCY, "Critical failure detected: attitude")
-        early = 1000.0 * (get("COM_SPOOLUP_TIME") + get("COM_LKDOWN_TKO"))
+        early = TICK_HZ * (get("COM_SPOOLUP_TIME") + get("COM_LKDOWN_TKO"))
         if now.tick - self._armed_tick < early:
             self.disarm(now, True, "lockdown")
         elif int(get("CBRK_FLIGHTTERM")) != 121212:

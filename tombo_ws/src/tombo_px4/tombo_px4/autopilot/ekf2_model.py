@@ -18,10 +18,9 @@ from tombo_control.estimator import correct
 from tombo_control.tick_calls import predict, store_history, update_body_rates
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.records import numbers
-from tombo_dynamics.rotation import rotate_vectors
-from tombo_dynamics.time_base import TICK_S
+from tombo_dynamics.rotation import rotate_vector, up_in_body, yaw_of
+from tombo_dynamics.time_base import TICK_HZ, TICK_S
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_px4.autopilot.offboard_setpoint import heading_of
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.frames import flu_from_frd, quaternion_of_angles
 from tombo_sim.simulator import Simulator
@@ -38,11 +37,11 @@ _BARO_NOISE = 0.03
 _GPS_BANDWIDTH = 3.0
 """[rad/s]: a fix is noisier than a pose of the motion capture."""
 _FUTURE_US = 5_000
-_RESET_TICKS = 1000
+_RESET_TICKS = TICK_HZ
 """Refused for so long, samples are believed: EKF2 resets after 1 s (`no_aid_timeout_max`)."""
 _GAP_TICKS = 250
 """Vision that was away for longer begins anew."""
-_STALE_TICKS = 1000
+_STALE_TICKS = TICK_HZ
 """Vision that is this old does not keep GPS out any more."""
 _FLIGHT_TILT, _GROUND_TILT = 0.1, 0.5
 """Share of the tilt error seen by the accelerometer that goes into the correction."""
@@ -142,8 +141,8 @@ class Ekf2Model:
         self._newest_vision = captured
         lever = self._tracked_body_offset()
         if lever is not None:
-            position = position - rotate_vectors(self._autopilot.state.attitude, lever)
-        self._vision.append(_Fix(captured, captured, position.copy(), heading_of(attitude)))
+            position = position - rotate_vector(self._autopilot.state.attitude, lever)
+        self._vision.append(_Fix(captured, captured, position.copy(), yaw_of(attitude)))
         return ""
 
     def _tracked_body_offset(self) -> Array | None:
@@ -195,7 +194,7 @@ class Ekf2Model:
         body = numbers(simulator.plant.state)
         baro = get("SYS_HAS_BARO") and get("EKF2_BARO_CTRL")
         compass = get("SYS_HAS_MAG") and get("EKF2_MAG_TYPE") != 5
-        yaw = heading_of(body[6:10]) + _COMPASS_NOISE * float(noise[3])
+        yaw = yaw_of(body[6:10]) + _COMPASS_NOISE * float(noise[3])
         self._height = float(body[2]) + _BARO_NOISE * float(noise[4]) if baro else math.nan
         self._compass = yaw if compass else math.nan
         if not (get("SYS_HAS_GPS") and int(get("EKF2_GPS_CTRL")) & 1 and compass):
@@ -254,7 +253,7 @@ class Ekf2Model:
             return True
         if source != "vision" or not control & 8:
             return False
-        turn = math.remainder(fix.yaw - heading_of(past.attitude), 2.0 * math.pi)
+        turn = math.remainder(fix.yaw - yaw_of(past.attitude), 2.0 * math.pi)
         get = self._parameters.get
         return abs(turn) > get("EKF2_EVP_GATE") * get("EKF2_EVA_NOISE") + 0.1 * since
 
@@ -298,7 +297,7 @@ class Ekf2Model:
             state.position[2] = self._height
         yaw = fix.yaw if control & 8 else self._compass
         if math.isfinite(yaw):
-            _turn(state.attitude, yaw - heading_of(state.attitude))
+            _turn(state.attitude, yaw - yaw_of(state.attitude))
         self._forget()
         store_history(self._autopilots, tick)
         self.source = source
@@ -325,9 +324,9 @@ class Ekf2Model:
             position[2] += self._height - state.position[2]
         _lean(attitude, self._tilt_error(attitude, airborne))
         if control & 8:
-            _turn(attitude, fix.yaw - heading_of(attitude))
+            _turn(attitude, fix.yaw - yaw_of(attitude))
         elif math.isfinite(self._compass):
-            _turn(attitude, self._compass - heading_of(state.attitude))
+            _turn(attitude, self._compass - yaw_of(state.attitude))
         bias = state.gyro_bias
         before = bias[:2].copy()
         period = (fix.captured - self._last_captured) * TICK_S
@@ -340,12 +339,11 @@ class Ekf2Model:
 
     def _tilt_error(self, attitude: Array, airborne: bool) -> Array:
         """Return the turn (3), body frame, by which gravity says that the attitude is off."""
-        x, y, z, w = (float(v) for v in attitude)
-        up = np.array([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)])
+        up = up_in_body(attitude)
         if airborne:  # in flight a tilt error shows as a bias of the accelerometer
             bias: Array = self._autopilot.state.accel_bias
-            return _FLIGHT_TILT / GRAVITY * np.cross(bias, up)
-        return _GROUND_TILT * np.cross(self._level / GRAVITY, up)
+            return np.asarray(_FLIGHT_TILT / GRAVITY * np.cross(bias, up), float)
+        return np.asarray(_GROUND_TILT * np.cross(self._level / GRAVITY, up), float)
 
 
 def _upright(x: float, y: float, z: float) -> Array:

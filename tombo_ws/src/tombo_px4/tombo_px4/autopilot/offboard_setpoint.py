@@ -9,6 +9,7 @@ from enum import IntEnum
 import numpy as np
 
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.rotation import yaw_of
 
 _NONE = np.full(3, math.nan)
 _LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
@@ -128,7 +129,7 @@ def _resolve_motion(
     attitude: Array,
 ) -> ResolvedSetpoint | str:
     if target.frame == "body":
-        heading = heading_of(attitude)
+        heading = yaw_of(attitude)
         position = _NONE
         velocity = _turned(velocity, heading)
         acceleration = _turned(acceleration, heading)
@@ -173,12 +174,6 @@ def _resolve_attitude(target: OffboardSetpoint) -> ResolvedSetpoint | str:
         return "invalid set point: no thrust"
     rates, thrust = np.nan_to_num(rates), min(max(thrust, 0.0), 1.0)
     return ResolvedSetpoint(kind, attitude=attitude, rates=rates, thrust=thrust)
-
-
-def heading_of(attitude: Array) -> float:
-    """Return the yaw [rad] of a quaternion xyzw."""
-    x, y, z, w = (float(v) for v in attitude)
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def _turned(v: Array, yaw: float) -> Array:

@@ -11,10 +11,11 @@ from tombo_control.loops.attitude_control import attitude_control
 from tombo_control.loops.cascade import stop_rotors
 from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS
 from tombo_control.tick_calls import run_control_loops
+from tombo_dynamics.rotation import yaw_of
 from tombo_dynamics.rotor_maps import RotorMaps, speed_for_thrust
 from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_px4.autopilot.offboard_setpoint import ControlLevel, ResolvedSetpoint, heading_of
+from tombo_px4.autopilot.offboard_setpoint import ControlLevel, ResolvedSetpoint
 from tombo_px4.autopilot.parameters import ParameterTable
 
 _PERIOD = POSITION_TICKS * TICK_S
@@ -48,7 +49,7 @@ class SetpointController:
         """Begin from rest: heading and motion as they are."""
         autopilot = self._autopilot
         self._stop_rotors()
-        autopilot.setpoint.yaw = heading_of(autopilot.state.attitude)
+        autopilot.setpoint.yaw = yaw_of(autopilot.state.attitude)
         self._yaw_rate = 0.0
 
     def idle(self, speed: float) -> None:
@@ -136,7 +137,7 @@ class SetpointController:
         loops.velocity_integral = 0.0
         loops.previous_velocity = state.velocity
         setpoint.position = state.position
-        setpoint.yaw = heading_of(state.attitude)
+        setpoint.yaw = yaw_of(state.attitude)
 
     def _apply_position_demand(self, resolved: ResolvedSetpoint, climb_max: float) -> None:
         setpoint, gains = self._autopilot.setpoint, self._autopilot.gains

@@ -11,8 +11,8 @@ from tombo_control.autopilot import State, new_autopilot
 from tombo_control.estimate import Estimate
 from tombo_control.params import POSITION_TICKS, ControlParams, EstimatorParams
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.rotation import yaw_pitch_roll
-from tombo_dynamics.time_base import TICK_NS, TICK_S
+from tombo_dynamics.rotation import yaw_of, yaw_pitch_roll
+from tombo_dynamics.time_base import TICK_HZ, TICK_NS, TICK_S
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.autopilot.battery import BatteryMeter
 from tombo_px4.autopilot.commander import DESCEND, TERMINATE, Commander, CommanderInput
@@ -24,7 +24,6 @@ from tombo_px4.autopilot.offboard_setpoint import (
     OffboardSetpoint,
     ResolvedSetpoint,
     finite_or_nan,
-    heading_of,
     resolve_setpoint,
 )
 from tombo_px4.autopilot.parameters import ParameterTable
@@ -420,13 +419,13 @@ class Px4Vehicle:
         home = position if self._home is None else self._home
         if self.takeoff_state < TakeoffState.RAMPUP and mode == self._was_mode == AUTO_TAKEOFF:
             self._navigator.begin_again(tick * TICK_S, position)
-        heading = heading_of(self._state.attitude)
+        heading = yaw_of(self._state.attitude)
         return self._navigator.follow(mode, tick * TICK_S, position, velocity, heading, home)
 
     def _ready(self, resolved: ResolvedSetpoint | None, tick: int) -> bool:
         """Go on with the take-off; return whether anything is controlled."""
         if self.takeoff_state == TakeoffState.SPOOLUP:
-            if tick - self._armed_tick < 1000.0 * self.parameters.get("COM_SPOOLUP_TIME"):
+            if tick - self._armed_tick < TICK_HZ * self.parameters.get("COM_SPOOLUP_TIME"):
                 return False
             self.takeoff_state = TakeoffState.READY
             self._wanted_tick = None
@@ -474,7 +473,7 @@ class Px4Vehicle:
     def _ramp(self) -> tuple[float, float, float]:
         """Return where the ramp ends [m/s], how long it holds it down and lasts in all [ticks]."""
         get = self.parameters.get
-        fastest, whole = get("MPC_TKO_SPEED"), 1000.0 * get("MPC_TKO_RAMP_T")
+        fastest, whole = get("MPC_TKO_SPEED"), TICK_HZ * get("MPC_TKO_RAMP_T")
         return fastest, whole * _SINK / (_SINK + fastest), whole
 
     def _update_land_detector(self) -> None:

@@ -16,8 +16,9 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.frames import is_map
 from tombo_dynamics.messages import Phase, PositionSetpoint
-from tombo_dynamics.pose_check import PoseRefusal, check_pose, is_map
+from tombo_dynamics.pose_check import PoseRefusal, check_pose
 from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.bridge import decoded_messages as decoded
@@ -276,7 +277,7 @@ class Bridge:
     ) -> PoseRefusal:
         if not is_map(frame_id):
             return PoseRefusal.WRONG_FRAME
-        oldest_ns = self.params.pose_age_max * 1e9
+        oldest_ns = self.params.pose_age_max * SECOND_NS
         why = check_pose(stamp_ns, now_ns, oldest_ns, position, attitude)
         if not why and self.pose_stamp_ns - SECOND_NS < stamp_ns <= self.pose_stamp_ns:
             return PoseRefusal.OUT_OF_ORDER
@@ -343,7 +344,7 @@ class Bridge:
 
     def _update_estimate_trusted(self, status: Status, now_ns: int) -> None:
         self._ready_ns = (self._ready_ns or now_ns) if status.ready else None
-        wait_ns = self.params.ready_time * 1e9
+        wait_ns = self.params.ready_time * SECOND_NS
         settled = self._ready_ns is not None and now_ns - self._ready_ns >= wait_ns
         self.estimate_trusted = self.estimate_trusted or status.armed or settled
 
@@ -368,7 +369,7 @@ class Bridge:
     def _follow_link(self, now_ns: int) -> bool:
         """Return whether the vehicle is there."""
         heard = self._heartbeat
-        if heard is None or now_ns - heard.arrival_ns > self.params.link_timeout * 1e9:
+        if heard is None or now_ns - heard.arrival_ns > self.params.link_timeout * SECOND_NS:
             self._linked_ns = None
             return False
         if self._linked_ns is None:

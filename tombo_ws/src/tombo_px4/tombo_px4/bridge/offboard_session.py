@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from tombo_dynamics.messages import Phase
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.bridge.decoded_messages import CommandAck, Heartbeat, MavLandedState
 from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD, Mode, mode_name
 from tombo_px4.link.command_transaction import (
@@ -34,15 +35,15 @@ _COMMANDS = {
 }
 """What the operator may ask for."""
 _MODE_TRIES, _ARM_TRIES, _ASKED_TRIES = 3, 5, 2
-_STREAM_FIRST_NS = 1_000_000_000
+_STREAM_FIRST_NS = SECOND_NS
 """PX4 must have received set points for this time before it accepts OFFBOARD."""
-_OWN_ARMING_NS = 5_000_000_000
+_OWN_ARMING_NS = 5 * SECOND_NS
 """A vehicle that arms within this time after our command was armed by it."""
-_SELF_DISARM_NS = 4_000_000_000
+_SELF_DISARM_NS = 4 * SECOND_NS
 """PX4 disarms 2 s after landing (COM_DISARM_LAND); after this the bridge disarms it."""
-_TEXT_NS = 3_000_000_000
+_TEXT_NS = 3 * SECOND_NS
 """Texts of this age still explain what has happened."""
-_GRACE_NS = 3_000_000_000
+_GRACE_NS = 3 * SECOND_NS
 """Vehicle and bridge start in any order."""
 
 
@@ -128,7 +129,7 @@ class Session:
         self.why = ""
         """Why it is in this state."""
         self.recent_texts = RecentStatusTexts()
-        self._timeout_ns = round(link_timeout_s * 1e9)
+        self._timeout_ns = round(link_timeout_s * SECOND_NS)
         self._transaction: CommandTransaction | None = None
         self._engage_allowed = self._mission_seen = False
         self._arm_request_ns: int | None = None

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.rotation import conjugate, quaternion_multiply, rotate_vectors
+from tombo_dynamics.rotation import conjugate, quaternion_multiply, rotate_vector
 
 _HALF = math.sqrt(0.5)
 _Y_UP = np.array([_HALF, 0.0, 0.0, _HALF])
@@ -26,7 +26,7 @@ def up_error(attitude: Array, accel: Array) -> float:
         attitude: (4) xyzw of the pose.
         accel: (3) specific force at rest, base_link.
     """
-    up = rotate_vectors(attitude, accel) / float(np.linalg.norm(accel))
+    up = rotate_vector(attitude, accel) / float(np.linalg.norm(accel))
     return math.acos(min(max(float(up[2]), -1.0), 1.0))
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.pose_check import PoseRefusal
 from tombo_dynamics.rotation import yaw_pitch_roll
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.bridge.bridge_params import MOCAP, BridgeParams
 from tombo_px4.bridge.decoded_messages import EstimatorStatusFlags, ImuSample, VehicleOdometry
@@ -34,7 +35,7 @@ from tombo_px4.link.timesync import TimeSync
 
 FROZEN = "pose_frozen"
 """Finding: at rest it may be a simulation's; in flight nothing stands so still."""
-_WINDOW_NS = 1_000_000_000
+_WINDOW_NS = SECOND_NS
 _KEPT = 600
 _ENOUGH = 8
 _SLOWEST_HZ = 20.0
@@ -45,11 +46,11 @@ _STILL_GYRO, _STILL_ACCEL = 1e-4, 1e-3
 _IN_FLIGHT = 5.0
 """In flight PX4's position may be off by so many times more."""
 _ODOMETRY_SILENT_NS = 500_000_000
-_ESTIMATOR_SILENT_NS = 5_000_000_000
+_ESTIMATOR_SILENT_NS = 5 * SECOND_NS
 _PAIR_NS = 50_000_000
 _DELAY_OFF_MS = 20.0
 _LONG_ROUND_TRIP_NS = 20_000_000
-_REQUESTS_NS = 3_000_000_000
+_REQUESTS_NS = 3 * SECOND_NS
 _REFUSED = {
     PoseRefusal.FUTURE: (
         "mocap stamps are {ahead:.3g} s in the future: the clock of the mocap computer is ahead;"
@@ -185,7 +186,7 @@ class Preflight:
             text = _REFUSED[why].format(age=age_s, ahead=-age_s, limit=limit)
             yield Finding(f"pose_{why.key}", text)
         last = self._poses[-1].arrival_ns if self._poses else None
-        if last is None or now_ns - last > self._params.pose_timeout * 1e9:
+        if last is None or now_ns - last > self._params.pose_timeout * SECOND_NS:
             if not refused:
                 age = "" if last is None else f" for {(now_ns - last) * 1e-9:.1f} s"
                 text = (

@@ -10,6 +10,7 @@ import numpy as np
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import Phase, PositionSetpoint
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.bridge.bridge_params import POSITION, BridgeParams
 from tombo_px4.bridge.offboard_session import Stream
 from tombo_px4.link import message_encoder
@@ -25,7 +26,7 @@ class SetpointStream:
         self._params = params
         self._target = target
         self._mass = mass
-        self._timeout_ns = params.setpoint_timeout * 1e9
+        self._timeout_ns = params.setpoint_timeout * SECOND_NS
         self._setpoint: PositionSetpoint | None = None
         self._setpoint_ns = -(10**18)
         self._attitude_or_rates: tuple[Array, float, int] | None = None
@@ -89,7 +90,7 @@ class SetpointStream:
         if stream != self._stream:
             self._stream, self._hold_setpoint = stream, None
             self._streamed_ns = 0
-        due = now_ns - self._streamed_ns >= 1e9 / self._params.stream_rate
+        due = now_ns - self._streamed_ns >= SECOND_NS / self._params.stream_rate
         message = None
         if stream == Stream.SETPOINT:
             if due or self._new or self._attitude_or_rates_new:

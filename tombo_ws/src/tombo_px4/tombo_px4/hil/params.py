@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.params import param, validate
+from tombo_dynamics.time_base import TICK_HZ
 from tombo_px4.bridge.bridge_params import plain
 
 MAPPINGS = ("thrust", "speed")
@@ -83,7 +84,7 @@ class HilParams:
     @property
     def ticks(self) -> int:
         """Ticks of 1 ms between two HIL_SENSOR."""
-        return round(1000.0 / self.rate)
+        return round(TICK_HZ / self.rate)
 
     def check(self) -> HilParams:
         """Return the record if it can be used.
@@ -92,7 +93,7 @@ class HilParams:
             InputError: out of bounds, no whole number of ms, an unknown mapping.
         """
         validate(self, "hil")
-        if abs(self.rate * self.ticks - 1000.0) > 2.0:
+        if abs(self.rate * self.ticks - TICK_HZ) > 2.0:
             raise InputError(
                 f"hil.rate: {self.rate:g} Hz is no whole number of ms; accepted: 250, 333, 500 or "
                 "1000 [Hz]"

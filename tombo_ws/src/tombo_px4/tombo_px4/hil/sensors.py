@@ -17,8 +17,8 @@ from tombo_px4.protocol.field_scaling import fitted, globe_fields
 _STREAM = 4560
 """Key of the stream of chance: whatever else a seed decides stays as it is without this link."""
 _SEA_LEVEL_PA, _SEA_LEVEL_K, _LAPSE_K_M, _EXPONENT = 101_325.0, 288.15, 0.0065, 5.25588
+_SEA_LEVEL_KG_M3 = 1.225
 """International standard atmosphere, up to 11 km."""
-_AIR_DENSITY = 1.225
 _FULL_SCALE = np.array([[16.0 * GRAVITY], [math.radians(2000.0)]]) * (1.0 - 2.0**-16)
 """PX4 keeps accelerometer and gyro in 16 bits, and beyond them the sign turns round. Here both
 reach into the last step, which PX4 takes for clipped."""
@@ -87,7 +87,7 @@ class HilSensors:
         return (
             *(body + self._p.mag_noise * n[:3]).tolist(),
             0.01 * pressure,
-            0.01 * 0.5 * _AIR_DENSITY * forward * abs(forward),
+            0.01 * 0.5 * _SEA_LEVEL_KG_M3 * forward * abs(forward),
             altitude_at(pressure),
             15.0 - _LAPSE_K_M * height,
         )

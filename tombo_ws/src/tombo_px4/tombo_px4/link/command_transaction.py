@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.bridge.decoded_messages import CommandAck, Heartbeat, StatusText
 from tombo_px4.bridge.modes import Mode, mode_name
 from tombo_px4.protocol.results import Result, Severity
 
 SET_MODE_COMMAND, ARM_COMMAND = 176, 400
 """MAV_CMD_DO_SET_MODE, MAV_CMD_COMPONENT_ARM_DISARM."""
-CONFIRM_NS = 2_000_000_000
+CONFIRM_NS = 2 * SECOND_NS
 """Longest wait for the heartbeat (1 Hz) that confirms a command."""
-PAUSE_NS = 1_000_000_000
+PAUSE_NS = SECOND_NS
 """Pause between a refusal and the next attempt; PX4 sends its explanation meanwhile."""
 
 

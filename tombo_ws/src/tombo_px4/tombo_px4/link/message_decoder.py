@@ -16,7 +16,7 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.rotation import rotate_vectors
+from tombo_dynamics.rotation import rotate_vector
 from tombo_px4.bridge import decoded_messages as decoded
 from tombo_px4.bridge.decoded_messages import Content, Refused
 from tombo_px4.bridge.modes import mode_of
@@ -118,9 +118,7 @@ class MessageDecoder:
             *self._times(m.time_usec * _MICRO_NS, arrival_ns),
             enu_from_ned(place[:3]),
             attitude,
-            rotate_vectors(attitude, flu_from_frd(velocity))
-            if in_body
-            else enu_from_ned(velocity),
+            rotate_vector(attitude, flu_from_frd(velocity)) if in_body else enu_from_ned(velocity),
             flu_from_frd(rates),
             ros_pose_covariance(upper) if known else None,
             int(m.reset_counter),

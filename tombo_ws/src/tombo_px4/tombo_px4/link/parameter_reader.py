@@ -11,12 +11,13 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mav
 
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.bridge.decoded_messages import ParameterValue
 from tombo_px4.link.message_encoder import MessageTarget, read_parameter
 
-_AGAIN_NS = 1_000_000_000
+_AGAIN_NS = SECOND_NS
 _TRIES = 4
-_AFRESH_NS = 15_000_000_000
+_AFRESH_NS = 15 * SECOND_NS
 """Period of reading all parameters again on the ground, where they may be changed."""
 _AT_ONCE = 3
 _WHOLE = mav.MAV_PARAM_TYPE_INT32

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.link.framing import Frame
 
 KEY_SIZE = 32
@@ -84,7 +85,7 @@ def check_key(key: bytes, what: str = "key") -> bytes:
 
 def timestamp_of(time_ns: int) -> int:
     """Return a CLOCK_REALTIME as a signature has it: 10 µs since the begin of 2015."""
-    return min(max((time_ns - _EPOCH_S * 1_000_000_000) // _UNIT_NS, 0), _LAST)
+    return min(max((time_ns - _EPOCH_S * SECOND_NS) // _UNIT_NS, 0), _LAST)
 
 
 class SignatureVerifier:

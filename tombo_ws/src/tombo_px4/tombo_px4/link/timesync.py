@@ -18,6 +18,8 @@ from __future__ import annotations
 
 from collections import deque
 
+from tombo_dynamics.time_base import SECOND_NS
+
 CONVERGED = 10
 """Answers after which stamps may be converted."""
 
@@ -37,7 +39,7 @@ _LEANS_NS = 200_000.0
 """Left by more than this, three times on end to one side: the clocks run at different rates."""
 _FASTEST = 0.9
 _FORGETS, _SMALL_DRIFT, _NO_DRIFT = 0.98, 5e-3, 1e-5
-_AHEAD_NS = 1_000_000_000
+_AHEAD_NS = SECOND_NS
 """Without an answer a rate is used for no longer than this."""
 
 
@@ -186,7 +188,7 @@ class TimeSync:
         self._leans = self._leans + side if self._leans * side >= 0 else side
         if abs(self._leans) >= _SURE_OF_JUMP:
             self._leans = 0
-            drift = self._drift + side * beyond / (1e9 * passed_s)
+            drift = self._drift + side * beyond / (SECOND_NS * passed_s)
             self._drift = min(max(drift, -_FASTEST), _FASTEST)
 
 

@@ -10,6 +10,7 @@ from collections import deque
 from functools import partial
 from typing import Any
 
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.link.address import Address, Url, is_loopback
 from tombo_px4.link.transport import Clock, Counters, Packet, Transport, refused
 
@@ -62,7 +63,7 @@ class _Queue:
         for _, kind, value in ancillary:
             if kind == _SO_TIMESTAMPNS and len(value) == _STAMP.size:
                 seconds, rest = _STAMP.unpack(value)
-                arrival = seconds * 1_000_000_000 + rest
+                arrival = seconds * SECOND_NS + rest
             elif kind == _SO_RXQ_OVFL and len(value) == _COUNT.size:
                 (total,) = _COUNT.unpack(value)
                 self._counters["dropped"] += (total - self._overflowed) & 0xFFFFFFFF

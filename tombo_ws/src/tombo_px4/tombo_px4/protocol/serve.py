@@ -5,14 +5,14 @@ from __future__ import annotations
 import select
 from collections.abc import Callable
 
-from tombo_dynamics.time_base import TICK_NS
+from tombo_dynamics.time_base import SECOND_NS, TICK_NS
 from tombo_px4.protocol.endpoint import Endpoint
 
 Clock = Callable[[], int]
 _SLIP_NS = 200_000_000
 _LONGEST_NS = 4_000_000
 """Longest time between two calls, so that commands meet a recent state."""
-_LOAD_NS = 1_000_000_000
+_LOAD_NS = SECOND_NS
 
 
 class BootClock:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from tombo_dynamics.rotation import conjugate, rotate_vectors
+from tombo_dynamics.rotation import conjugate, rotate_vector
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.bridge import modes
 from tombo_px4.bridge.decoded_messages import MavLandedState
@@ -344,7 +344,7 @@ def _highres_imu(mav: Any, p: TelemetrySnapshot) -> Any:
         p.boot_us,
         *force,
         *gyro,
-        *numbers(frd_from_flu(rotate_vectors(conjugate(p.truth[3:7]), _EARTH_FIELD))),
+        *numbers(frd_from_flu(rotate_vector(conjugate(p.truth[3:7]), _EARTH_FIELD))),
         pressure,
         0.0,
         height,

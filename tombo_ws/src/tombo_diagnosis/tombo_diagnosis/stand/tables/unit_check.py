@@ -13,17 +13,18 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import RPM
 from tombo_dynamics.propeller.effects import predict
+from tombo_dynamics.vehicle import GRAVITY
 
 _ODD = 3.0
 """Times the model's thrust, or its inverse, that no propeller of the paper shows."""
 _NEAR = 1.6
 _TIMES = {
-    "grams read as newtons": 1e3 / 9.80665,
+    "grams read as newtons": 1e3 / GRAVITY,
     "rad/s read as rpm": RPM**-2,
     "rpm read as rad/s": RPM**2,
     "Hz read as rpm": 3600.0,
     "millinewtons read as newtons": 1e3,
-    "kilograms read as newtons": 1.0 / 9.80665,
+    "kilograms read as newtons": 1.0 / GRAVITY,
     "four rotors on one cell (`rotors: 4` in --mapping)": 4.0,
 }
 """Mistake of units -> factor by which thrust at equal speed is then too large."""
