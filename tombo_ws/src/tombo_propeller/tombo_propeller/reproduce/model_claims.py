@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tombo_dynamics.vehicle import VehicleParams
-from tombo_propeller.reproduce.claim import OPEN, Outcome, by_law, each, joined, judges, of_laws
+from tombo_propeller.reproduce.claim import OPEN, Outcome, by_law, joined, judges, of_laws, per_law
 from tombo_propeller.reproduce.computed_values import Numbers
 from tombo_propeller.reproduce.paper_values import Paper
 
@@ -31,7 +31,7 @@ def rigid_lift_over_drag(paper: Paper, numbers: Numbers) -> Outcome:
         numbers,
         by_law(numbers, lambda law: law.rigid_ratio_spread),
         lambda d: d < EXACT,
-        f"L/D = {each(ratio, '{:.4f}')} at every speed, by construction: C_L and C_D know no "
+        f"L/D = {per_law(ratio, '{:.4f}')} at every speed, by construction: C_L and C_D know no "
         "Reynolds number; not measured.",
         exact=f"{EXACT:g}",
         ratio=paper.table_3[0].ratio.text,
