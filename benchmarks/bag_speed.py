@@ -43,7 +43,7 @@ def seconds(action: Callable[[], object]) -> float:
 def write(path: Path, flight: SyntheticFlight, compression: str = "zstd") -> None:
     """Write the flight as `tombo fly` does."""
     from tombo_bag.flight_topics import write_flight
-    from tombo_bag.mcap_sink import McapSink
+    from tombo_bag.formats.mcap_sink import McapSink
 
     with McapSink(path, compression=compression) as sink:
         write_flight(sink, flight)
@@ -55,8 +55,8 @@ def main() -> None:
     path = Path(tempfile.mkdtemp()) / "flight.mcap"
     first = seconds(lambda: write(path, flight))
 
-    from tombo_bag.mcap_sink import McapSink
-    from tombo_bag.reader import Bag
+    from tombo_bag.formats.mcap_sink import McapSink
+    from tombo_bag.formats.reader import Bag
     from tombo_bag.recording import Recording
 
     bag = Bag(path)

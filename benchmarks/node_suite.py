@@ -21,7 +21,7 @@ from typing import Any
 
 import rclpy
 
-from tombo_bag.reader import Bag
+from tombo_bag.formats.reader import Bag
 from tombo_bag.topics import DIAGNOSTICS
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite.nodes import SUITE

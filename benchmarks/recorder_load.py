@@ -24,8 +24,8 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from tombo_bag.columnar_cdr import layout
-from tombo_bag.reader import Bag
-from tombo_bag.rolling_sink import NOTES
+from tombo_bag.formats.reader import Bag
+from tombo_bag.formats.rolling_sink import NOTES
 from tombo_bag.topics import (
     BATTERY,
     COLLISION_EVENT,

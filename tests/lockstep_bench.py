@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core_calls import Command, Controller, Estimator
-from tombo_control import mission as plan
 from tombo_control.estimate import Estimate
 from tombo_control.params import POSITION_TICKS, InputLimits
-from tombo_control.trapezoidal_profile import trapezoidal_profile
+from tombo_control.planning import mission as plan
+from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.messages import Odometry, Phase, PositionSetpoint
 from tombo_dynamics.records import numbers
 from tombo_dynamics.rotation import rotate_vectors, tilt

@@ -10,7 +10,7 @@ import tempfile
 from pathlib import Path
 
 from tombo_bag.flight_topics import write_flight
-from tombo_bag.mcap_sink import Columns, McapSink
+from tombo_bag.formats.mcap_sink import Columns, McapSink
 from tombo_bag.recording import Recording
 from tombo_bag.topics import TOPICS
 from tombo_dynamics.time_base import SECOND_NS

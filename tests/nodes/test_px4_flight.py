@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from in_time import in_time
-from tombo_bag.reader import Bag
+from tombo_bag.formats.reader import Bag
 from tombo_bag.topics import PX4_STATUS, TRUE_ODOMETRY
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from in_time import in_time
-from tombo_bag.reader import Bag
+from tombo_bag.formats.reader import Bag
 from tombo_bag.topics import CLOCK, PX4_STATUS, TF, TOPICS
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario

@@ -11,7 +11,7 @@ from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.typesys import Stores, get_typestore
 
 from tombo_bag.columnar_cdr import encode
-from tombo_bag.mcap_sink import Columns, McapSink
+from tombo_bag.formats.mcap_sink import Columns, McapSink
 from tombo_bag.recording import Recording
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS

@@ -241,7 +241,7 @@ def test_the_graph_of_packages_has_no_cycle():
         ("tombo_sim", "a.py", "from numpy.random import normal", "from a Generator"),
         ("tombo_sim", "a.py", "import numpy as np\nnp.random.default_rng()", "without a seed"),
         ("tombo_sim", "a.py", "import numpy as np\nr = np.random.default_rng(3)", ""),
-        ("tombo_sim", "a.py", "from tombo_control.allocation import allocate", ""),
+        ("tombo_sim", "a.py", "from tombo_control.loops.allocation import allocate", ""),
     ],
 )
 def test_the_rules_catch_what_they_should(package: str, file: str, source: str, complaint: str):

@@ -3,9 +3,9 @@ import yaml
 from rosbags.interfaces import QosDurability, QosReliability
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
-from tombo_bag.bag_metadata import BagMetadata, FileEntry, TopicEntry
 from tombo_bag.columnar_cdr import encode
-from tombo_bag.mcap_sink import McapSink
+from tombo_bag.formats.bag_metadata import BagMetadata, FileEntry, TopicEntry
+from tombo_bag.formats.mcap_sink import McapSink
 from tombo_bag.qos import EVENT, SENSOR
 from tombo_bag.schemas import type_hash, type_store
 from tombo_dynamics.time_base import SECOND_NS

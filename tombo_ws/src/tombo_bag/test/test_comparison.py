@@ -11,7 +11,7 @@ import pytest
 from tombo_bag.columnar_cdr import encode
 from tombo_bag.comparison import Comparison, compare_recordings
 from tombo_bag.flight_time import stamp
-from tombo_bag.mcap_sink import Columns, McapSink
+from tombo_bag.formats.mcap_sink import Columns, McapSink
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import EPOCH_NS
 

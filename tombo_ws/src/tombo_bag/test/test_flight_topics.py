@@ -10,7 +10,7 @@ from synthetic_flight import synthetic_flight
 
 from tombo_bag.flight_time import nanoseconds
 from tombo_bag.flight_topics import write_flight
-from tombo_bag.mcap_sink import McapSink
+from tombo_bag.formats.mcap_sink import McapSink
 from tombo_bag.recording import Recording
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 

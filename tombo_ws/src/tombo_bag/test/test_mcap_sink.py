@@ -19,9 +19,9 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader as Rosbag2Reader
 
 from tombo_bag.columnar_cdr import encode, layout
-from tombo_bag.mcap_sink import Columns, McapSink
+from tombo_bag.formats.mcap_sink import Columns, McapSink
+from tombo_bag.formats.reader import Bag
 from tombo_bag.qos import EVENT
-from tombo_bag.reader import Bag
 from tombo_bag.recording import Recording
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
@@ -338,7 +338,7 @@ def test_a_full_disk_loses_no_whole_chunk(tmp_path):
 KILLED = """
 import os, signal, sys
 from tombo_bag.columnar_cdr import encode
-from tombo_bag.mcap_sink import McapSink
+from tombo_bag.formats.mcap_sink import McapSink
 sink = McapSink(sys.argv[1])
 channel = sink.add_channel("/word", "std_msgs/msg/String")
 for i in range(12_345):

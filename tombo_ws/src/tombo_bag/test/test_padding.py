@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from random_messages import ALL_TYPES, examples, messages
 
 from tombo_bag.columnar_cdr import encode
-from tombo_bag.padding import PaddingNormalizer
+from tombo_bag.formats.padding import PaddingNormalizer
 from tombo_bag.schemas import known_types, type_store
 
 FEW = examples(60)
@@ -107,7 +107,7 @@ def test_bytes_of_rclpy_become_those_of_this_package(data):
 
 
 def test_many_at_once_are_fast_because_equal_shapes_are_treated_together(monkeypatch):
-    from tombo_bag import padding
+from tombo_bag.formats import padding
 
     calls = []
     walk = padding.layout_of

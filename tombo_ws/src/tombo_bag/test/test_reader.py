@@ -13,8 +13,8 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 
 from tombo_bag.columnar_cdr import encode, layout
-from tombo_bag.mcap_sink import Columns, McapSink
-from tombo_bag.reader import Bag
+from tombo_bag.formats.mcap_sink import Columns, McapSink
+from tombo_bag.formats.reader import Bag
 from tombo_bag.recording import Recording
 from tombo_bag.schemas import schema_text, type_store
 from tombo_dynamics.errors import InputError

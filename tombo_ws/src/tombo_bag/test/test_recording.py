@@ -13,7 +13,7 @@ from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_typestore
 
 from tombo_bag.columnar_cdr import encode
-from tombo_bag.mcap_sink import Columns, McapSink
+from tombo_bag.formats.mcap_sink import Columns, McapSink
 from tombo_bag.recording import Recording
 from tombo_dynamics.errors import InputError
 

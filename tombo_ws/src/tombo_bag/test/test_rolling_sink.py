@@ -14,11 +14,11 @@ from mcap_ros2.decoder import DecoderFactory
 from random_messages import examples
 from rosbags.rosbag2 import Reader
 
-from tombo_bag import mcap_sink
 from tombo_bag.columnar_cdr import encode
+from tombo_bag.formats import mcap_sink
+from tombo_bag.formats.reader import Bag
+from tombo_bag.formats.rolling_sink import NOTES, RollingOptions, RollingSink
 from tombo_bag.qos import EVENT, SENSOR, STATE
-from tombo_bag.reader import Bag
-from tombo_bag.rolling_sink import NOTES, RollingOptions, RollingSink
 from tombo_bag.schemas import known_types, load_installed_type, schema_text, type_hash
 from tombo_dynamics.errors import InputError
 

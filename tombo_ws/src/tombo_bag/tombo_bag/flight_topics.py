@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tombo_bag.columnar_cdr import encode, lay_in, lay_in_times, layout
 from tombo_bag.flight_time import FLIGHT_METADATA, nanoseconds, stamp
-from tombo_bag.mcap_sink import Columns, McapSink
+from tombo_bag.formats.mcap_sink import Columns, McapSink
 from tombo_bag.message_codec import MessageCodec, records_of
 from tombo_bag.topics import (
     ATTITUDE_SETPOINT,

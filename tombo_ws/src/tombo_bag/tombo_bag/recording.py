@@ -15,11 +15,11 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from tombo_bag import ros1_bag, sqlite_bag
-from tombo_bag.bag_files import READABLE, BagFile, RawMessages, Stream, in_log_order
-from tombo_bag.chunks import MAGIC
 from tombo_bag.columns import ColumnTable, columns_of
-from tombo_bag.reader import Bag
+from tombo_bag.formats import ros1_bag, sqlite_bag
+from tombo_bag.formats.bag_files import READABLE, BagFile, RawMessages, Stream, in_log_order
+from tombo_bag.formats.chunks import MAGIC
+from tombo_bag.formats.reader import Bag
 from tombo_bag.schemas import Types
 from tombo_dynamics.errors import InputError, unknown_name
 

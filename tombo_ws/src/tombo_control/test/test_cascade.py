@@ -12,7 +12,7 @@ from control_bench import (
     rotor_table,
 )
 
-from tombo_control.cascade import cascade
+from tombo_control.loops.cascade import cascade
 from tombo_control.params import ControlParams
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.rotation import tilt, yaw_pitch_roll

@@ -10,9 +10,14 @@ from hypothesis import strategies as st
 
 from core_calls import Mission
 from tombo_control.autopilot import new_autopilot
-from tombo_control.course import Waypoint, leg_to, read_course, resolved_waypoints
-from tombo_control.leg import store_leg, turning_leg
-from tombo_control.mission import (
+from tombo_control.loops.position_control import follow_leg
+from tombo_control.mission_core import (
+    MissionLimits,
+)
+from tombo_control.params import ControlParams, EstimatorParams
+from tombo_control.planning.course import Waypoint, leg_to, read_course, resolved_waypoints
+from tombo_control.planning.leg import store_leg, turning_leg
+from tombo_control.planning.mission import (
     MissionParams,
     advance_mission,
     begin,
@@ -20,11 +25,6 @@ from tombo_control.mission import (
     resume,
     start_reaction,
 )
-from tombo_control.mission_core import (
-    MissionLimits,
-)
-from tombo_control.params import ControlParams, EstimatorParams
-from tombo_control.position_control import follow_leg
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import Phase, ReactionPhase
 from tombo_dynamics.vehicle import VehicleParams

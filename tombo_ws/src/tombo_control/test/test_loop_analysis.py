@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from control_bench import VEHICLE, bench, rotor_table
 
-from tombo_control.loop_analysis import (
+from tombo_control.loops.loop_analysis import (
     Margins,
     cascade_margins,
     driven_rate,

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tombo_control.mission import (
+from tombo_control.planning.mission import (
     MissionParams,
     advance_mission,
     begin,

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from control_bench import FOREVER, fresh_autopilot, rotor_table
 
-from tombo_control.cascade import cascade
 from tombo_control.estimator import correct, predict, store_history, update_body_rates
+from tombo_control.loops.cascade import cascade
 from tombo_dynamics.records import numbers
 from tombo_dynamics.vehicle import GRAVITY, VehicleParams
 

@@ -9,8 +9,8 @@ from control_bench import VEHICLE, body_z, fresh_autopilot, quaternion
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tombo_control.loops.position_control import attitude_from_thrust, position_control
 from tombo_control.params import ControlParams
-from tombo_control.position_control import attitude_from_thrust, position_control
 from tombo_dynamics.rotation import tilt, yaw_pitch_roll
 from tombo_dynamics.vehicle import GRAVITY
 

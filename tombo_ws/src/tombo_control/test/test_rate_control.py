@@ -9,9 +9,9 @@ from control_bench import bench, fresh_autopilot, quaternion, rotor_table
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tombo_control.cascade import cascade
+from tombo_control.loops.cascade import cascade
+from tombo_control.loops.rate_control import rate_control
 from tombo_control.params import ControlParams
-from tombo_control.rate_control import rate_control
 from tombo_dynamics.rotation import tilt
 
 TICK = 1e-3

@@ -6,8 +6,8 @@ cascade, `autopilot.observer.mocap_rate` a parameter of the estimator.
 
 from __future__ import annotations
 
-from tombo_control.leg import LegRecord
 from tombo_control.params import ControlParams, EstimatorParams
+from tombo_control.planning.leg import LegRecord
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.records import Record, field, fill_record

@@ -14,9 +14,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from tombo_control.autopilot import Autopilot, new_autopilot
-from tombo_control.cascade import stop_rotors
 from tombo_control.estimate import nearest_tick
 from tombo_control.gyro_propagation import control_tick, correct_with_estimate
+from tombo_control.loops.cascade import stop_rotors
 from tombo_control.params import (
     ATTITUDE_TICKS,
     POSITION_TICKS,

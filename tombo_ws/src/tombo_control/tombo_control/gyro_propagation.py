@@ -8,8 +8,8 @@ and keeps the vehicle level for some seconds when no estimate comes at all.
 from __future__ import annotations
 
 from tombo_control.autopilot import HISTORY_TICKS, Autopilot, State
-from tombo_control.cascade import run_control_loops
 from tombo_control.estimator import store_history, update_body_rates
+from tombo_control.loops.cascade import run_control_loops
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled, compiled_call
 from tombo_dynamics.rotation import rotate_by_vector, rotation_vector

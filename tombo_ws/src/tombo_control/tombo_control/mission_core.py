@@ -11,8 +11,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from tombo_control.leg import LegRecord, leg_position, leg_yaw, motion_end, store_leg, stored_leg
-from tombo_control.mission import (
+from tombo_control.planning.leg import (
+    LegRecord,
+    leg_position,
+    leg_yaw,
+    motion_end,
+    store_leg,
+    stored_leg,
+)
+from tombo_control.planning.mission import (
     MissionParams,
     MissionState,
     Plan,
@@ -25,7 +32,7 @@ from tombo_control.mission import (
     start_reaction,
     wait,
 )
-from tombo_control.trapezoidal_profile import trapezoidal_profile
+from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS, Core
 from tombo_dynamics.jit import compiled_call

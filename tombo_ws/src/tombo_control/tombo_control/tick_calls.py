@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from tombo_control import cascade, estimator
+from tombo_control import estimator
+from tombo_control.loops import cascade
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled_call
 

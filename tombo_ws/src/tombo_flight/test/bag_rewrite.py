@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from tombo_bag.flight_time import FLIGHT_METADATA
-from tombo_bag.mcap_sink import Columns, McapSink
-from tombo_bag.reader import Bag
+from tombo_bag.formats.mcap_sink import Columns, McapSink
+from tombo_bag.formats.reader import Bag
 from tombo_dynamics.time_base import SECOND_NS
 
 

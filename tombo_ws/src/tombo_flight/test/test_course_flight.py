@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from tombo_control.course import leg_to, resolved_waypoints
+from tombo_control.planning.course import leg_to, resolved_waypoints
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import Phase
 from tombo_flight.course_check import course_begin

@@ -12,7 +12,7 @@ from px4_bench import speaking
 
 from tombo_bag.columnar_cdr import encode
 from tombo_bag.flight_time import stamp
-from tombo_bag.mcap_sink import Columns, McapSink
+from tombo_bag.formats.mcap_sink import Columns, McapSink
 from tombo_bag.recording import Recording
 from tombo_bag.topics import DIAGNOSTICS, PX4_STATUS
 from tombo_bringup.cli.flight.node_tables import grouped

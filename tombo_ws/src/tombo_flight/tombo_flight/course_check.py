@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from tombo_control.course import leg_to, resolved_waypoints
-from tombo_control.leg import Point, straight_leg
-from tombo_control.mission import MissionParams
 from tombo_control.params import ControlParams
+from tombo_control.planning.course import leg_to, resolved_waypoints
+from tombo_control.planning.leg import Point, straight_leg
+from tombo_control.planning.mission import MissionParams
 from tombo_dynamics.errors import InputError
 
 _ROUNDING = 1.0 + 1e-9

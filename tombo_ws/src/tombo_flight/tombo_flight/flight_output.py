@@ -152,7 +152,7 @@ def write_mcap(record: FlightRecord, path: Path) -> tuple[int, float]:
     from mcap.reader import make_reader
 
     from tombo_bag.flight_topics import write_flight
-    from tombo_bag.mcap_sink import McapSink
+    from tombo_bag.formats.mcap_sink import McapSink
 
     began = time.perf_counter()
     with McapSink(path) as sink:

@@ -14,8 +14,8 @@ from tombo_collision.params import TRIGGERS, DetectorParams
 from tombo_collision.reactions import Reaction, reaction_from_mapping
 from tombo_collision.reactions.bounce import Bounce
 from tombo_collision.reactions.none import NoReaction
-from tombo_control.mission import MissionParams
 from tombo_control.params import ControlParams, EstimatorParams
+from tombo_control.planning.mission import MissionParams
 from tombo_dynamics.effects import check_theta
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.params import check_number, from_mapping, param

@@ -18,9 +18,9 @@ from rcl_interfaces.srv import DescribeParameters, SetParameters, SetParametersA
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
-from tombo_control.course import Waypoint
-from tombo_control.mission import MissionParams
 from tombo_control.params import EstimatorParams
+from tombo_control.planning.course import Waypoint
+from tombo_control.planning.mission import MissionParams
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.params import param
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice

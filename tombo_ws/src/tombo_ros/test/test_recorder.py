@@ -20,10 +20,10 @@ from mcap_ros2.decoder import DecoderFactory  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from rosbags.highlevel import AnyReader  # noqa: E402
 
+from tombo_bag.formats.reader import Bag  # noqa: E402
+from tombo_bag.formats.rolling_sink import NOTES  # noqa: E402
 from tombo_bag.qos import SENSOR, Qos  # noqa: E402
-from tombo_bag.reader import Bag  # noqa: E402
 from tombo_bag.recording import Recording  # noqa: E402
-from tombo_bag.rolling_sink import NOTES  # noqa: E402
 from tombo_bag.schemas import message_directory  # noqa: E402
 from tombo_bag.topics import (  # noqa: E402
     COLLISION_EVENT,

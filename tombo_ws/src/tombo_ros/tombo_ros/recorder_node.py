@@ -16,8 +16,8 @@ from typing import Any
 
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
+from tombo_bag.formats.rolling_sink import RollingOptions, RollingSink
 from tombo_bag.qos import Qos
-from tombo_bag.rolling_sink import RollingOptions, RollingSink
 from tombo_bag.schemas import type_hash
 from tombo_bag.sequence_counter import SequenceCounter
 from tombo_bag.topics import CLOCK, TOPICS

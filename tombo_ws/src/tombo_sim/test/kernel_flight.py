@@ -13,10 +13,10 @@ from tombo_control.autopilot import Autopilot, new_autopilot, restart_estimate
 from tombo_control.controller_core import ControllerCore
 from tombo_control.estimator import store_history
 from tombo_control.estimator_core import EstimatorCore
-from tombo_control.leg import hold_leg, store_leg, stored_leg
-from tombo_control.mission import MissionParams, MissionState
 from tombo_control.mission_core import MissionCore, MissionLimits, store_state
 from tombo_control.params import ControlParams, EstimatorParams, InputLimits
+from tombo_control.planning.leg import hold_leg, store_leg, stored_leg
+from tombo_control.planning.mission import MissionParams, MissionState
 from tombo_dynamics.effects.compose import new_plant, pack_theta
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.propeller import configuration, thrust_map

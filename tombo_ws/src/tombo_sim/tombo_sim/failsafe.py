@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from tombo_control.autopilot import new_autopilot
-from tombo_control.cascade import stop_rotors
 from tombo_control.estimator import correct
-from tombo_control.leg import store_leg, straight_leg
+from tombo_control.loops.cascade import stop_rotors
 from tombo_control.params import ControlParams, EstimatorParams
+from tombo_control.planning.leg import store_leg, straight_leg
 from tombo_control.tick_calls import predict, run_cascade, store_history, update_body_rates
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import Phase

@@ -21,7 +21,6 @@ from tombo_collision.reaction_core import (
     take_position,
 )
 from tombo_control.autopilot import Autopilot
-from tombo_control.cascade import cascade
 from tombo_control.controller_core import (
     ControllerCore,
     ControllerMemory,
@@ -40,6 +39,7 @@ from tombo_control.estimator_core import (
     take_imu,
 )
 from tombo_control.estimator_core import take_pose as estimator_pose
+from tombo_control.loops.cascade import cascade
 from tombo_control.mission_core import MissionCore, mission_step, take_estimate, take_reaction
 from tombo_dynamics import message_records as records
 from tombo_dynamics.arrays import Array

@@ -11,7 +11,7 @@ from tombo_bringup.bench import __main__ as command
 from tombo_bringup.bench.kernel_flight import contact_time, fly_whole, new_flight, stretches
 from tombo_bringup.bench.numpy_step import hovering
 from tombo_bringup.bench.speed_measurements import batch_steps, kernel_steps, numpy_steps
-from tombo_control.leg import store_leg, straight_leg
+from tombo_control.planning.leg import store_leg, straight_leg
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.plant import set_state
 from tombo_dynamics.records import numbers

@@ -13,9 +13,9 @@ from suite_bench import FAKES, names
 from tombo_bag.columnar_cdr import encode
 from tombo_bag.flight_time import FLIGHT_METADATA
 from tombo_bag.flight_topics import write_flight
-from tombo_bag.mcap_sink import Columns, McapSink
+from tombo_bag.formats.mcap_sink import Columns, McapSink
+from tombo_bag.formats.rolling_sink import NOTES
 from tombo_bag.recording import Recording
-from tombo_bag.rolling_sink import NOTES
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_from_bag import flight_from_bag

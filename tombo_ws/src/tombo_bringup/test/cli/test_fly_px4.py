@@ -13,7 +13,7 @@ from px4_bench import speaking
 from suite_bench import FAKES, names
 
 from in_time import in_time
-from tombo_bag.mcap_sink import McapSink
+from tombo_bag.formats.mcap_sink import McapSink
 from tombo_bringup.cli.flight.optional_url import expand_url_option
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario

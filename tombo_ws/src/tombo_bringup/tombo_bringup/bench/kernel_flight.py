@@ -9,7 +9,7 @@ import numpy as np
 
 from tombo_collision.reactions.bounce import Bounce
 from tombo_control.autopilot import Autopilot, new_autopilot
-from tombo_control.leg import Leg, hold_leg, store_leg, straight_leg
+from tombo_control.planning.leg import Leg, hold_leg, store_leg, straight_leg
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import SimulatedPlant, new_plant, pack_theta
 from tombo_dynamics.messages import Phase

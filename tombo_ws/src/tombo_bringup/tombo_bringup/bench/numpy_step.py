@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tombo_control.leg import Leg
-from tombo_control.trapezoidal_profile import trapezoidal_profile
+from tombo_control.planning.leg import Leg
+from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY, SPIN

@@ -24,7 +24,7 @@ from tombo_bringup.bench.kernel_flight import (
     stretches,
 )
 from tombo_bringup.bench.numpy_step import hovering
-from tombo_control.leg import straight_leg
+from tombo_control.planning.leg import straight_leg
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_output import write_mcap
 from tombo_flight.scenario import Scenario, load_scenario

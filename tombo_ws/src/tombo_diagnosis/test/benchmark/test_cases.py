@@ -16,7 +16,7 @@ from tombo_diagnosis.benchmark.flight_cases import (
     observable_effects,
 )
 from tombo_diagnosis.benchmark.flight_simulation import course, simulate_case
-from tombo_diagnosis.flight.parameters import PARAMETERS
+from tombo_diagnosis.flight.fit.parameters import PARAMETERS
 from tombo_dynamics.disturbance import DISTURBANCES
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.effects.registry import check_theta

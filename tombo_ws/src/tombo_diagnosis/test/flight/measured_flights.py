@@ -6,8 +6,8 @@ import numpy as np
 
 from tombo_diagnosis.benchmark.flight_cases import NOMINAL
 from tombo_diagnosis.flight.experiment_design import as_log as simulated_log
+from tombo_diagnosis.flight.fit.track import track_of
 from tombo_diagnosis.flight.scenario_nominal import nominal_of
-from tombo_diagnosis.flight.track import track_of
 from tombo_diagnosis.logs.flight_log import FlightLog, Series
 from tombo_dynamics.disturbance import set_disturbance
 from tombo_flight.flight import fly_scenario

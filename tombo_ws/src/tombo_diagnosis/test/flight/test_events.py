@@ -8,9 +8,9 @@ from measured_flights import LENGTH, logs, nominal, tracks
 
 from tombo_diagnosis.flight.analyse import analyse
 from tombo_diagnosis.flight.diagnose import diagnose
-from tombo_diagnosis.flight.problem import FlightProblem
-from tombo_diagnosis.flight.track import track_of
-from tombo_diagnosis.flight.transients import find_transients
+from tombo_diagnosis.flight.fit.problem import FlightProblem
+from tombo_diagnosis.flight.fit.track import track_of
+from tombo_diagnosis.flight.fit.transients import find_transients
 from tombo_diagnosis.logs.flight_log import Series
 
 pytestmark = pytest.mark.slow

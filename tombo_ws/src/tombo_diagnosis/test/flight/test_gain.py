@@ -14,7 +14,7 @@ from tombo_diagnosis.flight.cross_validation import (
     one_step_gains,
     open_loop_gains,
 )
-from tombo_diagnosis.flight.problem import FlightProblem
+from tombo_diagnosis.flight.fit.problem import FlightProblem
 
 pytestmark = pytest.mark.slow
 

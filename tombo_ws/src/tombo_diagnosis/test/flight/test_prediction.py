@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from measured_flights import LIVELY, ROTOR_DRAWS, SILENT, as_log, fly, nominal, with_hidden
 
-from tombo_diagnosis.flight.prediction import channels_of, motion_of, residuals
-from tombo_diagnosis.flight.track import track_of
+from tombo_diagnosis.flight.fit.prediction import channels_of, motion_of, residuals
+from tombo_diagnosis.flight.fit.track import track_of
 from tombo_dynamics.effects import REGISTRY, Stage
 from tombo_dynamics.effects.compose import layout
 

@@ -7,9 +7,9 @@ import pytest
 from measured_flights import SLOW, logs, nominal, tracks
 
 from tombo_diagnosis.engine.evidence import solve
-from tombo_diagnosis.flight.parameters import PARAMETERS
-from tombo_diagnosis.flight.problem import FlightProblem
-from tombo_diagnosis.flight.track import track_of
+from tombo_diagnosis.flight.fit.parameters import PARAMETERS
+from tombo_diagnosis.flight.fit.problem import FlightProblem
+from tombo_diagnosis.flight.fit.track import track_of
 from tombo_diagnosis.logs.flight_log import Series
 
 pytestmark = pytest.mark.slow

@@ -7,21 +7,21 @@ import pytest
 from measured_flights import HEALTHY, logs, nominal, tracks
 
 from tombo_diagnosis.flight.analyse import analyse, select_noise_fits
-from tombo_diagnosis.flight.gust_fit import fit_gusts
-from tombo_diagnosis.flight.haar_variance import SCALES_S, block_variances, pooled
-from tombo_diagnosis.flight.noise_statistics import (
+from tombo_diagnosis.flight.fit.gust_fit import fit_gusts
+from tombo_diagnosis.flight.fit.parameters import PARAMETERS
+from tombo_diagnosis.flight.fit.problem import FlightProblem
+from tombo_diagnosis.flight.fit.track import track_of
+from tombo_diagnosis.flight.noise.haar_variance import SCALES_S, block_variances, pooled
+from tombo_diagnosis.flight.noise.noise_statistics import (
     fit_noise_effects,
     imu_noise_statistics,
     pose_noise_statistics,
 )
-from tombo_diagnosis.flight.parameters import PARAMETERS
-from tombo_diagnosis.flight.problem import FlightProblem
 from tombo_diagnosis.flight.residual_check import (
     noise_variances,
     residual_excesses,
     residual_variances,
 )
-from tombo_diagnosis.flight.track import track_of
 
 pytestmark = pytest.mark.slow
 

@@ -5,7 +5,7 @@ import struct
 import numpy as np
 
 from tombo_bag.columnar_cdr import layout
-from tombo_bag.mcap_sink import Columns, McapSink
+from tombo_bag.formats.mcap_sink import Columns, McapSink
 from tombo_bag.qos import SENSOR
 from tombo_dynamics.time_base import EPOCH_NS
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tombo_diagnosis.stand.operating_points import OperatingPoints
+from tombo_diagnosis.stand.tables.operating_points import OperatingPoints
 from tombo_dynamics.propeller import configuration, parameter_row, speed_of_maximum_thrust
 from tombo_dynamics.propeller.effects import Draws, Setup, predict
 

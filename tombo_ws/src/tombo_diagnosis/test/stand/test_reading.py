@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from tombo_diagnosis.stand.analyse import analyse
-from tombo_diagnosis.stand.assemble import assemble
-from tombo_diagnosis.stand.mapping import parse_mapping
-from tombo_diagnosis.stand.plateaus import plateaus
 from tombo_diagnosis.stand.summary_text import summary
-from tombo_diagnosis.stand.table_reader import read_stand
+from tombo_diagnosis.stand.tables.assemble import assemble
+from tombo_diagnosis.stand.tables.mapping import parse_mapping
+from tombo_diagnosis.stand.tables.plateaus import plateaus
+from tombo_diagnosis.stand.tables.table_reader import read_stand
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import configuration, evaluate
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tombo_diagnosis.stand.diagnose import diagnose_stand
-from tombo_diagnosis.stand.table_reader import read_stand
+from tombo_diagnosis.stand.tables.table_reader import read_stand
 
 pytestmark = pytest.mark.slow
 

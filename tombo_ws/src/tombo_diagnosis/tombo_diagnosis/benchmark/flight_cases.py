@@ -22,7 +22,7 @@ from tombo_diagnosis.benchmark.cases import (
     draw_size,
 )
 from tombo_diagnosis.engine.regression import Parameter
-from tombo_diagnosis.flight.parameters import PARAMETERS
+from tombo_diagnosis.flight.fit.parameters import PARAMETERS
 from tombo_dynamics.disturbance import DISTURBANCES
 from tombo_dynamics.effects import REGISTRY
 from tombo_flight.scenario import load_scenario

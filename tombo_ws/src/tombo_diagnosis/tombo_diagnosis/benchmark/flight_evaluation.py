@@ -28,9 +28,9 @@ from tombo_diagnosis.flight.analyse import FlightFindings, analyse
 from tombo_diagnosis.flight.cause_estimates import estimate_cause
 from tombo_diagnosis.flight.cross_validation import fit_without_flight
 from tombo_diagnosis.flight.diagnose import final_explanation
+from tombo_diagnosis.flight.fit.prediction import residuals
+from tombo_diagnosis.flight.fit.track import track_of
 from tombo_diagnosis.flight.nominal import NominalModel
-from tombo_diagnosis.flight.prediction import residuals
-from tombo_diagnosis.flight.track import track_of
 from tombo_dynamics.errors import InputError
 
 

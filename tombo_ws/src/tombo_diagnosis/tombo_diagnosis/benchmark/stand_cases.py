@@ -23,8 +23,8 @@ from tombo_diagnosis.benchmark.cases import (
 )
 from tombo_diagnosis.benchmark.unmodelled_effects import UNMODELLED_EFFECTS
 from tombo_diagnosis.engine.regression import Parameter
-from tombo_diagnosis.stand.operating_points import OperatingPoints
 from tombo_diagnosis.stand.parameters import HEALTHY_SHARE, parameters
+from tombo_diagnosis.stand.tables.operating_points import OperatingPoints
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller import configuration, parameter_row, speed_of_maximum_thrust
 from tombo_dynamics.propeller.effects import STAND_EFFECTS, Draws, Setup, predict

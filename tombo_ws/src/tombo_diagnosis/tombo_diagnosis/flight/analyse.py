@@ -10,10 +10,12 @@ from tombo_diagnosis.engine.analyse import analyse_problem
 from tombo_diagnosis.engine.model import Findings, Remainder, SearchResult
 from tombo_diagnosis.engine.model_selection import LOG_BF_FIRST
 from tombo_diagnosis.engine.verdict import logistic, p_cause
-from tombo_diagnosis.flight.gust_fit import GustFit, fit_gusts
-from tombo_diagnosis.flight.noise_statistics import NoiseFit, fit_noise_effects
+from tombo_diagnosis.flight.fit.gust_fit import GustFit, fit_gusts
+from tombo_diagnosis.flight.fit.problem import FlightProblem
+from tombo_diagnosis.flight.fit.track import Track
+from tombo_diagnosis.flight.fit.transients import Transient, exclude_transients, find_transients
+from tombo_diagnosis.flight.noise.noise_statistics import NoiseFit, fit_noise_effects
 from tombo_diagnosis.flight.nominal import NominalModel
-from tombo_diagnosis.flight.problem import FlightProblem
 from tombo_diagnosis.flight.residual_check import (
     ResidualExcess,
     ScaleVariances,
@@ -22,8 +24,6 @@ from tombo_diagnosis.flight.residual_check import (
     residual_variances,
 )
 from tombo_diagnosis.flight.residual_predictability import cross_validated_r2
-from tombo_diagnosis.flight.track import Track
-from tombo_diagnosis.flight.transients import Transient, exclude_transients, find_transients
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY, Stage
 from tombo_flight.progress import ProgressCallback, no_progress

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tombo_diagnosis.flight.filters import interpolated
+from tombo_diagnosis.flight.fit.filters import interpolated
+from tombo_diagnosis.flight.fit.track import Track, track_of
 from tombo_diagnosis.flight.nominal import NominalModel
-from tombo_diagnosis.flight.track import Track, track_of
 from tombo_diagnosis.logs.flight_log import Airframe, FlightLog, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError

@@ -18,7 +18,7 @@ from tombo_diagnosis.engine.cause_estimates import (
 )
 from tombo_diagnosis.engine.model import Explanation
 from tombo_diagnosis.flight.analyse import FlightFindings
-from tombo_diagnosis.flight.sensitivity import DRAW_SCALE_LABEL, SCATTER
+from tombo_diagnosis.flight.fit.sensitivity import DRAW_SCALE_LABEL, SCATTER
 from tombo_dynamics.effects import REGISTRY
 from tombo_flight.extended_model import FittedParameter
 

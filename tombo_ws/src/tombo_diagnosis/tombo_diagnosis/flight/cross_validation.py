@@ -12,10 +12,10 @@ from tombo_diagnosis.engine.gain import gain_of, rms
 from tombo_diagnosis.engine.model import Explanation, SearchResult
 from tombo_diagnosis.engine.model_selection import LOG_BF_ADDITIONAL, LOG_BF_FIRST
 from tombo_diagnosis.engine.regression import Fit
-from tombo_diagnosis.flight.prediction import motion_of, residuals, simulate_along_motion
-from tombo_diagnosis.flight.problem import FlightProblem, sum_of, tangent_of
-from tombo_diagnosis.flight.sensitivity import SCATTER, with_scatter
-from tombo_diagnosis.flight.track import TICK
+from tombo_diagnosis.flight.fit.prediction import motion_of, residuals, simulate_along_motion
+from tombo_diagnosis.flight.fit.problem import FlightProblem, sum_of, tangent_of
+from tombo_diagnosis.flight.fit.sensitivity import SCATTER, with_scatter
+from tombo_diagnosis.flight.fit.track import TICK
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.plant import State
 from tombo_dynamics.rotation import conjugate, quaternion_multiply

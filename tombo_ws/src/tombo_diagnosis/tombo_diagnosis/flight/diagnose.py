@@ -22,11 +22,11 @@ from tombo_diagnosis.flight.cross_validation import (
     one_step_gains,
     open_loop_gains,
 )
+from tombo_diagnosis.flight.fit.prediction import motion_of
+from tombo_diagnosis.flight.fit.track import Track, track_of
+from tombo_diagnosis.flight.fit.transients import transient_findings
 from tombo_diagnosis.flight.nominal import NominalModel
-from tombo_diagnosis.flight.prediction import motion_of
 from tombo_diagnosis.flight.summary_text import notes, summary
-from tombo_diagnosis.flight.track import Track, track_of
-from tombo_diagnosis.flight.transients import transient_findings
 from tombo_diagnosis.logs.flight_log import Finding, FlightLog
 from tombo_dynamics.errors import InputError
 from tombo_flight.extended_model import Gain

@@ -17,11 +17,11 @@ from tombo_diagnosis.diagnosis import Experiment
 from tombo_diagnosis.engine.evidence import NormalEquations, solve
 from tombo_diagnosis.flight.analyse import FlightFindings
 from tombo_diagnosis.flight.cause_estimates import estimate_cause
+from tombo_diagnosis.flight.fit.problem import FlightProblem
+from tombo_diagnosis.flight.fit.sensitivity import SCATTER
+from tombo_diagnosis.flight.fit.track import track_of
 from tombo_diagnosis.flight.manoeuvres import Manoeuvre, manoeuvre_catalogue
 from tombo_diagnosis.flight.nominal import NominalModel
-from tombo_diagnosis.flight.problem import FlightProblem
-from tombo_diagnosis.flight.sensitivity import SCATTER
-from tombo_diagnosis.flight.track import track_of
 from tombo_diagnosis.logs.flight_log import FlightLog, Series
 from tombo_diagnosis.wording import capital, listed
 from tombo_dynamics.effects import REGISTRY

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from tombo_diagnosis.engine.regression import Parameter
-from tombo_diagnosis.flight.parameters import parameters
+from tombo_diagnosis.flight.fit.parameters import parameters
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import SimulatedPlant, new_plant, pack_theta
 from tombo_dynamics.rotor_maps import RotorMaps

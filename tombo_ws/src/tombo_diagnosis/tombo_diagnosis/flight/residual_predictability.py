@@ -11,8 +11,8 @@ import numpy as np
 
 from tombo_diagnosis.checks.spans import block_means
 from tombo_diagnosis.engine.regression import Fit
-from tombo_diagnosis.flight.prediction import Motion
-from tombo_diagnosis.flight.problem import FlightProblem, tangent_of
+from tombo_diagnosis.flight.fit.prediction import Motion
+from tombo_diagnosis.flight.fit.problem import FlightProblem, tangent_of
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import yaw_pitch_roll
 

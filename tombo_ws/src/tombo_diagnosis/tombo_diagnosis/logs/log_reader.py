@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tombo_bag.chunks import MAGIC as MCAP_MAGIC
+from tombo_bag.formats.chunks import MAGIC as MCAP_MAGIC
+from tombo_bag.formats.sqlite_bag import MAGIC as SQLITE_MAGIC
 from tombo_bag.recording import SUFFIXES, ZSTD_MAGIC
-from tombo_bag.sqlite_bag import MAGIC as SQLITE_MAGIC
 from tombo_diagnosis.logs.bag_log import read_bag
 from tombo_diagnosis.logs.csv_log import read_csv
 from tombo_diagnosis.logs.csv_mapping import LogMapping, load_mapping

@@ -9,8 +9,8 @@ from tombo_diagnosis.engine.model import Hypothesis
 from tombo_diagnosis.engine.model_selection import fit_hypotheses
 from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.stand.analyse import StandFindings
-from tombo_diagnosis.stand.operating_points import UNITS, Mask
 from tombo_diagnosis.stand.problem import StandProblem
+from tombo_diagnosis.stand.tables.operating_points import UNITS, Mask
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller.effects import CHANNELS
 from tombo_flight.extended_model import Gain

@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 
 from tombo_diagnosis.diagnosis import Diagnosis, FlightSummary
 from tombo_diagnosis.stand.analyse import StandFindings, analyse
-from tombo_diagnosis.stand.assemble import StandData, assemble
 from tombo_diagnosis.stand.cause_estimates import estimate_cause, scores
 from tombo_diagnosis.stand.cross_validation import held_out
 from tombo_diagnosis.stand.experiment_design import separate
 from tombo_diagnosis.stand.model_file import StandModel
-from tombo_diagnosis.stand.operating_points import OperatingPoints
 from tombo_diagnosis.stand.summary_text import notes, summary
-from tombo_diagnosis.stand.table_reader import StandTable
+from tombo_diagnosis.stand.tables.assemble import StandData, assemble
+from tombo_diagnosis.stand.tables.operating_points import OperatingPoints
+from tombo_diagnosis.stand.tables.table_reader import StandTable
 from tombo_diagnosis.stand.thrust_constant import ThrustConstant, thrust_constant
 from tombo_dynamics.propeller.effects import CHANNELS
 from tombo_flight.progress import ProgressCallback

@@ -9,7 +9,7 @@ import numpy as np
 
 from tombo_diagnosis.engine.verdict import LOG_BF_DISTINCT
 from tombo_diagnosis.stand.leave_one_out import least_squares_fit
-from tombo_diagnosis.stand.operating_points import OperatingPoints
+from tombo_diagnosis.stand.tables.operating_points import OperatingPoints
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller import RPM, SPEED_LIMIT, configuration, parameter_row, valid_speed
 from tombo_dynamics.propeller.effects import CHANNELS, Setup, predict

@@ -13,8 +13,8 @@ from tombo_diagnosis.diagnosis import Experiment
 from tombo_diagnosis.engine.model import Explanation
 from tombo_diagnosis.engine.model_selection import fit_hypotheses
 from tombo_diagnosis.stand.analyse import StandFindings
-from tombo_diagnosis.stand.operating_points import OperatingPoints
 from tombo_diagnosis.stand.problem import StandProblem
+from tombo_diagnosis.stand.tables.operating_points import OperatingPoints
 from tombo_diagnosis.wording import display_name
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller.effects import CHANNELS, Setup, predict

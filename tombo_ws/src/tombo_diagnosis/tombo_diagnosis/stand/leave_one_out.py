@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_diagnosis.stand.operating_points import OperatingPoints
+from tombo_diagnosis.stand.tables.operating_points import OperatingPoints
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller.effects import STAND_EFFECTS, Param, predict
 

@@ -10,8 +10,8 @@ import numpy as np
 from tombo_diagnosis.engine.evidence import NormalEquations, solve
 from tombo_diagnosis.engine.model import Setting
 from tombo_diagnosis.engine.regression import NOMINAL_WIDTHS, Columns, Fit
-from tombo_diagnosis.stand.operating_points import OperatingPoints
 from tombo_diagnosis.stand.parameters import HEALTHY_SHARE, parameters
+from tombo_diagnosis.stand.tables.operating_points import OperatingPoints
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller.effects import STAND_EFFECTS, Draws, predict

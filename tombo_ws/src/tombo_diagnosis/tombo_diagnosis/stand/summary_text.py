@@ -10,9 +10,9 @@ from tombo_diagnosis.diagnosis import Cause
 from tombo_diagnosis.extend_model import EXTENDING_VERDICTS
 from tombo_diagnosis.stand.analyse import LOG_BF_CURVES, StandFindings
 from tombo_diagnosis.stand.model_differences import differences_from_model, model_extending_causes
-from tombo_diagnosis.stand.operating_points import UNITS
 from tombo_diagnosis.stand.problem import RUN, SHARE
 from tombo_diagnosis.stand.repeatability import repeats
+from tombo_diagnosis.stand.tables.operating_points import UNITS
 from tombo_diagnosis.stand.thrust_constant import ThrustConstant
 from tombo_diagnosis.wording import capital, counted, display_name
 from tombo_flight.extended_model import Gain

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tombo_diagnosis.stand.assemble import StandData, stiffness
 from tombo_diagnosis.stand.discriminating_measurements import (
     DiscriminatingMeasurement,
     least_squares_fits,
     settling,
 )
 from tombo_diagnosis.stand.leave_one_out import MEAN, PHYSICAL, Prediction, predictions
-from tombo_diagnosis.stand.operating_points import OperatingPoints
+from tombo_diagnosis.stand.tables.assemble import StandData, stiffness
+from tombo_diagnosis.stand.tables.operating_points import OperatingPoints
 from tombo_diagnosis.wording import display_name
 from tombo_dynamics.propeller import RPM, configurations, evaluate, parameter_row
 from tombo_dynamics.propeller.effects import CHANNELS, Setup

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_diagnosis.stand.assemble import StandData
+from tombo_diagnosis.stand.tables.assemble import StandData
 from tombo_dynamics.arrays import Array
 
 Numbers = NDArray[np.int64]

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tombo_bringup.interface_tables import read_nodes
-from tombo_control.mission import MissionParams
+from tombo_control.planning.mission import MissionParams
 from tombo_dynamics.params import from_mapping
 from tombo_flight.scenario import Scenario, as_mapping, load_scenario
 from tombo_flight.suite.nodes import SUITE

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bag.bag_files import Stream
 from tombo_bag.columns import ColumnTable
+from tombo_bag.formats.bag_files import Stream
 from tombo_bag.recording import Recording
 from tombo_bag.topics import MOCAP_POSE, TOPICS
 from tombo_dynamics.arrays import Array

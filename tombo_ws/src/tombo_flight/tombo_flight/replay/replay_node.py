@@ -31,9 +31,9 @@ from typing import Any
 
 import rclpy
 
-from tombo_bag.mcap_sink import McapSink
+from tombo_bag.formats.mcap_sink import McapSink
+from tombo_bag.formats.reader import Bag
 from tombo_bag.message_template import MessageTemplate
-from tombo_bag.reader import Bag
 from tombo_bag.topics import CLOCK, TOPICS, TopicSpec
 from tombo_dynamics.time_base import SECOND_NS, TICK_NS
 from tombo_ros.pacing import sleep_until

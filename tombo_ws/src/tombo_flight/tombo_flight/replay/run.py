@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from tombo_bag.formats.rolling_sink import NOTES as RECORDER_NOTES
 from tombo_bag.recording import Recording
-from tombo_bag.rolling_sink import NOTES as RECORDER_NOTES
 from tombo_bag.topics import COLLISION_EVENT, MOCAP_POSE, TOPICS, TRUE_CONTACT
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_flight.replay.bag_scenario import scenario_of_bag

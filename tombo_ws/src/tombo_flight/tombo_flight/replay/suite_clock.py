@@ -12,7 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bag.bag_files import RawMessages, Stream
+from tombo_bag.formats.bag_files import RawMessages, Stream
 from tombo_bag.recording import Recording
 from tombo_bag.topics import IMU, MISSION_SETPOINT, ODOMETRY, SETPOINT
 from tombo_dynamics.time_base import SECOND_NS

@@ -15,7 +15,7 @@ import numpy as np
 
 from tombo_bag.columnar_cdr import encode
 from tombo_bag.flight_time import stamp
-from tombo_bag.mcap_sink import Columns, McapSink
+from tombo_bag.formats.mcap_sink import Columns, McapSink
 from tombo_bag.recording import Recording
 from tombo_bag.topics import (
     DETECTOR_STATUS,

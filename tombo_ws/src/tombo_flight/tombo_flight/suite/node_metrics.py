@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from tombo_bag.formats.rolling_sink import NOTES
 from tombo_bag.recording import Recording
-from tombo_bag.rolling_sink import NOTES
 from tombo_bag.schemas import type_store
 from tombo_bag.topics import DIAGNOSTICS, TopicSpec
 from tombo_flight.suite.node_diagnostics import Loop, NodeDiagnostics

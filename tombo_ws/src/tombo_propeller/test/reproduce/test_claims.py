@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tombo_propeller.reproduce.claim import DATA, FAILS, HOLDS, JUDGES, OPEN, Claim
+from tombo_propeller.reproduce.claims.claim import DATA, FAILS, HOLDS, JUDGES, OPEN, Claim
+from tombo_propeller.reproduce.claims.scatter_claims import weighted_slope
 from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers
 from tombo_propeller.reproduce.paper_values import Paper, PrintedNumber, Row3
 from tombo_propeller.reproduce.reproduction import GROUPS, Reproduction, judged, reproduce
-from tombo_propeller.reproduce.scatter_claims import weighted_slope
 
 
 @pytest.fixture(scope="module")

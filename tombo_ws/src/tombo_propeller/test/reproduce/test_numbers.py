@@ -21,11 +21,11 @@ from tombo_dynamics.propeller import (
 )
 from tombo_dynamics.propeller.laws.parameters import SCALARS, unpack
 from tombo_dynamics.propeller.laws.wing_loads import twisted
+from tombo_propeller.reproduce.claims.deformation_claims import reading_deg
+from tombo_propeller.reproduce.claims.scatter_claims import draws, weighted_slope
 from tombo_propeller.reproduce.computed_values import collapse, maximum
-from tombo_propeller.reproduce.deformation_claims import reading_deg
 from tombo_propeller.reproduce.paper_values import PrintedNumber, read_paper
 from tombo_propeller.reproduce.reproduction import reproduce
-from tombo_propeller.reproduce.scatter_claims import draws, weighted_slope
 
 
 @given(st.integers(-99_999, 99_999), st.integers(0, 4), st.floats(-0.49, 0.49))

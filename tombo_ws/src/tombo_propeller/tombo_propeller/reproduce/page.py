@@ -8,7 +8,7 @@ from html import escape
 from typing import Final
 
 from tombo_flight.report.html_page import Card, Page, asset, page_html, pictures, table
-from tombo_propeller.reproduce.claim import DATA, FAILS, HOLDS, OPEN, Claim
+from tombo_propeller.reproduce.claims.claim import DATA, FAILS, HOLDS, OPEN, Claim
 from tombo_propeller.reproduce.plots import FIGURES
 from tombo_propeller.reproduce.reproduction import GROUPS, Reproduction
 from tombo_propeller.reproduce.summary_text import (

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from tombo_flight.report import style
 from tombo_propeller.reproduce import curve_plots, table_plots
-from tombo_propeller.reproduce.claim import FAILS, HOLDS, OPEN
+from tombo_propeller.reproduce.claims.claim import FAILS, HOLDS, OPEN
 from tombo_propeller.reproduce.plot_style import (
     LAW_COLOURS,
     curve,

@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import Any, Final
 
 from tombo_dynamics.propeller import LAWS
-from tombo_propeller.reproduce import (  # noqa: F401  each registers the judges of its claims
+from tombo_propeller.reproduce.claims import (  # noqa: F401  each registers the judges of its claims
     collision_claims,
     deformation_claims,
     flight_claims,
@@ -18,7 +18,7 @@ from tombo_propeller.reproduce import (  # noqa: F401  each registers the judges
     table_claims,
     thrust_claims,
 )
-from tombo_propeller.reproduce.claim import (
+from tombo_propeller.reproduce.claims.claim import (
     FAILS,
     HOLDS,
     OPEN,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from tombo_propeller.reproduce.claim import DATA, FAILS, HOLDS, OPEN, Claim
+from tombo_propeller.reproduce.claims.claim import DATA, FAILS, HOLDS, OPEN, Claim
 from tombo_propeller.reproduce.reproduction import Reproduction
 
 LABELS: Final = {HOLDS: "holds", FAILS: "fails", OPEN: "can’t be checked"}

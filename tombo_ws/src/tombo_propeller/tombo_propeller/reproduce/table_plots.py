@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from tombo_dynamics.propeller import configuration
 from tombo_flight.report import style
-from tombo_propeller.reproduce.claim import FAILS, HOLDS, OPEN
+from tombo_propeller.reproduce.claims.claim import FAILS, HOLDS, OPEN
 from tombo_propeller.reproduce.computed_values import law_moduli
 from tombo_propeller.reproduce.paper_values import PrintedNumber, Row3
 from tombo_propeller.reproduce.plot_style import (

@@ -7,8 +7,8 @@ import pytest
 from vehicle_bench import Flight
 
 from tombo_collision.detector import CollisionDetector
-from tombo_control import mission as plan
-from tombo_control.trapezoidal_profile import trapezoidal_profile
+from tombo_control.planning import mission as plan
+from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.messages import CollisionEvent, Phase
 from tombo_dynamics.rotation import tilt, yaw_pitch_roll
 from tombo_flight.flight import fly_scenario

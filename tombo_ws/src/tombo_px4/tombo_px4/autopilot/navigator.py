@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from tombo_control.leg import hold_leg, straight_leg
-from tombo_control.trapezoidal_profile import trapezoidal_profile
+from tombo_control.planning.leg import hold_leg, straight_leg
+from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.arrays import Array
 from tombo_px4.autopilot.offboard_setpoint import ControlLevel, ResolvedSetpoint
 from tombo_px4.autopilot.parameters import ParameterTable

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from tombo_control.attitude_control import attitude_control
 from tombo_control.autopilot import Autopilot
-from tombo_control.cascade import stop_rotors
+from tombo_control.loops.attitude_control import attitude_control
+from tombo_control.loops.cascade import stop_rotors
 from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS
 from tombo_control.tick_calls import run_control_loops
 from tombo_dynamics.rotor_maps import RotorMaps, speed_for_thrust

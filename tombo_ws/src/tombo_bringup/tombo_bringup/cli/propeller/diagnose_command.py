@@ -120,7 +120,7 @@ def run(
     from tombo_diagnosis.stand.diagnose import StandDiagnosis, diagnose_points, diagnose_stand
     from tombo_diagnosis.stand.model_file import read_stand_model
     from tombo_diagnosis.stand.table3 import study_table3, table3_assembled
-    from tombo_diagnosis.stand.table_reader import read_stand
+    from tombo_diagnosis.stand.tables.table_reader import read_stand
     from tombo_dynamics.propeller import configuration, parameter_row
 
     number = _CONF if conf is None else conf

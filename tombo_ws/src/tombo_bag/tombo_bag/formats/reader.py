@@ -1,0 +1,152 @@
+"""Reads an MCAP file of ROS 2 messages as columns; of a damaged file, all that is whole."""
+
+from __future__ import annotations
+
+import mmap
+import os
+from collections.abc import Collection, Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_bag.formats.bag_files import BagFile, RawMessages, Stream, in_log_order
+from tombo_bag.formats.chunks import HEAD, MAGIC
+from tombo_bag.formats.scan import (
+    ChunkPlace,
+    extract_messages,
+    index_chunk,
+    open_chunk,
+    refine_truncation,
+    walk,
+)
+from tombo_bag.schemas import Types, parse_schema
+from tombo_dynamics.errors import InputError
+
+MAPPED_FROM = 1 << 30
+"""Files above this size [bytes] are mapped; below, read: a mapped file must not be rewritten."""
+
+
+class Bag(BagFile):
+    """An MCAP file, read. `damage` is complete after `check` or after all topics are read."""
+
+    def __init__(self, path: str | Path, *, check: bool = False) -> None:
+        """Find out what is in a file.
+
+        Args:
+            path: MCAP file.
+            check: decompress and check every chunk now, not when it is first needed.
+
+        Raises:
+            InputError: the file is missing, empty or no MCAP file.
+        """
+        self.path = Path(path)
+        self._found = walk(_contents(self.path))
+        unannounced = not self._found.finished or not self._found.channels
+        for place in self._found.chunks:
+            if place.offset and (check or unannounced or place.index is None):
+                place.index = index_chunk(self._open(place), self._found)
+                if not place.whole:
+                    refine_truncation(self._found, place)
+        self.damage = self._found.damage
+        self.metadata = {record.name: record.metadata for record in self._found.metadata}
+        self.topics = self._streams()
+
+    def messages(self, topics: Collection[str]) -> dict[str, RawMessages]:
+        """Read the messages of some topics, each chunk once."""
+        here = [topic for topic in topics if topic in self.topics]
+        topic_of = {number: topic for topic in here for number in self._channels_of(topic)}
+        heads: dict[str, list[NDArray[np.void]]] = {topic: [] for topic in here}
+        messages: dict[str, list[bytes]] = {topic: [] for topic in here}
+        for number, head, part in self._pieces(tuple(topic_of)):
+            heads[topic_of[number]].append(head)
+            messages[topic_of[number]] += part
+        joined = {t: np.concatenate([np.empty(0, HEAD), *found]) for t, found in heads.items()}
+        return {
+            topic: in_log_order(head["log_time"], head["publish_time"], messages[topic])
+            for topic, head in joined.items()
+        }
+
+    def types(self, topic: str) -> Types:
+        """Return a topic's type as the file itself describes it, else as ROS 2 Jazzy does."""
+        channel = self._found.channels[self._channels_of(topic)[0]]
+        schema = self._found.schemas.get(channel.schema_id)
+        if channel.message_encoding != "cdr" or schema is None:
+            raise InputError(
+                f"'{self.path}': topic {topic} has messages in '{channel.message_encoding}'; "
+                "accepted: 'cdr' with a schema"
+            )
+        if schema.encoding == "ros2msg":
+            return parse_schema(schema.name, schema.data.decode("utf-8", "replace"))
+        return super().types(topic)
+
+    def _streams(self) -> dict[str, Stream]:
+        table: dict[str, Stream] = {}
+        for name in sorted({channel.topic for channel in self._found.channels.values()}):
+            numbers = self._channels_of(name)
+            rows = [
+                place.index[number][:, 0]
+                for place in self._found.chunks
+                for number in numbers
+                if place.index and number in place.index and len(place.index[number])
+            ]
+            schema = self._found.schemas.get(self._found.channels[numbers[0]].schema_id)
+            table[name] = Stream(
+                schema.name if schema else "",
+                sum(map(len, rows)),
+                min((int(times.min()) for times in rows), default=0),
+                max((int(times.max()) for times in rows), default=0),
+            )
+        return table
+
+    def _pieces(
+        self, channels: tuple[int, ...]
+    ) -> Iterator[tuple[int, NDArray[np.void], list[bytes]]]:
+        for place in self._found.chunks:
+            wanted = [number for number in channels if number in (place.index or {})]
+            data = self._open(place) if wanted else b""
+            for number in wanted:
+                rows = (place.index or {}).get(number)
+                if rows is None:
+                    continue
+                piece = extract_messages(data, number, rows[:, 1])
+                if piece is None:
+                    place.index = index_chunk(data, self._found)
+                    piece = extract_messages(data, number, place.index.get(number, rows[:0])[:, 1])
+                if piece is not None:
+                    yield number, *piece
+
+    def _open(self, place: ChunkPlace) -> bytes | memoryview:
+        data, damage = open_chunk(place)
+        if damage is not None:
+            place.index = {}
+            if all(known.offset != damage.offset for known in self._found.damage):
+                self._found.damage.append(damage)
+        return data
+
+    def _channels_of(self, topic: str) -> list[int]:
+        return [n for n, channel in self._found.channels.items() if channel.topic == topic]
+
+
+def _contents(path: Path) -> memoryview:
+    """Map a file into memory and check that it is an MCAP file.
+
+    Raises:
+        InputError: it is missing, a folder, not readable, empty, or begins like no MCAP file.
+    """
+    try:
+        with path.open("rb") as file:
+            start = file.read(len(MAGIC))
+            if not start:
+                raise InputError(f"'{path}' is empty; accepted: an MCAP file")
+            if start != MAGIC[: len(start)]:
+                found = start.hex(" ")
+                raise InputError(f"'{path}' starts with bytes {found}; accepted: an MCAP file")
+            file.seek(0, os.SEEK_END)
+            if file.tell() > MAPPED_FROM:
+                return memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+            return memoryview(path.read_bytes())
+    except IsADirectoryError as error:
+        raise InputError(f"'{path}' is a folder; accepted: an MCAP file") from error
+    except OSError as error:
+        raise InputError(f"can't read '{path}': {error.strerror}") from error

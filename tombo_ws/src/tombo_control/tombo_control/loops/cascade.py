@@ -1,0 +1,86 @@
+"""The cascade: which loop runs in which tick, from set points to rotor speeds."""
+
+from __future__ import annotations
+
+from tombo_control.autopilot import Autopilot, LoopMemory, Setpoint, State
+from tombo_control.loops.allocation import allocate, inertia_torque
+from tombo_control.loops.attitude_control import attitude_control
+from tombo_control.loops.position_control import follow_leg, level_descent, position_control
+from tombo_control.loops.rate_control import rate_control
+from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS
+from tombo_dynamics.jit import compiled
+from tombo_dynamics.messages import Phase
+from tombo_dynamics.rotor_maps import RotorMaps, speed_for_thrust
+from tombo_dynamics.time_base import TICK_S
+
+
+@compiled
+def stop_rotors(state: State, setpoint: Setpoint, loops: LoopMemory) -> None:
+    """Stop the rotors, forget the integrals, take motion as it is for the derivatives.
+
+    Writes `setpoint.rotor_speed` and `loops`.
+    """
+    for i in range(4):
+        setpoint.rotor_speed[i] = 0.0
+    loops.rate_filtered = state.rates
+    loops.previous_velocity = state.velocity
+    for i in range(3):
+        loops.velocity_integral[i] = 0.0
+        loops.rate_integral[i] = 0.0
+
+
+@compiled
+def run_control_loops(
+    autopilot: Autopilot, maps: RotorMaps, position: bool, attitude: bool, blind: bool
+) -> None:
+    """Run the rate loop, and the position and the attitude loop if they are due.
+
+    Reads the state, the parameters and the upper levels of the set point, writes the levels below
+    them down to `setpoint.rotor_speed`.
+
+    Args:
+        autopilot: its set points of position, velocity (feed-forward) and acceleration are there
+            when the position loop is due.
+        maps: the rotor's table.
+        position: the position loop is due.
+        attitude: the attitude loop is due.
+        blind: the position is not known: level and descend.
+    """
+    state, setpoint, loops = autopilot.state, autopilot.setpoint, autopilot.loops
+    gains, nominal = autopilot.gains, autopilot.nominal
+    if position:
+        if blind:
+            level_descent(state, setpoint, loops, gains, nominal.mass)
+        else:
+            thrust_max = 4.0 * maps.thrust_highest
+            position_control(state, setpoint, loops, gains, nominal.mass, thrust_max)
+    if attitude:
+        attitude_control(state, setpoint, gains)
+    rate_control(state, setpoint, loops, gains)
+    inertia_torque(state, setpoint, nominal)
+    allocate(setpoint, loops, nominal, maps)
+    for i in range(4):
+        setpoint.rotor_speed[i] = speed_for_thrust(maps, setpoint.rotor_thrust[i])
+
+
+@compiled
+def cascade(autopilot: Autopilot, maps: RotorMaps, tick: int) -> None:
+    """Run the loops that are due in `tick` and set the rotor speeds, `setpoint.rotor_speed`.
+
+    Position at 50 Hz, along `leg`, attitude at 250 Hz, rates at 1000 Hz. With mocap older than
+    `blind_timeout` the vehicle levels and descends; `mode_flown` says so.
+    """
+    mode = autopilot.mode_asked
+    if mode == Phase.IDLE or mode == Phase.LANDED:
+        autopilot.mode_flown = mode
+        stop_rotors(autopilot.state, autopilot.setpoint, autopilot.loops)
+        return
+    position = tick % POSITION_TICKS == 0
+    blind = False
+    if position:
+        time = tick * TICK_S
+        blind = time - autopilot.mocap_time > autopilot.gains.blind_timeout
+        autopilot.mode_flown = Phase.DESCEND_BLIND if blind else mode
+        if not blind:
+            follow_leg(autopilot.leg, autopilot.setpoint, time)
+    run_control_loops(autopilot, maps, position, tick % ATTITUDE_TICKS == 0, blind)

@@ -1,0 +1,148 @@
+"""Position P and velocity PID: from a position reference to attitude and collective thrust."""
+
+from __future__ import annotations
+
+import math
+
+from tombo_control.autopilot import LoopMemory, Setpoint, State
+from tombo_control.params import POSITION_TICKS, ControlParams
+from tombo_control.planning.leg import LegRecord
+from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.jit import compiled
+from tombo_dynamics.rotation import normalize_quaternion, rotated
+from tombo_dynamics.time_base import TICK_S
+from tombo_dynamics.vehicle import GRAVITY
+
+_PERIOD = POSITION_TICKS * TICK_S
+_LOWEST_LIFT = 0.3 * GRAVITY
+
+
+@compiled
+def follow_leg(leg: LegRecord, setpoint: Setpoint, time: float) -> None:
+    """Write the reference of `leg` at `time` [s] into `setpoint`.
+
+    Position, yaw, and the feed-forward of velocity and acceleration.
+    """
+    since = time - leg.begin_s
+    way, speed, change = trapezoidal_profile(since, leg.end_s - leg.begin_s, leg.ramp_s)
+    for i in range(3):
+        setpoint.position[i] = leg.start[i] + leg.velocity[i] * way
+        setpoint.velocity[i] = leg.velocity[i] * speed
+        setpoint.acceleration[i] = leg.velocity[i] * change
+    turned, _, _ = trapezoidal_profile(since, leg.turn_s, leg.turn_ramp_s)
+    setpoint.yaw = leg.yaw + leg.yaw_rate * turned
+
+
+@compiled
+def position_control(
+    state: State,
+    setpoint: Setpoint,
+    loops: LoopMemory,
+    gains: ControlParams,
+    mass: float,
+    thrust_max: float,
+) -> None:
+    """Run the 50 Hz loop: set points of attitude and collective thrust from position error.
+
+    A P on position alone drives a double integrator and can't damp: as in PX4's `mc_pos_control`
+    it asks for a velocity, and a PID on velocity asks for an acceleration.
+
+    Args:
+        state: position, velocity and attitude are used.
+        setpoint: position, velocity, acceleration and yaw are used; attitude and thrust are set,
+            and velocity, the feed-forward on entry, is what is asked for on return.
+        loops: `velocity_integral` and `previous_velocity` are used and set.
+        gains: of the cascade.
+        mass: nominal mass [kg].
+        thrust_max: highest collective thrust [N].
+    """
+    velocity, asked = state.velocity, setpoint.velocity
+    vx = asked[0] + gains.position_p * (setpoint.position[0] - state.position[0])
+    vy = asked[1] + gains.position_p * (setpoint.position[1] - state.position[1])
+    vz = asked[2] + gains.position_p * (setpoint.position[2] - state.position[2])
+    fast = math.sqrt(vx * vx + vy * vy) / gains.velocity_max_xy
+    if fast > 1.0:
+        vx /= fast
+        vy /= fast
+    vz = min(max(vz, -gains.velocity_max_z), gains.velocity_max_z)
+    asked[0], asked[1], asked[2] = vx, vy, vz
+
+    ax = velocity_pid(state, setpoint, loops, gains, 0)
+    ay = velocity_pid(state, setpoint, loops, gains, 1)
+    az = velocity_pid(state, setpoint, loops, gains, 2)
+    lift = az + GRAVITY
+    highest = thrust_max / mass
+    free_z = True
+    if lift < _LOWEST_LIFT:
+        lift = _LOWEST_LIFT
+        free_z = asked[2] > velocity[2]
+    elif lift > highest:
+        lift = highest
+        free_z = asked[2] < velocity[2]
+    across = math.sqrt(ax * ax + ay * ay)
+    widest = lift * math.tan(gains.tilt_max)
+    free_xy = across <= widest
+    if not free_xy:
+        ax *= widest / across
+        ay *= widest / across
+    for i in range(3):
+        if free_xy if i < 2 else free_z:
+            error = asked[i] - velocity[i]
+            total = loops.velocity_integral[i] + gains.velocity_i * error * _PERIOD
+            total = min(max(total, -gains.velocity_i_max), gains.velocity_i_max)
+            loops.velocity_integral[i] = total
+        loops.previous_velocity[i] = velocity[i]
+    attitude_from_thrust(ax, ay, lift, setpoint.yaw, setpoint.attitude)
+    bx, by, bz = rotated(state.attitude, 0.0, 0.0, 1.0)
+    wanted = mass * (ax * bx + ay * by + lift * bz)
+    setpoint.thrust = min(max(wanted, gains.thrust_min * thrust_max), thrust_max)
+
+
+@compiled
+def velocity_pid(
+    state: State, setpoint: Setpoint, loops: LoopMemory, gains: ControlParams, axis: int
+) -> float:
+    """Acceleration [m/s^2] that the velocity PID asks for along a map axis."""
+    measured = (state.velocity[axis] - loops.previous_velocity[axis]) / _PERIOD
+    error = setpoint.velocity[axis] - state.velocity[axis]
+    return float(
+        setpoint.acceleration[axis]
+        + gains.velocity_p * error
+        + loops.velocity_integral[axis]
+        + gains.velocity_d * (setpoint.acceleration[axis] - measured)
+    )
+
+
+@compiled
+def attitude_from_thrust(fx: float, fy: float, fz: float, yaw: float, out: Array) -> None:
+    """Write into `out` (4) the attitude whose body z is along (fx, fy, fz) in map.
+
+    The shortest turn from upright to that direction, after the turn by `yaw` about map z.
+    """
+    n = math.sqrt(fx * fx + fy * fy + fz * fz)
+    zx, zy, zz = fx / n, fy / n, fz / n
+    # half-way rotation from (0, 0, 1) to z: (-zy, zx, 0, 1 + zz), then times the yaw quaternion
+    tx, ty, tw = -zy, zx, 1.0 + zz
+    s, c = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
+    out[0] = tx * c + ty * s
+    out[1] = ty * c - tx * s
+    out[2] = tw * s
+    out[3] = tw * c
+    normalize_quaternion(out)
+
+
+@compiled
+def level_descent(
+    state: State, setpoint: Setpoint, loops: LoopMemory, gains: ControlParams, mass: float
+) -> None:
+    """Ask for level attitude at the present heading and a thrust just below the weight.
+
+    Sets attitude and thrust of `setpoint`; `loops` forgets the velocity slowly.
+    """
+    x, y, _ = rotated(state.attitude, 1.0, 0.0, 0.0)
+    attitude_from_thrust(0.0, 0.0, 1.0, math.atan2(y, x), setpoint.attitude)
+    setpoint.thrust = gains.blind_thrust * mass * GRAVITY
+    loops.previous_velocity = state.velocity
+    for i in range(3):
+        loops.velocity_integral[i] *= 0.98

@@ -1,0 +1,1 @@
+"""The mission's plan: legs, course, phases."""

@@ -1,0 +1,150 @@
+"""A course: waypoints that a mission flies after its hover, in place of the approach."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from tombo_control.planning.leg import ACCELERATION, Leg, Point, turning_leg
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.jit import compiled_call
+from tombo_dynamics.params import check_number, param
+
+MOST_WAYPOINTS = 500
+_YAW_RATE = 1.0
+"""rad/s: of a course that asks for nothing else, two thirds of the controller's own limit."""
+
+
+@dataclass(frozen=True)
+class Waypoint:
+    """A point of a course. What is None stays as it was at the waypoint before."""
+
+    x: float | None = param(None, "m", (-1e3, 1e3), "map x")
+    y: float | None = param(None, "m", (-1e3, 1e3), "map y")
+    z: float | None = param(None, "m", (0.3, 50.0), "height")
+    yaw: float | None = param(
+        None, "rad", (-100.0, 100.0), "heading, not wrapped: from 0 to 6.28 is a whole turn"
+    )
+    speed: float | None = param(None, "m/s", (0.05, 8.0), "on the way there")
+    acceleration: float | None = param(None, "m/s^2", (0.1, 6.0), "of speed, up and down")
+    yaw_rate: float | None = param(None, "rad/s", (0.05, 5.0), "of a turn on the way there")
+    hold: float | None = param(None, "s", (0.0, 600.0), "time there, once way and turn are over")
+
+
+class ResolvedWaypoint(NamedTuple):
+    """A waypoint with everything known, in the order of `Waypoint`."""
+
+    x: float
+    y: float
+    z: float
+    yaw: float
+    speed: float
+    acceleration: float
+    yaw_rate: float
+    hold: float
+
+
+Course = tuple[Waypoint, ...]
+
+
+def read_course(name: str, given: object) -> Course | None:
+    """Return a course from plain values, as they stand in a scenario file, checked.
+
+    Args:
+        name: what to call it in an error, as mission.course.
+        given: a list of mappings; None or an empty text: there is none.
+
+    Raises:
+        InputError: not such a list, empty, too long, or a waypoint with an unknown key or a value
+            out of bounds.
+    """
+    if given is None or given == "":
+        return None
+    accepted = f"accepted: a list of 1 to {MOST_WAYPOINTS} waypoints, or null for none"
+    if not isinstance(given, list | tuple):
+        raise InputError(f"{name}: {f'{given!r:.60}'} is no list; {accepted}")
+    if not 1 <= len(given) <= MOST_WAYPOINTS:
+        raise InputError(f"{name}: {len(given)} waypoints; {accepted}")
+    return tuple(_waypoint(f"{name}[{i}]", each) for i, each in enumerate(given))
+
+
+def _waypoint(name: str, given: object) -> Waypoint:
+    fields = {f.name: f.metadata for f in dataclasses.fields(Waypoint)}
+    if isinstance(given, Waypoint):
+        given = dataclasses.asdict(given)
+    if not isinstance(given, Mapping):
+        raise InputError(
+            f"{name}: {f'{given!r:.60}'} is no mapping; accepted: {', '.join(fields)}"
+        )
+    for key in given:
+        if key not in fields:
+            raise unknown_name(f"key in {name}", key, fields)
+    return Waypoint(
+        **{
+            key: check_number(f"{name}.{key}", value, fields[key]["unit"], fields[key]["bounds"])
+            for key, value in given.items()
+            if value is not None
+        }
+    )
+
+
+def resolved_waypoints(
+    course: Sequence[Waypoint], hover: Point, speed: float
+) -> list[ResolvedWaypoint]:
+    """Return the waypoints with what they leave out filled in.
+
+    Args:
+        course: the waypoints.
+        hover: where the vehicle is before the first one, heading east.
+        speed: of a course that says nothing about it [m/s].
+    """
+    table = waypoint_table(course)
+    return [resolved_waypoint(table, i, hover, speed) for i in range(len(course))]
+
+
+def waypoint_table(course: Sequence[Waypoint] | None) -> Array:
+    """Return the waypoints (N, 8) as compiled code takes them; NaN: as at the one before."""
+    rows = [[getattr(w, name) for name in ResolvedWaypoint._fields] for w in course or ()]
+    return np.array(rows, dtype=np.float64).reshape(-1, len(ResolvedWaypoint._fields))
+
+
+@compiled_call
+def resolved_waypoint(table: Array, row: int, hover: Point, speed: float) -> ResolvedWaypoint:
+    """Return a waypoint of a `waypoint_table`, what it leaves out as in `resolved_waypoints`."""
+    x, y, z = hover
+    values = np.array([x, y, z, 0.0, speed, ACCELERATION, _YAW_RATE, 0.0])
+    for i in range(row + 1):
+        for k in range(8):
+            if not math.isnan(table[i, k]):
+                values[k] = table[i, k]
+    return ResolvedWaypoint(
+        values[0],
+        values[1],
+        values[2],
+        values[3],
+        values[4],
+        values[5],
+        values[6],
+        values[7],
+    )
+
+
+@compiled_call
+def leg_to(target: ResolvedWaypoint, start: Point, yaw: float, now_s: float) -> Leg:
+    """Return the leg from `start`, heading `yaw`, to a waypoint."""
+    return turning_leg(
+        start,
+        (target.x, target.y, target.z),
+        (yaw, target.yaw),
+        now_s,
+        target.speed,
+        target.acceleration,
+        target.yaw_rate,
+        target.hold,
+    )

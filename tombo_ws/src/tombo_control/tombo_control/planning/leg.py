@@ -1,0 +1,203 @@
+"""The reference between two points: a straight line, a turn on the way, then a hold."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
+from tombo_dynamics.jit import compiled_call
+from tombo_dynamics.records import Record, field
+
+Point = tuple[float, float, float]
+
+ACCELERATION = 0.8
+"""m/s^2: of a leg that asks for nothing else."""
+_TURN_RAMP = 0.3
+"""s: a turn takes this long to reach its rate."""
+_FOREVER = 1e9
+_SAME = 1e-9
+"""m or rad: what is nearer is the same."""
+
+
+class Leg(NamedTuple):
+    """A straight reference, from begin to end, then held (map, SI); see `trapezoidal_profile`."""
+
+    start: Point
+    velocity: Point
+    """While cruising."""
+    begin_s: float
+    end_s: float
+    ramp_s: float = 0.0
+    yaw: float = 0.0
+    """At the begin."""
+    yaw_rate: float = 0.0
+    """While turning."""
+    turn_s: float = 0.0
+    """How long the turn lasts, from the begin."""
+    turn_ramp_s: float = 0.0
+    hold_s: float = 0.0
+    """How long it is held before the next leg of a course."""
+
+    def position(self, time_s: float) -> Point:
+        """Return the reference position at `time_s`."""
+        return leg_position(self, time_s)
+
+    def yaw_at(self, time_s: float) -> float:
+        """Return the reference yaw at `time_s`."""
+        return leg_yaw(self, time_s)
+
+    @property
+    def motion_end_s(self) -> float:
+        """When way and turn are over."""
+        return motion_end(self)
+
+    @property
+    def hold_end_s(self) -> float:
+        """When the hold after them is over, too."""
+        return self.motion_end_s + self.hold_s
+
+
+class LegRecord(Record):
+    """A `Leg` in memory."""
+
+    start = field("m", "in map", 3)
+    velocity = field("m/s", "while cruising, in map", 3)
+    begin_s = field("s", "begin of way and turn")
+    end_s = field("s", "end of the way")
+    ramp_s = field("s", "from rest to cruise, and back")
+    yaw = field("rad", "at the begin")
+    yaw_rate = field("rad/s", "while turning")
+    turn_s = field("s", "how long the turn lasts, from the begin")
+    turn_ramp_s = field("s", "from rest to the rate, and back")
+    hold_s = field("s", "how long it is held before the next leg of a course")
+
+
+@compiled_call
+def store_leg(record: LegRecord, leg: Leg) -> None:
+    """Write a leg into a record."""
+    for i in range(3):
+        record.start[i] = leg.start[i]
+        record.velocity[i] = leg.velocity[i]
+    record.begin_s, record.end_s, record.ramp_s = leg.begin_s, leg.end_s, leg.ramp_s
+    record.yaw, record.yaw_rate = leg.yaw, leg.yaw_rate
+    record.turn_s, record.turn_ramp_s = leg.turn_s, leg.turn_ramp_s
+    record.hold_s = leg.hold_s
+
+
+@compiled_call
+def stored_leg(record: LegRecord) -> Leg:
+    """Return the leg that a record holds."""
+    return Leg(
+        (record.start[0], record.start[1], record.start[2]),
+        (record.velocity[0], record.velocity[1], record.velocity[2]),
+        record.begin_s,
+        record.end_s,
+        record.ramp_s,
+        record.yaw,
+        record.yaw_rate,
+        record.turn_s,
+        record.turn_ramp_s,
+        record.hold_s,
+    )
+
+
+@compiled_call
+def leg_position(leg: Leg, time_s: float) -> Point:
+    """Return the reference position at `time_s` [s]."""
+    way, _, _ = trapezoidal_profile(time_s - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s)
+    x, y, z = leg.start
+    vx, vy, vz = leg.velocity
+    return x + vx * way, y + vy * way, z + vz * way
+
+
+@compiled_call
+def leg_yaw(leg: Leg, time_s: float) -> float:
+    """Return the reference yaw [rad] at `time_s` [s]."""
+    way, _, _ = trapezoidal_profile(time_s - leg.begin_s, leg.turn_s, leg.turn_ramp_s)
+    return leg.yaw + leg.yaw_rate * way
+
+
+@compiled_call
+def motion_end(leg: Leg) -> float:
+    """Return when way and turn are over [s]."""
+    return max(leg.end_s, leg.begin_s + leg.turn_s)
+
+
+@compiled_call
+def hold_leg(point: Point, now_s: float, yaw: float = 0.0) -> Leg:
+    """Return the leg that holds a point."""
+    return Leg(point, (0.0, 0.0, 0.0), now_s, _FOREVER, 0.0, float(yaw), 0.0, 0.0, 0.0, 0.0)
+
+
+@compiled_call
+def straight_leg(start: Point, goal: Point, speed: float, now_s: float, yaw: float = 0.0) -> Leg:
+    """Return the leg from `start` to `goal` at `speed` [m/s], with ramps of 0.8 m/s^2."""
+    if _distance(start, goal) < _SAME:
+        return hold_leg(goal, now_s, yaw)
+    return turning_leg(start, goal, (float(yaw), float(yaw)), now_s, speed, ACCELERATION, 1.0)
+
+
+@compiled_call
+def turning_leg(
+    start: Point,
+    goal: Point,
+    yaws: tuple[float, float],
+    now_s: float,
+    speed: float,
+    acceleration: float,
+    yaw_rate: float,
+    hold_s: float = 0.0,
+) -> Leg:
+    """Return the leg from `start` to `goal` that turns from the first to the second yaw [rad].
+
+    Both begin at once, each as fast as its own limits allow; yaw is not wrapped.
+    """
+    velocity = (0.0, 0.0, 0.0)
+    lasts = 0.0
+    ramp = 0.0
+    length = _distance(start, goal)
+    if length < _SAME:
+        start = goal
+    else:
+        cruise, lasts, ramp = _trapezoid(length, speed, acceleration)
+        velocity = (
+            cruise * (goal[0] - start[0]) / length,
+            cruise * (goal[1] - start[1]) / length,
+            cruise * (goal[2] - start[2]) / length,
+        )
+    yaw = yaws[1]
+    rate = 0.0
+    turn_s = 0.0
+    turn_ramp_s = 0.0
+    change = yaws[1] - yaws[0]
+    if abs(change) >= _SAME:
+        yaw = yaws[0]
+        rate, turn_s, turn_ramp_s = _trapezoid(abs(change), yaw_rate, yaw_rate / _TURN_RAMP)
+        rate = math.copysign(rate, change)
+    return Leg(
+        start,
+        velocity,
+        now_s,
+        now_s + lasts,
+        ramp,
+        yaw,
+        rate,
+        turn_s,
+        turn_ramp_s,
+        float(hold_s),
+    )
+
+
+@compiled_call
+def _distance(a: Point, b: Point) -> float:
+    x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    return math.sqrt(x * x + y * y + z * z)
+
+
+@compiled_call
+def _trapezoid(length: float, speed: float, acceleration: float) -> tuple[float, float, float]:
+    """Return the speed reached, the whole time and that of a ramp."""
+    ramp = min(speed / acceleration, math.sqrt(length / acceleration))
+    cruise = ramp * acceleration
+    return cruise, length / cruise + ramp, ramp

@@ -1,0 +1,314 @@
+"""The mission: take off, hover, fly to the goal or a course; hold after a collision; land.
+
+Pure, compiled and event-driven: one call per pose or at a fixed rate, with time as an argument.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from tombo_control.planning.course import (
+    ResolvedWaypoint,
+    Waypoint,
+    leg_to,
+    read_course,
+    resolved_waypoint,
+    waypoint_table,
+)
+from tombo_control.planning.leg import (
+    Leg,
+    Point,
+    hold_leg,
+    leg_position,
+    leg_yaw,
+    motion_end,
+    straight_leg,
+)
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.jit import compiled_call
+from tombo_dynamics.messages import Phase
+from tombo_dynamics.params import param, structure
+from tombo_dynamics.records import parameter_record
+
+_ARRIVED = 0.08
+_STILL = 0.15
+_SETTLED_RADIUS = 0.1
+_SETTLED_SPEED = 0.1
+_SETTLED_TIME = 1.0
+_LATE = 0.1
+"""s: a leg of a course begins when the last one is over, whenever within this it is looked at."""
+
+
+@dataclass(frozen=True)
+class MissionParams:
+    """What to fly."""
+
+    takeoff_time: float = param(1.0, "s", (0.0, 600.0), "begin of the climb", "lab routine")
+    height: float = param(2.0, "m", (0.3, 50.0), "hover height", "paper: 2 m")
+    climb_speed: float = param(0.5, "m/s", (0.1, 3.0), "climb to the hover", "estimated: calm")
+    approach_time: float = param(
+        20.2,
+        "s",
+        (0.0, 3600.0),
+        "begin of the flight towards the goal",
+        "set so that contact comes at about 23 s, as in the paper",
+    )
+    approach_speed: float = param(
+        0.7,
+        "m/s",
+        (0.05, 8.0),
+        "speed towards the goal",
+        "calibrated: the falling distance and unstable phase that the paper prints",
+    )
+    goal_x: float = param(3.4, "m", (-1e3, 1e3), "goal, map x", "twice the way to the obstacle")
+    goal_y: float = param(0.0, "m", (-1e3, 1e3), "goal, map y", "straight ahead")
+    step_size: float = param(
+        0.0, "m", (0.0, 20.0), "in place of the approach: jumps of the set point of this size", ""
+    )
+    step_period: float = param(3.0, "s", (0.2, 60.0), "time between such jumps", "")
+    course: tuple[Waypoint, ...] | None = structure(
+        read_course,
+        "in place of the approach: waypoints, each {x, y, z, yaw, speed, acceleration, yaw_rate, "
+        "hold}; what one leaves out is as at the one before; after the last it lands",
+    )
+    hold_time: float = param(4.0, "s", (0.0, 600.0), "hold at x_r before landing", "seen steady")
+    land_time: float = param(
+        42.0, "s", (1.0, 3600.0), "land at the latest, reaction or not", "one battery, short film"
+    )
+    land_speed: float = param(0.4, "m/s", (0.1, 2.0), "descent", "estimated: gentle")
+
+
+class Plan(NamedTuple):
+    """`MissionParams` as compiled code takes them."""
+
+    params: Any
+    """The numbers."""
+    waypoints: Array
+    """(N, 8) the course, `waypoint_table`."""
+
+
+def compiled_plan(params: MissionParams) -> Plan:
+    """Return the parameters as compiled code takes them."""
+    return Plan(parameter_record(params), waypoint_table(params.course))
+
+
+class MissionState(NamedTuple):
+    """Where the mission stands."""
+
+    mode: int
+    leg: Leg
+    home: Point
+    steps: int = 0
+    """Jumps made, or waypoints begun."""
+    settled_since_s: float = math.inf
+    settled_s: float = math.nan
+    """When the vehicle was first settled at x_r [s]; NaN before."""
+
+
+@compiled_call
+def _point(place: Array) -> Point:
+    return place[0], place[1], place[2]
+
+
+@compiled_call
+def _with(state: MissionState, mode: int, leg: Leg, steps: int) -> MissionState:
+    """Return the state with another phase, leg and number of steps."""
+    return MissionState(mode, leg, state.home, steps, state.settled_since_s, state.settled_s)
+
+
+@compiled_call
+def begin(home: Array) -> MissionState:
+    """Return the state on the ground at `home` (3)."""
+    here = _point(home)
+    return MissionState(Phase.IDLE.value, hold_leg(here, 0.0), here, 0, math.inf, math.nan)
+
+
+@compiled_call
+def initial_state_in_flight(position: Array, ground: float) -> MissionState:
+    """Return the state of a mission that begins in the air: hold at `position` (3), then land.
+
+    Args:
+        position: of the vehicle.
+        ground: height of a vehicle that stands on the ground [m].
+    """
+    x, y, z = _point(position)
+    return MissionState(
+        Phase.HOLD.value, hold_leg((x, y, z), 0.0), (x, y, ground), 0, math.inf, 0.0
+    )
+
+
+@compiled_call
+def wait(state: MissionState, now_s: float, position: Array) -> MissionState:
+    """Stay at `position` (3) in the plan's present phase."""
+    leg = hold_leg(_point(position), now_s, leg_yaw(state.leg, now_s))
+    return _with(state, state.mode, leg, state.steps)
+
+
+@compiled_call
+def set_landed(state: MissionState, now_s: float, position: Array) -> MissionState:
+    """End the flight at `position` (3): the vehicle stands on the ground."""
+    waiting = wait(state, now_s, position)
+    return _with(waiting, Phase.LANDED.value, waiting.leg, waiting.steps)
+
+
+@compiled_call
+def resume(state: MissionState, plan: Plan, now_s: float, position: Array) -> MissionState:
+    """Go on with the plan's present phase from `position` (3), at rest there."""
+    here = _point(position)
+    if state.mode == Phase.TAKEOFF or state.mode == Phase.HOVER:
+        leg = straight_leg(here, _top(state, plan), plan.params.climb_speed, now_s)
+    elif state.mode != Phase.APPROACH:
+        return state
+    elif plan.waypoints.shape[0] > 0:
+        leg = leg_to(_target(state, plan, state.steps - 1), here, leg_yaw(state.leg, now_s), now_s)
+    elif plan.params.step_size > 0.0:
+        goal = _corner(state, plan, state.steps - 1)
+        leg = straight_leg(here, goal, plan.params.approach_speed, now_s)
+    else:
+        leg = straight_leg(here, _goal(plan), plan.params.approach_speed, now_s)
+    return _with(state, state.mode, leg, state.steps)
+
+
+@compiled_call
+def start_reaction(state: MissionState, x_r: Array, now_s: float) -> MissionState:
+    """Leave the plan for the safe point x_r (3); a point that is not finite changes nothing."""
+    if not math.isfinite(x_r[0] + x_r[1] + x_r[2]):
+        return state
+    leg = hold_leg(_point(x_r), now_s, leg_yaw(state.leg, now_s))
+    return MissionState(Phase.REACT.value, leg, state.home, state.steps, math.inf, math.nan)
+
+
+@compiled_call
+def advance_mission(
+    state: MissionState, plan: Plan, now_s: float, position: Array, velocity: Array
+) -> MissionState:
+    """Return the state after looking at the clock and the estimate (map, SI)."""
+    mode = state.mode
+    if mode == Phase.LANDED:
+        return state
+    if mode == Phase.LAND:
+        return _landing(state, now_s, position, velocity)
+    if mode != Phase.IDLE and now_s >= plan.params.land_time:
+        return _land(state, plan, now_s, position)
+    if mode == Phase.IDLE and now_s >= plan.params.takeoff_time:
+        leg = straight_leg(state.home, _top(state, plan), plan.params.climb_speed, now_s)
+        return _with(state, Phase.TAKEOFF.value, leg, state.steps)
+    if mode == Phase.TAKEOFF and now_s >= state.leg.end_s:
+        top = _top(state, plan)
+        if _near(position, top, _ARRIVED) and _speed(velocity) < _STILL:
+            return _with(state, Phase.HOVER.value, hold_leg(top, now_s), state.steps)
+    flying = mode == Phase.HOVER and now_s >= plan.params.approach_time
+    if plan.waypoints.shape[0] > 0 and (flying or mode == Phase.APPROACH):
+        return _along_course(state, plan, now_s, position)
+    if flying:
+        if plan.params.step_size > 0.0:
+            return _next_step(state, plan, now_s)
+        start = leg_position(state.leg, now_s)
+        leg = straight_leg(start, _goal(plan), plan.params.approach_speed, now_s)
+        return _with(state, Phase.APPROACH.value, leg, state.steps)
+    next_step_s = plan.params.approach_time + plan.params.step_period * state.steps
+    if mode == Phase.APPROACH and plan.params.step_size > 0.0 and now_s >= next_step_s:
+        return _next_step(state, plan, now_s)
+    if Phase.REACT <= mode <= Phase.HOLD:
+        return _settling(state, plan, now_s, position, velocity)
+    return state
+
+
+@compiled_call
+def _top(state: MissionState, plan: Plan) -> Point:
+    """Return where it hovers."""
+    return state.home[0], state.home[1], plan.params.height
+
+
+@compiled_call
+def _goal(plan: Plan) -> Point:
+    return plan.params.goal_x, plan.params.goal_y, plan.params.height
+
+
+@compiled_call
+def _target(state: MissionState, plan: Plan, row: int) -> ResolvedWaypoint:
+    """Return a waypoint; the plan may have been changed in flight, and be shorter."""
+    row = min(max(row, 0), plan.waypoints.shape[0] - 1)
+    return resolved_waypoint(plan.waypoints, row, _top(state, plan), plan.params.approach_speed)
+
+
+@compiled_call
+def _along_course(state: MissionState, plan: Plan, now_s: float, position: Array) -> MissionState:
+    """Begin the leg to the next waypoint when the last one is over; after the last, land."""
+    while True:
+        hold_end_s = plan.params.approach_time
+        if state.mode == Phase.APPROACH and state.steps > 0:
+            hold_end_s = motion_end(state.leg) + state.leg.hold_s
+        if now_s < hold_end_s:
+            return state
+        if state.steps >= plan.waypoints.shape[0]:
+            return _land(state, plan, now_s, position)
+        begin_s = hold_end_s if now_s - hold_end_s < _LATE else now_s
+        here, yaw = leg_position(state.leg, now_s), leg_yaw(state.leg, now_s)
+        leg = leg_to(_target(state, plan, state.steps), here, yaw, begin_s)
+        state = _with(state, Phase.APPROACH.value, leg, state.steps + 1)
+
+
+@compiled_call
+def _next_step(state: MissionState, plan: Plan, now_s: float) -> MissionState:
+    """Jump to the next corner of a square with a change of height: a hard test for a detector."""
+    corner = _corner(state, plan, state.steps)
+    return _with(state, Phase.APPROACH.value, hold_leg(corner, now_s), state.steps + 1)
+
+
+@compiled_call
+def _corner(state: MissionState, plan: Plan, step: int) -> Point:
+    corner = step % 4
+    dx = 1.0 if corner < 2 else 0.0
+    dy = 1.0 if corner == 1 or corner == 2 else 0.0
+    dz = (0.0, 0.4, -0.2, 0.3)[corner]
+    size = plan.params.step_size
+    return state.home[0] + size * dx, state.home[1] + size * dy, plan.params.height + size * dz
+
+
+@compiled_call
+def _settling(
+    state: MissionState, plan: Plan, now_s: float, position: Array, velocity: Array
+) -> MissionState:
+    near = _near(position, state.leg.start, _SETTLED_RADIUS) and _speed(velocity) < _SETTLED_SPEED
+    since = min(state.settled_since_s, now_s) if near else math.inf
+    mode, settled = state.mode, state.settled_s
+    if mode == Phase.REACT and now_s - since >= _SETTLED_TIME:
+        mode, settled = Phase.HOLD.value, now_s
+    elif mode == Phase.HOLD and now_s - settled >= plan.params.hold_time:
+        return _land(state, plan, now_s, position)
+    return MissionState(mode, state.leg, state.home, state.steps, since, settled)
+
+
+@compiled_call
+def _land(state: MissionState, plan: Plan, now_s: float, position: Array) -> MissionState:
+    x, y, _ = leg_position(state.leg, now_s)
+    below = (x, y, state.home[2] - 0.6)
+    yaw = leg_yaw(state.leg, now_s)
+    leg = straight_leg((x, y, position[2]), below, plan.params.land_speed, now_s, yaw)
+    return _with(state, Phase.LAND.value, leg, state.steps)
+
+
+@compiled_call
+def _landing(state: MissionState, now_s: float, position: Array, velocity: Array) -> MissionState:
+    wanted = leg_position(state.leg, now_s)
+    height = position[2]
+    if height - wanted[2] > 0.25 and abs(velocity[2]) < 0.15 and height < state.home[2] + 0.3:
+        return _with(
+            state, Phase.LANDED.value, hold_leg(wanted, now_s, state.leg.yaw), state.steps
+        )
+    return state
+
+
+@compiled_call
+def _near(position: Array, point: Point, radius: float) -> bool:
+    dx, dy, dz = position[0] - point[0], position[1] - point[1], position[2] - point[2]
+    return bool(dx * dx + dy * dy + dz * dz < radius * radius)
+
+
+@compiled_call
+def _speed(velocity: Array) -> float:
+    x, y, z = velocity[0], velocity[1], velocity[2]
+    return math.sqrt(x * x + y * y + z * z)

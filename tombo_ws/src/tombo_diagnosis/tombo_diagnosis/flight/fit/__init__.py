@@ -1,0 +1,1 @@
+"""The fit of hypotheses to one or more flights."""

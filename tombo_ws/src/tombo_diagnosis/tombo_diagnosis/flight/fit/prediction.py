@@ -1,0 +1,187 @@
+"""What is left of a flight's channels when the model has predicted them, for any parameters.
+
+Every channel is measured minus predicted, both through the same kernel. Errors of motion capture
+are undone on the measured poses with the function that simulates them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.transform import Rotation
+
+from tombo_diagnosis.flight.fit.track import FAST_WIDTH, Track
+from tombo_diagnosis.flight.nominal import NominalModel
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.effects import REGISTRY, Stage
+from tombo_dynamics.effects.compose import layout, null_theta
+from tombo_dynamics.rotation import conjugate, quaternion_multiply, unwrap_quaternions
+from tombo_dynamics.rotor_maps import speed_for_thrust
+from tombo_dynamics.vehicle import GRAVITY
+from tombo_sim.inverse_simulation import ImposedTick, run_along_motion, simulate_mocap
+
+NO_NOISE = np.zeros((1, 9))
+"""No noise."""
+_AXES = ("x", "y", "z")
+_MOCAP = sorted(
+    index
+    for name, effect in REGISTRY.items()
+    if effect.stage is Stage.MOCAP
+    for index in layout()[name].values()
+)
+_NULL = null_theta()
+
+
+@dataclass(frozen=True)
+class ChannelId:
+    """A channel of residuals."""
+
+    name: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The motion behind measured poses, at the ticks."""
+
+    state: Array
+    """(N, 16) position, velocity, quaternion, body rates, angular acceleration."""
+    rates: Array
+    """(N, 3) body rates from the attitude alone [rad/s]."""
+    rotation: Array
+    """(N, 3, 3) map from body."""
+    pose_latency: Array
+    """(M,) latency that the model gives each pose, against its stamp [s]."""
+
+
+def channels_of(track: Track, nominal: NominalModel) -> dict[str, list[ChannelId]]:
+    """Return group of rows (fast, slow, pose) -> its channels, in the order of `residuals`."""
+    driven = bool(track.command.size or track.speed.size)
+    imu = track.formulation == "imu"
+    rotors: list[ChannelId] = []
+    if nominal.moments and (driven or not imu):
+        rotors += [ChannelId(f"turning {a}", "rad/s^2") for a in _AXES]
+    if track.speed.size and track.command.size:
+        rotors += [ChannelId(f"rotor speed {i}", "rad/s") for i in range(1, 5)]
+    found: dict[str, list[ChannelId]] = {}
+    if imu:
+        force = _AXES if driven else _AXES[:2]
+        found["fast"] = [*(ChannelId(f"force {a}", "m/s^2") for a in force), *rotors]
+        found["slow"] = [ChannelId(f"mocap against accel {a}", "m/s^2") for a in _AXES]
+        found["slow"] += [ChannelId(f"gyro against mocap {a}", "rad/s") for a in _AXES]
+    else:
+        found["slow"] = [*(ChannelId(f"acceleration {a}", "m/s^2") for a in _AXES), *rotors]
+    if track.voltage.size and not nominal.calibrated:
+        found["slow"].append(ChannelId("voltage", "V"))
+    if track.arrival.size:
+        found["pose"] = [ChannelId("latency", "s")]
+    return found
+
+
+def motion_of(track: Track, nominal: NominalModel, theta: Array) -> Motion:
+    """Return the motion that, seen by this motion capture, gives the measured poses."""
+    plant = nominal.plant()
+    spacing = float(np.median(np.diff(track.pose_t)))
+    guess: Array = track.pose.copy()
+    seen: Array = np.zeros((guess.shape[0], 10))
+    # The frame's errors are a turn and a shift, alike for all poses: the second step is exact.
+    axes = np.hstack([np.eye(4, 3, -1), np.zeros((4, 3)), np.ones((4, 1))])
+    seen_axes = simulate_mocap(plant, theta, NO_NOISE, axes, spacing)[:, :3]
+    back = np.linalg.inv(seen_axes[1:] - seen_axes[0])
+    for _ in range(3 if np.any(theta[_MOCAP] != _NULL[_MOCAP]) else 1):
+        seen = simulate_mocap(plant, theta, NO_NOISE, guess, spacing)
+        guess[:, :3] += (track.pose[:, :3] - seen[:, :3]) @ back
+        inverse = conjugate(seen[:, 3:7])
+        guess[:, 3:] = quaternion_multiply(
+            quaternion_multiply(track.pose[:, 3:], inverse), guess[:, 3:]
+        )
+    guess[:, 3:] = unwrap_quaternions(guess[:, 3:])
+    spline = CubicSpline(track.pose_t - seen[:, 9], guess)
+    value = spline(track.t)
+    rate = spline(track.t, 1)
+    q = value[:, 3:]
+    length = np.linalg.norm(q, axis=1, keepdims=True)
+    q = q / length
+    turn = quaternion_multiply(conjugate(q), rate[:, 3:] / length)
+    rates = 2.0 * turn[:, :3]
+    # The gyro is the better one; what it is off by is compared in a channel of its own.
+    body = track.gyro if track.gyro.size else rates
+    tick = float(track.t[1] - track.t[0])
+    turning = gaussian_filter1d(body, FAST_WIDTH / tick, axis=0, order=1) / tick
+    state = np.column_stack([value[:, :3], rate[:, :3], q, body, turning])
+    return Motion(state, rates, Rotation.from_quat(q).as_matrix(), seen[:, 7] - seen[:, 9])
+
+
+def simulate_along_motion(
+    track: Track,
+    nominal: NominalModel,
+    theta: Array,
+    motion: Motion,
+    draws: Array | None = None,
+    noise: Array = NO_NOISE,
+) -> Any:
+    """Run the model along the motion; (N,) `tombo_sim.inverse_simulation.ImposedTick`."""
+    out = np.zeros(track.t.size, ImposedTick.layout)
+    command = track.command if track.command.size else track.speed[:, :4]
+    if not command.size:
+        hover = speed_for_thrust(nominal.maps, nominal.vehicle.hover_thrust())
+        command = np.full((track.t.size, 4), hover)
+    tick = float(track.t[1] - track.t[0])
+    run_along_motion(
+        nominal.plant(draws), nominal.maps, theta, noise, tick, motion.state,
+        command, track.speed, out,
+    )  # fmt: skip
+    return out
+
+
+def residuals(
+    track: Track,
+    nominal: NominalModel,
+    theta: Array,
+    motion: Motion | None = None,
+    draws: Array | None = None,
+    noise: Array = NO_NOISE,
+) -> dict[str, Array]:
+    """Return what is left of each group's channels, (rows, channels), for the rows that count.
+
+    `motion`: of these parameters, where it is known already; `draws`: (8) standard normals of the
+    vehicle, None: zeros; `noise`: (K, 9) standard normals for the effects that take some.
+    """
+    motion = motion or motion_of(track, nominal, theta)
+    model = simulate_along_motion(track, nominal, theta, motion, draws, noise)
+    driven = bool(track.command.size or track.speed.size)
+    imu = track.formulation == "imu"
+    kernel = track.fast_kernel if imu else track.slow_kernel
+    body = track.gyro - model["gyro_error"] if imu else motion.rates
+    rotors = []
+    if nominal.moments and (driven or not imu):
+        rotors.append(kernel.slope @ body - kernel.smooth @ model["angular_acceleration"])
+    if track.speed.size and track.command.size:
+        rotors.append(kernel.smooth @ (track.speed[:, :4] - model["rotor_speed"]))
+    smooth = track.slow_kernel.smooth
+    seen = track.slow_kernel.curvature @ motion.state[:, :3]
+    if imu:
+        accel = track.accel - model["accel_error"]
+        in_map = np.einsum("nij,nj->ni", motion.rotation, accel) - np.array([0.0, 0.0, GRAVITY])
+        slow = [seen - smooth @ in_map, smooth @ (body - motion.rates)]
+    else:
+        slow = [seen - smooth @ model["acceleration"], *rotors]
+    if track.voltage.size and not nominal.calibrated:
+        slow.append(smooth @ (track.voltage - model["voltage"]))
+    result = {"slow": np.column_stack(slow)}
+    if imu:
+        residual = track.accel - (model["force"] + model["accel_error"])
+        force = kernel.smooth @ (residual if driven else residual[:, :2])
+        result["fast"] = np.column_stack([force, *rotors])
+    if track.arrival.size:
+        result["pose"] = (track.arrival - motion.pose_latency)[track.pose_rows, None]
+    return result
+
+
+def affects_poses(index: int) -> bool:
+    """Return whether the parameter at this place of theta acts on the poses."""
+    return index in _MOCAP

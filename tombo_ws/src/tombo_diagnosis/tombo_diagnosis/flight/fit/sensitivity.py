@@ -1,0 +1,193 @@
+"""How each channel changes with each parameter: derivatives of the residuals, by differences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TypeVar
+
+import numpy as np
+
+from tombo_diagnosis.engine.regression import Parameter
+from tombo_diagnosis.flight.fit.prediction import (
+    Motion,
+    affects_poses,
+    motion_of,
+    residuals,
+    simulate_along_motion,
+)
+from tombo_diagnosis.flight.fit.track import TICK, Track
+from tombo_diagnosis.flight.noise.noise_simulation import with_pose_noise
+from tombo_diagnosis.flight.nominal import NominalModel
+from tombo_dynamics.arrays import Array
+
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
+Groups = dict[str, Array]
+
+SCATTER = "thrust_scatter"
+"""The effect of the vehicle's draws."""
+DRAW_SCALE_LABEL = f"{SCATTER}.deviation"
+"""The parameter that says how large they are."""
+_MAX_NOISE_SHARE = 0.1
+"""Share of a slope's energy that noise may have."""
+ROTOR_DRAWS = 4
+"""Draws of the vehicle that effects use: one a rotor."""
+
+
+@dataclass(frozen=True)
+class Linearization:
+    """A flight's residuals about one theta: left(theta + d) = left - sum of slopes * d."""
+
+    theta: Array
+    motion: Motion
+    """Behind the measured poses, of these parameters."""
+    residual: Groups
+    """group -> (rows, channels)."""
+    slopes: dict[int, Groups]
+    """Index in theta -> group -> (rows, channels): change of what is predicted per unit."""
+    draws: list[Groups]
+    """The same for each of the vehicle's draws; empty where they do nothing."""
+    draw_width: float = 1.0
+    """Standard deviation of these unknowns in the nominal model."""
+    noisy: frozenset[int] = frozenset()
+    """Indices whose slopes are mostly noise of the poses: no evidence for them."""
+
+
+@dataclass(frozen=True)
+class _Predicted:
+    """A flight compared with a model at one theta."""
+
+    track: Track
+    nominal: NominalModel
+    theta: Array
+    motion: Motion
+    residual: Groups
+
+    def slope(self, p: Parameter) -> Groups | None:
+        """Return the change of what is predicted per unit of a parameter; None: none."""
+        moved = self.theta.copy()
+        # Within the parameter's bounds.
+        step = p.step if float(moved[p.index]) + p.step <= p.high else -p.step
+        moved[p.index] += step
+        motion = None if affects_poses(p.index) else self.motion
+        return _change(self.residual, residuals(self.track, self.nominal, moved, motion), step)
+
+
+def _predicted(track: Track, nominal: NominalModel, theta: Array, motion: Motion) -> _Predicted:
+    return _Predicted(track, nominal, theta, motion, residuals(track, nominal, theta, motion))
+
+
+def _change(before: Groups, after: Groups, step: float) -> Groups | None:
+    change = {group: (before[group] - after[group]) / step for group in before}
+    return change if any(np.any(c) for c in change.values()) else None
+
+
+def linearize(
+    track: Track,
+    nominal: NominalModel,
+    theta: Array,
+    indices: Sequence[int] | None = None,
+    start: Linearization | None = None,
+) -> Linearization:
+    """Return residuals and slopes of a flight about `theta`.
+
+    `indices` are those to differentiate; None: all of the registry, and the draws. `start` is the
+    same about other parameters: the residuals are then those with what the step from there
+    changes, along the rotor speeds that the commands ask for, as for slopes.
+    """
+    motion = motion_of(track, nominal, theta)
+    driver = _with_commanded_speeds(track, nominal, theta, motion)
+    here = _predicted(driver, nominal, theta, motion)
+    base = here.residual
+    if driver is track:
+        residual = base
+    elif start is None:
+        residual = residuals(track, nominal, theta, motion)
+    else:
+        before = residuals(driver, nominal, start.theta, start.motion)
+        residual = {group: start.residual[group] + (base[group] - before[group]) for group in base}
+    slopes = {}
+    for p in nominal.parameters:
+        if indices is None or p.index in indices:
+            change = here.slope(p)
+            if change is not None:
+                slopes[p.index] = change
+    noisy: list[int] = []
+    if indices is None and not nominal.calibrated:
+        again = with_pose_noise(track, nominal, theta, 0)
+        replica = _predicted(again, nominal, theta, motion_of(again, nominal, theta))
+        noisy = [i for i, c in slopes.items() if _is_noise(replica, nominal.parameters[i], c)]
+    draws: list[Groups] = []
+    width = 1.0
+    if indices is None:
+        spread, width = with_scatter(theta, nominal)
+        for i in range(ROTOR_DRAWS):
+            drawn = np.zeros(8)
+            drawn[i] = 0.5
+            change = _change(base, residuals(driver, nominal, spread, motion, drawn), 0.5)
+            if change is not None:
+                draws.append(change)
+    return Linearization(theta, motion, residual, slopes, draws, width, frozenset(noisy))
+
+
+def _with_commanded_speeds(
+    track: Track, nominal: NominalModel, theta: Array, motion: Motion
+) -> Track:
+    """Return the flight with the rotor speeds that its commands ask for in place of measured ones.
+
+    The noise of measured speeds is in the residuals; in the slopes too, the two would agree, and
+    where a flight hardly yaws, an inertia that is too large would take that noise away. Slopes
+    from the commands are instruments: they know nothing of it. So are the steps of a fit: stronger
+    thrust would else be charged for making more of that noise.
+    """
+    if not (track.speed.size and track.command.size):
+        return track
+    speed = simulate_along_motion(track, nominal, theta, motion)["rotor_speed"]
+    return replace(track, speed=np.column_stack([speed, np.gradient(speed, TICK, axis=0)]))
+
+
+def _is_noise(replica: _Predicted, p: Parameter, change: Groups) -> bool:
+    """Return whether a slope is mostly noise of the poses, which is in the residuals too.
+
+    Where a flight hardly turns, what an offset of the markers would do is the attitude's noise,
+    differentiated twice; a fit would find an offset in every flight. `replica` has it once more.
+    """
+    again = replica.slope(p) if affects_poses(p.index) else None
+    if again is None:
+        return False
+    # The channel that would tell most decides.
+    spread = np.maximum(replica.residual["slow"].var(axis=0), 1e-18)
+    energy = np.sum(change["slow"] ** 2, axis=0)
+    shaken_energy = np.sum(again["slow"] ** 2, axis=0)
+    best = int(np.argmax(energy / spread))
+    return bool(
+        energy[best] > 0.0 and shaken_energy[best] - energy[best] > _MAX_NOISE_SHARE * energy[best]
+    )
+
+
+def with_scatter(theta: Array, nominal: NominalModel) -> tuple[Array, float]:
+    """Return theta with the effects of the draws on, and what a draw then is in healthy flights.
+
+    A nominal model without scatter has no slope with the draws: it is taken at a tenth of the size
+    that matters, where a healthy draw is the tolerance over that.
+    """
+    spread = theta.copy()
+    width = 1.0
+    for p in nominal.parameters:
+        if p.label == DRAW_SCALE_LABEL and theta[p.index] < p.step:
+            spread[p.index] = p.step
+            width = max(float(theta[p.index]), p.tolerance) / p.step
+    return spread, width
+
+
+def map_flights(function: Callable[[_Item], _Result], flights: Sequence[_Item]) -> list[_Result]:
+    """Apply to every flight, on two threads: compiled code does not hold the interpreter."""
+    return list(_pool().map(function, flights))
+
+
+@lru_cache(maxsize=1)
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(2, "flights")

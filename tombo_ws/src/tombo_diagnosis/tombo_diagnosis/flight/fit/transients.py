@@ -1,0 +1,107 @@
+"""Transients: short disturbances (a touch, a knock, a jump of the poses) that no effect describes.
+
+A touch of the ground of a tenth of a second leaves a larger remainder than noise, and the verdict
+for the whole flight would be unknown. Transients are found in the remainder of the best
+explanation; they are excluded and reported.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from operator import itemgetter
+
+import numpy as np
+
+from tombo_diagnosis.checks.spans import inside
+from tombo_diagnosis.engine.regression import Fit
+from tombo_diagnosis.flight.fit.filters import clear_rows
+from tombo_diagnosis.flight.fit.problem import FlightProblem
+from tombo_diagnosis.flight.fit.track import Track
+from tombo_diagnosis.logs.flight_log import Finding
+
+_BURST = 12.0
+"""Robust deviations of a channel: neither noise nor a fitted effect reaches that."""
+_AROUND_S = 0.3
+_APART_S = 0.5
+_MOMENTS = 3
+_SHARE = 0.1
+"""Of a flight. What is more frequent or longer is no transient but an unknown cause."""
+_NORMAL = 1.4826
+"""Standard deviation of normal noise over its median absolute deviation."""
+
+
+@dataclass(frozen=True)
+class Transient:
+    """A moment of one flight."""
+
+    flight: int
+    start_s: float
+    end_s: float
+    channel: str
+    """That shows it most."""
+    times_noise: float
+
+
+def find_transients(problem: FlightProblem, fit: Fit) -> list[Transient]:
+    """Return the moments at which a fit leaves far more than at all other times."""
+    found: list[Transient] = []
+    for f, track in enumerate(problem.tracks):
+        own = _of_flight(problem, fit, f)
+        lasted = sum(event.end_s - event.start_s for event in own)
+        if len(own) > _MOMENTS or lasted > _SHARE * track.used_s:
+            return []
+        found += own
+    return found
+
+
+def _of_flight(problem: FlightProblem, fit: Fit, flight: int) -> list[Transient]:
+    moments: list[tuple[float, float, str]] = []
+    for group, rows in problem.residual(fit, flight).items():
+        if group == "pose":
+            continue
+        times = problem.tracks[flight].times(group)
+        off = np.abs(rows - np.median(rows, axis=0))
+        ratio = off / np.maximum(_NORMAL * np.median(off, axis=0), 1e-12)
+        own = problem.channels[flight][group]
+        for k, j in zip(*np.nonzero(ratio > _BURST), strict=True):
+            moments.append((float(times[k]), float(ratio[k, j]), own[j].name))
+    moments.sort()
+    events: list[Transient] = []
+    for t, ratio_, name in moments:
+        last = events[-1] if events else None
+        if last is not None and t - last.end_s < _APART_S:
+            most, channel = max(
+                (last.times_noise, last.channel), (ratio_, name), key=itemgetter(0)
+            )
+            events[-1] = replace(last, end_s=t + _AROUND_S, channel=channel, times_noise=most)
+        else:
+            events.append(Transient(flight, t - _AROUND_S, t + _AROUND_S, name, ratio_))
+    return events
+
+
+def exclude_transients(tracks: Sequence[Track], events: Sequence[Transient]) -> list[Track]:
+    """Return the flights without these moments."""
+    result = list(tracks)
+    for f, track in enumerate(result):
+        own = [(e.start_s, e.end_s) for e in events if e.flight == f]
+        if not own:
+            continue
+        invalid = inside(track.t, own)
+        counted = np.interp(track.pose_t, track.t, invalid.astype(np.float64)) < 0.5
+        fast, slow = clear_rows(track.fast, invalid), clear_rows(track.slow, invalid)
+        result[f] = track.only(fast, slow, counted)
+    return result
+
+
+def transient_findings(tracks: Sequence[Track], events: Sequence[Transient]) -> list[Finding]:
+    """Report what was excluded."""
+    findings = []
+    for event in events:
+        name, span = tracks[event.flight].name, (event.start_s, event.end_s)
+        text = (
+            f"something acts for a moment that no cause explains ({event.channel}: "
+            f"{event.times_noise:.0f} times the noise), as in a touch or a knock: set apart"
+        )
+        findings.append(Finding("moment", "fault", name, text, *span, event.channel))
+    return findings

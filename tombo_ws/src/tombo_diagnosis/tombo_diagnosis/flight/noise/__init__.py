@@ -1,0 +1,1 @@
+"""What the noise of the sensors makes of each channel."""

@@ -1,0 +1,275 @@
+"""Stochastic effects, which have no mean (noise, jitter, gaps), are found by their variance.
+
+The functions that simulate them are run with random draws. A few statistics of the result are
+compared with the measured ones: standard deviations, shares, lengths of gaps. Each is compared as
+a logarithm (or the root of a count), because the scatter of that is known.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_diagnosis.engine.regression import Parameter
+from tombo_diagnosis.flight.fit.parameters import PARAMETERS
+from tombo_diagnosis.flight.fit.track import Track
+from tombo_diagnosis.flight.nominal import NominalModel
+from tombo_dynamics.arrays import Array
+from tombo_sim.inverse_simulation import simulate_imu_at_rest, simulate_mocap
+
+_DRAWN = 20_000
+_IMU_RATE = (800.0, 1250.0)
+"""Hz: noise of the IMU is given for samples of 1 kHz."""
+_UNMODELLED = 0.03
+"""Scatter of a logarithm beyond sampling: no noise is exactly as its model."""
+_SAMPLING = 0.001
+"""s: simulated arrivals are known to a tick."""
+
+
+Statistics = dict[str, tuple[float, float]]
+"""Name -> measured value and its standard deviation."""
+Predict = Callable[[Array], dict[str, float]]
+"""Theta -> the values that the model predicts."""
+
+
+@dataclass(frozen=True)
+class NoiseFit:
+    """One stochastic effect, fitted to the statistics."""
+
+    effect: str
+    free: tuple[int, ...]
+    """Places in theta."""
+    value: tuple[float, ...]
+    deviation: tuple[float, ...]
+    evidence: float
+    """Logarithm of the Bayes factor against healthy noise."""
+
+
+def imu_noise_statistics(tracks: Sequence[Track]) -> Statistics:
+    """Return the white noise of gyro and accelerometer, as logarithms of standard deviations."""
+    found = {}
+    for channel in ("gyro", "accel"):
+        sums, count = 0.0, 0
+        for track in tracks:
+            series = track.log.series.get(channel)
+            if series is None or series.t.size < 1000:
+                continue
+            step = float(np.median(np.diff(series.t)))
+            if not _IMU_RATE[0] <= 1.0 / step <= _IMU_RATE[1]:
+                continue
+            inside = (series.t > track.t[0]) & (series.t < track.t[-1])
+            for begin, end in track.log.exclude:
+                inside &= (series.t < begin) | (series.t > end)
+            third = np.diff(series.values[inside], 3, axis=0)
+            third = third[np.isfinite(third).all(axis=1)]
+            sums += float(_robust_variance(third)) * third.size
+            count += third.size
+        if count:
+            found[channel] = 0.5 * math.log(sums / count / 20.0), _sigma(count)
+    return found
+
+
+def predicted_imu_statistics(nominal: NominalModel, theta: Array) -> dict[str, float]:
+    """Return the same statistics, predicted by the model."""
+    noise = _noise()[:4000]
+    out = np.zeros((noise.shape[0], 6))
+    simulate_imu_at_rest(nominal.plant(), theta, noise, out)
+    third = np.diff(out, 3, axis=0)
+    return {
+        "gyro": _log_deviation(float(np.mean(third[:, :3] ** 2)) / 20.0),
+        "accel": _log_deviation(float(np.mean(third[:, 3:] ** 2)) / 20.0),
+    }
+
+
+def pose_noise_statistics(tracks: Sequence[Track]) -> Statistics:
+    """Return noise of the poses, jitter of their arrival, and their gaps."""
+    position, attitude, jitter = [], [], []
+    gaps, lengths, samples = 0, [], 0
+    for track in tracks:
+        spacing = float(np.median(np.diff(track.pose_t)))
+        steps = np.diff(track.pose_t)[_in_flight(track)]
+        missing = np.round(steps / spacing).astype(int) - 1
+        gaps += int(np.count_nonzero(missing > 0))
+        lengths += [float(m) for m in missing[missing > 0]]
+        samples += steps.size + int(missing[missing > 0].sum())
+        even = np.abs(np.diff(track.pose_t) - spacing) < 0.3 * spacing
+        runs = even[:-4] & even[1:-3] & even[2:-2] & even[3:-1] & track.pose_rows[2:-3]
+        fifth = np.diff(track.pose, 5, axis=0)[runs]
+        position.append(fifth[:, :3])
+        attitude.append(2.0 * fifth[:, 3:])
+        if track.arrival.size:
+            jitter.append(np.diff(track.arrival)[track.pose_rows[1:]])
+    found = {}
+    every = np.vstack(position)
+    if every.shape[0] > 50:
+        found["position"] = 0.5 * math.log(_robust_variance(every) / 252.0), _sigma(every.size)
+        turned = np.vstack(attitude)
+        # Of four components of a unit quaternion three are free.
+        variance = _robust_variance(turned) * 4.0 / 3.0 / 252.0
+        found["attitude"] = 0.5 * math.log(variance), _sigma(turned.size)
+    late = np.concatenate(jitter) if jitter else np.zeros(0)
+    if late.size > 50 and late.std() > 0.0:
+        found["jitter"] = 0.5 * math.log(float(np.mean(late**2)) / 2.0), _sigma(late.size)
+    if samples > 100:
+        found["gaps"] = 2.0 * math.sqrt(gaps), 1.0
+        found["samples"] = float(samples), math.inf
+        if gaps >= 5:
+            mean = float(np.mean(lengths))
+            spread = max(float(np.std(lengths)), 0.3) / mean / math.sqrt(gaps)
+            found["gap length"] = math.log(mean), spread
+    return found
+
+
+def predicted_pose_statistics(
+    nominal: NominalModel, theta: Array, spacing: float, samples: float
+) -> dict[str, float]:
+    """Return the same statistics, predicted by the model."""
+    noise = _noise()
+    still = np.zeros((_DRAWN, 7))
+    still[:, 6] = 1.0
+    seen = simulate_mocap(nominal.plant(), theta, noise, still, spacing)
+    fifth = np.diff(seen[:, :7], 5, axis=0)
+    dropped = seen[:, 8] > 0.0
+    starts = dropped & ~np.concatenate([[False], dropped[:-1]])
+    gaps = float(np.count_nonzero(starts))
+    late = np.round(seen[:, 7] / _SAMPLING) * _SAMPLING
+    steps = np.diff(late)
+    return {
+        "position": _log_deviation(float(np.mean(fifth[:, :3] ** 2)) / 252.0),
+        "attitude": _log_deviation(4.0 * float(np.mean(fifth[:, 3:6] ** 2)) / 252.0),
+        "jitter": _log_deviation(float(np.mean(steps**2)) / 2.0),
+        "gaps": 2.0 * math.sqrt(gaps / _DRAWN * samples),
+        "gap length": math.log(max(float(dropped.sum()) / gaps, 1e-3)) if gaps else 0.0,
+    }
+
+
+def fit_noise_effects(
+    tracks: Sequence[Track], nominal: NominalModel, theta: Array
+) -> list[NoiseFit]:
+    """Return the stochastic effects that IMU and poses show by themselves, with their evidence."""
+    spacing = float(np.median(np.diff(tracks[0].pose_t)))
+    fits = []
+    imu = imu_noise_statistics(tracks)
+    if imu:
+        fits += _fit_all(imu, lambda at: predicted_imu_statistics(nominal, at), theta)
+    pose = pose_noise_statistics(tracks)
+    samples, _ = pose.pop("samples", (0.0, 0.0))
+    if pose:
+        fits += _fit_all(
+            pose, lambda at: predicted_pose_statistics(nominal, at, spacing, samples), theta
+        )
+    return fits
+
+
+def _fit_all(statistics: Statistics, predict: Predict, theta: Array) -> list[NoiseFit]:
+    """Fit every effect that changes these statistics, its parameters singly and together."""
+    base = predict(theta)
+    fits = []
+    for effect in dict.fromkeys(p.effect for p in PARAMETERS):
+        own = [p for p in PARAMETERS if p.effect == effect]
+        moving = []
+        for p in own:
+            there = theta.copy()
+            for other in own:
+                if theta[other.index] == other.null and other is not p:
+                    there[other.index] += 0.5 * other.scale
+            near = predict(there)
+            there[p.index] += p.scale if theta[p.index] + p.scale <= p.high else -p.scale
+            far = predict(there)
+            if any(abs(far[k] - near[k]) > 1e-3 for k in statistics):
+                moving.append(p)
+        ways = [[p] for p in moving] + ([moving] if len(moving) > 1 else [])
+        fits += [_fit(effect, free, statistics, predict, theta, base) for free in ways]
+    return fits
+
+
+def _fit(
+    effect: str,
+    free: Sequence[Parameter],
+    statistics: Statistics,
+    predict: Predict,
+    theta: Array,
+    base: dict[str, float],
+) -> NoiseFit:
+    """Gauss-Newton from the size that clearly matters; evidence by Laplace's approximation."""
+    sigma = np.array([math.hypot(s, _UNMODELLED) for _, s in statistics.values()])
+    start = np.array([theta[p.index] for p in free])
+    scales = np.array([p.scale for p in free])
+    low = np.array([p.low + 1e-3 * p.scale for p in free])
+    high = np.array([p.high for p in free])
+
+    def off(model: dict[str, float]) -> Array:
+        return np.asarray(np.array([v - model[k] for k, (v, _) in statistics.items()]) / sigma)
+
+    def misfit(values: Array) -> Array:
+        there = theta.copy()
+        there[[p.index for p in free]] = values
+        return off(predict(there))
+
+    at = np.clip(start + 0.5 * scales, low, high)
+    for _ in range(12):
+        residual = misfit(at)
+        slopes = np.column_stack(
+            [(residual - misfit(at + step)) / step.sum() for step in np.diag(0.02 * scales)]
+        )
+        precision = slopes.T @ slopes + np.diag(scales**-2.0)
+        step = np.linalg.solve(precision, slopes.T @ residual - (at - start) / scales**2)
+        least = -0.7 * np.abs(at - low) - 0.02 * scales
+        before, at = at, np.clip(at + np.clip(step, least, scales), low, high)
+        if np.max(np.abs(at - before) / scales) < 1e-3:
+            break
+    residual = misfit(at)
+    covariance = np.linalg.inv(precision)
+    cost = float(residual @ residual) + float(np.sum(((at - start) / scales) ** 2))
+    occam = 0.5 * float(np.linalg.slogdet(covariance)[1]) - float(np.log(scales).sum())
+    evidence = -0.5 * cost + occam - _healthy_cost(off(base), slopes, scales)
+    return NoiseFit(
+        effect,
+        tuple(p.index for p in free),
+        tuple(float(v) for v in at),
+        tuple(float(v) for v in np.sqrt(np.diag(covariance))),
+        evidence,
+    )
+
+
+def _healthy_cost(none: Array, slopes: Array, scales: Array) -> float:
+    """Return the log evidence of the nominal model, its parameters off by their tolerances."""
+    tolerance = np.array([0.05]) * scales
+    moved = slopes * tolerance
+    covariance = np.eye(none.size) + moved @ moved.T
+    return -0.5 * float(none @ np.linalg.solve(covariance, none)) - 0.5 * float(
+        np.linalg.slogdet(covariance)[1]
+    )
+
+
+@lru_cache(maxsize=1)
+def _noise() -> Array:
+    """The same draws for every prediction: differences between two are not chance."""
+    return np.random.default_rng(8).standard_normal((_DRAWN, 9))
+
+
+def _in_flight(track: Track) -> NDArray[np.bool_]:
+    """Return (M - 1,): steps between poses that no excluded span touches."""
+    begins, ends = track.pose_t[:-1], track.pose_t[1:]
+    inside = np.ones(begins.size, np.bool_)
+    for begin, end in track.log.exclude:
+        inside &= (ends < begin) | (begins > end)
+    return inside
+
+
+def _sigma(count: int) -> float:
+    return 1.0 / math.sqrt(max(count, 1))
+
+
+def _log_deviation(variance: float) -> float:
+    return 0.5 * math.log(max(variance, 1e-16))
+
+
+def _robust_variance(values: Array) -> float:
+    limit = 4.0 * np.median(np.abs(values), axis=0) / 0.6745
+    return float(np.mean(np.clip(values, -limit, limit) ** 2))

@@ -1,0 +1,222 @@
+"""From recorded rows to operating points: tare, lag of the cell, plateaus, noise."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_diagnosis.logs.flight_log import Finding
+from tombo_diagnosis.stand.tables.change_points import without_changed
+from tombo_diagnosis.stand.tables.table_reader import StandTable
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.propeller import RPM
+
+LOADS = ("thrust", "torque", "beta", "reference_speed")
+_RAW_ROWS = 60
+"""A table with more rows than this whose speed hardly moves from row to row is a recording."""
+_RAW_STEP = 0.004
+_MOST_LAG = 0.05
+"""Of a recording's rows."""
+_FEWEST = 5
+"""Rows of a plateau."""
+_STILL = 0.002
+"""Share of the highest speed below which the rotor stands."""
+_OUTLIER = 6.0
+_PAR = 0.01
+"""Noise in shares of a channel's range where too few points are there to find it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plateaus:
+    """The operating points of one run; arrays are (N,)."""
+
+    speed: Array
+    readings: Array
+    """(N, 4) thrust [N], torque [N m], flap angle [rad], second tachometer [rad/s] by rotor."""
+    sigma: Array
+    """(N, 4)"""
+    elapsed: Array
+    first_row: Array
+    """Where it begins in the recording."""
+    standstill: tuple[float, float]
+    """Thrust at standstill before and after [N], the first one before taring; NaN: none."""
+    findings: tuple[Finding, ...]
+
+
+def plateaus(table: StandTable) -> Plateaus:
+    """Return the operating points of a recording, or the rows of a table that has them already."""
+    channels = {k: table.channels[k].copy() for k in LOADS if k in table.channels}
+    speed = table.channels["speed"]
+    findings: list[Finding] = []
+    still = speed <= _STILL * float(speed.max())
+    before = _leading(still)
+    known = "applied_thrust" in table.channels or "applied_torque" in table.channels
+    ends = [math.nan, math.nan]
+    if "thrust" in channels and before and not known:
+        ends[0] = float(np.median(channels["thrust"][:before]))
+    if table.mapping.tare == "start" and before >= 3 and not known:
+        for name in ("thrust", "torque"):
+            if name in channels:
+                channels[name] -= float(np.median(channels[name][:before]))
+        text = f"zero is that of {before} rows at standstill"
+        findings.append(Finding("tare", "info", table.name, text))
+    after = _leading(still[::-1])
+    if "thrust" in channels and after and before < still.size:
+        ends[1] = float(np.median(channels["thrust"][-after:]))
+    steps = np.abs(np.diff(speed)) / max(float(speed.max()), 1e-9)
+    raw = speed.size > _RAW_ROWS and float(np.median(steps)) < _RAW_STEP
+    lag = _lag(channels, speed) if raw else 0
+    if lag:
+        text = f"thrust is {lag} rows behind the tachometer; moved back"
+        findings.append(Finding("lag", "info", table.name, text, channel="thrust"))
+        for name in ("thrust", "torque"):
+            if name in channels:
+                channels[name] = np.append(channels[name][lag:], np.full(lag, np.nan))
+    parts = _stretches(table, speed) if raw else [slice(k, k + 1) for k in range(speed.size)]
+    at, readings, sigma, first = _averages(channels, speed, parts)
+    keep, outliers = _outliers(at, readings, table.name)
+    at, readings, sigma, first = (each[keep] for each in (at, readings, sigma, first))
+    keep, changed = without_changed(table, at, readings, first)
+    at, readings, sigma, first = (each[keep] for each in (at, readings, sigma, first))
+    sigma = _with_noise(at, readings, sigma, table, raw)
+    elapsed = first / max(speed.size - 1, 1)
+    found = (*findings, *outliers, *changed)
+    return Plateaus(at, readings, sigma, elapsed, first, (ends[0], ends[1]), found)
+
+
+def _leading(still: NDArray[np.bool_]) -> int:
+    return int(still.size if still.all() else np.argmin(still))
+
+
+def _lag(channels: dict[str, Array], speed: Array) -> int:
+    """Return by how many rows the load comes late: where it fits the square of speed best."""
+    load = channels.get("thrust", channels.get("torque"))
+    if load is None or float(np.ptp(speed)) < 0.2 * float(speed.max()):
+        return 0
+    known = np.isfinite(load)
+    load = np.interp(np.arange(load.size), np.flatnonzero(known), load[known])
+    most = int(_MOST_LAG * speed.size)
+    left = []
+    for lag in range(most + 1):
+        square = speed[: speed.size - most] ** 2
+        own = load[lag : lag + square.size]
+        design = np.column_stack([square, np.ones(square.size)])
+        rest = own - design @ np.linalg.lstsq(design, own, rcond=None)[0]
+        left.append(float(np.mean(rest**2)))
+    best = int(np.argmin(left))
+    return best if left[best] < 0.9 * left[0] else 0
+
+
+def _stretches(table: StandTable, speed: Array) -> list[slice]:
+    """Return the rows of each plateau: constant command, else steady speed; settling left out."""
+    command = table.channels.get("command")
+    if command is not None and np.unique(command).size > 3:
+        edges = np.flatnonzero(np.diff(command) != 0.0) + 1
+    else:
+        size = max(10, speed.size // 200)
+        smooth = np.convolve(speed, np.ones(5) / 5.0, "same")
+        moving = np.abs(np.gradient(smooth)) > 0.004 * float(speed.max())
+        edges = np.flatnonzero(np.diff(moving.astype(int)) != 0) + 1
+        every = np.arange(size, speed.size, size)
+        edges = np.union1d(edges, every) if edges.size < 8 else edges
+    bounds = [0, *edges.tolist(), speed.size]
+    parts = []
+    for a, b in pairwise(bounds):
+        settle = (b - a) // 2 if b - a > 20 else (b - a) // 4
+        if b - a - settle >= _FEWEST:
+            parts.append(slice(a + settle, b))
+    return parts
+
+
+def _averages(
+    channels: dict[str, Array], speed: Array, parts: list[slice]
+) -> tuple[Array, Array, Array, Array]:
+    at = np.array([math.sqrt(float(np.mean(speed[p] ** 2))) for p in parts])
+    readings = np.full((len(parts), 4), np.nan)
+    sigma = np.zeros((len(parts), 4))
+    for c, name in enumerate(LOADS):
+        if name not in channels:
+            continue
+        for k, p in enumerate(parts):
+            own = channels[name][p]
+            own = own[np.isfinite(own)]
+            if own.size:
+                readings[k, c] = own.mean()
+                fresh = 1 + int(np.count_nonzero(np.diff(own)))
+                sigma[k, c] = float(own.std()) / math.sqrt(fresh)
+    return at, readings, sigma, np.array([float(p.start) for p in parts])
+
+
+def _between(x: Array, y: Array) -> Array:
+    """Return how far each point lies off the line through its neighbours in time; ends are 0."""
+    off = np.zeros(y.size)
+    if y.size > 2:
+        span = x[2:] - x[:-2]
+        share = np.divide(
+            x[1:-1] - x[:-2], span, out=np.full(span.size, 0.5), where=np.abs(span) > 1e-9
+        )
+        inside = (share > -0.1) & (share < 1.1)
+        off[1:-1] = np.where(inside, y[1:-1] - (1.0 - share) * y[:-2] - share * y[2:], 0.0)
+    return off
+
+
+def _peaks(off: Array, odd: Array, far: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the worst of each few neighbours that are far off: an outlier moves theirs as well.
+
+    Where two are equally far off each other the odd one counts.
+    """
+    peak = np.zeros(off.size, bool)
+    for k in np.lexsort((-odd, -np.round(off / max(float(off.max()), 1e-300), 3))):
+        if far[k] and not peak[max(k - 1, 0) : k + 2].any():
+            peak[k] = True
+    return peak
+
+
+def _outliers(speed: Array, readings: Array, name: str) -> tuple[NDArray[np.bool_], list[Finding]]:
+    """Exclude single points far off their neighbours, in whichever load."""
+    keep = np.asarray(np.isfinite(readings[:, :2]).any(axis=1))
+    findings = []
+    for c in (0, 1):
+        y = readings[:, c]
+        known = np.flatnonzero(np.isfinite(y))
+        if known.size < 12:
+            continue
+        off = np.abs(_between(speed[known] ** 2, y[known]))
+        usual = 1.4826 * float(np.median(off[1:-1]))
+        far = off > max(_OUTLIER * usual, 0.02 * float(np.abs(y[known]).max()))
+        ratio = y[known] / np.maximum(speed[known], 1e-9) ** 2
+        peak = _peaks(off, np.abs(ratio - np.median(ratio)), far)
+        if peak.any() and peak.sum() <= 0.05 * known.size + 1:
+            keep[known[peak]] = False
+            at = ", ".join(f"{v / RPM:.0f}" for v in speed[known[peak]][:5])
+            text = f"{LOADS[c]} far off its neighbours at {at} rpm; set apart"
+            findings.append(Finding("outlier", "fault", name, text, channel=LOADS[c]))
+    return keep, findings
+
+
+def _with_noise(
+    speed: Array, readings: Array, sigma: Array, table: StandTable, raw: bool
+) -> Array:
+    """Return the noise: as said in the table, else within plateaus and between neighbours."""
+    out = sigma.copy()
+    turning = speed > _STILL * float(speed.max(initial=1.0))
+    for c, name in enumerate(LOADS):
+        y = readings[:, c]
+        known = np.isfinite(y) & turning
+        largest = float(np.abs(y[np.isfinite(y)]).max(initial=0.0))
+        said = table.channels.get(f"{name}_sigma")
+        if said is not None and not raw and said.size == y.size and np.all(said > 0.0):
+            out[:, c] = said
+            continue
+        usual = _PAR * largest
+        if known.sum() >= 8:
+            off = _between(speed[known] ** 2, y[known])
+            off = np.abs(off[off != 0.0])
+            if off.size >= 5:
+                usual = max(1.4826 * float(np.median(off)) / math.sqrt(1.5), 1e-4 * largest)
+        out[:, c] = np.maximum(out[:, c], usual)
+    return np.maximum(out, 1e-12)
