@@ -46,7 +46,7 @@ class EmptyLoop:
         os.close(shared)
 
     def begin(self) -> None:
-        """Forget how late it was."""
+        """Reset the measured delays."""
         self._memory[:] = struct.pack("d", 0.0)
 
     def late_ms(self) -> float:

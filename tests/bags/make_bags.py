@@ -1,7 +1,7 @@
 """Makes the small recorded flights of this folder: `python tests/bags/make_bags.py`.
 
 They pin what the detector, the reaction and the mission make of a flight. If a change of their
-behaviour is meant, make them anew and look at what has changed with `git diff --stat`.
+behaviour is meant, make them again and look at what has changed with `git diff --stat`.
 """
 
 from __future__ import annotations

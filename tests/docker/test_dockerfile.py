@@ -96,7 +96,7 @@ def test_the_context_holds_no_more_than_what_is_copied():
 
 
 def test_every_manifest_is_there_before_the_sources():
-    """So that an edit of the code does not install everything anew."""
+    """So that an edit of the code does not install everything again."""
     base = [rest for word, rest in stages()["base"] if word == "COPY"]
     for package in PACKAGES:
         assert f"tombo_ws/src/{package}/package.xml manifests/{package}/" in base

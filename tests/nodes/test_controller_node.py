@@ -187,7 +187,7 @@ def test_each_gyro_sample_is_answered_as_the_pure_controller_does(world, start):
         inputs.tick()
     assert min(world.heard[ROTOR_COMMAND.name][-1].speed) > 300.0
     # the reason of before, NaN, may still be active: the newest one takes its place
-    told(world, "controller", "setpoint_refused", begun, text="set point from later")
+    told(world, "controller", "setpoint_refused", begun, text="set point: stamp in the future")
 
     for _ in range(21):
         inputs.tick(phase=Phase.LANDED)

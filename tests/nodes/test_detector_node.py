@@ -126,6 +126,6 @@ def test_poses_of_two_motion_captures_are_not_mixed(world, start):
         flight.fly(1)
         other.publish(pose(flight.stamp_ns + 10 * MS, flight.place + np.array([0.0, 0.03, 0.0])))
         flight.fly(1)
-    assert "nobody can tell" in told(world, "detector", "pose_two_publishers")
+    assert "which is true is unknown" in told(world, "detector", "pose_two_publishers")
     refused = flight.fly(1)[-1].rejected
     assert flight.fly(1)[-1].rejected == refused + 1

@@ -130,8 +130,8 @@ class Suite(SimpleNamespace):
         process.kill()
         process.wait()
 
-    def settle_or_begin_anew(self) -> None:
-        """Wait for the hover; if the vehicle has landed, the mission is over: fly anew."""
+    def settle_or_begin_again(self) -> None:
+        """Wait for the hover; if the vehicle has landed, the mission is over: fly again."""
         self.wait(0.5)
         end = time.monotonic() + 30.0
         while time.monotonic() < end:
@@ -526,7 +526,7 @@ def test_second_publisher(
         assert steepest(states) < 0.3
         if holds:
             assert lowest(states) > HEIGHT - 0.2
-    suite.settle_or_begin_anew()  # where nobody may be obeyed it goes down, perhaps to the ground
+    suite.settle_or_begin_again()  # where nobody may be obeyed it goes down, perhaps to the ground
 
 
 # --- a node dies ----------------------------------------------------------------------------
@@ -559,11 +559,11 @@ def test_node_killed_and_restarted(suite: Suite, name: str, observer: str, key: 
         assert across(states) < 0.6
         if name in ("reaction", "detector", "mission"):
             assert lowest(states) > HEIGHT - 0.2, "it holds"
-    suite.settle_or_begin_anew()
+    suite.settle_or_begin_again()
 
 
 def test_simulator_killed_and_restarted(suite: Suite) -> None:
-    suite.settle_or_begin_anew()
+    suite.settle_or_begin_again()
     suite.kill("sim")
     suite.report("controller", "clock_silent")
     suite.new_flight()

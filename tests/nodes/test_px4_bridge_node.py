@@ -279,7 +279,7 @@ def test_ended_while_offboard_holds_it_lands_with_poses_to_the_end(lab, world):
     assert lab.call("px4/hold").success
     with lab.vehicle.lock:
         lab.px4.mode = OFFBOARD  # a ground station's doing: the bridge streams the place it is at
-    lab.until(lambda s: s.mode == "offboard" and s.stage == "mode is somebody else's")
+    lab.until(lambda s: s.mode == "offboard" and s.stage == "mode set by another station")
     lab.node.process.send_signal(signal.SIGINT)
     end = time.monotonic() + 60.0
     while lab.node.process.poll() is None and time.monotonic() < end:

@@ -84,7 +84,7 @@ class Flight:
         return event
 
 
-def test_passes_wishes_on_and_answers_a_collision_at_once(world, start):
+def test_passes_set_points_on_and_answers_a_collision_at_once(world, start):
     flight = Flight(world, start)
     said = flight.wait(SETPOINT, lambda m: True)
     assert said.header.frame_id == "map"
@@ -130,7 +130,7 @@ def test_holds_without_a_detector_refuses_nonsense_and_says_so(world, start):
     held = flight.wait(SETPOINT, lambda m: m.phase == MissionStatus.HOLD)
     assert array(held.position) == pytest.approx(flight.place)
     heard(world, REACTION_STATUS, lambda m: m.state == ReactionStatus.HOLDING)
-    assert "no word of the detector" in told(world, "reaction", "detector_silent")
+    assert "no message from the detector" in told(world, "reaction", "detector_silent")
     flight.detector = True
     flight.wait(SETPOINT, lambda m: m.phase == MissionStatus.APPROACH)
     heard(world, REACTION_STATUS, lambda m: m.state == ReactionStatus.IDLE, since=1)

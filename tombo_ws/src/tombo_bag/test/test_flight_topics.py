@@ -180,7 +180,7 @@ def test_a_flight_that_was_broken_off_is_written_as_far_as_it_went(ticks, tmp_pa
 
 
 @pytest.mark.slow
-def test_the_same_flight_gives_the_same_bytes_also_from_views_of_one_table(flight, tmp_path):
+def test_the_same_flight_gives_the_same_bytes_from_views_of_one_table_too(flight, tmp_path):
     """The simulator logs a row per tick; its columns are not contiguous."""
     table = np.concatenate(list(flight.log.values()), axis=1)
     edges = np.cumsum([0] + [column.shape[1] for column in flight.log.values()])

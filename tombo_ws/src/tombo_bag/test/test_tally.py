@@ -25,7 +25,7 @@ def test_what_was_sent_before_the_recording_is_no_loss():
     assert counted(700, 701).lost == 0
 
 
-def test_a_publisher_that_starts_anew_loses_nothing():
+def test_a_publisher_that_starts_again_loses_nothing():
     assert counted(498, 499, 1, 2, 5).lost == 2
 
 

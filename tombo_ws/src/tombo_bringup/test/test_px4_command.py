@@ -162,7 +162,7 @@ def test_on_a_terminal_the_state_is_live(tmp_path):
         process.kill()
         process.wait()
     assert b"disarmed, hold" in shown
-    assert b"nobody heard" in shown
+    assert b"no client connected" in shown
     assert b"stopped after" in shown
 
 

@@ -150,7 +150,7 @@ def test_without_a_collision_the_mission_s_set_point_goes_on_unchanged(phase):
     assert bench.state == IDLE
 
 
-def test_each_wish_goes_on_in_the_same_run():
+def test_each_set_point_is_passed_on_in_the_same_run():
     bench = Bench()
     mission_setpoint = at([1.0, 0.0, 2.0])
     bench.logic.mission(mission_setpoint, bench.now)
@@ -158,7 +158,7 @@ def test_each_wish_goes_on_in_the_same_run():
     assert bench.tick() is None
 
 
-def test_nothing_is_said_before_the_mission_has_spoken():
+def test_nothing_is_published_before_the_mission_s_first_set_point():
     logic = Logic()
     for k in range(100):
         logic.odometry(HERE, START + k * 4 * MS)
@@ -422,7 +422,7 @@ anything = st.sampled_from([math.nan, math.inf, -math.inf])
 
 
 @given(st.sampled_from(["position", "velocity", "acceleration", "yaw"]), anything)
-def test_a_wish_that_is_no_number_is_refused_and_counts_as_silence(name, value):
+def test_a_set_point_that_is_no_number_is_refused_and_counts_as_silence(name, value):
     bench = Bench()
     good = bench.mission_setpoint
     bad = value if name == "yaw" else np.array([0.0, value, 0.0])
@@ -434,7 +434,7 @@ def test_a_wish_that_is_no_number_is_refused_and_counts_as_silence(name, value):
 
 
 @pytest.mark.parametrize("phase", [-1, 8, 200])
-def test_a_wish_of_no_known_phase_is_refused(phase):
+def test_a_set_point_of_no_known_phase_is_refused(phase):
     bench = Bench()
     assert not bench.logic.mission(at(HERE, phase), bench.now)
 
@@ -467,7 +467,7 @@ def test_the_status_is_published_only_when_something_has_changed():
     assert len(bench.logic.statuses) == said + 1
 
 
-def test_a_clock_set_back_begins_anew():
+def test_a_clock_set_back_begins_again():
     bench = Bench()
     bench.hit()
     bench.run(0.1)

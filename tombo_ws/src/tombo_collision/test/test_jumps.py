@@ -56,7 +56,7 @@ def test_a_swap_for_a_sample_or_two_never_happened(direction, size, length, seed
 @pytest.mark.slow
 @settings(max_examples=30)
 @given(directions, sizes, st.integers(0, 50))
-def test_a_swap_that_stays_starts_the_filter_anew_there(direction, size, seed):
+def test_a_swap_that_stays_starts_the_filter_again_there(direction, size, seed):
     direction[2] = abs(direction[2])  # it must stay above the height at which it watches
     poses = displaced(flight(8.0, seed=seed), SWAPPED, None, size * direction)
     reasons, events = refusals(poses)

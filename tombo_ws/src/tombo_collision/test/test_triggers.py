@@ -92,7 +92,7 @@ def test_region_does_not_fire_again_while_it_stays_inside():
     assert len(events) == 1
 
 
-def test_region_fires_again_when_it_is_left_and_entered_anew():
+def test_region_fires_again_when_it_is_left_and_reentered():
     poses = flight(20.0, (SPEED, 0.0, 0.0))
     there = 1.0 + (P.region_x + 1.5) / SPEED
     back = poses.pushed(there, (-2.0 * SPEED, 0.0, 0.0))

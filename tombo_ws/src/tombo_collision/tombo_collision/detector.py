@@ -38,7 +38,7 @@ _WARM_UP_SAMPLES = 8
 _MIN_SAMPLES_FOR_GATE = 2
 """Samples after which the filter's velocity is good enough to tell a jump."""
 _POSES_TO_ACCEPT_JUMP = 3
-"""Samples at the new place that make a jump the truth."""
+"""Samples at the new position after which a jump is accepted."""
 
 
 class StampedPose(Record):
@@ -142,8 +142,8 @@ def detect(
 
     A sample that is not finite, not newer than the last one, or has jumped to where no strike
     could have put the vehicle, is refused: it changes nothing. A stamp that lies further back than
-    `gap_max` means that the clock was set, three samples that agree on a new place that this is
-    the truth: the filter starts anew.
+    `gap_max` means that the clock was set. After that, and after three samples that agree on
+    a new position, the filter starts again.
 
     Args:
         memory: of the detector.
@@ -440,12 +440,12 @@ def _fill_event(
         memory.x_c[i] = position[i]
     if trigger == 2 and memory.track_length > 0:
         first = memory.track[_track_index(memory, 0)]
-        quiet = memory.track[_track_index(memory, -1)]
-        memory.contact_s = 0.5 * (quiet.stamp_s + stamp_s)
-        lasted = max(quiet.stamp_s - first.stamp_s, 1e-3)
+        before = memory.track[_track_index(memory, -1)]
+        memory.contact_s = 0.5 * (before.stamp_s + stamp_s)
+        lasted = max(before.stamp_s - first.stamp_s, 1e-3)
         for i in range(3):
-            velocity = (quiet.position[i] - first.position[i]) / lasted
-            memory.x_c[i] = quiet.position[i] + velocity * (memory.contact_s - quiet.stamp_s)
+            velocity = (before.position[i] - first.position[i]) / lasted
+            memory.x_c[i] = before.position[i] + velocity * (memory.contact_s - before.stamp_s)
     x, y, z = _direction(memory)
     if x == 0.0 and y == 0.0 and z == 0.0:
         # struck at rest: the flight is taken as opposite to the push

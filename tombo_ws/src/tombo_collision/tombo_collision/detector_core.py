@@ -36,7 +36,7 @@ from tombo_dynamics.pose_check import (
 from tombo_dynamics.records import Record, field, parameter_record
 
 _SILENT_NS = 120_000_000
-"""Three samples at 30 Hz and a half."""
+"""3.5 samples at 30 Hz."""
 _LATE_NS = 100_000_000
 """An older pose is used, but a collision is known late."""
 _NONE = -1
@@ -82,7 +82,7 @@ def take_pose(
         position: (3) [m].
         attitude: quaternion xyzw (4), map from base_link.
     """
-    result = _look_at(memory, params, stamp_ns, now_ns, position, attitude)
+    result = _detect(memory, params, stamp_ns, now_ns, position, attitude)
     fill_status(memory, params, stamp_ns, result)
     if memory.detector.collided:
         d, event = memory.detector, memory.event
@@ -118,7 +118,7 @@ def fill_status(
 
 
 @compiled_call
-def _look_at(
+def _detect(
     memory: DetectorCoreMemory,
     params: DetectorParams,
     stamp_ns: int,
@@ -132,7 +132,7 @@ def _look_at(
         return why
     clock_set = memory.last_ns > now_ns + MAX_FUTURE_NS
     if memory.origin_ns == _NONE or clock_set:
-        if clock_set:  # take it whatever its stamp is, and start anew there
+        if clock_set:  # take it whatever its stamp is, and start again there
             memory.detector.last.stamp_s = math.inf
         memory.origin_ns = stamp_ns
     elif stamp_ns <= memory.last_ns:

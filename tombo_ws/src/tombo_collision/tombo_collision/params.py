@@ -105,7 +105,7 @@ class DetectorParams:
         "the mocap's floor is its zero",
     )
     gap_max: float = param(
-        0.25, "s", (0.05, 5.0), "gap in mocap after which the filter starts anew", "eight samples"
+        0.25, "s", (0.05, 5.0), "gap in mocap after which the filter starts again", "eight samples"
     )
     holdoff: float = param(
         2.5,

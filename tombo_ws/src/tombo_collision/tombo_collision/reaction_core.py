@@ -49,7 +49,7 @@ class HoldReason(Reason):
 
 
 _HOLD_TEXTS = {
-    HoldReason.DETECTOR_SILENT: "no word of the detector though poses come: holding",
+    HoldReason.DETECTOR_SILENT: "no message from the detector though poses come: holding",
     HoldReason.MISSION_SILENT: "no set points of the mission: holding",
     HoldReason.TWO_PUBLISHERS: "two nodes publish what only one may: holding",
 }
@@ -82,7 +82,7 @@ _EVENT_TEXTS = {
 _EXCLUSIVE = ("/mission/setpoint", "/collision_event", "/detector/status")
 """Topics that only one may publish."""
 _PERIOD_NS = 20_000_000
-"""What no set point of the mission prompts is said at 50 Hz."""
+"""Own set points are published at 50 Hz."""
 _MAX_FUTURE_NS = 50_000_000
 _MAX_CONTACT_DISTANCE = 3.0
 """m: a contact further away than this is not the vehicle's."""
@@ -99,7 +99,7 @@ class ReactionMemory(Record):
     n_r = field("1", "unit vector from x_c to x_r", 3)
     x_r = field("m", "of the last decision: where to hold", 3)
     collisions = field("1", "decided on", kind=int)
-    has_mission = field("1", "the mission has spoken", kind=bool)
+    has_mission = field("1", "a set point of the mission has come", kind=bool)
     mission = field("", "its last set point", kind=PositionSetpointRecord)
     mission_ns = field("ns", "when it came, as in the next three", kind=int)
     odometry_ns = field("ns", "the last estimate", kind=int)
@@ -220,8 +220,8 @@ def check_event(
 def reaction_step(memory: ReactionMemory, limits: ReactionLimits, now_ns: int) -> None:
     """Decide; `publishes` and `status_due` say whether `setpoint` and `status` are new.
 
-    A clock that was set back begins a new flight (`clock_set`), and events that wait are taken
-    (`check_event`) before.
+    The caller begins a new flight (`begin_reaction`) when the clock was set back, and takes events
+    that wait (`check_event`), before.
     """
     memory.now_ns = now_ns
     memory.publishes = False
@@ -288,7 +288,7 @@ def _on_ground(phase: int) -> bool:
 
 @compiled_call
 def _holds_x_r(memory: ReactionMemory, mission_timed_out: bool) -> bool:
-    """Return whether x_r is the set point: the mission does not fly there yet, or is not heard."""
+    """Return whether x_r is the set point: the mission does not fly there yet, or is silent."""
     phase = memory.mission.phase
     planned = phase <= Phase.APPROACH
     if not memory.mission_at_x_r and not planned:
@@ -353,7 +353,7 @@ def _fill_status(memory: ReactionMemory, state: int, now_ns: int) -> None:
 
 
 class ReactionCore(Core):
-    """Takes what arrives, in any order; `step` says what to publish now.
+    """Takes messages in any order; `step` returns what to publish now.
 
     All times are of one clock, `now_ns`. A clock set back by more than a second begins a new
     flight.
@@ -401,7 +401,7 @@ class ReactionCore(Core):
         message: Pose | DetectorStatus | Odometry | PositionSetpoint | CollisionEvent,
         now_ns: int,
     ) -> None:
-        """Take a set point of the mission, a collision, an estimate, or a sign of life."""
+        """Take a set point of the mission, a collision, an estimate, or a heartbeat."""
         memory = self.memory
         if isinstance(message, Pose):
             note_mocap(memory, self.limits, now_ns)

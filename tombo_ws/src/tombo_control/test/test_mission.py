@@ -144,7 +144,7 @@ def test_settled_means_near_and_slow_for_a_whole_second(offset, velocity):
         assert state.mode == (Phase.HOLD if settled else Phase.REACT)
 
 
-def test_a_second_collision_moves_x_r_and_settles_anew():
+def test_a_second_collision_moves_x_r_and_settles_again():
     flight = collided().run(60.0, in_mode(Phase.HOLD))
     flight.run(flight.now + 1.0)
     first = flight.state.leg.start

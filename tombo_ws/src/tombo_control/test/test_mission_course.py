@@ -269,7 +269,7 @@ def test_does_not_take_off_while_the_reaction_holds():
     assert world.largest_step() < 0.02
 
 
-def test_a_reaction_that_has_never_spoken_is_not_waited_for():
+def test_a_reaction_that_has_sent_nothing_is_not_waited_for():
     world = World()
     world.answers = False
     world.until(Phase.HOVER)

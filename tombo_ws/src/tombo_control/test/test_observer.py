@@ -277,7 +277,7 @@ def test_each_refusal_in_a_real_hover_leaves_the_vehicle_where_it_is(flight: Loc
 # --- jumps
 
 
-def test_a_jump_that_persists_begins_the_estimate_anew(ride: _Ride) -> None:
+def test_a_jump_that_persists_begins_the_estimate_again(ride: _Ride) -> None:
     ride.place = lambda tick: np.array([tick * 1e-3, 4.0, 2.0])  # type: ignore[method-assign]
     ride.answers.clear()
     ride.run(12 * _MOCAP_TICKS)
@@ -328,7 +328,7 @@ def test_a_gap_of_the_imu_is_bridged(ride: _Ride, gap: int) -> None:
     assert ride.age_ticks == 0
 
 
-def test_after_200_ms_without_imu_the_estimate_begins_anew(ride: _Ride) -> None:
+def test_after_200_ms_without_imu_the_estimate_begins_again(ride: _Ride) -> None:
     ride.run(200, imu=False)
     ride.run(1)
     assert ride.observer.estimate is None

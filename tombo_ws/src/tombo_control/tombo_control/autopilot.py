@@ -102,7 +102,7 @@ def new_autopilot(
 def restart_estimate(
     autopilot: Autopilot, position: Array, velocity: Array, attitude: Array
 ) -> None:
-    """Begin the estimate anew at a position (3), velocity (3) and attitude (4), without biases.
+    """Begin the estimate again at a position (3), velocity (3) and attitude (4), without biases.
 
     Sets `state` and empties `history`.
     """

@@ -75,7 +75,7 @@ class ControllerMemory(Record):
 
 @compiled_call
 def reset_inputs(memory: ControllerMemory) -> None:
-    """Take all that was said so far for another flight's: no set point, so no rotor turns."""
+    """Discard all inputs of the previous flight: no set point, so no rotor turns."""
     memory.estimate_ns = _NEVER
     memory.pose_ns = _NEVER
     memory.setpoint_ns = _NEVER
@@ -137,12 +137,12 @@ def take_setpoint(memory: ControllerMemory, setpoint: Any, now_ns: int) -> bool:
         total += setpoint.position[i] + setpoint.velocity[i] + setpoint.acceleration[i]
     if not math.isfinite(total):
         return False
-    told = memory.setpoint
-    told.position = setpoint.position
-    told.velocity = setpoint.velocity
-    told.acceleration = setpoint.acceleration
-    told.yaw = setpoint.yaw
-    told.phase = setpoint.phase
+    last = memory.setpoint
+    last.position = setpoint.position
+    last.velocity = setpoint.velocity
+    last.acceleration = setpoint.acceleration
+    last.yaw = setpoint.yaw
+    last.phase = setpoint.phase
     memory.has_setpoint = True
     memory.setpoint_ns = now_ns
     return True
@@ -180,12 +180,12 @@ def answer_gyro(
     elif ticks <= 0:
         return False
     memory.tick = tick
-    told = memory.setpoint
+    last = memory.setpoint
     memory.position_ran = False
     memory.attitude_ran = False
     memory.held = False
-    if not memory.has_setpoint or told.phase == Phase.IDLE or told.phase == Phase.LANDED:
-        mode = told.phase if memory.has_setpoint else Phase.IDLE
+    if not memory.has_setpoint or last.phase == Phase.IDLE or last.phase == Phase.LANDED:
+        mode = last.phase if memory.has_setpoint else Phase.IDLE
         control_tick(autopilot, maps, gyro, tick, ticks, False, False, False)
         stop_rotors(autopilot.state, autopilot.setpoint, autopilot.loops)
         autopilot.mode_asked = mode
@@ -199,13 +199,13 @@ def answer_gyro(
         odometry = stamp_ns - memory.estimate_ns > limits.odometry_timeout * 1e9
         memory.blind = odometry or stamp_ns - memory.pose_ns > autopilot.gains.blind_timeout * 1e9
         setpoint = autopilot.setpoint
-        setpoint.position = told.position
+        setpoint.position = last.position
         for i in range(3):
-            setpoint.velocity[i] = 0.0 if memory.held else told.velocity[i]
-            setpoint.acceleration[i] = 0.0 if memory.held else told.acceleration[i]
-        setpoint.yaw = told.yaw
-        autopilot.mode_asked = told.phase
-        autopilot.mode_flown = Phase.DESCEND_BLIND if memory.blind else told.phase
+            setpoint.velocity[i] = 0.0 if memory.held else last.velocity[i]
+            setpoint.acceleration[i] = 0.0 if memory.held else last.acceleration[i]
+        setpoint.yaw = last.yaw
+        autopilot.mode_asked = last.phase
+        autopilot.mode_flown = Phase.DESCEND_BLIND if memory.blind else last.phase
     if memory.attitude_ran:
         memory.attitude_slot = tick // ATTITUDE_TICKS
     control_tick(
@@ -323,14 +323,14 @@ class ControllerCore(Core):
         fill_record(self._odometry, message)
         if early or not take_odometry(self.memory, self.autopilot, self._odometry):
             self.health.refuse(
-                "odometry_refused", "odometry not finite, not a rotation, old or from later"
+                "odometry_refused", "odometry not finite, not a rotation, old or in the future"
             )
 
     def _take_setpoint(self, message: PositionSetpoint, now_ns: int) -> None:
         latest_ns = max(self._gyro_stamp_ns, now_ns) + CLOCK_SET_BACK_NS
         if self.clock_slack_ns and message.stamp_ns > latest_ns:
             self.health.refuse(
-                "setpoint_refused", "set point from later: of a simulation before this one?"
+                "setpoint_refused", "set point: stamp in the future; restarted simulation?"
             )
             return
         fill_record(self._setpoint, message)

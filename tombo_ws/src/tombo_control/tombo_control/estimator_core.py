@@ -92,7 +92,7 @@ class EstimatorMemory(Record):
 
 @compiled_call
 def reset_estimator(memory: EstimatorMemory) -> None:
-    """Forget the state; the next poses begin it anew."""
+    """Reset the state; the next poses begin it again."""
     memory.running = False
     memory.known = False
     memory.initial = 0
@@ -343,7 +343,7 @@ class EstimatorCore(Core):
     """Estimates pose and velocity from gyro, accelerometer and mocap poses.
 
     Refused poses and lost samples are counted; after a gap of the IMU of more than 0.1 s it
-    begins anew.
+    begins again.
     """
 
     name = "estimator"

@@ -68,7 +68,7 @@ _WAITS = {
     WaitReason.TWO_ESTIMATORS: "two nodes publish odometry: the plan stands still",
     WaitReason.REACTION_HOLDS: "the reaction holds: the plan waits",
     WaitReason.BLIND: "the reaction sees stale poses: the plan waits",
-    WaitReason.REACTION_SILENT: "no word of the reaction: the plan waits",
+    WaitReason.REACTION_SILENT: "no message from the reaction: the plan waits",
 }
 _NEVER = -1
 _AIRBORNE = 0.3
@@ -99,14 +99,14 @@ class MissionLimits:
         0.3,
         "s",
         (0.04, 10.0),
-        "silence of the reaction, once it has spoken, after which the plan waits",
+        "silence of the reaction, after its first message, after which the plan waits",
         "15 set points",
     )
     lag_max: float = param(
         0.5,
         "m",
         (0.05, 10.0),
-        "the plan begins anew from a vehicle this far behind a moving reference",
+        "the plan begins again from a vehicle this far behind a moving reference",
         "ten times the lag of an undisturbed flight",
     )
     escape_age: float = param(
@@ -434,7 +434,7 @@ class MissionCore(Core):
     def on(
         self, topic: str, message: Odometry | ReactionStatus | PositionSetpoint, now_ns: int
     ) -> None:
-        """Take an estimate, the reaction's status, or its set point as a sign of life."""
+        """Take an estimate, the reaction's status, or its set point as a heartbeat."""
         if isinstance(message, Odometry):
             velocity = rotate_vector(message.attitude, message.velocity)
             if not take_estimate(self.memory, message.position, velocity, now_ns):
@@ -471,7 +471,7 @@ class MissionCore(Core):
         return outputs
 
     def set_params(self, section: str, params: Any) -> None:
-        """Take a changed plan ("mission"), other limits ("inputs"), or the word to start."""
+        """Take a changed plan ("mission"), other limits ("inputs"), or the start command."""
         if section == "mission":
             self.plan = compiled_plan(params)
         elif section == "inputs":

@@ -79,7 +79,7 @@ def _addition(cause: Cause, notes: list[str]) -> FittedEffect:
 
 
 def _merged(base: tuple[FittedEffect, ...], fitted: list[FittedEffect]) -> list[FittedEffect]:
-    """Return the additions of both; a parameter that was fitted anew replaces the old one.
+    """Return the additions of both; a parameter that was fitted again replaces the old one.
 
     A covariance stays where its effect's parameters are all of one fit.
     """

@@ -12,14 +12,14 @@ DASH: Final = "–"
 """Stands for a number that is not known."""
 
 
-def words(name: str) -> str:
+def display_name(name: str) -> str:
     """Return an effect's or channel's name as words."""
     return name.replace("_", " ")
 
 
 def listed(names: Sequence[str], last: str = "and") -> str:
     """Return names as words, in an enumeration that ends with `last`."""
-    texts = [words(name) for name in names]
+    texts = [display_name(name) for name in names]
     if len(texts) < 2:
         return "".join(texts)
     return f"{', '.join(texts[:-1])} {last} {texts[-1]}"

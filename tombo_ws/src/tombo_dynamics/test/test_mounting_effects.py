@@ -102,8 +102,8 @@ def test_a_turned_rigid_body_turns_the_attitude_from_the_right(yaw, roll, pitch,
     assert np.linalg.norm(seen.attitude) == pytest.approx(1.0, abs=1e-14)
 
 
-def test_its_lean_turns_with_the_vehicle_that_of_a_tilted_world_does_not():
-    """What tells the two apart: which way up is measured to lean, at two headings."""
+def test_body_misalignment_turns_with_the_vehicle_and_world_misalignment_not():
+    """The measured up axis at two headings distinguishes the two."""
 
     def lean(effect, heading):
         attitude = Rotation.from_euler("z", heading).as_quat()

@@ -77,7 +77,7 @@ class Core(ABC):
     def __init__(self) -> None:
         self.health = CoreHealth()
         self.contested: set[str] = set()
-        """Topics with more than one publisher: nobody can tell which is true."""
+        """Topics with more than one publisher: which is true is unknown."""
 
     @classmethod
     @abstractmethod

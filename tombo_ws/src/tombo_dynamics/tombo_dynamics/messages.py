@@ -188,11 +188,11 @@ class ReactionStatus:
     state: int
     """A `ReactionPhase`."""
     x_c: Array
-    """(3) base_link in map at contact [m]; NaN before a collision."""
+    """(3) base_link in map at contact [m]; NaN while no decision is active."""
     x_r: Array
-    """(3) where to hold [m]; NaN before a collision."""
+    """(3) where to hold [m]; NaN while no decision is active."""
     n_r: Array
-    """(3) unit vector in map from x_c to x_r; NaN before a collision."""
+    """(3) unit vector in map from x_c to x_r; NaN while no decision is active."""
     collisions: int
 
 

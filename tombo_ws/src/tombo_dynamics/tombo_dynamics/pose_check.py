@@ -39,7 +39,7 @@ POSE_REFUSAL_TEXTS = {
     PoseRefusal.OUT_OF_ORDER: "a pose not newer than the one before",
     PoseRefusal.LATE: "a pose that is too old when it arrives",
     PoseRefusal.JUMP: "a pose where the vehicle can't be: markers mixed up?",
-    PoseRefusal.TWO_PUBLISHERS: "two nodes publish poses: nobody can tell which is true",
+    PoseRefusal.TWO_PUBLISHERS: "two nodes publish poses: which is true is unknown",
 }
 
 

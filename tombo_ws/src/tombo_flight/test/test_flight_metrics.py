@@ -372,7 +372,7 @@ def test_tracking_is_measured_before_contact_only():
     assert idle["hover_rms_m"] is None
 
 
-def test_landed_is_landed():
+def test_only_the_landed_phase_counts_as_landed():
     assert Made().set("mode", 10.0, 99.0, Phase.LANDED).figures()["landed"]
     assert not Made().set("mode", 10.0, 99.0, Phase.LAND).figures()["landed"]
 

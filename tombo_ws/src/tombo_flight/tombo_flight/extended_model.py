@@ -21,7 +21,7 @@ class FittedParameter:
 
 @dataclass(frozen=True)
 class Gain:
-    """Prediction error of one channel before and after, on data held out from naming and fit."""
+    """Prediction error of a channel before and after, on data held out from selection and fit."""
 
     channel: str
     unit: str

@@ -74,7 +74,7 @@ def flight_from_bag(path: Path, wall_time_s: float = 0.0) -> FlightRecord:
 
     Time 0 is that of the file's metadata, else the first true pose; where nodes came later than
     the simulator, it is as long before the mission's first word as the estimator takes to begin.
-    What nobody published is NaN; what was not yet published is as it was first.
+    What was not published is NaN; what was not yet published is as it was first.
 
     Args:
         path: recording of a flight: a file, or a folder of them.
@@ -150,8 +150,8 @@ class _RecordedFlight:
         epoch = _epoch(metadata, tables, known, lead_ns)
         last = int(known.max())
         if IMU.name in tables:
-            heard = int(tables[IMU.name]["stamp_ns"].max())
-            last = max(last, min(heard, last + _BEYOND_NS))
+            last_imu = int(tables[IMU.name]["stamp_ns"].max())
+            last = max(last, min(last_imu, last + _BEYOND_NS))
         self._grid = _Grid(epoch, (last - epoch + TICK_NS // 2) // TICK_NS + 1)
 
     def record(self, wall_time_s: float) -> FlightRecord:
@@ -371,9 +371,9 @@ class _RecordedFlight:
         table = self._tables.get(DETECTOR_STATUS.name)
         if table is not None:
             at = np.rint(1e6 * self._grid.seconds(table["stamp_ns"])).astype(np.int64)
-            told = dict(zip(at.tolist(), table["statistic"].tolist(), strict=True))
+            statistic = dict(zip(at.tolist(), table["statistic"].tolist(), strict=True))
             wanted = np.rint(1e6 * captured_s).astype(np.int64)
-            result[:] = [told.get(stamp, 0.0) for stamp in wanted.tolist()]
+            result[:] = [statistic.get(stamp, 0.0) for stamp in wanted.tolist()]
         return result
 
     def _find_obstacle(self) -> None:
@@ -412,9 +412,9 @@ def _without_truth(
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Remove figures that need the ground truth, and mark them as missing."""
     unknown = ("contact_point_m", "contact_rotor", "detection_latency_s", "strikes")
-    told = {**summary, **dict.fromkeys((*unknown, "rotors_broken")), "known_from": "mocap"}
+    result = {**summary, **dict.fromkeys((*unknown, "rotors_broken")), "known_from": "mocap"}
     words = {"contact": "contact, as the detector has it"}
-    return told, [{**e, "text": words.get(str(e["kind"]), e["text"])} for e in events]
+    return result, [{**e, "text": words.get(str(e["kind"]), e["text"])} for e in events]
 
 
 def _epoch(

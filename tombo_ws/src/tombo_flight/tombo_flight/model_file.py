@@ -223,10 +223,10 @@ def _read_gain(given: Any, where: str) -> Gain:
     values = _mapping(given, where)
     _known(values, [f.name for f in dataclasses.fields(Gain)], where)
     flights = check_number(f"{where}.flights", values.get("flights", 0), "1", (0.0, 1e6), True)
-    told: dict[str, Any] = {k: str(values.get(k, "")) for k in ("channel", "unit", "horizon")}
+    fields: dict[str, Any] = {k: str(values.get(k, "")) for k in ("channel", "unit", "horizon")}
     for key in ("before", "after", "reduction", "low", "high"):
-        told[key] = _number(values, key, where)
-    return Gain(**told, flights=int(flights))
+        fields[key] = _number(values, key, where)
+    return Gain(**fields, flights=int(flights))
 
 
 def _mapping(value: Any, where: str) -> Mapping[str, Any]:

@@ -50,7 +50,7 @@ class Recovery:
     why: str
     """What keeps it from being a number; empty if it is one."""
 
-    def words(self, *, lower_bound: bool = False) -> str:
+    def as_text(self, *, lower_bound: bool = False) -> str:
         """Say it with its interval; of a lower bound, as of a speed's recovery, "at least"."""
         if self.why:
             return f"more than {self.low:.3f} s: {self.why}"

@@ -319,12 +319,12 @@ class Px4BridgeNode(LoopNode):
         plain = tuple(_NUMBER.sub("#", text) for text in status.findings)
         state = (status.connected, status.armed, status.mode, status.landed, status.stage)
         state = (*state, status.offboard, status.ready, status.firmware, status.text, plain)
-        told = (*state, status.why, status.findings)
-        same = self._published_status == told
+        current = (*state, status.why, status.findings)
+        same = self._published_status == current
         alike = self._published_status[: len(state)] == state
         if same or (alike and now_ns - self._published_status_ns < _STATUS_REPEAT_NS):
             return
-        self._published_status, self._published_status_ns = told, now_ns
+        self._published_status, self._published_status_ns = current, now_ns
         message: Any = Px4Status()
         message.header.stamp, message.header.frame_id = to_time(now_ns), FRAME_MAP
         message.connected, message.armed = status.connected, status.armed
@@ -365,12 +365,12 @@ class Px4BridgeNode(LoopNode):
             f"ending in flight, mode {mode}: poses go on until the vehicle is disarmed, "
             f"{_LANDING_NS // 10**9} s at most, or until told again to end"
         )
-        told = self._stops
+        before = self._stops
         asked_ns = 0
         end_ns = time.monotonic_ns() + _LANDING_NS
         while self._status.armed and self._status.connected:
             now_ns = time.monotonic_ns()
-            if self._stops > told or now_ns > end_ns:
+            if self._stops > before or now_ns > end_ns:
                 return
             # any mode but OFFBOARD was chosen by another station and is kept
             ours = self._status.mode == mode_name(OFFBOARD)

@@ -70,7 +70,7 @@ class _Served:
         }
         self.parameters = RecordParameters(self.node, records)
         self.parameters.declare("speed", 1.0, "how fast", bounds=(0.0, 10.0), read_only=False)
-        self.parameters.declare("seed", 4, "of chance", bounds=(0, 100))
+        self.parameters.declare("seed", 4, "random seed", bounds=(0, 100))
         self.parameters.declare("animal", "dog", "kept", check=_no_cats, read_only=False)
         self.parameters.declare("topics", [], "to record", read_only=False)
         self.executor.add_node(self.node)

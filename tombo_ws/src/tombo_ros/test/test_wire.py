@@ -151,7 +151,7 @@ def test_any_bytes_are_refused_without_an_exception(data: bytes) -> None:
     assert not _wire("tombo_msgs/msg/RotorSpeeds").fits(data)
 
 
-def test_what_was_packed_stays_until_packed_anew() -> None:
+def test_what_was_packed_stays_until_packed_again() -> None:
     message_template = _wire("tombo_msgs/msg/RotorSpeeds", "by hand")
     first = message_template.data()
     message_template.set("speed", 1.0, 2.0, 3.0, 4.0)

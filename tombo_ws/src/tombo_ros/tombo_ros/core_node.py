@@ -115,11 +115,11 @@ class CoreNode(LoopNode):
             if samples:
                 self._follow(now_ns - samples[-1].received_ns)
                 self._late_samples += len(samples) - 1
-            self._hand_over(followed, samples, now_ns, wall_ns)
+            self._deliver_messages(followed, samples, now_ns, wall_ns)
             self.step_core(now_ns)
             rest = [found for found in rest if found is not followed]
         for found in rest:
-            self._hand_over(found, found.subscription.take_raw(), now_ns, wall_ns)
+            self._deliver_messages(found, found.subscription.take_raw(), now_ns, wall_ns)
         if rest is self.core_inputs:
             self.step_core(now_ns)
 
@@ -146,7 +146,7 @@ class CoreNode(LoopNode):
     def _idle(self) -> None:
         self.periodic_tasks(time.time_ns(), self._now_ns)
 
-    def _hand_over(
+    def _deliver_messages(
         self, source: CoreInput, taken: Sequence[ReceivedMessage], now_ns: int, wall_ns: int
     ) -> None:
         several = source.subscription.multiple_publishers(wall_ns)

@@ -49,7 +49,7 @@ SIMULATOR = Priority(50, 46)
 CONTROLLER = Priority(49, 47)
 ESTIMATOR = Priority(44, 45)
 RECORDER = Priority(0, 40)
-"""Who stands where: the shorter the period, the further in front; nobody works long up there."""
+"""SCHED_FIFO priorities: higher for shorter periods."""
 
 
 def request_realtime_priority(wanted: Priority, leave_out: set[int]) -> str:

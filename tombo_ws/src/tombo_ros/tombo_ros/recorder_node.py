@@ -222,7 +222,7 @@ class RecorderNode(LoopNode):
         if self.sink.unwritten:
             self.exit_code = 1
         self._diagnostics_values()
-        self._say_what_was_recorded()
+        self._log_summary()
 
     def _guarded(self, action: Callable[[], None]) -> None:
         """Write; if the disk refuses, report it and end the recording."""
@@ -332,7 +332,7 @@ class RecorderNode(LoopNode):
             **{f"undescribed:{name}": kind for name, kind in self._undescribed.items()},
         }
 
-    def _say_what_was_recorded(self) -> None:
+    def _log_summary(self) -> None:
         seconds = (self._stopped_ns - self._started_ns) / SECOND_NS
         all_counters = (source.sequence_counter for source in self._sources.values())
         counters = [counter for counter in all_counters if counter.messages]

@@ -132,9 +132,9 @@ class PolledSubscription:
     def multiple_publishers(self, now_ns: int) -> bool:
         """Return whether two publishers have published here within the last second.
 
-        A publisher numbers its messages. One that was restarted makes the numbers fall once; of
-        two that speak in turn they fall again and again. (The middleware's own count is of no use
-        here: it keeps a killed publisher for 20 s.)
+        A publisher numbers its messages. One that was restarted makes the numbers fall once;
+        with two publishers the numbers decrease repeatedly. (The middleware's own count is of no
+        use here: it keeps a killed publisher for 20 s.)
         """
         first, second = self._turned_ns
         return first > 0 and second - first < SECOND_NS and now_ns - second < SECOND_NS

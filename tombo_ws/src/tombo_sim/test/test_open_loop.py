@@ -1,4 +1,4 @@
-"""The model let go from states of a flight: with the true model it flies the same."""
+"""Open-loop simulation from states of a flight: with the true model it flies the same."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Decides from the truth when there is no more to see of a flight: landed, or crashed."""
+"""Decides from the truth when a flight has ended: landed, or crashed."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def watch_end(memory: FlightEnd, height: float, upright: float, phase: int) -> f
 
 
 class FlightEndDetector:
-    """Watches one flight, as often as one likes."""
+    """Watches one flight; call at any rate."""
 
     def __init__(self, leg_height: float) -> None:
         self._memory = FlightEnd.new()

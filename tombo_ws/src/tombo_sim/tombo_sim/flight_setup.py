@@ -24,7 +24,7 @@ NOISE = 9
 
 @dataclass(frozen=True)
 class FlightSetup:
-    """A vehicle at rest at the start, and its streams of chance."""
+    """A vehicle at rest at the start, and its random generators."""
 
     plant: SimulatedPlant
     maps: RotorMaps

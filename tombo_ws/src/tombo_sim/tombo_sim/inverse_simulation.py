@@ -61,7 +61,7 @@ def run_along_motion(
         out: (N,) `ImposedTick`, filled.
     """
     begin_flight(plant, noise[0], theta, tick)
-    plant.clear_height = -1e9  # on a measured motion the floor would push as hard as noise says
+    plant.clear_height = -1e9  # pose noise would cause large contact forces
     measured = speed.shape[0] > 0
     for i in range(4):
         plant.rotor_command[i] = command[0, i]

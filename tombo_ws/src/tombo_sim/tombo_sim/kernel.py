@@ -88,7 +88,7 @@ class Published(NamedTuple):
     setpoint: Any
     mission_setpoint: Any
     mission_status: Any
-    """Also the reason to wait, an index in `mission_core.WAIT_REASONS`."""
+    """Also the reason to wait, an index in `mission_core.WaitReason`."""
 
 
 class CoreParams(NamedTuple):
@@ -208,7 +208,7 @@ def fly(
         if tick == capture_ticks[captures.next]:
             capture_pose(plant, mocap_noise, theta, entries, captures, tick)
         _watch_flight(plant, published, flight, cores.estimator)
-        heard = _hand_over(cores, published, flight, now) or now % _REACTION_PERIOD_NS == 0
+        has_input = _deliver_messages(cores, published, flight, now)
         collided = _newest(published.event, flight.published[EVENT], tick) >= 0
         if now % _MISSION_PERIOD_NS == 0:
             _step_mission(cores.mission, params, published, flight, now)
@@ -216,7 +216,7 @@ def fly(
         while i >= 0:
             _take_pose(cores, params.detector, published, flight, entries[i], i)
             note_mocap(cores.reaction, params.reaction, now)
-            heard = True
+            has_input = True
             i = next_arrival(entries, captures, tick)
         if take_imu(cores.estimator, cores.estimator_autopilot, now, plant.gyro, plant.accel):
             _publish_estimate(cores.estimator, published, flight, now)
@@ -235,7 +235,7 @@ def fly(
         flight.tick = tick + 1
         if collided or cores.reaction.pending > 0:
             return True
-        if heard:
+        if has_input or now % _REACTION_PERIOD_NS == 0:
             reaction_step(cores.reaction, params.reaction, now)
             publish_reaction(cores.reaction, published, flight, tick)
     return False
@@ -263,22 +263,22 @@ def _watch_flight(
 
 
 @compiled
-def _hand_over(cores: Any, published: Any, flight: FlightProgress, now: int) -> bool:
+def _deliver_messages(cores: Any, published: Any, flight: FlightProgress, now: int) -> bool:
     """Hand reaction and controller what was published in the tick before.
 
     Returns:
-        True if the reaction has heard something.
+        True if the reaction has an input.
     """
-    counts, tick, heard = flight.published, flight.tick, False
+    counts, tick, has_input = flight.published, flight.tick, False
     if _newest(published.detector_status, counts[DETECTOR_STATUS], tick) >= 0:
         cores.reaction.detector_ns = now
-        heard = True
+        has_input = True
     i = _newest(published.odometry, counts[ODOMETRY], tick)
     if i >= 0:
         odometry = published.odometry[i].message
         take_position(cores.reaction, odometry.position, now)
         take_odometry(cores.controller, cores.controller_autopilot, odometry)
-        heard = True
+        has_input = True
     i = _newest(published.estimator_status, counts[ESTIMATOR_STATUS], tick)
     if i >= 0:
         status = published.estimator_status[i].message
@@ -288,11 +288,11 @@ def _hand_over(cores: Any, published: Any, flight: FlightProgress, now: int) -> 
     i = _newest(published.mission_setpoint, counts[MISSION_SETPOINT], tick)
     if i >= 0:
         take_mission_setpoint(cores.reaction, published.mission_setpoint[i].message, now)
-        heard = True
+        has_input = True
     i = _newest(published.setpoint, counts[SETPOINT], tick)
     if i >= 0:
         take_setpoint(cores.controller, published.setpoint[i].message, now)
-    return heard
+    return has_input
 
 
 @compiled_call
@@ -351,7 +351,7 @@ def _step_mission(
 def _publish_estimate(
     estimator: EstimatorMemory, published: Any, flight: FlightProgress, now: int
 ) -> None:
-    """Publish what the estimator has to say of the tick's IMU sample."""
+    """Publish the estimator's outputs of the tick's IMU sample."""
     counts = flight.published
     if odometry_due(now):
         entry = published.odometry[counts[ODOMETRY]]

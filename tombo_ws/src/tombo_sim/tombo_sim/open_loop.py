@@ -1,4 +1,4 @@
-"""The model let go from measured states: how far it is off half a second or a second later."""
+"""Open-loop simulation from measured states: how far it is off half a second or a second later."""
 
 from __future__ import annotations
 

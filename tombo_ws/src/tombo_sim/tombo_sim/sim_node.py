@@ -1,6 +1,6 @@
 """The simulator as a node: stands in for PX4 and OptiTrack.
 
-Gives mocap poses, IMU, battery and, under `ground_truth/`, what is really so; takes rotor speeds.
+Gives mocap poses, IMU, battery and, under `ground_truth/`, ground truth; takes rotor speeds.
 Without `use_sim_time` a tick of 1 ms takes a millisecond and stamps are the system's time; with it
 the node drives `/clock`: faster, slower, paused, step by step, or waiting for each command.
 """
@@ -315,7 +315,7 @@ class SimNode(VehicleNode):
             if taken.received_ns - self._command_ns > self._timeout_ns:
                 self._resumed_ns = taken.received_ns
             self._command, self._command_ns = np.array(speed), taken.received_ns
-            if stamp > self._answered_ns:  # an old stamp must not make us wait anew
+            if stamp > self._answered_ns:  # an old stamp must not make us wait again
                 self._answered_ns, self._asked_ns = stamp, now_ns
 
     def _refuse(self, text: str) -> None:

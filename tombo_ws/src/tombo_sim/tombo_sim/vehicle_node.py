@@ -145,7 +145,7 @@ class VehicleNode(LoopNode):
         )
 
     def publish_tick(self, began_ns: int) -> None:
-        """Publish what a lab sees of the present tick, and what is really so.
+        """Publish what a lab sees of the present tick, and the ground truth.
 
         Args:
             began_ns: time of tick 0.

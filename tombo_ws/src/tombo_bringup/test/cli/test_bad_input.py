@@ -35,7 +35,7 @@ import pytest
         ("propeller.conf=2.5", ("propeller.conf", "2.5", "whole number")),
     ],
 )
-def test_settings(refused, setting, words):
+def test_a_bad_setting_is_refused_with_its_name(refused, setting, words):
     refused(("fly", "--set", setting), *words)
 
 

@@ -151,7 +151,7 @@ def test_a_node_that_dies_is_told_and_the_flight_goes_on(fly, tmp_path):
     result = fly("--set", "duration=30", mission="fake_short")
 
     assert result.code == 1
-    assert "mission has ended, exit code 1; what it said is in nodes.log" in result.out
+    assert "mission has ended, exit code 1; see nodes.log" in result.out
     assert "mission: WARN odometry_silent: no odometry" in result.out
     assert "Gyro to command: 410 us in the median, 870 us at 99 %" in result.out
     assert "RuntimeError: a bug" in (tmp_path / "out" / "nodes.log").read_text()

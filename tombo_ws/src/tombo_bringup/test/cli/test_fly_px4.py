@@ -162,7 +162,7 @@ def test_a_vehicle_that_arms_but_never_lifts_off_ends_with_the_reason(fly, tmp_p
 
 @pytest.mark.real_time
 @pytest.mark.usefixtures("flown")
-def test_a_vehicle_that_stays_armed_is_said_loudly(fly, monkeypatch, tmp_path):
+def test_a_vehicle_that_stays_armed_is_reported_as_an_error(fly, monkeypatch, tmp_path):
     monkeypatch.setattr(node_flight, "draw_pictures", lambda *arguments: None)
     result = fly("--set", "duration=2.0", says={"armed": True, "mode": "position"})
 

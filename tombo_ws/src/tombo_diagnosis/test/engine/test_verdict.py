@@ -144,7 +144,7 @@ def test_noise_is_a_cause_beside_others():
 
 
 @pytest.mark.parametrize("gusts,residual_r2", [(blown(), 0.6), (blown(at_edge=True), 0.0)])
-def test_gusts_are_named_and_what_repeats_or_has_no_time_of_gusts_is_unknown(gusts, residual_r2):
+def test_gusts_are_named_unless_they_repeat_or_are_at_the_edge(gusts, residual_r2):
     assert judged(searched(), gusts=blown()).effects == ("gusts",)
     said = judged(searched(), gusts=gusts, residual_r2=residual_r2, explained=0.0)
     assert said.verdict == "unknown" and not said.effects
@@ -174,7 +174,7 @@ def test_evidence_without_bounds_gives_probabilities(evidence):
 
 
 @pytest.mark.parametrize("tangent", [5e4, math.inf])
-def test_a_tangent_that_promised_what_the_model_does_not_keep_is_no_cause(tangent):
+def test_a_gain_of_the_tangent_without_one_of_the_model_is_no_cause(tangent):
     said = judged(SearchResult(NOTHING, {"wind": tangent}, ()), explained=0.0)
     assert said.verdict == "none" and 0.0 <= said.confidence <= 1.0
 

@@ -136,7 +136,7 @@ def test_values_have_the_digits_that_their_interval_allows(fitted, text):
     assert tuple(s.replace("e−07", "e−7") for s in shown) == text
 
 
-def test_numbers_in_words():
+def test_figures_percentages_and_certainties_as_text():
     assert [figure(x) for x in (0.0123456, -1.5, math.inf)] == ["0.0123", "−1.50", "–"]
     assert [percent(x) for x in (-0.001, -0.02)] == ["0 %", "−2 %"]
     assert [certainty(x) for x in (0.999, 1.0, 0.0)] == ["> 99 %", "> 99 %", "< 1 %"]

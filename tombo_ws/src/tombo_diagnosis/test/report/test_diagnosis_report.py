@@ -117,7 +117,7 @@ def test_every_verdict_has_its_words(verdict, words):
     assert ("--model" in page.text) == extended
     assert ("after: extended model" in page.text) == extended
     assert ("separating_experiment.yaml" in page.text) == (verdict == "set")
-    assert ("held out from naming and fit" in page.text) == extended
+    assert ("held out from selection and fit" in page.text) == extended
 
 
 @pytest.mark.slow

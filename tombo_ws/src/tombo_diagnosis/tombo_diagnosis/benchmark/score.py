@@ -16,7 +16,7 @@ Row = Mapping[str, Any]
 STOCHASTIC_EFFECTS = frozenset(name for name, effect in REGISTRY.items() if effect.stochastic)
 """Effects without a mean: the number of samples limits how well they can be fitted."""
 _NAMING_VERDICTS = ("named", "set")
-_SAYS = (*_NAMING_VERDICTS, "partly_explained")
+_NAMED_OR_PARTLY = (*_NAMING_VERDICTS, "partly_explained")
 _MAX_MEMBERS = 6
 _BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.98, 1.0)
 
@@ -55,9 +55,9 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
     named = [r for r in rows if r["verdict"] == "named"]
     result["right_if_named"] = _share(named, lambda r: set(r["causes"]) <= set(r["hidden"]))
     result["named_cases"] = len(named)
-    told = [r for r in single if r["verdict"] in _NAMING_VERDICTS]
-    result["truth_in_set"] = _share(told, lambda r: r["hidden"][0] in _answered(r))
-    result["mean_set_size"] = _of(np.mean, [len(_answered(r)) for r in told])
+    named = [r for r in single if r["verdict"] in _NAMING_VERDICTS]
+    result["truth_in_set"] = _share(named, lambda r: r["hidden"][0] in _answered(r))
+    result["mean_set_size"] = _of(np.mean, [len(_answered(r)) for r in named])
     healthy = [r for r in rows if r["kind"] == "none"]
     alarms = sum(r["verdict"] != "none" for r in healthy)
     result["false_alarm"] = alarms / len(healthy) if healthy else None
@@ -97,12 +97,12 @@ def _answered(row: Row) -> set[str]:
 
 
 def _top1_correct(row: Row) -> bool:
-    return row["verdict"] in _SAYS and row["causes"][:1] == row["hidden"]
+    return row["verdict"] in _NAMED_OR_PARTLY and row["causes"][:1] == row["hidden"]
 
 
 def _answers(row: Row) -> bool:
     in_set = row["hidden"][0] in row["set"] and len(row["set"]) <= _MAX_MEMBERS
-    return _top1_correct(row) or (row["verdict"] in _SAYS and in_set)
+    return _top1_correct(row) or (row["verdict"] in _NAMED_OR_PARTLY and in_set)
 
 
 def _right(row: Row) -> bool:

@@ -59,16 +59,16 @@ def accel_events(accel: Series, p_t: Array, p_acceleration: Array) -> list[Event
     spike = np.linalg.norm(a - usual, axis=1)
     # smoothed as the track is: a short push is in both, but not at the same height
     size = np.linalg.norm(gaussian_filter1d(a, WIDTH / (step * every), axis=0), axis=1)
-    told = np.interp(t, p_t, p_acceleration) if p_t.size else np.full(t.size, GRAVITY)
+    seen = np.interp(t, p_t, p_acceleration) if p_t.size else np.full(t.size, GRAVITY)
     events = []
     for begin, _ in runs(spike > _SPIKE):
         text = f"accel leaves the readings around it by {spike[begin]:.0f} m/s^2"
         events.append(Event(float(t[begin]), text, "accel", "accel"))
-    for begin, end in runs((size > _LIMIT) & (told < _LIMIT - GRAVITY)):
+    for begin, end in runs((size > _LIMIT) & (seen < _LIMIT - GRAVITY)):
         if (spike[begin:end] < _SPIKE).all():
             text = (
                 f"accel exceeds {size[begin] / GRAVITY:.1f} g where the track has "
-                f"{told[begin] / GRAVITY:.1f} g"
+                f"{seen[begin] / GRAVITY:.1f} g"
             )
             events.append(Event(float(t[begin]), text, "accel", "accel"))
     return events

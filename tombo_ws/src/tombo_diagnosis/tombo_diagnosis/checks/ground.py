@@ -43,7 +43,7 @@ def ground_spans(position: Series, series: Mapping[str, Series]) -> list[Span]:
         if top - level < _RISE:
             continue
         standing = off[begin:end].mean() > 0.5
-        if not standing and not _quiet(t[begin:end], position.values[begin:end]):
+        if not standing and not _is_still(t[begin:end], position.values[begin:end]):
             continue
         low = z < level + _NEAR
         first, last = begin, end - 1
@@ -91,7 +91,7 @@ def _still(t: Array, position: Array) -> Mask:
     return np.asarray(speed < _STILL)
 
 
-def _quiet(t: Array, position: Array) -> bool:
+def _is_still(t: Array, position: Array) -> bool:
     """Return whether it moves no more than white noise does: a hovering vehicle wanders."""
     if t.size < 6 or t[-1] - t[0] < _WINDOW_S:
         return False

@@ -59,7 +59,7 @@ def check_gyro(flight: str, motion: Motion) -> tuple[list[Finding], float | None
     late = time_offset(motion)
     together = alignment(motion, late.lag if late else 0.0)
     if together is None or together.explained < 0.3:
-        return _loud_gyro(flight, motion)
+        return _check_gyro_scale(flight, motion)
     if not 0.33 < together.scale < 3.0:
         text = (
             f"gyro: rates are {together.scale:.3g} times those of the attitude; expected: the same"
@@ -77,7 +77,7 @@ def check_gyro(flight: str, motion: Motion) -> tuple[list[Finding], float | None
     return findings, together.scale
 
 
-def _loud_gyro(flight: str, motion: Motion) -> tuple[list[Finding], float | None]:
+def _check_gyro_scale(flight: str, motion: Motion) -> tuple[list[Finding], float | None]:
     """Report that rates are far above those of the attitude, where their course tells nothing."""
     if not motion.gyro.size or np.count_nonzero(motion.good) < 50:
         return [], None

@@ -13,7 +13,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ROTOR_NAMES
 
 _SATURATED = 0.01
-"""Share of the flight at a limit that is worth a word."""
+"""Share of the flight at a limit that is reported."""
 
 
 def saturation(flight: str, channel: str, command: Series, flying: Mask) -> list[Finding]:

@@ -17,13 +17,13 @@ R = TypeVar("R", bound=Remainder)
 def analyse_problem(
     problem: P, test_residual: Callable[[P, SearchResult], R], progress: ProgressCallback
 ) -> Findings[P, R]:
-    """Name what the data call for.
+    """Select the causes.
 
     `test_residual` compares the residual of the best explanation with noise; `progress` is called
     with a stage and the share done, from 0.3 on.
     """
-    progress("naming", 0.3)
-    found = search(problem, lambda share: progress("naming", 0.3 + 0.3 * share))
-    progress("looking at what is left over", 0.6)
+    progress("selecting causes", 0.3)
+    found = search(problem, lambda share: progress("selecting causes", 0.3 + 0.3 * share))
+    progress("testing the residual", 0.6)
     remainder = test_residual(problem, found)
     return Findings(problem, found, remainder, judge(problem.setting, found, remainder))

@@ -106,7 +106,7 @@ class SearchResult:
 
     best: Explanation
     single_log_bf: dict[str, float]
-    """Effect -> log Bayes factor of it alone, by its best way."""
+    """Effect -> log Bayes factor of it alone, by its best hypothesis."""
     alternatives: tuple[Explanation, ...]
     """Other explanations with as many causes, most probable first."""
     evaluated: Mapping[frozenset[str], float] = field(default_factory=dict)

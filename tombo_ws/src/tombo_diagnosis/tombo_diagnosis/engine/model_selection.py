@@ -102,7 +102,7 @@ def _worth_fitting(model: Model, explanation: Explanation) -> list[Hypothesis]:
 
 
 def _with_tight_priors(model: Model, explanation: Explanation) -> list[Hypothesis]:
-    """Return what looks best with tolerances held, where some are stretched beyond belief."""
+    """Return what looks best with tolerances held, where some are far outside their tolerance."""
     fit = explanation.fit
     columns = model.columns
     limits = columns.deviations(fit.free, fit.widths)
@@ -122,7 +122,7 @@ def _with_tight_priors(model: Model, explanation: Explanation) -> list[Hypothesi
 def rank_hypotheses(
     model: Model, explanation: Explanation, tight: float = 1.0
 ) -> list[tuple[float, Hypothesis]]:
-    """Return every way of every effect with what it adds to an explanation, by the tangent.
+    """Return every hypothesis of every effect with what it adds to an explanation, by the tangent.
 
     `tight` is a factor on the tolerances.
     """
@@ -170,7 +170,7 @@ def _widest(
 def _with_hypothesis(
     model: Model, explanation: Explanation, hypothesis: Hypothesis
 ) -> Explanation:
-    """Return an explanation with one more cause, everything in it fitted anew."""
+    """Return an explanation with one more cause, everything in it fitted again."""
     return fit_hypotheses(model, (*explanation.hypotheses, hypothesis), explanation.fit)
 
 
@@ -201,7 +201,7 @@ def _within_bounds(model: Model, fit: Fit) -> float:
 def restrict_to(
     model: Model, explanation: Explanation, effects_kept: Sequence[str]
 ) -> Explanation:
-    """Return an explanation with some of its causes only, fitted anew."""
+    """Return an explanation with some of its causes only, fitted again."""
     kept = [each for each in explanation.hypotheses if each.effect in effects_kept]
     if len(kept) == len(explanation.hypotheses):
         return explanation
@@ -264,5 +264,5 @@ def free_all_axes(model: Model, explanation: Explanation) -> Explanation:
 
 
 def _multiplicity_penalty(model: Model, effect: str) -> float:
-    """Return the log of an effect's ways: that they are many makes it no more probable cause."""
+    """Return the log of an effect's number of hypotheses: many don't make it more probable."""
     return math.log(max(1, len(model.columns.variants.get(effect, ()))))

@@ -82,10 +82,10 @@ def _no_effects(_: Facts) -> tuple[str, ...]:
 RULES: Sequence[Rule] = (
     Rule(lambda f: not f.causes and f.clean,
          "none", _no_effects, lambda f: f.p_none,
-         "no effect earns its place, and what is left is noise"),
+         "no effect reaches the log Bayes factor threshold, and what is left is noise"),
     Rule(lambda f: not f.causes,
          "unknown", _no_effects, lambda f: f.p_unexplained,
-         "no effect earns its place, but more than noise is left"),
+         "no effect reaches the log Bayes factor threshold, but more than noise is left"),
     Rule(lambda f: not f.clean and f.strong,
          "partly_explained", lambda f: f.causes, lambda f: f.p_unexplained,
          "one strong cause takes away most, but more than noise is left"),
@@ -98,13 +98,13 @@ RULES: Sequence[Rule] = (
          "random forces beside a cause are what a force leaves that the cause only resembles"),
     Rule(lambda f: bool(f.members and f.certain),
          "named", lambda f: f.certain, lambda f: f.p_cause,
-         "some causes are in all explanations that do as well, others stand in for each other"),
+         "some causes are in all explanations that do as well, others can replace each other"),
     Rule(lambda f: bool(f.members),
          "set", lambda f: f.members, lambda f: f.p_cause,
          "several explanations do as well"),
     Rule(lambda _: True,
          "named", lambda f: f.causes, lambda f: f.p_cause * f.p_best,
-         "one explanation earns its place and is ahead of all others"),
+         "one explanation reaches the log Bayes factor threshold and is ahead of all others"),
 )  # fmt: skip
 """The first rule that holds gives the verdict."""
 
@@ -181,7 +181,7 @@ def _above_additional_threshold(weights: dict[str, float]) -> dict[str, float]:
 
 
 def _interchangeable_effects(best: Explanation, rivals: Sequence[Explanation]) -> tuple[str, ...]:
-    """Return the effects that stand in for each other in explanations that do as well."""
+    """Return the effects that can replace each other in explanations that do as well."""
     every = [best, *rivals]
     shared = set.intersection(*(set(e.effects) for e in every))
     ordered = dict.fromkeys(e for explanation in every for e in explanation.effects)

@@ -117,10 +117,10 @@ def check_residual(problem: FlightProblem, found: SearchResult) -> FlightRemaind
     if forces_unexplained:
         residual_r2 = cross_validated_r2(problem, best, _FORCES)
     if forces_unexplained and not nominal.calibrated:
-        blown = fit_gusts(problem, replace(best, theta=theta), measured)
-        if blown.evidence > LOG_BF_FIRST:
-            gusts = blown
-            expected = noise_variances(problem, blown.theta)
+        gust_fit = fit_gusts(problem, replace(best, theta=theta), measured)
+        if gust_fit.evidence > LOG_BF_FIRST:
+            gusts = gust_fit
+            expected = noise_variances(problem, gust_fit.theta)
             rest = residual_excesses(measured, expected)
     return weigh_remainder(
         FlightRemainder(

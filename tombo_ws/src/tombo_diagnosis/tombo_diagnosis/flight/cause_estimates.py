@@ -24,7 +24,7 @@ from tombo_flight.extended_model import FittedParameter
 
 
 def estimate_cause(effect: str, findings: FlightFindings, explanation: Explanation) -> Cause:
-    """Return a cause with its parameters, from the fit of an explanation or of chance."""
+    """Return a cause with its parameters, from the fit of an explanation or of random effects."""
     theta, covariance = fitted_parameters(findings.problem, explanation, effect)
     noise = _noise_estimate(effect, findings)
     if noise[0]:

@@ -40,7 +40,7 @@ class HeldOut:
 def fit_without_flight(
     problem: FlightProblem, flight: int, tried: Sequence[Explanation]
 ) -> HeldOut:
-    """Name and fit without a flight: the best of the explanations that were tried, fitted anew."""
+    """Name and fit without a flight: the best of those that were tried, fitted again."""
     others = [f for f in range(len(problem.tracks)) if f != flight] or [flight]
     best: tuple[float, Fit, Array] | None = None
     base, _ = _solved(problem, problem.null_hypothesis, others)

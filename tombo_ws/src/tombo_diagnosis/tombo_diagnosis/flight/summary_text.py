@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from tombo_diagnosis.diagnosis import Cause
 from tombo_diagnosis.flight.analyse import MAX_LOG_VARIANCE_EXCESS, FlightFindings
-from tombo_diagnosis.wording import capital, counted, listed, words
+from tombo_diagnosis.wording import capital, counted, display_name, listed
 from tombo_flight.extended_model import Gain
 
 
@@ -51,12 +51,12 @@ def summary(findings: FlightFindings, causes: Sequence[Cause], gains: Sequence[G
 
 def _cause_text(cause: Cause) -> str:
     """Return a cause with the parameters whose interval leaves the nominal value out."""
-    told = [f for f in cause.theta if not f.low <= f.nominal <= f.high] or list(cause.theta)
+    reported = [f for f in cause.theta if not f.low <= f.nominal <= f.high] or list(cause.theta)
     values = ", ".join(
         f"{f.name} {f.value:.3g}{'' if f.unit == '1' else ' ' + f.unit} (was {f.nominal:.3g})"
-        for f in told
+        for f in reported
     )
-    return f"{words(cause.effect)}: {values}"
+    return f"{display_name(cause.effect)}: {values}"
 
 
 def notes(findings: FlightFindings) -> list[str]:
@@ -76,8 +76,8 @@ def notes(findings: FlightFindings) -> list[str]:
         )
         unexplained = [each for each in findings.remainder.residual_excesses if each.excess > 3.0]
         if unexplained and findings.judgement.effects:
-            told = "; ".join(f"{e.channel} {e.measured:.2g} {e.unit}" for e in unexplained[:4])
-            said.append(f"What is left beyond the causes named: {told} (root mean square).")
+            rest = "; ".join(f"{e.channel} {e.measured:.2g} {e.unit}" for e in unexplained[:4])
+            said.append(f"What is left beyond the causes named: {rest} (root mean square).")
     if not problem.nominal.moments and not problem.nominal.calibrated:
         said.append(
             "Poses alone: thrust is taken from the track, so nothing along it (mass, thrust, "

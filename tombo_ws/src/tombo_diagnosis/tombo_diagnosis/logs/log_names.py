@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 _ENDINGS = (".gz", ".csv", ".ulg", ".bag", ".zstd", ".mcap", ".db3")
-_SAYS_NOTHING = re.compile(r"(flight|log|bag|rosbag|record(ing)?|data)?[\d_-]*", re.IGNORECASE)
+_GENERIC_NAME = re.compile(r"(flight|log|bag|rosbag|record(ing)?|data)?[\d_-]*", re.IGNORECASE)
 
 
 def flight_names(paths: Sequence[Path]) -> list[str]:
@@ -39,6 +39,6 @@ def _parts(path: Path) -> list[str]:
     while stem.endswith(_ENDINGS):
         stem = stem.rpartition(".")[0]
     folders = [p for p in whole.parent.parts if p != whole.anchor]
-    if _SAYS_NOTHING.fullmatch(stem) and folders and not path.is_dir():
+    if _GENERIC_NAME.fullmatch(stem) and folders and not path.is_dir():
         return folders
     return [*folders, stem or whole.name]

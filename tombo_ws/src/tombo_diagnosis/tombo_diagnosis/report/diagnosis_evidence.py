@@ -9,7 +9,7 @@ from typing import Final
 
 from tombo_diagnosis.diagnosis import Diagnosis, Score
 from tombo_diagnosis.logs.flight_log import Finding
-from tombo_diagnosis.wording import DASH, certainty, figure, percent, words
+from tombo_diagnosis.wording import DASH, certainty, display_name, figure, percent
 from tombo_flight.report.html_page import hint, meter, table
 
 _SHOWN: Final = 8
@@ -31,7 +31,7 @@ def _score(score: Score) -> str:
     remark = score.remark if score.excited else f"not shown by these data: {score.remark}"
     share = score.probability if known else 0.0
     return (
-        f'<tr{kind}><th scope="row">{escape(words(score.effect))}</th>'
+        f'<tr{kind}><th scope="row">{escape(display_name(score.effect))}</th>'
         f"<td>{meter(share, 1.0, 'after')}{certainty(score.probability)}</td>"
         f"<td>{percent(score.gain) if score.excited else DASH}</td>"
         f"<td>{figure(score.evidence) if score.excited else DASH}</td>"
@@ -58,7 +58,7 @@ def prechecks(
         lines.append(
             f'<tr><td><span class="verdict {_SEVERITIES.get(finding.severity, "plain")}">'
             f"{escape(finding.severity)}</span></td><td>{escape(finding.flight)}</td>{time}"
-            f"<td>{escape(words(finding.check))}</td><td>{escape(finding.message)}</td></tr>"
+            f"<td>{escape(display_name(finding.check))}</td><td>{escape(finding.message)}</td></tr>"
         )
     head = ("severity", what, *(() if zeros is None else ("time",)), "check", "what was seen")
     return _folded(head, lines, _CHECKS_SHOWN, "checks", "more")
@@ -86,7 +86,7 @@ def flights(diagnosis: Diagnosis) -> str:
     lines = [
         f'<tr><th scope="row">{escape(f.name)}</th>'
         f"<td>{f.used_s:.1f} of {f.duration_s:.1f}&nbsp;s</td><td>{escape(f.formulation)}</td>"
-        f"<td>{escape(', '.join(map(words, f.missing))) or 'nothing'}</td>"
+        f"<td>{escape(', '.join(map(display_name, f.missing))) or 'nothing'}</td>"
         f"<td>{escape(f.source)}</td></tr>"
         for f in diagnosis.flights
     ]

@@ -126,8 +126,8 @@ def pairs(diagnosis: Diagnosis, most: int = 4) -> list[Pair]:
         ranked += [(weight * p.share / (3.0**i), p) for i, p in enumerate(found[:2])]
     ranked.sort(key=lambda item: -item[0])
     least = 0.01 * ranked[0][0] if ranked else 0.0
-    told = [p for value, p in ranked if value > least and p.share >= _TELLING]
-    return (told or [p for _, p in ranked[:1]])[:most]
+    clear = [p for value, p in ranked if value > least and p.share >= _TELLING]
+    return (clear or [p for _, p in ranked[:1]])[:most]
 
 
 def _pair(residuals: Sequence[Residual], driver: str, extended: bool) -> Pair | None:

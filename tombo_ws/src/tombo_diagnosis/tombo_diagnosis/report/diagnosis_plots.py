@@ -19,7 +19,7 @@ from tombo_diagnosis.diagnosis import Diagnosis, Residual
 from tombo_diagnosis.report import diagnosis_plot_data as data
 from tombo_diagnosis.report.diagnosis_plot_data import Pair, corrected
 from tombo_diagnosis.report.diagnosis_text import headline
-from tombo_diagnosis.wording import figure, percent, unit, words
+from tombo_diagnosis.wording import display_name, figure, percent, unit
 from tombo_dynamics.arrays import Array
 from tombo_flight.extended_model import Gain
 from tombo_flight.report import style
@@ -76,7 +76,7 @@ def time_axes(axes: Axes, diagnosis: Diagnosis, group: Sequence[Residual]) -> No
     limit = data.reach([before, after], 2.5 * one.sigma)
     axes.set(xlim=(start - zero, max(end, start + 1e-3) - zero), ylim=(-limit, limit))
     axes.set_xlabel(f"time [s], {one.flight}", parse_math=False, labelpad=2)
-    axes.set_ylabel(f"{words(one.channel)}\n[{unit(one.unit) or '1'}]", parse_math=False)
+    axes.set_ylabel(f"{display_name(one.channel)}\n[{unit(one.unit) or '1'}]", parse_math=False)
 
 
 def pair_axes(axes: Axes, pair: Pair, dot: float = 2.6) -> None:
@@ -93,8 +93,8 @@ def pair_axes(axes: Axes, pair: Pair, dot: float = 2.6) -> None:
             marker="o", ms=5, elinewidth=1.6,
         )  # fmt: skip
     axes.set(xlim=pair.span, ylim=(-pair.limit, pair.limit))
-    axes.set_xlabel(words(pair.driver), parse_math=False)
-    axes.set_ylabel(f"{words(pair.channel)} [{unit(pair.unit) or '1'}]", parse_math=False)
+    axes.set_xlabel(display_name(pair.driver), parse_math=False)
+    axes.set_ylabel(f"{display_name(pair.channel)} [{unit(pair.unit) or '1'}]", parse_math=False)
 
 
 def gain_axes(axes: Axes, group: Sequence[Gain], *, values: bool = True) -> None:
@@ -116,7 +116,7 @@ def gain_axes(axes: Axes, group: Sequence[Gain], *, values: bool = True) -> None
             beside = f"{figure(gain.before)} → {figure(gain.after)} {unit(gain.unit)}"
             at = _WIDEST + 22.0
             axes.text(at, row, beside, va="center", color=style.MUTED, parse_math=False)
-    axes.set_yticks(rows, [words(g.channel) for g in group], parse_math=False)
+    axes.set_yticks(rows, [display_name(g.channel) for g in group], parse_math=False)
     axes.set(xlim=(0.0, _WIDEST + (75.0 if values else 40.0)), ylim=(-0.6, len(group) - 0.4))
     axes.set_xticks([0, 25, 50, 75, 100])
     axes.set_xlabel(f"error left, % of that before ({group[0].horizon})", loc="left")

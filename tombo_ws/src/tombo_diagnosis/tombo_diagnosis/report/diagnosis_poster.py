@@ -13,7 +13,7 @@ from tombo_diagnosis.diagnosis import Cause, Diagnosis
 from tombo_diagnosis.report.diagnosis_plot_data import by_channel, corrected, pairs
 from tombo_diagnosis.report.diagnosis_plots import gain_axes, keys, pair_axes, time_axes
 from tombo_diagnosis.report.diagnosis_text import CLASSES, LABELS, best_gains, headline
-from tombo_diagnosis.wording import certainty, interval, unit, words
+from tombo_diagnosis.wording import certainty, display_name, interval, unit
 from tombo_flight.extended_model import FittedParameter
 from tombo_flight.report import style
 
@@ -91,7 +91,7 @@ def _figures(cause: Cause) -> list[tuple[str, float, str]]:
     first = max(cause.theta, key=_sureness)
     value, low, high = interval(first)
     return [
-        (f"{words(cause.effect)}, {first.name}", 13.0, style.INK),
+        (f"{display_name(cause.effect)}, {first.name}", 13.0, style.INK),
         (f"{value} {unit(first.unit)}".strip(), 26.0, style.INK),
         (f"95 % interval {low} to {high}", 13.0, style.MUTED),
     ]

@@ -19,7 +19,7 @@ from tombo_diagnosis.report.diagnosis_text import (
 from tombo_diagnosis.wording import figure
 from tombo_flight.report.html_page import Page, command, hint, page_html, sentences
 
-_WORTH: Final = "What it is worth: prediction error on flights held out from naming and fit"
+_WORTH: Final = "Cross-validated prediction error: on flights held out from selection and fit"
 
 
 def write_diagnosis_report(diagnosis: Diagnosis, path: Path, folder: str = "") -> None:

@@ -9,7 +9,7 @@ from html import escape
 
 from tombo_diagnosis.diagnosis import Cause, Diagnosis
 from tombo_diagnosis.report.diagnosis_text import best_gains
-from tombo_diagnosis.wording import certainty, figure, interval, percent, unit, words
+from tombo_diagnosis.wording import certainty, display_name, figure, interval, percent, unit
 from tombo_flight.extended_model import FittedParameter, Gain
 from tombo_flight.report.html_page import Card, command, hint, meter, table
 
@@ -20,12 +20,12 @@ def cards(diagnosis: Diagnosis) -> list[Card]:
     for cause in diagnosis.causes[:2]:
         for theta in cause.theta[:2]:
             value, low, high = interval(theta)
-            name = f"{words(cause.effect)}: {theta.name}"
+            name = f"{display_name(cause.effect)}: {theta.name}"
             facts.append(Card(name, value, unit(theta.unit), f"{low} to {high}"))
     facts = facts[:4]
     for gain in best_gains(diagnosis, 2):
         beside = f"{figure(gain.before)} → {figure(gain.after)} {unit(gain.unit)}"
-        name = f"error in {words(gain.channel)}, {gain.horizon}"
+        name = f"error in {display_name(gain.channel)}, {gain.horizon}"
         facts.append(Card(name, f"−{percent(gain.reduction)}", "", beside))
     used = sum(flight.used_s for flight in diagnosis.flights)
     facts.append(Card("flights", str(len(diagnosis.flights)), "", f"{used:.0f} s used"))
@@ -50,7 +50,7 @@ def _cause(cause: Cause) -> str:
     head = ("parameter", "value", "95 % interval", "in the model", "from the model’s value")
     parameters = table(head, lines, "theta")
     return (
-        f'<div class="cause"><h3>{escape(words(cause.effect))} '
+        f'<div class="cause"><h3>{escape(display_name(cause.effect))} '
         f"<small>{certainty(cause.confidence)}</small></h3>"
         f'<p class="signature">Shows as: {escape(cause.signature)}</p>{parameters}</div>'
     )
@@ -84,7 +84,7 @@ def experiment(diagnosis: Diagnosis, folder: str) -> str:
     found = diagnosis.separating_experiment
     if found is None:
         return ""
-    names = " / ".join(escape(words(name)) for name in found.effects)
+    names = " / ".join(escape(display_name(name)) for name in found.effects)
     parts = [f"<p><b>{names}.</b> {escape(found.text)}</p>"]
     if found.mission:
         parts.append(command(f"tombo fly {shown(folder, 'separating_experiment.yaml')}"))
@@ -126,7 +126,7 @@ def _gain(gain: Gain, group: Sequence[Gain]) -> str:
     share = percent(gain.reduction)
     where = escape(unit(gain.unit))
     return (
-        f'<tr><th scope="row">{escape(words(gain.channel))}</th><td><b>{share}</b></td>'
+        f'<tr><th scope="row">{escape(display_name(gain.channel))}</th><td><b>{share}</b></td>'
         f"<td>{meter(gain.before, largest, 'before')}{figure(gain.before)}&nbsp;{where}</td>"
         f"<td>{meter(gain.after, largest, 'after')}{figure(gain.after)}&nbsp;{where}</td>"
         f"<td>{_reach(gain)}</td></tr>"

@@ -15,7 +15,7 @@ from tombo_diagnosis.logs.flight_log import Finding
 from tombo_diagnosis.report import diagnosis_plot_data as data
 from tombo_diagnosis.report.diagnosis_plot_data import Pair, corrected, rms
 from tombo_diagnosis.report.svg_chart import Axis, Chart
-from tombo_diagnosis.wording import capital, figure, percent, unit, words
+from tombo_diagnosis.wording import capital, display_name, figure, percent, unit
 from tombo_dynamics.arrays import Array
 from tombo_flight.report.html_page import hint
 
@@ -86,7 +86,7 @@ def _row(diagnosis: Diagnosis, group: Sequence[Residual], each: int, buckets: in
     one = group[0]
     scale = f"±{figure(limit, 2)} {unit(one.unit)}"
     return (
-        f'<div class="channel"><h3>{escape(words(one.channel))} '
+        f'<div class="channel"><h3>{escape(display_name(one.channel))} '
         f"<small>{escape(_before_after(group))} · scale {escape(scale)}{more}</small></h3>"
         f'<div class="smalls">{cells}</div></div>'
     )
@@ -94,7 +94,7 @@ def _row(diagnosis: Diagnosis, group: Sequence[Residual], each: int, buckets: in
 
 def _small(diagnosis: Diagnosis, residual: Residual, limit: float, buckets: int) -> str:
     start, end = _ends(residual.t)
-    name = f"{words(residual.channel)} in {residual.flight} against time"
+    name = f"{display_name(residual.channel)} in {residual.flight} against time"
     chart = Chart(Axis(start, end), Axis(-limit, limit), name)
     _time_marks(chart, diagnosis, residual, buckets)
     return (
@@ -111,7 +111,7 @@ def _time_figure(diagnosis: Diagnosis, residual: Residual) -> str:
     t, before, after = residual.t[inside], residual.before[inside], residual.after[inside]
     cut = replace(residual, t=t - zero, before=before, after=after)
     limit = data.reach([before, after], 2.5 * residual.sigma)
-    name = words(residual.channel)
+    name = display_name(residual.channel)
     from_zero = f" after {zero:.0f} s" if zero else ""
     chart = Chart(
         Axis(*_ends(cut.t), f"time [s]{from_zero}"),
@@ -144,11 +144,11 @@ def _spans(finding: Finding) -> bool:
 
 
 def _driver_figure(pair: Pair) -> str:
-    name = words(pair.channel)
+    name = display_name(pair.channel)
     chart = Chart(
-        Axis(*pair.span, words(pair.driver)),
+        Axis(*pair.span, display_name(pair.driver)),
         Axis(-pair.limit, pair.limit, f"{name} [{unit(pair.unit) or '1'}]"),
-        f"{name} against {words(pair.driver)}",
+        f"{name} against {display_name(pair.driver)}",
     )
     chart.band(-2.0 * pair.sigma, 2.0 * pair.sigma)
     for style, y in pair.series:
@@ -157,7 +157,7 @@ def _driver_figure(pair: Pair) -> str:
         bins = data.binned(pair.x, y, pair.block)
         chart.bars(bins.x, bins.mean, bins.half, style)
     caption = (
-        f"<b>{escape(name)} against {escape(words(pair.driver))}</b>, all flights; mean in "
+        f"<b>{escape(name)} against {escape(display_name(pair.driver))}</b>, all flights; mean in "
         "slices with 95 % interval"
     )
     return f"<figure>{chart.html()}<figcaption>{caption}</figcaption></figure>"
@@ -168,7 +168,7 @@ def _told(residuals: Sequence[Residual]) -> str:
     text, noise = _before_after(residuals), data.noise_of(residuals)
     if math.isfinite(noise):
         text = f"{text}; noise alone makes {figure(noise)}"
-        text = f"{capital(words(residuals[0].channel))}: {text}, all flights together."
+        text = f"{capital(display_name(residuals[0].channel))}: {text}, all flights together."
     return f'<p class="told">{escape(text)}</p>'
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from tombo_diagnosis.diagnosis import FlightSummary
 from tombo_diagnosis.stand.model_file import extends_model
 from tombo_diagnosis.stand.table3 import TWO_VALUES, Table3
-from tombo_diagnosis.wording import DASH, counted, figure, percent, unit, words
+from tombo_diagnosis.wording import DASH, counted, display_name, figure, percent, unit
 from tombo_flight.report.html_page import Card, hint, meter, table
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def cards(found: StandDiagnosis, study: Table3 | None) -> list[Card]:
     else:
         first = [
             Card(
-                f"{words(g.channel)}, held out", percent(-g.reduction), "",
+                f"{display_name(g.channel)}, held out", percent(-g.reduction), "",
                 f"{figure(g.before)} → {figure(g.after)} {unit(g.unit)}",
             )
             for g in found.diagnosis.gain
@@ -65,7 +65,7 @@ def settle(found: StandDiagnosis, study: Table3 | None) -> str:
         lines = [
             f'<tr><th scope="row">{escape(s.what)}</th><td>{_sized(s.sigma, s.unit)}</td>'
             f"<td>{percent(s.sigma / s.expected, 1)}</td><td>{_sized(s.difference, s.unit)}</td>"
-            f"<td>{escape(words(s.rival))}</td></tr>"
+            f"<td>{escape(display_name(s.rival))}</td></tr>"
             for s in study.settling[:6]
         ]
         head = ("measure", "noise at most", "of the reading", "they differ by", "closest rival")
@@ -123,7 +123,7 @@ def predictions(study: Table3 | None) -> str:
         span = f"{p.low:+.3f} to {p.high:+.3f}&nbsp;N" if p.low != p.high else DASH
         kind = ' class="best"' if "mean" in p.what else ""
         lines.append(
-            f'<tr{kind}><th scope="row">{escape(words(p.what))}</th>'
+            f'<tr{kind}><th scope="row">{escape(display_name(p.what))}</th>'
             f"<td>{meter(p.rmse, largest, 'after')}{p.rmse:.4f}&nbsp;N</td>"
             f"<td>{span.replace('-', '−')}</td><td>{escape(p.parameter)}</td></tr>"
         )
@@ -135,7 +135,7 @@ def runs(notes: Sequence[FlightSummary]) -> str:
     """Return the tables that were read, and what they lack."""
     lines = [
         f'<tr><th scope="row">{escape(n.name)}</th>'
-        f"<td>{escape(', '.join(map(words, n.missing))) or 'nothing'}</td>"
+        f"<td>{escape(', '.join(map(display_name, n.missing))) or 'nothing'}</td>"
         f"<td>{escape(n.source)}</td></tr>"
         for n in notes
     ]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from tombo_diagnosis.wording import words
+from tombo_diagnosis.wording import display_name
 from tombo_flight.report import style
 from tombo_flight.report.style import BLUE, INK, VERMILLION
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from tombo_diagnosis.stand.table3 import Table3
 
 _LAWS: Final = {"published": style.ORANGE, "repaired": VERMILLION, "consistent": BLUE}
-_TOLD: Final = {
+_EFFECT_STYLES: Final = {
     "centrifugal_stiffening": (BLUE, "-"), "torsion_constant": (style.GREEN, "--"),
     "load_sharing": (style.PURPLE, "-."),
     "in_plane_term": (style.SKY, (0, (4, 1, 1, 1, 1, 1))),
@@ -83,7 +83,7 @@ def _left_one_out(axis: Any, study: Table3) -> None:
     axis.axvline(mean, color=INK, linestyle="--", linewidth=1.0)
     for k, e in zip(y, errors, strict=True):
         axis.text(e - 0.8, k, f"{e:.1f}", va="center", ha="right", size=8.0, color=style.PAPER)
-    axis.set_yticks(y, [words(p.what) for p in shown])
+    axis.set_yticks(y, [display_name(p.what) for p in shown])
     axis.set_xlim(0.0, 1.03 * float(errors.max()))
     axis.set_xlabel("error on the configuration left out, RMS [mN]")
     some = "Some" if any(p.high < 0.0 for p in study.predictions) else "No"
@@ -102,9 +102,9 @@ def _parting(axis: Any, study: Table3) -> None:
     curves = predicted_readings(study.fits, _SOFT, rpm, study.law)
     axis.axvspan(3200.0, 4500.0, color=style.FAINT, alpha=0.6, zorder=0, linewidth=0.0)
     axis.plot(rpm, curves[AS_IT_IS][:, 0], color=VERMILLION, label=f"law {study.law} as it is")
-    for effect, (colour, line) in _TOLD.items():
+    for effect, (colour, line) in _EFFECT_STYLES.items():
         axis.plot(rpm, curves[effect][:, 0], linestyle=line, color=colour, linewidth=1.7,
-                  label=words(effect))  # fmt: skip
+                  label=display_name(effect))  # fmt: skip
     k = study.confs.index(_SOFT)
     axis.errorbar([2000.0], [study.measured[k]], yerr=[study.deviations[k]], fmt="o", color=INK,
                   capsize=3, markersize=5, zorder=5)  # fmt: skip

@@ -15,7 +15,7 @@ from tombo_dynamics.propeller import RPM, SPEED_LIMIT, configuration, parameter_
 from tombo_dynamics.propeller.effects import CHANNELS, Setup, predict
 
 AS_IT_IS = "the law as it is"
-_TOLD = ("centrifugal_stiffening", "torsion_constant", "load_sharing", "in_plane_term",
+_SEPARABLE = ("centrifugal_stiffening", "torsion_constant", "load_sharing", "in_plane_term",
          "thrust_coefficient")  # fmt: skip
 """Those that change how thrust depends on the nodus, and the plainest that does not."""
 
@@ -39,7 +39,7 @@ class DiscriminatingMeasurement:
 def least_squares_fits(points: OperatingPoints) -> dict[str, float]:
     """Return candidate -> parameter that fits the soft configurations' thrust best."""
     soft = np.isfinite(points.stiffness)
-    return {effect: least_squares_fit(points, soft, effect) for effect in _TOLD}
+    return {effect: least_squares_fit(points, soft, effect) for effect in _SEPARABLE}
 
 
 def predicted_readings(

@@ -15,7 +15,7 @@ from tombo_diagnosis.engine.model_selection import fit_hypotheses
 from tombo_diagnosis.stand.analyse import StandFindings
 from tombo_diagnosis.stand.problem import StandProblem
 from tombo_diagnosis.stand.tables.operating_points import OperatingPoints
-from tombo_diagnosis.wording import words
+from tombo_diagnosis.wording import display_name
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller.effects import CHANNELS, Setup, predict
 
@@ -47,7 +47,7 @@ def separate(findings: StandFindings) -> Experiment | None:
         for text, extend in options(points)
     ]
     best, option = max(found, key=lambda each: each[0])
-    text = f"{option}: it separates {', '.join(map(words, members))}"
+    text = f"{option}: it separates {', '.join(map(display_name, members))}"
     if best < 4.0:
         text = f"no single measurement separates them surely; most comes from this: {option}"
     return Experiment(members, text, best, present, {})
@@ -95,8 +95,8 @@ def _separation(
     """Return the expected log Bayes factor between the two that are closest."""
     worst = np.inf
     for true in alternatives[:2]:
-        told = with_predicted_readings(findings.problem, points, true)
-        problem = StandProblem(told)
+        extended = with_predicted_readings(findings.problem, points, true)
+        problem = StandProblem(extended)
         own = fit_hypotheses(problem, true.hypotheses).evidence
         for other in alternatives:
             if other is not true:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tombo_diagnosis.diagnosis import Cause
-from tombo_diagnosis.wording import words
+from tombo_diagnosis.wording import display_name
 from tombo_dynamics.propeller.effects import STAND_EFFECTS
 from tombo_flight.extended_model import FittedParameter
 
@@ -37,7 +37,7 @@ def _absent(cause: Cause) -> bool:
 
 
 def _told(cause: Cause, f: FittedParameter) -> str:
-    name, unit = words(cause.effect), "" if f.unit == "1" else f" {f.unit}"
+    name, unit = display_name(cause.effect), "" if f.unit == "1" else f" {f.unit}"
     here = f"{f.value:.2g} ± {0.5 * (f.high - f.low):.1g}{unit}"
     if _absent(cause):
         return f"the model’s {name} {f.nominal:.3g}{unit} is not in these runs ({here})"

@@ -43,7 +43,7 @@ CALIBRATION = {
     "set": _CALIBRATION_NAMED,
     "unknown": ((0.0, 0.45), (0.5, 0.6), (0.9, 0.9), (0.99, 0.99)),
 }
-"""Found on blind cases of other seeds than those that are reported."""
+"""Found on synthetic cases of other seeds than those that are reported."""
 
 
 class StandProblem:
@@ -230,7 +230,7 @@ class StandProblem:
         return self._fit(fit.free, fit.widths, fit.theta, self.slopes_at(fit.theta))
 
     def evidence_with(self, fit: Fit, widths: Mapping[str, float], tight: float = 1.0) -> float:
-        """Return the log evidence of a fit with other widths of chance, by its tangent."""
+        """Return the log evidence of a fit with other widths of random effects, by its tangent."""
         normal, half = self.normal(fit.theta, fit.tangent, widths)
         deviations = self.columns.deviations(fit.free, widths, tight)
         return solve(normal, deviations, fit.prior_mean, covariance=False).evidence - half

@@ -6,7 +6,7 @@ import numpy as np
 
 from tombo_diagnosis.stand.problem import StandProblem
 
-_SURE = 3.0
+_MIN_SIGMAS = 3.0
 """Standard deviations of the difference."""
 _CHANNELS = ("thrust", "torque")
 
@@ -40,7 +40,7 @@ def _told(propeller: str, channel: str, shares: dict[str, tuple[float, float]]) 
     low = min(shares, key=lambda r: shares[r][0])
     gap = shares[high][0] - shares[low][0]
     noise = float(np.hypot(shares[high][1], shares[low][1]))
-    if gap < _SURE * noise:
+    if gap < _MIN_SIGMAS * noise:
         return f"{len(shares)} runs of {propeller} agree within {100.0 * gap:.2g} % in {channel}"
     return (
         f"runs of {propeller} differ by {100.0 * gap:.2g} % in {channel}: {high} is "

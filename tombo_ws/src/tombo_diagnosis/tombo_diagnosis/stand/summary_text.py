@@ -14,7 +14,7 @@ from tombo_diagnosis.stand.problem import RUN, SHARE
 from tombo_diagnosis.stand.repeatability import repeats
 from tombo_diagnosis.stand.tables.operating_points import UNITS
 from tombo_diagnosis.stand.thrust_constant import ThrustConstant
-from tombo_diagnosis.wording import capital, counted, words
+from tombo_diagnosis.wording import capital, counted, display_name
 from tombo_flight.extended_model import Gain
 
 
@@ -32,7 +32,7 @@ def summary(
         counted(len(points.propellers), "propeller"),
     )
     data = f"{findings.problem.used} points of {runs}, {propellers}"
-    names = ", ".join(map(words, judgement.effects))
+    names = ", ".join(map(display_name, judgement.effects))
     worth = "; ".join(
         f"{g.channel} {g.before:.3g} to {g.after:.3g} {g.unit}"
         for g in gains
@@ -51,11 +51,11 @@ def summary(
         f"{curves.size:.2g} {unit} RMS more in {curves.channel}.{worth}",
     }[judgement.verdict]
     if judgement.verdict == "named" and judgement.members:
-        members = ", ".join(map(words, judgement.members))
+        members = ", ".join(map(display_name, judgement.members))
         text += f" Besides it is one of {members}."
-    told = differences_from_model(found)
-    if told:
-        text += f" {'; '.join(told)}."
+    differences = differences_from_model(found)
+    if differences:
+        text += f" {'; '.join(differences)}."
     if {RUN, SHARE} & set(judgement.effects):
         text += "".join(f" {capital(r)}." for r in repeats(findings.problem))
     if constant is not None:

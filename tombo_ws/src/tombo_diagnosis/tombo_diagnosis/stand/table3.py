@@ -14,7 +14,7 @@ from tombo_diagnosis.stand.discriminating_measurements import (
 from tombo_diagnosis.stand.leave_one_out import MEAN, PHYSICAL, Prediction, predictions
 from tombo_diagnosis.stand.tables.assemble import StandData, stiffness
 from tombo_diagnosis.stand.tables.operating_points import OperatingPoints
-from tombo_diagnosis.wording import words
+from tombo_diagnosis.wording import display_name
 from tombo_dynamics.propeller import RPM, configurations, evaluate, parameter_row
 from tombo_dynamics.propeller.effects import CHANNELS, Setup
 
@@ -115,12 +115,12 @@ def statement(study: Table3) -> str:
     mean = next(p for p in study.predictions if p.what == MEAN)
     best = next(p for p in study.predictions if p.what in PHYSICAL)
     surely = [p.what for p in study.predictions if p.high < 0.0]
-    law, name = study.law, words(best.what)
+    law, name = study.law, display_name(best.what)
     columns = zip(study.confs, study.laws[law], study.measured, strict=True)
     gaps = {c: thrust / measured - 1.0 for c, thrust, measured in columns if c != 0}
     worst = sorted(gaps, key=lambda c: gaps[c])[:2]
     wrong = " and ".join(f"{100.0 * gaps[c]:+.0f} % for Conf. {c}" for c in worst)
-    told = (
+    result = (
         f"{', '.join(surely)} predicts better than the mean"
         if surely
         else f"no extension predicts the thrust of a configuration left out surely better than "
@@ -133,7 +133,7 @@ def statement(study: Table3) -> str:
         f"The model lets thrust fall with softness ({wrong}); measured thrust does not (rank "
         f"correlation with stiffness {study.spearman:.2f}, p = {study.spearman_p:.2f}). Of the "
         f"soft ones the law has an RMS error of {study.rms[law]:.3f} N, their mean "
-        f"{study.rms[_THEIRS]:.3f} N; {told}. With deviations of {min(study.deviations):.2f} to "
+        f"{study.rms[_THEIRS]:.3f} N; {result}. With deviations of {min(study.deviations):.2f} to "
         f"{max(study.deviations):.2f} N nothing more is certified. It would be settled by "
         f"{first.what} within {first.sigma:.2g} N, or {second.what} within {second.sigma:.2g} N."
     )

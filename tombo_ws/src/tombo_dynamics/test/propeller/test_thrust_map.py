@@ -13,7 +13,7 @@ EACH = pytest.mark.parametrize(("conf", "law"), [(c, law) for law in LAWS for c 
 
 
 @EACH
-def test_map_is_the_model(conf: int, law: str) -> None:
+def test_the_map_gives_thrust_and_torque_of_the_model(conf: int, law: str) -> None:
     m = thrust_map(configuration(conf), law)
     speeds = np.linspace(0.0, m.omega_max, 1001)
     points = evaluate(configuration(conf), speeds, law)

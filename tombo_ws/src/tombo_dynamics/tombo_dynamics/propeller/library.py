@@ -63,7 +63,7 @@ def read_library(*folders: Path | str) -> Library:
 
     Args:
         folders: folders with any of materials.yaml, blades.yaml, configurations.yaml,
-            measurements.yaml, in the form of the built-in ones. They are read anew every time.
+            measurements.yaml, in the form of the built-in ones. They are read again every time.
 
     Raises:
         InputError: a folder has none of these files, a file is not readable, or a key, a name or a

@@ -46,7 +46,7 @@ def test_endless_warnings_are_shown_at_times_with_the_number_left_out(tmp_path):
     assert shown == [f"... 91 more in {log.path}", "[WARN] at last"]
 
 
-def test_a_file_that_grows_large_is_put_aside_and_begun_anew(tmp_path, monkeypatch):
+def test_a_file_that_grows_large_is_put_aside_and_begun_again(tmp_path, monkeypatch):
     monkeypatch.setattr(node_log, "_LARGEST", 1000)
     log = NodeLog(tmp_path / "node.log")
     descriptor = log.open()

@@ -52,7 +52,7 @@ def test_a_node_that_fails_at_its_start_is_reported_with_its_words(supervise):
         (end,) = look_until_ended(supervisor)
         assert set(supervisor.running) == {"good"}
 
-    assert (end.name, end.code, end.how) == ("broken", 1, "exit code 1")
+    assert (end.name, end.code, end.exit_text) == ("broken", 1, "exit code 1")
     assert end.last_log_lines[-1].startswith("Error: parameter detector.threshold")
 
 
@@ -72,7 +72,7 @@ def test_a_node_that_is_killed_is_reported_by_the_signal(supervise):
         os.kill(supervisor.running["good"], signal.SIGKILL)
         (end,) = look_until_ended(supervisor)
 
-    assert (end.code, end.how) == (-9, "killed by SIGKILL")
+    assert (end.code, end.exit_text) == (-9, "killed by SIGKILL")
 
 
 def test_who_obeys_is_asked_once_and_ends_at_once(supervise, tmp_path):
@@ -135,7 +135,7 @@ def test_an_exception_inside_ends_all_nodes(supervise, marked):
     assert marked.alive() == []
 
 
-def test_a_second_wish_to_stop_kills_at_once(supervise, marked):
+def test_a_second_stop_request_kills_at_once(supervise, marked):
     supervisor = supervise(fake("deaf"))
     with pytest.raises(KeyboardInterrupt), supervisor:
         wait_for(lambda: len(marked.alive()) >= 2)
@@ -213,7 +213,7 @@ def test_a_guard_that_is_killed_changes_nothing_for_who_obeys(marked: Marked, su
     killed(process, marked, 1.5)
 
 
-def test_a_flood_of_words_neither_holds_up_the_node_nor_fills_the_memory(supervise, tmp_path):
+def test_a_flood_of_log_lines_neither_blocks_the_node_nor_fills_the_memory(supervise, tmp_path):
     flood = (
         "for i in range(200_000): print(f'[ERROR] [1.0] [node]: {i} is wrong')\n"
         "print('the end', flush=True)\n"
@@ -242,6 +242,6 @@ def test_words_on_a_pipe_come_whole_line_by_line(supervise):
     program = Program("node", (sys.executable, "-c", halves), capture_stdout=True)
     heard: list[tuple[str, str]] = []
     with supervise(program) as supervisor:
-        wait_for(lambda: heard.extend(supervisor.poll(0.05).heard) or len(heard) >= 3)
+        wait_for(lambda: heard.extend(supervisor.poll(0.05).lines) or len(heard) >= 3)
 
     assert heard == [("node", '{"a": 1}'), ("node", "x"), ("node", "y")]

@@ -1,7 +1,7 @@
 """Checks of a recording's poses before the replay; each finding is one line.
 
-Frames, clocks and axes are where a lab loses days: a detector that is fed poses of tomorrow, or of
-a world that lies on its side, is silent or screams, and neither says why.
+With future stamps or wrong axes a detector misses collisions or raises false alarms without a
+reason.
 """
 
 from __future__ import annotations

@@ -184,7 +184,7 @@ class Player:
                 _say({"played": min(share, 1.0)})
 
     def _wait(self, deadline: float) -> float:
-        """Sleep until the deadline; return it, or now if that has passed: never hurry after."""
+        """Sleep until the deadline; return it, or now if later: late runs are not caught up."""
         now = time.monotonic_ns()
         if now < deadline:
             sleep_until(int(deadline))

@@ -100,7 +100,7 @@ def replay_bag(path: Path, request: Request, feed: Feeder = through_cores) -> Re
         inputs = _prepare(recording, request, result)
         result.recorded = read_outputs(recording, outputs_of(inputs.nodes))
         result.contacts_ns = _contacts(recording)
-        result.replayed, told = feed(inputs, result.recorded)
+        result.replayed, reported = feed(inputs, result.recorded)
         minutes = _minutes(inputs.poses)
         for node in inputs.nodes:
             metrics, differences = metrics_of(
@@ -109,7 +109,7 @@ def replay_bag(path: Path, request: Request, feed: Feeder = through_cores) -> Re
                 result.replayed,
                 Context(result.begin_ns, minutes, result.contacts_ns, request.tolerances),
             )
-            result.nodes[node] = {**metrics, **told.get(node, {})}
+            result.nodes[node] = {**metrics, **reported.get(node, {})}
             result.differences += [f"{node}: {text}" for text in differences]
         result.findings = inputs.findings
         result.damage = recording.damage

@@ -1,7 +1,7 @@
 """The clock of the recorded nodes, where it differs from the recorder's.
 
 A recorder stamps messages by its machine's clock, also when the suite flies in simulated time or
-on another machine. What the nodes took for now is then told by their own stamps.
+on another machine. What the nodes took for now is then given by their own stamps.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ def find_suite_clock(recording: Recording) -> tuple[Times, Times] | None:
         if "stamp_ns" not in table or not len(table["stamp_ns"]):
             continue
         log, stamp = table["log_time_ns"], table["stamp_ns"]
-        told = np.interp(log, *pairs[0]) if pairs else stamp
-        if abs(float(np.median(stamp - told))) < _APART_NS:
+        reported = np.interp(log, *pairs[0]) if pairs else stamp
+        if abs(float(np.median(stamp - reported))) < _APART_NS:
             pairs.append((log, stamp))
     if not pairs:
         return None

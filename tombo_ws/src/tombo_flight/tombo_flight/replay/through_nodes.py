@@ -106,10 +106,10 @@ class ThroughNodes:
             else:
                 found.series.setdefault(name, SERIES[name].empty())
         metrics = {"seconds": time.perf_counter() - began, "dds": done}
-        told = {node: dict(metrics) for node in inputs.nodes}
+        reported = {node: dict(metrics) for node in inputs.nodes}
         for node in {"detector", "estimator"} & set(inputs.nodes):
-            told[node]["poses"] = len(inputs.poses.stamp_ns)
-        return found, told
+            reported[node]["poses"] = len(inputs.poses.stamp_ns)
+        return found, reported
 
     def _follow(self, supervisor: Supervisor) -> dict[str, Any]:
         """Watch until the player is through."""
@@ -119,7 +119,7 @@ class ThroughNodes:
         self._tell("starting the nodes", 0.0)
         while True:
             poll = supervisor.poll(_LOOK_S)
-            for _, line in poll.heard:
+            for _, line in poll.lines:
                 said = json_object(line)
                 if "done" in said:
                     return dict(said["done"])
@@ -142,7 +142,7 @@ class ThroughNodes:
 def _exit_text(ended: Sequence[ProcessExit]) -> str:
     one = ended[0]
     words = f": {one.last_log_lines[-1]}" if one.last_log_lines else ""
-    return f"--dds: {one.name} ended before the replay did ({one.how}){words}"
+    return f"--dds: {one.name} ended before the replay did ({one.exit_text}){words}"
 
 
 class _Plan:

@@ -42,7 +42,7 @@ def timeline(panel: Panel) -> None:
         _phases(panel)
         _instants(panel)
     elif panel.milestones.mark_s is not None:
-        _where_the_zoom_is(panel, panel.milestones.mark_s)
+        _mark_zoom(panel, panel.milestones.mark_s)
 
 
 def _bar(
@@ -135,7 +135,7 @@ def _instants(panel: Panel) -> None:
     axes.text(x, 3.35, text, ha=side, va="center", weight="bold", size=SMALL)
 
 
-def _where_the_zoom_is(panel: Panel, mark_s: float) -> None:
+def _mark_zoom(panel: Panel, mark_s: float) -> None:
     start, end = zoom_around(mark_s)
     end = min(end, panel.window.end_s)
     panel.axes.plot((start, end), (1.45, 1.45), color=style.INK, lw=1.0, solid_capstyle="butt")

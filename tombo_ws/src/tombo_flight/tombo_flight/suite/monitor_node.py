@@ -4,7 +4,7 @@
 
 `{"diagnostics": [status, ...]}` for each report on /diagnostics; with `--flight` also, 20 times a
 second, `{"flight": {...}}`: the newest true pose with its stamp, and the mission's phase. With
-`--mocap` it is the pose that the motion capture sees: of a real vehicle nobody knows the truth.
+`--mocap` it is the pose that the motion capture sees: the truth of a real vehicle is unknown.
 With `--px4` also `{"px4": {...}}`: each change of `/px4/status`.
 """
 

@@ -26,7 +26,7 @@ class Loop:
     metrics: Mapping[str, Any]
 
     def number(self, key: str) -> float:
-        """Return a figure, NaN if it isn't told."""
+        """Return a figure, NaN if it was not reported."""
         value = self.metrics.get(key)
         return float(value) if isinstance(value, int | float) else math.nan
 
@@ -84,7 +84,7 @@ class NodeDiagnostics:
 
     @property
     def mocap_age_s(self) -> float:
-        """Age of the newest pose as the node knows it that has it freshest; NaN: nobody says."""
+        """Age of the newest pose as the node knows it that has it freshest; NaN: unknown."""
         ages = [status.values.get(MOCAP_AGE) for status in self.nodes.values()]
         return min((float(age) for age in ages if isinstance(age, int | float)), default=math.nan)
 

@@ -84,7 +84,7 @@ class FlightMonitor:
         self._now_ns = 0
         self._end_s = scenario.duration
         self.phase: int | None = None
-        """Of the mission; None: not told yet."""
+        """Of the mission; None: not reported yet."""
 
     @property
     def flown_s(self) -> float:
@@ -256,10 +256,10 @@ def _fly(
                 watch.see(news.flight)
                 on_progress("flying", watch.flown_s / config.scenario.duration)
             if bridge is not None:
-                told = suite.node_diagnostics.nodes.get("px4_bridge")
+                status = suite.node_diagnostics.nodes.get("px4_bridge")
                 bridge.see(
                     news.px4, watch.phase, now_s, over=watch.over, airborne=watch.airborne,
-                    fault="" if told is None else told.message,
+                    fault="" if status is None else status.message,
                 )  # fmt: skip
                 flown.refused = bridge.refusal
             flown.interrupted = stop.asked()
@@ -344,9 +344,9 @@ def _summarize(flown: _Flown, bag: Path, mode: str) -> FlightResult:
         for end in flown.died:
             if end.name in _NEEDED:
                 words = f": {end.last_log_lines[-1]}" if end.last_log_lines else ""
-                raise InputError(f"{end.name} has ended, {end.how}{words}") from error
+                raise InputError(f"{end.name} has ended, {end.exit_text}{words}") from error
         raise
-    died = {end.name: end.how for end in flown.died}
+    died = {end.name: end.exit_text for end in flown.died}
     more = {"mode": mode, **metrics, "died": died}
     record = dataclasses.replace(record, summary={**record.summary, **more})
     summary = flight_summary(record, interrupted=flown.interrupted, recorded_messages=messages)

@@ -22,7 +22,7 @@ _REFILL_HZ = 1.0
 
 
 def without_stamp(line: str) -> str:
-    """Return a line of a ROS log as level and text: who says it, and when, is known."""
+    """Return a line of a ROS log as level and text, without node name and time."""
     found = _LINE.fullmatch(line)
     return line if found is None else f"{found[1]} {found[2]}"
 
@@ -93,13 +93,13 @@ class NodeLog:
         except OSError:  # the file was removed
             return []
         if size > _LARGEST:
-            self._begin_anew()
+            self._begin_again()
         *whole, self._rest = (self._rest + data).split(b"\n")
         self._rest = self._rest[-_AT_ONCE:]
         lines = (line.decode("utf-8", "replace").rstrip() for line in whole)
         return [line for line in lines if line]
 
-    def _begin_anew(self) -> None:
+    def _begin_again(self) -> None:
         """Put the file aside, by copying: the node goes on writing to the same one."""
         try:
             shutil.copyfile(self.path, self.path.with_name(f"{self.path.name}.1"))

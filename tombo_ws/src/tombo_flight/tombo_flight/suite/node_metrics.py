@@ -37,7 +37,7 @@ def recorded_diagnostics(recording: Recording) -> NodeDiagnostics:
 def node_metrics(recording: Recording) -> dict[str, Any]:
     """Return the loops, the latency through all nodes and the recorder's count, for a summary.
 
-    What nobody told is None.
+    What was not reported is None.
     """
     node_diagnostics = recorded_diagnostics(recording)
     notes = recording.metadata.get(NOTES, {})

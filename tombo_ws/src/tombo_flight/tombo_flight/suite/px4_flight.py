@@ -78,7 +78,7 @@ class BridgeMonitor:
 
         Args:
             status: the newest of `/px4/status` as plain values; None: no news.
-            phase: of the mission; None: not told.
+            phase: of the mission; None: unknown.
             now_s: any clock that goes on.
             over: the flight is over.
             airborne: the vehicle has left the ground.
@@ -128,7 +128,7 @@ _Changes = Sequence[tuple[float, Any]]
 
 
 def px4_metrics(recording: Recording, record: FlightRecord) -> dict[str, Any]:
-    """Return what the summary says about PX4; what nobody told is None."""
+    """Return what the summary says about PX4; what was not reported is None."""
     changes = _changes(recording, record.epoch_ns)
     bridge = recorded_diagnostics(recording).nodes.get("px4_bridge")
     values = {} if bridge is None else bridge.values

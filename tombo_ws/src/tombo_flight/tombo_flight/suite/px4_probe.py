@@ -141,8 +141,8 @@ def _no_vehicle_text(
         if count and key not in ("received", "sent", "no_peer")
     }
     more = ", ".join(f"{key} {count}" for key, count in refused.items())
-    heard = f" (refused: {more})" if more else ""
+    shown = f" (refused: {more})" if more else ""
     return (
-        f"link '{params.url}': no heartbeat within {patience_s:g} s{heard}; accepted: a link on "
+        f"link '{params.url}': no heartbeat within {patience_s:g} s{shown}; accepted: a link on "
         "which a PX4 speaks MAVLink 2"
     )

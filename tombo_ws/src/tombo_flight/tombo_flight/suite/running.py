@@ -175,7 +175,7 @@ class RunningSuite:
         for end in poll.ended:
             if end.name == MONITOR:
                 words = f" ({end.last_log_lines[-1]})" if end.last_log_lines else ""
-                warnings.append((MONITOR, f"ended, {end.how}: no status any more{words}"))
+                warnings.append((MONITOR, f"ended, {end.exit_text}: no status any more{words}"))
         return SuiteUpdate(ended, warnings, flight, px4)
 
     def status(self) -> Suite:
@@ -206,7 +206,7 @@ class RunningSuite:
     ) -> tuple[dict[str, Any] | None, dict[str, Any] | None]:
         """Take in what the monitor says; return the newest state of flight and bridge."""
         flight = px4 = None
-        for _, line in poll.heard:
+        for _, line in poll.lines:
             said = json_object(line)
             if "diagnostics" in said:
                 self.node_diagnostics.take(said["diagnostics"], time.monotonic())

@@ -41,7 +41,7 @@ class Suite:
     def state(self, name: str) -> str:
         """Return `starting`, `running`, `silent`, or how it ended."""
         if name in self.ended:
-            return self.ended[name].how
+            return self.ended[name].exit_text
         status = self.node_diagnostics.nodes.get(name)
         if status is None:
             return "starting"
@@ -51,7 +51,7 @@ class Suite:
 def status_table(suite: Suite) -> Table:
     """Return the table: a row a loop, the node's own beside its first one."""
     age = suite.node_diagnostics.mocap_age_s
-    mocap = "mocap: no word" if math.isnan(age) else f"mocap: {1e3 * age:.0f} ms old"
+    mocap = "mocap: no message" if math.isnan(age) else f"mocap: {1e3 * age:.0f} ms old"
     title = Text(f"{suite.uptime_s:.0f} s up, {mocap}")
     table = Table(box=SIMPLE_HEAD, title=title, padding=(0, 1, 0, 0))
     for heading in ("node", "state", "loop"):

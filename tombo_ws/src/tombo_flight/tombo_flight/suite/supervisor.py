@@ -57,7 +57,7 @@ class ProcessExit:
     last_log_lines: tuple[str, ...]
 
     @property
-    def how(self) -> str:
+    def exit_text(self) -> str:
         """How it ended, as text."""
         if self.code >= 0:
             return f"exit code {self.code}"
@@ -74,12 +74,12 @@ class ProcessUpdate:
     Attributes:
         ended: programs that have ended since the last look.
         warnings: (name, line) of logs: warnings and errors.
-        heard: (name, line) of programs that are listened to.
+        lines: (name, line) of programs that are listened to.
     """
 
     ended: list[ProcessExit]
     warnings: list[tuple[str, str]]
-    heard: list[tuple[str, str]]
+    lines: list[tuple[str, str]]
 
 
 @dataclass
@@ -148,14 +148,14 @@ class Supervisor:
             self._kill()
 
     def poll(self, wait_s: float) -> ProcessUpdate:
-        """Wait for a while, or until a program that is listened to speaks; say what is new."""
-        heard = self._read_pipes(wait_s)
+        """Wait for a while, or until a program that is listened to prints; return what is new."""
+        lines = self._read_pipes(wait_s)
         ended = self._reap()
         now = time.monotonic()
         children = [*self._alive.values(), *(child for child, _ in ended)]
         warnings = [(c.program.name, line) for c in children for line in c.log.news(now)]
         return ProcessUpdate(
-            [_process_exit(child, code) for child, code in ended], warnings, heard
+            [_process_exit(child, code) for child, code in ended], warnings, lines
         )
 
     def stop(self) -> list[ProcessExit]:

@@ -210,6 +210,6 @@ def test_bad_frames_are_refused(frame):
         arm_of(frame, BLADE)
 
 
-def test_frames():
+def test_arm_length_of_a_named_frame_or_a_diagonal():
     assert arm_of("S500", BLADE) == 0.24
     assert arm_of("225", BLADE) == pytest.approx(0.225)

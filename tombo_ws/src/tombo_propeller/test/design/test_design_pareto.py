@@ -31,5 +31,5 @@ def test_a_row_with_an_unknown_figure_is_out_and_beats_nobody():
     assert nondominated(costs).tolist() == [False, True, False]
 
 
-def test_no_rows():
+def test_no_rows_give_no_nondominated_rows():
     assert nondominated(np.empty((0, 3))).shape == (0,)

@@ -70,7 +70,7 @@ def test_each_collision_is_found_and_the_last_does_not_recover():
     found = recoveries(t, noisy)
     assert [r.time for r in found] == pytest.approx([0.5, 2.1, 3.7], abs=0.005)
     assert found[0].recovered == pytest.approx(found[1].recovered, abs=0.05)
-    assert found[2].why and found[2].words().startswith("more than")
+    assert found[2].why and found[2].as_text().startswith("more than")
     assert math.isnan(found[2].recovered) and math.isinf(found[2].high)
 
 

@@ -81,7 +81,7 @@ def test_the_interval_grows_as_one_over_the_sine():
 def test_what_the_diameter_cannot_resolve_is_no_number():
     found = angle(SPAN.tip, 5e-5, SPAN, CameraPose())
     assert not found.resolved and found.low == 0.0
-    assert "at most" in found.words() and "2.9 deg" in found.words()
+    assert "at most" in found.as_text() and "2.9 deg" in found.as_text()
     twins = angle(
         float(apparent_radius(math.radians(10.0), SPAN, CameraPose(1.0))),
         1e-5,
@@ -89,12 +89,12 @@ def test_what_the_diameter_cannot_resolve_is_no_number():
         CameraPose(1.0),
     )
     assert len(twins.pieces) == 2 and not twins.resolved
-    assert " or " in twins.words()
+    assert " or " in twins.as_text()
 
 
 def test_a_disc_too_large_for_any_flap_is_strange():
     found = angle(SPAN.tip + 1e-3, 5e-5, SPAN, CameraPose())
-    assert found.inconsistent and "no angle" in found.words()
+    assert found.inconsistent and "no angle" in found.as_text()
 
 
 def test_a_height_that_is_hardly_known_widens_the_interval():

@@ -110,7 +110,7 @@ def test_flight_figures_are_those_of_the_readme_and_the_flight_report() -> None:
     assert paper.number("flight", "falls_m").value == flown.MEAN_MAX_FALLING_DISTANCE_M
 
 
-def test_numbers_in_words() -> None:
+def test_values_are_written_with_their_unit() -> None:
     assert with_unit(-17.794, "%") == "−17.79 %"
     assert with_unit(3e-15, "1") == "0"
     assert with_unit(26.0, "1") == "26"

@@ -55,7 +55,7 @@ def design_html(found: Design, made: Recommendation, png: Sequence[bytes]) -> st
                 ("Fly it, in this folder", command(f"tombo fly {SCENARIO}") if good else ""),
                 ("Claimed and simulated", _check(made.check)),
                 ("Candidates", _candidates(found, made)),
-                ("What nobody knows", sentences(words.caveats(found, made))),
+                ("Not measured", sentences(words.caveats(found, made))),
                 ("Where the predictions come from", known),
             ),
             footer=_FOOTER,

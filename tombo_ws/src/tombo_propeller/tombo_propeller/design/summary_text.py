@@ -41,12 +41,12 @@ def reasons(found: Design, made: Recommendation) -> list[str]:
         f"limits ({split})."
     ]
     for index, check in made.failed:
-        told = [
+        reasons = [
             f"{c.text} {c.simulated:.3g} of {c.claimed:.3g}"
             for c in (*check.claims, *check.limits)
             if not c.held
         ]
-        broken = "; ".join(told[:2])
+        broken = "; ".join(reasons[:2])
         more = ""
         if check.falls_m is not None and check.falls_m > 1.0:
             more = f", falls up to {check.falls_m:.1f} m"

@@ -33,7 +33,7 @@ def label_of(found: Design, index: int) -> str:
 
 
 def figure(value: float, quantity: Quantity) -> str:
-    """Return a figure as it is shown; a dash for one that nobody knows."""
+    """Return a figure as it is shown; a dash if unknown."""
     if not math.isfinite(value):
         return "-"
     digits = {"N": 0, "dB": 1}.get(quantity.unit, 2)
@@ -87,7 +87,7 @@ def alternatives(found: Design, made: Recommendation, most: int = 3) -> list[tup
 
 
 def broken_by(found: Design, index: int) -> str:
-    """Return which limits a candidate breaks, and which nobody can say of."""
+    """Return which limits a candidate breaks, and which are unknown."""
     pairs = [
         (limit.quantity.words, slack)
         for limit, slack in zip(found.choice.limits, found.choice.slack[index], strict=True)

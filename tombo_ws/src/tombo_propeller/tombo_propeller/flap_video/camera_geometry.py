@@ -79,7 +79,7 @@ class FlapAngle:
         """Whether no angle looks like this."""
         return self.misfit > _STRANGE
 
-    def words(self) -> str:
+    def as_text(self) -> str:
         """Say it with its interval; an angle that the diameter does not resolve is no number."""
         if self.inconsistent:
             return "no angle: the disc is larger than any flap makes it"

@@ -58,7 +58,7 @@ def _angle(a: FlapAngle) -> dict[str, Any]:
         "low_deg": math.degrees(a.low),
         "high_deg": math.degrees(a.high),
         "pieces_deg": [[math.degrees(x) for x in piece] for piece in a.pieces],
-        "words": a.words(),
+        "words": a.as_text(),
     }
 
 
@@ -84,7 +84,7 @@ def _row(w: Window) -> list[Any]:
         round(w.time, 6), _rounded(w.speed / RPM, 1), _rounded(best, 3),
         round(math.degrees(a.low), 3), round(math.degrees(a.high), 3), round(w.rim.radius, 3),
         round(w.rim.sd, 4), round(w.radius * 1e3, 4), round(w.disc.radius, 2),
-        _rounded(math.degrees(w.paper), 2), a.words(),
+        _rounded(math.degrees(w.paper), 2), a.as_text(),
     ]  # fmt: skip
 
 
@@ -102,7 +102,7 @@ def recovery_json(found: tuple[Recovery, ...], trace: Trace, share: float) -> st
             "recovery_s": _finite(r.recovered),
             "low_s": r.low,
             "high_s": _finite(r.high),
-            "words": r.words(lower_bound=trace.is_speed),
+            "words": r.as_text(lower_bound=trace.is_speed),
         }
         for r in found
     ]
@@ -123,7 +123,7 @@ def recovery_csv(found: tuple[Recovery, ...], trace: Trace) -> str:
         ("time_s", "level", "lowest", "unit", "recovery_s", "low_s", "high_s", "words"),
         [
             [round(r.time, 6), r.level, r.lowest, trace.unit, _rounded(r.recovered, 5),
-             round(r.low, 5), _rounded(r.high, 5), r.words(lower_bound=trace.is_speed)]
+             round(r.low, 5), _rounded(r.high, 5), r.as_text(lower_bound=trace.is_speed)]
             for r in found
         ],
     )  # fmt: skip

@@ -73,7 +73,7 @@ def overlay(found: Measurement) -> Picture:
     sheet[_BANNER : _BANNER + whole.shape[0], : whole.shape[1]] = whole
     sheet[_BANNER : _BANNER + _ZOOMED, whole.shape[1] + 10 :] = piece
     result = found.overall if found.steady else window.angle
-    _write(sheet, f"flap {result.words()}", (4, 20), (40, 40, 40))
+    _write(sheet, f"flap {result.as_text()}", (4, 20), (40, 40, 40))
     for k, (line_, colour) in enumerate(text):
         _write(sheet, line_, (whole.shape[1] + 12, _BANNER + _ZOOMED + 22 + 24 * k), colour)
     return sheet

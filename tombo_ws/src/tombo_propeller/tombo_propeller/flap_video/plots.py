@@ -40,7 +40,7 @@ def plot_beta(found: Measurement, path: Path) -> None:
         angles.set_ylabel("flap β [deg]")
         angles.set_ylim(bottom=-0.3)
         angles.legend(loc="best")
-        text = found.overall.words() if found.steady else "it changes over the film"
+        text = found.overall.as_text() if found.steady else "it changes over the film"
         figure.suptitle(f"Flap angle: {text}", fontsize=10.5)
         radius = np.array([w.radius for w in found.windows]) * 1e3
         sd = np.array([w.radius_sd for w in found.windows]) * 1e3

@@ -33,7 +33,7 @@ _KEY_CLAIMS: Final = {
 _FOOTER: Final = (
     "A claim about numbers of the paper’s model is judged by law published, the authors’ program "
     "with its defects; beside it stand the laws with the defects mended. ✓ holds, ✗ fails, "
-    "? can’t be checked under that law. Nothing here was measured anew. The same in "
+    "? can’t be checked under that law. Nothing here was measured again. The same in "
     "reproduction.json, beside this page."
 )
 

@@ -262,7 +262,7 @@ def test_it_disarms_by_itself(parameter, taken_off, reason):
     assert desk.commander.armed
 
 
-def test_a_touch_of_the_ground_starts_the_wait_anew():
+def test_a_touch_of_the_ground_starts_the_wait_again():
     desk = Desk().fly()
     desk.wait(1.5, landed=True)
     desk.wait(0.1, landed=False)

@@ -131,7 +131,7 @@ def test_a_timesync_is_answered_with_px4s_own_clock(fed, onboard):
 
 
 @pytest.mark.slow
-def test_the_feed_lives_on_when_px4_starts_anew(fed, onboard):
+def test_the_feed_lives_on_when_px4_starts_again(fed, onboard):
     fed.fly(2.5)
     fed.peer.close()
     fed.peer = type(fed.peer)(fed.link.port)

@@ -263,7 +263,7 @@ def test_a_charge_beyond_the_field_is_held_at_its_bound():
     vehicle, telemetry = telemetry_of()
     for voltage, current in ((1e6, 1e6), (math.nan, math.nan), (-5.0, -5.0)):
         vehicle.battery = vehicle.battery._replace(voltage=voltage, current=current)
-        telemetry.forget()
+        telemetry.reset()
         for number in (1, 147):
             assert telemetry.message(number, MAV).pack(MAV)
 

@@ -176,7 +176,7 @@ def test_the_takeoff_ramp_goes_on_without_setpoints():
     flight = ready(vision=True)
     flight.arm_offboard(motion([0.0, 0.0, 1.5]))
     assert flight.fly(1.2)[:, 2].max() < GROUND
-    flight.fly(1.5, motion([*flight.body[:3]]))  # as a plan that begins anew from the ground
+    flight.fly(1.5, motion([*flight.body[:3]]))  # as a plan that begins again from the ground
     assert flight.vehicle.takeoff_state == TakeoffState.READY
     flight.fly(0.5)
     assert flight.vehicle.takeoff_state == TakeoffState.RAMPUP

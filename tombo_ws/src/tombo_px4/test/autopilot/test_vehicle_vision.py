@@ -166,7 +166,7 @@ def test_older_than_its_buffer_is_dropped(longest, word):
         (0, [0, 0], [0, 0, 0, 1], "wrong_shape"),
     ],
 )
-def test_what_is_refused(boot_us, position, attitude, word):
+def test_bad_vision_samples_are_refused_with_the_reason(boot_us, position, attitude, word):
     flight = ready(vision=True)
     flight.see = False
     flight.fly(0.1)

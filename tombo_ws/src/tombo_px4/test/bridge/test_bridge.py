@@ -105,7 +105,7 @@ class Flight:
 
 
 @pytest.mark.slow
-def test_a_whole_flight():
+def test_a_flight_takes_off_lands_and_disarms_without_faults():
     flight = Flight().run(3.0)
     assert flight.out.status.ready, flight.out.status.findings
     flight.take_off()
@@ -216,7 +216,7 @@ def test_the_estimate_is_published_once_checks_have_passed_for_a_while():
     flight.mocap_on = True
     flight.until(lambda f: f.out.status.ready)
     flight.run(1.5)
-    assert not flight.bridge.estimate_trusted, "each fault begins the wait anew"
+    assert not flight.bridge.estimate_trusted, "each fault begins the wait again"
     flight.run(0.6)
     assert flight.bridge.estimate_trusted
     flight.mocap_on = False
@@ -397,7 +397,7 @@ def test_a_px4_whose_time_is_slower_than_time_is_flown():
 
 
 @pytest.mark.slow
-def test_a_vehicle_that_was_started_anew():
+def test_a_vehicle_that_was_started_again():
     flight = Flight().run(5.0)
     flight.px4.ahead_ns = 2_000 * MS - flight.now
     flight.px4.sync = type(flight.px4.sync)()

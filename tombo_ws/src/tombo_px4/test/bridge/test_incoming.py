@@ -253,7 +253,7 @@ def test_whole_numbers_travel_by_their_bytes(value):
 
 
 def _sealed(frame):
-    """The frame with its checksum made anew."""
+    """The frame with its checksum made again."""
     crc = mav.x25crc(frame[1:-2])
     crc.accumulate(bytes([mav.MAVLink_param_value_message.crc_extra]))
     frame[-2:] = struct.pack("<H", crc.crc)

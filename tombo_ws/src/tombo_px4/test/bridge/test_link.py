@@ -94,7 +94,7 @@ def test_messages_go_both_ways(pair, kind):
     assert vehicle.counters["garbage_bytes"] == computer.counters["garbage_bytes"] == 0
 
 
-def test_before_anybody_has_spoken_nothing_is_sent(links):
+def test_nothing_is_sent_before_the_first_message_arrives(links):
     vehicle = links("udpin://127.0.0.1:0")
     assert not vehicle.connected
     assert not vehicle.send(beat(vehicle))
@@ -457,7 +457,7 @@ def besiege(link, feed, legitimate, packets):
 
 
 @pytest.mark.slow
-def test_a_hostile_crowd_over_udp_stops_nothing(links, sender):
+def test_hostile_udp_senders_do_not_stop_the_link(links, sender):
     link = links("udpin://127.0.0.1:0")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as attacker:
         sent, got = besiege(
@@ -472,7 +472,7 @@ def test_a_hostile_crowd_over_udp_stops_nothing(links, sender):
 
 
 @pytest.mark.slow
-def test_a_hostile_crowd_over_tcp_stops_nothing(links):
+def test_hostile_tcp_clients_do_not_stop_the_link(links):
     link = links("tcpin://127.0.0.1:0")
     with (
         socket.create_connection(link.address, 2.0) as attacker,

@@ -127,5 +127,5 @@ def test_the_verdict_stays_when_the_vehicle_is_put_down():
         check.gyro(NOW + k * 20_000_000, np.zeros(3))
         check.pose(NOW + k * 20_000_000, attitudes[-1])
     assert check.judge(NOW + 10 * SECOND) == first is not None
-    check.forget()
+    check.reset()
     assert check.judge(NOW + 10 * SECOND) is None

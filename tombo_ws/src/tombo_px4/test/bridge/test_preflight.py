@@ -207,7 +207,7 @@ def test_clocks_that_do_not_know_each_other(lab):
     assert "TIMESYNC has not converged" in lab.text("timesync")
 
 
-def test_delays(lab):
+def test_long_delays_are_reported(lab):
     lab.values["EKF2_EV_DELAY"] = 175.0
     assert "EKF2_EV_DELAY is 175 ms" in lab.warning("ev_delay")
     lab.latency = 0.04

@@ -345,7 +345,7 @@ def test_a_bridge_started_in_flight_touches_nothing():
     flight.vehicle.armed, flight.vehicle.landed = False, MavLandedState.ON_GROUND
     flight.run(10.0)
     assert not flight.vehicle.received, "the mission still hovers: that is no order to take off"
-    assert "start it anew" in flight.faults["not_engaged"]
+    assert "start it again" in flight.faults["not_engaged"]
 
 
 def test_a_blind_descent_lands_and_does_not_take_off_again():
@@ -411,7 +411,7 @@ def test_services_are_answered_once_a_heartbeat_confirms():
 
 
 @pytest.mark.parametrize("kind", ["offboard", "hold", "land", "disarm"])
-def test_a_refused_wish_is_answered_with_px4s_words(kind):
+def test_a_refused_request_is_answered_with_px4s_text(kind):
     flight = Flight().take_off()
     flight.vehicle.mode = POSCTL
     flight.until(Stage.EXTERNAL_MODE)
@@ -421,7 +421,7 @@ def test_a_refused_wish_is_answered_with_px4s_words(kind):
     assert "denied" in reply.text and "Resolve system health" in reply.text
 
 
-def test_a_wish_of_a_deaf_vehicle_is_answered_in_time():
+def test_a_request_to_a_silent_vehicle_is_answered_in_time():
     flight = Flight().take_off()
     flight.vehicle.deaf = True
     began = flight.now
@@ -448,7 +448,7 @@ def test_hold_and_land_by_service():
     assert flight.session.stage == Stage.LANDING
 
 
-def test_a_second_wish_overtakes_the_first():
+def test_a_second_request_replaces_the_first():
     flight = Flight().take_off()
     flight.vehicle.deaf = True
     flight.session.request(Request(7, "hold"))
@@ -492,7 +492,7 @@ def test_a_clock_set_back_leaves_nobody_waiting():
     assert not out.replies[0].success and "clock" in out.replies[0].text
 
 
-def test_wishes_without_a_link_are_answered_at_once():
+def test_requests_without_a_link_are_answered_at_once():
     flight = Flight()
     flight.vehicle.silent = True
     reply = flight.ask("arm")

@@ -40,7 +40,7 @@ _FUTURE_US = 5_000
 _RESET_TICKS = TICK_HZ
 """Refused for so long, samples are believed: EKF2 resets after 1 s (`no_aid_timeout_max`)."""
 _GAP_TICKS = 250
-"""Vision that was away for longer begins anew."""
+"""Vision that was away for longer begins again."""
 _STALE_TICKS = TICK_HZ
 """Vision that is this old does not keep GPS out any more."""
 _FLIGHT_TILT, _GROUND_TILT = 0.1, 0.5
@@ -155,7 +155,7 @@ class Ekf2Model:
         tick = simulator.tick
         store_history(self._autopilots, tick)
         if not airborne or not self.attitude_ok:
-            self._feel(simulator.accel)
+            self._update_tilt_reference(simulator.accel)
         if tick % _GPS_TICKS == 0:
             self._receive(simulator)
         while self._vision and self._vision[0].captured <= tick:
@@ -171,7 +171,7 @@ class Ekf2Model:
         located = airborne and bool(self.source)
         predict(self._autopilots, simulator.accel, located)
 
-    def _feel(self, force: Array) -> None:
+    def _update_tilt_reference(self, force: Array) -> None:
         """Low-pass the specific force of a vehicle at rest; level the first attitude with it."""
         if not math.isfinite(float(force.sum())):
             return
@@ -184,13 +184,13 @@ class Ekf2Model:
         if length < 0.5 * GRAVITY:
             return
         self._autopilot.state.attitude = _upright(x / length, y / length, z / length)
-        self._forget()
+        self._clear_history()
         self.attitude_ok = True
 
     def _receive(self, simulator: Simulator) -> None:
         """Read barometer, compass and GPS, each with its own noise of where it really is."""
         get = self._parameters.get
-        noise = self._rng.standard_normal(5)  # drawn in any case: chance stays in step
+        noise = self._rng.standard_normal(5)  # drawn in any case, for the same random sequence
         body = numbers(simulator.plant.state)
         baro = get("SYS_HAS_BARO") and get("EKF2_BARO_CTRL")
         compass = get("SYS_HAS_MAG") and get("EKF2_MAG_TYPE") != 5
@@ -298,7 +298,7 @@ class Ekf2Model:
         yaw = fix.yaw if control & 8 else self._compass
         if math.isfinite(yaw):
             _turn(state.attitude, yaw - yaw_of(state.attitude))
-        self._forget()
+        self._clear_history()
         store_history(self._autopilots, tick)
         self.source = source
         self._refused_since = -1
@@ -310,7 +310,7 @@ class Ekf2Model:
         autopilot.observer.position_bandwidth = bandwidth
         self.resets += 1
 
-    def _forget(self) -> None:
+    def _clear_history(self) -> None:
         self._autopilot.history["tick"] = -1
 
     def _fuse(self, fix: _Fix, control: int, tick: int, airborne: bool) -> None:

@@ -62,7 +62,7 @@ _SINK = GRAVITY / 4.0
 vehicle is held down for the first part of it."""
 _MAX_STATUS_TEXTS = 64
 _FARTHEST = 1e5
-"""[m]: a place that is farther is a slip."""
+"""[m]: a farther position is refused as a mistake."""
 _SETTLES_TICKS = 2000
 """A vehicle whose rotors were stopped in the air is down after this."""
 
@@ -116,7 +116,7 @@ class Px4Vehicle:
 
     @property
     def _state(self) -> State:
-        # a view, made anew each time: a kept one would be torn off in a copy
+        # a view, made each time: a kept one would not follow a copied record
         state: State = self._autopilot.state
         return state
 
@@ -238,7 +238,7 @@ class Px4Vehicle:
         return self.ekf2_model.vision(self.tick, boot_us, position, attitude)
 
     def target(self, target: OffboardSetpoint) -> str:
-        """Take a set point of OFFBOARD; a valid one counts as a sign of life of the stream.
+        """Take a set point of OFFBOARD; a valid one counts as a heartbeat of the stream.
 
         Returns:
             "" or why it is refused.

@@ -237,9 +237,9 @@ class Bridge:
         )
 
     def _rebooted(self, now_ns: int) -> None:
-        self._out.events.append(("vehicle_rebooted", "PX4 was started anew: its clock went back"))
-        self.preflight.forget()
-        self.parameters.forget()
+        self._out.events.append(("vehicle_rebooted", "PX4 was restarted: its clock went back"))
+        self.preflight.reset()
+        self.parameters.reset()
         self._asked_ns = 0
         self._linked_ns = now_ns
 
@@ -351,7 +351,7 @@ class Bridge:
     def _clock_set_back(self, now_ns: int, out: BridgeOutput) -> None:
         """Forget all times of the past, because the clock was set back."""
         back = (self._now_ns - now_ns) * 1e-9
-        text = f"the system's clock was set back by {back:.1f} s: all stamps begin anew"
+        text = f"the system's clock was set back by {back:.1f} s: all stamps begin again"
         out.events.append(("clock_set_back", text))
         self._heartbeat_sent_ns = self._timesync_request_ns = self._heartbeat_request_ns = 0
         self._checked_ns = self._asked_ns = self.pose_stamp_ns = self._battery_ns = 0
@@ -361,15 +361,15 @@ class Bridge:
         if self._heartbeat is not None:
             self._heartbeat = replace(self._heartbeat, arrival_ns=now_ns)
         self._odometry = None
-        self.preflight.forget()
-        self.parameters.forget()
+        self.preflight.reset()
+        self.parameters.reset()
         self.message_rates.clear()
         self.session.clock_set_back(out)
 
     def _follow_link(self, now_ns: int) -> bool:
         """Return whether the vehicle is there."""
-        heard = self._heartbeat
-        if heard is None or now_ns - heard.arrival_ns > self.params.link_timeout * SECOND_NS:
+        beat = self._heartbeat
+        if beat is None or now_ns - beat.arrival_ns > self.params.link_timeout * SECOND_NS:
             self._linked_ns = None
             return False
         if self._linked_ns is None:
@@ -398,15 +398,15 @@ class Bridge:
             begun = self._asked_ns == 0
             self._asked_ns = now_ns
             out.messages += self._request_message_intervals(now_ns, begun)
-        heard = self._heartbeat
-        assert heard is not None
-        if (heard.armed or self.session.awaits_confirmation) and (
-            now_ns - max(heard.arrival_ns, self._heartbeat_request_ns) >= _HEARTBEAT_REQUEST_NS
+        beat = self._heartbeat
+        assert beat is not None
+        if (beat.armed or self.session.awaits_confirmation) and (
+            now_ns - max(beat.arrival_ns, self._heartbeat_request_ns) >= _HEARTBEAT_REQUEST_NS
         ):
             self._heartbeat_request_ns = now_ns
             number = mav.MAVLINK_MSG_ID_HEARTBEAT
             out.messages.append(message_encoder.request_message(self._target, number))
-        out.messages += self.parameters.tick(now_ns, not heard.armed)
+        out.messages += self.parameters.tick(now_ns, not beat.armed)
 
     def _request_message_intervals(self, now_ns: int, begun: bool) -> list[Any]:
         """Ask for what comes too seldom; `begun`: for everything."""
@@ -440,16 +440,16 @@ class Bridge:
 
         For a bridge that is told to end: send it, and again until this is None.
         """
-        heard, stage = self._heartbeat, self.session.stage
-        if heard is None:
+        beat, stage = self._heartbeat, self.session.stage
+        if beat is None:
             return None
-        if stage == Stage.ARMING and not heard.armed:
+        if stage == Stage.ARMING and not beat.armed:
             return self._encode_command(VehicleCommand(armed=False))  # arming may be under way
-        if not heard.armed or stage not in (Stage.ENTERING_OFFBOARD, Stage.ARMING, Stage.FLYING):
+        if not beat.armed or stage not in (Stage.ENTERING_OFFBOARD, Stage.ARMING, Stage.FLYING):
             return None
         if self._landed == MavLandedState.ON_GROUND:
             return self._encode_command(VehicleCommand(armed=False))
-        if heard.mode != OFFBOARD:
+        if beat.mode != OFFBOARD:
             return None
         return self._encode_command(VehicleCommand(mode=AUTO_LAND))
 
@@ -505,7 +505,7 @@ class Bridge:
                         " rate of PX4's link (MAV_0_RATE, baud), or ask for less"
                     )
         if self.parameters.complete and not self.parameters.values:
-            text = "PX4 tells none of its parameters: what is wrong with them is not seen"
+            text = "PX4 sends no parameters: they can't be checked"
             out.faults["parameters_unknown"] = text
         if self.parameters.unwritten:
             pairs = ", ".join(f"{n}={v:g}" for n, v in self.parameters.unwritten.items())
@@ -515,11 +515,11 @@ class Bridge:
             out.faults["parameters_at_start"] = f"{names} changed: restart PX4, it uses them then"
 
     def _status(self, linked: bool) -> Status:
-        heard = self._heartbeat
+        beat = self._heartbeat
         return Status(
             linked,
-            heard is not None and heard.armed,
-            "" if heard is None else mode_name(heard.mode),
+            beat is not None and beat.armed,
+            "" if beat is None else mode_name(beat.mode),
             self._landed,
             self.session.stage,
             self.session.why,
@@ -532,10 +532,10 @@ class Bridge:
 
     def metrics(self, now_ns: int) -> dict[str, Any]:
         """Return what `/diagnostics` shows beside the faults."""
-        sync, heard, last = self.sync, self._heartbeat, self._odometry
+        sync, beat, last = self.sync, self._heartbeat, self._odometry
         metrics: dict[str, Any] = {
-            "mode": "" if heard is None else mode_name(heard.mode),
-            "armed": heard is not None and heard.armed,
+            "mode": "" if beat is None else mode_name(beat.mode),
+            "armed": beat is not None and beat.armed,
             "landed": self._landed.name.lower(),
             "stage": self.session.stage.value,
             "timesync_converged": sync.converged,

@@ -154,7 +154,7 @@ class EstimatorStatusFlags(Record):
     is_aided: bool
     """A position source is fused. (CONST_POS_MODE does not tell: it is set at rest, too.)"""
     position_ratio: float
-    """Innovation test ratio; above 1 the poses are refused. NaN: not told."""
+    """Innovation test ratio; above 1 the poses are refused. NaN: not reported."""
     height_ratio: float
 
 

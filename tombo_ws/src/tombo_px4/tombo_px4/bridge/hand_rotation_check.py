@@ -73,7 +73,7 @@ class MotionCheck:
             return
         self._gyro.append((stamp_ns, rates))
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Forget all samples."""
         self._poses.clear()
         self._gyro.clear()

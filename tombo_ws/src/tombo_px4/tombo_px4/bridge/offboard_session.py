@@ -56,7 +56,7 @@ class Stage(Enum):
     ARMING = "arming"
     FLYING = "offboard"
     LANDING = "landing"
-    EXTERNAL_MODE = "mode is somebody else's"
+    EXTERNAL_MODE = "mode set by another station"
     GIVEN_UP = "given up"
     LINK_LOST = "link lost"
 
@@ -188,7 +188,7 @@ class Session:
     def _update_mission(self, view: SessionInput, heartbeat: Heartbeat) -> None:
         """Allow arming again when the mission is on the ground, or when it is received first.
 
-        Its first words may be lost while the nodes find each other.
+        Its first messages may be lost while the nodes find each other.
         """
         begins = view.phase == Phase.TAKEOFF and not self._mission_seen
         self._mission_seen = True
@@ -201,20 +201,20 @@ class Session:
         if self.stage not in (Stage.WAITING, Stage.LINK_LOST):
             self._stage_before_loss = self.stage
             self._set_stage(Stage.LINK_LOST, "")
-        heard = view.heartbeat
-        if heard is None:
+        last = view.heartbeat
+        if last is None:
             text = "no heartbeat of the vehicle: is it on, and does it send here?"
             self._begun_ns = self._begun_ns or view.now_ns
             if view.now_ns - self._begun_ns > _GRACE_NS:
                 out.faults["no_vehicle"] = text
         else:
-            age = (view.now_ns - heard.arrival_ns) * 1e-9
-            armed = "armed, " if heard.armed else ""
-            text = f"no heartbeat for {age:.1f} s, last {armed}mode {mode_name(heard.mode)}"
+            age = (view.now_ns - last.arrival_ns) * 1e-9
+            armed = "armed, " if last.armed else ""
+            text = f"no heartbeat for {age:.1f} s, last {armed}mode {mode_name(last.mode)}"
             out.faults["link_lost"] = f"{text}: nothing is armed when it comes back"
         self._drop_requests(out, text)
         if self._stage_before_loss == Stage.FLYING and view.phase in _FLIGHT:
-            out.stream = Stream.SETPOINT  # it may still be heard
+            out.stream = Stream.SETPOINT  # it may still arrive
 
     def _on_link_up(self, view: SessionInput, heartbeat: Heartbeat) -> None:
         """A vehicle is there, for the first time or again."""
@@ -330,7 +330,7 @@ class Session:
         if not self._engage_allowed:
             out.faults["not_engaged"] = (
                 "the mission wants to fly, but was not seen on the ground since the last flight:"
-                " start it anew, or call px4/offboard"
+                " start it again, or call px4/offboard"
             )
         elif view.blockers:
             out.faults["preflight"] = "not armed: " + "; ".join(view.blockers)

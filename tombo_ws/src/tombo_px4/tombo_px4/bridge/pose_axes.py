@@ -56,7 +56,7 @@ def explain_up(attitude: Array, accel: Array, limit: float) -> str:
         )
     return (
         f"mocap body is tilted by {degrees:.0f} deg against the autopilot: define the rigid body"
-        " anew with the vehicle level and its nose along +x"
+        " again with the vehicle level and its nose along +x"
     )
 
 

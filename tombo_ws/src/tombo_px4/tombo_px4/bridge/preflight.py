@@ -112,7 +112,7 @@ class Preflight:
         if sample.stamp_ns is not None:
             self.motion.gyro(sample.stamp_ns, sample.gyro)
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Forget everything: another vehicle, a restart of it, or a clock that was set."""
         self._poses.clear()
         self._refused.clear()
@@ -120,7 +120,7 @@ class Preflight:
         self._imu.clear()
         self.odometry.clear()
         self.estimator = None
-        self.motion.forget()
+        self.motion.reset()
 
     def latency_s(self, now_ns: int) -> float:
         """Return the usual time from a pose's capture to its arrival here [s]; NaN: no poses."""
@@ -394,7 +394,7 @@ def _explain_turn(degrees: float) -> str:
     quarter = round(degrees / 90.0) * 90
     if quarter and abs(degrees - quarter) < 10.0:
         return text + (
-            "x of the rigid body is not the nose; define it anew with the nose along +x, or PX4's"
+            "x of the rigid body is not the nose; define it again with the nose along +x, or PX4's"
             " heading comes from the magnetometer (EKF2_EV_CTRL bit 3)"
         )
     return text + (

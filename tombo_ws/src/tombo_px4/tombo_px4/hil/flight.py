@@ -44,7 +44,7 @@ class HilFlight:
     """One vehicle, from the ground. The same seed gives the same random draws.
 
     Attributes:
-        simulator: the plant; its memory `m` has the truth.
+        simulator: the plant, with the ground truth.
         poses: motion-capture poses that arrived during the last step; `captured` and `arrives` are
             ticks, `TICK_US` times a tick is PX4's clock.
         rotors: commanded rotor speeds of the last step [rad/s].

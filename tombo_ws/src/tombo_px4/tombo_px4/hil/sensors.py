@@ -15,7 +15,7 @@ from tombo_px4.hil.params import HilParams
 from tombo_px4.protocol.field_scaling import fitted, globe_fields
 
 _STREAM = 4560
-"""Key of the stream of chance: whatever else a seed decides stays as it is without this link."""
+"""Key of the random generator: whatever else a seed decides stays as it is without this link."""
 _SEA_LEVEL_PA, _SEA_LEVEL_K, _LAPSE_K_M, _EXPONENT = 101_325.0, 288.15, 0.0065, 5.25588
 _SEA_LEVEL_KG_M3 = 1.225
 """International standard atmosphere, up to 11 km."""
@@ -113,7 +113,7 @@ class HilSensors:
         )
 
     def truth(self, mav: Any, time_us: int, plant: Plant) -> Any:
-        """Return HIL_STATE_QUATERNION: what is really so."""
+        """Return HIL_STATE_QUATERNION: ground truth."""
         rates, force = frd_from_flu(np.stack([plant.state.rates, plant.force]))
         to_milli_g = 1000.0 / GRAVITY / float(plant.mass)
         flow = plant.airspeed

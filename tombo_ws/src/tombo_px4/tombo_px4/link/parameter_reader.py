@@ -98,7 +98,7 @@ class ParameterReader:
         """Nothing is asked for any more."""
         return all(n in self.values or self._tries[n] >= _TRIES for n in self._names)
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Forget all values: another vehicle, or a restart of it."""
         self.values.clear()
         self._tries.clear()

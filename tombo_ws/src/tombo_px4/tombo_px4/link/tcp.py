@@ -83,7 +83,7 @@ class _Streams(Transport):
 
     @property
     def peer(self) -> Any:
-        """Whom to answer: who spoke last and was let in, else who is there."""
+        """Whom to answer: the last accepted sender, else who is there."""
         return self._peer
 
     @peer.setter
@@ -159,7 +159,7 @@ class _Streams(Transport):
 
 
 class TcpIn(_Streams):
-    """A TCP server. It hears a few clients, and answers the one that spoke last and was let in."""
+    """A TCP server. It hears a few clients, and answers the last accepted sender."""
 
     def __init__(self, url: Url, clock: Clock, counters: Counters, allow_remote: bool) -> None:
         super().__init__(clock)

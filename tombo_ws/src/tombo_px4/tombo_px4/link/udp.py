@@ -117,7 +117,7 @@ class UdpOut(Transport):
 
 
 class UdpIn(Transport):
-    """A UDP listener. It answers the peer that spoke last and was let in.
+    """A UDP listener. It answers the last accepted sender.
 
     Each such partner gets a socket of its own on the same port, connected to it: the kernel sorts
     the partner's datagrams into that one's queue, and a flood from elsewhere, which fills the
@@ -159,7 +159,7 @@ class UdpIn(Transport):
     def peer(self, peer: Any) -> None:
         self._peer = peer
         if peer in self._partners:
-            self._partners[peer] = self._partners.pop(peer)  # the last one is who spoke last
+            self._partners[peer] = self._partners.pop(peer)  # the last one sent last
         elif self._new is None:
             with contextlib.suppress(OSError):
                 self._add_partner(peer)

@@ -132,4 +132,4 @@ class Endpoint:
         state = (vehicle.armed, vehicle.mode, vehicle.failsafe, vehicle.landed)
         if state != self._last_state:
             self._last_state = state
-            self.telemetry.forget()
+            self.telemetry.reset()

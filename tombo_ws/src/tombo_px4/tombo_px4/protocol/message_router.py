@@ -61,7 +61,7 @@ class MessageRouter:
         self.system = int(vehicle.parameters.get("MAV_SYS_ID"))
         self.component = int(vehicle.parameters.get("MAV_COMP_ID"))
         self.heard_systems: dict[tuple[int, int], int] = {}
-        """System and component of all who were heard, and when [us since boot]."""
+        """System and component of all senders, and when the last message came [us since boot]."""
         # By type: what answers, and whether a message for another vehicle is left to it.
         self._handlers: dict[str, tuple[Callable[[RoutedMessage], None], bool]] = {
             "HEARTBEAT": (lambda routed: None, False),
@@ -127,7 +127,7 @@ class MessageRouter:
         if not to_all and not self._for_us(message):
             return
         answer = self._commands.execute(command, port.streams)
-        self._telemetry.forget()
+        self._telemetry.reset()
         result = self._send_requested(routed, answer)
         for severity, text in self._vehicle.take_status_texts():
             self._voice.say(severity, text, self._vehicle.boot_us)
@@ -210,7 +210,7 @@ class MessageRouter:
     def _set_origin(self, routed: RoutedMessage) -> None:
         """The map stays where it is on the globe; from now on it is known to be there."""
         self._vehicle.ekf2_model.origin_known = True
-        self._telemetry.forget()
+        self._telemetry.reset()
         number = mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN
         message = self._telemetry.message(number, routed.port.mav)
         if message is not None:

@@ -93,7 +93,7 @@ class Telemetry:
         self._snapshot.load, self._snapshot.unix_us = self.load, self.unix_us
         return found[1](mav, self._snapshot)
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Drop the snapshot: a command has changed the vehicle within the tick."""
         self._tick = -1
 

@@ -14,7 +14,7 @@ from tombo_bringup.cli.diagnosis.benchmark_run import (
     Output,
     Workers,
     checked,
-    run_and_tell,
+    run_and_print,
 )
 from tombo_bringup.cli.diagnosis.benchmark_stand_command import benchmark_stand
 from tombo_bringup.cli.options import Seed
@@ -63,7 +63,7 @@ def diagnosis(
     count = checked(cases, workers, output)
     from tombo_diagnosis.benchmark.flight_evaluation import benchmark as run
 
-    run_and_tell(run, cases, seed, count, output, as_json, print_benchmark)
+    run_and_print(run, cases, seed, count, output, as_json, print_benchmark)
 
 
 def print_benchmark(aggregate: Mapping[str, Any], cases: int) -> None:
@@ -71,7 +71,7 @@ def print_benchmark(aggregate: Mapping[str, Any], cases: int) -> None:
     from rich.console import Console
 
     console = Console(highlight=False)
-    console.print(_table(aggregate, f"{cases} blind cases"))
+    console.print(_table(aggregate, f"{cases} synthetic cases"))
     for name, part in aggregate.items():
         if isinstance(part, Mapping) and any(key in part for key, *_ in THRESHOLDS):
             console.print(_table(part, name.replace("_", " ")))

@@ -46,7 +46,7 @@ def checked(cases: int, workers: int | None, output: Path | None) -> int:
     return count
 
 
-def run_and_tell(
+def run_and_print(
     run: Callable[..., Any],
     cases: int,
     seed: int,

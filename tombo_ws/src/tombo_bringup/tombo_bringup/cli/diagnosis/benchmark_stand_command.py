@@ -1,4 +1,4 @@
-"""`tombo benchmark stand`: blind cases of the stand diagnosis, scored."""
+"""`tombo benchmark stand`: synthetic cases of the stand diagnosis, scored."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tombo_bringup.cli.diagnosis.benchmark_run import (
     Output,
     Workers,
     checked,
-    run_and_tell,
+    run_and_print,
 )
 from tombo_bringup.cli.options import Seed
 
@@ -57,7 +57,7 @@ def benchmark_stand(
     count = checked(cases, workers, output)
     from tombo_diagnosis.benchmark.stand_evaluation import benchmark as run
 
-    run_and_tell(run, cases, seed, count, output, as_json, print_score)
+    run_and_print(run, cases, seed, count, output, as_json, print_score)
 
 
 def print_score(aggregate: Mapping[str, Any], cases: int) -> None:

@@ -17,7 +17,7 @@ from tombo_bringup.cli.tables import print_line, right
 from tombo_diagnosis.extend_model import extends
 from tombo_diagnosis.report.diagnosis_output import MISSION, MODEL
 from tombo_diagnosis.report.diagnosis_text import CLASSES, LABELS, headline, next_steps
-from tombo_diagnosis.wording import certainty, figure, interval, percent, unit, words
+from tombo_diagnosis.wording import certainty, display_name, figure, interval, percent, unit
 
 if TYPE_CHECKING:
     from tombo_diagnosis.diagnosis import Diagnosis
@@ -56,7 +56,7 @@ def _causes(diagnosis: Diagnosis) -> Table:
         for k, theta in enumerate(cause.theta):
             value, low, high = interval(theta)
             table.add_row(
-                Text("" if k else words(cause.effect), "bold"),
+                Text("" if k else display_name(cause.effect), "bold"),
                 "" if k else certainty(cause.confidence),
                 Text(theta.name),
                 Text(f"{value} {unit(theta.unit)}".strip()),
@@ -69,7 +69,7 @@ def _rivals(diagnosis: Diagnosis) -> None:
     """Print who else was likely, and how many could not be seen."""
     members = {cause.effect for cause in diagnosis.causes}
     rivals = [
-        f"{words(score.effect)} ({certainty(score.probability)})"
+        f"{display_name(score.effect)} ({certainty(score.probability)})"
         for score in diagnosis.candidates
         if score.effect not in members and score.excited and score.probability >= 0.005
     ][:_RIVALS]
@@ -83,7 +83,7 @@ def _rivals(diagnosis: Diagnosis) -> None:
 
 
 def _gains(gains: Sequence[Gain]) -> Table:
-    title = Text("Prediction error on flights held out from naming and fit")
+    title = Text("Prediction error on flights held out from selection and fit")
     columns = [Column(heading, no_wrap=True) for heading in ("channel", "ahead")]
     columns += right("error", "less by", "interval", no_wrap=True)
     table = Table(
@@ -93,7 +93,7 @@ def _gains(gains: Sequence[Gain]) -> Table:
         known = math.isfinite(gain.low) and math.isfinite(gain.high)
         error = f"{figure(gain.before)} → {figure(gain.after)} {unit(gain.unit)}"
         table.add_row(
-            Text(words(gain.channel)),
+            Text(display_name(gain.channel)),
             Text(gain.horizon),
             Text(error.strip()),
             percent(gain.reduction),

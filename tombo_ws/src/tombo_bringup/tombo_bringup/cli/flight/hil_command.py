@@ -118,7 +118,7 @@ def _introduction(
         "",
         container,
         "",
-        "PX4 connects once: start it anew after this. Built, it keeps these parameters; without "
+        "PX4 connects once: start it again after this. Built, it keeps these parameters; without "
         "parameters*.bson of build/px4_sitl_default/rootfs it begins with its own again.",
     ]
     if mocap is None:

@@ -67,7 +67,7 @@ def print_nodes(flown: NodeFlight) -> None:
     if len(troubles) > _WARNINGS:
         print_line(f"... and {len(troubles) - _WARNINGS} more warnings", "yellow")
     for end in flown.died:
-        print_line(f"{end.name} has ended, {end.how}; what it said is in nodes.log", "bold red")
+        print_line(f"{end.name} has ended, {end.exit_text}; see nodes.log", "bold red")
 
 
 def grouped(warnings: Sequence[tuple[str, str]], epoch_ns: int | None) -> list[str]:

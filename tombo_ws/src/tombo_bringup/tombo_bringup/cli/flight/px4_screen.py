@@ -34,7 +34,7 @@ def state_line(endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> str:
     """Return the vehicle's state in one line."""
     v = endpoint.vehicle
     x, y, z = (float(p) for p in v.estimate.position)
-    heard = [
+    clients = [
         f"{system}/{component}"
         for (system, component), when in sorted(endpoint.message_router.heard_systems.items())
         if v.boot_us - when < _RECENTLY_HEARD_US
@@ -46,7 +46,7 @@ def state_line(endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> str:
         f"x {x:.2f} y {y:.2f} z {z:.2f} m" if v.health.local_position else "no position",
         f"{v.battery.voltage:.1f} V {100.0 * v.battery.remaining:.0f} %",
         f"load {100.0 * endpoint.telemetry.load:.0f} %",
-        f"heard {', '.join(heard)}" if heard else "nobody heard",
+        f"heard {', '.join(clients)}" if clients else "no client connected",
     ]
     if slipped_ns:
         words.append(f"{slipped_ns * 1e-9:.1f} s behind")

@@ -101,14 +101,14 @@ class TextScreen:
 
     def ended(self, end: ProcessExit, log: str) -> None:
         """Print that a node has ended by itself, with the last lines of its log."""
-        self._put(f"{end.name} has ended, {end.how}; its log: {log}", "bold red")
+        self._put(f"{end.name} has ended, {end.exit_text}; its log: {log}", "bold red")
         for line in end.last_log_lines:
             self._put(f"  {line}")
 
     def closing(self, ends: Sequence[ProcessExit], folder: str) -> None:
         """Print nodes that did not end as asked, and the folder of the files."""
         for end in ends:
-            self._put(f"{end.name} did not stop when asked to: {end.how}", "yellow")
+            self._put(f"{end.name} did not stop when asked to: {end.exit_text}", "yellow")
         self._put(f"stopped; files in {folder}")
 
 
@@ -116,6 +116,6 @@ def _plain(end: ProcessExit) -> dict[str, Any]:
     return {
         "node": end.name,
         "exit_code": end.code,
-        "how": end.how,
+        "how": end.exit_text,
         "last_words": list(end.last_log_lines),
     }

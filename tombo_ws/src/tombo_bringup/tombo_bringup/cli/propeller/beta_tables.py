@@ -30,11 +30,11 @@ def print_beta(found: Measurement, notes: list[str], path: Path | None) -> None:
         paper = "-" if math.isnan(w.paper) else f"{math.degrees(w.paper):.1f}"
         table.add_row(
             f"{w.time:.4f}", f"{w.speed * 30.0 / math.pi:.0f}", f"{w.rim.radius:.2f}",
-            f"{w.radius * 1e3:.2f}", paper, w.angle.words(),
+            f"{w.radius * 1e3:.2f}", paper, w.angle.as_text(),
         )  # fmt: skip
     Console().print(table)
     if found.steady:
-        typer.echo(f"All {len(found.windows)} windows: {found.overall.words()}")
+        typer.echo(f"All {len(found.windows)} windows: {found.overall.as_text()}")
     typer.echo(
         f"Scale {found.scale.pixels_per_m * 1e-3:.4f} px/mm +- {100 * found.scale.error:.3f} % "
         f"({found.scale.source})"
@@ -55,7 +55,7 @@ def notes_of(found: Measurement) -> list[str]:
         seen = angle(found.radius, found.radius_sd, span, CameraPose(1.0, view.towards))
         notes.append(
             "no --camera-height: taken to be far away. With the camera at 1 m the same disc means "
-            + seen.words()
+            + seen.as_text()
         )
     else:
         blind = ambiguous_angle_limit(span, view)

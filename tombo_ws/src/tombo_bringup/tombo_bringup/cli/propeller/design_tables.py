@@ -40,7 +40,7 @@ def print_design(
     )
     if made.check is not None:
         console.print(_claims(made.check))
-    print_line("What nobody knows:", "bold")
+    print_line("Not measured:", "bold")
     for text in (*words.caveats(found, made), *words.sources(found)):
         print_line(f"  {text}")
     if folder is not None:

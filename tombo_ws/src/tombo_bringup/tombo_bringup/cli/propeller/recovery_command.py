@@ -97,7 +97,7 @@ def recovery(
         return
     for r in found:
         level = f"{r.level:.0f}" if r.level >= 1000.0 else f"{r.level:.3g}"
-        words = r.words(lower_bound=read.is_speed)
+        words = r.as_text(lower_bound=read.is_speed)
         typer.echo(
             f"Collision at {r.time:.3f} s, from {level} {read.unit}: recovered after {words}"
         )

@@ -17,7 +17,7 @@ from rich.text import Text
 from tombo_bringup.cli.tables import print_line, right
 from tombo_diagnosis.report.diagnosis_text import CLASSES, LABELS
 from tombo_diagnosis.stand.model_differences import differences_from_model
-from tombo_diagnosis.wording import capital, certainty, figure, listed, percent, words
+from tombo_diagnosis.wording import capital, certainty, display_name, figure, listed, percent
 
 if TYPE_CHECKING:
     from tombo_diagnosis.diagnosis import Diagnosis
@@ -35,11 +35,11 @@ _NAMED = 4
 
 def stand_headline(diagnosis: Diagnosis) -> str:
     """Return the verdict as one sentence."""
-    causes = [words(c.effect) for c in diagnosis.causes]
-    told = differences_from_model(diagnosis.causes)
-    if told and diagnosis.verdict == "named":
-        new = [words(c.effect) for c in diagnosis.causes if not differences_from_model([c])]
-        parts = [*told, *([f"it is {listed(new, 'and')}"] if new else [])]
+    causes = [display_name(c.effect) for c in diagnosis.causes]
+    differences = differences_from_model(diagnosis.causes)
+    if differences and diagnosis.verdict == "named":
+        new = [display_name(c.effect) for c in diagnosis.causes if not differences_from_model([c])]
+        parts = [*differences, *([f"it is {listed(new, 'and')}"] if new else [])]
         return capital("; ".join(parts))
     if diagnosis.verdict == "set" and len(diagnosis.set) > _NAMED:
         count = len(diagnosis.set)
@@ -48,7 +48,7 @@ def stand_headline(diagnosis: Diagnosis) -> str:
         "none": "The model agrees with these runs",
         "unknown": "Something is wrong that no known effect explains",
         "named": f"It is {listed(causes, 'and')}",
-        "set": f"It is {listed([words(n) for n in diagnosis.set], 'or')}: these runs can’t tell",
+        "set": f"It is {listed(diagnosis.set, 'or')}: these runs can’t tell",
         "partly_explained": f"Part of it is {listed(causes, 'and')}; something else is left",
     }[diagnosis.verdict]
 
@@ -78,8 +78,8 @@ def print_stand(
         known = math.isfinite(g.low)
         span = f" ({percent(g.low)} to {percent(g.high)})" if known else ""
         print_line(
-            f"Held out, {words(g.channel)}: {figure(g.before)} → {figure(g.after)} {g.unit}, less "
-            f"by {percent(g.reduction)}{span}"
+            f"Held out, {display_name(g.channel)}: {figure(g.before)} → {figure(g.after)} "
+            f"{g.unit}, less by {percent(g.reduction)}{span}"
         )
     for f in d.prechecks:
         print_line(f"{f.severity.capitalize()}: {f.flight}: {f.check}: {f.message}",
@@ -111,7 +111,7 @@ def _causes(diagnosis: Diagnosis) -> Table:
         for k, f in enumerate(cause.theta):
             unit = "" if f.unit == "1" else f" {f.unit}"
             table.add_row(
-                Text("" if k else words(cause.effect), "bold"),
+                Text("" if k else display_name(cause.effect), "bold"),
                 "" if k else certainty(cause.confidence), Text(f.name),
                 Text(f"{f.value:.3g}{unit}"), f"{f.low:.3g} to {f.high:.3g}",
             )  # fmt: skip
@@ -182,7 +182,7 @@ def _print_table3(study: Table3, console: Console) -> None:
     )
     for p in study.predictions:
         span = f"{p.low:+.3f} to {p.high:+.3f}" if p.low != p.high else "–"
-        table.add_row(words(p.what), f"{p.rmse:.4f}", span, p.parameter)
+        table.add_row(display_name(p.what), f"{p.rmse:.4f}", span, p.parameter)
     console.print(table)
     console.print(Text(TWO_VALUES), soft_wrap=True)
     table = _table(
@@ -191,7 +191,7 @@ def _print_table3(study: Table3, console: Console) -> None:
     )
     for s in study.settling[:_EASIEST]:
         table.add_row(
-            s.what, words(s.rival), f"{s.difference:.3g} {s.unit}", f"{s.sigma:.2g} {s.unit}",
-            f"{100.0 * s.sigma / s.expected:.1f} %",
+            s.what, display_name(s.rival), f"{s.difference:.3g} {s.unit}",
+            f"{s.sigma:.2g} {s.unit}", f"{100.0 * s.sigma / s.expected:.1f} %",
         )  # fmt: skip
     console.print(table)

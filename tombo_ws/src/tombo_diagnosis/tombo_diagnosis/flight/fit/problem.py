@@ -38,7 +38,7 @@ SETTING = Setting(
     max_fitted=4,  # a fit of flights takes some tenths of a second
     # Along a flight errors of the model add up: where much is at stake they outweigh noise.
     model_error_share=0.05,
-    # Found on blind cases of other seeds: small causes hide in healthy flights' noise.
+    # Found on synthetic cases of other seeds: small causes hide in healthy flights' noise.
     calibration={"none": ((0.0, 0.0), (1.0, 0.85))},
     confounded_with={name: effect.confounded_with for name, effect in REGISTRY.items()},
 )
@@ -115,7 +115,7 @@ class FlightProblem:
         return {SCATTER: 0.0} if self.columns.draws else {}
 
     def evidence_with(self, fit: Fit, widths: Mapping[str, float], tight: float = 1.0) -> float:
-        """Return the log evidence of a fit with other widths of chance, by its tangent."""
+        """Return the log evidence of a fit with other widths of random effects, by its tangent."""
         deviations = self.columns.deviations(fit.free, widths, tight, fit.pinned)
         return solve(fit.normal, deviations, fit.prior_mean, covariance=False).evidence
 
@@ -142,7 +142,7 @@ class FlightProblem:
             self.variances = self._variances(every.mean)
 
     def _find_unobservable(self) -> frozenset[int]:
-        """Return what can't be seen: in every channel, even at its loudest, a share of the noise.
+        """Return what stays below a share of the noise even where its signal is largest.
 
         Averaged over minutes it would still stand out of white noise. But in a hover what little
         moves is noise itself, that went through the estimator into the commands and came back.
@@ -260,11 +260,11 @@ class FlightProblem:
     ) -> Fit:
         """Fit as `Model.fit` says, by Gauss-Newton.
 
-        `slopes`: take those of the free parameters anew; False: those of `start` will do.
+        `slopes`: take those of the free parameters again; False: those of `start` will do.
         """
         columns = self.columns
         # The first step leaves little to tolerances: where an effect is large, the tangent's own
-        # error would be paid by whatever tolerance happens to look like it.
+        # error would be absorbed by a similar parameter.
         held = columns.deviations(free, widths, tight=TIGHT if slopes else 1.0)
         solution = solve(start.normal, held, start.prior_mean)
         fit = start
@@ -273,16 +273,16 @@ class FlightProblem:
             for place, index in enumerate(columns.indices):
                 p = columns.parameters[index]
                 moved[index] = np.clip(fit.theta[index] + solution.mean[place], p.low, p.high)
-            # Every parameter moves: where data are this sharp, a tolerance is no tangent either.
+            # Every parameter moves: the model is nonlinear within a tolerance too.
             change = max(
                 abs(moved[i] - fit.theta[i]) / columns.parameters[i].tolerance
                 for i in columns.indices
             )
             if change < _CLOSE:
                 break
-            # Slopes change little on the way: they are taken anew once, residuals every time.
-            anew = free if slopes and step == 0 else ()
-            tangent = self._about(moved, anew, tangent_of(fit), free)
+            # Slopes change little on the way: they are taken again once, residuals every time.
+            renewed = free if slopes and step == 0 else ()
+            tangent = self._about(moved, renewed, tangent_of(fit), free)
             prior_mean = fit.prior_mean.copy()
             for place, index in enumerate(columns.indices):
                 prior_mean[place] = self.theta[index] - moved[index]
@@ -308,11 +308,11 @@ class FlightProblem:
         return tuple(self._weigh(part, f) for f, part in enumerate(parts))
 
     def _about(
-        self, theta: Array, anew: Sequence[int], before: FlightTangent, free: Sequence[int]
+        self, theta: Array, renewed: Sequence[int], before: FlightTangent, free: Sequence[int]
     ) -> FlightTangent:
-        """Return residuals at theta, slopes of the parameters `anew`, and their equations."""
+        """Return residuals at theta, slopes of the parameters `renewed`, and their equations."""
         fresh = map_flights(
-            lambda each: linearize(each[0], self.nominal, theta, tuple(anew), each[1]),
+            lambda each: linearize(each[0], self.nominal, theta, tuple(renewed), each[1]),
             list(zip(self.tracks, self.linears, strict=True)),
         )
         linears = tuple(
@@ -321,7 +321,7 @@ class FlightProblem:
         )
         places = self.columns.places(free)
         parts = tuple(
-            self._by_channel(linear, f, part, places if anew else [])
+            self._by_channel(linear, f, part, places if renewed else [])
             for f, (linear, part) in enumerate(zip(linears, before.parts, strict=True))
         )
         return FlightTangent(linears, self._weighed(parts), parts)

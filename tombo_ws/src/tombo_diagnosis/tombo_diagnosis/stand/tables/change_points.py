@@ -22,7 +22,7 @@ _SIDE = 5
 """Points on either side, at speeds that the other side has as well."""
 _LEAST = 0.025
 """Share of thrust."""
-_SURE = 6.5
+_MIN_SIGMAS = 6.5
 """Standard deviations, the best of all places."""
 _EXPLAINS = 0.4
 """Share of the squares that may be left: a smooth drift is followed by no single step."""
@@ -74,7 +74,7 @@ def find_step(speed: Array, load: Array, elapsed: Array) -> Step | None:
         # As a share of the load at equal speed before it.
         first = float(np.sum(y[:at] * w[:at] ** 2) / np.sum(w[:at] ** 4))
         share = size / first if first > 0.0 else 0.0
-        if sure > max(best, _SURE) and after < _EXPLAINS * before and abs(share) > _LEAST:
+        if sure > max(best, _MIN_SIGMAS) and after < _EXPLAINS * before and abs(share) > _LEAST:
             best, found = sure, Step(int(known[at]), share)
     return found
 

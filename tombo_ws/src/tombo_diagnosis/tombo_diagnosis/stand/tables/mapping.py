@@ -37,7 +37,7 @@ CHANNELS: Mapping[str, str] = {
     "propeller": "1",
 }
 """Channel -> its unit here."""
-MANY = ("speed", "reference_speed")
+MULTI_COLUMN_CHANNELS = ("speed", "reference_speed")
 """Channels that may have several columns, one a rotor."""
 _FORCES = {
     "N": 1.0, "mN": 1e-3, "kN": 1e3, "g": 1e-3 * GRAVITY, "gf": 1e-3 * GRAVITY,
@@ -170,7 +170,7 @@ def _channel(key: str, content: object, what: str) -> StandChannel:
     values = table_of(content, what, [f.name for f in fields(StandChannel)])
     columns = values.get("columns", ())
     columns = (columns,) if isinstance(columns, str) else columns
-    many = key in MANY
+    many = key in MULTI_COLUMN_CHANNELS
     if not isinstance(columns, Sequence) or not columns or (len(columns) > 1 and not many):
         accepted = "names of columns, one a rotor" if many else "one name of a column"
         raise InputError(f"{what}: columns {columns!r:.60}; accepted: {accepted}")

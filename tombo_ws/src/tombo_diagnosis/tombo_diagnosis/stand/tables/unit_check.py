@@ -15,7 +15,7 @@ from tombo_dynamics.propeller import RPM
 from tombo_dynamics.propeller.effects import predict
 from tombo_dynamics.vehicle import GRAVITY
 
-_ODD = 3.0
+_RATIO = 3.0
 """Times the model's thrust, or its inverse, that no propeller of the paper shows."""
 _NEAR = 1.6
 _TIMES = {
@@ -50,7 +50,7 @@ def check_scale(
         if not fast.any():
             continue
         times = float(np.median(y[fast] / model[low:high][fast]))
-        if any(1.0 / _ODD < t < _ODD for t in (times, _rise(y, model[low:high], times))):
+        if any(1.0 / _RATIO < t < _RATIO for t in (times, _rise(y, model[low:high], times))):
             continue
         slips = [
             name
@@ -61,7 +61,7 @@ def check_scale(
         where = table.mapping.channels["thrust"]
         raise InputError(
             f"{table.source}: column '{where.columns[0]}' as {where.unit} is {times:.3g} times "
-            f"the model's thrust, {guess}; accepted: {1.0 / _ODD:.2g} to {_ODD:g} times"
+            f"the model's thrust, {guess}; accepted: {1.0 / _RATIO:.2g} to {_RATIO:g} times"
         )
 
 

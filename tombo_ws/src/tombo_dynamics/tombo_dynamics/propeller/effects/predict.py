@@ -48,7 +48,7 @@ class Setup:
 
 @dataclass(frozen=True)
 class Draws:
-    """Standard normal numbers of chance."""
+    """Standard normal random numbers."""
 
     propeller: Array
     """(P, 2)"""
@@ -85,7 +85,7 @@ def predict(
     Args:
         setup: the operating points.
         theta: effect -> its parameters, in their order; what is missing is at its null value.
-        draws: of the effects of chance; None: zero.
+        draws: of the random effects; None: zero.
     """
     drawn = draws or Draws.none(setup)
     m = _begin(setup, drawn)

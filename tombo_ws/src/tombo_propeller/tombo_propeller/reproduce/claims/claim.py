@@ -197,7 +197,7 @@ def judge_of(numbers: Numbers, preferred: str = "published") -> str:
     return preferred if preferred in numbers.laws else next(iter(numbers.laws))
 
 
-def each(computed: Mapping[str, float | None], form: str = "{:.3g}") -> str:
+def per_law(computed: Mapping[str, float | None], form: str = "{:.3g}") -> str:
     """Return the numbers of the laws in words, once if they are all the same."""
     texts = ["none" if v is None else form.format(v) for v in computed.values()]
     if len(set(texts)) == 1:

@@ -5,7 +5,14 @@ from __future__ import annotations
 import math
 
 from tombo_dynamics.propeller import configuration
-from tombo_propeller.reproduce.claims.claim import Outcome, by_law, each, judge_of, judges, of_laws
+from tombo_propeller.reproduce.claims.claim import (
+    Outcome,
+    by_law,
+    judge_of,
+    judges,
+    of_laws,
+    per_law,
+)
 from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers
 from tombo_propeller.reproduce.paper_values import Paper
 
@@ -28,8 +35,9 @@ def beta_reading(_: Paper, numbers: Numbers) -> Outcome:
         numbers,
         computed,
         lambda e: abs(e) < READING_DEG,
-        f"Exact for flap alone, but lag shortens the diameter too; with the laws' α "
-        f"{_thirteen(numbers)} at 2000 rpm, and the error reaches {each(computed, '{:+.1f}°')}.",
+        "Exact for flap alone, but lag shortens the diameter too; with the laws' α "
+        f"{_thirteen(numbers)} at 2000 rpm, and the error "
+        f"reaches {per_law(computed, '{:+.1f}°')}.",
         reading=f"{READING_DEG:g}",
     )
 

@@ -7,10 +7,10 @@ from tombo_propeller.reproduce.claims.claim import (
     OPEN,
     Outcome,
     by_law,
-    each,
     joined,
     judges,
     of_laws,
+    per_law,
 )
 from tombo_propeller.reproduce.computed_values import Numbers
 from tombo_propeller.reproduce.paper_values import Paper
@@ -39,7 +39,7 @@ def rigid_lift_over_drag(paper: Paper, numbers: Numbers) -> Outcome:
         numbers,
         by_law(numbers, lambda law: law.rigid_ratio_spread),
         lambda d: d < EXACT,
-        f"L/D = {each(ratio, '{:.4f}')} at every speed, by construction: C_L and C_D know no "
+        f"L/D = {per_law(ratio, '{:.4f}')} at every speed, by construction: C_L and C_D know no "
         "Reynolds number; not measured.",
         exact=f"{EXACT:g}",
         ratio=paper.table_3[0].ratio.text,

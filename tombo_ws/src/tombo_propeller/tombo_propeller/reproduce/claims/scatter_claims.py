@@ -15,10 +15,10 @@ from tombo_propeller.reproduce.claims.claim import (
     Outcome,
     Verdict,
     by_law,
-    each,
     judge_of,
     judges,
     of_laws,
+    per_law,
 )
 from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers
 from tombo_propeller.reproduce.paper_values import Paper
@@ -77,7 +77,7 @@ def better_than_mean(paper: Paper, numbers: Numbers) -> Outcome:
         lambda e: e < rms_mean,
         f"The mean of the other eight errs by {rms_mean:.3f} N (their own mean, "
         f"{measured.mean():.3f} N, by {float(measured.std()):.3f} N); were the law true, the "
-        f"printed scatter would still let the mean win in {each(chance, '{:.0f} %')}.",
+        f"printed scatter would still let the mean win in {per_law(chance, '{:.0f} %')}.",
         rms_mean=f"{rms_mean:.4f}",
     )
 
@@ -105,7 +105,7 @@ def thrust_follows_stiffness(paper: Paper, numbers: Numbers) -> Outcome:
     computed, judge = by_law(numbers, as_low), judge_of(numbers)
     spans = [_computed(paper, law) for law in numbers.laws.values()]
     enough = min(float(span.std()) * span.size**0.5 for span in spans) / STANDARD_ERRORS
-    slopes = each(by_law(numbers, lambda law: slope(law)[0]), "{:.1f}")
+    slopes = per_law(by_law(numbers, lambda law: slope(law)[0]), "{:.1f}")
     return of_laws(
         numbers,
         computed,

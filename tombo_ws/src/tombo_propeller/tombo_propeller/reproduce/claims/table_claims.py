@@ -3,7 +3,14 @@
 from __future__ import annotations
 
 from tombo_dynamics.propeller import configuration, nodus_moduli
-from tombo_propeller.reproduce.claims.claim import Outcome, by_law, each, judge_of, judges, of_laws
+from tombo_propeller.reproduce.claims.claim import (
+    Outcome,
+    by_law,
+    judge_of,
+    judges,
+    of_laws,
+    per_law,
+)
 from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers
 from tombo_propeller.reproduce.paper_values import Paper
 
@@ -49,7 +56,7 @@ def table_3_lift_over_drag(paper: Paper, numbers: Numbers) -> Outcome:
         ),
         lambda n: n == whole,
         f"Conf. {softest}, printed as {paper.table_3[softest].ratio.text}, computed "
-        f"{each(ratio, '{:.4f}')}.",
+        f"{per_law(ratio, '{:.4f}')}.",
         whole=whole,
     )
 
@@ -85,7 +92,7 @@ def soft_lift_over_drag(paper: Paper, numbers: Numbers) -> Outcome:
         numbers,
         by_law(numbers, lambda law: sum(law.low[c].ratio > law.low[0].ratio for c in soft)),
         lambda n: n == len(soft),
-        f"The largest gain is {each(gain, '{:.1f} %')}; a result of the coefficients alone, since "
-        "neither drag nor torque was measured.",
+        f"The largest gain is {per_law(gain, '{:.1f} %')}; a result of the coefficients alone, "
+        "since neither drag nor torque was measured.",
         soft=len(soft),
     )

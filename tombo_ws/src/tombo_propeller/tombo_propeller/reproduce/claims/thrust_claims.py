@@ -10,10 +10,10 @@ from tombo_propeller.reproduce.claims.claim import (
     Outcome,
     Verdict,
     by_law,
-    each,
     holds_if,
     judges,
     of_laws,
+    per_law,
 )
 from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers
 from tombo_propeller.reproduce.paper_values import Paper
@@ -84,9 +84,9 @@ def centrifugal_stiffening(paper: Paper, numbers: Numbers) -> Outcome:
         numbers,
         computed,
         dict.fromkeys(numbers.laws, OPEN),
-        f"In the laws the twist goes on growing ({each(computed, '× {:.2f}')}); measured thrust "
-        f"is {loss:.1f} % below the rigid one's whatever the stiffness, as the sentence would "
-        "have it, but neither twist nor torque was measured.",
+        f"In the laws the twist goes on growing ({per_law(computed, '× {:.2f}')}); measured "
+        f"thrust is {loss:.1f} % below the rigid one's whatever the stiffness, as the sentence "
+        "would have it, but neither twist nor torque was measured.",
         low=low,
         high=high,
     )
