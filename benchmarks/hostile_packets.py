@@ -65,10 +65,7 @@ class Siege:
 
 
 def besiege(
-    link: Link,
-    attack: Callable[[bytes], object],
-    speak: Callable[[bytes], object],
-    packets: int,
+    link: Link, attack: Callable[[bytes], object], speak: Callable[[bytes], object], packets: int
 ) -> Siege:
     """Send hostile packets in crowds with a legitimate message behind each."""
     siege = Siege()

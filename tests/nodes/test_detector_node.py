@@ -7,13 +7,7 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from reports import heard, told
 
-from tombo_bag.topics import (
-    CLOCK,
-    COLLISION_EVENT,
-    DETECTOR_STATUS,
-    DIAGNOSTICS,
-    MOCAP_POSE,
-)
+from tombo_bag.topics import CLOCK, COLLISION_EVENT, DETECTOR_STATUS, DIAGNOSTICS, MOCAP_POSE
 from tombo_msgs.msg import CollisionEvent
 from tombo_ros.conversion import array, point, to_ns, to_time
 from tombo_ros.topic import TopicPublisher

@@ -16,15 +16,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from in_time import in_time
 from scripted_px4 import GROUND, SECOND, ScriptedPx4
-from tombo_bag.topics import (
-    BATTERY,
-    DIAGNOSTICS,
-    IMU,
-    MOCAP_POSE,
-    ODOMETRY,
-    PX4_STATUS,
-    SETPOINT,
-)
+from tombo_bag.topics import BATTERY, DIAGNOSTICS, IMU, MOCAP_POSE, ODOMETRY, PX4_STATUS, SETPOINT
 from tombo_flight.suite.px4_connection import free_udp_port
 from tombo_msgs.msg import MissionStatus, PositionSetpoint
 from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD

@@ -170,10 +170,7 @@ class _FlightWriter:
 
     def sensors(self) -> None:
         record, log = self.record, self.log
-        poses = {
-            "pose.position": record.mocap_position,
-            "pose.orientation": record.mocap_attitude,
-        }
+        poses = {"pose.position": record.mocap_position, "pose.orientation": record.mocap_attitude}
         arrived, captured = nanoseconds(record.mocap_arrival), nanoseconds(record.mocap_t)
         self.topic(MOCAP_POSE, _MAP, arrived, poses, stamps_ns=captured)
         not_measured = {"orientation": {"w": 1.0}, "orientation_covariance": [-1.0] + 8 * [0.0]}
@@ -287,10 +284,7 @@ def _marker(
         "header": {"stamp": stamp(time_ns), "frame_id": FRAME_MAP},
         "ns": name,
         "type": shape,
-        "pose": {
-            "position": dict(zip("xyz", position, strict=True)),
-            "orientation": {"w": 1.0},
-        },
+        "pose": {"position": dict(zip("xyz", position, strict=True)), "orientation": {"w": 1.0}},
         "scale": dict(zip("xyz", scale, strict=True)),
         "color": dict(zip("rgba", colour, strict=True)),
         "frame_locked": True,

@@ -6,9 +6,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 from launch import LaunchDescription
 from tombo_bringup.launching import description, suite_node
 
-ARGUMENTS = {
-    "speed": ("1.0", "times real time; other than 1 only with use_sim_time:=true"),
-}
+ARGUMENTS = {"speed": ("1.0", "times real time; other than 1 only with use_sim_time:=true")}
 
 
 def generate_launch_description() -> LaunchDescription:

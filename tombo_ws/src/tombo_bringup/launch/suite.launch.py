@@ -16,10 +16,7 @@ ARGUMENTS = {
     "speed": ("1.0", "of the simulation, times real time; not 1 only with use_sim_time:=true"),
     "record": ("", "folder for the bag; empty: nothing is recorded"),
     "rviz": ("false", "true: start RViz (rviz2)"),
-    "foxglove": (
-        "false",
-        "true: start the bridge for Foxglove, port 8765 (foxglove_bridge)",
-    ),
+    "foxglove": ("false", "true: start the bridge for Foxglove, port 8765 (foxglove_bridge)"),
 }
 
 

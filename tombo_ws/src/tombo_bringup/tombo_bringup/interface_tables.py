@@ -178,10 +178,7 @@ def _value(tree: ast.AST, value: ast.expr) -> str:
 
 def node_table(nodes: list[NodeFacts]) -> str:
     """Return the table of nodes as Markdown."""
-    lines = [
-        "| node | package | loop | sections of parameters | its own |",
-        "|" + 5 * "---|",
-    ]
+    lines = ["| node | package | loop | sections of parameters | its own |", "|" + 5 * "---|"]
     for node in nodes:
         sections = ", ".join(f"`{section}.*`" for section in node.sections)
         if "obstacle" in node.sections:

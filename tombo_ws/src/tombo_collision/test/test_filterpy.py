@@ -5,10 +5,7 @@ import pytest
 from pose_bench import flight
 
 from core_calls import CollisionDetector
-from tombo_collision.detector import (
-    free_acceleration,
-    free_flight_filter,
-)
+from tombo_collision.detector import free_acceleration, free_flight_filter
 from tombo_collision.params import DetectorParams
 from tombo_dynamics.rotation import rotation_vector
 

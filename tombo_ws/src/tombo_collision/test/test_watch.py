@@ -9,9 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pose_bench import flight, watch
 
-from tombo_collision.detector_core import (
-    DetectorCore,
-)
+from tombo_collision.detector_core import DetectorCore
 from tombo_collision.params import DetectorParams
 from tombo_dynamics.messages import CollisionEvent, Pose
 

@@ -13,12 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from tombo_collision.detector import (
-    DetectorMemory,
-    begin_detector,
-    detect,
-    set_triggers,
-)
+from tombo_collision.detector import DetectorMemory, begin_detector, detect, set_triggers
 from tombo_collision.params import DetectorParams
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import Core

@@ -4,13 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from control_bench import (
-    FOREVER,
-    bench,
-    fresh_autopilot,
-    quaternion,
-    rotor_table,
-)
+from control_bench import FOREVER, bench, fresh_autopilot, quaternion, rotor_table
 
 from tombo_control.loops.cascade import cascade
 from tombo_control.params import ControlParams
@@ -33,10 +27,7 @@ def ticks_that_write(name):
     return written
 
 
-@pytest.mark.parametrize(
-    ("output", "rate"),
-    [("attitude", 50), ("rates", 250), ("torque", 1000)],
-)
+@pytest.mark.parametrize(("output", "rate"), [("attitude", 50), ("rates", 250), ("torque", 1000)])
 def test_loops_run_exactly_at_their_rates(output, rate):
     assert ticks_that_write(output) == list(range(0, 1000, 1000 // rate))
 

@@ -11,9 +11,7 @@ from hypothesis import strategies as st
 from core_calls import Mission
 from tombo_control.autopilot import new_autopilot
 from tombo_control.loops.position_control import follow_leg
-from tombo_control.mission_core import (
-    MissionLimits,
-)
+from tombo_control.mission_core import MissionLimits
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_control.planning.course import Waypoint, leg_to, read_course, resolved_waypoints
 from tombo_control.planning.leg import store_leg, turning_leg

@@ -10,10 +10,7 @@ from hypothesis import strategies as st
 
 from core_calls import Mission
 from tombo_collision.reactions.bounce import Bounce
-from tombo_control.mission_core import (
-    MissionLimits,
-    WaitReason,
-)
+from tombo_control.mission_core import MissionLimits, WaitReason
 from tombo_control.planning.mission import MissionParams, advance_mission, begin, compiled_plan
 from tombo_dynamics.messages import Phase, ReactionPhase
 from tombo_dynamics.vehicle import VehicleParams

@@ -269,10 +269,7 @@ class ControllerCore(Core):
         self._setpoint = PositionSetpointRecord.new()
 
     def on(
-        self,
-        topic: str,
-        message: Odometry | EstimatorStatus | PositionSetpoint | Imu,
-        now_ns: int,
+        self, topic: str, message: Odometry | EstimatorStatus | PositionSetpoint | Imu, now_ns: int
     ) -> None:
         """Take an estimate, biases, a set point, or a gyro sample, which is answered at once."""
         several = topic in self.contested

@@ -6,14 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from one_vehicle import (
-    QUIET,
-    Vehicle,
-    as_rotation,
-    hover_speed,
-    measured_pose,
-    random_attitude,
-)
+from one_vehicle import QUIET, Vehicle, as_rotation, hover_speed, measured_pose, random_attitude
 from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.effects.compose import apply_imu

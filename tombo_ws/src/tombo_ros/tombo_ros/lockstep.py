@@ -164,12 +164,7 @@ class LockstepMember:
 
 
 def take_until(
-    node: LoopNode,
-    name: str,
-    topic: str,
-    source: PolledSubscription,
-    count: int,
-    now_ns: int,
+    node: LoopNode, name: str, topic: str, source: PolledSubscription, count: int, now_ns: int
 ) -> list[ReceivedMessage]:
     """Return the messages that make up `count` since the start, as soon as they are there.
 

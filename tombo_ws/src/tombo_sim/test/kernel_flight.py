@@ -25,13 +25,7 @@ from tombo_dynamics.rigid_body import begin_flight
 from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 from tombo_dynamics.vehicle import VehicleParams
-from tombo_sim.kernel import (
-    DETECTOR_STATUS,
-    FlightProgress,
-    core_memories,
-    fly,
-    new_published,
-)
+from tombo_sim.kernel import DETECTOR_STATUS, FlightProgress, core_memories, fly, new_published
 from tombo_sim.log_columns import LogRow
 from tombo_sim.sensing import Captures, MocapEntry
 

@@ -12,13 +12,7 @@ from typing import Any
 import numpy as np
 
 from tombo_bag.message_template import MessageTemplate
-from tombo_bag.topics import (
-    MARKERS,
-    MOCAP_POSE,
-    TRUE_CONTACT,
-    TRUE_ODOMETRY,
-    TRUE_ROTORS,
-)
+from tombo_bag.topics import MARKERS, MOCAP_POSE, TRUE_CONTACT, TRUE_ODOMETRY, TRUE_ROTORS
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP
 from tombo_dynamics.plant import Plant
@@ -139,9 +133,7 @@ class VehicleNode(LoopNode):
     def on_parameters_changed(self, name: str) -> None:
         """Say that the world is what it was at the start."""
         self.health.fault(
-            "not_at_runtime",
-            True,
-            f"{name} is part of the world: it is used at the next start",
+            "not_at_runtime", True, f"{name} is part of the world: it is used at the next start"
         )
 
     def publish_tick(self, began_ns: int) -> None:

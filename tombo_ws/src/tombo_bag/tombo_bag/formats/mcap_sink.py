@@ -166,10 +166,7 @@ class McapSink:
             if there != typename:
                 raise InputError(f"topic '{topic}' has type {typename}; it is {there} already")
             return number
-        metadata = {
-            "offered_qos_profiles": qos.as_yaml(),
-            "topic_type_hash": type_hash(typename),
-        }
+        metadata = {"offered_qos_profiles": qos.as_yaml(), "topic_type_hash": type_hash(typename)}
         self._check_open()
         schema = self._schemas.get(typename)
         if schema is None:

@@ -64,11 +64,7 @@ def new_flight(scenario: Scenario, seed: int) -> KernelFlight:
     zero_noise = np.zeros(9)
     begin_flight(plant, zero_noise, theta, TICK_S)
     autopilot = new_autopilot(
-        scenario.control,
-        scenario.estimator,
-        vehicle,
-        plant.state.position,
-        plant.state.attitude,
+        scenario.control, scenario.estimator, vehicle, plant.state.position, plant.state.attitude
     )
     maps = rotor_maps(thrust_map_of(scenario.propeller), vehicle)
     return KernelFlight(scenario, plant, autopilot, maps, theta, zero_noise)

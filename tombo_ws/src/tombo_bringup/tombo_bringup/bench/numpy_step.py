@@ -91,11 +91,7 @@ class NumpyVehicle:
         force = thrust.sum() * _UP - self.drag * (turn.T @ body[3:6])
         arm = vehicle.arm_length
         moment = np.array(
-            [
-                arm * ARM_Y @ thrust,
-                -arm * ARM_X @ thrust,
-                -SPIN @ (torque + turning),
-            ]
+            [arm * ARM_Y @ thrust, -arm * ARM_X @ thrust, -SPIN @ (torque + turning)]
         )
         momentum = self.inertia * rates + vehicle.rotor_inertia * (SPIN @ speed) * _UP
         return np.concatenate(

@@ -13,9 +13,7 @@ if TYPE_CHECKING:
     from tombo_dynamics.effects import Effect
 
 
-def effects(
-    as_json: JsonOnly = False,
-) -> None:
+def effects(as_json: JsonOnly = False) -> None:
     """List every effect that a scenario can switch on, with its parameters.
 
     Each is set by `effects.NAME.PARAMETER` in a scenario file or with --set. With all parameters

@@ -9,9 +9,7 @@ import typer
 from tombo_bringup.cli.options import JsonOnly
 
 
-def scenarios(
-    as_json: JsonOnly = False,
-) -> None:
+def scenarios(as_json: JsonOnly = False) -> None:
     """List the scenarios that come with the suite."""
     from tombo_flight.scenario_catalogue import builtin_scenarios
 

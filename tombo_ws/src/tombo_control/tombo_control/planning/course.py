@@ -124,14 +124,7 @@ def resolved_waypoint(table: Array, row: int, hover: Point, speed: float) -> Res
             if not math.isnan(table[i, k]):
                 values[k] = table[i, k]
     return ResolvedWaypoint(
-        values[0],
-        values[1],
-        values[2],
-        values[3],
-        values[4],
-        values[5],
-        values[6],
-        values[7],
+        values[0], values[1], values[2], values[3], values[4], values[5], values[6], values[7]
     )
 
 

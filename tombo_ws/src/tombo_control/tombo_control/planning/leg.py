@@ -176,16 +176,7 @@ def turning_leg(
         rate, turn_s, turn_ramp_s = _trapezoid(abs(change), yaw_rate, yaw_rate / _TURN_RAMP)
         rate = math.copysign(rate, change)
     return Leg(
-        start,
-        velocity,
-        now_s,
-        now_s + lasts,
-        ramp,
-        yaw,
-        rate,
-        turn_s,
-        turn_ramp_s,
-        float(hold_s),
+        start, velocity, now_s, now_s + lasts, ramp, yaw, rate, turn_s, turn_ramp_s, float(hold_s)
     )
 
 

@@ -116,8 +116,7 @@ def test_poses_that_contradict_themselves_are_refused(channel, change, complaint
 
 
 @pytest.mark.parametrize(
-    "change",
-    [lambda p: p[:, [1, 0, 2]] * [-1, 1, 1], lambda p: p[:, [0, 2, 1]] * [1, 1, -1]],
+    "change", [lambda p: p[:, [1, 0, 2]] * [-1, 1, 1], lambda p: p[:, [0, 2, 1]] * [1, 1, -1]]
 )
 def test_a_turned_track_is_told_by_the_accelerometer(change):
     """Yaw by 90 deg, and y up, of the position alone."""

@@ -56,10 +56,7 @@ def exactly_right(case: Case, findings: Findings[Any, Any]) -> bool:
 
 
 def compare_parameters(
-    case: Case,
-    problem: Model,
-    cause: Cause,
-    true_value: Callable[[Parameter, float], float],
+    case: Case, problem: Model, cause: Cause, true_value: Callable[[Parameter, float], float]
 ) -> dict[str, Any]:
     """Return the relative error of a cause's change, and which intervals cover the truth.
 

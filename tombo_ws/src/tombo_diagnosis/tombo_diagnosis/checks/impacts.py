@@ -28,11 +28,7 @@ _JUMP_S = 0.3
 
 
 def impacts(
-    flight: str,
-    events: list[Event],
-    ground: list[Span],
-    flown: Span,
-    channels: Collection[str],
+    flight: str, events: list[Event], ground: list[Span], flown: Span, channels: Collection[str]
 ) -> list[Finding]:
     """Distinguish crashes, contacts and jumps of the motion capture; exclude the affected spans.
 

@@ -73,7 +73,5 @@ def solve(
         inverse = cho_solve(factor, np.eye(z.size), check_finite=False)
         spread = deviations[:, None] * inverse * deviations
     return Posterior(
-        prior_mean + deviations * z,
-        spread,
-        -0.5 * (square - float(inner @ z)) - 0.5 * logdet,
+        prior_mean + deviations * z, spread, -0.5 * (square - float(inner @ z)) - 0.5 * logdet
     )

@@ -11,13 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from tombo_diagnosis.logs.csv_mapping import ChannelMap, LogMapping, TimeColumn, shipped
 from tombo_diagnosis.logs.csv_table import CsvTable, open_table
-from tombo_diagnosis.logs.flight_log import (
-    CHANNELS,
-    Finding,
-    FlightLog,
-    Series,
-    damage_findings,
-)
+from tombo_diagnosis.logs.flight_log import CHANNELS, Finding, FlightLog, Series, damage_findings
 from tombo_diagnosis.logs.frames import axes_matrix, handedness, turn_attitude
 from tombo_diagnosis.logs.units import factor
 from tombo_dynamics.arrays import Array
@@ -113,11 +107,7 @@ def _zero(
 
 
 def _series(
-    key: str,
-    channel: ChannelMap,
-    columns: Mapping[str, Array],
-    mapping: LogMapping,
-    zero: float,
+    key: str, channel: ChannelMap, columns: Mapping[str, Array], mapping: LogMapping, zero: float
 ) -> Series:
     time = channel.time or mapping.time
     assert time is not None  # `_zero` has seen to it

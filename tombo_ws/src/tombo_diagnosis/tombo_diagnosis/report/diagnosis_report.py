@@ -58,7 +58,7 @@ def diagnosis_html(diagnosis: Diagnosis, folder: str = "") -> str:
             footer="Residual: measured minus model, all channels through the same zero-phase "
             f"filter. Intervals are 95 %. Held against: {model}. Diagnosed in {seconds} s after "
             "loading. The same in diagnosis.json, beside this page.",
-        ),
+        )
     )
 
 

@@ -56,7 +56,7 @@ def stand_html(
             ),
             footer=f"Residual: measured less model. Intervals are 95 %. Held against: {d.model}. "
             "The same in diagnosis.json, beside this page.",
-        ),
+        )
     )
 
 

@@ -10,11 +10,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.registry import Param, Stage, effect
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.records import Record, field
-from tombo_dynamics.rotation import (
-    relative_rotation,
-    rotate_by_vector,
-    rotation_matrix,
-)
+from tombo_dynamics.rotation import relative_rotation, rotate_by_vector, rotation_matrix
 
 
 @effect(

@@ -10,12 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
-from tombo_dynamics.propeller.evaluate import (
-    OUTSIDE,
-    SPEED_LIMIT,
-    evaluate_rows,
-    points_of_rows,
-)
+from tombo_dynamics.propeller.evaluate import OUTSIDE, SPEED_LIMIT, evaluate_rows, points_of_rows
 from tombo_dynamics.propeller.laws.names import DEFAULT_LAW
 from tombo_dynamics.propeller.laws.parameters import ROW_SIZE
 from tombo_dynamics.propeller.parameter_rows import (

@@ -25,20 +25,8 @@ from tombo_dynamics.propeller.laws.parameters import (
 )
 from tombo_dynamics.propeller.library import configuration, read_library
 from tombo_dynamics.propeller.moduli import matrix_modulus
-from tombo_dynamics.propeller.quantities import (
-    COMPLIANCES,
-    QUANTITIES,
-    derive,
-    inputs_of,
-    reached,
-)
-from tombo_dynamics.propeller.records import (
-    STANDARD,
-    Configuration,
-    Fibre,
-    Matrix,
-    Surroundings,
-)
+from tombo_dynamics.propeller.quantities import COMPLIANCES, QUANTITIES, derive, inputs_of, reached
+from tombo_dynamics.propeller.records import STANDARD, Configuration, Fibre, Matrix, Surroundings
 from tombo_dynamics.propeller.wing import wing_from
 from tombo_dynamics.propeller.wing_mass import wing_mass_from
 

@@ -14,12 +14,7 @@ from typing import Any
 import numpy as np
 
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.propeller.moduli import (
-    chamis,
-    matrix_modulus,
-    shear_modulus,
-    volume_fraction,
-)
+from tombo_dynamics.propeller.moduli import chamis, matrix_modulus, shear_modulus, volume_fraction
 from tombo_dynamics.propeller.records import (
     Configuration,
     Fibre,
@@ -140,10 +135,7 @@ _FORMULAS: dict[str, Formula] = {
 _PUBLISHED: dict[str, Formula] = {
     **_FORMULAS,
     "fibre_share": (volume_fraction, ("fibre_count", *_SHARE[1][1:])),
-    "published_fibre_shear_MPa": (
-        np.divide,
-        ("fibre_youngs_modulus_MPa", "fibre_modulus_ratio"),
-    ),
+    "published_fibre_shear_MPa": (np.divide, ("fibre_youngs_modulus_MPa", "fibre_modulus_ratio")),
     "G_N_MPa": (chamis, ("matrix_shear_MPa", "published_fibre_shear_MPa", "fibre_share")),
     "slender": (_slender, ("torsion_term_m4", "torsion_area_mm2", "camber_length_mm")),
     "twist_compliance": (

@@ -127,10 +127,7 @@ def test_what_a_node_leaves_behind_ends_with_it(supervise, marked):
 
 
 def test_an_exception_inside_ends_all_nodes(supervise, marked):
-    with (
-        pytest.raises(ZeroDivisionError),
-        supervise(fake("good")),
-    ):
+    with pytest.raises(ZeroDivisionError), supervise(fake("good")):
         raise ZeroDivisionError
     assert marked.alive() == []
 

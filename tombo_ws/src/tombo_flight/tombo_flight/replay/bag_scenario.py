@@ -32,9 +32,7 @@ def scenario_of_bag(
     return scenario_over(base, label, name, settings), findings
 
 
-def _recorded(
-    metadata: Mapping[str, Mapping[str, str]],
-) -> tuple[dict[str, Any], str, list[str]]:
+def _recorded(metadata: Mapping[str, Mapping[str, str]]) -> tuple[dict[str, Any], str, list[str]]:
     text = metadata.get(FLIGHT_METADATA, {}).get("scenario")
     if text is None:
         return {}, "recording", ["no parameters in the bag: the suite's defaults are used"]

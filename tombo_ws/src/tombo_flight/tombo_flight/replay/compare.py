@@ -148,7 +148,4 @@ def _size(size: Array, unit: str) -> dict[str, Any]:
     good = size[np.isfinite(size)]
     if not len(good):
         return {f"rms_{unit}": None, f"max_{unit}": None}
-    return {
-        f"rms_{unit}": float(np.sqrt(np.mean(good**2))),
-        f"max_{unit}": float(np.max(good)),
-    }
+    return {f"rms_{unit}": float(np.sqrt(np.mean(good**2))), f"max_{unit}": float(np.max(good))}

@@ -18,10 +18,7 @@ from tombo_dynamics.frames import FRAME_MAP
 
 POSE_TYPES: dict[str, tuple[str, str]] = {
     "geometry_msgs/msg/PoseStamped": ("pose.position", "pose.orientation"),
-    "geometry_msgs/msg/PoseWithCovarianceStamped": (
-        "pose.pose.position",
-        "pose.pose.orientation",
-    ),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": ("pose.pose.position", "pose.pose.orientation"),
     "geometry_msgs/msg/TransformStamped": ("transform.translation", "transform.rotation"),
     "nav_msgs/msg/Odometry": ("pose.pose.position", "pose.pose.orientation"),
 }

@@ -76,10 +76,7 @@ class Monitor:
 
 def _px4(status: Any) -> dict[str, Any]:
     names = ("connected", "armed", "mode", "stage", "why", "status_text")
-    return {
-        **{name: getattr(status, name) for name in names},
-        "findings": list(status.findings),
-    }
+    return {**{name: getattr(status, name) for name in names}, "findings": list(status.findings)}
 
 
 def _plain(status: Any) -> dict[str, Any]:

@@ -192,11 +192,7 @@ def over_mavlink(px4: Px4Connection) -> dict[str, Any]:
     suite = dict(PX4_SUITE)
     if px4.bridge.setpoint != POSITION:  # the controller computes attitudes or rates
         suite["controller"] = SUITE["controller"]
-    return {
-        "suite": suite,
-        "without": () if px4.simulated else ("sim",),
-        "more": px4.parameters,
-    }
+    return {"suite": suite, "without": () if px4.simulated else ("sim",), "more": px4.parameters}
 
 
 def _monitor_arguments(px4: Px4Connection | None) -> tuple[str, ...]:
@@ -287,10 +283,7 @@ def _fly(
 
 
 def _land_by_bridge(
-    suite: RunningSuite,
-    bridge: BridgeMonitor,
-    stop: StopSignals,
-    notice: Callable[[str], None],
+    suite: RunningSuite, bridge: BridgeMonitor, stop: StopSignals, notice: Callable[[str], None]
 ) -> None:
     """End the bridge alone: it commands the landing, and poses go on until it is over.
 

@@ -43,10 +43,7 @@ class Vehicle:
 
 
 def find_vehicle(
-    params: LinkParams,
-    *,
-    patience_s: float = PATIENCE_S,
-    stop: Callable[[], bool] = lambda: False,
+    params: LinkParams, *, patience_s: float = PATIENCE_S, stop: Callable[[], bool] = lambda: False
 ) -> Vehicle | None:
     """Wait for the heartbeat of the vehicle that a bridge with these parameters would fly.
 

@@ -51,10 +51,7 @@ def blade_of(library: Library, name: str) -> Blade:
 
 
 def design(
-    request: Request,
-    library: Library,
-    blade: Blade,
-    on_progress: ProgressCallback = no_progress,
+    request: Request, library: Library, blade: Blade, on_progress: ProgressCallback = no_progress
 ) -> Design:
     """Evaluate and rank all candidates.
 

@@ -36,10 +36,7 @@ DESIGN_FILES: Final = (
 
 
 def write_design(
-    folder: Path,
-    found: Design,
-    made: Recommendation,
-    on_progress: ProgressCallback = no_progress,
+    folder: Path, found: Design, made: Recommendation, on_progress: ProgressCallback = no_progress
 ) -> None:
     """Write the files of a design into a folder that exists.
 

@@ -35,9 +35,7 @@ class Recommendation:
 
 
 def recommend(
-    found: Design,
-    seeds: Sequence[int],
-    on_progress: ProgressCallback = no_progress,
+    found: Design, seeds: Sequence[int], on_progress: ProgressCallback = no_progress
 ) -> Recommendation:
     """Fly the feasible candidates in their order until one keeps its claims.
 

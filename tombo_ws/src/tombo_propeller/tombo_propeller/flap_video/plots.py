@@ -52,12 +52,7 @@ def plot_beta(found: Measurement, path: Path) -> None:
         figure.savefig(path, dpi=130)
 
 
-def plot_recovery(
-    trace: Trace,
-    found: tuple[Recovery, ...],
-    share: float,
-    path: Path,
-) -> None:
+def plot_recovery(trace: Trace, found: tuple[Recovery, ...], share: float, path: Path) -> None:
     """Draw the trace, and for each collision the time until `share` of its level is back."""
     import matplotlib
     from matplotlib.figure import Figure

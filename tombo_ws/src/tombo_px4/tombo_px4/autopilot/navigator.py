@@ -72,11 +72,7 @@ class Navigator:
         way, speed, change = trapezoidal_profile(now_s - leg.begin_s, whole_s, leg.ramp_s)
         start, cruise = np.array(leg.start), np.array(leg.velocity)
         return ResolvedSetpoint(
-            ControlLevel.POSITION,
-            start + way * cruise,
-            speed * cruise,
-            change * cruise,
-            self._yaw,
+            ControlLevel.POSITION, start + way * cruise, speed * cruise, change * cruise, self._yaw
         )
 
     def _begin(self, mode: Mode, now_s: float, here: Point, velocity: Array, home: Array) -> None:

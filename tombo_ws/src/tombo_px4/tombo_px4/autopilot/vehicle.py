@@ -38,13 +38,7 @@ from tombo_px4.bridge.modes import (
     OFFBOARD,
     Mode,
 )
-from tombo_px4.protocol.results import (
-    Battery,
-    Health,
-    Result,
-    Severity,
-    TakeoffState,
-)
+from tombo_px4.protocol.results import Battery, Health, Result, Severity, TakeoffState
 from tombo_sim.simulator import Simulator
 from tombo_sim.world import World
 

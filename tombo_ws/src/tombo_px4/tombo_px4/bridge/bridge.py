@@ -25,13 +25,7 @@ from tombo_px4.bridge import decoded_messages as decoded
 from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
 from tombo_px4.bridge.decoded_messages import MavLandedState
 from tombo_px4.bridge.modes import AUTO_LAND, OFFBOARD, mode_name
-from tombo_px4.bridge.offboard_session import (
-    Decision,
-    Request,
-    Session,
-    SessionInput,
-    Stage,
-)
+from tombo_px4.bridge.offboard_session import Decision, Request, Session, SessionInput, Stage
 from tombo_px4.bridge.parameter_findings import HOVER, READ, Finding, FindingSeverity
 from tombo_px4.bridge.preflight import FROZEN, Preflight
 from tombo_px4.bridge.setpoint_stream import SetpointStream

@@ -125,12 +125,7 @@ class UdpIn(Transport):
     """
 
     def __init__(
-        self,
-        url: Url,
-        clock: Clock,
-        counters: Counters,
-        allow_remote: bool,
-        peer: Address | None,
+        self, url: Url, clock: Clock, counters: Counters, allow_remote: bool, peer: Address | None
     ) -> None:
         self._make = partial(_Queue, url.family, clock, counters, allow_remote)
         self._listener = self._make()
