@@ -50,7 +50,7 @@ class Flight:
         self.node = start("tombo_control.mission_node", *(a for p in arguments for a in ("-p", p)))
         world.meet(CLOCK, ODOMETRY, SETPOINT, REACTION_STATUS)
         world.meet(MISSION_SETPOINT, MISSION_STATUS, DIAGNOSTICS)
-        heard(world, MISSION_SETPOINT, meanwhile=self._publish)
+        heard(world, MISSION_SETPOINT, meanwhile=lambda: self._publish(MS))  # nothing gets old
 
     def react(self, state=ReactionStatus.REACTING, x_r=X_R, age_s=0.0):
         message = ReactionStatus(state=state, collisions=1)

@@ -97,7 +97,9 @@ class Lab:
     def until(self, condition, patience_s=60.0):
         """Wait for a status that meets a condition."""
         since = max(len(self.world.heard[PX4_STATUS.name]) - 1, 0)
-        return heard(self.world, PX4_STATUS, condition, since, self.publish, patience_s)
+        return self.world.wait_for(
+            PX4_STATUS, condition, meanwhile=self.publish, since=since, patience_s=patience_s
+        )
 
     def run(self, seconds):
         end = time.monotonic() + seconds
