@@ -124,7 +124,8 @@ def test_odometry_is_the_flight_and_bad_poses_are_told(world, start):
         ("pose_not_finite", pose(last, broken)),
         ("pose_not_unit", pose(last, here * [1, 1, 1, 1, 1, 1, 0.5])),
         ("pose_future", pose(last + 10**9, here)),
-        ("pose_out_of_order", pose(last - 10**9, here)),
+        ("pose_late", pose(last - 10**9, here)),
+        ("pose_out_of_order", pose(last - 100 * _MS, here)),
         ("pose_jump", pose(last - _MS, away)),
     ):
         since = len(world.heard[DIAGNOSTICS.name])
@@ -141,7 +142,7 @@ def test_odometry_is_the_flight_and_bad_poses_are_told(world, start):
         meanwhile=lambda: recorded.play(0.02),
     )
     after = world.heard[ESTIMATOR_STATUS.name][-1]
-    assert after.rejected >= status.rejected + 6
+    assert after.rejected >= status.rejected + 7
     assert after.poses > status.poses
     stamp = recorded.flight.now_ns - 2 * _MS
     world.publish(MOCAP_POSE, pose(stamp, np.add(here, [3, 0, 0, 0, 0, 0, 0])))
