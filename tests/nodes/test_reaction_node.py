@@ -91,7 +91,7 @@ def test_passes_set_points_on_and_answers_a_collision_at_once(world, start):
     sent = flight.setpoint()
     for name in ("position", "velocity", "acceleration", "yaw", "phase"):
         assert getattr(said, name) == getattr(sent, name), name
-    status = world.heard[REACTION_STATUS.name][0]
+    status = heard(world, REACTION_STATUS, lambda m: True)
     assert status.state == ReactionStatus.IDLE
     assert math.isnan(status.x_r.x) and math.isnan(status.x_c.y) and math.isnan(status.n_r.z)
 
