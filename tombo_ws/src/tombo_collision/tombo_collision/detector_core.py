@@ -21,13 +21,7 @@ from tombo_dynamics.frames import FRAME_MAP, is_map
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.message_records import CollisionEventRecord, DetectorStatusRecord, message_of
 from tombo_dynamics.messages import CollisionEvent, DetectorStatus, Pose
-from tombo_dynamics.pose_check import (
-    MAX_FUTURE_NS,
-    MAX_POSE_AGE_NS,
-    POSE_REFUSAL_TEXTS,
-    PoseRefusal,
-    check_pose,
-)
+from tombo_dynamics.pose_check import MAX_FUTURE_NS, MAX_POSE_AGE_NS, PoseRefusal, check_pose
 from tombo_dynamics.records import Record, field, parameter_record
 
 _SILENT_NS = 120_000_000
@@ -187,7 +181,7 @@ class DetectorCore(Core):
         health.values["poses"] = int(memory.status.poses)
         if result:
             health.values[f"refused.{result.key}"] = int(memory.refused[result])
-            health.report_event(f"pose_{result.key}", POSE_REFUSAL_TEXTS[result])
+            health.report_event(f"pose_{result.key}", result.text)
         elif now_ns - stamp_ns > _LATE_NS:
             health.report_event("mocap_late", "poses come more than 0.1 s after their capture")
 

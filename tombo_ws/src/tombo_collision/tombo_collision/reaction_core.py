@@ -43,42 +43,26 @@ class HoldReason(Reason):
     """Why the reaction holds the vehicle where it is."""
 
     NONE = 0
-    DETECTOR_SILENT = 1
-    MISSION_SILENT = 2
-    TWO_PUBLISHERS = 3
-
-
-_HOLD_TEXTS = {
-    HoldReason.DETECTOR_SILENT: "no message from the detector though poses come: holding",
-    HoldReason.MISSION_SILENT: "no set points of the mission: holding",
-    HoldReason.TWO_PUBLISHERS: "two nodes publish what only one may: holding",
-}
+    DETECTOR_SILENT = 1, "no message from the detector though poses come: holding"
+    MISSION_SILENT = 2, "no set points of the mission: holding"
+    TWO_PUBLISHERS = 3, "two nodes publish what only one may: holding"
 
 
 class EventRefusal(Reason):
     """Why a collision is not reacted to. WAITS: until the mission's first set point."""
 
     NONE = 0
-    NOT_FINITE = 1
-    NOT_UNIT = 2
-    STALE = 3
-    FUTURE = 4
+    NOT_FINITE = 1, "a collision with NaN or infinity"
+    NOT_UNIT = 2, "a collision whose flight direction is no unit vector"
+    STALE = 3, "a collision of long ago"
+    FUTURE = 4, "a collision stamped in the future"
     DUPLICATE = 5
-    ELSEWHERE = 6
-    NOT_FLYING = 7
+    ELSEWHERE = 6, "a collision far from the vehicle"
+    NOT_FLYING = 7, "a collision while not flying"
     WAITS = 8
-    WRONG_FRAME = 9
+    WRONG_FRAME = 9, "a collision whose frame is not map"
 
 
-_EVENT_TEXTS = {
-    EventRefusal.NOT_FINITE: "a collision with NaN or infinity",
-    EventRefusal.NOT_UNIT: "a collision whose flight direction is no unit vector",
-    EventRefusal.STALE: "a collision of long ago",
-    EventRefusal.FUTURE: "a collision stamped in the future",
-    EventRefusal.ELSEWHERE: "a collision far from the vehicle",
-    EventRefusal.NOT_FLYING: "a collision while not flying",
-    EventRefusal.WRONG_FRAME: "a collision whose frame is not map",
-}
 _EXCLUSIVE = ("/mission/setpoint", "/collision_event", "/detector/status")
 """Topics that only one may publish."""
 _PERIOD_NS = 20_000_000
@@ -442,7 +426,7 @@ class ReactionCore(Core):
                 memory.active, memory.changed, memory.publish_due = True, True, True
                 memory.mission_at_x_r = False
         elif why != EventRefusal.DUPLICATE:
-            self.health.refuse(f"event_{why.key}", _EVENT_TEXTS[why])
+            self.health.refuse(f"event_{why.key}", why.text)
         return why
 
     @property
@@ -479,8 +463,8 @@ class ReactionCore(Core):
             health = self.health
             health.values["collisions"] = status.collisions
             held = HoldReason(memory.why if status.state == ReactionPhase.HOLDING else 0)
-            for why, text in _HOLD_TEXTS.items():
-                health.fault(why.key, why == held, text, ERROR)
+            for why in list(HoldReason)[1:]:
+                health.fault(why.key, why == held, why.text, ERROR)
             health.fault(
                 "blind", status.state == ReactionPhase.BLIND, "pose or estimate is too old", ERROR
             )

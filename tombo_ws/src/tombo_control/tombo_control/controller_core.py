@@ -308,12 +308,6 @@ class ControllerCore(Core):
         if memory.position_ran:
             attitude = AttitudeSetpoint(stamp, setpoint.attitude.copy(), thrust)
             self._outputs.append(("/attitude_setpoint", attitude))
-        on_ground = self.autopilot.mode_asked in (Phase.IDLE, Phase.LANDED)
-        if memory.position_ran or on_ground:
-            blind = bool(memory.blind) and not on_ground
-            self.health.fault("blind", blind, _BLIND_TEXT, ERROR)
-            held, text = bool(memory.held), "no set point: holding the last"
-            self.health.fault("setpoint_silent", held, text)
 
     def _take_odometry(self, message: Odometry, now_ns: int) -> None:
         early = message.stamp_ns > now_ns + MAX_FUTURE_NS + self.clock_slack_ns
@@ -343,6 +337,10 @@ class ControllerCore(Core):
         silent_ns = now_ns - (self._imu_ns or self._began_ns + _GRACE_NS)
         silent = silent_ns > self.limits.imu_timeout * SECOND_NS
         self.health.fault("imu_silent", silent, "no gyro: no commands", ERROR)
+        flying = self.autopilot.mode_asked not in (Phase.IDLE, Phase.LANDED)
+        blind, held = flying and bool(self.memory.blind), bool(self.memory.held)
+        self.health.fault("blind", blind, _BLIND_TEXT, ERROR)
+        self.health.fault("setpoint_silent", held, "no set point: holding the last")
         outputs, self._outputs = self._outputs, []
         return outputs
 

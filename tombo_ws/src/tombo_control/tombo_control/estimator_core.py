@@ -29,7 +29,7 @@ from tombo_dynamics.frames import is_map
 from tombo_dynamics.jit import compiled, compiled_call
 from tombo_dynamics.message_records import EstimatorStatusRecord, OdometryRecord, message_of
 from tombo_dynamics.messages import EstimatorStatus, Imu, MissionStatus, Odometry, Phase, Pose
-from tombo_dynamics.pose_check import MAX_POSE_AGE_NS, POSE_REFUSAL_TEXTS, PoseRefusal, check_pose
+from tombo_dynamics.pose_check import MAX_POSE_AGE_NS, PoseRefusal, check_pose
 from tombo_dynamics.records import Record, field, fill_record
 from tombo_dynamics.rotation import rotated_back
 from tombo_dynamics.time_base import SECOND_NS, TICK_NS, TICK_S
@@ -391,7 +391,7 @@ class EstimatorCore(Core):
             memory.rejected += 1
             why = PoseRefusal.WRONG_FRAME
         if why:
-            self.health.report_event(f"pose_{why.key}", POSE_REFUSAL_TEXTS[why])
+            self.health.report_event(f"pose_{why.key}", why.text)
 
     def _take_imu(self, sample: Imu) -> None:
         if not np.isfinite(sample.gyro.sum() + sample.accel.sum()):

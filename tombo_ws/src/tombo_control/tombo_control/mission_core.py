@@ -56,20 +56,13 @@ class WaitReason(Reason):
     """Why the plan waits. From REACTION_HOLDS on it is the reaction that it waits for."""
 
     NONE = 0
-    ESTIMATE_SILENT = 1
-    TWO_ESTIMATORS = 2
-    REACTION_HOLDS = 3
-    BLIND = 4
-    REACTION_SILENT = 5
+    ESTIMATE_SILENT = 1, "no estimates: the plan stands still"
+    TWO_ESTIMATORS = 2, "two nodes publish odometry: the plan stands still"
+    REACTION_HOLDS = 3, "the reaction holds: the plan waits"
+    BLIND = 4, "the reaction sees stale poses: the plan waits"
+    REACTION_SILENT = 5, "no message from the reaction: the plan waits"
 
 
-_WAITS = {
-    WaitReason.ESTIMATE_SILENT: "no estimates: the plan stands still",
-    WaitReason.TWO_ESTIMATORS: "two nodes publish odometry: the plan stands still",
-    WaitReason.REACTION_HOLDS: "the reaction holds: the plan waits",
-    WaitReason.BLIND: "the reaction sees stale poses: the plan waits",
-    WaitReason.REACTION_SILENT: "no message from the reaction: the plan waits",
-}
 _NEVER = -1
 _AIRBORNE = 0.3
 """m above the ground: it flies."""
@@ -457,8 +450,8 @@ class MissionCore(Core):
         memory = self.memory
         known = mission_step(memory, self.plan, self.limits, now_ns)
         waits = self.wait_reason
-        for why, text in _WAITS.items():
-            self.health.fault(why.key, waits == why and self.mode != Phase.IDLE, text)
+        for why in list(WaitReason)[1:]:
+            self.health.fault(why.key, waits == why and self.mode != Phase.IDLE, why.text)
         self.health.values["phase"] = PHASE_NAMES[self.mode]
         self.health.values["flight_time_s"] = round(self.time_s, 2)
         if not known:
@@ -509,5 +502,5 @@ def status_text(phase: int, wait_reason: int) -> str:
     """Return the text of `/mission/status`: the phase, and why the plan waits."""
     text = PHASE_NAMES[phase].replace("_", " ")
     if wait_reason:
-        text += f", waits: {_WAITS[WaitReason(wait_reason)]}"
+        text += f", waits: {WaitReason(wait_reason).text}"
     return text

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from enum import IntEnum
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -36,7 +36,16 @@ PHASE_NAMES = tuple(phase.name.lower() for phase in Phase)
 
 
 class Reason(IntEnum):
-    """Base of the reasons why something is not done; 0: it is done."""
+    """Base of the reasons why something is not done, each with a text for users; 0: it is done."""
+
+    text: str
+
+    def __new__(cls, value: int, text: str = "") -> Self:
+        """Make a member of its number and its text."""
+        member = int.__new__(cls, value)
+        member._value_ = value
+        member.text = text
+        return member
 
     @property
     def key(self) -> str:

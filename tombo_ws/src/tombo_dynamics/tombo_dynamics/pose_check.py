@@ -21,26 +21,14 @@ class PoseRefusal(Reason):
     """Why a pose is not used."""
 
     NONE = 0
-    WRONG_FRAME = 1
-    NOT_FINITE = 2
-    NOT_UNIT = 3
-    FUTURE = 4
-    OUT_OF_ORDER = 5
-    LATE = 6
-    JUMP = 7
-    TWO_PUBLISHERS = 8
-
-
-POSE_REFUSAL_TEXTS = {
-    PoseRefusal.WRONG_FRAME: f"a pose whose frame is not {FRAME_MAP}",
-    PoseRefusal.NOT_FINITE: "a pose with NaN or infinity",
-    PoseRefusal.NOT_UNIT: "a pose whose quaternion is no rotation",
-    PoseRefusal.FUTURE: "a pose stamped in the future",
-    PoseRefusal.OUT_OF_ORDER: "a pose not newer than the one before",
-    PoseRefusal.LATE: "a pose that is too old when it arrives",
-    PoseRefusal.JUMP: "a pose where the vehicle can't be: markers mixed up?",
-    PoseRefusal.TWO_PUBLISHERS: "two nodes publish poses: which is true is unknown",
-}
+    WRONG_FRAME = 1, f"a pose whose frame is not {FRAME_MAP}"
+    NOT_FINITE = 2, "a pose with NaN or infinity"
+    NOT_UNIT = 3, "a pose whose quaternion is no rotation"
+    FUTURE = 4, "a pose stamped in the future"
+    OUT_OF_ORDER = 5, "a pose not newer than the one before"
+    LATE = 6, "a pose that is too old when it arrives"
+    JUMP = 7, "a pose where the vehicle can't be: markers mixed up?"
+    TWO_PUBLISHERS = 8, "two nodes publish poses: which is true is unknown"
 
 
 @compiled_call

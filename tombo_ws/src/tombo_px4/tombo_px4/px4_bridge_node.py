@@ -34,7 +34,7 @@ from tombo_bag.topics import (
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP
 from tombo_dynamics.messages import PositionSetpoint
-from tombo_dynamics.pose_check import POSE_REFUSAL_TEXTS, PoseRefusal
+from tombo_dynamics.pose_check import PoseRefusal
 from tombo_dynamics.rotation import conjugate, rotate_vector
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import VehicleParams
@@ -226,7 +226,7 @@ class Px4BridgeNode(LoopNode):
                 array(message.pose.orientation),
             )
             if why:
-                self.health.report_event(f"pose_{why.key}", POSE_REFUSAL_TEXTS[why])
+                self.health.report_event(f"pose_{why.key}", why.text)
 
     def _take_setpoints(self, now_ns: int) -> None:
         multiple_publishers = self._setpoint_in.multiple_publishers(now_ns)

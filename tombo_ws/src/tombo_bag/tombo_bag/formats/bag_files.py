@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,7 +43,7 @@ class RawMessages:
     messages: list[bytes]
 
 
-class BagFile:
+class BagFile(ABC):
     """A file of recorded messages, opened.
 
     Attributes:
@@ -57,9 +58,9 @@ class BagFile:
     metadata: Mapping[str, Mapping[str, str]]
     damage: Sequence[object]
 
+    @abstractmethod
     def messages(self, topics: Collection[str]) -> dict[str, RawMessages]:
         """Read the messages of those of the topics that are here: CDR, in order of log time."""
-        raise NotImplementedError
 
     def types(self, topic: str) -> Types:
         """Return the definition of a topic's type and of all it depends on.
@@ -77,7 +78,7 @@ class BagFile:
             )
         return types
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 - a hook
         """Close what is still open of the file."""
 
 

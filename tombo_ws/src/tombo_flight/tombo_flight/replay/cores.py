@@ -92,12 +92,13 @@ def through_cores(inputs: Inputs, recorded: Outputs) -> tuple[Outputs, dict[str,
     """Return what the cores publish, and figures by node."""
     outputs = Outputs()
     figures: dict[str, dict[str, Any]] = {}
+    delayed = inputs.is_paced_by_ticks()
     for node in inputs.nodes:
         began = time.perf_counter()
         plan = NODES[node]
         core = core_of(plan.core, inputs.scenario)
         streams = {topic: _stream(inputs, topic) for topic in core.inputs}
-        if inputs.is_paced_by_ticks():
+        if delayed:
             for topic in _PUBLISHED_BY_CORES & set(streams):
                 times, messages = streams[topic]
                 streams[topic] = times + TICK_NS, messages
