@@ -31,8 +31,9 @@ Switch one on in a scenario (`effects: {steady_wind: {east: 2.0}}`) or by
 value; with all of its parameters at null an effect adds exactly nothing. *Typical* is a size
 that clearly matters in flight.
 
-`blade_strike`, `propeller_wear` and `thrust_scatter` are filled in from the chosen propeller's
-measured figures (Table III of the paper), unless the scenario says otherwise.
+`blade_strike`, `propeller_wear` and `thrust_scatter` are filled in from the chosen propeller
+(its figures of the paper's Table III, and how well the set is matched), unless the scenario
+says otherwise.
 """
 
 

@@ -152,7 +152,7 @@ class TestSurvey:
         assert np.abs(place[:, :2]).max() < 2.0
         assert place[:, 2].max() < 3.0
         assert record.summary["landed"] and not record.summary["false_alarms"]
-        assert record.t[-1] < 45.0
+        assert record.t[-1] < 50.0  # 42 s, and one wait or two for a waypoint to be reached
         flying = record.log["mode"][:, 0] == Phase.APPROACH
         assert place[flying, 2].min() > 0.25
 

@@ -47,21 +47,16 @@ def propeller_performance(
         known: those whose measurements may stand in.
 
     Returns:
-        collision_force_N, recovery_s (0 for the rigid one), deviation (of thrust, share of it).
+        collision_force_N, recovery_s (0 for the rigid one).
     """
     others = tuple(known)
     performance = {}
-    for name in ("collision_force_N", "recovery_s", "thrust_N", "thrust_dev_N"):
+    for name in ("collision_force_N", "recovery_s"):
         value = getattr(wanted.measured, name) if wanted.measured is not None else None
         if value is None:
             value = 0.0 if wanted.nodus is None else _same_matrix_mean(wanted, others, name)
         performance[name] = float(value)
-    thrust = performance["thrust_N"]
-    return {
-        "collision_force_N": performance["collision_force_N"],
-        "recovery_s": performance["recovery_s"],
-        "deviation": performance["thrust_dev_N"] / thrust if thrust > 0.0 else 0.0,
-    }
+    return performance
 
 
 def _same_matrix_mean(wanted: Configuration, known: Iterable[Configuration], name: str) -> float:
@@ -95,7 +90,7 @@ def propulsion_effects(
             "duration": _DURATION,
         },
         "propeller_wear": {"collisions": _RIGID_STRIKES if wanted.rigid else _TOMBO_STRIKES},
-        "thrust_scatter": {"deviation": performance["deviation"]},
+        "thrust_scatter": {"deviation": propeller.matched},
     }
     effects = {name: dict(values) for name, values in given.items()}
     for name, values in derived.items():

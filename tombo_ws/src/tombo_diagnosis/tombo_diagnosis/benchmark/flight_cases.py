@@ -23,9 +23,9 @@ from tombo_diagnosis.benchmark.cases import (
 )
 from tombo_diagnosis.engine.regression import Parameter
 from tombo_diagnosis.flight.fit.parameters import PARAMETERS
+from tombo_diagnosis.flight.scenario_nominal import nominal_model
 from tombo_dynamics.disturbance import DISTURBANCES
 from tombo_dynamics.effects import REGISTRY
-from tombo_flight.scenario import load_scenario
 
 FORMULATIONS = (("imu_rpm", 0.35), ("imu", 0.25), ("mocap_rpm", 0.2), ("mocap", 0.2))
 EXCLUDED_EFFECTS = frozenset(name for name, effect in REGISTRY.items() if effect.contact)
@@ -42,11 +42,8 @@ _NOISES = (
 """Hidden as more of it: nobody looks for the cause of too little noise."""
 _IMU_ONLY = ("imu_", "accel_scale")
 """Effects that only an IMU shows."""
-NOMINAL = {
-    **{n: e for n, e in load_scenario("no_obstacle").effects.items() if n not in EXCLUDED_EFFECTS},
-    "thrust_scatter": {"deviation": 0.01},
-}
-"""What the nominal model knows: the paper's flight, with a matched set of propellers."""
+NOMINAL = {n: e for n, e in nominal_model().effects.items() if n not in EXCLUDED_EFFECTS}
+"""What the nominal model of `tombo diagnose` knows, without contact."""
 
 Effects = dict[str, dict[str, float]]
 

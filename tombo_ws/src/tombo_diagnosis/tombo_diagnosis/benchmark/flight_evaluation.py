@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import time
 from functools import lru_cache, partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -15,44 +17,44 @@ from tombo_diagnosis.benchmark.evaluation import (
     exactly_right,
 )
 from tombo_diagnosis.benchmark.flight_cases import FlightCase, make_case
-from tombo_diagnosis.benchmark.flight_simulation import (
-    benchmark_nominal,
-    simulate_case,
-    true_draws,
-)
+from tombo_diagnosis.benchmark.flight_simulation import simulate_case, true_draws
 from tombo_diagnosis.benchmark.runner import run_benchmark
 from tombo_diagnosis.benchmark.score import score_of_flights
-from tombo_diagnosis.checks import check_log
 from tombo_diagnosis.engine.model_selection import restrict_to
-from tombo_diagnosis.flight.analyse import FlightFindings, analyse
+from tombo_diagnosis.flight.analyse import FlightFindings
 from tombo_diagnosis.flight.cause_estimates import estimate_cause
 from tombo_diagnosis.flight.cross_validation import fit_without_flight
 from tombo_diagnosis.flight.diagnose import final_explanation
+from tombo_diagnosis.flight.diagnose_files import diagnose_files
 from tombo_diagnosis.flight.fit.prediction import residuals
-from tombo_diagnosis.flight.fit.track import track_of
 from tombo_diagnosis.flight.nominal import NominalModel
+from tombo_diagnosis.flight.scenario_nominal import nominal_model
+from tombo_diagnosis.logs.log_recording import record_log
 from tombo_dynamics.errors import InputError
 
 
 @lru_cache(maxsize=1)
 def _nominal() -> NominalModel:
-    return benchmark_nominal()
+    """Return what `tombo diagnose` compares flights with."""
+    return nominal_model()
 
 
 def examine(seed: int, number: int) -> dict[str, Any]:
-    """Fly and diagnose one case, and return its score as plain values."""
+    """Fly and record one case, diagnose the files, and return its score as plain values."""
     case = make_case(seed, number)
     row = case_row(case)
-    try:
-        tracks = [track_of(check_log(log)) for log in simulate_case(case)]
-    except InputError as error:
-        # What is hidden can keep the vehicle from flying at all: that needs no diagnosis.
-        return row | {"verdict": "not flown", "why": str(error)}
-    began = time.perf_counter()
-    findings = analyse(tracks, _nominal())
-    seconds = time.perf_counter() - began
+    with TemporaryDirectory(prefix="tombo-benchmark-") as folder:
+        files = []
+        for log in simulate_case(case):
+            files.append(Path(folder) / f"{log.name.replace(' ', '-')}.mcap")
+            record_log(log, files[-1])
+        try:
+            diagnosis, findings = diagnose_files(files, _nominal(), clock=time.perf_counter)
+        except InputError as error:
+            # What is hidden can keep the vehicle from flying at all: that needs no diagnosis.
+            return row | {"verdict": "not flown", "why": str(error)}
     remainder = findings.remainder
-    row |= answer_row(findings, seconds) | {
+    row |= answer_row(findings, diagnosis.seconds) | {
         "excess": max((each.excess for each in remainder.residual_excesses), default=0.0),
         "repeats": remainder.residual_r2,
         "explained": findings.judgement.explained,

@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.signal import lfilter
 
-from tombo_diagnosis.benchmark.flight_cases import NOMINAL, FlightCase
+from tombo_diagnosis.benchmark.flight_cases import FlightCase
 from tombo_diagnosis.flight.experiment_design import sensor_series
-from tombo_diagnosis.flight.nominal import NominalModel
-from tombo_diagnosis.flight.scenario_nominal import nominal_of
 from tombo_diagnosis.logs.flight_log import FlightLog, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.disturbance import set_disturbance
@@ -25,7 +23,6 @@ _COURSE_DURATION_S = 20.0
 """About so long is a course, with hover and turns coming on top."""
 _CLIMB = 1.5
 """m/s"""
-_AIRBORNE = 0.3
 _RPM_NOISE, _RPM_STEP = 1.5, 0.5
 """rad/s: noise and resolution of the speed sensors, which no effect describes."""
 _VIBRATION = 0.02
@@ -66,17 +63,11 @@ def course(rng: np.random.Generator) -> list[dict[str, float]]:
     return points
 
 
-def benchmark_nominal() -> NominalModel:
-    """Return the nominal model that the diagnosis is given."""
-    return nominal_of(_scenario(NOMINAL, [{"x": 1.0}]), "the benchmark's nominal model")
-
-
 def _scenario(effects: Any, points: list[dict[str, float]]) -> Scenario:
     return scenario_over(
         {
             "react": False,
             "duration": DURATION_S,
-            "propeller": {"conf": 13, "law": "repaired"},
             "control": {"velocity_max_xy": 3.5, "velocity_max_z": _CLIMB},
             "effects": {name: dict(values) for name, values in effects.items()},
             "mission": {
@@ -132,11 +123,7 @@ def measured(
         speed = series["rotor_speed"].values
         noisy = speed + _RPM_NOISE * rng.standard_normal(speed.shape)
         series["rotor_speed"] = Series(t, np.round(noisy / _RPM_STEP) * _RPM_STEP)
-    height = flown.mocap_position[:, 2]
-    air = np.flatnonzero(height > _AIRBORNE)
-    ends = (stamps[air[0]] + 0.5, stamps[air[-1]]) if air.size else (t[-1], t[-1])
-    ground = ((0.0, float(ends[0])), (float(ends[1]), float(t[-1]) + 1.0))
-    return FlightLog(name, "blind benchmark", series, exclude=ground)
+    return FlightLog(name, "blind benchmark", series)
 
 
 def _coloured(rng: np.random.Generator, count: int, width: int, time: float) -> Array:

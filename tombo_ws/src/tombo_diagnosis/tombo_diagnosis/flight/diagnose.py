@@ -47,7 +47,18 @@ def diagnose(
     separate: Separate | None = None,
     clock: Callable[[], float] = lambda: 0.0,
 ) -> Diagnosis:
-    """Report what the model gets wrong in measured flights.
+    """Report what the model gets wrong in measured flights: see `diagnose_flights`."""
+    return diagnose_flights(logs, nominal, progress, separate, clock)[0]
+
+
+def diagnose_flights(
+    logs: Sequence[FlightLog],
+    nominal: NominalModel,
+    progress: ProgressCallback = no_progress,
+    separate: Separate | None = None,
+    clock: Callable[[], float] = lambda: 0.0,
+) -> tuple[Diagnosis, FlightFindings]:
+    """Report what the model gets wrong in measured flights, and what the report rests on.
 
     Args:
         logs: flights of one vehicle, checked (`tombo_diagnosis.checks`).
@@ -85,7 +96,7 @@ def diagnose(
         progress("looking for a separating experiment", 0.85)
         experiment = separate(findings, progress)
     progress("done", 1.0)
-    return Diagnosis(
+    diagnosis = Diagnosis(
         verdict=judgement.verdict,
         causes=causes,
         set=judgement.members,
@@ -111,6 +122,7 @@ def diagnose(
         vehicle=usable[0].airframe.name if usable[0].airframe is not None else "",
         seconds=clock() - began,
     )
+    return diagnosis, findings
 
 
 def final_explanation(findings: FlightFindings) -> Explanation:

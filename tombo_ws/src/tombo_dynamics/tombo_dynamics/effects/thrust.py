@@ -62,7 +62,7 @@ def weak_propeller(
     confounded_with=("weak_propeller",),
 )
 def thrust_scatter(plant: Plant, noise: Array, deviation: float) -> None:
-    """Scale each rotor by its own constant draw (paper, Table III: thrust deviation)."""
+    """Scale each rotor by its own constant draw: propellers of one set differ."""
     for i in range(4):
         plant.efficiency[i] *= max(0.2, 1.0 + deviation * plant.draws[i])
 

@@ -14,7 +14,7 @@ from tombo_dynamics.propeller.records import Configuration
 
 @dataclass(frozen=True)
 class PropellerChoice:
-    """Which propeller is mounted, and the law of its nodus."""
+    """Which propeller is mounted, the law of its nodus, and how alike the four are."""
 
     conf: int = param(
         13, "1", (0, 9999), "configuration of the paper's Table I, 0 is rigid, or of `library`"
@@ -22,6 +22,14 @@ class PropellerChoice:
     law: str = field(default="repaired", metadata={"doc": "published, repaired or consistent"})
     library: str = field(
         default="", metadata={"doc": "folder with own configurations, blades, materials, or empty"}
+    )
+    matched: float = param(
+        0.01,
+        "1",
+        (0.0, 0.5),
+        "standard deviation of thrust between the propellers of one vehicle, share of it",
+        "estimated, because: a lab balances a set and pairs it on a stand; Table III's deviation "
+        "(17 % for the rigid propeller, too) is of readings of one propeller",
     )
 
 

@@ -113,27 +113,19 @@ def run(
     Raises:
         InputError: a log, the mapping or the model can't be used.
     """
-    from tombo_diagnosis.checks import check_log
-    from tombo_diagnosis.logs.log_reader import read_logs
     from tombo_diagnosis.report.diagnosis_output import NominalReference
     from tombo_flight.model_file import read_model
 
     base = None if model is None else read_model(model)
-    on_progress(f"reading {logs[0].name}{' and others' if len(logs) > 1 else ''}", 0.0)
-    flights = read_logs(logs, mapping=mapping, names=names)
-    checked = []
-    for k, flight in enumerate(flights):
-        on_progress(f"checking {flight.name}", k / len(flights))
-        checked.append(check_log(flight))
-
     on_progress("loading the model", 0.0)  # imports compiled code
-    from tombo_diagnosis.flight.diagnose import diagnose
+    from tombo_diagnosis.flight.diagnose_files import diagnose_files
+    from tombo_diagnosis.flight.experiment_design import separate
     from tombo_diagnosis.flight.scenario_nominal import nominal_model
 
     nominal = nominal_model(model)
-    from tombo_diagnosis.flight.experiment_design import separate
-
-    found = diagnose(checked, nominal, on_progress, separate, time.perf_counter)
+    found, _ = diagnose_files(
+        logs, nominal, mapping, names, on_progress, separate, time.perf_counter
+    )
     today = datetime.date.today().isoformat()
     return found, NominalReference(nominal.label, today, base)
 

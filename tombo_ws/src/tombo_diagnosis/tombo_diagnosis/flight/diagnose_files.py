@@ -1,0 +1,49 @@
+"""From files of flights to a diagnosis: read, check, diagnose. What `tombo diagnose` does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from tombo_diagnosis.checks import check_log
+from tombo_diagnosis.diagnosis import Diagnosis
+from tombo_diagnosis.flight.analyse import FlightFindings
+from tombo_diagnosis.flight.diagnose import Separate, diagnose_flights
+from tombo_diagnosis.flight.nominal import NominalModel
+from tombo_diagnosis.logs.flight_log import FlightLog
+from tombo_diagnosis.logs.log_reader import read_logs
+from tombo_flight.progress import ProgressCallback, no_progress
+
+
+def read_and_check(
+    paths: Sequence[Path],
+    mapping: Path | str | None = None,
+    names: Mapping[str, str] | None = None,
+    progress: ProgressCallback = no_progress,
+) -> list[FlightLog]:
+    """Return the flights of files, checked. Arguments and errors are those of `read_logs`."""
+    progress(f"reading {paths[0].name}{' and others' if len(paths) > 1 else ''}", 0.0)
+    flights = read_logs(paths, mapping=mapping, names=names)
+    checked = []
+    for k, flight in enumerate(flights):
+        progress(f"checking {flight.name}", k / len(flights))
+        checked.append(check_log(flight))
+    return checked
+
+
+def diagnose_files(
+    paths: Sequence[Path],
+    nominal: NominalModel,
+    mapping: Path | str | None = None,
+    names: Mapping[str, str] | None = None,
+    progress: ProgressCallback = no_progress,
+    separate: Separate | None = None,
+    clock: Callable[[], float] = lambda: 0.0,
+) -> tuple[Diagnosis, FlightFindings]:
+    """Read, check and diagnose flights: see `read_logs` and `diagnose_flights`.
+
+    Raises:
+        InputError: a log or the mapping can't be used, or no flight can.
+    """
+    logs = read_and_check(paths, mapping, names, progress)
+    return diagnose_flights(logs, nominal, progress, separate, clock)
