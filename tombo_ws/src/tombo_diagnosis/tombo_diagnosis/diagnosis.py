@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from tombo_diagnosis.engine.detectable import Detectable
 from tombo_diagnosis.logs.flight_log import Finding
 from tombo_dynamics.arrays import Array
 from tombo_flight.extended_model import FittedParameter, Gain
@@ -42,6 +43,8 @@ class Score:
     """False: these flights can't show it."""
     remark: str = ""
     """Why it was not excited, or what it can't be distinguished from."""
+    detectable: Detectable | None = None
+    """The smallest change that these data would have shown; None: not known."""
 
 
 @dataclass(frozen=True)

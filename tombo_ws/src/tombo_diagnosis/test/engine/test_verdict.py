@@ -11,6 +11,7 @@ from tombo_diagnosis.engine.model_selection import LOG_BF_ADDITIONAL, LOG_BF_FIR
 from tombo_diagnosis.engine.verdict import LOG_BF_DISTINCT, RULES, Facts, judge
 from tombo_diagnosis.flight.analyse import (
     MAX_LOG_VARIANCE_EXCESS,
+    ExplainedExcess,
     FlightRemainder,
     select_noise_fits,
     weigh_remainder,
@@ -57,7 +58,8 @@ def remainder(rest, noisy=(), gusts=None, residual_r2=0.0, explained=0.0):
         residual_excesses=tuple(rest), residual_r2=residual_r2,
         expected=ScaleVariances((), (), np.zeros((0, 0)), np.zeros((0, 0))),
     )  # fmt: skip
-    return weigh_remainder(figures, removed=explained, thrust_fitted=False)
+    share = ExplainedExcess(explained, explained, explained, frozenset({"force"}))
+    return weigh_remainder(figures, share, thrust_fitted=False)
 
 
 def judged(found, excess=NO_NOISE, noisy=(), gusts=None, residual_r2=0.0, explained=1.0):
@@ -90,6 +92,28 @@ def test_what_explains_most_but_not_all_is_part_of_it():
     assert (said.verdict, said.effects) == ("partly_explained", ("wind",))
     weak = judged(searched(explanation("wind", evidence=2 * LOG_BF_FIRST)), LOUD, explained=0.95)
     assert weak.verdict == "unknown"
+
+
+def test_what_is_left_where_no_cause_acts_is_no_veto():
+    """Drag is not lost over a noisy gyro; it is not the whole story either."""
+    rest = [ResidualExcess("gyro against mocap x", "rad/s", 0.5, 0.1, 0.05, LOUD), *left(NO_NOISE)]
+    for evidence, verdict in ((STRONG, "partly_explained"), (1.2 * LOG_BF_FIRST, "unknown")):
+        found = searched(explanation("wind", evidence=evidence))
+        said = judge(SETTING, found, remainder(rest, explained=0.1))
+        assert said.verdict == verdict
+        assert said.effects == (("wind",) if verdict == "partly_explained" else ())
+
+
+def test_effects_that_no_data_here_distinguish_are_one_set_whatever_their_evidence():
+    pair = replace(SETTING, equivalent=(frozenset({"lever", "marker"}),), max_confidence=0.8)
+    found = searched(explanation("wind", "lever"), explanation("wind", "marker", evidence=PLAIN))
+    said = judge(pair, found, remainder(left(NO_NOISE), explained=1.0))
+    assert (said.verdict, said.effects) == ("named", ("wind",))
+    assert set(said.members) == {"lever", "marker"}
+    alone = judge(pair, searched(explanation("marker")), remainder(left(NO_NOISE), explained=1.0))
+    assert alone.verdict == "set" and set(alone.effects) == {"lever", "marker"}
+    for each in (said, alone):
+        assert max(each.confidence, *each.each.values()) <= 0.8
 
 
 def test_causes_as_likely_as_each_other_are_a_set():
@@ -215,7 +239,7 @@ def test_alternatives_of_a_cause_that_was_not_accepted_are_no_set():
 
 
 def facts(**told):
-    nothing = Facts((), (), True, False, frozenset(), 0.5, 0.5, 0.5, 0.5)
+    nothing = Facts((), (), True, True, False, frozenset(), 0.5, 0.5, 0.5, 0.5)
     return replace(nothing, **told)
 
 
@@ -225,7 +249,8 @@ def facts(**told):
         ({}, "none"),
         ({"clean": False}, "unknown"),
         ({"causes": ("wind",)}, "named"),
-        ({"causes": ("wind",), "clean": False}, "unknown"),
+        ({"causes": ("wind",), "clean": False, "clean_where_explained": False}, "unknown"),
+        ({"causes": ("wind",), "clean": False}, "partly_explained"),
         ({"causes": ("wind",), "clean": False, "strong": True}, "partly_explained"),
         ({"causes": ("wind", "gusts"), "imitated": frozenset({"wind"})}, "partly_explained"),
         ({"causes": ("wind",), "members": ("wind", "tilt")}, "set"),

@@ -47,7 +47,7 @@ def by_name(table):
 def test_hidden_drag_is_learned_from_the_other_flights():
     _, held, steps, windows = gains(True)
     for each in held:
-        assert each.theta[d_xy()] == pytest.approx(0.7, rel=0.1)
+        assert each.after.theta[d_xy()] == pytest.approx(0.7, rel=0.1)
     table = by_name(steps)
     for axis in "xy":
         assert table[f"force {axis}", "one step"].reduction > 0.6
@@ -71,9 +71,9 @@ def test_figures_of_a_gain_agree():
 
 
 def test_healthy_flights_have_no_gain():
-    problem, held, steps, _ = gains(False, 2)
+    _, held, steps, _ = gains(False, 2)
     for each in held:
-        assert np.array_equal(each.theta, problem.theta)
+        assert np.array_equal(each.after.theta, each.before.theta)
     assert all(g.reduction == 0.0 for g in steps)
 
 
@@ -90,7 +90,7 @@ def test_a_flight_that_is_held_out_teaches_nothing():
     problem = FlightProblem(odd, nominal())
     best = search(problem).best
     assert "linear_rotor_drag" in best.effects
-    alone, others = (fit_without_flight(problem, f, [best]).theta[d_xy()] for f in (2, 0))
+    alone, others = (fit_without_flight(problem, f, [best]).after.theta[d_xy()] for f in (2, 0))
     assert alone == pytest.approx(0.7, rel=0.1)
     assert others < alone - 0.1
 

@@ -24,9 +24,9 @@ from tombo_diagnosis.engine.model_selection import restrict_to
 from tombo_diagnosis.flight.analyse import FlightFindings
 from tombo_diagnosis.flight.cause_estimates import estimate_cause
 from tombo_diagnosis.flight.cross_validation import fit_without_flight
-from tombo_diagnosis.flight.diagnose import final_explanation
 from tombo_diagnosis.flight.diagnose_files import diagnose_files
 from tombo_diagnosis.flight.fit.prediction import residuals
+from tombo_diagnosis.flight.held_out_test import final_explanation
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.scenario_nominal import nominal_model
 from tombo_diagnosis.logs.log_recording import record_log
@@ -98,7 +98,7 @@ def _gain_share(case: FlightCase, findings: FlightFindings) -> float | None:
         true = residuals(track, problem.nominal, theta, draws=draws)
         for group, before in problem.linears[f].residual.items():
             weight = 1.0 / problem.variances[f][group]
-            removed += float(weight @ np.sum(before**2 - held.residual[group] ** 2, axis=0))
+            removed += float(weight @ np.sum(before**2 - held.after.residual[group] ** 2, axis=0))
             possible += float(weight @ np.sum(before**2 - true[group] ** 2, axis=0))
     return removed / possible if possible > 25.0 else None
 

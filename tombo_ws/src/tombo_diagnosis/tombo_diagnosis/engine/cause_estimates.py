@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
+from types import MappingProxyType
 
 import numpy as np
 
 from tombo_diagnosis.diagnosis import Score
+from tombo_diagnosis.engine.detectable import Detectable
 from tombo_diagnosis.engine.model import Explanation, Model
 from tombo_diagnosis.engine.regression import Parameter
 from tombo_dynamics.arrays import Array
@@ -59,6 +61,7 @@ def scores(
     shares: Mapping[str, float],
     effects: Iterable[str],
     why_not: Callable[[str], str],
+    detectable: Mapping[str, Detectable] = MappingProxyType({}),
 ) -> tuple[Score, ...]:
     """Return the scores of all effects, most probable first.
 
@@ -67,6 +70,7 @@ def scores(
         shares: effect -> share of the excess that it removes in held-out data.
         effects: all of the registry that make sense for the model.
         why_not: says of an effect why the data can't show it.
+        detectable: effect -> the smallest change that the data would have shown.
     """
     finite = {e: max(min(float(v), _MAX_LOG_BF), -_MAX_LOG_BF) for e, v in log_bf.items()}
     total = float(np.logaddexp.reduce([0.0, *finite.values()]))
@@ -75,7 +79,8 @@ def scores(
         share = shares.get(effect, 0.0)
         if effect in finite:
             evidence = finite[effect]
-            found.append(Score(effect, share, evidence, math.exp(evidence - total), True))
+            probability, least = math.exp(evidence - total), detectable.get(effect)
+            found.append(Score(effect, share, evidence, probability, True, "", least))
         else:
             found.append(Score(effect, share, 0.0, 0.0, False, why_not(effect)))
     return tuple(sorted(found, key=lambda s: (-s.excited, -s.evidence)))

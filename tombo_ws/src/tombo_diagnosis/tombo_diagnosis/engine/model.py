@@ -27,6 +27,10 @@ class Setting:
     """Effects that the linearised model can't rank: they are always fitted."""
     confounded_with: Mapping[str, Collection[str]] = field(default_factory=dict)
     """Effect -> effects that are no causes beside it: one may give back what the other takes."""
+    equivalent: Sequence[frozenset[str]] = ()
+    """Groups of effects that the data can't distinguish, whatever their evidence."""
+    max_confidence: float = 0.99
+    """Highest confidence that is stated."""
 
 
 class Model(Protocol):
@@ -138,6 +142,8 @@ class Remainder:
     """Stochastic effect -> causes that may be confused with another force, if it is present."""
     explained: float = 0.0
     """Share of the excess that the best explanation removes."""
+    clean_where_explained: bool = False
+    """The remainder is known noise in every group of channels that the causes concern."""
 
 
 @dataclass(frozen=True)

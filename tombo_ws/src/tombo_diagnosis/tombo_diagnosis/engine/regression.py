@@ -80,11 +80,18 @@ class Columns:
     unobservable: frozenset[int] = frozenset()
     """Places in theta of what is far below the noise even at the size that matters."""
 
+    refused: frozenset[str] = frozenset()
+    """Effects that other data contradict: they are no causes."""
+
     @cached_property
     def identifiable(self) -> tuple[int, ...]:
         """Places in theta of the parameters of possible causes."""
         return tuple(
-            i for i in self.indices if i not in self.absorbed and i not in self.unobservable
+            i
+            for i in self.indices
+            if i not in self.absorbed
+            and i not in self.unobservable
+            and self.parameters[i].effect not in self.refused
         )
 
     @cached_property

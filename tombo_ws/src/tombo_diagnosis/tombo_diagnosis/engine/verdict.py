@@ -27,7 +27,8 @@ LOG_BF_DISTINCT = 4.0
 """Log Bayes factor with which one cause is told from another."""
 _STRONG_LOG_BF = 50.0
 """From this evidence on a single cause may be called a part of what is wrong."""
-_MAX_PROBABILITY = 0.99
+_SURE_LOG_BF = 10.0
+"""From this evidence on causes may be named although other channels hold something else."""
 _NONE_SLOPE, _NONE_EVEN_LOG_BF = 1.3, 2.0
 _MAX_CAUSES = 3
 _MAX_EXPONENT = 50.0
@@ -43,6 +44,8 @@ class Facts:
     """Effects that replace each other in explanations that are about as good."""
     clean: bool
     """Nothing but known noise is left unexplained."""
+    clean_where_explained: bool
+    """The same where the causes act; elsewhere more may be left."""
     strong: bool
     """One strong cause removes most of the excess."""
     imitated: frozenset[str]
@@ -89,6 +92,9 @@ RULES: Sequence[Rule] = (
     Rule(lambda f: not f.clean and f.strong,
          "partly_explained", lambda f: f.causes, lambda f: f.p_unexplained,
          "one strong cause takes away most, but more than noise is left"),
+    Rule(lambda f: not f.clean and f.clean_where_explained,
+         "partly_explained", lambda f: f.causes, lambda f: f.p_cause,
+         "causes leave noise where they act; elsewhere more than noise is left"),
     Rule(lambda f: not f.clean,
          "unknown", _no_effects, lambda f: f.p_unexplained,
          "what looks like a cause leaves more than noise: it may only resemble the true one"),
@@ -120,33 +126,39 @@ def judge(setting: Setting, found: SearchResult, remainder: Remainder) -> Judgem
     rivals = [
         r for r in found.alternatives if kept and _deficit(r, found, share) < LOG_BF_DISTINCT
     ]
-    facts = _facts(found, remainder, weights, rivals, share)
+    facts = _facts(setting, found, remainder, weights, rivals)
     rule = next(rule for rule in RULES if rule.holds(facts))
     causes = rule.causes(facts)
-    each = _confidences(found, facts, rivals, share) if causes else {}
+    each = _confidences(setting, found, facts, rivals) if causes else {}
     if rule.verdict == "set":
         causes = tuple(sorted(causes, key=lambda e: -each.get(e, 0.0)))
-    confidence = calibrated(rule.probability(facts), setting.calibration.get(rule.verdict, ()))
+    table = setting.calibration.get(rule.verdict, ())
+    confidence = calibrated(rule.probability(facts), table, setting.max_confidence)
     members = facts.members if rule.verdict in ("named", "set") else ()
     explained = remainder.explained if facts.causes else 0.0
     return Judgement(rule.verdict, causes, members, confidence, each, explained, rule.reason)
 
 
 def _facts(
+    setting: Setting,
     found: SearchResult,
     remainder: Remainder,
     weights: dict[str, float],
     rivals: Sequence[Explanation],
-    share: float,
 ) -> Facts:
+    share = setting.model_error_share
     causes = tuple(sorted(weights, key=lambda e: -weights[e]))[:_MAX_CAUSES]
     random = [e for e in remainder.imitated if e in causes]
     forces = {e for r in random for e in causes if e in remainder.imitated[r]}
     lead = max(found.single_log_bf.values(), default=0.0)
     return Facts(
         causes=causes,
-        members=_interchangeable_effects(found.best, rivals),
+        members=_with_equivalents(
+            _interchangeable_effects(found.best, rivals), causes, setting.equivalent
+        ),
         clean=remainder.clean,
+        clean_where_explained=remainder.clean_where_explained
+        and found.best.evidence > _SURE_LOG_BF,
         strong=remainder.mostly_explained
         and found.best.evidence > _STRONG_LOG_BF
         and len(causes) == 1,
@@ -159,18 +171,24 @@ def _facts(
 
 
 def _confidences(
-    found: SearchResult, facts: Facts, rivals: Sequence[Explanation], share: float
+    setting: Setting, found: SearchResult, facts: Facts, rivals: Sequence[Explanation]
 ) -> dict[str, float]:
     """Return the confidence in each cause and in each member of the set."""
+    most = setting.max_confidence
     each = {
-        e: _clipped(facts.p_cause * (facts.p_best if e in facts.members else 1.0))
+        e: _clipped(facts.p_cause * (facts.p_best if e in facts.members else 1.0), most)
         for e in facts.causes
     }
     for rival in rivals:
-        odds = _relative_odds(rival, found, share) * facts.p_best
+        odds = _relative_odds(rival, found, setting.model_error_share) * facts.p_best
         for e in rival.effects:
             if e in facts.members:
-                each.setdefault(e, _clipped(facts.p_cause * odds))
+                each.setdefault(e, _clipped(facts.p_cause * odds, most))
+    for group in setting.equivalent:
+        alike = [e for e in facts.members if e in group]
+        if alike:
+            shared = max(each.get(e, 0.0) for e in alike) / len(alike)
+            each |= dict.fromkeys(alike, shared)
     return each
 
 
@@ -186,6 +204,15 @@ def _interchangeable_effects(best: Explanation, rivals: Sequence[Explanation]) -
     shared = set.intersection(*(set(e.effects) for e in every))
     ordered = dict.fromkeys(e for explanation in every for e in explanation.effects)
     return tuple(e for e in ordered if e not in shared)
+
+
+def _with_equivalents(
+    members: tuple[str, ...], causes: tuple[str, ...], groups: Sequence[frozenset[str]]
+) -> tuple[str, ...]:
+    """Return the effects that can replace each other, with those that no data here tell apart."""
+    alike = [e for g in groups if g & {*causes, *members} for e in sorted(g)]
+    named = [e for e in alike if e in causes]
+    return tuple(dict.fromkeys((*members, *named, *alike)))
 
 
 def _deficit(rival: Explanation, found: SearchResult, share: float) -> float:
@@ -216,13 +243,13 @@ def logistic(x: float) -> float:
     return 1.0 / (1.0 + math.exp(-min(max(x, -700.0), 700.0)))
 
 
-def calibrated(probability: float, table: Calibration = ()) -> float:
-    """Return a probability as a table calibrates it, never more than 0.99."""
+def calibrated(probability: float, table: Calibration = (), most: float = 0.99) -> float:
+    """Return a probability as a table calibrates it, never more than `most`."""
     if table:
         stated, true = zip(*table, strict=True)
         probability = float(np.interp(probability, stated, true))
-    return _clipped(probability)
+    return _clipped(probability, most)
 
 
-def _clipped(probability: float) -> float:
-    return min(max(probability, 0.0), _MAX_PROBABILITY)
+def _clipped(probability: float, most: float) -> float:
+    return min(max(probability, 0.0), most)

@@ -9,8 +9,10 @@ from dataclasses import dataclass, field, replace
 from tombo_diagnosis.engine.analyse import analyse_problem
 from tombo_diagnosis.engine.model import Findings, Remainder, SearchResult
 from tombo_diagnosis.engine.model_selection import LOG_BF_FIRST
+from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.engine.verdict import logistic, p_cause
 from tombo_diagnosis.flight.fit.gust_fit import GustFit, fit_gusts
+from tombo_diagnosis.flight.fit.prediction import channel_group
 from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_diagnosis.flight.fit.track import Track
 from tombo_diagnosis.flight.fit.transients import Transient, exclude_transients, find_transients
@@ -36,15 +38,19 @@ _FORCE_EFFECTS = frozenset(
 )
 """Effects that push the vehicle."""
 _DOUBTS = ("unknown", "partly_explained")
+_FEW_FLIGHTS = 3
 _CONCERNS = 0.5
 """A cause concerns a channel if it reduces the excess there below this share."""
 _HEALTHY = 4.0
 """Noise within this number of tolerances of its nominal value is taken as measured."""
 _MAX_GUST_R2 = 0.1
 """Largest cross-validated R² of a remainder that can be gusts."""
-_MIN_EXPLAINED_CALIBRATED, _MAX_R2_CALIBRATED = 0.7, 0.5
-"""Share of the excess that causes have to explain, and share of the remainder that other flights
-may predict, where healthy flights are not known."""
+_MIN_EXPLAINED_CALIBRATED, _MIN_REMOVED_CALIBRATED, _MAX_R2_CALIBRATED = 0.7, 0.5, 0.3
+"""Where healthy flights are not known: share of the excess that causes have to explain in the
+channels that they concern, share of all excess of the forces, and share of the remainder that
+other flights may predict."""
+_MAX_SHARE_OF_ONE_FLIGHT = 0.8
+"""Largest share of the excess of the forces that one of several flights may hold with gusts."""
 _MIN_PARTIAL_SHARE, _MIN_PARTIAL_SHARE_CALIBRATED = 0.85, 0.5
 """Least share of all excess that a cause removes if it is called part of it."""
 _UNEXPLAINED_SLOPE, _UNEXPLAINED_EVEN_EXCESS = 3.0, 0.2
@@ -66,6 +72,8 @@ class FlightRemainder(Remainder):
     """What is left unexplained, gusts and noise taken into account; the largest excess first."""
     residual_r2: float = 0.0
     """Share of the forces' remainder that other flights predict."""
+    unexplained_groups: tuple[str, ...] = ()
+    """Groups of channels with more than noise, the largest excess first."""
     transients: tuple[Transient, ...] = ()
     """Short disturbances that were excluded."""
 
@@ -107,7 +115,7 @@ def check_residual(problem: FlightProblem, found: SearchResult) -> FlightRemaind
     measured = residual_variances(problem, best)
     expected = noise_variances(problem, theta)
     before = residual_variances(problem, problem.null_hypothesis)
-    explained, removed = _explained(before, measured, expected)
+    explanation = explained_excess(before, measured, expected)
     rest = residual_excesses(measured, expected)
     gusts = None
     residual_r2 = 0.0
@@ -116,7 +124,8 @@ def check_residual(problem: FlightProblem, found: SearchResult) -> FlightRemaind
     )
     if forces_unexplained:
         residual_r2 = cross_validated_r2(problem, best, _FORCES)
-    if forces_unexplained and not nominal.calibrated:
+    of_one_flight = _share_of_one_flight(problem, best, expected) > _MAX_SHARE_OF_ONE_FLIGHT
+    if forces_unexplained and not nominal.calibrated and not of_one_flight:
         gust_fit = fit_gusts(problem, replace(best, theta=theta), measured)
         if gust_fit.evidence > LOG_BF_FIRST:
             gusts = gust_fit
@@ -124,32 +133,56 @@ def check_residual(problem: FlightProblem, found: SearchResult) -> FlightRemaind
             rest = residual_excesses(measured, expected)
     return weigh_remainder(
         FlightRemainder(
-            False, 0.0, False, explained=explained, scatter=tuple(noise_fits),
+            False, 0.0, False, explained=explanation.mean, scatter=tuple(noise_fits),
             all_noise_fits=tuple(fits), gusts=gusts, expected=expected,
             residual_excesses=tuple(rest), residual_r2=residual_r2,
         ),
-        removed,
+        explanation,
         nominal.calibrated,
     )  # fmt: skip
 
 
+def _share_of_one_flight(problem: FlightProblem, fit: Fit, expected: ScaleVariances) -> float:
+    """Return the largest share of the excess of the forces that a single flight holds.
+
+    Of two flights or one: zero, as nothing tells which of them is usual. Air moves in every
+    flight; a wall, a cable or a knock may be there in one.
+    """
+    if len(problem.tracks) < _FEW_FLIGHTS:
+        return 0.0
+    excess = []
+    for f in range(len(problem.tracks)):
+        own = residual_variances(problem, fit, (f,))
+        each = [e for e in residual_excesses(own, expected) if e.channel.startswith(_FORCES)]
+        excess.append(sum(max((e.measured / e.expected) ** 2 - 1.0, 0.0) for e in each))
+    return max(excess) / sum(excess) if sum(excess) > 0.0 else 0.0
+
+
 def weigh_remainder(
-    found: FlightRemainder, removed: float, thrust_fitted: bool
+    found: FlightRemainder, explanation: ExplainedExcess, thrust_fitted: bool
 ) -> FlightRemainder:
     """Return a remainder with its meaning filled in.
 
-    `removed` is the share of the excess of all channels that the best explanation takes away.
-    `thrust_fitted`: thrust was fitted to the same flights, so healthy noise is not known.
+    `explanation` is what the best explanation takes away of the excess. `thrust_fitted`: thrust
+    was fitted to the same flights, so healthy noise is not known.
     """
     gusts, explained = found.gusts, found.explained
     accepted = gusts is not None and found.residual_r2 < _MAX_GUST_R2 and not gusts.at_edge
     excess = max((each.excess for each in found.residual_excesses), default=-math.inf)
+    unexplained = [e for e in found.residual_excesses if not e.excess <= MAX_LOG_VARIANCE_EXCESS]
+    groups = tuple(dict.fromkeys(channel_group(e.channel) for e in unexplained))
     if thrust_fitted:
-        clean = explained > _MIN_EXPLAINED_CALIBRATED and found.residual_r2 < _MAX_R2_CALIBRATED
-        mostly = explained > _MIN_PARTIAL_SHARE_CALIBRATED
+        clean = (
+            explained > _MIN_EXPLAINED_CALIBRATED
+            and explanation.of_forces > _MIN_REMOVED_CALIBRATED
+            and found.residual_r2 < _MAX_R2_CALIBRATED
+        )
+        mostly = min(explained, explanation.of_forces) > _MIN_PARTIAL_SHARE_CALIBRATED
+        clean_where_explained = clean
     else:
-        clean = excess <= MAX_LOG_VARIANCE_EXCESS
-        mostly = removed > _MIN_PARTIAL_SHARE
+        clean = not unexplained
+        mostly = explanation.total > _MIN_PARTIAL_SHARE
+        clean_where_explained = not explanation.concerned & {*groups}
     odds = _UNEXPLAINED_SLOPE * (excess - _UNEXPLAINED_EVEN_EXCESS)
     p_left = logistic(odds) if math.isfinite(excess) else 0.5
     noise = {fit.effect: fit.evidence for fit in found.scatter}
@@ -160,6 +193,7 @@ def weigh_remainder(
     return replace(
         found, clean=clean, p_unexplained=p_left, mostly_explained=mostly, noise_log_bf=noise,
         imitated={"gusts": _FORCE_EFFECTS - {"gusts"}} if accepted else {},
+        clean_where_explained=clean_where_explained, unexplained_groups=groups,
     )  # fmt: skip
 
 
@@ -181,23 +215,42 @@ def _within_tolerance(fit: NoiseFit, theta: Array, nominal: NominalModel) -> boo
     )
 
 
-def _explained(
-    before: ScaleVariances, after: ScaleVariances, expected: ScaleVariances
-) -> tuple[float, float]:
-    """Return the shares of the excess that an explanation removes.
+@dataclass(frozen=True)
+class ExplainedExcess:
+    """Shares of the excess over noise that an explanation removes."""
 
-    The mean over the channels that it concerns, and of the sum over all channels.
-    """
+    mean: float
+    """Mean over the channels that it concerns."""
+    total: float
+    """Of the sum over all channels."""
+    of_forces: float
+    """Of the sum over the forces."""
+    concerned: frozenset[str]
+    """Groups of the channels that it concerns."""
+
+
+def explained_excess(
+    before: ScaleVariances, after: ScaleVariances, expected: ScaleVariances
+) -> ExplainedExcess:
+    """Return what an explanation removes of the excess over noise."""
     worst = {each.channel: each for each in residual_excesses(after, expected)}
-    concerned = []
-    total = rest = 0.0
+    table = []
     for was in residual_excesses(before, expected):
         now = worst[was.channel]
         much = max((was.measured / was.expected) ** 2 - 1.0, 0.0)
         less = max((now.measured / now.expected) ** 2 - 1.0, 0.0)
-        total += much
-        rest += less
-        if less < _CONCERNS * much:
-            concerned.append(1.0 - less / much)
-    mean = sum(concerned) / len(concerned) if concerned else 0.0
-    return mean, max(0.0, 1.0 - rest / total) if total > 0.0 else 0.0
+        table.append((channel_group(was.channel), much, less))
+    concerned = [row for row in table if row[2] < _CONCERNS * row[1]]
+    shares = [1.0 - less / much for _, much, less in concerned]
+    return ExplainedExcess(
+        sum(shares) / len(shares) if shares else 0.0,
+        _removed_share(table),
+        _removed_share([row for row in table if row[0] == "force"]),
+        frozenset(group for group, _, _ in concerned),
+    )
+
+
+def _removed_share(table: Sequence[tuple[str, float, float]]) -> float:
+    """Return the share of an excess that goes, from rows of group, excess before and after."""
+    before = sum(row[1] for row in table)
+    return max(0.0, 1.0 - sum(row[2] for row in table) / before) if before > 0.0 else 0.0

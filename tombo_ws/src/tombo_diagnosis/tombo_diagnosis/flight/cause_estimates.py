@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 from scipy import stats
@@ -16,6 +17,7 @@ from tombo_diagnosis.engine.cause_estimates import (
     fitted_parameter,
     fitted_parameters,
 )
+from tombo_diagnosis.engine.detectable import detectable_changes
 from tombo_diagnosis.engine.model import Explanation
 from tombo_diagnosis.flight.analyse import FlightFindings
 from tombo_diagnosis.flight.fit.sensitivity import DRAW_SCALE_LABEL, SCATTER
@@ -80,10 +82,13 @@ def _scatter_estimate(findings: FlightFindings, explanation: Explanation) -> Est
     return (FittedParameter(p.name, p.unit, nominal, value, low, high),), ((variance,),)
 
 
-def scores(findings: FlightFindings, gains: dict[str, float]) -> tuple[Score, ...]:
+def scores(
+    findings: FlightFindings, gains: dict[str, float], refused: Mapping[str, str]
+) -> tuple[Score, ...]:
     """Return all effects of the registry, most probable first.
 
-    `gains`: effect -> share of the excess that it removes in held-out flights.
+    `gains`: effect -> share of the excess that it removes in held-out flights; `refused`: effect
+    -> what in held-out flights speaks against it.
     """
     nominal, remainder = findings.problem.nominal, findings.remainder
     log_bf = dict(findings.search.single_log_bf)
@@ -96,10 +101,14 @@ def scores(findings: FlightFindings, gains: dict[str, float]) -> tuple[Score, ..
     absorbed = {label.split(".")[0] for label in nominal.fitted}
 
     def why_not(effect: str) -> str:
+        if effect in refused:
+            return refused[effect]
         if effect in absorbed:
             return "taken up by the fit of the nominal model to the same flights"
         if REGISTRY[effect].module.endswith(("contact", "strike")):
             return "nothing was touched in the spans that count"
         return "these flights have no channel that shows it"
 
-    return cause_estimates.scores(log_bf, gains, REGISTRY, why_not)
+    problem = findings.problem
+    least = detectable_changes(problem, problem.null_hypothesis)
+    return cause_estimates.scores(log_bf, gains, REGISTRY, why_not, least)

@@ -26,15 +26,26 @@ HORIZONS_S = (0.5, 1.0)
 
 
 @dataclass(frozen=True)
-class HeldOut:
-    """What was learned without one flight."""
+class Prediction:
+    """A flight as a fit of other flights predicts it."""
 
-    flight: int
     theta: Array
+    """All parameters; what is no cause as its tolerance lets the other flights have it."""
     draws: Array
     """(8) of the vehicle."""
     residual: dict[str, Array]
-    """group -> (rows, channels): what the extended model leaves of the flight's channels."""
+    """group -> (rows, channels): what is left of the flight's channels."""
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """A flight that was held out, predicted by two models that the other flights calibrated."""
+
+    flight: int
+    before: Prediction
+    """By the nominal model, with its parameters within their tolerances."""
+    after: Prediction
+    """By the extended model, with its other parameters within theirs."""
 
 
 def fit_without_flight(
@@ -42,18 +53,39 @@ def fit_without_flight(
 ) -> HeldOut:
     """Name and fit without a flight: the best of those that were tried, fitted again."""
     others = [f for f in range(len(problem.tracks)) if f != flight] or [flight]
+    base, mean = _solved(problem, problem.null_hypothesis, others)
+    before = _predicted(problem, problem.null_hypothesis, flight, mean)
     best: tuple[float, Fit, Array] | None = None
-    base, _ = _solved(problem, problem.null_hypothesis, others)
     for explanation in tried:
         evidence, mean = _solved(problem, explanation.fit, others)
         gain = evidence - base - LOG_BF_FIRST
         gain -= LOG_BF_ADDITIONAL * (len(explanation.hypotheses) - 1)
         if gain > 0.0 and (best is None or gain > best[0]):
             best = gain, explanation.fit, mean
-    if best is None:
-        left = nominal_residuals(problem, flight)
-        return HeldOut(flight, nominal_theta(problem), np.zeros(8), left)
-    return extended(problem, best[1], flight, best[2])
+    after = before if best is None else _predicted(problem, best[1], flight, best[2])
+    return HeldOut(flight, before, after)
+
+
+def _predicted(problem: FlightProblem, fit: Fit, flight: int, mean: Array) -> Prediction:
+    """Return a flight as a fit predicts it whose unknowns are those of other flights.
+
+    The draws of a vehicle are those that the fit finds, in this flight where each flight has its
+    own: left to itself a simulation with rotors a percent too strong tips over in a second.
+    """
+    columns, limits = problem.columns, problem.columns.deviations(fit.free, fit.widths)
+    mean = np.clip(mean, fit.prior_mean - 3.0 * limits, fit.prior_mean + 3.0 * limits)
+    theta = fit.theta.copy()
+    for place, index in enumerate(columns.indices):
+        p = columns.parameters[index]
+        theta[index] = np.clip(theta[index] + mean[place], p.low, p.high)
+    draws = np.zeros(8)
+    if problem.rotor_draws:
+        first = problem.first_draw(flight)
+        found = mean if problem.vehicles == 1 else fit.solution.mean
+        draws[: problem.rotor_draws] = found[first : first + problem.rotor_draws]
+        theta, _ = with_scatter(theta, problem.nominal)
+    residual = residuals(problem.tracks[flight], problem.nominal, theta, draws=draws)
+    return Prediction(theta, draws, residual)
 
 
 def nominal_theta(problem: FlightProblem) -> Array:
@@ -78,10 +110,13 @@ def _solved(problem: FlightProblem, fit: Fit, flights: Sequence[int]) -> tuple[f
     return solution.evidence, solution.mean
 
 
-def extended(problem: FlightProblem, fit: Fit, flight: int, mean: Array | None = None) -> HeldOut:
-    """Return what a fit leaves of a flight; `mean`: its unknowns, if not those of all flights.
+def extended(
+    problem: FlightProblem, fit: Fit, flight: int, mean: Array | None = None
+) -> dict[str, Array]:
+    """Return what the model with its causes leaves of a flight, group -> (rows, channels).
 
     Only what is named counts of the unknowns; tolerances stay as the nominal model has them.
+    `mean`: the fit's unknowns, if not those of all flights.
     """
     columns = problem.columns
     mean = fit.solution.mean if mean is None else mean
@@ -93,8 +128,7 @@ def extended(problem: FlightProblem, fit: Fit, flight: int, mean: Array | None =
     if fit.widths.get(SCATTER, 1.0) > 1.01 and problem.vehicles == 1:
         draws[: problem.rotor_draws] = mean[len(columns.indices) :]
         theta, _ = with_scatter(theta, problem.nominal)
-    residual = residuals(problem.tracks[flight], problem.nominal, theta, draws=draws)
-    return HeldOut(flight, theta, draws, residual)
+    return residuals(problem.tracks[flight], problem.nominal, theta, draws=draws)
 
 
 def one_step_gains(problem: FlightProblem, held: Sequence[HeldOut]) -> list[Gain]:
@@ -103,11 +137,11 @@ def one_step_gains(problem: FlightProblem, held: Sequence[HeldOut]) -> list[Gain
     after: dict[str, list[float]] = {}
     units: dict[str, str] = {}
     for each in held:
-        for group, rows in nominal_residuals(problem, each.flight).items():
+        for group, rows in each.before.residual.items():
             for j, c in enumerate(problem.channels[each.flight][group]):
                 units[c.name] = c.unit
                 before.setdefault(c.name, []).append(rms(rows[:, j]))
-                after.setdefault(c.name, []).append(rms(each.residual[group][:, j]))
+                after.setdefault(c.name, []).append(rms(each.after.residual[group][:, j]))
     return [gain_of(n, units[n], "one step", before[n], after[n]) for n in before]
 
 
@@ -118,34 +152,14 @@ def open_loop_gains(problem: FlightProblem, held: Sequence[HeldOut]) -> list[Gai
         before: dict[str, list[float]] = {}
         after: dict[str, list[float]] = {}
         for each in held:
-            healthy = _healthy_draws(problem, each.flight)
-            own = each.draws if each.draws.any() else healthy
-            for theta, drawn, table in (
-                (nominal_theta(problem), healthy, before),
-                (each.theta, own, after),
-            ):
-                spread, _ = with_scatter(theta, problem.nominal)
-                errors = _window_errors(problem, each.flight, spread, drawn, horizon)
+            for model, table in ((each.before, before), (each.after, after)):
+                errors = _window_errors(problem, each.flight, model.theta, model.draws, horizon)
                 for name, values in errors.items():
                     table.setdefault(name, []).append(rms(values))
         for name in before:
             unit = {"position": "m", "velocity": "m/s", "attitude": "rad"}[name.split()[0]]
             gains.append(gain_of(name, unit, f"{horizon:g} s", before[name], after[name]))
     return gains
-
-
-def _healthy_draws(problem: FlightProblem, flight: int) -> Array:
-    """Return a vehicle's draws (8) as the nominal model's scatter lets the data have them.
-
-    Left to itself a simulation with rotors a percent too strong tips over in a second, whatever
-    else is right: both sides of a comparison are given the rotors of the vehicle.
-    """
-    draws = np.zeros(8)
-    if problem.rotor_draws:
-        first = problem.first_draw(flight)
-        found = problem.null_hypothesis.solution.mean[first : first + problem.rotor_draws]
-        draws[: problem.rotor_draws] = np.clip(found, -3.0, 3.0)
-    return draws
 
 
 def _window_errors(
@@ -201,7 +215,7 @@ def gain_by_effect(problem: FlightProblem, found: SearchResult) -> dict[str, flo
 
 def _removed(problem: FlightProblem, fit: Fit, mean: Array, flight: int) -> float:
     """Return the cost that what is named takes off a flight's; tolerances take nothing."""
-    after = extended(problem, fit, flight, mean).residual
+    after = extended(problem, fit, flight, mean)
     before = nominal_residuals(problem, flight)
     return sum(
         float(np.sum((rows**2 - after[group] ** 2) / problem.variances[flight][group]))

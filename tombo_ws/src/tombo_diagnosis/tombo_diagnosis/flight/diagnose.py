@@ -10,26 +10,18 @@ import numpy as np
 
 from tombo_diagnosis.diagnosis import Diagnosis, Experiment, FlightSummary, Residual
 from tombo_diagnosis.engine.model import Explanation
-from tombo_diagnosis.engine.model_selection import restrict_to
 from tombo_diagnosis.flight.analyse import FlightFindings, analyse
 from tombo_diagnosis.flight.calibrate import calibrated, has_no_thrust_data, thrust_from_track
 from tombo_diagnosis.flight.cause_estimates import estimate_cause, scores
-from tombo_diagnosis.flight.cross_validation import (
-    extended,
-    fit_without_flight,
-    gain_by_effect,
-    nominal_residuals,
-    one_step_gains,
-    open_loop_gains,
-)
+from tombo_diagnosis.flight.cross_validation import extended, gain_by_effect, nominal_residuals
 from tombo_diagnosis.flight.fit.prediction import motion_of
 from tombo_diagnosis.flight.fit.track import Track, track_of
 from tombo_diagnosis.flight.fit.transients import transient_findings
+from tombo_diagnosis.flight.held_out_test import final_explanation, refuse_contradicted
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.summary_text import notes, summary
 from tombo_diagnosis.logs.flight_log import Finding, FlightLog
 from tombo_dynamics.errors import InputError
-from tombo_flight.extended_model import Gain
 from tombo_flight.progress import ProgressCallback, no_progress
 
 Separate = Callable[[FlightFindings, ProgressCallback], Experiment | None]
@@ -79,14 +71,9 @@ def diagnose_flights(
     tracks = _blocks([track_of(log) for log in usable])
     findings = analyse(tracks, nominal, progress)
     progress("measuring the gain", 0.7)
+    findings, gains, refused = refuse_contradicted(findings)
     problem, search, judgement = findings.problem, findings.search, findings.judgement
     final = final_explanation(findings)
-    gains: list[Gain] = []
-    if final.hypotheses:
-        tried = [final, *(restrict_to(problem, final, (e,)) for e in final.effects)]
-        tried += search.alternatives if judgement.members else ()
-        held = [fit_without_flight(problem, f, tried) for f in range(len(problem.tracks))]
-        gains = one_step_gains(problem, held) + open_loop_gains(problem, held)
     causes = tuple(
         estimate_cause(e, findings, final if e in final.effects else search.explaining(e))
         for e in judgement.effects
@@ -107,7 +94,7 @@ def diagnose_flights(
             *refused,
             *transient_findings(problem.tracks, findings.remainder.transients),
         ),
-        candidates=scores(findings, gain_by_effect(problem, search)),
+        candidates=scores(findings, gain_by_effect(problem, search), refused),
         flights=tuple(
             FlightSummary(
                 t.name, t.log.source, t.log.duration_s, t.used_s, t.formulation, t.missing
@@ -123,17 +110,6 @@ def diagnose_flights(
         seconds=clock() - began,
     )
     return diagnosis, findings
-
-
-def final_explanation(findings: FlightFindings) -> Explanation:
-    """Return the explanation that goes into the model: of what is sure, or the most probable."""
-    judgement = findings.judgement
-    best = findings.search.best
-    if judgement.verdict in ("none", "unknown"):
-        return Explanation((), findings.problem.null_hypothesis, 0.0)
-    if judgement.verdict == "set":
-        return best
-    return restrict_to(findings.problem, best, judgement.effects)
 
 
 def _usable(logs: Sequence[FlightLog]) -> tuple[list[FlightLog], list[Finding]]:
@@ -190,7 +166,7 @@ def _residuals(findings: FlightFindings, final: Explanation) -> list[Residual]:
     for f in range(min(len(problem.tracks), _SHOWN)):
         track = problem.tracks[f]
         motion = motion_of(track, problem.nominal, problem.theta)
-        after = extended(problem, final.fit, f).residual
+        after = extended(problem, final.fit, f)
         body = np.einsum("nji,nj->ni", motion.rotation, motion.state[:, 3:6])
         drivers = {f"body_velocity_{a} [m/s]": body[:, i] for i, a in enumerate("xyz")}
         drivers["speed [m/s]"] = np.linalg.norm(body, axis=1)

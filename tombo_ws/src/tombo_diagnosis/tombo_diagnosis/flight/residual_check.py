@@ -6,7 +6,7 @@ cause only if nothing but noise remains.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,9 +49,12 @@ class ScaleVariances:
     """(scales, channels)"""
 
 
-def residual_variances(problem: FlightProblem, fit: Fit) -> ScaleVariances:
-    """Return what a fit, tolerances used, leaves unexplained."""
-    return _powers(problem, [problem.residual(fit, f) for f in range(len(problem.tracks))])
+def residual_variances(
+    problem: FlightProblem, fit: Fit, flights: Sequence[int] | None = None
+) -> ScaleVariances:
+    """Return what a fit, tolerances used, leaves unexplained of all flights, or of some."""
+    chosen = range(len(problem.tracks)) if flights is None else flights
+    return _powers(problem, {f: problem.residual(fit, f) for f in chosen})
 
 
 def noise_variances(problem: FlightProblem, theta: Array) -> ScaleVariances:
@@ -59,13 +62,14 @@ def noise_variances(problem: FlightProblem, theta: Array) -> ScaleVariances:
     drawn = map_flights(
         lambda track: simulated_noise(track, problem.nominal, theta, 1), problem.tracks
     )
-    return _powers(problem, drawn)
+    return _powers(problem, dict(enumerate(drawn)))
 
 
-def _powers(problem: FlightProblem, rows: Sequence[dict[str, Array]]) -> ScaleVariances:
+def _powers(problem: FlightProblem, rows: Mapping[int, dict[str, Array]]) -> ScaleVariances:
+    """Return the variances of flights, number of the flight -> group -> rows."""
     found: dict[str, list[tuple[Array, Array]]] = {}
     units: dict[str, str] = {}
-    for f, groups in enumerate(rows):
+    for f, groups in rows.items():
         for group, residual in groups.items():
             variances, counts = block_variances(residual, 1.0 / problem.per_second(group))
             for j, c in enumerate(problem.channels[f][group]):

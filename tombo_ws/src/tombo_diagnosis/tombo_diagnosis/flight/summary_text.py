@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from tombo_diagnosis.diagnosis import Cause
 from tombo_diagnosis.flight.analyse import MAX_LOG_VARIANCE_EXCESS, FlightFindings
+from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_diagnosis.wording import capital, counted, display_name, listed
 from tombo_flight.extended_model import Gain
 
@@ -41,12 +44,19 @@ def summary(findings: FlightFindings, causes: Sequence[Cause], gains: Sequence[G
         )
     if judgement.verdict == "partly_explained":
         rest = remains or "what remains looks like gusts, or like a force it only resembles"
+        if findings.remainder.clean_where_explained and remains:
+            rest = f"besides, something else is in {listed(findings.remainder.unexplained_groups)}"
+            rest += f": {remains}"
         return f"A part is explained. {cause_texts}; {rest}.{gain}"
     besides = ""
     if judgement.members:
         names = listed(judgement.members, "or")
         besides = f" Besides, {names} is at work: these flights can't tell."
     return f"{cause_texts}.{gain}{besides}"
+
+
+def _pose_rate_hz(problem: FlightProblem) -> float:
+    return float(np.median([1.0 / np.median(np.diff(t.pose_t)) for t in problem.tracks]))
 
 
 def _cause_text(cause: Cause) -> str:
@@ -85,8 +95,8 @@ def notes(findings: FlightFindings) -> list[str]:
         )
     if any(track.formulation == "mocap" for track in problem.tracks):
         said.append(
-            "Without an IMU accelerations come from 30 Hz poses: faults of the IMU can't be seen, "
-            "and quick effects only in part."
+            f"Without an IMU accelerations come from {_pose_rate_hz(problem):.0f} Hz poses: "
+            "faults of the IMU can't be seen, and quick effects only in part."
         )
     if findings.problem.vehicles > 1 and len(problem.tracks) > 1:
         said.append(

@@ -44,6 +44,18 @@ class ChannelId:
     unit: str
 
 
+_GROUPS = {
+    "force": "force", "acceleration": "force", "turning": "moment", "rotor speed": "rotor speed",
+    "latency": "clock", "gyro against mocap": "gyro and motion capture",
+    "mocap against accel": "accelerometer and motion capture", "voltage": "supply",
+}  # fmt: skip
+
+
+def channel_group(channel: str) -> str:
+    """Return what a channel tells of: force, moment, rotor speed, clock, a pair of sensors."""
+    return next(group for start, group in _GROUPS.items() if channel.startswith(start))
+
+
 @dataclass(frozen=True)
 class Motion:
     """The motion behind measured poses, at the ticks."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 
@@ -43,6 +43,29 @@ SETTING = Setting(
     confounded_with={name: effect.confounded_with for name, effect in REGISTRY.items()},
 )
 
+CALIBRATED_MODEL_ERROR_SHARE = 0.3
+"""`model_error_share` of a vehicle whose thrust was fitted to the same flights: its model is
+rough, and evidence of hundreds is no distinction where it rests on a few percent of thrust."""
+DISPLACEMENTS = frozenset({"imu_lever_arm", "mocap_marker_offset"})
+"""Displaced IMU and displaced markers: only their distance shows where forces are unsure."""
+
+
+def setting_of(nominal: NominalModel, flights: int) -> Setting:
+    """Return the settings for a nominal model.
+
+    Of a vehicle whose healthy flights are not known, each flight held out is one trial: confidence
+    stays below the rule of succession, (n + 1)/(n + 2).
+    """
+    if not nominal.calibrated:
+        return SETTING
+    return replace(
+        SETTING,
+        model_error_share=CALIBRATED_MODEL_ERROR_SHARE,
+        equivalent=(DISPLACEMENTS,),
+        max_confidence=(flights + 1.0) / (flights + 2.0),
+    )
+
+
 Parts = dict[str, tuple[Array, Array, Array]]
 """group -> normal matrices (channels, K, K), vectors (channels, K), squares (channels)."""
 
@@ -67,7 +90,7 @@ class FlightProblem:
     """The regression of flights about their nominal model: a `Model` of the engine."""
 
     def __init__(self, tracks: Sequence[Track], nominal: NominalModel) -> None:
-        self.setting = SETTING
+        self.setting = setting_of(nominal, len(tracks))
         self.tracks = list(tracks)
         self.nominal = nominal
         self.theta = nominal.theta
@@ -110,9 +133,14 @@ class FlightProblem:
         self.null_hypothesis = self.fit((), NOMINAL_WIDTHS, nominal_fit, slopes=False)
         """The nominal model, everything within its tolerance."""
 
+    def refuse(self, effects: Collection[str]) -> None:
+        """Let these effects be no causes from now on."""
+        self.columns = replace(self.columns, refused=frozenset(effects))
+
     def noise_effects(self) -> Mapping[str, float]:
         """Return the scatter of the rotors, where they differ; others show in what is left."""
-        return {SCATTER: 0.0} if self.columns.draws else {}
+        possible = self.columns.draws and SCATTER not in self.columns.refused
+        return {SCATTER: 0.0} if possible else {}
 
     def evidence_with(self, fit: Fit, widths: Mapping[str, float], tight: float = 1.0) -> float:
         """Return the log evidence of a fit with other widths of random effects, by its tangent."""

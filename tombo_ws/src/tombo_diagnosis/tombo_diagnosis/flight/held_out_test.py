@@ -1,0 +1,97 @@
+"""The test of causes on flights that were held out: none may make a prediction surely worse."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from tombo_diagnosis.engine.analyse import analyse_problem
+from tombo_diagnosis.engine.model import Explanation
+from tombo_diagnosis.engine.model_selection import restrict_to
+from tombo_diagnosis.flight.analyse import FlightFindings, check_residual
+from tombo_diagnosis.flight.cross_validation import (
+    fit_without_flight,
+    one_step_gains,
+    open_loop_gains,
+)
+from tombo_flight.extended_model import Gain
+from tombo_flight.progress import no_progress
+
+_WORSE = -0.02
+"""Reduction of an error below which a change for the worse is one; less is the fit's own noise."""
+_MAX_REFUSED = 3
+
+
+def final_explanation(findings: FlightFindings) -> Explanation:
+    """Return the explanation that goes into the model: of what is sure, or the most probable."""
+    judgement = findings.judgement
+    best = findings.search.best
+    if judgement.verdict in ("none", "unknown"):
+        return Explanation((), findings.problem.null_hypothesis, 0.0)
+    if judgement.verdict == "set":
+        return best
+    return restrict_to(findings.problem, best, judgement.effects)
+
+
+def held_out_gains(findings: FlightFindings, final: Explanation) -> list[Gain]:
+    """Return how much better each channel of each flight is predicted by what others taught."""
+    if not final.hypotheses:
+        return []
+    problem = findings.problem
+    tried = [final, *(restrict_to(problem, final, (e,)) for e in final.effects)]
+    tried += findings.search.alternatives if findings.judgement.members else ()
+    held = [fit_without_flight(problem, f, tried) for f in range(len(problem.tracks))]
+    return one_step_gains(problem, held) + open_loop_gains(problem, held)
+
+
+def surely_worse(gains: Sequence[Gain]) -> list[Gain]:
+    """Return the channels whose prediction gets surely worse (an interval below zero)."""
+    return [g for g in gains if g.high < 0.0 and g.reduction < _WORSE]
+
+
+def refuse_contradicted(
+    findings: FlightFindings,
+) -> tuple[FlightFindings, list[Gain], dict[str, str]]:
+    """Return findings without causes that held-out flights contradict, gains, and what went.
+
+    A cause that makes the prediction of a channel surely worse goes, of several the one without
+    which it is worse the least; then the search begins again without it. What went: effect ->
+    the channel that spoke against it.
+    """
+    refused: dict[str, str] = {}
+    while True:
+        final = final_explanation(findings)
+        gains = held_out_gains(findings, final)
+        worse = surely_worse(gains)
+        if not worse or len(refused) == _MAX_REFUSED:
+            return findings, gains, refused
+        worst = min(worse, key=lambda g: g.reduction)
+        refused[_culprit(findings, final, worst)] = _words(worst)
+        problem = findings.problem
+        problem.refuse(refused)
+        again = analyse_problem(problem, check_residual, no_progress)
+        findings = replace(
+            again, remainder=replace(again.remainder, transients=findings.remainder.transients)
+        )
+
+
+def _culprit(findings: FlightFindings, final: Explanation, worst: Gain) -> str:
+    """Return the cause without which a channel is predicted best."""
+    if len(final.effects) == 1:
+        return final.effects[0]
+
+    def error_without(effect: str) -> float:
+        others = [e for e in final.effects if e != effect]
+        gains = held_out_gains(findings, restrict_to(findings.problem, final, others))
+        return next(
+            g.after for g in gains if (g.channel, g.horizon) == (worst.channel, worst.horizon)
+        )
+
+    return min(final.effects, key=error_without)
+
+
+def _words(gain: Gain) -> str:
+    return (
+        f"with it {gain.channel} ({gain.horizon}) is predicted {-100.0 * gain.reduction:.0f} % "
+        "worse in flights held out"
+    )
