@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from tombo_diagnosis.flight.nominal import NominalModel
+from tombo_dynamics.propeller.mounted_propeller import thrust_map_of
 from tombo_dynamics.rotor_maps import rotor_maps
 from tombo_flight.scenario import Scenario, load_scenario, world_of
-from tombo_sim.propeller_effects import propulsion_effects, thrust_map_of
+from tombo_sim.propeller_effects import propulsion_effects
 
 _SCENARIO = "no_obstacle"
 
@@ -29,5 +30,5 @@ def nominal_of(scenario: Scenario, label: str) -> NominalModel:
         label,
         world.vehicle,
         rotor_maps(thrust_map_of(world.propeller), world.vehicle),
-        propulsion_effects(world.propeller, world.effects),
+        propulsion_effects(world.propeller, world.vehicle, world.effects),
     )
