@@ -1,4 +1,4 @@
-"""The airframe: its parameters; by default an S500-class quadrotor, and where each value is from."""
+"""The airframe and its parameters: by default an S500-class quadrotor, each value with source."""
 
 from __future__ import annotations
 

@@ -17,6 +17,7 @@ from tombo_flight.yaml_file import (
     END,
     check_end,
     check_keys,
+    list_of,
     mapping_of,
     read_whole,
     write_whole,
@@ -103,9 +104,9 @@ def model_from_text(text: str, what: str) -> Model:
         origin=_read_origin(values.get("origin"), f"{what}: origin"),
         gain=tuple(
             _read_gain(given, f"{what}: gain[{i}]")
-            for i, given in enumerate(_list(values.get("gain"), f"{what}: gain"))
+            for i, given in enumerate(list_of(values.get("gain"), f"{what}: gain"))
         ),
-        notes=tuple(str(note) for note in _list(values.get("notes"), f"{what}: notes")),
+        notes=tuple(str(note) for note in list_of(values.get("notes"), f"{what}: notes")),
     )
 
 
@@ -136,9 +137,9 @@ def _read_addition(name: str, given: Any, where: str) -> FittedEffect:
             raise InputError(f"{at}.unit: {value['unit']!r:.40}; accepted: {p.unit}")
     if not theta:
         raise InputError(f"{where}: no parameters; accepted: at least one")
-    rows = _list(given.get("covariance"), f"{where}.covariance")
+    rows = list_of(given.get("covariance"), f"{where}.covariance")
     covariance = tuple(
-        tuple(check_number(f"{where}.covariance", v, "1", _ANY) for v in _list(row, where))
+        tuple(check_number(f"{where}.covariance", v, "1", _ANY) for v in list_of(row, where))
         for row in rows
     )
     if covariance and {len(covariance), *map(len, covariance)} != {len(theta)}:
@@ -152,7 +153,7 @@ def _read_origin(given: Any, where: str) -> Origin:
     check_keys(values, [f.name for f in dataclasses.fields(Origin)], where)
     flights = [
         mapping_of(flight, f"{where}.flights[{i}]")
-        for i, flight in enumerate(_list(values.get("flights"), f"{where}.flights"))
+        for i, flight in enumerate(list_of(values.get("flights"), f"{where}.flights"))
     ]
     names = ("tool", "date", "verdict", "summary", "scenario", "extends", "vehicle")
     texts = {name: str(values.get(name) or "") for name in names}
@@ -179,14 +180,6 @@ def _read_gain(given: Any, where: str) -> Gain:
     for key in ("before", "after", "reduction", "low", "high"):
         fields[key] = _number(values, key, where)
     return Gain(**fields, flights=int(flights))
-
-
-def _list(value: Any, where: str) -> list[Any]:
-    if value is None:
-        return []
-    if not isinstance(value, list):
-        raise InputError(f"{where}: {f'{value!r:.60}'}; accepted: a list")
-    return value
 
 
 def _number(

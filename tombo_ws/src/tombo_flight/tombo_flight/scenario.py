@@ -225,10 +225,12 @@ def load_scenario(
     values = _with_vehicle(values)
     if model is not None:
         extended = read_model(Path(model))
-        if extended.origin.vehicle:
+        own = "" if vehicle is None else read_vehicle(vehicle).name
+        if extended.origin.vehicle not in ("", own):
             raise InputError(
                 f"model '{model}' is of another vehicle ({extended.origin.vehicle}), its forces "
-                "are not the suite's; accepted: a model of the suite's own vehicle"
+                f"are not those of {own or 'the suite'}; accepted: a model of the vehicle that is "
+                "flown (--vehicle)"
             )
         plain = scenario_from_mapping(values, label)
         values |= {"effects": merge_effects(plain.effects, extended), "model": model}

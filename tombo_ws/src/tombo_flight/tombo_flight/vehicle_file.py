@@ -35,6 +35,7 @@ from tombo_flight.yaml_file import (
     END,
     check_end,
     check_keys,
+    list_of,
     mapping_of,
     read_whole,
     write_whole,
@@ -47,13 +48,15 @@ _SECTIONS: dict[str, type[Any]] = {
     "propeller": PropellerChoice,
     "control": ControlParams,
 }
-_KEYS = ("tombo_vehicle", "name", "about", *_SECTIONS, "effects")
+_KEYS = ("tombo_vehicle", "name", "about", *_SECTIONS, "effects", "sources")
 _BEGIN = "---"
-"""A file that begins with this line is written by the suite, and ends with `END`."""
+"""A document that begins so must end with `END`."""
 _HEAD = (
     "# A vehicle. Fly it: tombo fly hover --vehicle THIS_FILE; docs/own_vehicle.md says what each\n"
     "# value means, and what is taken where one is left out.\n"
 )
+_TOLERANCE = (1e-15, 1e6)
+"""Bounds; 0 would say that a value can't be wrong at all."""
 _ACCEPTED = "a vehicle file as `tombo vehicle new` writes it"
 
 
@@ -81,6 +84,8 @@ class VehicleFile:
     notes: Mapping[str, Note] = field(default_factory=dict)
     """section.key → what is noted about it."""
     about: str = ""
+    sources: tuple[str, ...] = ()
+    """What [1], [2] and so on in the notes stand for."""
 
     @property
     def maps(self) -> RotorMaps:
@@ -213,6 +218,7 @@ def _built(
         frozenset(f"{s}.{key}" for s, inner in plain.items() for key in inner),
         notes,
         str(values.get("about") or ""),
+        tuple(str(source) for source in list_of(values.get("sources"), "sources")),
     )
 
 
@@ -249,7 +255,7 @@ def _without_notes(
         plain[key] = value["value"]
         tolerance = value.get("tolerance")
         if tolerance is not None:
-            tolerance = check_number(f"{where}.tolerance", tolerance, units[key], (0.0, 1e6))
+            tolerance = check_number(f"{where}.tolerance", tolerance, units[key], _TOLERANCE)
         notes[f"{section}.{key}"] = Note(tolerance, str(value.get("source") or ""))
     return plain, notes
 
@@ -269,6 +275,8 @@ def vehicle_text(file: VehicleFile) -> str:
             }
     if file.effects:
         values["effects"] = file.effects
+    if file.sources:
+        values["sources"] = list(file.sources)
     return f"{_HEAD}{_BEGIN}\n{yaml_of(values)}{END}\n"
 
 

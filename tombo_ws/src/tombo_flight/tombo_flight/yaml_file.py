@@ -13,7 +13,7 @@ import yaml
 from tombo_dynamics.errors import InputError, unknown_name
 
 END = "..."
-"""YAML's end of a document: a file that the suite wrote and that is without it has lost its end."""
+"""YAML's end of a document: a file that the suite wrote has it as its last line."""
 _LARGEST = 4_000_000
 """Bytes; such a file is a few thousand."""
 
@@ -106,6 +106,19 @@ def mapping_of(value: Any, where: str) -> Mapping[str, Any]:
     """
     if not isinstance(value, Mapping):
         raise InputError(f"{where}: {f'{value!r:.60}'}; accepted: a mapping of keys to values")
+    return value
+
+
+def list_of(value: Any, where: str) -> list[Any]:
+    """Return a value that must be a list; None is an empty one.
+
+    Raises:
+        InputError: it is none.
+    """
+    if value is None:
+        return []
+    if not isinstance(value, list):
+        raise InputError(f"{where}: {f'{value!r:.60}'}; accepted: a list")
     return value
 
 

@@ -49,8 +49,8 @@ def begin(world: World, seed: int) -> FlightSetup:
         seed: all randomness derives from it.
 
     Raises:
-        InputError: the propeller cannot lift the vehicle or does not fit it, or the vehicle would start inside the
-            obstacle.
+        InputError: the propeller cannot lift the vehicle or does not fit it, or the vehicle would
+            start inside the obstacle.
     """
     vehicle = mounted_vehicle(world.vehicle, world.propeller)
     maps = rotor_maps(thrust_map_of(world.propeller), vehicle)

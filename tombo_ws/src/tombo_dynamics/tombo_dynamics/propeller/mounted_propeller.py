@@ -14,13 +14,13 @@ from pathlib import Path
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.params import param, structure
 from tombo_dynamics.propeller.library import Library, read_library
-from tombo_dynamics.propeller.plain_propeller import Curve, PlainPropeller, read_curve
+from tombo_dynamics.propeller.plain_propeller import PlainPropeller, read_curve
 from tombo_dynamics.propeller.records import Configuration
 from tombo_dynamics.propeller.thrust_map import ThrustMap, thrust_map
 from tombo_dynamics.vehicle import VehicleParams
 
 IMPACTS = ("rigid", "breaks", "folds")
-"""What a plain propeller does when it strikes: stays as it is, breaks, or folds as a nodus does."""
+"""What a plain propeller does when it strikes: it stays whole, breaks, or folds as a nodus."""
 AS_MEASURED = -1.0
 """Of `matched`: the deviation of thrust that was measured for the configuration."""
 _SAME_LENGTH = 5e-4
@@ -50,10 +50,10 @@ class PropellerChoice:
         (0.0, 1e-3),
         "plain propeller: drag torque over the square of its speed",
     )
-    curve: Curve | None = structure(
+    curve: tuple[tuple[float, float, float], ...] | None = structure(
         read_curve,
-        "plain propeller, in place of k_thrust and k_torque: rows of speed [rad/s], thrust [N] and "
-        "drag torque [N m], speeds and thrusts rising",
+        "plain propeller, in place of k_thrust and k_torque: rows of speed [rad/s], thrust [N], "
+        "drag torque [N m], all of them rising",
     )
     radius: float = param(
         0.0, "m", (0.0, 0.5), "tip radius; 0: the configuration's blade, or vehicle.rotor_radius"

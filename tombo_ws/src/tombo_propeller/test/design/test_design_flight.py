@@ -8,7 +8,7 @@ import pytest
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import configuration, read_library, thrust_map
-from tombo_dynamics.propeller.mounted_propeller import mounted_configuration
+from tombo_dynamics.propeller.mounted_propeller import mounted_configuration, thrust_map_of
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario, scenario_from_mapping, world_of

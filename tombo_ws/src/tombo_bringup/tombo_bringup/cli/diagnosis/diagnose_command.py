@@ -42,6 +42,14 @@ def diagnose(
             "the suite's own.",
         ),
     ] = None,
+    vehicle: Annotated[
+        str | None,
+        option(
+            "--vehicle NAME|FILE",
+            "The vehicle that flew: a name of `tombo vehicle list`, or a vehicle file; its "
+            "tolerances say what is no finding. Default: the suite's own.",
+        ),
+    ] = None,
     mapping: Annotated[
         str | None,
         option(
@@ -88,7 +96,7 @@ def diagnose(
     path = results_folder(output, "diagnosis", logs[0].name.split(".")[0], as_json, "log")
     (found, _), written = compute_into(
         path, force or output is None, DIAGNOSIS_FILES,
-        lambda on_progress: run(logs, model, mapping, names, on_progress),
+        lambda on_progress: run(logs, model, vehicle, mapping, names, on_progress),
         lambda folder, both, on_progress: write_diagnosis(
             folder, *both, pictures=not no_report, on_progress=on_progress
         ),
@@ -104,6 +112,7 @@ def diagnose(
 def run(
     logs: list[Path],
     model: Path | None,
+    vehicle: str | None,
     mapping: str | None,
     names: dict[str, str],
     on_progress: ProgressCallback,
@@ -111,7 +120,7 @@ def run(
     """Read, check and diagnose.
 
     Raises:
-        InputError: a log, the mapping or the model can't be used.
+        InputError: a log, the mapping, the vehicle or the model can't be used.
     """
     from tombo_diagnosis.checks import check_log
     from tombo_diagnosis.logs.log_reader import read_logs
@@ -128,9 +137,12 @@ def run(
 
     on_progress("loading the model", 0.0)  # imports compiled code
     from tombo_diagnosis.flight.diagnose import diagnose
-    from tombo_diagnosis.flight.scenario_nominal import nominal_model
+    from tombo_diagnosis.flight.scenario_nominal import held_against, nominal_model
+    from tombo_flight.vehicle_file import read_vehicle
 
-    nominal = nominal_model(model)
+    nominal = nominal_model(model, vehicle)
+    if vehicle is not None:
+        checked = held_against(checked, read_vehicle(vehicle))
     from tombo_diagnosis.flight.experiment_design import separate
 
     found = diagnose(checked, nominal, on_progress, separate, time.perf_counter)
