@@ -92,7 +92,7 @@ def test_what_is_left_out_has_the_vehicles_own_size():
         ("  k_torque: 2.4e-7\n", "", ("propeller.k_torque", "missing")),
         ("radius: 0.127", "radius: 0.127\n  on_impact: melts", ("on_impact", "melts", "breaks")),
         ("radius: 0.127", "radius: 0.127\n  curve: [[1, 2]]", ("propeller.curve[0]", "rows")),
-        ("value: 1.5", "value: 1.5}\n  rotor_speed_max: {value: 300", ("k_thrust", "at most", "vehicle.mass")),
+        ("value: 1.5", "value: 1.5}\n  rotor_speed_max: {value: 300", ("k_thrust", "at most")),
         ("tombo_vehicle: 1", "tombo_vehicle: 2", ("tombo_vehicle: 2", "accepted: 1")),
         ("tombo_vehicle: 1", "tombo_vehicel: 1", ("tombo_vehicle",)),
         ("name:", "nmae:", ("nmae", "did you mean 'name'")),

@@ -52,8 +52,8 @@ _KEYS = ("tombo_vehicle", "name", "about", *_SECTIONS, "effects", "sources")
 _BEGIN = "---"
 """A document that begins so must end with `END`."""
 _HEAD = (
-    "# A vehicle. Fly it: tombo fly hover --vehicle THIS_FILE; docs/own_vehicle.md says what each\n"
-    "# value means, and what is taken where one is left out.\n"
+    "# A vehicle. Fly it: tombo fly hover --vehicle THIS_FILE. docs/own_vehicle.md says what\n"
+    "# each value means, and what is taken where one is left out.\n"
 )
 _TOLERANCE = (1e-15, 1e6)
 """Bounds; 0 would say that a value can't be wrong at all."""

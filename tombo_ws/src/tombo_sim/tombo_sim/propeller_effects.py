@@ -23,6 +23,8 @@ _RIGID_STRIKES = 0.01
 
 
 _RIGID_CONF = 0
+_BALANCED = 0.01
+"""Deviation of thrust between plain propellers; estimated, because: a lab balances them."""
 _HOVER_SPEED = 512.0
 """rad/s: the paper's vehicle hovers at this speed (1.3 kg, configuration 13)."""
 _STRONGEST_PUSH = 4.0
@@ -101,7 +103,7 @@ def propulsion_effects(
     if propeller.plain:
         push, energy = _strength(propeller, vehicle)
         strikes = 0.0 if propeller.on_impact in ("", "rigid") else strikes
-        deviation = 0.0
+        deviation = _BALANCED
     if propeller.matched >= 0.0:
         deviation = propeller.matched
     derived: Mapping[str, Mapping[str, float]] = {

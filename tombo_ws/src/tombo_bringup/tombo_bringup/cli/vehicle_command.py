@@ -62,8 +62,8 @@ def show(
 
     print_line(f"{file.name}{f': {file.about}' if file.about else ''}", "bold")
     table = Table(
-        Column("", no_wrap=True), *right("value", no_wrap=True), "unit", *right("tolerance"), "from",
-        box=SIMPLE_HEAD, padding=(0, 1, 0, 0),
+        Column("", no_wrap=True), *right("value", no_wrap=True), "unit", *right("tolerance"),
+        "from", box=SIMPLE_HEAD, padding=(0, 1, 0, 0),
     )  # fmt: skip
     for section in ("vehicle", "propeller", "control"):
         table.add_row(Text(section, "bold"))
@@ -184,6 +184,9 @@ def _propeller(
 ) -> None:
     """Take the propeller, or ask for it."""
     plain = said.has("propeller.curve") or said.has("propeller.k_thrust") or k_thrust is not None
+    asks = not plain
+    if plain and conf is not None and on_impact != "folds":
+        raise InputError(f"--conf {conf}: accepted: without --k-thrust, or with --on-impact folds")
     if conf is None and not plain and not said.has("propeller.conf"):
         answer = _ask(
             "--conf or --k-thrust", "Propeller: a Tombo configuration (0 to 13), or plain", "plain"
@@ -207,7 +210,7 @@ def _propeller(
         said.put("propeller.k_torque", k_torque, "--k-torque", question, usual)
     said.put("propeller.radius", radius, "--radius", "Tip radius [m]")
     question = "When it strikes: rigid, breaks or folds"
-    said.put("propeller.on_impact", on_impact, "--on-impact", question, "breaks")
+    said.put("propeller.on_impact", on_impact, "--on-impact", question if asks else "", "breaks")
 
 
 def _ask(flag: str, question: str, default: Any = None) -> Any:

@@ -70,7 +70,7 @@ class PropellerChoice:
         "1",
         (-1.0, 0.5),
         "standard deviation of thrust between the propellers of one vehicle, share of thrust; "
-        "below 0: as measured for the configuration (Table III), 0 for a plain propeller",
+        "below 0: as measured for the configuration (Table III), 0.01 for a plain propeller",
     )
 
     @property
