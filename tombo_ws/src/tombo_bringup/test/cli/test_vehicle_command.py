@@ -90,3 +90,22 @@ def test_unknown_vehicles_are_refused(refused):
     refused(("vehicle", "show", "px4_x50"), "px4_x50", "did you mean 'px4_x500'")
     refused(("fly", "hover", "--vehicle", "nothing.yaml"), "nothing.yaml", "can't be read")
     refused(("fly", "hover", "--vehicle", "px4_x500", "--conf", "5"), "propeller.conf", "plain")
+
+
+@pytest.mark.slow
+def test_flights_are_held_against_the_vehicle_and_its_tolerances(tombo, tmp_path):
+    """A load of 6 %: a finding where the vehicle was weighed, none where its mass is a guess."""
+    logs = []
+    for seed in range(3):
+        flown = tombo("fly", "survey", "--vehicle", str(EXAMPLE), "--seed", str(seed),
+                      "--set", "effects.mass_error.fraction=0.06", "-o", f"f{seed}")  # fmt: skip
+        assert flown.code == 0
+        logs.append(f"f{seed}/flight.mcap")
+    weighed = tombo("diagnose", *logs, "--vehicle", str(EXAMPLE), "--json").json
+    assert weighed["verdict"] == "named"
+    assert [cause["effect"] for cause in weighed["causes"]] == ["mass_error"]
+    text = EXAMPLE.read_text(encoding="utf-8")
+    assert "tolerance: 0.005" in text
+    (tmp_path / "guess.yaml").write_text(text.replace("tolerance: 0.005", "tolerance: 0.15"))
+    guessed = tombo("diagnose", *logs, "--vehicle", "guess.yaml", "--json").json
+    assert guessed["verdict"] == "none"

@@ -258,7 +258,7 @@ def _hover(file: VehicleFile) -> dict[str, float]:
 def _rows(file: VehicleFile, section: str) -> list[tuple[str, ...]]:
     """Return name, value, unit, tolerance and source of the values of a section."""
     record = getattr(file, section)
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for f in dataclasses.fields(record):
         key, value = f"{section}.{f.name}", getattr(record, f.name)
         if section == "propeller" and key not in file.given and value == f.default:

@@ -30,7 +30,7 @@ def read_curve(name: str, value: object) -> Curve | None:
     Raises:
         InputError: no rows of three numbers, too few, or not rising.
     """
-    if value is None:
+    if value is None or value == "":
         return None
     accepted = f"accepted: at least {_FEWEST} rows of [rad/s, N, N m], all rising"
     if not isinstance(value, list | tuple) or len(value) > _MOST:

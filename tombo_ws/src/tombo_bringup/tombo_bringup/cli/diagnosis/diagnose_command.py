@@ -96,7 +96,7 @@ def diagnose(
     path = results_folder(output, "diagnosis", logs[0].name.split(".")[0], as_json, "log")
     (found, _), written = compute_into(
         path, force or output is None, DIAGNOSIS_FILES,
-        lambda on_progress: run(logs, model, vehicle, mapping, names, on_progress),
+        lambda on_progress: run(logs, model, mapping, names, on_progress, vehicle),
         lambda folder, both, on_progress: write_diagnosis(
             folder, *both, pictures=not no_report, on_progress=on_progress
         ),
@@ -112,10 +112,10 @@ def diagnose(
 def run(
     logs: list[Path],
     model: Path | None,
-    vehicle: str | None,
     mapping: str | None,
     names: dict[str, str],
     on_progress: ProgressCallback,
+    vehicle: str | None = None,
 ) -> tuple[Diagnosis, NominalReference]:
     """Read, check and diagnose.
 
