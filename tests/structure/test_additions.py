@@ -119,6 +119,13 @@ def _greeting(root, data):
 
 """
 
+VEHICLE = """tombo_vehicle: 1
+name: Heavy
+about: an S500 with a load
+vehicle: {mass: 1.9}
+propeller: {conf: 13}
+"""
+
 ADDITIONS = {
     "an effect": Addition(
         (Edit("tombo_dynamics/tombo_dynamics/effects/lift_up.py", EFFECT),),
@@ -131,6 +138,11 @@ ADDITIONS = {
         "from_('tombo_flight.scenario').load_scenario('hover', ['reaction.name=go_on'])"
         ".reaction.name",
         "go_on",
+    ),
+    "a vehicle": Addition(
+        (Edit("tombo_flight/tombo_flight/vehicles/heavy.yaml", VEHICLE),),
+        "from_('tombo_flight.scenario').load_scenario('hover', vehicle='heavy').vehicle.mass",
+        1.9,
     ),
     "a scenario": Addition(
         (

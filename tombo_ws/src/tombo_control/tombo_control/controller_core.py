@@ -39,8 +39,7 @@ from tombo_dynamics.messages import (
     RotorCommand,
 )
 from tombo_dynamics.pose_check import MAX_FUTURE_NS
-from tombo_dynamics.propeller import thrust_map
-from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_configuration
+from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, thrust_map_of
 from tombo_dynamics.records import Record, field, fill_record, parameter_record
 from tombo_dynamics.rotation import rotated
 from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
@@ -246,7 +245,7 @@ class ControllerCore(Core):
     def make(cls, records: Mapping[str, Any]) -> ControllerCore:
         """Return a new controller."""
         propeller, vehicle = records["propeller"], records["vehicle"]
-        maps = rotor_maps(thrust_map(mounted_configuration(propeller), propeller.law), vehicle)
+        maps = rotor_maps(thrust_map_of(propeller), vehicle)
         return cls(records["control"], vehicle, records["inputs"], maps)
 
     def __init__(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,30 @@ class RotorMaps(Record):
     speed = field("rad/s", "rotor speed over the square root of thrust", (_INVERSE_PIECES, 4))
 
 
+@dataclass(frozen=True)
+class HoverPoint:
+    """What each rotor does in hover."""
+
+    thrust: float
+    """[N]"""
+    speed: float
+    """[rad/s]"""
+    torque: float
+    """Drag torque [N m]."""
+
+    @property
+    def power(self) -> float:
+        """Mechanical power of all four rotors [W]."""
+        return 4.0 * self.torque * self.speed
+
+
+def hover_point(maps: RotorMaps, vehicle: VehicleParams) -> HoverPoint:
+    """Return the rotors' point in hover, from the table that is flown."""
+    thrust = vehicle.hover_thrust()
+    speed = float(speed_for_thrust(maps, thrust))
+    return HoverPoint(thrust, speed, float(rotor_torque(maps, speed)))
+
+
 def rotor_maps(thrust_map: Any, vehicle: VehicleParams) -> RotorMaps:
     """Build the table for a vehicle from a propeller's thrust map.
 
@@ -40,7 +65,8 @@ def rotor_maps(thrust_map: Any, vehicle: VehicleParams) -> RotorMaps:
     maximum thrust, beyond which more speed would soon mean less thrust).
 
     Args:
-        thrust_map: object with `omega_max` [rad/s], `thrust(omega)` [N] and `torque(omega)` [N m].
+        thrust_map: object with `omega_max` [rad/s], `thrust(omega)` [N] and `torque(omega)` [N m],
+            and perhaps `source`, the parameter that errors name.
         vehicle: the airframe and its drives.
 
     Raises:
@@ -53,8 +79,9 @@ def rotor_maps(thrust_map: Any, vehicle: VehicleParams) -> RotorMaps:
     highest = float(thrust(top))
     hover = vehicle.hover_thrust()
     if highest < 1.1 * hover:
+        source = getattr(thrust_map, "source", "propeller.conf")
         raise InputError(
-            f"propeller.conf: one propeller gives at most {highest:.2f} N "
+            f"{source}: one propeller gives at most {highest:.2f} N "
             f"({top * 30 / math.pi:.0f} rpm), but vehicle.mass {vehicle.mass:g} kg needs "
             f"{hover:.2f} N each to hover and a tenth more to climb"
         )

@@ -1,4 +1,4 @@
-"""The airframe: an S500-class quadrotor, its parameters and where each comes from."""
+"""The airframe and its parameters: by default an S500-class quadrotor, each value with source."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ SPIN = np.array([1.0, 1.0, -1.0, -1.0])
 ARM_X = np.array([1.0, -1.0, 1.0, -1.0]) / np.sqrt(2.0)
 ARM_Y = np.array([-1.0, 1.0, 1.0, -1.0]) / np.sqrt(2.0)
 """Directions of the arms in base_link (x forward, y left)."""
+_HOVER_SPEED = 512.0
+"""rad/s: the default vehicle hovers at this speed with configuration 13."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class VehicleParams:
     mass: float = param(
         1.3,
         "kg",
-        (0.2, 10.0),
+        (0.01, 10.0),
         "mass at take-off",
         "estimated, because: S500 frame 0.41, motors and ESCs 0.33, 3S battery 0.32, "
         "Pixhawk 4, Jetson TX2 and markers 0.24",
@@ -36,22 +38,22 @@ class VehicleParams:
     inertia_xx: float = param(
         0.0135,
         "kg m^2",
-        (4e-3, 1.0),
+        (1e-6, 1.0),
         "moment of inertia about body x",
         "estimated, because: four 85 g drive units at 0.24 m give 0.0098, the hub 0.0037",
     )
     inertia_yy: float = param(
-        0.0135, "kg m^2", (4e-3, 1.0), "moment of inertia about body y", "as inertia_xx"
+        0.0135, "kg m^2", (1e-6, 1.0), "moment of inertia about body y", "as inertia_xx"
     )
     inertia_zz: float = param(
         0.024,
         "kg m^2",
-        (4e-3, 1.0),
+        (1e-6, 1.0),
         "moment of inertia about body z",
         "estimated, because: four 85 g drive units at 0.24 m give 0.0196, the hub 0.0044",
     )
     arm_length: float = param(
-        0.24, "m", (0.05, 1.0), "centre to rotor axis", "S500 frame, 480 mm diagonal"
+        0.24, "m", (0.02, 1.0), "centre to rotor axis", "S500 frame, 480 mm diagonal"
     )
     rotor_height: float = param(
         0.03,
@@ -60,18 +62,24 @@ class VehicleParams:
         "disc plane above the centre of mass",
         "estimated, because: motors stand on the arms, battery and computer hang below",
     )
-    rotor_radius: float = param(0.1111, "m", (0.02, 0.5), "tip radius", "paper's 9-inch blade")
+    rotor_radius: float = param(
+        0.1111,
+        "m",
+        (0.005, 0.5),
+        "tip radius; it must agree with the propeller's",
+        "paper's 9-inch blade",
+    )
     nodus_radius: float = param(
         0.035,
         "m",
-        (0.005, 0.4),
+        (0.001, 0.4),
         "radius at which a folded blade ends",
         "paper: outer end of the nodus r_N = 35 mm",
     )
     rotor_inertia: float = param(
         6.0e-5,
         "kg m^2",
-        (1e-7, 1e-2),
+        (1e-9, 1e-2),
         "inertia of propeller and motor bell about the axis",
         "propeller.rotor_inertia: wings of 5.715 g 5.45e-5, roots 0.15e-5, bell 0.4e-5 estimated",
     )
@@ -85,14 +93,14 @@ class VehicleParams:
     rotor_speed_min: float = param(
         100.0,
         "rad/s",
-        (0.0, 1000.0),
+        (0.0, 3000.0),
         "idle speed of an armed rotor",
         "estimated, because: ESCs of this class idle at about 1000 rpm",
     )
     rotor_speed_max: float = param(
         820.0,
         "rad/s",
-        (100.0, 3000.0),
+        (100.0, 6000.0),
         "highest commanded rotor speed",
         "estimated, because: 960 KV at 12 V turns 11 520 rpm unloaded, two thirds under load",
     )
@@ -104,15 +112,15 @@ class VehicleParams:
         "S500 frame, motor 27 mm",
     )
     leg_spread: float = param(
-        0.12, "m", (0.02, 0.5), "landing-gear contact points at (+-s, +-s)", "S500 landing gear"
+        0.12, "m", (0.005, 0.5), "landing-gear contact points at (+-s, +-s)", "S500 landing gear"
     )
     leg_height: float = param(
-        0.18, "m", (0.02, 0.5), "contact points below the centre of mass", "S500 landing gear"
+        0.18, "m", (0.005, 0.5), "contact points below the centre of mass", "S500 landing gear"
     )
     ground_stiffness: float = param(
         3000.0,
         "N/m",
-        (100.0, 1e5),
+        (1.0, 1e5),
         "stiffness of one contact point on the ground",
         "estimated, because: 1 mm of sag a leg at rest",
     )
@@ -142,3 +150,43 @@ class VehicleParams:
         """Hub positions (4, 3) in base_link [m], from the geometric centre."""
         z = np.full(4, self.rotor_height)
         return np.column_stack([self.arm_length * ARM_X, self.arm_length * ARM_Y, z])
+
+
+def similar_vehicle(
+    mass: float, arm_length: float, rotor_radius: float, hover_speed: float | None = None
+) -> VehicleParams:
+    """Return a vehicle like the default one in another size, for what is not known of it.
+
+    Lengths go with the arm, those of the rotor with its radius; moments of inertia with mass and
+    arm squared, that of a rotor with the fifth power of its radius (equal material); the ground's
+    stiffness and damping with the mass, so that legs sag by the same millimetre; rotor speeds with
+    the speed in hover. At the default's own sizes it is the default, to the last bit.
+
+    Args:
+        mass: at take-off [kg].
+        arm_length: centre to rotor axis [m].
+        rotor_radius: tip radius [m].
+        hover_speed: rotor speed in hover [rad/s]; None: rotor speeds as the default's.
+    """
+    like = VehicleParams()
+    heavy, long = mass / like.mass, arm_length / like.arm_length
+    wide = rotor_radius / like.rotor_radius
+    fast = 1.0 if hover_speed is None else hover_speed / _HOVER_SPEED
+    return VehicleParams(
+        mass=mass,
+        inertia_xx=like.inertia_xx * heavy * long**2,
+        inertia_yy=like.inertia_yy * heavy * long**2,
+        inertia_zz=like.inertia_zz * heavy * long**2,
+        arm_length=arm_length,
+        rotor_height=like.rotor_height * long,
+        rotor_radius=rotor_radius,
+        nodus_radius=like.nodus_radius * wide,
+        rotor_inertia=like.rotor_inertia * wide**5,
+        rotor_speed_min=like.rotor_speed_min * fast,
+        rotor_speed_max=like.rotor_speed_max * fast,
+        arm_radius=max(like.arm_radius * long, 0.001),
+        leg_spread=like.leg_spread * long,
+        leg_height=like.leg_height * long,
+        ground_stiffness=like.ground_stiffness * heavy,
+        ground_damping=like.ground_damping * heavy,
+    )

@@ -135,12 +135,13 @@ def summarize(flight: MetricsInput) -> tuple[dict[str, Any], list[dict[str, Any]
     crash = _crash(vehicle, log, phases)
     if crash is not None:
         events.append(event(t[crash], "crash", "crashed"))
+    propeller = flight.scenario.propeller
     summary: dict[str, Any] = {
         "scenario": flight.scenario.name,
         "model": flight.scenario.model or None,
         "seed": flight.seed,
-        "conf": flight.scenario.propeller.conf,
-        "law": flight.scenario.propeller.law,
+        "conf": None if propeller.plain else propeller.conf,
+        "law": None if propeller.plain else propeller.law,
         "reaction": flight.scenario.react,
         "collided": collided,
         "collision_time_s": None,

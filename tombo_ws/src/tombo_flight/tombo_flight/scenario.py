@@ -17,16 +17,18 @@ from tombo_collision.reactions.none import NoReaction
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_control.planning.mission import MissionParams
 from tombo_dynamics.effects import check_theta
+from tombo_dynamics.effects.vehicle_size import effects_for
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.params import check_number, from_mapping, param
 from tombo_dynamics.propeller import LAWS
-from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_configuration
+from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_vehicle
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_dynamics.yaml_text import parse_yaml
 from tombo_flight.course_check import check_course
 from tombo_flight.extended_model import merge_effects
 from tombo_flight.model_file import read_model
 from tombo_flight.scenario_catalogue import builtin_scenarios
+from tombo_flight.vehicle_file import is_builtin_vehicle, read_vehicle
 from tombo_sim.world import ObstacleParams, SpreadParams, World
 
 DEFAULT_SCENARIO = "paper_collision"
@@ -59,6 +61,10 @@ class Scenario:
         return self.reaction if self.react else NoReaction()
 
 
+_TOMBO_KEYS = ("propeller.conf", "propeller.law", "propeller.library")
+"""Settings that choose a Tombo propeller."""
+_ALWAYS_SAID = ("conf", "law", "library")
+"""Keys of a propeller that stand in a flown scenario even where they have their defaults."""
 _SECTIONS: dict[str, Any] = {
     each.name: each.default_factory
     for each in dataclasses.fields(Scenario)
@@ -101,20 +107,51 @@ def _read(
         raise InputError(f"scenario '{name}': extends itself")
     values = parse_yaml(text, f"scenario '{name}'")
     if path is not None:
-        values = _library_beside(values, path.parent)
+        values = _files_beside(values, path.parent)
     whole = _extended(values, name, path.parent if path else folder, (*below, path))
     return whole, name if path is None else path.stem
 
 
-def _library_beside(values: Any, folder: Path) -> Any:
-    """Return a file's content with its propeller.library relative to the file's folder."""
-    propeller = values.get("propeller") if isinstance(values, dict) else None
-    if not isinstance(propeller, dict):
+def _files_beside(values: Any, folder: Path) -> Any:
+    """Return a file's content with the paths in it relative to the file's folder."""
+    if not isinstance(values, dict):
         return values
-    library = propeller.get("library")
-    if not isinstance(library, str) or not library:
-        return values
-    return {**values, "propeller": {**propeller, "library": str(folder / library)}}
+    found = dict(values)
+    propeller, vehicle = values.get("propeller"), values.get("vehicle")
+    if isinstance(propeller, dict):
+        library = propeller.get("library")
+        if isinstance(library, str) and library:
+            found["propeller"] = {**propeller, "library": str(folder / library)}
+    if isinstance(vehicle, str) and not is_builtin_vehicle(vehicle):
+        found["vehicle"] = str(folder / vehicle)
+    return found
+
+
+def _with_vehicle(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values whose vehicle, where it is a name or a path, is read.
+
+    Its propeller and its gains are flown in place of the scenario's; limits of the scenario's
+    control stay, forces among its effects take the vehicle's size, and the vehicle's own effects
+    win over them.
+    """
+    name = values.get("vehicle")
+    if not isinstance(name, str):
+        return dict(values)
+    file = read_vehicle(name)
+    found = dict(values)
+    for section in ("vehicle", "propeller", "control"):
+        found[section] = dataclasses.asdict(getattr(file, section))
+    control = values.get("control")
+    if isinstance(control, Mapping):
+        kept = {k: v for k, v in control.items() if f"control.{k}" not in file.given}
+        found["control"] |= kept
+    effects = values.get("effects")
+    if isinstance(effects, Mapping):
+        scenario_from_mapping({"effects": effects}, name)  # refuses what is no effect
+        found["effects"] = {**effects_for(effects, file.vehicle), **file.effects}
+    elif effects is None:
+        found["effects"] = dict(file.effects)
+    return found
 
 
 def _extended(
@@ -164,7 +201,10 @@ def override(
 
 
 def load_scenario(
-    name: str = DEFAULT_SCENARIO, settings: Sequence[str] = (), model: str | None = None
+    name: str = DEFAULT_SCENARIO,
+    settings: Sequence[str] = (),
+    model: str | None = None,
+    vehicle: str | None = None,
 ) -> Scenario:
     """Read a built-in scenario by name, or a file by path, apply settings, and check it.
 
@@ -173,23 +213,43 @@ def load_scenario(
         settings: overrides such as "vehicle.mass=1.4" or "effects.steady_wind.east=2".
         model: path of a `model.yaml`, whose effects are laid over those of the scenario; settings
             win over both.
+        vehicle: name or path of a vehicle file, in place of the scenario's vehicle, propeller and
+            gains; settings win over it.
 
     Raises:
         InputError: unknown scenario or key, wrong type, NaN, a value out of bounds, no model.
     """
     values, label = _read(name)
+    if vehicle is not None:
+        values["vehicle"] = vehicle
+    values = _with_vehicle(values)
     if model is not None:
         extended = read_model(Path(model))
-        if extended.origin.vehicle:
+        own = "" if vehicle is None else read_vehicle(vehicle).name
+        if extended.origin.vehicle not in ("", own):
             raise InputError(
                 f"model '{model}' is of another vehicle ({extended.origin.vehicle}), its forces "
-                "are not the suite's; accepted: a model of the suite's own vehicle"
+                f"are not those of {own or 'the suite'}; accepted: a model of the vehicle that is "
+                "flown (--vehicle)"
             )
         plain = scenario_from_mapping(values, label)
         values |= {"effects": merge_effects(plain.effects, extended), "model": model}
+    return _with_settings(values, settings, label)
+
+
+def _with_settings(values: dict[str, Any], settings: Sequence[str], label: str) -> Scenario:
+    """Apply settings one after the other, and check the whole."""
     for setting in settings:
-        values = override(values, setting)
-    return scenario_from_mapping(values, label)
+        values = _with_vehicle(override(values, setting))
+    scenario = scenario_from_mapping(values, label)
+    if scenario.propeller.plain:
+        for setting in settings:
+            if setting.strip().startswith(_TOMBO_KEYS) and scenario.propeller.on_impact != "folds":
+                raise InputError(
+                    f"{setting.strip()}: the vehicle has a plain propeller (propeller.k_thrust or "
+                    "curve); accepted: with a vehicle that has Tombo propellers"
+                )
+    return scenario
 
 
 def scenario_over(
@@ -204,9 +264,7 @@ def scenario_over(
     if name is not None:
         over, _ = _read(name)
         values = _merged(values, over)
-    for setting in settings:
-        values = override(values, setting)
-    return scenario_from_mapping(values, label)
+    return _with_settings(_with_vehicle(values), settings, label)
 
 
 def extended_scenario(values: Mapping[str, Any], label: str) -> Scenario:
@@ -224,6 +282,7 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
     Raises:
         InputError: as `load_scenario`.
     """
+    values = _with_vehicle(values)
     accepted = [f.name for f in dataclasses.fields(Scenario)]
     built: dict[str, Any] = {"name": label}
     for key, value in values.items():
@@ -253,17 +312,23 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
     scenario = Scenario(**built)
     if scenario.propeller.law not in LAWS:
         raise unknown_name("propeller.law", scenario.propeller.law, LAWS)
-    mounted_configuration(scenario.propeller)
+    fitted = mounted_vehicle(scenario.vehicle, scenario.propeller)
     if scenario.detector.trigger not in TRIGGERS:
         raise unknown_name("detector.trigger", scenario.detector.trigger, TRIGGERS)
     check_course(scenario.mission, scenario.control)
-    return scenario
+    return dataclasses.replace(scenario, vehicle=fitted)
 
 
 def as_mapping(scenario: Scenario) -> dict[str, Any]:
     """Return the scenario as plain nested dictionaries, as it could stand in a file."""
     plain: dict[str, Any] = dataclasses.asdict(scenario)
     plain["reaction"]["name"] = scenario.reaction.name
+    left_out = dataclasses.asdict(PropellerChoice())
+    plain["propeller"] = {
+        key: value
+        for key, value in plain["propeller"].items()
+        if key in _ALWAYS_SAID or value != left_out[key]
+    }
     course = plain["mission"]["course"]
     if course is not None:
         plain["mission"]["course"] = [

@@ -11,11 +11,12 @@ import numpy as np
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import SimulatedPlant, new_plant, pack_theta
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.propeller.mounted_propeller import mounted_vehicle, thrust_map_of
 from tombo_dynamics.rigid_body import begin_flight
 from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
 from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import VehicleParams
-from tombo_sim.propeller_effects import propulsion_effects, thrust_map_of
+from tombo_sim.propeller_effects import propulsion_effects
 from tombo_sim.world import World
 
 NOISE = 9
@@ -48,12 +49,12 @@ def begin(world: World, seed: int) -> FlightSetup:
         seed: all randomness derives from it.
 
     Raises:
-        InputError: the propeller cannot lift the vehicle, or the vehicle would start inside the
-            obstacle.
+        InputError: the propeller cannot lift the vehicle or does not fit it, or the vehicle would
+            start inside the obstacle.
     """
-    vehicle = world.vehicle
+    vehicle = mounted_vehicle(world.vehicle, world.propeller)
     maps = rotor_maps(thrust_map_of(world.propeller), vehicle)
-    effects = propulsion_effects(world.propeller, world.effects)
+    effects = propulsion_effects(world.propeller, vehicle, world.effects)
     theta = pack_theta(effects)
     draw_seed, tick_seed, mocap_seed = np.random.SeedSequence(seed).spawn(3)
     draws = np.random.default_rng(draw_seed).standard_normal(16)

@@ -3,20 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 from tombo_dynamics.effects import check_theta
-from tombo_dynamics.propeller import ThrustMap, thrust_map
 from tombo_dynamics.propeller.mounted_propeller import (
     PropellerChoice,
     library_of,
     mounted_configuration,
+    thrust_map_of,
 )
 from tombo_dynamics.propeller.records import Configuration
+from tombo_dynamics.rotor_maps import hover_point, rotor_maps
+from tombo_dynamics.vehicle import VehicleParams
 
 _TOMBO_STRIKES = 3.0
 """Full strikes that a Tombo blade stands (paper: about three collisions a propeller)."""
 _RIGID_STRIKES = 0.01
 """Share of a full strike that breaks a rigid blade: any real strike does."""
+
+
+_RIGID_CONF = 0
+_HOVER_SPEED = 512.0
+"""rad/s: the paper's vehicle hovers at this speed (1.3 kg, configuration 13)."""
+_STRONGEST_PUSH = 4.0
+"""Of the paper's: the bounds of the effect's peak force."""
 
 
 _SLANT = 0.4
@@ -27,11 +37,6 @@ it meets the surface at acos(1 - 2.5/111) = 0.21 rad; friction of 0.2 adds to it
 _DURATION = 0.014
 """s, calibrated: the push of a strike lasts long enough to give the paper's unstable phase and
 falling distance (1.5 s, 0.5 m): 145.5 N fading over it, about one turn, are 1.0 N s."""
-
-
-def thrust_map_of(choice: PropellerChoice) -> ThrustMap:
-    """Return the thrust map of a configuration under a law of the nodus."""
-    return thrust_map(mounted_configuration(choice), law=choice.law)
 
 
 def propeller_performance(
@@ -74,25 +79,43 @@ def _same_matrix_mean(wanted: Configuration, known: Iterable[Configuration], nam
 
 
 def propulsion_effects(
-    propeller: PropellerChoice, given: Mapping[str, Mapping[str, float]]
+    propeller: PropellerChoice, vehicle: VehicleParams, given: Mapping[str, Mapping[str, float]]
 ) -> dict[str, dict[str, float]]:
     """Return the given effects with those that follow from the propeller filled in.
 
-    What is given about an effect stays.
+    What is given about an effect stays. A plain propeller is pushed as the paper's rigid one is,
+    or one with a nodus, in proportion to its own spin momentum over its radius, and stands strikes
+    in proportion to its own energy in hover.
     """
-    wanted = mounted_configuration(propeller)
-    performance = propeller_performance(wanted, library_of(propeller).configurations.values())
+    folds = propeller.folds
+    known = library_of(propeller).configurations
+    struck = propeller if folds or not propeller.plain else replace(propeller, conf=_RIGID_CONF)
+    performance = propeller_performance(mounted_configuration(struck), known.values())
+    push, energy, strikes = 1.0, 1.0, _TOMBO_STRIKES if folds else _RIGID_STRIKES
+    if propeller.plain:
+        push, energy = _strength(propeller, vehicle)
+        strikes = 0.0 if propeller.on_impact in ("", "rigid") else strikes
     derived: Mapping[str, Mapping[str, float]] = {
         "blade_strike": {
-            "peak_force": performance["collision_force_N"],
+            "peak_force": push * performance["collision_force_N"],
             "recovery_time": performance["recovery_s"],
             "slant": _SLANT,
             "duration": _DURATION,
         },
-        "propeller_wear": {"collisions": _RIGID_STRIKES if wanted.rigid else _TOMBO_STRIKES},
+        "propeller_wear": {"collisions": energy * strikes},
         "thrust_scatter": {"deviation": propeller.matched},
     }
     effects = {name: dict(values) for name, values in given.items()}
     for name, values in derived.items():
         effects[name] = {**values, **effects.get(name, {})}
     return check_theta(effects, "effects")
+
+
+def _strength(propeller: PropellerChoice, vehicle: VehicleParams) -> tuple[float, float]:
+    """Return spin momentum over radius, and energy, of a rotor in hover over the paper's."""
+    maps = rotor_maps(thrust_map_of(propeller), vehicle)
+    faster = hover_point(maps, vehicle).speed / _HOVER_SPEED
+    paper = VehicleParams()
+    momentum = vehicle.rotor_inertia / paper.rotor_inertia * faster
+    push = momentum * paper.rotor_radius / vehicle.rotor_radius
+    return min(push, _STRONGEST_PUSH), momentum * faster

@@ -65,7 +65,7 @@ class VehicleNode(LoopNode):
 
     def _world(self, mocap_rate: float) -> World:
         """Declare the parameters of all effects; what the propeller implies is their default."""
-        derived = propulsion_effects(self.records["propeller"], {})
+        derived = propulsion_effects(self.records["propeller"], self.records["vehicle"], {})
         effects = {}
         for effect in REGISTRY.values():
             defaults = derived.get(effect.name, {})

@@ -10,7 +10,7 @@ import pytest
     [
         ("vehicle.mas=1", ("mas", "did you mean 'mass'", "accepted")),
         ("weather=1", ("weather", "accepted: ", "vehicle")),
-        ("vehicle.mass=-1", ("vehicle.mass", "-1", "accepted", "0.2 to 10 [kg]")),
+        ("vehicle.mass=-1", ("vehicle.mass", "-1", "accepted", "0.01 to 10 [kg]")),
         ("vehicle.mass=nan", ("vehicle.mass", "nan", "[kg]")),
         ("vehicle.mass=.nan", ("vehicle.mass", "nan", "accepted")),
         ("vehicle.mass=1e400", ("vehicle.mass", "inf", "accepted")),

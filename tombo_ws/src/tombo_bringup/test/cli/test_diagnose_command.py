@@ -23,8 +23,8 @@ def found(monkeypatch):
     """What the diagnosis answers, in place of reading and fitting."""
     answer: dict[str, Any] = {"diagnosis": sample(flights=2, seconds=10.0), "asked": None}
 
-    def run(logs, model, mapping, names, tell):
-        answer["asked"] = (logs, model, mapping, names)
+    def run(logs, model, mapping, names, tell, vehicle):
+        answer["asked"] = (logs, model, mapping, names, vehicle)
         for stage in ("reading", "checking", "fitting"):
             tell(stage, 0.5)
         return answer["diagnosis"], NominalReference("hover", "2031-04-05")
@@ -95,6 +95,7 @@ def _plain(value: Any) -> Any:
 def test_what_is_given_is_handed_on(tombo, found):
     tombo(
         "diagnose", "a.bag", "b.bag", "--model", "m.yaml", "--mapping", "lab", "--json",
+        "--vehicle", "v.yaml",
         "--topic", "/vrpn/quad/pose=/mocap/pose", "--topic", "/imu:=/imu/data_raw",
     )  # fmt: skip
     assert found["asked"] == (
@@ -102,6 +103,7 @@ def test_what_is_given_is_handed_on(tombo, found):
         Path("m.yaml"),
         "lab",
         {"/vrpn/quad/pose": "/mocap/pose", "/imu": "/imu/data_raw"},
+        "v.yaml",
     )
 
 

@@ -13,12 +13,13 @@ from tombo_control.planning.leg import Leg, hold_leg, store_leg, straight_leg
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import SimulatedPlant, new_plant, pack_theta
 from tombo_dynamics.messages import Phase
+from tombo_dynamics.propeller.mounted_propeller import thrust_map_of
 from tombo_dynamics.rigid_body import begin_flight
 from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
 from tombo_dynamics.time_base import TICK_S
 from tombo_flight.scenario import Scenario
 from tombo_sim.kernel import fly_with_true_state
-from tombo_sim.propeller_effects import propulsion_effects, thrust_map_of
+from tombo_sim.propeller_effects import propulsion_effects
 
 Stretch = tuple[Leg, int, int, int]
 """A leg, its mode, the first tick and the tick after the last."""
@@ -53,7 +54,7 @@ class KernelFlight:
 def new_flight(scenario: Scenario, seed: int) -> KernelFlight:
     """Return a vehicle on the ground; the seed draws its thrust scatter and where it stands."""
     vehicle = scenario.vehicle
-    theta = pack_theta(propulsion_effects(scenario.propeller, scenario.effects))
+    theta = pack_theta(propulsion_effects(scenario.propeller, vehicle, scenario.effects))
     draws = np.random.default_rng(seed).standard_normal(12)
     plant = new_plant(vehicle)
     start = [scenario.spread.start * draws[8], scenario.spread.start * draws[9]]

@@ -14,10 +14,10 @@ import numpy as np
 from tombo_control.planning.leg import Leg
 from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.propeller.mounted_propeller import thrust_map_of
 from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY, SPIN
 from tombo_flight.scenario import Scenario
-from tombo_sim.propeller_effects import thrust_map_of
 
 _UP = np.array([0.0, 0.0, 1.0])
 _WEIGHT = np.array([0.0, 0.0, -GRAVITY])

@@ -23,6 +23,7 @@ from tombo_bringup.cli.options import option
 from tombo_bringup.cli.propeller import propeller_command
 from tombo_bringup.cli.run_command import PASS_ON, run_executable
 from tombo_bringup.cli.scenarios_command import scenarios
+from tombo_bringup.cli.vehicle_command import app as vehicle_app
 
 _HELP = {"help_option_names": ["-h", "--help"]}
 app = typer.Typer(
@@ -43,6 +44,7 @@ app.command(epilog=DIAGNOSE_EXIT_CODES)(diagnose)
 app.command("run", context_settings=PASS_ON)(run_executable)
 app.command()(scenarios)
 app.add_typer(propeller_command.app, name="propeller", context_settings=_HELP)
+app.add_typer(vehicle_app, name="vehicle", context_settings=_HELP)
 app.command()(effects)
 app.add_typer(benchmark_command.app, name="benchmark", context_settings=_HELP)
 

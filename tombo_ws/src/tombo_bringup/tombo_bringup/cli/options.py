@@ -97,6 +97,14 @@ ModelFile = Annotated[
         "scenario; --set wins over both.",
     ),
 ]
+VehicleName = Annotated[
+    str | None,
+    option(
+        "--vehicle NAME|FILE",
+        "A name of `tombo vehicle list`, or a vehicle file (docs/own_vehicle.md), in place of the "
+        "scenario's vehicle, propeller and gains; --set wins over it.",
+    ),
+]
 _SEED = "All random draws come from it."
 Seed = Annotated[int, integer_option("--seed N", _SEED, callback=_check_seed)]
 SeedOrNone = Annotated[

@@ -46,6 +46,8 @@ class Parameter:
     """A change of this size clearly matters; the prior's standard deviation of a cause."""
     stochastic: bool = False
     """Of a stochastic effect, which is fitted by its width and has no place in theta."""
+    known_to: float | None = None
+    """Standard deviation with which this vehicle's own value is known; None: as usual."""
 
     @property
     def label(self) -> str:
@@ -55,7 +57,7 @@ class Parameter:
     @property
     def tolerance(self) -> float:
         """Standard deviation of what counts as healthy."""
-        return TOLERANCE * self.scale
+        return TOLERANCE * self.scale if self.known_to is None else self.known_to
 
     @property
     def step(self) -> float:

@@ -106,7 +106,8 @@ def diagnose_flights(
         summary=summary(findings, causes, gains),
         notes=tuple(notes(findings)),
         model=nominal.label,
-        vehicle=usable[0].airframe.name if usable[0].airframe is not None else "",
+        vehicle=nominal.vehicle_name
+        or (usable[0].airframe.name if usable[0].airframe is not None else ""),
         seconds=clock() - began,
     )
     return diagnosis, findings

@@ -10,9 +10,11 @@ from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.flight.analyse import FlightFindings
 from tombo_diagnosis.flight.diagnose import Separate, diagnose_flights
 from tombo_diagnosis.flight.nominal import NominalModel
+from tombo_diagnosis.flight.scenario_nominal import held_against
 from tombo_diagnosis.logs.flight_log import FlightLog
 from tombo_diagnosis.logs.log_reader import read_logs
 from tombo_flight.progress import ProgressCallback, no_progress
+from tombo_flight.vehicle_file import VehicleFile
 
 
 def read_and_check(
@@ -36,14 +38,17 @@ def diagnose_files(
     nominal: NominalModel,
     mapping: Path | str | None = None,
     names: Mapping[str, str] | None = None,
+    vehicle: VehicleFile | None = None,
     progress: ProgressCallback = no_progress,
     separate: Separate | None = None,
     clock: Callable[[], float] = lambda: 0.0,
 ) -> tuple[Diagnosis, FlightFindings]:
-    """Read, check and diagnose flights: see `read_logs` and `diagnose_flights`.
+    """Read, check and diagnose flights: see `read_logs`, `held_against` and `diagnose_flights`.
 
     Raises:
         InputError: a log or the mapping can't be used, or no flight can.
     """
     logs = read_and_check(paths, mapping, names, progress)
+    if vehicle is not None:
+        logs = held_against(logs, vehicle)
     return diagnose_flights(logs, nominal, progress, separate, clock)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from tombo_diagnosis.engine.regression import Parameter
@@ -12,6 +12,9 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import SimulatedPlant, new_plant, pack_theta
 from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.vehicle import VehicleParams
+
+_BEYOND = 4.0
+"""Tolerances that a size which clearly matters has at least."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,10 @@ class NominalModel:
     """effect.parameter of what that fit has absorbed: free at all times, and never a cause."""
     moments: bool = True
     """False: arms and inertia are not known; moments are not compared."""
+    tolerances: Mapping[str, float] = field(default_factory=dict)
+    """effect.parameter → standard deviation with which this vehicle's own value is known."""
+    vehicle_name: str = ""
+    """Of a vehicle file; empty: the suite's own vehicle."""
 
     @property
     def theta(self) -> Array:
@@ -40,7 +47,10 @@ class NominalModel:
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """All parameters of theta, with sizes that matter for this vehicle."""
-        return parameters(self.vehicle.mass, self.vehicle.arm_length)
+        return tuple(
+            _known_to(p, self.tolerances.get(p.label))
+            for p in parameters(self.vehicle.mass, self.vehicle.arm_length)
+        )
 
     def plant(self, draws: Array | None = None) -> SimulatedPlant:
         """Return a fresh plant with the flight's draws (8), or none."""
@@ -48,3 +58,10 @@ class NominalModel:
         if draws is not None:
             plant.draws = draws
         return plant
+
+
+def _known_to(p: Parameter, tolerance: float | None) -> Parameter:
+    """Return a parameter with this vehicle's own tolerance; what matters is well beyond it."""
+    if tolerance is None:
+        return p
+    return replace(p, known_to=tolerance, scale=max(p.scale, _BEYOND * tolerance))

@@ -2,24 +2,84 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from tombo_diagnosis.flight.nominal import NominalModel
+from tombo_diagnosis.logs.flight_log import FlightLog
+from tombo_diagnosis.logs.vehicle_airframe import airframe_of
+from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, thrust_map_of
 from tombo_dynamics.rotor_maps import rotor_maps
+from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.scenario import Scenario, load_scenario, world_of
-from tombo_sim.propeller_effects import propulsion_effects, thrust_map_of
+from tombo_flight.vehicle_file import VehicleFile, read_vehicle
+from tombo_sim.propeller_effects import propulsion_effects
 
 _SCENARIO = "no_obstacle"
+_EFFECTS = {
+    "vehicle.mass": ("mass_error.fraction", True),
+    "vehicle.inertia_xx": ("inertia_error.xx", True),
+    "vehicle.inertia_yy": ("inertia_error.yy", True),
+    "vehicle.inertia_zz": ("inertia_error.zz", True),
+    "vehicle.motor_time_constant": ("motor_lag.extra_tau", False),
+    "propeller.k_thrust": ("thrust_coefficient_error.fraction", True),
+    "propeller.curve": ("thrust_coefficient_error.fraction", False),
+}
+"""Value of a vehicle file → the effect that its error is, and whether as a share of the value."""
 
 
-def nominal_model(model: Path | None = None) -> NominalModel:
-    """Return the suite's own vehicle without an obstacle, extended by a model file if given.
+def nominal_model(model: Path | None = None, vehicle: str | None = None) -> NominalModel:
+    """Return a vehicle without an obstacle, extended by a model file if given.
+
+    Args:
+        model: a `model.yaml`.
+        vehicle: name or path of a vehicle file; None: the suite's own vehicle.
 
     Raises:
-        InputError: the model file can't be used.
+        InputError: a file can't be used.
     """
-    scenario = load_scenario(_SCENARIO, model=None if model is None else str(model))
-    return nominal_of(scenario, _SCENARIO if model is None else f"{_SCENARIO} with {model.name}")
+    scenario = load_scenario(
+        _SCENARIO, model=None if model is None else str(model), vehicle=vehicle
+    )
+    label = _SCENARIO if model is None else f"{_SCENARIO} with {model.name}"
+    if vehicle is None:
+        return nominal_of(scenario, label)
+    file = read_vehicle(vehicle)
+    foreign = (file.vehicle, file.propeller) != (VehicleParams(), PropellerChoice())
+    return replace(
+        nominal_of(scenario, f"{file.name}, {label}"),
+        tolerances=tolerances_of(file),
+        vehicle_name=file.name if foreign else "",
+    )
+
+
+def tolerances_of(file: VehicleFile) -> dict[str, float]:
+    """Return effect.parameter → standard deviation, of the values that have a tolerance.
+
+    A tolerance of arms, rotor inertia or drag torque has no effect that stands for it.
+    """
+    found = {}
+    for key, (label, share) in _EFFECTS.items():
+        tolerance = file.tolerance(key)
+        if tolerance is None:
+            continue
+        section, _, name = key.partition(".")
+        value = getattr(getattr(file, section), name) if share else 1.0
+        found[label] = tolerance / value
+    return found
+
+
+def held_against(logs: Sequence[FlightLog], file: VehicleFile) -> list[FlightLog]:
+    """Return flights so that they are held against a vehicle file, whatever airframe they name.
+
+    Where rotor speeds are there, its own thrust is flown; where only motor commands are, its mass,
+    arms and inertia are used, and thrust is fitted to the flights.
+    """
+    frame = None
+    if not all({"rotor_speed", "rotor_command"} & set(log.series) for log in logs):
+        frame = airframe_of(file)
+    return [replace(log, airframe=frame) for log in logs]
 
 
 def nominal_of(scenario: Scenario, label: str) -> NominalModel:
@@ -29,5 +89,5 @@ def nominal_of(scenario: Scenario, label: str) -> NominalModel:
         label,
         world.vehicle,
         rotor_maps(thrust_map_of(world.propeller), world.vehicle),
-        propulsion_effects(world.propeller, world.effects),
+        propulsion_effects(world.propeller, world.vehicle, world.effects),
     )

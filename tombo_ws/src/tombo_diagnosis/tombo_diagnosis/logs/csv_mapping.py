@@ -195,6 +195,11 @@ def _axes(content: object, names: Mapping[str, tuple[str, ...]], what: str) -> t
 def _airframe(content: object, what: str) -> Airframe | None:
     if content is None:
         return None
+    if isinstance(content, str):
+        from tombo_diagnosis.logs.vehicle_airframe import airframe_of  # imports compiled code
+        from tombo_flight.vehicle_file import read_vehicle
+
+        return airframe_of(read_vehicle(content))
     names = [f.name for f in fields(Airframe)]
     values = table_of(content, what, names)
     lacking = [n for n in names[1:4] if n not in values]

@@ -37,7 +37,7 @@ def draw_campaign(campaign: Mapping[str, Any]) -> Figure:
             _histogram(axes, np.array(values, dtype=np.float64), label, printed)
         figure.suptitle(
             f"{campaign['scenario']}, seeds {campaign['first_seed']} to {campaign['last_seed']}, "
-            f"Conf. {campaign['conf']}"
+            + ("plain propellers" if campaign["conf"] is None else f"Conf. {campaign['conf']}")
             + ("" if campaign["reaction"] else ", without the reaction")
             + f": {total['flights']} flights, {total['collided']} collided, "
             f"{total['crashed']} crashed, {total['recovered']} recovered",

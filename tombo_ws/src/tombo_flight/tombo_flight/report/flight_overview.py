@@ -141,7 +141,9 @@ def _strip(
 
 
 def _title(milestones: FlightMilestones) -> str:
-    who = "A quadrotor with rigid propellers" if milestones.conf == 0 else "A Tombo quadrotor"
+    who = {0: "A quadrotor with rigid propellers", None: "A quadrotor"}.get(
+        milestones.conf, "A Tombo quadrotor"
+    )
     if milestones.verdict is Outcome.RECOVERED:
         return f"{who} collides,\nfolds a propeller and recovers"
     if milestones.verdict is Outcome.CRASHED:

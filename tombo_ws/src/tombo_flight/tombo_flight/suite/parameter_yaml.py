@@ -44,7 +44,9 @@ def suite_parameters(
     """
     values = as_mapping(scenario)
     values["mission"]["course"] = as_text(values["mission"]["course"])
-    values["effects"] = propulsion_effects(scenario.propeller, scenario.effects)
+    if "curve" in values["propeller"]:
+        values["propeller"]["curve"] = as_text(values["propeller"]["curve"])
+    values["effects"] = propulsion_effects(scenario.propeller, scenario.vehicle, scenario.effects)
     table: Parameters = {
         "sim": {section: values[section] for section in SECTIONS["sim"]},
         **{

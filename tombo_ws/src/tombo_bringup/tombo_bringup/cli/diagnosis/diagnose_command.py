@@ -42,6 +42,14 @@ def diagnose(
             "the suite's own.",
         ),
     ] = None,
+    vehicle: Annotated[
+        str | None,
+        option(
+            "--vehicle NAME|FILE",
+            "The vehicle that flew: a name of `tombo vehicle list`, or a vehicle file; its "
+            "tolerances say what is no finding. Default: the suite's own.",
+        ),
+    ] = None,
     mapping: Annotated[
         str | None,
         option(
@@ -88,7 +96,7 @@ def diagnose(
     path = results_folder(output, "diagnosis", logs[0].name.split(".")[0], as_json, "log")
     (found, _), written = compute_into(
         path, force or output is None, DIAGNOSIS_FILES,
-        lambda on_progress: run(logs, model, mapping, names, on_progress),
+        lambda on_progress: run(logs, model, mapping, names, on_progress, vehicle),
         lambda folder, both, on_progress: write_diagnosis(
             folder, *both, pictures=not no_report, on_progress=on_progress
         ),
@@ -107,11 +115,12 @@ def run(
     mapping: str | None,
     names: dict[str, str],
     on_progress: ProgressCallback,
+    vehicle: str | None = None,
 ) -> tuple[Diagnosis, NominalReference]:
     """Read, check and diagnose.
 
     Raises:
-        InputError: a log, the mapping or the model can't be used.
+        InputError: a log, the mapping, the vehicle or the model can't be used.
     """
     from tombo_diagnosis.report.diagnosis_output import NominalReference
     from tombo_flight.model_file import read_model
@@ -121,10 +130,12 @@ def run(
     from tombo_diagnosis.flight.diagnose_files import diagnose_files
     from tombo_diagnosis.flight.experiment_design import separate
     from tombo_diagnosis.flight.scenario_nominal import nominal_model
+    from tombo_flight.vehicle_file import read_vehicle
 
-    nominal = nominal_model(model)
+    nominal = nominal_model(model, vehicle)
+    file = None if vehicle is None else read_vehicle(vehicle)
     found, _ = diagnose_files(
-        logs, nominal, mapping, names, on_progress, separate, time.perf_counter
+        logs, nominal, mapping, names, file, on_progress, separate, time.perf_counter
     )
     today = datetime.date.today().isoformat()
     return found, NominalReference(nominal.label, today, base)

@@ -104,7 +104,9 @@ def print_files(folder: object, names: Sequence[str]) -> None:
 
 
 def _title(flown: Mapping[str, Any], seeds: str) -> Text:
-    what = f"Conf. {flown['conf']}, law {flown['law']}"
+    what = "plain propellers"
+    if flown["conf"] is not None:
+        what = f"Conf. {flown['conf']}, law {flown['law']}"
     if flown["model"]:
         what += f", model {flown['model']}"
     if not flown["reaction"]:

@@ -20,6 +20,7 @@ from tombo_bringup.cli.options import (
     ScenarioArgument,
     SeedOrNone,
     Settings,
+    VehicleName,
     Yes,
     integer_option,
     json_option,
@@ -66,6 +67,7 @@ def fly(
     ] = None,
     settings: Settings = None,
     model: ModelFile = None,
+    vehicle: VehicleName = None,
     nodes: Annotated[
         bool, option("--nodes", "Fly with the ROS 2 nodes, each a process, in real time.")
     ] = False,
@@ -122,7 +124,7 @@ def fly(
         raise InputError("--px4: accepted: without --nodes, --seeds and --no-record")
     check_px4_options(px4, model, yes=yes, bridge=bridge)
     one = seed or 0
-    chosen = _load(scenario, settings or [], no_reaction, conf, law, model)
+    chosen = _load(scenario, settings or [], no_reaction, conf, law, model, vehicle)
     check_output(output)
     rest = f"{many.start}-{many.stop}" if many else str(one)
     rest += "-px4" if px4 is not None else "-nodes" if nodes else ""
@@ -192,6 +194,7 @@ def _load(
     conf: int | None,
     law: str | None,
     model: str | None,
+    vehicle: str | None,
 ) -> Scenario:
     """Read the scenario; options win over --set, as they are more to the point."""
     from tombo_flight.scenario import load_scenario
@@ -201,7 +204,7 @@ def _load(
     options = [] if conf is None else [f"propeller.conf={conf}"]
     options += [] if law is None else [f"propeller.law={law}"]
     options += ["react=false"] if no_reaction else []
-    return load_scenario(name, [*settings, *options], model)
+    return load_scenario(name, [*settings, *options], model, vehicle)
 
 
 @contextmanager

@@ -18,6 +18,7 @@ from tombo_bringup.cli.options import (
     ScenarioArgument,
     Seed,
     Settings,
+    VehicleName,
     Yes,
     integer_option,
     json_option,
@@ -39,6 +40,7 @@ def up(
     scenario: ScenarioArgument = "paper_collision",
     settings: Settings = None,
     model: ModelFile = None,
+    vehicle: VehicleName = None,
     seed: Seed = 0,
     without: Annotated[
         list[str] | None, option("--without NODE", "Leave a node out. May be given many times.")
@@ -92,7 +94,7 @@ def up(
     over = {} if connection is None else over_mavlink(connection)
     folder = record or Path("runs") / time.strftime("up-%Y%m%d-%H%M%S")
     config = SuiteConfig(
-        scenario=load_scenario(scenario, settings or [], model),
+        scenario=load_scenario(scenario, settings or [], model, vehicle),
         seed=seed,
         folder=folder,
         recording={"output": str((folder / "bag").absolute())},

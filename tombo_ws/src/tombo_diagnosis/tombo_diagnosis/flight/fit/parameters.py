@@ -5,19 +5,20 @@ from __future__ import annotations
 from tombo_diagnosis.engine.regression import Parameter
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.effects.compose import layout
+from tombo_dynamics.effects.vehicle_size import size_factors
+from tombo_dynamics.vehicle import VehicleParams
 
-_OWN_MASS, _OWN_ARM = 1.3, 0.24
-"""kg and m: the vehicle that the registry's typical sizes are for."""
+_OWN = VehicleParams()
+"""The vehicle that the registry's typical sizes are for."""
 
 
-def parameters(mass: float = _OWN_MASS, arm: float = _OWN_ARM) -> tuple[Parameter, ...]:
+def parameters(mass: float = _OWN.mass, arm: float = _OWN.arm_length) -> tuple[Parameter, ...]:
     """Return all parameters of the registry, in the order of theta.
 
     What clearly matters is given for the suite's own vehicle: forces grow with the mass [kg],
     lengths with the arm, centre to rotor axis [m].
     """
-    heavy, long = mass / _OWN_MASS, arm / _OWN_ARM
-    sizes = {"N s/m": heavy, "m^2": heavy, "N m s/m": heavy * long, "m": min(long, 1.0)}
+    sizes = size_factors(mass, arm)
     found = []
     places = layout()
     for name, effect in REGISTRY.items():

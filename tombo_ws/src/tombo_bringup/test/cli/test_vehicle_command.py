@@ -1,0 +1,111 @@
+"""`tombo vehicle`: what it lists, shows and writes, and a hand calculation that holds it."""
+
+import io
+import math
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[5]
+EXAMPLE = ROOT / "examples" / "s500_10_inch.yaml"
+NEW = ("--name", "Mine", "--mass", "1.5", "--arm-length", "0.24", "--k-thrust", "1.5e-5",
+       "--k-torque", "2.4e-7", "--radius", "0.127")  # fmt: skip
+
+
+def test_every_listed_vehicle_is_shown(tombo):
+    names = [row["name"] for row in tombo("vehicle", "list", "--json").json]
+    assert {"tombo_s500", "crazyflie_2_1", "crazyflie_2_1_brushless", "px4_x500",
+            "racer_5_inch"} <= set(names)  # fmt: skip
+    for name in names:
+        shown = tombo("vehicle", "show", name, "--json").json
+        assert shown["hover"]["thrust_N"] == pytest.approx(shown["vehicle"]["mass"] * 9.80665 / 4)
+        assert shown["hover"]["thrust_to_weight"] > 1.5
+    text = tombo("vehicle", "show", "px4_x500")
+    assert text.code == 0 and "motorConstant" in text.out and "model.sdf" in text.out
+
+
+def test_the_worked_example_agrees_with_a_hand_calculation(tombo):
+    """From the published coefficients and momentum theory, nothing of the suite."""
+    density, diameter, turn = 1.2041, 0.254, 2.0 * math.pi
+    thrust = 1.5 * 9.80665 / 4.0
+    k_thrust = 0.1185 * density * diameter**4 / turn**2
+    k_torque = 0.0480 * density * diameter**5 / turn**3
+    speed = math.sqrt(thrust / k_thrust)
+    power = 4.0 * k_torque * speed**3
+    hover = tombo("vehicle", "show", str(EXAMPLE), "--json").json["hover"]
+    assert hover["thrust_N"] == pytest.approx(thrust, rel=0.02)
+    assert hover["speed_rad_s"] == pytest.approx(speed, rel=0.02)
+    assert hover["power_W"] == pytest.approx(power, rel=0.02)
+    ideal = 4.0 * thrust**1.5 / math.sqrt(2.0 * density * math.pi * (diameter / 2.0) ** 2)
+    assert 0.6 < ideal / hover["power_W"] < 0.75
+    page = (ROOT / "docs" / "own_vehicle.md").read_text(encoding="utf-8")
+    for said in (f"{thrust:.3f} N", f"{speed:.1f} rad/s", f"{power:.1f} W", f"{ideal:.1f} W"):
+        assert said in page
+
+
+@pytest.mark.slow
+def test_a_new_vehicle_is_written_and_flies(tombo, tmp_path):
+    assert tombo("vehicle", "new", "mine.yaml", *NEW, "--set", "vehicle.leg_height=0.1").code == 0
+    summary = tombo("fly", "hover", "--vehicle", "mine.yaml", "--no-record", "--json",
+                    "--set", "duration=20", "--set", "mission.land_time=10").json  # fmt: skip
+    assert not summary["crashed"] and summary["conf"] is None
+
+
+def test_what_is_not_given_is_asked(tombo, monkeypatch):
+    monkeypatch.setattr("sys.stdin", io.StringIO("Asked\n1.5\n0.24\nplain\n1.5e-5\n\n0.127\n\n"))
+    assert tombo("vehicle", "new", "asked.yaml").code == 0
+    shown = tombo("vehicle", "show", "asked.yaml", "--json").json
+    assert shown["name"] == "Asked" and shown["vehicle"]["mass"] == 1.5
+    assert shown["propeller"]["k_torque"] == pytest.approx(0.016 * 1.5e-5)
+    assert shown["propeller"]["on_impact"] == "breaks"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("mine.yaml", "--name", "x"), ("--mass", "missing")),
+        (("mine.txt", *NEW), (".yaml",)),
+        (("mine.yaml", *NEW, "--conf", "13"), ("--k-thrust", "--conf")),
+        (("mine.yaml", *NEW[:6], "--conf", "13", "--radius", "0.1"), ("--radius", "--k-thrust")),
+        (("mine.yaml", *NEW, "--on-impact", "melts"), ("on_impact", "melts")),
+        (("mine.yaml", *NEW[:2], "--mass", "nan", *NEW[4:]), ("vehicle.mass", "nan")),
+        (("mine.yaml", *NEW[:2], "--mass", "9", *NEW[4:], "--set", "vehicle.rotor_speed_max=600"),
+         ("k_thrust", "at most")),
+    ],
+)  # fmt: skip
+def test_what_can_not_fly_is_not_written(refused, monkeypatch, arguments, words):
+    monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    refused(("vehicle", "new", *arguments), *words)
+
+
+def test_a_file_is_replaced_by_force_only(tombo, refused, tmp_path):
+    (tmp_path / "mine.yaml").write_text("precious")
+    refused(("vehicle", "new", "mine.yaml", *NEW), "exists", "--force")
+    assert (tmp_path / "mine.yaml").read_text() == "precious"
+    assert tombo("vehicle", "new", "mine.yaml", *NEW, "--force").code == 0
+    assert "Mine" in (tmp_path / "mine.yaml").read_text()
+
+
+def test_unknown_vehicles_are_refused(refused):
+    refused(("vehicle", "show", "px4_x50"), "px4_x50", "did you mean 'px4_x500'")
+    refused(("fly", "hover", "--vehicle", "nothing.yaml"), "nothing.yaml", "can't be read")
+    refused(("fly", "hover", "--vehicle", "px4_x500", "--conf", "5"), "propeller.conf", "plain")
+
+
+@pytest.mark.slow
+def test_flights_are_held_against_the_vehicle_and_its_tolerances(tombo, tmp_path):
+    """A load of 6 %: a finding where the vehicle was weighed, none where its mass is a guess."""
+    logs = []
+    for seed in range(3):
+        flown = tombo("fly", "survey", "--vehicle", str(EXAMPLE), "--seed", str(seed),
+                      "--set", "effects.mass_error.fraction=0.06", "-o", f"f{seed}")  # fmt: skip
+        assert flown.code == 0
+        logs.append(f"f{seed}/flight.mcap")
+    weighed = tombo("diagnose", *logs, "--vehicle", str(EXAMPLE), "--json").json
+    assert weighed["verdict"] == "named"
+    assert [cause["effect"] for cause in weighed["causes"]] == ["mass_error"]
+    text = EXAMPLE.read_text(encoding="utf-8")
+    assert "tolerance: 0.005" in text
+    (tmp_path / "guess.yaml").write_text(text.replace("tolerance: 0.005", "tolerance: 0.15"))
+    guessed = tombo("diagnose", *logs, "--vehicle", "guess.yaml", "--json").json
+    assert guessed["verdict"] == "none"

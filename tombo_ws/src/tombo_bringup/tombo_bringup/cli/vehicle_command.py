@@ -1,0 +1,302 @@
+"""`tombo vehicle`: vehicles that can be flown, what one is made of, a file for one's own."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from tombo_bringup.cli.options import JsonOnly, integer_option, number_option, option
+from tombo_dynamics.errors import InputError
+
+if TYPE_CHECKING:
+    from tombo_flight.vehicle_file import VehicleFile
+
+app = typer.Typer(
+    no_args_is_help=True, help="List vehicles, show one, or write a file for your own."
+)
+_TORQUE_RATIO = 0.016
+"""m: drag torque over thrust of many propellers of 5 to 13 inch; what `new` proposes."""
+
+
+@app.command("list")
+def list_vehicles(as_json: JsonOnly = False) -> None:
+    """List the vehicles that come with the suite."""
+    from tombo_flight.vehicle_file import builtin_vehicles
+
+    table = builtin_vehicles()
+    if as_json:
+        listed = [{"name": name, "description": text} for name, text in table.items()]
+        typer.echo(json.dumps(listed, indent=1))
+        return
+    width = max(map(len, table))
+    for name, text in table.items():
+        typer.echo(f"{typer.style(name.ljust(width), bold=True)}  {text}")
+    typer.echo("\nYour own: tombo vehicle new my_vehicle.yaml, then tombo fly hover --vehicle it.")
+
+
+@app.command()
+def show(
+    name: Annotated[
+        str, typer.Argument(metavar="NAME|FILE", help="A name of `tombo vehicle list`, or a file.")
+    ],
+    as_json: JsonOnly = False,
+) -> None:
+    """Show each value of a vehicle, where it is from, and its hover."""
+    from tombo_flight.vehicle_file import read_vehicle
+
+    file = read_vehicle(name)
+    if as_json:
+        typer.echo(json.dumps(_as_object(file), indent=1))
+        return
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Column, Table
+    from rich.text import Text
+
+    from tombo_bringup.cli.tables import print_line, right
+
+    print_line(f"{file.name}{f': {file.about}' if file.about else ''}", "bold")
+    table = Table(
+        Column("", no_wrap=True), *right("value", no_wrap=True), "unit", *right("tolerance"),
+        "from", box=SIMPLE_HEAD, padding=(0, 1, 0, 0),
+    )  # fmt: skip
+    for section in ("vehicle", "propeller", "control"):
+        table.add_row(Text(section, "bold"))
+        for name, *cells in _rows(file, section):
+            table.add_row(*(Text(cell) for cell in (f"  {name}", *cells)))
+    Console().print(table)
+    for i, source in enumerate(file.sources):
+        print_line(f"[{i + 1}] {source}")
+    hover = _hover(file)
+    print_line(
+        f"Hover: {hover['thrust_N']:.4g} N and {hover['speed_rad_s']:.4g} rad/s a rotor "
+        f"({hover['speed_rpm']:.0f} rpm), {hover['power_W']:.4g} W of shaft power for all four, "
+        f"thrust to weight {hover['thrust_to_weight']:.2f}"
+    )
+
+
+@app.command()
+def new(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="What to write, a .yaml.")],
+    name: Annotated[str | None, option("--name TEXT", "Name of the vehicle.")] = None,
+    mass: Annotated[
+        float | None, number_option("--mass KG", "Mass at take-off.", "a number [kg]")
+    ] = None,
+    arm: Annotated[
+        float | None, number_option("--arm-length M", "Centre to rotor axis.", "a number [m]")
+    ] = None,
+    conf: Annotated[
+        int | None, integer_option("--conf N", "Tombo propellers, a configuration of Table I.")
+    ] = None,
+    k_thrust: Annotated[
+        float | None, number_option("--k-thrust K", "Plain propellers: N s^2/rad^2.", "a number")
+    ] = None,
+    k_torque: Annotated[
+        float | None, number_option("--k-torque K", "Plain propellers: N m s^2/rad^2.", "a number")
+    ] = None,
+    radius: Annotated[
+        float | None, number_option("--radius M", "Plain propellers: tip radius.", "a number [m]")
+    ] = None,
+    on_impact: Annotated[
+        str | None, option("--on-impact WHAT", "Plain propellers: rigid, breaks or folds.")
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        option(
+            "--set KEY=VALUE",
+            "Any other value, as in vehicle.inertia_xx=0.012 or vehicle.mass={value: 1.5, "
+            "tolerance: 0.005, source: weighed}. May be given many times.",
+        ),
+    ] = None,
+    force: Annotated[bool, option("--force", "Replace FILE.")] = False,
+) -> None:
+    """Ask for what is not given as an option, and write a vehicle file that flies.
+
+    What is asked: name, mass, arm length, and the propeller. Everything else is taken from these
+    and can be changed in the file.
+    """
+    from tombo_flight.scenario import override
+    from tombo_flight.vehicle_file import FORMAT, vehicle_from_mapping, write_vehicle
+
+    if file.suffix not in (".yaml", ".yml"):
+        raise InputError(f"'{file}': accepted: a file that ends with .yaml")
+    if file.exists() and not force:
+        raise InputError(f"'{file}' exists; accepted: another name, or --force")
+    given: dict[str, Any] = {}
+    for setting in settings or []:
+        given = override(given, setting, example="vehicle.mass=1.4")
+    values: dict[str, Any] = {
+        "tombo_vehicle": FORMAT,
+        "name": name if name is not None else _ask("--name", "Name", file.stem),
+    }
+    said = _Told(given)
+    said.put("vehicle.mass", mass, "--mass", "Mass at take-off [kg]")
+    said.put("vehicle.arm_length", arm, "--arm-length", "Centre to rotor axis [m]")
+    _propeller(said, conf, k_thrust, k_torque, radius, on_impact)
+    for section, content in said.values.items():
+        values[section] = content
+    vehicle = vehicle_from_mapping(values, f"'{file}'")
+    write_vehicle(file, vehicle)
+    hover = _hover(vehicle)
+    typer.echo(
+        f"{file}: hovers at {hover['speed_rpm']:.0f} rpm with {hover['power_W']:.3g} W of shaft "
+        f"power. Fly it: tombo fly hover --vehicle {file}"
+    )
+
+
+class _Told:
+    """The values of a new file: settings, then options, then answers."""
+
+    def __init__(self, settings: dict[str, Any]) -> None:
+        self.values = settings
+
+    def has(self, key: str) -> bool:
+        section, _, name = key.partition(".")
+        content = self.values.get(section)
+        return isinstance(content, dict) and name in content
+
+    def put(
+        self, key: str, value: Any, flag: str, question: str = "", default: Any = None
+    ) -> None:
+        """Take a value; ask for it where it is None and there is a question."""
+        if value is None and (self.has(key) or not question):
+            return
+        if value is None:
+            value = _ask(flag, question, default)
+        section, _, name = key.partition(".")
+        content = self.values.setdefault(section, {})
+        if isinstance(content, dict):
+            content[name] = value
+
+
+def _propeller(
+    said: _Told,
+    conf: int | None,
+    k_thrust: float | None,
+    k_torque: float | None,
+    radius: float | None,
+    on_impact: str | None,
+) -> None:
+    """Take the propeller, or ask for it."""
+    plain = said.has("propeller.curve") or said.has("propeller.k_thrust") or k_thrust is not None
+    asks = not plain
+    if plain and conf is not None and on_impact != "folds":
+        raise InputError(f"--conf {conf}: accepted: without --k-thrust, or with --on-impact folds")
+    if conf is None and not plain and not said.has("propeller.conf"):
+        answer = _ask(
+            "--conf or --k-thrust", "Propeller: a Tombo configuration (0 to 13), or plain", "plain"
+        )
+        plain = str(answer).strip().lower() == "plain"
+        conf = None if plain else _whole(str(answer))
+    said.put("propeller.conf", conf, "--conf")
+    if not plain:
+        given = {"--k-torque": k_torque, "--radius": radius, "--on-impact": on_impact}
+        for flag, value in given.items():
+            if value is not None:
+                raise InputError(f"{flag} {value}: accepted: with --k-thrust only")
+        return
+    if not said.has("propeller.curve"):
+        question = "Thrust over speed squared [N s^2/rad^2]"
+        said.put("propeller.k_thrust", k_thrust, "--k-thrust", question)
+        k = said.values["propeller"]["k_thrust"]
+        k = k["value"] if isinstance(k, dict) else k
+        usual = float(f"{_TORQUE_RATIO * k:.4g}") if isinstance(k, float) else None
+        question = "Drag torque over speed squared [N m s^2/rad^2]"
+        said.put("propeller.k_torque", k_torque, "--k-torque", question, usual)
+    said.put("propeller.radius", radius, "--radius", "Tip radius [m]")
+    question = "When it strikes: rigid, breaks or folds"
+    said.put("propeller.on_impact", on_impact, "--on-impact", question if asks else "", "breaks")
+
+
+def _ask(flag: str, question: str, default: Any = None) -> Any:
+    """Return the answer: a number where nothing or a number is proposed.
+
+    Raises:
+        InputError: there is no one to ask.
+    """
+    kind = str if isinstance(default, str) else float
+    if sys.stdin is not None and sys.stdin.isatty():
+        return typer.prompt(question, default=default, type=kind)
+    line = "" if sys.stdin is None else sys.stdin.readline()
+    answer = line.strip() or default
+    if not line or answer is None:
+        raise InputError(f"{flag}: missing; accepted: the option, or an answer: {question}")
+    try:
+        return kind(answer)
+    except ValueError:
+        raise InputError(f"{flag}: '{answer}' is no number: {question}") from None
+
+
+def _whole(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise InputError(f"propeller '{text}': accepted: 0 to 13, or plain") from None
+
+
+def _hover(file: VehicleFile) -> dict[str, float]:
+    from tombo_dynamics.propeller import RPM
+    from tombo_dynamics.rotor_maps import hover_point
+
+    maps = file.maps
+    point = hover_point(maps, file.vehicle)
+    return {
+        "thrust_N": point.thrust,
+        "speed_rad_s": point.speed,
+        "speed_rpm": point.speed / RPM,
+        "torque_Nm": point.torque,
+        "power_W": point.power,
+        "thrust_to_weight": float(maps.thrust_highest) / point.thrust,
+    }
+
+
+def _rows(file: VehicleFile, section: str) -> list[tuple[str, ...]]:
+    """Return name, value, unit, tolerance and source of the values of a section."""
+    record = getattr(file, section)
+    rows: list[tuple[str, ...]] = []
+    for f in dataclasses.fields(record):
+        key, value = f"{section}.{f.name}", getattr(record, f.name)
+        if section == "propeller" and key not in file.given and value == f.default:
+            continue
+        tolerance = file.tolerance(key)
+        shown = f"{value:.4g}" if isinstance(value, float) else str(value)
+        if f.name == "curve" and value is not None:
+            shown = f"{len(value)} points"
+        rows.append(
+            (
+                f.name,
+                shown,
+                str(f.metadata.get("unit", "")),
+                "" if tolerance is None else f"{tolerance:.3g}",
+                _source(file, key),
+            )
+        )
+    return rows
+
+
+def _source(file: VehicleFile, key: str) -> str:
+    """Return where a value is from."""
+    if key in file.notes or key in file.given:
+        return file.notes[key].source if key in file.notes else ""
+    if key == "vehicle.rotor_radius":
+        return "the propeller"
+    return "rule" if key.startswith("control.") else "as the S500, in this size"
+
+
+def _as_object(file: VehicleFile) -> dict[str, Any]:
+    return {
+        "name": file.name,
+        "about": file.about,
+        "vehicle": dataclasses.asdict(file.vehicle),
+        "propeller": dataclasses.asdict(file.propeller),
+        "control": dataclasses.asdict(file.control),
+        "effects": {name: dict(theta) for name, theta in file.effects.items()},
+        "sources": list(file.sources),
+        "notes": {key: dataclasses.asdict(note) for key, note in file.notes.items()},
+        "hover": _hover(file),
+    }

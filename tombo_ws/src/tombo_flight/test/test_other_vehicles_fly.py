@@ -1,0 +1,77 @@
+"""Vehicles other than the suite's own fly, with the gains that follow from their files."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, thrust_map_of
+from tombo_dynamics.rotor_maps import hover_point, rotor_maps
+from tombo_dynamics.vehicle import GRAVITY, similar_vehicle
+from tombo_flight.flight import fly_scenario
+from tombo_flight.scenario import load_scenario
+from tombo_flight.vehicle_file import builtin_vehicles
+
+CALM = ("effects.gusts.deviation=0", "effects.thrust_scatter.deviation=0")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 3])
+@pytest.mark.parametrize("name", builtin_vehicles())
+def test_a_preset_takes_off_hovers_and_lands(name, seed):
+    flight = fly_scenario(load_scenario("hover", vehicle=name), seed)
+    position, vehicle = flight.log["position"], load_scenario("hover", vehicle=name).vehicle
+    hovering = (flight.t > 12.0) & (flight.t < 29.0)
+    target = np.array([*position[0, :2], 2.0])
+    assert np.linalg.norm(position[hovering] - target, axis=1).max() < 0.1
+    assert not flight.summary["crashed"]
+    assert position[-1, 2] == pytest.approx(vehicle.leg_height, abs=0.005)
+
+
+@pytest.mark.slow
+def test_a_plain_propeller_hovers_at_the_speed_of_a_hand_calculation():
+    """m g = 4 k omega^2, in flight and not in the table alone."""
+    k, mass = 8.54858e-6, 2.0643
+    scenario = load_scenario("hover", CALM, vehicle="px4_x500")
+    flight = fly_scenario(scenario, 0)
+    hovering = (flight.t > 15.0) & (flight.t < 29.0)
+    speed = math.sqrt(float(np.mean(flight.log["rotor_speed"][hovering] ** 2)))
+    assert speed == pytest.approx(math.sqrt(mass * GRAVITY / (4.0 * k)), rel=0.003)
+
+
+@pytest.mark.parametrize("kind", ["coefficients", "curve"])
+def test_the_table_of_a_plain_propeller_is_its_law(kind):
+    k, q = 1.6e-5, 2.4e-7
+    speeds = np.linspace(50.0, 800.0, 12)
+    curve = tuple((w, k * w**2, q * w**2) for w in speeds.tolist())
+    choice = (
+        PropellerChoice(k_thrust=k, k_torque=q, radius=0.127)
+        if kind == "coefficients"
+        else PropellerChoice(curve=curve, radius=0.127)
+    )
+    vehicle = similar_vehicle(1.5, 0.24, 0.127)
+    hover = hover_point(rotor_maps(thrust_map_of(choice), vehicle), vehicle)
+    speed = math.sqrt(1.5 * GRAVITY / (4.0 * k))
+    assert hover.speed == pytest.approx(speed, rel=1e-3)
+    assert hover.power == pytest.approx(4.0 * q * speed**3, rel=3e-3)
+
+
+def strike(on_impact, seed=1):
+    """Fly the paper's collision with a propeller of the Tombo's thrust and size."""
+    settings = [
+        "propeller.k_thrust=1.213e-5", "propeller.k_torque=4.86e-7",
+        f"propeller.on_impact={on_impact}", "propeller.matched=0.02",
+    ]  # fmt: skip
+    return fly_scenario(load_scenario("paper_collision", settings), seed)
+
+
+@pytest.mark.slow
+def test_a_propeller_does_on_impact_what_its_file_says():
+    rigid, breaks, folds = (strike(what) for what in ("rigid", "breaks", "folds"))
+    for flight in (rigid, breaks, folds):
+        assert flight.summary["collided"]
+    assert breaks.log["damage"].max() >= 1.0 and breaks.summary["crashed"]
+    assert rigid.log["damage"].max() == 0.0
+    assert 0.0 < folds.log["damage"].max() < 1.0
+    short, long = ((f.log["fold"].max(axis=1) > 0.1).sum() for f in (rigid, folds))
+    assert short < 0.2 * long

@@ -1,0 +1,300 @@
+"""The vehicle file: airframe, propeller and gains of one vehicle, each value with its source.
+
+`tombo fly --vehicle`, a scenario's `vehicle:` and `tombo diagnose --vehicle` read it; presets are
+such files under `vehicles/`. What a file leaves out is the default vehicle's, in its own size
+(`similar_vehicle`); gains that it leaves out follow from the vehicle (`gains_for`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from tombo_control.loops.loop_design import gains_for
+from tombo_control.params import ControlParams
+from tombo_dynamics.effects import check_theta
+from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.params import check_number, from_mapping
+from tombo_dynamics.propeller.mounted_propeller import (
+    PropellerChoice,
+    check_choice,
+    mounted_configuration,
+    mounted_vehicle,
+    thrust_map_of,
+)
+from tombo_dynamics.propeller.plain_propeller import PlainPropeller
+from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
+from tombo_dynamics.vehicle import VehicleParams, similar_vehicle
+from tombo_dynamics.yaml_text import parse_yaml
+from tombo_flight.yaml_file import (
+    END,
+    check_end,
+    check_keys,
+    list_of,
+    mapping_of,
+    read_whole,
+    write_whole,
+    yaml_of,
+)
+
+FORMAT = 1
+_SECTIONS: dict[str, type[Any]] = {
+    "vehicle": VehicleParams,
+    "propeller": PropellerChoice,
+    "control": ControlParams,
+}
+_KEYS = ("tombo_vehicle", "name", "about", *_SECTIONS, "effects", "sources")
+_BEGIN = "---"
+"""A document that begins so must end with `END`."""
+_HEAD = (
+    "# A vehicle. Fly it: tombo fly hover --vehicle THIS_FILE. docs/own_vehicle.md says what\n"
+    "# each value means, and what is taken where one is left out.\n"
+)
+_TOLERANCE = (1e-15, 1e6)
+"""Bounds; 0 would say that a value can't be wrong at all."""
+_ACCEPTED = "a vehicle file as `tombo vehicle new` writes it"
+
+
+@dataclass(frozen=True)
+class Note:
+    """How well a value is known, and from where."""
+
+    tolerance: float | None = None
+    """One standard deviation, in the unit of the value; None: as for the suite's own vehicle."""
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class VehicleFile:
+    """A vehicle, complete and checked."""
+
+    name: str
+    vehicle: VehicleParams
+    propeller: PropellerChoice
+    control: ControlParams
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """What it has of effects, in place of a scenario's: its drag, for example."""
+    given: frozenset[str] = frozenset()
+    """section.key of what the file itself says; the rest follows from it."""
+    notes: Mapping[str, Note] = field(default_factory=dict)
+    """section.key → what is noted about it."""
+    about: str = ""
+    sources: tuple[str, ...] = ()
+    """What [1], [2] and so on in the notes stand for."""
+
+    @property
+    def maps(self) -> RotorMaps:
+        """The table of its rotors."""
+        return rotor_maps(thrust_map_of(self.propeller), self.vehicle)
+
+    def tolerance(self, key: str) -> float | None:
+        """Return the noted standard deviation of section.key; None: there is none."""
+        return self.notes.get(key, Note()).tolerance
+
+
+def builtin_vehicles() -> dict[str, str]:
+    """Return the names of the vehicles that come with the suite, and what each is."""
+    table = {}
+    for path in sorted(resources.files("tombo_flight").joinpath("vehicles").iterdir(), key=str):
+        if path.name.endswith(".yaml"):
+            values = parse_yaml(path.read_text(encoding="utf-8"), path.name)
+            table[path.name.removesuffix(".yaml")] = f"{values['name']}: {values['about']}"
+    return table
+
+
+def is_builtin_vehicle(name: str) -> bool:
+    """Return whether a vehicle of this name comes with the suite."""
+    file = resources.files("tombo_flight").joinpath("vehicles").joinpath(f"{name}.yaml")
+    return re.fullmatch(r"\w+", name) is not None and file.is_file()
+
+
+def read_vehicle(name: str) -> VehicleFile:
+    """Read and check a vehicle by name (built in) or path.
+
+    Raises:
+        InputError: there is none, it is cut off or no vehicle, has unknown keys, or values that no
+            simulation takes.
+    """
+    if is_builtin_vehicle(name):
+        file = resources.files("tombo_flight").joinpath("vehicles").joinpath(f"{name}.yaml")
+        return vehicle_from_text(file.read_text(encoding="utf-8"), f"vehicle '{name}'")
+    path = Path(name)
+    if path.suffix not in (".yaml", ".yml") and not path.exists():
+        raise unknown_name("vehicle", name, builtin_vehicles())
+    what = f"vehicle file '{name}'"
+    return vehicle_from_text(read_whole(path, what, _ACCEPTED), what, path.parent)
+
+
+def vehicle_from_text(text: str, what: str, folder: Path = Path()) -> VehicleFile:
+    """Return the vehicle that a file's text holds.
+
+    Args:
+        text: of the file.
+        what: names it in errors.
+        folder: what the path of a propeller's library is relative to.
+
+    Raises:
+        InputError: as `read_vehicle`.
+    """
+    if re.search(rf"^{_BEGIN}\s*$", text, re.MULTILINE):
+        check_end(text, what)
+    values = parse_yaml(text, what)
+    if not isinstance(values, Mapping) or "tombo_vehicle" not in values:
+        raise InputError(f"{what}: no key tombo_vehicle; accepted: {_ACCEPTED}")
+    return vehicle_from_mapping(values, what, folder)
+
+
+def vehicle_from_mapping(
+    values: Mapping[str, Any], what: str, folder: Path = Path()
+) -> VehicleFile:
+    """Return the vehicle from the plain values of a file.
+
+    Raises:
+        InputError: as `read_vehicle`.
+    """
+    check_keys(values, _KEYS, what)
+    if values.get("tombo_vehicle") != FORMAT:
+        found = f"{values.get('tombo_vehicle')!r:.40}"
+        raise InputError(f"{what}: tombo_vehicle: {found}; accepted: {FORMAT}")
+    plain: dict[str, dict[str, Any]] = {}
+    notes: dict[str, Note] = {}
+    for section in _SECTIONS:
+        plain[section], noted = _without_notes(values.get(section), section, what)
+        notes |= noted
+    if "mass" not in plain["vehicle"]:
+        raise InputError(f"{what}: vehicle.mass: missing; accepted: a number [kg]")
+    if not plain["propeller"]:
+        raise InputError(
+            f"{what}: propeller: missing; accepted: conf, or k_thrust and k_torque, or curve"
+        )
+    library = plain["propeller"].get("library")
+    if isinstance(library, str) and library:
+        plain["propeller"]["library"] = str(folder / library)
+    try:
+        return _built(values, plain, notes)
+    except InputError as error:
+        raise InputError(f"{what}: {error}") from error
+
+
+def _built(
+    values: Mapping[str, Any], plain: Mapping[str, Mapping[str, Any]], notes: Mapping[str, Note]
+) -> VehicleFile:
+    """Return the vehicle from values without notes, with what they leave out."""
+    propeller = from_mapping(PropellerChoice, plain["propeller"], "propeller")
+    check_choice(propeller)
+    given = from_mapping(VehicleParams, plain["vehicle"], "vehicle")
+    radius = propeller.radius
+    if "rotor_radius" in plain["vehicle"]:
+        radius = radius or given.rotor_radius
+    if not radius:
+        if propeller.plain:
+            raise InputError("propeller.radius: missing; accepted: the tip radius [m]")
+        radius = mounted_configuration(propeller).blade.tip_radius_m
+    rotor = thrust_map_of(propeller)
+    speed = None
+    if isinstance(rotor, PlainPropeller):
+        speed = rotor.speed_for(given.hover_thrust())
+    like = similar_vehicle(given.mass, given.arm_length, radius, speed)
+    vehicle = from_mapping(
+        VehicleParams, {**dataclasses.asdict(like), **plain["vehicle"]}, "vehicle"
+    )
+    vehicle = mounted_vehicle(vehicle, propeller)
+    gains = gains_for(vehicle, rotor_maps(rotor, vehicle))
+    control = from_mapping(
+        ControlParams, {**dataclasses.asdict(gains), **plain["control"]}, "control"
+    )
+    effects = values.get("effects")
+    return VehicleFile(
+        str(values.get("name") or "vehicle"),
+        vehicle,
+        propeller,
+        control,
+        {} if effects is None else check_theta(_of_effects(effects), "effects"),
+        frozenset(f"{s}.{key}" for s, inner in plain.items() for key in inner),
+        notes,
+        str(values.get("about") or ""),
+        tuple(str(source) for source in list_of(values.get("sources"), "sources")),
+    )
+
+
+def _of_effects(given: Any) -> Mapping[str, Mapping[str, float]]:
+    for name, theta in mapping_of(given, "effects").items():
+        mapping_of(theta, f"effects.{name}")
+    return dict(given)
+
+
+def _without_notes(
+    content: Any, section: str, what: str
+) -> tuple[dict[str, Any], dict[str, Note]]:
+    """Return the values of a section, and the notes on them.
+
+    Raises:
+        InputError: an unknown key, or a note that is none.
+    """
+    record = _SECTIONS[section]
+    values = mapping_of({} if content is None else content, f"{what}: {section}")
+    check_keys(values, [f.name for f in dataclasses.fields(record)], f"{what}: {section}")
+    units = {f.name: f.metadata.get("unit", "1") for f in dataclasses.fields(record)}
+    plain: dict[str, Any] = {}
+    notes: dict[str, Note] = {}
+    for key, value in values.items():
+        if not isinstance(value, Mapping):
+            plain[key] = value
+            continue
+        where = f"{what}: {section}.{key}"
+        check_keys(value, ("value", "tolerance", "source"), where)
+        if "value" not in value:
+            raise InputError(
+                f"{where}: no value; accepted: {{value: .., tolerance: .., source: ..}}"
+            )
+        plain[key] = value["value"]
+        tolerance = value.get("tolerance")
+        if tolerance is not None:
+            tolerance = check_number(f"{where}.tolerance", tolerance, units[key], _TOLERANCE)
+        notes[f"{section}.{key}"] = Note(tolerance, str(value.get("source") or ""))
+    return plain, notes
+
+
+def vehicle_text(file: VehicleFile) -> str:
+    """Return the text of a vehicle file: what was given, with its notes."""
+    values: dict[str, Any] = {"tombo_vehicle": FORMAT, "name": file.name}
+    if file.about:
+        values["about"] = file.about
+    for section in _SECTIONS:
+        record = getattr(file, section)
+        said = [f for f in dataclasses.fields(record) if f"{section}.{f.name}" in file.given]
+        if said:
+            values[section] = {
+                f.name: _noted(getattr(record, f.name), file.notes.get(f"{section}.{f.name}"))
+                for f in said
+            }
+    if file.effects:
+        values["effects"] = file.effects
+    if file.sources:
+        values["sources"] = list(file.sources)
+    return f"{_HEAD}{_BEGIN}\n{yaml_of(values)}{END}\n"
+
+
+def _noted(value: Any, note: Note | None) -> Any:
+    if note is None:
+        return value
+    noted: dict[str, Any] = {"value": value}
+    if note.tolerance is not None:
+        noted["tolerance"] = note.tolerance
+    if note.source:
+        noted["source"] = note.source
+    return noted
+
+
+def write_vehicle(path: Path, file: VehicleFile) -> None:
+    """Write a vehicle file, whole or not at all.
+
+    Raises:
+        InputError: the file can't be written.
+    """
+    write_whole(path, vehicle_text(file), f"vehicle file '{path}'")

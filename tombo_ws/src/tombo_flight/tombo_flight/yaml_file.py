@@ -1,0 +1,134 @@
+"""Files that the suite writes and reads in YAML: whole or not at all, and what their parts are."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from tombo_dynamics.errors import InputError, unknown_name
+
+END = "..."
+"""YAML's end of a document: a file that the suite wrote has it as its last line."""
+_LARGEST = 4_000_000
+"""Bytes; such a file is a few thousand."""
+
+
+def write_whole(path: Path, text: str, what: str) -> None:
+    """Write a text file, whole or not at all.
+
+    Raises:
+        InputError: it can't be written; `what` names it.
+    """
+    unfinished = path.with_name(f".{path.name}.unfinished")
+    try:
+        unfinished.write_text(text, encoding="utf-8", newline="\n")
+        os.replace(unfinished, path)
+    except OSError as error:
+        unfinished.unlink(missing_ok=True)
+        raise InputError(f"{what} can't be written: {error.strerror}") from error
+
+
+def read_whole(path: Path, what: str, accepted: str) -> str:
+    """Return the text of a file.
+
+    Raises:
+        InputError: it can't be read, is no text or too large; `what` names it.
+    """
+    try:
+        if path.stat().st_size > _LARGEST:
+            raise InputError(f"{what}: too large; accepted: {accepted}")
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{what} can't be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{what} is no text; accepted: {accepted}") from error
+
+
+def check_end(text: str, what: str) -> None:
+    """Refuse a text whose last line is not `END`.
+
+    Raises:
+        InputError: it is cut off.
+    """
+    if text.rstrip().rpartition("\n")[2] != END:
+        raise InputError(f"{what} is cut off: its last line is not '{END}'")
+
+
+def yaml_of(values: Any) -> str:
+    """Return plain values as YAML: short mappings in one line, every text as it is read back."""
+    return yaml.dump(
+        _writable(values),
+        Dumper=_Dumper,
+        sort_keys=False,
+        allow_unicode=True,
+        default_flow_style=None,
+        width=99,
+    )
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes repeated values without anchors, and every character so that it is read back."""
+
+    def ignore_aliases(self, data: object) -> bool:
+        return True
+
+
+def _text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
+    style = None if text.isprintable() else '"'  # plain and single quotes lose odd line breaks
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
+
+
+_Dumper.add_representer(str, _text)
+
+
+def _writable(value: Any) -> Any:
+    """Return plain values: what is not finite becomes null, numpy's numbers Python's."""
+    if isinstance(value, Mapping):
+        return {str(key): _writable(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_writable(inner) for inner in value]
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    number = float(value)
+    return number if math.isfinite(number) else None
+
+
+def mapping_of(value: Any, where: str) -> Mapping[str, Any]:
+    """Return a value that must be a mapping.
+
+    Raises:
+        InputError: it is none.
+    """
+    if not isinstance(value, Mapping):
+        raise InputError(f"{where}: {f'{value!r:.60}'}; accepted: a mapping of keys to values")
+    return value
+
+
+def list_of(value: Any, where: str) -> list[Any]:
+    """Return a value that must be a list; None is an empty one.
+
+    Raises:
+        InputError: it is none.
+    """
+    if value is None:
+        return []
+    if not isinstance(value, list):
+        raise InputError(f"{where}: {f'{value!r:.60}'}; accepted: a list")
+    return value
+
+
+def check_keys(values: Mapping[str, Any], accepted: Iterable[str], where: str) -> None:
+    """Refuse a key that is not among those accepted.
+
+    Raises:
+        InputError: names the key and what is close to it.
+    """
+    names = list(accepted)
+    for key in values:
+        if key not in names:
+            raise unknown_name(f"key in {where}", str(key), names)
