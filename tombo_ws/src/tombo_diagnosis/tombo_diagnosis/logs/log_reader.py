@@ -17,14 +17,15 @@ from tombo_diagnosis.logs.csv_log import read_csv
 from tombo_diagnosis.logs.csv_mapping import LogMapping, load_mapping
 from tombo_diagnosis.logs.flight_log import FlightLog
 from tombo_diagnosis.logs.log_names import flight_names
+from tombo_diagnosis.logs.tlog import is_tlog, read_tlog
 from tombo_diagnosis.logs.ulog import MAGIC as ULOG_MAGIC
 from tombo_diagnosis.logs.ulog import read_ulog
 from tombo_dynamics.errors import InputError
 
-READABLE = "MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, CSV, CSV.gz"
+READABLE = "MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, telemetry log (tlog), CSV, CSV.gz"
 _BAG_MAGIC = (MCAP_MAGIC, SQLITE_MAGIC, b"#ROSBAG", ZSTD_MAGIC)
 _BAG_SUFFIXES = (*SUFFIXES, ".bag")
-_LOG_SUFFIXES = (*_BAG_SUFFIXES, ".ulg", ".csv", ".csv.gz")
+_LOG_SUFFIXES = (*_BAG_SUFFIXES, ".ulg", ".tlog", ".csv", ".csv.gz")
 _GZIP = b"\x1f\x8b"
 
 
@@ -78,9 +79,11 @@ def read_log(
         if not start:
             raise InputError(f"'{path}' is empty; accepted: {READABLE}")
     if start.startswith(_BAG_MAGIC) or (len(start) < 8 and MCAP_MAGIC.startswith(start)):
-        return _adapted(read_bag(path, name, names), mapping)
+        return _adapted(read_bag(path, name, names, mapping), mapping)
     if start.startswith(ULOG_MAGIC):
-        return _adapted(read_ulog(path, name), mapping)
+        return _adapted(read_ulog(path, name, mapping), mapping)
+    if is_tlog(start):
+        return _adapted(read_tlog(path, name), mapping)
     text = start.removeprefix(b"\xef\xbb\xbf")
     if start.startswith(_GZIP) or not any(byte < 9 or 13 < byte < 32 for byte in text):
         return read_csv(path, name, mapping)
