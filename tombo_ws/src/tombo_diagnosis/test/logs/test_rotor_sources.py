@@ -58,7 +58,7 @@ def test_rotors_are_known_by_the_type_of_their_message(tmp_path, name, ros1):
 
 
 def test_two_topics_that_could_be_it_are_left_out_and_said(tmp_path):
-    topic, typename, channel, fields = STREAMS["mavros"]
+    _, typename, channel, fields = STREAMS["mavros"]
     streams = [pose(FLIGHT), *((t, typename, SPEED.t, fields) for t in ("/a/esc", "/b/esc"))]
     log = read_bag(write_foreign(tmp_path / "a", streams), "a")
     assert channel not in log.series
@@ -102,14 +102,17 @@ def test_topics_of_px4_are_read_as_its_log_is(tmp_path):
 
 
 def test_a_mapping_names_topics_columns_and_order(tmp_path):
-    """An array of numbers says nothing of itself; here in rpm, and M1 to M4 as Bitcraze has them."""
+    """An array of numbers says nothing of itself; here in rpm, M1 to M4 as Bitcraze has them."""
     bitcraze = RPM[:, [0, 3, 1, 2]]
     row = SPEED.t, lambda i: {"data": bitcraze[i]}
     streams = [pose(FLIGHT, "/vicon/drone"), ("/rpm", "std_msgs/msg/Float32MultiArray", *row)]
     path = write_foreign(tmp_path / "a", streams)
     text = """
 channels:
-  position: {topic: /vicon/drone, unit: m, columns: [pose.position.x, pose.position.y, pose.position.z]}
+  position:
+    topic: /vicon/drone
+    columns: [pose.position.x, pose.position.y, pose.position.z]
+    unit: m
   attitude:
     topic: /vicon/drone
     columns: [pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w]

@@ -24,7 +24,7 @@ from tombo_dynamics.rotation import unwrap_quaternions
 
 ROTOR_SPEED = "/rotor_speed"
 """Measured rotor speeds, as tombo_msgs/RotorSpeeds; the suite itself publishes none."""
-_POSES = {
+POSES = {
     "geometry_msgs/msg/PoseStamped": ("pose.position.", "pose.orientation."),
     "geometry_msgs/msg/PoseWithCovarianceStamped": (
         "pose.pose.position.",
@@ -35,7 +35,7 @@ _POSES = {
 }
 """Message types that hold a pose, and where."""
 _TYPES = {
-    MOCAP_POSE.name: tuple(_POSES),
+    MOCAP_POSE.name: tuple(POSES),
     IMU.name: (IMU.typename,),
     ROTOR_COMMAND.name: (ROTOR_COMMAND.typename,),
     ROTOR_SPEED: (ROTOR_COMMAND.typename,),
@@ -136,7 +136,7 @@ def _topics(recording: Recording, skip: Collection[str]) -> dict[str, str]:
     for key, types in _TYPES.items():
         if key in skip:
             continue
-        fitting = [topic for topic in _usable(recording, types) if topic.endswith(key)]
+        fitting = [topic for topic in usable_topics(recording, types) if topic.endswith(key)]
         if key in fitting:
             found[key] = key
         elif len(fitting) == 1:
@@ -149,7 +149,7 @@ def _topics(recording: Recording, skip: Collection[str]) -> dict[str, str]:
     return found
 
 
-def _usable(recording: Recording, types: Collection[str]) -> list[str]:
+def usable_topics(recording: Recording, types: Collection[str]) -> list[str]:
     """Return the topics of these types that have messages and are no ground truth."""
     return [
         topic
@@ -159,7 +159,7 @@ def _usable(recording: Recording, types: Collection[str]) -> list[str]:
 
 
 def _no_pose(recording: Recording) -> InputError:
-    poses = _usable(recording, _POSES)
+    poses = usable_topics(recording, POSES)
     if poses:
         hint = f"poses are in {', '.join(poses)}: name one as {poses[0]}:={MOCAP_POSE.name}"
     else:
@@ -176,7 +176,7 @@ def _columns(table: ColumnTable, prefix: str, letters: Iterable[str]) -> Array:
 
 
 def _pose(table: ColumnTable, typename: str) -> dict[str, Array]:
-    position, orientation = _POSES[typename]
+    position, orientation = POSES[typename]
     return {
         "position": _columns(table, position, "xyz"),
         "attitude": unwrap_quaternions(_columns(table, orientation, "xyzw")),

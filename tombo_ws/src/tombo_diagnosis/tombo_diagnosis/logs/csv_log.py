@@ -137,6 +137,8 @@ def converted(key: str, channel: ChannelMap, mapping: LogMapping, values: Array)
         low, high = channel.range
         return np.asarray((values - low) / (high - low))
     values = values * (channel.scale * factor(channel.unit, CHANNELS[key].unit, key))
+    if key == "rotor_speed":
+        return np.abs(values)  # some logs sign it by the direction of rotation
     if key == "position":
         return np.asarray(values @ world.T)
     if key in ("gyro", "accel"):

@@ -223,4 +223,4 @@ def _spread(name: str, values: NDArray[Any] | None) -> Columns:
 
 def _quaternion(rpy: NDArray[Any]) -> NDArray[Any]:
     """Return wxyz of roll, pitch and yaw [rad]."""
-    return Rotation.from_euler("ZYX", rpy[:, ::-1]).as_quat()[:, [3, 0, 1, 2]]
+    return np.asarray(Rotation.from_euler("ZYX", rpy[:, ::-1]).as_quat()[:, [3, 0, 1, 2]])
