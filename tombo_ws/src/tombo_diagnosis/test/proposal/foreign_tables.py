@@ -58,7 +58,7 @@ def px4():
     ned, frd = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1.0]]), np.diag([1.0, -1.0, -1.0])
     turn = Rotation.from_matrix(ned @ TURN.as_matrix() @ frd)
     x, y, z, w = turn.as_quat().T
-    rpm = SPEED * 30.0 / np.pi
+    rpm = SPEED * [1.0, 1.0, -1.0, -1.0] * 30.0 / np.pi  # signed by the direction of rotation
     columns = {
         "timestamp": np.round(1e6 * T) + 5e6,
         **named([f"vehicle_local_position.{a}" for a in "xyz"], P @ ned.T),

@@ -15,6 +15,7 @@ from tombo_diagnosis.logs.log_reader import read_log
 from tombo_diagnosis.proposal.column_names import grouped, parsed
 from tombo_diagnosis.proposal.explain import explain_mapping
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.vehicle import GRAVITY
 
 
 def proposed(path, content):
@@ -65,7 +66,7 @@ def test_topics_of_px4_side_by_side(tmp_path):
     same(log, "gyro", tables.GYRO, 1e-9)
     same(log, "accel", tables.ACCEL, 1e-9)
     same(log, "motor_command", tables.SHARE, 1e-9)
-    same(log, "rotor_speed", np.abs(tables.SPEED), 0.06)
+    same(log, "rotor_speed", tables.SPEED, 0.06)
     same(log, "current", 9.0 + 0.0 * tables.T[:, None], 1e-9)
     assert "world: NED" in text and "body: FRD" in text
 
@@ -86,7 +87,7 @@ def test_a_motion_capture_with_y_up_in_millimetres(tmp_path):
     same(log, "position", tables.P, 1e-9)
     same_turns(log, 1e-6)
     same(log, "motor_command", tables.SHARE, 1e-3)
-    assert "motor_command" in doubts(text)  # without a gyro the order is not seen
+    assert "motor_command" not in doubts(text)  # the rates of the poses show the order
 
 
 @pytest.mark.slow
@@ -109,12 +110,14 @@ def test_the_flight_is_sound_under_the_checks_and_a_wrong_one_is_said(tmp_path):
 
 
 def test_what_is_not_there_is_said_and_nothing_is_made_up(tmp_path):
-    """Pitch was not logged, and accelerations are those of the track, in the world."""
+    """Pitch was not logged; one acceleration is that of the track in g, another is neither."""
     n = tables.T.size
+    acceleration = tables.TURN.apply(tables.ACCEL) / GRAVITY - [0.0, 0.0, 1.0]
     columns = {
         "t_s": tables.T,
         **tables.named(["x_m", "y_m", "z_m"], tables.P),
-        **tables.named(["ax_g", "ay_g", "az_g"], 0.05 * np.sin(np.arange(3 * n)).reshape(n, 3)),
+        **tables.named(["ax_g", "ay_g", "az_g"], acceleration),
+        **tables.named(["acc_x", "acc_y", "acc_z"], np.sin(np.arange(3.0 * n)).reshape(n, 3)),
         "roll_deg": np.sin(tables.T), "yaw_deg": 20.0 + np.cos(tables.T),
         **tables.named([f"command_m{i}" for i in range(1, 5)], np.round(65535.0 * tables.SHARE)),
     }  # fmt: skip
@@ -122,8 +125,9 @@ def test_what_is_not_there_is_said_and_nothing_is_made_up(tmp_path):
     path.write_text(tables.rows(columns))
     text = explain_mapping(path)
     mapping = parse_mapping(text, "m")
-    assert set(mapping.channels) == {"position", "motor_command"}
-    assert "pitch not there" in text and "gravity is not in it" in text
+    assert set(mapping.channels) == {"position", "acceleration", "motor_command"}
+    assert mapping.channels["acceleration"].unit == "g"
+    assert "pitch not there" in text and "acc_x, acc_y, acc_z: median size" in text
 
 
 @pytest.mark.parametrize(
@@ -173,7 +177,7 @@ def test_topics_of_a_recording(tmp_path):
     text = explain_mapping(path)
     log = read_log(path, "a", parse_mapping(text, "m"))
     assert {"position", "attitude", "gyro", "accel", "rotor_speed"} <= set(log.series)
-    same(log, "rotor_speed", np.abs(tables.SPEED), 1e-3)  # the motion has told the order
+    same(log, "rotor_speed", tables.SPEED, 1e-3)  # the motion has told the order
     assert "/vicon/quad is a geometry_msgs/msg/PoseStamped" in text
 
 

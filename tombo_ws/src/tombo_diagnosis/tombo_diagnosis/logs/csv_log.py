@@ -138,8 +138,9 @@ def converted(key: str, channel: ChannelMap, mapping: LogMapping, values: Array)
         return np.asarray((values - low) / (high - low))
     values = values * (channel.scale * factor(channel.unit, CHANNELS[key].unit, key))
     if key == "rotor_speed":
-        return np.abs(values)  # some logs sign it by the direction of rotation
-    if key == "position":
+        # some logs sign it by the direction of rotation
+        return np.asarray(values * np.where(np.nansum(values, axis=0) < 0.0, -1.0, 1.0))
+    if key in ("position", "acceleration"):
         return np.asarray(values @ world.T)
     if key in ("gyro", "accel"):
         if channel.axes is not None:

@@ -100,6 +100,34 @@ def readings(
     return sorted(found, key=lambda r: (-round(r.score, 2), plain.get((r.world, r.body), 9)))
 
 
+def track_acceleration(position: Series, other: Series) -> tuple[float, float]:
+    """Return correlation of a series with the track's acceleration, and its size over that.
+
+    Args:
+        position: (N, 3) [m].
+        other: (N, 3) in the same axes, any unit.
+    """
+    t = np.arange(max(position.t[0], other.t[0]), min(position.t[-1], other.t[-1]), 1.0 / _RATE)
+    if t.size < 100:
+        return float("nan"), float("nan")
+    width = _WIDTH * _RATE
+    track = gaussian_filter1d(_sampled(position, t), width, axis=0, order=2) * _RATE**2
+    given = gaussian_filter1d(_sampled(other, t), width, axis=0)
+    size = np.linalg.norm(given, axis=1) / np.maximum(np.linalg.norm(track, axis=1), 1e-9)
+    moving = np.linalg.norm(track, axis=1) > _SHOWN_LEAN
+    if moving.sum() < 50:
+        return float("nan"), float("nan")
+    return _correlation(track[moving], given[moving]), float(np.median(size[moving]))
+
+
+def attitude_rates(attitude: Series) -> Series:
+    """Return body rates [rad/s] of (N, 4) attitudes, in the axes of their body."""
+    usable = is_usable(attitude.values)
+    t = np.arange(attitude.t[0], attitude.t[-1], 1.0 / _RATE)
+    turn = Rotation.from_quat(_nearest(attitude, usable, t))
+    return Series(0.5 * (t[1:] + t[:-1]), (turn[:-1].inv() * turn[1:]).as_rotvec() * _RATE)
+
+
 def _lean(thrust: Array, acceleration: Array) -> tuple[float, float]:
     """Return correlation and slope of horizontal thrust, by unit weight, and acceleration."""
     smooth = gaussian_filter1d(thrust, _WIDTH * _RATE, axis=0)

@@ -9,12 +9,19 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tombo_diagnosis.checks.rotor_order import clear_order
-from tombo_diagnosis.logs.flight_log import Series
+from tombo_diagnosis.logs.flight_log import CHANNELS, Series
 from tombo_diagnosis.logs.frames import axes_matrix, is_usable
 from tombo_diagnosis.logs.units import UNITS
 from tombo_diagnosis.proposal import roles
 from tombo_diagnosis.proposal.column_names import Group, grouped, parsed
-from tombo_diagnosis.proposal.motion_evidence import BODY_AXES, WORLD_AXES, Reading, readings
+from tombo_diagnosis.proposal.motion_evidence import (
+    BODY_AXES,
+    WORLD_AXES,
+    Reading,
+    attitude_rates,
+    readings,
+    track_acceleration,
+)
 from tombo_diagnosis.proposal.value_evidence import (
     Guess,
     accel_unit,
@@ -75,6 +82,7 @@ class _Proposer:
             self._poses_and_imu()
             self._rotors()
             self._supply()
+        self.proposal.channels.sort(key=lambda line: list(CHANNELS).index(line.key))
 
     def _note(self, text: str) -> None:
         self.proposal.notes.append(text)
@@ -119,7 +127,7 @@ class _Proposer:
         place = next(self._usable(roles.positions(self._groups)), None)
         forms = self._attitudes()
         gyro = next(self._usable(roles.rates(self._groups)), None)
-        accel, unit = self._accelerometer()
+        accel, unit = self._accelerometer(None if place is None else _metres(place))
         if place is None:
             self._note("no columns of a position (x, y, z): needed for a diagnosis")
         found: list[Reading] = []
@@ -138,6 +146,9 @@ class _Proposer:
             self._attitude(forms)
         if gyro is not None:
             self._add_gyro(*gyro)
+        elif self._best is not None:
+            rates = attitude_rates(forms[self._best.attitude].series)
+            self._gyro = Series(rates.t, rates.values @ self._body().T)
         if accel is not None and unit is not None:
             columns, guess = unit
             self._add("accel", guess.why, guess.doubt, columns=list(columns), unit=guess.unit)
@@ -186,18 +197,36 @@ class _Proposer:
                 forms[name] = _Form(tuple(names), "rpy", unit, quaternions, why)
         return forms
 
-    def _accelerometer(self) -> tuple[Series | None, tuple[tuple[str, ...], Guess] | None]:
+    def _accelerometer(
+        self, track: Series | None
+    ) -> tuple[Series | None, tuple[tuple[str, ...], Guess] | None]:
         for candidate, series in self._usable(roles.accels(self._groups)):
             guess = accel_unit(series.values, candidate.group.unit)
             if guess is not None:
                 return series, (candidate.columns, guess)
-            size = float(np.median(np.linalg.norm(series.values, axis=1)))
-            self._note(
-                f"{', '.join(candidate.columns)}: median size {size:.3g}, so gravity is not in "
-                "it: an acceleration of the track, perhaps in the world's axes; accel is what an "
-                "accelerometer reads, in the body's axes with gravity"
-            )
+            self._track_acceleration(candidate, series, track)
         return None, None
+
+    def _track_acceleration(
+        self, candidate: roles.Candidate, series: Series, track: Series | None
+    ) -> None:
+        """Take an acceleration without gravity as one in the world, if it is that of the track."""
+        size = float(np.median(np.linalg.norm(series.values, axis=1)))
+        agrees, scale = (0.0, 0.0) if track is None else track_acceleration(track, series)
+        names = ", ".join(candidate.columns)
+        text = f"median size {size:.3g}, so gravity is not in it"
+        if not agrees > 0.5:
+            self._note(f"{names}: {text}, and it is not the acceleration of the track")
+            return
+        unit = min(("m/s^2", "g"), key=lambda u: abs(np.log(scale * UNITS["m/s^2"][u])))
+        named = candidate.group.unit
+        self._add(
+            "acceleration",
+            f"{text}; it agrees with the track's ({agrees:.2f} of 1), {scale:.3g} times its size",
+            f"the name says {named}" if named and named != unit else "",
+            columns=list(candidate.columns),
+            unit=unit,
+        )
 
     def _axes(self, found: Sequence[Reading]) -> None:
         best = self._best
@@ -257,10 +286,12 @@ class _Proposer:
         doubt = guess.doubt
         if self._best is not None and self._best.rates < 0.5:
             doubt = f"agrees badly with the rates of the attitude ({self._best.rates:.2f})"
-        body = axes_matrix(BODY_AXES["FLU" if self._best is None else self._best.body], "body")
-        values = series.values @ body.T * UNITS["rad/s"][guess.unit]
+        values = series.values @ self._body().T * UNITS["rad/s"][guess.unit]
         self._gyro = Series(series.t, values)
         self._add("gyro", guess.why, doubt, columns=list(candidate.columns), unit=guess.unit)
+
+    def _body(self) -> Array:
+        return axes_matrix(BODY_AXES["FLU" if self._best is None else self._best.body], "body")
 
     def _rotors(self) -> None:
         taken: set[str] = set()

@@ -46,6 +46,8 @@ def time_unit(stamps: Array, named: str) -> Guess | None:
 def accel_unit(values: Array, named: str) -> Guess | None:
     """Return the unit of an accelerometer from gravity; None: gravity is not in it."""
     norm = float(np.nanmedian(np.linalg.norm(values, axis=1)))
+    if np.linalg.norm(np.nanmedian(values, axis=0)) < 0.6 * norm:
+        return None  # gravity has one direction in a vehicle that is mostly upright
     for unit, weight in (("m/s^2", GRAVITY), ("g", 1.0), ("mg", 1000.0)):
         if 0.8 * weight < norm < 1.25 * weight:
             why = f"median size {norm:.4g}: gravity in {unit}"
